@@ -1,0 +1,149 @@
+//! The structs of `types.wesl` as the CPU writes them.
+
+use bytemuck::{Pod, Zeroable};
+
+/// A texture slot that is not used.
+pub const NO_TEXTURE: u32 = u32::MAX;
+
+/// The object-to-world matrix has a negative determinant.
+pub const INSTANCE_MIRRORED: u32 = 1;
+/// Closest-hit rays pass through triangles whose front face looks away from them.
+pub const INSTANCE_CULL_BACK: u32 = 2;
+/// Closest-hit rays pass through triangles whose front face looks at them.
+pub const INSTANCE_CULL_FRONT: u32 = 4;
+/// Candidates need the alpha test of their material.
+pub const INSTANCE_ALPHA_MASKED: u32 = 8;
+/// The instance blocks shadow rays.
+pub const INSTANCE_CASTS_SHADOW: u32 = 16;
+/// Shadows of lights fall on the instance.
+pub const INSTANCE_RECEIVES_SHADOW: u32 = 32;
+
+/// The material is not lit.
+pub const MATERIAL_UNLIT: u32 = 1;
+/// Back faces are shaded with a flipped normal.
+pub const MATERIAL_DOUBLE_SIDED: u32 = 2;
+/// The normal map's green channel points down.
+pub const MATERIAL_FLIP_NORMAL_MAP_Y: u32 = 4;
+/// The normal map has two channels; the third follows from unit length.
+pub const MATERIAL_TWO_COMPONENT_NORMAL_MAP: u32 = 8;
+/// From this bit on, one bit per texture slot says that it uses the second UV set.
+pub const MATERIAL_UV1_SHIFT: u32 = 16;
+
+/// Slot of [`GpuMaterial::textures`].
+pub const TEXTURE_BASE_COLOR: usize = 0;
+/// Slot of [`GpuMaterial::textures`].
+pub const TEXTURE_EMISSIVE: usize = 1;
+/// Slot of [`GpuMaterial::textures`].
+pub const TEXTURE_METALLIC_ROUGHNESS: usize = 2;
+/// Slot of [`GpuMaterial::textures`].
+pub const TEXTURE_NORMAL: usize = 3;
+/// Slot of [`GpuMaterial::textures`].
+pub const TEXTURE_OCCLUSION: usize = 4;
+
+/// Kind of [`GpuLight`].
+pub const LIGHT_DIRECTIONAL: u32 = 0;
+/// Kind of [`GpuLight`].
+pub const LIGHT_POINT: u32 = 1;
+/// Kind of [`GpuLight`].
+pub const LIGHT_SPOT: u32 = 2;
+/// Kind of [`GpuLight`].
+pub const LIGHT_RECT: u32 = 3;
+/// Flag of [`GpuLight`].
+pub const LIGHT_CASTS_SHADOW: u32 = 1;
+
+/// One object that rays can hit. Matrices are rows of 3x4.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuInstance {
+    /// Rows of the 3x4 matrix.
+    pub world_from_object: [[f32; 4]; 3],
+    /// Rows of the 3x4 matrix.
+    pub object_from_world: [[f32; 4]; 3],
+    /// Word of the geometry buffer where the mesh's header stands.
+    pub geometry_base: u32,
+    /// Index in the material buffer.
+    pub material: u32,
+    /// `INSTANCE_` flags.
+    pub flags: u32,
+    /// Low bits of the entity, for debug views.
+    pub id: u32,
+    /// Fills up to 128 bytes.
+    pub _padding: [u32; 4],
+}
+
+/// What a hit needs of a `StandardMaterial`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuMaterial {
+    /// Linear.
+    pub base_color: [f32; 4],
+    /// Linear.
+    pub emissive: [f32; 4],
+    /// Texture index in the low 20 bits, sampler index in the high 12 bits, or [`NO_TEXTURE`].
+    pub textures: [u32; 5],
+    /// `MATERIAL_` flags.
+    pub flags: u32,
+    /// 0 to 1.
+    pub metallic: f32,
+    /// 0 to 1.
+    pub perceptual_roughness: f32,
+    /// Columns of the 2x2 part.
+    pub uv_transform: [f32; 4],
+    /// Translation of the UV transform.
+    pub uv_offset: [f32; 2],
+    /// Luminance of reflectance times specular tint.
+    pub reflectance: f32,
+    /// Alpha below this lets rays through.
+    pub alpha_cutoff: f32,
+    /// Fills up to 128 bytes.
+    pub _padding: [f32; 4],
+}
+
+/// A light that shines on hits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuLight {
+    /// Linear; lux, candela or nits by kind.
+    pub color: [f32; 3],
+    /// `LIGHT_` kind.
+    pub kind: u32,
+    /// World space.
+    pub position: [f32; 3],
+    /// 1 / range^2.
+    pub inverse_range_squared: f32,
+    /// To a directional light, or where a spot or rectangle shines.
+    pub direction: [f32; 3],
+    /// Metres.
+    pub radius: f32,
+    /// Spot: scale and offset of the cone's falloff.
+    pub spot: [f32; 2],
+    /// [`LIGHT_CASTS_SHADOW`].
+    pub flags: u32,
+    /// Fills up to 64 bytes.
+    pub _padding: u32,
+}
+
+/// Counts of the scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuSceneUniform {
+    /// Lights in the buffer.
+    pub light_count: u32,
+    /// 0 = nothing to hit.
+    pub tlas_node_count: u32,
+    /// In `vec4<u32>` of the TLAS buffer.
+    pub tlas_entry_base: u32,
+    /// Instances in the buffer.
+    pub instance_count: u32,
+    /// Materials in the buffer.
+    pub material_count: u32,
+    /// Textures in the array.
+    pub texture_count: u32,
+    /// Fills up to 32 bytes.
+    pub _padding: [u32; 2],
+}
+
+const _: () = assert!(size_of::<GpuInstance>() == 128);
+const _: () = assert!(size_of::<GpuMaterial>() == 128);
+const _: () = assert!(size_of::<GpuLight>() == 64);
+const _: () = assert!(size_of::<GpuSceneUniform>() == 32);

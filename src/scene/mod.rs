@@ -1,0 +1,3 @@
+//! What a ray can hit: geometry, acceleration structures, materials, lights and environment.
+
+pub mod gpu_types;

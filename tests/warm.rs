@@ -1,0 +1,1 @@
+use bevy as _; #[test] fn t(){}
