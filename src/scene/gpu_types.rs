@@ -95,7 +95,7 @@ pub struct GpuMaterial {
     pub reflectance: f32,
     /// Alpha below this lets rays through.
     pub alpha_cutoff: f32,
-    /// Fills up to 128 bytes.
+    /// Fills up to 112 bytes.
     pub _padding: [f32; 4],
 }
 
@@ -144,6 +144,6 @@ pub struct GpuSceneUniform {
 }
 
 const _: () = assert!(size_of::<GpuInstance>() == 128);
-const _: () = assert!(size_of::<GpuMaterial>() == 128);
+const _: () = assert!(size_of::<GpuMaterial>() == 112);
 const _: () = assert!(size_of::<GpuLight>() == 64);
 const _: () = assert!(size_of::<GpuSceneUniform>() == 32);
