@@ -1,1 +1,0 @@
-use bevy as _; #[test] fn t(){}

@@ -1,0 +1,29 @@
+//! `cargo xtask bench`: rays per second and build times.
+
+use std::ffi::OsString;
+
+use crate::driver::{self, Need};
+use crate::failure::Result;
+use crate::{cargo, progress};
+
+/// What `bench` accepts.
+#[derive(clap::Args)]
+pub struct Options {
+    /// Options of the benchmark itself; `cargo xtask bench -- --help` lists them.
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "ARGS")]
+    arguments: Vec<OsString>,
+}
+
+/// Builds and runs the benchmark.
+pub fn run(options: &Options) -> Result {
+    cargo::require_example("bench")?;
+    let driver = driver::prepare(Need::Vulkan)?;
+    progress::step("build and run the benchmark", || {
+        let mut command = cargo::release("run")?;
+        command
+            .args(["--package", "bevy_glint", "--example", "bench", "--"])
+            .args(&options.arguments)
+            .envs(driver);
+        cargo::run(&mut command, "the benchmark")
+    })
+}

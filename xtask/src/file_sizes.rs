@@ -1,0 +1,57 @@
+//! The habit of small files: above a soft limit a source file is reported, above a hard limit it fails.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::failure::{Failure, Result};
+use crate::{cargo, progress};
+
+/// Lines above which a file is worth splitting.
+const SOFT_LIMIT: usize = 450;
+/// Lines above which a file must be split.
+const HARD_LIMIT: usize = 700;
+/// The kinds of files that count.
+const EXTENSIONS: [&str; 2] = ["rs", "wesl"];
+
+/// Checks every source file of the workspace.
+pub fn check() -> Result {
+    let root = cargo::workspace_root();
+    let mut files = Vec::new();
+    collect(&root, &mut files);
+    files.sort_unstable_by_key(|(_, lines)| std::cmp::Reverse(*lines));
+    for (file, lines) in files.iter().take_while(|(_, lines)| *lines > SOFT_LIMIT) {
+        let file = file.strip_prefix(&root).unwrap_or(file).display();
+        progress::note(format_args!("{file} has {lines} lines; aim at {SOFT_LIMIT} or fewer"));
+    }
+    let too_long = files.iter().filter(|(_, lines)| *lines > HARD_LIMIT).count();
+    if too_long > 0 {
+        return Err(Failure::new(format!(
+            "{too_long} source file(s) have more than {HARD_LIMIT} lines; split them"
+        )));
+    }
+    Ok(())
+}
+
+/// Collects source files with their line counts, skipping hidden folders and cargo's caches.
+fn collect(folder: &Path, files: &mut Vec<(PathBuf, usize)>) {
+    let Ok(entries) = fs::read_dir(folder) else {
+        return;
+    };
+    for entry in entries.flatten() {
+        let path = entry.path();
+        let is_hidden = entry.file_name().to_string_lossy().starts_with('.');
+        let Ok(kind) = entry.file_type() else {
+            continue;
+        };
+        if kind.is_dir() && !is_hidden && !path.join("CACHEDIR.TAG").exists() {
+            collect(&path, files);
+        } else if kind.is_file()
+            && path
+                .extension()
+                .is_some_and(|end| EXTENSIONS.iter().any(|kind| end == *kind))
+        {
+            let lines = fs::read(&path).map_or(0, |bytes| bytes.iter().filter(|byte| **byte == b'\n').count());
+            files.push((path, lines));
+        }
+    }
+}
