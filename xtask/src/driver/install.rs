@@ -27,7 +27,11 @@ pub fn mesa_version() -> Option<Version> {
 /// Installs the Vulkan loader and Mesa's drivers, with ray queries if the machine's sources have them.
 pub fn packages(need: Need) -> Result {
     let system = System::read();
-    system.require_apt(&format!("{MESA} {LOADER}"), "a Vulkan driver")?;
+    let wanted = match need {
+        Need::Vulkan => "a Vulkan driver",
+        Need::RayQuery => "a Vulkan driver with ray queries",
+    };
+    system.require_apt(&format!("{MESA} {LOADER}"), wanted)?;
     note("installing Mesa's Vulkan drivers, among them the CPU's (this can take a minute)");
     apt_get(&["update"])?;
     let mut suite = None;
@@ -112,7 +116,7 @@ impl System {
         }
         if output("id", &["-u"]).as_deref().map(str::trim) != Some("0") {
             return Err(Failure::new(format!(
-                "{what} is missing or too old: run `sudo apt-get install {packages}`, or this command as root"
+                "{what} is missing: run `sudo apt-get install {packages}`, or this command as root"
             )));
         }
         Ok(())
