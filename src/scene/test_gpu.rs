@@ -1,6 +1,7 @@
-//! A device for unit tests.
+//! A device and a shader linker for unit tests.
 
 use bevy::{
+    asset::{AssetId, uuid::Uuid},
     render::{
         render_resource::{
             BindGroupDescriptor, BindGroupEntry, Buffer, BufferDescriptor, BufferInitDescriptor, BufferUsages,
@@ -10,6 +11,7 @@ use bevy::{
         renderer::{RenderDevice, RenderQueue, initialize_renderer},
         settings::{Backends, RenderResources, WgpuSettings},
     },
+    shader::{Shader, ShaderCache, ShaderCacheSource, ShaderDefVal},
     tasks::block_on,
 };
 use std::sync::OnceLock;
@@ -48,7 +50,28 @@ pub fn read(device: &RenderDevice, queue: &RenderQueue, buffer: &Buffer) -> Vec<
     bytemuck::pod_collect_to_vec(&bytes)
 }
 
-/// Runs one workgroup of the entry point `main`: binding 0 is `input`, read only, and binding 1 an array of `output_words`.
+/// The WGSL that Bevy makes of `main`, a module that imports from `modules`: (path below `src`, text).
+pub fn link(main: &'static str, modules: &[(&str, &'static str)], flags: &[&'static str]) -> String {
+    let mut cache = ShaderCache::<String, ()>::new((), |_, source, _| match source {
+        ShaderCacheSource::Wgsl(wgsl) => Ok(wgsl),
+        ShaderCacheSource::SpirV(_) => Ok(String::new()),
+    });
+    let id = |index: usize| AssetId::Uuid {
+        uuid: Uuid::from_u128(index as u128),
+    };
+    let main = ("scene/test_main.wesl", main);
+    for (index, (path, text)) in std::iter::once(&main).chain(modules).enumerate() {
+        cache.set_shader(
+            id(index),
+            Shader::from_wesl(*text, format!("embedded://bevy_glint/{path}")),
+        );
+    }
+    let flags: Vec<ShaderDefVal> = flags.iter().map(|flag| ShaderDefVal::from(*flag)).collect();
+    cache.get(0, id(0), &flags).unwrap().to_string()
+}
+
+/// Runs one workgroup of the entry point `main`, which writes `output_words` words to binding 0 of group 0 and reads `input` from
+/// binding 0 of group 1.
 pub fn run(device: &RenderDevice, queue: &RenderQueue, wgsl: String, input: &[u32], output_words: usize) -> Vec<u32> {
     let module = device.create_and_validate_shader_module(ShaderModuleDescriptor {
         label: None,
@@ -73,25 +96,24 @@ pub fn run(device: &RenderDevice, queue: &RenderQueue, wgsl: String, input: &[u3
         usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC,
         mapped_at_creation: false,
     });
-    let bind_group = device.wgpu_device().create_bind_group(&BindGroupDescriptor {
-        label: None,
-        layout: &pipeline.get_bind_group_layout(0),
-        entries: &[
-            BindGroupEntry {
+    let bind_groups = [&output, &input].into_iter().zip(0..).map(|(buffer, group)| {
+        device.wgpu_device().create_bind_group(&BindGroupDescriptor {
+            label: None,
+            layout: &pipeline.get_bind_group_layout(group),
+            entries: &[BindGroupEntry {
                 binding: 0,
-                resource: input.as_entire_binding(),
-            },
-            BindGroupEntry {
-                binding: 1,
-                resource: output.as_entire_binding(),
-            },
-        ],
+                resource: buffer.as_entire_binding(),
+            }],
+        })
     });
+    let bind_groups: Vec<_> = bind_groups.collect();
     let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor::default());
     {
         let mut pass = encoder.begin_compute_pass(&Default::default());
         pass.set_pipeline(&pipeline);
-        pass.set_bind_group(0, &bind_group, &[]);
+        for (group, bind_group) in (0..).zip(&bind_groups) {
+            pass.set_bind_group(group, bind_group, &[]);
+        }
         pass.dispatch_workgroups(1, 1, 1);
     }
     queue.submit([encoder.finish()]);

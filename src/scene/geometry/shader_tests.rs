@@ -12,7 +12,11 @@ use bevy::{
 };
 
 const MAIN: &str = "
-@group(0) @binding(1) var<storage, read_write> output: array<u32>;
+import package::scene::geometry::{
+    has_colors, has_normals, has_tangents, has_uv, load_color, load_normal, load_position, load_tangent, load_triangle, load_uv,
+};
+
+@group(0) @binding(0) var<storage, read_write> output: array<u32>;
 
 const BASE: u32 = 36u;
 
@@ -43,10 +47,13 @@ fn main(@builtin(local_invocation_index) thread: u32) {
 }
 ";
 
-/// The library has no conditions, so that it is WGSL but for its import.
 fn wgsl() -> String {
-    let library = include_str!("../geometry.wesl").replace("import package::scene::bindings::geometry;", "");
-    format!("@group(0) @binding(0) var<storage, read> geometry: array<u32>;\n{library}\n{MAIN}").replace("//!", "//")
+    let modules = [
+        ("scene/geometry.wesl", include_str!("../geometry.wesl")),
+        ("scene/bindings.wesl", include_str!("../bindings.wesl")),
+        ("scene/types.wesl", include_str!("../types.wesl")),
+    ];
+    test_gpu::link(MAIN, &modules, &[])
 }
 
 #[test]
