@@ -4,3 +4,4 @@
 #![warn(clippy::print_stdout, clippy::print_stderr, clippy::unwrap_used, clippy::expect_used)]
 
 pub mod scene;
+pub mod trace;
