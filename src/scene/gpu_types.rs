@@ -26,6 +26,8 @@ pub const MATERIAL_DOUBLE_SIDED: u32 = 2;
 pub const MATERIAL_FLIP_NORMAL_MAP_Y: u32 = 4;
 /// The normal map has two channels; the third follows from unit length.
 pub const MATERIAL_TWO_COMPONENT_NORMAL_MAP: u32 = 8;
+/// The metallic-roughness texture has two channels: roughness in red, metallic in green.
+pub const MATERIAL_METALLIC_ROUGHNESS_RG: u32 = 16;
 /// From this bit on, one bit per texture slot says that it uses the second UV set.
 pub const MATERIAL_UV1_SHIFT: u32 = 16;
 
@@ -113,14 +115,14 @@ pub struct GpuLight {
     pub inverse_range_squared: f32,
     /// To a directional light, or where a spot or rectangle shines.
     pub direction: [f32; 3],
-    /// Metres.
+    /// Radius of a spherical light in metres. Rectangles: angle of the width axis about `direction` in radians.
     pub radius: f32,
-    /// Spot: scale and offset of the cone's falloff.
+    /// Spot: scale and offset of the cone's falloff. Rectangles: half width and half height.
     pub spot: [f32; 2],
     /// [`LIGHT_CASTS_SHADOW`].
     pub flags: u32,
-    /// Fills up to 64 bytes.
-    pub _padding: u32,
+    /// Point and spot lights: what is nearer to the light than this casts no shadow, in metres.
+    pub shadow_near: f32,
 }
 
 /// Counts of the scene.

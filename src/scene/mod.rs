@@ -1,7 +1,8 @@
 //! What a ray can hit: geometry, acceleration structures, materials, lights and environment.
 
-pub mod arena;
-pub mod geometry;
+pub mod environment;
 pub mod gpu_types;
-#[cfg(test)]
-mod test_gpu;
+pub mod lights;
+pub mod materials;
+mod texture_layers;
+pub mod textures;

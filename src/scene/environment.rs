@@ -1,0 +1,357 @@
+//! What surrounds each view: exposure, ambient light, environment map, skybox and background, as bind group 2 of the passes that shade
+//! hits. `environment.wesl` is the GPU side.
+
+use bevy::{
+    asset::AssetId,
+    camera::{Camera, ClearColor, ClearColorConfig, Exposure},
+    color::{Color, LinearRgba},
+    ecs::{entity::EntityHashMap, prelude::*},
+    image::Image,
+    light::{AmbientLight, EnvironmentMapLight, GlobalAmbientLight, Skybox},
+    math::Quat,
+    render::{
+        Extract,
+        render_asset::RenderAssets,
+        render_resource::{
+            BindGroup, BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries, Buffer, BufferDescriptor, BufferUsages,
+            Extent3d, FilterMode, MipmapFilterMode, PipelineCache, Sampler, SamplerBindingType, SamplerDescriptor, ShaderStages,
+            TextureDataOrder, TextureDescriptor, TextureDimension, TextureFormat, TextureSampleType, TextureUsages, TextureView,
+            TextureViewDescriptor, TextureViewDimension, TextureViewId,
+            binding_types::{sampler, texture_cube, uniform_buffer_sized},
+        },
+        renderer::{RenderDevice, RenderQueue},
+        sync_world::RenderEntity,
+        texture::GpuImage,
+    },
+};
+use bytemuck::{Pod, Zeroable};
+
+/// Flag of [`GpuEnvironment`].
+pub const ENVIRONMENT_HAS_MAP: u32 = 1;
+/// Flag of [`GpuEnvironment`].
+pub const ENVIRONMENT_HAS_SKYBOX: u32 = 2;
+/// Flag of [`GpuEnvironment`]: lights that cast shadows are tested by shadow rays.
+pub const ENVIRONMENT_SHADOW_RAYS: u32 = 4;
+/// Flag of [`GpuEnvironment`]: textures are read at [`GpuEnvironment::fixed_texture_level`].
+pub const ENVIRONMENT_FIXED_TEXTURE_LEVEL: u32 = 8;
+
+/// `EnvironmentUniform` of `environment.wesl`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuEnvironment {
+    /// Linear colour times brightness in cd/m^2, before exposure.
+    pub ambient_color: [f32; 3],
+    /// Factor from scene units to the values of the colour target.
+    pub exposure: f32,
+    /// Linear clear colour; exposed already.
+    pub background: [f32; 3],
+    /// `ENVIRONMENT_` flags.
+    pub flags: u32,
+    /// Quaternion from the world to the cube maps.
+    pub environment_rotation: [f32; 4],
+    /// Quaternion from the world to the skybox.
+    pub skybox_rotation: [f32; 4],
+    /// Factor from the map's values to cd/m^2.
+    pub environment_intensity: f32,
+    /// Factor from the skybox's values to exposed radiance.
+    pub skybox_brightness: f32,
+    /// Level of the specular map for a perceptual roughness of 1.
+    pub smallest_specular_mip: f32,
+    /// Level for all textures, with [`ENVIRONMENT_FIXED_TEXTURE_LEVEL`].
+    pub fixed_texture_level: f32,
+}
+
+const _: () = assert!(size_of::<GpuEnvironment>() == 80);
+
+/// How textures of hits choose their mip level.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum TextureLevel {
+    /// By the width of the ray's cone where it hits.
+    RayCone,
+    /// The same level everywhere; 0 is the finest.
+    Fixed(f32),
+}
+
+/// What a camera's settings say about hits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HitShading {
+    /// Whether lights that cast shadows do so in reflections too.
+    pub shadow_rays: bool,
+    /// How textures choose their level.
+    pub texture_level: TextureLevel,
+}
+
+/// A camera component whose views need an environment.
+pub trait EnvironmentSettings: Component {
+    /// What this camera wants of hits.
+    fn hit_shading(&self) -> HitShading;
+}
+
+/// A view's environment in the render world, before its images are looked up.
+#[derive(Component, Clone, Debug, PartialEq)]
+pub struct ViewEnvironment {
+    uniform: GpuEnvironment,
+    /// Diffuse and specular cube map.
+    maps: Option<(AssetId<Image>, AssetId<Image>)>,
+    skybox: Option<AssetId<Image>>,
+}
+
+fn finite(value: f32) -> f32 {
+    if value.is_finite() { value.max(0.0) } else { 0.0 }
+}
+
+fn rgb(color: Color) -> [f32; 3] {
+    let color = LinearRgba::from(color);
+    [finite(color.red), finite(color.green), finite(color.blue)]
+}
+
+/// From the world into an image that is rotated by `rotation`.
+fn into_image(rotation: Quat) -> [f32; 4] {
+    let inverse = rotation.inverse();
+    if inverse.is_finite() && rotation.length_squared() > 0.0 {
+        inverse.normalize().to_array()
+    } else {
+        Quat::IDENTITY.to_array()
+    }
+}
+
+impl ViewEnvironment {
+    /// Gathers what surrounds a camera. `background` is its clear colour and `ambient` its ambient colour with brightness.
+    pub fn new(
+        shading: HitShading,
+        exposure: f32,
+        ambient: (Color, f32),
+        background: Option<Color>,
+        map: Option<&EnvironmentMapLight>,
+        skybox: Option<&Skybox>,
+    ) -> Self {
+        let exposure = finite(exposure);
+        let mut uniform = GpuEnvironment {
+            ambient_color: rgb(ambient.0).map(|channel| channel * finite(ambient.1)),
+            exposure,
+            background: background.map_or([0.0; 3], rgb),
+            environment_rotation: into_image(map.map_or(Quat::IDENTITY, |map| map.rotation)),
+            skybox_rotation: into_image(skybox.map_or(Quat::IDENTITY, |skybox| skybox.rotation)),
+            environment_intensity: finite(map.map_or(0.0, |map| map.intensity)),
+            skybox_brightness: finite(skybox.map_or(0.0, |skybox| skybox.brightness) * exposure),
+            ..Default::default()
+        };
+        if shading.shadow_rays {
+            uniform.flags |= ENVIRONMENT_SHADOW_RAYS;
+        }
+        if let TextureLevel::Fixed(level) = shading.texture_level {
+            uniform.flags |= ENVIRONMENT_FIXED_TEXTURE_LEVEL;
+            uniform.fixed_texture_level = finite(level);
+        }
+        Self {
+            uniform,
+            maps: map.map(|map| (map.diffuse_map.id(), map.specular_map.id())),
+            skybox: skybox.and_then(|skybox| skybox.image.as_ref()).map(|image| image.id()),
+        }
+    }
+}
+
+type Cameras<'w, 's, C> = Query<
+    'w,
+    's,
+    (
+        RenderEntity,
+        &'static C,
+        &'static Camera,
+        Option<&'static Exposure>,
+        Option<&'static AmbientLight>,
+        Option<&'static EnvironmentMapLight>,
+        Option<&'static Skybox>,
+    ),
+>;
+
+/// Gives every view with `C` its [`ViewEnvironment`] and takes it from the others. Belongs in `ExtractSchedule`.
+pub fn extract_environments<C: EnvironmentSettings>(
+    mut commands: Commands,
+    cameras: Extract<Cameras<C>>,
+    ambient: Extract<Option<Res<GlobalAmbientLight>>>,
+    clear_color: Extract<Option<Res<ClearColor>>>,
+    mut views: Query<(Entity, &mut ViewEnvironment)>,
+) {
+    let mut current = EntityHashMap::default();
+    for (entity, settings, camera, exposure, own_ambient, map, skybox) in &cameras {
+        if !camera.is_active {
+            continue;
+        }
+        let ambient = match (own_ambient, ambient.as_ref()) {
+            (Some(light), _) => (light.color, light.brightness),
+            (None, Some(light)) => (light.color, light.brightness),
+            (None, None) => (Color::BLACK, 0.0),
+        };
+        let background = match camera.clear_color {
+            ClearColorConfig::Custom(color) => Some(color),
+            ClearColorConfig::Default => clear_color.as_ref().map(|color| color.0),
+            ClearColorConfig::None => None,
+        };
+        let exposure = exposure.copied().unwrap_or_default().exposure();
+        current
+            .insert(entity, ViewEnvironment::new(settings.hit_shading(), exposure, ambient, background, map, skybox));
+    }
+    for (entity, mut view) in &mut views {
+        match current.remove(&entity) {
+            Some(environment) => {
+                view.set_if_neq(environment);
+            }
+            None => {
+                commands.entity(entity).remove::<ViewEnvironment>();
+            }
+        }
+    }
+    for (entity, environment) in current {
+        commands.entity(entity).insert(environment);
+    }
+}
+
+struct ViewBindings {
+    buffer: Buffer,
+    bind_group: BindGroup,
+    written: GpuEnvironment,
+    views: [TextureViewId; 3],
+}
+
+/// The bind groups of all views, by render-world entity. A GPU resource: make it with `init_gpu_resource`.
+#[derive(Resource)]
+pub struct EnvironmentBindings {
+    layout: BindGroupLayoutDescriptor,
+    black: TextureView,
+    sampler: Sampler,
+    views: EntityHashMap<ViewBindings>,
+}
+
+impl FromWorld for EnvironmentBindings {
+    fn from_world(world: &mut World) -> Self {
+        let device = world.resource::<RenderDevice>();
+        let black = device.create_texture_with_data(
+            world.resource::<RenderQueue>(),
+            &TextureDescriptor {
+                label: Some("glint_black_cube"),
+                size: Extent3d { depth_or_array_layers: 6, ..Default::default() },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: TextureDimension::D2,
+                format: TextureFormat::Rgba8Unorm,
+                usage: TextureUsages::TEXTURE_BINDING,
+                view_formats: &[],
+            },
+            TextureDataOrder::default(),
+            &[0; 24],
+        );
+        Self {
+            layout: layout_descriptor(),
+            black: black
+                .create_view(&TextureViewDescriptor { dimension: Some(TextureViewDimension::Cube), ..Default::default() }),
+            sampler: device.create_sampler(&SamplerDescriptor {
+                label: Some("glint_environment_sampler"),
+                mag_filter: FilterMode::Linear,
+                min_filter: FilterMode::Linear,
+                mipmap_filter: MipmapFilterMode::Linear,
+                ..Default::default()
+            }),
+            views: EntityHashMap::default(),
+        }
+    }
+}
+
+/// The layout of group 2, for compute and fragment passes alike.
+pub fn layout_descriptor() -> BindGroupLayoutDescriptor {
+    let cube = || texture_cube(TextureSampleType::Float { filterable: true });
+    BindGroupLayoutDescriptor::new(
+        "glint_environment",
+        &BindGroupLayoutEntries::sequential(
+            ShaderStages::COMPUTE | ShaderStages::FRAGMENT,
+            (
+                uniform_buffer_sized(false, std::num::NonZero::new(size_of::<GpuEnvironment>() as u64)),
+                cube(),
+                cube(),
+                cube(),
+                sampler(SamplerBindingType::Filtering),
+            ),
+        ),
+    )
+}
+
+impl EnvironmentBindings {
+    /// The layout of group 2.
+    pub fn layout(&self) -> &BindGroupLayoutDescriptor {
+        &self.layout
+    }
+
+    /// Group 2 of a view.
+    pub fn bind_group(&self, view: Entity) -> Option<&BindGroup> {
+        self.views.get(&view).map(|bindings| &bindings.bind_group)
+    }
+}
+
+/// A cube map that can be bound, if the image is one.
+fn cube(image: &GpuImage, device: &RenderDevice) -> bool {
+    let dimension = image.texture_view_descriptor.as_ref().and_then(|view| view.dimension);
+    dimension == Some(TextureViewDimension::Cube)
+        && image.texture_descriptor.usage.contains(TextureUsages::TEXTURE_BINDING)
+        && image.view_format().sample_type(None, Some(device.features()))
+            == Some(TextureSampleType::Float { filterable: true })
+}
+
+/// Writes the uniforms and makes the bind groups. Belongs in `RenderSystems::PrepareBindGroups`.
+pub fn prepare_environments(
+    mut bindings: ResMut<EnvironmentBindings>,
+    views: Query<(Entity, &ViewEnvironment)>,
+    images: Res<RenderAssets<GpuImage>>,
+    device: Res<RenderDevice>,
+    queue: Res<RenderQueue>,
+    pipelines: Res<PipelineCache>,
+) {
+    let bindings = &mut *bindings;
+    bindings.views.retain(|entity, _| views.contains(*entity));
+    for (entity, view) in &views {
+        let image = |id: AssetId<Image>| images.get(id).filter(|image| cube(image, &device));
+        let mut uniform = view.uniform;
+        let (mut diffuse, mut specular, mut skybox) = (&bindings.black, &bindings.black, &bindings.black);
+        if let Some((diffuse_map, specular_map)) = view.maps
+            && let (Some(diffuse_map), Some(specular_map)) = (image(diffuse_map), image(specular_map))
+        {
+            (diffuse, specular) = (&diffuse_map.texture_view, &specular_map.texture_view);
+            uniform.flags |= ENVIRONMENT_HAS_MAP;
+            uniform.smallest_specular_mip = specular_map.texture_descriptor.mip_level_count.saturating_sub(1) as f32;
+        }
+        if let Some(image) = view.skybox.and_then(image) {
+            skybox = &image.texture_view;
+            uniform.flags |= ENVIRONMENT_HAS_SKYBOX;
+        }
+
+        let ids = [diffuse.id(), specular.id(), skybox.id()];
+        let known = bindings.views.get_mut(&entity);
+        if let Some(known) = known
+            && known.views == ids
+        {
+            if known.written != uniform {
+                queue.write_buffer(&known.buffer, 0, bytemuck::bytes_of(&uniform));
+                known.written = uniform;
+            }
+            continue;
+        }
+        let buffer = device.create_buffer(&BufferDescriptor {
+            label: Some("glint_environment"),
+            size: size_of::<GpuEnvironment>() as u64,
+            usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        queue.write_buffer(&buffer, 0, bytemuck::bytes_of(&uniform));
+        let bind_group = device.create_bind_group(
+            "glint_environment",
+            &pipelines.get_bind_group_layout(&bindings.layout),
+            &BindGroupEntries::sequential((
+                buffer.as_entire_binding(),
+                diffuse,
+                specular,
+                skybox,
+                &bindings.sampler,
+            )),
+        );
+        bindings.views.insert(entity, ViewBindings { buffer, bind_group, written: uniform, views: ids });
+    }
+}

@@ -1,0 +1,342 @@
+//! `StandardMaterial` as hits need it: copies of the assets in the render world, packed into the table that shaders read.
+
+use std::ops::Range;
+
+use bevy::{
+    asset::{AssetEvent, AssetId, Assets},
+    color::LinearRgba,
+    ecs::{message::MessageReader, prelude::*},
+    image::Image,
+    mesh::UvChannel,
+    pbr::StandardMaterial,
+    platform::collections::{HashMap, HashSet},
+    prelude::AlphaMode,
+    render::{
+        Extract,
+        render_asset::RenderAssets,
+        render_resource::{AstcChannel, Face, TextureChannel, TextureFormat},
+        texture::GpuImage,
+    },
+};
+
+use super::{gpu_types::*, textures::TextureTable};
+
+/// Index of the material that stands in for those that are not loaded yet: `StandardMaterial::default()`.
+pub const DEFAULT_MATERIAL: u32 = 0;
+
+/// Whether rays can hit this material. Materials that only add to or multiply what lies behind them are transparent to rays.
+pub fn is_traced(material: &StandardMaterial) -> bool {
+    !matches!(material.alpha_mode, AlphaMode::Add | AlphaMode::Multiply)
+}
+
+/// The `INSTANCE_` flags that come from an instance's material: face culling and the alpha test.
+pub fn instance_flags(material: &StandardMaterial) -> u32 {
+    let culling = match material.cull_mode {
+        Some(Face::Back) => INSTANCE_CULL_BACK,
+        Some(Face::Front) => INSTANCE_CULL_FRONT,
+        None => 0,
+    };
+    let alpha = match material.alpha_mode {
+        AlphaMode::Opaque => 0,
+        _ => INSTANCE_ALPHA_MASKED,
+    };
+    culling | alpha
+}
+
+/// The images of a material in the order of the `TEXTURE_` constants.
+pub fn texture_ids(material: &StandardMaterial) -> [Option<AssetId<Image>>; 5] {
+    let mut ids = [None; 5];
+    for (slot, handle) in [
+        (TEXTURE_BASE_COLOR, &material.base_color_texture),
+        (TEXTURE_EMISSIVE, &material.emissive_texture),
+        (TEXTURE_METALLIC_ROUGHNESS, &material.metallic_roughness_texture),
+        (TEXTURE_NORMAL, &material.normal_map_texture),
+        (TEXTURE_OCCLUSION, &material.occlusion_texture),
+    ] {
+        ids[slot] = handle.as_ref().map(|handle| handle.id());
+    }
+    ids
+}
+
+fn finite_or(value: f32, fallback: f32) -> f32 {
+    if value.is_finite() { value } else { fallback }
+}
+
+/// Packs a material without textures: every slot is [`NO_TEXTURE`]. Values are brought into their ranges, and what is not a number
+/// becomes the value of `StandardMaterial::default()` or zero.
+pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
+    let base_color = LinearRgba::from(material.base_color);
+    let tint = LinearRgba::from(material.specular_tint);
+    // The G-buffer keeps the Rec. 709 luminance of reflectance times tint.
+    let tint_luminance = 0.2126 * tint.red + 0.7152 * tint.green + 0.0722 * tint.blue;
+
+    let mut flags = 0;
+    for (flag, set) in [
+        (MATERIAL_UNLIT, material.unlit),
+        (MATERIAL_DOUBLE_SIDED, material.double_sided),
+        (MATERIAL_FLIP_NORMAL_MAP_Y, material.flip_normal_map_y),
+    ] {
+        flags |= if set { flag } else { 0 };
+    }
+    for (slot, channel) in [
+        (TEXTURE_BASE_COLOR, &material.base_color_channel),
+        (TEXTURE_EMISSIVE, &material.emissive_channel),
+        (TEXTURE_METALLIC_ROUGHNESS, &material.metallic_roughness_channel),
+        (TEXTURE_NORMAL, &material.normal_map_channel),
+        (TEXTURE_OCCLUSION, &material.occlusion_channel),
+    ] {
+        if *channel == UvChannel::Uv1 {
+            flags |= 1 << (MATERIAL_UV1_SHIFT + slot as u32);
+        }
+    }
+
+    let color = |value: f32| finite_or(value, 0.0).max(0.0);
+    let transform = material.uv_transform;
+    let transform = if transform.is_finite() { transform } else { Default::default() };
+    GpuMaterial {
+        base_color: [
+            color(base_color.red),
+            color(base_color.green),
+            color(base_color.blue),
+            finite_or(base_color.alpha, 1.0).clamp(0.0, 1.0),
+        ],
+        emissive: [color(material.emissive.red), color(material.emissive.green), color(material.emissive.blue), 0.0],
+        textures: [NO_TEXTURE; 5],
+        flags,
+        metallic: finite_or(material.metallic, 0.0).clamp(0.0, 1.0),
+        perceptual_roughness: finite_or(material.perceptual_roughness, 0.5).clamp(0.0, 1.0),
+        uv_transform: transform.matrix2.to_cols_array(),
+        uv_offset: transform.translation.to_array(),
+        reflectance: finite_or(material.reflectance * tint_luminance, 0.5).clamp(0.0, 1.0),
+        alpha_cutoff: match material.alpha_mode {
+            AlphaMode::Opaque => 0.0,
+            AlphaMode::Mask(cutoff) => finite_or(cutoff, 0.5),
+            _ => 0.5,
+        },
+        _padding: [0.0; 4],
+    }
+}
+
+/// The `MATERIAL_` flags that follow from the formats of a material's textures, as Bevy finds them.
+pub fn format_flags(metallic_roughness: Option<TextureFormat>, normal_map: Option<TextureFormat>) -> u32 {
+    let mut flags = 0;
+    if metallic_roughness.is_some_and(|format| format.channels() == TextureChannel::RG) {
+        flags |= MATERIAL_METALLIC_ROUGHNESS_RG;
+    }
+    if matches!(
+        normal_map,
+        Some(
+            TextureFormat::Rg8Unorm
+                | TextureFormat::Rg16Unorm
+                | TextureFormat::Bc5RgUnorm
+                | TextureFormat::EacRg11Unorm
+                | TextureFormat::Astc { channel: AstcChannel::Unorm, .. }
+        )
+    ) {
+        flags |= MATERIAL_TWO_COMPONENT_NORMAL_MAP;
+    }
+    flags
+}
+
+/// Copies of all loaded [`StandardMaterial`]s in the render world.
+#[derive(Resource, Default)]
+pub struct MaterialAssets {
+    materials: HashMap<AssetId<StandardMaterial>, StandardMaterial>,
+    changed: HashSet<AssetId<StandardMaterial>>,
+    removed: Vec<AssetId<StandardMaterial>>,
+    filled: bool,
+}
+
+impl MaterialAssets {
+    /// The material, once it is loaded.
+    pub fn get(&self, id: AssetId<StandardMaterial>) -> Option<&StandardMaterial> {
+        self.materials.get(&id)
+    }
+
+    /// Materials that came, changed or went since [`update_materials`] ran last; instances with them may need new flags.
+    pub fn changed(&self) -> impl Iterator<Item = AssetId<StandardMaterial>> + '_ {
+        self.changed.iter().chain(&self.removed).copied()
+    }
+}
+
+/// Keeps [`MaterialAssets`] up to date. Belongs in `ExtractSchedule`.
+pub fn extract_materials(
+    assets: Extract<Option<Res<Assets<StandardMaterial>>>>,
+    mut events: Extract<MessageReader<AssetEvent<StandardMaterial>>>,
+    mut copies: ResMut<MaterialAssets>,
+) {
+    let Some(assets) = assets.as_ref() else { return };
+    let copies = &mut *copies;
+    if !copies.filled {
+        // Events from before the first frame may be gone.
+        copies.filled = true;
+        for (id, material) in assets.iter() {
+            copies.materials.insert(id, material.clone());
+            copies.changed.insert(id);
+        }
+    }
+    for event in events.read() {
+        match event {
+            AssetEvent::Added { id } | AssetEvent::Modified { id } => {
+                if let Some(material) = assets.get(*id) {
+                    copies.materials.insert(*id, material.clone());
+                    copies.changed.insert(*id);
+                }
+            }
+            AssetEvent::Removed { id } => {
+                copies.materials.remove(id);
+                copies.changed.remove(id);
+                copies.removed.push(*id);
+            }
+            AssetEvent::Unused { .. } | AssetEvent::LoadedWithDependencies { .. } => {}
+        }
+    }
+}
+
+struct Slot {
+    id: Option<AssetId<StandardMaterial>>,
+    textures: [Option<AssetId<Image>>; 5],
+}
+
+/// The packed materials, at indices that stay the same while a material exists. Index 0 is [`DEFAULT_MATERIAL`].
+#[derive(Resource)]
+pub struct MaterialTable {
+    indices: HashMap<AssetId<StandardMaterial>, u32>,
+    slots: Vec<Slot>,
+    data: Vec<GpuMaterial>,
+    free: Vec<u32>,
+    /// Materials to pack again: new ones, and those whose images are still on their way.
+    waiting: HashSet<u32>,
+    dirty: Range<usize>,
+}
+
+impl Default for MaterialTable {
+    fn default() -> Self {
+        Self {
+            indices: HashMap::default(),
+            slots: vec![Slot { id: None, textures: [None; 5] }],
+            data: vec![pack_material(&StandardMaterial::default())],
+            free: Vec::new(),
+            waiting: HashSet::default(),
+            dirty: 0..1,
+        }
+    }
+}
+
+impl MaterialTable {
+    /// The index of a material, which gets one when it is asked for first. Until it is loaded, the index holds the default material.
+    pub fn index(&mut self, id: AssetId<StandardMaterial>) -> u32 {
+        if let Some(index) = self.indices.get(&id) {
+            return *index;
+        }
+        let slot = Slot { id: Some(id), textures: [None; 5] };
+        let index = match self.free.pop() {
+            Some(index) => {
+                self.slots[index as usize] = slot;
+                index
+            }
+            None => {
+                self.slots.push(slot);
+                self.data.push(GpuMaterial::default());
+                (self.slots.len() - 1) as u32
+            }
+        };
+        self.write(index, self.data[DEFAULT_MATERIAL as usize]);
+        self.indices.insert(id, index);
+        self.waiting.insert(index);
+        index
+    }
+
+    /// What belongs into the buffer of materials.
+    pub fn materials(&self) -> &[GpuMaterial] {
+        &self.data
+    }
+
+    /// The part of [`Self::materials`] that changed since the last call.
+    pub fn take_dirty(&mut self) -> Option<Range<usize>> {
+        let dirty = std::mem::replace(&mut self.dirty, usize::MAX..0);
+        (dirty.start < dirty.end).then_some(dirty)
+    }
+
+    fn write(&mut self, index: u32, material: GpuMaterial) {
+        let index = index as usize;
+        self.data[index] = material;
+        self.dirty = self.dirty.start.min(index)..self.dirty.end.max(index + 1);
+    }
+
+    fn remove(&mut self, id: AssetId<StandardMaterial>, textures: &mut TextureTable) {
+        let Some(index) = self.indices.remove(&id) else { return };
+        let slot = &mut self.slots[index as usize];
+        for image in slot.textures.into_iter().flatten() {
+            textures.release(image);
+        }
+        *slot = Slot { id: None, textures: [None; 5] };
+        self.waiting.remove(&index);
+        self.write(index, self.data[DEFAULT_MATERIAL as usize]);
+        self.free.push(index);
+    }
+
+    fn pack(&mut self, index: u32, assets: &MaterialAssets, textures: &mut TextureTable, images: &RenderAssets<GpuImage>) {
+        let Some(material) = self.slots[index as usize].id.and_then(|id| assets.get(id)) else {
+            return;
+        };
+        let ids = texture_ids(material);
+        // New images are taken before old ones are given back, so that those in both keep their place.
+        for image in ids.into_iter().flatten() {
+            textures.acquire(image);
+        }
+        for image in self.slots[index as usize].textures.into_iter().flatten() {
+            textures.release(image);
+        }
+        self.slots[index as usize].textures = ids;
+
+        let mut packed = pack_material(material);
+        let mut complete = true;
+        for (slot, image) in ids.into_iter().enumerate() {
+            let Some(image) = image else { continue };
+            complete &= textures.is_settled(image);
+            packed.textures[slot] = textures.packed(image).unwrap_or(NO_TEXTURE);
+        }
+        let format = |slot: usize| {
+            let image: &GpuImage = images.get(ids[slot]?)?;
+            Some(image.texture_descriptor.format)
+        };
+        packed.flags |= format_flags(format(TEXTURE_METALLIC_ROUGHNESS), format(TEXTURE_NORMAL));
+        self.write(index, packed);
+        if complete {
+            self.waiting.remove(&index);
+        } else {
+            self.waiting.insert(index);
+        }
+    }
+}
+
+/// Packs what changed. Belongs in `RenderSystems::PrepareResources`, after [`super::textures::update_textures`].
+pub fn update_materials(
+    mut assets: ResMut<MaterialAssets>,
+    mut table: ResMut<MaterialTable>,
+    mut textures: ResMut<TextureTable>,
+    images: Res<RenderAssets<GpuImage>>,
+) {
+    let (table, textures) = (&mut *table, &mut *textures);
+    for id in std::mem::take(&mut assets.removed) {
+        // The same id may be back already.
+        if assets.get(id).is_none() {
+            table.remove(id, textures);
+        }
+    }
+    for id in std::mem::take(&mut assets.changed) {
+        if let Some(index) = table.indices.get(&id) {
+            table.waiting.insert(*index);
+        }
+    }
+    for image in textures.take_resettled() {
+        let users = table.slots.iter().enumerate().filter(|(_, slot)| slot.textures.contains(&Some(image)));
+        table.waiting.extend(users.map(|(index, _)| index as u32));
+    }
+    if !table.waiting.is_empty() {
+        for index in table.waiting.iter().copied().collect::<Vec<_>>() {
+            table.pack(index, &assets, textures, &images);
+        }
+    }
+}

@@ -1,0 +1,442 @@
+//! The table of textures that materials refer to, in one of two forms: an array of bindings where the device can index one freely,
+//! else small copies in the layers of one array texture (`texture_layers.rs`).
+
+use std::num::NonZero;
+
+use bevy::{
+    asset::{AssetEvent, AssetId, Assets},
+    ecs::{message::MessageReader, prelude::*},
+    image::{Image, ImageSampler},
+    log::warn_once,
+    platform::collections::HashMap,
+    render::{
+        Extract,
+        render_asset::RenderAssets,
+        render_resource::{
+            AddressMode, BindGroupLayoutEntryBuilder, BindingResource, Extent3d, FilterMode, MipmapFilterMode, PipelineCache, Sampler,
+            SamplerBindingType, SamplerDescriptor, TextureDataOrder, TextureDescriptor, TextureDimension, TextureFormat,
+            TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor, TextureViewDimension, WgpuFeatures, WgpuSampler,
+            WgpuTextureView,
+            binding_types::{sampler, texture_2d, texture_2d_array},
+        },
+        renderer::{RenderDevice, RenderQueue},
+        settings::WgpuLimits,
+        texture::GpuImage,
+    },
+};
+
+use super::texture_layers::{MAX_LAYERS, TextureLayers};
+
+/// Length of the array of samplers; `material.wesl` has the same number.
+pub const MAX_SAMPLERS: u32 = 32;
+/// Most textures in the array of bindings.
+pub const MAX_TEXTURES: u32 = 4096;
+/// Fewer bindings than these are not worth the array.
+const MIN_TEXTURES: u32 = 64;
+const SAMPLER_SHIFT: u32 = 20;
+
+/// How shaders reach the textures of materials.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TextureMode {
+    /// One binding for each texture, at full resolution.
+    Bindless {
+        /// Length of the array of bindings.
+        textures: u32,
+    },
+    /// One array texture of 256x256 layers with mip levels.
+    Layers {
+        /// Most layers there can be.
+        layers: u32,
+    },
+}
+
+impl TextureMode {
+    /// The shader definition that this mode needs.
+    pub fn shader_def(self) -> Option<&'static str> {
+        matches!(self, Self::Bindless { .. }).then_some("BINDLESS_TEXTURES")
+    }
+
+    /// One sentence for the status that a user reads.
+    pub fn describe(self) -> String {
+        match self {
+            Self::Bindless { textures } => {
+                format!("Textures of reflected surfaces are read at full resolution (up to {textures}).")
+            }
+            Self::Layers { layers } => format!(
+                "Textures of reflected surfaces are copies of 256x256 texels (up to {layers}), because the device lacks binding arrays \
+                 with non-uniform indexing."
+            ),
+        }
+    }
+}
+
+/// The mode for a device.
+pub fn texture_mode(device: &RenderDevice) -> TextureMode {
+    texture_mode_of(device.features(), &device.limits())
+}
+
+/// The mode for a device of these features and limits.
+pub fn texture_mode_of(features: WgpuFeatures, limits: &WgpuLimits) -> TextureMode {
+    let needed = WgpuFeatures::TEXTURE_BINDING_ARRAY
+        | WgpuFeatures::SAMPLED_TEXTURE_AND_STORAGE_BUFFER_ARRAY_NON_UNIFORM_INDEXING
+        | WgpuFeatures::PARTIALLY_BOUND_BINDING_ARRAY;
+    // Half of what a stage may have: passes bind other things too.
+    let textures = MAX_TEXTURES.min(limits.max_binding_array_elements_per_shader_stage / 2);
+    let samplers = limits.max_binding_array_sampler_elements_per_shader_stage;
+    if features.contains(needed) && textures >= MIN_TEXTURES && samplers >= MAX_SAMPLERS {
+        TextureMode::Bindless { textures }
+    } else {
+        TextureMode::Layers { layers: MAX_LAYERS.min(limits.max_texture_array_layers.max(1)) }
+    }
+}
+
+enum State {
+    /// Not on the GPU yet.
+    Loading,
+    /// Can be sampled.
+    Ready(TextureView),
+    /// No two-dimensional texture of filterable colours.
+    Unusable,
+}
+
+struct Entry {
+    id: AssetId<Image>,
+    users: u32,
+    /// How the image wants to be sampled; `None` until it is known.
+    sampling: Option<ImageSampler>,
+    sampler: u32,
+    state: State,
+}
+
+/// The textures in use, at indices that stay the same while some material uses them.
+#[derive(Resource)]
+pub struct TextureTable {
+    mode: TextureMode,
+    indices: HashMap<AssetId<Image>, u32>,
+    entries: Vec<Option<Entry>>,
+    free: Vec<u32>,
+    samplers: Vec<(ImageSampler, Sampler)>,
+    white: TextureView,
+    layers: Option<TextureLayers>,
+    /// Entries to look at in the next update.
+    pending: Vec<u32>,
+    resettled: Vec<AssetId<Image>>,
+    /// Where the walk over all entries stands that finds replaced images.
+    cursor: usize,
+    generation: u64,
+}
+
+impl FromWorld for TextureTable {
+    fn from_world(world: &mut World) -> Self {
+        let device = world.resource::<RenderDevice>();
+        let mode = texture_mode(device);
+        let white = device.create_texture_with_data(
+            world.resource::<RenderQueue>(),
+            &TextureDescriptor {
+                label: Some("glint_white"),
+                size: Extent3d::default(),
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: TextureDimension::D2,
+                format: TextureFormat::Rgba8Unorm,
+                usage: TextureUsages::TEXTURE_BINDING,
+                view_formats: &[],
+            },
+            TextureDataOrder::default(),
+            &[255; 4],
+        );
+        let repeating = device.create_sampler(&SamplerDescriptor {
+            label: Some("glint_material_sampler"),
+            address_mode_u: AddressMode::Repeat,
+            address_mode_v: AddressMode::Repeat,
+            mag_filter: FilterMode::Linear,
+            min_filter: FilterMode::Linear,
+            mipmap_filter: MipmapFilterMode::Linear,
+            ..Default::default()
+        });
+        let layers = match mode {
+            TextureMode::Bindless { .. } => None,
+            TextureMode::Layers { layers } => Some(TextureLayers::new(world, layers)),
+        };
+        Self {
+            mode,
+            indices: HashMap::default(),
+            entries: Vec::new(),
+            free: Vec::new(),
+            // The first one is for images that find no place of their own.
+            samplers: vec![(ImageSampler::linear(), repeating)],
+            white: white.create_view(&TextureViewDescriptor::default()),
+            layers,
+            pending: Vec::new(),
+            resettled: Vec::new(),
+            cursor: 0,
+            generation: 0,
+        }
+    }
+}
+
+impl TextureTable {
+    /// How shaders reach the textures.
+    pub fn mode(&self) -> TextureMode {
+        self.mode
+    }
+
+    /// For `SceneUniform::texture_count`.
+    pub fn texture_count(&self) -> u32 {
+        self.entries.len() as u32
+    }
+
+    /// Grows whenever the bind group with [`Self::resources`] has to be made anew.
+    pub fn generation(&self) -> u64 {
+        self.generation
+    }
+
+    fn capacity(&self) -> usize {
+        match self.mode {
+            TextureMode::Bindless { textures } => textures as usize,
+            TextureMode::Layers { layers } => layers as usize,
+        }
+    }
+
+    /// Notes one more user of an image.
+    pub(super) fn acquire(&mut self, id: AssetId<Image>) {
+        if let Some(entry) = self.indices.get(&id).and_then(|index| self.entries[*index as usize].as_mut()) {
+            entry.users += 1;
+            return;
+        }
+        let entry = Some(Entry { id, users: 1, sampling: None, sampler: 0, state: State::Loading });
+        let index = if let Some(index) = self.free.pop() {
+            self.entries[index as usize] = entry;
+            index
+        } else if self.entries.len() < self.capacity() {
+            self.entries.push(entry);
+            self.generation += 1;
+            (self.entries.len() - 1) as u32
+        } else {
+            warn_once!("More than {} textures in reflections: the others show as plain colours.", self.capacity());
+            return;
+        };
+        self.indices.insert(id, index);
+        self.pending.push(index);
+    }
+
+    /// Notes one user less of an image.
+    pub(super) fn release(&mut self, id: AssetId<Image>) {
+        let Some(index) = self.indices.get(&id).copied() else { return };
+        let place = &mut self.entries[index as usize];
+        let Some(entry) = place else { return };
+        entry.users = entry.users.saturating_sub(1);
+        if entry.users == 0 {
+            *place = None;
+            self.indices.remove(&id);
+            self.pending.retain(|pending| *pending != index);
+            self.free.push(index);
+            self.generation += 1;
+        }
+    }
+
+    fn entry(&self, id: AssetId<Image>) -> Option<(u32, &Entry)> {
+        let index = *self.indices.get(&id)?;
+        Some((index, self.entries[index as usize].as_ref()?))
+    }
+
+    /// False while an image may still become usable.
+    pub(super) fn is_settled(&self, id: AssetId<Image>) -> bool {
+        self.entry(id).is_none_or(|(_, entry)| !matches!(entry.state, State::Loading))
+    }
+
+    /// The word for [`super::gpu_types::GpuMaterial::textures`] of an image that can be sampled.
+    pub(super) fn packed(&self, id: AssetId<Image>) -> Option<u32> {
+        let (index, entry) = self.entry(id)?;
+        matches!(entry.state, State::Ready(_)).then_some(index | (entry.sampler << SAMPLER_SHIFT))
+    }
+
+    /// Images whose word changed since the last call.
+    pub(super) fn take_resettled(&mut self) -> Vec<AssetId<Image>> {
+        std::mem::take(&mut self.resettled)
+    }
+
+    fn sampler_for(&mut self, device: &RenderDevice, sampling: &ImageSampler, image: &GpuImage) -> u32 {
+        if let Some(index) = self.samplers.iter().skip(1).position(|(known, _)| known == sampling) {
+            return index as u32 + 1;
+        }
+        if self.samplers.len() >= MAX_SAMPLERS as usize {
+            warn_once!("More than {MAX_SAMPLERS} kinds of samplers in reflections: the others repeat and filter linearly.");
+            return 0;
+        }
+        let sampler = match sampling {
+            ImageSampler::Default => image.sampler.clone(),
+            // Comparison samplers cannot be bound here.
+            ImageSampler::Descriptor(descriptor) if descriptor.compare.is_some() => return 0,
+            ImageSampler::Descriptor(descriptor) => device.create_sampler(&descriptor.as_wgpu()),
+        };
+        self.samplers.push((sampling.clone(), sampler));
+        self.generation += 1;
+        self.samplers.len() as u32 - 1
+    }
+
+    /// Takes over what arrived on the GPU.
+    fn update(&mut self, device: &RenderDevice, queue: &RenderQueue, pipelines: &PipelineCache, images: &RenderAssets<GpuImage>) {
+        // A few entries a frame, so that an image that was replaced late is noticed without a look at all of them in each frame.
+        for _ in 0..self.entries.len().min(16) {
+            self.cursor = (self.cursor + 1) % self.entries.len();
+            if let Some(Entry { id, state: State::Ready(view), .. }) = &self.entries[self.cursor]
+                && images.get(*id).is_some_and(|image| image.texture_view.id() != view.id())
+            {
+                self.pending.push(self.cursor as u32);
+            }
+        }
+
+        if self.layers.as_mut().is_some_and(|layers| !layers.is_ready(pipelines)) {
+            return;
+        }
+        for index in std::mem::take(&mut self.pending) {
+            let Some(entry) = self.entries[index as usize].as_ref() else { continue };
+            let id = entry.id;
+            let (Some(image), Some(sampling)) = (images.get(id), entry.sampling.clone()) else {
+                self.pending.push(index);
+                continue;
+            };
+            let mut sampler = 0;
+            let state = if !is_usable(device, image) {
+                State::Unusable
+            } else if let Some(layers) = &mut self.layers {
+                layers.copy(device, index, &image.texture_view);
+                State::Ready(image.texture_view.clone())
+            } else {
+                sampler = self.sampler_for(device, &sampling, image);
+                State::Ready(image.texture_view.clone())
+            };
+            if let Some(entry) = self.entries[index as usize].as_mut() {
+                entry.state = state;
+                entry.sampler = sampler;
+            }
+            self.resettled.push(id);
+            self.generation += 1;
+        }
+
+        if let Some(layers) = &mut self.layers {
+            layers.flush(device, queue, pipelines);
+        }
+    }
+
+    /// Layout of binding 8 of group 1.
+    pub fn texture_layout(&self) -> BindGroupLayoutEntryBuilder {
+        let float = TextureSampleType::Float { filterable: true };
+        match self.mode {
+            TextureMode::Bindless { textures } => match NonZero::new(textures) {
+                Some(count) => texture_2d(float).count(count),
+                None => texture_2d(float),
+            },
+            TextureMode::Layers { .. } => texture_2d_array(float),
+        }
+    }
+
+    /// Layout of binding 9 of group 1.
+    pub fn sampler_layout(&self) -> BindGroupLayoutEntryBuilder {
+        let filtering = sampler(SamplerBindingType::Filtering);
+        match (self.mode, NonZero::new(MAX_SAMPLERS)) {
+            (TextureMode::Bindless { .. }, Some(count)) => filtering.count(count),
+            _ => filtering,
+        }
+    }
+
+    /// What to bind; holds the lists that a [`BindingResource`] borrows.
+    pub fn resources(&self) -> TextureResources<'_> {
+        match &self.layers {
+            Some(layers) => TextureResources { textures: vec![layers.view()], samplers: vec![&self.samplers[0].1], arrays: false },
+            None => {
+                let mut textures: Vec<&WgpuTextureView> = Vec::with_capacity(self.entries.len().max(1));
+                textures.extend(self.entries.iter().map(|entry| match entry {
+                    Some(Entry { state: State::Ready(view), .. }) => &**view,
+                    _ => &*self.white,
+                }));
+                if textures.is_empty() {
+                    textures.push(&self.white);
+                }
+                // Shaders clamp indices to the whole array, so all of it is filled.
+                let samplers = (0..MAX_SAMPLERS as usize).map(|i| &*self.samplers.get(i).unwrap_or(&self.samplers[0]).1);
+                TextureResources { textures, samplers: samplers.collect(), arrays: true }
+            }
+        }
+    }
+}
+
+/// The textures and samplers of a [`TextureTable`] for a bind group.
+pub struct TextureResources<'a> {
+    textures: Vec<&'a WgpuTextureView>,
+    samplers: Vec<&'a WgpuSampler>,
+    arrays: bool,
+}
+
+impl TextureResources<'_> {
+    /// The resource of binding 8 of group 1.
+    pub fn textures(&self) -> BindingResource<'_> {
+        if self.arrays { BindingResource::TextureViewArray(&self.textures) } else { BindingResource::TextureView(self.textures[0]) }
+    }
+
+    /// The resource of binding 9 of group 1.
+    pub fn samplers(&self) -> BindingResource<'_> {
+        if self.arrays { BindingResource::SamplerArray(&self.samplers) } else { BindingResource::Sampler(self.samplers[0]) }
+    }
+}
+
+/// Whether an image can stand in the array: other kinds would fail the validation of the bind group.
+fn is_usable(device: &RenderDevice, image: &GpuImage) -> bool {
+    let texture = &image.texture_descriptor;
+    let view = image.texture_view_descriptor.as_ref();
+    let flat = match view.and_then(|view| view.dimension) {
+        Some(dimension) => dimension == TextureViewDimension::D2,
+        None => texture.dimension == TextureDimension::D2 && texture.size.depth_or_array_layers == 1,
+    };
+    let aspect = view.map(|view| view.aspect);
+    flat && texture.sample_count == 1
+        && texture.usage.contains(TextureUsages::TEXTURE_BINDING)
+        && image.view_format().sample_type(aspect, Some(device.features()))
+            == Some(TextureSampleType::Float { filterable: true })
+}
+
+/// Learns how images are sampled, which only the main world knows, and which ones changed. Belongs in `ExtractSchedule`.
+pub fn extract_texture_changes(
+    images: Extract<Option<Res<Assets<Image>>>>,
+    mut events: Extract<MessageReader<AssetEvent<Image>>>,
+    mut table: ResMut<TextureTable>,
+) {
+    let Some(images) = images.as_ref() else { return };
+    let table = &mut *table;
+    for event in events.read() {
+        if let AssetEvent::Added { id } | AssetEvent::Modified { id } = event
+            && let Some(index) = table.indices.get(id)
+        {
+            table.pending.push(*index);
+            if let Some(entry) = table.entries[*index as usize].as_mut() {
+                entry.sampling = None;
+            }
+        }
+    }
+    for index in &table.pending {
+        if let Some(entry) = table.entries[*index as usize].as_mut()
+            && entry.sampling.is_none()
+        {
+            entry.sampling = images.get(entry.id).map(|image| {
+                let mut sampling = image.sampler.clone();
+                // Equal samplers are shared, whatever they are called.
+                if let ImageSampler::Descriptor(descriptor) = &mut sampling {
+                    descriptor.label = None;
+                }
+                sampling
+            });
+        }
+    }
+}
+
+/// Takes over images that arrived on the GPU. Belongs in `RenderSystems::PrepareResources`.
+pub fn update_textures(
+    mut table: ResMut<TextureTable>,
+    device: Res<RenderDevice>,
+    queue: Res<RenderQueue>,
+    pipelines: Res<PipelineCache>,
+    images: Res<RenderAssets<GpuImage>>,
+) {
+    table.update(&device, &queue, &pipelines, &images);
+}
