@@ -1,1 +1,27 @@
+//! Scenes built from code and a harness that renders them without a window: shared by the examples, the tests and the measurements.
+//!
+//! Units are metres, lumens, lux and cd/m², as in Bevy. Nothing here depends on the reflections: every scene renders with plain Bevy.
 
+mod animation;
+mod atrium;
+mod builder;
+mod demo;
+mod geometry;
+mod gltf;
+mod headless;
+mod patterns;
+mod random;
+mod scene;
+mod sky;
+mod small;
+mod texture;
+
+pub use animation::{Motion, SceneAnimationPlugin};
+pub use atrium::camera_path;
+pub use builder::{SceneBuilder, SceneMesh, SceneStatistics};
+pub use geometry::Geometry;
+pub use gltf::write_test_assets;
+pub use headless::{HeadlessApp, HeadlessError, HeadlessSettings, Output};
+pub use scene::{Environment, SceneName, SceneOptions, UnknownScene, camera, environment, spawn, spawn_with};
+pub use sky::{Sky, sun_direction};
+pub use texture::{Content, Texel, TextureSet, mip_chain};

@@ -1,0 +1,96 @@
+//! What every scene is spawned with.
+
+use crate::{
+    geometry::Geometry,
+    texture::{Texel, TextureSet},
+};
+use bevy::{
+    asset::{Assets, Handle},
+    ecs::{bundle::Bundle, component::Component, entity::Entity, hierarchy::ChildOf, world::World},
+    image::Image,
+    math::Vec2,
+    mesh::{Mesh, Mesh3d},
+    pbr::{MeshMaterial3d, StandardMaterial},
+    camera::visibility::Visibility,
+    transform::components::Transform,
+};
+
+/// Marks the entity that holds a spawned scene (despawn it to remove all of it) and says what is in it.
+#[derive(Component, Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SceneStatistics {
+    /// Mesh instances.
+    pub instances: usize,
+    /// Distinct meshes.
+    pub meshes: usize,
+    /// Triangles over all instances.
+    pub triangles: usize,
+}
+
+/// A mesh that can be placed.
+#[derive(Clone, Debug)]
+pub struct SceneMesh {
+    /// The mesh asset.
+    pub handle: Handle<Mesh>,
+    triangles: usize,
+}
+
+/// Spawns a scene piece by piece below one root entity and counts.
+pub struct SceneBuilder<'w> {
+    /// The world that is built in.
+    pub world: &'w mut World,
+    root: Entity,
+    statistics: SceneStatistics,
+}
+
+impl<'w> SceneBuilder<'w> {
+    /// Starts a scene.
+    pub fn new(world: &'w mut World) -> Self {
+        world.init_resource::<Assets<Mesh>>();
+        world.init_resource::<Assets<Image>>();
+        world.init_resource::<Assets<StandardMaterial>>();
+        let root = world.spawn((Transform::IDENTITY, Visibility::default())).id();
+        Self { world, root, statistics: SceneStatistics::default() }
+    }
+
+    /// Adds a mesh asset.
+    pub fn mesh(&mut self, geometry: Geometry) -> SceneMesh {
+        let triangles = geometry.triangles();
+        self.statistics.meshes += 1;
+        SceneMesh { handle: self.world.resource_mut::<Assets<Mesh>>().add(geometry.into_mesh()), triangles }
+    }
+
+    /// Adds a mesh asset made by a closure.
+    pub fn shape(&mut self, make: impl FnOnce(&mut Geometry)) -> SceneMesh {
+        let mut geometry = Geometry::default();
+        make(&mut geometry);
+        self.mesh(geometry)
+    }
+
+    /// Adds a material asset.
+    pub fn material(&mut self, material: StandardMaterial) -> Handle<StandardMaterial> {
+        self.world.resource_mut::<Assets<StandardMaterial>>().add(material)
+    }
+
+    /// Bakes a pattern into textures.
+    pub fn textures(&mut self, size: u32, pattern: impl Fn(Vec2) -> Texel) -> TextureSet {
+        TextureSet::bake(&mut self.world.resource_mut::<Assets<Image>>(), size, pattern)
+    }
+
+    /// Places a mesh.
+    pub fn place(&mut self, mesh: &SceneMesh, material: &Handle<StandardMaterial>, transform: Transform) -> Entity {
+        self.statistics.instances += 1;
+        self.statistics.triangles += mesh.triangles;
+        self.add((Mesh3d(mesh.handle.clone()), MeshMaterial3d(material.clone()), transform))
+    }
+
+    /// Spawns anything else, such as a light.
+    pub fn add(&mut self, bundle: impl Bundle) -> Entity {
+        self.world.spawn((bundle, ChildOf(self.root))).id()
+    }
+
+    /// Ends the scene; returns its root.
+    pub fn finish(self) -> Entity {
+        self.world.entity_mut(self.root).insert(self.statistics);
+        self.root
+    }
+}
