@@ -85,6 +85,21 @@ impl Geometry {
         self
     }
 
+    /// Adds a flat quad whose UVs follow its position, so that neighbours in one plane continue the texture.
+    pub fn mapped_quad(&mut self, corners: [Vec3; 4], uv_scale: f32) -> &mut Self {
+        let [a, b, _, d] = corners;
+        let normal = (b - a).cross(d - a).normalize_or(Vec3::Y);
+        let up = if normal.y.abs() > 0.7 { Vec3::NEG_Z } else { Vec3::Y };
+        let right = up.cross(normal).normalize_or(Vec3::X);
+        let base = self.positions.len() as u32;
+        self.positions.extend(corners);
+        self.normals.extend([normal; 4]);
+        self.uvs.extend(corners.map(|p| Vec2::new(p.dot(right), -p.dot(up)) * uv_scale));
+        self.triangle(base, base + 1, base + 2);
+        self.triangle(base, base + 2, base + 3);
+        self
+    }
+
     /// Adds an axis-aligned box around `center`; UVs run in metres times `uv_scale`.
     pub fn cuboid(&mut self, center: Vec3, size: Vec3, uv_scale: f32) -> &mut Self {
         let half = size * 0.5;

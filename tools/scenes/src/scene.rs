@@ -1,0 +1,188 @@
+//! The scenes by name.
+
+use crate::{
+    animation::Motion,
+    atrium, demo,
+    sky::Sky,
+    small,
+};
+use bevy::{
+    asset::Assets,
+    camera::{Exposure, PerspectiveProjection},
+    core_pipeline::tonemapping::Tonemapping,
+    ecs::{entity::Entity, resource::Resource, world::{EntityWorldMut, World}},
+    image::Image,
+    light::{AmbientLight, EnvironmentMapLight, Skybox},
+    transform::components::Transform,
+};
+use std::{error::Error, fmt, str::FromStr};
+
+/// A scene that can be spawned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SceneName {
+    /// Spheres and boxes of graded roughness and metalness on a polished floor between textured walls, with things that move.
+    Demo,
+    /// A two-storey colonnaded courtyard: rough stone, cloth and a little metal; at least 66 thousand triangles.
+    Atrium,
+    /// A mirror floor below asymmetric unlit objects: its reflection is known exactly.
+    MirrorRoom,
+    /// White spheres of roughness 0 to 1, metal and dielectric, in a uniform white environment.
+    Furnace,
+    /// Emissive objects of black albedo over metal and dielectric floors of several roughnesses, without any other light.
+    EmissiveFloor,
+}
+
+impl SceneName {
+    /// Every scene.
+    pub const ALL: [SceneName; 5] =
+        [SceneName::Demo, SceneName::Atrium, SceneName::MirrorRoom, SceneName::Furnace, SceneName::EmissiveFloor];
+
+    /// The name on the command line.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            SceneName::Demo => "demo",
+            SceneName::Atrium => "atrium",
+            SceneName::MirrorRoom => "mirror_room",
+            SceneName::Furnace => "furnace",
+            SceneName::EmissiveFloor => "emissive_floor",
+        }
+    }
+}
+
+impl fmt::Display for SceneName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.as_str())
+    }
+}
+
+/// The error of a name that is no scene's.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnknownScene(String);
+
+impl fmt::Display for UnknownScene {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names = SceneName::ALL.map(SceneName::as_str).join(", ");
+        write!(f, "there is no scene named '{}'; the scenes are {names}", self.0)
+    }
+}
+
+impl Error for UnknownScene {}
+
+impl FromStr for SceneName {
+    type Err = UnknownScene;
+
+    fn from_str(name: &str) -> Result<Self, Self::Err> {
+        let plain = |name: &str| name.trim().to_ascii_lowercase().replace('-', "_");
+        Self::ALL.into_iter().find(|scene| scene.as_str() == plain(name)).ok_or_else(|| UnknownScene(name.to_owned()))
+    }
+}
+
+/// What can be chosen about a scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SceneOptions {
+    /// Fineness of the atrium's curved parts: triangles grow with its square. 1 gives about 70 thousand triangles, 2 about 260 thousand.
+    /// Clamped to 0.25..=8.
+    pub detail: f32,
+    /// Edge of procedural textures in texels, clamped to 4..=2048.
+    pub texture_size: u32,
+}
+
+impl Default for SceneOptions {
+    fn default() -> Self {
+        Self { detail: 1.0, texture_size: 512 }
+    }
+}
+
+/// Spawns a scene with everything but the camera; returns the root, which carries [`SceneStatistics`](crate::SceneStatistics).
+pub fn spawn(name: SceneName, world: &mut World) -> Entity {
+    spawn_with(name, world, &SceneOptions::default())
+}
+
+/// Like [`spawn`], with options.
+pub fn spawn_with(name: SceneName, world: &mut World, options: &SceneOptions) -> Entity {
+    let options = SceneOptions {
+        detail: if options.detail.is_finite() { options.detail.clamp(0.25, 8.0) } else { 1.0 },
+        texture_size: options.texture_size.clamp(4, 2048),
+    };
+    let root = match name {
+        SceneName::Demo => demo::spawn(world, &options),
+        SceneName::Atrium => atrium::spawn(world, &options),
+        SceneName::MirrorRoom => small::mirror_room(world),
+        SceneName::Furnace => small::furnace(world),
+        SceneName::EmissiveFloor => small::emissive_floor(world),
+    };
+    // Things that move start where they are at time zero, with or without the animation.
+    for (motion, mut transform) in world.query::<(&Motion, &mut Transform)>().iter_mut(world) {
+        motion.apply(0.0, &mut transform);
+    }
+    root
+}
+
+/// Where the camera of a scene stands and how it sees; the aspect ratio follows from the target.
+pub fn camera(name: SceneName) -> (Transform, PerspectiveProjection) {
+    let (transform, vertical_degrees) = match name {
+        SceneName::Demo => demo::camera(),
+        SceneName::Atrium => (atrium::camera_path(0.0), 58.0),
+        SceneName::MirrorRoom | SceneName::Furnace | SceneName::EmissiveFloor => small::camera(name),
+    };
+    (transform, PerspectiveProjection { fov: f32::to_radians(vertical_degrees), near: 0.1, far: 500.0, ..Default::default() })
+}
+
+/// What the camera of a scene carries.
+#[derive(Clone)]
+pub struct Environment {
+    /// Diffuse and specular light of the sky.
+    pub light: Option<EnvironmentMapLight>,
+    /// The visible sky; black without one.
+    pub skybox: Option<Skybox>,
+    /// Exposure of the camera.
+    pub exposure: Exposure,
+    /// How radiance becomes a picture.
+    pub tonemapping: Tonemapping,
+}
+
+impl Environment {
+    /// Puts the components on a camera. Ambient light is switched off: the environment map takes its place.
+    pub fn insert(self, camera: &mut EntityWorldMut) {
+        camera.insert((self.exposure, self.tonemapping, AmbientLight { brightness: 0.0, ..Default::default() }));
+        if let Some(light) = self.light {
+            camera.insert(light);
+        }
+        if let Some(skybox) = self.skybox {
+            camera.insert(skybox);
+        }
+    }
+}
+
+/// Skies that were baked before, so that several cameras share them.
+#[derive(Resource, Default)]
+struct BakedSkies(Vec<(Sky, EnvironmentMapLight, Skybox)>);
+
+/// A sky as the camera's light and background; `brightness` scales it to cd/m².
+pub(crate) fn sky(world: &mut World, sky: Sky, brightness: f32) -> (EnvironmentMapLight, Skybox) {
+    world.init_resource::<Assets<Image>>();
+    world.init_resource::<BakedSkies>();
+    world.resource_scope(|world, mut baked: bevy::ecs::change_detection::Mut<BakedSkies>| {
+        if !baked.0.iter().any(|(other, ..)| *other == sky) {
+            let mut images = world.resource_mut::<Assets<Image>>();
+            let light = sky.environment(&mut images, brightness);
+            let skybox = Skybox { image: Some(sky.background(&mut images)), brightness, ..Default::default() };
+            baked.0.push((sky, light, skybox));
+        }
+        let (_, light, skybox) = baked.0.iter().find(|(other, ..)| *other == sky).cloned().unwrap_or((
+            sky,
+            EnvironmentMapLight::default(),
+            Skybox::default(),
+        ));
+        (light.with_intensity(brightness), Skybox { brightness, ..skybox })
+    })
+}
+
+/// The sky, exposure and tone mapping of a scene.
+pub fn environment(name: SceneName, world: &mut World) -> Environment {
+    match name {
+        SceneName::Demo => demo::environment(world),
+        SceneName::Atrium => atrium::environment(world),
+        SceneName::MirrorRoom | SceneName::Furnace | SceneName::EmissiveFloor => small::environment(name, world),
+    }
+}
