@@ -167,7 +167,7 @@ fn gallery_of_spheres(scene: &mut SceneBuilder, size: u32) {
     let step_stone = scene.material(StandardMaterial { base_color: Color::srgb(0.30, 0.32, 0.36), perceptual_roughness: 0.45, ..stone });
     let trim = scene.material(metal(BRASS, 0.22));
     let sphere = scene.shape(|g| {
-        g.sphere(Vec3::ZERO, 0.38, 96, Vec2::new(2.0, 1.0));
+        g.sphere(Vec3::ZERO, 0.38, 72, Vec2::new(2.0, 1.0));
     });
     for (row, (height, z)) in [(0.22, 0.35), (0.72, -0.75), (1.22, -1.85)].into_iter().enumerate() {
         let step = scene.shape(|g| {
