@@ -1,0 +1,129 @@
+//! What the examples share: the command line's vocabulary and the one place where the reflections are switched on.
+
+use bevy::{
+    camera::{Camera3d, Hdr},
+    camera_controller::free_camera::{FreeCamera, FreeCameraPlugin},
+    core_pipeline::tonemapping::DebandDither,
+    pbr::DefaultOpaqueRendererMethod,
+    prelude::*,
+};
+use std::{path::PathBuf, process::ExitCode, str::FromStr};
+
+/// Declares an enum whose variants are words on the command line.
+macro_rules! words {
+    ($(#[$doc:meta])* $name:ident { $($variant:ident = $word:literal),+ $(,)? }) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        pub enum $name { #[default] $($variant),+ }
+
+        impl FromStr for $name {
+            type Err = String;
+
+            fn from_str(word: &str) -> Result<Self, String> {
+                match word {
+                    $($word => Ok(Self::$variant),)+
+                    _ => Err(format!("'{word}' is none of: {}", [$($word),+].join(", "))),
+                }
+            }
+        }
+    };
+}
+
+words!(/** How reflections are computed. */ TechniqueWord { Reference = "reference", Converged = "converged" , Off = "off" });
+words!(/** What traces the rays. */ TracerWord { Auto = "auto", RayQuery = "ray-query", Bvh = "bvh" });
+words!(/** What varies the rate. */ BackendWord { Auto = "auto", Compute = "compute", Hardware = "hardware" });
+
+/// What the command line says about the reflections.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ReflectionOptions {
+    pub technique: TechniqueWord,
+    pub tracer: TracerWord,
+    pub backend: BackendWord,
+}
+
+/// Adds the plugin.
+pub fn add_reflections(app: &mut App, options: ReflectionOptions) {
+    let _ = (app, options.tracer, options.backend);
+    // let tracer = match options.tracer {
+    //     TracerWord::Auto => TracerChoice::Auto,
+    //     TracerWord::RayQuery => TracerChoice::RayQuery,
+    //     TracerWord::Bvh => TracerChoice::Bvh,
+    // };
+    // app.add_plugins(bevy_glint::RayTracedReflectionsPlugin { tracer, ..default() });
+}
+
+/// Gives a camera its reflections.
+pub fn reflection_camera(camera: &mut EntityWorldMut, options: ReflectionOptions) {
+    camera.insert((Hdr, Msaa::Off));
+    let _ = options.technique;
+    // let technique = match options.technique {
+    //     TechniqueWord::Off => return,
+    //     TechniqueWord::Reference => Technique::Reference,
+    //     TechniqueWord::Converged => Technique::Converged,
+    // };
+    // camera.insert(bevy_glint::RayTracedReflections { technique, ..default() });
+}
+
+/// A size such as `1920x1080`.
+#[derive(Clone, Copy, Debug)]
+pub struct Size(pub UVec2);
+
+impl FromStr for Size {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        text.split_once(['x', 'X'])
+            .and_then(|(w, h)| Some(UVec2::new(w.trim().parse().ok()?, h.trim().parse().ok()?)))
+            .filter(|size| size.min_element() >= 1 && size.max_element() <= 16_384)
+            .map(Size)
+            .ok_or_else(|| format!("'{text}' is not a size such as 1280x720 (each between 1 and 16384)"))
+    }
+}
+
+/// An app with a window and a camera to fly with.
+pub fn windowed_app(title: &str, size: UVec2) -> Result<App, String> {
+    let unix = cfg!(all(unix, not(target_os = "macos")));
+    if unix && std::env::var_os("DISPLAY").is_none() && std::env::var_os("WAYLAND_DISPLAY").is_none() {
+        return Err("there is no display to open a window on; pass --headless --out FILE.png for a picture".to_owned());
+    }
+    let window = Window { title: title.to_owned(), resolution: (size.x, size.y).into(), ..default() };
+    let mut app = App::new();
+    app.add_plugins((
+        DefaultPlugins
+            .set(WindowPlugin { primary_window: Some(window), ..default() })
+            .set(AssetPlugin { unapproved_path_mode: bevy::asset::UnapprovedPathMode::Allow, ..default() }),
+        FreeCameraPlugin,
+    ))
+    .insert_resource(DefaultOpaqueRendererMethod::deferred());
+    Ok(app)
+}
+
+/// The camera of a window; `speed` in metres per second.
+pub fn window_camera(speed: f32) -> impl Bundle {
+    let fly = FreeCamera { walk_speed: speed, run_speed: 4.0 * speed, ..default() };
+    (Camera3d::default(), Hdr, Msaa::Off, DebandDither::Enabled, fly)
+}
+
+/// Where a picture goes when nothing is said.
+pub fn default_picture(name: &str) -> PathBuf {
+    PathBuf::from(format!("{name}.png"))
+}
+
+/// Says what went wrong in one sentence.
+pub fn report(result: Result<(), String>) -> ExitCode {
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(reason) => {
+            eprintln!("error: {reason}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Runs an app with a window until it is closed.
+pub fn run(mut app: App) -> Result<(), String> {
+    match app.run() {
+        AppExit::Success => Ok(()),
+        AppExit::Error(_) => Err("the app ended with an error".to_owned()),
+    }
+}
