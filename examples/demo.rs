@@ -7,7 +7,9 @@ mod common;
 use argh::FromArgs;
 use bevy::prelude::*;
 use common::{BackendWord, ReflectionOptions, Size, TechniqueWord, TracerWord};
-use glint_scenes::{HeadlessApp, HeadlessSettings, SceneAnimationPlugin, SceneName, SceneOptions, camera, environment, spawn_with};
+use glint_scenes::{
+    HeadlessApp, HeadlessSettings, SceneAnimationPlugin, SceneName, SceneOptions, camera, environment, spawn_with,
+};
 use std::{path::PathBuf, process::ExitCode};
 
 /// Show a scene with ray-traced reflections.
@@ -47,21 +49,36 @@ struct Arguments {
 
 impl Arguments {
     fn reflections(&self) -> ReflectionOptions {
-        ReflectionOptions { technique: self.technique, tracer: self.tracer, backend: self.backend }
+        ReflectionOptions {
+            technique: self.technique,
+            tracer: self.tracer,
+            backend: self.backend,
+        }
     }
 
     fn options(&self) -> SceneOptions {
-        SceneOptions { detail: self.detail, ..default() }
+        SceneOptions {
+            detail: self.detail,
+            ..default()
+        }
     }
 }
 
 fn main() -> ExitCode {
     let arguments: Arguments = argh::from_env();
-    common::report(if arguments.headless { picture(&arguments) } else { window(&arguments) })
+    common::report(if arguments.headless {
+        picture(&arguments)
+    } else {
+        window(&arguments)
+    })
 }
 
 fn picture(arguments: &Arguments) -> Result<(), String> {
-    let settings = HeadlessSettings { size: arguments.size.0, log: true, ..default() };
+    let settings = HeadlessSettings {
+        size: arguments.size.0,
+        log: true,
+        ..default()
+    };
     let mut app = HeadlessApp::new(settings, |app| {
         app.add_plugins(SceneAnimationPlugin);
         common::add_reflections(app, arguments.reflections());
@@ -74,7 +91,10 @@ fn picture(arguments: &Arguments) -> Result<(), String> {
     }
     app.warm_up(4000).map_err(|error| error.to_string())?;
     app.step(arguments.frames.max(1));
-    let path = arguments.out.clone().unwrap_or_else(|| common::default_picture(arguments.scene.as_str()));
+    let path = arguments
+        .out
+        .clone()
+        .unwrap_or_else(|| common::default_picture(arguments.scene.as_str()));
     app.save(&path).map_err(|error| error.to_string())?;
     println!("wrote {}", path.display());
     Ok(())

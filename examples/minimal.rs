@@ -16,9 +16,21 @@ fn main() {
 
 fn setup(world: &mut World) {
     let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
-    let floor = materials.add(StandardMaterial { base_color: Color::srgb(0.08, 0.09, 0.1), perceptual_roughness: 0.1, ..default() });
-    let metal = materials.add(StandardMaterial { metallic: 1.0, perceptual_roughness: 0.0, ..default() });
-    let red = materials.add(StandardMaterial { base_color: Color::srgb(0.8, 0.1, 0.05), perceptual_roughness: 0.6, ..default() });
+    let floor = materials.add(StandardMaterial {
+        base_color: Color::srgb(0.08, 0.09, 0.1),
+        perceptual_roughness: 0.1,
+        ..default()
+    });
+    let metal = materials.add(StandardMaterial {
+        metallic: 1.0,
+        perceptual_roughness: 0.0,
+        ..default()
+    });
+    let red = materials.add(StandardMaterial {
+        base_color: Color::srgb(0.8, 0.1, 0.05),
+        perceptual_roughness: 0.6,
+        ..default()
+    });
     let mut meshes = world.resource_mut::<Assets<Mesh>>();
     let (plane, ball, block) = (
         meshes.add(Plane3d::default().mesh().size(20.0, 20.0)),
@@ -34,9 +46,17 @@ fn setup(world: &mut World) {
 
     world.spawn((Mesh3d(plane), MeshMaterial3d(floor)));
     world.spawn((Mesh3d(ball), MeshMaterial3d(metal), Transform::from_xyz(-1.2, 1.0, 0.0)));
-    world.spawn((Mesh3d(block), MeshMaterial3d(red), Transform::from_xyz(1.3, 0.7, 0.4).with_rotation(Quat::from_rotation_y(0.6))));
     world.spawn((
-        DirectionalLight { illuminance: 6_000.0, shadow_maps_enabled: true, ..default() },
+        Mesh3d(block),
+        MeshMaterial3d(red),
+        Transform::from_xyz(1.3, 0.7, 0.4).with_rotation(Quat::from_rotation_y(0.6)),
+    ));
+    world.spawn((
+        DirectionalLight {
+            illuminance: 6_000.0,
+            shadow_maps_enabled: true,
+            ..default()
+        },
         Transform::default().looking_to(Vec3::new(-0.6, -1.0, -0.7), Vec3::Y),
     ));
 

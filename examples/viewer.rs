@@ -16,7 +16,10 @@ use bevy::{
 };
 use common::{BackendWord, ReflectionOptions, Size, TechniqueWord, TracerWord};
 use glint_scenes::{Environment, HeadlessApp, HeadlessSettings, Sky, sun_direction};
-use std::{path::{Path, PathBuf}, process::ExitCode};
+use std::{
+    path::{Path, PathBuf},
+    process::ExitCode,
+};
 
 /// Show a glTF file with ray-traced reflections.
 #[derive(FromArgs, Clone)]
@@ -49,7 +52,11 @@ struct Arguments {
 
 impl Arguments {
     fn reflections(&self) -> ReflectionOptions {
-        ReflectionOptions { technique: self.technique, tracer: self.tracer, backend: self.backend }
+        ReflectionOptions {
+            technique: self.technique,
+            tracer: self.tracer,
+            backend: self.backend,
+        }
     }
 }
 
@@ -68,13 +75,19 @@ struct ViewerCamera;
 fn main() -> ExitCode {
     let arguments: Arguments = argh::from_env();
     common::report(readable(&arguments.file).and_then(|file| {
-        if arguments.headless { picture(&arguments, file) } else { window(&arguments, file) }
+        if arguments.headless {
+            picture(&arguments, file)
+        } else {
+            window(&arguments, file)
+        }
     }))
 }
 
 /// The absolute path of a file that can be opened and may be glTF.
 fn readable(path: &Path) -> Result<PathBuf, String> {
-    let known = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("gltf") || e.eq_ignore_ascii_case("glb"));
+    let known = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("gltf") || e.eq_ignore_ascii_case("glb"));
     if !known {
         return Err(format!("'{}' is not a .gltf or .glb file", path.display()));
     }
@@ -84,7 +97,11 @@ fn readable(path: &Path) -> Result<PathBuf, String> {
 }
 
 fn picture(arguments: &Arguments, file: PathBuf) -> Result<(), String> {
-    let settings = HeadlessSettings { size: arguments.size.0, log: true, ..default() };
+    let settings = HeadlessSettings {
+        size: arguments.size.0,
+        log: true,
+        ..default()
+    };
     let mut app = HeadlessApp::new(settings, |app| {
         app.init_resource::<Framing>().add_systems(Update, frame_scene);
         common::add_reflections(app, arguments.reflections());
@@ -98,7 +115,10 @@ fn picture(arguments: &Arguments, file: PathBuf) -> Result<(), String> {
         return Err(format!("'{}' holds nothing that can be seen", arguments.file.display()));
     }
     app.step(arguments.frames.max(1));
-    let path = arguments.out.clone().unwrap_or_else(|| common::default_picture("viewer"));
+    let path = arguments
+        .out
+        .clone()
+        .unwrap_or_else(|| common::default_picture("viewer"));
     app.save(&path).map_err(|error| error.to_string())?;
     println!("wrote {}", path.display());
     Ok(())
@@ -107,12 +127,15 @@ fn picture(arguments: &Arguments, file: PathBuf) -> Result<(), String> {
 fn window(arguments: &Arguments, file: PathBuf) -> Result<(), String> {
     let name = arguments.file.display().to_string();
     let mut app = common::windowed_app(&name, arguments.size.0)?;
-    app.init_resource::<Framing>().add_systems(Update, (frame_scene, give_up));
+    app.init_resource::<Framing>()
+        .add_systems(Update, (frame_scene, give_up));
     common::add_reflections(&mut app, arguments.reflections());
     let reflections = arguments.reflections();
     let file = std::sync::Mutex::new(Some(file));
     app.add_systems(Startup, move |world: &mut World| {
-        let Some(file) = file.lock().ok().and_then(|mut file| file.take()) else { return };
+        let Some(file) = file.lock().ok().and_then(|mut file| file.take()) else {
+            return;
+        };
         let camera = world.spawn((common::window_camera(3.0), ViewerCamera)).id();
         load(world, camera, file);
         common::reflection_camera(&mut world.entity_mut(camera), reflections);
@@ -138,7 +161,11 @@ fn load(world: &mut World, camera: Entity, file: PathBuf) {
     let mut images = world.resource_mut::<Assets<Image>>();
     let environment = Environment {
         light: Some(sky.environment(&mut images, 2_000.0)),
-        skybox: Some(Skybox { image: Some(sky.background(&mut images)), brightness: 2_000.0, ..default() }),
+        skybox: Some(Skybox {
+            image: Some(sky.background(&mut images)),
+            brightness: 2_000.0,
+            ..default()
+        }),
         exposure: Exposure { ev100: 11.0 },
         tonemapping: Tonemapping::TonyMcMapface,
     };
@@ -168,7 +195,14 @@ fn loaded(
 fn frame_scene(
     mut framing: ResMut<Framing>,
     objects: Query<(&Aabb, &GlobalTransform), With<Mesh3d>>,
-    unbounded: Query<(), (With<Mesh3d>, Without<Aabb>, Without<bevy::camera::visibility::NoFrustumCulling>)>,
+    unbounded: Query<
+        (),
+        (
+            With<Mesh3d>,
+            Without<Aabb>,
+            Without<bevy::camera::visibility::NoFrustumCulling>,
+        ),
+    >,
     lights: Query<(), Or<(With<DirectionalLight>, With<PointLight>, With<SpotLight>)>>,
     mut camera: Single<(&mut Transform, &mut Projection, Option<&mut FreeCamera>), With<ViewerCamera>>,
     mut commands: Commands,
@@ -195,15 +229,25 @@ fn frame_scene(
     let (transform, projection, fly) = &mut *camera;
     let fov = 45f32.to_radians();
     let distance = radius / (0.5 * fov).sin();
-    **transform = Transform::from_translation(center + Vec3::new(0.55, 0.38, 1.0).normalize() * distance).looking_at(center, Vec3::Y);
-    **projection = Projection::from(PerspectiveProjection { fov, near: 0.002 * radius, far: 50.0 * radius, ..default() });
+    **transform = Transform::from_translation(center + Vec3::new(0.55, 0.38, 1.0).normalize() * distance)
+        .looking_at(center, Vec3::Y);
+    **projection = Projection::from(PerspectiveProjection {
+        fov,
+        near: 0.002 * radius,
+        far: 50.0 * radius,
+        ..default()
+    });
     if let Some(fly) = fly {
         fly.walk_speed = radius;
         fly.run_speed = 4.0 * radius;
     }
     if lights.is_empty() {
         commands.spawn((
-            DirectionalLight { illuminance: 22_000.0, shadow_maps_enabled: true, ..default() },
+            DirectionalLight {
+                illuminance: 22_000.0,
+                shadow_maps_enabled: true,
+                ..default()
+            },
             CascadeShadowConfigBuilder {
                 minimum_distance: 0.02 * radius,
                 first_cascade_far_bound: distance,

@@ -1,5 +1,7 @@
 //! What the examples share: the command line's vocabulary and the one place where the reflections are switched on.
 
+#![allow(dead_code, reason = "each example uses a part")]
+
 use bevy::{
     camera::{Camera3d, Hdr},
     camera_controller::free_camera::{FreeCamera, FreeCameraPlugin},
@@ -86,12 +88,22 @@ pub fn windowed_app(title: &str, size: UVec2) -> Result<App, String> {
     if unix && std::env::var_os("DISPLAY").is_none() && std::env::var_os("WAYLAND_DISPLAY").is_none() {
         return Err("there is no display to open a window on; pass --headless --out FILE.png for a picture".to_owned());
     }
-    let window = Window { title: title.to_owned(), resolution: (size.x, size.y).into(), ..default() };
+    let window = Window {
+        title: title.to_owned(),
+        resolution: (size.x, size.y).into(),
+        ..default()
+    };
     let mut app = App::new();
     app.add_plugins((
         DefaultPlugins
-            .set(WindowPlugin { primary_window: Some(window), ..default() })
-            .set(AssetPlugin { unapproved_path_mode: bevy::asset::UnapprovedPathMode::Allow, ..default() }),
+            .set(WindowPlugin {
+                primary_window: Some(window),
+                ..default()
+            })
+            .set(AssetPlugin {
+                unapproved_path_mode: bevy::asset::UnapprovedPathMode::Allow,
+                ..default()
+            }),
         FreeCameraPlugin,
     ))
     .insert_resource(DefaultOpaqueRendererMethod::deferred());
@@ -100,7 +112,11 @@ pub fn windowed_app(title: &str, size: UVec2) -> Result<App, String> {
 
 /// The camera of a window; `speed` in metres per second.
 pub fn window_camera(speed: f32) -> impl Bundle {
-    let fly = FreeCamera { walk_speed: speed, run_speed: 4.0 * speed, ..default() };
+    let fly = FreeCamera {
+        walk_speed: speed,
+        run_speed: 4.0 * speed,
+        ..default()
+    };
     (Camera3d::default(), Hdr, Msaa::Off, DebandDither::Enabled, fly)
 }
 

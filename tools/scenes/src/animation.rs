@@ -2,7 +2,10 @@
 
 use bevy::{
     app::{App, Plugin, Update},
-    ecs::{component::Component, system::{Query, Res}},
+    ecs::{
+        component::Component,
+        system::{Query, Res},
+    },
     math::{Quat, Vec3, ops},
     time::Time,
     transform::components::Transform,
@@ -51,7 +54,12 @@ impl Motion {
             Motion::Spin { start, axis, rate } => {
                 transform.rotation = start * Quat::from_axis_angle(axis, TAU * (seconds * rate).fract());
             }
-            Motion::Orbit { center, extent, rate, phase } => {
+            Motion::Orbit {
+                center,
+                extent,
+                rate,
+                phase,
+            } => {
                 let angle = TAU * (seconds * rate + phase).fract();
                 let ring = Vec3::new(ops::cos(angle), ops::sin(angle * 2.0), ops::sin(angle));
                 transform.translation = center + extent * ring;

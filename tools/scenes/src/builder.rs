@@ -6,12 +6,12 @@ use crate::{
 };
 use bevy::{
     asset::{Assets, Handle},
+    camera::visibility::Visibility,
     ecs::{bundle::Bundle, component::Component, entity::Entity, hierarchy::ChildOf, world::World},
     image::Image,
     math::Vec2,
     mesh::{Mesh, Mesh3d},
     pbr::{MeshMaterial3d, StandardMaterial},
-    camera::visibility::Visibility,
     transform::components::Transform,
 };
 
@@ -49,14 +49,21 @@ impl<'w> SceneBuilder<'w> {
         world.init_resource::<Assets<Image>>();
         world.init_resource::<Assets<StandardMaterial>>();
         let root = world.spawn((Transform::IDENTITY, Visibility::default())).id();
-        Self { world, root, statistics: SceneStatistics::default() }
+        Self {
+            world,
+            root,
+            statistics: SceneStatistics::default(),
+        }
     }
 
     /// Adds a mesh asset.
     pub fn mesh(&mut self, geometry: Geometry) -> SceneMesh {
         let triangles = geometry.triangles();
         self.statistics.meshes += 1;
-        SceneMesh { handle: self.world.resource_mut::<Assets<Mesh>>().add(geometry.into_mesh()), triangles }
+        SceneMesh {
+            handle: self.world.resource_mut::<Assets<Mesh>>().add(geometry.into_mesh()),
+            triangles,
+        }
     }
 
     /// Adds a mesh asset made by a closure.

@@ -27,8 +27,14 @@ impl Geometry {
     pub fn append(&mut self, other: &Geometry, transform: Transform) -> &mut Self {
         let base = self.positions.len() as u32;
         let inverse_scale = transform.scale.recip();
-        self.positions.extend(other.positions.iter().map(|&p| transform.transform_point(p)));
-        self.normals.extend(other.normals.iter().map(|&n| (transform.rotation * (n * inverse_scale)).normalize_or(n)));
+        self.positions
+            .extend(other.positions.iter().map(|&p| transform.transform_point(p)));
+        self.normals.extend(
+            other
+                .normals
+                .iter()
+                .map(|&n| (transform.rotation * (n * inverse_scale)).normalize_or(n)),
+        );
         self.uvs.extend_from_slice(&other.uvs);
         let mirrored = transform.scale.x * transform.scale.y * transform.scale.z < 0.0;
         for triangle in other.indices.chunks_exact(3) {
@@ -79,7 +85,8 @@ impl Geometry {
         self.positions.extend(corners);
         self.normals.extend([normal; 4]);
         let (w, h) = (uv_size.x, uv_size.y);
-        self.uvs.extend([Vec2::new(0.0, h), Vec2::new(w, h), Vec2::new(w, 0.0), Vec2::ZERO]);
+        self.uvs
+            .extend([Vec2::new(0.0, h), Vec2::new(w, h), Vec2::new(w, 0.0), Vec2::ZERO]);
         self.triangle(base, base + 1, base + 2);
         self.triangle(base, base + 2, base + 3);
         self
@@ -94,7 +101,8 @@ impl Geometry {
         let base = self.positions.len() as u32;
         self.positions.extend(corners);
         self.normals.extend([normal; 4]);
-        self.uvs.extend(corners.map(|p| Vec2::new(p.dot(right), -p.dot(up)) * uv_scale));
+        self.uvs
+            .extend(corners.map(|p| Vec2::new(p.dot(right), -p.dot(up)) * uv_scale));
         self.triangle(base, base + 1, base + 2);
         self.triangle(base, base + 2, base + 3);
         self
@@ -112,9 +120,16 @@ impl Geometry {
             (Vec3::X, Vec3::Z),
         ] {
             let out = right.cross(up);
-            let (r, u, o) = (right * half.dot(right.abs()), up * half.dot(up.abs()), out * half.dot(out.abs()));
+            let (r, u, o) = (
+                right * half.dot(right.abs()),
+                up * half.dot(up.abs()),
+                out * half.dot(out.abs()),
+            );
             let m = center + o;
-            self.quad([m - r - u, m + r - u, m + r + u, m - r + u], 2.0 * uv_scale * Vec2::new(r.length(), u.length()));
+            self.quad(
+                [m - r - u, m + r - u, m + r + u, m - r + u],
+                2.0 * uv_scale * Vec2::new(r.length(), u.length()),
+            );
         }
         self
     }
@@ -139,7 +154,11 @@ impl Geometry {
             let steps = 2 * segments + 2;
             let axis_at = |i: u32, length: f32| {
                 // First half of the steps covers the left rounding (angle -45..0 degrees), the rest the right one.
-                let (side, k) = if i <= segments { (-1.0, segments - i) } else { (1.0, i - segments - 1) };
+                let (side, k) = if i <= segments {
+                    (-1.0, segments - i)
+                } else {
+                    (1.0, i - segments - 1)
+                };
                 let tangent = ops::tan(k as f32 / segments as f32 * PI * 0.25);
                 (side * (length - radius), side * tangent)
             };
@@ -172,17 +191,28 @@ impl Geometry {
         self.surface(segments.max(3), segments.max(4) / 2, uv_scale, |u, v| {
             let (longitude, latitude) = (u * TAU, (v - 0.5) * PI);
             let ring = ops::cos(latitude);
-            center + radius * Vec3::new(ring * ops::sin(longitude), ops::sin(latitude), ring * ops::cos(longitude))
+            center
+                + radius
+                    * Vec3::new(
+                        ring * ops::sin(longitude),
+                        ops::sin(latitude),
+                        ring * ops::cos(longitude),
+                    )
         })
     }
 
     /// Adds a torus in the xy plane.
     pub fn torus(&mut self, radius: f32, tube: f32, segments: u32, sides: u32) -> &mut Self {
-        self.surface(segments.max(3), sides.max(3), Vec2::new(segments as f32 / 8.0, 1.0), |u, v| {
-            let (a, b) = (u * TAU, v * TAU);
-            let ring = radius + tube * ops::cos(b);
-            Vec3::new(ring * ops::cos(a), ring * ops::sin(a), tube * ops::sin(b))
-        })
+        self.surface(
+            segments.max(3),
+            sides.max(3),
+            Vec2::new(segments as f32 / 8.0, 1.0),
+            |u, v| {
+                let (a, b) = (u * TAU, v * TAU);
+                let ring = radius + tube * ops::cos(b);
+                Vec3::new(ring * ops::cos(a), ring * ops::sin(a), tube * ops::sin(b))
+            },
+        )
     }
 
     /// Adds the revolution about the y axis of a profile of (radius, height) points from bottom to top. Between consecutive points the surface is
@@ -211,7 +241,8 @@ impl Geometry {
                     let angle = s as f32 / segments as f32 * TAU;
                     let (sin, cos) = (ops::sin(angle), ops::cos(angle));
                     self.positions.push(Vec3::new(p.x * sin, p.y, p.x * cos));
-                    self.normals.push(Vec3::new(slope.y * sin, -slope.x, slope.y * cos).normalize_or(Vec3::Y));
+                    self.normals
+                        .push(Vec3::new(slope.y * sin, -slope.x, slope.y * cos).normalize_or(Vec3::Y));
                     self.uvs.push(Vec2::new(s as f32 / segments as f32, -along) * uv_scale);
                 }
             }
@@ -240,7 +271,9 @@ impl Geometry {
             let (previous, next) = (path[i.saturating_sub(1)], path[(i + 1).min(path.len() - 1)]);
             let forward = (next - previous).normalize_or(Vec3::Y);
             // Parallel transport keeps the section from twisting.
-            side = (side - forward * side.dot(forward)).try_normalize().unwrap_or_else(|| forward.any_orthonormal_vector());
+            side = (side - forward * side.dot(forward))
+                .try_normalize()
+                .unwrap_or_else(|| forward.any_orthonormal_vector());
             let other = forward.cross(side);
             length += previous.distance(p);
             for s in 0..=sides {
@@ -275,7 +308,10 @@ impl Geometry {
         let mut along_v = along_u.clone();
         for triangle in self.indices.chunks_exact(3) {
             let [a, b, c] = [triangle[0], triangle[1], triangle[2]].map(|i| i as usize);
-            let (e1, e2) = (self.positions[b] - self.positions[a], self.positions[c] - self.positions[a]);
+            let (e1, e2) = (
+                self.positions[b] - self.positions[a],
+                self.positions[c] - self.positions[a],
+            );
             let (d1, d2) = (self.uvs[b] - self.uvs[a], self.uvs[c] - self.uvs[a]);
             let area = d1.perp_dot(d2);
             if area.abs() < 1e-12 {
@@ -301,9 +337,18 @@ impl Geometry {
     pub fn into_mesh(self) -> Mesh {
         let tangents: Vec<[f32; 4]> = self.tangents().iter().map(Vec4::to_array).collect();
         Mesh::new(PrimitiveTopology::TriangleList, RenderAssetUsages::default())
-            .with_inserted_attribute(Mesh::ATTRIBUTE_POSITION, self.positions.iter().map(Vec3::to_array).collect::<Vec<_>>())
-            .with_inserted_attribute(Mesh::ATTRIBUTE_NORMAL, self.normals.iter().map(Vec3::to_array).collect::<Vec<_>>())
-            .with_inserted_attribute(Mesh::ATTRIBUTE_UV_0, self.uvs.iter().map(Vec2::to_array).collect::<Vec<_>>())
+            .with_inserted_attribute(
+                Mesh::ATTRIBUTE_POSITION,
+                self.positions.iter().map(Vec3::to_array).collect::<Vec<_>>(),
+            )
+            .with_inserted_attribute(
+                Mesh::ATTRIBUTE_NORMAL,
+                self.normals.iter().map(Vec3::to_array).collect::<Vec<_>>(),
+            )
+            .with_inserted_attribute(
+                Mesh::ATTRIBUTE_UV_0,
+                self.uvs.iter().map(Vec2::to_array).collect::<Vec<_>>(),
+            )
             .with_inserted_attribute(Mesh::ATTRIBUTE_TANGENT, tangents)
             .with_inserted_indices(Indices::U32(self.indices))
     }

@@ -1,6 +1,9 @@
 //! Small glTF files with embedded buffers, written from code, for tests of the loader's path.
 
-use std::{fs, io, path::{Path, PathBuf}};
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
 
 /// Writes `triangle.gltf` (U16 indices, positions only) and `quads.gltf` (two instances of a quad, one mirrored by a negative scale, with normals,
 /// UVs and vertex colours, an emissive material and an alpha-masked double-sided one) into a folder; returns their paths.
@@ -51,7 +54,15 @@ fn quads() -> String {
     let mut bytes = floats(&[-0.5, 0.0, 0.0, 0.5, 0.0, 0.0, 0.5, 1.0, 0.0, -0.5, 1.0, 0.0]);
     bytes.extend(floats(&[0.0, 0.0, 1.0].repeat(4)));
     bytes.extend(floats(&[0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]));
-    bytes.extend([[255, 255, 255, 255], [255, 128, 128, 255], [128, 255, 128, 255], [128, 128, 255, 0u8]].concat());
+    bytes.extend(
+        [
+            [255, 255, 255, 255],
+            [255, 128, 128, 255],
+            [128, 255, 128, 255],
+            [128, 128, 255, 0u8],
+        ]
+        .concat(),
+    );
     bytes.extend([0u8, 1, 2, 0, 2, 3, 0, 0]);
     format!(
         r#"{{
@@ -99,7 +110,11 @@ fn base64(bytes: &[u8]) -> String {
         let word = chunk.iter().fold(0u32, |word, &byte| word << 8 | u32::from(byte)) << (8 * (3 - chunk.len()));
         for digit in 0..4 {
             let used = digit <= chunk.len();
-            text.push(if used { char::from(DIGITS[(word >> (18 - 6 * digit)) as usize & 63]) } else { '=' });
+            text.push(if used {
+                char::from(DIGITS[(word >> (18 - 6 * digit)) as usize & 63])
+            } else {
+                '='
+            });
         }
     }
     text

@@ -109,13 +109,23 @@ impl HeadlessApp {
     /// Builds the app: Bevy's default plugins without a window, then what `add` adds.
     pub fn new(settings: HeadlessSettings, add: impl FnOnce(&mut App)) -> Result<Self, HeadlessError> {
         let mut app = App::new();
-        let mut assets = AssetPlugin { unapproved_path_mode: UnapprovedPathMode::Allow, ..Default::default() };
+        let mut assets = AssetPlugin {
+            unapproved_path_mode: UnapprovedPathMode::Allow,
+            ..Default::default()
+        };
         if let Some(folder) = &settings.assets {
             assets.file_path.clone_from(folder);
         }
         let mut plugins = DefaultPlugins
-            .set(WindowPlugin { primary_window: None, exit_condition: ExitCondition::DontExit, ..Default::default() })
-            .set(RenderPlugin { synchronous_pipeline_compilation: true, ..Default::default() })
+            .set(WindowPlugin {
+                primary_window: None,
+                exit_condition: ExitCondition::DontExit,
+                ..Default::default()
+            })
+            .set(RenderPlugin {
+                synchronous_pipeline_compilation: true,
+                ..Default::default()
+            })
             .set(assets)
             .disable::<PipelinedRenderingPlugin>()
             .disable::<TerminalCtrlCHandlerPlugin>();
@@ -135,7 +145,10 @@ impl HeadlessApp {
         }
         app.finish();
         app.cleanup();
-        if app.get_sub_app(RenderApp).is_none_or(|render| !render.world().contains_resource::<RenderDevice>()) {
+        if app
+            .get_sub_app(RenderApp)
+            .is_none_or(|render| !render.world().contains_resource::<RenderDevice>())
+        {
             return Err(HeadlessError::NoRenderer);
         }
 
@@ -147,7 +160,11 @@ impl HeadlessApp {
         let mut image = Image::new_target_texture(size.x, size.y, format, None);
         image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
         let target = app.world_mut().resource_mut::<Assets<Image>>().add(image);
-        Ok(Self { app, target, settings: HeadlessSettings { size, ..settings } })
+        Ok(Self {
+            app,
+            target,
+            settings: HeadlessSettings { size, ..settings },
+        })
     }
 
     /// The world of the app.
@@ -173,7 +190,14 @@ impl HeadlessApp {
     /// Spawns a camera that draws into the target: HDR, without multisampling or dithering. `extra` may override all of that.
     pub fn spawn_camera(&mut self, extra: impl Bundle) -> Entity {
         let target = self.target();
-        let camera = (Camera3d::default(), Camera::default(), target, Hdr, Msaa::Off, DebandDither::Disabled);
+        let camera = (
+            Camera3d::default(),
+            Camera::default(),
+            target,
+            Hdr,
+            Msaa::Off,
+            DebandDither::Disabled,
+        );
         let entity = self.world().spawn(camera).id();
         self.world().entity_mut(entity).insert(extra);
         entity
@@ -270,7 +294,10 @@ impl HeadlessApp {
             return Err(HeadlessError::Readback("the target is not linear".to_owned()));
         }
         let bytes = self.read_target()?;
-        Ok(bytes.chunks_exact(8).map(|p| [0, 2, 4, 6].map(|i| f32_from_half(u16::from_le_bytes([p[i], p[i + 1]])))).collect())
+        Ok(bytes
+            .chunks_exact(8)
+            .map(|p| [0, 2, 4, 6].map(|i| f32_from_half(u16::from_le_bytes([p[i], p[i + 1]]))))
+            .collect())
     }
 
     /// Writes the picture as PNG (or what the extension says and Bevy was built with).
@@ -288,9 +315,19 @@ pub fn save_picture(size: UVec2, bytes: Vec<u8>, path: &Path) -> Result<(), Head
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         std::fs::create_dir_all(folder).map_err(|error| fail(error.to_string()))?;
     }
-    let extent = Extent3d { width: size.x, height: size.y, depth_or_array_layers: 1 };
+    let extent = Extent3d {
+        width: size.x,
+        height: size.y,
+        depth_or_array_layers: 1,
+    };
     let format = TextureFormat::Rgba8UnormSrgb;
-    let image = Image::new(extent, TextureDimension::D2, bytes, format, RenderAssetUsages::default());
+    let image = Image::new(
+        extent,
+        TextureDimension::D2,
+        bytes,
+        format,
+        RenderAssetUsages::default(),
+    );
     let picture = image.try_into_dynamic().map_err(|error| fail(error.to_string()))?;
     picture.to_rgb8().save(path).map_err(|error| fail(error.to_string()))
 }
@@ -298,12 +335,18 @@ pub fn save_picture(size: UVec2, bytes: Vec<u8>, path: &Path) -> Result<(), Head
 /// Copies level 0 of an image from the GPU; `world` is the render world.
 pub fn read_image(world: &World, image: &Handle<Image>) -> Result<Vec<u8>, HeadlessError> {
     let fail = |reason: &str| HeadlessError::Readback(reason.to_owned());
-    let images = world.get_resource::<RenderAssets<GpuImage>>().ok_or(HeadlessError::NoRenderer)?;
+    let images = world
+        .get_resource::<RenderAssets<GpuImage>>()
+        .ok_or(HeadlessError::NoRenderer)?;
     let image = images.get(image).ok_or_else(|| fail("the image is not on the GPU"))?;
     let device = world.get_resource::<RenderDevice>().ok_or(HeadlessError::NoRenderer)?;
     let queue = world.get_resource::<RenderQueue>().ok_or(HeadlessError::NoRenderer)?;
     let Extent3d { width, height, .. } = image.texture_descriptor.size;
-    let texel = image.texture_descriptor.format.block_copy_size(None).ok_or_else(|| fail("the format cannot be copied"))?;
+    let texel = image
+        .texture_descriptor
+        .format
+        .block_copy_size(None)
+        .ok_or_else(|| fail("the format cannot be copied"))?;
     let row = (width * texel) as usize;
     let padded = RenderDevice::align_copy_bytes_per_row(row);
     let buffer = device.create_buffer(&BufferDescriptor {
@@ -317,18 +360,35 @@ pub fn read_image(world: &World, image: &Handle<Image>) -> Result<Vec<u8>, Headl
         image.texture.as_image_copy(),
         TexelCopyBufferInfo {
             buffer: &buffer,
-            layout: TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(padded as u32), rows_per_image: None },
+            layout: TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(padded as u32),
+                rows_per_image: None,
+            },
         },
-        Extent3d { width, height, depth_or_array_layers: 1 },
+        Extent3d {
+            width,
+            height,
+            depth_or_array_layers: 1,
+        },
     );
     queue.submit([encoder.finish()]);
     let slice = buffer.slice(..);
     slice.map_async(MapMode::Read, |_| {});
     device
-        .poll(PollType::Wait { submission_index: None, timeout: None })
+        .poll(PollType::Wait {
+            submission_index: None,
+            timeout: None,
+        })
         .map_err(|error| HeadlessError::Readback(error.to_string()))?;
-    let mapped = slice.get_mapped_range();
-    let bytes = mapped.chunks_exact(padded).flat_map(|line| &line[..row]).copied().collect();
+    let mapped = slice
+        .get_mapped_range()
+        .map_err(|error| HeadlessError::Readback(error.to_string()))?;
+    let bytes = mapped
+        .chunks_exact(padded)
+        .flat_map(|line| &line[..row])
+        .copied()
+        .collect();
     Ok(bytes)
 }
 

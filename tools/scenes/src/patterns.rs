@@ -25,7 +25,11 @@ pub fn polished_tiles(uv: Vec2) -> Texel {
     let dark = (x + y) % 2 == 0;
     let e = edge(grid).min_element();
     let inlay = 1.0 - smooth(0.012, 0.018, e);
-    let vein = veins(uv + Vec2::splat(hash(x, y, 7) * 3.0).floor() * 0.25, 3, if dark { 11 } else { 23 });
+    let vein = veins(
+        uv + Vec2::splat(hash(x, y, 7) * 3.0).floor() * 0.25,
+        3,
+        if dark { 11 } else { 23 },
+    );
     let cloud = fractal(uv, 6, 5, 5);
     let stone = if dark {
         mix(Vec3::new(0.075, 0.085, 0.10), Vec3::new(0.42, 0.40, 0.36), vein * 0.55) + (cloud - 0.5) * 0.05
@@ -95,7 +99,9 @@ pub fn stone_blocks(uv: Vec2) -> Texel {
     let grain = fractal(uv, 20, 5, 13);
     let stain = fractal(uv, 4, 4, 29);
     let tone = hash(id.0, id.1, 40);
-    let stone = mix(Vec3::new(0.69, 0.61, 0.49), Vec3::new(0.80, 0.73, 0.61), tone) * (0.80 + 0.25 * grain) * (0.86 + 0.24 * stain);
+    let stone = mix(Vec3::new(0.69, 0.61, 0.49), Vec3::new(0.80, 0.73, 0.61), tone)
+        * (0.80 + 0.25 * grain)
+        * (0.86 + 0.24 * stain);
     Texel {
         color: stone * (0.62 + 0.38 * body),
         height: 0.006 * body + 0.004 * grain,
@@ -127,12 +133,20 @@ pub fn floor_tiles(uv: Vec2) -> Texel {
     let body = smooth(0.015, 0.03, e);
     let wear = fractal(uv, 5, 5, 33);
     let tone = hash(x, y, 51);
-    let base = if (x + y) % 2 == 0 { Vec3::new(0.56, 0.35, 0.26) } else { Vec3::new(0.74, 0.67, 0.56) };
+    let base = if (x + y) % 2 == 0 {
+        Vec3::new(0.56, 0.35, 0.26)
+    } else {
+        Vec3::new(0.74, 0.67, 0.56)
+    };
     let color = base * (0.82 + 0.22 * tone) * (0.88 + 0.24 * wear);
     Texel {
         color: mix(Vec3::new(0.33, 0.30, 0.27), color, body),
         height: 0.003 * body + 0.0006 * wear,
-        roughness: if body > 0.5 { 0.16 + 0.30 * tone + 0.36 * (wear - 0.35).max(0.0) } else { 0.9 },
+        roughness: if body > 0.5 {
+            0.16 + 0.30 * tone + 0.36 * (wear - 0.35).max(0.0)
+        } else {
+            0.9
+        },
         occlusion: 0.75 + 0.25 * body,
         ..Default::default()
     }

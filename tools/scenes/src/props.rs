@@ -14,18 +14,45 @@ pub fn column(g: &mut Geometry, height: f32, radius: f32, segments: u32) {
     let base = 0.35 * r;
     g.cuboid(Vec3::new(0.0, base * 0.5, 0.0), Vec3::new(2.9 * r, base, 2.9 * r), 1.0);
     let top = height - 0.4 * r;
-    g.cuboid(Vec3::new(0.0, height - 0.2 * r, 0.0), Vec3::new(2.9 * r, 0.4 * r, 2.9 * r), 1.0);
+    g.cuboid(
+        Vec3::new(0.0, height - 0.2 * r, 0.0),
+        Vec3::new(2.9 * r, 0.4 * r, 2.9 * r),
+        1.0,
+    );
     let p = |x: f32, y: f32| Vec2::new(x * r, y);
-    let mut profile = vec![p(1.35, base), p(1.42, base + 0.12 * r), p(1.35, base + 0.26 * r), p(1.12, base + 0.30 * r)];
-    profile.extend([p(1.12, base + 0.40 * r), p(1.22, base + 0.48 * r), p(1.14, base + 0.58 * r), p(1.0, base + 0.62 * r)]);
+    let mut profile = vec![
+        p(1.35, base),
+        p(1.42, base + 0.12 * r),
+        p(1.35, base + 0.26 * r),
+        p(1.12, base + 0.30 * r),
+    ];
+    profile.extend([
+        p(1.12, base + 0.40 * r),
+        p(1.22, base + 0.48 * r),
+        p(1.14, base + 0.58 * r),
+        p(1.0, base + 0.62 * r),
+    ]);
     profile.push(p(1.0, base + 0.62 * r));
     // The shaft swells a little and narrows upwards.
     for i in 0..=6 {
         let t = i as f32 / 6.0;
-        profile.push(p(1.0 - 0.14 * t * t, base + 0.62 * r + (top - 1.5 * r - base - 0.62 * r) * t));
+        profile.push(p(
+            1.0 - 0.14 * t * t,
+            base + 0.62 * r + (top - 1.5 * r - base - 0.62 * r) * t,
+        ));
     }
-    profile.extend([p(0.86, top - 1.5 * r), p(0.98, top - 1.45 * r), p(1.0, top - 1.36 * r), p(0.86, top - 1.28 * r)]);
-    profile.extend([p(0.88, top - 0.9 * r), p(1.02, top - 0.5 * r), p(1.28, top - 0.15 * r), p(1.36, top)]);
+    profile.extend([
+        p(0.86, top - 1.5 * r),
+        p(0.98, top - 1.45 * r),
+        p(1.0, top - 1.36 * r),
+        p(0.86, top - 1.28 * r),
+    ]);
+    profile.extend([
+        p(0.88, top - 0.9 * r),
+        p(1.02, top - 0.5 * r),
+        p(1.28, top - 0.15 * r),
+        p(1.36, top),
+    ]);
     g.lathe(&profile, segments, Vec2::new((TAU * r * 0.5).max(1.0).round(), 0.5));
 }
 
@@ -38,7 +65,11 @@ pub fn curtain(g: &mut Geometry, width: f32, height: f32, folds: f32, columns: u
         let phase = u * TAU * folds + 0.7 * ops::sin(3.1 * u + 2.0 * loose);
         let depth = (0.045 + 0.055 * loose) * ops::sin(phase) + 0.02 * loose * ops::sin(phase * 0.37 + 1.3);
         let sway = 0.04 * loose * ops::sin(u * 5.0 + 0.8);
-        Vec3::new((u - 0.5) * width * (1.0 + 0.05 * loose), v * height + 0.02 * ops::cos(phase) * loose * (1.0 - v), depth + sway)
+        Vec3::new(
+            (u - 0.5) * width * (1.0 + 0.05 * loose),
+            v * height + 0.02 * ops::cos(phase) * loose * (1.0 - v),
+            depth + sway,
+        )
     });
 }
 
@@ -117,23 +148,55 @@ pub fn plant(g: &mut Geometry, leaves: u32, length: f32, segments: u32, seed: u6
 
 /// Turns a leaf's textures into a material that is cut out and seen from both sides.
 pub fn leaf_material(textured: StandardMaterial) -> StandardMaterial {
-    StandardMaterial { alpha_mode: AlphaMode::Mask(0.5), double_sided: true, cull_mode: None, metallic: 0.0, ..textured }
+    StandardMaterial {
+        alpha_mode: AlphaMode::Mask(0.5),
+        double_sided: true,
+        cull_mode: None,
+        metallic: 0.0,
+        ..textured
+    }
 }
 
 /// A lantern: a metal cage of `height`, hanging below y = 0.
 pub fn lantern(g: &mut Geometry, height: f32, radius: f32, segments: u32) {
     let p = |x: f32, y: f32| Vec2::new(x * radius, -y * height);
     // From bottom to top: a drip, the pan, and above the glass the cap.
-    g.lathe(&[p(0.0, 1.0), p(0.12, 0.97), p(0.16, 0.92), p(0.7, 0.86), p(0.95, 0.8), p(0.95, 0.77), p(0.0, 0.76)], segments, Vec2::ONE);
     g.lathe(
-        &[p(0.0, 0.3), p(0.98, 0.3), p(0.98, 0.3), p(1.05, 0.27), p(0.85, 0.18), p(0.45, 0.1), p(0.14, 0.05), p(0.1, 0.0), p(0.0, 0.0)],
+        &[
+            p(0.0, 1.0),
+            p(0.12, 0.97),
+            p(0.16, 0.92),
+            p(0.7, 0.86),
+            p(0.95, 0.8),
+            p(0.95, 0.77),
+            p(0.0, 0.76),
+        ],
+        segments,
+        Vec2::ONE,
+    );
+    g.lathe(
+        &[
+            p(0.0, 0.3),
+            p(0.98, 0.3),
+            p(0.98, 0.3),
+            p(1.05, 0.27),
+            p(0.85, 0.18),
+            p(0.45, 0.1),
+            p(0.14, 0.05),
+            p(0.1, 0.0),
+            p(0.0, 0.0),
+        ],
         segments,
         Vec2::ONE,
     );
     for i in 0..6 {
         let angle = i as f32 / 6.0 * TAU;
         let at = Vec3::new(ops::cos(angle) * 0.9 * radius, 0.0, ops::sin(angle) * 0.9 * radius);
-        g.tube(&[at - Vec3::Y * 0.78 * height, at - Vec3::Y * 0.29 * height], 0.06 * radius, 6);
+        g.tube(
+            &[at - Vec3::Y * 0.78 * height, at - Vec3::Y * 0.29 * height],
+            0.06 * radius,
+            6,
+        );
     }
 }
 

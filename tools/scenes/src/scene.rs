@@ -1,16 +1,15 @@
 //! The scenes by name.
 
-use crate::{
-    animation::Motion,
-    atrium, demo,
-    sky::Sky,
-    small,
-};
+use crate::{animation::Motion, atrium, demo, sky::Sky, small};
 use bevy::{
     asset::Assets,
     camera::{Exposure, PerspectiveProjection},
     core_pipeline::tonemapping::Tonemapping,
-    ecs::{entity::Entity, resource::Resource, world::{EntityWorldMut, World}},
+    ecs::{
+        entity::Entity,
+        resource::Resource,
+        world::{EntityWorldMut, World},
+    },
     image::Image,
     light::{AmbientLight, EnvironmentMapLight, Skybox},
     transform::components::Transform,
@@ -34,8 +33,13 @@ pub enum SceneName {
 
 impl SceneName {
     /// Every scene.
-    pub const ALL: [SceneName; 5] =
-        [SceneName::Demo, SceneName::Atrium, SceneName::MirrorRoom, SceneName::Furnace, SceneName::EmissiveFloor];
+    pub const ALL: [SceneName; 5] = [
+        SceneName::Demo,
+        SceneName::Atrium,
+        SceneName::MirrorRoom,
+        SceneName::Furnace,
+        SceneName::EmissiveFloor,
+    ];
 
     /// The name on the command line.
     pub fn as_str(self) -> &'static str {
@@ -73,7 +77,10 @@ impl FromStr for SceneName {
 
     fn from_str(name: &str) -> Result<Self, Self::Err> {
         let plain = |name: &str| name.trim().to_ascii_lowercase().replace('-', "_");
-        Self::ALL.into_iter().find(|scene| scene.as_str() == plain(name)).ok_or_else(|| UnknownScene(name.to_owned()))
+        Self::ALL
+            .into_iter()
+            .find(|scene| scene.as_str() == plain(name))
+            .ok_or_else(|| UnknownScene(name.to_owned()))
     }
 }
 
@@ -89,7 +96,10 @@ pub struct SceneOptions {
 
 impl Default for SceneOptions {
     fn default() -> Self {
-        Self { detail: 1.0, texture_size: 512 }
+        Self {
+            detail: 1.0,
+            texture_size: 512,
+        }
     }
 }
 
@@ -101,7 +111,11 @@ pub fn spawn(name: SceneName, world: &mut World) -> Entity {
 /// Like [`spawn`], with options.
 pub fn spawn_with(name: SceneName, world: &mut World, options: &SceneOptions) -> Entity {
     let options = SceneOptions {
-        detail: if options.detail.is_finite() { options.detail.clamp(0.25, 8.0) } else { 1.0 },
+        detail: if options.detail.is_finite() {
+            options.detail.clamp(0.25, 8.0)
+        } else {
+            1.0
+        },
         texture_size: options.texture_size.clamp(4, 2048),
     };
     let root = match name {
@@ -125,7 +139,15 @@ pub fn camera(name: SceneName) -> (Transform, PerspectiveProjection) {
         SceneName::Atrium => (atrium::camera_path(0.0), 58.0),
         SceneName::MirrorRoom | SceneName::Furnace | SceneName::EmissiveFloor => small::camera(name),
     };
-    (transform, PerspectiveProjection { fov: f32::to_radians(vertical_degrees), near: 0.1, far: 500.0, ..Default::default() })
+    (
+        transform,
+        PerspectiveProjection {
+            fov: f32::to_radians(vertical_degrees),
+            near: 0.1,
+            far: 500.0,
+            ..Default::default()
+        },
+    )
 }
 
 /// What the camera of a scene carries.
@@ -144,7 +166,14 @@ pub struct Environment {
 impl Environment {
     /// Puts the components on a camera. Ambient light is switched off: the environment map takes its place.
     pub fn insert(self, camera: &mut EntityWorldMut) {
-        camera.insert((self.exposure, self.tonemapping, AmbientLight { brightness: 0.0, ..Default::default() }));
+        camera.insert((
+            self.exposure,
+            self.tonemapping,
+            AmbientLight {
+                brightness: 0.0,
+                ..Default::default()
+            },
+        ));
         if let Some(light) = self.light {
             camera.insert(light);
         }
@@ -166,7 +195,11 @@ pub(crate) fn sky(world: &mut World, sky: Sky, brightness: f32) -> (EnvironmentM
         if !baked.0.iter().any(|(other, ..)| *other == sky) {
             let mut images = world.resource_mut::<Assets<Image>>();
             let light = sky.environment(&mut images, brightness);
-            let skybox = Skybox { image: Some(sky.background(&mut images)), brightness, ..Default::default() };
+            let skybox = Skybox {
+                image: Some(sky.background(&mut images)),
+                brightness,
+                ..Default::default()
+            };
             baked.0.push((sky, light, skybox));
         }
         let (_, light, skybox) = baked.0.iter().find(|(other, ..)| *other == sky).cloned().unwrap_or((

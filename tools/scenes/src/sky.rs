@@ -6,9 +6,7 @@ use bevy::{
     image::{Image, ImageSampler},
     light::EnvironmentMapLight,
     math::{Vec2, Vec3, ops},
-    render::render_resource::{
-        Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension,
-    },
+    render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
 };
 use std::f32::consts::{PI, TAU};
 
@@ -35,11 +33,19 @@ impl Sky {
         match *self {
             Sky::White => Vec3::ONE,
             Sky::Evening { sun } => {
-                let colors = [Vec3::new(0.10, 0.20, 0.44), Vec3::new(0.98, 0.62, 0.40), Vec3::new(0.13, 0.11, 0.11)];
+                let colors = [
+                    Vec3::new(0.10, 0.20, 0.44),
+                    Vec3::new(0.98, 0.62, 0.40),
+                    Vec3::new(0.13, 0.11, 0.11),
+                ];
                 vault(direction, sun, colors, Vec3::new(1.9, 1.05, 0.5), 0.75)
             }
             Sky::Day { sun } => {
-                let colors = [Vec3::new(0.22, 0.42, 0.85), Vec3::new(0.82, 0.90, 0.98), Vec3::new(0.30, 0.27, 0.23)];
+                let colors = [
+                    Vec3::new(0.22, 0.42, 0.85),
+                    Vec3::new(0.82, 0.90, 0.98),
+                    Vec3::new(0.30, 0.27, 0.23),
+                ];
                 vault(direction, sun, colors, Vec3::new(1.6, 1.4, 1.1), 0.9)
             }
         }
@@ -49,13 +55,17 @@ impl Sky {
     pub fn environment(&self, images: &mut Assets<Image>, intensity: f32) -> EnvironmentMapLight {
         let (diffuse_size, specular_size) = if *self == Sky::White { (4, 16) } else { (16, 128) };
         let source = Cube::bake(64, |direction| self.radiance(direction));
-        let diffuse = Cube::bake(diffuse_size, |normal| irradiance(normal, |direction| source.sample(direction)));
+        let diffuse = Cube::bake(diffuse_size, |normal| {
+            irradiance(normal, |direction| source.sample(direction))
+        });
         let mut levels = vec![Cube::bake(specular_size, |direction| self.radiance(direction))];
         let count = specular_size.ilog2();
         for level in 1..=count {
             let perceptual_roughness = level as f32 / count as f32;
             let alpha = perceptual_roughness * perceptual_roughness;
-            levels.push(Cube::bake(specular_size >> level, |reflected| prefilter(reflected, alpha, |direction| source.sample(direction))));
+            levels.push(Cube::bake(specular_size >> level, |reflected| {
+                prefilter(reflected, alpha, |direction| source.sample(direction))
+            }));
         }
         EnvironmentMapLight {
             diffuse_map: images.add(cube_image(&[diffuse])),
@@ -76,7 +86,11 @@ fn vault(direction: Vec3, sun: Vec3, [zenith, horizon, ground]: [Vec3; 3], glow:
     let up = direction.y;
     let towards_sun = direction.dot(sun).max(0.0);
     // The horizon is warm on the side of the sun and cooler opposite.
-    let side = 0.5 + 0.5 * Vec2::new(direction.x, direction.z).normalize_or_zero().dot(Vec2::new(sun.x, sun.z).normalize_or_zero());
+    let side = 0.5
+        + 0.5
+            * Vec2::new(direction.x, direction.z)
+                .normalize_or_zero()
+                .dot(Vec2::new(sun.x, sun.z).normalize_or_zero());
     let low = horizon.lerp(zenith * 1.6 + Vec3::splat(0.08), 0.62 * (1.0 - side));
     let mut color = low.lerp(zenith, ops::powf(up.clamp(0.0, 1.0), 0.45));
     color += glow * (0.55 * ops::powf(towards_sun, 48.0) + 0.16 * ops::powf(towards_sun, 6.0));
@@ -141,9 +155,17 @@ fn face_of(direction: Vec3) -> (u32, Vec2) {
     let d = direction * Vec3::new(1.0, 1.0, -1.0);
     let a = d.abs();
     let (face, major, s, t) = if a.x >= a.y && a.x >= a.z {
-        if d.x > 0.0 { (0, a.x, -d.z, -d.y) } else { (1, a.x, d.z, -d.y) }
+        if d.x > 0.0 {
+            (0, a.x, -d.z, -d.y)
+        } else {
+            (1, a.x, d.z, -d.y)
+        }
     } else if a.y >= a.z {
-        if d.y > 0.0 { (2, a.y, d.x, d.z) } else { (3, a.y, d.x, -d.z) }
+        if d.y > 0.0 {
+            (2, a.y, d.x, d.z)
+        } else {
+            (3, a.y, d.x, -d.z)
+        }
     } else if d.z > 0.0 {
         (4, a.z, d.x, -d.y)
     } else {
@@ -189,7 +211,11 @@ fn prefilter(reflected: Vec3, alpha: f32, radiance: impl Fn(Vec3) -> Vec3) -> Ve
             weight += n_dot_l;
         }
     }
-    if weight > 0.0 { sum / weight } else { radiance(reflected) }
+    if weight > 0.0 {
+        sum / weight
+    } else {
+        radiance(reflected)
+    }
 }
 
 /// A cube map image of half floats whose mip levels are the given cubes.
@@ -206,11 +232,22 @@ fn cube_image(levels: &[Cube]) -> Image {
             }
         }
     }
-    let extent = Extent3d { width: size, height: size, depth_or_array_layers: 6 };
-    let mut image = Image::new_uninit(extent, TextureDimension::D2, TextureFormat::Rgba16Float, RenderAssetUsages::default());
+    let extent = Extent3d {
+        width: size,
+        height: size,
+        depth_or_array_layers: 6,
+    };
+    let mut image = Image::new_uninit(
+        extent,
+        TextureDimension::D2,
+        TextureFormat::Rgba16Float,
+        RenderAssetUsages::default(),
+    );
     image.texture_descriptor.mip_level_count = levels.len().max(1) as u32;
-    image.texture_view_descriptor =
-        Some(TextureViewDescriptor { dimension: Some(TextureViewDimension::Cube), ..Default::default() });
+    image.texture_view_descriptor = Some(TextureViewDescriptor {
+        dimension: Some(TextureViewDimension::Cube),
+        ..Default::default()
+    });
     image.sampler = ImageSampler::linear();
     image.data = Some(data);
     image
@@ -218,7 +255,11 @@ fn cube_image(levels: &[Cube]) -> Image {
 
 /// Nearest half float of a value that is finite and not negative, clamped to the largest half.
 fn half_from_f32(value: f32) -> u16 {
-    let value = if value.is_finite() { value.clamp(0.0, 65504.0) } else { 0.0 };
+    let value = if value.is_finite() {
+        value.clamp(0.0, 65504.0)
+    } else {
+        0.0
+    };
     if value < 6.103_515_6e-5 {
         // Below the normal numbers halves are multiples of 2^-24.
         return (value * 16_777_216.0 + 0.5) as u16;
@@ -259,7 +300,14 @@ mod tests {
 
     #[test]
     fn halves() {
-        for (value, bits) in [(0.0, 0), (1.0, 0x3c00), (0.5, 0x3800), (65504.0, 0x7bff), (1e9, 0x7bff), (5.960_464_5e-8, 1)] {
+        for (value, bits) in [
+            (0.0, 0),
+            (1.0, 0x3c00),
+            (0.5, 0x3800),
+            (65504.0, 0x7bff),
+            (1e9, 0x7bff),
+            (5.960_464_5e-8, 1),
+        ] {
             assert_eq!(half_from_f32(value), bits, "{value}");
         }
         assert_eq!(half_from_f32(f32::NAN), 0);

@@ -19,17 +19,33 @@ use bevy::{
 const UNIT_EXPOSURE: f32 = -0.263_034_4;
 
 fn unlit(color: Color) -> StandardMaterial {
-    StandardMaterial { base_color: color, unlit: true, ..Default::default() }
+    StandardMaterial {
+        base_color: color,
+        unlit: true,
+        ..Default::default()
+    }
 }
 
 /// A mirror floor at y = 0 (4 by 4 metres) and four unlit shapes above it, no two alike.
 pub fn mirror_room(world: &mut World) -> Entity {
     let mut scene = SceneBuilder::new(world);
     let floor = scene.shape(|g| {
-        g.quad([Vec3::new(-2.0, 0.0, 2.0), Vec3::new(2.0, 0.0, 2.0), Vec3::new(2.0, 0.0, -2.0), Vec3::new(-2.0, 0.0, -2.0)], Vec2::splat(4.0));
+        g.quad(
+            [
+                Vec3::new(-2.0, 0.0, 2.0),
+                Vec3::new(2.0, 0.0, 2.0),
+                Vec3::new(2.0, 0.0, -2.0),
+                Vec3::new(-2.0, 0.0, -2.0),
+            ],
+            Vec2::splat(4.0),
+        );
     });
-    let mirror =
-        scene.material(StandardMaterial { base_color: Color::WHITE, metallic: 1.0, perceptual_roughness: 0.0, ..Default::default() });
+    let mirror = scene.material(StandardMaterial {
+        base_color: Color::WHITE,
+        metallic: 1.0,
+        perceptual_roughness: 0.0,
+        ..Default::default()
+    });
     scene.place(&floor, &mirror, Transform::IDENTITY);
 
     let cube = scene.shape(|g| {
@@ -42,14 +58,28 @@ pub fn mirror_room(world: &mut World) -> Entity {
     let green = scene.material(unlit(Color::linear_rgb(0.05, 0.6, 0.1)));
     let blue = scene.material(unlit(Color::linear_rgb(0.1, 0.15, 0.9)));
     let yellow = scene.material(unlit(Color::linear_rgb(0.9, 0.7, 0.05)));
-    scene.place(&cube, &red, Transform::from_xyz(-0.9, 0.8, -0.3).with_scale(Vec3::new(0.3, 0.9, 0.3)));
-    scene.place(&sphere, &green, Transform::from_xyz(0.1, 0.65, -0.6).with_scale(Vec3::splat(0.35)));
+    scene.place(
+        &cube,
+        &red,
+        Transform::from_xyz(-0.9, 0.8, -0.3).with_scale(Vec3::new(0.3, 0.9, 0.3)),
+    );
+    scene.place(
+        &sphere,
+        &green,
+        Transform::from_xyz(0.1, 0.65, -0.6).with_scale(Vec3::splat(0.35)),
+    );
     scene.place(
         &cube,
         &blue,
-        Transform::from_xyz(0.95, 0.5, 0.0).with_rotation(Quat::from_euler(bevy::math::EulerRot::XYZ, 0.5, 0.6, 0.2)).with_scale(Vec3::splat(0.4)),
+        Transform::from_xyz(0.95, 0.5, 0.0)
+            .with_rotation(Quat::from_euler(bevy::math::EulerRot::XYZ, 0.5, 0.6, 0.2))
+            .with_scale(Vec3::splat(0.4)),
     );
-    scene.place(&cube, &yellow, Transform::from_xyz(0.35, 1.25, -0.2).with_scale(Vec3::new(0.9, 0.12, 0.12)));
+    scene.place(
+        &cube,
+        &yellow,
+        Transform::from_xyz(0.35, 1.25, -0.2).with_scale(Vec3::new(0.9, 0.12, 0.12)),
+    );
     scene.finish()
 }
 
@@ -70,7 +100,11 @@ pub fn furnace(world: &mut World) -> Entity {
                 perceptual_roughness,
                 ..Default::default()
             });
-            scene.place(&sphere, &material, Transform::from_xyz(column as f32 - 2.5, row as f32 - 0.5, 0.0));
+            scene.place(
+                &sphere,
+                &material,
+                Transform::from_xyz(column as f32 - 2.5, row as f32 - 0.5, 0.0),
+            );
         }
     }
     scene.finish()
@@ -80,13 +114,34 @@ pub fn furnace(world: &mut World) -> Entity {
 pub fn emissive_floor(world: &mut World) -> Entity {
     let mut scene = SceneBuilder::new(world);
     let panel = scene.shape(|g| {
-        g.quad([Vec3::new(-0.5, 0.0, 1.5), Vec3::new(0.5, 0.0, 1.5), Vec3::new(0.5, 0.0, -1.5), Vec3::new(-0.5, 0.0, -1.5)], Vec2::new(1.0, 3.0));
+        g.quad(
+            [
+                Vec3::new(-0.5, 0.0, 1.5),
+                Vec3::new(0.5, 0.0, 1.5),
+                Vec3::new(0.5, 0.0, -1.5),
+                Vec3::new(-0.5, 0.0, -1.5),
+            ],
+            Vec2::new(1.0, 3.0),
+        );
     });
     let floors = [(1.0, 0.0), (1.0, 0.2), (1.0, 0.5), (0.0, 0.0), (0.0, 0.2), (0.0, 0.5)];
     for (column, (metallic, perceptual_roughness)) in floors.into_iter().enumerate() {
-        let base_color = if metallic > 0.5 { Color::linear_rgb(0.95, 0.85, 0.7) } else { Color::BLACK };
-        let material = scene.material(StandardMaterial { base_color, metallic, perceptual_roughness, ..Default::default() });
-        scene.place(&panel, &material, Transform::from_xyz(1.02 * (column as f32 - 2.5), 0.0, 0.0));
+        let base_color = if metallic > 0.5 {
+            Color::linear_rgb(0.95, 0.85, 0.7)
+        } else {
+            Color::BLACK
+        };
+        let material = scene.material(StandardMaterial {
+            base_color,
+            metallic,
+            perceptual_roughness,
+            ..Default::default()
+        });
+        scene.place(
+            &panel,
+            &material,
+            Transform::from_xyz(1.02 * (column as f32 - 2.5), 0.0, 0.0),
+        );
     }
     let emitter = |color: LinearRgba| StandardMaterial {
         base_color: Color::BLACK,
@@ -110,8 +165,16 @@ pub fn emissive_floor(world: &mut World) -> Entity {
     .map(|color| scene.material(emitter(color)));
     for column in 0..6usize {
         let x = 1.02 * (column as f32 - 2.5);
-        scene.place(&cube, &colors[column % 4], Transform::from_xyz(x - 0.15, 0.55, -0.7).with_scale(Vec3::new(0.3, 0.7, 0.3)));
-        scene.place(&sphere, &colors[(column + 1) % 4], Transform::from_xyz(x + 0.22, 0.4, 0.0).with_scale(Vec3::splat(0.16)));
+        scene.place(
+            &cube,
+            &colors[column % 4],
+            Transform::from_xyz(x - 0.15, 0.55, -0.7).with_scale(Vec3::new(0.3, 0.7, 0.3)),
+        );
+        scene.place(
+            &sphere,
+            &colors[(column + 1) % 4],
+            Transform::from_xyz(x + 0.22, 0.4, 0.0).with_scale(Vec3::splat(0.16)),
+        );
     }
     scene.finish()
 }
@@ -120,8 +183,14 @@ pub fn emissive_floor(world: &mut World) -> Entity {
 pub fn camera(name: SceneName) -> (Transform, f32) {
     match name {
         SceneName::Furnace => (Transform::from_xyz(0.0, 0.0, 7.0).looking_at(Vec3::ZERO, Vec3::Y), 32.0),
-        SceneName::EmissiveFloor => (Transform::from_xyz(0.0, 2.2, 5.4).looking_at(Vec3::new(0.0, 0.2, 0.0), Vec3::Y), 36.0),
-        _ => (Transform::from_xyz(0.3, 1.1, 3.6).looking_at(Vec3::new(0.05, 0.35, 0.0), Vec3::Y), 45.0),
+        SceneName::EmissiveFloor => (
+            Transform::from_xyz(0.0, 2.2, 5.4).looking_at(Vec3::new(0.0, 0.2, 0.0), Vec3::Y),
+            36.0,
+        ),
+        _ => (
+            Transform::from_xyz(0.3, 1.1, 3.6).looking_at(Vec3::new(0.05, 0.35, 0.0), Vec3::Y),
+            45.0,
+        ),
     }
 }
 
@@ -129,5 +198,10 @@ pub fn camera(name: SceneName) -> (Transform, f32) {
 pub fn environment(name: SceneName, world: &mut World) -> Environment {
     let sky = (name == SceneName::Furnace).then(|| sky(world, Sky::White, 1.0));
     let (light, skybox) = sky.unzip();
-    Environment { light, skybox, exposure: Exposure { ev100: UNIT_EXPOSURE }, tonemapping: Tonemapping::None }
+    Environment {
+        light,
+        skybox,
+        exposure: Exposure { ev100: UNIT_EXPOSURE },
+        tonemapping: Tonemapping::None,
+    }
 }

@@ -38,7 +38,14 @@ pub struct Texel {
 
 impl Default for Texel {
     fn default() -> Self {
-        Self { color: Vec3::ONE, alpha: 1.0, height: 0.0, roughness: 1.0, metallic: 0.0, occlusion: 1.0 }
+        Self {
+            color: Vec3::ONE,
+            alpha: 1.0,
+            height: 0.0,
+            roughness: 1.0,
+            metallic: 0.0,
+            occlusion: 1.0,
+        }
     }
 }
 
@@ -103,8 +110,16 @@ impl TextureSet {
 /// A square RGBA8 texture with its mip chain and a repeating trilinear sampler.
 pub fn texture(size: u32, level_zero: Vec<u8>, content: Content) -> Image {
     let (data, levels) = mip_chain(size, size, level_zero, content);
-    let format = if content == Content::Color { TextureFormat::Rgba8UnormSrgb } else { TextureFormat::Rgba8Unorm };
-    let extent = Extent3d { width: size, height: size, depth_or_array_layers: 1 };
+    let format = if content == Content::Color {
+        TextureFormat::Rgba8UnormSrgb
+    } else {
+        TextureFormat::Rgba8Unorm
+    };
+    let extent = Extent3d {
+        width: size,
+        height: size,
+        depth_or_array_layers: 1,
+    };
     let mut image = Image::new_uninit(extent, TextureDimension::D2, format, RenderAssetUsages::default());
     image.texture_descriptor.mip_level_count = levels;
     image.data = Some(data);
@@ -126,13 +141,24 @@ pub fn mip_chain(width: u32, height: u32, level_zero: Vec<u8>, content: Content)
     let decode: Vec<f32> = (0..=255u32)
         .map(|i| {
             let value = i as f32 / 255.0;
-            if content == Content::Color { linear_from_srgb(value) } else { value }
+            if content == Content::Color {
+                linear_from_srgb(value)
+            } else {
+                value
+            }
         })
         .collect();
     let mut chain = level_zero.clone();
     let mut level: Vec<[f32; 4]> = level_zero
         .chunks_exact(4)
-        .map(|t| [decode[t[0] as usize], decode[t[1] as usize], decode[t[2] as usize], t[3] as f32 / 255.0])
+        .map(|t| {
+            [
+                decode[t[0] as usize],
+                decode[t[1] as usize],
+                decode[t[2] as usize],
+                t[3] as f32 / 255.0,
+            ]
+        })
         .collect();
     let mut levels = 1;
     while width > 1 || height > 1 {
@@ -166,11 +192,19 @@ pub fn mip_chain(width: u32, height: u32, level_zero: Vec<u8>, content: Content)
 }
 
 fn linear_from_srgb(value: f32) -> f32 {
-    if value <= 0.04045 { value / 12.92 } else { ops::powf((value + 0.055) / 1.055, 2.4) }
+    if value <= 0.04045 {
+        value / 12.92
+    } else {
+        ops::powf((value + 0.055) / 1.055, 2.4)
+    }
 }
 
 fn srgb_from_linear(value: f32) -> f32 {
-    if value <= 0.003_130_8 { value * 12.92 } else { 1.055 * ops::powf(value, 1.0 / 2.4) - 0.055 }
+    if value <= 0.003_130_8 {
+        value * 12.92
+    } else {
+        1.055 * ops::powf(value, 1.0 / 2.4) - 0.055
+    }
 }
 
 #[cfg(test)]
@@ -187,15 +221,31 @@ mod tests {
 
     #[test]
     fn color_is_averaged_as_light() {
-        let checker: Vec<u8> = [[0, 0, 0, 255], [255, 255, 255, 255], [255, 255, 255, 255], [0, 0, 0, 255]].concat();
+        let checker: Vec<u8> = [
+            [0, 0, 0, 255],
+            [255, 255, 255, 255],
+            [255, 255, 255, 255],
+            [0, 0, 0, 255],
+        ]
+        .concat();
         let (chain, _) = mip_chain(2, 2, checker, Content::Color);
         assert_eq!(&chain[16..], &[188, 188, 188, 255]);
     }
 
     #[test]
     fn normals_stay_unit() {
-        let slanted: Vec<u8> = [[255, 128, 128, 255], [0, 128, 128, 255], [128, 128, 255, 255], [128, 128, 255, 255]].concat();
+        let slanted: Vec<u8> = [
+            [255, 128, 128, 255],
+            [0, 128, 128, 255],
+            [128, 128, 255, 255],
+            [128, 128, 255, 255],
+        ]
+        .concat();
         let (chain, _) = mip_chain(2, 2, slanted, Content::Normal);
-        assert!(chain[18] > 250, "a level of opposite tilts must point up: {:?}", &chain[16..]);
+        assert!(
+            chain[18] > 250,
+            "a level of opposite tilts must point up: {:?}",
+            &chain[16..]
+        );
     }
 }

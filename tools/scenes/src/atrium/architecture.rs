@@ -69,8 +69,26 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let upper = scene.shape(|g| props::column(g, UPPER_SPRING, 0.19, segments(14, detail)));
     for side in &sides() {
         let arches = [
-            scene.shape(|g| arch(g, side.bay, 0.30, 0.62, UPPER_FLOOR - 0.35 - LOWER_SPRING, segments(12, detail))),
-            scene.shape(|g| arch(g, side.bay, 0.22, 0.46, EAVES - 0.3 - UPPER_FLOOR - UPPER_SPRING, segments(12, detail))),
+            scene.shape(|g| {
+                arch(
+                    g,
+                    side.bay,
+                    0.30,
+                    0.62,
+                    UPPER_FLOOR - 0.35 - LOWER_SPRING,
+                    segments(12, detail),
+                )
+            }),
+            scene.shape(|g| {
+                arch(
+                    g,
+                    side.bay,
+                    0.22,
+                    0.46,
+                    EAVES - 0.3 - UPPER_FLOOR - UPPER_SPRING,
+                    segments(12, detail),
+                )
+            }),
         ];
         let balustrade = scene.shape(|g| balustrade(g, side.bay - 0.44, detail));
         let vault = scene.shape(|g| vault(g, side.bay, WALK, LOWER_SPRING, 1.35, segments(12, detail)));
@@ -97,10 +115,18 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         let eaves = scene.shape(|g| cornice(g, run + 1.2, 0.42, 0.38, (run / 0.42) as u32));
         scene.place(&eaves, &m.smooth, side.at(0.0, EAVES - 0.2, 0.25));
         let ceiling = scene.shape(|g| {
-            g.cuboid(Vec3::new(0.0, EAVES - 0.05, -0.5 * WALK), Vec3::new(run + 2.0 * WALK, 0.2, WALK + 0.5), 0.4);
+            g.cuboid(
+                Vec3::new(0.0, EAVES - 0.05, -0.5 * WALK),
+                Vec3::new(run + 2.0 * WALK, 0.2, WALK + 0.5),
+                0.4,
+            );
             for i in 0..=2 * side.bays {
                 let x = (i as f32 * 0.5 - 0.5 * side.bays as f32) * side.bay;
-                g.cuboid(Vec3::new(x, EAVES - 0.26, -0.5 * WALK - 0.12), Vec3::new(0.18, 0.22, WALK - 0.28), 0.8);
+                g.cuboid(
+                    Vec3::new(x, EAVES - 0.26, -0.5 * WALK - 0.12),
+                    Vec3::new(0.18, 0.22, WALK - 0.28),
+                    0.8,
+                );
             }
         });
         scene.place(&ceiling, &m.plaster, side.transform);
@@ -122,7 +148,15 @@ fn shell(scene: &mut SceneBuilder, m: &Materials) {
             let low = Vec2::new(-x, -z) + step * Vec2::new(i, j);
             let high = low + step;
             let corner = |x: f32, z: f32| Vec3::new(x, 0.0, z);
-            g.mapped_quad([corner(low.x, high.y), corner(high.x, high.y), corner(high.x, low.y), corner(low.x, low.y)], 0.4);
+            g.mapped_quad(
+                [
+                    corner(low.x, high.y),
+                    corner(high.x, high.y),
+                    corner(high.x, low.y),
+                    corner(low.x, low.y),
+                ],
+                0.4,
+            );
         }
     });
     scene.place(&ground, &m.floor, Transform::IDENTITY);
@@ -131,7 +165,11 @@ fn shell(scene: &mut SceneBuilder, m: &Materials) {
         // The long sides take the corners.
         let reach = if side.bays == LONG_BAYS { run + 2.0 * WALK } else { run };
         let floor = scene.shape(|g| {
-            g.cuboid(Vec3::new(0.0, UPPER_FLOOR - 0.12, -0.5 * WALK), Vec3::new(reach, 0.24, WALK + 0.62), 0.4);
+            g.cuboid(
+                Vec3::new(0.0, UPPER_FLOOR - 0.12, -0.5 * WALK),
+                Vec3::new(reach, 0.24, WALK + 0.62),
+                0.4,
+            );
         });
         scene.place(&floor, &m.floor, side.transform);
         let wall = scene.shape(|g| {
@@ -141,7 +179,8 @@ fn shell(scene: &mut SceneBuilder, m: &Materials) {
             for end in [-1.0, 1.0] {
                 let middle = end * 0.5 * (run + WALK);
                 g.mapped_quad(
-                    [(-0.5, 0.0), (0.5, 0.0), (0.5, EAVES), (-0.5, EAVES)].map(|(x, y)| Vec3::new(middle + x * WALK, y, -WALK)),
+                    [(-0.5, 0.0), (0.5, 0.0), (0.5, EAVES), (-0.5, EAVES)]
+                        .map(|(x, y)| Vec3::new(middle + x * WALK, y, -WALK)),
                     0.35,
                 );
             }
@@ -154,11 +193,22 @@ fn shell(scene: &mut SceneBuilder, m: &Materials) {
 fn outer_bay(g: &mut Geometry, middle: f32, bay: f32) {
     let (half, niche, depth) = (0.5 * bay, 0.30 * bay, 0.35);
     let mut rows = vec![(0.0, 0.5, false), (0.5, 2.9, true), (2.9, UPPER_FLOOR + 0.4, false)];
-    rows.extend([(UPPER_FLOOR + 0.4, UPPER_FLOOR + 2.7, true), (UPPER_FLOOR + 2.7, EAVES, false)]);
+    rows.extend([
+        (UPPER_FLOOR + 0.4, UPPER_FLOOR + 2.7, true),
+        (UPPER_FLOOR + 2.7, EAVES, false),
+    ]);
     for (low, high, open) in rows {
         let mut panel = |left: f32, right: f32, z: f32| {
             let corner = |x: f32, y: f32| Vec3::new(middle + x, y, z);
-            g.mapped_quad([corner(left, low), corner(right, low), corner(right, high), corner(left, high)], 0.35);
+            g.mapped_quad(
+                [
+                    corner(left, low),
+                    corner(right, low),
+                    corner(right, high),
+                    corner(left, high),
+                ],
+                0.35,
+            );
         };
         if !open {
             panel(-half, half, -WALK);
@@ -169,10 +219,42 @@ fn outer_bay(g: &mut Geometry, middle: f32, bay: f32) {
         panel(-niche, niche, -WALK - depth);
         let (front, back) = (-WALK, -WALK - depth);
         let p = |x: f32, y: f32, z: f32| Vec3::new(middle + x, y, z);
-        g.mapped_quad([p(-niche, low, front), p(-niche, low, back), p(-niche, high, back), p(-niche, high, front)], 0.35);
-        g.mapped_quad([p(niche, low, back), p(niche, low, front), p(niche, high, front), p(niche, high, back)], 0.35);
-        g.mapped_quad([p(-niche, low, front), p(niche, low, front), p(niche, low, back), p(-niche, low, back)], 0.35);
-        g.mapped_quad([p(-niche, high, back), p(niche, high, back), p(niche, high, front), p(-niche, high, front)], 0.35);
+        g.mapped_quad(
+            [
+                p(-niche, low, front),
+                p(-niche, low, back),
+                p(-niche, high, back),
+                p(-niche, high, front),
+            ],
+            0.35,
+        );
+        g.mapped_quad(
+            [
+                p(niche, low, back),
+                p(niche, low, front),
+                p(niche, high, front),
+                p(niche, high, back),
+            ],
+            0.35,
+        );
+        g.mapped_quad(
+            [
+                p(-niche, low, front),
+                p(niche, low, front),
+                p(niche, low, back),
+                p(-niche, low, back),
+            ],
+            0.35,
+        );
+        g.mapped_quad(
+            [
+                p(-niche, high, back),
+                p(niche, high, back),
+                p(niche, high, front),
+                p(-niche, high, front),
+            ],
+            0.35,
+        );
     }
 }
 
@@ -188,8 +270,20 @@ fn arch(g: &mut Geometry, bay: f32, pier: f32, thickness: f32, height: f32, step
     for front in [true, false] {
         let mut panel = |a: Vec2, b: Vec2, top: f32| {
             let side = if front { z } else { -z };
-            let corners = [a.extend(side), b.extend(side), Vec3::new(b.x, top, side), Vec3::new(a.x, top, side)];
-            g.mapped_quad(if front { corners } else { [corners[1], corners[0], corners[3], corners[2]] }, 0.35);
+            let corners = [
+                a.extend(side),
+                b.extend(side),
+                Vec3::new(b.x, top, side),
+                Vec3::new(a.x, top, side),
+            ];
+            g.mapped_quad(
+                if front {
+                    corners
+                } else {
+                    [corners[1], corners[0], corners[3], corners[2]]
+                },
+                0.35,
+            );
         };
         panel(Vec2::new(-half, 0.0), Vec2::new(-r, 0.0), height);
         panel(Vec2::new(r, 0.0), Vec2::new(half, 0.0), height);
@@ -198,7 +292,9 @@ fn arch(g: &mut Geometry, bay: f32, pier: f32, thickness: f32, height: f32, step
         }
     }
     let sweep = |u: f32, radius: f32, z: f32| Vec3::new(radius * ops::cos(PI * u), radius * ops::sin(PI * u), z);
-    g.surface(steps, 1, Vec2::new(PI * r * 0.5, thickness * 0.5), |u, v| sweep(u, r, (0.5 - v) * thickness));
+    g.surface(steps, 1, Vec2::new(PI * r * 0.5, thickness * 0.5), |u, v| {
+        sweep(u, r, (0.5 - v) * thickness)
+    });
     // Mouldings that stand out around the opening, on both faces.
     let round = |v: f32| (0.10 - 0.075 * ops::cos(v * PI), 0.045 * ops::sin(v * PI));
     g.surface(steps, 4, Vec2::new(PI * r * 0.5, 0.1), |u, v| {
@@ -212,7 +308,15 @@ fn arch(g: &mut Geometry, bay: f32, pier: f32, thickness: f32, height: f32, step
     // Undersides of the piers' ends.
     for x in [-1.0, 1.0] {
         let (a, b) = if x < 0.0 { (-half, -r) } else { (r, half) };
-        g.mapped_quad([Vec3::new(a, 0.0, -z), Vec3::new(b, 0.0, -z), Vec3::new(b, 0.0, z), Vec3::new(a, 0.0, z)], 0.35);
+        g.mapped_quad(
+            [
+                Vec3::new(a, 0.0, -z),
+                Vec3::new(b, 0.0, -z),
+                Vec3::new(b, 0.0, z),
+                Vec3::new(a, 0.0, z),
+            ],
+            0.35,
+        );
     }
 }
 
@@ -221,7 +325,11 @@ fn vault(g: &mut Geometry, width: f32, depth: f32, spring: f32, rise: f32, steps
     g.surface(steps, steps, Vec2::new(width, depth) * 0.4, |u, v| {
         let (x, z) = (2.0 * u - 1.0, 2.0 * v - 1.0);
         let barrel = |t: f32| (1.0 - t * t).max(0.0).sqrt();
-        Vec3::new(0.5 * width * x, spring + rise * barrel(x).max(barrel(z)), 0.5 * depth * z)
+        Vec3::new(
+            0.5 * width * x,
+            spring + rise * barrel(x).max(barrel(z)),
+            0.5 * depth * z,
+        )
     });
 }
 
@@ -231,7 +339,17 @@ fn balustrade(g: &mut Geometry, width: f32, detail: f32) {
     g.rounded_box(Vec3::new(0.0, 0.10, 0.0), Vec3::new(width, 0.20, 0.24), 0.03, 2, 0.5);
     let mut baluster = Geometry::default();
     let p = |x: f32, y: f32| Vec2::new(0.075 * x, 0.20 + 0.69 * y);
-    let profile = [p(0.85, 0.0), p(0.85, 0.07), p(0.5, 0.11), p(0.62, 0.16), p(1.0, 0.34), p(0.72, 0.56), p(0.45, 0.76), p(0.7, 0.9), p(0.85, 1.0)];
+    let profile = [
+        p(0.85, 0.0),
+        p(0.85, 0.07),
+        p(0.5, 0.11),
+        p(0.62, 0.16),
+        p(1.0, 0.34),
+        p(0.72, 0.56),
+        p(0.45, 0.76),
+        p(0.7, 0.9),
+        p(0.85, 1.0),
+    ];
     baluster.lathe(&profile, segments(8, detail), Vec2::new(1.0, 0.5));
     let count = (width / 0.30) as u32;
     for i in 0..count {
@@ -242,15 +360,36 @@ fn balustrade(g: &mut Geometry, width: f32, detail: f32) {
 
 /// A moulding along x that stands out towards +z, with `blocks` dentils below it.
 fn cornice(g: &mut Geometry, length: f32, height: f32, depth: f32, blocks: u32) {
-    let profile =
-        [(0.0, 0.0), (0.25, 0.02), (0.3, 0.25), (0.55, 0.3), (0.62, 0.5), (0.8, 0.66), (1.0, 0.72), (1.0, 1.0), (0.0, 1.0)];
+    let profile = [
+        (0.0, 0.0),
+        (0.25, 0.02),
+        (0.3, 0.25),
+        (0.55, 0.3),
+        (0.62, 0.5),
+        (0.8, 0.66),
+        (1.0, 0.72),
+        (1.0, 1.0),
+        (0.0, 1.0),
+    ];
     let at = |x: f32, (z, y): (f32, f32)| Vec3::new(x, y * height, z * depth);
     for pair in profile.windows(2) {
         let half = 0.5 * length;
-        g.mapped_quad([at(-half, pair[0]), at(half, pair[0]), at(half, pair[1]), at(-half, pair[1])], 0.5);
+        g.mapped_quad(
+            [
+                at(-half, pair[0]),
+                at(half, pair[0]),
+                at(half, pair[1]),
+                at(-half, pair[1]),
+            ],
+            0.5,
+        );
     }
     for i in 0..blocks {
         let x = ((i as f32 + 0.5) / blocks as f32 - 0.5) * length;
-        g.cuboid(Vec3::new(x, -0.07, 0.22 * depth), Vec3::new(0.16, 0.14, 0.44 * depth), 1.0);
+        g.cuboid(
+            Vec3::new(x, -0.07, 0.22 * depth),
+            Vec3::new(0.16, 0.14, 0.44 * depth),
+            1.0,
+        );
     }
 }

@@ -1,6 +1,10 @@
 //! Cloth, metal, plants and the fountain.
 
-use super::{architecture::{Materials, sides}, plan::*, segments};
+use super::{
+    architecture::{Materials, sides},
+    plan::*,
+    segments,
+};
 use crate::{builder::SceneBuilder, geometry::turned, props, random::Random};
 use bevy::{
     color::{Color, LinearRgba},
@@ -10,8 +14,12 @@ use bevy::{
     transform::components::Transform,
 };
 
-const DYES: [Color; 4] =
-    [Color::srgb(0.66, 0.10, 0.09), Color::srgb(0.11, 0.27, 0.48), Color::srgb(0.16, 0.42, 0.22), Color::srgb(0.85, 0.62, 0.20)];
+const DYES: [Color; 4] = [
+    Color::srgb(0.66, 0.10, 0.09),
+    Color::srgb(0.11, 0.27, 0.48),
+    Color::srgb(0.16, 0.42, 0.22),
+    Color::srgb(0.85, 0.62, 0.20),
+];
 
 pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     curtains(scene, m, detail);
@@ -22,15 +30,29 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
 /// Curtains in the arches of the long sides: full length below, short above.
 fn curtains(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let dyes = DYES.map(|base_color| {
-        scene.material(StandardMaterial { base_color, metallic: 0.0, double_sided: true, cull_mode: None, ..m.cloth.clone() })
+        scene.material(StandardMaterial {
+            base_color,
+            metallic: 0.0,
+            double_sided: true,
+            cull_mode: None,
+            ..m.cloth.clone()
+        })
     });
     let mut random = Random::new(41);
     for (index, side) in sides().iter().enumerate().filter(|(_, side)| side.bays == LONG_BAYS) {
         let width = side.bay - 0.7;
         let long = scene.shape(|g| props::curtain(g, width, 2.75, 6.0, segments(26, detail), segments(10, detail)));
-        let short = scene.shape(|g| props::curtain(g, width * 0.9, 1.35, 5.0, segments(22, detail), segments(7, detail)));
+        let short =
+            scene.shape(|g| props::curtain(g, width * 0.9, 1.35, 5.0, segments(22, detail), segments(7, detail)));
         let rod = scene.shape(|g| {
-            g.tube(&[Vec3::new(-0.5 * width - 0.2, 0.0, 0.0), Vec3::new(0.5 * width + 0.2, 0.0, 0.0)], 0.03, segments(8, detail));
+            g.tube(
+                &[
+                    Vec3::new(-0.5 * width - 0.2, 0.0, 0.0),
+                    Vec3::new(0.5 * width + 0.2, 0.0, 0.0),
+                ],
+                0.03,
+                segments(8, detail),
+            );
         });
         for i in 0..side.bays {
             let x = side.middle(i);
@@ -89,7 +111,10 @@ fn metalwork(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         let height = 7.6 + random.range(-0.3, 0.4);
         let (sag, turns) = (random.range(0.5, 1.1), random.range(3.0, 6.0));
         let shift = random.range(-1.4, 1.4);
-        let (from, to) = (Vec3::new(x, height, -HALF_WIDTH), Vec3::new(x + shift, height, HALF_WIDTH));
+        let (from, to) = (
+            Vec3::new(x, height, -HALF_WIDTH),
+            Vec3::new(x + shift, height, HALF_WIDTH),
+        );
         let ribbon = scene.shape(|g| props::ribbon(g, from, to, sag, 0.11, turns, segments(72, detail)));
         scene.place(&ribbon, &m.gilt, Transform::IDENTITY);
         let path: Vec<Vec3> = (0..=segments(20, detail))
@@ -108,29 +133,72 @@ fn metalwork(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
 /// Planters along the court and the fountain in its middle.
 fn garden(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let pot = scene.shape(|g| props::pot(g, 0.62, 0.42, segments(16, detail)));
-    let clay = scene.material(StandardMaterial { base_color: Color::srgb(0.62, 0.34, 0.24), perceptual_roughness: 0.85, ..Default::default() });
-    let plants = [5, 8].map(|seed| scene.shape(|g| props::plant(g, segments(30, detail), 1.15, segments(4, detail.sqrt()), seed)));
+    let clay = scene.material(StandardMaterial {
+        base_color: Color::srgb(0.62, 0.34, 0.24),
+        perceptual_roughness: 0.85,
+        ..Default::default()
+    });
+    let plants = [5, 8]
+        .map(|seed| scene.shape(|g| props::plant(g, segments(30, detail), 1.15, segments(4, detail.sqrt()), seed)));
     for i in 0..5u32 {
         for (j, z) in [-2.9, 2.9].into_iter().enumerate() {
             let x = (i as f32 - 2.0) * 4.0 + 0.6 * j as f32;
             let turn = turned(73.0 * (2 * i + j as u32) as f32);
             scene.place(&pot, &clay, Transform::from_xyz(x, 0.0, z));
-            scene.place(&plants[(i as usize + j) % 2], &m.leaf, Transform::from_xyz(x, 0.56, z).with_rotation(turn));
+            scene.place(
+                &plants[(i as usize + j) % 2],
+                &m.leaf,
+                Transform::from_xyz(x, 0.56, z).with_rotation(turn),
+            );
         }
     }
     let p = Vec2::new;
     let basin = scene.shape(|g| {
-        let profile =
-            [p(0.0, 0.0), p(1.75, 0.0), p(1.75, 0.0), p(1.75, 0.12), p(1.6, 0.18), p(1.5, 0.4), p(1.62, 0.52), p(1.66, 0.6), p(1.62, 0.64)];
+        let profile = [
+            p(0.0, 0.0),
+            p(1.75, 0.0),
+            p(1.75, 0.0),
+            p(1.75, 0.12),
+            p(1.6, 0.18),
+            p(1.5, 0.4),
+            p(1.62, 0.52),
+            p(1.66, 0.6),
+            p(1.62, 0.64),
+        ];
         g.lathe(&profile, segments(32, detail), p(6.0, 1.0));
-        g.lathe(&[p(1.62, 0.64), p(1.42, 0.64), p(1.38, 0.6), p(1.36, 0.1)], segments(32, detail), p(6.0, 1.0));
-        let stem = [p(0.42, 0.0), p(0.34, 0.3), p(0.2, 0.5), p(0.16, 0.9), p(0.24, 1.1), p(0.66, 1.22), p(0.78, 1.32), p(0.74, 1.36), p(0.6, 1.28)];
+        g.lathe(
+            &[p(1.62, 0.64), p(1.42, 0.64), p(1.38, 0.6), p(1.36, 0.1)],
+            segments(32, detail),
+            p(6.0, 1.0),
+        );
+        let stem = [
+            p(0.42, 0.0),
+            p(0.34, 0.3),
+            p(0.2, 0.5),
+            p(0.16, 0.9),
+            p(0.24, 1.1),
+            p(0.66, 1.22),
+            p(0.78, 1.32),
+            p(0.74, 1.36),
+            p(0.6, 1.28),
+        ];
         g.lathe(&stem, segments(24, detail), p(3.0, 1.0));
-        let top = [p(0.6, 1.28), p(0.12, 1.26), p(0.08, 1.5), p(0.16, 1.6), p(0.1, 1.74), p(0.0, 1.8)];
+        let top = [
+            p(0.6, 1.28),
+            p(0.12, 1.26),
+            p(0.08, 1.5),
+            p(0.16, 1.6),
+            p(0.1, 1.74),
+            p(0.0, 1.8),
+        ];
         g.lathe(&top, segments(18, detail), p(2.0, 1.0));
     });
     scene.place(&basin, &m.smooth, Transform::IDENTITY);
-    let water = scene.material(StandardMaterial { base_color: Color::srgb(0.03, 0.08, 0.09), perceptual_roughness: 0.03, ..Default::default() });
+    let water = scene.material(StandardMaterial {
+        base_color: Color::srgb(0.03, 0.08, 0.09),
+        perceptual_roughness: 0.03,
+        ..Default::default()
+    });
     let surface = scene.shape(|g| {
         g.lathe(&[p(1.38, 0.52), p(0.0, 0.52)], segments(32, detail), Vec2::ONE);
     });

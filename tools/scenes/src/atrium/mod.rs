@@ -57,7 +57,12 @@ pub(crate) fn segments(base: u32, detail: f32) -> u32 {
 /// A bright day.
 pub fn environment(world: &mut World) -> Environment {
     let (light, skybox) = sky(world, Sky::Day { sun: sun() }, 2_000.0);
-    Environment { light: Some(light), skybox: Some(skybox), exposure: Exposure { ev100: 11.0 }, tonemapping: Tonemapping::TonyMcMapface }
+    Environment {
+        light: Some(light),
+        skybox: Some(skybox),
+        exposure: Exposure { ev100: 11.0 },
+        tonemapping: Tonemapping::TonyMcMapface,
+    }
 }
 
 pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
@@ -76,7 +81,10 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
         floor: scene.material(floor),
         plaster: scene.material(plaster),
         leaf: scene.material(crate::props::leaf_material(leaf)),
-        bronze: scene.material(StandardMaterial { base_color: Color::srgb(0.74, 0.52, 0.30), ..metal.clone() }),
+        bronze: scene.material(StandardMaterial {
+            base_color: Color::srgb(0.74, 0.52, 0.30),
+            ..metal.clone()
+        }),
         gilt: scene.material(StandardMaterial {
             base_color: Color::srgb(1.0, 0.80, 0.42),
             double_sided: true,
@@ -88,8 +96,19 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     architecture::build(&mut scene, &materials, options.detail);
     dressing::build(&mut scene, &materials, options.detail);
     scene.add((
-        DirectionalLight { color: Color::srgb(1.0, 0.93, 0.82), illuminance: 26_000.0, shadow_maps_enabled: true, ..Default::default() },
-        CascadeShadowConfigBuilder { num_cascades: 3, first_cascade_far_bound: 8.0, maximum_distance: 40.0, ..Default::default() }.build(),
+        DirectionalLight {
+            color: Color::srgb(1.0, 0.93, 0.82),
+            illuminance: 26_000.0,
+            shadow_maps_enabled: true,
+            ..Default::default()
+        },
+        CascadeShadowConfigBuilder {
+            num_cascades: 3,
+            first_cascade_far_bound: 8.0,
+            maximum_distance: 40.0,
+            ..Default::default()
+        }
+        .build(),
         Transform::default().looking_to(-sun(), Vec3::Y),
     ));
     scene.finish()
@@ -116,7 +135,10 @@ pub fn camera_path(t: f32) -> Transform {
     let (a, b, c, d) = (at(-1), at(0), at(1), at(2));
     // Catmull-Rom: smooth, and through every point.
     let curve = |a: Vec3, b: Vec3, c: Vec3, d: Vec3| {
-        0.5 * (2.0 * b + (c - a) * s + (2.0 * a - 5.0 * b + 4.0 * c - d) * s * s + (3.0 * b - a - 3.0 * c + d) * s * s * s)
+        0.5 * (2.0 * b
+            + (c - a) * s
+            + (2.0 * a - 5.0 * b + 4.0 * c - d) * s * s
+            + (3.0 * b - a - 3.0 * c + d) * s * s * s)
     };
     Transform::from_translation(curve(a.0, b.0, c.0, d.0)).looking_at(curve(a.1, b.1, c.1, d.1), Vec3::Y)
 }

@@ -1,26 +1,25 @@
 //! The demo: what reflections are for, in one picture.
 
+mod glowing;
+
 use crate::{
     animation::Motion,
     builder::SceneBuilder,
-    geometry::{Geometry, turned},
+    geometry::turned,
     patterns, props,
     scene::{Environment, SceneOptions, sky},
     sky::{Sky, sun_direction},
 };
 use bevy::{
-    asset::Handle,
     camera::Exposure,
     color::{Color, LinearRgba},
     core_pipeline::tonemapping::Tonemapping,
     ecs::{entity::Entity, world::World},
-    light::{CascadeShadowConfigBuilder, DirectionalLight, PointLight, SpotLight},
     material::AlphaMode,
-    math::{Quat, Vec2, Vec3},
+    math::{Vec2, Vec3},
     pbr::StandardMaterial,
     transform::components::Transform,
 };
-use std::f32::consts::PI;
 
 const COLUMNS: usize = 7;
 
@@ -30,13 +29,21 @@ fn sun() -> Vec3 {
 
 /// Position and vertical field of view in degrees.
 pub fn camera() -> (Transform, f32) {
-    (Transform::from_xyz(-0.9, 1.75, 8.1).looking_at(Vec3::new(0.15, 1.22, 0.0), Vec3::Y), 38.0)
+    (
+        Transform::from_xyz(-0.9, 1.75, 8.1).looking_at(Vec3::new(0.15, 1.22, 0.0), Vec3::Y),
+        38.0,
+    )
 }
 
 /// An evening sky.
 pub fn environment(world: &mut World) -> Environment {
     let (light, skybox) = sky(world, Sky::Evening { sun: sun() }, 700.0);
-    Environment { light: Some(light), skybox: Some(skybox), exposure: Exposure { ev100: 9.7 }, tonemapping: Tonemapping::TonyMcMapface }
+    Environment {
+        light: Some(light),
+        skybox: Some(skybox),
+        exposure: Exposure { ev100: 9.7 },
+        tonemapping: Tonemapping::TonyMcMapface,
+    }
 }
 
 pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
@@ -45,22 +52,37 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     screens(&mut scene, options.texture_size);
     gallery_of_spheres(&mut scene, options.texture_size);
     floor_objects(&mut scene, options.texture_size);
-    neon(&mut scene);
-    gyroscope(&mut scene);
-    lights(&mut scene);
+    glowing::neon(&mut scene);
+    glowing::gyroscope(&mut scene);
+    glowing::lights(&mut scene);
     scene.finish()
 }
 
 fn metal(color: Color, perceptual_roughness: f32) -> StandardMaterial {
-    StandardMaterial { base_color: color, metallic: 1.0, perceptual_roughness, ..Default::default() }
+    StandardMaterial {
+        base_color: color,
+        metallic: 1.0,
+        perceptual_roughness,
+        ..Default::default()
+    }
 }
 
 fn gloss(color: Color, perceptual_roughness: f32) -> StandardMaterial {
-    StandardMaterial { base_color: color, perceptual_roughness, ..Default::default() }
+    StandardMaterial {
+        base_color: color,
+        perceptual_roughness,
+        ..Default::default()
+    }
 }
 
 fn glow(color: LinearRgba) -> StandardMaterial {
-    StandardMaterial { base_color: Color::BLACK, emissive: color, perceptual_roughness: 1.0, reflectance: 0.0, ..Default::default() }
+    StandardMaterial {
+        base_color: Color::BLACK,
+        emissive: color,
+        perceptual_roughness: 1.0,
+        reflectance: 0.0,
+        ..Default::default()
+    }
 }
 
 const BRASS: Color = Color::srgb(0.93, 0.76, 0.45);
@@ -71,11 +93,19 @@ const GOLD: Color = Color::srgb(1.0, 0.82, 0.42);
 /// Floor and walls.
 fn room(scene: &mut SceneBuilder, size: u32) {
     let tiles = scene.textures(2 * size, patterns::polished_tiles).material();
-    let tiles = scene.material(StandardMaterial { reflectance: 0.6, ..tiles });
+    let tiles = scene.material(StandardMaterial {
+        reflectance: 0.6,
+        ..tiles
+    });
     let floor = scene.shape(|g| {
         for (x, z) in (-3..3).flat_map(|x| (-3..3).map(move |z| (x as f32 * 4.0, z as f32 * 4.0))) {
             g.quad(
-                [Vec3::new(x, 0.0, z + 4.0), Vec3::new(x + 4.0, 0.0, z + 4.0), Vec3::new(x + 4.0, 0.0, z), Vec3::new(x, 0.0, z)],
+                [
+                    Vec3::new(x, 0.0, z + 4.0),
+                    Vec3::new(x + 4.0, 0.0, z + 4.0),
+                    Vec3::new(x + 4.0, 0.0, z),
+                    Vec3::new(x, 0.0, z),
+                ],
                 Vec2::ONE,
             );
         }
@@ -128,7 +158,15 @@ fn screens(scene: &mut SceneBuilder, size: u32) {
     });
     let wood = scene.material(gloss(Color::srgb(0.36, 0.21, 0.11), 0.45));
     let panel = scene.shape(|g| {
-        g.quad([Vec3::new(-1.1, 0.0, 0.0), Vec3::new(1.1, 0.0, 0.0), Vec3::new(1.1, 2.9, 0.0), Vec3::new(-1.1, 2.9, 0.0)], Vec2::new(1.0, 1.318));
+        g.quad(
+            [
+                Vec3::new(-1.1, 0.0, 0.0),
+                Vec3::new(1.1, 0.0, 0.0),
+                Vec3::new(1.1, 2.9, 0.0),
+                Vec3::new(-1.1, 2.9, 0.0),
+            ],
+            Vec2::new(1.0, 1.318),
+        );
     });
     let frame = scene.shape(|g| {
         for x in [-1.15, 1.15] {
@@ -164,17 +202,33 @@ fn screens(scene: &mut SceneBuilder, size: u32) {
 /// Three steps with rows of spheres: metal, coloured dielectric, gold; roughness grows to the right.
 fn gallery_of_spheres(scene: &mut SceneBuilder, size: u32) {
     let stone = scene.textures(size, patterns::plaster).material();
-    let step_stone = scene.material(StandardMaterial { base_color: Color::srgb(0.30, 0.32, 0.36), perceptual_roughness: 0.45, ..stone });
+    let step_stone = scene.material(StandardMaterial {
+        base_color: Color::srgb(0.30, 0.32, 0.36),
+        perceptual_roughness: 0.45,
+        ..stone
+    });
     let trim = scene.material(metal(BRASS, 0.22));
     let sphere = scene.shape(|g| {
         g.sphere(Vec3::ZERO, 0.38, 72, Vec2::new(2.0, 1.0));
     });
     for (row, (height, z)) in [(0.22, 0.35), (0.72, -0.75), (1.22, -1.85)].into_iter().enumerate() {
         let step = scene.shape(|g| {
-            g.rounded_box(Vec3::new(0.0, height * 0.5, 0.0), Vec3::new(6.5, height, 1.1), 0.03, 3, 0.5);
+            g.rounded_box(
+                Vec3::new(0.0, height * 0.5, 0.0),
+                Vec3::new(6.5, height, 1.1),
+                0.03,
+                3,
+                0.5,
+            );
         });
         let edge = scene.shape(|g| {
-            g.rounded_box(Vec3::new(0.0, height - 0.075, 0.552), Vec3::new(6.44, 0.025, 0.02), 0.008, 2, 1.0);
+            g.rounded_box(
+                Vec3::new(0.0, height - 0.075, 0.552),
+                Vec3::new(6.44, 0.025, 0.02),
+                0.008,
+                2,
+                1.0,
+            );
         });
         scene.place(&step, &step_stone, Transform::from_xyz(0.2, 0.0, z));
         scene.place(&edge, &trim, Transform::from_xyz(0.2, 0.0, z));
@@ -186,7 +240,11 @@ fn gallery_of_spheres(scene: &mut SceneBuilder, size: u32) {
                 _ => metal(if column % 2 == 0 { GOLD } else { COPPER }, fraction),
             };
             let material = scene.material(material);
-            scene.place(&sphere, &material, Transform::from_xyz(0.2 + (fraction - 0.5) * 5.4, height + 0.38, z + 0.02));
+            scene.place(
+                &sphere,
+                &material,
+                Transform::from_xyz(0.2 + (fraction - 0.5) * 5.4, height + 0.38, z + 0.02),
+            );
         }
     }
 }
@@ -198,13 +256,29 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
     });
     let boxes = [
         (metal(CHROME, 0.02), Vec3::new(-3.15, 0.0, 2.0), 0.78, 28.0),
-        (gloss(Color::srgb(0.03, 0.22, 0.50), 0.08), Vec3::new(-2.35, 0.0, 2.95), 0.42, -18.0),
+        (
+            gloss(Color::srgb(0.03, 0.22, 0.50), 0.08),
+            Vec3::new(-2.35, 0.0, 2.95),
+            0.42,
+            -18.0,
+        ),
         (metal(COPPER, 0.32), Vec3::new(-3.05, 0.78, 1.98), 0.36, 52.0),
-        (gloss(Color::srgb(0.92, 0.50, 0.06), 0.35), Vec3::new(1.55, 0.0, 2.75), 0.40, 35.0),
+        (
+            gloss(Color::srgb(0.92, 0.50, 0.06), 0.35),
+            Vec3::new(1.55, 0.0, 2.75),
+            0.40,
+            35.0,
+        ),
     ];
     for (material, position, edge, angle) in boxes {
         let material = scene.material(material);
-        scene.place(&block, &material, Transform::from_translation(position).with_rotation(turned(angle)).with_scale(Vec3::splat(edge)));
+        scene.place(
+            &block,
+            &material,
+            Transform::from_translation(position)
+                .with_rotation(turned(angle))
+                .with_scale(Vec3::splat(edge)),
+        );
     }
 
     let slab = scene.shape(|g| {
@@ -220,7 +294,10 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
     });
     let mirror = scene.material(metal(CHROME, 0.0));
     let worn = scene.textures(size / 2, patterns::worn_metal).material();
-    let bronze = scene.material(StandardMaterial { base_color: Color::srgb(0.80, 0.58, 0.36), ..worn });
+    let bronze = scene.material(StandardMaterial {
+        base_color: Color::srgb(0.80, 0.58, 0.36),
+        ..worn
+    });
     let stand = Transform::from_xyz(4.35, 0.02, -0.7).with_rotation(turned(-52.0));
     scene.place(&slab, &mirror, stand);
     scene.place(&surround, &bronze, stand);
@@ -229,7 +306,11 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
         g.sphere(Vec3::ZERO, 1.0, 96, Vec2::new(4.0, 2.0));
     });
     let vermilion = scene.material(gloss(Color::srgb(0.72, 0.05, 0.03), 0.06));
-    scene.place(&ball, &vermilion, Transform::from_xyz(3.35, 0.55, 1.55).with_scale(Vec3::splat(0.55)));
+    scene.place(
+        &ball,
+        &vermilion,
+        Transform::from_xyz(3.35, 0.55, 1.55).with_scale(Vec3::splat(0.55)),
+    );
     let moving = scene.place(&ball, &mirror, Transform::from_scale(Vec3::splat(0.26)));
     scene.world.entity_mut(moving).insert(Motion::Orbit {
         center: Vec3::new(-0.35, 0.5, 2.75),
@@ -239,113 +320,30 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
     });
 
     let clay = scene.textures(size / 2, patterns::limestone).material();
-    let clay = scene.material(StandardMaterial { base_color: Color::srgb(0.75, 0.42, 0.28), metallic: 0.0, ..clay });
+    let clay = scene.material(StandardMaterial {
+        base_color: Color::srgb(0.75, 0.42, 0.28),
+        metallic: 0.0,
+        ..clay
+    });
     let leaves = scene.textures(size / 2, patterns::leaf).material();
     let leaves = scene.material(props::leaf_material(leaves));
     let pot = scene.shape(|g| props::pot(g, 0.5, 0.3, 40));
     let plant = scene.shape(|g| props::plant(g, 46, 1.0, 6, 3));
-    for (position, scale, angle) in [(Vec3::new(-3.75, 0.0, -2.9), 1.35, 0.0), (Vec3::new(4.55, 0.0, 1.25), 0.95, 130.0)] {
-        let at = Transform::from_translation(position).with_rotation(turned(angle)).with_scale(Vec3::splat(scale));
-        scene.place(&pot, &clay, at);
-        scene.place(&plant, &leaves, Transform { translation: at.translation + Vec3::Y * 0.46 * scale, ..at });
-    }
-}
-
-/// The glowing ring and tubes with the lights that they stand for.
-fn neon(scene: &mut SceneBuilder) {
-    let ring = scene.shape(|g| {
-        g.torus(0.95, 0.032, 96, 16);
-    });
-    let inner = scene.shape(|g| {
-        g.torus(0.74, 0.02, 96, 12);
-    });
-    let magenta = scene.material(glow(LinearRgba::rgb(7.0, 0.55, 3.2)));
-    let cyan = scene.material(glow(LinearRgba::rgb(0.35, 4.2, 6.0)));
-    scene.place(&ring, &magenta, Transform::from_xyz(-1.0, 2.62, -3.93));
-    scene.place(&inner, &cyan, Transform::from_xyz(-1.0, 2.62, -3.93));
-    let tube = scene.shape(|g| {
-        g.tube(&[Vec3::new(0.0, 0.35, 0.0), Vec3::new(0.0, 3.2, 0.0)], 0.026, 16);
-    });
-    for (x, material) in [(-4.9, &cyan), (2.45, &cyan), (2.6, &magenta)] {
-        scene.place(&tube, material, Transform::from_xyz(x, 0.0, -3.95));
-    }
-    for (position, color, lumens) in [
-        (Vec3::new(-1.0, 2.6, -3.2), Color::srgb(1.0, 0.35, 0.75), 55_000.0),
-        (Vec3::new(2.4, 1.8, -3.4), Color::srgb(0.3, 0.85, 1.0), 32_000.0),
-        (Vec3::new(-4.7, 1.6, -3.5), Color::srgb(0.3, 0.85, 1.0), 22_000.0),
+    for (position, scale, angle) in [
+        (Vec3::new(-3.75, 0.0, -2.9), 1.35, 0.0),
+        (Vec3::new(4.55, 0.0, 1.25), 0.95, 130.0),
     ] {
-        scene.add((
-            PointLight { color, intensity: lumens, range: 9.0, radius: 0.05, shadow_maps_enabled: false, ..Default::default() },
-            Transform::from_translation(position),
-        ));
+        let at = Transform::from_translation(position)
+            .with_rotation(turned(angle))
+            .with_scale(Vec3::splat(scale));
+        scene.place(&pot, &clay, at);
+        scene.place(
+            &plant,
+            &leaves,
+            Transform {
+                translation: at.translation + Vec3::Y * 0.46 * scale,
+                ..at
+            },
+        );
     }
-}
-
-/// Nested rings that turn around a glowing core, on a turned pedestal.
-fn gyroscope(scene: &mut SceneBuilder) {
-    let place = Vec3::new(2.25, 0.0, 1.75);
-    let middle = place + Vec3::Y * 1.02;
-    let dark = scene.material(gloss(Color::srgb(0.05, 0.05, 0.06), 0.12));
-    let pedestal = scene.shape(|g| props::pedestal(g, 0.42, 0.2, 48));
-    scene.place(&pedestal, &dark, Transform::from_translation(place));
-    let finishes: [(Color, f32, f32, Vec3, Quat); 3] = [
-        (GOLD, 0.12, 0.48, Vec3::Y, Quat::from_rotation_x(0.5)),
-        (CHROME, 0.05, 0.39, Vec3::X, Quat::from_rotation_y(0.9)),
-        (COPPER, 0.25, 0.30, Vec3::Y, Quat::from_rotation_z(1.1) * Quat::from_rotation_x(PI * 0.4)),
-    ];
-    for (i, (color, roughness, radius, axis, start)) in finishes.into_iter().enumerate() {
-        let ring = scene.shape(|g| {
-            g.torus(radius, 0.026, 72, 16);
-        });
-        let material = scene.material(metal(color, roughness));
-        let entity = scene.place(&ring, &material, Transform::from_translation(middle));
-        scene.world.entity_mut(entity).insert(Motion::Spin { start, axis, rate: [0.11, -0.17, 0.23][i] });
-    }
-    let core = scene.shape(|g| {
-        g.sphere(Vec3::ZERO, 0.11, 32, Vec2::ONE);
-    });
-    let warm = scene.material(glow(LinearRgba::rgb(9.0, 5.2, 1.9)));
-    scene.place(&core, &warm, Transform::from_translation(middle));
-    scene.add((
-        PointLight { color: Color::srgb(1.0, 0.78, 0.5), intensity: 26_000.0, range: 7.0, radius: 0.11, shadow_maps_enabled: false, ..Default::default() },
-        Transform::from_translation(middle),
-    ));
-}
-
-fn lights(scene: &mut SceneBuilder) {
-    scene.add((
-        DirectionalLight { color: Color::srgb(1.0, 0.80, 0.58), illuminance: 7_500.0, shadow_maps_enabled: true, ..Default::default() },
-        CascadeShadowConfigBuilder { num_cascades: 2, first_cascade_far_bound: 11.0, maximum_distance: 26.0, ..Default::default() }.build(),
-        Transform::default().looking_to(-sun(), Vec3::Y),
-    ));
-    scene.add((
-        SpotLight {
-            color: Color::srgb(1.0, 0.92, 0.82),
-            intensity: 420_000.0,
-            range: 14.0,
-            radius: 0.08,
-            inner_angle: 0.36,
-            outer_angle: 0.56,
-            shadow_maps_enabled: true,
-            ..Default::default()
-        },
-        Transform::from_xyz(2.6, 5.6, 4.4).looking_at(Vec3::new(0.3, 0.6, -0.4), Vec3::Y),
-    ));
-    scene.add((
-        PointLight {
-            color: Color::srgb(1.0, 0.7, 0.42),
-            intensity: 60_000.0,
-            range: 9.0,
-            radius: 0.06,
-            shadow_maps_enabled: true,
-            ..Default::default()
-        },
-        Transform::from_xyz(4.3, 2.9, -2.6),
-    ));
-    let bulb = scene.shape(|g: &mut Geometry| {
-        g.sphere(Vec3::ZERO, 0.09, 24, Vec2::ONE);
-    });
-    let lit: Handle<StandardMaterial> = scene.material(glow(LinearRgba::rgb(8.0, 4.6, 1.9)));
-    let entity = scene.place(&bulb, &lit, Transform::from_xyz(4.3, 2.9, -2.6));
-    scene.world.entity_mut(entity).insert(bevy::light::NotShadowCaster);
 }
