@@ -1,0 +1,191 @@
+//! The tree over the triangles of one mesh.
+
+use super::{Bounds, NODE_ROWS, Row, TRIANGLE_ROWS, node, ploc};
+use bevy::math::DVec3;
+use obvhs::{
+    bvh2::{Bvh2, reinsertion::ReinsertionOptimizer},
+    cwbvh::{CwBvh, bvh2_to_cwbvh::bvh2_to_cwbvh, node::CwBvhNode},
+};
+
+/// Coordinates beyond this are treated like infinite ones: squares and products of them still fit an `f32`.
+const MAX_COORDINATE: f32 = 1e15;
+/// Binary trees deeper than this are not optimised further: the next steps recurse, or keep a stack of fixed size.
+const MAX_BINARY_DEPTH: u32 = 200;
+/// Deepest tree that [`build_blas`] returns unless even a balanced one is deeper (never below 100 million triangles).
+const MAX_DEPTH: u32 = 16;
+/// Top nodes that a BLAS offers to the TLAS, which may start rays at them.
+const MAX_TOP_NODES: usize = 73;
+
+/// How much time a BLAS build spends on the tree.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum BvhQuality {
+    /// For meshes that change often.
+    Fast,
+    /// The default.
+    #[default]
+    Medium,
+    /// For meshes that stay.
+    High,
+}
+
+/// An inner node near the root of a BLAS, as a place where rays may start.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TopNode {
+    /// Object space.
+    pub bounds: Bounds,
+    /// Index of the node in the BLAS.
+    pub node: u32,
+    /// Index of the first child in [`Blas::top`]; the children of a node lie side by side.
+    pub first_child: u32,
+    /// 0 when the node is not subdivided further.
+    pub child_count: u32,
+}
+
+/// The packed tree of a mesh.
+#[derive(Clone, Debug)]
+pub struct Blas {
+    /// Nodes of 5 rows, then triangles of 3 rows; indices in nodes are relative to this BLAS.
+    pub rows: Vec<Row>,
+    /// Number of nodes, at least 1.
+    pub node_count: u32,
+    /// Number of triangles that are left after degenerate ones were dropped, at least 1.
+    pub triangle_count: u32,
+    /// Object space.
+    pub bounds: Bounds,
+    /// Nodes from the root to the deepest node inclusive; see [`super::stack_size`].
+    pub depth: u32,
+    /// The root and nodes below it, breadth first: what [`super::build_tlas`] may start rays at.
+    pub top: Vec<TopNode>,
+}
+
+impl Blas {
+    /// Row of the first triangle.
+    pub fn triangle_row(&self) -> u32 {
+        self.node_count * NODE_ROWS
+    }
+
+    /// Size in the buffer.
+    pub fn bytes(&self) -> usize {
+        size_of_val(self.rows.as_slice())
+    }
+}
+
+/// Builds the tree of a triangle list. Triangles with an index out of range, a coordinate that is not finite or beyond
+/// 1e15, or without area are left out; `None` when no triangle is left or there are more than 2^28.
+pub fn build_blas(positions: &[[f32; 3]], indices: &[u32], quality: BvhQuality) -> Option<Blas> {
+    let mut primitives = Vec::with_capacity(indices.len() / 3);
+    let mut boxes = Vec::with_capacity(indices.len() / 3);
+    for (primitive, corners) in indices.as_chunks::<3>().0.iter().enumerate() {
+        if let Some(bounds) = triangle(positions, *corners).and_then(|t| triangle_bounds(&t)) {
+            primitives.push(primitive as u32);
+            boxes.push(bounds);
+        }
+    }
+    if primitives.is_empty() || primitives.len() > 1 << 28 {
+        return None;
+    }
+    let mut tree = build_tree(&boxes, quality, 3, MAX_DEPTH)?;
+    let ordered: Vec<Bounds> = tree.primitive_indices.iter().map(|i| boxes[*i as usize]).collect();
+    let exact = node::refit(&mut tree.nodes, &ordered);
+    let bounds = exact[0];
+    let top = top_nodes(&mut tree.nodes, &exact, &ordered);
+
+    let node_count = tree.nodes.len() as u32;
+    let row_count = node_count as usize * NODE_ROWS as usize + primitives.len() * TRIANGLE_ROWS as usize;
+    let mut rows = Vec::with_capacity(row_count);
+    rows.extend_from_slice(bytemuck::cast_slice::<CwBvhNode, Row>(&tree.nodes));
+    for index in &tree.primitive_indices {
+        let primitive = primitives[*index as usize];
+        let first = primitive as usize * 3;
+        let corners = triangle(positions, [indices[first], indices[first + 1], indices[first + 2]])?;
+        for (corner, last) in corners.iter().zip([primitive, 0, 0]) {
+            rows.push([corner[0].to_bits(), corner[1].to_bits(), corner[2].to_bits(), last]);
+        }
+    }
+    let triangle_count = primitives.len() as u32;
+    Some(Blas { rows, node_count, triangle_count, bounds, depth: node::depth(&tree.nodes), top })
+}
+
+/// The wide tree over boxes; `None` only if obvhs broke its own rules. Recursion in the collapse is as deep as the binary
+/// tree, which is bounded here, so a small thread stack will do.
+pub(super) fn build_tree(boxes: &[Bounds], quality: BvhQuality, leaf_size: u32, max_depth: u32) -> Option<CwBvh> {
+    let (mut binary, reinsertion) = match quality {
+        BvhQuality::Fast => (ploc::build::<2>(boxes), 0.0),
+        BvhQuality::Medium => (ploc::build::<14>(boxes), 0.05),
+        BvhQuality::High => (ploc::build::<24>(boxes), 0.3),
+    };
+    let mut depth = ploc::depth(&binary);
+    if reinsertion > 0.0 && depth <= MAX_BINARY_DEPTH {
+        // The optimiser's stack holds twice this and panics beyond; its sixteen rounds lengthen paths a little.
+        binary.max_depth = (4 * depth as usize).max(96);
+        ReinsertionOptimizer::default().run(&mut binary, reinsertion, None);
+        depth = ploc::depth(&binary);
+    }
+    if depth <= 2 * MAX_BINARY_DEPTH
+        && let Some(tree) = collapse(&binary, leaf_size, boxes.len())
+        && node::depth(&tree.nodes) <= max_depth
+    {
+        return Some(tree);
+    }
+    collapse(&ploc::build_balanced(boxes), leaf_size, boxes.len())
+}
+
+fn collapse(binary: &Bvh2, leaf_size: u32, primitive_count: usize) -> Option<CwBvh> {
+    let tree = bvh2_to_cwbvh(binary, leaf_size, true, false);
+    (tree.primitive_indices.len() == primitive_count && node::is_well_formed(&tree.nodes, primitive_count)).then_some(tree)
+}
+
+fn triangle(positions: &[[f32; 3]], corners: [u32; 3]) -> Option<[[f32; 3]; 3]> {
+    Some([
+        *positions.get(corners[0] as usize)?,
+        *positions.get(corners[1] as usize)?,
+        *positions.get(corners[2] as usize)?,
+    ])
+}
+
+/// `None` for a triangle that no ray can hit.
+fn triangle_bounds(corners: &[[f32; 3]; 3]) -> Option<Bounds> {
+    let bounds = corners.iter().fold(Bounds::EMPTY, |b, c| b.union(Bounds { min: *c, max: *c }));
+    // `f32::min` skips NaN, so the corners are tested themselves.
+    if !corners.iter().flatten().all(|x| x.abs() <= MAX_COORDINATE) {
+        return None;
+    }
+    let [a, b, c] = corners.map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into()));
+    let normal = (b - a).cross(c - a);
+    // A normal whose components vanish in f32 cannot be intersected there.
+    (normal.abs().max_element() > 1e-37).then_some(bounds)
+}
+
+/// The top of the tree, breadth first. A node with leaves among its children cannot be replaced by its inner children
+/// alone: it gets a twin, appended to `nodes`, that keeps only the leaves.
+fn top_nodes(nodes: &mut Vec<CwBvhNode>, exact: &[Bounds], primitives: &[Bounds]) -> Vec<TopNode> {
+    let mut top = vec![TopNode { bounds: exact[0], node: 0, first_child: 0, child_count: 0 }];
+    let mut next = 0;
+    while next < top.len() {
+        let index = top[next].node as usize;
+        let parent = nodes[index];
+        if index < exact.len() && parent.imask != 0 && top.len() + 8 <= MAX_TOP_NODES {
+            let first_child = top.len() as u32;
+            let mut leaves = parent;
+            let mut kept = node::child_bounds(&parent, exact, primitives);
+            for slot in 0..8 {
+                if let node::Child::Inner(child) = node::child(&parent, slot) {
+                    top.push(TopNode { bounds: exact[child as usize], node: child, first_child: 0, child_count: 0 });
+                    leaves.child_meta[slot] = 0;
+                    kept[slot] = None;
+                }
+            }
+            if kept.iter().any(Option::is_some) {
+                leaves.imask = 0;
+                node::quantise(&mut leaves, &kept);
+                let bounds = kept.iter().flatten().fold(Bounds::EMPTY, |a, b| a.union(*b));
+                top.push(TopNode { bounds, node: nodes.len() as u32, first_child: 0, child_count: 0 });
+                nodes.push(leaves);
+            }
+            top[next].first_child = first_child;
+            top[next].child_count = top.len() as u32 - first_child;
+        }
+        next += 1;
+    }
+    top
+}

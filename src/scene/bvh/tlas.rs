@@ -1,0 +1,192 @@
+//! The tree over the instances.
+
+use super::{Bounds, BvhQuality, NODE_ROWS, Row, TopNode, blas::build_tree, node};
+use bevy::math::{Affine3A, DMat3, DVec3};
+use obvhs::cwbvh::node::CwBvhNode;
+use std::collections::BinaryHeap;
+
+/// Deepest TLAS unless even a balanced one is deeper (never below a million instances).
+const MAX_DEPTH: u32 = 8;
+/// Inverse matrices with larger entries lose all precision in `f32`.
+const MAX_INVERSE: f64 = 1e12;
+
+/// One object for the TLAS.
+#[derive(Clone, Copy, Debug)]
+pub struct TlasInstance<'a> {
+    /// Object to world.
+    pub world_from_object: Affine3A,
+    /// Of the mesh, in object space.
+    pub bounds: Bounds,
+    /// Index in the instance buffer.
+    pub instance: u32,
+    /// Row of the BLAS's first node in the BLAS buffer.
+    pub node_row: u32,
+    /// Row of the BLAS's first triangle in the BLAS buffer.
+    pub triangle_row: u32,
+    /// [`super::Blas::top`], or empty: rays then always start at the root.
+    pub top: &'a [TopNode],
+}
+
+/// The packed tree over the instances.
+#[derive(Clone, Debug, Default)]
+pub struct Tlas {
+    /// Nodes of 5 rows, then entries of 4 rows. Empty when nothing can be hit.
+    pub rows: Vec<Row>,
+    /// Number of nodes; 0 when nothing can be hit.
+    pub node_count: u32,
+    /// Row of the first entry.
+    pub entry_base: u32,
+    /// Number of entries: the instances that were kept, and more for opened ones.
+    pub entry_count: u32,
+    /// Instances left out because their matrix or bounds are not finite, or the matrix has no inverse.
+    pub dropped: u32,
+    /// Nodes from the root to the deepest node inclusive; 0 when empty. See [`super::stack_size`].
+    pub depth: u32,
+}
+
+struct Entry {
+    bounds: Bounds,
+    /// Index in the kept instances.
+    kept: u32,
+    /// Index in the instance's `top`.
+    top: u32,
+}
+
+struct Kept<'a> {
+    instance: &'a TlasInstance<'a>,
+    object_from_world: [[f32; 4]; 3],
+}
+
+/// Builds the tree. With `max_entries` above the number of instances, large instances are opened: they enter the tree as
+/// several nodes of their BLAS with tighter boxes, which spares rays where instances overlap.
+pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
+    let mut kept = Vec::with_capacity(instances.len());
+    let mut entries = Vec::with_capacity(instances.len());
+    for instance in instances {
+        if let Some(object_from_world) = inverse_rows(&instance.world_from_object)
+            && let Some(bounds) = world_bounds(&instance.world_from_object, instance.bounds)
+        {
+            entries.push(Entry { bounds, kept: kept.len() as u32, top: 0 });
+            kept.push(Kept { instance, object_from_world });
+        }
+    }
+    let dropped = (instances.len() - kept.len()) as u32;
+    if max_entries > entries.len() {
+        open(&mut entries, &kept, max_entries);
+    }
+    let boxes: Vec<Bounds> = entries.iter().map(|e| e.bounds).collect();
+    let Some(mut tree) = (!boxes.is_empty()).then(|| build_tree(&boxes, BvhQuality::Fast, 1, MAX_DEPTH)).flatten() else {
+        return Tlas { dropped, ..Tlas::default() };
+    };
+    let ordered: Vec<Bounds> = tree.primitive_indices.iter().map(|i| boxes[*i as usize]).collect();
+    node::refit(&mut tree.nodes, &ordered);
+    let depth = node::depth(&tree.nodes);
+    for node in &mut tree.nodes {
+        use_slots_for_leaves(node);
+    }
+    let node_count = tree.nodes.len() as u32;
+    let mut rows = bytemuck::cast_slice::<CwBvhNode, Row>(&tree.nodes).to_vec();
+    rows.reserve(4 * entries.len());
+    for index in &tree.primitive_indices {
+        let entry = &entries[*index as usize];
+        let Kept { instance, object_from_world } = &kept[entry.kept as usize];
+        let start = instance.top.get(entry.top as usize).map_or(0, |top| top.node);
+        rows.extend(object_from_world.map(|row| row.map(f32::to_bits)));
+        rows.push([
+            instance.instance,
+            instance.node_row + start * NODE_ROWS,
+            instance.node_row,
+            instance.triangle_row,
+        ]);
+    }
+    let entry_base = node_count * NODE_ROWS;
+    Tlas { rows, node_count, entry_base, entry_count: entries.len() as u32, dropped, depth }
+}
+
+/// A leaf's offset is its rank among the node's leaves, which follows from the slots. The traversal takes TLAS leaves in
+/// octant order like inner nodes, for which it needs the slot.
+fn use_slots_for_leaves(node: &mut CwBvhNode) {
+    for slot in 0..8 {
+        if matches!(node::child(node, slot), node::Child::Leaf(..)) {
+            node.child_meta[slot] = 0b0010_0000 | slot as u8;
+        }
+    }
+}
+
+/// Replaces the entry of largest area by its children until the tree has `max_entries`.
+fn open(entries: &mut Vec<Entry>, kept: &[Kept], max_entries: usize) {
+    let can_open = |entry: &Entry| {
+        let top = kept[entry.kept as usize].instance.top;
+        top.get(entry.top as usize).filter(|node| node.child_count > 0)
+    };
+    // Areas are not negative, so their bit patterns sort like the numbers.
+    let key = |entry: &Entry, index: usize| (entry.bounds.half_area().to_bits(), index);
+    let mut queue: BinaryHeap<(u32, usize)> =
+        entries.iter().enumerate().filter(|(_, e)| can_open(e).is_some()).map(|(i, e)| key(e, i)).collect();
+    while let Some((_, index)) = queue.pop() {
+        let Some(node) = can_open(&entries[index]) else { continue };
+        if entries.len() + node.child_count as usize - 1 > max_entries {
+            break;
+        }
+        let owner = entries[index].kept;
+        let Kept { instance, .. } = &kept[owner as usize];
+        let children: Option<Vec<Entry>> = (node.first_child..node.first_child + node.child_count)
+            .map(|top| {
+                let bounds = world_bounds(&instance.world_from_object, instance.top.get(top as usize)?.bounds)?;
+                Some(Entry { bounds, kept: owner, top })
+            })
+            .collect();
+        for (i, child) in children.into_iter().flatten().enumerate() {
+            let at = if i == 0 { index } else { entries.len() };
+            if can_open(&child).is_some() {
+                queue.push(key(&child, at));
+            }
+            if i == 0 {
+                entries[at] = child;
+            } else {
+                entries.push(child);
+            }
+        }
+    }
+}
+
+/// Rows of the inverse, from `f64`.
+fn inverse_rows(matrix: &Affine3A) -> Option<[[f32; 4]; 3]> {
+    let linear: DMat3 = matrix.matrix3.as_dmat3();
+    let translation: DVec3 = matrix.translation.as_dvec3();
+    let determinant = linear.determinant();
+    if !(determinant.is_finite() && determinant != 0.0 && translation.is_finite()) {
+        return None;
+    }
+    let inverse = linear.inverse();
+    let offset = -(inverse * translation);
+    let in_range = |v: DVec3, limit: f64| v.abs().max_element() <= limit;
+    let columns = [inverse.x_axis, inverse.y_axis, inverse.z_axis];
+    if !(columns.iter().all(|c| in_range(*c, MAX_INVERSE)) && in_range(offset, 1e18)) {
+        return None;
+    }
+    Some([0, 1, 2].map(|r| [columns[0][r] as f32, columns[1][r] as f32, columns[2][r] as f32, offset[r] as f32]))
+}
+
+/// Box around the transformed box, grown by what rounding in the ray's transform can move a hit.
+fn world_bounds(matrix: &Affine3A, object: Bounds) -> Option<Bounds> {
+    if !object.is_valid() {
+        return None;
+    }
+    let mut world = Bounds::EMPTY;
+    for axis in 0..3 {
+        let translation = f64::from(matrix.translation[axis]);
+        let (mut low, mut high, mut magnitude) = (translation, translation, translation.abs());
+        for column in 0..3 {
+            let m = f64::from(matrix.matrix3.col(column)[axis]);
+            let (a, b) = (m * f64::from(object.min[column]), m * f64::from(object.max[column]));
+            low += a.min(b);
+            high += a.max(b);
+            magnitude += a.abs().max(b.abs());
+        }
+        let margin = magnitude * f64::from(f32::EPSILON) * 4.0;
+        world.min[axis] = (low - margin) as f32;
+        world.max[axis] = (high + margin) as f32;
+    }
+    (world.is_valid() && world.half_area().is_finite()).then_some(world)
+}
