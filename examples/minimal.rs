@@ -1,15 +1,13 @@
 //! The least that it takes: a few objects, a light, and a camera with reflections.
 
-mod common;
-
 use bevy::{pbr::DefaultOpaqueRendererMethod, prelude::*};
+use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin};
 
 fn main() {
     let mut app = App::new();
-    app.add_plugins(DefaultPlugins);
+    app.add_plugins((DefaultPlugins, RayTracedReflectionsPlugin::default()));
     // Reflections are traced where the deferred renderer draws.
     app.insert_resource(DefaultOpaqueRendererMethod::deferred());
-    common::add_reflections(&mut app, default());
     app.add_systems(Startup, setup);
     app.run();
 }
@@ -60,10 +58,10 @@ fn setup(world: &mut World) {
         Transform::default().looking_to(Vec3::new(-0.6, -1.0, -0.7), Vec3::Y),
     ));
 
-    let mut camera = world.spawn((
+    world.spawn((
         Camera3d::default(),
         Transform::from_xyz(0.0, 2.2, 6.5).looking_at(Vec3::Y * 0.8, Vec3::Y),
         sky.with_intensity(700.0),
+        RayTracedReflections::default(),
     ));
-    common::reflection_camera(&mut camera, default());
 }

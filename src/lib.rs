@@ -1,7 +1,57 @@
-//! Ray-traced reflections at a variable shading rate for the Bevy game engine.
+//! Ray-traced reflections for the Bevy game engine.
+//!
+//! Add [`RayTracedReflectionsPlugin`] to the app and [`RayTracedReflections`] to a camera:
+//!
+//! ```no_run
+//! use bevy::{pbr::DefaultOpaqueRendererMethod, prelude::*};
+//! use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin};
+//!
+//! fn main() {
+//!     App::new()
+//!         .add_plugins((DefaultPlugins, RayTracedReflectionsPlugin::default()))
+//!         .insert_resource(DefaultOpaqueRendererMethod::deferred())
+//!         .add_systems(Startup, |mut commands: Commands| {
+//!             commands.spawn((Camera3d::default(), RayTracedReflections::default()));
+//!         })
+//!         .run();
+//! }
+//! ```
+//!
+//! # The road of one pixel
+//!
+//! After Bevy's deferred lighting, a compute pass reads the G-buffer, draws one direction from the specular lobe of each pixel
+//! and traces a ray against the scene: by ray queries where the adapter has them, else through a BVH of the crate's own. The
+//! surface it hits is shaded with its material, all lights, shadow rays and the environment. The result is multiplied with the
+//! albedo of the lobe and added to the lit frame, in place of the environment map's specular term.
+//!
+//! | module | knows |
+//! |---|---|
+//! | [`settings`] | what a user can choose for the app and for each camera |
+//! | [`status`] | what this machine can do, what was picked, and why not the rest |
+//! | [`scene`] | what a ray can hit |
+//! | [`trace`] | from pixels to rays |
+//! | [`composite`] | from radiance to the lit frame |
+//!
+//! # Diagnostics
+//!
+//! With Bevy's `RenderDiagnosticsPlugin` the passes appear as `render/glint/trace/elapsed_gpu`,
+//! `render/glint/composite/elapsed_gpu` and `render/glint/elapsed_gpu` (milliseconds), and the counters as
+//! `render/reflection_rays` and `render/reflection_hits`. Memory of the scene is `glint/scene_bytes`.
 
 // A library reports through the log and through types; it neither prints nor panics on what a user gave it.
 #![warn(clippy::print_stdout, clippy::print_stderr, clippy::unwrap_used, clippy::expect_used)]
 
+pub mod composite;
+mod diagnostics;
+mod extract;
+mod plugin;
 pub mod scene;
+pub mod settings;
+pub mod status;
 pub mod trace;
+mod view;
+
+pub use diagnostics::{INSTANCES, MESHES_PENDING, SCENE_BYTES, TRIANGLES};
+pub use plugin::RayTracedReflectionsPlugin;
+pub use settings::{NotReflected, RayTracedReflections, Technique, TextureMip, TracerChoice};
+pub use status::{ReflectionStatus, StatusReport, Tracer};

@@ -9,6 +9,7 @@ use bevy::{
     pbr::DefaultOpaqueRendererMethod,
     prelude::*,
 };
+use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, Technique, TracerChoice};
 use std::{path::PathBuf, process::ExitCode, str::FromStr};
 
 /// Declares an enum whose variants are words on the command line.
@@ -45,25 +46,23 @@ pub struct ReflectionOptions {
 
 /// Adds the plugin.
 pub fn add_reflections(app: &mut App, options: ReflectionOptions) {
-    let _ = (app, options.tracer, options.backend);
-    // let tracer = match options.tracer {
-    //     TracerWord::Auto => TracerChoice::Auto,
-    //     TracerWord::RayQuery => TracerChoice::RayQuery,
-    //     TracerWord::Bvh => TracerChoice::Bvh,
-    // };
-    // app.add_plugins(bevy_glint::RayTracedReflectionsPlugin { tracer, ..default() });
+    let tracer = match options.tracer {
+        TracerWord::Auto => TracerChoice::Auto,
+        TracerWord::RayQuery => TracerChoice::RayQuery,
+        TracerWord::Bvh => TracerChoice::Bvh,
+    };
+    app.add_plugins(RayTracedReflectionsPlugin { tracer });
 }
 
 /// Gives a camera its reflections.
 pub fn reflection_camera(camera: &mut EntityWorldMut, options: ReflectionOptions) {
     camera.insert((Hdr, Msaa::Off));
-    let _ = options.technique;
-    // let technique = match options.technique {
-    //     TechniqueWord::Off => return,
-    //     TechniqueWord::Reference => Technique::Reference,
-    //     TechniqueWord::Converged => Technique::Converged,
-    // };
-    // camera.insert(bevy_glint::RayTracedReflections { technique, ..default() });
+    let technique = match options.technique {
+        TechniqueWord::Off => return,
+        TechniqueWord::Reference => Technique::Reference,
+        TechniqueWord::Converged => Technique::Converged,
+    };
+    camera.insert(RayTracedReflections { technique, ..default() });
 }
 
 /// A size such as `1920x1080`.

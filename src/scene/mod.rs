@@ -1,4 +1,124 @@
 //! What a ray can hit: geometry, acceleration structures, materials, lights and environment.
+//!
+//! Shaders see it as one bind group (`bindings.wesl`) and two functions (`trace.wesl`): `trace_closest` and `trace_any`, with
+//! one implementation over the driver's ray queries and one over the crate's own BVH.
 
+pub mod acceleration;
+mod activity;
+pub mod arena;
 pub mod bvh;
+pub mod environment;
+pub mod geometry;
 pub mod gpu_types;
+pub mod instances;
+pub mod lights;
+pub mod materials;
+pub mod meshes;
+mod prepare;
+#[cfg(test)]
+mod test_gpu;
+mod texture_layers;
+pub mod textures;
+pub mod upload;
+
+pub use prepare::SceneBindings;
+
+use activity::{SceneActivity, extract_activity};
+use bevy::{
+    app::{App, Plugin, SubApp},
+    asset::embedded_asset,
+    ecs::{prelude::*, schedule::ScheduleConfigs, system::ScheduleSystem},
+    render::{
+        ExtractSchedule, GpuResourceAppExt, Render, RenderStartup, RenderSystems, init_gpu_resource, mesh::RenderMesh,
+        render_asset::prepare_assets,
+    },
+    shader::load_shader_library,
+};
+use environment::{EnvironmentBindings, extract_environments, prepare_environments};
+use crate::settings::RayTracedReflections;
+use instances::{SceneInstances, extract_instances};
+use lights::{ExtractedLights, RectLightsEnabled, detect_rect_lights, extract_lights};
+use materials::{MaterialAssets, MaterialTable, extract_materials, update_materials};
+use meshes::{RenderWorldMeshes, SceneMeshes, extract_meshes, keep_render_world_meshes, upload_meshes};
+use prepare::{prepare_instances, prepare_scene_bind_group, prepare_tables};
+use textures::{TextureTable, extract_texture_changes, update_textures};
+
+/// The shaders of the scene; systems are added once the device is known.
+pub(crate) struct ScenePlugin;
+
+impl Plugin for ScenePlugin {
+    fn build(&self, app: &mut App) {
+        load_shader_library!(app, "alpha.wesl");
+        load_shader_library!(app, "bindings.wesl");
+        load_shader_library!(app, "bvh.wesl");
+        load_shader_library!(app, "environment.wesl");
+        load_shader_library!(app, "geometry.wesl");
+        load_shader_library!(app, "lights.wesl");
+        load_shader_library!(app, "material.wesl");
+        load_shader_library!(app, "numeric.wesl");
+        load_shader_library!(app, "offset.wesl");
+        load_shader_library!(app, "ray_query.wesl");
+        load_shader_library!(app, "shading.wesl");
+        load_shader_library!(app, "surface.wesl");
+        load_shader_library!(app, "trace.wesl");
+        load_shader_library!(app, "types.wesl");
+        embedded_asset!(app, "texture_layers.wesl");
+    }
+}
+
+impl ScenePlugin {
+    /// Everything that a start of the renderer makes anew, and what must be ready before pipelines are described.
+    pub(crate) fn add_systems(render_app: &mut SubApp) {
+        render_app
+            .init_resource::<RenderWorldMeshes>()
+            .init_resource::<RectLightsEnabled>()
+            .init_resource::<ExtractedLights>()
+            .init_gpu_resource::<SceneActivity>()
+            .init_gpu_resource::<SceneInstances>()
+            .init_gpu_resource::<MaterialAssets>()
+            .init_gpu_resource::<MaterialTable>()
+            .init_gpu_resource::<TextureTable>()
+            .init_gpu_resource::<EnvironmentBindings>()
+            .init_gpu_resource::<SceneMeshes>()
+            .add_systems(
+                RenderStartup,
+                init_scene_bindings.after(init_gpu_resource::<TextureTable>).after(init_gpu_resource::<SceneMeshes>),
+            )
+            .add_systems(
+                ExtractSchedule,
+                (
+                    (extract_activity, extract_instances, extract_meshes).chain(),
+                    extract_materials,
+                    extract_texture_changes,
+                    extract_lights,
+                    extract_environments::<RayTracedReflections>,
+                ),
+            )
+            .add_systems(
+                Render,
+                (
+                    keep_render_world_meshes.in_set(RenderSystems::PrepareAssets).before(prepare_assets::<RenderMesh>),
+                    (
+                        (upload_meshes, update_textures),
+                        prepare_instances,
+                        update_materials,
+                        prepare_tables,
+                        detect_rect_lights,
+                    )
+                        .chain()
+                        .in_set(RenderSystems::PrepareResources),
+                    (prepare_environments, prepare_scene_bind_group).in_set(RenderSystems::PrepareBindGroups),
+                ),
+            );
+    }
+
+    /// After this, [`SceneBindings`] exists.
+    pub(crate) fn startup() -> impl IntoSystemSet<()> {
+        init_scene_bindings.into_system_set()
+    }
+}
+
+fn init_scene_bindings(world: &mut World) {
+    let bindings = SceneBindings::from_world(world);
+    world.insert_resource(bindings);
+}

@@ -1,0 +1,309 @@
+//! The driver's acceleration structures, for the ray-query tracer.
+
+use super::{
+    gpu_types::{INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED},
+    meshes::SceneMeshes,
+};
+use bevy::{
+    asset::AssetId,
+    log::warn_once,
+    math::Affine3A,
+    mesh::Mesh,
+    platform::collections::{HashMap, HashSet},
+    render::{
+        render_resource::{
+            AccelerationStructureFlags, AccelerationStructureGeometryFlags, AccelerationStructureUpdateMode, Blas,
+            BlasBuildEntry, BlasGeometries, BlasGeometrySizeDescriptors, BlasTriangleGeometry,
+            BlasTriangleGeometrySizeDescriptor, Buffer, BufferInitDescriptor, BufferUsages, CommandEncoderDescriptor,
+            CreateBlasDescriptor, CreateTlasDescriptor, IndexFormat, Tlas, TlasInstance, VertexFormat,
+        },
+        renderer::{RenderDevice, RenderQueue},
+    },
+};
+
+/// Cull mask bit of everything that reflection rays see.
+pub const MASK_REFLECTED: u8 = 1;
+/// Cull mask bit of what blocks shadow rays.
+pub const MASK_CASTS_SHADOW: u8 = 2;
+
+/// Triangles that go into one build command, to bound the driver's scratch memory.
+const TRIANGLES_PER_BUILD: u32 = 4_000_000;
+const SMALLEST_TLAS: u32 = 64;
+
+/// Which faces of a mesh stand in a BLAS. Closest-hit rays always cull back faces in hardware, so that a surface that is seen
+/// from behind needs triangles of the opposite winding: wgpu has no culling switch for single instances.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Winding {
+    /// Front faces as the mesh has them.
+    AsIs,
+    /// Every triangle flipped: (a, c, b).
+    Flipped,
+    /// As they are, then all flipped: twice the triangles.
+    Both,
+}
+
+/// The variants of a mesh's BLAS.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct BlasKey {
+    mesh: AssetId<Mesh>,
+    winding: Winding,
+    opaque: bool,
+}
+
+impl BlasKey {
+    /// The variant that an instance with these flags needs.
+    pub fn new(mesh: AssetId<Mesh>, flags: u32) -> Self {
+        let mirrored = flags & INSTANCE_MIRRORED != 0;
+        let winding = if flags & INSTANCE_CULL_BACK != 0 {
+            if mirrored { Winding::Flipped } else { Winding::AsIs }
+        } else if flags & INSTANCE_CULL_FRONT != 0 {
+            if mirrored { Winding::AsIs } else { Winding::Flipped }
+        } else {
+            Winding::Both
+        };
+        Self { mesh, winding, opaque: flags & INSTANCE_ALPHA_MASKED == 0 }
+    }
+}
+
+/// One instance of the TLAS to build.
+pub struct RayQueryInstance {
+    /// Index in the instance buffer.
+    pub slot: u32,
+    /// Its BLAS.
+    pub blas: BlasKey,
+    /// Object to world.
+    pub world_from_object: Affine3A,
+    /// `INSTANCE_` flags.
+    pub flags: u32,
+}
+
+/// BLASes of all meshes in use and the TLAS over them.
+pub struct AccelerationStructures {
+    blas: HashMap<BlasKey, (u64, Blas)>,
+    tlas: Tlas,
+    capacity: u32,
+    /// Changes when [`Self::tlas`] becomes another object.
+    pub generation: u64,
+}
+
+impl AccelerationStructures {
+    /// An empty TLAS.
+    pub fn new(device: &RenderDevice) -> Self {
+        Self { blas: HashMap::default(), tlas: create_tlas(device, SMALLEST_TLAS), capacity: SMALLEST_TLAS, generation: 0 }
+    }
+
+    /// The TLAS for binding.
+    pub fn tlas(&self) -> &Tlas {
+        &self.tlas
+    }
+
+    /// Bytes can't be asked of wgpu; this is the number of BLASes.
+    pub fn blas_count(&self) -> usize {
+        self.blas.len()
+    }
+
+    /// Builds missing BLASes and the TLAS. Returns how many BLASes were built.
+    pub fn build(
+        &mut self,
+        instances: &[RayQueryInstance],
+        meshes: &SceneMeshes,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> u64 {
+        let built = self.build_missing(instances, meshes, device, queue);
+        let limit = device.limits().max_tlas_instance_count.min(1 << 24);
+        let mut count = instances.len() as u32;
+        if count > limit {
+            warn_once!("{count} objects can be reflected, but the device's limit is {limit}: the others are missing");
+            count = limit;
+        }
+        if count > self.capacity || (count < self.capacity / 4 && self.capacity > SMALLEST_TLAS) {
+            self.capacity = count.next_power_of_two().clamp(SMALLEST_TLAS, limit.max(SMALLEST_TLAS));
+            self.tlas = create_tlas(device, self.capacity);
+            self.generation += 1;
+        }
+        let used = instances.iter().take(count as usize);
+        let entries = used.filter_map(|instance| {
+            let (_, blas) = self.blas.get(&instance.blas)?;
+            let mut mask = MASK_REFLECTED;
+            if instance.flags & INSTANCE_CASTS_SHADOW != 0 {
+                mask |= MASK_CASTS_SHADOW;
+            }
+            Some(TlasInstance::new(blas, rows(&instance.world_from_object), instance.slot, mask))
+        });
+        let entries: Vec<_> = entries.collect();
+        if let Some(places) = self.tlas.get_mut_slice(0..self.capacity as usize) {
+            let mut entries = entries.into_iter();
+            for place in places {
+                *place = entries.next();
+            }
+        }
+        let mut encoder =
+            device.create_command_encoder(&CommandEncoderDescriptor { label: Some("glint_tlas_build") });
+        encoder.build_acceleration_structures(&[], [&self.tlas]);
+        queue.submit([encoder.finish()]);
+        built
+    }
+
+    fn build_missing(
+        &mut self,
+        instances: &[RayQueryInstance],
+        meshes: &SceneMeshes,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> u64 {
+        let used: HashSet<BlasKey> = instances.iter().map(|instance| instance.blas).collect();
+        self.blas.retain(|key, (version, _)| {
+            meshes.get(key.mesh).is_some_and(|mesh| mesh.version == *version) && used.contains(key)
+        });
+        let mut missing: Vec<_> = used.into_iter().filter(|key| !self.blas.contains_key(key)).collect();
+        let mut built = 0;
+        while !missing.is_empty() {
+            let mut triangles = 0;
+            let mut batch = Vec::new();
+            while triangles < TRIANGLES_PER_BUILD
+                && let Some(key) = missing.pop()
+            {
+                if let Some(mesh) = meshes.get(key.mesh) {
+                    triangles += mesh.triangle_count;
+                    batch.extend(PendingBlas::new(key, meshes, device));
+                }
+            }
+            let entries: Vec<_> = batch.iter().map(|pending| pending.entry(meshes)).collect();
+            if entries.is_empty() {
+                continue;
+            }
+            let mut encoder =
+                device.create_command_encoder(&CommandEncoderDescriptor { label: Some("glint_blas_build") });
+            encoder.build_acceleration_structures(&entries, []);
+            queue.submit([encoder.finish()]);
+            drop(entries);
+            built += batch.len() as u64;
+            for pending in batch {
+                self.blas.insert(pending.key, (pending.version, pending.blas));
+            }
+        }
+        built
+    }
+}
+
+struct PendingBlas {
+    key: BlasKey,
+    version: u64,
+    blas: Blas,
+    size: BlasTriangleGeometrySizeDescriptor,
+    /// Indices of another winding than the mesh's own.
+    indices: Option<Buffer>,
+    first_vertex: u32,
+    first_index: u32,
+}
+
+impl PendingBlas {
+    fn new(key: BlasKey, meshes: &SceneMeshes, device: &RenderDevice) -> Option<Self> {
+        let mesh = meshes.get(key.mesh)?;
+        let indices = rewound(&mesh.indices, key.winding);
+        let index_count = indices.as_ref().map_or(mesh.indices.len(), Vec::len) as u32;
+        let limit = device.limits().max_blas_primitive_count;
+        if index_count / 3 > limit {
+            warn_once!("a mesh of {} triangles is missing from reflections: the device's limit is {limit}", index_count / 3);
+            return None;
+        }
+        let size = BlasTriangleGeometrySizeDescriptor {
+            vertex_format: VertexFormat::Float32x3,
+            vertex_count: mesh.vertex_count,
+            index_format: Some(IndexFormat::Uint32),
+            index_count: Some(index_count),
+            flags: if key.opaque {
+                AccelerationStructureGeometryFlags::OPAQUE
+            } else {
+                AccelerationStructureGeometryFlags::empty()
+            },
+        };
+        let blas = device.wgpu_device().create_blas(
+            &CreateBlasDescriptor {
+                label: Some("glint_blas"),
+                flags: AccelerationStructureFlags::PREFER_FAST_TRACE,
+                update_mode: AccelerationStructureUpdateMode::Build,
+            },
+            BlasGeometrySizeDescriptors::Triangles { descriptors: vec![size.clone()] },
+        );
+        let base = mesh.geometry.base();
+        Some(Self {
+            key,
+            version: mesh.version,
+            blas,
+            size,
+            first_vertex: (base + mesh.positions_offset) / 3,
+            first_index: if indices.is_some() { 0 } else { base + mesh.indices_offset },
+            indices: indices.map(|indices| {
+                device.create_buffer_with_data(&BufferInitDescriptor {
+                    label: Some("glint_blas_indices"),
+                    contents: bytemuck::cast_slice(&indices),
+                    usage: BufferUsages::BLAS_INPUT,
+                })
+            }),
+        })
+    }
+
+    fn entry<'a>(&'a self, meshes: &'a SceneMeshes) -> BlasBuildEntry<'a> {
+        BlasBuildEntry {
+            blas: &self.blas,
+            geometry: BlasGeometries::TriangleGeometries(vec![BlasTriangleGeometry {
+                size: &self.size,
+                vertex_buffer: meshes.geometry.buffer(),
+                first_vertex: self.first_vertex,
+                vertex_stride: 12,
+                index_buffer: Some(self.indices.as_ref().unwrap_or(meshes.geometry.buffer())),
+                first_index: Some(self.first_index),
+                transform_buffer: None,
+                transform_buffer_offset: None,
+            }]),
+        }
+    }
+}
+
+/// Indices of another winding than the mesh's own, or `None`.
+fn rewound(indices: &[u32], winding: Winding) -> Option<Vec<u32>> {
+    let flipped = indices.chunks_exact(3).flat_map(|triangle| [triangle[0], triangle[2], triangle[1]]);
+    match winding {
+        Winding::AsIs => None,
+        Winding::Flipped => Some(flipped.collect()),
+        Winding::Both => Some(indices.iter().copied().chain(flipped).collect()),
+    }
+}
+
+fn create_tlas(device: &RenderDevice, capacity: u32) -> Tlas {
+    device.wgpu_device().create_tlas(&CreateTlasDescriptor {
+        label: Some("glint_tlas"),
+        max_instances: capacity,
+        flags: AccelerationStructureFlags::PREFER_FAST_TRACE,
+        update_mode: AccelerationStructureUpdateMode::Build,
+    })
+}
+
+/// The row-major 3x4 matrix that wgpu and our shaders take.
+pub fn rows(affine: &Affine3A) -> [f32; 12] {
+    let m = affine.matrix3;
+    let t = affine.translation;
+    [
+        m.x_axis.x, m.y_axis.x, m.z_axis.x, t.x, //
+        m.x_axis.y, m.y_axis.y, m.z_axis.y, t.y, //
+        m.x_axis.z, m.y_axis.z, m.z_axis.z, t.z,
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn winding_follows_culling_and_mirroring() {
+        let winding = |flags| BlasKey::new(AssetId::default(), flags).winding;
+        assert_eq!(winding(INSTANCE_CULL_BACK), Winding::AsIs);
+        assert_eq!(winding(INSTANCE_CULL_BACK | INSTANCE_MIRRORED), Winding::Flipped);
+        assert_eq!(winding(INSTANCE_CULL_FRONT), Winding::Flipped);
+        assert_eq!(winding(INSTANCE_CULL_FRONT | INSTANCE_MIRRORED), Winding::AsIs);
+        assert_eq!(winding(INSTANCE_MIRRORED), Winding::Both);
+        assert_eq!(rewound(&[0, 1, 2], Winding::Both), Some(vec![0, 1, 2, 0, 2, 1]));
+    }
+}

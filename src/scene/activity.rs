@@ -1,0 +1,23 @@
+//! Whether any camera wants reflections: without one, the scene isn't mirrored at all.
+
+use crate::settings::RayTracedReflections;
+use bevy::{camera::Camera, ecs::prelude::*, render::Extract};
+
+/// Whether any active camera carries [`RayTracedReflections`].
+#[derive(Resource, Default)]
+pub struct SceneActivity {
+    /// At least one camera does.
+    pub active: bool,
+    /// This is the first such frame since there was none (or since the device was recovered): everything must be mirrored anew.
+    pub started: bool,
+}
+
+/// Runs before all other extraction of the scene.
+pub fn extract_activity(
+    cameras: Extract<Query<&Camera, With<RayTracedReflections>>>,
+    mut activity: ResMut<SceneActivity>,
+) {
+    let active = cameras.iter().any(|camera| camera.is_active);
+    activity.started = active && !activity.active;
+    activity.active = active;
+}

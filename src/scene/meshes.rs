@@ -1,0 +1,336 @@
+//! From mesh assets to packed geometry and acceleration structures, built off the main thread.
+
+use super::{
+    activity::SceneActivity,
+    arena::{Arena, ArenaSlice},
+    bvh::{Blas, Bounds, BvhQuality, TopNode, build_blas},
+    geometry::{GeometryError, PackedMesh, pack_mesh},
+    instances::SceneInstances,
+};
+use crate::status::{ReflectionStatus, Tracer};
+use bevy::{
+    asset::{AssetEvent, AssetId, Assets, RenderAssetUsages},
+    ecs::prelude::*,
+    log::warn,
+    mesh::Mesh,
+    platform::{
+        collections::{HashMap, HashSet},
+        time::Instant,
+    },
+    render::{
+        Extract,
+        mesh::RenderMesh,
+        render_asset::ExtractedAssets,
+        render_resource::BufferUsages,
+        renderer::{RenderDevice, RenderQueue},
+    },
+    tasks::{AsyncComputeTaskPool, Task, block_on, poll_once},
+};
+use std::sync::Arc;
+
+/// Bytes of finished meshes that are uploaded in one frame; the first is always uploaded, however large.
+const UPLOAD_BYTES_PER_FRAME: u64 = 256 << 20;
+
+/// What a build task hands back.
+pub struct BuiltMesh {
+    packed: PackedMesh,
+    /// Only for the BVH tracer.
+    blas: Option<Blas>,
+    milliseconds: f32,
+}
+
+/// A mesh that rays can hit.
+pub struct SceneMesh {
+    /// Words of the geometry buffer.
+    pub geometry: ArenaSlice,
+    /// Only with the BVH tracer.
+    pub bvh: Option<SceneBlas>,
+    /// Vertices of the packed mesh.
+    pub vertex_count: u32,
+    /// Triangles of the packed mesh.
+    pub triangle_count: u32,
+    /// Words from the start of [`Self::geometry`].
+    pub positions_offset: u32,
+    /// Words from the start of [`Self::geometry`].
+    pub indices_offset: u32,
+    /// Triangle indices, kept for building ray-query structures of flipped winding.
+    pub indices: Arc<[u32]>,
+    /// Changes with every new version of the mesh.
+    pub version: u64,
+}
+
+/// A BLAS in the BVH buffer.
+pub struct SceneBlas {
+    /// Nodes and triangles, in `u32` words.
+    pub slice: ArenaSlice,
+    /// Rows (of four words) from the start of the slice to the first triangle.
+    pub triangle_row: u32,
+    /// Object space.
+    pub bounds: Bounds,
+    /// Nodes that rays may start at.
+    pub top: Vec<TopNode>,
+}
+
+/// All meshes of traced objects.
+#[derive(Resource)]
+pub struct SceneMeshes {
+    /// Packed meshes.
+    pub geometry: Arena,
+    /// BLAS nodes and triangles; empty with ray queries.
+    pub bvh: Arena,
+    ready: HashMap<AssetId<Mesh>, SceneMesh>,
+    pending: HashMap<AssetId<Mesh>, Task<Result<BuiltMesh, GeometryError>>>,
+    failed: HashSet<AssetId<Mesh>>,
+    /// Meshes that became ready, changed or vanished in this frame.
+    pub changed: HashSet<AssetId<Mesh>>,
+    tracer: Tracer,
+    next_version: u64,
+    triangles: u64,
+    /// An arena was full, and the user was told.
+    warned_full: bool,
+}
+
+/// Packed meshes whose source data exists in the render world alone: kept, since it can't be read twice.
+#[derive(Resource, Default)]
+pub struct RenderWorldMeshes(HashMap<AssetId<Mesh>, Arc<Mesh>>);
+
+impl SceneMeshes {
+    /// Empty arenas for a tracer.
+    pub fn new(device: &RenderDevice, tracer: Tracer) -> Self {
+        let mut usages = BufferUsages::STORAGE;
+        if tracer == Tracer::RayQuery {
+            usages |= BufferUsages::BLAS_INPUT;
+        }
+        Self {
+            geometry: Arena::new(device, "glint_geometry", usages, 12, u64::MAX),
+            bvh: Arena::new(device, "glint_bvh", BufferUsages::STORAGE, 4, u64::MAX),
+            ready: HashMap::default(),
+            pending: HashMap::default(),
+            failed: HashSet::default(),
+            changed: HashSet::default(),
+            tracer,
+            next_version: 1,
+            triangles: 0,
+            warned_full: false,
+        }
+    }
+
+    /// A mesh that is ready.
+    pub fn get(&self, id: AssetId<Mesh>) -> Option<&SceneMesh> {
+        self.ready.get(&id)
+    }
+
+    /// The tracer that meshes are built for.
+    pub fn tracer(&self) -> Tracer {
+        self.tracer
+    }
+
+    /// Meshes that are being built.
+    pub fn pending(&self) -> usize {
+        self.pending.len()
+    }
+
+    fn is_known(&self, id: AssetId<Mesh>) -> bool {
+        self.ready.contains_key(&id) || self.pending.contains_key(&id) || self.failed.contains(&id)
+    }
+
+    fn start(&mut self, id: AssetId<Mesh>, mesh: impl core::ops::Deref<Target = Mesh> + Send + 'static) {
+        let with_bvh = self.tracer == Tracer::Bvh;
+        let task = AsyncComputeTaskPool::get().spawn(async move {
+            let begin = Instant::now();
+            let packed = pack_mesh(&mesh)?;
+            drop(mesh);
+            let blas = with_bvh
+                .then(|| build_blas(packed.positions(), packed.indices(), BvhQuality::default()))
+                .flatten();
+            let milliseconds = begin.elapsed().as_secs_f32() * 1000.0;
+            Ok(BuiltMesh { packed, blas, milliseconds })
+        });
+        self.failed.remove(&id);
+        self.pending.insert(id, task);
+    }
+
+    fn remove(&mut self, id: AssetId<Mesh>) {
+        self.pending.remove(&id);
+        self.failed.remove(&id);
+        if let Some(mesh) = self.ready.remove(&id) {
+            self.triangles -= u64::from(mesh.triangle_count);
+            self.geometry.free(mesh.geometry);
+            if let Some(bvh) = mesh.bvh {
+                self.bvh.free(bvh.slice);
+            }
+            self.changed.insert(id);
+        }
+    }
+
+    /// Gives everything back.
+    pub fn clear(&mut self, device: &RenderDevice) {
+        if !self.ready.is_empty() || !self.pending.is_empty() || !self.failed.is_empty() {
+            *self = Self::new(device, self.tracer);
+        }
+    }
+
+    fn insert(&mut self, id: AssetId<Mesh>, built: BuiltMesh, queue: &RenderQueue) -> bool {
+        let BuiltMesh { packed, blas, .. } = built;
+        self.remove(id);
+        let Some(geometry) = self.geometry.allocate(packed.words.len() as u32) else { return false };
+        let bvh = match blas {
+            Some(blas) => {
+                let words = blas.rows.as_flattened();
+                let Some(slice) = self.bvh.allocate(words.len() as u32) else {
+                    self.geometry.free(geometry);
+                    return false;
+                };
+                self.bvh.write(queue, &slice, words);
+                Some(SceneBlas { slice, triangle_row: blas.triangle_row(), bounds: blas.bounds, top: blas.top })
+            }
+            None => None,
+        };
+        self.geometry.write(queue, &geometry, &packed.words);
+        let mesh = SceneMesh {
+            geometry,
+            bvh,
+            vertex_count: packed.vertex_count,
+            triangle_count: packed.triangle_count,
+            positions_offset: packed.offsets.positions,
+            indices_offset: packed.offsets.indices,
+            indices: packed.indices().into(),
+            version: self.next_version,
+        };
+        self.next_version += 1;
+        self.triangles += u64::from(mesh.triangle_count);
+        self.ready.insert(id, mesh);
+        self.changed.insert(id);
+        true
+    }
+}
+
+/// Reads mesh assets of the main world that traced objects need, and notes which changed or vanished.
+pub fn extract_meshes(
+    assets: Extract<Res<Assets<Mesh>>>,
+    mut events: Extract<MessageReader<AssetEvent<Mesh>>>,
+    instances: Res<SceneInstances>,
+    activity: Res<SceneActivity>,
+    mut meshes: ResMut<SceneMeshes>,
+    mut render_world: ResMut<RenderWorldMeshes>,
+    device: Res<RenderDevice>,
+    mut wanted: Local<HashSet<AssetId<Mesh>>>,
+) {
+    let meshes = &mut *meshes;
+    meshes.changed.clear();
+    let mut modified = Vec::new();
+    for event in events.read() {
+        match event {
+            AssetEvent::Modified { id } => modified.push(*id),
+            AssetEvent::Unused { id } => {
+                render_world.0.remove(id);
+                meshes.remove(*id);
+            }
+            _ => {}
+        }
+    }
+    if !activity.active {
+        meshes.clear(&device);
+        return;
+    }
+    for id in modified {
+        if meshes.is_known(id)
+            && let Some(mesh) = assets.get(id)
+            && is_readable(mesh)
+        {
+            meshes.start(id, Box::new(mesh.clone()));
+        }
+    }
+    wanted.clear();
+    wanted.extend(instances.slots().iter().flatten().map(|instance| instance.mesh));
+    for &id in wanted.iter().filter(|id| !meshes.is_known(**id)).collect::<Vec<_>>() {
+        if let Some(mesh) = render_world.0.get(&id) {
+            meshes.start(id, mesh.clone());
+        } else if let Some(mesh) = assets.get(id)
+            && is_readable(mesh)
+        {
+            meshes.start(id, Box::new(mesh.clone()));
+        }
+    }
+}
+
+fn is_readable(mesh: &Mesh) -> bool {
+    mesh.asset_usage.contains(RenderAssetUsages::MAIN_WORLD) && mesh.try_attributes().is_ok()
+}
+
+/// Keeps the data of meshes that live in the render world alone, which exists only until they are prepared.
+pub fn keep_render_world_meshes(
+    extracted: Res<ExtractedAssets<RenderMesh>>,
+    mut kept: ResMut<RenderWorldMeshes>,
+    mut meshes: ResMut<SceneMeshes>,
+    activity: Res<SceneActivity>,
+) {
+    for (id, mesh) in &extracted.extracted {
+        if mesh.asset_usage.contains(RenderAssetUsages::MAIN_WORLD) {
+            continue;
+        }
+        let mesh = Arc::new(mesh.clone());
+        kept.0.insert(*id, mesh.clone());
+        if activity.active && meshes.is_known(*id) {
+            meshes.start(*id, mesh);
+        }
+    }
+}
+
+/// Uploads meshes whose build has finished.
+pub fn upload_meshes(
+    mut meshes: ResMut<SceneMeshes>,
+    status: Res<ReflectionStatus>,
+    queue: Res<RenderQueue>,
+) {
+    let meshes = &mut *meshes;
+    let finished: Vec<_> = {
+        let mut bytes = 0;
+        meshes
+            .pending
+            .extract_if(|_, task| bytes < UPLOAD_BYTES_PER_FRAME && task.is_finished())
+            .map(|(id, mut task)| {
+                let result = block_on(poll_once(&mut task));
+                if let Some(Ok(built)) = &result {
+                    bytes += built.packed.words.len() as u64 * 4;
+                }
+                (id, result)
+            })
+            .collect()
+    };
+    let mut builds = 0;
+    let mut milliseconds = 0.0;
+    for (id, result) in finished {
+        match result {
+            Some(Ok(built)) => {
+                builds += 1;
+                milliseconds += built.milliseconds;
+                if built.packed.triangle_count == 0 {
+                    meshes.remove(id);
+                    meshes.failed.insert(id);
+                } else if !meshes.insert(id, built, &queue) {
+                    meshes.failed.insert(id);
+                    if !core::mem::replace(&mut meshes.warned_full, true) {
+                        warn!(
+                            "a mesh doesn't fit into the memory that one buffer may take on this device, so it is missing \
+                             from reflections; use fewer or smaller meshes, or keep some out with `NotReflected`"
+                        );
+                    }
+                }
+            }
+            Some(Err(error)) => {
+                warn!("mesh {id} is missing from reflections: {error}");
+                meshes.remove(id);
+                meshes.failed.insert(id);
+            }
+            None => {}
+        }
+    }
+    status.update(|report| {
+        report.meshes_pending = meshes.pending.len();
+        report.meshes = meshes.ready.len();
+        report.triangles = meshes.triangles;
+        report.blas_builds += builds;
+        report.blas_build_ms += milliseconds;
+    });
+}

@@ -1,0 +1,403 @@
+//! From the mirrored scene to the buffers, structures and the bind group that shaders read.
+
+use super::{
+    acceleration::{AccelerationStructures, BlasKey, RayQueryInstance, rows},
+    bvh::{Row, Tlas, TlasInstance, build_tlas},
+    gpu_types::{
+        GpuInstance, GpuLight, GpuMaterial, GpuSceneUniform, INSTANCE_CASTS_SHADOW, INSTANCE_MIRRORED,
+        INSTANCE_RECEIVES_SHADOW,
+    },
+    instances::{InstanceSource, SceneInstances},
+    lights::ExtractedLights,
+    materials::{MaterialAssets, MaterialTable, instance_flags, is_traced},
+    meshes::{SceneMesh, SceneMeshes},
+    textures::TextureTable,
+    upload::StorageSlice,
+};
+use crate::{
+    scene::activity::SceneActivity,
+    status::{ReflectionStatus, Tracer},
+    trace::tracer_defs,
+};
+use bevy::{
+    asset::AssetId,
+    ecs::prelude::*,
+    math::Affine3A,
+    pbr::StandardMaterial,
+    platform::{collections::HashSet, time::Instant},
+    render::{
+        render_resource::{
+            BindGroup, BindGroupEntry, BindGroupLayoutDescriptor, Buffer, BufferDescriptor, BufferUsages, PipelineCache,
+            ShaderStages, binding_types,
+        },
+        renderer::{RenderDevice, RenderQueue},
+    },
+    shader::ShaderDefVal,
+};
+use core::num::NonZeroU64;
+
+/// TLAS entries for each instance up to which instances are opened, and the most entries up to which that is done at all.
+const ENTRIES_PER_INSTANCE: usize = 4;
+const MOST_OPENED_ENTRIES: usize = 16_384;
+
+/// The scene's buffers and bind group (group 1 of `bindings.wesl`).
+#[derive(Resource)]
+pub struct SceneBindings {
+    /// Layout of group 1.
+    pub layout: BindGroupLayoutDescriptor,
+    /// The bind group of this frame; `None` until the first frame in which a camera reflects.
+    pub bind_group: Option<BindGroup>,
+    tracer: Tracer,
+    texture_def: Option<&'static str>,
+    instances: StorageSlice<GpuInstance>,
+    instance_data: Vec<GpuInstance>,
+    present: Vec<bool>,
+    materials: StorageSlice<GpuMaterial>,
+    lights: StorageSlice<GpuLight>,
+    uniform: Buffer,
+    uniform_data: GpuSceneUniform,
+    tlas: StorageSlice<Row>,
+    acceleration: Option<AccelerationStructures>,
+    /// What the bind group was made of.
+    generations: [u64; 8],
+}
+
+impl FromWorld for SceneBindings {
+    fn from_world(world: &mut World) -> Self {
+        let device = world.resource::<RenderDevice>();
+        let meshes = world.resource::<SceneMeshes>();
+        let textures = world.resource::<TextureTable>();
+        let tracer = meshes.tracer();
+        Self {
+            layout: layout(tracer, textures),
+            bind_group: None,
+            tracer,
+            texture_def: textures.mode().shader_def(),
+            instances: StorageSlice::new(device, "glint_instances"),
+            instance_data: Vec::new(),
+            present: Vec::new(),
+            materials: StorageSlice::new(device, "glint_materials"),
+            lights: StorageSlice::new(device, "glint_lights"),
+            uniform: device.create_buffer(&BufferDescriptor {
+                label: Some("glint_scene"),
+                size: size_of::<GpuSceneUniform>() as u64,
+                usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            }),
+            uniform_data: GpuSceneUniform::default(),
+            tlas: StorageSlice::new(device, "glint_tlas"),
+            acceleration: (tracer == Tracer::RayQuery).then(|| AccelerationStructures::new(device)),
+            generations: [u64::MAX; 8],
+        }
+    }
+}
+
+fn layout(tracer: Tracer, textures: &TextureTable) -> BindGroupLayoutDescriptor {
+    let stages = ShaderStages::COMPUTE | ShaderStages::FRAGMENT;
+    let storage = |size: usize| binding_types::storage_buffer_read_only_sized(false, NonZeroU64::new(size as u64));
+    let mut entries = vec![
+        storage(4).build(0, stages),
+        storage(size_of::<GpuInstance>()).build(1, stages),
+        storage(size_of::<GpuMaterial>()).build(2, stages),
+        storage(size_of::<GpuLight>()).build(3, stages),
+        binding_types::uniform_buffer_sized(false, NonZeroU64::new(size_of::<GpuSceneUniform>() as u64)).build(4, stages),
+    ];
+    match tracer {
+        Tracer::RayQuery => entries.push(binding_types::acceleration_structure().build(5, stages)),
+        Tracer::Bvh => entries.extend([storage(16).build(6, stages), storage(16).build(7, stages)]),
+    }
+    entries.push(textures.texture_layout().build(8, stages));
+    entries.push(textures.sampler_layout().build(9, stages));
+    BindGroupLayoutDescriptor { label: "glint_scene_layout".into(), entries }
+}
+
+impl SceneBindings {
+    /// What shaders that import the scene's modules must be compiled with.
+    pub fn shader_defs(&self) -> Vec<ShaderDefVal> {
+        let mut defs = tracer_defs(self.tracer);
+        defs.extend(self.texture_def.map(Into::into));
+        defs
+    }
+
+    /// The active tracer.
+    pub fn tracer(&self) -> Tracer {
+        self.tracer
+    }
+}
+
+/// Brings instances and the top level up to date; does nothing where nothing changed. Runs before materials are packed, which
+/// forgets what changed.
+pub fn prepare_instances(
+    mut bindings: ResMut<SceneBindings>,
+    mut instances: ResMut<SceneInstances>,
+    mut materials: ResMut<MaterialTable>,
+    mut changed_materials: Local<HashSet<AssetId<StandardMaterial>>>,
+    assets: Res<MaterialAssets>,
+    meshes: Res<SceneMeshes>,
+    activity: Res<SceneActivity>,
+    status: Res<ReflectionStatus>,
+    device: Res<RenderDevice>,
+    queue: Res<RenderQueue>,
+) {
+    let bindings = &mut *bindings;
+    if !activity.active {
+        if bindings.bind_group.is_some() {
+            bindings.release(&device);
+            status.update(|report| (report.instances, report.scene_bytes) = (0, 0));
+        }
+        return;
+    }
+    let mut dirty = instances.take_dirty();
+    changed_materials.clear();
+    changed_materials.extend(assets.changed());
+    if !meshes.changed.is_empty() || !changed_materials.is_empty() {
+        let touched = |instance: &InstanceSource| {
+            meshes.changed.contains(&instance.mesh) || changed_materials.contains(&instance.material)
+        };
+        let slots = instances.slots().iter().enumerate();
+        dirty.extend(slots.filter(|(_, slot)| slot.as_ref().is_some_and(touched)).map(|(i, _)| i as u32));
+    }
+    if !dirty.is_empty() && bindings.update_instances(&dirty, &instances, &mut materials, &assets, &meshes, &device, &queue)
+    {
+        bindings.build_top_level(&instances, &meshes, &device, &queue, &status);
+    }
+}
+
+/// Uploads materials, lights and counts that changed.
+pub fn prepare_tables(
+    mut bindings: ResMut<SceneBindings>,
+    mut materials: ResMut<MaterialTable>,
+    lights: Res<ExtractedLights>,
+    textures: Res<TextureTable>,
+    activity: Res<SceneActivity>,
+    device: Res<RenderDevice>,
+    queue: Res<RenderQueue>,
+) {
+    if !activity.active {
+        return;
+    }
+    let bindings = &mut *bindings;
+    if let Some(changed) = materials.take_dirty() {
+        bindings.materials.write(materials.materials(), changed, &device, &queue);
+    }
+    if lights.changed || bindings.bind_group.is_none() {
+        bindings.lights.write(&lights.lights, 0..lights.lights.len(), &device, &queue);
+    }
+    let uniform = GpuSceneUniform {
+        light_count: lights.lights.len() as u32,
+        instance_count: bindings.instance_data.len() as u32,
+        material_count: materials.materials().len() as u32,
+        texture_count: textures.texture_count(),
+        ..bindings.uniform_data
+    };
+    if uniform != bindings.uniform_data || bindings.bind_group.is_none() {
+        bindings.uniform_data = uniform;
+        queue.write_buffer(&bindings.uniform, 0, bytemuck::bytes_of(&uniform));
+    }
+}
+
+impl SceneBindings {
+    /// Gives back what an idle scene doesn't need.
+    fn release(&mut self, device: &RenderDevice) {
+        self.bind_group = None;
+        self.instance_data.clear();
+        self.present.clear();
+        self.uniform_data = GpuSceneUniform::default();
+        self.instances = StorageSlice::new(device, "glint_instances");
+        self.tlas = StorageSlice::new(device, "glint_tlas");
+        self.acceleration = (self.tracer == Tracer::RayQuery).then(|| AccelerationStructures::new(device));
+        self.generations = [u64::MAX; 8];
+    }
+
+    /// Returns whether anything changed for rays.
+    #[expect(clippy::too_many_arguments, reason = "it joins all tables of the scene")]
+    fn update_instances(
+        &mut self,
+        dirty: &[u32],
+        instances: &SceneInstances,
+        materials: &mut MaterialTable,
+        assets: &MaterialAssets,
+        meshes: &SceneMeshes,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> bool {
+        self.instance_data.resize(instances.slots().len(), GpuInstance::default());
+        self.present.resize(instances.slots().len(), false);
+        let (mut first, mut last) = (usize::MAX, 0);
+        let mut changed = false;
+        for &slot in dirty {
+            let packed = instances.get(slot).and_then(|source| {
+                let mesh = meshes.get(source.mesh)?;
+                let material = assets.get(source.material)?;
+                let flags = is_traced(material).then(|| instance_flags(material))?;
+                pack_instance(source, mesh, materials.index(source.material), flags)
+            });
+            let slot = slot as usize;
+            changed |= packed.is_some() || self.present[slot];
+            self.present[slot] = packed.is_some();
+            if let Some(packed) = packed {
+                self.instance_data[slot] = packed;
+                (first, last) = (first.min(slot), last.max(slot + 1));
+            }
+        }
+        if first < last {
+            self.instances.write(&self.instance_data, first..last, device, queue);
+        }
+        changed
+    }
+
+    fn build_top_level(
+        &mut self,
+        instances: &SceneInstances,
+        meshes: &SceneMeshes,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+        status: &ReflectionStatus,
+    ) {
+        let begin = Instant::now();
+        let limit = StorageSlice::<GpuInstance>::limit(device);
+        let present = || {
+            let slots = instances.slots().iter().enumerate().take(limit);
+            slots.filter(|(slot, _)| self.present[*slot]).filter_map(|(slot, source)| {
+                let source = source.as_ref()?;
+                Some((slot as u32, source, meshes.get(source.mesh)?))
+            })
+        };
+        let count = present().count();
+        let mut blas_builds = 0;
+        match &mut self.acceleration {
+            Some(acceleration) => {
+                let list: Vec<_> = present()
+                    .map(|(slot, source, _)| {
+                        let flags = self.instance_data[slot as usize].flags;
+                        RayQueryInstance {
+                            slot,
+                            blas: BlasKey::new(source.mesh, flags),
+                            world_from_object: source.world_from_object,
+                            flags,
+                        }
+                    })
+                    .collect();
+                blas_builds = acceleration.build(&list, meshes, device, queue);
+                self.uniform_data.tlas_node_count = count as u32;
+            }
+            None => {
+                let list: Vec<_> = present()
+                    .filter_map(|(slot, source, mesh)| {
+                        let blas = mesh.bvh.as_ref()?;
+                        let node_row = blas.slice.base() / 4;
+                        Some(TlasInstance {
+                            world_from_object: source.world_from_object,
+                            bounds: blas.bounds,
+                            instance: slot,
+                            node_row,
+                            triangle_row: node_row + blas.triangle_row,
+                            top: &blas.top,
+                        })
+                    })
+                    .collect();
+                let most = (list.len() * ENTRIES_PER_INSTANCE).min(MOST_OPENED_ENTRIES).max(list.len());
+                let tree: Tlas = build_tlas(&list, most);
+                self.tlas.write(&tree.rows, 0..tree.rows.len(), device, queue);
+                self.uniform_data.tlas_node_count = tree.node_count;
+                self.uniform_data.tlas_entry_base = tree.entry_base;
+            }
+        }
+        // Forces the uniform to be written.
+        self.uniform_data.instance_count = u32::MAX;
+        status.update(|report| {
+            report.instances = count;
+            report.tlas_builds += 1;
+            report.blas_builds += blas_builds;
+            report.tlas_build_ms = begin.elapsed().as_secs_f32() * 1000.0;
+        });
+    }
+}
+
+/// `None` where the transform can't be inverted or isn't finite: such an object is invisible in the raster picture, too.
+fn pack_instance(source: &InstanceSource, mesh: &SceneMesh, material: u32, flags: u32) -> Option<GpuInstance> {
+    let world_from_object = source.world_from_object;
+    let determinant = world_from_object.matrix3.determinant();
+    let object_from_world: Affine3A = world_from_object.inverse();
+    if !world_from_object.is_finite() || !object_from_world.is_finite() || determinant == 0.0 {
+        return None;
+    }
+    let mut flags = flags;
+    if determinant < 0.0 {
+        flags |= INSTANCE_MIRRORED;
+    }
+    if source.casts_shadow {
+        flags |= INSTANCE_CASTS_SHADOW;
+    }
+    if source.receives_shadow {
+        flags |= INSTANCE_RECEIVES_SHADOW;
+    }
+    Some(GpuInstance {
+        world_from_object: bytemuck::cast(rows(&world_from_object)),
+        object_from_world: bytemuck::cast(rows(&object_from_world)),
+        geometry_base: mesh.geometry.base(),
+        material,
+        flags,
+        id: source.entity.index_u32(),
+        _padding: [0; 4],
+    })
+}
+
+/// Makes the bind group anew where one of its resources was replaced.
+pub fn prepare_scene_bind_group(
+    mut bindings: ResMut<SceneBindings>,
+    meshes: Res<SceneMeshes>,
+    textures: Res<TextureTable>,
+    activity: Res<SceneActivity>,
+    cache: Res<PipelineCache>,
+    device: Res<RenderDevice>,
+    status: Res<ReflectionStatus>,
+) {
+    let bindings = &mut *bindings;
+    if !activity.active {
+        return;
+    }
+    let generations = [
+        meshes.geometry.generation(),
+        meshes.bvh.generation(),
+        bindings.instances.generation(),
+        bindings.materials.generation(),
+        bindings.lights.generation(),
+        bindings.tlas.generation(),
+        textures.generation(),
+        bindings.acceleration.as_ref().map_or(0, |acceleration| acceleration.generation),
+    ];
+    if bindings.bind_group.is_some() && generations == bindings.generations {
+        return;
+    }
+    bindings.generations = generations;
+    let resources = textures.resources();
+    let mut entries = vec![
+        entry(0, meshes.geometry.buffer()),
+        entry(1, bindings.instances.buffer()),
+        entry(2, bindings.materials.buffer()),
+        entry(3, bindings.lights.buffer()),
+        entry(4, &bindings.uniform),
+    ];
+    match &bindings.acceleration {
+        Some(acceleration) => {
+            entries.push(BindGroupEntry { binding: 5, resource: acceleration.tlas().as_binding() });
+        }
+        None => entries.extend([entry(6, meshes.bvh.buffer()), entry(7, bindings.tlas.buffer())]),
+    }
+    entries.push(BindGroupEntry { binding: 8, resource: resources.textures() });
+    entries.push(BindGroupEntry { binding: 9, resource: resources.samplers() });
+    let layout = cache.get_bind_group_layout(&bindings.layout);
+    bindings.bind_group = Some(device.create_bind_group("glint_scene", &layout, &entries));
+    let bytes = meshes.geometry.capacity_bytes()
+        + meshes.bvh.capacity_bytes()
+        + bindings.instances.buffer().size()
+        + bindings.materials.buffer().size()
+        + bindings.lights.buffer().size()
+        + bindings.tlas.buffer().size();
+    status.update(|report| report.scene_bytes = bytes);
+}
+
+fn entry(binding: u32, buffer: &Buffer) -> BindGroupEntry<'_> {
+    BindGroupEntry { binding, resource: buffer.as_entire_binding() }
+}

@@ -1,0 +1,141 @@
+//! What this GPU and driver can do, what was picked, and why not the rest.
+
+use crate::{scene::textures::TextureMode, settings::TracerChoice};
+use bevy::{
+    ecs::resource::Resource,
+    render::{
+        render_resource::WgpuFeatures,
+        renderer::{RenderAdapterInfo, RenderDevice},
+    },
+};
+use core::fmt;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// What finds the surface that a ray hits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Tracer {
+    /// Ray queries of the driver.
+    RayQuery,
+    /// The crate's own BVH, traversed in the shader.
+    Bvh,
+}
+
+/// A snapshot of what the crate does on this machine.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StatusReport {
+    /// Name and driver of the adapter; empty until the renderer has started.
+    pub adapter: String,
+    /// The active tracer; `None` where reflections are off for all cameras.
+    pub tracer: Option<Tracer>,
+    /// How material textures are bound; `None` until the renderer has started.
+    pub textures: Option<TextureMode>,
+    /// Why something better isn't active, in whole sentences.
+    pub reasons: Vec<String>,
+    /// Meshes whose acceleration structure is being built; they are absent from reflections until then.
+    pub meshes_pending: usize,
+    /// Meshes that rays can hit.
+    pub meshes: usize,
+    /// Objects that rays can hit.
+    pub instances: usize,
+    /// Triangles of all meshes, each mesh counted once.
+    pub triangles: u64,
+    /// Bytes of GPU memory of the scene that rays hit.
+    pub scene_bytes: u64,
+    /// Acceleration structures of meshes built since the start.
+    pub blas_builds: u64,
+    /// Top-level acceleration structures built since the start.
+    pub tlas_builds: u64,
+    /// CPU milliseconds that the last top-level build took.
+    pub tlas_build_ms: f32,
+    /// CPU milliseconds (summed over threads) that all mesh builds took.
+    pub blas_build_ms: f32,
+    /// The pipelines of all techniques in use are compiled.
+    pub ready: bool,
+}
+
+impl fmt::Display for StatusReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let tracer = match self.tracer {
+            Some(Tracer::RayQuery) => "ray queries",
+            Some(Tracer::Bvh) => "BVH",
+            None => "none",
+        };
+        write!(f, "Ray-traced reflections on {}: tracer {tracer}.", self.adapter)?;
+        for reason in &self.reasons {
+            write!(f, " {reason}.")?;
+        }
+        match self.textures {
+            Some(mode) => write!(f, " {}", mode.describe()),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The crate's status, readable from any system of the main world. It is written by the render world and may lag by a frame.
+#[derive(Resource, Clone, Debug, Default)]
+pub struct ReflectionStatus(Arc<Mutex<StatusReport>>);
+
+impl ReflectionStatus {
+    /// A copy of the present status.
+    pub fn report(&self) -> StatusReport {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    pub(crate) fn update(&self, change: impl FnOnce(&mut StatusReport)) {
+        change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+}
+
+/// The features that the ray-query tracer needs.
+pub fn ray_query_features() -> WgpuFeatures {
+    WgpuFeatures::EXPERIMENTAL_RAY_QUERY
+}
+
+/// Picks the tracer, with the reasons for not picking a better one or the one that was asked for.
+pub(crate) fn choose_tracer(choice: TracerChoice, features: WgpuFeatures) -> (Tracer, Vec<String>) {
+    let missing = ray_query_features().difference(features);
+    match choice {
+        TracerChoice::Bvh => (Tracer::Bvh, vec!["the BVH was asked for".into()]),
+        _ if missing.is_empty() => (Tracer::RayQuery, vec![]),
+        TracerChoice::Auto => (Tracer::Bvh, vec![format!("no ray queries, since the device lacks {missing:?}")]),
+        TracerChoice::RayQuery => (
+            Tracer::Bvh,
+            vec![format!("ray queries were asked for, but the device lacks {missing:?}; the BVH is used instead")],
+        ),
+    }
+}
+
+/// Adapter, driver and back end in one line.
+pub(crate) fn adapter_name(info: &RenderAdapterInfo) -> String {
+    format!("{} ({:?}, {} {})", info.name, info.backend, info.driver, info.driver_info)
+}
+
+/// Why this device can't trace at all, or `None`.
+pub(crate) fn unsupported(device: &RenderDevice) -> Option<String> {
+    let limits = device.limits();
+    if limits.max_compute_workgroups_per_dimension == 0 || limits.max_storage_buffers_per_shader_stage < 8 {
+        return Some(format!(
+            "the device offers {} storage buffers in a shader stage and 8 are needed (compute shaders are needed, too): \
+             use Vulkan, DX12, Metal or WebGPU",
+            limits.max_storage_buffers_per_shader_stage
+        ));
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_tracer_follows_choice_and_features() {
+        let all = ray_query_features();
+        let none = WgpuFeatures::empty();
+        assert_eq!(choose_tracer(TracerChoice::Auto, all).0, Tracer::RayQuery);
+        assert_eq!(choose_tracer(TracerChoice::Auto, none).0, Tracer::Bvh);
+        assert_eq!(choose_tracer(TracerChoice::Bvh, all).0, Tracer::Bvh);
+        let (tracer, reasons) = choose_tracer(TracerChoice::RayQuery, none);
+        assert_eq!(tracer, Tracer::Bvh);
+        assert!(reasons[0].contains("RAY_QUERY"), "{reasons:?}");
+    }
+}

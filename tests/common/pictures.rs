@@ -1,0 +1,119 @@
+//! Renders scenes without a window and compares pictures.
+#![allow(dead_code, reason = "each test binary uses a part")]
+
+use bevy::{math::UVec2, prelude::*};
+use bevy_glint::{
+    RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, Technique, Tracer, TracerChoice,
+};
+use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, Output, SceneAnimationPlugin, SceneName, SceneOptions};
+use std::path::PathBuf;
+
+/// Pixels per degree of the paper's display: 2,560 pixels over 0.5 m at 0.62 m.
+pub const PIXELS_PER_DEGREE: f32 = 55.4;
+
+/// Frames that loading, compiling and building may take.
+const PATIENCE: u32 = 20_000;
+
+/// An app that traces, or `None` (with the reason printed) where this machine can't.
+pub fn app(size: UVec2, output: Output, tracer: TracerChoice) -> Option<HeadlessApp> {
+    app_with(size, output, tracer, |_| {})
+}
+
+/// The same with more plugins.
+pub fn app_with(
+    size: UVec2,
+    output: Output,
+    tracer: TracerChoice,
+    add: impl FnOnce(&mut App),
+) -> Option<HeadlessApp> {
+    let settings = HeadlessSettings { size, output, ..default() };
+    let result = HeadlessApp::new(settings, |app| {
+        app.add_plugins((SceneAnimationPlugin, RayTracedReflectionsPlugin { tracer }));
+        add(app);
+    });
+    let mut app = match result {
+        Ok(app) => app,
+        Err(error @ HeadlessError::NoRenderer) => {
+            assert!(std::env::var_os("GLINT_REQUIRE_GPU").is_none(), "a GPU is required, but: {error}");
+            println!("skipped: {error}");
+            return None;
+        }
+        Err(error) => panic!("{error}"),
+    };
+    let report = app.world().resource::<ReflectionStatus>().report();
+    if tracer == TracerChoice::RayQuery && report.tracer != Some(Tracer::RayQuery) {
+        let required = std::env::var_os("GLINT_REQUIRE_RAY_QUERY").is_some();
+        assert!(!required, "ray queries are required, but: {report}");
+        println!("skipped: {report}");
+        return None;
+    }
+    Some(app)
+}
+
+/// Spawns a scene whose camera reflects everything, and waits until all of it can be hit.
+pub fn spawn(app: &mut HeadlessApp, scene: SceneName, technique: Technique) -> Entity {
+    let camera = app.spawn_scene(scene, &SceneOptions::default());
+    reflect(app, camera, technique);
+    camera
+}
+
+/// Switches reflections on without a cut-off and waits until the scene can be hit.
+pub fn reflect(app: &mut HeadlessApp, camera: Entity, technique: Technique) {
+    let settings = RayTracedReflections { technique, roughness_cutoff: 1.0, roughness_fade: 0.0, ..default() };
+    app.world().entity_mut(camera).insert(settings);
+    warm_up(app);
+    app.world().entity_mut(camera).get_mut::<RayTracedReflections>().unwrap().reset = true;
+}
+
+/// Waits until pipelines are compiled and meshes are built.
+pub fn warm_up(app: &mut HeadlessApp) {
+    app.warm_up(PATIENCE).unwrap_or_else(|error| panic!("{error}"));
+    for _ in 0..PATIENCE {
+        let report = app.world().resource::<ReflectionStatus>().report();
+        if report.ready && report.meshes_pending == 0 {
+            // What was uploaded last is traced in the next frame.
+            app.step(2);
+            return;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(1));
+        app.step(1);
+    }
+    panic!("not ready: {}", app.world().resource::<ReflectionStatus>().report());
+}
+
+/// Mean FLIP of two RGBA pictures. Where it is above `limit`, both and the error map are written and the test fails.
+pub fn assert_flip(name: &str, size: UVec2, expected: &[u8], actual: &[u8], limit: f32) -> f32 {
+    let mean = flip(size, expected, actual).0;
+    println!("{name}: mean FLIP {mean:.5}, at most {limit}");
+    if mean.is_nan() || mean > limit {
+        let folder = dump(name, size, expected, actual);
+        panic!("{name}: mean FLIP {mean:.5} is above {limit}; see {}", folder.display());
+    }
+    mean
+}
+
+/// Mean FLIP of two RGBA pictures and its map, one value for each pixel.
+pub fn flip(size: UVec2, expected: &[u8], actual: &[u8]) -> (f32, Vec<f32>) {
+    let map = nv_flip::flip(image(size, expected), image(size, actual), PIXELS_PER_DEGREE);
+    let mean = nv_flip::FlipPool::from_image(&map).mean();
+    (mean, map.to_vec())
+}
+
+fn image(size: UVec2, rgba: &[u8]) -> nv_flip::FlipImageRgb8 {
+    let rgb: Vec<u8> = rgba.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
+    nv_flip::FlipImageRgb8::with_data(size.x, size.y, &rgb)
+}
+
+/// Writes pictures for people to look at; returns the folder.
+pub fn dump(name: &str, size: UVec2, expected: &[u8], actual: &[u8]) -> PathBuf {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
+    for (suffix, bytes) in [("expected", expected), ("actual", actual)] {
+        let path = folder.join(format!("{name}-{suffix}.png"));
+        glint_scenes::save_picture(size, bytes.to_vec(), &path).unwrap_or_else(|error| panic!("{error}"));
+    }
+    let map = flip(size, expected, actual).1;
+    let gray = map.iter().flat_map(|error| [(error * 255.0) as u8, (error * 255.0) as u8, (error * 255.0) as u8, 255]);
+    let path = folder.join(format!("{name}-difference.png"));
+    glint_scenes::save_picture(size, gray.collect(), &path).unwrap_or_else(|error| panic!("{error}"));
+    folder
+}
