@@ -39,7 +39,8 @@ proptest! {
             0,
         );
         let rays = scene.rays(200, 3.0 * scale, Vec3::ZERO, &mut random);
-        compare(&scene, &rays, 1e-4, f64::from(scale) * 1e-5, 1e-4);
+        let (tolerance, doubt) = SOUPS[kind].tolerances();
+        compare(&scene, &rays, tolerance, f64::from(scale) * 1e-5, doubt);
     }
 
     #[test]
@@ -52,7 +53,8 @@ proptest! {
         let instances = (0..count).map(|i| (i % 2, placement(&mut random, 4.0))).collect();
         let scene = Packed::new(meshes, instances, if opened { 200 } else { 0 });
         let rays = scene.rays(150, 8.0, Vec3::ZERO, &mut random);
-        compare(&scene, &rays, 1e-4, 1e-4, 1e-4);
+        let (tolerance, doubt) = SOUPS[kind].tolerances();
+        compare(&scene, &rays, tolerance, 1e-4, doubt);
     }
 }
 

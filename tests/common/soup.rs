@@ -73,6 +73,14 @@ pub enum Soup {
 
 pub const SOUPS: [Soup; 5] = [Soup::Random, Soup::Needles, Soup::Grid, Soup::Duplicates, Soup::Nested];
 
+impl Soup {
+    /// Tolerances of [`Oracle::accepts`] for a tracer in single precision: relative error of t, and doubt. Rounding moves
+    /// the plane of a needle by its ratio of length to width, and small triangles seen from afar by distance to size.
+    pub fn tolerances(self) -> (f64, f64) {
+        if self == Soup::Needles { (3e-3, 2e-2) } else { (1e-4, 2e-3) }
+    }
+}
+
 /// A soup within about `scale` of `centre`.
 pub fn mesh(kind: Soup, triangles: usize, scale: f32, centre: Vec3, random: &mut Random) -> Mesh {
     let mut mesh = Mesh::default();

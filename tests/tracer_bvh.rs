@@ -1,0 +1,174 @@
+//! The software tracer's shader against its CPU mirror and a brute-force search.
+
+mod common;
+
+use bevy::math::{Affine3A, Vec3};
+use bevy::shader::ShaderDefVal;
+use bevy_glint::scene::bvh::{Counters, TraceHit, TraceRay, any, closest};
+use bevy_glint::scene::gpu_types::{
+    GpuInstance, GpuSceneUniform, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT,
+};
+use bytemuck::{Pod, Zeroable};
+use common::gpu::{Checks, Gpu};
+use common::soup::{Packed, Random, SOUPS, Soup, mesh, placement};
+
+const NO_HIT: u32 = u32::MAX;
+/// Stands in for the alpha test of materials: every other triangle is cut out.
+const ALPHA: &str = "fn alpha_test(instance: u32, primitive: u32, barycentrics: vec2<f32>) -> bool {
+    return (primitive & 1u) == 0u;
+}";
+
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct Answer {
+    t: f32,
+    instance: u32,
+    primitive: u32,
+    flags: u32,
+    barycentrics: [f32; 2],
+    _padding: [f32; 2],
+}
+
+fn shader(stack_size: u32) -> String {
+    let defs = [ShaderDefVal::UInt("BVH_STACK_SIZE".into(), stack_size)];
+    common::wesl::flatten(include_str!("shaders/tracer.wesl"), &[("scene/alpha.wesl", ALPHA)], &defs)
+}
+
+fn trace(gpu: &Gpu, wgsl: &str, checks: Checks, scene: &Packed, rays: &[TraceRay]) -> Vec<Answer> {
+    let instances: Vec<GpuInstance> = scene.flags.iter().map(|f| GpuInstance { flags: *f, ..Default::default() }).collect();
+    let uniform = GpuSceneUniform {
+        tlas_node_count: scene.tlas.node_count,
+        tlas_entry_base: scene.tlas.entry_base,
+        instance_count: instances.len() as u32,
+        ..Default::default()
+    };
+    let ray_data: Vec<[f32; 8]> = rays
+        .iter()
+        .map(|r| {
+            let (o, d) = (r.origin, r.direction);
+            [o.x, o.y, o.z, r.t_min, d.x, d.y, d.z, r.t_max]
+        })
+        .collect();
+    let answers = gpu.buffer(&vec![Answer::zeroed(); rays.len()]);
+    gpu.dispatch(
+        &gpu.module(wgsl, checks),
+        "in_compute",
+        &[
+            &[(0, &gpu.buffer(&ray_data)), (1, &answers)],
+            &[
+                (1, &gpu.buffer(&instances)),
+                (4, &gpu.buffer(&[uniform])),
+                (6, &gpu.buffer(&scene.bvh)),
+                (7, &gpu.buffer(&scene.tlas.rows)),
+            ],
+        ],
+        rays.len().div_ceil(64) as u32,
+    );
+    gpu.read(&answers)
+}
+
+/// Ids may differ where another triangle is as near, hits where the ray grazes an edge.
+fn agrees(answer: &Answer, mirror: Option<TraceHit>, tolerance: f32) -> bool {
+    match mirror {
+        None => answer.instance == NO_HIT,
+        Some(hit) => answer.instance != NO_HIT && (answer.t - hit.t).abs() <= hit.t * tolerance,
+    }
+}
+
+fn compare(gpu: &Gpu, scene: &Packed, rays: &[TraceRay], (tolerance, doubt): (f64, f64), floor: f64) {
+    let wgsl = shader(scene.stack_size);
+    let view = scene.view();
+    for checks in [Checks::On, Checks::Off] {
+        let answers = trace(gpu, &wgsl, checks, scene, rays);
+        let mut different = 0;
+        for (i, (ray, answer)) in rays.iter().zip(&answers).enumerate() {
+            let mirror = closest(&view, ray, &mut Counters::default());
+            let agreed = agrees(answer, mirror, tolerance as f32);
+            different += usize::from(!agreed);
+            // Brute force is slow: it judges a part, and all that is in doubt.
+            if !agreed || i % 8 == 0 {
+                let hit = (answer.instance != NO_HIT).then_some((answer.t, answer.instance, answer.primitive));
+                let oracle = scene.oracle(ray);
+                assert!(oracle.accepts(hit, tolerance, floor, doubt), "{ray:?} {answer:?}, mirror {mirror:?}");
+            }
+            if agreed && let Some(hit) = mirror && (hit.instance, hit.primitive) == (answer.instance, answer.primitive) {
+                assert_eq!(answer.flags & 1 != 0, hit.front_face);
+                let off = (0..2).map(|k| (answer.barycentrics[k] - hit.barycentrics[k]).abs()).fold(0.0, f32::max);
+                assert!(off < 0.05, "{answer:?} {hit:?}");
+            }
+        }
+        assert!(different * 500 <= rays.len(), "{different} of {} rays differ from the mirror", rays.len());
+        let hits = answers.iter().filter(|a| a.instance != NO_HIT).count();
+        assert!(hits * 4 > rays.len());
+        assert!(answers.iter().all(|a| (a.instance != NO_HIT) == (a.flags & 2 != 0)));
+    }
+}
+
+#[test]
+fn soups_match_the_mirror_and_brute_force() {
+    let Some(gpu) = Gpu::new() else { return };
+    let mut random = Random(11);
+    for (kind, scale) in SOUPS.into_iter().flat_map(|kind| [1e-4, 1.0, 1e6].map(|scale| (kind, scale))) {
+        let meshes = vec![mesh(kind, 500, scale, Vec3::ZERO, &mut random)];
+        let scene = Packed::new(meshes, vec![(0, Affine3A::IDENTITY)], 0);
+        let rays = scene.rays(10_000, scale * 3.0, Vec3::ZERO, &mut random);
+        compare(&gpu, &scene, &rays, kind.tolerances(), f64::from(scale) * 1e-5);
+    }
+}
+
+#[test]
+fn instances_match_the_mirror_and_brute_force() {
+    let Some(gpu) = Gpu::new() else { return };
+    let mut random = Random(12);
+    for max_entries in [0, 300] {
+        let meshes = vec![
+            mesh(Soup::Random, 100, 1.0, Vec3::ZERO, &mut random),
+            mesh(Soup::Grid, 200, 2.0, Vec3::Y, &mut random),
+        ];
+        let instances = (0..40).map(|i| (i % 2, placement(&mut random, 5.0))).collect();
+        let scene = Packed::new(meshes, instances, max_entries);
+        let rays = scene.rays(10_000, 8.0, Vec3::ZERO, &mut random);
+        compare(&gpu, &scene, &rays, Soup::Random.tolerances(), 1e-4);
+    }
+}
+
+#[test]
+fn faces_alpha_and_shadow_flags() {
+    let Some(gpu) = Gpu::new() else { return };
+    let mut random = Random(13);
+    let instances: Vec<_> = (0..8).map(|_| (0, placement(&mut random, 5.0))).collect();
+    let build = |change: &dyn Fn(u32) -> u32, random: &mut Random| {
+        let meshes = vec![mesh(Soup::Random, 300, 1.0, Vec3::ZERO, &mut Random(14))];
+        let mut scene = Packed::new(meshes, instances.clone(), 0);
+        scene.flags.iter_mut().for_each(|f| *f = change(*f));
+        let rays = scene.rays(2000, 8.0, Vec3::ZERO, random);
+        let answers = trace(&gpu, &shader(24), Checks::Off, &scene, &rays);
+        (scene, rays, answers)
+    };
+    for cull in [INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT] {
+        let (scene, rays, answers) = build(&|f| f | cull, &mut random);
+        let mut hits = 0;
+        for (ray, answer) in rays.iter().zip(&answers) {
+            let mirror = closest(&scene.view(), ray, &mut Counters::default());
+            hits += usize::from(mirror.is_some());
+            assert!(agrees(answer, mirror, 1e-3), "{answer:?} {mirror:?}");
+            assert!(answer.instance == NO_HIT || (answer.flags & 1 != 0) == (cull == INSTANCE_CULL_BACK));
+            // Both faces block shadow rays.
+            assert_eq!(answer.flags & 2 != 0, any(&scene.view(), ray));
+        }
+        assert!(hits > 200);
+    }
+    let (_, _, answers) = build(&|f| f | INSTANCE_ALPHA_MASKED, &mut random);
+    assert!(answers.iter().all(|a| a.instance == NO_HIT || a.primitive % 2 == 0));
+    let (_, _, answers) = build(&|f| f & !INSTANCE_CASTS_SHADOW, &mut random);
+    assert!(answers.iter().any(|a| a.instance != NO_HIT) && answers.iter().all(|a| a.flags & 2 == 0));
+}
+
+#[test]
+fn nothing_to_hit() {
+    let Some(gpu) = Gpu::new() else { return };
+    let scene = Packed::new(vec![], vec![], 0);
+    let ray = TraceRay { origin: Vec3::ZERO, direction: Vec3::X, t_min: 0.0, t_max: 10.0 };
+    let answers = trace(&gpu, &shader(24), Checks::Off, &scene, &[ray; 64]);
+    assert!(answers.iter().all(|a| a.instance == NO_HIT && a.flags == 0));
+}
