@@ -11,7 +11,7 @@ use obvhs::{
 const MAX_COORDINATE: f32 = 1e15;
 /// Binary trees deeper than this are not optimised further: the next steps recurse, or keep a stack of fixed size.
 const MAX_BINARY_DEPTH: u32 = 200;
-/// Deepest tree that [`build_blas`] returns unless even a balanced one is deeper (never below 100 million triangles).
+/// Where the optimised tree is deeper than this, a balanced one takes its place.
 const MAX_DEPTH: u32 = 16;
 /// Top nodes that a BLAS offers to the TLAS, which may start rays at them.
 const MAX_TOP_NODES: usize = 73;

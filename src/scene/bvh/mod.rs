@@ -10,6 +10,9 @@ mod ploc;
 mod tlas;
 mod traverse;
 
+#[cfg(test)]
+mod tests;
+
 use bevy::math::Vec3A;
 
 pub use blas::{Blas, BvhQuality, TopNode, build_blas};

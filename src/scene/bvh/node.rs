@@ -150,13 +150,3 @@ pub(super) fn is_well_formed(nodes: &[CwBvhNode], primitive_count: usize) -> boo
     }) && node_seen.iter().skip(1).all(|seen| *seen)
         && primitive_seen.iter().all(|seen| *seen)
 }
-
-#[cfg(test)]
-pub(super) fn decoded(node: &CwBvhNode, slot: usize) -> ([f64; 3], [f64; 3]) {
-    let min = [node.child_min_x[slot], node.child_min_y[slot], node.child_min_z[slot]];
-    let max = [node.child_max_x[slot], node.child_max_y[slot], node.child_max_z[slot]];
-    let plane = |axis: usize, q: u8| {
-        f64::from(node.p[axis]) + f64::from(q) * f64::from(f32::from_bits(u32::from(node.e[axis]) << 23))
-    };
-    (std::array::from_fn(|a| plane(a, min[a])), std::array::from_fn(|a| plane(a, max[a])))
-}

@@ -5,7 +5,7 @@ use bevy::math::{Affine3A, DMat3, DVec3};
 use obvhs::cwbvh::node::CwBvhNode;
 use std::collections::BinaryHeap;
 
-/// Deepest TLAS unless even a balanced one is deeper (never below a million instances).
+/// Where the tree is deeper than this, a balanced one takes its place.
 const MAX_DEPTH: u32 = 8;
 /// Inverse matrices with larger entries lose all precision in `f32`.
 const MAX_INVERSE: f64 = 1e12;

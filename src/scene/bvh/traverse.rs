@@ -75,16 +75,16 @@ struct LocalRay {
     origin: Vec3,
     direction: Vec3,
     inverse: Vec3,
-    /// Turns a child slot into its rank along the ray, in each byte.
+    /// A child's slot XOR this is its rank along the ray.
     octant: u32,
 }
 
 impl LocalRay {
     fn new(origin: Vec3, direction: Vec3) -> Self {
         let smallest = direction.abs().max_element() * 1e-18;
-        let safe = direction.map(|d| if d.abs() < smallest { smallest.copysign(d) } else { d });
+        let safe = direction.map(|d| if d.abs() >= smallest { d } else if d < 0.0 { -smallest } else { smallest });
         let sign = |x: f32, bit: u32| if x < 0.0 { 0 } else { bit };
-        let octant = (sign(direction.x, 4) | sign(direction.y, 2) | sign(direction.z, 1)) * 0x0101_0101;
+        let octant = sign(safe.x, 4) | sign(safe.y, 2) | sign(safe.z, 1);
         Self { origin, direction, inverse: safe.recip(), octant }
     }
 }
@@ -104,7 +104,7 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
         let mut leaves = UVec2::ZERO;
         if group.y > 0x00ff_ffff {
             let bit = 31 - group.y.leading_zeros();
-            let slot = (bit - 24) ^ (local.octant & 7);
+            let slot = (bit - 24) ^ local.octant;
             let rank = (group.y & ((1 << slot) - 1) & 0xff).count_ones();
             let row = group.x + NODE_ROWS * rank;
             group.y &= !(1 << bit);
@@ -150,7 +150,7 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
             }
         } else if leaves.y & 0xff != 0 {
             let bit = 31 - (leaves.y & 0xff).leading_zeros();
-            let slot = bit ^ (local.octant & 7);
+            let slot = bit ^ local.octant;
             let rank = (leaves.y >> 8 & ((1 << slot) - 1)).count_ones();
             let row = (leaves.x + ENTRY_ROWS * rank) as usize;
             leaves.y &= !(1 << bit);
@@ -223,7 +223,7 @@ fn intersect_node(node: &[Row; 5], ray: &LocalRay, t_min: f32, t_max: f32, tlas:
         if enter <= leave {
             let meta = u32::from(meta);
             let inner = tlas || meta & meta << 1 & 0x10 != 0;
-            let index = (meta ^ if inner { ray.octant & 7 } else { 0 }) & 31;
+            let index = (meta ^ if inner { ray.octant } else { 0 }) & 31;
             hits |= (meta >> 5) << index;
         }
     }

@@ -1,0 +1,174 @@
+//! Structure of packed trees.
+
+use super::{
+    Blas, Bounds, BvhQuality, NODE_ROWS, Row, Tlas, TlasInstance, build_blas, build_tlas,
+    node::{self, Child},
+};
+use bevy::math::{Affine3A, Quat, Vec3};
+use obvhs::cwbvh::node::CwBvhNode;
+use proptest::prelude::*;
+
+fn nodes(rows: &[Row], count: u32) -> Vec<CwBvhNode> {
+    bytemuck::cast_slice::<Row, CwBvhNode>(&rows[..(count * NODE_ROWS) as usize]).to_vec()
+}
+
+/// A child's box as exact arithmetic decodes it.
+fn decoded(node: &CwBvhNode, slot: usize) -> ([f64; 3], [f64; 3]) {
+    let min = [node.child_min_x[slot], node.child_min_y[slot], node.child_min_z[slot]];
+    let max = [node.child_max_x[slot], node.child_max_y[slot], node.child_max_z[slot]];
+    let plane = |axis: usize, q: u8| {
+        f64::from(node.p[axis]) + f64::from(q) * f64::from(f32::from_bits(u32::from(node.e[axis]) << 23))
+    };
+    (std::array::from_fn(|a| plane(a, min[a])), std::array::from_fn(|a| plane(a, max[a])))
+}
+
+fn contains(outer: &([f64; 3], [f64; 3]), inner: &Bounds) -> bool {
+    (0..3).all(|a| outer.0[a] <= f64::from(inner.min[a]) && f64::from(inner.max[a]) <= outer.1[a])
+}
+
+/// Every decoded box holds what lies below it; returns the box of the node.
+fn check(nodes: &[CwBvhNode], index: usize, leaf: &dyn Fn(&CwBvhNode, usize) -> Bounds) -> Bounds {
+    let parent = &nodes[index];
+    let mut total = Bounds::EMPTY;
+    for slot in 0..8 {
+        let bounds = match node::child(parent, slot) {
+            Child::Empty => continue,
+            Child::Inner(child) => {
+                assert!(child as usize > index);
+                check(nodes, child as usize, leaf)
+            }
+            Child::Leaf(..) => leaf(parent, slot),
+        };
+        assert!(contains(&decoded(parent, slot), &bounds), "{parent:?} {slot} {bounds:?}");
+        total = total.union(bounds);
+    }
+    total
+}
+
+fn check_blas(blas: &Blas) {
+    let all = nodes(&blas.rows, blas.node_count);
+    let corner = |row: &Row| [0, 1, 2].map(|i| f32::from_bits(row[i]));
+    let triangle = |i: u32| {
+        let row = (blas.triangle_row() + 3 * i) as usize;
+        let corners = blas.rows[row..row + 3].iter().map(corner);
+        corners.fold(Bounds::EMPTY, |b, c| b.union(Bounds { min: c, max: c }))
+    };
+    let leaf = |parent: &CwBvhNode, slot: usize| match node::child(parent, slot) {
+        Child::Leaf(first, count) => (first..first + count).map(triangle).fold(Bounds::EMPTY, Bounds::union),
+        _ => unreachable!(),
+    };
+    assert_eq!(check(&all, 0, &leaf), blas.bounds);
+    assert_eq!(blas.rows.len() as u32, blas.triangle_row() + 3 * blas.triangle_count);
+    // The terminal nodes of the top hold everything once.
+    let mut area = Bounds::EMPTY;
+    for top in blas.top.iter().filter(|t| t.child_count == 0) {
+        assert_eq!(check(&all, top.node as usize, &leaf), top.bounds);
+        area = area.union(top.bounds);
+    }
+    assert_eq!(area, blas.bounds);
+}
+
+fn triangles() -> impl Strategy<Value = Vec<[[f32; 3]; 3]>> {
+    // Magnitudes of all sizes, and extents next to powers of two times 255, where rounding bites.
+    let coordinate = prop_oneof![
+        -1.0f32..1.0,
+        (-13i32..20, -1i32..=1).prop_map(|(e, ulps)| {
+            let x = 255.0 * (e as f32).exp2();
+            f32::from_bits((x.to_bits() as i32 + ulps) as u32)
+        }),
+        (-40.0f32..20.0).prop_map(f32::exp2),
+        Just(0.0),
+        Just(1.0e6),
+    ];
+    proptest::collection::vec(proptest::array::uniform3(proptest::array::uniform3(coordinate)), 1..120)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn boxes_contain_their_children(soup in triangles(), quality in 0..3usize) {
+        let quality = [BvhQuality::Fast, BvhQuality::Medium, BvhQuality::High][quality];
+        let positions = soup.concat();
+        let indices: Vec<u32> = (0..positions.len() as u32).collect();
+        if let Some(blas) = build_blas(&positions, &indices, quality) {
+            check_blas(&blas);
+        }
+    }
+
+    #[test]
+    fn tlas_boxes_contain_their_instances(seeds in proptest::collection::vec(any::<[i8; 6]>(), 1..80)) {
+        let bounds = Bounds { min: [-1.0, 0.0, -0.5], max: [1.0, 0.0, 7.0] };
+        let instances: Vec<TlasInstance> = seeds.iter().enumerate().map(|(i, s)| TlasInstance {
+            world_from_object: Affine3A::from_scale_rotation_translation(
+                Vec3::new(1.0 + f32::from(s[3]).abs() * 0.1, 1.0, -1.0),
+                Quat::from_rotation_x(f32::from(s[4])) * Quat::from_rotation_y(f32::from(s[5])),
+                Vec3::new(f32::from(s[0]), f32::from(s[1]), f32::from(s[2])),
+            ),
+            bounds,
+            instance: i as u32,
+            node_row: 0,
+            triangle_row: 5,
+            top: &[],
+        }).collect();
+        check_tlas(&build_tlas(&instances, 0), &instances);
+    }
+}
+
+fn check_tlas(tlas: &Tlas, instances: &[TlasInstance]) {
+    let all = nodes(&tlas.rows, tlas.node_count);
+    assert_eq!(tlas.rows.len() as u32, tlas.entry_base + 4 * tlas.entry_count);
+    let mut seen = vec![0; instances.len()];
+    for (i, parent) in all.iter().enumerate() {
+        // The rank of a leaf is its offset, as the traversal takes it.
+        let mut rank = 0;
+        for slot in 0..8 {
+            if let Child::Inner(child) = node::child(parent, slot) {
+                assert!(child as usize > i);
+            } else if parent.child_meta[slot] != 0 {
+                assert_eq!(parent.child_meta[slot], 0b0010_0000 | slot as u8);
+                let row = (tlas.entry_base + 4 * (parent.primitive_base_idx + rank)) as usize;
+                let index = tlas.rows[row + 3][0] as usize;
+                seen[index] += 1;
+                rank += 1;
+                let TlasInstance { world_from_object, bounds, .. } = &instances[index];
+                for corner in 0..8 {
+                    let at = [0, 1, 2].map(|a| if corner >> a & 1 == 0 { bounds.min[a] } else { bounds.max[a] });
+                    let world = world_from_object.transform_point3(Vec3::from(at)).to_array();
+                    assert!(contains(&decoded(parent, slot), &Bounds { min: world, max: world }));
+                }
+            }
+        }
+    }
+    assert!(seen.iter().all(|n| *n == 1));
+}
+
+#[test]
+fn sizes_from_none_to_many_instances() {
+    let bounds = Bounds { min: [0.0; 3], max: [1.0; 3] };
+    for count in [0usize, 1, 2, 9, 10_000, 100_000] {
+        let instances: Vec<TlasInstance> = (0..count)
+            .map(|i| TlasInstance {
+                world_from_object: Affine3A::from_translation(Vec3::new((i % 300) as f32, (i / 300) as f32, 0.0)),
+                bounds,
+                instance: i as u32,
+                node_row: 0,
+                triangle_row: 5,
+                top: &[],
+            })
+            .collect();
+        let tlas = build_tlas(&instances, 0);
+        assert_eq!((tlas.entry_count as usize, tlas.dropped), (count, 0));
+        assert!(tlas.depth <= 8);
+        check_tlas(&tlas, &instances);
+    }
+}
+
+#[test]
+fn a_thread_pool_can_build() {
+    fn is_send<T: Send + 'static>(_: &T) {}
+    let (positions, indices) = (vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![0, 1, 2]);
+    let job = move || build_blas(&positions, &indices, BvhQuality::Medium);
+    is_send(&job);
+    assert_eq!(std::thread::spawn(job).join().ok().flatten().map(|b| b.triangle_count), Some(1));
+}
