@@ -76,7 +76,10 @@ fn shared_edges_have_no_cracks() {
     let mut random = Random(1);
     let scene = Packed::new(
         vec![mesh(Soup::Grid, 5000, 1.0, Vec3::ZERO, &mut random)],
-        vec![(0, Affine3A::from_rotation_x(0.3) * Affine3A::from_scale(Vec3::new(700.0, 1.0, 13.0)))],
+        vec![(
+            0,
+            Affine3A::from_rotation_x(0.3) * Affine3A::from_scale(Vec3::new(700.0, 1.0, 13.0)),
+        )],
         0,
     );
     let (view, mesh, matrix) = (scene.view(), &scene.meshes[0], scene.instances[0].1);
@@ -90,14 +93,25 @@ fn shared_edges_have_no_cracks() {
         }
         let origin = matrix.transform_point3(Vec3::new(random.signed(), 5.0 + random.signed(), random.signed()));
         let direction = (matrix.transform_point3(target) - origin).normalize();
-        let ray = TraceRay { origin, direction, t_min: 0.0, t_max: f32::MAX };
+        let ray = TraceRay {
+            origin,
+            direction,
+            t_min: 0.0,
+            t_max: f32::MAX,
+        };
         assert!(closest(&view, &ray, &mut Counters::default()).is_some(), "{ray:?}");
     }
 }
 
 #[test]
 fn nothing_to_hit() {
-    let nan = [[f32::NAN, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, f32::INFINITY], [2.0, 0.0, 0.0], [5.0, 0.0, 0.0]];
+    let nan = [
+        [f32::NAN, 0.0, 0.0],
+        [1.0, 0.0, 0.0],
+        [0.0, 1.0, f32::INFINITY],
+        [2.0, 0.0, 0.0],
+        [5.0, 0.0, 0.0],
+    ];
     for quality in [BvhQuality::Fast, BvhQuality::Medium, BvhQuality::High] {
         assert!(build_blas(&[], &[], quality).is_none());
         assert!(build_blas(&nan, &[0, 1, 3, 1, 2, 3, 1, 3, 4, 1, 1, 1, 1, 3, 99, 1], quality).is_none());
@@ -134,5 +148,10 @@ fn hostile_meshes_build_on_a_small_stack() {
             assert!(blas.depth <= 16, "{}", blas.depth);
         }
     };
-    std::thread::Builder::new().stack_size(256 << 10).spawn(build).expect("spawns").join().expect("builds");
+    std::thread::Builder::new()
+        .stack_size(256 << 10)
+        .spawn(build)
+        .expect("spawns")
+        .join()
+        .expect("builds");
 }

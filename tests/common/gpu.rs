@@ -33,11 +33,17 @@ impl Gpu {
     pub fn new() -> Option<Self> {
         match block_on(Self::open()) {
             Ok(gpu) => {
-                println!("adapter: {} ({}, {:?})", gpu.info.name, gpu.info.driver_info, gpu.info.backend);
+                println!(
+                    "adapter: {} ({}, {:?})",
+                    gpu.info.name, gpu.info.driver_info, gpu.info.backend
+                );
                 Some(gpu)
             }
             Err(error) => {
-                assert!(!std::env::var("GLINT_REQUIRE_GPU").is_ok_and(|v| v == "1"), "no GPU: {error}");
+                assert!(
+                    !std::env::var("GLINT_REQUIRE_GPU").is_ok_and(|v| v == "1"),
+                    "no GPU: {error}"
+                );
                 println!("skipped, no GPU: {error}");
                 None
             }
@@ -66,18 +72,26 @@ impl Gpu {
             })
             .await
             .map_err(|error| error.to_string())?;
-        Ok(Self { device, queue, info: adapter.get_info() })
+        Ok(Self {
+            device,
+            queue,
+            info: adapter.get_info(),
+        })
     }
 
     /// Errors of the shader end the test with naga's message.
     pub fn module(&self, wgsl: &str, checks: Checks) -> wgpu::ShaderModule {
         let source = wgpu::ShaderSource::Wgsl(wgsl.into());
-        let descriptor = wgpu::ShaderModuleDescriptor { label: Some("test"), source };
+        let descriptor = wgpu::ShaderModuleDescriptor {
+            label: Some("test"),
+            source,
+        };
         match checks {
             Checks::On => self.device.create_shader_module(descriptor),
             // SAFETY: the tests' shaders come from this repository.
             Checks::Off => unsafe {
-                self.device.create_shader_module_trusted(descriptor, wgpu::ShaderRuntimeChecks::unchecked())
+                self.device
+                    .create_shader_module_trusted(descriptor, wgpu::ShaderRuntimeChecks::unchecked())
             },
         }
     }
@@ -88,7 +102,11 @@ impl Gpu {
         let contents = if bytes.is_empty() { &[0; 256] } else { bytes };
         use wgpu::BufferUsages as Usage;
         let usage = Usage::STORAGE | Usage::UNIFORM | Usage::COPY_SRC | Usage::COPY_DST;
-        self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: None, contents, usage })
+        self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: None,
+            contents,
+            usage,
+        })
     }
 
     pub fn pipeline(&self, module: &wgpu::ShaderModule, entry: &str) -> wgpu::ComputePipeline {
@@ -111,10 +129,17 @@ impl Gpu {
         let group = |(index, buffers): (usize, &&[(u32, &wgpu::Buffer)])| {
             let entries: Vec<_> = buffers
                 .iter()
-                .map(|(binding, buffer)| wgpu::BindGroupEntry { binding: *binding, resource: buffer.as_entire_binding() })
+                .map(|(binding, buffer)| wgpu::BindGroupEntry {
+                    binding: *binding,
+                    resource: buffer.as_entire_binding(),
+                })
                 .collect();
             let layout = pipeline.get_bind_group_layout(index as u32);
-            self.device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout: &layout, entries: &entries })
+            self.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: None,
+                layout: &layout,
+                entries: &entries,
+            })
         };
         groups.iter().enumerate().map(group).collect()
     }
@@ -152,8 +177,12 @@ impl Gpu {
         let mut encoder = self.device.create_command_encoder(&Default::default());
         encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, buffer.size());
         self.queue.submit([encoder.finish()]);
-        staging.slice(..).map_async(wgpu::MapMode::Read, |result| result.expect("buffer maps"));
-        self.device.poll(wgpu::PollType::wait_indefinitely()).expect("device answers");
+        staging
+            .slice(..)
+            .map_async(wgpu::MapMode::Read, |result| result.expect("buffer maps"));
+        self.device
+            .poll(wgpu::PollType::wait_indefinitely())
+            .expect("device answers");
         let bytes = staging.slice(..).get_mapped_range().expect("buffer is mapped").to_vec();
         bytemuck::pod_collect_to_vec(&bytes)
     }

@@ -1,9 +1,7 @@
 //! Triangle soups, instances and rays from a seed, packed as the GPU sees them, with a slow and exact oracle.
 
 use bevy::math::{Affine3A, DVec3, EulerRot, Quat, Vec3};
-use bevy_glint::scene::bvh::{
-    Blas, BvhQuality, Row, SceneView, Tlas, TlasInstance, TraceRay, build_blas, build_tlas,
-};
+use bevy_glint::scene::bvh::{Blas, BvhQuality, Row, SceneView, Tlas, TlasInstance, TraceRay, build_blas, build_tlas};
 use bevy_glint::scene::gpu_types::{INSTANCE_CASTS_SHADOW, INSTANCE_MIRRORED};
 
 /// SplitMix64.
@@ -77,7 +75,11 @@ impl Soup {
     /// Tolerances of [`Oracle::accepts`] for a tracer in single precision: relative error of t, and doubt. Rounding moves
     /// the plane of a needle by its ratio of length to width, and small triangles seen from afar by distance to size.
     pub fn tolerances(self) -> (f64, f64) {
-        if self == Soup::Needles { (3e-3, 2e-2) } else { (1e-4, 2e-3) }
+        if self == Soup::Needles {
+            (3e-3, 2e-2)
+        } else {
+            (1e-4, 2e-3)
+        }
     }
 }
 
@@ -109,7 +111,11 @@ pub fn mesh(kind: Soup, triangles: usize, scale: f32, centre: Vec3, random: &mut
             Soup::Duplicates => originals[i % originals.len()],
             Soup::Nested => {
                 let size = (i + 1) as f32 / triangles as f32;
-                [Vec3::ZERO, Vec3::new(size, 0.1 * size, 0.0), Vec3::new(0.0, 0.1 * size, size)]
+                [
+                    Vec3::ZERO,
+                    Vec3::new(size, 0.1 * size, 0.0),
+                    Vec3::new(0.0, 0.1 * size, size),
+                ]
             }
         };
         mesh.push(corners.map(|c| centre + c * scale));
@@ -140,6 +146,8 @@ pub struct Packed {
     pub bvh: Vec<Row>,
     pub tlas: Tlas,
     pub stack_size: u32,
+    /// Instance, primitive and corners in world space without rounding to `f32`: what the oracle searches.
+    triangles: Vec<(u32, u32, [DVec3; 3])>,
 }
 
 impl Packed {
@@ -172,9 +180,34 @@ impl Packed {
         let stack_size = bevy_glint::scene::bvh::stack_size(tlas.depth, depth);
         let flags = instances
             .iter()
-            .map(|(_, m)| INSTANCE_CASTS_SHADOW | if m.matrix3.determinant() < 0.0 { INSTANCE_MIRRORED } else { 0 })
+            .map(|(_, m)| {
+                INSTANCE_CASTS_SHADOW
+                    | if m.matrix3.determinant() < 0.0 {
+                        INSTANCE_MIRRORED
+                    } else {
+                        0
+                    }
+            })
             .collect();
-        Self { meshes, instances, flags, bvh, tlas, stack_size }
+        let mut triangles = Vec::new();
+        for (instance, (mesh, matrix)) in instances.iter().enumerate() {
+            let (linear, translation) = (matrix.matrix3.as_dmat3(), matrix.translation.as_dvec3());
+            for primitive in 0..meshes[*mesh].triangle_count() {
+                let corners = meshes[*mesh]
+                    .corners(primitive)
+                    .map(|c| linear * Vec3::from(c).as_dvec3() + translation);
+                triangles.push((instance as u32, primitive as u32, corners));
+            }
+        }
+        Self {
+            meshes,
+            instances,
+            flags,
+            bvh,
+            tlas,
+            stack_size,
+            triangles,
+        }
     }
 
     pub fn view(&self) -> SceneView<'_> {
@@ -187,28 +220,19 @@ impl Packed {
         }
     }
 
-    /// A corner of the triangle in world space, without rounding to `f32`.
-    fn world_corners(&self, instance: usize, primitive: usize) -> [DVec3; 3] {
-        let (mesh, matrix) = &self.instances[instance];
-        let (linear, translation) = (matrix.matrix3.as_dmat3(), matrix.translation.as_dvec3());
-        self.meshes[*mesh].corners(primitive).map(|c| linear * DVec3::from(Vec3::from(c).as_dvec3()) + translation)
-    }
-
     /// Rays from around the scene at points on triangles (half of them near edges) and in random directions.
     pub fn rays(&self, count: usize, spread: f32, centre: Vec3, random: &mut Random) -> Vec<TraceRay> {
         (0..count)
             .map(|i| {
                 let origin = centre + random.vector() * spread;
-                let instance = random.below(self.instances.len());
-                let triangles = self.meshes[self.instances[instance].0].triangle_count();
-                let direction = if i % 4 == 3 || triangles == 0 {
+                let direction = if i % 4 == 3 || self.triangles.is_empty() {
                     match i % 16 {
                         3 => Vec3::AXES[random.below(3)],
                         7 => -Vec3::AXES[random.below(3)],
                         _ => random.vector(),
                     }
                 } else {
-                    let [a, b, c] = self.world_corners(instance, random.below(triangles));
+                    let (_, _, [a, b, c]) = self.triangles[random.below(self.triangles.len())];
                     let mut u = f64::from(random.signed() * 0.5 + 0.5);
                     let v = (1.0 - u) * f64::from(random.signed() * 0.5 + 0.5);
                     if i % 4 == 2 {
@@ -217,7 +241,12 @@ impl Packed {
                     (a + (b - a) * u + (c - a) * v - origin.as_dvec3()).as_vec3()
                 };
                 let direction = direction.try_normalize().unwrap_or(Vec3::X);
-                TraceRay { origin, direction, t_min: 0.0, t_max: f32::MAX }
+                TraceRay {
+                    origin,
+                    direction,
+                    t_min: 0.0,
+                    t_max: f32::MAX,
+                }
             })
             .collect()
     }
@@ -225,18 +254,23 @@ impl Packed {
     /// The closest hit by brute force, and how sure it is.
     pub fn oracle(&self, ray: &TraceRay) -> Oracle {
         let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
-        let mut result = Oracle { t: f64::INFINITY, candidates: Vec::new() };
-        for (instance, (mesh, _)) in self.instances.iter().enumerate() {
-            for primitive in 0..self.meshes[*mesh].triangle_count() {
-                let corners = self.world_corners(instance, primitive);
-                if let Some((t, margin)) = intersect(&corners, origin, direction)
-                    && t > -0.01
-                {
-                    if margin >= 0.0 && t > f64::from(ray.t_min) {
-                        result.t = result.t.min(t);
-                    }
-                    result.candidates.push(Candidate { t, margin, instance: instance as u32, primitive: primitive as u32 });
+        let mut result = Oracle {
+            t: f64::INFINITY,
+            candidates: Vec::new(),
+        };
+        for (instance, primitive, corners) in &self.triangles {
+            if let Some((t, margin)) = intersect(corners, origin, direction)
+                && t > -0.01
+            {
+                if margin >= 0.0 && t > f64::from(ray.t_min) {
+                    result.t = result.t.min(t);
                 }
+                result.candidates.push(Candidate {
+                    t,
+                    margin,
+                    instance: *instance,
+                    primitive: *primitive,
+                });
             }
         }
         result
@@ -264,7 +298,11 @@ impl Oracle {
     /// surely hits may lie in front of it. `tolerance` is relative to t, `floor` absolute, `doubt` in margins.
     pub fn accepts(&self, hit: Option<(f32, u32, u32)>, tolerance: f64, floor: f64, doubt: f64) -> bool {
         let slack = |t: f64| t.abs() * tolerance + floor;
-        let sure = self.candidates.iter().filter(|c| c.margin > doubt && c.t > slack(c.t)).map(|c| c.t);
+        let sure = self
+            .candidates
+            .iter()
+            .filter(|c| c.margin > doubt && c.t > slack(c.t))
+            .map(|c| c.t);
         let nearest_sure = sure.fold(f64::INFINITY, f64::min);
         match hit {
             None => nearest_sure == f64::INFINITY,

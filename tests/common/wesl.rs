@@ -14,13 +14,19 @@ pub fn flatten(entry: &str, replaced: &[(&str, &str)], defs: &[ShaderDefVal]) ->
     let mut number = 0;
     let mut register = |path: &str, source: String| {
         number += 1;
-        let id = AssetId::Uuid { uuid: Uuid::from_u128(number) };
+        let id = AssetId::Uuid {
+            uuid: Uuid::from_u128(number),
+        };
         cache.set_shader(id, Shader::from_wesl(source, format!("embedded://bevy_glint/{path}")));
         id
     };
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     for path in wesl_files(&root) {
-        let name = path.strip_prefix(&root).expect("below src").to_string_lossy().replace('\\', "/");
+        let name = path
+            .strip_prefix(&root)
+            .expect("below src")
+            .to_string_lossy()
+            .replace('\\', "/");
         let source = match replaced.iter().find(|(replaced, _)| *replaced == name) {
             Some((_, source)) => (*source).to_string(),
             None => std::fs::read_to_string(&path).expect("shader is readable"),
@@ -28,7 +34,8 @@ pub fn flatten(entry: &str, replaced: &[(&str, &str)], defs: &[ShaderDefVal]) ->
         register(&name, source);
     }
     let id = register("test_entry.wesl", entry.to_string());
-    cache.get(0, id, defs).unwrap_or_else(|error| panic!("{error}"))
+    let flat = cache.get(0, id, defs).unwrap_or_else(|error| panic!("{error}"));
+    flat.to_string()
 }
 
 fn wesl_files(directory: &Path) -> Vec<PathBuf> {

@@ -103,7 +103,14 @@ pub fn build_blas(positions: &[[f32; 3]], indices: &[u32], quality: BvhQuality) 
         }
     }
     let triangle_count = primitives.len() as u32;
-    Some(Blas { rows, node_count, triangle_count, bounds, depth: node::depth(&tree.nodes), top })
+    Some(Blas {
+        rows,
+        node_count,
+        triangle_count,
+        bounds,
+        depth: node::depth(&tree.nodes),
+        top,
+    })
 }
 
 /// The wide tree over boxes; `None` only if obvhs broke its own rules. Recursion in the collapse is as deep as the binary
@@ -132,7 +139,8 @@ pub(super) fn build_tree(boxes: &[Bounds], quality: BvhQuality, leaf_size: u32, 
 
 fn collapse(binary: &Bvh2, leaf_size: u32, primitive_count: usize) -> Option<CwBvh> {
     let tree = bvh2_to_cwbvh(binary, leaf_size, true, false);
-    (tree.primitive_indices.len() == primitive_count && node::is_well_formed(&tree.nodes, primitive_count)).then_some(tree)
+    (tree.primitive_indices.len() == primitive_count && node::is_well_formed(&tree.nodes, primitive_count))
+        .then_some(tree)
 }
 
 fn triangle(positions: &[[f32; 3]], corners: [u32; 3]) -> Option<[[f32; 3]; 3]> {
@@ -145,7 +153,9 @@ fn triangle(positions: &[[f32; 3]], corners: [u32; 3]) -> Option<[[f32; 3]; 3]> 
 
 /// `None` for a triangle that no ray can hit.
 fn triangle_bounds(corners: &[[f32; 3]; 3]) -> Option<Bounds> {
-    let bounds = corners.iter().fold(Bounds::EMPTY, |b, c| b.union(Bounds { min: *c, max: *c }));
+    let bounds = corners
+        .iter()
+        .fold(Bounds::EMPTY, |b, c| b.union(Bounds { min: *c, max: *c }));
     // `f32::min` skips NaN, so the corners are tested themselves.
     if !corners.iter().flatten().all(|x| x.abs() <= MAX_COORDINATE) {
         return None;
@@ -159,7 +169,12 @@ fn triangle_bounds(corners: &[[f32; 3]; 3]) -> Option<Bounds> {
 /// The top of the tree, breadth first. A node with leaves among its children cannot be replaced by its inner children
 /// alone: it gets a twin, appended to `nodes`, that keeps only the leaves.
 fn top_nodes(nodes: &mut Vec<CwBvhNode>, exact: &[Bounds], primitives: &[Bounds]) -> Vec<TopNode> {
-    let mut top = vec![TopNode { bounds: exact[0], node: 0, first_child: 0, child_count: 0 }];
+    let mut top = vec![TopNode {
+        bounds: exact[0],
+        node: 0,
+        first_child: 0,
+        child_count: 0,
+    }];
     let mut next = 0;
     while next < top.len() {
         let index = top[next].node as usize;
@@ -170,7 +185,12 @@ fn top_nodes(nodes: &mut Vec<CwBvhNode>, exact: &[Bounds], primitives: &[Bounds]
             let mut kept = node::child_bounds(&parent, exact, primitives);
             for slot in 0..8 {
                 if let node::Child::Inner(child) = node::child(&parent, slot) {
-                    top.push(TopNode { bounds: exact[child as usize], node: child, first_child: 0, child_count: 0 });
+                    top.push(TopNode {
+                        bounds: exact[child as usize],
+                        node: child,
+                        first_child: 0,
+                        child_count: 0,
+                    });
                     leaves.child_meta[slot] = 0;
                     kept[slot] = None;
                 }
@@ -179,7 +199,12 @@ fn top_nodes(nodes: &mut Vec<CwBvhNode>, exact: &[Bounds], primitives: &[Bounds]
                 leaves.imask = 0;
                 node::quantise(&mut leaves, &kept);
                 let bounds = kept.iter().flatten().fold(Bounds::EMPTY, |a, b| a.union(*b));
-                top.push(TopNode { bounds, node: nodes.len() as u32, first_child: 0, child_count: 0 });
+                top.push(TopNode {
+                    bounds,
+                    node: nodes.len() as u32,
+                    first_child: 0,
+                    child_count: 0,
+                });
                 nodes.push(leaves);
             }
             top[next].first_child = first_child;

@@ -17,7 +17,7 @@ use bevy::math::Vec3A;
 
 pub use blas::{Blas, BvhQuality, TopNode, build_blas};
 pub use tlas::{Tlas, TlasInstance, build_tlas};
-pub use traverse::{Counters, SceneView, TraceHit, TraceRay, closest, any};
+pub use traverse::{Counters, SceneView, TraceHit, TraceRay, any, closest};
 
 /// Four words: the element type of both buffers.
 pub type Row = [u32; 4];
@@ -40,7 +40,10 @@ pub struct Bounds {
 
 impl Bounds {
     /// Contains nothing; the neutral element of [`Bounds::union`].
-    pub const EMPTY: Self = Self { min: [f32::INFINITY; 3], max: [f32::NEG_INFINITY; 3] };
+    pub const EMPTY: Self = Self {
+        min: [f32::INFINITY; 3],
+        max: [f32::NEG_INFINITY; 3],
+    };
 
     /// Smallest box around both.
     pub fn union(self, other: Self) -> Self {

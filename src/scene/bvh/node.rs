@@ -139,7 +139,8 @@ pub(super) fn is_well_formed(nodes: &[CwBvhNode], primitive_count: usize) -> boo
     let mut node_seen = vec![false; nodes.len()];
     let mut primitive_seen = vec![false; primitive_count];
     let mark = |seen: &mut [bool], index: u32| {
-        seen.get_mut(index as usize).is_some_and(|slot| !std::mem::replace(slot, true))
+        seen.get_mut(index as usize)
+            .is_some_and(|slot| !std::mem::replace(slot, true))
     };
     nodes.iter().enumerate().all(|(i, node)| {
         (0..8).all(|slot| match child(node, slot) {

@@ -55,7 +55,11 @@ fn cluster<const RADIUS: usize>(boxes: &[Bounds], balanced: bool) -> Bvh2 {
     let total = boxes.iter().fold(Bounds::EMPTY, |a, b| a.union(*b));
     let extent = (Vec3A::from(total.max) - Vec3A::from(total.min)).max_element();
     // A power of two leaves the mantissas alone.
-    let scale = if extent > 1e-30 && extent < 1e30 { (-extent.log2().floor()).exp2() } else { 1.0 };
+    let scale = if extent > 1e-30 && extent < 1e30 {
+        (-extent.log2().floor()).exp2()
+    } else {
+        1.0
+    };
     let origin = Vec3A::from(total.min) * scale;
     let cell = (Vec3A::from(total.max) * scale - origin).max(Vec3A::splat(1e-20));
 
@@ -63,7 +67,12 @@ fn cluster<const RADIUS: usize>(boxes: &[Bounds], balanced: bool) -> Bvh2 {
     let mut clusters: Vec<Cluster> = Vec::with_capacity(count);
     for (i, b) in boxes.iter().enumerate() {
         let (min, max) = (Vec3A::from(b.min) * scale, Vec3A::from(b.max) * scale);
-        clusters.push(Cluster { min, max, primitives: 1, first: i as u32 });
+        clusters.push(Cluster {
+            min,
+            max,
+            primitives: 1,
+            first: i as u32,
+        });
         let unit = ((min + max) * 0.5 - origin) / cell;
         keys.push((morton(unit), i as u32));
     }
@@ -92,7 +101,12 @@ fn cluster<const RADIUS: usize>(boxes: &[Bounds], balanced: bool) -> Bvh2 {
                 bvh.nodes[insert] = a.node();
                 bvh.nodes[insert + 1] = b.node();
                 let (min, max) = (a.min.min(b.min), a.max.max(b.max));
-                next.push(Cluster { min, max, primitives: 0, first: insert as u32 });
+                next.push(Cluster {
+                    min,
+                    max,
+                    primitives: 0,
+                    first: insert as u32,
+                });
             }
         }
         std::mem::swap(&mut current, &mut next);
@@ -168,7 +182,10 @@ mod tests {
     use super::*;
 
     fn cube(min: f32, max: f32) -> Bounds {
-        Bounds { min: [min; 3], max: [max; 3] }
+        Bounds {
+            min: [min; 3],
+            max: [max; 3],
+        }
     }
 
     #[test]

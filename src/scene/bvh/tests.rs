@@ -19,7 +19,10 @@ fn decoded(node: &CwBvhNode, slot: usize) -> ([f64; 3], [f64; 3]) {
     let plane = |axis: usize, q: u8| {
         f64::from(node.p[axis]) + f64::from(q) * f64::from(f32::from_bits(u32::from(node.e[axis]) << 23))
     };
-    (std::array::from_fn(|a| plane(a, min[a])), std::array::from_fn(|a| plane(a, max[a])))
+    (
+        std::array::from_fn(|a| plane(a, min[a])),
+        std::array::from_fn(|a| plane(a, max[a])),
+    )
 }
 
 fn contains(outer: &([f64; 3], [f64; 3]), inner: &Bounds) -> bool {
@@ -39,7 +42,10 @@ fn check(nodes: &[CwBvhNode], index: usize, leaf: &dyn Fn(&CwBvhNode, usize) -> 
             }
             Child::Leaf(..) => leaf(parent, slot),
         };
-        assert!(contains(&decoded(parent, slot), &bounds), "{parent:?} {slot} {bounds:?}");
+        assert!(
+            contains(&decoded(parent, slot), &bounds),
+            "{parent:?} {slot} {bounds:?}"
+        );
         total = total.union(bounds);
     }
     total
@@ -131,9 +137,19 @@ fn check_tlas(tlas: &Tlas, instances: &[TlasInstance]) {
                 let index = tlas.rows[row + 3][0] as usize;
                 seen[index] += 1;
                 rank += 1;
-                let TlasInstance { world_from_object, bounds, .. } = &instances[index];
+                let TlasInstance {
+                    world_from_object,
+                    bounds,
+                    ..
+                } = &instances[index];
                 for corner in 0..8 {
-                    let at = [0, 1, 2].map(|a| if corner >> a & 1 == 0 { bounds.min[a] } else { bounds.max[a] });
+                    let at = [0, 1, 2].map(|a| {
+                        if corner >> a & 1 == 0 {
+                            bounds.min[a]
+                        } else {
+                            bounds.max[a]
+                        }
+                    });
                     let world = world_from_object.transform_point3(Vec3::from(at)).to_array();
                     assert!(contains(&decoded(parent, slot), &Bounds { min: world, max: world }));
                 }
@@ -145,7 +161,10 @@ fn check_tlas(tlas: &Tlas, instances: &[TlasInstance]) {
 
 #[test]
 fn sizes_from_none_to_many_instances() {
-    let bounds = Bounds { min: [0.0; 3], max: [1.0; 3] };
+    let bounds = Bounds {
+        min: [0.0; 3],
+        max: [1.0; 3],
+    };
     for count in [0usize, 1, 2, 9, 10_000, 100_000] {
         let instances: Vec<TlasInstance> = (0..count)
             .map(|i| TlasInstance {
@@ -170,5 +189,8 @@ fn a_thread_pool_can_build() {
     let (positions, indices) = (vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![0, 1, 2]);
     let job = move || build_blas(&positions, &indices, BvhQuality::Medium);
     is_send(&job);
-    assert_eq!(std::thread::spawn(job).join().ok().flatten().map(|b| b.triangle_count), Some(1));
+    assert_eq!(
+        std::thread::spawn(job).join().ok().flatten().map(|b| b.triangle_count),
+        Some(1)
+    );
 }

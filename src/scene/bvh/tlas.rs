@@ -66,8 +66,15 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
         if let Some(object_from_world) = inverse_rows(&instance.world_from_object)
             && let Some(bounds) = world_bounds(&instance.world_from_object, instance.bounds)
         {
-            entries.push(Entry { bounds, kept: kept.len() as u32, top: 0 });
-            kept.push(Kept { instance, object_from_world });
+            entries.push(Entry {
+                bounds,
+                kept: kept.len() as u32,
+                top: 0,
+            });
+            kept.push(Kept {
+                instance,
+                object_from_world,
+            });
         }
     }
     let dropped = (instances.len() - kept.len()) as u32;
@@ -75,8 +82,14 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
         open(&mut entries, &kept, max_entries);
     }
     let boxes: Vec<Bounds> = entries.iter().map(|e| e.bounds).collect();
-    let Some(mut tree) = (!boxes.is_empty()).then(|| build_tree(&boxes, BvhQuality::Fast, 1, MAX_DEPTH)).flatten() else {
-        return Tlas { dropped, ..Tlas::default() };
+    let Some(mut tree) = (!boxes.is_empty())
+        .then(|| build_tree(&boxes, BvhQuality::Fast, 1, MAX_DEPTH))
+        .flatten()
+    else {
+        return Tlas {
+            dropped,
+            ..Tlas::default()
+        };
     };
     let ordered: Vec<Bounds> = tree.primitive_indices.iter().map(|i| boxes[*i as usize]).collect();
     node::refit(&mut tree.nodes, &ordered);
@@ -89,7 +102,10 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
     rows.reserve(4 * entries.len());
     for index in &tree.primitive_indices {
         let entry = &entries[*index as usize];
-        let Kept { instance, object_from_world } = &kept[entry.kept as usize];
+        let Kept {
+            instance,
+            object_from_world,
+        } = &kept[entry.kept as usize];
         let start = instance.top.get(entry.top as usize).map_or(0, |top| top.node);
         rows.extend(object_from_world.map(|row| row.map(f32::to_bits)));
         rows.push([
@@ -100,7 +116,14 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
         ]);
     }
     let entry_base = node_count * NODE_ROWS;
-    Tlas { rows, node_count, entry_base, entry_count: entries.len() as u32, dropped, depth }
+    Tlas {
+        rows,
+        node_count,
+        entry_base,
+        entry_count: entries.len() as u32,
+        dropped,
+        depth,
+    }
 }
 
 /// A leaf's offset is its rank among the node's leaves, which follows from the slots. The traversal takes TLAS leaves in
@@ -121,10 +144,16 @@ fn open(entries: &mut Vec<Entry>, kept: &[Kept], max_entries: usize) {
     };
     // Areas are not negative, so their bit patterns sort like the numbers.
     let key = |entry: &Entry, index: usize| (entry.bounds.half_area().to_bits(), index);
-    let mut queue: BinaryHeap<(u32, usize)> =
-        entries.iter().enumerate().filter(|(_, e)| can_open(e).is_some()).map(|(i, e)| key(e, i)).collect();
+    let mut queue: BinaryHeap<(u32, usize)> = entries
+        .iter()
+        .enumerate()
+        .filter(|(_, e)| can_open(e).is_some())
+        .map(|(i, e)| key(e, i))
+        .collect();
     while let Some((_, index)) = queue.pop() {
-        let Some(node) = can_open(&entries[index]) else { continue };
+        let Some(node) = can_open(&entries[index]) else {
+            continue;
+        };
         if entries.len() + node.child_count as usize - 1 > max_entries {
             break;
         }
@@ -133,7 +162,11 @@ fn open(entries: &mut Vec<Entry>, kept: &[Kept], max_entries: usize) {
         let children: Option<Vec<Entry>> = (node.first_child..node.first_child + node.child_count)
             .map(|top| {
                 let bounds = world_bounds(&instance.world_from_object, instance.top.get(top as usize)?.bounds)?;
-                Some(Entry { bounds, kept: owner, top })
+                Some(Entry {
+                    bounds,
+                    kept: owner,
+                    top,
+                })
             })
             .collect();
         for (i, child) in children.into_iter().flatten().enumerate() {
@@ -165,7 +198,14 @@ fn inverse_rows(matrix: &Affine3A) -> Option<[[f32; 4]; 3]> {
     if !(columns.iter().all(|c| in_range(*c, MAX_INVERSE)) && in_range(offset, 1e18)) {
         return None;
     }
-    Some([0, 1, 2].map(|r| [columns[0][r] as f32, columns[1][r] as f32, columns[2][r] as f32, offset[r] as f32]))
+    Some([0, 1, 2].map(|r| {
+        [
+            columns[0][r] as f32,
+            columns[1][r] as f32,
+            columns[2][r] as f32,
+            offset[r] as f32,
+        ]
+    }))
 }
 
 /// Box around the transformed box, grown by what rounding in the ray's transform can move a hit.

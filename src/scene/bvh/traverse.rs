@@ -82,10 +82,23 @@ struct LocalRay {
 impl LocalRay {
     fn new(origin: Vec3, direction: Vec3) -> Self {
         let smallest = direction.abs().max_element() * 1e-18;
-        let safe = direction.map(|d| if d.abs() >= smallest { d } else if d < 0.0 { -smallest } else { smallest });
+        let safe = direction.map(|d| {
+            if d.abs() >= smallest {
+                d
+            } else if d < 0.0 {
+                -smallest
+            } else {
+                smallest
+            }
+        });
         let sign = |x: f32, bit: u32| if x < 0.0 { 0 } else { bit };
         let octant = sign(safe.x, 4) | sign(safe.y, 2) | sign(safe.z, 1);
-        Self { origin, direction, inverse: safe.recip(), octant }
+        Self {
+            origin,
+            direction,
+            inverse: safe.recip(),
+            octant,
+        }
     }
 }
 
@@ -122,7 +135,10 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
             } else {
                 group = uvec2(NODE_ROWS * node[1][0], (hits & 0xff00_0000) | imask);
                 let all = nonzero_bytes(node[1][2]) | nonzero_bytes(node[1][3]) << 4;
-                leaves = uvec2(scene.tlas_entry_base + ENTRY_ROWS * node[1][1], hits & 0xff | (all & !imask) << 8);
+                leaves = uvec2(
+                    scene.tlas_entry_base + ENTRY_ROWS * node[1][1],
+                    hits & 0xff | (all & !imask) << 8,
+                );
             }
         } else {
             // What was left of a TLAS leaf.
@@ -136,14 +152,25 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
                 let row = (leaves.x + TRIANGLE_ROWS * bit) as usize;
                 counters.triangles += 1;
                 let corners = [scene.bvh[row], scene.bvh[row + 1], scene.bvh[row + 2]];
-                let Some(found) = intersect_triangle(&corners, &local, ray.t_min, t_max) else { continue };
+                let Some(found) = intersect_triangle(&corners, &local, ray.t_min, t_max) else {
+                    continue;
+                };
                 let front_face = found.front_face != (flags & INSTANCE_MIRRORED != 0);
-                let culled = if front_face { INSTANCE_CULL_FRONT } else { INSTANCE_CULL_BACK };
+                let culled = if front_face {
+                    INSTANCE_CULL_FRONT
+                } else {
+                    INSTANCE_CULL_BACK
+                };
                 if !any && flags & culled != 0 {
                     continue;
                 }
                 t_max = found.t;
-                hit = Some(TraceHit { instance: entry[0], primitive: corners[0][3], front_face, ..found });
+                hit = Some(TraceHit {
+                    instance: entry[0],
+                    primitive: corners[0][3],
+                    front_face,
+                    ..found
+                });
                 if any {
                     return hit;
                 }
@@ -190,7 +217,11 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
 }
 
 fn nonzero_bytes(word: u32) -> u32 {
-    word.to_le_bytes().iter().enumerate().map(|(i, b)| u32::from(*b != 0) << i).sum()
+    word.to_le_bytes()
+        .iter()
+        .enumerate()
+        .map(|(i, b)| u32::from(*b != 0) << i)
+        .sum()
 }
 
 /// Bits of the children that the ray meets: bit 24 + rank along the ray for inner nodes, offset of each primitive for
@@ -216,7 +247,11 @@ fn intersect_node(node: &[Row; 5], ray: &LocalRay, t_min: f32, t_max: f32, tlas:
         for axis in 0..3 {
             let lower = node[2 + axis][half].to_le_bytes()[byte];
             let upper = node[2 + axis][2 + half].to_le_bytes()[byte];
-            let (near, far) = if ray.inverse[axis] < 0.0 { (upper, lower) } else { (lower, upper) };
+            let (near, far) = if ray.inverse[axis] < 0.0 {
+                (upper, lower)
+            } else {
+                (lower, upper)
+            };
             enter = enter.max(f32::from(near) * scale[axis] + low[axis]);
             leave = leave.min(f32::from(far) * scale[axis] + high[axis]);
         }
