@@ -72,16 +72,15 @@ pub enum Soup {
 pub const SOUPS: [Soup; 5] = [Soup::Random, Soup::Needles, Soup::Grid, Soup::Duplicates, Soup::Nested];
 
 impl Soup {
-    /// Tolerances of [`Oracle::accepts`] for a tracer in single precision: relative error of t, and doubt. Rounding moves
-    /// the plane of a needle by its ratio of length to width, and small triangles seen from afar by distance to size.
-    pub fn tolerances(self) -> (f64, f64) {
-        if self == Soup::Needles {
-            (3e-3, 2e-2)
-        } else {
-            (1e-4, 2e-3)
-        }
+    /// Relative error of t that single precision may cause: rounding tilts the plane of a needle by its ratio of length to
+    /// width.
+    pub fn tolerance(self) -> f64 {
+        if self == Soup::Needles { 3e-3 } else { 1e-4 }
     }
 }
+
+/// Distances between a ray and an edge below this, relative to the coordinates, are within rounding.
+const DOUBT: f64 = 5e-6;
 
 /// A soup within about `scale` of `centre`.
 pub fn mesh(kind: Soup, triangles: usize, scale: f32, centre: Vec3, random: &mut Random) -> Mesh {
@@ -280,8 +279,8 @@ impl Packed {
 /// A triangle that the ray hits, or misses by a little.
 pub struct Candidate {
     pub t: f64,
-    /// How far inside the triangle the ray passes, as the smallest barycentric weight times the cosine of incidence:
-    /// below about 1e-4, single precision may see it on either side.
+    /// Distance between the ray and the nearest edge relative to the coordinates, negative outside: below [`DOUBT`],
+    /// single precision may see the ray on either side.
     pub margin: f64,
     pub instance: u32,
     pub primitive: u32,
@@ -295,13 +294,13 @@ pub struct Oracle {
 
 impl Oracle {
     /// Whether a tracer in single precision may answer `hit`: it must lie on a candidate, and no triangle that the ray
-    /// surely hits may lie in front of it. `tolerance` is relative to t, `floor` absolute, `doubt` in margins.
-    pub fn accepts(&self, hit: Option<(f32, u32, u32)>, tolerance: f64, floor: f64, doubt: f64) -> bool {
+    /// surely hits may lie in front of it. `tolerance` is relative to t, `floor` absolute.
+    pub fn accepts(&self, hit: Option<(f32, u32, u32)>, tolerance: f64, floor: f64) -> bool {
         let slack = |t: f64| t.abs() * tolerance + floor;
         let sure = self
             .candidates
             .iter()
-            .filter(|c| c.margin > doubt && c.t > slack(c.t))
+            .filter(|c| c.margin > DOUBT && c.t > slack(c.t))
             .map(|c| c.t);
         let nearest_sure = sure.fold(f64::INFINITY, f64::min);
         match hit {
@@ -311,7 +310,7 @@ impl Oracle {
                 t <= nearest_sure + slack(nearest_sure)
                     && self.candidates.iter().any(|c| {
                         (c.instance, c.primitive) == (instance, primitive)
-                            && c.margin > -doubt
+                            && c.margin > -DOUBT
                             && (c.t - t).abs() <= slack(t)
                     })
             }
@@ -329,7 +328,9 @@ fn intersect([a, b, c]: &[DVec3; 3], origin: DVec3, direction: DVec3) -> Option<
     }
     let t = normal.dot(a - origin) / slope;
     let at = origin + direction * t;
-    let weight = |p: &DVec3, q: &DVec3| (p - at).cross(q - at).dot(normal) / normal.length_squared();
-    let smallest = weight(b, c).min(weight(c, a)).min(weight(a, b));
-    (smallest > -0.5).then_some((t, smallest * cosine))
+    let inside = |p: &DVec3, q: &DVec3| (p - at).cross(q - at).dot(normal) / (normal.length() * (q - p).length());
+    let smallest = inside(b, c).min(inside(c, a)).min(inside(a, b));
+    let size = t.abs() + origin.length() + a.length().max(b.length()).max(c.length());
+    let margin = smallest * cosine / size;
+    (margin > -DOUBT).then_some((t, margin))
 }

@@ -10,6 +10,10 @@ use obvhs::{
     bvh2::{Bvh2, node::Bvh2Node},
 };
 
+/// Passes that look only at neighbours within `CLOSE`.
+const CLOSE_PASSES: u32 = 3;
+const CLOSE: usize = 2;
+
 #[derive(Clone, Copy)]
 struct Cluster {
     min: Vec3A,
@@ -83,9 +87,18 @@ fn cluster<const RADIUS: usize>(boxes: &[Bounds], balanced: bool) -> Bvh2 {
     let mut partner = vec![0u32; count];
     let mut insert = bvh.nodes.len();
 
+    let mut pass = 0;
     while current.len() > 1 {
         let n = current.len();
-        if balanced || find_partners::<RADIUS>(&current, &mut partner[..n]) * 32 < n {
+        // Most of the clusters go in the first passes, where near neighbours are nearly always the best.
+        let close = pass < CLOSE_PASSES && RADIUS > CLOSE;
+        pass += 1;
+        let pairs = match (balanced, close) {
+            (true, _) => 0,
+            (false, true) => find_partners::<CLOSE>(&current, &mut partner[..n]),
+            (false, false) => find_partners::<RADIUS>(&current, &mut partner[..n]),
+        };
+        if pairs * 32 < n {
             for (i, p) in partner[..n].iter_mut().enumerate() {
                 *p = ((i ^ 1).min(n - 1)) as u32;
             }
