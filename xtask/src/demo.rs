@@ -5,6 +5,7 @@ use std::ffi::OsString;
 use std::fmt;
 use std::path::{self, Path, PathBuf};
 use std::str::FromStr;
+use std::time::SystemTime;
 
 use clap::ValueEnum;
 
@@ -101,6 +102,7 @@ pub fn run(options: &Options) -> Result {
     if plan.headless && !options.headless {
         progress::note("there is no display, so a picture is written instead");
     }
+    let written_before = plan.picture.as_deref().and_then(modified);
     let driver = driver::prepare(Need::Vulkan)?;
     progress::step(&format!("build and run the example `{}`", plan.example), || {
         let mut command = cargo::release("run")?;
@@ -111,7 +113,7 @@ pub fn run(options: &Options) -> Result {
         cargo::run(&mut command, &format!("the example `{}`", plan.example))
     })?;
     match plan.picture {
-        Some(picture) if picture.is_file() => println!("{}", picture.display()),
+        Some(picture) if modified(&picture) != written_before => progress::result(picture.display()),
         Some(picture) if plan.headless => {
             return Err(Failure::new(format!(
                 "the example ended without writing {}",
@@ -121,6 +123,11 @@ pub fn run(options: &Options) -> Result {
         _ => {}
     }
     Ok(())
+}
+
+/// When a file was last written, if it exists.
+fn modified(file: &Path) -> Option<SystemTime> {
+    file.metadata().and_then(|metadata| metadata.modified()).ok()
 }
 
 /// What to run, once the options are known to make sense.

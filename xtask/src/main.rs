@@ -20,7 +20,7 @@ use clap::{Parser, Subcommand};
 
 use crate::failure::Result;
 
-/// Commands of the bevy_glint workspace.
+/// The commands of this workspace.
 #[derive(Parser)]
 #[command(name = "cargo xtask", bin_name = "cargo xtask", disable_help_subcommand = true)]
 struct Cli {
@@ -50,7 +50,7 @@ fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("error: {failure}");
+            progress::say(format_args!("error: {failure}"));
             ExitCode::FAILURE
         }
     }

@@ -1,25 +1,34 @@
 //! One line when a step begins and one with the time it took when it ends.
 
 use std::fmt;
+use std::io::{self, Write};
 use std::time::{Duration, Instant};
 
 use crate::failure::Result;
 
 /// Runs `action` as a step with a name.
-///
-/// Everything goes to stderr, so that a command's own output stays clean.
 pub fn step<T>(name: &str, action: impl FnOnce() -> Result<T>) -> Result<T> {
-    eprintln!("==> {name}");
+    say(format_args!("==> {name}"));
     let start = Instant::now();
     let result = action();
     let outcome = if result.is_ok() { "done" } else { "failed" };
-    eprintln!("==> {name}: {outcome} in {}", Elapsed(start.elapsed()));
+    say(format_args!("==> {name}: {outcome} in {}", Elapsed(start.elapsed())));
     result
 }
 
 /// A line about something that was found or decided.
 pub fn note(text: impl fmt::Display) {
-    eprintln!("    {text}");
+    say(format_args!("    {text}"));
+}
+
+/// A line on stderr, which leaves stdout to results; a reader that went away is no failure.
+pub fn say(text: impl fmt::Display) {
+    _ = writeln!(io::stderr(), "{text}");
+}
+
+/// A result's line on stdout; a reader that went away is no failure.
+pub fn result(text: impl fmt::Display) {
+    _ = writeln!(io::stdout(), "{text}");
 }
 
 /// A duration as people say it: `0.4 s`, `12 s`, `3 min 07 s`.

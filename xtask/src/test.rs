@@ -42,7 +42,7 @@ pub fn run(options: &Options) -> Result {
     let start = Instant::now();
     let mut tally = Tally::default();
     let result = progress::step("build and run the tests", || run_and_count(&mut command, &mut tally));
-    println!("{tally}, {}", Elapsed(start.elapsed()));
+    progress::result(format_args!("{tally}, {}", Elapsed(start.elapsed())));
     result
 }
 

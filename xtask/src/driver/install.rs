@@ -29,7 +29,7 @@ pub fn packages(need: Need) -> Result {
     let system = System::read();
     let wanted = match need {
         Need::Vulkan => "a Vulkan driver",
-        Need::RayQuery => "a Vulkan driver with ray queries",
+        Need::RayQuery => "a Vulkan driver with ray queries (Mesa 24.1 or newer)",
     };
     system.require_apt(&format!("{MESA} {LOADER}"), wanted)?;
     note("installing Mesa's Vulkan drivers, among them the CPU's (this can take a minute)");
@@ -116,7 +116,7 @@ impl System {
         }
         if output("id", &["-u"]).as_deref().map(str::trim) != Some("0") {
             return Err(Failure::new(format!(
-                "{what} is missing: run `sudo apt-get install {packages}`, or this command as root"
+                "{what} is missing: run this command as root, or `sudo apt-get install {packages}`"
             )));
         }
         Ok(())
