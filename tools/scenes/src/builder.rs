@@ -79,7 +79,7 @@ impl<'w> SceneBuilder<'w> {
     }
 
     /// Bakes a pattern into textures.
-    pub fn textures(&mut self, size: u32, pattern: impl Fn(Vec2) -> Texel) -> TextureSet {
+    pub fn textures(&mut self, size: u32, pattern: impl Fn(Vec2) -> Texel + Sync) -> TextureSet {
         TextureSet::bake(&mut self.world.resource_mut::<Assets<Image>>(), size, pattern)
     }
 

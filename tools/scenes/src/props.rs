@@ -34,8 +34,8 @@ pub fn column(g: &mut Geometry, height: f32, radius: f32, segments: u32) {
     ]);
     profile.push(p(1.0, base + 0.62 * r));
     // The shaft swells a little and narrows upwards.
-    for i in 0..=6 {
-        let t = i as f32 / 6.0;
+    for i in 0..=4 {
+        let t = i as f32 / 4.0;
         profile.push(p(
             1.0 - 0.14 * t * t,
             base + 0.62 * r + (top - 1.5 * r - base - 0.62 * r) * t,

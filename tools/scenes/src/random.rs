@@ -47,11 +47,18 @@ pub fn noise(p: Vec2, period: i32, seed: u32) -> f32 {
     let cell = p.floor();
     let f = p - cell;
     let s = f * f * f * (f * (f * 6.0 - 15.0) + 10.0);
-    let wrap = |v: i32| v.rem_euclid(period.max(1));
-    let (x, y) = (cell.x as i32, cell.y as i32);
-    let corner = |dx: i32, dy: i32| hash(wrap(x + dx), wrap(y + dy), seed);
-    let low = corner(0, 0) + (corner(1, 0) - corner(0, 0)) * s.x;
-    let high = corner(0, 1) + (corner(1, 1) - corner(0, 1)) * s.x;
+    let period = period.max(1);
+    let wrap = |v: i32| v.rem_euclid(period);
+    let (x0, y0) = (wrap(cell.x as i32), wrap(cell.y as i32));
+    let (x1, y1) = (
+        if x0 + 1 == period { 0 } else { x0 + 1 },
+        if y0 + 1 == period { 0 } else { y0 + 1 },
+    );
+    let row = |y: i32| {
+        let left = hash(x0, y, seed);
+        left + (hash(x1, y, seed) - left) * s.x
+    };
+    let (low, high) = (row(y0), row(y1));
     low + (high - low) * s.y
 }
 
@@ -82,4 +89,25 @@ pub fn smooth(low: f32, high: f32, x: f32) -> f32 {
     }
     let t = ((x - low) / width).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
+}
+
+/// Evaluates `value` for `0..count` on all cores, in order.
+pub fn parallel<T: Send>(count: usize, value: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let threads = std::thread::available_parallelism()
+        .map_or(1, usize::from)
+        .min(count.max(1));
+    let share = count.div_ceil(threads);
+    let value = &value;
+    std::thread::scope(|scope| {
+        let workers: Vec<_> = (0..threads)
+            .map(|thread| {
+                let range = (thread * share).min(count)..((thread + 1) * share).min(count);
+                scope.spawn(move || range.map(value).collect::<Vec<T>>())
+            })
+            .collect();
+        workers
+            .into_iter()
+            .flat_map(|worker| worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+            .collect()
+    })
 }

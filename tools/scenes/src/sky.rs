@@ -1,6 +1,6 @@
 //! Skies as functions of direction, and the cube maps that Bevy's environment light needs, baked on the CPU.
 
-use crate::random::{noise, smooth};
+use crate::random::{noise, parallel, smooth};
 use bevy::{
     asset::{Assets, RenderAssetUsages},
     image::{Image, ImageSampler},
@@ -114,17 +114,13 @@ struct Cube {
 
 impl Cube {
     /// Evaluates a function of the world direction at every texel's centre.
-    fn bake(size: u32, value: impl Fn(Vec3) -> Vec3) -> Self {
+    fn bake(size: u32, value: impl Fn(Vec3) -> Vec3 + Sync) -> Self {
         let size = size.max(1);
-        let mut texels = Vec::with_capacity((6 * size * size) as usize);
-        for face in 0..6 {
-            for y in 0..size {
-                for x in 0..size {
-                    let st = (Vec2::new(x as f32, y as f32) + 0.5) / size as f32 * 2.0 - 1.0;
-                    texels.push(value(direction_of(face, st)));
-                }
-            }
-        }
+        let texels = parallel((6 * size * size) as usize, |i| {
+            let (face, texel) = (i as u32 / (size * size), i as u32 % (size * size));
+            let st = (Vec2::new((texel % size) as f32, (texel / size) as f32) + 0.5) / size as f32 * 2.0 - 1.0;
+            value(direction_of(face, st))
+        });
         Self { size, texels }
     }
 

@@ -1,5 +1,6 @@
 //! Textures from code, with mip chains.
 
+use crate::random::parallel;
 use bevy::{
     asset::{Assets, Handle, RenderAssetUsages},
     image::{Image, ImageAddressMode, ImageFilterMode, ImageSampler, ImageSamplerDescriptor},
@@ -62,15 +63,11 @@ pub struct TextureSet {
 
 impl TextureSet {
     /// Bakes a pattern over the unit square (`v` pointing down) into textures of `size` squared texels, which tile.
-    pub fn bake(images: &mut Assets<Image>, size: u32, pattern: impl Fn(Vec2) -> Texel) -> Self {
+    pub fn bake(images: &mut Assets<Image>, size: u32, pattern: impl Fn(Vec2) -> Texel + Sync) -> Self {
         let size = size.max(1);
-        let count = (size * size) as usize;
-        let mut texels = Vec::with_capacity(count);
-        for y in 0..size {
-            for x in 0..size {
-                texels.push(pattern((Vec2::new(x as f32, y as f32) + 0.5) / size as f32));
-            }
-        }
+        let texels = parallel((size * size) as usize, |i| {
+            pattern((Vec2::new((i as u32 % size) as f32, (i as u32 / size) as f32) + 0.5) / size as f32)
+        });
         let byte = |value: f32| (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
         let height = |x: u32, y: u32| texels[((y % size) * size + x % size) as usize].height;
         let (mut color, mut normal, mut surface) = (Vec::new(), Vec::new(), Vec::new());

@@ -65,8 +65,8 @@ impl Side {
 
 pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     shell(scene, m);
-    let lower = scene.shape(|g| props::column(g, LOWER_SPRING, 0.27, segments(18, detail)));
-    let upper = scene.shape(|g| props::column(g, UPPER_SPRING, 0.19, segments(14, detail)));
+    let lower = scene.shape(|g| props::column(g, LOWER_SPRING, 0.27, segments(14, detail)));
+    let upper = scene.shape(|g| props::column(g, UPPER_SPRING, 0.19, segments(10, detail)));
     for side in &sides() {
         let arches = [
             scene.shape(|g| {
@@ -91,11 +91,18 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             }),
         ];
         let balustrade = scene.shape(|g| balustrade(g, side.bay - 0.44, detail));
-        let vault = scene.shape(|g| vault(g, side.bay, WALK, LOWER_SPRING, 1.35, segments(12, detail)));
+        let vault = scene.shape(|g| vault(g, side.bay, WALK, LOWER_SPRING, 1.35, segments(10, detail)));
+        let bevel = if detail < 1.5 { 1 } else { 2 };
         let respond = scene.shape(|g| {
-            g.rounded_box(Vec3::new(0.0, 1.6, 0.0), Vec3::new(0.5, 3.2, 0.24), 0.03, 2, 0.5);
-            g.rounded_box(Vec3::new(0.0, 3.3, 0.02), Vec3::new(0.64, 0.2, 0.34), 0.03, 2, 0.5);
-            g.rounded_box(Vec3::new(0.0, 0.14, 0.02), Vec3::new(0.62, 0.28, 0.32), 0.03, 2, 0.5);
+            g.rounded_box(Vec3::new(0.0, 1.6, 0.0), Vec3::new(0.5, 3.2, 0.24), 0.03, bevel, 0.5);
+            g.rounded_box(Vec3::new(0.0, 3.3, 0.02), Vec3::new(0.64, 0.2, 0.34), 0.03, bevel, 0.5);
+            g.rounded_box(
+                Vec3::new(0.0, 0.14, 0.02),
+                Vec3::new(0.62, 0.28, 0.32),
+                0.03,
+                bevel,
+                0.5,
+            );
         });
         for i in 0..side.bays {
             let x = side.middle(i);
@@ -131,7 +138,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         });
         scene.place(&ceiling, &m.plaster, side.transform);
     }
-    let corner = scene.shape(|g| vault(g, WALK, WALK, LOWER_SPRING, 1.35, segments(12, detail)));
+    let corner = scene.shape(|g| vault(g, WALK, WALK, LOWER_SPRING, 1.35, segments(10, detail)));
     for (x, z) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
         let place = Vec3::new(x * (HALF_LENGTH + 0.5 * WALK), 0.0, z * (HALF_WIDTH + 0.5 * WALK));
         scene.place(&corner, &m.plaster, Transform::from_translation(place));
@@ -335,8 +342,21 @@ fn vault(g: &mut Geometry, width: f32, depth: f32, spring: f32, rise: f32, steps
 
 /// Balusters between two rails.
 fn balustrade(g: &mut Geometry, width: f32, detail: f32) {
-    g.rounded_box(Vec3::new(0.0, 0.95, 0.0), Vec3::new(width, 0.12, 0.26), 0.03, 2, 0.5);
-    g.rounded_box(Vec3::new(0.0, 0.10, 0.0), Vec3::new(width, 0.20, 0.24), 0.03, 2, 0.5);
+    let bevel = if detail < 1.5 { 1 } else { 2 };
+    g.rounded_box(
+        Vec3::new(0.0, 0.95, 0.0),
+        Vec3::new(width, 0.12, 0.26),
+        0.03,
+        bevel,
+        0.5,
+    );
+    g.rounded_box(
+        Vec3::new(0.0, 0.10, 0.0),
+        Vec3::new(width, 0.20, 0.24),
+        0.03,
+        bevel,
+        0.5,
+    );
     let mut baluster = Geometry::default();
     let p = |x: f32, y: f32| Vec2::new(0.075 * x, 0.20 + 0.69 * y);
     let profile = [
@@ -350,7 +370,7 @@ fn balustrade(g: &mut Geometry, width: f32, detail: f32) {
         p(0.7, 0.9),
         p(0.85, 1.0),
     ];
-    baluster.lathe(&profile, segments(8, detail), Vec2::new(1.0, 0.5));
+    baluster.lathe(&profile, segments(7, detail), Vec2::new(1.0, 0.5));
     let count = (width / 0.30) as u32;
     for i in 0..count {
         let x = ((i as f32 + 0.5) / count as f32 - 0.5) * width;

@@ -41,9 +41,9 @@ fn curtains(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let mut random = Random::new(41);
     for (index, side) in sides().iter().enumerate().filter(|(_, side)| side.bays == LONG_BAYS) {
         let width = side.bay - 0.7;
-        let long = scene.shape(|g| props::curtain(g, width, 2.75, 6.0, segments(26, detail), segments(10, detail)));
+        let long = scene.shape(|g| props::curtain(g, width, 2.75, 6.0, segments(24, detail), segments(8, detail)));
         let short =
-            scene.shape(|g| props::curtain(g, width * 0.9, 1.35, 5.0, segments(22, detail), segments(7, detail)));
+            scene.shape(|g| props::curtain(g, width * 0.9, 1.35, 5.0, segments(20, detail), segments(6, detail)));
         let rod = scene.shape(|g| {
             g.tube(
                 &[
@@ -74,11 +74,11 @@ fn curtains(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
 /// Lanterns in the walks, gilt ribbons and wires across the court.
 fn metalwork(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let lantern = scene.shape(|g| {
-        props::lantern(g, 0.62, 0.17, segments(12, detail));
+        props::lantern(g, 0.62, 0.17, segments(9, detail));
         g.tube(&[Vec3::ZERO, Vec3::new(0.0, 0.85, 0.0)], 0.012, 6);
     });
     let glass = scene.shape(|g| {
-        g.sphere(Vec3::new(0.0, -0.33, 0.0), 0.10, segments(12, detail), Vec2::ONE);
+        g.sphere(Vec3::new(0.0, -0.33, 0.0), 0.10, segments(10, detail), Vec2::ONE);
     });
     let lit = scene.material(StandardMaterial {
         base_color: Color::BLACK,
