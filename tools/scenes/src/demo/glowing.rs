@@ -20,8 +20,8 @@ pub fn neon(scene: &mut SceneBuilder) {
     });
     let magenta = scene.material(glow(LinearRgba::rgb(7.0, 0.55, 3.2)));
     let cyan = scene.material(glow(LinearRgba::rgb(0.35, 4.2, 6.0)));
-    scene.place(&ring, &magenta, Transform::from_xyz(-1.0, 2.62, -3.93));
-    scene.place(&inner, &cyan, Transform::from_xyz(-1.0, 2.62, -3.93));
+    scene.place(&ring, &magenta, Transform::from_xyz(-1.0, 2.78, -3.93));
+    scene.place(&inner, &cyan, Transform::from_xyz(-1.0, 2.78, -3.93));
     let tube = scene.shape(|g| {
         g.tube(&[Vec3::new(0.0, 0.35, 0.0), Vec3::new(0.0, 3.2, 0.0)], 0.026, 16);
     });
@@ -29,7 +29,7 @@ pub fn neon(scene: &mut SceneBuilder) {
         scene.place(&tube, material, Transform::from_xyz(x, 0.0, -3.95));
     }
     for (position, color, lumens) in [
-        (Vec3::new(-1.0, 2.6, -3.2), Color::srgb(1.0, 0.35, 0.75), 55_000.0),
+        (Vec3::new(-1.0, 2.75, -3.2), Color::srgb(1.0, 0.35, 0.75), 55_000.0),
         (Vec3::new(2.4, 1.8, -3.4), Color::srgb(0.3, 0.85, 1.0), 32_000.0),
         (Vec3::new(-4.7, 1.6, -3.5), Color::srgb(0.3, 0.85, 1.0), 22_000.0),
     ] {
@@ -49,7 +49,7 @@ pub fn neon(scene: &mut SceneBuilder) {
 
 /// Nested rings that turn around a glowing core, on a turned pedestal.
 pub fn gyroscope(scene: &mut SceneBuilder) {
-    let place = Vec3::new(2.25, 0.0, 1.75);
+    let place = Vec3::new(2.75, 0.0, 2.1);
     let middle = place + Vec3::Y * 1.02;
     let dark = scene.material(gloss(Color::srgb(0.05, 0.05, 0.06), 0.12));
     let pedestal = scene.shape(|g| props::pedestal(g, 0.42, 0.2, 48));

@@ -30,7 +30,7 @@ fn sun() -> Vec3 {
 /// Position and vertical field of view in degrees.
 pub fn camera() -> (Transform, f32) {
     (
-        Transform::from_xyz(-0.9, 1.75, 8.1).looking_at(Vec3::new(0.15, 1.22, 0.0), Vec3::Y),
+        Transform::from_xyz(-0.9, 1.8, 8.5).looking_at(Vec3::new(0.15, 1.22, 0.0), Vec3::Y),
         38.0,
     )
 }
@@ -230,8 +230,8 @@ fn gallery_of_spheres(scene: &mut SceneBuilder, size: u32) {
                 1.0,
             );
         });
-        scene.place(&step, &step_stone, Transform::from_xyz(0.2, 0.0, z));
-        scene.place(&edge, &trim, Transform::from_xyz(0.2, 0.0, z));
+        scene.place(&step, &step_stone, Transform::from_xyz(-0.1, 0.0, z));
+        scene.place(&edge, &trim, Transform::from_xyz(-0.1, 0.0, z));
         for column in 0..COLUMNS {
             let fraction = column as f32 / (COLUMNS - 1) as f32;
             let material = match row {
@@ -243,7 +243,7 @@ fn gallery_of_spheres(scene: &mut SceneBuilder, size: u32) {
             scene.place(
                 &sphere,
                 &material,
-                Transform::from_xyz(0.2 + (fraction - 0.5) * 5.4, height + 0.38, z + 0.02),
+                Transform::from_xyz(-0.1 + (fraction - 0.5) * 5.4, height + 0.38, z + 0.02),
             );
         }
     }
@@ -255,17 +255,17 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
         g.rounded_box(Vec3::new(0.0, 0.5, 0.0), Vec3::ONE, 0.05, 4, 1.0);
     });
     let boxes = [
-        (metal(CHROME, 0.02), Vec3::new(-3.15, 0.0, 2.0), 0.78, 28.0),
+        (metal(CHROME, 0.02), Vec3::new(-3.5, 0.0, 2.1), 0.78, 28.0),
         (
             gloss(Color::srgb(0.03, 0.22, 0.50), 0.08),
-            Vec3::new(-2.35, 0.0, 2.95),
+            Vec3::new(-2.6, 0.0, 3.0),
             0.42,
             -18.0,
         ),
-        (metal(COPPER, 0.32), Vec3::new(-3.05, 0.78, 1.98), 0.36, 52.0),
+        (metal(COPPER, 0.32), Vec3::new(-3.42, 0.78, 2.08), 0.36, 52.0),
         (
             gloss(Color::srgb(0.92, 0.50, 0.06), 0.35),
-            Vec3::new(1.55, 0.0, 2.75),
+            Vec3::new(1.7, 0.0, 3.0),
             0.40,
             35.0,
         ),
@@ -309,7 +309,7 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
     scene.place(
         &ball,
         &vermilion,
-        Transform::from_xyz(3.35, 0.55, 1.55).with_scale(Vec3::splat(0.55)),
+        Transform::from_xyz(3.85, 0.55, 1.0).with_scale(Vec3::splat(0.55)),
     );
     let moving = scene.place(&ball, &mirror, Transform::from_scale(Vec3::splat(0.26)));
     scene.world.entity_mut(moving).insert(Motion::Orbit {
@@ -331,7 +331,7 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
     let plant = scene.shape(|g| props::plant(g, 46, 1.0, 6, 3));
     for (position, scale, angle) in [
         (Vec3::new(-3.75, 0.0, -2.9), 1.35, 0.0),
-        (Vec3::new(4.55, 0.0, 1.25), 0.95, 130.0),
+        (Vec3::new(4.62, 0.0, 2.15), 0.95, 130.0),
     ] {
         let at = Transform::from_translation(position)
             .with_rotation(turned(angle))
