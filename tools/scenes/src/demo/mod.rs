@@ -255,14 +255,14 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
         g.rounded_box(Vec3::new(0.0, 0.5, 0.0), Vec3::ONE, 0.05, 4, 1.0);
     });
     let boxes = [
-        (metal(CHROME, 0.02), Vec3::new(-3.5, 0.0, 2.1), 0.78, 28.0),
+        (metal(CHROME, 0.02), Vec3::new(-3.2, 0.0, 1.9), 0.78, 28.0),
         (
             gloss(Color::srgb(0.03, 0.22, 0.50), 0.08),
             Vec3::new(-2.6, 0.0, 3.0),
             0.42,
             -18.0,
         ),
-        (metal(COPPER, 0.32), Vec3::new(-3.42, 0.78, 2.08), 0.36, 52.0),
+        (metal(COPPER, 0.32), Vec3::new(-3.12, 0.78, 1.88), 0.36, 52.0),
         (
             gloss(Color::srgb(0.92, 0.50, 0.06), 0.35),
             Vec3::new(1.7, 0.0, 3.0),

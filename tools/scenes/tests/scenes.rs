@@ -1,0 +1,155 @@
+//! The scenes without a renderer: complete, valid and the same every time.
+
+use bevy::{
+    mesh::{Indices, VertexAttributeValues},
+    prelude::*,
+};
+use glint_scenes::{
+    SceneName, SceneOptions, SceneStatistics, UnknownScene, camera, camera_path, environment, spawn_with,
+    write_test_assets,
+};
+
+const SMALL: SceneOptions = SceneOptions {
+    detail: 1.0,
+    texture_size: 16,
+};
+
+fn spawned(name: SceneName, options: &SceneOptions) -> (World, SceneStatistics) {
+    let mut world = World::new();
+    let root = spawn_with(name, &mut world, options);
+    let statistics = *world.entity(root).get::<SceneStatistics>().unwrap();
+    (world, statistics)
+}
+
+#[test]
+fn names_round_trip() {
+    for name in SceneName::ALL {
+        assert_eq!(name.to_string().parse(), Ok(name));
+    }
+    assert_eq!("Emissive-Floor".parse(), Ok(SceneName::EmissiveFloor));
+    let error: Result<SceneName, UnknownScene> = "sponza".parse();
+    assert!(error.unwrap_err().to_string().contains("atrium"));
+}
+
+#[test]
+fn every_mesh_is_complete() {
+    for name in SceneName::ALL {
+        let (world, _) = spawned(name, &SMALL);
+        for (_, mesh) in world.resource::<Assets<Mesh>>().iter() {
+            let vertices = mesh.count_vertices();
+            for attribute in [Mesh::ATTRIBUTE_POSITION, Mesh::ATTRIBUTE_NORMAL] {
+                let Some(VertexAttributeValues::Float32x3(values)) = mesh.attribute(attribute) else {
+                    panic!("{name}")
+                };
+                assert!(values.len() == vertices && values.iter().flatten().all(|v| v.is_finite()));
+            }
+            let Some(VertexAttributeValues::Float32x3(normals)) = mesh.attribute(Mesh::ATTRIBUTE_NORMAL) else {
+                panic!()
+            };
+            let Some(VertexAttributeValues::Float32x4(tangents)) = mesh.attribute(Mesh::ATTRIBUTE_TANGENT) else {
+                panic!()
+            };
+            let Some(VertexAttributeValues::Float32x2(uvs)) = mesh.attribute(Mesh::ATTRIBUTE_UV_0) else {
+                panic!()
+            };
+            assert!(uvs.len() == vertices && uvs.iter().flatten().all(|v| v.is_finite()));
+            assert_eq!(tangents.len(), vertices);
+            for (normal, &[x, y, z, w]) in normals.iter().zip(tangents) {
+                let (normal, tangent) = (Vec3::from(*normal), Vec3::new(x, y, z));
+                assert!(
+                    (normal.length() - 1.0).abs() < 1e-3 && (tangent.length() - 1.0).abs() < 1e-3,
+                    "{name}"
+                );
+                assert!(normal.dot(tangent).abs() < 1e-3 && w.abs() == 1.0, "{name}");
+            }
+            let Some(Indices::U32(indices)) = mesh.indices() else {
+                panic!("{name}")
+            };
+            assert!(
+                !indices.is_empty() && indices.iter().all(|&i| (i as usize) < vertices),
+                "{name}"
+            );
+        }
+    }
+}
+
+#[test]
+fn faces_agree_with_normals() {
+    for name in [SceneName::Demo, SceneName::Atrium, SceneName::Furnace] {
+        let (world, _) = spawned(name, &SMALL);
+        let (mut wrong, mut all) = (0, 0);
+        for (_, mesh) in world.resource::<Assets<Mesh>>().iter() {
+            let Some(VertexAttributeValues::Float32x3(positions)) = mesh.attribute(Mesh::ATTRIBUTE_POSITION) else {
+                panic!()
+            };
+            let Some(VertexAttributeValues::Float32x3(normals)) = mesh.attribute(Mesh::ATTRIBUTE_NORMAL) else {
+                panic!()
+            };
+            let Some(Indices::U32(indices)) = mesh.indices() else {
+                panic!()
+            };
+            for triangle in indices.chunks_exact(3) {
+                let [a, b, c] = [0, 1, 2].map(|i| Vec3::from(positions[triangle[i] as usize]));
+                let shading: Vec3 = triangle.iter().map(|&i| Vec3::from(normals[i as usize])).sum();
+                wrong += usize::from((b - a).cross(c - a).dot(shading) <= 0.0);
+                all += 1;
+            }
+        }
+        assert!(
+            wrong * 200 < all,
+            "{name}: {wrong} of {all} triangles face away from their normals"
+        );
+    }
+}
+
+#[test]
+fn the_atrium_has_the_triangles_that_it_promises() {
+    let (_, plain) = spawned(SceneName::Atrium, &SMALL);
+    assert!((66_000..100_000).contains(&plain.triangles), "{plain:?}");
+    assert!((100..400).contains(&plain.instances), "{plain:?}");
+    let (_, fine) = spawned(SceneName::Atrium, &SceneOptions { detail: 2.25, ..SMALL });
+    assert!((230_000..300_000).contains(&fine.triangles), "{fine:?}");
+    let (_, same) = spawned(SceneName::Atrium, &SMALL);
+    assert_eq!(plain, same);
+}
+
+#[test]
+fn the_path_is_smooth_and_inside() {
+    for i in 0..=400 {
+        let t = i as f32 / 400.0;
+        let (here, next) = (camera_path(t), camera_path(t + 1.0 / 400.0));
+        assert!(
+            here.translation.x.abs() < 10.0 && here.translation.z.abs() < 4.2 && here.translation.y > 1.2,
+            "{t}"
+        );
+        assert!(
+            here.translation.distance(next.translation) < 0.2 && here.rotation.angle_between(next.rotation) < 0.1,
+            "{t}"
+        );
+    }
+    assert_eq!(camera_path(f32::NAN), camera_path(0.0));
+}
+
+#[test]
+fn cameras_and_skies_exist() {
+    for name in SceneName::ALL {
+        let mut world = World::new();
+        let (transform, projection) = camera(name);
+        assert!(transform.is_finite() && projection.fov > 0.1);
+        let first = environment(name, &mut world);
+        assert_eq!(first.light.is_some(), first.skybox.is_some());
+        let count = world.resource::<Assets<Image>>().len();
+        let _ = environment(name, &mut world);
+        assert_eq!(world.resource::<Assets<Image>>().len(), count, "a sky is baked once");
+    }
+}
+
+#[test]
+fn gltf_files_are_written() {
+    let folder = std::env::temp_dir().join(format!("glint_scenes_{}", std::process::id()));
+    let paths = write_test_assets(&folder).unwrap();
+    for path in &paths {
+        assert!(std::fs::read_to_string(path).unwrap().contains("\"version\": \"2.0\""));
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
