@@ -87,7 +87,8 @@ impl FromStr for SceneName {
 /// What can be chosen about a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneOptions {
-    /// Fineness of the atrium's curved parts: triangles grow with its square. 1 gives about 70 thousand triangles, 2 about 260 thousand.
+    /// Fineness of the atrium's curved parts: 1 gives about 90 thousand triangles, 2.25 about
+    /// 260 thousand.
     /// Clamped to 0.25..=8.
     pub detail: f32,
     /// Edge of procedural textures in texels, clamped to 4..=2048.
