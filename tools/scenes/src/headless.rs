@@ -5,7 +5,8 @@ use bevy::{
     DefaultPlugins,
     app::{App, PluginGroup, PluginsState, TerminalCtrlCHandlerPlugin},
     asset::{AssetPlugin, AssetServer, Assets, Handle, LoadState, RenderAssetUsages, UnapprovedPathMode},
-    camera::{Camera, Camera3d, Hdr, Projection, RenderTarget},
+    camera::{Camera, Camera3d, Hdr, Projection, RenderTarget, ShadowLodOrigin},
+    core_pipeline::prepass::{DeferredPrepass, DepthPrepass},
     core_pipeline::tonemapping::{DebandDither, Tonemapping},
     diagnostic::FrameCount,
     ecs::{bundle::Bundle, entity::Entity, world::World},
@@ -187,10 +188,10 @@ impl HeadlessApp {
         self.settings.size
     }
 
-    /// Spawns a camera that draws into the target: HDR, without multisampling or dithering. `extra` may override all of that.
+    /// Spawns a camera that draws into the target: HDR, deferred, without multisampling or dithering. `extra` may override all of that.
     pub fn spawn_camera(&mut self, extra: impl Bundle) -> Entity {
         let target = self.target();
-        let camera = (
+        let view = (
             Camera3d::default(),
             Camera::default(),
             target,
@@ -198,6 +199,8 @@ impl HeadlessApp {
             Msaa::Off,
             DebandDither::Disabled,
         );
+        // Without a window nothing else says for whom shadows are drawn.
+        let camera = (view, DepthPrepass, DeferredPrepass, ShadowLodOrigin);
         let entity = self.world().spawn(camera).id();
         self.world().entity_mut(entity).insert(extra);
         entity

@@ -117,8 +117,8 @@ pub fn limestone(uv: Vec2) -> Texel {
     let pits = smooth(0.68, 0.78, fractal(uv, 32, 3, 72));
     let stain = fractal(uv, 3, 4, 73);
     Texel {
-        color: Vec3::new(0.80, 0.74, 0.64) * (0.84 + 0.2 * grain) * (0.86 + 0.22 * stain) * (1.0 - 0.22 * pits),
-        height: 0.004 * grain - 0.006 * pits,
+        color: Vec3::new(0.80, 0.74, 0.64) * (0.84 + 0.2 * grain) * (0.86 + 0.22 * stain) * (1.0 - 0.15 * pits),
+        height: 0.003 * grain - 0.0035 * pits,
         roughness: 0.62 + 0.3 * grain,
         occlusion: 1.0 - 0.25 * pits,
         ..Default::default()
@@ -154,15 +154,15 @@ pub fn floor_tiles(uv: Vec2) -> Texel {
 
 /// Plain-woven cloth, white: the material's base colour dyes it.
 pub fn cloth(uv: Vec2) -> Texel {
-    let threads = 96.0;
+    let threads = 64.0;
     let p = uv * threads;
     let over = ((p.x.floor() + p.y.floor()) as i32).rem_euclid(2) == 0;
     let across = if over { p.x } else { p.y };
     let round = ops::sin((across - across.floor()) * TAU * 0.5);
     let fade = fractal(uv, 4, 4, 81);
     Texel {
-        color: Vec3::splat((0.78 + 0.16 * round) * (0.86 + 0.2 * fade)),
-        height: 0.0022 * round,
+        color: Vec3::splat((0.84 + 0.10 * round) * (0.86 + 0.2 * fade)),
+        height: 0.0012 * round,
         roughness: 0.88 + 0.1 * fade,
         occlusion: 0.8 + 0.2 * round,
         ..Default::default()

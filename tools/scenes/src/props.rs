@@ -153,6 +153,7 @@ pub fn leaf_material(textured: StandardMaterial) -> StandardMaterial {
         double_sided: true,
         cull_mode: None,
         metallic: 0.0,
+        reflectance: 0.3,
         ..textured
     }
 }

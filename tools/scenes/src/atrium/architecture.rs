@@ -174,7 +174,7 @@ fn shell(scene: &mut SceneBuilder, m: &Materials) {
         let floor = scene.shape(|g| {
             g.cuboid(
                 Vec3::new(0.0, UPPER_FLOOR - 0.12, -0.5 * WALK),
-                Vec3::new(reach, 0.24, WALK + 0.62),
+                Vec3::new(reach, 0.24, WALK),
                 0.4,
             );
         });

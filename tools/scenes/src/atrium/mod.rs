@@ -46,7 +46,7 @@ pub(crate) mod plan {
 }
 
 fn sun() -> Vec3 {
-    sun_direction(38.0, 56.0)
+    sun_direction(42.0, 60.0)
 }
 
 /// Turns a count of segments at detail one into the count at `detail`.
@@ -56,11 +56,11 @@ pub(crate) fn segments(base: u32, detail: f32) -> u32 {
 
 /// A bright day.
 pub fn environment(world: &mut World) -> Environment {
-    let (light, skybox) = sky(world, Sky::Day { sun: sun() }, 2_000.0);
+    let (light, skybox) = sky(world, Sky::Day { sun: sun() }, 1_150.0);
     Environment {
         light: Some(light),
         skybox: Some(skybox),
-        exposure: Exposure { ev100: 11.0 },
+        exposure: Exposure { ev100: 10.8 },
         tonemapping: Tonemapping::TonyMcMapface,
     }
 }
@@ -98,7 +98,7 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     scene.add((
         DirectionalLight {
             color: Color::srgb(1.0, 0.93, 0.82),
-            illuminance: 26_000.0,
+            illuminance: 32_000.0,
             shadow_maps_enabled: true,
             ..Default::default()
         },

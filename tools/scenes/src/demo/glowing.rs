@@ -100,7 +100,7 @@ pub fn lights(scene: &mut SceneBuilder) {
     scene.add((
         DirectionalLight {
             color: Color::srgb(1.0, 0.80, 0.58),
-            illuminance: 7_500.0,
+            illuminance: 10_500.0,
             shadow_maps_enabled: true,
             ..Default::default()
         },

@@ -24,7 +24,7 @@ use bevy::{
 const COLUMNS: usize = 7;
 
 fn sun() -> Vec3 {
-    sun_direction(-112.0, 33.0)
+    sun_direction(-108.0, 31.0)
 }
 
 /// Position and vertical field of view in degrees.
@@ -37,7 +37,7 @@ pub fn camera() -> (Transform, f32) {
 
 /// An evening sky.
 pub fn environment(world: &mut World) -> Environment {
-    let (light, skybox) = sky(world, Sky::Evening { sun: sun() }, 700.0);
+    let (light, skybox) = sky(world, Sky::Evening { sun: sun() }, 560.0);
     Environment {
         light: Some(light),
         skybox: Some(skybox),
@@ -176,7 +176,12 @@ fn screens(scene: &mut SceneBuilder, size: u32) {
             g.rounded_box(Vec3::new(0.0, y, 0.0), Vec3::new(2.3, 0.1, 0.09), 0.015, 2, 1.0);
         }
     });
-    for (x, z, angle) in [(-5.0, -2.6, 82.0), (-4.75, 0.0, 70.0)] {
+    for (x, z, angle) in [
+        (-5.0, -2.6, 82.0),
+        (-4.75, 0.0, 70.0),
+        (-4.75, 2.7, 84.0),
+        (-4.9, 5.2, 92.0),
+    ] {
         let transform = Transform::from_xyz(x, 0.02, z).with_rotation(turned(angle));
         scene.place(&panel, &lattice, transform);
         scene.place(&frame, &wood, transform);
