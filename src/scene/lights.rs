@@ -158,7 +158,7 @@ pub fn extract_lights(
     mut previous: Local<Vec<GpuLight>>,
 ) {
     let lights = &mut extracted.lights;
-    std::mem::swap(lights, &mut previous);
+    std::mem::swap(lights, &mut *previous);
     lights.clear();
     fn visible<L: Component>(
         (light, transform, visibility): (&L, &GlobalTransform, &InheritedVisibility),
