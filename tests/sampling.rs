@@ -10,8 +10,10 @@ use sampling_reference::*;
 
 const ALPHAS: [f32; 8] = [0.0011, 0.004, 0.02, 0.1, 0.25, 0.5, 0.8, 1.0];
 const COSINES: [f32; 6] = [1.0, 0.9, 0.5, 0.2, 0.05, 0.003];
-const SAMPLERS: [(&str, Sampler, Pdf); 2] =
-    [("bounded", sample_reflection, reflection_pdf), ("ndf", sample_reflection_ndf, reflection_pdf_ndf)];
+const SAMPLERS: [(&str, Sampler, Pdf); 2] = [
+    ("bounded", sample_reflection, reflection_pdf),
+    ("ndf", sample_reflection_ndf, reflection_pdf_ndf),
+];
 
 /// Rounding of a direction in 32 bits moves a half vector by that over 2 * h.v: as part of the lobe's width or of h.v.
 fn direction_digits(alpha: f32, half_dot_view: f32) -> f32 {
@@ -110,7 +112,11 @@ fn samples_follow_their_density() {
                 if rest.1 >= 5.0 {
                     add(rest.0, rest.1);
                 } else {
-                    assert!(rest.0 < 20.0 + rest.1, "{name} alpha {alpha} n.v {cosine}: {} strays", rest.0);
+                    assert!(
+                        rest.0 < 20.0 + rest.1,
+                        "{name} alpha {alpha} n.v {cosine}: {} strays",
+                        rest.0
+                    );
                 }
                 let probability = chi_square_tail(statistic, freedom);
                 // 96 cases: one in a thousand runs of all would fall below by chance.
@@ -141,8 +147,14 @@ fn weight_and_inverse_pdf_belong_to_the_direction() {
                     let weight = specular_lobe(view, drawn.direction, alpha) / density;
                     let weight_error = (weight / drawn.weight - 1.0).abs();
                     let digits = direction_digits(alpha, drawn.half_dot_view);
-                    assert!(pdf_error < 2e-5 + 8.0 * digits, "{name} {alpha} {cosine}: pdf off by {pdf_error}");
-                    assert!(weight_error < 2e-4 + 8.0 * digits, "{name} {alpha} {cosine}: weight off by {weight_error}");
+                    assert!(
+                        pdf_error < 2e-5 + 8.0 * digits,
+                        "{name} {alpha} {cosine}: pdf off by {pdf_error}"
+                    );
+                    assert!(
+                        weight_error < 2e-4 + 8.0 * digits,
+                        "{name} {alpha} {cosine}: weight off by {weight_error}"
+                    );
                     worst = [worst[0].max(pdf_error), worst[1].max(weight_error)];
                 }
             }
@@ -265,13 +277,22 @@ fn a_white_furnace_reflects_the_split_sum() {
                     sum + reflection_throughput(&drawn, f0, f90, albedo, fss_ess).as_dvec3()
                 });
                 let error = ((sum / f64::from(n)).as_vec3() / fss_ess - 1.0).abs().max_element();
-                assert!(error < 0.01, "F0 {f0} roughness {roughness} n.v {cosine}: off by {error}");
+                assert!(
+                    error < 0.01,
+                    "F0 {f0} roughness {roughness} n.v {cosine}: off by {error}"
+                );
                 worst = worst.max(error);
             }
         }
     }
     println!("largest relative error in a white furnace: {worst:.2e}");
-    let black = reflection_throughput(&sample_reflection(Vec3::Z, 0.3, vec2(0.2, 0.4)), Vec3::ZERO, 0.0, [0.9, 0.01], Vec3::ZERO);
+    let black = reflection_throughput(
+        &sample_reflection(Vec3::Z, 0.3, vec2(0.2, 0.4)),
+        Vec3::ZERO,
+        0.0,
+        [0.9, 0.01],
+        Vec3::ZERO,
+    );
     assert_eq!(black, Vec3::ZERO);
 }
 
@@ -327,7 +348,10 @@ fn halton_is_the_textbook_sequence_rotated() {
         for (found, base, start) in [(point.x, 2, start.x), (point.y, 3, start.y)] {
             let wanted = (inverse(index, base) + f64::from(start)).fract();
             let error = (f64::from(found) - wanted).abs();
-            assert!(error.min(1.0 - error) < 2e-7, "base {base} index {index}: {found} is not {wanted}");
+            assert!(
+                error.min(1.0 - error) < 2e-7,
+                "base {base} index {index}: {found} is not {wanted}"
+            );
         }
     }
 }
@@ -359,7 +383,12 @@ fn sequences_converge_faster_than_random_numbers() {
     for n in [16, 64, 256, 1024, 4096] {
         let independent = error(n, &mut |_, _| random.next2());
         let late = error(n, &mut |pixel, index| sobol(pixel, (1 << 20) + index, 0));
-        table.push([independent, error(n, &mut halton_rotated), error(n, &mut |p, i| sobol(p, i, 0)), late]);
+        table.push([
+            independent,
+            error(n, &mut halton_rotated),
+            error(n, &mut |p, i| sobol(p, i, 0)),
+            late,
+        ]);
         let digits = table[table.len() - 1].map(|error| format!("{error:.1e}"));
         println!("n {n}: random, halton, sobol, sobol from 2^20: {}", digits.join(" "));
     }
@@ -371,15 +400,36 @@ fn sequences_converge_faster_than_random_numbers() {
 
 #[test]
 fn no_input_makes_a_broken_sample() {
-    let odd = [f32::NAN, f32::INFINITY, -f32::INFINITY, 0.0, -0.0, 1e-30, -1e-6, 1e-4, 0.5, 1.0, -1.0, 3e38];
+    let odd = [
+        f32::NAN,
+        f32::INFINITY,
+        -f32::INFINITY,
+        0.0,
+        -0.0,
+        1e-30,
+        -1e-6,
+        1e-4,
+        0.5,
+        1.0,
+        -1.0,
+        3e38,
+    ];
     for (_, sample, pdf) in SAMPLERS {
         for x in odd {
             for z in odd {
                 let view = Vec3::new(x, 0.1, z);
                 for alpha in [0.0, -1.0, 0.00101, 0.3, 1.0, 7.0, f32::NAN, f32::INFINITY] {
-                    for u in [vec2(0.0, 0.0), vec2(0.99999994, 0.99999994), vec2(0.5, 1.0), vec2(f32::NAN, 0.5), vec2(0.3, 5.0)] {
+                    for u in [
+                        vec2(0.0, 0.0),
+                        vec2(0.99999994, 0.99999994),
+                        vec2(0.5, 1.0),
+                        vec2(f32::NAN, 0.5),
+                        vec2(0.3, 5.0),
+                    ] {
                         let drawn = sample(view, alpha, u);
-                        assert!(drawn.direction.is_finite() && drawn.weight.is_finite() && drawn.inverse_pdf.is_finite());
+                        assert!(
+                            drawn.direction.is_finite() && drawn.weight.is_finite() && drawn.inverse_pdf.is_finite()
+                        );
                         assert!(drawn.direction.z >= 0.0 && (drawn.direction.length() - 1.0).abs() < 1e-4);
                         assert!(drawn.weight >= 0.0 && (drawn.valid || drawn.weight == 0.0));
                         assert!(pdf(view, drawn.direction, alpha).is_finite());
@@ -422,14 +472,23 @@ fn views_below_the_horizon_become_grazing() {
 #[test]
 fn bases_are_orthonormal_everywhere() {
     let mut random = Random(9);
-    let poles = [Vec3::Z, -Vec3::Z, Vec3::X, Vec3::new(1e-8, 0.0, -1.0).normalize(), Vec3::new(1.0, 0.0, -0.0)];
+    let poles = [
+        Vec3::Z,
+        -Vec3::Z,
+        Vec3::X,
+        Vec3::new(1e-8, 0.0, -1.0).normalize(),
+        Vec3::new(1.0, 0.0, -0.0),
+    ];
     let spread = core::iter::from_fn(|| {
         Some((Vec3::new(random.next(), random.next(), random.next()) - 0.5).normalize_or(Vec3::Y))
     });
     for normal in poles.into_iter().chain(spread.take(10_000)) {
         let basis = orthonormal_basis(normal);
         let product = basis.transpose() * basis;
-        assert!(product.abs_diff_eq(bevy::math::Mat3::IDENTITY, 2e-6), "{normal}: {product}");
+        assert!(
+            product.abs_diff_eq(bevy::math::Mat3::IDENTITY, 2e-6),
+            "{normal}: {product}"
+        );
         assert!((basis.determinant() - 1.0).abs() < 2e-6 && basis.z_axis == normal);
     }
 }

@@ -16,7 +16,10 @@ impl Gpu {
         match block_on(Self::request()) {
             Ok(gpu) => Some(gpu),
             Err(reason) => {
-                assert!(std::env::var("GLINT_REQUIRE_GPU").as_deref() != Ok("1"), "no GPU: {reason}");
+                assert!(
+                    std::env::var("GLINT_REQUIRE_GPU").as_deref() != Ok("1"),
+                    "no GPU: {reason}"
+                );
                 println!("skipped, no GPU: {reason}");
                 None
             }
@@ -25,17 +28,26 @@ impl Gpu {
 
     async fn request() -> Result<Self, String> {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
-        let adapter = instance.request_adapter(&Default::default()).await.map_err(|error| error.to_string())?;
+        let adapter = instance
+            .request_adapter(&Default::default())
+            .await
+            .map_err(|error| error.to_string())?;
         let info = adapter.get_info();
-        println!("adapter: {} ({:?}, {} {})", info.name, info.backend, info.driver, info.driver_info);
-        let (device, queue) = adapter.request_device(&Default::default()).await.map_err(|error| error.to_string())?;
+        println!(
+            "adapter: {} ({:?}, {} {})",
+            info.name, info.backend, info.driver, info.driver_info
+        );
+        let (device, queue) = adapter
+            .request_device(&Default::default())
+            .await
+            .map_err(|error| error.to_string())?;
         Ok(Self { device, queue })
     }
 
     /// Dispatches `main` of a flattened shader, one invocation of a workgroup of 64 for each output.
     ///
     /// Binding 0 holds `inputs`, binding 1 receives the outputs, textures stand at the bindings given with them.
-    pub fn run<I: bytemuck::NoUninit, O: bytemuck::AnyBitPattern>(
+    pub fn run<I: bytemuck::NoUninit, O: bytemuck::Pod>(
         &self,
         wgsl: &str,
         inputs: &[I],
@@ -43,10 +55,15 @@ impl Gpu {
         textures: &[(u32, wgpu::TextureView)],
     ) -> Vec<O> {
         // Bevy compiles shaders without run-time checks; so does this.
-        let descriptor = wgpu::ShaderModuleDescriptor { label: None, source: wgpu::ShaderSource::Wgsl(wgsl.into()) };
+        let descriptor = wgpu::ShaderModuleDescriptor {
+            label: None,
+            source: wgpu::ShaderSource::Wgsl(wgsl.into()),
+        };
         // SAFETY: the shaders guard their indices and loops themselves, as they have to under Bevy.
-        let module =
-            unsafe { self.device.create_shader_module_trusted(descriptor, wgpu::ShaderRuntimeChecks::unchecked()) };
+        let module = unsafe {
+            self.device
+                .create_shader_module_trusted(descriptor, wgpu::ShaderRuntimeChecks::unchecked())
+        };
         let pipeline = self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: None,
             layout: None,
@@ -62,14 +79,25 @@ impl Gpu {
         });
         let size = (count * size_of::<O>()) as u64;
         let buffer = |usage| {
-            let descriptor = wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false };
+            let descriptor = wgpu::BufferDescriptor {
+                label: None,
+                size,
+                usage,
+                mapped_at_creation: false,
+            };
             self.device.create_buffer(&descriptor)
         };
         let output = buffer(wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC);
         let readback = buffer(wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST);
         let mut entries = vec![
-            wgpu::BindGroupEntry { binding: 0, resource: input.as_entire_binding() },
-            wgpu::BindGroupEntry { binding: 1, resource: output.as_entire_binding() },
+            wgpu::BindGroupEntry {
+                binding: 0,
+                resource: input.as_entire_binding(),
+            },
+            wgpu::BindGroupEntry {
+                binding: 1,
+                resource: output.as_entire_binding(),
+            },
         ];
         entries.extend(textures.iter().map(|(binding, view)| wgpu::BindGroupEntry {
             binding: *binding,
@@ -102,7 +130,11 @@ impl Gpu {
     ) -> wgpu::Texture {
         let descriptor = wgpu::TextureDescriptor {
             label: None,
-            size: wgpu::Extent3d { width, height, depth_or_array_layers: layers },
+            size: wgpu::Extent3d {
+                width,
+                height,
+                depth_or_array_layers: layers,
+            },
             mip_level_count: 1,
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
@@ -110,7 +142,8 @@ impl Gpu {
             usage: wgpu::TextureUsages::TEXTURE_BINDING,
             view_formats: &[],
         };
-        self.device.create_texture_with_data(&self.queue, &descriptor, Default::default(), texels)
+        self.device
+            .create_texture_with_data(&self.queue, &descriptor, Default::default(), texels)
     }
 }
 
@@ -120,12 +153,20 @@ pub fn flatten(main: &'static str, modules: &[(&str, &'static str)], flags: &[&'
         ShaderCacheSource::Wgsl(wgsl) => Ok(wgsl),
         ShaderCacheSource::SpirV(_) => unreachable!("WESL becomes WGSL"),
     });
-    let id = |index: usize| AssetId::Uuid { uuid: Uuid::from_u128(index as u128 + 1) };
+    let id = |index: usize| AssetId::Uuid {
+        uuid: Uuid::from_u128(index as u128 + 1),
+    };
     for (index, (path, source)) in modules.iter().enumerate() {
-        cache.set_shader(id(index), Shader::from_wesl(*source, format!("embedded://bevy_glint/{path}")));
+        cache.set_shader(
+            id(index),
+            Shader::from_wesl(*source, format!("embedded://bevy_glint/{path}")),
+        );
     }
     let main_id = id(modules.len());
     cache.set_shader(main_id, Shader::from_wesl(main, "embedded://bevy_glint/test_main.wesl"));
     let flags: Vec<ShaderDefVal> = flags.iter().map(|flag| ShaderDefVal::from(*flag)).collect();
-    cache.get(0, main_id, &flags).unwrap_or_else(|error| panic!("{error}")).to_string()
+    cache
+        .get(0, main_id, &flags)
+        .unwrap_or_else(|error| panic!("{error}"))
+        .to_string()
 }

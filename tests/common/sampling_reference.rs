@@ -69,7 +69,9 @@ pub fn v_smith_correlated(alpha: f32, n_dot_v: f32, n_dot_l: f32) -> f32 {
 }
 
 fn is_delta_or_below(direction: Vec3, alpha: f32) -> bool {
-    alpha <= MIRROR_ALPHA || !direction.is_finite() || direction.z.partial_cmp(&MIN_DIRECTION_COSINE) != Some(core::cmp::Ordering::Greater)
+    alpha <= MIRROR_ALPHA
+        || !direction.is_finite()
+        || direction.z.partial_cmp(&MIN_DIRECTION_COSINE) != Some(core::cmp::Ordering::Greater)
 }
 
 pub fn specular_lobe(view: Vec3, direction: Vec3, alpha: f32) -> f32 {
@@ -130,7 +132,13 @@ pub fn sample_reflection(view: Vec3, alpha: f32, u: Vec2) -> ReflectionSample {
     if !direction.is_finite() || !weight.is_finite() || !inverse_pdf.is_finite() || n_dot_l <= MIN_DIRECTION_COSINE {
         return mirrored(v, false);
     }
-    ReflectionSample { direction, weight, inverse_pdf, half_dot_view: h_dot_v.clamp(0.0, 1.0), valid: true }
+    ReflectionSample {
+        direction,
+        weight,
+        inverse_pdf,
+        half_dot_view: h_dot_v.clamp(0.0, 1.0),
+        valid: true,
+    }
 }
 
 pub fn reflection_pdf(view: Vec3, direction: Vec3, alpha: f32) -> f32 {
@@ -166,7 +174,13 @@ pub fn sample_reflection_ndf(view: Vec3, alpha: f32, u: Vec2) -> ReflectionSampl
     if !finite || direction.z <= MIN_DIRECTION_COSINE || h_dot_v <= 0.0 {
         return mirrored(v, false);
     }
-    ReflectionSample { direction, weight, inverse_pdf, half_dot_view: h_dot_v.clamp(0.0, 1.0), valid: true }
+    ReflectionSample {
+        direction,
+        weight,
+        inverse_pdf,
+        half_dot_view: h_dot_v.clamp(0.0, 1.0),
+        valid: true,
+    }
 }
 
 pub fn reflection_pdf_ndf(view: Vec3, direction: Vec3, alpha: f32) -> f32 {
@@ -267,7 +281,13 @@ pub fn compute_multiscatter(f0: Vec3, f_ab: Vec2, specular_occlusion: f32) -> [V
     [fss_ess, fms_ems, Vec3::ONE - (fss_ess + fms_ems)]
 }
 
-pub fn reflection_throughput(reflection: &ReflectionSample, f0: Vec3, f90: f32, albedo: [f32; 2], fss_ess: Vec3) -> Vec3 {
+pub fn reflection_throughput(
+    reflection: &ReflectionSample,
+    f0: Vec3,
+    f90: f32,
+    albedo: [f32; 2],
+    fss_ess: Vec3,
+) -> Vec3 {
     if !reflection.valid {
         return Vec3::ZERO;
     }
