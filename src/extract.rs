@@ -12,6 +12,7 @@ use bevy::{
     ecs::{entity::EntityHashSet, prelude::*, query::QueryData},
     log::warn,
     math::Mat4,
+    reflect::PartialReflect,
     pbr::{
         DefaultOpaqueRendererMethod, ScreenSpaceReflections, ScreenSpaceReflectionsPipelineId,
         ScreenSpaceReflectionsUniform, ViewScreenSpaceReflectionsUniformOffset,
@@ -59,7 +60,7 @@ pub struct CameraQuery {
 
 /// What was true of a camera in the last frame.
 #[derive(Clone, PartialEq)]
-struct CameraState {
+pub struct CameraState {
     world_from_view: Mat4,
     clip_from_view: Mat4,
     settings: SafeSettings,
@@ -82,7 +83,7 @@ pub fn extract_cameras(
 ) {
     let forward = main_world
         .get_resource::<DefaultOpaqueRendererMethod>()
-        .is_none_or(|method| *method == DefaultOpaqueRendererMethod::forward());
+        .is_none_or(|method| method.reflect_partial_eq(&DefaultOpaqueRendererMethod::deferred()) != Some(true));
     let mut cameras = main_world.query::<CameraQuery>();
     for mut camera in cameras.iter_mut(&mut main_world) {
         let Some(reflections) = camera.reflections.as_mut().filter(|_| camera.camera.is_active) else {

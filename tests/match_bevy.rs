@@ -258,7 +258,7 @@ impl Stage {
         queue.submit([encoder.finish()]);
         readback.slice(..).map_async(MapMode::Read, |result| result.unwrap());
         device.wgpu_device().poll(PollType::wait_indefinitely()).unwrap();
-        let data = readback.slice(..).get_mapped_range().to_vec();
+        let data = readback.slice(..).get_mapped_range().unwrap().to_vec();
         [0, 4, 8].map(|i| f32::from_le_bytes([data[i], data[i + 1], data[i + 2], data[i + 3]]))
     }
 }

@@ -7,7 +7,10 @@ use super::{
     geometry::{GeometryError, PackedMesh, pack_mesh},
     instances::SceneInstances,
 };
-use crate::status::{ReflectionStatus, Tracer};
+use crate::{
+    plugin::ChosenTracer,
+    status::{ReflectionStatus, Tracer},
+};
 use bevy::{
     asset::{AssetEvent, AssetId, Assets, RenderAssetUsages},
     ecs::prelude::*,
@@ -26,6 +29,7 @@ use bevy::{
     },
     tasks::{AsyncComputeTaskPool, Task, block_on, poll_once},
 };
+use core::cell::Cell;
 use std::sync::Arc;
 
 /// Bytes of finished meshes that are uploaded in one frame; the first is always uploaded, however large.
@@ -93,6 +97,12 @@ pub struct SceneMeshes {
 /// Packed meshes whose source data exists in the render world alone: kept, since it can't be read twice.
 #[derive(Resource, Default)]
 pub struct RenderWorldMeshes(HashMap<AssetId<Mesh>, Arc<Mesh>>);
+
+impl FromWorld for SceneMeshes {
+    fn from_world(world: &mut World) -> Self {
+        Self::new(world.resource::<RenderDevice>(), world.resource::<ChosenTracer>().0)
+    }
+}
 
 impl SceneMeshes {
     /// Empty arenas for a tracer.
@@ -285,14 +295,14 @@ pub fn upload_meshes(
 ) {
     let meshes = &mut *meshes;
     let finished: Vec<_> = {
-        let mut bytes = 0;
+        let bytes = Cell::new(0);
         meshes
             .pending
-            .extract_if(|_, task| bytes < UPLOAD_BYTES_PER_FRAME && task.is_finished())
+            .extract_if(|_, task| bytes.get() < UPLOAD_BYTES_PER_FRAME && task.is_finished())
             .map(|(id, mut task)| {
                 let result = block_on(poll_once(&mut task));
                 if let Some(Ok(built)) = &result {
-                    bytes += built.packed.words.len() as u64 * 4;
+                    bytes.set(bytes.get() + built.packed.byte_len());
                 }
                 (id, result)
             })

@@ -27,7 +27,7 @@ use activity::{SceneActivity, extract_activity};
 use bevy::{
     app::{App, Plugin, SubApp},
     asset::embedded_asset,
-    ecs::{prelude::*, schedule::ScheduleConfigs, system::ScheduleSystem},
+    ecs::prelude::*,
     render::{
         ExtractSchedule, GpuResourceAppExt, Render, RenderStartup, RenderSystems, init_gpu_resource, mesh::RenderMesh,
         render_asset::prepare_assets,
