@@ -39,7 +39,7 @@ proptest! {
             0,
         );
         let rays = scene.rays(200, 3.0 * scale, Vec3::ZERO, &mut random);
-        let (tolerance) = SOUPS[kind].tolerances();
+        let tolerance = SOUPS[kind].tolerance();
         compare(&scene, &rays, tolerance, f64::from(scale) * 1e-5);
     }
 
@@ -53,7 +53,7 @@ proptest! {
         let instances = (0..count).map(|i| (i % 2, placement(&mut random, 4.0))).collect();
         let scene = Packed::new(meshes, instances, if opened { 200 } else { 0 });
         let rays = scene.rays(150, 8.0, Vec3::ZERO, &mut random);
-        let (tolerance) = SOUPS[kind].tolerances();
+        let tolerance = SOUPS[kind].tolerance();
         compare(&scene, &rays, tolerance, 1e-4);
     }
 }

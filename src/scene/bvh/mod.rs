@@ -16,7 +16,7 @@ mod tests;
 use bevy::math::Vec3A;
 
 pub use blas::{Blas, BvhQuality, TopNode, build_blas};
-pub use tlas::{Tlas, TlasInstance, build_tlas};
+pub use tlas::{Tlas, TlasInstance, build_tlas, opening_budget};
 pub use traverse::{Counters, SceneView, TraceHit, TraceRay, any, closest};
 
 /// Four words: the element type of both buffers.
@@ -70,5 +70,3 @@ impl Bounds {
 pub const fn stack_size(tlas_depth: u32, blas_depth: u32) -> u32 {
     tlas_depth + blas_depth
 }
-pub fn stages(boxes:&[Bounds])->Vec<String>{ let mut o=vec![]; let mut t=std::time::Instant::now(); let mut lap=|n:&str|{ o.push(format!("{n} {:?}",t.elapsed())); t=std::time::Instant::now(); };
- let a=ploc::build::<2>(boxes); lap("ploc2"); let b=ploc::build::<14>(boxes); lap("ploc14"); ploc::depth(&b); lap("depth"); let mut c=obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh(&a,3,true,false); lap("collapse2"); let x=node::is_well_formed(&c.nodes,boxes.len()); lap(&format!("wf {x}")); let ord:Vec<_>=c.primitive_indices.iter().map(|i| boxes[*i as usize]).collect(); node::refit(&mut c.nodes,&ord); lap("refit"); node::depth(&c.nodes); lap("depth"); o }

@@ -7,6 +7,8 @@ use std::collections::BinaryHeap;
 
 /// Where the tree is deeper than this, a balanced one takes its place.
 const MAX_DEPTH: u32 = 8;
+/// Up to here a better tree costs less than a millisecond.
+const FEW_ENTRIES: usize = 1024;
 /// Inverse matrices with larger entries lose all precision in `f32`.
 const MAX_INVERSE: f64 = 1e12;
 
@@ -57,8 +59,15 @@ struct Kept<'a> {
     object_from_world: [[f32; 4]; 3],
 }
 
+/// Entries worth having for so many instances: four times as many where they are few, hardly more where they are many,
+/// since every entry costs build time.
+pub fn opening_budget(instances: usize) -> usize {
+    instances + (3 * instances).min(4096)
+}
+
 /// Builds the tree. With `max_entries` above the number of instances, large instances are opened: they enter the tree as
-/// several nodes of their BLAS with tighter boxes, which spares rays where instances overlap.
+/// several nodes of their BLAS with tighter boxes, which spares rays where instances overlap. [`opening_budget`] is a good
+/// choice.
 pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
     let mut kept = Vec::with_capacity(instances.len());
     let mut entries = Vec::with_capacity(instances.len());
@@ -82,8 +91,13 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
         open(&mut entries, &kept, max_entries);
     }
     let boxes: Vec<Bounds> = entries.iter().map(|e| e.bounds).collect();
+    let quality = if boxes.len() <= FEW_ENTRIES {
+        BvhQuality::Medium
+    } else {
+        BvhQuality::Fast
+    };
     let Some(mut tree) = (!boxes.is_empty())
-        .then(|| build_tree(&boxes, BvhQuality::Fast, 1, MAX_DEPTH))
+        .then(|| build_tree(&boxes, quality, 1, MAX_DEPTH))
         .flatten()
     else {
         return Tlas {
