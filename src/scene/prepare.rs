@@ -2,7 +2,7 @@
 
 use super::{
     acceleration::{AccelerationStructures, BlasKey, RayQueryInstance, rows},
-    bvh::{Row, Tlas, TlasInstance, build_tlas},
+    bvh::{Row, Tlas, TlasInstance, build_tlas, opening_budget},
     gpu_types::{
         GpuInstance, GpuLight, GpuMaterial, GpuSceneUniform, INSTANCE_CASTS_SHADOW, INSTANCE_MIRRORED,
         INSTANCE_RECEIVES_SHADOW,
@@ -35,10 +35,6 @@ use bevy::{
     shader::ShaderDefVal,
 };
 use core::num::NonZeroU64;
-
-/// TLAS entries for each instance up to which instances are opened, and the most entries up to which that is done at all.
-const ENTRIES_PER_INSTANCE: usize = 4;
-const MOST_OPENED_ENTRIES: usize = 16_384;
 
 /// The scene's buffers and bind group (group 1 of `bindings.wesl`).
 #[derive(Resource)]
@@ -296,8 +292,7 @@ impl SceneBindings {
                         })
                     })
                     .collect();
-                let most = (list.len() * ENTRIES_PER_INSTANCE).min(MOST_OPENED_ENTRIES).max(list.len());
-                let tree: Tlas = build_tlas(&list, most);
+                let tree: Tlas = build_tlas(&list, opening_budget(list.len()));
                 self.tlas.write(&tree.rows, 0..tree.rows.len(), device, queue);
                 self.uniform_data.tlas_node_count = tree.node_count;
                 self.uniform_data.tlas_entry_base = tree.entry_base;
