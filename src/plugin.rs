@@ -99,7 +99,9 @@ impl Plugin for RayTracedReflectionsPlugin {
                 RenderStartup,
                 (
                     forget_views,
-                    (init_reflection_pipelines, init_composite_pipelines).after(ScenePlugin::startup()),
+                    (init_reflection_pipelines, init_composite_pipelines)
+                        .after(forget_views)
+                        .after(ScenePlugin::startup()),
                 ),
             )
             .add_systems(ExtractSchedule, extract_cameras)

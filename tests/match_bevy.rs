@@ -148,7 +148,7 @@ impl Stage {
             GpuInstance { world_from_object: identity, object_from_world: identity, flags, ..Default::default() };
         let lights = &world.resource::<ExtractedLights>().lights;
         let scene =
-            GpuSceneUniform { light_count: lights.len() as u32, instance_count: 1, material_count: 1, ..Default::default() };
+            GpuSceneCounts { light_count: lights.len() as u32, instance_count: 1, material_count: 1, ..Default::default() };
         let mut light_data = lights.clone();
         light_data.resize(light_data.len().max(1), Default::default());
         let direction = -self.eye.normalize();

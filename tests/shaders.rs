@@ -105,13 +105,13 @@ macro_rules! same_layout {
 fn structs_match_the_cpu() {
     let mut shaders = Shaders::load();
     let types = r#"
-import package::scene::types::{Instance, Material, Light, SceneUniform};
+import package::scene::types::{Instance, Material, Light, SceneCounts};
 import package::scene::environment::EnvironmentUniform;
 
 @group(0) @binding(0) var<storage, read> a: Instance;
 @group(0) @binding(1) var<storage, read> b: Material;
 @group(0) @binding(2) var<storage, read> c: Light;
-@group(0) @binding(3) var<uniform> d: SceneUniform;
+@group(0) @binding(3) var<uniform> d: SceneCounts;
 @group(0) @binding(4) var<uniform> e: EnvironmentUniform;
 @group(0) @binding(5) var<storage, read_write> output: array<u32>;
 
@@ -154,8 +154,8 @@ fn main() {
     );
     same_layout!(
         module,
-        "SceneUniform",
-        GpuSceneUniform,
+        "SceneCounts",
+        GpuSceneCounts,
         [light_count, tlas_node_count, tlas_entry_base, instance_count, material_count, texture_count, _padding]
     );
     same_layout!(

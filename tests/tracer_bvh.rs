@@ -6,7 +6,7 @@ use bevy::math::{Affine3A, Vec3};
 use bevy::shader::ShaderDefVal;
 use bevy_glint::scene::bvh::{Counters, TraceHit, TraceRay, any, closest};
 use bevy_glint::scene::gpu_types::{
-    GpuInstance, GpuSceneUniform, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT,
+    GpuInstance, GpuSceneCounts, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT,
 };
 use bytemuck::{Pod, Zeroable};
 use common::gpu::{Checks, Gpu};
@@ -47,7 +47,7 @@ fn trace(gpu: &Gpu, wgsl: &str, checks: Checks, scene: &Packed, rays: &[TraceRay
             ..Default::default()
         })
         .collect();
-    let uniform = GpuSceneUniform {
+    let uniform = GpuSceneCounts {
         tlas_node_count: scene.tlas.node_count,
         tlas_entry_base: scene.tlas.entry_base,
         instance_count: instances.len() as u32,

@@ -5,7 +5,7 @@
 use bevy::{
     camera::{Camera3d, Hdr},
     camera_controller::free_camera::{FreeCamera, FreeCameraPlugin},
-    core_pipeline::tonemapping::DebandDither,
+    core_pipeline::prepass::{DeferredPrepass, DepthPrepass},
     pbr::DefaultOpaqueRendererMethod,
     prelude::*,
 };
@@ -56,7 +56,7 @@ pub fn add_reflections(app: &mut App, options: ReflectionOptions) {
 
 /// Gives a camera its reflections.
 pub fn reflection_camera(camera: &mut EntityWorldMut, options: ReflectionOptions) {
-    camera.insert((Hdr, Msaa::Off));
+    camera.insert((Hdr, Msaa::Off, DepthPrepass, DeferredPrepass));
     let technique = match options.technique {
         TechniqueWord::Off => return,
         TechniqueWord::Reference => Technique::Reference,

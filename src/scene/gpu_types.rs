@@ -128,7 +128,7 @@ pub struct GpuLight {
 /// Counts of the scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub struct GpuSceneUniform {
+pub struct GpuSceneCounts {
     /// Lights in the buffer.
     pub light_count: u32,
     /// 0 = nothing to hit.
@@ -148,4 +148,4 @@ pub struct GpuSceneUniform {
 const _: () = assert!(size_of::<GpuInstance>() == 128);
 const _: () = assert!(size_of::<GpuMaterial>() == 112);
 const _: () = assert!(size_of::<GpuLight>() == 64);
-const _: () = assert!(size_of::<GpuSceneUniform>() == 32);
+const _: () = assert!(size_of::<GpuSceneCounts>() == 32);

@@ -4,7 +4,7 @@ use super::{
     acceleration::{AccelerationStructures, BlasKey, RayQueryInstance, rows},
     bvh::{Row, Tlas, TlasInstance, build_tlas, opening_budget},
     gpu_types::{
-        GpuInstance, GpuLight, GpuMaterial, GpuSceneUniform, INSTANCE_CASTS_SHADOW, INSTANCE_MIRRORED,
+        GpuInstance, GpuLight, GpuMaterial, GpuSceneCounts, INSTANCE_CASTS_SHADOW, INSTANCE_MIRRORED,
         INSTANCE_RECEIVES_SHADOW,
     },
     instances::{InstanceSource, SceneInstances},
@@ -51,7 +51,7 @@ pub struct SceneBindings {
     materials: StorageSlice<GpuMaterial>,
     lights: StorageSlice<GpuLight>,
     uniform: Buffer,
-    uniform_data: GpuSceneUniform,
+    uniform_data: GpuSceneCounts,
     tlas: StorageSlice<Row>,
     acceleration: Option<AccelerationStructures>,
     /// What the bind group was made of.
@@ -76,11 +76,11 @@ impl FromWorld for SceneBindings {
             lights: StorageSlice::new(device, "glint_lights"),
             uniform: device.create_buffer(&BufferDescriptor {
                 label: Some("glint_scene"),
-                size: size_of::<GpuSceneUniform>() as u64,
-                usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+                size: size_of::<GpuSceneCounts>() as u64,
+                usage: BufferUsages::STORAGE | BufferUsages::COPY_DST,
                 mapped_at_creation: false,
             }),
-            uniform_data: GpuSceneUniform::default(),
+            uniform_data: GpuSceneCounts::default(),
             tlas: StorageSlice::new(device, "glint_tlas"),
             acceleration: (tracer == Tracer::RayQuery).then(|| AccelerationStructures::new(device)),
             generations: [u64::MAX; 8],
@@ -96,7 +96,7 @@ fn layout(tracer: Tracer, textures: &TextureTable) -> BindGroupLayoutDescriptor 
         storage(size_of::<GpuInstance>()).build(1, stages),
         storage(size_of::<GpuMaterial>()).build(2, stages),
         storage(size_of::<GpuLight>()).build(3, stages),
-        binding_types::uniform_buffer_sized(false, NonZeroU64::new(size_of::<GpuSceneUniform>() as u64)).build(4, stages),
+        storage(size_of::<GpuSceneCounts>()).build(4, stages),
     ];
     match tracer {
         Tracer::RayQuery => entries.push(binding_types::acceleration_structure().build(5, stages)),
@@ -179,7 +179,7 @@ pub fn prepare_tables(
     if lights.changed || bindings.bind_group.is_none() {
         bindings.lights.write(&lights.lights, 0..lights.lights.len(), &device, &queue);
     }
-    let uniform = GpuSceneUniform {
+    let uniform = GpuSceneCounts {
         light_count: lights.lights.len() as u32,
         instance_count: bindings.instance_data.len() as u32,
         material_count: materials.materials().len() as u32,
@@ -198,7 +198,7 @@ impl SceneBindings {
         self.bind_group = None;
         self.instance_data.clear();
         self.present.clear();
-        self.uniform_data = GpuSceneUniform::default();
+        self.uniform_data = GpuSceneCounts::default();
         self.instances = StorageSlice::new(device, "glint_instances");
         self.tlas = StorageSlice::new(device, "glint_tlas");
         self.acceleration = (self.tracer == Tracer::RayQuery).then(|| AccelerationStructures::new(device));

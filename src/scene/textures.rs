@@ -181,7 +181,7 @@ impl TextureTable {
         self.mode
     }
 
-    /// For `SceneUniform::texture_count`.
+    /// For `SceneCounts::texture_count`.
     pub fn texture_count(&self) -> u32 {
         self.entries.len() as u32
     }

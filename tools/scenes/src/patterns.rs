@@ -117,7 +117,7 @@ pub fn limestone(uv: Vec2) -> Texel {
     let pits = smooth(0.68, 0.78, fractal(uv, 32, 3, 72));
     let stain = fractal(uv, 3, 4, 73);
     Texel {
-        color: Vec3::new(0.80, 0.74, 0.64) * (0.84 + 0.2 * grain) * (0.86 + 0.22 * stain) * (1.0 - 0.15 * pits),
+        color: Vec3::new(0.80, 0.74, 0.64) * (0.84 + 0.2 * grain) * (0.86 + 0.22 * stain) * (1.0 - 0.08 * pits),
         height: 0.003 * grain - 0.0035 * pits,
         roughness: 0.62 + 0.3 * grain,
         occlusion: 1.0 - 0.25 * pits,
@@ -162,7 +162,7 @@ pub fn cloth(uv: Vec2) -> Texel {
     let fade = fractal(uv, 4, 4, 81);
     Texel {
         color: Vec3::splat((0.84 + 0.10 * round) * (0.86 + 0.2 * fade)),
-        height: 0.0012 * round,
+        height: 0.0007 * round,
         roughness: 0.88 + 0.1 * fade,
         occlusion: 0.8 + 0.2 * round,
         ..Default::default()

@@ -3,8 +3,9 @@
 use crate::{animation::Motion, atrium, demo, sky::Sky, small};
 use bevy::{
     asset::Assets,
-    camera::{Exposure, PerspectiveProjection},
-    core_pipeline::tonemapping::Tonemapping,
+    camera::{Camera, ClearColorConfig, Exposure, PerspectiveProjection},
+    color::Color,
+    core_pipeline::tonemapping::{DebandDither, Tonemapping},
     ecs::{
         entity::Entity,
         resource::Resource,
@@ -87,9 +88,7 @@ impl FromStr for SceneName {
 /// What can be chosen about a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneOptions {
-    /// Fineness of the atrium's curved parts: 1 gives about 90 thousand triangles, 2.25 about
-    /// 260 thousand.
-    /// Clamped to 0.25..=8.
+    /// Fineness of the atrium's curved parts: 1 gives about 90 thousand triangles, 2.25 about 260 thousand. Clamped to 0.25..=8.
     pub detail: f32,
     /// Edge of procedural textures in texels, clamped to 4..=2048.
     pub texture_size: u32,
@@ -165,16 +164,17 @@ pub struct Environment {
 }
 
 impl Environment {
-    /// Puts the components on a camera. Ambient light is switched off: the environment map takes its place.
+    /// Puts the components on a camera. Ambient light is switched off: the environment map takes its place. Without a sky the background is
+    /// black; dithering goes with the tone curve.
     pub fn insert(self, camera: &mut EntityWorldMut) {
-        camera.insert((
-            self.exposure,
-            self.tonemapping,
-            AmbientLight {
-                brightness: 0.0,
-                ..Default::default()
-            },
-        ));
+        let ambient = AmbientLight { brightness: 0.0, ..Default::default() };
+        let dither = if self.tonemapping == Tonemapping::None { DebandDither::Disabled } else { DebandDither::Enabled };
+        camera.insert((self.exposure, self.tonemapping, dither, ambient));
+        if self.skybox.is_none() {
+            if let Some(mut camera) = camera.get_mut::<Camera>() {
+                camera.clear_color = ClearColorConfig::Custom(Color::BLACK);
+            }
+        }
         if let Some(light) = self.light {
             camera.insert(light);
         }

@@ -75,7 +75,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
                     side.bay,
                     0.30,
                     0.62,
-                    UPPER_FLOOR - 0.35 - LOWER_SPRING,
+                    UPPER_FLOOR - 0.1 - LOWER_SPRING,
                     segments(12, detail),
                 )
             }),
@@ -117,6 +117,10 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             scene.place(&respond, &m.smooth, side.at(left, 0.0, 0.12 - WALK));
         }
         let run = side.bay * side.bays as f32;
+        let kerb = scene.shape(|g| {
+            g.cuboid(Vec3::new(0.0, UPPER_FLOOR - 0.04, 0.0), Vec3::new(run + 0.62, 0.12, 0.62), 0.5);
+        });
+        scene.place(&kerb, &m.smooth, side.transform);
         let belt = scene.shape(|g| cornice(g, run + 0.6, 0.34, 0.16, 1));
         scene.place(&belt, &m.smooth, side.at(0.0, UPPER_FLOOR - 0.17, 0.31));
         let eaves = scene.shape(|g| cornice(g, run + 1.2, 0.42, 0.38, (run / 0.42) as u32));

@@ -1,7 +1,7 @@
 //! What shines: neon, the gyroscope around its core, and the lights.
 
-use super::{CHROME, COPPER, GOLD, gloss, glow, metal, sun};
-use crate::{animation::Motion, builder::SceneBuilder, props};
+use super::{BRASS, CHROME, COPPER, GOLD, gloss, glow, metal, sun};
+use crate::{animation::Motion, builder::SceneBuilder, geometry::Geometry, props};
 use bevy::{
     color::{Color, LinearRgba},
     light::{CascadeShadowConfigBuilder, DirectionalLight, NotShadowCaster, PointLight, SpotLight},
@@ -97,6 +97,7 @@ pub fn gyroscope(scene: &mut SceneBuilder) {
 
 /// The sun, a spot light on the spheres and a lamp by the curtain.
 pub fn lights(scene: &mut SceneBuilder) {
+    let lamp = Vec3::new(4.55, 2.93, -2.6);
     scene.add((
         DirectionalLight {
             color: Color::srgb(1.0, 0.80, 0.58),
@@ -135,12 +136,22 @@ pub fn lights(scene: &mut SceneBuilder) {
             shadow_maps_enabled: true,
             ..Default::default()
         },
-        Transform::from_xyz(4.3, 2.9, -2.6),
+        Transform::from_translation(lamp),
     ));
     let bulb = scene.shape(|g| {
-        g.sphere(Vec3::ZERO, 0.09, 24, Vec2::ONE);
+        g.sphere(Vec3::ZERO, 0.07, 24, Vec2::ONE);
     });
     let lit = scene.material(glow(LinearRgba::rgb(8.0, 4.6, 1.9)));
-    let entity = scene.place(&bulb, &lit, Transform::from_xyz(4.3, 2.9, -2.6));
+    let entity = scene.place(&bulb, &lit, Transform::from_translation(lamp));
+    scene.world.entity_mut(entity).insert(NotShadowCaster);
+    let brass = scene.material(metal(BRASS, 0.25));
+    let bracket = scene.shape(|g| {
+        let hook = [Vec3::new(5.14, 2.72, -2.6), Vec3::new(5.08, 2.98, -2.6), Vec3::new(4.9, 3.14, -2.6), Vec3::new(4.55, 3.2, -2.6)];
+        g.tube(&hook, 0.02, 12);
+        let mut lantern = Geometry::default();
+        props::lantern(&mut lantern, 0.5, 0.16, 24);
+        g.append(&lantern, Transform::from_xyz(4.55, 3.2, -2.6));
+    });
+    let entity = scene.place(&bracket, &brass, Transform::IDENTITY);
     scene.world.entity_mut(entity).insert(NotShadowCaster);
 }
