@@ -170,10 +170,10 @@ impl Environment {
         let ambient = AmbientLight { brightness: 0.0, ..Default::default() };
         let dither = if self.tonemapping == Tonemapping::None { DebandDither::Disabled } else { DebandDither::Enabled };
         camera.insert((self.exposure, self.tonemapping, dither, ambient));
-        if self.skybox.is_none() {
-            if let Some(mut camera) = camera.get_mut::<Camera>() {
-                camera.clear_color = ClearColorConfig::Custom(Color::BLACK);
-            }
+        if self.skybox.is_none()
+            && let Some(mut camera) = camera.get_mut::<Camera>()
+        {
+            camera.clear_color = ClearColorConfig::Custom(Color::BLACK);
         }
         if let Some(light) = self.light {
             camera.insert(light);
