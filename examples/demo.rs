@@ -90,6 +90,7 @@ fn picture(arguments: &Arguments) -> Result<(), String> {
         app.world().entity_mut(camera).insert(glint_scenes::camera_path(t));
     }
     app.warm_up(4000).map_err(|error| error.to_string())?;
+    wait_for_scene(&mut app, arguments.technique);
     app.step(arguments.frames.max(1));
     let path = arguments
         .out
@@ -98,6 +99,24 @@ fn picture(arguments: &Arguments) -> Result<(), String> {
     app.save(&path).map_err(|error| error.to_string())?;
     println!("wrote {}", path.display());
     Ok(())
+}
+
+/// Meshes are built in the background: waits until rays can hit all of them. The ground truth is one of a moment.
+fn wait_for_scene(app: &mut HeadlessApp, technique: TechniqueWord) {
+    if technique == TechniqueWord::Converged {
+        app.world().resource_mut::<Time<Virtual>>().pause();
+    }
+    let pending = |app: &mut HeadlessApp| {
+        let report = app.world().resource::<bevy_glint::ReflectionStatus>().report();
+        report.tracer.is_some() && (!report.ready || report.meshes_pending > 0)
+    };
+    for _ in 0..10_000 {
+        if technique == TechniqueWord::Off || !pending(app) {
+            return;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(2));
+        app.step(1);
+    }
 }
 
 fn window(arguments: &Arguments) -> Result<(), String> {

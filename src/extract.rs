@@ -2,26 +2,33 @@
 
 use crate::{
     composite::CompositePipelines,
+    scene::environment::ViewEnvironment,
     settings::{RayTracedReflections, SafeSettings, Technique},
     trace::ReflectionPipelines,
     view::ReflectionTextures,
 };
 use bevy::{
     camera::{Camera, Hdr},
-    core_pipeline::prepass::{DeferredPrepass, DepthPrepass},
-    ecs::{entity::EntityHashSet, prelude::*, query::QueryData},
+    core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass},
+    ecs::{
+        entity::{EntityHashMap, EntityHashSet},
+        prelude::*,
+        query::{QueryData, QueryState},
+    },
     log::warn,
     math::Mat4,
-    reflect::PartialReflect,
     pbr::{
-        DefaultOpaqueRendererMethod, ScreenSpaceReflections, ScreenSpaceReflectionsPipelineId,
-        ScreenSpaceReflectionsUniform, ViewScreenSpaceReflectionsUniformOffset,
+        DefaultOpaqueRendererMethod, MeshPipelineKey, ScreenSpaceReflections, ScreenSpaceReflectionsPipelineId,
+        ScreenSpaceReflectionsUniform, ViewKeyCache, ViewScreenSpaceReflectionsUniformOffset,
+        deferred::DeferredLightingLayout,
     },
+    platform::collections::HashSet,
+    reflect::PartialReflect,
     render::{
         MainWorld,
-        render_resource::PipelineCache,
+        render_resource::{PipelineCache, SpecializedRenderPipelines},
         sync_world::RenderEntity,
-        view::Msaa,
+        view::{ExtractedView, Msaa},
     },
     transform::components::GlobalTransform,
 };
@@ -34,7 +41,20 @@ pub struct ReflectionView {
     pub(crate) reset: bool,
 }
 
-/// What must go when a camera stops reflecting. Environment specular comes back with the removal of the uniform.
+/// A view whose camera asks for reflections, whether they can be traced yet or not.
+#[derive(Component)]
+pub struct WantsReflections;
+
+/// Views for which Bevy has compiled the lighting that leaves out environment specular. Switching a view over earlier would
+/// leave it unlit until the compiler is done.
+#[derive(Resource, Default)]
+pub struct WarmLighting(EntityHashSet);
+
+/// What a reflecting view holds of ours.
+type OursOfAView = (ReflectionView, ReflectionTextures);
+
+/// The above, and what we borrow from Bevy's screen-space reflections; the environment's specular term comes back with its
+/// removal.
 pub(crate) type AllOfAView = (
     ReflectionView,
     ReflectionTextures,
@@ -43,6 +63,7 @@ pub(crate) type AllOfAView = (
     ScreenSpaceReflectionsPipelineId,
 );
 
+/// What extraction reads of a camera.
 #[derive(QueryData)]
 #[query_data(mutable)]
 pub struct CameraQuery {
@@ -54,8 +75,45 @@ pub struct CameraQuery {
     hdr: Has<Hdr>,
     depth: Has<DepthPrepass>,
     deferred: Has<DeferredPrepass>,
+    normal: Has<NormalPrepass>,
     screen_space: Has<ScreenSpaceReflections>,
     msaa: Option<&'static Msaa>,
+}
+
+/// Why a camera shows no reflections, or few.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Problem {
+    ScreenSpace,
+    Prepass,
+    LowRange,
+    Multisampling,
+    Forward,
+}
+
+impl Problem {
+    fn remedy(self) -> &'static str {
+        match self {
+            Self::ScreenSpace => {
+                "it shows no ray-traced reflections, since it also has `ScreenSpaceReflections`, which use the same hook in \
+                 Bevy's lighting: remove one of the two"
+            }
+            Self::Prepass => {
+                "it shows no ray-traced reflections, since it lacks the `DepthPrepass`, the `DeferredPrepass` or the \
+                 `NormalPrepass`: insert them"
+            }
+            Self::LowRange => {
+                "it shows no ray-traced reflections, since without `Hdr` colours are tone-mapped before anything can be \
+                 added: insert `Hdr`"
+            }
+            Self::Multisampling => {
+                "it shows no ray-traced reflections, since deferred rendering can't do multisampling: set `Msaa::Off`"
+            }
+            Self::Forward => {
+                "only materials whose `opaque_render_method` is `Deferred` reflect: for all opaque materials, insert the \
+                 resource `DefaultOpaqueRendererMethod::deferred()`"
+            }
+        }
+    }
 }
 
 /// What was true of a camera in the last frame.
@@ -64,6 +122,15 @@ pub struct CameraState {
     world_from_view: Mat4,
     clip_from_view: Mat4,
     settings: SafeSettings,
+    environment: Option<ViewEnvironment>,
+}
+
+/// What extraction remembers.
+#[derive(Default)]
+pub struct ExtractionState {
+    query: Option<QueryState<CameraQuery>>,
+    cameras: EntityHashMap<CameraState>,
+    warned: HashSet<(Entity, Problem)>,
 }
 
 /// Mirrors settings, decides whether a view may trace, and hands Bevy's deferred lighting the range of roughness whose
@@ -75,61 +142,63 @@ pub fn extract_cameras(
     mut main_world: ResMut<MainWorld>,
     mut pipelines: Option<ResMut<ReflectionPipelines>>,
     composite: Option<Res<CompositePipelines>>,
+    warm: Res<WarmLighting>,
     cache: Res<PipelineCache>,
-    existing: Query<(), With<ReflectionView>>,
-    mut states: Local<bevy::ecs::entity::EntityHashMap<CameraState>>,
-    mut warned: Local<EntityHashSet>,
+    existing: Query<(Entity, Has<ReflectionView>, Option<&ViewEnvironment>), Or<(With<ReflectionView>, With<WantsReflections>)>>,
+    mut state: Local<ExtractionState>,
     mut commands: Commands,
 ) {
+    let ExtractionState { query, cameras, warned } = &mut *state;
+    let deferred = DefaultOpaqueRendererMethod::deferred();
     let forward = main_world
         .get_resource::<DefaultOpaqueRendererMethod>()
-        .is_none_or(|method| method.reflect_partial_eq(&DefaultOpaqueRendererMethod::deferred()) != Some(true));
-    let mut cameras = main_world.query::<CameraQuery>();
-    for mut camera in cameras.iter_mut(&mut main_world) {
-        let Some(reflections) = camera.reflections.as_mut().filter(|_| camera.camera.is_active) else {
-            states.remove(&camera.entity);
-            warned.remove(&camera.entity);
-            if existing.contains(camera.render_entity) {
-                commands.entity(camera.render_entity).remove::<AllOfAView>();
-            }
+        .is_none_or(|method| method.reflect_partial_eq(&deferred) != Some(true));
+    let query = query.get_or_insert_with(|| main_world.query::<CameraQuery>());
+    let mut wanting = EntityHashSet::default();
+    let mut present = EntityHashSet::default();
+    for mut camera in query.iter_mut(&mut main_world) {
+        let Some(reflections) = camera.reflections.as_mut() else { continue };
+        present.insert(camera.entity);
+        if !camera.camera.is_active {
             continue;
-        };
-        let problem = if camera.screen_space {
-            Some("it also has `ScreenSpaceReflections`, which use the same hook in Bevy's lighting: remove one of the two")
-        } else if !camera.deferred || !camera.depth {
-            Some("it lacks the `DeferredPrepass` or the `DepthPrepass`: insert them")
-        } else if !camera.hdr {
-            Some("it lacks `Hdr`, without which colours are tone-mapped before reflections can be added: insert `Hdr`")
-        } else if camera.msaa.is_some_and(|msaa| *msaa != Msaa::Off) {
-            Some("it has multisampling, which deferred rendering can't do: set `Msaa::Off`")
-        } else {
-            None
-        };
-        if let Some(problem) = problem {
-            if warned.insert(camera.entity) {
-                warn!("camera {} shows no ray-traced reflections: {problem}", camera.entity);
+        }
+        let problems = [
+            (Problem::ScreenSpace, camera.screen_space),
+            (Problem::Prepass, !(camera.depth && camera.deferred && camera.normal)),
+            (Problem::LowRange, !camera.hdr),
+            (Problem::Multisampling, camera.msaa.is_some_and(|msaa| *msaa != Msaa::Off)),
+            (Problem::Forward, forward),
+        ];
+        for (problem, present) in problems {
+            if !present {
+                warned.remove(&(camera.entity, problem));
+            } else if warned.insert((camera.entity, problem)) {
+                warn!("camera {}: {}", camera.entity, problem.remedy());
             }
-            if existing.contains(camera.render_entity) {
-                commands.entity(camera.render_entity).remove::<AllOfAView>();
+        }
+        if problems.iter().any(|(problem, present)| *present && *problem != Problem::Forward) {
+            if camera.screen_space && existing.contains(camera.render_entity) {
+                // The uniform on the view is Bevy's own now.
+                commands.entity(camera.render_entity).remove::<OursOfAView>();
+                wanting.insert(camera.render_entity);
             }
             continue;
         }
-        if forward && warned.insert(camera.entity) {
-            warn!(
-                "camera {} shows reflections only on materials whose `opaque_render_method` is `Deferred`: for all opaque \
-                 materials, insert the resource `DefaultOpaqueRendererMethod::deferred()`",
-                camera.entity
-            );
-        }
+        wanting.insert(camera.render_entity);
         let settings = SafeSettings::from(&**reflections);
+        let (active, environment) =
+            existing.get(camera.render_entity).map_or((false, None), |(_, active, environment)| (active, environment.cloned()));
         let ready = pipelines.as_mut().is_some_and(|pipelines| {
             pipelines.request(settings.technique);
             pipelines.is_ready(&cache, settings.technique)
-        }) && composite.as_ref().is_some_and(|composite| composite.are_ready(&cache));
+        }) && composite.as_ref().is_some_and(|composite| composite.are_ready(&cache))
+            && (active || warm.0.contains(&camera.render_entity));
         if !ready {
             // Until then the picture keeps Bevy's environment map.
-            if existing.contains(camera.render_entity) {
-                commands.entity(camera.render_entity).remove::<AllOfAView>();
+            let mut view = commands.entity(camera.render_entity);
+            view.insert(WantsReflections);
+            if active {
+                view.remove::<AllOfAView>();
             }
             continue;
         }
@@ -137,13 +206,18 @@ pub fn extract_cameras(
             world_from_view: camera.transform.to_matrix(),
             clip_from_view: camera.camera.clip_from_view(),
             settings,
+            environment,
         };
-        let changed = states.insert(camera.entity, state.clone()).is_none_or(|last| last != state);
+        let changed = cameras.get(&camera.entity) != Some(&state);
+        if changed {
+            cameras.insert(camera.entity, state);
+        }
         let reset = reflections.reset || (changed && settings.technique == Technique::Converged);
         if reflections.reset {
             reflections.bypass_change_detection().reset = false;
         }
         commands.entity(camera.render_entity).insert((
+            WantsReflections,
             ReflectionView { settings, reset },
             ScreenSpaceReflectionsUniform::from(ScreenSpaceReflections {
                 min_perceptual_roughness: 0.0..0.0,
@@ -151,5 +225,36 @@ pub fn extract_cameras(
                 ..Default::default()
             }),
         ));
+    }
+    cameras.retain(|entity, _| present.contains(entity));
+    warned.retain(|(entity, _)| present.contains(entity));
+    for (view, active, _) in &existing {
+        if !wanting.contains(&view) {
+            let mut view = commands.entity(view);
+            view.remove::<WantsReflections>();
+            if active {
+                view.remove::<AllOfAView>();
+            }
+        }
+    }
+}
+
+/// Has Bevy compile the lighting without environment specular before a view switches over to it.
+pub fn warm_lighting(
+    views: Query<(Entity, &ExtractedView), With<WantsReflections>>,
+    keys: Res<ViewKeyCache>,
+    layout: Res<DeferredLightingLayout>,
+    mut pipelines: ResMut<SpecializedRenderPipelines<DeferredLightingLayout>>,
+    cache: Res<PipelineCache>,
+    mut warm: ResMut<WarmLighting>,
+) {
+    warm.0.clear();
+    for (entity, view) in &views {
+        let Some(&key) = keys.get(&view.retained_view_entity) else { continue };
+        let key = key | MeshPipelineKey::SCREEN_SPACE_REFLECTIONS;
+        let pipeline = pipelines.specialize(&cache, &layout, key);
+        if cache.get_render_pipeline(pipeline).is_some() {
+            warm.0.insert(entity);
+        }
     }
 }

@@ -3,8 +3,8 @@
 use crate::{
     composite::{CompositePipelines, init_composite_pipelines, queue_composite_pipelines},
     diagnostics,
-    extract::{AllOfAView, ReflectionView, extract_cameras},
-    scene::ScenePlugin,
+    extract::{AllOfAView, ReflectionView, WarmLighting, extract_cameras, warm_lighting},
+    scene::{SceneBindings, ScenePlugin},
     settings::{NotReflected, RayTracedReflections, Technique, TextureMip, TracerChoice},
     status::{self, ReflectionStatus},
     trace::{
@@ -21,9 +21,12 @@ use bevy::{
     },
     ecs::prelude::*,
     log::{info, warn},
-    pbr::{deferred::deferred_lighting, prepare_ssr_pipelines},
+    pbr::{
+        deferred::{deferred_lighting, prepare_deferred_lighting_pipelines},
+        prepare_ssr_pipelines,
+    },
     render::{
-        ExtractSchedule, Render, RenderApp, RenderStartup, RenderSystems,
+        ExtractSchedule, Render, RenderApp, RenderStartup, RenderSystems, init_gpu_resource,
         renderer::{RenderAdapterInfo, RenderDevice},
     },
     shader::load_shader_library,
@@ -83,7 +86,7 @@ impl Plugin for RayTracedReflectionsPlugin {
             });
             return;
         }
-        let (tracer, reasons) = status::choose_tracer(self.tracer, device.features());
+        let (tracer, reasons) = status::choose_tracer(self.tracer, device.features(), &device.limits());
         let textures = crate::scene::textures::texture_mode(device);
         status.update(|report| {
             report.adapter = adapter;
@@ -92,24 +95,26 @@ impl Plugin for RayTracedReflectionsPlugin {
             report.reasons = reasons;
         });
         info!("{}", status.report());
-        render_app.insert_resource(status).insert_resource(ChosenTracer(tracer));
+        render_app.insert_resource(status).insert_resource(ChosenTracer(tracer)).init_resource::<WarmLighting>();
         ScenePlugin::add_systems(render_app);
         render_app
             .add_systems(
                 RenderStartup,
                 (
-                    forget_views,
+                    forget_views.ambiguous_with_all(),
                     (init_reflection_pipelines, init_composite_pipelines)
                         .after(forget_views)
-                        .after(ScenePlugin::startup()),
+                        .after(init_gpu_resource::<SceneBindings>),
                 ),
             )
             .add_systems(ExtractSchedule, extract_cameras)
             .add_systems(
                 Render,
                 (
-                    (queue_reflection_pipelines, queue_composite_pipelines).in_set(RenderSystems::Prepare),
-                    prepare_views.in_set(RenderSystems::PrepareResources),
+                    (queue_composite_pipelines, queue_reflection_pipelines).chain().in_set(RenderSystems::Prepare),
+                    warm_lighting.after(prepare_deferred_lighting_pipelines).in_set(RenderSystems::Prepare),
+                    // After the sets in which ambient occlusion and light probes of views are prepared.
+                    prepare_views.in_set(RenderSystems::PrepareResourcesFlush),
                     drop_ssr_pass.after(prepare_ssr_pipelines).in_set(RenderSystems::PrepareBindGroups),
                 ),
             )

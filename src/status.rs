@@ -4,7 +4,7 @@ use crate::{scene::textures::TextureMode, settings::TracerChoice};
 use bevy::{
     ecs::resource::Resource,
     render::{
-        render_resource::WgpuFeatures,
+        render_resource::{WgpuFeatures, WgpuLimits},
         renderer::{RenderAdapterInfo, RenderDevice},
     },
 };
@@ -92,8 +92,15 @@ pub fn ray_query_features() -> WgpuFeatures {
 }
 
 /// Picks the tracer, with the reasons for not picking a better one or the one that was asked for.
-pub(crate) fn choose_tracer(choice: TracerChoice, features: WgpuFeatures) -> (Tracer, Vec<String>) {
-    let missing = ray_query_features().difference(features);
+pub(crate) fn choose_tracer(choice: TracerChoice, features: WgpuFeatures, limits: &WgpuLimits) -> (Tracer, Vec<String>) {
+    let mut missing = ray_query_features().difference(features);
+    // Limits of acceleration structures are zero unless they were asked for.
+    if limits.max_acceleration_structures_per_shader_stage == 0
+        || limits.max_tlas_instance_count == 0
+        || limits.max_blas_primitive_count == 0
+    {
+        missing |= ray_query_features();
+    }
     match choice {
         TracerChoice::Bvh => (Tracer::Bvh, vec!["the BVH was asked for".into()]),
         _ if missing.is_empty() => (Tracer::RayQuery, vec![]),
@@ -131,6 +138,13 @@ mod tests {
     fn the_tracer_follows_choice_and_features() {
         let all = ray_query_features();
         let none = WgpuFeatures::empty();
+        let limits = WgpuLimits {
+            max_acceleration_structures_per_shader_stage: 1,
+            max_tlas_instance_count: 1000,
+            max_blas_primitive_count: 1000,
+            ..Default::default()
+        };
+        let choose_tracer = |choice, features| super::choose_tracer(choice, features, &limits);
         assert_eq!(choose_tracer(TracerChoice::Auto, all).0, Tracer::RayQuery);
         assert_eq!(choose_tracer(TracerChoice::Auto, none).0, Tracer::Bvh);
         assert_eq!(choose_tracer(TracerChoice::Bvh, all).0, Tracer::Bvh);

@@ -1,11 +1,12 @@
 //! Textures and uniforms of one reflecting view.
 
-use crate::{extract::ReflectionView, settings::Technique};
+use crate::{extract::ReflectionView, scene::SceneBindings, settings::Technique};
 use bevy::{
     camera::MainPassResolutionOverride,
     ecs::prelude::*,
     math::{UVec2, Vec3, Vec4},
-    pbr::{DistanceFog, FogFalloff, ScreenSpaceAmbientOcclusionResources},
+    light::{EnvironmentMapLight, IrradianceVolume},
+    pbr::{DistanceFog, FogFalloff, RenderViewLightProbes, ScreenSpaceAmbientOcclusionResources},
     prelude::*,
     render::{
         camera::ExtractedCamera,
@@ -54,6 +55,8 @@ pub struct GpuReflectionView {
 
 /// Screen-space ambient occlusion is bound.
 pub const VIEW_HAS_SSAO: u32 = 1;
+/// Bevy's lighting adds the diffuse light of environment maps, probes or irradiance volumes.
+pub const VIEW_HAS_IRRADIANCE: u32 = 2;
 
 /// What a view owns on the GPU. It stays as long as the view reflects and its size is the same.
 #[derive(Component)]
@@ -69,6 +72,8 @@ pub struct ReflectionTextures {
     /// Rays of this frame: reflection rays, hits.
     pub(crate) counters: Buffer,
     pub(crate) accumulated: u32,
+    /// Version of the scene that the accumulation holds.
+    scene: u32,
     pub(crate) sample_index: u32,
     /// Which half of the ping-pong pair is written in this frame.
     pub(crate) parity: usize,
@@ -96,6 +101,7 @@ impl ReflectionTextures {
                 mapped_at_creation: false,
             }),
             accumulated: 0,
+            scene: 0,
             sample_index: 0,
             parity: 0,
         }
@@ -131,31 +137,38 @@ type ViewQuery = (
     Option<&'static MainPassResolutionOverride>,
     Option<&'static DistanceFog>,
     Has<ScreenSpaceAmbientOcclusionResources>,
+    Has<RenderViewLightProbes<EnvironmentMapLight>>,
+    Has<RenderViewLightProbes<IrradianceVolume>>,
 );
 
 /// Makes the textures of new and resized views and writes the uniforms of all.
 pub fn prepare_views(
     mut views: Query<ViewQuery>,
+    scene: Res<SceneBindings>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
     mut commands: Commands,
 ) {
-    for (entity, view, extracted, camera, textures, resolution, fog, has_ssao) in &mut views {
+    for (entity, view, extracted, camera, textures, resolution, fog, ssao, environment, volume) in &mut views {
         let Some(viewport) = camera.physical_viewport_size else { continue };
         let size = resolution.map_or(viewport, |resolution| resolution.0.min(viewport)).max(UVec2::ONE);
         let origin = extracted.viewport.xy();
         let technique = view.settings.technique;
+        let mut flags = if ssao { VIEW_HAS_SSAO } else { 0 };
+        if environment || volume {
+            flags |= VIEW_HAS_IRRADIANCE;
+        }
         let fits = |textures: &ReflectionTextures| {
             textures.size == size && textures.accumulation.is_some() == (technique == Technique::Converged)
         };
         match textures {
             Some(mut textures) if fits(&textures) => {
-                textures.begin_frame(view, origin, fog, has_ssao);
+                textures.begin_frame(view, origin, fog, flags, scene.version);
                 textures.uniform.write_buffer(&device, &queue);
             }
             _ => {
                 let mut textures = ReflectionTextures::new(&device, size, technique);
-                textures.begin_frame(view, origin, fog, has_ssao);
+                textures.begin_frame(view, origin, fog, flags, scene.version);
                 textures.uniform.write_buffer(&device, &queue);
                 commands.entity(entity).insert(textures);
             }
@@ -164,8 +177,9 @@ pub fn prepare_views(
 }
 
 impl ReflectionTextures {
-    fn begin_frame(&mut self, view: &ReflectionView, origin: UVec2, fog: Option<&DistanceFog>, has_ssao: bool) {
-        if view.reset {
+    fn begin_frame(&mut self, view: &ReflectionView, origin: UVec2, fog: Option<&DistanceFog>, flags: u32, scene: u32) {
+        let scene_changed = core::mem::replace(&mut self.scene, scene) != scene;
+        if view.reset || scene_changed {
             self.accumulated = 0;
             if self.accumulation.is_some() {
                 self.sample_index = 0;
@@ -180,7 +194,7 @@ impl ReflectionTextures {
             max_ray_length: settings.max_ray_length,
             sample_index: self.sample_index,
             accumulated: self.accumulated,
-            flags: if has_ssao { VIEW_HAS_SSAO } else { 0 },
+            flags,
             origin,
             size: self.size,
             fog_mode,

@@ -128,6 +128,18 @@ impl Stage {
         (theirs, self.shade(packed, wgsl))
     }
 
+    /// Shaders load in the background: renders until an unlit surface shows.
+    fn warm_up(&mut self, wgsl: &str) {
+        for _ in 0..200 {
+            let unlit = StandardMaterial { unlit: true, ..default() };
+            if self.compare(unlit, wgsl).0 != [0.0; 3] {
+                return;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(20));
+        }
+        panic!("Bevy's picture stays black");
+    }
+
     fn shade(&self, material: GpuMaterial, wgsl: &str) -> [f32; 3] {
         let world = self.app.sub_app(RenderApp).world();
         let device = world.resource::<RenderDevice>();
@@ -334,6 +346,7 @@ fn colours_match_bevys_deferred_lighting() {
         })),
     ];
 
+    stage.warm_up(&wgsl);
     let mut failures = Vec::new();
     for (light, spawn) in &lights {
         let camera = stage.camera;

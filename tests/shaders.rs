@@ -72,7 +72,7 @@ fn hit_shading_compiles_as_a_whole() {
             let known = match group {
                 0 => binding == 0,
                 1 => binding <= 9,
-                2 => binding <= 4,
+                2 => binding <= 5,
                 _ => false,
             };
             assert!(known, "unknown binding {group}.{binding} with {defs:?}");

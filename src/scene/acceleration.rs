@@ -88,8 +88,13 @@ pub struct AccelerationStructures {
 
 impl AccelerationStructures {
     /// An empty TLAS.
-    pub fn new(device: &RenderDevice) -> Self {
-        Self { blas: HashMap::default(), tlas: create_tlas(device, SMALLEST_TLAS), capacity: SMALLEST_TLAS, generation: 0 }
+    pub fn new(device: &RenderDevice, queue: &RenderQueue) -> Self {
+        let tlas = create_tlas(device, SMALLEST_TLAS);
+        // A structure that was never built may not be bound.
+        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor { label: Some("glint_tlas_build") });
+        encoder.build_acceleration_structures(&[], [&tlas]);
+        queue.submit([encoder.finish()]);
+        Self { blas: HashMap::default(), tlas, capacity: SMALLEST_TLAS, generation: 0 }
     }
 
     /// The TLAS for binding.

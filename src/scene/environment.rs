@@ -9,6 +9,7 @@ use bevy::{
     image::Image,
     light::{AmbientLight, EnvironmentMapLight, GlobalAmbientLight, Skybox},
     math::Quat,
+    pbr::DfgLut,
     render::{
         Extract,
         render_asset::RenderAssets,
@@ -17,7 +18,7 @@ use bevy::{
             Extent3d, FilterMode, MipmapFilterMode, PipelineCache, Sampler, SamplerBindingType, SamplerDescriptor, ShaderStages,
             TextureDataOrder, TextureDescriptor, TextureDimension, TextureFormat, TextureSampleType, TextureUsages, TextureView,
             TextureViewDescriptor, TextureViewDimension, TextureViewId,
-            binding_types::{sampler, texture_cube, uniform_buffer_sized},
+            binding_types::{sampler, texture_2d, texture_cube, uniform_buffer_sized},
         },
         renderer::{RenderDevice, RenderQueue},
         sync_world::RenderEntity,
@@ -34,6 +35,9 @@ pub const ENVIRONMENT_HAS_SKYBOX: u32 = 2;
 pub const ENVIRONMENT_SHADOW_RAYS: u32 = 4;
 /// Flag of [`GpuEnvironment`]: textures are read at [`GpuEnvironment::fixed_texture_level`].
 pub const ENVIRONMENT_FIXED_TEXTURE_LEVEL: u32 = 8;
+
+/// Flag of [`GpuEnvironment`]: Bevy was built with its table of split-sum factors.
+pub const ENVIRONMENT_HAS_DFG_LUT: u32 = 16;
 
 /// `EnvironmentUniform` of `environment.wesl`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -211,7 +215,7 @@ struct ViewBindings {
     buffer: Buffer,
     bind_group: BindGroup,
     written: GpuEnvironment,
-    views: [TextureViewId; 3],
+    views: [TextureViewId; 4],
 }
 
 /// The bind groups of all views, by render-world entity. A GPU resource: make it with `init_gpu_resource`.
@@ -219,6 +223,8 @@ struct ViewBindings {
 pub struct EnvironmentBindings {
     layout: BindGroupLayoutDescriptor,
     black: TextureView,
+    /// The first face of the black cube, for a missing table.
+    black_face: TextureView,
     sampler: Sampler,
     views: EntityHashMap<ViewBindings>,
 }
@@ -241,8 +247,14 @@ impl FromWorld for EnvironmentBindings {
             TextureDataOrder::default(),
             &[0; 24],
         );
+        let black_face = black.create_view(&TextureViewDescriptor {
+            dimension: Some(TextureViewDimension::D2),
+            array_layer_count: Some(1),
+            ..Default::default()
+        });
         Self {
             layout: layout_descriptor(),
+            black_face,
             black: black
                 .create_view(&TextureViewDescriptor { dimension: Some(TextureViewDimension::Cube), ..Default::default() }),
             sampler: device.create_sampler(&SamplerDescriptor {
@@ -270,6 +282,7 @@ pub fn layout_descriptor() -> BindGroupLayoutDescriptor {
                 cube(),
                 cube(),
                 sampler(SamplerBindingType::Filtering),
+                texture_2d(TextureSampleType::Float { filterable: true }),
             ),
         ),
     )
@@ -301,11 +314,14 @@ pub fn prepare_environments(
     mut bindings: ResMut<EnvironmentBindings>,
     views: Query<(Entity, &ViewEnvironment)>,
     images: Res<RenderAssets<GpuImage>>,
+    dfg: Option<Res<DfgLut>>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
     pipelines: Res<PipelineCache>,
 ) {
     let bindings = &mut *bindings;
+    // Without Bevy's feature there is no image, or one of a single texel.
+    let table = dfg.as_ref().and_then(|dfg| images.get(&dfg.texture)).filter(|image| image.texture_descriptor.size.width > 1);
     bindings.views.retain(|entity, _| views.contains(*entity));
     for (entity, view) in &views {
         let image = |id: AssetId<Image>| images.get(id).filter(|image| cube(image, &device));
@@ -323,7 +339,12 @@ pub fn prepare_environments(
             uniform.flags |= ENVIRONMENT_HAS_SKYBOX;
         }
 
-        let ids = [diffuse.id(), specular.id(), skybox.id()];
+        if table.is_some() {
+            uniform.flags |= ENVIRONMENT_HAS_DFG_LUT;
+        }
+        let table = table.map_or(&bindings.black_face, |image| &image.texture_view);
+
+        let ids = [diffuse.id(), specular.id(), skybox.id(), table.id()];
         let known = bindings.views.get_mut(&entity);
         if let Some(known) = known
             && known.views == ids
@@ -350,6 +371,7 @@ pub fn prepare_environments(
                 specular,
                 skybox,
                 &bindings.sampler,
+                table,
             )),
         );
         bindings.views.insert(entity, ViewBindings { buffer, bind_group, written: uniform, views: ids });

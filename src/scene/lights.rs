@@ -15,7 +15,7 @@ use bevy::{
     transform::components::GlobalTransform,
 };
 
-use super::gpu_types::*;
+use super::{activity::SceneActivity, gpu_types::*};
 
 /// Most lights in hit shading; `shading.wesl` has the same number.
 pub const MAX_LIGHTS: usize = 256;
@@ -154,12 +154,18 @@ pub fn extract_lights(
     spots: Lights<SpotLight>,
     rects: Lights<RectLight>,
     rects_enabled: Option<Res<RectLightsEnabled>>,
+    activity: Option<Res<SceneActivity>>,
     mut extracted: ResMut<ExtractedLights>,
     mut previous: Local<Vec<GpuLight>>,
 ) {
     let lights = &mut extracted.lights;
     std::mem::swap(lights, &mut *previous);
     lights.clear();
+    if activity.is_some_and(|activity| !activity.active) {
+        extracted.changed = !previous.is_empty();
+        previous.clear();
+        return;
+    }
     fn visible<L: Component>(
         (light, transform, visibility): (&L, &GlobalTransform, &InheritedVisibility),
         convert: fn(&L, &GlobalTransform) -> Option<GpuLight>,

@@ -19,7 +19,7 @@ use bevy::{
     },
 };
 
-use super::{gpu_types::*, textures::TextureTable};
+use super::{activity::SceneActivity, gpu_types::*, textures::TextureTable};
 
 /// Index of the material that stands in for those that are not loaded yet: `StandardMaterial::default()`.
 pub const DEFAULT_MATERIAL: u32 = 0;
@@ -163,10 +163,18 @@ impl MaterialAssets {
 pub fn extract_materials(
     assets: Extract<Option<Res<Assets<StandardMaterial>>>>,
     mut events: Extract<MessageReader<AssetEvent<StandardMaterial>>>,
+    activity: Res<SceneActivity>,
     mut copies: ResMut<MaterialAssets>,
 ) {
     let Some(assets) = assets.as_ref() else { return };
     let copies = &mut *copies;
+    if !activity.active {
+        events.clear();
+        if copies.filled {
+            *copies = MaterialAssets::default();
+        }
+        return;
+    }
     if !copies.filled {
         // Events from before the first frame may be gone.
         copies.filled = true;
@@ -280,11 +288,8 @@ impl MaterialTable {
         let Some(material) = self.slots[index as usize].id.and_then(|id| assets.get(id)) else {
             return;
         };
-        let ids = texture_ids(material);
         // New images are taken before old ones are given back, so that those in both keep their place.
-        for image in ids.into_iter().flatten() {
-            textures.acquire(image);
-        }
+        let ids = texture_ids(material).map(|image| image.filter(|image| textures.acquire(*image)));
         for image in self.slots[index as usize].textures.into_iter().flatten() {
             textures.release(image);
         }

@@ -57,7 +57,7 @@ pub struct SceneMesh {
     pub positions_offset: u32,
     /// Words from the start of [`Self::geometry`].
     pub indices_offset: u32,
-    /// Triangle indices, kept for building ray-query structures of flipped winding.
+    /// Triangle indices for building ray-query structures of flipped winding; empty with the BVH tracer.
     pub indices: Arc<[u32]>,
     /// Changes with every new version of the mesh.
     pub version: u64,
@@ -85,6 +85,8 @@ pub struct SceneMeshes {
     ready: HashMap<AssetId<Mesh>, SceneMesh>,
     pending: HashMap<AssetId<Mesh>, Task<Result<BuiltMesh, GeometryError>>>,
     failed: HashSet<AssetId<Mesh>>,
+    /// Meshes that changed while an older version was being built.
+    stale: HashSet<AssetId<Mesh>>,
     /// Meshes that became ready, changed or vanished in this frame.
     pub changed: HashSet<AssetId<Mesh>>,
     tracer: Tracer,
@@ -117,6 +119,7 @@ impl SceneMeshes {
             ready: HashMap::default(),
             pending: HashMap::default(),
             failed: HashSet::default(),
+            stale: HashSet::default(),
             changed: HashSet::default(),
             tracer,
             next_version: 1,
@@ -163,6 +166,7 @@ impl SceneMeshes {
     fn remove(&mut self, id: AssetId<Mesh>) {
         self.pending.remove(&id);
         self.failed.remove(&id);
+        self.stale.remove(&id);
         if let Some(mesh) = self.ready.remove(&id) {
             self.triangles -= u64::from(mesh.triangle_count);
             self.geometry.free(mesh.geometry);
@@ -204,7 +208,7 @@ impl SceneMeshes {
             triangle_count: packed.triangle_count,
             positions_offset: packed.offsets.positions,
             indices_offset: packed.offsets.indices,
-            indices: packed.indices().into(),
+            indices: if self.tracer == Tracer::RayQuery { packed.indices().into() } else { Arc::default() },
             version: self.next_version,
         };
         self.next_version += 1;
@@ -243,12 +247,19 @@ pub fn extract_meshes(
         meshes.clear(&device);
         return;
     }
+    // A build in flight is finished first: else a mesh that changes in every frame would never appear.
+    modified.extend(meshes.stale.extract_if(|id| !meshes.pending.contains_key(id)));
     for id in modified {
-        if meshes.is_known(id)
-            && let Some(mesh) = assets.get(id)
-            && is_readable(mesh)
-        {
-            meshes.start(id, Box::new(mesh.clone()));
+        if meshes.pending.contains_key(&id) {
+            meshes.stale.insert(id);
+        } else if meshes.is_known(id) {
+            if let Some(mesh) = render_world.0.get(&id) {
+                meshes.start(id, mesh.clone());
+            } else if let Some(mesh) = assets.get(id)
+                && is_readable(mesh)
+            {
+                meshes.start(id, Box::new(mesh.clone()));
+            }
         }
     }
     wanted.clear();
@@ -279,10 +290,9 @@ pub fn keep_render_world_meshes(
         if mesh.asset_usage.contains(RenderAssetUsages::MAIN_WORLD) {
             continue;
         }
-        let mesh = Arc::new(mesh.clone());
-        kept.0.insert(*id, mesh.clone());
+        kept.0.insert(*id, Arc::new(mesh.clone()));
         if activity.active && meshes.is_known(*id) {
-            meshes.start(*id, mesh);
+            meshes.stale.insert(*id);
         }
     }
 }

@@ -82,15 +82,17 @@ impl ScenePlugin {
             .init_gpu_resource::<SceneMeshes>()
             .add_systems(
                 RenderStartup,
-                init_scene_bindings.after(init_gpu_resource::<TextureTable>).after(init_gpu_resource::<SceneMeshes>),
+                init_gpu_resource::<SceneBindings>
+                    .after(init_gpu_resource::<TextureTable>)
+                    .after(init_gpu_resource::<SceneMeshes>)
+                    .ambiguous_with_all(),
             )
             .add_systems(
                 ExtractSchedule,
                 (
                     (extract_activity, extract_instances, extract_meshes).chain(),
-                    extract_materials,
+                    (extract_materials, extract_lights).after(extract_activity),
                     extract_texture_changes,
-                    extract_lights,
                     extract_environments::<RayTracedReflections>,
                 ),
             )
@@ -111,14 +113,4 @@ impl ScenePlugin {
                 ),
             );
     }
-
-    /// After this, [`SceneBindings`] exists.
-    pub(crate) fn startup() -> impl IntoSystemSet<()> {
-        init_scene_bindings.into_system_set()
-    }
-}
-
-fn init_scene_bindings(world: &mut World) {
-    let bindings = SceneBindings::from_world(world);
-    world.insert_resource(bindings);
 }

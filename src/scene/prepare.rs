@@ -54,6 +54,8 @@ pub struct SceneBindings {
     uniform_data: GpuSceneCounts,
     tlas: StorageSlice<Row>,
     acceleration: Option<AccelerationStructures>,
+    /// Counts changes that rays can see.
+    pub(crate) version: u32,
     /// What the bind group was made of.
     generations: [u64; 8],
 }
@@ -61,6 +63,7 @@ pub struct SceneBindings {
 impl FromWorld for SceneBindings {
     fn from_world(world: &mut World) -> Self {
         let device = world.resource::<RenderDevice>();
+        let queue = world.resource::<RenderQueue>();
         let meshes = world.resource::<SceneMeshes>();
         let textures = world.resource::<TextureTable>();
         let tracer = meshes.tracer();
@@ -82,7 +85,8 @@ impl FromWorld for SceneBindings {
             }),
             uniform_data: GpuSceneCounts::default(),
             tlas: StorageSlice::new(device, "glint_tlas"),
-            acceleration: (tracer == Tracer::RayQuery).then(|| AccelerationStructures::new(device)),
+            acceleration: (tracer == Tracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
+            version: 0,
             generations: [u64::MAX; 8],
         }
     }
@@ -127,6 +131,7 @@ pub fn prepare_instances(
     mut bindings: ResMut<SceneBindings>,
     mut instances: ResMut<SceneInstances>,
     mut materials: ResMut<MaterialTable>,
+    mut textures: ResMut<TextureTable>,
     mut changed_materials: Local<HashSet<AssetId<StandardMaterial>>>,
     assets: Res<MaterialAssets>,
     meshes: Res<SceneMeshes>,
@@ -138,7 +143,9 @@ pub fn prepare_instances(
     let bindings = &mut *bindings;
     if !activity.active {
         if bindings.bind_group.is_some() {
-            bindings.release(&device);
+            bindings.release(&device, &queue);
+            *materials = MaterialTable::default();
+            textures.clear();
             status.update(|report| (report.instances, report.scene_bytes) = (0, 0));
         }
         return;
@@ -155,6 +162,7 @@ pub fn prepare_instances(
     }
     if !dirty.is_empty() && bindings.update_instances(&dirty, &instances, &mut materials, &assets, &meshes, &device, &queue)
     {
+        bindings.version = bindings.version.wrapping_add(1);
         bindings.build_top_level(&instances, &meshes, &device, &queue, &status);
     }
 }
@@ -174,9 +182,11 @@ pub fn prepare_tables(
     }
     let bindings = &mut *bindings;
     if let Some(changed) = materials.take_dirty() {
+        bindings.version = bindings.version.wrapping_add(1);
         bindings.materials.write(materials.materials(), changed, &device, &queue);
     }
     if lights.changed || bindings.bind_group.is_none() {
+        bindings.version = bindings.version.wrapping_add(1);
         bindings.lights.write(&lights.lights, 0..lights.lights.len(), &device, &queue);
     }
     let uniform = GpuSceneCounts {
@@ -194,14 +204,14 @@ pub fn prepare_tables(
 
 impl SceneBindings {
     /// Gives back what an idle scene doesn't need.
-    fn release(&mut self, device: &RenderDevice) {
+    fn release(&mut self, device: &RenderDevice, queue: &RenderQueue) {
         self.bind_group = None;
         self.instance_data.clear();
         self.present.clear();
         self.uniform_data = GpuSceneCounts::default();
         self.instances = StorageSlice::new(device, "glint_instances");
         self.tlas = StorageSlice::new(device, "glint_tlas");
-        self.acceleration = (self.tracer == Tracer::RayQuery).then(|| AccelerationStructures::new(device));
+        self.acceleration = (self.tracer == Tracer::RayQuery).then(|| AccelerationStructures::new(device, queue));
         self.generations = [u64::MAX; 8];
     }
 
@@ -229,7 +239,13 @@ impl SceneBindings {
                 pack_instance(source, mesh, materials.index(source.material), flags)
             });
             let slot = slot as usize;
-            changed |= packed.is_some() || self.present[slot];
+            let replaced = instances.get(slot as u32).is_some_and(|source| meshes.changed.contains(&source.mesh));
+            let same = self.present[slot] == packed.is_some()
+                && packed.is_none_or(|packed| self.instance_data[slot] == packed && !replaced);
+            if same {
+                continue;
+            }
+            changed = true;
             self.present[slot] = packed.is_some();
             if let Some(packed) = packed {
                 self.instance_data[slot] = packed;
@@ -366,6 +382,7 @@ pub fn prepare_scene_bind_group(
         return;
     }
     bindings.generations = generations;
+    bindings.version = bindings.version.wrapping_add(1);
     let resources = textures.resources();
     let mut entries = vec![
         entry(0, meshes.geometry.buffer()),

@@ -198,11 +198,23 @@ impl TextureTable {
         }
     }
 
-    /// Notes one more user of an image.
-    pub(super) fn acquire(&mut self, id: AssetId<Image>) {
+    /// Lets go of all images; their users must be gone.
+    pub(super) fn clear(&mut self) {
+        self.indices.clear();
+        self.entries.clear();
+        self.free.clear();
+        self.samplers.truncate(1);
+        self.pending.clear();
+        self.resettled.clear();
+        self.cursor = 0;
+        self.generation += 1;
+    }
+
+    /// Notes one more user of an image; false where there is no place for it.
+    pub(super) fn acquire(&mut self, id: AssetId<Image>) -> bool {
         if let Some(entry) = self.indices.get(&id).and_then(|index| self.entries[*index as usize].as_mut()) {
             entry.users += 1;
-            return;
+            return true;
         }
         let entry = Some(Entry { id, users: 1, sampling: None, sampler: 0, state: State::Loading });
         let index = if let Some(index) = self.free.pop() {
@@ -214,10 +226,11 @@ impl TextureTable {
             (self.entries.len() - 1) as u32
         } else {
             warn_once!("More than {} textures in reflections: the others show as plain colours.", self.capacity());
-            return;
+            return false;
         };
         self.indices.insert(id, index);
         self.pending.push(index);
+        true
     }
 
     /// Notes one user less of an image.
@@ -408,7 +421,9 @@ pub fn extract_texture_changes(
         if let AssetEvent::Added { id } | AssetEvent::Modified { id } = event
             && let Some(index) = table.indices.get(id)
         {
-            table.pending.push(*index);
+            if !table.pending.contains(index) {
+                table.pending.push(*index);
+            }
             if let Some(entry) = table.entries[*index as usize].as_mut() {
                 entry.sampling = None;
             }

@@ -27,7 +27,7 @@ use bevy::{
         renderer::{RenderContext, RenderDevice, RenderQueue, ViewQuery},
         view::{ViewTarget, ViewUniform, ViewUniformOffset, ViewUniforms},
     },
-    shader::{Shader, ShaderDefVal},
+    shader::{Shader, ShaderCacheError, ShaderDefVal},
     asset::Handle,
     utils::default,
 };
@@ -146,6 +146,7 @@ pub fn init_reflection_pipelines(
 /// Queues what cameras asked for and reports when all is compiled.
 pub fn queue_reflection_pipelines(
     mut pipelines: ResMut<ReflectionPipelines>,
+    composite: Res<CompositePipelines>,
     cache: Res<PipelineCache>,
     status: Res<ReflectionStatus>,
 ) {
@@ -173,9 +174,13 @@ pub fn queue_reflection_pipelines(
         pipelines.traced.insert(technique, id);
     }
     let ready = !pipelines.traced.is_empty()
-        && pipelines.traced.values().all(|&id| cache.get_compute_pipeline(id).is_some());
+        && pipelines.traced.values().all(|&id| cache.get_compute_pipeline(id).is_some())
+        && composite.are_ready(&cache);
     for &id in pipelines.traced.values() {
-        if let CachedPipelineState::Err(error) = cache.get_compute_pipeline_state(id) {
+        // Modules that are still being loaded are errors, too, but not for long.
+        if let CachedPipelineState::Err(error) = cache.get_compute_pipeline_state(id)
+            && !matches!(error, ShaderCacheError::ShaderNotLoaded(_) | ShaderCacheError::ShaderImportNotYetAvailable)
+        {
             bevy::log::error_once!("ray-traced reflections stay off, since their shader failed: {error}");
         }
     }

@@ -1,5 +1,5 @@
 //! Helpers of the integration tests. Each test binary uses a part of them.
-#![allow(dead_code)]
+#![allow(dead_code, reason = "each test binary uses a part")]
 
 pub mod gpu;
 pub mod soup;

@@ -1,5 +1,5 @@
 //! Flattens our shader modules without a GPU, as Bevy does at run time, and validates the result with naga.
-#![allow(dead_code)]
+#![allow(dead_code, reason = "each test binary uses a part")]
 
 use std::{
     collections::BTreeMap,
@@ -71,10 +71,10 @@ impl Shaders {
     }
 
     /// The WGSL of a module with all that it imports.
-    pub fn flatten(&mut self, name: &str, defs: &[&'static str]) -> Result<String, String> {
+    pub fn flatten(&mut self, name: &str, defs: &[ShaderDefVal]) -> Result<String, String> {
         let id = *self.ids.get(name).ok_or_else(|| format!("no module {name}"))?;
         // As the pipeline cache of a device with storage buffers has them.
-        let mut defs: Vec<ShaderDefVal> = defs.iter().map(|def| ShaderDefVal::from(*def)).collect();
+        let mut defs = defs.to_vec();
         defs.push(ShaderDefVal::UInt("AVAILABLE_STORAGE_BUFFER_BINDINGS".into(), 8));
         defs.push("AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_3".into());
         defs.push("AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_6".into());
@@ -83,7 +83,8 @@ impl Shaders {
 
     /// Flattens and validates a module.
     pub fn compile(&mut self, name: &str, defs: &[&'static str]) -> Result<naga::Module, String> {
-        let source = self.flatten(name, defs)?;
+        let flags: Vec<ShaderDefVal> = defs.iter().map(|def| ShaderDefVal::from(*def)).collect();
+        let source = self.flatten(name, &flags)?;
         validate(&source).map_err(|error| format!("{name} with {defs:?}: {error}"))
     }
 }
@@ -118,7 +119,7 @@ fn bevy_source(root: &Path, name: &str) -> PathBuf {
 
 /// The WGSL of `entry`, a module that may import `package::...`. `replaced` puts other sources in the place of files of the crate, by
 /// path under `src`: `("scene/alpha.wesl", "...")`. Errors end the test with the compiler's message.
-pub fn flatten(entry: &str, replaced: &[(&str, &str)], defs: &[&'static str]) -> String {
+pub fn flatten(entry: &str, replaced: &[(&str, &str)], defs: &[ShaderDefVal]) -> String {
     let mut shaders = Shaders::load();
     for (path, source) in replaced {
         shaders.add(&format!("bevy_glint/{path}"), (*source).to_string());

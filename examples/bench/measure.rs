@@ -1,0 +1,280 @@
+//! One scene with one tracer: waits for it, renders frames and gathers what diagnostics say.
+
+use crate::{
+    common::{self, ReflectionOptions, TracerWord},
+    kernels,
+    table::{Csv, Table, mebibytes, number, quantile},
+};
+use bevy::{
+    diagnostic::{DiagnosticPath, DiagnosticsStore},
+    platform::time::Instant,
+    prelude::*,
+    render::{RenderApp, diagnostic::RenderDiagnosticsPlugin, render_resource::PollType, renderer::RenderDevice},
+};
+use bevy_glint::{RayTracedReflections, ReflectionStatus, StatusReport, Technique};
+use glint_scenes::{HeadlessApp, HeadlessSettings, SceneName, SceneOptions, SceneStatistics};
+use std::time::Duration;
+
+/// Frames that are rendered before measuring starts.
+const WARM_UP_FRAMES: u32 = 8;
+/// Frames in a row in which nothing was built: then the scene is complete.
+const QUIET_FRAMES: u32 = 8;
+const FRAME_LIMIT: u32 = 4000;
+
+/// Kernels: the word in tables, its diagnostics of rays, hits and GPU time.
+const KERNELS: [(&str, &str, &str, &str); 2] = [
+    (
+        "primary",
+        "render/bench_primary_rays",
+        "render/bench_primary_hits",
+        "render/bench/primary/elapsed_gpu",
+    ),
+    (
+        "reflection",
+        "render/bench_reflection_rays",
+        "render/bench_reflection_hits",
+        "render/bench/reflection/elapsed_gpu",
+    ),
+];
+const PASSES: [(&str, &str); 3] = [
+    ("trace", "render/glint/trace/elapsed_gpu"),
+    ("composite", "render/glint/composite/elapsed_gpu"),
+    ("total", "render/glint/elapsed_gpu"),
+];
+const PASS_RAYS: &str = "render/reflection_rays";
+const PASS_HITS: &str = "render/reflection_hits";
+
+/// Where measurements are printed.
+pub struct Tables {
+    pub scenes: Table,
+    pub kernels: Table,
+    pub passes: Table,
+    pub counters: Table,
+}
+
+/// The render app's world.
+pub fn render_world(app: &mut HeadlessApp) -> Result<&World, String> {
+    let render = app.app().get_sub_app(RenderApp).ok_or("there is no render app")?;
+    Ok(render.world())
+}
+
+/// The values that one diagnostic took.
+struct Samples {
+    path: DiagnosticPath,
+    last: Option<Instant>,
+    values: Vec<f64>,
+}
+
+/// One scene with one tracer.
+pub struct Bench {
+    app: HeadlessApp,
+    samples: Vec<Samples>,
+}
+
+impl Bench {
+    /// Spawns the scene.
+    pub fn new(scene: SceneName, tracer: TracerWord, size: UVec2, detail: f32) -> Result<Self, String> {
+        let options = ReflectionOptions { tracer, ..default() };
+        // Nothing is animated, so that all frames trace the same rays.
+        let mut app = HeadlessApp::new(HeadlessSettings { size, ..default() }, |app| {
+            app.add_plugins(RenderDiagnosticsPlugin);
+            common::add_reflections(app, options);
+            kernels::add(app);
+        })
+        .map_err(|error| error.to_string())?;
+        let camera: Entity = app.spawn_scene(scene, &SceneOptions { detail, ..default() });
+        let reflections = RayTracedReflections {
+            technique: Technique::Reference,
+            roughness_cutoff: 1.0,
+            ..default()
+        };
+        app.world().entity_mut(camera).insert(reflections);
+        let kernels = KERNELS.iter().flat_map(|&(_, rays, hits, time)| [rays, hits, time]);
+        let passes = PASSES.iter().map(|&(_, time)| time);
+        let samples = kernels
+            .chain(passes)
+            .chain([PASS_RAYS, PASS_HITS])
+            .map(|path| Samples {
+                path: DiagnosticPath::new(path),
+                last: None,
+                values: Vec::new(),
+            })
+            .collect();
+        Ok(Self { app, samples })
+    }
+
+    /// What the crate says about itself.
+    pub fn report(&mut self) -> StatusReport {
+        self.app.world().resource::<ReflectionStatus>().report()
+    }
+
+    /// Renders until every mesh can be hit and every pipeline is compiled.
+    pub fn wait_for_scene(&mut self) -> Result<StatusReport, String> {
+        self.app.warm_up(FRAME_LIMIT).map_err(|error| error.to_string())?;
+        let mut quiet = 0;
+        let mut before = self.report();
+        for _ in 0..FRAME_LIMIT {
+            self.app.step(1);
+            let report = self.report();
+            let same = (report.blas_builds, report.tlas_builds) == (before.blas_builds, before.tlas_builds);
+            let complete = report.ready && report.meshes_pending == 0 && report.instances > 0;
+            quiet = if same && complete { quiet + 1 } else { 0 };
+            if quiet >= QUIET_FRAMES {
+                return Ok(report);
+            }
+            if !complete {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            before = report;
+        }
+        Err(format!(
+            "the scene was not ready after {FRAME_LIMIT} frames; {} meshes are missing",
+            before.meshes_pending
+        ))
+    }
+
+    /// Triangles, build times and memory.
+    pub fn describe(
+        &mut self,
+        scene: SceneName,
+        tracer: &str,
+        report: &StatusReport,
+        table: &mut Table,
+        csv: &mut Csv,
+    ) {
+        let world = self.app.world();
+        let placed = world
+            .query::<&SceneStatistics>()
+            .iter(world)
+            .map(|statistics| statistics.triangles)
+            .sum::<usize>();
+        table.row([
+            scene.to_string(),
+            tracer.to_owned(),
+            report.triangles.to_string(),
+            placed.to_string(),
+            report.instances.to_string(),
+            number(Some(report.blas_build_ms.into()), 2),
+            number(Some(report.tlas_build_ms.into()), 3),
+            number(Some(mebibytes(report.scene_bytes)), 2),
+        ]);
+        for (measure, value, unit) in [
+            ("mesh_triangles", report.triangles as f64, ""),
+            ("placed_triangles", placed as f64, ""),
+            ("instances", report.instances as f64, ""),
+            ("mesh_build", report.blas_build_ms.into(), "ms"),
+            ("top_level_build", report.tlas_build_ms.into(), "ms"),
+            ("scene_bytes", report.scene_bytes as f64, "B"),
+        ] {
+            csv.add(scene.as_str(), tracer, measure, value, unit);
+        }
+    }
+
+    /// Renders one frame and waits for the GPU, so that the next frame finds its measurements.
+    fn frame(&mut self) -> Result<(), String> {
+        self.app.step(1);
+        let device = render_world(&mut self.app)?
+            .get_resource::<RenderDevice>()
+            .ok_or("there is no graphics device")?;
+        device
+            .poll(PollType::Wait {
+                submission_index: None,
+                timeout: None,
+            })
+            .map_err(|error| error.to_string())?;
+        Ok(())
+    }
+
+    /// Takes the measurements of so many frames.
+    pub fn measure(&mut self, frames: u32) -> Result<(), String> {
+        for _ in 0..WARM_UP_FRAMES {
+            self.frame()?;
+        }
+        self.collect();
+        self.samples.iter_mut().for_each(|samples| samples.values.clear());
+        // Results arrive a frame late.
+        for _ in 0..=frames {
+            self.frame()?;
+            self.collect();
+        }
+        for samples in &mut self.samples {
+            samples.values.truncate(frames as usize);
+        }
+        Ok(())
+    }
+
+    fn collect(&mut self) {
+        let store = self.app.world().resource::<DiagnosticsStore>();
+        for samples in &mut self.samples {
+            let latest = store.get(&samples.path).and_then(|diagnostic| diagnostic.measurement());
+            if let Some(latest) = latest.filter(|latest| samples.last != Some(latest.time)) {
+                samples.last = Some(latest.time);
+                samples.values.push(latest.value);
+            }
+        }
+    }
+
+    fn value(&self, path: &str, share: f64) -> Option<f64> {
+        let samples = self.samples.iter().find(|samples| samples.path.as_str() == path)?;
+        quantile(&samples.values, share)
+    }
+
+    /// Closest hits alone.
+    pub fn kernels(&self, scene: SceneName, tracer: &str, table: &mut Table, csv: &mut Csv) {
+        for (word, rays, hits, time) in KERNELS {
+            let (rays, hits) = (self.value(rays, 0.5), self.value(hits, 0.5));
+            let (median, p95) = (self.value(time, 0.5), self.value(time, 0.95));
+            // Rays per millisecond are thousands per second.
+            let rate = rays
+                .zip(median)
+                .filter(|(_, median)| *median > 0.0)
+                .map(|(rays, median)| rays / median * 1e-3);
+            table.row([
+                scene.to_string(),
+                tracer.to_owned(),
+                word.to_owned(),
+                number(rays, 0),
+                number(hits, 0),
+                number(median, 4),
+                number(p95, 4),
+                number(rate, 1),
+            ]);
+            for (measure, value, unit) in [
+                ("rays", rays, ""),
+                ("hits", hits, ""),
+                ("median", median, "ms"),
+                ("p95", p95, "ms"),
+                ("rate", rate, "Mrays/s"),
+            ] {
+                if let Some(value) = value {
+                    csv.add(scene.as_str(), tracer, &format!("{word}_{measure}"), value, unit);
+                }
+            }
+        }
+    }
+
+    /// The crate's own passes.
+    pub fn passes(&self, scene: SceneName, tracer: &str, tables: &mut Tables, csv: &mut Csv) {
+        for (word, time) in PASSES {
+            let (median, p95) = (self.value(time, 0.5), self.value(time, 0.95));
+            let names = [scene.to_string(), tracer.to_owned(), word.to_owned()];
+            tables
+                .passes
+                .row(names.into_iter().chain([number(median, 4), number(p95, 4)]));
+            for (measure, value) in [("median", median), ("p95", p95)] {
+                if let Some(value) = value {
+                    csv.add(scene.as_str(), tracer, &format!("pass_{word}_{measure}"), value, "ms");
+                }
+            }
+        }
+        let (rays, hits) = (self.value(PASS_RAYS, 0.5), self.value(PASS_HITS, 0.5));
+        tables
+            .counters
+            .row([scene.to_string(), tracer.to_owned(), number(rays, 0), number(hits, 0)]);
+        for (measure, value) in [("pass_rays", rays), ("pass_hits", hits)] {
+            if let Some(value) = value {
+                csv.add(scene.as_str(), tracer, measure, value, "");
+            }
+        }
+    }
+}

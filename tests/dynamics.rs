@@ -1,0 +1,349 @@
+//! Scenes that change between frames: what the mirror shows follows, and nothing is built that need not be.
+
+#[path = "common/pictures.rs"]
+mod pictures;
+
+use bevy::{
+    asset::RenderAssetUsages,
+    camera::{ClearColorConfig, MainPassResolutionOverride, RenderTarget, Viewport},
+    image::Image,
+    math::UVec2,
+    prelude::*,
+    render::{
+        RenderApp,
+        render_resource::{Extent3d, TextureDimension, TextureFormat, TextureUsages},
+        sync_world::RenderEntity,
+    },
+};
+use bevy_glint::{NotReflected, RayTracedReflections, ReflectionStatus, StatusReport, Technique, TracerChoice};
+use glint_scenes::{HeadlessApp, Output, SceneName, environment, read_image};
+use pictures::{app, assert_flip, flip, reflect, warm_up};
+
+const BOTH: [TracerChoice; 2] = [TracerChoice::RayQuery, TracerChoice::Bvh];
+const SIZE: UVec2 = UVec2::new(96, 64);
+const RED: [u8; 3] = [255, 0, 0];
+const GREEN: [u8; 3] = [0, 255, 0];
+const BLUE: [u8; 3] = [0, 0, 255];
+/// Behind the camera, where only the mirror shows it.
+const LEFT: Vec3 = Vec3::new(-2.5, 0.0, 6.0);
+const RIGHT: Vec3 = Vec3::new(2.5, 0.0, 6.0);
+
+fn unlit(color: [u8; 3]) -> StandardMaterial {
+    let [r, g, b] = color;
+    StandardMaterial { base_color: Color::srgb_u8(r, g, b), unlit: true, ..default() }
+}
+
+fn cube(size: f32) -> Mesh {
+    Cuboid::from_length(size).into()
+}
+
+fn spawn_mesh(app: &mut HeadlessApp, mesh: impl Into<Mesh>, material: StandardMaterial, at: Transform) -> Entity {
+    let world = app.world();
+    let mesh = world.resource_mut::<Assets<Mesh>>().add(mesh);
+    let material = world.resource_mut::<Assets<StandardMaterial>>().add(material);
+    world.spawn((Mesh3d(mesh), MeshMaterial3d(material), at)).id()
+}
+
+/// A mirror that fills the picture of a camera three metres before it, in the surroundings of a scene.
+fn mirror(app: &mut HeadlessApp, surroundings: SceneName) -> Entity {
+    let material = StandardMaterial { metallic: 1.0, perceptual_roughness: 0.0, ..default() };
+    spawn_mesh(app, Rectangle::new(12.0, 12.0), material, Transform::IDENTITY);
+    let environment = environment(surroundings, app.world());
+    let camera = app.spawn_camera(Transform::from_xyz(0.0, 0.0, 3.0));
+    environment.insert(&mut app.world().entity_mut(camera));
+    camera
+}
+
+fn report(app: &mut HeadlessApp) -> StatusReport {
+    app.world().resource::<ReflectionStatus>().report()
+}
+
+/// A change must be seen in the second frame at the latest, not counting frames in which a mesh is being built.
+fn settle(app: &mut HeadlessApp) {
+    app.step(1);
+    for _ in 0..20_000 {
+        if report(app).meshes_pending == 0 {
+            app.step(1);
+            return;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(1));
+        app.step(1);
+    }
+    panic!("meshes stay pending: {:?}", report(app));
+}
+
+/// Pixels of a colour in the left and in the right half of the picture.
+fn halves(picture: &[u8], color: [u8; 3]) -> [usize; 2] {
+    let width = SIZE.x as usize;
+    let mut counts = [0; 2];
+    for (i, pixel) in picture.chunks_exact(4).enumerate() {
+        if pixel[..3].iter().zip(color).all(|(a, b)| a.abs_diff(b) <= 24) {
+            counts[usize::from(i % width >= width / 2)] += 1;
+        }
+    }
+    counts
+}
+
+/// The present picture shows a colour in these halves and not in the others; returns its pixels.
+#[track_caller]
+fn expect(app: &mut HeadlessApp, what: &str, color: [u8; 3], shown: [bool; 2]) -> usize {
+    settle(app);
+    let counts = halves(&app.capture().unwrap(), color);
+    for (half, (count, shown)) in ["left", "right"].into_iter().zip(counts.into_iter().zip(shown)) {
+        let right = if shown { count >= 25 } else { count == 0 };
+        assert!(right, "{what}: {count} pixels of {color:?} in the {half} half; expected there: {shown}");
+    }
+    counts[0] + counts[1]
+}
+
+fn edit_material(app: &mut HeadlessApp, entity: Entity, change: impl FnOnce(&mut StandardMaterial)) {
+    let world = app.world();
+    let id = world.get::<MeshMaterial3d<StandardMaterial>>(entity).unwrap().id();
+    let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+    let mut material = materials.get_mut(id).unwrap();
+    change(&mut material);
+}
+
+fn differing_pixels(a: &[u8], b: &[u8], tolerance: u8) -> usize {
+    let apart = |(a, b): &(&[u8], &[u8])| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > tolerance);
+    a.chunks_exact(4).zip(b.chunks_exact(4)).filter(apart).count()
+}
+
+/// Columns of a picture.
+fn crop(picture: &[u8], columns: core::ops::Range<usize>) -> Vec<u8> {
+    let lines = picture.chunks_exact(4 * SIZE.x as usize);
+    lines.flat_map(|line| &line[4 * columns.start..4 * columns.end]).copied().collect()
+}
+
+#[test]
+fn entities_that_change_are_followed() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else { continue };
+        let camera = mirror(&mut app, SceneName::MirrorRoom);
+        let subject = spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
+        app.warm_up(20_000).unwrap();
+        expect(&mut app, "no reflections yet", RED, [false, false]);
+        reflect(&mut app, camera, Technique::Reference);
+        let size = expect(&mut app, "at first", RED, [true, false]);
+
+        app.world().get_mut::<Transform>(subject).unwrap().translation = RIGHT;
+        let moved = expect(&mut app, "moved", RED, [false, true]);
+        assert!(moved.abs_diff(size) * 10 < size, "{moved} pixels after the move, {size} before");
+        app.world().entity_mut(subject).insert(Visibility::Hidden);
+        expect(&mut app, "hidden", RED, [false, false]);
+        app.world().entity_mut(subject).insert(Visibility::Visible);
+        expect(&mut app, "shown again", RED, [false, true]);
+        app.world().entity_mut(subject).insert(NotReflected);
+        expect(&mut app, "opted out", RED, [false, false]);
+        app.world().entity_mut(subject).remove::<NotReflected>();
+        expect(&mut app, "opted in", RED, [false, true]);
+
+        let second = spawn_mesh(&mut app, cube(2.0), unlit(BLUE), Transform::from_translation(LEFT));
+        expect(&mut app, "a second one came", BLUE, [true, false]);
+        expect(&mut app, "and the first stays", RED, [false, true]);
+        app.world().despawn(subject);
+        expect(&mut app, "despawned", RED, [false, false]);
+        expect(&mut app, "the second stays", BLUE, [true, false]);
+        // The new one takes the slot of the old one.
+        spawn_mesh(&mut app, cube(2.0), unlit(GREEN), Transform::from_translation(RIGHT));
+        expect(&mut app, "a third one came", GREEN, [false, true]);
+
+        // Children follow their parents.
+        let parent = app.world().spawn((Transform::IDENTITY, Visibility::default())).id();
+        app.world().entity_mut(second).insert(ChildOf(parent));
+        app.world().get_mut::<Transform>(parent).unwrap().translation = RIGHT - LEFT + Vec3::Y * 2.5;
+        expect(&mut app, "moved by its parent", BLUE, [false, true]);
+        app.world().entity_mut(parent).insert(Visibility::Hidden);
+        expect(&mut app, "hidden by its parent", BLUE, [false, false]);
+    }
+}
+
+#[test]
+fn assets_that_change_are_followed() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else { continue };
+        let camera = mirror(&mut app, SceneName::MirrorRoom);
+        let subject = spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
+        reflect(&mut app, camera, Technique::Reference);
+        let size = expect(&mut app, "at first", RED, [true, false]);
+
+        edit_material(&mut app, subject, |material| material.base_color = Color::srgb_u8(0, 255, 0));
+        expect(&mut app, "recoloured", GREEN, [true, false]);
+        expect(&mut app, "the old colour is gone", RED, [false, false]);
+
+        let texels = |color: [u8; 3]| [color[0], color[1], color[2], 255].repeat(16);
+        let extent = Extent3d { width: 4, height: 4, depth_or_array_layers: 1 };
+        let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
+        let image = Image::new(extent, TextureDimension::D2, texels(BLUE), format, usage);
+        let image = app.world().resource_mut::<Assets<Image>>().add(image);
+        edit_material(&mut app, subject, |material| {
+            material.base_color = Color::WHITE;
+            material.base_color_texture = Some(image.clone());
+        });
+        expect(&mut app, "textured", BLUE, [true, false]);
+        app.world().resource_mut::<Assets<Image>>().get_mut(&image).unwrap().data = Some(texels(RED));
+        expect(&mut app, "texels changed", RED, [true, false]);
+        expect(&mut app, "the old texels are gone", BLUE, [false, false]);
+        edit_material(&mut app, subject, |material| *material = unlit(GREEN));
+        expect(&mut app, "texture removed", GREEN, [true, false]);
+
+        let mesh = app.world().get::<Mesh3d>(subject).unwrap().0.clone();
+        *app.world().resource_mut::<Assets<Mesh>>().get_mut(&mesh).unwrap() = cube(1.0);
+        let small = expect(&mut app, "mesh changed", GREEN, [true, false]);
+        assert!(small * 5 < size * 2, "{small} pixels after the cube was halved, {size} before");
+        let other = app.world().resource_mut::<Assets<Mesh>>().add(cube(2.0));
+        app.world().entity_mut(subject).insert(Mesh3d(other));
+        let large = expect(&mut app, "another mesh", GREEN, [true, false]);
+        assert!(large.abs_diff(size) * 10 < size, "{large} pixels with another large cube, {size} with the first");
+
+        let blue = app.world().resource_mut::<Assets<StandardMaterial>>().add(unlit(BLUE));
+        app.world().entity_mut(subject).insert(MeshMaterial3d(blue));
+        expect(&mut app, "another material", BLUE, [true, false]);
+        app.world().entity_mut(subject).remove::<Mesh3d>();
+        expect(&mut app, "without a mesh", BLUE, [false, false]);
+    }
+}
+
+#[test]
+fn a_still_scene_builds_nothing() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else { continue };
+        let camera = mirror(&mut app, SceneName::MirrorRoom);
+        let subject = spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
+        reflect(&mut app, camera, Technique::Reference);
+        app.step(4);
+        let builds = |app: &mut HeadlessApp| {
+            let report = report(app);
+            (report.tlas_builds, report.blas_builds)
+        };
+        let before = builds(&mut app);
+        assert!(before.0 > 0 && before.1 >= 2, "{tracer:?}: {before:?}");
+        app.step(10);
+        assert_eq!(builds(&mut app), before, "{tracer:?}: builds of top level and meshes in a still scene");
+        // A camera that moves changes nothing for rays either.
+        app.world().get_mut::<Transform>(camera).unwrap().translation.x = 0.1;
+        app.step(2);
+        assert_eq!(builds(&mut app), before, "{tracer:?}: only the camera moved");
+        app.world().get_mut::<Transform>(subject).unwrap().translation = RIGHT;
+        app.step(4);
+        assert_eq!(builds(&mut app), (before.0 + 1, before.1), "{tracer:?}: one object moved once");
+    }
+}
+
+#[test]
+fn without_a_camera_that_reflects_the_scene_is_freed() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else { continue };
+        // In white surroundings a mirror without its environment's light would be black.
+        let camera = mirror(&mut app, SceneName::Furnace);
+        spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
+        app.warm_up(20_000).unwrap();
+        app.step(2);
+        let never = app.capture().unwrap();
+        assert!(never[4 * 100] > 100, "the environment is seen in the mirror");
+        reflect(&mut app, camera, Technique::Reference);
+        let first = expect(&mut app, "with reflections", RED, [true, false]);
+        let active = report(&mut app);
+        assert_eq!(active.instances, 2);
+        assert!(active.scene_bytes > 0 && active.triangles > 0, "{active:?}");
+
+        app.world().entity_mut(camera).remove::<RayTracedReflections>();
+        app.step(2);
+        let idle = report(&mut app);
+        assert_eq!((idle.instances, idle.scene_bytes, idle.meshes, idle.triangles), (0, 0, 0, 0), "{idle:?}");
+        let picture = app.capture().unwrap();
+        assert_eq!(differing_pixels(&never, &picture, 1), 0, "{tracer:?}: something of the reflections stays");
+
+        reflect(&mut app, camera, Technique::Reference);
+        assert_eq!(expect(&mut app, "once more", RED, [true, false]), first);
+        assert_eq!(report(&mut app).instances, 2);
+        // An inactive camera counts as none.
+        app.world().get_mut::<Camera>(camera).unwrap().is_active = false;
+        app.step(2);
+        assert_eq!(report(&mut app).instances, 0);
+    }
+}
+
+#[test]
+fn a_viewport_shows_what_a_target_of_its_size_shows() {
+    let half = UVec2::new(SIZE.x / 2, SIZE.y);
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else { continue };
+        let name = SceneName::MirrorRoom;
+        glint_scenes::spawn(name, app.world());
+        let mut image = Image::new_target_texture(half.x, half.y, TextureFormat::Rgba8UnormSrgb, None);
+        image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
+        let whole = app.world().resource_mut::<Assets<Image>>().add(image);
+        let viewport = |x| Some(Viewport { physical_position: UVec2::new(x, 0), physical_size: half, ..default() });
+        let targets = [
+            (app.target(), viewport(0), 0),
+            (app.target(), viewport(half.x), 1),
+            (RenderTarget::from(whole.clone()), None, 2),
+        ];
+        let environment = environment(name, app.world());
+        let [left, right, alone] = targets.map(|(target, viewport, order)| {
+            let (transform, projection) = glint_scenes::camera(name);
+            let camera = Camera { viewport, order, ..default() };
+            let entity = app.spawn_camera((transform, Projection::from(projection), camera, target));
+            environment.clone().insert(&mut app.world().entity_mut(entity));
+            entity
+        });
+        app.world().get_mut::<Camera>(right).unwrap().clear_color = ClearColorConfig::None;
+        app.warm_up(20_000).unwrap();
+        app.step(2);
+        let off = app.capture().unwrap();
+        reflect(&mut app, alone, Technique::Reference);
+        reflect(&mut app, left, Technique::Reference);
+        app.step(2);
+        let on = app.capture().unwrap();
+        let whole = read_image(app.app().sub_app(RenderApp).world(), &whole).unwrap();
+
+        let columns = half.x as usize;
+        let changed = flip(half, &crop(&off, 0..columns), &crop(&on, 0..columns)).0;
+        assert!(changed > 0.01, "{tracer:?}: reflections change the left half by {changed} only");
+        assert_flip(&format!("viewport-{tracer:?}"), half, &whole, &crop(&on, 0..columns), 0.01);
+        let (before, after) = (crop(&off, columns..2 * columns), crop(&on, columns..2 * columns));
+        assert_eq!(differing_pixels(&before, &after, 1), 0, "{tracer:?}: the right half doesn't reflect");
+
+        // A viewport that doesn't start at the corner.
+        app.world().entity_mut(alone).remove::<RayTracedReflections>();
+        for (camera, x) in [(left, half.x), (right, 0)] {
+            app.world().get_mut::<Camera>(camera).unwrap().viewport = viewport(x);
+        }
+        warm_up(&mut app);
+        let swapped = app.capture().unwrap();
+        assert_flip(&format!("viewport-right-{tracer:?}"), half, &whole, &crop(&swapped, columns..2 * columns), 0.01);
+    }
+}
+
+#[test]
+fn a_reduced_resolution_stays_inside() {
+    let inside = UVec2::new(60, 40);
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else { continue };
+        let camera = mirror(&mut app, SceneName::MirrorRoom);
+        spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
+        app.warm_up(20_000).unwrap();
+        let render_entity = app.world().get::<RenderEntity>(camera).unwrap().id();
+        let render_world = app.app().sub_app_mut(RenderApp).world_mut();
+        render_world.entity_mut(render_entity).insert(MainPassResolutionOverride(inside));
+        app.warm_up(20_000).unwrap();
+        app.step(2);
+        let off = app.capture().unwrap();
+        reflect(&mut app, camera, Technique::Reference);
+        app.step(2);
+        let on = app.capture().unwrap();
+        let (mut changed_inside, mut changed_outside) = (0, 0);
+        for (i, (a, b)) in off.chunks_exact(4).zip(on.chunks_exact(4)).enumerate() {
+            let (x, y) = (i as u32 % SIZE.x, i as u32 / SIZE.x);
+            let changed = usize::from(a.iter().zip(b).any(|(a, b)| a.abs_diff(*b) > 1));
+            if x < inside.x && y < inside.y {
+                changed_inside += changed;
+            } else {
+                changed_outside += changed;
+            }
+        }
+        assert!(changed_inside > 60, "{tracer:?}: {changed_inside} pixels reflect");
+        assert_eq!(changed_outside, 0, "{tracer:?}: pixels beyond the reduced resolution changed");
+    }
+}
