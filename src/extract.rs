@@ -1,7 +1,6 @@
 //! From the cameras of the main world to the views of the render world.
 
 use crate::{
-    composite::CompositePipelines,
     scene::environment::ViewEnvironment,
     settings::{RayTracedReflections, SafeSettings, Technique},
     trace::ReflectionPipelines,
@@ -141,10 +140,11 @@ pub struct ExtractionState {
 pub fn extract_cameras(
     mut main_world: ResMut<MainWorld>,
     mut pipelines: Option<ResMut<ReflectionPipelines>>,
-    composite: Option<Res<CompositePipelines>>,
     warm: Res<WarmLighting>,
-    cache: Res<PipelineCache>,
-    existing: Query<(Entity, Has<ReflectionView>, Option<&ViewEnvironment>), Or<(With<ReflectionView>, With<WantsReflections>)>>,
+    existing: Query<
+        (Entity, Has<ReflectionView>, Option<&ViewEnvironment>),
+        Or<(With<ReflectionView>, With<WantsReflections>)>,
+    >,
     mut state: Local<ExtractionState>,
     mut commands: Commands,
 ) {
@@ -157,7 +157,9 @@ pub fn extract_cameras(
     let mut wanting = EntityHashSet::default();
     let mut present = EntityHashSet::default();
     for mut camera in query.iter_mut(&mut main_world) {
-        let Some(reflections) = camera.reflections.as_mut() else { continue };
+        let Some(reflections) = camera.reflections.as_mut() else {
+            continue;
+        };
         present.insert(camera.entity);
         if !camera.camera.is_active {
             continue;
@@ -166,7 +168,10 @@ pub fn extract_cameras(
             (Problem::ScreenSpace, camera.screen_space),
             (Problem::Prepass, !(camera.depth && camera.deferred && camera.normal)),
             (Problem::LowRange, !camera.hdr),
-            (Problem::Multisampling, camera.msaa.is_some_and(|msaa| *msaa != Msaa::Off)),
+            (
+                Problem::Multisampling,
+                camera.msaa.is_some_and(|msaa| *msaa != Msaa::Off),
+            ),
             (Problem::Forward, forward),
         ];
         for (problem, present) in problems {
@@ -176,7 +181,10 @@ pub fn extract_cameras(
                 warn!("camera {}: {}", camera.entity, problem.remedy());
             }
         }
-        if problems.iter().any(|(problem, present)| *present && *problem != Problem::Forward) {
+        if problems
+            .iter()
+            .any(|(problem, present)| *present && *problem != Problem::Forward)
+        {
             if camera.screen_space && existing.contains(camera.render_entity) {
                 // The uniform on the view is Bevy's own now.
                 commands.entity(camera.render_entity).remove::<OursOfAView>();
@@ -186,13 +194,13 @@ pub fn extract_cameras(
         }
         wanting.insert(camera.render_entity);
         let settings = SafeSettings::from(&**reflections);
-        let (active, environment) =
-            existing.get(camera.render_entity).map_or((false, None), |(_, active, environment)| (active, environment.cloned()));
+        let (active, environment) = existing
+            .get(camera.render_entity)
+            .map_or((false, None), |(_, active, environment)| (active, environment.cloned()));
         let ready = pipelines.as_mut().is_some_and(|pipelines| {
             pipelines.request(settings.technique);
-            pipelines.is_ready(&cache, settings.technique)
-        }) && composite.as_ref().is_some_and(|composite| composite.are_ready(&cache))
-            && (active || warm.0.contains(&camera.render_entity));
+            pipelines.is_ready(settings.technique)
+        }) && (active || warm.0.contains(&camera.render_entity));
         if !ready {
             // Until then the picture keeps Bevy's environment map.
             let mut view = commands.entity(camera.render_entity);
@@ -250,7 +258,9 @@ pub fn warm_lighting(
 ) {
     warm.0.clear();
     for (entity, view) in &views {
-        let Some(&key) = keys.get(&view.retained_view_entity) else { continue };
+        let Some(&key) = keys.get(&view.retained_view_entity) else {
+            continue;
+        };
         let key = key | MeshPipelineKey::SCREEN_SPACE_REFLECTIONS;
         let pipeline = pipelines.specialize(&cache, &layout, key);
         if cache.get_render_pipeline(pipeline).is_some() {

@@ -4,11 +4,12 @@ use crate::{
     composite::{CompositePipelines, init_composite_pipelines, queue_composite_pipelines},
     diagnostics,
     extract::{AllOfAView, ReflectionView, WarmLighting, extract_cameras, warm_lighting},
-    scene::{SceneBindings, ScenePlugin},
+    scene::{SceneBindings, ScenePlugin, environment::extract_environments},
     settings::{NotReflected, RayTracedReflections, Technique, TextureMip, TracerChoice},
     status::{self, ReflectionStatus},
     trace::{
-        ReflectionPipelines, drop_ssr_pass, init_reflection_pipelines, queue_reflection_pipelines, ray_traced_reflections,
+        ReflectionPipelines, drop_ssr_pass, init_reflection_pipelines, queue_reflection_pipelines,
+        ray_traced_reflections,
     },
     view::prepare_views,
 };
@@ -74,9 +75,16 @@ impl Plugin for RayTracedReflectionsPlugin {
 
     fn finish(&self, app: &mut App) {
         let status = app.world().resource::<ReflectionStatus>().clone();
-        let Some(render_app) = app.get_sub_app_mut(RenderApp) else { return };
-        let Some(device) = render_app.world().get_resource::<RenderDevice>() else { return };
-        let adapter = render_app.world().get_resource::<RenderAdapterInfo>().map(status::adapter_name);
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
+            return;
+        };
+        let Some(device) = render_app.world().get_resource::<RenderDevice>() else {
+            return;
+        };
+        let adapter = render_app
+            .world()
+            .get_resource::<RenderAdapterInfo>()
+            .map(status::adapter_name);
         let adapter = adapter.unwrap_or_default();
         if let Some(reason) = status::unsupported(device) {
             warn!("ray-traced reflections are off on {adapter}: {reason}");
@@ -95,7 +103,10 @@ impl Plugin for RayTracedReflectionsPlugin {
             report.reasons = reasons;
         });
         info!("{}", status.report());
-        render_app.insert_resource(status).insert_resource(ChosenTracer(tracer)).init_resource::<WarmLighting>();
+        render_app
+            .insert_resource(status)
+            .insert_resource(ChosenTracer(tracer))
+            .init_resource::<WarmLighting>();
         ScenePlugin::add_systems(render_app);
         render_app
             .add_systems(
@@ -107,15 +118,24 @@ impl Plugin for RayTracedReflectionsPlugin {
                         .after(init_gpu_resource::<SceneBindings>),
                 ),
             )
-            .add_systems(ExtractSchedule, extract_cameras)
+            .add_systems(
+                ExtractSchedule,
+                extract_cameras.after(extract_environments::<RayTracedReflections>),
+            )
             .add_systems(
                 Render,
                 (
-                    (queue_composite_pipelines, queue_reflection_pipelines).chain().in_set(RenderSystems::Prepare),
-                    warm_lighting.after(prepare_deferred_lighting_pipelines).in_set(RenderSystems::Prepare),
+                    (queue_composite_pipelines, queue_reflection_pipelines)
+                        .chain()
+                        .in_set(RenderSystems::Prepare),
+                    warm_lighting
+                        .after(prepare_deferred_lighting_pipelines)
+                        .in_set(RenderSystems::Prepare),
                     // After the sets in which ambient occlusion and light probes of views are prepared.
                     prepare_views.in_set(RenderSystems::PrepareResourcesFlush),
-                    drop_ssr_pass.after(prepare_ssr_pipelines).in_set(RenderSystems::PrepareBindGroups),
+                    drop_ssr_pass
+                        .after(prepare_ssr_pipelines)
+                        .in_set(RenderSystems::PrepareBindGroups),
                 ),
             )
             .add_systems(

@@ -72,7 +72,10 @@ impl Default for RayTracedReflections {
 impl EnvironmentSettings for RayTracedReflections {
     fn hit_shading(&self) -> HitShading {
         let fixed_mip = SafeSettings::from(self).fixed_mip;
-        HitShading { shadow_rays: self.shadow_rays, texture_level: fixed_mip.map_or(TextureLevel::RayCone, TextureLevel::Fixed) }
+        HitShading {
+            shadow_rays: self.shadow_rays,
+            texture_level: fixed_mip.map_or(TextureLevel::RayCone, TextureLevel::Fixed),
+        }
     }
 }
 
@@ -148,7 +151,10 @@ pub struct UnknownName {
 
 impl UnknownName {
     fn new(name: &str, choices: &'static str) -> Self {
-        Self { name: name.into(), choices }
+        Self {
+            name: name.into(),
+            choices,
+        }
     }
 }
 
@@ -214,6 +220,9 @@ mod tests {
         assert_eq!("converged".parse(), Ok(Technique::Converged));
         assert_eq!("ray-query".parse(), Ok(TracerChoice::RayQuery));
         let error = "rays".parse::<TracerChoice>().unwrap_err();
-        assert_eq!(error.to_string(), "`rays` is unknown; choose one of: auto, ray-query, bvh");
+        assert_eq!(
+            error.to_string(),
+            "`rays` is unknown; choose one of: auto, ray-query, bvh"
+        );
     }
 }

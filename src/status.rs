@@ -92,7 +92,11 @@ pub fn ray_query_features() -> WgpuFeatures {
 }
 
 /// Picks the tracer, with the reasons for not picking a better one or the one that was asked for.
-pub(crate) fn choose_tracer(choice: TracerChoice, features: WgpuFeatures, limits: &WgpuLimits) -> (Tracer, Vec<String>) {
+pub(crate) fn choose_tracer(
+    choice: TracerChoice,
+    features: WgpuFeatures,
+    limits: &WgpuLimits,
+) -> (Tracer, Vec<String>) {
     let mut missing = ray_query_features().difference(features);
     // Limits of acceleration structures are zero unless they were asked for.
     if limits.max_acceleration_structures_per_shader_stage == 0
@@ -104,17 +108,25 @@ pub(crate) fn choose_tracer(choice: TracerChoice, features: WgpuFeatures, limits
     match choice {
         TracerChoice::Bvh => (Tracer::Bvh, vec!["the BVH was asked for".into()]),
         _ if missing.is_empty() => (Tracer::RayQuery, vec![]),
-        TracerChoice::Auto => (Tracer::Bvh, vec![format!("no ray queries, since the device lacks {missing:?}")]),
+        TracerChoice::Auto => (
+            Tracer::Bvh,
+            vec![format!("no ray queries, since the device lacks {missing:?}")],
+        ),
         TracerChoice::RayQuery => (
             Tracer::Bvh,
-            vec![format!("ray queries were asked for, but the device lacks {missing:?}; the BVH is used instead")],
+            vec![format!(
+                "ray queries were asked for, but the device lacks {missing:?}; the BVH is used instead"
+            )],
         ),
     }
 }
 
 /// Adapter, driver and back end in one line.
 pub(crate) fn adapter_name(info: &RenderAdapterInfo) -> String {
-    format!("{} ({:?}, {} {})", info.name, info.backend, info.driver, info.driver_info)
+    format!(
+        "{} ({:?}, {} {})",
+        info.name, info.backend, info.driver, info.driver_info
+    )
 }
 
 /// Why this device can't trace at all, or `None`.
@@ -132,7 +144,7 @@ pub(crate) fn unsupported(device: &RenderDevice) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{choose_tracer as choose_tracer_of, *};
 
     #[test]
     fn the_tracer_follows_choice_and_features() {
@@ -144,7 +156,7 @@ mod tests {
             max_blas_primitive_count: 1000,
             ..Default::default()
         };
-        let choose_tracer = |choice, features| super::choose_tracer(choice, features, &limits);
+        let choose_tracer = |choice, features| choose_tracer_of(choice, features, &limits);
         assert_eq!(choose_tracer(TracerChoice::Auto, all).0, Tracer::RayQuery);
         assert_eq!(choose_tracer(TracerChoice::Auto, none).0, Tracer::Bvh);
         assert_eq!(choose_tracer(TracerChoice::Bvh, all).0, Tracer::Bvh);

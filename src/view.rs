@@ -4,8 +4,8 @@ use crate::{extract::ReflectionView, scene::SceneBindings, settings::Technique};
 use bevy::{
     camera::MainPassResolutionOverride,
     ecs::prelude::*,
-    math::{UVec2, Vec3, Vec4},
     light::{EnvironmentMapLight, IrradianceVolume},
+    math::{UVec2, Vec3, Vec4},
     pbr::{DistanceFog, FogFalloff, RenderViewLightProbes, ScreenSpaceAmbientOcclusionResources},
     prelude::*,
     render::{
@@ -117,7 +117,11 @@ impl ReflectionTextures {
 fn create(device: &RenderDevice, size: UVec2, format: TextureFormat, label: &'static str) -> TextureView {
     let texture: Texture = device.create_texture(&TextureDescriptor {
         label: Some(label),
-        size: Extent3d { width: size.x, height: size.y, depth_or_array_layers: 1 },
+        size: Extent3d {
+            width: size.x,
+            height: size.y,
+            depth_or_array_layers: 1,
+        },
         mip_level_count: 1,
         sample_count: 1,
         dimension: TextureDimension::D2,
@@ -125,7 +129,10 @@ fn create(device: &RenderDevice, size: UVec2, format: TextureFormat, label: &'st
         usage: TextureUsages::TEXTURE_BINDING | TextureUsages::STORAGE_BINDING | TextureUsages::COPY_SRC,
         view_formats: &[],
     });
-    texture.create_view(&TextureViewDescriptor { label: Some(label), ..default() })
+    texture.create_view(&TextureViewDescriptor {
+        label: Some(label),
+        ..default()
+    })
 }
 
 type ViewQuery = (
@@ -150,8 +157,12 @@ pub fn prepare_views(
     mut commands: Commands,
 ) {
     for (entity, view, extracted, camera, textures, resolution, fog, ssao, environment, volume) in &mut views {
-        let Some(viewport) = camera.physical_viewport_size else { continue };
-        let size = resolution.map_or(viewport, |resolution| resolution.0.min(viewport)).max(UVec2::ONE);
+        let Some(viewport) = camera.physical_viewport_size else {
+            continue;
+        };
+        let size = resolution
+            .map_or(viewport, |resolution| resolution.0.min(viewport))
+            .max(UVec2::ONE);
         let origin = extracted.viewport.xy();
         let technique = view.settings.technique;
         let mut flags = if ssao { VIEW_HAS_SSAO } else { 0 };

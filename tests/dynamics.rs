@@ -30,7 +30,11 @@ const RIGHT: Vec3 = Vec3::new(2.5, 0.0, 6.0);
 
 fn unlit(color: [u8; 3]) -> StandardMaterial {
     let [r, g, b] = color;
-    StandardMaterial { base_color: Color::srgb_u8(r, g, b), unlit: true, ..default() }
+    StandardMaterial {
+        base_color: Color::srgb_u8(r, g, b),
+        unlit: true,
+        ..default()
+    }
 }
 
 fn cube(size: f32) -> Mesh {
@@ -46,7 +50,11 @@ fn spawn_mesh(app: &mut HeadlessApp, mesh: impl Into<Mesh>, material: StandardMa
 
 /// A mirror that fills the picture of a camera three metres before it, in the surroundings of a scene.
 fn mirror(app: &mut HeadlessApp, surroundings: SceneName) -> Entity {
-    let material = StandardMaterial { metallic: 1.0, perceptual_roughness: 0.0, ..default() };
+    let material = StandardMaterial {
+        metallic: 1.0,
+        perceptual_roughness: 0.0,
+        ..default()
+    };
     spawn_mesh(app, Rectangle::new(12.0, 12.0), material, Transform::IDENTITY);
     let environment = environment(surroundings, app.world());
     let camera = app.spawn_camera(Transform::from_xyz(0.0, 0.0, 3.0));
@@ -91,7 +99,10 @@ fn expect(app: &mut HeadlessApp, what: &str, color: [u8; 3], shown: [bool; 2]) -
     let counts = halves(&app.capture().unwrap(), color);
     for (half, (count, shown)) in ["left", "right"].into_iter().zip(counts.into_iter().zip(shown)) {
         let right = if shown { count >= 25 } else { count == 0 };
-        assert!(right, "{what}: {count} pixels of {color:?} in the {half} half; expected there: {shown}");
+        assert!(
+            right,
+            "{what}: {count} pixels of {color:?} in the {half} half; expected there: {shown}"
+        );
     }
     counts[0] + counts[1]
 }
@@ -112,13 +123,18 @@ fn differing_pixels(a: &[u8], b: &[u8], tolerance: u8) -> usize {
 /// Columns of a picture.
 fn crop(picture: &[u8], columns: core::ops::Range<usize>) -> Vec<u8> {
     let lines = picture.chunks_exact(4 * SIZE.x as usize);
-    lines.flat_map(|line| &line[4 * columns.start..4 * columns.end]).copied().collect()
+    lines
+        .flat_map(|line| &line[4 * columns.start..4 * columns.end])
+        .copied()
+        .collect()
 }
 
 #[test]
 fn entities_that_change_are_followed() {
     for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else { continue };
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
         let camera = mirror(&mut app, SceneName::MirrorRoom);
         let subject = spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
         app.warm_up(20_000).unwrap();
@@ -128,7 +144,10 @@ fn entities_that_change_are_followed() {
 
         app.world().get_mut::<Transform>(subject).unwrap().translation = RIGHT;
         let moved = expect(&mut app, "moved", RED, [false, true]);
-        assert!(moved.abs_diff(size) * 10 < size, "{moved} pixels after the move, {size} before");
+        assert!(
+            moved.abs_diff(size) * 10 < size,
+            "{moved} pixels after the move, {size} before"
+        );
         app.world().entity_mut(subject).insert(Visibility::Hidden);
         expect(&mut app, "hidden", RED, [false, false]);
         app.world().entity_mut(subject).insert(Visibility::Visible);
@@ -161,18 +180,26 @@ fn entities_that_change_are_followed() {
 #[test]
 fn assets_that_change_are_followed() {
     for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else { continue };
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
         let camera = mirror(&mut app, SceneName::MirrorRoom);
         let subject = spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
         reflect(&mut app, camera, Technique::Reference);
         let size = expect(&mut app, "at first", RED, [true, false]);
 
-        edit_material(&mut app, subject, |material| material.base_color = Color::srgb_u8(0, 255, 0));
+        edit_material(&mut app, subject, |material| {
+            material.base_color = Color::srgb_u8(0, 255, 0)
+        });
         expect(&mut app, "recoloured", GREEN, [true, false]);
         expect(&mut app, "the old colour is gone", RED, [false, false]);
 
         let texels = |color: [u8; 3]| [color[0], color[1], color[2], 255].repeat(16);
-        let extent = Extent3d { width: 4, height: 4, depth_or_array_layers: 1 };
+        let extent = Extent3d {
+            width: 4,
+            height: 4,
+            depth_or_array_layers: 1,
+        };
         let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
         let image = Image::new(extent, TextureDimension::D2, texels(BLUE), format, usage);
         let image = app.world().resource_mut::<Assets<Image>>().add(image);
@@ -181,7 +208,11 @@ fn assets_that_change_are_followed() {
             material.base_color_texture = Some(image.clone());
         });
         expect(&mut app, "textured", BLUE, [true, false]);
-        app.world().resource_mut::<Assets<Image>>().get_mut(&image).unwrap().data = Some(texels(RED));
+        app.world()
+            .resource_mut::<Assets<Image>>()
+            .get_mut(&image)
+            .unwrap()
+            .data = Some(texels(RED));
         expect(&mut app, "texels changed", RED, [true, false]);
         expect(&mut app, "the old texels are gone", BLUE, [false, false]);
         edit_material(&mut app, subject, |material| *material = unlit(GREEN));
@@ -190,11 +221,17 @@ fn assets_that_change_are_followed() {
         let mesh = app.world().get::<Mesh3d>(subject).unwrap().0.clone();
         *app.world().resource_mut::<Assets<Mesh>>().get_mut(&mesh).unwrap() = cube(1.0);
         let small = expect(&mut app, "mesh changed", GREEN, [true, false]);
-        assert!(small * 5 < size * 2, "{small} pixels after the cube was halved, {size} before");
+        assert!(
+            small * 5 < size * 2,
+            "{small} pixels after the cube was halved, {size} before"
+        );
         let other = app.world().resource_mut::<Assets<Mesh>>().add(cube(2.0));
         app.world().entity_mut(subject).insert(Mesh3d(other));
         let large = expect(&mut app, "another mesh", GREEN, [true, false]);
-        assert!(large.abs_diff(size) * 10 < size, "{large} pixels with another large cube, {size} with the first");
+        assert!(
+            large.abs_diff(size) * 10 < size,
+            "{large} pixels with another large cube, {size} with the first"
+        );
 
         let blue = app.world().resource_mut::<Assets<StandardMaterial>>().add(unlit(BLUE));
         app.world().entity_mut(subject).insert(MeshMaterial3d(blue));
@@ -207,7 +244,9 @@ fn assets_that_change_are_followed() {
 #[test]
 fn a_still_scene_builds_nothing() {
     for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else { continue };
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
         let camera = mirror(&mut app, SceneName::MirrorRoom);
         let subject = spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
         reflect(&mut app, camera, Technique::Reference);
@@ -219,21 +258,31 @@ fn a_still_scene_builds_nothing() {
         let before = builds(&mut app);
         assert!(before.0 > 0 && before.1 >= 2, "{tracer:?}: {before:?}");
         app.step(10);
-        assert_eq!(builds(&mut app), before, "{tracer:?}: builds of top level and meshes in a still scene");
+        assert_eq!(
+            builds(&mut app),
+            before,
+            "{tracer:?}: builds of top level and meshes in a still scene"
+        );
         // A camera that moves changes nothing for rays either.
         app.world().get_mut::<Transform>(camera).unwrap().translation.x = 0.1;
         app.step(2);
         assert_eq!(builds(&mut app), before, "{tracer:?}: only the camera moved");
         app.world().get_mut::<Transform>(subject).unwrap().translation = RIGHT;
         app.step(4);
-        assert_eq!(builds(&mut app), (before.0 + 1, before.1), "{tracer:?}: one object moved once");
+        assert_eq!(
+            builds(&mut app),
+            (before.0 + 1, before.1),
+            "{tracer:?}: one object moved once"
+        );
     }
 }
 
 #[test]
 fn without_a_camera_that_reflects_the_scene_is_freed() {
     for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else { continue };
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
         // In white surroundings a mirror without its environment's light would be black.
         let camera = mirror(&mut app, SceneName::Furnace);
         spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
@@ -250,9 +299,17 @@ fn without_a_camera_that_reflects_the_scene_is_freed() {
         app.world().entity_mut(camera).remove::<RayTracedReflections>();
         app.step(2);
         let idle = report(&mut app);
-        assert_eq!((idle.instances, idle.scene_bytes, idle.meshes, idle.triangles), (0, 0, 0, 0), "{idle:?}");
+        assert_eq!(
+            (idle.instances, idle.scene_bytes, idle.meshes, idle.triangles),
+            (0, 0, 0, 0),
+            "{idle:?}"
+        );
         let picture = app.capture().unwrap();
-        assert_eq!(differing_pixels(&never, &picture, 1), 0, "{tracer:?}: something of the reflections stays");
+        assert_eq!(
+            differing_pixels(&never, &picture, 1),
+            0,
+            "{tracer:?}: something of the reflections stays"
+        );
 
         reflect(&mut app, camera, Technique::Reference);
         assert_eq!(expect(&mut app, "once more", RED, [true, false]), first);
@@ -268,13 +325,21 @@ fn without_a_camera_that_reflects_the_scene_is_freed() {
 fn a_viewport_shows_what_a_target_of_its_size_shows() {
     let half = UVec2::new(SIZE.x / 2, SIZE.y);
     for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else { continue };
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
         let name = SceneName::MirrorRoom;
         glint_scenes::spawn(name, app.world());
         let mut image = Image::new_target_texture(half.x, half.y, TextureFormat::Rgba8UnormSrgb, None);
         image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
         let whole = app.world().resource_mut::<Assets<Image>>().add(image);
-        let viewport = |x| Some(Viewport { physical_position: UVec2::new(x, 0), physical_size: half, ..default() });
+        let viewport = |x| {
+            Some(Viewport {
+                physical_position: UVec2::new(x, 0),
+                physical_size: half,
+                ..default()
+            })
+        };
         let targets = [
             (app.target(), viewport(0), 0),
             (app.target(), viewport(half.x), 1),
@@ -283,7 +348,11 @@ fn a_viewport_shows_what_a_target_of_its_size_shows() {
         let environment = environment(name, app.world());
         let [left, right, alone] = targets.map(|(target, viewport, order)| {
             let (transform, projection) = glint_scenes::camera(name);
-            let camera = Camera { viewport, order, ..default() };
+            let camera = Camera {
+                viewport,
+                order,
+                ..default()
+            };
             let entity = app.spawn_camera((transform, Projection::from(projection), camera, target));
             environment.clone().insert(&mut app.world().entity_mut(entity));
             entity
@@ -300,10 +369,23 @@ fn a_viewport_shows_what_a_target_of_its_size_shows() {
 
         let columns = half.x as usize;
         let changed = flip(half, &crop(&off, 0..columns), &crop(&on, 0..columns)).0;
-        assert!(changed > 0.01, "{tracer:?}: reflections change the left half by {changed} only");
-        assert_flip(&format!("viewport-{tracer:?}"), half, &whole, &crop(&on, 0..columns), 0.01);
+        assert!(
+            changed > 0.01,
+            "{tracer:?}: reflections change the left half by {changed} only"
+        );
+        assert_flip(
+            &format!("viewport-{tracer:?}"),
+            half,
+            &whole,
+            &crop(&on, 0..columns),
+            0.01,
+        );
         let (before, after) = (crop(&off, columns..2 * columns), crop(&on, columns..2 * columns));
-        assert_eq!(differing_pixels(&before, &after, 1), 0, "{tracer:?}: the right half doesn't reflect");
+        assert_eq!(
+            differing_pixels(&before, &after, 1),
+            0,
+            "{tracer:?}: the right half doesn't reflect"
+        );
 
         // A viewport that doesn't start at the corner.
         app.world().entity_mut(alone).remove::<RayTracedReflections>();
@@ -312,7 +394,13 @@ fn a_viewport_shows_what_a_target_of_its_size_shows() {
         }
         warm_up(&mut app);
         let swapped = app.capture().unwrap();
-        assert_flip(&format!("viewport-right-{tracer:?}"), half, &whole, &crop(&swapped, columns..2 * columns), 0.01);
+        assert_flip(
+            &format!("viewport-right-{tracer:?}"),
+            half,
+            &whole,
+            &crop(&swapped, columns..2 * columns),
+            0.01,
+        );
     }
 }
 
@@ -320,13 +408,17 @@ fn a_viewport_shows_what_a_target_of_its_size_shows() {
 fn a_reduced_resolution_stays_inside() {
     let inside = UVec2::new(60, 40);
     for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else { continue };
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
         let camera = mirror(&mut app, SceneName::MirrorRoom);
         spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
         app.warm_up(20_000).unwrap();
         let render_entity = app.world().get::<RenderEntity>(camera).unwrap().id();
         let render_world = app.app().sub_app_mut(RenderApp).world_mut();
-        render_world.entity_mut(render_entity).insert(MainPassResolutionOverride(inside));
+        render_world
+            .entity_mut(render_entity)
+            .insert(MainPassResolutionOverride(inside));
         app.warm_up(20_000).unwrap();
         app.step(2);
         let off = app.capture().unwrap();
@@ -344,6 +436,9 @@ fn a_reduced_resolution_stays_inside() {
             }
         }
         assert!(changed_inside > 60, "{tracer:?}: {changed_inside} pixels reflect");
-        assert_eq!(changed_outside, 0, "{tracer:?}: pixels beyond the reduced resolution changed");
+        assert_eq!(
+            changed_outside, 0,
+            "{tracer:?}: pixels beyond the reduced resolution changed"
+        );
     }
 }

@@ -23,9 +23,24 @@ const BOTH: [TracerChoice; 2] = [TracerChoice::RayQuery, TracerChoice::Bvh];
 /// A mirror floor shows what a camera sees that is mirrored at the floor.
 #[test]
 fn a_mirror_shows_the_mirrored_geometry() {
+    mirror(false);
+}
+
+/// And it shows it as Bevy's own lighting does: hits are shaded like surfaces that are seen directly.
+#[test]
+fn a_mirror_shows_the_mirrored_light() {
+    mirror(true);
+}
+
+fn mirror(lit: bool) {
     let size = UVec2::new(320, 240);
     for tracer in BOTH {
-        let Some(mut app) = app(size, Output::Picture, tracer) else { continue };
+        let Some(mut app) = app(size, Output::Picture, tracer) else {
+            continue;
+        };
+        if lit {
+            app.world().add_observer(light_up);
+        }
         let camera = spawn(&mut app, SceneName::MirrorRoom, Technique::Reference);
         app.step(2);
         let reflected = app.capture().unwrap();
@@ -56,14 +71,56 @@ fn a_mirror_shows_the_mirrored_geometry() {
                 }
             }
         }
-        println!("mirror, {tracer:?}: {wrong} of {compared} pixels differ");
+        println!("mirror, lit {lit}, {tracer:?}: {wrong} of {compared} pixels differ");
         assert!(compared > 5000, "the floor is in the picture");
         if wrong * 100 > compared * 3 {
-            pictures::dump(&format!("mirror-{tracer:?}"), size, &below, &reflected);
+            pictures::dump(&format!("mirror-{lit}-{tracer:?}"), size, &below, &reflected);
         }
         // Edges may be a pixel off, since the G-buffer's normals have 12 bits.
         assert!(wrong * 100 <= compared * 3, "{wrong} of {compared} pixels differ");
     }
+}
+
+/// Lights without shadows, and all unlit materials become lit ones of several kinds.
+fn light_up(_: On<Add<RayTracedReflections>>, mut materials: ResMut<Assets<StandardMaterial>>, mut commands: Commands) {
+    let mut kinds = [(0.0, 0.5), (1.0, 0.4), (0.0, 0.9), (0.5, 0.3)].into_iter().cycle();
+    for (_, material) in materials.iter_mut() {
+        if material.unlit {
+            let (metallic, perceptual_roughness) = kinds.next().unwrap_or_default();
+            *material = StandardMaterial {
+                unlit: false,
+                metallic,
+                perceptual_roughness,
+                ..material.clone()
+            };
+        }
+    }
+    commands.insert_resource(GlobalAmbientLight::NONE);
+    commands.spawn((
+        DirectionalLight {
+            illuminance: 2.0,
+            shadow_maps_enabled: false,
+            ..default()
+        },
+        Transform::default().looking_to(Vec3::new(-0.3, -1.0, -0.6), Vec3::Y),
+    ));
+    commands.spawn((
+        PointLight {
+            intensity: 30.0,
+            radius: 0.05,
+            shadow_maps_enabled: false,
+            ..default()
+        },
+        Transform::from_xyz(0.5, 1.0, 1.0),
+    ));
+    commands.spawn((
+        SpotLight {
+            intensity: 60.0,
+            shadow_maps_enabled: false,
+            ..default()
+        },
+        Transform::from_xyz(-0.5, 0.1, 1.5).looking_at(Vec3::new(0.0, 0.6, -0.3), Vec3::Y),
+    ));
 }
 
 fn hide_floor(app: &mut glint_scenes::HeadlessApp) {
@@ -93,12 +150,17 @@ fn on_floor(x: usize, y: usize, size: UVec2) -> bool {
 fn a_white_furnace_stays_white() {
     let size = UVec2::new(240, 120);
     for tracer in BOTH {
-        let Some(mut app) = app(size, Output::Linear, tracer) else { continue };
+        let Some(mut app) = app(size, Output::Linear, tracer) else {
+            continue;
+        };
         spawn(&mut app, SceneName::Furnace, Technique::Converged);
         app.step(64);
         let pixels = app.capture_linear().unwrap();
         let background = pixels[0][0];
-        assert!((background - 1.0).abs() < 0.01, "the environment has a radiance of 1, not {background}");
+        assert!(
+            (background - 1.0).abs() < 0.01,
+            "the environment has a radiance of 1, not {background}"
+        );
         // Spheres stand on a grid of one metre, seen from 7 m with a vertical field of view of 32 degrees.
         let pixels_per_metre = size.y as f32 / (2.0 * 7.0 * 16f32.to_radians().tan());
         for (row, kind) in [(-0.5, "dielectric"), (0.5, "metal")] {
@@ -118,7 +180,10 @@ fn a_white_furnace_stays_white() {
                 }
                 let mean = sum / count as f32;
                 println!("furnace, {tracer:?}: {kind} of roughness {roughness}: {mean:.4}");
-                assert!((mean - background).abs() < 0.01, "{kind} of roughness {roughness} shows {mean}");
+                assert!(
+                    (mean - background).abs() < 0.01,
+                    "{kind} of roughness {roughness} shows {mean}"
+                );
             }
         }
     }
@@ -130,7 +195,9 @@ fn converged_agrees_with_a_path_tracer() {
     let size = UVec2::new(320, 180);
     // The path tracer smooths edges by moving its rays within a pixel; here more pixels do the same.
     const FINER: u32 = 3;
-    let Some(mut ours) = app(size * FINER, Output::Linear, TracerChoice::RayQuery) else { return };
+    let Some(mut ours) = app(size * FINER, Output::Linear, TracerChoice::RayQuery) else {
+        return;
+    };
     spawn(&mut ours, SceneName::EmissiveFloor, Technique::Converged);
     ours.step(48);
     let converged = shrink(&ours.capture_linear().unwrap(), size, FINER);
@@ -142,12 +209,19 @@ fn converged_agrees_with_a_path_tracer() {
     let Some(mut theirs) = traced else { return };
     let camera = theirs.spawn_scene(SceneName::EmissiveFloor, &Default::default());
     let world = theirs.world();
-    let meshes: Vec<_> = world.query::<(Entity, &Mesh3d)>().iter(world).map(|(e, m)| (e, m.0.clone())).collect();
+    let meshes: Vec<_> = world
+        .query::<(Entity, &Mesh3d)>()
+        .iter(world)
+        .map(|(e, m)| (e, m.0.clone()))
+        .collect();
     for (entity, mesh) in meshes {
         world.entity_mut(entity).insert(RaytracingMesh3d(mesh));
     }
-    let usages = bevy::camera::CameraMainTextureUsages::default().with(bevy::render::render_resource::TextureUsages::STORAGE_BINDING);
-    world.entity_mut(camera).insert((Pathtracer { reset: true }, Hdr, Msaa::Off, Tonemapping::None, usages));
+    let usages = bevy::camera::CameraMainTextureUsages::default()
+        .with(bevy::render::render_resource::TextureUsages::STORAGE_BINDING);
+    world
+        .entity_mut(camera)
+        .insert((Pathtracer { reset: true }, Hdr, Msaa::Off, Tonemapping::None, usages));
     theirs.warm_up(20_000).unwrap();
     theirs.world().get_mut::<Pathtracer>(camera).unwrap().reset = true;
     theirs.step(1);
@@ -169,7 +243,7 @@ fn shrink(pixels: &[[f32; 4]], size: UVec2, factor: u32) -> Vec<u8> {
                 sum += Vec3::new(pixel[0], pixel[1], pixel[2]).clamp(Vec3::ZERO, Vec3::ONE);
             }
             let mean = sum / (factor * factor) as f32;
-            let color = bevy::color::Srgba::from(LinearRgba::rgb(mean.x, mean.y, mean.z));
+            let color = Srgba::from(LinearRgba::rgb(mean.x, mean.y, mean.z));
             bytes.extend(color.to_u8_array());
         }
     }
@@ -182,7 +256,9 @@ fn both_tracers_show_the_same_picture() {
     let size = UVec2::new(320, 180);
     let mut pictures_of_both = Vec::new();
     for tracer in BOTH {
-        let Some(mut app) = app(size, Output::Picture, tracer) else { return };
+        let Some(mut app) = app(size, Output::Picture, tracer) else {
+            return;
+        };
         spawn(&mut app, SceneName::Demo, Technique::Converged);
         app.world().resource_mut::<Time<Virtual>>().pause();
         app.step(32);
@@ -196,7 +272,9 @@ fn both_tracers_show_the_same_picture() {
 #[test]
 fn known_degradations_are_told_apart() {
     let size = UVec2::new(320, 180);
-    let Some(mut app) = app(size, Output::Picture, TracerChoice::Bvh) else { return };
+    let Some(mut app) = app(size, Output::Picture, TracerChoice::Bvh) else {
+        return;
+    };
     let camera = app.spawn_scene(SceneName::MirrorRoom, &Default::default());
     warm_up_plain(&mut app);
     let off = app.capture().unwrap();

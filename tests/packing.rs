@@ -41,9 +41,15 @@ fn bad_values_are_contained() {
     });
     assert_eq!(packed.base_color, [0.0, 0.0, 2.0, 1.0]);
     assert_eq!(packed.emissive, [0.0, 0.0, 5000.0, 0.0]);
-    assert_eq!((packed.metallic, packed.perceptual_roughness, packed.reflectance), (1.0, 0.5, 0.5));
+    assert_eq!(
+        (packed.metallic, packed.perceptual_roughness, packed.reflectance),
+        (1.0, 0.5, 0.5)
+    );
     assert_eq!(packed.alpha_cutoff, 0.5);
-    assert_eq!((packed.uv_transform, packed.uv_offset), ([1.0, 0.0, 0.0, 1.0], [0.0; 2]));
+    assert_eq!(
+        (packed.uv_transform, packed.uv_offset),
+        ([1.0, 0.0, 0.0, 1.0], [0.0; 2])
+    );
 }
 
 #[test]
@@ -61,14 +67,26 @@ fn flags_follow_the_material() {
     };
     let packed = pack_material(&material);
     let channel = 1 << (MATERIAL_UV1_SHIFT + TEXTURE_NORMAL as u32);
-    assert_eq!(packed.flags, MATERIAL_UNLIT | MATERIAL_DOUBLE_SIDED | MATERIAL_FLIP_NORMAL_MAP_Y | channel);
+    assert_eq!(
+        packed.flags,
+        MATERIAL_UNLIT | MATERIAL_DOUBLE_SIDED | MATERIAL_FLIP_NORMAL_MAP_Y | channel
+    );
     assert_eq!(packed.alpha_cutoff, 0.25);
-    assert_eq!((packed.uv_transform, packed.uv_offset), ([2.0, 0.0, 0.0, 3.0], [4.0, 5.0]));
+    assert_eq!(
+        (packed.uv_transform, packed.uv_offset),
+        ([2.0, 0.0, 0.0, 3.0], [4.0, 5.0])
+    );
     assert_eq!(instance_flags(&material), INSTANCE_ALPHA_MASKED);
-    assert_eq!(texture_ids(&material).map(|id| id.is_some()), [false, false, false, true, false]);
+    assert_eq!(
+        texture_ids(&material).map(|id| id.is_some()),
+        [false, false, false, true, false]
+    );
 
     assert_eq!(instance_flags(&StandardMaterial::default()), INSTANCE_CULL_BACK);
-    let front = StandardMaterial { cull_mode: Some(Face::Front), ..Default::default() };
+    let front = StandardMaterial {
+        cull_mode: Some(Face::Front),
+        ..Default::default()
+    };
     assert_eq!(instance_flags(&front), INSTANCE_CULL_FRONT);
 }
 
@@ -83,15 +101,31 @@ fn what_only_adds_light_is_not_traced() {
         (AlphaMode::Add, false),
         (AlphaMode::Multiply, false),
     ] {
-        assert_eq!(is_traced(&StandardMaterial { alpha_mode, ..Default::default() }), traced, "{alpha_mode:?}");
+        assert_eq!(
+            is_traced(&StandardMaterial {
+                alpha_mode,
+                ..Default::default()
+            }),
+            traced,
+            "{alpha_mode:?}"
+        );
     }
 }
 
 #[test]
 fn formats_of_two_channels_are_found() {
-    assert_eq!(format_flags(Some(TextureFormat::Rgba8Unorm), Some(TextureFormat::Rgba8Unorm)), 0);
-    assert_eq!(format_flags(Some(TextureFormat::Rg8Unorm), None), MATERIAL_METALLIC_ROUGHNESS_RG);
-    assert_eq!(format_flags(None, Some(TextureFormat::Bc5RgUnorm)), MATERIAL_TWO_COMPONENT_NORMAL_MAP);
+    assert_eq!(
+        format_flags(Some(TextureFormat::Rgba8Unorm), Some(TextureFormat::Rgba8Unorm)),
+        0
+    );
+    assert_eq!(
+        format_flags(Some(TextureFormat::Rg8Unorm), None),
+        MATERIAL_METALLIC_ROUGHNESS_RG
+    );
+    assert_eq!(
+        format_flags(None, Some(TextureFormat::Bc5RgUnorm)),
+        MATERIAL_TWO_COMPONENT_NORMAL_MAP
+    );
 }
 
 #[test]
@@ -110,20 +144,41 @@ fn an_index_stays_with_its_material() {
 fn lights_come_in_the_units_of_bevys_shaders() {
     let place = GlobalTransform::from(Transform::from_xyz(1.0, 2.0, 3.0));
     let four_pi = 4.0 * std::f32::consts::PI;
-    let point = PointLight { intensity: four_pi * 10.0, range: 2.0, radius: 0.5, color: Color::WHITE, ..Default::default() };
+    let point = PointLight {
+        intensity: four_pi * 10.0,
+        range: 2.0,
+        radius: 0.5,
+        color: Color::WHITE,
+        ..Default::default()
+    };
     let packed = point_light(&point, &place).unwrap();
     assert!((packed.color[0] - 10.0).abs() < 1e-4);
-    assert_eq!((packed.kind, packed.position, packed.radius), (LIGHT_POINT, [1.0, 2.0, 3.0], 0.5));
+    assert_eq!(
+        (packed.kind, packed.position, packed.radius),
+        (LIGHT_POINT, [1.0, 2.0, 3.0], 0.5)
+    );
     assert_eq!((packed.inverse_range_squared, packed.flags), (0.25, 0));
 
-    let spot = SpotLight { inner_angle: 0.3, outer_angle: 0.6, shadow_maps_enabled: true, ..Default::default() };
+    let spot = SpotLight {
+        inner_angle: 0.3,
+        outer_angle: 0.6,
+        shadow_maps_enabled: true,
+        ..Default::default()
+    };
     let packed = spot_light(&spot, &place).unwrap();
     let attenuation = |angle: f32| (angle.cos() * packed.spot[0] + packed.spot[1]).clamp(0.0, 1.0);
     assert!((attenuation(0.3) - 1.0).abs() < 1e-5 && attenuation(0.6).abs() < 1e-5);
     assert_eq!((packed.direction, packed.flags), ([0.0, 0.0, -1.0], LIGHT_CASTS_SHADOW));
 
     let down = GlobalTransform::from(Transform::default().looking_to(Vec3::NEG_Y, Vec3::X));
-    let packed = directional_light(&DirectionalLight { illuminance: 1000.0, ..Default::default() }, &down).unwrap();
+    let packed = directional_light(
+        &DirectionalLight {
+            illuminance: 1000.0,
+            ..Default::default()
+        },
+        &down,
+    )
+    .unwrap();
     assert!((Vec3::from(packed.direction) - Vec3::Y).length() < 1e-6);
     assert_eq!(packed.color, [1000.0; 3]);
 }
@@ -132,15 +187,26 @@ fn lights_come_in_the_units_of_bevys_shaders() {
 fn rectangles_keep_their_axes() {
     let turned = Transform::from_rotation(Quat::from_euler(bevy::math::EulerRot::XYZ, 0.4, -1.2, 2.5));
     let transform = GlobalTransform::from(turned.with_scale(Vec3::new(2.0, 1.0, 1.0)));
-    let packed = rect_light(&RectLight { width: 1.0, height: 3.0, ..Default::default() }, &transform).unwrap();
+    let packed = rect_light(
+        &RectLight {
+            width: 1.0,
+            height: 3.0,
+            ..Default::default()
+        },
+        &transform,
+    )
+    .unwrap();
     assert!((packed.spot[0] - 1.0).abs() < 1e-5 && (packed.spot[1] - 1.5).abs() < 1e-5);
     let direction = Vec3::from(packed.direction);
     assert!((direction - *turned.forward()).length() < 1e-5);
     // The way back in `lights.wesl`.
     let s = if direction.z >= 0.0 { 1.0 } else { -1.0 };
     let a = -1.0 / (s + direction.z);
-    let reference =
-        Vec3::new(1.0 + s * direction.x * direction.x * a, s * direction.x * direction.y * a, -s * direction.x);
+    let reference = Vec3::new(
+        1.0 + s * direction.x * direction.x * a,
+        s * direction.x * direction.y * a,
+        -s * direction.x,
+    );
     let right = packed.radius.cos() * reference + packed.radius.sin() * direction.cross(reference);
     assert!((right - *turned.right()).length() < 1e-5);
     assert!((right.cross(direction) - *turned.up()).length() < 1e-5);
@@ -149,15 +215,50 @@ fn rectangles_keep_their_axes() {
 #[test]
 fn lights_without_light_are_left_out() {
     let place = GlobalTransform::IDENTITY;
-    assert!(directional_light(&DirectionalLight { illuminance: 0.0, ..Default::default() }, &place).is_none());
-    assert!(directional_light(&DirectionalLight { illuminance: f32::NAN, ..Default::default() }, &place).is_none());
-    assert!(point_light(&PointLight { intensity: -5.0, ..Default::default() }, &place).is_none());
+    assert!(
+        directional_light(
+            &DirectionalLight {
+                illuminance: 0.0,
+                ..Default::default()
+            },
+            &place
+        )
+        .is_none()
+    );
+    assert!(
+        directional_light(
+            &DirectionalLight {
+                illuminance: f32::NAN,
+                ..Default::default()
+            },
+            &place
+        )
+        .is_none()
+    );
+    assert!(
+        point_light(
+            &PointLight {
+                intensity: -5.0,
+                ..Default::default()
+            },
+            &place
+        )
+        .is_none()
+    );
     let lost = GlobalTransform::from(Transform::from_xyz(f32::NAN, 0.0, 0.0));
     assert!(point_light(&PointLight::default(), &lost).is_none());
     let flat = GlobalTransform::from(Transform::from_scale(Vec3::ZERO));
     assert!(spot_light(&SpotLight::default(), &flat).is_none());
     assert!(rect_light(&RectLight::default(), &flat).is_none());
-    let nowhere = point_light(&PointLight { range: f32::NAN, radius: f32::NAN, ..Default::default() }, &place).unwrap();
+    let nowhere = point_light(
+        &PointLight {
+            range: f32::NAN,
+            radius: f32::NAN,
+            ..Default::default()
+        },
+        &place,
+    )
+    .unwrap();
     assert!(nowhere.inverse_range_squared.is_finite() && nowhere.radius == 0.0);
 }
 
@@ -171,7 +272,10 @@ fn the_texture_mode_follows_the_device() {
         max_binding_array_sampler_elements_per_shader_stage: 1000,
         ..Default::default()
     };
-    assert_eq!(texture_mode_of(needed, &limits), TextureMode::Bindless { textures: 500 });
+    assert_eq!(
+        texture_mode_of(needed, &limits),
+        TextureMode::Bindless { textures: 500 }
+    );
     assert_eq!(texture_mode_of(needed, &limits).shader_def(), Some("BINDLESS_TEXTURES"));
     for (features, limits) in [(WgpuFeatures::empty(), limits), (needed, WgpuLimits::default())] {
         assert_eq!(texture_mode_of(features, &limits), TextureMode::Layers { layers: 256 });

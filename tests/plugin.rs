@@ -7,7 +7,9 @@ use bevy::{
     ecs::schedule::{InternedScheduleLabel, LogLevel, ScheduleBuildSettings},
     platform::collections::HashMap,
     prelude::*,
-    render::{MainWorld, RenderApp, RenderPlugin, pipelined_rendering::PipelinedRenderingPlugin, settings::RenderCreation},
+    render::{
+        MainWorld, RenderApp, RenderPlugin, pipelined_rendering::PipelinedRenderingPlugin, settings::RenderCreation,
+    },
 };
 use bevy_glint::{NotReflected, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus};
 
@@ -55,7 +57,9 @@ fn no_system_order_is_left_to_chance() {
     let with = ambiguities(|app| {
         app.add_plugins(RayTracedReflectionsPlugin::default());
     });
-    let (Some(without), Some(with)) = (without, with) else { return };
+    let (Some(without), Some(with)) = (without, with) else {
+        return;
+    };
     for (schedule, count) in &with {
         let before = without.get(schedule).copied().unwrap_or(0);
         assert_eq!(*count, before, "new ambiguities in {schedule:?}");
@@ -66,7 +70,10 @@ fn ambiguities(add: impl FnOnce(&mut App)) -> Option<HashMap<(bool, InternedSche
     let mut app = App::new();
     app.add_plugins(
         DefaultPlugins
-            .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
+            .set(RenderPlugin {
+                synchronous_pipeline_compilation: true,
+                ..default()
+            })
             .disable::<PipelinedRenderingPlugin>()
             .disable::<bevy::winit::WinitPlugin>()
             .disable::<bevy::log::LogPlugin>()
@@ -78,15 +85,26 @@ fn ambiguities(add: impl FnOnce(&mut App)) -> Option<HashMap<(bool, InternedSche
     }
     app.finish();
     app.cleanup();
-    if app.get_sub_app(RenderApp).is_none_or(|render| !render.world().contains_resource::<bevy::render::renderer::RenderDevice>()) {
-        assert!(std::env::var_os("GLINT_REQUIRE_GPU").is_none(), "a GPU is required, but there is none");
+    if app.get_sub_app(RenderApp).is_none_or(|render| {
+        !render
+            .world()
+            .contains_resource::<bevy::render::renderer::RenderDevice>()
+    }) {
+        assert!(
+            std::env::var_os("GLINT_REQUIRE_GPU").is_none(),
+            "a GPU is required, but there is none"
+        );
         println!("skipped: no GPU");
         return None;
     }
     let mut counts = HashMap::default();
     app.sub_app_mut(RenderApp).init_resource::<MainWorld>();
     for in_render_world in [false, true] {
-        let sub_app = if in_render_world { app.sub_app_mut(RenderApp) } else { app.main_mut() };
+        let sub_app = if in_render_world {
+            app.sub_app_mut(RenderApp)
+        } else {
+            app.main_mut()
+        };
         let labels: Vec<_> = {
             let mut schedules = sub_app.world_mut().resource_mut::<Schedules>();
             schedules

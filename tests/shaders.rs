@@ -8,8 +8,12 @@ use std::mem::offset_of;
 use bevy_glint::scene::{environment::GpuEnvironment, gpu_types::*};
 use wesl::Shaders;
 
-const COMBINATIONS: [&[&str]; 4] =
-    [&[], &["RAY_QUERY"], &["BINDLESS_TEXTURES"], &["RAY_QUERY", "BINDLESS_TEXTURES"]];
+const COMBINATIONS: [&[&str]; 4] = [
+    &[],
+    &["RAY_QUERY"],
+    &["BINDLESS_TEXTURES"],
+    &["RAY_QUERY", "BINDLESS_TEXTURES"],
+];
 
 /// Uses everything that passes call, so that the linker keeps it.
 const USER: &str = r#"
@@ -57,17 +61,28 @@ fn hit_shading_compiles_as_a_whole() {
     let mut shaders = Shaders::load();
     shaders.add("bevy_glint/user.wesl", USER.into());
     for defs in COMBINATIONS {
-        let module = shaders.compile("bevy_glint/user.wesl", defs).unwrap_or_else(|error| panic!("{error}"));
+        let module = shaders
+            .compile("bevy_glint/user.wesl", defs)
+            .unwrap_or_else(|error| panic!("{error}"));
         // Nothing of Bevy's view bindings may slip in with its functions.
         let mut bindings: Vec<_> = module
             .global_variables
             .iter()
-            .filter_map(|(_, variable)| variable.binding.as_ref().map(|binding| (binding.group, binding.binding)))
+            .filter_map(|(_, variable)| {
+                variable
+                    .binding
+                    .as_ref()
+                    .map(|binding| (binding.group, binding.binding))
+            })
             .collect();
         bindings.sort();
         let count = bindings.len();
         bindings.dedup();
-        assert_eq!(count, bindings.len(), "two variables share a binding with {defs:?}: {bindings:?}");
+        assert_eq!(
+            count,
+            bindings.len(),
+            "two variables share a binding with {defs:?}: {bindings:?}"
+        );
         for (group, binding) in bindings {
             let known = match group {
                 0 => binding == 0,
@@ -83,9 +98,14 @@ fn hit_shading_compiles_as_a_whole() {
 /// Size of a struct of the shaders and offsets of its members.
 fn layout(module: &naga::Module, name: &str) -> (u32, Vec<(String, u32)>) {
     for (_, ty) in module.types.iter() {
-        let linked = ty.name.as_deref().is_some_and(|linked| linked == name || linked.ends_with(&format!("_{name}")));
+        let linked = ty
+            .name
+            .as_deref()
+            .is_some_and(|linked| linked == name || linked.ends_with(&format!("_{name}")));
         if let (true, naga::TypeInner::Struct { members, span }) = (linked, &ty.inner) {
-            let members = members.iter().map(|member| (member.name.clone().unwrap_or_default(), member.offset));
+            let members = members
+                .iter()
+                .map(|member| (member.name.clone().unwrap_or_default(), member.offset));
             return (*span, members.collect());
         }
     }
@@ -121,12 +141,22 @@ fn main() {
 }
 "#;
     shaders.add("bevy_glint/layouts.wesl", types.into());
-    let module = shaders.compile("bevy_glint/layouts.wesl", &[]).unwrap_or_else(|error| panic!("{error}"));
+    let module = shaders
+        .compile("bevy_glint/layouts.wesl", &[])
+        .unwrap_or_else(|error| panic!("{error}"));
     same_layout!(
         module,
         "Instance",
         GpuInstance,
-        [world_from_object, object_from_world, geometry_base, material, flags, id, _padding]
+        [
+            world_from_object,
+            object_from_world,
+            geometry_base,
+            material,
+            flags,
+            id,
+            _padding
+        ]
     );
     same_layout!(
         module,
@@ -150,13 +180,31 @@ fn main() {
         module,
         "Light",
         GpuLight,
-        [color, kind, position, inverse_range_squared, direction, radius, spot, flags, shadow_near]
+        [
+            color,
+            kind,
+            position,
+            inverse_range_squared,
+            direction,
+            radius,
+            spot,
+            flags,
+            shadow_near
+        ]
     );
     same_layout!(
         module,
         "SceneCounts",
         GpuSceneCounts,
-        [light_count, tlas_node_count, tlas_entry_base, instance_count, material_count, texture_count, _padding]
+        [
+            light_count,
+            tlas_node_count,
+            tlas_entry_base,
+            instance_count,
+            material_count,
+            texture_count,
+            _padding
+        ]
     );
     same_layout!(
         module,

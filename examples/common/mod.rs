@@ -5,7 +5,10 @@
 use bevy::{
     camera::{Camera3d, Hdr},
     camera_controller::free_camera::{FreeCamera, FreeCameraPlugin},
-    core_pipeline::{prepass::{DeferredPrepass, DepthPrepass}, tonemapping::DebandDither},
+    core_pipeline::{
+        prepass::{DeferredPrepass, DepthPrepass},
+        tonemapping::DebandDither,
+    },
     pbr::DefaultOpaqueRendererMethod,
     prelude::*,
 };

@@ -14,11 +14,11 @@ use bevy::{
     platform::collections::HashMap,
     render::{
         render_resource::{
-            BindGroup, BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries, BlendComponent, BlendFactor,
-            BlendOperation, BlendState, CachedComputePipelineId, CachedRenderPipelineId, ColorTargetState, ColorWrites,
-            ComputePassDescriptor, ComputePipelineDescriptor, FragmentState, PipelineCache, RenderPassDescriptor,
-            RenderPipelineDescriptor, ShaderStages, StorageTextureAccess, TextureFormat, TextureSampleType, TextureView,
-            binding_types,
+            BindGroup, BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries, BlendComponent,
+            BlendFactor, BlendOperation, BlendState, CachedComputePipelineId, CachedRenderPipelineId, ColorTargetState,
+            ColorWrites, ComputePassDescriptor, ComputePipelineDescriptor, FragmentState, PipelineCache,
+            RenderPassDescriptor, RenderPipelineDescriptor, ShaderStages, StorageTextureAccess, TextureFormat,
+            TextureSampleType, TextureView, binding_types,
         },
         renderer::RenderContext,
         view::{ExtractedView, ViewTarget},
@@ -153,10 +153,20 @@ pub(crate) fn resolve_reflection(
     environment: &BindGroup,
     textures: &ReflectionTextures,
 ) {
-    let Some(pipeline) = cache.get_compute_pipeline(pipelines.resolve) else { return };
-    let GBufferBindings { view, settings, depth, gbuffer, normals } = gbuffer;
+    let Some(pipeline) = cache.get_compute_pipeline(pipelines.resolve) else {
+        return;
+    };
+    let GBufferBindings {
+        view,
+        settings,
+        depth,
+        gbuffer,
+        normals,
+    } = gbuffer;
     // Without SSAO something must be bound; the shader doesn't read it.
-    let ssao = ssao.map_or(radiance, |ssao| &ssao.screen_space_ambient_occlusion_texture.default_view);
+    let ssao = ssao.map_or(radiance, |ssao| {
+        &ssao.screen_space_ambient_occlusion_texture.default_view
+    });
     let bind_group = ctx.render_device().create_bind_group(
         "glint_resolve",
         &cache.get_bind_group_layout(&pipelines.resolve_layout),
@@ -176,9 +186,10 @@ pub(crate) fn resolve_reflection(
         &cache.get_bind_group_layout(&pipelines.empty_layout),
         &[],
     );
-    let mut pass = ctx
-        .command_encoder()
-        .begin_compute_pass(&ComputePassDescriptor { label: Some("glint_resolve"), timestamp_writes: None });
+    let mut pass = ctx.command_encoder().begin_compute_pass(&ComputePassDescriptor {
+        label: Some("glint_resolve"),
+        timestamp_writes: None,
+    });
     pass.set_pipeline(pipeline);
     pass.set_bind_group(0, &bind_group, &[view_offset]);
     pass.set_bind_group(1, &empty, &[]);
@@ -194,7 +205,10 @@ pub(crate) fn add_reflection(
     target: &ViewTarget,
     textures: &ReflectionTextures,
 ) {
-    let pipeline = pipelines.add.get(&target.main_texture_format()).and_then(|&id| cache.get_render_pipeline(id));
+    let pipeline = pipelines
+        .add
+        .get(&target.main_texture_format())
+        .and_then(|&id| cache.get_render_pipeline(id));
     let Some(pipeline) = pipeline else { return };
     let bind_group = ctx.render_device().create_bind_group(
         "glint_add",

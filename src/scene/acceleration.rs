@@ -1,7 +1,9 @@
 //! The driver's acceleration structures, for the ray-query tracer.
 
 use super::{
-    gpu_types::{INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED},
+    gpu_types::{
+        INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
+    },
     meshes::SceneMeshes,
 };
 use bevy::{
@@ -61,7 +63,11 @@ impl BlasKey {
         } else {
             Winding::Both
         };
-        Self { mesh, winding, opaque: flags & INSTANCE_ALPHA_MASKED == 0 }
+        Self {
+            mesh,
+            winding,
+            opaque: flags & INSTANCE_ALPHA_MASKED == 0,
+        }
     }
 }
 
@@ -91,10 +97,17 @@ impl AccelerationStructures {
     pub fn new(device: &RenderDevice, queue: &RenderQueue) -> Self {
         let tlas = create_tlas(device, SMALLEST_TLAS);
         // A structure that was never built may not be bound.
-        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor { label: Some("glint_tlas_build") });
+        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor {
+            label: Some("glint_tlas_build"),
+        });
         encoder.build_acceleration_structures(&[], [&tlas]);
         queue.submit([encoder.finish()]);
-        Self { blas: HashMap::default(), tlas, capacity: SMALLEST_TLAS, generation: 0 }
+        Self {
+            blas: HashMap::default(),
+            tlas,
+            capacity: SMALLEST_TLAS,
+            generation: 0,
+        }
     }
 
     /// The TLAS for binding.
@@ -134,7 +147,12 @@ impl AccelerationStructures {
             if instance.flags & INSTANCE_CASTS_SHADOW != 0 {
                 mask |= MASK_CASTS_SHADOW;
             }
-            Some(TlasInstance::new(blas, rows(&instance.world_from_object), instance.slot, mask))
+            Some(TlasInstance::new(
+                blas,
+                rows(&instance.world_from_object),
+                instance.slot,
+                mask,
+            ))
         });
         let entries: Vec<_> = entries.collect();
         if let Some(places) = self.tlas.get_mut_slice(0..self.capacity as usize) {
@@ -143,8 +161,9 @@ impl AccelerationStructures {
                 *place = entries.next();
             }
         }
-        let mut encoder =
-            device.create_command_encoder(&CommandEncoderDescriptor { label: Some("glint_tlas_build") });
+        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor {
+            label: Some("glint_tlas_build"),
+        });
         encoder.build_acceleration_structures(&[], [&self.tlas]);
         queue.submit([encoder.finish()]);
         built
@@ -178,8 +197,9 @@ impl AccelerationStructures {
             if entries.is_empty() {
                 continue;
             }
-            let mut encoder =
-                device.create_command_encoder(&CommandEncoderDescriptor { label: Some("glint_blas_build") });
+            let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor {
+                label: Some("glint_blas_build"),
+            });
             encoder.build_acceleration_structures(&entries, []);
             queue.submit([encoder.finish()]);
             drop(entries);
@@ -210,7 +230,10 @@ impl PendingBlas {
         let index_count = indices.as_ref().map_or(mesh.indices.len(), Vec::len) as u32;
         let limit = device.limits().max_blas_primitive_count;
         if index_count / 3 > limit {
-            warn_once!("a mesh of {} triangles is missing from reflections: the device's limit is {limit}", index_count / 3);
+            warn_once!(
+                "a mesh of {} triangles is missing from reflections: the device's limit is {limit}",
+                index_count / 3
+            );
             return None;
         }
         let size = BlasTriangleGeometrySizeDescriptor {
@@ -230,7 +253,9 @@ impl PendingBlas {
                 flags: AccelerationStructureFlags::PREFER_FAST_TRACE,
                 update_mode: AccelerationStructureUpdateMode::Build,
             },
-            BlasGeometrySizeDescriptors::Triangles { descriptors: vec![size.clone()] },
+            BlasGeometrySizeDescriptors::Triangles {
+                descriptors: vec![size.clone()],
+            },
         );
         let base = mesh.geometry.base();
         Some(Self {
@@ -239,7 +264,11 @@ impl PendingBlas {
             blas,
             size,
             first_vertex: (base + mesh.positions_offset) / 3,
-            first_index: if indices.is_some() { 0 } else { base + mesh.indices_offset },
+            first_index: if indices.is_some() {
+                0
+            } else {
+                base + mesh.indices_offset
+            },
             indices: indices.map(|indices| {
                 device.create_buffer_with_data(&BufferInitDescriptor {
                     label: Some("glint_blas_indices"),
@@ -269,7 +298,9 @@ impl PendingBlas {
 
 /// Indices of another winding than the mesh's own, or `None`.
 fn rewound(indices: &[u32], winding: Winding) -> Option<Vec<u32>> {
-    let flipped = indices.chunks_exact(3).flat_map(|triangle| [triangle[0], triangle[2], triangle[1]]);
+    let flipped = indices
+        .chunks_exact(3)
+        .flat_map(|triangle| [triangle[0], triangle[2], triangle[1]]);
     match winding {
         Winding::AsIs => None,
         Winding::Flipped => Some(flipped.collect()),

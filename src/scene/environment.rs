@@ -14,10 +14,10 @@ use bevy::{
         Extract,
         render_asset::RenderAssets,
         render_resource::{
-            BindGroup, BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries, Buffer, BufferDescriptor, BufferUsages,
-            Extent3d, FilterMode, MipmapFilterMode, PipelineCache, Sampler, SamplerBindingType, SamplerDescriptor, ShaderStages,
-            TextureDataOrder, TextureDescriptor, TextureDimension, TextureFormat, TextureSampleType, TextureUsages, TextureView,
-            TextureViewDescriptor, TextureViewDimension, TextureViewId,
+            BindGroup, BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries, Buffer, BufferDescriptor,
+            BufferUsages, Extent3d, FilterMode, MipmapFilterMode, PipelineCache, Sampler, SamplerBindingType,
+            SamplerDescriptor, ShaderStages, TextureDataOrder, TextureDescriptor, TextureDimension, TextureFormat,
+            TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor, TextureViewDimension, TextureViewId,
             binding_types::{sampler, texture_2d, texture_cube, uniform_buffer_sized},
         },
         renderer::{RenderDevice, RenderQueue},
@@ -193,8 +193,10 @@ pub fn extract_environments<C: EnvironmentSettings>(
             ClearColorConfig::None => None,
         };
         let exposure = exposure.copied().unwrap_or_default().exposure();
-        current
-            .insert(entity, ViewEnvironment::new(settings.hit_shading(), exposure, ambient, background, map, skybox));
+        current.insert(
+            entity,
+            ViewEnvironment::new(settings.hit_shading(), exposure, ambient, background, map, skybox),
+        );
     }
     for (entity, mut view) in &mut views {
         match current.remove(&entity) {
@@ -236,7 +238,10 @@ impl FromWorld for EnvironmentBindings {
             world.resource::<RenderQueue>(),
             &TextureDescriptor {
                 label: Some("glint_black_cube"),
-                size: Extent3d { depth_or_array_layers: 6, ..Default::default() },
+                size: Extent3d {
+                    depth_or_array_layers: 6,
+                    ..Default::default()
+                },
                 mip_level_count: 1,
                 sample_count: 1,
                 dimension: TextureDimension::D2,
@@ -255,8 +260,10 @@ impl FromWorld for EnvironmentBindings {
         Self {
             layout: layout_descriptor(),
             black_face,
-            black: black
-                .create_view(&TextureViewDescriptor { dimension: Some(TextureViewDimension::Cube), ..Default::default() }),
+            black: black.create_view(&TextureViewDescriptor {
+                dimension: Some(TextureViewDimension::Cube),
+                ..Default::default()
+            }),
             sampler: device.create_sampler(&SamplerDescriptor {
                 label: Some("glint_environment_sampler"),
                 mag_filter: FilterMode::Linear,
@@ -321,7 +328,10 @@ pub fn prepare_environments(
 ) {
     let bindings = &mut *bindings;
     // Without Bevy's feature there is no image, or one of a single texel.
-    let table = dfg.as_ref().and_then(|dfg| images.get(&dfg.texture)).filter(|image| image.texture_descriptor.size.width > 1);
+    let table = dfg
+        .as_ref()
+        .and_then(|dfg| images.get(&dfg.texture))
+        .filter(|image| image.texture_descriptor.size.width > 1);
     bindings.views.retain(|entity, _| views.contains(*entity));
     for (entity, view) in &views {
         let image = |id: AssetId<Image>| images.get(id).filter(|image| cube(image, &device));
@@ -374,6 +384,14 @@ pub fn prepare_environments(
                 table,
             )),
         );
-        bindings.views.insert(entity, ViewBindings { buffer, bind_group, written: uniform, views: ids });
+        bindings.views.insert(
+            entity,
+            ViewBindings {
+                buffer,
+                bind_group,
+                written: uniform,
+                views: ids,
+            },
+        );
     }
 }

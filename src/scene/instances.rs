@@ -195,7 +195,9 @@ pub fn extract_instances(
 
 fn update(instances: &mut SceneInstances, item: &InstanceQueryItem) {
     // Reflections show what an ordinary camera shows: the default layer. Of levels of detail the nearest stands for all.
-    let on_default_layer = item.layers.is_none_or(|layers| layers.intersects(&RenderLayers::default()));
+    let on_default_layer = item
+        .layers
+        .is_none_or(|layers| layers.intersects(&RenderLayers::default()));
     let nearest_detail = item.range.is_none_or(|range| range.start_margin.start <= 0.0);
     if item.opted_out || !item.visibility.get() || !on_default_layer || !nearest_detail {
         instances.remove(item.entity);

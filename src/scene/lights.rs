@@ -88,7 +88,11 @@ pub fn spot_light(light: &SpotLight, transform: &GlobalTransform) -> Option<GpuL
     let position = transform.translation();
     position.is_finite().then_some(())?;
     // The clamps of Bevy's extraction.
-    let outer = if light.outer_angle >= FRAC_PI_2 { FRAC_PI_2 - 1e-4 } else { light.outer_angle };
+    let outer = if light.outer_angle >= FRAC_PI_2 {
+        FRAC_PI_2 - 1e-4
+    } else {
+        light.outer_angle
+    };
     let inner = light.inner_angle.min(outer);
     let cos_outer = outer.cos();
     let scale = 1.0 / (inner.cos() - cos_outer).max(1e-4);
@@ -145,7 +149,8 @@ fn any_orthogonal(n: Vec3) -> Vec3 {
     Vec3::new(1.0 + s * n.x * n.x * a, s * n.x * n.y * a, -s * n.x)
 }
 
-type Lights<'w, 's, L> = Extract<'w, 's, Query<'static, 'static, (&'static L, &'static GlobalTransform, &'static InheritedVisibility)>>;
+type Lights<'w, 's, L> =
+    Extract<'w, 's, Query<'static, 'static, (&'static L, &'static GlobalTransform, &'static InheritedVisibility)>>;
 
 /// Gathers the lights. Belongs in `ExtractSchedule`.
 pub fn extract_lights(
@@ -170,7 +175,11 @@ pub fn extract_lights(
         (light, transform, visibility): (&L, &GlobalTransform, &InheritedVisibility),
         convert: fn(&L, &GlobalTransform) -> Option<GpuLight>,
     ) -> Option<GpuLight> {
-        if visibility.get() { convert(light, transform) } else { None }
+        if visibility.get() {
+            convert(light, transform)
+        } else {
+            None
+        }
     }
     lights.extend(directional.iter().filter_map(|item| visible(item, directional_light)));
     lights.extend(points.iter().filter_map(|item| visible(item, point_light)));
@@ -179,7 +188,10 @@ pub fn extract_lights(
         lights.extend(rects.iter().filter_map(|item| visible(item, rect_light)));
     }
     if lights.len() > MAX_LIGHTS {
-        warn_once!("{} lights in the scene: reflections show the first {MAX_LIGHTS} of them.", lights.len());
+        warn_once!(
+            "{} lights in the scene: reflections show the first {MAX_LIGHTS} of them.",
+            lights.len()
+        );
         lights.truncate(MAX_LIGHTS);
     }
     extracted.changed = extracted.lights != *previous;

@@ -92,7 +92,11 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
 
     let color = |value: f32| finite_or(value, 0.0).max(0.0);
     let transform = material.uv_transform;
-    let transform = if transform.is_finite() { transform } else { Default::default() };
+    let transform = if transform.is_finite() {
+        transform
+    } else {
+        Default::default()
+    };
     GpuMaterial {
         base_color: [
             color(base_color.red),
@@ -100,7 +104,12 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
             color(base_color.blue),
             finite_or(base_color.alpha, 1.0).clamp(0.0, 1.0),
         ],
-        emissive: [color(material.emissive.red), color(material.emissive.green), color(material.emissive.blue), 0.0],
+        emissive: [
+            color(material.emissive.red),
+            color(material.emissive.green),
+            color(material.emissive.blue),
+            0.0,
+        ],
         textures: [NO_TEXTURE; 5],
         flags,
         metallic: finite_or(material.metallic, 0.0).clamp(0.0, 1.0),
@@ -130,7 +139,10 @@ pub fn format_flags(metallic_roughness: Option<TextureFormat>, normal_map: Optio
                 | TextureFormat::Rg16Unorm
                 | TextureFormat::Bc5RgUnorm
                 | TextureFormat::EacRg11Unorm
-                | TextureFormat::Astc { channel: AstcChannel::Unorm, .. }
+                | TextureFormat::Astc {
+                    channel: AstcChannel::Unorm,
+                    ..
+                }
         )
     ) {
         flags |= MATERIAL_TWO_COMPONENT_NORMAL_MAP;
@@ -222,7 +234,10 @@ impl Default for MaterialTable {
     fn default() -> Self {
         Self {
             indices: HashMap::default(),
-            slots: vec![Slot { id: None, textures: [None; 5] }],
+            slots: vec![Slot {
+                id: None,
+                textures: [None; 5],
+            }],
             data: vec![pack_material(&StandardMaterial::default())],
             free: Vec::new(),
             waiting: HashSet::default(),
@@ -237,7 +252,10 @@ impl MaterialTable {
         if let Some(index) = self.indices.get(&id) {
             return *index;
         }
-        let slot = Slot { id: Some(id), textures: [None; 5] };
+        let slot = Slot {
+            id: Some(id),
+            textures: [None; 5],
+        };
         let index = match self.free.pop() {
             Some(index) => {
                 self.slots[index as usize] = slot;
@@ -278,13 +296,22 @@ impl MaterialTable {
         for image in slot.textures.into_iter().flatten() {
             textures.release(image);
         }
-        *slot = Slot { id: None, textures: [None; 5] };
+        *slot = Slot {
+            id: None,
+            textures: [None; 5],
+        };
         self.waiting.remove(&index);
         self.write(index, self.data[DEFAULT_MATERIAL as usize]);
         self.free.push(index);
     }
 
-    fn pack(&mut self, index: u32, assets: &MaterialAssets, textures: &mut TextureTable, images: &RenderAssets<GpuImage>) {
+    fn pack(
+        &mut self,
+        index: u32,
+        assets: &MaterialAssets,
+        textures: &mut TextureTable,
+        images: &RenderAssets<GpuImage>,
+    ) {
         let Some(material) = self.slots[index as usize].id.and_then(|id| assets.get(id)) else {
             return;
         };
@@ -336,7 +363,11 @@ pub fn update_materials(
         }
     }
     for image in textures.take_resettled() {
-        let users = table.slots.iter().enumerate().filter(|(_, slot)| slot.textures.contains(&Some(image)));
+        let users = table
+            .slots
+            .iter()
+            .enumerate()
+            .filter(|(_, slot)| slot.textures.contains(&Some(image)));
         table.waiting.extend(users.map(|(index, _)| index as u32));
     }
     if !table.waiting.is_empty() {

@@ -157,7 +157,11 @@ impl SceneMeshes {
                 .then(|| build_blas(packed.positions(), packed.indices(), BvhQuality::default()))
                 .flatten();
             let milliseconds = begin.elapsed().as_secs_f32() * 1000.0;
-            Ok(BuiltMesh { packed, blas, milliseconds })
+            Ok(BuiltMesh {
+                packed,
+                blas,
+                milliseconds,
+            })
         });
         self.failed.remove(&id);
         self.pending.insert(id, task);
@@ -187,7 +191,9 @@ impl SceneMeshes {
     fn insert(&mut self, id: AssetId<Mesh>, built: BuiltMesh, queue: &RenderQueue) -> bool {
         let BuiltMesh { packed, blas, .. } = built;
         self.remove(id);
-        let Some(geometry) = self.geometry.allocate(packed.words.len() as u32) else { return false };
+        let Some(geometry) = self.geometry.allocate(packed.words.len() as u32) else {
+            return false;
+        };
         let bvh = match blas {
             Some(blas) => {
                 let words = blas.rows.as_flattened();
@@ -196,7 +202,12 @@ impl SceneMeshes {
                     return false;
                 };
                 self.bvh.write(queue, &slice, words);
-                Some(SceneBlas { slice, triangle_row: blas.triangle_row(), bounds: blas.bounds, top: blas.top })
+                Some(SceneBlas {
+                    slice,
+                    triangle_row: blas.triangle_row(),
+                    bounds: blas.bounds,
+                    top: blas.top,
+                })
             }
             None => None,
         };
@@ -208,7 +219,11 @@ impl SceneMeshes {
             triangle_count: packed.triangle_count,
             positions_offset: packed.offsets.positions,
             indices_offset: packed.offsets.indices,
-            indices: if self.tracer == Tracer::RayQuery { packed.indices().into() } else { Arc::default() },
+            indices: if self.tracer == Tracer::RayQuery {
+                packed.indices().into()
+            } else {
+                Arc::default()
+            },
             version: self.next_version,
         };
         self.next_version += 1;
@@ -298,11 +313,7 @@ pub fn keep_render_world_meshes(
 }
 
 /// Uploads meshes whose build has finished.
-pub fn upload_meshes(
-    mut meshes: ResMut<SceneMeshes>,
-    status: Res<ReflectionStatus>,
-    queue: Res<RenderQueue>,
-) {
+pub fn upload_meshes(mut meshes: ResMut<SceneMeshes>, status: Res<ReflectionStatus>, queue: Res<RenderQueue>) {
     let meshes = &mut *meshes;
     let finished: Vec<_> = {
         let bytes = Cell::new(0);

@@ -23,6 +23,7 @@ pub mod upload;
 
 pub use prepare::SceneBindings;
 
+use crate::settings::RayTracedReflections;
 use activity::{SceneActivity, extract_activity};
 use bevy::{
     app::{App, Plugin, SubApp},
@@ -35,7 +36,6 @@ use bevy::{
     shader::load_shader_library,
 };
 use environment::{EnvironmentBindings, extract_environments, prepare_environments};
-use crate::settings::RayTracedReflections;
 use instances::{SceneInstances, extract_instances};
 use lights::{ExtractedLights, RectLightsEnabled, detect_rect_lights, extract_lights};
 use materials::{MaterialAssets, MaterialTable, extract_materials, update_materials};
@@ -99,7 +99,9 @@ impl ScenePlugin {
             .add_systems(
                 Render,
                 (
-                    keep_render_world_meshes.in_set(RenderSystems::PrepareAssets).before(prepare_assets::<RenderMesh>),
+                    keep_render_world_meshes
+                        .in_set(RenderSystems::PrepareAssets)
+                        .before(prepare_assets::<RenderMesh>),
                     (
                         (upload_meshes, update_textures),
                         prepare_instances,

@@ -27,8 +27,8 @@ use bevy::{
     platform::{collections::HashSet, time::Instant},
     render::{
         render_resource::{
-            BindGroup, BindGroupEntry, BindGroupLayoutDescriptor, Buffer, BufferDescriptor, BufferUsages, PipelineCache,
-            ShaderStages, binding_types,
+            BindGroup, BindGroupEntry, BindGroupLayoutDescriptor, Buffer, BufferDescriptor, BufferUsages,
+            PipelineCache, ShaderStages, binding_types,
         },
         renderer::{RenderDevice, RenderQueue},
     },
@@ -108,7 +108,10 @@ fn layout(tracer: Tracer, textures: &TextureTable) -> BindGroupLayoutDescriptor 
     }
     entries.push(textures.texture_layout().build(8, stages));
     entries.push(textures.sampler_layout().build(9, stages));
-    BindGroupLayoutDescriptor { label: "glint_scene_layout".into(), entries }
+    BindGroupLayoutDescriptor {
+        label: "glint_scene_layout".into(),
+        entries,
+    }
 }
 
 impl SceneBindings {
@@ -158,9 +161,14 @@ pub fn prepare_instances(
             meshes.changed.contains(&instance.mesh) || changed_materials.contains(&instance.material)
         };
         let slots = instances.slots().iter().enumerate();
-        dirty.extend(slots.filter(|(_, slot)| slot.as_ref().is_some_and(touched)).map(|(i, _)| i as u32));
+        dirty.extend(
+            slots
+                .filter(|(_, slot)| slot.as_ref().is_some_and(touched))
+                .map(|(i, _)| i as u32),
+        );
     }
-    if !dirty.is_empty() && bindings.update_instances(&dirty, &instances, &mut materials, &assets, &meshes, &device, &queue)
+    if !dirty.is_empty()
+        && bindings.update_instances(&dirty, &instances, &mut materials, &assets, &meshes, &device, &queue)
     {
         bindings.version = bindings.version.wrapping_add(1);
         bindings.build_top_level(&instances, &meshes, &device, &queue, &status);
@@ -183,11 +191,15 @@ pub fn prepare_tables(
     let bindings = &mut *bindings;
     if let Some(changed) = materials.take_dirty() {
         bindings.version = bindings.version.wrapping_add(1);
-        bindings.materials.write(materials.materials(), changed, &device, &queue);
+        bindings
+            .materials
+            .write(materials.materials(), changed, &device, &queue);
     }
     if lights.changed || bindings.bind_group.is_none() {
         bindings.version = bindings.version.wrapping_add(1);
-        bindings.lights.write(&lights.lights, 0..lights.lights.len(), &device, &queue);
+        bindings
+            .lights
+            .write(&lights.lights, 0..lights.lights.len(), &device, &queue);
     }
     let uniform = GpuSceneCounts {
         light_count: lights.lights.len() as u32,
@@ -227,7 +239,8 @@ impl SceneBindings {
         device: &RenderDevice,
         queue: &RenderQueue,
     ) -> bool {
-        self.instance_data.resize(instances.slots().len(), GpuInstance::default());
+        self.instance_data
+            .resize(instances.slots().len(), GpuInstance::default());
         self.present.resize(instances.slots().len(), false);
         let (mut first, mut last) = (usize::MAX, 0);
         let mut changed = false;
@@ -239,7 +252,9 @@ impl SceneBindings {
                 pack_instance(source, mesh, materials.index(source.material), flags)
             });
             let slot = slot as usize;
-            let replaced = instances.get(slot as u32).is_some_and(|source| meshes.changed.contains(&source.mesh));
+            let replaced = instances
+                .get(slot as u32)
+                .is_some_and(|source| meshes.changed.contains(&source.mesh));
             let same = self.present[slot] == packed.is_some()
                 && packed.is_none_or(|packed| self.instance_data[slot] == packed && !replaced);
             if same {
@@ -270,10 +285,12 @@ impl SceneBindings {
         let limit = StorageSlice::<GpuInstance>::limit(device);
         let present = || {
             let slots = instances.slots().iter().enumerate().take(limit);
-            slots.filter(|(slot, _)| self.present[*slot]).filter_map(|(slot, source)| {
-                let source = source.as_ref()?;
-                Some((slot as u32, source, meshes.get(source.mesh)?))
-            })
+            slots
+                .filter(|(slot, _)| self.present[*slot])
+                .filter_map(|(slot, source)| {
+                    let source = source.as_ref()?;
+                    Some((slot as u32, source, meshes.get(source.mesh)?))
+                })
         };
         let count = present().count();
         let mut blas_builds = 0;
@@ -376,7 +393,10 @@ pub fn prepare_scene_bind_group(
         bindings.lights.generation(),
         bindings.tlas.generation(),
         textures.generation(),
-        bindings.acceleration.as_ref().map_or(0, |acceleration| acceleration.generation),
+        bindings
+            .acceleration
+            .as_ref()
+            .map_or(0, |acceleration| acceleration.generation),
     ];
     if bindings.bind_group.is_some() && generations == bindings.generations {
         return;
@@ -393,12 +413,21 @@ pub fn prepare_scene_bind_group(
     ];
     match &bindings.acceleration {
         Some(acceleration) => {
-            entries.push(BindGroupEntry { binding: 5, resource: acceleration.tlas().as_binding() });
+            entries.push(BindGroupEntry {
+                binding: 5,
+                resource: acceleration.tlas().as_binding(),
+            });
         }
         None => entries.extend([entry(6, meshes.bvh.buffer()), entry(7, bindings.tlas.buffer())]),
     }
-    entries.push(BindGroupEntry { binding: 8, resource: resources.textures() });
-    entries.push(BindGroupEntry { binding: 9, resource: resources.samplers() });
+    entries.push(BindGroupEntry {
+        binding: 8,
+        resource: resources.textures(),
+    });
+    entries.push(BindGroupEntry {
+        binding: 9,
+        resource: resources.samplers(),
+    });
     let layout = cache.get_bind_group_layout(&bindings.layout);
     bindings.bind_group = Some(device.create_bind_group("glint_scene", &layout, &entries));
     let bytes = meshes.geometry.capacity_bytes()
@@ -411,5 +440,8 @@ pub fn prepare_scene_bind_group(
 }
 
 fn entry(binding: u32, buffer: &Buffer) -> BindGroupEntry<'_> {
-    BindGroupEntry { binding, resource: buffer.as_entire_binding() }
+    BindGroupEntry {
+        binding,
+        resource: buffer.as_entire_binding(),
+    }
 }

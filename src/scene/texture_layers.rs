@@ -6,10 +6,11 @@ use bevy::{
     platform::collections::HashSet,
     render::{
         render_resource::{
-            BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries, CachedRenderPipelineId, ColorTargetState, ColorWrites,
-            CommandEncoder, CommandEncoderDescriptor, Extent3d, FilterMode, FragmentState, LoadOp, MipmapFilterMode, Operations,
-            PipelineCache, RenderPassColorAttachment, RenderPassDescriptor, RenderPipeline, RenderPipelineDescriptor, Sampler,
-            SamplerBindingType, SamplerDescriptor, ShaderStages, StoreOp, Texture, TextureDescriptor, TextureDimension, TextureFormat,
+            BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries, CachedRenderPipelineId,
+            ColorTargetState, ColorWrites, CommandEncoder, CommandEncoderDescriptor, Extent3d, FilterMode,
+            FragmentState, LoadOp, MipmapFilterMode, Operations, PipelineCache, RenderPassColorAttachment,
+            RenderPassDescriptor, RenderPipeline, RenderPipelineDescriptor, Sampler, SamplerBindingType,
+            SamplerDescriptor, ShaderStages, StoreOp, Texture, TextureDescriptor, TextureDimension, TextureFormat,
             TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor, TextureViewDimension, VertexState,
             binding_types::{sampler, texture_2d},
         },
@@ -44,7 +45,11 @@ pub(super) struct TextureLayers {
 fn create_texture(device: &RenderDevice, layers: u32) -> (Texture, TextureView) {
     let texture = device.create_texture(&TextureDescriptor {
         label: Some("glint_texture_layers"),
-        size: Extent3d { width: LAYER_SIZE, height: LAYER_SIZE, depth_or_array_layers: layers },
+        size: Extent3d {
+            width: LAYER_SIZE,
+            height: LAYER_SIZE,
+            depth_or_array_layers: layers,
+        },
         mip_level_count: LEVELS,
         sample_count: 1,
         dimension: TextureDimension::D2,
@@ -52,8 +57,10 @@ fn create_texture(device: &RenderDevice, layers: u32) -> (Texture, TextureView) 
         usage: TextureUsages::TEXTURE_BINDING | TextureUsages::RENDER_ATTACHMENT,
         view_formats: &[],
     });
-    let view = texture
-        .create_view(&TextureViewDescriptor { dimension: Some(TextureViewDimension::D2Array), ..Default::default() });
+    let view = texture.create_view(&TextureViewDescriptor {
+        dimension: Some(TextureViewDimension::D2Array),
+        ..Default::default()
+    });
     (texture, view)
 }
 
@@ -73,22 +80,35 @@ impl TextureLayers {
             "glint_downsample",
             &BindGroupLayoutEntries::sequential(
                 ShaderStages::FRAGMENT,
-                (texture_2d(TextureSampleType::Float { filterable: true }), sampler(SamplerBindingType::Filtering)),
+                (
+                    texture_2d(TextureSampleType::Float { filterable: true }),
+                    sampler(SamplerBindingType::Filtering),
+                ),
             ),
         );
         let shader = load_embedded_asset!(world.resource::<AssetServer>(), "texture_layers.wesl");
-        let pipeline = world.resource::<PipelineCache>().queue_render_pipeline(RenderPipelineDescriptor {
-            label: Some("glint_downsample".into()),
-            layout: vec![layout.clone()],
-            vertex: VertexState { shader: shader.clone(), entry_point: Some("vertex".into()), ..Default::default() },
-            fragment: Some(FragmentState {
-                shader,
-                entry_point: Some("downsample".into()),
-                targets: vec![Some(ColorTargetState { format: FORMAT, blend: None, write_mask: ColorWrites::ALL })],
+        let pipeline = world
+            .resource::<PipelineCache>()
+            .queue_render_pipeline(RenderPipelineDescriptor {
+                label: Some("glint_downsample".into()),
+                layout: vec![layout.clone()],
+                vertex: VertexState {
+                    shader: shader.clone(),
+                    entry_point: Some("vertex".into()),
+                    ..Default::default()
+                },
+                fragment: Some(FragmentState {
+                    shader,
+                    entry_point: Some("downsample".into()),
+                    targets: vec![Some(ColorTargetState {
+                        format: FORMAT,
+                        blend: None,
+                        write_mask: ColorWrites::ALL,
+                    })],
+                    ..Default::default()
+                }),
                 ..Default::default()
-            }),
-            ..Default::default()
-        });
+            });
         Self {
             texture,
             view,
@@ -138,11 +158,16 @@ impl TextureLayers {
         if self.outdated.is_empty() {
             return;
         }
-        let Some(pipeline) = pipelines.get_render_pipeline(self.pipeline) else { return };
-        let mut encoder =
-            device.create_command_encoder(&CommandEncoderDescriptor { label: Some("glint_texture_layers") });
+        let Some(pipeline) = pipelines.get_render_pipeline(self.pipeline) else {
+            return;
+        };
+        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor {
+            label: Some("glint_texture_layers"),
+        });
         for layer in std::mem::take(&mut self.outdated) {
-            let Some(Some(source)) = self.sources.get(layer as usize) else { continue };
+            let Some(Some(source)) = self.sources.get(layer as usize) else {
+                continue;
+            };
             let mut previous = source.clone();
             for level in 0..LEVELS {
                 let target = self.texture.create_view(&TextureViewDescriptor {
@@ -181,7 +206,10 @@ impl TextureLayers {
                 view: target,
                 depth_slice: None,
                 resolve_target: None,
-                ops: Operations { load: LoadOp::Clear(Default::default()), store: StoreOp::Store },
+                ops: Operations {
+                    load: LoadOp::Clear(Default::default()),
+                    store: StoreOp::Store,
+                },
             })],
             ..Default::default()
         });

@@ -13,10 +13,10 @@ use bevy::{
         Extract,
         render_asset::RenderAssets,
         render_resource::{
-            AddressMode, BindGroupLayoutEntryBuilder, BindingResource, Extent3d, FilterMode, MipmapFilterMode, PipelineCache, Sampler,
-            SamplerBindingType, SamplerDescriptor, TextureDataOrder, TextureDescriptor, TextureDimension, TextureFormat,
-            TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor, TextureViewDimension, WgpuFeatures, WgpuSampler,
-            WgpuTextureView,
+            AddressMode, BindGroupLayoutEntryBuilder, BindingResource, Extent3d, FilterMode, MipmapFilterMode,
+            PipelineCache, Sampler, SamplerBindingType, SamplerDescriptor, TextureDataOrder, TextureDescriptor,
+            TextureDimension, TextureFormat, TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor,
+            TextureViewDimension, WgpuFeatures, WgpuSampler, WgpuTextureView,
             binding_types::{sampler, texture_2d, texture_2d_array},
         },
         renderer::{RenderDevice, RenderQueue},
@@ -86,7 +86,9 @@ pub fn texture_mode_of(features: WgpuFeatures, limits: &WgpuLimits) -> TextureMo
     if features.contains(needed) && textures >= MIN_TEXTURES && samplers >= MAX_SAMPLERS {
         TextureMode::Bindless { textures }
     } else {
-        TextureMode::Layers { layers: MAX_LAYERS.min(limits.max_texture_array_layers.max(1)) }
+        TextureMode::Layers {
+            layers: MAX_LAYERS.min(limits.max_texture_array_layers.max(1)),
+        }
     }
 }
 
@@ -212,11 +214,21 @@ impl TextureTable {
 
     /// Notes one more user of an image; false where there is no place for it.
     pub(super) fn acquire(&mut self, id: AssetId<Image>) -> bool {
-        if let Some(entry) = self.indices.get(&id).and_then(|index| self.entries[*index as usize].as_mut()) {
+        if let Some(entry) = self
+            .indices
+            .get(&id)
+            .and_then(|index| self.entries[*index as usize].as_mut())
+        {
             entry.users += 1;
             return true;
         }
-        let entry = Some(Entry { id, users: 1, sampling: None, sampler: 0, state: State::Loading });
+        let entry = Some(Entry {
+            id,
+            users: 1,
+            sampling: None,
+            sampler: 0,
+            state: State::Loading,
+        });
         let index = if let Some(index) = self.free.pop() {
             self.entries[index as usize] = entry;
             index
@@ -225,7 +237,10 @@ impl TextureTable {
             self.generation += 1;
             (self.entries.len() - 1) as u32
         } else {
-            warn_once!("More than {} textures in reflections: the others show as plain colours.", self.capacity());
+            warn_once!(
+                "More than {} textures in reflections: the others show as plain colours.",
+                self.capacity()
+            );
             return false;
         };
         self.indices.insert(id, index);
@@ -235,7 +250,9 @@ impl TextureTable {
 
     /// Notes one user less of an image.
     pub(super) fn release(&mut self, id: AssetId<Image>) {
-        let Some(index) = self.indices.get(&id).copied() else { return };
+        let Some(index) = self.indices.get(&id).copied() else {
+            return;
+        };
         let place = &mut self.entries[index as usize];
         let Some(entry) = place else { return };
         entry.users = entry.users.saturating_sub(1);
@@ -255,7 +272,8 @@ impl TextureTable {
 
     /// False while an image may still become usable.
     pub(super) fn is_settled(&self, id: AssetId<Image>) -> bool {
-        self.entry(id).is_none_or(|(_, entry)| !matches!(entry.state, State::Loading))
+        self.entry(id)
+            .is_none_or(|(_, entry)| !matches!(entry.state, State::Loading))
     }
 
     /// The word for [`super::gpu_types::GpuMaterial::textures`] of an image that can be sampled.
@@ -274,7 +292,9 @@ impl TextureTable {
             return index as u32 + 1;
         }
         if self.samplers.len() >= MAX_SAMPLERS as usize {
-            warn_once!("More than {MAX_SAMPLERS} kinds of samplers in reflections: the others repeat and filter linearly.");
+            warn_once!(
+                "More than {MAX_SAMPLERS} kinds of samplers in reflections: the others repeat and filter linearly."
+            );
             return 0;
         }
         let sampler = match sampling {
@@ -289,12 +309,24 @@ impl TextureTable {
     }
 
     /// Takes over what arrived on the GPU.
-    fn update(&mut self, device: &RenderDevice, queue: &RenderQueue, pipelines: &PipelineCache, images: &RenderAssets<GpuImage>) {
+    fn update(
+        &mut self,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+        pipelines: &PipelineCache,
+        images: &RenderAssets<GpuImage>,
+    ) {
         // A few entries a frame, so that an image that was replaced late is noticed without a look at all of them in each frame.
         for _ in 0..self.entries.len().min(16) {
             self.cursor = (self.cursor + 1) % self.entries.len();
-            if let Some(Entry { id, state: State::Ready(view), .. }) = &self.entries[self.cursor]
-                && images.get(*id).is_some_and(|image| image.texture_view.id() != view.id())
+            if let Some(Entry {
+                id,
+                state: State::Ready(view),
+                ..
+            }) = &self.entries[self.cursor]
+                && images
+                    .get(*id)
+                    .is_some_and(|image| image.texture_view.id() != view.id())
             {
                 self.pending.push(self.cursor as u32);
             }
@@ -304,7 +336,9 @@ impl TextureTable {
             return;
         }
         for index in std::mem::take(&mut self.pending) {
-            let Some(entry) = self.entries[index as usize].as_ref() else { continue };
+            let Some(entry) = self.entries[index as usize].as_ref() else {
+                continue;
+            };
             let id = entry.id;
             let (Some(image), Some(sampling)) = (images.get(id), entry.sampling.clone()) else {
                 self.pending.push(index);
@@ -357,19 +391,31 @@ impl TextureTable {
     /// What to bind; holds the lists that a [`BindingResource`] borrows.
     pub fn resources(&self) -> TextureResources<'_> {
         match &self.layers {
-            Some(layers) => TextureResources { textures: vec![layers.view()], samplers: vec![&self.samplers[0].1], arrays: false },
+            Some(layers) => TextureResources {
+                textures: vec![layers.view()],
+                samplers: vec![&self.samplers[0].1],
+                arrays: false,
+            },
             None => {
                 let mut textures: Vec<&WgpuTextureView> = Vec::with_capacity(self.entries.len().max(1));
                 textures.extend(self.entries.iter().map(|entry| match entry {
-                    Some(Entry { state: State::Ready(view), .. }) => &**view,
+                    Some(Entry {
+                        state: State::Ready(view),
+                        ..
+                    }) => &**view,
                     _ => &*self.white,
                 }));
                 if textures.is_empty() {
                     textures.push(&self.white);
                 }
                 // Shaders clamp indices to the whole array, so all of it is filled.
-                let samplers = (0..MAX_SAMPLERS as usize).map(|i| &*self.samplers.get(i).unwrap_or(&self.samplers[0]).1);
-                TextureResources { textures, samplers: samplers.collect(), arrays: true }
+                let samplers =
+                    (0..MAX_SAMPLERS as usize).map(|i| &*self.samplers.get(i).unwrap_or(&self.samplers[0]).1);
+                TextureResources {
+                    textures,
+                    samplers: samplers.collect(),
+                    arrays: true,
+                }
             }
         }
     }
@@ -385,12 +431,20 @@ pub struct TextureResources<'a> {
 impl TextureResources<'_> {
     /// The resource of binding 8 of group 1.
     pub fn textures(&self) -> BindingResource<'_> {
-        if self.arrays { BindingResource::TextureViewArray(&self.textures) } else { BindingResource::TextureView(self.textures[0]) }
+        if self.arrays {
+            BindingResource::TextureViewArray(&self.textures)
+        } else {
+            BindingResource::TextureView(self.textures[0])
+        }
     }
 
     /// The resource of binding 9 of group 1.
     pub fn samplers(&self) -> BindingResource<'_> {
-        if self.arrays { BindingResource::SamplerArray(&self.samplers) } else { BindingResource::Sampler(self.samplers[0]) }
+        if self.arrays {
+            BindingResource::SamplerArray(&self.samplers)
+        } else {
+            BindingResource::Sampler(self.samplers[0])
+        }
     }
 }
 

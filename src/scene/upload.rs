@@ -18,7 +18,12 @@ pub struct StorageSlice<T> {
 impl<T: NoUninit> StorageSlice<T> {
     /// Room for a few elements, so that there is always something to bind.
     pub fn new(device: &RenderDevice, label: &'static str) -> Self {
-        Self { buffer: create(device, label, 16 * size_of::<T>() as u64), label, generation: 0, element: PhantomData }
+        Self {
+            buffer: create(device, label, 16 * size_of::<T>() as u64),
+            label,
+            generation: 0,
+            element: PhantomData,
+        }
     }
 
     /// The buffer for binding.

@@ -5,12 +5,16 @@ pub mod directional_albedo;
 use crate::{
     composite::{CompositePipelines, add_reflection, resolve_reflection},
     extract::ReflectionView,
-    scene::{SceneBindings, environment::{EnvironmentBindings, layout_descriptor}},
+    scene::{
+        SceneBindings,
+        environment::{EnvironmentBindings, layout_descriptor},
+    },
     settings::Technique,
     status::{ReflectionStatus, Tracer},
     view::{ACCUMULATION_FORMAT, GpuReflectionView, RADIANCE_FORMAT, ReflectionTextures},
 };
 use bevy::{
+    asset::Handle,
     asset::{AssetServer, load_embedded_asset},
     core_pipeline::prepass::ViewPrepassTextures,
     ecs::prelude::*,
@@ -19,20 +23,19 @@ use bevy::{
     render::{
         diagnostic::RecordDiagnostics,
         render_resource::{
-            BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries, BindingResource, Buffer, CachedComputePipelineId, CachedPipelineState, ComputePassDescriptor,
-            ComputePipelineDescriptor, Extent3d, PipelineCache, ShaderStages, StorageTextureAccess,
-            TextureDataOrder, TextureDescriptor, TextureDimension, TextureFormat, TextureSampleType, TextureUsages,
-            TextureView, TextureViewDescriptor, binding_types,
+            BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries, BindingResource, Buffer,
+            CachedComputePipelineId, CachedPipelineState, ComputePassDescriptor, ComputePipelineDescriptor, Extent3d,
+            PipelineCache, ShaderStages, StorageTextureAccess, TextureDataOrder, TextureDescriptor, TextureDimension,
+            TextureFormat, TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor, binding_types,
         },
         renderer::{RenderContext, RenderDevice, RenderQueue, ViewQuery},
         view::{ViewTarget, ViewUniform, ViewUniformOffset, ViewUniforms},
     },
     shader::{Shader, ShaderCacheError, ShaderDefVal},
-    asset::Handle,
     utils::default,
 };
-use directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo};
 use core::num::NonZeroU64;
+use directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo};
 
 /// Layouts and pipelines of the tracing passes.
 #[derive(Resource)]
@@ -46,6 +49,8 @@ pub struct ReflectionPipelines {
     pub(crate) albedo_table: TextureView,
     traced: HashMap<Technique, CachedComputePipelineId>,
     wanted: HashSet<Technique>,
+    /// Techniques whose passes are all compiled.
+    ready: HashSet<Technique>,
 }
 
 impl ReflectionPipelines {
@@ -59,8 +64,8 @@ impl ReflectionPipelines {
     }
 
     /// The pipelines of a technique can be used.
-    pub(crate) fn is_ready(&self, cache: &PipelineCache, technique: Technique) -> bool {
-        self.traced.get(&technique).is_some_and(|&id| cache.get_compute_pipeline(id).is_some())
+    pub(crate) fn is_ready(&self, technique: Technique) -> bool {
+        self.ready.contains(&technique)
     }
 }
 
@@ -91,7 +96,16 @@ pub fn init_reflection_pipelines(
         "glint_reference_layout",
         &BindGroupLayoutEntries::sequential(
             ShaderStages::COMPUTE,
-            (view, settings, depth, gbuffer, normals, unfiltered, radiance(), counters()),
+            (
+                view,
+                settings,
+                depth,
+                gbuffer,
+                normals,
+                unfiltered,
+                radiance(),
+                counters(),
+            ),
         ),
     );
     let converged = BindGroupLayoutDescriptor::new(
@@ -119,7 +133,11 @@ pub fn init_reflection_pipelines(
             &queue,
             &TextureDescriptor {
                 label: Some("glint_albedo_table"),
-                size: Extent3d { width: size, height: size, depth_or_array_layers: 1 },
+                size: Extent3d {
+                    width: size,
+                    height: size,
+                    depth_or_array_layers: 1,
+                },
                 mip_level_count: 1,
                 sample_count: 1,
                 dimension: TextureDimension::D2,
@@ -140,6 +158,7 @@ pub fn init_reflection_pipelines(
         albedo_table,
         traced: HashMap::default(),
         wanted: HashSet::default(),
+        ready: HashSet::default(),
     });
 }
 
@@ -173,13 +192,22 @@ pub fn queue_reflection_pipelines(
         });
         pipelines.traced.insert(technique, id);
     }
-    let ready = !pipelines.traced.is_empty()
-        && pipelines.traced.values().all(|&id| cache.get_compute_pipeline(id).is_some())
-        && composite.are_ready(&cache);
+    pipelines.ready.clear();
+    if composite.are_ready(&cache) {
+        let compiled = pipelines
+            .traced
+            .iter()
+            .filter(|(_, id)| cache.get_compute_pipeline(**id).is_some());
+        pipelines.ready.extend(compiled.map(|(technique, _)| *technique));
+    }
+    let ready = !pipelines.wanted.is_empty() && pipelines.wanted.is_subset(&pipelines.ready);
     for &id in pipelines.traced.values() {
         // Modules that are still being loaded are errors, too, but not for long.
         if let CachedPipelineState::Err(error) = cache.get_compute_pipeline_state(id)
-            && !matches!(error, ShaderCacheError::ShaderNotLoaded(_) | ShaderCacheError::ShaderImportNotYetAvailable)
+            && !matches!(
+                error,
+                ShaderCacheError::ShaderNotLoaded(_) | ShaderCacheError::ShaderImportNotYetAvailable
+            )
         {
             bevy::log::error_once!("ray-traced reflections stay off, since their shader failed: {error}");
         }
@@ -218,7 +246,9 @@ pub fn ray_traced_reflections(
 ) {
     let entity = view.entity();
     let (view, textures, target, prepass, view_offset, _, ssao) = view.into_inner();
-    let (Some(pipelines), Some(composite), Some(scene)) = (pipelines, composite, scene) else { return };
+    let (Some(pipelines), Some(composite), Some(scene)) = (pipelines, composite, scene) else {
+        return;
+    };
     let technique = view.settings.technique;
     let (
         Some(trace),
@@ -230,7 +260,10 @@ pub fn ray_traced_reflections(
         Some(gbuffer),
         Some(normals),
     ) = (
-        pipelines.traced.get(&technique).and_then(|&id| cache.get_compute_pipeline(id)),
+        pipelines
+            .traced
+            .get(&technique)
+            .and_then(|&id| cache.get_compute_pipeline(id)),
         scene.bind_group.as_ref(),
         environments.bind_group(entity),
         view_uniforms.uniforms.binding(),
@@ -242,18 +275,39 @@ pub fn ray_traced_reflections(
     else {
         return;
     };
-    let gbuffer = GBufferBindings { view: view_binding, settings, depth, gbuffer, normals };
+    let gbuffer = GBufferBindings {
+        view: view_binding,
+        settings,
+        depth,
+        gbuffer,
+        normals,
+    };
 
     let device = ctx.render_device().clone();
     let layout = cache.get_bind_group_layout(pipelines.layout(technique));
     let counters = textures.counters.as_entire_binding();
-    let GBufferBindings { view, settings, depth, gbuffer: words, normals } = gbuffer.clone();
+    let GBufferBindings {
+        view,
+        settings,
+        depth,
+        gbuffer: words,
+        normals,
+    } = gbuffer.clone();
     let table = &pipelines.albedo_table;
     let bind_group = match &textures.accumulation {
         None => device.create_bind_group(
             "glint_trace",
             &layout,
-            &BindGroupEntries::sequential((view, settings, depth, words, normals, table, &textures.radiance, counters)),
+            &BindGroupEntries::sequential((
+                view,
+                settings,
+                depth,
+                words,
+                normals,
+                table,
+                &textures.radiance,
+                counters,
+            )),
         ),
         Some(pair) => device.create_bind_group(
             "glint_trace",
@@ -279,9 +333,10 @@ pub fn ray_traced_reflections(
     let span = diagnostics.time_span(ctx.command_encoder(), "trace");
     ctx.command_encoder().clear_buffer(&textures.counters, 0, None);
     {
-        let mut pass = ctx
-            .command_encoder()
-            .begin_compute_pass(&ComputePassDescriptor { label: Some("glint_trace"), timestamp_writes: None });
+        let mut pass = ctx.command_encoder().begin_compute_pass(&ComputePassDescriptor {
+            label: Some("glint_trace"),
+            timestamp_writes: None,
+        });
         pass.set_pipeline(trace);
         pass.set_bind_group(0, &bind_group, &[view_offset.offset]);
         pass.set_bind_group(1, scene_bind_group, &[]);
@@ -293,8 +348,21 @@ pub fn ray_traced_reflections(
     record_counter(diagnostics, &mut ctx, &textures.counters, 4, "reflection_hits");
 
     let span = diagnostics.time_span(ctx.command_encoder(), "composite");
-    let radiance = textures.accumulation.as_ref().map_or(&textures.radiance, |pair| &pair[textures.parity]);
-    resolve_reflection(&mut ctx, &cache, &composite, gbuffer, view_offset.offset, radiance, ssao, environment, textures);
+    let radiance = textures
+        .accumulation
+        .as_ref()
+        .map_or(&textures.radiance, |pair| &pair[textures.parity]);
+    resolve_reflection(
+        &mut ctx,
+        &cache,
+        &composite,
+        gbuffer,
+        view_offset.offset,
+        radiance,
+        ssao,
+        environment,
+        textures,
+    );
     add_reflection(&mut ctx, &cache, &composite, target, textures);
     span.end(ctx.command_encoder());
     total.end(ctx.command_encoder());

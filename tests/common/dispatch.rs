@@ -1,5 +1,8 @@
 //! Runs one compute shader of this crate on whatever adapter there is.
-#![allow(unsafe_code, reason = "wgpu asks for it to leave out run-time checks and to enable ray queries")]
+#![allow(
+    unsafe_code,
+    reason = "wgpu asks for it to leave out run-time checks and to enable ray queries"
+)]
 
 use bevy::asset::{AssetId, uuid::Uuid};
 use bevy::shader::{Shader, ShaderCache, ShaderCacheSource, ShaderDefVal};

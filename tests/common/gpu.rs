@@ -11,7 +11,10 @@
 //!
 //! Without an adapter `Gpu::new` prints why and returns `None`, so that the test passes without having run; with
 //! `GLINT_REQUIRE_GPU=1` in the environment it fails instead. `WGPU_ADAPTER_NAME` picks an adapter by a part of its name.
-#![allow(unsafe_code, reason = "wgpu asks for it to leave out run-time checks and to enable ray queries")]
+#![allow(
+    unsafe_code,
+    reason = "wgpu asks for it to leave out run-time checks and to enable ray queries"
+)]
 
 use bytemuck::Pod;
 use wgpu::util::DeviceExt;

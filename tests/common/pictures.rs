@@ -2,10 +2,10 @@
 #![allow(dead_code, reason = "each test binary uses a part")]
 
 use bevy::{math::UVec2, prelude::*};
-use bevy_glint::{
-    RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, Technique, Tracer, TracerChoice,
+use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, Technique, Tracer, TracerChoice};
+use glint_scenes::{
+    HeadlessApp, HeadlessError, HeadlessSettings, Output, SceneAnimationPlugin, SceneName, SceneOptions,
 };
-use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, Output, SceneAnimationPlugin, SceneName, SceneOptions};
 use std::path::PathBuf;
 
 /// Pixels per degree of the paper's display: 2,560 pixels over 0.5 m at 0.62 m.
@@ -20,13 +20,12 @@ pub fn app(size: UVec2, output: Output, tracer: TracerChoice) -> Option<Headless
 }
 
 /// The same with more plugins.
-pub fn app_with(
-    size: UVec2,
-    output: Output,
-    tracer: TracerChoice,
-    add: impl FnOnce(&mut App),
-) -> Option<HeadlessApp> {
-    let settings = HeadlessSettings { size, output, ..default() };
+pub fn app_with(size: UVec2, output: Output, tracer: TracerChoice, add: impl FnOnce(&mut App)) -> Option<HeadlessApp> {
+    let settings = HeadlessSettings {
+        size,
+        output,
+        ..default()
+    };
     let result = HeadlessApp::new(settings, |app| {
         app.add_plugins((SceneAnimationPlugin, RayTracedReflectionsPlugin { tracer }));
         add(app);
@@ -34,7 +33,10 @@ pub fn app_with(
     let mut app = match result {
         Ok(app) => app,
         Err(error @ HeadlessError::NoRenderer) => {
-            assert!(std::env::var_os("GLINT_REQUIRE_GPU").is_none(), "a GPU is required, but: {error}");
+            assert!(
+                std::env::var_os("GLINT_REQUIRE_GPU").is_none(),
+                "a GPU is required, but: {error}"
+            );
             println!("skipped: {error}");
             return None;
         }
@@ -59,10 +61,19 @@ pub fn spawn(app: &mut HeadlessApp, scene: SceneName, technique: Technique) -> E
 
 /// Switches reflections on without a cut-off and waits until the scene can be hit.
 pub fn reflect(app: &mut HeadlessApp, camera: Entity, technique: Technique) {
-    let settings = RayTracedReflections { technique, roughness_cutoff: 1.0, roughness_fade: 0.0, ..default() };
+    let settings = RayTracedReflections {
+        technique,
+        roughness_cutoff: 1.0,
+        roughness_fade: 0.0,
+        ..default()
+    };
     app.world().entity_mut(camera).insert(settings);
     warm_up(app);
-    app.world().entity_mut(camera).get_mut::<RayTracedReflections>().unwrap().reset = true;
+    app.world()
+        .entity_mut(camera)
+        .get_mut::<RayTracedReflections>()
+        .unwrap()
+        .reset = true;
 }
 
 /// Waits until pipelines are compiled and meshes are built.
@@ -100,7 +111,10 @@ pub fn flip(size: UVec2, expected: &[u8], actual: &[u8]) -> (f32, Vec<f32>) {
 }
 
 fn image(size: UVec2, rgba: &[u8]) -> nv_flip::FlipImageRgb8 {
-    let rgb: Vec<u8> = rgba.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
+    let rgb: Vec<u8> = rgba
+        .chunks_exact(4)
+        .flat_map(|pixel| [pixel[0], pixel[1], pixel[2]])
+        .collect();
     nv_flip::FlipImageRgb8::with_data(size.x, size.y, &rgb)
 }
 
@@ -112,7 +126,9 @@ pub fn dump(name: &str, size: UVec2, expected: &[u8], actual: &[u8]) -> PathBuf 
         glint_scenes::save_picture(size, bytes.to_vec(), &path).unwrap_or_else(|error| panic!("{error}"));
     }
     let map = flip(size, expected, actual).1;
-    let gray = map.iter().flat_map(|error| [(error * 255.0) as u8, (error * 255.0) as u8, (error * 255.0) as u8, 255]);
+    let gray = map
+        .iter()
+        .flat_map(|error| [(error * 255.0) as u8, (error * 255.0) as u8, (error * 255.0) as u8, 255]);
     let path = folder.join(format!("{name}-difference.png"));
     glint_scenes::save_picture(size, gray.collect(), &path).unwrap_or_else(|error| panic!("{error}"));
     folder

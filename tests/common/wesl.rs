@@ -60,14 +60,21 @@ impl Shaders {
 
     /// Adds or replaces a module; `name` is like `bevy_glint/scene/types.wesl`.
     pub fn add(&mut self, name: &str, source: String) {
-        let next = AssetId::Uuid { uuid: Uuid::from_u128(self.ids.len() as u128 + 1) };
+        let next = AssetId::Uuid {
+            uuid: Uuid::from_u128(self.ids.len() as u128 + 1),
+        };
         let id = *self.ids.entry(name.to_string()).or_insert(next);
-        self.cache.set_shader(id, Shader::from_wesl(source, format!("embedded://{name}")));
+        self.cache
+            .set_shader(id, Shader::from_wesl(source, format!("embedded://{name}")));
     }
 
     /// Names of our own modules.
     pub fn own_modules(&self) -> Vec<String> {
-        self.ids.keys().filter(|name| name.starts_with("bevy_glint/")).cloned().collect()
+        self.ids
+            .keys()
+            .filter(|name| name.starts_with("bevy_glint/"))
+            .cloned()
+            .collect()
     }
 
     /// The WGSL of a module with all that it imports.
@@ -78,7 +85,10 @@ impl Shaders {
         defs.push(ShaderDefVal::UInt("AVAILABLE_STORAGE_BUFFER_BINDINGS".into(), 8));
         defs.push("AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_3".into());
         defs.push("AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_6".into());
-        self.cache.get(0, id, &defs).map(|source| (*source).clone()).map_err(|error| format!("{name}: {error}"))
+        self.cache
+            .get(0, id, &defs)
+            .map(|source| (*source).clone())
+            .map_err(|error| format!("{name}: {error}"))
     }
 
     /// Flattens and validates a module.
@@ -104,10 +114,21 @@ fn bevy_source(root: &Path, name: &str) -> PathBuf {
     let lock = fs::read_to_string(root.join("Cargo.lock")).expect("the tests need Cargo.lock");
     let line = format!("name = \"{name}\"");
     let mut lines = lock.lines().skip_while(|candidate| *candidate != line).skip(1);
-    let version = lines.next().and_then(|line| line.strip_prefix("version = \"")).map(|line| line.trim_end_matches('"'));
-    let folder = format!("{name}-{}", version.unwrap_or_else(|| panic!("{name} is not in Cargo.lock")));
+    let version = lines
+        .next()
+        .and_then(|line| line.strip_prefix("version = \""))
+        .map(|line| line.trim_end_matches('"'));
+    let folder = format!(
+        "{name}-{}",
+        version.unwrap_or_else(|| panic!("{name} is not in Cargo.lock"))
+    );
     let home = std::env::var("CARGO_HOME").map(PathBuf::from).unwrap_or_else(|_| {
-        PathBuf::from(std::env::var("HOME").or_else(|_| std::env::var("USERPROFILE")).unwrap_or_default()).join(".cargo")
+        PathBuf::from(
+            std::env::var("HOME")
+                .or_else(|_| std::env::var("USERPROFILE"))
+                .unwrap_or_default(),
+        )
+        .join(".cargo")
     });
     let registries = fs::read_dir(home.join("registry/src")).expect("the tests need cargo's registry sources");
     registries
@@ -125,5 +146,7 @@ pub fn flatten(entry: &str, replaced: &[(&str, &str)], defs: &[ShaderDefVal]) ->
         shaders.add(&format!("bevy_glint/{path}"), (*source).to_string());
     }
     shaders.add("bevy_glint/test_entry.wesl", entry.to_string());
-    shaders.flatten("bevy_glint/test_entry.wesl", defs).unwrap_or_else(|error| panic!("{error}"))
+    shaders
+        .flatten("bevy_glint/test_entry.wesl", defs)
+        .unwrap_or_else(|error| panic!("{error}"))
 }

@@ -167,8 +167,15 @@ impl Environment {
     /// Puts the components on a camera. Ambient light is switched off: the environment map takes its place. Without a sky the background is
     /// black; dithering goes with the tone curve.
     pub fn insert(self, camera: &mut EntityWorldMut) {
-        let ambient = AmbientLight { brightness: 0.0, ..Default::default() };
-        let dither = if self.tonemapping == Tonemapping::None { DebandDither::Disabled } else { DebandDither::Enabled };
+        let ambient = AmbientLight {
+            brightness: 0.0,
+            ..Default::default()
+        };
+        let dither = if self.tonemapping == Tonemapping::None {
+            DebandDither::Disabled
+        } else {
+            DebandDither::Enabled
+        };
         camera.insert((self.exposure, self.tonemapping, dither, ambient));
         if self.skybox.is_none()
             && let Some(mut camera) = camera.get_mut::<Camera>()

@@ -118,7 +118,11 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         }
         let run = side.bay * side.bays as f32;
         let kerb = scene.shape(|g| {
-            g.cuboid(Vec3::new(0.0, UPPER_FLOOR - 0.04, 0.0), Vec3::new(run + 0.62, 0.12, 0.62), 0.5);
+            g.cuboid(
+                Vec3::new(0.0, UPPER_FLOOR - 0.04, 0.0),
+                Vec3::new(run + 0.62, 0.12, 0.62),
+                0.5,
+            );
         });
         scene.place(&kerb, &m.smooth, side.transform);
         let belt = scene.shape(|g| cornice(g, run + 0.6, 0.34, 0.16, 1));

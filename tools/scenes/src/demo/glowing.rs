@@ -146,7 +146,12 @@ pub fn lights(scene: &mut SceneBuilder) {
     scene.world.entity_mut(entity).insert(NotShadowCaster);
     let brass = scene.material(metal(BRASS, 0.25));
     let bracket = scene.shape(|g| {
-        let hook = [Vec3::new(5.14, 2.72, -2.6), Vec3::new(5.08, 2.98, -2.6), Vec3::new(4.9, 3.14, -2.6), Vec3::new(4.55, 3.2, -2.6)];
+        let hook = [
+            Vec3::new(5.14, 2.72, -2.6),
+            Vec3::new(5.08, 2.98, -2.6),
+            Vec3::new(4.9, 3.14, -2.6),
+            Vec3::new(4.55, 3.2, -2.6),
+        ];
         g.tube(&hook, 0.02, 12);
         let mut lantern = Geometry::default();
         props::lantern(&mut lantern, 0.5, 0.16, 24);
