@@ -30,7 +30,7 @@ use table::{Csv, Table};
 /// Measure rays per second and build times.
 #[derive(FromArgs)]
 struct Arguments {
-    /// demo, atrium, mirror_room, furnace or emissive_floor; may be given several times (default: demo and atrium)
+    /// demo, atrium, `mirror_room`, furnace or `emissive_floor`; may be given several times (default: demo and atrium)
     #[argh(option)]
     scene: Vec<SceneName>,
     /// auto, ray-query, bvh or all (default: all that the adapter has)

@@ -18,7 +18,7 @@ struct Arguments {
     /// render without a window and write a picture
     #[argh(switch)]
     headless: bool,
-    /// demo, atrium, mirror_room, furnace or emissive_floor
+    /// demo, atrium, `mirror_room`, furnace or `emissive_floor`
     #[argh(option, default = "SceneName::Demo")]
     scene: SceneName,
     /// reference, converged or off

@@ -189,7 +189,7 @@ fn assets_that_change_are_followed() {
         let size = expect(&mut app, "at first", RED, [true, false]);
 
         edit_material(&mut app, subject, |material| {
-            material.base_color = Color::srgb_u8(0, 255, 0)
+            material.base_color = Color::srgb_u8(0, 255, 0);
         });
         expect(&mut app, "recoloured", GREEN, [true, false]);
         expect(&mut app, "the old colour is gone", RED, [false, false]);

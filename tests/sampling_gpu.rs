@@ -388,7 +388,11 @@ fn a_white_furnace_on_the_gpu_reflects_the_split_sum() {
                 edss.extend(0.0),
                 throughput.extend(0.0),
             ];
-            for (wanted, found) in wanted.iter().flat_map(|v| v.to_array()).zip(output.as_flattened()) {
+            for (wanted, found) in wanted
+                .iter()
+                .flat_map(bevy::prelude::Vec4::to_array)
+                .zip(output.as_flattened())
+            {
                 let matches = close(wanted, *found, 2e-3);
                 assert!(
                     matches,

@@ -280,6 +280,7 @@ impl MaterialTable {
 
     /// The part of [`Self::materials`] that changed since the last call.
     pub fn take_dirty(&mut self) -> Option<Range<usize>> {
+        #[expect(clippy::reversed_empty_ranges, reason = "the neutral element of taking the union")]
         let dirty = std::mem::replace(&mut self.dirty, usize::MAX..0);
         (dirty.start < dirty.end).then_some(dirty)
     }

@@ -1,4 +1,5 @@
 //! A device and a shader linker for unit tests.
+#![allow(clippy::print_stderr, reason = "a skipped test says why")]
 
 use bevy::{
     asset::{AssetId, uuid::Uuid},

@@ -1,5 +1,5 @@
 //! `src/trace/{sampling,noise,brdf}.wesl` in Rust, line by line, for tests.
-#![allow(dead_code)]
+#![allow(dead_code, reason = "each test binary uses a part")]
 
 use bevy::math::{FloatExt, Mat3, UVec2, Vec2, Vec3, vec2, vec3};
 use core::f32::consts::PI;

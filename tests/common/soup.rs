@@ -4,7 +4,7 @@ use bevy::math::{Affine3A, DVec3, EulerRot, Quat, Vec3};
 use bevy_glint::scene::bvh::{Blas, BvhQuality, Row, SceneView, Tlas, TlasInstance, TraceRay, build_blas, build_tlas};
 use bevy_glint::scene::gpu_types::{INSTANCE_CASTS_SHADOW, INSTANCE_MIRRORED};
 
-/// SplitMix64.
+/// `SplitMix64`.
 pub struct Random(pub u64);
 
 impl Random {

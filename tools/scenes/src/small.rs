@@ -83,7 +83,7 @@ pub fn mirror_room(world: &mut World) -> Entity {
     scene.finish()
 }
 
-/// Roughness of the columns of [`furnace`].
+/// Roughness of the columns of `furnace`.
 pub const FURNACE_ROUGHNESS: [f32; 6] = [0.0, 0.2, 0.4, 0.6, 0.8, 1.0];
 
 /// White spheres: the upper row metal, the lower dielectric; roughness grows to the right.

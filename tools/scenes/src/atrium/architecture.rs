@@ -77,7 +77,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
                     0.62,
                     UPPER_FLOOR - 0.1 - LOWER_SPRING,
                     segments(12, detail),
-                )
+                );
             }),
             scene.shape(|g| {
                 arch(
@@ -87,7 +87,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
                     0.46,
                     EAVES - 0.3 - UPPER_FLOOR - UPPER_SPRING,
                     segments(12, detail),
-                )
+                );
             }),
         ];
         let balustrade = scene.shape(|g| balustrade(g, side.bay - 0.44, detail));

@@ -62,7 +62,7 @@ fn curtains(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
                 scene.place(&long, dye, side.at(x, LOWER_SPRING - 2.95 + lift, -0.05));
                 scene.place(&rod, &m.bronze, side.at(x, LOWER_SPRING - 0.2 + lift, -0.05));
             }
-            if (i as usize + index) % 2 == 0 {
+            if (i as usize + index).is_multiple_of(2) {
                 let dye = &dyes[(3 * i as usize + index) % 4];
                 scene.place(&short, dye, side.at(x, UPPER_FLOOR + 1.05, -0.02));
                 scene.place(&rod, &m.bronze, side.at(x, UPPER_FLOOR + 2.4, -0.02));

@@ -149,7 +149,7 @@ pub fn lights(scene: &mut SceneBuilder) {
         let hook = [
             Vec3::new(5.14, 2.72, -2.6),
             Vec3::new(5.08, 2.98, -2.6),
-            Vec3::new(4.9, 3.14, -2.6),
+            Vec3::new(4.9, 3.15, -2.6),
             Vec3::new(4.55, 3.2, -2.6),
         ];
         g.tube(&hook, 0.02, 12);
