@@ -71,6 +71,26 @@ pub struct Bench {
     samples: Vec<Samples>,
 }
 
+/// Puts the file that `GLINT_BENCH_BVH` names in the place of `bvh.wesl`, to compare versions of the traversal in one run.
+fn replace_tracer(app: &mut HeadlessApp) -> Result<(), String> {
+    const MODULE: &str = "embedded://bevy_glint/scene/bvh.wesl";
+    let Some(path) = std::env::var_os("GLINT_BENCH_BVH") else {
+        return Ok(());
+    };
+    let source = std::fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+    let shader: Handle<Shader> = app.world().resource::<AssetServer>().load(MODULE);
+    for _ in 0..FRAME_LIMIT {
+        app.step(1);
+        let mut shaders = app.world().resource_mut::<Assets<Shader>>();
+        if shaders.contains(&shader) {
+            return shaders
+                .insert(shader.id(), Shader::from_wesl(source, MODULE))
+                .map_err(|error| error.to_string());
+        }
+    }
+    Err("the shaders of bevy_glint were not loaded".to_owned())
+}
+
 impl Bench {
     /// Spawns the scene.
     pub fn new(scene: SceneName, tracer: TracerWord, size: UVec2, detail: f32) -> Result<Self, String> {
@@ -82,6 +102,7 @@ impl Bench {
             kernels::add(app);
         })
         .map_err(|error| error.to_string())?;
+        replace_tracer(&mut app)?;
         let camera: Entity = app.spawn_scene(scene, &SceneOptions { detail, ..default() });
         let reflections = RayTracedReflections {
             technique: Technique::Reference,
