@@ -21,20 +21,20 @@ struct Arguments {
     /// demo, atrium, `mirror_room`, furnace or `emissive_floor`
     #[argh(option, default = "SceneName::Demo")]
     scene: SceneName,
-    /// reference, converged or off
-    #[argh(option, default = "TechniqueWord::default()")]
-    technique: TechniqueWord,
+    /// reference, converged or off (default: reference in a window, converged for a picture)
+    #[argh(option)]
+    technique: Option<TechniqueWord>,
     /// auto, compute or hardware
     #[argh(option, default = "BackendWord::default()")]
     backend: BackendWord,
     /// auto, ray-query or bvh
     #[argh(option, default = "TracerWord::default()")]
     tracer: TracerWord,
-    /// width and height in pixels, such as 1280x720
-    #[argh(option, default = "Size(UVec2::new(1280, 720))")]
-    size: Size,
+    /// width and height in pixels (default: 1280x720 in a window, 640x360 for a picture, which a CPU can render, too)
+    #[argh(option)]
+    size: Option<Size>,
     /// frames to render before the picture is taken
-    #[argh(option, default = "32")]
+    #[argh(option, default = "16")]
     frames: u32,
     /// fineness of the atrium: 1 gives about 90 thousand triangles, 2.25 about 260 thousand
     #[argh(option, default = "1.0")]
@@ -48,9 +48,27 @@ struct Arguments {
 }
 
 impl Arguments {
+    fn technique(&self) -> TechniqueWord {
+        let default = if self.headless {
+            TechniqueWord::Converged
+        } else {
+            TechniqueWord::Reference
+        };
+        self.technique.unwrap_or(default)
+    }
+
+    fn size(&self) -> UVec2 {
+        let default = if self.headless {
+            UVec2::new(640, 360)
+        } else {
+            UVec2::new(1280, 720)
+        };
+        self.size.map_or(default, |size| size.0)
+    }
+
     fn reflections(&self) -> ReflectionOptions {
         ReflectionOptions {
-            technique: self.technique,
+            technique: self.technique(),
             tracer: self.tracer,
             backend: self.backend,
         }
@@ -75,7 +93,7 @@ fn main() -> ExitCode {
 
 fn picture(arguments: &Arguments) -> Result<(), String> {
     let settings = HeadlessSettings {
-        size: arguments.size.0,
+        size: arguments.size(),
         log: true,
         ..default()
     };
@@ -90,7 +108,7 @@ fn picture(arguments: &Arguments) -> Result<(), String> {
         app.world().entity_mut(camera).insert(glint_scenes::camera_path(t));
     }
     app.warm_up(4000).map_err(|error| error.to_string())?;
-    wait_for_scene(&mut app, arguments.technique);
+    common::wait_for_scene(&mut app, arguments.technique());
     app.step(arguments.frames.max(1));
     let path = arguments
         .out
@@ -101,26 +119,8 @@ fn picture(arguments: &Arguments) -> Result<(), String> {
     Ok(())
 }
 
-/// Meshes are built in the background: waits until rays can hit all of them. The ground truth is one of a moment.
-fn wait_for_scene(app: &mut HeadlessApp, technique: TechniqueWord) {
-    if technique == TechniqueWord::Converged {
-        app.world().resource_mut::<Time<Virtual>>().pause();
-    }
-    let pending = |app: &mut HeadlessApp| {
-        let report = app.world().resource::<bevy_glint::ReflectionStatus>().report();
-        report.tracer.is_some() && (!report.ready || report.meshes_pending > 0)
-    };
-    for _ in 0..10_000 {
-        if technique == TechniqueWord::Off || !pending(app) {
-            return;
-        }
-        std::thread::sleep(std::time::Duration::from_millis(2));
-        app.step(1);
-    }
-}
-
 fn window(arguments: &Arguments) -> Result<(), String> {
-    let mut app = common::windowed_app("bevy_glint", arguments.size.0)?;
+    let mut app = common::windowed_app("bevy_glint", arguments.size())?;
     app.add_plugins(SceneAnimationPlugin);
     common::add_reflections(&mut app, arguments.reflections());
     let arguments = arguments.clone();

@@ -26,24 +26,27 @@ use std::{
 struct Arguments {
     /// a .gltf or .glb file
     #[argh(positional)]
-    file: PathBuf,
+    file: Option<PathBuf>,
+    /// the same by name
+    #[argh(option)]
+    gltf: Option<PathBuf>,
     /// render without a window and write a picture
     #[argh(switch)]
     headless: bool,
-    /// reference, converged or off
-    #[argh(option, default = "TechniqueWord::default()")]
-    technique: TechniqueWord,
+    /// reference, converged or off (default: reference in a window, converged for a picture)
+    #[argh(option)]
+    technique: Option<TechniqueWord>,
     /// auto, compute or hardware
     #[argh(option, default = "BackendWord::default()")]
     backend: BackendWord,
     /// auto, ray-query or bvh
     #[argh(option, default = "TracerWord::default()")]
     tracer: TracerWord,
-    /// width and height in pixels, such as 1280x720
-    #[argh(option, default = "Size(UVec2::new(1280, 720))")]
-    size: Size,
+    /// width and height in pixels (default: 1280x720 in a window, 640x360 for a picture, which a CPU can render, too)
+    #[argh(option)]
+    size: Option<Size>,
     /// frames to render before the picture is taken
-    #[argh(option, default = "32")]
+    #[argh(option, default = "16")]
     frames: u32,
     /// the picture
     #[argh(option)]
@@ -51,9 +54,27 @@ struct Arguments {
 }
 
 impl Arguments {
+    fn technique(&self) -> TechniqueWord {
+        let default = if self.headless {
+            TechniqueWord::Converged
+        } else {
+            TechniqueWord::Reference
+        };
+        self.technique.unwrap_or(default)
+    }
+
+    fn size(&self) -> UVec2 {
+        let default = if self.headless {
+            UVec2::new(640, 360)
+        } else {
+            UVec2::new(1280, 720)
+        };
+        self.size.map_or(default, |size| size.0)
+    }
+
     fn reflections(&self) -> ReflectionOptions {
         ReflectionOptions {
-            technique: self.technique,
+            technique: self.technique(),
             tracer: self.tracer,
             backend: self.backend,
         }
@@ -74,7 +95,12 @@ struct ViewerCamera;
 
 fn main() -> ExitCode {
     let arguments: Arguments = argh::from_env();
-    common::report(readable(&arguments.file).and_then(|file| {
+    let file = arguments
+        .file
+        .as_ref()
+        .or(arguments.gltf.as_ref())
+        .ok_or_else(|| "name a .gltf or .glb file".to_owned());
+    common::report(file.and_then(|file| readable(file)).and_then(|file| {
         if arguments.headless {
             picture(&arguments, file)
         } else {
@@ -98,7 +124,7 @@ fn readable(path: &Path) -> Result<PathBuf, String> {
 
 fn picture(arguments: &Arguments, file: PathBuf) -> Result<(), String> {
     let settings = HeadlessSettings {
-        size: arguments.size.0,
+        size: arguments.size(),
         log: true,
         ..default()
     };
@@ -108,12 +134,14 @@ fn picture(arguments: &Arguments, file: PathBuf) -> Result<(), String> {
     })
     .map_err(|error| error.to_string())?;
     let camera = app.spawn_camera(ViewerCamera);
+    let name = file.display().to_string();
     load(app.world(), camera, file);
     common::reflection_camera(&mut app.world().entity_mut(camera), arguments.reflections());
     app.warm_up(20_000).map_err(|error| error.to_string())?;
     if *app.world().resource::<Framing>() != Framing::Done {
-        return Err(format!("'{}' holds nothing that can be seen", arguments.file.display()));
+        return Err(format!("'{name}' holds nothing that can be seen"));
     }
+    common::wait_for_scene(&mut app, arguments.technique());
     app.step(arguments.frames.max(1));
     let path = arguments
         .out
@@ -125,8 +153,8 @@ fn picture(arguments: &Arguments, file: PathBuf) -> Result<(), String> {
 }
 
 fn window(arguments: &Arguments, file: PathBuf) -> Result<(), String> {
-    let name = arguments.file.display().to_string();
-    let mut app = common::windowed_app(&name, arguments.size.0)?;
+    let name = file.display().to_string();
+    let mut app = common::windowed_app(&name, arguments.size())?;
     app.init_resource::<Framing>()
         .add_systems(Update, (frame_scene, give_up));
     common::add_reflections(&mut app, arguments.reflections());

@@ -55,3 +55,8 @@ pub use diagnostics::{INSTANCES, MESHES_PENDING, SCENE_BYTES, TRIANGLES};
 pub use plugin::RayTracedReflectionsPlugin;
 pub use settings::{NotReflected, RayTracedReflections, Technique, TextureMip, TracerChoice};
 pub use status::{ReflectionStatus, StatusReport, Tracer};
+
+/// Compiles the README's code.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

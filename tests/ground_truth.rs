@@ -83,7 +83,7 @@ fn mirror(lit: bool) {
 
 /// Lights without shadows, and all unlit materials become lit ones of several kinds.
 fn light_up(_: On<Add<RayTracedReflections>>, mut materials: ResMut<Assets<StandardMaterial>>, mut commands: Commands) {
-    let mut kinds = [(0.0, 0.5), (1.0, 0.4), (0.0, 0.9), (0.5, 0.3)].into_iter().cycle();
+    let mut kinds = [(0.0, 0.5), (0.9, 0.4), (0.0, 0.9), (0.5, 0.3)].into_iter().cycle();
     for (_, material) in materials.iter_mut() {
         if material.unlit {
             let (metallic, perceptual_roughness) = kinds.next().unwrap_or_default();

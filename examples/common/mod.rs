@@ -12,7 +12,8 @@ use bevy::{
     pbr::DefaultOpaqueRendererMethod,
     prelude::*,
 };
-use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, Technique, TracerChoice};
+use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, Technique, TracerChoice};
+use glint_scenes::HeadlessApp;
 use std::{path::PathBuf, process::ExitCode, str::FromStr};
 
 /// Declares an enum whose variants are words on the command line.
@@ -66,6 +67,24 @@ pub fn reflection_camera(camera: &mut EntityWorldMut, options: ReflectionOptions
         TechniqueWord::Converged => Technique::Converged,
     };
     camera.insert(RayTracedReflections { technique, ..default() });
+}
+
+/// Meshes are built in the background: waits until rays can hit all of them. The ground truth is one of a moment.
+pub fn wait_for_scene(app: &mut HeadlessApp, technique: TechniqueWord) {
+    if technique == TechniqueWord::Converged {
+        app.world().resource_mut::<Time<Virtual>>().pause();
+    }
+    let pending = |app: &mut HeadlessApp| {
+        let report = app.world().resource::<ReflectionStatus>().report();
+        report.tracer.is_some() && (!report.ready || report.meshes_pending > 0)
+    };
+    for _ in 0..10_000 {
+        if technique == TechniqueWord::Off || !pending(app) {
+            return;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(2));
+        app.step(1);
+    }
 }
 
 /// A size such as `1920x1080`.
