@@ -9,6 +9,7 @@ use bevy::{
     math::Affine3A,
     mesh::{Mesh, Mesh3d, morph::MeshMorphWeights, skinning::SkinnedMesh},
     pbr::{MeshMaterial3d, StandardMaterial},
+    platform::collections::HashMap,
     prelude::*,
     render::Extract,
     utils::once,
@@ -37,6 +38,8 @@ pub struct SceneInstances {
     slots: Vec<Option<InstanceSource>>,
     free: Vec<u32>,
     by_entity: EntityHashMap<u32>,
+    /// How many objects show each mesh.
+    mesh_users: HashMap<AssetId<Mesh>, u32>,
     dirty: Vec<u32>,
 }
 
@@ -49,6 +52,11 @@ impl SceneInstances {
     /// The object in a slot.
     pub fn get(&self, slot: u32) -> Option<&InstanceSource> {
         self.slots.get(slot as usize).and_then(Option::as_ref)
+    }
+
+    /// The meshes of all objects, each once.
+    pub fn meshes(&self) -> impl Iterator<Item = AssetId<Mesh>> + '_ {
+        self.mesh_users.keys().copied()
     }
 
     /// Number of objects.
@@ -84,17 +92,32 @@ impl SceneInstances {
         };
         let place = &mut self.slots[slot as usize];
         if place.as_ref() != Some(&source) {
-            *place = Some(source);
+            *self.mesh_users.entry(source.mesh).or_default() += 1;
+            let replaced = place.replace(source);
             self.dirty.push(slot);
+            self.release_mesh(replaced);
         }
     }
 
     /// Removes an object if it is there.
     pub fn remove(&mut self, entity: Entity) {
         if let Some(slot) = self.by_entity.remove(&entity) {
-            self.slots[slot as usize] = None;
+            let removed = self.slots[slot as usize].take();
             self.free.push(slot);
             self.dirty.push(slot);
+            self.release_mesh(removed);
+        }
+    }
+
+    fn release_mesh(&mut self, gone: Option<InstanceSource>) {
+        let Some(mesh) = gone.map(|source| source.mesh) else {
+            return;
+        };
+        if let Some(users) = self.mesh_users.get_mut(&mesh) {
+            *users -= 1;
+            if *users == 0 {
+                self.mesh_users.remove(&mesh);
+            }
         }
     }
 
@@ -250,5 +273,9 @@ mod tests {
         assert_eq!(instances.take_dirty(), [0]);
         assert_eq!(instances.get(0).map(|s| s.entity), Some(c));
         assert_eq!(instances.len(), 2);
+        assert_eq!(instances.meshes().count(), 1);
+        instances.remove(b);
+        instances.remove(c);
+        assert_eq!(instances.meshes().count(), 0, "nobody shows the mesh any more");
     }
 }

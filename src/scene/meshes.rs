@@ -147,6 +147,17 @@ impl SceneMeshes {
         self.ready.contains_key(&id) || self.pending.contains_key(&id) || self.failed.contains(&id)
     }
 
+    /// Starts the build of a mesh if its data can be read somewhere.
+    fn start_from(&mut self, id: AssetId<Mesh>, kept: &RenderWorldMeshes, assets: &Assets<Mesh>) {
+        if let Some(mesh) = kept.0.get(&id) {
+            self.start(id, mesh.clone());
+        } else if let Some(mesh) = assets.get(id)
+            && is_readable(mesh)
+        {
+            self.start(id, Box::new(mesh.clone()));
+        }
+    }
+
     fn start(&mut self, id: AssetId<Mesh>, mesh: impl core::ops::Deref<Target = Mesh> + Send + 'static) {
         let with_bvh = self.tracer == Tracer::Bvh;
         let task = AsyncComputeTaskPool::get().spawn(async move {
@@ -243,7 +254,6 @@ pub fn extract_meshes(
     mut meshes: ResMut<SceneMeshes>,
     mut render_world: ResMut<RenderWorldMeshes>,
     device: Res<RenderDevice>,
-    mut wanted: Local<HashSet<AssetId<Mesh>>>,
 ) {
     let meshes = &mut *meshes;
     meshes.changed.clear();
@@ -268,24 +278,12 @@ pub fn extract_meshes(
         if meshes.pending.contains_key(&id) {
             meshes.stale.insert(id);
         } else if meshes.is_known(id) {
-            if let Some(mesh) = render_world.0.get(&id) {
-                meshes.start(id, mesh.clone());
-            } else if let Some(mesh) = assets.get(id)
-                && is_readable(mesh)
-            {
-                meshes.start(id, Box::new(mesh.clone()));
-            }
+            meshes.start_from(id, &render_world, &assets);
         }
     }
-    wanted.clear();
-    wanted.extend(instances.slots().iter().flatten().map(|instance| instance.mesh));
-    for &id in wanted.iter().filter(|id| !meshes.is_known(**id)).collect::<Vec<_>>() {
-        if let Some(mesh) = render_world.0.get(&id) {
-            meshes.start(id, mesh.clone());
-        } else if let Some(mesh) = assets.get(id)
-            && is_readable(mesh)
-        {
-            meshes.start(id, Box::new(mesh.clone()));
+    for id in instances.meshes() {
+        if !meshes.is_known(id) {
+            meshes.start_from(id, &render_world, &assets);
         }
     }
 }

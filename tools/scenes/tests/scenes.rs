@@ -134,6 +134,7 @@ fn the_path_is_smooth_and_inside() {
 fn cameras_and_skies_exist() {
     for name in SceneName::ALL {
         let mut world = World::new();
+        world.init_resource::<Assets<Image>>();
         let (transform, projection) = camera(name);
         assert!(transform.is_finite() && projection.fov > 0.1);
         let first = environment(name, &mut world);
