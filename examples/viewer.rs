@@ -36,7 +36,7 @@ struct Arguments {
     /// reference, converged or off (default: reference in a window, converged for a picture)
     #[argh(option)]
     technique: Option<TechniqueWord>,
-    /// auto, compute or hardware
+    /// auto or compute, the only back end so far
     #[argh(option, default = "BackendWord::default()")]
     backend: BackendWord,
     /// auto, ray-query or bvh

@@ -413,25 +413,3 @@ fn a_white_furnace_on_the_gpu_reflects_the_split_sum() {
     }
     println!("largest relative error in a white furnace of {SAMPLES} samples: {worst:.1e}");
 }
-
-#[test]
-fn the_lut_variant_links() {
-    const MAIN: &str = "
-import package::trace::brdf::f_ab;
-@group(0) @binding(0) var<storage, read> inputs: array<vec2<f32>>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<vec2<f32>>;
-@group(0) @binding(2) var lut: texture_2d<f32>;
-@group(0) @binding(3) var lut_sampler: sampler;
-@compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= arrayLength(&outputs) { return; }
-    outputs[id.x] = f_ab(inputs[id.x].x, inputs[id.x].y, lut, lut_sampler);
-}
-";
-    let wgsl = flatten(MAIN, &MODULES, &["DFG_LUT"]);
-    let module = naga::front::wgsl::parse_str(&wgsl).unwrap_or_else(|error| panic!("{}", error.emit_to_string(&wgsl)));
-    naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::empty())
-        .validate(&module)
-        .unwrap();
-    assert!(wgsl.contains("textureSampleLevel") && !wgsl.contains("exp2"));
-}

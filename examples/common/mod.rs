@@ -38,7 +38,7 @@ macro_rules! words {
 
 words!(/** How reflections are computed. */ TechniqueWord { Reference = "reference", Converged = "converged" , Off = "off" });
 words!(/** What traces the rays. */ TracerWord { Auto = "auto", RayQuery = "ray-query", Bvh = "bvh" });
-words!(/** What varies the rate. */ BackendWord { Auto = "auto", Compute = "compute", Hardware = "hardware" });
+words!(/** What varies the rate. */ BackendWord { Auto = "auto", Compute = "compute" });
 
 /// What the command line says about the reflections.
 #[derive(Clone, Copy, Debug, Default)]
