@@ -5,7 +5,7 @@ mod common;
 use bevy::math::{Affine3A, Vec3};
 use bevy_glint::scene::bvh::{BvhQuality, Counters, TraceRay, any, build_blas, build_tlas, closest};
 use common::soup::{Mesh, Packed, Random, SOUPS, Soup, mesh, placement};
-use proptest::prelude::*;
+use proptest::{prelude::*, test_runner::RngSeed};
 
 fn compare(scene: &Packed, rays: &[TraceRay], tolerance: f64, floor: f64) {
     let view = scene.view();
@@ -26,21 +26,43 @@ fn compare(scene: &Packed, rays: &[TraceRay], tolerance: f64, floor: f64) {
     assert!(hits * 4 > rays.len(), "only {hits} of {} rays hit", rays.len());
 }
 
+fn seed() -> RngSeed {
+    match std::env::var("PROPTEST_RNG_SEED").ok().and_then(|seed| seed.parse().ok()) {
+        Some(seed) => RngSeed::Fixed(seed),
+        None => RngSeed::Fixed(1),
+    }
+}
+
+/// Triangles that a ray meets at so flat an angle that rounding moves the hit by more than the usual tolerance.
+#[test]
+fn grazing_rays_are_judged_by_their_rounding() {
+    single_mesh(6_939_398_560_740_690_233, 3, 5, 2);
+}
+
+fn single_mesh(seed: u64, kind: usize, triangles: usize, exponent: i32) {
+    let mut random = Random(seed);
+    let scale = 10f32.powi(exponent);
+    let scene = Packed::new(
+        vec![mesh(SOUPS[kind], triangles, scale, Vec3::ZERO, &mut random)],
+        vec![(0, Affine3A::IDENTITY)],
+        0,
+    );
+    let rays = scene.rays(200, 3.0 * scale, Vec3::ZERO, &mut random);
+    compare(&scene, &rays, SOUPS[kind].tolerance(), f64::from(scale) * 1e-5);
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 24, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: 64,
+        failure_persistence: None,
+        // The same cases in every run; `PROPTEST_RNG_SEED` tries others.
+        rng_seed: seed(),
+        ..ProptestConfig::default()
+    })]
 
     #[test]
     fn single_mesh_matches_brute_force(seed: u64, kind in 0..SOUPS.len(), triangles in 1usize..400, exponent in -4i32..=6) {
-        let mut random = Random(seed);
-        let scale = 10f32.powi(exponent);
-        let scene = Packed::new(
-            vec![mesh(SOUPS[kind], triangles, scale, Vec3::ZERO, &mut random)],
-            vec![(0, Affine3A::IDENTITY)],
-            0,
-        );
-        let rays = scene.rays(200, 3.0 * scale, Vec3::ZERO, &mut random);
-        let tolerance = SOUPS[kind].tolerance();
-        compare(&scene, &rays, tolerance, f64::from(scale) * 1e-5);
+        single_mesh(seed, kind, triangles, exponent);
     }
 
     #[test]

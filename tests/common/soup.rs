@@ -258,7 +258,7 @@ impl Packed {
             candidates: Vec::new(),
         };
         for (instance, primitive, corners) in &self.triangles {
-            if let Some((t, margin)) = intersect(corners, origin, direction)
+            if let Some((t, margin, error)) = intersect(corners, origin, direction)
                 && t > -0.01
             {
                 if margin >= 0.0 && t > f64::from(ray.t_min) {
@@ -267,6 +267,7 @@ impl Packed {
                 result.candidates.push(Candidate {
                     t,
                     margin,
+                    error,
                     instance: *instance,
                     primitive: *primitive,
                 });
@@ -282,6 +283,9 @@ pub struct Candidate {
     /// Distance between the ray and the nearest edge relative to the coordinates, negative outside: below [`DOUBT`],
     /// single precision may see the ray on either side.
     pub margin: f64,
+    /// Bound of the error of `t` in single precision: rounding shifts and tilts the plane, which moves the point where a
+    /// grazing ray meets it.
+    pub error: f64,
     pub instance: u32,
     pub primitive: u32,
 }
@@ -296,30 +300,25 @@ impl Oracle {
     /// Whether a tracer in single precision may answer `hit`: it must lie on a candidate, and no triangle that the ray
     /// surely hits may lie in front of it. `tolerance` is relative to t, `floor` absolute.
     pub fn accepts(&self, hit: Option<(f32, u32, u32)>, tolerance: f64, floor: f64) -> bool {
-        let slack = |t: f64| t.abs() * tolerance + floor;
-        let sure = self
-            .candidates
-            .iter()
-            .filter(|c| c.margin > DOUBT && c.t > slack(c.t))
-            .map(|c| c.t);
-        let nearest_sure = sure.fold(f64::INFINITY, f64::min);
+        let slack = |c: &Candidate| c.t.abs() * tolerance + floor + c.error;
+        let sure = || self.candidates.iter().filter(|c| c.margin > DOUBT && c.t > slack(c));
         match hit {
-            None => nearest_sure == f64::INFINITY,
+            None => sure().next().is_none(),
             Some((t, instance, primitive)) => {
                 let t = f64::from(t);
-                t <= nearest_sure + slack(nearest_sure)
-                    && self.candidates.iter().any(|c| {
-                        (c.instance, c.primitive) == (instance, primitive)
-                            && c.margin > -DOUBT
-                            && (c.t - t).abs() <= slack(t)
-                    })
+                self.candidates.iter().any(|c| {
+                    (c.instance, c.primitive) == (instance, primitive)
+                        && c.margin > -DOUBT
+                        && (c.t - t).abs() <= slack(c)
+                        && sure().all(|nearer| t <= nearer.t + slack(nearer) + c.error)
+                })
             }
         }
     }
 }
 
-/// Distance and margin; `None` far outside or parallel.
-fn intersect([a, b, c]: &[DVec3; 3], origin: DVec3, direction: DVec3) -> Option<(f64, f64)> {
+/// Distance, margin and error; `None` far outside or parallel.
+fn intersect([a, b, c]: &[DVec3; 3], origin: DVec3, direction: DVec3) -> Option<(f64, f64, f64)> {
     let normal = (b - a).cross(c - a);
     let slope = normal.dot(direction);
     let cosine = slope.abs() / normal.length();
@@ -332,5 +331,8 @@ fn intersect([a, b, c]: &[DVec3; 3], origin: DVec3, direction: DVec3) -> Option<
     let smallest = inside(b, c).min(inside(c, a)).min(inside(a, b));
     let size = t.abs() + origin.length() + a.length().max(b.length()).max(c.length());
     let margin = smallest * cosine / size;
-    (margin > -DOUBT).then_some((t, margin))
+    let longest = (b - a).length().max((c - a).length()).max((c - b).length());
+    let aspect = longest * longest / normal.length();
+    let error = 4.0 * f64::from(f32::EPSILON) * size * aspect / cosine;
+    (margin > -DOUBT).then_some((t, margin, error))
 }
