@@ -42,6 +42,12 @@ struct Arguments {
     /// frames to measure (default: 60; 5 on a CPU)
     #[argh(option)]
     frames: Option<u32>,
+    /// techniques whose passes are timed, separated by commas
+    #[argh(
+        option,
+        default = "\"reference,quarter,quarter-inline,vrs-roughness,vrs-grazing,vrs-combined,paper\".to_owned()"
+    )]
+    techniques: String,
     /// fineness of the atrium: 1 gives about 90 thousand triangles
     #[argh(option, default = "1.0")]
     detail: f32,
@@ -170,6 +176,7 @@ fn rays(arguments: &Arguments, size: UVec2, frames: u32, csv: &mut Csv) -> Resul
         [] => vec![SceneName::Demo, SceneName::Atrium],
         chosen => chosen.to_vec(),
     };
+    let techniques: Vec<&str> = arguments.techniques.split(',').map(str::trim).collect();
     let mut tables = Tables {
         scenes: Table::new(
             "Scenes (build times of the CPU, of meshes summed over threads; memory without what a driver keeps for ray queries)",
@@ -198,10 +205,23 @@ fn rays(arguments: &Arguments, size: UVec2, frames: u32, csv: &mut Csv) -> Resul
             ],
         ),
         passes: Table::new(
-            "Passes of the technique reference at full resolution, roughness cut-off 1",
-            &["scene", "tracer", "pass", "median ms", "p95 ms"],
+            "Passes (median ms of the GPU) and rays of a frame, roughness cut-off 1",
+            &[
+                "scene",
+                "tracer",
+                "technique",
+                "rate",
+                "trace",
+                "reconstruct",
+                "temporal",
+                "blur",
+                "composite",
+                "total",
+                "rays",
+                "mirror rays",
+                "hits",
+            ],
         ),
-        counters: Table::new("Rays of these passes", &["scene", "tracer", "rays", "hits"]),
     };
     for scene in scenes {
         for word in arguments.tracer.list() {
@@ -216,14 +236,19 @@ fn rays(arguments: &Arguments, size: UVec2, frames: u32, csv: &mut Csv) -> Resul
                 println!("{scene}: {}.", report.reasons.join(". "));
                 continue;
             }
-            let report = bench.wait_for_scene()?;
-            bench.describe(scene, tracer, &report, &mut tables.scenes, csv);
-            bench.measure(frames)?;
-            bench.kernels(scene, tracer, &mut tables.kernels, csv);
-            bench.passes(scene, tracer, &mut tables, csv);
+            for (index, technique) in techniques.iter().enumerate() {
+                bench.set_technique(technique)?;
+                let report = bench.wait_for_scene()?;
+                bench.measure(frames)?;
+                if index == 0 {
+                    bench.describe(scene, tracer, &report, &mut tables.scenes, csv);
+                    bench.kernels(scene, tracer, &mut tables.kernels, csv);
+                }
+                bench.passes(scene, tracer, technique, &mut tables.passes, csv);
+            }
         }
     }
-    for table in [&tables.scenes, &tables.kernels, &tables.passes, &tables.counters] {
+    for table in [&tables.scenes, &tables.kernels, &tables.passes] {
         table.print();
     }
     Ok(())

@@ -6,7 +6,8 @@ mod common;
 
 use argh::FromArgs;
 use bevy::prelude::*;
-use common::{BackendWord, ReflectionOptions, Size, TechniqueWord, TracerWord};
+use bevy_glint::Backend;
+use common::{ReflectionOptions, Size, TechniqueWord, TracerWord};
 use glint_scenes::{
     HeadlessApp, HeadlessSettings, SceneAnimationPlugin, SceneName, SceneOptions, camera, environment, spawn_with,
 };
@@ -21,12 +22,13 @@ struct Arguments {
     /// demo, atrium, `mirror_room`, furnace or `emissive_floor`
     #[argh(option, default = "SceneName::Demo")]
     scene: SceneName,
-    /// reference, converged or off (default: reference in a window, converged for a picture)
+    /// off, reference, quarter, quarter-inline, vrs-roughness, vrs-grazing, vrs-combined, converged, paper, low, medium, high or
+    /// ultra (default: medium in a window, converged for a picture)
     #[argh(option)]
     technique: Option<TechniqueWord>,
-    /// auto or compute, the only back end so far
-    #[argh(option, default = "BackendWord::default()")]
-    backend: BackendWord,
+    /// auto, compute or hardware
+    #[argh(option, default = "Backend::default()")]
+    backend: Backend,
     /// auto, ray-query or bvh
     #[argh(option, default = "TracerWord::default()")]
     tracer: TracerWord,
@@ -50,11 +52,11 @@ struct Arguments {
 impl Arguments {
     fn technique(&self) -> TechniqueWord {
         let default = if self.headless {
-            TechniqueWord::Converged
+            TechniqueWord::converged()
         } else {
-            TechniqueWord::Reference
+            TechniqueWord::default()
         };
-        self.technique.unwrap_or(default)
+        self.technique.clone().unwrap_or(default)
     }
 
     fn size(&self) -> UVec2 {
@@ -99,16 +101,16 @@ fn picture(arguments: &Arguments) -> Result<(), String> {
     };
     let mut app = HeadlessApp::new(settings, |app| {
         app.add_plugins(SceneAnimationPlugin);
-        common::add_reflections(app, arguments.reflections());
+        common::add_reflections(app, &arguments.reflections());
     })
     .map_err(|error| error.to_string())?;
     let camera = app.spawn_scene(arguments.scene, &arguments.options());
-    common::reflection_camera(&mut app.world().entity_mut(camera), arguments.reflections());
+    common::reflection_camera(&mut app.world().entity_mut(camera), &arguments.reflections());
     if let Some(t) = arguments.path.filter(|_| arguments.scene == SceneName::Atrium) {
         app.world().entity_mut(camera).insert(glint_scenes::camera_path(t));
     }
     app.warm_up(4000).map_err(|error| error.to_string())?;
-    common::wait_for_scene(&mut app, arguments.technique());
+    common::wait_for_scene(&mut app, &arguments.technique());
     app.step(arguments.frames.max(1));
     let path = arguments
         .out
@@ -122,7 +124,7 @@ fn picture(arguments: &Arguments) -> Result<(), String> {
 fn window(arguments: &Arguments) -> Result<(), String> {
     let mut app = common::windowed_app("bevy_glint", arguments.size())?;
     app.add_plugins(SceneAnimationPlugin);
-    common::add_reflections(&mut app, arguments.reflections());
+    common::add_reflections(&mut app, &arguments.reflections());
     let arguments = arguments.clone();
     app.add_systems(Startup, move |world: &mut World| {
         spawn_with(arguments.scene, world, &arguments.options());
@@ -130,7 +132,7 @@ fn window(arguments: &Arguments) -> Result<(), String> {
         let environment = environment(arguments.scene, world);
         let mut camera = world.spawn((common::window_camera(3.0), transform, Projection::from(projection)));
         environment.insert(&mut camera);
-        common::reflection_camera(&mut camera, arguments.reflections());
+        common::reflection_camera(&mut camera, &arguments.reflections());
     });
     common::run(app)
 }

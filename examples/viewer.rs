@@ -14,7 +14,8 @@ use bevy::{
     prelude::*,
     world_serialization::WorldInstanceReady,
 };
-use common::{BackendWord, ReflectionOptions, Size, TechniqueWord, TracerWord};
+use bevy_glint::Backend;
+use common::{ReflectionOptions, Size, TechniqueWord, TracerWord};
 use glint_scenes::{Environment, HeadlessApp, HeadlessSettings, Sky, sun_direction};
 use std::{
     path::{Path, PathBuf},
@@ -33,12 +34,13 @@ struct Arguments {
     /// render without a window and write a picture
     #[argh(switch)]
     headless: bool,
-    /// reference, converged or off (default: reference in a window, converged for a picture)
+    /// off, reference, quarter, quarter-inline, vrs-roughness, vrs-grazing, vrs-combined, converged, paper, low, medium, high or
+    /// ultra (default: medium in a window, converged for a picture)
     #[argh(option)]
     technique: Option<TechniqueWord>,
-    /// auto or compute, the only back end so far
-    #[argh(option, default = "BackendWord::default()")]
-    backend: BackendWord,
+    /// auto, compute or hardware
+    #[argh(option, default = "Backend::default()")]
+    backend: Backend,
     /// auto, ray-query or bvh
     #[argh(option, default = "TracerWord::default()")]
     tracer: TracerWord,
@@ -56,11 +58,11 @@ struct Arguments {
 impl Arguments {
     fn technique(&self) -> TechniqueWord {
         let default = if self.headless {
-            TechniqueWord::Converged
+            TechniqueWord::converged()
         } else {
-            TechniqueWord::Reference
+            TechniqueWord::default()
         };
-        self.technique.unwrap_or(default)
+        self.technique.clone().unwrap_or(default)
     }
 
     fn size(&self) -> UVec2 {
@@ -130,18 +132,18 @@ fn picture(arguments: &Arguments, file: PathBuf) -> Result<(), String> {
     };
     let mut app = HeadlessApp::new(settings, |app| {
         app.init_resource::<Framing>().add_systems(Update, frame_scene);
-        common::add_reflections(app, arguments.reflections());
+        common::add_reflections(app, &arguments.reflections());
     })
     .map_err(|error| error.to_string())?;
     let camera = app.spawn_camera(ViewerCamera);
     let name = file.display().to_string();
     load(app.world(), camera, file);
-    common::reflection_camera(&mut app.world().entity_mut(camera), arguments.reflections());
+    common::reflection_camera(&mut app.world().entity_mut(camera), &arguments.reflections());
     app.warm_up(20_000).map_err(|error| error.to_string())?;
     if *app.world().resource::<Framing>() != Framing::Done {
         return Err(format!("'{name}' holds nothing that can be seen"));
     }
-    common::wait_for_scene(&mut app, arguments.technique());
+    common::wait_for_scene(&mut app, &arguments.technique());
     app.step(arguments.frames.max(1));
     let path = arguments
         .out
@@ -157,7 +159,7 @@ fn window(arguments: &Arguments, file: PathBuf) -> Result<(), String> {
     let mut app = common::windowed_app(&name, arguments.size())?;
     app.init_resource::<Framing>()
         .add_systems(Update, (frame_scene, give_up));
-    common::add_reflections(&mut app, arguments.reflections());
+    common::add_reflections(&mut app, &arguments.reflections());
     let reflections = arguments.reflections();
     let file = std::sync::Mutex::new(Some(file));
     app.add_systems(Startup, move |world: &mut World| {
@@ -166,7 +168,7 @@ fn window(arguments: &Arguments, file: PathBuf) -> Result<(), String> {
         };
         let camera = world.spawn((common::window_camera(3.0), ViewerCamera)).id();
         load(world, camera, file);
-        common::reflection_camera(&mut world.entity_mut(camera), reflections);
+        common::reflection_camera(&mut world.entity_mut(camera), &reflections);
     });
     common::run(app).map_err(|_| format!("'{name}' could not be loaded"))
 }

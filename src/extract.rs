@@ -1,9 +1,13 @@
 //! From the cameras of the main world to the views of the render world.
 
 use crate::{
+    composite::CompositePipelines,
+    denoise::DenoisePipelines,
+    rate::{RatePipelines, RateSettings, RateTileSize, ShadingRateHeuristic},
     scene::environment::ViewEnvironment,
     settings::{RayTracedReflections, SafeSettings, Technique},
-    trace::ReflectionPipelines,
+    status::ReflectionStatus,
+    trace::TracePipelines,
     view::ReflectionTextures,
 };
 use bevy::{
@@ -15,7 +19,7 @@ use bevy::{
         query::{QueryData, QueryState},
     },
     log::warn,
-    math::Mat4,
+    math::{Mat4, UVec4, Vec4},
     pbr::{
         DefaultOpaqueRendererMethod, MeshPipelineKey, ScreenSpaceReflections, ScreenSpaceReflectionsPipelineId,
         ScreenSpaceReflectionsUniform, ViewKeyCache, ViewScreenSpaceReflectionsUniformOffset,
@@ -36,13 +40,37 @@ use bevy::{
 #[derive(Component, Clone, Debug)]
 pub struct ReflectionView {
     pub(crate) settings: SafeSettings,
+    pub(crate) rate: RateSettings,
     /// History must be forgotten.
     pub(crate) reset: bool,
 }
 
 /// A view whose camera asks for reflections, whether they can be traced yet or not.
 #[derive(Component)]
-pub struct WantsReflections;
+pub struct WantsReflections {
+    settings: SafeSettings,
+    rate: RateSettings,
+}
+
+/// Decides which pipelines a view needs; other settings can change without a new compilation.
+fn pipeline_key(settings: &SafeSettings, rate: &RateSettings) -> (Technique, [bool; 3], RateSettings) {
+    let denoiser = &settings.denoiser;
+    let rate = RateSettings {
+        thresholds: Vec4::ZERO,
+        options: UVec4::ZERO,
+        ..rate.clone()
+    };
+    let flags = [
+        settings.full_resolution_mirrors,
+        denoiser.temporal,
+        denoiser.blur_radius > 0.0,
+    ];
+    (settings.technique, flags, rate)
+}
+
+/// Views for which everything is compiled, and for which settings.
+#[derive(Resource, Default)]
+pub struct ReadyViews(EntityHashMap<(Technique, [bool; 3], RateSettings)>);
 
 /// Views for which Bevy has compiled the lighting that leaves out environment specular. Switching a view over earlier would
 /// leave it unlit until the compiler is done.
@@ -70,6 +98,8 @@ pub struct CameraQuery {
     render_entity: RenderEntity,
     camera: &'static Camera,
     reflections: Option<&'static mut RayTracedReflections>,
+    heuristic: Option<&'static ShadingRateHeuristic>,
+    tile_size: Option<&'static RateTileSize>,
     transform: &'static GlobalTransform,
     hdr: Has<Hdr>,
     depth: Has<DepthPrepass>,
@@ -139,7 +169,8 @@ pub struct ExtractionState {
 /// [`drop_ssr_pass`](crate::trace::drop_ssr_pass) keeps the screen-space pass itself from running.
 pub fn extract_cameras(
     mut main_world: ResMut<MainWorld>,
-    mut pipelines: Option<ResMut<ReflectionPipelines>>,
+    ready_views: Res<ReadyViews>,
+    status: Res<ReflectionStatus>,
     warm: Res<WarmLighting>,
     existing: Query<
         (Entity, Has<ReflectionView>, Option<&ViewEnvironment>),
@@ -156,6 +187,7 @@ pub fn extract_cameras(
     let query = query.get_or_insert_with(|| main_world.query::<CameraQuery>());
     let mut wanting = EntityHashSet::default();
     let mut present = EntityHashSet::default();
+    let mut all_ready = true;
     for mut camera in query.iter_mut(&mut main_world) {
         let Some(reflections) = camera.reflections.as_mut() else {
             continue;
@@ -197,17 +229,20 @@ pub fn extract_cameras(
         let (active, environment) = existing
             .get(camera.render_entity)
             .map_or((false, None), |(_, active, environment)| (active, environment.cloned()));
-        let ready = pipelines.as_mut().is_some_and(|pipelines| {
-            pipelines.request(settings.technique);
-            pipelines.is_ready(settings.technique)
-        }) && (active || warm.0.contains(&camera.render_entity));
+        let heuristic = camera.heuristic.cloned().unwrap_or_default();
+        let rate = RateSettings {
+            tile_size: camera.tile_size.copied().unwrap_or_default().trace_pixels(),
+            ..RateSettings::new(&heuristic, settings.technique)
+        };
+        let ready = ready_views.0.get(&camera.render_entity) == Some(&pipeline_key(&settings, &rate))
+            && (active || warm.0.contains(&camera.render_entity));
+        commands.entity(camera.render_entity).insert(WantsReflections {
+            settings,
+            rate: rate.clone(),
+        });
         if !ready {
-            // Until then the picture keeps Bevy's environment map.
-            let mut view = commands.entity(camera.render_entity);
-            view.insert(WantsReflections);
-            if active {
-                view.remove::<AllOfAView>();
-            }
+            // A new view keeps Bevy's environment map until then, an active one its old settings.
+            all_ready = false;
             continue;
         }
         let state = CameraState {
@@ -225,8 +260,7 @@ pub fn extract_cameras(
             reflections.bypass_change_detection().reset = false;
         }
         commands.entity(camera.render_entity).insert((
-            WantsReflections,
-            ReflectionView { settings, reset },
+            ReflectionView { settings, rate, reset },
             ScreenSpaceReflectionsUniform::from(ScreenSpaceReflections {
                 min_perceptual_roughness: 0.0..0.0,
                 max_perceptual_roughness: settings.cutoff..settings.cutoff,
@@ -234,6 +268,8 @@ pub fn extract_cameras(
             }),
         ));
     }
+    let ready = all_ready && !wanting.is_empty();
+    status.update(|report| report.ready = ready);
     cameras.retain(|entity, _| present.contains(entity));
     warned.retain(|(entity, _)| present.contains(entity));
     for (view, active, _) in &existing {
@@ -243,6 +279,31 @@ pub fn extract_cameras(
             if active {
                 view.remove::<AllOfAView>();
             }
+        }
+    }
+}
+
+/// Asks for the pipelines of all views and notes which of them can start.
+pub fn prepare_pipelines(
+    views: Query<(Entity, &WantsReflections)>,
+    mut trace: ResMut<TracePipelines>,
+    mut rates: ResMut<RatePipelines>,
+    mut denoise: ResMut<DenoisePipelines>,
+    composite: Res<CompositePipelines>,
+    cache: Res<PipelineCache>,
+    mut ready: ResMut<ReadyViews>,
+) {
+    ready.0.clear();
+    for (entity, WantsReflections { settings, rate }) in &views {
+        trace.request(settings);
+        rates.request(rate);
+        denoise.request(settings);
+        if trace.is_ready(&cache, settings)
+            && rates.is_ready(&cache, rate)
+            && denoise.is_ready(&cache, settings)
+            && composite.are_ready(&cache)
+        {
+            ready.0.insert(entity, pipeline_key(settings, rate));
         }
     }
 }

@@ -42,18 +42,26 @@
 #![warn(clippy::print_stdout, clippy::print_stderr, clippy::unwrap_used, clippy::expect_used)]
 
 pub mod composite;
+pub mod denoise;
 mod diagnostics;
 mod extract;
 mod plugin;
+pub mod presets;
+pub mod rate;
 pub mod scene;
 pub mod settings;
 pub mod status;
+mod targets;
 pub mod trace;
 mod view;
 
 pub use diagnostics::{INSTANCES, MESHES_PENDING, SCENE_BYTES, TRIANGLES};
 pub use plugin::RayTracedReflectionsPlugin;
-pub use settings::{NotReflected, RayTracedReflections, Technique, TextureMip, TracerChoice};
+pub use presets::{Preset, named_settings};
+pub use rate::ShadingRateHeuristic;
+pub use settings::{
+    Backend, Denoiser, NotReflected, RaySampling, RayTracedReflections, Technique, TextureMip, TracerChoice,
+};
 pub use status::{ReflectionStatus, StatusReport, Tracer};
 
 /// Compiles the README's code.

@@ -1,16 +1,19 @@
 //! The plugin: shaders, resources and the order of systems.
 
 use crate::{
-    composite::{CompositePipelines, init_composite_pipelines, queue_composite_pipelines},
+    composite::{CompositePipelines, allow_writes_in_place, init_composite_pipelines, queue_composite_pipelines},
+    denoise::{DenoisePipelines, init_denoise_pipelines, queue_denoise_pipelines},
     diagnostics,
-    extract::{AllOfAView, ReflectionView, WarmLighting, extract_cameras, warm_lighting},
-    scene::{SceneBindings, ScenePlugin, environment::extract_environments},
-    settings::{NotReflected, RayTracedReflections, Technique, TextureMip, TracerChoice},
-    status::{self, ReflectionStatus},
-    trace::{
-        ReflectionPipelines, drop_ssr_pass, init_reflection_pipelines, queue_reflection_pipelines,
-        ray_traced_reflections,
+    extract::{
+        AllOfAView, ReadyViews, ReflectionView, WarmLighting, extract_cameras, prepare_pipelines, warm_lighting,
     },
+    rate::{self, RatePipelines, init_rate_pipelines, queue_rate_pipelines},
+    scene::{SceneBindings, ScenePlugin, environment::extract_environments},
+    settings::{
+        Backend, Denoiser, NotReflected, RaySampling, RayTracedReflections, Technique, TextureMip, TracerChoice,
+    },
+    status::{self, ReflectionStatus},
+    trace::{TracePipelines, drop_ssr_pass, init_trace_pipelines, queue_trace_pipelines, ray_traced_reflections},
     view::prepare_views,
 };
 use bevy::{
@@ -29,6 +32,7 @@ use bevy::{
     render::{
         ExtractSchedule, Render, RenderApp, RenderStartup, RenderSystems, init_gpu_resource,
         renderer::{RenderAdapterInfo, RenderDevice},
+        view::prepare_view_targets,
     },
     shader::load_shader_library,
 };
@@ -51,10 +55,14 @@ impl Plugin for RayTracedReflectionsPlugin {
     fn build(&self, app: &mut App) {
         app.register_type::<RayTracedReflections>()
             .register_type::<Technique>()
+            .register_type::<Backend>()
+            .register_type::<RaySampling>()
+            .register_type::<Denoiser>()
             .register_type::<TextureMip>()
             .register_type::<TracerChoice>()
             .register_type::<NotReflected>()
             .init_resource::<ReflectionStatus>();
+        rate::register(app);
         diagnostics::register(app);
         app.add_systems(Update, diagnostics::measure);
         if app.get_sub_app(RenderApp).is_none() {
@@ -67,7 +75,20 @@ impl Plugin for RayTracedReflectionsPlugin {
         load_shader_library!(app, "trace/lobe.wesl");
         load_shader_library!(app, "trace/noise.wesl");
         load_shader_library!(app, "trace/sampling.wesl");
-        embedded_asset!(app, "trace/reference.wesl");
+        load_shader_library!(app, "rate/codes.wesl");
+        load_shader_library!(app, "trace/record.wesl");
+        load_shader_library!(app, "trace/rays.wesl");
+        load_shader_library!(app, "trace/selection.wesl");
+        load_shader_library!(app, "denoise/filters.wesl");
+        load_shader_library!(app, "denoise/lobes.wesl");
+        load_shader_library!(app, "denoise/neighbours.wesl");
+        load_shader_library!(app, "denoise/tiles.wesl");
+        embedded_asset!(app, "denoise/reconstruct.wesl");
+        embedded_asset!(app, "denoise/temporal.wesl");
+        embedded_asset!(app, "denoise/blur.wesl");
+        embedded_asset!(app, "trace/blocks.wesl");
+        embedded_asset!(app, "trace/converged.wesl");
+        embedded_asset!(app, "trace/inline.wesl");
         embedded_asset!(app, "composite/resolve.wesl");
         embedded_asset!(app, "composite/add.wesl");
         app.add_plugins(ScenePlugin);
@@ -106,14 +127,20 @@ impl Plugin for RayTracedReflectionsPlugin {
         render_app
             .insert_resource(status)
             .insert_resource(ChosenTracer(tracer))
-            .init_resource::<WarmLighting>();
+            .init_resource::<WarmLighting>()
+            .init_resource::<ReadyViews>();
         ScenePlugin::add_systems(render_app);
         render_app
             .add_systems(
                 RenderStartup,
                 (
                     forget_views.ambiguous_with_all(),
-                    (init_reflection_pipelines, init_composite_pipelines)
+                    (
+                        init_trace_pipelines,
+                        init_rate_pipelines,
+                        init_denoise_pipelines,
+                        init_composite_pipelines,
+                    )
                         .after(forget_views)
                         .after(init_gpu_resource::<SceneBindings>),
                 ),
@@ -125,14 +152,24 @@ impl Plugin for RayTracedReflectionsPlugin {
             .add_systems(
                 Render,
                 (
-                    (queue_composite_pipelines, queue_reflection_pipelines)
+                    // After the scene is up to date, since definitions of shaders follow it.
+                    (
+                        prepare_pipelines,
+                        queue_composite_pipelines,
+                        queue_rate_pipelines,
+                        queue_trace_pipelines,
+                        queue_denoise_pipelines,
+                        // After the sets in which ambient occlusion and light probes of views are prepared.
+                        prepare_views,
+                    )
                         .chain()
-                        .in_set(RenderSystems::Prepare),
+                        .in_set(RenderSystems::PrepareResourcesFlush),
+                    allow_writes_in_place
+                        .before(prepare_view_targets)
+                        .in_set(RenderSystems::PrepareViews),
                     warm_lighting
                         .after(prepare_deferred_lighting_pipelines)
                         .in_set(RenderSystems::Prepare),
-                    // After the sets in which ambient occlusion and light probes of views are prepared.
-                    prepare_views.in_set(RenderSystems::PrepareResourcesFlush),
                     drop_ssr_pass
                         .after(prepare_ssr_pipelines)
                         .in_set(RenderSystems::PrepareBindGroups),
@@ -155,6 +192,8 @@ fn forget_views(views: Query<Entity, With<ReflectionView>>, mut commands: Comman
     for view in &views {
         commands.entity(view).remove::<AllOfAView>();
     }
-    commands.remove_resource::<ReflectionPipelines>();
+    commands.remove_resource::<TracePipelines>();
+    commands.remove_resource::<RatePipelines>();
+    commands.remove_resource::<DenoisePipelines>();
     commands.remove_resource::<CompositePipelines>();
 }

@@ -32,8 +32,18 @@ use bevy::{
     Msaa = Msaa::Off
 )]
 pub struct RayTracedReflections {
-    /// How many rays are traced and what becomes of them. Default: [`Technique::Reference`].
+    /// How many rays are traced and what becomes of them. Default: [`Technique::Variable`].
     pub technique: Technique,
+    /// What turns the rate image into fewer rays. Default: [`Backend::Auto`].
+    pub backend: Backend,
+    /// How the directions of rays are drawn. Default: [`RaySampling::BlueNoise`].
+    pub sampling: RaySampling,
+    /// Trace exact mirrors (perceptual roughness up to 0.03) with one ray for each pixel of the full resolution, and leave them out
+    /// of the denoiser: sharp and free of ghosts, for up to four times the rays on such surfaces. Default: true. The paper has
+    /// no such step.
+    pub full_resolution_mirrors: bool,
+    /// How samples become an image. Default: [`Denoiser::default`].
+    pub denoiser: Denoiser,
     /// Perceptual roughness (0 to 1) above which a surface gets no ray and keeps the environment map. More reflects rougher
     /// surfaces, with more rays. The G-buffer stores 8 bits, so that the border is exact to 1/255. Default: 0.6.
     #[reflect(@0.0..=1.0f32)]
@@ -59,6 +69,10 @@ impl Default for RayTracedReflections {
     fn default() -> Self {
         Self {
             technique: Technique::default(),
+            backend: Backend::default(),
+            sampling: RaySampling::default(),
+            full_resolution_mirrors: true,
+            denoiser: Denoiser::default(),
             roughness_cutoff: 0.6,
             roughness_fade: 0.1,
             max_ray_length: 10_000.0,
@@ -80,15 +94,127 @@ impl EnvironmentSettings for RayTracedReflections {
 }
 
 /// How many rays are traced and what becomes of them.
+///
+/// A trace pixel is one ray's place: one pixel of the view, or a quad of 2x2 of them of which each frame chooses another pixel.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Clone, PartialEq)]
 pub enum Technique {
-    /// One ray for each pixel of each frame, shown as it is: noisy on rough surfaces, exact on mirrors.
-    #[default]
+    /// One ray for each pixel of each frame: the paper's full-resolution reference. Four times the rays of `Quarter`.
     Reference,
+    /// One ray for each quad of 2x2 pixels: 1/4 ray per pixel.
+    Quarter,
+    /// The rays of `Quarter` from a full-screen fragment pass without a rate image: the paper's baseline for hardware variable
+    /// rate shading. Elsewhere there is no reason to prefer it.
+    QuarterInline,
+    /// One ray for each block of up to 4x4 quads, as large as the camera's
+    /// [`ShadingRateHeuristic`](crate::rate::ShadingRateHeuristic) allows: the paper's technique (section 4.1).
+    #[default]
+    Variable,
     /// One ray for each pixel, averaged over all frames since the camera or a setting last changed: the ground truth of a
     /// still scene. Moving objects smear; set [`reset`](RayTracedReflections::reset) after changes of the scene.
     Converged,
+}
+
+impl Technique {
+    /// Pixels of the view per trace pixel, in each direction.
+    #[must_use]
+    pub fn trace_scale(self) -> u32 {
+        match self {
+            Self::Reference | Self::Converged => 1,
+            Self::Quarter | Self::QuarterInline | Self::Variable => 2,
+        }
+    }
+}
+
+/// What turns the rate image into fewer rays. Both give the same rays.
+#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[reflect(Default, Clone, PartialEq)]
+pub enum Backend {
+    /// [`Compute`](Self::Compute), which works everywhere and leaves no lanes idle.
+    #[default]
+    Auto,
+    /// A list of rays and an indirect dispatch.
+    Compute,
+    /// A full-screen pass with a shading-rate attachment: Vulkan with `VK_KHR_fragment_shading_rate` and the crate feature
+    /// `hardware-vrs`. Falls back to compute, with a warning, where that is missing.
+    Hardware,
+}
+
+/// How the directions of rays are drawn.
+#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[reflect(Default, Clone, PartialEq)]
+pub enum RaySampling {
+    /// Bounded visible normals (Eto and Tokuyoshi 2023) from spatio-temporal blue noise: the least noise.
+    #[default]
+    BlueNoise,
+    /// All normals of the GGX distribution from a Halton sequence with a Cranley-Patterson rotation: the paper's section 4.1.1.
+    Halton,
+}
+
+/// How samples become an image: spatial reconstruction, temporal accumulation, blur (the paper's section 4.1.2).
+#[derive(Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Default, Clone, PartialEq)]
+pub struct Denoiser {
+    /// Rays of neighbours that a pixel is reconstructed from, 1 to 16. More is smoother and costs time. With one, and one ray per
+    /// pixel, each pixel shows its own ray. Default: 8.
+    #[reflect(@1..=16u32)]
+    pub samples: u32,
+    /// Whether results are accumulated over frames. Default: true.
+    pub temporal: bool,
+    /// Frames that a rough surface accumulates at most, 1 to 255. Smoother surfaces keep fewer. More is less noise and
+    /// slower change of what is reflected. Default: 32.
+    #[reflect(@1.0..=255.0f32)]
+    pub max_history: f32,
+    /// Whether a second history follows the reflected image instead of the surface: glossy surfaces stay sharp under a moving
+    /// camera. The paper has only the history of the surface. Default: true.
+    pub virtual_history: bool,
+    /// Standard deviations of the neighbourhood that history may differ by, 0.5 to 10; less has less ghosting and more noise.
+    /// Default: 1.5.
+    #[reflect(@0.5..=10.0f32)]
+    pub clip_sigma: f32,
+    /// Whether rays far brighter than their neighbours are dimmed before they enter the history; a small loss of energy for no
+    /// fireflies. Default: true. The paper has no such step.
+    pub suppress_fireflies: bool,
+    /// Radius in pixels of the last blur where the variance is highest, 0 (off) to 8. Default: 3.
+    #[reflect(@0.0..=8.0f32)]
+    pub blur_radius: f32,
+}
+
+impl Denoiser {
+    /// No filter at all: with [`Technique::Reference`] each pixel shows its own ray.
+    pub const OFF: Self = Self {
+        samples: 1,
+        temporal: false,
+        max_history: 1.0,
+        virtual_history: false,
+        clip_sigma: 1.5,
+        suppress_fireflies: false,
+        blur_radius: 0.0,
+    };
+    /// The paper's recipe (section 4.1.2).
+    pub const PAPER: Self = Self {
+        samples: 8,
+        temporal: true,
+        max_history: 32.0,
+        virtual_history: false,
+        clip_sigma: 1.5,
+        suppress_fireflies: false,
+        blur_radius: 3.0,
+    };
+}
+
+impl Default for Denoiser {
+    fn default() -> Self {
+        Self {
+            samples: 8,
+            temporal: true,
+            max_history: 32.0,
+            virtual_history: true,
+            clip_sigma: 1.5,
+            suppress_fireflies: true,
+            blur_radius: 3.0,
+        }
+    }
 }
 
 /// Which mip level of a texture is read where a ray hits.
@@ -135,8 +261,27 @@ impl core::str::FromStr for Technique {
     fn from_str(name: &str) -> Result<Self, UnknownName> {
         match name {
             "reference" => Ok(Self::Reference),
+            "quarter" => Ok(Self::Quarter),
+            "quarter-inline" => Ok(Self::QuarterInline),
+            "variable" => Ok(Self::Variable),
             "converged" => Ok(Self::Converged),
-            _ => Err(UnknownName::new(name, "reference, converged")),
+            _ => Err(UnknownName::new(
+                name,
+                "reference, quarter, quarter-inline, variable, converged",
+            )),
+        }
+    }
+}
+
+impl core::str::FromStr for Backend {
+    type Err = UnknownName;
+
+    fn from_str(name: &str) -> Result<Self, UnknownName> {
+        match name {
+            "auto" => Ok(Self::Auto),
+            "compute" => Ok(Self::Compute),
+            "hardware" => Ok(Self::Hardware),
+            _ => Err(UnknownName::new(name, "auto, compute, hardware")),
         }
     }
 }
@@ -150,7 +295,7 @@ pub struct UnknownName {
 }
 
 impl UnknownName {
-    fn new(name: &str, choices: &'static str) -> Self {
+    pub(crate) fn new(name: &str, choices: &'static str) -> Self {
         Self {
             name: name.into(),
             choices,
@@ -167,12 +312,22 @@ pub struct NotReflected;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SafeSettings {
     pub technique: Technique,
+    pub backend: Backend,
+    pub sampling: RaySampling,
+    pub full_resolution_mirrors: bool,
+    pub denoiser: Denoiser,
     pub fade_start: f32,
+    /// Between two of the roughnesses that a G-buffer can hold, so that nothing is ever equal to it.
     pub cutoff: f32,
     pub max_ray_length: f32,
     pub shadow_rays: bool,
     /// `None` for ray cones.
     pub fixed_mip: Option<f32>,
+}
+
+/// The border between the last step of 1/255 that `cutoff` includes and the next: Bevy's lighting and ours must agree on each pixel.
+fn between_steps(cutoff: f32) -> f32 {
+    ((cutoff * 255.0 + 1e-3).floor() + 0.5) / 255.0
 }
 
 impl From<&RayTracedReflections> for SafeSettings {
@@ -183,8 +338,18 @@ impl From<&RayTracedReflections> for SafeSettings {
         let fade = or(settings.roughness_fade, default.roughness_fade).clamp(0.0, 1.0);
         Self {
             technique: settings.technique,
+            backend: settings.backend,
+            sampling: settings.sampling,
+            full_resolution_mirrors: settings.full_resolution_mirrors && settings.technique.trace_scale() > 1,
+            denoiser: Denoiser {
+                samples: settings.denoiser.samples.clamp(1, 16),
+                max_history: or(settings.denoiser.max_history, 32.0).clamp(1.0, 255.0),
+                clip_sigma: or(settings.denoiser.clip_sigma, 1.5).clamp(0.5, 10.0),
+                blur_radius: or(settings.denoiser.blur_radius, 3.0).clamp(0.0, 8.0),
+                ..settings.denoiser
+            },
             fade_start: (cutoff - fade).max(0.0),
-            cutoff,
+            cutoff: between_steps(cutoff),
             max_ray_length: or(settings.max_ray_length, default.max_ray_length).clamp(0.0, 1.0e9),
             shadow_rays: settings.shadow_rays,
             fixed_mip: match settings.texture_mip {
@@ -209,7 +374,7 @@ mod tests {
             ..Default::default()
         };
         let safe = SafeSettings::from(&wild);
-        assert_eq!(safe.cutoff, 0.6);
+        assert_eq!(safe.cutoff, 153.5 / 255.0);
         assert_eq!(safe.fade_start, 0.0);
         assert_eq!(safe.max_ray_length, 0.0);
         assert_eq!(safe.fixed_mip, Some(0.0));

@@ -41,6 +41,16 @@ pub struct StatusReport {
     pub triangles: u64,
     /// Bytes of GPU memory of the scene that rays hit.
     pub scene_bytes: u64,
+    /// Objects at rest that the BVH tracer has merged into trees in world space.
+    pub merged_instances: usize,
+    /// Triangles of these trees.
+    pub merged_triangles: u64,
+    /// Without further changes, more will be merged; nothing is missing from reflections meanwhile.
+    pub merges_pending: bool,
+    /// Merged trees built since the start.
+    pub merge_builds: u64,
+    /// CPU milliseconds that building them took.
+    pub merge_build_ms: f32,
     /// Acceleration structures of meshes built since the start.
     pub blas_builds: u64,
     /// Top-level acceleration structures built since the start.

@@ -1,30 +1,27 @@
 //! Textures and uniforms of one reflecting view.
 
-use crate::{extract::ReflectionView, scene::SceneBindings, settings::Technique};
+use crate::{
+    composite::CompositePipelines,
+    extract::ReflectionView,
+    rate::RateSettings,
+    scene::SceneBindings,
+    settings::{RaySampling, Technique},
+    targets::{Needs, Sizes, Targets},
+};
 use bevy::{
     camera::MainPassResolutionOverride,
     ecs::prelude::*,
     light::{EnvironmentMapLight, IrradianceVolume},
-    math::{UVec2, Vec3, Vec4},
+    math::{Mat4, UVec2, UVec4, Vec3, Vec4},
     pbr::{DistanceFog, FogFalloff, RenderViewLightProbes, ScreenSpaceAmbientOcclusionResources},
     prelude::*,
     render::{
         camera::ExtractedCamera,
-        render_resource::{
-            Buffer, BufferDescriptor, BufferUsages, Extent3d, ShaderType, Texture, TextureDescriptor, TextureDimension,
-            TextureFormat, TextureUsages, TextureView, TextureViewDescriptor, UniformBuffer,
-        },
+        render_resource::{ShaderType, UniformBuffer},
         renderer::{RenderDevice, RenderQueue},
         view::ExtractedView,
     },
 };
-
-/// Radiance of the traced lobe, exposed and divided by the lobe's albedo; alpha is the hit distance in metres.
-pub const RADIANCE_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
-/// Mean radiance over frames; alpha is the number of frames.
-pub const ACCUMULATION_FORMAT: TextureFormat = TextureFormat::Rgba32Float;
-/// What the composite adds to the lit frame.
-pub const REFLECTION_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 
 /// Settings and state of a view for the shaders (`view.wesl`).
 #[derive(Clone, Copy, Debug, Default, ShaderType)]
@@ -37,7 +34,7 @@ pub struct GpuReflectionView {
     pub max_ray_length: f32,
     /// Index of this frame's sample in the low-discrepancy sequence.
     pub sample_index: u32,
-    /// Frames that the accumulation holds before this one.
+    /// Frames that the accumulation or the history holds before this one; 0 = what they hold must not be read.
     pub accumulated: u32,
     /// `VIEW_` flags.
     pub flags: u32,
@@ -51,6 +48,34 @@ pub struct GpuReflectionView {
     pub fog_alpha: f32,
     /// Start and end, density, or extinction.
     pub fog_parameters: Vec4,
+    /// Trace pixels of the view.
+    pub trace_size: UVec2,
+    /// Tiles of the view.
+    pub tile_count: UVec2,
+    /// Pixels per trace pixel in each direction: 1 or 2.
+    pub trace_scale: u32,
+    /// Trace pixels per tile in each direction: 8 or 16.
+    pub tile_size: u32,
+    /// Exposure of this frame over that of the last.
+    pub exposure_ratio: f32,
+    /// Seconds since the last frame, 0 where time stands still.
+    pub delta_time: f32,
+    /// World to clip space of the last frame, without jitter.
+    pub previous_clip_from_world: Mat4,
+    /// Position of the camera in the last frame.
+    pub previous_world_position: Vec3,
+    /// Rays of neighbours that a pixel is reconstructed from.
+    pub samples: u32,
+    /// Frames.
+    pub max_history: f32,
+    /// Standard deviations.
+    pub clip_sigma: f32,
+    /// Pixels.
+    pub blur_radius: f32,
+    /// Thresholds of the heuristic.
+    pub rate_thresholds: Vec4,
+    /// What else the heuristic needs.
+    pub rate_options: UVec4,
 }
 
 /// Screen-space ambient occlusion is bound.
@@ -58,81 +83,55 @@ pub const VIEW_HAS_SSAO: u32 = 1;
 /// Bevy's lighting adds the diffuse light of environment maps, probes or irradiance volumes.
 pub const VIEW_HAS_IRRADIANCE: u32 = 2;
 
-/// What a view owns on the GPU. It stays as long as the view reflects and its size is the same.
+/// Mirror pixels get rays of their own and pass by the denoiser.
+pub const VIEW_FULL_RESOLUTION_MIRRORS: u32 = 4;
+/// Rays are drawn as the paper draws them.
+pub const VIEW_HALTON: u32 = 8;
+/// A second history follows the reflected image.
+pub const VIEW_VIRTUAL_HISTORY: u32 = 16;
+/// Rays far brighter than their neighbours are dimmed.
+pub const VIEW_SUPPRESS_FIREFLIES: u32 = 32;
+
+/// A view's textures, uniform and memory of the last frame.
 #[derive(Component)]
 pub struct ReflectionTextures {
     /// First pixel in the target.
     pub(crate) origin: UVec2,
-    pub(crate) size: UVec2,
-    pub(crate) radiance: TextureView,
-    /// Ping-pong pair, only for the technique `Converged`.
-    pub(crate) accumulation: Option<[TextureView; 2]>,
-    pub(crate) reflection: TextureView,
+    pub(crate) targets: Targets,
     pub(crate) uniform: UniformBuffer<GpuReflectionView>,
-    /// Rays of this frame: reflection rays, hits.
-    pub(crate) counters: Buffer,
-    pub(crate) accumulated: u32,
+    /// Which half of the ping-pong pairs is written in this frame.
+    pub(crate) parity: usize,
+    accumulated: u32,
+    sample_index: u32,
     /// Version of the scene that the accumulation holds.
     scene: u32,
-    pub(crate) sample_index: u32,
-    /// Which half of the ping-pong pair is written in this frame.
-    pub(crate) parity: usize,
+    /// Clip from world without jitter, position and exposure in the last frame.
+    previous: Option<(Mat4, Vec3, f32)>,
 }
 
 impl ReflectionTextures {
-    fn new(device: &RenderDevice, size: UVec2, technique: Technique) -> Self {
-        let accumulation = (technique == Technique::Converged).then(|| {
-            [
-                create(device, size, ACCUMULATION_FORMAT, "glint_accumulation_a"),
-                create(device, size, ACCUMULATION_FORMAT, "glint_accumulation_b"),
-            ]
-        });
+    fn new(device: &RenderDevice, sizes: Sizes, needs: Needs) -> Self {
         Self {
             origin: UVec2::ZERO,
-            size,
-            radiance: create(device, size, RADIANCE_FORMAT, "glint_radiance"),
-            accumulation,
-            reflection: create(device, size, REFLECTION_FORMAT, "glint_reflection"),
+            targets: Targets::new(device, sizes, needs),
             uniform: UniformBuffer::default(),
-            counters: device.create_buffer(&BufferDescriptor {
-                label: Some("glint_counters"),
-                size: 16,
-                usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST,
-                mapped_at_creation: false,
-            }),
-            accumulated: 0,
-            scene: 0,
-            sample_index: 0,
             parity: 0,
+            accumulated: 0,
+            sample_index: 0,
+            scene: 0,
+            previous: None,
         }
     }
 
-    /// Bytes of all textures.
+    /// Bytes of all textures and buffers.
     pub fn bytes(&self) -> u64 {
-        let pixels = u64::from(self.size.x) * u64::from(self.size.y);
-        pixels * (8 + 8 + if self.accumulation.is_some() { 32 } else { 0 })
+        self.targets.bytes
     }
-}
 
-fn create(device: &RenderDevice, size: UVec2, format: TextureFormat, label: &'static str) -> TextureView {
-    let texture: Texture = device.create_texture(&TextureDescriptor {
-        label: Some(label),
-        size: Extent3d {
-            width: size.x,
-            height: size.y,
-            depth_or_array_layers: 1,
-        },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: TextureDimension::D2,
-        format,
-        usage: TextureUsages::TEXTURE_BINDING | TextureUsages::STORAGE_BINDING | TextureUsages::COPY_SRC,
-        view_formats: &[],
-    });
-    texture.create_view(&TextureViewDescriptor {
-        label: Some(label),
-        ..default()
-    })
+    /// Pixels of the view.
+    pub(crate) fn size(&self) -> UVec2 {
+        self.targets.sizes.full
+    }
 }
 
 type ViewQuery = (
@@ -152,6 +151,7 @@ type ViewQuery = (
 pub fn prepare_views(
     mut views: Query<ViewQuery>,
     scene: Res<SceneBindings>,
+    composite: Option<Res<CompositePipelines>>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
     mut commands: Commands,
@@ -160,26 +160,43 @@ pub fn prepare_views(
         let Some(viewport) = camera.physical_viewport_size else {
             continue;
         };
-        let size = resolution
+        let full = resolution
             .map_or(viewport, |resolution| resolution.0.min(viewport))
             .max(UVec2::ONE);
-        let origin = extracted.viewport.xy();
-        let technique = view.settings.technique;
+        let sizes = Sizes {
+            full,
+            trace_scale: view.settings.technique.trace_scale(),
+            tile: view.rate.tile_size,
+        };
+        let in_place = composite
+            .as_ref()
+            .is_some_and(|composite| composite.is_in_place(extracted.target_format));
+        let needs = Needs::new(&view.settings, in_place);
         let mut flags = if ssao { VIEW_HAS_SSAO } else { 0 };
         if environment || volume {
             flags |= VIEW_HAS_IRRADIANCE;
         }
-        let fits = |textures: &ReflectionTextures| {
-            textures.size == size && textures.accumulation.is_some() == (technique == Technique::Converged)
+        let frame = Frame {
+            origin: extracted.viewport.xy(),
+            flags,
+            fog: fog_parameters(fog),
+            scene: scene.version,
+            clip_from_world: extracted
+                .clip_from_world
+                .unwrap_or_else(|| extracted.clip_from_view * extracted.world_from_view.to_matrix().inverse()),
+            world_position: extracted.world_from_view.translation(),
+            exposure: camera.exposure,
         };
         match textures {
-            Some(mut textures) if fits(&textures) => {
-                textures.begin_frame(view, origin, fog, flags, scene.version);
+            Some(mut textures) if textures.targets.sizes == sizes && textures.targets.needs == needs => {
+                textures.begin_frame(view, &frame);
                 textures.uniform.write_buffer(&device, &queue);
             }
-            _ => {
-                let mut textures = ReflectionTextures::new(&device, size, technique);
-                textures.begin_frame(view, origin, fog, flags, scene.version);
+            old => {
+                let mut textures = ReflectionTextures::new(&device, sizes, needs);
+                // The sequence of samples goes on, else a view that is resized each frame would see one sample for ever.
+                textures.sample_index = old.map_or(0, |old| old.sample_index);
+                textures.begin_frame(view, &frame);
                 textures.uniform.write_buffer(&device, &queue);
                 commands.entity(entity).insert(textures);
             }
@@ -187,18 +204,50 @@ pub fn prepare_views(
     }
 }
 
+/// What a view is like in one frame.
+struct Frame {
+    origin: UVec2,
+    flags: u32,
+    fog: (u32, f32, Vec4),
+    /// Version of the scene.
+    scene: u32,
+    /// Without jitter.
+    clip_from_world: Mat4,
+    world_position: Vec3,
+    exposure: f32,
+}
+
 impl ReflectionTextures {
-    fn begin_frame(&mut self, view: &ReflectionView, origin: UVec2, fog: Option<&DistanceFog>, flags: u32, scene: u32) {
-        let scene_changed = core::mem::replace(&mut self.scene, scene) != scene;
-        if view.reset || scene_changed {
+    fn begin_frame(&mut self, view: &ReflectionView, frame: &Frame) {
+        let settings = &view.settings;
+        let converged = settings.technique == Technique::Converged;
+        let scene_changed = core::mem::replace(&mut self.scene, frame.scene) != frame.scene;
+        if view.reset || (scene_changed && converged) {
             self.accumulated = 0;
-            if self.accumulation.is_some() {
+            if converged {
                 self.sample_index = 0;
             }
         }
-        let (fog_mode, fog_alpha, fog_parameters) = fog_parameters(fog);
-        let settings = &view.settings;
-        self.origin = origin;
+        let now = (frame.clip_from_world, frame.world_position, frame.exposure);
+        let (previous_clip_from_world, previous_world_position, exposure) = self.previous.replace(now).unwrap_or(now);
+        let ratio = frame.exposure / exposure;
+        let mut flags = frame.flags;
+        for (flag, set) in [
+            (VIEW_FULL_RESOLUTION_MIRRORS, settings.full_resolution_mirrors),
+            (VIEW_HALTON, settings.sampling == RaySampling::Halton),
+            (VIEW_VIRTUAL_HISTORY, settings.denoiser.virtual_history),
+            (VIEW_SUPPRESS_FIREFLIES, settings.denoiser.suppress_fireflies),
+        ] {
+            if set {
+                flags |= flag;
+            }
+        }
+        let RateSettings {
+            thresholds, options, ..
+        } = view.rate;
+        let sizes = self.targets.sizes;
+        let (fog_mode, fog_alpha, fog_parameters) = frame.fog;
+        self.origin = frame.origin;
         self.uniform.set(GpuReflectionView {
             fade_start: settings.fade_start,
             cutoff: settings.cutoff,
@@ -206,11 +255,25 @@ impl ReflectionTextures {
             sample_index: self.sample_index,
             accumulated: self.accumulated,
             flags,
-            origin,
-            size: self.size,
+            origin: frame.origin,
+            size: sizes.full,
             fog_mode,
             fog_alpha,
             fog_parameters,
+            trace_size: sizes.trace(),
+            tile_count: sizes.tiles(),
+            trace_scale: sizes.trace_scale,
+            tile_size: sizes.tile,
+            exposure_ratio: if ratio.is_finite() { ratio } else { 1.0 },
+            delta_time: 0.0,
+            previous_clip_from_world,
+            previous_world_position,
+            samples: settings.denoiser.samples,
+            max_history: settings.denoiser.max_history,
+            clip_sigma: settings.denoiser.clip_sigma,
+            blur_radius: settings.denoiser.blur_radius,
+            rate_thresholds: thresholds,
+            rate_options: options,
         });
         // More frames than this add nothing in 32 bits of float.
         self.accumulated = (self.accumulated + 1).min(1 << 22);

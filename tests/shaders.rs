@@ -8,11 +8,21 @@ use std::mem::offset_of;
 use bevy_glint::scene::{environment::GpuEnvironment, gpu_types::*};
 use wesl::Shaders;
 
-const COMBINATIONS: [&[&str]; 4] = [
+const COMBINATIONS: [&[&str]; 14] = [
     &[],
+    &["ALPHA_MASKED_GEOMETRY"],
+    &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
+    &["ROUGHNESS", "TILES_8"],
+    &["GRAZING", "TILE_ANGLES"],
+    &["COMBINED", "TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE"],
+    &["IMAGE", "TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE", "TILE_DEPTH"],
     &["RAY_QUERY"],
     &["BINDLESS_TEXTURES"],
     &["RAY_QUERY", "BINDLESS_TEXTURES"],
+    &["MIRRORS", "IN_PLACE", "COUNT_INVOCATIONS"],
+    &["IN_PLACE", "TILES"],
+    &["RAY_QUERY", "MIRRORS", "COUNT_INVOCATIONS"],
+    &["RAY_QUERY", "BINDLESS_TEXTURES", "COUNT_INVOCATIONS"],
 ];
 
 /// Uses everything that passes call, so that the linker keeps it.

@@ -6,14 +6,14 @@ use bevy::math::{Affine3A, Vec3};
 use bevy::shader::ShaderDefVal;
 use bevy_glint::scene::bvh::{Counters, TraceHit, TraceRay, any, closest};
 use bevy_glint::scene::gpu_types::{
-    GpuInstance, GpuSceneCounts, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT,
+    GpuSceneCounts, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT,
 };
 use bytemuck::{Pod, Zeroable};
 use common::gpu::{Checks, Gpu};
-use common::soup::{Packed, Random, SOUPS, Soup, mesh, placement};
+use common::soup::{Packed, Packing, Random, SOUPS, Soup, mesh, placement};
 
 const NO_HIT: u32 = u32::MAX;
-/// Stands in for the alpha test of materials: every other triangle is cut out.
+/// `soup::alpha_test` for shaders.
 const ALPHA: &str = "fn alpha_test(instance: u32, primitive: u32, barycentrics: vec2<f32>) -> bool {
     return (primitive & 1u) == 0u;
 }";
@@ -29,8 +29,11 @@ struct Answer {
     _padding: [f32; 2],
 }
 
-fn shader(stack_size: u32) -> String {
-    let defs = [ShaderDefVal::UInt("BVH_STACK_SIZE".into(), stack_size)];
+fn shader(stack_size: u32, masked_geometry: bool) -> String {
+    let mut defs = vec![ShaderDefVal::UInt("BVH_STACK_SIZE".into(), stack_size)];
+    if masked_geometry {
+        defs.push("ALPHA_MASKED_GEOMETRY".into());
+    }
     common::wesl::flatten(
         include_str!("shaders/tracer.wesl"),
         &[("scene/alpha.wesl", ALPHA)],
@@ -39,18 +42,10 @@ fn shader(stack_size: u32) -> String {
 }
 
 fn trace(gpu: &Gpu, wgsl: &str, checks: Checks, scene: &Packed, rays: &[TraceRay]) -> Vec<Answer> {
-    let instances: Vec<GpuInstance> = scene
-        .flags
-        .iter()
-        .map(|f| GpuInstance {
-            flags: *f,
-            ..Default::default()
-        })
-        .collect();
     let uniform = GpuSceneCounts {
-        tlas_node_count: scene.tlas.node_count,
-        tlas_entry_base: scene.tlas.entry_base,
-        instance_count: instances.len() as u32,
+        tlas_node_count: scene.tlas.traversal_node_count(),
+        tlas_entry_base: scene.entry_base(),
+        instance_count: scene.instances.len() as u32,
         ..Default::default()
     };
     let ray_data: Vec<[f32; 8]> = rays
@@ -66,12 +61,7 @@ fn trace(gpu: &Gpu, wgsl: &str, checks: Checks, scene: &Packed, rays: &[TraceRay
         "in_compute",
         &[
             &[(0, &gpu.buffer(&ray_data)), (1, &answers)],
-            &[
-                (1, &gpu.buffer(&instances)),
-                (4, &gpu.buffer(&[uniform])),
-                (6, &gpu.buffer(&scene.bvh)),
-                (7, &gpu.buffer(&scene.tlas.rows)),
-            ],
+            &[(4, &gpu.buffer(&[uniform])), (6, &gpu.buffer(&scene.bvh))],
         ],
         rays.len().div_ceil(64) as u32,
     );
@@ -87,7 +77,13 @@ fn agrees(answer: &Answer, mirror: Option<TraceHit>, tolerance: f32) -> bool {
 }
 
 fn compare(gpu: &Gpu, scene: &Packed, rays: &[TraceRay], tolerance: f64, floor: f64) {
-    let wgsl = shader(scene.stack_size);
+    let masked = scene.flags.iter().any(|flags| flags & INSTANCE_ALPHA_MASKED != 0);
+    let wgsl = shader(scene.stack_size, masked);
+    // With all instances shadow casters of which no face is culled, whatever is hit is in the way.
+    let same_for_shadows = scene
+        .flags
+        .iter()
+        .all(|f| f & (INSTANCE_CASTS_SHADOW | INSTANCE_CULL_BACK | INSTANCE_CULL_FRONT) == INSTANCE_CASTS_SHADOW);
     let view = scene.view();
     for checks in [Checks::On, Checks::Off] {
         let answers = trace(gpu, &wgsl, checks, scene, rays);
@@ -103,6 +99,11 @@ fn compare(gpu: &Gpu, scene: &Packed, rays: &[TraceRay], tolerance: f64, floor: 
                 assert!(
                     oracle.accepts(hit, tolerance, floor),
                     "{ray:?} {answer:?}, mirror {mirror:?}"
+                );
+                let blocked = answer.flags & 2 != 0;
+                assert!(
+                    scene.shadow_oracle(ray).accepts_any(blocked, tolerance, floor),
+                    "{ray:?} {answer:?}"
                 );
             }
             if agreed
@@ -123,7 +124,9 @@ fn compare(gpu: &Gpu, scene: &Packed, rays: &[TraceRay], tolerance: f64, floor: 
         );
         let hits = answers.iter().filter(|a| a.instance != NO_HIT).count();
         assert!(hits * 4 > rays.len());
-        assert!(answers.iter().all(|a| (a.instance != NO_HIT) == (a.flags & 2 != 0)));
+        if same_for_shadows {
+            assert!(answers.iter().all(|a| (a.instance != NO_HIT) == (a.flags & 2 != 0)));
+        }
     }
 }
 
@@ -159,35 +162,80 @@ fn instances_match_the_mirror_and_brute_force() {
 }
 
 #[test]
+fn merged_instances_match_the_mirror_and_brute_force() {
+    let Some(gpu) = Gpu::new() else { return };
+    let mut random = Random(15);
+    // All in one tree, where rays start; some beside two trees; and each as it likes to be hit.
+    for mode in 0..3 {
+        let meshes = vec![
+            mesh(Soup::Random, 100, 1.0, Vec3::ZERO, &mut random),
+            mesh(Soup::Grid, 200, 2.0, Vec3::Y, &mut random),
+        ];
+        let instances: Vec<_> = (0..40).map(|i| (i % 2, placement(&mut random, 5.0))).collect();
+        let culling = [0, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT];
+        let packing = |i: usize| match mode {
+            0 => Packing::MERGED,
+            1 => Packing {
+                tree: Some(i as u32 % 4).filter(|tree| *tree < 2),
+                ..Packing::SINGLE
+            },
+            _ => Packing {
+                flags: culling[i / 2 % 3]
+                    | [0, INSTANCE_ALPHA_MASKED][i / 3 % 2]
+                    | [0, INSTANCE_CASTS_SHADOW][i / 5 % 2],
+                tree: (i % 4 != 0).then_some(0),
+            },
+        };
+        let scene = Packed::with(meshes, instances, 100, packing);
+        let rays = scene.rays(10_000, 8.0, Vec3::ZERO, &mut random);
+        compare(&gpu, &scene, &rays, Soup::Random.tolerance(), 1e-4);
+    }
+}
+
+#[test]
+fn without_masked_geometry_the_alpha_test_is_left_out() {
+    let with = shader(24, true);
+    let without = shader(24, false);
+    assert!(with.contains("alpha_test") && !without.contains("alpha_test"));
+}
+
+#[test]
 fn faces_alpha_and_shadow_flags() {
     let Some(gpu) = Gpu::new() else { return };
     let mut random = Random(13);
     let instances: Vec<_> = (0..8).map(|_| (0, placement(&mut random, 5.0))).collect();
-    let build = |change: &dyn Fn(u32) -> u32, random: &mut Random| {
+    let build = |flags: u32, tree: Option<u32>, random: &mut Random| {
         let meshes = vec![mesh(Soup::Random, 300, 1.0, Vec3::ZERO, &mut Random(14))];
-        let mut scene = Packed::new(meshes, instances.clone(), 0);
-        scene.flags.iter_mut().for_each(|f| *f = change(*f));
+        let scene = Packed::with(meshes, instances.clone(), 0, |_| Packing { flags, tree });
         let rays = scene.rays(2000, 8.0, Vec3::ZERO, random);
-        let answers = trace(&gpu, &shader(24), Checks::Off, &scene, &rays);
+        let answers = trace(&gpu, &shader(24, true), Checks::Off, &scene, &rays);
         (scene, rays, answers)
     };
-    for cull in [INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT] {
-        let (scene, rays, answers) = build(&|f| f | cull, &mut random);
-        let mut hits = 0;
-        for (ray, answer) in rays.iter().zip(&answers) {
-            let mirror = closest(&scene.view(), ray, &mut Counters::default());
-            hits += usize::from(mirror.is_some());
-            assert!(agrees(answer, mirror, 1e-3), "{answer:?} {mirror:?}");
-            assert!(answer.instance == NO_HIT || (answer.flags & 1 != 0) == (cull == INSTANCE_CULL_BACK));
-            // Both faces block shadow rays.
-            assert_eq!(answer.flags & 2 != 0, any(&scene.view(), ray));
+    for tree in [None, Some(0)] {
+        for cull in [INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT] {
+            let (scene, rays, answers) = build(INSTANCE_CASTS_SHADOW | cull, tree, &mut random);
+            let (mut hits, mut different) = (0, 0);
+            for (ray, answer) in rays.iter().zip(&answers) {
+                let mirror = closest(&scene.view(), ray, &mut Counters::default());
+                hits += usize::from(mirror.is_some());
+                assert!(answer.instance == NO_HIT || (answer.flags & 1 != 0) == (cull == INSTANCE_CULL_BACK));
+                // Both faces block shadow rays.
+                let same_shadow = (answer.flags & 2 != 0) == any(&scene.view(), ray);
+                different += usize::from(!(agrees(answer, mirror, 1e-3) && same_shadow));
+            }
+            assert!(hits > 200);
+            assert!(
+                different * 500 <= rays.len(),
+                "{different} of {} rays differ",
+                rays.len()
+            );
         }
-        assert!(hits > 200);
+        let (_, _, answers) = build(INSTANCE_CASTS_SHADOW | INSTANCE_ALPHA_MASKED, tree, &mut random);
+        assert!(answers.iter().any(|a| a.instance != NO_HIT));
+        assert!(answers.iter().all(|a| a.instance == NO_HIT || a.primitive % 2 == 0));
+        let (_, _, answers) = build(0, tree, &mut random);
+        assert!(answers.iter().any(|a| a.instance != NO_HIT) && answers.iter().all(|a| a.flags & 2 == 0));
     }
-    let (_, _, answers) = build(&|f| f | INSTANCE_ALPHA_MASKED, &mut random);
-    assert!(answers.iter().all(|a| a.instance == NO_HIT || a.primitive % 2 == 0));
-    let (_, _, answers) = build(&|f| f & !INSTANCE_CASTS_SHADOW, &mut random);
-    assert!(answers.iter().any(|a| a.instance != NO_HIT) && answers.iter().all(|a| a.flags & 2 == 0));
 }
 
 #[test]
@@ -200,6 +248,6 @@ fn nothing_to_hit() {
         t_min: 0.0,
         t_max: 10.0,
     };
-    let answers = trace(&gpu, &shader(24), Checks::Off, &scene, &[ray; 64]);
+    let answers = trace(&gpu, &shader(24, true), Checks::Off, &scene, &[ray; 64]);
     assert!(answers.iter().all(|a| a.instance == NO_HIT && a.flags == 0));
 }

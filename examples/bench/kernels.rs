@@ -70,6 +70,8 @@ struct KernelShader(Handle<Shader>);
 struct Kernels {
     layout: BindGroupLayoutDescriptor,
     pipelines: [CachedComputePipelineId; 4],
+    /// Of the scene's shader definitions.
+    version: u32,
     buffers: Option<KernelBuffers>,
 }
 
@@ -124,15 +126,17 @@ fn queue_kernels(
     kernels: Option<Res<Kernels>>,
     cache: Res<PipelineCache>,
 ) {
-    if let Some(kernels) = kernels {
+    if let Some(kernels) = &kernels {
         for id in kernels.pipelines {
             if let CachedPipelineState::Err(error) = cache.get_compute_pipeline_state(id) {
                 error_once!("a kernel of the benchmark failed to compile: {error}");
             }
         }
-        return;
     }
     let Some(scene) = scene else { return };
+    if kernels.is_some_and(|kernels| kernels.version == scene.shader_defs_version()) {
+        return;
+    }
     let storage = |size| binding_types::storage_buffer_sized(false, NonZeroU64::new(size));
     let layout = BindGroupLayoutDescriptor::new(
         "bench_layout",
@@ -159,6 +163,7 @@ fn queue_kernels(
     commands.insert_resource(Kernels {
         layout,
         pipelines,
+        version: scene.shader_defs_version(),
         buffers: None,
     });
 }

@@ -11,7 +11,7 @@ use bevy::{
     prelude::*,
     render::{RenderApp, diagnostic::RenderDiagnosticsPlugin, render_resource::PollType, renderer::RenderDevice},
 };
-use bevy_glint::{RayTracedReflections, ReflectionStatus, StatusReport, Technique};
+use bevy_glint::{ReflectionStatus, StatusReport, named_settings};
 use glint_scenes::{HeadlessApp, HeadlessSettings, SceneName, SceneOptions, SceneStatistics};
 use std::time::Duration;
 
@@ -36,20 +36,27 @@ const KERNELS: [(&str, &str, &str, &str); 2] = [
         "render/bench/reflection/elapsed_gpu",
     ),
 ];
-const PASSES: [(&str, &str); 3] = [
+/// Passes: the word in tables and the diagnostic of their GPU time.
+const PASSES: [(&str, &str); 7] = [
+    ("rate", "render/glint/rate/elapsed_gpu"),
     ("trace", "render/glint/trace/elapsed_gpu"),
+    ("reconstruct", "render/glint/reconstruct/elapsed_gpu"),
+    ("temporal", "render/glint/temporal/elapsed_gpu"),
+    ("blur", "render/glint/blur/elapsed_gpu"),
     ("composite", "render/glint/composite/elapsed_gpu"),
     ("total", "render/glint/elapsed_gpu"),
 ];
-const PASS_RAYS: &str = "render/reflection_rays";
-const PASS_HITS: &str = "render/reflection_hits";
+const COUNTERS: [(&str, &str); 3] = [
+    ("rays", "render/reflection_rays"),
+    ("mirror_rays", "render/reflection_mirror_rays"),
+    ("hits", "render/reflection_hits"),
+];
 
 /// Where measurements are printed.
 pub struct Tables {
     pub scenes: Table,
     pub kernels: Table,
     pub passes: Table,
-    pub counters: Table,
 }
 
 /// The render app's world.
@@ -68,6 +75,7 @@ struct Samples {
 /// One scene with one tracer.
 pub struct Bench {
     app: HeadlessApp,
+    camera: Entity,
     samples: Vec<Samples>,
 }
 
@@ -98,30 +106,36 @@ impl Bench {
         // Nothing is animated, so that all frames trace the same rays.
         let mut app = HeadlessApp::new(HeadlessSettings { size, ..default() }, |app| {
             app.add_plugins(RenderDiagnosticsPlugin);
-            common::add_reflections(app, options);
+            common::add_reflections(app, &options);
             kernels::add(app);
         })
         .map_err(|error| error.to_string())?;
         replace_tracer(&mut app)?;
         let camera: Entity = app.spawn_scene(scene, &SceneOptions { detail, ..default() });
-        let reflections = RayTracedReflections {
-            technique: Technique::Reference,
-            roughness_cutoff: 1.0,
-            ..default()
-        };
-        app.world().entity_mut(camera).insert(reflections);
         let kernels = KERNELS.iter().flat_map(|&(_, rays, hits, time)| [rays, hits, time]);
         let passes = PASSES.iter().map(|&(_, time)| time);
         let samples = kernels
             .chain(passes)
-            .chain([PASS_RAYS, PASS_HITS])
+            .chain(COUNTERS.iter().map(|&(_, counter)| counter))
             .map(|path| Samples {
                 path: DiagnosticPath::new(path),
                 last: None,
                 values: Vec::new(),
             })
             .collect();
-        Ok(Self { app, samples })
+        Ok(Self { app, camera, samples })
+    }
+
+    /// Switches to a technique, without its roughness cut-off: what is compared is the rays.
+    pub fn set_technique(&mut self, name: &str) -> Result<(), String> {
+        let (mut reflections, heuristic) = named_settings(name).map_err(|error| error.to_string())?;
+        reflections.roughness_cutoff = 1.0;
+        reflections.roughness_fade = 0.0;
+        self.app
+            .world()
+            .entity_mut(self.camera)
+            .insert((reflections, heuristic));
+        Ok(())
     }
 
     /// What the crate says about itself.
@@ -138,7 +152,7 @@ impl Bench {
             self.app.step(1);
             let report = self.report();
             let same = (report.blas_builds, report.tlas_builds) == (before.blas_builds, before.tlas_builds);
-            let complete = report.ready && report.meshes_pending == 0 && report.instances > 0;
+            let complete = report.ready && report.meshes_pending == 0 && !report.merges_pending && report.instances > 0;
             quiet = if same && complete { quiet + 1 } else { 0 };
             if quiet >= QUIET_FRAMES {
                 return Ok(report);
@@ -275,27 +289,29 @@ impl Bench {
     }
 
     /// The crate's own passes.
-    pub fn passes(&self, scene: SceneName, tracer: &str, tables: &mut Tables, csv: &mut Csv) {
+    pub fn passes(&self, scene: SceneName, tracer: &str, technique: &str, table: &mut Table, csv: &mut Csv) {
+        let mut row = vec![scene.to_string(), tracer.to_owned(), technique.to_owned()];
         for (word, time) in PASSES {
-            let (median, p95) = (self.value(time, 0.5), self.value(time, 0.95));
-            let names = [scene.to_string(), tracer.to_owned(), word.to_owned()];
-            tables
-                .passes
-                .row(names.into_iter().chain([number(median, 4), number(p95, 4)]));
-            for (measure, value) in [("median", median), ("p95", p95)] {
-                if let Some(value) = value {
-                    csv.add(scene.as_str(), tracer, &format!("pass_{word}_{measure}"), value, "ms");
+            row.push(number(self.value(time, 0.5), 4));
+            for (measure, share) in [("median", 0.5), ("p95", 0.95)] {
+                if let Some(value) = self.value(time, share) {
+                    csv.add(
+                        scene.as_str(),
+                        tracer,
+                        &format!("{technique}_{word}_{measure}"),
+                        value,
+                        "ms",
+                    );
                 }
             }
         }
-        let (rays, hits) = (self.value(PASS_RAYS, 0.5), self.value(PASS_HITS, 0.5));
-        tables
-            .counters
-            .row([scene.to_string(), tracer.to_owned(), number(rays, 0), number(hits, 0)]);
-        for (measure, value) in [("pass_rays", rays), ("pass_hits", hits)] {
+        for (word, counter) in COUNTERS {
+            let value = self.value(counter, 0.5);
+            row.push(number(value, 0));
             if let Some(value) = value {
-                csv.add(scene.as_str(), tracer, measure, value, "");
+                csv.add(scene.as_str(), tracer, &format!("{technique}_{word}"), value, "");
             }
         }
+        table.row(row);
     }
 }

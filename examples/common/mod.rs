@@ -12,7 +12,9 @@ use bevy::{
     pbr::DefaultOpaqueRendererMethod,
     prelude::*,
 };
-use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, Technique, TracerChoice};
+use bevy_glint::{
+    Backend, RayTracedReflectionsPlugin, ReflectionStatus, TracerChoice, named_settings, presets::TECHNIQUE_NAMES,
+};
 use glint_scenes::HeadlessApp;
 use std::{path::PathBuf, process::ExitCode, str::FromStr};
 
@@ -36,20 +38,57 @@ macro_rules! words {
     };
 }
 
-words!(/** How reflections are computed. */ TechniqueWord { Reference = "reference", Converged = "converged" , Off = "off" });
 words!(/** What traces the rays. */ TracerWord { Auto = "auto", RayQuery = "ray-query", Bvh = "bvh" });
-words!(/** What varies the rate. */ BackendWord { Auto = "auto", Compute = "compute" });
+
+/// How reflections are computed: a name that [`named_settings`] knows, or `off`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TechniqueWord(String);
+
+impl TechniqueWord {
+    /// No reflections but those of the environment map.
+    pub const OFF: &str = "off";
+
+    /// The average over frames of a still camera.
+    pub fn converged() -> Self {
+        Self("converged".to_owned())
+    }
+
+    pub fn is_converged(&self) -> bool {
+        self.0 == "converged"
+    }
+
+    pub fn is_off(&self) -> bool {
+        self.0 == Self::OFF
+    }
+}
+
+impl Default for TechniqueWord {
+    fn default() -> Self {
+        Self("medium".to_owned())
+    }
+}
+
+impl FromStr for TechniqueWord {
+    type Err = String;
+
+    fn from_str(word: &str) -> Result<Self, String> {
+        if word != Self::OFF {
+            named_settings(word).map_err(|_| format!("'{word}' is none of: off, {TECHNIQUE_NAMES}"))?;
+        }
+        Ok(Self(word.to_owned()))
+    }
+}
 
 /// What the command line says about the reflections.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct ReflectionOptions {
     pub technique: TechniqueWord,
     pub tracer: TracerWord,
-    pub backend: BackendWord,
+    pub backend: Backend,
 }
 
 /// Adds the plugin.
-pub fn add_reflections(app: &mut App, options: ReflectionOptions) {
+pub fn add_reflections(app: &mut App, options: &ReflectionOptions) {
     let tracer = match options.tracer {
         TracerWord::Auto => TracerChoice::Auto,
         TracerWord::RayQuery => TracerChoice::RayQuery,
@@ -59,19 +98,17 @@ pub fn add_reflections(app: &mut App, options: ReflectionOptions) {
 }
 
 /// Gives a camera its reflections.
-pub fn reflection_camera(camera: &mut EntityWorldMut, options: ReflectionOptions) {
+pub fn reflection_camera(camera: &mut EntityWorldMut, options: &ReflectionOptions) {
     camera.insert((Hdr, Msaa::Off, DepthPrepass, DeferredPrepass));
-    let technique = match options.technique {
-        TechniqueWord::Off => return,
-        TechniqueWord::Reference => Technique::Reference,
-        TechniqueWord::Converged => Technique::Converged,
-    };
-    camera.insert(RayTracedReflections { technique, ..default() });
+    if let Ok((mut reflections, heuristic)) = named_settings(&options.technique.0) {
+        reflections.backend = options.backend;
+        camera.insert((reflections, heuristic));
+    }
 }
 
 /// Meshes are built in the background: waits until rays can hit all of them. The ground truth is one of a moment.
-pub fn wait_for_scene(app: &mut HeadlessApp, technique: TechniqueWord) {
-    if technique == TechniqueWord::Converged {
+pub fn wait_for_scene(app: &mut HeadlessApp, technique: &TechniqueWord) {
+    if technique.is_converged() {
         app.world().resource_mut::<Time<Virtual>>().pause();
     }
     let pending = |app: &mut HeadlessApp| {
@@ -79,7 +116,7 @@ pub fn wait_for_scene(app: &mut HeadlessApp, technique: TechniqueWord) {
         report.tracer.is_some() && (!report.ready || report.meshes_pending > 0)
     };
     for _ in 0..10_000 {
-        if technique == TechniqueWord::Off || !pending(app) {
+        if technique.is_off() || !pending(app) {
             return;
         }
         std::thread::sleep(std::time::Duration::from_millis(2));

@@ -6,6 +6,7 @@ use super::{
     bvh::{Blas, Bounds, BvhQuality, TopNode, build_blas},
     geometry::{GeometryError, PackedMesh, pack_mesh},
     instances::SceneInstances,
+    merge::CHUNK_TRIANGLES,
 };
 use crate::{
     plugin::ChosenTracer,
@@ -40,7 +41,17 @@ pub struct BuiltMesh {
     packed: PackedMesh,
     /// Only for the BVH tracer.
     blas: Option<Blas>,
+    /// Only for the BVH tracer, and for meshes that are small enough to be merged.
+    triangles: Option<Arc<MeshTriangles>>,
     milliseconds: f32,
+}
+
+/// What merging copies of a mesh. It stays in main memory: 12 bytes for each vertex and 12 for each triangle.
+pub struct MeshTriangles {
+    /// Object space.
+    pub positions: Box<[[f32; 3]]>,
+    /// Three per triangle.
+    pub indices: Box<[u32]>,
 }
 
 /// A mesh that rays can hit.
@@ -59,6 +70,8 @@ pub struct SceneMesh {
     pub indices_offset: u32,
     /// Triangle indices for building ray-query structures of flipped winding; empty with the BVH tracer.
     pub indices: Arc<[u32]>,
+    /// For merging; `None` with ray queries and for meshes that are too large.
+    pub triangles: Option<Arc<MeshTriangles>>,
     /// Changes with every new version of the mesh.
     pub version: u64,
 }
@@ -80,8 +93,13 @@ pub struct SceneBlas {
 pub struct SceneMeshes {
     /// Packed meshes.
     pub geometry: Arena,
-    /// BLAS nodes and triangles; empty with ray queries.
+    /// BLAS nodes and triangles, merged trees and the TLAS; empty with ray queries.
     pub bvh: Arena,
+    /// Merged trees in [`Self::bvh`] by names that are never used twice.
+    merged: HashMap<u64, ArenaSlice>,
+    next_merged: u64,
+    /// The room of the merged trees was needed for something else.
+    merged_lost: bool,
     ready: HashMap<AssetId<Mesh>, SceneMesh>,
     pending: HashMap<AssetId<Mesh>, Task<Result<BuiltMesh, GeometryError>>>,
     failed: HashSet<AssetId<Mesh>>,
@@ -116,6 +134,9 @@ impl SceneMeshes {
         Self {
             geometry: Arena::new(device, "glint_geometry", usages, 12, u64::MAX),
             bvh: Arena::new(device, "glint_bvh", BufferUsages::STORAGE, 4, u64::MAX),
+            merged: HashMap::default(),
+            next_merged: 0,
+            merged_lost: false,
             ready: HashMap::default(),
             pending: HashMap::default(),
             failed: HashSet::default(),
@@ -167,10 +188,18 @@ impl SceneMeshes {
             let blas = with_bvh
                 .then(|| build_blas(packed.positions(), packed.indices(), BvhQuality::default()))
                 .flatten();
+            let mergeable = blas.is_some() && u64::from(packed.triangle_count) <= CHUNK_TRIANGLES;
+            let triangles = mergeable.then(|| {
+                Arc::new(MeshTriangles {
+                    positions: packed.positions().into(),
+                    indices: packed.indices().into(),
+                })
+            });
             let milliseconds = begin.elapsed().as_secs_f32() * 1000.0;
             Ok(BuiltMesh {
                 packed,
                 blas,
+                triangles,
                 milliseconds,
             })
         });
@@ -195,12 +224,14 @@ impl SceneMeshes {
     /// Gives everything back.
     pub fn clear(&mut self, device: &RenderDevice) {
         if !self.ready.is_empty() || !self.pending.is_empty() || !self.failed.is_empty() {
+            let next_merged = self.next_merged;
             *self = Self::new(device, self.tracer);
+            self.next_merged = next_merged;
         }
     }
 
     fn insert(&mut self, id: AssetId<Mesh>, built: BuiltMesh, queue: &RenderQueue) -> bool {
-        let BuiltMesh { packed, blas, .. } = built;
+        let (packed, blas, triangles) = (built.packed, built.blas, built.triangles);
         self.remove(id);
         let Some(geometry) = self.geometry.allocate(packed.words.len() as u32) else {
             return false;
@@ -208,7 +239,7 @@ impl SceneMeshes {
         let bvh = match blas {
             Some(blas) => {
                 let words = blas.rows.as_flattened();
-                let Some(slice) = self.bvh.allocate(words.len() as u32) else {
+                let Some(slice) = self.allocate_tree(words.len() as u32) else {
                     self.geometry.free(geometry);
                     return false;
                 };
@@ -235,6 +266,7 @@ impl SceneMeshes {
             } else {
                 Arc::default()
             },
+            triangles,
             version: self.next_version,
         };
         self.next_version += 1;
@@ -242,6 +274,58 @@ impl SceneMeshes {
         self.ready.insert(id, mesh);
         self.changed.insert(id);
         true
+    }
+
+    /// Room for a BLAS or the TLAS. Merged trees only repeat what the BLASes hold, so they go where the buffer is full.
+    pub(super) fn allocate_tree(&mut self, words: u32) -> Option<ArenaSlice> {
+        if let Some(slice) = self.bvh.allocate(words) {
+            return Some(slice);
+        }
+        if self.merged.is_empty() {
+            return None;
+        }
+        for (_, slice) in self.merged.drain() {
+            self.bvh.free(slice);
+        }
+        self.merged_lost = true;
+        self.bvh.allocate(words)
+    }
+
+    /// Room for a merged tree: its name and its first row. A quarter of what the buffer can grow to is left for meshes.
+    pub(super) fn allocate_merged(&mut self, words: u32) -> Option<(u64, u32)> {
+        let limit = self.bvh.max_bytes() / 4 * 3;
+        if self.bvh.used_bytes() + u64::from(words) * 4 > limit {
+            return None;
+        }
+        let slice = self.bvh.allocate(words)?;
+        let (name, row) = (self.next_merged, slice.base() / 4);
+        self.next_merged += 1;
+        self.merged.insert(name, slice);
+        Some((name, row))
+    }
+
+    /// Writes a part of a merged tree, which begins at a word of it. Nothing happens once the tree is lost.
+    pub(super) fn write_merged(&mut self, name: u64, first: usize, words: &[u32], queue: &RenderQueue) {
+        let Some(slice) = self.merged.get(&name) else { return };
+        let end = first.saturating_add(words.len());
+        if words.is_empty() || end > slice.words() as usize {
+            return;
+        }
+        self.bvh.grow(queue);
+        let offset = slice.byte_offset() + 4 * first as u64;
+        queue.write_buffer(self.bvh.buffer(), offset, bytemuck::cast_slice(words));
+    }
+
+    /// Gives back the room of a merged tree, if it still has any.
+    pub(super) fn free_merged(&mut self, name: u64) {
+        if let Some(slice) = self.merged.remove(&name) {
+            self.bvh.free(slice);
+        }
+    }
+
+    /// Whether all merged trees were lost since the last call: what refers to them must be built anew in this frame.
+    pub(super) fn take_merged_lost(&mut self) -> bool {
+        core::mem::take(&mut self.merged_lost)
     }
 }
 

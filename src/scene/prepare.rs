@@ -1,8 +1,11 @@
 //! From the mirrored scene to the buffers, structures and the bind group that shaders read.
 
+mod top_level;
+
 use super::{
-    acceleration::{AccelerationStructures, BlasKey, RayQueryInstance, rows},
-    bvh::{Row, Tlas, TlasInstance, build_tlas, opening_budget},
+    acceleration::{AccelerationStructures, rows},
+    arena::ArenaSlice,
+    bvh::{MAX_INSTANCES, TRAVERSAL_FLAGS},
     gpu_types::{
         GpuInstance, GpuLight, GpuMaterial, GpuSceneCounts, INSTANCE_CASTS_SHADOW, INSTANCE_MIRRORED,
         INSTANCE_RECEIVES_SHADOW,
@@ -10,6 +13,7 @@ use super::{
     instances::{InstanceSource, SceneInstances},
     lights::ExtractedLights,
     materials::{MaterialAssets, MaterialTable, instance_flags, is_traced},
+    merge::{Placement, StaticMerge},
     meshes::{SceneMesh, SceneMeshes},
     textures::TextureTable,
     upload::StorageSlice,
@@ -24,7 +28,7 @@ use bevy::{
     ecs::prelude::*,
     math::Affine3A,
     pbr::StandardMaterial,
-    platform::{collections::HashSet, time::Instant},
+    platform::collections::HashSet,
     render::{
         render_resource::{
             BindGroup, BindGroupEntry, BindGroupLayoutDescriptor, Buffer, BufferDescriptor, BufferUsages,
@@ -52,12 +56,17 @@ pub struct SceneBindings {
     lights: StorageSlice<GpuLight>,
     uniform: Buffer,
     uniform_data: GpuSceneCounts,
-    tlas: StorageSlice<Row>,
+    /// The TLAS of the BVH tracer in the buffer of its trees.
+    tlas: Option<ArenaSlice>,
+    merge: StaticMerge,
     acceleration: Option<AccelerationStructures>,
+    /// Rays can hit something that needs the alpha test, or it isn't known yet whether they can.
+    masked: bool,
+    defs_version: u32,
     /// Counts changes that rays can see.
     pub(crate) version: u32,
     /// What the bind group was made of.
-    generations: [u64; 8],
+    generations: [u64; 7],
 }
 
 impl FromWorld for SceneBindings {
@@ -84,10 +93,13 @@ impl FromWorld for SceneBindings {
                 mapped_at_creation: false,
             }),
             uniform_data: GpuSceneCounts::default(),
-            tlas: StorageSlice::new(device, "glint_tlas"),
+            tlas: None,
+            merge: StaticMerge::default(),
             acceleration: (tracer == Tracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
+            masked: true,
+            defs_version: 0,
             version: 0,
-            generations: [u64::MAX; 8],
+            generations: [u64::MAX; 7],
         }
     }
 }
@@ -104,7 +116,7 @@ fn layout(tracer: Tracer, textures: &TextureTable) -> BindGroupLayoutDescriptor 
     ];
     match tracer {
         Tracer::RayQuery => entries.push(binding_types::acceleration_structure().build(5, stages)),
-        Tracer::Bvh => entries.extend([storage(16).build(6, stages), storage(16).build(7, stages)]),
+        Tracer::Bvh => entries.push(storage(16).build(6, stages)),
     }
     entries.push(textures.texture_layout().build(8, stages));
     entries.push(textures.sampler_layout().build(9, stages));
@@ -115,11 +127,34 @@ fn layout(tracer: Tracer, textures: &TextureTable) -> BindGroupLayoutDescriptor 
 }
 
 impl SceneBindings {
-    /// What shaders that import the scene's modules must be compiled with.
+    /// What shaders that import the scene's modules must be compiled with for the scene as it is. Whoever holds on to
+    /// pipelines has to follow [`Self::shader_defs_version`], or take [`Self::shader_defs_for`] any scene.
     pub fn shader_defs(&self) -> Vec<ShaderDefVal> {
+        self.shader_defs_for(self.has_masked_geometry())
+    }
+
+    /// The same for scenes with or without masked geometry. Shaders for scenes with it are right for all scenes; those for
+    /// scenes without it show masked and blended surfaces as solid, and are faster with the BVH tracer, which is not
+    /// held up by the alpha test then. With ray queries there is no difference.
+    ///
+    /// A change of the scene never waits for a compiler where both are compiled from the start.
+    pub fn shader_defs_for(&self, masked_geometry: bool) -> Vec<ShaderDefVal> {
         let mut defs = tracer_defs(self.tracer);
         defs.extend(self.texture_def.map(Into::into));
+        if masked_geometry && self.tracer == Tracer::Bvh {
+            defs.push("ALPHA_MASKED_GEOMETRY".into());
+        }
         defs
+    }
+
+    /// Whether rays can hit something that needs the alpha test. True until the first object can be hit, too.
+    pub fn has_masked_geometry(&self) -> bool {
+        self.masked
+    }
+
+    /// Changes whenever [`Self::shader_defs`] does.
+    pub fn shader_defs_version(&self) -> u32 {
+        self.defs_version
     }
 
     /// The active tracer.
@@ -128,28 +163,32 @@ impl SceneBindings {
     }
 }
 
-/// Brings instances and the top level up to date; does nothing where nothing changed. Runs before materials are packed, which
-/// forgets what changed.
+/// Brings instances, merged trees and the top level up to date; does nothing where nothing changed. Runs before materials
+/// are packed, which forgets what changed.
 pub fn prepare_instances(
     mut bindings: ResMut<SceneBindings>,
     mut instances: ResMut<SceneInstances>,
     mut materials: ResMut<MaterialTable>,
     mut textures: ResMut<TextureTable>,
     mut changed_materials: Local<HashSet<AssetId<StandardMaterial>>>,
+    mut meshes: ResMut<SceneMeshes>,
     assets: Res<MaterialAssets>,
-    meshes: Res<SceneMeshes>,
     activity: Res<SceneActivity>,
     status: Res<ReflectionStatus>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
 ) {
-    let bindings = &mut *bindings;
+    let (bindings, meshes) = (&mut *bindings, &mut *meshes);
     if !activity.active {
         if bindings.bind_group.is_some() {
-            bindings.release(&device, &queue);
+            bindings.release(meshes, &device, &queue);
             *materials = MaterialTable::default();
             textures.clear();
-            status.update(|report| (report.instances, report.scene_bytes) = (0, 0));
+            status.update(|report| {
+                (report.instances, report.scene_bytes) = (0, 0);
+                (report.merged_instances, report.merged_triangles) = (0, 0);
+                report.merges_pending = false;
+            });
         }
         return;
     }
@@ -167,11 +206,15 @@ pub fn prepare_instances(
                 .map(|(i, _)| i as u32),
         );
     }
-    if !dirty.is_empty()
-        && bindings.update_instances(&dirty, &instances, &mut materials, &assets, &meshes, &device, &queue)
-    {
+    let mut changed = !dirty.is_empty()
+        && bindings.update_instances(&dirty, &instances, &mut materials, &assets, meshes, &device, &queue);
+    if changed {
         bindings.version = bindings.version.wrapping_add(1);
-        bindings.build_top_level(&instances, &meshes, &device, &queue, &status);
+    }
+    // Rays see no difference between an object and its copy in a merged tree, so this is no change of the scene.
+    changed |= bindings.tracer == Tracer::Bvh && bindings.merge.update(meshes, &queue, &status);
+    if changed {
+        bindings.build_top_level(&instances, meshes, &device, &queue, &status);
     }
 }
 
@@ -216,15 +259,19 @@ pub fn prepare_tables(
 
 impl SceneBindings {
     /// Gives back what an idle scene doesn't need.
-    fn release(&mut self, device: &RenderDevice, queue: &RenderQueue) {
+    fn release(&mut self, meshes: &mut SceneMeshes, device: &RenderDevice, queue: &RenderQueue) {
+        self.merge.clear(meshes);
+        if let Some(slice) = self.tlas.take() {
+            meshes.bvh.free(slice);
+        }
+        self.set_masked(true);
         self.bind_group = None;
         self.instance_data.clear();
         self.present.clear();
         self.uniform_data = GpuSceneCounts::default();
         self.instances = StorageSlice::new(device, "glint_instances");
-        self.tlas = StorageSlice::new(device, "glint_tlas");
         self.acceleration = (self.tracer == Tracer::RayQuery).then(|| AccelerationStructures::new(device, queue));
-        self.generations = [u64::MAX; 8];
+        self.generations = [u64::MAX; 7];
     }
 
     /// Returns whether anything changed for rays.
@@ -242,6 +289,7 @@ impl SceneBindings {
         self.instance_data
             .resize(instances.slots().len(), GpuInstance::default());
         self.present.resize(instances.slots().len(), false);
+        let limit = instance_limit(device);
         let (mut first, mut last) = (usize::MAX, 0);
         let mut changed = false;
         for &slot in dirty {
@@ -251,6 +299,20 @@ impl SceneBindings {
                 let flags = is_traced(material).then(|| instance_flags(material))?;
                 pack_instance(source, mesh, materials.index(source.material), flags)
             });
+            if self.tracer == Tracer::Bvh {
+                let mergeable = packed.filter(|_| (slot as usize) < limit);
+                let placement = mergeable.and_then(|packed| {
+                    let source = instances.get(slot)?;
+                    Some(Placement {
+                        entity: source.entity,
+                        mesh: source.mesh,
+                        version: meshes.get(source.mesh)?.version,
+                        world_from_object: source.world_from_object,
+                        flags: packed.flags & TRAVERSAL_FLAGS,
+                    })
+                });
+                self.merge.observe(slot, placement);
+            }
             let slot = slot as usize;
             let replaced = instances
                 .get(slot as u32)
@@ -272,74 +334,11 @@ impl SceneBindings {
         }
         changed
     }
+}
 
-    fn build_top_level(
-        &mut self,
-        instances: &SceneInstances,
-        meshes: &SceneMeshes,
-        device: &RenderDevice,
-        queue: &RenderQueue,
-        status: &ReflectionStatus,
-    ) {
-        let begin = Instant::now();
-        let limit = StorageSlice::<GpuInstance>::limit(device);
-        let present = || {
-            let slots = instances.slots().iter().enumerate().take(limit);
-            slots
-                .filter(|(slot, _)| self.present[*slot])
-                .filter_map(|(slot, source)| {
-                    let source = source.as_ref()?;
-                    Some((slot as u32, source, meshes.get(source.mesh)?))
-                })
-        };
-        let count = present().count();
-        let mut blas_builds = 0;
-        match &mut self.acceleration {
-            Some(acceleration) => {
-                let list: Vec<_> = present()
-                    .map(|(slot, source, _)| {
-                        let flags = self.instance_data[slot as usize].flags;
-                        RayQueryInstance {
-                            slot,
-                            blas: BlasKey::new(source.mesh, flags),
-                            world_from_object: source.world_from_object,
-                            flags,
-                        }
-                    })
-                    .collect();
-                blas_builds = acceleration.build(&list, meshes, device, queue);
-                self.uniform_data.tlas_node_count = count as u32;
-            }
-            None => {
-                let list: Vec<_> = present()
-                    .filter_map(|(slot, source, mesh)| {
-                        let blas = mesh.bvh.as_ref()?;
-                        let node_row = blas.slice.base() / 4;
-                        Some(TlasInstance {
-                            world_from_object: source.world_from_object,
-                            bounds: blas.bounds,
-                            instance: slot,
-                            node_row,
-                            triangle_row: node_row + blas.triangle_row,
-                            top: &blas.top,
-                        })
-                    })
-                    .collect();
-                let tree: Tlas = build_tlas(&list, opening_budget(list.len()));
-                self.tlas.write(&tree.rows, 0..tree.rows.len(), device, queue);
-                self.uniform_data.tlas_node_count = tree.node_count;
-                self.uniform_data.tlas_entry_base = tree.entry_base;
-            }
-        }
-        // Forces the uniform to be written.
-        self.uniform_data.instance_count = u32::MAX;
-        status.update(|report| {
-            report.instances = count;
-            report.tlas_builds += 1;
-            report.blas_builds += blas_builds;
-            report.tlas_build_ms = begin.elapsed().as_secs_f32() * 1000.0;
-        });
-    }
+/// Slots from here on are not in the instance buffer: their objects are missing.
+fn instance_limit(device: &RenderDevice) -> usize {
+    StorageSlice::<GpuInstance>::limit(device).min(MAX_INSTANCES)
 }
 
 /// `None` where the transform can't be inverted or isn't finite: such an object is invisible in the raster picture, too.
@@ -391,7 +390,6 @@ pub fn prepare_scene_bind_group(
         bindings.instances.generation(),
         bindings.materials.generation(),
         bindings.lights.generation(),
-        bindings.tlas.generation(),
         textures.generation(),
         bindings
             .acceleration
@@ -418,7 +416,7 @@ pub fn prepare_scene_bind_group(
                 resource: acceleration.tlas().as_binding(),
             });
         }
-        None => entries.extend([entry(6, meshes.bvh.buffer()), entry(7, bindings.tlas.buffer())]),
+        None => entries.push(entry(6, meshes.bvh.buffer())),
     }
     entries.push(BindGroupEntry {
         binding: 8,
@@ -434,8 +432,7 @@ pub fn prepare_scene_bind_group(
         + meshes.bvh.capacity_bytes()
         + bindings.instances.buffer().size()
         + bindings.materials.buffer().size()
-        + bindings.lights.buffer().size()
-        + bindings.tlas.buffer().size();
+        + bindings.lights.buffer().size();
     status.update(|report| report.scene_bytes = bytes);
 }
 

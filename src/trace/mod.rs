@@ -1,219 +1,39 @@
-//! From pixels to rays: which rays are traced, and with what pipelines.
+//! From rates to rays: which rays are traced, by which back end, and the order of a view's passes.
+
+mod pipelines;
 
 pub mod directional_albedo;
 
+pub(crate) use pipelines::gbuffer_layout_entries;
+pub use pipelines::{TracePipelines, init_trace_pipelines, queue_trace_pipelines};
+
 use crate::{
-    composite::{CompositePipelines, add_reflection, resolve_reflection},
+    composite::{CompositePipelines, composite_reflection},
+    denoise::{self, DenoisePipelines},
     extract::ReflectionView,
-    scene::{
-        SceneBindings,
-        environment::{EnvironmentBindings, layout_descriptor},
-    },
+    rate::{RatePipelines, determine_rates},
+    scene::{SceneBindings, environment::EnvironmentBindings},
     settings::Technique,
-    status::{ReflectionStatus, Tracer},
-    view::{ACCUMULATION_FORMAT, GpuReflectionView, RADIANCE_FORMAT, ReflectionTextures},
+    status::Tracer,
+    targets::{BLOCK_COUNT, BLOCK_DISPATCH, MIRROR_DISPATCH},
+    view::ReflectionTextures,
 };
 use bevy::{
-    asset::Handle,
-    asset::{AssetServer, load_embedded_asset},
     core_pipeline::prepass::ViewPrepassTextures,
     ecs::prelude::*,
     pbr::{ScreenSpaceReflectionsPipelineId, ViewScreenSpaceReflectionsUniformOffset},
-    platform::collections::{HashMap, HashSet},
     render::{
         diagnostic::RecordDiagnostics,
         render_resource::{
-            BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries, BindingResource, Buffer,
-            CachedComputePipelineId, CachedPipelineState, ComputePassDescriptor, ComputePipelineDescriptor, Extent3d,
-            PipelineCache, ShaderStages, StorageTextureAccess, TextureDataOrder, TextureDescriptor, TextureDimension,
-            TextureFormat, TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor, binding_types,
+            BindGroup, BindGroupEntries, BindingResource, Buffer, ComputePassDescriptor, LoadOp, Operations,
+            PipelineCache, RenderPassColorAttachment, RenderPassDescriptor, StoreOp, TextureView,
         },
-        renderer::{RenderContext, RenderDevice, RenderQueue, ViewQuery},
-        view::{ViewTarget, ViewUniform, ViewUniformOffset, ViewUniforms},
+        renderer::{RenderContext, ViewQuery},
+        view::{ViewTarget, ViewUniformOffset, ViewUniforms},
     },
-    shader::{Shader, ShaderCacheError, ShaderDefVal},
-    utils::default,
+    shader::ShaderDefVal,
 };
-use core::num::NonZeroU64;
-use directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo};
-
-/// Layouts and pipelines of the tracing passes.
-#[derive(Resource)]
-pub struct ReflectionPipelines {
-    shader: Handle<Shader>,
-    defs: Vec<ShaderDefVal>,
-    layouts: [BindGroupLayoutDescriptor; 2],
-    scene_layout: BindGroupLayoutDescriptor,
-    environment_layout: BindGroupLayoutDescriptor,
-    /// Table for `albedo.wesl`.
-    pub(crate) albedo_table: TextureView,
-    traced: HashMap<Technique, CachedComputePipelineId>,
-    wanted: HashSet<Technique>,
-    /// Techniques whose passes are all compiled.
-    ready: HashSet<Technique>,
-}
-
-impl ReflectionPipelines {
-    /// Asks for a technique's pipelines; they are compiled from the next frame on.
-    pub(crate) fn request(&mut self, technique: Technique) {
-        self.wanted.insert(technique);
-    }
-
-    fn layout(&self, technique: Technique) -> &BindGroupLayoutDescriptor {
-        &self.layouts[usize::from(technique == Technique::Converged)]
-    }
-
-    /// The pipelines of a technique can be used.
-    pub(crate) fn is_ready(&self, technique: Technique) -> bool {
-        self.ready.contains(&technique)
-    }
-}
-
-/// Entries that every pass over the G-buffer starts with: `gbuffer.wesl`.
-pub(crate) fn gbuffer_layout_entries() -> [bevy::render::render_resource::BindGroupLayoutEntryBuilder; 5] {
-    [
-        binding_types::uniform_buffer::<ViewUniform>(true),
-        binding_types::uniform_buffer::<GpuReflectionView>(false),
-        binding_types::texture_depth_2d(),
-        binding_types::texture_2d(TextureSampleType::Uint),
-        binding_types::texture_2d(TextureSampleType::Float { filterable: false }),
-    ]
-}
-
-/// Makes layouts and the albedo table.
-pub fn init_reflection_pipelines(
-    mut commands: Commands,
-    asset_server: Res<AssetServer>,
-    scene: Res<SceneBindings>,
-    device: Res<RenderDevice>,
-    queue: Res<RenderQueue>,
-) {
-    let [view, settings, depth, gbuffer, normals] = gbuffer_layout_entries();
-    let unfiltered = binding_types::texture_2d(TextureSampleType::Float { filterable: false });
-    let counters = || binding_types::storage_buffer_sized(false, NonZeroU64::new(8));
-    let radiance = || binding_types::texture_storage_2d(RADIANCE_FORMAT, StorageTextureAccess::WriteOnly);
-    let reference = BindGroupLayoutDescriptor::new(
-        "glint_reference_layout",
-        &BindGroupLayoutEntries::sequential(
-            ShaderStages::COMPUTE,
-            (
-                view,
-                settings,
-                depth,
-                gbuffer,
-                normals,
-                unfiltered,
-                radiance(),
-                counters(),
-            ),
-        ),
-    );
-    let converged = BindGroupLayoutDescriptor::new(
-        "glint_converged_layout",
-        &BindGroupLayoutEntries::sequential(
-            ShaderStages::COMPUTE,
-            (
-                view,
-                settings,
-                depth,
-                gbuffer,
-                normals,
-                unfiltered,
-                radiance(),
-                counters(),
-                unfiltered,
-                binding_types::texture_storage_2d(ACCUMULATION_FORMAT, StorageTextureAccess::WriteOnly),
-            ),
-        ),
-    );
-    let table = DirectionalAlbedo::new();
-    let size = ALBEDO_TABLE_SIZE as u32;
-    let albedo_table = device
-        .create_texture_with_data(
-            &queue,
-            &TextureDescriptor {
-                label: Some("glint_albedo_table"),
-                size: Extent3d {
-                    width: size,
-                    height: size,
-                    depth_or_array_layers: 1,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: TextureDimension::D2,
-                format: TextureFormat::Rg32Float,
-                usage: TextureUsages::TEXTURE_BINDING,
-                view_formats: &[],
-            },
-            TextureDataOrder::LayerMajor,
-            bytemuck::cast_slice(table.texels()),
-        )
-        .create_view(&TextureViewDescriptor::default());
-    commands.insert_resource(ReflectionPipelines {
-        shader: load_embedded_asset!(asset_server.as_ref(), "reference.wesl"),
-        defs: scene.shader_defs(),
-        layouts: [reference, converged],
-        scene_layout: scene.layout.clone(),
-        environment_layout: layout_descriptor(),
-        albedo_table,
-        traced: HashMap::default(),
-        wanted: HashSet::default(),
-        ready: HashSet::default(),
-    });
-}
-
-/// Queues what cameras asked for and reports when all is compiled.
-pub fn queue_reflection_pipelines(
-    mut pipelines: ResMut<ReflectionPipelines>,
-    composite: Res<CompositePipelines>,
-    cache: Res<PipelineCache>,
-    status: Res<ReflectionStatus>,
-) {
-    let pipelines = &mut *pipelines;
-    for technique in pipelines.wanted.iter().copied() {
-        if pipelines.traced.contains_key(&technique) {
-            continue;
-        }
-        let mut shader_defs = pipelines.defs.clone();
-        if technique == Technique::Converged {
-            shader_defs.push("CONVERGED".into());
-        }
-        let id = cache.queue_compute_pipeline(ComputePipelineDescriptor {
-            label: Some(format!("glint_trace_{technique:?}").into()),
-            layout: vec![
-                pipelines.layout(technique).clone(),
-                pipelines.scene_layout.clone(),
-                pipelines.environment_layout.clone(),
-            ],
-            shader: pipelines.shader.clone(),
-            shader_defs,
-            entry_point: Some("trace".into()),
-            ..default()
-        });
-        pipelines.traced.insert(technique, id);
-    }
-    pipelines.ready.clear();
-    if composite.are_ready(&cache) {
-        let compiled = pipelines
-            .traced
-            .iter()
-            .filter(|(_, id)| cache.get_compute_pipeline(**id).is_some());
-        pipelines.ready.extend(compiled.map(|(technique, _)| *technique));
-    }
-    let ready = !pipelines.wanted.is_empty() && pipelines.wanted.is_subset(&pipelines.ready);
-    for &id in pipelines.traced.values() {
-        // Modules that are still being loaded are errors, too, but not for long.
-        if let CachedPipelineState::Err(error) = cache.get_compute_pipeline_state(id)
-            && !matches!(
-                error,
-                ShaderCacheError::ShaderNotLoaded(_) | ShaderCacheError::ShaderImportNotYetAvailable
-            )
-        {
-            bevy::log::error_once!("ray-traced reflections stay off, since their shader failed: {error}");
-        }
-    }
-    status.update(|report| report.ready = ready);
-}
+use pipelines::TracePass;
 
 /// Keeps Bevy's screen-space pass from running on views that only carry its uniform to suppress environment specular.
 pub fn drop_ssr_pass(
@@ -225,7 +45,34 @@ pub fn drop_ssr_pass(
     }
 }
 
-/// Traces, resolves and composites the reflections of one view.
+/// What `gbuffer.wesl` binds.
+#[derive(Clone)]
+pub(crate) struct GBufferBindings<'a> {
+    pub view: BindingResource<'a>,
+    pub settings: BindingResource<'a>,
+    pub depth: &'a TextureView,
+    pub gbuffer: &'a TextureView,
+    pub normals: &'a TextureView,
+}
+
+/// What all passes of a view share.
+pub(crate) struct PassContext<'a> {
+    pub gbuffer: GBufferBindings<'a>,
+    /// Dynamic offset of the view's uniform.
+    pub view_offset: u32,
+    pub motion: Option<&'a TextureView>,
+    pub view: &'a ReflectionView,
+    pub textures: &'a ReflectionTextures,
+    pub cache: &'a PipelineCache,
+    pub scene: &'a BindGroup,
+    pub environment: &'a BindGroup,
+    pub ssao: Option<&'a TextureView>,
+    /// Table for `albedo.wesl`.
+    pub albedo_table: &'a TextureView,
+    pub noise: &'a TextureView,
+}
+
+/// Rates, rays, denoising and composite of one view.
 pub fn ray_traced_reflections(
     view: ViewQuery<(
         &ReflectionView,
@@ -236,7 +83,9 @@ pub fn ray_traced_reflections(
         &ViewScreenSpaceReflectionsUniformOffset,
         Option<&bevy::pbr::ScreenSpaceAmbientOcclusionResources>,
     )>,
-    pipelines: Option<Res<ReflectionPipelines>>,
+    pipelines: Option<Res<TracePipelines>>,
+    rate: Option<Res<RatePipelines>>,
+    denoise: Option<Res<DenoisePipelines>>,
     composite: Option<Res<CompositePipelines>>,
     scene: Option<Res<SceneBindings>>,
     environments: Res<EnvironmentBindings>,
@@ -246,24 +95,21 @@ pub fn ray_traced_reflections(
 ) {
     let entity = view.entity();
     let (view, textures, target, prepass, view_offset, _, ssao) = view.into_inner();
-    let (Some(pipelines), Some(composite), Some(scene)) = (pipelines, composite, scene) else {
+    let (Some(pipelines), Some(rate), Some(denoise), Some(composite), Some(scene)) =
+        (pipelines, rate, denoise, composite, scene)
+    else {
         return;
     };
-    let technique = view.settings.technique;
     let (
-        Some(trace),
-        Some(scene_bind_group),
+        Some(scene),
         Some(environment),
         Some(view_binding),
         Some(settings),
         Some(depth),
         Some(gbuffer),
         Some(normals),
+        Some(noise),
     ) = (
-        pipelines
-            .traced
-            .get(&technique)
-            .and_then(|&id| cache.get_compute_pipeline(id)),
         scene.bind_group.as_ref(),
         environments.bind_group(entity),
         view_uniforms.uniforms.binding(),
@@ -271,111 +117,228 @@ pub fn ray_traced_reflections(
         prepass.depth_only_view(),
         prepass.deferred_view(),
         prepass.normal_view(),
+        pipelines.noise.as_ref(),
     )
     else {
         return;
     };
-    let gbuffer = GBufferBindings {
-        view: view_binding,
-        settings,
-        depth,
-        gbuffer,
-        normals,
-    };
-
-    let device = ctx.render_device().clone();
-    let layout = cache.get_bind_group_layout(pipelines.layout(technique));
-    let counters = textures.counters.as_entire_binding();
-    let GBufferBindings {
+    if !pipelines.is_ready(&cache, &view.settings) {
+        return;
+    }
+    let context = PassContext {
+        gbuffer: GBufferBindings {
+            view: view_binding,
+            settings,
+            depth,
+            gbuffer,
+            normals,
+        },
+        view_offset: view_offset.offset,
+        motion: prepass.motion_vectors_view(),
         view,
-        settings,
-        depth,
-        gbuffer: words,
-        normals,
-    } = gbuffer.clone();
-    let table = &pipelines.albedo_table;
-    let bind_group = match &textures.accumulation {
-        None => device.create_bind_group(
-            "glint_trace",
-            &layout,
-            &BindGroupEntries::sequential((
-                view,
-                settings,
-                depth,
-                words,
-                normals,
-                table,
-                &textures.radiance,
-                counters,
-            )),
-        ),
-        Some(pair) => device.create_bind_group(
-            "glint_trace",
-            &layout,
-            &BindGroupEntries::sequential((
-                view,
-                settings,
-                depth,
-                words,
-                normals,
-                table,
-                &textures.radiance,
-                counters,
-                &pair[1 - textures.parity],
-                &pair[textures.parity],
-            )),
-        ),
+        textures,
+        cache: &cache,
+        scene,
+        environment,
+        ssao: ssao.map(|ssao| &ssao.screen_space_ambient_occlusion_texture.default_view),
+        albedo_table: &pipelines.albedo_table,
+        noise,
     };
 
     let diagnostics = ctx.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let total = diagnostics.time_span(ctx.command_encoder(), "glint");
-    let span = diagnostics.time_span(ctx.command_encoder(), "trace");
-    ctx.command_encoder().clear_buffer(&textures.counters, 0, None);
-    {
-        let mut pass = ctx.command_encoder().begin_compute_pass(&ComputePassDescriptor {
-            label: Some("glint_trace"),
-            timestamp_writes: None,
-        });
-        pass.set_pipeline(trace);
-        pass.set_bind_group(0, &bind_group, &[view_offset.offset]);
-        pass.set_bind_group(1, scene_bind_group, &[]);
-        pass.set_bind_group(2, environment, &[]);
-        pass.dispatch_workgroups(textures.size.x.div_ceil(8), textures.size.y.div_ceil(8), 1);
+    ctx.command_encoder().clear_buffer(&textures.targets.arguments, 0, None);
+    ctx.command_encoder().clear_buffer(&textures.targets.counters, 0, None);
+    if view.settings.technique == Technique::Converged {
+        let span = diagnostics.time_span(ctx.command_encoder(), "trace");
+        trace_converged(&mut ctx, &pipelines, &context);
+        span.end(ctx.command_encoder());
+    } else {
+        let span = diagnostics.time_span(ctx.command_encoder(), "rate");
+        determine_rates(&mut ctx, &rate, &context);
+        span.end(ctx.command_encoder());
+        let span = diagnostics.time_span(ctx.command_encoder(), "trace");
+        trace_rays(&mut ctx, &pipelines, &context);
+        span.end(ctx.command_encoder());
+        denoise::denoise(&mut ctx, &denoise, &context);
     }
-    span.end(ctx.command_encoder());
-    record_counter(diagnostics, &mut ctx, &textures.counters, 0, "reflection_rays");
-    record_counter(diagnostics, &mut ctx, &textures.counters, 4, "reflection_hits");
+    let (arguments, counters) = (&textures.targets.arguments, &textures.targets.counters);
+    record_counter(diagnostics, &mut ctx, arguments, BLOCK_COUNT, "reflection_rays");
+    record_counter(
+        diagnostics,
+        &mut ctx,
+        arguments,
+        BLOCK_COUNT + 4,
+        "reflection_mirror_rays",
+    );
+    record_counter(diagnostics, &mut ctx, arguments, BLOCK_COUNT + 8, "reflection_tiles");
+    record_counter(diagnostics, &mut ctx, counters, 0, "reflection_hits");
 
     let span = diagnostics.time_span(ctx.command_encoder(), "composite");
-    let radiance = textures
-        .accumulation
-        .as_ref()
-        .map_or(&textures.radiance, |pair| &pair[textures.parity]);
-    resolve_reflection(
-        &mut ctx,
-        &cache,
-        &composite,
-        gbuffer,
-        view_offset.offset,
-        radiance,
-        ssao,
-        environment,
-        textures,
-    );
-    add_reflection(&mut ctx, &cache, &composite, target, textures);
+    composite_reflection(&mut ctx, &composite, &context, target);
     span.end(ctx.command_encoder());
     total.end(ctx.command_encoder());
 }
 
-/// What `gbuffer.wesl` binds.
-#[derive(Clone)]
-pub(crate) struct GBufferBindings<'a> {
-    pub view: BindingResource<'a>,
-    pub settings: BindingResource<'a>,
-    pub depth: &'a TextureView,
-    pub gbuffer: &'a TextureView,
-    pub normals: &'a TextureView,
+fn trace_converged(ctx: &mut RenderContext, pipelines: &TracePipelines, context: &PassContext) {
+    let textures = context.textures;
+    let (Some(pipeline), Some(pair)) = (
+        pipelines.compute(context.cache, TracePass::Converged),
+        &textures.targets.accumulation,
+    ) else {
+        return;
+    };
+    let GBufferBindings {
+        view,
+        settings,
+        depth,
+        gbuffer,
+        normals,
+    } = context.gbuffer.clone();
+    let bind_group = ctx.render_device().create_bind_group(
+        "glint_trace_converged",
+        &context
+            .cache
+            .get_bind_group_layout(pipelines.layout(TracePass::Converged)),
+        &BindGroupEntries::sequential((
+            view,
+            settings,
+            depth,
+            gbuffer,
+            normals,
+            context.albedo_table,
+            textures.targets.arguments.as_entire_binding(),
+            textures.targets.counters.as_entire_binding(),
+            &pair[1 - textures.parity],
+            &pair[textures.parity],
+        )),
+    );
+    let mut pass = ctx.command_encoder().begin_compute_pass(&ComputePassDescriptor {
+        label: Some("glint_trace_converged"),
+        timestamp_writes: None,
+    });
+    pass.set_pipeline(pipeline);
+    pass.set_bind_group(0, &bind_group, &[context.view_offset]);
+    pass.set_bind_group(1, context.scene, &[]);
+    pass.set_bind_group(2, context.environment, &[]);
+    let size = textures.size();
+    pass.dispatch_workgroups(size.x.div_ceil(8), size.y.div_ceil(8), 1);
+}
+
+fn trace_rays(ctx: &mut RenderContext, pipelines: &TracePipelines, context: &PassContext) {
+    for pass in TracePass::of(&context.view.settings) {
+        match pass {
+            TracePass::Inline => trace_inline(ctx, pipelines, context),
+            _ => trace_list(ctx, pipelines, context, pass),
+        }
+    }
+}
+
+/// Rays of a list.
+fn trace_list(ctx: &mut RenderContext, pipelines: &TracePipelines, context: &PassContext, pass: TracePass) {
+    let targets = &context.textures.targets;
+    let (Some(pipeline), Some(images)) = (pipelines.compute(context.cache, pass), &targets.pipeline) else {
+        return;
+    };
+    let (list, first, second, dispatch) = if pass == TracePass::Mirrors {
+        (
+            &images.mirrors,
+            &images.reconstructed,
+            &images.reconstructed_pair,
+            MIRROR_DISPATCH,
+        )
+    } else {
+        (&images.blocks, &images.ray_radiance, &images.ray_record, BLOCK_DISPATCH)
+    };
+    let GBufferBindings {
+        view,
+        settings,
+        depth,
+        gbuffer,
+        normals,
+    } = context.gbuffer.clone();
+    let bind_group = ctx.render_device().create_bind_group(
+        "glint_trace_list",
+        &context.cache.get_bind_group_layout(pipelines.layout(pass)),
+        &BindGroupEntries::sequential((
+            view,
+            settings,
+            depth,
+            gbuffer,
+            normals,
+            context.albedo_table,
+            context.noise,
+            targets.arguments.as_entire_binding(),
+            targets.counters.as_entire_binding(),
+            list.as_entire_binding(),
+            first,
+            second,
+        )),
+    );
+    let mut compute = ctx.command_encoder().begin_compute_pass(&ComputePassDescriptor {
+        label: Some("glint_trace_list"),
+        timestamp_writes: None,
+    });
+    compute.set_pipeline(pipeline);
+    compute.set_bind_group(0, &bind_group, &[context.view_offset]);
+    compute.set_bind_group(1, context.scene, &[]);
+    compute.set_bind_group(2, context.environment, &[]);
+    compute.dispatch_workgroups_indirect(&targets.arguments, dispatch);
+}
+
+/// Rays of a full-screen pass over the trace target.
+fn trace_inline(ctx: &mut RenderContext, pipelines: &TracePipelines, context: &PassContext) {
+    let textures = context.textures;
+    let (Some(pipeline), Some(images)) = (pipelines.inline(context.cache), &textures.targets.pipeline) else {
+        return;
+    };
+    let GBufferBindings {
+        view,
+        settings,
+        depth,
+        gbuffer,
+        normals,
+    } = context.gbuffer.clone();
+    let bind_group = ctx.render_device().create_bind_group(
+        "glint_trace_inline",
+        &context.cache.get_bind_group_layout(pipelines.layout(TracePass::Inline)),
+        &BindGroupEntries::sequential((
+            view,
+            settings,
+            depth,
+            gbuffer,
+            normals,
+            context.noise,
+            &images.rate[textures.parity],
+            textures.targets.counters.as_entire_binding(),
+        )),
+    );
+    // Every texel is written.
+    let attachment = |view| {
+        Some(RenderPassColorAttachment {
+            view,
+            depth_slice: None,
+            resolve_target: None,
+            ops: Operations {
+                load: LoadOp::Load,
+                store: StoreOp::Store,
+            },
+        })
+    };
+    let mut pass = ctx.begin_tracked_render_pass(RenderPassDescriptor {
+        label: Some("glint_trace_inline"),
+        color_attachments: &[attachment(&images.ray_radiance), attachment(&images.ray_record)],
+        depth_stencil_attachment: None,
+        timestamp_writes: None,
+        occlusion_query_set: None,
+        multiview_mask: None,
+    });
+    pass.set_render_pipeline(pipeline);
+    pass.set_bind_group(0, &bind_group, &[context.view_offset]);
+    pass.set_bind_group(1, context.scene, &[]);
+    pass.set_bind_group(2, context.environment, &[]);
+    pass.draw(0..3, 0..1);
 }
 
 fn record_counter(

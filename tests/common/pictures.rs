@@ -2,7 +2,9 @@
 #![allow(dead_code, reason = "each test binary uses a part")]
 
 use bevy::{math::UVec2, prelude::*};
-use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, Technique, Tracer, TracerChoice};
+use bevy_glint::{
+    Denoiser, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, Technique, Tracer, TracerChoice,
+};
 use glint_scenes::{
     HeadlessApp, HeadlessError, HeadlessSettings, Output, SceneAnimationPlugin, SceneName, SceneOptions,
 };
@@ -63,6 +65,8 @@ pub fn spawn(app: &mut HeadlessApp, scene: SceneName, technique: Technique) -> E
 pub fn reflect(app: &mut HeadlessApp, camera: Entity, technique: Technique) {
     let settings = RayTracedReflections {
         technique,
+        denoiser: Denoiser::OFF,
+        full_resolution_mirrors: false,
         roughness_cutoff: 1.0,
         roughness_fade: 0.0,
         ..default()

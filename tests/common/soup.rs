@@ -1,8 +1,14 @@
 //! Triangle soups, instances and rays from a seed, packed as the GPU sees them, with a slow and exact oracle.
 
 use bevy::math::{Affine3A, DVec3, EulerRot, Quat, Vec3};
-use bevy_glint::scene::bvh::{Blas, BvhQuality, Row, SceneView, Tlas, TlasInstance, TraceRay, build_blas, build_tlas};
-use bevy_glint::scene::gpu_types::{INSTANCE_CASTS_SHADOW, INSTANCE_MIRRORED};
+use bevy_glint::scene::bvh::{
+    Blas, BvhQuality, MergeSource, Row, SceneView, Tlas, TlasInstance, TraceRay, build_blas, build_merged, build_tlas,
+    owner, stack_size,
+};
+use bevy_glint::scene::gpu_types::{
+    INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
+};
+use std::collections::BTreeMap;
 
 /// `SplitMix64`.
 pub struct Random(pub u64);
@@ -136,58 +142,117 @@ pub fn placement(random: &mut Random, spread: f32) -> Affine3A {
     )
 }
 
+/// Stands in for the alpha test of materials: every other triangle is cut out.
+pub fn alpha_test(_instance: u32, primitive: u32, _barycentrics: [f32; 2]) -> bool {
+    primitive.is_multiple_of(2)
+}
+
+/// How an instance is packed.
+#[derive(Clone, Copy, Debug)]
+pub struct Packing {
+    /// `INSTANCE_` flags, but for [`INSTANCE_MIRRORED`], which follows from the matrix.
+    pub flags: u32,
+    /// The merged tree that it is part of.
+    pub tree: Option<u32>,
+}
+
+impl Packing {
+    /// An ordinary instance.
+    pub const SINGLE: Self = Self {
+        flags: INSTANCE_CASTS_SHADOW,
+        tree: None,
+    };
+    /// Part of a merged tree.
+    pub const MERGED: Self = Self {
+        flags: INSTANCE_CASTS_SHADOW,
+        tree: Some(0),
+    };
+}
+
 /// Meshes and their instances, packed.
 pub struct Packed {
     pub meshes: Vec<Mesh>,
     /// Mesh and object-to-world matrix.
     pub instances: Vec<(usize, Affine3A)>,
+    /// `INSTANCE_` flags by instance.
     pub flags: Vec<u32>,
+    /// All trees, the TLAS behind the others.
     pub bvh: Vec<Row>,
     pub tlas: Tlas,
     pub stack_size: u32,
+    tlas_row: u32,
     /// Instance, primitive and corners in world space without rounding to `f32`: what the oracle searches.
     triangles: Vec<(u32, u32, [DVec3; 3])>,
 }
 
 impl Packed {
+    /// Nothing is merged.
     pub fn new(meshes: Vec<Mesh>, instances: Vec<(usize, Affine3A)>, max_entries: usize) -> Self {
-        let mut bvh = Vec::new();
-        let mut trees: Vec<Option<(u32, Blas)>> = Vec::new();
-        for mesh in &meshes {
+        Self::with(meshes, instances, max_entries, |_| Packing::SINGLE)
+    }
+
+    /// `packing` says for each instance how it is packed.
+    pub fn with(
+        meshes: Vec<Mesh>,
+        instances: Vec<(usize, Affine3A)>,
+        max_entries: usize,
+        packing: impl Fn(usize) -> Packing,
+    ) -> Self {
+        let mut bvh: Vec<Row> = Vec::new();
+        let mut add = |blas: Option<Blas>| {
             let base = bvh.len() as u32;
-            let blas = build_blas(&mesh.positions, &mesh.indices, BvhQuality::Medium);
             bvh.extend_from_slice(blas.as_ref().map_or(&[], |b| b.rows.as_slice()));
-            trees.push(blas.map(|b| (base, b)));
+            blas.map(|b| (base, b))
+        };
+        let build = |mesh: &Mesh| build_blas(&mesh.positions, &mesh.indices, BvhQuality::Medium);
+        let trees: Vec<Option<(u32, Blas)>> = meshes.iter().map(|mesh| add(build(mesh))).collect();
+        let mut merged: BTreeMap<u32, Vec<MergeSource>> = BTreeMap::new();
+        let mut flags = Vec::new();
+        for (i, (mesh, matrix)) in instances.iter().enumerate() {
+            let Packing { flags: own, tree } = packing(i);
+            let mirrored = matrix.matrix3.determinant() < 0.0;
+            flags.push(own | if mirrored { INSTANCE_MIRRORED } else { 0 });
+            if let Some(tree) = tree {
+                merged.entry(tree).or_default().push(MergeSource {
+                    positions: &meshes[*mesh].positions,
+                    indices: &meshes[*mesh].indices,
+                    world_from_object: *matrix,
+                    instance: i as u32,
+                    flags: flags[i],
+                });
+            }
         }
-        let records: Vec<TlasInstance> = instances
+        let merged: Vec<(u32, Blas)> = merged
+            .into_values()
+            .filter_map(|sources| add(build_merged(&sources, BvhQuality::Medium)))
+            .collect();
+
+        let singles = instances
             .iter()
             .enumerate()
+            .filter(|(i, _)| packing(*i).tree.is_none())
             .filter_map(|(i, (mesh, matrix))| {
                 let (base, blas) = trees[*mesh].as_ref()?;
-                Some(TlasInstance {
-                    world_from_object: *matrix,
-                    bounds: blas.bounds,
-                    instance: i as u32,
-                    node_row: *base,
-                    triangle_row: base + blas.triangle_row(),
-                    top: &blas.top,
-                })
+                Some((*base, blas, *matrix, owner(i as u32, flags[i])))
+            });
+        let in_world = merged.iter().map(|(base, blas)| (*base, blas, Affine3A::IDENTITY, 0));
+        let records: Vec<TlasInstance> = singles
+            .chain(in_world)
+            .map(|(base, blas, world_from_object, instance)| TlasInstance {
+                world_from_object,
+                bounds: blas.bounds,
+                instance,
+                node_row: base,
+                triangle_row: base + blas.triangle_row(),
+                top: if instance == 0 { &[] } else { &blas.top },
             })
             .collect();
         let tlas = build_tlas(&records, max_entries);
-        let depth = trees.iter().flatten().map(|(_, b)| b.depth).max().unwrap_or(0);
-        let stack_size = bevy_glint::scene::bvh::stack_size(tlas.depth, depth);
-        let flags = instances
-            .iter()
-            .map(|(_, m)| {
-                INSTANCE_CASTS_SHADOW
-                    | if m.matrix3.determinant() < 0.0 {
-                        INSTANCE_MIRRORED
-                    } else {
-                        0
-                    }
-            })
-            .collect();
+        let depth = trees.iter().flatten().chain(&merged).map(|(_, b)| b.depth).max();
+        let stack_size = stack_size(tlas.depth, depth.unwrap_or(0));
+        let tlas_row = bvh.len() as u32;
+        bvh.extend_from_slice(&tlas.rows);
+
         let mut triangles = Vec::new();
         for (instance, (mesh, matrix)) in instances.iter().enumerate() {
             let (linear, translation) = (matrix.matrix3.as_dmat3(), matrix.translation.as_dvec3());
@@ -205,17 +270,22 @@ impl Packed {
             bvh,
             tlas,
             stack_size,
+            tlas_row,
             triangles,
         }
+    }
+
+    /// Row of the TLAS's first entry in the buffer.
+    pub fn entry_base(&self) -> u32 {
+        self.tlas_row + self.tlas.entry_base
     }
 
     pub fn view(&self) -> SceneView<'_> {
         SceneView {
             bvh: &self.bvh,
-            tlas: &self.tlas.rows,
-            tlas_node_count: self.tlas.node_count,
-            tlas_entry_base: self.tlas.entry_base,
-            flags: &self.flags,
+            tlas_node_count: self.tlas.traversal_node_count(),
+            tlas_entry_base: self.entry_base(),
+            alpha_test: Some(alpha_test),
         }
     }
 
@@ -252,22 +322,47 @@ impl Packed {
 
     /// The closest hit by brute force, and how sure it is.
     pub fn oracle(&self, ray: &TraceRay) -> Oracle {
+        self.search(ray, |flags, front| {
+            let culled = if front { INSTANCE_CULL_FRONT } else { INSTANCE_CULL_BACK };
+            flags & culled == 0
+        })
+    }
+
+    /// What may stand in the way of a shadow ray.
+    pub fn shadow_oracle(&self, ray: &TraceRay) -> Oracle {
+        self.search(ray, |flags, _| flags & INSTANCE_CASTS_SHADOW != 0)
+    }
+
+    /// `counts` judges the flags of an instance and the face that the ray sees: true = the front in world space.
+    fn search(&self, ray: &TraceRay, counts: impl Fn(u32, bool) -> bool) -> Oracle {
         let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
         let mut result = Oracle {
             t: f64::INFINITY,
             candidates: Vec::new(),
         };
         for (instance, primitive, corners) in &self.triangles {
-            if let Some((t, margin, error)) = intersect(corners, origin, direction)
-                && t > -0.01
+            let flags = self.flags[*instance as usize];
+            if flags & INSTANCE_ALPHA_MASKED != 0 && !alpha_test(*instance, *primitive, [0.0; 2]) {
+                continue;
+            }
+            if let Some(found) = intersect(corners, origin, direction)
+                && found.t > -0.01
             {
-                if margin >= 0.0 && t > f64::from(ray.t_min) {
-                    result.t = result.t.min(t);
+                let (front, back) = (counts(flags, true), counts(flags, false));
+                let seen = if found.cosine < 0.0 { front } else { back };
+                // Of a triangle seen on edge, single precision may take either face.
+                let doubtful = found.cosine.abs() < found.tilt && front != back;
+                if !seen && !doubtful {
+                    continue;
+                }
+                let margin = if doubtful { found.margin.min(0.0) } else { found.margin };
+                if margin >= 0.0 && found.t > f64::from(ray.t_min) {
+                    result.t = result.t.min(found.t);
                 }
                 result.candidates.push(Candidate {
-                    t,
+                    t: found.t,
                     margin,
-                    error,
+                    error: found.error,
                     instance: *instance,
                     primitive: *primitive,
                 });
@@ -297,10 +392,25 @@ pub struct Oracle {
 }
 
 impl Oracle {
+    /// Whether a tracer in single precision may find that something, or nothing, is in the way.
+    pub fn accepts_any(&self, blocked: bool, tolerance: f64, floor: f64) -> bool {
+        if blocked {
+            self.candidates
+                .iter()
+                .any(|c| c.margin > -DOUBT && c.t > -self.slack(c, tolerance, floor))
+        } else {
+            self.accepts(None, tolerance, floor)
+        }
+    }
+
+    fn slack(&self, candidate: &Candidate, tolerance: f64, floor: f64) -> f64 {
+        candidate.t.abs() * tolerance + floor + candidate.error
+    }
+
     /// Whether a tracer in single precision may answer `hit`: it must lie on a candidate, and no triangle that the ray
     /// surely hits may lie in front of it. `tolerance` is relative to t, `floor` absolute.
     pub fn accepts(&self, hit: Option<(f32, u32, u32)>, tolerance: f64, floor: f64) -> bool {
-        let slack = |c: &Candidate| c.t.abs() * tolerance + floor + c.error;
+        let slack = |c: &Candidate| self.slack(c, tolerance, floor);
         let sure = || self.candidates.iter().filter(|c| c.margin > DOUBT && c.t > slack(c));
         match hit {
             None => sure().next().is_none(),
@@ -317,12 +427,23 @@ impl Oracle {
     }
 }
 
-/// Distance, margin and error; `None` far outside or parallel.
-fn intersect([a, b, c]: &[DVec3; 3], origin: DVec3, direction: DVec3) -> Option<(f64, f64, f64)> {
+/// Where a ray meets the plane of a triangle.
+struct Met {
+    t: f64,
+    margin: f64,
+    error: f64,
+    /// Between the ray and the normal; negative where the front is seen.
+    cosine: f64,
+    /// Bound of the error of `cosine` in single precision.
+    tilt: f64,
+}
+
+/// `None` far outside or parallel.
+fn intersect([a, b, c]: &[DVec3; 3], origin: DVec3, direction: DVec3) -> Option<Met> {
     let normal = (b - a).cross(c - a);
     let slope = normal.dot(direction);
-    let cosine = slope.abs() / normal.length();
-    if !(cosine > 0.0) {
+    let cosine = slope / normal.length();
+    if !(cosine.abs() > 0.0) {
         return None;
     }
     let t = normal.dot(a - origin) / slope;
@@ -330,9 +451,15 @@ fn intersect([a, b, c]: &[DVec3; 3], origin: DVec3, direction: DVec3) -> Option<
     let inside = |p: &DVec3, q: &DVec3| (p - at).cross(q - at).dot(normal) / (normal.length() * (q - p).length());
     let smallest = inside(b, c).min(inside(c, a)).min(inside(a, b));
     let size = t.abs() + origin.length() + a.length().max(b.length()).max(c.length());
-    let margin = smallest * cosine / size;
+    let margin = smallest * cosine.abs() / size;
     let longest = (b - a).length().max((c - a).length()).max((c - b).length());
-    let aspect = longest * longest / normal.length();
-    let error = 4.0 * f64::from(f32::EPSILON) * size * aspect / cosine;
-    (margin > -DOUBT).then_some((t, margin, error))
+    let tilt = 4.0 * f64::from(f32::EPSILON) * size * longest / normal.length();
+    let error = tilt * longest / cosine.abs();
+    (margin > -DOUBT).then_some(Met {
+        t,
+        margin,
+        error,
+        cosine,
+        tilt,
+    })
 }

@@ -41,7 +41,7 @@ pub struct TopNode {
     pub child_count: u32,
 }
 
-/// The packed tree of a mesh.
+/// The packed tree of a mesh, or of merged objects.
 #[derive(Clone, Debug)]
 pub struct Blas {
     /// Nodes of 5 rows, then triangles of 3 rows; indices in nodes are relative to this BLAS.
@@ -50,7 +50,7 @@ pub struct Blas {
     pub node_count: u32,
     /// Number of triangles that are left after degenerate ones were dropped, at least 1.
     pub triangle_count: u32,
-    /// Object space.
+    /// Object space; world space for merged objects.
     pub bounds: Bounds,
     /// Nodes from the root to the deepest node inclusive; see [`super::stack_size`].
     pub depth: u32,
@@ -70,18 +70,45 @@ impl Blas {
     }
 }
 
+/// A triangle of a tree.
+pub(super) struct Triangle {
+    pub corners: [[f32; 3]; 3],
+    /// Index in the mesh.
+    pub primitive: u32,
+    /// [`super::owner`], or 0 where the TLAS entry names it.
+    pub owner: u32,
+}
+
 /// Builds the tree of a triangle list. Triangles with an index out of range, a coordinate that is not finite or beyond
 /// 1e15, or without area are left out; `None` when no triangle is left or there are more than 2^28.
 pub fn build_blas(positions: &[[f32; 3]], indices: &[u32], quality: BvhQuality) -> Option<Blas> {
-    let mut primitives = Vec::with_capacity(indices.len() / 3);
-    let mut boxes = Vec::with_capacity(indices.len() / 3);
+    let mut triangles = Vec::with_capacity(indices.len() / 3);
+    add_triangles(&mut triangles, positions, indices, 0);
+    build(triangles, quality)
+}
+
+/// Adds the triangles of a mesh, less those whose indices are out of range.
+pub(super) fn add_triangles(triangles: &mut Vec<Triangle>, positions: &[[f32; 3]], indices: &[u32], owner: u32) {
     for (primitive, corners) in indices.as_chunks::<3>().0.iter().enumerate() {
-        if let Some(bounds) = triangle(positions, *corners).and_then(|t| triangle_bounds(&t)) {
-            primitives.push(primitive as u32);
-            boxes.push(bounds);
+        if let Some(corners) = triangle(positions, *corners) {
+            triangles.push(Triangle {
+                corners,
+                primitive: primitive as u32,
+                owner,
+            });
         }
     }
-    if primitives.is_empty() || primitives.len() > 1 << 28 {
+}
+
+/// The tree over those triangles that rays can hit.
+pub(super) fn build(mut triangles: Vec<Triangle>, quality: BvhQuality) -> Option<Blas> {
+    let mut boxes = Vec::with_capacity(triangles.len());
+    triangles.retain(|triangle| {
+        let bounds = triangle_bounds(&triangle.corners);
+        boxes.extend(bounds);
+        bounds.is_some()
+    });
+    if triangles.is_empty() || triangles.len() > 1 << 28 {
         return None;
     }
     let mut tree = build_tree(&boxes, quality, 3, MAX_DEPTH)?;
@@ -91,18 +118,20 @@ pub fn build_blas(positions: &[[f32; 3]], indices: &[u32], quality: BvhQuality) 
     let top = top_nodes(&mut tree.nodes, &exact, &ordered);
 
     let node_count = tree.nodes.len() as u32;
-    let row_count = node_count as usize * NODE_ROWS as usize + primitives.len() * TRIANGLE_ROWS as usize;
+    let row_count = node_count as usize * NODE_ROWS as usize + triangles.len() * TRIANGLE_ROWS as usize;
     let mut rows = Vec::with_capacity(row_count);
     rows.extend_from_slice(bytemuck::cast_slice::<CwBvhNode, Row>(&tree.nodes));
     for index in &tree.primitive_indices {
-        let primitive = primitives[*index as usize];
-        let first = primitive as usize * 3;
-        let corners = triangle(positions, [indices[first], indices[first + 1], indices[first + 2]])?;
-        for (corner, last) in corners.iter().zip([primitive, 0, 0]) {
+        let Triangle {
+            corners,
+            primitive,
+            owner,
+        } = &triangles[*index as usize];
+        for (corner, last) in corners.iter().zip([*primitive, *owner, 0]) {
             rows.push([corner[0].to_bits(), corner[1].to_bits(), corner[2].to_bits(), last]);
         }
     }
-    let triangle_count = primitives.len() as u32;
+    let triangle_count = triangles.len() as u32;
     Some(Blas {
         rows,
         node_count,

@@ -3,8 +3,21 @@
 //! Both levels are compressed 8-wide trees (Ylitie, Karras and Laine 2017) in the byte layout of `obvhs::cwbvh::CwBvhNode`,
 //! packed in rows of four words for `bvh.wesl`. The shader runs without bounds checks, so the builders keep every index in
 //! range and every box conservative.
+//!
+//! # Merged trees
+//!
+//! Objects that overlap cost rays dearly: each is entered for itself, with a transform and nodes of its own. Objects at rest
+//! are therefore also built into one tree over their triangles in world space ([`build_merged`]). It enters the TLAS like a
+//! BLAS of its own, and where nothing else is in the scene, rays start in it at once.
+//!
+//! # Owners
+//!
+//! Whose triangle was hit is one word, [`owner`]: the instance and those of its flags that decide whether a triangle counts.
+//! It stands in the TLAS entry of an instance, and in each triangle of a merged tree; the other of the two is 0, so that
+//! the shader takes both with an "or" and reads no instance while it looks for hits.
 
 mod blas;
+mod merged;
 mod node;
 mod ploc;
 mod tlas;
@@ -13,21 +26,45 @@ mod traverse;
 #[cfg(test)]
 mod tests;
 
+use super::gpu_types::{
+    INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
+};
 use bevy::math::Vec3A;
 
 pub use blas::{Blas, BvhQuality, TopNode, build_blas};
+pub use merged::{MergeSource, build_merged, merge_bounds};
 pub use tlas::{Tlas, TlasInstance, build_tlas, opening_budget};
 pub use traverse::{Counters, SceneView, TraceHit, TraceRay, any, closest};
 
-/// Four words: the element type of both buffers.
+/// Four words: the element type of the buffer that holds the trees.
 pub type Row = [u32; 4];
 
 /// Rows of a node.
 pub const NODE_ROWS: u32 = 5;
-/// Rows of a triangle in the BLAS buffer.
+/// Rows of a triangle: its corners, with the triangle's index in the mesh, its [`owner`] (0 where the TLAS entry names it)
+/// and nothing in their fourth words.
 pub const TRIANGLE_ROWS: u32 = 3;
-/// Rows of a leaf entry of the TLAS.
+/// Rows of a leaf entry of the TLAS: the inverse matrix, and a row of the [`owner`], the first node, the row that indices
+/// of nodes count from, and the row that indices of triangles count from.
 pub const ENTRY_ROWS: u32 = 4;
+
+/// In the place of the number of TLAS nodes: the TLAS is one entry, and rays start there.
+pub const ONE_ENTRY: u32 = u32::MAX;
+
+/// Instances that an [`owner`] can tell apart.
+pub const MAX_INSTANCES: usize = 1 << (32 - OWNER_SHIFT);
+/// The flags that decide in the middle of a traversal whether a triangle counts.
+pub const TRAVERSAL_FLAGS: u32 =
+    INSTANCE_MIRRORED | INSTANCE_CULL_BACK | INSTANCE_CULL_FRONT | INSTANCE_ALPHA_MASKED | INSTANCE_CASTS_SHADOW;
+/// The lowest bit of the instance in an [`owner`].
+const OWNER_SHIFT: u32 = 6;
+/// Set in every [`owner`], so that none is 0.
+const OWNED: u32 = 32;
+
+/// An instance (below [`MAX_INSTANCES`]) and its `INSTANCE_` flags as one word, which is never 0.
+pub const fn owner(instance: u32, flags: u32) -> u32 {
+    (instance << OWNER_SHIFT) | OWNED | (flags & TRAVERSAL_FLAGS)
+}
 
 /// An axis-aligned box.
 #[derive(Clone, Copy, Debug, PartialEq)]

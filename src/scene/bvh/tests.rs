@@ -1,8 +1,13 @@
 //! Structure of packed trees.
 
 use super::{
-    Blas, Bounds, BvhQuality, NODE_ROWS, Row, Tlas, TlasInstance, build_blas, build_tlas,
+    Blas, Bounds, BvhQuality, MergeSource, NODE_ROWS, ONE_ENTRY, Row, Tlas, TlasInstance, build_blas, build_merged,
+    build_tlas,
     node::{self, Child},
+    owner,
+};
+use crate::scene::gpu_types::{
+    INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_MIRRORED, INSTANCE_RECEIVES_SHADOW,
 };
 use bevy::math::{Affine3A, Quat, Vec3};
 use obvhs::cwbvh::node::CwBvhNode;
@@ -178,9 +183,47 @@ fn sizes_from_none_to_many_instances() {
             .collect();
         let tlas = build_tlas(&instances, 0);
         assert_eq!((tlas.entry_count as usize, tlas.dropped), (count, 0));
+        assert_eq!(tlas.traversal_node_count() == ONE_ENTRY, count == 1);
         assert!(tlas.depth <= 8);
         check_tlas(&tlas, &instances);
     }
+}
+
+#[test]
+fn owners_hold_instance_and_flags() {
+    assert_eq!(owner(0, 0), 32, "never 0");
+    let flags = INSTANCE_CULL_BACK | INSTANCE_CASTS_SHADOW;
+    let word = owner(1_000_000, flags | INSTANCE_RECEIVES_SHADOW);
+    assert_eq!((word >> 6, word & 31), (1_000_000, flags));
+}
+
+#[test]
+fn merged_triangles_name_their_owners() {
+    let positions = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let source = |instance: u32, flags: u32, scale: f32| MergeSource {
+        positions: &positions,
+        // The second triangle has no area, the last one's vertices don't exist.
+        indices: &[0, 1, 2, 0, 1, 1, 0, 2, 3, 7, 8, 9],
+        world_from_object: Affine3A::from_scale_rotation_translation(
+            Vec3::new(scale, 2.0, 2.0),
+            Quat::IDENTITY,
+            Vec3::splat(instance as f32),
+        ),
+        instance,
+        flags,
+    };
+    let mirrored = INSTANCE_MIRRORED | INSTANCE_ALPHA_MASKED;
+    let sources = [source(3, INSTANCE_CULL_BACK, 2.0), source(5, mirrored, -2.0)];
+    let blas = build_merged(&sources, BvhQuality::Medium).expect("triangles have area");
+    check_blas(&blas);
+    assert_eq!((blas.triangle_count, blas.bounds.min), (4, [3.0, 3.0, 3.0]));
+    let triangles = blas.rows[blas.triangle_row() as usize..].as_chunks::<3>().0;
+    let mut owners: Vec<(u32, u32)> = triangles.iter().map(|rows| (rows[1][3], rows[0][3])).collect();
+    owners.sort_unstable();
+    // The world-space corners of a mirrored object are in the order that it has in the world.
+    let (first, second) = (owner(3, INSTANCE_CULL_BACK), owner(5, INSTANCE_ALPHA_MASKED));
+    assert_eq!(owners, [(first, 0), (first, 2), (second, 0), (second, 2)]);
+    assert!(build_merged(&[], BvhQuality::Medium).is_none());
 }
 
 #[test]

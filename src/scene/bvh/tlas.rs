@@ -1,6 +1,6 @@
 //! The tree over the instances.
 
-use super::{Bounds, BvhQuality, NODE_ROWS, Row, TopNode, blas::build_tree, node};
+use super::{Bounds, BvhQuality, NODE_ROWS, ONE_ENTRY, Row, TopNode, blas::build_tree, node};
 use bevy::math::{Affine3A, DMat3, DVec3};
 use obvhs::cwbvh::node::CwBvhNode;
 use std::collections::BinaryHeap;
@@ -19,24 +19,25 @@ pub struct TlasInstance<'a> {
     pub world_from_object: Affine3A,
     /// Of the mesh, in object space.
     pub bounds: Bounds,
-    /// Index in the instance buffer.
+    /// [`super::owner`] of the triangles; 0 for a merged tree, which lies in world space and whose triangles name theirs.
     pub instance: u32,
-    /// Row of the BLAS's first node in the BLAS buffer.
+    /// Row of the BLAS's first node in the buffer.
     pub node_row: u32,
-    /// Row of the BLAS's first triangle in the BLAS buffer.
+    /// Row of the BLAS's first triangle in the buffer.
     pub triangle_row: u32,
     /// [`super::Blas::top`], or empty: rays then always start at the root.
     pub top: &'a [TopNode],
 }
 
-/// The packed tree over the instances.
+/// The packed tree over the instances. It may stand anywhere in the buffer that holds the BLASes, whose rows its entries
+/// give; indices in its nodes are relative to it.
 #[derive(Clone, Debug, Default)]
 pub struct Tlas {
     /// Nodes of 5 rows, then entries of 4 rows. Empty when nothing can be hit.
     pub rows: Vec<Row>,
     /// Number of nodes; 0 when nothing can be hit.
     pub node_count: u32,
-    /// Row of the first entry.
+    /// Row of the first entry, right behind the last node.
     pub entry_base: u32,
     /// Number of entries: the instances that were kept, and more for opened ones.
     pub entry_count: u32,
@@ -44,6 +45,17 @@ pub struct Tlas {
     pub dropped: u32,
     /// Nodes from the root to the deepest node inclusive; 0 when empty. See [`super::stack_size`].
     pub depth: u32,
+}
+
+impl Tlas {
+    /// The number of nodes as the traversal takes it: [`ONE_ENTRY`] where there is nothing to choose from.
+    pub fn traversal_node_count(&self) -> u32 {
+        if self.entry_count == 1 {
+            ONE_ENTRY
+        } else {
+            self.node_count
+        }
+    }
 }
 
 struct Entry {
@@ -198,7 +210,7 @@ fn open(entries: &mut Vec<Entry>, kept: &[Kept], max_entries: usize) {
 }
 
 /// Rows of the inverse, from `f64`.
-fn inverse_rows(matrix: &Affine3A) -> Option<[[f32; 4]; 3]> {
+pub(super) fn inverse_rows(matrix: &Affine3A) -> Option<[[f32; 4]; 3]> {
     let linear: DMat3 = matrix.matrix3.as_dmat3();
     let translation: DVec3 = matrix.translation.as_dvec3();
     let determinant = linear.determinant();
@@ -223,7 +235,7 @@ fn inverse_rows(matrix: &Affine3A) -> Option<[[f32; 4]; 3]> {
 }
 
 /// Box around the transformed box, grown by what rounding in the ray's transform can move a hit.
-fn world_bounds(matrix: &Affine3A, object: Bounds) -> Option<Bounds> {
+pub(super) fn world_bounds(matrix: &Affine3A, object: Bounds) -> Option<Bounds> {
     if !object.is_valid() {
         return None;
     }

@@ -1,22 +1,22 @@
 //! `bvh.wesl` on the CPU, over the same packed rows: an oracle for tests of trees and of the shader.
 
-use super::{ENTRY_ROWS, NODE_ROWS, Row, TRIANGLE_ROWS};
-use crate::scene::gpu_types::{INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED};
+use super::{ENTRY_ROWS, NODE_ROWS, ONE_ENTRY, OWNER_SHIFT, Row, TRIANGLE_ROWS};
+use crate::scene::gpu_types::{
+    INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
+};
 use bevy::math::{UVec2, Vec3, Vec4Swizzles, uvec2};
 
 /// What the shader's bind group holds.
 #[derive(Clone, Copy, Debug)]
 pub struct SceneView<'a> {
-    /// The BLAS buffer.
+    /// The buffer of all trees, the TLAS among them.
     pub bvh: &'a [Row],
-    /// The TLAS buffer.
-    pub tlas: &'a [Row],
-    /// Nodes in `tlas`.
+    /// Nodes of the TLAS: [`super::Tlas::traversal_node_count`].
     pub tlas_node_count: u32,
-    /// Row of the first entry in `tlas`.
+    /// Row of the TLAS's first entry; its nodes end there.
     pub tlas_entry_base: u32,
-    /// `INSTANCE_` flags by instance.
-    pub flags: &'a [u32],
+    /// The alpha test of masked instances by instance, triangle and barycentrics. `None` = they count as solid.
+    pub alpha_test: Option<fn(u32, u32, [f32; 2]) -> bool>,
 }
 
 /// A ray in world space.
@@ -60,7 +60,7 @@ pub struct Counters {
     pub stack: u32,
 }
 
-/// Closest hit, with face culling; masked instances count as solid.
+/// Closest hit, with face culling.
 pub fn closest(scene: &SceneView, ray: &TraceRay, counters: &mut Counters) -> Option<TraceHit> {
     traverse(scene, ray, false, counters)
 }
@@ -106,13 +106,22 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
     if scene.tlas_node_count == 0 {
         return None;
     }
+    let entry_base = scene.tlas_entry_base;
+    let (root, mut group) = if scene.tlas_node_count == ONE_ENTRY {
+        (entry_base, uvec2(entry_base, 1))
+    } else {
+        let root = entry_base - NODE_ROWS * scene.tlas_node_count;
+        (root, uvec2(root, 0x8000_0000))
+    };
     let world = LocalRay::new(ray.origin, ray.direction);
     let mut local = LocalRay::new(ray.origin, ray.direction);
     let mut stack: Vec<UVec2> = Vec::new();
     let mut hit: Option<TraceHit> = None;
     let mut t_max = ray.t_max;
-    let mut blas: Option<(usize, Row, u32)> = None;
-    let mut group = uvec2(0, 0x8000_0000);
+    // Stack height at which the ray entered the BLAS.
+    let mut blas: Option<usize> = None;
+    let mut entry_owner = 0;
+    let (mut node_base, mut leaf_base) = (root, entry_base);
     loop {
         let mut leaves = UVec2::ZERO;
         if group.y > 0x00ff_ffff {
@@ -124,28 +133,23 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
             if group.y > 0x00ff_ffff {
                 stack.push(group);
             }
-            let rows = if blas.is_some() { scene.bvh } else { scene.tlas };
-            let node: [Row; 5] = std::array::from_fn(|i| rows[row as usize + i]);
+            let node: [Row; 5] = std::array::from_fn(|i| scene.bvh[row as usize + i]);
             counters.nodes += 1;
             let hits = intersect_node(&node, &local, ray.t_min, t_max, blas.is_none());
             let imask = node[0][3] >> 24;
-            if let Some((_, entry, _)) = blas {
-                group = uvec2(entry[2] + NODE_ROWS * node[1][0], (hits & 0xff00_0000) | imask);
-                leaves = uvec2(entry[3] + TRIANGLE_ROWS * node[1][1], hits & 0x00ff_ffff);
+            group = uvec2(node_base + NODE_ROWS * node[1][0], (hits & 0xff00_0000) | imask);
+            if blas.is_some() {
+                leaves = uvec2(leaf_base + TRIANGLE_ROWS * node[1][1], hits & 0x00ff_ffff);
             } else {
-                group = uvec2(NODE_ROWS * node[1][0], (hits & 0xff00_0000) | imask);
                 let all = nonzero_bytes(node[1][2]) | nonzero_bytes(node[1][3]) << 4;
-                leaves = uvec2(
-                    scene.tlas_entry_base + ENTRY_ROWS * node[1][1],
-                    hits & 0xff | (all & !imask) << 8,
-                );
+                leaves = uvec2(leaf_base + ENTRY_ROWS * node[1][1], hits & 0xff | (all & !imask) << 8);
             }
         } else {
             // What was left of a TLAS leaf.
             leaves = std::mem::replace(&mut group, leaves);
         }
 
-        if let Some((_, entry, flags)) = blas {
+        if blas.is_some() {
             while leaves.y != 0 {
                 let bit = 31 - leaves.y.leading_zeros();
                 leaves.y &= !(1 << bit);
@@ -155,19 +159,32 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
                 let Some(found) = intersect_triangle(&corners, &local, ray.t_min, t_max) else {
                     continue;
                 };
-                let front_face = found.front_face != (flags & INSTANCE_MIRRORED != 0);
+                let owner = entry_owner | corners[1][3];
+                let front_face = found.front_face != (owner & INSTANCE_MIRRORED != 0);
                 let culled = if front_face {
                     INSTANCE_CULL_FRONT
                 } else {
                     INSTANCE_CULL_BACK
                 };
-                if !any && flags & culled != 0 {
+                let refused = if any {
+                    !owner & INSTANCE_CASTS_SHADOW
+                } else {
+                    owner & culled
+                };
+                if refused != 0 {
+                    continue;
+                }
+                let (instance, primitive) = (owner >> OWNER_SHIFT, corners[0][3]);
+                if owner & INSTANCE_ALPHA_MASKED != 0
+                    && let Some(alpha_test) = scene.alpha_test
+                    && !alpha_test(instance, primitive, found.barycentrics)
+                {
                     continue;
                 }
                 t_max = found.t;
                 hit = Some(TraceHit {
-                    instance: entry[0],
-                    primitive: corners[0][3],
+                    instance,
+                    primitive,
                     front_face,
                     ..found
                 });
@@ -188,24 +205,28 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
                 stack.push(leaves);
             }
             group = UVec2::ZERO;
-            let entry = scene.tlas[row + 3];
-            let flags = scene.flags[entry[0] as usize];
-            if !any || flags & INSTANCE_CASTS_SHADOW != 0 {
+            let entry = scene.bvh[row + 3];
+            // The triangles of a merged tree say themselves whether they cast shadows.
+            if !any || entry[0] == 0 || entry[0] & INSTANCE_CASTS_SHADOW != 0 {
                 counters.entries += 1;
-                let rows = [0, 1, 2].map(|i| bevy::math::Vec4::from_array(scene.tlas[row + i].map(f32::from_bits)));
-                local = LocalRay::new(
-                    Vec3::from_array(rows.map(|r| r.xyz().dot(ray.origin) + r.w)),
-                    Vec3::from_array(rows.map(|r| r.xyz().dot(ray.direction))),
-                );
-                blas = Some((stack.len(), entry, flags));
+                if entry[0] != 0 {
+                    let rows = [0, 1, 2].map(|i| bevy::math::Vec4::from_array(scene.bvh[row + i].map(f32::from_bits)));
+                    local = LocalRay::new(
+                        Vec3::from_array(rows.map(|r| r.xyz().dot(ray.origin) + r.w)),
+                        Vec3::from_array(rows.map(|r| r.xyz().dot(ray.direction))),
+                    );
+                }
+                blas = Some(stack.len());
+                [entry_owner, _, node_base, leaf_base] = entry;
                 group = uvec2(entry[1], 0x8000_0000);
             }
         }
 
         counters.stack = counters.stack.max(stack.len() as u32);
         if group.y <= 0x00ff_ffff {
-            if blas.is_some_and(|(base, ..)| base == stack.len()) {
+            if blas == Some(stack.len()) {
                 blas = None;
+                (node_base, leaf_base) = (root, entry_base);
                 local = LocalRay { ..world };
             }
             match stack.pop() {

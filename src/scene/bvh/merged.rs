@@ -1,0 +1,76 @@
+//! One tree over the triangles of many objects, in world space.
+
+use super::{
+    Blas, Bounds, BvhQuality,
+    blas::{add_triangles, build},
+    owner,
+    tlas::{inverse_rows, world_bounds},
+};
+use crate::scene::gpu_types::INSTANCE_MIRRORED;
+use bevy::math::{Affine3A, DVec3, Vec3A};
+
+/// Objects farther from the origin than this (metres), or nearly as large, are traced as instances: nothing overflows.
+const FARTHEST: f32 = 1e12;
+/// Typical triangles smaller than this (metres) might vanish among the products that a build needs.
+const SMALLEST_TRIANGLE: f32 = 1e-12;
+/// What rounding may move a vertex by, relative to the size of a typical triangle.
+const MAX_ROUNDING: f32 = 1.0 / 256.0;
+
+/// An object for [`build_merged`].
+#[derive(Clone, Copy, Debug)]
+pub struct MergeSource<'a> {
+    /// Object space.
+    pub positions: &'a [[f32; 3]],
+    /// Three per triangle; those out of range are left out.
+    pub indices: &'a [u32],
+    /// Object to world.
+    pub world_from_object: Affine3A,
+    /// Index in the instance buffer.
+    pub instance: u32,
+    /// `INSTANCE_` flags.
+    pub flags: u32,
+}
+
+/// Builds the tree over the triangles of all sources, like [`super::build_blas`]. Hits name the instance and the triangle of
+/// its mesh, as those of the single objects do.
+pub fn build_merged(sources: &[MergeSource], quality: BvhQuality) -> Option<Blas> {
+    let count = sources.iter().map(|source| source.indices.len() / 3).sum();
+    let mut triangles = Vec::with_capacity(count);
+    for source in sources {
+        let linear = source.world_from_object.matrix3.as_dmat3();
+        let translation = source.world_from_object.translation.as_dvec3();
+        // Rounded once for each vertex, so that triangles of an object share corners as before.
+        let positions: Vec<[f32; 3]> = source
+            .positions
+            .iter()
+            .map(|p| {
+                let object = DVec3::new(p[0].into(), p[1].into(), p[2].into());
+                (linear * object + translation).as_vec3().to_array()
+            })
+            .collect();
+        // A mirroring matrix has turned the winding of the corners: what is left to do for mirrored instances is done.
+        let owner = owner(source.instance, source.flags & !INSTANCE_MIRRORED);
+        add_triangles(&mut triangles, &positions, source.indices, owner);
+    }
+    build(triangles, quality)
+}
+
+/// The world-space box of an object that may be merged; `None` for one that must stay an instance: that has no place in the
+/// TLAS anyway, that is extremely large or small, or that is so far out that its vertices would be rounded visibly.
+///
+/// A vertex in world space is rounded to `f32`, by up to 2^-24 of its largest coordinate. That moves hits and barycentrics
+/// by as much, so it is held against the size of the object's typical triangle: a surface of n triangles across an extent e
+/// has triangles of about e / sqrt(n). Instances suffer from the same rounding in the ray's transform, but there it moves
+/// the whole object and doesn't bend its triangles.
+pub fn merge_bounds(world_from_object: &Affine3A, object: Bounds, triangle_count: u32) -> Option<Bounds> {
+    inverse_rows(world_from_object)?;
+    let world = world_bounds(world_from_object, object)?;
+    let (min, max) = (Vec3A::from(world.min), Vec3A::from(world.max));
+    let farthest = min.abs().max(max.abs()).max_element();
+    if !(farthest <= FARTHEST) {
+        return None;
+    }
+    let triangle = (max - min).length() / (triangle_count.max(1) as f32).sqrt();
+    let rounding = farthest * (0.5 * f32::EPSILON);
+    (triangle >= SMALLEST_TRIANGLE && rounding <= triangle * MAX_ROUNDING).then_some(world)
+}

@@ -1,0 +1,303 @@
+//! Merging of objects at rest into trees in world space, for the BVH tracer; `bvh.rs` says why.
+//!
+//! The trees are built off the main thread and uploaded in parts. Until a tree stands in the buffer, and again after one of
+//! its objects moved, changed its mesh or what the traversal has to know of its material, was hidden or despawned, these
+//! objects are instances like all others. [`ledger`] decides what is merged and when.
+//!
+//! A merged triangle takes 56 bytes of GPU memory on top of the BLAS of its mesh, which is kept so that its objects can
+//! become instances again at any time.
+
+mod ledger;
+#[cfg(test)]
+mod tests;
+
+use super::{
+    bvh::{Blas, Bounds, BvhQuality, MergeSource, TlasInstance, build_merged, merge_bounds},
+    meshes::{MeshTriangles, SceneMeshes},
+};
+use crate::status::ReflectionStatus;
+use bevy::{
+    asset::AssetId,
+    ecs::entity::Entity,
+    math::{Affine3A, Vec3A},
+    mesh::Mesh,
+    platform::time::Instant,
+    render::renderer::RenderQueue,
+    tasks::{AsyncComputeTaskPool, Task, block_on, poll_once},
+};
+use ledger::Ledger;
+use std::sync::Arc;
+
+/// Triangles of a merged tree, at most: more would take seconds to build on a slow machine. Objects with more stay
+/// instances, since a single tree is all that merging could give them.
+pub(super) const CHUNK_TRIANGLES: u64 = 1 << 20;
+/// Triangles of all merged trees, at most: 235 MB.
+const BUDGET_TRIANGLES: u64 = 4 << 20;
+/// Words of a merged tree that are uploaded in one frame: 16 MB, so that no frame waits for the copy of a large tree.
+const UPLOAD_WORDS_PER_FRAME: usize = 4 << 20;
+
+const LIMITS: Limits = Limits {
+    quiet_frames: 30,
+    chunk_triangles: CHUNK_TRIANGLES,
+    // About a tenth of a second.
+    cheap_triangles: 1 << 18,
+    // Browsers have no threads to build on: a tree of the whole scene would stop the picture.
+    budget_triangles: if cfg!(target_arch = "wasm32") {
+        0
+    } else {
+        BUDGET_TRIANGLES
+    },
+};
+
+/// What decides when and how much is merged.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Limits {
+    /// Frames without a change until a new object counts as resting, and until resting objects are merged.
+    pub quiet_frames: u64,
+    /// Triangles of a chunk, at most.
+    pub chunk_triangles: u64,
+    /// Chunks of so many triangles are built anew for any reason.
+    pub cheap_triangles: u64,
+    /// Triangles of all chunks, at most.
+    pub budget_triangles: u64,
+}
+
+/// An object as merged trees copy it: where any of this changes, the copy is stale.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Placement {
+    /// The object.
+    pub entity: Entity,
+    /// The mesh ...
+    pub mesh: AssetId<Mesh>,
+    /// ... in this version.
+    pub version: u64,
+    /// Object to world.
+    pub world_from_object: Affine3A,
+    /// Those `INSTANCE_` flags that the traversal looks at.
+    pub flags: u32,
+}
+
+/// What merging an object costs, and where it stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Extent {
+    /// Triangles.
+    pub triangles: u64,
+    /// Centre of the world-space box.
+    pub centre: Vec3A,
+}
+
+/// Where the tree of a chunk stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Tree {
+    /// Name of its room.
+    pub name: u64,
+    /// Row of the first node.
+    pub node_row: u32,
+    /// Row of the first triangle.
+    pub triangle_row: u32,
+    /// World space.
+    pub bounds: Bounds,
+}
+
+/// Merges what is at rest.
+pub(super) struct StaticMerge {
+    ledger: Ledger,
+    work: Option<Work>,
+}
+
+/// What a build task hands back.
+struct BuiltTree {
+    blas: Option<Blas>,
+    milliseconds: f32,
+}
+
+enum Work {
+    Building(Task<BuiltTree>),
+    Uploading(Upload),
+}
+
+struct Upload {
+    blas: Blas,
+    name: u64,
+    node_row: u32,
+    /// Words that are uploaded.
+    done: usize,
+}
+
+impl Default for StaticMerge {
+    fn default() -> Self {
+        Self {
+            ledger: Ledger::new(LIMITS),
+            work: None,
+        }
+    }
+}
+
+impl StaticMerge {
+    /// Notes how the object of a slot stands; `None` where there is none, or none that may be merged.
+    pub fn observe(&mut self, slot: u32, placement: Option<Placement>) {
+        self.ledger.observe(slot, placement);
+    }
+
+    /// Whether the object of a slot is in one of [`Self::instances`].
+    pub fn is_merged(&self, slot: u32) -> bool {
+        self.ledger.is_merged(slot)
+    }
+
+    /// The merged trees for the TLAS. They are not opened, since they hardly overlap each other.
+    pub fn instances(&self) -> impl Iterator<Item = TlasInstance<'_>> {
+        self.ledger.trees().map(|tree| TlasInstance {
+            world_from_object: Affine3A::IDENTITY,
+            bounds: tree.bounds,
+            instance: 0,
+            node_row: tree.node_row,
+            triangle_row: tree.triangle_row,
+            top: &[],
+        })
+    }
+
+    /// Carries on, once in each frame and after all changes were observed. Returns whether the TLAS must be built anew in
+    /// this frame, since the room of trees that it refers to may be used for something else.
+    pub fn update(&mut self, meshes: &mut SceneMeshes, queue: &RenderQueue, status: &ReflectionStatus) -> bool {
+        self.take_lost(meshes);
+        if self.ledger.is_stale() {
+            self.cancel(meshes);
+        }
+        self.ledger.advance(|_, placement| extent(meshes, placement));
+        self.carry_on(meshes, queue, status);
+        if self.work.is_none()
+            && let Some(members) = self.ledger.plan()
+        {
+            match start(&members, meshes) {
+                Some(task) => self.work = Some(Work::Building(task)),
+                None => self.ledger.fail(),
+            }
+        }
+        for name in self.ledger.take_released() {
+            meshes.free_merged(name);
+        }
+        let (instances, triangles) = self.ledger.merged();
+        let pending = self.ledger.is_pending();
+        status.update(|report| {
+            report.merged_instances = instances;
+            report.merged_triangles = triangles;
+            report.merges_pending = pending;
+        });
+        self.ledger.take_changed()
+    }
+
+    /// Whether the rooms of all trees are gone since [`Self::update`]. Their objects are instances from now on.
+    pub fn take_lost(&mut self, meshes: &mut SceneMeshes) -> bool {
+        let lost = meshes.take_merged_lost();
+        if lost {
+            self.ledger.lose_trees();
+            self.cancel(meshes);
+        }
+        lost
+    }
+
+    /// Forgets everything and gives all room back.
+    pub fn clear(&mut self, meshes: &mut SceneMeshes) {
+        self.cancel(meshes);
+        for tree in self.ledger.trees() {
+            meshes.free_merged(tree.name);
+        }
+        *self = Self::default();
+    }
+
+    fn cancel(&mut self, meshes: &mut SceneMeshes) {
+        if let Some(Work::Uploading(upload)) = self.work.take() {
+            meshes.free_merged(upload.name);
+        }
+        self.ledger.abandon();
+    }
+
+    fn carry_on(&mut self, meshes: &mut SceneMeshes, queue: &RenderQueue, status: &ReflectionStatus) {
+        if let Some(Work::Building(task)) = &mut self.work
+            && task.is_finished()
+        {
+            let built = block_on(poll_once(task));
+            self.work = built.and_then(|built| {
+                status.update(|report| {
+                    report.merge_builds += 1;
+                    report.merge_build_ms += built.milliseconds;
+                });
+                let blas = built.blas?;
+                let (name, node_row) = meshes.allocate_merged(blas.rows.as_flattened().len() as u32)?;
+                Some(Work::Uploading(Upload {
+                    blas,
+                    name,
+                    node_row,
+                    done: 0,
+                }))
+            });
+            if self.work.is_none() {
+                self.ledger.fail();
+            }
+        }
+        if let Some(Work::Uploading(upload)) = &mut self.work
+            && let Some(tree) = upload.carry_on(meshes, queue)
+        {
+            self.work = None;
+            self.ledger.finish(tree);
+        }
+    }
+}
+
+impl Upload {
+    /// Uploads a part; returns the tree after the last one.
+    fn carry_on(&mut self, meshes: &mut SceneMeshes, queue: &RenderQueue) -> Option<Tree> {
+        let words = self.blas.rows.as_flattened();
+        let end = words.len().min(self.done + UPLOAD_WORDS_PER_FRAME);
+        meshes.write_merged(self.name, self.done, &words[self.done..end], queue);
+        self.done = end;
+        (end == words.len()).then(|| Tree {
+            name: self.name,
+            node_row: self.node_row,
+            triangle_row: self.node_row + self.blas.triangle_row(),
+            bounds: self.blas.bounds,
+        })
+    }
+}
+
+/// What merging an object costs; `None` where it has to stay an instance.
+fn extent(meshes: &SceneMeshes, placement: &Placement) -> Option<Extent> {
+    let mesh = meshes.get(placement.mesh)?;
+    mesh.triangles.as_ref()?;
+    let object = mesh.bvh.as_ref()?.bounds;
+    let world = merge_bounds(&placement.world_from_object, object, mesh.triangle_count)?;
+    Some(Extent {
+        triangles: u64::from(mesh.triangle_count),
+        centre: 0.5 * (Vec3A::from(world.min) + Vec3A::from(world.max)),
+    })
+}
+
+/// Starts to build a tree; `None` if a mesh is missing.
+fn start(members: &[(u32, Placement)], meshes: &SceneMeshes) -> Option<Task<BuiltTree>> {
+    let objects: Option<Vec<(Arc<MeshTriangles>, u32, Placement)>> = members
+        .iter()
+        .map(|(slot, placement)| {
+            let triangles = meshes.get(placement.mesh)?.triangles.clone()?;
+            Some((triangles, *slot, *placement))
+        })
+        .collect();
+    let objects = objects?;
+    Some(AsyncComputeTaskPool::get().spawn(async move {
+        let begin = Instant::now();
+        let sources: Vec<MergeSource> = objects
+            .iter()
+            .map(|(mesh, slot, placement)| MergeSource {
+                positions: &mesh.positions,
+                indices: &mesh.indices,
+                world_from_object: placement.world_from_object,
+                instance: *slot,
+                flags: placement.flags,
+            })
+            .collect();
+        let blas = build_merged(&sources, BvhQuality::default());
+        BuiltTree {
+            blas,
+            milliseconds: begin.elapsed().as_secs_f32() * 1000.0,
+        }
+    }))
+}

@@ -1,0 +1,433 @@
+//! Which objects are at rest, and which of them share a merged tree.
+//!
+//! - An object that has not changed for some frames is at rest. Each time that it is found to have moved after all, it has to
+//!   wait longer before it counts as resting again, so that what moves now and then soon stays an instance for good.
+//! - Objects at rest are built into chunks once nothing came to rest or left it for some frames, one chunk at a time. Small
+//!   chunks are absorbed by new ones: a scene of usual size ends up as a single chunk, and in a large one the work that a
+//!   few new objects cause stays in proportion to them.
+//! - A change of an object dissolves its chunk, whose other objects are instances again until they are merged anew.
+
+use super::{Extent, Limits, Placement, Tree};
+use bevy::{ecs::entity::Entity, math::Vec3A};
+use core::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
+
+/// Waiting times are doubled at most so often.
+const MAX_DOUBLINGS: u32 = 14;
+/// Objects keep others from being merged by coming to rest or leaving it for at most so many times `quiet_frames`.
+const PATIENCE: u64 = 8;
+/// A new object takes over so many of the disturbances of its slot, at most: what comes and goes often is merged late, and
+/// a level that replaces another one after some seconds.
+const INHERITED_DISTURBANCES: u32 = 2;
+/// Chunks are absorbed up to so many times what is new.
+const ABSORBED: u64 = 8;
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum State {
+    /// Changed lately, or isn't there.
+    #[default]
+    Restless,
+    /// Might be merged.
+    Resting,
+    /// In this chunk.
+    Merged(u32),
+    /// Can't be merged as it is.
+    Excluded,
+}
+
+#[derive(Default)]
+struct Slot {
+    placement: Option<Placement>,
+    extent: Extent,
+    state: State,
+    /// Part of the tree that is being built.
+    building: bool,
+    /// Stands in `Ledger::settling`.
+    queued: bool,
+    /// Frame of the last change.
+    changed: u64,
+    /// Frame from which on it rests.
+    due: u64,
+    /// How often it changed after it had come to rest.
+    disturbances: u32,
+    /// The object that was here last.
+    entity: Option<Entity>,
+}
+
+struct Chunk {
+    members: Vec<u32>,
+    triangles: u64,
+    tree: Tree,
+}
+
+struct Building {
+    /// Resting objects and those of absorbed chunks.
+    members: Vec<u32>,
+    absorbed: Vec<u32>,
+    triangles: u64,
+    /// A member changed.
+    stale: bool,
+}
+
+/// The bookkeeping of merging, by slots of the instance buffer.
+pub(super) struct Ledger {
+    limits: Limits,
+    slots: Vec<Slot>,
+    /// Slots that wait for being at rest, with a frame before which they aren't.
+    settling: BinaryHeap<Reverse<(u64, u32)>>,
+    resting: BTreeSet<u32>,
+    chunks: BTreeMap<u32, Chunk>,
+    next_chunk: u32,
+    building: Option<Building>,
+    frame: u64,
+    /// Something has changed since planning found nothing to do.
+    awake: bool,
+    awake_since: u64,
+    /// Last frame in which an object came to rest or left it.
+    disturbed: u64,
+    /// The device has no room.
+    exhausted: bool,
+    changed: bool,
+    released: Vec<u64>,
+}
+
+impl Ledger {
+    /// Knows of no object.
+    pub fn new(limits: Limits) -> Self {
+        Self {
+            limits,
+            slots: Vec::new(),
+            settling: BinaryHeap::new(),
+            resting: BTreeSet::new(),
+            chunks: BTreeMap::new(),
+            next_chunk: 0,
+            building: None,
+            frame: 0,
+            awake: false,
+            awake_since: 0,
+            disturbed: 0,
+            exhausted: false,
+            changed: false,
+            released: Vec::new(),
+        }
+    }
+
+    /// Notes how the object of a slot stands in this frame; `None` where there is none that rays can hit.
+    pub fn observe(&mut self, slot: u32, placement: Option<Placement>) {
+        let index = slot as usize;
+        if index >= self.slots.len() {
+            if placement.is_none() {
+                return;
+            }
+            self.slots.resize_with(index + 1, Slot::default);
+        }
+        if self.slots[index].placement == placement {
+            return;
+        }
+        let state = self.slots[index].state;
+        if let State::Merged(chunk) = state {
+            self.dissolve(chunk);
+        }
+        if self.slots[index].building
+            && let Some(building) = &mut self.building
+        {
+            building.stale = true;
+        }
+        let (frame, quiet) = (self.frame, self.limits.quiet_frames);
+        if matches!(state, State::Merged(_) | State::Resting) {
+            self.slots[index].disturbances += 1;
+            self.resting.remove(&slot);
+            self.wake();
+        }
+        let place = &mut self.slots[index];
+        if let Some(Placement { entity, .. }) = placement
+            && place.entity.replace(entity) != Some(entity)
+        {
+            place.disturbances = place.disturbances.min(INHERITED_DISTURBANCES);
+        }
+        place.placement = placement;
+        place.state = State::Restless;
+        place.changed = frame;
+        place.due = frame + waiting_time(quiet, place.disturbances);
+        if placement.is_some() && !place.queued {
+            place.queued = true;
+            self.settling.push(Reverse((place.due, slot)));
+        }
+    }
+
+    /// A frame goes by. `measure` tells what merging an object would cost, and `None` where it must stay an instance.
+    pub fn advance(&mut self, measure: impl Fn(u32, &Placement) -> Option<Extent>) {
+        self.frame += 1;
+        while let Some(&Reverse((due, slot))) = self.settling.peek() {
+            if due > self.frame {
+                break;
+            }
+            self.settling.pop();
+            let place = &mut self.slots[slot as usize];
+            if place.placement.is_some() && place.due > self.frame {
+                self.settling.push(Reverse((place.due, slot)));
+                continue;
+            }
+            place.queued = false;
+            let extent = place
+                .placement
+                .as_ref()
+                .and_then(|placement| measure(slot, placement))
+                .filter(|extent| extent.triangles <= self.limits.chunk_triangles);
+            if let Some(extent) = extent {
+                place.extent = extent;
+                place.state = State::Resting;
+                self.resting.insert(slot);
+                self.wake();
+            } else {
+                place.state = State::Excluded;
+            }
+        }
+    }
+
+    /// What to build next, if it is time for that and nothing is being built. The caller then has to call
+    /// [`Self::finish`], [`Self::fail`] or [`Self::abandon`].
+    pub fn plan(&mut self) -> Option<Vec<(u32, Placement)>> {
+        let quiet = self.limits.quiet_frames;
+        let calm = self.frame >= self.disturbed + quiet || self.frame >= self.awake_since + PATIENCE * quiet;
+        if self.building.is_some() || !self.awake || self.exhausted || !calm {
+            return None;
+        }
+        self.awake = false;
+        let mut group = self.affordable();
+        while self.triangles(&group) > self.limits.chunk_triangles && group.len() > 1 {
+            self.halve(&mut group);
+        }
+        if group.is_empty() {
+            return None;
+        }
+        let mut triangles = self.triangles(&group);
+        let mut sizes: Vec<(u64, u32)> = self.chunks.iter().map(|(id, chunk)| (chunk.triangles, *id)).collect();
+        sizes.sort_unstable();
+        let mut absorbed = Vec::new();
+        for (size, id) in sizes {
+            if size > (ABSORBED * triangles).max(self.limits.cheap_triangles)
+                || triangles + size > self.limits.chunk_triangles
+            {
+                break;
+            }
+            triangles += size;
+            absorbed.push(id);
+            if let Some(chunk) = self.chunks.get(&id) {
+                group.extend(&chunk.members);
+            }
+        }
+        for slot in &group {
+            self.slots[*slot as usize].building = true;
+        }
+        let plan = group
+            .iter()
+            .filter_map(|slot| Some((*slot, self.slots[*slot as usize].placement?)))
+            .collect();
+        self.building = Some(Building {
+            members: group,
+            absorbed,
+            triangles,
+            stale: false,
+        });
+        Some(plan)
+    }
+
+    /// A member of what is being built has changed: the result can't be used, and [`Self::abandon`] should be called.
+    pub fn is_stale(&self) -> bool {
+        self.building.as_ref().is_some_and(|building| building.stale)
+    }
+
+    /// The planned tree stands in its room. Where it went stale in the meantime, the room is released.
+    pub fn finish(&mut self, tree: Tree) {
+        if self.is_stale() || self.building.is_none() {
+            self.released.push(tree.name);
+            self.abandon();
+            return;
+        }
+        let Some(building) = self.building.take() else { return };
+        for id in building.absorbed {
+            if let Some(chunk) = self.chunks.remove(&id) {
+                self.released.push(chunk.tree.name);
+            }
+        }
+        let id = self.next_chunk;
+        self.next_chunk += 1;
+        for slot in &building.members {
+            let place = &mut self.slots[*slot as usize];
+            place.building = false;
+            place.state = State::Merged(id);
+            self.resting.remove(slot);
+        }
+        let chunk = Chunk {
+            members: building.members,
+            triangles: building.triangles,
+            tree,
+        };
+        self.chunks.insert(id, chunk);
+        self.changed = true;
+        self.stay_awake();
+    }
+
+    /// The planned tree can't be built or has no room: what would have been new in it stays as it is until it changes.
+    pub fn fail(&mut self) {
+        let Some(building) = self.building.take() else { return };
+        for slot in building.members {
+            let place = &mut self.slots[slot as usize];
+            place.building = false;
+            if place.state == State::Resting {
+                place.state = State::Excluded;
+                self.resting.remove(&slot);
+            }
+        }
+        self.stay_awake();
+    }
+
+    /// The planned tree is not built after all; its objects will be in another plan.
+    pub fn abandon(&mut self) {
+        let Some(building) = self.building.take() else { return };
+        for slot in building.members {
+            self.slots[slot as usize].building = false;
+        }
+        self.stay_awake();
+    }
+
+    /// The rooms of all trees are gone, since there was too little memory: nothing is merged any more.
+    pub fn lose_trees(&mut self) {
+        for id in self.chunks.keys().copied().collect::<Vec<_>>() {
+            self.dissolve(id);
+        }
+        if let Some(building) = &mut self.building {
+            building.stale = true;
+        }
+        self.released.clear();
+        self.exhausted = true;
+    }
+
+    /// Whether the object of a slot is part of a tree of [`Self::trees`].
+    pub fn is_merged(&self, slot: u32) -> bool {
+        let place = self.slots.get(slot as usize);
+        place.is_some_and(|place| matches!(place.state, State::Merged(_)))
+    }
+
+    /// All trees that rays have to go through.
+    pub fn trees(&self) -> impl Iterator<Item = &Tree> {
+        self.chunks.values().map(|chunk| &chunk.tree)
+    }
+
+    /// Objects and triangles in all trees.
+    pub fn merged(&self) -> (usize, u64) {
+        let count = |sum: (usize, u64), chunk: &Chunk| (sum.0 + chunk.members.len(), sum.1 + chunk.triangles);
+        self.chunks.values().fold((0, 0), count)
+    }
+
+    /// Whether, without further changes, more will be merged.
+    pub fn is_pending(&self) -> bool {
+        let still = |slot: u32| {
+            let place = &self.slots[slot as usize];
+            place.placement.is_some() && place.changed + 1 < self.frame
+        };
+        !self.exhausted
+            && (self.building.is_some()
+                || (self.awake && !self.resting.is_empty())
+                || self.settling.iter().any(|Reverse((_, slot))| still(*slot)))
+    }
+
+    /// Whether [`Self::trees`] changed since the last call.
+    pub fn take_changed(&mut self) -> bool {
+        core::mem::take(&mut self.changed)
+    }
+
+    /// Names of rooms that no tree uses any more, since the last call.
+    pub fn take_released(&mut self) -> Vec<u64> {
+        core::mem::take(&mut self.released)
+    }
+
+    /// An object came to rest or left it.
+    fn wake(&mut self) {
+        self.disturbed = self.frame;
+        if !self.awake {
+            self.stay_awake();
+        }
+    }
+
+    /// There may be more to plan.
+    fn stay_awake(&mut self) {
+        self.awake = true;
+        self.awake_since = self.frame;
+    }
+
+    /// The objects of a chunk become instances.
+    fn dissolve(&mut self, id: u32) {
+        let Some(chunk) = self.chunks.remove(&id) else { return };
+        for slot in chunk.members {
+            self.slots[slot as usize].state = State::Resting;
+            self.resting.insert(slot);
+        }
+        self.released.push(chunk.tree.name);
+        self.changed = true;
+        self.wake();
+    }
+
+    fn triangles(&self, slots: &[u32]) -> u64 {
+        let extents = slots.iter().map(|slot| &self.slots[*slot as usize].extent);
+        extents.map(|extent| extent.triangles).sum()
+    }
+
+    /// The resting objects that the budget has room for. Small ones go first: rays gain most where many objects are merged.
+    fn affordable(&self) -> Vec<u32> {
+        let mut room = self.limits.budget_triangles.saturating_sub(self.merged().1);
+        let mut sizes: Vec<(u64, u32)> = self
+            .resting
+            .iter()
+            .map(|slot| (self.slots[*slot as usize].extent.triangles, *slot))
+            .collect();
+        sizes.sort_unstable();
+        let fitting = sizes.into_iter().take_while(|(size, _)| {
+            let fits = *size <= room;
+            room = room.saturating_sub(*size);
+            fits
+        });
+        fitting.map(|(_, slot)| slot).collect()
+    }
+
+    /// Keeps the objects on one side of a plane, with about half of the triangles: the first half along the axis on which
+    /// the objects are spread widest. Of two objects or more, one at least stays and one goes.
+    fn halve(&self, group: &mut Vec<u32>) {
+        let extent = |slot: &u32| self.slots[*slot as usize].extent;
+        let (mut min, mut max) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
+        for slot in group.iter() {
+            min = min.min(extent(slot).centre);
+            max = max.max(extent(slot).centre);
+        }
+        let spread = max - min;
+        let axis = if spread.x >= spread.y && spread.x >= spread.z {
+            0
+        } else if spread.y >= spread.z {
+            1
+        } else {
+            2
+        };
+        group.sort_unstable_by(|a, b| {
+            let order = extent(a).centre[axis].total_cmp(&extent(b).centre[axis]);
+            order.then(a.cmp(b))
+        });
+        let half = self.triangles(group) / 2;
+        let mut sum = 0;
+        let below = group.iter().take_while(|&slot| {
+            sum += extent(slot).triangles;
+            sum <= half
+        });
+        let kept = below.count().clamp(1, group.len().saturating_sub(1).max(1));
+        group.truncate(kept);
+    }
+}
+
+/// Frames that an object has to stay as it is: those that were found resting and changed again wait much longer.
+fn waiting_time(quiet_frames: u64, disturbances: u32) -> u64 {
+    if disturbances == 0 {
+        quiet_frames
+    } else {
+        quiet_frames << (disturbances + 2).min(MAX_DOUBLINGS)
+    }
+}

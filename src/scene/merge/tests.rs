@@ -1,0 +1,292 @@
+//! The bookkeeping of merged objects.
+
+use super::*;
+
+const QUIET: u64 = 4;
+const LIMITS: Limits = Limits {
+    quiet_frames: QUIET,
+    chunk_triangles: 1000,
+    cheap_triangles: 300,
+    budget_triangles: 4000,
+};
+
+/// A ledger whose plans are built at once.
+struct Scene {
+    ledger: Ledger,
+    /// Triangles of each object; 0 = it can't be merged.
+    sizes: Vec<u64>,
+    plans: usize,
+    next_name: u64,
+}
+
+fn entity(index: u32) -> Entity {
+    Entity::from_raw_u32(index).unwrap()
+}
+
+fn at(slot: u32, x: f32) -> Option<Placement> {
+    Some(Placement {
+        entity: entity(slot),
+        mesh: AssetId::default(),
+        version: 1,
+        world_from_object: Affine3A::from_translation(bevy::math::Vec3::new(x, 0.0, 0.0)),
+        flags: 0,
+    })
+}
+
+fn tree(name: u64) -> Tree {
+    Tree {
+        name,
+        node_row: 0,
+        triangle_row: 5,
+        bounds: Bounds::EMPTY,
+    }
+}
+
+impl Scene {
+    /// Objects of so many triangles at x = 0, 1, 2 ...
+    fn new(sizes: &[u64]) -> Self {
+        let mut scene = Self {
+            ledger: Ledger::new(LIMITS),
+            sizes: sizes.to_vec(),
+            plans: 0,
+            next_name: 0,
+        };
+        for slot in 0..sizes.len() as u32 {
+            scene.ledger.observe(slot, at(slot, slot as f32));
+        }
+        scene
+    }
+
+    fn advance(&mut self) {
+        let sizes = &self.sizes;
+        self.ledger.advance(|slot, placement| {
+            let triangles = sizes[slot as usize];
+            (triangles > 0).then_some(Extent {
+                triangles,
+                centre: placement.world_from_object.translation,
+            })
+        });
+    }
+
+    /// A frame; returns what was planned in it, which stays unfinished.
+    fn plan(&mut self) -> Option<Vec<u32>> {
+        self.advance();
+        let plan = self.ledger.plan()?;
+        self.plans += 1;
+        Some(plan.into_iter().map(|(slot, _)| slot).collect())
+    }
+
+    fn finish(&mut self) {
+        self.ledger.finish(tree(self.next_name));
+        self.next_name += 1;
+    }
+
+    /// So many frames, in which plans are built at once.
+    fn run(&mut self, frames: u64) {
+        for _ in 0..frames {
+            if self.plan().is_some() {
+                self.finish();
+            }
+        }
+    }
+
+    fn merged(&self) -> Vec<u32> {
+        (0..self.sizes.len() as u32)
+            .filter(|slot| self.ledger.is_merged(*slot))
+            .collect()
+    }
+
+    fn trees(&self) -> usize {
+        self.ledger.trees().count()
+    }
+}
+
+#[test]
+fn a_still_scene_is_merged_once() {
+    let mut scene = Scene::new(&[10, 20, 0, 30]);
+    assert!(!scene.ledger.is_pending());
+    scene.run(2);
+    assert!(scene.ledger.is_pending() && scene.merged().is_empty());
+    scene.run(3 * QUIET);
+    assert_eq!(scene.merged(), [0, 1, 3]);
+    assert_eq!((scene.trees(), scene.ledger.merged()), (1, (3, 60)));
+    assert!(scene.ledger.take_changed());
+    scene.run(100);
+    assert_eq!(scene.plans, 1);
+    assert!(!scene.ledger.is_pending() && !scene.ledger.take_changed());
+    assert!(scene.ledger.take_released().is_empty());
+}
+
+#[test]
+fn a_moved_object_drops_out_and_comes_back() {
+    let mut scene = Scene::new(&[10, 20, 30]);
+    scene.run(3 * QUIET);
+    scene.ledger.take_changed();
+    scene.ledger.observe(1, at(1, 1.5));
+    assert!(scene.merged().is_empty() && scene.ledger.take_changed());
+    assert_eq!(scene.ledger.take_released(), [0]);
+    scene.run(QUIET - 1);
+    assert!(scene.merged().is_empty(), "waits for quiet frames");
+    scene.run(2);
+    assert_eq!(scene.merged(), [0, 2], "the others don't wait for it");
+    scene.run(20 * QUIET);
+    assert_eq!((scene.merged(), scene.trees()), (vec![0, 1, 2], 1));
+    assert_eq!(scene.ledger.take_released(), [1]);
+    assert_eq!(scene.plans, 3);
+}
+
+#[test]
+fn only_the_chunk_of_the_moved_object_is_dissolved() {
+    // Two chunks along x.
+    let mut scene = Scene::new(&[400; 4]);
+    scene.run(4 * QUIET);
+    assert_eq!((scene.merged().len(), scene.trees()), (4, 2));
+    scene.ledger.observe(3, at(3, 9.0));
+    assert_eq!((scene.merged(), scene.trees()), (vec![0, 1], 1));
+}
+
+#[test]
+fn hidden_changed_and_despawned_objects_drop_out() {
+    let changes: [fn(Placement) -> Option<Placement>; 5] = [
+        |_| None,
+        |placement| {
+            Some(Placement {
+                version: 2,
+                ..placement
+            })
+        },
+        |placement| Some(Placement { flags: 8, ..placement }),
+        |placement| {
+            Some(Placement {
+                entity: entity(77),
+                ..placement
+            })
+        },
+        |placement| {
+            Some(Placement {
+                mesh: AssetId::invalid(),
+                ..placement
+            })
+        },
+    ];
+    for (i, change) in changes.into_iter().enumerate() {
+        let mut scene = Scene::new(&[10, 20]);
+        scene.run(3 * QUIET);
+        let placement = at(0, 0.0).unwrap();
+        scene.ledger.observe(0, Some(placement));
+        assert_eq!(scene.merged(), [0, 1], "nothing changed");
+        scene.ledger.observe(0, change(placement));
+        assert!(scene.merged().is_empty(), "change {i}");
+        scene.run(30 * QUIET);
+        let expected: &[u32] = if i == 0 { &[1] } else { &[0, 1] };
+        assert_eq!(scene.merged(), expected, "change {i}");
+        scene.ledger.observe(0, Some(placement));
+        scene.run(100 * QUIET);
+        assert_eq!(scene.merged(), [0, 1], "change {i} undone");
+    }
+}
+
+#[test]
+fn the_budget_holds_for_small_objects_first() {
+    let mut scene = Scene::new(&[900, 900, 900, 900, 900, 100, 1001]);
+    scene.run(20 * QUIET);
+    assert_eq!(scene.merged(), [0, 1, 2, 3, 5], "the largest is larger than a chunk");
+    assert_eq!(scene.ledger.merged().1, 3700);
+    let plans = scene.plans;
+    scene.run(50 * QUIET);
+    assert_eq!(scene.plans, plans);
+    assert!(!scene.ledger.is_pending());
+    // Room for another one.
+    scene.ledger.observe(2, None);
+    scene.run(20 * QUIET);
+    assert_eq!(scene.merged(), [0, 1, 3, 4, 5]);
+}
+
+#[test]
+fn large_scenes_are_split_in_space() {
+    let mut scene = Scene::new(&[100; 32]);
+    scene.run(20 * QUIET);
+    assert_eq!((scene.merged().len(), scene.trees()), (32, 4));
+    // Neighbours share a chunk.
+    scene.ledger.observe(0, None);
+    assert_eq!(scene.merged(), (8..32).collect::<Vec<_>>());
+}
+
+#[test]
+fn objects_in_motion_are_left_alone() {
+    let mut scene = Scene::new(&[10, 20, 30]);
+    let mut seen = 0;
+    for frame in 0..1000 {
+        scene.ledger.observe(1, at(1, 1.0 + frame as f32));
+        scene.run(1);
+        seen += usize::from(scene.merged() == [0, 2]);
+    }
+    assert_eq!(scene.plans, 1);
+    assert!(seen > 980, "{seen}");
+}
+
+/// Whatever moves now and then is merged ever more rarely.
+#[test]
+fn restless_objects_wait_longer_each_time() {
+    let mut scene = Scene::new(&[10, 20, 30]);
+    for step in 0..2000 {
+        scene.ledger.observe(1, at(1, 1.0 + step as f32));
+        scene.run(10 * QUIET);
+    }
+    assert!(scene.plans < 10, "{} plans in 20,000 quiet times", scene.plans);
+    assert_eq!(scene.merged(), [0, 2]);
+}
+
+/// A steady trickle of objects keeps others waiting for a while only, and costs few builds.
+#[test]
+fn a_trickle_of_objects_is_merged_in_lots() {
+    let mut scene = Scene::new(&[]);
+    scene.sizes = vec![1; 500];
+    for slot in 0..500 {
+        scene.ledger.observe(slot, at(slot, slot as f32));
+        scene.run(QUIET / 2);
+    }
+    assert!(scene.merged().len() > 400);
+    assert!(scene.plans < 100, "{}", scene.plans);
+}
+
+#[test]
+fn changes_during_a_build_make_it_stale() {
+    let mut scene = Scene::new(&[10, 20]);
+    let plan = (0..20).find_map(|_| scene.plan());
+    assert_eq!(plan, Some(vec![0, 1]));
+    assert!(scene.plan().is_none(), "one build at a time");
+    scene.ledger.observe(1, at(1, 5.0));
+    assert!(scene.ledger.is_stale());
+    scene.finish();
+    assert!(scene.merged().is_empty());
+    assert_eq!(scene.ledger.take_released(), [0], "its room is given back");
+    scene.run(30 * QUIET);
+    assert_eq!(scene.merged(), [0, 1]);
+}
+
+#[test]
+fn what_can_not_be_built_is_not_tried_again() {
+    let mut scene = Scene::new(&[10, 20]);
+    assert!((0..20).find_map(|_| scene.plan()).is_some());
+    scene.ledger.fail();
+    scene.run(100);
+    assert_eq!((scene.plans, scene.trees()), (1, 0));
+    assert!(!scene.ledger.is_pending());
+    scene.ledger.observe(0, at(0, 5.0));
+    scene.run(100);
+    assert_eq!(scene.merged(), [0]);
+}
+
+#[test]
+fn lost_trees_are_not_built_again() {
+    let mut scene = Scene::new(&[10, 20]);
+    scene.run(3 * QUIET);
+    scene.ledger.take_changed();
+    scene.ledger.lose_trees();
+    assert!(scene.merged().is_empty() && scene.ledger.take_changed());
+    assert!(scene.ledger.take_released().is_empty(), "their rooms are gone already");
+    scene.run(1000);
+    assert_eq!(scene.plans, 1);
+    assert!(!scene.ledger.is_pending());
+}

@@ -1,0 +1,271 @@
+//! Runs the pass that determines rates on a G-buffer made by a test.
+
+use crate::{
+    common::{
+        gpu::{Checks, Gpu},
+        wesl::{self, Shaders},
+    },
+    rate_frame::Frame,
+    rate_reference::Case,
+};
+use bevy::{math::UVec2, shader::ShaderDefVal};
+use wgpu::{
+    BindGroupLayoutEntry, BindingResource, BindingType, BufferBindingType, ShaderStages, StorageTextureAccess,
+    TextureFormat, TextureSampleType, TextureUsages, TextureViewDimension, util::DeviceExt,
+};
+
+/// What buffers and textures hold before the pass.
+pub const UNTOUCHED: u32 = 0xdead_beef;
+
+/// All that the pass writes.
+pub struct Output {
+    pub arguments: Vec<u32>,
+    /// By rows.
+    pub rates: Vec<u32>,
+    /// By rows.
+    pub records: Vec<[u32; 2]>,
+    pub blocks: Vec<u32>,
+    pub mirrors: Vec<u32>,
+    pub tiles: Vec<u32>,
+}
+
+/// Runs the entry point of a module, by its name in `shaders`, with shader definitions.
+pub fn determine_rates(gpu: &Gpu, shaders: &mut Shaders, name: &str, defs: &[&'static str], case: &Case) -> Output {
+    let defs: Vec<ShaderDefVal> = defs.iter().map(|def| ShaderDefVal::from(*def)).collect();
+    let wgsl = shaders.flatten(name, &defs).unwrap_or_else(|error| panic!("{error}"));
+    let parsed = wesl::validate(&wgsl).unwrap_or_else(|error| panic!("{error}"));
+
+    let (trace, tiles) = (case.trace_size(), case.tile_count());
+    let read = TextureUsages::TEXTURE_BINDING;
+    let written = TextureUsages::STORAGE_BINDING | TextureUsages::COPY_SRC;
+    let Frame { words, normals, .. } = &case.frame;
+    let words = texture(
+        gpu,
+        TextureFormat::Rgba32Uint,
+        case.frame.size,
+        read,
+        bytemuck::cast_slice(words),
+    );
+    let normals = texture(
+        gpu,
+        TextureFormat::Rgb10a2Unorm,
+        case.frame.size,
+        read,
+        bytemuck::cast_slice(normals),
+    );
+    let depth = gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: None,
+        size: extent(case.frame.size),
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: TextureFormat::Depth32Float,
+        usage: read | TextureUsages::RENDER_ATTACHMENT,
+        view_formats: &[],
+    });
+    let untouched = |size: UVec2, words: u32| vec![UNTOUCHED; (size.x * size.y * words) as usize];
+    let rates = texture(
+        gpu,
+        TextureFormat::R32Uint,
+        tiles,
+        written,
+        bytemuck::cast_slice(&untouched(tiles, 1)),
+    );
+    let records = texture(
+        gpu,
+        TextureFormat::Rg32Uint,
+        trace,
+        written,
+        bytemuck::cast_slice(&untouched(trace, 2)),
+    );
+    let image = texture(
+        gpu,
+        TextureFormat::R32Uint,
+        case.image_size,
+        read,
+        bytemuck::cast_slice(&case.image),
+    );
+    let view = gpu.buffer(&case.view_uniform(&parsed));
+    let settings = gpu.buffer(&case.settings_uniform(&parsed));
+    let blocks = gpu.buffer(&untouched(trace, 1));
+    let mirrors = gpu.buffer(&untouched(case.size, 1));
+    let active = gpu.buffer(&untouched(tiles, 1));
+    let arguments = gpu.buffer(&[0u32; 12]);
+
+    let texture_view = |texture: &wgpu::Texture| texture.create_view(&Default::default());
+    let views = [&depth, &words, &normals, &rates, &records, &image].map(texture_view);
+    let resources = [
+        view.as_entire_binding(),
+        settings.as_entire_binding(),
+        BindingResource::TextureView(&views[0]),
+        BindingResource::TextureView(&views[1]),
+        BindingResource::TextureView(&views[2]),
+        BindingResource::TextureView(&views[3]),
+        blocks.as_entire_binding(),
+        mirrors.as_entire_binding(),
+        active.as_entire_binding(),
+        arguments.as_entire_binding(),
+        BindingResource::TextureView(&views[4]),
+        BindingResource::TextureView(&views[5]),
+    ];
+    let entries: Vec<_> = resources
+        .into_iter()
+        .enumerate()
+        .map(|(index, resource)| wgpu::BindGroupEntry {
+            binding: index as u32,
+            resource,
+        })
+        .collect();
+    let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: None,
+        entries: &layout_entries(),
+    });
+    let bind_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: None,
+        layout: &layout,
+        entries: &entries,
+    });
+    let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: None,
+        bind_group_layouts: &[Some(&layout)],
+        immediate_size: 0,
+    });
+    let module = gpu.module(&wgsl, Checks::Off);
+    let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some(name),
+        layout: Some(&pipeline_layout),
+        module: &module,
+        entry_point: None,
+        compilation_options: wgpu::PipelineCompilationOptions {
+            // As Bevy does.
+            zero_initialize_workgroup_memory: false,
+            ..Default::default()
+        },
+        cache: None,
+    });
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    {
+        let mut pass = encoder.begin_compute_pass(&Default::default());
+        pass.set_pipeline(&pipeline);
+        pass.set_bind_group(0, &bind_group, &[]);
+        pass.dispatch_workgroups(tiles.x, tiles.y, 1);
+    }
+    gpu.queue.submit([encoder.finish()]);
+
+    let arguments: Vec<u32> = gpu.read(&arguments);
+    let list = |buffer: &wgpu::Buffer, count: u32| {
+        let mut words: Vec<u32> = gpu.read(buffer);
+        assert!(
+            words[(count as usize).min(words.len())..]
+                .iter()
+                .all(|word| *word == UNTOUCHED),
+            "written behind the end of a list of {count}"
+        );
+        words.truncate(count as usize);
+        words
+    };
+    Output {
+        rates: read_texture(gpu, &rates, tiles, 1),
+        records: bytemuck::cast_slice(&read_texture(gpu, &records, trace, 2)).to_vec(),
+        blocks: list(&blocks, arguments[9]),
+        mirrors: list(&mirrors, arguments[10]),
+        tiles: list(&active, arguments[11]),
+        arguments,
+    }
+}
+
+/// As in `src/rate/passes.rs`.
+fn layout_entries() -> Vec<BindGroupLayoutEntry> {
+    let uniform = BindingType::Buffer {
+        ty: BufferBindingType::Uniform,
+        has_dynamic_offset: false,
+        min_binding_size: None,
+    };
+    let storage = BindingType::Buffer {
+        ty: BufferBindingType::Storage { read_only: false },
+        has_dynamic_offset: false,
+        min_binding_size: None,
+    };
+    let sampled = |sample_type| BindingType::Texture {
+        sample_type,
+        view_dimension: TextureViewDimension::D2,
+        multisampled: false,
+    };
+    let written = |format| BindingType::StorageTexture {
+        access: StorageTextureAccess::WriteOnly,
+        format,
+        view_dimension: TextureViewDimension::D2,
+    };
+    [
+        uniform,
+        uniform,
+        sampled(TextureSampleType::Depth),
+        sampled(TextureSampleType::Uint),
+        sampled(TextureSampleType::Float { filterable: false }),
+        written(TextureFormat::R32Uint),
+        storage,
+        storage,
+        storage,
+        storage,
+        written(TextureFormat::Rg32Uint),
+        sampled(TextureSampleType::Uint),
+    ]
+    .into_iter()
+    .enumerate()
+    .map(|(binding, ty)| BindGroupLayoutEntry {
+        binding: binding as u32,
+        visibility: ShaderStages::COMPUTE,
+        ty,
+        count: None,
+    })
+    .collect()
+}
+
+fn extent(size: UVec2) -> wgpu::Extent3d {
+    wgpu::Extent3d {
+        width: size.x,
+        height: size.y,
+        depth_or_array_layers: 1,
+    }
+}
+
+fn texture(gpu: &Gpu, format: TextureFormat, size: UVec2, usage: TextureUsages, texels: &[u8]) -> wgpu::Texture {
+    let descriptor = wgpu::TextureDescriptor {
+        label: None,
+        size: extent(size),
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage,
+        view_formats: &[],
+    };
+    gpu.device
+        .create_texture_with_data(&gpu.queue, &descriptor, Default::default(), texels)
+}
+
+/// Words of a texture, by rows.
+fn read_texture(gpu: &Gpu, texture: &wgpu::Texture, size: UVec2, words_per_texel: u32) -> Vec<u32> {
+    let row = size.x * words_per_texel;
+    let padded = (4 * row).next_multiple_of(256) / 4;
+    let buffer = gpu.buffer(&vec![0u32; (padded * size.y) as usize]);
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    encoder.copy_texture_to_buffer(
+        texture.as_image_copy(),
+        wgpu::TexelCopyBufferInfo {
+            buffer: &buffer,
+            layout: wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(4 * padded),
+                rows_per_image: Some(size.y),
+            },
+        },
+        extent(size),
+    );
+    gpu.queue.submit([encoder.finish()]);
+    let words: Vec<u32> = gpu.read(&buffer);
+    words
+        .chunks(padded as usize)
+        .flat_map(|chunk| chunk[..row as usize].to_vec())
+        .collect()
+}

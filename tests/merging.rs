@@ -1,0 +1,75 @@
+//! Objects at rest are merged into trees in world space: nothing of that may be seen.
+
+#[path = "common/pictures.rs"]
+mod pictures;
+
+use bevy::{math::UVec2, prelude::*};
+use bevy_glint::{RayTracedReflections, ReflectionStatus, StatusReport, Technique, TracerChoice};
+use glint_scenes::{HeadlessApp, Output, SceneName};
+use pictures::{app, assert_flip, spawn};
+
+const SIZE: UVec2 = UVec2::new(96, 64);
+/// Frames that merging may take.
+const PATIENCE: u32 = 20_000;
+
+fn report(app: &mut HeadlessApp) -> StatusReport {
+    app.world().resource::<ReflectionStatus>().report()
+}
+
+/// Waits until nothing is left to be merged.
+fn rest(app: &mut HeadlessApp) -> StatusReport {
+    app.step(3);
+    for _ in 0..PATIENCE {
+        let report = report(app);
+        if !report.merges_pending {
+            return report;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(1));
+        app.step(1);
+    }
+    panic!("merging goes on: {:?}", report(app));
+}
+
+#[test]
+fn merging_is_not_seen() {
+    let Some(mut app) = app(SIZE, Output::Picture, TracerChoice::Bvh) else {
+        return;
+    };
+    let camera = spawn(&mut app, SceneName::MirrorRoom, Technique::Reference);
+    let first = app.capture().unwrap();
+    let merged = rest(&mut app);
+    assert!(
+        merged.instances > 1 && merged.merged_instances == merged.instances,
+        "{merged:?}"
+    );
+    assert!(merged.merge_builds >= 1 && merged.merged_triangles > 0, "{merged:?}");
+    assert_flip("merged", SIZE, &first, &app.capture().unwrap(), 0.002);
+
+    // A still scene stays as it is.
+    app.step(20);
+    assert_eq!(report(&mut app), merged);
+
+    let world = app.world();
+    let mut objects = world.query_filtered::<Entity, With<Mesh3d>>();
+    let subject = objects.iter(world).next().unwrap();
+    world.get_mut::<Transform>(subject).unwrap().translation.x += 0.5;
+    app.step(3);
+    assert_eq!(report(&mut app).merged_instances, 0, "the moved object is seen at once");
+    let moved = app.capture().unwrap();
+    let again = rest(&mut app);
+    assert_eq!(again.merged_instances, again.instances);
+    assert_flip("merged-again", SIZE, &moved, &app.capture().unwrap(), 0.002);
+
+    app.world().entity_mut(subject).despawn();
+    app.step(3);
+    let gone = report(&mut app);
+    assert_eq!((gone.merged_instances, gone.instances), (0, merged.instances - 1));
+    let less = app.capture().unwrap();
+    rest(&mut app);
+    assert_flip("merged-less", SIZE, &less, &app.capture().unwrap(), 0.002);
+
+    app.world().entity_mut(camera).remove::<RayTracedReflections>();
+    app.step(3);
+    let idle = report(&mut app);
+    assert_eq!((idle.merged_instances, idle.merged_triangles), (0, 0));
+}
