@@ -8,9 +8,7 @@ use argh::FromArgs;
 use bevy::prelude::*;
 use bevy_glint::Backend;
 use common::{ReflectionOptions, Size, TechniqueWord, TracerWord};
-use glint_scenes::{
-    HeadlessApp, HeadlessSettings, SceneAnimationPlugin, SceneName, SceneOptions, camera, environment, spawn_with,
-};
+use glint_scenes::{HeadlessSettings, SceneAnimationPlugin, SceneName, SceneOptions, camera, environment, spawn_with};
 use std::{path::PathBuf, process::ExitCode};
 
 /// Show a scene with ray-traced reflections.
@@ -99,13 +97,13 @@ fn picture(arguments: &Arguments) -> Result<(), String> {
         log: true,
         ..default()
     };
-    let mut app = HeadlessApp::new(settings, |app| {
+    let reflections = arguments.reflections();
+    let mut app = common::headless_app(settings, &reflections, |app| {
         app.add_plugins(SceneAnimationPlugin);
-        common::add_reflections(app, &arguments.reflections());
-    })
-    .map_err(|error| error.to_string())?;
+        common::add_reflections(app, &reflections);
+    })?;
     let camera = app.spawn_scene(arguments.scene, &arguments.options());
-    common::reflection_camera(&mut app.world().entity_mut(camera), &arguments.reflections());
+    common::reflection_camera(&mut app.world().entity_mut(camera), &reflections);
     if let Some(t) = arguments.path.filter(|_| arguments.scene == SceneName::Atrium) {
         app.world().entity_mut(camera).insert(glint_scenes::camera_path(t));
     }
@@ -122,9 +120,10 @@ fn picture(arguments: &Arguments) -> Result<(), String> {
 }
 
 fn window(arguments: &Arguments) -> Result<(), String> {
-    let mut app = common::windowed_app("bevy_glint", arguments.size())?;
+    let reflections = arguments.reflections();
+    let mut app = common::windowed_app("bevy_glint", arguments.size(), &reflections)?;
     app.add_plugins(SceneAnimationPlugin);
-    common::add_reflections(&mut app, &arguments.reflections());
+    common::add_reflections(&mut app, &reflections);
     let arguments = arguments.clone();
     app.add_systems(Startup, move |world: &mut World| {
         spawn_with(arguments.scene, world, &arguments.options());
@@ -132,7 +131,7 @@ fn window(arguments: &Arguments) -> Result<(), String> {
         let environment = environment(arguments.scene, world);
         let mut camera = world.spawn((common::window_camera(3.0), transform, Projection::from(projection)));
         environment.insert(&mut camera);
-        common::reflection_camera(&mut camera, &arguments.reflections());
+        common::reflection_camera(&mut camera, &reflections);
     });
     common::run(app)
 }

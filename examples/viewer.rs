@@ -16,7 +16,7 @@ use bevy::{
 };
 use bevy_glint::Backend;
 use common::{ReflectionOptions, Size, TechniqueWord, TracerWord};
-use glint_scenes::{Environment, HeadlessApp, HeadlessSettings, Sky, sun_direction};
+use glint_scenes::{Environment, HeadlessSettings, Sky, sun_direction};
 use std::{
     path::{Path, PathBuf},
     process::ExitCode,
@@ -130,15 +130,15 @@ fn picture(arguments: &Arguments, file: PathBuf) -> Result<(), String> {
         log: true,
         ..default()
     };
-    let mut app = HeadlessApp::new(settings, |app| {
+    let reflections = arguments.reflections();
+    let mut app = common::headless_app(settings, &reflections, |app| {
         app.init_resource::<Framing>().add_systems(Update, frame_scene);
-        common::add_reflections(app, &arguments.reflections());
-    })
-    .map_err(|error| error.to_string())?;
+        common::add_reflections(app, &reflections);
+    })?;
     let camera = app.spawn_camera(ViewerCamera);
     let name = file.display().to_string();
     load(app.world(), camera, file);
-    common::reflection_camera(&mut app.world().entity_mut(camera), &arguments.reflections());
+    common::reflection_camera(&mut app.world().entity_mut(camera), &reflections);
     app.warm_up(20_000).map_err(|error| error.to_string())?;
     if *app.world().resource::<Framing>() != Framing::Done {
         return Err(format!("'{name}' holds nothing that can be seen"));
@@ -156,11 +156,11 @@ fn picture(arguments: &Arguments, file: PathBuf) -> Result<(), String> {
 
 fn window(arguments: &Arguments, file: PathBuf) -> Result<(), String> {
     let name = file.display().to_string();
-    let mut app = common::windowed_app(&name, arguments.size())?;
+    let reflections = arguments.reflections();
+    let mut app = common::windowed_app(&name, arguments.size(), &reflections)?;
     app.init_resource::<Framing>()
         .add_systems(Update, (frame_scene, give_up));
-    common::add_reflections(&mut app, &arguments.reflections());
-    let reflections = arguments.reflections();
+    common::add_reflections(&mut app, &reflections);
     let file = std::sync::Mutex::new(Some(file));
     app.add_systems(Startup, move |world: &mut World| {
         let Some(file) = file.lock().ok().and_then(|mut file| file.take()) else {

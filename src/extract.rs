@@ -2,12 +2,17 @@
 
 use crate::{
     composite::CompositePipelines,
+    debug::{DebugCounters, DebugSplit, DebugView, ViewDebug},
     denoise::DenoisePipelines,
     rate::{RatePipelines, RateSettings, RateTileSize, ShadingRateHeuristic},
     scene::environment::ViewEnvironment,
-    settings::{RayTracedReflections, SafeSettings, Technique},
+    settings::{Backend, RayTracedReflections, SafeSettings, Technique},
     status::ReflectionStatus,
-    trace::TracePipelines,
+    trace::{
+        TracePipelines,
+        back_end::{Fallbacks, choose},
+        hardware::HardwareTracer,
+    },
     view::ReflectionTextures,
 };
 use bevy::{
@@ -43,6 +48,7 @@ pub struct ReflectionView {
     pub(crate) rate: RateSettings,
     /// History must be forgotten.
     pub(crate) reset: bool,
+    pub(crate) debug: ViewDebug,
 }
 
 /// A view whose camera asks for reflections, whether they can be traced yet or not.
@@ -52,8 +58,17 @@ pub struct WantsReflections {
     rate: RateSettings,
 }
 
+impl WantsReflections {
+    /// The hardware back end traces its rays, or will once it can.
+    pub(crate) fn uses_hardware(&self) -> bool {
+        self.settings.backend == Backend::Hardware
+    }
+}
+
+type PipelineKey = (Technique, [bool; 4], RateSettings);
+
 /// Decides which pipelines a view needs; other settings can change without a new compilation.
-fn pipeline_key(settings: &SafeSettings, rate: &RateSettings) -> (Technique, [bool; 3], RateSettings) {
+fn pipeline_key(settings: &SafeSettings, rate: &RateSettings) -> PipelineKey {
     let denoiser = &settings.denoiser;
     let rate = RateSettings {
         thresholds: Vec4::ZERO,
@@ -64,13 +79,14 @@ fn pipeline_key(settings: &SafeSettings, rate: &RateSettings) -> (Technique, [bo
         settings.full_resolution_mirrors,
         denoiser.temporal,
         denoiser.blur_radius > 0.0,
+        settings.backend == Backend::Hardware,
     ];
     (settings.technique, flags, rate)
 }
 
 /// Views for which everything is compiled, and for which settings.
 #[derive(Resource, Default)]
-pub struct ReadyViews(EntityHashMap<(Technique, [bool; 3], RateSettings)>);
+pub struct ReadyViews(EntityHashMap<PipelineKey>);
 
 /// Views for which Bevy has compiled the lighting that leaves out environment specular. Switching a view over earlier would
 /// leave it unlit until the compiler is done.
@@ -107,6 +123,9 @@ pub struct CameraQuery {
     normal: Has<NormalPrepass>,
     screen_space: Has<ScreenSpaceReflections>,
     msaa: Option<&'static Msaa>,
+    debug_view: Option<&'static DebugView>,
+    debug_split: Option<&'static DebugSplit>,
+    debug_counters: Has<DebugCounters>,
 }
 
 /// Why a camera shows no reflections, or few.
@@ -160,6 +179,7 @@ pub struct ExtractionState {
     query: Option<QueryState<CameraQuery>>,
     cameras: EntityHashMap<CameraState>,
     warned: HashSet<(Entity, Problem)>,
+    fallbacks: Fallbacks,
 }
 
 /// Mirrors settings, decides whether a view may trace, and hands Bevy's deferred lighting the range of roughness whose
@@ -173,13 +193,19 @@ pub fn extract_cameras(
     status: Res<ReflectionStatus>,
     warm: Res<WarmLighting>,
     existing: Query<
-        (Entity, Has<ReflectionView>, Option<&ViewEnvironment>),
+        (Entity, Option<&ReflectionView>, Option<&ViewEnvironment>),
         Or<(With<ReflectionView>, With<WantsReflections>)>,
     >,
+    hardware: HardwareTracer,
     mut state: Local<ExtractionState>,
     mut commands: Commands,
 ) {
-    let ExtractionState { query, cameras, warned } = &mut *state;
+    let ExtractionState {
+        query,
+        cameras,
+        warned,
+        fallbacks,
+    } = &mut *state;
     let deferred = DefaultOpaqueRendererMethod::deferred();
     let forward = main_world
         .get_resource::<DefaultOpaqueRendererMethod>()
@@ -188,6 +214,7 @@ pub fn extract_cameras(
     let mut wanting = EntityHashSet::default();
     let mut present = EntityHashSet::default();
     let mut all_ready = true;
+    let mut active_backends = Vec::new();
     for mut camera in query.iter_mut(&mut main_world) {
         let Some(reflections) = camera.reflections.as_mut() else {
             continue;
@@ -225,17 +252,30 @@ pub fn extract_cameras(
             continue;
         }
         wanting.insert(camera.render_entity);
-        let settings = SafeSettings::from(&**reflections);
+        let mut settings = SafeSettings::from(&**reflections);
+        let tile_size = camera.tile_size.copied().unwrap_or_default().trace_pixels();
+        let (backend, reason) = choose(&settings, || hardware.available(tile_size));
+        settings.backend = backend;
+        fallbacks.note(camera.entity, reason);
         let (active, environment) = existing
             .get(camera.render_entity)
-            .map_or((false, None), |(_, active, environment)| (active, environment.cloned()));
+            .map_or((None, None), |(_, view, environment)| (view, environment.cloned()));
         let heuristic = camera.heuristic.cloned().unwrap_or_default();
-        let rate = RateSettings {
-            tile_size: camera.tile_size.copied().unwrap_or_default().trace_pixels(),
+        let mut rate = RateSettings {
+            tile_size,
             ..RateSettings::new(&heuristic, settings.technique)
         };
+        if backend == Backend::Hardware {
+            rate.limit(|code| hardware.supports(code));
+        }
         let ready = ready_views.0.get(&camera.render_entity) == Some(&pipeline_key(&settings, &rate))
-            && (active || warm.0.contains(&camera.render_entity));
+            && (active.is_some() || warm.0.contains(&camera.render_entity));
+        let shown = if ready {
+            Some(&settings)
+        } else {
+            active.map(|view| &view.settings)
+        };
+        active_backends.extend(shown.map(|settings| (camera.entity, settings.backend)));
         commands.entity(camera.render_entity).insert(WantsReflections {
             settings,
             rate: rate.clone(),
@@ -260,7 +300,12 @@ pub fn extract_cameras(
             reflections.bypass_change_detection().reset = false;
         }
         commands.entity(camera.render_entity).insert((
-            ReflectionView { settings, rate, reset },
+            ReflectionView {
+                settings,
+                rate,
+                reset,
+                debug: ViewDebug::new(camera.debug_view, camera.debug_split, camera.debug_counters),
+            },
             ScreenSpaceReflectionsUniform::from(ScreenSpaceReflections {
                 min_perceptual_roughness: 0.0..0.0,
                 max_perceptual_roughness: settings.cutoff..settings.cutoff,
@@ -269,14 +314,19 @@ pub fn extract_cameras(
         ));
     }
     let ready = all_ready && !wanting.is_empty();
-    status.update(|report| report.ready = ready);
+    status.update(|report| {
+        report.ready = ready;
+        report.hardware_rates = hardware.status();
+        report.active_backends = active_backends;
+    });
+    fallbacks.publish(&present, &status);
     cameras.retain(|entity, _| present.contains(entity));
     warned.retain(|(entity, _)| present.contains(entity));
     for (view, active, _) in &existing {
         if !wanting.contains(&view) {
             let mut view = commands.entity(view);
             view.remove::<WantsReflections>();
-            if active {
+            if active.is_some() {
                 view.remove::<AllOfAView>();
             }
         }
@@ -291,10 +341,12 @@ pub fn prepare_pipelines(
     mut denoise: ResMut<DenoisePipelines>,
     composite: Res<CompositePipelines>,
     cache: Res<PipelineCache>,
+    mut hardware: HardwareTracer,
     mut ready: ResMut<ReadyViews>,
 ) {
     ready.0.clear();
     for (entity, WantsReflections { settings, rate }) in &views {
+        let hardware_is_ready = hardware.is_ready(settings, &trace, &cache);
         trace.request(settings);
         rates.request(rate);
         denoise.request(settings);
@@ -302,6 +354,7 @@ pub fn prepare_pipelines(
             && rates.is_ready(&cache, rate)
             && denoise.is_ready(&cache, settings)
             && composite.are_ready(&cache)
+            && hardware_is_ready
         {
             ready.0.insert(entity, pipeline_key(settings, rate));
         }

@@ -31,6 +31,7 @@
 //! | [`scene`] | what a ray can hit |
 //! | [`trace`] | from pixels to rays |
 //! | [`composite`] | from radiance to the lit frame |
+//! | [`debug`] | what the passes wrote, for people to look at |
 //!
 //! # Diagnostics
 //!
@@ -42,9 +43,12 @@
 #![warn(clippy::print_stdout, clippy::print_stderr, clippy::unwrap_used, clippy::expect_used)]
 
 pub mod composite;
+pub mod debug;
 pub mod denoise;
 mod diagnostics;
 mod extract;
+#[doc(hidden)]
+pub mod inspect;
 mod plugin;
 pub mod presets;
 pub mod rate;
@@ -55,6 +59,7 @@ mod targets;
 pub mod trace;
 mod view;
 
+pub use debug::{DebugCounters, DebugSplit, DebugView, NonFiniteReport};
 pub use diagnostics::{INSTANCES, MESHES_PENDING, SCENE_BYTES, TRIANGLES};
 pub use plugin::RayTracedReflectionsPlugin;
 pub use presets::{Preset, named_settings};
@@ -63,6 +68,8 @@ pub use settings::{
     Backend, Denoiser, NotReflected, RaySampling, RayTracedReflections, Technique, TextureMip, TracerChoice,
 };
 pub use status::{ReflectionStatus, StatusReport, Tracer};
+#[cfg(feature = "hardware-vrs")]
+pub use trace::hardware::{HardwareVrs, HardwareVrsPlugin, ShadingRates};
 
 /// Compiles the README's code.
 #[cfg(doctest)]

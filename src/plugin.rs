@@ -2,6 +2,10 @@
 
 use crate::{
     composite::{CompositePipelines, allow_writes_in_place, init_composite_pipelines, queue_composite_pipelines},
+    debug::{
+        DebugCounters, DebugPipelines, DebugSplit, DebugView, init_debug_pipelines, queue_debug_pipelines,
+        show_debug_views,
+    },
     denoise::{DenoisePipelines, init_denoise_pipelines, queue_denoise_pipelines},
     diagnostics,
     extract::{
@@ -28,6 +32,7 @@ use bevy::{
     pbr::{
         deferred::{deferred_lighting, prepare_deferred_lighting_pipelines},
         prepare_ssr_pipelines,
+        wireframe::wireframe_3d,
     },
     render::{
         ExtractSchedule, Render, RenderApp, RenderStartup, RenderSystems, init_gpu_resource,
@@ -61,6 +66,9 @@ impl Plugin for RayTracedReflectionsPlugin {
             .register_type::<TextureMip>()
             .register_type::<TracerChoice>()
             .register_type::<NotReflected>()
+            .register_type::<DebugView>()
+            .register_type::<DebugSplit>()
+            .register_type::<DebugCounters>()
             .init_resource::<ReflectionStatus>();
         rate::register(app);
         diagnostics::register(app);
@@ -89,13 +97,24 @@ impl Plugin for RayTracedReflectionsPlugin {
         embedded_asset!(app, "trace/blocks.wesl");
         embedded_asset!(app, "trace/converged.wesl");
         embedded_asset!(app, "trace/inline.wesl");
+        load_shader_library!(app, "composite/resolved.wesl");
         embedded_asset!(app, "composite/resolve.wesl");
         embedded_asset!(app, "composite/add.wesl");
+        load_shader_library!(app, "debug/scales.wesl");
+        embedded_asset!(app, "debug/debug.wesl");
+        embedded_asset!(app, "debug/count.wesl");
+        #[cfg(feature = "hardware-vrs")]
+        crate::trace::hardware::register_shaders(app);
         app.add_plugins(ScenePlugin);
     }
 
     fn finish(&self, app: &mut App) {
         let status = app.world().resource::<ReflectionStatus>().clone();
+        #[cfg(feature = "hardware-vrs")]
+        let hardware = app
+            .world()
+            .get_resource::<crate::trace::hardware::HardwareVrs>()
+            .cloned();
         let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
             return;
         };
@@ -129,6 +148,10 @@ impl Plugin for RayTracedReflectionsPlugin {
             .insert_resource(ChosenTracer(tracer))
             .init_resource::<WarmLighting>()
             .init_resource::<ReadyViews>();
+        #[cfg(feature = "hardware-vrs")]
+        if let Some(hardware) = hardware {
+            crate::trace::hardware::add_systems(render_app, hardware);
+        }
         ScenePlugin::add_systems(render_app);
         render_app
             .add_systems(
@@ -139,7 +162,7 @@ impl Plugin for RayTracedReflectionsPlugin {
                         init_trace_pipelines,
                         init_rate_pipelines,
                         init_denoise_pipelines,
-                        init_composite_pipelines,
+                        (init_composite_pipelines, init_debug_pipelines),
                     )
                         .after(forget_views)
                         .after(init_gpu_resource::<SceneBindings>),
@@ -156,6 +179,7 @@ impl Plugin for RayTracedReflectionsPlugin {
                     (
                         prepare_pipelines,
                         queue_composite_pipelines,
+                        queue_debug_pipelines,
                         queue_rate_pipelines,
                         queue_trace_pipelines,
                         queue_denoise_pipelines,
@@ -183,6 +207,14 @@ impl Plugin for RayTracedReflectionsPlugin {
                     .after(deferred_lighting)
                     .before(main_opaque_pass_3d)
                     .in_set(Core3dSystems::MainPass),
+            )
+            .add_systems(
+                Core3d,
+                // Over all that is drawn, and under wireframes.
+                show_debug_views
+                    .after(Core3dSystems::MainPass)
+                    .before(wireframe_3d)
+                    .before(Core3dSystems::EarlyPostProcess),
             );
     }
 }
@@ -196,4 +228,5 @@ fn forget_views(views: Query<Entity, With<ReflectionView>>, mut commands: Comman
     commands.remove_resource::<RatePipelines>();
     commands.remove_resource::<DenoisePipelines>();
     commands.remove_resource::<CompositePipelines>();
+    commands.remove_resource::<DebugPipelines>();
 }

@@ -135,8 +135,10 @@ pub enum Backend {
     Auto,
     /// A list of rays and an indirect dispatch.
     Compute,
-    /// A full-screen pass with a shading-rate attachment: Vulkan with `VK_KHR_fragment_shading_rate` and the crate feature
-    /// `hardware-vrs`. Falls back to compute, with a warning, where that is missing.
+    /// A full-screen pass with a shading-rate attachment: Vulkan with `VK_KHR_fragment_shading_rate`, the crate feature
+    /// `hardware-vrs`, and `HardwareVrsPlugin` before `DefaultPlugins`. Falls back to compute, with a warning, where one of that is
+    /// missing ([`StatusReport::active_backends`](crate::StatusReport::active_backends)). Rates that the GPU lacks are replaced by
+    /// finer ones. Only for [`Technique::Variable`]; the others don't vary their rate.
     Hardware,
 }
 

@@ -1,8 +1,11 @@
 //! What this GPU and driver can do, what was picked, and why not the rest.
 
-use crate::{scene::textures::TextureMode, settings::TracerChoice};
+use crate::{
+    scene::textures::TextureMode,
+    settings::{Backend, TracerChoice},
+};
 use bevy::{
-    ecs::resource::Resource,
+    ecs::{entity::Entity, resource::Resource},
     render::{
         render_resource::{WgpuFeatures, WgpuLimits},
         renderer::{RenderAdapterInfo, RenderDevice},
@@ -20,6 +23,20 @@ pub enum Tracer {
     Bvh,
 }
 
+/// Whether [`Backend::Hardware`] can be used: whether the rasterizer's shading rate can spread rays.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum HardwareRates {
+    /// Nobody asked: the app lacks `HardwareVrsPlugin`, or was built without the crate feature `hardware-vrs`.
+    #[default]
+    NotAsked,
+    /// The device or its driver can't; the reason why, as the end of a sentence.
+    Missing(String),
+    /// The device has no such rates; for tests, the pass runs with an invocation for each trace pixel.
+    FullRate,
+    /// Cameras can use it.
+    Available,
+}
+
 /// A snapshot of what the crate does on this machine.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StatusReport {
@@ -29,6 +46,10 @@ pub struct StatusReport {
     pub tracer: Option<Tracer>,
     /// How material textures are bound; `None` until the renderer has started.
     pub textures: Option<TextureMode>,
+    /// Whether the hardware back end can be used.
+    pub hardware_rates: HardwareRates,
+    /// Cameras that reflect, each with its active back end: [`Backend::Hardware`], or [`Backend::Compute`] for all else.
+    pub active_backends: Vec<(Entity, Backend)>,
     /// Why something better isn't active, in whole sentences.
     pub reasons: Vec<String>,
     /// Meshes whose acceleration structure is being built; they are absent from reflections until then.

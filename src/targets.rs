@@ -20,7 +20,7 @@ pub const RATE_FORMAT: TextureFormat = TextureFormat::R32Uint;
 /// What a ray saw: exposed radiance, and the distance of the hit in metres (at most 60,000, which stands for a miss, too).
 pub const RAY_RADIANCE_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 /// How the ray was drawn: direction, inverse pdf, chosen pixel; see `trace/record.wesl`.
-pub const RAY_RECORD_FORMAT: TextureFormat = TextureFormat::Rg32Uint;
+pub const RAY_RECORD_FORMAT: TextureFormat = TextureFormat::Rgba32Uint;
 /// Exposed radiance of the lobe divided by the lobe's albedo. What alpha holds is said where the texture is declared.
 pub const RADIANCE_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 /// Two halves: see where the texture is declared.
@@ -65,12 +65,6 @@ impl Sizes {
     /// Tiles of the view.
     pub fn tiles(self) -> UVec2 {
         (self.trace() + self.tile - 1) / self.tile
-    }
-
-    /// Workgroups of 8x8 pixels of the view per tile.
-    pub fn groups_per_tile(self) -> u32 {
-        let side = self.tile * self.trace_scale / 8;
-        side * side
     }
 }
 

@@ -6,7 +6,7 @@ mod pictures;
 use bevy::{math::UVec2, prelude::*};
 use bevy_glint::{RayTracedReflections, ReflectionStatus, StatusReport, Technique, TracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
-use pictures::{app, assert_flip, spawn};
+use pictures::{app, assert_flip, flip, spawn, warm_up};
 
 const SIZE: UVec2 = UVec2::new(96, 64);
 /// Frames that merging may take.
@@ -72,4 +72,52 @@ fn merging_is_not_seen() {
     app.step(3);
     let idle = report(&mut app);
     assert_eq!((idle.merged_instances, idle.merged_triangles), (0, 0));
+}
+
+/// Alpha-masked objects have merged trees of their own.
+#[test]
+fn masked_objects_are_merged_with_their_like() {
+    let Some(mut app) = app(SIZE, Output::Picture, TracerChoice::Bvh) else {
+        return;
+    };
+    spawn(&mut app, SceneName::MirrorRoom, Technique::Reference);
+    let solid = rest(&mut app);
+    let opaque = app.capture().unwrap();
+
+    let world = app.world();
+    let mut objects = world.query::<(Entity, &MeshMaterial3d<StandardMaterial>)>();
+    let objects: Vec<_> = objects
+        .iter(world)
+        .map(|(entity, material)| (entity, material.id()))
+        .collect();
+    let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+    // All but the mirror are unlit.
+    let is_subject = |id: AssetId<StandardMaterial>| materials.get(id).is_some_and(|material| material.unlit);
+    let masked: Vec<_> = objects.into_iter().filter(|(_, id)| is_subject(*id)).take(2).collect();
+    assert_eq!(masked.len(), 2);
+    for (_, id) in &masked {
+        materials.get_mut(*id).unwrap().alpha_mode = AlphaMode::Mask(0.5);
+    }
+    warm_up(&mut app);
+    let single = app.capture().unwrap();
+    assert_flip("masked", SIZE, &opaque, &single, 0.002);
+    let merged = rest(&mut app);
+    assert_eq!(merged.merged_instances, merged.instances);
+    assert!(merged.merge_builds >= solid.merge_builds + 2, "{merged:?}");
+    assert_flip("masked-merged", SIZE, &single, &app.capture().unwrap(), 0.002);
+
+    // What the alpha test cuts out is not seen, merged or not.
+    let mut materials = app.world().resource_mut::<Assets<StandardMaterial>>();
+    for (_, id) in &masked {
+        materials.get_mut(*id).unwrap().base_color.set_alpha(0.0);
+    }
+    warm_up(&mut app);
+    assert_eq!(report(&mut app).merged_instances, merged.instances);
+    let cut_out = app.capture().unwrap();
+    assert!(flip(SIZE, &opaque, &cut_out).0 > 0.01);
+    for (entity, _) in &masked {
+        app.world().entity_mut(*entity).despawn();
+    }
+    warm_up(&mut app);
+    assert_flip("masked-out", SIZE, &app.capture().unwrap(), &cut_out, 0.002);
 }

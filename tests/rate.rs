@@ -26,9 +26,9 @@ const BUILT_IN: &str = "bevy_glint/rate/classify.wesl";
 /// What `ShadingRateHeuristic::Custom` is documented with, in a package of its own.
 const CUSTOM: &str = "
 import bevy_glint::rate::codes::{RATE_1X1, RATE_2X2};
-import bevy_glint::rate::tile::{finish_tile, gather_tile};
+import bevy_glint::rate::tile::{finish_tile, gather_tile, TILE_THREADS};
 
-@compute @workgroup_size(64)
+@compute @workgroup_size(TILE_THREADS)
 fn classify(@builtin(workgroup_id) tile: vec3<u32>, @builtin(local_invocation_index) index: u32) {
     let statistics = gather_tile(tile.xy, index);
     finish_tile(tile.xy, index, select(RATE_1X1, RATE_2X2, statistics.average_roughness > 0.5));
@@ -96,7 +96,7 @@ fn check(case: &Case, output: &Output) -> BTreeMap<String, usize> {
             let block_of = |[x, y]: [u32; 2]| [x / size.x * size.x, y / size.y * size.y];
             let wanted: BTreeSet<_> = tile
                 .sharing
-                .iter()
+                .keys()
                 .map(|pixel| (block_of(*pixel), size.to_array()))
                 .collect();
             expected_blocks += wanted.len();
@@ -120,7 +120,7 @@ fn check(case: &Case, output: &Output) -> BTreeMap<String, usize> {
                     let record = output.records[(pixel_y * trace.x + pixel_x) as usize];
                     let has_ray = wanted.contains(&(block_of([pixel_x, pixel_y]), size.to_array()));
                     let empty = is_active && !has_ray;
-                    let wanted = if empty { [0; 2] } else { [UNTOUCHED; 2] };
+                    let wanted = if empty { [0; 4] } else { [UNTOUCHED; 4] };
                     assert_eq!(record, wanted, "{name}: record of {pixel_x},{pixel_y}");
                 }
             }

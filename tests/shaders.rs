@@ -8,7 +8,7 @@ use std::mem::offset_of;
 use bevy_glint::scene::{environment::GpuEnvironment, gpu_types::*};
 use wesl::Shaders;
 
-const COMBINATIONS: [&[&str]; 14] = [
+const COMBINATIONS: [&[&str]; 15] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -21,6 +21,7 @@ const COMBINATIONS: [&[&str]; 14] = [
     &["RAY_QUERY", "BINDLESS_TEXTURES"],
     &["MIRRORS", "IN_PLACE", "COUNT_INVOCATIONS"],
     &["IN_PLACE", "TILES"],
+    &["REFLECTION"],
     &["RAY_QUERY", "MIRRORS", "COUNT_INVOCATIONS"],
     &["RAY_QUERY", "BINDLESS_TEXTURES", "COUNT_INVOCATIONS"],
 ];
@@ -213,7 +214,8 @@ fn main() {
             instance_count,
             material_count,
             texture_count,
-            _padding
+            masked_node_count,
+            masked_entry_base
         ]
     );
     same_layout!(

@@ -10,7 +10,7 @@ use bevy_glint::scene::gpu_types::{
 };
 use bytemuck::{Pod, Zeroable};
 use common::gpu::{Checks, Gpu};
-use common::soup::{Packed, Packing, Random, SOUPS, Soup, mesh, placement};
+use common::soup::{Packed, Packing, Random, SOUPS, Soup, closed_surface, mesh, placement};
 
 const NO_HIT: u32 = u32::MAX;
 /// `soup::alpha_test` for shaders.
@@ -42,9 +42,12 @@ fn shader(stack_size: u32, masked_geometry: bool) -> String {
 }
 
 fn trace(gpu: &Gpu, wgsl: &str, checks: Checks, scene: &Packed, rays: &[TraceRay]) -> Vec<Answer> {
+    let view = scene.view();
     let uniform = GpuSceneCounts {
-        tlas_node_count: scene.tlas.traversal_node_count(),
-        tlas_entry_base: scene.entry_base(),
+        tlas_node_count: view.tlas_node_count,
+        tlas_entry_base: view.tlas_entry_base,
+        masked_node_count: view.masked_node_count,
+        masked_entry_base: view.masked_entry_base,
         instance_count: scene.instances.len() as u32,
         ..Default::default()
     };
@@ -189,6 +192,77 @@ fn merged_instances_match_the_mirror_and_brute_force() {
         let scene = Packed::with(meshes, instances, 100, packing);
         let rays = scene.rays(10_000, 8.0, Vec3::ZERO, &mut random);
         compare(&gpu, &scene, &rays, Soup::Random.tolerance(), 1e-4);
+    }
+}
+
+/// Solid and alpha-masked instances have a TLAS each, which may be a tree, a single entry or empty.
+#[test]
+fn masked_instances_match_the_mirror_and_brute_force() {
+    let Some(gpu) = Gpu::new() else { return };
+    let mut random = Random(16);
+    for (solid, masked, merged) in [
+        (20, 20, false),
+        (20, 20, true),
+        (1, 20, false),
+        (20, 1, false),
+        (0, 20, true),
+    ] {
+        let meshes = vec![
+            mesh(Soup::Random, 100, 1.0, Vec3::ZERO, &mut random),
+            mesh(Soup::Grid, 200, 2.0, Vec3::Y, &mut random),
+        ];
+        let instances = (0..solid + masked)
+            .map(|i| (i % 2, placement(&mut random, 5.0)))
+            .collect();
+        let packing = |i: usize| Packing {
+            flags: INSTANCE_CASTS_SHADOW | if i < solid { 0 } else { INSTANCE_ALPHA_MASKED },
+            tree: merged.then_some(0),
+        };
+        let scene = Packed::with(meshes, instances, 100, packing);
+        let rays = scene.rays(4000, 8.0, Vec3::ZERO, &mut random);
+        compare(&gpu, &scene, &rays, Soup::Random.tolerance(), 1e-4);
+    }
+}
+
+/// Drivers may contract products and sums, and divide with less accuracy than CPUs.
+#[test]
+fn closed_surfaces_let_no_ray_out() {
+    let Some(gpu) = Gpu::new() else { return };
+    let mut random = Random(17);
+    let matrices = [
+        Affine3A::from_translation(Vec3::new(70.0, -9.0, 400.0)) * Affine3A::from_scale(Vec3::splat(0.1)),
+        Affine3A::from_rotation_x(0.7) * Affine3A::from_scale(Vec3::new(500.0, 1.0, 20.0)),
+    ];
+    for (matrix, flags) in matrices
+        .into_iter()
+        .flat_map(|matrix| [0, INSTANCE_ALPHA_MASKED].map(|flags| (matrix, flags)))
+    {
+        for tree in [None, Some(0)] {
+            let mut surface = closed_surface(60, 90, &mut random);
+            if flags != 0 {
+                // The alpha test cuts out every other triangle, so each is there twice.
+                surface.indices = surface
+                    .indices
+                    .as_chunks::<3>()
+                    .0
+                    .iter()
+                    .flat_map(|t| [*t, *t])
+                    .flatten()
+                    .collect();
+            }
+            let scene = Packed::with(vec![surface], vec![(0, matrix)], 0, |_| Packing {
+                flags: INSTANCE_CASTS_SHADOW | flags,
+                tree,
+            });
+            let rays = scene.rays_from_within(20_000, &mut random);
+            let answers = trace(&gpu, &shader(24, flags != 0), Checks::Off, &scene, &rays);
+            for (ray, answer) in rays.iter().zip(&answers) {
+                assert!(
+                    answer.instance == 0 && answer.flags & 2 != 0,
+                    "{matrix:?} {tree:?} {ray:?} {answer:?}"
+                );
+            }
+        }
     }
 }
 

@@ -13,7 +13,10 @@ use bevy::{
 };
 use bevy_glint::{ReflectionStatus, StatusReport, named_settings};
 use glint_scenes::{HeadlessApp, HeadlessSettings, SceneName, SceneOptions, SceneStatistics};
-use std::time::Duration;
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
 /// Frames that are rendered before measuring starts.
 const WARM_UP_FRAMES: u32 = 8;
@@ -79,24 +82,45 @@ pub struct Bench {
     samples: Vec<Samples>,
 }
 
-/// Puts the file that `GLINT_BENCH_BVH` names in the place of `bvh.wesl`, to compare versions of the traversal in one run.
-fn replace_tracer(app: &mut HeadlessApp) -> Result<(), String> {
-    const MODULE: &str = "embedded://bevy_glint/scene/bvh.wesl";
-    let Some(path) = std::env::var_os("GLINT_BENCH_BVH") else {
+/// Puts the files of the folder that `GLINT_BENCH_SHADERS` names in the place of shader modules of the same path below `src/`, to
+/// compare versions of shaders without building anew.
+fn replace_shaders(app: &mut HeadlessApp) -> Result<(), String> {
+    let Some(folder) = std::env::var_os("GLINT_BENCH_SHADERS") else {
         return Ok(());
     };
-    let source = std::fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))?;
-    let shader: Handle<Shader> = app.world().resource::<AssetServer>().load(MODULE);
-    for _ in 0..FRAME_LIMIT {
-        app.step(1);
-        let mut shaders = app.world().resource_mut::<Assets<Shader>>();
-        if shaders.contains(&shader) {
-            return shaders
-                .insert(shader.id(), Shader::from_wesl(source, MODULE))
-                .map_err(|error| error.to_string());
+    let folder = Path::new(&folder);
+    let mut paths = Vec::new();
+    list_files(folder, &mut paths).map_err(|error| format!("{}: {error}", folder.display()))?;
+    for path in paths {
+        let source = std::fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+        let relative = path.strip_prefix(folder).unwrap_or(&path);
+        let module = format!("embedded://bevy_glint/{}", relative.display());
+        let shader: Handle<Shader> = app.world().resource::<AssetServer>().load(&module);
+        let loaded = (0..FRAME_LIMIT).any(|_| {
+            app.step(1);
+            app.world().resource::<Assets<Shader>>().contains(&shader)
+        });
+        if !loaded {
+            return Err(format!("{module} was not loaded"));
+        }
+        app.world()
+            .resource_mut::<Assets<Shader>>()
+            .insert(shader.id(), Shader::from_wesl(source, module))
+            .map_err(|error| error.to_string())?;
+    }
+    Ok(())
+}
+
+fn list_files(folder: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
+    for entry in std::fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.is_dir() {
+            list_files(&path, files)?;
+        } else {
+            files.push(path);
         }
     }
-    Err("the shaders of bevy_glint were not loaded".to_owned())
+    Ok(())
 }
 
 impl Bench {
@@ -110,7 +134,7 @@ impl Bench {
             kernels::add(app);
         })
         .map_err(|error| error.to_string())?;
-        replace_tracer(&mut app)?;
+        replace_shaders(&mut app)?;
         let camera: Entity = app.spawn_scene(scene, &SceneOptions { detail, ..default() });
         let kernels = KERNELS.iter().flat_map(|&(_, rays, hits, time)| [rays, hits, time]);
         let passes = PASSES.iter().map(|&(_, time)| time);

@@ -15,7 +15,7 @@ use bevy::{
 use bevy_glint::{
     Backend, RayTracedReflectionsPlugin, ReflectionStatus, TracerChoice, named_settings, presets::TECHNIQUE_NAMES,
 };
-use glint_scenes::HeadlessApp;
+use glint_scenes::{HeadlessApp, HeadlessSettings};
 use std::{path::PathBuf, process::ExitCode, str::FromStr};
 
 /// Declares an enum whose variants are words on the command line.
@@ -87,6 +87,26 @@ pub struct ReflectionOptions {
     pub backend: Backend,
 }
 
+/// Opens the device for the back end that was asked for; must come before Bevy's plugins. Without the crate feature
+/// `hardware-vrs` the camera's own warning says what is missing.
+fn open_device(app: &mut App, options: &ReflectionOptions) {
+    #[cfg(feature = "hardware-vrs")]
+    if options.backend == Backend::Hardware {
+        app.add_plugins(bevy_glint::HardwareVrsPlugin::default());
+    }
+    #[cfg(not(feature = "hardware-vrs"))]
+    let _ = (app, options);
+}
+
+/// An app without a window; `add` adds what isn't Bevy's.
+pub fn headless_app(
+    settings: HeadlessSettings,
+    options: &ReflectionOptions,
+    add: impl FnOnce(&mut App),
+) -> Result<HeadlessApp, String> {
+    HeadlessApp::with_device(settings, |app| open_device(app, options), add).map_err(|error| error.to_string())
+}
+
 /// Adds the plugin.
 pub fn add_reflections(app: &mut App, options: &ReflectionOptions) {
     let tracer = match options.tracer {
@@ -141,7 +161,7 @@ impl FromStr for Size {
 }
 
 /// An app with a window and a camera to fly with.
-pub fn windowed_app(title: &str, size: UVec2) -> Result<App, String> {
+pub fn windowed_app(title: &str, size: UVec2, options: &ReflectionOptions) -> Result<App, String> {
     let unix = cfg!(all(unix, not(target_os = "macos")));
     if unix && std::env::var_os("DISPLAY").is_none() && std::env::var_os("WAYLAND_DISPLAY").is_none() {
         return Err("there is no display to open a window on; pass --headless --out FILE.png for a picture".to_owned());
@@ -152,6 +172,7 @@ pub fn windowed_app(title: &str, size: UVec2) -> Result<App, String> {
         ..default()
     };
     let mut app = App::new();
+    open_device(&mut app, options);
     app.add_plugins((
         DefaultPlugins
             .set(WindowPlugin {

@@ -255,6 +255,15 @@ pub(crate) fn composite_reflection(
     }
 }
 
+/// What the composite reads: radiance of lobes over their albedo.
+pub(crate) fn composited_radiance<'a>(context: &PassContext<'a>) -> Option<&'a TextureView> {
+    let textures = context.textures;
+    match &textures.targets.accumulation {
+        Some(pair) => Some(&pair[textures.parity]),
+        None => denoise::result(context),
+    }
+}
+
 fn resolve_reflection(
     ctx: &mut RenderContext,
     pipelines: &CompositePipelines,
@@ -267,11 +276,7 @@ fn resolve_reflection(
     let Some((layout, id)) = pipelines.resolve.get(&kind) else {
         return;
     };
-    let radiance = match &targets.accumulation {
-        Some(pair) => Some(&pair[textures.parity]),
-        None => denoise::result(context),
-    };
-    let (Some(pipeline), Some(radiance)) = (cache.get_compute_pipeline(*id), radiance) else {
+    let (Some(pipeline), Some(radiance)) = (cache.get_compute_pipeline(*id), composited_radiance(context)) else {
         return;
     };
     let GBufferBindings {

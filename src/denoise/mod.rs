@@ -1,55 +1,83 @@
-//! How samples become an image: reconstruction, accumulation over frames, and a last blur.
+//! From rays to a stable image: reconstruction, temporal accumulation, blur (section 4.1.2 of the paper).
+//!
+//! | pass | reads | writes |
+//! |---|---|---|
+//! | `reconstruct` | rays of the neighbourhood | radiance at full resolution, its variance, hit distance, number of rays |
+//! | `temporal` | that, and the history of the last frame | the history of this frame |
+//! | `blur` | the history of this frame | what is shown |
+//!
+//! All visit the active tiles of the rate image alone. Shared by them: `tiles.wesl`, which thread works where; `neighbours.wesl`, whose
+//! rays a pixel borrows; `lobes.wesl`, what they weigh; `filters.wesl`, which surfaces match and how far history is trusted.
+//!
+//! The blur can't write to what it reads. With temporal accumulation it reads the history, and there alone it runs.
+
+mod blur;
+mod reconstruct;
+mod temporal;
 
 use crate::{
-    settings::SafeSettings,
-    targets::{PAIR_FORMAT, RADIANCE_FORMAT, SURFACE_FORMAT, TILE_DISPATCH},
-    trace::{GBufferBindings, PassContext, gbuffer_layout_entries},
+    settings::{SafeSettings, Technique},
+    targets::{HistoryTargets, TILE_DISPATCH},
+    trace::PassContext,
 };
 use bevy::{
-    asset::{AssetServer, Handle},
+    asset::{AssetServer, Handle, load_embedded_asset},
     ecs::prelude::*,
     platform::collections::{HashMap, HashSet},
     render::{
         diagnostic::RecordDiagnostics,
         render_resource::{
-            BindGroup, BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries, CachedComputePipelineId,
-            ComputePassDescriptor, ComputePipeline, ComputePipelineDescriptor, PipelineCache, ShaderStages,
-            StorageTextureAccess, TextureSampleType, TextureView, binding_types,
+            BindGroupLayoutDescriptor, BindGroupLayoutEntryBuilder, CachedComputePipelineId, CachedPipelineState,
+            ComputePassDescriptor, ComputePipeline, ComputePipelineDescriptor, PipelineCache, StorageTextureAccess,
+            TextureFormat, TextureSampleType, TextureView, binding_types,
         },
         renderer::RenderContext,
     },
-    shader::Shader,
+    shader::{Shader, ShaderCacheError},
     utils::default,
 };
 use core::num::NonZeroU64;
 
+/// A pass of the denoiser.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-enum DenoisePass {
+pub(crate) enum DenoisePass {
+    /// Rays of neighbours to an image at full resolution.
     Reconstruct,
+    /// Images to their mean over frames.
     Temporal,
+    /// What noise is left.
     Blur,
 }
 
 impl DenoisePass {
-    const ALL: [Self; 3] = [Self::Reconstruct, Self::Temporal, Self::Blur];
-
+    /// The passes that a view's settings need, in order.
     fn of(settings: &SafeSettings) -> impl Iterator<Item = Self> + use<> {
-        let denoiser = settings.denoiser;
-        let needed = settings.technique != crate::settings::Technique::Converged;
+        let rays = settings.technique != Technique::Converged;
+        let temporal = rays && settings.denoiser.temporal;
+        let blur = temporal && settings.denoiser.blur_radius > 0.0;
         [
-            needed.then_some(Self::Reconstruct),
-            (needed && denoiser.temporal).then_some(Self::Temporal),
-            (needed && denoiser.temporal && denoiser.blur_radius > 0.0).then_some(Self::Blur),
+            rays.then_some(Self::Reconstruct),
+            temporal.then_some(Self::Temporal),
+            blur.then_some(Self::Blur),
         ]
         .into_iter()
         .flatten()
     }
 
-    fn name(self) -> &'static str {
+    /// Entry point, and name of the span of GPU time.
+    const fn name(self) -> &'static str {
         match self {
             Self::Reconstruct => "reconstruct",
             Self::Temporal => "temporal",
             Self::Blur => "blur",
+        }
+    }
+
+    const fn label(self) -> &'static str {
+        match self {
+            Self::Reconstruct => "glint_reconstruct",
+            Self::Temporal => "glint_temporal",
+            Self::Blur => "glint_blur",
         }
     }
 }
@@ -59,116 +87,56 @@ impl DenoisePass {
 pub struct DenoisePipelines {
     shaders: HashMap<DenoisePass, Handle<Shader>>,
     layouts: HashMap<DenoisePass, BindGroupLayoutDescriptor>,
-    queued: HashMap<DenoisePass, CachedComputePipelineId>,
+    compute: HashMap<DenoisePass, CachedComputePipelineId>,
     wanted: HashSet<DenoisePass>,
 }
 
 impl DenoisePipelines {
+    /// Asks for the passes of a view; they are compiled from the next frame on.
     pub(crate) fn request(&mut self, settings: &SafeSettings) {
         self.wanted.extend(DenoisePass::of(settings));
     }
 
+    /// What a view's settings need can be used.
     pub(crate) fn is_ready(&self, cache: &PipelineCache, settings: &SafeSettings) -> bool {
-        DenoisePass::of(settings).all(|pass| self.pipeline(cache, pass).is_some())
+        DenoisePass::of(settings).all(|pass| self.compute(cache, pass).is_some())
     }
 
-    fn pipeline<'a>(&self, cache: &'a PipelineCache, pass: DenoisePass) -> Option<&'a ComputePipeline> {
-        cache.get_compute_pipeline(*self.queued.get(&pass)?)
+    fn compute<'a>(&self, cache: &'a PipelineCache, pass: DenoisePass) -> Option<&'a ComputePipeline> {
+        cache.get_compute_pipeline(*self.compute.get(&pass)?)
     }
-}
 
-fn layout(pass: DenoisePass) -> BindGroupLayoutDescriptor {
-    let [view, settings, depth, gbuffer, normals] = gbuffer_layout_entries();
-    let float = || binding_types::texture_2d(TextureSampleType::Float { filterable: false });
-    let uint = || binding_types::texture_2d(TextureSampleType::Uint);
-    let words = || binding_types::storage_buffer_read_only_sized(false, NonZeroU64::new(4));
-    let write = |format| binding_types::texture_storage_2d(format, StorageTextureAccess::WriteOnly);
-    let label = format!("glint_{}_layout", pass.name());
-    match pass {
-        DenoisePass::Reconstruct => BindGroupLayoutDescriptor::new(
-            label,
-            &BindGroupLayoutEntries::sequential(
-                ShaderStages::COMPUTE,
-                (
-                    view,
-                    settings,
-                    depth,
-                    gbuffer,
-                    normals,
-                    words(),
-                    words(),
-                    uint(),
-                    float(),
-                    uint(),
-                    float(),
-                    write(RADIANCE_FORMAT),
-                    write(PAIR_FORMAT),
-                ),
-            ),
-        ),
-        DenoisePass::Temporal => BindGroupLayoutDescriptor::new(
-            label,
-            &BindGroupLayoutEntries::sequential(
-                ShaderStages::COMPUTE,
-                (
-                    view,
-                    settings,
-                    depth,
-                    gbuffer,
-                    normals,
-                    words(),
-                    words(),
-                    uint(),
-                    uint(),
-                    float(),
-                    float(),
-                    uint(),
-                    float(),
-                    uint(),
-                    uint(),
-                    write(RADIANCE_FORMAT),
-                    write(PAIR_FORMAT),
-                    write(SURFACE_FORMAT),
-                ),
-            ),
-        ),
-        DenoisePass::Blur => BindGroupLayoutDescriptor::new(
-            label,
-            &BindGroupLayoutEntries::sequential(
-                ShaderStages::COMPUTE,
-                (
-                    view,
-                    settings,
-                    depth,
-                    gbuffer,
-                    normals,
-                    words(),
-                    words(),
-                    uint(),
-                    float(),
-                    uint(),
-                    uint(),
-                    write(RADIANCE_FORMAT),
-                ),
-            ),
-        ),
+    /// The first error of a pipeline, other than that its modules are still being loaded.
+    fn error<'a>(&self, cache: &'a PipelineCache) -> Option<&'a ShaderCacheError> {
+        let mut states = self.compute.values().map(|&id| cache.get_compute_pipeline_state(id));
+        states.find_map(|state| match state {
+            CachedPipelineState::Err(
+                ShaderCacheError::ShaderNotLoaded(_) | ShaderCacheError::ShaderImportNotYetAvailable,
+            ) => None,
+            CachedPipelineState::Err(error) => Some(error),
+            _ => None,
+        })
     }
 }
 
 /// Makes the layouts.
 pub fn init_denoise_pipelines(mut commands: Commands, asset_server: Res<AssetServer>) {
+    let assets = asset_server.as_ref();
     commands.insert_resource(DenoisePipelines {
-        shaders: DenoisePass::ALL
-            .into_iter()
-            .map(|pass| {
-                (
-                    pass,
-                    asset_server.load(format!("embedded://bevy_glint/denoise/{}.wesl", pass.name())),
-                )
-            })
-            .collect(),
-        layouts: DenoisePass::ALL.into_iter().map(|pass| (pass, layout(pass))).collect(),
-        queued: HashMap::default(),
+        shaders: HashMap::from_iter([
+            (
+                DenoisePass::Reconstruct,
+                load_embedded_asset!(assets, "reconstruct.wesl"),
+            ),
+            (DenoisePass::Temporal, load_embedded_asset!(assets, "temporal.wesl")),
+            (DenoisePass::Blur, load_embedded_asset!(assets, "blur.wesl")),
+        ]),
+        layouts: HashMap::from_iter([
+            (DenoisePass::Reconstruct, reconstruct::layout()),
+            (DenoisePass::Temporal, temporal::layout()),
+            (DenoisePass::Blur, blur::layout()),
+        ]),
+        compute: HashMap::default(),
         wanted: HashSet::default(),
     });
 }
@@ -177,49 +145,73 @@ pub fn init_denoise_pipelines(mut commands: Commands, asset_server: Res<AssetSer
 pub fn queue_denoise_pipelines(mut pipelines: ResMut<DenoisePipelines>, cache: Res<PipelineCache>) {
     let pipelines = &mut *pipelines;
     for &pass in &pipelines.wanted {
-        pipelines.queued.entry(pass).or_insert_with(|| {
-            cache.queue_compute_pipeline(ComputePipelineDescriptor {
-                label: Some(format!("glint_{}", pass.name()).into()),
-                layout: vec![pipelines.layouts[&pass].clone()],
-                shader: pipelines.shaders[&pass].clone(),
-                entry_point: Some(pass.name().into()),
-                ..default()
-            })
+        if pipelines.compute.contains_key(&pass) {
+            continue;
+        }
+        let id = cache.queue_compute_pipeline(ComputePipelineDescriptor {
+            label: Some(pass.label().into()),
+            layout: vec![pipelines.layouts[&pass].clone()],
+            shader: pipelines.shaders[&pass].clone(),
+            entry_point: Some(pass.name().into()),
+            ..default()
         });
+        pipelines.compute.insert(pass, id);
+    }
+    if let Some(error) = pipelines.error(&cache) {
+        bevy::log::error_once!("ray-traced reflections stay off, since their denoiser failed: {error}");
     }
 }
 
-/// The denoised radiance of a view, before the composite.
-pub(crate) fn result<'a>(context: &PassContext<'a>) -> Option<&'a TextureView> {
-    let images = context.textures.targets.pipeline.as_ref()?;
-    Some(match &images.history {
-        Some(history) if context.view.settings.denoiser.blur_radius <= 0.0 => {
-            &history.radiance[context.textures.parity]
-        }
-        _ => &images.reconstructed,
-    })
-}
-
-/// Reconstruction, accumulation and blur of one view.
+/// Denoises the rays of one view.
 pub(crate) fn denoise(ctx: &mut RenderContext, pipelines: &DenoisePipelines, context: &PassContext) {
     let diagnostics = ctx.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
-    for pass in DenoisePass::of(&context.view.settings) {
+    for pass in passes(context) {
         let span = diagnostics.time_span(ctx.command_encoder(), pass.name());
-        record(ctx, pipelines, context, pass);
+        run(ctx, pipelines, context, pass);
         span.end(ctx.command_encoder());
     }
 }
 
-fn record(ctx: &mut RenderContext, pipelines: &DenoisePipelines, context: &PassContext, pass: DenoisePass) {
-    let Some(pipeline) = pipelines.pipeline(context.cache, pass) else {
+/// Radiance that the composite shows; `None` for techniques without rays to denoise.
+pub(crate) fn result<'a>(context: &PassContext<'a>) -> Option<&'a TextureView> {
+    let textures = context.textures;
+    let images = textures.targets.pipeline.as_ref()?;
+    match history(context) {
+        Some((history, _)) if context.view.settings.denoiser.blur_radius <= 0.0 => {
+            Some(&history.radiance[textures.parity])
+        }
+        _ => Some(&images.reconstructed),
+    }
+}
+
+/// The passes of a view that can run.
+fn passes(context: &PassContext) -> impl Iterator<Item = DenoisePass> + use<> {
+    let temporal = history(context).is_some();
+    DenoisePass::of(&context.view.settings).filter(move |&pass| temporal || pass == DenoisePass::Reconstruct)
+}
+
+/// History and motion vectors, if images are accumulated and both are there.
+fn history<'a>(context: &PassContext<'a>) -> Option<(&'a HistoryTargets, &'a TextureView)> {
+    let history = context.textures.targets.pipeline.as_ref()?.history.as_ref()?;
+    context.motion.map(|motion| (history, motion))
+}
+
+fn run(ctx: &mut RenderContext, pipelines: &DenoisePipelines, context: &PassContext, pass: DenoisePass) {
+    let cache = context.cache;
+    let Some(pipeline) = pipelines.compute(cache, pass) else {
         return;
     };
-    let Some(bind_group) = bind_group(ctx, pipelines, context, pass) else {
-        return;
+    let layout = cache.get_bind_group_layout(&pipelines.layouts[&pass]);
+    let device = ctx.render_device();
+    let bind_group = match pass {
+        DenoisePass::Reconstruct => reconstruct::bind_group(device, &layout, context),
+        DenoisePass::Temporal => temporal::bind_group(device, &layout, context),
+        DenoisePass::Blur => blur::bind_group(device, &layout, context),
     };
+    let Some(bind_group) = bind_group else { return };
     let mut compute = ctx.command_encoder().begin_compute_pass(&ComputePassDescriptor {
-        label: Some(pass.name()),
+        label: Some(pass.label()),
         timestamp_writes: None,
     });
     compute.set_pipeline(pipeline);
@@ -227,93 +219,19 @@ fn record(ctx: &mut RenderContext, pipelines: &DenoisePipelines, context: &PassC
     compute.dispatch_workgroups_indirect(&context.textures.targets.arguments, TILE_DISPATCH);
 }
 
-fn bind_group(
-    ctx: &mut RenderContext,
-    pipelines: &DenoisePipelines,
-    context: &PassContext,
-    pass: DenoisePass,
-) -> Option<BindGroup> {
-    let textures = context.textures;
-    let (now, before) = (textures.parity, 1 - textures.parity);
-    let targets = &textures.targets;
-    let images = targets.pipeline.as_ref()?;
-    let GBufferBindings {
-        view,
-        settings,
-        depth,
-        gbuffer,
-        normals,
-    } = context.gbuffer.clone();
-    let layout = context.cache.get_bind_group_layout(&pipelines.layouts[&pass]);
-    let device = ctx.render_device();
-    let (tiles, arguments) = (images.tiles.as_entire_binding(), targets.arguments.as_entire_binding());
-    Some(match pass {
-        DenoisePass::Reconstruct => device.create_bind_group(
-            pass.name(),
-            &layout,
-            &BindGroupEntries::sequential((
-                view,
-                settings,
-                depth,
-                gbuffer,
-                normals,
-                tiles,
-                arguments,
-                &images.rate[now],
-                &images.ray_radiance,
-                &images.ray_record,
-                context.albedo_table,
-                &images.reconstructed,
-                &images.reconstructed_pair,
-            )),
-        ),
-        DenoisePass::Temporal => {
-            let history = images.history.as_ref()?;
-            device.create_bind_group(
-                pass.name(),
-                &layout,
-                &BindGroupEntries::sequential((
-                    view,
-                    settings,
-                    depth,
-                    gbuffer,
-                    normals,
-                    tiles,
-                    arguments,
-                    &images.rate[now],
-                    &images.rate[before],
-                    context.motion?,
-                    &images.reconstructed,
-                    &images.reconstructed_pair,
-                    &history.radiance[before],
-                    &history.pair[before],
-                    &history.surface[before],
-                    &history.radiance[now],
-                    &history.pair[now],
-                    &history.surface[now],
-                )),
-            )
-        }
-        DenoisePass::Blur => {
-            let history = images.history.as_ref()?;
-            device.create_bind_group(
-                pass.name(),
-                &layout,
-                &BindGroupEntries::sequential((
-                    view,
-                    settings,
-                    depth,
-                    gbuffer,
-                    normals,
-                    tiles,
-                    arguments,
-                    &images.rate[now],
-                    &history.radiance[now],
-                    &history.pair[now],
-                    &history.surface[now],
-                    &images.reconstructed,
-                )),
-            )
-        }
-    })
+/// A list of `tiles.wesl`.
+fn words() -> BindGroupLayoutEntryBuilder {
+    binding_types::storage_buffer_read_only_sized(false, NonZeroU64::new(4))
+}
+
+fn integers() -> BindGroupLayoutEntryBuilder {
+    binding_types::texture_2d(TextureSampleType::Uint)
+}
+
+fn floats() -> BindGroupLayoutEntryBuilder {
+    binding_types::texture_2d(TextureSampleType::Float { filterable: false })
+}
+
+fn written(format: TextureFormat) -> BindGroupLayoutEntryBuilder {
+    binding_types::texture_storage_2d(format, StorageTextureAccess::WriteOnly)
 }

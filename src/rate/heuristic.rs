@@ -34,9 +34,9 @@ pub enum ShadingRateHeuristic {
     ///
     /// ```wgsl
     /// import bevy_glint::rate::codes::{RATE_1X1, RATE_2X2};
-    /// import bevy_glint::rate::tile::{finish_tile, gather_tile};
+    /// import bevy_glint::rate::tile::{finish_tile, gather_tile, TILE_THREADS};
     ///
-    /// @compute @workgroup_size(64)
+    /// @compute @workgroup_size(TILE_THREADS)
     /// fn classify(@builtin(workgroup_id) tile: vec3<u32>, @builtin(local_invocation_index) index: u32) {
     ///     let statistics = gather_tile(tile.xy, index);
     ///     finish_tile(tile.xy, index, select(RATE_1X1, RATE_2X2, statistics.average_roughness > 0.5));
@@ -207,7 +207,8 @@ impl Default for CombinedThresholds {
     }
 }
 
-/// Size of the tiles that share a rate. A component of its own; the hardware back end takes the size that its device has.
+/// Size of the tiles that share a rate. A component of its own. The hardware back end works with the sizes that its device has, and
+/// falls back to compute with others.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Component, Default, Clone, PartialEq)]
 pub enum RateTileSize {

@@ -102,6 +102,37 @@ impl RateSettings {
     }
 }
 
+impl RateSettings {
+    /// Puts finer rates in place of those that don't exist. What images and custom heuristics say stays: there the hardware takes
+    /// a smaller fragment, and all fragments of a block trace the block's ray.
+    pub(crate) fn limit(&mut self, supports: impl Fn(u32) -> bool) {
+        match self.variant {
+            RateVariant::Uniform => {
+                let mut log2_size = [self.options.x >> 2, self.options.x & 3];
+                while log2_size != [0, 0] && !supports((log2_size[0] << 2) | log2_size[1]) {
+                    let longer = usize::from(log2_size[1] > log2_size[0]);
+                    log2_size[longer] -= 1;
+                }
+                self.options.x = (log2_size[0] << 2) | log2_size[1];
+            }
+            RateVariant::Combined => {
+                // A tall rate goes with the wide one.
+                let steps = [
+                    ShadingRate::R1x1,
+                    ShadingRate::R2x1,
+                    ShadingRate::R2x2,
+                    ShadingRate::R4x2,
+                    ShadingRate::R4x4,
+                ];
+                let exists = |step: &u32| steps.get(*step as usize).is_some_and(|rate| supports(rate.code()));
+                self.options.x = (0..=self.options.x).rev().find(exists).unwrap_or(0);
+            }
+            // Every device with rates has the three that the first two choose from.
+            RateVariant::Roughness | RateVariant::Grazing | RateVariant::Image | RateVariant::Custom(_) => {}
+        }
+    }
+}
+
 fn number_or(value: f32, default: f32) -> f32 {
     if value.is_nan() { default } else { value }
 }
@@ -176,6 +207,32 @@ mod tests {
         let settings = RateSettings::new(&flat, Technique::Variable);
         assert_eq!(settings.thresholds.w, -1.0);
         assert_eq!(settings.thresholds.z, -1.0);
+    }
+
+    #[test]
+    fn rates_that_a_device_lacks_become_finer() {
+        let uniform = |rate, supported: &[ShadingRate]| {
+            let mut settings = RateSettings::new(&ShadingRateHeuristic::Uniform(rate), Technique::Variable);
+            settings.limit(|code| supported.iter().any(|rate| rate.code() == code));
+            ShadingRate::from_code(settings.options.x)
+        };
+        let small = [ShadingRate::R1x1, ShadingRate::R2x1, ShadingRate::R2x2];
+        assert_eq!(uniform(ShadingRate::R4x4, &small), ShadingRate::R2x2);
+        assert_eq!(uniform(ShadingRate::R4x1, &small), ShadingRate::R2x1);
+        assert_eq!(uniform(ShadingRate::R1x4, &small), ShadingRate::R1x1);
+        for rate in ShadingRate::ALL {
+            assert_eq!(uniform(rate, &ShadingRate::ALL), rate);
+            assert_eq!(uniform(rate, &[]), ShadingRate::R1x1);
+        }
+        let heuristic = ShadingRateHeuristic::Combined(CombinedThresholds {
+            coarsest: ShadingRate::R4x4,
+            ..Default::default()
+        });
+        let mut settings = RateSettings::new(&heuristic, Technique::Variable);
+        settings.limit(|_| true);
+        assert_eq!(settings.options.x, ShadingRate::R4x4.level());
+        settings.limit(|code| small.iter().any(|rate| rate.code() == code));
+        assert_eq!(settings.options.x, ShadingRate::R2x2.level());
     }
 
     #[test]

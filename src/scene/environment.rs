@@ -1,6 +1,7 @@
 //! What surrounds each view: exposure, ambient light, environment map, skybox and background, as bind group 2 of the passes that shade
 //! hits. `environment.wesl` is the GPU side.
 
+use crate::{extract::WantsReflections, trace::hardware::HardwareGroup};
 use bevy::{
     asset::AssetId,
     camera::{Camera, ClearColor, ClearColorConfig, Exposure},
@@ -216,6 +217,7 @@ pub fn extract_environments<C: EnvironmentSettings>(
 struct ViewBindings {
     buffer: Buffer,
     bind_group: BindGroup,
+    contents: HardwareGroup,
     written: GpuEnvironment,
     views: [TextureViewId; 4],
 }
@@ -229,6 +231,16 @@ pub struct EnvironmentBindings {
     black_face: TextureView,
     sampler: Sampler,
     views: EntityHashMap<ViewBindings>,
+}
+
+fn environment_sampler() -> SamplerDescriptor<'static> {
+    SamplerDescriptor {
+        label: Some("glint_environment_sampler"),
+        mag_filter: FilterMode::Linear,
+        min_filter: FilterMode::Linear,
+        mipmap_filter: MipmapFilterMode::Linear,
+        ..Default::default()
+    }
 }
 
 impl FromWorld for EnvironmentBindings {
@@ -264,13 +276,7 @@ impl FromWorld for EnvironmentBindings {
                 dimension: Some(TextureViewDimension::Cube),
                 ..Default::default()
             }),
-            sampler: device.create_sampler(&SamplerDescriptor {
-                label: Some("glint_environment_sampler"),
-                mag_filter: FilterMode::Linear,
-                min_filter: FilterMode::Linear,
-                mipmap_filter: MipmapFilterMode::Linear,
-                ..Default::default()
-            }),
+            sampler: device.create_sampler(&environment_sampler()),
             views: EntityHashMap::default(),
         }
     }
@@ -305,6 +311,11 @@ impl EnvironmentBindings {
     pub fn bind_group(&self, view: Entity) -> Option<&BindGroup> {
         self.views.get(&view).map(|bindings| &bindings.bind_group)
     }
+
+    /// What group 2 of a view is made of, while the view uses the hardware back end.
+    pub(crate) fn contents(&self, view: Entity) -> Option<&HardwareGroup> {
+        self.views.get(&view).map(|bindings| &bindings.contents)
+    }
 }
 
 /// A cube map that can be bound, if the image is one.
@@ -319,7 +330,7 @@ fn cube(image: &GpuImage, device: &RenderDevice) -> bool {
 /// Writes the uniforms and makes the bind groups. Belongs in `RenderSystems::PrepareBindGroups`.
 pub fn prepare_environments(
     mut bindings: ResMut<EnvironmentBindings>,
-    views: Query<(Entity, &ViewEnvironment)>,
+    views: Query<(Entity, &ViewEnvironment, Option<&WantsReflections>)>,
     images: Res<RenderAssets<GpuImage>>,
     dfg: Option<Res<DfgLut>>,
     device: Res<RenderDevice>,
@@ -333,7 +344,8 @@ pub fn prepare_environments(
         .and_then(|dfg| images.get(&dfg.texture))
         .filter(|image| image.texture_descriptor.size.width > 1);
     bindings.views.retain(|entity, _| views.contains(*entity));
-    for (entity, view) in &views {
+    for (entity, view, wants) in &views {
+        let hardware = wants.is_some_and(WantsReflections::uses_hardware);
         let image = |id: AssetId<Image>| images.get(id).filter(|image| cube(image, &device));
         let mut uniform = view.uniform;
         let (mut diffuse, mut specular, mut skybox) = (&bindings.black, &bindings.black, &bindings.black);
@@ -355,6 +367,8 @@ pub fn prepare_environments(
         let table = table.map_or(&bindings.black_face, |image| &image.texture_view);
 
         let ids = [diffuse.id(), specular.id(), skybox.id(), table.id()];
+        let sampler = &bindings.sampler;
+        let samplers = || [(&**sampler, environment_sampler())];
         let known = bindings.views.get_mut(&entity);
         if let Some(known) = known
             && known.views == ids
@@ -362,6 +376,13 @@ pub fn prepare_environments(
             if known.written != uniform {
                 queue.write_buffer(&known.buffer, 0, bytemuck::bytes_of(&uniform));
                 known.written = uniform;
+            }
+            if !hardware {
+                known.contents.clear();
+            } else if known.contents.is_missing() {
+                let buffer = known.buffer.as_entire_binding();
+                let entries = BindGroupEntries::sequential((buffer, diffuse, specular, skybox, sampler, table));
+                known.contents.fill(&device, &known.bind_group, &entries, &samplers());
             }
             continue;
         }
@@ -372,23 +393,20 @@ pub fn prepare_environments(
             mapped_at_creation: false,
         });
         queue.write_buffer(&buffer, 0, bytemuck::bytes_of(&uniform));
-        let bind_group = device.create_bind_group(
-            "glint_environment",
-            &pipelines.get_bind_group_layout(&bindings.layout),
-            &BindGroupEntries::sequential((
-                buffer.as_entire_binding(),
-                diffuse,
-                specular,
-                skybox,
-                &bindings.sampler,
-                table,
-            )),
-        );
+        let whole = buffer.as_entire_binding();
+        let entries = BindGroupEntries::sequential((whole, diffuse, specular, skybox, sampler, table));
+        let layout = pipelines.get_bind_group_layout(&bindings.layout);
+        let bind_group = device.create_bind_group("glint_environment", &layout, &entries);
+        let mut contents = HardwareGroup::default();
+        if hardware {
+            contents.fill(&device, &bind_group, &entries, &samplers());
+        }
         bindings.views.insert(
             entity,
             ViewBindings {
                 buffer,
                 bind_group,
+                contents,
                 written: uniform,
                 views: ids,
             },

@@ -19,9 +19,10 @@ use super::{
     upload::StorageSlice,
 };
 use crate::{
+    extract::WantsReflections,
     scene::activity::SceneActivity,
     status::{ReflectionStatus, Tracer},
-    trace::tracer_defs,
+    trace::{hardware::HardwareGroup, tracer_defs},
 };
 use bevy::{
     asset::AssetId,
@@ -32,7 +33,7 @@ use bevy::{
     render::{
         render_resource::{
             BindGroup, BindGroupEntry, BindGroupLayoutDescriptor, Buffer, BufferDescriptor, BufferUsages,
-            PipelineCache, ShaderStages, binding_types,
+            DefaultImageSamplerDescriptor, PipelineCache, ShaderStages, binding_types,
         },
         renderer::{RenderDevice, RenderQueue},
     },
@@ -47,6 +48,8 @@ pub struct SceneBindings {
     pub layout: BindGroupLayoutDescriptor,
     /// The bind group of this frame; `None` until the first frame in which a camera reflects.
     pub bind_group: Option<BindGroup>,
+    /// What it is made of, while a view uses the hardware back end.
+    pub(crate) contents: HardwareGroup,
     tracer: Tracer,
     texture_def: Option<&'static str>,
     instances: StorageSlice<GpuInstance>,
@@ -56,7 +59,7 @@ pub struct SceneBindings {
     lights: StorageSlice<GpuLight>,
     uniform: Buffer,
     uniform_data: GpuSceneCounts,
-    /// The TLAS of the BVH tracer in the buffer of its trees.
+    /// The TLASes of the BVH tracer in the buffer of its trees.
     tlas: Option<ArenaSlice>,
     merge: StaticMerge,
     acceleration: Option<AccelerationStructures>,
@@ -79,6 +82,7 @@ impl FromWorld for SceneBindings {
         Self {
             layout: layout(tracer, textures),
             bind_group: None,
+            contents: HardwareGroup::default(),
             tracer,
             texture_def: textures.mode().shader_def(),
             instances: StorageSlice::new(device, "glint_instances"),
@@ -134,8 +138,8 @@ impl SceneBindings {
     }
 
     /// The same for scenes with or without masked geometry. Shaders for scenes with it are right for all scenes; those for
-    /// scenes without it show masked and blended surfaces as solid, and are faster with the BVH tracer, which is not
-    /// held up by the alpha test then. With ray queries there is no difference.
+    /// scenes without it don't see masked and blended surfaces with the BVH tracer, and are a little smaller and faster
+    /// there. With ray queries there is no difference.
     ///
     /// A change of the scene never waits for a compiler where both are compiled from the start.
     pub fn shader_defs_for(&self, masked_geometry: bool) -> Vec<ShaderDefVal> {
@@ -266,6 +270,7 @@ impl SceneBindings {
         }
         self.set_masked(true);
         self.bind_group = None;
+        self.contents.clear();
         self.instance_data.clear();
         self.present.clear();
         self.uniform_data = GpuSceneCounts::default();
@@ -376,6 +381,8 @@ pub fn prepare_scene_bind_group(
     meshes: Res<SceneMeshes>,
     textures: Res<TextureTable>,
     activity: Res<SceneActivity>,
+    views: Query<&WantsReflections>,
+    default_sampler: Res<DefaultImageSamplerDescriptor>,
     cache: Res<PipelineCache>,
     device: Res<RenderDevice>,
     status: Res<ReflectionStatus>,
@@ -396,11 +403,15 @@ pub fn prepare_scene_bind_group(
             .as_ref()
             .map_or(0, |acceleration| acceleration.generation),
     ];
-    if bindings.bind_group.is_some() && generations == bindings.generations {
+    let current = bindings.bind_group.is_some() && generations == bindings.generations;
+    let hardware = views.iter().any(WantsReflections::uses_hardware);
+    if !current || !hardware {
+        bindings.contents.clear();
+    }
+    let fill = hardware && bindings.contents.is_missing();
+    if current && !fill {
         return;
     }
-    bindings.generations = generations;
-    bindings.version = bindings.version.wrapping_add(1);
     let resources = textures.resources();
     let mut entries = vec![
         entry(0, meshes.geometry.buffer()),
@@ -426,8 +437,16 @@ pub fn prepare_scene_bind_group(
         binding: 9,
         resource: resources.samplers(),
     });
-    let layout = cache.get_bind_group_layout(&bindings.layout);
-    bindings.bind_group = Some(device.create_bind_group("glint_scene", &layout, &entries));
+    if !current {
+        bindings.generations = generations;
+        bindings.version = bindings.version.wrapping_add(1);
+        let layout = cache.get_bind_group_layout(&bindings.layout);
+        bindings.bind_group = Some(device.create_bind_group("glint_scene", &layout, &entries));
+    }
+    if let (true, Some(bind_group)) = (fill, &bindings.bind_group) {
+        let samplers = textures.sampler_descriptors(&default_sampler);
+        bindings.contents.fill(&device, bind_group, &entries, &samplers);
+    }
     let bytes = meshes.geometry.capacity_bytes()
         + meshes.bvh.capacity_bytes()
         + bindings.instances.buffer().size()

@@ -23,7 +23,13 @@ pub fn device() -> Option<(RenderDevice, RenderQueue)> {
     let device = DEVICE.get_or_init(|| {
         // Bevy panics without an adapter.
         let resources = std::panic::catch_unwind(|| {
-            block_on(initialize_renderer(Backends::PRIMARY, None, &WgpuSettings::default()))
+            block_on(initialize_renderer(
+                Backends::PRIMARY,
+                None,
+                &WgpuSettings::default(),
+                #[cfg(feature = "hardware-vrs")]
+                Default::default(),
+            ))
         });
         let RenderResources(device, queue, ..) = resources.ok()?;
         Some((device, queue))

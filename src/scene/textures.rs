@@ -6,7 +6,7 @@ use std::num::NonZero;
 use bevy::{
     asset::{AssetEvent, AssetId, Assets},
     ecs::{message::MessageReader, prelude::*},
-    image::{Image, ImageSampler},
+    image::{Image, ImageSampler, ImageSamplerDescriptor},
     log::warn_once,
     platform::collections::HashMap,
     render::{
@@ -147,15 +147,7 @@ impl FromWorld for TextureTable {
             TextureDataOrder::default(),
             &[255; 4],
         );
-        let repeating = device.create_sampler(&SamplerDescriptor {
-            label: Some("glint_material_sampler"),
-            address_mode_u: AddressMode::Repeat,
-            address_mode_v: AddressMode::Repeat,
-            mag_filter: FilterMode::Linear,
-            min_filter: FilterMode::Linear,
-            mipmap_filter: MipmapFilterMode::Linear,
-            ..Default::default()
-        });
+        let repeating = device.create_sampler(&repeating());
         let layers = match mode {
             TextureMode::Bindless { .. } => None,
             TextureMode::Layers { layers } => Some(TextureLayers::new(world, layers)),
@@ -165,7 +157,6 @@ impl FromWorld for TextureTable {
             indices: HashMap::default(),
             entries: Vec::new(),
             free: Vec::new(),
-            // The first one is for images that find no place of their own.
             samplers: vec![(ImageSampler::linear(), repeating)],
             white: white.create_view(&TextureViewDescriptor::default()),
             layers,
@@ -174,6 +165,19 @@ impl FromWorld for TextureTable {
             cursor: 0,
             generation: 0,
         }
+    }
+}
+
+/// The sampler of images that find no place for their own.
+fn repeating() -> SamplerDescriptor<'static> {
+    SamplerDescriptor {
+        label: Some("glint_material_sampler"),
+        address_mode_u: AddressMode::Repeat,
+        address_mode_v: AddressMode::Repeat,
+        mag_filter: FilterMode::Linear,
+        min_filter: FilterMode::Linear,
+        mipmap_filter: MipmapFilterMode::Linear,
+        ..Default::default()
     }
 }
 
@@ -386,6 +390,22 @@ impl TextureTable {
             (TextureMode::Bindless { .. }, Some(count)) => filtering.count(count),
             _ => filtering,
         }
+    }
+
+    /// The samplers among [`Self::resources`] with what they were made of. `default` is that of images which name none.
+    pub(crate) fn sampler_descriptors<'a>(
+        &'a self,
+        default: &'a ImageSamplerDescriptor,
+    ) -> Vec<(&'a WgpuSampler, SamplerDescriptor<'a>)> {
+        let descriptor = |(index, (sampling, sampler)): (usize, &'a (ImageSampler, Sampler))| {
+            let descriptor = match sampling {
+                _ if index == 0 => repeating(),
+                ImageSampler::Default => default.as_wgpu(),
+                ImageSampler::Descriptor(descriptor) => descriptor.as_wgpu(),
+            };
+            (&**sampler, descriptor)
+        };
+        self.samplers.iter().enumerate().map(descriptor).collect()
     }
 
     /// What to bind; holds the lists that a [`BindingResource`] borrows.

@@ -1,8 +1,13 @@
 //! From rates to rays: which rays are traced, by which back end, and the order of a view's passes.
 
-mod pipelines;
-
+pub(crate) mod back_end;
 pub mod directional_albedo;
+#[cfg(feature = "hardware-vrs")]
+pub mod hardware;
+#[cfg(not(feature = "hardware-vrs"))]
+#[path = "no_hardware.rs"]
+pub(crate) mod hardware;
+mod pipelines;
 
 pub(crate) use pipelines::gbuffer_layout_entries;
 pub use pipelines::{TracePipelines, init_trace_pipelines, queue_trace_pipelines};
@@ -13,15 +18,17 @@ use crate::{
     extract::ReflectionView,
     rate::{RatePipelines, determine_rates},
     scene::{SceneBindings, environment::EnvironmentBindings},
-    settings::Technique,
+    settings::{Backend, Technique},
     status::Tracer,
-    targets::{BLOCK_COUNT, BLOCK_DISPATCH, MIRROR_DISPATCH},
+    targets::{BLOCK_COUNT, BLOCK_DISPATCH, MIRROR_DISPATCH, PipelineTargets},
     view::ReflectionTextures,
 };
 use bevy::{
     core_pipeline::prepass::ViewPrepassTextures,
-    ecs::prelude::*,
-    pbr::{ScreenSpaceReflectionsPipelineId, ViewScreenSpaceReflectionsUniformOffset},
+    ecs::{prelude::*, system::SystemParam},
+    pbr::{
+        ScreenSpaceAmbientOcclusionResources, ScreenSpaceReflectionsPipelineId, ViewScreenSpaceReflectionsUniformOffset,
+    },
     render::{
         diagnostic::RecordDiagnostics,
         render_resource::{
@@ -33,6 +40,7 @@ use bevy::{
     },
     shader::ShaderDefVal,
 };
+use hardware::{HardwareGroup, HardwareTracer};
 use pipelines::TracePass;
 
 /// Keeps Bevy's screen-space pass from running on views that only carry its uniform to suppress environment specular.
@@ -57,6 +65,8 @@ pub(crate) struct GBufferBindings<'a> {
 
 /// What all passes of a view share.
 pub(crate) struct PassContext<'a> {
+    /// The view in the render world.
+    pub entity: Entity,
     pub gbuffer: GBufferBindings<'a>,
     /// Dynamic offset of the view's uniform.
     pub view_offset: u32,
@@ -66,10 +76,62 @@ pub(crate) struct PassContext<'a> {
     pub cache: &'a PipelineCache,
     pub scene: &'a BindGroup,
     pub environment: &'a BindGroup,
+    /// What `scene` and `environment` are made of, while the view uses the hardware back end.
+    pub contents: [&'a HardwareGroup; 2],
     pub ssao: Option<&'a TextureView>,
     /// Table for `albedo.wesl`.
     pub albedo_table: &'a TextureView,
     pub noise: &'a TextureView,
+}
+
+/// What every pass of a view needs of the world.
+#[derive(SystemParam)]
+pub struct PassResources<'w> {
+    pipelines: Option<Res<'w, TracePipelines>>,
+    scene: Option<Res<'w, SceneBindings>>,
+    environments: Res<'w, EnvironmentBindings>,
+    view_uniforms: Res<'w, ViewUniforms>,
+    cache: Res<'w, PipelineCache>,
+}
+
+impl PassResources<'_> {
+    /// What all passes of a view share; `None` as long as something is missing and the view shows no reflections.
+    pub(crate) fn context<'a>(
+        &'a self,
+        entity: Entity,
+        view: &'a ReflectionView,
+        textures: &'a ReflectionTextures,
+        prepass: &'a ViewPrepassTextures,
+        view_offset: &ViewUniformOffset,
+        ssao: Option<&'a ScreenSpaceAmbientOcclusionResources>,
+    ) -> Option<PassContext<'a>> {
+        let pipelines = self.pipelines.as_deref()?;
+        if !pipelines.is_ready(&self.cache, &view.settings) {
+            return None;
+        }
+        let scene = self.scene.as_deref()?;
+        Some(PassContext {
+            entity,
+            gbuffer: GBufferBindings {
+                view: self.view_uniforms.uniforms.binding()?,
+                settings: textures.uniform.binding()?,
+                depth: prepass.depth_only_view()?,
+                gbuffer: prepass.deferred_view()?,
+                normals: prepass.normal_view()?,
+            },
+            view_offset: view_offset.offset,
+            motion: prepass.motion_vectors_view(),
+            view,
+            textures,
+            cache: &self.cache,
+            scene: scene.bind_group.as_ref()?,
+            environment: self.environments.bind_group(entity)?,
+            contents: [&scene.contents, self.environments.contents(entity)?],
+            ssao: ssao.map(|ssao| &ssao.screen_space_ambient_occlusion_texture.default_view),
+            albedo_table: &pipelines.albedo_table,
+            noise: pipelines.noise.as_ref()?,
+        })
+    }
 }
 
 /// Rates, rays, denoising and composite of one view.
@@ -81,68 +143,25 @@ pub fn ray_traced_reflections(
         &ViewPrepassTextures,
         &ViewUniformOffset,
         &ViewScreenSpaceReflectionsUniformOffset,
-        Option<&bevy::pbr::ScreenSpaceAmbientOcclusionResources>,
+        Option<&ScreenSpaceAmbientOcclusionResources>,
     )>,
-    pipelines: Option<Res<TracePipelines>>,
+    resources: PassResources,
     rate: Option<Res<RatePipelines>>,
     denoise: Option<Res<DenoisePipelines>>,
     composite: Option<Res<CompositePipelines>>,
-    scene: Option<Res<SceneBindings>>,
-    environments: Res<EnvironmentBindings>,
-    view_uniforms: Res<ViewUniforms>,
-    cache: Res<PipelineCache>,
+    mut hardware: HardwareTracer,
     mut ctx: RenderContext,
 ) {
     let entity = view.entity();
     let (view, textures, target, prepass, view_offset, _, ssao) = view.into_inner();
-    let (Some(pipelines), Some(rate), Some(denoise), Some(composite), Some(scene)) =
-        (pipelines, rate, denoise, composite, scene)
-    else {
+    let (Some(rate), Some(denoise), Some(composite), Some(pipelines), Some(context)) = (
+        rate,
+        denoise,
+        composite,
+        resources.pipelines.as_deref(),
+        resources.context(entity, view, textures, prepass, view_offset, ssao),
+    ) else {
         return;
-    };
-    let (
-        Some(scene),
-        Some(environment),
-        Some(view_binding),
-        Some(settings),
-        Some(depth),
-        Some(gbuffer),
-        Some(normals),
-        Some(noise),
-    ) = (
-        scene.bind_group.as_ref(),
-        environments.bind_group(entity),
-        view_uniforms.uniforms.binding(),
-        textures.uniform.binding(),
-        prepass.depth_only_view(),
-        prepass.deferred_view(),
-        prepass.normal_view(),
-        pipelines.noise.as_ref(),
-    )
-    else {
-        return;
-    };
-    if !pipelines.is_ready(&cache, &view.settings) {
-        return;
-    }
-    let context = PassContext {
-        gbuffer: GBufferBindings {
-            view: view_binding,
-            settings,
-            depth,
-            gbuffer,
-            normals,
-        },
-        view_offset: view_offset.offset,
-        motion: prepass.motion_vectors_view(),
-        view,
-        textures,
-        cache: &cache,
-        scene,
-        environment,
-        ssao: ssao.map(|ssao| &ssao.screen_space_ambient_occlusion_texture.default_view),
-        albedo_table: &pipelines.albedo_table,
-        noise,
     };
 
     let diagnostics = ctx.diagnostic_recorder();
@@ -152,14 +171,14 @@ pub fn ray_traced_reflections(
     ctx.command_encoder().clear_buffer(&textures.targets.counters, 0, None);
     if view.settings.technique == Technique::Converged {
         let span = diagnostics.time_span(ctx.command_encoder(), "trace");
-        trace_converged(&mut ctx, &pipelines, &context);
+        trace_converged(&mut ctx, pipelines, &context);
         span.end(ctx.command_encoder());
     } else {
         let span = diagnostics.time_span(ctx.command_encoder(), "rate");
         determine_rates(&mut ctx, &rate, &context);
         span.end(ctx.command_encoder());
         let span = diagnostics.time_span(ctx.command_encoder(), "trace");
-        trace_rays(&mut ctx, &pipelines, &context);
+        trace_rays(&mut ctx, pipelines, &context, &mut hardware);
         span.end(ctx.command_encoder());
         denoise::denoise(&mut ctx, &denoise, &context);
     }
@@ -226,10 +245,18 @@ fn trace_converged(ctx: &mut RenderContext, pipelines: &TracePipelines, context:
     pass.dispatch_workgroups(size.x.div_ceil(8), size.y.div_ceil(8), 1);
 }
 
-fn trace_rays(ctx: &mut RenderContext, pipelines: &TracePipelines, context: &PassContext) {
-    for pass in TracePass::of(&context.view.settings) {
+fn trace_rays(
+    ctx: &mut RenderContext,
+    pipelines: &TracePipelines,
+    context: &PassContext,
+    hardware: &mut HardwareTracer,
+) {
+    let settings = &context.view.settings;
+    for pass in TracePass::of(settings) {
         match pass {
             TracePass::Inline => trace_inline(ctx, pipelines, context),
+            // Where the hardware gives up, this frame's rays come from the list.
+            TracePass::Blocks if settings.backend == Backend::Hardware && hardware.trace(ctx, pipelines, context) => {}
             _ => trace_list(ctx, pipelines, context, pass),
         }
     }
@@ -287,12 +314,8 @@ fn trace_list(ctx: &mut RenderContext, pipelines: &TracePipelines, context: &Pas
     compute.dispatch_workgroups_indirect(&targets.arguments, dispatch);
 }
 
-/// Rays of a full-screen pass over the trace target.
-fn trace_inline(ctx: &mut RenderContext, pipelines: &TracePipelines, context: &PassContext) {
-    let textures = context.textures;
-    let (Some(pipeline), Some(images)) = (pipelines.inline(context.cache), &textures.targets.pipeline) else {
-        return;
-    };
+/// Group 0 of `inline.wesl`.
+fn inline_entries<'a>(context: &'a PassContext, images: &'a PipelineTargets) -> BindGroupEntries<'a, 8> {
     let GBufferBindings {
         view,
         settings,
@@ -300,19 +323,28 @@ fn trace_inline(ctx: &mut RenderContext, pipelines: &TracePipelines, context: &P
         gbuffer,
         normals,
     } = context.gbuffer.clone();
+    let textures = context.textures;
+    BindGroupEntries::sequential((
+        view,
+        settings,
+        depth,
+        gbuffer,
+        normals,
+        context.noise,
+        &images.rate[textures.parity],
+        textures.targets.counters.as_entire_binding(),
+    ))
+}
+
+/// Rays of a full-screen pass over the trace target.
+fn trace_inline(ctx: &mut RenderContext, pipelines: &TracePipelines, context: &PassContext) {
+    let (Some(pipeline), Some(images)) = (pipelines.inline(context.cache), &context.textures.targets.pipeline) else {
+        return;
+    };
     let bind_group = ctx.render_device().create_bind_group(
         "glint_trace_inline",
         &context.cache.get_bind_group_layout(pipelines.layout(TracePass::Inline)),
-        &BindGroupEntries::sequential((
-            view,
-            settings,
-            depth,
-            gbuffer,
-            normals,
-            context.noise,
-            &images.rate[textures.parity],
-            textures.targets.counters.as_entire_binding(),
-        )),
+        &inline_entries(context, images),
     );
     // Every texel is written.
     let attachment = |view| {

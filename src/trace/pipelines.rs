@@ -2,6 +2,7 @@
 
 use super::directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo};
 use crate::{
+    inspect::CountInvocations,
     scene::{SceneBindings, environment::layout_descriptor},
     settings::{SafeSettings, Technique},
     targets::{ACCUMULATION_FORMAT, PAIR_FORMAT, RADIANCE_FORMAT, RAY_RADIANCE_FORMAT, RAY_RECORD_FORMAT},
@@ -173,6 +174,17 @@ impl TracePipelines {
         &self.layouts[&pass]
     }
 
+    /// The shader of [`TracePass::Inline`] with definitions that are right for any scene, and the layouts of its bind groups.
+    #[cfg(feature = "hardware-vrs")]
+    pub(super) fn inline_parts(&self) -> (Handle<Shader>, Vec<ShaderDefVal>, [BindGroupLayoutDescriptor; 3]) {
+        let layouts = [
+            self.layout(TracePass::Inline).clone(),
+            self.scene_layout.clone(),
+            self.environment_layout.clone(),
+        ];
+        (self.inline_shader.clone(), self.defs[1].clone(), layouts)
+    }
+
     /// The variant that fits the scene, else the one that is right for any scene.
     pub(crate) fn compute<'a>(&self, cache: &'a PipelineCache, pass: TracePass) -> Option<&'a ComputePipeline> {
         let variant = |masked| cache.get_compute_pipeline(*self.compute.get(&(pass, masked))?);
@@ -268,6 +280,7 @@ pub fn init_trace_pipelines(
     scene: Res<SceneBindings>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
+    count: Option<Res<CountInvocations>>,
 ) {
     let table = DirectionalAlbedo::new();
     let size = ALBEDO_TABLE_SIZE as u32;
@@ -310,7 +323,13 @@ pub fn init_trace_pipelines(
         compute: HashMap::default(),
         inline: HashMap::default(),
         wanted: HashSet::default(),
-        defs: [false, true].map(|masked| scene.shader_defs_for(masked)),
+        defs: [false, true].map(|masked| {
+            let mut defs = scene.shader_defs_for(masked);
+            if count.is_some() {
+                defs.push("COUNT_INVOCATIONS".into());
+            }
+            defs
+        }),
         masked: true,
     });
 }

@@ -23,12 +23,23 @@ pub fn app(size: UVec2, output: Output, tracer: TracerChoice) -> Option<Headless
 
 /// The same with more plugins.
 pub fn app_with(size: UVec2, output: Output, tracer: TracerChoice, add: impl FnOnce(&mut App)) -> Option<HeadlessApp> {
+    app_on_device(size, output, tracer, |_| {}, add)
+}
+
+/// The same with plugins that decide how the device is opened.
+pub fn app_on_device(
+    size: UVec2,
+    output: Output,
+    tracer: TracerChoice,
+    before: impl FnOnce(&mut App),
+    add: impl FnOnce(&mut App),
+) -> Option<HeadlessApp> {
     let settings = HeadlessSettings {
         size,
         output,
         ..default()
     };
-    let result = HeadlessApp::new(settings, |app| {
+    let result = HeadlessApp::with_device(settings, before, |app| {
         app.add_plugins((SceneAnimationPlugin, RayTracedReflectionsPlugin { tracer }));
         add(app);
     });

@@ -23,7 +23,7 @@ pub struct Output {
     /// By rows.
     pub rates: Vec<u32>,
     /// By rows.
-    pub records: Vec<[u32; 2]>,
+    pub records: Vec<[u32; 4]>,
     pub blocks: Vec<u32>,
     pub mirrors: Vec<u32>,
     pub tiles: Vec<u32>,
@@ -73,10 +73,10 @@ pub fn determine_rates(gpu: &Gpu, shaders: &mut Shaders, name: &str, defs: &[&'s
     );
     let records = texture(
         gpu,
-        TextureFormat::Rg32Uint,
+        TextureFormat::Rgba32Uint,
         trace,
         written,
-        bytemuck::cast_slice(&untouched(trace, 2)),
+        bytemuck::cast_slice(&untouched(trace, 4)),
     );
     let image = texture(
         gpu,
@@ -166,7 +166,7 @@ pub fn determine_rates(gpu: &Gpu, shaders: &mut Shaders, name: &str, defs: &[&'s
     };
     Output {
         rates: read_texture(gpu, &rates, tiles, 1),
-        records: bytemuck::cast_slice(&read_texture(gpu, &records, trace, 2)).to_vec(),
+        records: bytemuck::cast_slice(&read_texture(gpu, &records, trace, 4)).to_vec(),
         blocks: list(&blocks, arguments[9]),
         mirrors: list(&mirrors, arguments[10]),
         tiles: list(&active, arguments[11]),
@@ -207,7 +207,7 @@ fn layout_entries() -> Vec<BindGroupLayoutEntry> {
         storage,
         storage,
         storage,
-        written(TextureFormat::Rg32Uint),
+        written(TextureFormat::Rgba32Uint),
         sampled(TextureSampleType::Uint),
     ]
     .into_iter()

@@ -205,13 +205,23 @@ fn level(rate: ShadingRate) -> u32 {
     }
 }
 
+/// What stands for a trace pixel.
+#[derive(Clone, Copy)]
+pub struct Looks {
+    angle: f32,
+    normal: Vec3,
+    stretch: Vec2,
+    /// Share of the reflection in what the pixel shows, in 1/255.
+    share: u32,
+}
+
 /// What a tile holds.
 #[derive(Default)]
 pub struct Tile {
     pub pixels: u32,
     pub mirrors: BTreeSet<[u32; 2]>,
     /// Trace pixels that hold something that shares rays.
-    pub sharing: BTreeSet<[u32; 2]>,
+    pub sharing: BTreeMap<[u32; 2], Looks>,
     pub roughness: f32,
     pub minimum: f32,
     pub angle: f32,
@@ -232,8 +242,8 @@ impl Case {
             for x in tile.x * side..((tile.x + 1) * side).min(self.size.x) {
                 let index = ((self.origin.y + y) * self.frame.size.x + self.origin.x + x) as usize;
                 let words = self.frame.words[index];
-                let [red, green, blue, rough] = words[0].to_le_bytes();
-                let [reflectance, metallic, _, clearcoat] = words[2].to_le_bytes();
+                let [.., rough] = words[0].to_le_bytes();
+                let [.., clearcoat] = words[2].to_le_bytes();
                 let perceptual = f32::from(rough) / 255.0;
                 let unlit = (words[3] >> 24) & 1 != 0;
                 let band = self.cutoff - self.fade_start;
@@ -254,24 +264,20 @@ impl Case {
                     roughness = roughness.min(17 * u32::from(clearcoat >> 4));
                 }
                 result.pixels += 1;
-                result.sharing.insert([x / self.trace_scale, y / self.trace_scale]);
                 steps += roughness;
                 least = least.min(roughness);
-                let (angle, normal, stretch) = camera.geometry(uvec2(x, y), self.frame.normals[index]);
-                result.angle += angle;
-                result.normal += normal;
-                result.stretch += stretch;
-                let color = (f32::from(red.max(green).max(blue)) / 255.0).powi(2);
-                let metallic = f32::from(metallic) / 255.0;
-                let f0 = 0.16 * (f32::from(reflectance) / 255.0).powi(2) * (1.0 - metallic) + color * metallic;
-                let f0 = f0.max(0.04 * coat as f32 / 15.0);
-                let fresnel = f0 + ((1.0 - perceptual).max(f0) - f0) * (1.0 - angle).powi(5);
-                let diffuse = color * (1.0 - metallic) * (1.0 - fresnel);
-                let share = (fresnel / (fresnel + diffuse).max(1e-4)).clamp(0.0, 1.0);
-                let share = (share * 255.0 + 0.5) as u32;
-                greatest = greatest.max(share);
-                weights += share;
-                weighted += share * roughness;
+                // The first pixel of a trace pixel stands for the geometry and the colours of all.
+                let trace_pixel = [x / self.trace_scale, y / self.trace_scale];
+                let looks = *result
+                    .sharing
+                    .entry(trace_pixel)
+                    .or_insert_with(|| camera.look(uvec2(x, y), words, self.frame.normals[index]));
+                result.angle += looks.angle;
+                result.normal += looks.normal;
+                result.stretch += looks.stretch;
+                greatest = greatest.max(looks.share);
+                weights += looks.share;
+                weighted += looks.share * roughness;
             }
         }
         if result.pixels > 0 {
@@ -382,8 +388,8 @@ impl Camera {
         }
     }
 
-    /// Cosine to the viewer, normal towards the viewer, axis of stretch.
-    fn geometry(&self, pixel: UVec2, normal: u32) -> (f32, Vec3, Vec2) {
+    /// Cosine to the viewer, normal towards the viewer, axis of stretch, share of the reflection.
+    fn look(&self, pixel: UVec2, words: [u32; 4], normal: u32) -> Looks {
         let unorm = [normal, normal >> 10, normal >> 20].map(|bits| (bits & 1023) as f32 / 1023.0);
         let normal = (Vec3::from(unorm) * 2.0 - 1.0).normalize();
         let uv = (pixel.as_vec2() + 0.5) / self.size;
@@ -408,6 +414,26 @@ impl Camera {
         let moved = vec2(moved.x, -moved.y);
         let axis = vec2(moved.x * moved.x - moved.y * moved.y, 2.0 * moved.x * moved.y);
         let turned = if cosine < 0.0 { -normal } else { normal };
-        (cosine.abs(), turned, axis / place.length_squared())
+        Looks {
+            angle: cosine.abs(),
+            normal: turned,
+            stretch: axis / place.length_squared(),
+            share: share(words, cosine.abs()),
+        }
     }
+}
+
+/// Fresnel reflectance over its sum with the diffuse albedo.
+fn share(words: [u32; 4], angle: f32) -> u32 {
+    let [red, green, blue, rough] = words[0].to_le_bytes();
+    let [reflectance, metallic, _, clearcoat] = words[2].to_le_bytes();
+    let (reflectance, metallic) = (f32::from(reflectance) / 255.0, f32::from(metallic) / 255.0);
+    let coat = f32::from(clearcoat & 15) / 15.0;
+    let color = (f32::from(red.max(green).max(blue)) / 255.0).powi(2);
+    let f0 = 0.16 * reflectance.powi(2) * (1.0 - metallic) + color * metallic;
+    let f0 = f0.max(0.04 * coat);
+    let smoothness = 1.0 - f32::from(rough) / 255.0;
+    let fresnel = f0 + (smoothness.max(f0) - f0) * (1.0 - angle).powi(5);
+    let diffuse = color * (1.0 - metallic) * (1.0 - fresnel);
+    ((fresnel / (fresnel + diffuse).max(1e-4)).clamp(0.0, 1.0) * 255.0 + 0.5) as u32
 }

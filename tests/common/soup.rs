@@ -1,5 +1,7 @@
 //! Triangle soups, instances and rays from a seed, packed as the GPU sees them, with a slow and exact oracle.
 
+mod oracle;
+
 use bevy::math::{Affine3A, DVec3, EulerRot, Quat, Vec3};
 use bevy_glint::scene::bvh::{
     Blas, BvhQuality, MergeSource, Row, SceneView, Tlas, TlasInstance, TraceRay, build_blas, build_merged, build_tlas,
@@ -8,6 +10,8 @@ use bevy_glint::scene::bvh::{
 use bevy_glint::scene::gpu_types::{
     INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
 };
+pub use oracle::Oracle;
+use oracle::{Candidate, LocalRay, intersect};
 use std::collections::BTreeMap;
 
 /// `SplitMix64`.
@@ -85,9 +89,6 @@ impl Soup {
     }
 }
 
-/// Distances between a ray and an edge below this, relative to the coordinates, are within rounding.
-const DOUBT: f64 = 5e-6;
-
 /// A soup within about `scale` of `centre`.
 pub fn mesh(kind: Soup, triangles: usize, scale: f32, centre: Vec3, random: &mut Random) -> Mesh {
     let mut mesh = Mesh::default();
@@ -128,6 +129,48 @@ pub fn mesh(kind: Soup, triangles: usize, scale: f32, centre: Vec3, random: &mut
     mesh
 }
 
+/// A lumpy sphere of radius 0.7 to 1.3 without a hole.
+pub fn closed_surface(rings: usize, segments: usize, random: &mut Random) -> Mesh {
+    use core::f32::consts::PI;
+    let mut mesh = Mesh::default();
+    let mut vertex = |latitude: f32, longitude: f32| {
+        let (y, ring) = latitude.sin_cos();
+        let (z, x) = longitude.sin_cos();
+        let radius = 1.0 + 0.3 * random.signed();
+        mesh.positions
+            .push((Vec3::new(x * ring, y, z * ring) * radius).to_array());
+    };
+    vertex(-0.5 * PI, 0.0);
+    for ring in 1..rings {
+        for segment in 0..segments {
+            vertex(
+                PI * (ring as f32 / rings as f32 - 0.5),
+                2.0 * PI * segment as f32 / segments as f32,
+            );
+        }
+    }
+    vertex(0.5 * PI, 0.0);
+    let last = mesh.positions.len() as u32 - 1;
+    let index = |ring: usize, segment: usize| match ring {
+        0 => 0,
+        ring if ring == rings => last,
+        ring => (1 + (ring - 1) * segments + segment % segments) as u32,
+    };
+    for ring in 0..rings {
+        for segment in 0..segments {
+            let (a, b) = (index(ring, segment), index(ring, segment + 1));
+            let (c, d) = (index(ring + 1, segment), index(ring + 1, segment + 1));
+            if ring > 0 {
+                mesh.indices.extend([a, c, b]);
+            }
+            if ring + 1 < rings {
+                mesh.indices.extend([b, c, d]);
+            }
+        }
+    }
+    mesh
+}
+
 /// Turns, sizes and mirrors at random.
 pub fn placement(random: &mut Random, spread: f32) -> Affine3A {
     let turn = random.vector() * 3.0;
@@ -152,7 +195,7 @@ pub fn alpha_test(_instance: u32, primitive: u32, _barycentrics: [f32; 2]) -> bo
 pub struct Packing {
     /// `INSTANCE_` flags, but for [`INSTANCE_MIRRORED`], which follows from the matrix.
     pub flags: u32,
-    /// The merged tree that it is part of.
+    /// The merged tree that it is part of. Masked instances get one of their own, with the same number.
     pub tree: Option<u32>,
 }
 
@@ -176,13 +219,27 @@ pub struct Packed {
     pub instances: Vec<(usize, Affine3A)>,
     /// `INSTANCE_` flags by instance.
     pub flags: Vec<u32>,
-    /// All trees, the TLAS behind the others.
+    /// All trees, the TLASes behind the others.
     pub bvh: Vec<Row>,
+    /// Over what needs no alpha test.
     pub tlas: Tlas,
+    /// Over what needs it.
+    pub masked_tlas: Tlas,
     pub stack_size: u32,
     tlas_row: u32,
-    /// Instance, primitive and corners in world space without rounding to `f32`: what the oracle searches.
-    triangles: Vec<(u32, u32, [DVec3; 3])>,
+    /// Whether an instance is part of a merged tree.
+    merged: Vec<bool>,
+    /// What the oracle searches.
+    triangles: Vec<Target>,
+}
+
+/// A triangle without rounding to `f32`.
+struct Target {
+    instance: u32,
+    primitive: u32,
+    world: [DVec3; 3],
+    /// In the space in which the tracer holds it: the world for merged instances, else the object.
+    local: [DVec3; 3],
 }
 
 impl Packed {
@@ -206,14 +263,15 @@ impl Packed {
         };
         let build = |mesh: &Mesh| build_blas(&mesh.positions, &mesh.indices, BvhQuality::Medium);
         let trees: Vec<Option<(u32, Blas)>> = meshes.iter().map(|mesh| add(build(mesh))).collect();
-        let mut merged: BTreeMap<u32, Vec<MergeSource>> = BTreeMap::new();
+        let mut merged: BTreeMap<(bool, u32), Vec<MergeSource>> = BTreeMap::new();
+        let is_masked = |flags: u32| flags & INSTANCE_ALPHA_MASKED != 0;
         let mut flags = Vec::new();
         for (i, (mesh, matrix)) in instances.iter().enumerate() {
             let Packing { flags: own, tree } = packing(i);
             let mirrored = matrix.matrix3.determinant() < 0.0;
             flags.push(own | if mirrored { INSTANCE_MIRRORED } else { 0 });
             if let Some(tree) = tree {
-                merged.entry(tree).or_default().push(MergeSource {
+                merged.entry((is_masked(own), tree)).or_default().push(MergeSource {
                     positions: &meshes[*mesh].positions,
                     indices: &meshes[*mesh].indices,
                     world_from_object: *matrix,
@@ -222,45 +280,55 @@ impl Packed {
                 });
             }
         }
-        let merged: Vec<(u32, Blas)> = merged
-            .into_values()
-            .filter_map(|sources| add(build_merged(&sources, BvhQuality::Medium)))
+        let merged: Vec<(bool, (u32, Blas))> = merged
+            .into_iter()
+            .filter_map(|((masked, _), sources)| Some((masked, add(build_merged(&sources, BvhQuality::Medium))?)))
             .collect();
 
-        let singles = instances
-            .iter()
-            .enumerate()
-            .filter(|(i, _)| packing(*i).tree.is_none())
-            .filter_map(|(i, (mesh, matrix))| {
-                let (base, blas) = trees[*mesh].as_ref()?;
-                Some((*base, blas, *matrix, owner(i as u32, flags[i])))
-            });
-        let in_world = merged.iter().map(|(base, blas)| (*base, blas, Affine3A::IDENTITY, 0));
-        let records: Vec<TlasInstance> = singles
-            .chain(in_world)
-            .map(|(base, blas, world_from_object, instance)| TlasInstance {
-                world_from_object,
-                bounds: blas.bounds,
-                instance,
-                node_row: base,
-                triangle_row: base + blas.triangle_row(),
-                top: if instance == 0 { &[] } else { &blas.top },
-            })
-            .collect();
-        let tlas = build_tlas(&records, max_entries);
-        let depth = trees.iter().flatten().chain(&merged).map(|(_, b)| b.depth).max();
-        let stack_size = stack_size(tlas.depth, depth.unwrap_or(0));
+        let [tlas, masked_tlas] = [false, true].map(|masked| {
+            let singles = instances
+                .iter()
+                .enumerate()
+                .filter(|(i, _)| packing(*i).tree.is_none() && is_masked(flags[*i]) == masked)
+                .filter_map(|(i, (mesh, matrix))| {
+                    let (base, blas) = trees[*mesh].as_ref()?;
+                    Some((*base, blas, *matrix, owner(i as u32, flags[i])))
+                });
+            let alike = merged.iter().filter(|(other, _)| *other == masked);
+            let in_world = alike.map(|(_, (base, blas))| (*base, blas, Affine3A::IDENTITY, 0));
+            let records: Vec<TlasInstance> = singles
+                .chain(in_world)
+                .map(|(base, blas, world_from_object, instance)| TlasInstance {
+                    world_from_object,
+                    bounds: blas.bounds,
+                    instance,
+                    node_row: base,
+                    triangle_row: base + blas.triangle_row(),
+                    top: if instance == 0 { &[] } else { &blas.top },
+                })
+                .collect();
+            build_tlas(&records, max_entries)
+        });
+        let in_world = merged.iter().map(|(_, tree)| tree);
+        let depth = trees.iter().flatten().chain(in_world).map(|(_, b)| b.depth).max();
+        let stack_size = stack_size(tlas.depth.max(masked_tlas.depth), depth.unwrap_or(0));
         let tlas_row = bvh.len() as u32;
         bvh.extend_from_slice(&tlas.rows);
+        bvh.extend_from_slice(&masked_tlas.rows);
 
+        let merged: Vec<bool> = (0..instances.len()).map(|i| packing(i).tree.is_some()).collect();
         let mut triangles = Vec::new();
         for (instance, (mesh, matrix)) in instances.iter().enumerate() {
             let (linear, translation) = (matrix.matrix3.as_dmat3(), matrix.translation.as_dvec3());
             for primitive in 0..meshes[*mesh].triangle_count() {
-                let corners = meshes[*mesh]
-                    .corners(primitive)
-                    .map(|c| linear * Vec3::from(c).as_dvec3() + translation);
-                triangles.push((instance as u32, primitive as u32, corners));
+                let object = meshes[*mesh].corners(primitive).map(|c| Vec3::from(c).as_dvec3());
+                let world = object.map(|c| linear * c + translation);
+                triangles.push(Target {
+                    instance: instance as u32,
+                    primitive: primitive as u32,
+                    world,
+                    local: if merged[instance] { world } else { object },
+                });
             }
         }
         Self {
@@ -269,22 +337,21 @@ impl Packed {
             flags,
             bvh,
             tlas,
+            masked_tlas,
             stack_size,
             tlas_row,
+            merged,
             triangles,
         }
-    }
-
-    /// Row of the TLAS's first entry in the buffer.
-    pub fn entry_base(&self) -> u32 {
-        self.tlas_row + self.tlas.entry_base
     }
 
     pub fn view(&self) -> SceneView<'_> {
         SceneView {
             bvh: &self.bvh,
             tlas_node_count: self.tlas.traversal_node_count(),
-            tlas_entry_base: self.entry_base(),
+            tlas_entry_base: self.tlas_row + self.tlas.entry_base,
+            masked_node_count: self.masked_tlas.traversal_node_count(),
+            masked_entry_base: self.tlas_row + self.tlas.rows.len() as u32 + self.masked_tlas.entry_base,
             alpha_test: Some(alpha_test),
         }
     }
@@ -301,7 +368,7 @@ impl Packed {
                         _ => random.vector(),
                     }
                 } else {
-                    let (_, _, [a, b, c]) = self.triangles[random.below(self.triangles.len())];
+                    let [a, b, c] = self.triangles[random.below(self.triangles.len())].world;
                     let mut u = f64::from(random.signed() * 0.5 + 0.5);
                     let v = (1.0 - u) * f64::from(random.signed() * 0.5 + 0.5);
                     if i % 4 == 2 {
@@ -313,6 +380,25 @@ impl Packed {
                 TraceRay {
                     origin,
                     direction,
+                    t_min: 0.0,
+                    t_max: f32::MAX,
+                }
+            })
+            .collect()
+    }
+
+    /// Rays from within a surface at its corners and edges, where they might slip out between two triangles.
+    pub fn rays_from_within(&self, count: usize, random: &mut Random) -> Vec<TraceRay> {
+        (0..count)
+            .map(|i| {
+                let (mesh, matrix) = &self.instances[i % self.instances.len()];
+                let mesh = &self.meshes[*mesh];
+                let origin = matrix.transform_point3(random.vector() * 0.3);
+                let [a, b, _] = mesh.corners(random.below(mesh.triangle_count())).map(Vec3::from);
+                let along = if i % 2 == 0 { 0.0 } else { random.signed() * 0.5 + 0.5 };
+                TraceRay {
+                    origin,
+                    direction: (matrix.transform_point3(a.lerp(b, along)) - origin).normalize(),
                     t_min: 0.0,
                     t_max: f32::MAX,
                 }
@@ -335,21 +421,35 @@ impl Packed {
 
     /// `counts` judges the flags of an instance and the face that the ray sees: true = the front in world space.
     fn search(&self, ray: &TraceRay, counts: impl Fn(u32, bool) -> bool) -> Oracle {
-        let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+        let rays: Vec<Option<LocalRay>> = self
+            .instances
+            .iter()
+            .zip(&self.merged)
+            .map(|((_, matrix), merged)| LocalRay::new(ray, if *merged { &Affine3A::IDENTITY } else { matrix }))
+            .collect();
         let mut result = Oracle {
             t: f64::INFINITY,
             candidates: Vec::new(),
         };
-        for (instance, primitive, corners) in &self.triangles {
+        for target in &self.triangles {
+            let Target {
+                instance,
+                primitive,
+                local,
+                ..
+            } = target;
             let flags = self.flags[*instance as usize];
             if flags & INSTANCE_ALPHA_MASKED != 0 && !alpha_test(*instance, *primitive, [0.0; 2]) {
                 continue;
             }
-            if let Some(found) = intersect(corners, origin, direction)
+            if let Some(local_ray) = &rays[*instance as usize]
+                && let Some(found) = intersect(local, local_ray)
                 && found.t > -0.01
             {
                 let (front, back) = (counts(flags, true), counts(flags, false));
-                let seen = if found.cosine < 0.0 { front } else { back };
+                // In the space of a mirrored object the winding is turned.
+                let turned = flags & INSTANCE_MIRRORED != 0 && !self.merged[*instance as usize];
+                let seen = if (found.cosine < 0.0) != turned { front } else { back };
                 // Of a triangle seen on edge, single precision may take either face.
                 let doubtful = found.cosine.abs() < found.tilt && front != back;
                 if !seen && !doubtful {
@@ -370,96 +470,4 @@ impl Packed {
         }
         result
     }
-}
-
-/// A triangle that the ray hits, or misses by a little.
-pub struct Candidate {
-    pub t: f64,
-    /// Distance between the ray and the nearest edge relative to the coordinates, negative outside: below [`DOUBT`],
-    /// single precision may see the ray on either side.
-    pub margin: f64,
-    /// Bound of the error of `t` in single precision: rounding shifts and tilts the plane, which moves the point where a
-    /// grazing ray meets it.
-    pub error: f64,
-    pub instance: u32,
-    pub primitive: u32,
-}
-
-pub struct Oracle {
-    /// Infinite for a miss.
-    pub t: f64,
-    pub candidates: Vec<Candidate>,
-}
-
-impl Oracle {
-    /// Whether a tracer in single precision may find that something, or nothing, is in the way.
-    pub fn accepts_any(&self, blocked: bool, tolerance: f64, floor: f64) -> bool {
-        if blocked {
-            self.candidates
-                .iter()
-                .any(|c| c.margin > -DOUBT && c.t > -self.slack(c, tolerance, floor))
-        } else {
-            self.accepts(None, tolerance, floor)
-        }
-    }
-
-    fn slack(&self, candidate: &Candidate, tolerance: f64, floor: f64) -> f64 {
-        candidate.t.abs() * tolerance + floor + candidate.error
-    }
-
-    /// Whether a tracer in single precision may answer `hit`: it must lie on a candidate, and no triangle that the ray
-    /// surely hits may lie in front of it. `tolerance` is relative to t, `floor` absolute.
-    pub fn accepts(&self, hit: Option<(f32, u32, u32)>, tolerance: f64, floor: f64) -> bool {
-        let slack = |c: &Candidate| self.slack(c, tolerance, floor);
-        let sure = || self.candidates.iter().filter(|c| c.margin > DOUBT && c.t > slack(c));
-        match hit {
-            None => sure().next().is_none(),
-            Some((t, instance, primitive)) => {
-                let t = f64::from(t);
-                self.candidates.iter().any(|c| {
-                    (c.instance, c.primitive) == (instance, primitive)
-                        && c.margin > -DOUBT
-                        && (c.t - t).abs() <= slack(c)
-                        && sure().all(|nearer| t <= nearer.t + slack(nearer) + c.error)
-                })
-            }
-        }
-    }
-}
-
-/// Where a ray meets the plane of a triangle.
-struct Met {
-    t: f64,
-    margin: f64,
-    error: f64,
-    /// Between the ray and the normal; negative where the front is seen.
-    cosine: f64,
-    /// Bound of the error of `cosine` in single precision.
-    tilt: f64,
-}
-
-/// `None` far outside or parallel.
-fn intersect([a, b, c]: &[DVec3; 3], origin: DVec3, direction: DVec3) -> Option<Met> {
-    let normal = (b - a).cross(c - a);
-    let slope = normal.dot(direction);
-    let cosine = slope / normal.length();
-    if !(cosine.abs() > 0.0) {
-        return None;
-    }
-    let t = normal.dot(a - origin) / slope;
-    let at = origin + direction * t;
-    let inside = |p: &DVec3, q: &DVec3| (p - at).cross(q - at).dot(normal) / (normal.length() * (q - p).length());
-    let smallest = inside(b, c).min(inside(c, a)).min(inside(a, b));
-    let size = t.abs() + origin.length() + a.length().max(b.length()).max(c.length());
-    let margin = smallest * cosine.abs() / size;
-    let longest = (b - a).length().max((c - a).length()).max((c - b).length());
-    let tilt = 4.0 * f64::from(f32::EPSILON) * size * longest / normal.length();
-    let error = tilt * longest / cosine.abs();
-    (margin > -DOUBT).then_some(Met {
-        t,
-        margin,
-        error,
-        cosine,
-        tilt,
-    })
 }

@@ -21,7 +21,9 @@ pub fn run(options: &Options) -> Result {
     progress::step("build and run the benchmark", || {
         let mut command = cargo::release("run")?;
         command
-            .args(["--package", "bevy_glint", "--example", "bench", "--"])
+            .args(["--package", "bevy_glint", "--example", "bench"])
+            .args(cargo::FEATURES)
+            .arg("--")
             .args(&options.arguments)
             .envs(driver);
         cargo::run(&mut command, "the benchmark")

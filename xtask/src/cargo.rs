@@ -9,6 +9,14 @@ use std::process::Command;
 use crate::failure::{Failure, Result};
 use crate::version::Version;
 
+/// Features of all that is built here: the hardware back end, where Vulkan is what Bevy uses anyway. The feature leaves Bevy no
+/// other choice.
+pub const FEATURES: &[&str] = if cfg!(target_os = "linux") {
+    &["--features", "hardware-vrs"]
+} else {
+    &[]
+};
+
 /// The root of the workspace.
 pub fn workspace_root() -> PathBuf {
     // Asked at run time first: clones that share a target directory may share this program too.

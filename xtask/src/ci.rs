@@ -8,7 +8,7 @@ use crate::{cargo, file_sizes, progress, test};
 
 /// Feature sets of the library that must compile besides those that the other steps build.
 ///
-/// The first has no windowing feature: the plugin must build for servers.
+/// The first has no windowing feature: the plugin must build for servers. Nor has it the hardware back end.
 const FEATURE_SETS: [&[&str]; 1] = [&["--no-default-features"]];
 
 /// Runs every check, cheap ones first, and all of them even if one fails.
@@ -36,12 +36,16 @@ pub fn run() -> Result {
     });
     check("lints", &mut || {
         let mut clippy = cargo::release("clippy")?;
-        clippy.args(["--workspace", "--all-targets", "--locked", "--", "--deny", "warnings"]);
+        clippy
+            .args(["--workspace", "--all-targets", "--locked"])
+            .args(cargo::FEATURES)
+            .args(["--", "--deny", "warnings"]);
         cargo::run(&mut clippy, "clippy")
     });
     check("docs", &mut || {
         let mut doc = cargo::release("doc")?;
         doc.args(["--workspace", "--no-deps", "--document-private-items", "--locked"])
+            .args(cargo::FEATURES)
             .env("RUSTDOCFLAGS", rustdoc_flags());
         cargo::run(&mut doc, "cargo doc")
     });

@@ -107,7 +107,9 @@ pub fn run(options: &Options) -> Result {
     progress::step(&format!("build and run the example `{}`", plan.example), || {
         let mut command = cargo::release("run")?;
         command
-            .args(["--package", "bevy_glint", "--example", plan.example, "--"])
+            .args(["--package", "bevy_glint", "--example", plan.example])
+            .args(cargo::FEATURES)
+            .arg("--")
             .args(&plan.arguments)
             .envs(driver);
         cargo::run(&mut command, &format!("the example `{}`", plan.example))

@@ -127,7 +127,7 @@ pub(super) fn build(mut triangles: Vec<Triangle>, quality: BvhQuality) -> Option
             primitive,
             owner,
         } = &triangles[*index as usize];
-        for (corner, last) in corners.iter().zip([*primitive, *owner, 0]) {
+        for (corner, last) in corners.iter().zip([*primitive, *owner, edge_scale(corners).to_bits()]) {
             rows.push([corner[0].to_bits(), corner[1].to_bits(), corner[2].to_bits(), last]);
         }
     }
@@ -193,6 +193,12 @@ fn triangle_bounds(corners: &[[f32; 3]; 3]) -> Option<Bounds> {
     let normal = (b - a).cross(c - a);
     // A normal whose components vanish in f32 cannot be intersected there.
     (normal.abs().max_element() > 1e-37).then_some(bounds)
+}
+
+/// A quarter of the summed lengths of the edges at the first corner: by it, the tracer bounds its rounding errors.
+fn edge_scale(corners: &[[f32; 3]; 3]) -> f32 {
+    let [a, b, c] = corners.map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into()));
+    (0.25 * ((b - a).length() + (c - a).length())) as f32
 }
 
 /// The top of the tree, breadth first. A node with leaves among its children cannot be replaced by its inner children

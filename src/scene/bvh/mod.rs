@@ -1,4 +1,5 @@
-//! Bounding volume hierarchies for adapters without ray queries: one per mesh (BLAS) and one over the instances (TLAS).
+//! Bounding volume hierarchies for adapters without ray queries: one per mesh (BLAS), and over the instances (TLAS) one for
+//! those that are alpha-masked and one for all others.
 //!
 //! Both levels are compressed 8-wide trees (Ylitie, Karras and Laine 2017) in the byte layout of `obvhs::cwbvh::CwBvhNode`,
 //! packed in rows of four words for `bvh.wesl`. The shader runs without bounds checks, so the builders keep every index in
@@ -9,6 +10,12 @@
 //! Objects that overlap cost rays dearly: each is entered for itself, with a transform and nodes of its own. Objects at rest
 //! are therefore also built into one tree over their triangles in world space ([`build_merged`]). It enters the TLAS like a
 //! BLAS of its own, and where nothing else is in the scene, rays start in it at once.
+//!
+//! # Two TLASes
+//!
+//! The alpha test slows the traversal down by a fifth, even for triangles that don't need it. Instances with
+//! [`INSTANCE_ALPHA_MASKED`], and trees merged of them, therefore have a TLAS of their own, which rays go through after the
+//! one of solid instances and only as far as they got in that.
 //!
 //! # Owners
 //!
@@ -41,14 +48,14 @@ pub type Row = [u32; 4];
 
 /// Rows of a node.
 pub const NODE_ROWS: u32 = 5;
-/// Rows of a triangle: its corners, with the triangle's index in the mesh, its [`owner`] (0 where the TLAS entry names it)
-/// and nothing in their fourth words.
+/// Rows of a triangle: its corners, and in their fourth words the triangle's index in the mesh, its [`owner`] (0 where the
+/// TLAS entry names it), and a quarter of the summed lengths of the edges at the first corner, as `f32`.
 pub const TRIANGLE_ROWS: u32 = 3;
 /// Rows of a leaf entry of the TLAS: the inverse matrix, and a row of the [`owner`], the first node, the row that indices
 /// of nodes count from, and the row that indices of triangles count from.
 pub const ENTRY_ROWS: u32 = 4;
 
-/// In the place of the number of TLAS nodes: the TLAS is one entry, and rays start there.
+/// In the place of the number of nodes of a TLAS: it is one entry, and rays start there.
 pub const ONE_ENTRY: u32 = u32::MAX;
 
 /// Instances that an [`owner`] can tell apart.
@@ -103,7 +110,7 @@ impl Bounds {
 }
 
 /// Entries that the stack of the traversal needs for these depths, in nodes from root to leaf inclusive: one per level,
-/// and one for what is left of a TLAS leaf.
+/// and one for what is left of a TLAS leaf. Of two TLASes, which are walked one after the other, the deeper one counts.
 pub const fn stack_size(tlas_depth: u32, blas_depth: u32) -> u32 {
     tlas_depth + blas_depth
 }

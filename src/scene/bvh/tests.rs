@@ -9,7 +9,7 @@ use super::{
 use crate::scene::gpu_types::{
     INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_MIRRORED, INSTANCE_RECEIVES_SHADOW,
 };
-use bevy::math::{Affine3A, Quat, Vec3};
+use bevy::math::{Affine3A, DVec3, Quat, Vec3};
 use obvhs::cwbvh::node::CwBvhNode;
 use proptest::prelude::*;
 
@@ -69,6 +69,11 @@ fn check_blas(blas: &Blas) {
         _ => unreachable!(),
     };
     assert_eq!(check(&all, 0, &leaf), blas.bounds);
+    for rows in blas.rows[blas.triangle_row() as usize..].as_chunks::<3>().0 {
+        let [a, b, c] = rows.map(|row| DVec3::from_array(corner(&row).map(f64::from)));
+        let size = 0.25 * ((b - a).length() + (c - a).length());
+        assert!((f64::from(f32::from_bits(rows[2][3])) / size - 1.0).abs() < 1e-6);
+    }
     assert_eq!(blas.rows.len() as u32, blas.triangle_row() + 3 * blas.triangle_count);
     // The terminal nodes of the top hold everything once.
     let mut area = Bounds::EMPTY;

@@ -1,20 +1,22 @@
 //! `bvh.wesl` on the CPU, over the same packed rows: an oracle for tests of trees and of the shader.
 
 use super::{ENTRY_ROWS, NODE_ROWS, ONE_ENTRY, OWNER_SHIFT, Row, TRIANGLE_ROWS};
-use crate::scene::gpu_types::{
-    INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
-};
+use crate::scene::gpu_types::{INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED};
 use bevy::math::{UVec2, Vec3, Vec4Swizzles, uvec2};
 
 /// What the shader's bind group holds.
 #[derive(Clone, Copy, Debug)]
 pub struct SceneView<'a> {
-    /// The buffer of all trees, the TLAS among them.
+    /// The buffer of all trees, the TLASes among them.
     pub bvh: &'a [Row],
-    /// Nodes of the TLAS: [`super::Tlas::traversal_node_count`].
+    /// Nodes of the TLAS of solid instances: [`super::Tlas::traversal_node_count`].
     pub tlas_node_count: u32,
     /// Row of the TLAS's first entry; its nodes end there.
     pub tlas_entry_base: u32,
+    /// The same for the TLAS of alpha-masked instances.
+    pub masked_node_count: u32,
+    /// Row of that TLAS's first entry.
+    pub masked_entry_base: u32,
     /// The alpha test of masked instances by instance, triangle and barycentrics. `None` = they count as solid.
     pub alpha_test: Option<fn(u32, u32, [f32; 2]) -> bool>,
 }
@@ -62,13 +64,23 @@ pub struct Counters {
 
 /// Closest hit, with face culling.
 pub fn closest(scene: &SceneView, ray: &TraceRay, counters: &mut Counters) -> Option<TraceHit> {
-    traverse(scene, ray, false, counters)
+    let solid = traverse(scene, ray, false, false, counters);
+    let rest = TraceRay {
+        t_max: solid.map_or(ray.t_max, |hit| hit.t),
+        ..*ray
+    };
+    traverse(scene, &rest, false, true, counters).or(solid)
 }
 
 /// Whether an instance that casts shadows is in the way.
 pub fn any(scene: &SceneView, ray: &TraceRay) -> bool {
-    traverse(scene, ray, true, &mut Counters::default()).is_some()
+    [false, true]
+        .into_iter()
+        .any(|masked| traverse(scene, ray, true, masked, &mut Counters::default()).is_some())
 }
+
+/// Relative error of the triple products in [`intersect_triangle`], as `bvh.wesl` explains it.
+const TRIANGLE_ERROR: f32 = 33.0 / 16_777_216.0;
 
 /// The ray in the space of the current level.
 struct LocalRay {
@@ -77,6 +89,8 @@ struct LocalRay {
     inverse: Vec3,
     /// A child's slot XOR this is its rank along the ray.
     octant: u32,
+    /// [`TRIANGLE_ERROR`] times the length of the direction.
+    error: f32,
 }
 
 impl LocalRay {
@@ -98,19 +112,25 @@ impl LocalRay {
             direction,
             inverse: safe.recip(),
             octant,
+            error: TRIANGLE_ERROR * direction.length(),
         }
     }
 }
 
-fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counters) -> Option<TraceHit> {
-    if scene.tlas_node_count == 0 {
+/// One TLAS: of the solid instances, or of the masked ones.
+fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, masked: bool, counters: &mut Counters) -> Option<TraceHit> {
+    let (node_count, entry_base) = if masked {
+        (scene.masked_node_count, scene.masked_entry_base)
+    } else {
+        (scene.tlas_node_count, scene.tlas_entry_base)
+    };
+    if node_count == 0 {
         return None;
     }
-    let entry_base = scene.tlas_entry_base;
-    let (root, mut group) = if scene.tlas_node_count == ONE_ENTRY {
+    let (root, mut group) = if node_count == ONE_ENTRY {
         (entry_base, uvec2(entry_base, 1))
     } else {
-        let root = entry_base - NODE_ROWS * scene.tlas_node_count;
+        let root = entry_base - NODE_ROWS * node_count;
         (root, uvec2(root, 0x8000_0000))
     };
     let world = LocalRay::new(ray.origin, ray.direction);
@@ -175,7 +195,7 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
                     continue;
                 }
                 let (instance, primitive) = (owner >> OWNER_SHIFT, corners[0][3]);
-                if owner & INSTANCE_ALPHA_MASKED != 0
+                if masked
                     && let Some(alpha_test) = scene.alpha_test
                     && !alpha_test(instance, primitive, found.barycentrics)
                 {
@@ -286,25 +306,32 @@ fn intersect_node(node: &[Row; 5], ray: &LocalRay, t_min: f32, t_max: f32, tlas:
     hits
 }
 
-/// Edge functions as in Plücker coordinates: exactly opposite for the two triangles at an edge.
+/// Möller and Trumbore's test, widened by what rounding may do; `bvh.wesl` explains it.
 fn intersect_triangle(rows: &[Row; 3], ray: &LocalRay, t_min: f32, t_max: f32) -> Option<TraceHit> {
     let corners = rows.map(|r| Vec3::new(f32::from_bits(r[0]), f32::from_bits(r[1]), f32::from_bits(r[2])));
-    let [a, b, c] = corners.map(|v| v - ray.origin);
-    let edge = |p: Vec3, q: Vec3| (p + q).cross(q - p).dot(ray.direction);
-    let weights = Vec3::new(edge(b, c), edge(c, a), edge(a, b));
-    let sum = weights.x + weights.y + weights.z;
-    let tolerance = f32::EPSILON * sum.abs();
-    let inside = weights.min_element() >= -tolerance || weights.max_element() <= tolerance;
-    let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+    let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);
+    let normal = e1.cross(e2);
     let slope = normal.dot(ray.direction);
-    let t = normal.dot(a) / slope;
-    // Signs that differ are rounding noise of a triangle seen on edge.
-    let certain = sum > 0.0 && slope > 0.0 || sum < 0.0 && slope < 0.0;
-    (inside && certain && t > t_min && t < t_max).then(|| TraceHit {
+    let inverse = 1.0 / slope;
+    let a = corners[0] - ray.origin;
+    let t = normal.dot(a) * inverse;
+    let r = ray.direction.cross(a);
+    let (u, v) = (-r.dot(e2) * inverse, r.dot(e1) * inverse);
+    let size = f32::from_bits(rows[2][3]);
+    let noise = ray.error * size;
+    let reach = 1.75 * a.abs().max_element() + size;
+    let tolerance = noise * reach * inverse.abs();
+    let inside = u >= -tolerance && v >= -tolerance && u + v <= tolerance + 1.000_000_6;
+    let certain = slope.abs() > noise * size;
+    if !(inside && certain && t > t_min && t < t_max) {
+        return None;
+    }
+    let second = u.clamp(0.0, 1.0);
+    Some(TraceHit {
         t,
         instance: 0,
         primitive: 0,
         front_face: slope < 0.0,
-        barycentrics: [(weights.y / sum).clamp(0.0, 1.0), (weights.z / sum).clamp(0.0, 1.0)],
+        barycentrics: [second, v.clamp(0.0, 1.0 - second)],
     })
 }

@@ -5,6 +5,7 @@
 //! - Objects at rest are built into chunks once nothing came to rest or left it for some frames, one chunk at a time. Small
 //!   chunks are absorbed by new ones: a scene of usual size ends up as a single chunk, and in a large one the work that a
 //!   few new objects cause stays in proportion to them.
+//! - Alpha-masked objects and others never share a chunk.
 //! - A change of an object dissolves its chunk, whose other objects are instances again until they are merged anew.
 
 use super::{Extent, Limits, Placement, Tree};
@@ -55,12 +56,16 @@ struct Slot {
 }
 
 struct Chunk {
+    /// All members are alpha-masked; else none is.
+    masked: bool,
     members: Vec<u32>,
     triangles: u64,
     tree: Tree,
 }
 
 struct Building {
+    /// As in [`Chunk`].
+    masked: bool,
     /// Resting objects and those of absorbed chunks.
     members: Vec<u32>,
     absorbed: Vec<u32>,
@@ -195,6 +200,9 @@ impl Ledger {
         }
         self.awake = false;
         let mut group = self.affordable();
+        // Where there are objects of both kinds, the masked ones have to wait for the next plan.
+        let masked = group.iter().all(|slot| self.is_masked(*slot));
+        group.retain(|slot| self.is_masked(*slot) == masked);
         while self.triangles(&group) > self.limits.chunk_triangles && group.len() > 1 {
             self.halve(&mut group);
         }
@@ -202,7 +210,8 @@ impl Ledger {
             return None;
         }
         let mut triangles = self.triangles(&group);
-        let mut sizes: Vec<(u64, u32)> = self.chunks.iter().map(|(id, chunk)| (chunk.triangles, *id)).collect();
+        let alike = self.chunks.iter().filter(|(_, chunk)| chunk.masked == masked);
+        let mut sizes: Vec<(u64, u32)> = alike.map(|(id, chunk)| (chunk.triangles, *id)).collect();
         sizes.sort_unstable();
         let mut absorbed = Vec::new();
         for (size, id) in sizes {
@@ -225,6 +234,7 @@ impl Ledger {
             .filter_map(|slot| Some((*slot, self.slots[*slot as usize].placement?)))
             .collect();
         self.building = Some(Building {
+            masked,
             members: group,
             absorbed,
             triangles,
@@ -260,6 +270,7 @@ impl Ledger {
             self.resting.remove(slot);
         }
         let chunk = Chunk {
+            masked: building.masked,
             members: building.members,
             triangles: building.triangles,
             tree,
@@ -315,6 +326,12 @@ impl Ledger {
         self.chunks.values().map(|chunk| &chunk.tree)
     }
 
+    /// Those of [`Self::trees`] that hold alpha-masked objects, or the others.
+    pub fn trees_of(&self, masked: bool) -> impl Iterator<Item = &Tree> {
+        let alike = self.chunks.values().filter(move |chunk| chunk.masked == masked);
+        alike.map(|chunk| &chunk.tree)
+    }
+
     /// Objects and triangles in all trees.
     pub fn merged(&self) -> (usize, u64) {
         let count = |sum: (usize, u64), chunk: &Chunk| (sum.0 + chunk.members.len(), sum.1 + chunk.triangles);
@@ -367,6 +384,11 @@ impl Ledger {
         self.released.push(chunk.tree.name);
         self.changed = true;
         self.wake();
+    }
+
+    fn is_masked(&self, slot: u32) -> bool {
+        let place = self.slots.get(slot as usize);
+        place.is_some_and(|place| place.placement.is_some_and(|placement| placement.is_masked()))
     }
 
     fn triangles(&self, slots: &[u32]) -> u64 {

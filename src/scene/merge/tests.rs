@@ -33,6 +33,14 @@ fn at(slot: u32, x: f32) -> Option<Placement> {
     })
 }
 
+/// The same with an alpha-masked material.
+fn masked_at(slot: u32, x: f32) -> Option<Placement> {
+    at(slot, x).map(|placement| Placement {
+        flags: INSTANCE_ALPHA_MASKED,
+        ..placement
+    })
+}
+
 fn tree(name: u64) -> Tree {
     Tree {
         name,
@@ -146,6 +154,38 @@ fn only_the_chunk_of_the_moved_object_is_dissolved() {
 }
 
 #[test]
+fn masked_objects_share_trees_with_their_like() {
+    let mut scene = Scene::new(&[10, 20, 30, 40]);
+    for slot in [1, 3] {
+        scene.ledger.observe(slot, masked_at(slot, 0.0));
+    }
+    scene.run(4 * QUIET);
+    assert_eq!((scene.merged(), scene.plans), (vec![0, 1, 2, 3], 2));
+    assert_eq!((scene.trees(), scene.ledger.trees_of(true).count()), (2, 1));
+    assert!(!scene.ledger.is_pending());
+
+    // New objects join their like.
+    scene.sizes.extend([50, 60]);
+    scene.ledger.observe(4, masked_at(4, 1.0));
+    scene.run(4 * QUIET);
+    assert_eq!((scene.merged().len(), scene.trees()), (5, 2));
+    assert_eq!(scene.ledger.take_released(), [1]);
+    scene.ledger.observe(5, at(5, 1.0));
+    scene.run(4 * QUIET);
+    assert_eq!((scene.merged().len(), scene.trees()), (6, 2));
+    assert_eq!(scene.ledger.take_released(), [0]);
+
+    // A change of one leaves the other tree alone.
+    scene.ledger.observe(1, at(1, 0.0));
+    assert_eq!(
+        (scene.merged(), scene.ledger.trees_of(true).count()),
+        (vec![0, 2, 5], 0)
+    );
+    scene.run(20 * QUIET);
+    assert_eq!((scene.merged().len(), scene.trees()), (6, 2));
+}
+
+#[test]
 fn hidden_changed_and_despawned_objects_drop_out() {
     let changes: [fn(Placement) -> Option<Placement>; 5] = [
         |_| None,
@@ -155,7 +195,12 @@ fn hidden_changed_and_despawned_objects_drop_out() {
                 ..placement
             })
         },
-        |placement| Some(Placement { flags: 8, ..placement }),
+        |placement| {
+            Some(Placement {
+                flags: INSTANCE_ALPHA_MASKED,
+                ..placement
+            })
+        },
         |placement| {
             Some(Placement {
                 entity: entity(77),
@@ -164,7 +209,7 @@ fn hidden_changed_and_despawned_objects_drop_out() {
         },
         |placement| {
             Some(Placement {
-                mesh: AssetId::invalid(),
+                mesh: AssetId::default(),
                 ..placement
             })
         },

@@ -17,7 +17,7 @@ use bevy::{
     render::renderer::{RenderDevice, RenderQueue},
 };
 
-/// Words that the TLAS has room for at least.
+/// Words that the TLASes have room for at least.
 const SMALLEST_TLAS: usize = 1 << 12;
 
 impl SceneBindings {
@@ -56,7 +56,7 @@ impl SceneBindings {
             blas_builds = acceleration.build(&list, meshes, device, queue);
             self.uniform_data.tlas_node_count = present.len() as u32;
         } else {
-            self.build_tlas(&present, meshes, queue);
+            self.build_tlases(&present, meshes, queue);
         }
         // Forces the uniform to be written.
         self.uniform_data.instance_count = u32::MAX;
@@ -68,27 +68,33 @@ impl SceneBindings {
         });
     }
 
-    /// Builds and uploads the BVH tracer's TLAS: merged trees, and instances of those objects that are not merged. Notes
+    /// Builds and uploads the BVH tracer's TLASes: merged trees, and instances of those objects that are not merged. Notes
     /// what shaders must be compiled with for them.
     ///
-    /// It stands among the BLASes, so that the shader loads the nodes of both levels with the same instructions.
-    fn build_tlas(&mut self, present: &[(u32, &InstanceSource)], meshes: &mut SceneMeshes, queue: &RenderQueue) {
-        let is_masked = |slot: u32| self.instance_data[slot as usize].flags & INSTANCE_ALPHA_MASKED != 0;
-        let masked = present.iter().any(|(slot, _)| is_masked(*slot));
-        self.set_masked(masked);
+    /// They stand among the BLASes, so that the shader loads the nodes of both levels with the same instructions.
+    fn build_tlases(&mut self, present: &[(u32, &InstanceSource)], meshes: &mut SceneMeshes, queue: &RenderQueue) {
+        let any_masked = present.iter().any(|(slot, _)| self.is_masked(*slot));
+        self.set_masked(any_masked);
 
-        let mut tree = self.tlas_over(present, meshes);
-        let mut fits = self.reserve_tlas(&tree, meshes);
+        let mut trees = [false, true].map(|masked| self.tlas_over(present, masked, meshes));
+        let mut fits = self.reserve_tlases(&trees, meshes);
         if self.merge.take_lost(meshes) {
-            tree = self.tlas_over(present, meshes);
-            fits = self.reserve_tlas(&tree, meshes);
+            trees = [false, true].map(|masked| self.tlas_over(present, masked, meshes));
+            fits = self.reserve_tlases(&trees, meshes);
         }
         self.uniform_data.tlas_node_count = 0;
+        self.uniform_data.masked_node_count = 0;
         match &self.tlas {
             Some(slice) if fits => {
-                meshes.bvh.write(queue, slice, tree.rows.as_flattened());
-                self.uniform_data.tlas_node_count = tree.traversal_node_count();
-                self.uniform_data.tlas_entry_base = slice.base() / 4 + tree.entry_base;
+                let [solid, masked] = trees;
+                let base = slice.base() / 4;
+                self.uniform_data.tlas_node_count = solid.traversal_node_count();
+                self.uniform_data.tlas_entry_base = base + solid.entry_base;
+                self.uniform_data.masked_node_count = masked.traversal_node_count();
+                self.uniform_data.masked_entry_base = base + solid.rows.len() as u32 + masked.entry_base;
+                let mut rows = solid.rows;
+                rows.extend_from_slice(&masked.rows);
+                meshes.bvh.write(queue, slice, rows.as_flattened());
             }
             _ => {
                 warn_once!(
@@ -107,10 +113,15 @@ impl SceneBindings {
         }
     }
 
-    fn tlas_over(&self, present: &[(u32, &InstanceSource)], meshes: &SceneMeshes) -> Tlas {
+    fn is_masked(&self, slot: u32) -> bool {
+        self.instance_data[slot as usize].flags & INSTANCE_ALPHA_MASKED != 0
+    }
+
+    /// The TLAS of alpha-masked objects, or of all others.
+    fn tlas_over(&self, present: &[(u32, &InstanceSource)], masked: bool, meshes: &SceneMeshes) -> Tlas {
         let mut list: Vec<TlasInstance> = present
             .iter()
-            .filter(|(slot, _)| !self.merge.is_merged(*slot))
+            .filter(|(slot, _)| self.is_masked(*slot) == masked && !self.merge.is_merged(*slot))
             .filter_map(|(slot, source)| {
                 let blas = meshes.get(source.mesh)?.bvh.as_ref()?;
                 let node_row = blas.slice.base() / 4;
@@ -125,7 +136,7 @@ impl SceneBindings {
             })
             .collect();
         let single = list.len();
-        list.extend(self.merge.instances());
+        list.extend(self.merge.instances(masked));
         // A lone tree overlaps with nothing, and rays start in it at once where it is not opened.
         let max_entries = if list.len() > 1 {
             opening_budget(single) + list.len() - single
@@ -135,9 +146,9 @@ impl SceneBindings {
         build_tlas(&list, max_entries)
     }
 
-    /// Makes room for the TLAS; false where there is none. Merged trees may get lost over it.
-    fn reserve_tlas(&mut self, tree: &Tlas, meshes: &mut SceneMeshes) -> bool {
-        let words = tree.rows.as_flattened().len();
+    /// Makes room for the TLASes, one behind the other; false where there is none. Merged trees may get lost over it.
+    fn reserve_tlases(&mut self, trees: &[Tlas; 2], meshes: &mut SceneMeshes) -> bool {
+        let words: usize = trees.iter().map(|tree| tree.rows.as_flattened().len()).sum();
         if self.tlas.as_ref().is_some_and(|slice| slice.words() as usize >= words) {
             return true;
         }

@@ -109,7 +109,17 @@ pub struct HeadlessApp {
 impl HeadlessApp {
     /// Builds the app: Bevy's default plugins without a window, then what `add` adds.
     pub fn new(settings: HeadlessSettings, add: impl FnOnce(&mut App)) -> Result<Self, HeadlessError> {
+        Self::with_device(settings, |_| {}, add)
+    }
+
+    /// The same, with `before` for what must come before Bevy's plugins: what decides how the graphics device is opened.
+    pub fn with_device(
+        settings: HeadlessSettings,
+        before: impl FnOnce(&mut App),
+        add: impl FnOnce(&mut App),
+    ) -> Result<Self, HeadlessError> {
         let mut app = App::new();
+        before(&mut app);
         let mut assets = AssetPlugin {
             unapproved_path_mode: UnapprovedPathMode::Allow,
             ..Default::default()

@@ -1,0 +1,129 @@
+//! Which back end turns a camera's rates into rays, and what is said where it isn't the one that was asked for.
+
+use crate::{
+    settings::{Backend, SafeSettings, Technique},
+    status::ReflectionStatus,
+};
+use bevy::{
+    ecs::entity::{Entity, EntityHashMap, EntityHashSet},
+    log::warn,
+};
+
+/// The back end for settings: [`Backend::Compute`] or [`Backend::Hardware`], and why it isn't the latter though it was asked for.
+/// Only rates that vary have a choice.
+pub(crate) fn choose(
+    settings: &SafeSettings,
+    available: impl FnOnce() -> Result<(), String>,
+) -> (Backend, Option<String>) {
+    if settings.technique != Technique::Variable || settings.backend != Backend::Hardware {
+        return (Backend::Compute, None);
+    }
+    match available() {
+        Ok(()) => (Backend::Hardware, None),
+        Err(reason) => (Backend::Compute, Some(reason)),
+    }
+}
+
+/// Cameras that asked for hardware and got compute.
+#[derive(Default)]
+pub(crate) struct Fallbacks {
+    reasons: EntityHashMap<String>,
+    /// What the status says because of them.
+    sentences: Vec<String>,
+}
+
+impl Fallbacks {
+    /// Warns where the reason is another than in the last frame.
+    pub(crate) fn note(&mut self, camera: Entity, reason: Option<String>) {
+        let Some(reason) = reason else {
+            self.reasons.remove(&camera);
+            return;
+        };
+        if self.reasons.get(&camera) != Some(&reason) {
+            warn!(
+                "camera {camera}: {}; it works on Vulkan devices with `VK_KHR_fragment_shading_rate`, with \
+                 `HardwareVrsPlugin` before `DefaultPlugins` and tiles of a size that the device has (`RateTileSize`), and \
+                 with `Backend::Auto` nothing is missed",
+                sentence(&reason)
+            );
+            self.reasons.insert(camera, reason);
+        }
+    }
+
+    /// Brings the status up to date, with the cameras that are left.
+    pub(crate) fn publish(&mut self, cameras: &EntityHashSet, status: &ReflectionStatus) {
+        self.reasons.retain(|camera, _| cameras.contains(camera));
+        let mut sentences: Vec<_> = self.reasons.values().map(|reason| sentence(reason)).collect();
+        sentences.sort_unstable();
+        sentences.dedup();
+        if sentences == self.sentences {
+            return;
+        }
+        status.update(|report| {
+            report.reasons.retain(|known| !self.sentences.contains(known));
+            report.reasons.extend(sentences.iter().cloned());
+        });
+        self.sentences = sentences;
+    }
+}
+
+fn sentence(reason: &str) -> String {
+    format!("the hardware back end was asked for, but {reason}; compute is used instead")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::RayTracedReflections;
+
+    fn settings(technique: Technique, backend: Backend) -> SafeSettings {
+        SafeSettings::from(&RayTracedReflections {
+            technique,
+            backend,
+            ..Default::default()
+        })
+    }
+
+    #[test]
+    fn only_rates_that_vary_are_traced_by_hardware() {
+        let hardware = settings(Technique::Variable, Backend::Hardware);
+        assert_eq!(choose(&hardware, || Ok(())), (Backend::Hardware, None));
+        let reason = || Err("it rains".to_owned());
+        assert_eq!(choose(&hardware, reason), (Backend::Compute, Some("it rains".into())));
+        for others in [
+            settings(Technique::Quarter, Backend::Hardware),
+            settings(Technique::Variable, Backend::Auto),
+            settings(Technique::Variable, Backend::Compute),
+        ] {
+            assert_eq!(choose(&others, || Ok(())), (Backend::Compute, None));
+            assert_eq!(choose(&others, reason), (Backend::Compute, None));
+        }
+    }
+
+    #[test]
+    fn the_status_says_why_while_it_is_so() {
+        let status = ReflectionStatus::default();
+        status.update(|report| report.reasons = vec!["the BVH was asked for".into()]);
+        let reasons = || status.report().reasons;
+        let cameras: Vec<_> = (1..4).filter_map(Entity::from_raw_u32).collect();
+        let present = cameras.iter().copied().collect();
+        let mut fallbacks = Fallbacks::default();
+        for camera in &cameras {
+            fallbacks.note(*camera, Some("it rains".into()));
+        }
+        fallbacks.publish(&present, &status);
+        assert_eq!(reasons().len(), 2);
+        assert!(reasons()[1].contains("it rains"));
+        fallbacks.note(cameras[0], Some("it snows".into()));
+        fallbacks.publish(&present, &status);
+        assert_eq!(reasons().len(), 3);
+        for camera in &cameras[..2] {
+            fallbacks.note(*camera, None);
+        }
+        fallbacks.publish(&present, &status);
+        assert_eq!(reasons().len(), 2);
+        // The last one is gone.
+        fallbacks.publish(&EntityHashSet::default(), &status);
+        assert_eq!(reasons(), ["the BVH was asked for"]);
+    }
+}

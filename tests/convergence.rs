@@ -1,0 +1,140 @@
+//! The whole chain over frames: a still camera's picture comes to rest at the truth, and what moved leaves no ghost.
+
+#[path = "common/pictures.rs"]
+mod pictures;
+
+use bevy::{core_pipeline::tonemapping::Tonemapping, math::UVec2, prelude::*};
+use bevy_glint::{RayTracedReflections, TracerChoice, named_settings};
+use glint_scenes::{HeadlessApp, Output, SceneName, SceneOptions};
+use pictures::{app, warm_up};
+
+const SIZE: UVec2 = UVec2::new(128, 72);
+const TECHNIQUES: [&str; 8] = [
+    "reference",
+    "quarter",
+    "quarter-inline",
+    "vrs-roughness",
+    "vrs-grazing",
+    "vrs-combined",
+    "paper",
+    "ultra",
+];
+
+/// Switches to a technique without a cut-off and with its history empty.
+fn switch(app: &mut HeadlessApp, camera: Entity, name: &str) {
+    let (mut settings, heuristic) = named_settings(name).unwrap();
+    settings.roughness_cutoff = 1.0;
+    settings.roughness_fade = 0.0;
+    app.world()
+        .entity_mut(camera)
+        .insert((settings, heuristic, Tonemapping::None));
+    warm_up(app);
+    app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
+}
+
+fn scene(app: &mut HeadlessApp, name: SceneName) -> Entity {
+    app.spawn_scene(name, &SceneOptions::default())
+}
+
+/// Luminance of each pixel; fails where one is not finite.
+fn capture(app: &mut HeadlessApp, what: &str) -> Vec<f32> {
+    let pixels = app.capture_linear().unwrap();
+    for (index, pixel) in pixels.iter().enumerate() {
+        assert!(
+            pixel.iter().all(|c| c.is_finite()),
+            "{what}: pixel {index} is {pixel:?}"
+        );
+    }
+    // Brighter than this is all the same to a display, and would decide alone.
+    pixels
+        .iter()
+        .map(|[r, g, b, _]| (0.2126 * r + 0.7152 * g + 0.0722 * b).clamp(0.0, 4.0))
+        .collect()
+}
+
+/// Root of the mean square error, and the bias, both relative to the mean of the truth.
+fn errors(truth: &[f32], picture: &[f32]) -> (f32, f32) {
+    let count = truth.len() as f32;
+    let mean = truth.iter().sum::<f32>() / count;
+    let difference = || picture.iter().zip(truth).map(|(a, b)| a - b);
+    let square = difference().map(|d| d * d).sum::<f32>() / count;
+    (square.sqrt() / mean, difference().sum::<f32>() / count / mean)
+}
+
+#[test]
+fn a_still_picture_comes_to_rest_at_the_truth() {
+    let Some(mut app) = app(SIZE, Output::Linear, TracerChoice::Bvh) else {
+        return;
+    };
+    let camera = scene(&mut app, SceneName::EmissiveFloor);
+    switch(&mut app, camera, "converged");
+    app.step(384);
+    let truth = capture(&mut app, "converged");
+    for name in TECHNIQUES {
+        switch(&mut app, camera, name);
+        app.step(1);
+        let (first, _) = errors(&truth, &capture(&mut app, name));
+        app.step(63);
+        // Of a few frames, since no single one is free of noise.
+        let (mut last, mut bias) = (0.0, 0.0);
+        for _ in 0..4 {
+            app.step(1);
+            let (error, offset) = errors(&truth, &capture(&mut app, name));
+            last += error / 4.0;
+            bias += offset / 4.0;
+        }
+        println!("{name}: error {first:.4} after 1 frame, {last:.4} after 64; bias {bias:+.4}");
+        assert!(last < 0.75 * first, "{name}: {first} to {last}");
+        assert!(bias.abs() < 0.01, "{name}: bias {bias}");
+    }
+}
+
+/// An object that is gone must be gone from reflections within 8 frames, and a cut must leave nothing of what was before.
+#[test]
+fn what_is_gone_leaves_no_ghost() {
+    let Some(mut app) = app(SIZE, Output::Linear, TracerChoice::Bvh) else {
+        return;
+    };
+    let camera = scene(&mut app, SceneName::EmissiveFloor);
+    switch(&mut app, camera, "vrs-combined");
+    app.step(32);
+    let lights: Vec<Entity> = {
+        let world = app.world();
+        let mut query = world.query::<(Entity, &MeshMaterial3d<StandardMaterial>)>();
+        let materials = world.resource::<Assets<StandardMaterial>>();
+        query
+            .iter(world)
+            .filter(|(_, material)| {
+                materials
+                    .get(&material.0)
+                    .is_some_and(|m| m.emissive != LinearRgba::BLACK)
+            })
+            .map(|(entity, _)| entity)
+            .collect()
+    };
+    assert!(!lights.is_empty());
+    for name in ["quarter", "vrs-combined", "paper"] {
+        switch(&mut app, camera, name);
+        app.step(32);
+        let lit = capture(&mut app, name);
+        for &light in &lights {
+            app.world().entity_mut(light).insert(Visibility::Hidden);
+        }
+        app.step(10);
+        let dark = capture(&mut app, name);
+        app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
+        app.step(16);
+        let fresh = capture(&mut app, name);
+        let sum = |values: &[f32]| values.iter().sum::<f32>();
+        let (lit, dark, fresh) = (sum(&lit), sum(&dark), sum(&fresh));
+        println!("{name}: lit {lit}, dark after 8 frames {dark}, without a past {fresh}");
+        // 2 frames pass until a change is traced; 8 for the history.
+        assert!(
+            (dark - fresh).abs() < 0.02 * (lit - fresh).abs(),
+            "{name}: {dark} is left of {lit}, {fresh} without a past"
+        );
+        for &light in &lights {
+            app.world().entity_mut(light).insert(Visibility::Visible);
+        }
+    }
+}

@@ -1,0 +1,367 @@
+//! The command line, and what it asks for on this machine.
+
+use clap::{Parser, ValueEnum};
+use glint_evaluate::{
+    machine::Machine,
+    plan::{Job, QUICK_TECHNIQUES, SCENES, SceneSource, Size, TECHNIQUES, TracerName, Variant},
+    protocol::Protocol,
+    techniques,
+};
+use std::path::{self, PathBuf};
+
+/// Measure what each technique costs and how far its picture is from the truth.
+#[derive(Parser, Clone, Debug, Default)]
+#[command(name = "glint_evaluate")]
+pub struct Arguments {
+    /// Measure little: under 2 minutes on a GPU, under 10 on a CPU.
+    #[arg(long)]
+    pub quick: bool,
+    /// Built-in scenes, separated by commas (default: atrium, temple and street).
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub scene: Vec<String>,
+    /// A glTF file (.gltf or .glb), in place of or beside built-in scenes; may be given several times.
+    #[arg(long, value_name = "FILE")]
+    pub gltf: Vec<PathBuf>,
+    /// Size of the picture, such as 1920x1080 (default: that on a GPU, less on a CPU or if quick).
+    #[arg(long, value_name = "WxH")]
+    pub size: Option<Size>,
+    /// Timed frames per technique (default: 5000 on a GPU, less on a CPU or if quick).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub frames: Option<u32>,
+    /// Views along the path whose pictures are compared.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub views: Option<u32>,
+    /// Samples per pixel of the ground truth.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub samples: Option<u32>,
+    /// What turns the rate image into fewer rays.
+    #[arg(long, value_enum, value_name = "NAME", default_value_t = BackendWord::Auto)]
+    pub backend: BackendWord,
+    /// What follows the rays.
+    #[arg(long, value_enum, value_name = "NAME", default_value_t = TracerWord::Auto)]
+    pub tracer: TracerWord,
+    /// Techniques and presets, separated by commas (default: all; fewer if quick).
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub techniques: Vec<String>,
+    /// The folder of results. A run that was interrupted goes on where it stopped.
+    #[arg(long, value_name = "DIR", required_unless_present_any = ["job", "probe"])]
+    pub out: Option<PathBuf>,
+    /// The folder in which ground truths are kept from run to run (default: target/evaluate).
+    #[arg(long, value_name = "DIR")]
+    pub cache: Option<PathBuf>,
+    /// An older results.csv: shows what changed beyond noise, and ends with status 3 if anything got slower or worse.
+    #[arg(long, value_name = "FILE.csv")]
+    pub compare: Option<PathBuf>,
+    /// Forget what was measured before in the folder of results.
+    #[arg(long)]
+    pub fresh: bool,
+    /// Measure a job. Used by the tool itself.
+    #[arg(long, hide = true, value_name = "FILE")]
+    pub job: Option<PathBuf>,
+    /// Describe the machine. Used by the tool itself.
+    #[arg(long, hide = true)]
+    pub probe: bool,
+}
+
+/// Back ends.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum BackendWord {
+    /// All that this machine has.
+    #[default]
+    Auto,
+    /// Lists of rays.
+    Compute,
+    /// The rasterizer's shading rate.
+    Hardware,
+    /// The same as auto.
+    All,
+}
+
+/// Tracers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum TracerWord {
+    /// Ray queries where the GPU has them, else the BVH.
+    #[default]
+    Auto,
+    /// Ray queries.
+    RayQuery,
+    /// The crate's BVH.
+    Bvh,
+    /// All that this machine has.
+    All,
+}
+
+/// What is to be done.
+#[derive(Debug)]
+pub struct Plan {
+    /// How much of it.
+    pub protocol: Protocol,
+    /// In this order.
+    pub jobs: Vec<Job>,
+    /// What this machine can't do, in terms of a job that would have done it, and why.
+    pub skipped: Vec<(Job, Variant, String)>,
+    /// The folder of results.
+    pub out: PathBuf,
+}
+
+impl Arguments {
+    /// What the command line asks for on a machine.
+    ///
+    /// # Errors
+    ///
+    /// If it asks for what doesn't exist.
+    pub fn plan(&self, machine: &Machine) -> Result<Plan, String> {
+        let absolute = |path: PathBuf| {
+            path::absolute(&path).map_err(|error| format!("{} can't be resolved: {error}", path.display()))
+        };
+        let out = absolute(self.out.clone().ok_or("--out is missing")?)?;
+        let cache = absolute(self.cache.clone().unwrap_or_else(|| PathBuf::from("target/evaluate")))?;
+        let protocol = self.protocol(machine);
+        let names = self.names()?;
+        let hardware = self.hardware(machine)?;
+        let variants = |traced_only: bool| -> Vec<Variant> {
+            let ours = names
+                .iter()
+                .filter(|name| **name != "solari")
+                .map(|name| Variant::new(name));
+            let wanted = ours.filter(|variant| !traced_only || variant.traces());
+            let both = wanted.flat_map(|variant| {
+                let has_backends = techniques::has_backends(&variant.technique);
+                let with_hardware = (has_backends && hardware.1).then(|| Variant {
+                    hardware: true,
+                    ..variant.clone()
+                });
+                let plain = (!has_backends || hardware.0).then_some(variant);
+                plain.into_iter().chain(with_hardware)
+            });
+            both.collect()
+        };
+        let tracers = self.tracers(machine)?;
+        let (mut jobs, mut skipped) = (Vec::new(), Vec::new());
+        for scene in self.scenes()? {
+            let job = |tracer, solari, first| Job {
+                scene: scene.clone(),
+                tracer,
+                solari,
+                first,
+                variants: Vec::new(),
+                protocol: protocol.clone(),
+                out: out.clone(),
+                cache: cache.clone(),
+            };
+            for (index, tracer) in tracers.iter().enumerate() {
+                let mut job = job(*tracer, false, index == 0);
+                job.variants = variants(index > 0);
+                jobs.push(job);
+            }
+            if names.contains(&"solari") {
+                let mut job = job(TracerName::RayQuery, true, false);
+                let solari = Variant::new("solari");
+                if let Some(reason) = no_solari(machine) {
+                    skipped.push((job, solari, reason.to_owned()));
+                } else {
+                    job.variants.push(solari);
+                    jobs.push(job);
+                }
+            }
+        }
+        // The first job of a scene makes the ground truth for the others, whatever else it does.
+        jobs.retain(|job: &Job| job.first || !job.variants.is_empty());
+        Ok(Plan {
+            protocol,
+            jobs,
+            skipped,
+            out,
+        })
+    }
+
+    fn protocol(&self, machine: &Machine) -> Protocol {
+        let mut protocol = Protocol::new(self.quick, machine.is_cpu);
+        if let Some(size) = self.size {
+            (protocol.width, protocol.height) = (size.width, size.height);
+        }
+        if let Some(frames) = self.frames {
+            protocol.timing_frames = frames;
+            // At least five rounds, so that ratios get an interval.
+            protocol.block = protocol.block.min(frames.div_ceil(5)).max(1);
+        }
+        if let Some(views) = self.views {
+            protocol.views = views;
+            protocol.still_views = protocol.still_views.min(views);
+        }
+        protocol.samples = self.samples.unwrap_or(protocol.samples);
+        protocol
+    }
+
+    /// The techniques, in the order of tables.
+    fn names(&self) -> Result<Vec<&'static str>, String> {
+        if self.techniques.is_empty() {
+            return Ok(if self.quick {
+                QUICK_TECHNIQUES.to_vec()
+            } else {
+                TECHNIQUES.to_vec()
+            });
+        }
+        if let Some(unknown) = self.techniques.iter().find(|name| !TECHNIQUES.contains(&name.trim())) {
+            return Err(format!(
+                "there is no technique `{unknown}`; there are: {}",
+                TECHNIQUES.join(", ")
+            ));
+        }
+        let asked = |name: &&str| self.techniques.iter().any(|word| word.trim() == *name);
+        Ok(TECHNIQUES.into_iter().filter(asked).collect())
+    }
+
+    fn scenes(&self) -> Result<Vec<SceneSource>, String> {
+        let mut scenes: Vec<SceneSource> = Vec::new();
+        let built_in = self
+            .scene
+            .iter()
+            .map(|name| SceneSource::BuiltIn(name.trim().replace('-', "_")));
+        scenes.extend(built_in);
+        for file in &self.gltf {
+            let file = file
+                .canonicalize()
+                .map_err(|error| format!("{} can't be opened: {error}", file.display()))?;
+            scenes.push(SceneSource::File(file));
+        }
+        if scenes.is_empty() {
+            scenes.extend(SCENES.map(|name| SceneSource::BuiltIn(name.to_owned())));
+        }
+        let mut names: Vec<String> = scenes.iter().map(SceneSource::name).collect();
+        names.sort();
+        if let Some(pair) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+            return Err(format!("two scenes have the name `{}`", pair[0]));
+        }
+        Ok(scenes)
+    }
+
+    fn tracers(&self, machine: &Machine) -> Result<Vec<TracerName>, String> {
+        match (self.tracer, machine.ray_query) {
+            (TracerWord::RayQuery, false) => Err(format!("{} has no ray queries that can be used", machine.adapter)),
+            (TracerWord::Auto | TracerWord::RayQuery, true) => Ok(vec![TracerName::RayQuery]),
+            (TracerWord::All, true) => Ok(vec![TracerName::RayQuery, TracerName::Bvh]),
+            (TracerWord::Bvh, _) | (TracerWord::Auto | TracerWord::All, false) => Ok(vec![TracerName::Bvh]),
+        }
+    }
+
+    /// Whether compute and hardware are measured.
+    fn hardware(&self, machine: &Machine) -> Result<(bool, bool), String> {
+        match self.backend {
+            BackendWord::Compute => Ok((true, false)),
+            BackendWord::Auto | BackendWord::All => Ok((true, machine.hardware_rates)),
+            BackendWord::Hardware if machine.hardware_rates => Ok((false, true)),
+            BackendWord::Hardware => Err(format!("{} can't spread rays by its shading rate", machine.adapter)),
+        }
+    }
+}
+
+/// Why Solari can't be measured.
+fn no_solari(machine: &Machine) -> Option<&'static str> {
+    if !cfg!(feature = "solari") {
+        Some("the tool was built without the feature `solari`")
+    } else if !machine.ray_query {
+        Some("the GPU has no ray queries")
+    } else {
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn machine(ray_query: bool, hardware_rates: bool) -> Machine {
+        Machine {
+            adapter: "GPU".into(),
+            ray_query,
+            hardware_rates,
+            ..Machine::default()
+        }
+    }
+
+    fn arguments(words: &[&str]) -> Arguments {
+        let start = ["glint_evaluate", "--out", "out"];
+        Arguments::try_parse_from(start.iter().chain(words)).unwrap()
+    }
+
+    #[test]
+    fn the_command_line_is_well_formed() {
+        use clap::CommandFactory;
+        Arguments::command().debug_assert();
+        assert!(Arguments::try_parse_from(["glint_evaluate", "--quick"]).is_err());
+        assert!(Arguments::try_parse_from(["glint_evaluate", "--probe"]).is_ok());
+    }
+
+    #[test]
+    fn everything_is_measured_by_default() {
+        let plan = arguments(&[]).plan(&machine(true, true)).unwrap();
+        // Three scenes, each with one job of its own and one for Solari, if that is built in.
+        let scenes = plan.jobs.iter().filter(|job| job.first).count();
+        assert_eq!(scenes, 3);
+        let ids: Vec<String> = plan.jobs[0].variants.iter().map(Variant::id).collect();
+        assert!(ids.contains(&"vrs-roughness".into()) && ids.contains(&"vrs-roughness.hardware".into()));
+        assert!(!ids.contains(&"reference.hardware".into()) && !ids.contains(&"solari".into()));
+        assert_eq!(plan.jobs.len() + plan.skipped.len(), 6);
+    }
+
+    #[test]
+    fn what_a_machine_lacks_is_skipped_or_refused() {
+        let plan = arguments(&["--scene", "atrium"]).plan(&machine(false, false)).unwrap();
+        assert_eq!((plan.jobs.len(), plan.skipped.len()), (1, 1));
+        assert_eq!(plan.jobs[0].tracer, TracerName::Bvh);
+        assert!(
+            arguments(&["--tracer", "ray-query"])
+                .plan(&machine(false, false))
+                .is_err()
+        );
+        assert!(
+            arguments(&["--backend", "hardware"])
+                .plan(&machine(false, false))
+                .is_err()
+        );
+    }
+
+    #[test]
+    fn a_second_tracer_leaves_out_what_does_not_trace() {
+        let words = [
+            "--tracer",
+            "all",
+            "--scene",
+            "atrium,street",
+            "--techniques",
+            "off,ssr,quarter",
+        ];
+        let plan = arguments(&words).plan(&machine(true, false)).unwrap();
+        let counts: Vec<usize> = plan.jobs.iter().map(|job| job.variants.len()).collect();
+        assert_eq!(counts, [3, 1, 3, 1]);
+        assert_eq!(plan.jobs[1].id(), "atrium.bvh");
+    }
+
+    #[test]
+    fn numbers_change_the_protocol() {
+        let words = [
+            "--quick",
+            "--size",
+            "64x32",
+            "--frames",
+            "7",
+            "--views",
+            "1",
+            "--samples",
+            "3",
+        ];
+        let protocol = arguments(&words).plan(&machine(false, false)).unwrap().protocol;
+        assert_eq!((protocol.width, protocol.height, protocol.samples), (64, 32, 3));
+        assert_eq!((protocol.views, protocol.still_views), (1, 1));
+        assert!(protocol.rounds() * protocol.block >= 7 && protocol.rounds() >= 4);
+    }
+
+    #[test]
+    fn wrong_names_are_named() {
+        let error = |words: &[&str]| arguments(words).plan(&machine(true, true)).unwrap_err();
+        assert!(error(&["--techniques", "magic"]).contains("magic"));
+        assert!(error(&["--scene", "atrium,atrium"]).contains("atrium"));
+        assert!(error(&["--gltf", "/no/such.glb"]).contains("/no/such.glb"));
+    }
+}

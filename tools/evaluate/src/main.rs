@@ -1,0 +1,165 @@
+//! Measures what each technique costs and how far its picture is from the truth: `cargo xtask evaluate --out results`.
+
+mod arguments;
+mod output;
+
+use arguments::Arguments;
+use clap::Parser;
+use glint_evaluate::{
+    compare::compare,
+    jobs,
+    judge::judge,
+    machine::Machine,
+    plan::Job,
+    progress::Progress,
+    report::Event,
+    rows::{self, Row},
+    run,
+    state::{self, read_json, write_json, write_text},
+    table,
+};
+use output::Results;
+use std::{
+    collections::BTreeMap,
+    fs,
+    io::{ErrorKind, Write},
+    path::Path,
+    process::ExitCode,
+};
+
+/// The exit status when a comparison shows a regression; 1 is failure, and 2 a wrong command line.
+const REGRESSION: u8 = 3;
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    if arguments.probe {
+        return probe();
+    }
+    if let Some(file) = &arguments.job {
+        return work(file);
+    }
+    match evaluate(&arguments) {
+        Ok(code) => code,
+        Err(reason) => {
+            say(format_args!("error: {reason}"));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// A line on standard error; a reader that went away is no failure.
+fn say(text: impl std::fmt::Display) {
+    _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// Describes the machine to the process that asked.
+fn probe() -> ExitCode {
+    let told = Machine::probe().and_then(|machine| serde_json::to_string(&machine).map_err(|error| error.to_string()));
+    match told {
+        Ok(text) => {
+            _ = writeln!(std::io::stdout(), "{text}");
+            ExitCode::SUCCESS
+        }
+        Err(reason) => {
+            Event::Failed(reason).tell();
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Measures a job for the process that started this one.
+fn work(file: &Path) -> ExitCode {
+    let job = read_json::<Job>(file).ok_or_else(|| format!("{} holds no job", file.display()));
+    match job.and_then(|job| run::work(&job)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(reason) => {
+            Event::Failed(reason).tell();
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn evaluate(arguments: &Arguments) -> Result<ExitCode, String> {
+    let old = arguments.compare.as_deref().map(rows::load).transpose()?;
+    let machine: Machine = jobs::probe()?;
+    say(format_args!("{}", machine.adapter));
+    if machine.is_cpu {
+        say("This adapter is a CPU: its times can't be compared with those of GPUs.");
+    }
+    let plan = arguments.plan(&machine)?;
+    prepare_folder(arguments, &plan, &machine)?;
+
+    let mut progress = Progress::new(plan.jobs.iter().map(Job::frames).sum());
+    let mut failures: BTreeMap<String, String> = BTreeMap::new();
+    for job in &plan.jobs {
+        if let Err(reason) = jobs::run(job, &mut progress) {
+            progress.note(format_args!("{} ended early: {reason}", job.id()));
+            failures.insert(job.id(), reason);
+        }
+    }
+    progress.finish();
+    say("compares pictures");
+    let problems = judge(&plan.jobs, &|_, _| {});
+
+    let mut all: Vec<Row> = Vec::new();
+    for job in &plan.jobs {
+        all.extend(table::rows(job, &machine, failures.get(&job.id()).map(String::as_str)));
+    }
+    for (job, variant, reason) in &plan.skipped {
+        all.push(table::skipped(job, variant, &machine, reason));
+    }
+    let results = Results {
+        out: &plan.out,
+        machine: &machine,
+        protocol: &plan.protocol,
+        rows: &all,
+        facts: &table::facts(&plan.jobs),
+        problems: &problems,
+    };
+    results.write()?;
+    results.print();
+    if !all.iter().any(Row::is_ok) {
+        return Err(format!(
+            "nothing could be measured; see {}",
+            plan.out.join("summary.md").display()
+        ));
+    }
+    let Some(old) = old else {
+        return Ok(ExitCode::SUCCESS);
+    };
+    let comparison = compare(&old, &all);
+    let text = comparison.to_markdown();
+    write_text(&plan.out.join("comparison.md"), &text)?;
+    _ = writeln!(std::io::stdout(), "\n{text}");
+    Ok(if comparison.has_regressions() {
+        ExitCode::from(REGRESSION)
+    } else {
+        ExitCode::SUCCESS
+    })
+}
+
+/// Makes sure that what lies in the folder of results was measured with the same settings, by the same code, on this machine.
+fn prepare_folder(arguments: &Arguments, plan: &arguments::Plan, machine: &Machine) -> Result<(), String> {
+    let state = plan.out.join("state");
+    let file = state.join("settings.json");
+    let settings = serde_json::json!({ "protocol": plan.protocol, "machine": machine });
+    if arguments.fresh && file.exists() {
+        // Only what this tool wrote, and only where it did.
+        for folder in [&state, &plan.out.join("images")] {
+            if let Err(error) = fs::remove_dir_all(folder)
+                && error.kind() != ErrorKind::NotFound
+            {
+                return Err(format!("{} can't be removed: {error}", folder.display()));
+            }
+        }
+    }
+    match state::read_json::<serde_json::Value>(&file) {
+        Some(before) if before != settings => Err(format!(
+            "{} holds results of other settings, of another machine or of other sources; choose another --out, or begin anew with \
+             --fresh",
+            plan.out.display()
+        )),
+        Some(_) => Ok(()),
+        None => write_json(&file, &settings),
+    }
+}

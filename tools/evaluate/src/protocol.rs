@@ -1,0 +1,147 @@
+//! How much is measured.
+
+use crate::rows::RECOVERY_FRAMES;
+use serde::{Deserialize, Serialize};
+
+/// Frames before a camera cut, so that there is a history to be thrown away.
+pub const LEAD_FRAMES: u32 = 4;
+/// Frames before the first one of a motion.
+pub const REST_FRAMES: u32 = 2;
+/// Frames in which the picture's floating-point values are looked at.
+pub const FLOAT_FRAMES: u32 = 2;
+
+/// How much is measured. Everything that changes a result is in here.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Protocol {
+    /// Width of the picture in pixels.
+    pub width: u32,
+    /// Height of the picture in pixels.
+    pub height: u32,
+    /// Frames of each technique that are timed, rounded up to whole blocks.
+    pub timing_frames: u32,
+    /// Frames in a row of one technique that are timed.
+    pub block: u32,
+    /// Frames after a switch of techniques that aren't.
+    pub discard: u32,
+    /// Views whose pictures are compared.
+    pub views: u32,
+    /// Views in which still frames are taken, too: recovery, flicker and broken pixels.
+    pub still_views: u32,
+    /// Frames of motion before a picture is taken.
+    pub motion_frames: u32,
+    /// Still frames between which flicker is measured.
+    pub flicker_frames: u32,
+    /// Samples per pixel of the ground truth.
+    pub samples: u32,
+    /// Fineness of scenes built from code.
+    pub detail: f32,
+    /// Edge of their textures in texels.
+    pub texture_size: u32,
+}
+
+impl Protocol {
+    /// The protocol of a thorough run, or of a quick one; on a CPU everything is smaller.
+    #[must_use]
+    pub fn new(quick: bool, is_cpu: bool) -> Self {
+        let full = Self {
+            width: 1920,
+            height: 1080,
+            timing_frames: 5000,
+            block: 50,
+            discard: 8,
+            views: 5,
+            still_views: 5,
+            motion_frames: 32,
+            flicker_frames: 8,
+            samples: 1024,
+            detail: 2.25,
+            texture_size: 1024,
+        };
+        match (quick, is_cpu) {
+            (false, false) => full,
+            (false, true) => Self {
+                width: 480,
+                height: 270,
+                timing_frames: 200,
+                block: 20,
+                discard: 4,
+                still_views: 2,
+                views: 3,
+                samples: 512,
+                detail: 1.0,
+                texture_size: 256,
+                ..full
+            },
+            (true, false) => Self {
+                width: 1280,
+                height: 720,
+                timing_frames: 200,
+                block: 25,
+                discard: 6,
+                views: 2,
+                still_views: 1,
+                motion_frames: 16,
+                flicker_frames: 4,
+                samples: 256,
+                detail: 1.0,
+                texture_size: 512,
+            },
+            (true, true) => Self {
+                width: 320,
+                height: 180,
+                timing_frames: 20,
+                block: 4,
+                discard: 3,
+                views: 2,
+                still_views: 1,
+                motion_frames: 8,
+                flicker_frames: 3,
+                samples: 32,
+                detail: 0.5,
+                texture_size: 64,
+            },
+        }
+    }
+
+    /// Rounds in which all techniques take turns.
+    #[must_use]
+    pub fn rounds(&self) -> u32 {
+        self.timing_frames.div_ceil(self.block.max(1)).max(1)
+    }
+
+    /// Frames for the pictures of one technique.
+    #[must_use]
+    pub fn picture_frames(&self) -> u64 {
+        let motion = REST_FRAMES + self.motion_frames;
+        let still = LEAD_FRAMES + RECOVERY_FRAMES[2] + self.flicker_frames + FLOAT_FRAMES;
+        u64::from(self.views) * u64::from(motion) + u64::from(self.still_views.min(self.views)) * u64::from(still)
+    }
+
+    /// Frames of one turn of one technique in one round.
+    #[must_use]
+    pub fn turn_frames(&self) -> u64 {
+        // Measurements arrive a frame late.
+        u64::from(self.discard + self.block + 1)
+    }
+
+    /// Frames of one view's ground truth, and of the same view without reflections.
+    #[must_use]
+    pub fn truth_frames(&self) -> u64 {
+        u64::from(LEAD_FRAMES + self.samples)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn protocols_can_decide() {
+        for (quick, is_cpu) in [(false, false), (false, true), (true, false), (true, true)] {
+            let protocol = Protocol::new(quick, is_cpu);
+            // With fewer rounds the interval of a ratio says little.
+            assert!(protocol.rounds() >= 5, "{protocol:?}");
+            assert!(protocol.flicker_frames >= 2 && protocol.views >= 2);
+        }
+    }
+}

@@ -1,0 +1,305 @@
+//! Scenes as the measurement sees them: something to spawn, a camera path, and views along it. The one place that knows where
+//! scenes come from.
+
+use crate::{plan::SceneSource, protocol::Protocol};
+use bevy::{
+    asset::AssetPath,
+    camera::{Exposure, primitives::Aabb},
+    core_pipeline::tonemapping::Tonemapping,
+    light::{CascadeShadowConfigBuilder, Skybox},
+    math::ops,
+    prelude::*,
+};
+use glint_scenes::{Environment, HeadlessApp, SceneName, SceneOptions, Sky, sun_direction};
+use std::{f32::consts::TAU, fs, path::Path};
+
+/// Seconds that the camera takes for its path.
+const PATH_SECONDS: f32 = 24.0;
+/// Files that are looked at around a glTF file to see whether it has changed.
+const MAX_FILES: usize = 4096;
+
+/// Where the camera goes.
+enum CameraPath {
+    /// The path of a built-in scene.
+    BuiltIn(SceneName),
+    /// A small loop around a place, with its size in metres.
+    Loop(Transform, f32),
+}
+
+/// A scene and the camera's way through it.
+pub struct Stage {
+    source: SceneSource,
+    options: SceneOptions,
+    path: CameraPath,
+    views: u32,
+}
+
+impl Stage {
+    /// Finds a scene.
+    ///
+    /// # Errors
+    ///
+    /// If there is none of that name, or no such file.
+    pub fn new(source: &SceneSource, protocol: &Protocol) -> Result<Self, String> {
+        let path = match source {
+            SceneSource::BuiltIn(name) => {
+                let name: SceneName = name
+                    .parse()
+                    .map_err(|error: glint_scenes::UnknownScene| error.to_string())?;
+                CameraPath::BuiltIn(name)
+            }
+            SceneSource::File(file) => {
+                fs::metadata(file).map_err(|error| format!("{} can't be opened: {error}", file.display()))?;
+                CameraPath::Loop(Transform::IDENTITY, 0.0)
+            }
+        };
+        Ok(Self {
+            source: source.clone(),
+            options: SceneOptions {
+                detail: protocol.detail,
+                texture_size: protocol.texture_size,
+            },
+            path,
+            views: protocol.views.max(1),
+        })
+    }
+
+    /// Spawns the scene and its camera; returns the camera.
+    pub fn spawn(&self, app: &mut HeadlessApp) -> Entity {
+        match (&self.source, &self.path) {
+            (SceneSource::File(file), _) => load(app, file),
+            (SceneSource::BuiltIn(_), CameraPath::BuiltIn(name)) => app.spawn_scene(*name, &self.options),
+            (SceneSource::BuiltIn(_), CameraPath::Loop(..)) => app.spawn_camera(()),
+        }
+    }
+
+    /// Places the camera of a glTF file, once it is loaded, and lights it if it has no lights.
+    ///
+    /// # Errors
+    ///
+    /// If the file holds nothing that can be seen.
+    pub fn arrange(&mut self, app: &mut HeadlessApp, camera: Entity) -> Result<(), String> {
+        if let SceneSource::File(file) = &self.source {
+            let (transform, reach) = arrange(app.world(), camera)
+                .ok_or_else(|| format!("{} holds nothing that can be seen", file.display()))?;
+            self.path = CameraPath::Loop(transform, reach);
+        }
+        Ok(())
+    }
+
+    /// Length of the path in seconds.
+    #[must_use]
+    pub fn seconds(&self) -> f32 {
+        PATH_SECONDS
+    }
+
+    /// Where the camera is after some seconds.
+    #[must_use]
+    pub fn pose(&self, seconds: f32) -> Transform {
+        let t = (seconds / self.seconds()).clamp(0.0, 1.0);
+        match &self.path {
+            CameraPath::BuiltIn(SceneName::Atrium) => glint_scenes::camera_path(t),
+            CameraPath::BuiltIn(name) => around(glint_scenes::camera(*name).0, 0.4, t),
+            CameraPath::Loop(base, reach) => around(*base, *reach, t),
+        }
+    }
+
+    /// Seconds along the path of a view.
+    #[must_use]
+    pub fn view(&self, index: u32) -> f32 {
+        (index as f32 + 0.5) / self.views as f32 * self.seconds()
+    }
+
+    /// What a picture of the scene depends on besides the code, for the cache of ground truths.
+    #[must_use]
+    pub fn key(&self) -> String {
+        match &self.source {
+            SceneSource::BuiltIn(name) => {
+                format!(
+                    "{name} detail {} textures {}",
+                    self.options.detail, self.options.texture_size
+                )
+            }
+            SceneSource::File(file) => {
+                let mut files = Vec::new();
+                let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+                describe(folder.unwrap_or(Path::new(".")), &mut files);
+                files.sort();
+                format!("{} {}", file.display(), files.join(" "))
+            }
+        }
+    }
+}
+
+/// Sizes and dates of all files below a folder: buffers and textures lie beside a glTF file.
+fn describe(folder: &Path, files: &mut Vec<String>) {
+    let Ok(entries) = fs::read_dir(folder) else {
+        return;
+    };
+    for entry in entries.flatten() {
+        if files.len() >= MAX_FILES {
+            return;
+        }
+        let (path, Ok(metadata)) = (entry.path(), entry.metadata()) else {
+            continue;
+        };
+        if metadata.is_dir() {
+            describe(&path, files);
+        } else {
+            let changed = metadata.modified().ok();
+            let age = changed.and_then(|time| time.duration_since(std::time::UNIX_EPOCH).ok());
+            let nanoseconds = age.unwrap_or_default().as_nanos();
+            files.push(format!("{}:{}:{nanoseconds}", path.display(), metadata.len()));
+        }
+    }
+}
+
+/// A loop with a turn of the head, from 0 to 1 and back to where it began.
+fn around(base: Transform, reach: f32, t: f32) -> Transform {
+    let angle = TAU * t;
+    let offset = base.right() * (reach * ops::sin(angle)) + base.up() * (0.3 * reach * ops::sin(2.0 * angle));
+    Transform {
+        translation: base.translation + offset,
+        rotation: Quat::from_rotation_y(0.12 * ops::sin(angle)) * base.rotation,
+        ..base
+    }
+}
+
+fn sun() -> Vec3 {
+    sun_direction(145.0, 48.0)
+}
+
+/// Starts loading a file and gives the camera a sky.
+fn load(app: &mut HeadlessApp, file: &Path) -> Entity {
+    let camera = app.spawn_camera(());
+    let world = app.world();
+    let path = GltfAssetLabel::Scene(0).from_asset(AssetPath::from_path_buf(file.to_owned()));
+    let scene = world.resource::<AssetServer>().load(path);
+    world.spawn(WorldAssetRoot(scene));
+    let sky = Sky::Day { sun: sun() };
+    let mut images = world.resource_mut::<Assets<Image>>();
+    let environment = Environment {
+        light: Some(sky.environment(&mut images, 2_000.0)),
+        skybox: Some(Skybox {
+            image: Some(sky.background(&mut images)),
+            brightness: 2_000.0,
+            ..default()
+        }),
+        exposure: Exposure { ev100: 11.0 },
+        tonemapping: Tonemapping::TonyMcMapface,
+    };
+    environment.insert(&mut world.entity_mut(camera));
+    camera
+}
+
+/// Finds a place for the camera, and how far it may move: the file's first camera, else one from which everything is seen.
+fn arrange(world: &mut World, ours: Entity) -> Option<(Transform, f32)> {
+    let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    let mut objects = world.query_filtered::<(&Aabb, &GlobalTransform), With<Mesh3d>>();
+    for (aabb, transform) in objects.iter(world) {
+        for corner in 0..8u32 {
+            let sign = Vec3::new((corner & 1) as f32, (corner >> 1 & 1) as f32, (corner >> 2) as f32) * 2.0 - 1.0;
+            let point = transform.transform_point(Vec3::from(aabb.center) + sign * Vec3::from(aabb.half_extents));
+            if point.is_finite() {
+                low = low.min(point);
+                high = high.max(point);
+            }
+        }
+    }
+    if !low.is_finite() || !high.is_finite() {
+        return None;
+    }
+    let center = 0.5 * (low + high);
+    let radius = (0.5 * (high - low).length()).max(1e-3);
+
+    // The file's own cameras don't draw.
+    let mut found = None;
+    let mut cameras = world.query::<(Entity, &GlobalTransform, &Projection, &mut Camera)>();
+    for (entity, transform, projection, mut camera) in cameras.iter_mut(world) {
+        if entity != ours {
+            camera.is_active = false;
+            found.get_or_insert((transform.compute_transform(), projection.clone()));
+        }
+    }
+    let fov = 45f32.to_radians();
+    let distance = radius / (0.5 * fov).sin();
+    let (transform, projection) = found.unwrap_or_else(|| {
+        let eye = center + Vec3::new(0.55, 0.38, 1.0).normalize() * distance;
+        let projection = PerspectiveProjection {
+            fov,
+            near: 0.002 * radius,
+            far: 50.0 * radius,
+            ..default()
+        };
+        let transform = Transform::from_translation(eye).looking_at(center, Vec3::Y);
+        (transform, Projection::from(projection))
+    });
+    world.entity_mut(ours).insert((transform, projection));
+
+    let mut lights = world.query_filtered::<(), Or<(With<DirectionalLight>, With<PointLight>, With<SpotLight>)>>();
+    if lights.iter(world).next().is_none() {
+        world.spawn((
+            DirectionalLight {
+                illuminance: 22_000.0,
+                shadow_maps_enabled: true,
+                ..default()
+            },
+            CascadeShadowConfigBuilder {
+                minimum_distance: 0.02 * radius,
+                first_cascade_far_bound: distance,
+                maximum_distance: 2.0 * distance + radius,
+                ..default()
+            }
+            .build(),
+            Transform::default().looking_to(-sun(), Vec3::Y),
+        ));
+    }
+    Some((transform, 0.03 * radius))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stage(name: &str) -> Result<Stage, String> {
+        Stage::new(&SceneSource::BuiltIn(name.into()), &Protocol::new(true, true))
+    }
+
+    #[test]
+    fn views_lie_on_the_path() {
+        for name in ["atrium", "demo"] {
+            let stage = stage(name).unwrap();
+            let times: Vec<f32> = (0..2).map(|view| stage.view(view)).collect();
+            assert!(times.windows(2).all(|pair| pair[0] < pair[1]));
+            assert!(times.iter().all(|time| (0.0..=stage.seconds()).contains(time)));
+            assert_ne!(stage.pose(times[0]), stage.pose(times[1]), "{name}");
+            // The camera moves smoothly.
+            let step = stage
+                .pose(5.0)
+                .translation
+                .distance(stage.pose(5.0 + 1.0 / 60.0).translation);
+            assert!(0.0 < step && step < 0.2, "{name}: {step}");
+        }
+    }
+
+    #[test]
+    fn unknown_scenes_are_named() {
+        assert!(stage("moon").err().unwrap().contains("moon"));
+        let missing = SceneSource::File("/no/such/file.glb".into());
+        let error = Stage::new(&missing, &Protocol::new(true, true)).err().unwrap();
+        assert!(error.contains("/no/such/file.glb"), "{error}");
+    }
+
+    #[test]
+    fn the_key_knows_what_matters() {
+        let protocol = Protocol::new(true, true);
+        let scene = SceneSource::BuiltIn("atrium".into());
+        let key = |protocol: &Protocol| Stage::new(&scene, protocol).unwrap().key();
+        let finer = Protocol {
+            detail: 2.0,
+            ..protocol.clone()
+        };
+        assert_eq!(key(&protocol), key(&protocol));
+        assert_ne!(key(&protocol), key(&finer));
+    }
+}

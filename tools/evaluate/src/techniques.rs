@@ -1,0 +1,243 @@
+//! From the names of techniques to components on the camera: the one place that knows how each is switched on and off.
+
+use crate::plan::{TracerName, Variant};
+use bevy::{
+    core_pipeline::prepass::{DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass},
+    pbr::ScreenSpaceReflections,
+    prelude::*,
+};
+use bevy_glint::{
+    Backend, RayTracedReflections, ShadingRateHeuristic, StatusReport, Technique, TracerChoice, named_settings,
+    status::HardwareRates,
+};
+
+/// Perceptual roughness above which the ground truth has no ray: it traces everything.
+pub const TRUTH_CUTOFF: f32 = 1.0;
+
+/// The tracer for the plugin.
+#[must_use]
+pub fn tracer_choice(tracer: TracerName) -> TracerChoice {
+    match tracer {
+        TracerName::RayQuery => TracerChoice::RayQuery,
+        TracerName::Bvh => TracerChoice::Bvh,
+    }
+}
+
+/// Has the device opened with shading rates, where it has them; must come before Bevy's plugins.
+pub fn open_device(app: &mut App) {
+    #[cfg(feature = "hardware-vrs")]
+    app.add_plugins(bevy_glint::HardwareVrsPlugin::default());
+    #[cfg(not(feature = "hardware-vrs"))]
+    let _ = app;
+}
+
+/// Whether the rasterizer's shading rate can spread rays on this machine.
+#[must_use]
+pub fn has_hardware_rates(report: &StatusReport) -> bool {
+    report.hardware_rates == HardwareRates::Available
+}
+
+/// Whether a technique has a choice of back ends: those whose rate varies.
+#[must_use]
+pub fn has_backends(technique: &str) -> bool {
+    named_settings(technique).is_ok_and(|(settings, _)| settings.technique == Technique::Variable)
+}
+
+/// What every camera has, whatever the technique: the same G-buffer, so that techniques differ by their own passes alone.
+pub fn prepare_camera(camera: &mut EntityWorldMut) {
+    camera.insert((
+        DepthPrepass,
+        DeferredPrepass,
+        NormalPrepass,
+        MotionVectorPrepass,
+        Msaa::Off,
+    ));
+}
+
+/// Switches a technique on and the one before off. Its history starts empty.
+///
+/// `off` and `ssr` keep our component on the camera, since the library lets go of the whole scene when no camera has it, and
+/// mirroring the scene again would disturb what is measured next. It is kept from running by what it can't work with: without
+/// the normal prepass, or beside screen-space reflections.
+///
+/// # Errors
+///
+/// If the technique is unknown or isn't built in.
+pub fn apply(camera: &mut EntityWorldMut, variant: &Variant) -> Result<(), String> {
+    match variant.technique.as_str() {
+        "off" => {
+            camera.remove::<(ScreenSpaceReflections, NormalPrepass)>();
+            solari::remove(camera);
+        }
+        "ssr" => {
+            camera.insert((ScreenSpaceReflections::default(), NormalPrepass));
+        }
+        "solari" => return solari::apply(camera),
+        name => {
+            let (mut settings, heuristic) = named_settings(name).map_err(|error| error.to_string())?;
+            settings.backend = if variant.hardware {
+                Backend::Hardware
+            } else {
+                Backend::Compute
+            };
+            insert(camera, settings, heuristic);
+        }
+    }
+    Ok(())
+}
+
+/// Switches the ground truth on: everything is traced, nothing is denoised, frames are averaged.
+pub fn apply_truth(camera: &mut EntityWorldMut) {
+    let settings = RayTracedReflections {
+        technique: Technique::Converged,
+        roughness_cutoff: TRUTH_CUTOFF,
+        roughness_fade: 0.0,
+        ..default()
+    };
+    insert(camera, settings, ShadingRateHeuristic::default());
+}
+
+fn insert(camera: &mut EntityWorldMut, settings: RayTracedReflections, heuristic: ShadingRateHeuristic) {
+    camera.remove::<ScreenSpaceReflections>();
+    camera.insert((settings, heuristic, NormalPrepass));
+}
+
+/// Throws the history away, as a game does when its camera jumps.
+pub fn reset(camera: &mut EntityWorldMut) {
+    if let Some(mut settings) = camera.get_mut::<RayTracedReflections>() {
+        settings.reset = true;
+    }
+    solari::reset(camera);
+}
+
+/// The diagnostics whose sum is the GPU time of a technique.
+#[must_use]
+pub fn total_spans(variant: &Variant) -> &'static [&'static str] {
+    match variant.technique.as_str() {
+        "off" => &[],
+        "ssr" => &["render/ssr/elapsed_gpu"],
+        "solari" => &[
+            "render/solari_lighting/presample_light_tiles/elapsed_gpu",
+            "render/solari_lighting/world_cache/elapsed_gpu",
+            "render/solari_lighting/lighting/elapsed_gpu",
+        ],
+        _ => &["render/glint/elapsed_gpu"],
+    }
+}
+
+/// Stages and their diagnostics.
+pub const STAGES: [(&str, &str); 6] = [
+    ("rate", "render/glint/rate/elapsed_gpu"),
+    ("trace", "render/glint/trace/elapsed_gpu"),
+    ("reconstruct", "render/glint/reconstruct/elapsed_gpu"),
+    ("temporal", "render/glint/temporal/elapsed_gpu"),
+    ("blur", "render/glint/blur/elapsed_gpu"),
+    ("composite", "render/glint/composite/elapsed_gpu"),
+];
+/// The diagnostic of Bevy's deferred lighting.
+pub const LIGHTING: &str = "render/deferred_lighting/elapsed_gpu";
+/// The counter of reflection rays.
+pub const RAYS: &str = "render/reflection_rays";
+
+/// Bevy Solari, if it is built in.
+#[cfg(feature = "solari")]
+pub mod solari {
+    use bevy::{
+        camera::CameraMainTextureUsages,
+        prelude::*,
+        render::render_resource::TextureUsages,
+        solari::{
+            SolariPlugins,
+            prelude::{RaytracingMesh3d, SolariLighting},
+        },
+    };
+
+    /// Adds the plugins.
+    pub fn add(app: &mut App) {
+        app.add_plugins(SolariPlugins);
+    }
+
+    /// Lets rays hit everything, and the camera's picture be written in place.
+    pub fn prepare_scene(world: &mut World, camera: Entity) {
+        let meshes: Vec<_> = world
+            .query::<(Entity, &Mesh3d)>()
+            .iter(world)
+            .map(|(entity, mesh)| (entity, mesh.0.clone()))
+            .collect();
+        for (entity, mesh) in meshes {
+            world.entity_mut(entity).insert(RaytracingMesh3d(mesh));
+        }
+        let usages = CameraMainTextureUsages::default().with(TextureUsages::STORAGE_BINDING);
+        world.entity_mut(camera).insert(usages);
+    }
+
+    pub(super) fn apply(camera: &mut EntityWorldMut) -> Result<(), String> {
+        camera.insert(SolariLighting::default());
+        Ok(())
+    }
+
+    pub(super) fn remove(camera: &mut EntityWorldMut) {
+        camera.remove::<SolariLighting>();
+    }
+
+    pub(super) fn reset(camera: &mut EntityWorldMut) {
+        if let Some(mut lighting) = camera.get_mut::<SolariLighting>() {
+            lighting.reset = true;
+        }
+    }
+}
+
+/// Bevy Solari isn't built in.
+#[cfg(not(feature = "solari"))]
+pub mod solari {
+    use bevy::prelude::*;
+
+    /// Does nothing.
+    pub fn add(_: &mut App) {}
+
+    /// Does nothing.
+    pub fn prepare_scene(_: &mut World, _: Entity) {}
+
+    pub(super) fn apply(_: &mut EntityWorldMut) -> Result<(), String> {
+        Err("the tool was built without the feature `solari`".to_owned())
+    }
+
+    pub(super) fn remove(_: &mut EntityWorldMut) {}
+
+    pub(super) fn reset(_: &mut EntityWorldMut) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::TECHNIQUES;
+
+    #[test]
+    fn every_technique_can_be_switched_on() {
+        let mut world = World::new();
+        for technique in TECHNIQUES.into_iter().filter(|name| *name != "solari") {
+            let mut camera = world.spawn_empty();
+            prepare_camera(&mut camera);
+            apply(&mut camera, &Variant::new(technique)).unwrap();
+            assert_eq!(
+                camera.contains::<ScreenSpaceReflections>(),
+                technique == "ssr",
+                "{technique}"
+            );
+            let ours = Variant::new(technique).is_ours();
+            assert_eq!(camera.contains::<RayTracedReflections>(), ours, "{technique}");
+            // And off again.
+            apply(&mut camera, &Variant::new("off")).unwrap();
+            assert!(!camera.contains::<NormalPrepass>() && !camera.contains::<ScreenSpaceReflections>());
+            apply(&mut camera, &Variant::new("reference")).unwrap();
+            assert!(camera.contains::<NormalPrepass>());
+        }
+        assert!(apply(&mut world.spawn_empty(), &Variant::new("magic")).is_err());
+    }
+
+    #[test]
+    fn only_variable_rates_have_back_ends() {
+        assert!(has_backends("vrs-roughness") && has_backends("vrs-combined"));
+        assert!(!has_backends("reference") && !has_backends("ssr") && !has_backends("off"));
+    }
+}
