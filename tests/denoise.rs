@@ -3,7 +3,7 @@
 #[path = "common/denoise_reference.rs"]
 mod denoise_reference;
 #[path = "common/dispatch.rs"]
-#[allow(dead_code, reason = "no textures here")]
+#[expect(dead_code, reason = "no textures here")]
 mod dispatch;
 #[path = "common/sampling_reference.rs"]
 mod sampling_reference;

@@ -104,7 +104,7 @@ fn rays_that_are_no_numbers_are_left_out() {
     let wall = Wall::new(uvec2(64, 64));
     for odd in [f32::NAN, f32::INFINITY] {
         let seen = |block: UVec2| {
-            if block.x % 6 == 0 {
+            if block.x.is_multiple_of(6) {
                 [odd, 1.0, 1.0, odd]
             } else {
                 [1.0, 1.0, 1.0, 4.0]

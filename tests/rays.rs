@@ -1,7 +1,7 @@
 //! Which pixel of a block traces, and what is kept of its ray, on a GPU or a CPU driver.
 
 #[path = "common/dispatch.rs"]
-#[allow(dead_code, reason = "no textures here")]
+#[expect(dead_code, reason = "no textures here")]
 mod dispatch;
 
 use bevy::math::{UVec2, Vec3, uvec2, vec3};

@@ -186,7 +186,7 @@ fn merged_instances_match_the_mirror_and_brute_force() {
                 flags: culling[i / 2 % 3]
                     | [0, INSTANCE_ALPHA_MASKED][i / 3 % 2]
                     | [0, INSTANCE_CASTS_SHADOW][i / 5 % 2],
-                tree: (i % 4 != 0).then_some(0),
+                tree: (!i.is_multiple_of(4)).then_some(0),
             },
         };
         let scene = Packed::with(meshes, instances, 100, packing);

@@ -174,7 +174,7 @@ pub(super) struct Facts {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RateFacts {
     pub attachments: bool,
-    /// Attachments can be R8_UINT and copied to.
+    /// Attachments can be `R8_UINT` and copied to.
     pub format: bool,
     pub rates: ShadingRates,
 }
