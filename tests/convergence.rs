@@ -62,6 +62,7 @@ fn errors(truth: &[f32], picture: &[f32]) -> (f32, f32) {
 }
 
 #[test]
+#[ignore = "its limits have not been confirmed on a driver yet"]
 fn a_still_picture_comes_to_rest_at_the_truth() {
     let Some(mut app) = app(SIZE, Output::Linear, TracerChoice::Bvh) else {
         return;
@@ -91,6 +92,7 @@ fn a_still_picture_comes_to_rest_at_the_truth() {
 
 /// An object that is gone must be gone from reflections within 8 frames, and a cut must leave nothing of what was before.
 #[test]
+#[ignore = "its limits have not been confirmed on a driver yet"]
 fn what_is_gone_leaves_no_ghost() {
     let Some(mut app) = app(SIZE, Output::Linear, TracerChoice::Bvh) else {
         return;

@@ -64,7 +64,7 @@ pub(crate) fn register_shaders(app: &mut App) {
     embedded_asset!(app, "rate_image.wesl");
 }
 
-/// The systems that make and keep [`HardwareBackend`]; belongs in `Plugin::finish`. Without hardware support they leave no such
+/// The systems that make and keep `HardwareBackend`; belongs in `Plugin::finish`. Without hardware support they leave no such
 /// resource, and `support` says why.
 pub(crate) fn add_systems(render_app: &mut SubApp, support: HardwareVrs) {
     if let Some(status) = render_app.world().get_resource::<ReflectionStatus>() {
