@@ -209,7 +209,9 @@ fn hidden_changed_and_despawned_objects_drop_out() {
         },
         |placement| {
             Some(Placement {
-                mesh: AssetId::default(),
+                mesh: AssetId::Uuid {
+                    uuid: bevy::asset::uuid::Uuid::from_u128(7),
+                },
                 ..placement
             })
         },
