@@ -20,17 +20,23 @@ use bevy::{
     prelude::*,
     render::renderer::{RenderAdapterInfo, RenderDevice},
 };
-use bevy_glint::Tracer;
+use bevy_glint::{Backend, Tracer};
 use common::{Size, TracerWord};
 use glint_scenes::{HeadlessApp, HeadlessSettings, SceneName};
 use measure::{Bench, Tables, render_world};
 use std::{path::PathBuf, process::ExitCode, str::FromStr};
 use table::{Csv, Table};
 
+const TECHNIQUES: &str = "reference,quarter,quarter-inline,vrs-roughness,vrs-grazing,vrs-combined,vrs-roughness@hardware,\
+    vrs-grazing@hardware,paper,low,medium,high,ultra,idle";
+/// Mesa's CPU driver crashes on ray queries in fragment shaders.
+const CPU_TECHNIQUES: &str = "reference,quarter,vrs-roughness,vrs-grazing,vrs-combined,paper,idle";
+
 /// Measure rays per second and build times.
 #[derive(FromArgs)]
 struct Arguments {
-    /// demo, atrium, `mirror_room`, furnace or `emissive_floor`; may be given several times (default: demo and atrium)
+    /// demo, atrium, `atrium_small`, temple, street, `mirror_room`, furnace or `emissive_floor`; may be given several times
+    /// (default: demo, `atrium_small` and atrium)
     #[argh(option)]
     scene: Vec<SceneName>,
     /// auto, ray-query, bvh or all (default: all that the adapter has)
@@ -42,13 +48,11 @@ struct Arguments {
     /// frames to measure (default: 60; 5 on a CPU)
     #[argh(option)]
     frames: Option<u32>,
-    /// techniques whose passes are timed, separated by commas
-    #[argh(
-        option,
-        default = "\"reference,quarter,quarter-inline,vrs-roughness,vrs-grazing,vrs-combined,paper\".to_owned()"
-    )]
-    techniques: String,
-    /// fineness of the atrium: 1 gives about 90 thousand triangles
+    /// techniques whose passes are timed, separated by commas; `@hardware` behind one chooses that back end, and `idle` is a
+    /// camera with nothing to reflect on (default: all but the slow quarter-inline on a CPU)
+    #[argh(option)]
+    techniques: Option<String>,
+    /// fineness of curved parts, 0.25 to 8
     #[argh(option, default = "1.0")]
     detail: f32,
     /// triangles of the generated mesh whose BVH is built
@@ -124,7 +128,9 @@ fn run(arguments: &Arguments) -> Result<(), String> {
             println!("This adapter is a CPU: its times can't be compared with those of GPUs.");
         }
         adapter = machine.name;
-        rays(arguments, size, frames, &mut csv)?;
+        let all = if machine.is_cpu { CPU_TECHNIQUES } else { TECHNIQUES };
+        let techniques = arguments.techniques.as_deref().unwrap_or(all);
+        rays(arguments, techniques, size, frames, &mut csv)?;
     }
     if !arguments.skip_build {
         build::run(arguments.triangles, &mut csv)?;
@@ -171,12 +177,18 @@ impl Machine {
     }
 }
 
-fn rays(arguments: &Arguments, size: UVec2, frames: u32, csv: &mut Csv) -> Result<(), String> {
+fn rays(arguments: &Arguments, techniques: &str, size: UVec2, frames: u32, csv: &mut Csv) -> Result<(), String> {
     let scenes = match arguments.scene.as_slice() {
-        [] => vec![SceneName::Demo, SceneName::Atrium],
+        [] => vec![SceneName::Demo, SceneName::AtriumSmall, SceneName::Atrium],
         chosen => chosen.to_vec(),
     };
-    let techniques: Vec<&str> = arguments.techniques.split(',').map(str::trim).collect();
+    let techniques: Vec<&str> = techniques.split(',').map(str::trim).collect();
+    let is_hardware = |word: &&str| measure::technique_and_backend(word).1 == Backend::Hardware;
+    let backend = if techniques.iter().any(is_hardware) {
+        Backend::Hardware
+    } else {
+        Backend::Compute
+    };
     let mut tables = Tables {
         scenes: Table::new(
             "Scenes (build times of the CPU, of meshes summed over threads; memory without what a driver keeps for ray queries)",
@@ -205,7 +217,7 @@ fn rays(arguments: &Arguments, size: UVec2, frames: u32, csv: &mut Csv) -> Resul
             ],
         ),
         passes: Table::new(
-            "Passes (median ms of the GPU) and rays of a frame, roughness cut-off 1",
+            "Passes (median ms of the GPU; the total without timers between them) and rays of a frame, roughness cut-off 1",
             &[
                 "scene",
                 "tracer",
@@ -222,10 +234,15 @@ fn rays(arguments: &Arguments, size: UVec2, frames: u32, csv: &mut Csv) -> Resul
                 "hits",
             ],
         ),
+        memory: Table::new(
+            "Memory of a camera (B, and B per pixel of the view)",
+            &["technique", "part", "B", "B/pixel"],
+        ),
     };
+    let mut memory_known = false;
     for scene in scenes {
         for word in arguments.tracer.list() {
-            let mut bench = Bench::new(scene, word, size, arguments.detail)?;
+            let mut bench = Bench::new(scene, word, backend, size, arguments.detail)?;
             let report = bench.report();
             let tracer = match report.tracer {
                 Some(Tracer::RayQuery) => "ray-query",
@@ -245,10 +262,14 @@ fn rays(arguments: &Arguments, size: UVec2, frames: u32, csv: &mut Csv) -> Resul
                     bench.kernels(scene, tracer, &mut tables.kernels, csv);
                 }
                 bench.passes(scene, tracer, technique, &mut tables.passes, csv);
+                if !memory_known {
+                    bench.memory(scene, technique, &mut tables.memory, csv);
+                }
             }
+            memory_known = true;
         }
     }
-    for table in [&tables.scenes, &tables.kernels, &tables.passes] {
+    for table in [&tables.scenes, &tables.kernels, &tables.passes, &tables.memory] {
         table.print();
     }
     Ok(())

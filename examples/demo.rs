@@ -8,7 +8,9 @@ use argh::FromArgs;
 use bevy::prelude::*;
 use bevy_glint::Backend;
 use common::{ReflectionOptions, Size, TechniqueWord, TracerWord};
-use glint_scenes::{HeadlessSettings, SceneAnimationPlugin, SceneName, SceneOptions, camera, environment, spawn_with};
+use glint_scenes::{
+    CameraPath, HeadlessSettings, SceneAnimationPlugin, SceneName, SceneOptions, camera, environment, spawn_with,
+};
 use std::{path::PathBuf, process::ExitCode};
 
 /// Show a scene with ray-traced reflections.
@@ -17,7 +19,7 @@ struct Arguments {
     /// render without a window and write a picture
     #[argh(switch)]
     headless: bool,
-    /// demo, atrium, `mirror_room`, furnace or `emissive_floor`
+    /// demo, atrium, `atrium_small`, temple, street, `mirror_room`, furnace or `emissive_floor`
     #[argh(option, default = "SceneName::Demo")]
     scene: SceneName,
     /// off, reference, quarter, quarter-inline, vrs-roughness, vrs-grazing, vrs-combined, converged, paper, low, medium, high or
@@ -36,10 +38,10 @@ struct Arguments {
     /// frames to render before the picture is taken
     #[argh(option, default = "16")]
     frames: u32,
-    /// fineness of the atrium: 1 gives about 90 thousand triangles, 2.25 about 260 thousand
+    /// fineness of curved parts, 0.25 to 8
     #[argh(option, default = "1.0")]
     detail: f32,
-    /// where the camera is on the atrium's path, 0 to 1
+    /// where the camera of a picture is on the scene's path, 0 to 1
     #[argh(option)]
     path: Option<f32>,
     /// the picture
@@ -104,8 +106,9 @@ fn picture(arguments: &Arguments) -> Result<(), String> {
     })?;
     let camera = app.spawn_scene(arguments.scene, &arguments.options());
     common::reflection_camera(&mut app.world().entity_mut(camera), &reflections);
-    if let Some(t) = arguments.path.filter(|_| arguments.scene == SceneName::Atrium) {
-        app.world().entity_mut(camera).insert(glint_scenes::camera_path(t));
+    if let Some(t) = arguments.path {
+        let path = CameraPath::of(arguments.scene);
+        app.world().entity_mut(camera).insert(path.pose(t * path.seconds));
     }
     app.warm_up(4000).map_err(|error| error.to_string())?;
     common::wait_for_scene(&mut app, &arguments.technique());

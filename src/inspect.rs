@@ -21,6 +21,10 @@ use bevy::{
 #[derive(Resource, Clone, Copy, Debug, Default)]
 pub struct CountInvocations;
 
+/// In the render world: only the whole of a view's passes is timed, since timers between passes keep them from overlapping.
+#[derive(Resource, Clone, Copy, Debug, Default)]
+pub struct TotalTimeOnly;
+
 /// What to look at; `targets.rs` says what it holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Target {

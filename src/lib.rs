@@ -37,7 +37,7 @@
 //!
 //! With Bevy's `RenderDiagnosticsPlugin` the passes appear as `render/glint/trace/elapsed_gpu`,
 //! `render/glint/composite/elapsed_gpu` and `render/glint/elapsed_gpu` (milliseconds), and the counters as
-//! `render/reflection_rays` and `render/reflection_hits`. Memory of the scene is `glint/scene_bytes`.
+//! `render/reflection_rays` and `render/reflection_hits`. Memory of the scene is `glint/scene_bytes`, that of cameras `glint/view_bytes`.
 
 // A library reports through the log and through types; it neither prints nor panics on what a user gave it.
 #![warn(clippy::print_stdout, clippy::print_stderr, clippy::unwrap_used, clippy::expect_used)]
@@ -46,6 +46,8 @@ pub mod composite;
 pub mod debug;
 pub mod denoise;
 mod diagnostics;
+#[cfg(feature = "egui")]
+pub mod egui;
 mod extract;
 #[doc(hidden)]
 pub mod inspect;
@@ -60,14 +62,16 @@ pub mod trace;
 mod view;
 
 pub use debug::{DebugCounters, DebugSplit, DebugView, NonFiniteReport};
-pub use diagnostics::{INSTANCES, MESHES_PENDING, SCENE_BYTES, TRIANGLES};
+pub use diagnostics::{INSTANCES, MESHES_PENDING, SCENE_BYTES, TRIANGLES, VIEW_BYTES};
+#[cfg(feature = "egui")]
+pub use egui::{Quality, ReflectionSettingsPanel, ReflectionSettingsPanelPlugin};
 pub use plugin::RayTracedReflectionsPlugin;
 pub use presets::{Preset, named_settings};
 pub use rate::ShadingRateHeuristic;
 pub use settings::{
     Backend, Denoiser, NotReflected, RaySampling, RayTracedReflections, Technique, TextureMip, TracerChoice,
 };
-pub use status::{ReflectionStatus, StatusReport, Tracer};
+pub use status::{ReflectionStatus, StatusReport, Tracer, ViewMemory};
 #[cfg(feature = "hardware-vrs")]
 pub use trace::hardware::{HardwareVrs, HardwareVrsPlugin, ShadingRates};
 

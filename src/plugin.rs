@@ -18,7 +18,7 @@ use crate::{
     },
     status::{self, ReflectionStatus},
     trace::{TracePipelines, drop_ssr_pass, init_trace_pipelines, queue_trace_pipelines, ray_traced_reflections},
-    view::prepare_views,
+    view::{prepare_views, publish_memory},
 };
 use bevy::{
     app::{App, Plugin, Update},
@@ -188,6 +188,7 @@ impl Plugin for RayTracedReflectionsPlugin {
                     )
                         .chain()
                         .in_set(RenderSystems::PrepareResourcesFlush),
+                    publish_memory.in_set(RenderSystems::Cleanup),
                     allow_writes_in_place
                         .before(prepare_view_targets)
                         .in_set(RenderSystems::PrepareViews),

@@ -37,6 +37,25 @@ pub enum HardwareRates {
     Available,
 }
 
+/// Textures and buffers that one camera's reflections own.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ViewMemory {
+    /// The camera.
+    pub camera: Entity,
+    /// Pixels that it renders.
+    pub pixels: u64,
+    /// Label and bytes of each texture and buffer; what a driver adds for alignment is not counted.
+    pub parts: Vec<(&'static str, u64)>,
+}
+
+impl ViewMemory {
+    /// Bytes of all parts.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.parts.iter().map(|(_, bytes)| bytes).sum()
+    }
+}
+
 /// A snapshot of what the crate does on this machine.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StatusReport {
@@ -50,6 +69,8 @@ pub struct StatusReport {
     pub hardware_rates: HardwareRates,
     /// Cameras that reflect, each with its active back end: [`Backend::Hardware`], or [`Backend::Compute`] for all else.
     pub active_backends: Vec<(Entity, Backend)>,
+    /// What each camera's reflections own on the GPU.
+    pub view_memory: Vec<ViewMemory>,
     /// Why something better isn't active, in whole sentences.
     pub reasons: Vec<String>,
     /// Meshes whose acceleration structure is being built; they are absent from reflections until then.

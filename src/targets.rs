@@ -14,6 +14,7 @@ use bevy::{
         renderer::RenderDevice,
     },
 };
+use core::mem::take;
 
 /// One texel per tile: `rate/codes.wesl` says what its bits mean.
 pub const RATE_FORMAT: TextureFormat = TextureFormat::R32Uint;
@@ -94,8 +95,8 @@ impl Needs {
 pub struct Targets {
     pub sizes: Sizes,
     pub needs: Needs,
-    /// Bytes of all that was created.
-    pub bytes: u64,
+    /// All that was created: the label of each texture or buffer, and its bytes.
+    pub memory: Vec<(&'static str, u64)>,
     /// Counts and indirect arguments, cleared each frame: [`BLOCK_DISPATCH`] and following.
     pub arguments: Buffer,
     /// What passes count, cleared each frame: rays that hit, non-finite values that were stopped, then fragment invocations by the
@@ -139,21 +140,22 @@ pub struct HistoryTargets {
     pub radiance: [TextureView; 2],
     /// [`PAIR_FORMAT`] (full): `pack2x16float(hit distance, relative variance of one frame's samples)`.
     pub pair: [TextureView; 2],
-    /// [`SURFACE_FORMAT`] (full): bits of the distance from the viewer in metres; geometric normal as `pack2x16snorm` of its
-    /// octahedral map with the lowest 8 bits of the word replaced by the roughness.
+    /// [`SURFACE_FORMAT`] (full): `pack2x16float(distance from the viewer in metres, mean Y of the last frames)`, 0 where nothing
+    /// reflects; geometric normal as `pack2x16snorm` of its octahedral map with the lowest 8 bits of the word replaced by the
+    /// roughness.
     pub surface: [TextureView; 2],
 }
 
 struct Creator<'a> {
     device: &'a RenderDevice,
-    bytes: u64,
+    memory: Vec<(&'static str, u64)>,
 }
 
 impl Creator<'_> {
     fn texture(&mut self, size: UVec2, format: TextureFormat, label: &'static str) -> TextureView {
         let size = size.max(UVec2::ONE);
         let texel = u64::from(format.block_copy_size(None).unwrap_or(16));
-        self.bytes += u64::from(size.x) * u64::from(size.y) * texel;
+        self.memory.push((label, u64::from(size.x) * u64::from(size.y) * texel));
         let mut usage = TextureUsages::TEXTURE_BINDING | TextureUsages::STORAGE_BINDING | TextureUsages::COPY_SRC;
         if matches!(format, RAY_RADIANCE_FORMAT | RAY_RECORD_FORMAT) {
             usage |= TextureUsages::RENDER_ATTACHMENT;
@@ -183,7 +185,7 @@ impl Creator<'_> {
     }
 
     fn buffer(&mut self, size: u64, extra: BufferUsages, label: &'static str) -> Buffer {
-        self.bytes += size;
+        self.memory.push((label, size));
         self.device.create_buffer(&BufferDescriptor {
             label: Some(label),
             size,
@@ -195,7 +197,10 @@ impl Creator<'_> {
 
 impl Targets {
     pub fn new(device: &RenderDevice, sizes: Sizes, needs: Needs) -> Self {
-        let create = &mut Creator { device, bytes: 0 };
+        let create = &mut Creator {
+            device,
+            memory: Vec::new(),
+        };
         let (full, trace, tiles) = (sizes.full, sizes.trace(), sizes.tiles());
         let words = |size: UVec2| 4 * u64::from(size.x) * u64::from(size.y);
         let arguments = create.buffer(4 * ARGUMENT_WORDS, BufferUsages::INDIRECT, "glint_arguments");
@@ -236,7 +241,7 @@ impl Targets {
         Self {
             sizes,
             needs,
-            bytes: create.bytes,
+            memory: take(&mut create.memory),
             arguments,
             counters,
             reflection,

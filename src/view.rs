@@ -6,6 +6,7 @@ use crate::{
     rate::RateSettings,
     scene::SceneBindings,
     settings::{RaySampling, Technique},
+    status::{ReflectionStatus, ViewMemory},
     targets::{Needs, Sizes, Targets},
 };
 use bevy::{
@@ -19,6 +20,7 @@ use bevy::{
         camera::ExtractedCamera,
         render_resource::{ShaderType, UniformBuffer},
         renderer::{RenderDevice, RenderQueue},
+        sync_world::MainEntity,
         view::ExtractedView,
     },
 };
@@ -58,8 +60,6 @@ pub struct GpuReflectionView {
     pub tile_size: u32,
     /// Exposure of this frame over that of the last.
     pub exposure_ratio: f32,
-    /// Seconds since the last frame, 0 where time stands still.
-    pub delta_time: f32,
     /// World to clip space of the last frame, without jitter.
     pub previous_clip_from_world: Mat4,
     /// Position of the camera in the last frame.
@@ -125,7 +125,7 @@ impl ReflectionTextures {
 
     /// Bytes of all textures and buffers.
     pub fn bytes(&self) -> u64 {
-        self.targets.bytes
+        self.targets.memory.iter().map(|(_, bytes)| bytes).sum()
     }
 
     /// Pixels of the view.
@@ -204,6 +204,28 @@ pub fn prepare_views(
     }
 }
 
+/// Tells the main world what views own.
+pub fn publish_memory(
+    views: Query<(&MainEntity, &ReflectionTextures)>,
+    status: Res<ReflectionStatus>,
+    mut published: Local<(usize, u64)>,
+) {
+    let mut present = (0, 0);
+    for (_, textures) in &views {
+        present = (present.0 + 1, present.1 + textures.bytes());
+    }
+    if present == *published {
+        return;
+    }
+    *published = present;
+    let view_memory = views.iter().map(|(entity, textures)| ViewMemory {
+        camera: entity.id(),
+        pixels: u64::from(textures.size().x) * u64::from(textures.size().y),
+        parts: textures.targets.memory.clone(),
+    });
+    status.update(|report| report.view_memory = view_memory.collect());
+}
+
 /// What a view is like in one frame.
 struct Frame {
     origin: UVec2,
@@ -265,7 +287,6 @@ impl ReflectionTextures {
             trace_scale: sizes.trace_scale,
             tile_size: sizes.tile,
             exposure_ratio: if ratio.is_finite() { ratio } else { 1.0 },
-            delta_time: 0.0,
             previous_clip_from_world,
             previous_world_position,
             samples: settings.denoiser.samples,

@@ -74,9 +74,9 @@ fn merging_is_not_seen() {
     assert_eq!((idle.merged_instances, idle.merged_triangles), (0, 0));
 }
 
-/// Alpha-masked objects have merged trees of their own.
+/// Alpha-masked objects share trees with all others.
 #[test]
-fn masked_objects_are_merged_with_their_like() {
+fn masked_objects_are_merged() {
     let Some(mut app) = app(SIZE, Output::Picture, TracerChoice::Bvh) else {
         return;
     };
@@ -103,7 +103,7 @@ fn masked_objects_are_merged_with_their_like() {
     assert_flip("masked", SIZE, &opaque, &single, 0.002);
     let merged = rest(&mut app);
     assert_eq!(merged.merged_instances, merged.instances);
-    assert!(merged.merge_builds >= solid.merge_builds + 2, "{merged:?}");
+    assert!(merged.merge_builds > solid.merge_builds, "{merged:?}");
     assert_flip("masked-merged", SIZE, &single, &app.capture().unwrap(), 0.002);
 
     // What the alpha test cuts out is not seen, merged or not.

@@ -214,8 +214,8 @@ fn main() {
             instance_count,
             material_count,
             texture_count,
-            masked_node_count,
-            masked_entry_base
+            padding_a,
+            padding_b
         ]
     );
     same_layout!(

@@ -46,8 +46,6 @@ fn trace(gpu: &Gpu, wgsl: &str, checks: Checks, scene: &Packed, rays: &[TraceRay
     let uniform = GpuSceneCounts {
         tlas_node_count: view.tlas_node_count,
         tlas_entry_base: view.tlas_entry_base,
-        masked_node_count: view.masked_node_count,
-        masked_entry_base: view.masked_entry_base,
         instance_count: scene.instances.len() as u32,
         ..Default::default()
     };
@@ -195,7 +193,7 @@ fn merged_instances_match_the_mirror_and_brute_force() {
     }
 }
 
-/// Solid and alpha-masked instances have a TLAS each, which may be a tree, a single entry or empty.
+/// Solid and alpha-masked instances side by side, and each kind alone.
 #[test]
 fn masked_instances_match_the_mirror_and_brute_force() {
     let Some(gpu) = Gpu::new() else { return };

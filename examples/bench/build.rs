@@ -36,7 +36,11 @@ pub fn run(triangles: u32, csv: &mut Csv) -> Result<(), String> {
         "BLAS building (CPU, one build)",
         &["mesh", "triangles", "quality", "ms", "MiB", "B/triangle"],
     );
-    for (name, soup) in [("atrium_merged", merged_atrium()), ("generated", waves(triangles))] {
+    for (name, soup) in [
+        ("atrium_small_merged", merged(SceneName::AtriumSmall)),
+        ("atrium_merged", merged(SceneName::Atrium)),
+        ("generated", waves(triangles)),
+    ] {
         for (word, quality) in QUALITIES {
             let begin = Instant::now();
             let blas = build_blas(&soup.positions, &soup.indices, quality);
@@ -93,15 +97,15 @@ pub fn run(triangles: u32, csv: &mut Csv) -> Result<(), String> {
     Ok(())
 }
 
-/// All meshes of the atrium in world space.
-fn merged_atrium() -> Soup {
+/// All meshes of a scene in world space.
+fn merged(scene: SceneName) -> Soup {
     let mut world = World::new();
     // Textures don't matter here.
     let options = SceneOptions {
         texture_size: 4,
         ..Default::default()
     };
-    spawn_with(SceneName::Atrium, &mut world, &options);
+    spawn_with(scene, &mut world, &options);
     let mut soup = Soup::default();
     let mut placed = world.query::<(&Mesh3d, &Transform)>();
     let meshes = world.resource::<Assets<Mesh>>();

@@ -11,7 +11,7 @@ use bevy::{
     prelude::*,
     render::{RenderApp, diagnostic::RenderDiagnosticsPlugin, render_resource::PollType, renderer::RenderDevice},
 };
-use bevy_glint::{ReflectionStatus, StatusReport, named_settings};
+use bevy_glint::{Backend, ReflectionStatus, StatusReport, inspect::TotalTimeOnly, named_settings};
 use glint_scenes::{HeadlessApp, HeadlessSettings, SceneName, SceneOptions, SceneStatistics};
 use std::{
     path::{Path, PathBuf},
@@ -23,6 +23,8 @@ const WARM_UP_FRAMES: u32 = 8;
 /// Frames in a row in which nothing was built: then the scene is complete.
 const QUIET_FRAMES: u32 = 8;
 const FRAME_LIMIT: u32 = 4000;
+/// The word for the preset `medium` on a camera that sees nothing to reflect on.
+pub const IDLE: &str = "idle";
 
 /// Kernels: the word in tables, its diagnostics of rays, hits and GPU time.
 const KERNELS: [(&str, &str, &str, &str); 2] = [
@@ -47,8 +49,9 @@ const PASSES: [(&str, &str); 7] = [
     ("temporal", "render/glint/temporal/elapsed_gpu"),
     ("blur", "render/glint/blur/elapsed_gpu"),
     ("composite", "render/glint/composite/elapsed_gpu"),
-    ("total", "render/glint/elapsed_gpu"),
+    ("total", TOTAL),
 ];
+const TOTAL: &str = "render/glint/elapsed_gpu";
 const COUNTERS: [(&str, &str); 3] = [
     ("rays", "render/reflection_rays"),
     ("mirror_rays", "render/reflection_mirror_rays"),
@@ -60,6 +63,7 @@ pub struct Tables {
     pub scenes: Table,
     pub kernels: Table,
     pub passes: Table,
+    pub memory: Table,
 }
 
 /// The render app's world.
@@ -80,6 +84,16 @@ pub struct Bench {
     app: HeadlessApp,
     camera: Entity,
     samples: Vec<Samples>,
+    /// Milliseconds of all passes, without timers between them.
+    totals: Vec<f64>,
+}
+
+/// A technique and its back end, from a word such as `vrs-roughness@hardware`.
+pub fn technique_and_backend(word: &str) -> (&str, Backend) {
+    match word.strip_suffix("@hardware") {
+        Some(name) => (name, Backend::Hardware),
+        None => (word, Backend::Compute),
+    }
 }
 
 /// Puts the files of the folder that `GLINT_BENCH_SHADERS` names in the place of shader modules of the same path below `src/`, to
@@ -125,15 +139,24 @@ fn list_files(folder: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
 
 impl Bench {
     /// Spawns the scene.
-    pub fn new(scene: SceneName, tracer: TracerWord, size: UVec2, detail: f32) -> Result<Self, String> {
-        let options = ReflectionOptions { tracer, ..default() };
+    pub fn new(
+        scene: SceneName,
+        tracer: TracerWord,
+        backend: Backend,
+        size: UVec2,
+        detail: f32,
+    ) -> Result<Self, String> {
+        let options = ReflectionOptions {
+            tracer,
+            backend,
+            ..default()
+        };
         // Nothing is animated, so that all frames trace the same rays.
-        let mut app = HeadlessApp::new(HeadlessSettings { size, ..default() }, |app| {
+        let mut app = common::headless_app(HeadlessSettings { size, ..default() }, &options, |app| {
             app.add_plugins(RenderDiagnosticsPlugin);
             common::add_reflections(app, &options);
             kernels::add(app);
-        })
-        .map_err(|error| error.to_string())?;
+        })?;
         replace_shaders(&mut app)?;
         let camera: Entity = app.spawn_scene(scene, &SceneOptions { detail, ..default() });
         let kernels = KERNELS.iter().flat_map(|&(_, rays, hits, time)| [rays, hits, time]);
@@ -147,13 +170,21 @@ impl Bench {
                 values: Vec::new(),
             })
             .collect();
-        Ok(Self { app, camera, samples })
+        Ok(Self {
+            app,
+            camera,
+            samples,
+            totals: Vec::new(),
+        })
     }
 
-    /// Switches to a technique, without its roughness cut-off: what is compared is the rays.
-    pub fn set_technique(&mut self, name: &str) -> Result<(), String> {
+    /// Switches to a technique, without its roughness cut-off: what is compared is the rays. [`IDLE`] has all pixels cut off.
+    pub fn set_technique(&mut self, word: &str) -> Result<(), String> {
+        let (name, backend) = technique_and_backend(word);
+        let (name, cutoff) = if name == IDLE { ("medium", 0.0) } else { (name, 1.0) };
         let (mut reflections, heuristic) = named_settings(name).map_err(|error| error.to_string())?;
-        reflections.roughness_cutoff = 1.0;
+        reflections.backend = backend;
+        reflections.roughness_cutoff = cutoff;
         reflections.roughness_fade = 0.0;
         self.app
             .world()
@@ -229,6 +260,37 @@ impl Bench {
         }
     }
 
+    /// What the camera's textures and buffers take, per pixel of the view.
+    pub fn memory(&mut self, scene: SceneName, technique: &str, table: &mut Table, csv: &mut Csv) {
+        let report = self.report();
+        for view in report.view_memory {
+            let pixels = view.pixels as f64;
+            for &(part, bytes) in &view.parts {
+                table.row([
+                    technique.to_owned(),
+                    part.to_owned(),
+                    bytes.to_string(),
+                    number(Some(bytes as f64 / pixels), 2),
+                ]);
+            }
+            let bytes = view.bytes();
+            let per_pixel = bytes as f64 / pixels;
+            table.row([
+                technique.to_owned(),
+                "all".to_owned(),
+                bytes.to_string(),
+                number(Some(per_pixel), 2),
+            ]);
+            csv.add(
+                scene.as_str(),
+                "-",
+                &format!("{technique}_memory"),
+                per_pixel,
+                "B/pixel",
+            );
+        }
+    }
+
     /// Renders one frame and waits for the GPU, so that the next frame finds its measurements.
     fn frame(&mut self) -> Result<(), String> {
         self.app.step(1);
@@ -244,8 +306,28 @@ impl Bench {
         Ok(())
     }
 
-    /// Takes the measurements of so many frames.
+    /// Takes the measurements of so many frames: first of all passes together, then of each.
     pub fn measure(&mut self, frames: u32) -> Result<(), String> {
+        self.time_stages(false)?;
+        self.measure_frames(frames)?;
+        self.totals = self.values(TOTAL).to_vec();
+        self.time_stages(true)?;
+        self.measure_frames(frames)
+    }
+
+    /// Whether each pass has timers of its own.
+    fn time_stages(&mut self, stages: bool) -> Result<(), String> {
+        let render = self.app.app().get_sub_app_mut(RenderApp);
+        let world = render.ok_or("there is no render app")?.world_mut();
+        if stages {
+            world.remove_resource::<TotalTimeOnly>();
+        } else {
+            world.insert_resource(TotalTimeOnly);
+        }
+        Ok(())
+    }
+
+    fn measure_frames(&mut self, frames: u32) -> Result<(), String> {
         for _ in 0..WARM_UP_FRAMES {
             self.frame()?;
         }
@@ -273,9 +355,17 @@ impl Bench {
         }
     }
 
+    fn values(&self, path: &str) -> &[f64] {
+        let samples = self.samples.iter().find(|samples| samples.path.as_str() == path);
+        samples.map_or(&[], |samples| &samples.values)
+    }
+
     fn value(&self, path: &str, share: f64) -> Option<f64> {
-        let samples = self.samples.iter().find(|samples| samples.path.as_str() == path)?;
-        quantile(&samples.values, share)
+        if path == TOTAL {
+            quantile(&self.totals, share)
+        } else {
+            quantile(self.values(path), share)
+        }
     }
 
     /// Closest hits alone.

@@ -2,6 +2,9 @@
 
 #![allow(dead_code, reason = "each example uses a part")]
 
+pub mod help;
+pub mod screen;
+
 use bevy::{
     camera::{Camera3d, Hdr},
     camera_controller::free_camera::{FreeCamera, FreeCameraPlugin},
@@ -13,10 +16,19 @@ use bevy::{
     prelude::*,
 };
 use bevy_glint::{
-    Backend, RayTracedReflectionsPlugin, ReflectionStatus, TracerChoice, named_settings, presets::TECHNIQUE_NAMES,
+    Backend, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, TracerChoice, named_settings,
+    presets::TECHNIQUE_NAMES,
 };
 use glint_scenes::{HeadlessApp, HeadlessSettings};
-use std::{path::PathBuf, process::ExitCode, str::FromStr};
+use std::{
+    fmt,
+    path::{Path, PathBuf},
+    process::ExitCode,
+    str::FromStr,
+};
+
+/// The folder that assets are loaded from, wherever the example is started.
+pub const ASSETS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/assets");
 
 /// Declares an enum whose variants are words on the command line.
 macro_rules! words {
@@ -79,6 +91,12 @@ impl FromStr for TechniqueWord {
     }
 }
 
+impl fmt::Display for TechniqueWord {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(&self.0)
+    }
+}
+
 /// What the command line says about the reflections.
 #[derive(Clone, Debug, Default)]
 pub struct ReflectionOptions {
@@ -128,20 +146,67 @@ pub fn reflection_camera(camera: &mut EntityWorldMut, options: &ReflectionOption
 
 /// Meshes are built in the background: waits until rays can hit all of them. The ground truth is one of a moment.
 pub fn wait_for_scene(app: &mut HeadlessApp, technique: &TechniqueWord) {
+    settle(app);
     if technique.is_converged() {
         app.world().resource_mut::<Time<Virtual>>().pause();
     }
-    let pending = |app: &mut HeadlessApp| {
-        let report = app.world().resource::<ReflectionStatus>().report();
-        report.tracer.is_some() && (!report.ready || report.meshes_pending > 0)
-    };
+}
+
+/// Renders with the clock standing still until rays can hit everything, then lets every history begin anew and the clock run: what
+/// moves is where it was, however long that took.
+pub fn settle(app: &mut HeadlessApp) {
+    app.world().resource_mut::<Time<Virtual>>().pause();
     for _ in 0..10_000 {
-        if technique.is_off() || !pending(app) {
-            return;
+        if !is_pending(app.world()) {
+            break;
         }
         std::thread::sleep(std::time::Duration::from_millis(2));
         app.step(1);
     }
+    // What was uploaded last is traced in the next frame.
+    app.step(2);
+    let world = app.world();
+    for mut reflections in world.query::<&mut RayTracedReflections>().iter_mut(world) {
+        reflections.reset = true;
+    }
+    world.resource_mut::<Time<Virtual>>().unpause();
+}
+
+/// A camera reflects, and rays can't hit everything yet.
+fn is_pending(world: &mut World) -> bool {
+    let is_wanted = world.query::<&RayTracedReflections>().iter(world).next().is_some();
+    let report = world.resource::<ReflectionStatus>().report();
+    is_wanted && report.tracer.is_some() && (!report.ready || report.meshes_pending > 0)
+}
+
+/// Renders until everything is loaded, compiled and can be hit by rays.
+pub fn prepare(app: &mut HeadlessApp) -> Result<(), String> {
+    app.warm_up(20_000).map_err(|error| error.to_string())?;
+    settle(app);
+    Ok(())
+}
+
+/// Writes the picture and says where it is.
+pub fn save(app: &HeadlessApp, out: Option<&Path>, name: &str) -> Result<(), String> {
+    let path = picture_path(out, name);
+    app.save(&path).map_err(|error| error.to_string())?;
+    println!("wrote {}", path.display());
+    Ok(())
+}
+
+/// Where the picture goes: as the command line says, else named after the example.
+pub fn picture_path(out: Option<&Path>, name: &str) -> PathBuf {
+    out.map_or_else(|| default_picture(name), Path::to_path_buf)
+}
+
+/// The size that was asked for, else that of a window, or of a picture that a CPU can render, too.
+pub fn size_or_default(size: Option<Size>, headless: bool) -> UVec2 {
+    let default = if headless {
+        UVec2::new(640, 360)
+    } else {
+        UVec2::new(1280, 720)
+    };
+    size.map_or(default, |size| size.0)
 }
 
 /// A size such as `1920x1080`.
@@ -180,6 +245,7 @@ pub fn windowed_app(title: &str, size: UVec2, options: &ReflectionOptions) -> Re
                 ..default()
             })
             .set(AssetPlugin {
+                file_path: ASSETS.to_owned(),
                 unapproved_path_mode: bevy::asset::UnapprovedPathMode::Allow,
                 ..default()
             }),
@@ -191,12 +257,22 @@ pub fn windowed_app(title: &str, size: UVec2, options: &ReflectionOptions) -> Re
 
 /// The camera of a window; `speed` in metres per second.
 pub fn window_camera(speed: f32) -> impl Bundle {
-    let fly = FreeCamera {
+    (view_camera(), fly(speed))
+}
+
+/// A camera of a window that nothing moves. It draws deferred, with or without reflections.
+pub fn view_camera() -> impl Bundle {
+    let prepasses = (DepthPrepass, DeferredPrepass);
+    (Camera3d::default(), Hdr, Msaa::Off, DebandDither::Enabled, prepasses)
+}
+
+/// Lets a camera fly; `speed` in metres per second. Bevy's controller moves one camera of an app.
+pub fn fly(speed: f32) -> FreeCamera {
+    FreeCamera {
         walk_speed: speed,
         run_speed: 4.0 * speed,
         ..default()
-    };
-    (Camera3d::default(), Hdr, Msaa::Off, DebandDither::Enabled, fly)
+    }
 }
 
 /// Where a picture goes when nothing is said.

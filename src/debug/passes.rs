@@ -6,9 +6,10 @@ use super::{
 };
 use crate::{
     composite::{CompositePipelines, composited_radiance},
+    denoise::pass::{GBufferPass, floats, gbuffer_entries, gbuffer_layout, integers},
     extract::ReflectionView,
     scene::environment::layout_descriptor,
-    trace::{GBufferBindings, PassContext, PassResources, gbuffer_layout_entries},
+    trace::{PassContext, PassResources},
     view::ReflectionTextures,
 };
 use bevy::{
@@ -21,10 +22,9 @@ use bevy::{
     render::{
         diagnostic::RecordDiagnostics,
         render_resource::{
-            BindGroup, BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries, Buffer, BufferDescriptor,
-            BufferInitDescriptor, BufferUsages, CachedComputePipelineId, ComputePassDescriptor, ComputePipeline,
-            ComputePipelineDescriptor, PipelineCache, ShaderStages, StorageTextureAccess, TextureFormat,
-            TextureSampleType, TextureUsages, TextureView, binding_types,
+            BindGroupLayoutDescriptor, Buffer, BufferDescriptor, BufferInitDescriptor, BufferUsages, ComputePipeline,
+            ComputePipelineDescriptor, DynamicBindGroupEntries, DynamicBindGroupLayoutEntries, PipelineCache,
+            StorageTextureAccess, TextureFormat, TextureUsages, TextureView, binding_types,
         },
         renderer::{RenderContext, RenderDevice, ViewQuery},
         view::{ExtractedView, ViewTarget, ViewUniformOffset},
@@ -67,6 +67,14 @@ pub(super) enum DebugPass {
 }
 
 impl DebugPass {
+    const ALL: [Self; 5] = [
+        Self::Reflection,
+        Self::Intermediate,
+        Self::Count,
+        Self::Locate,
+        Self::Finish,
+    ];
+
     fn of(view: DebugView) -> Self {
         if view == DebugView::Reflection {
             Self::Reflection
@@ -88,127 +96,79 @@ impl DebugPass {
 /// Layouts and pipelines of debug views and counters. They are compiled when a camera first asks for them.
 #[derive(Resource)]
 pub struct DebugPipelines {
-    show_shader: Handle<Shader>,
-    count_shader: Handle<Shader>,
-    reflection_layout: BindGroupLayoutDescriptor,
-    intermediate_layout: BindGroupLayoutDescriptor,
+    passes: HashMap<DebugPass, GBufferPass>,
     empty_layout: BindGroupLayoutDescriptor,
     pub(super) count_layout: BindGroupLayoutDescriptor,
-    queued: HashMap<DebugPass, CachedComputePipelineId>,
     /// What is counted; all views in turn.
     pub(super) report: Buffer,
 }
 
 impl DebugPipelines {
     pub(super) fn get<'a>(&self, cache: &'a PipelineCache, pass: DebugPass) -> Option<&'a ComputePipeline> {
-        cache.get_compute_pipeline(*self.queued.get(&pass)?)
+        self.passes.get(&pass)?.pipeline(cache)
     }
 
     fn queue(&mut self, pass: DebugPass, cache: &PipelineCache) {
-        if self.queued.contains_key(&pass) {
-            return;
+        if let Some(pass) = self.passes.get_mut(&pass) {
+            pass.queue(cache);
         }
-        let layout = match pass {
+    }
+}
+
+/// What both variants of `debug.wesl` bind first.
+fn show_layout() -> DynamicBindGroupLayoutEntries {
+    gbuffer_layout().extend_sequential((
+        floats(),
+        floats(),
+        binding_types::texture_storage_2d(FRAME_FORMAT, StorageTextureAccess::ReadWrite),
+        binding_types::uniform_buffer_sized(false, NonZeroU64::new(size_of::<GpuDebugSettings>() as u64)),
+        integers(),
+    ))
+}
+
+/// And what follows where a texture before the composite is shown.
+fn intermediate_layout() -> DynamicBindGroupLayoutEntries {
+    show_layout().extend_sequential((integers(), floats(), integers(), floats(), integers(), integers()))
+}
+
+fn count_layout() -> DynamicBindGroupLayoutEntries {
+    let report = binding_types::storage_buffer_sized(false, NonZeroU64::new(4 * REPORT_WORDS));
+    gbuffer_layout().extend_sequential((floats(), report))
+}
+
+/// Makes the layouts.
+pub fn init_debug_pipelines(mut commands: Commands, asset_server: Res<AssetServer>, device: Res<RenderDevice>) {
+    let show_shader: Handle<Shader> = load_embedded_asset!(asset_server.as_ref(), "debug.wesl");
+    let count_shader: Handle<Shader> = load_embedded_asset!(asset_server.as_ref(), "count.wesl");
+    let reflection = BindGroupLayoutDescriptor::new("glint_debug_reflection_layout", &show_layout());
+    let intermediate = BindGroupLayoutDescriptor::new("glint_debug_intermediate_layout", &intermediate_layout());
+    let count = BindGroupLayoutDescriptor::new("glint_debug_count_layout", &count_layout());
+    let empty = BindGroupLayoutDescriptor::new("glint_empty_layout", &[]);
+    let passes = DebugPass::ALL.map(|pass| {
+        let (shader, layout, shader_defs) = match pass {
             // Group 1 is the scene's in other passes, and empty here.
-            DebugPass::Reflection => vec![
-                self.reflection_layout.clone(),
-                self.empty_layout.clone(),
-                layout_descriptor(),
-            ],
-            DebugPass::Intermediate => vec![self.intermediate_layout.clone()],
-            DebugPass::Count | DebugPass::Locate | DebugPass::Finish => vec![self.count_layout.clone()],
+            DebugPass::Reflection => (
+                &show_shader,
+                vec![reflection.clone(), empty.clone(), layout_descriptor()],
+                vec!["REFLECTION".into()],
+            ),
+            DebugPass::Intermediate => (&show_shader, vec![intermediate.clone()], vec![]),
+            DebugPass::Count | DebugPass::Locate | DebugPass::Finish => (&count_shader, vec![count.clone()], vec![]),
         };
-        let (shader, shader_defs) = match pass {
-            DebugPass::Reflection => (&self.show_shader, vec!["REFLECTION".into()]),
-            DebugPass::Intermediate => (&self.show_shader, vec![]),
-            DebugPass::Count | DebugPass::Locate | DebugPass::Finish => (&self.count_shader, vec![]),
-        };
-        let id = cache.queue_compute_pipeline(ComputePipelineDescriptor {
+        let descriptor = ComputePipelineDescriptor {
             label: Some(format!("glint_debug_{pass:?}").into()),
             layout,
             shader: shader.clone(),
             shader_defs,
             entry_point: Some(pass.entry_point().into()),
             ..default()
-        });
-        self.queued.insert(pass, id);
-    }
-}
-
-/// Makes the layouts.
-pub fn init_debug_pipelines(mut commands: Commands, asset_server: Res<AssetServer>, device: Res<RenderDevice>) {
-    let floats = || binding_types::texture_2d(TextureSampleType::Float { filterable: false });
-    let words = || binding_types::texture_2d(TextureSampleType::Uint);
-    let frame = || binding_types::texture_storage_2d(FRAME_FORMAT, StorageTextureAccess::ReadWrite);
-    let shown = || binding_types::uniform_buffer_sized(false, NonZeroU64::new(size_of::<GpuDebugSettings>() as u64));
-    let [view, settings, depth, gbuffer, normals] = gbuffer_layout_entries();
-    let reflection_layout = BindGroupLayoutDescriptor::new(
-        "glint_debug_reflection_layout",
-        &BindGroupLayoutEntries::sequential(
-            ShaderStages::COMPUTE,
-            (
-                view,
-                settings,
-                depth,
-                gbuffer,
-                normals,
-                floats(),
-                floats(),
-                frame(),
-                shown(),
-                words(),
-            ),
-        ),
-    );
-    let [view, settings, depth, gbuffer, normals] = gbuffer_layout_entries();
-    let intermediate_layout = BindGroupLayoutDescriptor::new(
-        "glint_debug_intermediate_layout",
-        &BindGroupLayoutEntries::sequential(
-            ShaderStages::COMPUTE,
-            (
-                view,
-                settings,
-                depth,
-                gbuffer,
-                normals,
-                floats(),
-                floats(),
-                frame(),
-                shown(),
-                words(),
-                words(),
-                floats(),
-                words(),
-                floats(),
-                words(),
-                words(),
-            ),
-        ),
-    );
-    let [view, settings, depth, gbuffer, normals] = gbuffer_layout_entries();
-    let count_layout = BindGroupLayoutDescriptor::new(
-        "glint_debug_count_layout",
-        &BindGroupLayoutEntries::sequential(
-            ShaderStages::COMPUTE,
-            (
-                view,
-                settings,
-                depth,
-                gbuffer,
-                normals,
-                floats(),
-                binding_types::storage_buffer_sized(false, NonZeroU64::new(4 * REPORT_WORDS)),
-            ),
-        ),
-    );
+        };
+        (pass, GBufferPass::new(descriptor))
+    });
     commands.insert_resource(DebugPipelines {
-        show_shader: load_embedded_asset!(asset_server.as_ref(), "debug.wesl"),
-        count_shader: load_embedded_asset!(asset_server.as_ref(), "count.wesl"),
-        reflection_layout,
-        intermediate_layout,
-        empty_layout: BindGroupLayoutDescriptor::new("glint_empty_layout", &[]),
-        count_layout,
-        queued: HashMap::default(),
+        passes: HashMap::from_iter(passes),
+        empty_layout: empty,
+        count_layout: count,
         report: device.create_buffer(&BufferDescriptor {
             label: Some("glint_debug_report"),
             size: 4 * REPORT_WORDS,
@@ -307,7 +267,7 @@ fn show_side(
     side: &Side,
 ) {
     let pass = DebugPass::of(side.view);
-    let Some(pipeline) = pipelines.get(context.cache, pass) else {
+    let Some(shown) = pipelines.passes.get(&pass) else {
         return;
     };
     let images = context.textures.targets.pipeline.as_ref();
@@ -319,27 +279,18 @@ fn show_side(
         padding: [0; 2],
         legend: RATE_LEGEND.map(|(_, color)| [color.red, color.green, color.blue, color.alpha]),
     };
-    let device = ctx.render_device().clone();
+    let device = ctx.render_device();
     let settings = device.create_buffer_with_data(&BufferInitDescriptor {
         label: Some("glint_debug_settings"),
         contents: bytemuck::bytes_of(&settings),
         usage: BufferUsages::UNIFORM,
     });
-    let bind_group = match pass {
-        DebugPass::Reflection => bind_reflection(&device, pipelines, context, radiance, frame, &settings),
-        _ => bind_intermediates(&device, pipelines, context, radiance, frame, &settings),
+    let empty_layout = context.cache.get_bind_group_layout(&pipelines.empty_layout);
+    let empty = device.create_bind_group("glint_empty", &empty_layout, &[]);
+    let entries = show_entries(pass, context, radiance, frame, &settings);
+    let Some(mut compute) = shown.begin(ctx, context, &entries) else {
+        return;
     };
-    let empty = device.create_bind_group(
-        "glint_empty",
-        &context.cache.get_bind_group_layout(&pipelines.empty_layout),
-        &[],
-    );
-    let mut compute = ctx.command_encoder().begin_compute_pass(&ComputePassDescriptor {
-        label: Some("glint_debug"),
-        timestamp_writes: None,
-    });
-    compute.set_pipeline(pipeline);
-    compute.set_bind_group(0, &bind_group, &[context.view_offset]);
     if pass == DebugPass::Reflection {
         compute.set_bind_group(1, &empty, &[]);
         compute.set_bind_group(2, context.environment, &[]);
@@ -348,83 +299,38 @@ fn show_side(
     compute.dispatch_workgroups(columns.div_ceil(8), rows.div_ceil(8), 1);
 }
 
-fn bind_reflection(
-    device: &RenderDevice,
-    pipelines: &DebugPipelines,
-    context: &PassContext,
-    radiance: &TextureView,
-    frame: &TextureView,
-    shown: &Buffer,
-) -> BindGroup {
-    let GBufferBindings {
-        view,
-        settings,
-        depth,
-        gbuffer,
-        normals,
-    } = context.gbuffer.clone();
-    let textures = context.textures;
-    // The shader doesn't read what is bound in the place of something missing.
-    let ssao = context.ssao.unwrap_or(radiance);
+/// Group 0 of `debug.wesl`. The shader doesn't read what is bound in the place of something missing.
+fn show_entries<'a>(
+    pass: DebugPass,
+    context: &PassContext<'a>,
+    radiance: &'a TextureView,
+    frame: &'a TextureView,
+    settings: &'a Buffer,
+) -> DynamicBindGroupEntries<'a> {
+    let (textures, gbuffer) = (context.textures, context.gbuffer.gbuffer);
+    let now = textures.parity;
     let images = textures.targets.pipeline.as_ref();
-    let rate = images.map_or(gbuffer, |images| &images.rate[textures.parity]);
-    device.create_bind_group(
-        "glint_debug_reflection",
-        &context.cache.get_bind_group_layout(&pipelines.reflection_layout),
-        &BindGroupEntries::sequential((
-            view,
-            settings,
-            depth,
-            gbuffer,
-            normals,
-            radiance,
-            ssao,
-            frame,
-            shown.as_entire_binding(),
-            rate,
-        )),
-    )
-}
-
-fn bind_intermediates(
-    device: &RenderDevice,
-    pipelines: &DebugPipelines,
-    context: &PassContext,
-    radiance: &TextureView,
-    frame: &TextureView,
-    shown: &Buffer,
-) -> BindGroup {
-    let GBufferBindings {
-        view,
-        settings,
-        depth,
-        gbuffer,
-        normals,
-    } = context.gbuffer.clone();
-    let textures = context.textures;
-    // The shader doesn't read what is bound in the place of something missing.
-    let images = textures.targets.pipeline.as_ref();
+    let second = match pass {
+        DebugPass::Reflection => context.ssao,
+        _ => images.map(|images| &images.ray_radiance),
+    };
+    let entries = gbuffer_entries(context).extend_sequential((
+        radiance,
+        second.unwrap_or(radiance),
+        frame,
+        settings.as_entire_binding(),
+        images.map_or(gbuffer, |images| &images.rate[now]),
+    ));
+    if pass == DebugPass::Reflection {
+        return entries;
+    }
     let history = images.and_then(|images| images.history.as_ref());
-    device.create_bind_group(
-        "glint_debug_intermediates",
-        &context.cache.get_bind_group_layout(&pipelines.intermediate_layout),
-        &BindGroupEntries::sequential((
-            view,
-            settings,
-            depth,
-            gbuffer,
-            normals,
-            radiance,
-            images.map_or(radiance, |images| &images.ray_radiance),
-            frame,
-            shown.as_entire_binding(),
-            images.map_or(gbuffer, |images| &images.rate[textures.parity]),
-            images.map_or(gbuffer, |images| &images.ray_record),
-            images.map_or(radiance, |images| &images.reconstructed),
-            images.map_or(gbuffer, |images| &images.reconstructed_pair),
-            history.map_or(radiance, |history| &history.radiance[textures.parity]),
-            history.map_or(gbuffer, |history| &history.pair[textures.parity]),
-            history.map_or(gbuffer, |history| &history.surface[textures.parity]),
-        )),
-    )
+    entries.extend_sequential((
+        images.map_or(gbuffer, |images| &images.ray_record),
+        images.map_or(radiance, |images| &images.reconstructed),
+        images.map_or(gbuffer, |images| &images.reconstructed_pair),
+        history.map_or(radiance, |history| &history.radiance[now]),
+        history.map_or(gbuffer, |history| &history.pair[now]),
+        history.map_or(gbuffer, |history| &history.surface[now]),
+    ))
 }

@@ -12,12 +12,13 @@
 //! The blur can't write to what it reads. With temporal accumulation it reads the history, and there alone it runs.
 
 mod blur;
+pub(crate) mod pass;
 mod reconstruct;
 mod temporal;
 
 use crate::{
     settings::{SafeSettings, Technique},
-    targets::{HistoryTargets, TILE_DISPATCH},
+    targets::{HistoryTargets, PipelineTargets, TILE_DISPATCH},
     trace::PassContext,
 };
 use bevy::{
@@ -25,18 +26,19 @@ use bevy::{
     ecs::prelude::*,
     platform::collections::{HashMap, HashSet},
     render::{
-        diagnostic::RecordDiagnostics,
+        diagnostic::{DiagnosticsRecorder, RecordDiagnostics},
         render_resource::{
-            BindGroupLayoutDescriptor, BindGroupLayoutEntryBuilder, CachedComputePipelineId, CachedPipelineState,
-            ComputePassDescriptor, ComputePipeline, ComputePipelineDescriptor, PipelineCache, StorageTextureAccess,
-            TextureFormat, TextureSampleType, TextureView, binding_types,
+            BindGroupLayoutDescriptor, BindGroupLayoutEntryBuilder, ComputePipelineDescriptor, DynamicBindGroupEntries,
+            DynamicBindGroupLayoutEntries, PipelineCache, StorageTextureAccess, TextureFormat, TextureView,
+            binding_types,
         },
         renderer::RenderContext,
     },
-    shader::{Shader, ShaderCacheError},
+    shader::Shader,
     utils::default,
 };
 use core::num::NonZeroU64;
+use pass::{GBufferPass, gbuffer_entries, gbuffer_layout};
 
 /// A pass of the denoiser.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -72,22 +74,12 @@ impl DenoisePass {
             Self::Blur => "blur",
         }
     }
-
-    const fn label(self) -> &'static str {
-        match self {
-            Self::Reconstruct => "glint_reconstruct",
-            Self::Temporal => "glint_temporal",
-            Self::Blur => "glint_blur",
-        }
-    }
 }
 
 /// Layouts and pipelines of the denoiser.
 #[derive(Resource)]
 pub struct DenoisePipelines {
-    shaders: HashMap<DenoisePass, Handle<Shader>>,
-    layouts: HashMap<DenoisePass, BindGroupLayoutDescriptor>,
-    compute: HashMap<DenoisePass, CachedComputePipelineId>,
+    passes: HashMap<DenoisePass, GBufferPass>,
     wanted: HashSet<DenoisePass>,
 }
 
@@ -99,44 +91,43 @@ impl DenoisePipelines {
 
     /// What a view's settings need can be used.
     pub(crate) fn is_ready(&self, cache: &PipelineCache, settings: &SafeSettings) -> bool {
-        DenoisePass::of(settings).all(|pass| self.compute(cache, pass).is_some())
-    }
-
-    fn compute<'a>(&self, cache: &'a PipelineCache, pass: DenoisePass) -> Option<&'a ComputePipeline> {
-        cache.get_compute_pipeline(*self.compute.get(&pass)?)
-    }
-
-    /// The first error of a pipeline, other than that its modules are still being loaded.
-    fn error<'a>(&self, cache: &'a PipelineCache) -> Option<&'a ShaderCacheError> {
-        let mut states = self.compute.values().map(|&id| cache.get_compute_pipeline_state(id));
-        states.find_map(|state| match state {
-            CachedPipelineState::Err(
-                ShaderCacheError::ShaderNotLoaded(_) | ShaderCacheError::ShaderImportNotYetAvailable,
-            ) => None,
-            CachedPipelineState::Err(error) => Some(error),
-            _ => None,
-        })
+        DenoisePass::of(settings).all(|pass| self.passes[&pass].pipeline(cache).is_some())
     }
 }
 
 /// Makes the layouts.
 pub fn init_denoise_pipelines(mut commands: Commands, asset_server: Res<AssetServer>) {
     let assets = asset_server.as_ref();
+    let describe = |pass: DenoisePass, shader: Handle<Shader>, layout: DynamicBindGroupLayoutEntries| {
+        let name = pass.name();
+        let layout = BindGroupLayoutDescriptor::new(format!("glint_{name}_layout"), &layout);
+        let descriptor = ComputePipelineDescriptor {
+            label: Some(format!("glint_{name}").into()),
+            layout: vec![layout],
+            shader,
+            entry_point: Some(name.into()),
+            ..default()
+        };
+        (pass, GBufferPass::new(descriptor))
+    };
     commands.insert_resource(DenoisePipelines {
-        shaders: HashMap::from_iter([
-            (
+        passes: HashMap::from_iter([
+            describe(
                 DenoisePass::Reconstruct,
                 load_embedded_asset!(assets, "reconstruct.wesl"),
+                reconstruct::layout(),
             ),
-            (DenoisePass::Temporal, load_embedded_asset!(assets, "temporal.wesl")),
-            (DenoisePass::Blur, load_embedded_asset!(assets, "blur.wesl")),
+            describe(
+                DenoisePass::Temporal,
+                load_embedded_asset!(assets, "temporal.wesl"),
+                temporal::layout(),
+            ),
+            describe(
+                DenoisePass::Blur,
+                load_embedded_asset!(assets, "blur.wesl"),
+                blur::layout(),
+            ),
         ]),
-        layouts: HashMap::from_iter([
-            (DenoisePass::Reconstruct, reconstruct::layout()),
-            (DenoisePass::Temporal, temporal::layout()),
-            (DenoisePass::Blur, blur::layout()),
-        ]),
-        compute: HashMap::default(),
         wanted: HashSet::default(),
     });
 }
@@ -144,28 +135,23 @@ pub fn init_denoise_pipelines(mut commands: Commands, asset_server: Res<AssetSer
 /// Queues what cameras asked for.
 pub fn queue_denoise_pipelines(mut pipelines: ResMut<DenoisePipelines>, cache: Res<PipelineCache>) {
     let pipelines = &mut *pipelines;
-    for &pass in &pipelines.wanted {
-        if pipelines.compute.contains_key(&pass) {
-            continue;
+    for pass in &pipelines.wanted {
+        if let Some(pass) = pipelines.passes.get_mut(pass) {
+            pass.queue(&cache);
         }
-        let id = cache.queue_compute_pipeline(ComputePipelineDescriptor {
-            label: Some(pass.label().into()),
-            layout: vec![pipelines.layouts[&pass].clone()],
-            shader: pipelines.shaders[&pass].clone(),
-            entry_point: Some(pass.name().into()),
-            ..default()
-        });
-        pipelines.compute.insert(pass, id);
     }
-    if let Some(error) = pipelines.error(&cache) {
+    if let Some(error) = pipelines.passes.values().find_map(|pass| pass.error(&cache)) {
         bevy::log::error_once!("ray-traced reflections stay off, since their denoiser failed: {error}");
     }
 }
 
 /// Denoises the rays of one view.
-pub(crate) fn denoise(ctx: &mut RenderContext, pipelines: &DenoisePipelines, context: &PassContext) {
-    let diagnostics = ctx.diagnostic_recorder();
-    let diagnostics = diagnostics.as_deref();
+pub(crate) fn denoise(
+    ctx: &mut RenderContext,
+    pipelines: &DenoisePipelines,
+    context: &PassContext,
+    diagnostics: Option<&DiagnosticsRecorder>,
+) {
     for pass in passes(context) {
         let span = diagnostics.time_span(ctx.command_encoder(), pass.name());
         run(ctx, pipelines, context, pass);
@@ -198,38 +184,28 @@ fn history<'a>(context: &PassContext<'a>) -> Option<(&'a HistoryTargets, &'a Tex
 }
 
 fn run(ctx: &mut RenderContext, pipelines: &DenoisePipelines, context: &PassContext, pass: DenoisePass) {
-    let cache = context.cache;
-    let Some(pipeline) = pipelines.compute(cache, pass) else {
-        return;
+    let entries = match pass {
+        DenoisePass::Reconstruct => reconstruct::entries(context),
+        DenoisePass::Temporal => temporal::entries(context),
+        DenoisePass::Blur => blur::entries(context),
     };
-    let layout = cache.get_bind_group_layout(&pipelines.layouts[&pass]);
-    let device = ctx.render_device();
-    let bind_group = match pass {
-        DenoisePass::Reconstruct => reconstruct::bind_group(device, &layout, context),
-        DenoisePass::Temporal => temporal::bind_group(device, &layout, context),
-        DenoisePass::Blur => blur::bind_group(device, &layout, context),
-    };
-    let Some(bind_group) = bind_group else { return };
-    let mut compute = ctx.command_encoder().begin_compute_pass(&ComputePassDescriptor {
-        label: Some(pass.label()),
-        timestamp_writes: None,
-    });
-    compute.set_pipeline(pipeline);
-    compute.set_bind_group(0, &bind_group, &[context.view_offset]);
-    compute.dispatch_workgroups_indirect(&context.textures.targets.arguments, TILE_DISPATCH);
+    let Some(entries) = entries else { return };
+    if let Some(mut compute) = pipelines.passes[&pass].begin(ctx, context, &entries) {
+        compute.dispatch_workgroups_indirect(&context.textures.targets.arguments, TILE_DISPATCH);
+    }
 }
 
-/// A list of `tiles.wesl`.
-fn words() -> BindGroupLayoutEntryBuilder {
-    binding_types::storage_buffer_read_only_sized(false, NonZeroU64::new(4))
+/// What all passes bind first: the G-buffer, and the lists of `tiles.wesl`.
+fn tile_layout() -> DynamicBindGroupLayoutEntries {
+    let words = || binding_types::storage_buffer_read_only_sized(false, NonZeroU64::new(4));
+    gbuffer_layout().extend_sequential((words(), words()))
 }
 
-fn integers() -> BindGroupLayoutEntryBuilder {
-    binding_types::texture_2d(TextureSampleType::Uint)
-}
-
-fn floats() -> BindGroupLayoutEntryBuilder {
-    binding_types::texture_2d(TextureSampleType::Float { filterable: false })
+fn tile_entries<'a>(context: &PassContext<'a>, images: &'a PipelineTargets) -> DynamicBindGroupEntries<'a> {
+    gbuffer_entries(context).extend_sequential((
+        images.tiles.as_entire_binding(),
+        context.textures.targets.arguments.as_entire_binding(),
+    ))
 }
 
 fn written(format: TextureFormat) -> BindGroupLayoutEntryBuilder {

@@ -131,9 +131,9 @@ pub struct GpuLight {
 pub struct GpuSceneCounts {
     /// Lights in the buffer.
     pub light_count: u32,
-    /// 0 = nothing to hit. BVH tracer: of the TLAS of solid objects, as `Tlas::traversal_node_count` gives it.
+    /// 0 = nothing to hit. BVH tracer: of the TLAS, as `Tlas::traversal_node_count` gives it.
     pub tlas_node_count: u32,
-    /// BVH tracer: row of that TLAS's first entry.
+    /// BVH tracer: row of the TLAS's first entry.
     pub tlas_entry_base: u32,
     /// Instances in the buffer.
     pub instance_count: u32,
@@ -141,10 +141,10 @@ pub struct GpuSceneCounts {
     pub material_count: u32,
     /// Textures in the array.
     pub texture_count: u32,
-    /// Like `tlas_node_count` for the BVH tracer's TLAS of alpha-masked objects; else 0.
-    pub masked_node_count: u32,
-    /// Like `tlas_entry_base` for the TLAS of alpha-masked objects.
-    pub masked_entry_base: u32,
+    /// Not used.
+    pub padding_a: u32,
+    /// Not used.
+    pub padding_b: u32,
 }
 
 const _: () = assert!(size_of::<GpuInstance>() == 128);

@@ -2,8 +2,7 @@
 //!
 //! The trees are built off the main thread and uploaded in parts. Until a tree stands in the buffer, and again after one of
 //! its objects moved, changed its mesh or what the traversal has to know of its material, was hidden or despawned, these
-//! objects are instances like all others. [`ledger`] decides what is merged and when. Alpha-masked objects share trees with
-//! their like only, since they have a TLAS of their own.
+//! objects are instances like all others. [`ledger`] decides what is merged and when.
 //!
 //! A merged triangle takes 56 bytes of GPU memory on top of the BLAS of its mesh, which is kept so that its objects can
 //! become instances again at any time.
@@ -14,7 +13,6 @@ mod tests;
 
 use super::{
     bvh::{Blas, Bounds, BvhQuality, MergeSource, TlasInstance, build_merged, merge_bounds},
-    gpu_types::INSTANCE_ALPHA_MASKED,
     meshes::{MeshTriangles, SceneMeshes},
 };
 use crate::status::ReflectionStatus;
@@ -77,13 +75,6 @@ pub(super) struct Placement {
     pub world_from_object: Affine3A,
     /// Those `INSTANCE_` flags that the traversal looks at.
     pub flags: u32,
-}
-
-impl Placement {
-    /// Whether rays that hit the object need the alpha test.
-    pub fn is_masked(&self) -> bool {
-        self.flags & INSTANCE_ALPHA_MASKED != 0
-    }
 }
 
 /// What merging an object costs, and where it stands.
@@ -153,10 +144,9 @@ impl StaticMerge {
         self.ledger.is_merged(slot)
     }
 
-    /// The merged trees for the TLAS of masked objects, or for that of all others. They are not opened, since they hardly
-    /// overlap each other.
-    pub fn instances(&self, masked: bool) -> impl Iterator<Item = TlasInstance<'_>> {
-        self.ledger.trees_of(masked).map(|tree| TlasInstance {
+    /// The merged trees for the TLAS. They are not opened, since they hardly overlap each other.
+    pub fn instances(&self) -> impl Iterator<Item = TlasInstance<'_>> {
+        self.ledger.trees().map(|tree| TlasInstance {
             world_from_object: Affine3A::IDENTITY,
             bounds: tree.bounds,
             instance: 0,

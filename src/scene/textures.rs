@@ -1,96 +1,36 @@
 //! The table of textures that materials refer to, in one of two forms: an array of bindings where the device can index one freely,
 //! else small copies in the layers of one array texture (`texture_layers.rs`).
 
-use std::num::NonZero;
+mod bindings;
+mod mode;
+
+pub use bindings::TextureResources;
+pub use mode::{MAX_TEXTURES, TextureMode, texture_mode, texture_mode_of};
 
 use bevy::{
     asset::{AssetEvent, AssetId, Assets},
     ecs::{message::MessageReader, prelude::*},
-    image::{Image, ImageSampler, ImageSamplerDescriptor},
+    image::{Image, ImageSampler},
     log::warn_once,
     platform::collections::HashMap,
     render::{
         Extract,
         render_asset::RenderAssets,
         render_resource::{
-            AddressMode, BindGroupLayoutEntryBuilder, BindingResource, Extent3d, FilterMode, MipmapFilterMode,
-            PipelineCache, Sampler, SamplerBindingType, SamplerDescriptor, TextureDataOrder, TextureDescriptor,
-            TextureDimension, TextureFormat, TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor,
-            TextureViewDimension, WgpuFeatures, WgpuSampler, WgpuTextureView,
-            binding_types::{sampler, texture_2d, texture_2d_array},
+            AddressMode, Extent3d, FilterMode, MipmapFilterMode, PipelineCache, Sampler, SamplerDescriptor,
+            TextureDataOrder, TextureDescriptor, TextureDimension, TextureFormat, TextureSampleType, TextureUsages,
+            TextureView, TextureViewDescriptor, TextureViewDimension,
         },
         renderer::{RenderDevice, RenderQueue},
-        settings::WgpuLimits,
         texture::GpuImage,
     },
 };
 
-use super::texture_layers::{MAX_LAYERS, TextureLayers};
+use super::texture_layers::TextureLayers;
 
 /// Length of the array of samplers; `material.wesl` has the same number.
 pub const MAX_SAMPLERS: u32 = 32;
-/// Most textures in the array of bindings.
-pub const MAX_TEXTURES: u32 = 4096;
-/// Fewer bindings than these are not worth the array.
-const MIN_TEXTURES: u32 = 64;
 const SAMPLER_SHIFT: u32 = 20;
-
-/// How shaders reach the textures of materials.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TextureMode {
-    /// One binding for each texture, at full resolution.
-    Bindless {
-        /// Length of the array of bindings.
-        textures: u32,
-    },
-    /// One array texture of 256x256 layers with mip levels.
-    Layers {
-        /// Most layers there can be.
-        layers: u32,
-    },
-}
-
-impl TextureMode {
-    /// The shader definition that this mode needs.
-    pub fn shader_def(self) -> Option<&'static str> {
-        matches!(self, Self::Bindless { .. }).then_some("BINDLESS_TEXTURES")
-    }
-
-    /// One sentence for the status that a user reads.
-    pub fn describe(self) -> String {
-        match self {
-            Self::Bindless { textures } => {
-                format!("Textures of reflected surfaces are read at full resolution (up to {textures}).")
-            }
-            Self::Layers { layers } => format!(
-                "Textures of reflected surfaces are copies of 256x256 texels (up to {layers}), because the device lacks binding arrays \
-                 with non-uniform indexing."
-            ),
-        }
-    }
-}
-
-/// The mode for a device.
-pub fn texture_mode(device: &RenderDevice) -> TextureMode {
-    texture_mode_of(device.features(), &device.limits())
-}
-
-/// The mode for a device of these features and limits.
-pub fn texture_mode_of(features: WgpuFeatures, limits: &WgpuLimits) -> TextureMode {
-    let needed = WgpuFeatures::TEXTURE_BINDING_ARRAY
-        | WgpuFeatures::SAMPLED_TEXTURE_AND_STORAGE_BUFFER_ARRAY_NON_UNIFORM_INDEXING
-        | WgpuFeatures::PARTIALLY_BOUND_BINDING_ARRAY;
-    // Half of what a stage may have: passes bind other things too.
-    let textures = MAX_TEXTURES.min(limits.max_binding_array_elements_per_shader_stage / 2);
-    let samplers = limits.max_binding_array_sampler_elements_per_shader_stage;
-    if features.contains(needed) && textures >= MIN_TEXTURES && samplers >= MAX_SAMPLERS {
-        TextureMode::Bindless { textures }
-    } else {
-        TextureMode::Layers {
-            layers: MAX_LAYERS.min(limits.max_texture_array_layers.max(1)),
-        }
-    }
-}
 
 enum State {
     /// Not on the GPU yet.
@@ -368,102 +308,6 @@ impl TextureTable {
 
         if let Some(layers) = &mut self.layers {
             layers.flush(device, queue, pipelines);
-        }
-    }
-
-    /// Layout of binding 8 of group 1.
-    pub fn texture_layout(&self) -> BindGroupLayoutEntryBuilder {
-        let float = TextureSampleType::Float { filterable: true };
-        match self.mode {
-            TextureMode::Bindless { textures } => match NonZero::new(textures) {
-                Some(count) => texture_2d(float).count(count),
-                None => texture_2d(float),
-            },
-            TextureMode::Layers { .. } => texture_2d_array(float),
-        }
-    }
-
-    /// Layout of binding 9 of group 1.
-    pub fn sampler_layout(&self) -> BindGroupLayoutEntryBuilder {
-        let filtering = sampler(SamplerBindingType::Filtering);
-        match (self.mode, NonZero::new(MAX_SAMPLERS)) {
-            (TextureMode::Bindless { .. }, Some(count)) => filtering.count(count),
-            _ => filtering,
-        }
-    }
-
-    /// The samplers among [`Self::resources`] with what they were made of. `default` is that of images which name none.
-    pub(crate) fn sampler_descriptors<'a>(
-        &'a self,
-        default: &'a ImageSamplerDescriptor,
-    ) -> Vec<(&'a WgpuSampler, SamplerDescriptor<'a>)> {
-        let descriptor = |(index, (sampling, sampler)): (usize, &'a (ImageSampler, Sampler))| {
-            let descriptor = match sampling {
-                _ if index == 0 => repeating(),
-                ImageSampler::Default => default.as_wgpu(),
-                ImageSampler::Descriptor(descriptor) => descriptor.as_wgpu(),
-            };
-            (&**sampler, descriptor)
-        };
-        self.samplers.iter().enumerate().map(descriptor).collect()
-    }
-
-    /// What to bind; holds the lists that a [`BindingResource`] borrows.
-    pub fn resources(&self) -> TextureResources<'_> {
-        match &self.layers {
-            Some(layers) => TextureResources {
-                textures: vec![layers.view()],
-                samplers: vec![&self.samplers[0].1],
-                arrays: false,
-            },
-            None => {
-                let mut textures: Vec<&WgpuTextureView> = Vec::with_capacity(self.entries.len().max(1));
-                textures.extend(self.entries.iter().map(|entry| match entry {
-                    Some(Entry {
-                        state: State::Ready(view),
-                        ..
-                    }) => &**view,
-                    _ => &*self.white,
-                }));
-                if textures.is_empty() {
-                    textures.push(&self.white);
-                }
-                // Shaders clamp indices to the whole array, so all of it is filled.
-                let samplers =
-                    (0..MAX_SAMPLERS as usize).map(|i| &*self.samplers.get(i).unwrap_or(&self.samplers[0]).1);
-                TextureResources {
-                    textures,
-                    samplers: samplers.collect(),
-                    arrays: true,
-                }
-            }
-        }
-    }
-}
-
-/// The textures and samplers of a [`TextureTable`] for a bind group.
-pub struct TextureResources<'a> {
-    textures: Vec<&'a WgpuTextureView>,
-    samplers: Vec<&'a WgpuSampler>,
-    arrays: bool,
-}
-
-impl TextureResources<'_> {
-    /// The resource of binding 8 of group 1.
-    pub fn textures(&self) -> BindingResource<'_> {
-        if self.arrays {
-            BindingResource::TextureViewArray(&self.textures)
-        } else {
-            BindingResource::TextureView(self.textures[0])
-        }
-    }
-
-    /// The resource of binding 9 of group 1.
-    pub fn samplers(&self) -> BindingResource<'_> {
-        if self.arrays {
-            BindingResource::SamplerArray(&self.samplers)
-        } else {
-            BindingResource::Sampler(self.samplers[0])
         }
     }
 }

@@ -16,6 +16,7 @@ use crate::{
     composite::{CompositePipelines, composite_reflection},
     denoise::{self, DenoisePipelines},
     extract::ReflectionView,
+    inspect::TotalTimeOnly,
     rate::{RatePipelines, determine_rates},
     scene::{SceneBindings, environment::EnvironmentBindings},
     settings::{Backend, Technique},
@@ -92,6 +93,7 @@ pub struct PassResources<'w> {
     environments: Res<'w, EnvironmentBindings>,
     view_uniforms: Res<'w, ViewUniforms>,
     cache: Res<'w, PipelineCache>,
+    total_only: Option<Res<'w, TotalTimeOnly>>,
 }
 
 impl PassResources<'_> {
@@ -167,22 +169,27 @@ pub fn ray_traced_reflections(
     let diagnostics = ctx.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let total = diagnostics.time_span(ctx.command_encoder(), "glint");
+    let stages = diagnostics.filter(|_| resources.total_only.is_none());
     ctx.command_encoder().clear_buffer(&textures.targets.arguments, 0, None);
     ctx.command_encoder().clear_buffer(&textures.targets.counters, 0, None);
     if view.settings.technique == Technique::Converged {
-        let span = diagnostics.time_span(ctx.command_encoder(), "trace");
+        let span = stages.time_span(ctx.command_encoder(), "trace");
         trace_converged(&mut ctx, pipelines, &context);
         span.end(ctx.command_encoder());
     } else {
-        let span = diagnostics.time_span(ctx.command_encoder(), "rate");
+        let span = stages.time_span(ctx.command_encoder(), "rate");
         determine_rates(&mut ctx, &rate, &context);
         span.end(ctx.command_encoder());
-        let span = diagnostics.time_span(ctx.command_encoder(), "trace");
+        let span = stages.time_span(ctx.command_encoder(), "trace");
         trace_rays(&mut ctx, pipelines, &context, &mut hardware);
         span.end(ctx.command_encoder());
-        denoise::denoise(&mut ctx, &denoise, &context);
+        denoise::denoise(&mut ctx, &denoise, &context, stages);
     }
     let (arguments, counters) = (&textures.targets.arguments, &textures.targets.counters);
+    let span = stages.time_span(ctx.command_encoder(), "composite");
+    composite_reflection(&mut ctx, &composite, &context, target);
+    span.end(ctx.command_encoder());
+    total.end(ctx.command_encoder());
     record_counter(diagnostics, &mut ctx, arguments, BLOCK_COUNT, "reflection_rays");
     record_counter(
         diagnostics,
@@ -193,11 +200,6 @@ pub fn ray_traced_reflections(
     );
     record_counter(diagnostics, &mut ctx, arguments, BLOCK_COUNT + 8, "reflection_tiles");
     record_counter(diagnostics, &mut ctx, counters, 0, "reflection_hits");
-
-    let span = diagnostics.time_span(ctx.command_encoder(), "composite");
-    composite_reflection(&mut ctx, &composite, &context, target);
-    span.end(ctx.command_encoder());
-    total.end(ctx.command_encoder());
 }
 
 fn trace_converged(ctx: &mut RenderContext, pipelines: &TracePipelines, context: &PassContext) {

@@ -1,12 +1,16 @@
 //! Runs one pass of the denoiser over all tiles of a view.
 
+#[path = "compute.rs"]
+mod compute;
+
 use crate::common::{
     gpu::{Checks, Gpu},
-    wesl::{self, Shaders},
+    wesl::Shaders,
 };
-use bevy::math::UVec2;
+use bevy::math::{UVec2, uvec2};
+use compute::{READ, WRITTEN, compile, dispatch, empty_texture, read_texture};
 use std::collections::BTreeMap;
-use wgpu::{TextureFormat, TextureUsages, util::DeviceExt};
+use wgpu::{TextureFormat, TextureUsages};
 
 /// Bytes of a uniform, laid out as the shader has it.
 pub struct Uniform {
@@ -73,8 +77,7 @@ impl<'a> Pass<'a> {
         uniforms: impl Fn(&naga::Module) -> [Vec<u8>; 2],
     ) -> Self {
         let name = format!("bevy_glint/denoise/{entry}.wesl");
-        let wgsl = shaders.flatten(&name, &[]).unwrap_or_else(|error| panic!("{error}"));
-        let module = wesl::validate(&wgsl).unwrap_or_else(|error| panic!("{error}"));
+        let (wgsl, module) = compile(shaders, &name, &[]);
         let [view, settings] = uniforms(&module);
         let tiles = frame.tiles;
         let list: Vec<u32> = (0..tiles.y)
@@ -90,77 +93,34 @@ impl<'a> Pass<'a> {
         ];
         let declared = module.global_variables.iter();
         let declared = declared.filter_map(|(_, variable)| variable.binding.as_ref().map(|binding| binding.binding));
-        let mut pass = Self {
+        let depth = empty_texture(
+            gpu,
+            TextureFormat::Depth32Float,
+            frame.size,
+            READ | TextureUsages::RENDER_ATTACHMENT,
+        );
+        clear_depth(gpu, &depth, frame.depth);
+        Self {
             gpu,
             entry,
             wgsl,
             declared: declared.collect(),
             buffers,
-            textures: Vec::new(),
+            textures: vec![(2, depth)],
             outputs: Vec::new(),
             size: frame.size,
             groups: tiles.x * tiles.y * frame.groups_per_tile,
-        };
-        let depth = pass.create(
-            TextureFormat::Depth32Float,
-            frame.size,
-            TextureUsages::RENDER_ATTACHMENT,
-        );
-        pass.clear_depth(&depth, frame.depth);
-        pass.textures.push((2, depth));
-        pass
-    }
-
-    fn descriptor(format: TextureFormat, size: UVec2, usage: TextureUsages) -> wgpu::TextureDescriptor<'static> {
-        wgpu::TextureDescriptor {
-            label: None,
-            size: extent(size),
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format,
-            usage: usage | TextureUsages::TEXTURE_BINDING,
-            view_formats: &[],
         }
     }
 
-    fn create(&self, format: TextureFormat, size: UVec2, usage: TextureUsages) -> wgpu::Texture {
-        self.gpu.device.create_texture(&Self::descriptor(format, size, usage))
-    }
-
     pub fn texture(&mut self, binding: u32, format: TextureFormat, size: UVec2, texels: &[u8]) {
-        let descriptor = Self::descriptor(format, size, TextureUsages::empty());
-        let gpu = self.gpu;
-        let texture = gpu
-            .device
-            .create_texture_with_data(&gpu.queue, &descriptor, Default::default(), texels);
+        let texture = compute::texture(self.gpu, format, size, READ, texels);
         self.textures.push((binding, texture));
     }
 
     pub fn output(&mut self, binding: u32, format: TextureFormat, words: u32) {
-        let usage = TextureUsages::STORAGE_BINDING | TextureUsages::COPY_SRC;
-        let texture = self.create(format, self.size, usage);
+        let texture = empty_texture(self.gpu, format, self.size, WRITTEN);
         self.outputs.push((binding, texture, words));
-    }
-
-    fn clear_depth(&self, depth: &wgpu::Texture, value: f32) {
-        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        drop(encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-            label: None,
-            color_attachments: &[],
-            depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-                view: &depth.create_view(&Default::default()),
-                depth_ops: Some(wgpu::Operations {
-                    load: wgpu::LoadOp::Clear(value),
-                    store: wgpu::StoreOp::Store,
-                }),
-                stencil_ops: None,
-            }),
-            timestamp_writes: None,
-            occlusion_query_set: None,
-            multiview_mask: None,
-        }));
-        self.gpu.queue.submit([encoder.finish()]);
     }
 
     /// Words of the outputs, by rows.
@@ -186,19 +146,7 @@ impl<'a> Pass<'a> {
             resource: wgpu::BindingResource::TextureView(view),
         }));
         entries.retain(|entry| self.declared.contains(&entry.binding));
-        let bind_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: None,
-            layout: &pipeline.get_bind_group_layout(0),
-            entries: &entries,
-        });
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_compute_pass(&Default::default());
-            pass.set_pipeline(&pipeline);
-            pass.set_bind_group(0, &bind_group, &[]);
-            pass.dispatch_workgroups(self.groups, 1, 1);
-        }
-        gpu.queue.submit([encoder.finish()]);
+        dispatch(gpu, &pipeline, &entries, uvec2(self.groups, 1));
         self.outputs
             .iter()
             .map(|(_, texture, words)| read_texture(gpu, texture, self.size, *words))
@@ -206,36 +154,22 @@ impl<'a> Pass<'a> {
     }
 }
 
-fn extent(size: UVec2) -> wgpu::Extent3d {
-    wgpu::Extent3d {
-        width: size.x,
-        height: size.y,
-        depth_or_array_layers: 1,
-    }
-}
-
-/// Words of a texture, by rows.
-fn read_texture(gpu: &Gpu, texture: &wgpu::Texture, size: UVec2, words_per_texel: u32) -> Vec<u32> {
-    let row = size.x * words_per_texel;
-    let padded = (4 * row).next_multiple_of(256) / 4;
-    let buffer = gpu.buffer(&vec![0u32; (padded * size.y) as usize]);
+fn clear_depth(gpu: &Gpu, depth: &wgpu::Texture, value: f32) {
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    encoder.copy_texture_to_buffer(
-        texture.as_image_copy(),
-        wgpu::TexelCopyBufferInfo {
-            buffer: &buffer,
-            layout: wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(4 * padded),
-                rows_per_image: Some(size.y),
-            },
-        },
-        extent(size),
-    );
+    drop(encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        label: None,
+        color_attachments: &[],
+        depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+            view: &depth.create_view(&Default::default()),
+            depth_ops: Some(wgpu::Operations {
+                load: wgpu::LoadOp::Clear(value),
+                store: wgpu::StoreOp::Store,
+            }),
+            stencil_ops: None,
+        }),
+        timestamp_writes: None,
+        occlusion_query_set: None,
+        multiview_mask: None,
+    }));
     gpu.queue.submit([encoder.finish()]);
-    let words: Vec<u32> = gpu.read(&buffer);
-    words
-        .chunks(padded as usize)
-        .flat_map(|chunk| chunk[..row as usize].to_vec())
-        .collect()
 }

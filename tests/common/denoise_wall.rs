@@ -213,7 +213,7 @@ impl Wall {
         let direction = orthonormal_basis(self.normal(ray.pixel)) * ray.sample.direction;
         let p = octahedral(direction);
         let snorm = |x: f32| u32::from((x * 32767.0).round() as i16 as u16);
-        let exponent = (ray.sample.inverse_pdf.max(1e-30).log2() + 32.0) / 40.0;
+        let exponent = (ray.sample.inverse_pdf.max(1e-30).log2() + 32.0) / 52.0;
         let pdf = (exponent.clamp(0.0, 1.0) * 65535.0).round() as u32;
         let offset = ray.pixel - ray.block;
         let mirror = if ray.sample.inverse_pdf == 0.0 { 0x80 } else { 0 };

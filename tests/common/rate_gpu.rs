@@ -1,17 +1,21 @@
 //! Runs the pass that determines rates on a G-buffer made by a test.
 
+#[path = "compute.rs"]
+mod compute;
+
 use crate::{
     common::{
         gpu::{Checks, Gpu},
-        wesl::{self, Shaders},
+        wesl::Shaders,
     },
     rate_frame::Frame,
     rate_reference::Case,
 };
 use bevy::{math::UVec2, shader::ShaderDefVal};
+use compute::{READ, WRITTEN, compile, dispatch, empty_texture, read_texture, texture};
 use wgpu::{
     BindGroupLayoutEntry, BindingResource, BindingType, BufferBindingType, ShaderStages, StorageTextureAccess,
-    TextureFormat, TextureSampleType, TextureUsages, TextureViewDimension, util::DeviceExt,
+    TextureFormat, TextureSampleType, TextureUsages, TextureViewDimension,
 };
 
 /// What buffers and textures hold before the pass.
@@ -32,57 +36,50 @@ pub struct Output {
 /// Runs the entry point of a module, by its name in `shaders`, with shader definitions.
 pub fn determine_rates(gpu: &Gpu, shaders: &mut Shaders, name: &str, defs: &[&'static str], case: &Case) -> Output {
     let defs: Vec<ShaderDefVal> = defs.iter().map(|def| ShaderDefVal::from(*def)).collect();
-    let wgsl = shaders.flatten(name, &defs).unwrap_or_else(|error| panic!("{error}"));
-    let parsed = wesl::validate(&wgsl).unwrap_or_else(|error| panic!("{error}"));
+    let (wgsl, parsed) = compile(shaders, name, &defs);
 
     let (trace, tiles) = (case.trace_size(), case.tile_count());
-    let read = TextureUsages::TEXTURE_BINDING;
-    let written = TextureUsages::STORAGE_BINDING | TextureUsages::COPY_SRC;
     let Frame { words, normals, .. } = &case.frame;
     let words = texture(
         gpu,
         TextureFormat::Rgba32Uint,
         case.frame.size,
-        read,
+        READ,
         bytemuck::cast_slice(words),
     );
     let normals = texture(
         gpu,
         TextureFormat::Rgb10a2Unorm,
         case.frame.size,
-        read,
+        READ,
         bytemuck::cast_slice(normals),
     );
-    let depth = gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: None,
-        size: extent(case.frame.size),
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: TextureFormat::Depth32Float,
-        usage: read | TextureUsages::RENDER_ATTACHMENT,
-        view_formats: &[],
-    });
+    let depth = empty_texture(
+        gpu,
+        TextureFormat::Depth32Float,
+        case.frame.size,
+        READ | TextureUsages::RENDER_ATTACHMENT,
+    );
     let untouched = |size: UVec2, words: u32| vec![UNTOUCHED; (size.x * size.y * words) as usize];
     let rates = texture(
         gpu,
         TextureFormat::R32Uint,
         tiles,
-        written,
+        WRITTEN,
         bytemuck::cast_slice(&untouched(tiles, 1)),
     );
     let records = texture(
         gpu,
         TextureFormat::Rgba32Uint,
         trace,
-        written,
+        WRITTEN,
         bytemuck::cast_slice(&untouched(trace, 4)),
     );
     let image = texture(
         gpu,
         TextureFormat::R32Uint,
         case.image_size,
-        read,
+        READ,
         bytemuck::cast_slice(&case.image),
     );
     let view = gpu.buffer(&case.view_uniform(&parsed));
@@ -120,11 +117,6 @@ pub fn determine_rates(gpu: &Gpu, shaders: &mut Shaders, name: &str, defs: &[&'s
         label: None,
         entries: &layout_entries(),
     });
-    let bind_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-        label: None,
-        layout: &layout,
-        entries: &entries,
-    });
     let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: None,
         bind_group_layouts: &[Some(&layout)],
@@ -143,14 +135,7 @@ pub fn determine_rates(gpu: &Gpu, shaders: &mut Shaders, name: &str, defs: &[&'s
         },
         cache: None,
     });
-    let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    {
-        let mut pass = encoder.begin_compute_pass(&Default::default());
-        pass.set_pipeline(&pipeline);
-        pass.set_bind_group(0, &bind_group, &[]);
-        pass.dispatch_workgroups(tiles.x, tiles.y, 1);
-    }
-    gpu.queue.submit([encoder.finish()]);
+    dispatch(gpu, &pipeline, &entries, tiles);
 
     let arguments: Vec<u32> = gpu.read(&arguments);
     let list = |buffer: &wgpu::Buffer, count: u32| {
@@ -219,53 +204,4 @@ fn layout_entries() -> Vec<BindGroupLayoutEntry> {
         count: None,
     })
     .collect()
-}
-
-fn extent(size: UVec2) -> wgpu::Extent3d {
-    wgpu::Extent3d {
-        width: size.x,
-        height: size.y,
-        depth_or_array_layers: 1,
-    }
-}
-
-fn texture(gpu: &Gpu, format: TextureFormat, size: UVec2, usage: TextureUsages, texels: &[u8]) -> wgpu::Texture {
-    let descriptor = wgpu::TextureDescriptor {
-        label: None,
-        size: extent(size),
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format,
-        usage,
-        view_formats: &[],
-    };
-    gpu.device
-        .create_texture_with_data(&gpu.queue, &descriptor, Default::default(), texels)
-}
-
-/// Words of a texture, by rows.
-fn read_texture(gpu: &Gpu, texture: &wgpu::Texture, size: UVec2, words_per_texel: u32) -> Vec<u32> {
-    let row = size.x * words_per_texel;
-    let padded = (4 * row).next_multiple_of(256) / 4;
-    let buffer = gpu.buffer(&vec![0u32; (padded * size.y) as usize]);
-    let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    encoder.copy_texture_to_buffer(
-        texture.as_image_copy(),
-        wgpu::TexelCopyBufferInfo {
-            buffer: &buffer,
-            layout: wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(4 * padded),
-                rows_per_image: Some(size.y),
-            },
-        },
-        extent(size),
-    );
-    gpu.queue.submit([encoder.finish()]);
-    let words: Vec<u32> = gpu.read(&buffer);
-    words
-        .chunks(padded as usize)
-        .flat_map(|chunk| chunk[..row as usize].to_vec())
-        .collect()
 }

@@ -1,8 +1,9 @@
 //! Triangle soups, instances and rays from a seed, packed as the GPU sees them, with a slow and exact oracle.
 
 mod oracle;
+mod shapes;
 
-use bevy::math::{Affine3A, DVec3, EulerRot, Quat, Vec3};
+use bevy::math::{Affine3A, DVec3, Vec3};
 use bevy_glint::scene::bvh::{
     Blas, BvhQuality, MergeSource, Row, SceneView, Tlas, TlasInstance, TraceRay, build_blas, build_merged, build_tlas,
     owner, stack_size,
@@ -12,178 +13,9 @@ use bevy_glint::scene::gpu_types::{
 };
 pub use oracle::Oracle;
 use oracle::{Candidate, LocalRay, intersect};
+#[allow(unused_imports, reason = "each test binary uses a part")]
+pub use shapes::{Mesh, Random, SOUPS, Soup, closed_surface, mesh, placement};
 use std::collections::BTreeMap;
-
-/// `SplitMix64`.
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ z >> 31
-    }
-
-    /// In [-1, 1).
-    pub fn signed(&mut self) -> f32 {
-        (self.bits() >> 40) as f32 / 8_388_608.0 - 1.0
-    }
-
-    pub fn vector(&mut self) -> Vec3 {
-        Vec3::new(self.signed(), self.signed(), self.signed())
-    }
-
-    pub fn below(&mut self, n: usize) -> usize {
-        (self.bits() % n.max(1) as u64) as usize
-    }
-}
-
-/// A triangle list.
-#[derive(Clone, Default)]
-pub struct Mesh {
-    pub positions: Vec<[f32; 3]>,
-    pub indices: Vec<u32>,
-}
-
-impl Mesh {
-    pub fn push(&mut self, corners: [Vec3; 3]) {
-        for corner in corners {
-            self.indices.push(self.positions.len() as u32);
-            self.positions.push(corner.to_array());
-        }
-    }
-
-    pub fn triangle_count(&self) -> usize {
-        self.indices.len() / 3
-    }
-
-    pub fn corners(&self, primitive: usize) -> [[f32; 3]; 3] {
-        [0, 1, 2].map(|i| self.positions[self.indices[primitive * 3 + i] as usize])
-    }
-}
-
-/// Shapes of triangles that break trees or triangle tests.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Soup {
-    /// Triangles of all sizes anywhere.
-    Random,
-    /// Long and thin.
-    Needles,
-    /// An axis-aligned grid in one plane, with shared edges.
-    Grid,
-    /// The same few triangles many times.
-    Duplicates,
-    /// All share a corner, each larger than the last.
-    Nested,
-}
-
-pub const SOUPS: [Soup; 5] = [Soup::Random, Soup::Needles, Soup::Grid, Soup::Duplicates, Soup::Nested];
-
-impl Soup {
-    /// Relative error of t that single precision may cause: rounding tilts the plane of a needle by its ratio of length to
-    /// width.
-    pub fn tolerance(self) -> f64 {
-        if self == Soup::Needles { 3e-3 } else { 1e-4 }
-    }
-}
-
-/// A soup within about `scale` of `centre`.
-pub fn mesh(kind: Soup, triangles: usize, scale: f32, centre: Vec3, random: &mut Random) -> Mesh {
-    let mut mesh = Mesh::default();
-    let side = (triangles as f32 / 2.0).sqrt().ceil().max(1.0);
-    let originals: Vec<[Vec3; 3]> = (0..8).map(|_| [(); 3].map(|()| random.vector())).collect();
-    while mesh.triangle_count() < triangles {
-        let i = mesh.triangle_count();
-        let corners = match kind {
-            Soup::Random => {
-                let (at, size) = (random.vector(), 10f32.powf(random.signed() * 1.5 - 1.5));
-                [(); 3].map(|()| at + random.vector() * size)
-            }
-            Soup::Needles => {
-                let (at, along) = (random.vector(), random.vector());
-                [at, at + along, at + along * 0.5 + random.vector() * 1e-3]
-            }
-            Soup::Grid => {
-                let cell = Vec3::new((i / 2) as f32 % side, 0.0, ((i / 2) as f32 / side).floor());
-                let corner = |x: f32, z: f32| (cell + Vec3::new(x, 0.0, z)) * (2.0 / side) - Vec3::new(1.0, 0.0, 1.0);
-                if i % 2 == 0 {
-                    [corner(0.0, 0.0), corner(0.0, 1.0), corner(1.0, 0.0)]
-                } else {
-                    [corner(1.0, 0.0), corner(0.0, 1.0), corner(1.0, 1.0)]
-                }
-            }
-            Soup::Duplicates => originals[i % originals.len()],
-            Soup::Nested => {
-                let size = (i + 1) as f32 / triangles as f32;
-                [
-                    Vec3::ZERO,
-                    Vec3::new(size, 0.1 * size, 0.0),
-                    Vec3::new(0.0, 0.1 * size, size),
-                ]
-            }
-        };
-        mesh.push(corners.map(|c| centre + c * scale));
-    }
-    mesh
-}
-
-/// A lumpy sphere of radius 0.7 to 1.3 without a hole.
-pub fn closed_surface(rings: usize, segments: usize, random: &mut Random) -> Mesh {
-    use core::f32::consts::PI;
-    let mut mesh = Mesh::default();
-    let mut vertex = |latitude: f32, longitude: f32| {
-        let (y, ring) = latitude.sin_cos();
-        let (z, x) = longitude.sin_cos();
-        let radius = 1.0 + 0.3 * random.signed();
-        mesh.positions
-            .push((Vec3::new(x * ring, y, z * ring) * radius).to_array());
-    };
-    vertex(-0.5 * PI, 0.0);
-    for ring in 1..rings {
-        for segment in 0..segments {
-            vertex(
-                PI * (ring as f32 / rings as f32 - 0.5),
-                2.0 * PI * segment as f32 / segments as f32,
-            );
-        }
-    }
-    vertex(0.5 * PI, 0.0);
-    let last = mesh.positions.len() as u32 - 1;
-    let index = |ring: usize, segment: usize| match ring {
-        0 => 0,
-        ring if ring == rings => last,
-        ring => (1 + (ring - 1) * segments + segment % segments) as u32,
-    };
-    for ring in 0..rings {
-        for segment in 0..segments {
-            let (a, b) = (index(ring, segment), index(ring, segment + 1));
-            let (c, d) = (index(ring + 1, segment), index(ring + 1, segment + 1));
-            if ring > 0 {
-                mesh.indices.extend([a, c, b]);
-            }
-            if ring + 1 < rings {
-                mesh.indices.extend([b, c, d]);
-            }
-        }
-    }
-    mesh
-}
-
-/// Turns, sizes and mirrors at random.
-pub fn placement(random: &mut Random, spread: f32) -> Affine3A {
-    let turn = random.vector() * 3.0;
-    let mut scale = Vec3::from_array([(); 3].map(|()| 3f32.powf(random.signed())));
-    if random.below(3) == 0 {
-        scale.x = -scale.x;
-    }
-    Affine3A::from_scale_rotation_translation(
-        scale,
-        Quat::from_euler(EulerRot::XYZ, turn.x, turn.y, turn.z),
-        random.vector() * spread,
-    )
-}
 
 /// Stands in for the alpha test of materials: every other triangle is cut out.
 pub fn alpha_test(_instance: u32, primitive: u32, _barycentrics: [f32; 2]) -> bool {
@@ -219,12 +51,9 @@ pub struct Packed {
     pub instances: Vec<(usize, Affine3A)>,
     /// `INSTANCE_` flags by instance.
     pub flags: Vec<u32>,
-    /// All trees, the TLASes behind the others.
+    /// All trees, the TLAS behind the others.
     pub bvh: Vec<Row>,
-    /// Over what needs no alpha test.
     pub tlas: Tlas,
-    /// Over what needs it.
-    pub masked_tlas: Tlas,
     pub stack_size: u32,
     tlas_row: u32,
     /// Whether an instance is part of a merged tree.
@@ -263,15 +92,14 @@ impl Packed {
         };
         let build = |mesh: &Mesh| build_blas(&mesh.positions, &mesh.indices, BvhQuality::Medium);
         let trees: Vec<Option<(u32, Blas)>> = meshes.iter().map(|mesh| add(build(mesh))).collect();
-        let mut merged: BTreeMap<(bool, u32), Vec<MergeSource>> = BTreeMap::new();
-        let is_masked = |flags: u32| flags & INSTANCE_ALPHA_MASKED != 0;
+        let mut merged: BTreeMap<u32, Vec<MergeSource>> = BTreeMap::new();
         let mut flags = Vec::new();
         for (i, (mesh, matrix)) in instances.iter().enumerate() {
             let Packing { flags: own, tree } = packing(i);
             let mirrored = matrix.matrix3.determinant() < 0.0;
             flags.push(own | if mirrored { INSTANCE_MIRRORED } else { 0 });
             if let Some(tree) = tree {
-                merged.entry((is_masked(own), tree)).or_default().push(MergeSource {
+                merged.entry(tree).or_default().push(MergeSource {
                     positions: &meshes[*mesh].positions,
                     indices: &meshes[*mesh].indices,
                     world_from_object: *matrix,
@@ -280,41 +108,36 @@ impl Packed {
                 });
             }
         }
-        let merged: Vec<(bool, (u32, Blas))> = merged
-            .into_iter()
-            .filter_map(|((masked, _), sources)| Some((masked, add(build_merged(&sources, BvhQuality::Medium))?)))
+        let merged: Vec<(u32, Blas)> = merged
+            .into_values()
+            .filter_map(|sources| add(build_merged(&sources, BvhQuality::Medium)))
             .collect();
 
-        let [tlas, masked_tlas] = [false, true].map(|masked| {
-            let singles = instances
-                .iter()
-                .enumerate()
-                .filter(|(i, _)| packing(*i).tree.is_none() && is_masked(flags[*i]) == masked)
-                .filter_map(|(i, (mesh, matrix))| {
-                    let (base, blas) = trees[*mesh].as_ref()?;
-                    Some((*base, blas, *matrix, owner(i as u32, flags[i])))
-                });
-            let alike = merged.iter().filter(|(other, _)| *other == masked);
-            let in_world = alike.map(|(_, (base, blas))| (*base, blas, Affine3A::IDENTITY, 0));
-            let records: Vec<TlasInstance> = singles
-                .chain(in_world)
-                .map(|(base, blas, world_from_object, instance)| TlasInstance {
-                    world_from_object,
-                    bounds: blas.bounds,
-                    instance,
-                    node_row: base,
-                    triangle_row: base + blas.triangle_row(),
-                    top: if instance == 0 { &[] } else { &blas.top },
-                })
-                .collect();
-            build_tlas(&records, max_entries)
-        });
-        let in_world = merged.iter().map(|(_, tree)| tree);
-        let depth = trees.iter().flatten().chain(in_world).map(|(_, b)| b.depth).max();
-        let stack_size = stack_size(tlas.depth.max(masked_tlas.depth), depth.unwrap_or(0));
+        let singles = instances
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| packing(*i).tree.is_none())
+            .filter_map(|(i, (mesh, matrix))| {
+                let (base, blas) = trees[*mesh].as_ref()?;
+                Some((*base, blas, *matrix, owner(i as u32, flags[i])))
+            });
+        let in_world = merged.iter().map(|(base, blas)| (*base, blas, Affine3A::IDENTITY, 0));
+        let records: Vec<TlasInstance> = singles
+            .chain(in_world)
+            .map(|(base, blas, world_from_object, instance)| TlasInstance {
+                world_from_object,
+                bounds: blas.bounds,
+                instance,
+                node_row: base,
+                triangle_row: base + blas.triangle_row(),
+                top: if instance == 0 { &[] } else { &blas.top },
+            })
+            .collect();
+        let tlas = build_tlas(&records, max_entries);
+        let depth = trees.iter().flatten().chain(&merged).map(|(_, b)| b.depth).max();
+        let stack_size = stack_size(tlas.depth, depth.unwrap_or(0));
         let tlas_row = bvh.len() as u32;
         bvh.extend_from_slice(&tlas.rows);
-        bvh.extend_from_slice(&masked_tlas.rows);
 
         let merged: Vec<bool> = (0..instances.len()).map(|i| packing(i).tree.is_some()).collect();
         let mut triangles = Vec::new();
@@ -337,7 +160,6 @@ impl Packed {
             flags,
             bvh,
             tlas,
-            masked_tlas,
             stack_size,
             tlas_row,
             merged,
@@ -350,8 +172,6 @@ impl Packed {
             bvh: &self.bvh,
             tlas_node_count: self.tlas.traversal_node_count(),
             tlas_entry_base: self.tlas_row + self.tlas.entry_base,
-            masked_node_count: self.masked_tlas.traversal_node_count(),
-            masked_entry_base: self.tlas_row + self.tlas.rows.len() as u32 + self.masked_tlas.entry_base,
             alpha_test: Some(alpha_test),
         }
     }

@@ -9,12 +9,12 @@ use std::process::Command;
 use crate::failure::{Failure, Result};
 use crate::version::Version;
 
-/// Features of all that is built here: the hardware back end, where Vulkan is what Bevy uses anyway. The feature leaves Bevy no
-/// other choice.
+/// Features of all that is built here: the settings panel, and the hardware back end where Vulkan is what Bevy uses anyway. The
+/// latter leaves Bevy no other choice.
 pub const FEATURES: &[&str] = if cfg!(target_os = "linux") {
-    &["--features", "hardware-vrs"]
+    &["--features", "egui,hardware-vrs"]
 } else {
-    &[]
+    &["--features", "egui"]
 };
 
 /// The root of the workspace.

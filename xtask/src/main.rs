@@ -8,6 +8,7 @@ mod ci;
 mod demo;
 mod driver;
 mod environment;
+mod evaluate;
 mod failure;
 mod file_sizes;
 mod progress;
@@ -36,6 +37,8 @@ enum Command {
     Test(test::Options),
     /// Measure rays per second and build times.
     Bench(bench::Options),
+    /// Measure for each technique what it costs and how far its picture is from the truth.
+    Evaluate(evaluate::Options),
     /// Everything that must hold before a change is merged: format, lints, feature sets, docs, tests.
     Ci,
 }
@@ -45,6 +48,7 @@ fn main() -> ExitCode {
         Command::Demo(options) => demo::run(&options),
         Command::Test(options) => test::run(&options),
         Command::Bench(options) => bench::run(&options),
+        Command::Evaluate(options) => evaluate::run(&options),
         Command::Ci => ci::run(),
     };
     match result {

@@ -1,5 +1,4 @@
-//! Bounding volume hierarchies for adapters without ray queries: one per mesh (BLAS), and over the instances (TLAS) one for
-//! those that are alpha-masked and one for all others.
+//! Bounding volume hierarchies for adapters without ray queries: one per mesh (BLAS), and one over the instances (TLAS).
 //!
 //! Both levels are compressed 8-wide trees (Ylitie, Karras and Laine 2017) in the byte layout of `obvhs::cwbvh::CwBvhNode`,
 //! packed in rows of four words for `bvh.wesl`. The shader runs without bounds checks, so the builders keep every index in
@@ -10,12 +9,6 @@
 //! Objects that overlap cost rays dearly: each is entered for itself, with a transform and nodes of its own. Objects at rest
 //! are therefore also built into one tree over their triangles in world space ([`build_merged`]). It enters the TLAS like a
 //! BLAS of its own, and where nothing else is in the scene, rays start in it at once.
-//!
-//! # Two TLASes
-//!
-//! The alpha test slows the traversal down by a fifth, even for triangles that don't need it. Instances with
-//! [`INSTANCE_ALPHA_MASKED`], and trees merged of them, therefore have a TLAS of their own, which rays go through after the
-//! one of solid instances and only as far as they got in that.
 //!
 //! # Owners
 //!

@@ -1,22 +1,20 @@
 //! `bvh.wesl` on the CPU, over the same packed rows: an oracle for tests of trees and of the shader.
 
 use super::{ENTRY_ROWS, NODE_ROWS, ONE_ENTRY, OWNER_SHIFT, Row, TRIANGLE_ROWS};
-use crate::scene::gpu_types::{INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED};
+use crate::scene::gpu_types::{
+    INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
+};
 use bevy::math::{UVec2, Vec3, Vec4Swizzles, uvec2};
 
 /// What the shader's bind group holds.
 #[derive(Clone, Copy, Debug)]
 pub struct SceneView<'a> {
-    /// The buffer of all trees, the TLASes among them.
+    /// The buffer of all trees, the TLAS among them.
     pub bvh: &'a [Row],
-    /// Nodes of the TLAS of solid instances: [`super::Tlas::traversal_node_count`].
+    /// Nodes of the TLAS: [`super::Tlas::traversal_node_count`].
     pub tlas_node_count: u32,
     /// Row of the TLAS's first entry; its nodes end there.
     pub tlas_entry_base: u32,
-    /// The same for the TLAS of alpha-masked instances.
-    pub masked_node_count: u32,
-    /// Row of that TLAS's first entry.
-    pub masked_entry_base: u32,
     /// The alpha test of masked instances by instance, triangle and barycentrics. `None` = they count as solid.
     pub alpha_test: Option<fn(u32, u32, [f32; 2]) -> bool>,
 }
@@ -64,19 +62,12 @@ pub struct Counters {
 
 /// Closest hit, with face culling.
 pub fn closest(scene: &SceneView, ray: &TraceRay, counters: &mut Counters) -> Option<TraceHit> {
-    let solid = traverse(scene, ray, false, false, counters);
-    let rest = TraceRay {
-        t_max: solid.map_or(ray.t_max, |hit| hit.t),
-        ..*ray
-    };
-    traverse(scene, &rest, false, true, counters).or(solid)
+    traverse(scene, ray, false, counters)
 }
 
 /// Whether an instance that casts shadows is in the way.
 pub fn any(scene: &SceneView, ray: &TraceRay) -> bool {
-    [false, true]
-        .into_iter()
-        .any(|masked| traverse(scene, ray, true, masked, &mut Counters::default()).is_some())
+    traverse(scene, ray, true, &mut Counters::default()).is_some()
 }
 
 /// Relative error of the triple products in [`intersect_triangle`], as `bvh.wesl` explains it.
@@ -117,13 +108,8 @@ impl LocalRay {
     }
 }
 
-/// One TLAS: of the solid instances, or of the masked ones.
-fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, masked: bool, counters: &mut Counters) -> Option<TraceHit> {
-    let (node_count, entry_base) = if masked {
-        (scene.masked_node_count, scene.masked_entry_base)
-    } else {
-        (scene.tlas_node_count, scene.tlas_entry_base)
-    };
+fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counters) -> Option<TraceHit> {
+    let (node_count, entry_base) = (scene.tlas_node_count, scene.tlas_entry_base);
     if node_count == 0 {
         return None;
     }
@@ -176,9 +162,12 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, masked: bool, counters
                 let row = (leaves.x + TRIANGLE_ROWS * bit) as usize;
                 counters.triangles += 1;
                 let corners = [scene.bvh[row], scene.bvh[row + 1], scene.bvh[row + 2]];
-                let Some(found) = intersect_triangle(&corners, &local, ray.t_min, t_max) else {
+                let Some(found) = intersect_triangle(&corners, &local) else {
                     continue;
                 };
+                if !(found.t > ray.t_min && found.t < t_max) {
+                    continue;
+                }
                 let owner = entry_owner | corners[1][3];
                 let front_face = found.front_face != (owner & INSTANCE_MIRRORED != 0);
                 let culled = if front_face {
@@ -194,20 +183,20 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, masked: bool, counters
                 if refused != 0 {
                     continue;
                 }
-                let (instance, primitive) = (owner >> OWNER_SHIFT, corners[0][3]);
-                if masked
+                let met = TraceHit {
+                    instance: owner >> OWNER_SHIFT,
+                    primitive: corners[0][3],
+                    front_face,
+                    ..found
+                };
+                if owner & INSTANCE_ALPHA_MASKED != 0
                     && let Some(alpha_test) = scene.alpha_test
-                    && !alpha_test(instance, primitive, found.barycentrics)
+                    && !alpha_test(met.instance, met.primitive, met.barycentrics)
                 {
                     continue;
                 }
                 t_max = found.t;
-                hit = Some(TraceHit {
-                    instance,
-                    primitive,
-                    front_face,
-                    ..found
-                });
+                hit = Some(met);
                 if any {
                     return hit;
                 }
@@ -307,7 +296,7 @@ fn intersect_node(node: &[Row; 5], ray: &LocalRay, t_min: f32, t_max: f32, tlas:
 }
 
 /// Möller and Trumbore's test, widened by what rounding may do; `bvh.wesl` explains it.
-fn intersect_triangle(rows: &[Row; 3], ray: &LocalRay, t_min: f32, t_max: f32) -> Option<TraceHit> {
+fn intersect_triangle(rows: &[Row; 3], ray: &LocalRay) -> Option<TraceHit> {
     let corners = rows.map(|r| Vec3::new(f32::from_bits(r[0]), f32::from_bits(r[1]), f32::from_bits(r[2])));
     let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);
     let normal = e1.cross(e2);
@@ -323,7 +312,7 @@ fn intersect_triangle(rows: &[Row; 3], ray: &LocalRay, t_min: f32, t_max: f32) -
     let tolerance = noise * reach * inverse.abs();
     let inside = u >= -tolerance && v >= -tolerance && u + v <= tolerance + 1.000_000_6;
     let certain = slope.abs() > noise * size;
-    if !(inside && certain && t > t_min && t < t_max) {
+    if !(inside && certain) {
         return None;
     }
     let second = u.clamp(0.0, 1.0);

@@ -5,23 +5,20 @@
 //! - Objects at rest are built into chunks once nothing came to rest or left it for some frames, one chunk at a time. Small
 //!   chunks are absorbed by new ones: a scene of usual size ends up as a single chunk, and in a large one the work that a
 //!   few new objects cause stays in proportion to them.
-//! - Alpha-masked objects and others never share a chunk.
 //! - A change of an object dissolves its chunk, whose other objects are instances again until they are merged anew.
 
+mod plan;
+
 use super::{Extent, Limits, Placement, Tree};
-use bevy::{ecs::entity::Entity, math::Vec3A};
+use bevy::ecs::entity::Entity;
 use core::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 
 /// Waiting times are doubled at most so often.
 const MAX_DOUBLINGS: u32 = 14;
-/// Objects keep others from being merged by coming to rest or leaving it for at most so many times `quiet_frames`.
-const PATIENCE: u64 = 8;
 /// A new object takes over so many of the disturbances of its slot, at most: what comes and goes often is merged late, and
 /// a level that replaces another one after some seconds.
 const INHERITED_DISTURBANCES: u32 = 2;
-/// Chunks are absorbed up to so many times what is new.
-const ABSORBED: u64 = 8;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum State {
@@ -56,16 +53,12 @@ struct Slot {
 }
 
 struct Chunk {
-    /// All members are alpha-masked; else none is.
-    masked: bool,
     members: Vec<u32>,
     triangles: u64,
     tree: Tree,
 }
 
 struct Building {
-    /// As in [`Chunk`].
-    masked: bool,
     /// Resting objects and those of absorbed chunks.
     members: Vec<u32>,
     absorbed: Vec<u32>,
@@ -190,59 +183,6 @@ impl Ledger {
         }
     }
 
-    /// What to build next, if it is time for that and nothing is being built. The caller then has to call
-    /// [`Self::finish`], [`Self::fail`] or [`Self::abandon`].
-    pub fn plan(&mut self) -> Option<Vec<(u32, Placement)>> {
-        let quiet = self.limits.quiet_frames;
-        let calm = self.frame >= self.disturbed + quiet || self.frame >= self.awake_since + PATIENCE * quiet;
-        if self.building.is_some() || !self.awake || self.exhausted || !calm {
-            return None;
-        }
-        self.awake = false;
-        let mut group = self.affordable();
-        // Where there are objects of both kinds, the masked ones have to wait for the next plan.
-        let masked = group.iter().all(|slot| self.is_masked(*slot));
-        group.retain(|slot| self.is_masked(*slot) == masked);
-        while self.triangles(&group) > self.limits.chunk_triangles && group.len() > 1 {
-            self.halve(&mut group);
-        }
-        if group.is_empty() {
-            return None;
-        }
-        let mut triangles = self.triangles(&group);
-        let alike = self.chunks.iter().filter(|(_, chunk)| chunk.masked == masked);
-        let mut sizes: Vec<(u64, u32)> = alike.map(|(id, chunk)| (chunk.triangles, *id)).collect();
-        sizes.sort_unstable();
-        let mut absorbed = Vec::new();
-        for (size, id) in sizes {
-            if size > (ABSORBED * triangles).max(self.limits.cheap_triangles)
-                || triangles + size > self.limits.chunk_triangles
-            {
-                break;
-            }
-            triangles += size;
-            absorbed.push(id);
-            if let Some(chunk) = self.chunks.get(&id) {
-                group.extend(&chunk.members);
-            }
-        }
-        for slot in &group {
-            self.slots[*slot as usize].building = true;
-        }
-        let plan = group
-            .iter()
-            .filter_map(|slot| Some((*slot, self.slots[*slot as usize].placement?)))
-            .collect();
-        self.building = Some(Building {
-            masked,
-            members: group,
-            absorbed,
-            triangles,
-            stale: false,
-        });
-        Some(plan)
-    }
-
     /// A member of what is being built has changed: the result can't be used, and [`Self::abandon`] should be called.
     pub fn is_stale(&self) -> bool {
         self.building.as_ref().is_some_and(|building| building.stale)
@@ -270,7 +210,6 @@ impl Ledger {
             self.resting.remove(slot);
         }
         let chunk = Chunk {
-            masked: building.masked,
             members: building.members,
             triangles: building.triangles,
             tree,
@@ -326,12 +265,6 @@ impl Ledger {
         self.chunks.values().map(|chunk| &chunk.tree)
     }
 
-    /// Those of [`Self::trees`] that hold alpha-masked objects, or the others.
-    pub fn trees_of(&self, masked: bool) -> impl Iterator<Item = &Tree> {
-        let alike = self.chunks.values().filter(move |chunk| chunk.masked == masked);
-        alike.map(|chunk| &chunk.tree)
-    }
-
     /// Objects and triangles in all trees.
     pub fn merged(&self) -> (usize, u64) {
         let count = |sum: (usize, u64), chunk: &Chunk| (sum.0 + chunk.members.len(), sum.1 + chunk.triangles);
@@ -384,64 +317,6 @@ impl Ledger {
         self.released.push(chunk.tree.name);
         self.changed = true;
         self.wake();
-    }
-
-    fn is_masked(&self, slot: u32) -> bool {
-        let place = self.slots.get(slot as usize);
-        place.is_some_and(|place| place.placement.is_some_and(|placement| placement.is_masked()))
-    }
-
-    fn triangles(&self, slots: &[u32]) -> u64 {
-        let extents = slots.iter().map(|slot| &self.slots[*slot as usize].extent);
-        extents.map(|extent| extent.triangles).sum()
-    }
-
-    /// The resting objects that the budget has room for. Small ones go first: rays gain most where many objects are merged.
-    fn affordable(&self) -> Vec<u32> {
-        let mut room = self.limits.budget_triangles.saturating_sub(self.merged().1);
-        let mut sizes: Vec<(u64, u32)> = self
-            .resting
-            .iter()
-            .map(|slot| (self.slots[*slot as usize].extent.triangles, *slot))
-            .collect();
-        sizes.sort_unstable();
-        let fitting = sizes.into_iter().take_while(|(size, _)| {
-            let fits = *size <= room;
-            room = room.saturating_sub(*size);
-            fits
-        });
-        fitting.map(|(_, slot)| slot).collect()
-    }
-
-    /// Keeps the objects on one side of a plane, with about half of the triangles: the first half along the axis on which
-    /// the objects are spread widest. Of two objects or more, one at least stays and one goes.
-    fn halve(&self, group: &mut Vec<u32>) {
-        let extent = |slot: &u32| self.slots[*slot as usize].extent;
-        let (mut min, mut max) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
-        for slot in group.iter() {
-            min = min.min(extent(slot).centre);
-            max = max.max(extent(slot).centre);
-        }
-        let spread = max - min;
-        let axis = if spread.x >= spread.y && spread.x >= spread.z {
-            0
-        } else if spread.y >= spread.z {
-            1
-        } else {
-            2
-        };
-        group.sort_unstable_by(|a, b| {
-            let order = extent(a).centre[axis].total_cmp(&extent(b).centre[axis]);
-            order.then(a.cmp(b))
-        });
-        let half = self.triangles(group) / 2;
-        let mut sum = 0;
-        let below = group.iter().take_while(|&slot| {
-            sum += extent(slot).triangles;
-            sum <= half
-        });
-        let kept = below.count().clamp(1, group.len().saturating_sub(1).max(1));
-        group.truncate(kept);
     }
 }
 

@@ -1,6 +1,7 @@
 //! The bookkeeping of merged objects.
 
 use super::*;
+use crate::scene::gpu_types::INSTANCE_ALPHA_MASKED;
 
 const QUIET: u64 = 4;
 const LIMITS: Limits = Limits {
@@ -30,14 +31,6 @@ fn at(slot: u32, x: f32) -> Option<Placement> {
         version: 1,
         world_from_object: Affine3A::from_translation(bevy::math::Vec3::new(x, 0.0, 0.0)),
         flags: 0,
-    })
-}
-
-/// The same with an alpha-masked material.
-fn masked_at(slot: u32, x: f32) -> Option<Placement> {
-    at(slot, x).map(|placement| Placement {
-        flags: INSTANCE_ALPHA_MASKED,
-        ..placement
     })
 }
 
@@ -151,38 +144,6 @@ fn only_the_chunk_of_the_moved_object_is_dissolved() {
     assert_eq!((scene.merged().len(), scene.trees()), (4, 2));
     scene.ledger.observe(3, at(3, 9.0));
     assert_eq!((scene.merged(), scene.trees()), (vec![0, 1], 1));
-}
-
-#[test]
-fn masked_objects_share_trees_with_their_like() {
-    let mut scene = Scene::new(&[10, 20, 30, 40]);
-    for slot in [1, 3] {
-        scene.ledger.observe(slot, masked_at(slot, 0.0));
-    }
-    scene.run(4 * QUIET);
-    assert_eq!((scene.merged(), scene.plans), (vec![0, 1, 2, 3], 2));
-    assert_eq!((scene.trees(), scene.ledger.trees_of(true).count()), (2, 1));
-    assert!(!scene.ledger.is_pending());
-
-    // New objects join their like.
-    scene.sizes.extend([50, 60]);
-    scene.ledger.observe(4, masked_at(4, 1.0));
-    scene.run(4 * QUIET);
-    assert_eq!((scene.merged().len(), scene.trees()), (5, 2));
-    assert_eq!(scene.ledger.take_released(), [1]);
-    scene.ledger.observe(5, at(5, 1.0));
-    scene.run(4 * QUIET);
-    assert_eq!((scene.merged().len(), scene.trees()), (6, 2));
-    assert_eq!(scene.ledger.take_released(), [0]);
-
-    // A change of one leaves the other tree alone.
-    scene.ledger.observe(1, at(1, 0.0));
-    assert_eq!(
-        (scene.merged(), scene.ledger.trees_of(true).count()),
-        (vec![0, 2, 5], 0)
-    );
-    scene.run(20 * QUIET);
-    assert_eq!((scene.merged().len(), scene.trees()), (6, 2));
 }
 
 #[test]

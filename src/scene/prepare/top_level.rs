@@ -17,7 +17,7 @@ use bevy::{
     render::renderer::{RenderDevice, RenderQueue},
 };
 
-/// Words that the TLASes have room for at least.
+/// Words that the TLAS has room for at least.
 const SMALLEST_TLAS: usize = 1 << 12;
 
 impl SceneBindings {
@@ -56,7 +56,7 @@ impl SceneBindings {
             blas_builds = acceleration.build(&list, meshes, device, queue);
             self.uniform_data.tlas_node_count = present.len() as u32;
         } else {
-            self.build_tlases(&present, meshes, queue);
+            self.build_bvh_top_level(&present, meshes, queue);
         }
         // Forces the uniform to be written.
         self.uniform_data.instance_count = u32::MAX;
@@ -68,33 +68,31 @@ impl SceneBindings {
         });
     }
 
-    /// Builds and uploads the BVH tracer's TLASes: merged trees, and instances of those objects that are not merged. Notes
+    /// Builds and uploads the BVH tracer's TLAS: merged trees, and instances of those objects that are not merged. Notes
     /// what shaders must be compiled with for them.
     ///
-    /// They stand among the BLASes, so that the shader loads the nodes of both levels with the same instructions.
-    fn build_tlases(&mut self, present: &[(u32, &InstanceSource)], meshes: &mut SceneMeshes, queue: &RenderQueue) {
+    /// It stands among the BLASes, so that the shader loads the nodes of both levels with the same instructions.
+    fn build_bvh_top_level(
+        &mut self,
+        present: &[(u32, &InstanceSource)],
+        meshes: &mut SceneMeshes,
+        queue: &RenderQueue,
+    ) {
         let any_masked = present.iter().any(|(slot, _)| self.is_masked(*slot));
         self.set_masked(any_masked);
 
-        let mut trees = [false, true].map(|masked| self.tlas_over(present, masked, meshes));
-        let mut fits = self.reserve_tlases(&trees, meshes);
+        let mut tlas = self.tlas_over(present, meshes);
+        let mut fits = self.reserve_tlas(&tlas, meshes);
         if self.merge.take_lost(meshes) {
-            trees = [false, true].map(|masked| self.tlas_over(present, masked, meshes));
-            fits = self.reserve_tlases(&trees, meshes);
+            tlas = self.tlas_over(present, meshes);
+            fits = self.reserve_tlas(&tlas, meshes);
         }
         self.uniform_data.tlas_node_count = 0;
-        self.uniform_data.masked_node_count = 0;
         match &self.tlas {
             Some(slice) if fits => {
-                let [solid, masked] = trees;
-                let base = slice.base() / 4;
-                self.uniform_data.tlas_node_count = solid.traversal_node_count();
-                self.uniform_data.tlas_entry_base = base + solid.entry_base;
-                self.uniform_data.masked_node_count = masked.traversal_node_count();
-                self.uniform_data.masked_entry_base = base + solid.rows.len() as u32 + masked.entry_base;
-                let mut rows = solid.rows;
-                rows.extend_from_slice(&masked.rows);
-                meshes.bvh.write(queue, slice, rows.as_flattened());
+                self.uniform_data.tlas_node_count = tlas.traversal_node_count();
+                self.uniform_data.tlas_entry_base = slice.base() / 4 + tlas.entry_base;
+                meshes.bvh.write(queue, slice, tlas.rows.as_flattened());
             }
             _ => {
                 warn_once!(
@@ -117,11 +115,10 @@ impl SceneBindings {
         self.instance_data[slot as usize].flags & INSTANCE_ALPHA_MASKED != 0
     }
 
-    /// The TLAS of alpha-masked objects, or of all others.
-    fn tlas_over(&self, present: &[(u32, &InstanceSource)], masked: bool, meshes: &SceneMeshes) -> Tlas {
+    fn tlas_over(&self, present: &[(u32, &InstanceSource)], meshes: &SceneMeshes) -> Tlas {
         let mut list: Vec<TlasInstance> = present
             .iter()
-            .filter(|(slot, _)| self.is_masked(*slot) == masked && !self.merge.is_merged(*slot))
+            .filter(|(slot, _)| !self.merge.is_merged(*slot))
             .filter_map(|(slot, source)| {
                 let blas = meshes.get(source.mesh)?.bvh.as_ref()?;
                 let node_row = blas.slice.base() / 4;
@@ -136,7 +133,7 @@ impl SceneBindings {
             })
             .collect();
         let single = list.len();
-        list.extend(self.merge.instances(masked));
+        list.extend(self.merge.instances());
         // A lone tree overlaps with nothing, and rays start in it at once where it is not opened.
         let max_entries = if list.len() > 1 {
             opening_budget(single) + list.len() - single
@@ -146,9 +143,9 @@ impl SceneBindings {
         build_tlas(&list, max_entries)
     }
 
-    /// Makes room for the TLASes, one behind the other; false where there is none. Merged trees may get lost over it.
-    fn reserve_tlases(&mut self, trees: &[Tlas; 2], meshes: &mut SceneMeshes) -> bool {
-        let words: usize = trees.iter().map(|tree| tree.rows.as_flattened().len()).sum();
+    /// Makes room for the TLAS; false where there is none. Merged trees may get lost over it.
+    fn reserve_tlas(&mut self, tlas: &Tlas, meshes: &mut SceneMeshes) -> bool {
+        let words = tlas.rows.as_flattened().len();
         if self.tlas.as_ref().is_some_and(|slice| slice.words() as usize >= words) {
             return true;
         }

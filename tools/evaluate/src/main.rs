@@ -15,7 +15,7 @@ use glint_evaluate::{
     report::Event,
     rows::{self, Row},
     run,
-    state::{self, read_json, write_json, write_text},
+    state::{read_json, write_json, write_text},
     table,
 };
 use output::Results;
@@ -153,7 +153,7 @@ fn prepare_folder(arguments: &Arguments, plan: &arguments::Plan, machine: &Machi
             }
         }
     }
-    match state::read_json::<serde_json::Value>(&file) {
+    match read_json::<serde_json::Value>(&file) {
         Some(before) if before != settings => Err(format!(
             "{} holds results of other settings, of another machine or of other sources; choose another --out, or begin anew with \
              --fresh",

@@ -54,7 +54,7 @@ impl Protocol {
             motion_frames: 32,
             flicker_frames: 8,
             samples: 1024,
-            detail: 2.25,
+            detail: 1.0,
             texture_size: 1024,
         };
         match (quick, is_cpu) {

@@ -10,18 +10,18 @@ use bevy::{
     math::ops,
     prelude::*,
 };
-use glint_scenes::{Environment, HeadlessApp, SceneName, SceneOptions, Sky, sun_direction};
+use glint_scenes::{CameraPath, Environment, HeadlessApp, SceneName, SceneOptions, Sky, sun_direction};
 use std::{f32::consts::TAU, fs, path::Path};
 
-/// Seconds that the camera takes for its path.
-const PATH_SECONDS: f32 = 24.0;
+/// Seconds that the camera takes for a loop in a glTF file.
+const LOOP_SECONDS: f32 = 24.0;
 /// Files that are looked at around a glTF file to see whether it has changed.
 const MAX_FILES: usize = 4096;
 
 /// Where the camera goes.
-enum CameraPath {
+enum Way {
     /// The path of a built-in scene.
-    BuiltIn(SceneName),
+    BuiltIn(SceneName, CameraPath),
     /// A small loop around a place, with its size in metres.
     Loop(Transform, f32),
 }
@@ -30,7 +30,7 @@ enum CameraPath {
 pub struct Stage {
     source: SceneSource,
     options: SceneOptions,
-    path: CameraPath,
+    way: Way,
     views: u32,
 }
 
@@ -41,16 +41,16 @@ impl Stage {
     ///
     /// If there is none of that name, or no such file.
     pub fn new(source: &SceneSource, protocol: &Protocol) -> Result<Self, String> {
-        let path = match source {
+        let way = match source {
             SceneSource::BuiltIn(name) => {
                 let name: SceneName = name
                     .parse()
                     .map_err(|error: glint_scenes::UnknownScene| error.to_string())?;
-                CameraPath::BuiltIn(name)
+                Way::BuiltIn(name, CameraPath::of(name))
             }
             SceneSource::File(file) => {
                 fs::metadata(file).map_err(|error| format!("{} can't be opened: {error}", file.display()))?;
-                CameraPath::Loop(Transform::IDENTITY, 0.0)
+                Way::Loop(Transform::IDENTITY, 0.0)
             }
         };
         Ok(Self {
@@ -59,17 +59,17 @@ impl Stage {
                 detail: protocol.detail,
                 texture_size: protocol.texture_size,
             },
-            path,
+            way,
             views: protocol.views.max(1),
         })
     }
 
     /// Spawns the scene and its camera; returns the camera.
     pub fn spawn(&self, app: &mut HeadlessApp) -> Entity {
-        match (&self.source, &self.path) {
+        match (&self.source, &self.way) {
             (SceneSource::File(file), _) => load(app, file),
-            (SceneSource::BuiltIn(_), CameraPath::BuiltIn(name)) => app.spawn_scene(*name, &self.options),
-            (SceneSource::BuiltIn(_), CameraPath::Loop(..)) => app.spawn_camera(()),
+            (SceneSource::BuiltIn(_), Way::BuiltIn(name, _)) => app.spawn_scene(*name, &self.options),
+            (SceneSource::BuiltIn(_), Way::Loop(..)) => app.spawn_camera(()),
         }
     }
 
@@ -82,7 +82,7 @@ impl Stage {
         if let SceneSource::File(file) = &self.source {
             let (transform, reach) = arrange(app.world(), camera)
                 .ok_or_else(|| format!("{} holds nothing that can be seen", file.display()))?;
-            self.path = CameraPath::Loop(transform, reach);
+            self.way = Way::Loop(transform, reach);
         }
         Ok(())
     }
@@ -90,17 +90,18 @@ impl Stage {
     /// Length of the path in seconds.
     #[must_use]
     pub fn seconds(&self) -> f32 {
-        PATH_SECONDS
+        match &self.way {
+            Way::BuiltIn(_, path) => path.seconds,
+            Way::Loop(..) => LOOP_SECONDS,
+        }
     }
 
     /// Where the camera is after some seconds.
     #[must_use]
     pub fn pose(&self, seconds: f32) -> Transform {
-        let t = (seconds / self.seconds()).clamp(0.0, 1.0);
-        match &self.path {
-            CameraPath::BuiltIn(SceneName::Atrium) => glint_scenes::camera_path(t),
-            CameraPath::BuiltIn(name) => around(glint_scenes::camera(*name).0, 0.4, t),
-            CameraPath::Loop(base, reach) => around(*base, *reach, t),
+        match &self.way {
+            Way::BuiltIn(_, path) => path.pose(seconds),
+            Way::Loop(base, reach) => around(*base, *reach, (seconds / LOOP_SECONDS).clamp(0.0, 1.0)),
         }
     }
 
@@ -267,17 +268,18 @@ mod tests {
 
     #[test]
     fn views_lie_on_the_path() {
-        for name in ["atrium", "demo"] {
+        for name in ["atrium", "atrium_small", "temple", "street", "demo"] {
             let stage = stage(name).unwrap();
             let times: Vec<f32> = (0..2).map(|view| stage.view(view)).collect();
             assert!(times.windows(2).all(|pair| pair[0] < pair[1]));
             assert!(times.iter().all(|time| (0.0..=stage.seconds()).contains(time)));
             assert_ne!(stage.pose(times[0]), stage.pose(times[1]), "{name}");
             // The camera moves smoothly.
+            let middle = 0.45 * stage.seconds();
             let step = stage
-                .pose(5.0)
+                .pose(middle)
                 .translation
-                .distance(stage.pose(5.0 + 1.0 / 60.0).translation);
+                .distance(stage.pose(middle + 1.0 / 60.0).translation);
             assert!(0.0 < step && step < 0.2, "{name}: {step}");
         }
     }

@@ -5,6 +5,7 @@
 mod animation;
 mod atrium;
 mod builder;
+mod camera_path;
 mod demo;
 mod geometry;
 mod gltf;
@@ -15,11 +16,13 @@ mod random;
 mod scene;
 mod sky;
 mod small;
+mod street;
+mod temple;
 mod texture;
 
 pub use animation::{Motion, SceneAnimationPlugin};
-pub use atrium::camera_path;
 pub use builder::{SceneBuilder, SceneMesh, SceneStatistics};
+pub use camera_path::CameraPath;
 pub use geometry::Geometry;
 pub use gltf::write_test_assets;
 pub use headless::{HeadlessApp, HeadlessError, HeadlessSettings, Output, read_image, save_picture};

@@ -1,6 +1,13 @@
 //! The scenes by name.
 
-use crate::{animation::Motion, atrium, demo, sky::Sky, small};
+use crate::{
+    animation::Motion,
+    atrium::{self, Richness},
+    camera_path::CameraPath,
+    demo,
+    sky::Sky,
+    small, street, temple,
+};
 use bevy::{
     asset::Assets,
     camera::{Camera, ClearColorConfig, Exposure, PerspectiveProjection},
@@ -22,8 +29,15 @@ use std::{error::Error, fmt, str::FromStr};
 pub enum SceneName {
     /// Spheres and boxes of graded roughness and metalness on a polished floor between textured walls, with things that move.
     Demo,
-    /// A two-storey colonnaded courtyard: rough stone, cloth and a little metal; at least 66 thousand triangles.
+    /// A two-storey colonnaded courtyard, richly carved and furnished: mostly rough stone and cloth, with thin metal; at least 250 thousand
+    /// triangles.
     Atrium,
+    /// The same courtyard with plain columns and little in it: at least 66 thousand triangles.
+    AtriumSmall,
+    /// A temple of polished floors and bronze: reflections nearly everywhere; at least 500 thousand triangles.
+    Temple,
+    /// A street after rain, full of windows and small things: millions of triangles by instancing.
+    Street,
     /// A mirror floor below asymmetric unlit objects: its reflection is known exactly.
     MirrorRoom,
     /// White spheres of roughness 0 to 1, metal and dielectric, in a uniform white environment.
@@ -34,9 +48,12 @@ pub enum SceneName {
 
 impl SceneName {
     /// Every scene.
-    pub const ALL: [SceneName; 5] = [
+    pub const ALL: [SceneName; 8] = [
         SceneName::Demo,
         SceneName::Atrium,
+        SceneName::AtriumSmall,
+        SceneName::Temple,
+        SceneName::Street,
         SceneName::MirrorRoom,
         SceneName::Furnace,
         SceneName::EmissiveFloor,
@@ -47,6 +64,9 @@ impl SceneName {
         match self {
             SceneName::Demo => "demo",
             SceneName::Atrium => "atrium",
+            SceneName::AtriumSmall => "atrium_small",
+            SceneName::Temple => "temple",
+            SceneName::Street => "street",
             SceneName::MirrorRoom => "mirror_room",
             SceneName::Furnace => "furnace",
             SceneName::EmissiveFloor => "emissive_floor",
@@ -88,7 +108,7 @@ impl FromStr for SceneName {
 /// What can be chosen about a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneOptions {
-    /// Fineness of the atrium's curved parts: 1 gives about 90 thousand triangles, 2.25 about 260 thousand. Clamped to 0.25..=8.
+    /// Fineness of curved parts: 1 gives each scene the triangles that its name promises. Clamped to 0.25..=8.
     pub detail: f32,
     /// Edge of procedural textures in texels, clamped to 4..=2048.
     pub texture_size: u32,
@@ -120,7 +140,10 @@ pub fn spawn_with(name: SceneName, world: &mut World, options: &SceneOptions) ->
     };
     let root = match name {
         SceneName::Demo => demo::spawn(world, &options),
-        SceneName::Atrium => atrium::spawn(world, &options),
+        SceneName::Atrium => atrium::spawn(world, &options, Richness::Rich),
+        SceneName::AtriumSmall => atrium::spawn(world, &options, Richness::Plain),
+        SceneName::Temple => temple::spawn(world, &options),
+        SceneName::Street => street::spawn(world, &options),
         SceneName::MirrorRoom => small::mirror_room(world),
         SceneName::Furnace => small::furnace(world),
         SceneName::EmissiveFloor => small::emissive_floor(world),
@@ -132,19 +155,15 @@ pub fn spawn_with(name: SceneName, world: &mut World, options: &SceneOptions) ->
     root
 }
 
-/// Where the camera of a scene stands and how it sees; the aspect ratio follows from the target.
+/// Where the camera of a scene stands, at the start of its path, and how it sees; the aspect ratio follows from the target.
 pub fn camera(name: SceneName) -> (Transform, PerspectiveProjection) {
-    let (transform, vertical_degrees) = match name {
-        SceneName::Demo => demo::camera(),
-        SceneName::Atrium => (atrium::camera_path(0.0), 58.0),
-        SceneName::MirrorRoom | SceneName::Furnace | SceneName::EmissiveFloor => small::camera(name),
-    };
+    let path = CameraPath::of(name);
     (
-        transform,
+        path.pose(0.0),
         PerspectiveProjection {
-            fov: f32::to_radians(vertical_degrees),
+            fov: path.vertical_degrees.to_radians(),
             near: 0.1,
-            far: 500.0,
+            far: path.far,
             ..Default::default()
         },
     )
@@ -223,7 +242,9 @@ pub(crate) fn sky(world: &mut World, sky: Sky, brightness: f32) -> (EnvironmentM
 pub fn environment(name: SceneName, world: &mut World) -> Environment {
     match name {
         SceneName::Demo => demo::environment(world),
-        SceneName::Atrium => atrium::environment(world),
+        SceneName::Atrium | SceneName::AtriumSmall => atrium::environment(world),
+        SceneName::Temple => temple::environment(world),
+        SceneName::Street => street::environment(world),
         SceneName::MirrorRoom | SceneName::Furnace | SceneName::EmissiveFloor => small::environment(name, world),
     }
 }

@@ -179,21 +179,6 @@ pub fn emissive_floor(world: &mut World) -> Entity {
     scene.finish()
 }
 
-/// Position and vertical field of view in degrees.
-pub fn camera(name: SceneName) -> (Transform, f32) {
-    match name {
-        SceneName::Furnace => (Transform::from_xyz(0.0, 0.0, 7.0).looking_at(Vec3::ZERO, Vec3::Y), 32.0),
-        SceneName::EmissiveFloor => (
-            Transform::from_xyz(0.0, 2.2, 5.4).looking_at(Vec3::new(0.0, 0.2, 0.0), Vec3::Y),
-            36.0,
-        ),
-        _ => (
-            Transform::from_xyz(0.3, 1.1, 3.6).looking_at(Vec3::new(0.05, 0.35, 0.0), Vec3::Y),
-            45.0,
-        ),
-    }
-}
-
 /// Exposure one, no tone curve: what is rendered is what was computed.
 pub fn environment(name: SceneName, world: &mut World) -> Environment {
     let sky = (name == SceneName::Furnace).then(|| sky(world, Sky::White, 1.0));

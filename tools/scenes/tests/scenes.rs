@@ -5,7 +5,7 @@ use bevy::{
     prelude::*,
 };
 use glint_scenes::{
-    SceneName, SceneOptions, SceneStatistics, UnknownScene, camera, camera_path, environment, spawn_with,
+    CameraPath, SceneName, SceneOptions, SceneStatistics, UnknownScene, camera, environment, spawn_with,
     write_test_assets,
 };
 
@@ -27,6 +27,7 @@ fn names_round_trip() {
         assert_eq!(name.to_string().parse(), Ok(name));
     }
     assert_eq!("Emissive-Floor".parse(), Ok(SceneName::EmissiveFloor));
+    assert_eq!("atrium-small".parse(), Ok(SceneName::AtriumSmall));
     let error: Result<SceneName, UnknownScene> = "sponza".parse();
     assert!(error.unwrap_err().to_string().contains("atrium"));
 }
@@ -75,7 +76,7 @@ fn every_mesh_is_complete() {
 
 #[test]
 fn faces_agree_with_normals() {
-    for name in [SceneName::Demo, SceneName::Atrium, SceneName::Furnace] {
+    for name in SceneName::ALL {
         let (world, _) = spawned(name, &SMALL);
         let (mut wrong, mut all) = (0, 0);
         for (_, mesh) in world.resource::<Assets<Mesh>>().iter() {
@@ -103,31 +104,78 @@ fn faces_agree_with_normals() {
 }
 
 #[test]
-fn the_atrium_has_the_triangles_that_it_promises() {
-    let (_, plain) = spawned(SceneName::Atrium, &SMALL);
-    assert!((66_000..100_000).contains(&plain.triangles), "{plain:?}");
+fn scenes_have_the_triangles_that_they_promise() {
+    for (name, triangles) in [
+        (SceneName::AtriumSmall, 66_000..100_000),
+        (SceneName::Atrium, 250_000..300_000),
+        (SceneName::Temple, 500_000..700_000),
+        (SceneName::Street, 2_000_000..3_500_000),
+    ] {
+        let (_, statistics) = spawned(name, &SMALL);
+        assert!(triangles.contains(&statistics.triangles), "{name}: {statistics:?}");
+        let (_, same) = spawned(name, &SMALL);
+        assert_eq!(statistics, same, "{name}");
+    }
+}
+
+#[test]
+fn detail_makes_the_atrium_finer() {
+    let (_, plain) = spawned(SceneName::AtriumSmall, &SMALL);
     assert!((100..400).contains(&plain.instances), "{plain:?}");
-    let (_, fine) = spawned(SceneName::Atrium, &SceneOptions { detail: 2.25, ..SMALL });
+    let (_, fine) = spawned(SceneName::AtriumSmall, &SceneOptions { detail: 2.25, ..SMALL });
     assert!((230_000..300_000).contains(&fine.triangles), "{fine:?}");
-    let (_, same) = spawned(SceneName::Atrium, &SMALL);
-    assert_eq!(plain, same);
+    let coarse = SceneOptions { detail: 0.25, ..SMALL };
+    let (_, coarse) = spawned(SceneName::Atrium, &coarse);
+    assert!((10_000..150_000).contains(&coarse.triangles), "{coarse:?}");
 }
 
 #[test]
 fn the_path_is_smooth_and_inside() {
+    let path = CameraPath::of(SceneName::Atrium);
     for i in 0..=400 {
-        let t = i as f32 / 400.0;
-        let (here, next) = (camera_path(t), camera_path(t + 1.0 / 400.0));
+        let pose = |i: i32| path.pose(path.seconds * i as f32 / 400.0);
+        let (here, next) = (pose(i), pose(i + 1));
         assert!(
             here.translation.x.abs() < 10.0 && here.translation.z.abs() < 4.2 && here.translation.y > 1.2,
-            "{t}"
+            "{i}"
         );
         assert!(
             here.translation.distance(next.translation) < 0.2 && here.rotation.angle_between(next.rotation) < 0.1,
-            "{t}"
+            "{i}"
         );
     }
-    assert_eq!(camera_path(f32::NAN), camera_path(0.0));
+}
+
+#[test]
+fn every_scene_has_a_path() {
+    for name in SceneName::ALL {
+        let path = CameraPath::of(name);
+        let (start, projection) = camera(name);
+        assert!(path.seconds > 0.0 && path.points.len() > 2, "{name}");
+        assert_eq!(projection.far, path.far);
+        // It begins where the camera stands, and rests before and after.
+        for seconds in [0.0, -1.0, f32::NAN, f32::NEG_INFINITY] {
+            assert_eq!(path.pose(seconds), start, "{name}: {seconds}");
+        }
+        assert_eq!(path.pose(f32::INFINITY), path.pose(path.seconds), "{name}");
+        // No jumps: a hundredth of the way is a small part of it.
+        let poses: Vec<Transform> = (0..=100).map(|i| path.pose(path.seconds * i as f32 / 100.0)).collect();
+        let steps = poses.windows(2);
+        let lengths: Vec<f32> = steps
+            .map(|pair| pair[0].translation.distance(pair[1].translation))
+            .collect();
+        let whole: f32 = lengths.iter().sum();
+        assert!(whole > 1.0, "{name}");
+        assert!(
+            lengths.iter().all(|&length| length < 0.1 * whole),
+            "{name}: {lengths:?}"
+        );
+        assert!(poses.iter().all(|pose| pose.is_finite()), "{name}");
+        for pair in poses.windows(2) {
+            let angle = pair[0].rotation.angle_between(pair[1].rotation);
+            assert!(angle < 0.5, "{name}: {angle}");
+        }
+    }
 }
 
 #[test]

@@ -1,83 +1,39 @@
 //! Stone: floors, walls, columns, arches, vaults, balustrades and cornices.
 
-use super::{plan::*, segments};
-use crate::{
-    builder::SceneBuilder,
-    geometry::{Geometry, turned},
-    props,
+use super::{
+    Materials, Richness, carving,
+    elements::{arch, balustrade, cornice, vault},
+    plan::*,
+    segments,
 };
+use crate::{builder::SceneBuilder, geometry::Geometry, props};
 use bevy::{
-    asset::Handle,
-    math::{Vec2, Vec3, ops},
-    pbr::StandardMaterial,
+    math::{Vec2, Vec3},
     transform::components::Transform,
 };
-use std::f32::consts::PI;
 
-pub struct Materials {
-    pub wall: Handle<StandardMaterial>,
-    pub smooth: Handle<StandardMaterial>,
-    pub floor: Handle<StandardMaterial>,
-    pub plaster: Handle<StandardMaterial>,
-    pub leaf: Handle<StandardMaterial>,
-    pub bronze: Handle<StandardMaterial>,
-    /// Seen from both sides.
-    pub gilt: Handle<StandardMaterial>,
-    /// To be dyed.
-    pub cloth: StandardMaterial,
-}
-
-/// A side of the court: its bays run along local x with the court on the side of +z.
-pub struct Side {
-    /// From the side's own space: the origin is the middle of the colonnade.
-    pub transform: Transform,
-    pub bays: u32,
-    pub bay: f32,
-}
-
-/// The four sides.
-pub fn sides() -> [Side; 4] {
-    let (length, width) = (HALF_LENGTH, HALF_WIDTH);
-    let side = |x: f32, z: f32, degrees: f32, bays: u32, run: f32| Side {
-        transform: Transform::from_xyz(x, 0.0, z).with_rotation(turned(degrees)),
-        bays,
-        bay: 2.0 * run / bays as f32,
+pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Richness) {
+    shell(scene, m, richness.choose(0.4, 0.2));
+    let lower = scene.shape(|g| match richness {
+        Richness::Plain => props::column(g, LOWER_SPRING, 0.27, segments(14, detail)),
+        Richness::Rich => carving::fluted_column(g, LOWER_SPRING, 0.27, detail),
+    });
+    // The upper ones take turns.
+    let upper = match richness {
+        Richness::Plain => {
+            let column = scene.shape(|g| props::column(g, UPPER_SPRING, 0.19, segments(10, detail)));
+            [column.clone(), column]
+        }
+        Richness::Rich => [
+            scene.shape(|g| carving::twisted_column(g, UPPER_SPRING, 0.18, detail)),
+            scene.shape(|g| carving::faceted_column(g, UPPER_SPRING, 0.18, detail)),
+        ],
     };
-    [
-        side(0.0, -width, 0.0, LONG_BAYS, length),
-        side(0.0, width, 180.0, LONG_BAYS, length),
-        side(-length, 0.0, 90.0, SHORT_BAYS, width),
-        side(length, 0.0, -90.0, SHORT_BAYS, width),
-    ]
-}
-
-impl Side {
-    /// Middle of bay `i` along local x.
-    pub fn middle(&self, i: u32) -> f32 {
-        (i as f32 + 0.5 - 0.5 * self.bays as f32) * self.bay
-    }
-
-    /// A place of the side in the world.
-    pub fn at(&self, x: f32, y: f32, z: f32) -> Transform {
-        self.transform * Transform::from_xyz(x, y, z)
-    }
-}
-
-pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
-    shell(scene, m);
-    let lower = scene.shape(|g| props::column(g, LOWER_SPRING, 0.27, segments(14, detail)));
-    let upper = scene.shape(|g| props::column(g, UPPER_SPRING, 0.19, segments(10, detail)));
+    let arch_steps = segments(richness.choose(12, 16), detail);
     for side in &sides() {
         let arches = [
             scene.shape(|g| {
-                arch(
-                    g,
-                    side.bay,
-                    0.30,
-                    0.62,
-                    UPPER_FLOOR - 0.1 - LOWER_SPRING,
-                    segments(12, detail),
-                );
+                arch(g, side.bay, 0.30, 0.62, UPPER_FLOOR - 0.1 - LOWER_SPRING, arch_steps);
             }),
             scene.shape(|g| {
                 arch(
@@ -86,7 +42,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
                     0.22,
                     0.46,
                     EAVES - 0.3 - UPPER_FLOOR - UPPER_SPRING,
-                    segments(12, detail),
+                    arch_steps,
                 );
             }),
         ];
@@ -113,7 +69,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             // One column per bay: its left end; so each corner of the court gets one.
             let left = x - 0.5 * side.bay;
             scene.place(&lower, &m.smooth, side.at(left, 0.0, 0.0));
-            scene.place(&upper, &m.smooth, side.at(left, UPPER_FLOOR, 0.0));
+            scene.place(&upper[(i % 2) as usize], &m.smooth, side.at(left, UPPER_FLOOR, 0.0));
             scene.place(&respond, &m.smooth, side.at(left, 0.0, 0.12 - WALK));
         }
         let run = side.bay * side.bays as f32;
@@ -127,7 +83,9 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         scene.place(&kerb, &m.smooth, side.transform);
         let belt = scene.shape(|g| cornice(g, run + 0.6, 0.34, 0.16, 1));
         scene.place(&belt, &m.smooth, side.at(0.0, UPPER_FLOOR - 0.17, 0.31));
-        let eaves = scene.shape(|g| cornice(g, run + 1.2, 0.42, 0.38, (run / 0.42) as u32));
+        // Brackets take the place of the dentils.
+        let dentils = richness.choose((run / 0.42) as u32, 0);
+        let eaves = scene.shape(|g| cornice(g, run + 1.2, 0.42, 0.38, dentils));
         scene.place(&eaves, &m.smooth, side.at(0.0, EAVES - 0.2, 0.25));
         let ceiling = scene.shape(|g| {
             g.cuboid(
@@ -153,8 +111,8 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     }
 }
 
-/// Ground, upper floors and outer walls.
-fn shell(scene: &mut SceneBuilder, m: &Materials) {
+/// Ground, upper floors and outer walls; `paving` scales the floor's texture coordinates.
+fn shell(scene: &mut SceneBuilder, m: &Materials, paving: f32) {
     let (x, z) = (HALF_LENGTH + WALK, HALF_WIDTH + WALK);
     let ground = scene.shape(|g| {
         let (columns, rows) = (7, 4);
@@ -170,7 +128,7 @@ fn shell(scene: &mut SceneBuilder, m: &Materials) {
                     corner(high.x, low.y),
                     corner(low.x, low.y),
                 ],
-                0.4,
+                paving,
             );
         }
     });
@@ -183,7 +141,7 @@ fn shell(scene: &mut SceneBuilder, m: &Materials) {
             g.cuboid(
                 Vec3::new(0.0, UPPER_FLOOR - 0.12, -0.5 * WALK),
                 Vec3::new(reach, 0.24, WALK),
-                0.4,
+                paving,
             );
         });
         scene.place(&floor, &m.floor, side.transform);
@@ -269,155 +227,6 @@ fn outer_bay(g: &mut Geometry, middle: f32, bay: f32) {
                 p(-niche, high, front),
             ],
             0.35,
-        );
-    }
-}
-
-/// A round arch over one bay, from its springing at y = 0 to a straight top: `pier` is half the width of the pier that it stands on.
-fn arch(g: &mut Geometry, bay: f32, pier: f32, thickness: f32, height: f32, steps: u32) {
-    let half = 0.5 * bay;
-    let r = half - pier;
-    let z = 0.5 * thickness;
-    let point = |i: u32| {
-        let angle = PI * (1.0 - i as f32 / steps as f32);
-        Vec2::new(r * ops::cos(angle), r * ops::sin(angle))
-    };
-    for front in [true, false] {
-        let mut panel = |a: Vec2, b: Vec2, top: f32| {
-            let side = if front { z } else { -z };
-            let corners = [
-                a.extend(side),
-                b.extend(side),
-                Vec3::new(b.x, top, side),
-                Vec3::new(a.x, top, side),
-            ];
-            g.mapped_quad(
-                if front {
-                    corners
-                } else {
-                    [corners[1], corners[0], corners[3], corners[2]]
-                },
-                0.35,
-            );
-        };
-        panel(Vec2::new(-half, 0.0), Vec2::new(-r, 0.0), height);
-        panel(Vec2::new(r, 0.0), Vec2::new(half, 0.0), height);
-        for i in 0..steps {
-            panel(point(i), point(i + 1), height);
-        }
-    }
-    let sweep = |u: f32, radius: f32, z: f32| Vec3::new(radius * ops::cos(PI * u), radius * ops::sin(PI * u), z);
-    g.surface(steps, 1, Vec2::new(PI * r * 0.5, thickness * 0.5), |u, v| {
-        sweep(u, r, (0.5 - v) * thickness)
-    });
-    // Mouldings that stand out around the opening, on both faces.
-    let round = |v: f32| (0.10 - 0.075 * ops::cos(v * PI), 0.045 * ops::sin(v * PI));
-    g.surface(steps, 4, Vec2::new(PI * r * 0.5, 0.1), |u, v| {
-        let (out, depth) = round(v);
-        sweep(1.0 - u, r + out, z + depth)
-    });
-    g.surface(steps, 4, Vec2::new(PI * r * 0.5, 0.1), |u, v| {
-        let (out, depth) = round(v);
-        sweep(u, r + out, -z - depth)
-    });
-    // Undersides of the piers' ends.
-    for x in [-1.0, 1.0] {
-        let (a, b) = if x < 0.0 { (-half, -r) } else { (r, half) };
-        g.mapped_quad(
-            [
-                Vec3::new(a, 0.0, -z),
-                Vec3::new(b, 0.0, -z),
-                Vec3::new(b, 0.0, z),
-                Vec3::new(a, 0.0, z),
-            ],
-            0.35,
-        );
-    }
-}
-
-/// A groin vault over a bay, seen from below.
-fn vault(g: &mut Geometry, width: f32, depth: f32, spring: f32, rise: f32, steps: u32) {
-    g.surface(steps, steps, Vec2::new(width, depth) * 0.4, |u, v| {
-        let (x, z) = (2.0 * u - 1.0, 2.0 * v - 1.0);
-        let barrel = |t: f32| (1.0 - t * t).max(0.0).sqrt();
-        Vec3::new(
-            0.5 * width * x,
-            spring + rise * barrel(x).max(barrel(z)),
-            0.5 * depth * z,
-        )
-    });
-}
-
-/// Balusters between two rails.
-fn balustrade(g: &mut Geometry, width: f32, detail: f32) {
-    let bevel = if detail < 1.5 { 1 } else { 2 };
-    g.rounded_box(
-        Vec3::new(0.0, 0.95, 0.0),
-        Vec3::new(width, 0.12, 0.26),
-        0.03,
-        bevel,
-        0.5,
-    );
-    g.rounded_box(
-        Vec3::new(0.0, 0.10, 0.0),
-        Vec3::new(width, 0.20, 0.24),
-        0.03,
-        bevel,
-        0.5,
-    );
-    let mut baluster = Geometry::default();
-    let p = |x: f32, y: f32| Vec2::new(0.075 * x, 0.20 + 0.69 * y);
-    let profile = [
-        p(0.85, 0.0),
-        p(0.85, 0.07),
-        p(0.5, 0.11),
-        p(0.62, 0.16),
-        p(1.0, 0.34),
-        p(0.72, 0.56),
-        p(0.45, 0.76),
-        p(0.7, 0.9),
-        p(0.85, 1.0),
-    ];
-    baluster.lathe(&profile, segments(7, detail), Vec2::new(1.0, 0.5));
-    let count = (width / 0.30) as u32;
-    for i in 0..count {
-        let x = ((i as f32 + 0.5) / count as f32 - 0.5) * width;
-        g.append(&baluster, Transform::from_xyz(x, 0.0, 0.0));
-    }
-}
-
-/// A moulding along x that stands out towards +z, with `blocks` dentils below it.
-fn cornice(g: &mut Geometry, length: f32, height: f32, depth: f32, blocks: u32) {
-    let profile = [
-        (0.0, 0.0),
-        (0.25, 0.02),
-        (0.3, 0.25),
-        (0.55, 0.3),
-        (0.62, 0.5),
-        (0.8, 0.66),
-        (1.0, 0.72),
-        (1.0, 1.0),
-        (0.0, 1.0),
-    ];
-    let at = |x: f32, (z, y): (f32, f32)| Vec3::new(x, y * height, z * depth);
-    for pair in profile.windows(2) {
-        let half = 0.5 * length;
-        g.mapped_quad(
-            [
-                at(-half, pair[0]),
-                at(half, pair[0]),
-                at(half, pair[1]),
-                at(-half, pair[1]),
-            ],
-            0.5,
-        );
-    }
-    for i in 0..blocks {
-        let x = ((i as f32 + 0.5) / blocks as f32 - 0.5) * length;
-        g.cuboid(
-            Vec3::new(x, -0.07, 0.22 * depth),
-            Vec3::new(0.16, 0.14, 0.44 * depth),
-            1.0,
         );
     }
 }

@@ -1,12 +1,9 @@
 //! Cloth, metal, plants and the fountain.
 
-use super::{
-    architecture::{Materials, sides},
-    plan::*,
-    segments,
-};
+use super::{Materials, Richness, plan::*, segments};
 use crate::{builder::SceneBuilder, geometry::turned, props, random::Random};
 use bevy::{
+    asset::Handle,
     color::{Color, LinearRgba},
     light::{NotShadowCaster, PointLight},
     math::{Vec2, Vec3},
@@ -21,23 +18,48 @@ const DYES: [Color; 4] = [
     Color::srgb(0.85, 0.62, 0.20),
 ];
 
-pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
-    curtains(scene, m, detail);
+pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Richness) {
+    curtains(scene, m, detail * richness.choose(1.0, 1.5));
     metalwork(scene, m, detail);
-    garden(scene, m, detail);
+    garden(scene, m, detail, richness);
+}
+
+/// Cloth of a colour, seen from both sides.
+pub fn dyed(scene: &mut SceneBuilder, m: &Materials, base_color: Color) -> Handle<StandardMaterial> {
+    scene.material(StandardMaterial {
+        base_color,
+        metallic: 0.0,
+        double_sided: true,
+        cull_mode: None,
+        ..m.cloth.clone()
+    })
+}
+
+/// What shines in a lamp.
+pub fn glow(scene: &mut SceneBuilder) -> Handle<StandardMaterial> {
+    scene.material(StandardMaterial {
+        base_color: Color::BLACK,
+        emissive: LinearRgba::rgb(7.0, 4.0, 1.6),
+        perceptual_roughness: 1.0,
+        ..Default::default()
+    })
+}
+
+/// The light of a lamp.
+pub fn lamp_light() -> PointLight {
+    PointLight {
+        color: Color::srgb(1.0, 0.72, 0.42),
+        intensity: 60_000.0,
+        range: 7.0,
+        radius: 0.1,
+        shadow_maps_enabled: false,
+        ..Default::default()
+    }
 }
 
 /// Curtains in the arches of the long sides: full length below, short above.
 fn curtains(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
-    let dyes = DYES.map(|base_color| {
-        scene.material(StandardMaterial {
-            base_color,
-            metallic: 0.0,
-            double_sided: true,
-            cull_mode: None,
-            ..m.cloth.clone()
-        })
-    });
+    let dyes = DYES.map(|color| dyed(scene, m, color));
     let mut random = Random::new(41);
     for (index, side) in sides().iter().enumerate().filter(|(_, side)| side.bays == LONG_BAYS) {
         let width = side.bay - 0.7;
@@ -80,29 +102,14 @@ fn metalwork(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let glass = scene.shape(|g| {
         g.sphere(Vec3::new(0.0, -0.33, 0.0), 0.10, segments(10, detail), Vec2::ONE);
     });
-    let lit = scene.material(StandardMaterial {
-        base_color: Color::BLACK,
-        emissive: LinearRgba::rgb(7.0, 4.0, 1.6),
-        perceptual_roughness: 1.0,
-        ..Default::default()
-    });
+    let lit = glow(scene);
     for side in &sides() {
         for i in (0..side.bays).step_by(2) {
             let place = side.at(side.middle(i), 3.85, -0.5 * WALK);
             scene.place(&lantern, &m.bronze, place);
             let bulb = scene.place(&glass, &lit, place);
             scene.world.entity_mut(bulb).insert(NotShadowCaster);
-            scene.add((
-                PointLight {
-                    color: Color::srgb(1.0, 0.72, 0.42),
-                    intensity: 60_000.0,
-                    range: 7.0,
-                    radius: 0.1,
-                    shadow_maps_enabled: false,
-                    ..Default::default()
-                },
-                place * Transform::from_xyz(0.0, -0.33, 0.0),
-            ));
+            scene.add((lamp_light(), place * Transform::from_xyz(0.0, -0.33, 0.0)));
         }
     }
     let mut random = Random::new(7);
@@ -131,15 +138,16 @@ fn metalwork(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
 }
 
 /// Planters along the court and the fountain in its middle.
-fn garden(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
+fn garden(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Richness) {
     let pot = scene.shape(|g| props::pot(g, 0.62, 0.42, segments(16, detail)));
     let clay = scene.material(StandardMaterial {
         base_color: Color::srgb(0.62, 0.34, 0.24),
         perceptual_roughness: 0.85,
         ..Default::default()
     });
-    let plants = [5, 8]
-        .map(|seed| scene.shape(|g| props::plant(g, segments(30, detail), 1.15, segments(4, detail.sqrt()), seed)));
+    let leaves = segments(richness.choose(30, 44), detail);
+    let rows = segments(richness.choose(4, 6), detail.sqrt());
+    let plants = [5, 8].map(|seed| scene.shape(|g| props::plant(g, leaves, 1.15, rows, seed)));
     for i in 0..5u32 {
         for (j, z) in [-2.9, 2.9].into_iter().enumerate() {
             let x = (i as f32 - 2.0) * 4.0 + 0.6 * j as f32;

@@ -1,18 +1,28 @@
 //! A two-storey colonnaded courtyard, generated: mostly rough stone and cloth, with thin metal.
 //!
-//! The court is open to the sky; covered walks run around it on both storeys.
+//! The court is open to the sky; covered walks run around it on both storeys. The plain version has smooth columns and little in it; the
+//! rich one is the same building carved, tiled and furnished.
 
 mod architecture;
+mod carving;
 mod dressing;
+mod elements;
+mod furniture;
+mod hangings;
+mod ornament;
+mod plan;
+mod roof;
+mod surfaces;
 
 use crate::{
     builder::SceneBuilder,
-    patterns,
+    camera_path::CameraPath,
+    patterns, props,
     scene::{Environment, SceneOptions, sky},
     sky::{Sky, sun_direction},
 };
-use architecture::Materials;
 use bevy::{
+    asset::Handle,
     camera::Exposure,
     color::Color,
     core_pipeline::tonemapping::Tonemapping,
@@ -23,26 +33,73 @@ use bevy::{
     transform::components::Transform,
 };
 
-/// Measures of the building in metres.
-pub(crate) mod plan {
-    /// Half length of the court along x, between column centres.
-    pub const HALF_LENGTH: f32 = 10.0;
-    /// Half width of the court along z, between column centres.
-    pub const HALF_WIDTH: f32 = 4.2;
-    /// Depth of the walks around it.
-    pub const WALK: f32 = 4.0;
-    /// Bays of a long side.
-    pub const LONG_BAYS: u32 = 8;
-    /// Bays of a short side.
-    pub const SHORT_BAYS: u32 = 3;
-    /// Height at which the lower arches spring.
-    pub const LOWER_SPRING: f32 = 3.4;
-    /// Height of the upper floor.
-    pub const UPPER_FLOOR: f32 = 5.4;
-    /// Height above the upper floor at which the upper arches spring.
-    pub const UPPER_SPRING: f32 = 2.5;
-    /// Height of the eaves.
-    pub const EAVES: f32 = 9.6;
+/// How much there is in the building.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Richness {
+    /// Smooth columns, a few curtains and plants.
+    Plain,
+    /// Carved columns and capitals, ribs, a tiled roof, and furniture and cloth on both storeys.
+    Rich,
+}
+
+impl Richness {
+    /// One of two values.
+    fn choose<T>(self, plain: T, rich: T) -> T {
+        match self {
+            Richness::Plain => plain,
+            Richness::Rich => rich,
+        }
+    }
+}
+
+/// What the building is made of.
+pub struct Materials {
+    pub wall: Handle<StandardMaterial>,
+    pub smooth: Handle<StandardMaterial>,
+    pub floor: Handle<StandardMaterial>,
+    pub plaster: Handle<StandardMaterial>,
+    pub leaf: Handle<StandardMaterial>,
+    pub bronze: Handle<StandardMaterial>,
+    /// Seen from both sides.
+    pub gilt: Handle<StandardMaterial>,
+    /// To be dyed.
+    pub cloth: StandardMaterial,
+    /// To be tinted.
+    pub stone: StandardMaterial,
+}
+
+impl Materials {
+    fn new(scene: &mut SceneBuilder, size: u32, richness: Richness) -> Self {
+        let wall = scene.textures(size, patterns::stone_blocks).material();
+        let stone = scene.textures(size, patterns::limestone).material();
+        let floor = match richness {
+            Richness::Plain => scene.textures(size, patterns::floor_tiles),
+            Richness::Rich => scene.textures(2 * size, surfaces::worn_flags),
+        };
+        let cloth = scene.textures(size, patterns::cloth).material();
+        let leaf = scene.textures(size / 2, patterns::leaf).material();
+        let plaster = scene.textures(size, patterns::plaster).material();
+        let metal = scene.textures(size / 2, patterns::worn_metal).material();
+        Self {
+            wall: scene.material(wall),
+            smooth: scene.material(stone.clone()),
+            floor: scene.material(floor.material()),
+            plaster: scene.material(plaster),
+            leaf: scene.material(props::leaf_material(leaf)),
+            bronze: scene.material(StandardMaterial {
+                base_color: Color::srgb(0.74, 0.52, 0.30),
+                ..metal.clone()
+            }),
+            gilt: scene.material(StandardMaterial {
+                base_color: Color::srgb(1.0, 0.80, 0.42),
+                double_sided: true,
+                cull_mode: None,
+                ..metal
+            }),
+            cloth,
+            stone,
+        }
+    }
 }
 
 fn sun() -> Vec3 {
@@ -65,36 +122,18 @@ pub fn environment(world: &mut World) -> Environment {
     }
 }
 
-pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
+pub fn spawn(world: &mut World, options: &SceneOptions, richness: Richness) -> Entity {
     let mut scene = SceneBuilder::new(world);
-    let size = options.texture_size;
-    let wall = scene.textures(size, patterns::stone_blocks).material();
-    let smooth = scene.textures(size, patterns::limestone).material();
-    let floor = scene.textures(size, patterns::floor_tiles).material();
-    let cloth = scene.textures(size, patterns::cloth).material();
-    let leaf = scene.textures(size / 2, patterns::leaf).material();
-    let plaster = scene.textures(size, patterns::plaster).material();
-    let metal = scene.textures(size / 2, patterns::worn_metal).material();
-    let materials = Materials {
-        wall: scene.material(wall),
-        smooth: scene.material(smooth),
-        floor: scene.material(floor),
-        plaster: scene.material(plaster),
-        leaf: scene.material(crate::props::leaf_material(leaf)),
-        bronze: scene.material(StandardMaterial {
-            base_color: Color::srgb(0.74, 0.52, 0.30),
-            ..metal.clone()
-        }),
-        gilt: scene.material(StandardMaterial {
-            base_color: Color::srgb(1.0, 0.80, 0.42),
-            double_sided: true,
-            cull_mode: None,
-            ..metal
-        }),
-        cloth,
-    };
-    architecture::build(&mut scene, &materials, options.detail);
-    dressing::build(&mut scene, &materials, options.detail);
+    let (size, detail) = (options.texture_size, options.detail);
+    let materials = Materials::new(&mut scene, size, richness);
+    architecture::build(&mut scene, &materials, detail, richness);
+    dressing::build(&mut scene, &materials, detail, richness);
+    if richness == Richness::Rich {
+        ornament::build(&mut scene, &materials, detail);
+        roof::build(&mut scene, &materials, detail);
+        hangings::build(&mut scene, &materials, size, detail);
+        furniture::build(&mut scene, &materials, detail);
+    }
     scene.add((
         DirectionalLight {
             color: Color::srgb(1.0, 0.93, 0.82),
@@ -114,31 +153,18 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     scene.finish()
 }
 
-/// Eye and target along the path.
-const PATH: [(Vec3, Vec3); 7] = [
-    (Vec3::new(-8.6, 1.7, 2.2), Vec3::new(4.0, 2.9, -1.6)),
-    (Vec3::new(-4.2, 1.6, 1.0), Vec3::new(6.0, 2.6, -3.0)),
-    (Vec3::new(0.6, 1.9, 2.6), Vec3::new(9.0, 3.2, -4.0)),
-    (Vec3::new(4.6, 2.8, 1.2), Vec3::new(-2.0, 3.4, -5.0)),
-    (Vec3::new(7.4, 4.8, 0.2), Vec3::new(-4.0, 3.6, -1.5)),
-    (Vec3::new(4.8, 6.6, -1.6), Vec3::new(-8.0, 4.2, 2.0)),
-    (Vec3::new(-2.0, 7.2, 0.0), Vec3::new(-10.0, 3.4, 0.6)),
-];
-
-/// The camera's flight through the courtyard for `t` from 0 to 1; other values are clamped.
-pub fn camera_path(t: f32) -> Transform {
-    let t = if t.is_finite() { t.clamp(0.0, 1.0) } else { 0.0 };
-    let position = t * (PATH.len() - 1) as f32;
-    let index = (position as usize).min(PATH.len() - 2);
-    let s = position - index as f32;
-    let at = |offset: isize| PATH[(index as isize + offset).clamp(0, PATH.len() as isize - 1) as usize];
-    let (a, b, c, d) = (at(-1), at(0), at(1), at(2));
-    // Catmull-Rom: smooth, and through every point.
-    let curve = |a: Vec3, b: Vec3, c: Vec3, d: Vec3| {
-        0.5 * (2.0 * b
-            + (c - a) * s
-            + (2.0 * a - 5.0 * b + 4.0 * c - d) * s * s
-            + (3.0 * b - a - 3.0 * c + d) * s * s * s)
-    };
-    Transform::from_translation(curve(a.0, b.0, c.0, d.0)).looking_at(curve(a.1, b.1, c.1, d.1), Vec3::Y)
-}
+/// Along the court, up past the columns, and back at the height of the upper storey.
+pub const PATH: CameraPath = CameraPath {
+    points: &[
+        (Vec3::new(-8.6, 1.7, 2.2), Vec3::new(4.0, 2.9, -1.6)),
+        (Vec3::new(-4.2, 1.6, 1.0), Vec3::new(6.0, 2.6, -3.0)),
+        (Vec3::new(0.6, 1.9, 2.6), Vec3::new(9.0, 3.2, -4.0)),
+        (Vec3::new(4.6, 2.8, 1.2), Vec3::new(-2.0, 3.4, -5.0)),
+        (Vec3::new(7.4, 4.8, 0.2), Vec3::new(-4.0, 3.6, -1.5)),
+        (Vec3::new(4.8, 6.6, -1.6), Vec3::new(-8.0, 4.2, 2.0)),
+        (Vec3::new(-2.0, 7.2, 0.0), Vec3::new(-10.0, 3.4, 0.6)),
+    ],
+    seconds: 24.0,
+    vertical_degrees: 58.0,
+    far: 200.0,
+};

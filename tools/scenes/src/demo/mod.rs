@@ -27,14 +27,6 @@ fn sun() -> Vec3 {
     sun_direction(-108.0, 31.0)
 }
 
-/// Position and vertical field of view in degrees.
-pub fn camera() -> (Transform, f32) {
-    (
-        Transform::from_xyz(-0.9, 1.8, 8.5).looking_at(Vec3::new(0.15, 1.22, 0.0), Vec3::Y),
-        38.0,
-    )
-}
-
 /// An evening sky.
 pub fn environment(world: &mut World) -> Environment {
     let (light, skybox) = sky(world, Sky::Evening { sun: sun() }, 560.0);

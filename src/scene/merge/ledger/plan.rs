@@ -1,0 +1,112 @@
+//! What is built next: which of the objects at rest, and which chunks they absorb.
+
+use super::{Building, Ledger, Placement};
+use bevy::math::Vec3A;
+
+/// Objects keep others from being merged by coming to rest or leaving it for at most so many times `quiet_frames`.
+const PATIENCE: u64 = 8;
+/// Chunks are absorbed up to so many times what is new.
+const ABSORBED: u64 = 8;
+
+impl Ledger {
+    /// What to build next, if it is time for that and nothing is being built. The caller then has to call
+    /// [`Self::finish`], [`Self::fail`] or [`Self::abandon`].
+    pub fn plan(&mut self) -> Option<Vec<(u32, Placement)>> {
+        let quiet = self.limits.quiet_frames;
+        let calm = self.frame >= self.disturbed + quiet || self.frame >= self.awake_since + PATIENCE * quiet;
+        if self.building.is_some() || !self.awake || self.exhausted || !calm {
+            return None;
+        }
+        self.awake = false;
+        let mut group = self.affordable();
+        while self.triangles(&group) > self.limits.chunk_triangles && group.len() > 1 {
+            self.halve(&mut group);
+        }
+        if group.is_empty() {
+            return None;
+        }
+        let mut triangles = self.triangles(&group);
+        let mut sizes: Vec<(u64, u32)> = self.chunks.iter().map(|(id, chunk)| (chunk.triangles, *id)).collect();
+        sizes.sort_unstable();
+        let mut absorbed = Vec::new();
+        for (size, id) in sizes {
+            if size > (ABSORBED * triangles).max(self.limits.cheap_triangles)
+                || triangles + size > self.limits.chunk_triangles
+            {
+                break;
+            }
+            triangles += size;
+            absorbed.push(id);
+            if let Some(chunk) = self.chunks.get(&id) {
+                group.extend(&chunk.members);
+            }
+        }
+        for slot in &group {
+            self.slots[*slot as usize].building = true;
+        }
+        let plan = group
+            .iter()
+            .filter_map(|slot| Some((*slot, self.slots[*slot as usize].placement?)))
+            .collect();
+        self.building = Some(Building {
+            members: group,
+            absorbed,
+            triangles,
+            stale: false,
+        });
+        Some(plan)
+    }
+
+    fn triangles(&self, slots: &[u32]) -> u64 {
+        let extents = slots.iter().map(|slot| &self.slots[*slot as usize].extent);
+        extents.map(|extent| extent.triangles).sum()
+    }
+
+    /// The resting objects that the budget has room for. Small ones go first: rays gain most where many objects are merged.
+    fn affordable(&self) -> Vec<u32> {
+        let mut room = self.limits.budget_triangles.saturating_sub(self.merged().1);
+        let mut sizes: Vec<(u64, u32)> = self
+            .resting
+            .iter()
+            .map(|slot| (self.slots[*slot as usize].extent.triangles, *slot))
+            .collect();
+        sizes.sort_unstable();
+        let fitting = sizes.into_iter().take_while(|(size, _)| {
+            let fits = *size <= room;
+            room = room.saturating_sub(*size);
+            fits
+        });
+        fitting.map(|(_, slot)| slot).collect()
+    }
+
+    /// Keeps the objects on one side of a plane, with about half of the triangles: the first half along the axis on which
+    /// the objects are spread widest. Of two objects or more, one at least stays and one goes.
+    fn halve(&self, group: &mut Vec<u32>) {
+        let extent = |slot: &u32| self.slots[*slot as usize].extent;
+        let (mut min, mut max) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
+        for slot in group.iter() {
+            min = min.min(extent(slot).centre);
+            max = max.max(extent(slot).centre);
+        }
+        let spread = max - min;
+        let axis = if spread.x >= spread.y && spread.x >= spread.z {
+            0
+        } else if spread.y >= spread.z {
+            1
+        } else {
+            2
+        };
+        group.sort_unstable_by(|a, b| {
+            let order = extent(a).centre[axis].total_cmp(&extent(b).centre[axis]);
+            order.then(a.cmp(b))
+        });
+        let half = self.triangles(group) / 2;
+        let mut sum = 0;
+        let below = group.iter().take_while(|&slot| {
+            sum += extent(slot).triangles;
+            sum <= half
+        });
+        let kept = below.count().clamp(1, group.len().saturating_sub(1).max(1));
+        group.truncate(kept);
+    }
+}

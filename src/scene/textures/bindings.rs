@@ -1,0 +1,110 @@
+//! Bindings 8 and 9 of group 1: layouts, textures and samplers.
+
+use super::{Entry, MAX_SAMPLERS, State, TextureMode, TextureTable, repeating};
+use bevy::{
+    image::{ImageSampler, ImageSamplerDescriptor},
+    render::render_resource::{
+        BindGroupLayoutEntryBuilder, BindingResource, Sampler, SamplerBindingType, SamplerDescriptor,
+        TextureSampleType, WgpuSampler, WgpuTextureView,
+        binding_types::{sampler, texture_2d, texture_2d_array},
+    },
+};
+use std::num::NonZero;
+
+impl TextureTable {
+    /// Layout of binding 8 of group 1.
+    pub fn texture_layout(&self) -> BindGroupLayoutEntryBuilder {
+        let float = TextureSampleType::Float { filterable: true };
+        match self.mode {
+            TextureMode::Bindless { textures } => match NonZero::new(textures) {
+                Some(count) => texture_2d(float).count(count),
+                None => texture_2d(float),
+            },
+            TextureMode::Layers { .. } => texture_2d_array(float),
+        }
+    }
+
+    /// Layout of binding 9 of group 1.
+    pub fn sampler_layout(&self) -> BindGroupLayoutEntryBuilder {
+        let filtering = sampler(SamplerBindingType::Filtering);
+        match (self.mode, NonZero::new(MAX_SAMPLERS)) {
+            (TextureMode::Bindless { .. }, Some(count)) => filtering.count(count),
+            _ => filtering,
+        }
+    }
+
+    /// The samplers among [`Self::resources`] with what they were made of. `default` is that of images which name none.
+    pub(crate) fn sampler_descriptors<'a>(
+        &'a self,
+        default: &'a ImageSamplerDescriptor,
+    ) -> Vec<(&'a WgpuSampler, SamplerDescriptor<'a>)> {
+        let descriptor = |(index, (sampling, sampler)): (usize, &'a (ImageSampler, Sampler))| {
+            let descriptor = match sampling {
+                _ if index == 0 => repeating(),
+                ImageSampler::Default => default.as_wgpu(),
+                ImageSampler::Descriptor(descriptor) => descriptor.as_wgpu(),
+            };
+            (&**sampler, descriptor)
+        };
+        self.samplers.iter().enumerate().map(descriptor).collect()
+    }
+
+    /// What to bind; holds the lists that a [`BindingResource`] borrows.
+    pub fn resources(&self) -> TextureResources<'_> {
+        match &self.layers {
+            Some(layers) => TextureResources {
+                textures: vec![layers.view()],
+                samplers: vec![&self.samplers[0].1],
+                arrays: false,
+            },
+            None => {
+                let mut textures: Vec<&WgpuTextureView> = Vec::with_capacity(self.entries.len().max(1));
+                textures.extend(self.entries.iter().map(|entry| match entry {
+                    Some(Entry {
+                        state: State::Ready(view),
+                        ..
+                    }) => &**view,
+                    _ => &*self.white,
+                }));
+                if textures.is_empty() {
+                    textures.push(&self.white);
+                }
+                // Shaders clamp indices to the whole array, so all of it is filled.
+                let samplers =
+                    (0..MAX_SAMPLERS as usize).map(|i| &*self.samplers.get(i).unwrap_or(&self.samplers[0]).1);
+                TextureResources {
+                    textures,
+                    samplers: samplers.collect(),
+                    arrays: true,
+                }
+            }
+        }
+    }
+}
+
+/// The textures and samplers of a [`TextureTable`] for a bind group.
+pub struct TextureResources<'a> {
+    textures: Vec<&'a WgpuTextureView>,
+    samplers: Vec<&'a WgpuSampler>,
+    arrays: bool,
+}
+
+impl TextureResources<'_> {
+    /// The resource of binding 8 of group 1.
+    pub fn textures(&self) -> BindingResource<'_> {
+        if self.arrays {
+            BindingResource::TextureViewArray(&self.textures)
+        } else {
+            BindingResource::TextureView(self.textures[0])
+        }
+    }
+
+    /// The resource of binding 9 of group 1.
+    pub fn samplers(&self) -> BindingResource<'_> {
+        if self.arrays {
+            BindingResource::SamplerArray(&self.samplers)
+        } else {
+            BindingResource::Sampler(self.samplers[0])
+        }
+    }
+}

@@ -1,0 +1,345 @@
+//! What the street is made of: few textures, many dyes.
+
+use super::surfaces;
+use crate::{builder::SceneBuilder, patterns, props};
+use bevy::{
+    asset::Handle,
+    color::{Color, LinearRgba},
+    math::Vec3,
+    pbr::StandardMaterial,
+};
+
+/// A material asset.
+pub type Material = Handle<StandardMaterial>;
+
+/// The materials by what they are used for.
+pub struct Materials {
+    /// The wet roadway.
+    pub asphalt: Material,
+    /// The side street.
+    pub setts: Material,
+    /// Pavements.
+    pub slabs: Material,
+    /// Kerbs and setts along them.
+    pub granite: Material,
+    /// White lines on the roadway.
+    pub marking: Material,
+    /// House fronts: plaster first, then brick, then stone.
+    pub walls: Vec<Material>,
+    /// Cut stone around openings, on cornices: light and grey.
+    pub trims: [Material; 2],
+    /// Painted wood of windows, doors and shops.
+    pub woodwork: Vec<Material>,
+    /// Painted wood of shutters.
+    pub shutters: Vec<Material>,
+    /// Dark windows.
+    pub panes: [Material; 2],
+    /// Lit windows.
+    pub lit_panes: [Material; 3],
+    /// Dark shop windows.
+    pub shop_pane: Material,
+    /// Lit shop windows.
+    pub lit_shop_panes: [Material; 3],
+    /// Boards with a word over shops.
+    pub boards: Vec<Material>,
+    /// The board of the café.
+    pub menu: Material,
+    /// Awning cloth, seen from both sides.
+    pub awnings: Vec<Material>,
+    /// Parasols and pennants, seen from both sides.
+    pub cloths: Vec<Material>,
+    /// Clay roof tiles.
+    pub tiles: [Material; 2],
+    /// Slates.
+    pub slate: Material,
+    /// Sheet metal on roofs, gutters and pipes.
+    pub zinc: Material,
+    /// Chimneys.
+    pub brick: Material,
+    /// Pots.
+    pub terracotta: Material,
+    /// Wrought and cast iron, painted.
+    pub iron: Material,
+    /// Cast iron in the roadway, bare.
+    pub cast_iron: Material,
+    /// Polished metal.
+    pub chrome: Material,
+    /// Brushed metal.
+    pub steel: Material,
+    /// Door handles and rails.
+    pub brass: Material,
+    /// Trunks.
+    pub bark: Material,
+    /// Leaves, seen from both sides and cut out.
+    pub leaves: Vec<Material>,
+    /// Petals, seen from both sides.
+    pub petals: Vec<Material>,
+    /// Earth in planters.
+    pub soil: Material,
+    /// Car bodies.
+    pub cars: Vec<Material>,
+    /// Plain glossy paint of scooters, bicycles and posts.
+    pub enamels: Vec<Material>,
+    /// Windows of cars.
+    pub car_glass: Material,
+    /// Tyres.
+    pub rubber: Material,
+    /// Seats.
+    pub leather: Material,
+    /// Tail lights.
+    pub red_glass: Material,
+    /// Café tables.
+    pub marble: Material,
+    /// Woven seats.
+    pub wicker: Material,
+    /// Bare wood.
+    pub oak: Material,
+    /// Plates and cups.
+    pub porcelain: Material,
+    /// Bottles.
+    pub bottles: [Material; 3],
+    /// Drinking glasses and headlights.
+    pub clear_glass: Material,
+    /// Fruit.
+    pub fruits: [Material; 3],
+    /// Bulbs on strings.
+    pub bulbs: [Material; 2],
+    /// Lamps.
+    pub lamp: Material,
+    /// Neon tubes: red, green, blue.
+    pub neons: [Material; 3],
+    /// Traffic signs: blue, white, red.
+    pub signs: [Material; 3],
+}
+
+fn gloss(color: Color, perceptual_roughness: f32) -> StandardMaterial {
+    StandardMaterial {
+        base_color: color,
+        perceptual_roughness,
+        ..Default::default()
+    }
+}
+
+fn metal(color: Color, perceptual_roughness: f32) -> StandardMaterial {
+    StandardMaterial {
+        metallic: 1.0,
+        ..gloss(color, perceptual_roughness)
+    }
+}
+
+fn glow(red: f32, green: f32, blue: f32) -> StandardMaterial {
+    StandardMaterial {
+        emissive: LinearRgba::rgb(red, green, blue),
+        reflectance: 0.3,
+        ..gloss(Color::BLACK, 0.4)
+    }
+}
+
+/// A pane before a picture that shines with a colour.
+fn picture(pane: &StandardMaterial, picture: &StandardMaterial, emissive: LinearRgba) -> StandardMaterial {
+    StandardMaterial {
+        emissive,
+        emissive_texture: picture.base_color_texture.clone(),
+        ..pane.clone()
+    }
+}
+
+fn dyed(base: &StandardMaterial, color: Color) -> StandardMaterial {
+    StandardMaterial {
+        base_color: color,
+        ..base.clone()
+    }
+}
+
+fn both_sides(material: StandardMaterial) -> StandardMaterial {
+    StandardMaterial {
+        double_sided: true,
+        cull_mode: None,
+        metallic: 0.0,
+        ..material
+    }
+}
+
+const PLASTERS: [Color; 5] = [
+    Color::srgb(0.95, 0.80, 0.55),
+    Color::srgb(0.92, 0.68, 0.58),
+    Color::srgb(1.0, 0.97, 0.90),
+    Color::srgb(0.72, 0.80, 0.86),
+    Color::srgb(0.78, 0.84, 0.70),
+];
+const BRICKS: [Color; 2] = [Color::srgb(1.0, 0.92, 0.88), Color::srgb(0.78, 0.72, 0.68)];
+const STONES: [Color; 2] = [Color::srgb(1.0, 0.97, 0.92), Color::srgb(0.84, 0.85, 0.87)];
+const PAINTS: [Color; 6] = [
+    Color::srgb(0.10, 0.24, 0.19),
+    Color::srgb(0.12, 0.17, 0.30),
+    Color::srgb(0.38, 0.08, 0.09),
+    Color::srgb(0.88, 0.85, 0.77),
+    Color::srgb(0.09, 0.09, 0.10),
+    Color::srgb(0.16, 0.37, 0.42),
+];
+const SHUTTERS: [Color; 4] = [
+    Color::srgb(0.32, 0.47, 0.56),
+    Color::srgb(0.36, 0.46, 0.33),
+    Color::srgb(0.60, 0.56, 0.49),
+    Color::srgb(0.45, 0.20, 0.17),
+];
+const CARS: [Color; 4] = [
+    Color::srgb(0.70, 0.05, 0.06),
+    Color::srgb(0.05, 0.27, 0.20),
+    Color::srgb(0.42, 0.62, 0.76),
+    Color::srgb(0.90, 0.84, 0.68),
+];
+const ENAMELS: [Color; 5] = [
+    Color::srgb(0.42, 0.72, 0.66),
+    Color::srgb(0.82, 0.14, 0.08),
+    Color::srgb(0.93, 0.88, 0.74),
+    Color::srgb(0.08, 0.10, 0.13),
+    Color::srgb(0.95, 0.66, 0.08),
+];
+const CLOTHS: [Color; 4] = [
+    Color::srgb(0.90, 0.85, 0.72),
+    Color::srgb(0.76, 0.13, 0.12),
+    Color::srgb(0.16, 0.33, 0.56),
+    Color::srgb(0.90, 0.68, 0.20),
+];
+const PETALS: [Color; 3] = [
+    Color::srgb(0.86, 0.12, 0.22),
+    Color::srgb(0.93, 0.55, 0.70),
+    Color::srgb(0.94, 0.90, 0.84),
+];
+const LEAVES: [Color; 3] = [
+    Color::srgb(1.0, 1.0, 1.0),
+    Color::srgb(0.72, 0.86, 0.70),
+    Color::srgb(1.0, 0.92, 0.62),
+];
+/// Words over shops and the paint behind them.
+const WORDS: [(&[u8], Vec3); 3] = [
+    (b"BOULANGERIE", Vec3::new(0.09, 0.20, 0.17)),
+    (b"LIBRAIRIE", Vec3::new(0.24, 0.06, 0.07)),
+    (b"TABAC", Vec3::new(0.07, 0.09, 0.16)),
+];
+
+impl Materials {
+    /// Bakes the textures, `size` texels wide, and makes the materials.
+    pub fn new(scene: &mut SceneBuilder, size: u32) -> Self {
+        let half = (size / 2).max(4);
+        let asphalt = scene.textures((2 * size).min(2048), surfaces::asphalt).material();
+        let setts = scene.textures(size, surfaces::setts).material();
+        let slabs = scene.textures(size, surfaces::slabs).material();
+        let plaster = scene.textures(size, patterns::plaster).material();
+        let brick = scene.textures(size, patterns::brick).material();
+        let blocks = scene.textures(size, patterns::stone_blocks).material();
+        let limestone = scene.textures(size, patterns::limestone).material();
+        let cloth = scene.textures(size, patterns::cloth).material();
+        let worn = scene.textures(half, patterns::worn_metal).material();
+        let wood = scene.textures(half, surfaces::wood).material();
+        let bark = scene.textures(half, surfaces::bark).material();
+        let flakes = scene.textures(half, surfaces::flakes).material();
+        let spray = scene.textures(half, surfaces::spray).material();
+        let red_stripes = scene.textures(half, |uv| surfaces::stripes(uv, Vec3::new(0.62, 0.10, 0.09)));
+        let green_stripes = scene.textures(half, |uv| surfaces::stripes(uv, Vec3::new(0.10, 0.34, 0.24)));
+        let room = scene.textures(half, surfaces::room).material();
+        let shelves = scene.textures(half, surfaces::shelves).material();
+        let glass = scene.textures(half, surfaces::glass).material();
+        let glass = StandardMaterial {
+            metallic: 0.0,
+            reflectance: 0.6,
+            ..dyed(&glass, Color::srgb(0.10, 0.12, 0.13))
+        };
+        let boards = WORDS.map(|(word, paint)| {
+            let board = scene
+                .textures(half, |uv| surfaces::lettering(uv, word, paint))
+                .material();
+            scene.material(board)
+        });
+        let menu = scene
+            .textures(half, |uv| surfaces::lettering(uv, b"MENU", Vec3::splat(0.06)))
+            .material();
+        let walls = PLASTERS.map(|color| dyed(&plaster, color)).into_iter();
+        let walls = walls.chain(BRICKS.map(|color| dyed(&brick, color)));
+        let walls = walls.chain(STONES.map(|color| dyed(&blocks, color)));
+        let walls = walls.map(|wall| scene.material(wall)).collect();
+        let trims = [Color::srgb(1.0, 0.98, 0.94), Color::srgb(0.74, 0.75, 0.76)];
+        let clay = [Color::srgb(0.80, 0.42, 0.28), Color::srgb(0.62, 0.36, 0.27)];
+        Self {
+            asphalt: scene.material(asphalt),
+            setts: scene.material(setts),
+            slabs: scene.material(slabs),
+            granite: scene.material(StandardMaterial {
+                perceptual_roughness: 0.62,
+                ..dyed(&limestone, Color::srgb(0.62, 0.63, 0.66))
+            }),
+            marking: scene.material(gloss(Color::srgb(0.74, 0.74, 0.71), 0.24)),
+            walls,
+            trims: trims.map(|color| scene.material(dyed(&limestone, color))),
+            woodwork: PAINTS.map(|color| scene.material(dyed(&wood, color))).to_vec(),
+            shutters: SHUTTERS.map(|color| scene.material(dyed(&wood, color))).to_vec(),
+            panes: [Color::srgb(0.10, 0.12, 0.13), Color::srgb(0.16, 0.17, 0.18)]
+                .map(|color| scene.material(dyed(&glass, color))),
+            lit_panes: [(2.3, 1.5, 0.75), (1.5, 1.1, 0.72), (0.8, 0.52, 0.30)]
+                .map(|(r, g, b)| scene.material(picture(&glass, &room, LinearRgba::rgb(r, g, b)))),
+            shop_pane: scene.material(dyed(&glass, Color::srgb(0.07, 0.08, 0.08))),
+            lit_shop_panes: [(2.2, 1.6, 0.95), (1.7, 1.55, 1.3), (2.4, 1.35, 0.6)]
+                .map(|(r, g, b)| scene.material(picture(&glass, &shelves, LinearRgba::rgb(r, g, b)))),
+            boards: boards.to_vec(),
+            menu: scene.material(menu),
+            awnings: vec![
+                scene.material(both_sides(red_stripes.material())),
+                scene.material(both_sides(green_stripes.material())),
+                scene.material(both_sides(dyed(&cloth, Color::srgb(0.12, 0.17, 0.32)))),
+            ],
+            cloths: CLOTHS
+                .map(|color| scene.material(both_sides(dyed(&cloth, color))))
+                .to_vec(),
+            tiles: clay.map(|color| {
+                scene.material(StandardMaterial {
+                    perceptual_roughness: 0.7,
+                    ..dyed(&limestone, color)
+                })
+            }),
+            slate: scene.material(StandardMaterial {
+                perceptual_roughness: 0.45,
+                ..dyed(&limestone, Color::srgb(0.29, 0.32, 0.37))
+            }),
+            zinc: scene.material(dyed(&worn, Color::srgb(0.62, 0.65, 0.68))),
+            brick: scene.material(dyed(&brick, Color::srgb(0.86, 0.80, 0.76))),
+            terracotta: scene.material(gloss(Color::srgb(0.60, 0.32, 0.21), 0.66)),
+            iron: scene.material(gloss(Color::srgb(0.07, 0.08, 0.08), 0.34)),
+            cast_iron: scene.material(dyed(&worn, Color::srgb(0.34, 0.33, 0.32))),
+            chrome: scene.material(metal(Color::srgb(0.93, 0.93, 0.94), 0.06)),
+            steel: scene.material(metal(Color::srgb(0.72, 0.73, 0.75), 0.24)),
+            brass: scene.material(metal(Color::srgb(0.92, 0.75, 0.42), 0.18)),
+            bark: scene.material(bark),
+            leaves: LEAVES
+                .map(|color| scene.material(props::leaf_material(dyed(&spray, color))))
+                .to_vec(),
+            petals: PETALS
+                .map(|color| scene.material(both_sides(gloss(color, 0.55))))
+                .to_vec(),
+            soil: scene.material(gloss(Color::srgb(0.15, 0.11, 0.08), 0.85)),
+            cars: CARS.map(|color| scene.material(dyed(&flakes, color))).to_vec(),
+            enamels: ENAMELS.map(|color| scene.material(gloss(color, 0.10))).to_vec(),
+            car_glass: scene.material(gloss(Color::srgb(0.04, 0.05, 0.05), 0.02)),
+            rubber: scene.material(gloss(Color::srgb(0.06, 0.06, 0.06), 0.62)),
+            leather: scene.material(gloss(Color::srgb(0.28, 0.16, 0.10), 0.36)),
+            red_glass: scene.material(StandardMaterial {
+                emissive: LinearRgba::rgb(0.5, 0.02, 0.01),
+                ..gloss(Color::srgb(0.45, 0.02, 0.02), 0.05)
+            }),
+            marble: scene.material(gloss(Color::srgb(0.80, 0.78, 0.74), 0.09)),
+            wicker: scene.material(dyed(&cloth, Color::srgb(0.78, 0.58, 0.34))),
+            oak: scene.material(dyed(&wood, Color::srgb(0.50, 0.31, 0.17))),
+            porcelain: scene.material(gloss(Color::srgb(0.90, 0.89, 0.86), 0.07)),
+            bottles: [(0.03, 0.13, 0.06), (0.20, 0.08, 0.02), (0.10, 0.02, 0.04)]
+                .map(|(r, g, b)| scene.material(gloss(Color::srgb(r, g, b), 0.03))),
+            clear_glass: scene.material(gloss(Color::srgb(0.46, 0.50, 0.51), 0.02)),
+            fruits: [(0.74, 0.10, 0.08), (0.92, 0.48, 0.06), (0.52, 0.68, 0.16)]
+                .map(|(r, g, b)| scene.material(gloss(Color::srgb(r, g, b), 0.30))),
+            bulbs: [glow(8.5, 5.2, 2.2), glow(6.5, 2.6, 1.0)].map(|bulb| scene.material(bulb)),
+            lamp: scene.material(glow(8.0, 5.6, 3.0)),
+            neons: [glow(7.5, 0.7, 0.45), glow(0.5, 6.0, 1.4), glow(0.5, 1.6, 7.5)].map(|neon| scene.material(neon)),
+            signs: [(0.03, 0.16, 0.48), (0.88, 0.88, 0.87), (0.70, 0.04, 0.05)]
+                .map(|(r, g, b)| scene.material(gloss(Color::srgb(r, g, b), 0.22))),
+        }
+    }
+}

@@ -1,0 +1,330 @@
+//! Roofs: clay tiles, slates with dormers, parapets, gutters and chimneys.
+
+use super::{
+    bevel,
+    materials::{Material, Materials},
+    openings::{Look, Openings, WINDOW},
+    plots::{Plot, Roof},
+    segments,
+    shapes::{Opening, block, pick, pierced, rod, turned_shape},
+};
+use crate::{
+    builder::{SceneBuilder, SceneMesh},
+    geometry::Geometry,
+    random::Random,
+};
+use bevy::{
+    math::{Quat, Vec2, Vec3, ops},
+    transform::components::Transform,
+};
+use std::f32::consts::PI;
+
+/// Depth of a slope of tiles from the eaves, before the wall, to the ridge.
+const TILES_RUN: f32 = 3.42;
+/// Height of the ridge above the walls.
+pub const TILES_RISE: f32 = 4.08;
+/// Where the eaves are before the wall.
+const EAVES: f32 = 0.42;
+/// Depth and height of the steep slope of slates.
+const SLATES: Vec2 = Vec2::new(0.8, 2.5);
+/// Width that a patch of tiles or slates is made for.
+const PATCH: f32 = 2.6;
+
+/// Meshes of roofs.
+pub struct Roofs {
+    tiles: SceneMesh,
+    slates: SceneMesh,
+    dormer: SceneMesh,
+    stack: SceneMesh,
+    pots: SceneMesh,
+}
+
+impl Roofs {
+    /// Makes the meshes.
+    pub fn new(scene: &mut SceneBuilder, detail: f32) -> Self {
+        Self {
+            tiles: scene.shape(|g| tiles(g, detail)),
+            slates: scene.shape(slates),
+            dormer: scene.shape(|g| dormer(g, detail)),
+            stack: scene.shape(|g| {
+                block(g, bevel(detail), [0.0, 1.5, 0.0], [1.1, 3.0, 0.55]);
+                block(g, bevel(detail), [0.0, 3.06, 0.0], [1.26, 0.12, 0.70]);
+                block(g, bevel(detail), [0.0, 2.72, 0.0], [1.18, 0.08, 0.62]);
+            }),
+            pots: scene.shape(|g| {
+                let mut pot = Geometry::default();
+                let profile = [
+                    (0.12, 0.0),
+                    (0.11, 0.3),
+                    (0.10, 0.5),
+                    (0.13, 0.52),
+                    (0.13, 0.58),
+                    (0.09, 0.58),
+                    (0.09, 0.3),
+                ];
+                turned_shape(&mut pot, segments(14, detail), &profile);
+                for (x, scale) in [(-0.38, 1.0), (0.0, 1.25), (0.38, 0.9)] {
+                    g.append(
+                        &pot,
+                        Transform::from_xyz(x, 3.11, 0.0).with_scale(Vec3::new(1.0, scale, 1.0)),
+                    );
+                }
+            }),
+        }
+    }
+
+    /// Covers a house whose front starts at `at`.
+    pub fn place(
+        &self,
+        scene: &mut SceneBuilder,
+        m: &Materials,
+        openings: &Openings,
+        plot: &Plot,
+        at: Transform,
+        random: &mut Random,
+    ) {
+        let (width, height, back) = (plot.width, plot.height(), -plot.depth);
+        let covered = plot.depth > 0.0;
+        match plot.roof {
+            Roof::Tiles => {
+                let clay = pick(&m.tiles, random);
+                let base = scene.shape(|g| {
+                    let p = |x: f32, y: f32, z: f32| Vec3::new(x, height + y, z);
+                    let ridge = EAVES - TILES_RUN;
+                    let foot = ridge - TILES_RUN;
+                    let mut slope = |from: [f32; 2], to: [f32; 2]| {
+                        let ([y0, z0], [y1, z1]) = (from, to);
+                        g.mapped_quad(
+                            [p(0.0, y0, z0), p(width, y0, z0), p(width, y1, z1), p(0.0, y1, z1)],
+                            0.5,
+                        );
+                    };
+                    slope([0.01, EAVES], [TILES_RISE, ridge]);
+                    slope([TILES_RISE, ridge], [0.01, foot]);
+                    slope([0.0, foot + 0.05], [0.0, back]);
+                });
+                scene.place(&base, clay, at);
+                self.patches(
+                    scene,
+                    &self.tiles,
+                    clay,
+                    plot,
+                    at * Transform::from_xyz(0.0, height + 0.03, EAVES),
+                    TILES_RUN,
+                    TILES_RISE,
+                );
+                let gutter =
+                    scene.shape(|g| rod(g, 8, 0.065, [0.0, height, EAVES + 0.05], [width, height, EAVES + 0.05]));
+                scene.place(&gutter, &m.zinc, at);
+            }
+            Roof::Slates => {
+                let cap = scene.shape(|g| {
+                    let p = |x: f32, y: f32, z: f32| Vec3::new(x, height + y, z);
+                    let (foot, head) = (-0.12, -0.12 - SLATES.x);
+                    let top = SLATES.y + 0.04;
+                    g.mapped_quad(
+                        [
+                            p(0.0, 0.0, foot),
+                            p(width, 0.0, foot),
+                            p(width, top, head),
+                            p(0.0, top, head),
+                        ],
+                        0.5,
+                    );
+                    g.mapped_quad(
+                        [
+                            p(0.0, top, head),
+                            p(width, top, head),
+                            p(width, top, back),
+                            p(0.0, top, back),
+                        ],
+                        0.5,
+                    );
+                    let sides = [(0.02, 1.0), (width - 0.02, -1.0)];
+                    for (x, side) in sides {
+                        let mut corners = [p(x, 0.0, back), p(x, 0.0, foot), p(x, top, head), p(x, top, back)];
+                        if side < 0.0 {
+                            corners.swap(0, 1);
+                            corners.swap(2, 3);
+                        }
+                        g.mapped_quad(corners, 0.5);
+                    }
+                    let corners = [
+                        p(width, 0.0, back),
+                        p(0.0, 0.0, back),
+                        p(0.0, top, back),
+                        p(width, top, back),
+                    ];
+                    g.mapped_quad(corners, 0.5);
+                    rod(g, 10, 0.07, [0.0, height + top, head], [width, height + top, head]);
+                });
+                scene.place(&cap, &m.zinc, at);
+                let foot = at * Transform::from_xyz(0.0, height + 0.03, -0.10);
+                self.patches(scene, &self.slates, &m.slate, plot, foot, SLATES.x, SLATES.y);
+                let look = Look {
+                    trim: &m.zinc,
+                    wood: pick(&m.woodwork, random),
+                    shutters: None,
+                };
+                for bay in 0..plot.bays() {
+                    let place = at * Transform::from_xyz(plot.middle(bay), height + 0.05, 0.04);
+                    scene.place(&self.dormer, &m.zinc, place);
+                    openings
+                        .window
+                        .place(scene, m, look, place * Transform::from_xyz(0.0, 0.32, 0.0), random);
+                }
+            }
+            Roof::Parapet => {
+                let parapet = scene.shape(|g| {
+                    block(g, 2, [0.5 * width, height + 0.22, -0.16], [width - 0.02, 0.5, 0.28]);
+                    block(g, 2, [0.5 * width, height + 0.50, -0.16], [width - 0.03, 0.08, 0.36]);
+                });
+                scene.place(&parapet, &m.trims[0], at);
+                if covered {
+                    let top = scene.shape(|g| {
+                        let p = |x: f32, z: f32| Vec3::new(x, height - 0.01, z);
+                        g.mapped_quad([p(0.0, -0.1), p(width, -0.1), p(width, back), p(0.0, back)], 0.5);
+                    });
+                    scene.place(&top, &m.zinc, at);
+                }
+            }
+        }
+        if covered && plot.roof != Roof::Parapet {
+            let lift = if plot.roof == Roof::Tiles { 2.6 } else { 1.0 };
+            let chimney = at * Transform::from_xyz(0.9, height + lift, -2.6);
+            scene.place(&self.stack, &m.brick, chimney);
+            scene.place(&self.pots, &m.terracotta, chimney);
+        }
+    }
+
+    /// Places a patch above every bay, on a slope of this depth and height that starts at the left of `foot`.
+    fn patches(
+        &self,
+        scene: &mut SceneBuilder,
+        patch: &SceneMesh,
+        material: &Material,
+        plot: &Plot,
+        foot: Transform,
+        depth: f32,
+        rise: f32,
+    ) {
+        let lean = Quat::from_rotation_x(-ops::atan2(depth, rise));
+        for bay in 0..plot.bays() {
+            let place = foot * Transform::from_xyz(plot.middle(bay), 0.0, 0.0).with_rotation(lean);
+            scene.place(
+                patch,
+                material,
+                place.with_scale(Vec3::new(plot.bay() / PATCH, 1.0, 1.0)),
+            );
+        }
+    }
+}
+
+/// Barrel tiles in overlapping rows; the patch lies in the xy plane and rises with y.
+fn tiles(g: &mut Geometry, detail: f32) {
+    let length = Vec2::new(TILES_RUN, TILES_RISE).length();
+    let (columns, rows) = (11, 17);
+    let (wide, tall) = (PATCH / columns as f32, length / rows as f32);
+    let mut random = Random::new(77);
+    for row in 0..rows {
+        for column in 0..columns {
+            let (x, y) = (column as f32 * wide - 0.5 * PATCH, row as f32 * tall);
+            let (slip, lift) = (random.range(-0.012, 0.012), random.range(0.0, 0.008));
+            g.surface(segments(5, detail), 1, Vec2::splat(0.3), |u, v| {
+                let arch = 0.055 * ops::sin(PI * u);
+                Vec3::new(
+                    x + u * wide,
+                    y + slip + v * (tall + 0.04),
+                    arch + lift + 0.035 * (1.0 - v),
+                )
+            });
+            // The lower end is open: its rim is seen from below.
+            g.surface(segments(5, detail), 1, Vec2::new(0.3, 0.02), |u, v| {
+                let arch = 0.055 * ops::sin(PI * u) + lift + 0.035;
+                Vec3::new(x + u * wide, y + slip, arch - 0.02 * (1.0 - v))
+            });
+        }
+    }
+}
+
+/// Slates in overlapping rows.
+fn slates(g: &mut Geometry) {
+    let length = SLATES.length();
+    let (columns, rows) = (11, 11);
+    let (wide, tall) = (PATCH / columns as f32, length / rows as f32);
+    let mut random = Random::new(78);
+    for row in 0..rows {
+        let shift = if row % 2 == 0 { 0.0 } else { 0.5 };
+        for column in 0..columns {
+            let x = (column as f32 + shift) * wide - 0.5 * PATCH;
+            let (left, right) = (x + 0.004, (x + wide - 0.004).min(0.5 * PATCH));
+            let (low, high) = (row as f32 * tall, (row + 1) as f32 * tall + 0.03);
+            let lift = 0.022 + random.range(0.0, 0.006);
+            let p = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
+            let uv = Vec2::new(0.2, 0.2);
+            g.quad(
+                [
+                    p(left, low, lift),
+                    p(right, low, lift),
+                    p(right, high, 0.004),
+                    p(left, high, 0.004),
+                ],
+                uv,
+            );
+            let under = lift - 0.014;
+            g.quad(
+                [
+                    p(left, low, under),
+                    p(right, low, under),
+                    p(right, low, lift),
+                    p(left, low, lift),
+                ],
+                uv,
+            );
+        }
+    }
+}
+
+/// A dormer with an opening for a window, 0.32 above its foot.
+fn dormer(g: &mut Geometry, detail: f32) {
+    let (half, wall, crown, back) = (0.75, 2.24, 0.24, -1.0);
+    let opening = Opening {
+        left: -0.5 * WINDOW[0],
+        right: 0.5 * WINDOW[0],
+        bottom: 0.32,
+        top: 0.32 + WINDOW[1],
+    };
+    pierced(g, [-half, 0.0], [half, wall], opening, 0.2, 0.5);
+    let p = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
+    g.mapped_quad(
+        [
+            p(half, 0.0, 0.0),
+            p(half, 0.0, back),
+            p(half, wall, back),
+            p(half, wall, 0.0),
+        ],
+        0.5,
+    );
+    g.mapped_quad(
+        [
+            p(-half, 0.0, back),
+            p(-half, 0.0, 0.0),
+            p(-half, wall, 0.0),
+            p(-half, wall, back),
+        ],
+        0.5,
+    );
+    let steps = segments(12, detail);
+    let round = |u: f32| wall + crown * ops::sin(PI * u);
+    g.surface(steps, 1, Vec2::ONE, |u, v| {
+        let x = (2.0 * u - 1.0) * half;
+        Vec3::new(x, wall + (round(u) - wall) * v, 0.0)
+    });
+    let (brim, out) = (half + 0.07, 0.12);
+    g.surface(steps, 1, Vec2::ONE, |u, v| {
+        Vec3::new((2.0 * u - 1.0) * brim, round(u) + 0.02, out + (back - out) * v)
+    });
+    g.surface(steps, 1, Vec2::new(1.0, 0.1), |u, v| {
+        Vec3::new((2.0 * u - 1.0) * brim, round(u) - 0.06 + 0.08 * v, out)
+    });
+}
