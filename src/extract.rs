@@ -4,6 +4,7 @@ use crate::{
     composite::CompositePipelines,
     debug::{DebugCounters, DebugSplit, DebugView, ViewDebug},
     denoise::DenoisePipelines,
+    idle::ViewActivity,
     rate::{RatePipelines, RateSettings, RateTileSize, ShadingRateHeuristic},
     scene::environment::ViewEnvironment,
     settings::{Backend, RayTracedReflections, SafeSettings, Technique},
@@ -94,13 +95,14 @@ pub struct ReadyViews(EntityHashMap<PipelineKey>);
 pub struct WarmLighting(EntityHashSet);
 
 /// What a reflecting view holds of ours.
-type OursOfAView = (ReflectionView, ReflectionTextures);
+type OursOfAView = (ReflectionView, ReflectionTextures, ViewActivity);
 
 /// The above, and what we borrow from Bevy's screen-space reflections; the environment's specular term comes back with its
 /// removal.
 pub(crate) type AllOfAView = (
     ReflectionView,
     ReflectionTextures,
+    ViewActivity,
     ScreenSpaceReflectionsUniform,
     ViewScreenSpaceReflectionsUniformOffset,
     ScreenSpaceReflectionsPipelineId,
@@ -182,8 +184,19 @@ pub struct ExtractionState {
     fallbacks: Fallbacks,
 }
 
-/// Mirrors settings, decides whether a view may trace, and hands Bevy's deferred lighting the range of roughness whose
-/// environment specular we replace.
+/// The range of roughness whose environment specular Bevy's lighting leaves out: none for a view at rest, which replaces nothing.
+/// Only numbers change: without the uniform Bevy would switch to other pipelines.
+fn left_out(settings: &SafeSettings, resting: bool) -> ScreenSpaceReflectionsUniform {
+    let greatest = if resting { -1.0 } else { settings.cutoff };
+    ScreenSpaceReflectionsUniform::from(ScreenSpaceReflections {
+        min_perceptual_roughness: 0.0..0.0,
+        max_perceptual_roughness: greatest..greatest,
+        ..Default::default()
+    })
+}
+
+/// Mirrors settings, decides whether a view may trace and whether it rests, and hands Bevy's deferred lighting the range of
+/// roughness whose environment specular we replace.
 ///
 /// Bevy leaves that term out for views that carry the uniform of its screen-space reflections; we give it ours, and
 /// [`drop_ssr_pass`](crate::trace::drop_ssr_pass) keeps the screen-space pass itself from running.
@@ -192,8 +205,13 @@ pub fn extract_cameras(
     ready_views: Res<ReadyViews>,
     status: Res<ReflectionStatus>,
     warm: Res<WarmLighting>,
-    existing: Query<
-        (Entity, Option<&ReflectionView>, Option<&ViewEnvironment>),
+    mut existing: Query<
+        (
+            Entity,
+            Option<&ReflectionView>,
+            Option<&ViewEnvironment>,
+            Option<&mut ViewActivity>,
+        ),
         Or<(With<ReflectionView>, With<WantsReflections>)>,
     >,
     hardware: HardwareTracer,
@@ -215,6 +233,7 @@ pub fn extract_cameras(
     let mut present = EntityHashSet::default();
     let mut all_ready = true;
     let mut active_backends = Vec::new();
+    let mut resting_views = 0;
     for mut camera in query.iter_mut(&mut main_world) {
         let Some(reflections) = camera.reflections.as_mut() else {
             continue;
@@ -257,9 +276,11 @@ pub fn extract_cameras(
         let (backend, reason) = choose(&settings, || hardware.available(tile_size));
         settings.backend = backend;
         fallbacks.note(camera.entity, reason);
-        let (active, environment) = existing
-            .get(camera.render_entity)
-            .map_or((None, None), |(_, view, environment)| (view, environment.cloned()));
+        let (active, environment, activity) = existing
+            .get_mut(camera.render_entity)
+            .map_or((None, None, None), |(_, view, environment, activity)| {
+                (view, environment.cloned(), activity)
+            });
         let heuristic = camera.heuristic.cloned().unwrap_or_default();
         let mut rate = RateSettings {
             tile_size,
@@ -276,10 +297,22 @@ pub fn extract_cameras(
             active.map(|view| &view.settings)
         };
         active_backends.extend(shown.map(|settings| (camera.entity, settings.backend)));
-        commands.entity(camera.render_entity).insert(WantsReflections {
+        let debug = ViewDebug::new(camera.debug_view, camera.debug_split, camera.debug_counters);
+        // Earlier frames don't tell what this one sees, or somebody looks at what all passes write.
+        let disturbed = reflections.reset
+            || debug != ViewDebug::default()
+            || settings.technique == Technique::Converged
+            || active.is_none_or(|view| view.settings != settings || view.rate != rate);
+        let resting = activity.is_some_and(|mut activity| activity.begin_frame(disturbed));
+        resting_views += usize::from(resting);
+        let mut view = commands.entity(camera.render_entity);
+        view.insert(WantsReflections {
             settings,
             rate: rate.clone(),
         });
+        if let Some(shown) = shown {
+            view.insert(left_out(shown, resting));
+        }
         if !ready {
             // A new view keeps Bevy's environment map until then, an active one its old settings.
             all_ready = false;
@@ -299,30 +332,24 @@ pub fn extract_cameras(
         if reflections.reset {
             reflections.bypass_change_detection().reset = false;
         }
-        commands.entity(camera.render_entity).insert((
-            ReflectionView {
-                settings,
-                rate,
-                reset,
-                debug: ViewDebug::new(camera.debug_view, camera.debug_split, camera.debug_counters),
-            },
-            ScreenSpaceReflectionsUniform::from(ScreenSpaceReflections {
-                min_perceptual_roughness: 0.0..0.0,
-                max_perceptual_roughness: settings.cutoff..settings.cutoff,
-                ..Default::default()
-            }),
-        ));
+        commands.entity(camera.render_entity).insert(ReflectionView {
+            settings,
+            rate,
+            reset,
+            debug,
+        });
     }
     let ready = all_ready && !wanting.is_empty();
     status.update(|report| {
         report.ready = ready;
         report.hardware_rates = hardware.status();
         report.active_backends = active_backends;
+        report.resting_views = resting_views;
     });
     fallbacks.publish(&present, &status);
     cameras.retain(|entity, _| present.contains(entity));
     warned.retain(|(entity, _)| present.contains(entity));
-    for (view, active, _) in &existing {
+    for (view, active, ..) in &existing {
         if !wanting.contains(&view) {
             let mut view = commands.entity(view);
             view.remove::<WantsReflections>();

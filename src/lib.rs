@@ -17,19 +17,27 @@
 //! }
 //! ```
 //!
+//! The [manual] says how it works, which settings to choose, what they cost, what each message of the log means, and how reflections
+//! get on with the rest of Bevy's renderer.
+//!
 //! # The road of one pixel
 //!
-//! After Bevy's deferred lighting, a compute pass reads the G-buffer, draws one direction from the specular lobe of each pixel
-//! and traces a ray against the scene: by ray queries where the adapter has them, else through a BVH of the crate's own. The
-//! surface it hits is shaded with its material, all lights, shadow rays and the environment. The result is multiplied with the
-//! albedo of the lobe and added to the lit frame, in place of the environment map's specular term.
+//! After Bevy's deferred lighting, a compute pass looks at the G-buffer and decides how many rays each tile of the screen deserves.
+//! Another draws a direction from the specular lobe of one pixel of each block and traces a ray against the scene: by ray queries
+//! where the adapter has them, else through a BVH of the crate's own. The surface it hits is shaded with its material, all lights,
+//! shadow rays and the environment. Three passes make an image of what the rays brought. The result is multiplied with the albedo
+//! of the lobe and added to the lit frame, in place of the environment map's specular term.
 //!
 //! | module | knows |
 //! |---|---|
+//! | [`manual`] | what a user wants to know |
 //! | [`settings`] | what a user can choose for the app and for each camera |
+//! | [`presets`] | bundles of settings |
 //! | [`status`] | what this machine can do, what was picked, and why not the rest |
+//! | [`rate`] | how many rays a tile deserves |
 //! | [`scene`] | what a ray can hit |
-//! | [`trace`] | from pixels to rays |
+//! | [`trace`] | from rates to rays |
+//! | [`denoise`] | from rays to an image |
 //! | [`composite`] | from radiance to the lit frame |
 //! | [`debug`] | what the passes wrote, for people to look at |
 //!
@@ -38,6 +46,7 @@
 //! With Bevy's `RenderDiagnosticsPlugin` the passes appear as `render/glint/trace/elapsed_gpu`,
 //! `render/glint/composite/elapsed_gpu` and `render/glint/elapsed_gpu` (milliseconds), and the counters as
 //! `render/reflection_rays` and `render/reflection_hits`. Memory of the scene is `glint/scene_bytes`, that of cameras `glint/view_bytes`.
+//! The [list](manual::measurements) has all of them.
 
 // A library reports through the log and through types; it neither prints nor panics on what a user gave it.
 #![warn(clippy::print_stdout, clippy::print_stderr, clippy::unwrap_used, clippy::expect_used)]
@@ -49,8 +58,10 @@ mod diagnostics;
 #[cfg(feature = "egui")]
 pub mod egui;
 mod extract;
+mod idle;
 #[doc(hidden)]
 pub mod inspect;
+pub mod manual;
 mod plugin;
 pub mod presets;
 pub mod rate;

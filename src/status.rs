@@ -69,6 +69,8 @@ pub struct StatusReport {
     pub hardware_rates: HardwareRates,
     /// Cameras that reflect, each with its active back end: [`Backend::Hardware`], or [`Backend::Compute`] for all else.
     pub active_backends: Vec<(Entity, Backend)>,
+    /// Cameras that see nothing to reflect on: only their rate pass runs, in every second frame.
+    pub resting_views: usize,
     /// What each camera's reflections own on the GPU.
     pub view_memory: Vec<ViewMemory>,
     /// Why something better isn't active, in whole sentences.

@@ -3,6 +3,7 @@
 use crate::{
     composite::CompositePipelines,
     extract::ReflectionView,
+    idle::ViewActivity,
     rate::RateSettings,
     scene::SceneBindings,
     settings::{RaySampling, Technique},
@@ -111,9 +112,11 @@ pub struct ReflectionTextures {
 
 impl ReflectionTextures {
     fn new(device: &RenderDevice, sizes: Sizes, needs: Needs) -> Self {
+        let mut targets = Targets::new(device, sizes, needs);
+        targets.memory.push(ViewActivity::MEMORY);
         Self {
             origin: UVec2::ZERO,
-            targets: Targets::new(device, sizes, needs),
+            targets,
             uniform: UniformBuffer::default(),
             parity: 0,
             accumulated: 0,
@@ -140,6 +143,7 @@ type ViewQuery = (
     &'static ExtractedView,
     &'static ExtractedCamera,
     Option<&'static mut ReflectionTextures>,
+    Option<&'static mut ViewActivity>,
     Option<&'static MainPassResolutionOverride>,
     Option<&'static DistanceFog>,
     Has<ScreenSpaceAmbientOcclusionResources>,
@@ -156,7 +160,7 @@ pub fn prepare_views(
     queue: Res<RenderQueue>,
     mut commands: Commands,
 ) {
-    for (entity, view, extracted, camera, textures, resolution, fog, ssao, environment, volume) in &mut views {
+    for (entity, view, extracted, camera, textures, activity, resolution, fog, ssao, probes, volume) in &mut views {
         let Some(viewport) = camera.physical_viewport_size else {
             continue;
         };
@@ -173,7 +177,7 @@ pub fn prepare_views(
             .is_some_and(|composite| composite.is_in_place(extracted.target_format));
         let needs = Needs::new(&view.settings, in_place);
         let mut flags = if ssao { VIEW_HAS_SSAO } else { 0 };
-        if environment || volume {
+        if probes || volume {
             flags |= VIEW_HAS_IRRADIANCE;
         }
         let frame = Frame {
@@ -186,6 +190,7 @@ pub fn prepare_views(
                 .unwrap_or_else(|| extracted.clip_from_view * extracted.world_from_view.to_matrix().inverse()),
             world_position: extracted.world_from_view.translation(),
             exposure: camera.exposure,
+            resting: activity.as_ref().is_some_and(|activity| activity.is_resting()),
         };
         match textures {
             Some(mut textures) if textures.targets.sizes == sizes && textures.targets.needs == needs => {
@@ -199,6 +204,13 @@ pub fn prepare_views(
                 textures.begin_frame(view, &frame);
                 textures.uniform.write_buffer(&device, &queue);
                 commands.entity(entity).insert(textures);
+                match activity {
+                    // Earlier reports were about other targets.
+                    Some(mut activity) => activity.disturb(),
+                    None => {
+                        commands.entity(entity).insert(ViewActivity::new(&device));
+                    }
+                }
             }
         }
     }
@@ -237,6 +249,8 @@ struct Frame {
     clip_from_world: Mat4,
     world_position: Vec3,
     exposure: f32,
+    /// Nothing is kept of it.
+    resting: bool,
 }
 
 impl ReflectionTextures {
@@ -297,7 +311,11 @@ impl ReflectionTextures {
             rate_options: options,
         });
         // More frames than this add nothing in 32 bits of float.
-        self.accumulated = (self.accumulated + 1).min(1 << 22);
+        self.accumulated = if frame.resting {
+            0
+        } else {
+            (self.accumulated + 1).min(1 << 22)
+        };
         self.sample_index = self.sample_index.wrapping_add(1);
         self.parity ^= 1;
     }

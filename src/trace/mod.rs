@@ -16,6 +16,7 @@ use crate::{
     composite::{CompositePipelines, composite_reflection},
     denoise::{self, DenoisePipelines},
     extract::ReflectionView,
+    idle::ViewActivity,
     inspect::TotalTimeOnly,
     rate::{RatePipelines, determine_rates},
     scene::{SceneBindings, environment::EnvironmentBindings},
@@ -136,11 +137,12 @@ impl PassResources<'_> {
     }
 }
 
-/// Rates, rays, denoising and composite of one view.
+/// Rates, rays, denoising and composite of one view; of a view at rest, the rates now and then.
 pub fn ray_traced_reflections(
     view: ViewQuery<(
         &ReflectionView,
         &ReflectionTextures,
+        &ViewActivity,
         &ViewTarget,
         &ViewPrepassTextures,
         &ViewUniformOffset,
@@ -155,7 +157,7 @@ pub fn ray_traced_reflections(
     mut ctx: RenderContext,
 ) {
     let entity = view.entity();
-    let (view, textures, target, prepass, view_offset, _, ssao) = view.into_inner();
+    let (view, textures, activity, target, prepass, view_offset, _, ssao) = view.into_inner();
     let (Some(rate), Some(denoise), Some(composite), Some(pipelines), Some(context)) = (
         rate,
         denoise,
@@ -170,36 +172,49 @@ pub fn ray_traced_reflections(
     let diagnostics = diagnostics.as_deref();
     let total = diagnostics.time_span(ctx.command_encoder(), "glint");
     let stages = diagnostics.filter(|_| resources.total_only.is_none());
-    ctx.command_encoder().clear_buffer(&textures.targets.arguments, 0, None);
-    ctx.command_encoder().clear_buffer(&textures.targets.counters, 0, None);
-    if view.settings.technique == Technique::Converged {
-        let span = stages.time_span(ctx.command_encoder(), "trace");
-        trace_converged(&mut ctx, pipelines, &context);
-        span.end(ctx.command_encoder());
-    } else {
-        let span = stages.time_span(ctx.command_encoder(), "rate");
-        determine_rates(&mut ctx, &rate, &context);
-        span.end(ctx.command_encoder());
-        let span = stages.time_span(ctx.command_encoder(), "trace");
-        trace_rays(&mut ctx, pipelines, &context, &mut hardware);
-        span.end(ctx.command_encoder());
-        denoise::denoise(&mut ctx, &denoise, &context, stages);
-    }
     let (arguments, counters) = (&textures.targets.arguments, &textures.targets.counters);
-    let span = stages.time_span(ctx.command_encoder(), "composite");
-    composite_reflection(&mut ctx, &composite, &context, target);
-    span.end(ctx.command_encoder());
+    let converged = view.settings.technique == Technique::Converged;
+    let (looks, resting) = (activity.looks(), activity.is_resting());
+    if !resting {
+        ctx.command_encoder().clear_buffer(counters, 0, None);
+    }
+    if looks {
+        ctx.command_encoder().clear_buffer(arguments, 0, None);
+        if !converged {
+            let span = stages.time_span(ctx.command_encoder(), "rate");
+            determine_rates(&mut ctx, &rate, &context);
+            span.end(ctx.command_encoder());
+        }
+    }
+    if !resting {
+        let span = stages.time_span(ctx.command_encoder(), "trace");
+        if converged {
+            trace_converged(&mut ctx, pipelines, &context);
+        } else {
+            trace_rays(&mut ctx, pipelines, &context, &mut hardware);
+        }
+        span.end(ctx.command_encoder());
+        if !converged {
+            denoise::denoise(&mut ctx, &denoise, &context, stages);
+        }
+        let span = stages.time_span(ctx.command_encoder(), "composite");
+        composite_reflection(&mut ctx, &composite, &context, target);
+        span.end(ctx.command_encoder());
+    }
+    if looks {
+        activity.report(ctx.command_encoder(), arguments);
+    }
     total.end(ctx.command_encoder());
-    record_counter(diagnostics, &mut ctx, arguments, BLOCK_COUNT, "reflection_rays");
-    record_counter(
-        diagnostics,
-        &mut ctx,
-        arguments,
-        BLOCK_COUNT + 4,
-        "reflection_mirror_rays",
-    );
-    record_counter(diagnostics, &mut ctx, arguments, BLOCK_COUNT + 8, "reflection_tiles");
-    record_counter(diagnostics, &mut ctx, counters, 0, "reflection_hits");
+    if looks {
+        for (counts, offset, name) in [
+            (arguments, BLOCK_COUNT, "reflection_rays"),
+            (arguments, BLOCK_COUNT + 4, "reflection_mirror_rays"),
+            (arguments, BLOCK_COUNT + 8, "reflection_tiles"),
+            (counters, 0, "reflection_hits"),
+        ] {
+            record_counter(diagnostics, &mut ctx, counts, offset, name);
+        }
+    }
 }
 
 fn trace_converged(ctx: &mut RenderContext, pipelines: &TracePipelines, context: &PassContext) {

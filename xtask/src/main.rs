@@ -11,9 +11,12 @@ mod environment;
 mod evaluate;
 mod failure;
 mod file_sizes;
+mod new_user;
 mod progress;
+mod stress;
 mod test;
 mod version;
+mod window;
 
 use std::process::ExitCode;
 
@@ -39,6 +42,12 @@ enum Command {
     Bench(bench::Options),
     /// Measure for each technique what it costs and how far its picture is from the truth.
     Evaluate(evaluate::Options),
+    /// Attack the reflections with hostile scenes, faults and long runs.
+    Stress(stress::Options),
+    /// Follow the README in a new crate, as a new user would.
+    NewUser,
+    /// Click and drag the settings panel in a window on a virtual display.
+    Window(window::Options),
     /// Everything that must hold before a change is merged: format, lints, feature sets, docs, tests.
     Ci,
 }
@@ -49,6 +58,9 @@ fn main() -> ExitCode {
         Command::Test(options) => test::run(&options),
         Command::Bench(options) => bench::run(&options),
         Command::Evaluate(options) => evaluate::run(&options),
+        Command::Stress(options) => stress::run(&options),
+        Command::NewUser => new_user::run(),
+        Command::Window(options) => window::run(&options),
         Command::Ci => ci::run(),
     };
     match result {

@@ -126,7 +126,8 @@ impl Arguments {
                 .map(|name| Variant::new(name));
             let wanted = ours.filter(|variant| !traced_only || variant.traces());
             let both = wanted.flat_map(|variant| {
-                let has_backends = techniques::has_backends(&variant.technique);
+                let has_backends = techniques::has_backends(&variant.technique)
+                    && (!self.quick || variant.technique == "vrs-roughness");
                 let with_hardware = (has_backends && hardware.1).then(|| Variant {
                     hardware: true,
                     ..variant.clone()

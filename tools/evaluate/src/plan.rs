@@ -30,7 +30,7 @@ pub const TECHNIQUES: [&str; 14] = [
 ];
 
 /// The techniques of a quick run.
-pub const QUICK_TECHNIQUES: [&str; 9] = [
+pub const QUICK_TECHNIQUES: [&str; 10] = [
     "off",
     "ssr",
     "reference",
@@ -40,6 +40,7 @@ pub const QUICK_TECHNIQUES: [&str; 9] = [
     "vrs-combined",
     "low",
     "high",
+    "solari",
 ];
 
 /// The built-in scenes that are measured unless others are named.

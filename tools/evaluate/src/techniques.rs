@@ -40,7 +40,8 @@ pub fn has_hardware_rates(report: &StatusReport) -> bool {
 /// Whether a technique has a choice of back ends: those whose rate varies.
 #[must_use]
 pub fn has_backends(technique: &str) -> bool {
-    named_settings(technique).is_ok_and(|(settings, _)| settings.technique == Technique::Variable)
+    technique.starts_with("vrs-")
+        && named_settings(technique).is_ok_and(|(settings, _)| settings.technique == Technique::Variable)
 }
 
 /// What every camera has, whatever the technique: the same G-buffer, so that techniques differ by their own passes alone.

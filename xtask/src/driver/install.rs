@@ -57,6 +57,15 @@ pub fn packages(need: Need) -> Result {
     }
 }
 
+/// Installs packages; `what` names them in a failure.
+pub fn tools(packages: &[&str], what: &str) -> Result {
+    let list = packages.join(" ");
+    System::read().require_apt(&list, what)?;
+    note(format_args!("installing {list}"));
+    apt_get(&["update"])?;
+    apt_get(&[&["install", "--yes", "--no-install-recommends"], packages].concat())
+}
+
 /// Installs a C++ compiler.
 pub fn compiler() -> Result {
     System::read().require_apt("g++", "a C++ compiler")?;

@@ -8,6 +8,8 @@ mod apt_sources;
 mod install;
 mod survey;
 
+pub use install::tools;
+
 use std::env;
 use std::path::Path;
 use std::process::{Command, Stdio};

@@ -1,0 +1,233 @@
+//! Devices that lack something, that are lost, that are full, and shaders that don't compile. Each must be told in clear words, and the
+//! game goes on: without reflections, or with fewer.
+
+mod run;
+
+use crate::stage::StageSettings;
+use bevy::render::settings::{WgpuFeatures, WgpuLimits, WgpuSettings, WgpuSettingsPriority};
+use bevy_glint::TracerChoice;
+
+/// Something that a device or a shader may do to a game.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Fault {
+    /// The device is lost and comes back.
+    DeviceLost,
+    /// No timestamps.
+    NoTimestamps,
+    /// No binding arrays.
+    NoBindingArrays,
+    /// Ray queries are asked for, and there are none.
+    NoRayQueries,
+    /// No formats beyond those that WebGPU promises.
+    NoStorageFormats,
+    /// WebGPU's minimum of features and limits.
+    WebGpuMinimum,
+    /// Fewer storage buffers than the passes need.
+    FewStorageBuffers,
+    /// A shader of the library doesn't compile.
+    BrokenPass,
+    /// A user's heuristic doesn't compile.
+    BrokenHeuristic,
+    /// A user's heuristic isn't there.
+    MissingHeuristic,
+    /// No room in the driver's top level.
+    FewInstances,
+    /// A mesh larger than the driver's structures may be.
+    LargeMesh,
+    /// A mesh larger than any buffer may be.
+    FullBuffers,
+}
+
+/// How a game took a fault.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum FaultOutcome {
+    /// As it should; what the user was told.
+    Passed(String),
+    /// Not as it should.
+    Failed(Vec<String>),
+    /// Bevy alone fails the same way.
+    Foreign(Vec<String>),
+    /// This machine can't have the fault.
+    Skipped(String),
+}
+
+impl Fault {
+    /// All faults.
+    pub const ALL: [Self; 13] = [
+        Self::DeviceLost,
+        Self::NoTimestamps,
+        Self::NoBindingArrays,
+        Self::NoRayQueries,
+        Self::NoStorageFormats,
+        Self::WebGpuMinimum,
+        Self::FewStorageBuffers,
+        Self::BrokenPass,
+        Self::BrokenHeuristic,
+        Self::MissingHeuristic,
+        Self::FewInstances,
+        Self::LargeMesh,
+        Self::FullBuffers,
+    ];
+
+    /// The word for command lines.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::DeviceLost => "device-lost",
+            Self::NoTimestamps => "no-timestamps",
+            Self::NoBindingArrays => "no-binding-arrays",
+            Self::NoRayQueries => "no-ray-queries",
+            Self::NoStorageFormats => "no-storage-formats",
+            Self::WebGpuMinimum => "webgpu-minimum",
+            Self::FewStorageBuffers => "few-storage-buffers",
+            Self::BrokenPass => "broken-pass",
+            Self::BrokenHeuristic => "broken-heuristic",
+            Self::MissingHeuristic => "missing-heuristic",
+            Self::FewInstances => "few-instances",
+            Self::LargeMesh => "large-mesh",
+            Self::FullBuffers => "full-buffers",
+        }
+    }
+
+    /// The fault of a name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|fault| fault.name() == name)
+    }
+
+    /// It is one of the driver's acceleration structures.
+    fn needs_ray_queries(self) -> bool {
+        matches!(self, Self::FewInstances | Self::LargeMesh)
+    }
+
+    /// Text that the user must be told, in the status or in the log.
+    fn message(self) -> Option<&'static str> {
+        match self {
+            Self::DeviceLost => Some("Caught DeviceLost"),
+            Self::NoTimestamps => None,
+            Self::NoBindingArrays | Self::WebGpuMinimum => Some("are copies of 256x256 texels"),
+            Self::NoRayQueries => Some("ray queries were asked for, but the device lacks"),
+            Self::NoStorageFormats => Some("cameras keep their picture instead of a `DebugView`"),
+            Self::FewStorageBuffers => Some("storage buffers in a shader stage and 8 are needed"),
+            Self::BrokenPass => Some("ray-traced reflections stay off, since their denoiser failed"),
+            Self::BrokenHeuristic => Some("failed, so that every trace pixel gets its ray"),
+            Self::MissingHeuristic => Some("there_is_no_such_file.wesl"),
+            Self::FewInstances => Some("objects can be reflected, but the device's limit is"),
+            Self::LargeMesh => Some("is missing from reflections: the device's limit is"),
+            Self::FullBuffers => Some("doesn't fit into the memory that one buffer may take"),
+        }
+    }
+
+    /// Errors that belong to the fault.
+    fn expects(self, error: &str) -> bool {
+        match self {
+            Self::DeviceLost => error.contains("DeviceLost") || error.contains("lost"),
+            Self::BrokenPass | Self::BrokenHeuristic => {
+                error.contains("shader") || error.contains("stay off") || error.contains("heuristic")
+            }
+            Self::MissingHeuristic => error.contains("heuristic"),
+            _ => false,
+        }
+    }
+
+    fn settings(self, tracer: TracerChoice) -> StageSettings {
+        let default = WgpuSettings::default;
+        let without = |features: WgpuFeatures| WgpuSettings {
+            disabled_features: Some(features),
+            features: default().features - features,
+            ..default()
+        };
+        let limited = |limits: WgpuLimits| WgpuSettings {
+            constrained_limits: Some(limits),
+            ..default()
+        };
+        let device = match self {
+            Self::NoTimestamps => without(
+                WgpuFeatures::TIMESTAMP_QUERY
+                    | WgpuFeatures::TIMESTAMP_QUERY_INSIDE_ENCODERS
+                    | WgpuFeatures::TIMESTAMP_QUERY_INSIDE_PASSES,
+            ),
+            Self::NoBindingArrays => without(binding_arrays()),
+            Self::NoRayQueries => without(ray_features()),
+            Self::NoStorageFormats => without(WgpuFeatures::TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES),
+            Self::WebGpuMinimum => WgpuSettings {
+                priority: WgpuSettingsPriority::WebGPU,
+                features: WgpuFeatures::empty(),
+                limits: WgpuLimits::default(),
+                ..default()
+            },
+            Self::FewStorageBuffers => limited(WgpuLimits {
+                max_storage_buffers_per_shader_stage: 7,
+                ..WgpuLimits::unlimited()
+            }),
+            Self::FewInstances => limited(WgpuLimits {
+                max_tlas_instance_count: 64,
+                ..WgpuLimits::unlimited()
+            }),
+            Self::LargeMesh => limited(WgpuLimits {
+                max_blas_primitive_count: 512,
+                ..WgpuLimits::unlimited()
+            }),
+            Self::FullBuffers => limited(WgpuLimits {
+                max_storage_buffer_binding_size: 2 << 20,
+                ..WgpuLimits::unlimited()
+            }),
+            Self::DeviceLost | Self::BrokenPass | Self::BrokenHeuristic | Self::MissingHeuristic => default(),
+        };
+        let tracer = match self {
+            Self::NoRayQueries => TracerChoice::RayQuery,
+            Self::WebGpuMinimum => TracerChoice::Auto,
+            _ => tracer,
+        };
+        StageSettings {
+            tracer,
+            device,
+            diagnostics: self == Self::NoTimestamps,
+            ..StageSettings::default()
+        }
+    }
+}
+
+fn binding_arrays() -> WgpuFeatures {
+    WgpuFeatures::TEXTURE_BINDING_ARRAY
+        | WgpuFeatures::BUFFER_BINDING_ARRAY
+        | WgpuFeatures::STORAGE_RESOURCE_BINDING_ARRAY
+        | WgpuFeatures::SAMPLED_TEXTURE_AND_STORAGE_BUFFER_ARRAY_NON_UNIFORM_INDEXING
+        | WgpuFeatures::STORAGE_TEXTURE_ARRAY_NON_UNIFORM_INDEXING
+        | WgpuFeatures::PARTIALLY_BOUND_BINDING_ARRAY
+        | WgpuFeatures::UNIFORM_BUFFER_BINDING_ARRAYS
+        | WgpuFeatures::ACCELERATION_STRUCTURE_BINDING_ARRAY
+}
+
+fn ray_features() -> WgpuFeatures {
+    WgpuFeatures::EXPERIMENTAL_RAY_QUERY
+        | WgpuFeatures::EXPERIMENTAL_RAY_HIT_VERTEX_RETURN
+        | WgpuFeatures::EXPERIMENTAL_RAY_TRACING_PIPELINES
+        | WgpuFeatures::EXTENDED_ACCELERATION_STRUCTURE_VERTEX_FORMATS
+        | WgpuFeatures::ACCELERATION_STRUCTURE_BINDING_ARRAY
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_read_back() {
+        for fault in Fault::ALL {
+            assert_eq!(Fault::named(fault.name()), Some(fault));
+        }
+        assert_eq!(Fault::named("flood"), None);
+    }
+
+    #[test]
+    fn faults_take_away_what_they_say() {
+        let device = |fault: Fault| fault.settings(TracerChoice::Bvh).device;
+        let formats = WgpuFeatures::TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES;
+        assert!(device(Fault::DeviceLost).features.contains(formats));
+        assert!(!device(Fault::NoStorageFormats).features.contains(formats));
+        let limits = device(Fault::FewInstances).constrained_limits.unwrap();
+        assert_eq!(limits.max_tlas_instance_count, 64);
+        assert!(Fault::DeviceLost.expects("Caught DeviceLost error"));
+        assert!(!Fault::NoTimestamps.expects("Caught rendering error"));
+    }
+}
