@@ -112,7 +112,7 @@ pub fn paired_ratio(a: &[Option<f64>], b: &[Option<f64>]) -> Option<(f64, Option
     Some((estimate, Some(interval)))
 }
 
-/// A small generator (SplitMix64), for resampling.
+/// A small generator (`SplitMix64`), for resampling.
 struct Random(u64);
 
 impl Random {

@@ -88,10 +88,9 @@ impl Plan {
             Some(only) => vec![part(only, 1.0)],
             None => {
                 let share = |section: Section| match section {
-                    Section::Faults => 0.25,
+                    Section::Faults | Section::LongRun => 0.25,
                     Section::Energy => 0.15,
                     Section::Stability => 0.1,
-                    Section::LongRun => 0.25,
                     // Whatever is left.
                     Section::Scenes => 1.0,
                 };

@@ -143,7 +143,7 @@ fn clocks(kind: EventKind, stage: &mut Stage, frame: u32) {
             ];
             let step = steps[frame as usize % steps.len()];
             world.insert_resource(TimeUpdateStrategy::ManualDuration(step));
-            let speed = if frame % 2 == 0 { 0.0 } else { 1000.0 };
+            let speed = if frame.is_multiple_of(2) { 0.0 } else { 1000.0 };
             world.resource_mut::<Time<Virtual>>().set_relative_speed(speed);
         }
         _ => {
