@@ -263,7 +263,7 @@ mod tests {
     use super::*;
 
     fn stage(name: &str) -> Result<Stage, String> {
-        Stage::new(&SceneSource::BuiltIn(name.into()), &Protocol::new(true, true))
+        Stage::new(&SceneSource::BuiltIn(name.into()), &Protocol::new(false, true))
     }
 
     #[test]
