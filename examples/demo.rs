@@ -13,6 +13,12 @@ use glint_scenes::{
 };
 use std::{path::PathBuf, process::ExitCode};
 
+/// What a picture shows if nothing else is said: clean after few frames, so that a CPU can render it, too.
+const PICTURE: &str = "ultra";
+const PICTURE_SIZE: UVec2 = UVec2::new(960, 540);
+/// As many frames as the longest history holds.
+const PICTURE_FRAMES: u32 = 32;
+
 /// Show a scene with ray-traced reflections.
 #[derive(FromArgs, Clone)]
 struct Arguments {
@@ -23,7 +29,7 @@ struct Arguments {
     #[argh(option, default = "SceneName::Demo")]
     scene: SceneName,
     /// off, reference, quarter, quarter-inline, vrs-roughness, vrs-grazing, vrs-combined, converged, paper, low, medium, high or
-    /// ultra (default: medium in a window, converged for a picture)
+    /// ultra (default: medium in a window, ultra for a picture)
     #[argh(option)]
     technique: Option<TechniqueWord>,
     /// auto, compute or hardware
@@ -32,11 +38,11 @@ struct Arguments {
     /// auto, ray-query or bvh
     #[argh(option, default = "TracerWord::default()")]
     tracer: TracerWord,
-    /// width and height in pixels (default: 1280x720 in a window, 640x360 for a picture, which a CPU can render, too)
+    /// width and height in pixels (default: 1280x720 in a window, 960x540 for a picture, which a CPU can render, too)
     #[argh(option)]
     size: Option<Size>,
-    /// frames to render before the picture is taken
-    #[argh(option, default = "16")]
+    /// frames to render before the picture is taken (default: 32; converged wants hundreds)
+    #[argh(option, default = "PICTURE_FRAMES")]
     frames: u32,
     /// fineness of curved parts, 0.25 to 8
     #[argh(option, default = "1.0")]
@@ -51,17 +57,17 @@ struct Arguments {
 
 impl Arguments {
     fn technique(&self) -> TechniqueWord {
-        let default = if self.headless {
-            TechniqueWord::converged()
+        let word = if self.headless {
+            PICTURE.parse::<TechniqueWord>().unwrap_or_default()
         } else {
             TechniqueWord::default()
         };
-        self.technique.clone().unwrap_or(default)
+        self.technique.clone().unwrap_or(word)
     }
 
     fn size(&self) -> UVec2 {
         let default = if self.headless {
-            UVec2::new(640, 360)
+            PICTURE_SIZE
         } else {
             UVec2::new(1280, 720)
         };

@@ -4,12 +4,15 @@ use bevy::{pbr::DefaultOpaqueRendererMethod, prelude::*};
 use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin};
 
 fn main() {
-    let mut app = App::new();
-    app.add_plugins((DefaultPlugins, RayTracedReflectionsPlugin::default()));
+    App::new().add_plugins((DefaultPlugins, game)).run();
+}
+
+/// What the app adds to Bevy.
+pub fn game(app: &mut App) {
+    app.add_plugins(RayTracedReflectionsPlugin::default());
     // Reflections are traced where the deferred renderer draws.
     app.insert_resource(DefaultOpaqueRendererMethod::deferred());
     app.add_systems(Startup, setup);
-    app.run();
 }
 
 fn setup(world: &mut World) {

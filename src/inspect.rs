@@ -1,10 +1,16 @@
 //! What a view's targets hold, for this crate's own tests and tools. No part of the interface that versions keep.
 
-use crate::view::ReflectionTextures;
+use crate::{
+    extract::{ReflectionView, WantsReflections},
+    idle::ViewActivity,
+    scene::environment::{EnvironmentBindings, ViewEnvironment},
+    view::ReflectionTextures,
+};
 use bevy::{
     app::App,
     ecs::prelude::*,
     math::UVec2,
+    pbr::{ScreenSpaceReflectionsPipelineId, ScreenSpaceReflectionsUniform, ViewScreenSpaceReflectionsUniformOffset},
     render::{
         RenderApp,
         render_resource::{
@@ -66,6 +72,36 @@ impl Copied {
         let first = (place.y * self.size.x + place.x) as usize * self.texel;
         &self.words[first..first + self.texel]
     }
+}
+
+/// What the render world has for a camera that reflects, by name; nothing for others.
+#[must_use]
+pub fn held(app: &App, camera: Entity) -> Vec<&'static str> {
+    let view = app.world().get::<RenderEntity>(camera).map(|view| view.id());
+    let world = app.get_sub_app(RenderApp).map(|render| render.world());
+    let (Some(view), Some(world)) = (view, world) else {
+        return Vec::new();
+    };
+    let bindings = world.get_resource::<EnvironmentBindings>();
+    let bind_group = bindings.and_then(|bindings| bindings.bind_group(view));
+    // The last three are Bevy's, borrowed from its screen-space reflections.
+    let offset = world.get::<ViewScreenSpaceReflectionsUniformOffset>(view);
+    let all = [
+        ("settings", world.get::<ReflectionView>(view).is_some()),
+        ("wish", world.get::<WantsReflections>(view).is_some()),
+        ("targets", world.get::<ReflectionTextures>(view).is_some()),
+        ("reports", world.get::<ViewActivity>(view).is_some()),
+        ("environment", world.get::<ViewEnvironment>(view).is_some()),
+        ("bind group", bind_group.is_some()),
+        ("uniform", world.get::<ScreenSpaceReflectionsUniform>(view).is_some()),
+        ("offset", offset.is_some()),
+        (
+            "pipeline",
+            world.get::<ScreenSpaceReflectionsPipelineId>(view).is_some(),
+        ),
+    ];
+    let held = all.into_iter().filter(|(_, is_held)| *is_held);
+    held.map(|(name, _)| name).collect()
 }
 
 /// What a target of a camera holds after the last frame; `None` where there is no such target or it can't be read.

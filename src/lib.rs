@@ -41,6 +41,11 @@
 //! | [`composite`] | from radiance to the lit frame |
 //! | [`debug`] | what the passes wrote, for people to look at |
 //!
+//! # Platforms
+//!
+//! Vulkan, DirectX 12 and Metal, with ray tracing hardware or without. Elsewhere, as in browsers, and in apps without a renderer the
+//! plugin declines: the log and [`ReflectionStatus`] say why, and the picture is the one without it.
+//!
 //! # Diagnostics
 //!
 //! With Bevy's `RenderDiagnosticsPlugin` the passes appear as `render/glint/trace/elapsed_gpu`,

@@ -204,6 +204,7 @@ mod tests {
             ("virtual_history", denoiser.virtual_history.to_string()),
             ("clip_sigma", denoiser.clip_sigma.to_string()),
             ("suppress_fireflies", denoiser.suppress_fireflies.to_string()),
+            ("converges_at_rest", denoiser.converges_at_rest.to_string()),
             ("blur_radius", denoiser.blur_radius.to_string()),
         ] {
             let start = format!("| `{name}` |");

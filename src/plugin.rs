@@ -3,20 +3,21 @@
 use crate::{
     composite::{CompositePipelines, allow_writes_in_place, init_composite_pipelines, queue_composite_pipelines},
     debug::{
-        DebugCounters, DebugPipelines, DebugSplit, DebugView, init_debug_pipelines, queue_debug_pipelines,
-        show_debug_views,
+        DebugCounters, DebugPipelines, DebugSplit, DebugView, NonFiniteReport, init_debug_pipelines,
+        queue_debug_pipelines, show_debug_views,
     },
     denoise::{DenoisePipelines, init_denoise_pipelines, queue_denoise_pipelines},
     diagnostics,
     extract::{
         AllOfAView, ReadyViews, ReflectionView, WarmLighting, extract_cameras, prepare_pipelines, warm_lighting,
     },
+    presets::Preset,
     rate::{self, RatePipelines, init_rate_pipelines, queue_rate_pipelines},
     scene::{SceneBindings, ScenePlugin, environment::extract_environments},
     settings::{
         Backend, Denoiser, NotReflected, RaySampling, RayTracedReflections, Technique, TextureMip, TracerChoice,
     },
-    status::{self, ReflectionStatus},
+    status::{self, HardwareRates, ReflectionStatus, StatusReport, Tracer, ViewMemory},
     trace::{TracePipelines, drop_ssr_pass, init_trace_pipelines, queue_trace_pipelines, ray_traced_reflections},
     view::{prepare_views, publish_memory},
 };
@@ -37,6 +38,7 @@ use bevy::{
     render::{
         ExtractSchedule, Render, RenderApp, RenderStartup, RenderSystems, init_gpu_resource,
         renderer::{RenderAdapterInfo, RenderDevice},
+        settings::Backends,
         view::prepare_view_targets,
     },
     shader::load_shader_library,
@@ -54,7 +56,7 @@ pub struct RayTracedReflectionsPlugin {
 
 /// The plugin's choice in the render world.
 #[derive(Resource, Clone, Copy)]
-pub(crate) struct ChosenTracer(pub(crate) status::Tracer);
+pub(crate) struct ChosenTracer(pub(crate) Tracer);
 
 impl Plugin for RayTracedReflectionsPlugin {
     fn build(&self, app: &mut App) {
@@ -69,6 +71,13 @@ impl Plugin for RayTracedReflectionsPlugin {
             .register_type::<DebugView>()
             .register_type::<DebugSplit>()
             .register_type::<DebugCounters>()
+            .register_type::<NonFiniteReport>()
+            .register_type::<Preset>()
+            .register_type::<ReflectionStatus>()
+            .register_type::<StatusReport>()
+            .register_type::<Tracer>()
+            .register_type::<HardwareRates>()
+            .register_type::<ViewMemory>()
             .init_resource::<ReflectionStatus>();
         rate::register(app);
         diagnostics::register(app);
@@ -121,12 +130,11 @@ impl Plugin for RayTracedReflectionsPlugin {
         let Some(device) = render_app.world().get_resource::<RenderDevice>() else {
             return;
         };
-        let adapter = render_app
-            .world()
-            .get_resource::<RenderAdapterInfo>()
-            .map(status::adapter_name);
-        let adapter = adapter.unwrap_or_default();
-        if let Some(reason) = status::unsupported(device) {
+        let info = render_app.world().get_resource::<RenderAdapterInfo>();
+        let adapter = info.map(status::adapter_name).unwrap_or_default();
+        let backend = info.map_or(Backends::NOOP, |info| info.backend.into());
+        let (tracer, reasons) = status::choose_tracer(self.tracer, device.features(), &device.limits());
+        if let Some(reason) = status::unsupported(backend, &device.limits(), tracer) {
             warn!("ray-traced reflections are off on {adapter}: {reason}");
             status.update(|report| {
                 report.adapter = adapter;
@@ -134,7 +142,6 @@ impl Plugin for RayTracedReflectionsPlugin {
             });
             return;
         }
-        let (tracer, reasons) = status::choose_tracer(self.tracer, device.features(), &device.limits());
         let textures = crate::scene::textures::texture_mode(device);
         status.update(|report| {
             report.adapter = adapter;

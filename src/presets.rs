@@ -11,7 +11,7 @@ use bevy::reflect::{Reflect, std_traits::ReflectDefault};
 /// Rays per pixel count reflection rays per pixel of the view that reflects, without shadow rays. Exact mirrors get one each
 /// in all presets but `Paper`.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[reflect(Default, Clone, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
 pub enum Preset {
     /// The paper's recipe step by step: a quarter of the resolution, rates from average roughness (table 1), GGX normals from a
     /// Halton sequence, mip level 2 at hits, one history, no step of ours, no cut-off. 1/16 to 1/4 ray per pixel.
@@ -111,7 +111,9 @@ pub const TECHNIQUE_NAMES: &str = "reference, quarter, quarter-inline, vrs-rough
 /// The components that a word on a command line stands for: a technique of the measurements, or a preset.
 ///
 /// `reference`, `quarter` and `quarter-inline` trace a fixed rate. `vrs-roughness` and `vrs-grazing` are the paper's heuristics
-/// with its thresholds, `vrs-combined` is ours. All of these share one denoiser, so that they differ in their rays alone.
+/// with its thresholds, `vrs-combined` is ours. All of these share one denoiser and the default cut-off, so that they differ in their
+/// rays alone. The paper has no cut-off: set [`roughness_cutoff`](RayTracedReflections::roughness_cutoff) to 1 to compare with it,
+/// since with the default `vrs-roughness` never gets to 2x2.
 pub fn named_settings(name: &str) -> Result<(RayTracedReflections, ShadingRateHeuristic), UnknownName> {
     let with = |technique, full_resolution_mirrors| RayTracedReflections {
         technique,

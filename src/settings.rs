@@ -12,7 +12,8 @@ use bevy::{
 /// Adds ray-traced reflections to a 3D camera.
 ///
 /// Insert it on a `Camera3d` to switch reflections on, remove it to switch them off and to free what they used. All that it
-/// needs of the camera comes with it: HDR, the depth, deferred, normal and motion vector prepasses, and MSAA off.
+/// needs of the camera comes with it: HDR, the depth, deferred, normal and motion vector prepasses, and MSAA off. These are Bevy's
+/// and stay on the camera, since others may use them, too.
 ///
 /// Only surfaces that are rendered *deferred* reflect: set
 /// [`DefaultOpaqueRendererMethod::deferred()`](bevy::pbr::DefaultOpaqueRendererMethod) or a material's
@@ -22,7 +23,7 @@ use bevy::{
 /// Where a reflection is traced it replaces the specular part of the camera's environment map; rays that hit nothing see that
 /// environment map, else the skybox, else the clear colour.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
-#[reflect(Component, Default, Clone, PartialEq)]
+#[reflect(Component, Default, Debug, Clone, PartialEq)]
 #[require(
     Hdr,
     DepthPrepass,
@@ -45,7 +46,9 @@ pub struct RayTracedReflections {
     /// How samples become an image. Default: [`Denoiser::default`].
     pub denoiser: Denoiser,
     /// Perceptual roughness (0 to 1) above which a surface gets no ray and keeps the environment map. More reflects rougher
-    /// surfaces, with more rays. The G-buffer stores 8 bits, so that the border is exact to 1/255. Default: 0.6.
+    /// surfaces, with more rays. The G-buffer stores 8 bits, so that the border is exact to 1/255. Default: 0.6. Thresholds of a
+    /// [`ShadingRateHeuristic`](crate::rate::ShadingRateHeuristic) above it are never reached: with the default,
+    /// [`Roughness`](crate::rate::ShadingRateHeuristic::Roughness) goes no further than 2x1.
     #[reflect(@0.0..=1.0f32)]
     pub roughness_cutoff: f32,
     /// Width of the band of perceptual roughness below [`roughness_cutoff`](Self::roughness_cutoff) in which the traced
@@ -97,7 +100,7 @@ impl EnvironmentSettings for RayTracedReflections {
 ///
 /// A trace pixel is one ray's place: one pixel of the view, or a quad of 2x2 of them of which each frame chooses another pixel.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[reflect(Default, Clone, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
 pub enum Technique {
     /// One ray for each pixel of each frame: the paper's full-resolution reference. Four times the rays of `Quarter`.
     Reference,
@@ -110,8 +113,8 @@ pub enum Technique {
     /// [`ShadingRateHeuristic`](crate::rate::ShadingRateHeuristic) allows: the paper's technique (section 4.1).
     #[default]
     Variable,
-    /// One ray for each pixel, averaged over all frames since the camera or a setting last changed: the ground truth of a
-    /// still scene. Moving objects smear; set [`reset`](RayTracedReflections::reset) after changes of the scene.
+    /// One ray for each pixel, averaged over all frames since the camera, a setting, the environment or the scene last changed: the
+    /// ground truth of a still scene. It begins anew by itself, so that it stays noisy while anything moves.
     Converged,
 }
 
@@ -128,7 +131,7 @@ impl Technique {
 
 /// What turns the rate image into fewer rays. Both give the same rays.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[reflect(Default, Clone, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
 pub enum Backend {
     /// [`Compute`](Self::Compute), which works everywhere and leaves no lanes idle.
     #[default]
@@ -144,7 +147,7 @@ pub enum Backend {
 
 /// How the directions of rays are drawn.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[reflect(Default, Clone, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
 pub enum RaySampling {
     /// Bounded visible normals (Eto and Tokuyoshi 2023) from spatio-temporal blue noise: the least noise.
     #[default]
@@ -155,7 +158,7 @@ pub enum RaySampling {
 
 /// How samples become an image: spatial reconstruction, temporal accumulation, blur (the paper's section 4.1.2).
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
-#[reflect(Default, Clone, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
 pub struct Denoiser {
     /// Rays of neighbours that a pixel is reconstructed from, 1 to 16. More is smoother and costs time. With one, and one ray per
     /// pixel, each pixel shows its own ray. Default: 8.
@@ -177,6 +180,10 @@ pub struct Denoiser {
     /// Whether rays far brighter than their neighbours are dimmed before they enter the history; a small loss of energy for no
     /// fireflies. Default: true. The paper has no such step.
     pub suppress_fireflies: bool,
+    /// Whether pictures at rest converge: while neither the camera nor the scene changes, all frames sample the same, so that history is
+    /// neither clipped nor dimmed and spans up to eight times `max_history`, 240 frames at most. Off, a still
+    /// picture keeps the small losses of a moving one. Default: true. The paper has no such step.
+    pub converges_at_rest: bool,
     /// Radius in pixels of the last blur where the variance is highest, 0 (off) to 8. Default: 3.
     #[reflect(@0.0..=8.0f32)]
     pub blur_radius: f32,
@@ -191,6 +198,7 @@ impl Denoiser {
         virtual_history: false,
         clip_sigma: 1.5,
         suppress_fireflies: false,
+        converges_at_rest: false,
         blur_radius: 0.0,
     };
     /// The paper's recipe (section 4.1.2).
@@ -201,6 +209,7 @@ impl Denoiser {
         virtual_history: false,
         clip_sigma: 1.5,
         suppress_fireflies: false,
+        converges_at_rest: false,
         blur_radius: 3.0,
     };
 }
@@ -214,6 +223,7 @@ impl Default for Denoiser {
             virtual_history: true,
             clip_sigma: 1.5,
             suppress_fireflies: true,
+            converges_at_rest: true,
             blur_radius: 3.0,
         }
     }
@@ -221,7 +231,7 @@ impl Default for Denoiser {
 
 /// Which mip level of a texture is read where a ray hits.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq)]
-#[reflect(Default, Clone, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
 pub enum TextureMip {
     /// The level that fits the footprint of the ray, from a cone that widens with distance and roughness (Akenine-Möller et
     /// al., *Ray Tracing Gems*, chapter 20).
@@ -233,7 +243,7 @@ pub enum TextureMip {
 
 /// What finds the surface that a ray hits.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[reflect(Default, Clone, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
 pub enum TracerChoice {
     /// Ray queries where the adapter has them, else the BVH.
     #[default]
@@ -307,7 +317,7 @@ impl UnknownName {
 
 /// Keeps an entity out of all reflections and out of the shadows that are seen in them.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[reflect(Component, Default, Clone, PartialEq)]
+#[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct NotReflected;
 
 /// The settings after clamping to what the shaders can take. NaN becomes the default.

@@ -5,17 +5,20 @@ use crate::{
     settings::{Backend, TracerChoice},
 };
 use bevy::{
-    ecs::{entity::Entity, resource::Resource},
+    ecs::{entity::Entity, reflect::ReflectResource, resource::Resource},
+    reflect::{Reflect, std_traits::ReflectDefault},
     render::{
         render_resource::{WgpuFeatures, WgpuLimits},
-        renderer::{RenderAdapterInfo, RenderDevice},
+        renderer::RenderAdapterInfo,
+        settings::Backends,
     },
 };
 use core::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// What finds the surface that a ray hits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[reflect(Debug, Clone, PartialEq, Hash)]
 pub enum Tracer {
     /// Ray queries of the driver.
     RayQuery,
@@ -24,7 +27,8 @@ pub enum Tracer {
 }
 
 /// Whether [`Backend::Hardware`] can be used: whether the rasterizer's shading rate can spread rays.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Reflect, Clone, Debug, Default, PartialEq, Eq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
 pub enum HardwareRates {
     /// Nobody asked: the app lacks `HardwareVrsPlugin`, or was built without the crate feature `hardware-vrs`.
     #[default]
@@ -38,7 +42,8 @@ pub enum HardwareRates {
 }
 
 /// Textures and buffers that one camera's reflections own.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Reflect, Clone, Debug, PartialEq, Eq)]
+#[reflect(Debug, Clone, PartialEq)]
 pub struct ViewMemory {
     /// The camera.
     pub camera: Entity,
@@ -57,7 +62,8 @@ impl ViewMemory {
 }
 
 /// A snapshot of what the crate does on this machine.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Reflect, Clone, Debug, Default, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
 pub struct StatusReport {
     /// Name and driver of the adapter; empty until the renderer has started.
     pub adapter: String,
@@ -126,7 +132,11 @@ impl fmt::Display for StatusReport {
 }
 
 /// The crate's status, readable from any system of the main world. It is written by the render world and may lag by a frame.
-#[derive(Resource, Clone, Debug, Default)]
+///
+/// By reflection it is opaque, since it is shared with the render world; what [`report`](Self::report) gives is not.
+#[derive(Resource, Reflect, Clone, Debug, Default)]
+#[reflect(opaque)]
+#[reflect(Resource, Default, Debug, Clone)]
 pub struct ReflectionStatus(Arc<Mutex<StatusReport>>);
 
 impl ReflectionStatus {
@@ -183,17 +193,33 @@ pub(crate) fn adapter_name(info: &RenderAdapterInfo) -> String {
     )
 }
 
-/// Why this device can't trace at all, or `None`.
-pub(crate) fn unsupported(device: &RenderDevice) -> Option<String> {
-    let limits = device.limits();
-    if limits.max_compute_workgroups_per_dimension == 0 || limits.max_storage_buffers_per_shader_stage < 8 {
+/// Why nothing can be traced on this device by this tracer, or `None`.
+pub(crate) fn unsupported(backend: Backends, limits: &WgpuLimits, tracer: Tracer) -> Option<String> {
+    if !(Backends::VULKAN | Backends::DX12 | Backends::METAL).contains(backend) {
+        // The others were never tried, and WebGPU guarantees fewer bindings than the passes of the BVH tracer have.
+        let name = if backend == Backends::BROWSER_WEBGPU {
+            "WebGPU"
+        } else if backend == Backends::GL {
+            "OpenGL or WebGL"
+        } else {
+            "no graphics interface"
+        };
         return Some(format!(
-            "the device offers {} storage buffers in a shader stage and 8 are needed (compute shaders are needed, too): \
-             use Vulkan, DX12, Metal or WebGPU",
-            limits.max_storage_buffers_per_shader_stage
+            "the renderer uses {name}, and one of Vulkan, DX12 and Metal is needed"
         ));
     }
-    None
+    // Of the pass over the list of rays: three of its own and those of the scene; a TLAS is none.
+    let needed = match tracer {
+        Tracer::RayQuery => 8,
+        Tracer::Bvh => 9,
+    };
+    let offered = limits.max_storage_buffers_per_shader_stage;
+    (offered < needed || limits.max_compute_workgroups_per_dimension == 0).then(|| {
+        format!(
+            "the device offers {offered} storage buffers in a shader stage and {needed} are needed (compute shaders are \
+             needed, too): leave the limits of `WgpuSettings` at those of the adapter"
+        )
+    })
 }
 
 #[cfg(test)]
@@ -217,5 +243,23 @@ mod tests {
         let (tracer, reasons) = choose_tracer(TracerChoice::RayQuery, none);
         assert_eq!(tracer, Tracer::Bvh);
         assert!(reasons[0].contains("RAY_QUERY"), "{reasons:?}");
+    }
+
+    #[test]
+    fn what_cannot_trace_is_declined() {
+        let limits = |buffers| WgpuLimits {
+            max_storage_buffers_per_shader_stage: buffers,
+            ..Default::default()
+        };
+        for backend in [Backends::VULKAN, Backends::DX12, Backends::METAL] {
+            assert_eq!(unsupported(backend, &limits(9), Tracer::Bvh), None, "{backend:?}");
+            assert_eq!(unsupported(backend, &limits(8), Tracer::RayQuery), None, "{backend:?}");
+            let reason = unsupported(backend, &limits(8), Tracer::Bvh);
+            assert!(reason.is_some_and(|reason| reason.contains("9 are needed")));
+            assert!(unsupported(backend, &limits(7), Tracer::RayQuery).is_some());
+        }
+        for backend in [Backends::GL, Backends::BROWSER_WEBGPU, Backends::NOOP] {
+            assert!(unsupported(backend, &limits(100), Tracer::Bvh).is_some(), "{backend:?}");
+        }
     }
 }

@@ -128,7 +128,8 @@ pub struct PipelineTargets {
     /// [`RADIANCE_FORMAT`] (full): the reconstructed radiance; alpha is the relative variance of its mean. The blur writes its
     /// result here, too.
     pub reconstructed: TextureView,
-    /// [`PAIR_FORMAT`] (full): `pack2x16float(hit distance, effective number of rays)`; 0 where nothing reflects.
+    /// [`PAIR_FORMAT`] (full): `pack2x16float(hit distance, effective number of rays)`; 0 where nothing reflects. In a picture at
+    /// rest the second number is the mean weight w of the rays, as 16 w / (1 + w).
     pub reconstructed_pair: TextureView,
     /// What outlives the frame; absent without temporal accumulation.
     pub history: Option<HistoryTargets>,

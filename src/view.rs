@@ -5,13 +5,16 @@ use crate::{
     extract::ReflectionView,
     idle::ViewActivity,
     rate::RateSettings,
-    scene::SceneBindings,
-    settings::{RaySampling, Technique},
+    scene::{
+        SceneBindings,
+        environment::{EnvironmentBindings, ViewEnvironment},
+    },
+    settings::{RaySampling, SafeSettings, Technique},
     status::{ReflectionStatus, ViewMemory},
     targets::{Needs, Sizes, Targets},
 };
 use bevy::{
-    camera::MainPassResolutionOverride,
+    camera::{MainPassResolutionOverride, NormalizedRenderTarget},
     ecs::prelude::*,
     light::{EnvironmentMapLight, IrradianceVolume},
     math::{Mat4, UVec2, UVec4, Vec3, Vec4},
@@ -19,7 +22,7 @@ use bevy::{
     prelude::*,
     render::{
         camera::ExtractedCamera,
-        render_resource::{ShaderType, UniformBuffer},
+        render_resource::{BindGroupId, ShaderType, UniformBuffer},
         renderer::{RenderDevice, RenderQueue},
         sync_world::MainEntity,
         view::ExtractedView,
@@ -73,6 +76,8 @@ pub struct GpuReflectionView {
     pub clip_sigma: f32,
     /// Pixels.
     pub blur_radius: f32,
+    /// Frames in a row before this one without a known change of anything that the picture depends on; 0 without history.
+    pub rest_frames: u32,
     /// Thresholds of the heuristic.
     pub rate_thresholds: Vec4,
     /// What else the heuristic needs.
@@ -108,6 +113,7 @@ pub struct ReflectionTextures {
     scene: u32,
     /// Clip from world without jitter, position and exposure in the last frame.
     previous: Option<(Mat4, Vec3, f32)>,
+    rest: Rest<Scenery>,
 }
 
 impl ReflectionTextures {
@@ -123,6 +129,7 @@ impl ReflectionTextures {
             sample_index: 0,
             scene: 0,
             previous: None,
+            rest: Rest::default(),
         }
     }
 
@@ -145,6 +152,7 @@ type ViewQuery = (
     Option<&'static mut ReflectionTextures>,
     Option<&'static mut ViewActivity>,
     Option<&'static MainPassResolutionOverride>,
+    Option<&'static ViewEnvironment>,
     Option<&'static DistanceFog>,
     Has<ScreenSpaceAmbientOcclusionResources>,
     Has<RenderViewLightProbes<EnvironmentMapLight>>,
@@ -154,13 +162,17 @@ type ViewQuery = (
 /// Makes the textures of new and resized views and writes the uniforms of all.
 pub fn prepare_views(
     mut views: Query<ViewQuery>,
+    cameras: Query<&ExtractedCamera>,
     scene: Res<SceneBindings>,
+    environments: Res<EnvironmentBindings>,
     composite: Option<Res<CompositePipelines>>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
     mut commands: Commands,
 ) {
-    for (entity, view, extracted, camera, textures, activity, resolution, fog, ssao, probes, volume) in &mut views {
+    for (entity, view, extracted, camera, textures, activity, resolution, environment, fog, ssao, probes, volume) in
+        &mut views
+    {
         let Some(viewport) = camera.physical_viewport_size else {
             continue;
         };
@@ -190,6 +202,9 @@ pub fn prepare_views(
                 .unwrap_or_else(|| extracted.clip_from_view * extracted.world_from_view.to_matrix().inverse()),
             world_position: extracted.world_from_view.translation(),
             exposure: camera.exposure,
+            environment: environment.cloned(),
+            surroundings: environments.bind_group(entity).map(|group| group.id()),
+            has_screens: cameras.iter().any(|other| is_screen(other, camera)),
             resting: activity.as_ref().is_some_and(|activity| activity.is_resting()),
         };
         match textures {
@@ -249,9 +264,67 @@ struct Frame {
     clip_from_world: Mat4,
     world_position: Vec3,
     exposure: f32,
+    environment: Option<ViewEnvironment>,
+    /// Changes with the images of the environment, one frame late.
+    surroundings: Option<BindGroupId>,
+    /// Other cameras render into images, which surfaces may show.
+    has_screens: bool,
     /// Nothing is kept of it.
     resting: bool,
 }
+
+/// Whether a camera renders into an image that isn't the one that `own` renders into.
+fn is_screen(camera: &ExtractedCamera, own: &ExtractedCamera) -> bool {
+    matches!(camera.target, Some(NormalizedRenderTarget::Image(_))) && camera.target != own.target
+}
+
+/// What a picture depends on: as long as it is the same, all frames sample the same, except for what moves or is shaded by a
+/// shader of its own, which the denoiser finds pixel by pixel.
+///
+/// Of what rays hit, images that change on the GPU alone are not in here, unless a camera renders into them.
+#[derive(PartialEq)]
+struct Scenery {
+    /// Counts changes of instances, meshes, materials, their images, and lights.
+    scene: u32,
+    environment: Option<ViewEnvironment>,
+    surroundings: Option<BindGroupId>,
+    clip_from_world: Mat4,
+    world_position: Vec3,
+    exposure: f32,
+    origin: UVec2,
+    flags: u32,
+    fog: (u32, f32, Vec4),
+    settings: SafeSettings,
+    rate: RateSettings,
+}
+
+/// For how long something has stayed the same.
+struct Rest<T> {
+    last: Option<T>,
+    frames: u32,
+}
+
+impl<T> Default for Rest<T> {
+    fn default() -> Self {
+        Self { last: None, frames: 0 }
+    }
+}
+
+impl<T: PartialEq> Rest<T> {
+    /// Frames in a row before this one that were as this one is; `None` is like no other.
+    fn count(&mut self, now: Option<T>) -> u32 {
+        self.frames = if now.is_some() && now == self.last {
+            (self.frames + 1).min(MOST_FRAMES)
+        } else {
+            0
+        };
+        self.last = now;
+        self.frames
+    }
+}
+
+/// More frames than this add nothing in 32 bits of float.
+const MOST_FRAMES: u32 = 1 << 22;
 
 impl ReflectionTextures {
     fn begin_frame(&mut self, view: &ReflectionView, frame: &Frame) {
@@ -264,6 +337,20 @@ impl ReflectionTextures {
                 self.sample_index = 0;
             }
         }
+        let can_rest = settings.denoiser.temporal && settings.denoiser.converges_at_rest && !frame.has_screens;
+        let rest_frames = self.rest.count(can_rest.then(|| Scenery {
+            scene: frame.scene,
+            environment: frame.environment.clone(),
+            surroundings: frame.surroundings,
+            clip_from_world: frame.clip_from_world,
+            world_position: frame.world_position,
+            exposure: frame.exposure,
+            origin: frame.origin,
+            flags: frame.flags,
+            fog: frame.fog,
+            settings: *settings,
+            rate: view.rate.clone(),
+        }));
         let now = (frame.clip_from_world, frame.world_position, frame.exposure);
         let (previous_clip_from_world, previous_world_position, exposure) = self.previous.replace(now).unwrap_or(now);
         let ratio = frame.exposure / exposure;
@@ -307,14 +394,14 @@ impl ReflectionTextures {
             max_history: settings.denoiser.max_history,
             clip_sigma: settings.denoiser.clip_sigma,
             blur_radius: settings.denoiser.blur_radius,
+            rest_frames,
             rate_thresholds: thresholds,
             rate_options: options,
         });
-        // More frames than this add nothing in 32 bits of float.
         self.accumulated = if frame.resting {
             0
         } else {
-            (self.accumulated + 1).min(1 << 22)
+            (self.accumulated + 1).min(MOST_FRAMES)
         };
         self.sample_index = self.sample_index.wrapping_add(1);
         self.parity ^= 1;
@@ -330,5 +417,36 @@ fn fog_parameters(fog: Option<&DistanceFog>) -> (u32, f32, Vec4) {
         FogFalloff::Exponential { density } => (2, alpha, Vec4::new(density, 0.0, 0.0, 0.0)),
         FogFalloff::ExponentialSquared { density } => (3, alpha, Vec4::new(density, 0.0, 0.0, 0.0)),
         FogFalloff::Atmospheric { extinction, .. } => (4, alpha, Vec3::extend(extinction, 0.0)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rest_lasts_until_something_changes() {
+        let mut rest = Rest::default();
+        let now = [1, 1, 1, 2, 2, 1].map(Some);
+        assert_eq!(now.map(|now| rest.count(now)), [0, 1, 2, 0, 1, 0]);
+        assert_eq!(rest.count(None), 0);
+        assert_eq!(rest.count(None), 0, "the unknown is never at rest");
+        assert_eq!(rest.count(Some(1)), 0);
+    }
+
+    #[test]
+    fn rest_never_falls_behind_what_was_accumulated_in_it() {
+        let mut rest = Rest {
+            last: Some(1),
+            frames: MOST_FRAMES - 1,
+        };
+        assert_eq!(rest.count(Some(1)), MOST_FRAMES);
+        assert_eq!(rest.count(Some(1)), MOST_FRAMES);
+    }
+
+    #[test]
+    fn no_number_is_never_at_rest() {
+        let mut rest = Rest::default();
+        assert_eq!([f32::NAN; 3].map(|now| rest.count(Some(now))), [0; 3]);
     }
 }

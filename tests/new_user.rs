@@ -6,14 +6,11 @@
 
 mod common;
 
-use common::gpu::Gpu;
+use common::{child, gpu::Gpu};
 use std::{
-    env,
-    fs::{self, File},
+    env, fs,
     path::{Path, PathBuf},
-    process::{Command, Stdio},
-    thread,
-    time::{Duration, Instant},
+    process::Command,
 };
 
 const README: &str = include_str!("../README.md");
@@ -21,8 +18,6 @@ const MANIFEST: &str = include_str!("../Cargo.toml");
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 /// The new crate.
 const NAME: &str = "my_game";
-/// A CPU that renders compiles shaders for a while.
-const PATIENCE: Duration = Duration::from_secs(1200);
 
 /// The plugins that take the place of `DefaultPlugins`, and what is looked at.
 const CHECK: &str = r#"//! Bevy's plugins without a window, and a picture of a mirror.
@@ -274,37 +269,6 @@ fn build(folder: &Path) -> PathBuf {
     target.join(profile).join(format!("{NAME}{}", env::consts::EXE_SUFFIX))
 }
 
-/// Runs the app to its end; returns what it said.
-fn run(program: &Path, folder: &Path) -> String {
-    let log = folder.join("log.txt");
-    let output = File::create(&log).expect("a log can be written");
-    let errors = output.try_clone().expect("a log can be shared");
-    let mut child = Command::new(program)
-        .current_dir(folder)
-        .env_remove("RUST_LOG")
-        .env("NO_COLOR", "1")
-        .stdin(Stdio::null())
-        .stdout(output)
-        .stderr(errors)
-        .spawn()
-        .expect("the app starts");
-    let start = Instant::now();
-    let status = loop {
-        if let Some(status) = child.try_wait().expect("the app can be waited for") {
-            break status;
-        }
-        if start.elapsed() > PATIENCE {
-            _ = child.kill();
-            _ = child.wait();
-            panic!("the app shows no reflections; see {}", log.display());
-        }
-        thread::sleep(Duration::from_millis(50));
-    };
-    let said = fs::read_to_string(&log).expect("the log is text");
-    assert!(status.success(), "the app ended with {status}:\n{said}");
-    said
-}
-
 #[test]
 fn the_readme_has_every_step() {
     let dependencies = block("toml", "[dependencies]");
@@ -335,7 +299,12 @@ fn a_new_app_reflects() {
         return;
     }
     let game = folder.join(NAME);
-    let said = run(&program, &game);
+    // It ends by itself once it has taken its picture.
+    let said = child::run(
+        "the app",
+        Command::new(program).current_dir(&game),
+        &game.join("log.txt"),
+    );
     assert!(said.contains("reflections are on: Some("), "{said}");
     for problem in ["ERROR bevy_glint", "WARN bevy_glint"] {
         assert!(!said.contains(problem), "{said}");

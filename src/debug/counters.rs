@@ -27,12 +27,13 @@ pub const WORST_RADIANCE: DiagnosticPath = DiagnosticPath::const_new("render/ref
 /// three passes over the picture. Without Bevy's `RenderDiagnosticsPlugin` nothing is counted; of several cameras each adds its
 /// own measurements to the same diagnostics.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[reflect(Component, Default, Clone, PartialEq)]
+#[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct DebugCounters;
 
 /// What [`DebugCounters`] found in one of the last frames, in the radiance that
 /// [`DebugView::Reconstructed`](super::DebugView::Reconstructed) shows: before the composite, which stops such values.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Debug, Clone, PartialEq)]
 pub struct NonFiniteReport {
     /// Reflecting pixels that are not finite.
     pub pixels: u32,

@@ -28,7 +28,7 @@ use core::ops::Range;
 ///
 /// What textures hold is *of this frame*. Radiance is exposed, as in Bevy's HDR frames.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[reflect(Component, Default, Clone, PartialEq)]
+#[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub enum DebugView {
     /// The picture.
     #[default]
@@ -60,6 +60,8 @@ pub enum DebugView {
     Variance,
     /// Heat of the effective number of rays that a pixel was reconstructed from, by its logarithm: blue 1, cyan 2, green 4,
     /// yellow 8, red 16. Black where there was none.
+    ///
+    /// In a picture at rest the mean weight of these rays stands there, green where it is as expected.
     EffectiveRays,
     /// Red where a pixel's history holds at most one frame: it is new, or its past was rejected. Not exact mirrors with rays of
     /// their own, which have no history.
@@ -139,7 +141,7 @@ pub const RATE_LEGEND: [(&str, LinearRgba); 11] = [
 
 /// Divides the picture of a camera: its [`DebugView`] is shown right of a thin white line.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
-#[reflect(Component, Default, Clone, PartialEq)]
+#[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct DebugSplit {
     /// Where the line is: 0 is the left edge of the view, 1 the right one; clamped, and NaN is the middle. Default: 0.5.
     #[reflect(@0.0..=1.0f32)]

@@ -6,12 +6,15 @@ use crate::{
     rate::{RateTileSize, ShadingRateHeuristic},
     settings::RayTracedReflections,
 };
-use bevy::{ecs::prelude::*, reflect::Reflect};
+use bevy::{
+    ecs::prelude::*,
+    reflect::{Reflect, std_traits::ReflectDefault},
+};
 
 /// On a camera whose reflections were switched off by [`switch_reflections`], the panel or a [`Quality`](super::Quality): what its
 /// [`RayTracedReflections`] were. Nothing else reads it; without that component reflections cost nothing.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
-#[reflect(Component, Clone, PartialEq)]
+#[reflect(Component, Debug, Clone, PartialEq)]
 pub struct ReflectionsOff(pub RayTracedReflections);
 
 /// Switches the reflections of a camera off, with their settings kept in [`ReflectionsOff`], or on again with the same settings. A
@@ -22,7 +25,8 @@ pub fn switch_reflections(camera: &mut EntityWorldMut, on: bool) {
 }
 
 /// All that can be chosen for one camera, as plain data.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Reflect, Clone, Debug, Default, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
 pub struct CameraSettings {
     /// Whether the camera has [`RayTracedReflections`].
     pub on: bool,

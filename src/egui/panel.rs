@@ -22,6 +22,7 @@ use bevy::{
         keyboard::{KeyCode, KeyboardInput},
     },
     log::debug,
+    reflect::Reflect,
     shader::Shader,
 };
 use bevy_egui::{
@@ -58,7 +59,8 @@ impl Default for ReflectionSettingsPanelPlugin {
 }
 
 /// The state of the window.
-#[derive(Resource, Clone, Debug, PartialEq)]
+#[derive(Resource, Reflect, Clone, Debug, PartialEq)]
+#[reflect(Resource, Debug, Clone, PartialEq)]
 pub struct ReflectionSettingsPanel {
     /// Whether the window is open.
     pub open: bool,
@@ -72,6 +74,9 @@ impl Plugin for ReflectionSettingsPanelPlugin {
     fn build(&self, app: &mut App) {
         app.register_type::<ReflectionsOff>()
             .register_type::<Quality>()
+            .register_type::<CameraSettings>()
+            .register_type::<ReflectionSettingsPanel>()
+            .register_type::<Measurements>()
             .insert_resource(ReflectionSettingsPanel {
                 open: self.open,
                 key: self.key,

@@ -16,7 +16,7 @@ use core::fmt;
 /// How good reflections are: what a player chooses. [`Display`](fmt::Display) and [`FromStr`](core::str::FromStr) turn it into a
 /// word for a settings file and back.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[reflect(Default, Clone, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
 pub enum Quality {
     /// No rays: reflections come from the environment map alone, and the crate costs nothing.
     Off,

@@ -269,6 +269,12 @@ fn denoiser(ui: &mut Ui, denoiser: &mut Denoiser, reason: Option<&str>) {
         &mut denoiser.suppress_fireflies,
         default.suppress_fireflies,
     );
+    flag(
+        ui,
+        temporal("Converge at rest", tooltips::DENOISER_CONVERGES_AT_REST),
+        &mut denoiser.converges_at_rest,
+        default.converges_at_rest,
+    );
     let blur = row("Blur", tooltips::DENOISER_BLUR_RADIUS);
     field(ui, blur, &mut denoiser.blur_radius, default.blur_radius, |ui, value| {
         slider(ui, value, 0.0..=8.0, |slider| slider.suffix(" px"))

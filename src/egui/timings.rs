@@ -5,6 +5,7 @@ use crate::diagnostics::{SCENE_BYTES, VIEW_BYTES};
 use bevy::{
     diagnostic::{Diagnostic, DiagnosticPath, DiagnosticsStore},
     platform::time::Instant,
+    reflect::{Reflect, std_traits::ReflectDefault},
 };
 use bevy_egui::egui::{Align2, Color32, FontId, Pos2, Rect, Response, Sense, Stroke, Ui, lerp, vec2};
 use core::time::Duration;
@@ -34,7 +35,8 @@ const COLORS: [Color32; 7] = [
 const PLOT_HEIGHT: f32 = 70.0;
 
 /// How long a pass takes on the GPU.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Reflect, Clone, Debug, PartialEq)]
+#[reflect(Debug, Clone, PartialEq)]
 pub struct PassTime {
     /// As the pass is called in paths of diagnostics.
     pub name: String,
@@ -56,7 +58,8 @@ impl PassTime {
 
 /// The crate's part of Bevy's diagnostics. Times, rays and hits are measured with Bevy's `RenderDiagnosticsPlugin` alone. Of several
 /// reflecting cameras each adds its measurements to the same diagnostics, and these are of one after the other.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Reflect, Clone, Debug, Default, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
 pub struct Measurements {
     /// All passes together.
     pub total: Option<PassTime>,

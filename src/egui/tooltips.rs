@@ -50,8 +50,9 @@ tooltips! {
         "One ray for each block of up to 4x4 quads, as large as the camera's ShadingRateHeuristic allows: the \
          paper's technique (section 4.1).";
     TECHNIQUE_CONVERGED: settings, "Technique::Converged" =
-        "One ray for each pixel, averaged over all frames since the camera or a setting last changed: the ground \
-         truth of a still scene. Moving objects smear; set reset after changes of the scene.";
+        "One ray for each pixel, averaged over all frames since the camera, a setting, the environment or the scene \
+         last changed: the ground truth of a still scene. It begins anew by itself, so that it stays noisy while \
+         anything moves.";
     BACKEND_AUTO: settings, "Backend::Auto" =
         "Compute, which works everywhere and leaves no lanes idle.";
     BACKEND_COMPUTE: settings, "Backend::Compute" =
@@ -88,6 +89,10 @@ tooltips! {
     DENOISER_SUPPRESS_FIREFLIES: settings, "Denoiser::suppress_fireflies" =
         "Whether rays far brighter than their neighbours are dimmed before they enter the history; a small loss of \
          energy for no fireflies. Default: true. The paper has no such step.";
+    DENOISER_CONVERGES_AT_REST: settings, "Denoiser::converges_at_rest" =
+        "Whether pictures at rest converge: while neither the camera nor the scene changes, all frames sample the same, \
+         so that history is neither clipped nor dimmed and spans up to eight times max_history, 240 frames at most. \
+         Off, a still picture keeps the small losses of a moving one. Default: true. The paper has no such step.";
     DENOISER_BLUR_RADIUS: settings, "Denoiser::blur_radius" =
         "Radius in pixels of the last blur where the variance is highest, 0 (off) to 8. Default: 3.";
     TRACER: plugin, "RayTracedReflectionsPlugin::tracer" =

@@ -17,11 +17,12 @@ use bevy::{
 /// trace. Exact mirrors with rays of their own
 /// ([`full_resolution_mirrors`](crate::RayTracedReflections::full_resolution_mirrors)) count in none of them.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
-#[reflect(Component, Default, Clone, PartialEq)]
+#[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub enum ShadingRateHeuristic {
     /// The same rate everywhere.
     Uniform(ShadingRate),
-    /// By the average roughness of a tile: what is blurred needs fewer rays (the paper's section 4.1).
+    /// By the average roughness of a tile: what is blurred needs fewer rays (the paper's section 4.1). With the default cut-off and
+    /// thresholds no tile is rough enough for 2x2.
     Roughness(RoughnessThresholds),
     /// By the average angle of a tile's surfaces to the viewer: surfaces seen head-on reflect less than grazing ones (the paper's
     /// section 4.1).
@@ -84,14 +85,16 @@ pub(super) const MIRROR_GUARD: f32 = 0.1;
 /// Thresholds of [`ShadingRateHeuristic::Roughness`], in perceptual roughness (0 to 1). NaN stands for the default.
 ///
 /// Nothing above the camera's [`roughness_cutoff`](crate::RayTracedReflections::roughness_cutoff) reflects, so that thresholds above
-/// it are never reached.
+/// it are never reached. The paper has no cut-off: with its thresholds and the default cut-off of 0.6 every tile gets 1x1 or 2x1.
+/// [`Preset::Paper`](crate::Preset::Paper) sets the cut-off to 1.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
-#[reflect(Default, Clone, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
 pub struct RoughnessThresholds {
     /// Average roughness from which a tile gets 2x1 (table 1 of the paper). Default: 0.25.
     #[reflect(@0.0..=1.0f32)]
     pub half: f32,
-    /// Average roughness from which a tile gets 2x2 (table 1 of the paper). Default: 0.75.
+    /// Average roughness from which a tile gets 2x2 (table 1 of the paper). Default: 0.75. That is above the default cut-off: lower
+    /// this, or raise the cut-off, for blocks of 2x2.
     #[reflect(@0.0..=1.0f32)]
     pub quarter: f32,
     /// A tile with a pixel less rough than this keeps 1x1, so that a mirror in a rough tile isn't averaged away; `None` leaves this
@@ -120,7 +123,7 @@ impl Default for RoughnessThresholds {
 /// Thresholds of [`ShadingRateHeuristic::Grazing`]: cosines between the geometric normal and the direction to the viewer, from 0
 /// (grazing) to 1 (head-on). NaN stands for the default.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
-#[reflect(Default, Clone, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
 pub struct GrazingThresholds {
     /// Average cosine above which a tile gets 2x1 (table 1 of the paper: 1x1 up to it). Default: 0.5.
     #[reflect(@0.0..=1.0f32)]
@@ -166,7 +169,7 @@ impl Default for GrazingThresholds {
 ///   denoiser can't share their rays: a step down ([`edge`](Self::edge)).
 /// - **Mirrors.** With anything nearly a mirror in the tile: 1x1 ([`mirror_guard`](Self::mirror_guard)).
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
-#[reflect(Default, Clone, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
 pub struct CombinedThresholds {
     /// Perceptual roughness from which two trace pixels share a ray. Default: 0.25, as in table 1 of the paper.
     #[reflect(@0.0..=1.0f32)]
@@ -210,7 +213,7 @@ impl Default for CombinedThresholds {
 /// Size of the tiles that share a rate. A component of its own. The hardware back end works with the sizes that its device has, and
 /// falls back to compute with others.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[reflect(Component, Default, Clone, PartialEq)]
+#[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub enum RateTileSize {
     /// 16x16 trace pixels, as in the paper.
     #[default]

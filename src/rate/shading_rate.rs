@@ -17,7 +17,7 @@ pub const RATE_ACTIVE: u32 = 0x100;
 /// A trace pixel is a quad of 2x2 pixels with [`Technique::Variable`](crate::Technique::Variable), so that 2x2 means one ray for
 /// 4x4 pixels of the view.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[reflect(Default, Clone, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
 pub enum ShadingRate {
     /// One ray for each trace pixel.
     #[default]

@@ -30,7 +30,10 @@ pub const MASK_CASTS_SHADOW: u8 = 2;
 
 /// Triangles that go into one build command, to bound the driver's scratch memory.
 const TRIANGLES_PER_BUILD: u32 = 4_000_000;
+/// Instances that a TLAS has room for at least, where the device allows as many.
 const SMALLEST_TLAS: u32 = 64;
+/// Rays tell instances apart by 24 bits.
+const MOST_INSTANCES: u32 = 1 << 24;
 
 /// Which faces of a mesh stand in a BLAS. Closest-hit rays always cull back faces in hardware, so that a surface that is seen
 /// from behind needs triangles of the opposite winding: wgpu has no culling switch for single instances.
@@ -95,7 +98,8 @@ pub struct AccelerationStructures {
 impl AccelerationStructures {
     /// An empty TLAS.
     pub fn new(device: &RenderDevice, queue: &RenderQueue) -> Self {
-        let tlas = create_tlas(device, SMALLEST_TLAS);
+        let capacity = tlas_capacity(0, instance_limit(device));
+        let tlas = create_tlas(device, capacity);
         // A structure that was never built may not be bound.
         let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor {
             label: Some("glint_tlas_build"),
@@ -105,7 +109,7 @@ impl AccelerationStructures {
         Self {
             blas: HashMap::default(),
             tlas,
-            capacity: SMALLEST_TLAS,
+            capacity,
             generation: 0,
         }
     }
@@ -129,19 +133,24 @@ impl AccelerationStructures {
         queue: &RenderQueue,
     ) -> u64 {
         let built = self.build_missing(instances, meshes, device, queue);
-        let limit = device.limits().max_tlas_instance_count.min(1 << 24);
-        let mut count = instances.len() as u32;
-        if count > limit {
-            warn_once!("{count} objects can be reflected, but the device's limit is {limit}: the others are missing");
-            count = limit;
+        let limit = instance_limit(device);
+        // Slots are given out from the lowest on, so that few are ever left out for their number.
+        let tellable = instances.iter().filter(|instance| instance.slot < MOST_INSTANCES);
+        let used: Vec<_> = tellable.take(limit as usize).collect();
+        if used.len() < instances.len() {
+            warn_once!(
+                "{} objects can be reflected, but the device's limit is {limit}: the others are missing; use fewer \
+                 objects, or keep some out with `NotReflected`",
+                instances.len()
+            );
         }
+        let count = used.len() as u32;
         if count > self.capacity || (count < self.capacity / 4 && self.capacity > SMALLEST_TLAS) {
-            self.capacity = count.next_power_of_two().clamp(SMALLEST_TLAS, limit.max(SMALLEST_TLAS));
+            self.capacity = tlas_capacity(count, limit);
             self.tlas = create_tlas(device, self.capacity);
             self.generation += 1;
         }
-        let used = instances.iter().take(count as usize);
-        let entries = used.filter_map(|instance| {
+        let entries = used.into_iter().filter_map(|instance| {
             let (_, blas) = self.blas.get(&instance.blas)?;
             let mut mask = MASK_REFLECTED;
             if instance.flags & INSTANCE_CASTS_SHADOW != 0 {
@@ -229,10 +238,12 @@ impl PendingBlas {
         let indices = rewound(&mesh.indices, key.winding);
         let index_count = indices.as_ref().map_or(mesh.indices.len(), Vec::len) as u32;
         let limit = device.limits().max_blas_primitive_count;
-        if index_count / 3 > limit {
+        let triangles = index_count / 3;
+        // The limit counts triangles, but wgpu holds vertices against it.
+        if triangles.max(mesh.vertex_count) > limit {
             warn_once!(
-                "a mesh of {} triangles is missing from reflections: the device's limit is {limit}",
-                index_count / 3
+                "a mesh of {triangles} triangles is missing from reflections: the device's limit is {limit}; split \
+                 the mesh, or keep it out with `NotReflected`"
             );
             return None;
         }
@@ -308,6 +319,16 @@ fn rewound(indices: &[u32], winding: Winding) -> Option<Vec<u32>> {
     }
 }
 
+/// Instances that a TLAS of this device may hold.
+fn instance_limit(device: &RenderDevice) -> u32 {
+    device.limits().max_tlas_instance_count.min(MOST_INSTANCES)
+}
+
+/// Instances to make room for, where `count` are there.
+fn tlas_capacity(count: u32, limit: u32) -> u32 {
+    count.next_power_of_two().max(SMALLEST_TLAS).min(limit)
+}
+
 fn create_tlas(device: &RenderDevice, capacity: u32) -> Tlas {
     device.wgpu_device().create_tlas(&CreateTlasDescriptor {
         label: Some("glint_tlas"),
@@ -341,5 +362,15 @@ mod tests {
         assert_eq!(winding(INSTANCE_CULL_FRONT | INSTANCE_MIRRORED), Winding::AsIs);
         assert_eq!(winding(INSTANCE_MIRRORED), Winding::Both);
         assert_eq!(rewound(&[0, 1, 2], Winding::Both), Some(vec![0, 1, 2, 0, 2, 1]));
+    }
+
+    #[test]
+    fn no_more_room_is_asked_for_than_the_device_has() {
+        assert_eq!(tlas_capacity(0, MOST_INSTANCES), SMALLEST_TLAS);
+        assert_eq!(tlas_capacity(65, MOST_INSTANCES), 128);
+        assert_eq!(tlas_capacity(0, 10), 10);
+        assert_eq!(tlas_capacity(10, 10), 10);
+        assert_eq!(tlas_capacity(100, 100), 100);
+        assert_eq!(tlas_capacity(MOST_INSTANCES, MOST_INSTANCES), MOST_INSTANCES);
     }
 }

@@ -31,6 +31,8 @@ use std::sync::Arc;
 /// Triangles of a merged tree, at most: more would take seconds to build on a slow machine. Objects with more stay
 /// instances, since a single tree is all that merging could give them.
 pub(super) const CHUNK_TRIANGLES: u64 = 1 << 20;
+/// Up to this many triangles a tree gets all the care there is; more would take seconds.
+const HIGH_QUALITY_TRIANGLES: usize = 1 << 18;
 /// Triangles of all merged trees, at most: 235 MB.
 const BUDGET_TRIANGLES: u64 = 4 << 20;
 /// Words of a merged tree that are uploaded in one frame: 16 MB, so that no frame waits for the copy of a large tree.
@@ -294,7 +296,13 @@ fn start(members: &[(u32, Placement)], meshes: &SceneMeshes) -> Option<Task<Buil
                 flags: placement.flags,
             })
             .collect();
-        let blas = build_merged(&sources, BvhQuality::default());
+        let count: usize = sources.iter().map(|source| source.indices.len() / 3).sum();
+        let quality = if count > HIGH_QUALITY_TRIANGLES {
+            BvhQuality::Medium
+        } else {
+            BvhQuality::High
+        };
+        let blas = build_merged(&sources, quality);
         BuiltTree {
             blas,
             milliseconds: begin.elapsed().as_secs_f32() * 1000.0,

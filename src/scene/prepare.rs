@@ -187,7 +187,7 @@ pub fn prepare_instances(
         if bindings.bind_group.is_some() {
             bindings.release(meshes, &device, &queue);
             *materials = MaterialTable::default();
-            textures.clear();
+            textures.clear(&device);
             status.update(|report| {
                 (report.instances, report.scene_bytes) = (0, 0);
                 (report.merged_instances, report.merged_triangles) = (0, 0);
@@ -275,6 +275,8 @@ impl SceneBindings {
         self.present.clear();
         self.uniform_data = GpuSceneCounts::default();
         self.instances = StorageSlice::new(device, "glint_instances");
+        self.materials = StorageSlice::new(device, "glint_materials");
+        self.lights = StorageSlice::new(device, "glint_lights");
         self.acceleration = (self.tracer == Tracer::RayQuery).then(|| AccelerationStructures::new(device, queue));
         self.generations = [u64::MAX; 7];
     }

@@ -27,7 +27,10 @@ pub fn device() -> Option<(RenderDevice, RenderQueue)> {
                 Backends::PRIMARY,
                 None,
                 &WgpuSettings::default(),
-                #[cfg(feature = "hardware-vrs")]
+                #[cfg(all(
+                    feature = "hardware-vrs",
+                    any(windows, target_os = "linux", target_os = "android", target_os = "freebsd")
+                ))]
                 Default::default(),
             ))
         });

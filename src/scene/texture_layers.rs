@@ -153,6 +153,17 @@ impl TextureLayers {
         self.outdated.insert(layer);
     }
 
+    /// Lets go of all copies and of what they are copies of.
+    pub fn clear(&mut self, device: &RenderDevice) {
+        self.sources.clear();
+        self.outdated.clear();
+        let first = FIRST_LAYERS.min(self.limit);
+        if self.layers > first {
+            self.layers = first;
+            (self.texture, self.view) = create_texture(device, first);
+        }
+    }
+
     /// Copies what is outdated.
     pub fn flush(&mut self, device: &RenderDevice, queue: &RenderQueue, pipelines: &PipelineCache) {
         if self.outdated.is_empty() {

@@ -145,7 +145,10 @@ impl TextureTable {
     }
 
     /// Lets go of all images; their users must be gone.
-    pub(super) fn clear(&mut self) {
+    pub(super) fn clear(&mut self, device: &RenderDevice) {
+        if let Some(layers) = &mut self.layers {
+            layers.clear(device);
+        }
         self.indices.clear();
         self.entries.clear();
         self.free.clear();

@@ -2,9 +2,16 @@
 
 pub(crate) mod back_end;
 pub mod directional_albedo;
-#[cfg(feature = "hardware-vrs")]
+// The platforms are those on which wgpu has Vulkan; `Cargo.toml` has the same list.
+#[cfg(all(
+    feature = "hardware-vrs",
+    any(windows, target_os = "linux", target_os = "android", target_os = "freebsd")
+))]
 pub mod hardware;
-#[cfg(not(feature = "hardware-vrs"))]
+#[cfg(not(all(
+    feature = "hardware-vrs",
+    any(windows, target_os = "linux", target_os = "android", target_os = "freebsd")
+)))]
 #[path = "no_hardware.rs"]
 pub(crate) mod hardware;
 mod pipelines;

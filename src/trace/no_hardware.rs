@@ -1,4 +1,5 @@
-//! Stands for the hardware back end where the crate is compiled without its feature `hardware-vrs`.
+//! Stands for the hardware back end where the crate is compiled without its feature `hardware-vrs`, or for a platform on which wgpu
+//! has no Vulkan.
 
 use super::{PassContext, TracePipelines};
 use crate::{settings::SafeSettings, status::HardwareRates};
@@ -10,6 +11,19 @@ use bevy::{
     },
 };
 
+/// What an app names that asks for the back end: without effect here, so that it compiles for every platform.
+#[cfg(feature = "hardware-vrs")]
+pub use stand_ins::{HardwareVrs, HardwareVrsPlugin, ShadingRates};
+#[cfg(feature = "hardware-vrs")]
+pub(crate) use stand_ins::{add_systems, register_shaders};
+
+/// Why there is no such back end.
+const REASON: &str = if cfg!(feature = "hardware-vrs") {
+    "the renderer has no Vulkan on this platform"
+} else {
+    "`bevy_glint` was built without its feature `hardware-vrs`"
+};
+
 /// A back end that no view can use.
 #[derive(SystemParam)]
 pub struct HardwareTracer;
@@ -18,11 +32,15 @@ impl HardwareTracer {
     /// # Errors
     /// Always.
     pub(crate) fn available(&self, _tile: u32) -> Result<(), String> {
-        Err("`bevy_glint` was built without its feature `hardware-vrs`".into())
+        Err(REASON.into())
     }
 
     pub(crate) fn status(&self) -> HardwareRates {
-        HardwareRates::NotAsked
+        if cfg!(feature = "hardware-vrs") {
+            HardwareRates::Missing(REASON.into())
+        } else {
+            HardwareRates::NotAsked
+        }
     }
 
     pub(crate) fn supports(&self, _code: u32) -> bool {
@@ -69,4 +87,73 @@ impl HardwareGroup {
         _samplers: &[(&WgpuSampler, SamplerDescriptor)],
     ) {
     }
+}
+
+#[cfg(feature = "hardware-vrs")]
+mod stand_ins {
+    use bevy::{
+        app::{App, Plugin, SubApp},
+        ecs::resource::Resource,
+        math::UVec2,
+    };
+
+    /// Lets cameras use the hardware back end on platforms with Vulkan. On this one it has no effect.
+    #[derive(Clone, Copy, Debug, Default)]
+    pub struct HardwareVrsPlugin {
+        /// Without effect, too.
+        pub allow_full_rate: bool,
+    }
+
+    impl Plugin for HardwareVrsPlugin {
+        fn build(&self, app: &mut App) {
+            app.init_resource::<HardwareVrs>();
+        }
+    }
+
+    /// Says that there is no hardware back end.
+    #[derive(Resource, Clone, Debug, Default)]
+    pub struct HardwareVrs;
+
+    impl HardwareVrs {
+        /// Whether the hardware can use rate images with tiles of so many trace pixels.
+        ///
+        /// # Errors
+        /// Always, with the reason as the end of a sentence.
+        pub fn available(&self, _tile: u32) -> Result<(), String> {
+            Err(super::REASON.into())
+        }
+
+        /// The rates of the device: none.
+        #[must_use]
+        pub fn rates(&self) -> Option<ShadingRates> {
+            None
+        }
+    }
+
+    /// What a device does with shading-rate attachments. No device of this platform has any.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub struct ShadingRates {
+        /// Pixels that a texel of the attachment covers at least, in each direction.
+        pub min_texel: UVec2,
+        /// Pixels that a texel of the attachment covers at most, in each direction.
+        pub max_texel: UVec2,
+        /// Pixels of the largest fragment, in each direction.
+        pub max_fragment: UVec2,
+        /// Rates can be combined by minimum, maximum and product.
+        pub non_trivial_combiners: bool,
+        /// One bit for each supported rate, at the position of its code.
+        pub codes: u16,
+    }
+
+    impl ShadingRates {
+        /// Whether fragments of a size exist, named by its code.
+        #[must_use]
+        pub fn supports(&self, code: u32) -> bool {
+            code < u16::BITS && (self.codes >> code) & 1 != 0
+        }
+    }
+
+    pub(crate) fn register_shaders(_app: &mut App) {}
+
+    pub(crate) fn add_systems(_render_app: &mut SubApp, _support: HardwareVrs) {}
 }

@@ -175,7 +175,10 @@ impl TracePipelines {
     }
 
     /// The shader of [`TracePass::Inline`] with definitions that are right for any scene, and the layouts of its bind groups.
-    #[cfg(feature = "hardware-vrs")]
+    #[cfg(all(
+        feature = "hardware-vrs",
+        any(windows, target_os = "linux", target_os = "android", target_os = "freebsd")
+    ))]
     pub(super) fn inline_parts(&self) -> (Handle<Shader>, Vec<ShaderDefVal>, [BindGroupLayoutDescriptor; 3]) {
         let layouts = [
             self.layout(TracePass::Inline).clone(),

@@ -10,6 +10,8 @@ const FAST_SHARE: f32 = 0.25;
 const FAST_DEVIATION: f32 = 0.378;
 const DARK: f32 = 1e-4;
 const MAX_VARIANCE: f32 = 16.0;
+pub const MIN_FRAME_WEIGHT: f32 = 1.0 / 64.0;
+pub const MAX_FRAME_WEIGHT: f32 = 16.0;
 
 pub fn neighbour_offset(index: u32, turn: u32) -> IVec2 {
     let place = (PLACES[index as usize / 4] >> (index % 4 * 8)) as i32;
@@ -78,9 +80,41 @@ pub fn longest_history(roughness: f32, limit: f32) -> f32 {
     (limit * (1.0 - (-50.0 * roughness * roughness).exp())).max(limit.min(4.0))
 }
 
+fn ray_density(log2_size: UVec2) -> f32 {
+    (-0.25 * (log2_size.x + log2_size.y) as f32).exp2()
+}
+
 pub fn frame_share(rays: f32, samples: f32, log2_size: UVec2) -> f32 {
-    let density = (-0.25 * (log2_size.x + log2_size.y) as f32).exp2();
-    density * (2.0 * rays / samples.max(1.0)).clamp(0.5, 1.0)
+    ray_density(log2_size) * (2.0 * rays / samples.max(1.0)).clamp(0.5, 1.0)
+}
+
+pub fn rest_of(rest_frames: u32, accumulated: u32) -> f32 {
+    if (1..=rest_frames).contains(&accumulated) {
+        1.0
+    } else {
+        smoothstep(8.0, 24.0, rest_frames as f32)
+    }
+}
+
+pub fn pack_frame_weight(weight: f32) -> f32 {
+    16.0 - 16.0 / (1.0 + weight.clamp(MIN_FRAME_WEIGHT, MAX_FRAME_WEIGHT))
+}
+
+pub fn rest_share(weight: f32, length: f32, log2_size: UVec2) -> f32 {
+    ray_density(log2_size) * weight.min(2.0 + 0.25 * length)
+}
+
+pub fn rest_history(limit: f32, max_history: f32, rest_frames: u32, rest: f32) -> f32 {
+    let grown = (0.5 * rest_frames as f32).min(8.0 * max_history).min(240.0);
+    mix(limit, limit.max(grown), rest)
+}
+
+pub fn rest_firefly(length: f32, rest: f32) -> f32 {
+    1.0 + 0.125 * rest * length
+}
+
+pub fn shading_tag(surface_word: u32) -> u32 {
+    (surface_word ^ (surface_word >> 15)).wrapping_mul(0x9e37_79b1) >> 24
 }
 
 /// Colour, part of the age that is kept.
@@ -142,6 +176,32 @@ pub fn hit_confidence(found: f32, expected: f32, distance: f32) -> f32 {
 pub fn blur_radius(widest: f32, relative_variance: f32, length: f32, roughness: f32) -> f32 {
     let noise = (relative_variance.max(0.0) / length.max(1.0)).sqrt();
     widest * (3.0 * noise).clamp(0.0, 1.0) * (4.0 * roughness).clamp(0.0, 1.0)
+}
+
+/// From the definition: neighbouring pixels see images that differ by `spread` and by where the surface lies.
+pub fn image_angle(spread: f32, distance: f32, hit: f32, orthographic: bool) -> f32 {
+    if orthographic {
+        spread / hit
+    } else {
+        spread * (1.0 + distance / hit)
+    }
+}
+
+pub fn solid_angle_stretch(hit: f32, squared: f32) -> f32 {
+    (hit * hit / squared).clamp(0.25, 4.0)
+}
+
+pub fn is_sharp(alpha: f32, angle: f32, spacing: f32) -> bool {
+    alpha < 1.4 * spacing * angle
+}
+
+pub fn place_weight(squared: f32, spacing: f32) -> f32 {
+    let width = if spacing <= 1.0 { 0.5 } else { spacing };
+    (1.0 + squared / (width * width)).powi(-2)
+}
+
+pub fn normal_weight(cosine: f32, turning: f32) -> f32 {
+    (1.0 + 2.0 * (1.0 - cosine).max(0.0) / (turning * turning)).powi(-2)
 }
 
 pub fn footprint_alpha(angle: f32, spacing: f32) -> f32 {

@@ -35,6 +35,8 @@ pub struct Wall {
     pub frame: u32,
     /// Frames that the history holds.
     pub accumulated: u32,
+    /// Frames without a change.
+    pub rest: u32,
 }
 
 /// What `reconstruct` writes for a pixel.
@@ -117,6 +119,7 @@ impl Wall {
             flags: VIRTUAL_HISTORY | SUPPRESS_FIREFLIES,
             frame: 0,
             accumulated: 0,
+            rest: 0,
         }
     }
 
@@ -247,6 +250,12 @@ impl Wall {
         pass
     }
 
+    /// Where a ray starts, and where it leads to; the wall faces positive z.
+    pub fn line(&self, ray: &Ray) -> (Vec3, Vec3) {
+        let direction = orthonormal_basis(self.normal(ray.pixel)) * ray.sample.direction;
+        (self.position(ray.pixel), direction)
+    }
+
     /// The reconstruction from rays that see `radiance` (and a distance) of their block.
     pub fn reconstruct(
         &self,
@@ -254,13 +263,23 @@ impl Wall {
         shaders: &mut Shaders,
         radiance: impl Fn(UVec2) -> [f32; 4],
     ) -> Vec<Reconstructed> {
+        self.reconstruct_rays(gpu, shaders, |ray| radiance(ray.block))
+    }
+
+    /// The same from rays that see what `radiance` says of them.
+    pub fn reconstruct_rays(
+        &self,
+        gpu: &Gpu,
+        shaders: &mut Shaders,
+        radiance: impl Fn(&Ray) -> [f32; 4],
+    ) -> Vec<Reconstructed> {
         let trace = self.trace_size();
         let mut seen = Vec::new();
         let mut records = Vec::new();
         for y in 0..trace.y {
             for x in 0..trace.x {
                 let ray = self.ray(uvec2(x, y));
-                seen.push(radiance(ray.block).map(half));
+                seen.push(radiance(&ray).map(half));
                 records.push(self.record(&ray));
             }
         }
@@ -378,6 +397,7 @@ impl Wall {
         uniform.set("max_history", &[32.0f32]);
         uniform.set("clip_sigma", &[1.5f32]);
         uniform.set("blur_radius", &[3.0f32]);
+        uniform.set("rest_frames", &[self.rest]);
         uniform.bytes
     }
 }

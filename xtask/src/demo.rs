@@ -25,7 +25,8 @@ pub struct Options {
     /// A glTF file (.gltf or .glb) to show instead of a built-in scene.
     #[arg(long, value_name = "FILE")]
     gltf: Option<PathBuf>,
-    /// How reflections are made, such as `reference` or `converged`.
+    /// How reflections are made, such as `reference` or `converged` (default: medium; when headless: ultra, which is clean after few
+    /// frames).
     #[arg(long, value_name = "NAME")]
     technique: Option<String>,
     /// How rays are spread over the picture.
@@ -34,16 +35,24 @@ pub struct Options {
     /// What follows the rays.
     #[arg(long, value_enum, value_name = "NAME")]
     tracer: Option<Tracer>,
-    /// Size in pixels, such as 1280x720.
+    /// Size in pixels (default: 1280x720; when headless: 960x540, which a CPU can render, too).
     #[arg(long, value_name = "WxH")]
     size: Option<Size>,
-    /// Number of frames to render before the picture is taken.
+    /// Number of frames to render before the picture is taken (default: 32; `converged` wants hundreds).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     frames: Option<u32>,
     /// Where the picture goes (default when headless: demo.png).
     #[arg(long, value_name = "FILE.png")]
     out: Option<PathBuf>,
 }
+
+/// What a picture shows if nothing else is said; for files, too.
+const PICTURE: &str = "ultra";
+const PICTURE_SIZE: Size = Size {
+    width: 960,
+    height: 540,
+};
+const PICTURE_FRAMES: u32 = 32;
 
 /// The tracers that can be asked for.
 #[derive(Clone, Copy, ValueEnum)]
@@ -157,14 +166,18 @@ impl Plan {
                 arguments.push(value);
             }
         };
+        let technique = options.technique.clone();
+        let technique = technique.or_else(|| headless.then(|| PICTURE.to_owned()));
+        let size = options.size.or(headless.then_some(PICTURE_SIZE));
+        let frames = options.frames.or(headless.then_some(PICTURE_FRAMES));
         option("--gltf", gltf.map(Into::into));
         option("--scene", options.scene.clone().map(Into::into));
-        option("--technique", options.technique.clone().map(Into::into));
+        option("--technique", technique.map(Into::into));
         option("--backend", options.backend.clone().map(Into::into));
         let tracer = options.tracer.and_then(|tracer| tracer.to_possible_value());
         option("--tracer", tracer.map(|tracer| tracer.get_name().into()));
-        option("--size", options.size.map(|size| size.to_string().into()));
-        option("--frames", options.frames.map(|frames| frames.to_string().into()));
+        option("--size", size.map(|size| size.to_string().into()));
+        option("--frames", frames.map(|frames| frames.to_string().into()));
         option("--out", picture.clone().map(Into::into));
         if headless {
             arguments.push("--headless".into());
@@ -287,11 +300,25 @@ mod tests {
         let plan = Plan::new(&Options::default(), false).unwrap();
         let picture = path::absolute("demo.png").unwrap();
         assert!(plan.headless);
-        assert_eq!(
-            plan.arguments,
-            ["--out".into(), picture.clone().into_os_string(), "--headless".into()]
-        );
+        let defaults = ["--technique", "ultra", "--size", "960x540", "--frames", "32", "--out"];
+        let mut expected: Vec<OsString> = defaults.map(OsString::from).into();
+        expected.extend([picture.clone().into_os_string(), "--headless".into()]);
+        assert_eq!(plan.arguments, expected);
         assert_eq!(plan.picture, Some(picture));
+    }
+
+    #[test]
+    fn what_is_said_of_a_picture_counts() {
+        let options = Options {
+            headless: true,
+            technique: Some("converged".into()),
+            size: Some(Size { width: 64, height: 32 }),
+            frames: Some(8),
+            ..Options::default()
+        };
+        let plan = Plan::new(&options, true).unwrap();
+        let expected = ["--technique", "converged", "--size", "64x32", "--frames", "8", "--out"];
+        assert_eq!(plan.arguments[..7], expected.map(OsString::from));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! `cargo xtask evaluate`: for each technique, how much GPU time buys how much error, on which scene.
 
 use std::ffi::OsString;
+use std::fs;
 use std::path::{self, Path, PathBuf};
 
 use clap::ValueEnum;
@@ -51,7 +52,17 @@ pub struct Options {
     /// Forget what was measured before in the folder of results.
     #[arg(long)]
     fresh: bool,
+    /// Measure nothing: put what the folder of results holds into README.md and docs/evaluation.
+    #[arg(long)]
+    readme: bool,
 }
+
+/// The folder for results that the README shows; the tool writes links to it.
+const FOLDER: &str = "docs/evaluation";
+/// Where the tool's part of the README begins.
+const BEGIN: &str = "<!-- evaluation:begin -->";
+/// Where it ends.
+const END: &str = "<!-- evaluation:end -->";
 
 /// The back ends that can be asked for.
 #[derive(Clone, Copy, ValueEnum)]
@@ -81,10 +92,16 @@ enum Tracer {
 
 /// Builds the tool and runs it.
 pub fn run(options: &Options) -> Result {
+    if options.readme {
+        return progress::step("put results into the README", || {
+            publish(&options.out, &cargo::workspace_root())
+        });
+    }
     let arguments = arguments(options)?;
     let need = match options.tracer {
-        Some(Tracer::RayQuery | Tracer::All) => Need::RayQuery,
-        Some(Tracer::Auto | Tracer::Bvh) | None => Need::Vulkan,
+        Some(Tracer::Bvh) => Need::Vulkan,
+        // Bevy Solari has a row, too.
+        Some(Tracer::Auto | Tracer::RayQuery | Tracer::All) | None => Need::RayQuery,
     };
     let driver = driver::prepare(need)?;
     progress::step("build and run the evaluation", || {
@@ -138,6 +155,49 @@ fn arguments(options: &Options) -> Result<Vec<OsString>> {
     Ok(arguments)
 }
 
+/// Copies the summary, the table and the charts of a folder of results into the repository, and its tables into the README.
+fn publish(out: &Path, root: &Path) -> Result {
+    let fail = |file: &Path, error: std::io::Error| Failure::new(format!("{}: {error}", file.display()));
+    let read = |file: PathBuf| fs::read_to_string(&file).map_err(|error| fail(&file, error));
+    let fragment = read(out.join("readme.md"))?;
+    let readme = root.join("README.md");
+    let text = splice(&read(readme.clone())?, &fragment)?;
+    let mut files: Vec<PathBuf> = ["summary.md", "results.csv"].map(PathBuf::from).into();
+    let charts = out.join("charts");
+    for entry in fs::read_dir(&charts).map_err(|error| fail(&charts, error))?.flatten() {
+        let name = PathBuf::from(entry.file_name());
+        if name.extension().is_some_and(|end| end == "svg") {
+            files.push(Path::new("charts").join(name));
+        }
+    }
+    files.sort();
+    let folder = root.join(FOLDER);
+    let target = folder.join("charts");
+    fs::create_dir_all(&target).map_err(|error| fail(&target, error))?;
+    for file in files {
+        let to = folder.join(&file);
+        fs::copy(out.join(&file), &to).map_err(|error| fail(&to, error))?;
+        progress::note(format_args!("{}", to.display()));
+    }
+    fs::write(&readme, text).map_err(|error| fail(&readme, error))?;
+    progress::note(format_args!("{}", readme.display()));
+    Ok(())
+}
+
+/// The README with a text between its markers.
+fn splice(readme: &str, text: &str) -> Result<String> {
+    let parts = readme.split_once(BEGIN).and_then(|(before, rest)| {
+        let (_, after) = rest.split_once(END)?;
+        Some((before, after))
+    });
+    let Some((before, after)) = parts else {
+        return Err(Failure::new(format!(
+            "README.md has no line `{BEGIN}` with a line `{END}` below it: add both where the tables should be"
+        )));
+    };
+    Ok(format!("{before}{BEGIN}\n\n{}\n\n{END}{after}", text.trim()))
+}
+
 /// The word of a value on the command line.
 fn word<T: ValueEnum>(value: T) -> Option<OsString> {
     value.to_possible_value().map(|value| value.get_name().into())
@@ -188,6 +248,47 @@ mod tests {
         .into();
         expected.push(out);
         assert_eq!(arguments(&options).unwrap(), expected);
+    }
+
+    #[test]
+    fn results_take_the_place_of_older_ones() {
+        let readme = format!("# Title\n\n{BEGIN}\nold\n{END}\n\nThe end.\n");
+        let new = splice(&readme, "new\n").unwrap();
+        assert_eq!(new, format!("# Title\n\n{BEGIN}\n\nnew\n\n{END}\n\nThe end.\n"));
+        assert_eq!(splice(&new, "new").unwrap(), new);
+        for wrong in ["", "no markers", &format!("{END} {BEGIN}")] {
+            assert!(splice(wrong, "new").unwrap_err().to_string().contains(BEGIN));
+        }
+    }
+
+    #[test]
+    fn results_are_put_into_the_repository() {
+        let folder = std::env::temp_dir().join(format!("xtask-{}-publish", std::process::id()));
+        let (out, root) = (folder.join("out"), folder.join("root"));
+        fs::create_dir_all(out.join("charts")).unwrap();
+        fs::create_dir_all(&root).unwrap();
+        for (file, text) in [
+            ("out/readme.md", "| a | b |"),
+            ("out/summary.md", "summary"),
+            ("out/results.csv", "scene,technique"),
+            ("out/charts/atrium.picture.svg", "<svg/>"),
+            ("out/charts/atrium.picture.png", "png"),
+            (
+                "root/README.md",
+                "before <!-- evaluation:begin --><!-- evaluation:end --> after",
+            ),
+        ] {
+            fs::write(folder.join(file), text).unwrap();
+        }
+        publish(&out, &root).unwrap();
+        let readme = fs::read_to_string(root.join("README.md")).unwrap();
+        assert!(readme.starts_with("before ") && readme.contains("\n\n| a | b |\n\n") && readme.ends_with(" after"));
+        for file in ["summary.md", "results.csv", "charts/atrium.picture.svg"] {
+            assert!(root.join(FOLDER).join(file).exists(), "{file}");
+        }
+        assert!(!root.join(FOLDER).join("charts/atrium.picture.png").exists());
+        assert!(publish(&root, &root).is_err(), "there are no results");
+        fs::remove_dir_all(folder).unwrap();
     }
 
     #[test]

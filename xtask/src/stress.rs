@@ -20,14 +20,14 @@ pub struct Options {
     /// What follows the rays (default: both, where the GPU has ray queries).
     #[arg(long, value_enum, value_name = "NAME")]
     tracer: Option<Tracer>,
-    /// A section (faults, energy, stability, long-run or scenes), a fault such as device-lost, or an ingredient that all scenes have,
-    /// such as mesh-needles.
+    /// A section (faults, energy, stability, long-run, bounds, viewer or scenes), a fault such as device-lost, or an ingredient that
+    /// all scenes have, such as mesh-needles.
     #[arg(long, value_name = "NAME")]
     only: Option<String>,
     /// Size of all pictures, such as 48x32.
     #[arg(long, value_name = "WxH")]
     size: Option<String>,
-    /// Number of scenes.
+    /// Number of scenes, or of files for the viewer.
     #[arg(long, value_name = "N")]
     count: Option<u64>,
     /// Frames of each scene, or of the long run.
@@ -36,6 +36,9 @@ pub struct Options {
     /// Places of the ingredients to keep of the first scene, separated by commas, or `none`.
     #[arg(long, value_name = "PLACES")]
     keep: Option<String>,
+    /// Compile all shaders with runtime checks.
+    #[arg(long)]
+    checked: bool,
 }
 
 /// The tracers that can be asked for.
@@ -56,6 +59,15 @@ pub fn run(options: &Options) -> Result {
         Some(Tracer::Auto | Tracer::RayQuery) | None => Need::RayQuery,
     };
     let driver = driver::prepare(need)?;
+    if needs_viewer(options) {
+        progress::step("build the example `viewer`", || {
+            let mut command = cargo::release("build")?;
+            command
+                .args(["--package", "bevy_glint", "--example", VIEWER])
+                .args(cargo::FEATURES);
+            cargo::run(&mut command, "the build of the example `viewer`")
+        })?;
+    }
     progress::step("build and run the stress suite", || {
         let mut command = cargo::release("run")?;
         command
@@ -66,6 +78,17 @@ pub fn run(options: &Options) -> Result {
             .envs(driver);
         cargo::run(&mut command, "the stress suite")
     })
+}
+
+/// Broken files are shown to it.
+const VIEWER: &str = "viewer";
+
+/// Whether the run has a section in which files are shown.
+fn needs_viewer(options: &Options) -> bool {
+    match &options.only {
+        Some(only) => only == VIEWER,
+        None => options.count.is_none() && options.keep.is_none(),
+    }
 }
 
 /// The tool's own arguments.
@@ -86,6 +109,9 @@ fn arguments(options: &Options) -> Vec<OsString> {
     option("--count", options.count.map(|count| count.to_string()));
     option("--frames", options.frames.map(|frames| frames.to_string()));
     option("--keep", options.keep.clone());
+    if options.checked {
+        arguments.push("--checked".into());
+    }
     arguments
 }
 
@@ -101,6 +127,7 @@ mod tests {
             tracer: Some(Tracer::RayQuery),
             keep: Some("0,3".into()),
             size: Some("8x8".into()),
+            checked: true,
             ..Options::default()
         };
         let expected = [
@@ -114,8 +141,24 @@ mod tests {
             "8x8",
             "--keep",
             "0,3",
+            "--checked",
         ];
         assert_eq!(arguments(&options), expected.map(OsString::from));
         assert!(arguments(&Options::default()).is_empty());
+    }
+
+    #[test]
+    fn the_viewer_is_built_where_it_is_needed() {
+        let only = |only: &str| Options {
+            only: Some(only.into()),
+            ..Options::default()
+        };
+        assert!(needs_viewer(&Options::default()) && needs_viewer(&only("viewer")));
+        assert!(!needs_viewer(&only("faults")));
+        let one_scene = Options {
+            count: Some(1),
+            ..Options::default()
+        };
+        assert!(!needs_viewer(&one_scene));
     }
 }

@@ -1,6 +1,6 @@
 //! The tree over the triangles of one mesh.
 
-use super::{Bounds, NODE_ROWS, Row, TRIANGLE_ROWS, node, ploc};
+use super::{Bounds, NODE_ROWS, Row, TRIANGLE_ROWS, node, ploc, split};
 use bevy::math::DVec3;
 use obvhs::{
     bvh2::{Bvh2, reinsertion::ReinsertionOptimizer},
@@ -24,7 +24,7 @@ pub enum BvhQuality {
     /// The default.
     #[default]
     Medium,
-    /// For meshes that stay.
+    /// For what stays: large triangles are entered piece by piece, and the tree is optimised longer.
     High,
 }
 
@@ -48,7 +48,7 @@ pub struct Blas {
     pub rows: Vec<Row>,
     /// Number of nodes, at least 1.
     pub node_count: u32,
-    /// Number of triangles that are left after degenerate ones were dropped, at least 1.
+    /// Number of triangles that are left after degenerate ones were dropped, at least 1; each part of a split one counts.
     pub triangle_count: u32,
     /// Object space; world space for merged objects.
     pub bounds: Bounds,
@@ -111,6 +111,10 @@ pub(super) fn build(mut triangles: Vec<Triangle>, quality: BvhQuality) -> Option
     if triangles.is_empty() || triangles.len() > 1 << 28 {
         return None;
     }
+    let references = match quality {
+        BvhQuality::High => split::split_large(&triangles, &mut boxes),
+        BvhQuality::Fast | BvhQuality::Medium => (0..triangles.len() as u32).collect(),
+    };
     let mut tree = build_tree(&boxes, quality, 3, MAX_DEPTH)?;
     let ordered: Vec<Bounds> = tree.primitive_indices.iter().map(|i| boxes[*i as usize]).collect();
     let exact = node::refit(&mut tree.nodes, &ordered);
@@ -118,7 +122,7 @@ pub(super) fn build(mut triangles: Vec<Triangle>, quality: BvhQuality) -> Option
     let top = top_nodes(&mut tree.nodes, &exact, &ordered);
 
     let node_count = tree.nodes.len() as u32;
-    let row_count = node_count as usize * NODE_ROWS as usize + triangles.len() * TRIANGLE_ROWS as usize;
+    let row_count = node_count as usize * NODE_ROWS as usize + references.len() * TRIANGLE_ROWS as usize;
     let mut rows = Vec::with_capacity(row_count);
     rows.extend_from_slice(bytemuck::cast_slice::<CwBvhNode, Row>(&tree.nodes));
     for index in &tree.primitive_indices {
@@ -126,12 +130,12 @@ pub(super) fn build(mut triangles: Vec<Triangle>, quality: BvhQuality) -> Option
             corners,
             primitive,
             owner,
-        } = &triangles[*index as usize];
+        } = &triangles[references[*index as usize] as usize];
         for (corner, last) in corners.iter().zip([*primitive, *owner, edge_scale(corners).to_bits()]) {
             rows.push([corner[0].to_bits(), corner[1].to_bits(), corner[2].to_bits(), last]);
         }
     }
-    let triangle_count = triangles.len() as u32;
+    let triangle_count = references.len() as u32;
     Some(Blas {
         rows,
         node_count,

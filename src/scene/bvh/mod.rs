@@ -20,6 +20,7 @@ mod blas;
 mod merged;
 mod node;
 mod ploc;
+mod split;
 mod tlas;
 mod traverse;
 

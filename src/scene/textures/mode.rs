@@ -2,7 +2,10 @@
 
 use super::MAX_SAMPLERS;
 use crate::scene::texture_layers::MAX_LAYERS;
-use bevy::render::{render_resource::WgpuFeatures, renderer::RenderDevice, settings::WgpuLimits};
+use bevy::{
+    reflect::Reflect,
+    render::{render_resource::WgpuFeatures, renderer::RenderDevice, settings::WgpuLimits},
+};
 
 /// Most textures in the array of bindings.
 pub const MAX_TEXTURES: u32 = 4096;
@@ -10,7 +13,8 @@ pub const MAX_TEXTURES: u32 = 4096;
 const MIN_TEXTURES: u32 = 64;
 
 /// How shaders reach the textures of materials.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq)]
+#[reflect(Debug, Clone, PartialEq)]
 pub enum TextureMode {
     /// One binding for each texture, at full resolution.
     Bindless {

@@ -80,7 +80,7 @@ pub enum BackendWord {
 /// Tracers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum TracerWord {
-    /// Ray queries where the GPU has them, else the BVH.
+    /// Ray queries where the GPU has them, else the BVH; the BVH if quick on a CPU.
     #[default]
     Auto,
     /// Ray queries.
@@ -240,6 +240,8 @@ impl Arguments {
     fn tracers(&self, machine: &Machine) -> Result<Vec<TracerName>, String> {
         match (self.tracer, machine.ray_query) {
             (TracerWord::RayQuery, false) => Err(format!("{} has no ray queries that can be used", machine.adapter)),
+            // A CPU follows rays through the BVH faster than by its ray queries.
+            (TracerWord::Auto, true) if self.quick && machine.is_cpu => Ok(vec![TracerName::Bvh]),
             (TracerWord::Auto | TracerWord::RayQuery, true) => Ok(vec![TracerName::RayQuery]),
             (TracerWord::All, true) => Ok(vec![TracerName::RayQuery, TracerName::Bvh]),
             (TracerWord::Bvh, _) | (TracerWord::Auto | TracerWord::All, false) => Ok(vec![TracerName::Bvh]),
@@ -321,6 +323,30 @@ mod tests {
                 .plan(&machine(false, false))
                 .is_err()
         );
+    }
+
+    #[test]
+    fn a_quick_run_on_a_cpu_has_solari_beside_the_bvh() {
+        let cpu = Machine {
+            is_cpu: true,
+            ..machine(true, false)
+        };
+        let plan = arguments(&["--quick", "--scene", "atrium"]).plan(&cpu).unwrap();
+        assert_eq!(plan.jobs[0].tracer, TracerName::Bvh);
+        let names: Vec<&str> = plan.jobs[0]
+            .variants
+            .iter()
+            .map(|variant| variant.technique.as_str())
+            .collect();
+        assert_eq!(names, QUICK_TECHNIQUES[..9]);
+        if cfg!(feature = "solari") {
+            assert_eq!(plan.jobs[1].tracer, TracerName::RayQuery);
+            assert_eq!(plan.jobs[1].variants, [Variant::new("solari")]);
+        }
+        let asked = arguments(&["--quick", "--tracer", "ray-query"]).plan(&cpu).unwrap();
+        assert_eq!(asked.jobs[0].tracer, TracerName::RayQuery);
+        let full = arguments(&[]).plan(&cpu).unwrap();
+        assert_eq!(full.jobs[0].tracer, TracerName::RayQuery);
     }
 
     #[test]

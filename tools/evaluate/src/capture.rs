@@ -1,7 +1,7 @@
 //! Pictures of all techniques, and the ground truth that they are compared with.
 
 use crate::{
-    metrics,
+    background::Background,
     picture::{Picture, not_finite},
     plan::{PictureKind, Variant, picture_file},
     protocol::{FLOAT_FRAMES, LEAD_FRAMES},
@@ -16,7 +16,7 @@ use bevy::{camera::RenderTarget, core_pipeline::tonemapping::Tonemapping, prelud
 use glint_scenes::read_image;
 use std::{
     path::PathBuf,
-    time::{Duration, Instant},
+    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
 /// Frames of the ground truth between two lines about progress.
@@ -103,7 +103,7 @@ impl Runner<'_> {
     /// The pictures of all techniques.
     pub(crate) fn pictures(&mut self) -> Result<(), String> {
         let job = self.job;
-        for variant in &job.variants {
+        for variant in job.picture_order() {
             let file = self.store.captured(variant);
             if file.exists() || self.store.failures().contains_key(&variant.id()) {
                 Event::Skipped(job.protocol.picture_frames()).tell();
@@ -112,7 +112,10 @@ impl Runner<'_> {
             self.begin(variant)?;
             Event::Doing(format!("pictures of {variant}")).tell();
             match self.pictures_of(variant) {
-                Ok(captured) => write_json(&file, &captured)?,
+                Ok(captured) => {
+                    write_json(&file, &captured)?;
+                    Event::Captured(variant.id()).tell();
+                }
                 Err(reason) => self.store.fail(&variant.id(), &reason)?,
             }
         }
@@ -126,7 +129,8 @@ impl Runner<'_> {
 
     fn pictures_of(&mut self, variant: &Variant) -> Result<Captured, String> {
         let protocol = &self.job.protocol;
-        let mut captured = Captured::default();
+        let background = Background::start();
+        let mut nonfinite = 0;
         self.settle(variant)?;
         for view in 0..protocol.views {
             let seconds = self.stage.view(view);
@@ -138,16 +142,25 @@ impl Runner<'_> {
                 self.pose(start + (seconds - start) * share);
                 self.step(1);
             }
-            self.capture()?.save(&self.file(view, variant, PictureKind::Final))?;
+            background.save(self.file(view, variant, PictureKind::Final), self.capture()?);
             if view < protocol.still_views {
-                self.still_pictures(view, variant, &mut captured)?;
+                self.still_pictures(view, variant, &background)?;
+            }
+            if view < protocol.float_views() {
+                nonfinite += self.new_broken_pixels(view)?;
             }
         }
-        Ok(captured)
+        let flicker = background.finish()?;
+        let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+        Ok(Captured {
+            stamp: now.as_nanos() as u64,
+            flicker,
+            nonfinite,
+        })
     }
 
     /// A camera cut to a view, recovery from it, and the noise that stays.
-    fn still_pictures(&mut self, view: u32, variant: &Variant, captured: &mut Captured) -> Result<(), String> {
+    fn still_pictures(&mut self, view: u32, variant: &Variant, background: &Background) -> Result<(), String> {
         let protocol = &self.job.protocol;
         let seconds = self.stage.view(view);
         let elsewhere = self.stage.view((view + 1) % protocol.views);
@@ -159,8 +172,8 @@ impl Runner<'_> {
         for frame in 1..=last {
             self.step(1);
             if RECOVERY_FRAMES.contains(&frame) {
-                self.capture()?
-                    .save(&self.file(view, variant, PictureKind::Recovery(frame)))?;
+                let file = self.file(view, variant, PictureKind::Recovery(frame));
+                background.save(file, self.capture()?);
             }
         }
         let mut frames = vec![self.capture()?];
@@ -168,24 +181,24 @@ impl Runner<'_> {
             self.step(1);
             frames.push(self.capture()?);
         }
-        captured.flicker.push(metrics::flicker(&frames)?);
+        background.flicker(frames);
+        Ok(())
+    }
+
+    /// How many pixels of the frame are broken that aren't without any reflections.
+    fn new_broken_pixels(&mut self, view: u32) -> Result<u64, String> {
         let broken = self.broken_pixels()?;
         let before = match self.broken.get(&view) {
             Some(before) => before.clone(),
             None => {
-                self.rest(seconds)?;
+                self.rest(self.stage.view(view))?;
                 let before = self.broken_pixels()?;
                 self.broken.insert(view, before.clone());
                 before
             }
         };
-        let new = broken
-            .iter()
-            .zip(&before)
-            .filter(|(now, before)| **now && !**before)
-            .count();
-        captured.nonfinite += new as u64;
-        Ok(())
+        let new = broken.iter().zip(&before).filter(|(now, before)| **now && !**before);
+        Ok(new.count() as u64)
     }
 
     /// Which pixels of the frame are infinite or no number before tone mapping.

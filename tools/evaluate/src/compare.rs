@@ -65,6 +65,10 @@ pub struct Comparison {
     pub changes: Vec<Change>,
     /// Rows that are in both and were compared.
     pub compared: usize,
+    /// Ratios of times to `reference`, with intervals in both runs on one machine.
+    pub timed: usize,
+    /// Those of them whose intervals overlap: in two runs of the same, nearly all.
+    pub agreeing: usize,
     /// What wasn't compared and why, in whole sentences.
     pub notes: Vec<String>,
 }
@@ -173,6 +177,10 @@ pub fn compare(old: &[Row], new: &[Row]) -> Comparison {
     comparison
 }
 
+fn interval(row: &Row) -> Option<(f64, f64)> {
+    row.ratio_low.zip(row.ratio_high)
+}
+
 fn compare_rows(before: &Row, after: &Row, comparison: &mut Comparison) {
     if (before.width, before.height) != (after.width, after.height) {
         comparison.notes.push(format!(
@@ -219,6 +227,13 @@ fn compare_rows(before: &Row, after: &Row, comparison: &mut Comparison) {
             }
         }
     }
+    if before.adapter == after.adapter
+        && after.technique != "reference"
+        && let (Some(old), Some(new)) = (interval(before), interval(after))
+    {
+        comparison.timed += 1;
+        comparison.agreeing += usize::from(old.0 <= new.1 && new.0 <= old.1);
+    }
     if before.adapter != after.adapter {
         comparison.notes.push(format!(
             "Times were not compared: they are of `{}` and `{}`.",
@@ -254,6 +269,13 @@ impl Comparison {
             (0, 0) => writeln!(text, "Nothing changed beyond noise."),
             (worse, better) => writeln!(text, "{worse} values got worse and {better} got better, beyond noise."),
         };
+        if self.timed > 0 {
+            let _ = writeln!(
+                text,
+                "\nThe 95 % intervals of {} of {} times, as shares of `reference`, overlap.",
+                self.agreeing, self.timed
+            );
+        }
         if !self.changes.is_empty() {
             text.push_str("\n| row | measure | before | now | change | |\n|---|---|---:|---:|---:|---|\n");
         }
@@ -319,6 +341,29 @@ mod tests {
         assert_eq!((comparison.compared, comparison.changes.len()), (2, 0));
         assert!(!comparison.has_regressions() && comparison.notes.is_empty());
         assert!(comparison.to_markdown().contains("Nothing changed"));
+    }
+
+    #[test]
+    fn two_runs_agree_within_their_intervals() {
+        let with = |low: f64, high: f64| Row {
+            ratio_low: Some(low),
+            ratio_high: Some(high),
+            ..row("quarter", 1.0, 0.02)
+        };
+        let reference = || row("reference", 1.0, 0.01);
+        let counts = |new: Row| {
+            let comparison = compare(&[with(0.70, 0.72), reference()], &[new, reference()]);
+            (comparison.agreeing, comparison.timed)
+        };
+        assert_eq!(counts(with(0.715, 0.73)), (1, 1));
+        assert_eq!(counts(with(0.73, 0.74)), (0, 1));
+        let elsewhere = Row {
+            adapter: "other".into(),
+            ..with(0.70, 0.72)
+        };
+        assert_eq!(counts(elsewhere), (0, 0));
+        let text = compare(&[with(0.70, 0.72)], &[with(0.70, 0.72)]).to_markdown();
+        assert!(text.contains("1 of 1 times"), "{text}");
     }
 
     #[test]

@@ -24,6 +24,17 @@ pub const PROBE_OPTION: &str = "--probe";
 /// A process that says nothing for so long hangs.
 const PATIENCE: Duration = Duration::from_secs(15 * 60);
 
+/// What the one who runs a job may want to act on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Notice {
+    /// The pictures of one more technique are complete.
+    Captured,
+    /// Times are taken, which should not be disturbed.
+    Timing,
+    /// They are not taken any more.
+    Ended,
+}
+
 /// How a process ended.
 enum End {
     Done,
@@ -33,14 +44,18 @@ enum End {
     Died(String),
 }
 
-/// Runs a job to its end. Techniques that fail are written down in the job's state.
+/// Runs a job to its end, if anything of it is left. Techniques that fail are written down in the job's state.
 ///
 /// # Errors
 ///
 /// If nothing of the scene could be measured, with the reason.
-pub fn run(job: &Job, progress: &mut Progress) -> Result<(), String> {
+pub fn run(job: &Job, progress: &mut Progress, told: &mut dyn FnMut(Notice)) -> Result<(), String> {
     let store = Store::new(job);
     store.forgive();
+    if store.is_complete(job) {
+        progress.skip(job.frames());
+        return Ok(());
+    }
     let start = progress.position();
     let file = store.folder().join("job.json");
     write_json(&file, job)?;
@@ -48,7 +63,9 @@ pub fn run(job: &Job, progress: &mut Progress) -> Result<(), String> {
     let mut result = Err("it was not tried".to_owned());
     for _ in 0..=job.variants.len() {
         _ = fs::remove_file(store.current());
-        match attempt(job, &file, progress)? {
+        let end = attempt(job, &file, progress, told);
+        told(Notice::Ended);
+        match end? {
             End::Done => {
                 result = Ok(());
                 break;
@@ -76,7 +93,7 @@ pub fn run(job: &Job, progress: &mut Progress) -> Result<(), String> {
     result
 }
 
-fn attempt(job: &Job, file: &Path, progress: &mut Progress) -> Result<End, String> {
+fn attempt(job: &Job, file: &Path, progress: &mut Progress, told: &mut dyn FnMut(Notice)) -> Result<End, String> {
     let log = Store::new(job).folder().join("log.txt");
     let errors = fs::File::options()
         .create(true)
@@ -92,7 +109,7 @@ fn attempt(job: &Job, file: &Path, progress: &mut Progress) -> Result<End, Strin
         .stderr(errors)
         .spawn()
         .map_err(|error| format!("the measuring process can't be started: {error}"))?;
-    let (refusal, hung) = listen(&mut child, job, progress);
+    let (refusal, hung) = listen(&mut child, job, progress, told);
     if hung {
         // Its exit status tells the rest.
         _ = child.kill();
@@ -113,7 +130,12 @@ fn attempt(job: &Job, file: &Path, progress: &mut Progress) -> Result<End, Strin
 }
 
 /// Follows a process until it closes its output. Returns why it gave up, if it said so, and whether it hangs.
-fn listen(child: &mut Child, job: &Job, progress: &mut Progress) -> (Option<String>, bool) {
+fn listen(
+    child: &mut Child,
+    job: &Job,
+    progress: &mut Progress,
+    told: &mut dyn FnMut(Notice),
+) -> (Option<String>, bool) {
     let Some(output) = child.stdout.take() else {
         return (None, false);
     };
@@ -134,6 +156,8 @@ fn listen(child: &mut Child, job: &Job, progress: &mut Progress) -> (Option<Stri
             Ok(Event::Frames(count)) => progress.advance(count),
             Ok(Event::Skipped(count)) => progress.skip(count),
             Ok(Event::Doing(text)) => progress.label(&format!("{}: {text}", job.id())),
+            Ok(Event::Captured(_)) => told(Notice::Captured),
+            Ok(Event::Timing) => told(Notice::Timing),
             Ok(Event::Failed(reason)) => refusal = Some(reason),
             Err(RecvTimeoutError::Disconnected) => break false,
             Err(RecvTimeoutError::Timeout) => break true,

@@ -1,26 +1,23 @@
 //! Measures what each technique costs and how far its picture is from the truth: `cargo xtask evaluate --out results`.
 
 mod arguments;
+mod evaluation;
 mod output;
 
 use arguments::Arguments;
 use clap::Parser;
+use evaluation::Evaluation;
 use glint_evaluate::{
     compare::compare,
     jobs,
-    judge::judge,
     machine::Machine,
     plan::Job,
-    progress::Progress,
     report::Event,
     rows::{self, Row},
     run,
     state::{read_json, write_json, write_text},
-    table,
 };
-use output::Results;
 use std::{
-    collections::BTreeMap,
     fs,
     io::{ErrorKind, Write},
     path::Path,
@@ -82,42 +79,10 @@ fn work(file: &Path) -> ExitCode {
 fn evaluate(arguments: &Arguments) -> Result<ExitCode, String> {
     let old = arguments.compare.as_deref().map(rows::load).transpose()?;
     let machine: Machine = jobs::probe()?;
-    say(format_args!("{}", machine.adapter));
-    if machine.is_cpu {
-        say("This adapter is a CPU: its times can't be compared with those of GPUs.");
-    }
     let plan = arguments.plan(&machine)?;
-    prepare_folder(arguments, &plan, &machine)?;
-
-    let mut progress = Progress::new(plan.jobs.iter().map(Job::frames).sum());
-    let mut failures: BTreeMap<String, String> = BTreeMap::new();
-    for job in &plan.jobs {
-        if let Err(reason) = jobs::run(job, &mut progress) {
-            progress.note(format_args!("{} ended early: {reason}", job.id()));
-            failures.insert(job.id(), reason);
-        }
-    }
-    progress.finish();
-    say("compares pictures");
-    let problems = judge(&plan.jobs, &|_, _| {});
-
-    let mut all: Vec<Row> = Vec::new();
-    for job in &plan.jobs {
-        all.extend(table::rows(job, &machine, failures.get(&job.id()).map(String::as_str)));
-    }
-    for (job, variant, reason) in &plan.skipped {
-        all.push(table::skipped(job, variant, &machine, reason));
-    }
-    let results = Results {
-        out: &plan.out,
-        machine: &machine,
-        protocol: &plan.protocol,
-        rows: &all,
-        facts: &table::facts(&plan.jobs),
-        problems: &problems,
-    };
-    results.write()?;
-    results.print();
+    let before = prepare_folder(arguments, &plan, &machine)?;
+    evaluation::announce(&plan, &machine);
+    let all = Evaluation::new(&plan, &machine, before).run()?;
     if !all.iter().any(Row::is_ok) {
         return Err(format!(
             "nothing could be measured; see {}",
@@ -138,10 +103,12 @@ fn evaluate(arguments: &Arguments) -> Result<ExitCode, String> {
     })
 }
 
-/// Makes sure that what lies in the folder of results was measured with the same settings, by the same code, on this machine.
-fn prepare_folder(arguments: &Arguments, plan: &arguments::Plan, machine: &Machine) -> Result<(), String> {
+/// Makes sure that what lies in the folder of results was measured with the same settings, by the same code, on this machine; returns
+/// its rows.
+fn prepare_folder(arguments: &Arguments, plan: &arguments::Plan, machine: &Machine) -> Result<Vec<Row>, String> {
     let state = plan.out.join("state");
     let file = state.join("settings.json");
+    let table = plan.out.join("results.csv");
     let settings = serde_json::json!({ "protocol": plan.protocol, "machine": machine });
     if arguments.fresh && file.exists() {
         // Only what this tool wrote, and only where it did.
@@ -159,7 +126,8 @@ fn prepare_folder(arguments: &Arguments, plan: &arguments::Plan, machine: &Machi
              --fresh",
             plan.out.display()
         )),
-        Some(_) => Ok(()),
-        None => write_json(&file, &settings),
+        Some(_) if table.exists() => rows::load(&table),
+        Some(_) => Ok(Vec::new()),
+        None => write_json(&file, &settings).map(|()| Vec::new()),
     }
 }

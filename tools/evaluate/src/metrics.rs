@@ -1,7 +1,7 @@
 //! How far a picture is from another: FLIP, PSNR, bias, flicker.
 
 use crate::picture::Picture;
-use nv_flip::FlipImageRgb8;
+use nv_flip::{FlipImageFloat, FlipImageRgb8};
 
 /// Pixels per degree of the paper's display: 2,560 pixels over 0.5 m, seen from 0.62 m.
 pub const PIXELS_PER_DEGREE: f32 = 55.4;
@@ -10,12 +10,22 @@ pub const PIXELS_PER_DEGREE: f32 = 55.4;
 pub const PERFECT_PSNR: f64 = 199.0;
 
 /// FLIP's error at each pixel, 0 to 1.
-#[derive(Clone, Debug)]
 pub struct ErrorMap {
     /// The mean, which is the number that FLIP's authors recommend.
     pub mean: f64,
+    errors: FlipImageFloat,
+}
+
+impl ErrorMap {
     /// The errors in FLIP's colours: black is none, yellow a large one.
-    pub picture: Picture,
+    #[must_use]
+    pub fn picture(&self) -> Picture {
+        Picture {
+            width: self.errors.width(),
+            height: self.errors.height(),
+            rgb: self.errors.apply_color_lut(&nv_flip::magma_lut()).to_vec(),
+        }
+    }
 }
 
 fn same_size(reference: &Picture, test: &Picture) -> Result<(), String> {
@@ -39,17 +49,10 @@ fn same_size(reference: &Picture, test: &Picture) -> Result<(), String> {
 pub fn flip(reference: &Picture, test: &Picture) -> Result<ErrorMap, String> {
     same_size(reference, test)?;
     let image = |picture: &Picture| FlipImageRgb8::with_data(picture.width, picture.height, &picture.rgb);
-    let map = nv_flip::flip(image(reference), image(test), PIXELS_PER_DEGREE);
-    let errors = map.to_vec();
-    let mean = errors.iter().map(|&error| f64::from(error)).sum::<f64>() / errors.len() as f64;
-    Ok(ErrorMap {
-        mean,
-        picture: Picture {
-            width: reference.width,
-            height: reference.height,
-            rgb: map.apply_color_lut(&nv_flip::magma_lut()).to_vec(),
-        },
-    })
+    let errors = nv_flip::flip(image(reference), image(test), PIXELS_PER_DEGREE);
+    let values = errors.to_vec();
+    let mean = values.iter().map(|&error| f64::from(error)).sum::<f64>() / values.len() as f64;
+    Ok(ErrorMap { mean, errors })
 }
 
 /// Peak signal-to-noise ratio in decibels, of linear light; [`PERFECT_PSNR`] for equal pictures. White is the peak.
@@ -83,6 +86,13 @@ pub fn bias(reference: &Picture, test: &Picture) -> Result<f64, String> {
     Ok(differences.sum::<f64>() / count as f64)
 }
 
+/// Mean linear luminance of a picture (white is 1); 0 without pixels.
+#[must_use]
+pub fn mean_luminance(picture: &Picture) -> f64 {
+    let count = picture.rgb.len() / 3;
+    picture.luminance().map(f64::from).sum::<f64>() / count.max(1) as f64
+}
+
 /// Mean change of the signed error from frame to frame, of linear luminance: what is left of noise when nothing moves.
 ///
 /// The truth of a still view doesn't change, so it cancels out and isn't needed.
@@ -91,17 +101,20 @@ pub fn bias(reference: &Picture, test: &Picture) -> Result<f64, String> {
 ///
 /// If there are fewer than two frames or their sizes differ.
 pub fn flicker(frames: &[Picture]) -> Result<f64, String> {
-    let pairs = frames.len().saturating_sub(1);
-    if pairs == 0 {
+    let several = frames.split_first().filter(|(_, rest)| !rest.is_empty());
+    let Some((first, rest)) = several else {
         return Err("flicker takes at least two frames".to_owned());
-    }
+    };
+    let mut before: Vec<f32> = first.luminance().collect();
     let mut sum = 0.0;
-    for pair in frames.windows(2) {
-        same_size(&pair[0], &pair[1])?;
-        let changes = pair[0].luminance().zip(pair[1].luminance());
-        sum += changes.map(|(a, b)| f64::from((b - a).abs())).sum::<f64>() / (pair[0].rgb.len() / 3) as f64;
+    for frame in rest {
+        same_size(first, frame)?;
+        let now: Vec<f32> = frame.luminance().collect();
+        let changes = before.iter().zip(&now).map(|(a, b)| f64::from((b - a).abs()));
+        sum += changes.sum::<f64>() / now.len() as f64;
+        before = now;
     }
-    Ok(sum / pairs as f64)
+    Ok(sum / rest.len() as f64)
 }
 
 #[cfg(test)]
@@ -174,6 +187,10 @@ mod tests {
         let truth = picture(|_, _, value| value);
         assert!(bias(&truth, &picture(|_, _, value| value.saturating_add(9))).unwrap() > 0.0);
         assert!(bias(&truth, &picture(|_, _, value| value.saturating_sub(9))).unwrap() < 0.0);
+        // It is the difference of the means.
+        let bright = picture(|_, _, value| value.saturating_add(9));
+        let difference = mean_luminance(&bright) - mean_luminance(&truth);
+        assert!((bias(&truth, &bright).unwrap() - difference).abs() < 1e-6);
     }
 
     #[test]
@@ -191,7 +208,7 @@ mod tests {
     #[test]
     fn the_map_is_black_where_nothing_differs() {
         let truth = picture(|_, _, value| value);
-        let map = flip(&truth, &truth).unwrap().picture;
+        let map = flip(&truth, &truth).unwrap().picture();
         assert!(map.fits(&truth));
         assert!(map.rgb.iter().all(|&byte| byte < 8));
     }

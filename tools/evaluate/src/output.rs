@@ -4,9 +4,11 @@ use glint_evaluate::{
     charts::{chart, png, svg},
     machine::Machine,
     protocol::Protocol,
+    readme,
     rows::{Row, number, to_csv},
-    state::{SceneFacts, write_json, write_text},
+    state::{write_json, write_text},
     summary::Summary,
+    table,
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -27,10 +29,6 @@ pub struct Results<'a> {
     pub protocol: &'a Protocol,
     /// All rows.
     pub rows: &'a [Row],
-    /// What is known of each scene.
-    pub facts: &'a BTreeMap<String, SceneFacts>,
-    /// What went wrong besides rows.
-    pub problems: &'a [String],
 }
 
 impl Results<'_> {
@@ -41,12 +39,12 @@ impl Results<'_> {
     /// If a file can't be written; the sentence names it.
     pub fn write(&self) -> Result<(), String> {
         write_text(&self.out.join("results.csv"), &to_csv(self.rows)?)?;
+        let facts = table::facts(self.out, self.rows);
         let json = serde_json::json!({
             "machine": self.machine,
             "protocol": self.protocol,
-            "scenes": self.facts,
+            "scenes": facts,
             "rows": self.rows,
-            "problems": self.problems,
         });
         write_json(&self.out.join("results.json"), &json)?;
         let charts = self.charts()?;
@@ -54,11 +52,12 @@ impl Results<'_> {
             machine: self.machine,
             protocol: self.protocol,
             rows: self.rows,
-            facts: self.facts,
+            facts: &facts,
             charts: &charts,
-            problems: self.problems,
         };
-        write_text(&self.out.join("summary.md"), &summary.to_markdown())
+        write_text(&self.out.join("summary.md"), &summary.to_markdown())?;
+        let fragment = readme::fragment(self.machine, self.protocol, self.rows, &charts);
+        write_text(&self.out.join("readme.md"), &fragment)
     }
 
     /// Draws two charts per scene: of the picture and of the reflection alone.
@@ -155,8 +154,6 @@ mod tests {
             machine: &Machine::default(),
             protocol: &Protocol::new(true, true),
             rows: &rows,
-            facts: &BTreeMap::new(),
-            problems: &[],
         };
         results.write().unwrap();
         let table = std::fs::read_to_string(out.join("results.csv")).unwrap();
@@ -164,6 +161,7 @@ mod tests {
         for file in [
             "results.json",
             "summary.md",
+            "readme.md",
             "charts/atrium.picture.svg",
             "charts/atrium.picture.png",
         ] {

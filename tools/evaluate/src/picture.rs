@@ -32,16 +32,40 @@ pub fn linear(byte: u8) -> f32 {
     LINEAR[usize::from(byte)]
 }
 
-/// The sRGB byte of a linear value, clamped to 0 to 1.
+/// Steps of [`FIRST_BYTES`].
+const STEPS: usize = 4096;
+
+/// The least linear value of each sRGB byte above 0: halfway between bytes, as they are displayed.
+static LIMITS: LazyLock<[f32; 255]> = LazyLock::new(|| {
+    std::array::from_fn(|byte| {
+        let value = (byte as f64 + 0.5) / 255.0;
+        let linear = if value <= 0.040_45 {
+            value / 12.92
+        } else {
+            ((value + 0.055) / 1.055).powf(2.4)
+        };
+        linear as f32
+    })
+});
+
+/// The byte at the start of each step of linear values: from there it is a few limits to any value of the step.
+static FIRST_BYTES: LazyLock<[u8; STEPS + 1]> = LazyLock::new(|| {
+    std::array::from_fn(|step| {
+        let value = step as f32 / STEPS as f32;
+        LIMITS.partition_point(|limit| *limit <= value) as u8
+    })
+});
+
+/// The sRGB byte of a linear value, clamped to 0 to 1; 0 for what is no number.
 #[must_use]
 pub fn encode(linear: f32) -> u8 {
-    let value = f64::from(linear.clamp(0.0, 1.0));
-    let encoded = if value <= 0.003_130_8 {
-        value * 12.92
-    } else {
-        1.055 * value.powf(1.0 / 2.4) - 0.055
-    };
-    (encoded * 255.0).round() as u8
+    // Millions of values a picture: a table instead of powers.
+    let value = linear.clamp(0.0, 1.0);
+    let mut byte = FIRST_BYTES[(value * STEPS as f32) as usize];
+    while byte < u8::MAX && LIMITS[usize::from(byte)] <= value {
+        byte += 1;
+    }
+    byte
 }
 
 impl Picture {
@@ -51,12 +75,11 @@ impl Picture {
         if rgba.len() != width as usize * height as usize * 4 {
             return None;
         }
-        let rgb = rgba.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]);
-        Some(Self {
-            width,
-            height,
-            rgb: rgb.collect(),
-        })
+        let mut rgb = Vec::with_capacity(rgba.len() / 4 * 3);
+        for pixel in rgba.chunks_exact(4) {
+            rgb.extend_from_slice(&pixel[..3]);
+        }
+        Some(Self { width, height, rgb })
     }
 
     /// Reads a PNG.
@@ -155,6 +178,21 @@ mod tests {
         assert!((0..=255).all(|byte| encode(linear(byte)) == byte));
         assert_eq!((linear(0), linear(255)), (0.0, 1.0));
         assert_eq!((encode(-1.0), encode(2.0)), (0, 255));
+        assert_eq!((encode(f32::NAN), encode(1e-9)), (0, 0));
+    }
+
+    #[test]
+    fn values_become_the_nearest_byte() {
+        for i in 0..=100_000 {
+            let value = i as f32 / 100_000.0;
+            let exact = if value <= 0.003_130_8 {
+                f64::from(value) * 12.92
+            } else {
+                1.055 * f64::from(value).powf(1.0 / 2.4) - 0.055
+            };
+            let distance = (exact * 255.0 - f64::from(encode(value))).abs();
+            assert!(distance < 0.501, "{value}: {distance}");
+        }
     }
 
     #[test]

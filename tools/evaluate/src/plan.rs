@@ -38,8 +38,8 @@ pub const QUICK_TECHNIQUES: [&str; 10] = [
     "vrs-roughness",
     "vrs-grazing",
     "vrs-combined",
-    "low",
-    "high",
+    "paper",
+    "medium",
     "solari",
 ];
 
@@ -82,6 +82,12 @@ impl Variant {
     #[must_use]
     pub fn is_ours(&self) -> bool {
         !matches!(self.technique.as_str(), "off" | "ssr" | "solari")
+    }
+
+    /// Whether it is what the others are compared with besides the ground truth.
+    #[must_use]
+    pub fn is_reference(&self) -> bool {
+        self.technique == "reference"
     }
 }
 
@@ -191,6 +197,15 @@ impl Job {
     #[must_use]
     pub fn shared_pictures(&self, view: u32) -> PathBuf {
         self.out.join("images").join(self.scene.name()).join(view_name(view))
+    }
+
+    /// The techniques in the order in which pictures are taken: `reference` first, so that those of the others can be compared with it
+    /// as soon as they are there.
+    #[must_use]
+    pub fn picture_order(&self) -> Vec<&Variant> {
+        let mut order: Vec<&Variant> = self.variants.iter().collect();
+        order.sort_by_key(|variant| !variant.is_reference());
+        order
     }
 
     /// Frames that this job renders when nothing of it is done yet.
@@ -315,9 +330,27 @@ mod tests {
             };
             let (quick, full) = (job(true, &QUICK_TECHNIQUES), job(false, &TECHNIQUES));
             assert!(quick.frames() * 5 < full.frames());
-            // Three scenes at 5 frames a second on a CPU and at 300 on a GPU.
-            let limit = if is_cpu { 10 * 60 * 5 } else { 2 * 60 * 300 };
+            // Three scenes at 2 frames a second on a CPU and at 150 on a GPU.
+            let limit = if is_cpu { 10 * 60 * 2 } else { 2 * 60 * 150 };
             assert!(3 * quick.frames() < limit, "{}", quick.frames());
+        }
+    }
+
+    #[test]
+    fn a_quick_run_has_the_rows_that_decide() {
+        for name in [
+            "off",
+            "ssr",
+            "reference",
+            "quarter",
+            "vrs-roughness",
+            "vrs-grazing",
+            "vrs-combined",
+            "paper",
+            "medium",
+            "solari",
+        ] {
+            assert!(QUICK_TECHNIQUES.contains(&name) && TECHNIQUES.contains(&name), "{name}");
         }
     }
 
@@ -364,5 +397,25 @@ mod tests {
         let text = serde_json::to_string(&job).unwrap();
         assert_eq!(serde_json::from_str::<Job>(&text).unwrap(), job);
         assert_eq!(job.id(), "scene.solari");
+    }
+
+    #[test]
+    fn the_reference_has_its_pictures_first() {
+        let job = Job {
+            scene: SceneSource::BuiltIn("atrium".into()),
+            tracer: TracerName::Bvh,
+            solari: false,
+            first: true,
+            variants: ["off", "ssr", "reference", "low"].map(Variant::new).to_vec(),
+            protocol: Protocol::new(true, true),
+            out: "out".into(),
+            cache: "cache".into(),
+        };
+        let order: Vec<&str> = job
+            .picture_order()
+            .iter()
+            .map(|variant| variant.technique.as_str())
+            .collect();
+        assert_eq!(order, ["reference", "off", "ssr", "low"]);
     }
 }

@@ -14,6 +14,10 @@ pub enum Event {
     Skipped(u64),
     /// What is being done now.
     Doing(String),
+    /// The pictures of a technique, by name, are complete.
+    Captured(String),
+    /// From now on times are taken.
+    Timing,
     /// The process can't go on, and why.
     Failed(String),
 }
@@ -24,6 +28,8 @@ impl fmt::Display for Event {
             Self::Frames(count) => write!(f, "@frames {count}"),
             Self::Skipped(count) => write!(f, "@skipped {count}"),
             Self::Doing(text) => write!(f, "@doing {}", text.replace('\n', " ")),
+            Self::Captured(id) => write!(f, "@captured {id}"),
+            Self::Timing => write!(f, "@timing now"),
             Self::Failed(text) => write!(f, "@failed {}", text.replace('\n', " ")),
         }
     }
@@ -38,6 +44,8 @@ impl Event {
             "frames" => Self::Frames(rest.parse().ok()?),
             "skipped" => Self::Skipped(rest.parse().ok()?),
             "doing" => Self::Doing(rest.to_owned()),
+            "captured" => Self::Captured(rest.to_owned()),
+            "timing" => Self::Timing,
             "failed" => Self::Failed(rest.to_owned()),
             _ => return None,
         })
@@ -60,6 +68,8 @@ mod tests {
             Event::Frames(12),
             Event::Skipped(0),
             Event::Doing("atrium: vrs-roughness, view 2".into()),
+            Event::Captured("vrs-roughness.hardware".into()),
+            Event::Timing,
             Event::Failed("no GPU".into()),
         ] {
             assert_eq!(Event::parse(&format!("{event}\n")), Some(event));

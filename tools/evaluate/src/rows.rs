@@ -1,5 +1,6 @@
 //! The table of results: one row per scene, technique, back end and tracer, as `results.csv`.
 
+use crate::plan::{SCENES, TECHNIQUES};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -98,6 +99,8 @@ pub struct Row {
     pub psnr_db: Option<f64>,
     /// Mean signed error of linear luminance against the ground truth.
     pub bias: Option<f64>,
+    /// The same in percent of the ground truth's luminance.
+    pub bias_percent: Option<f64>,
     /// Mean change of the error from frame to frame in a still view.
     pub flicker: Option<f64>,
     /// Mean FLIP of the picture against the ground truth in the first frame after a camera cut.
@@ -138,6 +141,25 @@ impl Row {
         let (ratio, low, high) = (self.ratio?, self.ratio_low?, self.ratio_high?);
         (ratio > 0.0).then(|| (high - low) / (2.0 * ratio))
     }
+}
+
+/// The rows of several runs into one folder, in the order of tables: new ones take the place of old ones about the same.
+#[must_use]
+pub fn merge(mut old: Vec<Row>, new: Vec<Row>) -> Vec<Row> {
+    old.retain(|row| new.iter().all(|other| other.key() != row.key()));
+    old.extend(new);
+    let place = |names: &[&str], name: &str| names.iter().position(|other| *other == name).unwrap_or(names.len());
+    // Ray queries stand before the BVH.
+    old.sort_by_cached_key(|row| {
+        (
+            place(&SCENES, &row.scene),
+            row.scene.clone(),
+            place(&TECHNIQUES, &row.technique),
+            row.backend == "hardware",
+            row.tracer == "bvh",
+        )
+    });
+    old
 }
 
 /// Rounds to so many significant digits, so that files can be read by people.
@@ -265,6 +287,48 @@ mod tests {
             assert_eq!(significant(value, 4), expected);
         }
         assert!(significant(f64::NAN, 4).is_nan());
+    }
+
+    #[test]
+    fn rows_of_several_runs_are_merged() {
+        let row = |scene: &str, technique: &str, tracer: &str, time: f64| Row {
+            scene: scene.into(),
+            technique: technique.into(),
+            backend: "compute".into(),
+            tracer: tracer.into(),
+            total_ms: Some(time),
+            ..Row::default()
+        };
+        // The street and a file were measured first, then the atrium, and a technique of the street once more.
+        let old = vec![
+            row("street", "quarter", "bvh", 1.0),
+            row("street", "reference", "bvh", 2.0),
+            row("my_scene", "low", "bvh", 3.0),
+        ];
+        let new = vec![
+            row("street", "quarter", "bvh", 9.0),
+            row("atrium", "low", "bvh", 4.0),
+            row("atrium", "off", "-", 0.0),
+            row("atrium", "low", "ray-query", 5.0),
+        ];
+        let merged = merge(old, new);
+        let table: Vec<(&str, &str, Option<f64>)> = merged
+            .iter()
+            .map(|row| (row.scene.as_str(), row.technique.as_str(), row.total_ms))
+            .collect();
+        let expected = [
+            ("atrium", "off", 0.0),
+            ("atrium", "low", 5.0),
+            ("atrium", "low", 4.0),
+            ("street", "reference", 2.0),
+            ("street", "quarter", 9.0),
+            ("my_scene", "low", 3.0),
+        ];
+        assert_eq!(
+            table,
+            expected.map(|(scene, technique, time)| (scene, technique, Some(time)))
+        );
+        assert_eq!(merge(merged.clone(), merged.clone()), merged);
     }
 
     #[test]

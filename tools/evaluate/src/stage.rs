@@ -6,7 +6,7 @@ use bevy::{
     asset::AssetPath,
     camera::{Exposure, primitives::Aabb},
     core_pipeline::tonemapping::Tonemapping,
-    light::{CascadeShadowConfigBuilder, Skybox},
+    light::{CascadeShadowConfig, CascadeShadowConfigBuilder, DirectionalLightShadowMap, PointLightShadowMap, Skybox},
     math::ops,
     prelude::*,
 };
@@ -32,6 +32,10 @@ pub struct Stage {
     options: SceneOptions,
     way: Way,
     views: u32,
+    /// Edge of shadow maps in texels.
+    shadow_size: u32,
+    /// The most shadow maps of a directional light.
+    cascades: u32,
 }
 
 impl Stage {
@@ -61,15 +65,33 @@ impl Stage {
             },
             way,
             views: protocol.views.max(1),
+            shadow_size: protocol.shadow_size,
+            cascades: protocol.cascades.max(1),
         })
     }
 
     /// Spawns the scene and its camera; returns the camera.
     pub fn spawn(&self, app: &mut HeadlessApp) -> Entity {
-        match (&self.source, &self.way) {
+        let camera = match (&self.source, &self.way) {
             (SceneSource::File(file), _) => load(app, file),
             (SceneSource::BuiltIn(_), Way::BuiltIn(name, _)) => app.spawn_scene(*name, &self.options),
             (SceneSource::BuiltIn(_), Way::Loop(..)) => app.spawn_camera(()),
+        };
+        self.limit_shadows(app.world());
+        camera
+    }
+
+    /// Makes shadow maps as large and as many as the protocol says; of the maps of a directional light the farthest stays.
+    fn limit_shadows(&self, world: &mut World) {
+        let (size, most) = (self.shadow_size as usize, self.cascades as usize);
+        world.insert_resource(DirectionalLightShadowMap { size });
+        world.insert_resource(PointLightShadowMap { size: size / 2 });
+        let mut lights = world.query::<&mut CascadeShadowConfig>();
+        for mut config in lights.iter_mut(world) {
+            let count = config.bounds.len();
+            if count > most {
+                config.bounds.drain(most - 1..count - 1);
+            }
         }
     }
 
@@ -83,6 +105,7 @@ impl Stage {
             let (transform, reach) = arrange(app.world(), camera)
                 .ok_or_else(|| format!("{} holds nothing that can be seen", file.display()))?;
             self.way = Way::Loop(transform, reach);
+            self.limit_shadows(app.world());
         }
         Ok(())
     }
@@ -114,10 +137,11 @@ impl Stage {
     /// What a picture of the scene depends on besides the code, for the cache of ground truths.
     #[must_use]
     pub fn key(&self) -> String {
+        let shadows = format!("shadows {} of {}", self.cascades, self.shadow_size);
         match &self.source {
             SceneSource::BuiltIn(name) => {
                 format!(
-                    "{name} detail {} textures {}",
+                    "{name} detail {} textures {} {shadows}",
                     self.options.detail, self.options.texture_size
                 )
             }
@@ -126,7 +150,7 @@ impl Stage {
                 let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
                 describe(folder.unwrap_or(Path::new(".")), &mut files);
                 files.sort();
-                format!("{} {}", file.display(), files.join(" "))
+                format!("{} {shadows} {}", file.display(), files.join(" "))
             }
         }
     }
@@ -301,7 +325,42 @@ mod tests {
             detail: 2.0,
             ..protocol.clone()
         };
+        let softer = Protocol {
+            shadow_size: 256,
+            ..protocol.clone()
+        };
         assert_eq!(key(&protocol), key(&protocol));
         assert_ne!(key(&protocol), key(&finer));
+        assert_ne!(key(&protocol), key(&softer));
+    }
+
+    #[test]
+    fn the_farthest_shadow_map_stays() {
+        let mut world = World::new();
+        let config = CascadeShadowConfigBuilder {
+            num_cascades: 3,
+            first_cascade_far_bound: 8.0,
+            maximum_distance: 40.0,
+            ..default()
+        };
+        let light = world.spawn(config.build()).id();
+        let bounds = |world: &World| {
+            let config = world.get::<CascadeShadowConfig>(light);
+            config.map(|config| config.bounds.clone()).unwrap_or_default()
+        };
+        let before = bounds(&world);
+        let with = |cascades| {
+            let protocol = Protocol {
+                cascades,
+                ..Protocol::new(false, true)
+            };
+            Stage::new(&SceneSource::BuiltIn("atrium".into()), &protocol).unwrap()
+        };
+        with(4).limit_shadows(&mut world);
+        assert_eq!(bounds(&world), before);
+        with(1).limit_shadows(&mut world);
+        assert_eq!(bounds(&world), before[2..]);
+        let size = world.resource::<DirectionalLightShadowMap>().size;
+        assert_eq!(size, Protocol::new(false, true).shadow_size as usize);
     }
 }

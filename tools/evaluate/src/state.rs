@@ -62,6 +62,8 @@ pub struct SceneFacts {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Captured {
+    /// A number that other pictures of the same technique don't have, so that errors of older ones aren't taken for theirs.
+    pub stamp: u64,
     /// Flicker of each view with still frames.
     pub flicker: Vec<f64>,
     /// Broken pixels over all views with still frames.
@@ -78,6 +80,20 @@ impl Store {
     #[must_use]
     pub fn new(job: &Job) -> Self {
         Self { folder: job.state() }
+    }
+
+    /// The state of the first job of a scene.
+    #[must_use]
+    pub fn of_scene(out: &Path, scene: &str) -> Self {
+        Self {
+            folder: out.join("state").join(scene),
+        }
+    }
+
+    /// The state of the first job of a job's scene.
+    #[must_use]
+    pub fn shared(job: &Job) -> Self {
+        Self::of_scene(&job.out, &job.scene.name())
     }
 
     /// The folder.
@@ -98,10 +114,26 @@ impl Store {
         self.folder.join(format!("round-{round:03}.json"))
     }
 
-    /// The file of errors of a technique's pictures.
+    /// What a technique's pictures gave; `None` as long as they aren't complete.
     #[must_use]
-    pub fn errors(&self, variant: &Variant) -> PathBuf {
-        self.folder.join(format!("errors.{}.json", variant.id()))
+    pub fn load_captured(&self, variant: &Variant) -> Option<Captured> {
+        read_json(&self.captured(variant))
+    }
+
+    /// Whether nothing is left to be rendered of a job.
+    #[must_use]
+    pub fn is_complete(&self, job: &Job) -> bool {
+        let shared = |view| {
+            let folder = job.shared_pictures(view);
+            folder.join("converged.png").exists() && folder.join("dark.png").exists()
+        };
+        let has_facts = !job.first || self.facts().exists();
+        let has_pictures = || job.variants.iter().all(|variant| self.captured(variant).exists());
+        let has_times = |round| {
+            let times: Round = read_json(&self.round(round)).unwrap_or_default();
+            job.variants.iter().all(|variant| times.contains_key(&variant.id()))
+        };
+        has_facts && has_pictures() && (0..job.protocol.views).all(shared) && (0..job.protocol.rounds()).all(has_times)
     }
 
     /// The file of what is known of the scene.
@@ -147,6 +179,54 @@ impl Store {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{
+        plan::{SceneSource, TracerName},
+        protocol::Protocol,
+    };
+
+    #[test]
+    fn a_job_is_complete_when_all_of_it_is_there() {
+        let out = std::env::temp_dir().join(format!("glint_evaluate-{}-complete", std::process::id()));
+        let job = Job {
+            scene: SceneSource::BuiltIn("atrium".into()),
+            tracer: TracerName::Bvh,
+            solari: false,
+            first: true,
+            variants: ["reference", "low"].map(Variant::new).to_vec(),
+            protocol: Protocol {
+                timing_frames: 2,
+                block: 1,
+                views: 1,
+                ..Protocol::new(true, true)
+            },
+            out: out.clone(),
+            cache: out.join("cache"),
+        };
+        let store = Store::new(&job);
+        for name in ["converged.png", "dark.png"] {
+            write_text(&job.shared_pictures(0).join(name), "").unwrap();
+        }
+        write_json(&store.facts(), &SceneFacts::default()).unwrap();
+        let times = |ids: &[&str]| -> Round { ids.iter().map(|id| ((*id).to_owned(), BTreeMap::new())).collect() };
+        for variant in &job.variants {
+            assert!(!store.is_complete(&job));
+            write_json(&store.captured(variant), &Captured::default()).unwrap();
+        }
+        write_json(&store.round(0), &times(&["reference", "low"])).unwrap();
+        write_json(&store.round(1), &times(&["reference"])).unwrap();
+        assert!(!store.is_complete(&job));
+        write_json(&store.round(1), &times(&["low", "reference"])).unwrap();
+        assert!(store.is_complete(&job));
+        // More techniques, or another tracer's, are more work.
+        let more = Job {
+            variants: vec![Variant::new("high")],
+            ..job.clone()
+        };
+        assert!(!store.is_complete(&more));
+        let second = Job { first: false, ..job };
+        assert!(!Store::new(&second).is_complete(&second));
+        fs::remove_dir_all(out).unwrap();
+    }
 
     #[test]
     fn failures_are_remembered_and_forgiven() {

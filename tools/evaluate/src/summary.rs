@@ -1,18 +1,15 @@
 //! `summary.md`: the results for people.
 
 use crate::{
+    findings::{self, on_front},
     machine::Machine,
     paper,
     protocol::Protocol,
     rows::{Outcome, Row, number},
     state::SceneFacts,
-    stats::pareto_front,
     techniques::TRUTH_CUTOFF,
 };
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    fmt::Write,
-};
+use std::{collections::BTreeMap, fmt::Write};
 
 /// A ratio whose interval is wider than this share of it, to either side, decides little.
 pub const MAX_NOISE: f64 = 0.05;
@@ -29,8 +26,6 @@ pub struct Summary<'a> {
     pub facts: &'a BTreeMap<String, SceneFacts>,
     /// Charts of each scene: a title, and a path from the folder of results.
     pub charts: &'a BTreeMap<String, Vec<(String, String)>>,
-    /// What went wrong besides rows, in sentences.
-    pub problems: &'a [String],
 }
 
 fn range(low: Option<f64>, high: Option<f64>, decimals: usize) -> String {
@@ -40,19 +35,6 @@ fn range(low: Option<f64>, high: Option<f64>, decimals: usize) -> String {
     }
 }
 
-/// Which rows no other beats in time and error together. Techniques that take no time count.
-fn on_front(rows: &[&Row]) -> Vec<bool> {
-    let points: Vec<(f64, f64)> = rows
-        .iter()
-        .map(|row| {
-            let time = row.total_ms.unwrap_or(f64::NAN);
-            (time, row.flip_final_converged.unwrap_or(f64::NAN))
-        })
-        .collect();
-    let front = pareto_front(&points);
-    (0..rows.len()).map(|index| front.contains(&index)).collect()
-}
-
 impl Summary<'_> {
     /// The text.
     #[must_use]
@@ -60,19 +42,14 @@ impl Summary<'_> {
         let mut text = "# What each technique costs and how far it is from the truth\n\n".to_owned();
         self.machine(&mut text);
         self.noise(&mut text);
-        for scene in self.scenes() {
+        text.push_str(&findings::sections(self.rows, self.protocol));
+        for scene in findings::scenes(self.rows) {
             self.scene(&mut text, scene);
         }
         text.push_str(&paper::tables(self.rows));
         self.absent(&mut text);
         self.explanation(&mut text);
         text
-    }
-
-    fn scenes(&self) -> Vec<&str> {
-        let mut seen = BTreeSet::new();
-        let scenes = self.rows.iter().map(|row| row.scene.as_str());
-        scenes.filter(|scene| seen.insert(*scene)).collect()
     }
 
     fn machine(&self, text: &mut String) {
@@ -101,6 +78,11 @@ impl Summary<'_> {
             "- {width}x{height}; {frames} timed frames per technique in {} rounds; {views} views after {motion_frames} frames of \
              motion; ground truth of {samples} samples per pixel",
             self.protocol.rounds()
+        );
+        let _ = writeln!(
+            text,
+            "- Built-in scenes at detail {}, with textures of {} texels and at most {} shadow maps of {} texels for a directional light",
+            self.protocol.detail, self.protocol.texture_size, self.protocol.cascades, self.protocol.shadow_size
         );
         if self.machine.is_cpu {
             text.push_str("- **This adapter is a CPU**: its times can't be compared with those of GPUs.\n");
@@ -175,21 +157,17 @@ impl Summary<'_> {
                 facts.tracer
             );
         }
-        let rows: Vec<&Row> = self
-            .rows
-            .iter()
-            .filter(|row| row.scene == scene && row.is_ok())
-            .collect();
+        let rows = findings::of_scene(self.rows, scene);
         if rows.is_empty() {
             text.push_str("Nothing was measured.\n\n");
             return;
         }
         text.push_str(
             "| technique | tracer | ms | 95 % sure | p95 | of `reference` | 95 % sure | rays per pixel | FLIP picture | FLIP \
-             reflection | PSNR dB | bias | flicker | frame 1, 4, 16 after a cut | broken pixels |\n\
+             reflection | PSNR dB | bias, % | flicker | frame 1, 4, 16 after a cut | broken pixels |\n\
              |---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
         );
-        for (row, front) in rows.iter().zip(on_front(&rows)) {
+        for (row, front) in rows.iter().zip(on_front(&rows, |row| row.flip_final_converged)) {
             let star = if front { " ★" } else { "" };
             let percent = |value: Option<f64>| number(value.map(|value| 100.0 * value), 1);
             let _ = writeln!(
@@ -210,7 +188,8 @@ impl Summary<'_> {
                 number(row.flip_final_converged, 4),
                 number(row.flip_reflection_converged, 4),
                 number(row.psnr_db, 1),
-                number(row.bias, 4),
+                row.bias_percent
+                    .map_or_else(|| "-".to_owned(), |percent| format!("{percent:+.2}")),
                 number(row.flicker, 5),
                 number(row.recovery_1, 4),
                 number(row.recovery_4, 4),
@@ -226,7 +205,7 @@ impl Summary<'_> {
 
     fn absent(&self, text: &mut String) {
         let rows: Vec<&Row> = self.rows.iter().filter(|row| !row.is_ok()).collect();
-        if rows.is_empty() && self.problems.is_empty() {
+        if rows.is_empty() {
             return;
         }
         text.push_str("## What was not measured\n\n");
@@ -237,9 +216,6 @@ impl Summary<'_> {
                 "failed"
             };
             let _ = writeln!(text, "- {} in {} {word}: {}", row.label(), row.scene, row.note);
-        }
-        for problem in self.problems {
-            let _ = writeln!(text, "- {problem}");
         }
         text.push('\n');
     }
@@ -258,9 +234,11 @@ impl Summary<'_> {
              tone-mapped pictures of 8 bits. *Picture* is what the camera shows, *reflection* what reflections add to it on the \
              display: the difference to a picture without any reflection of the environment.\n\
              - The **ground truth** averages {} frames of a still camera, each with one ray per pixel, without denoiser and up to a \
-             roughness of {TRUTH_CUTOFF}. What a technique leaves to the environment map because of its cut-off counts as error.\n\
+             roughness of {TRUTH_CUTOFF}. Techniques trace up to the same roughness; presets have cut-offs of their own, and what they \
+             leave to the environment map counts as error.\n\
              - **PSNR** and **bias** (mean signed error of luminance) are of linear light, computed from the 8-bit pictures, against \
-             the ground truth. **Flicker** is the mean change of luminance from frame to frame in a still view.\n\
+             the ground truth; bias is in percent of the ground truth's luminance. **Flicker** is the mean change of luminance from \
+             frame to frame in a still view.\n\
              - **Broken pixels** are infinite or no number, and are not so without reflections. There must be none.\n",
             self.protocol.samples
         );
@@ -300,7 +278,6 @@ mod tests {
             rows,
             facts: &BTreeMap::new(),
             charts: &charts,
-            problems: &["The street is closed.".to_owned()],
         }
         .to_markdown()
     }
@@ -317,7 +294,9 @@ mod tests {
         assert!(text.contains("| quarter | 1.000 | *0.971* |"), "{text}");
         assert!(text.contains("| quarter | 0.0712 | *0.063* |"), "{text}");
         assert!(text.contains("| quarter | 100.0 % | *100.0 %* |"), "{text}");
-        assert!(text.contains("![error and time](charts/atrium.svg)") && text.contains("The street is closed."));
+        assert!(text.contains("![error and time](charts/atrium.svg)"));
+        assert!(text.contains("## Is the error of a variable rate at most the paper's?"));
+        assert!(text.contains("3 timed frames per technique in 3 rounds"), "{text}");
         assert!(!text.contains("Bistro"), "scenes that weren't measured have no column");
         // The front: everything but what is both slower and worse.
         assert!(text.contains("| reference ★ |") && text.contains("| vrs-roughness ★ |") && text.contains("| ssr |"));

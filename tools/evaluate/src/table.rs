@@ -2,21 +2,32 @@
 
 use crate::{
     judge::{Errors, ViewErrors},
+    ledger::Ledger,
     machine::Machine,
     plan::{Job, Variant},
     rows::{Outcome, Row, significant},
-    state::{Captured, Round, SceneFacts, Store, read_json},
+    state::{Round, SceneFacts, Store, read_json},
     stats::{mean, median_interval, paired_ratio, quantile},
     timing::{FRAME, LIGHTING_NAME, RAYS_NAME, TOTAL},
 };
-use std::collections::BTreeMap;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
 /// Digits of the values in files.
 const DIGITS: i32 = 5;
 
-/// The rows of a job. `failure` says why the job as a whole ended early, if it did.
+/// The rows of a job. `failure` says why the job as a whole ended early, if it did, and `problems` which pictures could not be compared,
+/// by job and technique.
 #[must_use]
-pub fn rows(job: &Job, machine: &Machine, failure: Option<&str>) -> Vec<Row> {
+pub fn rows(
+    job: &Job,
+    machine: &Machine,
+    ledger: &Ledger,
+    failure: Option<&str>,
+    problems: &BTreeMap<(String, String), String>,
+) -> Vec<Row> {
     let store = Store::new(job);
     let rounds: Vec<Round> = (0..job.protocol.rounds())
         .filter_map(|round| read_json(&store.round(round)))
@@ -31,22 +42,29 @@ pub fn rows(job: &Job, machine: &Machine, failure: Option<&str>) -> Vec<Row> {
                 row.adapter.clone_from(&facts.adapter);
             }
             times(&mut row, variant, &rounds);
-            let captured: Option<Captured> = read_json(&store.captured(variant));
-            let errors: Option<Errors> = read_json(&store.errors(variant));
-            let complete = row.frames > 0 && captured.is_some() && errors.is_some();
+            let (name, id) = (job.id(), variant.id());
+            let captured = store.load_captured(variant);
+            let errors = captured
+                .as_ref()
+                .and_then(|captured| ledger.errors(&name, &id, captured.stamp, job.protocol.views));
+            let complete = row.frames > 0 && errors.is_some();
             if let Some(captured) = captured {
                 row.flicker = mean(&captured.flicker).map(|value| significant(value, DIGITS));
-                row.nonfinite = (!captured.flicker.is_empty()).then_some(captured.nonfinite);
+                row.nonfinite = Some(captured.nonfinite);
             }
             if let Some(errors) = errors {
                 judge(&mut row, &errors);
             }
-            if let Some(reason) = failures.get(&variant.id()) {
+            if let Some(reason) = failures.get(&id) {
                 row.outcome = Outcome::Failed;
                 row.note.clone_from(reason);
             } else if !complete {
+                let problem = problems.get(&(name, id)).map(String::as_str);
                 row.outcome = Outcome::Failed;
-                row.note = failure.unwrap_or("it was not measured to the end").to_owned();
+                row.note = problem
+                    .or(failure)
+                    .unwrap_or("it was not measured to the end")
+                    .to_owned();
             }
             row
         })
@@ -142,23 +160,39 @@ fn judge(row: &mut Row, errors: &Errors) {
     row.flip_final_converged_max = quantile(&all, 1.0).map(digits);
     row.psnr_db = over_views(|view| view.psnr_db);
     row.bias = over_views(|view| view.bias);
+    // Of all views together, so that a dark one doesn't weigh more than a bright one.
+    let (bias, light) = (
+        errors.values(|view| view.bias),
+        errors.values(|view| view.truth_luminance),
+    );
+    row.bias_percent = match (mean(&bias), mean(&light)) {
+        (Some(bias), Some(light)) if light > 0.0 => Some(digits(100.0 * bias / light)),
+        _ => None,
+    };
     row.recovery_1 = over_views(|view| view.recovery[0]);
     row.recovery_4 = over_views(|view| view.recovery[1]);
     row.recovery_16 = over_views(|view| view.recovery[2]);
 }
 
-/// What is known of each scene, by its name.
+/// What is known of each scene that rows are about, by its name.
 #[must_use]
-pub fn facts(jobs: &[Job]) -> BTreeMap<String, SceneFacts> {
-    let first = jobs.iter().filter(|job| job.first);
-    first
-        .filter_map(|job| Some((job.scene.name(), read_json(&Store::new(job).facts())?)))
-        .collect()
+pub fn facts(out: &Path, rows: &[Row]) -> BTreeMap<String, SceneFacts> {
+    let scenes: BTreeSet<&str> = rows.iter().map(|row| row.scene.as_str()).collect();
+    let known = scenes
+        .into_iter()
+        .filter_map(|scene| Some((scene.to_owned(), read_json(&Store::of_scene(out, scene).facts())?)));
+    known.collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{
+        ledger::Entry,
+        plan::{SceneSource, TracerName},
+        protocol::Protocol,
+        state::{Captured, write_json},
+    };
 
     fn round(values: &[(&str, &[f64])]) -> Round {
         values
@@ -217,13 +251,14 @@ mod tests {
 
     #[test]
     fn errors_are_means_over_views() {
-        let view = |error: f64| ViewErrors {
+        let view = |error: f64, light: f64| ViewErrors {
             final_converged: Some(error),
+            bias: Some(-0.01),
+            truth_luminance: Some(light),
             ..ViewErrors::default()
         };
         let errors = Errors {
-            views: vec![view(0.1), view(0.3), ViewErrors::default()],
-            with_reference: true,
+            views: vec![view(0.1, 0.1), view(0.3, 0.3), ViewErrors::default()],
         };
         let mut row = row();
         judge(&mut row, &errors);
@@ -233,5 +268,44 @@ mod tests {
             (Some(0.1), Some(0.3))
         );
         assert_eq!(row.recovery_1, None);
+        assert_eq!((row.bias, row.bias_percent), (Some(-0.01), Some(-5.0)));
+    }
+
+    #[test]
+    fn a_row_says_what_it_lacks() {
+        let out = std::env::temp_dir().join(format!("glint_evaluate-{}-table", std::process::id()));
+        let job = Job {
+            scene: SceneSource::BuiltIn("atrium".into()),
+            tracer: TracerName::Bvh,
+            solari: false,
+            first: true,
+            variants: ["low", "high"].map(Variant::new).to_vec(),
+            protocol: Protocol {
+                timing_frames: 1,
+                views: 1,
+                ..Protocol::new(true, true)
+            },
+            out: out.clone(),
+            cache: out.join("cache"),
+        };
+        let store = Store::new(&job);
+        write_json(&store.facts(), &SceneFacts::default()).unwrap();
+        for variant in &job.variants {
+            write_json(&store.captured(variant), &Captured::default()).unwrap();
+        }
+        write_json(&store.round(0), &round(&[("low", &[1.0]), ("high", &[2.0])])).unwrap();
+        let ledger = Ledger::open(Ledger::file_in(&out));
+        let entry = Entry {
+            job: job.id(),
+            variant: "low".into(),
+            ..Entry::default()
+        };
+        ledger.append(entry).unwrap();
+        let problems = BTreeMap::from([(("atrium".to_owned(), "high".to_owned()), "a picture is gone".to_owned())]);
+        let rows = rows(&job, &Machine::default(), &ledger, Some("it was cancelled"), &problems);
+        assert!(rows[0].is_ok() && rows[0].nonfinite == Some(0), "{:?}", rows[0]);
+        assert_eq!((rows[1].is_ok(), rows[1].note.as_str()), (false, "a picture is gone"));
+        assert!(facts(&out, &rows).contains_key("atrium"));
+        std::fs::remove_dir_all(out).unwrap();
     }
 }

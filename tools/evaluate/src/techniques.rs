@@ -7,7 +7,7 @@ use bevy::{
     prelude::*,
 };
 use bevy_glint::{
-    Backend, RayTracedReflections, ShadingRateHeuristic, StatusReport, Technique, TracerChoice, named_settings,
+    Backend, Preset, RayTracedReflections, ShadingRateHeuristic, StatusReport, Technique, TracerChoice, named_settings,
     status::HardwareRates,
 };
 
@@ -40,8 +40,13 @@ pub fn has_hardware_rates(report: &StatusReport) -> bool {
 /// Whether a technique has a choice of back ends: those whose rate varies.
 #[must_use]
 pub fn has_backends(technique: &str) -> bool {
-    technique.starts_with("vrs-")
-        && named_settings(technique).is_ok_and(|(settings, _)| settings.technique == Technique::Variable)
+    technique.starts_with("vrs-") && is_variable(technique)
+}
+
+/// Whether a technique's or a preset's rate varies.
+#[must_use]
+pub fn is_variable(technique: &str) -> bool {
+    named_settings(technique).is_ok_and(|(settings, _)| settings.technique == Technique::Variable)
 }
 
 /// What every camera has, whatever the technique: the same G-buffer, so that techniques differ by their own passes alone.
@@ -76,6 +81,11 @@ pub fn apply(camera: &mut EntityWorldMut, variant: &Variant) -> Result<(), Strin
         "solari" => return solari::apply(camera),
         name => {
             let (mut settings, heuristic) = named_settings(name).map_err(|error| error.to_string())?;
+            if name.parse::<Preset>().is_err() {
+                // Techniques are compared at like tasks; presets stay as users get them.
+                settings.roughness_cutoff = TRUTH_CUTOFF;
+                settings.roughness_fade = 0.0;
+            }
             settings.backend = if variant.hardware {
                 Backend::Hardware
             } else {
@@ -240,5 +250,6 @@ mod tests {
     fn only_variable_rates_have_back_ends() {
         assert!(has_backends("vrs-roughness") && has_backends("vrs-combined"));
         assert!(!has_backends("reference") && !has_backends("ssr") && !has_backends("off"));
+        assert!(is_variable("medium") && !has_backends("medium") && !is_variable("high") && !is_variable("solari"));
     }
 }

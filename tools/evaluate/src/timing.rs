@@ -69,6 +69,7 @@ impl Runner<'_> {
     /// Times all techniques.
     pub(crate) fn timing(&mut self) -> Result<(), String> {
         let job = self.job;
+        Event::Timing.tell();
         let rounds = job.protocol.rounds();
         let turn = job.protocol.turn_frames();
         for round in 0..rounds {

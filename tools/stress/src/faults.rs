@@ -100,21 +100,32 @@ impl Fault {
         matches!(self, Self::FewInstances | Self::LargeMesh)
     }
 
-    /// Text that the user must be told, in the status or in the log.
-    fn message(self) -> Option<&'static str> {
+    /// Texts of which the user must be told one, in the status or in the log; none where all works as ever.
+    fn messages(self) -> &'static [&'static str] {
         match self {
-            Self::DeviceLost => Some("Caught DeviceLost"),
-            Self::NoTimestamps => None,
-            Self::NoBindingArrays | Self::WebGpuMinimum => Some("are copies of 256x256 texels"),
-            Self::NoRayQueries => Some("ray queries were asked for, but the device lacks"),
-            Self::NoStorageFormats => Some("cameras keep their picture instead of a `DebugView`"),
-            Self::FewStorageBuffers => Some("storage buffers in a shader stage and 8 are needed"),
-            Self::BrokenPass => Some("ray-traced reflections stay off, since their denoiser failed"),
-            Self::BrokenHeuristic => Some("failed, so that every trace pixel gets its ray"),
-            Self::MissingHeuristic => Some("there_is_no_such_file.wesl"),
-            Self::FewInstances => Some("objects can be reflected, but the device's limit is"),
-            Self::LargeMesh => Some("is missing from reflections: the device's limit is"),
-            Self::FullBuffers => Some("doesn't fit into the memory that one buffer may take"),
+            Self::DeviceLost => &["Caught DeviceLost"],
+            Self::NoTimestamps => &[],
+            Self::NoBindingArrays => &["are copies of 256x256 texels"],
+            // Either it is enough, or reflections are declined.
+            Self::WebGpuMinimum => &["are copies of 256x256 texels", "storage buffers in a shader stage and"],
+            Self::NoRayQueries => &["ray queries were asked for, but the device lacks"],
+            Self::NoStorageFormats => &["cameras keep their picture instead of a `DebugView`"],
+            Self::FewStorageBuffers => &["storage buffers in a shader stage and"],
+            Self::BrokenPass => &["ray-traced reflections stay off, since their denoiser failed"],
+            Self::BrokenHeuristic => &["failed, so that every trace pixel gets its ray"],
+            Self::MissingHeuristic => &["there_is_no_such_file.wesl"],
+            Self::FewInstances => &["objects can be reflected, but the device's limit is"],
+            Self::LargeMesh => &["is missing from reflections: the device's limit is"],
+            Self::FullBuffers => &["doesn't fit into the memory that one buffer may take"],
+        }
+    }
+
+    /// Something is reflected all the same; `None` where the status decides.
+    fn reflects(self) -> Option<bool> {
+        match self {
+            Self::FewStorageBuffers => Some(false),
+            Self::WebGpuMinimum => None,
+            _ => Some(true),
         }
     }
 
@@ -160,8 +171,9 @@ impl Fault {
                 max_storage_buffers_per_shader_stage: 7,
                 ..WgpuLimits::unlimited()
             }),
+            // Fewer than room is made for at first.
             Self::FewInstances => limited(WgpuLimits {
-                max_tlas_instance_count: 64,
+                max_tlas_instance_count: 16,
                 ..WgpuLimits::unlimited()
             }),
             Self::LargeMesh => limited(WgpuLimits {
@@ -226,7 +238,7 @@ mod tests {
         assert!(device(Fault::DeviceLost).features.contains(formats));
         assert!(!device(Fault::NoStorageFormats).features.contains(formats));
         let limits = device(Fault::FewInstances).constrained_limits.unwrap();
-        assert_eq!(limits.max_tlas_instance_count, 64);
+        assert_eq!(limits.max_tlas_instance_count, 16);
         assert!(Fault::DeviceLost.expects("Caught DeviceLost error"));
         assert!(!Fault::NoTimestamps.expects("Caught rendering error"));
     }

@@ -4,12 +4,14 @@ use argh::FromArgs;
 use bevy::math::UVec2;
 use bevy_glint::TracerChoice;
 use glint_stress::{
+    pulse,
     report::Line,
     section::Only,
     supervisor::{Plan, say},
     work::Work,
 };
 use std::{
+    path::PathBuf,
     process::ExitCode,
     str::FromStr,
     time::{Duration, Instant},
@@ -27,14 +29,14 @@ struct Arguments {
     /// auto (both where the device has ray queries), ray-query or bvh (default: auto)
     #[argh(option, default = "TracerChoice::Auto")]
     tracer: TracerChoice,
-    /// a section (faults, energy, stability, long-run, scenes), a fault such as device-lost, or an ingredient that all scenes
-    /// have, such as mesh-needles
+    /// a section (faults, energy, stability, long-run, bounds, viewer, scenes), a fault such as device-lost, or an ingredient that
+    /// all scenes have, such as mesh-needles
     #[argh(option)]
     only: Option<Only>,
     /// size of all pictures in pixels, such as 48x32
     #[argh(option)]
     size: Option<Size>,
-    /// number of scenes
+    /// number of scenes, or of files for the viewer
     #[argh(option)]
     count: Option<u64>,
     /// frames of each scene, or of the long run
@@ -43,12 +45,21 @@ struct Arguments {
     /// places of the ingredients that are kept of the first scene, separated by commas, or none
     #[argh(option)]
     keep: Option<Places>,
+    /// compile all shaders with runtime checks (default: in every other process that renders scenes)
+    #[argh(switch)]
+    checked: bool,
+    /// the program of the example `viewer` (default: the one that cargo built beside this program)
+    #[argh(option)]
+    viewer: Option<PathBuf>,
     /// what this process does for another one
     #[argh(option, hidden_help)]
     work: Option<Only>,
     /// seconds that it may take
     #[argh(option, hidden_help, default = "60")]
     seconds: u64,
+    /// without reflections
+    #[argh(switch, hidden_help)]
+    plain: bool,
 }
 
 /// Width and height.
@@ -88,6 +99,7 @@ impl FromStr for Places {
 fn main() -> ExitCode {
     let arguments: Arguments = argh::from_env();
     if let Some(only) = arguments.work {
+        pulse::start();
         let work = work(&arguments, only);
         let next = work.run(&mut |line| line.tell());
         Line::End(next).tell();
@@ -99,16 +111,12 @@ fn main() -> ExitCode {
     }
     let plan = plan(&arguments);
     let outcome = plan.run(&mut |line| say(line));
-    say(&format!("==> {}", outcome.tally));
-    if outcome.failures.is_empty() {
-        say("==> nothing failed");
-        return ExitCode::SUCCESS;
+    say(&outcome.to_string());
+    if outcome.is_good() {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
     }
-    say(&format!("==> {} failed:", outcome.failures.len()));
-    for failure in &outcome.failures {
-        say(&failure.to_string());
-    }
-    ExitCode::FAILURE
 }
 
 fn work(arguments: &Arguments, only: Only) -> Work {
@@ -120,6 +128,10 @@ fn work(arguments: &Arguments, only: Only) -> Work {
         keep: arguments.keep.clone().map(|places| places.0),
         frames: arguments.frames,
         size: arguments.size.map(|size| size.0),
+        checked: arguments.checked,
+        plain: arguments.plain,
+        viewer: arguments.viewer.clone(),
+        minutes: arguments.minutes,
         deadline: Instant::now() + Duration::from_secs(arguments.seconds),
     }
 }
@@ -144,6 +156,8 @@ fn plan(arguments: &Arguments) -> Plan {
         }
     });
     hand_on("--keep", keep);
+    let viewer = arguments.viewer.as_ref();
+    hand_on("--viewer", viewer.map(|path| path.to_string_lossy().into_owned()));
     // A kept part is one of a scene.
     let only = match (arguments.only, &arguments.keep, arguments.count) {
         (None, Some(_), _) | (None, _, Some(_)) => "scenes".parse().ok(),
@@ -154,6 +168,7 @@ fn plan(arguments: &Arguments) -> Plan {
         tracer: arguments.tracer,
         seed: arguments.seed,
         time: Duration::from_secs_f64(60.0 * arguments.minutes.min(1e6)),
+        checked: arguments.checked,
         handed_on,
         once: arguments.count.is_some() || arguments.keep.is_some(),
     }

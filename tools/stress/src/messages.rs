@@ -77,6 +77,18 @@ pub fn take_panics() -> Vec<String> {
     std::mem::take(&mut messages().panics)
 }
 
+/// Whether a panic happened in the code of this repository: dependencies lie in cargo's folders, the standard library below `/rustc/`.
+#[must_use]
+pub fn is_own(panic: &str) -> bool {
+    let Some((_, rest)) = panic.split_once("panicked at ") else {
+        return false;
+    };
+    let place = rest.split_whitespace().next().unwrap_or_default().replace('\\', "/");
+    !["/registry/src/", "/git/checkouts/", "/rustc/"]
+        .iter()
+        .any(|folder| place.contains(folder))
+}
+
 /// A warning or error with this text was given since the process began. Many are given only once in a process.
 #[must_use]
 pub fn was_heard(text: &str) -> bool {
@@ -133,5 +145,17 @@ mod tests {
             "bevy_render::error_handler: Caught rendering error: Validation Error"
         ));
         assert!(!is_failure("bevy_asset::server: Path not found: stress/missing.png"));
+    }
+
+    #[test]
+    fn panics_belong_to_whose_code_they_are_in() {
+        assert!(is_own(
+            "thread 'main' panicked at src/scene/meshes.rs:3:9:\nindex out of bounds"
+        ));
+        assert!(is_own("panicked at examples/viewer.rs:10:5:\nno"));
+        assert!(!is_own(
+            "panicked at /home/u/.cargo/registry/src/index/bevy_gltf-0.20.1/src/loader/mod.rs:1:2:\nno"
+        ));
+        assert!(!is_own("error: there is no such file"));
     }
 }

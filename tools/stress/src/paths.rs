@@ -15,7 +15,7 @@ use bevy_glint::{
 /// Steps of 16 bits that values may differ by on a GPU, whose compiler may translate the same code twice.
 const STEPS: u32 = 4;
 /// One of so many texels may differ by more on a GPU, since a last bit can lead past an edge.
-const FEW: usize = 50;
+pub const FEW: usize = 50;
 /// Bit of a record's second word.
 const RECORD_VALID: u32 = 0x40 << 16;
 /// Largest views that are compared: more would only take time.
@@ -43,15 +43,7 @@ pub fn compare(stage: &mut Stage, scene: &HostileScene, patience: u32) -> Vec<Pr
         plan.spawn(stage, scene.root)
     });
     stage.settle(patience);
-    // They begin anew in the same frame, so that they draw the same samples.
-    for (is_active, frames) in [(false, 3), (true, 5)] {
-        for camera in cameras {
-            if let Some(mut camera) = stage.world().get_mut::<Camera>(camera) {
-                camera.is_active = is_active;
-            }
-        }
-        stage.step(frames);
-    }
+    begin_anew(stage, &cameras, 5);
     let both = |target: Target| {
         let [plain, variable] = cameras.map(|camera| stage.copy(camera, target));
         Some([plain?, variable?])
@@ -81,8 +73,21 @@ pub fn compare(stage: &mut Stage, scene: &HostileScene, patience: u32) -> Vec<Pr
     problems
 }
 
+/// Has cameras begin anew in the same frame, so that they draw the same samples, and renders so many frames.
+pub fn begin_anew(stage: &mut Stage, cameras: &[Entity], frames: u32) {
+    for (is_active, frames) in [(false, 3), (true, frames)] {
+        for camera in cameras {
+            if let Some(mut camera) = stage.world().get_mut::<Camera>(*camera) {
+                camera.is_active = is_active;
+            }
+        }
+        stage.step(frames);
+    }
+}
+
 /// Texels of active tiles that differ; on the CPU driver by any bit.
-fn differing(pair: &[Copied; 2], rates: &Copied, records: &[Copied; 2], target: Target, exact: bool) -> usize {
+#[must_use]
+pub fn differing(pair: &[Copied; 2], rates: &Copied, records: &[Copied; 2], target: Target, exact: bool) -> usize {
     let [a, b] = pair;
     if a.size != b.size {
         return a.words.len().max(b.words.len());
@@ -92,7 +97,8 @@ fn differing(pair: &[Copied; 2], rates: &Copied, records: &[Copied; 2], target: 
     let is_active = |place: UVec2| rates.at((place / tile).min(rates.size - 1))[0] & RATE_ACTIVE != 0;
     // Where no ray was drawn, something older may stand.
     let has_ray = |place: UVec2| {
-        target == Target::Reconstructed || records.iter().any(|record| record.at(place)[1] & RECORD_VALID != 0)
+        let is_full = matches!(target, Target::Reconstructed | Target::HistoryRadiance);
+        is_full || records.iter().any(|record| record.at(place)[1] & RECORD_VALID != 0)
     };
     let differs = |place: UVec2| {
         let (a, b) = (a.at(place), b.at(place));

@@ -16,6 +16,8 @@ use std::{
 
 /// Frames that loading, compiling and building may take.
 const PATIENCE: u32 = 600;
+/// Frames that it may take to load files.
+const FILE_PATIENCE: u32 = 300;
 /// Scenes on one device, then a new one is opened.
 const SCENES_PER_STAGE: u32 = 60;
 /// Pictures up to this many pixels are looked at in every frame, larger ones at the end.
@@ -230,6 +232,7 @@ pub fn panicked(payload: &(dyn Any + Send)) -> Problem {
 fn perform(stage: &mut Stage, recipe: &Recipe) -> Vec<Problem> {
     stage.reset_clocks();
     let mut scene = build(stage, recipe);
+    stage.settle_files(&scene.files, FILE_PATIENCE);
     stage.settle(PATIENCE);
     let mut problems = Vec::new();
     let size = scene.plan.size;
@@ -254,5 +257,9 @@ fn perform(stage: &mut Stage, recipe: &Recipe) -> Vec<Problem> {
     problems.extend(checks::leftovers(stage));
     let errors = stage.take_errors();
     problems.extend(errors.into_iter().map(|error| Problem::new(ProblemKind::Device, error)));
+    // Those of loaders and of builds in the background stop nothing else.
+    let panics = messages::take_panics().into_iter();
+    let own = panics.filter(|panic| messages::is_own(panic));
+    problems.extend(own.map(|panic| Problem::new(ProblemKind::Panic, panic)));
     problems
 }

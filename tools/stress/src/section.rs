@@ -14,13 +14,38 @@ pub enum Section {
     Faults,
     /// Ten thousand frames.
     LongRun,
+    /// Shaders with and without runtime checks.
+    Bounds,
+    /// Broken files, and the viewer that is to show them.
+    Viewer,
     /// Hostile scenes.
     Scenes,
 }
 
 impl Section {
     /// All sections, in the order in which they run.
-    pub const ALL: [Self; 5] = [Self::Faults, Self::Energy, Self::Stability, Self::LongRun, Self::Scenes];
+    pub const ALL: [Self; 7] = [
+        Self::Faults,
+        Self::Energy,
+        Self::Stability,
+        Self::LongRun,
+        Self::Bounds,
+        Self::Viewer,
+        Self::Scenes,
+    ];
+
+    /// Its part of the time, relative to the other sections. What one leaves over goes to those after it.
+    #[must_use]
+    pub fn weight(self) -> u32 {
+        match self {
+            Self::Faults | Self::Energy => 18,
+            Self::Stability => 14,
+            Self::LongRun => 25,
+            Self::Bounds => 5,
+            Self::Viewer => 4,
+            Self::Scenes => 16,
+        }
+    }
 
     /// The word for command lines.
     #[must_use]
@@ -30,6 +55,8 @@ impl Section {
             Self::Stability => "stability",
             Self::Faults => "faults",
             Self::LongRun => "long-run",
+            Self::Bounds => "bounds",
+            Self::Viewer => "viewer",
             Self::Scenes => "scenes",
         }
     }

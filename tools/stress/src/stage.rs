@@ -1,7 +1,7 @@
 //! An app without a window that is stepped by hand: it may be opened on a lesser device, outlives errors of wgpu and the loss of its
 //! device, and counts what it renders.
 
-use crate::{messages, picture::Picture};
+use crate::{messages, picture::Picture, pulse};
 use bevy::{
     app::{PluginsState, TerminalCtrlCHandlerPlugin},
     camera::{Hdr, RenderTarget, ShadowLodOrigin},
@@ -19,10 +19,11 @@ use bevy::{
         diagnostic::RenderDiagnosticsPlugin,
         error_handler::{ErrorType, RenderError, RenderErrorHandler, RenderErrorPolicy},
         pipelined_rendering::PipelinedRenderingPlugin,
-        render_resource::{Extent3d, PipelineCache, PollType, TextureFormat, TextureUsages},
+        render_resource::{Extent3d, PollType, TextureFormat, TextureUsages},
         renderer::{RenderAdapterInfo, RenderDevice},
         settings::{WgpuFeatures, WgpuLimits, WgpuSettings},
     },
+    shader::ValidateShader,
     tasks::tick_global_task_pools_on_main_thread,
     time::TimeUpdateStrategy,
     window::{ExitCondition, WindowPlugin},
@@ -37,10 +38,6 @@ use std::{error::Error, fmt, time::Duration};
 
 /// Time from frame to frame.
 pub const FRAME_TIME: Duration = Duration::from_micros(16_666);
-/// Frames in a row without anything to wait for, after which nothing more is expected.
-const QUIET_FRAMES: u32 = 4;
-/// The same where no camera can reflect.
-const PATIENT_FRAMES: u32 = 10;
 /// Targets of more pixels aren't filled with zeros by the CPU.
 const LARGE_TARGET: u64 = 1 << 21;
 
@@ -57,6 +54,8 @@ pub struct StageSettings {
     pub diagnostics: bool,
     /// The hardware back end is opened, if it was built in.
     pub hardware: bool,
+    /// The library's shaders are compiled with runtime checks: an access out of bounds is none.
+    pub checked: bool,
 }
 
 impl Default for StageSettings {
@@ -67,6 +66,7 @@ impl Default for StageSettings {
             reflections: true,
             diagnostics: false,
             hardware: false,
+            checked: false,
         }
     }
 }
@@ -114,6 +114,19 @@ fn handle_error(error: &RenderError, world: &mut World) -> RenderErrorPolicy {
     match world.get_resource::<Recovery>() {
         Some(recovery) if lost => RenderErrorPolicy::Recover(recovery.0.clone().into()),
         _ => RenderErrorPolicy::Ignore,
+    }
+}
+
+/// Asks for runtime checks before the renderer takes shaders over.
+fn check_shaders(mut shaders: ResMut<Assets<Shader>>) {
+    let shaders = shaders.bypass_change_detection();
+    let ids: Vec<AssetId<Shader>> = shaders.ids().collect();
+    for id in ids {
+        if let Some(shader) = shaders.get_mut_untracked(id)
+            && shader.path.contains("bevy_glint")
+        {
+            shader.validate_shader = ValidateShader::Enabled;
+        }
     }
 }
 
@@ -183,6 +196,9 @@ impl Stage {
             app.add_plugins(RayTracedReflectionsPlugin {
                 tracer: settings.tracer,
             });
+        }
+        if settings.checked {
+            app.add_systems(Last, check_shaders);
         }
         while app.plugins_state() == PluginsState::Adding {
             tick_global_task_pools_on_main_thread();
@@ -272,6 +288,7 @@ impl Stage {
     pub fn step(&mut self, frames: u32) {
         for _ in 0..frames {
             self.app.update();
+            pulse::beat();
             self.frames += 1;
             let world = self.app.world_mut();
             let mut cameras = world.query::<&Camera>();
@@ -281,35 +298,6 @@ impl Stage {
                 .filter_map(Camera::physical_viewport_size);
             self.pixels += sizes.map(|size| u64::from(size.x) * u64::from(size.y)).sum::<u64>();
         }
-    }
-
-    /// Renders until pipelines are compiled and meshes are built; false if that takes more than so many frames.
-    pub fn settle(&mut self, limit: u32) -> bool {
-        let mut quiet = 0;
-        for _ in 0..limit {
-            self.step(1);
-            let (ready, pending) = self
-                .status()
-                .map_or((true, 0), |status| (status.ready, status.meshes_pending));
-            if pending > 0 || self.waits_for_pipelines() {
-                quiet = 0;
-                std::thread::sleep(Duration::from_millis(1));
-                continue;
-            }
-            quiet += 1;
-            let enough = if ready { QUIET_FRAMES } else { PATIENT_FRAMES };
-            if quiet >= enough {
-                return true;
-            }
-        }
-        false
-    }
-
-    fn waits_for_pipelines(&self) -> bool {
-        let cache = self
-            .render_world()
-            .and_then(|world| world.get_resource::<PipelineCache>());
-        cache.is_some_and(|cache| cache.waiting_pipelines().next().is_some())
     }
 
     /// Errors of wgpu and of the library since the last call. The last frames' are known two frames later.

@@ -1,21 +1,25 @@
 //! Known scenes that stand still, and pictures of them averaged over frames: what the checks of energy and of flicker share.
 
-use crate::{picture::luminance, random::Random, stage::Stage};
+use crate::{
+    picture::{Picture, luminance},
+    random::Random,
+    stage::Stage,
+};
 use bevy::{camera::Exposure, core_pipeline::tonemapping::Tonemapping, prelude::*};
-use bevy_glint::{DebugView, RayTracedReflections, Technique, named_settings};
+use bevy_glint::{DebugView, RayTracedReflections, ShadingRateHeuristic, Technique, named_settings};
 use glint_scenes::{SceneName, SceneOptions, environment};
 
 /// Frames that loading, compiling and building may take.
 const PATIENCE: u32 = 5000;
 
-/// Techniques of the measurements that share one denoiser, then presets.
+/// Techniques of the measurements that share one denoiser, the finest first, then presets.
 pub const TECHNIQUES: [&str; 8] = [
     "reference",
-    "quarter",
-    "quarter-inline",
+    "vrs-combined",
     "vrs-roughness",
     "vrs-grazing",
-    "vrs-combined",
+    "quarter",
+    "quarter-inline",
     "paper",
     "ultra",
 ];
@@ -64,45 +68,56 @@ impl StillView {
     ///
     /// If there is no technique of that name.
     pub fn switch(&self, stage: &mut Stage, name: &str, view: DebugView) -> Result<bool, String> {
-        let (mut settings, heuristic) = named_settings(name).map_err(|error| error.to_string())?;
-        settings.roughness_cutoff = 1.0;
-        settings.roughness_fade = 0.0;
+        Ok(self.show(stage, without_cut_off(name)?, view))
+    }
+
+    /// The same without a history at all: frames then differ by all the noise of their rays, independently of each other.
+    ///
+    /// # Errors
+    ///
+    /// If there is no technique of that name.
+    pub fn switch_to_single_frames(&self, stage: &mut Stage, name: &str, view: DebugView) -> Result<bool, String> {
+        let (mut settings, heuristic) = without_cut_off(name)?;
+        settings.denoiser.temporal = false;
+        Ok(self.show(stage, (settings, heuristic), view))
+    }
+
+    fn show(&self, stage: &mut Stage, settings: (RayTracedReflections, ShadingRateHeuristic), view: DebugView) -> bool {
         let mut camera = stage.world().entity_mut(self.camera);
-        camera.insert((settings, heuristic, view, Tonemapping::None));
+        camera.insert((settings, view, Tonemapping::None));
         let settled = stage.settle(PATIENCE);
         if let Some(mut reflections) = stage.world().get_mut::<RayTracedReflections>(self.camera) {
             reflections.reset = true;
         }
-        Ok(settled)
+        settled
     }
 
-    /// Renders frames and gathers their luminances.
+    /// Renders frames and hands each picture on.
     ///
     /// # Errors
     ///
     /// If a picture can't be read, or has pixels that are no numbers.
-    pub fn average(&self, stage: &mut Stage, frames: u32) -> Result<Average, String> {
-        let mut average = Average::default();
+    pub fn watch(&self, stage: &mut Stage, frames: u32, mut look: impl FnMut(&Picture)) -> Result<(), String> {
         for frame in 0..frames {
             stage.step(1);
             let picture = stage.picture(self.camera)?;
             if let Some(index) = picture.non_finite().first() {
                 return Err(format!("pixel {index} of frame {frame} is no number"));
             }
-            average.size = picture.size;
-            average.add(picture.texels.iter().map(luminance));
+            look(&picture);
         }
-        Ok(average)
+        Ok(())
     }
 
-    /// The luminances of one more frame.
+    /// Renders frames and gathers their luminances.
     ///
     /// # Errors
     ///
-    /// As [`average`](Self::average).
-    pub fn frame(&self, stage: &mut Stage) -> Result<Vec<f32>, String> {
-        let average = self.average(stage, 1)?;
-        Ok(average.means().map(|mean| mean as f32).collect())
+    /// As [`watch`](Self::watch).
+    pub fn average(&self, stage: &mut Stage, frames: u32) -> Result<Average, String> {
+        let mut average = Average::default();
+        self.watch(stage, frames, |picture| average.add(picture))?;
+        Ok(average)
     }
 
     /// Despawns all.
@@ -115,27 +130,45 @@ impl StillView {
     }
 }
 
+/// Settings of a technique that reflects on surfaces of any roughness.
+fn without_cut_off(name: &str) -> Result<(RayTracedReflections, ShadingRateHeuristic), String> {
+    let (mut settings, heuristic) = named_settings(name).map_err(|error| error.to_string())?;
+    settings.roughness_cutoff = 1.0;
+    settings.roughness_fade = 0.0;
+    Ok((settings, heuristic))
+}
+
 /// Luminances of a picture over frames.
 #[derive(Clone, Debug, Default)]
 pub struct Average {
     /// Pixels of the picture.
     pub size: UVec2,
+    /// Mean of each frame.
+    pub frame_means: Vec<f64>,
+    /// The brightest that each pixel was in any frame.
+    pub brightest: Vec<f32>,
     sums: Vec<f64>,
     squares: Vec<f64>,
-    frame_means: Vec<f64>,
 }
 
 impl Average {
-    fn add(&mut self, luminances: impl Iterator<Item = f32>) {
-        let values: Vec<f64> = luminances.map(f64::from).collect();
-        self.sums.resize(values.len(), 0.0);
-        self.squares.resize(values.len(), 0.0);
-        for (index, value) in values.iter().enumerate() {
+    /// Adds a frame; all must be of one size.
+    pub fn add(&mut self, picture: &Picture) {
+        self.size = picture.size;
+        let count = picture.texels.len();
+        self.sums.resize(count, 0.0);
+        self.squares.resize(count, 0.0);
+        self.brightest.resize(count, f32::NEG_INFINITY);
+        let mut sum = 0.0;
+        for (index, texel) in picture.texels.iter().enumerate() {
+            let value = luminance(texel);
+            self.brightest[index] = self.brightest[index].max(value);
+            let value = f64::from(value);
             self.sums[index] += value;
             self.squares[index] += value * value;
+            sum += value;
         }
-        self.frame_means
-            .push(values.iter().sum::<f64>() / values.len().max(1) as f64);
+        self.frame_means.push(sum / count.max(1) as f64);
     }
 
     fn frames(&self) -> f64 {
@@ -154,26 +187,29 @@ impl Average {
         self.frame_means.iter().sum::<f64>() / self.frames()
     }
 
-    /// Standard error of that mean, from how the frames differ; neighbours in time are alike where there is a history, so that this
-    /// is less than the whole of it.
+    /// The pixels that show a reflection: at least so much of the mean of all.
     #[must_use]
-    pub fn error(&self) -> f64 {
-        let mean = self.mean();
-        let square = self
-            .frame_means
-            .iter()
-            .map(|frame| (frame - mean) * (frame - mean))
-            .sum::<f64>();
-        (square / self.frames() / (self.frames() - 1.0).max(1.0)).sqrt()
+    pub fn lit(&self, share: f64) -> Vec<bool> {
+        let least = (share * self.mean()).max(1e-6);
+        self.means().map(|mean| mean >= least).collect()
     }
 
-    /// Mean over the pixels of their standard deviation from frame to frame, relative to the mean of all.
+    /// How much pixels flicker, on average over some of them: their standard deviation from frame to frame over their mean. Dark pixels
+    /// are measured against so much of the mean of all, since nobody sees theirs.
     #[must_use]
-    pub fn flicker(&self) -> f64 {
+    pub fn flicker(&self, pixels: &[bool], dark: f64) -> f64 {
         let frames = self.frames();
-        let deviation = |(sum, square): (&f64, &f64)| (square / frames - sum * sum / (frames * frames)).max(0.0).sqrt();
-        let sum: f64 = self.sums.iter().zip(&self.squares).map(deviation).sum();
-        sum / self.sums.len().max(1) as f64 / self.mean().abs().max(1e-6)
+        let least = (dark * self.mean()).max(1e-6);
+        let (mut sum, mut count) = (0.0, 0_u32);
+        for (index, is_counted) in pixels.iter().enumerate().take(self.sums.len()) {
+            if *is_counted {
+                let mean = self.sums[index] / frames;
+                let variance = (self.squares[index] / frames - mean * mean).max(0.0);
+                sum += variance.sqrt() / mean.max(least);
+                count += 1;
+            }
+        }
+        sum / f64::from(count.max(1))
     }
 
     /// The brightest mean among the pixels around each.
@@ -273,20 +309,36 @@ pub fn techniques(stage: &Stage) -> Vec<&'static str> {
 mod tests {
     use super::*;
 
+    fn gray(values: [f32; 2]) -> Picture {
+        Picture {
+            size: UVec2::new(2, 1),
+            texels: values.map(|value| [value, value, value, 1.0]).into(),
+        }
+    }
+
     #[test]
     fn averages_are_what_they_say() {
-        let mut average = Average {
-            size: UVec2::new(2, 1),
-            ..Average::default()
-        };
-        average.add([1.0, 3.0].into_iter());
-        average.add([3.0, 3.0].into_iter());
-        assert_eq!(average.means().collect::<Vec<_>>(), [2.0, 3.0]);
-        assert_eq!(average.mean(), 2.5);
-        // The first pixel deviates by 1, the second by nothing.
-        assert!((average.flicker() - 0.5 / 2.5).abs() < 1e-9);
-        assert!((average.error() - 0.5).abs() < 1e-9);
-        assert_eq!(average.brightest_around(1), [3.0, 3.0]);
-        assert_eq!(average.brightest_around(0), [2.0, 3.0]);
+        let mut average = Average::default();
+        average.add(&gray([1.0, 3.0]));
+        average.add(&gray([3.0, 3.0]));
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-5;
+        assert!(
+            average
+                .means()
+                .zip([2.0, 3.0])
+                .all(|(mean, expected)| near(mean, expected))
+        );
+        assert!(near(average.mean(), 2.5));
+        // The first pixel deviates by 1 from 2, the second by nothing.
+        assert!(near(average.flicker(&[true, true], 0.0), 0.25));
+        assert!(near(average.flicker(&[true, false], 0.0), 0.5));
+        // Measured against twice the mean of all.
+        assert!(near(average.flicker(&[true, false], 2.0), 0.2));
+        assert_eq!(average.flicker(&[false, false], 0.0), 0.0);
+        assert_eq!(average.lit(1.0), [false, true]);
+        let around = |reach: i32| average.brightest_around(reach);
+        assert!(around(1).iter().all(|brightest| (brightest - 3.0).abs() < 1e-5));
+        assert!((around(0)[0] - 2.0).abs() < 1e-5);
+        assert!((average.brightest[0] - 3.0).abs() < 1e-5);
     }
 }

@@ -1,29 +1,38 @@
-//! Starts working processes one after the other, gathers what they tell, and goes on when one of them crashes or hangs.
+//! Divides the time among the sections, starts working processes one after the other, gathers what they tell, and goes on when one of
+//! them crashes or hangs.
 
 use crate::{
     faults::Fault,
-    report::{Failure, Line, Tally},
+    outcome::{Outcome, PartOutcome, together},
+    process::{self, Crash, Ended, Found, Limits},
+    report::{Failure, Reach},
     section::{Only, Section},
-    work::tracer_word,
+    work::{SKIPPED, tracer_word},
 };
 use bevy_glint::TracerChoice;
 use std::{
-    env,
-    io::{BufRead, BufReader, Write},
-    process::{Child, Command, Stdio},
-    sync::mpsc::{Receiver, RecvTimeoutError, channel},
-    thread,
+    io::Write,
     time::{Duration, Instant},
 };
 
-/// Seconds of scenes in one process.
+/// Seconds of scenes in one process, at most ..
 const BATCH_SECONDS: u64 = 240;
-/// A process that is silent for so long hangs.
-const SILENCE: Duration = Duration::from_secs(900);
-/// What is being done is shown this often.
-const SHOW: Duration = Duration::from_secs(30);
+/// .. and at least: a CPU compiles shaders for a while before the first scene.
+const LEAST_BATCH_SECONDS: u64 = 75;
+/// With less time left no further process is started.
+const LEAST_SECONDS: u64 = 10;
+/// A process that is silent for a quarter of the whole time hangs, within these limits.
+const SILENCE: [Duration; 2] = [Duration::from_secs(120), Duration::from_secs(300)];
+/// A process may still finish what it began, and make a failing scene simpler.
+const GRACE: Duration = Duration::from_secs(180);
 /// Processes that end without having done anything, in a row, before their section is given up.
 const MOST_IDLE: u32 = 3;
+/// Crashes of scenes that are looked into by trying them again.
+const MOST_EXAMINED: u32 = 4;
+/// Seconds for one scene or fault that is tried again.
+const EXAMINE_SECONDS: u64 = 120;
+/// Times that Bevy alone meets a fault that crashed: it is a matter of luck whether it crashes, too.
+const FAULT_CONTROLS: u32 = 3;
 
 /// What to run.
 #[derive(Clone, Debug)]
@@ -36,35 +45,27 @@ pub struct Plan {
     pub seed: u64,
     /// Time for everything.
     pub time: Duration,
+    /// Shaders always have runtime checks; else some processes have them.
+    pub checked: bool,
     /// Options that are handed on as they are.
     pub handed_on: Vec<String>,
     /// There is a limit of scenes: one process is enough.
     pub once: bool,
 }
 
-/// What came of a run.
-#[derive(Clone, Debug, Default)]
-pub struct Outcome {
-    /// What was tried.
-    pub tally: Tally,
-    /// What failed.
-    pub failures: Vec<Failure>,
-}
-
-/// How a process ended.
-struct Ended {
-    /// The next seed, if it came to its end.
-    next: Option<u64>,
-    /// Anything was tried.
-    worked: bool,
-}
-
-/// A section with its tracers and its share of the time.
+/// A section with its tracers.
 struct Part {
     only: Only,
     tracers: Vec<TracerChoice>,
-    /// Of the whole time.
-    share: f64,
+}
+
+/// A process to be started.
+struct Job {
+    only: Only,
+    tracer: TracerChoice,
+    seed: u64,
+    seconds: u64,
+    checked: bool,
 }
 
 impl Plan {
@@ -74,30 +75,26 @@ impl Plan {
             tracer => vec![tracer],
         };
         let both = [TracerChoice::Bvh, TracerChoice::RayQuery];
-        let part = |only: Only, share: f64| Part {
+        let part = |only: Only| Part {
             only,
             tracers: match only.section() {
                 Section::Scenes => chosen(&both),
+                // Whatever the device has: some faults are those of ray queries.
+                Section::Faults => chosen(&[TracerChoice::Auto]),
                 // The faster one on CPUs, where these take long.
-                Section::Energy | Section::Stability => chosen(&both[..1]),
-                Section::Faults | Section::LongRun => chosen(&[TracerChoice::Auto]),
+                _ => chosen(&both[..1]),
             },
-            share,
         };
         match self.only {
-            Some(only) => vec![part(only, 1.0)],
-            None => {
-                let share = |section: Section| match section {
-                    Section::Faults | Section::LongRun => 0.25,
-                    Section::Energy => 0.15,
-                    Section::Stability => 0.1,
-                    // Whatever is left.
-                    Section::Scenes => 1.0,
-                };
-                Section::ALL
-                    .map(|section| part(Only::Section(section), share(section)))
-                    .into()
-            }
+            Some(only) => vec![part(only)],
+            None => Section::ALL.map(|section| part(Only::Section(section))).into(),
+        }
+    }
+
+    fn limits(&self) -> Limits {
+        Limits {
+            silence: (self.time / 4).clamp(SILENCE[0], SILENCE[1]),
+            grace: GRACE,
         }
     }
 
@@ -105,190 +102,251 @@ impl Plan {
     pub fn run(&self, say: &mut dyn FnMut(&str)) -> Outcome {
         let start = Instant::now();
         let mut outcome = Outcome::default();
-        for part in self.parts() {
+        let parts = self.parts();
+        for (index, part) in parts.iter().enumerate() {
+            let weights: u32 = parts[index..].iter().map(|part| part.only.section().weight()).sum();
             let left = self.time.saturating_sub(start.elapsed());
-            let time = left.min(self.time.mul_f64(part.share));
+            let time = left * part.only.section().weight() / weights.max(1);
             say(&format!("==> {} for up to {} s", part.only.name(), time.as_secs()));
-            if part.only.section() == Section::Scenes {
-                self.scenes(&part, Instant::now() + time, &mut outcome, say);
-            } else if part.only == Only::Section(Section::Faults) {
-                self.faults(&part, Instant::now() + time, &mut outcome, say);
-            } else {
-                for tracer in &part.tracers {
-                    let seconds = time.as_secs() / part.tracers.len().max(1) as u64;
-                    self.process(part.only, *tracer, self.seed, seconds, &mut outcome, say);
-                }
-            }
+            let begin = Instant::now();
+            let reach = self.part(part, begin + time, &mut outcome.found, say);
+            let part = PartOutcome {
+                name: part.only.name(),
+                reach,
+                took: begin.elapsed(),
+            };
+            say(&format!("    {part}"));
+            outcome.parts.push(part);
         }
         outcome
     }
 
-    /// Each fault in a process of its own: some warnings are given only once in a process.
-    fn faults(&self, part: &Part, deadline: Instant, outcome: &mut Outcome, say: &mut dyn FnMut(&str)) {
-        for fault in Fault::ALL {
-            for tracer in &part.tracers {
-                let left = deadline.saturating_duration_since(Instant::now()).as_secs();
-                if left == 0 {
-                    say(&format!("    there was no time for the fault {}", fault.name()));
-                    continue;
-                }
-                self.process(Only::Fault(fault), *tracer, self.seed, left, outcome, say);
+    fn part(&self, part: &Part, deadline: Instant, found: &mut Found, say: &mut dyn FnMut(&str)) -> Option<Reach> {
+        if part.only.section() == Section::Scenes {
+            return self.scenes(part, deadline, found, say);
+        }
+        if part.only == Only::Section(Section::Faults) {
+            return Some(self.faults(part, deadline, found, say));
+        }
+        let mut reach = None;
+        for (index, tracer) in part.tracers.iter().enumerate() {
+            let left = deadline.saturating_duration_since(Instant::now()).as_secs();
+            let job = Job {
+                only: part.only,
+                tracer: *tracer,
+                seed: self.seed,
+                seconds: left / (part.tracers.len() - index) as u64,
+                checked: self.checked,
+            };
+            let ended = self.process(&job, found, say);
+            reach = together(reach, ended.reach);
+            if let Some(crash) = ended.crash {
+                fail(crash, None, found, say);
             }
         }
+        reach
     }
 
-    /// Batches of scenes, by turns with each tracer, until the time is over.
-    fn scenes(&self, part: &Part, deadline: Instant, outcome: &mut Outcome, say: &mut dyn FnMut(&str)) {
-        // Each tracer meets the same scenes.
-        let mut tracers: Vec<_> = part.tracers.iter().map(|tracer| (*tracer, self.seed)).collect();
-        let mut turn = 0;
-        let mut idle = 0;
-        while !tracers.is_empty() && idle < MOST_IDLE {
+    /// Each fault in a process of its own: some warnings are given only once in a process.
+    fn faults(&self, part: &Part, deadline: Instant, found: &mut Found, say: &mut dyn FnMut(&str)) -> Reach {
+        let jobs: Vec<(Fault, TracerChoice)> = Fault::ALL
+            .into_iter()
+            .flat_map(|fault| part.tracers.iter().map(move |tracer| (fault, *tracer)))
+            .collect();
+        let mut reach = Reach::new(0, jobs.len() as u64, "faults");
+        for (fault, tracer) in jobs {
             let left = deadline.saturating_duration_since(Instant::now()).as_secs();
+            if left == 0 {
+                say(&format!("    there was no time for the fault {}", fault.name()));
+                continue;
+            }
+            let job = Job {
+                only: Only::Fault(fault),
+                tracer,
+                seed: self.seed,
+                seconds: left,
+                checked: self.checked,
+            };
+            let ended = self.process(&job, found, say);
+            reach.done += 1;
+            if let Some(crash) = ended.crash {
+                self.examine(&job, crash, found, say);
+            }
+        }
+        reach
+    }
+
+    /// Batches of scenes, by turns with each tracer, without and with runtime checks, until the time is over.
+    fn scenes(&self, part: &Part, deadline: Instant, found: &mut Found, say: &mut dyn FnMut(&str)) -> Option<Reach> {
+        // Each tracer meets the same scenes.
+        let mut tracers: Vec<_> = part.tracers.iter().map(|tracer| (*tracer, self.seed, 0)).collect();
+        let left = || deadline.saturating_duration_since(Instant::now()).as_secs();
+        let mut turns = turns(left(), tracers.len() as u64);
+        let (mut turn, mut idle, mut examined) = (0_u64, 0, 0);
+        let mut reach = None;
+        while !tracers.is_empty() && idle < MOST_IDLE {
             let is_over = if self.once {
-                turn >= part.tracers.len()
+                turn >= part.tracers.len() as u64
             } else {
-                left == 0 && turn > 0
+                turn > 0 && left() < LEAST_SECONDS
             };
             if is_over {
                 break;
             }
-            let index = turn % tracers.len();
-            let (tracer, seed) = tracers[index];
-            let share = (left / tracers.len() as u64).max(1);
-            let seconds = if self.once { left } else { share.min(BATCH_SECONDS) };
-            let ended = self.process(part.only, tracer, seed, seconds, outcome, say);
+            let index = (turn % tracers.len() as u64) as usize;
+            let (tracer, seed, own_turns) = tracers[index];
+            let share = left() / turns.saturating_sub(turn).max(1);
+            let job = Job {
+                only: part.only,
+                tracer,
+                seed,
+                seconds: if self.once {
+                    left()
+                } else {
+                    share.clamp(1, BATCH_SECONDS)
+                },
+                checked: self.checked || (!self.once && own_turns % 2 == 1),
+            };
+            let ended = self.process(&job, found, say);
             idle = if ended.worked { 0 } else { idle + 1 };
             turn += 1;
+            tracers[index].2 += 1;
+            let was_skipped = ended.next == Some(u64::MAX);
+            if !was_skipped {
+                reach = together(reach, ended.reach);
+            }
             match ended.next {
                 // There is no such tracer.
                 Some(u64::MAX) => {
                     tracers.remove(index);
+                    turns -= turns.saturating_sub(turn) / 2;
                 }
                 Some(next) => tracers[index].1 = next,
-                // Past the scene that crashed: its seed was in the last line.
-                None => tracers[index].1 = outcome.last_seed().map_or(seed, |last| last + 1),
+                None => {
+                    if let Some(crash) = ended.crash {
+                        // Past the scene that crashed.
+                        tracers[index].1 = seed_of(&crash.options).map_or(seed, |last| last.wrapping_add(1));
+                        examined += 1;
+                        if examined <= MOST_EXAMINED {
+                            self.examine(&job, crash, found, say);
+                        } else {
+                            fail(crash, None, found, say);
+                        }
+                    }
+                }
             }
         }
+        reach.or_else(|| tracers.is_empty().then(|| Reach::new(0, 0, SKIPPED)))
     }
 
-    fn process(
-        &self,
-        only: Only,
-        tracer: TracerChoice,
-        seed: u64,
-        seconds: u64,
-        outcome: &mut Outcome,
-        say: &mut dyn FnMut(&str),
-    ) -> Ended {
-        let mut ended = Ended {
-            next: None,
-            worked: false,
-        };
-        let mut command = match env::current_exe() {
-            Ok(program) => Command::new(program),
-            Err(error) => {
-                say(&format!("this program can't be found: {error}"));
-                return ended;
-            }
-        };
-        command
-            .args(["--work", &only.name()])
-            .args(["--tracer", tracer_word(tracer)])
-            .args(["--seed", &seed.to_string()])
-            .args(["--seconds", &seconds.to_string()])
-            .args(&self.handed_on)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped());
-        let mut child = match command.spawn() {
-            Ok(child) => child,
-            Err(error) => {
-                say(&format!("a working process can't be started: {error}"));
-                return ended;
-            }
-        };
-        let lines = reader(&mut child);
-        let mut begun = (format!("{} with {}", only.name(), tracer_word(tracer)), String::new());
-        let mut hangs = false;
-        let mut shown = Instant::now();
-        loop {
-            match lines.recv_timeout(SILENCE) {
-                Ok(line) => match Line::decode(&line) {
-                    Some(Line::Begin(what, options)) => {
-                        ended.worked = true;
-                        if shown.elapsed() >= SHOW {
-                            shown = Instant::now();
-                            say(&format!("    .. {what} with {}", tracer_word(tracer)));
-                        }
-                        begun = (what, options);
-                    }
-                    Some(Line::Tried(tally)) => outcome.tally += tally,
-                    Some(Line::Failed(failure)) => {
-                        say(&failure.to_string());
-                        outcome.failures.push(failure);
-                    }
-                    Some(Line::Note(text)) => say(&format!("    {text}")),
-                    Some(Line::End(next)) => ended.next = Some(next),
-                    None => say(&line),
-                },
-                Err(RecvTimeoutError::Timeout) => {
-                    hangs = true;
-                    // It may just have ended; then there is nothing to kill.
-                    _ = child.kill();
-                    break;
-                }
-                Err(RecvTimeoutError::Disconnected) => break,
-            }
+    /// Tries a scene or a fault that crashed once more, and by Bevy alone: whose fault is it?
+    fn examine(&self, job: &Job, crash: Crash, found: &mut Found, say: &mut dyn FnMut(&str)) {
+        let is_scene = job.only.section() == Section::Scenes;
+        let seed = seed_of(&crash.options);
+        if is_scene && seed.is_none() {
+            return fail(crash, None, found, say);
         }
-        let status = child.wait();
-        if ended.next.is_none() {
-            let how = match (hangs, status) {
-                (true, _) => format!("it was silent for {} s and was ended", SILENCE.as_secs()),
-                (false, Ok(status)) => format!("its process crashed ({status})"),
-                (false, Err(error)) => format!("its process can't be waited for: {error}"),
+        say(&format!("    {}: {}; once more", crash.what, crash.how));
+        let mut again = |plain: bool, found: &mut Found| {
+            let mut arguments = vec!["--work".to_owned(), job.only.name()];
+            arguments.extend(["--seconds".to_owned(), EXAMINE_SECONDS.to_string()]);
+            arguments.extend(crash.options.split_whitespace().map(str::to_owned));
+            if plain {
+                arguments.push("--plain".to_owned());
+            }
+            let ended = process::run(&arguments, &crash.what, EXAMINE_SECONDS, self.limits(), found, say);
+            ended.crash.is_some()
+        };
+        // A fault was alone already.
+        let crashes_alone = !is_scene || again(false, found);
+        let controls = if is_scene { 1 } else { FAULT_CONTROLS };
+        let is_foreign = crashes_alone && (0..controls).any(|_| again(true, &mut Found::default()));
+        found.tally.scenes += u64::from(is_scene);
+        found.tally.faults += u64::from(!is_scene);
+        if is_foreign {
+            found.tally.foreign += 1;
+            found.tally.crashes += 1;
+            say("    it crashes in Bevy without reflections, too");
+            return;
+        }
+        let remark = (!crashes_alone).then(|| {
+            let checked = if job.checked { " --checked" } else { "" };
+            let only = match job.only {
+                Only::With(ingredient) => format!(" --only {}", ingredient.name()),
+                _ => String::new(),
             };
-            let failure = Failure {
-                what: begun.0,
-                problems: vec![how],
-                options: begun.1,
-            };
-            say(&failure.to_string());
-            outcome.failures.push(failure);
+            let tracer = tracer_word(job.tracer);
+            let count = seed.unwrap_or(job.seed).wrapping_sub(job.seed).wrapping_add(1);
+            let options = format!("--tracer {tracer}{checked} --seed {} --count {count}{only}", job.seed);
+            ("alone it passes: scenes before it are needed, too".to_owned(), options)
+        });
+        fail(crash, remark, found, say);
+    }
+
+    fn process(&self, job: &Job, found: &mut Found, say: &mut dyn FnMut(&str)) -> Ended {
+        let mut arguments: Vec<String> = vec!["--work".into(), job.only.name()];
+        let options = [
+            ("--tracer", tracer_word(job.tracer).to_owned()),
+            ("--seed", job.seed.to_string()),
+            ("--seconds", job.seconds.to_string()),
+            ("--minutes", (self.time.as_secs_f64() / 60.0).to_string()),
+        ];
+        for (name, value) in options {
+            arguments.extend([name.to_owned(), value]);
+        }
+        if job.checked {
+            arguments.push("--checked".to_owned());
+        }
+        arguments.extend(self.handed_on.iter().cloned());
+        let what = format!("{} with {}", job.only.name(), tracer_word(job.tracer));
+        let mut ended = process::run(&arguments, &what, job.seconds, self.limits(), found, say);
+        if let Some(crash) = &mut ended.crash
+            && crash.options.is_empty()
+        {
+            crash.options = format!("--tracer {} --only {}", tracer_word(job.tracer), job.only.name());
         }
         ended
     }
 }
 
-impl Outcome {
-    /// The seed of the failure that was found last, if it is a scene's.
-    fn last_seed(&self) -> Option<u64> {
-        let options = &self.failures.last()?.options;
-        let mut words = options.split_whitespace();
-        words.find(|word| *word == "--seed")?;
-        words.next()?.parse().ok()
+/// Processes that so many seconds of scenes are divided into: as many with runtime checks as without, where there is time for both.
+fn turns(seconds: u64, tracers: u64) -> u64 {
+    let round = 2 * tracers;
+    if seconds < round * LEAST_BATCH_SECONDS {
+        return tracers.max(1);
     }
+    seconds.div_ceil(BATCH_SECONDS).next_multiple_of(round.max(1))
 }
 
-/// Reads a process's lines in the background, so that its silence can be noticed.
-fn reader(child: &mut Child) -> Receiver<String> {
-    let (sender, receiver) = channel();
-    if let Some(output) = child.stdout.take() {
-        thread::spawn(move || {
-            for line in BufReader::new(output).split(b'\n') {
-                let Ok(line) = line else { break };
-                let line = String::from_utf8_lossy(&line).trim_end().to_owned();
-                if sender.send(line).is_err() {
-                    break;
-                }
-            }
-        });
+/// Counts a crash as a failure.
+fn fail(crash: Crash, remark: Option<(String, String)>, found: &mut Found, say: &mut dyn FnMut(&str)) {
+    let Crash { what, mut options, how } = crash;
+    let mut problems = vec![how];
+    if let Some((remark, others)) = remark {
+        problems.push(remark);
+        options = others;
     }
-    receiver
+    let failure = Failure {
+        what,
+        problems,
+        options,
+    };
+    say(&failure.to_string());
+    found.tally.crashes += 1;
+    found.failures.push(failure);
+}
+
+/// The seed that options name.
+fn seed_of(options: &str) -> Option<u64> {
+    let mut words = options.split_whitespace();
+    words.find(|word| *word == "--seed")?;
+    words.next()?.parse().ok()
 }
 
 /// A line on standard output; a reader that went away is no failure.
 pub fn say(text: &str) {
-    _ = writeln!(std::io::stdout(), "{text}");
+    let mut out = std::io::stdout().lock();
+    _ = writeln!(out, "{text}").and_then(|()| out.flush());
 }
 
 #[cfg(test)]
@@ -301,6 +359,7 @@ mod tests {
             tracer,
             seed: 1,
             time: Duration::from_secs(100),
+            checked: false,
             handed_on: Vec::new(),
             once: false,
         }
@@ -313,22 +372,41 @@ mod tests {
         let last = parts.last().unwrap();
         assert_eq!(last.only, Only::Section(Section::Scenes));
         assert_eq!(last.tracers.len(), 2);
-        let fixed: f64 = parts[..parts.len() - 1].iter().map(|part| part.share).sum();
-        assert!(fixed < 0.8, "scenes need time, too");
+        let weights: u32 = Section::ALL.iter().map(|section| section.weight()).sum();
+        assert_eq!(weights, 100);
+        assert!(Section::ALL.iter().all(|section| section.weight() > 0));
         let one = plan(Some(Only::Section(Section::Energy)), TracerChoice::RayQuery).parts();
-        assert_eq!(one[0].tracers, [TracerChoice::RayQuery]);
-        assert_eq!(one[0].share, 1.0);
+        assert_eq!((one.len(), &one[0].tracers[..]), (1, &[TracerChoice::RayQuery][..]));
+    }
+
+    #[test]
+    fn time_for_scenes_is_divided_evenly() {
+        assert_eq!(turns(30, 2), 2);
+        assert_eq!(turns(300, 2), 4);
+        assert_eq!(turns(3600, 2), 16);
+        assert_eq!(turns(300, 1), 2);
     }
 
     #[test]
     fn the_seed_of_a_crash_is_found() {
+        assert_eq!(seed_of(""), None);
+        let options = "--tracer bvh --seed 41 --keep 0 --frames 2 --size 1x1";
+        assert_eq!(seed_of(options), Some(41));
+    }
+
+    #[test]
+    fn a_run_that_tried_nothing_is_no_success() {
         let mut outcome = Outcome::default();
-        assert_eq!(outcome.last_seed(), None);
-        outcome.failures.push(Failure {
+        assert!(!outcome.is_good());
+        outcome.found.tally.frames = 1;
+        assert!(outcome.is_good());
+        let crash = Crash {
             what: "scene".into(),
-            problems: vec![],
-            options: "--tracer bvh --seed 41 --keep 0 --frames 2 --size 1x1".into(),
-        });
-        assert_eq!(outcome.last_seed(), Some(41));
+            options: "--seed 3".into(),
+            how: "it crashed".into(),
+        };
+        fail(crash, None, &mut outcome.found, &mut |_| {});
+        assert!(!outcome.is_good());
+        assert_eq!(outcome.found.tally.crashes, 1);
     }
 }

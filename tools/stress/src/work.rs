@@ -1,30 +1,31 @@
-//! The sections of a stress run, each in a process of its own: a crash of the driver costs one section, or a few scenes.
+//! What working processes do: a crash of the driver costs one section, or a few scenes.
 
 use crate::{
-    energy::{self, Findings, Lengths},
     faults::{Fault, FaultOutcome},
-    ingredients::Ingredient,
-    long_run,
+    ingredients::{FileKind, Ingredient},
+    measure, pulse,
     recipe::Recipe,
-    report::{Failure, Line, Tally},
-    runner::{Runner, Verdict, panicked},
+    report::{Failure, Line, Reach, Tally},
+    runner::{Runner, Verdict},
     section::{Only, Section},
-    stability,
-    stage::{Stage, StageError, StageSettings},
-    still::StillScene,
+    stage::StageSettings,
+    viewer::{self, Viewer},
 };
 use bevy::math::UVec2;
 use bevy_glint::TracerChoice;
-use glint_scenes::SceneName;
 use std::{
-    panic::{AssertUnwindSafe, catch_unwind},
+    path::PathBuf,
     time::{Duration, Instant},
 };
 
-/// Time for making a failing recipe simpler.
+/// Time for making a failing recipe simpler, ..
 const SIMPLER: Duration = Duration::from_secs(90);
-/// Random scenes in which energy is compared, beside the built-in ones.
-const RANDOM_SCENES: u64 = 6;
+/// .. also where the time is nearly over.
+const LEAST_SIMPLER: Duration = Duration::from_secs(20);
+/// Files that the viewer gets at least: one of each kind ..
+const LEAST_FILES: u64 = FileKind::ALL.len() as u64;
+/// .. and at most, if nothing else was asked for.
+const MOST_FILES: u64 = 4 * LEAST_FILES;
 
 /// What a working process has to do.
 #[derive(Clone, Debug)]
@@ -35,14 +36,22 @@ pub struct Work {
     pub tracer: TracerChoice,
     /// The first seed.
     pub seed: u64,
-    /// Most scenes.
+    /// Most scenes or files.
     pub count: Option<u64>,
     /// Places of ingredients to keep, of one scene.
     pub keep: Option<Vec<usize>>,
-    /// Frames of each scene.
+    /// Frames of each scene, or of the long run.
     pub frames: Option<u32>,
     /// Size of each picture.
     pub size: Option<UVec2>,
+    /// Shaders are compiled with runtime checks.
+    pub checked: bool,
+    /// Scenes are rendered by Bevy alone.
+    pub plain: bool,
+    /// The program that shows files.
+    pub viewer: Option<PathBuf>,
+    /// Minutes of the whole run.
+    pub minutes: f64,
     /// When to end.
     pub deadline: Instant,
 }
@@ -59,12 +68,24 @@ pub fn tracer_word(tracer: TracerChoice) -> &'static str {
 
 impl Work {
     /// Options that run a part of it again.
-    fn options(&self, rest: &str) -> String {
-        format!("--tracer {} {rest}", tracer_word(self.tracer))
+    #[must_use]
+    pub fn options(&self, rest: &str) -> String {
+        let checked = if self.checked { " --checked" } else { "" };
+        format!("--tracer {}{checked} {rest}", tracer_word(self.tracer))
     }
 
-    fn expired(&self) -> bool {
+    /// There is no time left.
+    #[must_use]
+    pub fn expired(&self) -> bool {
         Instant::now() >= self.deadline
+    }
+
+    /// When the first of so many parts must be done, so that all get the same of the time that is left.
+    #[must_use]
+    pub fn deadline_of_one(&self, parts: usize) -> Instant {
+        let now = Instant::now();
+        let left = self.deadline.saturating_duration_since(now);
+        now + left / u32::try_from(parts.max(1)).unwrap_or(u32::MAX)
     }
 
     /// Does it, and tells what comes of it line by line; returns the next seed.
@@ -72,17 +93,19 @@ impl Work {
         match self.only {
             Only::Fault(fault) => self.fault(fault, tell),
             Only::Section(Section::Faults) => {
-                for fault in Fault::ALL {
+                for (index, fault) in Fault::ALL.into_iter().enumerate() {
                     if self.expired() {
-                        tell(Line::Note("there was no time for all faults".into()));
                         break;
                     }
                     self.fault(fault, tell);
+                    let reach = Reach::new(index as u64 + 1, Fault::ALL.len() as u64, "faults");
+                    tell(Line::Reached(reach));
                 }
             }
             Only::Section(Section::Scenes) => return self.scenes(None, tell),
             Only::With(ingredient) => return self.scenes(Some(ingredient), tell),
-            Only::Section(section) => self.still(section, tell),
+            Only::Section(Section::Viewer) => self.files(tell),
+            Only::Section(section) => measure::run(self, section, tell),
         }
         self.seed
     }
@@ -90,8 +113,10 @@ impl Work {
     fn scenes(&self, required: Option<Ingredient>, tell: &mut dyn FnMut(Line)) -> u64 {
         let mut runner = Runner::new(StageSettings {
             tracer: self.tracer,
+            reflections: !self.plain,
             diagnostics: true,
             hardware: true,
+            checked: self.checked,
             ..StageSettings::default()
         });
         let mut told = Tally::default();
@@ -106,8 +131,10 @@ impl Work {
             recipe.size = self.size.unwrap_or(recipe.size);
             let what = format!("scene of seed {seed} ({})", recipe.describe());
             tell(Line::Begin(what.clone(), self.options(&recipe.options())));
+            pulse::doing(what.clone());
             seed += 1;
-            match runner.run(&recipe, SIMPLER) {
+            let left = self.deadline.saturating_duration_since(Instant::now());
+            match runner.run(&recipe, SIMPLER.min(left.max(LEAST_SIMPLER))) {
                 Verdict::Passed => {}
                 Verdict::Foreign(problems) => {
                     tell(Line::Note(format!(
@@ -121,8 +148,9 @@ impl Work {
                         problems.push(format!("simplest: {}", finding.recipe.describe()));
                         self.options(&finding.recipe.options())
                     } else {
-                        problems.push("it passes in a new process: scenes before it are needed, too".to_owned());
-                        self.options(&format!("--seed {} --count {}", self.seed, seed - self.seed))
+                        problems.push("it passes in a new app: scenes before it are needed, too".to_owned());
+                        let only = required.map_or_else(String::new, |required| format!(" --only {}", required.name()));
+                        self.options(&format!("--seed {} --count {}{only}", self.seed, seed - self.seed))
                     };
                     let failure = Failure {
                         what,
@@ -132,17 +160,13 @@ impl Work {
                     tell(Line::Failed(failure));
                 }
                 Verdict::Unavailable(reason) => {
-                    let skipped = Tally {
-                        skipped: 1,
-                        ..Tally::default()
-                    };
-                    tell(Line::Tried(skipped));
-                    tell(Line::Note(format!("scenes can't be traced: {reason}")));
+                    skip("scenes", &reason, tell);
                     return u64::MAX;
                 }
             }
             let now = runner.tally();
-            tell(Line::Tried(difference(now, told)));
+            tell(Line::Tried(now.since(&told)));
+            tell(Line::Reached(Reach::new(seed - self.seed, 0, "scenes")));
             told = now;
         }
         runner.close();
@@ -153,10 +177,15 @@ impl Work {
         let what = format!("fault {}", fault.name());
         let options = self.options(&format!("--only {}", fault.name()));
         tell(Line::Begin(what.clone(), options.clone()));
+        pulse::doing(what.clone());
         let size = self.size.unwrap_or(UVec2::new(64, 48));
-        let (outcome, mut tally) = fault.run(self.tracer, size);
+        let (outcome, mut tally) = if self.plain {
+            fault.run_plain(self.tracer, size)
+        } else {
+            fault.run(self.tracer, size)
+        };
         match outcome {
-            FaultOutcome::Passed(told) => tell(Line::Note(format!("{what}: the game goes on; \"{told}\""))),
+            FaultOutcome::Passed(told) => tell(Line::Note(format!("{what}: the game goes on; {told}"))),
             FaultOutcome::Failed(problems) => tell(Line::Failed(Failure {
                 what,
                 problems,
@@ -177,186 +206,62 @@ impl Work {
             }
         }
         tell(Line::Tried(tally));
+        tell(Line::Reached(Reach::new(1, 1, "faults")));
     }
 
-    /// Sections of scenes that stand still, and the long run.
-    fn still(&self, section: Section, tell: &mut dyn FnMut(Line)) {
-        let settings = StageSettings {
-            tracer: self.tracer,
-            ..StageSettings::default()
+    /// Broken files for the viewer.
+    fn files(&self, tell: &mut dyn FnMut(Line)) {
+        let viewer = match Viewer::new(self.viewer.as_deref(), tracer_word(self.tracer)) {
+            Ok(viewer) => viewer,
+            Err(reason) => return skip("viewer", &reason, tell),
         };
-        let options = self.options(&format!("--only {}", section.name()));
-        tell(Line::Begin(section.name().to_owned(), options.clone()));
-        let opened = catch_unwind(AssertUnwindSafe(|| Stage::new(&settings)));
-        let mut stage = match opened {
-            Ok(Ok(stage)) => stage,
-            Ok(Err(error @ (StageError::NoRenderer | StageError::NoRayQueries(_)))) => {
-                tell(Line::Note(format!("{} is skipped: {error}", section.name())));
-                let skipped = Tally {
-                    skipped: 1,
-                    ..Tally::default()
-                };
-                tell(Line::Tried(skipped));
-                return;
+        for done in 0..self.count.unwrap_or(MOST_FILES) {
+            if self.expired() {
+                break;
             }
-            Err(payload) => {
-                let problems = vec![panicked(&*payload).text];
-                let what = "opening the device".to_owned();
-                tell(Line::Failed(Failure {
+            let seed = self.seed.wrapping_add(done);
+            let what = format!("file of seed {seed} ({:?}) in the viewer", Viewer::kind(seed));
+            let options = self.options(&format!("--only viewer --seed {seed} --count 1"));
+            tell(Line::Begin(what.clone(), options.clone()));
+            pulse::doing(what.clone());
+            let mut tally = Tally {
+                files: 1,
+                ..Tally::default()
+            };
+            match viewer.show(seed) {
+                viewer::Verdict::Passed => {}
+                viewer::Verdict::Foreign(problem) => {
+                    tally.foreign += 1;
+                    tell(Line::Note(format!("{what}: Bevy fails: {problem}")));
+                }
+                viewer::Verdict::Failed(problems) => tell(Line::Failed(Failure {
                     what,
                     problems,
                     options,
-                }));
-                return;
+                })),
             }
-        };
-        if let Some(status) = stage.status() {
-            tell(Line::Note(format!("{} on {}", section.name(), status.adapter)));
-        }
-        let done = catch_unwind(AssertUnwindSafe(|| match section {
-            Section::LongRun => self.long_run(&mut stage, &options, tell),
-            _ => self.measure(section, &mut stage, &options, tell),
-        }));
-        if let Err(payload) = done {
-            tell(Line::Failed(Failure {
-                what: section.name().to_owned(),
-                problems: vec![panicked(&*payload).text],
-                options,
-            }));
-        }
-        let tally = Tally {
-            frames: stage.frames(),
-            pixels: stage.pixels(),
-            ..Tally::default()
-        };
-        tell(Line::Tried(tally));
-        _ = catch_unwind(AssertUnwindSafe(|| drop(stage)));
-    }
-
-    fn long_run(&self, stage: &mut Stage, options: &str, tell: &mut dyn FnMut(Line)) {
-        let is_cpu = stage.is_cpu();
-        let size = self.size.unwrap_or(default_size(is_cpu, Section::LongRun));
-        let frames = self.frames.unwrap_or(long_run::FRAMES);
-        match long_run::run(stage, size, frames, self.deadline) {
-            Ok(outcome) => {
-                let memory = outcome.memory.map_or_else(
-                    || "the system doesn't tell of memory".to_owned(),
-                    |(first, last)| format!("memory went from {} to {} MiB", first >> 20, last >> 20),
-                );
-                tell(Line::Note(format!(
-                    "long run: {} of {frames} frames, {} laps, brightness drifts by {:.3} %, {memory}",
-                    outcome.frames,
-                    outcome.laps.len(),
-                    100.0 * outcome.drift(),
-                )));
-                if !outcome.problems.is_empty() {
-                    tell(Line::Failed(Failure {
-                        what: "long run".to_owned(),
-                        problems: outcome.problems,
-                        options: options.to_owned(),
-                    }));
-                }
-            }
-            Err(reason) => tell(Line::Failed(Failure {
-                what: "long run".to_owned(),
-                problems: vec![reason],
-                options: options.to_owned(),
-            })),
-        }
-        tell(Line::Tried(Tally {
-            scenes: 1,
-            ..Tally::default()
-        }));
-    }
-
-    fn measure(&self, section: Section, stage: &mut Stage, options: &str, tell: &mut dyn FnMut(Line)) {
-        let is_cpu = stage.is_cpu();
-        let size = self.size.unwrap_or(default_size(is_cpu, section));
-        let lengths = Lengths {
-            truth: if is_cpu { 384 } else { 1024 },
-            settle: 96,
-            average: 24,
-        };
-        let scenes = [SceneName::EmissiveFloor, SceneName::MirrorRoom, SceneName::Demo].map(StillScene::BuiltIn);
-        let random = (0..RANDOM_SCENES).map(|index| StillScene::Random(self.seed.wrapping_add(index)));
-        let mut jobs: Vec<Option<StillScene>> = Vec::new();
-        if section == Section::Energy {
-            jobs.push(None);
-        }
-        jobs.extend(scenes.into_iter().chain(random).map(Some));
-        for job in jobs {
-            if self.expired() {
-                tell(Line::Note(format!(
-                    "{}: there was no time for all scenes",
-                    section.name()
-                )));
-                break;
-            }
-            let name = job.map_or_else(|| "furnace".to_owned(), StillScene::name);
-            let what = format!("{} in the scene {name}", section.name());
-            tell(Line::Begin(what.clone(), options.to_owned()));
-            let measured = match job {
-                None => energy::furnace(stage, size, lengths, None, self.deadline),
-                Some(scene) if section == Section::Energy => {
-                    energy::compare(stage, scene, size, lengths, None, self.deadline)
-                }
-                Some(scene) => stability::measure(stage, scene, size, lengths, None, self.deadline),
+            tell(Line::Tried(tally));
+            // Beyond one of each kind there is no end to reach.
+            let of = if done + 1 >= LEAST_FILES || self.count.is_some() {
+                0
+            } else {
+                LEAST_FILES
             };
-            report(what, measured, stage, options, tell);
+            tell(Line::Reached(Reach::new(done + 1, of, "files")));
         }
     }
 }
 
-fn report(
-    what: String,
-    measured: Result<Findings, String>,
-    stage: &mut Stage,
-    options: &str,
-    tell: &mut dyn FnMut(Line),
-) {
-    let mut problems = match measured {
-        Ok(findings) => {
-            for line in findings.lines {
-                tell(Line::Note(line));
-            }
-            if findings.unfinished {
-                tell(Line::Note(format!("{what}: there was no time for all techniques")));
-            }
-            findings.problems
-        }
-        Err(reason) => vec![reason],
-    };
-    problems.extend(stage.take_errors());
-    if !problems.is_empty() {
-        tell(Line::Failed(Failure {
-            what,
-            problems,
-            options: options.to_owned(),
-        }));
-    }
-    tell(Line::Tried(Tally {
-        scenes: 1,
+/// Tells that this machine can't try something.
+pub fn skip(what: &str, reason: &str, tell: &mut dyn FnMut(Line)) {
+    let skipped = Tally {
+        skipped: 1,
         ..Tally::default()
-    }));
+    };
+    tell(Line::Tried(skipped));
+    tell(Line::Note(format!("{what} is skipped: {reason}")));
+    tell(Line::Reached(Reach::new(0, 0, SKIPPED)));
 }
 
-/// As many pixels as the device bears.
-fn default_size(is_cpu: bool, section: Section) -> UVec2 {
-    match (is_cpu, section) {
-        (true, Section::LongRun) => UVec2::new(64, 36),
-        (true, _) => UVec2::new(96, 54),
-        (false, Section::LongRun) => UVec2::new(320, 180),
-        (false, _) => UVec2::new(480, 270),
-    }
-}
-
-fn difference(now: Tally, before: Tally) -> Tally {
-    Tally {
-        scenes: now.scenes - before.scenes,
-        frames: now.frames - before.frames,
-        pixels: now.pixels - before.pixels,
-        faults: now.faults - before.faults,
-        skipped: now.skipped - before.skipped,
-        foreign: now.foreign - before.foreign,
-    }
-}
+/// The unit of a part that this machine can't try.
+pub const SKIPPED: &str = "(skipped: this machine can't)";

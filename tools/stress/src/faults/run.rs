@@ -31,8 +31,11 @@ impl Fault {
         let problems = match self.attempt(&settings, size, &mut tally) {
             Ok(Some(skipped)) => return (FaultOutcome::Skipped(skipped), tally),
             Ok(None) => {
-                let told = self.message().unwrap_or("nothing needs to be said");
-                return (FaultOutcome::Passed(told.to_owned()), tally);
+                let told = match self.messages() {
+                    [] => "nothing needs to be said".to_owned(),
+                    texts => format!("told: \"{}\"", texts.join("\" or \"")),
+                };
+                return (FaultOutcome::Passed(told), tally);
             }
             Err(problems) => problems,
         };
@@ -52,6 +55,21 @@ impl Fault {
         (outcome, tally)
     }
 
+    /// Has a game without reflections meet the fault, for one that crashes the whole process.
+    #[must_use]
+    pub fn run_plain(self, tracer: TracerChoice, size: UVec2) -> (FaultOutcome, Tally) {
+        let plain = StageSettings {
+            reflections: false,
+            ..self.settings(tracer)
+        };
+        let mut tally = Tally::default();
+        let outcome = match self.control(&plain, size, &mut tally) {
+            Ok(()) => FaultOutcome::Passed("Bevy alone bears it".to_owned()),
+            Err(problems) => FaultOutcome::Foreign(problems),
+        };
+        (outcome, tally)
+    }
+
     /// Why it was skipped, if it was; or what is wrong.
     fn attempt(self, settings: &StageSettings, size: UVec2, tally: &mut Tally) -> Result<Option<String>, Vec<String>> {
         guarded(settings, tally, |stage| {
@@ -59,10 +77,9 @@ impl Fault {
                 return Ok(Some("it is one of ray queries, which aren't used here".to_owned()));
             }
             let mut problems = self.meet(stage, size);
-            if let Some(message) = self.message()
-                && !is_told(stage, message)
-            {
-                problems.push(format!("nothing says \"{message}\""));
+            let texts = self.messages();
+            if !texts.is_empty() && !texts.iter().any(|text| is_told(stage, text)) {
+                problems.push(format!("nothing says any of {texts:?}"));
             }
             let unexpected = stage.take_errors().into_iter().filter(|error| !self.expects(error));
             problems.extend(unexpected);
@@ -119,7 +136,8 @@ impl Fault {
         stage.settle(RECOVERY);
         problems.extend(game.goes_on(stage).err());
         let reflects = game.reflects(stage);
-        let should = self != Self::FewStorageBuffers;
+        let traces = |stage: &Stage| stage.status().is_some_and(|status| status.tracer.is_some());
+        let should = self.reflects().unwrap_or_else(|| traces(stage));
         match reflects {
             Ok(reflects) if reflects != should => problems.push(if should {
                 "nothing reflects any more".to_owned()

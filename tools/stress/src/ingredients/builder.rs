@@ -3,7 +3,7 @@
 use super::{CameraPlan, EventKind};
 use crate::{random::Random, recipe::Recipe, stage::Stage};
 use bevy::{
-    asset::RenderAssetUsages,
+    asset::{RenderAssetUsages, UntypedAssetId},
     camera::{ClearColorConfig, RenderTarget},
     prelude::*,
     render::{
@@ -25,6 +25,8 @@ pub struct HostileScene {
     pub plan: CameraPlan,
     /// Objects that events may move, change or remove.
     pub subjects: Vec<Entity>,
+    /// Files that are loaded.
+    pub files: Vec<UntypedAssetId>,
     /// What happens between frames.
     pub events: Vec<EventKind>,
     /// What events draw at random.
@@ -67,6 +69,8 @@ pub struct Builder<'a> {
     pub more_cameras: Vec<CameraPlan>,
     /// See [`HostileScene::subjects`].
     pub subjects: Vec<Entity>,
+    /// See [`HostileScene::files`].
+    pub files: Vec<UntypedAssetId>,
     /// See [`HostileScene::events`].
     pub events: Vec<EventKind>,
 }
@@ -169,6 +173,7 @@ pub fn build(stage: &mut Stage, recipe: &Recipe) -> HostileScene {
         camera: ordinary_camera(recipe, sky),
         more_cameras: Vec::new(),
         subjects: Vec::new(),
+        files: Vec::new(),
         events: Vec::new(),
     };
     ordinary_objects(&mut builder);
@@ -181,6 +186,7 @@ pub fn build(stage: &mut Stage, recipe: &Recipe) -> HostileScene {
         camera: plan,
         more_cameras,
         subjects,
+        files,
         events,
         ..
     } = builder;
@@ -191,6 +197,7 @@ pub fn build(stage: &mut Stage, recipe: &Recipe) -> HostileScene {
         cameras,
         plan,
         subjects,
+        files,
         events,
         random: Random::of_part(recipe.seed, usize::MAX - 1),
     }

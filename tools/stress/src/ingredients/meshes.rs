@@ -33,6 +33,8 @@ kinds! {
         Coplanar,
         /// Normals that are NaN.
         NanNormals,
+        /// Normals that are infinite.
+        InfiniteNormals,
         /// Normals without a direction.
         ZeroNormals,
         /// Normals that point everywhere.
@@ -142,6 +144,7 @@ fn mesh(kind: MeshKind, random: &mut Random) -> Mesh {
             soup(corners.into_iter().cycle().take(3 * 64).collect())
         }
         MeshKind::NanNormals => with_normals(|| [NAN; 3]),
+        MeshKind::InfiniteNormals => with_normals(|| [INFINITY, -INFINITY, 1.0]),
         MeshKind::ZeroNormals => with_normals(|| [0.0; 3]),
         MeshKind::RandomNormals => with_normals(|| core::array::from_fn(|_| random.range(-1.0, 1.0))),
         MeshKind::NanUvs => cube().with_inserted_attribute(Mesh::ATTRIBUTE_UV_0, vec![[NAN, INFINITY]; count]),

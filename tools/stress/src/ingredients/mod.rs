@@ -6,6 +6,7 @@
 mod builder;
 mod cameras;
 pub mod events;
+mod files;
 mod lights;
 mod materials;
 mod meshes;
@@ -18,6 +19,7 @@ mod views;
 pub use builder::{Builder, HostileScene, build};
 pub use cameras::CameraPlan;
 pub use events::EventKind;
+pub use files::{FileKind, bytes as file_bytes};
 pub use lights::LightKind;
 pub use materials::MaterialKind;
 pub use meshes::MeshKind;
@@ -53,6 +55,8 @@ pub enum Ingredient {
     Material(MaterialKind),
     /// An object with odd textures.
     Texture(TextureKind),
+    /// What a glTF file holds.
+    File(FileKind),
     /// An odd light.
     Light(LightKind),
     /// Odd surroundings.
@@ -74,6 +78,7 @@ impl Ingredient {
         all.extend(PlacementKind::ALL.iter().copied().map(Self::Placement));
         all.extend(MaterialKind::ALL.iter().copied().map(Self::Material));
         all.extend(TextureKind::ALL.iter().copied().map(Self::Texture));
+        all.extend(FileKind::ALL.iter().copied().map(Self::File));
         all.extend(LightKind::ALL.iter().copied().map(Self::Light));
         all.extend(SurroundingsKind::ALL.iter().copied().map(Self::Surroundings));
         all.extend(ViewKind::ALL.iter().copied().map(Self::View));
@@ -98,7 +103,12 @@ impl Ingredient {
     pub fn adds_light(self) -> bool {
         matches!(
             self,
-            Self::Material(_) | Self::Texture(_) | Self::Light(_) | Self::Surroundings(_) | Self::View(_)
+            Self::Material(_)
+                | Self::Texture(_)
+                | Self::File(_)
+                | Self::Light(_)
+                | Self::Surroundings(_)
+                | Self::View(_)
         )
     }
 
@@ -133,6 +143,7 @@ impl Ingredient {
             Self::Placement(kind) => placements::add(kind, builder),
             Self::Material(kind) => materials::add(kind, builder),
             Self::Texture(kind) => textures::add(kind, builder),
+            Self::File(kind) => files::add(kind, builder),
             Self::Light(kind) => lights::add(kind, builder),
             Self::Surroundings(kind) => surroundings::add(kind, builder),
             Self::View(kind) => views::add(kind, builder),

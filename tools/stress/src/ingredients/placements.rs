@@ -23,6 +23,8 @@ kinds! {
         MirroredScale,
         /// Scale NaN.
         NanScale,
+        /// Scale infinite.
+        InfiniteScale,
         /// Position NaN.
         NanTranslation,
         /// Position infinite.
@@ -47,6 +49,8 @@ kinds! {
         AroundTheCamera,
         /// No object at all.
         Nothing,
+        /// A single object.
+        Single,
         /// A thousand.
         Thousand,
         /// Most objects that are promised to work.
@@ -72,6 +76,7 @@ pub fn add(kind: PlacementKind, builder: &mut Builder) {
         PlacementKind::OverflowingScale => spot.with_scale(Vec3::splat(1e30)),
         PlacementKind::MirroredScale => spot.with_scale(along(-1.0)),
         PlacementKind::NanScale => spot.with_scale(along(f32::NAN)),
+        PlacementKind::InfiniteScale => spot.with_scale(along(f32::INFINITY)),
         PlacementKind::NanTranslation => spot.with_translation(Vec3::splat(f32::NAN)),
         PlacementKind::InfiniteTranslation => spot.with_translation(Vec3::new(f32::INFINITY, 0.0, -f32::INFINITY)),
         PlacementKind::NanRotation => spot.with_rotation(Quat::from_xyzw(f32::NAN, 0.0, 0.0, 1.0)),
@@ -87,6 +92,10 @@ pub fn add(kind: PlacementKind, builder: &mut Builder) {
         PlacementKind::DeepHierarchy => return deep(builder, spot),
         PlacementKind::Unseen => return unseen(builder, spot),
         PlacementKind::Nothing => return nothing(builder),
+        PlacementKind::Single => {
+            nothing(builder);
+            spot
+        }
         PlacementKind::Thousand => return crowd(builder, 10),
         PlacementKind::HundredThousand => return crowd(builder, 47),
     };

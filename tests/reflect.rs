@@ -1,0 +1,172 @@
+//! What an app holds can be found in the type registry, with all that inspectors, scenes and scripts need.
+
+#[cfg(feature = "egui")]
+use bevy_glint::{
+    Quality, ReflectionSettingsPanel, ReflectionSettingsPanelPlugin,
+    egui::{CameraSettings, Measurements, PassTime, ReflectionsOff},
+};
+
+use bevy::{
+    prelude::*,
+    reflect::{ReflectFromReflect, TypeRegistration, TypeRegistry, std_traits::ReflectDefault},
+};
+use bevy_glint::{
+    Backend, DebugCounters, DebugSplit, DebugView, Denoiser, NonFiniteReport, NotReflected, Preset, RaySampling,
+    RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, ShadingRateHeuristic, StatusReport, Technique,
+    TextureMip, Tracer, TracerChoice, ViewMemory,
+    rate::{CombinedThresholds, GrazingThresholds, RateTileSize, RoughnessThresholds, ShadingRate},
+    status::HardwareRates,
+};
+use core::any::{TypeId, type_name};
+use std::{fs, path::Path};
+
+/// Files with types that an app holds.
+const FILES: [&str; 11] = [
+    "settings.rs",
+    "presets.rs",
+    "status.rs",
+    "debug/mod.rs",
+    "debug/counters.rs",
+    "rate/heuristic.rs",
+    "rate/shading_rate.rs",
+    "egui/camera.rs",
+    "egui/panel.rs",
+    "egui/quality.rs",
+    "egui/timings.rs",
+];
+/// An error and a plugin, which nobody looks at.
+const OTHERS: [&str; 2] = ["UnknownName", "ReflectionSettingsPanelPlugin"];
+
+/// An app without a renderer.
+fn app() -> App {
+    let mut app = App::new();
+    app.add_plugins((MinimalPlugins, RayTracedReflectionsPlugin::default()));
+    #[cfg(feature = "egui")]
+    app.add_plugins(ReflectionSettingsPanelPlugin::default());
+    app
+}
+
+#[track_caller]
+fn known<T: Reflect>(types: &TypeRegistry) -> &TypeRegistration {
+    let registration = types.get(TypeId::of::<T>());
+    let registration = registration.unwrap_or_else(|| panic!("{} is not registered", type_name::<T>()));
+    let can_be_made = registration.data::<ReflectFromReflect>().is_some();
+    assert!(can_be_made, "{} can't be made of its parts", type_name::<T>());
+    registration
+}
+
+#[track_caller]
+fn default<T: Reflect>(types: &TypeRegistry) -> Box<dyn Reflect> {
+    match known::<T>(types).data::<ReflectDefault>() {
+        Some(default) => default.default(),
+        None => panic!("{} has no default", type_name::<T>()),
+    }
+}
+
+/// A component can be inserted and read by those who know its name alone.
+#[track_caller]
+fn component<T: Component + Reflect>(app: &mut App) {
+    let types = app.world().resource::<AppTypeRegistry>().clone();
+    let types = types.read();
+    let Some(reflect) = known::<T>(&types).data::<ReflectComponent>() else {
+        panic!("{} is no component for reflection", type_name::<T>());
+    };
+    let value = default::<T>(&types);
+    let mut entity = app.world_mut().spawn_empty();
+    reflect.insert(&mut entity, value.as_partial_reflect(), &types);
+    assert!(entity.contains::<T>(), "{}", type_name::<T>());
+    let found = reflect.reflect(entity.as_readonly());
+    let is_same = found.and_then(|found| found.reflect_partial_eq(value.as_partial_reflect()));
+    assert_eq!(is_same, Some(true), "{}", type_name::<T>());
+}
+
+#[test]
+fn components_are_registered() {
+    let mut app = app();
+    component::<RayTracedReflections>(&mut app);
+    component::<NotReflected>(&mut app);
+    component::<ShadingRateHeuristic>(&mut app);
+    component::<RateTileSize>(&mut app);
+    component::<DebugView>(&mut app);
+    component::<DebugSplit>(&mut app);
+    component::<DebugCounters>(&mut app);
+}
+
+#[test]
+fn resources_are_registered() {
+    let app = app();
+    let types = app.world().resource::<AppTypeRegistry>().read();
+    let is_resource = |registration: &TypeRegistration| registration.data::<ReflectResource>().is_some();
+    assert!(is_resource(known::<ReflectionStatus>(&types)));
+    default::<ReflectionStatus>(&types);
+    #[cfg(feature = "egui")]
+    assert!(is_resource(known::<ReflectionSettingsPanel>(&types)));
+}
+
+#[test]
+fn settings_are_registered() {
+    let app = app();
+    let types = app.world().resource::<AppTypeRegistry>().read();
+    default::<Technique>(&types);
+    default::<Backend>(&types);
+    default::<RaySampling>(&types);
+    default::<Denoiser>(&types);
+    default::<TextureMip>(&types);
+    default::<TracerChoice>(&types);
+    default::<Preset>(&types);
+    default::<ShadingRate>(&types);
+    default::<RoughnessThresholds>(&types);
+    default::<GrazingThresholds>(&types);
+    default::<CombinedThresholds>(&types);
+}
+
+#[test]
+fn reports_are_registered() {
+    let app = app();
+    let types = app.world().resource::<AppTypeRegistry>().read();
+    default::<StatusReport>(&types);
+    default::<HardwareRates>(&types);
+    known::<Tracer>(&types);
+    known::<ViewMemory>(&types);
+    known::<NonFiniteReport>(&types);
+}
+
+#[cfg(feature = "egui")]
+#[test]
+fn what_the_panel_brings_is_registered() {
+    let app = app();
+    let types = app.world().resource::<AppTypeRegistry>().read();
+    default::<Quality>(&types);
+    default::<CameraSettings>(&types);
+    default::<Measurements>(&types);
+    known::<PassTime>(&types);
+    let off = known::<ReflectionsOff>(&types);
+    assert!(off.data::<ReflectComponent>().is_some());
+}
+
+#[test]
+fn nothing_that_an_app_holds_is_left_out() {
+    let mut count = 0;
+    for file in FILES {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("src").join(file);
+        let source = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        let mut is_reflected = false;
+        for line in source.lines() {
+            is_reflected = !line.is_empty() && (is_reflected || is_derive(line));
+            let named = line
+                .strip_prefix("pub struct ")
+                .or_else(|| line.strip_prefix("pub enum "));
+            if let Some(rest) = named {
+                let end = rest.find(|letter: char| !letter.is_alphanumeric());
+                let name = &rest[..end.unwrap_or(rest.len())];
+                assert!(is_reflected || OTHERS.contains(&name), "{file}: {name} isn't reflected");
+                count += 1;
+            }
+        }
+    }
+    assert!(count > 25, "only {count} types were found");
+}
+
+fn is_derive(line: &str) -> bool {
+    line.starts_with("#[derive(") && line.contains("Reflect")
+}

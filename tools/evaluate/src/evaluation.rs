@@ -1,0 +1,166 @@
+//! A whole evaluation: jobs one after the other, comparisons beside them, and results after each scene.
+
+use crate::{arguments::Plan, output::Results, say};
+use glint_evaluate::{
+    jobs::{self, Notice},
+    ledger::Ledger,
+    machine::Machine,
+    plan::Job,
+    pool::{self, Pool},
+    progress::{Progress, Spoken},
+    rows::{Row, merge},
+    table,
+};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    sync::Arc,
+    time::Instant,
+};
+
+/// Share of the threads that compare pictures while a GPU is timed; while a CPU is, none does.
+const SHARE_WHILE_TIMING: f64 = 0.5;
+
+/// An evaluation on its way.
+pub struct Evaluation<'a> {
+    plan: &'a Plan,
+    machine: &'a Machine,
+    /// Rows of earlier runs into the same folder.
+    before: Vec<Row>,
+    ledger: Arc<Ledger>,
+    pool: Pool,
+    progress: Progress,
+    /// Jobs that are over, and why they ended early if they did.
+    over: BTreeMap<String, Option<String>>,
+}
+
+impl<'a> Evaluation<'a> {
+    /// Gets ready. `before` are the rows of earlier runs into the same folder.
+    pub fn new(plan: &'a Plan, machine: &'a Machine, before: Vec<Row>) -> Self {
+        let ledger = Arc::new(Ledger::open(Ledger::file_in(&plan.out)));
+        Self {
+            plan,
+            machine,
+            before,
+            pool: Pool::start(pool::thread_count(&plan.protocol), ledger.clone()),
+            ledger,
+            progress: Progress::new(plan.jobs.iter().map(Job::frames).sum()),
+            over: BTreeMap::new(),
+        }
+    }
+
+    /// Measures what isn't measured yet; results are written after each scene. Returns all rows.
+    ///
+    /// # Errors
+    ///
+    /// If results can't be written.
+    pub fn run(mut self) -> Result<Vec<Row>, String> {
+        let plan = self.plan;
+        let mut jobs = plan.jobs.iter().peekable();
+        while let Some(job) = jobs.next() {
+            self.measure(job);
+            let scene = job.scene.name();
+            if jobs.peek().is_none_or(|next| next.scene != job.scene) {
+                self.finish(&scene);
+                self.results(&self.rows()).write()?;
+                self.progress.note(format_args!("{scene}: results are written"));
+            }
+        }
+        self.progress.finish();
+        let rows = self.rows();
+        self.results(&rows).print();
+        Ok(rows)
+    }
+
+    /// Runs one job, while pictures are compared.
+    fn measure(&mut self, job: &Job) {
+        let Self {
+            machine,
+            pool,
+            progress,
+            over,
+            ..
+        } = self;
+        let shared = Arc::new(job.clone());
+        pool.submit(&shared, false);
+        let mut told = |notice| match notice {
+            Notice::Captured => pool.submit(&shared, false),
+            Notice::Timing => pool.slow_down(if machine.is_cpu { 0.0 } else { SHARE_WHILE_TIMING }),
+            Notice::Ended => pool.slow_down(1.0),
+        };
+        let failure = jobs::run(job, progress, &mut told).err();
+        if let Some(reason) = &failure {
+            progress.note(format_args!("{} ended early: {reason}", job.id()));
+        }
+        pool.submit(&shared, true);
+        over.insert(job.id(), failure);
+    }
+
+    /// Waits for the comparisons of a scene.
+    fn finish(&mut self, scene: &str) {
+        let Self { pool, progress, .. } = self;
+        let (start, mut most) = (Instant::now(), 0);
+        pool.wait(|left| {
+            most = most.max(left);
+            let done = most - left;
+            let time = if done > 0 {
+                let rest = start.elapsed().mul_f64(left as f64 / done as f64);
+                format!(", about {}", Spoken(rest))
+            } else {
+                String::new()
+            };
+            progress.label(&format!("{scene}: compares pictures, {left} left{time}"));
+        });
+    }
+
+    /// All rows that there are: of jobs that are over, of what this machine can't do, and of earlier runs.
+    fn rows(&self) -> Vec<Row> {
+        let problems = self.pool.problems();
+        let mut new: Vec<Row> = Vec::new();
+        let mut scenes = BTreeSet::new();
+        for job in &self.plan.jobs {
+            if let Some(failure) = self.over.get(&job.id()) {
+                scenes.insert(job.scene.name());
+                new.extend(table::rows(
+                    job,
+                    self.machine,
+                    &self.ledger,
+                    failure.as_deref(),
+                    &problems,
+                ));
+            }
+        }
+        for (job, variant, reason) in &self.plan.skipped {
+            if scenes.contains(&job.scene.name()) {
+                new.push(table::skipped(job, variant, self.machine, reason));
+            }
+        }
+        merge(self.before.clone(), new)
+    }
+
+    fn results<'b>(&'b self, rows: &'b [Row]) -> Results<'b> {
+        Results {
+            out: &self.plan.out,
+            machine: self.machine,
+            protocol: &self.plan.protocol,
+            rows,
+        }
+    }
+}
+
+/// Says what is about to be done.
+pub fn announce(plan: &Plan, machine: &Machine) {
+    let protocol = &plan.protocol;
+    say(format_args!("{}", machine.adapter));
+    say(format_args!(
+        "{}x{}, {} views, {} timed frames per technique in {} rounds, ground truth of {} samples per pixel",
+        protocol.width,
+        protocol.height,
+        protocol.views,
+        protocol.rounds() * protocol.block,
+        protocol.rounds(),
+        protocol.samples
+    ));
+    if machine.is_cpu {
+        say("This adapter is a CPU: its times can't be compared with those of GPUs.");
+    }
+}

@@ -1,0 +1,235 @@
+//! A small glTF file with everything that loaders look at, and what becomes of it on a bad day.
+
+use crate::random::Random;
+
+/// Two by two texels.
+const PNG: [u8; 77] = [
+    0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a, 0x00, 0x00, 0x00, 0x0d, 0x49, 0x48, 0x44, 0x52, 0x00, 0x00, 0x00,
+    0x02, 0x00, 0x00, 0x00, 0x02, 0x08, 0x06, 0x00, 0x00, 0x00, 0x72, 0xb6, 0x0d, 0x24, 0x00, 0x00, 0x00, 0x14, 0x49,
+    0x44, 0x41, 0x54, 0x78, 0xda, 0x63, 0x38, 0x51, 0xa1, 0xf1, 0x5f, 0xa3, 0xe2, 0xc4, 0x7f, 0x06, 0x18, 0x03, 0x00,
+    0x53, 0x64, 0x09, 0x9d, 0xaa, 0x0f, 0x56, 0xd5, 0x00, 0x00, 0x00, 0x00, 0x49, 0x45, 0x4e, 0x44, 0xae, 0x42, 0x60,
+    0x82,
+];
+
+/// Two meshes, textured and plain, a child, a lamp.
+const JSON: &str = r#"{
+  "asset": { "version": "2.0" },
+  "extensionsUsed": ["KHR_lights_punctual"],
+  "extensions": { "KHR_lights_punctual": { "lights": [{ "type": "point", "intensity": 40.0, "color": [1.0, 0.9, 0.8] }] } },
+  "scene": 0,
+  "scenes": [{ "nodes": [0, 1, 2] }],
+  "nodes": [
+    { "name": "plain", "mesh": 0, "translation": [-0.5, 0.1, 0.0], "scale": [1.0, 1.5, -1.0] },
+    { "name": "turned", "mesh": 1, "rotation": [0.0, 0.7071068, 0.0, 0.7071068], "children": [3] },
+    { "name": "lamp", "translation": [0.0, 2.0, 1.0], "extensions": { "KHR_lights_punctual": { "light": 0 } } },
+    { "name": "child", "mesh": 0, "matrix": [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.4, 0.2, 0.0, 1.0] }
+  ],
+  "meshes": [
+    { "primitives": [{ "attributes": { "POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2 }, "indices": 3, "material": 0, "mode": 4 }] },
+    { "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 3, "material": 1 }] }
+  ],
+  "materials": [
+    {
+      "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 }, "metallicFactor": 1.0, "roughnessFactor": 0.1 },
+      "emissiveFactor": [0.1, 0.2, 0.3]
+    },
+    {
+      "pbrMetallicRoughness": { "baseColorFactor": [0.8, 0.3, 0.2, 0.9], "metallicFactor": 0.0, "roughnessFactor": 0.6 },
+      "alphaMode": "MASK", "alphaCutoff": 0.5, "doubleSided": true
+    }
+  ],
+  "textures": [{ "source": 0, "sampler": 0 }],
+  "samplers": [{ "magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 33071 }],
+  "images": [{ "bufferView": 4, "mimeType": "image/png" }],
+  "accessors": [
+    { "bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [-0.5, 0.0, 0.0], "max": [0.5, 1.0, 0.0] },
+    { "bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC3" },
+    { "bufferView": 2, "componentType": 5126, "count": 4, "type": "VEC2" },
+    { "bufferView": 3, "componentType": 5123, "count": 6, "type": "SCALAR" }
+  ],
+  "bufferViews": [
+    { "buffer": 0, "byteOffset": 0, "byteLength": 48, "target": 34962 },
+    { "buffer": 0, "byteOffset": 48, "byteLength": 48, "target": 34962 },
+    { "buffer": 0, "byteOffset": 96, "byteLength": 32, "target": 34962 },
+    { "buffer": 0, "byteOffset": 128, "byteLength": 12, "target": 34963 },
+    { "buffer": 0, "byteOffset": 140, "byteLength": 77 }
+  ],
+  "buffers": [{ "byteLength": 217 }]
+}"#;
+
+/// Numbers that nobody expects.
+const NUMBERS: [&str; 14] = [
+    "-1",
+    "0",
+    "1",
+    "3",
+    "255",
+    "65536",
+    "4294967295",
+    "18446744073709551615",
+    "1e38",
+    "-1e38",
+    "1e-40",
+    "0.5",
+    "1e999",
+    "5121",
+];
+/// Bits of numbers that nobody expects: NaN, infinite, the largest, the smallest, and indices of nothing.
+const WORDS: [u32; 6] = [0x7fc0_0000, 0x7f80_0000, 0x7f7f_ffff, 1, 0xffff_ffff, 0x0004_0004];
+
+/// What the file is made of before it becomes one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Parts {
+    /// What the file holds.
+    pub json: String,
+    /// Vertices, indices and a picture.
+    pub binary: Vec<u8>,
+}
+
+impl Default for Parts {
+    fn default() -> Self {
+        let mut binary = Vec::new();
+        let mut floats = |values: &[f32]| binary.extend(values.iter().flat_map(|value| value.to_le_bytes()));
+        floats(&[-0.5, 0.0, 0.0, 0.5, 0.0, 0.0, 0.5, 1.0, 0.0, -0.5, 1.0, 0.0]);
+        floats(&[0.0, 0.0, 1.0].repeat(4));
+        floats(&[0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]);
+        binary.extend([0u16, 1, 2, 0, 2, 3].into_iter().flat_map(u16::to_le_bytes));
+        binary.extend(PNG);
+        Self {
+            json: JSON.to_owned(),
+            binary,
+        }
+    }
+}
+
+impl Parts {
+    /// Replaces some numbers of the JSON by wild ones.
+    pub fn wild_numbers(&mut self, random: &mut Random) {
+        for _ in 0..1 + random.below(3) {
+            let numbers = tokens(&self.json, Token::Number);
+            let range = numbers[random.below(numbers.len())].clone();
+            self.json.replace_range(range, random.pick(&NUMBERS));
+        }
+    }
+
+    /// Renames some of the JSON's strings, so that what they named is missing.
+    pub fn lost_names(&mut self, random: &mut Random) {
+        for _ in 0..1 + random.below(2) {
+            let strings = tokens(&self.json, Token::String);
+            let range = strings[random.below(strings.len())].clone();
+            self.json.replace_range(range, "lost");
+        }
+    }
+
+    /// Replaces some words of the binary by wild ones.
+    pub fn wild_binary(&mut self, random: &mut Random) {
+        for _ in 0..1 + random.below(12) {
+            let word = random.below(self.binary.len() / 4) * 4;
+            let wild = if random.chance(0.2) {
+                random.bits()
+            } else {
+                random.pick(&WORDS)
+            };
+            self.binary[word..word + 4].copy_from_slice(&wild.to_le_bytes());
+        }
+    }
+
+    /// The file: a header, then both parts, filled up to multiples of four bytes.
+    #[must_use]
+    pub fn file(&self) -> Vec<u8> {
+        let mut json = self.json.clone().into_bytes();
+        json.resize(json.len().next_multiple_of(4), b' ');
+        let mut binary = self.binary.clone();
+        binary.resize(binary.len().next_multiple_of(4), 0);
+        let length = 12 + 8 + json.len() + 8 + binary.len();
+        let mut file = Vec::with_capacity(length);
+        file.extend(b"glTF");
+        file.extend(2u32.to_le_bytes());
+        file.extend((length as u32).to_le_bytes());
+        for (kind, chunk) in [(b"JSON", &json), (b"BIN\0", &binary)] {
+            file.extend((chunk.len() as u32).to_le_bytes());
+            file.extend(kind);
+            file.extend(chunk);
+        }
+        file
+    }
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Token {
+    Number,
+    String,
+}
+
+/// Where the numbers of a JSON text stand, or what is within its strings.
+fn tokens(json: &str, wanted: Token) -> Vec<core::ops::Range<usize>> {
+    let is_number = |byte: u8| byte.is_ascii_digit() || matches!(byte, b'-' | b'+' | b'.' | b'e' | b'E');
+    let bytes = json.as_bytes();
+    let mut found = Vec::new();
+    let mut place = 0;
+    while place < bytes.len() {
+        let start = place;
+        place += 1;
+        if bytes[start] == b'"' {
+            while place < bytes.len() && bytes[place] != b'"' {
+                place += 1;
+            }
+            if wanted == Token::String {
+                found.push(start + 1..place);
+            }
+            place += 1;
+        } else if bytes[start].is_ascii_digit() || bytes[start] == b'-' {
+            while place < bytes.len() && is_number(bytes[place]) {
+                place += 1;
+            }
+            if wanted == Token::Number {
+                found.push(start..place);
+            }
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_file_is_whole() {
+        let parts = Parts::default();
+        assert_eq!(parts.binary.len(), 217);
+        let file = parts.file();
+        assert_eq!(&file[..4], b"glTF");
+        assert_eq!(
+            u32::from_le_bytes([file[8], file[9], file[10], file[11]]) as usize,
+            file.len()
+        );
+        assert!(file.len().is_multiple_of(4));
+        // Every part of the binary has its view.
+        assert!(JSON.contains("\"byteLength\": 217") && JSON.contains("\"byteOffset\": 140, \"byteLength\": 77"));
+    }
+
+    #[test]
+    fn tokens_are_found() {
+        let json = r#"{ "a1": [-2.5e3, 7], "b": "x" }"#;
+        let of = |wanted: Token| -> Vec<&str> { tokens(json, wanted).into_iter().map(|range| &json[range]).collect() };
+        assert_eq!(of(Token::Number), ["-2.5e3", "7"]);
+        assert_eq!(of(Token::String), ["a1", "b", "x"]);
+    }
+
+    #[test]
+    fn bad_days_follow_from_the_seed() {
+        let broken = |seed: u64| {
+            let mut parts = Parts::default();
+            let mut random = Random::new(seed);
+            parts.wild_numbers(&mut random);
+            parts.lost_names(&mut random);
+            parts.wild_binary(&mut random);
+            parts
+        };
+        assert_eq!(broken(3), broken(3));
+        for seed in 0..100 {
+            assert_ne!(broken(seed), Parts::default());
+        }
+    }
+}

@@ -1,0 +1,158 @@
+//! Verdicts on values that are known within a margin. What noise leaves undecided is neither a failure nor a success.
+
+/// What a measurement says about a limit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Judgement {
+    /// The limit is kept for sure; or as far as the margin tells, which is no wider than the limit.
+    Holds,
+    /// Even the lower end of the interval is beyond the limit.
+    Fails,
+    /// The interval is too wide to tell.
+    Undecided,
+}
+
+/// Judges a value that may be at most `most` and is known within `margin`.
+#[must_use]
+pub fn judge(value: f64, margin: f64, most: f64) -> Judgement {
+    if !value.is_finite() || value - margin > most {
+        Judgement::Fails
+    } else if margin <= most || value + margin <= most {
+        Judgement::Holds
+    } else {
+        Judgement::Undecided
+    }
+}
+
+/// Mean of independent values, and its standard error, which is infinite for fewer than two.
+#[must_use]
+pub fn mean_and_error(values: &[f64]) -> (f64, f64) {
+    let (mean, deviation) = mean_and_deviation(values);
+    (mean, deviation / (values.len().max(1) as f64).sqrt())
+}
+
+/// Mean of independent values, and the standard deviation of one of them, which is infinite for fewer than two.
+#[must_use]
+pub fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count.max(1.0);
+    if values.len() < 2 {
+        return (mean, f64::INFINITY);
+    }
+    (mean, (squares_around(values, mean) / (count - 1.0)).sqrt())
+}
+
+fn squares_around(values: &[f64], mean: f64) -> f64 {
+    values.iter().map(|value| (value - mean) * (value - mean)).sum()
+}
+
+/// Standard errors that hold 95 % of all cases, where the error itself was estimated with so many degrees of freedom (Student's t).
+#[must_use]
+pub fn student(degrees: usize) -> f64 {
+    const Z: f64 = 1.959_964;
+    match degrees {
+        0 => f64::INFINITY,
+        1 => 12.706,
+        2 => 4.303,
+        3 => 3.182,
+        _ => {
+            // Cornish and Fisher's expansion, exact to half a percent from four degrees on.
+            let v = degrees as f64;
+            let (z3, z5, z7) = (Z.powi(3), Z.powi(5), Z.powi(7));
+            let first = (z3 + Z) / (4.0 * v);
+            let second = (5.0 * z5 + 16.0 * z3 + 3.0 * Z) / (96.0 * v * v);
+            let third = (3.0 * z7 + 19.0 * z5 + 17.0 * z3 - 15.0 * Z) / (384.0 * v * v * v);
+            Z + first + second + third
+        }
+    }
+}
+
+/// How much the second half of a series differs from the first one, relative to the mean of both.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Drift {
+    /// Second half less first half; positive where the series grows.
+    pub change: f64,
+    /// Half the width of the interval that holds the true change with 95 %; from how the values of each half differ among
+    /// themselves.
+    pub margin: f64,
+    /// Values in each half.
+    pub values: usize,
+}
+
+impl Drift {
+    /// Fewer values in a half say nothing about how they differ.
+    pub const FEWEST: usize = 3;
+
+    /// Compares the halves of a series; of an odd number the one in the middle is left out. `None` if there are too few.
+    #[must_use]
+    pub fn of(series: &[f64]) -> Option<Self> {
+        let values = series.len() / 2;
+        if values < Self::FEWEST {
+            return None;
+        }
+        let (early, late) = (&series[..values], &series[series.len() - values..]);
+        let [before, after] = [early, late].map(|half| half.iter().sum::<f64>() / values as f64);
+        let degrees = 2 * values - 2;
+        let variance = (squares_around(early, before) + squares_around(late, after)) / degrees as f64;
+        let error = (2.0 * variance / values as f64).sqrt();
+        let scale = (0.5 * (before + after)).abs().max(1e-9);
+        Some(Self {
+            change: (after - before) / scale,
+            margin: student(degrees) * error / scale,
+            values,
+        })
+    }
+
+    /// Judges the change, whatever its sign.
+    #[must_use]
+    pub fn judge(&self, most: f64) -> Judgement {
+        judge(self.change.abs(), self.margin, most)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wide_intervals_leave_it_undecided() {
+        assert_eq!(judge(0.01, 0.001, 0.005), Judgement::Fails);
+        assert_eq!(judge(0.004, 0.001, 0.005), Judgement::Holds);
+        assert_eq!(judge(0.0055, 0.001, 0.005), Judgement::Holds);
+        assert_eq!(judge(0.01, 0.02, 0.005), Judgement::Undecided);
+        assert_eq!(judge(0.0, f64::INFINITY, 0.005), Judgement::Undecided);
+        assert_eq!(judge(f64::NAN, 0.0, 0.005), Judgement::Fails);
+        assert_eq!(judge(-0.1, 0.02, 0.005), Judgement::Holds);
+    }
+
+    #[test]
+    fn quantiles_are_those_of_tables() {
+        for (degrees, expected) in [(1, 12.706), (4, 2.776), (10, 2.228), (30, 2.042), (1000, 1.962)] {
+            let found = student(degrees);
+            assert!((found - expected).abs() < 0.005 * expected, "{degrees}: {found}");
+        }
+    }
+
+    #[test]
+    fn errors_shrink_with_the_number_of_values() {
+        assert_eq!(mean_and_error(&[]), (0.0, f64::INFINITY));
+        assert_eq!(mean_and_error(&[2.0]).1, f64::INFINITY);
+        let (mean, error) = mean_and_error(&[1.0, 3.0, 1.0, 3.0]);
+        assert_eq!(mean, 2.0);
+        assert!((error - (4.0f64 / 3.0).sqrt() / 2.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn drift_is_told_from_noise() {
+        assert_eq!(Drift::of(&[1.0; 5]), None);
+        let steady = Drift::of(&[1.0; 6]).unwrap();
+        assert_eq!((steady.change, steady.margin, steady.values), (0.0, 0.0, 3));
+        let rising: Vec<f64> = (0..40).map(|lap| 1.0 + 0.001 * f64::from(lap)).collect();
+        assert_eq!(Drift::of(&rising).unwrap().judge(0.005), Judgement::Fails);
+        // Up and down by 1 % from lap to lap: with few laps nobody knows, with many it holds.
+        let noise = |laps: usize| -> Vec<f64> { (0..laps).map(|lap| [0.99, 1.01][lap % 2]).collect() };
+        assert_eq!(Drift::of(&noise(8)).unwrap().judge(0.005), Judgement::Undecided);
+        assert_eq!(Drift::of(&noise(80)).unwrap().judge(0.005), Judgement::Holds);
+        let falling: Vec<f64> = rising.iter().rev().copied().collect();
+        assert!(Drift::of(&falling).unwrap().change < 0.0);
+    }
+}
