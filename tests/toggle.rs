@@ -26,6 +26,8 @@ const MANY: usize = 40;
 const OBJECTS: usize = 2 + MANY;
 /// What the plugin may hold on to without any reflecting camera.
 const IDLE_BYTES: u64 = 1 << 20;
+/// What alignment adds to an allocation, which depends on where it lies.
+const PADDING: u64 = 256;
 
 /// Bytes of GPU memory by label.
 type Memory = BTreeMap<String, u64>;
@@ -201,7 +203,11 @@ fn expect_off(app: &mut HeadlessApp, camera: Entity, before: Option<&Memory>, wh
     let held = inspect::held(app.app(), camera);
     assert!(held.is_empty(), "{what}: the render world still has {held:?}");
     if let (Some(before), Some(after)) = (before, allocated(app)) {
-        assert_eq!(after, *before, "{what}");
+        let alike = before.len() == after.len()
+            && before
+                .iter()
+                .all(|(label, bytes)| after.get(label).is_some_and(|after| after.abs_diff(*bytes) <= PADDING));
+        assert!(alike, "{what}: {before:?} before, {after:?} after");
     }
 }
 
@@ -318,8 +324,12 @@ fn one_camera_switched_off_leaves_the_other_alone() {
         assert!(held.is_empty(), "{tracer:?}: the render world still has {held:?}");
         if let (Some(both), Some(one)) = (memory, allocated(app)) {
             for (label, _) in &alone.view_memory[0].parts {
-                let bytes = |memory: &Memory| memory.get(*label).copied();
-                assert_eq!(bytes(&one).map(|one| 2 * one), bytes(&both), "{tracer:?}: {label}");
+                let bytes = |memory: &Memory| memory.get(*label).copied().unwrap_or_default();
+                let (one, both) = (bytes(&one), bytes(&both));
+                assert!(
+                    one > 0 && (2 * one).abs_diff(both) <= 2 * PADDING,
+                    "{tracer:?}: {label} has {one} bytes, and {both} for two"
+                );
             }
         }
         let right_half = |picture: &[u8]| crop(picture, half.x as usize..SIZE.x as usize);
