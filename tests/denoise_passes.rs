@@ -123,7 +123,7 @@ fn lamp_light(wall: &Wall, table: &DirectionalAlbedo) -> f32 {
 }
 
 #[test]
-fn smooth_surfaces_lose_no_light_of_lamps() {
+fn smooth_surfaces_at_rest_lose_no_light_of_lamps() {
     let Some((gpu, mut shaders)) = gpu() else { return };
     let table = DirectionalAlbedo::new();
     for (roughness, trace_scale) in [(0, 2), (25, 2), (51, 2), (25, 1), (51, 1)] {
@@ -134,6 +134,8 @@ fn smooth_surfaces_lose_no_light_of_lamps() {
                 trace_scale,
                 lean: 0.0,
                 frame,
+                accumulated: 1,
+                rest: 1000,
                 ..Wall::new(uvec2(104, 72))
             };
             let image = wall.reconstruct_rays(&gpu, &mut shaders, |ray| lamp(&wall, ray));
