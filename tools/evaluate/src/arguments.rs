@@ -58,6 +58,9 @@ pub struct Arguments {
     /// Measure a job. Used by the tool itself.
     #[arg(long, hide = true, value_name = "FILE")]
     pub job: Option<PathBuf>,
+    /// Write tables, summary and charts anew from the results.json and results.csv in --out, without measuring, on any machine
+    #[arg(long)]
+    pub rewrite: bool,
     /// Describe the machine. Used by the tool itself.
     #[arg(long, hide = true)]
     pub probe: bool,

@@ -12,11 +12,13 @@ use glint_evaluate::{
     jobs,
     machine::Machine,
     plan::Job,
+    protocol::Protocol,
     report::Event,
     rows::{self, Row},
     run,
     state::{read_json, write_json, write_text},
 };
+use output::Results;
 use std::{
     fs,
     io::{ErrorKind, Write},
@@ -35,7 +37,12 @@ fn main() -> ExitCode {
     if let Some(file) = &arguments.job {
         return work(file);
     }
-    match evaluate(&arguments) {
+    let outcome = if arguments.rewrite {
+        rewrite(&arguments)
+    } else {
+        evaluate(&arguments)
+    };
+    match outcome {
         Ok(code) => code,
         Err(reason) => {
             say(format_args!("error: {reason}"));
@@ -74,6 +81,30 @@ fn work(file: &Path) -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+/// What `results.json` says of how its rows were measured.
+#[derive(serde::Deserialize)]
+struct Measured {
+    machine: Machine,
+    protocol: Protocol,
+}
+
+/// Writes tables, summary and charts anew.
+fn rewrite(arguments: &Arguments) -> Result<ExitCode, String> {
+    let out = arguments.out.as_deref().ok_or("--out is missing")?;
+    let file = out.join("results.json");
+    let measured: Measured = read_json(&file).ok_or_else(|| format!("{} holds no results", file.display()))?;
+    let rows = rows::load(&out.join("results.csv"))?;
+    let results = Results {
+        out,
+        machine: &measured.machine,
+        protocol: &measured.protocol,
+        rows: &rows,
+    };
+    results.write()?;
+    results.print();
+    Ok(ExitCode::SUCCESS)
 }
 
 fn evaluate(arguments: &Arguments) -> Result<ExitCode, String> {
