@@ -1,6 +1,7 @@
 //! `cargo xtask ci`: everything that must hold before a change is merged.
 
 use std::env;
+use std::path::Path;
 use std::process::{Command, Stdio};
 
 use crate::failure::{Failure, Result};
@@ -10,6 +11,9 @@ use crate::{cargo, file_sizes, progress, test};
 ///
 /// The first has no windowing feature: the plugin must build for servers. Nor has it the hardware back end.
 const FEATURE_SETS: [&[&str]; 1] = [&["--no-default-features"]];
+
+/// Where the plugin declines, but must compile.
+const WEB: &str = "wasm32-unknown-unknown";
 
 /// Runs every check, cheap ones first, and all of them even if one fails.
 pub fn run() -> Result {
@@ -59,6 +63,17 @@ pub fn run() -> Result {
         }
         Ok(())
     });
+    check("web", &mut || {
+        if !has_target(WEB) {
+            progress::note(format_args!("skipped: `rustup target add {WEB}` brings what it needs"));
+            return Ok(());
+        }
+        let mut library = cargo::release("check")?;
+        library
+            .args(["--package", "bevy_glint", "--lib", "--locked", "--target", WEB])
+            .args(cargo::FEATURES);
+        cargo::run(&mut library, "the library for browsers")
+    });
     let tests = test::run(&test::Options::default());
     match (failed.as_slice(), tests) {
         ([], tests) => tests,
@@ -68,6 +83,14 @@ pub fn run() -> Result {
             failed.join(", ")
         ))),
     }
+}
+
+/// Whether the standard library of a target is installed.
+fn has_target(target: &str) -> bool {
+    let output = Command::new("rustc")
+        .args(["--print", "target-libdir", "--target", target])
+        .output();
+    output.is_ok_and(|output| Path::new(String::from_utf8_lossy(&output.stdout).trim()).is_dir())
 }
 
 /// The user's flags for rustdoc, and warnings denied.
