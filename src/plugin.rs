@@ -46,8 +46,8 @@ use bevy::{
 
 /// Makes [`RayTracedReflections`] work on cameras.
 ///
-/// Add it after `DefaultPlugins`. In an app without a renderer, and on a device that can't trace, it does nothing; the reason
-/// is in [`ReflectionStatus`].
+/// Add it after `DefaultPlugins`. In an app without a renderer it does nothing. Nor does it on a device that can't trace: then the
+/// reason is in [`ReflectionStatus`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RayTracedReflectionsPlugin {
     /// What finds the surfaces that rays hit; fixed for the life of the app. Default: [`TracerChoice::Auto`].

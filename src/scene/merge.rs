@@ -4,7 +4,7 @@
 //! its objects moved, changed its mesh or what the traversal has to know of its material, was hidden or despawned, these
 //! objects are instances like all others. [`ledger`] decides what is merged and when.
 //!
-//! A merged triangle takes 56 bytes of GPU memory on top of the BLAS of its mesh, which is kept so that its objects can
+//! A merged triangle takes 56 bytes of GPU memory (more where it is split) on top of the BLAS of its mesh, which is kept so that its objects can
 //! become instances again at any time.
 
 mod ledger;
@@ -33,7 +33,7 @@ use std::sync::Arc;
 pub(super) const CHUNK_TRIANGLES: u64 = 1 << 20;
 /// Up to this many triangles a tree gets all the care there is; more would take seconds.
 const HIGH_QUALITY_TRIANGLES: usize = 1 << 18;
-/// Triangles of all merged trees, at most: 235 MB.
+/// Triangles of all merged trees, at most: 235 MB, and more where they are split.
 const BUDGET_TRIANGLES: u64 = 4 << 20;
 /// Words of a merged tree that are uploaded in one frame: 16 MB, so that no frame waits for the copy of a large tree.
 const UPLOAD_WORDS_PER_FRAME: usize = 4 << 20;
