@@ -111,7 +111,7 @@ impl Packed {
         }
         let merged: Vec<(u32, Blas)> = merged
             .into_values()
-            .filter_map(|sources| add(build_merged(&sources, BvhQuality::Medium)))
+            .filter_map(|sources| add(build_merged(&sources, BvhQuality::High)))
             .collect();
 
         let singles = instances

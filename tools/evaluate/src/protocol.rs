@@ -99,7 +99,7 @@ impl Protocol {
                 width: 128,
                 height: 72,
                 timing_frames: 3,
-                block: 3,
+                block: 1,
                 discard: 4,
                 views: 1,
                 still_views: 0,
