@@ -209,6 +209,39 @@ fn rays_that_are_no_numbers_are_left_out() {
     }
 }
 
+#[test]
+fn what_stands_where_nothing_was_traced_is_not_looked_at() {
+    let Some((gpu, mut shaders)) = gpu() else { return };
+    let untraced = |block: UVec2| (block.x / 8 + block.y / 8).is_multiple_of(3);
+    for (roughness, rest) in [(0, 0), (25, 0), (0, 1000), (25, 1000), (77, 1000)] {
+        let wall = Wall {
+            roughness,
+            rest,
+            accumulated: 1,
+            untraced,
+            ..Wall::new(uvec2(64, 64))
+        };
+        let [near, far, odd] = [0.02, 30_000.0, f32::NAN].map(|old| {
+            let seen = |block| {
+                if untraced(block) {
+                    [7.0, 7.0, 7.0, old]
+                } else {
+                    [1.0, 1.0, 1.0, 4.0]
+                }
+            };
+            let image = wall.reconstruct(&gpu, &mut shaders, seen);
+            let words = |texel: &Reconstructed| {
+                let [r, g, b] = texel.radiance;
+                [r, g, b, texel.variance, texel.distance, texel.rays].map(f32::to_bits)
+            };
+            image.iter().map(words).collect::<Vec<_>>()
+        });
+        let different = |other: &[[u32; 6]]| near.iter().zip(other).filter(|(a, b)| a != b).count();
+        let counts = [different(&far), different(&odd)];
+        assert_eq!(counts, [0, 0], "roughness {roughness} after {rest} frames of rest");
+    }
+}
+
 /// A new image with a little noise.
 fn image(wall: &Wall, value: f32, frame: u32) -> Vec<Reconstructed> {
     let noise = |pixel: UVec2| 0.02 * ((pixel.x * 7 + pixel.y * 13 + frame * 5) % 11) as f32 / 10.0;

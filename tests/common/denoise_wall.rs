@@ -37,6 +37,8 @@ pub struct Wall {
     pub accumulated: u32,
     /// Frames without a change.
     pub rest: u32,
+    /// Blocks by their first pixel that had nothing to trace: their records are empty, and what they saw is of another frame.
+    pub untraced: fn(UVec2) -> bool,
 }
 
 /// What `reconstruct` writes for a pixel.
@@ -120,6 +122,7 @@ impl Wall {
             frame: 0,
             accumulated: 0,
             rest: 0,
+            untraced: |_| false,
         }
     }
 
@@ -210,7 +213,7 @@ impl Wall {
 
     /// Four words of a ray's record.
     fn record(&self, ray: &Ray) -> [u32; 4] {
-        if !ray.sample.valid {
+        if !ray.sample.valid || (self.untraced)(ray.block) {
             return [0; 4];
         }
         let direction = orthonormal_basis(self.normal(ray.pixel)) * ray.sample.direction;
