@@ -4,8 +4,8 @@
 //! its objects moved, changed its mesh or what the traversal has to know of its material, was hidden or despawned, these
 //! objects are instances like all others. [`ledger`] decides what is merged and when.
 //!
-//! A merged triangle takes 56 bytes of GPU memory (more where it is split) on top of the BLAS of its mesh, which is kept so that its objects can
-//! become instances again at any time.
+//! A merged triangle takes 56 bytes of GPU memory, more where it is split, on top of the BLAS of its mesh, which is kept so
+//! that its objects can become instances again at any time.
 
 mod ledger;
 #[cfg(test)]

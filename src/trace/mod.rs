@@ -15,6 +15,8 @@ pub mod hardware;
 #[path = "no_hardware.rs"]
 pub(crate) mod hardware;
 mod pipelines;
+#[cfg(feature = "hardware-vrs")]
+mod shading_rates;
 
 pub(crate) use pipelines::gbuffer_layout_entries;
 pub use pipelines::{TracePipelines, init_trace_pipelines, queue_trace_pipelines};

@@ -91,10 +91,10 @@ impl HardwareGroup {
 
 #[cfg(feature = "hardware-vrs")]
 mod stand_ins {
+    pub use crate::trace::shading_rates::ShadingRates;
     use bevy::{
         app::{App, Plugin, SubApp},
         ecs::resource::Resource,
-        math::UVec2,
     };
 
     /// Lets cameras use the hardware back end on platforms with Vulkan. On this one it has no effect.
@@ -127,29 +127,6 @@ mod stand_ins {
         #[must_use]
         pub fn rates(&self) -> Option<ShadingRates> {
             None
-        }
-    }
-
-    /// What a device does with shading-rate attachments. No device of this platform has any.
-    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-    pub struct ShadingRates {
-        /// Pixels that a texel of the attachment covers at least, in each direction.
-        pub min_texel: UVec2,
-        /// Pixels that a texel of the attachment covers at most, in each direction.
-        pub max_texel: UVec2,
-        /// Pixels of the largest fragment, in each direction.
-        pub max_fragment: UVec2,
-        /// Rates can be combined by minimum, maximum and product.
-        pub non_trivial_combiners: bool,
-        /// One bit for each supported rate, at the position of its code.
-        pub codes: u16,
-    }
-
-    impl ShadingRates {
-        /// Whether fragments of a size exist, named by its code.
-        #[must_use]
-        pub fn supports(&self, code: u32) -> bool {
-            code < u16::BITS && (self.codes >> code) & 1 != 0
         }
     }
 

@@ -33,7 +33,8 @@ mod states;
 mod tests;
 mod tracer;
 
-pub use init::{HardwareVrs, HardwareVrsPlugin, ShadingRates};
+pub use super::shading_rates::ShadingRates;
+pub use init::{HardwareVrs, HardwareVrsPlugin};
 pub use tracer::HardwareTracer;
 
 pub(crate) use tracer::HardwareGroup;

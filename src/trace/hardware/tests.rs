@@ -1,8 +1,9 @@
 use super::{
+    ShadingRates,
     contents::sampler_info,
     descriptors::descriptor_type,
     device_address::instructions,
-    init::{Capabilities, Facts, HardwareVrs, RateFacts, ShadingRates, judge},
+    init::{Capabilities, Facts, HardwareVrs, RateFacts, judge},
     rate_image::RateRows,
     shader::{Target, translate},
 };
