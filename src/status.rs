@@ -166,6 +166,7 @@ pub(crate) fn choose_tracer(
     if limits.max_acceleration_structures_per_shader_stage == 0
         || limits.max_tlas_instance_count == 0
         || limits.max_blas_primitive_count == 0
+        || limits.max_blas_geometry_count == 0
     {
         missing |= ray_query_features();
     }
@@ -234,6 +235,7 @@ mod tests {
             max_acceleration_structures_per_shader_stage: 1,
             max_tlas_instance_count: 1000,
             max_blas_primitive_count: 1000,
+            max_blas_geometry_count: 1,
             ..Default::default()
         };
         let choose_tracer = |choice, features| choose_tracer_of(choice, features, &limits);
@@ -243,6 +245,11 @@ mod tests {
         let (tracer, reasons) = choose_tracer(TracerChoice::RayQuery, none);
         assert_eq!(tracer, Tracer::Bvh);
         assert!(reasons[0].contains("RAY_QUERY"), "{reasons:?}");
+        let limits = WgpuLimits {
+            max_blas_geometry_count: 0,
+            ..limits
+        };
+        assert_eq!(choose_tracer_of(TracerChoice::Auto, all, &limits).0, Tracer::Bvh);
     }
 
     #[test]

@@ -1,8 +1,11 @@
 //! A storage buffer that holds a copy of a slice.
 
-use bevy::render::{
-    render_resource::{Buffer, BufferDescriptor, BufferUsages},
-    renderer::{RenderDevice, RenderQueue},
+use bevy::{
+    log::warn,
+    render::{
+        render_resource::{Buffer, BufferDescriptor, BufferUsages},
+        renderer::{RenderDevice, RenderQueue},
+    },
 };
 use bytemuck::{NoUninit, cast_slice};
 use core::{marker::PhantomData, ops::Range};
@@ -11,6 +14,8 @@ use core::{marker::PhantomData, ops::Range};
 pub struct StorageSlice<T> {
     buffer: Buffer,
     label: &'static str,
+    len: usize,
+    warned: bool,
     generation: u64,
     element: PhantomData<T>,
 }
@@ -21,6 +26,8 @@ impl<T: NoUninit> StorageSlice<T> {
         Self {
             buffer: create(device, label, 16 * size_of::<T>() as u64),
             label,
+            len: 0,
+            warned: false,
             generation: 0,
             element: PhantomData,
         }
@@ -42,13 +49,40 @@ impl<T: NoUninit> StorageSlice<T> {
         (limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / size_of::<T>() as u64) as usize
     }
 
-    /// Writes the changed part, or all where the buffer had to grow. Elements over [`Self::limit`] are left out.
+    /// Elements that stand in the buffer: shaders must not read beyond.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Writes the changed part, or all where the buffer had to grow. Elements over [`Self::limit`] are left out with a warning.
     pub fn write(&mut self, data: &[T], changed: Range<usize>, device: &RenderDevice, queue: &RenderQueue) {
+        self.write_within(Self::limit(device), data, changed, device, queue);
+    }
+
+    fn write_within(
+        &mut self,
+        limit: usize,
+        data: &[T],
+        changed: Range<usize>,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) {
         let size = size_of::<T>() as u64;
-        let data = &data[..data.len().min(Self::limit(device))];
+        let wanted = data.len();
+        let data = &data[..wanted.min(limit)];
+        self.len = data.len();
+        if self.len < wanted && !self.warned {
+            self.warned = true;
+            warn!(
+                "reflections take {} of {wanted} {}, since the largest storage buffer of this device holds no more; use \
+                 fewer, or raise `max_storage_buffer_binding_size` in `WgpuSettings` if the adapter offers it",
+                self.len,
+                self.label.trim_start_matches("glint_"),
+            );
+        }
         let mut changed = changed.start.min(data.len())..changed.end.min(data.len());
         if data.len() as u64 * size > self.buffer.size() {
-            let capacity = data.len().next_power_of_two().min(Self::limit(device));
+            let capacity = data.len().next_power_of_two().min(limit);
             self.buffer = create(device, self.label, capacity as u64 * size);
             self.generation += 1;
             changed = 0..data.len();
@@ -66,4 +100,25 @@ fn create(device: &RenderDevice, label: &'static str, size: u64) -> Buffer {
         usage: BufferUsages::STORAGE | BufferUsages::COPY_DST,
         mapped_at_creation: false,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::test_gpu;
+
+    #[test]
+    fn what_has_no_room_is_left_out() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let mut slice = StorageSlice::<u32>::new(&device, "glint_numbers");
+        for (count, limit, len) in [(10, 100, 10), (100, 100, 100), (300, 100, 100), (50, 100, 50)] {
+            let data: Vec<u32> = (0..count).collect();
+            slice.write_within(limit, &data, 0..data.len(), &device, &queue);
+            assert_eq!(slice.len(), len);
+            assert!(slice.buffer().size() >= 4 * len as u64 && slice.buffer().size() <= 400);
+        }
+        assert!(slice.warned);
+    }
 }
