@@ -6,7 +6,7 @@
 use crate::{
     ingredients::{HostileScene, Ingredient, build},
     messages,
-    paths::{FEW, begin_anew, differing},
+    paths::{FEW, begin_anew, differing, example},
     picture::Picture,
     random::Random,
     recipe::Recipe,
@@ -275,10 +275,11 @@ fn differences(first: &Snapshot, second: &Snapshot, exact: bool) -> Vec<String> 
     for ((target, one), (_, other)) in first.targets.iter().zip(&second.targets) {
         let total = one.words.len() / one.texel.max(1);
         let pair = [one.clone(), other.clone()];
-        let different = differing(&pair, &first.rates, &records, *target, exact);
-        if different > tolerated(total) {
+        let places = differing(&pair, &first.rates, &records, *target, exact);
+        if places.len() > tolerated(total) {
+            let (different, example) = (places.len(), example(&pair, &places));
             problems.push(format!(
-                "{target:?}: {different} of {total} texels differ with runtime checks"
+                "{target:?}: {different} of {total} texels differ with runtime checks{example}"
             ));
         }
     }

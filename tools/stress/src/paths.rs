@@ -12,7 +12,8 @@ use bevy_glint::{
     rate::{RATE_ACTIVE, ShadingRate},
 };
 
-/// Steps of 16 bits that values may differ by on a GPU, whose compiler may translate the same code twice.
+/// Steps of 16 bits that values may differ by: a GPU's compiler may translate the same code twice, and the CPU driver takes the
+/// levels of textures from other rays of the same group, which are not the same ones in both paths.
 const STEPS: u32 = 4;
 /// One of so many texels may differ by more on a GPU, since a last bit can lead past an edge.
 pub const FEW: usize = 50;
@@ -56,12 +57,15 @@ pub fn compare(stage: &mut Stage, scene: &HostileScene, patience: u32) -> Vec<Pr
         let exact = stage.is_cpu();
         for target in [Target::RayRecord, Target::RayRadiance, Target::Reconstructed] {
             let Some(pair) = both(target) else { continue };
-            let different = differing(&pair, &rates[0], &records, target, exact);
+            let places = differing(&pair, &rates[0], &records, target, exact);
             let total = pair[0].words.len() / pair[0].texel.max(1);
             let tolerated = if exact { 0 } else { total / FEW + 1 };
-            if different > tolerated {
-                let text =
-                    format!("{target:?}: {different} of {total} texels differ between the plain and the variable path");
+            if places.len() > tolerated {
+                let different = places.len();
+                let example = example(&pair, &places);
+                let text = format!(
+                    "{target:?}: {different} of {total} texels differ between the plain and the variable path{example}"
+                );
                 problems.push(Problem::new(ProblemKind::Paths, text));
             }
         }
@@ -85,12 +89,13 @@ pub fn begin_anew(stage: &mut Stage, cameras: &[Entity], frames: u32) {
     }
 }
 
-/// Texels of active tiles that differ; on the CPU driver by any bit.
+/// Texels of active tiles that differ; `exact`: directions and pdfs by any bit.
 #[must_use]
-pub fn differing(pair: &[Copied; 2], rates: &Copied, records: &[Copied; 2], target: Target, exact: bool) -> usize {
+pub fn differing(pair: &[Copied; 2], rates: &Copied, records: &[Copied; 2], target: Target, exact: bool) -> Vec<UVec2> {
     let [a, b] = pair;
+    let places = || (0..a.size.y).flat_map(|y| (0..a.size.x).map(move |x| UVec2::new(x, y)));
     if a.size != b.size {
-        return a.words.len().max(b.words.len());
+        return places().collect();
     }
     // Tiles of the rate image and texels of this target cover the same view.
     let tile = tile_side(a.size, rates.size);
@@ -103,16 +108,24 @@ pub fn differing(pair: &[Copied; 2], rates: &Copied, records: &[Copied; 2], targ
     let differs = |place: UVec2| {
         let (a, b) = (a.at(place), b.at(place));
         match target {
-            _ if exact => a != b,
+            Target::RayRecord if exact => a != b,
             // Of a record's words those of the direction and its pdf are rounded.
             Target::RayRecord => a[1] >> 16 != b[1] >> 16,
             _ => a.iter().zip(b).any(|(a, b)| steps(*a, *b) > STEPS),
         }
     };
-    let places = (0..a.size.y).flat_map(|y| (0..a.size.x).map(move |x| UVec2::new(x, y)));
-    places
+    places()
         .filter(|place| is_active(*place) && has_ray(*place) && differs(*place))
-        .count()
+        .collect()
+}
+
+/// The first of the places that differ, in words.
+#[must_use]
+pub fn example([a, b]: &[Copied; 2], places: &[UVec2]) -> String {
+    match places.first() {
+        Some(place) if a.size == b.size => format!(", as {:x?} and {:x?} at {place}", a.at(*place), b.at(*place)),
+        _ => String::new(),
+    }
 }
 
 /// Texels along the side of a tile: a power of two.
@@ -166,7 +179,7 @@ mod tests {
             };
             let records = [records(record), records(record)];
             let pair = [texels(9), texels(7)];
-            differing(&pair, &rates, &records, Target::RayRadiance, true)
+            differing(&pair, &rates, &records, Target::RayRadiance, true).len()
         };
         assert_eq!(count(RATE_ACTIVE, RECORD_VALID), 1);
         assert_eq!(count(0, RECORD_VALID), 0);
