@@ -204,7 +204,8 @@ fn rays(arguments: &Arguments, techniques: &str, size: UVec2, frames: u32, csv: 
             ],
         ),
         kernels: Table::new(
-            "Closest hits alone: one ray per pixel from the camera; specular reflections at half resolution",
+            "Closest hits alone: one ray per pixel from the camera; specular reflections at half resolution, and the same \
+             without alpha tests",
             &[
                 "scene",
                 "tracer",

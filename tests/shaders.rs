@@ -210,7 +210,7 @@ fn main() {
         [
             light_count,
             tlas_node_count,
-            tlas_entry_base,
+            tlas_root,
             instance_count,
             material_count,
             texture_count,

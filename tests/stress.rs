@@ -286,7 +286,7 @@ fn traversals_of_corrupt_trees_end() {
         rows: scene.bvh.clone(),
         counts: GpuSceneCounts {
             tlas_node_count: view.tlas_node_count,
-            tlas_entry_base: view.tlas_entry_base,
+            tlas_root: view.tlas_root,
             instance_count: 1,
             ..GpuSceneCounts::default()
         },
@@ -304,7 +304,7 @@ fn traversals_of_corrupt_trees_end() {
     // The children of all nodes are the first ones, without end. All indices are in range: it may run without checks, too.
     let mut circle = intact();
     for node in 0..nodes {
-        circle.rows[(node * NODE_ROWS + 1) as usize][0] = 0;
+        circle.rows[(node * NODE_ROWS + 2) as usize][2] &= 0xf << 28;
     }
     cases.push((CIRCLE, circle));
     for flips in [1, 30, 1000] {
@@ -315,12 +315,12 @@ fn traversals_of_corrupt_trees_end() {
         }
         cases.push(("flipped bits", flipped));
     }
-    for (node_count, entry_base) in [(1, 5), (u32::MAX, 0), (0x8000_0000, u32::MAX)] {
+    for (node_count, root) in [(1, 5), (u32::MAX, 0), (0x8000_0000, u32::MAX)] {
         let mut wild = intact();
         wild.rows
             .iter_mut()
             .for_each(|row| *row = [(); 4].map(|()| random.bits() as u32));
-        (wild.counts.tlas_node_count, wild.counts.tlas_entry_base) = (node_count, entry_base);
+        (wild.counts.tlas_node_count, wild.counts.tlas_root) = (node_count, root);
         cases.push(("noise", wild));
     }
     for stack_size in [1, scene.stack_size] {

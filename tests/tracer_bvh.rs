@@ -45,7 +45,7 @@ fn trace(gpu: &Gpu, wgsl: &str, checks: Checks, scene: &Packed, rays: &[TraceRay
     let view = scene.view();
     let uniform = GpuSceneCounts {
         tlas_node_count: view.tlas_node_count,
-        tlas_entry_base: view.tlas_entry_base,
+        tlas_root: view.tlas_root,
         instance_count: scene.instances.len() as u32,
         ..Default::default()
     };

@@ -20,7 +20,7 @@ use bevy::{
     shader::Shader,
 };
 use bevy_glint::{
-    RayTracedReflections,
+    RayTracedReflections, Tracer,
     scene::{
         SceneBindings,
         environment::{EnvironmentBindings, layout_descriptor},
@@ -34,22 +34,33 @@ use core::num::NonZeroU64;
 const RAY_BYTES: u64 = 32;
 /// Workgroups in one row of the folded grid.
 const GRID_ROW: u32 = 32_768;
-const ENTRY_POINTS: [&str; 4] = ["collect_primary", "collect_reflections", "trace_rays", "count_hits"];
+const ENTRY_POINTS: [&str; 5] = [
+    "collect_primary",
+    "collect_reflections",
+    "trace_rays",
+    "count_hits",
+    "trace_rays",
+];
+/// The last one is compiled without the alpha test, where that makes a difference.
+const SOLID: usize = 4;
 
 /// A list of rays: which kernel collects it and how its measurements are called.
 struct RaySet {
     collect: usize,
     /// Pixels along each axis that share a ray.
     stride: u32,
+    /// Alpha-masked objects count as solid.
+    solid: bool,
     span: &'static str,
     rays: &'static str,
     hits: &'static str,
 }
 
-const RAY_SETS: [RaySet; 2] = [
+const RAY_SETS: [RaySet; 3] = [
     RaySet {
         collect: 0,
         stride: 1,
+        solid: false,
         span: "primary",
         rays: "bench_primary_rays",
         hits: "bench_primary_hits",
@@ -57,9 +68,18 @@ const RAY_SETS: [RaySet; 2] = [
     RaySet {
         collect: 1,
         stride: 2,
+        solid: false,
         span: "reflection",
         rays: "bench_reflection_rays",
         hits: "bench_reflection_hits",
+    },
+    RaySet {
+        collect: 1,
+        stride: 2,
+        solid: true,
+        span: "solid",
+        rays: "bench_solid_rays",
+        hits: "bench_solid_hits",
     },
 ];
 
@@ -69,7 +89,8 @@ struct KernelShader(Handle<Shader>);
 #[derive(Resource)]
 struct Kernels {
     layout: BindGroupLayoutDescriptor,
-    pipelines: [CachedComputePipelineId; 4],
+    pipelines: [CachedComputePipelineId; ENTRY_POINTS.len()],
+    has_solid: bool,
     /// Of the scene's shader definitions.
     version: u32,
     buffers: Option<KernelBuffers>,
@@ -150,12 +171,18 @@ fn queue_kernels(
             ),
         ),
     );
-    let pipelines = ENTRY_POINTS.map(|name| {
+    let pipelines = core::array::from_fn(|index| {
+        let name = ENTRY_POINTS[index];
+        let shader_defs = if index == SOLID {
+            scene.shader_defs_for(false)
+        } else {
+            scene.shader_defs()
+        };
         cache.queue_compute_pipeline(ComputePipelineDescriptor {
             label: Some(name.into()),
             layout: vec![layout.clone(), scene.layout.clone(), layout_descriptor()],
             shader: shader.0.clone(),
-            shader_defs: scene.shader_defs(),
+            shader_defs,
             entry_point: Some(name.into()),
             ..default()
         })
@@ -163,6 +190,7 @@ fn queue_kernels(
     commands.insert_resource(Kernels {
         layout,
         pipelines,
+        has_solid: scene.tracer() == Tracer::Bvh && scene.has_masked_geometry(),
         version: scene.shader_defs_version(),
         buffers: None,
     });
@@ -227,12 +255,18 @@ fn run_kernels(
     let (Some(scene), Some(environment)) = (scene.bind_group.as_ref(), environments.bind_group(entity)) else {
         return;
     };
-    let [Some(primary), Some(reflections), Some(trace), Some(count)] =
-        kernels.pipelines.map(|id| cache.get_compute_pipeline(id))
+    let [
+        Some(primary),
+        Some(reflections),
+        Some(trace),
+        Some(count),
+        Some(trace_solid),
+    ] = kernels.pipelines.map(|id| cache.get_compute_pipeline(id))
     else {
         return;
     };
     let collect = [primary, reflections];
+    let has_solid = kernels.has_solid;
     let size = UVec2::new(view.viewport.z, view.viewport.w);
     let device = ctx.render_device().clone();
     let buffers = kernels.buffers(size, &device, &cache);
@@ -242,7 +276,7 @@ fn run_kernels(
     let diagnostics = ctx.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let total = diagnostics.time_span(ctx.command_encoder(), "bench");
-    for set in &RAY_SETS {
+    for set in RAY_SETS.iter().filter(|set| has_solid || !set.solid) {
         ctx.command_encoder().clear_buffer(&buffers.counters, 0, None);
         let rays = size.map(|extent| extent.div_ceil(set.stride));
         dispatch(
@@ -257,7 +291,7 @@ fn run_kernels(
         let row = workgroups.min(GRID_ROW);
         let grid = UVec2::new(row, workgroups.div_ceil(row.max(1)));
         let span = diagnostics.time_span(ctx.command_encoder(), set.span);
-        dispatch(&mut ctx, trace, groups, grid);
+        dispatch(&mut ctx, if set.solid { trace_solid } else { trace }, groups, grid);
         span.end(ctx.command_encoder());
 
         dispatch(&mut ctx, count, groups, grid);

@@ -29,7 +29,7 @@ const REST_FRAMES: u32 = 60;
 pub const IDLE: &str = "idle";
 
 /// Kernels: the word in tables, its diagnostics of rays, hits and GPU time.
-const KERNELS: [(&str, &str, &str, &str); 2] = [
+const KERNELS: [(&str, &str, &str, &str); 3] = [
     (
         "primary",
         "render/bench_primary_rays",
@@ -41,6 +41,12 @@ const KERNELS: [(&str, &str, &str, &str); 2] = [
         "render/bench_reflection_rays",
         "render/bench_reflection_hits",
         "render/bench/reflection/elapsed_gpu",
+    ),
+    (
+        "solid",
+        "render/bench_solid_rays",
+        "render/bench_solid_hits",
+        "render/bench/solid/elapsed_gpu",
     ),
 ];
 /// Passes: the word in tables and the diagnostic of their GPU time.
@@ -385,6 +391,9 @@ impl Bench {
     pub fn kernels(&self, scene: SceneName, tracer: &str, table: &mut Table, csv: &mut Csv) {
         for (word, rays, hits, time) in KERNELS {
             let (rays, hits) = (self.value(rays, 0.5), self.value(hits, 0.5));
+            if rays.is_none() {
+                continue;
+            }
             let (median, p95) = (self.value(time, 0.5), self.value(time, 0.95));
             // Rays per millisecond are thousands per second.
             let rate = rays

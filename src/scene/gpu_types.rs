@@ -133,8 +133,8 @@ pub struct GpuSceneCounts {
     pub light_count: u32,
     /// 0 = nothing to hit. BVH tracer: of the TLAS, as `Tlas::traversal_node_count` gives it.
     pub tlas_node_count: u32,
-    /// BVH tracer: row of the TLAS's first entry.
-    pub tlas_entry_base: u32,
+    /// BVH tracer: row of the TLAS's root.
+    pub tlas_root: u32,
     /// Instances in the buffer.
     pub instance_count: u32,
     /// Materials in the buffer.

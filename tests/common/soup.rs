@@ -1,7 +1,5 @@
 //! Triangle soups, instances and rays from a seed, packed as the GPU sees them, with a slow and exact oracle.
 
-#![allow(unused_imports, reason = "each test binary uses a part")]
-
 mod oracle;
 mod shapes;
 
@@ -13,8 +11,10 @@ use bevy_glint::scene::bvh::{
 use bevy_glint::scene::gpu_types::{
     INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
 };
+#[allow(unused_imports, reason = "each test binary uses a part")]
 pub use oracle::Oracle;
 use oracle::{Candidate, LocalRay, intersect};
+#[allow(unused_imports, reason = "each test binary uses a part")]
 pub use shapes::{Mesh, Random, SOUPS, Soup, closed_surface, mesh, placement};
 use std::collections::BTreeMap;
 
@@ -172,7 +172,7 @@ impl Packed {
         SceneView {
             bvh: &self.bvh,
             tlas_node_count: self.tlas.traversal_node_count(),
-            tlas_entry_base: self.tlas_row + self.tlas.entry_base,
+            tlas_root: self.tlas_row,
             alpha_test: Some(alpha_test),
         }
     }

@@ -1,18 +1,20 @@
 //! The tree over the triangles of one mesh.
 
-use super::{Bounds, NODE_ROWS, Row, TRIANGLE_ROWS, node, ploc, split};
-use bevy::math::DVec3;
-use obvhs::{
-    bvh2::{Bvh2, reinsertion::ReinsertionOptimizer},
-    cwbvh::{CwBvh, bvh2_to_cwbvh::bvh2_to_cwbvh, node::CwBvhNode},
+use super::{
+    Bounds, NODE_ROWS, Row, TRIANGLE_ROWS,
+    collapse::{Tree, collapse},
+    node::{self, Child, Node, WIDTH},
+    ploc, split,
 };
+use bevy::math::DVec3;
+use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 
 /// Coordinates beyond this are treated like infinite ones: squares and products of them still fit an `f32`.
 const MAX_COORDINATE: f32 = 1e15;
-/// Binary trees deeper than this are not optimised further: the next steps recurse, or keep a stack of fixed size.
+/// Binary trees deeper than this are not optimised further: the optimiser keeps a stack of fixed size.
 const MAX_BINARY_DEPTH: u32 = 200;
 /// Where the optimised tree is deeper than this, a balanced one takes its place.
-const MAX_DEPTH: u32 = 16;
+const MAX_DEPTH: u32 = 24;
 /// Top nodes that a BLAS offers to the TLAS, which may start rays at them.
 const MAX_TOP_NODES: usize = 73;
 
@@ -44,7 +46,7 @@ pub struct TopNode {
 /// The packed tree of a mesh, or of merged objects.
 #[derive(Clone, Debug)]
 pub struct Blas {
-    /// Nodes of 5 rows, then triangles of 3 rows; indices in nodes are relative to this BLAS.
+    /// Nodes of 3 rows, then triangles of 3 rows; indices in nodes are relative to this BLAS.
     pub rows: Vec<Row>,
     /// Number of nodes, at least 1.
     pub node_count: u32,
@@ -116,16 +118,16 @@ pub(super) fn build(mut triangles: Vec<Triangle>, quality: BvhQuality) -> Option
         BvhQuality::Fast | BvhQuality::Medium => (0..triangles.len() as u32).collect(),
     };
     let mut tree = build_tree(&boxes, quality, 3, MAX_DEPTH)?;
-    let ordered: Vec<Bounds> = tree.primitive_indices.iter().map(|i| boxes[*i as usize]).collect();
-    let exact = node::refit(&mut tree.nodes, &ordered);
+    let ordered: Vec<Bounds> = tree.primitives.iter().map(|i| boxes[*i as usize]).collect();
+    let exact = node::fit(&mut tree, &ordered);
     let bounds = exact[0];
     let top = top_nodes(&mut tree.nodes, &exact, &ordered);
 
     let node_count = tree.nodes.len() as u32;
     let row_count = node_count as usize * NODE_ROWS as usize + references.len() * TRIANGLE_ROWS as usize;
     let mut rows = Vec::with_capacity(row_count);
-    rows.extend_from_slice(bytemuck::cast_slice::<CwBvhNode, Row>(&tree.nodes));
-    for index in &tree.primitive_indices {
+    rows.extend_from_slice(bytemuck::cast_slice::<Node, Row>(&tree.nodes));
+    for index in &tree.primitives {
         let Triangle {
             corners,
             primitive,
@@ -146,34 +148,25 @@ pub(super) fn build(mut triangles: Vec<Triangle>, quality: BvhQuality) -> Option
     })
 }
 
-/// The wide tree over boxes; `None` only if obvhs broke its own rules. Recursion in the collapse is as deep as the binary
-/// tree, which is bounded here, so a small thread stack will do.
-pub(super) fn build_tree(boxes: &[Bounds], quality: BvhQuality, leaf_size: u32, max_depth: u32) -> Option<CwBvh> {
+/// The wide tree over boxes, without its own; `None` only if obvhs broke its own rules.
+pub(super) fn build_tree(boxes: &[Bounds], quality: BvhQuality, leaf_size: u32, max_depth: u32) -> Option<Tree> {
     let (mut binary, reinsertion) = match quality {
         BvhQuality::Fast => (ploc::build::<2>(boxes), 0.0),
         BvhQuality::Medium => (ploc::build::<14>(boxes), 0.05),
         BvhQuality::High => (ploc::build::<24>(boxes), 0.3),
     };
-    let mut depth = ploc::depth(&binary);
+    let depth = ploc::depth(&binary);
     if reinsertion > 0.0 && depth <= MAX_BINARY_DEPTH {
         // The optimiser's stack holds twice this and panics beyond; its sixteen rounds lengthen paths a little.
         binary.max_depth = (4 * depth as usize).max(96);
         ReinsertionOptimizer::default().run(&mut binary, reinsertion, None);
-        depth = ploc::depth(&binary);
     }
-    if depth <= 2 * MAX_BINARY_DEPTH
-        && let Some(tree) = collapse(&binary, leaf_size, boxes.len())
-        && node::depth(&tree.nodes) <= max_depth
-    {
+    let is_whole = |tree: &Tree| tree.primitives.len() == boxes.len();
+    let tree = collapse(&binary, leaf_size);
+    if is_whole(&tree) && node::depth(&tree.nodes) <= max_depth {
         return Some(tree);
     }
-    collapse(&ploc::build_balanced(boxes), leaf_size, boxes.len())
-}
-
-fn collapse(binary: &Bvh2, leaf_size: u32, primitive_count: usize) -> Option<CwBvh> {
-    let tree = bvh2_to_cwbvh(binary, leaf_size, true, false);
-    (tree.primitive_indices.len() == primitive_count && node::is_well_formed(&tree.nodes, primitive_count))
-        .then_some(tree)
+    Some(collapse(&ploc::build_balanced(boxes), leaf_size)).filter(is_whole)
 }
 
 fn triangle(positions: &[[f32; 3]], corners: [u32; 3]) -> Option<[[f32; 3]; 3]> {
@@ -207,7 +200,7 @@ fn edge_scale(corners: &[[f32; 3]; 3]) -> f32 {
 
 /// The top of the tree, breadth first. A node with leaves among its children cannot be replaced by its inner children
 /// alone: it gets a twin, appended to `nodes`, that keeps only the leaves.
-fn top_nodes(nodes: &mut Vec<CwBvhNode>, exact: &[Bounds], primitives: &[Bounds]) -> Vec<TopNode> {
+fn top_nodes(nodes: &mut Vec<Node>, exact: &[Bounds], primitives: &[Bounds]) -> Vec<TopNode> {
     let mut top = vec![TopNode {
         bounds: exact[0],
         node: 0,
@@ -218,24 +211,22 @@ fn top_nodes(nodes: &mut Vec<CwBvhNode>, exact: &[Bounds], primitives: &[Bounds]
     while next < top.len() {
         let index = top[next].node as usize;
         let parent = nodes[index];
-        if index < exact.len() && parent.imask != 0 && top.len() + 8 <= MAX_TOP_NODES {
+        if index < exact.len() && parent.inner_count() != 0 && top.len() + WIDTH < MAX_TOP_NODES {
             let first_child = top.len() as u32;
-            let mut leaves = parent;
+            let mut leaves = parent.without_inner();
             let mut kept = node::child_bounds(&parent, exact, primitives);
-            for slot in 0..8 {
-                if let node::Child::Inner(child) = node::child(&parent, slot) {
+            for slot in 0..WIDTH {
+                if let Child::Inner(child) = parent.child(slot) {
                     top.push(TopNode {
                         bounds: exact[child as usize],
                         node: child,
                         first_child: 0,
                         child_count: 0,
                     });
-                    leaves.child_meta[slot] = 0;
                     kept[slot] = None;
                 }
             }
             if kept.iter().any(Option::is_some) {
-                leaves.imask = 0;
                 node::quantise(&mut leaves, &kept);
                 let bounds = kept.iter().flatten().fold(Bounds::EMPTY, |a, b| a.union(*b));
                 top.push(TopNode {

@@ -1,8 +1,8 @@
 //! Bounding volume hierarchies for adapters without ray queries: one per mesh (BLAS), and one over the instances (TLAS).
 //!
-//! Both levels are compressed 8-wide trees (Ylitie, Karras and Laine 2017) in the byte layout of `obvhs::cwbvh::CwBvhNode`,
-//! packed in rows of four words for `bvh.wesl`. The shader runs without bounds checks, so the builders keep every index in
-//! range and every box conservative.
+//! Both levels are trees of four children per node with quantised boxes, after the compressed wide trees of Ylitie, Karras and
+//! Laine (2017), packed in rows of four words for `bvh.wesl`. The shader runs without bounds checks, so the builders keep every
+//! index in range and every box conservative.
 //!
 //! # Merged trees
 //!
@@ -17,6 +17,7 @@
 //! the shader takes both with an "or" and reads no instance while it looks for hits.
 
 mod blas;
+mod collapse;
 mod merged;
 mod node;
 mod ploc;
@@ -41,15 +42,11 @@ pub use traverse::{Counters, SceneView, TraceHit, TraceRay, any, closest};
 pub type Row = [u32; 4];
 
 /// Rows of a node.
-pub const NODE_ROWS: u32 = 5;
+pub const NODE_ROWS: u32 = 3;
 /// Rows of a triangle: its corners, and in their fourth words the triangle's index in the mesh, its [`owner`] (0 where the
 /// TLAS entry names it), and a quarter of the summed lengths of the edges at the first corner, as `f32`.
 pub const TRIANGLE_ROWS: u32 = 3;
-/// Rows of a leaf entry of the TLAS: the inverse matrix, and a row of the [`owner`], the first node, the row that indices
-/// of nodes count from, and the row that indices of triangles count from.
-pub const ENTRY_ROWS: u32 = 4;
-
-/// In the place of the number of nodes of a TLAS: it is one entry, and rays start there.
+/// In the place of the number of nodes of a TLAS: it is one entry right behind the root, and rays start there.
 pub const ONE_ENTRY: u32 = u32::MAX;
 
 /// Instances that an [`owner`] can tell apart.
@@ -103,8 +100,7 @@ impl Bounds {
     }
 }
 
-/// Entries that the stack of the traversal needs for these depths, in nodes from root to leaf inclusive: one per level,
-/// and one for what is left of a TLAS leaf. Of two TLASes, which are walked one after the other, the deeper one counts.
+/// Entries that the stack of the traversal needs for these depths, in nodes from root to leaf inclusive: one per level.
 pub const fn stack_size(tlas_depth: u32, blas_depth: u32) -> u32 {
     tlas_depth + blas_depth
 }

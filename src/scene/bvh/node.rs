@@ -1,12 +1,33 @@
-//! Exact boxes and conservative quantisation of compressed wide nodes.
-//!
-//! The collapse in obvhs rounds scales and planes without direction, so that a decoded box can fall short of what it
-//! contains by an ulp. Quantising again from the exact boxes closes that gap.
+//! Nodes of four children with quantised boxes that enclose them for certain.
 
-use super::Bounds;
-use obvhs::cwbvh::node::CwBvhNode;
+use super::{Bounds, collapse::Tree};
+use bytemuck::{Pod, Zeroable};
 
-/// What a child slot of a node holds.
+/// Children of a node, at most.
+pub(super) const WIDTH: usize = 4;
+/// Position of the number of inner children in [`Node::inner`].
+const INNER_COUNT_SHIFT: u32 = 28;
+
+/// A node as `bvh.wesl` reads it: inner children first, then leaves.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct Node {
+    /// Where planes count from.
+    pub origin: [f32; 3],
+    /// Biased exponents of the distances between planes.
+    pub exponents: [u8; 3],
+    /// Primitives of each child if it is a leaf, in two bits; 0 for inner nodes and where there is no child.
+    pub counts: u8,
+    /// By axis: the lower plane of each child, and the upper one.
+    pub planes: [[[u8; WIDTH]; 2]; 3],
+    /// Index of the first inner child in 28 bits, below the number of inner children. In a TLAS, leaves are numbered behind
+    /// them.
+    pub inner: u32,
+    /// Index of the first primitive; those of all leaves follow each other.
+    pub first_primitive: u32,
+}
+
+/// What a node holds at a place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Child {
     Empty,
@@ -16,32 +37,69 @@ pub(super) enum Child {
     Leaf(u32, u32),
 }
 
-pub(super) fn child(node: &CwBvhNode, slot: usize) -> Child {
-    let meta = u32::from(node.child_meta[slot]);
-    if meta == 0 {
-        Child::Empty
-    } else if node.imask & (1 << slot) != 0 {
-        let before = u32::from(node.imask) & ((1 << slot) - 1);
-        Child::Inner(node.child_base_idx + before.count_ones())
-    } else {
-        Child::Leaf(node.primitive_base_idx + (meta & 31), (meta >> 5).count_ones())
+impl Node {
+    /// A node without boxes; `counts` are the primitives of its leaves, whose places follow those of its inner children.
+    pub fn new(first_inner: u32, inner: usize, first_primitive: u32, counts: [usize; WIDTH]) -> Self {
+        let packed = (0..WIDTH).fold(0, |bits, slot| bits | (counts[slot] << (2 * slot)) as u8);
+        Self {
+            counts: packed,
+            inner: first_inner | (inner as u32) << INNER_COUNT_SHIFT,
+            first_primitive,
+            ..Self::default()
+        }
+    }
+
+    pub fn inner_count(&self) -> u32 {
+        self.inner >> INNER_COUNT_SHIFT
+    }
+
+    /// Inner nodes and leaves.
+    pub fn child_count(&self) -> u32 {
+        self.inner_count() + (0..WIDTH).filter(|slot| self.count(*slot) != 0).count() as u32
+    }
+
+    fn count(&self, slot: usize) -> u32 {
+        u32::from(self.counts) >> (2 * slot) & 3
+    }
+
+    pub fn child(&self, slot: usize) -> Child {
+        if (slot as u32) < self.inner_count() {
+            Child::Inner((self.inner & ((1 << INNER_COUNT_SHIFT) - 1)) + slot as u32)
+        } else if self.count(slot) != 0 {
+            let before: u32 = (0..slot).map(|slot| self.count(slot)).sum();
+            Child::Leaf(self.first_primitive + before, self.count(slot))
+        } else {
+            Child::Empty
+        }
+    }
+
+    /// The same node, whose inner children have other numbers.
+    pub fn with_first_inner(self, first: u32) -> Self {
+        Self {
+            inner: first | self.inner_count() << INNER_COUNT_SHIFT,
+            ..self
+        }
+    }
+
+    /// The node with its leaves alone.
+    pub fn without_inner(self) -> Self {
+        Self { inner: 0, ..self }
     }
 }
 
-/// Exact boxes of all nodes, and every child box quantised anew so that it contains the child. `primitives` holds the
-/// boxes in the order of the leaves. Children must stand behind their parents.
-pub(super) fn refit(nodes: &mut [CwBvhNode], primitives: &[Bounds]) -> Vec<Bounds> {
-    let mut exact = vec![Bounds::EMPTY; nodes.len()];
-    for i in (0..nodes.len()).rev() {
-        let children = child_bounds(&nodes[i], &exact, primitives);
-        quantise(&mut nodes[i], &children);
+/// Fills in the boxes of all nodes; returns the exact ones. `primitives` holds the boxes in the order of the leaves.
+pub(super) fn fit(tree: &mut Tree, primitives: &[Bounds]) -> Vec<Bounds> {
+    let mut exact = vec![Bounds::EMPTY; tree.nodes.len()];
+    for i in (0..tree.nodes.len()).rev() {
+        let children = child_bounds(&tree.nodes[i], &exact, primitives);
+        quantise(&mut tree.nodes[i], &children);
         exact[i] = children.iter().flatten().fold(Bounds::EMPTY, |a, b| a.union(*b));
     }
     exact
 }
 
-pub(super) fn child_bounds(node: &CwBvhNode, exact: &[Bounds], primitives: &[Bounds]) -> [Option<Bounds>; 8] {
-    std::array::from_fn(|slot| match child(node, slot) {
+pub(super) fn child_bounds(node: &Node, exact: &[Bounds], primitives: &[Bounds]) -> [Option<Bounds>; WIDTH] {
+    std::array::from_fn(|slot| match node.child(slot) {
         Child::Empty => None,
         Child::Inner(index) => Some(exact[index as usize]),
         Child::Leaf(first, count) => {
@@ -52,25 +110,20 @@ pub(super) fn child_bounds(node: &CwBvhNode, exact: &[Bounds], primitives: &[Bou
 }
 
 /// Writes origin, scale and planes such that origin + plane * scale, without rounding, encloses each child.
-pub(super) fn quantise(node: &mut CwBvhNode, children: &[Option<Bounds>; 8]) {
+pub(super) fn quantise(node: &mut Node, children: &[Option<Bounds>; WIDTH]) {
     let total = children.iter().flatten().fold(Bounds::EMPTY, |a, b| a.union(*b));
     if !total.is_valid() {
         return;
     }
-    let mut planes = [[[0u8; 8]; 2]; 3];
     for axis in 0..3 {
         let origin = total.min[axis];
         let mut exponent = scale_exponent(f64::from(total.max[axis]) - f64::from(origin));
-        while exponent < 254 && !quantise_axis(children, axis, origin, exponent, &mut planes[axis]) {
+        while exponent < 254 && !quantise_axis(children, axis, origin, exponent, &mut node.planes[axis]) {
             exponent += 1;
         }
-        node.p[axis] = origin;
-        node.e[axis] = exponent;
+        node.origin[axis] = origin;
+        node.exponents[axis] = exponent;
     }
-    let [[min_x, max_x], [min_y, max_y], [min_z, max_z]] = planes;
-    (node.child_min_x, node.child_max_x) = (min_x, max_x);
-    (node.child_min_y, node.child_max_y) = (min_y, max_y);
-    (node.child_min_z, node.child_max_z) = (min_z, max_z);
 }
 
 /// Biased exponent of the smallest power of two that may cover the extent in 255 steps.
@@ -82,11 +135,11 @@ fn scale_exponent(extent: f64) -> u8 {
 
 /// False when 255 steps do not reach.
 fn quantise_axis(
-    children: &[Option<Bounds>; 8],
+    children: &[Option<Bounds>; WIDTH],
     axis: usize,
     origin: f32,
     exponent: u8,
-    planes: &mut [[u8; 8]; 2],
+    planes: &mut [[u8; WIDTH]; 2],
 ) -> bool {
     let step = f64::from(f32::from_bits(u32::from(exponent) << 23));
     for (slot, bounds) in children.iter().enumerate() {
@@ -119,35 +172,16 @@ fn exact_difference(a: f32, b: f32) -> (f64, f64) {
 }
 
 /// Levels from the root to the deepest node inclusive. Children must stand behind their parents.
-pub(super) fn depth(nodes: &[CwBvhNode]) -> u32 {
+pub(super) fn depth(nodes: &[Node]) -> u32 {
     let mut level = vec![1u32; nodes.len()];
     let mut deepest = u32::from(!nodes.is_empty());
     for i in 0..nodes.len() {
-        for slot in 0..8 {
-            if let Child::Inner(index) = child(&nodes[i], slot) {
+        for slot in 0..WIDTH {
+            if let Child::Inner(index) = nodes[i].child(slot) {
                 level[index as usize] = level[i] + 1;
                 deepest = deepest.max(level[i] + 1);
             }
         }
     }
     deepest
-}
-
-/// Children lie behind their parent and in range, leaves in range, and every node but the root and every primitive is
-/// referred to once.
-pub(super) fn is_well_formed(nodes: &[CwBvhNode], primitive_count: usize) -> bool {
-    let mut node_seen = vec![false; nodes.len()];
-    let mut primitive_seen = vec![false; primitive_count];
-    let mark = |seen: &mut [bool], index: u32| {
-        seen.get_mut(index as usize)
-            .is_some_and(|slot| !std::mem::replace(slot, true))
-    };
-    nodes.iter().enumerate().all(|(i, node)| {
-        (0..8).all(|slot| match child(node, slot) {
-            Child::Empty => true,
-            Child::Inner(index) => index as usize > i && mark(&mut node_seen, index),
-            Child::Leaf(first, count) => (first..first + count).all(|p| mark(&mut primitive_seen, p)),
-        })
-    }) && node_seen.iter().skip(1).all(|seen| *seen)
-        && primitive_seen.iter().all(|seen| *seen)
 }

@@ -3,30 +3,28 @@
 use super::{
     Blas, Bounds, BvhQuality, MergeSource, NODE_ROWS, ONE_ENTRY, Row, Tlas, TlasInstance, build_blas, build_merged,
     build_tlas,
-    node::{self, Child},
+    node::{Child, Node, WIDTH},
     owner,
 };
 use crate::scene::gpu_types::{
     INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_MIRRORED, INSTANCE_RECEIVES_SHADOW,
 };
 use bevy::math::{Affine3A, DVec3, Quat, Vec3};
-use obvhs::cwbvh::node::CwBvhNode;
 use proptest::prelude::*;
 
-fn nodes(rows: &[Row], count: u32) -> Vec<CwBvhNode> {
-    bytemuck::cast_slice::<Row, CwBvhNode>(&rows[..(count * NODE_ROWS) as usize]).to_vec()
+fn nodes(rows: &[Row], count: u32) -> Vec<Node> {
+    bytemuck::cast_slice::<Row, Node>(&rows[..(count * NODE_ROWS) as usize]).to_vec()
 }
 
 /// A child's box as exact arithmetic decodes it.
-fn decoded(node: &CwBvhNode, slot: usize) -> ([f64; 3], [f64; 3]) {
-    let min = [node.child_min_x[slot], node.child_min_y[slot], node.child_min_z[slot]];
-    let max = [node.child_max_x[slot], node.child_max_y[slot], node.child_max_z[slot]];
-    let plane = |axis: usize, q: u8| {
-        f64::from(node.p[axis]) + f64::from(q) * f64::from(f32::from_bits(u32::from(node.e[axis]) << 23))
+fn decoded(node: &Node, slot: usize) -> ([f64; 3], [f64; 3]) {
+    let plane = |axis: usize, side: usize| {
+        let step = f64::from(f32::from_bits(u32::from(node.exponents[axis]) << 23));
+        f64::from(node.origin[axis]) + f64::from(node.planes[axis][side][slot]) * step
     };
     (
-        std::array::from_fn(|a| plane(a, min[a])),
-        std::array::from_fn(|a| plane(a, max[a])),
+        std::array::from_fn(|axis| plane(axis, 0)),
+        std::array::from_fn(|axis| plane(axis, 1)),
     )
 }
 
@@ -35,11 +33,11 @@ fn contains(outer: &([f64; 3], [f64; 3]), inner: &Bounds) -> bool {
 }
 
 /// Every decoded box holds what lies below it; returns the box of the node.
-fn check(nodes: &[CwBvhNode], index: usize, leaf: &dyn Fn(&CwBvhNode, usize) -> Bounds) -> Bounds {
+fn check(nodes: &[Node], index: usize, leaf: &dyn Fn(&Node, usize) -> Bounds) -> Bounds {
     let parent = &nodes[index];
     let mut total = Bounds::EMPTY;
-    for slot in 0..8 {
-        let bounds = match node::child(parent, slot) {
+    for slot in 0..WIDTH {
+        let bounds = match parent.child(slot) {
             Child::Empty => continue,
             Child::Inner(child) => {
                 assert!(child as usize > index);
@@ -64,7 +62,7 @@ fn check_blas(blas: &Blas) {
         let corners = blas.rows[row..row + 3].iter().map(corner);
         corners.fold(Bounds::EMPTY, |b, c| b.union(Bounds { min: c, max: c }))
     };
-    let leaf = |parent: &CwBvhNode, slot: usize| match node::child(parent, slot) {
+    let leaf = |parent: &Node, slot: usize| match parent.child(slot) {
         Child::Leaf(first, count) => (first..first + count).map(triangle).fold(Bounds::EMPTY, Bounds::union),
         _ => unreachable!(),
     };
@@ -148,41 +146,52 @@ proptest! {
 }
 
 fn check_tlas(tlas: &Tlas, instances: &[TlasInstance]) {
-    let all = nodes(&tlas.rows, tlas.node_count);
-    assert_eq!(tlas.rows.len() as u32, tlas.entry_base + 4 * tlas.entry_count);
+    let places = tlas.node_count + tlas.entry_count;
+    let matrices = 3 * (instances.len() as u32 - tlas.dropped);
+    assert_eq!(tlas.rows.len() as u32, NODE_ROWS * places + matrices);
+    let all = if instances.is_empty() {
+        Vec::new()
+    } else {
+        nodes(&tlas.rows, places)
+    };
     let mut seen = vec![0; instances.len()];
-    for (i, parent) in all.iter().enumerate() {
-        // The rank of a leaf is its offset, as the traversal takes it.
-        let mut rank = 0;
-        for slot in 0..8 {
-            if let Child::Inner(child) = node::child(parent, slot) {
-                assert!(child as usize > i);
-            } else if parent.child_meta[slot] != 0 {
-                assert_eq!(parent.child_meta[slot], 0b0010_0000 | slot as u8);
-                let row = (tlas.entry_base + 4 * (parent.primitive_base_idx + rank)) as usize;
-                let index = tlas.rows[row + 3][0] as usize;
-                seen[index] += 1;
-                rank += 1;
-                let TlasInstance {
-                    world_from_object,
-                    bounds,
-                    ..
-                } = &instances[index];
-                for corner in 0..8 {
-                    let at = [0, 1, 2].map(|a| {
-                        if corner >> a & 1 == 0 {
-                            bounds.min[a]
-                        } else {
-                            bounds.max[a]
-                        }
-                    });
-                    let world = world_from_object.transform_point3(Vec3::from(at)).to_array();
-                    assert!(contains(&decoded(parent, slot), &Bounds { min: world, max: world }));
+    let mut left: Vec<usize> = (!all.is_empty()).then_some(0).into_iter().collect();
+    let mut visited = 0;
+    while let Some(i) = left.pop() {
+        let parent = &all[i];
+        visited += 1;
+        for slot in 0..WIDTH {
+            match parent.child(slot) {
+                Child::Empty => {}
+                Child::Inner(child) => {
+                    assert!(child as usize > i);
+                    left.push(child as usize);
+                }
+                Child::Leaf(_, count) => {
+                    assert_eq!(count, 1);
+                    // Entries stand behind the inner children.
+                    let place = (parent.inner & 0x0fff_ffff) as usize + slot;
+                    let row = place * NODE_ROWS as usize;
+                    let matrix = tlas.rows[row + 1][0];
+                    assert!(matrix >= NODE_ROWS * places && matrix as usize + 3 <= tlas.rows.len());
+                    let index = tlas.rows[row][0] as usize;
+                    seen[index] += 1;
+                    assert_encloses(&decoded(parent, slot), &instances[index]);
                 }
             }
         }
     }
+    assert_eq!(visited, tlas.node_count);
     assert!(seen.iter().all(|n| *n == 1));
+}
+
+fn assert_encloses(outer: &([f64; 3], [f64; 3]), instance: &TlasInstance) {
+    let Bounds { min, max } = instance.bounds;
+    for corner in 0..8 {
+        let at = [0, 1, 2].map(|a| if corner >> a & 1 == 0 { min[a] } else { max[a] });
+        let world = instance.world_from_object.transform_point3(Vec3::from(at)).to_array();
+        assert!(contains(outer, &Bounds { min: world, max: world }));
+    }
 }
 
 #[test]
@@ -205,7 +214,7 @@ fn sizes_from_none_to_many_instances() {
         let tlas = build_tlas(&instances, 0);
         assert_eq!((tlas.entry_count as usize, tlas.dropped), (count, 0));
         assert_eq!(tlas.traversal_node_count() == ONE_ENTRY, count == 1);
-        assert!(tlas.depth <= 8);
+        assert!(tlas.depth <= 12);
         check_tlas(&tlas, &instances);
     }
 }

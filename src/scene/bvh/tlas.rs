@@ -1,12 +1,15 @@
 //! The tree over the instances.
 
-use super::{Bounds, BvhQuality, NODE_ROWS, ONE_ENTRY, Row, TopNode, blas::build_tree, node};
+use super::{
+    Bounds, BvhQuality, NODE_ROWS, ONE_ENTRY, Row, TopNode,
+    blas::build_tree,
+    node::{self, Child, WIDTH},
+};
 use bevy::math::{Affine3A, DMat3, DVec3};
-use obvhs::cwbvh::node::CwBvhNode;
 use std::collections::BinaryHeap;
 
 /// Where the tree is deeper than this, a balanced one takes its place.
-const MAX_DEPTH: u32 = 8;
+const MAX_DEPTH: u32 = 12;
 /// Up to here a better tree costs less than a millisecond.
 const FEW_ENTRIES: usize = 1024;
 /// Inverse matrices with larger entries lose all precision in `f32`.
@@ -30,15 +33,13 @@ pub struct TlasInstance<'a> {
 }
 
 /// The packed tree over the instances. It may stand anywhere in the buffer that holds the BLASes, whose rows its entries
-/// give; indices in its nodes are relative to it.
+/// give; indices in its nodes, and rows of matrices, are relative to it.
 #[derive(Clone, Debug, Default)]
 pub struct Tlas {
-    /// Nodes of 5 rows, then entries of 4 rows. Empty when nothing can be hit.
+    /// Nodes and entries of 3 rows each, the root first, then inverse matrices of 3 rows. Empty when nothing can be hit.
     pub rows: Vec<Row>,
     /// Number of nodes; 0 when nothing can be hit.
     pub node_count: u32,
-    /// Row of the first entry, right behind the last node.
-    pub entry_base: u32,
     /// Number of entries: the instances that were kept, and more for opened ones.
     pub entry_count: u32,
     /// Instances left out because their matrix or bounds are not finite, or the matrix has no inverse.
@@ -117,48 +118,50 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
             ..Tlas::default()
         };
     };
-    let ordered: Vec<Bounds> = tree.primitive_indices.iter().map(|i| boxes[*i as usize]).collect();
-    node::refit(&mut tree.nodes, &ordered);
-    let depth = node::depth(&tree.nodes);
-    for node in &mut tree.nodes {
-        use_slots_for_leaves(node);
+    let ordered: Vec<Bounds> = tree.primitives.iter().map(|i| boxes[*i as usize]).collect();
+    node::fit(&mut tree, &ordered);
+
+    // All children of a node stand side by side, entries behind nodes.
+    let node_count = tree.nodes.len();
+    let matrices = (node_count + entries.len()) * NODE_ROWS as usize;
+    let mut rows = vec![Row::default(); matrices];
+    let mut places = vec![0; node_count];
+    let mut end = 1;
+    for (index, parent) in tree.nodes.iter().enumerate() {
+        for slot in 0..WIDTH {
+            let place = end + slot;
+            match parent.child(slot) {
+                Child::Empty => {}
+                Child::Inner(child) => places[child as usize] = place,
+                Child::Leaf(primitive, _) => {
+                    let entry = &entries[tree.primitives[primitive as usize] as usize];
+                    let instance = kept[entry.kept as usize].instance;
+                    let start = instance.top.get(entry.top as usize).map_or(0, |top| top.node);
+                    let row = place * NODE_ROWS as usize;
+                    rows[row] = [
+                        instance.instance,
+                        instance.node_row + start * NODE_ROWS,
+                        instance.node_row,
+                        instance.triangle_row,
+                    ];
+                    rows[row + 1][0] = matrices as u32 + 3 * entry.kept;
+                }
+            }
+        }
+        let row = places[index] * NODE_ROWS as usize;
+        let packed: [Row; NODE_ROWS as usize] = bytemuck::cast(parent.with_first_inner(end as u32));
+        rows[row..row + packed.len()].copy_from_slice(&packed);
+        end += parent.child_count() as usize;
     }
-    let node_count = tree.nodes.len() as u32;
-    let mut rows = bytemuck::cast_slice::<CwBvhNode, Row>(&tree.nodes).to_vec();
-    rows.reserve(4 * entries.len());
-    for index in &tree.primitive_indices {
-        let entry = &entries[*index as usize];
-        let Kept {
-            instance,
-            object_from_world,
-        } = &kept[entry.kept as usize];
-        let start = instance.top.get(entry.top as usize).map_or(0, |top| top.node);
-        rows.extend(object_from_world.map(|row| row.map(f32::to_bits)));
-        rows.push([
-            instance.instance,
-            instance.node_row + start * NODE_ROWS,
-            instance.node_row,
-            instance.triangle_row,
-        ]);
+    for kept in &kept {
+        rows.extend(kept.object_from_world.map(|row| row.map(f32::to_bits)));
     }
-    let entry_base = node_count * NODE_ROWS;
     Tlas {
         rows,
-        node_count,
-        entry_base,
+        node_count: node_count as u32,
         entry_count: entries.len() as u32,
         dropped,
-        depth,
-    }
-}
-
-/// A leaf's offset is its rank among the node's leaves, which follows from the slots. The traversal takes TLAS leaves in
-/// octant order like inner nodes, for which it needs the slot.
-fn use_slots_for_leaves(node: &mut CwBvhNode) {
-    for slot in 0..8 {
-        if matches!(node::child(node, slot), node::Child::Leaf(..)) {
-            node.child_meta[slot] = 0b0010_0000 | slot as u8;
-        }
+        depth: node::depth(&tree.nodes),
     }
 }
 

@@ -1,6 +1,6 @@
 //! `bvh.wesl` on the CPU, over the same packed rows: an oracle for tests of trees and of the shader.
 
-use super::{ENTRY_ROWS, NODE_ROWS, ONE_ENTRY, OWNER_SHIFT, Row, TRIANGLE_ROWS};
+use super::{NODE_ROWS, ONE_ENTRY, OWNER_SHIFT, Row, TRIANGLE_ROWS};
 use crate::scene::gpu_types::{
     INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
 };
@@ -13,8 +13,8 @@ pub struct SceneView<'a> {
     pub bvh: &'a [Row],
     /// Nodes of the TLAS: [`super::Tlas::traversal_node_count`].
     pub tlas_node_count: u32,
-    /// Row of the TLAS's first entry; its nodes end there.
-    pub tlas_entry_base: u32,
+    /// Row of the TLAS's root.
+    pub tlas_root: u32,
     /// The alpha test of masked instances by instance, triangle and barycentrics. `None` = they count as solid.
     pub alpha_test: Option<fn(u32, u32, [f32; 2]) -> bool>,
 }
@@ -78,8 +78,6 @@ struct LocalRay {
     origin: Vec3,
     direction: Vec3,
     inverse: Vec3,
-    /// A child's slot XOR this is its rank along the ray.
-    octant: u32,
     /// [`TRIANGLE_ERROR`] times the length of the direction.
     error: f32,
 }
@@ -96,28 +94,29 @@ impl LocalRay {
                 smallest
             }
         });
-        let sign = |x: f32, bit: u32| if x < 0.0 { 0 } else { bit };
-        let octant = sign(safe.x, 4) | sign(safe.y, 2) | sign(safe.z, 1);
         Self {
             origin,
             direction,
             inverse: safe.recip(),
-            octant,
             error: TRIANGLE_ERROR * direction.length(),
         }
     }
 }
 
+/// Child of a group: there is one, and it is an entry of the TLAS.
+const PRESENT: u32 = 8;
+const ENTRY: u32 = 4;
+/// Where a group keeps its children, nearest first.
+const CHILDREN: u32 = 0xffff;
+/// Where a group keeps a lower bound of their distance.
+const DISTANCE: u32 = 0xffff_0000;
+
 fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counters) -> Option<TraceHit> {
-    let (node_count, entry_base) = (scene.tlas_node_count, scene.tlas_entry_base);
-    if node_count == 0 {
-        return None;
-    }
-    let (root, mut group) = if node_count == ONE_ENTRY {
-        (entry_base, uvec2(entry_base, 1))
-    } else {
-        let root = entry_base - NODE_ROWS * node_count;
-        (root, uvec2(root, 0x8000_0000))
+    let root = scene.tlas_root;
+    let mut group = match scene.tlas_node_count {
+        0 => return None,
+        ONE_ENTRY => uvec2(root + NODE_ROWS, PRESENT | ENTRY),
+        _ => uvec2(root, PRESENT),
     };
     let world = LocalRay::new(ray.origin, ray.direction);
     let mut local = LocalRay::new(ray.origin, ray.direction);
@@ -127,99 +126,25 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
     // Stack height at which the ray entered the BLAS.
     let mut blas: Option<usize> = None;
     let mut entry_owner = 0;
-    let (mut node_base, mut leaf_base) = (root, entry_base);
+    let (mut node_base, mut leaf_base) = (root, 0);
     loop {
-        let mut leaves = UVec2::ZERO;
-        if group.y > 0x00ff_ffff {
-            let bit = 31 - group.y.leading_zeros();
-            let slot = (bit - 24) ^ local.octant;
-            let rank = (group.y & ((1 << slot) - 1) & 0xff).count_ones();
-            let row = group.x + NODE_ROWS * rank;
-            group.y &= !(1 << bit);
-            if group.y > 0x00ff_ffff {
-                stack.push(group);
-            }
-            let node: [Row; 5] = std::array::from_fn(|i| scene.bvh[row as usize + i]);
-            counters.nodes += 1;
-            let hits = intersect_node(&node, &local, ray.t_min, t_max, blas.is_none());
-            let imask = node[0][3] >> 24;
-            group = uvec2(node_base + NODE_ROWS * node[1][0], (hits & 0xff00_0000) | imask);
-            if blas.is_some() {
-                leaves = uvec2(leaf_base + TRIANGLE_ROWS * node[1][1], hits & 0x00ff_ffff);
-            } else {
-                let all = nonzero_bytes(node[1][2]) | nonzero_bytes(node[1][3]) << 4;
-                leaves = uvec2(leaf_base + ENTRY_ROWS * node[1][1], hits & 0xff | (all & !imask) << 8);
-            }
-        } else {
-            // What was left of a TLAS leaf.
-            leaves = std::mem::replace(&mut group, leaves);
+        let child = group.y & 15;
+        let row = (group.x + NODE_ROWS * (child & 3)) as usize;
+        group.y = group.y & DISTANCE | (group.y & CHILDREN) >> 4;
+        if group.y & CHILDREN != 0 {
+            stack.push(group);
         }
-
-        if blas.is_some() {
-            while leaves.y != 0 {
-                let bit = 31 - leaves.y.leading_zeros();
-                leaves.y &= !(1 << bit);
-                let row = (leaves.x + TRIANGLE_ROWS * bit) as usize;
-                counters.triangles += 1;
-                let corners = [scene.bvh[row], scene.bvh[row + 1], scene.bvh[row + 2]];
-                let Some(found) = intersect_triangle(&corners, &local) else {
-                    continue;
-                };
-                if !(found.t > ray.t_min && found.t < t_max) {
-                    continue;
-                }
-                let owner = entry_owner | corners[1][3];
-                let front_face = found.front_face != (owner & INSTANCE_MIRRORED != 0);
-                let culled = if front_face {
-                    INSTANCE_CULL_FRONT
-                } else {
-                    INSTANCE_CULL_BACK
-                };
-                let refused = if any {
-                    !owner & INSTANCE_CASTS_SHADOW
-                } else {
-                    owner & culled
-                };
-                if refused != 0 {
-                    continue;
-                }
-                let met = TraceHit {
-                    instance: owner >> OWNER_SHIFT,
-                    primitive: corners[0][3],
-                    front_face,
-                    ..found
-                };
-                if owner & INSTANCE_ALPHA_MASKED != 0
-                    && let Some(alpha_test) = scene.alpha_test
-                    && !alpha_test(met.instance, met.primitive, met.barycentrics)
-                {
-                    continue;
-                }
-                t_max = found.t;
-                hit = Some(met);
-                if any {
-                    return hit;
-                }
-            }
-        } else if leaves.y & 0xff != 0 {
-            let bit = 31 - (leaves.y & 0xff).leading_zeros();
-            let slot = bit ^ local.octant;
-            let rank = (leaves.y >> 8 & ((1 << slot) - 1)).count_ones();
-            let row = (leaves.x + ENTRY_ROWS * rank) as usize;
-            leaves.y &= !(1 << bit);
-            if group.y > 0x00ff_ffff {
-                stack.push(group);
-            }
-            if leaves.y & 0xff != 0 {
-                stack.push(leaves);
-            }
-            group = UVec2::ZERO;
-            let entry = scene.bvh[row + 3];
+        counters.stack = counters.stack.max(stack.len() as u32);
+        group.y = 0;
+        if child & ENTRY != 0 {
+            let entry = scene.bvh[row];
             // The triangles of a merged tree say themselves whether they cast shadows.
             if !any || entry[0] == 0 || entry[0] & INSTANCE_CASTS_SHADOW != 0 {
                 counters.entries += 1;
                 if entry[0] != 0 {
-                    let rows = [0, 1, 2].map(|i| bevy::math::Vec4::from_array(scene.bvh[row + i].map(f32::from_bits)));
+                    let matrix = (root + scene.bvh[row + 1][0]) as usize;
+                    let rows =
+                        [0, 1, 2].map(|i| bevy::math::Vec4::from_array(scene.bvh[matrix + i].map(f32::from_bits)));
                     local = LocalRay::new(
                         Vec3::from_array(rows.map(|r| r.xyz().dot(ray.origin) + r.w)),
                         Vec3::from_array(rows.map(|r| r.xyz().dot(ray.direction))),
@@ -227,37 +152,83 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
                 }
                 blas = Some(stack.len());
                 [entry_owner, _, node_base, leaf_base] = entry;
-                group = uvec2(entry[1], 0x8000_0000);
+                group = uvec2(entry[1], PRESENT);
+            }
+        } else {
+            let node: [Row; 3] = std::array::from_fn(|i| scene.bvh[row + i]);
+            counters.nodes += 1;
+            let (children, mut triangles) = intersect_node(&node, &local, ray.t_min, t_max, blas.is_none());
+            group = uvec2(node_base + NODE_ROWS * (node[2][2] & 0x0fff_ffff), children);
+            while triangles != 0 {
+                let bit = 31 - triangles.leading_zeros();
+                triangles &= !(1 << bit);
+                let row = (leaf_base + TRIANGLE_ROWS * (node[2][3] + bit)) as usize;
+                counters.triangles += 1;
+                let corners = [scene.bvh[row], scene.bvh[row + 1], scene.bvh[row + 2]];
+                let Some(met) = meet_triangle(scene, &corners, &local, entry_owner, any, (ray.t_min, t_max)) else {
+                    continue;
+                };
+                t_max = met.t;
+                hit = Some(met);
+                if any {
+                    return hit;
+                }
             }
         }
-
-        counters.stack = counters.stack.max(stack.len() as u32);
-        if group.y <= 0x00ff_ffff {
+        while group.y & CHILDREN == 0 {
             if blas == Some(stack.len()) {
                 blas = None;
-                (node_base, leaf_base) = (root, entry_base);
+                node_base = root;
                 local = LocalRay { ..world };
             }
-            match stack.pop() {
-                Some(next) => group = next,
-                None => return hit,
+            let Some(next) = stack.pop() else { return hit };
+            if f32::from_bits(next.y & DISTANCE) <= t_max {
+                group = next;
             }
         }
     }
 }
 
-fn nonzero_bytes(word: u32) -> u32 {
-    word.to_le_bytes()
-        .iter()
-        .enumerate()
-        .map(|(i, b)| u32::from(*b != 0) << i)
-        .sum()
+/// The hit of a triangle that counts.
+fn meet_triangle(
+    scene: &SceneView,
+    corners: &[Row; 3],
+    local: &LocalRay,
+    entry_owner: u32,
+    any: bool,
+    (t_min, t_max): (f32, f32),
+) -> Option<TraceHit> {
+    let found = intersect_triangle(corners, local).filter(|found| found.t > t_min && found.t < t_max)?;
+    let owner = entry_owner | corners[1][3];
+    let front_face = found.front_face != (owner & INSTANCE_MIRRORED != 0);
+    let culled = if front_face {
+        INSTANCE_CULL_FRONT
+    } else {
+        INSTANCE_CULL_BACK
+    };
+    let refused = if any {
+        !owner & INSTANCE_CASTS_SHADOW
+    } else {
+        owner & culled
+    };
+    let met = TraceHit {
+        instance: owner >> OWNER_SHIFT,
+        primitive: corners[0][3],
+        front_face,
+        ..found
+    };
+    let is_solid = owner & INSTANCE_ALPHA_MASKED == 0
+        || scene
+            .alpha_test
+            .is_none_or(|alpha_test| alpha_test(met.instance, met.primitive, met.barycentrics));
+    (refused == 0 && is_solid).then_some(met)
 }
 
-/// Bits of the children that the ray meets: bit 24 + rank along the ray for inner nodes, offset of each primitive for
-/// leaves, and rank for the leaves of a TLAS.
-fn intersect_node(node: &[Row; 5], ray: &LocalRay, t_min: f32, t_max: f32, tlas: bool) -> u32 {
-    let exponents = node[0][3].to_le_bytes();
+/// The second word of the group of children that the ray meets and that are not leaves of a BLAS, and one bit for each
+/// triangle of the leaves that it meets.
+fn intersect_node(node: &[Row; 3], ray: &LocalRay, t_min: f32, t_max: f32, in_tlas: bool) -> (u32, u32) {
+    let [exponent_x, exponent_y, exponent_z, counts] = node[0][3].to_le_bytes();
+    let exponents = [exponent_x, exponent_y, exponent_z];
     let mut scale = [0.0; 3];
     let mut low = [0.0; 3];
     let mut high = [0.0; 3];
@@ -269,14 +240,18 @@ fn intersect_node(node: &[Row; 5], ray: &LocalRay, t_min: f32, t_max: f32, tlas:
         low[axis] = origin - margin;
         high[axis] = origin + margin;
     }
-    let mut hits = 0;
-    for slot in 0..8 {
-        let (half, byte) = (slot / 4, slot % 4);
-        let meta = node[1][2 + half].to_le_bytes()[byte];
+    let planes = [
+        [node[1][0], node[1][1]],
+        [node[1][2], node[1][3]],
+        [node[2][0], node[2][1]],
+    ];
+    let mut met = Vec::with_capacity(4);
+    let mut triangles = 0;
+    let mut offset = 0;
+    for slot in 0..4 {
         let (mut enter, mut leave) = (t_min, t_max);
         for axis in 0..3 {
-            let lower = node[2 + axis][half].to_le_bytes()[byte];
-            let upper = node[2 + axis][2 + half].to_le_bytes()[byte];
+            let [lower, upper] = planes[axis].map(|word| word.to_le_bytes()[slot]);
             let (near, far) = if ray.inverse[axis] < 0.0 {
                 (upper, lower)
             } else {
@@ -285,14 +260,26 @@ fn intersect_node(node: &[Row; 5], ray: &LocalRay, t_min: f32, t_max: f32, tlas:
             enter = enter.max(f32::from(near) * scale[axis] + low[axis]);
             leave = leave.min(f32::from(far) * scale[axis] + high[axis]);
         }
+        let count = u32::from(counts) >> (2 * slot) & 3;
+        let is_inner = (slot as u32) < node[2][2] >> 28;
         if enter <= leave {
-            let meta = u32::from(meta);
-            let inner = tlas || meta & meta << 1 & 0x10 != 0;
-            let index = (meta ^ if inner { ray.octant } else { 0 }) & 31;
-            hits |= (meta >> 5) << index;
+            if is_inner || (in_tlas && count != 0) {
+                let kind = if is_inner { 0 } else { ENTRY };
+                met.push(enter.to_bits() & !7 | kind | slot as u32);
+            } else if !in_tlas {
+                triangles |= ((1 << count) - 1) << offset;
+            }
         }
+        offset += count;
     }
-    hits
+    met.sort_unstable();
+    let distance = met.get(1).map_or(0, |key| key & DISTANCE);
+    let children = met
+        .iter()
+        .enumerate()
+        .map(|(rank, key)| (PRESENT | key & 7) << (4 * rank))
+        .sum::<u32>();
+    (distance | children, triangles)
 }
 
 /// Möller and Trumbore's test, widened by what rounding may do; `bvh.wesl` explains it.

@@ -91,7 +91,7 @@ impl SceneBindings {
         match &self.tlas {
             Some(slice) if fits => {
                 self.uniform_data.tlas_node_count = tlas.traversal_node_count();
-                self.uniform_data.tlas_entry_base = slice.base() / 4 + tlas.entry_base;
+                self.uniform_data.tlas_root = slice.base() / 4;
                 meshes.bvh.write(queue, slice, tlas.rows.as_flattened());
             }
             _ => {
