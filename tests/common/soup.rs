@@ -135,8 +135,8 @@ impl Packed {
             })
             .collect();
         let tlas = build_tlas(&records, max_entries);
-        let depth = trees.iter().flatten().chain(&merged).map(|(_, b)| b.depth).max();
-        let stack_size = stack_size(tlas.depth, depth.unwrap_or(0));
+        let groups = trees.iter().flatten().chain(&merged).map(|(_, b)| b.groups).max();
+        let stack_size = stack_size(tlas.groups, groups.unwrap_or(0));
         let tlas_row = bvh.len() as u32;
         bvh.extend_from_slice(&tlas.rows);
 

@@ -13,8 +13,6 @@ use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 const MAX_COORDINATE: f32 = 1e15;
 /// Binary trees deeper than this are not optimised further: the optimiser keeps a stack of fixed size.
 const MAX_BINARY_DEPTH: u32 = 200;
-/// Where the optimised tree is deeper than this, a balanced one takes its place.
-const MAX_DEPTH: u32 = 24;
 /// Top nodes that a BLAS offers to the TLAS, which may start rays at them.
 const MAX_TOP_NODES: usize = 73;
 
@@ -54,8 +52,8 @@ pub struct Blas {
     pub triangle_count: u32,
     /// Object space; world space for merged objects.
     pub bounds: Bounds,
-    /// Nodes from the root to the deepest node inclusive; see [`super::stack_size`].
-    pub depth: u32,
+    /// Groups on the stack of the traversal in the worst case; see [`super::stack_size`].
+    pub groups: u32,
     /// The root and nodes below it, breadth first: what [`super::build_tlas`] may start rays at.
     pub top: Vec<TopNode>,
 }
@@ -71,6 +69,22 @@ impl Blas {
         size_of_val(self.rows.as_slice())
     }
 }
+
+/// What trees of a level are like.
+pub(super) struct Level {
+    /// Primitives of a leaf, at most; 1 to 3.
+    pub leaf_size: u32,
+    /// Leaves stand on the stack of the traversal, too.
+    pub leaves_wait: bool,
+    /// Where the optimised tree takes more of the stack, a balanced one takes its place.
+    pub most_groups: u32,
+}
+
+const IN_BLAS: Level = Level {
+    leaf_size: 3,
+    leaves_wait: false,
+    most_groups: 24,
+};
 
 /// A triangle of a tree.
 pub(super) struct Triangle {
@@ -117,7 +131,7 @@ pub(super) fn build(mut triangles: Vec<Triangle>, quality: BvhQuality) -> Option
         BvhQuality::High => split::split_large(&triangles, &mut boxes),
         BvhQuality::Fast | BvhQuality::Medium => (0..triangles.len() as u32).collect(),
     };
-    let mut tree = build_tree(&boxes, quality, 3, MAX_DEPTH)?;
+    let mut tree = build_tree(&boxes, quality, &IN_BLAS)?;
     let ordered: Vec<Bounds> = tree.primitives.iter().map(|i| boxes[*i as usize]).collect();
     let exact = node::fit(&mut tree, &ordered);
     let bounds = exact[0];
@@ -143,13 +157,13 @@ pub(super) fn build(mut triangles: Vec<Triangle>, quality: BvhQuality) -> Option
         node_count,
         triangle_count,
         bounds,
-        depth: node::depth(&tree.nodes),
+        groups: node::most_groups(&tree.nodes, IN_BLAS.leaves_wait),
         top,
     })
 }
 
 /// The wide tree over boxes, without its own; `None` only if obvhs broke its own rules.
-pub(super) fn build_tree(boxes: &[Bounds], quality: BvhQuality, leaf_size: u32, max_depth: u32) -> Option<Tree> {
+pub(super) fn build_tree(boxes: &[Bounds], quality: BvhQuality, level: &Level) -> Option<Tree> {
     let (mut binary, reinsertion) = match quality {
         BvhQuality::Fast => (ploc::build::<2>(boxes), 0.0),
         BvhQuality::Medium => (ploc::build::<14>(boxes), 0.05),
@@ -162,11 +176,11 @@ pub(super) fn build_tree(boxes: &[Bounds], quality: BvhQuality, leaf_size: u32, 
         ReinsertionOptimizer::default().run(&mut binary, reinsertion, None);
     }
     let is_whole = |tree: &Tree| tree.primitives.len() == boxes.len();
-    let tree = collapse(&binary, leaf_size);
-    if is_whole(&tree) && node::depth(&tree.nodes) <= max_depth {
+    let tree = collapse(&binary, level.leaf_size);
+    if is_whole(&tree) && node::most_groups(&tree.nodes, level.leaves_wait) <= level.most_groups {
         return Some(tree);
     }
-    Some(collapse(&ploc::build_balanced(boxes), leaf_size)).filter(is_whole)
+    Some(collapse(&ploc::build_balanced(boxes), level.leaf_size)).filter(is_whole)
 }
 
 fn triangle(positions: &[[f32; 3]], corners: [u32; 3]) -> Option<[[f32; 3]; 3]> {

@@ -100,7 +100,9 @@ impl Bounds {
     }
 }
 
-/// Entries that the stack of the traversal needs for these depths, in nodes from root to leaf inclusive: one per level.
-pub const fn stack_size(tlas_depth: u32, blas_depth: u32) -> u32 {
-    tlas_depth + blas_depth
+/// Groups that the stack of the traversal must have room for: those of the TLAS ([`Tlas::groups`]) wait while the ray is in a
+/// BLAS, which takes [`Blas::groups`] at most. Never 0, since an array must have a length.
+pub const fn stack_size(tlas_groups: u32, blas_groups: u32) -> u32 {
+    let groups = tlas_groups + blas_groups;
+    if groups == 0 { 1 } else { groups }
 }

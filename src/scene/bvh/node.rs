@@ -171,17 +171,28 @@ fn exact_difference(a: f32, b: f32) -> (f64, f64) {
     (sum, (a - (sum - virtual_b)) + (b - virtual_b))
 }
 
-/// Levels from the root to the deepest node inclusive. Children must stand behind their parents.
-pub(super) fn depth(nodes: &[Node]) -> u32 {
-    let mut level = vec![1u32; nodes.len()];
-    let mut deepest = u32::from(!nodes.is_empty());
-    for i in 0..nodes.len() {
+/// Groups that the traversal keeps on its stack in the worst case: one for each node of a path from the root that has several
+/// children which wait for each other. Leaves of a BLAS don't wait. Children must stand behind their parents.
+pub(super) fn most_groups(nodes: &[Node], leaves_wait: bool) -> u32 {
+    let keeps = |node: &Node| {
+        let waiting = if leaves_wait {
+            node.child_count()
+        } else {
+            node.inner_count()
+        };
+        u32::from(waiting > 1)
+    };
+    // Of the nodes above each.
+    let mut above = vec![0u32; nodes.len()];
+    let mut most = 0;
+    for (i, node) in nodes.iter().enumerate() {
+        let groups = above[i] + keeps(node);
+        most = most.max(groups);
         for slot in 0..WIDTH {
-            if let Child::Inner(index) = nodes[i].child(slot) {
-                level[index as usize] = level[i] + 1;
-                deepest = deepest.max(level[i] + 1);
+            if let Child::Inner(index) = node.child(slot) {
+                above[index as usize] = groups;
             }
         }
     }
-    deepest
+    most
 }

@@ -214,7 +214,7 @@ fn sizes_from_none_to_many_instances() {
         let tlas = build_tlas(&instances, 0);
         assert_eq!((tlas.entry_count as usize, tlas.dropped), (count, 0));
         assert_eq!(tlas.traversal_node_count() == ONE_ENTRY, count == 1);
-        assert!(tlas.depth <= 12);
+        assert!(tlas.groups <= 12);
         check_tlas(&tlas, &instances);
     }
 }

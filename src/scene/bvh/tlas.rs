@@ -2,14 +2,18 @@
 
 use super::{
     Bounds, BvhQuality, NODE_ROWS, ONE_ENTRY, Row, TopNode,
-    blas::build_tree,
+    blas::{Level, build_tree},
     node::{self, Child, WIDTH},
 };
 use bevy::math::{Affine3A, DMat3, DVec3};
 use std::collections::BinaryHeap;
 
-/// Where the tree is deeper than this, a balanced one takes its place.
-const MAX_DEPTH: u32 = 12;
+/// Entries wait on the stack like nodes.
+const IN_TLAS: Level = Level {
+    leaf_size: 1,
+    leaves_wait: true,
+    most_groups: 12,
+};
 /// Up to here a better tree costs less than a millisecond.
 const FEW_ENTRIES: usize = 1024;
 /// Inverse matrices with larger entries lose all precision in `f32`.
@@ -44,8 +48,8 @@ pub struct Tlas {
     pub entry_count: u32,
     /// Instances left out because their matrix or bounds are not finite, or the matrix has no inverse.
     pub dropped: u32,
-    /// Nodes from the root to the deepest node inclusive; 0 when empty. See [`super::stack_size`].
-    pub depth: u32,
+    /// Groups on the stack of the traversal in the worst case; see [`super::stack_size`].
+    pub groups: u32,
 }
 
 impl Tlas {
@@ -110,7 +114,7 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
         BvhQuality::Fast
     };
     let Some(mut tree) = (!boxes.is_empty())
-        .then(|| build_tree(&boxes, quality, 1, MAX_DEPTH))
+        .then(|| build_tree(&boxes, quality, &IN_TLAS))
         .flatten()
     else {
         return Tlas {
@@ -161,7 +165,7 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
         node_count: node_count as u32,
         entry_count: entries.len() as u32,
         dropped,
-        depth: node::depth(&tree.nodes),
+        groups: node::most_groups(&tree.nodes, IN_TLAS.leaves_wait),
     }
 }
 
