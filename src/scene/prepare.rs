@@ -249,9 +249,9 @@ pub fn prepare_tables(
             .write(&lights.lights, 0..lights.lights.len(), &device, &queue);
     }
     let uniform = GpuSceneCounts {
-        light_count: bindings.lights.len() as u32,
-        instance_count: bindings.instances.len() as u32,
-        material_count: bindings.materials.len() as u32,
+        light_count: bindings.lights.count() as u32,
+        instance_count: bindings.instances.count() as u32,
+        material_count: bindings.materials.count() as u32,
         texture_count: textures.texture_count(),
         ..bindings.uniform_data
     };

@@ -50,7 +50,7 @@ impl<T: NoUninit> StorageSlice<T> {
     }
 
     /// Elements that stand in the buffer: shaders must not read beyond.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.len
     }
 
@@ -116,7 +116,7 @@ mod tests {
         for (count, limit, len) in [(10, 100, 10), (100, 100, 100), (300, 100, 100), (50, 100, 50)] {
             let data: Vec<u32> = (0..count).collect();
             slice.write_within(limit, &data, 0..data.len(), &device, &queue);
-            assert_eq!(slice.len(), len);
+            assert_eq!(slice.count(), len);
             assert!(slice.buffer().size() >= 4 * len as u64 && slice.buffer().size() <= 400);
         }
         assert!(slice.warned);

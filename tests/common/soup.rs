@@ -1,5 +1,7 @@
 //! Triangle soups, instances and rays from a seed, packed as the GPU sees them, with a slow and exact oracle.
 
+#![allow(unused_imports, reason = "each test binary uses a part")]
+
 mod oracle;
 mod shapes;
 
@@ -11,10 +13,8 @@ use bevy_glint::scene::bvh::{
 use bevy_glint::scene::gpu_types::{
     INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
 };
-#[allow(unused_imports, reason = "each test binary uses a part")]
 pub use oracle::Oracle;
 use oracle::{Candidate, LocalRay, intersect};
-#[allow(unused_imports, reason = "each test binary uses a part")]
 pub use shapes::{Mesh, Random, SOUPS, Soup, closed_surface, mesh, placement};
 use std::collections::BTreeMap;
 
