@@ -76,11 +76,12 @@ pub(super) struct Level {
     pub leaf_size: u32,
     /// Leaves stand on the stack of the traversal, too.
     pub leaves_wait: bool,
-    /// Where the optimised tree takes more of the stack, a balanced one takes its place.
+    /// Where the optimised tree takes more groups of the traversal's stack, a balanced one takes its place, which is slower to trace.
+    /// Those of both levels together are the stack's size in `bvh.wesl`; a larger stack slows all rays down.
     pub most_groups: u32,
 }
 
-const IN_BLAS: Level = Level {
+pub(super) const IN_BLAS: Level = Level {
     leaf_size: 3,
     leaves_wait: false,
     most_groups: 24,

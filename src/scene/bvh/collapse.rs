@@ -4,7 +4,8 @@
 use super::node::{Node, WIDTH};
 use obvhs::bvh2::Bvh2;
 
-/// What testing a node costs a ray, and what testing a triangle does.
+/// What testing a node costs a ray, and what testing a triangle does, as in the paper. The more a triangle costs, the smaller leaves
+/// get.
 const NODE_COST: f32 = 1.0;
 const PRIMITIVE_COST: f32 = 0.3;
 

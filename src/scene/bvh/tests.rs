@@ -1,10 +1,12 @@
 //! Structure of packed trees.
 
 use super::{
-    Blas, Bounds, BvhQuality, MergeSource, NODE_ROWS, ONE_ENTRY, Row, Tlas, TlasInstance, build_blas, build_merged,
-    build_tlas,
+    Blas, Bounds, BvhQuality, MergeSource, NODE_ROWS, ONE_ENTRY, Row, Tlas, TlasInstance,
+    blas::IN_BLAS,
+    build_blas, build_merged, build_tlas,
     node::{Child, Node, WIDTH},
     owner,
+    tlas::IN_TLAS,
 };
 use crate::scene::gpu_types::{
     INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_MIRRORED, INSTANCE_RECEIVES_SHADOW,
@@ -217,6 +219,12 @@ fn sizes_from_none_to_many_instances() {
         assert!(tlas.groups <= 12);
         check_tlas(&tlas, &instances);
     }
+}
+
+#[test]
+fn the_shader_has_room_for_the_groups_of_both_levels() {
+    let groups = IN_BLAS.most_groups + IN_TLAS.most_groups;
+    assert!(include_str!("../bvh.wesl").contains(&format!("const STACK_SIZE: u32 = {groups}u;")));
 }
 
 #[test]

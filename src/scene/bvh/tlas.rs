@@ -9,7 +9,7 @@ use bevy::math::{Affine3A, DMat3, DVec3};
 use std::collections::BinaryHeap;
 
 /// Entries wait on the stack like nodes.
-const IN_TLAS: Level = Level {
+pub(super) const IN_TLAS: Level = Level {
     leaf_size: 1,
     leaves_wait: true,
     most_groups: 12,
