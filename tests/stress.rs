@@ -10,7 +10,7 @@ use bevy::{
 use bevy_glint::{
     TracerChoice,
     scene::{
-        bvh::{BvhQuality, NODE_ROWS, Row, TraceRay, build_blas},
+        bvh::{BvhQuality, Item, TraceRay, build_blas},
         gpu_types::GpuSceneCounts,
     },
 };
@@ -226,7 +226,7 @@ struct Answer {
 
 /// Trees for the shader, which may be none.
 struct Trees {
-    rows: Vec<Row>,
+    items: Vec<Item>,
     counts: GpuSceneCounts,
 }
 
@@ -245,7 +245,7 @@ impl Trees {
             "in_compute",
             &[
                 &[(0, &gpu.buffer(&data)), (1, &answers)],
-                &[(4, &gpu.buffer(&[self.counts])), (6, &gpu.buffer(&self.rows))],
+                &[(4, &gpu.buffer(&[self.counts])), (6, &gpu.buffer(&self.items))],
             ],
             rays.len().div_ceil(64) as u32,
         );
@@ -254,16 +254,13 @@ impl Trees {
 }
 
 fn tracer(stack_size: u32) -> String {
-    let alpha = "fn alpha_test(instance: u32, primitive: u32, barycentrics: vec2<f32>) -> bool {
-        return primitive != 3u;
-    }";
     let defs = [
         ShaderDefVal::UInt("BVH_STACK_SIZE".into(), stack_size),
         "ALPHA_MASKED_GEOMETRY".into(),
     ];
     wesl::flatten(
         include_str!("shaders/tracer.wesl"),
-        &[("scene/alpha.wesl", alpha)],
+        &[("scene/alpha.wesl", include_str!("shaders/every_other_solid.wesl"))],
         &defs,
     )
 }
@@ -283,7 +280,7 @@ fn traversals_of_corrupt_trees_end() {
     let scene = Packed::new(vec![triangles], vec![(0, Affine3A::IDENTITY)], 0);
     let view = scene.view();
     let intact = || Trees {
-        rows: scene.bvh.clone(),
+        items: scene.bvh.clone(),
         counts: GpuSceneCounts {
             tlas_node_count: view.tlas_node_count,
             tlas_root: view.tlas_root,
@@ -304,22 +301,21 @@ fn traversals_of_corrupt_trees_end() {
     // The children of all nodes are the first ones, without end. All indices are in range: it may run without checks, too.
     let mut circle = intact();
     for node in 0..nodes {
-        circle.rows[(node * NODE_ROWS + 2) as usize][2] &= 0xf << 28;
+        circle.items[node as usize][2][2] &= 0xf << 28;
     }
     cases.push((CIRCLE, circle));
     for flips in [1, 30, 1000] {
         let mut flipped = intact();
         for _ in 0..flips {
-            let row = random.below(flipped.rows.len());
-            flipped.rows[row][random.below(4)] ^= 1 << random.below(32);
+            let item = random.below(flipped.items.len());
+            flipped.items[item][random.below(3)][random.below(4)] ^= 1 << random.below(32);
         }
         cases.push(("flipped bits", flipped));
     }
     for (node_count, root) in [(1, 5), (u32::MAX, 0), (0x8000_0000, u32::MAX)] {
         let mut wild = intact();
-        wild.rows
-            .iter_mut()
-            .for_each(|row| *row = [(); 4].map(|()| random.bits() as u32));
+        let words = wild.items.as_flattened_mut().as_flattened_mut();
+        words.iter_mut().for_each(|word| *word = random.bits() as u32);
         (wild.counts.tlas_node_count, wild.counts.tlas_root) = (node_count, root);
         cases.push(("noise", wild));
     }

@@ -82,7 +82,7 @@ pub fn run(triangles: u32, csv: &mut Csv) -> Result<(), String> {
         let (Some(tlas), Some(milliseconds)) = (last, quantile(&times, 0.5)) else {
             continue;
         };
-        let bytes = size_of_val(tlas.rows.as_slice()) as u64;
+        let bytes = size_of_val(tlas.items.as_slice()) as u64;
         tlas_table.row([
             count.to_string(),
             tlas.entry_count.to_string(),
@@ -159,8 +159,8 @@ fn scattered(count: usize, blas: &Blas) -> Vec<TlasInstance<'_>> {
                 world_from_object: Affine3A::from_rotation_translation(rotation, place * spread),
                 bounds: blas.bounds,
                 instance,
-                node_row: 0,
-                triangle_row: blas.triangle_row(),
+                first_node: 0,
+                first_triangle: blas.node_count,
                 top: &blas.top,
             }
         })

@@ -198,6 +198,23 @@ impl PackedMesh {
         self.triangles().as_flattened()
     }
 
+    /// UV coordinates of the vertices; empty where the mesh doesn't have this set (0 or 1).
+    pub fn uvs(&self, set: usize) -> &[[f32; 2]] {
+        let offset = [self.offsets.uv0, self.offsets.uv1][set.min(1)];
+        bytemuck::cast_slice(self.optional(offset, 2 * self.vertex_count))
+    }
+
+    /// Packed colours of the vertices, red in the lowest byte; empty where the mesh has none.
+    pub fn colors(&self) -> &[u32] {
+        self.optional(self.offsets.colors, self.vertex_count)
+    }
+
+    fn optional(&self, offset: u32, words: u32) -> &[u32] {
+        let start = offset as usize;
+        let range = start..start.saturating_add(words as usize);
+        self.words.get(range).filter(|_| offset != 0).unwrap_or_default()
+    }
+
     /// Size in the geometry buffer.
     pub fn byte_len(&self) -> u64 {
         self.words.len() as u64 * 4

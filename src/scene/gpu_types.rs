@@ -133,7 +133,7 @@ pub struct GpuSceneCounts {
     pub light_count: u32,
     /// 0 = nothing to hit. BVH tracer: of the TLAS, as `Tlas::traversal_node_count` gives it.
     pub tlas_node_count: u32,
-    /// BVH tracer: row of the TLAS's root.
+    /// BVH tracer: where the TLAS's root stands.
     pub tlas_root: u32,
     /// Instances in the buffer.
     pub instance_count: u32,

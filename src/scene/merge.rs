@@ -4,15 +4,15 @@
 //! its objects moved, changed its mesh or what the traversal has to know of its material, was hidden or despawned, these
 //! objects are instances like all others. [`ledger`] decides what is merged and when.
 //!
-//! A merged triangle takes 56 bytes of GPU memory, more where it is split, on top of the BLAS of its mesh, which is kept so
-//! that its objects can become instances again at any time.
+//! A merged triangle takes 56 bytes of GPU memory, more where it is split, and 48 more where it is masked, on top of the BLAS of
+//! its mesh, which is kept so that its objects can become instances again at any time.
 
 mod ledger;
 #[cfg(test)]
 mod tests;
 
 use super::{
-    bvh::{Blas, Bounds, BvhQuality, MergeSource, TlasInstance, build_merged, merge_bounds},
+    bvh::{Blas, Bounds, BvhQuality, MaskMaterial, MergeSource, TlasInstance, build_merged, merge_bounds},
     meshes::{MeshTriangles, SceneMeshes},
 };
 use crate::status::ReflectionStatus;
@@ -77,6 +77,8 @@ pub(super) struct Placement {
     pub world_from_object: Affine3A,
     /// Those `INSTANCE_` flags that the traversal looks at.
     pub flags: u32,
+    /// Of an alpha-masked object; else the default, since no other object's material matters to rays that look for hits.
+    pub mask: MaskMaterial,
 }
 
 /// What merging an object costs, and where it stands.
@@ -93,10 +95,10 @@ pub(super) struct Extent {
 pub(super) struct Tree {
     /// Name of its room.
     pub name: u64,
-    /// Row of the first node.
-    pub node_row: u32,
-    /// Row of the first triangle.
-    pub triangle_row: u32,
+    /// The first node in the buffer.
+    pub first_node: u32,
+    /// The first triangle in the buffer.
+    pub first_triangle: u32,
     /// World space.
     pub bounds: Bounds,
 }
@@ -121,7 +123,7 @@ enum Work {
 struct Upload {
     blas: Blas,
     name: u64,
-    node_row: u32,
+    first_node: u32,
     /// Words that are uploaded.
     done: usize,
 }
@@ -152,8 +154,8 @@ impl StaticMerge {
             world_from_object: Affine3A::IDENTITY,
             bounds: tree.bounds,
             instance: 0,
-            node_row: tree.node_row,
-            triangle_row: tree.triangle_row,
+            first_node: tree.first_node,
+            first_triangle: tree.first_triangle,
             top: &[],
         })
     }
@@ -225,11 +227,11 @@ impl StaticMerge {
                     report.merge_build_ms += built.milliseconds;
                 });
                 let blas = built.blas?;
-                let (name, node_row) = meshes.allocate_merged(blas.rows.as_flattened().len() as u32)?;
+                let (name, first_node) = meshes.allocate_merged(blas.items.len())?;
                 Some(Work::Uploading(Upload {
                     blas,
                     name,
-                    node_row,
+                    first_node,
                     done: 0,
                 }))
             });
@@ -249,14 +251,14 @@ impl StaticMerge {
 impl Upload {
     /// Uploads a part; returns the tree after the last one.
     fn carry_on(&mut self, meshes: &mut SceneMeshes, queue: &RenderQueue) -> Option<Tree> {
-        let words = self.blas.rows.as_flattened();
+        let words = self.blas.items.as_flattened().as_flattened();
         let end = words.len().min(self.done + UPLOAD_WORDS_PER_FRAME);
         meshes.write_merged(self.name, self.done, &words[self.done..end], queue);
         self.done = end;
         (end == words.len()).then(|| Tree {
             name: self.name,
-            node_row: self.node_row,
-            triangle_row: self.node_row + self.blas.triangle_row(),
+            first_node: self.first_node,
+            first_triangle: self.first_node + self.blas.node_count,
             bounds: self.blas.bounds,
         })
     }
@@ -294,6 +296,8 @@ fn start(members: &[(u32, Placement)], meshes: &SceneMeshes) -> Option<Task<Buil
                 world_from_object: placement.world_from_object,
                 instance: *slot,
                 flags: placement.flags,
+                mask: placement.mask,
+                attributes: mesh.mask_attributes(),
             })
             .collect();
         let count: usize = sources.iter().map(|source| source.indices.len() / 3).sum();

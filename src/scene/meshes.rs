@@ -3,7 +3,7 @@
 use super::{
     activity::SceneActivity,
     arena::{Arena, ArenaSlice},
-    bvh::{Blas, Bounds, BvhQuality, TopNode, build_blas},
+    bvh::{Blas, Bounds, BvhQuality, ITEM_WORDS, MaskAttributes, TopNode, build_blas},
     geometry::{GeometryError, PackedMesh, pack_mesh},
     instances::SceneInstances,
     merge::CHUNK_TRIANGLES,
@@ -46,12 +46,34 @@ pub struct BuiltMesh {
     milliseconds: f32,
 }
 
-/// What merging copies of a mesh. It stays in main memory: 12 bytes for each vertex and 12 for each triangle.
+/// What merging copies of a mesh. It stays in main memory: 12 bytes for each vertex and 12 for each triangle, 8 more for each vertex
+/// with UV coordinates, and 4 with colours.
 pub struct MeshTriangles {
     /// Object space.
     pub positions: Box<[[f32; 3]]>,
     /// Three per triangle.
     pub indices: Box<[u32]>,
+    uvs: [Box<[[f32; 2]]>; 2],
+    colors: Box<[u32]>,
+}
+
+impl MeshTriangles {
+    fn new(packed: &PackedMesh) -> Self {
+        Self {
+            positions: packed.positions().into(),
+            indices: packed.indices().into(),
+            uvs: [0, 1].map(|set| packed.uvs(set).into()),
+            colors: packed.colors().into(),
+        }
+    }
+
+    /// What masks of merged triangles are made of.
+    pub fn mask_attributes(&self) -> MaskAttributes<'_> {
+        MaskAttributes {
+            uvs: [&self.uvs[0], &self.uvs[1]],
+            colors: &self.colors,
+        }
+    }
 }
 
 /// A mesh that rays can hit.
@@ -80,8 +102,10 @@ pub struct SceneMesh {
 pub struct SceneBlas {
     /// Nodes and triangles, in `u32` words.
     pub slice: ArenaSlice,
-    /// Rows (of four words) from the start of the slice to the first triangle.
-    pub triangle_row: u32,
+    /// The first node in the buffer.
+    pub first_node: u32,
+    /// The first triangle in the buffer.
+    pub first_triangle: u32,
     /// Object space.
     pub bounds: Bounds,
     /// Nodes that rays may start at.
@@ -133,7 +157,7 @@ impl SceneMeshes {
         }
         Self {
             geometry: Arena::new(device, "glint_geometry", usages, 12, u64::MAX),
-            bvh: Arena::new(device, "glint_bvh", BufferUsages::STORAGE, 4, u64::MAX),
+            bvh: Arena::new(device, "glint_bvh", BufferUsages::STORAGE, ITEM_WORDS, u64::MAX),
             merged: HashMap::default(),
             next_merged: 0,
             merged_lost: false,
@@ -189,12 +213,7 @@ impl SceneMeshes {
                 .then(|| build_blas(packed.positions(), packed.indices(), BvhQuality::default()))
                 .flatten();
             let mergeable = blas.is_some() && u64::from(packed.triangle_count) <= CHUNK_TRIANGLES;
-            let triangles = mergeable.then(|| {
-                Arc::new(MeshTriangles {
-                    positions: packed.positions().into(),
-                    indices: packed.indices().into(),
-                })
-            });
+            let triangles = mergeable.then(|| Arc::new(MeshTriangles::new(&packed)));
             let milliseconds = begin.elapsed().as_secs_f32() * 1000.0;
             Ok(BuiltMesh {
                 packed,
@@ -238,15 +257,16 @@ impl SceneMeshes {
         };
         let bvh = match blas {
             Some(blas) => {
-                let words = blas.rows.as_flattened();
-                let Some(slice) = self.allocate_tree(words.len() as u32) else {
+                let Some(slice) = self.allocate_tree(blas.items.len()) else {
                     self.geometry.free(geometry);
                     return false;
                 };
-                self.bvh.write(queue, &slice, words);
+                self.bvh.write(queue, &slice, blas.items.as_flattened().as_flattened());
+                let first_node = slice.base() / ITEM_WORDS;
                 Some(SceneBlas {
                     slice,
-                    triangle_row: blas.triangle_row(),
+                    first_node,
+                    first_triangle: first_node + blas.node_count,
                     bounds: blas.bounds,
                     top: blas.top,
                 })
@@ -277,7 +297,8 @@ impl SceneMeshes {
     }
 
     /// Room for a BLAS or the TLAS. Merged trees only repeat what the BLASes hold, so they go where the buffer is full.
-    pub(super) fn allocate_tree(&mut self, words: u32) -> Option<ArenaSlice> {
+    pub(super) fn allocate_tree(&mut self, items: usize) -> Option<ArenaSlice> {
+        let words = words_of(items)?;
         if let Some(slice) = self.bvh.allocate(words) {
             return Some(slice);
         }
@@ -291,17 +312,18 @@ impl SceneMeshes {
         self.bvh.allocate(words)
     }
 
-    /// Room for a merged tree: its name and its first row. A quarter of what the buffer can grow to is left for meshes.
-    pub(super) fn allocate_merged(&mut self, words: u32) -> Option<(u64, u32)> {
+    /// Room for a merged tree: its name and its first item. A quarter of what the buffer can grow to is left for meshes.
+    pub(super) fn allocate_merged(&mut self, items: usize) -> Option<(u64, u32)> {
+        let words = words_of(items)?;
         let limit = self.bvh.max_bytes() / 4 * 3;
         if self.bvh.used_bytes() + u64::from(words) * 4 > limit {
             return None;
         }
         let slice = self.bvh.allocate(words)?;
-        let (name, row) = (self.next_merged, slice.base() / 4);
+        let (name, first) = (self.next_merged, slice.base() / ITEM_WORDS);
         self.next_merged += 1;
         self.merged.insert(name, slice);
-        Some((name, row))
+        Some((name, first))
     }
 
     /// Writes a part of a merged tree, which begins at a word of it. Nothing happens once the tree is lost.
@@ -327,6 +349,10 @@ impl SceneMeshes {
     pub(super) fn take_merged_lost(&mut self) -> bool {
         core::mem::take(&mut self.merged_lost)
     }
+}
+
+fn words_of(items: usize) -> Option<u32> {
+    u32::try_from(items).ok()?.checked_mul(ITEM_WORDS)
 }
 
 /// Reads mesh assets of the main world that traced objects need, and notes which changed or vanished.

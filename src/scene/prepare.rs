@@ -5,10 +5,10 @@ mod top_level;
 use super::{
     acceleration::{AccelerationStructures, rows},
     arena::ArenaSlice,
-    bvh::{MAX_INSTANCES, TRAVERSAL_FLAGS},
+    bvh::{Item, MAX_INSTANCES, MaskMaterial, TRAVERSAL_FLAGS},
     gpu_types::{
-        GpuInstance, GpuLight, GpuMaterial, GpuSceneCounts, INSTANCE_CASTS_SHADOW, INSTANCE_MIRRORED,
-        INSTANCE_RECEIVES_SHADOW,
+        GpuInstance, GpuLight, GpuMaterial, GpuSceneCounts, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW,
+        INSTANCE_MIRRORED, INSTANCE_RECEIVES_SHADOW,
     },
     instances::{InstanceSource, SceneInstances},
     lights::ExtractedLights,
@@ -28,6 +28,7 @@ use bevy::{
     asset::AssetId,
     ecs::prelude::*,
     math::Affine3A,
+    mesh::UvChannel,
     pbr::StandardMaterial,
     platform::collections::HashSet,
     render::{
@@ -120,7 +121,7 @@ fn layout(tracer: Tracer, textures: &TextureTable) -> BindGroupLayoutDescriptor 
     ];
     match tracer {
         Tracer::RayQuery => entries.push(binding_types::acceleration_structure().build(5, stages)),
-        Tracer::Bvh => entries.push(storage(16).build(6, stages)),
+        Tracer::Bvh => entries.push(storage(size_of::<Item>()).build(6, stages)),
     }
     entries.push(textures.texture_layout().build(8, stages));
     entries.push(textures.sampler_layout().build(9, stages));
@@ -316,6 +317,7 @@ impl SceneBindings {
                         version: meshes.get(source.mesh)?.version,
                         world_from_object: source.world_from_object,
                         flags: packed.flags & TRAVERSAL_FLAGS,
+                        mask: mask_material(&packed, assets.get(source.material)?),
                     })
                 });
                 self.merge.observe(slot, placement);
@@ -340,6 +342,16 @@ impl SceneBindings {
             self.instances.write(&self.instance_data, first..last, device, queue);
         }
         changed
+    }
+}
+
+fn mask_material(instance: &GpuInstance, material: &StandardMaterial) -> MaskMaterial {
+    if instance.flags & INSTANCE_ALPHA_MASKED == 0 {
+        return MaskMaterial::default();
+    }
+    MaskMaterial {
+        material: instance.material,
+        wants_second_uvs: material.base_color_channel == UvChannel::Uv1,
     }
 }
 

@@ -7,7 +7,7 @@ mod shapes;
 
 use bevy::math::{Affine3A, DVec3, Vec3};
 use bevy_glint::scene::bvh::{
-    Blas, BvhQuality, MergeSource, Row, SceneView, Tlas, TlasInstance, TraceRay, build_blas, build_merged, build_tlas,
+    Blas, BvhQuality, Item, MaskAttributes, MaskMaterial, MergeSource, SceneView, Tlas, TlasInstance, TraceRay, build_blas, build_merged, build_tlas,
     owner, stack_size,
 };
 use bevy_glint::scene::gpu_types::{
@@ -53,10 +53,10 @@ pub struct Packed {
     /// `INSTANCE_` flags by instance.
     pub flags: Vec<u32>,
     /// All trees, the TLAS behind the others.
-    pub bvh: Vec<Row>,
+    pub bvh: Vec<Item>,
     pub tlas: Tlas,
     pub stack_size: u32,
-    tlas_row: u32,
+    tlas_root: u32,
     /// Whether an instance is part of a merged tree.
     merged: Vec<bool>,
     /// What the oracle searches.
@@ -85,10 +85,10 @@ impl Packed {
         max_entries: usize,
         packing: impl Fn(usize) -> Packing,
     ) -> Self {
-        let mut bvh: Vec<Row> = Vec::new();
+        let mut bvh: Vec<Item> = Vec::new();
         let mut add = |blas: Option<Blas>| {
             let base = bvh.len() as u32;
-            bvh.extend_from_slice(blas.as_ref().map_or(&[], |b| b.rows.as_slice()));
+            bvh.extend_from_slice(blas.as_ref().map_or(&[], |b| b.items.as_slice()));
             blas.map(|b| (base, b))
         };
         let build = |mesh: &Mesh| build_blas(&mesh.positions, &mesh.indices, BvhQuality::Medium);
@@ -106,6 +106,8 @@ impl Packed {
                     world_from_object: *matrix,
                     instance: i as u32,
                     flags: flags[i],
+                    mask: MaskMaterial::default(),
+                    attributes: MaskAttributes::default(),
                 });
             }
         }
@@ -129,16 +131,16 @@ impl Packed {
                 world_from_object,
                 bounds: blas.bounds,
                 instance,
-                node_row: base,
-                triangle_row: base + blas.triangle_row(),
+                first_node: base,
+                first_triangle: base + blas.node_count,
                 top: if instance == 0 { &[] } else { &blas.top },
             })
             .collect();
         let tlas = build_tlas(&records, max_entries);
         let groups = trees.iter().flatten().chain(&merged).map(|(_, b)| b.groups).max();
         let stack_size = stack_size(tlas.groups, groups.unwrap_or(0));
-        let tlas_row = bvh.len() as u32;
-        bvh.extend_from_slice(&tlas.rows);
+        let tlas_root = bvh.len() as u32;
+        bvh.extend_from_slice(&tlas.items);
 
         let merged: Vec<bool> = (0..instances.len()).map(|i| packing(i).tree.is_some()).collect();
         let mut triangles = Vec::new();
@@ -162,7 +164,7 @@ impl Packed {
             bvh,
             tlas,
             stack_size,
-            tlas_row,
+            tlas_root,
             merged,
             triangles,
         }
@@ -172,7 +174,7 @@ impl Packed {
         SceneView {
             bvh: &self.bvh,
             tlas_node_count: self.tlas.traversal_node_count(),
-            tlas_root: self.tlas_row,
+            tlas_root: self.tlas_root,
             alpha_test: Some(alpha_test),
         }
     }

@@ -1,12 +1,12 @@
 //! The tree over the triangles of one mesh.
 
 use super::{
-    Bounds, NODE_ROWS, Row, TRIANGLE_ROWS,
+    Bounds, Item,
     collapse::{Tree, collapse},
     node::{self, Child, Node, WIDTH},
     ploc, split,
 };
-use bevy::math::DVec3;
+use bevy::{math::DVec3, platform::collections::HashMap};
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 
 /// Coordinates beyond this are treated like infinite ones: squares and products of them still fit an `f32`.
@@ -44,8 +44,9 @@ pub struct TopNode {
 /// The packed tree of a mesh, or of merged objects.
 #[derive(Clone, Debug)]
 pub struct Blas {
-    /// Nodes of 3 rows, then triangles of 3 rows; indices in nodes are relative to this BLAS.
-    pub rows: Vec<Row>,
+    /// Nodes, then triangles, then the masks of masked triangles in merged trees; indices are relative to the first node, and to the
+    /// first triangle those of triangles and masks.
+    pub items: Vec<Item>,
     /// Number of nodes, at least 1.
     pub node_count: u32,
     /// Number of triangles that are left after degenerate ones were dropped, at least 1; each part of a split one counts.
@@ -59,14 +60,9 @@ pub struct Blas {
 }
 
 impl Blas {
-    /// Row of the first triangle.
-    pub fn triangle_row(&self) -> u32 {
-        self.node_count * NODE_ROWS
-    }
-
     /// Size in the buffer.
     pub fn bytes(&self) -> usize {
-        size_of_val(self.rows.as_slice())
+        size_of_val(self.items.as_slice())
     }
 }
 
@@ -94,31 +90,44 @@ pub(super) struct Triangle {
     pub primitive: u32,
     /// [`super::owner`], or 0 where the TLAS entry names it.
     pub owner: u32,
+    /// Which of the merged objects it belongs to.
+    pub source: u32,
 }
 
 /// Builds the tree of a triangle list. Triangles with an index out of range, a coordinate that is not finite or beyond
 /// 1e15, or without area are left out; `None` when no triangle is left or there are more than 2^28.
 pub fn build_blas(positions: &[[f32; 3]], indices: &[u32], quality: BvhQuality) -> Option<Blas> {
     let mut triangles = Vec::with_capacity(indices.len() / 3);
-    add_triangles(&mut triangles, positions, indices, 0);
-    build(triangles, quality)
+    add_triangles(&mut triangles, positions, indices, 0, 0);
+    build(triangles, quality, |_| None)
 }
 
 /// Adds the triangles of a mesh, less those whose indices are out of range.
-pub(super) fn add_triangles(triangles: &mut Vec<Triangle>, positions: &[[f32; 3]], indices: &[u32], owner: u32) {
+pub(super) fn add_triangles(
+    triangles: &mut Vec<Triangle>,
+    positions: &[[f32; 3]],
+    indices: &[u32],
+    owner: u32,
+    source: u32,
+) {
     for (primitive, corners) in indices.as_chunks::<3>().0.iter().enumerate() {
         if let Some(corners) = triangle(positions, *corners) {
             triangles.push(Triangle {
                 corners,
                 primitive: primitive as u32,
                 owner,
+                source,
             });
         }
     }
 }
 
-/// The tree over those triangles that rays can hit.
-pub(super) fn build(mut triangles: Vec<Triangle>, quality: BvhQuality) -> Option<Blas> {
+/// The tree over those triangles that rays can hit. `mask` gives the masks of merged triangles that are masked.
+pub(super) fn build(
+    mut triangles: Vec<Triangle>,
+    quality: BvhQuality,
+    mask: impl Fn(&Triangle) -> Option<Item>,
+) -> Option<Blas> {
     let mut boxes = Vec::with_capacity(triangles.len());
     triangles.retain(|triangle| {
         let bounds = triangle_bounds(&triangle.corners);
@@ -139,22 +148,33 @@ pub(super) fn build(mut triangles: Vec<Triangle>, quality: BvhQuality) -> Option
     let top = top_nodes(&mut tree.nodes, &exact, &ordered);
 
     let node_count = tree.nodes.len() as u32;
-    let row_count = node_count as usize * NODE_ROWS as usize + references.len() * TRIANGLE_ROWS as usize;
-    let mut rows = Vec::with_capacity(row_count);
-    rows.extend_from_slice(bytemuck::cast_slice::<Node, Row>(&tree.nodes));
+    let mut items = Vec::with_capacity(tree.nodes.len() + references.len());
+    items.extend_from_slice(bytemuck::cast_slice::<Node, Item>(&tree.nodes));
+    // By triangles: the parts of a split one share their mask.
+    let mut masks: HashMap<u32, u32> = HashMap::default();
+    let mut mask_items = Vec::new();
     for index in &tree.primitives {
-        let Triangle {
-            corners,
-            primitive,
-            owner,
-        } = &triangles[references[*index as usize] as usize];
-        for (corner, last) in corners.iter().zip([*primitive, *owner, edge_scale(corners).to_bits()]) {
-            rows.push([corner[0].to_bits(), corner[1].to_bits(), corner[2].to_bits(), last]);
+        let reference = references[*index as usize];
+        let triangle = &triangles[reference as usize];
+        let corners = &triangle.corners;
+        let mut name = triangle.primitive;
+        if let Some(known) = masks.get(&reference) {
+            name = *known;
+        } else if let Some(mask) = mask(triangle) {
+            name = (references.len() + mask_items.len()) as u32;
+            mask_items.push(mask);
+            masks.insert(reference, name);
         }
+        let last = [name, triangle.owner, edge_scale(corners).to_bits()];
+        items.push(std::array::from_fn(|i| {
+            let [x, y, z] = corners[i].map(f32::to_bits);
+            [x, y, z, last[i]]
+        }));
     }
+    items.extend(mask_items);
     let triangle_count = references.len() as u32;
     Some(Blas {
-        rows,
+        items,
         node_count,
         triangle_count,
         bounds,

@@ -1,12 +1,13 @@
 //! One tree over the triangles of many objects, in world space.
 
 use super::{
-    Blas, Bounds, BvhQuality,
-    blas::{add_triangles, build},
+    Blas, Bounds, BvhQuality, Item, MaskAttributes, MaskMaterial,
+    blas::{Triangle, add_triangles, build},
+    mask::mask,
     owner,
     tlas::{inverse_rows, world_bounds},
 };
-use crate::scene::gpu_types::INSTANCE_MIRRORED;
+use crate::scene::gpu_types::{INSTANCE_ALPHA_MASKED, INSTANCE_MIRRORED};
 use bevy::math::{Affine3A, DVec3, Vec3A};
 
 /// Objects farther from the origin than this (metres), or nearly as large, are traced as instances: nothing overflows.
@@ -29,6 +30,17 @@ pub struct MergeSource<'a> {
     pub instance: u32,
     /// `INSTANCE_` flags.
     pub flags: u32,
+    /// Where [`INSTANCE_ALPHA_MASKED`] is among the flags.
+    pub mask: MaskMaterial,
+    /// By vertices.
+    pub attributes: MaskAttributes<'a>,
+}
+
+impl MergeSource<'_> {
+    fn mask(&self, primitive: u32) -> Option<Item> {
+        let corners = self.indices.as_chunks::<3>().0.get(primitive as usize)?;
+        (self.flags & INSTANCE_ALPHA_MASKED != 0).then(|| mask(primitive, *corners, &self.attributes, self.mask))
+    }
 }
 
 /// Builds the tree over the triangles of all sources, like [`super::build_blas`]. Hits name the instance and the triangle of
@@ -36,7 +48,7 @@ pub struct MergeSource<'a> {
 pub fn build_merged(sources: &[MergeSource], quality: BvhQuality) -> Option<Blas> {
     let count = sources.iter().map(|source| source.indices.len() / 3).sum();
     let mut triangles = Vec::with_capacity(count);
-    for source in sources {
+    for (index, source) in (0..).zip(sources) {
         let linear = source.world_from_object.matrix3.as_dmat3();
         let translation = source.world_from_object.translation.as_dvec3();
         // Rounded once for each vertex, so that triangles of an object share corners as before.
@@ -50,9 +62,9 @@ pub fn build_merged(sources: &[MergeSource], quality: BvhQuality) -> Option<Blas
             .collect();
         // A mirroring matrix has turned the winding of the corners: what is left to do for mirrored instances is done.
         let owner = owner(source.instance, source.flags & !INSTANCE_MIRRORED);
-        add_triangles(&mut triangles, &positions, source.indices, owner);
+        add_triangles(&mut triangles, &positions, source.indices, owner, index);
     }
-    build(triangles, quality)
+    build(triangles, quality, |triangle: &Triangle| sources[triangle.source as usize].mask(triangle.primitive))
 }
 
 /// The world-space box of an object that may be merged; `None` for one that must stay an instance: that has no place in the

@@ -1,8 +1,8 @@
 //! Bounding volume hierarchies for adapters without ray queries: one per mesh (BLAS), and one over the instances (TLAS).
 //!
 //! Both levels are trees of four children per node with quantised boxes, after the compressed wide trees of Ylitie, Karras and
-//! Laine (2017), packed in rows of four words for `bvh.wesl`. The shader runs without bounds checks, so the builders keep every
-//! index in range and every box conservative.
+//! Laine (2017). Whatever stands in their buffer takes one [`Item`] of 48 bytes, so that `bvh.wesl` finds all of it in the same way.
+//! The shader runs without bounds checks, so the builders keep every index in range and every box conservative.
 //!
 //! # Merged trees
 //!
@@ -18,6 +18,7 @@
 
 mod blas;
 mod collapse;
+mod mask;
 mod merged;
 mod node;
 mod ploc;
@@ -34,18 +35,28 @@ use super::gpu_types::{
 use bevy::math::Vec3A;
 
 pub use blas::{Blas, BvhQuality, TopNode, build_blas};
+pub use mask::{MaskAttributes, MaskMaterial};
 pub use merged::{MergeSource, build_merged, merge_bounds};
 pub use tlas::{Tlas, TlasInstance, build_tlas, opening_budget};
 pub use traverse::{Counters, SceneView, TraceHit, TraceRay, any, closest};
 
-/// Four words: the element type of the buffer that holds the trees.
-pub type Row = [u32; 4];
+/// The element type of the buffer that holds the trees, in three rows of four words.
+///
+/// - A node.
+/// - A triangle: its corners, and in their fourth words the triangle's index in the mesh, its [`owner`] (0 where the TLAS entry
+///   names it), and a quarter of the summed lengths of the edges at the first corner, as `f32`. Masked triangles of merged objects
+///   name their mask instead of the index in the mesh, counted from the first triangle.
+/// - A mask, for the alpha test: UV coordinates of the vertices, the triangle's index in the mesh, and material and flags; then the
+///   alpha of the vertices in three bytes.
+/// - An entry of a TLAS, with [`ENTRY`] in the third word of its third row: [`owner`], first node, and where indices of nodes and
+///   of triangles of the BLAS count from; then the item of the inverse matrix, counted from the TLAS.
+/// - The rows of an inverse matrix.
+pub type Item = [[u32; 4]; 3];
 
-/// Rows of a node.
-pub const NODE_ROWS: u32 = 3;
-/// Rows of a triangle: its corners, and in their fourth words the triangle's index in the mesh, its [`owner`] (0 where the
-/// TLAS entry names it), and a quarter of the summed lengths of the edges at the first corner, as `f32`.
-pub const TRIANGLE_ROWS: u32 = 3;
+/// Words of an [`Item`].
+pub const ITEM_WORDS: u32 = 12;
+/// Tells entries of a TLAS from nodes, which have fewer children than this has in the same bits.
+pub const ENTRY: u32 = 0xf000_0000;
 /// In the place of the number of nodes of a TLAS: it is one entry right behind the root, and rays start there.
 pub const ONE_ENTRY: u32 = u32::MAX;
 

@@ -5,10 +5,14 @@ use bytemuck::{Pod, Zeroable};
 
 /// Children of a node, at most.
 pub(super) const WIDTH: usize = 4;
-/// Position of the number of inner children in [`Node::inner`].
-const INNER_COUNT_SHIFT: u32 = 28;
+/// Position of the number of children in [`Node::next`], and of the upper bits of [`Node::leaves`].
+const UPPER_SHIFT: u32 = 28;
+const LOWER: u32 = (1 << UPPER_SHIFT) - 1;
+/// Bits of [`Node::leaves`] for each child.
+const LEAF_BITS: usize = 3;
 
-/// A node as `bvh.wesl` reads it: inner children first, then leaves.
+/// A node as `bvh.wesl` reads it: inner children first, then leaves. The fields stand such that the shader comes by with few
+/// instructions, which is what its speed depends on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Node {
@@ -16,15 +20,16 @@ pub(super) struct Node {
     pub origin: [f32; 3],
     /// Biased exponents of the distances between planes.
     pub exponents: [u8; 3],
-    /// Primitives of each child if it is a leaf, in two bits; 0 for inner nodes and where there is no child.
-    pub counts: u8,
-    /// By axis: the lower plane of each child, and the upper one.
-    pub planes: [[[u8; WIDTH]; 2]; 3],
-    /// Index of the first inner child in 28 bits, below the number of inner children. In a TLAS, leaves are numbered behind
-    /// them.
-    pub inner: u32,
-    /// Index of the first primitive; those of all leaves follow each other.
-    pub first_primitive: u32,
+    /// The lower bits of [`Self::leaves`].
+    leaves_low: u8,
+    /// By axis: the lower plane of each child, and the lower one with the upper one in an exclusive or.
+    planes: [[[u8; WIDTH]; 2]; 3],
+    /// Index of the first child that stands on the stack, in 28 bits, below the number of such children. In a BLAS, these are
+    /// inner nodes alone.
+    next: u32,
+    /// Index of the first primitive in 28 bits, below the upper bits of [`Self::leaves`]. Those of all leaves follow each
+    /// other.
+    first_primitive: u32,
 }
 
 /// What a node holds at a place.
@@ -40,17 +45,22 @@ pub(super) enum Child {
 impl Node {
     /// A node without boxes; `counts` are the primitives of its leaves, whose places follow those of its inner children.
     pub fn new(first_inner: u32, inner: usize, first_primitive: u32, counts: [usize; WIDTH]) -> Self {
-        let packed = (0..WIDTH).fold(0, |bits, slot| bits | (counts[slot] << (2 * slot)) as u8);
+        let leaves = (0..WIDTH).fold(0, |bits, slot| bits | ((1 << counts[slot]) - 1) << (LEAF_BITS * slot));
         Self {
-            counts: packed,
-            inner: first_inner | (inner as u32) << INNER_COUNT_SHIFT,
-            first_primitive,
+            leaves_low: leaves as u8,
+            next: first_inner | (inner as u32) << UPPER_SHIFT,
+            first_primitive: first_primitive | leaves >> 8 << UPPER_SHIFT,
             ..Self::default()
         }
     }
 
+    /// One bit for each primitive of each leaf: three places for each child, filled from the lowest.
+    fn leaves(&self) -> u32 {
+        u32::from(self.leaves_low) | self.first_primitive >> UPPER_SHIFT << 8
+    }
+
     pub fn inner_count(&self) -> u32 {
-        self.inner >> INNER_COUNT_SHIFT
+        self.next >> UPPER_SHIFT
     }
 
     /// Inner nodes and leaves.
@@ -59,31 +69,40 @@ impl Node {
     }
 
     fn count(&self, slot: usize) -> u32 {
-        u32::from(self.counts) >> (2 * slot) & 3
+        (self.leaves() >> (LEAF_BITS * slot) & 7).count_ones()
     }
 
     pub fn child(&self, slot: usize) -> Child {
         if (slot as u32) < self.inner_count() {
-            Child::Inner((self.inner & ((1 << INNER_COUNT_SHIFT) - 1)) + slot as u32)
+            Child::Inner((self.next & LOWER) + slot as u32)
         } else if self.count(slot) != 0 {
             let before: u32 = (0..slot).map(|slot| self.count(slot)).sum();
-            Child::Leaf(self.first_primitive + before, self.count(slot))
+            Child::Leaf((self.first_primitive & LOWER) + before, self.count(slot))
         } else {
             Child::Empty
         }
     }
 
-    /// The same node, whose inner children have other numbers.
-    pub fn with_first_inner(self, first: u32) -> Self {
+    /// The node with its leaves alone.
+    pub fn without_inner(self) -> Self {
+        Self { next: 0, ..self }
+    }
+
+    /// The node in a TLAS, where all children stand side by side from an index on, leaves behind inner nodes.
+    pub fn in_tlas(self, first_child: u32) -> Self {
         Self {
-            inner: first | self.inner_count() << INNER_COUNT_SHIFT,
+            leaves_low: 0,
+            next: first_child | self.child_count() << UPPER_SHIFT,
+            first_primitive: 0,
             ..self
         }
     }
 
-    /// The node with its leaves alone.
-    pub fn without_inner(self) -> Self {
-        Self { inner: 0, ..self }
+    /// The lower and the upper plane of a child.
+    #[cfg(test)]
+    pub fn planes(&self, axis: usize, slot: usize) -> [u8; 2] {
+        let [lower, difference] = self.planes[axis];
+        [lower[slot], lower[slot] ^ difference[slot]]
     }
 }
 
@@ -157,8 +176,9 @@ fn quantise_axis(
         if q_high > 255.0 {
             return false;
         }
-        planes[0][slot] = q_low.max(0.0) as u8;
-        planes[1][slot] = q_high as u8;
+        let (lower, upper) = (q_low.max(0.0) as u8, q_high as u8);
+        planes[0][slot] = lower;
+        planes[1][slot] = lower ^ upper;
     }
     true
 }

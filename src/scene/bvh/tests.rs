@@ -1,7 +1,7 @@
 //! Structure of packed trees.
 
 use super::{
-    Blas, Bounds, BvhQuality, MergeSource, NODE_ROWS, ONE_ENTRY, Row, Tlas, TlasInstance,
+    Blas, Bounds, BvhQuality, ENTRY, Item, MaskAttributes, MaskMaterial, MergeSource, ONE_ENTRY, Tlas, TlasInstance,
     blas::IN_BLAS,
     build_blas, build_merged, build_tlas,
     node::{Child, Node, WIDTH},
@@ -14,15 +14,15 @@ use crate::scene::gpu_types::{
 use bevy::math::{Affine3A, DVec3, Quat, Vec3};
 use proptest::prelude::*;
 
-fn nodes(rows: &[Row], count: u32) -> Vec<Node> {
-    bytemuck::cast_slice::<Row, Node>(&rows[..(count * NODE_ROWS) as usize]).to_vec()
+fn nodes(items: &[Item], count: u32) -> Vec<Node> {
+    bytemuck::cast_slice::<Item, Node>(&items[..count as usize]).to_vec()
 }
 
 /// A child's box as exact arithmetic decodes it.
 fn decoded(node: &Node, slot: usize) -> ([f64; 3], [f64; 3]) {
     let plane = |axis: usize, side: usize| {
         let step = f64::from(f32::from_bits(u32::from(node.exponents[axis]) << 23));
-        f64::from(node.origin[axis]) + f64::from(node.planes[axis][side][slot]) * step
+        f64::from(node.origin[axis]) + f64::from(node.planes(axis, slot)[side]) * step
     };
     (
         std::array::from_fn(|axis| plane(axis, 0)),
@@ -56,12 +56,15 @@ fn check(nodes: &[Node], index: usize, leaf: &dyn Fn(&Node, usize) -> Bounds) ->
     total
 }
 
+fn triangles_of(blas: &Blas) -> &[Item] {
+    &blas.items[blas.node_count as usize..][..blas.triangle_count as usize]
+}
+
 fn check_blas(blas: &Blas) {
-    let all = nodes(&blas.rows, blas.node_count);
-    let corner = |row: &Row| [0, 1, 2].map(|i| f32::from_bits(row[i]));
+    let all = nodes(&blas.items, blas.node_count);
+    let corner = |row: &[u32; 4]| [0, 1, 2].map(|i| f32::from_bits(row[i]));
     let triangle = |i: u32| {
-        let row = (blas.triangle_row() + 3 * i) as usize;
-        let corners = blas.rows[row..row + 3].iter().map(corner);
+        let corners = blas.items[(blas.node_count + i) as usize].iter().map(corner);
         corners.fold(Bounds::EMPTY, |b, c| b.union(Bounds { min: c, max: c }))
     };
     let leaf = |parent: &Node, slot: usize| match parent.child(slot) {
@@ -69,12 +72,12 @@ fn check_blas(blas: &Blas) {
         _ => unreachable!(),
     };
     assert_eq!(check(&all, 0, &leaf), blas.bounds);
-    for rows in blas.rows[blas.triangle_row() as usize..].as_chunks::<3>().0 {
+    for rows in triangles_of(blas) {
         let [a, b, c] = rows.map(|row| DVec3::from_array(corner(&row).map(f64::from)));
         let size = 0.25 * ((b - a).length() + (c - a).length());
         assert!((f64::from(f32::from_bits(rows[2][3])) / size - 1.0).abs() < 1e-6);
     }
-    assert_eq!(blas.rows.len() as u32, blas.triangle_row() + 3 * blas.triangle_count);
+    assert_eq!(blas.items.len() as u32, blas.node_count + blas.triangle_count);
     // The terminal nodes of the top hold everything once.
     let mut area = Bounds::EMPTY;
     for top in blas.top.iter().filter(|t| t.child_count == 0) {
@@ -120,7 +123,7 @@ proptest! {
         let [whole, split] = [BvhQuality::Medium, BvhQuality::High].map(|quality| build_blas(&positions, &indices, quality));
         if let (Some(whole), Some(split)) = (whole, split) {
             let primitives = |blas: &Blas| -> std::collections::BTreeSet<u32> {
-                blas.rows[blas.triangle_row() as usize..].as_chunks::<3>().0.iter().map(|rows| rows[0][3]).collect()
+                triangles_of(blas).iter().map(|rows| rows[0][3]).collect()
             };
             assert_eq!(primitives(&whole), primitives(&split));
             assert!(split.triangle_count >= whole.triangle_count && split.triangle_count <= 2 * whole.triangle_count);
@@ -139,8 +142,8 @@ proptest! {
             ),
             bounds,
             instance: i as u32,
-            node_row: 0,
-            triangle_row: 5,
+            first_node: 0,
+            first_triangle: 5,
             top: &[],
         }).collect();
         check_tlas(&build_tlas(&instances, 0), &instances);
@@ -149,38 +152,32 @@ proptest! {
 
 fn check_tlas(tlas: &Tlas, instances: &[TlasInstance]) {
     let places = tlas.node_count + tlas.entry_count;
-    let matrices = 3 * (instances.len() as u32 - tlas.dropped);
-    assert_eq!(tlas.rows.len() as u32, NODE_ROWS * places + matrices);
-    let all = if instances.is_empty() {
-        Vec::new()
-    } else {
-        nodes(&tlas.rows, places)
-    };
+    let matrices = instances.len() as u32 - tlas.dropped;
+    assert_eq!(tlas.items.len() as u32, places + matrices);
     let mut seen = vec![0; instances.len()];
-    let mut left: Vec<usize> = (!all.is_empty()).then_some(0).into_iter().collect();
+    let mut left: Vec<usize> = (!tlas.items.is_empty()).then_some(0).into_iter().collect();
     let mut visited = 0;
     while let Some(i) = left.pop() {
-        let parent = &all[i];
+        let parent: Node = bytemuck::cast(tlas.items[i]);
         visited += 1;
         for slot in 0..WIDTH {
-            match parent.child(slot) {
-                Child::Empty => {}
-                Child::Inner(child) => {
-                    assert!(child as usize > i);
-                    left.push(child as usize);
-                }
-                Child::Leaf(_, count) => {
-                    assert_eq!(count, 1);
-                    // Entries stand behind the inner children.
-                    let place = (parent.inner & 0x0fff_ffff) as usize + slot;
-                    let row = place * NODE_ROWS as usize;
-                    let matrix = tlas.rows[row + 1][0];
-                    assert!(matrix >= NODE_ROWS * places && matrix as usize + 3 <= tlas.rows.len());
-                    let index = tlas.rows[row][0] as usize;
-                    seen[index] += 1;
-                    assert_encloses(&decoded(parent, slot), &instances[index]);
-                }
+            // Entries stand among the nodes, and no child is a leaf.
+            let place = match parent.child(slot) {
+                Child::Empty => continue,
+                Child::Inner(place) => place as usize,
+                Child::Leaf(..) => panic!("{parent:?}"),
+            };
+            assert!(place > i);
+            let item = &tlas.items[place];
+            if item[2][2] < ENTRY {
+                left.push(place);
+                continue;
             }
+            let matrix = item[1][0];
+            assert!(matrix >= places && (matrix as usize) < tlas.items.len());
+            let index = item[0][0] as usize;
+            seen[index] += 1;
+            assert_encloses(&decoded(&parent, slot), &instances[index]);
         }
     }
     assert_eq!(visited, tlas.node_count);
@@ -208,8 +205,8 @@ fn sizes_from_none_to_many_instances() {
                 world_from_object: Affine3A::from_translation(Vec3::new((i % 300) as f32, (i / 300) as f32, 0.0)),
                 bounds,
                 instance: i as u32,
-                node_row: 0,
-                triangle_row: 5,
+                first_node: 0,
+                first_triangle: 5,
                 top: &[],
             })
             .collect();
@@ -249,13 +246,15 @@ fn merged_triangles_name_their_owners() {
         ),
         instance,
         flags,
+        mask: MaskMaterial::default(),
+        attributes: MaskAttributes::default(),
     };
     let mirrored = INSTANCE_MIRRORED | INSTANCE_ALPHA_MASKED;
     let sources = [source(3, INSTANCE_CULL_BACK, 2.0), source(5, mirrored, -2.0)];
     let blas = build_merged(&sources, BvhQuality::Medium).expect("triangles have area");
     check_blas(&blas);
     assert_eq!((blas.triangle_count, blas.bounds.min), (4, [3.0, 3.0, 3.0]));
-    let triangles = blas.rows[blas.triangle_row() as usize..].as_chunks::<3>().0;
+    let triangles = triangles_of(&blas);
     let mut owners: Vec<(u32, u32)> = triangles.iter().map(|rows| (rows[1][3], rows[0][3])).collect();
     owners.sort_unstable();
     // The world-space corners of a mirrored object are in the order that it has in the world.

@@ -1,7 +1,7 @@
 //! The tree over the instances.
 
 use super::{
-    Bounds, BvhQuality, NODE_ROWS, ONE_ENTRY, Row, TopNode,
+    Bounds, BvhQuality, ENTRY, Item, ONE_ENTRY, TopNode,
     blas::{Level, build_tree},
     node::{self, Child, WIDTH},
 };
@@ -28,20 +28,20 @@ pub struct TlasInstance<'a> {
     pub bounds: Bounds,
     /// [`super::owner`] of the triangles; 0 for a merged tree, which lies in world space and whose triangles name theirs.
     pub instance: u32,
-    /// Row of the BLAS's first node in the buffer.
-    pub node_row: u32,
-    /// Row of the BLAS's first triangle in the buffer.
-    pub triangle_row: u32,
+    /// The BLAS's first node in the buffer.
+    pub first_node: u32,
+    /// The BLAS's first triangle in the buffer.
+    pub first_triangle: u32,
     /// [`super::Blas::top`], or empty: rays then always start at the root.
     pub top: &'a [TopNode],
 }
 
-/// The packed tree over the instances. It may stand anywhere in the buffer that holds the BLASes, whose rows its entries
-/// give; indices in its nodes, and rows of matrices, are relative to it.
+/// The packed tree over the instances. It may stand anywhere in the buffer that holds the BLASes, whose places its entries
+/// give; indices in its nodes, and those of matrices, are relative to it.
 #[derive(Clone, Debug, Default)]
 pub struct Tlas {
-    /// Nodes and entries of 3 rows each, the root first, then inverse matrices of 3 rows. Empty when nothing can be hit.
-    pub rows: Vec<Row>,
+    /// Nodes and entries, the root first, then inverse matrices. Empty when nothing can be hit.
+    pub items: Vec<Item>,
     /// Number of nodes; 0 when nothing can be hit.
     pub node_count: u32,
     /// Number of entries: the instances that were kept, and more for opened ones.
@@ -127,8 +127,8 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
 
     // All children of a node stand side by side, entries behind nodes.
     let node_count = tree.nodes.len();
-    let matrices = (node_count + entries.len()) * NODE_ROWS as usize;
-    let mut rows = vec![Row::default(); matrices];
+    let matrices = node_count + entries.len();
+    let mut items = vec![Item::default(); matrices];
     let mut places = vec![0; node_count];
     let mut end = 1;
     for (index, parent) in tree.nodes.iter().enumerate() {
@@ -141,27 +141,26 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
                     let entry = &entries[tree.primitives[primitive as usize] as usize];
                     let instance = kept[entry.kept as usize].instance;
                     let start = instance.top.get(entry.top as usize).map_or(0, |top| top.node);
-                    let row = place * NODE_ROWS as usize;
-                    rows[row] = [
-                        instance.instance,
-                        instance.node_row + start * NODE_ROWS,
-                        instance.node_row,
-                        instance.triangle_row,
+                    items[place] = [
+                        [
+                            instance.instance,
+                            instance.first_node + start,
+                            instance.first_node,
+                            instance.first_triangle,
+                        ],
+                        [matrices as u32 + entry.kept, 0, 0, 0],
+                        [0, 0, ENTRY, 0],
                     ];
-                    rows[row + 1][0] = matrices as u32 + 3 * entry.kept;
                 }
             }
         }
-        let row = places[index] * NODE_ROWS as usize;
-        let packed: [Row; NODE_ROWS as usize] = bytemuck::cast(parent.with_first_inner(end as u32));
-        rows[row..row + packed.len()].copy_from_slice(&packed);
+        items[places[index]] = bytemuck::cast(parent.in_tlas(end as u32));
         end += parent.child_count() as usize;
     }
-    for kept in &kept {
-        rows.extend(kept.object_from_world.map(|row| row.map(f32::to_bits)));
-    }
+    let matrix = |kept: &Kept| kept.object_from_world.map(|row| row.map(f32::to_bits));
+    items.extend(kept.iter().map(matrix));
     Tlas {
-        rows,
+        items,
         node_count: node_count as u32,
         entry_count: entries.len() as u32,
         dropped,

@@ -1,19 +1,19 @@
-//! `bvh.wesl` on the CPU, over the same packed rows: an oracle for tests of trees and of the shader.
+//! `bvh.wesl` on the CPU, over the same items: an oracle for tests of trees and of the shader.
 
-use super::{NODE_ROWS, ONE_ENTRY, OWNER_SHIFT, Row, TRIANGLE_ROWS};
+use super::{ENTRY, Item, ONE_ENTRY, OWNER_SHIFT};
 use crate::scene::gpu_types::{
     INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
 };
-use bevy::math::{UVec2, Vec3, Vec4Swizzles, uvec2};
+use bevy::math::{UVec2, Vec3, Vec4, Vec4Swizzles, uvec2};
 
 /// What the shader's bind group holds.
 #[derive(Clone, Copy, Debug)]
 pub struct SceneView<'a> {
     /// The buffer of all trees, the TLAS among them.
-    pub bvh: &'a [Row],
+    pub bvh: &'a [Item],
     /// Nodes of the TLAS: [`super::Tlas::traversal_node_count`].
     pub tlas_node_count: u32,
-    /// Row of the TLAS's root.
+    /// Where the TLAS's root stands.
     pub tlas_root: u32,
     /// The alpha test of masked instances by instance, triangle and barycentrics. `None` = they count as solid.
     pub alpha_test: Option<fn(u32, u32, [f32; 2]) -> bool>,
@@ -78,8 +78,6 @@ struct LocalRay {
     origin: Vec3,
     direction: Vec3,
     inverse: Vec3,
-    /// [`TRIANGLE_ERROR`] times the length of the direction.
-    error: f32,
 }
 
 impl LocalRay {
@@ -98,24 +96,24 @@ impl LocalRay {
             origin,
             direction,
             inverse: safe.recip(),
-            error: TRIANGLE_ERROR * direction.length(),
         }
     }
 }
 
-/// Child of a group: there is one, and it is an entry of the TLAS.
-const PRESENT: u32 = 8;
-const ENTRY: u32 = 4;
+/// Child of a group: there is one.
+const PRESENT: u32 = 4;
 /// Where a group keeps its children, nearest first.
-const CHILDREN: u32 = 0xffff;
+const CHILDREN: u32 = 0x0fff;
 /// Where a group keeps a lower bound of their distance.
-const DISTANCE: u32 = 0xffff_0000;
+const DISTANCE: u32 = 0xffff_8000;
+/// Where nodes keep indices, below counts.
+const LOWER: u32 = 0x0fff_ffff;
 
 fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counters) -> Option<TraceHit> {
     let root = scene.tlas_root;
     let mut group = match scene.tlas_node_count {
         0 => return None,
-        ONE_ENTRY => uvec2(root + NODE_ROWS, PRESENT | ENTRY),
+        ONE_ENTRY => uvec2(root + 1, PRESENT),
         _ => uvec2(root, PRESENT),
     };
     let world = LocalRay::new(ray.origin, ray.direction);
@@ -128,23 +126,21 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
     let mut entry_owner = 0;
     let (mut node_base, mut leaf_base) = (root, 0);
     loop {
-        let child = group.y & 15;
-        let row = (group.x + NODE_ROWS * (child & 3)) as usize;
-        group.y = group.y & DISTANCE | (group.y & CHILDREN) >> 4;
+        let item = scene.bvh[(group.x + (group.y & 3)) as usize];
+        group.y = group.y & DISTANCE | (group.y & CHILDREN) >> 3;
         if group.y & CHILDREN != 0 {
             stack.push(group);
         }
         counters.stack = counters.stack.max(stack.len() as u32);
         group.y = 0;
-        if child & ENTRY != 0 {
-            let entry = scene.bvh[row];
+        if item[2][2] >= ENTRY {
+            let entry = item[0];
             // The triangles of a merged tree say themselves whether they cast shadows.
             if !any || entry[0] == 0 || entry[0] & INSTANCE_CASTS_SHADOW != 0 {
                 counters.entries += 1;
                 if entry[0] != 0 {
-                    let matrix = (root + scene.bvh[row + 1][0]) as usize;
-                    let rows =
-                        [0, 1, 2].map(|i| bevy::math::Vec4::from_array(scene.bvh[matrix + i].map(f32::from_bits)));
+                    let matrix = scene.bvh[(root + item[1][0]) as usize];
+                    let rows = matrix.map(|row| Vec4::from_array(row.map(f32::from_bits)));
                     local = LocalRay::new(
                         Vec3::from_array(rows.map(|r| r.xyz().dot(ray.origin) + r.w)),
                         Vec3::from_array(rows.map(|r| r.xyz().dot(ray.direction))),
@@ -155,17 +151,19 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
                 group = uvec2(entry[1], PRESENT);
             }
         } else {
-            let node: [Row; 3] = std::array::from_fn(|i| scene.bvh[row + i]);
             counters.nodes += 1;
-            let (children, mut triangles) = intersect_node(&node, &local, ray.t_min, t_max, blas.is_none());
-            group = uvec2(node_base + NODE_ROWS * (node[2][2] & 0x0fff_ffff), children);
+            let leaves = item[0][3] >> 24 | item[2][3] >> 28 << 8;
+            let (children, met) = intersect_node(&item, &local, ray.t_min, t_max);
+            group = uvec2(node_base + (item[2][2] & LOWER), children);
+            let mut triangles = met & leaves;
             while triangles != 0 {
                 let bit = 31 - triangles.leading_zeros();
                 triangles &= !(1 << bit);
-                let row = (leaf_base + TRIANGLE_ROWS * (node[2][3] + bit)) as usize;
+                let before = (leaves & ((1 << bit) - 1)).count_ones();
+                let triangle = &scene.bvh[(leaf_base + (item[2][3] & LOWER) + before) as usize];
                 counters.triangles += 1;
-                let corners = [scene.bvh[row], scene.bvh[row + 1], scene.bvh[row + 2]];
-                let Some(met) = meet_triangle(scene, &corners, &local, entry_owner, any, (ray.t_min, t_max)) else {
+                let range = (ray.t_min, t_max);
+                let Some(met) = meet_triangle(scene, triangle, &local, leaf_base, entry_owner, any, range) else {
                     continue;
                 };
                 t_max = met.t;
@@ -192,8 +190,9 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
 /// The hit of a triangle that counts.
 fn meet_triangle(
     scene: &SceneView,
-    corners: &[Row; 3],
+    corners: &Item,
     local: &LocalRay,
+    leaf_base: u32,
     entry_owner: u32,
     any: bool,
     (t_min, t_max): (f32, f32),
@@ -211,23 +210,28 @@ fn meet_triangle(
     } else {
         owner & culled
     };
+    let is_masked = owner & INSTANCE_ALPHA_MASKED != 0;
+    let primitive = if is_masked && entry_owner == 0 {
+        scene.bvh[(leaf_base + corners[0][3]) as usize][1][2]
+    } else {
+        corners[0][3]
+    };
     let met = TraceHit {
         instance: owner >> OWNER_SHIFT,
-        primitive: corners[0][3],
+        primitive,
         front_face,
         ..found
     };
-    let is_solid = owner & INSTANCE_ALPHA_MASKED == 0
+    let is_solid = !is_masked
         || scene
             .alpha_test
             .is_none_or(|alpha_test| alpha_test(met.instance, met.primitive, met.barycentrics));
     (refused == 0 && is_solid).then_some(met)
 }
 
-/// The second word of the group of children that the ray meets and that are not leaves of a BLAS, and one bit for each
-/// triangle of the leaves that it meets.
-fn intersect_node(node: &[Row; 3], ray: &LocalRay, t_min: f32, t_max: f32, in_tlas: bool) -> (u32, u32) {
-    let [exponent_x, exponent_y, exponent_z, counts] = node[0][3].to_le_bytes();
+/// The second word of the group of children that the ray meets and that stand on the stack, and three bits for each child that it meets.
+fn intersect_node(node: &Item, ray: &LocalRay, t_min: f32, t_max: f32) -> (u32, u32) {
+    let [exponent_x, exponent_y, exponent_z, _] = node[0][3].to_le_bytes();
     let exponents = [exponent_x, exponent_y, exponent_z];
     let mut scale = [0.0; 3];
     let mut low = [0.0; 3];
@@ -245,45 +249,40 @@ fn intersect_node(node: &[Row; 3], ray: &LocalRay, t_min: f32, t_max: f32, in_tl
         [node[1][2], node[1][3]],
         [node[2][0], node[2][1]],
     ];
-    let mut met = Vec::with_capacity(4);
-    let mut triangles = 0;
-    let mut offset = 0;
+    let mut next = Vec::with_capacity(4);
+    let mut met = 0;
     for slot in 0..4 {
         let (mut enter, mut leave) = (t_min, t_max);
         for axis in 0..3 {
-            let [lower, upper] = planes[axis].map(|word| word.to_le_bytes()[slot]);
-            let (near, far) = if ray.inverse[axis] < 0.0 {
-                (upper, lower)
+            let [lower, difference] = planes[axis].map(|word| word.to_le_bytes()[slot]);
+            let near = if ray.inverse[axis] < 0.0 {
+                lower ^ difference
             } else {
-                (lower, upper)
+                lower
             };
+            let far = near ^ difference;
             enter = enter.max(f32::from(near) * scale[axis] + low[axis]);
             leave = leave.min(f32::from(far) * scale[axis] + high[axis]);
         }
-        let count = u32::from(counts) >> (2 * slot) & 3;
-        let is_inner = (slot as u32) < node[2][2] >> 28;
         if enter <= leave {
-            if is_inner || (in_tlas && count != 0) {
-                let kind = if is_inner { 0 } else { ENTRY };
-                met.push(enter.to_bits() & !7 | kind | slot as u32);
-            } else if !in_tlas {
-                triangles |= ((1 << count) - 1) << offset;
+            met |= 7 << (3 * slot);
+            if (slot as u32) < node[2][2] >> 28 {
+                next.push(enter.to_bits() & !7 | PRESENT | slot as u32);
             }
         }
-        offset += count;
     }
-    met.sort_unstable();
-    let distance = met.get(1).map_or(0, |key| key & DISTANCE);
-    let children = met
+    next.sort_unstable();
+    let distance = next.get(1).map_or(0, |key| key & DISTANCE);
+    let children = next
         .iter()
         .enumerate()
-        .map(|(rank, key)| (PRESENT | key & 7) << (4 * rank))
+        .map(|(rank, key)| (key & 7) << (3 * rank))
         .sum::<u32>();
-    (distance | children, triangles)
+    (distance | children, met)
 }
 
 /// Möller and Trumbore's test, widened by what rounding may do; `bvh.wesl` explains it.
-fn intersect_triangle(rows: &[Row; 3], ray: &LocalRay) -> Option<TraceHit> {
+fn intersect_triangle(rows: &Item, ray: &LocalRay) -> Option<TraceHit> {
     let corners = rows.map(|r| Vec3::new(f32::from_bits(r[0]), f32::from_bits(r[1]), f32::from_bits(r[2])));
     let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);
     let normal = e1.cross(e2);
@@ -294,7 +293,7 @@ fn intersect_triangle(rows: &[Row; 3], ray: &LocalRay) -> Option<TraceHit> {
     let r = ray.direction.cross(a);
     let (u, v) = (-r.dot(e2) * inverse, r.dot(e1) * inverse);
     let size = f32::from_bits(rows[2][3]);
-    let noise = ray.error * size;
+    let noise = TRIANGLE_ERROR * ray.direction.abs().element_sum() * size;
     let reach = 1.75 * a.abs().max_element() + size;
     let tolerance = noise * reach * inverse.abs();
     let inside = u >= -tolerance && v >= -tolerance && u + v <= tolerance + 1.000_000_6;

@@ -31,14 +31,15 @@ fn at(slot: u32, x: f32) -> Option<Placement> {
         version: 1,
         world_from_object: Affine3A::from_translation(bevy::math::Vec3::new(x, 0.0, 0.0)),
         flags: 0,
+        mask: MaskMaterial::default(),
     })
 }
 
 fn tree(name: u64) -> Tree {
     Tree {
         name,
-        node_row: 0,
-        triangle_row: 5,
+        first_node: 0,
+        first_triangle: 5,
         bounds: Bounds::EMPTY,
     }
 }

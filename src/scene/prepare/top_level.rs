@@ -4,7 +4,8 @@ use super::{SceneBindings, instance_limit};
 use crate::{
     scene::{
         acceleration::{BlasKey, RayQueryInstance},
-        bvh::{Tlas, TlasInstance, build_tlas, opening_budget, owner},
+        arena::ArenaSlice,
+        bvh::{ITEM_WORDS, Tlas, TlasInstance, build_tlas, opening_budget, owner},
         gpu_types::INSTANCE_ALPHA_MASKED,
         instances::{InstanceSource, SceneInstances},
         meshes::SceneMeshes,
@@ -17,8 +18,8 @@ use bevy::{
     render::renderer::{RenderDevice, RenderQueue},
 };
 
-/// Words that the TLAS has room for at least.
-const SMALLEST_TLAS: usize = 1 << 12;
+/// Nodes, entries and matrices that the TLAS has room for at least.
+const SMALLEST_TLAS: usize = 1 << 9;
 
 impl SceneBindings {
     /// Builds the top level over all objects that can be hit.
@@ -91,8 +92,8 @@ impl SceneBindings {
         match &self.tlas {
             Some(slice) if fits => {
                 self.uniform_data.tlas_node_count = tlas.traversal_node_count();
-                self.uniform_data.tlas_root = slice.base() / 4;
-                meshes.bvh.write(queue, slice, tlas.rows.as_flattened());
+                self.uniform_data.tlas_root = slice.base() / ITEM_WORDS;
+                meshes.bvh.write(queue, slice, tlas.items.as_flattened().as_flattened());
             }
             _ => {
                 warn_once!(
@@ -121,13 +122,12 @@ impl SceneBindings {
             .filter(|(slot, _)| !self.merge.is_merged(*slot))
             .filter_map(|(slot, source)| {
                 let blas = meshes.get(source.mesh)?.bvh.as_ref()?;
-                let node_row = blas.slice.base() / 4;
                 Some(TlasInstance {
                     world_from_object: source.world_from_object,
                     bounds: blas.bounds,
                     instance: owner(*slot, self.instance_data[*slot as usize].flags),
-                    node_row,
-                    triangle_row: node_row + blas.triangle_row,
+                    first_node: blas.first_node,
+                    first_triangle: blas.first_triangle,
                     top: &blas.top,
                 })
             })
@@ -145,18 +145,19 @@ impl SceneBindings {
 
     /// Makes room for the TLAS; false where there is none. Merged trees may get lost over it.
     fn reserve_tlas(&mut self, tlas: &Tlas, meshes: &mut SceneMeshes) -> bool {
-        let words = tlas.rows.as_flattened().len();
-        if self.tlas.as_ref().is_some_and(|slice| slice.words() as usize >= words) {
+        let items = tlas.items.len();
+        let room = |slice: &ArenaSlice| (slice.words() / ITEM_WORDS) as usize;
+        if self.tlas.as_ref().is_some_and(|slice| room(slice) >= items) {
             return true;
         }
         if let Some(slice) = self.tlas.take() {
             meshes.bvh.free(slice);
         }
         // Room to grow, so that a slowly growing scene doesn't ask for it in every frame.
-        let roomy = words.next_power_of_two().max(SMALLEST_TLAS);
+        let roomy = items.next_power_of_two().max(SMALLEST_TLAS);
         self.tlas = meshes
-            .allocate_tree(roomy as u32)
-            .or_else(|| meshes.allocate_tree(words as u32));
+            .allocate_tree(roomy)
+            .or_else(|| meshes.allocate_tree(items));
         self.tlas.is_some()
     }
 }
