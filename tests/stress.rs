@@ -11,7 +11,7 @@ use bevy_glint::{
     TracerChoice,
     scene::{
         bvh::{BvhQuality, Item, TraceRay, build_blas},
-        gpu_types::GpuSceneCounts,
+        gpu_types::{GpuInstance, GpuSceneCounts},
     },
 };
 use bytemuck::{Pod, Zeroable};
@@ -245,7 +245,11 @@ impl Trees {
             "in_compute",
             &[
                 &[(0, &gpu.buffer(&data)), (1, &answers)],
-                &[(4, &gpu.buffer(&[self.counts])), (6, &gpu.buffer(&self.items))],
+                &[
+                    (1, &gpu.buffer(&[GpuInstance::default()])),
+                    (4, &gpu.buffer(&[self.counts])),
+                    (6, &gpu.buffer(&self.items)),
+                ],
             ],
             rays.len().div_ceil(64) as u32,
         );

@@ -6,7 +6,7 @@ use bevy::math::{Affine3A, Vec3};
 use bevy::shader::ShaderDefVal;
 use bevy_glint::scene::bvh::{Counters, TraceHit, TraceRay, any, closest};
 use bevy_glint::scene::gpu_types::{
-    GpuSceneCounts, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT,
+    GpuInstance, GpuSceneCounts, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT,
 };
 use bytemuck::{Pod, Zeroable};
 use common::gpu::{Checks, Gpu};
@@ -25,6 +25,13 @@ struct Answer {
     flags: u32,
     barycentrics: [f32; 2],
     _padding: [f32; 2],
+}
+
+fn instance_with(masks: u32) -> GpuInstance {
+    GpuInstance {
+        masks,
+        ..GpuInstance::default()
+    }
 }
 
 fn shader(stack_size: u32, masked_geometry: bool) -> String {
@@ -54,13 +61,21 @@ fn trace(gpu: &Gpu, wgsl: &str, checks: Checks, scene: &Packed, rays: &[TraceRay
             [o.x, o.y, o.z, r.t_min, d.x, d.y, d.z, r.t_max]
         })
         .collect();
+    let mut instances: Vec<GpuInstance> = scene.masks.iter().map(|masks| instance_with(*masks)).collect();
+    instances.resize(scene.masks.len().max(1), GpuInstance::default());
     let answers = gpu.buffer(&vec![Answer::zeroed(); rays.len()]);
+    let (counts, bvh, instances) = (gpu.buffer(&[uniform]), gpu.buffer(&scene.bvh), gpu.buffer(&instances));
+    let mut scene_group = vec![(4, &counts), (6, &bvh)];
+    // Bound only where the shader has the alpha test.
+    if wgsl.contains("is_solid") {
+        scene_group.push((1, &instances));
+    }
     gpu.dispatch(
         &gpu.module(wgsl, checks),
         "in_compute",
         &[
             &[(0, &gpu.buffer(&ray_data)), (1, &answers)],
-            &[(4, &gpu.buffer(&[uniform])), (6, &gpu.buffer(&scene.bvh))],
+            &scene_group,
         ],
         rays.len().div_ceil(64) as u32,
     );

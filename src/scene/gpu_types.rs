@@ -69,8 +69,10 @@ pub struct GpuInstance {
     pub flags: u32,
     /// Low bits of the entity, for debug views.
     pub id: u32,
+    /// BVH tracer: where the masks of an alpha-masked instance stand in the buffer of the trees.
+    pub masks: u32,
     /// Fills up to 128 bytes.
-    pub _padding: [u32; 4],
+    pub _padding: [u32; 3],
 }
 
 /// What a hit needs of a `StandardMaterial`.

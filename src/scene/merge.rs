@@ -4,15 +4,15 @@
 //! its objects moved, changed its mesh or what the traversal has to know of its material, was hidden or despawned, these
 //! objects are instances like all others. [`ledger`] decides what is merged and when.
 //!
-//! A merged triangle takes 56 bytes of GPU memory, more where it is split, and 48 more where it is masked, on top of the BLAS of
-//! its mesh, which is kept so that its objects can become instances again at any time.
+//! A merged triangle takes 56 bytes of GPU memory, more where it is split, on top of the BLAS of its mesh, which is kept so
+//! that its objects can become instances again at any time.
 
 mod ledger;
 #[cfg(test)]
 mod tests;
 
 use super::{
-    bvh::{Blas, Bounds, BvhQuality, MaskMaterial, MergeSource, TlasInstance, build_merged, merge_bounds},
+    bvh::{Blas, Bounds, BvhQuality, MergeSource, TlasInstance, build_merged, merge_bounds},
     meshes::{MeshTriangles, SceneMeshes},
 };
 use crate::status::ReflectionStatus;
@@ -77,8 +77,8 @@ pub(super) struct Placement {
     pub world_from_object: Affine3A,
     /// Those `INSTANCE_` flags that the traversal looks at.
     pub flags: u32,
-    /// Of an alpha-masked object; else the default, since no other object's material matters to rays that look for hits.
-    pub mask: MaskMaterial,
+    /// Where the masks of an alpha-masked object stand; else 0.
+    pub masks: u32,
 }
 
 /// What merging an object costs, and where it stands.
@@ -296,8 +296,7 @@ fn start(members: &[(u32, Placement)], meshes: &SceneMeshes) -> Option<Task<Buil
                 world_from_object: placement.world_from_object,
                 instance: *slot,
                 flags: placement.flags,
-                mask: placement.mask,
-                attributes: mesh.mask_attributes(),
+                masks: placement.masks,
             })
             .collect();
         let count: usize = sources.iter().map(|source| source.indices.len() / 3).sum();

@@ -3,7 +3,7 @@
 use super::{
     activity::SceneActivity,
     arena::{Arena, ArenaSlice},
-    bvh::{Blas, Bounds, BvhQuality, ITEM_WORDS, MaskAttributes, TopNode, build_blas},
+    bvh::{Blas, Bounds, BvhQuality, ITEM_WORDS, MaskSource, TopNode, build_blas},
     geometry::{GeometryError, PackedMesh, pack_mesh},
     instances::SceneInstances,
     merge::CHUNK_TRIANGLES,
@@ -41,15 +41,15 @@ pub struct BuiltMesh {
     packed: PackedMesh,
     /// Only for the BVH tracer.
     blas: Option<Blas>,
-    /// Only for the BVH tracer, and for meshes that are small enough to be merged.
+    /// Only for the BVH tracer.
     triangles: Option<Arc<MeshTriangles>>,
     milliseconds: f32,
 }
 
-/// What merging copies of a mesh. It stays in main memory: 12 bytes for each vertex and 12 for each triangle, 8 more for each vertex
-/// with UV coordinates, and 4 with colours.
+/// What merged trees and masks copy of a mesh. It stays in main memory: 12 bytes for each vertex and 12 for each triangle, 8 more
+/// for each vertex with UV coordinates, and 4 with colours.
 pub struct MeshTriangles {
-    /// Object space.
+    /// Object space; empty where the mesh is too large to be merged.
     pub positions: Box<[[f32; 3]]>,
     /// Three per triangle.
     pub indices: Box<[u32]>,
@@ -59,18 +59,22 @@ pub struct MeshTriangles {
 
 impl MeshTriangles {
     fn new(packed: &PackedMesh) -> Self {
+        let mergeable = u64::from(packed.triangle_count) <= CHUNK_TRIANGLES;
         Self {
-            positions: packed.positions().into(),
+            positions: packed.positions().iter().copied().filter(|_| mergeable).collect(),
             indices: packed.indices().into(),
             uvs: [0, 1].map(|set| packed.uvs(set).into()),
             colors: packed.colors().into(),
         }
     }
 
-    /// What masks of merged triangles are made of.
-    pub fn mask_attributes(&self) -> MaskAttributes<'_> {
-        MaskAttributes {
-            uvs: [&self.uvs[0], &self.uvs[1]],
+    /// What masks are made of. The second set of UV coordinates stands for itself only where the mesh has one.
+    pub(super) fn mask_source(&self, second_uvs: bool) -> MaskSource<'_> {
+        let is_second = second_uvs && !self.uvs[1].is_empty();
+        MaskSource {
+            indices: &self.indices,
+            uvs: &self.uvs[usize::from(is_second)],
+            is_second,
             colors: &self.colors,
         }
     }
@@ -92,7 +96,7 @@ pub struct SceneMesh {
     pub indices_offset: u32,
     /// Triangle indices for building ray-query structures of flipped winding; empty with the BVH tracer.
     pub indices: Arc<[u32]>,
-    /// For merging; `None` with ray queries and for meshes that are too large.
+    /// For merging and masks; `None` with ray queries.
     pub triangles: Option<Arc<MeshTriangles>>,
     /// Changes with every new version of the mesh.
     pub version: u64,
@@ -212,8 +216,7 @@ impl SceneMeshes {
             let blas = with_bvh
                 .then(|| build_blas(packed.positions(), packed.indices(), BvhQuality::default()))
                 .flatten();
-            let mergeable = blas.is_some() && u64::from(packed.triangle_count) <= CHUNK_TRIANGLES;
-            let triangles = mergeable.then(|| Arc::new(MeshTriangles::new(&packed)));
+            let triangles = blas.is_some().then(|| Arc::new(MeshTriangles::new(&packed)));
             let milliseconds = begin.elapsed().as_secs_f32() * 1000.0;
             Ok(BuiltMesh {
                 packed,

@@ -13,6 +13,7 @@ pub mod gpu_types;
 pub mod instances;
 pub mod lights;
 pub mod materials;
+mod masks;
 mod merge;
 pub mod meshes;
 mod prepare;

@@ -5,13 +5,14 @@ mod top_level;
 use super::{
     acceleration::{AccelerationStructures, rows},
     arena::ArenaSlice,
-    bvh::{Item, MAX_INSTANCES, MaskMaterial, TRAVERSAL_FLAGS},
+    bvh::{Item, MAX_INSTANCES, TRAVERSAL_FLAGS},
     gpu_types::{
         GpuInstance, GpuLight, GpuMaterial, GpuSceneCounts, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW,
         INSTANCE_MIRRORED, INSTANCE_RECEIVES_SHADOW,
     },
     instances::{InstanceSource, SceneInstances},
     lights::ExtractedLights,
+    masks::{MaskKey, MaskSets},
     materials::{MaterialAssets, MaterialTable, instance_flags, is_traced},
     merge::{Placement, StaticMerge},
     meshes::{SceneMesh, SceneMeshes},
@@ -63,6 +64,7 @@ pub struct SceneBindings {
     /// The TLASes of the BVH tracer in the buffer of its trees.
     tlas: Option<ArenaSlice>,
     merge: StaticMerge,
+    masks: MaskSets,
     acceleration: Option<AccelerationStructures>,
     /// Rays can hit something that needs the alpha test, or it isn't known yet whether they can.
     masked: bool,
@@ -100,6 +102,7 @@ impl FromWorld for SceneBindings {
             uniform_data: GpuSceneCounts::default(),
             tlas: None,
             merge: StaticMerge::default(),
+            masks: MaskSets::default(),
             acceleration: (tracer == Tracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
             masked: true,
             defs_version: 0,
@@ -266,6 +269,7 @@ impl SceneBindings {
     /// Gives back what an idle scene doesn't need.
     fn release(&mut self, meshes: &mut SceneMeshes, device: &RenderDevice, queue: &RenderQueue) {
         self.merge.clear(meshes);
+        self.masks.clear(meshes);
         if let Some(slice) = self.tlas.take() {
             meshes.bvh.free(slice);
         }
@@ -290,7 +294,7 @@ impl SceneBindings {
         instances: &SceneInstances,
         materials: &mut MaterialTable,
         assets: &MaterialAssets,
-        meshes: &SceneMeshes,
+        meshes: &mut SceneMeshes,
         device: &RenderDevice,
         queue: &RenderQueue,
     ) -> bool {
@@ -301,13 +305,21 @@ impl SceneBindings {
         let (mut first, mut last) = (usize::MAX, 0);
         let mut changed = false;
         for &slot in dirty {
-            let packed = instances.get(slot).and_then(|source| {
+            let mut packed = instances.get(slot).and_then(|source| {
                 let mesh = meshes.get(source.mesh)?;
                 let material = assets.get(source.material)?;
                 let flags = is_traced(material).then(|| instance_flags(material))?;
                 pack_instance(source, mesh, materials.index(source.material), flags)
             });
             if self.tracer == Tracer::Bvh {
+                let wanted = packed.and_then(|packed| mask_key(&packed, instances.get(slot)?, assets, meshes));
+                let masks = self.masks.assign(slot, wanted, meshes, queue);
+                if let (Some(packed), Some(_)) = (&mut packed, wanted) {
+                    match masks {
+                        Some(masks) => packed.masks = masks,
+                        None => packed.flags &= !INSTANCE_ALPHA_MASKED,
+                    }
+                }
                 let mergeable = packed.filter(|_| (slot as usize) < limit);
                 let placement = mergeable.and_then(|packed| {
                     let source = instances.get(slot)?;
@@ -317,7 +329,7 @@ impl SceneBindings {
                         version: meshes.get(source.mesh)?.version,
                         world_from_object: source.world_from_object,
                         flags: packed.flags & TRAVERSAL_FLAGS,
-                        mask: mask_material(&packed, assets.get(source.material)?),
+                        masks: packed.masks,
                     })
                 });
                 self.merge.observe(slot, placement);
@@ -345,14 +357,21 @@ impl SceneBindings {
     }
 }
 
-fn mask_material(instance: &GpuInstance, material: &StandardMaterial) -> MaskMaterial {
-    if instance.flags & INSTANCE_ALPHA_MASKED == 0 {
-        return MaskMaterial::default();
+/// The masks that an instance needs; `None` where it isn't alpha-masked.
+fn mask_key(
+    packed: &GpuInstance,
+    source: &InstanceSource,
+    assets: &MaterialAssets,
+    meshes: &SceneMeshes,
+) -> Option<MaskKey> {
+    if packed.flags & INSTANCE_ALPHA_MASKED == 0 {
+        return None;
     }
-    MaskMaterial {
-        material: instance.material,
-        wants_second_uvs: material.base_color_channel == UvChannel::Uv1,
-    }
+    Some(MaskKey {
+        mesh: source.mesh,
+        version: meshes.get(source.mesh)?.version,
+        second_uvs: assets.get(source.material)?.base_color_channel == UvChannel::Uv1,
+    })
 }
 
 /// Slots from here on are not in the instance buffer: their objects are missing.
@@ -385,7 +404,8 @@ fn pack_instance(source: &InstanceSource, mesh: &SceneMesh, material: u32, flags
         material,
         flags,
         id: source.entity.index_u32(),
-        _padding: [0; 4],
+        masks: 0,
+        _padding: [0; 3],
     })
 }
 

@@ -7,8 +7,8 @@ mod shapes;
 
 use bevy::math::{Affine3A, DVec3, Vec3};
 use bevy_glint::scene::bvh::{
-    Blas, BvhQuality, Item, MaskAttributes, MaskMaterial, MergeSource, SceneView, Tlas, TlasInstance, TraceRay, build_blas, build_merged, build_tlas,
-    owner, stack_size,
+    Blas, BvhQuality, Item, MaskSource, MergeSource, SceneView, Tlas, TlasInstance, TraceRay, build_blas, build_merged, build_tlas,
+    masks as masks_of, owner, stack_size,
 };
 use bevy_glint::scene::gpu_types::{
     INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
@@ -57,6 +57,8 @@ pub struct Packed {
     pub tlas: Tlas,
     pub stack_size: u32,
     tlas_root: u32,
+    /// Where the masks of each instance stand in [`Self::bvh`].
+    pub masks: Vec<u32>,
     /// Whether an instance is part of a merged tree.
     merged: Vec<bool>,
     /// What the oracle searches.
@@ -86,6 +88,14 @@ impl Packed {
         packing: impl Fn(usize) -> Packing,
     ) -> Self {
         let mut bvh: Vec<Item> = Vec::new();
+        let mut masks = Vec::new();
+        for mesh in &meshes {
+            masks.push(bvh.len() as u32);
+            bvh.extend(masks_of(&MaskSource {
+                indices: &mesh.indices,
+                ..MaskSource::default()
+            }));
+        }
         let mut add = |blas: Option<Blas>| {
             let base = bvh.len() as u32;
             bvh.extend_from_slice(blas.as_ref().map_or(&[], |b| b.items.as_slice()));
@@ -106,8 +116,7 @@ impl Packed {
                     world_from_object: *matrix,
                     instance: i as u32,
                     flags: flags[i],
-                    mask: MaskMaterial::default(),
-                    attributes: MaskAttributes::default(),
+                    masks: masks[*mesh],
                 });
             }
         }
@@ -142,6 +151,7 @@ impl Packed {
         let tlas_root = bvh.len() as u32;
         bvh.extend_from_slice(&tlas.items);
 
+        let instances_masks = instances.iter().map(|(mesh, _)| masks[*mesh]).collect();
         let merged: Vec<bool> = (0..instances.len()).map(|i| packing(i).tree.is_some()).collect();
         let mut triangles = Vec::new();
         for (instance, (mesh, matrix)) in instances.iter().enumerate() {
@@ -165,6 +175,7 @@ impl Packed {
             tlas,
             stack_size,
             tlas_root,
+            masks: instances_masks,
             merged,
             triangles,
         }

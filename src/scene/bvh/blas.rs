@@ -6,7 +6,7 @@ use super::{
     node::{self, Child, Node, WIDTH},
     ploc, split,
 };
-use bevy::{math::DVec3, platform::collections::HashMap};
+use bevy::math::DVec3;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 
 /// Coordinates beyond this are treated like infinite ones: squares and products of them still fit an `f32`.
@@ -44,8 +44,7 @@ pub struct TopNode {
 /// The packed tree of a mesh, or of merged objects.
 #[derive(Clone, Debug)]
 pub struct Blas {
-    /// Nodes, then triangles, then the masks of masked triangles in merged trees; indices are relative to the first node, and to the
-    /// first triangle those of triangles and masks.
+    /// Nodes, then triangles; indices in nodes are relative to the first of their kind.
     pub items: Vec<Item>,
     /// Number of nodes, at least 1.
     pub node_count: u32,
@@ -86,12 +85,10 @@ pub(super) const IN_BLAS: Level = Level {
 /// A triangle of a tree.
 pub(super) struct Triangle {
     pub corners: [[f32; 3]; 3],
-    /// Index in the mesh.
-    pub primitive: u32,
+    /// Index in the mesh, or of the mask.
+    pub name: u32,
     /// [`super::owner`], or 0 where the TLAS entry names it.
     pub owner: u32,
-    /// Which of the merged objects it belongs to.
-    pub source: u32,
 }
 
 /// Builds the tree of a triangle list. Triangles with an index out of range, a coordinate that is not finite or beyond
@@ -99,35 +96,30 @@ pub(super) struct Triangle {
 pub fn build_blas(positions: &[[f32; 3]], indices: &[u32], quality: BvhQuality) -> Option<Blas> {
     let mut triangles = Vec::with_capacity(indices.len() / 3);
     add_triangles(&mut triangles, positions, indices, 0, 0);
-    build(triangles, quality, |_| None)
+    build(triangles, quality)
 }
 
-/// Adds the triangles of a mesh, less those whose indices are out of range.
+/// Adds the triangles of a mesh, less those whose indices are out of range. Names count from `first_name`.
 pub(super) fn add_triangles(
     triangles: &mut Vec<Triangle>,
     positions: &[[f32; 3]],
     indices: &[u32],
     owner: u32,
-    source: u32,
+    first_name: u32,
 ) {
     for (primitive, corners) in indices.as_chunks::<3>().0.iter().enumerate() {
         if let Some(corners) = triangle(positions, *corners) {
             triangles.push(Triangle {
                 corners,
-                primitive: primitive as u32,
+                name: first_name + primitive as u32,
                 owner,
-                source,
             });
         }
     }
 }
 
-/// The tree over those triangles that rays can hit. `mask` gives the masks of merged triangles that are masked.
-pub(super) fn build(
-    mut triangles: Vec<Triangle>,
-    quality: BvhQuality,
-    mask: impl Fn(&Triangle) -> Option<Item>,
-) -> Option<Blas> {
+/// The tree over those triangles that rays can hit.
+pub(super) fn build(mut triangles: Vec<Triangle>, quality: BvhQuality) -> Option<Blas> {
     let mut boxes = Vec::with_capacity(triangles.len());
     triangles.retain(|triangle| {
         let bounds = triangle_bounds(&triangle.corners);
@@ -150,28 +142,14 @@ pub(super) fn build(
     let node_count = tree.nodes.len() as u32;
     let mut items = Vec::with_capacity(tree.nodes.len() + references.len());
     items.extend_from_slice(bytemuck::cast_slice::<Node, Item>(&tree.nodes));
-    // By triangles: the parts of a split one share their mask.
-    let mut masks: HashMap<u32, u32> = HashMap::default();
-    let mut mask_items = Vec::new();
     for index in &tree.primitives {
-        let reference = references[*index as usize];
-        let triangle = &triangles[reference as usize];
-        let corners = &triangle.corners;
-        let mut name = triangle.primitive;
-        if let Some(known) = masks.get(&reference) {
-            name = *known;
-        } else if let Some(mask) = mask(triangle) {
-            name = (references.len() + mask_items.len()) as u32;
-            mask_items.push(mask);
-            masks.insert(reference, name);
-        }
-        let last = [name, triangle.owner, edge_scale(corners).to_bits()];
+        let Triangle { corners, name, owner } = &triangles[references[*index as usize] as usize];
+        let last = [*name, *owner, edge_scale(corners).to_bits()];
         items.push(std::array::from_fn(|i| {
             let [x, y, z] = corners[i].map(f32::to_bits);
             [x, y, z, last[i]]
         }));
     }
-    items.extend(mask_items);
     let triangle_count = references.len() as u32;
     Some(Blas {
         items,

@@ -1,53 +1,72 @@
-//! What the alpha test of a merged triangle needs, side by side: in the packed mesh, each part has to be looked up by another one.
+//! What the alpha test needs to know of a triangle, side by side: in the packed mesh, each part has to be looked up by another one.
 
 use super::Item;
 
-/// Flags above the index of the material; `alpha.wesl` has the same numbers.
-const HAS_UVS: u32 = 0x8000_0000;
-const SECOND_UVS: u32 = 0x4000_0000;
-const VERTEX_ALPHA: u32 = 0x2000_0000;
-const MATERIAL: u32 = 0x0fff_ffff;
+/// Alpha of vertices that have none of their own; `alpha.wesl` has the same number.
+const NO_VERTEX_ALPHA: u32 = u32::MAX;
 
-/// The material of an alpha-masked object, and how it wants its base colour.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct MaskMaterial {
-    /// Index in the material buffer.
-    pub material: u32,
-    /// Its base colour has the second set of UV coordinates, where the mesh has one.
-    pub wants_second_uvs: bool,
-}
-
-/// What a mesh says about the opacity of its surface, by vertices.
+/// What a mesh says about the opacity of its triangles.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct MaskAttributes<'a> {
-    /// Both sets of UV coordinates; empty where the mesh has none.
-    pub uvs: [&'a [[f32; 2]]; 2],
-    /// Packed colours, alpha in the upper byte; empty where the mesh has none.
+pub struct MaskSource<'a> {
+    /// Three per triangle.
+    pub indices: &'a [u32],
+    /// UV coordinates of the vertices; empty where the mesh has none.
+    pub uvs: &'a [[f32; 2]],
+    /// They are the second set, which the material's transform leaves as it is.
+    pub is_second: bool,
+    /// Colours of the vertices, alpha in the upper byte; empty where the mesh has none.
     pub colors: &'a [u32],
 }
 
-/// The mask of a triangle: UV coordinates of the three vertices, the triangle's index in the mesh, material and flags, then the
-/// vertices' alpha.
-pub(super) fn mask(primitive: u32, corners: [u32; 3], attributes: &MaskAttributes, material: MaskMaterial) -> Item {
-    let is_second = material.wants_second_uvs && !attributes.uvs[1].is_empty();
-    let set = attributes.uvs[usize::from(is_second)];
-    let [a, b, c] = corners.map(|vertex| set.get(vertex as usize).copied().unwrap_or_default().map(f32::to_bits));
-    let mut word = material.material & MATERIAL;
-    if !set.is_empty() {
-        word |= HAS_UVS;
-    }
-    if is_second {
-        word |= SECOND_UVS;
-    }
-    let mut alpha = 0;
-    if !attributes.colors.is_empty() {
-        word |= VERTEX_ALPHA;
-        let bytes = corners.map(|vertex| attributes.colors.get(vertex as usize).map_or(255, |color| color >> 24));
-        alpha = bytes[0] | bytes[1] << 8 | bytes[2] << 16;
-    }
+/// The masks of all triangles, in their order. What is out of range counts as zero, and as opaque.
+pub fn masks(source: &MaskSource) -> Vec<Item> {
+    let triangles = source.indices.as_chunks::<3>().0;
+    (0..).zip(triangles).map(|(primitive, corners)| mask(source, primitive, *corners)).collect()
+}
+
+fn mask(source: &MaskSource, primitive: u32, corners: [u32; 3]) -> Item {
+    let uv = |vertex: u32| source.uvs.get(vertex as usize).copied().unwrap_or_default().map(f32::to_bits);
+    let [a, b, c] = corners.map(uv);
+    let alpha = if source.colors.is_empty() {
+        NO_VERTEX_ALPHA
+    } else {
+        let [a, b, c] = corners.map(|vertex| source.colors.get(vertex as usize).map_or(255, |color| color >> 24));
+        a | b << 8 | c << 16
+    };
     [
         [a[0], a[1], b[0], b[1]],
-        [c[0], c[1], primitive, word],
-        [alpha, 0, 0, 0],
+        [c[0], c[1], primitive, alpha],
+        [u32::from(!source.uvs.is_empty()) | u32::from(source.is_second) << 1, 0, 0, 0],
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn masks_hold_what_their_vertices_have() {
+        let uvs: Vec<[f32; 2]> = (0..4).map(|i| [i as f32, -0.5 * i as f32]).collect();
+        let colors = [0x1100_0000, 0x22ff_ffff, 0x3300_0000, 0xff00_0000];
+        let source = MaskSource {
+            indices: &[0, 1, 2, 2, 1, 9],
+            uvs: &uvs,
+            is_second: true,
+            colors: &colors,
+        };
+        let made = masks(&source);
+        assert_eq!(made.len(), 2);
+        let floats = |words: &[u32]| words.iter().map(|word| f32::from_bits(*word)).collect::<Vec<_>>();
+        assert_eq!(floats(&made[0][0]), [0.0, 0.0, 1.0, -0.5]);
+        assert_eq!(floats(&made[0][1][..2]), [2.0, -1.0]);
+        assert_eq!(made[0][1][2..], [0, 0x0033_2211]);
+        assert_eq!(made[1][1], [0, 0, 1, 0x00ff_2233], "the last vertex is missing");
+        assert_eq!(made[1][2][0], 3);
+
+        let bare = masks(&MaskSource {
+            indices: &[0, 1, 2],
+            ..MaskSource::default()
+        });
+        assert_eq!((bare[0][1][3], bare[0][2][0]), (NO_VERTEX_ALPHA, 0));
+    }
 }

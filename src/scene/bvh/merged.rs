@@ -1,9 +1,8 @@
 //! One tree over the triangles of many objects, in world space.
 
 use super::{
-    Blas, Bounds, BvhQuality, Item, MaskAttributes, MaskMaterial,
-    blas::{Triangle, add_triangles, build},
-    mask::mask,
+    Blas, Bounds, BvhQuality,
+    blas::{add_triangles, build},
     owner,
     tlas::{inverse_rows, world_bounds},
 };
@@ -30,17 +29,8 @@ pub struct MergeSource<'a> {
     pub instance: u32,
     /// `INSTANCE_` flags.
     pub flags: u32,
-    /// Where [`INSTANCE_ALPHA_MASKED`] is among the flags.
-    pub mask: MaskMaterial,
-    /// By vertices.
-    pub attributes: MaskAttributes<'a>,
-}
-
-impl MergeSource<'_> {
-    fn mask(&self, primitive: u32) -> Option<Item> {
-        let corners = self.indices.as_chunks::<3>().0.get(primitive as usize)?;
-        (self.flags & INSTANCE_ALPHA_MASKED != 0).then(|| mask(primitive, *corners, &self.attributes, self.mask))
-    }
+    /// Where the masks of the mesh stand in the buffer, if [`INSTANCE_ALPHA_MASKED`] is among the flags.
+    pub masks: u32,
 }
 
 /// Builds the tree over the triangles of all sources, like [`super::build_blas`]. Hits name the instance and the triangle of
@@ -48,7 +38,7 @@ impl MergeSource<'_> {
 pub fn build_merged(sources: &[MergeSource], quality: BvhQuality) -> Option<Blas> {
     let count = sources.iter().map(|source| source.indices.len() / 3).sum();
     let mut triangles = Vec::with_capacity(count);
-    for (index, source) in (0..).zip(sources) {
+    for source in sources {
         let linear = source.world_from_object.matrix3.as_dmat3();
         let translation = source.world_from_object.translation.as_dvec3();
         // Rounded once for each vertex, so that triangles of an object share corners as before.
@@ -62,9 +52,11 @@ pub fn build_merged(sources: &[MergeSource], quality: BvhQuality) -> Option<Blas
             .collect();
         // A mirroring matrix has turned the winding of the corners: what is left to do for mirrored instances is done.
         let owner = owner(source.instance, source.flags & !INSTANCE_MIRRORED);
-        add_triangles(&mut triangles, &positions, source.indices, owner, index);
+        let is_masked = source.flags & INSTANCE_ALPHA_MASKED != 0;
+        let first_name = if is_masked { source.masks } else { 0 };
+        add_triangles(&mut triangles, &positions, source.indices, owner, first_name);
     }
-    build(triangles, quality, |triangle: &Triangle| sources[triangle.source as usize].mask(triangle.primitive))
+    build(triangles, quality)
 }
 
 /// The world-space box of an object that may be merged; `None` for one that must stay an instance: that has no place in the

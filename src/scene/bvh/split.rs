@@ -77,17 +77,15 @@ mod tests {
         // One diagonal through a room, and grains of dust that make it a large one.
         let mut triangles = vec![Triangle {
             corners: [[0.0, 0.0, 0.0], [10.0, 9.0, 11.0], [10.0, 9.2, 10.5]],
-            primitive: 0,
+            name: 0,
             owner: 0,
-            source: 0,
         }];
         for i in 0..500 {
             let x = 0.02 * i as f32;
             triangles.push(Triangle {
                 corners: [[x, 0.0, 0.0], [x + 0.01, 0.0, 0.0], [x, 0.01, 0.0]],
-                primitive: i + 1,
+                name: i + 1,
                 owner: 0,
-                source: 0,
             });
         }
         let mut boxes: Vec<Bounds> = triangles.iter().map(bounds).collect();

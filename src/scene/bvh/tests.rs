@@ -1,7 +1,7 @@
 //! Structure of packed trees.
 
 use super::{
-    Blas, Bounds, BvhQuality, ENTRY, Item, MaskAttributes, MaskMaterial, MergeSource, ONE_ENTRY, Tlas, TlasInstance,
+    Blas, Bounds, BvhQuality, ENTRY, Item, MergeSource, ONE_ENTRY, Tlas, TlasInstance,
     blas::IN_BLAS,
     build_blas, build_merged, build_tlas,
     node::{Child, Node, WIDTH},
@@ -246,8 +246,7 @@ fn merged_triangles_name_their_owners() {
         ),
         instance,
         flags,
-        mask: MaskMaterial::default(),
-        attributes: MaskAttributes::default(),
+        masks: 100,
     };
     let mirrored = INSTANCE_MIRRORED | INSTANCE_ALPHA_MASKED;
     let sources = [source(3, INSTANCE_CULL_BACK, 2.0), source(5, mirrored, -2.0)];
@@ -259,7 +258,7 @@ fn merged_triangles_name_their_owners() {
     owners.sort_unstable();
     // The world-space corners of a mirrored object are in the order that it has in the world.
     let (first, second) = (owner(3, INSTANCE_CULL_BACK), owner(5, INSTANCE_ALPHA_MASKED));
-    assert_eq!(owners, [(first, 0), (first, 2), (second, 0), (second, 2)]);
+    assert_eq!(owners, [(first, 0), (first, 2), (second, 100), (second, 102)]);
     assert!(build_merged(&[], BvhQuality::Medium).is_none());
 }
 

@@ -163,7 +163,7 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
                 let triangle = &scene.bvh[(leaf_base + (item[2][3] & LOWER) + before) as usize];
                 counters.triangles += 1;
                 let range = (ray.t_min, t_max);
-                let Some(met) = meet_triangle(scene, triangle, &local, leaf_base, entry_owner, any, range) else {
+                let Some(met) = meet_triangle(scene, triangle, &local, entry_owner, any, range) else {
                     continue;
                 };
                 t_max = met.t;
@@ -192,7 +192,6 @@ fn meet_triangle(
     scene: &SceneView,
     corners: &Item,
     local: &LocalRay,
-    leaf_base: u32,
     entry_owner: u32,
     any: bool,
     (t_min, t_max): (f32, f32),
@@ -212,7 +211,7 @@ fn meet_triangle(
     };
     let is_masked = owner & INSTANCE_ALPHA_MASKED != 0;
     let primitive = if is_masked && entry_owner == 0 {
-        scene.bvh[(leaf_base + corners[0][3]) as usize][1][2]
+        scene.bvh[corners[0][3] as usize][1][2]
     } else {
         corners[0][3]
     };

@@ -31,7 +31,7 @@ fn at(slot: u32, x: f32) -> Option<Placement> {
         version: 1,
         world_from_object: Affine3A::from_translation(bevy::math::Vec3::new(x, 0.0, 0.0)),
         flags: 0,
-        mask: MaskMaterial::default(),
+        masks: 0,
     })
 }
 
