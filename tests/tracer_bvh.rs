@@ -73,10 +73,7 @@ fn trace(gpu: &Gpu, wgsl: &str, checks: Checks, scene: &Packed, rays: &[TraceRay
     gpu.dispatch(
         &gpu.module(wgsl, checks),
         "in_compute",
-        &[
-            &[(0, &gpu.buffer(&ray_data)), (1, &answers)],
-            &scene_group,
-        ],
+        &[&[(0, &gpu.buffer(&ray_data)), (1, &answers)], &scene_group],
         rays.len().div_ceil(64) as u32,
     );
     gpu.read(&answers)

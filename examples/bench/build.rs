@@ -162,6 +162,7 @@ fn scattered(count: usize, blas: &Blas) -> Vec<TlasInstance<'_>> {
                 first_node: 0,
                 first_triangle: blas.node_count,
                 top: &blas.top,
+                groups: blas.groups,
             }
         })
         .collect()

@@ -101,6 +101,8 @@ pub(super) struct Tree {
     pub first_triangle: u32,
     /// World space.
     pub bounds: Bounds,
+    /// [`Blas::groups`].
+    pub groups: u32,
 }
 
 /// Merges what is at rest.
@@ -157,6 +159,7 @@ impl StaticMerge {
             first_node: tree.first_node,
             first_triangle: tree.first_triangle,
             top: &[],
+            groups: tree.groups,
         })
     }
 
@@ -260,6 +263,7 @@ impl Upload {
             first_node: self.first_node,
             first_triangle: self.first_node + self.blas.node_count,
             bounds: self.blas.bounds,
+            groups: self.blas.groups,
         })
     }
 }

@@ -114,6 +114,8 @@ pub struct SceneBlas {
     pub bounds: Bounds,
     /// Nodes that rays may start at.
     pub top: Vec<TopNode>,
+    /// [`Blas::groups`].
+    pub groups: u32,
 }
 
 /// All meshes of traced objects.
@@ -272,6 +274,7 @@ impl SceneMeshes {
                     first_triangle: first_node + blas.node_count,
                     bounds: blas.bounds,
                     top: blas.top,
+                    groups: blas.groups,
                 })
             }
             None => None,

@@ -5,7 +5,7 @@ mod top_level;
 use super::{
     acceleration::{AccelerationStructures, rows},
     arena::ArenaSlice,
-    bvh::{Item, MAX_INSTANCES, TRAVERSAL_FLAGS},
+    bvh::{Item, LARGEST_STACK, MAX_INSTANCES, TRAVERSAL_FLAGS},
     gpu_types::{
         GpuInstance, GpuLight, GpuMaterial, GpuSceneCounts, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW,
         INSTANCE_MIRRORED, INSTANCE_RECEIVES_SHADOW,
@@ -68,6 +68,8 @@ pub struct SceneBindings {
     acceleration: Option<AccelerationStructures>,
     /// Rays can hit something that needs the alpha test, or it isn't known yet whether they can.
     masked: bool,
+    /// The scene's trees need a larger stack than usual.
+    deep: bool,
     defs_version: u32,
     /// Counts changes that rays can see.
     pub(crate) version: u32,
@@ -105,6 +107,7 @@ impl FromWorld for SceneBindings {
             masks: MaskSets::default(),
             acceleration: (tracer == Tracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
             masked: true,
+            deep: false,
             defs_version: 0,
             version: 0,
             generations: [u64::MAX; 7],
@@ -141,9 +144,9 @@ impl SceneBindings {
         self.shader_defs_for(self.has_masked_geometry())
     }
 
-    /// The same for scenes with or without masked geometry. Shaders for scenes with it are right for all scenes; those for
-    /// scenes without it don't see masked and blended surfaces with the BVH tracer, and are a little smaller and faster
-    /// there. With ray queries there is no difference.
+    /// The same with or without masked geometry. Shaders for scenes with it are right for all scenes; those for scenes without it
+    /// take masked and blended surfaces for solid with the BVH tracer and can't tell their triangles, and are a little smaller
+    /// and faster there. With ray queries there is no difference.
     ///
     /// A change of the scene never waits for a compiler where both are compiled from the start.
     pub fn shader_defs_for(&self, masked_geometry: bool) -> Vec<ShaderDefVal> {
@@ -152,7 +155,28 @@ impl SceneBindings {
         if masked_geometry && self.tracer == Tracer::Bvh {
             defs.push("ALPHA_MASKED_GEOMETRY".into());
         }
+        if self.deep {
+            defs.push(ShaderDefVal::UInt("BVH_STACK_SIZE".into(), LARGEST_STACK));
+        }
         defs
+    }
+
+    /// For any scene.
+    #[cfg(all(
+        feature = "hardware-vrs",
+        any(windows, target_os = "linux", target_os = "android", target_os = "freebsd")
+    ))]
+    pub(crate) fn shader_defs_for_any(&self) -> Vec<ShaderDefVal> {
+        let mut defs = self.shader_defs_for(true);
+        if self.tracer == Tracer::Bvh && !self.deep {
+            defs.push(ShaderDefVal::UInt("BVH_STACK_SIZE".into(), LARGEST_STACK));
+        }
+        defs
+    }
+
+    /// Whether the scene's trees need a larger stack than shaders usually have, which slows rays down a little.
+    pub(crate) fn has_deep_trees(&self) -> bool {
+        self.deep
     }
 
     /// Whether rays can hit something that needs the alpha test. True until the first object can be hit, too.
@@ -274,6 +298,7 @@ impl SceneBindings {
             meshes.bvh.free(slice);
         }
         self.set_masked(true);
+        self.set_deep(false);
         self.bind_group = None;
         self.contents.clear();
         self.instance_data.clear();

@@ -71,14 +71,37 @@ pub struct TracePipelines {
     pub(crate) albedo_table: TextureView,
     /// Spatio-temporal blue noise, once its image is loaded.
     pub(crate) noise: Option<TextureView>,
-    /// By whether they test alpha masks.
-    compute: HashMap<(TracePass, bool), CachedComputePipelineId>,
-    inline: HashMap<bool, CachedRenderPipelineId>,
+    compute: HashMap<(TracePass, Variant), CachedComputePipelineId>,
+    inline: HashMap<Variant, CachedRenderPipelineId>,
     wanted: HashSet<TracePass>,
-    /// Without and with tests of alpha masks.
-    defs: [Vec<ShaderDefVal>; 2],
+    /// What is compiled into all of them.
+    count_invocations: bool,
+    /// For any scene.
+    #[cfg(all(
+        feature = "hardware-vrs",
+        any(windows, target_os = "linux", target_os = "android", target_os = "freebsd")
+    ))]
+    defs_for_any: Vec<ShaderDefVal>,
+    /// What fits the scene.
+    variant: Variant,
+}
+
+/// What shaders are compiled for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+struct Variant {
     /// Some object is alpha-masked.
     masked: bool,
+    /// The scene's trees need a larger stack.
+    deep: bool,
+}
+
+impl Variant {
+    /// Itself, the one that is right for all scenes of such trees, and one that misses hits where the stack is full: better than
+    /// nothing while the others are compiled.
+    fn substitutes(self) -> [Self; 3] {
+        let masked = Self { masked: true, ..self };
+        [self, masked, Self { deep: false, ..masked }]
+    }
 }
 
 /// Entries that every pass over the G-buffer starts with: `gbuffer.wesl`.
@@ -185,18 +208,29 @@ impl TracePipelines {
             self.scene_layout.clone(),
             self.environment_layout.clone(),
         ];
-        (self.inline_shader.clone(), self.defs[1].clone(), layouts)
+        (
+            self.inline_shader.clone(),
+            self.defs(self.defs_for_any.clone()),
+            layouts,
+        )
     }
 
-    /// The variant that fits the scene, else the one that is right for any scene.
+    fn defs(&self, mut defs: Vec<ShaderDefVal>) -> Vec<ShaderDefVal> {
+        if self.count_invocations {
+            defs.push("COUNT_INVOCATIONS".into());
+        }
+        defs
+    }
+
+    /// The variant that fits the scene, or a substitute.
     pub(crate) fn compute<'a>(&self, cache: &'a PipelineCache, pass: TracePass) -> Option<&'a ComputePipeline> {
-        let variant = |masked| cache.get_compute_pipeline(*self.compute.get(&(pass, masked))?);
-        variant(self.masked).or_else(|| variant(true))
+        let get = |variant| cache.get_compute_pipeline(*self.compute.get(&(pass, variant))?);
+        self.variant.substitutes().into_iter().find_map(get)
     }
 
     pub(crate) fn inline<'a>(&self, cache: &'a PipelineCache) -> Option<&'a RenderPipeline> {
-        let variant = |masked| cache.get_render_pipeline(*self.inline.get(&masked)?);
-        variant(self.masked).or_else(|| variant(true))
+        let get = |variant| cache.get_render_pipeline(*self.inline.get(&variant)?);
+        self.variant.substitutes().into_iter().find_map(get)
     }
 
     /// What a view's settings need can be used.
@@ -208,13 +242,13 @@ impl TracePipelines {
             })
     }
 
-    fn queue(&mut self, pass: TracePass, masked: bool, cache: &PipelineCache) {
+    fn queue(&mut self, pass: TracePass, variant: Variant, scene: &SceneBindings, cache: &PipelineCache) {
         let layout = vec![
             self.layouts[&pass].clone(),
             self.scene_layout.clone(),
             self.environment_layout.clone(),
         ];
-        let mut shader_defs = self.defs[usize::from(masked)].clone();
+        let mut shader_defs = self.defs(scene.shader_defs_for(variant.masked));
         if pass == TracePass::Inline {
             let target = |format| {
                 Some(ColorTargetState {
@@ -241,7 +275,7 @@ impl TracePipelines {
                 }),
                 ..default()
             });
-            self.inline.insert(masked, id);
+            self.inline.insert(variant, id);
             return;
         }
         if pass == TracePass::Mirrors {
@@ -259,7 +293,7 @@ impl TracePipelines {
             entry_point: Some("trace".into()),
             ..default()
         });
-        self.compute.insert((pass, masked), id);
+        self.compute.insert((pass, variant), id);
     }
 
     /// The first error of a pipeline, other than that its modules are still being loaded.
@@ -326,14 +360,16 @@ pub fn init_trace_pipelines(
         compute: HashMap::default(),
         inline: HashMap::default(),
         wanted: HashSet::default(),
-        defs: [false, true].map(|masked| {
-            let mut defs = scene.shader_defs_for(masked);
-            if count.is_some() {
-                defs.push("COUNT_INVOCATIONS".into());
-            }
-            defs
-        }),
-        masked: true,
+        count_invocations: count.is_some(),
+        #[cfg(all(
+            feature = "hardware-vrs",
+            any(windows, target_os = "linux", target_os = "android", target_os = "freebsd")
+        ))]
+        defs_for_any: scene.shader_defs_for_any(),
+        variant: Variant {
+            masked: true,
+            deep: false,
+        },
     });
 }
 
@@ -346,16 +382,21 @@ pub fn queue_trace_pipelines(
     images: Res<RenderAssets<GpuImage>>,
 ) {
     let pipelines = &mut *pipelines;
-    pipelines.masked = scene.has_masked_geometry();
+    let deep = scene.has_deep_trees();
+    pipelines.variant = Variant {
+        masked: scene.has_masked_geometry(),
+        deep,
+    };
     for pass in pipelines.wanted.clone() {
-        // The variant that is right for any scene comes first.
+        // The variant that is right for scenes with and without masks comes first.
         for masked in [true, false] {
+            let variant = Variant { masked, deep };
             let queued = match pass {
-                TracePass::Inline => pipelines.inline.contains_key(&masked),
-                _ => pipelines.compute.contains_key(&(pass, masked)),
+                TracePass::Inline => pipelines.inline.contains_key(&variant),
+                _ => pipelines.compute.contains_key(&(pass, variant)),
             };
             if !queued {
-                pipelines.queue(pass, masked, &cache);
+                pipelines.queue(pass, variant, &scene, &cache);
             }
         }
     }

@@ -7,8 +7,8 @@ mod shapes;
 
 use bevy::math::{Affine3A, DVec3, Vec3};
 use bevy_glint::scene::bvh::{
-    Blas, BvhQuality, Item, MaskSource, MergeSource, SceneView, Tlas, TlasInstance, TraceRay, build_blas, build_merged, build_tlas,
-    masks as masks_of, owner, stack_size,
+    Blas, BvhQuality, Item, MaskSource, MergeSource, SceneView, Tlas, TlasInstance, TraceRay, build_blas, build_merged,
+    build_tlas, masks as masks_of, owner,
 };
 use bevy_glint::scene::gpu_types::{
     INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
@@ -143,11 +143,11 @@ impl Packed {
                 first_node: base,
                 first_triangle: base + blas.node_count,
                 top: if instance == 0 { &[] } else { &blas.top },
+                groups: blas.groups,
             })
             .collect();
         let tlas = build_tlas(&records, max_entries);
-        let groups = trees.iter().flatten().chain(&merged).map(|(_, b)| b.groups).max();
-        let stack_size = stack_size(tlas.groups, groups.unwrap_or(0));
+        let stack_size = tlas.stack.max(1);
         let tlas_root = bvh.len() as u32;
         bvh.extend_from_slice(&tlas.items);
 

@@ -72,7 +72,6 @@ pub(super) struct Level {
     /// Leaves stand on the stack of the traversal, too.
     pub leaves_wait: bool,
     /// Where the optimised tree takes more groups of the traversal's stack, a balanced one takes its place, which is slower to trace.
-    /// Those of both levels together are the stack's size in `bvh.wesl`; a larger stack slows all rays down.
     pub most_groups: u32,
 }
 

@@ -21,11 +21,21 @@ pub struct MaskSource<'a> {
 /// The masks of all triangles, in their order. What is out of range counts as zero, and as opaque.
 pub fn masks(source: &MaskSource) -> Vec<Item> {
     let triangles = source.indices.as_chunks::<3>().0;
-    (0..).zip(triangles).map(|(primitive, corners)| mask(source, primitive, *corners)).collect()
+    (0..)
+        .zip(triangles)
+        .map(|(primitive, corners)| mask(source, primitive, *corners))
+        .collect()
 }
 
 fn mask(source: &MaskSource, primitive: u32, corners: [u32; 3]) -> Item {
-    let uv = |vertex: u32| source.uvs.get(vertex as usize).copied().unwrap_or_default().map(f32::to_bits);
+    let uv = |vertex: u32| {
+        source
+            .uvs
+            .get(vertex as usize)
+            .copied()
+            .unwrap_or_default()
+            .map(f32::to_bits)
+    };
     let [a, b, c] = corners.map(uv);
     let alpha = if source.colors.is_empty() {
         NO_VERTEX_ALPHA
@@ -36,7 +46,12 @@ fn mask(source: &MaskSource, primitive: u32, corners: [u32; 3]) -> Item {
     [
         [a[0], a[1], b[0], b[1]],
         [c[0], c[1], primitive, alpha],
-        [u32::from(!source.uvs.is_empty()) | u32::from(source.is_second) << 1, 0, 0, 0],
+        [
+            u32::from(!source.uvs.is_empty()) | u32::from(source.is_second) << 1,
+            0,
+            0,
+            0,
+        ],
     ]
 }
 

@@ -112,6 +112,11 @@ impl Bounds {
     }
 }
 
+/// Groups that the stack of `bvh.wesl` has room for as it is ...
+pub const USUAL_STACK: u32 = 20;
+/// ... and how many trees may take at most. Shaders get it as `BVH_STACK_SIZE`.
+pub const LARGEST_STACK: u32 = stack_size(tlas::IN_TLAS.most_groups, blas::IN_BLAS.most_groups);
+
 /// Groups that the stack of the traversal must have room for: those of the TLAS ([`Tlas::groups`]) wait while the ray is in a
 /// BLAS, which takes [`Blas::groups`] at most. Never 0, since an array must have a length.
 pub const fn stack_size(tlas_groups: u32, blas_groups: u32) -> u32 {

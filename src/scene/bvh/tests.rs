@@ -1,7 +1,7 @@
 //! Structure of packed trees.
 
 use super::{
-    Blas, Bounds, BvhQuality, ENTRY, Item, MergeSource, ONE_ENTRY, Tlas, TlasInstance,
+    Blas, Bounds, BvhQuality, ENTRY, Item, LARGEST_STACK, MergeSource, ONE_ENTRY, Tlas, TlasInstance, USUAL_STACK,
     blas::IN_BLAS,
     build_blas, build_merged, build_tlas,
     node::{Child, Node, WIDTH},
@@ -145,6 +145,7 @@ proptest! {
             first_node: 0,
             first_triangle: 5,
             top: &[],
+            groups: 3,
         }).collect();
         check_tlas(&build_tlas(&instances, 0), &instances);
     }
@@ -208,20 +209,23 @@ fn sizes_from_none_to_many_instances() {
                 first_node: 0,
                 first_triangle: 5,
                 top: &[],
+                groups: 3,
             })
             .collect();
         let tlas = build_tlas(&instances, 0);
         assert_eq!((tlas.entry_count as usize, tlas.dropped), (count, 0));
         assert_eq!(tlas.traversal_node_count() == ONE_ENTRY, count == 1);
         assert!(tlas.groups <= 12);
+        assert_eq!(tlas.stack, if count == 0 { 0 } else { tlas.groups + 3 });
         check_tlas(&tlas, &instances);
     }
 }
 
 #[test]
-fn the_shader_has_room_for_the_groups_of_both_levels() {
-    let groups = IN_BLAS.most_groups + IN_TLAS.most_groups;
-    assert!(include_str!("../bvh.wesl").contains(&format!("const STACK_SIZE: u32 = {groups}u;")));
+fn stacks_have_room_for_the_groups_of_both_levels() {
+    assert!(include_str!("../bvh.wesl").contains(&format!("const STACK_SIZE: u32 = {USUAL_STACK}u;")));
+    assert_eq!(LARGEST_STACK, IN_BLAS.most_groups + IN_TLAS.most_groups);
+    assert!(USUAL_STACK < LARGEST_STACK);
 }
 
 #[test]

@@ -4,6 +4,7 @@ use super::{
     Bounds, BvhQuality, ENTRY, Item, ONE_ENTRY, TopNode,
     blas::{Level, build_tree},
     node::{self, Child, WIDTH},
+    stack_size,
 };
 use bevy::math::{Affine3A, DMat3, DVec3};
 use std::collections::BinaryHeap;
@@ -34,6 +35,8 @@ pub struct TlasInstance<'a> {
     pub first_triangle: u32,
     /// [`super::Blas::top`], or empty: rays then always start at the root.
     pub top: &'a [TopNode],
+    /// [`super::Blas::groups`].
+    pub groups: u32,
 }
 
 /// The packed tree over the instances. It may stand anywhere in the buffer that holds the BLASes, whose places its entries
@@ -48,8 +51,10 @@ pub struct Tlas {
     pub entry_count: u32,
     /// Instances left out because their matrix or bounds are not finite, or the matrix has no inverse.
     pub dropped: u32,
-    /// Groups on the stack of the traversal in the worst case; see [`super::stack_size`].
+    /// Groups on the stack of the traversal in the worst case, those of the BLASes aside.
     pub groups: u32,
+    /// What the stack of the traversal must have room for, those of the BLASes included.
+    pub stack: u32,
 }
 
 impl Tlas {
@@ -159,12 +164,15 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
     }
     let matrix = |kept: &Kept| kept.object_from_world.map(|row| row.map(f32::to_bits));
     items.extend(kept.iter().map(matrix));
+    let groups = node::most_groups(&tree.nodes, IN_TLAS.leaves_wait);
+    let below = kept.iter().map(|kept| kept.instance.groups).max().unwrap_or(0);
     Tlas {
         items,
         node_count: node_count as u32,
         entry_count: entries.len() as u32,
         dropped,
-        groups: node::most_groups(&tree.nodes, IN_TLAS.leaves_wait),
+        groups,
+        stack: stack_size(groups, below),
     }
 }
 

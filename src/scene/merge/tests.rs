@@ -41,6 +41,7 @@ fn tree(name: u64) -> Tree {
         first_node: 0,
         first_triangle: 5,
         bounds: Bounds::EMPTY,
+        groups: 0,
     }
 }
 

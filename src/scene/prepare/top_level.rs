@@ -5,7 +5,7 @@ use crate::{
     scene::{
         acceleration::{BlasKey, RayQueryInstance},
         arena::ArenaSlice,
-        bvh::{ITEM_WORDS, Tlas, TlasInstance, build_tlas, opening_budget, owner},
+        bvh::{ITEM_WORDS, Tlas, TlasInstance, USUAL_STACK, build_tlas, opening_budget, owner},
         gpu_types::INSTANCE_ALPHA_MASKED,
         instances::{InstanceSource, SceneInstances},
         meshes::SceneMeshes,
@@ -88,6 +88,7 @@ impl SceneBindings {
             tlas = self.tlas_over(present, meshes);
             fits = self.reserve_tlas(&tlas, meshes);
         }
+        self.set_deep(tlas.stack > USUAL_STACK);
         self.uniform_data.tlas_node_count = 0;
         match &self.tlas {
             Some(slice) if fits => {
@@ -112,6 +113,14 @@ impl SceneBindings {
         }
     }
 
+    /// Notes whether shaders need a larger stack.
+    pub(super) fn set_deep(&mut self, deep: bool) {
+        if self.deep != deep {
+            self.deep = deep;
+            self.defs_version = self.defs_version.wrapping_add(1);
+        }
+    }
+
     fn is_masked(&self, slot: u32) -> bool {
         self.instance_data[slot as usize].flags & INSTANCE_ALPHA_MASKED != 0
     }
@@ -129,6 +138,7 @@ impl SceneBindings {
                     first_node: blas.first_node,
                     first_triangle: blas.first_triangle,
                     top: &blas.top,
+                    groups: blas.groups,
                 })
             })
             .collect();
@@ -155,9 +165,7 @@ impl SceneBindings {
         }
         // Room to grow, so that a slowly growing scene doesn't ask for it in every frame.
         let roomy = items.next_power_of_two().max(SMALLEST_TLAS);
-        self.tlas = meshes
-            .allocate_tree(roomy)
-            .or_else(|| meshes.allocate_tree(items));
+        self.tlas = meshes.allocate_tree(roomy).or_else(|| meshes.allocate_tree(items));
         self.tlas.is_some()
     }
 }
