@@ -3,7 +3,14 @@
 #[path = "common/pictures.rs"]
 mod pictures;
 
-use bevy::{math::UVec2, prelude::*};
+use bevy::{
+    asset::RenderAssetUsages,
+    image::ImageSampler,
+    math::{Affine2, UVec2},
+    mesh::UvChannel,
+    prelude::*,
+    render::render_resource::{Extent3d, TextureDimension, TextureFormat},
+};
 use bevy_glint::{RayTracedReflections, ReflectionStatus, StatusReport, Technique, TracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 use pictures::{app, assert_flip, flip, spawn, warm_up};
@@ -120,4 +127,109 @@ fn masked_objects_are_merged() {
     }
     warm_up(&mut app);
     assert_flip("masked-out", SIZE, &app.capture().unwrap(), &cut_out, 0.002);
+}
+
+/// An unlit object of the mirror room, whose texture is solid where its first UV coordinates point, and cut out at the second ones.
+struct Subject {
+    entity: Entity,
+    mesh: AssetId<Mesh>,
+    material: AssetId<StandardMaterial>,
+}
+
+impl Subject {
+    fn new(app: &mut HeadlessApp) -> Self {
+        let world = app.world();
+        let mut objects = world.query::<(Entity, &Mesh3d, &MeshMaterial3d<StandardMaterial>)>();
+        let materials = world.resource::<Assets<StandardMaterial>>();
+        let found = objects
+            .iter(world)
+            .map(|(entity, mesh, material)| (entity, mesh.id(), material.id()))
+            .find(|(_, _, id)| materials.get(*id).is_some_and(|material| material.unlit));
+        let (entity, mesh, material) = found.expect("all but the mirror are unlit");
+        let mut image = Image::new(
+            Extent3d {
+                width: 2,
+                height: 1,
+                ..default()
+            },
+            TextureDimension::D2,
+            vec![255, 255, 255, 255, 255, 255, 255, 0],
+            TextureFormat::Rgba8UnormSrgb,
+            RenderAssetUsages::default(),
+        );
+        image.sampler = ImageSampler::nearest();
+        let image = world.resource_mut::<Assets<Image>>().add(image);
+        let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+        let mut changed = materials.get_mut(material).expect("it was found");
+        changed.base_color_texture = Some(image);
+        changed.alpha_mode = AlphaMode::Mask(0.5);
+        drop(changed);
+        let subject = Self { entity, mesh, material };
+        subject.edit_mesh(app, |mesh| {
+            let count = mesh.count_vertices();
+            mesh.insert_attribute(Mesh::ATTRIBUTE_UV_0, vec![[0.25f32, 0.5]; count]);
+            mesh.insert_attribute(Mesh::ATTRIBUTE_UV_1, vec![[0.75f32, 0.5]; count]);
+        });
+        subject
+    }
+
+    fn edit_mesh(&self, app: &mut HeadlessApp, edit: impl Fn(&mut Mesh)) {
+        let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
+        edit(&mut meshes.get_mut(self.mesh).expect("the mesh stays"));
+    }
+
+    /// Chooses the UV coordinates, and moves the first ones.
+    fn choose(&self, app: &mut HeadlessApp, channel: UvChannel, moved: f32) {
+        let mut materials = app.world().resource_mut::<Assets<StandardMaterial>>();
+        let mut material = materials.get_mut(self.material).expect("the material stays");
+        material.base_color_channel = channel;
+        material.uv_transform = Affine2::from_translation(Vec2::new(moved, 0.0));
+    }
+}
+
+/// What is cut out follows the texture, both sets of UV coordinates, the transform of the first one, and the alpha of vertices:
+/// in objects that count as moving, and in merged ones.
+#[test]
+fn cut_outs_follow_material_and_mesh() {
+    let Some(mut app) = app(SIZE, Output::Picture, TracerChoice::Bvh) else {
+        return;
+    };
+    spawn(&mut app, SceneName::MirrorRoom, Technique::Reference);
+    rest(&mut app);
+    let solid = app.capture().unwrap();
+    let subject = Subject::new(&mut app);
+    let hide = |app: &mut HeadlessApp, visibility: Visibility| {
+        *app.world().get_mut::<Visibility>(subject.entity).unwrap() = visibility;
+        warm_up(app);
+    };
+    hide(&mut app, Visibility::Hidden);
+    let without = app.capture().unwrap();
+    assert!(flip(SIZE, &solid, &without).0 > 0.005);
+    hide(&mut app, Visibility::Inherited);
+
+    let check = |app: &mut HeadlessApp, what: &str, expected: &[u8]| {
+        warm_up(app);
+        assert_flip(what, SIZE, expected, &app.capture().unwrap(), 0.002);
+    };
+    // Waits longer with each change, so it is done where the masks themselves differ.
+    let check_merged = |app: &mut HeadlessApp, what: &str, expected: &[u8]| {
+        let merged = rest(app);
+        assert_eq!(merged.merged_instances, merged.instances, "{what}");
+        assert_flip(what, SIZE, expected, &app.capture().unwrap(), 0.002);
+    };
+    check(&mut app, "first-set", &solid);
+    check_merged(&mut app, "first-set-merged", &solid);
+    subject.choose(&mut app, UvChannel::Uv1, 0.0);
+    check(&mut app, "second-set", &without);
+    check_merged(&mut app, "second-set-merged", &without);
+    subject.choose(&mut app, UvChannel::Uv1, 0.5);
+    check(&mut app, "second-set-stays", &without);
+    subject.choose(&mut app, UvChannel::Uv0, 0.5);
+    check(&mut app, "first-set-moved", &without);
+    subject.choose(&mut app, UvChannel::Uv0, 0.0);
+    subject.edit_mesh(&mut app, |mesh| {
+        let count = mesh.count_vertices();
+        mesh.insert_attribute(Mesh::ATTRIBUTE_COLOR, vec![[1.0f32, 1.0, 1.0, 0.0]; count]);
+    });
+    check(&mut app, "vertex-alpha", &without);
 }

@@ -30,7 +30,7 @@ const COMBINATIONS: [&[&str]; 15] = [
 const USER: &str = r#"
 import package::scene::types::{Ray, Hit, NO_HIT};
 import package::scene::trace::trace_closest;
-import package::scene::alpha::alpha_test;
+@if(RAY_QUERY) import package::scene::alpha::alpha_test;
 import package::scene::surface::load_surface;
 import package::scene::shading::shade;
 import package::scene::environment::sky;
@@ -47,8 +47,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         let surface = load_surface(hit, ray, 0.0, 0.001);
         let origin = offset_origin(surface.position, surface.geometric_normal, surface.position_scale);
         radiance = shade(surface, -ray.direction) + origin * 0.0;
+        @if(RAY_QUERY) {
         if !alpha_test(hit.instance, hit.primitive, hit.barycentrics) {
             radiance = vec3<f32>(0.0);
+        }
         }
     }
     output[id.x] = vec4<f32>(radiance, 1.0);
@@ -166,6 +168,7 @@ fn main() {
             material,
             flags,
             id,
+            masks,
             _padding
         ]
     );

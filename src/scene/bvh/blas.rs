@@ -165,7 +165,7 @@ pub(super) fn build_tree(boxes: &[Bounds], quality: BvhQuality, level: &Level) -
     let (mut binary, reinsertion) = match quality {
         BvhQuality::Fast => (ploc::build::<2>(boxes), 0.0),
         BvhQuality::Medium => (ploc::build::<14>(boxes), 0.05),
-        BvhQuality::High => (ploc::build::<24>(boxes), 0.3),
+        BvhQuality::High => (ploc::build::<24>(boxes), 1.0),
     };
     let depth = ploc::depth(&binary);
     if reinsertion > 0.0 && depth <= MAX_BINARY_DEPTH {

@@ -2,8 +2,11 @@
 
 use super::Item;
 
-/// Alpha of vertices that have none of their own; `alpha.wesl` has the same number.
+/// Alpha of vertices that have none of their own; `alpha.wesl` has the same numbers.
 const NO_VERTEX_ALPHA: u32 = u32::MAX;
+/// Above the index of the triangle.
+const HAS_UVS: u32 = 1 << 30;
+const SECOND_UVS: u32 = 1 << 31;
 
 /// What a mesh says about the opacity of its triangles.
 #[derive(Clone, Copy, Debug, Default)]
@@ -43,16 +46,15 @@ fn mask(source: &MaskSource, primitive: u32, corners: [u32; 3]) -> Item {
         let [a, b, c] = corners.map(|vertex| source.colors.get(vertex as usize).map_or(255, |color| color >> 24));
         a | b << 8 | c << 16
     };
-    [
-        [a[0], a[1], b[0], b[1]],
-        [c[0], c[1], primitive, alpha],
-        [
-            u32::from(!source.uvs.is_empty()) | u32::from(source.is_second) << 1,
-            0,
-            0,
-            0,
-        ],
-    ]
+    let mut name = primitive;
+    if !source.uvs.is_empty() {
+        name |= HAS_UVS;
+    }
+    if source.is_second {
+        name |= SECOND_UVS;
+    }
+    // One load less than with all three rows.
+    [[a[0], a[1], b[0], b[1]], [c[0], c[1], name, alpha], [0; 4]]
 }
 
 #[cfg(test)]
@@ -74,14 +76,14 @@ mod tests {
         let floats = |words: &[u32]| words.iter().map(|word| f32::from_bits(*word)).collect::<Vec<_>>();
         assert_eq!(floats(&made[0][0]), [0.0, 0.0, 1.0, -0.5]);
         assert_eq!(floats(&made[0][1][..2]), [2.0, -1.0]);
-        assert_eq!(made[0][1][2..], [0, 0x0033_2211]);
-        assert_eq!(made[1][1], [0, 0, 1, 0x00ff_2233], "the last vertex is missing");
-        assert_eq!(made[1][2][0], 3);
+        assert_eq!(made[0][1][2..], [HAS_UVS | SECOND_UVS, 0x0033_2211]);
+        let last = [0, 0, HAS_UVS | SECOND_UVS | 1, 0x00ff_2233];
+        assert_eq!(made[1][1], last, "the last vertex is missing");
 
         let bare = masks(&MaskSource {
             indices: &[0, 1, 2],
             ..MaskSource::default()
         });
-        assert_eq!((bare[0][1][3], bare[0][2][0]), (NO_VERTEX_ALPHA, 0));
+        assert_eq!(bare[0][1][2..], [0, NO_VERTEX_ALPHA]);
     }
 }

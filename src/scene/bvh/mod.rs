@@ -46,9 +46,8 @@ pub use traverse::{Counters, SceneView, TraceHit, TraceRay, any, closest};
 /// - A triangle: its corners, and in their fourth words the triangle's index in the mesh, its [`owner`] (0 where the TLAS entry
 ///   names it), and a quarter of the summed lengths of the edges at the first corner, as `f32`. Masked triangles of merged objects
 ///   name their mask instead of the index in the mesh.
-/// - A mask, for the alpha test: UV coordinates of the vertices, the triangle's index in the mesh, and the alpha of the vertices in
-///   three bytes, or all bits where they have none; then 1 where there are UV coordinates, and 3
-///   where they are of the second set.
+/// - A mask, for the alpha test, in two rows: UV coordinates of the vertices, the triangle's index in the mesh below two flags, and
+///   the alpha of the vertices in three bytes, or all bits where they have none.
 /// - An entry of a TLAS, with [`ENTRY`] in the third word of its third row: [`owner`], first node, and where indices of nodes and
 ///   of triangles of the BLAS count from; then the item of the inverse matrix, counted from the TLAS.
 /// - The rows of an inverse matrix.

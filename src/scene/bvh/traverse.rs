@@ -211,7 +211,7 @@ fn meet_triangle(
     };
     let is_masked = owner & INSTANCE_ALPHA_MASKED != 0;
     let primitive = if is_masked && entry_owner == 0 {
-        scene.bvh[corners[0][3] as usize][1][2]
+        scene.bvh[corners[0][3] as usize][1][2] & LOWER
     } else {
         corners[0][3]
     };
