@@ -21,7 +21,7 @@ use bevy::{
         },
         renderer::{RenderDevice, RenderQueue},
     },
-    shader::Shader,
+    shader::{Shader, ShaderDefVal},
 };
 use bevy_glint::{
     NotReflected, RayTracedReflections, ReflectionStatus, StatusReport, Technique, TracerChoice,
@@ -71,8 +71,9 @@ pub struct Answer {
 pub struct OracleApp {
     app: HeadlessApp,
     layout: BindGroupLayoutDescriptor,
-    /// For scenes without and with masked geometry.
-    pipelines: [CachedComputePipelineId; 2],
+    shader: Handle<Shader>,
+    /// By what they were compiled with.
+    pipelines: Vec<(Vec<ShaderDefVal>, CachedComputePipelineId)>,
     /// Entities without a parent.
     roots: Vec<Entity>,
     /// Those that rays can hit.
@@ -116,31 +117,38 @@ impl OracleApp {
                 ),
             ),
         );
-        let world = render_world(&mut app);
-        let (cache, scene) = (world.resource::<PipelineCache>(), world.resource::<SceneBindings>());
-        let pipelines = [false, true].map(|masked_geometry| {
-            cache.queue_compute_pipeline(ComputePipelineDescriptor {
-                label: Some("oracle".into()),
-                layout: vec![layout.clone(), scene.layout.clone()],
-                shader: shader.clone(),
-                shader_defs: scene.shader_defs_for(masked_geometry),
-                entry_point: Some("trace_rays".into()),
-                ..default()
-            })
-        });
-        let mut oracle = Self {
+        Some(Self {
             app,
             layout,
-            pipelines,
+            shader,
+            pipelines: Vec::new(),
             roots: Vec::new(),
             objects: Vec::new(),
-        };
-        oracle.wait("the kernel is not compiled", |oracle| {
-            let pipelines = oracle.pipelines;
-            let cache = render_world(&mut oracle.app).resource::<PipelineCache>();
-            pipelines.iter().all(|id| cache.get_compute_pipeline(*id).is_some())
+        })
+    }
+
+    /// The kernel for the scene as it is.
+    fn pipeline(&mut self) -> CachedComputePipelineId {
+        let defs = render_world(&mut self.app).resource::<SceneBindings>().shader_defs();
+        if let Some((_, id)) = self.pipelines.iter().find(|(known, _)| *known == defs) {
+            return *id;
+        }
+        let world = render_world(&mut self.app);
+        let (cache, scene) = (world.resource::<PipelineCache>(), world.resource::<SceneBindings>());
+        let id = cache.queue_compute_pipeline(ComputePipelineDescriptor {
+            label: Some("oracle".into()),
+            layout: vec![self.layout.clone(), scene.layout.clone()],
+            shader: self.shader.clone(),
+            shader_defs: defs.clone(),
+            entry_point: Some("trace_rays".into()),
+            ..default()
         });
-        Some(oracle)
+        self.pipelines.push((defs, id));
+        self.wait("the kernel is not compiled", |oracle| {
+            let cache = render_world(&mut oracle.app).resource::<PipelineCache>();
+            cache.get_compute_pipeline(id).is_some()
+        });
+        id
     }
 
     /// Renders frames until something holds.
@@ -152,10 +160,13 @@ impl OracleApp {
             }
             std::thread::sleep(Duration::from_millis(1));
         }
-        let pipelines = self.pipelines;
+        let pipelines = self.pipelines.clone();
         let report = self.report();
         let cache = render_world(&mut self.app).resource::<PipelineCache>();
-        let states = pipelines.map(|id| cache.get_compute_pipeline_state(id));
+        let states: Vec<_> = pipelines
+            .iter()
+            .map(|(_, id)| cache.get_compute_pipeline_state(*id))
+            .collect();
         panic!("{complaint}: {report:?}, {states:?}");
     }
 
@@ -238,6 +249,7 @@ impl OracleApp {
 
     /// Has the app's tracer answer.
     pub fn trace(&mut self, rays: &[TraceRay]) -> Vec<Answer> {
+        let pipeline = self.pipeline();
         let objects = self.objects.iter().copied();
         let indices: HashMap<Entity, u32> = objects.zip(0..).collect();
         let world = render_world(&mut self.app);
@@ -273,7 +285,6 @@ impl OracleApp {
             &BindGroupEntries::sequential((input.as_entire_binding(), output.as_entire_binding())),
         );
 
-        let pipeline = self.pipelines[usize::from(scene.has_masked_geometry())];
         let pipeline = cache.get_compute_pipeline(pipeline);
         let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor { label: Some("oracle") });
         {
