@@ -228,7 +228,8 @@ fn meet_triangle(
     (refused == 0 && is_solid).then_some(met)
 }
 
-/// The second word of the group of children that the ray meets and that stand on the stack, and three bits for each child that it meets.
+/// The second word of the group of children that the ray meets and that stand on the stack, and three bits for each child that
+/// it meets.
 fn intersect_node(node: &Item, ray: &LocalRay, t_min: f32, t_max: f32) -> (u32, u32) {
     let [exponent_x, exponent_y, exponent_z, _] = node[0][3].to_le_bytes();
     let exponents = [exponent_x, exponent_y, exponent_z];
