@@ -97,6 +97,10 @@ pub struct StatusReport {
     pub merged_triangles: u64,
     /// Without further changes, more will be merged; nothing is missing from reflections meanwhile.
     pub merges_pending: bool,
+    /// Without further changes, cut-out objects will get opacity micromaps, which make the BVH tracer faster and change no picture.
+    pub micromaps_pending: bool,
+    /// Times that the micromaps of a mesh and a material were made since the start.
+    pub micromap_builds: u64,
     /// Merged trees built since the start.
     pub merge_builds: u64,
     /// CPU milliseconds that building them took.

@@ -253,7 +253,8 @@ fn a_still_scene_builds_nothing() {
         app.step(4);
         // Objects that rest are merged, once.
         for _ in 0..2000 {
-            if !report(&mut app).merges_pending {
+            let report = report(&mut app);
+            if !report.merges_pending && !report.micromaps_pending {
                 break;
             }
             app.step(1);

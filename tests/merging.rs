@@ -7,7 +7,7 @@ use bevy::{
     asset::RenderAssetUsages,
     image::ImageSampler,
     math::{Affine2, UVec2},
-    mesh::UvChannel,
+    mesh::{UvChannel, VertexAttributeValues},
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat},
 };
@@ -23,12 +23,12 @@ fn report(app: &mut HeadlessApp) -> StatusReport {
     app.world().resource::<ReflectionStatus>().report()
 }
 
-/// Waits until nothing is left to be merged.
+/// Waits until nothing is left to be merged, and masked objects have their micromaps.
 fn rest(app: &mut HeadlessApp) -> StatusReport {
     app.step(3);
     for _ in 0..PATIENCE {
         let report = report(app);
-        if !report.merges_pending {
+        if !report.merges_pending && !report.micromaps_pending {
             return report;
         }
         std::thread::sleep(std::time::Duration::from_millis(1));
@@ -113,15 +113,18 @@ fn masked_objects_are_merged() {
     assert!(merged.merge_builds > solid.merge_builds, "{merged:?}");
     assert_flip("masked-merged", SIZE, &single, &app.capture().unwrap(), 0.002);
 
-    // What the alpha test cuts out is not seen, merged or not.
+    // What the alpha test cuts out is not seen from the first frame on, although the tree took it for solid.
+    assert!(merged.micromap_builds > 0);
     let mut materials = app.world().resource_mut::<Assets<StandardMaterial>>();
     for (_, id) in &masked {
         materials.get_mut(*id).unwrap().base_color.set_alpha(0.0);
     }
     warm_up(&mut app);
-    assert_eq!(report(&mut app).merged_instances, merged.instances);
     let cut_out = app.capture().unwrap();
     assert!(flip(SIZE, &opaque, &cut_out).0 > 0.01);
+    let merged = rest(&mut app);
+    assert_eq!(merged.merged_instances, merged.instances);
+    assert_flip("masked-out-merged", SIZE, &cut_out, &app.capture().unwrap(), 0.002);
     for (entity, _) in &masked {
         app.world().entity_mut(*entity).despawn();
     }
@@ -178,6 +181,33 @@ impl Subject {
         edit(&mut meshes.get_mut(self.mesh).expect("the mesh stays"));
     }
 
+    /// Spreads a texture of 48 x 48 texels over the object.
+    fn show(&self, app: &mut HeadlessApp, texels: Vec<u8>) -> Handle<Image> {
+        self.edit_mesh(app, |mesh| {
+            let Some(VertexAttributeValues::Float32x3(positions)) = mesh.attribute(Mesh::ATTRIBUTE_POSITION) else {
+                panic!("meshes have positions");
+            };
+            let uvs: Vec<[f32; 2]> = positions.iter().map(|p| [p[0] + p[2] + 0.5, p[1] + 0.5]).collect();
+            mesh.insert_attribute(Mesh::ATTRIBUTE_UV_0, uvs);
+        });
+        let size = Extent3d {
+            width: 48,
+            height: 48,
+            ..default()
+        };
+        let format = TextureFormat::Rgba8UnormSrgb;
+        let mut image = Image::new(size, TextureDimension::D2, texels, format, RenderAssetUsages::default());
+        image.sampler = ImageSampler::linear();
+        let image = app.world().resource_mut::<Assets<Image>>().add(image);
+        let mut materials = app.world().resource_mut::<Assets<StandardMaterial>>();
+        materials
+            .get_mut(self.material)
+            .expect("the material stays")
+            .base_color_texture = Some(image.clone());
+        warm_up(app);
+        image
+    }
+
     /// Chooses the UV coordinates, and moves the first ones.
     fn choose(&self, app: &mut HeadlessApp, channel: UvChannel, moved: f32) {
         let mut materials = app.world().resource_mut::<Assets<StandardMaterial>>();
@@ -185,6 +215,47 @@ impl Subject {
         material.base_color_channel = channel;
         material.uv_transform = Affine2::from_translation(Vec2::new(moved, 0.0));
     }
+}
+
+/// Micromaps, and trees without what is cut out, show what the texture alone shows.
+#[test]
+fn micromaps_are_not_seen() {
+    let Some(mut app) = app(SIZE, Output::Picture, TracerChoice::Bvh) else {
+        return;
+    };
+    spawn(&mut app, SceneName::MirrorRoom, Technique::Reference);
+    rest(&mut app);
+    let solid = app.capture().unwrap();
+    let subject = Subject::new(&mut app);
+    let disc = |hole: bool| {
+        let texel = move |x: i32, y: i32| {
+            let distance = (((x - 24).pow(2) + (y - 24).pow(2)) as f32).sqrt();
+            let alpha = (((18.0 - distance) * 0.5).clamp(0.0, 1.0) * 255.0) as u8;
+            [255, 200, 100, if hole { 255 - alpha } else { alpha }]
+        };
+        (0..48)
+            .flat_map(move |y| (0..48).flat_map(move |x| texel(x, y)))
+            .collect::<Vec<u8>>()
+    };
+    let image = subject.show(&mut app, disc(false));
+    let expected = app.capture().unwrap();
+    assert!(flip(SIZE, &solid, &expected).0 > 0.005, "a part is cut out");
+    let before = report(&mut app);
+    let rested = rest(&mut app);
+    assert!(rested.micromap_builds > before.micromap_builds, "{rested:?}");
+    assert_eq!(rested.merged_instances, rested.instances);
+    assert_flip("micromaps", SIZE, &expected, &app.capture().unwrap(), 0.0005);
+
+    // Another picture in the same image: what was known of the first one is forgotten.
+    let mut images = app.world().resource_mut::<Assets<Image>>();
+    images.get_mut(&image).expect("the image stays").data = Some(disc(true));
+    warm_up(&mut app);
+    let hole = app.capture().unwrap();
+    assert!(flip(SIZE, &expected, &hole).0 > 0.005);
+    let again = rest(&mut app);
+    assert!(again.micromap_builds > rested.micromap_builds, "{again:?}");
+    assert_eq!(again.merged_instances, again.instances);
+    assert_flip("micromaps-changed", SIZE, &hole, &app.capture().unwrap(), 0.0005);
 }
 
 /// What is cut out follows the texture, both sets of UV coordinates, the transform of the first one, and the alpha of vertices:

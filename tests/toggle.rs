@@ -116,7 +116,8 @@ fn switch_on(app: &mut HeadlessApp, camera: Entity, settings: RayTracedReflectio
     app.world().entity_mut(camera).insert(settings);
     warm_up(app);
     for _ in 0..1_000 {
-        if !report(app).merges_pending {
+        let report = report(app);
+        if !report.merges_pending && !report.micromaps_pending {
             break;
         }
         frames(app, 1);

@@ -4,7 +4,7 @@ mod common;
 
 use bevy::math::{Affine3A, Vec3};
 use bevy::shader::ShaderDefVal;
-use bevy_glint::scene::bvh::{Counters, TraceHit, TraceRay, any, closest};
+use bevy_glint::scene::bvh::{Counters, TraceHit, TraceRay, any, closest, micro_triangle};
 use bevy_glint::scene::gpu_types::{
     GpuInstance, GpuSceneCounts, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT,
 };
@@ -279,6 +279,31 @@ fn without_masked_geometry_the_alpha_test_is_left_out() {
     let with = shader(24, true);
     let without = shader(24, false);
     assert!(with.contains("is_solid") && !without.contains("is_solid"));
+}
+
+#[test]
+fn micro_triangles_are_where_the_builder_puts_them() {
+    let Some(gpu) = Gpu::new() else { return };
+    let mut random = Random(19);
+    let mut places: Vec<[f32; 2]> = (0..10_000)
+        .map(|_| {
+            let [x, y] = [(); 2].map(|()| random.signed().abs());
+            if x + y > 1.0 { [1.0 - x, 1.0 - y] } else { [x, y] }
+        })
+        .collect();
+    // Corners and edges of micro-triangles, up to the edge of the whole.
+    places.extend((0..=16u8).flat_map(|x| (0..=16 - x).map(move |y| [x, y].map(|i| f32::from(i) / 16.0))));
+    let wgsl = common::wesl::flatten(include_str!("shaders/micro_triangles.wesl"), &[], &[]);
+    let answers = gpu.buffer(&vec![u32::MAX; places.len()]);
+    gpu.dispatch(
+        &gpu.module(&wgsl, Checks::On),
+        "find",
+        &[&[(0, &gpu.buffer(&places)), (1, &answers)]],
+        places.len().div_ceil(64) as u32,
+    );
+    for (place, answer) in places.iter().zip(gpu.read::<u32>(&answers)) {
+        assert_eq!(answer, micro_triangle(place[0], place[1]), "{place:?}");
+    }
 }
 
 #[test]

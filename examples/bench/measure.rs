@@ -219,7 +219,8 @@ impl Bench {
             self.app.step(1);
             let report = self.report();
             let same = (report.blas_builds, report.tlas_builds) == (before.blas_builds, before.tlas_builds);
-            let complete = report.ready && report.meshes_pending == 0 && !report.merges_pending && report.instances > 0;
+            let pending = report.meshes_pending > 0 || report.merges_pending || report.micromaps_pending;
+            let complete = report.ready && !pending && report.instances > 0;
             // Where something reflects after all, it never rests.
             let rests = !self.is_idle || report.resting_views > 0 || frame >= REST_FRAMES;
             quiet = if same && complete && rests { quiet + 1 } else { 0 };

@@ -193,14 +193,21 @@ impl Arena {
     /// Writes from the start of the slice on, before the commands of the next submission. Words beyond the slice's end are left
     /// out, and so are those for another arena's slice.
     pub fn write(&mut self, queue: &RenderQueue, slice: &ArenaSlice, words: &[u32]) {
-        debug_assert!(slice.arena == self.ledger.id && words.len() <= slice.words as usize);
+        self.write_from(queue, slice, 0, words);
+    }
+
+    /// The same from the given word of the slice on.
+    pub fn write_from(&mut self, queue: &RenderQueue, slice: &ArenaSlice, first: usize, words: &[u32]) {
+        let room = (slice.words as usize).saturating_sub(first);
+        debug_assert!(slice.arena == self.ledger.id && words.len() <= room);
         if slice.arena != self.ledger.id {
             return;
         }
         self.grow(queue);
-        let words = &words[..words.len().min(slice.words as usize)];
+        let words = &words[..words.len().min(room)];
         if !words.is_empty() {
-            queue.write_buffer(&self.buffer, slice.byte_offset(), bytemuck::cast_slice(words));
+            let offset = slice.byte_offset() + 4 * first as u64;
+            queue.write_buffer(&self.buffer, offset, bytemuck::cast_slice(words));
         }
     }
 

@@ -1,14 +1,32 @@
 //! Masks of the meshes of alpha-masked objects, for the alpha test of the BVH tracer.
 //!
-//! They stand beside the trees, once for each mesh and set of UV coordinates, while an object needs them. Merged trees refer to
-//! them, too: where masks move, objects count as changed.
+//! They stand beside the trees behind a header, once for each mesh and material, while an object needs them. Merged trees refer
+//! to them, too: where masks move, objects count as changed.
+//!
+//! A material that stays as it is for a while gets opacity micromaps ([`micromaps`]), which change no picture.
+
+mod micromaps;
 
 use super::{
+    alpha_images::AlphaImages,
     arena::ArenaSlice,
-    bvh::{ITEM_WORDS, masks},
-    meshes::SceneMeshes,
+    bvh::{ITEM_WORDS, Item, Micromap, mask_header, masks},
+    gpu_types::{NO_TEXTURE, TEXTURE_BASE_COLOR},
+    materials::MaterialTable,
+    meshes::{MeshTriangles, SceneMeshes},
 };
-use bevy::{asset::AssetId, log::warn_once, mesh::Mesh, platform::collections::HashMap, render::renderer::RenderQueue};
+use bevy::{
+    asset::AssetId, log::warn_once, mesh::Mesh, pbr::StandardMaterial, platform::collections::HashMap,
+    render::renderer::RenderQueue,
+};
+use core::iter::once;
+use micromaps::{Look, Micromaps};
+use std::sync::Arc;
+
+pub(super) use micromaps::Surroundings;
+
+/// Words of finished micromaps that are uploaded in one frame, besides the first ones: 16 MB.
+const UPLOAD_WORDS_PER_FRAME: usize = 4 << 20;
 
 /// Masks that an object needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -16,13 +34,19 @@ pub(super) struct MaskKey {
     pub mesh: AssetId<Mesh>,
     /// Of the mesh.
     pub version: u64,
+    pub material: AssetId<StandardMaterial>,
     /// The material wants the second set of UV coordinates.
     pub second_uvs: bool,
 }
 
 struct MaskSet {
+    /// The header and the masks.
     slice: ArenaSlice,
     users: u32,
+    triangles: Arc<MeshTriangles>,
+    has_uvs: bool,
+    header: Item,
+    micromaps: Micromaps,
 }
 
 /// All masks in use.
@@ -31,6 +55,19 @@ pub(super) struct MaskSets {
     sets: HashMap<MaskKey, MaskSet>,
     /// By slots of the instance buffer.
     keys: Vec<Option<MaskKey>>,
+    frame: u64,
+    next_name: u64,
+    /// Sets whose micromaps are not made yet.
+    unfinished: bool,
+    /// There are sets whose header was not written yet.
+    has_new: bool,
+}
+
+/// Micromaps of all triangles of a mesh under a name that is never used twice; 0 where they are not known.
+#[derive(Clone, Default)]
+pub(super) struct NamedMicromaps {
+    pub name: u64,
+    pub maps: Option<Arc<[Micromap]>>,
 }
 
 impl MaskSets {
@@ -40,6 +77,7 @@ impl MaskSets {
         &mut self,
         slot: u32,
         wanted: Option<MaskKey>,
+        surroundings: &Surroundings,
         meshes: &mut SceneMeshes,
         queue: &RenderQueue,
     ) -> Option<u32> {
@@ -47,7 +85,7 @@ impl MaskSets {
         let had = self.keys.get(slot).copied().flatten();
         if had != wanted {
             // New ones first, so that what both share stays where it is.
-            let acquired = wanted.filter(|key| self.acquire(*key, meshes, queue));
+            let acquired = wanted.filter(|key| self.acquire(*key, surroundings, meshes, queue));
             if let Some(key) = had {
                 self.release(&key, meshes);
             }
@@ -57,7 +95,108 @@ impl MaskSets {
             self.keys[slot] = acquired;
         }
         let set = self.sets.get(&wanted?)?;
-        Some(set.slice.base() / ITEM_WORDS)
+        // Behind the header.
+        Some(set.slice.base() / ITEM_WORDS + 1)
+    }
+
+    /// Takes micromaps back where their material or its image changed, and makes new ones of those at rest; `changed` tells
+    /// whether any of them may be another one than in the last frame. Returns the slots whose micromaps came or went.
+    pub fn update(
+        &mut self,
+        changed: bool,
+        surroundings: &Surroundings,
+        images: &mut AlphaImages,
+        meshes: &mut SceneMeshes,
+        queue: &RenderQueue,
+    ) -> Vec<u32> {
+        self.frame += 1;
+        if !changed && !self.unfinished {
+            return Vec::new();
+        }
+        let mut uploaded = 0;
+        let mut touched = Vec::new();
+        self.unfinished = false;
+        for (key, set) in &mut self.sets {
+            let maps = &mut set.micromaps;
+            let before = maps.name();
+            let rewritten = if changed && maps.look_at(Look::of(key, surroundings), self.frame) {
+                Some(masks(
+                    &set.triangles.mask_source(key.second_uvs, maps.uv_transform()),
+                    None,
+                ))
+            } else if uploaded < UPLOAD_WORDS_PER_FRAME {
+                maps.carry_on(key, &set.triangles, images, self.frame, &mut self.next_name)
+            } else {
+                None
+            };
+            if let Some(items) = rewritten {
+                let words = items.as_flattened().as_flattened();
+                meshes.bvh.write_from(queue, &set.slice, ITEM_WORDS as usize, words);
+                uploaded += words.len();
+            }
+            if maps.name() != before {
+                touched.push(*key);
+            }
+            self.unfinished |= maps.is_unfinished();
+        }
+        let sets = &self.sets;
+        images.keep(|content| sets.values().any(|set| set.micromaps.waits_for(content)));
+        if touched.is_empty() {
+            return Vec::new();
+        }
+        let is_touched = |key: &Option<MaskKey>| key.is_some_and(|key| touched.contains(&key));
+        let slots = (0..).zip(&self.keys).filter(|(_, key)| is_touched(key));
+        slots.map(|(slot, _)| slot).collect()
+    }
+
+    /// Writes what masks need of materials. Runs after these are packed; `changed` tells whether any of them is another one than
+    /// in the last frame.
+    pub fn write_headers(
+        &mut self,
+        changed: bool,
+        materials: &MaterialTable,
+        meshes: &mut SceneMeshes,
+        queue: &RenderQueue,
+    ) {
+        if !core::mem::take(&mut self.has_new) && !changed {
+            return;
+        }
+        for (key, set) in &mut self.sets {
+            let Some(material) = materials.packed(key.material) else {
+                continue;
+            };
+            let texture = match set.has_uvs {
+                true => material.textures[TEXTURE_BASE_COLOR],
+                false => NO_TEXTURE,
+            };
+            let header = mask_header(texture, material.base_color[3], material.alpha_cutoff);
+            if header != set.header {
+                set.header = header;
+                meshes.bvh.write(queue, &set.slice, header.as_flattened());
+            }
+        }
+    }
+
+    /// The micromaps of the object in a slot.
+    pub fn micromaps(&self, slot: u32) -> NamedMicromaps {
+        let key = self.keys.get(slot as usize).copied().flatten();
+        let set = key.and_then(|key| self.sets.get(&key));
+        set.map_or_else(NamedMicromaps::default, |set| set.micromaps.named())
+    }
+
+    /// Micromaps are missing that will be made without further changes.
+    pub fn is_unfinished(&self) -> bool {
+        self.unfinished
+    }
+
+    /// Micromaps that were made since the start.
+    pub fn builds(&self) -> u64 {
+        self.next_name
+    }
+
+    /// Micromaps will be there in a few frames.
+    pub fn is_baking(&self) -> bool {
+        self.unfinished && self.sets.values().any(|set| set.micromaps.is_baking())
     }
 
     /// Gives everything back.
@@ -65,22 +204,34 @@ impl MaskSets {
         for (_, set) in self.sets.drain() {
             meshes.bvh.free(set.slice);
         }
-        self.keys.clear();
+        *self = Self {
+            next_name: self.next_name,
+            ..Self::default()
+        };
     }
 
-    fn acquire(&mut self, key: MaskKey, meshes: &mut SceneMeshes, queue: &RenderQueue) -> bool {
+    fn acquire(
+        &mut self,
+        key: MaskKey,
+        surroundings: &Surroundings,
+        meshes: &mut SceneMeshes,
+        queue: &RenderQueue,
+    ) -> bool {
         if let Some(set) = self.sets.get_mut(&key) {
             set.users += 1;
             return true;
         }
-        let Some(slice) = create(&key, meshes, queue) else {
+        let look = Look::of(&key, surroundings);
+        let Some(set) = create(&key, look, self.frame, meshes, queue) else {
             warn_once!(
                 "cut-out objects are solid in reflections, since meshes leave no room in the largest buffer of this device; use \
                  fewer or smaller meshes, or keep some out with `NotReflected`"
             );
             return false;
         };
-        self.sets.insert(key, MaskSet { slice, users: 1 });
+        self.unfinished |= set.micromaps.is_unfinished();
+        self.sets.insert(key, set);
+        self.has_new = true;
         true
     }
 
@@ -95,10 +246,21 @@ impl MaskSets {
     }
 }
 
-fn create(key: &MaskKey, meshes: &mut SceneMeshes, queue: &RenderQueue) -> Option<ArenaSlice> {
+fn create(key: &MaskKey, look: Look, frame: u64, meshes: &mut SceneMeshes, queue: &RenderQueue) -> Option<MaskSet> {
     let triangles = meshes.get(key.mesh)?.triangles.clone()?;
-    let items = masks(&triangles.mask_source(key.second_uvs));
+    let micromaps = Micromaps::new(look, frame);
+    let header = mask_header(NO_TEXTURE, 1.0, 0.0);
+    let source = triangles.mask_source(key.second_uvs, micromaps.uv_transform());
+    let has_uvs = !source.uvs.is_empty();
+    let items: Vec<Item> = once(header).chain(masks(&source, None)).collect();
     let slice = meshes.allocate_tree(items.len())?;
     meshes.bvh.write(queue, &slice, items.as_flattened().as_flattened());
-    Some(slice)
+    Some(MaskSet {
+        slice,
+        users: 1,
+        triangles,
+        has_uvs,
+        header,
+        micromaps,
+    })
 }

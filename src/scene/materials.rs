@@ -273,6 +273,11 @@ impl MaterialTable {
         index
     }
 
+    /// A material as shaders see it.
+    pub(super) fn packed(&self, id: AssetId<StandardMaterial>) -> Option<&GpuMaterial> {
+        self.data.get(*self.indices.get(&id)? as usize)
+    }
+
     /// What belongs into the buffer of materials.
     pub fn materials(&self) -> &[GpuMaterial] {
         &self.data

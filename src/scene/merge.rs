@@ -12,7 +12,8 @@ mod ledger;
 mod tests;
 
 use super::{
-    bvh::{Blas, Bounds, BvhQuality, MergeSource, TlasInstance, build_merged, merge_bounds},
+    bvh::{Blas, Bounds, BvhQuality, MergeSource, Micromap, TlasInstance, build_merged, merge_bounds},
+    masks::MaskSets,
     meshes::{MeshTriangles, SceneMeshes},
 };
 use crate::status::ReflectionStatus;
@@ -79,6 +80,8 @@ pub(super) struct Placement {
     pub flags: u32,
     /// Where the masks of an alpha-masked object stand; else 0.
     pub masks: u32,
+    /// The name of its micromaps, or 0.
+    pub micromaps: u64,
 }
 
 /// What merging an object costs, and where it stands.
@@ -165,17 +168,25 @@ impl StaticMerge {
 
     /// Carries on, once in each frame and after all changes were observed. Returns whether the TLAS must be built anew in
     /// this frame, since the room of trees that it refers to may be used for something else.
-    pub fn update(&mut self, meshes: &mut SceneMeshes, queue: &RenderQueue, status: &ReflectionStatus) -> bool {
+    pub fn update(
+        &mut self,
+        masks: &MaskSets,
+        meshes: &mut SceneMeshes,
+        queue: &RenderQueue,
+        status: &ReflectionStatus,
+    ) -> bool {
         self.take_lost(meshes);
         if self.ledger.is_stale() {
             self.cancel(meshes);
         }
         self.ledger.advance(|_, placement| extent(meshes, placement));
         self.carry_on(meshes, queue, status);
+        // Trees are better with micromaps, which won't take long.
         if self.work.is_none()
+            && !masks.is_baking()
             && let Some(members) = self.ledger.plan()
         {
-            match start(&members, meshes) {
+            match start(&members, masks, meshes) {
                 Some(task) => self.work = Some(Work::Building(task)),
                 None => self.ledger.fail(),
             }
@@ -281,12 +292,14 @@ fn extent(meshes: &SceneMeshes, placement: &Placement) -> Option<Extent> {
 }
 
 /// Starts to build a tree; `None` if a mesh is missing.
-fn start(members: &[(u32, Placement)], meshes: &SceneMeshes) -> Option<Task<BuiltTree>> {
-    let objects: Option<Vec<(Arc<MeshTriangles>, u32, Placement)>> = members
+fn start(members: &[(u32, Placement)], masks: &MaskSets, meshes: &SceneMeshes) -> Option<Task<BuiltTree>> {
+    let objects: Option<Vec<(Arc<MeshTriangles>, Option<Arc<[Micromap]>>, u32, Placement)>> = members
         .iter()
         .map(|(slot, placement)| {
             let triangles = meshes.get(placement.mesh)?.triangles.clone()?;
-            Some((triangles, *slot, *placement))
+            let micromaps = masks.micromaps(*slot);
+            let micromaps = micromaps.maps.filter(|_| micromaps.name == placement.micromaps);
+            Some((triangles, micromaps, *slot, *placement))
         })
         .collect();
     let objects = objects?;
@@ -294,13 +307,14 @@ fn start(members: &[(u32, Placement)], meshes: &SceneMeshes) -> Option<Task<Buil
         let begin = Instant::now();
         let sources: Vec<MergeSource> = objects
             .iter()
-            .map(|(mesh, slot, placement)| MergeSource {
+            .map(|(mesh, micromaps, slot, placement)| MergeSource {
                 positions: &mesh.positions,
                 indices: &mesh.indices,
                 world_from_object: placement.world_from_object,
                 instance: *slot,
                 flags: placement.flags,
                 masks: placement.masks,
+                micromaps: micromaps.as_deref().unwrap_or_default(),
             })
             .collect();
         let count: usize = sources.iter().map(|source| source.indices.len() / 3).sum();

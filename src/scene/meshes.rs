@@ -16,6 +16,7 @@ use bevy::{
     asset::{AssetEvent, AssetId, Assets, RenderAssetUsages},
     ecs::prelude::*,
     log::warn,
+    math::Affine2,
     mesh::Mesh,
     platform::{
         collections::{HashMap, HashSet},
@@ -68,13 +69,14 @@ impl MeshTriangles {
         }
     }
 
-    /// What masks are made of. The second set of UV coordinates stands for itself only where the mesh has one.
-    pub(super) fn mask_source(&self, second_uvs: bool) -> MaskSource<'_> {
+    /// What masks are made of. The second set of UV coordinates stands for itself only where the mesh has one, and is not
+    /// transformed.
+    pub(super) fn mask_source(&self, second_uvs: bool, uv_transform: Affine2) -> MaskSource<'_> {
         let is_second = second_uvs && !self.uvs[1].is_empty();
         MaskSource {
             indices: &self.indices,
             uvs: &self.uvs[usize::from(is_second)],
-            is_second,
+            uv_transform: if is_second { Affine2::IDENTITY } else { uv_transform },
             colors: &self.colors,
         }
     }
@@ -339,9 +341,7 @@ impl SceneMeshes {
         if words.is_empty() || end > slice.words() as usize {
             return;
         }
-        self.bvh.grow(queue);
-        let offset = slice.byte_offset() + 4 * first as u64;
-        queue.write_buffer(self.bvh.buffer(), offset, bytemuck::cast_slice(words));
+        self.bvh.write_from(queue, slice, first, words);
     }
 
     /// Gives back the room of a merged tree, if it still has any.

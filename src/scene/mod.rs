@@ -5,6 +5,7 @@
 
 pub mod acceleration;
 mod activity;
+mod alpha_images;
 pub mod arena;
 pub mod bvh;
 pub mod environment;
@@ -27,6 +28,7 @@ pub use prepare::SceneBindings;
 
 use crate::settings::RayTracedReflections;
 use activity::{SceneActivity, extract_activity};
+use alpha_images::{AlphaImages, extract_alpha_images};
 use bevy::{
     app::{App, Plugin, SubApp},
     asset::embedded_asset,
@@ -59,6 +61,7 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "material.wesl");
         load_shader_library!(app, "numeric.wesl");
         load_shader_library!(app, "offset.wesl");
+        load_shader_library!(app, "opacity.wesl");
         load_shader_library!(app, "ray_query.wesl");
         load_shader_library!(app, "shading.wesl");
         load_shader_library!(app, "surface.wesl");
@@ -75,6 +78,7 @@ impl ScenePlugin {
             .init_resource::<RenderWorldMeshes>()
             .init_resource::<RectLightsEnabled>()
             .init_resource::<ExtractedLights>()
+            .init_resource::<AlphaImages>()
             .init_gpu_resource::<SceneActivity>()
             .init_gpu_resource::<SceneInstances>()
             .init_gpu_resource::<MaterialAssets>()
@@ -95,6 +99,7 @@ impl ScenePlugin {
                     (extract_activity, extract_instances, extract_meshes).chain(),
                     (extract_materials, extract_lights).after(extract_activity),
                     extract_texture_changes,
+                    extract_alpha_images,
                     extract_environments::<RayTracedReflections>,
                 ),
             )

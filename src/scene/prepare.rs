@@ -4,6 +4,7 @@ mod top_level;
 
 use super::{
     acceleration::{AccelerationStructures, rows},
+    alpha_images::AlphaImages,
     arena::ArenaSlice,
     bvh::{Item, LARGEST_STACK, MAX_INSTANCES, TRAVERSAL_FLAGS},
     gpu_types::{
@@ -12,7 +13,7 @@ use super::{
     },
     instances::{InstanceSource, SceneInstances},
     lights::ExtractedLights,
-    masks::{MaskKey, MaskSets},
+    masks::{MaskKey, MaskSets, Surroundings},
     materials::{MaterialAssets, MaterialTable, instance_flags, is_traced},
     merge::{Placement, StaticMerge},
     meshes::{SceneMesh, SceneMeshes},
@@ -202,9 +203,11 @@ pub fn prepare_instances(
     mut instances: ResMut<SceneInstances>,
     mut materials: ResMut<MaterialTable>,
     mut textures: ResMut<TextureTable>,
+    mut alpha_images: ResMut<AlphaImages>,
     mut changed_materials: Local<HashSet<AssetId<StandardMaterial>>>,
     mut meshes: ResMut<SceneMeshes>,
     assets: Res<MaterialAssets>,
+    default_sampler: Res<DefaultImageSamplerDescriptor>,
     activity: Res<SceneActivity>,
     status: Res<ReflectionStatus>,
     device: Res<RenderDevice>,
@@ -214,12 +217,13 @@ pub fn prepare_instances(
     if !activity.active {
         if bindings.bind_group.is_some() {
             bindings.release(meshes, &device, &queue);
+            alpha_images.keep(|_| false);
             *materials = MaterialTable::default();
             textures.clear(&device);
             status.update(|report| {
                 (report.instances, report.scene_bytes) = (0, 0);
                 (report.merged_instances, report.merged_triangles) = (0, 0);
-                report.merges_pending = false;
+                (report.merges_pending, report.micromaps_pending) = (false, false);
             });
         }
         return;
@@ -238,13 +242,40 @@ pub fn prepare_instances(
                 .map(|(i, _)| i as u32),
         );
     }
+    let changed_looks = textures.take_touched() || !changed_materials.is_empty();
+    let surroundings = Surroundings {
+        materials: &assets,
+        textures: &textures,
+        default_sampler: &default_sampler,
+    };
+    if bindings.tracer == Tracer::Bvh {
+        let touched = bindings
+            .masks
+            .update(changed_looks, &surroundings, &mut alpha_images, meshes, &queue);
+        dirty.extend(touched);
+    }
     let mut changed = !dirty.is_empty()
-        && bindings.update_instances(&dirty, &instances, &mut materials, &assets, meshes, &device, &queue);
+        && bindings.update_instances(
+            &dirty,
+            &instances,
+            &mut materials,
+            &surroundings,
+            meshes,
+            &device,
+            &queue,
+        );
     if changed {
         bindings.version = bindings.version.wrapping_add(1);
     }
     // Rays see no difference between an object and its copy in a merged tree, so this is no change of the scene.
-    changed |= bindings.tracer == Tracer::Bvh && bindings.merge.update(meshes, &queue, &status);
+    if bindings.tracer == Tracer::Bvh {
+        changed |= bindings.merge.update(&bindings.masks, meshes, &queue, &status);
+        let masks = &bindings.masks;
+        status.update(|report| {
+            report.micromaps_pending = masks.is_unfinished();
+            report.micromap_builds = masks.builds();
+        });
+    }
     if changed {
         bindings.build_top_level(&instances, meshes, &device, &queue, &status);
     }
@@ -256,6 +287,7 @@ pub fn prepare_tables(
     mut materials: ResMut<MaterialTable>,
     lights: Res<ExtractedLights>,
     textures: Res<TextureTable>,
+    mut meshes: ResMut<SceneMeshes>,
     activity: Res<SceneActivity>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
@@ -264,7 +296,12 @@ pub fn prepare_tables(
         return;
     }
     let bindings = &mut *bindings;
-    if let Some(changed) = materials.take_dirty() {
+    let changed_materials = materials.take_dirty();
+    if bindings.tracer == Tracer::Bvh {
+        let changed = changed_materials.is_some();
+        bindings.masks.write_headers(changed, &materials, &mut meshes, &queue);
+    }
+    if let Some(changed) = changed_materials {
         bindings.version = bindings.version.wrapping_add(1);
         bindings
             .materials
@@ -318,7 +355,7 @@ impl SceneBindings {
         dirty: &[u32],
         instances: &SceneInstances,
         materials: &mut MaterialTable,
-        assets: &MaterialAssets,
+        surroundings: &Surroundings,
         meshes: &mut SceneMeshes,
         device: &RenderDevice,
         queue: &RenderQueue,
@@ -326,6 +363,7 @@ impl SceneBindings {
         self.instance_data
             .resize(instances.slots().len(), GpuInstance::default());
         self.present.resize(instances.slots().len(), false);
+        let assets = surroundings.materials;
         let limit = instance_limit(device);
         let (mut first, mut last) = (usize::MAX, 0);
         let mut changed = false;
@@ -338,7 +376,7 @@ impl SceneBindings {
             });
             if self.tracer == Tracer::Bvh {
                 let wanted = packed.and_then(|packed| mask_key(&packed, instances.get(slot)?, assets, meshes));
-                let masks = self.masks.assign(slot, wanted, meshes, queue);
+                let masks = self.masks.assign(slot, wanted, surroundings, meshes, queue);
                 if let (Some(packed), Some(_)) = (&mut packed, wanted) {
                     match masks {
                         Some(masks) => packed.masks = masks,
@@ -355,6 +393,7 @@ impl SceneBindings {
                         world_from_object: source.world_from_object,
                         flags: packed.flags & TRAVERSAL_FLAGS,
                         masks: packed.masks,
+                        micromaps: self.masks.micromaps(slot).name,
                     })
                 });
                 self.merge.observe(slot, placement);
@@ -395,6 +434,7 @@ fn mask_key(
     Some(MaskKey {
         mesh: source.mesh,
         version: meshes.get(source.mesh)?.version,
+        material: source.material,
         second_uvs: assets.get(source.material)?.base_color_channel == UvChannel::Uv1,
     })
 }

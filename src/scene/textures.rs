@@ -48,6 +48,8 @@ struct Entry {
     sampling: Option<ImageSampler>,
     sampler: u32,
     state: State,
+    /// Another one for each content of the image; see [`TextureTable::finest_level`].
+    version: u64,
 }
 
 /// The textures in use, at indices that stay the same while some material uses them.
@@ -66,6 +68,9 @@ pub struct TextureTable {
     /// Where the walk over all entries stands that finds replaced images.
     cursor: usize,
     generation: u64,
+    next_version: u64,
+    /// A version or state changed.
+    touched: bool,
 }
 
 impl FromWorld for TextureTable {
@@ -104,6 +109,8 @@ impl FromWorld for TextureTable {
             resettled: Vec::new(),
             cursor: 0,
             generation: 0,
+            next_version: 0,
+            touched: false,
         }
     }
 }
@@ -169,12 +176,14 @@ impl TextureTable {
             entry.users += 1;
             return true;
         }
+        self.next_version += 1;
         let entry = Some(Entry {
             id,
             users: 1,
             sampling: None,
             sampler: 0,
             state: State::Loading,
+            version: self.next_version,
         });
         let index = if let Some(index) = self.free.pop() {
             self.entries[index as usize] = entry;
@@ -227,6 +236,11 @@ impl TextureTable {
     pub(super) fn packed(&self, id: AssetId<Image>) -> Option<u32> {
         let (index, entry) = self.entry(id)?;
         matches!(entry.state, State::Ready(_)).then_some(index | (entry.sampler << SAMPLER_SHIFT))
+    }
+
+    /// Whether [`Self::finest_level`] may have changed since the last call.
+    pub(super) fn take_touched(&mut self) -> bool {
+        std::mem::take(&mut self.touched)
     }
 
     /// Images whose word changed since the last call.
@@ -306,6 +320,7 @@ impl TextureTable {
                 entry.sampler = sampler;
             }
             self.resettled.push(id);
+            self.touched = true;
             self.generation += 1;
         }
 
@@ -347,6 +362,9 @@ pub fn extract_texture_changes(
             }
             if let Some(entry) = table.entries[*index as usize].as_mut() {
                 entry.sampling = None;
+                table.next_version += 1;
+                entry.version = table.next_version;
+                table.touched = true;
             }
         }
     }

@@ -221,7 +221,10 @@ impl OracleApp {
     /// Waits until what can be merged is merged.
     pub fn rest(&mut self) -> StatusReport {
         self.app.step(3);
-        self.wait("merging goes on", |oracle| !oracle.report().merges_pending);
+        self.wait("merging goes on", |oracle| {
+            let report = oracle.report();
+            !report.merges_pending && !report.micromaps_pending
+        });
         self.report()
     }
 

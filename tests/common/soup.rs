@@ -7,8 +7,8 @@ mod shapes;
 
 use bevy::math::{Affine3A, DVec3, Vec3};
 use bevy_glint::scene::bvh::{
-    Blas, BvhQuality, Item, MaskSource, MergeSource, SceneView, Tlas, TlasInstance, TraceRay, build_blas, build_merged,
-    build_tlas, masks as masks_of, owner,
+    Blas, BvhQuality, Item, MaskSource, MergeSource, Micromap, OPAQUE, SceneView, TRANSPARENT, Tlas, TlasInstance,
+    TraceRay, UNKNOWN, build_blas, build_merged, build_tlas, masks as masks_of, owner,
 };
 use bevy_glint::scene::gpu_types::{
     INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
@@ -21,6 +21,12 @@ use std::collections::BTreeMap;
 /// Stands in for the alpha test of materials: every other triangle is cut out.
 pub fn alpha_test(_instance: u32, primitive: u32, _barycentrics: [f32; 2]) -> bool {
     primitive.is_multiple_of(2)
+}
+
+/// The micromap of a masked triangle: the alpha test's answer for some, nothing for others.
+fn micromap(primitive: u32) -> Micromap {
+    const STATES: [u32; 6] = [UNKNOWN, UNKNOWN, OPAQUE, TRANSPARENT, UNKNOWN, TRANSPARENT];
+    [STATES[primitive as usize % 6] * 0x5555_5555; 4]
 }
 
 /// How an instance is packed.
@@ -89,12 +95,19 @@ impl Packed {
     ) -> Self {
         let mut bvh: Vec<Item> = Vec::new();
         let mut masks = Vec::new();
+        let largest = meshes.iter().map(|mesh| mesh.indices.len() / 3).max();
+        let micromaps: Vec<Micromap> = (0..largest.unwrap_or(0) as u32).map(micromap).collect();
         for mesh in &meshes {
             masks.push(bvh.len() as u32);
-            bvh.extend(masks_of(&MaskSource {
+            let source = MaskSource {
                 indices: &mesh.indices,
                 ..MaskSource::default()
-            }));
+            };
+            let mut made = masks_of(&source, None);
+            for (mask, map) in made.iter_mut().zip(&micromaps) {
+                mask[2] = *map;
+            }
+            bvh.extend(made);
         }
         let mut add = |blas: Option<Blas>| {
             let base = bvh.len() as u32;
@@ -117,6 +130,8 @@ impl Packed {
                     instance: i as u32,
                     flags: flags[i],
                     masks: masks[*mesh],
+                    // Trees are right without them, too.
+                    micromaps: if i % 3 == 0 { &[] } else { &micromaps },
                 });
             }
         }

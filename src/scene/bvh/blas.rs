@@ -88,6 +88,8 @@ pub(super) struct Triangle {
     pub name: u32,
     /// [`super::owner`], or 0 where the TLAS entry names it.
     pub owner: u32,
+    /// The box of the part that rays can hit, if that isn't all of it.
+    pub part: Option<Bounds>,
 }
 
 /// Builds the tree of a triangle list. Triangles with an index out of range, a coordinate that is not finite or beyond
@@ -112,6 +114,7 @@ pub(super) fn add_triangles(
                 corners,
                 name: first_name + primitive as u32,
                 owner,
+                part: None,
             });
         }
     }
@@ -121,7 +124,10 @@ pub(super) fn add_triangles(
 pub(super) fn build(mut triangles: Vec<Triangle>, quality: BvhQuality) -> Option<Blas> {
     let mut boxes = Vec::with_capacity(triangles.len());
     triangles.retain(|triangle| {
-        let bounds = triangle_bounds(&triangle.corners);
+        let bounds = triangle_bounds(&triangle.corners).map(|whole| match triangle.part {
+            Some(part) => part.intersection(whole).unwrap_or(whole),
+            None => whole,
+        });
         boxes.extend(bounds);
         bounds.is_some()
     });
@@ -142,7 +148,9 @@ pub(super) fn build(mut triangles: Vec<Triangle>, quality: BvhQuality) -> Option
     let mut items = Vec::with_capacity(tree.nodes.len() + references.len());
     items.extend_from_slice(bytemuck::cast_slice::<Node, Item>(&tree.nodes));
     for index in &tree.primitives {
-        let Triangle { corners, name, owner } = &triangles[references[*index as usize] as usize];
+        let Triangle {
+            corners, name, owner, ..
+        } = &triangles[references[*index as usize] as usize];
         let last = [*name, *owner, edge_scale(corners).to_bits()];
         items.push(std::array::from_fn(|i| {
             let [x, y, z] = corners[i].map(f32::to_bits);

@@ -1,12 +1,13 @@
 //! What the alpha test needs to know of a triangle, side by side: in the packed mesh, each part has to be looked up by another one.
 
-use super::Item;
+use super::{
+    Item,
+    opacity::{Micromap, OpacityBaker, UNKNOWN},
+};
+use bevy::math::{Affine2, Vec2};
 
-/// Alpha of vertices that have none of their own; `alpha.wesl` has the same numbers.
-const NO_VERTEX_ALPHA: u32 = u32::MAX;
-/// Above the index of the triangle.
-const HAS_UVS: u32 = 1 << 30;
-const SECOND_UVS: u32 = 1 << 31;
+/// Alpha of vertices that have none of their own.
+pub(super) const FULL_VERTEX_ALPHA: u32 = 0x00ff_ffff;
 
 /// What a mesh says about the opacity of its triangles.
 #[derive(Clone, Copy, Debug, Default)]
@@ -15,46 +16,48 @@ pub struct MaskSource<'a> {
     pub indices: &'a [u32],
     /// UV coordinates of the vertices; empty where the mesh has none.
     pub uvs: &'a [[f32; 2]],
-    /// They are the second set, which the material's transform leaves as it is.
-    pub is_second: bool,
+    /// What the material makes of them.
+    pub uv_transform: Affine2,
     /// Colours of the vertices, alpha in the upper byte; empty where the mesh has none.
     pub colors: &'a [u32],
 }
 
-/// The masks of all triangles, in their order. What is out of range counts as zero, and as opaque.
-pub fn masks(source: &MaskSource) -> Vec<Item> {
+/// What stands in front of masks: what their material makes of a texel. The texture is a word of
+/// [`crate::scene::gpu_types::GpuMaterial::textures`], and `NO_TEXTURE` where the mesh has no UV coordinates.
+pub fn mask_header(texture: u32, alpha: f32, cutoff: f32) -> Item {
+    [[texture, alpha.to_bits(), cutoff.to_bits(), 0], [0; 4], [0; 4]]
+}
+
+/// The masks of all triangles, in their order, with opacity micromaps if there is a baker. What is out of range counts as zero,
+/// and as opaque.
+pub fn masks(source: &MaskSource, baker: Option<&OpacityBaker>) -> Vec<Item> {
     let triangles = source.indices.as_chunks::<3>().0;
     (0..)
         .zip(triangles)
-        .map(|(primitive, corners)| mask(source, primitive, *corners))
+        .map(|(primitive, corners)| mask(source, primitive, *corners, baker))
         .collect()
 }
 
-fn mask(source: &MaskSource, primitive: u32, corners: [u32; 3]) -> Item {
-    let uv = |vertex: u32| {
-        source
-            .uvs
-            .get(vertex as usize)
-            .copied()
-            .unwrap_or_default()
-            .map(f32::to_bits)
-    };
-    let [a, b, c] = corners.map(uv);
+/// The micromap of a mask.
+pub fn micromap_of(mask: &Item) -> Micromap {
+    mask[2]
+}
+
+fn mask(source: &MaskSource, primitive: u32, corners: [u32; 3], baker: Option<&OpacityBaker>) -> Item {
+    let uvs = corners.map(|vertex| {
+        let uv = source.uvs.get(vertex as usize).copied().unwrap_or_default();
+        source.uv_transform.transform_point2(Vec2::from(uv)).to_array()
+    });
     let alpha = if source.colors.is_empty() {
-        NO_VERTEX_ALPHA
+        FULL_VERTEX_ALPHA
     } else {
         let [a, b, c] = corners.map(|vertex| source.colors.get(vertex as usize).map_or(255, |color| color >> 24));
         a | b << 8 | c << 16
     };
-    let mut name = primitive;
-    if !source.uvs.is_empty() {
-        name |= HAS_UVS;
-    }
-    if source.is_second {
-        name |= SECOND_UVS;
-    }
-    // One load less than with all three rows.
-    [[a[0], a[1], b[0], b[1]], [c[0], c[1], name, alpha], [0; 4]]
+    let has_uvs = !source.uvs.is_empty();
+    let micromap = baker.map_or([UNKNOWN; 4], |baker| baker.micromap(has_uvs.then_some(uvs), alpha));
+    let [a, b, c] = uvs.map(|uv| uv.map(f32::to_bits));
+    [[a[0], a[1], b[0], b[1]], [c[0], c[1], primitive, alpha], micromap]
 }
 
 #[cfg(test)]
@@ -68,22 +71,23 @@ mod tests {
         let source = MaskSource {
             indices: &[0, 1, 2, 2, 1, 9],
             uvs: &uvs,
-            is_second: true,
+            uv_transform: Affine2::from_translation(Vec2::new(0.0, 1.0)),
             colors: &colors,
         };
-        let made = masks(&source);
+        let made = masks(&source, None);
         assert_eq!(made.len(), 2);
         let floats = |words: &[u32]| words.iter().map(|word| f32::from_bits(*word)).collect::<Vec<_>>();
-        assert_eq!(floats(&made[0][0]), [0.0, 0.0, 1.0, -0.5]);
-        assert_eq!(floats(&made[0][1][..2]), [2.0, -1.0]);
-        assert_eq!(made[0][1][2..], [HAS_UVS | SECOND_UVS, 0x0033_2211]);
-        let last = [0, 0, HAS_UVS | SECOND_UVS | 1, 0x00ff_2233];
+        assert_eq!(floats(&made[0][0]), [0.0, 1.0, 1.0, 0.5]);
+        assert_eq!(floats(&made[0][1][..2]), [2.0, 0.0]);
+        assert_eq!(made[0][1][2..], [0, 0x0033_2211]);
+        let last = [0, 1.0f32.to_bits(), 1, 0x00ff_2233];
         assert_eq!(made[1][1], last, "the last vertex is missing");
 
-        let bare = masks(&MaskSource {
+        let bare = MaskSource {
             indices: &[0, 1, 2],
             ..MaskSource::default()
-        });
-        assert_eq!(bare[0][1][2..], [0, NO_VERTEX_ALPHA]);
+        };
+        let bare = masks(&bare, None);
+        assert_eq!(bare[0][1][2..], [0, FULL_VERTEX_ALPHA]);
     }
 }

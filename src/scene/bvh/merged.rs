@@ -2,7 +2,8 @@
 
 use super::{
     Blas, Bounds, BvhQuality,
-    blas::{add_triangles, build},
+    blas::{Triangle, add_triangles, build},
+    opacity::{Micromap, OPAQUE, common_state, solid_bounds},
     owner,
     tlas::{inverse_rows, world_bounds},
 };
@@ -31,6 +32,9 @@ pub struct MergeSource<'a> {
     pub flags: u32,
     /// Where the masks of the mesh stand in the buffer, if [`INSTANCE_ALPHA_MASKED`] is among the flags.
     pub masks: u32,
+    /// Of the triangles, if they are known; else empty. What rays pass through is left out of the tree, so it has to be built anew
+    /// where the alpha test changes.
+    pub micromaps: &'a [Micromap],
 }
 
 /// Builds the tree over the triangles of all sources, like [`super::build_blas`]. Hits name the instance and the triangle of
@@ -54,9 +58,31 @@ pub fn build_merged(sources: &[MergeSource], quality: BvhQuality) -> Option<Blas
         let owner = owner(source.instance, source.flags & !INSTANCE_MIRRORED);
         let is_masked = source.flags & INSTANCE_ALPHA_MASKED != 0;
         let first_name = if is_masked { source.masks } else { 0 };
+        let first = triangles.len();
         add_triangles(&mut triangles, &positions, source.indices, owner, first_name);
+        if is_masked && !source.micromaps.is_empty() {
+            cut_out(&mut triangles, first, source);
+        }
     }
     build(triangles, quality)
+}
+
+/// Leaves out triangles that rays pass through, makes those solid that they don't, and shrinks the boxes of others.
+fn cut_out(triangles: &mut Vec<Triangle>, first: usize, source: &MergeSource) {
+    let masked = triangles.split_off(first);
+    triangles.extend(masked.into_iter().filter_map(|mut triangle| {
+        let primitive = triangle.name - source.masks;
+        let Some(map) = source.micromaps.get(primitive as usize) else {
+            return Some(triangle);
+        };
+        if common_state(map) == Some(OPAQUE) {
+            triangle.name = primitive;
+            triangle.owner &= !INSTANCE_ALPHA_MASKED;
+        } else {
+            triangle.part = Some(solid_bounds(map, &triangle.corners)?);
+        }
+        Some(triangle)
+    }));
 }
 
 /// The world-space box of an object that may be merged; `None` for one that must stay an instance: that has no place in the

@@ -21,6 +21,7 @@ mod collapse;
 mod mask;
 mod merged;
 mod node;
+mod opacity;
 mod ploc;
 mod split;
 mod tlas;
@@ -35,8 +36,11 @@ use super::gpu_types::{
 use bevy::math::Vec3A;
 
 pub use blas::{Blas, BvhQuality, TopNode, build_blas};
-pub use mask::{MaskSource, masks};
+pub use mask::{MaskSource, mask_header, masks, micromap_of};
 pub use merged::{MergeSource, build_merged, merge_bounds};
+pub use opacity::{
+    AlphaTest, AlphaTexels, Micromap, OPAQUE, OpacityBaker, TRANSPARENT, UNKNOWN, Wrap, micro_triangle, state_of,
+};
 pub use tlas::{Tlas, TlasInstance, build_tlas, opening_budget};
 pub use traverse::{Counters, SceneView, TraceHit, TraceRay, any, closest};
 
@@ -46,8 +50,9 @@ pub use traverse::{Counters, SceneView, TraceHit, TraceRay, any, closest};
 /// - A triangle: its corners, and in their fourth words the triangle's index in the mesh, its [`owner`] (0 where the TLAS entry
 ///   names it), and a quarter of the summed lengths of the edges at the first corner, as `f32`. Masked triangles of merged objects
 ///   name their mask instead of the index in the mesh.
-/// - A mask, for the alpha test, in two rows: UV coordinates of the vertices, the triangle's index in the mesh below two flags, and
-///   the alpha of the vertices in three bytes, or all bits where they have none.
+/// - What stands in front of the masks of a mesh and material: the material's base-colour texture, alpha and cut-off.
+/// - A mask, for the alpha test: UV coordinates of the vertices, the triangle's index in the mesh, the alpha of the vertices in
+///   three bytes, and in the third row a [`Micromap`].
 /// - An entry of a TLAS, with [`ENTRY`] in the third word of its third row: [`owner`], first node, and where indices of nodes and
 ///   of triangles of the BLAS count from; then the item of the inverse matrix, counted from the TLAS.
 /// - The rows of an inverse matrix.
@@ -97,6 +102,15 @@ impl Bounds {
             min: Vec3A::from(self.min).min(other.min.into()).to_array(),
             max: Vec3A::from(self.max).max(other.max.into()).to_array(),
         }
+    }
+
+    /// What both have in common, if that is anything.
+    pub fn intersection(self, other: Self) -> Option<Self> {
+        let common = Self {
+            min: Vec3A::from(self.min).max(other.min.into()).to_array(),
+            max: Vec3A::from(self.max).min(other.max.into()).to_array(),
+        };
+        common.is_valid().then_some(common)
     }
 
     /// Half of the surface area; 0 for an empty box.

@@ -79,6 +79,7 @@ mod tests {
             corners: [[0.0, 0.0, 0.0], [10.0, 9.0, 11.0], [10.0, 9.2, 10.5]],
             name: 0,
             owner: 0,
+            part: None,
         }];
         for i in 0..500 {
             let x = 0.02 * i as f32;
@@ -86,6 +87,7 @@ mod tests {
                 corners: [[x, 0.0, 0.0], [x + 0.01, 0.0, 0.0], [x, 0.01, 0.0]],
                 name: i + 1,
                 owner: 0,
+                part: None,
             });
         }
         let mut boxes: Vec<Bounds> = triangles.iter().map(bounds).collect();

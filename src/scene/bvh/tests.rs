@@ -251,6 +251,7 @@ fn merged_triangles_name_their_owners() {
         instance,
         flags,
         masks: 100,
+        micromaps: &[],
     };
     let mirrored = INSTANCE_MIRRORED | INSTANCE_ALPHA_MASKED;
     let sources = [source(3, INSTANCE_CULL_BACK, 2.0), source(5, mirrored, -2.0)];

@@ -32,6 +32,7 @@ fn at(slot: u32, x: f32) -> Option<Placement> {
         world_from_object: Affine3A::from_translation(bevy::math::Vec3::new(x, 0.0, 0.0)),
         flags: 0,
         masks: 0,
+        micromaps: 0,
     })
 }
 

@@ -1,10 +1,11 @@
 //! Bindings 8 and 9 of group 1: layouts, textures and samplers.
 
-use super::{Entry, MAX_SAMPLERS, State, TextureMode, TextureTable, repeating};
+use super::{super::bvh::Wrap, Entry, MAX_SAMPLERS, State, TextureMode, TextureTable, repeating};
 use bevy::{
-    image::{ImageSampler, ImageSamplerDescriptor},
+    asset::AssetId,
+    image::{Image, ImageSampler, ImageSamplerDescriptor},
     render::render_resource::{
-        BindGroupLayoutEntryBuilder, BindingResource, Sampler, SamplerBindingType, SamplerDescriptor,
+        AddressMode, BindGroupLayoutEntryBuilder, BindingResource, Sampler, SamplerBindingType, SamplerDescriptor,
         TextureSampleType, WgpuSampler, WgpuTextureView,
         binding_types::{sampler, texture_2d, texture_2d_array},
     },
@@ -47,6 +48,36 @@ impl TextureTable {
             (&**sampler, descriptor)
         };
         self.samplers.iter().enumerate().map(descriptor).collect()
+    }
+
+    /// Names the content of an image that can be sampled, and tells how it goes on beyond its edges; `None` where alpha tests read
+    /// other levels than the finest one, or what no texel holds. No two contents have the same name.
+    pub(crate) fn finest_level(
+        &self,
+        id: AssetId<Image>,
+        default: &ImageSamplerDescriptor,
+    ) -> Option<(u64, [Wrap; 2])> {
+        let (_, entry) = self.entry(id)?;
+        if !matches!(entry.state, State::Ready(_)) {
+            return None;
+        }
+        let index = entry.sampler as usize;
+        let descriptor = match &self.samplers.get(index)?.0 {
+            _ if index == 0 => repeating(),
+            ImageSampler::Default => default.as_wgpu(),
+            ImageSampler::Descriptor(descriptor) => descriptor.as_wgpu(),
+        };
+        if descriptor.lod_min_clamp > 0.0 {
+            return None;
+        }
+        let wrap = |mode: AddressMode| match mode {
+            AddressMode::Repeat => Some(Wrap::Repeat),
+            AddressMode::MirrorRepeat => Some(Wrap::Mirror),
+            AddressMode::ClampToEdge => Some(Wrap::Clamp),
+            AddressMode::ClampToBorder => None,
+        };
+        let wrap = [wrap(descriptor.address_mode_u)?, wrap(descriptor.address_mode_v)?];
+        Some((entry.version, wrap))
     }
 
     /// What to bind; holds the lists that a [`BindingResource`] borrows.

@@ -46,7 +46,10 @@ impl Stage {
         // Before, nobody knows that they are at rest.
         self.step(QUIET_FRAMES);
         for _ in 0..limit {
-            if self.status().is_none_or(|status| !status.merges_pending) {
+            if self
+                .status()
+                .is_none_or(|status| !(status.merges_pending || status.micromaps_pending))
+            {
                 return true;
             }
             self.step(1);

@@ -1,0 +1,139 @@
+//! Alpha channels of images for opacity micromaps, copied from the main world while something is made of them.
+
+use super::bvh::AlphaTexels;
+use bevy::{
+    asset::{AssetId, Assets},
+    ecs::prelude::*,
+    image::Image,
+    platform::collections::HashMap,
+    render::{
+        Extract,
+        render_resource::{TextureDimension, TextureFormat},
+    },
+};
+use std::sync::Arc;
+
+/// Texels that are copied in one frame: about a millisecond, since the main world waits for it.
+const TEXELS_PER_FRAME: usize = 1 << 20;
+/// Images of more texels are not looked at.
+const MOST_TEXELS: u64 = 1 << 26;
+
+/// An alpha channel, as far as it is known.
+enum AlphaImage {
+    Copying(AlphaTexels),
+    Ready(Arc<AlphaTexels>),
+    /// The main world has no data that could be read.
+    Unreadable,
+}
+
+/// An image, and which of its contents ([`super::textures::TextureTable::finest_level`]).
+pub(super) type ImageContent = (AssetId<Image>, u64);
+
+/// The answer of [`AlphaImages::get`].
+pub(super) enum Answer {
+    Ready(Arc<AlphaTexels>),
+    /// Ask again in the next frame.
+    Later,
+    Never,
+}
+
+/// Alpha channels that something waits for.
+#[derive(Resource, Default)]
+pub(super) struct AlphaImages {
+    images: HashMap<ImageContent, AlphaImage>,
+}
+
+impl AlphaImages {
+    /// The alpha channel of an image, which is copied from now on.
+    pub fn get(&mut self, content: ImageContent) -> Answer {
+        match self
+            .images
+            .entry(content)
+            .or_insert_with(|| AlphaImage::Copying(AlphaTexels::default()))
+        {
+            AlphaImage::Copying(_) => Answer::Later,
+            AlphaImage::Ready(texels) => Answer::Ready(texels.clone()),
+            AlphaImage::Unreadable => Answer::Never,
+        }
+    }
+
+    /// Forgets all images but these.
+    pub fn keep(&mut self, wanted: impl Fn(&ImageContent) -> bool) {
+        self.images.retain(|content, _| wanted(content));
+    }
+}
+
+/// Copies a part of what is wanted. Belongs in `ExtractSchedule`.
+pub(super) fn extract_alpha_images(images: Extract<Option<Res<Assets<Image>>>>, mut alphas: ResMut<AlphaImages>) {
+    if alphas.images.is_empty() {
+        return;
+    }
+    let mut texels_left = TEXELS_PER_FRAME;
+    for ((id, _), alpha) in &mut alphas.images {
+        let AlphaImage::Copying(copy) = alpha else { continue };
+        let image = images.as_ref().and_then(|images| images.get(*id));
+        match image.and_then(readable) {
+            Some(source) => copy_rows(&source, copy, &mut texels_left),
+            None => *alpha = AlphaImage::Unreadable,
+        }
+        if let AlphaImage::Copying(copy) = alpha
+            && copy.height > 0
+            && copy.texels.len() == copy.width as usize * copy.height as usize
+        {
+            *alpha = AlphaImage::Ready(Arc::new(core::mem::take(copy)));
+        }
+        if texels_left == 0 {
+            break;
+        }
+    }
+}
+
+/// Texels of four bytes, the last of which is alpha.
+struct Source<'a> {
+    width: u32,
+    height: u32,
+    data: &'a [u8],
+}
+
+fn readable(image: &Image) -> Option<Source<'_>> {
+    let texture = &image.texture_descriptor;
+    let four_bytes = matches!(
+        texture.format,
+        TextureFormat::Rgba8Unorm
+            | TextureFormat::Rgba8UnormSrgb
+            | TextureFormat::Bgra8Unorm
+            | TextureFormat::Bgra8UnormSrgb
+    );
+    let size = texture.size;
+    let texels = u64::from(size.width) * u64::from(size.height);
+    let flat = texture.dimension == TextureDimension::D2 && size.depth_or_array_layers == 1;
+    // Views may start at another level, or read the bytes differently.
+    if !four_bytes || !flat || image.texture_view_descriptor.is_some() || !(1..=MOST_TEXELS).contains(&texels) {
+        return None;
+    }
+    let data = image.data.as_ref()?.get(..texels as usize * 4)?;
+    Some(Source {
+        width: size.width,
+        height: size.height,
+        data,
+    })
+}
+
+fn copy_rows(source: &Source, copy: &mut AlphaTexels, texels_left: &mut usize) {
+    if (copy.width, copy.height) != (source.width, source.height) {
+        *copy = AlphaTexels {
+            width: source.width,
+            height: source.height,
+            texels: Vec::new(),
+        };
+    }
+    let rest = source
+        .data
+        .as_chunks::<4>()
+        .0
+        .get(copy.texels.len()..)
+        .unwrap_or_default();
+    let part = &rest[..rest.len().min(*texels_left)];
+    copy.texels.extend(part.iter().map(|texel| texel[3]));
+    *texels_left -= part.len();
+}

@@ -1,0 +1,236 @@
+//! When the masks of a mesh and a material have opacity micromaps.
+//!
+//! They are made off the main thread once the material rests, and are gone in the frame in which it changes: until there are new
+//! ones, each candidate is tested by its texture.
+
+use super::{MaskKey, NamedMicromaps};
+use crate::scene::{
+    alpha_images::{AlphaImages, Answer, ImageContent},
+    bvh::{AlphaTest, Item, OpacityBaker, Wrap, masks, micromap_of},
+    materials::{MaterialAssets, pack_material},
+    meshes::MeshTriangles,
+    textures::{TextureMode, TextureTable},
+};
+use bevy::{
+    image::ImageSamplerDescriptor,
+    math::{Affine2, Mat2, Vec2},
+    tasks::{AsyncComputeTaskPool, Task, block_on, poll_once},
+};
+use std::sync::Arc;
+
+/// Frames without a change until a material counts as resting: fewer than until objects are merged.
+const QUIET_FRAMES: u64 = 15;
+
+/// Where the materials of masks come from.
+pub(in crate::scene) struct Surroundings<'a> {
+    pub materials: &'a MaterialAssets,
+    pub textures: &'a TextureTable,
+    pub default_sampler: &'a ImageSamplerDescriptor,
+}
+
+/// What masks show of a material.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Look {
+    uv_transform: Affine2,
+    /// `None` where micromaps can't be made.
+    test: Option<Test>,
+}
+
+/// What the alpha test depends on, besides.
+#[derive(Clone, Debug, PartialEq)]
+struct Test {
+    alpha: f32,
+    cutoff: f32,
+    texture: Option<(ImageContent, [Wrap; 2])>,
+}
+
+enum Stage {
+    /// Since this frame.
+    Waiting(u64),
+    Baking(Task<Vec<Item>>),
+    /// There is no more to be done.
+    Done,
+}
+
+/// The micromaps of a set of masks.
+pub(super) struct Micromaps {
+    look: Look,
+    stage: Stage,
+    /// What stands in the buffer.
+    named: NamedMicromaps,
+}
+
+impl Look {
+    pub fn of(key: &MaskKey, surroundings: &Surroundings) -> Self {
+        let Some(material) = surroundings.materials.get(key.material) else {
+            return Self {
+                uv_transform: Affine2::IDENTITY,
+                test: None,
+            };
+        };
+        let packed = pack_material(material);
+        let image = material.base_color_texture.as_ref().map(|image| image.id());
+        let texture = match image {
+            None => Some(None),
+            Some(image) => surroundings
+                .textures
+                .finest_level(image, surroundings.default_sampler)
+                .map(|(version, wrap)| Some(((image, version), wrap))),
+        };
+        // Layers hold smaller copies of the images, which are not known here.
+        let is_known = matches!(surroundings.textures.mode(), TextureMode::Bindless { .. });
+        Self {
+            uv_transform: Affine2::from_mat2_translation(
+                Mat2::from_cols_array(&packed.uv_transform),
+                Vec2::from(packed.uv_offset),
+            ),
+            test: texture.filter(|_| is_known).map(|texture| Test {
+                alpha: packed.base_color[3],
+                cutoff: packed.alpha_cutoff,
+                texture,
+            }),
+        }
+    }
+
+    fn first_stage(&self, frame: u64) -> Stage {
+        match self.test {
+            Some(_) => Stage::Waiting(frame),
+            None => Stage::Done,
+        }
+    }
+}
+
+impl Micromaps {
+    pub fn new(look: Look, frame: u64) -> Self {
+        Self {
+            stage: look.first_stage(frame),
+            look,
+            named: NamedMicromaps::default(),
+        }
+    }
+
+    /// Notes what the material is. Returns whether the masks in the buffer are wrong from now on.
+    pub fn look_at(&mut self, look: Look, frame: u64) -> bool {
+        if look == self.look {
+            return false;
+        }
+        let is_wrong = self.named.maps.is_some() || look.uv_transform != self.look.uv_transform;
+        *self = Self::new(look, frame);
+        is_wrong
+    }
+
+    /// Does what there is to do. Returns the masks once they have micromaps.
+    pub fn carry_on(
+        &mut self,
+        key: &MaskKey,
+        triangles: &Arc<MeshTriangles>,
+        images: &mut AlphaImages,
+        frame: u64,
+        next_name: &mut u64,
+    ) -> Option<Vec<Item>> {
+        match &mut self.stage {
+            Stage::Waiting(since) if frame >= *since + QUIET_FRAMES => {
+                let test = self.look.test.clone()?;
+                let texture = match test.texture {
+                    None => None,
+                    Some((content, wrap)) => match images.get(content) {
+                        Answer::Ready(texels) => Some((texels, wrap)),
+                        Answer::Later => return None,
+                        Answer::Never => {
+                            self.stage = Stage::Done;
+                            return None;
+                        }
+                    },
+                };
+                let test = AlphaTest {
+                    alpha: test.alpha,
+                    cutoff: test.cutoff,
+                    texture,
+                };
+                let (triangles, second_uvs, transform) = (triangles.clone(), key.second_uvs, self.look.uv_transform);
+                self.stage = Stage::Baking(AsyncComputeTaskPool::get().spawn(async move {
+                    let baker = OpacityBaker::new(&test);
+                    masks(&triangles.mask_source(second_uvs, transform), Some(&baker))
+                }));
+                None
+            }
+            Stage::Baking(task) if task.is_finished() => {
+                let items = block_on(poll_once(task));
+                self.stage = Stage::Done;
+                *next_name += 1;
+                self.named = NamedMicromaps {
+                    name: *next_name,
+                    maps: items.as_ref().map(|items| items.iter().map(micromap_of).collect()),
+                };
+                items
+            }
+            _ => None,
+        }
+    }
+
+    /// What the masks were made with.
+    pub fn uv_transform(&self) -> Affine2 {
+        self.look.uv_transform
+    }
+
+    /// The name of what stands in the buffer, or 0.
+    pub fn name(&self) -> u64 {
+        self.named.name
+    }
+
+    /// What stands in the buffer.
+    pub fn named(&self) -> NamedMicromaps {
+        self.named.clone()
+    }
+
+    /// There is more to be done.
+    pub fn is_unfinished(&self) -> bool {
+        !matches!(self.stage, Stage::Done)
+    }
+
+    /// They are being made.
+    pub fn is_baking(&self) -> bool {
+        matches!(self.stage, Stage::Baking(_))
+    }
+
+    /// The alpha channel of this image is still wanted.
+    pub fn waits_for(&self, content: &ImageContent) -> bool {
+        let wanted = self.look.test.as_ref().and_then(|test| test.texture);
+        matches!(self.stage, Stage::Waiting(_)) && wanted.is_some_and(|(wanted, _)| wanted == *content)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn look(cutoff: f32, u: f32) -> Look {
+        Look {
+            uv_transform: Affine2::from_translation(Vec2::new(u, 0.0)),
+            test: Some(Test {
+                alpha: 1.0,
+                cutoff,
+                texture: None,
+            }),
+        }
+    }
+
+    #[test]
+    fn changes_take_micromaps_back() {
+        let mut maps = Micromaps::new(look(0.5, 0.0), 0);
+        assert!(maps.is_unfinished());
+        assert!(!maps.look_at(look(0.5, 0.0), 1), "nothing changed");
+        assert!(!maps.look_at(look(0.6, 0.0), 2), "there were no micromaps");
+        assert!(maps.look_at(look(0.6, 0.5), 3), "the coordinates are others");
+        maps.named = NamedMicromaps {
+            name: 7,
+            maps: Some(Arc::default()),
+        };
+        maps.stage = Stage::Done;
+        assert!(!maps.look_at(look(0.6, 0.5), 4));
+        assert_eq!(maps.name(), 7);
+        assert!(maps.look_at(look(0.7, 0.5), 5));
+        assert_eq!(maps.name(), 0);
+        assert!(matches!(maps.stage, Stage::Waiting(5)));
+    }
+}
