@@ -8,7 +8,7 @@ use bevy::{
     platform::collections::HashMap,
     render::{
         Extract,
-        render_resource::{TextureDimension, TextureFormat},
+        render_resource::{TextureDimension, TextureFormat, TextureUsages},
     },
 };
 use std::sync::Arc;
@@ -107,8 +107,17 @@ fn readable(image: &Image) -> Option<Source<'_>> {
     let size = texture.size;
     let texels = u64::from(size.width) * u64::from(size.height);
     let flat = texture.dimension == TextureDimension::D2 && size.depth_or_array_layers == 1;
+    // What the GPU writes is not known here.
+    let is_written = texture
+        .usage
+        .intersects(TextureUsages::RENDER_ATTACHMENT | TextureUsages::STORAGE_BINDING);
     // Views may start at another level, or read the bytes differently.
-    if !four_bytes || !flat || image.texture_view_descriptor.is_some() || !(1..=MOST_TEXELS).contains(&texels) {
+    if !four_bytes
+        || !flat
+        || is_written
+        || image.texture_view_descriptor.is_some()
+        || !(1..=MOST_TEXELS).contains(&texels)
+    {
         return None;
     }
     let data = image.data.as_ref()?.get(..texels as usize * 4)?;
@@ -136,4 +145,63 @@ fn copy_rows(source: &Source, copy: &mut AlphaTexels, texels_left: &mut usize) {
     let part = &rest[..rest.len().min(*texels_left)];
     copy.texels.extend(part.iter().map(|texel| texel[3]));
     *texels_left -= part.len();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bevy::{asset::RenderAssetUsages, render::render_resource::Extent3d};
+
+    fn image(format: TextureFormat) -> Image {
+        let size = Extent3d {
+            width: 3,
+            height: 2,
+            ..Default::default()
+        };
+        let data = (0..24).collect();
+        Image::new(size, TextureDimension::D2, data, format, RenderAssetUsages::default())
+    }
+
+    #[test]
+    fn rows_are_copied_in_parts() {
+        let image = image(TextureFormat::Bgra8UnormSrgb);
+        let source = readable(&image).expect("it has four bytes per texel");
+        let mut copy = AlphaTexels::default();
+        for left in [4, 2, 0] {
+            let mut budget = 2;
+            copy_rows(&source, &mut copy, &mut budget);
+            assert_eq!((copy.texels.len(), budget), (6 - left, 0));
+        }
+        copy_rows(&source, &mut copy, &mut 2);
+        assert_eq!(copy.texels, [3, 7, 11, 15, 19, 23]);
+        // An image that was replaced meanwhile starts again.
+        let wide = Source {
+            width: 6,
+            height: 1,
+            ..source
+        };
+        copy_rows(&wide, &mut copy, &mut 1);
+        assert_eq!((copy.width, copy.texels.len()), (6, 1));
+    }
+
+    #[test]
+    fn unknown_contents_are_left_alone() {
+        let plain = || image(TextureFormat::Rgba8UnormSrgb);
+        assert!(readable(&plain()).is_some());
+        let mut target = plain();
+        target.texture_descriptor.usage |= TextureUsages::RENDER_ATTACHMENT;
+        assert!(readable(&target).is_none(), "cameras draw into it");
+        let mut render_world_only = plain();
+        render_world_only.data = None;
+        assert!(readable(&render_world_only).is_none());
+        let mut cut_short = plain();
+        cut_short.data = Some(vec![0; 23]);
+        assert!(readable(&cut_short).is_none());
+        let mut viewed = plain();
+        viewed.texture_view_descriptor = Some(Default::default());
+        assert!(readable(&viewed).is_none());
+        let mut other = plain();
+        other.texture_descriptor.format = TextureFormat::R32Float;
+        assert!(readable(&other).is_none());
+    }
 }
