@@ -49,7 +49,7 @@ struct RaySet {
     collect: usize,
     /// Pixels along each axis that share a ray.
     stride: u32,
-    /// Alpha-masked objects count as solid.
+    /// Alpha-masked objects count as solid, but for what merged trees leave out.
     solid: bool,
     span: &'static str,
     rays: &'static str,

@@ -16,7 +16,12 @@ use super::{
     meshes::{MeshTriangles, SceneMeshes},
 };
 use bevy::{
-    asset::AssetId, log::warn_once, mesh::Mesh, pbr::StandardMaterial, platform::collections::HashMap,
+    asset::AssetId,
+    log::warn_once,
+    math::Affine2,
+    mesh::Mesh,
+    pbr::StandardMaterial,
+    platform::collections::{HashMap, HashSet},
     render::renderer::RenderQueue,
 };
 use core::iter::once;
@@ -25,8 +30,10 @@ use std::sync::Arc;
 
 pub(super) use micromaps::Surroundings;
 
-/// Words of finished micromaps that are uploaded in one frame, besides the first ones: 16 MB.
-const UPLOAD_WORDS_PER_FRAME: usize = 4 << 20;
+/// Masks with finished micromaps that are uploaded in one frame, besides the first ones: 16 MB.
+const UPLOAD_ITEMS_PER_FRAME: usize = 350_000;
+/// Sets whose micromaps are made at a time: the pool has other work, and each looks through a texture.
+const MOST_BAKING: usize = 4;
 
 /// Masks that an object needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -45,6 +52,8 @@ struct MaskSet {
     users: u32,
     triangles: Arc<MeshTriangles>,
     has_uvs: bool,
+    /// Of the masks in the buffer.
+    uv_transform: Affine2,
     header: Item,
     micromaps: Micromaps,
 }
@@ -68,6 +77,13 @@ pub(super) struct MaskSets {
 pub(super) struct NamedMicromaps {
     pub name: u64,
     pub maps: Option<Arc<[Micromap]>>,
+}
+
+/// What may be another one than in the last frame.
+pub(super) struct Changes<'a> {
+    /// Any image, or how it is sampled.
+    pub images: bool,
+    pub materials: &'a HashSet<AssetId<StandardMaterial>>,
 }
 
 impl MaskSets {
@@ -99,43 +115,58 @@ impl MaskSets {
         Some(set.slice.base() / ITEM_WORDS + 1)
     }
 
-    /// Takes micromaps back where their material or its image changed, and makes new ones of those at rest; `changed` tells
-    /// whether any of them may be another one than in the last frame. Returns the slots whose micromaps came or went.
+    /// Takes micromaps back where their material or its image changed, and makes new ones of those at rest. Returns the slots whose
+    /// micromaps came or went.
     pub fn update(
         &mut self,
-        changed: bool,
+        changes: &Changes,
         surroundings: &Surroundings,
         images: &mut AlphaImages,
         meshes: &mut SceneMeshes,
         queue: &RenderQueue,
     ) -> Vec<u32> {
         self.frame += 1;
+        let changed = changes.images || !changes.materials.is_empty();
         if !changed && !self.unfinished {
             return Vec::new();
         }
         let mut uploaded = 0;
-        let mut touched = Vec::new();
+        let mut baking = self.sets.values().filter(|set| set.micromaps.is_baking()).count();
+        let mut touched = HashSet::new();
         self.unfinished = false;
         for (key, set) in &mut self.sets {
             let maps = &mut set.micromaps;
             let before = maps.name();
-            let rewritten = if changed && maps.look_at(Look::of(key, surroundings), self.frame) {
-                Some(masks(
-                    &set.triangles.mask_source(key.second_uvs, maps.uv_transform()),
-                    None,
-                ))
-            } else if uploaded < UPLOAD_WORDS_PER_FRAME {
-                maps.carry_on(key, &set.triangles, images, self.frame, &mut self.next_name)
-            } else {
-                None
-            };
-            if let Some(items) = rewritten {
-                let words = items.as_flattened().as_flattened();
-                meshes.bvh.write_from(queue, &set.slice, ITEM_WORDS as usize, words);
-                uploaded += words.len();
+            if changes.images || changes.materials.contains(&key.material) {
+                let are_gone = maps.look_at(Look::of(key, surroundings), self.frame);
+                let source = set.triangles.mask_source(key.second_uvs, maps.uv_transform());
+                if are_gone || source.uv_transform != set.uv_transform {
+                    set.uv_transform = source.uv_transform;
+                    write_masks(&set.slice, &masks(&source, None), meshes, queue);
+                }
+            }
+            if uploaded < UPLOAD_ITEMS_PER_FRAME {
+                let word = set.header[0][0];
+                let sampled = |image| !set.has_uvs || surroundings.textures.packed(image) == Some(word);
+                let may_start = baking < MOST_BAKING;
+                let was_baking = maps.is_baking();
+                let made = maps.carry_on(
+                    key,
+                    &set.triangles,
+                    sampled,
+                    may_start,
+                    images,
+                    self.frame,
+                    &mut self.next_name,
+                );
+                baking += usize::from(!was_baking && maps.is_baking());
+                if let Some(items) = made {
+                    write_masks(&set.slice, &items, meshes, queue);
+                    uploaded += items.len();
+                }
             }
             if maps.name() != before {
-                touched.push(*key);
+                touched.insert(*key);
             }
             self.unfinished |= maps.is_unfinished();
         }
@@ -185,8 +216,8 @@ impl MaskSets {
     }
 
     /// Micromaps are missing that will be made without further changes.
-    pub fn is_unfinished(&self) -> bool {
-        self.unfinished
+    pub fn is_pending(&self) -> bool {
+        self.unfinished && self.sets.values().any(|set| set.micromaps.is_pending(self.frame))
     }
 
     /// Micromaps that were made since the start.
@@ -194,9 +225,9 @@ impl MaskSets {
         self.next_name
     }
 
-    /// Micromaps will be there in a few frames.
+    /// Micromaps are being made.
     pub fn is_baking(&self) -> bool {
-        self.unfinished && self.sets.values().any(|set| set.micromaps.is_baking())
+        self.unfinished && self.sets.values().any(|set| set.micromaps.is_due(self.frame))
     }
 
     /// Gives everything back.
@@ -251,7 +282,7 @@ fn create(key: &MaskKey, look: Look, frame: u64, meshes: &mut SceneMeshes, queue
     let micromaps = Micromaps::new(look, frame);
     let header = mask_header(NO_TEXTURE, 1.0, 0.0);
     let source = triangles.mask_source(key.second_uvs, micromaps.uv_transform());
-    let has_uvs = !source.uvs.is_empty();
+    let (has_uvs, uv_transform) = (!source.uvs.is_empty(), source.uv_transform);
     let items: Vec<Item> = once(header).chain(masks(&source, None)).collect();
     let slice = meshes.allocate_tree(items.len())?;
     meshes.bvh.write(queue, &slice, items.as_flattened().as_flattened());
@@ -260,7 +291,14 @@ fn create(key: &MaskKey, look: Look, frame: u64, meshes: &mut SceneMeshes, queue
         users: 1,
         triangles,
         has_uvs,
+        uv_transform,
         header,
         micromaps,
     })
+}
+
+/// Behind the header.
+fn write_masks(slice: &ArenaSlice, items: &[Item], meshes: &mut SceneMeshes, queue: &RenderQueue) {
+    let words = items.as_flattened().as_flattened();
+    meshes.bvh.write_from(queue, slice, ITEM_WORDS as usize, words);
 }

@@ -39,6 +39,9 @@ const BUDGET_TRIANGLES: u64 = 4 << 20;
 /// Words of a merged tree that are uploaded in one frame: 16 MB, so that no frame waits for the copy of a large tree.
 const UPLOAD_WORDS_PER_FRAME: usize = 4 << 20;
 
+/// Frames that merging waits for micromaps, while any are being made.
+const MICROMAP_PATIENCE: u64 = 120;
+
 const LIMITS: Limits = Limits {
     quiet_frames: 30,
     chunk_triangles: CHUNK_TRIANGLES,
@@ -112,6 +115,8 @@ pub(super) struct Tree {
 pub(super) struct StaticMerge {
     ledger: Ledger,
     work: Option<Work>,
+    /// Frames that it has waited for micromaps.
+    waited: u64,
 }
 
 /// What a build task hands back.
@@ -138,6 +143,7 @@ impl Default for StaticMerge {
         Self {
             ledger: Ledger::new(LIMITS),
             work: None,
+            waited: 0,
         }
     }
 }
@@ -181,9 +187,10 @@ impl StaticMerge {
         }
         self.ledger.advance(|_, placement| extent(meshes, placement));
         self.carry_on(meshes, queue, status);
-        // Trees are better with micromaps, which won't take long.
+        // Trees are better with micromaps, which rarely take long.
+        self.waited = if masks.is_baking() { self.waited + 1 } else { 0 };
         if self.work.is_none()
-            && !masks.is_baking()
+            && (self.waited == 0 || self.waited > MICROMAP_PATIENCE)
             && let Some(members) = self.ledger.plan()
         {
             match start(&members, masks, meshes) {

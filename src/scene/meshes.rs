@@ -48,7 +48,7 @@ pub struct BuiltMesh {
 }
 
 /// What merged trees and masks copy of a mesh. It stays in main memory: 12 bytes for each vertex and 12 for each triangle, 8 more
-/// for each vertex with UV coordinates, and 4 with colours.
+/// for each vertex with UV coordinates, and 4 with colours. Micromaps take 16 for each triangle.
 pub struct MeshTriangles {
     /// Object space; empty where the mesh is too large to be merged.
     pub positions: Box<[[f32; 3]]>,

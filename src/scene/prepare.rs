@@ -13,7 +13,7 @@ use super::{
     },
     instances::{InstanceSource, SceneInstances},
     lights::ExtractedLights,
-    masks::{MaskKey, MaskSets, Surroundings},
+    masks::{Changes, MaskKey, MaskSets, Surroundings},
     materials::{MaterialAssets, MaterialTable, instance_flags, is_traced},
     merge::{Placement, StaticMerge},
     meshes::{SceneMesh, SceneMeshes},
@@ -146,8 +146,8 @@ impl SceneBindings {
     }
 
     /// The same with or without masked geometry. Shaders for scenes with it are right for all scenes; those for scenes without it
-    /// take masked and blended surfaces for solid with the BVH tracer and can't tell their triangles, and are a little smaller
-    /// and faster there. With ray queries there is no difference.
+    /// take masked and blended surfaces for solid with the BVH tracer, except for what merged trees leave out, can't tell their
+    /// triangles, and are a little smaller and faster there. With ray queries there is no difference.
     ///
     /// A change of the scene never waits for a compiler where both are compiled from the start.
     pub fn shader_defs_for(&self, masked_geometry: bool) -> Vec<ShaderDefVal> {
@@ -242,7 +242,10 @@ pub fn prepare_instances(
                 .map(|(i, _)| i as u32),
         );
     }
-    let changed_looks = textures.take_touched() || !changed_materials.is_empty();
+    let changes = Changes {
+        images: textures.take_touched(),
+        materials: &changed_materials,
+    };
     let surroundings = Surroundings {
         materials: &assets,
         textures: &textures,
@@ -251,7 +254,7 @@ pub fn prepare_instances(
     if bindings.tracer == Tracer::Bvh {
         let touched = bindings
             .masks
-            .update(changed_looks, &surroundings, &mut alpha_images, meshes, &queue);
+            .update(&changes, &surroundings, &mut alpha_images, meshes, &queue);
         dirty.extend(touched);
     }
     let mut changed = !dirty.is_empty()
@@ -272,7 +275,7 @@ pub fn prepare_instances(
         changed |= bindings.merge.update(&bindings.masks, meshes, &queue, &status);
         let masks = &bindings.masks;
         status.update(|report| {
-            report.micromaps_pending = masks.is_unfinished();
+            report.micromaps_pending = masks.is_pending();
             report.micromap_builds = masks.builds();
         });
     }

@@ -238,7 +238,7 @@ impl TextureTable {
         matches!(entry.state, State::Ready(_)).then_some(index | (entry.sampler << SAMPLER_SHIFT))
     }
 
-    /// Whether [`Self::finest_level`] may have changed since the last call.
+    /// Whether [`Self::finest_level`] of an image in use may have changed since the last call.
     pub(super) fn take_touched(&mut self) -> bool {
         std::mem::take(&mut self.touched)
     }

@@ -48,8 +48,8 @@ pub use traverse::{Counters, SceneView, TraceHit, TraceRay, any, closest};
 ///
 /// - A node.
 /// - A triangle: its corners, and in their fourth words the triangle's index in the mesh, its [`owner`] (0 where the TLAS entry
-///   names it), and a quarter of the summed lengths of the edges at the first corner, as `f32`. Masked triangles of merged objects
-///   name their mask instead of the index in the mesh.
+///   names it), and a quarter of the summed lengths of the edges at the first corner, as `f32`. Those of merged objects that need
+///   the alpha test name their mask instead of the index in the mesh.
 /// - What stands in front of the masks of a mesh and material: the material's base-colour texture, alpha and cut-off.
 /// - A mask, for the alpha test: UV coordinates of the vertices, the triangle's index in the mesh, the alpha of the vertices in
 ///   three bytes, and in the third row a [`Micromap`].

@@ -149,6 +149,7 @@ impl<'a> OpacityBaker<'a> {
             rows_left: Cell::new(ROW_BUDGET),
         };
         if let Some((image, _)) = &test.texture
+            && test.cutoff > 0.0
             && is_sound(image)
         {
             baker.run_ends = run_ends(image, &states);

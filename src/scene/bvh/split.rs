@@ -39,15 +39,16 @@ pub(super) fn split_large(triangles: &[Triangle], boxes: &mut Vec<Bounds>) -> Ve
     *boxes = parts
         .iter()
         .zip(&references)
-        .map(|(part, index)| widen(part, boxes[*index as usize]))
+        .map(|(part, index)| widen(part, boxes[*index as usize], &triangles[*index as usize]))
         .collect();
     references
 }
 
-/// A part with room for what rounding cut off, within the box of its triangle.
-fn widen(part: &Aabb, whole: Bounds) -> Bounds {
+/// A part with room for what rounding cut off, within the box of what rays can hit of its triangle.
+fn widen(part: &Aabb, whole: Bounds, triangle: &Triangle) -> Bounds {
     let (low, high) = (Vec3A::from(whole.min), Vec3A::from(whole.max));
-    let room = low.abs().max(high.abs()) * ROUNDING;
+    let [a, b, c] = triangle.corners.map(|corner| Vec3A::from(corner).abs());
+    let room = a.max(b).max(c) * ROUNDING;
     let min = (Vec3A::from(part.min.to_array()) - room).clamp(low, high);
     let max = (Vec3A::from(part.max.to_array()) + room).clamp(low, high);
     if min.cmple(max).all() {

@@ -12,7 +12,8 @@ use crate::scene::{
     textures::{TextureMode, TextureTable},
 };
 use bevy::{
-    image::ImageSamplerDescriptor,
+    asset::AssetId,
+    image::{Image, ImageSamplerDescriptor},
     math::{Affine2, Mat2, Vec2},
     tasks::{AsyncComputeTaskPool, Task, block_on, poll_once},
 };
@@ -109,28 +110,36 @@ impl Micromaps {
         }
     }
 
-    /// Notes what the material is. Returns whether the masks in the buffer are wrong from now on.
+    /// Notes what the material is. Returns whether the micromaps in the buffer are wrong from now on.
     pub fn look_at(&mut self, look: Look, frame: u64) -> bool {
         if look == self.look {
             return false;
         }
-        let is_wrong = self.named.maps.is_some() || look.uv_transform != self.look.uv_transform;
+        let is_wrong = self.named.name != 0;
         *self = Self::new(look, frame);
         is_wrong
     }
 
-    /// Does what there is to do. Returns the masks once they have micromaps.
+    /// Does what there is to do, except for new work where `may_start` isn't set. `sampled` is the image that shaders sample for
+    /// these masks. Returns the masks once they have micromaps.
     pub fn carry_on(
         &mut self,
         key: &MaskKey,
         triangles: &Arc<MeshTriangles>,
+        sampled: impl Fn(AssetId<Image>) -> bool,
+        may_start: bool,
         images: &mut AlphaImages,
         frame: u64,
         next_name: &mut u64,
     ) -> Option<Vec<Item>> {
         match &mut self.stage {
-            Stage::Waiting(since) if frame >= *since + QUIET_FRAMES => {
+            Stage::Waiting(since) if may_start && frame >= *since + QUIET_FRAMES => {
                 let test = self.look.test.clone()?;
+                // The material may have found no place for its texture.
+                if test.texture.is_some_and(|((image, _), _)| !sampled(image)) {
+                    self.stage = Stage::Done;
+                    return None;
+                }
                 let texture = match test.texture {
                     None => None,
                     Some((content, wrap)) => match images.get(content) {
@@ -158,9 +167,10 @@ impl Micromaps {
                 let items = block_on(poll_once(task));
                 self.stage = Stage::Done;
                 *next_name += 1;
+                let mergeable = items.as_ref().filter(|_| !triangles.positions.is_empty());
                 self.named = NamedMicromaps {
                     name: *next_name,
-                    maps: items.as_ref().map(|items| items.iter().map(micromap_of).collect()),
+                    maps: mergeable.map(|items| items.iter().map(micromap_of).collect()),
                 };
                 items
             }
@@ -188,9 +198,27 @@ impl Micromaps {
         !matches!(self.stage, Stage::Done)
     }
 
-    /// They are being made.
+    /// They are being made, or their turn has come.
+    pub fn is_due(&self, frame: u64) -> bool {
+        match self.stage {
+            Stage::Waiting(since) => frame >= since + QUIET_FRAMES,
+            Stage::Baking(_) => true,
+            Stage::Done => false,
+        }
+    }
+
+    /// A task makes them.
     pub fn is_baking(&self) -> bool {
         matches!(self.stage, Stage::Baking(_))
+    }
+
+    /// They will be made if nothing changes, which in the last frame was so.
+    pub fn is_pending(&self, frame: u64) -> bool {
+        match self.stage {
+            Stage::Waiting(since) => frame > since + 1,
+            Stage::Baking(_) => true,
+            Stage::Done => false,
+        }
     }
 
     /// The alpha channel of this image is still wanted.
@@ -221,7 +249,7 @@ mod tests {
         assert!(maps.is_unfinished());
         assert!(!maps.look_at(look(0.5, 0.0), 1), "nothing changed");
         assert!(!maps.look_at(look(0.6, 0.0), 2), "there were no micromaps");
-        assert!(maps.look_at(look(0.6, 0.5), 3), "the coordinates are others");
+        assert!(!maps.look_at(look(0.6, 0.5), 3), "nor now");
         maps.named = NamedMicromaps {
             name: 7,
             maps: Some(Arc::default()),

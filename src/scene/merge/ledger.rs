@@ -119,7 +119,8 @@ impl Ledger {
             }
             self.slots.resize_with(index + 1, Slot::default);
         }
-        if self.slots[index].placement == placement {
+        let before = self.slots[index].placement;
+        if before == placement {
             return;
         }
         let state = self.slots[index].state;
@@ -130,6 +131,10 @@ impl Ledger {
             && let Some(building) = &mut self.building
         {
             building.stale = true;
+        }
+        if gains_micromaps(before, placement) {
+            self.slots[index].placement = placement;
+            return;
         }
         let (frame, quiet) = (self.frame, self.limits.quiet_frames);
         if matches!(state, State::Merged(_) | State::Resting) {
@@ -318,6 +323,18 @@ impl Ledger {
         self.changed = true;
         self.wake();
     }
+}
+
+/// Micromaps are all that is new: the object is as much at rest as it was.
+pub(super) fn gains_micromaps(before: Option<Placement>, after: Option<Placement>) -> bool {
+    let (Some(before), Some(after)) = (before, after) else {
+        return false;
+    };
+    let without = |placement: Placement| Placement {
+        micromaps: 0,
+        ..placement
+    };
+    before.micromaps == 0 && without(before) == without(after)
 }
 
 /// Frames that an object has to stay as it is: those that were found resting and changed again wait much longer.

@@ -1,6 +1,6 @@
 //! The bookkeeping of merged objects.
 
-use super::*;
+use super::{ledger::gains_micromaps, *};
 use crate::scene::gpu_types::INSTANCE_ALPHA_MASKED;
 
 const QUIET: u64 = 4;
@@ -300,4 +300,52 @@ fn lost_trees_are_not_built_again() {
     scene.run(1000);
     assert_eq!(scene.plans, 1);
     assert!(!scene.ledger.is_pending());
+}
+
+#[test]
+fn micromaps_are_no_disturbance() {
+    let with = |name: u64| {
+        at(0, 0.0).map(|placement| Placement {
+            micromaps: name,
+            ..placement
+        })
+    };
+    assert!(gains_micromaps(with(0), with(3)));
+    assert!(!gains_micromaps(with(3), with(0)), "the material changed");
+    assert!(!gains_micromaps(with(3), with(4)));
+    assert!(!gains_micromaps(None, with(3)) && !gains_micromaps(with(0), None));
+    let moved = at(0, 1.0).map(|placement| Placement {
+        micromaps: 3,
+        ..placement
+    });
+    assert!(!gains_micromaps(with(0), moved));
+
+    let mut ledger = Ledger::new(LIMITS);
+    let extent = Extent {
+        triangles: 10,
+        centre: Vec3A::ZERO,
+    };
+    let plan = |ledger: &mut Ledger, frames: u64| {
+        for _ in 0..frames {
+            ledger.advance(|_, _| Some(extent));
+            if let Some(members) = ledger.plan() {
+                return Some(members[0].1.micromaps);
+            }
+        }
+        None
+    };
+    ledger.observe(0, with(0));
+    assert_eq!(plan(&mut ledger, 3 * QUIET), Some(0));
+    ledger.observe(0, with(3));
+    assert!(ledger.is_stale(), "the tree would lack them");
+    ledger.abandon();
+    assert_eq!(plan(&mut ledger, 3 * QUIET), Some(3), "it needn't rest anew");
+    ledger.finish(tree(1));
+    ledger.observe(0, with(0));
+    assert!(ledger.take_changed() && ledger.take_released() == [1]);
+    assert_eq!(
+        plan(&mut ledger, 3 * QUIET),
+        None,
+        "it changed, and has to rest for longer"
+    );
 }

@@ -57,8 +57,9 @@ impl TextureTable {
         id: AssetId<Image>,
         default: &ImageSamplerDescriptor,
     ) -> Option<(u64, [Wrap; 2])> {
-        let (_, entry) = self.entry(id)?;
-        if !matches!(entry.state, State::Ready(_)) {
+        let (index, entry) = self.entry(id)?;
+        // What is pending shows an older content still.
+        if !matches!(entry.state, State::Ready(_)) || self.pending.contains(&index) {
             return None;
         }
         let index = entry.sampler as usize;
