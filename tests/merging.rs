@@ -132,6 +132,16 @@ fn masked_objects_are_merged() {
     assert_flip("masked-out", SIZE, &app.capture().unwrap(), &cut_out, 0.002);
 }
 
+fn picture(width: u32, height: u32, texels: Vec<u8>) -> Image {
+    let size = Extent3d {
+        width,
+        height,
+        ..default()
+    };
+    let format = TextureFormat::Rgba8UnormSrgb;
+    Image::new(size, TextureDimension::D2, texels, format, RenderAssetUsages::default())
+}
+
 /// An unlit object of the mirror room, whose texture is solid where its first UV coordinates point, and cut out at the second ones.
 struct Subject {
     entity: Entity,
@@ -149,17 +159,7 @@ impl Subject {
             .map(|(entity, mesh, material)| (entity, mesh.id(), material.id()))
             .find(|(_, _, id)| materials.get(*id).is_some_and(|material| material.unlit));
         let (entity, mesh, material) = found.expect("all but the mirror are unlit");
-        let mut image = Image::new(
-            Extent3d {
-                width: 2,
-                height: 1,
-                ..default()
-            },
-            TextureDimension::D2,
-            vec![255, 255, 255, 255, 255, 255, 255, 0],
-            TextureFormat::Rgba8UnormSrgb,
-            RenderAssetUsages::default(),
-        );
+        let mut image = picture(2, 1, vec![255, 255, 255, 255, 255, 255, 255, 0]);
         image.sampler = ImageSampler::nearest();
         let image = world.resource_mut::<Assets<Image>>().add(image);
         let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
@@ -190,13 +190,7 @@ impl Subject {
             let uvs: Vec<[f32; 2]> = positions.iter().map(|p| [p[0] + p[2] + 0.5, p[1] + 0.5]).collect();
             mesh.insert_attribute(Mesh::ATTRIBUTE_UV_0, uvs);
         });
-        let size = Extent3d {
-            width: 48,
-            height: 48,
-            ..default()
-        };
-        let format = TextureFormat::Rgba8UnormSrgb;
-        let mut image = Image::new(size, TextureDimension::D2, texels, format, RenderAssetUsages::default());
+        let mut image = picture(48, 48, texels);
         image.sampler = ImageSampler::linear();
         let image = app.world().resource_mut::<Assets<Image>>().add(image);
         let mut materials = app.world().resource_mut::<Assets<StandardMaterial>>();

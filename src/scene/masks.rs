@@ -32,7 +32,8 @@ pub(super) use micromaps::Surroundings;
 
 /// Masks with finished micromaps that are uploaded in one frame, besides the first ones: 16 MB.
 const UPLOAD_ITEMS_PER_FRAME: usize = 350_000;
-/// Sets whose micromaps are made at a time: the pool has other work, and each looks through a texture.
+/// Sets whose micromaps are made at a time: the pool has other work, and each looks through a texture, with two bytes for each of
+/// its texels meanwhile.
 const MOST_BAKING: usize = 4;
 
 /// Masks that an object needs.

@@ -39,7 +39,8 @@ const BUDGET_TRIANGLES: u64 = 4 << 20;
 /// Words of a merged tree that are uploaded in one frame: 16 MB, so that no frame waits for the copy of a large tree.
 const UPLOAD_WORDS_PER_FRAME: usize = 4 << 20;
 
-/// Frames that merging waits for micromaps, while any are being made.
+/// Frames that merging waits for micromaps, while any are being made: two seconds. With more, a scene that streams in is merged
+/// later; with fewer, trees are built twice.
 const MICROMAP_PATIENCE: u64 = 120;
 
 const LIMITS: Limits = Limits {

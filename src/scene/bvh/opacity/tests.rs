@@ -138,46 +138,23 @@ fn what_needs_no_texture() {
     assert_eq!(state(&plain(1.0, f32::NAN), 0x00ff_ffff), Some(UNKNOWN));
     assert_eq!(state(&plain(1.0, 1.5), 0x00ff_ffff), Some(TRANSPARENT));
 
-    let broken = AlphaTest {
-        texture: Some((
-            Arc::new(AlphaTexels {
-                width: 3,
-                height: 2,
-                texels: vec![255; 5],
-            }),
-            [Wrap::Repeat; 2],
-        )),
-        ..plain(1.0, 0.5)
+    let textured = |width: u32, height: u32, texels: Vec<u8>| {
+        let image = AlphaTexels { width, height, texels };
+        AlphaTest {
+            texture: Some((Arc::new(image), [Wrap::Repeat; 2])),
+            ..plain(1.0, 0.5)
+        }
     };
+    let broken = textured(3, 2, vec![255; 5]);
     assert_eq!(state(&broken, 0x00ff_ffff), Some(UNKNOWN));
-    let white = AlphaTest {
-        texture: Some((
-            Arc::new(AlphaTexels {
-                width: 3,
-                height: 2,
-                texels: vec![255; 6],
-            }),
-            [Wrap::Repeat; 2],
-        )),
-        ..plain(1.0, 0.5)
-    };
+    let white = textured(3, 2, vec![255; 6]);
     let baker = OpacityBaker::new(&white);
     assert_eq!(
         common_state(&baker.micromap(Some([[f32::NAN; 2]; 3]), 0x00ff_ffff)),
         Some(OPAQUE),
         "it's all the same"
     );
-    let half = AlphaTest {
-        texture: Some((
-            Arc::new(AlphaTexels {
-                width: 2,
-                height: 1,
-                texels: vec![255, 0],
-            }),
-            [Wrap::Repeat; 2],
-        )),
-        ..plain(1.0, 0.5)
-    };
+    let half = textured(2, 1, vec![255, 0]);
     let baker = OpacityBaker::new(&half);
     for far in [f32::NAN, f32::INFINITY, 1e30, 1e6] {
         let map = baker.micromap(Some([[0.0, 0.0], [far, 0.0], [0.0, 1.0]]), 0x00ff_ffff);
