@@ -8,13 +8,13 @@ use bevy::{
     core_pipeline::tonemapping::Tonemapping,
     math::{UVec2, Vec3},
     prelude::*,
-    solari::{
-        SolariPlugins,
-        pathtracer::{Pathtracer, PathtracingPlugin},
-        prelude::RaytracingMesh3d,
-    },
 };
 use bevy_glint::{RayTracedReflections, Technique, TracerChoice};
+use bevy_solari::{
+    SolariPlugins,
+    pathtracer::{Pathtracer, PathtracingPlugin},
+    prelude::RaytracingMesh3d,
+};
 use glint_scenes::{FURNACE_ROUGHNESS, Output, SceneName};
 use pictures::{app, app_with, assert_flip, flip, reflect, spawn, warm_up};
 

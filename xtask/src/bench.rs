@@ -2,6 +2,7 @@
 
 use std::ffi::OsString;
 
+use crate::cargo::Program;
 use crate::driver::{self, Need};
 use crate::failure::Result;
 use crate::{cargo, progress};
@@ -19,13 +20,8 @@ pub fn run(options: &Options) -> Result {
     cargo::require_example("bench")?;
     let driver = driver::prepare(Need::Vulkan)?;
     progress::step("build and run the benchmark", || {
-        let mut command = cargo::release("run")?;
-        command
-            .args(["--package", "bevy_glint", "--example", "bench"])
-            .args(cargo::FEATURES)
-            .arg("--")
-            .args(&options.arguments)
-            .envs(driver);
+        let mut command = cargo::program(Program::Example("bench"))?;
+        command.args(&options.arguments).envs(driver);
         cargo::run(&mut command, "the benchmark")
     })
 }

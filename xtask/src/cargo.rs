@@ -9,14 +9,6 @@ use std::process::Command;
 use crate::failure::{Failure, Result};
 use crate::version::Version;
 
-/// Features of all that is built here: the settings panel, and the hardware back end where Vulkan is what Bevy uses anyway. The
-/// latter leaves Bevy no other choice.
-pub const FEATURES: &[&str] = if cfg!(target_os = "linux") {
-    &["--features", "egui,hardware-vrs"]
-} else {
-    &["--features", "egui"]
-};
-
 /// The root of the workspace.
 pub fn workspace_root() -> PathBuf {
     // Asked at run time first: clones that share a target directory may share this program too.
@@ -57,6 +49,40 @@ pub fn release(subcommand: &str) -> Result<Command> {
     {
         command.arg("--ignore-rust-version");
     }
+    Ok(command)
+}
+
+/// A program of the workspace to build and run.
+#[derive(Clone, Copy)]
+pub enum Program {
+    /// A binary of a tool.
+    Binary(&'static str),
+    /// An example of the library.
+    Example(&'static str),
+}
+
+/// Builds a program and returns the command that runs it, in the workspace root.
+///
+/// Every command of this crate selects the whole workspace, so that Cargo unifies features over all of it and compiles Bevy once
+/// (`tools/unify` has the details). `cargo run` can't select it, hence the two steps.
+pub fn program(program: Program) -> Result<Command> {
+    let (kind, name, folder) = match program {
+        Program::Binary(name) => ("--bin", name, "release"),
+        Program::Example(name) => ("--example", name, "release/examples"),
+    };
+    let mut build = release("build")?;
+    build.args(["--workspace", kind, name]);
+    run(&mut build, &format!("the build of `{name}`"))?;
+    let root = workspace_root();
+    let target = env::var_os("CARGO_TARGET_DIR").map_or_else(|| PathBuf::from("target"), PathBuf::from);
+    let file = root
+        .join(target)
+        .join(folder)
+        .join(name)
+        .with_extension(env::consts::EXE_EXTENSION);
+    let mut command = Command::new(file);
+    // Bevy looks for assets beside the program otherwise.
+    command.current_dir(&root).env("BEVY_ASSET_ROOT", &root);
     Ok(command)
 }
 

@@ -9,6 +9,7 @@ use std::time::SystemTime;
 
 use clap::ValueEnum;
 
+use crate::cargo::Program;
 use crate::driver::{self, Need};
 use crate::failure::{Failure, Result};
 use crate::{cargo, progress};
@@ -114,13 +115,8 @@ pub fn run(options: &Options) -> Result {
     let written_before = plan.picture.as_deref().and_then(modified);
     let driver = driver::prepare(Need::Vulkan)?;
     progress::step(&format!("build and run the example `{}`", plan.example), || {
-        let mut command = cargo::release("run")?;
-        command
-            .args(["--package", "bevy_glint", "--example", plan.example])
-            .args(cargo::FEATURES)
-            .arg("--")
-            .args(&plan.arguments)
-            .envs(driver);
+        let mut command = cargo::program(Program::Example(plan.example))?;
+        command.args(&plan.arguments).envs(driver);
         cargo::run(&mut command, &format!("the example `{}`", plan.example))
     })?;
     match plan.picture {

@@ -6,6 +6,7 @@ use std::path::{self, Path, PathBuf};
 
 use clap::ValueEnum;
 
+use crate::cargo::Program;
 use crate::driver::{self, Need};
 use crate::failure::{Failure, Result};
 use crate::{cargo, progress};
@@ -105,13 +106,8 @@ pub fn run(options: &Options) -> Result {
     };
     let driver = driver::prepare(need)?;
     progress::step("build and run the evaluation", || {
-        let mut command = cargo::release("run")?;
-        command
-            .args(["--package", "glint_evaluate"])
-            .args(cargo::FEATURES)
-            .arg("--")
-            .args(&arguments)
-            .envs(driver);
+        let mut command = cargo::program(Program::Binary("glint_evaluate"))?;
+        command.args(&arguments).envs(driver);
         cargo::run(&mut command, "the evaluation")
     })
 }

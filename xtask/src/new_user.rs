@@ -9,10 +9,7 @@ pub fn run() -> Result {
     let driver = driver::prepare(Need::Vulkan)?;
     progress::step("follow the README in an empty folder", || {
         let mut command = cargo::release("test")?;
-        command
-            .args(["--package", "bevy_glint", "--test", "new_user"])
-            .args(cargo::FEATURES)
-            .envs(driver);
+        command.args(["--workspace", "--test", "new_user"]).envs(driver);
         if environment::is_ci() {
             // Here a test that can't run must not pass for one that did.
             command.arg("--locked").env("GLINT_REQUIRE_GPU", "1");

@@ -4,6 +4,7 @@ use std::ffi::OsString;
 
 use clap::ValueEnum;
 
+use crate::cargo::Program;
 use crate::driver::{self, Need};
 use crate::failure::Result;
 use crate::{cargo, progress};
@@ -61,21 +62,12 @@ pub fn run(options: &Options) -> Result {
     let driver = driver::prepare(need)?;
     if needs_viewer(options) {
         progress::step("build the example `viewer`", || {
-            let mut command = cargo::release("build")?;
-            command
-                .args(["--package", "bevy_glint", "--example", VIEWER])
-                .args(cargo::FEATURES);
-            cargo::run(&mut command, "the build of the example `viewer`")
+            cargo::program(Program::Example(VIEWER)).map(drop)
         })?;
     }
     progress::step("build and run the stress suite", || {
-        let mut command = cargo::release("run")?;
-        command
-            .args(["--package", "glint_stress"])
-            .args(cargo::FEATURES)
-            .arg("--")
-            .args(arguments(options))
-            .envs(driver);
+        let mut command = cargo::program(Program::Binary("glint_stress"))?;
+        command.args(arguments(options)).envs(driver);
         cargo::run(&mut command, "the stress suite")
     })
 }

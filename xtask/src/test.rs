@@ -26,10 +26,7 @@ pub struct Options {
 pub fn run(options: &Options) -> Result {
     let driver = driver::prepare(Need::RayQuery)?;
     let mut command = cargo::release("test")?;
-    command
-        .args(["--workspace", "--no-fail-fast"])
-        .args(cargo::FEATURES)
-        .envs(driver);
+    command.args(["--workspace", "--no-fail-fast"]).envs(driver);
     if environment::is_ci() {
         command.arg("--locked");
         // Here a test that can't run must not pass for one that did.

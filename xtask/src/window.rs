@@ -92,9 +92,7 @@ pub fn run(options: &Options) -> Result {
 
 fn example(subcommand: &str) -> Result<Command> {
     let mut command = cargo::release(subcommand)?;
-    command
-        .args(["--package", "bevy_glint", "--example", EXAMPLE])
-        .args(cargo::FEATURES);
+    command.args(["--package", "bevy_glint", "--example", EXAMPLE, "--features", "egui"]);
     Ok(command)
 }
 

@@ -264,13 +264,7 @@ impl Arguments {
 
 /// Why Solari can't be measured.
 fn no_solari(machine: &Machine) -> Option<&'static str> {
-    if !cfg!(feature = "solari") {
-        Some("the tool was built without the feature `solari`")
-    } else if !machine.ray_query {
-        Some("the GPU has no ray queries")
-    } else {
-        None
-    }
+    (!machine.ray_query).then_some("the GPU has no ray queries")
 }
 
 #[cfg(test)]
@@ -342,10 +336,8 @@ mod tests {
             .map(|variant| variant.technique.as_str())
             .collect();
         assert_eq!(names, QUICK_TECHNIQUES[..9]);
-        if cfg!(feature = "solari") {
-            assert_eq!(plan.jobs[1].tracer, TracerName::RayQuery);
-            assert_eq!(plan.jobs[1].variants, [Variant::new("solari")]);
-        }
+        assert_eq!(plan.jobs[1].tracer, TracerName::RayQuery);
+        assert_eq!(plan.jobs[1].variants, [Variant::new("solari")]);
         let asked = arguments(&["--quick", "--tracer", "ray-query"]).plan(&cpu).unwrap();
         assert_eq!(asked.jobs[0].tracer, TracerName::RayQuery);
         let full = arguments(&[]).plan(&cpu).unwrap();

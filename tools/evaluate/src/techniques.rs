@@ -25,9 +25,9 @@ pub fn tracer_choice(tracer: TracerName) -> TracerChoice {
 
 /// Has the device opened with shading rates, where it has them; must come before Bevy's plugins.
 pub fn open_device(app: &mut App) {
-    #[cfg(feature = "hardware-vrs")]
+    #[cfg(target_os = "linux")]
     app.add_plugins(bevy_glint::HardwareVrsPlugin::default());
-    #[cfg(not(feature = "hardware-vrs"))]
+    #[cfg(not(target_os = "linux"))]
     let _ = app;
 }
 
@@ -150,17 +150,12 @@ pub const LIGHTING: &str = "render/deferred_lighting/elapsed_gpu";
 /// The counter of reflection rays.
 pub const RAYS: &str = "render/reflection_rays";
 
-/// Bevy Solari, if it is built in.
-#[cfg(feature = "solari")]
+/// Bevy Solari.
 pub mod solari {
-    use bevy::{
-        camera::CameraMainTextureUsages,
-        prelude::*,
-        render::render_resource::TextureUsages,
-        solari::{
-            SolariPlugins,
-            prelude::{RaytracingMesh3d, SolariLighting},
-        },
+    use bevy::{camera::CameraMainTextureUsages, prelude::*, render::render_resource::TextureUsages};
+    use bevy_solari::{
+        SolariPlugins,
+        prelude::{RaytracingMesh3d, SolariLighting},
     };
 
     /// Adds the plugins.
@@ -196,26 +191,6 @@ pub mod solari {
             lighting.reset = true;
         }
     }
-}
-
-/// Bevy Solari isn't built in.
-#[cfg(not(feature = "solari"))]
-pub mod solari {
-    use bevy::prelude::*;
-
-    /// Does nothing.
-    pub fn add(_: &mut App) {}
-
-    /// Does nothing.
-    pub fn prepare_scene(_: &mut World, _: Entity) {}
-
-    pub(super) fn apply(_: &mut EntityWorldMut) -> Result<(), String> {
-        Err("the tool was built without the feature `solari`".to_owned())
-    }
-
-    pub(super) fn remove(_: &mut EntityWorldMut) {}
-
-    pub(super) fn reset(_: &mut EntityWorldMut) {}
 }
 
 #[cfg(test)]

@@ -29,6 +29,7 @@ use bevy::{
     tasks::tick_global_task_pools_on_main_thread,
     time::{Time, TimeUpdateStrategy, Virtual},
     window::{ExitCondition, WindowPlugin},
+    winit::WinitPlugin,
     world_serialization::{WorldAssetRoot, WorldInstance},
 };
 use std::{error::Error, fmt, path::Path, time::Duration};
@@ -139,11 +140,8 @@ impl HeadlessApp {
             })
             .set(assets)
             .disable::<PipelinedRenderingPlugin>()
-            .disable::<TerminalCtrlCHandlerPlugin>();
-        #[cfg(feature = "winit")]
-        {
-            plugins = plugins.disable::<bevy::winit::WinitPlugin>();
-        }
+            .disable::<TerminalCtrlCHandlerPlugin>()
+            .disable::<WinitPlugin>();
         if !settings.log {
             plugins = plugins.disable::<LogPlugin>();
         }

@@ -161,7 +161,7 @@ impl Stage {
     pub fn open(settings: &StageSettings) -> Result<Self, StageError> {
         messages::install();
         let mut app = App::new();
-        #[cfg(feature = "hardware-vrs")]
+        #[cfg(target_os = "linux")]
         if settings.hardware {
             app.add_plugins(bevy_glint::HardwareVrsPlugin::default());
         }
