@@ -22,10 +22,7 @@ use bevy::{
     render::render_resource::{Extent3d, TextureDimension, TextureFormat},
     window::PrimaryWindow,
 };
-use bevy_glint::{
-    Backend, DebugView, ShadingRateHeuristic, Technique,
-    rate::{RateTileSize, ShadingRate},
-};
+use bevy_glint::{Backend, DebugView, RateTileSize, ShadingRate, ShadingRateHeuristic, Technique};
 use common::{
     ReflectionOptions, Size, TechniqueWord, TracerWord,
     help::{self, Help, Keys},

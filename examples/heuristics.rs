@@ -9,15 +9,14 @@
 //! | key | does |
 //! | --- | --- |
 //! | 1, 2 | the next heuristic on the left, on the right |
-//! | V | shading rates in colours ([`RATE_LEGEND`](bevy_glint::debug::RATE_LEGEND) names them), or the picture |
+//! | V | shading rates in colours ([`RATE_LEGEND`](bevy_glint::RATE_LEGEND) names them), or the picture |
 
 mod common;
 
 use argh::FromArgs;
 use bevy::{camera_controller::free_camera::FreeCamera, prelude::*};
 use bevy_glint::{
-    Backend, DebugView, ShadingRateHeuristic,
-    rate::{CombinedThresholds, GrazingThresholds, RoughnessThresholds, ShadingRate},
+    Backend, CombinedThresholds, DebugView, GrazingThresholds, RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
 };
 use common::{
     ReflectionOptions, Size, TechniqueWord, TracerWord,

@@ -16,7 +16,7 @@ use bevy::prelude::*;
 use bevy_egui::{EguiContexts, EguiPlugin, EguiPrimaryContextPass, egui};
 use bevy_glint::{
     Backend, ReflectionStatus,
-    egui::{Quality, quality_menu, why_no_reflections},
+    ui::{Quality, quality_menu, why_no_reflections},
 };
 use common::{ReflectionOptions, Size, TechniqueWord, TracerWord};
 use glint_scenes::{HeadlessSettings, SceneAnimationPlugin, SceneName, SceneOptions, camera, environment, spawn_with};

@@ -11,7 +11,7 @@ mod common;
 use argh::FromArgs;
 use bevy::{prelude::*, render::diagnostic::RenderDiagnosticsPlugin};
 use bevy_egui::EguiGlobalSettings;
-use bevy_glint::{Backend, egui::ReflectionSettingsPanelPlugin};
+use bevy_glint::{Backend, ui::ReflectionSettingsPanelPlugin};
 use common::{ReflectionOptions, Size, TechniqueWord, TracerWord};
 use glint_scenes::{HeadlessSettings, SceneAnimationPlugin, SceneName, SceneOptions, camera, environment, spawn_with};
 use std::{path::PathBuf, process::ExitCode};

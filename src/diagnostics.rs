@@ -1,10 +1,12 @@
-//! Figures of the scene for Bevy's `DiagnosticsStore`.
+//! Figures of the scene and of views for Bevy's `DiagnosticsStore`.
 
 use crate::status::{ReflectionStatus, ViewMemory};
 use bevy::{
-    app::App,
-    diagnostic::{Diagnostic, DiagnosticPath, Diagnostics, RegisterDiagnostic},
+    app::{App, Plugin, Update},
+    diagnostic::{Diagnostic, DiagnosticPath, Diagnostics, DiagnosticsStore, RegisterDiagnostic},
     ecs::prelude::*,
+    math::UVec2,
+    reflect::Reflect,
 };
 
 /// Bytes of GPU memory of the scene that rays hit.
@@ -18,15 +20,67 @@ pub const INSTANCES: DiagnosticPath = DiagnosticPath::const_new("glint/instances
 /// Meshes whose acceleration structure is being built.
 pub const MESHES_PENDING: DiagnosticPath = DiagnosticPath::const_new("glint/meshes_pending");
 
-pub(crate) fn register(app: &mut App) {
-    app.register_diagnostic(Diagnostic::new(SCENE_BYTES).with_suffix(" B"))
-        .register_diagnostic(Diagnostic::new(VIEW_BYTES).with_suffix(" B"))
-        .register_diagnostic(Diagnostic::new(TRIANGLES))
-        .register_diagnostic(Diagnostic::new(INSTANCES))
-        .register_diagnostic(Diagnostic::new(MESHES_PENDING));
+/// Pixels of the last reflection that are not finite.
+pub const NON_FINITE_PIXELS: DiagnosticPath = DiagnosticPath::const_new("render/reflection_non_finite");
+/// Column of the worst pixel.
+pub const WORST_X: DiagnosticPath = DiagnosticPath::const_new("render/reflection_worst_x");
+/// Row of the worst pixel.
+pub const WORST_Y: DiagnosticPath = DiagnosticPath::const_new("render/reflection_worst_y");
+/// Exposed radiance of the worst pixel's brightest channel; -1 where it is not finite.
+pub const WORST_RADIANCE: DiagnosticPath = DiagnosticPath::const_new("render/reflection_worst_radiance");
+
+/// In the render world before the renderer starts: the passes count the invocations that trace rays, in the buffer `counters`.
+#[derive(Resource, Clone, Copy, Debug, Default)]
+pub struct CountInvocations;
+
+/// In the render world: only the whole of a view's passes is timed, since timers between passes keep them from overlapping.
+#[derive(Resource, Clone, Copy, Debug, Default)]
+pub struct TotalTimeOnly;
+
+/// What [`DebugCounters`](crate::DebugCounters) found in one of the last frames, in the radiance that
+/// [`DebugView::Reconstructed`](crate::DebugView::Reconstructed) shows: before the composite, which stops such values.
+#[derive(Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Debug, Clone, PartialEq)]
+pub struct NonFiniteReport {
+    /// Reflecting pixels that are not finite.
+    pub pixels: u32,
+    /// The first pixel that is not finite, else the brightest; counted from the first pixel of the view. (0, 0) where nothing
+    /// reflects.
+    pub worst: UVec2,
+    /// Exposed radiance of the brightest channel of that pixel; `None` if it is not finite.
+    pub radiance: Option<f32>,
 }
 
-pub(crate) fn measure(mut diagnostics: Diagnostics, status: Res<ReflectionStatus>) {
+impl NonFiniteReport {
+    /// The last measurement; `None` before the first one.
+    #[must_use]
+    pub fn read(diagnostics: &DiagnosticsStore) -> Option<Self> {
+        let value = |path: &DiagnosticPath| diagnostics.get(path).and_then(Diagnostic::value);
+        let radiance = value(&WORST_RADIANCE)? as f32;
+        Some(Self {
+            pixels: value(&NON_FINITE_PIXELS)? as u32,
+            worst: UVec2::new(value(&WORST_X)? as u32, value(&WORST_Y)? as u32),
+            radiance: (radiance >= 0.0).then_some(radiance),
+        })
+    }
+}
+
+/// Registers the figures and keeps them up to date.
+pub(crate) struct DiagnosticsPlugin;
+
+impl Plugin for DiagnosticsPlugin {
+    fn build(&self, app: &mut App) {
+        app.register_type::<NonFiniteReport>()
+            .register_diagnostic(Diagnostic::new(SCENE_BYTES).with_suffix(" B"))
+            .register_diagnostic(Diagnostic::new(VIEW_BYTES).with_suffix(" B"))
+            .register_diagnostic(Diagnostic::new(TRIANGLES))
+            .register_diagnostic(Diagnostic::new(INSTANCES))
+            .register_diagnostic(Diagnostic::new(MESHES_PENDING))
+            .add_systems(Update, measure);
+    }
+}
+
+fn measure(mut diagnostics: Diagnostics, status: Res<ReflectionStatus>) {
     let report = status.report();
     diagnostics.add_measurement(&SCENE_BYTES, || report.scene_bytes as f64);
     let view_bytes: u64 = report.view_memory.iter().map(ViewMemory::bytes).sum();

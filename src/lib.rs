@@ -20,26 +20,13 @@
 //! The [manual] says how it works, which settings to choose, what they cost, what each message of the log means, and how reflections
 //! get on with the rest of Bevy's renderer.
 //!
-//! # The road of one pixel
+//! # The path of one pixel
 //!
 //! After Bevy's deferred lighting, a compute pass looks at the G-buffer and decides how many rays each tile of the screen deserves.
 //! Another draws a direction from the specular lobe of one pixel of each block and traces a ray against the scene: by ray queries
 //! where the adapter has them, else through a BVH of the crate's own. The surface it hits is shaded with its material, all lights,
-//! shadow rays and the environment. Three passes make an image of what the rays brought. The result is multiplied with the albedo
+//! shadow rays and the environment. Three passes turn the samples into an image. The result is multiplied with the albedo
 //! of the lobe and added to the lit frame, in place of the environment map's specular term.
-//!
-//! | module | knows |
-//! |---|---|
-//! | [`manual`] | what a user wants to know |
-//! | [`settings`] | what a user can choose for the app and for each camera |
-//! | [`presets`] | bundles of settings |
-//! | [`status`] | what this machine can do, what was picked, and why not the rest |
-//! | [`rate`] | how many rays a tile deserves |
-//! | [`scene`] | what a ray can hit |
-//! | [`trace`] | from rates to rays |
-//! | [`denoise`] | from rays to an image |
-//! | [`composite`] | from radiance to the lit frame |
-//! | [`debug`] | what the passes wrote, for people to look at |
 //!
 //! # Platforms
 //!
@@ -56,40 +43,79 @@
 // A library reports through the log and through types; it neither prints nor panics on what a user gave it.
 #![warn(clippy::print_stdout, clippy::print_stderr, clippy::unwrap_used, clippy::expect_used)]
 
-pub mod composite;
-pub mod debug;
-pub mod denoise;
+mod common;
+mod composite;
+mod debug;
+mod denoise;
+mod device;
 mod diagnostics;
-#[cfg(feature = "egui")]
-pub mod egui;
 mod extract;
-mod idle;
-#[doc(hidden)]
-pub mod inspect;
+mod gbuffer;
 pub mod manual;
+mod node;
 mod plugin;
-pub mod presets;
-pub mod rate;
-pub mod scene;
-pub mod settings;
-pub mod status;
+pub mod prelude;
+mod probe;
+mod rate;
+#[doc(hidden)]
+pub mod readback;
+mod ready;
+mod scene;
+mod schedule;
+mod settings;
+mod status;
 mod targets;
-pub mod trace;
-mod view;
-
-pub use debug::{DebugCounters, DebugSplit, DebugView, NonFiniteReport};
-pub use diagnostics::{INSTANCES, MESHES_PENDING, SCENE_BYTES, TRIANGLES, VIEW_BYTES};
+mod trace;
 #[cfg(feature = "egui")]
-pub use egui::{Quality, ReflectionSettingsPanel, ReflectionSettingsPanelPlugin};
-pub use plugin::RayTracedReflectionsPlugin;
-pub use presets::{Preset, named_settings};
-pub use rate::ShadingRateHeuristic;
-pub use settings::{
-    Backend, Denoiser, NotReflected, RaySampling, RayTracedReflections, Technique, TextureMip, TracerChoice,
-};
-pub use status::{ReflectionStatus, StatusReport, Tracer, ViewMemory};
+pub mod ui;
+mod view;
+// wgpu has Vulkan on these platforms; `Cargo.toml` has the same list.
+#[cfg(all(
+    feature = "hardware-vrs",
+    any(windows, target_os = "linux", target_os = "android", target_os = "freebsd")
+))]
+mod vrs;
+#[cfg(not(all(
+    feature = "hardware-vrs",
+    any(windows, target_os = "linux", target_os = "android", target_os = "freebsd")
+)))]
+#[path = "no_vrs.rs"]
+mod vrs;
+
 #[cfg(feature = "hardware-vrs")]
-pub use trace::hardware::{HardwareVrs, HardwareVrsPlugin, ShadingRates};
+pub use device::ShadingRates;
+pub use device::{HardwareRates, TextureMode, Tracer};
+pub use diagnostics::{
+    INSTANCES, MESHES_PENDING, NON_FINITE_PIXELS, NonFiniteReport, SCENE_BYTES, TRIANGLES, VIEW_BYTES, WORST_RADIANCE,
+    WORST_X, WORST_Y,
+};
+pub use plugin::RayTracedReflectionsPlugin;
+pub use schedule::ReflectionSystems;
+pub use settings::{
+    Backend, CombinedThresholds, DebugCounters, DebugSplit, DebugView, Denoiser, GrazingThresholds, NotReflected,
+    Preset, RATE_LEGEND, RateTileSize, RaySampling, RayTracedReflections, RoughnessThresholds, ShadingRate,
+    ShadingRateHeuristic, TECHNIQUE_NAMES, Technique, TextureMip, TracerChoice, UnknownName, named_settings,
+};
+pub use status::{ReflectionStatus, StatusReport, ViewMemory};
+#[cfg(feature = "egui")]
+pub use ui::{Quality, ReflectionSettingsPanel, ReflectionSettingsPanelPlugin};
+#[cfg(feature = "hardware-vrs")]
+pub use vrs::{HardwareVrs, HardwareVrsPlugin};
+
+/// What the crate's own tests and tools look at. It is no part of the interface that versions keep.
+#[doc(hidden)]
+pub mod internals {
+    pub use crate::{
+        diagnostics::{CountInvocations, TotalTimeOnly},
+        readback::{self, Copied, Target},
+        scene::{
+            SceneBindings, acceleration, arena, bvh, environment, geometry, gpu_types, instances, lights, materials,
+            meshes, textures, upload,
+        },
+        settings::{RATE_ACTIVE, RATE_CODE_MASK},
+        trace::directional_albedo,
+    };
+}
 
 /// Compiles the README's code.
 #[cfg(doctest)]

@@ -25,7 +25,7 @@ pub mod questions {}
 
 #[cfg(test)]
 mod tests {
-    use crate::{DebugView, Denoiser, Preset, RayTracedReflections, presets::TECHNIQUE_NAMES};
+    use crate::{DebugView, Denoiser, Preset, RayTracedReflections, TECHNIQUE_NAMES};
     use std::{fs, path::Path};
 
     const SETTINGS: &str = include_str!("manual/settings.md");
@@ -52,7 +52,7 @@ mod tests {
             let path = entry.unwrap().path();
             let name = path.file_name().unwrap().to_string_lossy().into_owned();
             if path.is_dir() {
-                if name != "egui" {
+                if name != "ui" {
                     sources(&path, found);
                 }
             } else if name.ends_with(".rs") && !name.contains("test") && name != "manual.rs" {

@@ -1,45 +1,16 @@
-//! What this GPU and driver can do, what was picked, and why not the rest.
+//! The report of what the crate does on this machine, and why not more.
 
 use crate::{
-    scene::textures::TextureMode,
-    settings::{Backend, TracerChoice},
+    device::{HardwareRates, TextureMode, Tracer},
+    settings::Backend,
 };
 use bevy::{
+    app::{App, Plugin},
     ecs::{entity::Entity, reflect::ReflectResource, resource::Resource},
     reflect::{Reflect, std_traits::ReflectDefault},
-    render::{
-        render_resource::{WgpuFeatures, WgpuLimits},
-        renderer::RenderAdapterInfo,
-        settings::Backends,
-    },
 };
 use core::fmt;
 use std::sync::{Arc, Mutex, PoisonError};
-
-/// What finds the surface that a ray hits.
-#[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[reflect(Debug, Clone, PartialEq, Hash)]
-pub enum Tracer {
-    /// Ray queries of the driver.
-    RayQuery,
-    /// The crate's own BVH, traversed in the shader.
-    Bvh,
-}
-
-/// Whether [`Backend::Hardware`] can be used: whether the rasterizer's shading rate can spread rays.
-#[derive(Reflect, Clone, Debug, Default, PartialEq, Eq)]
-#[reflect(Default, Debug, Clone, PartialEq)]
-pub enum HardwareRates {
-    /// Nobody asked: the app lacks `HardwareVrsPlugin`, or was built without the crate feature `hardware-vrs`.
-    #[default]
-    NotAsked,
-    /// The device or its driver can't; the reason why, as the end of a sentence.
-    Missing(String),
-    /// The device has no such rates; for tests, the pass runs with an invocation for each trace pixel.
-    FullRate,
-    /// Cameras can use it.
-    Available,
-}
 
 /// Textures and buffers that one camera's reflections own.
 #[derive(Reflect, Clone, Debug, PartialEq, Eq)]
@@ -154,123 +125,14 @@ impl ReflectionStatus {
     }
 }
 
-/// The features that the ray-query tracer needs.
-pub fn ray_query_features() -> WgpuFeatures {
-    WgpuFeatures::EXPERIMENTAL_RAY_QUERY
-}
+/// Registers the report and makes it.
+pub(crate) struct StatusPlugin;
 
-/// Picks the tracer, with the reasons for not picking a better one or the one that was asked for.
-pub(crate) fn choose_tracer(
-    choice: TracerChoice,
-    features: WgpuFeatures,
-    limits: &WgpuLimits,
-) -> (Tracer, Vec<String>) {
-    let mut missing = ray_query_features().difference(features);
-    // Limits of acceleration structures are zero unless they were asked for.
-    if limits.max_acceleration_structures_per_shader_stage == 0
-        || limits.max_tlas_instance_count == 0
-        || limits.max_blas_primitive_count == 0
-        || limits.max_blas_geometry_count == 0
-    {
-        missing |= ray_query_features();
-    }
-    match choice {
-        TracerChoice::Bvh => (Tracer::Bvh, vec!["the BVH was asked for".into()]),
-        _ if missing.is_empty() => (Tracer::RayQuery, vec![]),
-        TracerChoice::Auto => (
-            Tracer::Bvh,
-            vec![format!("no ray queries, since the device lacks {missing:?}")],
-        ),
-        TracerChoice::RayQuery => (
-            Tracer::Bvh,
-            vec![format!(
-                "ray queries were asked for, but the device lacks {missing:?}; the BVH is used instead"
-            )],
-        ),
-    }
-}
-
-/// Adapter, driver and back end in one line.
-pub(crate) fn adapter_name(info: &RenderAdapterInfo) -> String {
-    format!(
-        "{} ({:?}, {} {})",
-        info.name, info.backend, info.driver, info.driver_info
-    )
-}
-
-/// Why nothing can be traced on this device by this tracer, or `None`.
-pub(crate) fn unsupported(backend: Backends, limits: &WgpuLimits, tracer: Tracer) -> Option<String> {
-    if !(Backends::VULKAN | Backends::DX12 | Backends::METAL).contains(backend) {
-        // The others were never tried, and WebGPU guarantees fewer bindings than the passes of the BVH tracer have.
-        let name = if backend == Backends::BROWSER_WEBGPU {
-            "WebGPU"
-        } else if backend == Backends::GL {
-            "OpenGL or WebGL"
-        } else {
-            "no graphics interface"
-        };
-        return Some(format!(
-            "the renderer uses {name}, and one of Vulkan, DX12 and Metal is needed"
-        ));
-    }
-    // Of the pass over the list of rays: three of its own and those of the scene; a TLAS is none.
-    let needed = match tracer {
-        Tracer::RayQuery => 8,
-        Tracer::Bvh => 9,
-    };
-    let offered = limits.max_storage_buffers_per_shader_stage;
-    (offered < needed || limits.max_compute_workgroups_per_dimension == 0).then(|| {
-        format!(
-            "the device offers {offered} storage buffers in a shader stage and {needed} are needed (compute shaders are \
-             needed, too): leave the limits of `WgpuSettings` at those of the adapter"
-        )
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{choose_tracer as choose_tracer_of, *};
-
-    #[test]
-    fn the_tracer_follows_choice_and_features() {
-        let all = ray_query_features();
-        let none = WgpuFeatures::empty();
-        let limits = WgpuLimits {
-            max_acceleration_structures_per_shader_stage: 1,
-            max_tlas_instance_count: 1000,
-            max_blas_primitive_count: 1000,
-            max_blas_geometry_count: 1,
-            ..Default::default()
-        };
-        let choose_tracer = |choice, features| choose_tracer_of(choice, features, &limits);
-        assert_eq!(choose_tracer(TracerChoice::Auto, all).0, Tracer::RayQuery);
-        assert_eq!(choose_tracer(TracerChoice::Auto, none).0, Tracer::Bvh);
-        assert_eq!(choose_tracer(TracerChoice::Bvh, all).0, Tracer::Bvh);
-        let (tracer, reasons) = choose_tracer(TracerChoice::RayQuery, none);
-        assert_eq!(tracer, Tracer::Bvh);
-        assert!(reasons[0].contains("RAY_QUERY"), "{reasons:?}");
-        let limits = WgpuLimits {
-            max_blas_geometry_count: 0,
-            ..limits
-        };
-        assert_eq!(choose_tracer_of(TracerChoice::Auto, all, &limits).0, Tracer::Bvh);
-    }
-
-    #[test]
-    fn what_cannot_trace_is_declined() {
-        let limits = |buffers| WgpuLimits {
-            max_storage_buffers_per_shader_stage: buffers,
-            ..Default::default()
-        };
-        for backend in [Backends::VULKAN, Backends::DX12, Backends::METAL] {
-            assert_eq!(unsupported(backend, &limits(9), Tracer::Bvh), None, "{backend:?}");
-            assert_eq!(unsupported(backend, &limits(8), Tracer::RayQuery), None, "{backend:?}");
-            let reason = unsupported(backend, &limits(8), Tracer::Bvh);
-            assert!(reason.is_some_and(|reason| reason.contains("9 are needed")));
-            assert!(unsupported(backend, &limits(7), Tracer::RayQuery).is_some());
-        }
-        for backend in [Backends::GL, Backends::BROWSER_WEBGPU, Backends::NOOP] {
-            assert!(unsupported(backend, &limits(100), Tracer::Bvh).is_some(), "{backend:?}");
-        }
+impl Plugin for StatusPlugin {
+    fn build(&self, app: &mut App) {
+        app.register_type::<ReflectionStatus>()
+            .register_type::<StatusReport>()
+            .register_type::<ViewMemory>()
+            .init_resource::<ReflectionStatus>();
     }
 }

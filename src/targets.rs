@@ -3,7 +3,10 @@
 //! *Full* is one texel per pixel of the view, *trace* one per trace pixel (see [`Technique`]), *tile* one per tile of
 //! the rate image. Only what the view's settings use is created.
 
-use crate::settings::{SafeSettings, Technique};
+use crate::{
+    common::{COUNTER_WORDS, INDIRECT_ARG_WORDS, word_offset},
+    settings::{SafeSettings, Technique},
+};
 use bevy::{
     math::UVec2,
     render::{
@@ -20,31 +23,18 @@ use core::mem::take;
 pub const RATE_FORMAT: TextureFormat = TextureFormat::R32Uint;
 /// What a ray saw: exposed radiance, and the distance of the hit in metres (at most 60,000, which stands for a miss, too).
 pub const RAY_RADIANCE_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
-/// How the ray was drawn: direction, inverse pdf, chosen pixel; see `trace/record.wesl`.
-pub const RAY_RECORD_FORMAT: TextureFormat = TextureFormat::Rgba32Uint;
+/// How the ray was drawn: direction, inverse pdf, chosen pixel; see `trace/ray_sample.wesl`.
+pub const RAY_SAMPLE_FORMAT: TextureFormat = TextureFormat::Rgba32Uint;
 /// Exposed radiance of the lobe divided by the lobe's albedo. What alpha holds is said where the texture is declared.
 pub const RADIANCE_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 /// Two halves: see where the texture is declared.
-pub const PAIR_FORMAT: TextureFormat = TextureFormat::R32Uint;
-/// Depth and packed normal of the last frame.
-pub const SURFACE_FORMAT: TextureFormat = TextureFormat::Rg32Uint;
+pub const STATS_FORMAT: TextureFormat = TextureFormat::R32Uint;
+/// Two words that tell a surface from others: see where the texture is declared.
+pub const HISTORY_SURFACE_FORMAT: TextureFormat = TextureFormat::Rg32Uint;
 /// Mean radiance over frames; alpha is the number of frames.
 pub const ACCUMULATION_FORMAT: TextureFormat = TextureFormat::Rgba32Float;
 /// What the composite adds to the lit frame.
 pub const REFLECTION_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
-
-/// Words in [`Targets::arguments`].
-pub const ARGUMENT_WORDS: u64 = 12;
-/// Words in [`Targets::counters`].
-pub const COUNTER_WORDS: u64 = 8;
-/// Byte offset in [`Targets::arguments`] of the dispatch over the list of blocks.
-pub const BLOCK_DISPATCH: u64 = 0;
-/// Byte offset of the dispatch over the list of mirror pixels.
-pub const MIRROR_DISPATCH: u64 = 12;
-/// Byte offset of the dispatch over active tiles, one workgroup of 8x8 pixels each.
-pub const TILE_DISPATCH: u64 = 24;
-/// Byte offset of the number of blocks; the number of mirror pixels and of active tiles follow.
-pub const BLOCK_COUNT: u64 = 36;
 
 /// How large everything is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -97,11 +87,10 @@ pub struct Targets {
     pub needs: Needs,
     /// All that was created: the label of each texture or buffer, and its bytes.
     pub memory: Vec<(&'static str, u64)>,
-    /// Counts and indirect arguments, cleared each frame: [`BLOCK_DISPATCH`] and following.
-    pub arguments: Buffer,
-    /// What passes count, cleared each frame: rays that hit, non-finite values that were stopped, then fragment invocations by the
-    /// logarithm of the block's number of trace pixels (if counted). Apart from the arguments, since a dispatch can't write
-    /// to the buffer that it takes its size from.
+    /// Sizes of indirect dispatches and lengths of their lists, cleared each frame: `common/lists.rs`.
+    pub indirect_args: Buffer,
+    /// Counters of passes, cleared each frame: `common/lists.rs`. Apart from the indirect arguments, since a dispatch can't write to
+    /// the buffer that it takes its size from.
     pub counters: Buffer,
     /// What the composite adds (full); only where it can't write into the frame itself.
     pub reflection: Option<TextureView>,
@@ -113,35 +102,52 @@ pub struct Targets {
 
 /// Textures of the variable-rate pipeline.
 pub struct PipelineTargets {
-    /// [`RATE_FORMAT`] (tile): of this frame in `[parity]`, of the last in `[1 - parity]`.
+    /// [`RATE_FORMAT`] (tile): of this frame in `[write_index]`, of the last in `[1 - write_index]`.
     pub rate: [TextureView; 2],
     /// Blocks of trace pixels that get a ray, one word each: see `rate/codes.wesl`.
-    pub blocks: Buffer,
+    pub ray_list: Buffer,
     /// Mirror pixels of the full resolution that get a ray of their own, `x | y << 16`.
-    pub mirrors: Buffer,
+    pub mirror_ray_list: Buffer,
     /// Active tiles, `x | y << 16`.
-    pub tiles: Buffer,
+    pub tile_list: Buffer,
     /// [`RAY_RADIANCE_FORMAT`] (trace).
     pub ray_radiance: TextureView,
-    /// [`RAY_RECORD_FORMAT`] (trace).
-    pub ray_record: TextureView,
+    /// [`RAY_SAMPLE_FORMAT`] (trace).
+    pub ray_sample: TextureView,
     /// [`RADIANCE_FORMAT`] (full): the reconstructed radiance; alpha is the relative variance of its mean. The blur writes its
-    /// result here, too.
+    /// result here, too, and mirror rays their radiance: see [`Self::mirror_radiance`] and [`Self::blurred`].
     pub reconstructed: TextureView,
-    /// [`PAIR_FORMAT`] (full): `pack2x16float(hit distance, effective number of rays)`; 0 where nothing reflects. In a picture at
+    /// [`STATS_FORMAT`] (full): `pack2x16float(hit distance, effective number of rays)`; 0 where nothing reflects. In a picture at
     /// rest the second number is the mean weight w of the rays, as 16 w / (1 + w).
-    pub reconstructed_pair: TextureView,
+    pub reconstructed_stats: TextureView,
     /// What outlives the frame; absent without temporal accumulation.
     pub history: Option<HistoryTargets>,
 }
 
-/// Ping-pong pairs: this frame writes `[parity]` and reads `[1 - parity]`.
+impl PipelineTargets {
+    /// Where mirror rays write their radiance. They pass by the denoiser: its passes leave their pixels alone.
+    pub fn mirror_radiance(&self) -> &TextureView {
+        &self.reconstructed
+    }
+
+    /// Where mirror rays write their hit distance and the number of their rays.
+    pub fn mirror_stats(&self) -> &TextureView {
+        &self.reconstructed_stats
+    }
+
+    /// Where the blur writes, once the history has taken over what was reconstructed.
+    pub fn blurred(&self) -> &TextureView {
+        &self.reconstructed
+    }
+}
+
+/// Ping-pong pairs: this frame writes `[write_index]` and reads `[1 - write_index]`.
 pub struct HistoryTargets {
     /// [`RADIANCE_FORMAT`] (full): accumulated radiance; alpha is the history length in frames, 0 = nothing.
     pub radiance: [TextureView; 2],
-    /// [`PAIR_FORMAT`] (full): `pack2x16float(hit distance, relative variance of one frame's samples)`.
-    pub pair: [TextureView; 2],
-    /// [`SURFACE_FORMAT`] (full): `pack2x16float(distance from the viewer in metres, mean Y of the last frames)`, 0 where nothing
+    /// [`STATS_FORMAT`] (full): `pack2x16float(hit distance, relative variance of one frame's samples)`.
+    pub stats: [TextureView; 2],
+    /// [`HISTORY_SURFACE_FORMAT`] (full): `pack2x16float(distance from the viewer in metres, mean Y of the last frames)`, 0 where nothing
     /// reflects; geometric normal as `pack2x16snorm` of its octahedral map with the lowest 8 bits of the word replaced by the
     /// roughness.
     pub surface: [TextureView; 2],
@@ -158,7 +164,7 @@ impl Creator<'_> {
         let texel = u64::from(format.block_copy_size(None).unwrap_or(16));
         self.memory.push((label, u64::from(size.x) * u64::from(size.y) * texel));
         let mut usage = TextureUsages::TEXTURE_BINDING | TextureUsages::STORAGE_BINDING | TextureUsages::COPY_SRC;
-        if matches!(format, RAY_RADIANCE_FORMAT | RAY_RECORD_FORMAT) {
+        if matches!(format, RAY_RADIANCE_FORMAT | RAY_SAMPLE_FORMAT) {
             usage |= TextureUsages::RENDER_ATTACHMENT;
         }
         let texture = self.device.create_texture(&TextureDescriptor {
@@ -204,7 +210,11 @@ impl Targets {
         };
         let (full, trace, tiles) = (sizes.full, sizes.trace(), sizes.tiles());
         let words = |size: UVec2| 4 * u64::from(size.x) * u64::from(size.y);
-        let arguments = create.buffer(4 * ARGUMENT_WORDS, BufferUsages::INDIRECT, "glint_arguments");
+        let indirect_args = create.buffer(
+            word_offset(INDIRECT_ARG_WORDS),
+            BufferUsages::INDIRECT,
+            "glint_indirect_args",
+        );
         let accumulation = needs.accumulation.then(|| {
             create.pair(
                 full,
@@ -214,28 +224,28 @@ impl Targets {
         });
         let pipeline = needs.pipeline.then(|| PipelineTargets {
             rate: create.pair(tiles, RATE_FORMAT, ["glint_rate_a", "glint_rate_b"]),
-            blocks: create.buffer(words(trace), BufferUsages::empty(), "glint_blocks"),
-            mirrors: create.buffer(words(full), BufferUsages::empty(), "glint_mirrors"),
-            tiles: create.buffer(words(tiles), BufferUsages::empty(), "glint_tiles"),
+            ray_list: create.buffer(words(trace), BufferUsages::empty(), "glint_ray_list"),
+            mirror_ray_list: create.buffer(words(full), BufferUsages::empty(), "glint_mirror_ray_list"),
+            tile_list: create.buffer(words(tiles), BufferUsages::empty(), "glint_tile_list"),
             ray_radiance: create.texture(trace, RAY_RADIANCE_FORMAT, "glint_ray_radiance"),
-            ray_record: create.texture(trace, RAY_RECORD_FORMAT, "glint_ray_record"),
+            ray_sample: create.texture(trace, RAY_SAMPLE_FORMAT, "glint_ray_sample"),
             reconstructed: create.texture(full, RADIANCE_FORMAT, "glint_reconstructed"),
-            reconstructed_pair: create.texture(full, PAIR_FORMAT, "glint_reconstructed_pair"),
+            reconstructed_stats: create.texture(full, STATS_FORMAT, "glint_reconstructed_stats"),
             history: needs.temporal.then(|| HistoryTargets {
                 radiance: create.pair(
                     full,
                     RADIANCE_FORMAT,
                     ["glint_history_radiance_a", "glint_history_radiance_b"],
                 ),
-                pair: create.pair(full, PAIR_FORMAT, ["glint_history_pair_a", "glint_history_pair_b"]),
+                stats: create.pair(full, STATS_FORMAT, ["glint_history_stats_a", "glint_history_stats_b"]),
                 surface: create.pair(
                     full,
-                    SURFACE_FORMAT,
+                    HISTORY_SURFACE_FORMAT,
                     ["glint_history_surface_a", "glint_history_surface_b"],
                 ),
             }),
         });
-        let counters = create.buffer(4 * COUNTER_WORDS, BufferUsages::empty(), "glint_counters");
+        let counters = create.buffer(word_offset(COUNTER_WORDS), BufferUsages::empty(), "glint_counters");
         let reflection = needs
             .reflection
             .then(|| create.texture(full, REFLECTION_FORMAT, "glint_reflection"));
@@ -243,7 +253,7 @@ impl Targets {
             sizes,
             needs,
             memory: take(&mut create.memory),
-            arguments,
+            indirect_args,
             counters,
             reflection,
             accumulation,

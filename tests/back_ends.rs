@@ -14,13 +14,12 @@ use bevy::{
     },
 };
 use bevy_glint::{
-    Backend, RayTracedReflections, ReflectionStatus, ShadingRateHeuristic, StatusReport, Technique, TracerChoice,
-    inspect::{self, Copied, CountInvocations, Target},
-    rate::{RATE_ACTIVE, ShadingRate},
-    status::HardwareRates,
+    Backend, HardwareRates, RayTracedReflections, ReflectionStatus, ShadingRate, ShadingRateHeuristic, StatusReport,
+    Technique, TracerChoice,
+    internals::{Copied, CountInvocations, RATE_ACTIVE, Target, readback},
 };
 #[cfg(feature = "hardware-vrs")]
-use bevy_glint::{HardwareVrs, HardwareVrsPlugin, rate::CombinedThresholds};
+use bevy_glint::{CombinedThresholds, HardwareVrs, HardwareVrsPlugin};
 use glint_scenes::{HeadlessApp, Output, SceneName, SceneOptions, camera, environment, read_image};
 use pictures::{app_on_device, assert_flip, warm_up};
 
@@ -119,7 +118,7 @@ fn has_fragment_rays(app: &mut HeadlessApp, tracer: TracerChoice) -> bool {
 }
 
 fn copied(app: &mut HeadlessApp, viewer: &Viewer, target: Target) -> Copied {
-    let copied = inspect::copy(app.app(), viewer.camera, target);
+    let copied = readback::copy(app.app(), viewer.camera, target);
     copied.unwrap_or_else(|| panic!("{target:?} can't be read"))
 }
 
@@ -137,9 +136,9 @@ fn counted(app: &mut HeadlessApp, viewer: &Viewer) -> Vec<u32> {
 
 /// The same for the list of blocks.
 fn listed(app: &mut HeadlessApp, viewer: &Viewer) -> Vec<u32> {
-    let count = copied(app, viewer, Target::Arguments).words[9] as usize;
+    let count = copied(app, viewer, Target::IndirectArgs).words[9] as usize;
     let mut sizes = vec![0; 5];
-    for block in &copied(app, viewer, Target::Blocks).words[..count] {
+    for block in &copied(app, viewer, Target::RayList).words[..count] {
         sizes[((block >> 26 & 3) + (block >> 28 & 3)) as usize] += 1;
     }
     sizes
@@ -180,7 +179,7 @@ fn half_float(bits: u16) -> i32 {
 fn differences(app: &mut HeadlessApp, a: &Viewer, b: &Viewer) -> Differences {
     let rates = copied(app, a, Target::Rate);
     assert_eq!(rates, copied(app, b, Target::Rate), "both cameras have the same rates");
-    let [records, radiance] = [Target::RayRecord, Target::RayRadiance].map(|target| {
+    let [records, radiance] = [Target::RaySample, Target::RayRadiance].map(|target| {
         let both = [copied(app, a, target), copied(app, b, target)];
         assert_eq!(both[0].size, both[1].size);
         both

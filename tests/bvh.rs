@@ -3,10 +3,10 @@
 mod common;
 
 use bevy::math::{Affine3A, Vec3};
-use bevy_glint::scene::bvh::{
+use bevy_glint::internals::bvh::{
     Bounds, BvhQuality, Counters, ONE_ENTRY, TraceRay, any, build_blas, build_tlas, closest, merge_bounds,
 };
-use bevy_glint::scene::gpu_types::{
+use bevy_glint::internals::gpu_types::{
     INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT,
 };
 use common::soup::{Mesh, Packed, Packing, Random, SOUPS, Soup, closed_surface, mesh, placement};

@@ -16,8 +16,7 @@ use bevy::{
     },
 };
 use bevy_glint::{
-    DebugCounters, DebugSplit, DebugView, NonFiniteReport, RayTracedReflections, Technique, TracerChoice,
-    debug::RATE_LEGEND,
+    DebugCounters, DebugSplit, DebugView, NonFiniteReport, RATE_LEGEND, RayTracedReflections, Technique, TracerChoice,
 };
 use glint_scenes::{HeadlessApp, Output, SceneName, environment};
 use pictures::{app_with, reflect, spawn, warm_up};

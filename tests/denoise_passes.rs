@@ -9,7 +9,7 @@ mod denoise_wall;
 mod sampling_reference;
 
 use bevy::math::{UVec2, Vec3, uvec2, vec2};
-use bevy_glint::trace::directional_albedo::DirectionalAlbedo;
+use bevy_glint::internals::directional_albedo::DirectionalAlbedo;
 use common::{gpu::Gpu, wesl::Shaders};
 use denoise_wall::{History, Ray, Reconstructed, VIRTUAL_HISTORY, Wall, half, unhalf};
 use sampling_reference::{reflection_throughput, sobol, specular_f90};

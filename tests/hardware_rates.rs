@@ -60,7 +60,7 @@ fn texture(gpu: &Gpu, rates: &[u32], width: u32, height: u32) -> wgpu::TextureVi
 #[test]
 fn each_tile_has_a_byte() {
     let Some(gpu) = Gpu::new() else { return };
-    let wgsl = wesl::flatten(include_str!("../src/trace/hardware/rate_image.wesl"), &[], &[]);
+    let wgsl = wesl::flatten(include_str!("../src/trace/vrs.wesl"), &[], &[]);
     let module = gpu.module(&wgsl, Checks::Off);
     let pipeline = gpu.pipeline(&module, "pack");
     for (width, height) in [(1, 1), (4, 2), (5, 3), (7, 9), (120, 68)] {

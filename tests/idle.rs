@@ -10,8 +10,8 @@ use bevy::{
     render::{RenderApp, render_resource::PollType, renderer::RenderDevice},
 };
 use bevy_glint::{
-    Backend, DebugView, Denoiser, RayTracedReflections, ReflectionStatus, StatusReport, Technique, TracerChoice,
-    rate::RateTileSize,
+    Backend, DebugView, Denoiser, RateTileSize, RayTracedReflections, ReflectionStatus, StatusReport, Technique,
+    TracerChoice,
 };
 use core::f32::consts::PI;
 use glint_scenes::{HeadlessApp, Output, SceneName, environment};

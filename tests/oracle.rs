@@ -9,7 +9,7 @@ mod oracle_scenes;
 mod pictures;
 
 use bevy::math::Vec3;
-use bevy_glint::{TracerChoice, scene::bvh::TraceRay};
+use bevy_glint::{TracerChoice, internals::bvh::TraceRay};
 use common::soup::{Oracle, Packed, Random};
 use oracle_app::{Answer, Hit, OracleApp};
 use oracle_scenes::{Scene, corners, rays_from_within, rays_into};

@@ -9,12 +9,9 @@ use bevy::{
     mesh::UvChannel,
     pbr::StandardMaterial,
     prelude::{AlphaMode, GlobalTransform, LinearRgba, Transform},
-    render::{
-        render_resource::{Face, TextureFormat, WgpuFeatures},
-        settings::WgpuLimits,
-    },
+    render::render_resource::{Face, TextureFormat},
 };
-use bevy_glint::scene::{gpu_types::*, lights::*, materials::*, textures::*};
+use bevy_glint::internals::{gpu_types::*, lights::*, materials::*};
 
 #[test]
 fn defaults_keep_their_values() {
@@ -260,24 +257,4 @@ fn lights_without_light_are_left_out() {
     )
     .unwrap();
     assert!(nowhere.inverse_range_squared.is_finite() && nowhere.radius == 0.0);
-}
-
-#[test]
-fn the_texture_mode_follows_the_device() {
-    let needed = WgpuFeatures::TEXTURE_BINDING_ARRAY
-        | WgpuFeatures::SAMPLED_TEXTURE_AND_STORAGE_BUFFER_ARRAY_NON_UNIFORM_INDEXING
-        | WgpuFeatures::PARTIALLY_BOUND_BINDING_ARRAY;
-    let limits = WgpuLimits {
-        max_binding_array_elements_per_shader_stage: 1000,
-        max_binding_array_sampler_elements_per_shader_stage: 1000,
-        ..Default::default()
-    };
-    assert_eq!(
-        texture_mode_of(needed, &limits),
-        TextureMode::Bindless { textures: 500 }
-    );
-    assert_eq!(texture_mode_of(needed, &limits).shader_def(), Some("BINDLESS_TEXTURES"));
-    for (features, limits) in [(WgpuFeatures::empty(), limits), (needed, WgpuLimits::default())] {
-        assert_eq!(texture_mode_of(features, &limits), TextureMode::Layers { layers: 256 });
-    }
 }

@@ -14,14 +14,12 @@ use bevy_egui::{
     egui::{self, Event, Modifiers, PointerButton, Pos2, RawInput, Rect, Shape, Ui},
 };
 use bevy_glint::{
-    Backend, DebugView, Preset, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionSettingsPanel,
-    ReflectionSettingsPanelPlugin, ShadingRateHeuristic, StatusReport, Technique, Tracer,
-    egui::{
+    Backend, CombinedThresholds, DebugView, HardwareRates, Preset, RayTracedReflections, RayTracedReflectionsPlugin,
+    ReflectionSettingsPanel, ReflectionSettingsPanelPlugin, ShadingRateHeuristic, StatusReport, Technique, Tracer,
+    ui::{
         CameraSettings, Quality, ReflectionsOff, camera_settings_ui, quality_menu, reflection_measurements_ui,
         reflection_settings_ui, switch_reflections, why_no_hardware, why_no_reflections,
     },
-    rate::CombinedThresholds,
-    status::HardwareRates,
 };
 
 /// What buttons that reset say.

@@ -12,8 +12,9 @@ use bevy::{
     asset::Handle,
     math::{Mat4, UVec2, Vec3, uvec2, vec2},
 };
-use bevy_glint::rate::{
-    CombinedThresholds, GrazingThresholds, RATE_ACTIVE, RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
+use bevy_glint::{
+    CombinedThresholds, GrazingThresholds, RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
+    internals::RATE_ACTIVE,
 };
 use common::{gpu::Gpu, wesl::Shaders};
 use rate_frame::{Frame, Random, Surface};

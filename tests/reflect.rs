@@ -3,7 +3,7 @@
 #[cfg(feature = "egui")]
 use bevy_glint::{
     Quality, ReflectionSettingsPanel, ReflectionSettingsPanelPlugin,
-    egui::{CameraSettings, Measurements, PassTime, ReflectionsOff},
+    ui::{CameraSettings, Measurements, PassTime, ReflectionsOff},
 };
 
 use bevy::{
@@ -11,31 +11,33 @@ use bevy::{
     reflect::{ReflectFromReflect, TypeRegistration, TypeRegistry, std_traits::ReflectDefault},
 };
 use bevy_glint::{
-    Backend, DebugCounters, DebugSplit, DebugView, Denoiser, NonFiniteReport, NotReflected, Preset, RaySampling,
-    RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, ShadingRateHeuristic, StatusReport, Technique,
-    TextureMip, Tracer, TracerChoice, ViewMemory,
-    rate::{CombinedThresholds, GrazingThresholds, RateTileSize, RoughnessThresholds, ShadingRate},
-    status::HardwareRates,
+    Backend, CombinedThresholds, DebugCounters, DebugSplit, DebugView, Denoiser, GrazingThresholds, HardwareRates,
+    NonFiniteReport, NotReflected, Preset, RateTileSize, RaySampling, RayTracedReflections, RayTracedReflectionsPlugin,
+    ReflectionStatus, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, StatusReport, Technique, TextureMip,
+    Tracer, TracerChoice, ViewMemory,
 };
 use core::any::{TypeId, type_name};
 use std::{fs, path::Path};
 
 /// Files with types that an app holds.
-const FILES: [&str; 11] = [
-    "settings.rs",
-    "presets.rs",
+const FILES: [&str; 14] = [
+    "settings/reflections.rs",
+    "settings/denoiser.rs",
+    "settings/heuristic.rs",
+    "settings/shading_rate.rs",
+    "settings/debug.rs",
+    "settings/presets.rs",
+    "device/shading_rates.rs",
+    "device/texture_mode.rs",
+    "device/tracer.rs",
     "status.rs",
-    "debug/mod.rs",
-    "debug/counters.rs",
-    "rate/heuristic.rs",
-    "rate/shading_rate.rs",
-    "egui/camera.rs",
-    "egui/panel.rs",
-    "egui/quality.rs",
-    "egui/timings.rs",
+    "ui/camera.rs",
+    "ui/panel.rs",
+    "ui/quality.rs",
+    "ui/timings.rs",
 ];
-/// An error and a plugin, which nobody looks at.
-const OTHERS: [&str; 2] = ["UnknownName", "ReflectionSettingsPanelPlugin"];
+/// What an app reads from a method, and a plugin: nobody looks at them.
+const OTHERS: [&str; 2] = ["ShadingRates", "ReflectionSettingsPanelPlugin"];
 
 /// An app without a renderer.
 fn app() -> App {

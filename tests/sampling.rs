@@ -4,7 +4,7 @@
 mod sampling_reference;
 
 use bevy::math::{UVec2, Vec2, Vec3, uvec2, vec2};
-use bevy_glint::trace::directional_albedo::DirectionalAlbedo;
+use bevy_glint::internals::directional_albedo::DirectionalAlbedo;
 use core::f64::consts::PI;
 use sampling_reference::*;
 

@@ -6,7 +6,7 @@ mod dispatch;
 mod sampling_reference;
 
 use bevy::math::{UVec2, Vec2, Vec3, uvec2, vec2};
-use bevy_glint::trace::directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo};
+use bevy_glint::internals::directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo};
 use bytemuck::{Pod, Zeroable};
 use dispatch::{Gpu, flatten};
 use sampling_reference::*;

@@ -5,7 +5,7 @@ mod wesl;
 
 use std::mem::offset_of;
 
-use bevy_glint::scene::{environment::GpuEnvironment, gpu_types::*};
+use bevy_glint::internals::{environment::GpuEnvironment, gpu_types::*};
 use wesl::Shaders;
 
 const COMBINATIONS: [&[&str]; 15] = [

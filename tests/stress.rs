@@ -9,7 +9,7 @@ use bevy::{
 };
 use bevy_glint::{
     TracerChoice,
-    scene::{
+    internals::{
         bvh::{BvhQuality, Item, TraceRay, build_blas},
         gpu_types::{GpuInstance, GpuSceneCounts},
     },

@@ -11,8 +11,8 @@ use bevy::{
     render::{RenderApp, render_resource::PollType, renderer::RenderDevice},
 };
 use bevy_glint::{
-    Denoiser, RayTracedReflections, ReflectionStatus, SCENE_BYTES, StatusReport, Technique, TracerChoice, VIEW_BYTES,
-    inspect, scene::textures::TextureMode,
+    Denoiser, RayTracedReflections, ReflectionStatus, SCENE_BYTES, StatusReport, Technique, TextureMode, TracerChoice,
+    VIEW_BYTES, internals::readback,
 };
 use glint_scenes::{HeadlessApp, Output, SceneName, environment};
 use pictures::{app, assert_flip, warm_up};
@@ -167,7 +167,7 @@ fn expect_on(app: &mut HeadlessApp, camera: Entity, what: &str) {
     assert!(view.bytes() > 0 && report.scene_bytes > 0, "{what}: {report:?}");
     assert_eq!(measured(app, &VIEW_BYTES), Some(all as f64), "{what}");
     assert_eq!(measured(app, &SCENE_BYTES), Some(report.scene_bytes as f64), "{what}");
-    let held = inspect::held(app.app(), camera);
+    let held = readback::render_world_components(app.app(), camera);
     assert!(
         held.contains(&"targets") && held.contains(&"bind group"),
         "{what}: {held:?}"
@@ -201,7 +201,7 @@ fn expect_off(app: &mut HeadlessApp, camera: Entity, before: Option<&Memory>, wh
     for path in [VIEW_BYTES, SCENE_BYTES] {
         assert_eq!(measured(app, &path), Some(0.0), "{what}: {}", path.as_str());
     }
-    let held = inspect::held(app.app(), camera);
+    let held = readback::render_world_components(app.app(), camera);
     assert!(held.is_empty(), "{what}: the render world still has {held:?}");
     if let (Some(before), Some(after)) = (before, allocated(app)) {
         let alike = before.len() == after.len()
@@ -321,7 +321,7 @@ fn one_camera_switched_off_leaves_the_other_alone() {
             alone.scene_bytes, status.scene_bytes,
             "{tracer:?}: the scene is that of both"
         );
-        let held = inspect::held(app.app(), left);
+        let held = readback::render_world_components(app.app(), left);
         assert!(held.is_empty(), "{tracer:?}: the render world still has {held:?}");
         if let (Some(both), Some(one)) = (memory, allocated(app)) {
             for (label, _) in &alone.view_memory[0].parts {

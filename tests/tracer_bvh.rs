@@ -4,8 +4,8 @@ mod common;
 
 use bevy::math::{Affine3A, Vec3};
 use bevy::shader::ShaderDefVal;
-use bevy_glint::scene::bvh::{Counters, TraceHit, TraceRay, any, closest, micro_triangle};
-use bevy_glint::scene::gpu_types::{
+use bevy_glint::internals::bvh::{Counters, TraceHit, TraceRay, any, closest, micro_triangle};
+use bevy_glint::internals::gpu_types::{
     GpuInstance, GpuSceneCounts, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT,
 };
 use bytemuck::{Pod, Zeroable};

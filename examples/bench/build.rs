@@ -7,7 +7,7 @@ use bevy::{
     mesh::Mesh,
     prelude::{Assets, GlobalTransform, Mesh3d, Transform},
 };
-use bevy_glint::scene::{
+use bevy_glint::internals::{
     bvh::{Blas, BvhQuality, TlasInstance, build_blas, build_tlas, opening_budget},
     geometry::pack_mesh,
 };

@@ -20,12 +20,11 @@ use bevy::{
     shader::Shader,
 };
 use bevy_glint::{
-    RayTracedReflections, Tracer,
-    scene::{
+    RayTracedReflections, ReflectionSystems, Tracer,
+    internals::{
         SceneBindings,
         environment::{EnvironmentBindings, layout_descriptor},
     },
-    trace::ray_traced_reflections,
 };
 use bytemuck::{Pod, Zeroable};
 use core::num::NonZeroU64;
@@ -133,7 +132,7 @@ pub fn add(app: &mut App) {
         .add_systems(
             Core3d,
             run_kernels
-                .after(ray_traced_reflections)
+                .after(ReflectionSystems::Passes)
                 .before(main_opaque_pass_3d)
                 .in_set(Core3dSystems::MainPass),
         );

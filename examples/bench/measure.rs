@@ -11,7 +11,7 @@ use bevy::{
     prelude::*,
     render::{RenderApp, diagnostic::RenderDiagnosticsPlugin, render_resource::PollType, renderer::RenderDevice},
 };
-use bevy_glint::{Backend, ReflectionStatus, StatusReport, inspect::TotalTimeOnly, named_settings};
+use bevy_glint::{Backend, ReflectionStatus, StatusReport, internals::TotalTimeOnly, named_settings};
 use glint_scenes::{HeadlessApp, HeadlessSettings, SceneName, SceneOptions, SceneStatistics};
 use std::{
     path::{Path, PathBuf},

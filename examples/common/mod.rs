@@ -16,8 +16,8 @@ use bevy::{
     prelude::*,
 };
 use bevy_glint::{
-    Backend, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, TracerChoice, named_settings,
-    presets::TECHNIQUE_NAMES,
+    Backend, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, TECHNIQUE_NAMES, TracerChoice,
+    named_settings,
 };
 use glint_scenes::{HeadlessApp, HeadlessSettings};
 use std::{

@@ -1,276 +1,46 @@
-//! Views of what the passes of a camera wrote, in place of its picture, and counters of what must not be.
+//! Views of what the passes of a camera wrote, in place of its picture, and counters of values that must not occur.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `show`, `scales.wesl` | the debug views |
+//! | `sides.rs` | which columns each of them covers |
+//! | `count` | the counters |
+//! | `pipelines.rs` | how both are compiled and run |
 
-mod counters;
-mod passes;
+mod count;
+mod pipelines;
+mod show;
+mod sides;
 
-pub use counters::{DebugCounters, NON_FINITE_PIXELS, NonFiniteReport, WORST_RADIANCE, WORST_X, WORST_Y};
-pub use passes::{DebugPipelines, init_debug_pipelines, queue_debug_pipelines, show_debug_views};
-
-use crate::settings::UnknownName;
+use crate::{device::tracing_app, schedule::ReflectionSystems};
 use bevy::{
-    color::LinearRgba,
-    ecs::prelude::*,
-    reflect::{Reflect, std_traits::ReflectDefault},
+    app::{App, Plugin},
+    asset::embedded_asset,
+    core_pipeline::schedule::Core3d,
+    ecs::schedule::IntoScheduleConfigs,
+    render::{Render, RenderApp, RenderStartup},
+    shader::load_shader_library,
 };
-use core::ops::Range;
+use pipelines::{init_debug_pipelines, queue_debug_pipelines, show_debug_views};
 
-/// What a reflecting camera shows instead of its picture: insert it beside
-/// [`RayTracedReflections`](crate::RayTracedReflections); it can change at any time.
-///
-/// A view is drawn after everything opaque and transparent, and before post-processing and tone mapping: for exact colours set
-/// [`Tonemapping::None`](bevy::core_pipeline::tonemapping::Tonemapping::None) and leave out bloom; temporal anti-aliasing
-/// averages it over frames. It is written by a compute shader and needs a device that can read and write half-float frames in
-/// place; elsewhere the camera keeps its picture, with a warning.
-///
-/// *Heat* is a scale of five colours in equal steps: blue, cyan, green, yellow, red. Values beyond an end have its colour, those
-/// that aren't finite are magenta. Where a view has nothing to say (sky, rough or unlit surfaces, tiles without reflections,
-/// techniques without such a texture) heat lies on the picture, dark and grey, and radiance on black.
-///
-/// What textures hold is *of this frame*. Radiance is exposed, as in Bevy's HDR frames.
-#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[reflect(Component, Default, Debug, Clone, PartialEq)]
-pub enum DebugView {
-    /// The picture.
-    #[default]
-    Off,
-    /// The reflection alone: exactly what is added to the lit frame, on black. It is negative where ambient light that Bevy added
-    /// is taken back.
-    Reflection,
-    /// The colour of each tile's rate after [`RATE_LEGEND`] over the brightness of the picture; darker where nothing reflects.
-    /// Exact mirrors with rays of their own have a colour of theirs.
-    ShadingRates,
-    /// Heat of the reflection rays per pixel of the view, by its logarithm: blue 1/64, cyan 1/23, green 1/8, yellow 1/3, red 1. The
-    /// ray of a block counts in equal parts for its pixels.
-    RaysPerPixel,
-    /// Radiance that rays brought, before any weight: a block of pixels shows the one ray that it shares. Exact mirrors with rays
-    /// of their own are not in it.
-    RawRays,
-    /// Heat of the distance from the surface to what it reflects, as reconstruction found it, by its logarithm: blue 0.1 m, cyan
-    /// 1 m, green 10 m, yellow 100 m, red 1,000 m. White is the sky.
-    HitDistance,
-    /// Radiance of each pixel's lobe divided by the lobe's albedo after the whole denoiser: what the composite reads. In a white
-    /// furnace it is white.
-    Reconstructed,
-    /// Heat of the length of each pixel's history in frames: blue 0, red [`max_history`](crate::Denoiser::max_history) and more.
-    /// With [`Technique::Converged`](crate::Technique::Converged) the frames that were averaged.
-    HistoryLength,
-    /// Heat of the relative variance (the variance over the squared mean) of one frame's radiance, by its logarithm: blue
-    /// 0.0001, cyan 0.003, green 0.1, yellow 3, red 100. Without temporal accumulation that of the mean of the rays that a pixel
-    /// was reconstructed from.
-    Variance,
-    /// Heat of the effective number of rays that a pixel was reconstructed from, by its logarithm: blue 1, cyan 2, green 4,
-    /// yellow 8, red 16. Black where there was none.
-    ///
-    /// In a picture at rest the mean weight of these rays stands there, green where it is as expected.
-    EffectiveRays,
-    /// Red where a pixel's history holds at most one frame: it is new, or its past was rejected. Not exact mirrors with rays of
-    /// their own, which have no history.
-    Rejected,
-    /// Magenta where anything that the passes keep of a pixel is not finite; yellow where only the picture itself is not.
-    NonFinite,
-}
+/// Registers the shaders, pipelines and systems of this folder.
+pub(crate) struct DebugPlugin;
 
-impl DebugView {
-    /// All views.
-    pub const ALL: [Self; 12] = [
-        Self::Off,
-        Self::Reflection,
-        Self::ShadingRates,
-        Self::RaysPerPixel,
-        Self::RawRays,
-        Self::HitDistance,
-        Self::Reconstructed,
-        Self::HistoryLength,
-        Self::Variance,
-        Self::EffectiveRays,
-        Self::Rejected,
-        Self::NonFinite,
-    ];
-
-    /// The word for command lines and files.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Off => "off",
-            Self::Reflection => "reflection",
-            Self::ShadingRates => "shading-rates",
-            Self::RaysPerPixel => "rays-per-pixel",
-            Self::RawRays => "raw-rays",
-            Self::HitDistance => "hit-distance",
-            Self::Reconstructed => "reconstructed",
-            Self::HistoryLength => "history-length",
-            Self::Variance => "variance",
-            Self::EffectiveRays => "effective-rays",
-            Self::Rejected => "rejected",
-            Self::NonFinite => "non-finite",
+impl Plugin for DebugPlugin {
+    fn build(&self, app: &mut App) {
+        if app.get_sub_app(RenderApp).is_none() {
+            return;
         }
-    }
-}
-
-impl core::str::FromStr for DebugView {
-    type Err = UnknownName;
-
-    fn from_str(name: &str) -> Result<Self, UnknownName> {
-        Self::ALL.into_iter().find(|view| view.name() == name).ok_or_else(|| {
-            UnknownName::new(
-                name,
-                "off, reflection, shading-rates, rays-per-pixel, raw-rays, hit-distance, reconstructed, \
-                     history-length, variance, effective-rays, rejected, non-finite",
-            )
-        })
-    }
-}
-
-/// Names and colours of [`DebugView::ShadingRates`]: rates as width x height of a block in trace pixels, exact mirrors with a ray
-/// for each pixel of the full resolution, and tiles that were skipped, since nothing in them reflects.
-///
-/// On the screen the colours are scaled by 0.1 to 1.
-pub const RATE_LEGEND: [(&str, LinearRgba); 11] = [
-    ("1x1", LinearRgba::rgb(1.0, 0.05, 0.05)),
-    ("1x2", LinearRgba::rgb(1.0, 0.8, 0.05)),
-    ("1x4", LinearRgba::rgb(0.1, 0.9, 0.45)),
-    ("2x1", LinearRgba::rgb(1.0, 0.35, 0.02)),
-    ("2x2", LinearRgba::rgb(0.05, 0.75, 0.05)),
-    ("2x4", LinearRgba::rgb(0.05, 0.35, 1.0)),
-    ("4x1", LinearRgba::rgb(0.55, 0.9, 0.05)),
-    ("4x2", LinearRgba::rgb(0.05, 0.8, 0.9)),
-    ("4x4", LinearRgba::rgb(0.25, 0.05, 0.9)),
-    ("mirrors", LinearRgba::rgb(1.0, 0.3, 0.8)),
-    ("skipped", LinearRgba::rgb(0.3, 0.3, 0.3)),
-];
-
-/// Divides the picture of a camera: its [`DebugView`] is shown right of a thin white line.
-#[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
-#[reflect(Component, Default, Debug, Clone, PartialEq)]
-pub struct DebugSplit {
-    /// Where the line is: 0 is the left edge of the view, 1 the right one; clamped, and NaN is the middle. Default: 0.5.
-    #[reflect(@0.0..=1.0f32)]
-    pub position: f32,
-    /// What is shown left of the line. Default: [`DebugView::Off`], the picture.
-    pub left: DebugView,
-}
-
-impl Default for DebugSplit {
-    fn default() -> Self {
-        Self {
-            position: 0.5,
-            left: DebugView::Off,
-        }
-    }
-}
-
-/// The components of a camera together.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct ViewDebug {
-    right: DebugView,
-    left: DebugView,
-    /// Part of the width that `left` takes.
-    position: f32,
-    counters: bool,
-}
-
-/// Columns of a view that show something else than the picture.
-#[derive(Clone, Debug, PartialEq, Eq)]
-struct Side {
-    view: DebugView,
-    columns: Range<u32>,
-    /// Columns of the dividing line.
-    line: Range<u32>,
-}
-
-impl ViewDebug {
-    pub(crate) fn new(view: Option<&DebugView>, split: Option<&DebugSplit>, counters: bool) -> Self {
-        let position = split.map_or(0.0, |split| split.position);
-        Self {
-            right: view.copied().unwrap_or_default(),
-            left: split.map_or(DebugView::Off, |split| split.left),
-            position: if position.is_nan() {
-                0.5
-            } else {
-                position.clamp(0.0, 1.0)
-            },
-            counters,
-        }
+        load_shader_library!(app, "scales.wesl");
+        embedded_asset!(app, "show.wesl");
+        embedded_asset!(app, "count.wesl");
     }
 
-    /// Views other than the picture.
-    fn views(self) -> impl Iterator<Item = DebugView> {
-        [self.left, self.right]
-            .into_iter()
-            .filter(|&view| view != DebugView::Off)
-    }
-
-    /// What is drawn over a picture of this width. The right side draws the line; without a view, the left one does.
-    fn sides(self, width: u32) -> impl Iterator<Item = Side> {
-        let divider = ((self.position * width as f32).round() as u32).min(width);
-        let line = if divider == 0 || divider == width {
-            0..0
-        } else if self.right == DebugView::Off {
-            divider.saturating_sub(2)..divider
-        } else {
-            divider..(divider + 2).min(width)
-        };
-        let sides = [(self.left, 0..divider), (self.right, divider..width)];
-        sides
-            .into_iter()
-            .filter(|(view, columns)| *view != DebugView::Off && !columns.is_empty())
-            .map(move |(view, columns)| Side {
-                view,
-                columns,
-                line: line.clone(),
-            })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_are_read_back() {
-        for view in DebugView::ALL {
-            assert_eq!(view.name().parse(), Ok(view));
-        }
-        let error = "everything".parse::<DebugView>().unwrap_err().to_string();
-        for view in DebugView::ALL {
-            assert!(error.contains(view.name()), "{error}");
-        }
-    }
-
-    #[test]
-    fn numbers_of_views_are_those_of_the_shader() {
-        let shader = include_str!("debug.wesl");
-        for (number, view) in DebugView::ALL.into_iter().enumerate() {
-            assert_eq!(view as usize, number);
-            if view != DebugView::Off && view != DebugView::Reflection {
-                let name = view.name().replace('-', "_").to_uppercase();
-                let line = format!("const VIEW_{name}: u32 = {number}u;");
-                assert!(shader.contains(&line), "{line}");
-            }
-        }
-    }
-
-    #[test]
-    fn a_divided_view_covers_what_it_should() {
-        let side = |view, columns, line| Side { view, columns, line };
-        let of = |view: DebugView, split: Option<DebugSplit>| -> Vec<_> {
-            ViewDebug::new(Some(&view), split.as_ref(), false).sides(100).collect()
-        };
-        let split = |position, left| Some(DebugSplit { position, left });
-        let (off, rates, rays) = (DebugView::Off, DebugView::ShadingRates, DebugView::RawRays);
-        assert!(of(off, None).is_empty());
-        assert_eq!(of(rates, None), [side(rates, 0..100, 0..0)]);
-        assert_eq!(of(rates, split(0.25, off)), [side(rates, 25..100, 25..27)]);
-        assert_eq!(of(off, split(f32::NAN, rays)), [side(rays, 0..50, 48..50)]);
-        assert_eq!(
-            of(rates, split(0.999, rays)),
-            [side(rays, 0..100, 0..0)],
-            "the line would lie outside"
-        );
-        assert!(of(rates, split(7.0, off)).is_empty());
-        assert_eq!(
-            of(rates, split(0.5, rays)),
-            [side(rays, 0..50, 50..52), side(rates, 50..100, 50..52)]
-        );
+    fn finish(&self, app: &mut App) {
+        let Some(render_app) = tracing_app(app) else { return };
+        render_app
+            .add_systems(RenderStartup, init_debug_pipelines)
+            .add_systems(Render, queue_debug_pipelines.in_set(ReflectionSystems::QueuePipelines))
+            .add_systems(Core3d, show_debug_views.in_set(ReflectionSystems::DebugViews));
     }
 }

@@ -1,27 +1,19 @@
 //! Bindings of `blur.wesl`.
 
-use super::{
-    history,
-    pass::{floats, integers},
-    tile_entries, tile_layout, written,
+use super::tiles;
+use crate::{
+    gbuffer::{Binding, GBufferPass, OtherGroups},
+    targets::RADIANCE_FORMAT,
 };
-use crate::{targets::RADIANCE_FORMAT, trace::PassContext};
-use bevy::render::render_resource::{DynamicBindGroupEntries, DynamicBindGroupLayoutEntries};
 
-pub(super) fn layout() -> DynamicBindGroupLayoutEntries {
-    tile_layout().extend_sequential((integers(), floats(), integers(), integers(), written(RADIANCE_FORMAT)))
-}
-
-pub(super) fn entries<'a>(context: &PassContext<'a>) -> Option<DynamicBindGroupEntries<'a>> {
-    let textures = context.textures;
-    let images = textures.targets.pipeline.as_ref()?;
-    let (history, _) = history(context)?;
-    let now = textures.parity;
-    Some(tile_entries(context, images).extend_sequential((
-        &images.rate[now],
-        &history.radiance[now],
-        &history.pair[now],
-        &history.surface[now],
-        &images.reconstructed,
-    )))
+pub(super) fn pass() -> GBufferPass {
+    let mut bindings = tiles::bindings();
+    bindings.extend([
+        Binding::integers(|context| Some(&context.images()?.rate[context.now()])),
+        Binding::floats(|context| Some(&context.history()?.0.radiance[context.now()])),
+        Binding::integers(|context| Some(&context.history()?.0.stats[context.now()])),
+        Binding::integers(|context| Some(&context.history()?.0.surface[context.now()])),
+        Binding::written(RADIANCE_FORMAT, |context| Some(context.images()?.blurred())),
+    ]);
+    GBufferPass::new("glint_blur", bindings, OtherGroups::None)
 }

@@ -1,35 +1,20 @@
 //! Bindings of `reconstruct.wesl`.
 
-use super::{
-    pass::{floats, integers},
-    tile_entries, tile_layout, written,
-};
+use super::tiles;
 use crate::{
-    targets::{PAIR_FORMAT, RADIANCE_FORMAT},
-    trace::PassContext,
+    gbuffer::{Binding, GBufferPass, OtherGroups},
+    targets::{RADIANCE_FORMAT, STATS_FORMAT},
 };
-use bevy::render::render_resource::{DynamicBindGroupEntries, DynamicBindGroupLayoutEntries};
 
-pub(super) fn layout() -> DynamicBindGroupLayoutEntries {
-    tile_layout().extend_sequential((
-        integers(),
-        floats(),
-        integers(),
-        floats(),
-        written(RADIANCE_FORMAT),
-        written(PAIR_FORMAT),
-    ))
-}
-
-pub(super) fn entries<'a>(context: &PassContext<'a>) -> Option<DynamicBindGroupEntries<'a>> {
-    let textures = context.textures;
-    let images = textures.targets.pipeline.as_ref()?;
-    Some(tile_entries(context, images).extend_sequential((
-        &images.rate[textures.parity],
-        &images.ray_radiance,
-        &images.ray_record,
-        context.albedo_table,
-        &images.reconstructed,
-        &images.reconstructed_pair,
-    )))
+pub(super) fn pass() -> GBufferPass {
+    let mut bindings = tiles::bindings();
+    bindings.extend([
+        Binding::integers(|context| Some(&context.images()?.rate[context.now()])),
+        Binding::floats(|context| Some(&context.images()?.ray_radiance)),
+        Binding::integers(|context| Some(&context.images()?.ray_sample)),
+        Binding::floats(|context| Some(context.albedo_table)),
+        Binding::written(RADIANCE_FORMAT, |context| Some(&context.images()?.reconstructed)),
+        Binding::written(STATS_FORMAT, |context| Some(&context.images()?.reconstructed_stats)),
+    ]);
+    GBufferPass::new("glint_reconstruct", bindings, OtherGroups::None)
 }

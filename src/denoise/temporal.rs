@@ -1,51 +1,29 @@
 //! Bindings of `temporal.wesl`.
 
-use super::{
-    history,
-    pass::{floats, integers},
-    tile_entries, tile_layout, written,
-};
+use super::tiles;
 use crate::{
-    targets::{PAIR_FORMAT, RADIANCE_FORMAT, SURFACE_FORMAT},
-    trace::PassContext,
+    gbuffer::{Binding, GBufferPass, OtherGroups},
+    targets::{HISTORY_SURFACE_FORMAT, RADIANCE_FORMAT, STATS_FORMAT},
 };
-use bevy::render::render_resource::{DynamicBindGroupEntries, DynamicBindGroupLayoutEntries};
 
-pub(super) fn layout() -> DynamicBindGroupLayoutEntries {
-    tile_layout().extend_sequential((
-        // Rates of this frame and the last, motion, what is new.
-        integers(),
-        integers(),
-        floats(),
-        floats(),
-        integers(),
-        // History of the last frame.
-        floats(),
-        integers(),
-        integers(),
-        // And of this one.
-        written(RADIANCE_FORMAT),
-        written(PAIR_FORMAT),
-        written(SURFACE_FORMAT),
-    ))
-}
-
-pub(super) fn entries<'a>(context: &PassContext<'a>) -> Option<DynamicBindGroupEntries<'a>> {
-    let textures = context.textures;
-    let images = textures.targets.pipeline.as_ref()?;
-    let (history, motion) = history(context)?;
-    let (now, before) = (textures.parity, 1 - textures.parity);
-    Some(tile_entries(context, images).extend_sequential((
-        &images.rate[now],
-        &images.rate[before],
-        motion,
-        &images.reconstructed,
-        &images.reconstructed_pair,
-        &history.radiance[before],
-        &history.pair[before],
-        &history.surface[before],
-        &history.radiance[now],
-        &history.pair[now],
-        &history.surface[now],
-    )))
+pub(super) fn pass() -> GBufferPass {
+    let mut bindings = tiles::bindings();
+    bindings.extend([
+        Binding::integers(|context| Some(&context.images()?.rate[context.now()])),
+        Binding::integers(|context| Some(&context.images()?.rate[context.before()])),
+        Binding::floats(|context| context.motion),
+        Binding::floats(|context| Some(&context.images()?.reconstructed)),
+        Binding::integers(|context| Some(&context.images()?.reconstructed_stats)),
+        Binding::floats(|context| Some(&context.history()?.0.radiance[context.before()])),
+        Binding::integers(|context| Some(&context.history()?.0.stats[context.before()])),
+        Binding::integers(|context| Some(&context.history()?.0.surface[context.before()])),
+        Binding::written(RADIANCE_FORMAT, |context| {
+            Some(&context.history()?.0.radiance[context.now()])
+        }),
+        Binding::written(STATS_FORMAT, |context| Some(&context.history()?.0.stats[context.now()])),
+        Binding::written(HISTORY_SURFACE_FORMAT, |context| {
+            Some(&context.history()?.0.surface[context.now()])
+        }),
+    ]);
+    GBufferPass::new("glint_temporal", bindings, OtherGroups::None)
 }

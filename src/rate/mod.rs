@@ -1,43 +1,50 @@
 //! How many rays a tile of the screen deserves.
 //!
-//! A compute pass looks at each tile of the G-buffer and gives it a [`ShadingRate`], by the camera's [`ShadingRateHeuristic`]. From
-//! the rates follow the lists of rays: one for each *block* of trace pixels in which something reflects. Tiles without anything
-//! that reflects are skipped by all later passes.
+//! A compute pass looks at each tile of the G-buffer and gives it a [`ShadingRate`](crate::ShadingRate), by the camera's
+//! [`ShadingRateHeuristic`](crate::ShadingRateHeuristic). From the rates follow the lists of rays: one for each *block* of trace
+//! pixels in which something reflects. Tiles without anything that reflects are skipped by all later passes.
 //!
 //! | file | holds |
 //! |---|---|
-//! | `shading_rate.rs` | the rates and their codes |
-//! | `heuristic.rs` | what a user chooses |
-//! | `prepared.rs` | the same as plain data for the render world |
-//! | `passes.rs` | pipelines, and the pass of one view |
+//! | `classify` | the pass, and the built-in heuristics |
 //! | `tile.wesl` | the library that every heuristic is built on: statistics of a tile, lists of rays |
 //! | `pixel.wesl` | what one pixel adds to the statistics |
-//! | `classify.wesl` | the built-in heuristics |
-//! | `codes.wesl` | bits of the rate image and of the lists |
+//! | `codes.wesl` | bits of the rate image and of the ray list |
 
-mod heuristic;
-mod passes;
-mod prepared;
-mod shading_rate;
+mod classify;
 
-pub use heuristic::{CombinedThresholds, GrazingThresholds, RateTileSize, RoughnessThresholds, ShadingRateHeuristic};
-pub use passes::{RatePipelines, init_rate_pipelines, queue_rate_pipelines};
-pub use shading_rate::{RATE_ACTIVE, RATE_CODE_MASK, ShadingRate};
+pub use classify::RatePipelines;
 
-pub(crate) use passes::determine_rates;
-pub(crate) use prepared::RateSettings;
+pub(crate) use classify::determine_rates;
 
-use bevy::{app::App, asset::embedded_asset, render::RenderApp, shader::load_shader_library};
+use crate::{device::tracing_app, schedule::ReflectionSystems};
+use bevy::{
+    app::{App, Plugin},
+    asset::embedded_asset,
+    ecs::schedule::IntoScheduleConfigs,
+    render::{Render, RenderApp, RenderStartup},
+    shader::load_shader_library,
+};
+use classify::{init_rate_pipelines, queue_rate_pipelines};
 
-/// Types and shaders of this module, except `codes.wesl`, which all modules share. Systems are added with those of the other passes.
-pub(crate) fn register(app: &mut App) {
-    app.register_type::<ShadingRateHeuristic>()
-        .register_type::<ShadingRate>()
-        .register_type::<RateTileSize>();
-    if app.get_sub_app(RenderApp).is_none() {
-        return;
+/// Registers the shaders and pipelines of this folder.
+pub(crate) struct RatePlugin;
+
+impl Plugin for RatePlugin {
+    fn build(&self, app: &mut App) {
+        if app.get_sub_app(RenderApp).is_none() {
+            return;
+        }
+        load_shader_library!(app, "codes.wesl");
+        load_shader_library!(app, "pixel.wesl");
+        load_shader_library!(app, "tile.wesl");
+        embedded_asset!(app, "classify.wesl");
     }
-    load_shader_library!(app, "pixel.wesl");
-    load_shader_library!(app, "tile.wesl");
-    embedded_asset!(app, "classify.wesl");
+
+    fn finish(&self, app: &mut App) {
+        let Some(render_app) = tracing_app(app) else { return };
+        render_app
+            .add_systems(RenderStartup, init_rate_pipelines)
+            .add_systems(Render, queue_rate_pipelines.in_set(ReflectionSystems::QueuePipelines));
+    }
 }

@@ -1,7 +1,10 @@
 //! What surrounds each view: exposure, ambient light, environment map, skybox and background, as bind group 2 of the passes that shade
 //! hits. `environment.wesl` is the GPU side.
 
-use crate::{extract::WantsReflections, trace::hardware::HardwareGroup};
+use crate::{
+    settings::{RayTracedReflections, SafeSettings, WantsReflections},
+    vrs::BindGroupContents,
+};
 use bevy::{
     asset::AssetId,
     camera::{Camera, ClearColor, ClearColorConfig, Exposure},
@@ -68,30 +71,6 @@ pub struct GpuEnvironment {
 
 const _: () = assert!(size_of::<GpuEnvironment>() == 80);
 
-/// How textures of hits choose their mip level.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum TextureLevel {
-    /// By the width of the ray's cone where it hits.
-    RayCone,
-    /// The same level everywhere; 0 is the finest.
-    Fixed(f32),
-}
-
-/// What a camera's settings say about hits.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct HitShading {
-    /// Whether lights that cast shadows do so in reflections too.
-    pub shadow_rays: bool,
-    /// How textures choose their level.
-    pub texture_level: TextureLevel,
-}
-
-/// A camera component whose views need an environment.
-pub trait EnvironmentSettings: Component {
-    /// What this camera wants of hits.
-    fn hit_shading(&self) -> HitShading;
-}
-
 /// A view's environment in the render world, before its images are looked up.
 #[derive(Component, Clone, Debug, PartialEq)]
 pub struct ViewEnvironment {
@@ -122,8 +101,8 @@ fn into_image(rotation: Quat) -> [f32; 4] {
 
 impl ViewEnvironment {
     /// Gathers what surrounds a camera. `background` is its clear colour and `ambient` its ambient colour with brightness.
-    pub fn new(
-        shading: HitShading,
+    fn new(
+        settings: &SafeSettings,
         exposure: f32,
         ambient: (Color, f32),
         background: Option<Color>,
@@ -141,10 +120,10 @@ impl ViewEnvironment {
             skybox_brightness: finite(skybox.map_or(0.0, |skybox| skybox.brightness) * exposure),
             ..Default::default()
         };
-        if shading.shadow_rays {
+        if settings.shadow_rays {
             uniform.flags |= ENVIRONMENT_SHADOW_RAYS;
         }
-        if let TextureLevel::Fixed(level) = shading.texture_level {
+        if let Some(level) = settings.fixed_mip {
             uniform.flags |= ENVIRONMENT_FIXED_TEXTURE_LEVEL;
             uniform.fixed_texture_level = finite(level);
         }
@@ -156,12 +135,12 @@ impl ViewEnvironment {
     }
 }
 
-type Cameras<'w, 's, C> = Query<
+type Cameras<'w, 's> = Query<
     'w,
     's,
     (
         RenderEntity,
-        &'static C,
+        &'static RayTracedReflections,
         &'static Camera,
         Option<&'static Exposure>,
         Option<&'static AmbientLight>,
@@ -170,10 +149,10 @@ type Cameras<'w, 's, C> = Query<
     ),
 >;
 
-/// Gives every view with `C` its [`ViewEnvironment`] and takes it from the others. Belongs in `ExtractSchedule`.
-pub fn extract_environments<C: EnvironmentSettings>(
+/// Gives every reflecting view its [`ViewEnvironment`] and takes it from the others. Belongs in `ExtractSchedule`.
+pub fn extract_environments(
     mut commands: Commands,
-    cameras: Extract<Cameras<C>>,
+    cameras: Extract<Cameras>,
     ambient: Extract<Option<Res<GlobalAmbientLight>>>,
     clear_color: Extract<Option<Res<ClearColor>>>,
     mut views: Query<(Entity, &mut ViewEnvironment)>,
@@ -196,7 +175,14 @@ pub fn extract_environments<C: EnvironmentSettings>(
         let exposure = exposure.copied().unwrap_or_default().exposure();
         current.insert(
             entity,
-            ViewEnvironment::new(settings.hit_shading(), exposure, ambient, background, map, skybox),
+            ViewEnvironment::new(
+                &SafeSettings::from(settings),
+                exposure,
+                ambient,
+                background,
+                map,
+                skybox,
+            ),
         );
     }
     for (entity, mut view) in &mut views {
@@ -217,7 +203,7 @@ pub fn extract_environments<C: EnvironmentSettings>(
 struct ViewBindings {
     buffer: Buffer,
     bind_group: BindGroup,
-    contents: HardwareGroup,
+    contents: BindGroupContents,
     written: GpuEnvironment,
     views: [TextureViewId; 4],
 }
@@ -312,8 +298,8 @@ impl EnvironmentBindings {
         self.views.get(&view).map(|bindings| &bindings.bind_group)
     }
 
-    /// What group 2 of a view is made of, while the view uses the hardware back end.
-    pub(crate) fn contents(&self, view: Entity) -> Option<&HardwareGroup> {
+    /// What group 2 of a view is made of, while the view uses variable rate shading.
+    pub(crate) fn contents(&self, view: Entity) -> Option<&BindGroupContents> {
         self.views.get(&view).map(|bindings| &bindings.contents)
     }
 }
@@ -345,7 +331,7 @@ pub fn prepare_environments(
         .filter(|image| image.texture_descriptor.size.width > 1);
     bindings.views.retain(|entity, _| views.contains(*entity));
     for (entity, view, wants) in &views {
-        let hardware = wants.is_some_and(WantsReflections::uses_hardware);
+        let uses_vrs = wants.is_some_and(WantsReflections::uses_vrs);
         let image = |id: AssetId<Image>| images.get(id).filter(|image| cube(image, &device));
         let mut uniform = view.uniform;
         let (mut diffuse, mut specular, mut skybox) = (&bindings.black, &bindings.black, &bindings.black);
@@ -377,7 +363,7 @@ pub fn prepare_environments(
                 queue.write_buffer(&known.buffer, 0, bytemuck::bytes_of(&uniform));
                 known.written = uniform;
             }
-            if !hardware {
+            if !uses_vrs {
                 known.contents.clear();
             } else if known.contents.is_missing() {
                 let buffer = known.buffer.as_entire_binding();
@@ -397,8 +383,8 @@ pub fn prepare_environments(
         let entries = BindGroupEntries::sequential((whole, diffuse, specular, skybox, sampler, table));
         let layout = pipelines.get_bind_group_layout(&bindings.layout);
         let bind_group = device.create_bind_group("glint_environment", &layout, &entries);
-        let mut contents = HardwareGroup::default();
-        if hardware {
+        let mut contents = BindGroupContents::default();
+        if uses_vrs {
             contents.fill(&device, &bind_group, &entries, &samplers());
         }
         bindings.views.insert(

@@ -10,7 +10,7 @@ mod micromaps;
 use super::{
     alpha_images::AlphaImages,
     arena::ArenaSlice,
-    bvh::{ITEM_WORDS, Item, Micromap, mask_header, masks},
+    bvh::{ITEM_WORDS, Item, mask_header, masks},
     gpu_types::{NO_TEXTURE, TEXTURE_BASE_COLOR},
     materials::MaterialTable,
     meshes::{MeshTriangles, SceneMeshes},
@@ -19,33 +19,21 @@ use bevy::{
     asset::AssetId,
     log::warn_once,
     math::Affine2,
-    mesh::Mesh,
     pbr::StandardMaterial,
     platform::collections::{HashMap, HashSet},
     render::renderer::RenderQueue,
 };
 use core::iter::once;
-use micromaps::{Look, Micromaps};
+use micromaps::{Look, Micromaps, NamedMicromaps};
 use std::sync::Arc;
 
-pub(super) use micromaps::Surroundings;
+pub(super) use micromaps::{MaskKey, Surroundings};
 
 /// Masks with finished micromaps that are uploaded in one frame, besides the first ones: 16 MB.
 const UPLOAD_ITEMS_PER_FRAME: usize = 350_000;
 /// Sets whose micromaps are made at a time: the pool has other work, and each looks through a texture, with two bytes for each of
 /// its texels meanwhile.
 const MOST_BAKING: usize = 4;
-
-/// Masks that an object needs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) struct MaskKey {
-    pub mesh: AssetId<Mesh>,
-    /// Of the mesh.
-    pub version: u64,
-    pub material: AssetId<StandardMaterial>,
-    /// The material wants the second set of UV coordinates.
-    pub second_uvs: bool,
-}
 
 struct MaskSet {
     /// The header and the masks.
@@ -71,13 +59,6 @@ pub(super) struct MaskSets {
     unfinished: bool,
     /// There are sets whose header was not written yet.
     has_new: bool,
-}
-
-/// Micromaps of all triangles of a mesh under a name that is never used twice; 0 where they are not known.
-#[derive(Clone, Default)]
-pub(super) struct NamedMicromaps {
-    pub name: u64,
-    pub maps: Option<Arc<[Micromap]>>,
 }
 
 /// What may be another one than in the last frame.

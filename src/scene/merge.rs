@@ -12,26 +12,23 @@ mod ledger;
 mod tests;
 
 use super::{
-    bvh::{Blas, Bounds, BvhQuality, MergeSource, Micromap, TlasInstance, build_merged, merge_bounds},
+    bvh::{Blas, BvhQuality, MergeSource, Micromap, TlasInstance, build_merged, merge_bounds},
     masks::MaskSets,
-    meshes::{MeshTriangles, SceneMeshes},
+    meshes::{CHUNK_TRIANGLES, MeshTriangles, SceneMeshes},
 };
 use crate::status::ReflectionStatus;
 use bevy::{
-    asset::AssetId,
-    ecs::entity::Entity,
     math::{Affine3A, Vec3A},
-    mesh::Mesh,
     platform::time::Instant,
     render::renderer::RenderQueue,
     tasks::{AsyncComputeTaskPool, Task, block_on, poll_once},
 };
-use ledger::Ledger;
+use ledger::{Extent, Ledger, Limits, Tree};
+
+pub(super) use ledger::Placement;
+
 use std::sync::Arc;
 
-/// Triangles of a merged tree, at most: more would take seconds to build on a slow machine. Objects with more stay
-/// instances, since a single tree is all that merging could give them.
-pub(super) const CHUNK_TRIANGLES: u64 = 1 << 20;
 /// Up to this many triangles a tree gets all the care there is; more would take seconds.
 const HIGH_QUALITY_TRIANGLES: usize = 1 << 18;
 /// Triangles of all merged trees, at most: 235 MB, and more where they are split.
@@ -55,62 +52,6 @@ const LIMITS: Limits = Limits {
         BUDGET_TRIANGLES
     },
 };
-
-/// What decides when and how much is merged.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Limits {
-    /// Frames without a change until a new object counts as resting, and until resting objects are merged.
-    pub quiet_frames: u64,
-    /// Triangles of a chunk, at most.
-    pub chunk_triangles: u64,
-    /// Chunks of so many triangles are built anew for any reason.
-    pub cheap_triangles: u64,
-    /// Triangles of all chunks, at most.
-    pub budget_triangles: u64,
-}
-
-/// An object as merged trees copy it: where any of this changes, the copy is stale.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Placement {
-    /// The object.
-    pub entity: Entity,
-    /// The mesh ...
-    pub mesh: AssetId<Mesh>,
-    /// ... in this version.
-    pub version: u64,
-    /// Object to world.
-    pub world_from_object: Affine3A,
-    /// Those `INSTANCE_` flags that the traversal looks at.
-    pub flags: u32,
-    /// Where the masks of an alpha-masked object stand; else 0.
-    pub masks: u32,
-    /// The name of its micromaps, or 0.
-    pub micromaps: u64,
-}
-
-/// What merging an object costs, and where it stands.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Extent {
-    /// Triangles.
-    pub triangles: u64,
-    /// Centre of the world-space box.
-    pub centre: Vec3A,
-}
-
-/// Where the tree of a chunk stands.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Tree {
-    /// Name of its room.
-    pub name: u64,
-    /// The first node in the buffer.
-    pub first_node: u32,
-    /// The first triangle in the buffer.
-    pub first_triangle: u32,
-    /// World space.
-    pub bounds: Bounds,
-    /// [`Blas::groups`].
-    pub groups: u32,
-}
 
 /// Merges what is at rest.
 pub(super) struct StaticMerge {

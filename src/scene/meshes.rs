@@ -6,11 +6,10 @@ use super::{
     bvh::{Blas, Bounds, BvhQuality, ITEM_WORDS, MaskSource, TopNode, build_blas},
     geometry::{GeometryError, PackedMesh, pack_mesh},
     instances::SceneInstances,
-    merge::CHUNK_TRIANGLES,
 };
 use crate::{
-    plugin::ChosenTracer,
-    status::{ReflectionStatus, Tracer},
+    device::{ChosenTracer, Tracer},
+    status::ReflectionStatus,
 };
 use bevy::{
     asset::{AssetEvent, AssetId, Assets, RenderAssetUsages},
@@ -37,6 +36,9 @@ use std::sync::Arc;
 /// Bytes of finished meshes that are uploaded in one frame; the first is always uploaded, however large.
 const UPLOAD_BYTES_PER_FRAME: u64 = 256 << 20;
 
+/// Triangles of a merged tree, at most: more would take seconds to build on a slow machine. Objects with more stay
+/// instances, since a single tree is all that merging could give them.
+pub(super) const CHUNK_TRIANGLES: u64 = 1 << 20;
 /// What a build task hands back.
 pub struct BuiltMesh {
     packed: PackedMesh,

@@ -26,16 +26,16 @@ pub mod upload;
 
 pub use prepare::SceneBindings;
 
-use crate::settings::RayTracedReflections;
+use crate::{device::tracing_app, schedule::ReflectionSystems};
 use activity::{SceneActivity, extract_activity};
 use alpha_images::{AlphaImages, extract_alpha_images};
 use bevy::{
-    app::{App, Plugin, SubApp},
+    app::{App, Plugin},
     asset::embedded_asset,
     ecs::prelude::*,
     render::{
-        ExtractSchedule, GpuResourceAppExt, Render, RenderStartup, RenderSystems, init_gpu_resource, mesh::RenderMesh,
-        render_asset::prepare_assets,
+        ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems, init_gpu_resource,
+        mesh::RenderMesh, render_asset::prepare_assets,
     },
     shader::load_shader_library,
 };
@@ -47,11 +47,14 @@ use meshes::{RenderWorldMeshes, SceneMeshes, extract_meshes, keep_render_world_m
 use prepare::{prepare_instances, prepare_scene_bind_group, prepare_tables};
 use textures::{TextureTable, extract_texture_changes, update_textures};
 
-/// The shaders of the scene; systems are added once the device is known.
+/// Registers the shaders and systems of this folder.
 pub(crate) struct ScenePlugin;
 
 impl Plugin for ScenePlugin {
     fn build(&self, app: &mut App) {
+        if app.get_sub_app(RenderApp).is_none() {
+            return;
+        }
         load_shader_library!(app, "alpha.wesl");
         load_shader_library!(app, "bindings.wesl");
         load_shader_library!(app, "bvh.wesl");
@@ -59,7 +62,6 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "geometry.wesl");
         load_shader_library!(app, "lights.wesl");
         load_shader_library!(app, "material.wesl");
-        load_shader_library!(app, "numeric.wesl");
         load_shader_library!(app, "offset.wesl");
         load_shader_library!(app, "opacity.wesl");
         load_shader_library!(app, "ray_query.wesl");
@@ -69,11 +71,9 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "types.wesl");
         embedded_asset!(app, "texture_layers.wesl");
     }
-}
 
-impl ScenePlugin {
-    /// Everything that a start of the renderer makes anew, and what must be ready before pipelines are described.
-    pub(crate) fn add_systems(render_app: &mut SubApp) {
+    fn finish(&self, app: &mut App) {
+        let Some(render_app) = tracing_app(app) else { return };
         render_app
             .init_resource::<RenderWorldMeshes>()
             .init_resource::<RectLightsEnabled>()
@@ -100,8 +100,9 @@ impl ScenePlugin {
                     (extract_materials, extract_lights).after(extract_activity),
                     extract_texture_changes,
                     extract_alpha_images,
-                    extract_environments::<RayTracedReflections>,
-                ),
+                    extract_environments,
+                )
+                    .in_set(ReflectionSystems::ExtractScene),
             )
             .add_systems(
                 Render,
@@ -117,8 +118,8 @@ impl ScenePlugin {
                         detect_rect_lights,
                     )
                         .chain()
-                        .in_set(RenderSystems::PrepareResources),
-                    (prepare_environments, prepare_scene_bind_group).in_set(RenderSystems::PrepareBindGroups),
+                        .in_set(ReflectionSystems::PrepareScene),
+                    (prepare_environments, prepare_scene_bind_group).in_set(ReflectionSystems::PrepareBindGroups),
                 ),
             );
     }

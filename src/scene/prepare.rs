@@ -21,10 +21,8 @@ use super::{
     upload::StorageSlice,
 };
 use crate::{
-    extract::WantsReflections,
-    scene::activity::SceneActivity,
-    status::{ReflectionStatus, Tracer},
-    trace::{hardware::HardwareGroup, tracer_defs},
+    device::Tracer, scene::activity::SceneActivity, settings::WantsReflections, status::ReflectionStatus,
+    vrs::BindGroupContents,
 };
 use bevy::{
     asset::AssetId,
@@ -51,8 +49,8 @@ pub struct SceneBindings {
     pub layout: BindGroupLayoutDescriptor,
     /// The bind group of this frame; `None` until the first frame in which a camera reflects.
     pub bind_group: Option<BindGroup>,
-    /// What it is made of, while a view uses the hardware back end.
-    pub(crate) contents: HardwareGroup,
+    /// What it is made of, while a view uses variable rate shading.
+    pub(crate) contents: BindGroupContents,
     tracer: Tracer,
     texture_def: Option<&'static str>,
     instances: StorageSlice<GpuInstance>,
@@ -88,7 +86,7 @@ impl FromWorld for SceneBindings {
         Self {
             layout: layout(tracer, textures),
             bind_group: None,
-            contents: HardwareGroup::default(),
+            contents: BindGroupContents::default(),
             tracer,
             texture_def: textures.mode().shader_def(),
             instances: StorageSlice::new(device, "glint_instances"),
@@ -151,7 +149,7 @@ impl SceneBindings {
     ///
     /// A change of the scene never waits for a compiler where both are compiled from the start.
     pub fn shader_defs_for(&self, masked_geometry: bool) -> Vec<ShaderDefVal> {
-        let mut defs = tracer_defs(self.tracer);
+        let mut defs = self.tracer.shader_defs();
         defs.extend(self.texture_def.map(Into::into));
         if masked_geometry && self.tracer == Tracer::Bvh {
             defs.push("ALPHA_MASKED_GEOMETRY".into());
@@ -163,10 +161,6 @@ impl SceneBindings {
     }
 
     /// For any scene.
-    #[cfg(all(
-        feature = "hardware-vrs",
-        any(windows, target_os = "linux", target_os = "android", target_os = "freebsd")
-    ))]
     pub(crate) fn shader_defs_for_any(&self) -> Vec<ShaderDefVal> {
         let mut defs = self.shader_defs_for(true);
         if self.tracer == Tracer::Bvh && !self.deep {
@@ -506,11 +500,11 @@ pub fn prepare_scene_bind_group(
             .map_or(0, |acceleration| acceleration.generation),
     ];
     let current = bindings.bind_group.is_some() && generations == bindings.generations;
-    let hardware = views.iter().any(WantsReflections::uses_hardware);
-    if !current || !hardware {
+    let uses_vrs = views.iter().any(WantsReflections::uses_vrs);
+    if !current || !uses_vrs {
         bindings.contents.clear();
     }
-    let fill = hardware && bindings.contents.is_missing();
+    let fill = uses_vrs && bindings.contents.is_missing();
     if current && !fill {
         return;
     }

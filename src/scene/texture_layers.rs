@@ -18,8 +18,6 @@ use bevy::{
     },
 };
 
-/// Most layers: 85 MiB with their levels.
-pub const MAX_LAYERS: u32 = 256;
 /// Width and height of a layer.
 pub const LAYER_SIZE: u32 = 256;
 const LEVELS: u32 = LAYER_SIZE.ilog2() + 1;

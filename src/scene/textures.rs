@@ -2,10 +2,8 @@
 //! else small copies in the layers of one array texture (`texture_layers.rs`).
 
 mod bindings;
-mod mode;
 
 pub use bindings::TextureResources;
-pub use mode::{MAX_TEXTURES, TextureMode, texture_mode, texture_mode_of};
 
 use bevy::{
     asset::{AssetEvent, AssetId, Assets},
@@ -27,9 +25,8 @@ use bevy::{
 };
 
 use super::texture_layers::TextureLayers;
+use crate::device::{MAX_SAMPLERS, TextureMode, texture_mode};
 
-/// Length of the array of samplers; `material.wesl` has the same number.
-pub const MAX_SAMPLERS: u32 = 32;
 const SAMPLER_SHIFT: u32 = 20;
 
 enum State {

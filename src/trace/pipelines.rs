@@ -1,190 +1,60 @@
-//! Layouts and pipelines of the passes that trace rays.
+//! Pipelines of the passes that trace rays, and the tables that they read.
 
-use super::directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo};
+use super::{
+    blocks,
+    converged::converged_pass,
+    directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo},
+    inline::InlinePass,
+    variant::{TracePass, Variant},
+};
 use crate::{
-    inspect::CountInvocations,
-    scene::{SceneBindings, environment::layout_descriptor},
-    settings::{SafeSettings, Technique},
-    targets::{ACCUMULATION_FORMAT, PAIR_FORMAT, RADIANCE_FORMAT, RAY_RADIANCE_FORMAT, RAY_RECORD_FORMAT},
-    view::GpuReflectionView,
+    diagnostics::CountInvocations,
+    gbuffer::{GBufferPass, PassShader},
+    scene::SceneBindings,
+    settings::SafeSettings,
+    vrs::PipelineRequest,
 };
 use bevy::{
     asset::{AssetServer, Handle, load_embedded_asset},
     ecs::prelude::*,
+    log::error_once,
     pbr::Bluenoise,
-    platform::collections::{HashMap, HashSet},
+    platform::collections::HashSet,
     render::{
         render_asset::RenderAssets,
         render_resource::{
-            BindGroupLayoutDescriptor, BindGroupLayoutEntries, BindGroupLayoutEntryBuilder, CachedComputePipelineId,
-            CachedPipelineState, CachedRenderPipelineId, ColorTargetState, ColorWrites, ComputePipeline,
-            ComputePipelineDescriptor, Extent3d, FragmentState, PipelineCache, RenderPipeline,
-            RenderPipelineDescriptor, ShaderStages, StorageTextureAccess, TextureDataOrder, TextureDescriptor,
-            TextureDimension, TextureFormat, TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor,
-            TextureViewDimension, VertexState, binding_types,
+            Extent3d, PipelineCache, TextureDataOrder, TextureDescriptor, TextureDimension, TextureFormat,
+            TextureUsages, TextureView, TextureViewDescriptor, TextureViewDimension,
         },
         renderer::{RenderDevice, RenderQueue},
         texture::GpuImage,
-        view::ViewUniform,
     },
     shader::{Shader, ShaderCacheError, ShaderDefVal},
     utils::default,
 };
-use core::num::NonZeroU64;
 
-/// A pass that traces rays.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) enum TracePass {
-    /// One thread per block of the list.
-    Blocks,
-    /// One thread per mirror pixel of the list.
-    Mirrors,
-    /// One fragment per trace pixel.
-    Inline,
-    /// One thread per pixel, into the accumulation.
-    Converged,
-}
-
-impl TracePass {
-    /// The passes that a view's settings need.
-    pub(crate) fn of(settings: &SafeSettings) -> impl Iterator<Item = Self> + use<> {
-        let rays = match settings.technique {
-            Technique::Converged => Self::Converged,
-            Technique::QuarterInline => Self::Inline,
-            Technique::Reference | Technique::Quarter | Technique::Variable => Self::Blocks,
-        };
-        let mirrors = settings.full_resolution_mirrors.then_some(Self::Mirrors);
-        [Some(rays), mirrors].into_iter().flatten()
-    }
-}
-
-/// Layouts and pipelines of the tracing passes.
+/// Pipelines of the tracing passes.
 #[derive(Resource)]
 pub struct TracePipelines {
     blocks_shader: Handle<Shader>,
-    inline_shader: Handle<Shader>,
     converged_shader: Handle<Shader>,
-    layouts: HashMap<TracePass, BindGroupLayoutDescriptor>,
-    scene_layout: BindGroupLayoutDescriptor,
-    environment_layout: BindGroupLayoutDescriptor,
+    /// Makes shading-rate attachments.
+    attachment_shader: Handle<Shader>,
+    pub(super) rays: GBufferPass<Variant>,
+    pub(super) mirror_rays: GBufferPass<Variant>,
+    pub(super) converged: GBufferPass<Variant>,
+    pub(super) inline: InlinePass,
     /// Table for `albedo.wesl`.
-    pub(crate) albedo_table: TextureView,
+    pub(super) albedo_table: TextureView,
     /// Spatio-temporal blue noise, once its image is loaded.
-    pub(crate) noise: Option<TextureView>,
-    compute: HashMap<(TracePass, Variant), CachedComputePipelineId>,
-    inline: HashMap<Variant, CachedRenderPipelineId>,
+    pub(super) noise: Option<TextureView>,
     wanted: HashSet<TracePass>,
-    /// What is compiled into all of them.
-    count_invocations: bool,
-    /// For any scene.
-    #[cfg(all(
-        feature = "hardware-vrs",
-        any(windows, target_os = "linux", target_os = "android", target_os = "freebsd")
-    ))]
+    /// Definitions of all variants.
+    common_defs: Vec<ShaderDefVal>,
+    /// Definitions that are right for any scene.
     defs_for_any: Vec<ShaderDefVal>,
-    /// What fits the scene.
-    variant: Variant,
-}
-
-/// What shaders are compiled for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-struct Variant {
-    /// Some object is alpha-masked.
-    masked: bool,
-    /// The scene's trees need a larger stack.
-    deep: bool,
-}
-
-impl Variant {
-    /// Itself, the one that is right for all scenes of such trees, and one that misses hits where the stack is full: better than
-    /// nothing while the others are compiled.
-    fn substitutes(self) -> [Self; 3] {
-        let masked = Self { masked: true, ..self };
-        [self, masked, Self { deep: false, ..masked }]
-    }
-}
-
-/// Entries that every pass over the G-buffer starts with: `gbuffer.wesl`.
-pub(crate) fn gbuffer_layout_entries() -> [BindGroupLayoutEntryBuilder; 5] {
-    [
-        binding_types::uniform_buffer::<ViewUniform>(true),
-        binding_types::uniform_buffer::<GpuReflectionView>(false),
-        binding_types::texture_depth_2d(),
-        binding_types::texture_2d(TextureSampleType::Uint),
-        binding_types::texture_2d(TextureSampleType::Float { filterable: false }),
-    ]
-}
-
-fn trace_layout(pass: TracePass) -> BindGroupLayoutDescriptor {
-    let [view, settings, depth, gbuffer, normals] = gbuffer_layout_entries();
-    let unfiltered = binding_types::texture_2d(TextureSampleType::Float { filterable: false });
-    let noise = binding_types::texture_2d_array(TextureSampleType::Float { filterable: false });
-    let counters = || binding_types::storage_buffer_sized(false, NonZeroU64::new(4));
-    let words = || binding_types::storage_buffer_read_only_sized(false, NonZeroU64::new(4));
-    let write = |format| binding_types::texture_storage_2d(format, StorageTextureAccess::WriteOnly);
-    match pass {
-        TracePass::Blocks | TracePass::Mirrors => {
-            let (first, second) = if pass == TracePass::Blocks {
-                (RAY_RADIANCE_FORMAT, RAY_RECORD_FORMAT)
-            } else {
-                (RADIANCE_FORMAT, PAIR_FORMAT)
-            };
-            BindGroupLayoutDescriptor::new(
-                format!("glint_trace_{pass:?}_layout"),
-                &BindGroupLayoutEntries::sequential(
-                    ShaderStages::COMPUTE,
-                    (
-                        view,
-                        settings,
-                        depth,
-                        gbuffer,
-                        normals,
-                        unfiltered,
-                        noise,
-                        words(),
-                        counters(),
-                        words(),
-                        write(first),
-                        write(second),
-                    ),
-                ),
-            )
-        }
-        TracePass::Inline => BindGroupLayoutDescriptor::new(
-            "glint_trace_inline_layout",
-            &BindGroupLayoutEntries::sequential(
-                ShaderStages::FRAGMENT,
-                (
-                    view,
-                    settings,
-                    depth,
-                    gbuffer,
-                    normals,
-                    noise,
-                    binding_types::texture_2d(TextureSampleType::Uint),
-                    counters(),
-                ),
-            ),
-        ),
-        TracePass::Converged => BindGroupLayoutDescriptor::new(
-            "glint_trace_converged_layout",
-            &BindGroupLayoutEntries::sequential(
-                ShaderStages::COMPUTE,
-                (
-                    view,
-                    settings,
-                    depth,
-                    gbuffer,
-                    normals,
-                    unfiltered,
-                    counters(),
-                    counters(),
-                    unfiltered,
-                    write(ACCUMULATION_FORMAT),
-                ),
-            ),
-        ),
-    }
+    /// The variant that fits the scene.
+    pub(super) variant: Variant,
 }
 
 impl TracePipelines {
@@ -193,125 +63,71 @@ impl TracePipelines {
         self.wanted.extend(TracePass::of(settings));
     }
 
-    pub(crate) fn layout(&self, pass: TracePass) -> &BindGroupLayoutDescriptor {
-        &self.layouts[&pass]
-    }
-
-    /// The shader of [`TracePass::Inline`] with definitions that are right for any scene, and the layouts of its bind groups.
-    #[cfg(all(
-        feature = "hardware-vrs",
-        any(windows, target_os = "linux", target_os = "android", target_os = "freebsd")
-    ))]
-    pub(super) fn inline_parts(&self) -> (Handle<Shader>, Vec<ShaderDefVal>, [BindGroupLayoutDescriptor; 3]) {
-        let layouts = [
-            self.layout(TracePass::Inline).clone(),
-            self.scene_layout.clone(),
-            self.environment_layout.clone(),
-        ];
-        (
-            self.inline_shader.clone(),
-            self.defs(self.defs_for_any.clone()),
-            layouts,
-        )
-    }
-
-    fn defs(&self, mut defs: Vec<ShaderDefVal>) -> Vec<ShaderDefVal> {
-        if self.count_invocations {
-            defs.push("COUNT_INVOCATIONS".into());
-        }
-        defs
-    }
-
-    /// The variant that fits the scene, or a substitute.
-    pub(crate) fn compute<'a>(&self, cache: &'a PipelineCache, pass: TracePass) -> Option<&'a ComputePipeline> {
-        let get = |variant| cache.get_compute_pipeline(*self.compute.get(&(pass, variant))?);
-        self.variant.substitutes().into_iter().find_map(get)
-    }
-
-    pub(crate) fn inline<'a>(&self, cache: &'a PipelineCache) -> Option<&'a RenderPipeline> {
-        let get = |variant| cache.get_render_pipeline(*self.inline.get(&variant)?);
-        self.variant.substitutes().into_iter().find_map(get)
-    }
-
-    /// What a view's settings need can be used.
+    /// All that a view's settings need can be used.
     pub(crate) fn is_ready(&self, cache: &PipelineCache, settings: &SafeSettings) -> bool {
+        let compiled = |pass: &GBufferPass<Variant>| {
+            let mut variants = self.variant.substitutes().into_iter();
+            variants.any(|variant| pass.pipeline(&variant, cache).is_some())
+        };
         self.noise.is_some()
             && TracePass::of(settings).all(|pass| match pass {
-                TracePass::Inline => self.inline(cache).is_some(),
-                _ => self.compute(cache, pass).is_some(),
+                TracePass::Blocks => compiled(&self.rays),
+                TracePass::Mirrors => compiled(&self.mirror_rays),
+                TracePass::Converged => compiled(&self.converged),
+                TracePass::Inline => self.inline.pipeline(self.variant, cache).is_some(),
             })
     }
 
-    fn queue(&mut self, pass: TracePass, variant: Variant, scene: &SceneBindings, cache: &PipelineCache) {
-        let layout = vec![
-            self.layouts[&pass].clone(),
-            self.scene_layout.clone(),
-            self.environment_layout.clone(),
-        ];
-        let mut shader_defs = self.defs(scene.shader_defs_for(variant.masked));
-        if pass == TracePass::Inline {
-            let target = |format| {
-                Some(ColorTargetState {
-                    format,
-                    blend: None,
-                    write_mask: ColorWrites::ALL,
-                })
-            };
-            let id = cache.queue_render_pipeline(RenderPipelineDescriptor {
-                label: Some("glint_trace_inline".into()),
-                layout,
-                vertex: VertexState {
-                    shader: self.inline_shader.clone(),
-                    shader_defs: shader_defs.clone(),
-                    entry_point: Some("vertex".into()),
-                    ..default()
-                },
-                fragment: Some(FragmentState {
-                    shader: self.inline_shader.clone(),
-                    shader_defs,
-                    entry_point: Some("fragment".into()),
-                    targets: vec![target(RAY_RADIANCE_FORMAT), target(RAY_RECORD_FORMAT)],
-                    ..default()
-                }),
-                ..default()
-            });
-            self.inline.insert(variant, id);
-            return;
+    /// What the raw Vulkan pass is compiled from: the shader of [`TracePass::Inline`] with definitions that are right for any scene.
+    pub(super) fn vrs_request(&self) -> PipelineRequest {
+        let mut defs = self.defs_for_any.clone();
+        defs.extend_from_slice(&self.common_defs);
+        PipelineRequest {
+            shader: self.inline.shader.clone(),
+            defs,
+            layouts: self.inline.layouts(),
+            attachment_shader: self.attachment_shader.clone(),
         }
-        if pass == TracePass::Mirrors {
-            shader_defs.push("MIRRORS".into());
-        }
-        let shader = match pass {
-            TracePass::Converged => &self.converged_shader,
-            _ => &self.blocks_shader,
-        };
-        let id = cache.queue_compute_pipeline(ComputePipelineDescriptor {
-            label: Some(format!("glint_trace_{pass:?}").into()),
-            layout,
-            shader: shader.clone(),
-            shader_defs,
-            entry_point: Some("trace".into()),
-            ..default()
-        });
-        self.compute.insert((pass, variant), id);
     }
 
-    /// The first error of a pipeline, other than that its modules are still being loaded.
-    fn error<'a>(&self, cache: &'a PipelineCache) -> Option<&'a ShaderCacheError> {
-        let compute = self.compute.values().map(|&id| cache.get_compute_pipeline_state(id));
-        let inline = self.inline.values().map(|&id| cache.get_render_pipeline_state(id));
-        compute.chain(inline).find_map(|state| match state {
-            CachedPipelineState::Err(
-                ShaderCacheError::ShaderNotLoaded(_) | ShaderCacheError::ShaderImportNotYetAvailable,
-            ) => None,
-            CachedPipelineState::Err(error) => Some(error),
-            _ => None,
-        })
+    fn queue(&mut self, pass: TracePass, variant: Variant, scene: &SceneBindings, cache: &PipelineCache) {
+        let common = &self.common_defs;
+        let defs = |own: &[&'static str]| {
+            let mut defs = scene.shader_defs_for(variant.masked);
+            defs.extend_from_slice(common);
+            defs.extend(own.iter().map(|&name| ShaderDefVal::from(name)));
+            defs
+        };
+        let shader = |shader: &Handle<Shader>, own| PassShader {
+            shader: shader.clone(),
+            defs: defs(own),
+            entry_point: Some("trace"),
+        };
+        match pass {
+            TracePass::Blocks => self.rays.queue(variant, cache, || shader(&self.blocks_shader, &[])),
+            TracePass::Mirrors => {
+                let mirrors = || shader(&self.blocks_shader, &["MIRRORS"]);
+                self.mirror_rays.queue(variant, cache, mirrors);
+            }
+            TracePass::Converged => self
+                .converged
+                .queue(variant, cache, || shader(&self.converged_shader, &[])),
+            TracePass::Inline => self.inline.queue(variant, cache, || defs(&[])),
+        }
+    }
+
+    /// The first error of a pipeline.
+    fn error<'a>(&'a self, cache: &'a PipelineCache) -> Option<&'a ShaderCacheError> {
+        let mut compute = [&self.rays, &self.mirror_rays, &self.converged].into_iter();
+        compute
+            .find_map(|pass| pass.errors(cache).next())
+            .map(|(_, error)| error)
+            .or_else(|| self.inline.error(cache))
     }
 }
 
 /// Makes layouts and the albedo table.
-pub fn init_trace_pipelines(
+pub(super) fn init_trace_pipelines(
     mut commands: Commands,
     asset_server: Res<AssetServer>,
     scene: Res<SceneBindings>,
@@ -319,52 +135,19 @@ pub fn init_trace_pipelines(
     queue: Res<RenderQueue>,
     count: Option<Res<CountInvocations>>,
 ) {
-    let table = DirectionalAlbedo::new();
-    let size = ALBEDO_TABLE_SIZE as u32;
-    let albedo_table = device
-        .create_texture_with_data(
-            &queue,
-            &TextureDescriptor {
-                label: Some("glint_albedo_table"),
-                size: Extent3d {
-                    width: size,
-                    height: size,
-                    depth_or_array_layers: 1,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: TextureDimension::D2,
-                format: TextureFormat::Rg32Float,
-                usage: TextureUsages::TEXTURE_BINDING,
-                view_formats: &[],
-            },
-            TextureDataOrder::LayerMajor,
-            bytemuck::cast_slice(table.texels()),
-        )
-        .create_view(&TextureViewDescriptor::default());
-    let passes = [
-        TracePass::Blocks,
-        TracePass::Mirrors,
-        TracePass::Inline,
-        TracePass::Converged,
-    ];
+    let assets = asset_server.as_ref();
     commands.insert_resource(TracePipelines {
-        blocks_shader: load_embedded_asset!(asset_server.as_ref(), "blocks.wesl"),
-        inline_shader: load_embedded_asset!(asset_server.as_ref(), "inline.wesl"),
-        converged_shader: load_embedded_asset!(asset_server.as_ref(), "converged.wesl"),
-        layouts: passes.into_iter().map(|pass| (pass, trace_layout(pass))).collect(),
-        scene_layout: scene.layout.clone(),
-        environment_layout: layout_descriptor(),
-        albedo_table,
+        blocks_shader: load_embedded_asset!(assets, "blocks.wesl"),
+        converged_shader: load_embedded_asset!(assets, "converged.wesl"),
+        attachment_shader: load_embedded_asset!(assets, "vrs.wesl"),
+        rays: blocks::ray_pass(&scene.layout),
+        mirror_rays: blocks::mirror_ray_pass(&scene.layout),
+        converged: converged_pass(&scene.layout),
+        inline: InlinePass::new(load_embedded_asset!(assets, "inline.wesl"), &scene.layout),
+        albedo_table: create_albedo_table(&device, &queue),
         noise: None,
-        compute: HashMap::default(),
-        inline: HashMap::default(),
         wanted: HashSet::default(),
-        count_invocations: count.is_some(),
-        #[cfg(all(
-            feature = "hardware-vrs",
-            any(windows, target_os = "linux", target_os = "android", target_os = "freebsd")
-        ))]
+        common_defs: count.map(|_| "COUNT_INVOCATIONS".into()).into_iter().collect(),
         defs_for_any: scene.shader_defs_for_any(),
         variant: Variant {
             masked: true,
@@ -373,8 +156,32 @@ pub fn init_trace_pipelines(
     });
 }
 
-/// Queues what cameras asked for.
-pub fn queue_trace_pipelines(
+fn create_albedo_table(device: &RenderDevice, queue: &RenderQueue) -> TextureView {
+    let size = ALBEDO_TABLE_SIZE as u32;
+    let texture = device.create_texture_with_data(
+        queue,
+        &TextureDescriptor {
+            label: Some("glint_albedo_table"),
+            size: Extent3d {
+                width: size,
+                height: size,
+                depth_or_array_layers: 1,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: TextureDimension::D2,
+            format: TextureFormat::Rg32Float,
+            usage: TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        },
+        TextureDataOrder::LayerMajor,
+        bytemuck::cast_slice(DirectionalAlbedo::new().texels()),
+    );
+    texture.create_view(&TextureViewDescriptor::default())
+}
+
+/// Queues the passes that cameras asked for.
+pub(super) fn queue_trace_pipelines(
     mut pipelines: ResMut<TracePipelines>,
     cache: Res<PipelineCache>,
     scene: Res<SceneBindings>,
@@ -382,22 +189,12 @@ pub fn queue_trace_pipelines(
     images: Res<RenderAssets<GpuImage>>,
 ) {
     let pipelines = &mut *pipelines;
-    let deep = scene.has_deep_trees();
-    pipelines.variant = Variant {
-        masked: scene.has_masked_geometry(),
-        deep,
-    };
+    let variant = Variant::of(&scene);
+    pipelines.variant = variant;
     for pass in pipelines.wanted.clone() {
         // The variant that is right for scenes with and without masks comes first.
         for masked in [true, false] {
-            let variant = Variant { masked, deep };
-            let queued = match pass {
-                TracePass::Inline => pipelines.inline.contains_key(&variant),
-                _ => pipelines.compute.contains_key(&(pass, variant)),
-            };
-            if !queued {
-                pipelines.queue(pass, variant, &scene, &cache);
-            }
+            pipelines.queue(pass, Variant { masked, ..variant }, &scene, &cache);
         }
     }
     if pipelines.noise.is_none() {
@@ -405,7 +202,7 @@ pub fn queue_trace_pipelines(
         pipelines.noise = image.map(array_view);
     }
     if let Some(error) = pipelines.error(&cache) {
-        bevy::log::error_once!("ray-traced reflections stay off, since their shader failed: {error}");
+        error_once!("ray-traced reflections stay off, since their shader failed: {error}");
     }
 }
 

@@ -7,7 +7,7 @@ use crate::{
     sampling_reference::{ReflectionSample, guard_view, orthonormal_basis, sample_reflection, sobol},
 };
 use bevy::math::{Mat4, UVec2, Vec2, Vec3, uvec2, vec2, vec3};
-use bevy_glint::trace::directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo};
+use bevy_glint::internals::directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo};
 use wgpu::TextureFormat;
 
 pub const FULL_RESOLUTION_MIRRORS: u32 = 4;
@@ -400,7 +400,7 @@ impl Wall {
         uniform.set("max_history", &[32.0f32]);
         uniform.set("clip_sigma", &[1.5f32]);
         uniform.set("blur_radius", &[3.0f32]);
-        uniform.set("rest_frames", &[self.rest]);
+        uniform.set("static_frames", &[self.rest]);
         uniform.bytes
     }
 }

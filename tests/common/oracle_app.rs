@@ -25,7 +25,7 @@ use bevy::{
 };
 use bevy_glint::{
     NotReflected, RayTracedReflections, ReflectionStatus, StatusReport, Technique, TracerChoice,
-    scene::{SceneBindings, bvh::TraceRay, instances::SceneInstances},
+    internals::{SceneBindings, bvh::TraceRay, instances::SceneInstances},
 };
 use bytemuck::{Pod, Zeroable};
 use core::num::NonZeroU64;

@@ -6,7 +6,7 @@ use bevy::{
     prelude::*,
     render::render_resource::Face,
 };
-use bevy_glint::scene::{
+use bevy_glint::internals::{
     bvh::TraceRay,
     gpu_types::{INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT},
 };

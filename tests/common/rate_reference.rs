@@ -3,7 +3,7 @@
 
 use crate::rate_frame::Frame;
 use bevy::math::{Mat3, Mat4, UVec2, Vec2, Vec3, Vec3Swizzles, Vec4Swizzles, uvec2, vec2, vec4};
-use bevy_glint::rate::{CombinedThresholds, ShadingRate, ShadingRateHeuristic};
+use bevy_glint::{CombinedThresholds, ShadingRate, ShadingRateHeuristic};
 use std::collections::{BTreeMap, BTreeSet};
 
 pub const FULL_RESOLUTION_MIRRORS: u32 = 4;
@@ -97,18 +97,30 @@ impl Case {
         defs
     }
 
-    /// `rate_thresholds` and `rate_options`.
-    fn encoded(&self) -> ([f32; 4], [u32; 4]) {
-        let guard = |guard: Option<f32>| guard.unwrap_or(-1.0);
+    fn set_thresholds(&self, uniform: &mut Uniform) {
+        let guard = |guard: Option<f32>| [guard.unwrap_or(-1.0)];
         match &self.heuristic {
-            ShadingRateHeuristic::Uniform(rate) => ([0.0; 4], [rate.code(), 0, 0, 0]),
-            ShadingRateHeuristic::Roughness(t) => ([t.half, t.quarter, guard(t.mirror_guard), 0.0], [0; 4]),
-            ShadingRateHeuristic::Grazing(t) => ([t.half, t.quarter, guard(t.mirror_guard), 0.0], [0; 4]),
-            ShadingRateHeuristic::Combined(t) => (
-                [t.half, t.quarter, guard(t.mirror_guard), flatness(t)],
-                [level(t.coarsest), t.faint.to_bits(), t.eighth.to_bits(), 0],
-            ),
-            ShadingRateHeuristic::Custom(_) | ShadingRateHeuristic::Image(_) => ([0.0; 4], [0; 4]),
+            ShadingRateHeuristic::Uniform(rate) => uniform.set("rate_uniform_code", &[rate.code()]),
+            ShadingRateHeuristic::Roughness(t) => {
+                uniform.set("rate_half", &[t.half]);
+                uniform.set("rate_quarter", &[t.quarter]);
+                uniform.set("rate_min_roughness", &guard(t.mirror_guard));
+            }
+            ShadingRateHeuristic::Grazing(t) => {
+                uniform.set("rate_half", &[t.half]);
+                uniform.set("rate_quarter", &[t.quarter]);
+                uniform.set("rate_min_roughness", &guard(t.mirror_guard));
+            }
+            ShadingRateHeuristic::Combined(t) => {
+                uniform.set("rate_half", &[t.half]);
+                uniform.set("rate_quarter", &[t.quarter]);
+                uniform.set("rate_eighth", &[t.eighth]);
+                uniform.set("rate_min_roughness", &guard(t.mirror_guard));
+                uniform.set("rate_min_flatness", &[flatness(t)]);
+                uniform.set("rate_faint", &[t.faint]);
+                uniform.set("rate_max_level", &[level(t.coarsest)]);
+            }
+            ShadingRateHeuristic::Custom(_) | ShadingRateHeuristic::Image(_) => {}
         }
     }
 
@@ -131,7 +143,6 @@ impl Case {
     }
 
     pub fn settings_uniform(&self, module: &naga::Module) -> Vec<u8> {
-        let (thresholds, options) = self.encoded();
         let mut uniform = Uniform::new(module, "ReflectionView");
         uniform.set("fade_start", &[self.fade_start]);
         uniform.set("cutoff", &[self.cutoff]);
@@ -142,8 +153,7 @@ impl Case {
         uniform.set("tile_count", &self.tile_count().to_array());
         uniform.set("trace_scale", &[self.trace_scale]);
         uniform.set("tile_size", &[self.tile_size]);
-        uniform.set("rate_thresholds", &thresholds);
-        uniform.set("rate_options", &options);
+        self.set_thresholds(&mut uniform);
         uniform.bytes
     }
 }

@@ -6,11 +6,11 @@ mod oracle;
 mod shapes;
 
 use bevy::math::{Affine3A, DVec3, Vec3};
-use bevy_glint::scene::bvh::{
+use bevy_glint::internals::bvh::{
     Blas, BvhQuality, Item, MaskSource, MergeSource, Micromap, OPAQUE, SceneView, TRANSPARENT, Tlas, TlasInstance,
     TraceRay, UNKNOWN, build_blas, build_merged, build_tlas, masks as masks_of, owner,
 };
-use bevy_glint::scene::gpu_types::{
+use bevy_glint::internals::gpu_types::{
     INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
 };
 pub use oracle::Oracle;

@@ -1,16 +1,15 @@
 //! The tree over the triangles of one mesh.
 
 use super::{
-    Bounds, Item,
-    collapse::{Tree, collapse},
-    node::{self, Child, Node, WIDTH},
+    collapse::collapse,
+    format::{Bounds, Item},
+    node::{self, Child, Node, Tree, WIDTH},
     ploc, split,
+    stack::{IN_BLAS, Level},
+    triangle::{Triangle, add_triangles, edge_scale, triangle_bounds},
 };
-use bevy::math::DVec3;
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 
-/// Coordinates beyond this are treated like infinite ones: squares and products of them still fit an `f32`.
-const MAX_COORDINATE: f32 = 1e15;
 /// Binary trees deeper than this are not optimised further: the optimiser keeps a stack of fixed size.
 const MAX_BINARY_DEPTH: u32 = 200;
 /// Top nodes that a BLAS offers to the TLAS, which may start rays at them.
@@ -65,59 +64,12 @@ impl Blas {
     }
 }
 
-/// What trees of a level are like.
-pub(super) struct Level {
-    /// Primitives of a leaf, at most; 1 to 3.
-    pub leaf_size: u32,
-    /// Leaves stand on the stack of the traversal, too.
-    pub leaves_wait: bool,
-    /// Where the optimised tree takes more groups of the traversal's stack, a balanced one takes its place, which is slower to trace.
-    pub most_groups: u32,
-}
-
-pub(super) const IN_BLAS: Level = Level {
-    leaf_size: 3,
-    leaves_wait: false,
-    most_groups: 24,
-};
-
-/// A triangle of a tree.
-pub(super) struct Triangle {
-    pub corners: [[f32; 3]; 3],
-    /// Index in the mesh, or of the mask.
-    pub name: u32,
-    /// [`super::owner`], or 0 where the TLAS entry names it.
-    pub owner: u32,
-    /// The box of the part that rays can hit, if that isn't all of it.
-    pub part: Option<Bounds>,
-}
-
 /// Builds the tree of a triangle list. Triangles with an index out of range, a coordinate that is not finite or beyond
 /// 1e15, or without area are left out; `None` when no triangle is left or there are more than 2^28.
 pub fn build_blas(positions: &[[f32; 3]], indices: &[u32], quality: BvhQuality) -> Option<Blas> {
     let mut triangles = Vec::with_capacity(indices.len() / 3);
     add_triangles(&mut triangles, positions, indices, 0, 0);
     build(triangles, quality)
-}
-
-/// Adds the triangles of a mesh, less those whose indices are out of range. Names count from `first_name`.
-pub(super) fn add_triangles(
-    triangles: &mut Vec<Triangle>,
-    positions: &[[f32; 3]],
-    indices: &[u32],
-    owner: u32,
-    first_name: u32,
-) {
-    for (primitive, corners) in indices.as_chunks::<3>().0.iter().enumerate() {
-        if let Some(corners) = triangle(positions, *corners) {
-            triangles.push(Triangle {
-                corners,
-                name: first_name + primitive as u32,
-                owner,
-                part: None,
-            });
-        }
-    }
 }
 
 /// The tree over those triangles that rays can hit.
@@ -187,35 +139,6 @@ pub(super) fn build_tree(boxes: &[Bounds], quality: BvhQuality, level: &Level) -
         return Some(tree);
     }
     Some(collapse(&ploc::build_balanced(boxes), level.leaf_size)).filter(is_whole)
-}
-
-fn triangle(positions: &[[f32; 3]], corners: [u32; 3]) -> Option<[[f32; 3]; 3]> {
-    Some([
-        *positions.get(corners[0] as usize)?,
-        *positions.get(corners[1] as usize)?,
-        *positions.get(corners[2] as usize)?,
-    ])
-}
-
-/// `None` for a triangle that no ray can hit.
-fn triangle_bounds(corners: &[[f32; 3]; 3]) -> Option<Bounds> {
-    let bounds = corners
-        .iter()
-        .fold(Bounds::EMPTY, |b, c| b.union(Bounds { min: *c, max: *c }));
-    // `f32::min` skips NaN, so the corners are tested themselves.
-    if !corners.iter().flatten().all(|x| x.abs() <= MAX_COORDINATE) {
-        return None;
-    }
-    let [a, b, c] = corners.map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into()));
-    let normal = (b - a).cross(c - a);
-    // A normal whose components vanish in f32 cannot be intersected there.
-    (normal.abs().max_element() > 1e-37).then_some(bounds)
-}
-
-/// A quarter of the summed lengths of the edges at the first corner: by it, the tracer bounds its rounding errors.
-fn edge_scale(corners: &[[f32; 3]; 3]) -> f32 {
-    let [a, b, c] = corners.map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into()));
-    (0.25 * ((b - a).length() + (c - a).length())) as f32
 }
 
 /// The top of the tree, breadth first. A node with leaves among its children cannot be replaced by its inner children

@@ -1,19 +1,13 @@
 //! From a binary tree to one of four children per node, at the least cost by the surface area heuristic (Ylitie, Karras and
 //! Laine 2017, section 3.1).
 
-use super::node::{Node, WIDTH};
+use super::node::{Node, Tree, WIDTH};
 use obvhs::bvh2::Bvh2;
 
 /// What testing a node costs a ray, and what testing a triangle does, as in the paper. The more a triangle costs, the smaller leaves
 /// get.
 const NODE_COST: f32 = 1.0;
 const PRIMITIVE_COST: f32 = 0.3;
-
-/// Nodes whose boxes are still to be filled in, children behind their parents, and the order of the primitives.
-pub(super) struct Tree {
-    pub nodes: Vec<Node>,
-    pub primitives: Vec<u32>,
-}
 
 /// The best that can be made of a subtree.
 #[derive(Clone, Copy, Default)]

@@ -1,7 +1,7 @@
 //! What the alpha test needs to know of a triangle, side by side: in the packed mesh, each part has to be looked up by another one.
 
 use super::{
-    Item,
+    format::Item,
     opacity::{Micromap, OpacityBaker, UNKNOWN},
 };
 use bevy::math::{Affine2, Vec2};

@@ -1,11 +1,11 @@
 //! One tree over the triangles of many objects, in world space.
 
 use super::{
-    Blas, Bounds, BvhQuality,
-    blas::{Triangle, add_triangles, build},
+    blas::{Blas, BvhQuality, build},
+    format::{Bounds, owner},
     opacity::{Micromap, OPAQUE, common_state, solid_bounds},
-    owner,
     tlas::{inverse_rows, world_bounds},
+    triangle::{Triangle, add_triangles},
 };
 use crate::scene::gpu_types::{INSTANCE_ALPHA_MASKED, INSTANCE_MIRRORED};
 use bevy::math::{Affine3A, DVec3, Vec3A};

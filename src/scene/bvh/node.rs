@@ -1,6 +1,6 @@
 //! Nodes of four children with quantised boxes that enclose them for certain.
 
-use super::{Bounds, collapse::Tree};
+use super::format::Bounds;
 use bytemuck::{Pod, Zeroable};
 
 /// Children of a node, at most.
@@ -40,6 +40,12 @@ pub(super) enum Child {
     Inner(u32),
     /// First primitive and their number, 1 to 3.
     Leaf(u32, u32),
+}
+
+/// Nodes whose boxes are still to be filled in, children behind their parents, and the order of the primitives.
+pub(super) struct Tree {
+    pub nodes: Vec<Node>,
+    pub primitives: Vec<u32>,
 }
 
 impl Node {

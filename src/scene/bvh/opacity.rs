@@ -8,7 +8,7 @@
 #[cfg(test)]
 mod tests;
 
-use super::Bounds;
+use super::format::Bounds;
 use bevy::math::{DVec2, Vec2, Vec3A};
 use core::cell::Cell;
 use std::sync::Arc;

@@ -3,7 +3,7 @@
 //! obvhs has one too, but equal or nested boxes make it merge one pair per pass: quadratic time (9 s for 10,000 coincident
 //! triangles) and a tree as deep as it has leaves. Here a pass that merges too few pairs merges neighbours instead.
 
-use super::Bounds;
+use super::format::Bounds;
 use bevy::math::Vec3A;
 use obvhs::{
     aabb::Aabb,

@@ -1,6 +1,6 @@
 //! Large triangles in several boxes: a long one across a hall would make every node above it as large as the hall.
 
-use super::{Bounds, blas::Triangle};
+use super::{format::Bounds, triangle::Triangle};
 use bevy::math::Vec3A;
 use obvhs::{aabb::Aabb, splits::split_aabbs_preset, triangle};
 

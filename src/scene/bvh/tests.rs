@@ -2,11 +2,10 @@
 
 use super::{
     Blas, Bounds, BvhQuality, ENTRY, Item, LARGEST_STACK, MergeSource, ONE_ENTRY, Tlas, TlasInstance, USUAL_STACK,
-    blas::IN_BLAS,
     build_blas, build_merged, build_tlas,
     node::{Child, Node, WIDTH},
     owner,
-    tlas::IN_TLAS,
+    stack::{IN_BLAS, IN_TLAS},
 };
 use crate::scene::gpu_types::{
     INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_MIRRORED, INSTANCE_RECEIVES_SHADOW,

@@ -1,20 +1,14 @@
 //! The tree over the instances.
 
 use super::{
-    Bounds, BvhQuality, ENTRY, Item, ONE_ENTRY, TopNode,
-    blas::{Level, build_tree},
+    blas::{BvhQuality, TopNode, build_tree},
+    format::{Bounds, ENTRY, Item, ONE_ENTRY},
     node::{self, Child, WIDTH},
-    stack_size,
+    stack::{IN_TLAS, stack_size},
 };
 use bevy::math::{Affine3A, DMat3, DVec3};
 use std::collections::BinaryHeap;
 
-/// Entries wait on the stack like nodes.
-pub(super) const IN_TLAS: Level = Level {
-    leaf_size: 1,
-    leaves_wait: true,
-    most_groups: 12,
-};
 /// Up to here a better tree costs less than a millisecond.
 const FEW_ENTRIES: usize = 1024;
 /// Inverse matrices with larger entries lose all precision in `f32`.

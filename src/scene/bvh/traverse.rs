@@ -1,6 +1,6 @@
 //! `bvh.wesl` on the CPU, over the same items: an oracle for tests of trees and of the shader.
 
-use super::{ENTRY, Item, ONE_ENTRY, OWNER_SHIFT};
+use super::format::{ENTRY, Item, ONE_ENTRY, OWNER_SHIFT};
 use crate::scene::gpu_types::{
     INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
 };

@@ -1,6 +1,9 @@
 //! Packing of what shading needs of a vertex besides its position.
 
-use super::{GeometryError, PackedMesh, decode};
+use super::{
+    decode,
+    packed::{GeometryError, PackedMesh},
+};
 use bevy::{
     math::{Vec2, Vec3},
     mesh::{

@@ -3,24 +3,46 @@
 //! They are made off the main thread once the material rests, and are gone in the frame in which it changes: until there are new
 //! ones, each candidate is tested by its texture.
 
-use super::{MaskKey, NamedMicromaps};
-use crate::scene::{
-    alpha_images::{AlphaImages, Answer, ImageContent},
-    bvh::{AlphaTest, Item, OpacityBaker, Wrap, masks, micromap_of},
-    materials::{MaterialAssets, pack_material},
-    meshes::MeshTriangles,
-    textures::{TextureMode, TextureTable},
+use crate::{
+    device::TextureMode,
+    scene::{
+        alpha_images::{AlphaImages, Answer, ImageContent},
+        bvh::{AlphaTest, Item, Micromap, OpacityBaker, Wrap, masks, micromap_of},
+        materials::{MaterialAssets, pack_material},
+        meshes::MeshTriangles,
+        textures::TextureTable,
+    },
 };
 use bevy::{
     asset::AssetId,
     image::{Image, ImageSamplerDescriptor},
     math::{Affine2, Mat2, Vec2},
+    mesh::Mesh,
+    pbr::StandardMaterial,
     tasks::{AsyncComputeTaskPool, Task, block_on, poll_once},
 };
 use std::sync::Arc;
 
 /// Frames without a change until a material counts as resting: fewer than until objects are merged.
 const QUIET_FRAMES: u64 = 15;
+
+/// Masks that an object needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(in crate::scene) struct MaskKey {
+    pub mesh: AssetId<Mesh>,
+    /// Of the mesh.
+    pub version: u64,
+    pub material: AssetId<StandardMaterial>,
+    /// The material wants the second set of UV coordinates.
+    pub second_uvs: bool,
+}
+
+/// Micromaps of all triangles of a mesh under a name that is never used twice; 0 where they are not known.
+#[derive(Clone, Default)]
+pub(in crate::scene) struct NamedMicromaps {
+    pub name: u64,
+    pub maps: Option<Arc<[Micromap]>>,
+}
 
 /// Where the materials of masks come from.
 pub(in crate::scene) struct Surroundings<'a> {

@@ -9,8 +9,13 @@
 
 mod plan;
 
-use super::{Extent, Limits, Placement, Tree};
-use bevy::ecs::entity::Entity;
+use crate::scene::bvh::Bounds;
+use bevy::{
+    asset::AssetId,
+    ecs::entity::Entity,
+    math::{Affine3A, Vec3A},
+    mesh::Mesh,
+};
 use core::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 
@@ -19,6 +24,62 @@ const MAX_DOUBLINGS: u32 = 14;
 /// A new object takes over so many of the disturbances of its slot, at most: what comes and goes often is merged late, and
 /// a level that replaces another one after some seconds.
 const INHERITED_DISTURBANCES: u32 = 2;
+
+/// What decides when and how much is merged.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Limits {
+    /// Frames without a change until a new object counts as resting, and until resting objects are merged.
+    pub quiet_frames: u64,
+    /// Triangles of a chunk, at most.
+    pub chunk_triangles: u64,
+    /// Chunks of so many triangles are built anew for any reason.
+    pub cheap_triangles: u64,
+    /// Triangles of all chunks, at most.
+    pub budget_triangles: u64,
+}
+
+/// An object as merged trees copy it: where any of this changes, the copy is stale.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::scene) struct Placement {
+    /// The object.
+    pub entity: Entity,
+    /// The mesh ...
+    pub mesh: AssetId<Mesh>,
+    /// ... in this version.
+    pub version: u64,
+    /// Object to world.
+    pub world_from_object: Affine3A,
+    /// Those `INSTANCE_` flags that the traversal looks at.
+    pub flags: u32,
+    /// Where the masks of an alpha-masked object stand; else 0.
+    pub masks: u32,
+    /// The name of its micromaps, or 0.
+    pub micromaps: u64,
+}
+
+/// What merging an object costs, and where it stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Extent {
+    /// Triangles.
+    pub triangles: u64,
+    /// Centre of the world-space box.
+    pub centre: Vec3A,
+}
+
+/// Where the tree of a chunk stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Tree {
+    /// Name of its room.
+    pub name: u64,
+    /// The first node in the buffer.
+    pub first_node: u32,
+    /// The first triangle in the buffer.
+    pub first_triangle: u32,
+    /// World space.
+    pub bounds: Bounds,
+    /// [`Blas::groups`](crate::scene::bvh::Blas::groups).
+    pub groups: u32,
+}
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum State {

@@ -1,7 +1,8 @@
 //! The bookkeeping of merged objects.
 
 use super::{ledger::gains_micromaps, *};
-use crate::scene::gpu_types::INSTANCE_ALPHA_MASKED;
+use crate::scene::{bvh::Bounds, gpu_types::INSTANCE_ALPHA_MASKED};
+use bevy::{asset::AssetId, ecs::entity::Entity};
 
 const QUIET: u64 = 4;
 const LIMITS: Limits = Limits {

@@ -1,6 +1,10 @@
 //! Bindings 8 and 9 of group 1: layouts, textures and samplers.
 
-use super::{super::bvh::Wrap, Entry, MAX_SAMPLERS, State, TextureMode, TextureTable, repeating};
+use super::{Entry, State, TextureTable, repeating};
+use crate::{
+    device::{MAX_SAMPLERS, TextureMode},
+    scene::bvh::Wrap,
+};
 use bevy::{
     asset::AssetId,
     image::{Image, ImageSampler, ImageSamplerDescriptor},

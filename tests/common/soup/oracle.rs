@@ -1,7 +1,7 @@
 //! What a tracer in single precision may answer.
 
 use bevy::math::{Affine3A, DMat3, DVec3};
-use bevy_glint::scene::bvh::TraceRay;
+use bevy_glint::internals::bvh::TraceRay;
 
 /// Margins below this are within rounding: twice what the tracer's triangle test adds to a triangle at most.
 const DOUBT: f64 = 6e-6;

@@ -7,8 +7,8 @@ use bevy::{
     prelude::*,
 };
 use bevy_glint::{
-    Backend, Preset, RayTracedReflections, ShadingRateHeuristic, StatusReport, Technique, TracerChoice, named_settings,
-    status::HardwareRates,
+    Backend, HardwareRates, Preset, RayTracedReflections, ShadingRateHeuristic, StatusReport, Technique, TracerChoice,
+    named_settings,
 };
 
 /// Perceptual roughness above which the ground truth has no ray: it traces everything.

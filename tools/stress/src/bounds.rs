@@ -17,7 +17,7 @@ use crate::{
 use bevy::{math::UVec2, prelude::Entity};
 use bevy_glint::{
     DebugView, TracerChoice,
-    inspect::{Copied, Target},
+    internals::{Copied, Target},
 };
 use glint_scenes::SceneName;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -36,7 +36,7 @@ const INGREDIENTS: usize = 8;
 const PART: f32 = 0.02;
 /// What is compared, beside rates and the picture.
 const TARGETS: [Target; 4] = [
-    Target::RayRecord,
+    Target::RaySample,
     Target::RayRadiance,
     Target::Reconstructed,
     Target::HistoryRadiance,
@@ -257,7 +257,7 @@ fn take(stage: &mut Stage, camera: Entity) -> Result<Snapshot, String> {
     stage.settle_merges(PATIENCE);
     begin_anew(stage, &[camera], FRAMES);
     let copy = |target: Target| stage.copy(camera, target);
-    let (Some(rates), Some(records)) = (copy(Target::Rate), copy(Target::RayRecord)) else {
+    let (Some(rates), Some(records)) = (copy(Target::Rate), copy(Target::RaySample)) else {
         return Err("the camera doesn't reflect".to_owned());
     };
     let targets = TARGETS

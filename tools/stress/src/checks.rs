@@ -8,9 +8,8 @@ use crate::{
 };
 use bevy::prelude::*;
 use bevy_glint::{
-    RayTracedReflections,
-    inspect::{Copied, Target},
-    rate::{RATE_ACTIVE, RATE_CODE_MASK, ShadingRate},
+    RayTracedReflections, ShadingRate,
+    internals::{Copied, RATE_ACTIVE, RATE_CODE_MASK, Target},
 };
 use core::ops::RangeInclusive;
 
@@ -101,8 +100,8 @@ pub fn targets(stage: &Stage, camera: Entity) -> Vec<Problem> {
         wrong.extend(copied.and_then(|copied| out_of_range(&copied, *target, ranges)));
     }
     let pair = [radiance, 0.0..=MOST_RAYS];
-    let copied = stage.copy(camera, Target::ReconstructedPair);
-    wrong.extend(copied.and_then(|copied| out_of_range(&copied, Target::ReconstructedPair, &pair)));
+    let copied = stage.copy(camera, Target::ReconstructedStats);
+    wrong.extend(copied.and_then(|copied| out_of_range(&copied, Target::ReconstructedStats, &pair)));
     let rates = stage.copy(camera, Target::Rate);
     wrong.extend(rates.and_then(|rates| unknown_rates(&rates)));
     wrong

@@ -2,7 +2,7 @@
 
 use crate::stage::Stage;
 use bevy::prelude::*;
-use bevy_glint::{RayTracedReflections, Technique, inspect::Target};
+use bevy_glint::{RayTracedReflections, Technique, internals::Target};
 use glint_scenes::{SceneName, SceneOptions, environment};
 
 /// Frames that loading, compiling and building may take.

@@ -7,7 +7,7 @@ use crate::{
     stage::Stage,
 };
 use bevy::{core_pipeline::tonemapping::Tonemapping, diagnostic::FrameCount, prelude::*};
-use bevy_glint::{RayTracedReflections, inspect::Target, named_settings};
+use bevy_glint::{RayTracedReflections, internals::Target, named_settings};
 use glint_scenes::{SceneName, SceneOptions, environment};
 use std::{fs, time::Instant};
 

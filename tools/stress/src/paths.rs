@@ -7,9 +7,8 @@ use crate::{
 };
 use bevy::prelude::*;
 use bevy_glint::{
-    Backend, DebugView, RayTracedReflections, ShadingRateHeuristic, Technique,
-    inspect::{Copied, Target},
-    rate::{RATE_ACTIVE, ShadingRate},
+    Backend, DebugView, RayTracedReflections, ShadingRate, ShadingRateHeuristic, Technique,
+    internals::{Copied, RATE_ACTIVE, Target},
 };
 
 /// Steps of 16 bits that values may differ by: a GPU's compiler may translate the same code twice, and with ray queries the CPU
@@ -50,12 +49,12 @@ pub fn compare(stage: &mut Stage, scene: &HostileScene, patience: u32) -> Vec<Pr
         Some([plain?, variable?])
     };
     let mut problems = Vec::new();
-    if let (Some(rates), Some(records)) = (both(Target::Rate), both(Target::RayRecord)) {
+    if let (Some(rates), Some(records)) = (both(Target::Rate), both(Target::RaySample)) {
         if rates[0] != rates[1] {
             problems.push(Problem::new(ProblemKind::Paths, "both paths have rates of their own"));
         }
         let exact = stage.is_cpu();
-        for target in [Target::RayRecord, Target::RayRadiance, Target::Reconstructed] {
+        for target in [Target::RaySample, Target::RayRadiance, Target::Reconstructed] {
             let Some(pair) = both(target) else { continue };
             let places = differing(&pair, &rates[0], &records, target, exact);
             let total = pair[0].words.len() / pair[0].texel.max(1);
@@ -108,9 +107,9 @@ pub fn differing(pair: &[Copied; 2], rates: &Copied, records: &[Copied; 2], targ
     let differs = |place: UVec2| {
         let (a, b) = (a.at(place), b.at(place));
         match target {
-            Target::RayRecord if exact => a != b,
+            Target::RaySample if exact => a != b,
             // Of a record's words those of the direction and its pdf are rounded.
-            Target::RayRecord => a[1] >> 16 != b[1] >> 16,
+            Target::RaySample => a[1] >> 16 != b[1] >> 16,
             _ => a.iter().zip(b).any(|(a, b)| steps(*a, *b) > STEPS),
         }
     };

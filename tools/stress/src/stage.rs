@@ -31,7 +31,7 @@ use bevy::{
 };
 use bevy_glint::{
     NonFiniteReport, RayTracedReflectionsPlugin, ReflectionStatus, StatusReport, Tracer, TracerChoice,
-    inspect::{self, Copied, Target},
+    internals::{Copied, Target, readback},
 };
 use glint_scenes::read_image;
 use std::{error::Error, fmt, time::Duration};
@@ -269,7 +269,7 @@ impl Stage {
     /// What a target of a camera holds after the last frame.
     #[must_use]
     pub fn copy(&self, camera: Entity, target: Target) -> Option<Copied> {
-        inspect::copy(&self.app, camera, target)
+        readback::copy(&self.app, camera, target)
     }
 
     /// Frames since the stage was opened.

@@ -11,7 +11,7 @@ use bevy::{
         settings::{WgpuFeatures, WgpuLimits},
     },
 };
-use bevy_glint::{DebugView, RayTracedReflections, ShadingRateHeuristic, Technique, rate::RateTileSize};
+use bevy_glint::{DebugView, RateTileSize, RayTracedReflections, ShadingRateHeuristic, Technique};
 use glint_scenes::{Environment, SceneName, environment};
 
 /// A scene that was built.

@@ -7,9 +7,7 @@ use bevy::{
     pbr::DistanceFog,
     prelude::*,
 };
-use bevy_glint::{
-    DebugCounters, DebugSplit, DebugView, RayTracedReflections, ShadingRateHeuristic, rate::RateTileSize,
-};
+use bevy_glint::{DebugCounters, DebugSplit, DebugView, RateTileSize, RayTracedReflections, ShadingRateHeuristic};
 
 /// A camera to be spawned.
 #[derive(Clone)]

@@ -8,9 +8,7 @@ use bevy::{
     prelude::*,
     time::TimeUpdateStrategy,
 };
-use bevy_glint::{
-    DebugView, NotReflected, Preset, RayTracedReflections, ShadingRateHeuristic, Technique, rate::ShadingRate,
-};
+use bevy_glint::{DebugView, NotReflected, Preset, RayTracedReflections, ShadingRate, ShadingRateHeuristic, Technique};
 use core::time::Duration;
 
 kinds! {

@@ -3,8 +3,8 @@
 use super::{Builder, kinds};
 use bevy::{prelude::*, render::render_resource::TextureFormat};
 use bevy_glint::{
-    Backend, DebugSplit, DebugView, Denoiser, Preset, RaySampling, ShadingRateHeuristic, Technique, TextureMip,
-    rate::{CombinedThresholds, GrazingThresholds, RateTileSize, RoughnessThresholds, ShadingRate},
+    Backend, CombinedThresholds, DebugSplit, DebugView, Denoiser, GrazingThresholds, Preset, RateTileSize, RaySampling,
+    RoughnessThresholds, ShadingRate, ShadingRateHeuristic, Technique, TextureMip,
 };
 
 kinds! {

@@ -1,0 +1,50 @@
+//! Words of the buffers `indirect_args` and `counters`. `lists.wesl` holds the same for shaders.
+
+/// Words of the buffer `indirect_args`: three dispatches of three words each, and the lengths of their lists.
+pub(crate) const INDIRECT_ARG_WORDS: u64 = 12;
+/// First word of the dispatch over the ray list.
+pub(crate) const RAY_DISPATCH: u64 = 0;
+/// First word of the dispatch over the mirror ray list.
+pub(crate) const MIRROR_RAY_DISPATCH: u64 = 3;
+/// First word of the dispatch over the tile list, one workgroup for each 8x8 pixels.
+pub(crate) const TILE_DISPATCH: u64 = 6;
+/// Word with the length of the ray list.
+pub(crate) const RAY_COUNT: u64 = 9;
+/// Word with the length of the mirror ray list.
+pub(crate) const MIRROR_RAY_COUNT: u64 = 10;
+/// Word with the length of the tile list.
+pub(crate) const TILE_COUNT: u64 = 11;
+
+/// Words of the buffer `counters`.
+pub(crate) const COUNTER_WORDS: u64 = 8;
+/// Word with the number of rays that hit something.
+pub(crate) const HIT_COUNT: u64 = 0;
+
+/// Byte offset of a word.
+pub(crate) const fn word_offset(word: u64) -> u64 {
+    4 * word
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_those_of_the_shader() {
+        let shader = include_str!("lists.wesl");
+        for (name, word) in [
+            ("INDIRECT_ARG_WORDS", INDIRECT_ARG_WORDS),
+            ("RAY_DISPATCH", RAY_DISPATCH),
+            ("MIRROR_RAY_DISPATCH", MIRROR_RAY_DISPATCH),
+            ("TILE_DISPATCH", TILE_DISPATCH),
+            ("RAY_COUNT", RAY_COUNT),
+            ("MIRROR_RAY_COUNT", MIRROR_RAY_COUNT),
+            ("TILE_COUNT", TILE_COUNT),
+            ("COUNTER_WORDS", COUNTER_WORDS),
+            ("HIT_COUNT", HIT_COUNT),
+        ] {
+            let line = format!("const {name}: u32 = {word}u;");
+            assert!(shader.contains(&line), "{line}");
+        }
+    }
+}

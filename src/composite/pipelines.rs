@@ -1,0 +1,131 @@
+//! The passes of the composite: which of them a view needs, and how they are compiled and run.
+
+use super::{add::AddPass, resolve::Resolve};
+use crate::{
+    device::WritesInPlace,
+    gbuffer::{GBufferPass, PassContext, PassShader},
+    settings::{ReflectionView, SafeSettings, Technique},
+};
+use bevy::{
+    asset::{AssetServer, Handle, load_embedded_asset},
+    camera::CameraMainTextureUsages,
+    core_pipeline::FullscreenShader,
+    ecs::prelude::*,
+    log::error_once,
+    platform::collections::{HashMap, HashSet},
+    render::{
+        camera::ExtractedCamera,
+        render_resource::{PipelineCache, TextureFormat, TextureUsages},
+        renderer::RenderContext,
+        view::{ExtractedView, ViewTarget},
+    },
+    shader::Shader,
+};
+
+/// Pipelines of the composite.
+#[derive(Resource)]
+pub struct CompositePipelines {
+    shader: Handle<Shader>,
+    resolve: HashMap<Resolve, GBufferPass>,
+    add: AddPass,
+    /// What was asked for, each with the format of frames.
+    wanted: HashSet<(Resolve, TextureFormat)>,
+}
+
+/// The pass that resolves the reflection of a view with these settings.
+fn resolve_of(settings: &SafeSettings, format: TextureFormat, in_place: WritesInPlace) -> Resolve {
+    Resolve::new(in_place.allows(format), settings.technique != Technique::Converged)
+}
+
+impl CompositePipelines {
+    /// Asks for the passes of a view with frames of this format; they are compiled from the next frame on.
+    pub(crate) fn request(&mut self, settings: &SafeSettings, format: TextureFormat, in_place: WritesInPlace) {
+        self.wanted.insert((resolve_of(settings, format, in_place), format));
+    }
+
+    /// All that a view with frames of this format needs can be used.
+    pub(crate) fn is_ready(
+        &self,
+        cache: &PipelineCache,
+        settings: &SafeSettings,
+        format: TextureFormat,
+        in_place: WritesInPlace,
+    ) -> bool {
+        let resolve = resolve_of(settings, format, in_place);
+        self.resolve[&resolve].pipeline(&(), cache).is_some()
+            && (resolve != Resolve::Apart || self.add.is_ready(format, cache))
+    }
+}
+
+/// Declares what the passes bind.
+pub(super) fn init_composite_pipelines(
+    mut commands: Commands,
+    asset_server: Res<AssetServer>,
+    fullscreen: Res<FullscreenShader>,
+) {
+    let assets = asset_server.as_ref();
+    commands.insert_resource(CompositePipelines {
+        shader: load_embedded_asset!(assets, "resolve.wesl"),
+        resolve: Resolve::ALL.into_iter().map(|kind| (kind, kind.pass())).collect(),
+        add: AddPass::new(assets, &fullscreen),
+        wanted: HashSet::default(),
+    });
+}
+
+/// Queues what cameras asked for.
+pub(super) fn queue_composite_pipelines(mut pipelines: ResMut<CompositePipelines>, cache: Res<PipelineCache>) {
+    let CompositePipelines {
+        shader,
+        resolve,
+        add,
+        wanted,
+    } = &mut *pipelines;
+    for &(kind, format) in &*wanted {
+        if let Some(pass) = resolve.get_mut(&kind) {
+            pass.queue((), &cache, || PassShader {
+                shader: shader.clone(),
+                defs: kind.shader_defs(),
+                entry_point: Some("resolve"),
+            });
+        }
+        if kind == Resolve::Apart {
+            add.queue(format, &cache);
+        }
+    }
+    if let Some((_, error)) = resolve.values().find_map(|pass| pass.errors(&cache).next()) {
+        error_once!("ray-traced reflections stay off, since their composite failed: {error}");
+    }
+}
+
+/// Lets compute shaders write to the frames of reflecting cameras, and of all that draw to the same target: cameras share a
+/// frame only if its usages are the same.
+pub(super) fn allow_writes_in_place(
+    reflecting: Query<&ExtractedCamera, With<ReflectionView>>,
+    mut cameras: Query<(&ExtractedCamera, &ExtractedView, &mut CameraMainTextureUsages)>,
+    in_place: Option<Res<WritesInPlace>>,
+) {
+    let Some(in_place) = in_place else { return };
+    let targets: HashSet<_> = reflecting.iter().map(|camera| camera.target.clone()).collect();
+    for (camera, view, mut usages) in &mut cameras {
+        if in_place.allows(view.target_format) && targets.contains(&camera.target) {
+            usages.0 |= TextureUsages::STORAGE_BINDING;
+        }
+    }
+}
+
+/// Adds the reflection to the lit frame.
+pub(crate) fn composite_reflection(
+    ctx: &mut RenderContext,
+    pipelines: &CompositePipelines,
+    context: &PassContext,
+    target: &ViewTarget,
+) {
+    let kind = Resolve::new(context.targets().reflection.is_none(), context.images().is_some());
+    if kind != Resolve::Apart && !target.main_texture().usage().contains(TextureUsages::STORAGE_BINDING) {
+        return;
+    }
+    kind.run(ctx, &pipelines.resolve[&kind], context);
+    if kind == Resolve::Apart {
+        pipelines.add.run(ctx, context, target);
+    }
+}

@@ -1,0 +1,86 @@
+//! From the lobe's radiance to light: into the frame itself where a compute shader can write it, else into a texture.
+
+use crate::{
+    common::{TILE_DISPATCH, word_offset},
+    denoise,
+    device::FRAME_FORMAT,
+    gbuffer::{Binding, GBufferPass, OtherGroups, PassContext},
+    targets::REFLECTION_FORMAT,
+};
+use bevy::{
+    render::{render_resource::TextureView, renderer::RenderContext},
+    shader::ShaderDefVal,
+};
+
+/// Where the result goes, and which pixels are visited.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Resolve {
+    /// Every pixel, into a texture of its own.
+    Apart,
+    /// Every pixel of the frame.
+    InPlace,
+    /// The active tiles of the frame.
+    InPlaceTiles,
+}
+
+impl Resolve {
+    pub const ALL: [Self; 3] = [Self::Apart, Self::InPlace, Self::InPlaceTiles];
+
+    /// `in_place`: compute shaders can write the frame. `has_tiles`: the view has a tile list.
+    pub fn new(in_place: bool, has_tiles: bool) -> Self {
+        match (in_place, has_tiles) {
+            (false, _) => Self::Apart,
+            (true, true) => Self::InPlaceTiles,
+            (true, false) => Self::InPlace,
+        }
+    }
+
+    pub fn shader_defs(self) -> Vec<ShaderDefVal> {
+        match self {
+            Self::Apart => vec![],
+            Self::InPlace => vec!["IN_PLACE".into()],
+            Self::InPlaceTiles => vec!["IN_PLACE".into(), "TILES".into()],
+        }
+    }
+
+    pub fn pass(self) -> GBufferPass {
+        let output = match self {
+            Self::Apart => Binding::written(REFLECTION_FORMAT, |context| context.targets().reflection.as_ref()),
+            Self::InPlace | Self::InPlaceTiles => Binding::read_written(FRAME_FORMAT, |context| Some(context.frame)),
+        };
+        let mut bindings = vec![
+            Binding::floats(composited_radiance),
+            // Without SSAO something must be bound; the shader doesn't read it.
+            Binding::floats(|context| context.ssao.or_else(|| composited_radiance(context))),
+            output,
+        ];
+        if self == Self::InPlaceTiles {
+            bindings.extend([
+                Binding::words(|context| Some(&context.targets().indirect_args)),
+                Binding::words(|context| Some(&context.images()?.tile_list)),
+            ]);
+        }
+        GBufferPass::new("glint_resolve", bindings, OtherGroups::Environment)
+    }
+
+    /// Resolves the reflection of one view.
+    pub fn run(self, ctx: &mut RenderContext, pass: &GBufferPass, context: &PassContext) {
+        let Some(mut pass) = pass.begin(ctx, context, [()], &[]) else {
+            return;
+        };
+        if self == Self::InPlaceTiles {
+            pass.dispatch_workgroups_indirect(&context.targets().indirect_args, word_offset(TILE_DISPATCH));
+        } else {
+            let size = context.textures.size();
+            pass.dispatch_workgroups(size.x.div_ceil(8), size.y.div_ceil(8), 1);
+        }
+    }
+}
+
+/// Radiance of lobes over their albedo, which the composite reads.
+pub(crate) fn composited_radiance<'a>(context: &PassContext<'a>) -> Option<&'a TextureView> {
+    match &context.targets().accumulation {
+        Some(pair) => Some(&pair[context.now()]),
+        None => denoise::result(context),
+    }
+}

@@ -1,0 +1,121 @@
+//! Pipelines of the debug views and counters, and the system that runs them.
+
+use super::{
+    count::{self, count_non_finite},
+    show::{ShowPass, show_side},
+    sides::sides,
+};
+use crate::{
+    device::{FRAME_FORMAT, WritesInPlace},
+    gbuffer::{GBufferPass, PassShader},
+    settings::ReflectionView,
+    trace::{PassResources, PassView},
+};
+use bevy::{
+    asset::{AssetServer, Handle, load_embedded_asset},
+    ecs::prelude::*,
+    log::warn_once,
+    platform::collections::HashMap,
+    render::{
+        diagnostic::RecordDiagnostics,
+        render_resource::{Buffer, PipelineCache, TextureUsages},
+        renderer::{RenderContext, RenderDevice, ViewQuery},
+        view::ExtractedView,
+    },
+    shader::Shader,
+};
+
+/// Pipelines of debug views and counters. They are compiled when a camera first asks for them.
+#[derive(Resource)]
+pub struct DebugPipelines {
+    show_shader: Handle<Shader>,
+    count_shader: Handle<Shader>,
+    show: HashMap<ShowPass, GBufferPass>,
+    count: GBufferPass<&'static str>,
+    /// What is counted.
+    report: Buffer,
+}
+
+/// Declares what the passes bind.
+pub(super) fn init_debug_pipelines(mut commands: Commands, asset_server: Res<AssetServer>, device: Res<RenderDevice>) {
+    let assets = asset_server.as_ref();
+    commands.insert_resource(DebugPipelines {
+        show_shader: load_embedded_asset!(assets, "show.wesl"),
+        count_shader: load_embedded_asset!(assets, "count.wesl"),
+        show: ShowPass::ALL.into_iter().map(|kind| (kind, kind.pass())).collect(),
+        count: count::pass(),
+        report: count::create_report(&device),
+    });
+}
+
+/// Queues what cameras ask for.
+pub(super) fn queue_debug_pipelines(
+    views: Query<(&ReflectionView, &ExtractedView)>,
+    mut pipelines: ResMut<DebugPipelines>,
+    in_place: Res<WritesInPlace>,
+    cache: Res<PipelineCache>,
+) {
+    let pipelines = &mut *pipelines;
+    for (view, extracted) in &views {
+        if view.debug.counters {
+            for entry_point in count::ENTRY_POINTS {
+                pipelines.count.queue(entry_point, &cache, || PassShader {
+                    shader: pipelines.count_shader.clone(),
+                    defs: vec![],
+                    entry_point: Some(entry_point),
+                });
+            }
+        }
+        for shown in view.debug.views() {
+            if in_place.allows(extracted.target_format) {
+                let kind = ShowPass::of(shown);
+                if let Some(pass) = pipelines.show.get_mut(&kind) {
+                    pass.queue((), &cache, || PassShader {
+                        shader: pipelines.show_shader.clone(),
+                        defs: kind.shader_defs(),
+                        entry_point: Some("show"),
+                    });
+                }
+            } else {
+                warn_once!(
+                    "cameras keep their picture instead of a `DebugView`, which is written into the frame: that takes an \
+                     `Hdr` camera with frames of the format Rgba16Float, and a device with the feature \
+                     `TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES` that can read and write such textures in compute shaders"
+                );
+            }
+        }
+    }
+}
+
+/// Draws the debug views of one camera over its picture, and counts.
+pub(super) fn show_debug_views(
+    view: ViewQuery<PassView>,
+    resources: PassResources,
+    pipelines: Option<Res<DebugPipelines>>,
+    mut ctx: RenderContext,
+) {
+    let entity = view.entity();
+    let view = view.into_inner();
+    let debug = view.view.debug;
+    if !debug.counters && debug.views().next().is_none() {
+        return;
+    }
+    let (Some(pipelines), Some(context)) = (pipelines, resources.context(entity, &view)) else {
+        return;
+    };
+    let diagnostics = ctx.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    let span = diagnostics.time_span(ctx.command_encoder(), "glint_debug");
+    if let (true, Some(diagnostics)) = (debug.counters, diagnostics) {
+        count_non_finite(&mut ctx, &pipelines.count, &pipelines.report, &context, diagnostics);
+    }
+    let (format, texture) = (view.target.main_texture_format(), view.target.main_texture());
+    if format == FRAME_FORMAT && texture.usage().contains(TextureUsages::STORAGE_BINDING) {
+        for side in sides(debug, context.textures.size().x) {
+            if let Some(pass) = pipelines.show.get(&ShowPass::of(side.view)) {
+                show_side(&mut ctx, pass, &context, &side);
+            }
+        }
+    }
+    span.end(ctx.command_encoder());
+}

@@ -1,0 +1,142 @@
+//! Draws the debug views over a picture.
+
+use super::sides::Side;
+use crate::{
+    composite::composited_radiance,
+    device::FRAME_FORMAT,
+    gbuffer::{Binding, GBufferPass, OtherGroups, PassContext},
+    settings::{DebugView, RATE_LEGEND},
+    targets::HistoryTargets,
+};
+use bevy::{
+    render::{
+        render_resource::{BufferInitDescriptor, BufferUsages, TextureView, binding_types},
+        renderer::RenderContext,
+    },
+    shader::ShaderDefVal,
+};
+use bytemuck::{Pod, Zeroable};
+use core::num::NonZeroU64;
+
+/// Rates, rays and reconstruction are bound.
+const HAS_PIPELINE: u32 = 1;
+/// History is bound.
+const HAS_HISTORY: u32 = 2;
+
+/// What a pass over one side of a view is to show; `DebugSettings` in `show.wesl`.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct GpuDebugSettings {
+    /// First column and the one after the last; the same of the dividing line.
+    columns: [u32; 4],
+    view: u32,
+    flags: u32,
+    padding: [u32; 2],
+    legend: [[f32; 4]; RATE_LEGEND.len()],
+}
+
+/// A variant of `show.wesl`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum ShowPass {
+    /// Shows what the composite adds.
+    Reflection,
+    /// Shows a texture before the composite.
+    Intermediate,
+}
+
+impl ShowPass {
+    pub const ALL: [Self; 2] = [Self::Reflection, Self::Intermediate];
+
+    pub fn of(view: DebugView) -> Self {
+        if view == DebugView::Reflection {
+            Self::Reflection
+        } else {
+            Self::Intermediate
+        }
+    }
+
+    pub fn shader_defs(self) -> Vec<ShaderDefVal> {
+        match self {
+            Self::Reflection => vec!["REFLECTION".into()],
+            Self::Intermediate => vec![],
+        }
+    }
+
+    pub fn pass(self) -> GBufferPass {
+        let size = NonZeroU64::new(size_of::<GpuDebugSettings>() as u64);
+        let second = match self {
+            Self::Reflection => Binding::floats(|context| or_radiance(context, context.ssao)),
+            Self::Intermediate => {
+                Binding::floats(|context| or_radiance(context, context.images().map(|images| &images.ray_radiance)))
+            }
+        };
+        let mut bindings = vec![
+            Binding::floats(composited_radiance),
+            second,
+            Binding::read_written(FRAME_FORMAT, |context| Some(context.frame)),
+            Binding::given(binding_types::uniform_buffer_sized(false, size)),
+            Binding::integers(|context| {
+                or_gbuffer(context, context.images().map(|images| &images.rate[context.now()]))
+            }),
+        ];
+        if self == Self::Reflection {
+            return GBufferPass::new("glint_debug_reflection", bindings, OtherGroups::Environment);
+        }
+        bindings.extend([
+            Binding::integers(|context| or_gbuffer(context, context.images().map(|images| &images.ray_sample))),
+            Binding::floats(|context| or_radiance(context, context.images().map(|images| &images.reconstructed))),
+            Binding::integers(|context| {
+                or_gbuffer(context, context.images().map(|images| &images.reconstructed_stats))
+            }),
+            Binding::floats(|context| {
+                or_radiance(
+                    context,
+                    history(context).map(|history| &history.radiance[context.now()]),
+                )
+            }),
+            Binding::integers(|context| {
+                or_gbuffer(context, history(context).map(|history| &history.stats[context.now()]))
+            }),
+            Binding::integers(|context| {
+                or_gbuffer(context, history(context).map(|history| &history.surface[context.now()]))
+            }),
+        ]);
+        GBufferPass::new("glint_debug_intermediate", bindings, OtherGroups::None)
+    }
+}
+
+fn history<'a>(context: &PassContext<'a>) -> Option<&'a HistoryTargets> {
+    context.images()?.history.as_ref()
+}
+
+/// Something must be bound in the place of a missing texture; the shader doesn't read it.
+fn or_radiance<'a>(context: &PassContext<'a>, texture: Option<&'a TextureView>) -> Option<&'a TextureView> {
+    texture.or_else(|| composited_radiance(context))
+}
+
+/// The same for textures of integers.
+fn or_gbuffer<'a>(context: &PassContext<'a>, texture: Option<&'a TextureView>) -> Option<&'a TextureView> {
+    Some(texture.unwrap_or(context.gbuffer.gbuffer))
+}
+
+/// Draws one side of a view.
+pub(super) fn show_side(ctx: &mut RenderContext, pass: &GBufferPass, context: &PassContext, side: &Side) {
+    let settings = GpuDebugSettings {
+        columns: [side.columns.start, side.columns.end, side.line.start, side.line.end],
+        view: side.view as u32,
+        flags: context.images().map_or(0, |_| HAS_PIPELINE) | history(context).map_or(0, |_| HAS_HISTORY),
+        padding: [0; 2],
+        legend: RATE_LEGEND.map(|(_, color)| [color.red, color.green, color.blue, color.alpha]),
+    };
+    let settings = ctx.render_device().create_buffer_with_data(&BufferInitDescriptor {
+        label: Some("glint_debug_settings"),
+        contents: bytemuck::bytes_of(&settings),
+        usage: BufferUsages::UNIFORM,
+    });
+    let given = [settings.as_entire_binding()];
+    let Some(mut compute) = pass.begin(ctx, context, [()], &given) else {
+        return;
+    };
+    let (columns, rows) = (side.columns.len() as u32, context.textures.size().y);
+    compute.dispatch_workgroups(columns.div_ceil(8), rows.div_ceil(8), 1);
+}

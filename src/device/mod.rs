@@ -1,0 +1,40 @@
+//! What the device can do, as far as the crate asks: which tracer, which form of the texture table, which shading rates.
+
+mod shading_rates;
+mod support;
+mod texture_mode;
+mod tracer;
+mod writes_in_place;
+
+pub use shading_rates::HardwareRates;
+#[cfg(feature = "hardware-vrs")]
+pub use shading_rates::ShadingRates;
+pub use texture_mode::TextureMode;
+pub use tracer::Tracer;
+
+pub(crate) use support::{adapter_name, unsupported};
+pub(crate) use texture_mode::{MAX_SAMPLERS, texture_mode};
+pub(crate) use tracer::{ChosenTracer, choose_tracer};
+pub(crate) use writes_in_place::{FRAME_FORMAT, WritesInPlace};
+
+use bevy::{
+    app::{App, Plugin, SubApp},
+    render::RenderApp,
+};
+
+/// Registers what reports say of the device.
+pub(crate) struct DevicePlugin;
+
+impl Plugin for DevicePlugin {
+    fn build(&self, app: &mut App) {
+        app.register_type::<Tracer>()
+            .register_type::<HardwareRates>()
+            .register_type::<TextureMode>();
+    }
+}
+
+/// The render app, if its device can trace: plugins add their systems to it in `finish`.
+pub(crate) fn tracing_app(app: &mut App) -> Option<&mut SubApp> {
+    app.get_sub_app_mut(RenderApp)
+        .filter(|render_app| render_app.world().contains_resource::<ChosenTracer>())
+}

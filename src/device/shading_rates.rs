@@ -1,0 +1,46 @@
+//! What the rasterizer's shading rate can do. Platforms without it know the types, too.
+
+#[cfg(feature = "hardware-vrs")]
+use bevy::math::UVec2;
+use bevy::reflect::{Reflect, std_traits::ReflectDefault};
+
+/// Whether [`Backend::Hardware`](crate::Backend::Hardware) can be used: whether the rasterizer's shading rate can spread rays.
+#[derive(Reflect, Clone, Debug, Default, PartialEq, Eq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
+pub enum HardwareRates {
+    /// Nobody asked: the app lacks `HardwareVrsPlugin`, or was built without the crate feature `hardware-vrs`.
+    #[default]
+    NotAsked,
+    /// The device or its driver can't; the reason why, as the end of a sentence.
+    Missing(String),
+    /// The device has no such rates; for tests, the pass runs with an invocation for each trace pixel.
+    FullRate,
+    /// Cameras can use it.
+    Available,
+}
+
+/// What a device does with shading-rate attachments.
+#[cfg(feature = "hardware-vrs")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ShadingRates {
+    /// Pixels that a texel of the attachment covers at least, in each direction.
+    pub min_texel: UVec2,
+    /// Pixels that a texel of the attachment covers at most, in each direction.
+    pub max_texel: UVec2,
+    /// Pixels of the largest fragment, in each direction.
+    pub max_fragment: UVec2,
+    /// Rates can be combined by minimum, maximum and product; this crate needs none of them.
+    pub non_trivial_combiners: bool,
+    /// One bit for each supported rate, at the position of its code (see [`supports`](Self::supports)).
+    pub codes: u16,
+}
+
+#[cfg(feature = "hardware-vrs")]
+impl ShadingRates {
+    /// Whether fragments of a size exist, named by its code: `log2(width) << 2 | log2(height)`. Where the attachment holds
+    /// another code, the hardware takes a smaller size, and all fragments of a block trace the block's ray.
+    #[must_use]
+    pub fn supports(&self, code: u32) -> bool {
+        code < u16::BITS && (self.codes >> code) & 1 != 0
+    }
+}

@@ -1,0 +1,64 @@
+//! Which devices can trace at all.
+
+use super::Tracer;
+use bevy::render::{render_resource::WgpuLimits, renderer::RenderAdapterInfo, settings::Backends};
+
+/// Adapter, driver and back end in one line.
+pub(crate) fn adapter_name(info: &RenderAdapterInfo) -> String {
+    format!(
+        "{} ({:?}, {} {})",
+        info.name, info.backend, info.driver, info.driver_info
+    )
+}
+
+/// Why nothing can be traced on this device by this tracer, or `None`.
+pub(crate) fn unsupported(backend: Backends, limits: &WgpuLimits, tracer: Tracer) -> Option<String> {
+    if !(Backends::VULKAN | Backends::DX12 | Backends::METAL).contains(backend) {
+        // The others were never tried, and WebGPU guarantees fewer bindings than the passes of the BVH tracer have.
+        let name = if backend == Backends::BROWSER_WEBGPU {
+            "WebGPU"
+        } else if backend == Backends::GL {
+            "OpenGL or WebGL"
+        } else {
+            "no graphics interface"
+        };
+        return Some(format!(
+            "the renderer uses {name}, and one of Vulkan, DX12 and Metal is needed"
+        ));
+    }
+    // Of the pass over the list of rays: three of its own and those of the scene; a TLAS is none.
+    let needed = match tracer {
+        Tracer::RayQuery => 8,
+        Tracer::Bvh => 9,
+    };
+    let offered = limits.max_storage_buffers_per_shader_stage;
+    (offered < needed || limits.max_compute_workgroups_per_dimension == 0).then(|| {
+        format!(
+            "the device offers {offered} storage buffers in a shader stage and {needed} are needed (compute shaders are \
+             needed, too): leave the limits of `WgpuSettings` at those of the adapter"
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_cannot_trace_is_declined() {
+        let limits = |buffers| WgpuLimits {
+            max_storage_buffers_per_shader_stage: buffers,
+            ..Default::default()
+        };
+        for backend in [Backends::VULKAN, Backends::DX12, Backends::METAL] {
+            assert_eq!(unsupported(backend, &limits(9), Tracer::Bvh), None, "{backend:?}");
+            assert_eq!(unsupported(backend, &limits(8), Tracer::RayQuery), None, "{backend:?}");
+            let reason = unsupported(backend, &limits(8), Tracer::Bvh);
+            assert!(reason.is_some_and(|reason| reason.contains("9 are needed")));
+            assert!(unsupported(backend, &limits(7), Tracer::RayQuery).is_some());
+        }
+        for backend in [Backends::GL, Backends::BROWSER_WEBGPU, Backends::NOOP] {
+            assert!(unsupported(backend, &limits(100), Tracer::Bvh).is_some(), "{backend:?}");
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! Which tracer a device gets.
+
+use crate::settings::TracerChoice;
+use bevy::{
+    ecs::resource::Resource,
+    reflect::Reflect,
+    render::render_resource::{WgpuFeatures, WgpuLimits},
+    shader::ShaderDefVal,
+};
+
+/// What finds the surface that a ray hits.
+#[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[reflect(Debug, Clone, PartialEq, Hash)]
+pub enum Tracer {
+    /// Ray queries of the driver.
+    RayQuery,
+    /// The crate's own BVH, traversed in the shader.
+    Bvh,
+}
+
+impl Tracer {
+    /// Definitions of shaders that import `scene/trace.wesl`.
+    pub(crate) fn shader_defs(self) -> Vec<ShaderDefVal> {
+        match self {
+            Self::RayQuery => vec!["RAY_QUERY".into()],
+            Self::Bvh => vec![],
+        }
+    }
+}
+
+/// The tracer of the app, in the render world. Without it nothing is traced.
+#[derive(Resource, Clone, Copy)]
+pub(crate) struct ChosenTracer(pub Tracer);
+
+/// The features that the ray-query tracer needs.
+fn ray_query_features() -> WgpuFeatures {
+    WgpuFeatures::EXPERIMENTAL_RAY_QUERY
+}
+
+/// Picks the tracer, with the reasons for not picking a better one or the one that was asked for.
+pub(crate) fn choose_tracer(
+    choice: TracerChoice,
+    features: WgpuFeatures,
+    limits: &WgpuLimits,
+) -> (Tracer, Vec<String>) {
+    let mut missing = ray_query_features().difference(features);
+    // Limits of acceleration structures are zero unless they were asked for.
+    if limits.max_acceleration_structures_per_shader_stage == 0
+        || limits.max_tlas_instance_count == 0
+        || limits.max_blas_primitive_count == 0
+        || limits.max_blas_geometry_count == 0
+    {
+        missing |= ray_query_features();
+    }
+    match choice {
+        TracerChoice::Bvh => (Tracer::Bvh, vec!["the BVH was asked for".into()]),
+        _ if missing.is_empty() => (Tracer::RayQuery, vec![]),
+        TracerChoice::Auto => (
+            Tracer::Bvh,
+            vec![format!("no ray queries, since the device lacks {missing:?}")],
+        ),
+        TracerChoice::RayQuery => (
+            Tracer::Bvh,
+            vec![format!(
+                "ray queries were asked for, but the device lacks {missing:?}; the BVH is used instead"
+            )],
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{choose_tracer as choose_tracer_of, *};
+
+    #[test]
+    fn the_tracer_follows_choice_and_features() {
+        let all = ray_query_features();
+        let none = WgpuFeatures::empty();
+        let limits = WgpuLimits {
+            max_acceleration_structures_per_shader_stage: 1,
+            max_tlas_instance_count: 1000,
+            max_blas_primitive_count: 1000,
+            max_blas_geometry_count: 1,
+            ..Default::default()
+        };
+        let choose_tracer = |choice, features| choose_tracer_of(choice, features, &limits);
+        assert_eq!(choose_tracer(TracerChoice::Auto, all).0, Tracer::RayQuery);
+        assert_eq!(choose_tracer(TracerChoice::Auto, none).0, Tracer::Bvh);
+        assert_eq!(choose_tracer(TracerChoice::Bvh, all).0, Tracer::Bvh);
+        let (tracer, reasons) = choose_tracer(TracerChoice::RayQuery, none);
+        assert_eq!(tracer, Tracer::Bvh);
+        assert!(reasons[0].contains("RAY_QUERY"), "{reasons:?}");
+        let limits = WgpuLimits {
+            max_blas_geometry_count: 0,
+            ..limits
+        };
+        assert_eq!(choose_tracer_of(TracerChoice::Auto, all, &limits).0, Tracer::Bvh);
+    }
+}

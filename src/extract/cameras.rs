@@ -1,0 +1,317 @@
+//! Reads the settings of cameras and decides which views may trace.
+
+use super::{
+    hook::{AllOfAView, OursOfAView, left_out},
+    problems::{Problem, Warnings},
+};
+use crate::{
+    ready::{Readiness, pipeline_key},
+    scene::environment::ViewEnvironment,
+    settings::{
+        Backend, DebugCounters, DebugSplit, DebugView, RateSettings, RateTileSize, RayTracedReflections,
+        ReflectionView, SafeSettings, ShadingRateHeuristic, Technique, ViewDebug, WantsReflections,
+    },
+    status::ReflectionStatus,
+    trace::{Fallbacks, VrsPass, choose},
+    view::ViewCulling,
+};
+use bevy::{
+    camera::{Camera, Hdr},
+    core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass},
+    ecs::{
+        entity::{EntityHashMap, EntityHashSet},
+        prelude::*,
+        query::{QueryData, QueryState},
+    },
+    math::Mat4,
+    pbr::{DefaultOpaqueRendererMethod, ScreenSpaceReflections},
+    reflect::PartialReflect,
+    render::{MainWorld, sync_world::RenderEntity, view::Msaa},
+    transform::components::GlobalTransform,
+};
+
+/// The components of a camera that extraction reads.
+#[derive(QueryData)]
+#[query_data(mutable)]
+pub(super) struct CameraQuery {
+    entity: Entity,
+    render_entity: RenderEntity,
+    camera: &'static Camera,
+    reflections: Option<&'static mut RayTracedReflections>,
+    heuristic: Option<&'static ShadingRateHeuristic>,
+    tile_size: Option<&'static RateTileSize>,
+    transform: &'static GlobalTransform,
+    hdr: Has<Hdr>,
+    depth: Has<DepthPrepass>,
+    deferred: Has<DeferredPrepass>,
+    normal: Has<NormalPrepass>,
+    screen_space: Has<ScreenSpaceReflections>,
+    msaa: Option<&'static Msaa>,
+    debug_view: Option<&'static DebugView>,
+    debug_split: Option<&'static DebugSplit>,
+    debug_counters: Has<DebugCounters>,
+}
+
+impl CameraQueryItem<'_, '_> {
+    /// All problems, each with whether the camera has it.
+    fn problems(&self, forward: bool) -> [(Problem, bool); 5] {
+        [
+            (Problem::ScreenSpace, self.screen_space),
+            (Problem::Prepass, !(self.depth && self.deferred && self.normal)),
+            (Problem::LowRange, !self.hdr),
+            (Problem::Multisampling, self.msaa.is_some_and(|msaa| *msaa != Msaa::Off)),
+            (Problem::Forward, forward),
+        ]
+    }
+}
+
+/// A view of the render world that extraction may have to change.
+#[derive(QueryData)]
+#[query_data(mutable)]
+pub(super) struct ExistingView {
+    entity: Entity,
+    active: Option<&'static ReflectionView>,
+    environment: Option<&'static ViewEnvironment>,
+    culling: Option<&'static mut ViewCulling>,
+}
+
+type IsOurs = Or<(With<ReflectionView>, With<WantsReflections>)>;
+
+/// Inputs of a camera's accumulation in the last frame.
+#[derive(Clone, PartialEq)]
+struct CameraState {
+    world_from_view: Mat4,
+    clip_from_view: Mat4,
+    settings: SafeSettings,
+    environment: Option<ViewEnvironment>,
+}
+
+/// What extraction remembers.
+#[derive(Default)]
+pub(super) struct ExtractionState {
+    query: Option<QueryState<CameraQuery>>,
+    cameras: EntityHashMap<CameraState>,
+    warnings: Warnings,
+    fallbacks: Fallbacks,
+}
+
+/// Findings about all cameras of one frame.
+#[derive(Default)]
+struct Findings {
+    /// Views of the render world that may reflect.
+    wanting: EntityHashSet,
+    /// Cameras of the main world with the component.
+    present: EntityHashSet,
+    waiting: usize,
+    active_backends: Vec<(Entity, Backend)>,
+    culled_views: usize,
+}
+
+/// Settings of a camera after clamping, with the back end that traces its rays.
+#[derive(Clone)]
+struct Request {
+    settings: SafeSettings,
+    rate: RateSettings,
+}
+
+impl Request {
+    /// Also returns why the back end isn't the one that was asked for.
+    fn new(camera: &CameraQueryItem, reflections: &RayTracedReflections, vrs: &VrsPass) -> (Self, Option<String>) {
+        let mut settings = SafeSettings::from(reflections);
+        let tile_size = camera.tile_size.copied().unwrap_or_default().trace_pixels();
+        let (backend, reason) = choose(&settings, || vrs.available(tile_size));
+        settings.backend = backend;
+        let heuristic = camera.heuristic.cloned().unwrap_or_default();
+        let mut rate = RateSettings {
+            tile_size,
+            ..RateSettings::new(&heuristic, settings.technique)
+        };
+        if backend == Backend::Hardware {
+            rate.limit(|code| vrs.supports(code));
+        }
+        (Self { settings, rate }, reason)
+    }
+
+    /// The view has other settings now.
+    fn differs_from(&self, active: Option<&ReflectionView>) -> bool {
+        active.is_none_or(|view| view.settings != self.settings || view.rate != self.rate)
+    }
+}
+
+/// The extraction of one frame.
+struct Extraction<'a, 'w, 's> {
+    readiness: Readiness<'w>,
+    commands: Commands<'w, 's>,
+    cameras: &'a mut EntityHashMap<CameraState>,
+    found: Findings,
+}
+
+impl Extraction<'_, '_, '_> {
+    /// Hands the settings of a camera to its view. Returns whether the view uses them in this frame: a new view keeps Bevy's
+    /// environment map until its pipelines are compiled, and an active one its old settings.
+    fn update_view(
+        &mut self,
+        camera: &CameraQueryItem,
+        request: Request,
+        reset: bool,
+        existing: Option<ExistingViewItem>,
+    ) -> bool {
+        let (active, environment, culling) = existing.map_or((None, None, None), |view| {
+            (view.active, view.environment.cloned(), view.culling)
+        });
+        let key = pipeline_key(&request.settings, &request.rate);
+        let ready = self.readiness.is_ready(camera.render_entity, &key, active.is_some());
+        let shown = if ready {
+            Some(&request.settings)
+        } else {
+            active.map(|view| &view.settings)
+        };
+        let debug = ViewDebug::new(camera.debug_view, camera.debug_split, camera.debug_counters);
+        // Earlier frames don't tell what this one sees, or somebody looks at what all passes write.
+        let invalid = reset
+            || debug != ViewDebug::default()
+            || request.settings.technique == Technique::Converged
+            || request.differs_from(active);
+        let culled = culling.is_some_and(|mut culling| culling.begin_frame(invalid));
+
+        self.found.culled_views += usize::from(culled);
+        self.found.waiting += usize::from(!ready);
+        let backends = shown.map(|settings| (camera.entity, settings.backend));
+        self.found.active_backends.extend(backends);
+        let Request { settings, rate } = request.clone();
+        let mut view = self.commands.entity(camera.render_entity);
+        view.insert(WantsReflections { settings, rate });
+        if let Some(shown) = shown {
+            view.insert(left_out(shown, culled));
+        }
+        if !ready {
+            return false;
+        }
+        let changed = self.note_state(camera, &request.settings, environment);
+        let Request { settings, rate } = request;
+        self.commands.entity(camera.render_entity).insert(ReflectionView {
+            reset: reset || (changed && settings.technique == Technique::Converged),
+            settings,
+            rate,
+            debug,
+        });
+        true
+    }
+
+    /// Returns whether anything is another one than in the last frame.
+    fn note_state(
+        &mut self,
+        camera: &CameraQueryItem,
+        settings: &SafeSettings,
+        environment: Option<ViewEnvironment>,
+    ) -> bool {
+        let state = CameraState {
+            world_from_view: camera.transform.to_matrix(),
+            clip_from_view: camera.camera.clip_from_view(),
+            settings: *settings,
+            environment,
+        };
+        let changed = self.cameras.get(&camera.entity) != Some(&state);
+        if changed {
+            self.cameras.insert(camera.entity, state);
+        }
+        changed
+    }
+
+    /// Takes reflections from views whose cameras don't want them any more.
+    fn retire_views(&mut self, existing: &Query<ExistingView, IsOurs>) {
+        for view in existing {
+            if self.found.wanting.contains(&view.entity) {
+                continue;
+            }
+            let mut commands = self.commands.entity(view.entity);
+            commands.remove::<WantsReflections>();
+            if view.active.is_some() {
+                commands.remove::<AllOfAView>();
+            }
+        }
+    }
+}
+
+/// Mirrors settings, decides whether a view may trace and whether it is culled, and hands Bevy's deferred lighting the range of
+/// roughness whose environment specular reflections replace.
+pub(super) fn extract_cameras(
+    mut main_world: ResMut<MainWorld>,
+    readiness: Readiness,
+    status: Res<ReflectionStatus>,
+    mut existing: Query<ExistingView, IsOurs>,
+    vrs: VrsPass,
+    mut state: Local<ExtractionState>,
+    commands: Commands,
+) {
+    let ExtractionState {
+        query,
+        cameras,
+        warnings,
+        fallbacks,
+    } = &mut *state;
+    let forward = is_forward(&main_world);
+    let query = query.get_or_insert_with(|| main_world.query::<CameraQuery>());
+    let mut extraction = Extraction {
+        readiness,
+        commands,
+        cameras,
+        found: Findings::default(),
+    };
+    for mut camera in query.iter_mut(&mut main_world) {
+        let Some(mut reflections) = camera.reflections.take() else {
+            continue;
+        };
+        extraction.found.present.insert(camera.entity);
+        if !camera.camera.is_active {
+            continue;
+        }
+        let problems = camera.problems(forward);
+        warnings.note(camera.entity, &problems);
+        if problems
+            .iter()
+            .any(|(problem, is_present)| *is_present && problem.is_fatal())
+        {
+            if camera.screen_space && existing.contains(camera.render_entity) {
+                // The uniform on the view is Bevy's own now.
+                let mut view = extraction.commands.entity(camera.render_entity);
+                view.remove::<OursOfAView>();
+                extraction.found.wanting.insert(camera.render_entity);
+            }
+            continue;
+        }
+        extraction.found.wanting.insert(camera.render_entity);
+        let (request, reason) = Request::new(&camera, &reflections, &vrs);
+        fallbacks.note(camera.entity, reason);
+        let view = existing.get_mut(camera.render_entity).ok();
+        let reset = reflections.reset;
+        if extraction.update_view(&camera, request, reset, view) && reset {
+            reflections.bypass_change_detection().reset = false;
+        }
+    }
+    extraction.retire_views(&existing);
+    let Findings {
+        wanting,
+        present,
+        waiting,
+        active_backends,
+        culled_views,
+    } = extraction.found;
+    status.update(|report| {
+        report.ready = waiting == 0 && !wanting.is_empty();
+        report.hardware_rates = vrs.status();
+        report.active_backends = active_backends;
+        report.resting_views = culled_views;
+    });
+    fallbacks.publish(&present, &status);
+    cameras.retain(|entity, _| present.contains(entity));
+    warnings.retain(&present);
+}
+
+/// Opaque materials are rendered forward unless they say otherwise.
+fn is_forward(main_world: &MainWorld) -> bool {
+    let deferred = DefaultOpaqueRendererMethod::deferred();
+    main_world
+        .get_resource::<DefaultOpaqueRendererMethod>()
+        .is_none_or(|method| method.reflect_partial_eq(&deferred) != Some(true))
+}

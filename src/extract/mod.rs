@@ -1,0 +1,44 @@
+//! From the cameras of the main world to the views of the render world.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `cameras.rs` | which views may trace, with which settings |
+//! | `problems.rs` | why a camera shows no reflections, and the remedy |
+//! | `hook.rs` | the hook in Bevy's lighting |
+
+mod cameras;
+mod hook;
+mod problems;
+
+use crate::{device::tracing_app, schedule::ReflectionSystems};
+use bevy::{
+    app::{App, Plugin},
+    ecs::schedule::IntoScheduleConfigs,
+    pbr::prepare_ssr_pipelines,
+    render::{ExtractSchedule, Render, RenderStartup, RenderSystems},
+};
+use cameras::extract_cameras;
+use hook::{drop_ssr_pass, forget_views};
+
+/// Adds the systems of this folder.
+pub(crate) struct ExtractPlugin;
+
+impl Plugin for ExtractPlugin {
+    fn build(&self, _app: &mut App) {}
+
+    fn finish(&self, app: &mut App) {
+        let Some(render_app) = tracing_app(app) else { return };
+        render_app
+            .add_systems(RenderStartup, forget_views.ambiguous_with_all())
+            .add_systems(
+                ExtractSchedule,
+                extract_cameras.in_set(ReflectionSystems::ExtractCameras),
+            )
+            .add_systems(
+                Render,
+                drop_ssr_pass
+                    .after(prepare_ssr_pipelines)
+                    .in_set(RenderSystems::PrepareBindGroups),
+            );
+    }
+}

@@ -1,0 +1,70 @@
+//! Reasons why a camera shows no reflections, and what the log says about them.
+
+use bevy::{
+    ecs::entity::{Entity, EntityHashSet},
+    log::warn,
+    platform::collections::HashSet,
+};
+
+/// Why a camera shows no reflections, or few.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Problem {
+    ScreenSpace,
+    Prepass,
+    LowRange,
+    Multisampling,
+    Forward,
+}
+
+impl Problem {
+    /// With this problem nothing can be traced. With the others, some materials don't reflect.
+    pub fn is_fatal(self) -> bool {
+        self != Self::Forward
+    }
+
+    fn remedy(self) -> &'static str {
+        match self {
+            Self::ScreenSpace => {
+                "it shows no ray-traced reflections, since it also has `ScreenSpaceReflections`, which use the same hook in \
+                 Bevy's lighting: remove one of the two"
+            }
+            Self::Prepass => {
+                "it shows no ray-traced reflections, since it lacks the `DepthPrepass`, the `DeferredPrepass` or the \
+                 `NormalPrepass`: insert them"
+            }
+            Self::LowRange => {
+                "it shows no ray-traced reflections, since without `Hdr` colours are tone-mapped before anything can be \
+                 added: insert `Hdr`"
+            }
+            Self::Multisampling => {
+                "it shows no ray-traced reflections, since deferred rendering can't do multisampling: set `Msaa::Off`"
+            }
+            Self::Forward => {
+                "only materials whose `opaque_render_method` is `Deferred` reflect: for all opaque materials, insert the \
+                 resource `DefaultOpaqueRendererMethod::deferred()`"
+            }
+        }
+    }
+}
+
+/// Problems that the log knows of.
+#[derive(Default)]
+pub(super) struct Warnings(HashSet<(Entity, Problem)>);
+
+impl Warnings {
+    /// Warns of problems that are new. `problems` are all, each with whether it is present.
+    pub fn note(&mut self, camera: Entity, problems: &[(Problem, bool)]) {
+        for &(problem, is_present) in problems {
+            if !is_present {
+                self.0.remove(&(camera, problem));
+            } else if self.0.insert((camera, problem)) {
+                warn!("camera {camera}: {}", problem.remedy());
+            }
+        }
+    }
+
+    /// Forgets all other cameras.
+    pub fn retain(&mut self, cameras: &EntityHashSet) {
+        self.0.retain(|(camera, _)| cameras.contains(camera));
+    }
+}

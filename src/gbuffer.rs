@@ -1,0 +1,398 @@
+//! Passes over the G-buffer: group 0, which begins with what `gbuffer.wesl` binds, and how they are compiled and started.
+//!
+//! Each pass declares a list of [`Binding`]s: how its shader sees a resource, side by side with the resource itself.
+
+use crate::{
+    scene::environment,
+    settings::ReflectionView,
+    targets::{HistoryTargets, PipelineTargets, Targets},
+    view::{GpuReflectionView, ReflectionTextures},
+    vrs::BindGroupContents,
+};
+use bevy::{
+    app::{App, Plugin},
+    asset::Handle,
+    ecs::entity::Entity,
+    platform::collections::HashMap,
+    render::{
+        RenderApp,
+        render_resource::{
+            BindGroup, BindGroupLayoutDescriptor, BindGroupLayoutEntryBuilder, BindingResource, Buffer,
+            CachedComputePipelineId, CachedPipelineState, ComputePass, ComputePassDescriptor, ComputePipeline,
+            ComputePipelineDescriptor, DynamicBindGroupEntries, DynamicBindGroupLayoutEntries, IntoBinding,
+            PipelineCache, ShaderStages, StorageTextureAccess, TextureFormat, TextureSampleType, TextureView,
+            binding_types,
+        },
+        renderer::{RenderContext, RenderDevice},
+        view::ViewUniform,
+    },
+    shader::{Shader, ShaderCacheError, ShaderDefVal, load_shader_library},
+    utils::default,
+};
+use core::{hash::Hash, num::NonZeroU64};
+
+/// Registers `gbuffer.wesl`.
+pub(crate) struct GBufferPlugin;
+
+impl Plugin for GBufferPlugin {
+    fn build(&self, app: &mut App) {
+        if app.get_sub_app(RenderApp).is_some() {
+            load_shader_library!(app, "gbuffer.wesl");
+        }
+    }
+}
+
+/// The resources that `gbuffer.wesl` binds.
+pub(crate) struct GBufferBindings<'a> {
+    pub view: BindingResource<'a>,
+    pub settings: BindingResource<'a>,
+    pub depth: &'a TextureView,
+    pub gbuffer: &'a TextureView,
+    pub normals: &'a TextureView,
+}
+
+/// All that passes of a view read and write.
+pub(crate) struct PassContext<'a> {
+    /// The view in the render world.
+    pub entity: Entity,
+    pub gbuffer: GBufferBindings<'a>,
+    /// Dynamic offset of the view's uniform.
+    pub view_offset: u32,
+    pub motion: Option<&'a TextureView>,
+    pub view: &'a ReflectionView,
+    pub textures: &'a ReflectionTextures,
+    pub cache: &'a PipelineCache,
+    /// Group 1.
+    pub scene: &'a BindGroup,
+    /// Group 2.
+    pub environment: &'a BindGroup,
+    /// Contents of groups 1 and 2, while the view uses variable rate shading of the rasterizer.
+    pub contents: [&'a BindGroupContents; 2],
+    pub ssao: Option<&'a TextureView>,
+    /// Table for `albedo.wesl`.
+    pub albedo_table: &'a TextureView,
+    pub noise: &'a TextureView,
+    /// The lit frame.
+    pub frame: &'a TextureView,
+}
+
+impl<'a> PassContext<'a> {
+    pub fn targets(&self) -> &'a Targets {
+        &self.textures.targets
+    }
+
+    /// Targets between the rate image and the composite; `None` for techniques without them.
+    pub fn images(&self) -> Option<&'a PipelineTargets> {
+        self.targets().pipeline.as_ref()
+    }
+
+    /// History and motion vectors, if results are accumulated and both exist.
+    pub fn history(&self) -> Option<(&'a HistoryTargets, &'a TextureView)> {
+        let history = self.images()?.history.as_ref()?;
+        self.motion.map(|motion| (history, motion))
+    }
+
+    /// Index of what this frame writes in ping-pong pairs.
+    pub fn now(&self) -> usize {
+        self.textures.write_index
+    }
+
+    /// Index of what the last frame wrote in ping-pong pairs.
+    pub fn before(&self) -> usize {
+        1 - self.textures.write_index
+    }
+}
+
+/// Finds a texture of a view; `None` where the view has none.
+type FindTexture = for<'a> fn(&PassContext<'a>) -> Option<&'a TextureView>;
+/// Finds a buffer of a view; `None` where the view has none.
+type FindBuffer = for<'a> fn(&PassContext<'a>) -> Option<&'a Buffer>;
+
+enum Resource {
+    Texture(FindTexture),
+    Buffer(FindBuffer),
+    /// The pass hands it in for each view.
+    Given,
+}
+
+/// A binding of group 0, behind those of `gbuffer.wesl`.
+pub(crate) struct Binding {
+    layout: BindGroupLayoutEntryBuilder,
+    resource: Resource,
+}
+
+impl Binding {
+    /// A texture of floats.
+    pub fn floats(find: FindTexture) -> Self {
+        Self {
+            layout: binding_types::texture_2d(TextureSampleType::Float { filterable: false }),
+            resource: Resource::Texture(find),
+        }
+    }
+
+    /// An array of textures of floats.
+    pub fn float_layers(find: FindTexture) -> Self {
+        Self {
+            layout: binding_types::texture_2d_array(TextureSampleType::Float { filterable: false }),
+            resource: Resource::Texture(find),
+        }
+    }
+
+    /// A texture of integers.
+    pub fn integers(find: FindTexture) -> Self {
+        Self {
+            layout: integers(),
+            resource: Resource::Texture(find),
+        }
+    }
+
+    /// A texture that the pass writes.
+    pub fn written(format: TextureFormat, find: FindTexture) -> Self {
+        Self {
+            layout: binding_types::texture_storage_2d(format, StorageTextureAccess::WriteOnly),
+            resource: Resource::Texture(find),
+        }
+    }
+
+    /// A texture that the pass reads and writes.
+    pub fn read_written(format: TextureFormat, find: FindTexture) -> Self {
+        Self {
+            layout: binding_types::texture_storage_2d(format, StorageTextureAccess::ReadWrite),
+            resource: Resource::Texture(find),
+        }
+    }
+
+    /// A buffer of words.
+    pub fn words(find: FindBuffer) -> Self {
+        Self {
+            layout: binding_types::storage_buffer_read_only_sized(false, NonZeroU64::new(4)),
+            resource: Resource::Buffer(find),
+        }
+    }
+
+    /// A buffer that the pass writes, of at least so many words.
+    pub fn written_words(at_least: u64, find: FindBuffer) -> Self {
+        Self {
+            layout: binding_types::storage_buffer_sized(false, NonZeroU64::new(4 * at_least)),
+            resource: Resource::Buffer(find),
+        }
+    }
+
+    /// A resource that is no target of the view: [`Group0::entries`] takes it.
+    pub fn given(layout: BindGroupLayoutEntryBuilder) -> Self {
+        Self {
+            layout,
+            resource: Resource::Given,
+        }
+    }
+}
+
+/// Layout of a texture of integers.
+pub(crate) fn integers() -> BindGroupLayoutEntryBuilder {
+    binding_types::texture_2d(TextureSampleType::Uint)
+}
+
+/// Group 0 of a pass over the G-buffer.
+pub(crate) struct Group0 {
+    bindings: Vec<Binding>,
+    pub layout: BindGroupLayoutDescriptor,
+}
+
+impl Group0 {
+    pub fn new(label: &str, stages: ShaderStages, bindings: Vec<Binding>) -> Self {
+        let gbuffer = DynamicBindGroupLayoutEntries::sequential(
+            stages,
+            (
+                binding_types::uniform_buffer::<ViewUniform>(true),
+                binding_types::uniform_buffer::<GpuReflectionView>(false),
+                binding_types::texture_depth_2d(),
+                integers(),
+                binding_types::texture_2d(TextureSampleType::Float { filterable: false }),
+            ),
+        );
+        let entries = bindings
+            .iter()
+            .fold(gbuffer, |entries, binding| entries.extend_sequential((binding.layout,)));
+        Self {
+            layout: BindGroupLayoutDescriptor::new(format!("{label}_layout"), &entries),
+            bindings,
+        }
+    }
+
+    /// The contents of the group. `given` are the resources of the bindings that were declared by [`Binding::given`], in their
+    /// order. `None` where the view lacks a target.
+    pub fn entries<'a>(
+        &self,
+        context: &PassContext<'a>,
+        given: &[BindingResource<'a>],
+    ) -> Option<DynamicBindGroupEntries<'a>> {
+        let GBufferBindings {
+            view,
+            settings,
+            depth,
+            gbuffer,
+            normals,
+        } = &context.gbuffer;
+        let (view, settings) = (view.clone(), settings.clone());
+        let mut entries = DynamicBindGroupEntries::sequential((view, settings, *depth, *gbuffer, *normals));
+        let mut given = given.iter();
+        for binding in &self.bindings {
+            let resource = match binding.resource {
+                Resource::Texture(find) => find(context)?.into_binding(),
+                Resource::Buffer(find) => find(context)?.as_entire_binding(),
+                Resource::Given => given.next()?.clone(),
+            };
+            entries = entries.extend_sequential((resource,));
+        }
+        Some(entries)
+    }
+
+    /// The group with its contents; see [`Self::entries`].
+    pub fn bind_group(
+        &self,
+        label: Option<&str>,
+        device: &RenderDevice,
+        context: &PassContext,
+        given: &[BindingResource],
+    ) -> Option<BindGroup> {
+        let entries = self.entries(context, given)?;
+        let layout = context.cache.get_bind_group_layout(&self.layout);
+        Some(device.create_bind_group(label, &layout, &entries))
+    }
+}
+
+/// What a pass binds besides group 0.
+pub(crate) enum OtherGroups {
+    None,
+    /// The environment as group 2. Group 1 is empty.
+    Environment,
+    /// The scene as group 1, with this layout, and the environment as group 2.
+    SceneAndEnvironment(BindGroupLayoutDescriptor),
+}
+
+impl OtherGroups {
+    fn layouts(&self) -> Vec<BindGroupLayoutDescriptor> {
+        match self {
+            Self::None => vec![],
+            Self::Environment => vec![empty_layout(), environment::layout_descriptor()],
+            Self::SceneAndEnvironment(scene) => vec![scene.clone(), environment::layout_descriptor()],
+        }
+    }
+}
+
+fn empty_layout() -> BindGroupLayoutDescriptor {
+    BindGroupLayoutDescriptor::new("glint_empty_layout", &[])
+}
+
+/// What a [`GBufferPass`] compiles for a key.
+pub(crate) struct PassShader {
+    pub shader: Handle<Shader>,
+    pub defs: Vec<ShaderDefVal>,
+    /// `None` where the shader has a single entry point.
+    pub entry_point: Option<&'static str>,
+}
+
+/// A compute pass over the G-buffer, in variants by `K` that are compiled when they are first asked for.
+pub(crate) struct GBufferPass<K = ()> {
+    /// Of the bind group, the pipelines and the pass.
+    label: &'static str,
+    group_0: Group0,
+    others: OtherGroups,
+    queued: HashMap<K, CachedComputePipelineId>,
+}
+
+impl<K: Clone + Eq + Hash> GBufferPass<K> {
+    /// Nothing is compiled yet.
+    pub fn new(label: &'static str, bindings: Vec<Binding>, others: OtherGroups) -> Self {
+        Self {
+            label,
+            group_0: Group0::new(label, ShaderStages::COMPUTE, bindings),
+            others,
+            queued: HashMap::default(),
+        }
+    }
+
+    /// Has a variant compiled, unless it already was.
+    pub fn queue(&mut self, key: K, cache: &PipelineCache, shader: impl FnOnce() -> PassShader) {
+        let Self {
+            label,
+            group_0,
+            others,
+            queued,
+        } = self;
+        queued.entry(key).or_insert_with(|| {
+            let PassShader {
+                shader,
+                defs,
+                entry_point,
+            } = shader();
+            let mut layout = vec![group_0.layout.clone()];
+            layout.extend(others.layouts());
+            cache.queue_compute_pipeline(ComputePipelineDescriptor {
+                label: Some((*label).into()),
+                layout,
+                shader,
+                shader_defs: defs,
+                entry_point: entry_point.map(Into::into),
+                ..default()
+            })
+        });
+    }
+
+    /// `None` until the variant is compiled.
+    pub fn pipeline<'a>(&self, key: &K, cache: &'a PipelineCache) -> Option<&'a ComputePipeline> {
+        cache.get_compute_pipeline(*self.queued.get(key)?)
+    }
+
+    /// Variants that can't be compiled, other than those whose modules are still being loaded.
+    pub fn errors<'a>(&'a self, cache: &'a PipelineCache) -> impl Iterator<Item = (&'a K, &'a ShaderCacheError)> {
+        self.queued
+            .iter()
+            .filter_map(|(key, &id)| Some((key, lasting_error(cache.get_compute_pipeline_state(id))?)))
+    }
+
+    /// Begins the pass in the first of the variants that is compiled, with all its groups set; `None` where there is none, or
+    /// where the view lacks a target. [`Group0::entries`] says what is `given`.
+    pub fn begin<'a>(
+        &self,
+        ctx: &'a mut RenderContext,
+        context: &PassContext,
+        keys: impl IntoIterator<Item = K>,
+        given: &[BindingResource],
+    ) -> Option<ComputePass<'a>> {
+        let pipeline = keys.into_iter().find_map(|key| self.pipeline(&key, context.cache))?;
+        let label = Some(self.label);
+        let device = ctx.render_device();
+        let group_0 = self.group_0.bind_group(label, device, context, given)?;
+        let empty = matches!(self.others, OtherGroups::Environment).then(|| {
+            let layout = context.cache.get_bind_group_layout(&empty_layout());
+            device.create_bind_group("glint_empty", &layout, &[])
+        });
+        let mut pass = ctx.command_encoder().begin_compute_pass(&ComputePassDescriptor {
+            label,
+            timestamp_writes: None,
+        });
+        pass.set_pipeline(pipeline);
+        pass.set_bind_group(0, &group_0, &[context.view_offset]);
+        match &self.others {
+            OtherGroups::None => {}
+            OtherGroups::Environment => pass.set_bind_group(1, empty.as_deref(), &[]),
+            OtherGroups::SceneAndEnvironment(_) => pass.set_bind_group(1, context.scene, &[]),
+        }
+        if !matches!(self.others, OtherGroups::None) {
+            pass.set_bind_group(2, context.environment, &[]);
+        }
+        Some(pass)
+    }
+}
+
+/// The error of a pipeline. Modules that are still being loaded are errors, too, but not for long.
+pub(crate) fn lasting_error(state: &CachedPipelineState) -> Option<&ShaderCacheError> {
+    match state {
+        CachedPipelineState::Err(
+            ShaderCacheError::ShaderNotLoaded(_) | ShaderCacheError::ShaderImportNotYetAvailable,
+        ) => None,
+        CachedPipelineState::Err(error) => Some(error),
+        _ => None,
+    }
+}

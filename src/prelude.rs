@@ -1,0 +1,9 @@
+//! What most apps need: `use bevy_glint::prelude::*;`.
+
+#[cfg(feature = "hardware-vrs")]
+pub use crate::HardwareVrsPlugin;
+pub use crate::{
+    NotReflected, Preset, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, ShadingRateHeuristic,
+};
+#[cfg(feature = "egui")]
+pub use crate::{Quality, ReflectionSettingsPanelPlugin};

@@ -1,0 +1,61 @@
+//! Asks the device at the start what it can do, and reports what was chosen and why.
+
+use crate::{
+    device::{ChosenTracer, WritesInPlace, adapter_name, choose_tracer, texture_mode, unsupported},
+    settings::TracerChoice,
+    status::ReflectionStatus,
+};
+use bevy::{
+    app::{App, Plugin},
+    log::{info, warn},
+    render::{
+        GpuResourceAppExt, RenderApp,
+        renderer::{RenderAdapterInfo, RenderDevice},
+        settings::Backends,
+    },
+};
+
+/// Chooses the tracer. Where nothing can be traced it says so, and the other plugins add no systems.
+///
+/// It has to be added before all plugins that add systems, since plugins finish in the order in which they were added.
+pub(crate) struct ProbePlugin {
+    pub tracer: TracerChoice,
+}
+
+impl Plugin for ProbePlugin {
+    fn build(&self, _app: &mut App) {}
+
+    fn finish(&self, app: &mut App) {
+        let status = app.world().resource::<ReflectionStatus>().clone();
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
+            return;
+        };
+        let Some(device) = render_app.world().get_resource::<RenderDevice>() else {
+            return;
+        };
+        let info = render_app.world().get_resource::<RenderAdapterInfo>();
+        let adapter = info.map(adapter_name).unwrap_or_default();
+        let backend = info.map_or(Backends::NOOP, |info| info.backend.into());
+        let (tracer, reasons) = choose_tracer(self.tracer, device.features(), &device.limits());
+        if let Some(reason) = unsupported(backend, &device.limits(), tracer) {
+            warn!("ray-traced reflections are off on {adapter}: {reason}");
+            status.update(|report| {
+                report.adapter = adapter;
+                report.reasons = vec![reason];
+            });
+            return;
+        }
+        let textures = texture_mode(device);
+        status.update(|report| {
+            report.adapter = adapter;
+            report.tracer = Some(tracer);
+            report.textures = Some(textures);
+            report.reasons = reasons;
+        });
+        info!("{}", status.report());
+        render_app
+            .insert_resource(status)
+            .insert_resource(ChosenTracer(tracer))
+            .init_gpu_resource::<WritesInPlace>();
+    }
+}

@@ -1,0 +1,182 @@
+//! The pass that gives each tile its rate and lists the rays.
+
+use crate::{
+    common::INDIRECT_ARG_WORDS,
+    gbuffer::{Binding, GBufferPass, OtherGroups, PassContext, PassShader, integers},
+    settings::{RateSettings, RateVariant},
+    targets::{RATE_FORMAT, RAY_SAMPLE_FORMAT},
+};
+use bevy::{
+    asset::{AssetId, AssetServer, Handle, load_embedded_asset},
+    ecs::prelude::*,
+    image::Image,
+    log::{error, warn},
+    platform::collections::{HashMap, HashSet},
+    render::{
+        render_asset::RenderAssets,
+        render_resource::{IntoBinding, PipelineCache, TextureDimension, TextureFormat, TextureUsages, TextureView},
+        renderer::RenderContext,
+        texture::GpuImage,
+    },
+    shader::{Shader, ShaderDefVal},
+};
+
+/// A pipeline: what decides, and the size of tiles in trace pixels.
+type RateKey = (RateVariant, u32);
+
+/// Pipelines of the pass that determines rates, and the rate images of users.
+#[derive(Resource)]
+pub struct RatePipelines {
+    shader: Handle<Shader>,
+    pass: GBufferPass<RateKey>,
+    /// Whose error has been logged.
+    failed: HashSet<RateKey>,
+    /// What was asked for since pipelines were queued last.
+    wanted: HashSet<RateKey>,
+    wanted_images: HashSet<AssetId<Image>>,
+    images: HashMap<AssetId<Image>, TextureView>,
+    /// Images that can't be used, of which the log knows.
+    refused: HashSet<AssetId<Image>>,
+}
+
+fn shader_defs(variant: &RateVariant, tile_size: u32) -> Vec<ShaderDefVal> {
+    let names: &[&'static str] = match variant {
+        RateVariant::Uniform => &[],
+        RateVariant::Roughness => &["ROUGHNESS"],
+        RateVariant::Grazing => &["GRAZING", "TILE_ANGLES"],
+        RateVariant::Combined => &["COMBINED", "TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE"],
+        RateVariant::Image => &["IMAGE"],
+        RateVariant::Custom(_) => &["TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE", "TILE_DEPTH"],
+    };
+    let size = (tile_size == 8).then_some("TILES_8");
+    names.iter().copied().chain(size).map(Into::into).collect()
+}
+
+/// The variant that takes over until an asset of the user's is loaded, and where it is wrong.
+fn stand_in(variant: &RateVariant) -> Option<RateVariant> {
+    matches!(variant, RateVariant::Image | RateVariant::Custom(_)).then_some(RateVariant::Uniform)
+}
+
+impl RatePipelines {
+    /// Asks for the pipelines of a view; they are compiled from the next frame on. To be called in each frame.
+    pub(crate) fn request(&mut self, rate: &RateSettings) {
+        let variants = [Some(rate.variant.clone()), stand_in(&rate.variant)];
+        let keys = variants.into_iter().flatten().map(|variant| (variant, rate.tile_size));
+        self.wanted.extend(keys);
+        self.wanted_images.extend(rate.image.as_ref().map(Handle::id));
+    }
+
+    /// Rates can be determined, if not yet by what a user brought along.
+    pub(crate) fn is_ready(&self, cache: &PipelineCache, rate: &RateSettings) -> bool {
+        let variant = stand_in(&rate.variant).unwrap_or_else(|| rate.variant.clone());
+        self.pass.pipeline(&(variant, rate.tile_size), cache).is_some()
+    }
+
+    fn queue(&mut self, key: RateKey, cache: &PipelineCache) {
+        let (variant, tile_size) = &key;
+        let shader = match variant {
+            RateVariant::Custom(shader) => shader.clone(),
+            _ => self.shader.clone(),
+        };
+        let defs = shader_defs(variant, *tile_size);
+        self.pass.queue(key, cache, || PassShader {
+            shader,
+            defs,
+            entry_point: None,
+        });
+    }
+}
+
+/// Declares what the pass binds.
+pub(super) fn init_rate_pipelines(mut commands: Commands, asset_server: Res<AssetServer>) {
+    let bindings = vec![
+        Binding::written(RATE_FORMAT, |context| Some(&context.images()?.rate[context.now()])),
+        Binding::written_words(1, |context| Some(&context.images()?.ray_list)),
+        Binding::written_words(1, |context| Some(&context.images()?.mirror_ray_list)),
+        Binding::written_words(1, |context| Some(&context.images()?.tile_list)),
+        Binding::written_words(INDIRECT_ARG_WORDS, |context| Some(&context.targets().indirect_args)),
+        Binding::written(RAY_SAMPLE_FORMAT, |context| Some(&context.images()?.ray_sample)),
+        // The user's rate image.
+        Binding::given(integers()),
+    ];
+    commands.insert_resource(RatePipelines {
+        shader: load_embedded_asset!(asset_server.as_ref(), "classify.wesl"),
+        pass: GBufferPass::new("glint_rate", bindings, OtherGroups::None),
+        failed: HashSet::default(),
+        wanted: HashSet::default(),
+        wanted_images: HashSet::default(),
+        images: HashMap::default(),
+        refused: HashSet::default(),
+    });
+}
+
+/// Queues what cameras asked for, looks up their rate images, and logs what is wrong with either.
+pub(super) fn queue_rate_pipelines(
+    mut pipelines: ResMut<RatePipelines>,
+    cache: Res<PipelineCache>,
+    images: Res<RenderAssets<GpuImage>>,
+) {
+    let pipelines = &mut *pipelines;
+    for key in core::mem::take(&mut pipelines.wanted) {
+        pipelines.queue(key, &cache);
+    }
+    for (key, error) in pipelines.pass.errors(&cache) {
+        if !pipelines.failed.insert(key.clone()) {
+            continue;
+        }
+        match &key.0 {
+            RateVariant::Custom(shader) => {
+                error!("the shading-rate heuristic {shader:?} failed, so that every trace pixel gets its ray: {error}");
+            }
+            _ => error!("ray-traced reflections stay off, since their shading-rate shader failed: {error}"),
+        }
+    }
+    pipelines.images.clear();
+    for id in core::mem::take(&mut pipelines.wanted_images) {
+        let Some(image) = images.get(id) else { continue };
+        match problem(image) {
+            None => {
+                pipelines.images.insert(id, image.texture_view.clone());
+            }
+            Some(problem) => {
+                if pipelines.refused.insert(id) {
+                    warn!(
+                        "the shading-rate image {id} can't be used, so that every trace pixel gets its ray: {problem}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// What keeps an image from being used, and what to do about it.
+fn problem(image: &GpuImage) -> Option<&'static str> {
+    let descriptor = &image.texture_descriptor;
+    if !matches!(descriptor.format, TextureFormat::R8Uint | TextureFormat::R32Uint) {
+        return Some(
+            "give it the format `R8Uint` or `R32Uint`, with one texel per tile that holds `ShadingRate::code`",
+        );
+    }
+    if descriptor.dimension != TextureDimension::D2 || descriptor.size.depth_or_array_layers != 1 {
+        return Some("make it two-dimensional with one layer");
+    }
+    if descriptor.sample_count != 1 || !descriptor.usage.contains(TextureUsages::TEXTURE_BINDING) {
+        return Some("create it with one sample and with the usage `TEXTURE_BINDING`");
+    }
+    None
+}
+
+/// Rates, lists of rays and their indirect arguments for one view; expects the indirect arguments to be 0.
+pub(crate) fn determine_rates(ctx: &mut RenderContext, pipelines: &RatePipelines, context: &PassContext) {
+    let rate = &context.view.rate;
+    let image = rate.image.as_ref().and_then(|image| pipelines.images.get(&image.id()));
+    let usable = rate.variant != RateVariant::Image || image.is_some();
+    let variants = [usable.then(|| rate.variant.clone()), Some(RateVariant::Uniform)];
+    let keys = variants.into_iter().flatten().map(|variant| (variant, rate.tile_size));
+    // Without a rate image something must be bound; no shader reads it.
+    let image = image.unwrap_or(context.gbuffer.gbuffer);
+    if let Some(mut pass) = pipelines.pass.begin(ctx, context, keys, &[image.into_binding()]) {
+        let tiles = context.targets().sizes.tiles();
+        pass.dispatch_workgroups(tiles.x, tiles.y, 1);
+    }
+}

@@ -1,0 +1,87 @@
+//! The items of the buffer that holds the trees.
+
+use crate::scene::gpu_types::{
+    INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
+};
+use bevy::math::Vec3A;
+
+/// The element type of the buffer that holds the trees, in three rows of four words.
+///
+/// - A node.
+/// - A triangle: its corners, and in their fourth words the triangle's index in the mesh, its [`owner`] (0 where the TLAS entry
+///   names it), and a quarter of the summed lengths of the edges at the first corner, as `f32`. Those of merged objects that need
+///   the alpha test name their mask instead of the index in the mesh.
+/// - What stands in front of the masks of a mesh and material: the material's base-colour texture, alpha and cut-off.
+/// - A mask, for the alpha test: UV coordinates of the vertices, the triangle's index in the mesh, the alpha of the vertices in
+///   three bytes, and in the third row a [`Micromap`].
+/// - An entry of a TLAS, with [`ENTRY`] in the third word of its third row: [`owner`], first node, and where indices of nodes and
+///   of triangles of the BLAS count from; then the item of the inverse matrix, counted from the TLAS.
+/// - The rows of an inverse matrix.
+pub type Item = [[u32; 4]; 3];
+
+/// Words of an [`Item`].
+pub const ITEM_WORDS: u32 = 12;
+/// Tells entries of a TLAS from nodes, which have fewer children than this has in the same bits.
+pub const ENTRY: u32 = 0xf000_0000;
+/// In the place of the number of nodes of a TLAS: it is one entry right behind the root, and rays start there.
+pub const ONE_ENTRY: u32 = u32::MAX;
+
+/// Instances that an [`owner`] can tell apart.
+pub const MAX_INSTANCES: usize = 1 << (32 - OWNER_SHIFT);
+/// The flags that decide in the middle of a traversal whether a triangle counts.
+pub const TRAVERSAL_FLAGS: u32 =
+    INSTANCE_MIRRORED | INSTANCE_CULL_BACK | INSTANCE_CULL_FRONT | INSTANCE_ALPHA_MASKED | INSTANCE_CASTS_SHADOW;
+/// The lowest bit of the instance in an [`owner`].
+pub(super) const OWNER_SHIFT: u32 = 6;
+/// Set in every [`owner`], so that none is 0.
+const OWNED: u32 = 32;
+
+/// An instance (below [`MAX_INSTANCES`]) and its `INSTANCE_` flags as one word, which is never 0.
+pub const fn owner(instance: u32, flags: u32) -> u32 {
+    (instance << OWNER_SHIFT) | OWNED | (flags & TRAVERSAL_FLAGS)
+}
+
+/// An axis-aligned box.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Lower corner.
+    pub min: [f32; 3],
+    /// Upper corner.
+    pub max: [f32; 3],
+}
+
+impl Bounds {
+    /// Contains nothing; the neutral element of [`Bounds::union`].
+    pub const EMPTY: Self = Self {
+        min: [f32::INFINITY; 3],
+        max: [f32::NEG_INFINITY; 3],
+    };
+
+    /// Smallest box around both.
+    pub fn union(self, other: Self) -> Self {
+        Self {
+            min: Vec3A::from(self.min).min(other.min.into()).to_array(),
+            max: Vec3A::from(self.max).max(other.max.into()).to_array(),
+        }
+    }
+
+    /// What both have in common, if that is anything.
+    pub fn intersection(self, other: Self) -> Option<Self> {
+        let common = Self {
+            min: Vec3A::from(self.min).max(other.min.into()).to_array(),
+            max: Vec3A::from(self.max).min(other.max.into()).to_array(),
+        };
+        common.is_valid().then_some(common)
+    }
+
+    /// Half of the surface area; 0 for an empty box.
+    pub fn half_area(self) -> f32 {
+        let d = (Vec3A::from(self.max) - Vec3A::from(self.min)).max(Vec3A::ZERO);
+        d.x * d.y + d.y * d.z + d.z * d.x
+    }
+
+    /// All corners are finite and in order.
+    pub fn is_valid(self) -> bool {
+        (0..3).all(|a| self.min[a] <= self.max[a] && self.min[a].is_finite() && self.max[a].is_finite())
+    }
+}

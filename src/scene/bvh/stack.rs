@@ -1,0 +1,35 @@
+//! What trees may take of the traversal's stack.
+
+/// What trees of a level are like.
+pub(super) struct Level {
+    /// Primitives of a leaf, at most; 1 to 3.
+    pub leaf_size: u32,
+    /// Leaves stand on the stack of the traversal, too.
+    pub leaves_wait: bool,
+    /// Where the optimised tree takes more groups of the traversal's stack, a balanced one takes its place, which is slower to trace.
+    pub most_groups: u32,
+}
+
+pub(super) const IN_BLAS: Level = Level {
+    leaf_size: 3,
+    leaves_wait: false,
+    most_groups: 24,
+};
+
+/// Entries wait on the stack like nodes.
+pub(super) const IN_TLAS: Level = Level {
+    leaf_size: 1,
+    leaves_wait: true,
+    most_groups: 12,
+};
+/// Groups that the stack of `bvh.wesl` has room for as it is ...
+pub const USUAL_STACK: u32 = 20;
+/// ... and how many trees may take at most. Shaders get it as `BVH_STACK_SIZE`.
+pub const LARGEST_STACK: u32 = stack_size(IN_TLAS.most_groups, IN_BLAS.most_groups);
+
+/// Groups that the stack of the traversal must have room for: those of the TLAS ([`Tlas::groups`](super::Tlas::groups)) wait while the ray is in a
+/// BLAS, which takes [`Blas::groups`](super::Blas::groups) at most. Never 0, since an array must have a length.
+pub const fn stack_size(tlas_groups: u32, blas_groups: u32) -> u32 {
+    let groups = tlas_groups + blas_groups;
+    if groups == 0 { 1 } else { groups }
+}

@@ -1,0 +1,99 @@
+//! Where the crate's systems stand in Bevy's schedules.
+
+use bevy::{
+    app::{App, Plugin},
+    core_pipeline::{
+        core_3d::main_opaque_pass_3d,
+        schedule::{Core3d, Core3dSystems},
+    },
+    ecs::prelude::*,
+    pbr::{deferred::deferred_lighting, wireframe::wireframe_3d},
+    render::{ExtractSchedule, Render, RenderApp, RenderSystems},
+};
+
+/// Sets of the crate's systems in the render app, to order systems of an app before or after them.
+///
+/// They are empty where the device can't trace rays.
+///
+/// ```
+/// # use bevy::{prelude::*, core_pipeline::schedule::Core3d, render::RenderApp};
+/// # use bevy_glint::ReflectionSystems;
+/// # fn reads_the_frame_with_reflections() {}
+/// # fn build(app: &mut App) {
+/// if let Some(render_app) = app.get_sub_app_mut(RenderApp) {
+///     render_app.add_systems(Core3d, reads_the_frame_with_reflections.after(ReflectionSystems::Passes));
+/// }
+/// # }
+/// ```
+#[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum ReflectionSystems {
+    /// In `ExtractSchedule`: mirrors objects, meshes, materials, lights and environments, while any camera reflects.
+    ExtractScene,
+    /// In `ExtractSchedule`, after [`ExtractScene`](Self::ExtractScene): reads the settings of cameras.
+    ExtractCameras,
+    /// In `Render`, within [`PrepareResources`](RenderSystems::PrepareResources): brings the scene that rays hit up to date.
+    PrepareScene,
+    /// In `Render`, within [`PrepareResourcesFlush`](RenderSystems::PrepareResourcesFlush): notes which pipelines cameras need, and
+    /// which cameras have all of theirs.
+    RequestPipelines,
+    /// In `Render`, after [`RequestPipelines`](Self::RequestPipelines): has pipelines compiled.
+    QueuePipelines,
+    /// In `Render`, after [`QueuePipelines`](Self::QueuePipelines): makes textures and uniforms of views.
+    PrepareViews,
+    /// In `Render`, within [`PrepareBindGroups`](RenderSystems::PrepareBindGroups).
+    PrepareBindGroups,
+    /// In `Core3d`, within [`MainPass`](Core3dSystems::MainPass), after deferred lighting and before the opaque forward pass: traces,
+    /// denoises, and adds reflections to the frame.
+    Passes,
+    /// In `Core3d`, after [`MainPass`](Core3dSystems::MainPass), before wireframes and post-processing: draws debug views.
+    DebugViews,
+}
+
+/// Puts the sets into the schedules.
+pub(crate) struct SchedulePlugin;
+
+impl Plugin for SchedulePlugin {
+    fn build(&self, app: &mut App) {
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
+            return;
+        };
+        render_app
+            .configure_sets(
+                ExtractSchedule,
+                (ReflectionSystems::ExtractScene, ReflectionSystems::ExtractCameras).chain(),
+            )
+            .configure_sets(
+                Render,
+                (
+                    ReflectionSystems::PrepareScene.in_set(RenderSystems::PrepareResources),
+                    // After the scene is up to date, since definitions of shaders follow it, and after the sets in which ambient
+                    // occlusion and light probes of views are prepared.
+                    (
+                        ReflectionSystems::RequestPipelines,
+                        ReflectionSystems::QueuePipelines,
+                        ReflectionSystems::PrepareViews,
+                    )
+                        .chain()
+                        .in_set(RenderSystems::PrepareResourcesFlush),
+                    ReflectionSystems::PrepareBindGroups.in_set(RenderSystems::PrepareBindGroups),
+                ),
+            )
+            .configure_sets(
+                Core3d,
+                (
+                    // Deferred lighting has left out the environment's specular term. Forward and transparent surfaces come later,
+                    // since they would hide what is added or be hidden by it.
+                    ReflectionSystems::Passes
+                        .after(deferred_lighting)
+                        .before(main_opaque_pass_3d)
+                        .in_set(Core3dSystems::MainPass),
+                    // Over all that is drawn, and under wireframes.
+                    ReflectionSystems::DebugViews
+                        .after(Core3dSystems::MainPass)
+                        .before(wireframe_3d)
+                        .before(Core3dSystems::EarlyPostProcess),
+                ),
+            );
+    }
+}

@@ -1,0 +1,85 @@
+//! Settings of a camera after clamping to what the shaders can take.
+
+use super::{Backend, Denoiser, RaySampling, RayTracedReflections, Technique, TextureMip, reflections::PAPER_LEVEL};
+
+/// [`RayTracedReflections`] within its ranges. NaN becomes the default.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct SafeSettings {
+    pub technique: Technique,
+    pub backend: Backend,
+    pub sampling: RaySampling,
+    pub full_resolution_mirrors: bool,
+    pub denoiser: Denoiser,
+    pub fade_start: f32,
+    /// Between two of the roughnesses that a G-buffer can hold, so that nothing is ever equal to it.
+    pub cutoff: f32,
+    pub max_ray_length: f32,
+    pub shadow_rays: bool,
+    /// `None` for ray cones.
+    pub fixed_mip: Option<f32>,
+}
+
+/// The border between the last step of 1/255 that `cutoff` includes and the next: Bevy's lighting and ours must agree on each pixel.
+fn between_steps(cutoff: f32) -> f32 {
+    ((cutoff * 255.0 + 1e-3).floor() + 0.5) / 255.0
+}
+
+/// `value`, or the default in place of NaN.
+pub(super) fn number_or(value: f32, default: f32) -> f32 {
+    if value.is_nan() { default } else { value }
+}
+
+impl From<&RayTracedReflections> for SafeSettings {
+    fn from(settings: &RayTracedReflections) -> Self {
+        let default = RayTracedReflections::default();
+        let cutoff = number_or(settings.roughness_cutoff, default.roughness_cutoff).clamp(0.0, 1.0);
+        let fade = number_or(settings.roughness_fade, default.roughness_fade).clamp(0.0, 1.0);
+        Self {
+            technique: settings.technique,
+            backend: settings.backend,
+            sampling: settings.sampling,
+            full_resolution_mirrors: settings.full_resolution_mirrors && settings.technique.trace_scale() > 1,
+            denoiser: clamped_denoiser(&settings.denoiser),
+            fade_start: (cutoff - fade).max(0.0),
+            cutoff: between_steps(cutoff),
+            max_ray_length: number_or(settings.max_ray_length, default.max_ray_length).clamp(0.0, 1.0e9),
+            shadow_rays: settings.shadow_rays,
+            fixed_mip: match settings.texture_mip {
+                TextureMip::RayCone => None,
+                TextureMip::Fixed(level) => Some(number_or(level, PAPER_LEVEL).clamp(0.0, 16.0)),
+            },
+        }
+    }
+}
+
+fn clamped_denoiser(denoiser: &Denoiser) -> Denoiser {
+    let default = Denoiser::default();
+    Denoiser {
+        samples: denoiser.samples.clamp(1, 16),
+        max_history: number_or(denoiser.max_history, default.max_history).clamp(1.0, 255.0),
+        clip_sigma: number_or(denoiser.clip_sigma, default.clip_sigma).clamp(0.5, 10.0),
+        blur_radius: number_or(denoiser.blur_radius, default.blur_radius).clamp(0.0, 8.0),
+        ..*denoiser
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_out_of_range_are_clamped() {
+        let wild = RayTracedReflections {
+            roughness_cutoff: f32::NAN,
+            roughness_fade: f32::INFINITY,
+            max_ray_length: f32::NEG_INFINITY,
+            texture_mip: TextureMip::Fixed(-7.0),
+            ..Default::default()
+        };
+        let safe = SafeSettings::from(&wild);
+        assert_eq!(safe.cutoff, 153.5 / 255.0);
+        assert_eq!(safe.fade_start, 0.0);
+        assert_eq!(safe.max_ray_length, 0.0);
+        assert_eq!(safe.fixed_mip, Some(0.0));
+    }
+}

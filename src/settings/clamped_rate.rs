@@ -1,0 +1,268 @@
+//! A camera's heuristic as plain data for the render world and the shaders.
+
+use super::{
+    CombinedThresholds, GrazingThresholds, RateTileSize, RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
+    Technique, clamped::number_or, heuristic::MIRROR_GUARD,
+};
+use bevy::{asset::Handle, image::Image, shader::Shader};
+
+/// The kind of a heuristic, as far as pipelines differ.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum RateVariant {
+    Uniform,
+    Roughness,
+    Grazing,
+    Combined,
+    Image,
+    Custom(Handle<Shader>),
+}
+
+/// The numbers of a heuristic, for the uniform of the view. A heuristic leaves those at 0 that it doesn't read.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct RateThresholds {
+    /// Roughness or cosine from which two trace pixels share a ray.
+    pub half: f32,
+    /// The same for four.
+    pub quarter: f32,
+    /// The same for eight and sixteen.
+    pub eighth: f32,
+    /// Least roughness in a tile below which it keeps 1x1; negative for none.
+    pub min_roughness: f32,
+    /// Length of the average normal below which a tile counts as an edge; negative for none.
+    pub min_flatness: f32,
+    /// Share of the reflection below which it is faint.
+    pub faint: f32,
+    /// Highest step of the ladder of [`ShadingRateHeuristic::Combined`].
+    pub max_level: u32,
+    /// Code of the rate for [`RateVariant::Uniform`], also where that stands in for another variant.
+    pub uniform_code: u32,
+}
+
+/// A camera's heuristic in the render world, after clamping to what the shaders can take.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct RateSettings {
+    pub variant: RateVariant,
+    pub image: Option<Handle<Image>>,
+    /// Trace pixels per tile in each direction: 8 or 16.
+    pub tile_size: u32,
+    pub thresholds: RateThresholds,
+}
+
+impl RateSettings {
+    /// Tiles of 16x16; set `tile_size` for others. Only [`Technique::Variable`] varies its rate.
+    pub fn new(heuristic: &ShadingRateHeuristic, technique: Technique) -> Self {
+        let settings = |variant, thresholds| Self {
+            variant,
+            image: None,
+            tile_size: RateTileSize::default().trace_pixels(),
+            thresholds,
+        };
+        let uniform = |rate: ShadingRate| {
+            let thresholds = RateThresholds {
+                uniform_code: rate.code(),
+                ..Default::default()
+            };
+            settings(RateVariant::Uniform, thresholds)
+        };
+        if technique != Technique::Variable {
+            return uniform(ShadingRate::R1x1);
+        }
+        match heuristic {
+            ShadingRateHeuristic::Uniform(rate) => uniform(*rate),
+            ShadingRateHeuristic::Roughness(thresholds) => settings(RateVariant::Roughness, thresholds.into()),
+            ShadingRateHeuristic::Grazing(thresholds) => settings(RateVariant::Grazing, thresholds.into()),
+            ShadingRateHeuristic::Combined(thresholds) => settings(RateVariant::Combined, thresholds.into()),
+            ShadingRateHeuristic::Custom(shader) => {
+                settings(RateVariant::Custom(shader.clone()), RateThresholds::default())
+            }
+            ShadingRateHeuristic::Image(image) => Self {
+                image: Some(image.clone()),
+                ..settings(RateVariant::Image, RateThresholds::default())
+            },
+        }
+    }
+
+    /// Puts finer rates in place of those that the device lacks. What images and custom heuristics say stays: there the hardware
+    /// takes a smaller fragment, and all fragments of a block trace the block's ray.
+    pub fn limit(&mut self, supports: impl Fn(u32) -> bool) {
+        let thresholds = &mut self.thresholds;
+        match self.variant {
+            RateVariant::Uniform => {
+                let code = thresholds.uniform_code;
+                let mut log2_size = [code >> 2, code & 3];
+                while log2_size != [0, 0] && !supports((log2_size[0] << 2) | log2_size[1]) {
+                    let longer = usize::from(log2_size[1] > log2_size[0]);
+                    log2_size[longer] -= 1;
+                }
+                thresholds.uniform_code = (log2_size[0] << 2) | log2_size[1];
+            }
+            RateVariant::Combined => {
+                // A tall rate goes with the wide one.
+                let steps = [
+                    ShadingRate::R1x1,
+                    ShadingRate::R2x1,
+                    ShadingRate::R2x2,
+                    ShadingRate::R4x2,
+                    ShadingRate::R4x4,
+                ];
+                let exists = |step: &u32| steps.get(*step as usize).is_some_and(|rate| supports(rate.code()));
+                thresholds.max_level = (0..=thresholds.max_level).rev().find(exists).unwrap_or(0);
+            }
+            // Every device with rates has the three that the first two choose from.
+            RateVariant::Roughness | RateVariant::Grazing | RateVariant::Image | RateVariant::Custom(_) => {}
+        }
+    }
+}
+
+impl From<&RoughnessThresholds> for RateThresholds {
+    fn from(thresholds: &RoughnessThresholds) -> Self {
+        let default = RoughnessThresholds::default();
+        Self {
+            half: number_or(thresholds.half, default.half),
+            quarter: number_or(thresholds.quarter, default.quarter),
+            min_roughness: min_roughness(thresholds.mirror_guard),
+            ..Default::default()
+        }
+    }
+}
+
+impl From<&GrazingThresholds> for RateThresholds {
+    fn from(thresholds: &GrazingThresholds) -> Self {
+        let default = GrazingThresholds::default();
+        Self {
+            half: number_or(thresholds.half, default.half),
+            quarter: number_or(thresholds.quarter, default.quarter),
+            min_roughness: min_roughness(thresholds.mirror_guard),
+            ..Default::default()
+        }
+    }
+}
+
+impl From<&CombinedThresholds> for RateThresholds {
+    fn from(thresholds: &CombinedThresholds) -> Self {
+        let default = CombinedThresholds::default();
+        let edge = number_or(thresholds.edge, default.edge).max(0.0);
+        Self {
+            half: number_or(thresholds.half, default.half),
+            quarter: number_or(thresholds.quarter, default.quarter),
+            eighth: number_or(thresholds.eighth, default.eighth),
+            min_roughness: min_roughness(thresholds.mirror_guard),
+            // Mean of the cosines of small angles.
+            min_flatness: (1.0 - 0.5 * edge * edge).max(-1.0),
+            faint: number_or(thresholds.faint, default.faint),
+            max_level: thresholds.coarsest.level(),
+            uniform_code: 0,
+        }
+    }
+}
+
+/// No roughness is below 0.
+fn min_roughness(mirror_guard: Option<f32>) -> f32 {
+    mirror_guard.map_or(-1.0, |value| number_or(value, MIRROR_GUARD))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_variable_technique_varies_its_rate() {
+        let heuristic = ShadingRateHeuristic::Uniform(ShadingRate::R4x4);
+        for technique in [
+            Technique::Reference,
+            Technique::Quarter,
+            Technique::QuarterInline,
+            Technique::Converged,
+        ] {
+            for heuristic in [heuristic.clone(), ShadingRateHeuristic::default()] {
+                let settings = RateSettings::new(&heuristic, technique);
+                assert_eq!(settings.variant, RateVariant::Uniform);
+                assert_eq!(settings.thresholds.uniform_code, ShadingRate::R1x1.code());
+            }
+        }
+        let settings = RateSettings::new(&heuristic, Technique::Variable);
+        assert_eq!(settings.thresholds.uniform_code, ShadingRate::R4x4.code());
+        let settings = RateSettings::new(&ShadingRateHeuristic::default(), Technique::Variable);
+        assert_eq!(settings.variant, RateVariant::Combined);
+    }
+
+    #[test]
+    fn what_is_not_a_number_is_the_default() {
+        let nan = f32::NAN;
+        let wild = [
+            ShadingRateHeuristic::Roughness(RoughnessThresholds {
+                half: nan,
+                quarter: nan,
+                mirror_guard: Some(nan),
+            }),
+            ShadingRateHeuristic::Grazing(GrazingThresholds {
+                half: nan,
+                quarter: nan,
+                mirror_guard: Some(nan),
+            }),
+            ShadingRateHeuristic::Combined(CombinedThresholds {
+                half: nan,
+                quarter: nan,
+                eighth: nan,
+                mirror_guard: Some(nan),
+                faint: nan,
+                edge: nan,
+                coarsest: ShadingRate::R2x2,
+            }),
+        ];
+        for (wild, name) in wild.iter().zip(["roughness", "grazing", "combined"]) {
+            let default = name.parse::<ShadingRateHeuristic>().unwrap_or_default();
+            assert_eq!(
+                RateSettings::new(wild, Technique::Variable),
+                RateSettings::new(&default, Technique::Variable),
+                "{name}"
+            );
+        }
+        let flat = ShadingRateHeuristic::Combined(CombinedThresholds {
+            edge: f32::INFINITY,
+            mirror_guard: None,
+            ..Default::default()
+        });
+        let settings = RateSettings::new(&flat, Technique::Variable);
+        assert_eq!(settings.thresholds.min_flatness, -1.0);
+        assert_eq!(settings.thresholds.min_roughness, -1.0);
+    }
+
+    #[test]
+    fn rates_that_a_device_lacks_become_finer() {
+        let uniform = |rate, supported: &[ShadingRate]| {
+            let mut settings = RateSettings::new(&ShadingRateHeuristic::Uniform(rate), Technique::Variable);
+            settings.limit(|code| supported.iter().any(|rate| rate.code() == code));
+            ShadingRate::from_code(settings.thresholds.uniform_code)
+        };
+        let small = [ShadingRate::R1x1, ShadingRate::R2x1, ShadingRate::R2x2];
+        assert_eq!(uniform(ShadingRate::R4x4, &small), ShadingRate::R2x2);
+        assert_eq!(uniform(ShadingRate::R4x1, &small), ShadingRate::R2x1);
+        assert_eq!(uniform(ShadingRate::R1x4, &small), ShadingRate::R1x1);
+        for rate in ShadingRate::ALL {
+            assert_eq!(uniform(rate, &ShadingRate::ALL), rate);
+            assert_eq!(uniform(rate, &[]), ShadingRate::R1x1);
+        }
+        let heuristic = ShadingRateHeuristic::Combined(CombinedThresholds {
+            coarsest: ShadingRate::R4x4,
+            ..Default::default()
+        });
+        let mut settings = RateSettings::new(&heuristic, Technique::Variable);
+        settings.limit(|_| true);
+        assert_eq!(settings.thresholds.max_level, ShadingRate::R4x4.level());
+        settings.limit(|code| small.iter().any(|rate| rate.code() == code));
+        assert_eq!(settings.thresholds.max_level, ShadingRate::R2x2.level());
+    }
+
+    #[test]
+    fn the_paper_has_no_guard() {
+        for paper in [
+            ShadingRateHeuristic::PAPER_ROUGHNESS,
+            ShadingRateHeuristic::PAPER_GRAZING,
+        ] {
+            let thresholds = RateSettings::new(&paper, Technique::Variable).thresholds;
+            assert!(thresholds.min_roughness < 0.0, "{paper:?}");
+            assert_eq!(thresholds.quarter, 0.75);
+        }
+    }
+}

@@ -1,0 +1,178 @@
+//! Debug views and counters that a camera can ask for.
+
+use super::words::words;
+use bevy::{
+    color::LinearRgba,
+    ecs::prelude::*,
+    reflect::{Reflect, std_traits::ReflectDefault},
+};
+
+/// What a reflecting camera shows instead of its picture: insert it beside
+/// [`RayTracedReflections`](crate::RayTracedReflections); it can change at any time.
+///
+/// A view is drawn after everything opaque and transparent, and before post-processing and tone mapping: for exact colours set
+/// [`Tonemapping::None`](bevy::core_pipeline::tonemapping::Tonemapping::None) and leave out bloom; temporal anti-aliasing
+/// averages it over frames. It is written by a compute shader and needs a device that can read and write half-float frames in
+/// place; elsewhere the camera keeps its picture, with a warning.
+///
+/// *Heat* is a scale of five colours in equal steps: blue, cyan, green, yellow, red. Values beyond an end have its colour, those
+/// that aren't finite are magenta. Where a view has nothing to say (sky, rough or unlit surfaces, tiles without reflections,
+/// techniques without such a texture) heat lies on the picture, dark and grey, and radiance on black.
+///
+/// What textures hold is *of this frame*. Radiance is exposed, as in Bevy's HDR frames.
+#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[reflect(Component, Default, Debug, Clone, PartialEq)]
+pub enum DebugView {
+    /// The picture.
+    #[default]
+    Off,
+    /// The reflection alone: exactly what is added to the lit frame, on black. It is negative where ambient light that Bevy added
+    /// is taken back.
+    Reflection,
+    /// The colour of each tile's rate after [`RATE_LEGEND`] over the brightness of the picture; darker where nothing reflects.
+    /// Exact mirrors with rays of their own have a colour of theirs.
+    ShadingRates,
+    /// Heat of the reflection rays per pixel of the view, by its logarithm: blue 1/64, cyan 1/23, green 1/8, yellow 1/3, red 1. The
+    /// ray of a block counts in equal parts for its pixels.
+    RaysPerPixel,
+    /// Radiance that rays brought, before any weight: a block of pixels shows the one ray that it shares. Exact mirrors with rays
+    /// of their own are not in it.
+    RawRays,
+    /// Heat of the distance from the surface to what it reflects, as reconstruction found it, by its logarithm: blue 0.1 m, cyan
+    /// 1 m, green 10 m, yellow 100 m, red 1,000 m. White is the sky.
+    HitDistance,
+    /// Radiance of each pixel's lobe divided by the lobe's albedo after the whole denoiser: what the composite reads. In a white
+    /// furnace it is white.
+    Reconstructed,
+    /// Heat of the length of each pixel's history in frames: blue 0, red [`max_history`](crate::Denoiser::max_history) and more.
+    /// With [`Technique::Converged`](crate::Technique::Converged) the frames that were averaged.
+    HistoryLength,
+    /// Heat of the relative variance (the variance over the squared mean) of one frame's radiance, by its logarithm: blue
+    /// 0.0001, cyan 0.003, green 0.1, yellow 3, red 100. Without temporal accumulation that of the mean of the rays that a pixel
+    /// was reconstructed from.
+    Variance,
+    /// Heat of the effective number of rays that a pixel was reconstructed from, by its logarithm: blue 1, cyan 2, green 4,
+    /// yellow 8, red 16. Black where there was none.
+    ///
+    /// In a picture at rest the mean weight of these rays stands there, green where it is as expected.
+    EffectiveRays,
+    /// Red where a pixel's history holds at most one frame: it is new, or its past was rejected. Not exact mirrors with rays of
+    /// their own, which have no history.
+    Rejected,
+    /// Magenta where anything that the passes keep of a pixel is not finite; yellow where only the picture itself is not.
+    NonFinite,
+}
+
+words!(DebugView {
+    Off = "off",
+    Reflection = "reflection",
+    ShadingRates = "shading-rates",
+    RaysPerPixel = "rays-per-pixel",
+    RawRays = "raw-rays",
+    HitDistance = "hit-distance",
+    Reconstructed = "reconstructed",
+    HistoryLength = "history-length",
+    Variance = "variance",
+    EffectiveRays = "effective-rays",
+    Rejected = "rejected",
+    NonFinite = "non-finite",
+});
+
+/// Names and colours of [`DebugView::ShadingRates`]: rates as width x height of a block in trace pixels, exact mirrors with a ray
+/// for each pixel of the full resolution, and tiles that were skipped, since nothing in them reflects.
+///
+/// On the screen the colours are scaled by 0.1 to 1.
+pub const RATE_LEGEND: [(&str, LinearRgba); 11] = [
+    ("1x1", LinearRgba::rgb(1.0, 0.05, 0.05)),
+    ("1x2", LinearRgba::rgb(1.0, 0.8, 0.05)),
+    ("1x4", LinearRgba::rgb(0.1, 0.9, 0.45)),
+    ("2x1", LinearRgba::rgb(1.0, 0.35, 0.02)),
+    ("2x2", LinearRgba::rgb(0.05, 0.75, 0.05)),
+    ("2x4", LinearRgba::rgb(0.05, 0.35, 1.0)),
+    ("4x1", LinearRgba::rgb(0.55, 0.9, 0.05)),
+    ("4x2", LinearRgba::rgb(0.05, 0.8, 0.9)),
+    ("4x4", LinearRgba::rgb(0.25, 0.05, 0.9)),
+    ("mirrors", LinearRgba::rgb(1.0, 0.3, 0.8)),
+    ("skipped", LinearRgba::rgb(0.3, 0.3, 0.3)),
+];
+
+/// Divides the picture of a camera: its [`DebugView`] is shown right of a thin white line.
+#[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Component, Default, Debug, Clone, PartialEq)]
+pub struct DebugSplit {
+    /// Where the line is: 0 is the left edge of the view, 1 the right one; clamped, and NaN is the middle. Default: 0.5.
+    #[reflect(@0.0..=1.0f32)]
+    pub position: f32,
+    /// What is shown left of the line. Default: [`DebugView::Off`], the picture.
+    pub left: DebugView,
+}
+
+impl Default for DebugSplit {
+    fn default() -> Self {
+        Self {
+            position: 0.5,
+            left: DebugView::Off,
+        }
+    }
+}
+
+/// On a reflecting camera: counts the pixels that are not finite and finds the worst one, for
+/// [`NonFiniteReport`](crate::NonFiniteReport). It costs three passes over the picture. Without Bevy's `RenderDiagnosticsPlugin`
+/// nothing is counted; of several cameras each adds its own measurements to the same diagnostics.
+#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[reflect(Component, Default, Debug, Clone, PartialEq)]
+pub struct DebugCounters;
+
+/// The debug components of a camera, for the render world.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct ViewDebug {
+    /// Shown right of the dividing line, or everywhere.
+    pub right: DebugView,
+    /// Shown left of it.
+    pub left: DebugView,
+    /// Fraction of the width that `left` takes.
+    pub position: f32,
+    /// The camera has [`DebugCounters`].
+    pub counters: bool,
+}
+
+impl ViewDebug {
+    pub fn new(view: Option<&DebugView>, split: Option<&DebugSplit>, counters: bool) -> Self {
+        let position = split.map_or(0.0, |split| split.position);
+        Self {
+            right: view.copied().unwrap_or_default(),
+            left: split.map_or(DebugView::Off, |split| split.left),
+            position: if position.is_nan() {
+                0.5
+            } else {
+                position.clamp(0.0, 1.0)
+            },
+            counters,
+        }
+    }
+
+    /// Views other than the picture.
+    pub fn views(self) -> impl Iterator<Item = DebugView> {
+        [self.left, self.right]
+            .into_iter()
+            .filter(|&view| view != DebugView::Off)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_of_views_are_those_of_the_shader() {
+        let shader = include_str!("../debug/show.wesl");
+        for (number, view) in DebugView::ALL.into_iter().enumerate() {
+            assert_eq!(view as usize, number);
+            if view != DebugView::Off && view != DebugView::Reflection {
+                let name = view.name().replace('-', "_").to_uppercase();
+                let line = format!("const VIEW_{name}: u32 = {number}u;");
+                assert!(shader.contains(&line), "{line}");
+            }
+        }
+    }
+}

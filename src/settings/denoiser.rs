@@ -1,0 +1,76 @@
+//! Settings of the denoiser.
+
+use bevy::reflect::{Reflect, std_traits::ReflectDefault};
+
+/// How samples become an image: spatial reconstruction, temporal accumulation, blur (the paper's section 4.1.2).
+#[derive(Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
+pub struct Denoiser {
+    /// Rays of neighbours that a pixel is reconstructed from, 1 to 16. More is smoother and costs time. With one, and one ray per
+    /// pixel, each pixel shows its own ray. Default: 8.
+    #[reflect(@1..=16u32)]
+    pub samples: u32,
+    /// Whether results are accumulated over frames. Default: true.
+    pub temporal: bool,
+    /// Frames that a rough surface accumulates at most, 1 to 255. Smoother surfaces keep fewer. More is less noise and
+    /// slower change of what is reflected. Default: 32.
+    #[reflect(@1.0..=255.0f32)]
+    pub max_history: f32,
+    /// Whether a second history follows the reflected image instead of the surface: glossy surfaces stay sharp under a moving
+    /// camera. The paper has only the history of the surface. Default: true.
+    pub virtual_history: bool,
+    /// Standard deviations of the neighbourhood that history may differ by, 0.5 to 10; less has less ghosting and more noise.
+    /// Default: 1.5.
+    #[reflect(@0.5..=10.0f32)]
+    pub clip_sigma: f32,
+    /// Whether rays far brighter than their neighbours are dimmed before they enter the history; a small loss of energy for no
+    /// fireflies. Default: true. The paper has no such step.
+    pub suppress_fireflies: bool,
+    /// Whether pictures at rest converge: while neither the camera nor the scene changes, all frames sample the same, so that history is
+    /// neither clipped nor dimmed and spans up to eight times `max_history`, 240 frames at most. Off, a still
+    /// picture keeps the small losses of a moving one. Default: true. The paper has no such step.
+    pub converges_at_rest: bool,
+    /// Radius in pixels of the last blur where the variance is highest, 0 (off) to 8. Default: 3.
+    #[reflect(@0.0..=8.0f32)]
+    pub blur_radius: f32,
+}
+
+impl Denoiser {
+    /// No filter at all: with [`Technique::Reference`] each pixel shows its own ray.
+    pub const OFF: Self = Self {
+        samples: 1,
+        temporal: false,
+        max_history: 1.0,
+        virtual_history: false,
+        clip_sigma: 1.5,
+        suppress_fireflies: false,
+        converges_at_rest: false,
+        blur_radius: 0.0,
+    };
+    /// The paper's recipe (section 4.1.2).
+    pub const PAPER: Self = Self {
+        samples: 8,
+        temporal: true,
+        max_history: 32.0,
+        virtual_history: false,
+        clip_sigma: 1.5,
+        suppress_fireflies: false,
+        converges_at_rest: false,
+        blur_radius: 3.0,
+    };
+}
+
+impl Default for Denoiser {
+    fn default() -> Self {
+        Self {
+            samples: 8,
+            temporal: true,
+            max_history: 32.0,
+            virtual_history: true,
+            clip_sigma: 1.5,
+            suppress_fireflies: true,
+            converges_at_rest: true,
+            blur_radius: 3.0,
+        }
+    }
+}

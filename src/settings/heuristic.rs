@@ -1,0 +1,256 @@
+//! What a user can choose about rates: components, thresholds, and the paper's values.
+
+use super::{ShadingRate, UnknownName, words::words};
+use bevy::{
+    asset::Handle,
+    ecs::prelude::*,
+    image::Image,
+    reflect::{Reflect, std_traits::ReflectDefault},
+    shader::Shader,
+};
+
+/// How a camera with [`Technique::Variable`](crate::Technique::Variable) decides how many rays each tile of its screen gets;
+/// ignored with other techniques.
+///
+/// Averages are over those pixels of a tile that reflect, all of them in each frame, so that rates don't depend on which pixels
+/// trace. Exact mirrors with rays of their own
+/// ([`full_resolution_mirrors`](crate::RayTracedReflections::full_resolution_mirrors)) count in none of them.
+#[derive(Component, Reflect, Clone, Debug, PartialEq)]
+#[reflect(Component, Default, Debug, Clone, PartialEq)]
+pub enum ShadingRateHeuristic {
+    /// The same rate everywhere.
+    Uniform(ShadingRate),
+    /// By the average roughness of a tile: what is blurred needs fewer rays (the paper's section 4.1). With the default cut-off and
+    /// thresholds no tile is rough enough for 2x2.
+    Roughness(RoughnessThresholds),
+    /// By the average angle of a tile's surfaces to the viewer: surfaces seen head-on reflect less than grazing ones (the paper's
+    /// section 4.1).
+    Grazing(GrazingThresholds),
+    /// By the size of the lobe on the screen, by how much of it can be seen, and by the shape of what is in the tile: more quality
+    /// for the same rays. The default.
+    Combined(CombinedThresholds),
+    /// A heuristic of your own: a WESL module with one compute entry point, built on `bevy_glint::rate::tile` (`src/rate/tile.wesl`
+    /// says how). Until it is compiled, and where it fails, which is logged, every trace pixel gets its ray.
+    ///
+    /// ```wgsl
+    /// import bevy_glint::rate::codes::{RATE_1X1, RATE_2X2};
+    /// import bevy_glint::rate::tile::{finish_tile, gather_tile, TILE_THREADS};
+    ///
+    /// @compute @workgroup_size(TILE_THREADS)
+    /// fn classify(@builtin(workgroup_id) tile: vec3<u32>, @builtin(local_invocation_index) index: u32) {
+    ///     let statistics = gather_tile(tile.xy, index);
+    ///     finish_tile(tile.xy, index, select(RATE_1X1, RATE_2X2, statistics.average_roughness > 0.5));
+    /// }
+    /// ```
+    Custom(Handle<Shader>),
+    /// A rate image of your own, for foveated rendering or experiments: one texel per tile from the top left, each a
+    /// [`ShadingRate::code`], in the format `R8Uint` or `R32Uint`. Tiles beyond its size take the nearest texel. Until it is loaded
+    /// every trace pixel gets its ray; so it does with any other format, and a warning says so once.
+    Image(Handle<Image>),
+}
+
+impl Default for ShadingRateHeuristic {
+    fn default() -> Self {
+        Self::Combined(CombinedThresholds::default())
+    }
+}
+
+impl ShadingRateHeuristic {
+    /// The paper's first heuristic with the thresholds of its table 1.
+    pub const PAPER_ROUGHNESS: Self = Self::Roughness(RoughnessThresholds::PAPER);
+    /// The paper's second heuristic with the thresholds of its table 1.
+    pub const PAPER_GRAZING: Self = Self::Grazing(GrazingThresholds::PAPER);
+}
+
+impl core::str::FromStr for ShadingRateHeuristic {
+    type Err = UnknownName;
+
+    /// Reads `uniform` (1x1), `roughness`, `grazing` or `combined`, each with its default thresholds.
+    fn from_str(name: &str) -> Result<Self, UnknownName> {
+        match name {
+            "uniform" => Ok(Self::Uniform(ShadingRate::default())),
+            "roughness" => Ok(Self::Roughness(RoughnessThresholds::default())),
+            "grazing" => Ok(Self::Grazing(GrazingThresholds::default())),
+            "combined" => Ok(Self::Combined(CombinedThresholds::default())),
+            _ => Err(UnknownName::new(name, ["uniform", "roughness", "grazing", "combined"])),
+        }
+    }
+}
+
+/// Perceptual roughness below which a surface is so close to a mirror that coarse blocks would be seen: its lobe is about 10 pixels
+/// of a 1080p screen wide where what it reflects is far, and sharper where it is near.
+pub(super) const MIRROR_GUARD: f32 = 0.1;
+
+/// Thresholds of [`ShadingRateHeuristic::Roughness`], in perceptual roughness (0 to 1). NaN stands for the default.
+///
+/// Nothing above the camera's [`roughness_cutoff`](crate::RayTracedReflections::roughness_cutoff) reflects, so that thresholds above
+/// it are never reached. The paper has no cut-off: with its thresholds and the default cut-off of 0.6 every tile gets 1x1 or 2x1.
+/// [`Preset::Paper`](crate::Preset::Paper) sets the cut-off to 1.
+#[derive(Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
+pub struct RoughnessThresholds {
+    /// Average roughness from which a tile gets 2x1 (table 1 of the paper). Default: 0.25.
+    #[reflect(@0.0..=1.0f32)]
+    pub half: f32,
+    /// Average roughness from which a tile gets 2x2 (table 1 of the paper). Default: 0.75. That is above the default cut-off: lower
+    /// this, or raise the cut-off, for blocks of 2x2.
+    #[reflect(@0.0..=1.0f32)]
+    pub quarter: f32,
+    /// A tile with a pixel less rough than this keeps 1x1, so that a mirror in a rough tile isn't averaged away; `None` leaves this
+    /// out, as the paper does. Default: 0.1.
+    pub mirror_guard: Option<f32>,
+}
+
+impl RoughnessThresholds {
+    /// The paper's table 1, and nothing else.
+    pub const PAPER: Self = Self {
+        half: 0.25,
+        quarter: 0.75,
+        mirror_guard: None,
+    };
+}
+
+impl Default for RoughnessThresholds {
+    fn default() -> Self {
+        Self {
+            mirror_guard: Some(MIRROR_GUARD),
+            ..Self::PAPER
+        }
+    }
+}
+
+/// Thresholds of [`ShadingRateHeuristic::Grazing`]: cosines between the geometric normal and the direction to the viewer, from 0
+/// (grazing) to 1 (head-on). NaN stands for the default.
+#[derive(Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
+pub struct GrazingThresholds {
+    /// Average cosine above which a tile gets 2x1 (table 1 of the paper: 1x1 up to it). Default: 0.5.
+    #[reflect(@0.0..=1.0f32)]
+    pub half: f32,
+    /// Average cosine from which a tile gets 2x2 (table 1 of the paper: 2x1 below it). Default: 0.75.
+    #[reflect(@0.0..=1.0f32)]
+    pub quarter: f32,
+    /// As in [`RoughnessThresholds::mirror_guard`]. Default: 0.1.
+    pub mirror_guard: Option<f32>,
+}
+
+impl GrazingThresholds {
+    /// The paper's table 1, and nothing else.
+    pub const PAPER: Self = Self {
+        half: 0.5,
+        quarter: 0.75,
+        mirror_guard: None,
+    };
+}
+
+impl Default for GrazingThresholds {
+    fn default() -> Self {
+        Self {
+            mirror_guard: Some(MIRROR_GUARD),
+            ..Self::PAPER
+        }
+    }
+}
+
+/// Thresholds of [`ShadingRateHeuristic::Combined`]. NaN stands for the default.
+///
+/// The rate climbs a ladder of five steps: 1x1, 2x1 or 1x2, 2x2, 4x2 or 2x4, 4x4.
+///
+/// - **Size of the lobe.** A ray can stand for as many pixels as its lobe blurs together. A lobe is wider the rougher the surface;
+///   with the cosine to the viewer it shrinks *across* the plane of incidence, but not along it, which is why reflections in a wet
+///   street are tall. So the long side of a block follows from the roughness ([`half`](Self::half)), the short side from the roughness
+///   times the root of the cosine ([`quarter`](Self::quarter)), and the long side lies in the direction of the stretch: 1x2 on floors
+///   and ceilings, 2x1 on walls at the side.
+/// - **What can be seen.** Roughness is averaged with weights: a ribbon of metal on a rough curtain counts more than the curtain.
+///   Where no pixel's reflection is more than a [`faint`](Self::faint) part of what it shows, as on bright walls seen head-on, the
+///   tile goes a step up.
+/// - **Shape.** Where normals in the tile differ, at edges and on small round things, neighbours reflect different things and a
+///   denoiser can't share their rays: a step down ([`edge`](Self::edge)).
+/// - **Mirrors.** With anything nearly a mirror in the tile: 1x1 ([`mirror_guard`](Self::mirror_guard)).
+#[derive(Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
+pub struct CombinedThresholds {
+    /// Perceptual roughness from which two trace pixels share a ray. Default: 0.25, as in table 1 of the paper.
+    #[reflect(@0.0..=1.0f32)]
+    pub half: f32,
+    /// Perceptual roughness from which four share a ray on surfaces seen head-on; it grows to 1.5 times this at grazing angles.
+    /// Default: 0.5.
+    #[reflect(@0.0..=1.0f32)]
+    pub quarter: f32,
+    /// Perceptual roughness from which eight share a ray, and as above sixteen, where [`coarsest`](Self::coarsest) allows it. Default:
+    /// 0.75.
+    #[reflect(@0.0..=1.0f32)]
+    pub eighth: f32,
+    /// Least roughness in a tile below which it keeps 1x1; `None` leaves this out. Default: 0.1.
+    pub mirror_guard: Option<f32>,
+    /// Share of the reflection in what a pixel shows under even light (0 to 1) below which it is faint. 0 leaves this out. Default:
+    /// 0.1.
+    #[reflect(@0.0..=1.0f32)]
+    pub faint: f32,
+    /// Deviation of the normals in a tile, as an angle in radians (root of the mean square), above which the tile counts as an edge.
+    /// Infinity leaves this out. Default: 0.25.
+    pub edge: f32,
+    /// No tile gets a coarser rate; a wide rate stands for the tall one, too. Default: 2x2. Above that, what touches a rough
+    /// surface can lose its contact reflection, since distances of hits aren't known beforehand.
+    pub coarsest: ShadingRate,
+}
+
+impl Default for CombinedThresholds {
+    fn default() -> Self {
+        Self {
+            half: 0.25,
+            quarter: 0.5,
+            eighth: 0.75,
+            mirror_guard: Some(MIRROR_GUARD),
+            faint: 0.1,
+            edge: 0.25,
+            coarsest: ShadingRate::R2x2,
+        }
+    }
+}
+
+/// Size of the tiles that share a rate. A component of its own. The hardware back end works with the sizes that its device has, and
+/// falls back to compute with others.
+#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[reflect(Component, Default, Debug, Clone, PartialEq)]
+pub enum RateTileSize {
+    /// 16x16 trace pixels, as in the paper.
+    #[default]
+    Tiles16,
+    /// 8x8 trace pixels: rates follow the picture more closely, for a little more time.
+    Tiles8,
+}
+
+words!(RateTileSize {
+    Tiles16 = "16x16",
+    Tiles8 = "8x8",
+});
+
+impl RateTileSize {
+    /// Trace pixels per tile in each direction.
+    #[must_use]
+    pub fn trace_pixels(self) -> u32 {
+        match self {
+            Self::Tiles16 => 16,
+            Self::Tiles8 => 8,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_stand_for_default_thresholds() {
+        assert_eq!("combined".parse(), Ok(ShadingRateHeuristic::default()));
+        assert_eq!("uniform".parse(), Ok(ShadingRateHeuristic::Uniform(ShadingRate::R1x1)));
+        assert!(matches!("roughness".parse(), Ok(ShadingRateHeuristic::Roughness(_))));
+        assert!(matches!("grazing".parse(), Ok(ShadingRateHeuristic::Grazing(_))));
+        let error = "rough".parse::<ShadingRateHeuristic>().unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "`rough` is unknown; choose one of: uniform, roughness, grazing, combined"
+        );
+    }
+}

@@ -1,0 +1,62 @@
+//! What an app can choose: components, presets, their ranges and their words.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `reflections.rs`, `denoiser.rs` | the component of a camera |
+//! | `heuristic.rs`, `shading_rate.rs` | how many rays each tile gets |
+//! | `debug.rs` | debug views and counters |
+//! | `presets.rs` | bundles of settings |
+//! | `words.rs` | words on command lines and in files |
+//! | `clamped.rs`, `clamped_rate.rs` | the same within its ranges, for shaders |
+//! | `view.rs` | the same on a view of the render world |
+
+mod clamped;
+mod clamped_rate;
+mod debug;
+mod denoiser;
+mod heuristic;
+mod presets;
+mod reflections;
+mod shading_rate;
+mod view;
+mod words;
+
+pub use debug::{DebugCounters, DebugSplit, DebugView, RATE_LEGEND};
+pub use denoiser::Denoiser;
+pub use heuristic::{CombinedThresholds, GrazingThresholds, RateTileSize, RoughnessThresholds, ShadingRateHeuristic};
+pub use presets::{Preset, TECHNIQUE_NAMES, named_settings};
+pub use reflections::{Backend, NotReflected, RaySampling, RayTracedReflections, Technique, TextureMip, TracerChoice};
+pub use shading_rate::{RATE_ACTIVE, RATE_CODE_MASK, ShadingRate};
+pub use view::{ReflectionView, WantsReflections};
+pub use words::UnknownName;
+
+pub(crate) use clamped::SafeSettings;
+pub(crate) use clamped_rate::{RateSettings, RateThresholds, RateVariant};
+pub(crate) use debug::ViewDebug;
+pub(crate) use reflections::PAPER_LEVEL;
+pub(crate) use words::words;
+
+use bevy::app::{App, Plugin};
+
+/// Registers the types of all settings.
+pub(crate) struct SettingsPlugin;
+
+impl Plugin for SettingsPlugin {
+    fn build(&self, app: &mut App) {
+        app.register_type::<RayTracedReflections>()
+            .register_type::<Technique>()
+            .register_type::<Backend>()
+            .register_type::<RaySampling>()
+            .register_type::<Denoiser>()
+            .register_type::<TextureMip>()
+            .register_type::<TracerChoice>()
+            .register_type::<NotReflected>()
+            .register_type::<ShadingRateHeuristic>()
+            .register_type::<ShadingRate>()
+            .register_type::<RateTileSize>()
+            .register_type::<DebugView>()
+            .register_type::<DebugSplit>()
+            .register_type::<DebugCounters>()
+            .register_type::<Preset>();
+    }
+}

@@ -1,0 +1,131 @@
+//! Bundles of settings: the paper's recipe, ours from low to ultra, and the techniques that measurements compare.
+
+use super::{
+    Denoiser, RaySampling, RayTracedReflections, ShadingRateHeuristic, Technique, TextureMip, UnknownName, words::words,
+};
+use bevy::reflect::{Reflect, std_traits::ReflectDefault};
+
+/// A bundle of settings; [`settings`](Self::settings) gives the components.
+///
+/// Rays per pixel count reflection rays per pixel of the view that reflects, without shadow rays. Exact mirrors get one each
+/// in all presets but `Paper`.
+#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[reflect(Default, Debug, Clone, PartialEq)]
+pub enum Preset {
+    /// The paper's recipe step by step: a quarter of the resolution, rates from average roughness (table 1), GGX normals from a
+    /// Halton sequence, mip level 2 at hits, one history, no step of ours, no cut-off. 1/16 to 1/4 ray per pixel.
+    Paper,
+    /// Smooth surfaces only, few samples, no shadow rays in reflections. 1/16 to 1/4 ray per pixel.
+    Low,
+    /// The default of [`RayTracedReflections`]. 1/16 to 1/4 ray per pixel.
+    #[default]
+    Medium,
+    /// Every quad gets its ray, rougher surfaces reflect as well. 1/4 ray per pixel.
+    High,
+    /// Every pixel gets its ray. 1 ray per pixel.
+    Ultra,
+}
+
+impl Preset {
+    /// The components of the preset, to be inserted on a camera.
+    #[must_use]
+    pub fn settings(self) -> (RayTracedReflections, ShadingRateHeuristic) {
+        let default = RayTracedReflections::default();
+        match self {
+            Self::Paper => (
+                RayTracedReflections {
+                    sampling: RaySampling::Halton,
+                    full_resolution_mirrors: false,
+                    denoiser: Denoiser::PAPER,
+                    roughness_cutoff: 1.0,
+                    roughness_fade: 0.0,
+                    texture_mip: TextureMip::PAPER,
+                    ..default
+                },
+                ShadingRateHeuristic::PAPER_ROUGHNESS,
+            ),
+            Self::Low => (
+                RayTracedReflections {
+                    denoiser: Denoiser {
+                        samples: 4,
+                        ..Denoiser::default()
+                    },
+                    roughness_cutoff: 0.4,
+                    shadow_rays: false,
+                    ..default
+                },
+                ShadingRateHeuristic::default(),
+            ),
+            Self::Medium => (default, ShadingRateHeuristic::default()),
+            Self::High => (
+                RayTracedReflections {
+                    technique: Technique::Quarter,
+                    roughness_cutoff: 0.75,
+                    ..default
+                },
+                ShadingRateHeuristic::default(),
+            ),
+            Self::Ultra => (
+                RayTracedReflections {
+                    technique: Technique::Reference,
+                    roughness_cutoff: 1.0,
+                    ..default
+                },
+                ShadingRateHeuristic::default(),
+            ),
+        }
+    }
+}
+
+words!(Preset {
+    Paper = "paper",
+    Low = "low",
+    Medium = "medium",
+    High = "high",
+    Ultra = "ultra",
+});
+
+/// Names that [`named_settings`] knows.
+pub const TECHNIQUE_NAMES: &str = "reference, quarter, quarter-inline, vrs-roughness, vrs-grazing, vrs-combined, converged, paper, low, medium, \
+     high, ultra";
+
+/// The components that a word on a command line stands for: a technique of the measurements, or a preset.
+///
+/// `reference`, `quarter` and `quarter-inline` trace a fixed rate. `vrs-roughness` and `vrs-grazing` are the paper's heuristics
+/// with its thresholds, `vrs-combined` is ours. All of these share one denoiser and the default cut-off, so that they differ in their
+/// rays alone. The paper has no cut-off: set [`roughness_cutoff`](RayTracedReflections::roughness_cutoff) to 1 to compare with it,
+/// since with the default `vrs-roughness` never gets to 2x2.
+pub fn named_settings(name: &str) -> Result<(RayTracedReflections, ShadingRateHeuristic), UnknownName> {
+    let with = |technique, full_resolution_mirrors| RayTracedReflections {
+        technique,
+        full_resolution_mirrors,
+        ..Default::default()
+    };
+    let heuristic = ShadingRateHeuristic::default();
+    Ok(match name {
+        "reference" => (with(Technique::Reference, false), heuristic),
+        "quarter" => (with(Technique::Quarter, false), heuristic),
+        "quarter-inline" => (with(Technique::QuarterInline, false), heuristic),
+        "vrs-roughness" => (with(Technique::Variable, false), ShadingRateHeuristic::PAPER_ROUGHNESS),
+        "vrs-grazing" => (with(Technique::Variable, false), ShadingRateHeuristic::PAPER_GRAZING),
+        "vrs-combined" => (with(Technique::Variable, true), heuristic),
+        "converged" => (with(Technique::Converged, false), heuristic),
+        _ => name
+            .parse::<Preset>()
+            .map_err(|_| UnknownName::new(name, TECHNIQUE_NAMES.split(", ")))?
+            .settings(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_name_is_known() {
+        for name in TECHNIQUE_NAMES.split(", ") {
+            assert!(named_settings(name).is_ok(), "{name}");
+        }
+        assert!(named_settings("off").is_err());
+    }
+}

@@ -1,0 +1,210 @@
+//! Settings of a reflecting camera, and the choice of the tracer.
+
+use super::{Denoiser, words::words};
+use bevy::{
+    camera::Hdr,
+    core_pipeline::prepass::{DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass},
+    ecs::prelude::*,
+    reflect::{Reflect, std_traits::ReflectDefault},
+    render::view::Msaa,
+};
+
+/// Adds ray-traced reflections to a 3D camera.
+///
+/// Insert it on a `Camera3d` to switch reflections on, remove it to switch them off and to free what they used. All that it
+/// needs of the camera comes with it: HDR, the depth, deferred, normal and motion vector prepasses, and MSAA off. These are Bevy's
+/// and stay on the camera, since others may use them, too.
+///
+/// Only surfaces that are rendered *deferred* reflect: set
+/// [`DefaultOpaqueRendererMethod::deferred()`](bevy::pbr::DefaultOpaqueRendererMethod) or a material's
+/// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method). Everything with a `Mesh3d` and a
+/// `MeshMaterial3d<StandardMaterial>` *is reflected*, unless it carries [`NotReflected`].
+///
+/// Where a reflection is traced it replaces the specular part of the camera's environment map; rays that hit nothing see that
+/// environment map, else the skybox, else the clear colour.
+#[derive(Component, Reflect, Clone, Debug, PartialEq)]
+#[reflect(Component, Default, Debug, Clone, PartialEq)]
+#[require(
+    Hdr,
+    DepthPrepass,
+    DeferredPrepass,
+    NormalPrepass,
+    MotionVectorPrepass,
+    Msaa = Msaa::Off
+)]
+pub struct RayTracedReflections {
+    /// How many rays are traced and what becomes of them. Default: [`Technique::Variable`].
+    pub technique: Technique,
+    /// What turns the rate image into fewer rays. Default: [`Backend::Auto`].
+    pub backend: Backend,
+    /// How the directions of rays are drawn. Default: [`RaySampling::BlueNoise`].
+    pub sampling: RaySampling,
+    /// Trace exact mirrors (perceptual roughness up to 0.03) with one ray for each pixel of the full resolution, and leave them out
+    /// of the denoiser: sharp and free of ghosts, for up to four times the rays on such surfaces. Default: true. The paper has
+    /// no such step.
+    pub full_resolution_mirrors: bool,
+    /// How samples become an image. Default: [`Denoiser::default`].
+    pub denoiser: Denoiser,
+    /// Perceptual roughness (0 to 1) above which a surface gets no ray and keeps the environment map. More reflects rougher
+    /// surfaces, with more rays. The G-buffer stores 8 bits, so that the border is exact to 1/255. Default: 0.6. Thresholds of a
+    /// [`ShadingRateHeuristic`](crate::ShadingRateHeuristic) above it are never reached: with the default,
+    /// [`Roughness`](crate::ShadingRateHeuristic::Roughness) goes no further than 2x1.
+    #[reflect(@0.0..=1.0f32)]
+    pub roughness_cutoff: f32,
+    /// Width of the band of perceptual roughness below [`roughness_cutoff`](Self::roughness_cutoff) in which the traced
+    /// reflection fades into the environment map; 0 is a hard edge. Default: 0.1.
+    #[reflect(@0.0..=1.0f32)]
+    pub roughness_fade: f32,
+    /// Length of a reflection ray in metres. Longer rays see more and cost more; what lies behind their end is replaced by the
+    /// environment. Default: 10,000.
+    pub max_ray_length: f32,
+    /// Whether the lights that cast shadows send shadow rays to what reflections see: one more ray for each light and hit.
+    /// Without, light leaks through walls in reflections. Default: true.
+    pub shadow_rays: bool,
+    /// Which mip level of a texture is read where a ray hits. Default: [`TextureMip::RayCone`].
+    pub texture_mip: TextureMip,
+    /// Forgets all history in the next frame: set it when the camera jumps. It clears itself. Default: true, so that a new
+    /// component starts clean.
+    pub reset: bool,
+}
+
+impl Default for RayTracedReflections {
+    fn default() -> Self {
+        Self {
+            technique: Technique::default(),
+            backend: Backend::default(),
+            sampling: RaySampling::default(),
+            full_resolution_mirrors: true,
+            denoiser: Denoiser::default(),
+            roughness_cutoff: 0.6,
+            roughness_fade: 0.1,
+            max_ray_length: 10_000.0,
+            shadow_rays: true,
+            texture_mip: TextureMip::default(),
+            reset: true,
+        }
+    }
+}
+
+/// How many rays are traced and what becomes of them.
+///
+/// A trace pixel is one ray's place: one pixel of the view, or a quad of 2x2 of them of which each frame chooses another pixel.
+#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[reflect(Default, Debug, Clone, PartialEq)]
+pub enum Technique {
+    /// One ray for each pixel of each frame: the paper's full-resolution reference. Four times the rays of `Quarter`.
+    Reference,
+    /// One ray for each quad of 2x2 pixels: 1/4 ray per pixel.
+    Quarter,
+    /// The rays of `Quarter` from a full-screen fragment pass without a rate image: the paper's baseline for hardware variable
+    /// rate shading. Elsewhere there is no reason to prefer it.
+    QuarterInline,
+    /// One ray for each block of up to 4x4 quads, as large as the camera's
+    /// [`ShadingRateHeuristic`](crate::ShadingRateHeuristic) allows: the paper's technique (section 4.1).
+    #[default]
+    Variable,
+    /// One ray for each pixel, averaged over all frames since the camera, a setting, the environment or the scene last changed: the
+    /// ground truth of a still scene. It begins anew by itself, so that it stays noisy while anything moves.
+    Converged,
+}
+
+words!(Technique {
+    Reference = "reference",
+    Quarter = "quarter",
+    QuarterInline = "quarter-inline",
+    Variable = "variable",
+    Converged = "converged",
+});
+
+impl Technique {
+    /// Pixels of the view per trace pixel, in each direction.
+    #[must_use]
+    pub fn trace_scale(self) -> u32 {
+        match self {
+            Self::Reference | Self::Converged => 1,
+            Self::Quarter | Self::QuarterInline | Self::Variable => 2,
+        }
+    }
+}
+
+/// What turns the rate image into fewer rays. Both give the same rays.
+#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[reflect(Default, Debug, Clone, PartialEq)]
+pub enum Backend {
+    /// [`Compute`](Self::Compute), which works everywhere and leaves no lanes idle.
+    #[default]
+    Auto,
+    /// A list of rays and an indirect dispatch.
+    Compute,
+    /// A full-screen pass with a shading-rate attachment: Vulkan with `VK_KHR_fragment_shading_rate`, the crate feature
+    /// `hardware-vrs`, and `HardwareVrsPlugin` before `DefaultPlugins`. Falls back to compute, with a warning, where one of that is
+    /// missing ([`StatusReport::active_backends`](crate::StatusReport::active_backends)). Rates that the GPU lacks are replaced by
+    /// finer ones. Only for [`Technique::Variable`]; the others don't vary their rate.
+    Hardware,
+}
+
+words!(Backend {
+    Auto = "auto",
+    Compute = "compute",
+    Hardware = "hardware",
+});
+
+/// How the directions of rays are drawn.
+#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[reflect(Default, Debug, Clone, PartialEq)]
+pub enum RaySampling {
+    /// Bounded visible normals (Eto and Tokuyoshi 2023) from spatio-temporal blue noise: the least noise.
+    #[default]
+    BlueNoise,
+    /// All normals of the GGX distribution from a Halton sequence with a Cranley-Patterson rotation: the paper's section 4.1.1.
+    Halton,
+}
+
+words!(RaySampling {
+    BlueNoise = "blue-noise",
+    Halton = "halton",
+});
+
+/// Which mip level of a texture is read where a ray hits.
+#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
+pub enum TextureMip {
+    /// The level that fits the footprint of the ray, from a cone that widens with distance and roughness (Akenine-Möller et
+    /// al., *Ray Tracing Gems*, chapter 20).
+    #[default]
+    RayCone,
+    /// Always the same level. The paper uses 2 (section 4.1.1).
+    Fixed(f32),
+}
+
+impl TextureMip {
+    /// The level of the paper (section 4.1.1).
+    pub const PAPER: Self = Self::Fixed(PAPER_LEVEL);
+}
+
+/// Level of [`TextureMip::PAPER`].
+pub(crate) const PAPER_LEVEL: f32 = 2.0;
+
+/// What finds the surface that a ray hits.
+#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[reflect(Default, Debug, Clone, PartialEq)]
+pub enum TracerChoice {
+    /// Ray queries where the adapter has them, else the BVH.
+    #[default]
+    Auto,
+    /// The driver's acceleration structures. Falls back to the BVH, with a warning, where the adapter has no ray queries.
+    RayQuery,
+    /// A bounding volume hierarchy traversed in a shader; works on every adapter with compute shaders.
+    Bvh,
+}
+
+words!(TracerChoice {
+    Auto = "auto",
+    RayQuery = "ray-query",
+    Bvh = "bvh",
+});
+
+/// Keeps an entity out of all reflections and out of the shadows that are seen in them.
+#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[reflect(Component, Default, Debug, Clone, PartialEq)]
+pub struct NotReflected;

@@ -1,0 +1,28 @@
+//! Settings of a camera in the render world.
+
+use super::{Backend, RateSettings, SafeSettings, ViewDebug};
+use bevy::ecs::component::Component;
+
+/// A view that traces reflections, in the render world.
+#[derive(Component, Clone, Debug)]
+pub struct ReflectionView {
+    pub(crate) settings: SafeSettings,
+    pub(crate) rate: RateSettings,
+    /// History must be forgotten.
+    pub(crate) reset: bool,
+    pub(crate) debug: ViewDebug,
+}
+
+/// A view whose camera asks for reflections. It may not be ready to trace them.
+#[derive(Component)]
+pub struct WantsReflections {
+    pub(crate) settings: SafeSettings,
+    pub(crate) rate: RateSettings,
+}
+
+impl WantsReflections {
+    /// Variable rate shading of the rasterizer traces its rays, or will once it can.
+    pub(crate) fn uses_vrs(&self) -> bool {
+        self.settings.backend == Backend::Hardware
+    }
+}

@@ -1,0 +1,94 @@
+//! Words for settings on command lines and in files.
+
+/// A word that names no setting. Its message lists the words that do.
+#[derive(thiserror::Error, Debug, Clone, PartialEq, Eq)]
+#[error("`{word}` is unknown; choose one of: {}", .choices.join(", "))]
+pub struct UnknownName {
+    word: String,
+    choices: Vec<&'static str>,
+}
+
+impl UnknownName {
+    pub(crate) fn new(word: &str, choices: impl IntoIterator<Item = &'static str>) -> Self {
+        Self {
+            word: word.into(),
+            choices: choices.into_iter().collect(),
+        }
+    }
+}
+
+/// Gives an enum without fields one word for each variant: `ALL`, `name`, `Display` and `FromStr`.
+///
+/// A variant that is missing here does not compile.
+macro_rules! words {
+    ($name:ident { $($variant:ident = $word:literal),+ $(,)? }) => {
+        impl $name {
+            /// All variants, in the order of their declaration.
+            pub const ALL: [Self; [$($word),+].len()] = [$(Self::$variant),+];
+
+            /// The word for command lines and files.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $word),+
+                }
+            }
+        }
+
+        impl ::core::fmt::Display for $name {
+            fn fmt(&self, f: &mut ::core::fmt::Formatter<'_>) -> ::core::fmt::Result {
+                f.pad(self.name())
+            }
+        }
+
+        impl ::core::str::FromStr for $name {
+            type Err = $crate::settings::UnknownName;
+
+            fn from_str(word: &str) -> Result<Self, Self::Err> {
+                let known = Self::ALL.into_iter().find(|variant| variant.name() == word);
+                known.ok_or_else(|| Self::Err::new(word, Self::ALL.map(Self::name)))
+            }
+        }
+    };
+}
+
+pub(crate) use words;
+
+#[cfg(test)]
+mod tests {
+    use crate::settings::{
+        Backend, DebugView, Preset, RateTileSize, RaySampling, ShadingRate, Technique, TracerChoice,
+    };
+    use core::{
+        fmt::{Debug, Display},
+        str::FromStr,
+    };
+
+    fn all_are_read_back<T>(all: &[T])
+    where
+        T: Copy + Debug + Display + FromStr<Err = super::UnknownName> + PartialEq,
+    {
+        let error = "no such word".parse::<T>().unwrap_err().to_string();
+        for variant in all {
+            assert_eq!(variant.to_string().parse(), Ok(*variant));
+            assert!(error.contains(&variant.to_string()), "{error}");
+        }
+    }
+
+    #[test]
+    fn words_are_read_back_and_errors_list_them() {
+        all_are_read_back(&Technique::ALL);
+        all_are_read_back(&Backend::ALL);
+        all_are_read_back(&RaySampling::ALL);
+        all_are_read_back(&TracerChoice::ALL);
+        all_are_read_back(&Preset::ALL);
+        all_are_read_back(&DebugView::ALL);
+        all_are_read_back(&RateTileSize::ALL);
+        all_are_read_back(&ShadingRate::ALL);
+        let error = "rays".parse::<TracerChoice>().unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "`rays` is unknown; choose one of: auto, ray-query, bvh"
+        );
+    }
+}

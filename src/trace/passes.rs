@@ -1,0 +1,35 @@
+//! Traces the rays of one view, by the passes that its settings need.
+
+use super::{
+    blocks::{List, trace_list},
+    converged::trace_converged,
+    pipelines::TracePipelines,
+    variant::TracePass,
+    vrs::VrsPass,
+};
+use crate::{gbuffer::PassContext, settings::Backend};
+use bevy::render::renderer::RenderContext;
+
+/// Traces the rays of one view.
+pub(crate) fn trace_rays(
+    ctx: &mut RenderContext,
+    pipelines: &TracePipelines,
+    context: &PassContext,
+    vrs: &mut VrsPass,
+) {
+    let settings = &context.view.settings;
+    let variant = pipelines.variant;
+    for pass in TracePass::of(settings) {
+        match pass {
+            TracePass::Converged => trace_converged(ctx, &pipelines.converged, variant, context),
+            TracePass::Inline => pipelines.inline.trace(ctx, variant, context),
+            TracePass::Mirrors => trace_list(ctx, &pipelines.mirror_rays, variant, context, List::MirrorRays),
+            // Where the raw Vulkan pass gives up, this frame's rays come from the list.
+            TracePass::Blocks => {
+                if settings.backend != Backend::Hardware || !vrs.trace(ctx, pipelines, context) {
+                    trace_list(ctx, &pipelines.rays, variant, context, List::Rays);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,106 @@
+//! Rays of the rate image by variable rate shading of the rasterizer: the shader of `inline.wesl` in a raw Vulkan pass.
+
+use super::pipelines::TracePipelines;
+use crate::{
+    device::HardwareRates,
+    gbuffer::PassContext,
+    settings::{Backend, SafeSettings},
+    vrs::{self, BindGroupContents, DrawGroup, HardwareVrs, VrsBackend, VrsDraw},
+};
+use bevy::{
+    ecs::{prelude::*, system::SystemParam},
+    render::{render_resource::PipelineCache, renderer::RenderContext},
+};
+
+/// The raw Vulkan pass, as systems of the render world use it.
+#[derive(SystemParam)]
+pub struct VrsPass<'w> {
+    support: Option<Res<'w, HardwareVrs>>,
+    backend: Option<ResMut<'w, VrsBackend>>,
+}
+
+impl VrsPass<'_> {
+    /// Whether views with tiles of `tile` x `tile` trace pixels can be traced.
+    ///
+    /// # Errors
+    /// The reason why not, as the end of a sentence.
+    pub(crate) fn available(&self, tile: u32) -> Result<(), String> {
+        vrs::available(self.support.as_deref(), tile)
+    }
+
+    /// For [`StatusReport`](crate::StatusReport).
+    pub(crate) fn status(&self) -> HardwareRates {
+        vrs::status(self.support.as_deref())
+    }
+
+    /// Fragments of a size exist, named by its code.
+    pub(crate) fn supports(&self, code: u32) -> bool {
+        vrs::supports(self.support.as_deref(), code)
+    }
+
+    /// Brings forward what the settings need; true once a view with them can be traced.
+    pub(crate) fn is_ready(&mut self, settings: &SafeSettings, trace: &TracePipelines, cache: &PipelineCache) -> bool {
+        if settings.backend != Backend::Hardware {
+            return true;
+        }
+        let Some(backend) = &mut self.backend else { return false };
+        // After an error the device is unavailable, so that the view falls back.
+        backend.prepare(cache, || trace.vrs_request()).unwrap_or(false)
+    }
+
+    /// Traces the rays of a view's blocks. False where nothing was drawn; if it is for good, the device is unavailable from the
+    /// next frame on.
+    pub(super) fn trace(&mut self, ctx: &mut RenderContext, pipelines: &TracePipelines, context: &PassContext) -> bool {
+        let Some(backend) = self.backend.as_deref_mut() else {
+            return false;
+        };
+        if !backend.is_ready(context.cache) || context.contents.iter().any(|group| group.is_missing()) {
+            return false;
+        }
+        match record(backend, ctx, pipelines, context) {
+            Ok(()) => true,
+            Err(reason) => {
+                backend.fail(reason);
+                false
+            }
+        }
+    }
+}
+
+fn record(
+    backend: &mut VrsBackend,
+    ctx: &mut RenderContext,
+    pipelines: &TracePipelines,
+    context: &PassContext,
+) -> Result<(), String> {
+    let group_0 = &pipelines.inline.group_0;
+    let (Some(images), Some(entries)) = (context.images(), group_0.entries(context, &[])) else {
+        return Err("the view has no targets".into());
+    };
+    let layout = context.cache.get_bind_group_layout(&group_0.layout);
+    let device = ctx.render_device();
+    let bind_group = device.create_bind_group("glint_trace_vrs", &layout, &entries);
+    let mut contents = BindGroupContents::default();
+    contents.fill(device, &bind_group, &entries, &[]);
+    let [scene, environment] = context.contents;
+    let group = |contents| DrawGroup { contents, offsets: &[] };
+    backend.record(
+        ctx,
+        context.cache,
+        &VrsDraw {
+            view: context.entity,
+            sizes: context.targets().sizes,
+            rate: &images.rate[context.now()],
+            ray_radiance: &images.ray_radiance,
+            ray_sample: &images.ray_sample,
+            groups: [
+                DrawGroup {
+                    contents: &contents,
+                    offsets: &[context.view_offset],
+                },
+                group(scene),
+                group(environment),
+            ],
+        },
+    )
+}

@@ -1,0 +1,108 @@
+//! What the panel edits of one camera, whether its reflections are on or off.
+
+use crate::settings::{DebugSplit, DebugView, Preset, RateTileSize, RayTracedReflections, ShadingRateHeuristic};
+use bevy::{
+    ecs::prelude::*,
+    reflect::{Reflect, std_traits::ReflectDefault},
+};
+
+/// On a camera whose reflections were switched off by [`switch_reflections`], the panel or a [`Quality`](super::Quality): what its
+/// [`RayTracedReflections`] were. Nothing else reads it; without that component reflections cost nothing.
+#[derive(Component, Reflect, Clone, Debug, PartialEq)]
+#[reflect(Component, Debug, Clone, PartialEq)]
+pub struct ReflectionsOff(pub RayTracedReflections);
+
+/// Switches the reflections of a camera off, with their settings kept in [`ReflectionsOff`], or on again with the same settings. A
+/// camera that never had any starts with the default.
+pub fn switch_reflections(camera: &mut EntityWorldMut, on: bool) {
+    let before = CameraSettings::read(camera.as_readonly());
+    CameraSettings { on, ..before.clone() }.write(&before, camera);
+}
+
+/// All that can be chosen for one camera, as plain data.
+#[derive(Reflect, Clone, Debug, Default, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
+pub struct CameraSettings {
+    /// Whether the camera has [`RayTracedReflections`].
+    pub on: bool,
+    /// Its settings, or those that it will have when it is switched on.
+    pub reflections: RayTracedReflections,
+    /// How the rays of each tile are chosen.
+    pub heuristic: ShadingRateHeuristic,
+    /// The size of the tiles.
+    pub tile_size: RateTileSize,
+    /// What is shown instead of the picture.
+    pub debug_view: DebugView,
+    /// Where the picture is divided, if it is.
+    pub debug_split: Option<DebugSplit>,
+}
+
+impl CameraSettings {
+    /// The settings of a camera; defaults stand for components that it lacks.
+    #[must_use]
+    pub fn read(camera: EntityRef) -> Self {
+        let on = camera.get::<RayTracedReflections>();
+        let off = camera.get::<ReflectionsOff>().map(|off| &off.0);
+        Self {
+            on: on.is_some(),
+            reflections: on.or(off).cloned().unwrap_or_default(),
+            heuristic: camera.get::<ShadingRateHeuristic>().cloned().unwrap_or_default(),
+            tile_size: camera.get::<RateTileSize>().copied().unwrap_or_default(),
+            debug_view: camera.get::<DebugView>().copied().unwrap_or_default(),
+            debug_split: camera.get::<DebugSplit>().copied(),
+        }
+    }
+
+    /// Gives the camera what differs from `before`, which [`read`](Self::read) returned.
+    pub fn write(&self, before: &Self, camera: &mut EntityWorldMut) {
+        if self.on != before.on || self.reflections != before.reflections {
+            let mut reflections = self.reflections.clone();
+            if self.on {
+                // What the camera saw before it was switched off is history no more.
+                reflections.reset |= !before.on;
+                camera.remove::<ReflectionsOff>();
+                camera.insert(reflections);
+            } else {
+                camera.remove::<RayTracedReflections>();
+                camera.insert(ReflectionsOff(reflections));
+            }
+        }
+        if self.heuristic != before.heuristic {
+            camera.insert(self.heuristic.clone());
+        }
+        if self.tile_size != before.tile_size {
+            camera.insert(self.tile_size);
+        }
+        if self.debug_view != before.debug_view {
+            if self.debug_view == DebugView::Off {
+                camera.remove::<DebugView>();
+            } else {
+                camera.insert(self.debug_view);
+            }
+        }
+        if self.debug_split != before.debug_split {
+            match self.debug_split {
+                Some(split) => camera.insert(split),
+                None => camera.remove::<DebugSplit>(),
+            };
+        }
+    }
+
+    /// The preset that these settings are. The back end is none of a preset's business: all give the same rays.
+    #[must_use]
+    pub fn preset(&self) -> Option<Preset> {
+        Preset::ALL.into_iter().find(|preset| {
+            let mut other = self.clone();
+            other.apply_preset(*preset);
+            other.reflections.reset = self.reflections.reset;
+            other == *self
+        })
+    }
+
+    /// Takes over a preset, except for the back end.
+    pub fn apply_preset(&mut self, preset: Preset) {
+        let backend = self.reflections.backend;
+        (self.reflections, self.heuristic) = preset.settings();
+        self.reflections.backend = backend;
+    }
+}

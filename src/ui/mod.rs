@@ -1,0 +1,46 @@
+//! A settings panel and an options menu, drawn with egui through `bevy_egui`. Crate feature `egui`; nothing else of the crate needs it.
+//!
+//! - [`ReflectionSettingsPanelPlugin`] shows a window with all settings of each camera and with live measurements, for development.
+//! - [`reflection_settings_ui`] and [`reflection_measurements_ui`] are its two halves, for a panel of your own, and
+//!   [`camera_settings_ui`] and [`measurements_ui`] the same on plain data.
+//! - [`quality_menu`] is one row for the options menu of a game, and [`Quality`] the word that the game saves.
+//!
+//! ```no_run
+//! use bevy::prelude::*;
+//! use bevy_glint::{RayTracedReflectionsPlugin, ReflectionSettingsPanelPlugin};
+//!
+//! App::new()
+//!     .add_plugins((
+//!         DefaultPlugins,
+//!         RayTracedReflectionsPlugin::default(),
+//!         ReflectionSettingsPanelPlugin::default(),
+//!     ))
+//!     .run();
+//! ```
+//!
+//! | file | holds |
+//! |---|---|
+//! | `panel.rs` | the plugin, its window and the two halves |
+//! | `camera.rs` | the settings of a camera as plain data, and those that it keeps while it is off |
+//! | `settings_ui.rs`, `rates_ui.rs` | a row for each setting |
+//! | `widgets.rs` | what rows are made of |
+//! | `tooltips.rs` | what is said of each setting |
+//! | `timings.rs` | measurements |
+//! | `quality.rs` | the options menu |
+
+mod camera;
+mod panel;
+mod quality;
+mod rates_ui;
+mod settings_ui;
+mod timings;
+mod tooltips;
+mod widgets;
+
+pub use camera::{CameraSettings, ReflectionsOff, switch_reflections};
+pub use panel::{
+    ReflectionSettingsPanel, ReflectionSettingsPanelPlugin, reflection_measurements_ui, reflection_settings_ui,
+};
+pub use quality::{Quality, quality_menu};
+pub use settings_ui::{camera_settings_ui, why_no_hardware, why_no_reflections};
+pub use timings::{Measurements, PassTime, measurements_ui};

@@ -1,0 +1,129 @@
+//! One word for the options menu of a game.
+
+use super::{camera::CameraSettings, tooltips};
+use crate::settings::{Preset, RayTracedReflections, ShadingRateHeuristic, words};
+use bevy::{
+    ecs::prelude::*,
+    reflect::{Reflect, std_traits::ReflectDefault},
+};
+use bevy_egui::egui::{Response, Ui};
+
+/// How good reflections are: what a player chooses. [`Display`](core::fmt::Display) and [`FromStr`](core::str::FromStr) turn it into a
+/// word for a settings file and back.
+#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[reflect(Default, Debug, Clone, PartialEq)]
+pub enum Quality {
+    /// No rays: reflections come from the environment map alone, and the crate costs nothing.
+    Off,
+    /// [`Preset::Low`].
+    Low,
+    /// [`Preset::Medium`].
+    #[default]
+    Medium,
+    /// [`Preset::High`].
+    High,
+    /// [`Preset::Ultra`].
+    Ultra,
+}
+
+words!(Quality {
+    Off = "off",
+    Low = "low",
+    Medium = "medium",
+    High = "high",
+    Ultra = "ultra",
+});
+
+impl Quality {
+    /// The word on the screen.
+    #[must_use]
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Off => "Off",
+            Self::Low => "Low",
+            Self::Medium => "Medium",
+            Self::High => "High",
+            Self::Ultra => "Ultra",
+        }
+    }
+
+    /// Its preset; `None` for [`Off`](Self::Off).
+    #[must_use]
+    pub fn preset(self) -> Option<Preset> {
+        match self {
+            Self::Off => None,
+            Self::Low => Some(Preset::Low),
+            Self::Medium => Some(Preset::Medium),
+            Self::High => Some(Preset::High),
+            Self::Ultra => Some(Preset::Ultra),
+        }
+    }
+
+    /// Its components, to be inserted on a camera; `None` for [`Off`](Self::Off).
+    #[must_use]
+    pub fn settings(self) -> Option<(RayTracedReflections, ShadingRateHeuristic)> {
+        self.preset().map(Preset::settings)
+    }
+
+    /// The quality that a camera has now; `None` where its settings are none of these.
+    #[must_use]
+    pub fn of(camera: EntityRef) -> Option<Self> {
+        let settings = CameraSettings::read(camera);
+        if !settings.on {
+            return Some(Self::Off);
+        }
+        let preset = settings.preset();
+        Self::ALL
+            .into_iter()
+            .find(|quality| preset.is_some() && quality.preset() == preset)
+    }
+
+    /// Gives a camera this quality, at once. Its back end stays; [`Off`](Self::Off) keeps its settings as
+    /// [`switch_reflections`](super::switch_reflections) does.
+    pub fn apply(self, camera: &mut EntityWorldMut) {
+        if Self::of(camera.as_readonly()) == Some(self) {
+            return;
+        }
+        let before = CameraSettings::read(camera.as_readonly());
+        let mut after = before.clone();
+        after.on = self != Self::Off;
+        if let Some(preset) = self.preset() {
+            after.apply_preset(preset);
+        }
+        after.write(&before, camera);
+    }
+
+    /// The same as a command. A camera that is gone by then is left alone.
+    pub fn queue(self, camera: &mut EntityCommands) {
+        camera.queue_silenced(move |mut camera: EntityWorldMut| self.apply(&mut camera));
+    }
+
+    fn tooltip(self) -> &'static str {
+        match self {
+            Self::Off => "No rays: reflections come from the environment map alone.",
+            Self::Low => tooltips::PRESET_LOW,
+            Self::Medium => tooltips::PRESET_MEDIUM,
+            Self::High => tooltips::PRESET_HIGH,
+            Self::Ultra => tooltips::PRESET_ULTRA,
+        }
+    }
+}
+
+/// A row of buttons, one for each quality. [`Response::changed`] says that another one was chosen; it is up to the caller to
+/// [apply](Quality::apply) it to the cameras of the game.
+pub fn quality_menu(ui: &mut Ui, quality: &mut Quality) -> Response {
+    let row = ui.horizontal(|ui| {
+        let mut changed = false;
+        for choice in Quality::ALL {
+            let response = ui.selectable_value(quality, choice, choice.label());
+            changed |= response.changed();
+            response.on_hover_text(choice.tooltip());
+        }
+        changed
+    });
+    let mut response = row.response;
+    if row.inner {
+        response.mark_changed();
+    }
+    response
+}

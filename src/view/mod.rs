@@ -1,0 +1,50 @@
+//! What a reflecting view owns and remembers, and what shaders know of it.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `textures.rs` | textures, uniform, and state from frame to frame |
+//! | `uniform` | settings and state for the shaders |
+//! | `prepare.rs` | when all of this is made and written |
+//! | `static_view.rs` | views in which nothing changes |
+//! | `culling.rs` | views that see nothing to reflect on |
+
+mod culling;
+mod prepare;
+mod static_view;
+mod textures;
+mod uniform;
+
+pub use culling::ViewCulling;
+pub use textures::ReflectionTextures;
+pub use uniform::GpuReflectionView;
+
+use crate::{device::tracing_app, schedule::ReflectionSystems};
+use bevy::{
+    app::{App, Plugin},
+    ecs::schedule::IntoScheduleConfigs,
+    render::{Render, RenderApp, RenderSystems},
+    shader::load_shader_library,
+};
+use prepare::{prepare_views, publish_memory};
+
+/// Registers the shader and the systems of this folder.
+pub(crate) struct ViewPlugin;
+
+impl Plugin for ViewPlugin {
+    fn build(&self, app: &mut App) {
+        if app.get_sub_app(RenderApp).is_some() {
+            load_shader_library!(app, "uniform.wesl");
+        }
+    }
+
+    fn finish(&self, app: &mut App) {
+        let Some(render_app) = tracing_app(app) else { return };
+        render_app.add_systems(
+            Render,
+            (
+                prepare_views.in_set(ReflectionSystems::PrepareViews),
+                publish_memory.in_set(RenderSystems::Cleanup),
+            ),
+        );
+    }
+}

@@ -1,0 +1,163 @@
+//! Makes the textures of new and resized views, and writes the uniforms of all.
+
+use super::{
+    culling::ViewCulling,
+    textures::ReflectionTextures,
+    uniform::{Frame, VIEW_HAS_IRRADIANCE, VIEW_HAS_SSAO},
+};
+use crate::{
+    device::WritesInPlace,
+    scene::{
+        SceneBindings,
+        environment::{EnvironmentBindings, ViewEnvironment},
+    },
+    settings::ReflectionView,
+    status::{ReflectionStatus, ViewMemory},
+    targets::{Needs, Sizes},
+};
+use bevy::{
+    camera::{MainPassResolutionOverride, NormalizedRenderTarget},
+    ecs::{prelude::*, query::QueryData, system::SystemParam},
+    light::{EnvironmentMapLight, IrradianceVolume},
+    math::{UVec2, Vec4Swizzles},
+    pbr::{DistanceFog, RenderViewLightProbes, ScreenSpaceAmbientOcclusionResources},
+    render::{
+        camera::ExtractedCamera,
+        renderer::{RenderDevice, RenderQueue},
+        sync_world::MainEntity,
+        view::ExtractedView,
+    },
+};
+
+/// A reflecting view, with all that its frame depends on.
+#[derive(QueryData)]
+#[query_data(mutable)]
+pub(super) struct PreparedView {
+    entity: Entity,
+    view: &'static ReflectionView,
+    extracted: &'static ExtractedView,
+    camera: &'static ExtractedCamera,
+    textures: Option<&'static mut ReflectionTextures>,
+    culling: Option<&'static mut ViewCulling>,
+    resolution: Option<&'static MainPassResolutionOverride>,
+    environment: Option<&'static ViewEnvironment>,
+    fog: Option<&'static DistanceFog>,
+    ssao: Has<ScreenSpaceAmbientOcclusionResources>,
+    probes: Has<RenderViewLightProbes<EnvironmentMapLight>>,
+    volume: Has<RenderViewLightProbes<IrradianceVolume>>,
+}
+
+/// The scene and its surroundings, as far as frames depend on them.
+#[derive(SystemParam)]
+pub(super) struct Surroundings<'w, 's> {
+    cameras: Query<'w, 's, &'static ExtractedCamera>,
+    scene: Res<'w, SceneBindings>,
+    environments: Res<'w, EnvironmentBindings>,
+}
+
+impl PreparedViewItem<'_, '_> {
+    /// `None` for views without pixels.
+    fn sizes(&self) -> Option<Sizes> {
+        let viewport = self.camera.physical_viewport_size?;
+        let resolution = self.resolution.map(|resolution| resolution.0.min(viewport));
+        Some(Sizes {
+            full: resolution.unwrap_or(viewport).max(UVec2::ONE),
+            trace_scale: self.view.settings.technique.trace_scale(),
+            tile: self.view.rate.tile_size,
+        })
+    }
+
+    fn frame(&self, surroundings: &Surroundings) -> Frame {
+        let extracted = self.extracted;
+        let mut flags = if self.ssao { VIEW_HAS_SSAO } else { 0 };
+        if self.probes || self.volume {
+            flags |= VIEW_HAS_IRRADIANCE;
+        }
+        let environment = surroundings.environments.bind_group(self.entity);
+        let mut cameras = surroundings.cameras.iter();
+        Frame {
+            origin: extracted.viewport.xy(),
+            flags,
+            fog: self.fog.into(),
+            scene: surroundings.scene.version,
+            clip_from_world: extracted
+                .clip_from_world
+                .unwrap_or_else(|| extracted.clip_from_view * extracted.world_from_view.to_matrix().inverse()),
+            world_position: extracted.world_from_view.translation(),
+            exposure: self.camera.exposure,
+            environment: self.environment.cloned(),
+            environment_id: environment.map(|group| group.id()),
+            has_screens: cameras.any(|other| is_screen(other, self.camera)),
+            culled: self.culling.as_ref().is_some_and(|culling| culling.is_culled()),
+        }
+    }
+}
+
+/// Makes the textures of new and resized views and writes the uniforms of all.
+pub(super) fn prepare_views(
+    mut views: Query<PreparedView>,
+    surroundings: Surroundings,
+    in_place: Res<WritesInPlace>,
+    device: Res<RenderDevice>,
+    queue: Res<RenderQueue>,
+    mut commands: Commands,
+) {
+    for view in &mut views {
+        let Some(sizes) = view.sizes() else { continue };
+        let needs = Needs::new(&view.view.settings, in_place.allows(view.extracted.target_format));
+        let frame = view.frame(&surroundings);
+        let PreparedViewItem {
+            entity,
+            view,
+            textures,
+            culling,
+            ..
+        } = view;
+        match textures {
+            Some(mut textures) if textures.targets.sizes == sizes && textures.targets.needs == needs => {
+                textures.begin_frame(view, &frame);
+                textures.uniform.write_buffer(&device, &queue);
+            }
+            old => {
+                let mut textures = ReflectionTextures::new(&device, sizes, needs, old.as_deref());
+                textures.begin_frame(view, &frame);
+                textures.uniform.write_buffer(&device, &queue);
+                commands.entity(entity).insert(textures);
+                match culling {
+                    // Earlier reports were about other targets.
+                    Some(mut culling) => culling.invalidate(),
+                    None => {
+                        commands.entity(entity).insert(ViewCulling::new(&device));
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Returns whether a camera renders into an image that isn't the one that `own` renders into.
+fn is_screen(camera: &ExtractedCamera, own: &ExtractedCamera) -> bool {
+    matches!(camera.target, Some(NormalizedRenderTarget::Image(_))) && camera.target != own.target
+}
+
+/// Tells the main world what views own.
+pub(super) fn publish_memory(
+    views: Query<(&MainEntity, &ReflectionTextures)>,
+    status: Res<ReflectionStatus>,
+    mut published: Local<(usize, u64)>,
+) {
+    let mut present = (0, 0);
+    for (_, textures) in &views {
+        present = (present.0 + 1, present.1 + textures.bytes());
+    }
+    if present == *published {
+        return;
+    }
+    *published = present;
+    let view_memory = views.iter().map(|(entity, textures)| ViewMemory {
+        camera: entity.id(),
+        pixels: u64::from(textures.size().x) * u64::from(textures.size().y),
+        parts: textures.targets.memory.clone(),
+    });
+    status.update(|report| report.view_memory = view_memory.collect());
+}

@@ -1,0 +1,111 @@
+//! Views in which nothing changes: all their frames estimate the same image.
+
+use super::uniform::{Fog, Frame};
+use crate::{
+    scene::environment::ViewEnvironment,
+    settings::{RateSettings, ReflectionView, SafeSettings},
+};
+use bevy::{
+    math::{Mat4, UVec2, Vec3},
+    render::render_resource::BindGroupId,
+};
+
+/// More frames than this add nothing in 32 bits of float.
+pub(super) const MOST_FRAMES: u32 = 1 << 22;
+
+/// Everything that the image of a view depends on, as far as the CPU knows. While it is unchanged, all frames estimate the same
+/// image. Moving objects and custom shading are found pixel by pixel, by the denoiser.
+///
+/// Images that change on the GPU alone are not in it, unless a camera renders into them.
+#[derive(PartialEq)]
+pub(super) struct ViewFingerprint {
+    /// Counts changes of instances, meshes, materials, their images, and lights.
+    scene: u32,
+    environment: Option<ViewEnvironment>,
+    environment_id: Option<BindGroupId>,
+    clip_from_world: Mat4,
+    world_position: Vec3,
+    exposure: f32,
+    origin: UVec2,
+    flags: u32,
+    fog: Fog,
+    settings: SafeSettings,
+    rate: RateSettings,
+}
+
+impl ViewFingerprint {
+    /// `None` for views that never count as static.
+    pub fn new(view: &ReflectionView, frame: &Frame) -> Option<Self> {
+        let denoiser = &view.settings.denoiser;
+        let can_be_static = denoiser.temporal && denoiser.converges_at_rest && !frame.has_screens;
+        can_be_static.then(|| Self {
+            scene: frame.scene,
+            environment: frame.environment.clone(),
+            environment_id: frame.environment_id,
+            clip_from_world: frame.clip_from_world,
+            world_position: frame.world_position,
+            exposure: frame.exposure,
+            origin: frame.origin,
+            flags: frame.flags,
+            fog: frame.fog,
+            settings: view.settings,
+            rate: view.rate.clone(),
+        })
+    }
+}
+
+/// Counts the frames in which something has stayed the same.
+pub(super) struct StaticView<T> {
+    last: Option<T>,
+    frames: u32,
+}
+
+impl<T> Default for StaticView<T> {
+    fn default() -> Self {
+        Self { last: None, frames: 0 }
+    }
+}
+
+impl<T: PartialEq> StaticView<T> {
+    /// Frames in a row before this one that were as this one is; `None` is like no other.
+    pub fn count(&mut self, now: Option<T>) -> u32 {
+        self.frames = if now.is_some() && now == self.last {
+            (self.frames + 1).min(MOST_FRAMES)
+        } else {
+            0
+        };
+        self.last = now;
+        self.frames
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_view_is_static_until_something_changes() {
+        let mut view = StaticView::default();
+        let now = [1, 1, 1, 2, 2, 1].map(Some);
+        assert_eq!(now.map(|now| view.count(now)), [0, 1, 2, 0, 1, 0]);
+        assert_eq!(view.count(None), 0);
+        assert_eq!(view.count(None), 0, "the unknown is never static");
+        assert_eq!(view.count(Some(1)), 0);
+    }
+
+    #[test]
+    fn static_frames_never_fall_behind_accumulated_ones() {
+        let mut view = StaticView {
+            last: Some(1),
+            frames: MOST_FRAMES - 1,
+        };
+        assert_eq!(view.count(Some(1)), MOST_FRAMES);
+        assert_eq!(view.count(Some(1)), MOST_FRAMES);
+    }
+
+    #[test]
+    fn no_number_is_never_static() {
+        let mut view = StaticView::default();
+        assert_eq!([f32::NAN; 3].map(|now| view.count(Some(now))), [0; 3]);
+    }
+}

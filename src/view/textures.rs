@@ -1,0 +1,97 @@
+//! Textures and uniform of one reflecting view, and its state from frame to frame.
+
+use super::{
+    culling::ViewCulling,
+    static_view::{MOST_FRAMES, StaticView, ViewFingerprint},
+    uniform::{Frame, FrameState, GpuReflectionView, PreviousFrame},
+};
+use crate::{
+    settings::{ReflectionView, Technique},
+    targets::{Needs, Sizes, Targets},
+};
+use bevy::{
+    ecs::component::Component,
+    math::UVec2,
+    render::{render_resource::UniformBuffer, renderer::RenderDevice},
+};
+
+/// A view's textures, uniform and memory of the last frame.
+#[derive(Component)]
+pub struct ReflectionTextures {
+    /// First pixel in the target.
+    pub(crate) origin: UVec2,
+    pub(crate) targets: Targets,
+    pub(crate) uniform: UniformBuffer<GpuReflectionView>,
+    /// The element of ping-pong pairs that is written in this frame.
+    pub(crate) write_index: usize,
+    accumulated: u32,
+    sample_index: u32,
+    /// Version of the scene that the accumulation holds.
+    scene: u32,
+    previous: Option<PreviousFrame>,
+    static_view: StaticView<ViewFingerprint>,
+}
+
+impl ReflectionTextures {
+    /// `old` are the textures of the view in another size or for other settings. The sequence of samples goes on from theirs: else a
+    /// view that is resized in each frame would see one sample for ever.
+    pub(super) fn new(device: &RenderDevice, sizes: Sizes, needs: Needs, old: Option<&Self>) -> Self {
+        let mut targets = Targets::new(device, sizes, needs);
+        targets.memory.push(ViewCulling::MEMORY);
+        Self {
+            origin: UVec2::ZERO,
+            targets,
+            uniform: UniformBuffer::default(),
+            write_index: 0,
+            accumulated: 0,
+            sample_index: old.map_or(0, |old| old.sample_index),
+            scene: 0,
+            previous: None,
+            static_view: StaticView::default(),
+        }
+    }
+
+    /// Bytes of all textures and buffers.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.targets.memory.iter().map(|(_, bytes)| bytes).sum()
+    }
+
+    /// Pixels of the view.
+    pub(crate) fn size(&self) -> UVec2 {
+        self.targets.sizes.full
+    }
+
+    /// Brings the state forward by one frame and sets the uniform, which is still to be written to the GPU.
+    pub(super) fn begin_frame(&mut self, view: &ReflectionView, frame: &Frame) {
+        let converged = view.settings.technique == Technique::Converged;
+        let scene_changed = core::mem::replace(&mut self.scene, frame.scene) != frame.scene;
+        if view.reset || (scene_changed && converged) {
+            self.accumulated = 0;
+            if converged {
+                self.sample_index = 0;
+            }
+        }
+        let now = PreviousFrame {
+            clip_from_world: frame.clip_from_world,
+            world_position: frame.world_position,
+            exposure: frame.exposure,
+        };
+        let state = FrameState {
+            sample_index: self.sample_index,
+            accumulated: self.accumulated,
+            static_frames: self.static_view.count(ViewFingerprint::new(view, frame)),
+            previous: self.previous.replace(now).unwrap_or(now),
+        };
+        let (sizes, rate) = (self.targets.sizes, &view.rate.thresholds);
+        self.origin = frame.origin;
+        self.uniform
+            .set(GpuReflectionView::new(&view.settings, rate, sizes, frame, &state));
+        self.accumulated = if frame.culled {
+            0
+        } else {
+            (self.accumulated + 1).min(MOST_FRAMES)
+        };
+        self.sample_index = self.sample_index.wrapping_add(1);
+        self.write_index ^= 1;
+    }
+}

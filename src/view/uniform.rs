@@ -1,0 +1,216 @@
+//! Settings and state of a view for the shaders, and what a view is like in one frame.
+
+use crate::{
+    scene::environment::ViewEnvironment,
+    settings::{RateThresholds, RaySampling, SafeSettings},
+    targets::Sizes,
+};
+use bevy::{
+    color::Alpha,
+    math::{Mat4, UVec2, Vec3, Vec4},
+    pbr::{DistanceFog, FogFalloff},
+    render::render_resource::{BindGroupId, ShaderType},
+};
+
+/// Settings and state of a view for the shaders (`uniform.wesl`).
+#[derive(Clone, Copy, Debug, Default, ShaderType)]
+pub struct GpuReflectionView {
+    /// Perceptual roughness where the fade to the environment map begins.
+    pub fade_start: f32,
+    /// Perceptual roughness above which nothing is traced.
+    pub cutoff: f32,
+    /// Metres.
+    pub max_ray_length: f32,
+    /// Index of this frame's sample in the low-discrepancy sequence.
+    pub sample_index: u32,
+    /// Frames that the accumulation or the history holds before this one; 0 = what they hold must not be read.
+    pub accumulated: u32,
+    /// `VIEW_` flags.
+    pub flags: u32,
+    /// First pixel of the view in the G-buffer.
+    pub origin: UVec2,
+    /// Pixels that are traced.
+    pub size: UVec2,
+    /// 0 off, 1 linear, 2 exponential, 3 exponential squared, 4 atmospheric: as in Bevy.
+    pub fog_mode: u32,
+    /// Opacity of the fog's colour.
+    pub fog_alpha: f32,
+    /// Start and end, density, or extinction.
+    pub fog_parameters: Vec4,
+    /// Trace pixels of the view.
+    pub trace_size: UVec2,
+    /// Tiles of the view.
+    pub tile_count: UVec2,
+    /// Pixels per trace pixel in each direction: 1 or 2.
+    pub trace_scale: u32,
+    /// Trace pixels per tile in each direction: 8 or 16.
+    pub tile_size: u32,
+    /// Exposure of this frame over that of the last.
+    pub exposure_ratio: f32,
+    /// World to clip space of the last frame, without jitter.
+    pub previous_clip_from_world: Mat4,
+    /// Position of the camera in the last frame.
+    pub previous_world_position: Vec3,
+    /// Rays of neighbours that a pixel is reconstructed from.
+    pub samples: u32,
+    /// Frames.
+    pub max_history: f32,
+    /// Standard deviations.
+    pub clip_sigma: f32,
+    /// Pixels.
+    pub blur_radius: f32,
+    /// Frames in a row before this one without a known change of anything that the picture depends on; 0 without history.
+    pub static_frames: u32,
+    /// Roughness or cosine from which two trace pixels share a ray.
+    pub rate_half: f32,
+    /// The same for four.
+    pub rate_quarter: f32,
+    /// The same for eight and sixteen.
+    pub rate_eighth: f32,
+    /// Least roughness in a tile below which it keeps 1x1; negative for none.
+    pub rate_min_roughness: f32,
+    /// Length of the average normal below which a tile counts as an edge; negative for none.
+    pub rate_min_flatness: f32,
+    /// Share of the reflection below which it is faint.
+    pub rate_faint: f32,
+    /// Highest step of the heuristic's ladder of rates.
+    pub rate_max_level: u32,
+    /// Code of the uniform rate.
+    pub rate_uniform_code: u32,
+}
+
+/// Screen-space ambient occlusion is bound.
+pub const VIEW_HAS_SSAO: u32 = 1;
+/// Bevy's lighting adds the diffuse light of environment maps, probes or irradiance volumes.
+pub const VIEW_HAS_IRRADIANCE: u32 = 2;
+
+/// Mirror pixels get rays of their own and pass by the denoiser.
+pub const VIEW_FULL_RESOLUTION_MIRRORS: u32 = 4;
+/// Rays are drawn as the paper draws them.
+pub const VIEW_HALTON: u32 = 8;
+/// A second history follows the reflected image.
+pub const VIEW_VIRTUAL_HISTORY: u32 = 16;
+/// Rays far brighter than their neighbours are dimmed.
+pub const VIEW_SUPPRESS_FIREFLIES: u32 = 32;
+
+/// What a view is like in one frame.
+pub(super) struct Frame {
+    pub origin: UVec2,
+    /// [`VIEW_HAS_SSAO`] and [`VIEW_HAS_IRRADIANCE`].
+    pub flags: u32,
+    pub fog: Fog,
+    /// Version of the scene.
+    pub scene: u32,
+    /// Without jitter.
+    pub clip_from_world: Mat4,
+    pub world_position: Vec3,
+    pub exposure: f32,
+    pub environment: Option<ViewEnvironment>,
+    /// Changes with the images of the environment, one frame late.
+    pub environment_id: Option<BindGroupId>,
+    /// Other cameras render into images, which surfaces may show.
+    pub has_screens: bool,
+    /// Nothing is kept of it.
+    pub culled: bool,
+}
+
+/// State that a view carries from frame to frame, as far as shaders see it.
+pub(super) struct FrameState {
+    pub sample_index: u32,
+    pub accumulated: u32,
+    pub static_frames: u32,
+    pub previous: PreviousFrame,
+}
+
+/// The camera of the last frame.
+#[derive(Clone, Copy)]
+pub(super) struct PreviousFrame {
+    /// Without jitter.
+    pub clip_from_world: Mat4,
+    pub world_position: Vec3,
+    pub exposure: f32,
+}
+
+impl GpuReflectionView {
+    pub(super) fn new(
+        settings: &SafeSettings,
+        rate: &RateThresholds,
+        sizes: Sizes,
+        frame: &Frame,
+        state: &FrameState,
+    ) -> Self {
+        let ratio = frame.exposure / state.previous.exposure;
+        Self {
+            fade_start: settings.fade_start,
+            cutoff: settings.cutoff,
+            max_ray_length: settings.max_ray_length,
+            sample_index: state.sample_index,
+            accumulated: state.accumulated,
+            flags: frame.flags | flags(settings),
+            origin: frame.origin,
+            size: sizes.full,
+            fog_mode: frame.fog.mode,
+            fog_alpha: frame.fog.alpha,
+            fog_parameters: frame.fog.parameters,
+            trace_size: sizes.trace(),
+            tile_count: sizes.tiles(),
+            trace_scale: sizes.trace_scale,
+            tile_size: sizes.tile,
+            exposure_ratio: if ratio.is_finite() { ratio } else { 1.0 },
+            previous_clip_from_world: state.previous.clip_from_world,
+            previous_world_position: state.previous.world_position,
+            samples: settings.denoiser.samples,
+            max_history: settings.denoiser.max_history,
+            clip_sigma: settings.denoiser.clip_sigma,
+            blur_radius: settings.denoiser.blur_radius,
+            static_frames: state.static_frames,
+            rate_half: rate.half,
+            rate_quarter: rate.quarter,
+            rate_eighth: rate.eighth,
+            rate_min_roughness: rate.min_roughness,
+            rate_min_flatness: rate.min_flatness,
+            rate_faint: rate.faint,
+            rate_max_level: rate.max_level,
+            rate_uniform_code: rate.uniform_code,
+        }
+    }
+}
+
+/// The flags that follow from settings.
+fn flags(settings: &SafeSettings) -> u32 {
+    let set = [
+        (VIEW_FULL_RESOLUTION_MIRRORS, settings.full_resolution_mirrors),
+        (VIEW_HALTON, settings.sampling == RaySampling::Halton),
+        (VIEW_VIRTUAL_HISTORY, settings.denoiser.virtual_history),
+        (VIEW_SUPPRESS_FIREFLIES, settings.denoiser.suppress_fireflies),
+    ];
+    set.into_iter()
+        .fold(0, |flags, (flag, is_set)| if is_set { flags | flag } else { flags })
+}
+
+/// Distance fog as shaders take it. Bevy fogs the lit frame before reflections are added to it: they are dimmed by the same
+/// transmittance.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Fog {
+    /// [`GpuReflectionView::fog_mode`].
+    mode: u32,
+    alpha: f32,
+    parameters: Vec4,
+}
+
+impl From<Option<&DistanceFog>> for Fog {
+    fn from(fog: Option<&DistanceFog>) -> Self {
+        let Some(fog) = fog else { return Self::default() };
+        let (mode, parameters) = match fog.falloff {
+            FogFalloff::Linear { start, end } => (1, Vec4::new(start, end, 0.0, 0.0)),
+            FogFalloff::Exponential { density } => (2, Vec4::new(density, 0.0, 0.0, 0.0)),
+            FogFalloff::ExponentialSquared { density } => (3, Vec4::new(density, 0.0, 0.0, 0.0)),
+            FogFalloff::Atmospheric { extinction, .. } => (4, extinction.extend(0.0)),
+        };
+        Self {
+            mode,
+            alpha: fog.color.alpha(),
+            parameters,
+        }
+    }
+}

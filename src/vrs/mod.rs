@@ -1,0 +1,102 @@
+//! Variable rate shading of the rasterizer: a full-screen fragment pass with a shading-rate attachment
+//! (`VK_KHR_fragment_shading_rate`), so that the GPU starts one invocation for each block.
+//!
+//! wgpu knows no such attachments. The device is opened with the extension by [`HardwareVrsPlugin`]; the pass is a raw Vulkan
+//! pass in a command buffer of its own, between those that wgpu records:
+//!
+//! 1. A shader packs the rate image into bytes, and an empty dispatch with the pass's bind groups makes wgpu bring all that they
+//!    name into the states in which shaders read it (`states.rs`).
+//! 2. The raw command buffer copies the bytes into the attachment and draws (`pass.rs`) with a pipeline that is made of the
+//!    same WESL as wgpu's (`shader.rs`, `pipeline.rs`) and descriptor sets with the contents of wgpu's bind groups
+//!    (`contents.rs`, `descriptors.rs`).
+//! 3. What the command buffer uses is kept until wgpu reports that the GPU is done with it.
+//!
+//! This module knows neither rays nor views. `trace/vrs.rs` says what is drawn. Where this module isn't compiled, `no_vrs.rs` takes
+//! its place.
+
+#![expect(
+    unsafe_code,
+    reason = "wgpu has no shading-rate attachments, so that Vulkan is called directly"
+)]
+
+mod backend;
+mod contents;
+mod descriptors;
+mod device;
+mod device_address;
+mod draw;
+mod init;
+mod pass;
+mod pipeline;
+mod rate_image;
+mod shader;
+mod states;
+#[cfg(test)]
+mod tests;
+
+pub use init::{HardwareVrs, HardwareVrsPlugin};
+
+pub(crate) use backend::VrsBackend;
+pub(crate) use contents::BindGroupContents;
+pub(crate) use draw::{DrawGroup, PipelineRequest, VrsDraw};
+
+use crate::{
+    device::{HardwareRates, tracing_app},
+    schedule::ReflectionSystems,
+    status::ReflectionStatus,
+};
+use backend::{collect_shaders, evict_unused, init_backend};
+use bevy::{
+    app::{App, Plugin},
+    ecs::schedule::IntoScheduleConfigs,
+    render::{ExtractSchedule, Render, RenderStartup, RenderSystems},
+};
+
+/// Whether rate images with tiles of `tile` x `tile` trace pixels can be used by the hardware. `support` is the main world's
+/// resource.
+///
+/// # Errors
+/// The reason why not, as the end of a sentence.
+pub(crate) fn available(support: Option<&HardwareVrs>, tile: u32) -> Result<(), String> {
+    support.map_or_else(
+        || Err("`HardwareVrsPlugin` wasn't added before `DefaultPlugins`".into()),
+        |support| support.available(tile),
+    )
+}
+
+/// For [`StatusReport`](crate::StatusReport).
+pub(crate) fn status(support: Option<&HardwareVrs>) -> HardwareRates {
+    support.map_or(HardwareRates::NotAsked, HardwareVrs::status)
+}
+
+/// Fragments of a size exist, named by its code.
+pub(crate) fn supports(support: Option<&HardwareVrs>, code: u32) -> bool {
+    let rates = support.and_then(HardwareVrs::rates);
+    rates.is_none_or(|rates| rates.supports(code))
+}
+
+/// Adds the systems that make and keep [`VrsBackend`]. Without hardware support they leave no such resource, and [`HardwareVrs`] says
+/// why.
+pub(crate) struct VrsPlugin;
+
+impl Plugin for VrsPlugin {
+    fn build(&self, _app: &mut App) {}
+
+    fn finish(&self, app: &mut App) {
+        let Some(support) = app.world().get_resource::<HardwareVrs>().cloned() else {
+            return;
+        };
+        let Some(render_app) = tracing_app(app) else { return };
+        if let Some(report) = render_app.world().get_resource::<ReflectionStatus>() {
+            report.update(|report| report.hardware_rates = support.status());
+        }
+        render_app
+            .insert_resource(support)
+            .add_systems(RenderStartup, init_backend)
+            .add_systems(
+                ExtractSchedule,
+                collect_shaders.after(ReflectionSystems::ExtractCameras),
+            )
+            .add_systems(Render, evict_unused.in_set(RenderSystems::Cleanup));
+    }
+}

@@ -1,0 +1,86 @@
+//! wgpu's part of the pass: packs the rates and brings all that the pass uses into the states that it counts on.
+
+use super::{
+    draw::VrsDraw,
+    rate_image::{RateImage, RateRows},
+};
+use bevy::render::{
+    render_resource::{
+        BindGroupEntries, BindGroupLayout, ComputePassDescriptor, ComputePipeline, LoadOp, Operations,
+        RenderPassColorAttachment, RenderPassDescriptor, StoreOp,
+    },
+    renderer::RenderContext,
+};
+use wgpu::{BufferTransition, BufferUses, TextureTransition, TextureUses};
+
+/// The entry points of the attachment shader.
+pub(super) struct StateSetter<'a> {
+    pub pack: &'a ComputePipeline,
+    pub pack_layout: BindGroupLayout,
+    pub touch: &'a ComputePipeline,
+}
+
+impl StateSetter<'_> {
+    /// `new_targets`: wgpu hasn't seen them in this back end before.
+    pub fn set(&self, ctx: &mut RenderContext, pass: &VrsDraw, rates: Option<&RateImage>, new_targets: bool) {
+        let targets = [pass.ray_radiance, pass.ray_sample];
+        if new_targets {
+            // wgpu doesn't see the pass write them: it would clear them at their first use after the pass.
+            let attachment = |view| {
+                Some(RenderPassColorAttachment {
+                    view,
+                    depth_slice: None,
+                    resolve_target: None,
+                    ops: Operations {
+                        load: LoadOp::Clear(Default::default()),
+                        store: StoreOp::Store,
+                    },
+                })
+            };
+            drop(ctx.command_encoder().begin_render_pass(&RenderPassDescriptor {
+                label: Some("glint_vrs_clear"),
+                color_attachments: &[attachment(targets[0]), attachment(targets[1])],
+                ..Default::default()
+            }));
+        }
+        let pack_group = rates.map(|rates| {
+            ctx.render_device().create_bind_group(
+                "glint_vrs_rates",
+                &self.pack_layout,
+                &BindGroupEntries::sequential((pass.rate, rates.words.as_entire_binding())),
+            )
+        });
+        {
+            let mut compute = ctx.command_encoder().begin_compute_pass(&ComputePassDescriptor {
+                label: Some("glint_vrs_rates"),
+                timestamp_writes: None,
+            });
+            if let (Some(rates), Some(pack_group)) = (rates, &pack_group) {
+                let words = RateRows::new(rates.tiles).total_words();
+                compute.set_pipeline(self.pack);
+                compute.set_bind_group(0, pack_group, &[]);
+                compute.dispatch_workgroups(words.div_ceil(64), 1, 1);
+            }
+            // wgpu makes its barriers for a dispatch even where it is empty, and for shaders of all stages.
+            compute.set_pipeline(self.touch);
+            for (index, group) in (0..).zip(&pass.groups) {
+                let Ok(contents) = group.contents.contents() else {
+                    continue;
+                };
+                compute.set_bind_group(index, &contents.bind_group, group.offsets);
+            }
+            compute.dispatch_workgroups(0, 0, 0);
+        }
+        ctx.command_encoder().transition_resources(
+            rates.iter().map(|rates| BufferTransition {
+                buffer: &*rates.words,
+                state: BufferUses::COPY_SRC,
+            }),
+            targets.iter().map(|target| TextureTransition {
+                texture: target.texture(),
+                selector: None,
+                state: TextureUses::COLOR_TARGET,
+            }),
+        );
+    }
+}
