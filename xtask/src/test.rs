@@ -1,18 +1,18 @@
 //! `cargo xtask test`: every test of the workspace, with the driver that the GPU tests need.
 
+use std::cmp::Reverse;
 use std::env;
 use std::ffi::OsString;
 use std::fmt;
 use std::io::{self, IsTerminal, Read};
-use std::iter;
+use std::iter::{self, Sum};
 use std::num::NonZeroUsize;
-use std::ops::AddAssign;
 use std::process::{Command, Stdio};
 use std::sync::Mutex;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, bail};
+use anyhow::{Result, ensure};
 
 use crate::cargo::{self, Executable};
 use crate::driver::{self, Need};
@@ -68,20 +68,29 @@ pub fn measure(options: &Options, times: &mut Times) -> Result<()> {
             test.command.arg("--color=always");
         }
     }
-    let mut total = Tally::default();
-    let mut broken = Vec::new();
-    let outcomes = times.step("tests", || Ok(run_all(tests, options.jobs, progress::raw)))?;
+    let start = Instant::now();
+    let outcomes = run_all(tests, options.jobs, progress::raw);
+    let time = start.elapsed();
+    let total: Tally = outcomes.iter().map(|outcome| outcome.tally).sum();
+    progress::result(format_args!("\ntests: {total}"));
+    summarize(outcomes, time, times)
+}
+
+/// Adds the time of each program, the longest first. Fails if one of them did.
+fn summarize(mut outcomes: Vec<Outcome>, time: Duration, times: &mut Times) -> Result<()> {
+    let failed: Vec<_> = outcomes
+        .iter()
+        .filter(|outcome| !outcome.success)
+        .map(|outcome| outcome.name.clone())
+        .collect();
+    times.add("tests", time, if failed.is_empty() { "" } else { "FAILED" });
+    outcomes.sort_by_key(|outcome| Reverse(outcome.time));
     for outcome in outcomes {
-        total += outcome.tally;
-        times.add(&format!("  {}", outcome.name), outcome.time, &outcome.remark());
-        if !outcome.success {
-            broken.push(outcome.name);
-        }
+        let result = if outcome.success { "" } else { ", FAILED" };
+        let remark = format!("{}{result}", outcome.tally);
+        times.add(&format!("  {}", outcome.name), outcome.time, &remark);
     }
-    progress::result(format_args!("tests: {total}"));
-    if !broken.is_empty() {
-        bail!("tests failed in {}; they are named above", broken.join(", "));
-    }
+    ensure!(failed.is_empty(), "tests failed in {}", failed.join(", "));
     Ok(())
 }
 
@@ -136,13 +145,6 @@ struct Outcome {
     tally: Tally,
 }
 
-impl Outcome {
-    fn remark(&self) -> String {
-        let failed = if self.success { "" } else { " FAILED" };
-        format!("{}{failed}", self.tally)
-    }
-}
-
 /// Runs all tests, some at a time. With several at a time, the output of each is shown when it has ended.
 fn run_all(tests: Vec<Test>, jobs: NonZeroUsize, show: fn(&[u8])) -> Vec<Outcome> {
     let queue = Mutex::new(tests.into_iter());
@@ -163,24 +165,24 @@ fn run_all(tests: Vec<Test>, jobs: NonZeroUsize, show: fn(&[u8])) -> Vec<Outcome
 }
 
 fn run_one(mut test: Test, is_alone: bool, show: fn(&[u8])) -> Outcome {
-    progress::say(format_args!("==> {}", test.name));
     let start = Instant::now();
     let mut output = Vec::new();
-    let success = capture(&mut test.command, |bytes| {
+    let mut receive = |bytes: &[u8]| {
         output.extend_from_slice(bytes);
         if is_alone {
             show(bytes);
         }
+    };
+    receive(format!("==> {}\n", test.name).as_bytes());
+    let success = capture(&mut test.command, &mut receive).unwrap_or_else(|error| {
+        receive(format!("{error}\n").as_bytes());
+        false
     });
     let time = start.elapsed();
+    receive(format!("==> {}: {}\n", test.name, Elapsed(time)).as_bytes());
     if !is_alone {
         show(&output);
     }
-    let success = success.unwrap_or_else(|error| {
-        progress::note(format_args!("{} can't be run: {error}", test.name));
-        false
-    });
-    progress::say(format_args!("==> {}: {}", test.name, Elapsed(time)));
     Outcome {
         name: test.name,
         time,
@@ -234,11 +236,13 @@ impl Tally {
     }
 }
 
-impl AddAssign for Tally {
-    fn add_assign(&mut self, other: Self) {
-        self.passed += other.passed;
-        self.failed += other.failed;
-        self.ignored += other.ignored;
+impl Sum for Tally {
+    fn sum<I: Iterator<Item = Self>>(tallies: I) -> Self {
+        tallies.fold(Self::default(), |sum, tally| Self {
+            passed: sum.passed + tally.passed,
+            failed: sum.failed + tally.failed,
+            ignored: sum.ignored + tally.ignored,
+        })
     }
 }
 
@@ -303,16 +307,19 @@ mod tests {
                 .iter()
                 .map(|all| (all.name.as_str(), all.success, all.tally.passed))
                 .collect();
-            assert_eq!(
-                seen,
-                [
-                    ("crashes", false, 2),
-                    ("fails", false, 1),
-                    ("missing", false, 0),
-                    ("passes", true, 2)
-                ]
-            );
-            assert_eq!(outcomes[1].remark(), "1 passed, 1 failed FAILED");
+            let expected = [
+                ("crashes", false, 2),
+                ("fails", false, 1),
+                ("missing", false, 0),
+                ("passes", true, 2),
+            ];
+            assert_eq!(seen, expected);
+            let total: Tally = outcomes.iter().map(|outcome| outcome.tally).sum();
+            assert_eq!(total.to_string(), "5 passed, 1 failed");
+            let mut times = Times::default();
+            let error = summarize(outcomes, Duration::ZERO, &mut times).unwrap_err();
+            assert_eq!(error.to_string(), "tests failed in crashes, fails, missing");
+            assert!(times.to_string().contains("1 passed, 1 failed, FAILED"), "{times}");
         }
     }
 }
