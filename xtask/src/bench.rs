@@ -17,10 +17,9 @@ pub struct Options {
 
 /// Builds and runs the benchmark.
 pub fn run(options: &Options) -> Result {
-    cargo::require_example("bench")?;
     let driver = driver::prepare(Need::Vulkan)?;
     progress::step("build and run the benchmark", || {
-        let mut command = cargo::program(Program::Example("bench"))?;
+        let mut command = cargo::program(Program::Binary("glint_bench"))?;
         command.args(&options.arguments).envs(driver);
         cargo::run(&mut command, "the benchmark")
     })

@@ -57,8 +57,6 @@ pub fn release(subcommand: &str) -> Result<Command> {
 pub enum Program {
     /// A binary of a tool.
     Binary(&'static str),
-    /// An example of the library.
-    Example(&'static str),
 }
 
 /// Builds a program and returns the command that runs it, in the workspace root.
@@ -66,18 +64,15 @@ pub enum Program {
 /// Every command of this crate selects the whole workspace, so that Cargo unifies features over all of it and compiles Bevy once
 /// (`tools/unify` has the details). `cargo run` can't select it, hence the two steps.
 pub fn program(program: Program) -> Result<Command> {
-    let (kind, name, folder) = match program {
-        Program::Binary(name) => ("--bin", name, "release"),
-        Program::Example(name) => ("--example", name, "release/examples"),
-    };
+    let Program::Binary(name) = program;
     let mut build = release("build")?;
-    build.args(["--workspace", kind, name]);
+    build.args(["--workspace", "--bin", name]);
     run(&mut build, &format!("the build of `{name}`"))?;
     let root = workspace_root();
     let target = env::var_os("CARGO_TARGET_DIR").map_or_else(|| PathBuf::from("target"), PathBuf::from);
     let file = root
         .join(target)
-        .join(folder)
+        .join("release")
         .join(name)
         .with_extension(env::consts::EXE_EXTENSION);
     let mut command = Command::new(file);
@@ -102,18 +97,6 @@ pub fn not_started(command: &Command, error: &std::io::Error) -> Failure {
         "`{}` can't be started: {error}",
         command.get_program().to_string_lossy()
     ))
-}
-
-/// Fails early, and in plain words, if the root package lacks an example.
-pub fn require_example(name: &str) -> Result {
-    let folder = workspace_root().join("examples");
-    if folder.join(format!("{name}.rs")).is_file() || folder.join(name).join("main.rs").is_file() {
-        Ok(())
-    } else {
-        Err(Failure::new(format!(
-            "this checkout has no example `{name}` (examples/{name}.rs)"
-        )))
-    }
 }
 
 fn compiler_version() -> Result<Option<Version>> {

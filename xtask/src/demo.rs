@@ -105,25 +105,24 @@ impl fmt::Display for Size {
     }
 }
 
-/// Builds the demo (or the viewer, for a file) and runs it.
+/// Builds the viewer and runs it.
 pub fn run(options: &Options) -> Result {
     let plan = Plan::new(options, has_display())?;
-    cargo::require_example(plan.example)?;
     if plan.headless && !options.headless {
         progress::note("there is no display, so a picture is written instead");
     }
     let written_before = plan.picture.as_deref().and_then(modified);
     let driver = driver::prepare(Need::Vulkan)?;
-    progress::step(&format!("build and run the example `{}`", plan.example), || {
-        let mut command = cargo::program(Program::Example(plan.example))?;
+    progress::step("build and run the viewer", || {
+        let mut command = cargo::program(Program::Binary("glint_viewer"))?;
         command.args(&plan.arguments).envs(driver);
-        cargo::run(&mut command, &format!("the example `{}`", plan.example))
+        cargo::run(&mut command, "the viewer")
     })?;
     match plan.picture {
         Some(picture) if modified(&picture) != written_before => progress::result(picture.display()),
         Some(picture) if plan.headless => {
             return Err(Failure::new(format!(
-                "the example ended without writing {}",
+                "the viewer ended without writing {}",
                 picture.display()
             )));
         }
@@ -139,7 +138,6 @@ fn modified(file: &Path) -> Option<SystemTime> {
 
 /// What to run, once the options are known to make sense.
 struct Plan {
-    example: &'static str,
     headless: bool,
     picture: Option<PathBuf>,
     arguments: Vec<OsString>,
@@ -178,9 +176,7 @@ impl Plan {
         if headless {
             arguments.push("--headless".into());
         }
-        let example = if options.gltf.is_some() { "viewer" } else { "demo" };
         Ok(Self {
-            example,
             headless,
             picture,
             arguments,
@@ -190,12 +186,12 @@ impl Plan {
 
 /// Whether a window can be opened.
 ///
-/// On Linux that means X11: the examples are built with it alone, and Wayland desktops serve it too.
+/// On Linux that means X11: the viewer is built with it alone, and Wayland desktops serve it too.
 fn has_display() -> bool {
     !cfg!(all(unix, not(target_os = "macos"))) || env::var_os("DISPLAY").is_some_and(|display| !display.is_empty())
 }
 
-/// Checks a glTF file and makes its path absolute, since the example runs in another directory.
+/// Checks a glTF file and makes its path absolute, since the viewer runs in another directory.
 fn gltf_path(file: &Path) -> Result<PathBuf> {
     let is_gltf = file
         .extension()
@@ -265,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn options_reach_the_example() {
+    fn options_reach_the_viewer() {
         let options = Options {
             scene: Some("spheres".into()),
             tracer: Some(Tracer::RayQuery),
@@ -274,7 +270,7 @@ mod tests {
             ..Options::default()
         };
         let plan = Plan::new(&options, true).unwrap();
-        assert_eq!((plan.example, plan.headless, plan.picture), ("demo", false, None));
+        assert_eq!((plan.headless, plan.picture), (false, None));
         assert_eq!(
             plan.arguments,
             [

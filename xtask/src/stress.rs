@@ -61,8 +61,8 @@ pub fn run(options: &Options) -> Result {
     };
     let driver = driver::prepare(need)?;
     if needs_viewer(options) {
-        progress::step("build the example `viewer`", || {
-            cargo::program(Program::Example(VIEWER)).map(drop)
+        progress::step("build the viewer", || {
+            cargo::program(Program::Binary("glint_viewer")).map(drop)
         })?;
     }
     progress::step("build and run the stress suite", || {
@@ -72,13 +72,10 @@ pub fn run(options: &Options) -> Result {
     })
 }
 
-/// Broken files are shown to it.
-const VIEWER: &str = "viewer";
-
 /// Whether the run has a section in which files are shown.
 fn needs_viewer(options: &Options) -> bool {
     match &options.only {
-        Some(only) => only == VIEWER,
+        Some(only) => only == "viewer",
         None => options.count.is_none() && options.keep.is_none(),
     }
 }

@@ -13,6 +13,7 @@ use std::process::Command;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use crate::cargo::Program;
 use crate::driver::{self, Need};
 use crate::failure::{Failure, Result};
 use crate::{cargo, progress};
@@ -27,9 +28,10 @@ pub struct Options {
     out: PathBuf,
 }
 
-const EXAMPLE: &str = "settings_panel";
-/// What the title of the example's window begins with.
-const TITLE: &str = "bevy_glint: F2";
+/// The viewer shows the panel.
+const PROGRAM: Program = Program::Binary("glint_viewer");
+/// What the title of its window begins with.
+const TITLE: &str = "bevy_glint: ";
 const PROGRAMS: [&str; 3] = ["Xvfb", "xdotool", "import"];
 /// On Debian: these programs, and the libraries that windows load when they open.
 const PACKAGES: [&str; 8] = [
@@ -72,12 +74,11 @@ const DRAG: (i32, i32) = (250, 40);
 /// A place where the pointer touches nothing.
 const AWAY: (i32, i32) = (1000, 700);
 
-/// Builds the example and works it.
+/// Builds the viewer and works it.
 pub fn run(options: &Options) -> Result {
     if !cfg!(target_os = "linux") {
         return Err(Failure::new("a virtual X11 display is needed: run this on Linux"));
     }
-    cargo::require_example(EXAMPLE)?;
     let out = &options.out;
     fs::create_dir_all(out).map_err(|error| Failure::new(format!("{} can't be made: {error}", out.display())))?;
     let driver = driver::prepare(Need::Vulkan)?;
@@ -86,17 +87,11 @@ pub fn run(options: &Options) -> Result {
     if !PROGRAMS.iter().all(is_installed) {
         driver::tools(&PACKAGES, "a virtual display (Xvfb, xdotool, ImageMagick)")?;
     }
-    progress::step("build the example", || cargo::run(&mut example("build")?, "the build"))?;
-    progress::step("work its window", || Session::start(out, driver)?.work())
+    let mut program = progress::step("build the viewer", || cargo::program(PROGRAM))?;
+    progress::step("work its window", || Session::start(out, driver, &mut program)?.work())
 }
 
-fn example(subcommand: &str) -> Result<Command> {
-    let mut command = cargo::release(subcommand)?;
-    command.args(["--package", "bevy_glint", "--example", EXAMPLE, "--features", "egui"]);
-    Ok(command)
-}
-
-/// The example on its display.
+/// The viewer on its display.
 struct Session<'a> {
     out: &'a Path,
     program: Running,
@@ -104,13 +99,12 @@ struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
-    fn start(out: &'a Path, driver: Vec<(&'static str, String)>) -> Result<Self> {
+    fn start(out: &'a Path, driver: Vec<(&'static str, String)>, program: &mut Command) -> Result<Self> {
         let display = Display::open()?;
         let log = File::create(out.join("log.txt")).and_then(|file| Ok((file.try_clone()?, file)));
         let (log, errors) = log.map_err(|error| Failure::new(format!("no log can be written: {error}")))?;
-        let mut program = example("run")?;
         program
-            .args(["--", "--scene", "mirror_room", "--technique", "off"])
+            .args(["--panel", "--scene", "mirror_room", "--technique", "off"])
             .args(["--size", "1280x720"])
             .envs(driver)
             .env("DISPLAY", &display.name)
@@ -118,8 +112,7 @@ impl<'a> Session<'a> {
             .env_remove("WAYLAND_DISPLAY")
             .stdout(log)
             .stderr(errors);
-        // On Unix, cargo becomes the program that it runs.
-        let program = Running::start(&mut program)?;
+        let program = Running::start(program)?;
         Ok(Self { out, program, display })
     }
 
@@ -154,7 +147,7 @@ impl<'a> Session<'a> {
         self.save("5-dragged")
     }
 
-    /// The id of the example's window, once it is there.
+    /// The id of the viewer's window, once it is there.
     fn window(&mut self) -> Result<String> {
         let begin = Instant::now();
         while begin.elapsed() < LONG {
@@ -166,7 +159,7 @@ impl<'a> Session<'a> {
             }
             thread::sleep(Duration::from_millis(250));
         }
-        Err(self.failure("the example opens no window"))
+        Err(self.failure("the viewer opens no window"))
     }
 
     /// Finds the switch by trying: its click changes the rows below.
@@ -274,6 +267,6 @@ impl<'a> Session<'a> {
             return Ok(());
         }
         let log = self.out.join("log.txt");
-        Err(Failure::new(format!("the example has ended; see {}", log.display())))
+        Err(Failure::new(format!("the viewer has ended; see {}", log.display())))
     }
 }
