@@ -58,32 +58,9 @@ pub fn workspace(subcommand: &str) -> Command {
     command
 }
 
-/// A program of the workspace to build and run.
-#[derive(Debug, Clone, Copy)]
-pub enum Program {
-    /// A binary of a tool.
-    Binary(&'static str),
-    /// An example of the library.
-    Example(&'static str),
-}
-
-impl Program {
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Binary(name) | Self::Example(name) => name,
-        }
-    }
-}
-
-/// Builds a program and returns the command that runs it in the current folder.
-pub fn program(program: Program) -> Result<Command> {
-    let name = program.name();
-    let kind = match program {
-        Program::Binary(_) => "--bin",
-        Program::Example(_) => "--example",
-    };
-    let built = build(workspace("build").args([kind, name]))?;
+/// Builds a binary of a tool and returns the command that runs it in the current folder.
+pub fn program(name: &str) -> Result<Command> {
+    let built = build(workspace("build").args(["--bin", name]))?;
     let Some(built) = built.into_iter().find(|built| built.name == name) else {
         bail!("cargo built no program `{name}`");
     };

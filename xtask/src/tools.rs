@@ -8,9 +8,8 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 
-use crate::cargo::{self, Program};
 use crate::driver::{self, Need};
-use crate::{progress, publish};
+use crate::{cargo, progress, publish};
 
 /// What `demo`, `bench` and `stress` accept.
 #[derive(clap::Args)]
@@ -33,22 +32,23 @@ pub struct EvaluateOptions {
     pub program: Options,
 }
 
+const VIEWER: &str = "glint_viewer";
+
 /// Shows a scene in a window; where there is no display, writes an image.
 pub fn demo(options: Options) -> Result<()> {
     driver::prepare(Need::Vulkan)?;
     let mut arguments = options.arguments;
-    let is_file = arguments.iter().any(|argument| argument == "--gltf");
     if !has_display() && !arguments.iter().any(|argument| argument == "--headless") {
         progress::note("there is no display, so an image is written");
         arguments.push("--headless".into());
     }
-    run(Program::Example(if is_file { "viewer" } else { "demo" }), &arguments)
+    run(VIEWER, &arguments)
 }
 
 /// Measures rays per second and build times.
 pub fn bench(options: &Options) -> Result<()> {
     driver::prepare(Need::Vulkan)?;
-    run(Program::Example("bench"), &options.arguments)
+    run("glint_bench", &options.arguments)
 }
 
 /// Measures the cost and the error of each technique, or publishes what was measured.
@@ -64,20 +64,19 @@ pub fn evaluate(options: EvaluateOptions) -> Result<()> {
     }
     // For Bevy Solari's row, too.
     driver::prepare(Need::RayQuery)?;
-    run(Program::Binary("glint_evaluate"), &arguments)
+    run("glint_evaluate", &arguments)
 }
 
 /// Attacks every stage with hostile input.
 pub fn stress(options: &Options) -> Result<()> {
     driver::prepare(Need::RayQuery)?;
     // Broken files are shown to it.
-    progress::step("build the viewer", || cargo::program(Program::Example("viewer")))?;
-    run(Program::Binary("glint_stress"), &options.arguments)
+    progress::step(&format!("build {VIEWER}"), || cargo::program(VIEWER))?;
+    run("glint_stress", &options.arguments)
 }
 
-fn run(program: Program, arguments: &[OsString]) -> Result<()> {
-    let name = program.name();
-    let mut command = progress::step(&format!("build {name}"), || cargo::program(program))?;
+fn run(name: &str, arguments: &[OsString]) -> Result<()> {
+    let mut command = progress::step(&format!("build {name}"), || cargo::program(name))?;
     progress::step(&format!("run {name}"), || cargo::run(command.args(arguments), name))
 }
 

@@ -48,7 +48,7 @@ struct Arguments {
     /// compile all shaders with runtime checks (default: in every other process that renders scenes)
     #[argh(switch)]
     checked: bool,
-    /// the program of the example `viewer` (default: the one that cargo built beside this program)
+    /// the program `glint_viewer` (default: the one that cargo built beside this program)
     #[argh(option)]
     viewer: Option<PathBuf>,
     /// what this process does for another one

@@ -1,4 +1,4 @@
-//! The example `viewer` and broken files: it must show them or say what is wrong, and neither panic nor hang.
+//! The viewer and broken files: it must show them or say what is wrong, and neither panic nor hang.
 
 use crate::{
     ingredients::{FileKind, file_bytes},
@@ -53,16 +53,13 @@ impl Viewer {
     ///
     /// If there is none, or no folder can be made.
     pub fn new(given: Option<&Path>, tracer: &'static str) -> Result<Self, String> {
-        let name = format!("viewer{}", env::consts::EXE_SUFFIX);
+        let name = format!("glint_viewer{}", env::consts::EXE_SUFFIX);
         let own = env::current_exe().map_err(|error| error.to_string())?;
         let beside = own.parent().unwrap_or(Path::new("."));
-        let candidates = given.map_or_else(
-            || vec![beside.join("examples").join(&name), beside.join(&name)],
-            |given| vec![given.to_owned()],
-        );
-        let Some(program) = candidates.into_iter().find(|path| path.is_file()) else {
-            return Err("the example `viewer` isn't built beside this program, nor named by --viewer".to_owned());
-        };
+        let program = given.map_or_else(|| beside.join(&name), Path::to_owned);
+        if !program.is_file() {
+            return Err("`glint_viewer` isn't built beside this program, nor named by --viewer".to_owned());
+        }
         let folder = env::temp_dir().join(format!("glint_stress_{}", process::id()));
         fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
         Ok(Self {
@@ -176,8 +173,10 @@ mod tests {
             status: None,
             said: said.to_owned(),
         };
-        let own = judge(&ended("WARN x\nthread 'main' panicked at examples/viewer.rs:3:4:\nno"));
-        assert!(matches!(own, Verdict::Failed(problems) if problems[0].contains("viewer.rs")));
+        let own = judge(&ended(
+            "WARN x\nthread 'main' panicked at tools/viewer/src/gltf.rs:3:4:\nno",
+        ));
+        assert!(matches!(own, Verdict::Failed(problems) if problems[0].contains("gltf.rs")));
         let hang = judge(&ended(
             "thread panicked at /x/registry/src/y/bevy_gltf/src/lib.rs:1:1:\nno",
         ));

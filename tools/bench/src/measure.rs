@@ -1,7 +1,7 @@
 //! One scene with one tracer: waits for it, renders frames and gathers what diagnostics say.
 
 use crate::{
-    common::{self, ReflectionOptions, TracerWord},
+    arguments::{Plan, TimedTechnique},
     kernels,
     table::{Csv, Table, mebibytes, number, quantile},
 };
@@ -11,7 +11,9 @@ use bevy::{
     prelude::*,
     render::{RenderApp, diagnostic::RenderDiagnosticsPlugin, render_resource::PollType, renderer::RenderDevice},
 };
-use bevy_glint::{Backend, ReflectionStatus, StatusReport, inspect::TotalTimeOnly, named_settings};
+use bevy_glint::{
+    Backend, RayTracedReflectionsPlugin, ReflectionStatus, StatusReport, TracerChoice, inspect::TotalTimeOnly,
+};
 use glint_scenes::{HeadlessApp, HeadlessSettings, SceneName, SceneOptions, SceneStatistics};
 use std::{
     path::{Path, PathBuf},
@@ -25,8 +27,6 @@ const QUIET_FRAMES: u32 = 8;
 const FRAME_LIMIT: u32 = 4000;
 /// Frames after which a camera that sees nothing to reflect on rests at the latest.
 const REST_FRAMES: u32 = 60;
-/// The word for the preset `medium` on a camera that sees nothing to reflect on.
-pub const IDLE: &str = "idle";
 
 /// Kernels: the word in tables, its diagnostics of rays, hits and GPU time.
 const KERNELS: [(&str, &str, &str, &str); 3] = [
@@ -75,7 +75,7 @@ pub struct Tables {
 }
 
 /// The render app's world.
-pub fn render_world(app: &mut HeadlessApp) -> Result<&World, String> {
+fn render_world(app: &mut HeadlessApp) -> Result<&World, String> {
     let render = app.app().get_sub_app(RenderApp).ok_or("there is no render app")?;
     Ok(render.world())
 }
@@ -94,16 +94,19 @@ pub struct Bench {
     samples: Vec<Samples>,
     /// Milliseconds of all passes, without timers between them.
     totals: Vec<f64>,
-    /// The technique is [`IDLE`].
+    /// The camera sees nothing reflective.
     is_idle: bool,
 }
 
-/// A technique and its back end, from a word such as `vrs-roughness@hardware`.
-pub fn technique_and_backend(word: &str) -> (&str, Backend) {
-    match word.strip_suffix("@hardware") {
-        Some(name) => (name, Backend::Hardware),
-        None => (word, Backend::Compute),
+/// Adds the plugin of the hardware back end, which must come before Bevy's plugins.
+fn open_device(app: &mut App, backend: Backend) {
+    #[cfg(target_os = "linux")]
+    if backend == Backend::Hardware {
+        app.add_plugins(bevy_glint::HardwareVrsPlugin::default());
     }
+    // Elsewhere the camera's own warning says what is missing.
+    #[cfg(not(target_os = "linux"))]
+    let _ = (app, backend);
 }
 
 /// Puts the files of the folder that `GLINT_BENCH_SHADERS` names in the place of shader modules of the same path below `src/`, to
@@ -149,26 +152,25 @@ fn list_files(folder: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
 
 impl Bench {
     /// Spawns the scene.
-    pub fn new(
-        scene: SceneName,
-        tracer: TracerWord,
-        backend: Backend,
-        size: UVec2,
-        detail: f32,
-    ) -> Result<Self, String> {
-        let options = ReflectionOptions {
-            tracer,
-            backend,
+    pub fn new(scene: SceneName, tracer: TracerChoice, plan: &Plan) -> Result<Self, String> {
+        let settings = HeadlessSettings {
+            size: plan.size,
             ..default()
         };
+        let backend = plan.backend();
         // Nothing is animated, so that all frames trace the same rays.
-        let mut app = common::headless_app(HeadlessSettings { size, ..default() }, &options, |app| {
-            app.add_plugins(RenderDiagnosticsPlugin);
-            common::add_reflections(app, &options);
-            kernels::add(app);
-        })?;
+        let mut app = HeadlessApp::with_device(
+            settings,
+            |app| open_device(app, backend),
+            |app| {
+                app.add_plugins((RenderDiagnosticsPlugin, RayTracedReflectionsPlugin { tracer }));
+                kernels::add(app);
+            },
+        )
+        .map_err(|error| error.to_string())?;
         replace_shaders(&mut app)?;
-        let camera: Entity = app.spawn_scene(scene, &SceneOptions { detail, ..default() });
+        let detail = plan.detail;
+        let camera = app.spawn_scene(scene, &SceneOptions { detail, ..default() });
         let kernels = KERNELS.iter().flat_map(|&(_, rays, hits, time)| [rays, hits, time]);
         let passes = PASSES.iter().map(|&(_, time)| time);
         let samples = kernels
@@ -189,20 +191,13 @@ impl Bench {
         })
     }
 
-    /// Switches to a technique, without its roughness cut-off: what is compared is the rays. [`IDLE`] has all pixels cut off.
-    pub fn set_technique(&mut self, word: &str) -> Result<(), String> {
-        let (name, backend) = technique_and_backend(word);
-        self.is_idle = name == IDLE;
-        let (name, cutoff) = if self.is_idle { ("medium", 0.0) } else { (name, 1.0) };
-        let (mut reflections, heuristic) = named_settings(name).map_err(|error| error.to_string())?;
-        reflections.backend = backend;
-        reflections.roughness_cutoff = cutoff;
-        reflections.roughness_fade = 0.0;
+    /// Switches to a technique.
+    pub fn set_technique(&mut self, technique: &TimedTechnique) {
+        self.is_idle = technique.is_idle;
         self.app
             .world()
             .entity_mut(self.camera)
-            .insert((reflections, heuristic));
-        Ok(())
+            .insert((technique.reflections.clone(), technique.heuristic.clone()));
     }
 
     /// What the crate says about itself.

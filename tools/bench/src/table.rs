@@ -1,26 +1,52 @@
 //! Aligned tables and the same values as CSV.
 
-use std::{fmt::Write, path::Path};
+use std::path::Path;
 
-/// All that was measured, one value in a line.
+/// A measured value.
+struct Value {
+    subject: String,
+    variant: String,
+    measure: String,
+    value: f64,
+    unit: &'static str,
+}
+
+/// All measured values.
 #[derive(Default)]
-pub struct Csv(String);
+pub struct Csv(Vec<Value>);
 
 impl Csv {
-    /// Adds a value. `subject` is what was measured: a scene or a mesh; `variant` a tracer or a quality.
-    pub fn add(&mut self, subject: &str, variant: &str, measure: &str, value: f64, unit: &str) {
-        // Writing to a string can't fail.
-        let _ = writeln!(self.0, "{subject},{variant},{measure},{value},{unit}");
+    /// Adds a value. `subject` is a scene or a mesh, `variant` a tracer or a quality.
+    pub fn add(&mut self, subject: &str, variant: &str, measure: &str, value: f64, unit: &'static str) {
+        self.0.push(Value {
+            subject: subject.to_owned(),
+            variant: variant.to_owned(),
+            measure: measure.to_owned(),
+            value,
+            unit,
+        });
     }
 
-    /// Writes the file; `adapter` and `size` stand in every line.
+    /// Writes the file, one value in a line, with `adapter` and `size` in each.
     pub fn save(&self, path: &Path, adapter: &str, size: &str) -> Result<(), String> {
-        let adapter = adapter.replace('"', "'");
-        let mut text = "adapter,size,subject,variant,measure,value,unit\n".to_owned();
-        for line in self.0.lines() {
-            let _ = writeln!(text, "\"{adapter}\",{size},{line}");
-        }
-        std::fs::write(path, text).map_err(|error| format!("{} could not be written: {error}", path.display()))
+        let write = || -> csv::Result<()> {
+            let mut writer = csv::Writer::from_path(path)?;
+            writer.write_record(["adapter", "size", "subject", "variant", "measure", "value", "unit"])?;
+            for value in &self.0 {
+                let number = value.value.to_string();
+                let Value {
+                    subject,
+                    variant,
+                    measure,
+                    unit,
+                    ..
+                } = value;
+                writer.write_record([adapter, size, subject, variant, measure, &number, unit])?;
+            }
+            writer.flush()?;
+            Ok(())
+        };
+        write().map_err(|error| format!("{} could not be written: {error}", path.display()))
     }
 }
 

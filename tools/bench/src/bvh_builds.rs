@@ -30,8 +30,8 @@ struct Soup {
     indices: Vec<u32>,
 }
 
-/// Builds and prints. `triangles` is the size of the generated mesh.
-pub fn run(triangles: u32, csv: &mut Csv) -> Result<(), String> {
+/// Builds, measures and prints. `triangles` is the size of the generated mesh.
+pub fn measure(triangles: u32, csv: &mut Csv) -> Result<(), String> {
     let mut blas_table = Table::new(
         "BLAS building (CPU, one build)",
         &["mesh", "triangles", "quality", "ms", "MiB", "B/triangle", "stack"],
