@@ -1,7 +1,7 @@
 //! Running cargo in this workspace, and the programs that it builds.
 
 use std::env;
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -20,21 +20,23 @@ pub fn workspace_root() -> PathBuf {
         .map_or_else(|| PathBuf::from("."), Path::to_path_buf)
 }
 
-/// `cargo <subcommand>` in the workspace root.
-///
-/// The variables that cargo set for this program are removed, or they would reach the inner build.
-pub fn cargo(subcommand: &str) -> Command {
-    let mut command = Command::new(env::var_os("CARGO").unwrap_or_else(|| OsString::from("cargo")));
-    command.arg(subcommand).current_dir(workspace_root());
+/// A command that starts a program without the variables that cargo set for this one: they would reach inner builds and tests.
+pub fn command(program: impl AsRef<OsStr>) -> Command {
+    const PREFIXES: [&str; 3] = ["CARGO_PKG_", "CARGO_MANIFEST_", "CARGO_BIN_"];
+    let mut command = Command::new(program);
     for (name, _) in env::vars_os() {
         let text = name.to_string_lossy();
-        if ["CARGO_PKG_", "CARGO_MANIFEST_", "CARGO_BIN_"]
-            .iter()
-            .any(|prefix| text.starts_with(prefix))
-        {
+        if PREFIXES.iter().any(|prefix| text.starts_with(prefix)) {
             command.env_remove(&name);
         }
     }
+    command
+}
+
+/// `cargo <subcommand>` in the workspace root.
+pub fn cargo(subcommand: &str) -> Command {
+    let mut command = command(env::var_os("CARGO").unwrap_or_else(|| OsString::from("cargo")));
+    command.arg(subcommand).current_dir(workspace_root());
     command
 }
 
@@ -64,7 +66,7 @@ pub fn program(name: &str) -> Result<Command> {
     let Some(built) = built.into_iter().find(|built| built.name == name) else {
         bail!("cargo built no program `{name}`");
     };
-    let mut command = Command::new(built.executable);
+    let mut command = command(built.executable);
     // Bevy looks for assets beside the program otherwise.
     command.env("BEVY_ASSET_ROOT", workspace_root());
     Ok(command)

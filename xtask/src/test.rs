@@ -116,7 +116,7 @@ struct Test {
 fn test(program: &Executable) -> Test {
     let root = cargo::workspace_root();
     let source = program.source.strip_prefix(&root).unwrap_or(&program.source);
-    let mut command = Command::new(&program.executable);
+    let mut command = cargo::command(&program.executable);
     // As cargo runs it.
     command
         .current_dir(&program.package)

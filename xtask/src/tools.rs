@@ -14,8 +14,8 @@ use crate::{cargo, progress, publish};
 /// What `demo`, `bench` and `stress` accept.
 #[derive(clap::Args)]
 pub struct Options {
-    /// Options of the program; `-- --help` lists them, once it is built.
-    #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "OPTIONS")]
+    /// What the program accepts; `-- --help` lists it, once the program is built.
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "ARGS")]
     pub arguments: Vec<OsString>,
 }
 
