@@ -19,6 +19,9 @@ use crate::driver::{self, Need};
 use crate::environment;
 use crate::progress::{self, Elapsed, Times};
 
+/// Test programs that run at a time: most of their time is spent on one core, since the last test of each runs alone and shaders are
+/// compiled by one thread.
+const JOBS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);
 /// Tests of one program that run at a time, unless the environment says otherwise: each GPU test has a device of its own, and the
 /// CPU driver uses every core.
 const THREADS: (&str, &str) = ("RUST_TEST_THREADS", "2");
@@ -29,7 +32,7 @@ const REQUIRED: [(&str, &str); 2] = [("GLINT_REQUIRE_GPU", "1"), ("GLINT_REQUIRE
 #[derive(clap::Args)]
 pub struct Options {
     /// Test programs that run at a time.
-    #[arg(long, value_name = "N", default_value = "1")]
+    #[arg(long, value_name = "N", default_value_t = JOBS)]
     jobs: NonZeroUsize,
     /// A filter, and other options of the test programs.
     #[arg(last = true, value_name = "ARGS")]
@@ -39,7 +42,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            jobs: NonZeroUsize::MIN,
+            jobs: JOBS,
             arguments: Vec::new(),
         }
     }
