@@ -32,7 +32,7 @@ use egui_kittest::{
     kittest::{AccessKitNode, Queryable},
 };
 
-/// What buttons that reset say.
+/// Text of the buttons that reset a setting.
 const RESET: &str = "⟲";
 
 /// A screen that shows something, with a pointer.
@@ -482,7 +482,7 @@ fn an_app_without_a_gpu_lays_the_panel_out() {
     }
 }
 
-/// What a window hands to the app reaches the panel, through the plugin's own systems.
+/// Events of a window reach the panel through the plugin's own systems.
 #[test]
 fn pointer_and_keys_reach_the_panel() {
     let mut game = Game::new(false);

@@ -83,7 +83,7 @@ pub struct Executable {
     pub source: PathBuf,
     /// The program itself.
     pub executable: PathBuf,
-    /// Whether it runs tests.
+    /// True for programs that run tests.
     pub is_test: bool,
 }
 

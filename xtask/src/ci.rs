@@ -10,7 +10,7 @@ use anyhow::{Result, bail};
 use crate::progress::{self, Times};
 use crate::{cargo, file_sizes, test};
 
-/// Where the plugin declines, but must compile.
+/// A platform on which the plugin declines, but must compile.
 const WEB: &str = "wasm32-unknown-unknown";
 
 /// Runs every check, cheap ones first, and all of them even if one fails. Ends with a table of times.
@@ -46,7 +46,7 @@ pub fn run() -> Result<()> {
     Ok(())
 }
 
-/// What was checked so far.
+/// The checks so far.
 #[derive(Default)]
 struct Checks {
     times: Times,
@@ -109,7 +109,7 @@ fn library(options: &[&str]) -> Result<()> {
     cargo::run(&mut check, &format!("the library with {}", options.join(" ")))
 }
 
-/// Whether the standard library of a target is installed.
+/// True if the standard library of a target is installed.
 fn has_target(target: &str) -> bool {
     let output = Command::new("rustc")
         .args(["--print", "target-libdir", "--target", target])

@@ -9,7 +9,7 @@ use anyhow::{Result, ensure};
 
 use crate::{environment, progress};
 
-/// What a command needs from the driver.
+/// A command's needs of the driver.
 #[derive(Clone, Copy)]
 pub enum Need {
     /// Any Vulkan driver.

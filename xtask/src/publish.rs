@@ -9,9 +9,9 @@ use crate::progress;
 
 /// The folder for results that the README shows; the tool writes links to it.
 const FOLDER: &str = "docs/evaluation";
-/// Where the tool's part of the README begins.
+/// Begins the part of the README that the tool writes.
 const BEGIN: &str = "<!-- evaluation:begin -->";
-/// Where it ends.
+/// Ends that part.
 const END: &str = "<!-- evaluation:end -->";
 
 /// Copies the summary, the table and the charts of a folder of results into the repository, and its tables into the README.

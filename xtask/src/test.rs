@@ -28,7 +28,7 @@ const THREADS: (&str, &str) = ("RUST_TEST_THREADS", "2");
 /// In continuous integration, a test that can't run must not pass for one that did.
 const REQUIRED: [(&str, &str); 2] = [("GLINT_REQUIRE_GPU", "1"), ("GLINT_REQUIRE_RAY_QUERY", "1")];
 
-/// What `test` accepts.
+/// Arguments of `test`.
 #[derive(clap::Args)]
 pub struct Options {
     /// Test programs that run at a time.

@@ -11,15 +11,15 @@ use anyhow::Result;
 use crate::driver::{self, Need};
 use crate::{cargo, progress, publish};
 
-/// What `demo`, `bench` and `stress` accept.
+/// Arguments of `demo`, `bench` and `stress`.
 #[derive(clap::Args)]
 pub struct Options {
-    /// What the program accepts; `-- --help` lists it, once the program is built.
+    /// Arguments of the program; `-- --help` lists them, once it is built.
     #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "ARGS")]
     pub arguments: Vec<OsString>,
 }
 
-/// What `evaluate` accepts.
+/// Arguments of `evaluate`.
 #[derive(clap::Args)]
 pub struct EvaluateOptions {
     /// The folder of results.
@@ -80,7 +80,7 @@ fn run(name: &str, arguments: &[OsString]) -> Result<()> {
     progress::step(&format!("run {name}"), || cargo::run(command.args(arguments), name))
 }
 
-/// Whether a window can be opened.
+/// True if a window can be opened.
 ///
 /// On Linux that means X11: Bevy is built with it alone, and Wayland desktops serve it too.
 fn has_display() -> bool {
