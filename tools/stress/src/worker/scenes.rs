@@ -1,0 +1,123 @@
+//! Renders hostile scenes until the time is over.
+
+use super::Worker;
+use crate::{
+    fuzzer::{Fuzzer, Verdict},
+    generators::Generator,
+    harness::HarnessSettings,
+    options::{Keep, Options},
+    scenario::Scenario,
+};
+use std::time::{Duration, Instant};
+
+/// Most time for simplifying a failing scenario, ..
+const SIMPLIFY: Duration = Duration::from_secs(90);
+/// .. and least, even if the time is nearly over.
+const LEAST_SIMPLIFY: Duration = Duration::from_secs(20);
+
+impl Worker {
+    /// Renders scenes that all use the required generator, if there is one; returns the next seed.
+    pub(super) fn scenes(&mut self, required: Option<Generator>) -> u64 {
+        let options = self.job.options.clone();
+        let mut fuzzer = Fuzzer::new(HarnessSettings {
+            tracer: options.tracer.into(),
+            reflections: !self.job.without_reflections,
+            diagnostics: true,
+            hardware: true,
+            checked: options.checked,
+            ..HarnessSettings::default()
+        });
+        let most = match options.keep {
+            Some(_) => 1,
+            None => options.count.unwrap_or(u64::MAX),
+        };
+        let mut done = 0;
+        while done < most && !self.is_expired() {
+            let scenario = scenario(options.seed.wrapping_add(done), required, &options);
+            let what = format!("scene of seed {} ({})", scenario.seed, scenario.describe());
+            self.reporter.start(what, repeat(&scenario, &options));
+            done += 1;
+            let left = self.deadline.saturating_duration_since(Instant::now());
+            match fuzzer.run(&scenario, SIMPLIFY.min(left.max(LEAST_SIMPLIFY))) {
+                Verdict::Passed => {}
+                Verdict::Upstream(problems) => {
+                    self.reporter
+                        .remark(&format!("fails in Bevy, too: {}", problems.join("; ")));
+                }
+                Verdict::Failed(mut finding) if finding.alone => {
+                    let simplest = finding.scenario.describe();
+                    finding.problems.push(format!("simplest: {simplest}"));
+                    self.reporter
+                        .fail_with(finding.problems, repeat(&finding.scenario, &options));
+                }
+                Verdict::Failed(mut finding) => {
+                    let remark = "it passes in a new app: scenes before it are needed, too";
+                    finding.problems.push(remark.to_owned());
+                    let repeat = Options {
+                        count: Some(done),
+                        ..options.clone()
+                    };
+                    self.reporter.fail_with(finding.problems, repeat);
+                }
+                Verdict::Unavailable(reason) => {
+                    self.reporter.skip("scenes", &reason);
+                    return options.seed;
+                }
+            }
+            self.reporter.tried(fuzzer.take_tally());
+            self.reporter.progress(done, 0, "scenes");
+        }
+        fuzzer.close();
+        options.seed.wrapping_add(done)
+    }
+}
+
+/// The scenario of a seed, as far as the options leave it to chance.
+fn scenario(seed: u64, required: Option<Generator>, options: &Options) -> Scenario {
+    let mut scenario = Scenario::random(seed, required);
+    if let Some(Keep(positions)) = &options.keep {
+        scenario = scenario.keep(positions);
+    }
+    scenario.frames = options.frames.unwrap_or(scenario.frames);
+    scenario.size = options.size_or(scenario.size);
+    scenario
+}
+
+/// The options that repeat a scenario.
+fn repeat(scenario: &Scenario, options: &Options) -> Options {
+    let positions = scenario.generators.iter().map(|(position, _)| *position);
+    Options {
+        seed: scenario.seed,
+        size: Some(scenario.size.into()),
+        count: None,
+        frames: Some(scenario.frames),
+        keep: Some(Keep(positions.collect())),
+        ..options.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::options::tests::parse;
+
+    #[test]
+    fn printed_options_repeat_a_scenario() {
+        let needles = Generator::named("mesh-needles");
+        for (text, required) in [
+            ("--tracer bvh", None),
+            ("--checked --only mesh-needles --count 4", needles),
+        ] {
+            let options = parse(text).unwrap();
+            for seed in 0..20 {
+                let whole = scenario(seed, required, &options);
+                let simpler = whole.shrink().swap_remove(0);
+                for expected in [whole, simpler] {
+                    let text = repeat(&expected, &options).to_string();
+                    let options = parse(&text).unwrap();
+                    assert_eq!(scenario(options.seed, required, &options), expected, "{text}");
+                }
+            }
+        }
+    }
+}
