@@ -22,15 +22,16 @@ use common::{
 };
 use glint_scenes::SceneName;
 use glint_stress::{
-    bounds::{self, Bounds, Case},
+    bounds::{Bounds, Case},
     energy::{self, Lengths},
-    faults::{self, Fault},
+    faults::Fault,
     furnace,
-    fuzzer::{Fuzzer, Verdict},
+    fuzzer::Fuzzer,
     harness::{Harness, HarnessSettings},
     long_run,
     scenario::Scenario,
     static_scene::StaticScene,
+    verdict::Verdict,
 };
 use std::{
     sync::{Mutex, MutexGuard, PoisonError},
@@ -78,16 +79,13 @@ fn survive(tracer: TracerChoice, scenarios: impl Iterator<Item = Scenario>) {
         let scenario = scenario.without_heavy();
         println!("seed {}: {}", scenario.seed, scenario.describe());
         match fuzzer.run(&scenario, SIMPLIFY) {
-            Verdict::Passed => {}
-            Verdict::Upstream(problems) => println!("    Bevy fails, too: {problems:?}"),
-            Verdict::Failed(finding) => {
-                println!("    {:?}", finding.problems);
-                failures.push(format!(
-                    "{:#?}\nalone: {}, simplest: {:?}",
-                    finding.problems, finding.alone, finding.scenario
-                ));
+            Verdict::Passed(_) => {}
+            Verdict::Failed(problems) => {
+                println!("    {problems:?}");
+                failures.push(format!("{problems:#?}\nsimplest: {:?}", fuzzer.simplest));
             }
-            Verdict::Unavailable(reason) => return skip(&reason),
+            Verdict::Skipped(reason) => return skip(&reason),
+            verdict @ (Verdict::Upstream(_) | Verdict::Undecided(_)) => println!("    {verdict:?}"),
         }
     }
     println!("{tracer:?}: {}", fuzzer.take_tally());
@@ -129,7 +127,7 @@ fn known_scenes_keep_their_light() {
     };
     let mut harness = match Harness::new(&settings) {
         Ok(harness) => harness,
-        Err(error) => return skip(&error.to_string()),
+        Err(error) => return skip(&error),
     };
     let harness = &mut harness;
     let deadline = Instant::now() + Duration::from_secs(3600);
@@ -183,9 +181,9 @@ fn faults_are_reported_and_the_app_keeps_running() {
         let (verdict, _) = fault.run(TracerChoice::Bvh, SIZE);
         println!("{fault:?}: {verdict:?}");
         match verdict {
-            faults::Verdict::Passed(_) | faults::Verdict::Upstream(_) => {}
-            faults::Verdict::Skipped(reason) => skip(&reason),
-            faults::Verdict::Failed(problems) => failures.push(format!("{fault:?}: {problems:#?}")),
+            Verdict::Skipped(reason) => skip(&reason),
+            Verdict::Failed(problems) => failures.push(format!("{fault:?}: {problems:#?}")),
+            Verdict::Passed(_) | Verdict::Upstream(_) | Verdict::Undecided(_) => {}
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
@@ -196,16 +194,16 @@ fn runtime_checks_change_nothing() {
     let _alone = alone();
     let mut bounds = match Bounds::new(TracerChoice::Bvh, SIZE) {
         Ok(bounds) => bounds,
-        Err(error) => return skip(&error.to_string()),
+        Err(error) => return skip(&error),
     };
     let mut failures = Vec::new();
     let cases = Case::all(1, SIZE);
     // A scene with a moving history, and two hostile ones.
     for case in [&cases[0], &cases[cases.len() - 2], &cases[cases.len() - 1]] {
-        match bounds.compare(case) {
-            bounds::Verdict::Same => println!("the same: {}", case.describe()),
-            bounds::Verdict::Undecided(reason) => println!("not known of {}: {reason}", case.describe()),
-            bounds::Verdict::Different(problems) => failures.push(format!("{}: {problems:?}", case.describe())),
+        let verdict = bounds.compare(case);
+        println!("{}: {verdict:?}", case.describe());
+        if let Verdict::Failed(problems) = verdict {
+            failures.push(format!("{}: {problems:?}", case.describe()));
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));

@@ -5,13 +5,14 @@
 
 use crate::{
     generators::Generator,
-    harness::{Harness, HarnessError, HarnessSettings},
+    harness::{Harness, HarnessSettings},
     image::LinearImage,
     log_capture::{self, catch_panic, drop_quietly},
     path_equivalence::{describe_difference, restart, tolerated},
     scenario::Scenario,
     static_scene::{StaticScene, StaticSceneView},
     tally::Tally,
+    verdict::Verdict,
 };
 use bevy::{math::UVec2, prelude::Entity};
 use bevy_glint::{
@@ -91,29 +92,18 @@ fn hostile(seed: u64, size: UVec2) -> Scenario {
     Scenario::new(seed, size, FRAMES, generators)
 }
 
-/// The result of a case.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Verdict {
-    /// Checks make no difference.
-    Same,
-    /// Checks make a difference.
-    Different(Vec<String>),
-    /// The case is inconclusive.
-    Undecided(String),
-}
-
 /// The contents of the targets after a frame.
 struct Snapshot {
     rates: Copied,
-    records: Copied,
-    targets: Vec<(Target, Copied)>,
+    /// `None` for targets that the technique doesn't have.
+    targets: [Option<Copied>; TARGETS.len()],
     image: LinearImage,
 }
 
 /// Two apps on one device, without checks and with them.
 pub struct Bounds {
     size: UVec2,
-    settings: HarnessSettings,
+    tracer: TracerChoice,
     harnesses: Vec<Harness>,
     tally: Tally,
 }
@@ -124,14 +114,10 @@ impl Bounds {
     /// # Errors
     ///
     /// If there is no device, or none with this tracer.
-    pub fn new(tracer: TracerChoice, size: UVec2) -> Result<Self, HarnessError> {
-        let settings = HarnessSettings {
-            tracer,
-            ..HarnessSettings::default()
-        };
+    pub fn new(tracer: TracerChoice, size: UVec2) -> Result<Self, String> {
         let mut bounds = Self {
             size,
-            settings,
+            tracer,
             harnesses: Vec::new(),
             tally: Tally::default(),
         };
@@ -139,14 +125,13 @@ impl Bounds {
         Ok(bounds)
     }
 
-    fn open(&mut self) -> Result<(), HarnessError> {
+    fn open(&mut self) -> Result<(), String> {
         while self.harnesses.len() < 2 {
-            let checked = self.harnesses.len() == 1;
-            let settings = HarnessSettings {
-                checked,
-                ..self.settings.clone()
-            };
-            self.harnesses.push(Harness::new(&settings)?);
+            self.harnesses.push(Harness::new(&HarnessSettings {
+                tracer: self.tracer,
+                checked: self.harnesses.len() == 1,
+                ..HarnessSettings::default()
+            })?);
         }
         Ok(())
     }
@@ -178,7 +163,7 @@ impl Bounds {
         compared.unwrap_or_else(|panic| {
             drop_quietly(core::mem::take(&mut self.harnesses));
             if log_capture::is_own(&panic) {
-                Verdict::Different(vec![panic])
+                Verdict::Failed(vec![panic])
             } else {
                 Verdict::Undecided(format!("Bevy panics: {panic}"))
             }
@@ -210,22 +195,18 @@ fn compare_snapshots(plain: &mut Harness, checked: &mut Harness, case: &Case, si
     }
     problems.extend(checked.take_errors());
     Ok(if problems.is_empty() {
-        Verdict::Same
+        Verdict::Passed(String::new())
     } else {
-        Verdict::Different(problems)
+        Verdict::Failed(problems)
     })
 }
 
 fn snapshot(harness: &mut Harness, case: &Case, size: UVec2) -> Result<Snapshot, String> {
     match case {
-        Case::Static(scene, technique) => {
-            let view = StaticSceneView::new(harness, *scene, size);
-            let result = view
-                .switch(harness, technique, DebugView::Off)
-                .and_then(|_| take(harness, view.camera));
-            view.remove(harness);
-            result
-        }
+        Case::Static(scene, technique) => StaticSceneView::with(harness, *scene, size, |harness, view| {
+            view.switch(harness, technique, DebugView::Off)?;
+            take(harness, view.camera)
+        }),
         Case::Hostile(scenario) => {
             harness.reset_clocks();
             let scene = scenario.build(harness);
@@ -243,20 +224,12 @@ fn snapshot(harness: &mut Harness, case: &Case, size: UVec2) -> Result<Snapshot,
 fn take(harness: &mut Harness, camera: Entity) -> Result<Snapshot, String> {
     harness.wait_for_merges(PATIENCE);
     restart(harness, &[camera], FRAMES);
-    let copy = |target: Target| harness.copy(camera, target);
-    let (Some(rates), Some(records)) = (copy(Target::Rate), copy(Target::RayRecord)) else {
+    let targets = TARGETS.map(|target| harness.copy(camera, target));
+    let Some(rates) = harness.copy(camera, Target::Rate).filter(|_| targets[0].is_some()) else {
         return Err("the camera doesn't reflect".to_owned());
     };
-    let targets = TARGETS
-        .into_iter()
-        .filter_map(|target| Some((target, copy(target)?)))
-        .collect();
-    Ok(Snapshot {
-        rates,
-        records,
-        targets,
-        image: harness.image(camera)?,
-    })
+    let image = harness.image(camera)?;
+    Ok(Snapshot { rates, targets, image })
 }
 
 fn differences(first: &Snapshot, second: &Snapshot, exact: bool) -> Vec<String> {
@@ -264,10 +237,13 @@ fn differences(first: &Snapshot, second: &Snapshot, exact: bool) -> Vec<String> 
     if first.rates != second.rates {
         problems.push("rates differ with runtime checks".to_owned());
     }
-    let records = [first.records.clone(), second.records.clone()];
-    for ((target, one), (_, other)) in first.targets.iter().zip(&second.targets) {
-        let pair = [one.clone(), other.clone()];
-        if let Some(difference) = describe_difference(&pair, &first.rates, &records, *target, exact) {
+    let both = |index: usize| Some([first.targets[index].clone()?, second.targets[index].clone()?]);
+    // Rays are recorded in the first target.
+    let records = both(0);
+    for (index, target) in TARGETS.into_iter().enumerate() {
+        if let (Some(pair), Some(records)) = (both(index), &records)
+            && let Some(difference) = describe_difference(&pair, &first.rates, records, target, exact)
+        {
             problems.push(format!("{target:?}: {difference} with runtime checks"));
         }
     }

@@ -13,9 +13,9 @@ use std::time::Instant;
 pub const MOST_GAIN: f64 = 0.02;
 /// Standard errors from the middle of an interval to its ends.
 pub const SIGMAS: f64 = 3.0;
-/// With fireflies suppressed, no pixel may be brighter than this multiple of the brightest nearby pixel of the ground truth, ..
+/// A pixel is a firefly above this multiple of the brightest nearby pixel of the ground truth, plus [`FIREFLY_FLOOR`].
 pub const FIREFLY_FACTOR: f32 = 8.0;
-/// .. plus this much exposed radiance.
+/// Exposed radiance below which no pixel is a firefly.
 pub const FIREFLY_FLOOR: f32 = 0.5;
 /// Reach of nearby pixels: blocks of 4x4 quads gather their light from there.
 const NEARBY: i32 = 6;
@@ -51,6 +51,27 @@ pub struct Measurements {
 }
 
 impl Measurements {
+    /// Measures one technique after the other until the deadline.
+    ///
+    /// # Errors
+    ///
+    /// As `measure`.
+    pub fn of(
+        techniques: &[&'static str],
+        deadline: Instant,
+        mut measure: impl FnMut(&'static str, &mut Self) -> Result<(), String>,
+    ) -> Result<Self, String> {
+        let mut measurements = Self::default();
+        for name in techniques {
+            if Instant::now() > deadline {
+                break;
+            }
+            measure(name, &mut measurements)?;
+            measurements.count += 1;
+        }
+        Ok(measurements)
+    }
+
     /// Adds a line, which may describe a problem.
     pub fn add(&mut self, line: String, is_problem: bool) {
         if is_problem {
@@ -81,16 +102,18 @@ pub fn compare(
     techniques: &[&'static str],
     deadline: Instant,
 ) -> Result<Measurements, String> {
-    let view = StaticSceneView::new(harness, scene, size);
-    let comparison = Comparison {
-        view: &view,
-        scene: scene.name(),
-        lengths,
-        deadline,
-    };
-    let result = comparison.run(harness, techniques);
-    view.remove(harness);
-    result
+    StaticSceneView::with(harness, scene, size, |harness, view| {
+        let comparison = Comparison {
+            view,
+            scene: scene.name(),
+            lengths,
+            deadline,
+        };
+        let ground_truth = comparison.ground_truth(harness)?;
+        Measurements::of(techniques, deadline, |name, measurements| {
+            comparison.measure(harness, name, &ground_truth, measurements)
+        })
+    })
 }
 
 /// The ground truth of a view.
@@ -110,20 +133,7 @@ struct Comparison<'a> {
 }
 
 impl Comparison<'_> {
-    fn run(&self, harness: &mut Harness, techniques: &[&'static str]) -> Result<Measurements, String> {
-        let mut measurements = Measurements::default();
-        let ground_truth = self.ground_truth(harness)?;
-        for name in techniques {
-            if Instant::now() > self.deadline {
-                break;
-            }
-            self.measure(harness, name, &ground_truth, &mut measurements)?;
-            measurements.count += 1;
-        }
-        Ok(measurements)
-    }
-
-    /// Renders the accumulating technique in parts. The variance of their contributions tells its noise.
+    /// Renders the accumulating technique in parts. The variance of their contributions is its noise.
     fn ground_truth(&self, harness: &mut Harness) -> Result<GroundTruth, String> {
         if !self.view.switch(harness, "converged", DebugView::Reflection)? {
             return Err("the ground truth can't be compiled".to_owned());

@@ -12,7 +12,7 @@ const SHORT_PATIENCE: u32 = 200;
 /// Mean difference between two images from which on they count as different.
 const DIFFERENT: f64 = 0.002;
 
-/// The room.
+/// The app's scene.
 pub struct Fixture {
     root: Entity,
     probe: Entity,
@@ -21,7 +21,7 @@ pub struct Fixture {
 }
 
 impl Fixture {
-    /// Spawns the room and waits until everything is compiled that can be.
+    /// Spawns the scene and waits until everything is compiled that can be.
     pub fn new(harness: &mut Harness, size: UVec2) -> Self {
         harness.reset_clocks();
         let (root, camera) = harness.spawn_scene(SceneName::MirrorRoom, 16, size);
@@ -35,7 +35,7 @@ impl Fixture {
             ..default()
         };
         let position = Transform::from_xyz(-0.4, 0.5, 0.8);
-        let probe = spawn(harness, root, Cuboid::from_length(0.5), white, [position])[0];
+        let probe = harness.spawn_objects(root, Cuboid::from_length(0.5), white, [position])[0];
         harness.wait_until_idle(PATIENCE);
         Self { root, probe, camera }
     }
@@ -90,40 +90,21 @@ impl Fixture {
     pub fn add_crowd(&self, harness: &mut Harness, count: u32) {
         let position = |index: u32| Transform::from_xyz(0.1 * (index % 10) as f32, 1.5, 0.1 * (index / 10) as f32);
         let positions = (0..count).map(position);
-        spawn(harness, self.root, Cuboid::from_length(0.05), default(), positions);
+        harness.spawn_objects(self.root, Cuboid::from_length(0.05), default(), positions);
     }
 
     /// Adds a ball of this many segments and half as many rings.
     pub fn add_ball(&self, harness: &mut Harness, segments: u32) {
         let ball = Sphere::new(0.2).mesh().uv(segments, segments / 2);
         let position = Transform::from_xyz(0.6, 1.4, -0.8);
-        spawn(harness, self.root, ball, default(), [position]);
+        harness.spawn_objects(self.root, ball, default(), [position]);
     }
 
-    /// Despawns the room.
+    /// Despawns the scene.
     pub fn remove(self, harness: &mut Harness) {
         let world = harness.world();
         world.despawn(self.camera);
         world.despawn(self.root);
         harness.step(3);
     }
-}
-
-/// Spawns objects that share a mesh and a material.
-fn spawn(
-    harness: &mut Harness,
-    root: Entity,
-    mesh: impl Into<Mesh>,
-    material: StandardMaterial,
-    positions: impl IntoIterator<Item = Transform>,
-) -> Vec<Entity> {
-    let world = harness.world();
-    let mesh = Mesh3d(world.resource_mut::<Assets<Mesh>>().add(mesh));
-    let material = MeshMaterial3d(world.resource_mut::<Assets<StandardMaterial>>().add(material));
-    let object = |position| {
-        world
-            .spawn((mesh.clone(), material.clone(), position, ChildOf(root)))
-            .id()
-    };
-    positions.into_iter().map(object).collect()
 }

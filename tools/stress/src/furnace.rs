@@ -69,16 +69,19 @@ pub fn measure(
     techniques: &[&'static str],
     deadline: Instant,
 ) -> Result<Measurements, String> {
-    let view = StaticSceneView::new(harness, StaticScene::BuiltIn(SceneName::Furnace), size);
-    let furnace = Furnace {
-        view: &view,
-        balls: balls(size),
-        lengths,
-        deadline,
-    };
-    let result = furnace.measure_all(harness, techniques);
-    view.remove(harness);
-    result
+    let scene = StaticScene::BuiltIn(SceneName::Furnace);
+    StaticSceneView::with(harness, scene, size, |harness, view| {
+        let furnace = Furnace {
+            view,
+            balls: balls(size),
+            lengths,
+            deadline,
+        };
+        let techniques = [techniques, &[GROUND_TRUTH]].concat();
+        Measurements::of(&techniques, deadline, |name, measurements| {
+            furnace.measure(harness, name, measurements)
+        })
+    })
 }
 
 struct Furnace<'a> {
@@ -89,18 +92,6 @@ struct Furnace<'a> {
 }
 
 impl Furnace<'_> {
-    fn measure_all(&self, harness: &mut Harness, techniques: &[&'static str]) -> Result<Measurements, String> {
-        let mut measurements = Measurements::default();
-        for name in techniques.iter().copied().chain([GROUND_TRUTH]) {
-            if Instant::now() > self.deadline {
-                break;
-            }
-            self.measure(harness, name, &mut measurements)?;
-            measurements.count += 1;
-        }
-        Ok(measurements)
-    }
-
     fn measure(&self, harness: &mut Harness, name: &str, measurements: &mut Measurements) -> Result<(), String> {
         let noise = if name == GROUND_TRUTH {
             vec![0.0; self.balls.len()]

@@ -1,13 +1,14 @@
 //! Renders scenarios, catches failures, attributes them to the library or to Bevy, and simplifies scenarios that fail.
 
 use crate::{
-    generators::events,
+    events,
     harness::{Harness, HarnessSettings},
     invariants::{self, Problem, ProblemKind},
     log_capture::{self, catch_panic, drop_quietly},
     path_equivalence,
     scenario::Scenario,
     tally::Tally,
+    verdict::Verdict,
 };
 use std::time::{Duration, Instant};
 
@@ -20,42 +21,14 @@ const SCENES_PER_HARNESS: u32 = 60;
 /// Images up to this many pixels are checked in every frame, larger ones after the last frame.
 const SMALL: u32 = 8192;
 
-/// The result of a scenario.
-#[derive(Clone, Debug)]
-pub enum Verdict {
-    /// All invariants hold.
-    Passed,
-    /// Bevy fails the same way without the library.
-    Upstream(Vec<String>),
-    /// An invariant is violated.
-    Failed(Finding),
-    /// There is no device for it.
-    Unavailable(String),
-}
-
-/// A failure.
-#[derive(Clone, Debug)]
-pub struct Finding {
-    /// The simplest scenario that was found to fail.
-    pub scenario: Scenario,
-    /// Its problems.
-    pub problems: Vec<String>,
-    /// The scenario fails in a new app. Otherwise it needs the scenes before it.
-    pub alone: bool,
-}
-
-enum Attempt {
-    Passed,
-    Failed(Vec<Problem>),
-    Unavailable(String),
-}
-
 /// Renders scenarios one after the other, on one device as long as nothing fails.
 pub struct Fuzzer {
     settings: HarnessSettings,
     harness: Option<Harness>,
     scenes_on_harness: u32,
     tally: Tally,
+    /// The simplest scenario that fails as the last one did; `None` if the last one needs the scenes before it.
+    pub simplest: Option<Scenario>,
 }
 
 impl Fuzzer {
@@ -67,6 +40,7 @@ impl Fuzzer {
             harness: None,
             scenes_on_harness: 0,
             tally: Tally::default(),
+            simplest: None,
         }
     }
 
@@ -80,28 +54,26 @@ impl Fuzzer {
     pub fn run(&mut self, scenario: &Scenario, patience: Duration) -> Verdict {
         self.tally.scenes += 1;
         let first = match self.attempt(scenario) {
-            Attempt::Passed => return Verdict::Passed,
-            Attempt::Unavailable(reason) => return Verdict::Unavailable(reason),
-            Attempt::Failed(problems) => problems,
+            Ok(problems) if problems.is_empty() => return Verdict::Passed(String::new()),
+            Ok(problems) => problems,
+            Err(reason) => return Verdict::Skipped(reason),
         };
         let start = Instant::now();
-        let Attempt::Failed(again) = self.attempt(scenario) else {
-            return Verdict::Failed(Finding {
-                scenario: scenario.clone(),
-                problems: texts(first),
-                alone: false,
-            });
-        };
+        self.simplest = None;
+        let again = self.problems(scenario);
+        if again.is_empty() {
+            let mut problems = texts(first);
+            problems.push("it passes in a new app: scenes before it are needed, too".to_owned());
+            return Verdict::Failed(problems);
+        }
         if self.is_upstream(scenario, &again) {
-            self.tally.upstream += 1;
             return Verdict::Upstream(texts(again));
         }
-        let (scenario, problems) = self.simplify(scenario.clone(), again, start + patience);
-        Verdict::Failed(Finding {
-            scenario,
-            problems: texts(problems),
-            alone: true,
-        })
+        let (simplest, problems) = self.simplify(scenario.clone(), again, start + patience);
+        let mut problems = texts(problems);
+        problems.push(format!("simplest: {}", simplest.describe()));
+        self.simplest = Some(simplest);
+        Verdict::Failed(problems)
     }
 
     /// The same kinds of problems occur without the plugin.
@@ -111,16 +83,12 @@ impl Fuzzer {
             return false;
         }
         let mut control = Self::new(HarnessSettings {
-            reflections: false,
+            without_reflections: true,
             ..self.settings.clone()
         });
-        let Attempt::Failed(found) = control.attempt(scenario) else {
-            return false;
-        };
+        let found = control.problems(scenario);
         self.tally += control.take_tally();
-        problems
-            .iter()
-            .all(|problem| found.iter().any(|other| other.kind == problem.kind))
+        problems.iter().all(|problem| has_kind(&found, problem.kind))
     }
 
     fn simplify(&mut self, scenario: Scenario, problems: Vec<Problem>, deadline: Instant) -> (Scenario, Vec<Problem>) {
@@ -130,11 +98,8 @@ impl Fuzzer {
                 if Instant::now() > deadline {
                     break 'simpler;
                 }
-                if let Attempt::Failed(found) = self.attempt(&candidate)
-                    && found
-                        .iter()
-                        .any(|other| known.iter().any(|problem| problem.kind == other.kind))
-                {
+                let found = self.problems(&candidate);
+                if found.iter().any(|other| has_kind(&known, other.kind)) {
                     (best, known) = (candidate, found);
                     continue 'simpler;
                 }
@@ -144,8 +109,13 @@ impl Fuzzer {
         (best, known)
     }
 
-    /// Renders a scenario on the current harness, or on a new one. A failure closes the harness.
-    fn attempt(&mut self, scenario: &Scenario) -> Attempt {
+    /// The problems of a scenario; none without a device.
+    fn problems(&mut self, scenario: &Scenario) -> Vec<Problem> {
+        self.attempt(scenario).unwrap_or_default()
+    }
+
+    /// Renders a scenario on the current harness, or on a new one. A failure closes the harness. The error says why there is no device.
+    fn attempt(&mut self, scenario: &Scenario) -> Result<Vec<Problem>, String> {
         if self.scenes_on_harness >= SCENES_PER_HARNESS {
             self.close();
         }
@@ -153,22 +123,20 @@ impl Fuzzer {
         let mut harness = match self.harness.take() {
             Some(harness) => harness,
             None => match catch_panic(|| Harness::new(&self.settings)) {
-                Ok(Ok(harness)) => harness,
-                Ok(Err(error)) => return Attempt::Unavailable(error.to_string()),
-                Err(text) => return Attempt::Failed(vec![Problem::new(ProblemKind::Panic, text)]),
+                Ok(harness) => harness?,
+                Err(panic) => return Ok(vec![Problem::new(ProblemKind::Panic, panic)]),
             },
         };
         _ = harness.take_errors();
         self.scenes_on_harness += 1;
         let problems = catch_panic(|| render(&mut harness, scenario))
-            .unwrap_or_else(|text| vec![Problem::new(ProblemKind::Panic, text)]);
+            .unwrap_or_else(|panic| vec![Problem::new(ProblemKind::Panic, panic)]);
         self.tally += harness.take_tally();
         self.harness = Some(harness);
-        if problems.is_empty() {
-            return Attempt::Passed;
+        if !problems.is_empty() {
+            self.close();
         }
-        self.close();
-        Attempt::Failed(problems)
+        Ok(problems)
     }
 
     /// Gives the device back.
@@ -176,6 +144,10 @@ impl Fuzzer {
         drop_quietly(self.harness.take());
         self.scenes_on_harness = 0;
     }
+}
+
+fn has_kind(problems: &[Problem], kind: ProblemKind) -> bool {
+    problems.iter().any(|problem| problem.kind == kind)
 }
 
 fn texts(problems: Vec<Problem>) -> Vec<String> {

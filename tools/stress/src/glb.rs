@@ -18,23 +18,8 @@ const PNG: [u8; 77] = [
     0x82,
 ];
 
-/// Numbers out of range.
-const NUMBERS: [&str; 14] = [
-    "-1",
-    "0",
-    "1",
-    "3",
-    "255",
-    "65536",
-    "4294967295",
-    "18446744073709551615",
-    "1e38",
-    "-1e38",
-    "1e-40",
-    "0.5",
-    "1e999",
-    "5121",
-];
+/// Numbers out of range, separated by spaces.
+const NUMBERS: &str = "-1 0 1 3 255 65536 4294967295 18446744073709551615 1e38 -1e38 1e-40 0.5 1e999 5121";
 /// Bits of values out of range: NaN, infinity, the largest and the smallest number, and indices that don't exist.
 const WORDS: [u32; 6] = [0x7fc0_0000, 0x7f80_0000, 0x7f7f_ffff, 1, 0xffff_ffff, 0x0004_0004];
 
@@ -139,16 +124,17 @@ impl Parts {
     /// Replaces some numbers of the document by others.
     pub fn wild_numbers(&mut self, random: &mut Random) {
         for _ in 0..1 + random.below(3) {
-            let numbers = tokens(&self.json, Token::Number);
+            let (_, numbers) = tokens(&self.json);
             let range = numbers[random.below(numbers.len())].clone();
-            self.json.replace_range(range, random.pick(&NUMBERS));
+            let wild: Vec<_> = NUMBERS.split(' ').collect();
+            self.json.replace_range(range, random.pick(&wild));
         }
     }
 
     /// Renames some strings of the document, so that references are broken.
     pub fn lost_names(&mut self, random: &mut Random) {
         for _ in 0..1 + random.below(2) {
-            let strings = tokens(&self.json, Token::String);
+            let (strings, _) = tokens(&self.json);
             let range = strings[random.below(strings.len())].clone();
             self.json.replace_range(range, "lost");
         }
@@ -188,39 +174,23 @@ impl Parts {
     }
 }
 
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Token {
-    Number,
-    String,
-}
-
-/// Ranges of the numbers of a JSON text, or of the contents of its strings. Strings must not contain escapes.
-fn tokens(json: &str, wanted: Token) -> Vec<Range<usize>> {
-    let is_number = |byte: u8| byte.is_ascii_digit() || matches!(byte, b'-' | b'+' | b'.' | b'e' | b'E');
-    let bytes = json.as_bytes();
-    let mut found = Vec::new();
-    let mut index = 0;
-    while index < bytes.len() {
-        let start = index;
-        index += 1;
-        if bytes[start] == b'"' {
-            while index < bytes.len() && bytes[index] != b'"' {
-                index += 1;
-            }
-            if wanted == Token::String {
-                found.push(start + 1..index);
-            }
-            index += 1;
-        } else if bytes[start].is_ascii_digit() || bytes[start] == b'-' {
-            while index < bytes.len() && is_number(bytes[index]) {
-                index += 1;
-            }
-            if wanted == Token::Number {
-                found.push(start..index);
-            }
+/// Ranges of the contents of strings, and of numbers, in a JSON text without escapes.
+fn tokens(json: &str) -> (Vec<Range<usize>>, Vec<Range<usize>>) {
+    let range = |part: &str| {
+        let start = part.as_ptr().addr() - json.as_ptr().addr();
+        start..start + part.len()
+    };
+    let is_in_number = |letter: char| letter.is_ascii_digit() || "-+.eE".contains(letter);
+    let is_number = |part: &&str| part.starts_with(|letter: char| letter.is_ascii_digit() || letter == '-');
+    let (mut strings, mut numbers) = (Vec::new(), Vec::new());
+    for (index, part) in json.split('"').enumerate() {
+        if index % 2 == 1 {
+            strings.push(range(part));
+        } else {
+            numbers.extend(part.split(|letter| !is_in_number(letter)).filter(is_number).map(range));
         }
     }
-    found
+    (strings, numbers)
 }
 
 #[cfg(test)]
@@ -248,10 +218,11 @@ mod tests {
 
     #[test]
     fn tokens_are_found() {
-        let json = r#"{ "a1": [-2.5e3, 7], "b": "x" }"#;
-        let of = |wanted: Token| -> Vec<&str> { tokens(json, wanted).into_iter().map(|range| &json[range]).collect() };
-        assert_eq!(of(Token::Number), ["-2.5e3", "7"]);
-        assert_eq!(of(Token::String), ["a1", "b", "x"]);
+        let json = r#"{ "a1": [-2.5e3, 7, true], "b": "x" }"#;
+        let (strings, numbers) = tokens(json);
+        let texts = |ranges: Vec<Range<usize>>| -> Vec<&str> { ranges.into_iter().map(|range| &json[range]).collect() };
+        assert_eq!(texts(numbers), ["-2.5e3", "7"]);
+        assert_eq!(texts(strings), ["a1", "b", "x"]);
     }
 
     #[test]

@@ -6,12 +6,12 @@ use bevy::{
     camera::RenderTarget,
     core_pipeline::tonemapping::Tonemapping,
     diagnostic::{DiagnosticsStore, FrameCount},
+    image::ToExtents,
     light::{DirectionalLightShadowMap, PointLightShadowMap},
     prelude::*,
     render::{
         diagnostic::RenderDiagnosticsPlugin,
         error_handler::{ErrorType, RenderError, RenderErrorHandler, RenderErrorPolicy},
-        render_resource::Extent3d,
         renderer::{RenderAdapterInfo, RenderDevice},
         settings::{WgpuFeatures, WgpuLimits, WgpuSettings},
     },
@@ -25,20 +25,20 @@ use bevy_glint::{
 use glint_scenes::{
     HeadlessApp, HeadlessSettings, Output, SceneName, SceneOptions, camera, decode_halves, environment, spawn_with,
 };
-use std::{error::Error, fmt, time::Duration};
+use std::time::Duration;
 
 /// Time from frame to frame.
 pub const FRAME_TIME: Duration = Duration::from_micros(16_666);
 
 /// Settings of a [`Harness`].
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct HarnessSettings {
     /// Finds the surfaces that rays hit.
     pub tracer: TracerChoice,
     /// Features and limits of the device: fewer and lower ones simulate lesser devices.
     pub device: WgpuSettings,
-    /// Adds the plugin. Failures without it are Bevy's own.
-    pub reflections: bool,
+    /// Leaves the plugin out. Failures without it are Bevy's own.
+    pub without_reflections: bool,
     /// Measures passes, which the counters of non-finite values need.
     pub diagnostics: bool,
     /// Opens the hardware back end, if it was built in.
@@ -46,39 +46,6 @@ pub struct HarnessSettings {
     /// Compiles the library's shaders with runtime checks, which make accesses out of bounds harmless.
     pub checked: bool,
 }
-
-impl Default for HarnessSettings {
-    fn default() -> Self {
-        Self {
-            tracer: TracerChoice::Auto,
-            device: WgpuSettings::default(),
-            reflections: true,
-            diagnostics: false,
-            hardware: false,
-            checked: false,
-        }
-    }
-}
-
-/// Why a harness could not be opened.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum HarnessError {
-    /// There is no graphics device, or it can't be used.
-    NoRenderer(String),
-    /// Ray queries were requested, and the device has none.
-    NoRayQueries(String),
-}
-
-impl fmt::Display for HarnessError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoRenderer(reason) => f.write_str(reason),
-            Self::NoRayQueries(status) => write!(f, "there are no ray queries: {status}"),
-        }
-    }
-}
-
-impl Error for HarnessError {}
 
 /// Errors that reached Bevy's handler.
 #[derive(Resource, Default)]
@@ -131,11 +98,11 @@ impl Harness {
     /// # Errors
     ///
     /// If there is no such device.
-    pub fn new(settings: &HarnessSettings) -> Result<Self, HarnessError> {
+    pub fn new(settings: &HarnessSettings) -> Result<Self, String> {
         let harness = Self::open(settings)?;
         match harness.status() {
             Some(status) if settings.tracer == TracerChoice::RayQuery && status.tracer != Some(Tracer::RayQuery) => {
-                Err(HarnessError::NoRayQueries(status.to_string()))
+                Err(format!("there are no ray queries: {status}"))
             }
             _ => Ok(harness),
         }
@@ -146,7 +113,7 @@ impl Harness {
     /// # Errors
     ///
     /// If there is no device.
-    pub fn open(settings: &HarnessSettings) -> Result<Self, HarnessError> {
+    pub fn open(settings: &HarnessSettings) -> Result<Self, String> {
         log_capture::install();
         let headless = HeadlessSettings {
             // Each camera has a target of its own.
@@ -166,7 +133,7 @@ impl Harness {
         };
         let app = HeadlessApp::with_device(headless, before, |app| add_plugins(app, settings));
         Ok(Self {
-            app: app.map_err(|error| HarnessError::NoRenderer(error.to_string()))?,
+            app: app.map_err(|error| error.to_string())?,
             tally: Tally::default(),
         })
     }
@@ -301,7 +268,7 @@ fn add_plugins(app: &mut App, settings: &HarnessSettings) {
     if settings.diagnostics {
         app.add_plugins(RenderDiagnosticsPlugin);
     }
-    if settings.reflections {
+    if !settings.without_reflections {
         app.add_plugins(RayTracedReflectionsPlugin {
             tracer: settings.tracer,
         });
@@ -335,6 +302,25 @@ impl Harness {
         (root, camera)
     }
 
+    /// Spawns objects that share a mesh and a material below a root.
+    pub fn spawn_objects(
+        &mut self,
+        root: Entity,
+        mesh: impl Into<Mesh>,
+        material: StandardMaterial,
+        transforms: impl IntoIterator<Item = Transform>,
+    ) -> Vec<Entity> {
+        let world = self.world();
+        let mesh = Mesh3d(world.resource_mut::<Assets<Mesh>>().add(mesh));
+        let material = MeshMaterial3d(world.resource_mut::<Assets<StandardMaterial>>().add(material));
+        let spawn = |transform| {
+            world
+                .spawn((mesh.clone(), material.clone(), transform, ChildOf(root)))
+                .id()
+        };
+        transforms.into_iter().map(spawn).collect()
+    }
+
     fn target(&self, camera: Entity) -> Option<&RenderTarget> {
         self.app.app_ref().world().get(camera)
     }
@@ -344,13 +330,8 @@ impl Harness {
         let Some(target) = self.target(camera).and_then(RenderTarget::as_image).cloned() else {
             return;
         };
-        let size = size.max(UVec2::ONE);
         if let Some(mut image) = self.world().resource_mut::<Assets<Image>>().get_mut(&target) {
-            image.resize(Extent3d {
-                width: size.x,
-                height: size.y,
-                depth_or_array_layers: 1,
-            });
+            image.resize(size.max(UVec2::ONE).to_extents());
         }
     }
 

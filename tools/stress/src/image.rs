@@ -46,19 +46,6 @@ pub fn luminance(texel: &[f32; 4]) -> f32 {
     0.2126 * texel[0] + 0.7152 * texel[1] + 0.0722 * texel[2]
 }
 
-/// Value of a half float.
-#[must_use]
-pub fn half(bits: u16) -> f32 {
-    let sign = if bits & 0x8000 != 0 { -1.0 } else { 1.0 };
-    let (exponent, fraction) = ((bits >> 10) & 0x1f, f32::from(bits & 0x3ff));
-    sign * match exponent {
-        0 => fraction / 16_777_216.0,
-        31 if fraction == 0.0 => f32::INFINITY,
-        31 => f32::NAN,
-        _ => (1.0 + fraction / 1024.0) * f32::powi(2.0, i32::from(exponent) - 15),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -14,16 +14,19 @@
 //! | [`fuzzer`] | renders scenarios, attributes failures to the library or to Bevy, simplifies scenarios that fail |
 //! | [`energy`], [`furnace`], [`stability`], [`long_run`] | properties of known scenes: light, flicker, time |
 //! | [`invariants`], [`path_equivalence`] | properties of every scene |
+//! | `events` | applies events between frames |
 //! | [`scenario`] | a hostile scene as data: a seed and a list of generators |
 //! | [`generators`], [`glb`] | generators of meshes, lights, files, views, settings and events |
 //! | [`static_scene`] | known scenes in which nothing moves, and averages of their frames |
+//! | `fixture`, `wait` | an app to inject faults into; waiting for work in the background |
 //! | [`harness`] | an app without a window that survives the loss of its device |
-//! | [`statistics`], [`image`], [`log_capture`], [`heartbeat`], [`tally`], [`word`] | small tools |
+//! | [`statistics`], [`image`], [`log_capture`], [`heartbeat`], [`tally`], [`verdict`], [`word`] | small tools |
 //!
 //! Everything random follows from a seed. Each failure is printed with the options that repeat it.
 
 pub mod bounds;
 pub mod energy;
+mod events;
 pub mod faults;
 mod fixture;
 pub mod furnace;
@@ -49,6 +52,7 @@ pub mod static_scene;
 pub mod statistics;
 pub mod summary;
 pub mod tally;
+pub mod verdict;
 pub mod viewer;
 mod wait;
 pub mod word;

@@ -21,9 +21,9 @@ pub const MOST_DRIFT: f64 = 0.005;
 const WARM_LAPS: usize = 1;
 /// Laps until caches are full and memory is measured for the first time.
 const FULL_LAPS: usize = 2;
-/// Largest relative growth of the process's memory after the first laps, ..
+/// Largest relative growth of the process's memory after the first laps, in addition to [`SLACK_BYTES`].
 const MOST_GROWTH: f64 = 0.05;
-/// .. plus bytes that allocators keep.
+/// Bytes that allocators keep.
 const SLACK_BYTES: u64 = 48 << 20;
 /// Largest growth of the library's memory on the device in bytes.
 const DEVICE_SLACK_BYTES: u64 = 1 << 20;
@@ -35,7 +35,7 @@ const PATIENCE: u32 = 5000;
 /// Memory in bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Memory {
-    /// Main memory of this process, if the system tells.
+    /// Main memory of this process, if the system reports it.
     pub process: Option<u64>,
     /// Textures and buffers of the library on the device.
     pub device: u64,

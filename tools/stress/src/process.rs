@@ -38,17 +38,6 @@ pub struct Results {
     pub undecided: Vec<String>,
 }
 
-/// A crash or hang of a worker process.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Crash {
-    /// The case that was running.
-    pub what: String,
-    /// Options that repeat it.
-    pub repeat: Options,
-    /// How the process ended.
-    pub how: String,
-}
-
 /// The end of a worker process.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ended {
@@ -58,19 +47,19 @@ pub struct Ended {
     pub has_started: bool,
     /// Last progress.
     pub progress: Option<Progress>,
-    /// Set if the process did not finish.
-    pub crash: Option<Crash>,
+    /// The crash or hang of the process, if it did not finish.
+    pub crash: Option<Failure>,
 }
 
 /// Runs a job in a worker process. Results are added to `results`; `say` gets lines for people.
 pub fn run(job: &Job, limits: Limits, results: &mut Results, say: &mut dyn FnMut(&str)) -> Ended {
     match start(job) {
         Ok(child) => watch(child, job, limits, results, say),
-        Err(how) => Ended {
-            crash: Some(Crash {
+        Err(problem) => Ended {
+            crash: Some(Failure {
                 what: job.selection.to_string(),
+                problems: vec![problem],
                 repeat: job.options.clone(),
-                how,
             }),
             ..Ended::default()
         },
@@ -143,7 +132,11 @@ fn watch(mut child: Child, job: &Job, limits: Limits, results: &mut Results, say
     } = receiver;
     Ended {
         next_seed: None,
-        crash: Some(Crash { what, repeat, how }),
+        crash: Some(Failure {
+            what,
+            problems: vec![how],
+            repeat,
+        }),
         ..ended
     }
 }
@@ -290,14 +283,11 @@ mod tests {
         assert_eq!(ended.crash, None, "the work was done");
         let segfault = crash(&format!("{} kill -SEGV $$", echo(&[started()])));
         assert_eq!((segfault.what.as_str(), segfault.repeat.seed), ("scene of seed 3", 3));
-        assert!(
-            segfault.how.contains("crashed") && segfault.how.contains("SIGSEGV"),
-            "{}",
-            segfault.how
-        );
+        let how = &segfault.problems[0];
+        assert!(how.contains("crashed") && how.contains("SIGSEGV"), "{how}");
         let early = crash("exit 7");
         assert_eq!(early.what, "scenes");
-        assert!(early.how.contains("exit status: 7"), "{}", early.how);
+        assert!(early.problems[0].contains("exit status: 7"), "{early}");
     }
 
     #[test]
@@ -308,18 +298,18 @@ mod tests {
         };
         let begin = Instant::now();
         let (ended, ..) = run_script(&format!("{} exec sleep 50", echo(&[started()])), 60, silent);
-        assert!(ended.has_started && ended.crash.unwrap().how.contains("silent"));
+        assert!(ended.has_started && ended.crash.unwrap().problems[0].contains("silent"));
         let short = Limits {
             grace: Duration::from_millis(100),
             ..PATIENT
         };
         let talk = "while true; do echo talk; sleep 0.05; done";
         let (ended, ..) = run_script(talk, 1, short);
-        let how = ended.crash.unwrap().how;
+        let how = ended.crash.unwrap().problems.remove(0);
         assert!(how.contains("did not finish within 1 s"), "{how}");
         // Standard output is closed, but the process goes on.
         let (ended, ..) = run_script("exec >&-; exec sleep 50", 60, silent);
-        assert!(ended.crash.unwrap().how.contains("doesn't end"));
+        assert!(ended.crash.unwrap().problems[0].contains("doesn't end"));
         assert!(begin.elapsed() < Duration::from_secs(30));
     }
 }

@@ -5,6 +5,7 @@ use crate::{
     options::Options,
     protocol::{Failure, Message, Progress},
     tally::Tally,
+    verdict::Verdict,
 };
 use std::io::{self, Write};
 
@@ -45,15 +46,15 @@ impl Reporter {
         send(&Message::Started { what, repeat });
     }
 
-    /// Reports problems of the current case, if there are any.
-    pub fn fail(&self, problems: Vec<String>) {
-        self.fail_with(problems, self.repeat.clone());
+    /// Replaces the options that repeat the current case.
+    pub fn repeat_with(&mut self, repeat: Options) {
+        self.repeat = repeat;
     }
 
-    /// Reports problems of the current case that other options repeat.
-    pub fn fail_with(&self, problems: Vec<String>, repeat: Options) {
+    /// Reports problems of the current case, if there are any.
+    pub fn fail(&self, problems: Vec<String>) {
         if !problems.is_empty() {
-            let what = self.what.clone();
+            let (what, repeat) = (self.what.clone(), self.repeat.clone());
             send(&Message::Failed(Failure { what, problems, repeat }));
         }
     }
@@ -71,6 +72,27 @@ impl Reporter {
     /// Reports a question that stayed undecided.
     pub fn undecided(&self, text: String) {
         send(&Message::Undecided(text));
+    }
+
+    /// Reports the result of the current case, and the work for it.
+    pub fn finish(&self, verdict: Verdict, mut tally: Tally) {
+        match verdict {
+            Verdict::Passed(remark) if remark.is_empty() => {}
+            Verdict::Passed(remark) => self.remark(&remark),
+            Verdict::Failed(problems) => self.fail(problems),
+            Verdict::Upstream(problems) => {
+                tally.upstream += 1;
+                let problems = problems.join("; ");
+                self.remark(&format!("Bevy without reflections fails, too: {problems}"));
+            }
+            Verdict::Skipped(reason) => {
+                tally.faults = 0;
+                tally.skipped += 1;
+                self.remark(&format!("skipped: {reason}"));
+            }
+            Verdict::Undecided(reason) => self.undecided(format!("{}: {reason}", self.what)),
+        }
+        self.tried(tally);
     }
 
     /// Reports amounts of work.

@@ -3,7 +3,7 @@
 use crate::{
     faults::Fault,
     options::{Options, Tracer},
-    process::{self, Crash, Ended, Limits, Results},
+    process::{self, Ended, Limits, Results},
     protocol::{Failure, Job, Progress},
     selection::{Section, Selection},
     summary::{SectionSummary, Summary},
@@ -15,9 +15,9 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Most seconds of scenes in one process, ..
+/// Most seconds of scenes in one process.
 const BATCH_SECONDS: u64 = 240;
-/// .. and fewest: a CPU compiles shaders for a while before the first scene.
+/// Fewest seconds of scenes in one process: a CPU compiles shaders for a while before the first scene.
 const LEAST_BATCH_SECONDS: u64 = 75;
 /// With less time left no further process is started.
 const LEAST_SECONDS: u64 = 10;
@@ -71,7 +71,7 @@ pub fn run(options: &Options, say: &mut dyn FnMut(&str)) -> Summary {
     }
 }
 
-/// All sections, or the one that was asked for. A number of scenes or a kept part of one stands for scenes.
+/// All sections, or the requested part. `--count` and `--keep` imply scenes.
 fn selections(options: &Options) -> Vec<Selection> {
     let scenes = is_limited(options).then_some(Selection::Section(Section::Scenes));
     match options.only.or(scenes) {
@@ -227,8 +227,8 @@ impl Runner<'_> {
     }
 
     /// Repeats a scene or a fault that crashed, alone and without reflections, to attribute the crash.
-    fn examine(&mut self, job: &Job, crash: Crash) {
-        (self.say)(&format!("    {}: {}; once more", crash.what, crash.how));
+    fn examine(&mut self, job: &Job, mut crash: Failure) {
+        (self.say)(&format!("    {}: {}; once more", crash.what, crash.problems.join("; ")));
         let is_scene = job.selection.section() == Section::Scenes;
         let alone = Job {
             options: crash.repeat.clone(),
@@ -256,11 +256,14 @@ impl Runner<'_> {
         } else if crashes_alone {
             self.fail(crash);
         } else {
+            let remark = "alone it passes: scenes before it are needed, too";
+            crash.problems.push(remark.to_owned());
             let count = crash.repeat.seed.wrapping_sub(job.options.seed).wrapping_add(1);
-            let mut repeat = job.options.clone();
-            repeat.count = Some(count);
-            let how = format!("{}; alone it passes: scenes before it are needed, too", crash.how);
-            self.fail(Crash { repeat, how, ..crash });
+            crash.repeat = Options {
+                count: Some(count),
+                ..job.options.clone()
+            };
+            self.fail(crash);
         }
     }
 
@@ -269,15 +272,10 @@ impl Runner<'_> {
     }
 
     /// Counts a crash as a failure.
-    fn fail(&mut self, crash: Crash) {
-        let failure = Failure {
-            what: crash.what,
-            problems: vec![crash.how],
-            repeat: crash.repeat,
-        };
-        (self.say)(&failure.to_string());
+    fn fail(&mut self, crash: Failure) {
+        (self.say)(&crash.to_string());
         self.results.tally.crashes += 1;
-        self.results.failures.push(failure);
+        self.results.failures.push(crash);
     }
 }
 

@@ -199,14 +199,6 @@ mod tests {
     }
 
     #[test]
-    fn kept_generators_keep_their_positions() {
-        let scenario = Scenario::random(3, None);
-        let last = scenario.generators.len() - 1;
-        let kept = scenario.clone().keep(&[last]);
-        assert_eq!(kept.generators, scenario.generators[last..]);
-    }
-
-    #[test]
     fn the_cover_holds_everything_once() {
         let mut seen = Vec::new();
         for scenario in Scenario::cover(1, UVec2::splat(8), 2) {

@@ -80,40 +80,29 @@ pub fn measure(
     lengths: Lengths,
     deadline: Instant,
 ) -> Result<Flicker, String> {
-    let view = StaticSceneView::new(harness, scene, size);
-    let mut flicker = Flicker {
-        scene: scene.name(),
-        ..Flicker::default()
-    };
-    let result = measure_in(harness, &view, lengths, deadline, &mut flicker);
-    view.remove(harness);
-    result.map(|()| flicker)
-}
-
-fn measure_in(
-    harness: &mut Harness,
-    view: &StaticSceneView,
-    lengths: Lengths,
-    deadline: Instant,
-    flicker: &mut Flicker,
-) -> Result<(), String> {
-    let mut lit = None;
-    for name in techniques(harness) {
-        if Instant::now() > deadline {
-            break;
+    StaticSceneView::with(harness, scene, size, |harness, view| {
+        let mut flicker = Flicker {
+            scene: scene.name(),
+            ..Flicker::default()
+        };
+        let mut lit = None;
+        for name in techniques(harness) {
+            if Instant::now() > deadline {
+                break;
+            }
+            if !view.switch(harness, name, DebugView::Reflection)? {
+                let text = format!("{}: {name} can't be compiled", flicker.scene);
+                flicker.problems.push(text);
+                continue;
+            }
+            harness.step(lengths.settle);
+            let average = view.average(harness, lengths.average)?;
+            // All techniques are compared over the same pixels.
+            let lit = lit.get_or_insert_with(|| average.lit(LIT));
+            flicker.techniques.push((name, average.flicker(lit, DARK)));
         }
-        if !view.switch(harness, name, DebugView::Reflection)? {
-            let text = format!("{}: {name} can't be compiled", flicker.scene);
-            flicker.problems.push(text);
-            continue;
-        }
-        harness.step(lengths.settle);
-        let average = view.average(harness, lengths.average)?;
-        // All techniques are compared over the same pixels.
-        let lit = lit.get_or_insert_with(|| average.lit(LIT));
-        flicker.techniques.push((name, average.flicker(lit, DARK)));
-    }
-    Ok(())
+        Ok(flicker)
+    })
 }
 
 /// Compares the flicker in several scenes with the limits.

@@ -51,8 +51,24 @@ pub struct StaticSceneView {
 }
 
 impl StaticSceneView {
+    /// Spawns a scene for as long as `body` takes.
+    pub fn with<T>(
+        harness: &mut Harness,
+        scene: StaticScene,
+        size: UVec2,
+        body: impl FnOnce(&mut Harness, &Self) -> T,
+    ) -> T {
+        let view = Self::new(harness, scene, size);
+        let result = body(harness, &view);
+        harness.world().despawn(view.camera);
+        harness.world().despawn(view.root);
+        harness.step(2);
+        harness.reset_clocks();
+        result
+    }
+
     /// Spawns a scene and pauses its clock.
-    pub fn new(harness: &mut Harness, scene: StaticScene, size: UVec2) -> Self {
+    fn new(harness: &mut Harness, scene: StaticScene, size: UVec2) -> Self {
         harness.reset_clocks();
         harness.world().resource_mut::<Time<Virtual>>().pause();
         match scene {
@@ -125,15 +141,6 @@ impl StaticSceneView {
         let mut average = Average::default();
         self.watch(harness, frames, |image| average.add(image))?;
         Ok(average)
-    }
-
-    /// Despawns the scene and the camera.
-    pub fn remove(self, harness: &mut Harness) {
-        let world = harness.world();
-        world.despawn(self.camera);
-        world.despawn(self.root);
-        harness.step(2);
-        harness.reset_clocks();
     }
 }
 
@@ -239,13 +246,8 @@ impl Average {
 fn random(harness: &mut Harness, seed: u64, size: UVec2) -> StaticSceneView {
     let mut random = Random::new(seed);
     let environment = environment(SceneName::Furnace, harness.world());
-    let world = harness.world();
-    let root = world.spawn((Transform::IDENTITY, Visibility::default())).id();
-    let mut add = |mesh: Mesh, material: StandardMaterial, at: Transform| {
-        let mesh = world.resource_mut::<Assets<Mesh>>().add(mesh);
-        let material = world.resource_mut::<Assets<StandardMaterial>>().add(material);
-        world.spawn((Mesh3d(mesh), MeshMaterial3d(material), at, ChildOf(root)));
-    };
+    let root = harness.world().spawn((Transform::IDENTITY, Visibility::default()));
+    let root = root.id();
     let surface = |random: &mut Random| StandardMaterial {
         base_color: Color::linear_rgb(random.range(0.1, 0.9), random.range(0.1, 0.9), random.range(0.1, 0.9)),
         perceptual_roughness: random.range(0.0, 1.0),
@@ -253,7 +255,7 @@ fn random(harness: &mut Harness, seed: u64, size: UVec2) -> StaticSceneView {
         ..default()
     };
     let flat = Transform::from_rotation(Quat::from_rotation_x(-core::f32::consts::FRAC_PI_2));
-    add(Rectangle::new(8.0, 8.0).into(), surface(&mut random), flat);
+    harness.spawn_objects(root, Rectangle::new(8.0, 8.0), surface(&mut random), [flat]);
     for index in 0..10 {
         let position = Vec3::new(random.range(-1.6, 1.6), random.range(0.2, 0.9), random.range(-1.4, 0.8));
         let mut material = surface(&mut random);
@@ -262,12 +264,12 @@ fn random(harness: &mut Harness, seed: u64, size: UVec2) -> StaticSceneView {
             let glow = random.range(0.5, 6.0);
             material.emissive = LinearRgba::rgb(glow, 0.8 * glow, 0.5 * glow);
         }
-        let mesh = if random.chance(0.5) {
+        let mesh: Mesh = if random.chance(0.5) {
             Cuboid::from_length(random.range(0.2, 0.6)).into()
         } else {
             Sphere::new(random.range(0.1, 0.35)).mesh().uv(24, 16)
         };
-        add(mesh, material, Transform::from_translation(position));
+        harness.spawn_objects(root, mesh, material, [Transform::from_translation(position)]);
     }
     let eye = Transform::from_xyz(0.4, 1.4, 3.6).looking_at(Vec3::new(0.0, 0.3, 0.0), Vec3::Y);
     let exposure: Exposure = environment.exposure;

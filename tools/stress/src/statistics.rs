@@ -3,7 +3,7 @@
 /// The result of comparing a value with a limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LimitCheck {
-    /// The value is within the limit, as far as the margin tells, and the margin is no wider than the limit.
+    /// The value may be within the limit, and its margin is no wider than the limit.
     Within,
     /// Even the lower end of the interval is beyond the limit.
     Exceeded,

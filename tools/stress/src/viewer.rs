@@ -3,6 +3,7 @@
 use crate::{
     generators::{FileKind, file_bytes},
     heartbeat, log_capture,
+    verdict::Verdict,
 };
 use clap::ValueEnum;
 use glint_scenes::Random;
@@ -21,17 +22,6 @@ use wait_timeout::ChildExt;
 const PATIENCE: Duration = Duration::from_secs(300);
 /// Time between two signs of life.
 const INTERVAL: Duration = Duration::from_secs(1);
-
-/// The result of a file.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Verdict {
-    /// It was shown, or refused with a message.
-    Passed,
-    /// Bevy fails, with or without reflections.
-    Upstream(String),
-    /// It was neither shown nor refused.
-    Failed(Vec<String>),
-}
 
 /// The end of a program.
 struct Ended {
@@ -94,7 +84,7 @@ impl Viewer {
         match evaluate(&ended) {
             // A crash without a message may be Bevy's own.
             Verdict::Failed(problems) if is_crash(ended.status) => match self.run(&file, "off") {
-                Ok(plain) if plain.status.is_none() || is_crash(plain.status) => Verdict::Upstream(problems.join("; ")),
+                Ok(plain) if plain.status.is_none() || is_crash(plain.status) => Verdict::Upstream(problems),
                 _ => Verdict::Failed(problems),
             },
             verdict => verdict,
@@ -144,11 +134,11 @@ fn evaluate(ended: &Ended) -> Verdict {
         return Verdict::Failed(vec![format!("it didn't end within {} s", PATIENCE.as_secs())]);
     };
     match status.code() {
-        Some(0) => Verdict::Passed,
-        Some(1) if !log.is_empty() => Verdict::Passed,
+        Some(0) => Verdict::Passed(String::new()),
+        Some(1) if !log.is_empty() => Verdict::Passed(String::new()),
         Some(1) => Verdict::Failed(vec!["it failed without a message".to_owned()]),
         _ => match panics().next() {
-            Some(panic) => Verdict::Upstream(panic.to_owned()),
+            Some(panic) => Verdict::Upstream(vec![panic.to_owned()]),
             None => Verdict::Failed(vec![format!("it crashed ({status})")]),
         },
     }

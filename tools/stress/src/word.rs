@@ -2,7 +2,7 @@
 
 use clap::ValueEnum;
 
-/// The word that stands for a value on the command line, such as `long-run`.
+/// The word of a value on the command line, such as `long-run`.
 #[must_use]
 pub fn word(value: &impl ValueEnum) -> String {
     let value = value.to_possible_value();

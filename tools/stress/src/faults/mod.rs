@@ -41,19 +41,6 @@ pub enum Fault {
     FullBuffers,
 }
 
-/// The result of a fault.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Verdict {
-    /// The app reacted as it should; the report to the user.
-    Passed(String),
-    /// The app did not react as it should.
-    Failed(Vec<String>),
-    /// Bevy alone fails the same way.
-    Upstream(Vec<String>),
-    /// This machine cannot have the fault.
-    Skipped(String),
-}
-
 impl Fault {
     /// It concerns the driver's acceleration structures.
     fn needs_ray_queries(self) -> bool {

@@ -1,11 +1,12 @@
 //! Injects a fault into an app, and checks the reports and the image.
 
-use super::{Fault, Verdict};
+use super::Fault;
 use crate::{
     fixture::Fixture,
     harness::{Harness, HarnessSettings},
     log_capture::{self, catch_panic, drop_quietly},
     tally::Tally,
+    verdict::Verdict,
 };
 use bevy::prelude::*;
 use bevy_glint::{DebugView, RayTracedReflections, ShadingRateHeuristic, Technique, Tracer, TracerChoice};
@@ -34,7 +35,7 @@ impl Fault {
                     [] => "nothing needs to be reported".to_owned(),
                     texts => format!("reported: \"{}\"", texts.join("\" or \"")),
                 };
-                return (Verdict::Passed(report), tally);
+                return (Verdict::Passed(format!("the app keeps running; {report}")), tally);
             }
             Err(problems) => problems,
         };
@@ -86,7 +87,7 @@ impl Fault {
     /// The same device with Bevy alone.
     fn control(self, settings: HarnessSettings, size: UVec2, tally: &mut Tally) -> Result<Option<String>, Vec<String>> {
         let settings = HarnessSettings {
-            reflections: false,
+            without_reflections: true,
             ..settings
         };
         with_harness(&settings, tally, |harness| {
@@ -168,7 +169,7 @@ fn with_harness(
     log_capture::clear();
     let mut harness = match catch_panic(|| Harness::open(settings)) {
         Ok(Ok(harness)) => harness,
-        Ok(Err(error)) => return Ok(Some(error.to_string())),
+        Ok(Err(error)) => return Ok(Some(error)),
         Err(panic) => return Err(vec![format!("the device can't be opened: {panic}")]),
     };
     let result = catch_panic(|| body(&mut harness));

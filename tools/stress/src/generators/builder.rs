@@ -5,8 +5,9 @@ use crate::harness::Harness;
 use bevy::{
     asset::{RenderAssetUsages, UntypedAssetId},
     camera::RenderTarget,
+    image::ToExtents,
     prelude::*,
-    render::render_resource::{Extent3d, TextureDimension, TextureFormat},
+    render::render_resource::{TextureDimension, TextureFormat},
 };
 use bevy_glint::RayTracedReflections;
 use glint_scenes::{Random, SceneName, environment};
@@ -133,13 +134,14 @@ impl<'a> Builder<'a> {
 
     /// Adds an image of one layer whose texels are all equal.
     pub fn plain_image(&mut self, size: UVec2, texel: &[u8], format: TextureFormat) -> Handle<Image> {
-        let extent = Extent3d {
-            width: size.x,
-            height: size.y,
-            depth_or_array_layers: 1,
-        };
         let usage = RenderAssetUsages::default();
-        self.image(Image::new_fill(extent, TextureDimension::D2, texel, format, usage))
+        self.image(Image::new_fill(
+            size.to_extents(),
+            TextureDimension::D2,
+            texel,
+            format,
+            usage,
+        ))
     }
 
     /// Spawns a child of the root.
@@ -150,10 +152,15 @@ impl<'a> Builder<'a> {
 
     /// Spawns an object that events may change.
     pub fn object(&mut self, mesh: impl Into<Mesh>, material: StandardMaterial, transform: Transform) -> Entity {
-        let (mesh, material) = (self.mesh(mesh), self.material(material));
-        let entity = self.add((Mesh3d(mesh), MeshMaterial3d(material), transform));
+        let entity = self.harness.spawn_objects(self.root, mesh, material, [transform])[0];
         self.objects.push(entity);
         entity
+    }
+
+    /// Spawns a cube of a random material that events may change.
+    pub fn cube(&mut self, length: f32, transform: Transform) -> Entity {
+        let material = self.plain();
+        self.object(Cuboid::from_length(length), material, transform)
     }
 
     /// A random pose of an object: in view, or behind the camera where only reflections show it.
@@ -187,9 +194,9 @@ impl<'a> Builder<'a> {
             perceptual_roughness,
             ..default()
         };
-        let floor = (self.mesh(Rectangle::new(6.0, 6.0)), self.material(surface(1.0, 0.0)));
         let flat = Transform::from_rotation(Quat::from_rotation_x(-core::f32::consts::FRAC_PI_2));
-        self.add((Mesh3d(floor.0), MeshMaterial3d(floor.1), flat));
+        let floor = Rectangle::new(6.0, 6.0);
+        self.harness.spawn_objects(self.root, floor, surface(1.0, 0.0), [flat]);
         for (index, (metallic, roughness)) in [(1.0, 0.1), (0.0, 0.4), (0.5, 0.8)].into_iter().enumerate() {
             let material = StandardMaterial {
                 base_color: Color::linear_rgb(0.8, 0.3 * index as f32, 0.2),

@@ -1,12 +1,7 @@
 //! The setup of a camera in a hostile scene.
 
 use crate::harness::Harness;
-use bevy::{
-    camera::{Exposure, Viewport},
-    light::Skybox,
-    pbr::DistanceFog,
-    prelude::*,
-};
+use bevy::{camera::Exposure, light::Skybox, pbr::DistanceFog, prelude::*};
 use bevy_glint::{
     DebugCounters, DebugSplit, DebugView, RayTracedReflections, ShadingRateHeuristic, Technique, rate::RateTileSize,
 };
@@ -23,12 +18,8 @@ pub struct CameraSetup {
     pub projection: Projection,
     /// Exposure.
     pub exposure: Exposure,
-    /// Part of the target.
-    pub viewport: Option<Viewport>,
-    /// Culls front faces instead of back faces.
-    pub invert_culling: bool,
-    /// Background.
-    pub clear_color: ClearColorConfig,
+    /// Viewport, culling and background.
+    pub camera: Camera,
     /// Ambient light.
     pub ambient: AmbientLight,
     /// Environment map.
@@ -60,9 +51,10 @@ impl CameraSetup {
             transform: Transform::from_xyz(0.3, 1.3, 3.4).looking_at(Vec3::new(0.0, 0.35, 0.0), Vec3::Y),
             projection: PerspectiveProjection::default().into(),
             exposure: sky.exposure,
-            viewport: None,
-            invert_culling: false,
-            clear_color: ClearColorConfig::Custom(Color::BLACK),
+            camera: Camera {
+                clear_color: ClearColorConfig::Custom(Color::BLACK),
+                ..default()
+            },
             ambient: AmbientLight {
                 brightness: 0.0,
                 ..default()
@@ -85,16 +77,10 @@ impl CameraSetup {
 
     /// Spawns the camera below the root of a scene.
     pub fn spawn(&self, harness: &mut Harness, root: Entity) -> Entity {
-        let camera = Camera {
-            viewport: self.viewport.clone(),
-            invert_culling: self.invert_culling,
-            clear_color: self.clear_color,
-            ..default()
-        };
         let entity = harness.spawn_camera(
             self.size,
             (
-                camera,
+                self.camera.clone(),
                 self.transform,
                 self.projection.clone(),
                 self.exposure,

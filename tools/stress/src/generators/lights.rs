@@ -109,8 +109,8 @@ fn several(kind: LightKind, at: Transform, builder: &mut Builder) {
                     range: 4.0,
                     ..default()
                 };
-                let place = Vec3::new((index % 20) as f32, 4.0, (index / 20) as f32) * 0.3;
-                builder.add((light, Transform::from_translation(place - Vec3::new(3.0, 0.0, 2.0))));
+                let position = Vec3::new((index % 20) as f32, 4.0, (index / 20) as f32) * 0.3;
+                builder.add((light, Transform::from_translation(position - Vec3::new(3.0, 0.0, 2.0))));
             }
         }
         LightKind::ManyDirectional => {
@@ -127,51 +127,34 @@ fn several(kind: LightKind, at: Transform, builder: &mut Builder) {
     }
 }
 
-fn point(kind: LightKind, at: Transform) -> Option<(PointLight, Transform)> {
-    let lamp = PointLight {
+fn point(kind: LightKind, mut at: Transform) -> Option<(PointLight, Transform)> {
+    let mut lamp = PointLight {
         intensity: LUMENS,
         range: 20.0,
         ..default()
     };
-    let with = |intensity: f32| PointLight { intensity, ..lamp };
-    let ranged = |range: f32| PointLight { range, ..lamp };
-    Some(match kind {
-        LightKind::Lamp => (lamp, at),
-        LightKind::NanPoint => (with(f32::NAN), at),
-        LightKind::InfinitePoint => (with(f32::INFINITY), at),
-        LightKind::HugePoint => (with(1e12), at),
-        LightKind::NegativePoint => (with(-LUMENS), at),
-        LightKind::NanColor => {
-            let color = Color::linear_rgb(f32::NAN, 1.0, 1.0);
-            (PointLight { color, ..lamp }, at)
-        }
-        LightKind::ZeroRange => (ranged(0.0), at),
-        LightKind::NanRange => (ranged(f32::NAN), at),
-        LightKind::InfiniteRange => (ranged(f32::INFINITY), at),
-        LightKind::OddRadius => {
-            let radius = if at.translation.x > 0.0 { f32::NAN } else { -5.0 };
-            (PointLight { radius, ..lamp }, at)
-        }
+    match kind {
+        LightKind::Lamp => {}
+        LightKind::NanPoint => lamp.intensity = f32::NAN,
+        LightKind::InfinitePoint => lamp.intensity = f32::INFINITY,
+        LightKind::HugePoint => lamp.intensity = 1e12,
+        LightKind::NegativePoint => lamp.intensity = -LUMENS,
+        LightKind::NanColor => lamp.color = Color::linear_rgb(f32::NAN, 1.0, 1.0),
+        LightKind::ZeroRange => lamp.range = 0.0,
+        LightKind::NanRange => lamp.range = f32::NAN,
+        LightKind::InfiniteRange => lamp.range = f32::INFINITY,
+        LightKind::OddRadius => lamp.radius = if at.translation.x > 0.0 { f32::NAN } else { -5.0 },
         LightKind::FarPoint => {
-            let far = PointLight {
-                intensity: 1e13,
-                range: 1e7,
-                ..lamp
-            };
-            (far, Transform::from_xyz(0.0, 1e6, 0.0))
+            (lamp.intensity, lamp.range) = (1e13, 1e7);
+            at = Transform::from_xyz(0.0, 1e6, 0.0);
         }
-        LightKind::NanPosition => (lamp, at.with_translation(Vec3::splat(f32::NAN))),
-        LightKind::InfinitePosition => (lamp, at.with_translation(Vec3::splat(f32::INFINITY))),
-        LightKind::OnTheSurface => (lamp, Transform::from_xyz(0.3, 0.0, 1.0)),
-        LightKind::ShadowedPoint => {
-            let shadowed = PointLight {
-                shadow_maps_enabled: true,
-                ..lamp
-            };
-            (shadowed, at)
-        }
+        LightKind::NanPosition => at.translation = Vec3::NAN,
+        LightKind::InfinitePosition => at.translation = Vec3::INFINITY,
+        LightKind::OnTheSurface => at = Transform::from_xyz(0.3, 0.0, 1.0),
+        LightKind::ShadowedPoint => lamp.shadow_maps_enabled = true,
         _ => return None,
-    })
+    }
+    Some((lamp, at))
 }
 
 fn spot(kind: LightKind, at: Transform) -> Option<(SpotLight, Transform)> {
@@ -189,10 +172,8 @@ fn spot(kind: LightKind, at: Transform) -> Option<(SpotLight, Transform)> {
         LightKind::WideCone => (cone(FRAC_PI_2, PI), down),
         LightKind::CollapsedSpot => (cone(0.2, 0.6), down.with_scale(Vec3::ZERO)),
         LightKind::ShadowedSpot => {
-            let shadowed = SpotLight {
-                shadow_maps_enabled: true,
-                ..cone(0.2, 0.6)
-            };
+            let mut shadowed = cone(0.2, 0.6);
+            shadowed.shadow_maps_enabled = true;
             (shadowed, down)
         }
         _ => return None,

@@ -85,20 +85,15 @@ pub enum MaterialKind {
 /// Adds objects of such a material.
 pub fn add(kind: MaterialKind, builder: &mut Builder) {
     let plain = builder.plain();
-    let made = material(kind, plain.clone());
+    let mut material = material(kind, plain);
     let seen = builder.spot();
-    builder.object(Cuboid::from_length(0.5), made.clone(), seen);
+    builder.object(Cuboid::from_length(0.5), material.clone(), seen);
     // The other one is visible in reflections only.
+    if kind == MaterialKind::Masks {
+        material.alpha_mode = AlphaMode::Mask(2.0);
+    }
     let behind = Transform::from_xyz(builder.random.range(-1.5, 1.5), 0.8, 5.0);
-    let other = if kind == MaterialKind::Masks {
-        StandardMaterial {
-            alpha_mode: AlphaMode::Mask(2.0),
-            ..plain
-        }
-    } else {
-        made
-    };
-    builder.object(Sphere::new(0.6).mesh().uv(12, 8), other, behind);
+    builder.object(Sphere::new(0.6).mesh().uv(12, 8), material, behind);
 }
 
 fn material(kind: MaterialKind, plain: StandardMaterial) -> StandardMaterial {

@@ -6,6 +6,9 @@ use bevy_glint::NotReflected;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
+/// Materials of a crowd of objects.
+const GROUPS: u32 = 4;
+
 /// Placements and numbers of objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
 pub enum PlacementKind {
@@ -89,7 +92,7 @@ pub fn add(kind: PlacementKind, builder: &mut Builder) {
             Transform::from_translation(eye).with_scale(Vec3::splat(8.0))
         }
         PlacementKind::Sheared => return sheared(builder, spot),
-        PlacementKind::Stacked => return stacked(builder, spot),
+        PlacementKind::Stacked => return (0..24).for_each(|_| _ = builder.cube(0.5, spot)),
         PlacementKind::DeepHierarchy => return deep(builder, spot),
         PlacementKind::Unseen => return unseen(builder, spot),
         PlacementKind::Nothing => return nothing(builder),
@@ -100,23 +103,13 @@ pub fn add(kind: PlacementKind, builder: &mut Builder) {
         PlacementKind::Thousand => return crowd(builder, 10),
         PlacementKind::HundredThousand => return crowd(builder, 47),
     };
-    let material = builder.plain();
-    builder.object(Cuboid::from_length(0.5), material, placed);
+    builder.cube(0.5, placed);
 }
 
 fn sheared(builder: &mut Builder, spot: Transform) {
     let parent = builder.add((spot.with_scale(Vec3::new(3.0, 0.1, -1.0)), Visibility::default()));
-    let material = builder.plain();
-    let turned = Transform::from_rotation(Quat::from_rotation_z(0.9));
-    let child = builder.object(Cuboid::from_length(0.5), material, turned);
+    let child = builder.cube(0.5, Transform::from_rotation(Quat::from_rotation_z(0.9)));
     builder.world().entity_mut(child).insert(ChildOf(parent));
-}
-
-fn stacked(builder: &mut Builder, spot: Transform) {
-    for _ in 0..24 {
-        let material = builder.plain();
-        builder.object(Cuboid::from_length(0.5), material, spot);
-    }
 }
 
 fn deep(builder: &mut Builder, spot: Transform) {
@@ -128,16 +121,12 @@ fn deep(builder: &mut Builder, spot: Transform) {
             .spawn((step, Visibility::default(), ChildOf(parent)))
             .id();
     }
-    let material = builder.plain();
-    let child = builder.object(Cuboid::from_length(0.8), material, Transform::IDENTITY);
+    let child = builder.cube(0.8, Transform::IDENTITY);
     builder.world().entity_mut(child).insert(ChildOf(parent));
 }
 
 fn unseen(builder: &mut Builder, spot: Transform) {
-    let [hidden, elsewhere, out] = [(); 3].map(|()| {
-        let material = builder.plain();
-        builder.object(Cuboid::from_length(0.5), material, spot)
-    });
+    let [hidden, elsewhere, out] = [(); 3].map(|()| builder.cube(0.5, spot));
     let world = builder.world();
     world.entity_mut(hidden).insert(Visibility::Hidden);
     world.entity_mut(elsewhere).insert(RenderLayers::layer(7));
@@ -160,30 +149,18 @@ fn nothing(builder: &mut Builder) {
     builder.objects.clear();
 }
 
-/// Adds a cube of objects with this many along each side.
-fn crowd(builder: &mut Builder, side: usize) {
-    let mesh = builder.mesh(Cuboid::from_length(0.8 / side as f32));
-    let materials = [(); 4].map(|()| {
-        let material = builder.plain();
-        builder.material(material)
-    });
-    let root = builder.root;
+/// Adds a block of objects with this many along each side.
+fn crowd(builder: &mut Builder, side: u32) {
     let corner = builder.spot().translation - 0.5;
-    let objects: Vec<_> = (0..side * side * side)
-        .map(|index| {
-            let place = UVec3::new(
-                (index % side) as u32,
-                (index / side % side) as u32,
-                (index / side / side) as u32,
-            );
-            let place = corner + place.as_vec3() / side as f32;
-            (
-                Mesh3d(mesh.clone()),
-                MeshMaterial3d(materials[index % materials.len()].clone()),
-                Transform::from_translation(place),
-                ChildOf(root),
-            )
-        })
-        .collect();
-    builder.world().spawn_batch(objects);
+    let length = 0.8 / side as f32;
+    for group in 0..GROUPS {
+        let material = builder.plain();
+        let position = |index: u32| {
+            let cell = UVec3::new(index % side, index / side % side, index / side / side);
+            Transform::from_translation(corner + cell.as_vec3() / side as f32)
+        };
+        let positions = (group..side.pow(3)).step_by(GROUPS as usize).map(position);
+        let (root, mesh) = (builder.root, Cuboid::from_length(length));
+        builder.harness.spawn_objects(root, mesh, material, positions);
+    }
 }

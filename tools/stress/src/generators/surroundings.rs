@@ -3,12 +3,12 @@
 use super::Builder;
 use bevy::{
     asset::RenderAssetUsages,
-    image::ImageSampler,
+    image::{ImageSampler, ToExtents},
     light::Skybox,
     pbr::{DistanceFog, FogFalloff},
     prelude::*,
     render::{
-        render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
+        render_resource::{TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
         settings::WgpuFeatures,
     },
 };
@@ -130,11 +130,7 @@ fn cube(kind: SurroundingsKind, features: WgpuFeatures) -> Option<(TextureFormat
 
 /// A cube map of one colour and one level.
 fn cube_image(side: u32, texel: &[u8], format: TextureFormat) -> Image {
-    let extent = Extent3d {
-        width: side,
-        height: side,
-        depth_or_array_layers: 6,
-    };
+    let extent = UVec3::new(side, side, 6).to_extents();
     let usage = RenderAssetUsages::default();
     let mut image = Image::new_fill(extent, TextureDimension::D2, texel, format, usage);
     image.texture_view_descriptor = Some(TextureViewDescriptor {
@@ -178,11 +174,11 @@ fn others(kind: SurroundingsKind, builder: &mut Builder) {
         SurroundingsKind::LightOnly => builder.camera.skybox = None,
         SurroundingsKind::NanBackground => {
             builder.camera.skybox = None;
-            builder.camera.clear_color = ClearColorConfig::Custom(Color::linear_rgb(f32::NAN, 1.0, 1.0));
+            builder.camera.camera.clear_color = ClearColorConfig::Custom(Color::linear_rgb(f32::NAN, 1.0, 1.0));
         }
         SurroundingsKind::NoBackground => {
             builder.camera.skybox = None;
-            builder.camera.clear_color = ClearColorConfig::None;
+            builder.camera.camera.clear_color = ClearColorConfig::None;
         }
         SurroundingsKind::Ambient => {
             builder.camera.light = None;

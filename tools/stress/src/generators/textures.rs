@@ -3,9 +3,9 @@
 use super::Builder;
 use bevy::{
     asset::RenderAssetUsages,
-    image::{ImageAddressMode, ImageFilterMode, ImageSampler, ImageSamplerDescriptor},
+    image::{ImageAddressMode, ImageFilterMode, ImageSampler, ImageSamplerDescriptor, ToExtents},
     prelude::*,
-    render::render_resource::{Extent3d, TextureDimension, TextureFormat},
+    render::render_resource::{TextureDimension, TextureFormat},
 };
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
@@ -125,13 +125,14 @@ fn wild(builder: &mut Builder) -> Handle<Image> {
         0x3800, 0x3c00,
     ];
     let bytes = halves.map(u16::to_le_bytes).concat();
-    let extent = Extent3d {
-        width: 2,
-        height: 2,
-        depth_or_array_layers: 1,
-    };
     let (format, usage) = (TextureFormat::Rgba16Float, RenderAssetUsages::default());
-    builder.image(Image::new(extent, TextureDimension::D2, bytes, format, usage))
+    builder.image(Image::new(
+        UVec2::splat(2).to_extents(),
+        TextureDimension::D2,
+        bytes,
+        format,
+        usage,
+    ))
 }
 
 fn fill_every_slot(builder: &mut Builder, material: &mut StandardMaterial) {
@@ -171,11 +172,7 @@ fn samplers(builder: &mut Builder) {
     ];
     for mode in modes {
         for filter in [ImageFilterMode::Nearest, ImageFilterMode::Linear] {
-            let extent = Extent3d {
-                width: 2,
-                height: 2,
-                depth_or_array_layers: 1,
-            };
+            let extent = UVec2::splat(2).to_extents();
             let texels = [10, 220, 30, 255, 250, 20, 30, 255].repeat(2);
             let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
             let mut image = Image::new(extent, TextureDimension::D2, texels, format, usage);
@@ -225,11 +222,7 @@ fn large(builder: &mut Builder) -> Option<Handle<Image>> {
     } else {
         TextureFormat::Rgba8UnormSrgb
     };
-    let extent = Extent3d {
-        width: SIDE,
-        height: SIDE,
-        depth_or_array_layers: 1,
-    };
+    let extent = UVec2::splat(SIDE).to_extents();
     let usage = RenderAssetUsages::RENDER_WORLD;
     let image = Image::new_fill(extent, TextureDimension::D2, texel, format, usage);
     Some(builder.image(image))

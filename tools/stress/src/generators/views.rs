@@ -2,7 +2,7 @@
 
 use super::Builder;
 use bevy::{
-    camera::{Exposure, ScalingMode, Viewport},
+    camera::{ScalingMode, Viewport},
     prelude::*,
 };
 use bevy_glint::{DebugView, Preset, Technique};
@@ -87,15 +87,11 @@ pub fn add(kind: ViewKind, builder: &mut Builder) {
             builder.camera.transform = low.looking_at(Vec3::new(0.0, 1e-3, 0.0), Vec3::Y);
         }
         ViewKind::Away => builder.camera.transform.rotate_y(core::f32::consts::PI),
-        ViewKind::InvertedCulling => builder.camera.invert_culling = true,
-        ViewKind::OverExposed => builder.camera.exposure = Exposure { ev100: -60.0 },
-        ViewKind::UnderExposed => builder.camera.exposure = Exposure { ev100: 80.0 },
-        ViewKind::NanExposure => builder.camera.exposure = Exposure { ev100: f32::NAN },
-        ViewKind::InfiniteExposure => {
-            builder.camera.exposure = Exposure {
-                ev100: f32::NEG_INFINITY,
-            }
-        }
+        ViewKind::InvertedCulling => builder.camera.camera.invert_culling = true,
+        ViewKind::OverExposed => builder.camera.exposure.ev100 = -60.0,
+        ViewKind::UnderExposed => builder.camera.exposure.ev100 = 80.0,
+        ViewKind::NanExposure => builder.camera.exposure.ev100 = f32::NAN,
+        ViewKind::InfiniteExposure => builder.camera.exposure.ev100 = f32::NEG_INFINITY,
         ViewKind::OnePixel => builder.camera.size = UVec2::ONE,
         ViewKind::ThreePixels => builder.camera.size = UVec2::new(3, 1),
         ViewKind::Ribbon => builder.camera.size = UVec2::new(2049, 1),
@@ -110,7 +106,7 @@ pub fn add(kind: ViewKind, builder: &mut Builder) {
             } else {
                 UVec2::ONE
             };
-            builder.camera.viewport = Some(Viewport {
+            builder.camera.camera.viewport = Some(Viewport {
                 physical_position: size - part,
                 physical_size: part,
                 ..default()
@@ -175,7 +171,7 @@ fn more_cameras(kind: ViewKind, builder: &mut Builder) {
             reflections.shadow_rays = false;
             reflections.denoiser.temporal = false;
             other.view = DebugView::Reflection;
-            other.exposure = Exposure { ev100: 2.0 };
+            other.exposure.ev100 = 2.0;
             builder.more_cameras.push(other);
         }
     }

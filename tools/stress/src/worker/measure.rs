@@ -2,10 +2,10 @@
 
 use super::Worker;
 use crate::{
-    bounds::{self, Bounds, Case},
+    bounds::{Bounds, Case},
     energy::{self, Lengths, Measurements},
     furnace,
-    harness::{Harness, HarnessError, HarnessSettings},
+    harness::{Harness, HarnessSettings},
     log_capture::{catch_panic, drop_quietly},
     long_run,
     selection::Section,
@@ -31,12 +31,12 @@ impl Worker {
         });
         match done {
             Ok(Ok(())) => {}
-            Ok(Err(error)) => self.reporter.skip(&word(&section), &error.to_string()),
+            Ok(Err(error)) => self.reporter.skip(&word(&section), &error),
             Err(panic) => self.reporter.fail(vec![panic]),
         }
     }
 
-    fn measure_in_harness(&mut self, section: Section) -> Result<(), HarnessError> {
+    fn measure_in_harness(&mut self, section: Section) -> Result<(), String> {
         let mut harness = Harness::new(&HarnessSettings {
             tracer: self.job.options.tracer.into(),
             checked: self.job.options.checked,
@@ -164,7 +164,7 @@ impl Worker {
         self.reporter.fail(problems);
     }
 
-    fn compare_bounds(&mut self) -> Result<(), HarnessError> {
+    fn compare_bounds(&mut self) -> Result<(), String> {
         let size = self.size(true, Section::Bounds);
         let seed = self.job.options.seed;
         let mut bounds = Bounds::new(self.job.options.tracer.into(), size)?;
@@ -175,15 +175,8 @@ impl Worker {
                 break;
             }
             self.start(format!("runtime checks in {}", case.describe()));
-            match bounds.compare(case) {
-                bounds::Verdict::Same => {}
-                bounds::Verdict::Different(problems) => self.reporter.fail(problems),
-                bounds::Verdict::Undecided(reason) => {
-                    self.reporter
-                        .undecided(format!("runtime checks in {}: {reason}", case.describe()));
-                }
-            }
-            self.reporter.tried(bounds.take_tally());
+            let verdict = bounds.compare(case);
+            self.reporter.finish(verdict, bounds.take_tally());
             let unit = "scenes with and without runtime checks";
             self.reporter.progress(index as u64 + 1, cases.len() as u64, unit);
         }

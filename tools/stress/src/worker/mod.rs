@@ -4,7 +4,7 @@ mod measure;
 mod scenes;
 
 use crate::{
-    faults::{Fault, Verdict},
+    faults::Fault,
     generators::FileKind,
     heartbeat,
     options::Options,
@@ -12,7 +12,7 @@ use crate::{
     report::{self, Reporter},
     selection::{Section, Selection},
     tally::Tally,
-    viewer::{self, Viewer},
+    viewer::Viewer,
     word::word,
 };
 use bevy::math::UVec2;
@@ -71,32 +71,16 @@ impl Worker {
     }
 
     fn fault(&mut self, fault: Fault) {
-        let what = format!("fault {}", word(&fault));
-        self.reporter
-            .start(what.clone(), self.job.options.only(Selection::Fault(fault)));
+        let repeat = self.job.options.only(Selection::Fault(fault));
+        self.reporter.start(format!("fault {}", word(&fault)), repeat);
         let options = &self.job.options;
         let (tracer, size) = (options.tracer.into(), options.size_or(UVec2::new(64, 48)));
-        let (verdict, mut tally) = if self.job.without_reflections {
+        let (verdict, tally) = if self.job.without_reflections {
             fault.run_without_reflections(tracer, size)
         } else {
             fault.run(tracer, size)
         };
-        match verdict {
-            Verdict::Passed(text) => self.reporter.remark(&format!("the app keeps running; {text}")),
-            Verdict::Failed(problems) => self.reporter.fail(problems),
-            Verdict::Upstream(problems) => {
-                tally.upstream += 1;
-                let problems = problems.join("; ");
-                self.reporter
-                    .remark(&format!("Bevy without reflections fails, too: {problems}"));
-            }
-            Verdict::Skipped(reason) => {
-                tally.faults = 0;
-                tally.skipped += 1;
-                self.reporter.note(format!("{what} is skipped: {reason}"));
-            }
-        }
-        self.reporter.tried(tally);
+        self.reporter.finish(verdict, tally);
         self.reporter.progress(1, 1, "faults");
     }
 
@@ -121,19 +105,11 @@ impl Worker {
             let kind = word(&Viewer::kind(seed));
             self.reporter
                 .start(format!("file of seed {seed} ({kind}) in the viewer"), repeat);
-            let mut tally = Tally {
+            let tally = Tally {
                 files: 1,
                 ..Tally::default()
             };
-            match viewer.show(seed) {
-                viewer::Verdict::Passed => {}
-                viewer::Verdict::Upstream(problem) => {
-                    tally.upstream += 1;
-                    self.reporter.remark(&format!("Bevy fails: {problem}"));
-                }
-                viewer::Verdict::Failed(problems) => self.reporter.fail(problems),
-            }
-            self.reporter.tried(tally);
+            self.reporter.finish(viewer.show(seed), tally);
             // Beyond one of each kind there is no end to reach.
             let is_enough = done + 1 >= least || options.count.is_some();
             self.reporter

@@ -2,17 +2,18 @@
 
 use super::Worker;
 use crate::{
-    fuzzer::{Fuzzer, Verdict},
+    fuzzer::Fuzzer,
     generators::Generator,
     harness::HarnessSettings,
     options::{Keep, Options},
     scenario::Scenario,
+    verdict::Verdict,
 };
 use std::time::{Duration, Instant};
 
-/// Most time for simplifying a failing scenario, ..
+/// Most time for simplifying a failing scenario.
 const SIMPLIFY: Duration = Duration::from_secs(90);
-/// .. and least, even if the time is nearly over.
+/// Least time for simplifying, even if the job's time is nearly over.
 const LEAST_SIMPLIFY: Duration = Duration::from_secs(20);
 
 impl Worker {
@@ -21,7 +22,7 @@ impl Worker {
         let options = self.job.options.clone();
         let mut fuzzer = Fuzzer::new(HarnessSettings {
             tracer: options.tracer.into(),
-            reflections: !self.job.without_reflections,
+            without_reflections: self.job.without_reflections,
             diagnostics: true,
             hardware: true,
             checked: options.checked,
@@ -38,33 +39,22 @@ impl Worker {
             self.reporter.start(what, repeat(&scenario, &options));
             done += 1;
             let left = self.deadline.saturating_duration_since(Instant::now());
-            match fuzzer.run(&scenario, SIMPLIFY.min(left.max(LEAST_SIMPLIFY))) {
-                Verdict::Passed => {}
-                Verdict::Upstream(problems) => {
-                    self.reporter
-                        .remark(&format!("fails in Bevy, too: {}", problems.join("; ")));
-                }
-                Verdict::Failed(mut finding) if finding.alone => {
-                    let simplest = finding.scenario.describe();
-                    finding.problems.push(format!("simplest: {simplest}"));
-                    self.reporter
-                        .fail_with(finding.problems, repeat(&finding.scenario, &options));
-                }
-                Verdict::Failed(mut finding) => {
-                    let remark = "it passes in a new app: scenes before it are needed, too";
-                    finding.problems.push(remark.to_owned());
-                    let repeat = Options {
-                        count: Some(done),
-                        ..options.clone()
-                    };
-                    self.reporter.fail_with(finding.problems, repeat);
-                }
-                Verdict::Unavailable(reason) => {
-                    self.reporter.skip("scenes", &reason);
+            let verdict = fuzzer.run(&scenario, SIMPLIFY.min(left.max(LEAST_SIMPLIFY)));
+            match &verdict {
+                Verdict::Skipped(reason) => {
+                    self.reporter.skip("scenes", reason);
                     return options.seed;
                 }
+                Verdict::Failed(_) => self.reporter.repeat_with(match &fuzzer.simplest {
+                    Some(simplest) => repeat(simplest, &options),
+                    None => Options {
+                        count: Some(done),
+                        ..options.clone()
+                    },
+                }),
+                _ => {}
             }
-            self.reporter.tried(fuzzer.take_tally());
+            self.reporter.finish(verdict, fuzzer.take_tally());
             self.reporter.progress(done, 0, "scenes");
         }
         fuzzer.close();
