@@ -225,9 +225,9 @@ mod tests {
         (ended, results, said)
     }
 
-    fn echo(messages: &[Message]) -> String {
+    fn print(messages: &[Message]) -> String {
         let lines = messages.iter().map(|message| serde_json::to_string(message).unwrap());
-        lines.map(|line| format!("echo '{line}'\n")).collect()
+        lines.map(|line| format!("printf '%s\\n' '{line}'\n")).collect()
     }
 
     fn started() -> Message {
@@ -255,7 +255,7 @@ mod tests {
             repeat: options("--only device-lost"),
         };
         let progress = Progress::new(3, 10, "scenes");
-        let script = echo(&[
+        let script = print(&[
             started(),
             Message::Tried(tally),
             Message::Note("worth knowing".into()),
@@ -277,11 +277,11 @@ mod tests {
 
     #[test]
     fn crashes_are_attributed_to_what_was_running() {
-        let script = echo(&[started(), Message::Finished { next_seed: 4 }, started()]);
+        let script = print(&[started(), Message::Finished { next_seed: 4 }, started()]);
         let crash = |script: &str| run_script(script, 60, PATIENT).0.crash.unwrap();
         let (ended, ..) = run_script(&format!("{script} kill -SEGV $$"), 60, PATIENT);
         assert_eq!(ended.crash, None, "the work was done");
-        let segfault = crash(&format!("{} kill -SEGV $$", echo(&[started()])));
+        let segfault = crash(&format!("{} kill -SEGV $$", print(&[started()])));
         assert_eq!((segfault.what.as_str(), segfault.repeat.seed), ("scene of seed 3", 3));
         let how = &segfault.problems[0];
         assert!(how.contains("crashed") && how.contains("SIGSEGV"), "{how}");
@@ -297,7 +297,7 @@ mod tests {
             ..PATIENT
         };
         let begin = Instant::now();
-        let (ended, ..) = run_script(&format!("{} exec sleep 50", echo(&[started()])), 60, silent);
+        let (ended, ..) = run_script(&format!("{} exec sleep 50", print(&[started()])), 60, silent);
         assert!(ended.has_started && ended.crash.unwrap().problems[0].contains("silent"));
         let short = Limits {
             grace: Duration::from_millis(100),
