@@ -151,7 +151,7 @@ mod tests {
         assert!(is_own(
             "thread 'main' panicked at src/scene/meshes.rs:3:9:\nindex out of bounds"
         ));
-        assert!(is_own("panicked at examples/viewer.rs:10:5:\nno"));
+        assert!(is_own("panicked at tools/viewer/src/gltf.rs:10:5:\nno"));
         assert!(!is_own(
             "panicked at /home/u/.cargo/registry/src/index/bevy_gltf-0.20.1/src/loader/mod.rs:1:2:\nno"
         ));

@@ -39,7 +39,7 @@ pub struct Options {
     /// Compile all shaders with runtime checks [default: in every other process that renders scenes].
     #[arg(long)]
     pub checked: bool,
-    /// Program of the example `viewer` [default: the one that cargo built beside this program].
+    /// The program `glint_viewer` [default: the one that cargo built beside this program].
     #[arg(long, value_name = "PATH")]
     pub viewer: Option<PathBuf>,
 }

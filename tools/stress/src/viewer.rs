@@ -1,4 +1,4 @@
-//! The example `viewer` and broken files: it must show them or report an error, and neither panic nor hang.
+//! The viewer and broken files: it must show them or report an error, and neither panic nor hang.
 
 use crate::{
     generators::{FileKind, file_bytes},
@@ -45,16 +45,12 @@ impl Viewer {
     ///
     /// If there is none, or no folder can be created.
     pub fn new(given: Option<&Path>, tracer: String) -> Result<Self, String> {
-        let name = format!("viewer{}", env::consts::EXE_SUFFIX);
+        let name = format!("glint_viewer{}", env::consts::EXE_SUFFIX);
         let own = env::current_exe().map_err(|error| error.to_string())?;
-        let beside = own.parent().unwrap_or(Path::new("."));
-        let candidates = given.map_or_else(
-            || vec![beside.join("examples").join(&name), beside.join(&name)],
-            |given| vec![given.to_owned()],
-        );
-        let Some(program) = candidates.into_iter().find(|path| path.is_file()) else {
-            return Err("the example `viewer` isn't built beside this program, nor named by --viewer".to_owned());
-        };
+        let program = given.map_or_else(|| own.with_file_name(name), Path::to_owned);
+        if !program.is_file() {
+            return Err("`glint_viewer` isn't built beside this program, nor named by --viewer".to_owned());
+        }
         let folder = tempfile::tempdir().map_err(|error| format!("no temporary folder can be created: {error}"))?;
         Ok(Self {
             program,
@@ -154,8 +150,8 @@ mod tests {
             status: None,
             log: log.to_owned(),
         };
-        let own = evaluate(&ended("WARN x\nthread 'main' panicked at examples/viewer.rs:3:4:\nno"));
-        assert!(matches!(own, Verdict::Failed(problems) if problems[0].contains("viewer.rs")));
+        let own = evaluate(&ended("WARN x\nthread 'main' panicked at tools/viewer/src/gltf.rs:3:4:\nno"));
+        assert!(matches!(own, Verdict::Failed(problems) if problems[0].contains("gltf.rs")));
         let hang = evaluate(&ended(
             "thread panicked at /x/registry/src/y/bevy_gltf/src/lib.rs:1:1:\nno",
         ));
