@@ -42,6 +42,9 @@ pub struct Options {
     /// Number of frames to render before the picture is taken (default: 32; `converged` wants hundreds).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     frames: Option<u32>,
+    /// Open the settings panel.
+    #[arg(long)]
+    panel: bool,
     /// Where the picture goes (default when headless: demo.png).
     #[arg(long, value_name = "FILE.png")]
     out: Option<PathBuf>,
@@ -173,6 +176,9 @@ impl Plan {
         option("--size", size.map(|size| size.to_string().into()));
         option("--frames", frames.map(|frames| frames.to_string().into()));
         option("--out", picture.clone().map(Into::into));
+        if options.panel {
+            arguments.push("--panel".into());
+        }
         if headless {
             arguments.push("--headless".into());
         }
