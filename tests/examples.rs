@@ -5,8 +5,6 @@
 //! directory.
 
 mod common;
-#[path = "common/pictures.rs"]
-mod pictures;
 
 #[path = "../examples/custom_heuristic.rs"]
 #[expect(dead_code, reason = "`main` opens a window")]
@@ -45,14 +43,16 @@ use bevy::{
     pbr::DefaultOpaqueRendererMethod,
     prelude::*,
 };
-use bevy_glint::RayTracedReflections;
+use bevy_glint::{RayTracedReflections, ReflectionStatus, StatusReport};
 use common::wesl::Shaders;
 use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, save_picture};
-use std::{fs, ops::Range, path::Path};
+use std::{fs, ops::Range, path::Path, thread, time::Duration};
 
-const SIZE: UVec2 = UVec2::new(192, 108);
+const SIZE: UVec2 = UVec2::new(480, 270);
 /// Frames after which a history is long enough for a look.
 const FRAMES: u32 = 12;
+/// Frames that compiling and building may take.
+const PATIENCE: u32 = 20_000;
 
 /// An example that runs without a window.
 struct Example {
@@ -94,9 +94,41 @@ impl Example {
                 commands.entity(camera.entity).insert((target.clone(), ShadowLodOrigin));
             });
         change(app.world());
+        // The first frame spawns the scene.
         app.step(1);
-        pictures::warm_up(&mut app);
-        Some(Self { name, app })
+        let mut example = Self { name, app };
+        example.wait_for_scene();
+        Some(example)
+    }
+
+    /// Waits with the clock stopped until everything is compiled and, where a camera reflects, all of the scene can be hit.
+    fn wait_for_scene(&mut self) {
+        let was_paused = self.clock().is_paused();
+        self.app.warm_up(PATIENCE).unwrap_or_else(|error| panic!("{error}"));
+        self.clock().pause();
+        let mut frames = 0;
+        while self.is_pending() {
+            assert!(frames < PATIENCE, "{} is not ready after {frames} frames", self.name);
+            thread::sleep(Duration::from_millis(1));
+            self.app.step(1);
+            frames += 1;
+        }
+        // Uploads of the last frame are traced in the next one.
+        self.app.step(2);
+        if !was_paused {
+            self.clock().unpause();
+        }
+    }
+
+    fn is_pending(&mut self) -> bool {
+        let world = self.app.world();
+        let is_wanted = world.query::<&RayTracedReflections>().iter(world).next().is_some();
+        let report = self.report();
+        is_wanted && (!report.ready || report.meshes_pending > 0)
+    }
+
+    fn report(&mut self) -> StatusReport {
+        self.app.world().resource::<ReflectionStatus>().report()
     }
 
     /// Presses a key for one frame.
@@ -116,7 +148,7 @@ impl Example {
 
     /// Renders with the clock stopped, and keeps the image under a name.
     fn image(&mut self, what: &str) -> Vec<u8> {
-        pictures::warm_up(&mut self.app);
+        self.wait_for_scene();
         let was_paused = self.clock().is_paused();
         self.clock().pause();
         self.app.step(FRAMES);
