@@ -23,26 +23,20 @@ pub fn write(arguments: &Arguments) -> Result<(), String> {
     source.spawn(app.world());
     let camera = app.spawn_camera(arguments.view);
     source.set_up_camera(camera, arguments.path, app.world());
+    let mut image = |method: &Method, is_still, frames| {
+        method.apply(&mut app.world().entity_mut(camera), arguments.backend);
+        render(&mut app, &source, is_still, frames)
+    };
     let (size, bytes) = if arguments.compare {
-        let methods = [Method::Off, Method::ScreenSpace, method, Method::ground_truth()];
-        let mut images = Vec::new();
-        for (index, method) in methods.iter().enumerate() {
-            let is_truth = index == 3;
-            let frames = if is_truth {
-                arguments.truth_frames
-            } else {
-                arguments.frames
-            };
-            method.apply(&mut app.world().entity_mut(camera), arguments.backend);
-            images.push(render(&mut app, &source, true, frames)?);
-        }
+        let images = [
+            image(&Method::Off, true, arguments.frames)?,
+            image(&Method::ScreenSpace, true, arguments.frames)?,
+            image(&method, true, arguments.frames)?,
+            image(&Method::ground_truth(), true, arguments.truth_frames)?,
+        ];
         (size * 2, two_rows(size, &images))
     } else {
-        method.apply(&mut app.world().entity_mut(camera), arguments.backend);
-        (
-            size,
-            render(&mut app, &source, method.is_converged(), arguments.frames)?,
-        )
+        (size, image(&method, method.is_converged(), arguments.frames)?)
     };
     save_picture(size, bytes, &path).map_err(|error| error.to_string())?;
     println!("wrote {}", path.display());
@@ -63,8 +57,8 @@ fn headless_app(arguments: &Arguments, size: UVec2) -> Result<HeadlessApp, Strin
     .map_err(|error| error.to_string())
 }
 
-/// Renders frames once everything is loaded, compiled and can be hit by rays; `still` stops the clock.
-fn render(app: &mut HeadlessApp, source: &Source, still: bool, frames: u32) -> Result<Vec<u8>, String> {
+/// Renders frames once everything is loaded, compiled and can be hit by rays; `is_still` stops the clock.
+fn render(app: &mut HeadlessApp, source: &Source, is_still: bool, frames: u32) -> Result<Vec<u8>, String> {
     app.warm_up(FRAME_LIMIT).map_err(|error| error.to_string())?;
     if let Source::File(path) = source
         && *app.world().resource::<Framing>() != Framing::Done
@@ -72,7 +66,7 @@ fn render(app: &mut HeadlessApp, source: &Source, still: bool, frames: u32) -> R
         return Err(format!("'{}' holds nothing that can be seen", path.display()));
     }
     wait_for_scene(app);
-    if still {
+    if is_still {
         app.world().resource_mut::<Time<Virtual>>().pause();
     }
     app.step(frames);
