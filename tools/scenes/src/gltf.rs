@@ -1,5 +1,8 @@
 //! Small glTF files with embedded buffers, written from code, for tests of the loader's path.
 
+use base64::{Engine, prelude::BASE64_STANDARD};
+use gltf_json::{Root, accessor, buffer};
+use serde_json::{Value, json};
 use std::{
     fs, io,
     path::{Path, PathBuf},
@@ -10,122 +13,115 @@ use std::{
 pub fn write_test_assets(folder: &Path) -> io::Result<[PathBuf; 2]> {
     fs::create_dir_all(folder)?;
     let paths = [folder.join("triangle.gltf"), folder.join("quads.gltf")];
-    fs::write(&paths[0], triangle())?;
-    fs::write(&paths[1], quads())?;
+    fs::write(&paths[0], triangle()?)?;
+    fs::write(&paths[1], quads()?)?;
     Ok(paths)
 }
 
-fn floats(values: &[f32]) -> Vec<u8> {
-    values.iter().flat_map(|value| value.to_le_bytes()).collect()
-}
+/// Data of an accessor, and what it says about them.
+type Attribute = (Vec<u8>, Value);
 
-fn embedded(bytes: &[u8]) -> String {
-    format!("data:application/octet-stream;base64,{}", base64(bytes))
-}
-
-fn triangle() -> String {
-    let mut bytes = floats(&[-0.5, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 1.0, 0.0]);
-    bytes.extend([0u16, 1, 2].into_iter().flat_map(u16::to_le_bytes));
-    format!(
-        r#"{{
-  "asset": {{ "version": "2.0" }},
-  "scene": 0,
-  "scenes": [{{ "nodes": [0] }}],
-  "nodes": [{{ "mesh": 0 }}],
-  "meshes": [{{ "primitives": [{{ "attributes": {{ "POSITION": 0 }}, "indices": 1, "material": 0 }}] }}],
-  "materials": [{{ "pbrMetallicRoughness": {{ "baseColorFactor": [0.8, 0.3, 0.1, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.4 }} }}],
-  "accessors": [
-    {{ "bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3", "min": [-0.5, 0.0, 0.0], "max": [0.5, 1.0, 0.0] }},
-    {{ "bufferView": 1, "componentType": 5123, "count": 3, "type": "SCALAR" }}
-  ],
-  "bufferViews": [
-    {{ "buffer": 0, "byteOffset": 0, "byteLength": 36, "target": 34962 }},
-    {{ "buffer": 0, "byteOffset": 36, "byteLength": 6, "target": 34963 }}
-  ],
-  "buffers": [{{ "byteLength": {}, "uri": "{}" }}]
-}}
-"#,
-        bytes.len(),
-        embedded(&bytes)
+fn floats(values: &[f32], kind: &str) -> Attribute {
+    let bytes = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+    let width = if kind == "VEC2" { 2 } else { 3 };
+    let count = values.len() / width;
+    (
+        bytes,
+        json!({ "componentType": accessor::FLOAT, "count": count, "type": kind }),
     )
 }
 
-fn quads() -> String {
-    let mut bytes = floats(&[-0.5, 0.0, 0.0, 0.5, 0.0, 0.0, 0.5, 1.0, 0.0, -0.5, 1.0, 0.0]);
-    bytes.extend(floats(&[0.0, 0.0, 1.0].repeat(4)));
-    bytes.extend(floats(&[0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]));
-    bytes.extend(
-        [
-            [255, 255, 255, 255],
-            [255, 128, 128, 255],
-            [128, 255, 128, 255],
-            [128, 128, 255, 0u8],
-        ]
-        .concat(),
+/// Positions between (-0.5, 0, 0) and (0.5, 1, 0).
+fn positions(values: &[f32]) -> Attribute {
+    let (bytes, mut accessor) = floats(values, "VEC3");
+    (accessor["min"], accessor["max"]) = (json!([-0.5, 0.0, 0.0]), json!([0.5, 1.0, 0.0]));
+    (bytes, accessor)
+}
+
+fn indices(bytes: Vec<u8>, component: u32, count: u32) -> Attribute {
+    (
+        bytes,
+        json!({ "componentType": component, "count": count, "type": "SCALAR" }),
+    )
+}
+
+/// A document with accessors in this order, in one buffer.
+fn document(mut content: Value, attributes: Vec<Attribute>) -> io::Result<String> {
+    let (mut bytes, mut views, mut accessors) = (Vec::new(), Vec::new(), Vec::new());
+    for (data, mut accessor) in attributes {
+        let is_indices = accessor["type"] == "SCALAR";
+        let target = if is_indices {
+            buffer::ELEMENT_ARRAY_BUFFER
+        } else {
+            buffer::ARRAY_BUFFER
+        };
+        views.push(json!({ "buffer": 0, "byteOffset": bytes.len(), "byteLength": data.len(), "target": target }));
+        accessor["bufferView"] = accessors.len().into();
+        accessors.push(accessor);
+        bytes.extend(data);
+        bytes.resize(bytes.len().next_multiple_of(4), 0);
+    }
+    let uri = format!(
+        "data:application/octet-stream;base64,{}",
+        BASE64_STANDARD.encode(&bytes)
     );
-    bytes.extend([0u8, 1, 2, 0, 2, 3, 0, 0]);
-    format!(
-        r#"{{
-  "asset": {{ "version": "2.0" }},
-  "scene": 0,
-  "scenes": [{{ "nodes": [0, 1] }}],
-  "nodes": [
-    {{ "name": "plain", "mesh": 0, "translation": [-0.7, 0.0, 0.0] }},
-    {{ "name": "mirrored", "mesh": 1, "translation": [0.7, 0.0, 0.0], "scale": [-1.0, 1.5, 1.0] }}
-  ],
-  "meshes": [
-    {{ "primitives": [{{ "attributes": {{ "POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2 }}, "indices": 4, "material": 0 }}] }},
-    {{ "primitives": [{{ "attributes": {{ "POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2, "COLOR_0": 3 }}, "indices": 4, "material": 1 }}] }}
-  ],
-  "materials": [
-    {{ "pbrMetallicRoughness": {{ "baseColorFactor": [0.1, 0.1, 0.1, 1.0], "metallicFactor": 1.0, "roughnessFactor": 0.1 }}, "emissiveFactor": [0.2, 0.6, 0.9] }},
-    {{ "pbrMetallicRoughness": {{ "metallicFactor": 0.0, "roughnessFactor": 0.7 }}, "alphaMode": "MASK", "alphaCutoff": 0.5, "doubleSided": true }}
-  ],
-  "accessors": [
-    {{ "bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [-0.5, 0.0, 0.0], "max": [0.5, 1.0, 0.0] }},
-    {{ "bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC3" }},
-    {{ "bufferView": 2, "componentType": 5126, "count": 4, "type": "VEC2" }},
-    {{ "bufferView": 3, "componentType": 5121, "normalized": true, "count": 4, "type": "VEC4" }},
-    {{ "bufferView": 4, "componentType": 5121, "count": 6, "type": "SCALAR" }}
-  ],
-  "bufferViews": [
-    {{ "buffer": 0, "byteOffset": 0, "byteLength": 48, "target": 34962 }},
-    {{ "buffer": 0, "byteOffset": 48, "byteLength": 48, "target": 34962 }},
-    {{ "buffer": 0, "byteOffset": 96, "byteLength": 32, "target": 34962 }},
-    {{ "buffer": 0, "byteOffset": 128, "byteLength": 16, "target": 34962 }},
-    {{ "buffer": 0, "byteOffset": 144, "byteLength": 6, "target": 34963 }}
-  ],
-  "buffers": [{{ "byteLength": {}, "uri": "{}" }}]
-}}
-"#,
-        bytes.len(),
-        embedded(&bytes)
-    )
+    content["asset"] = json!({ "version": "2.0" });
+    content["scene"] = 0.into();
+    content["bufferViews"] = views.into();
+    content["accessors"] = accessors.into();
+    content["buffers"] = json!([{ "byteLength": bytes.len(), "uri": uri }]);
+    let root: Root = serde_json::from_value(content)?;
+    Ok(root.to_string_pretty()?)
 }
 
-fn base64(bytes: &[u8]) -> String {
-    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for chunk in bytes.chunks(3) {
-        let word = chunk.iter().fold(0u32, |word, &byte| word << 8 | u32::from(byte)) << (8 * (3 - chunk.len()));
-        for digit in 0..4 {
-            let used = digit <= chunk.len();
-            text.push(if used {
-                char::from(DIGITS[(word >> (18 - 6 * digit)) as usize & 63])
-            } else {
-                '='
-            });
-        }
-    }
-    text
+fn triangle() -> io::Result<String> {
+    let content = json!({
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1, "material": 0 }] }],
+        "materials": [{ "pbrMetallicRoughness": {
+            "baseColorFactor": [0.8, 0.3, 0.1, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.4,
+        } }],
+    });
+    let corners = positions(&[-0.5, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 1.0, 0.0]);
+    let order = [0u16, 1, 2].map(u16::to_le_bytes).concat();
+    document(content, vec![corners, indices(order, accessor::UNSIGNED_SHORT, 3)])
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn base64_pads() {
-        assert_eq!([base64(b"M"), base64(b"Ma"), base64(b"Man")], ["TQ==", "TWE=", "TWFu"]);
-    }
+fn quads() -> io::Result<String> {
+    let plain = json!({ "POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2 });
+    let colored = json!({ "POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2, "COLOR_0": 3 });
+    let content = json!({
+        "scenes": [{ "nodes": [0, 1] }],
+        "nodes": [
+            { "name": "plain", "mesh": 0, "translation": [-0.7, 0.0, 0.0] },
+            { "name": "mirrored", "mesh": 1, "translation": [0.7, 0.0, 0.0], "scale": [-1.0, 1.5, 1.0] },
+        ],
+        "meshes": [
+            { "primitives": [{ "attributes": plain, "indices": 4, "material": 0 }] },
+            { "primitives": [{ "attributes": colored, "indices": 4, "material": 1 }] },
+        ],
+        "materials": [
+            {
+                "pbrMetallicRoughness": {
+                    "baseColorFactor": [0.1, 0.1, 0.1, 1.0], "metallicFactor": 1.0, "roughnessFactor": 0.1,
+                },
+                "emissiveFactor": [0.2, 0.6, 0.9],
+            },
+            {
+                "pbrMetallicRoughness": { "metallicFactor": 0.0, "roughnessFactor": 0.7 },
+                "alphaMode": "MASK", "alphaCutoff": 0.5, "doubleSided": true,
+            },
+        ],
+    });
+    let color = json!({ "componentType": accessor::UNSIGNED_BYTE, "normalized": true, "count": 4, "type": "VEC4" });
+    let colors = [[255; 4], [255, 128, 128, 255], [128, 255, 128, 255], [128, 128, 255, 0]];
+    let attributes = vec![
+        positions(&[-0.5, 0.0, 0.0, 0.5, 0.0, 0.0, 0.5, 1.0, 0.0, -0.5, 1.0, 0.0]),
+        floats(&[0.0, 0.0, 1.0].repeat(4), "VEC3"),
+        floats(&[0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0], "VEC2"),
+        (colors.concat(), color),
+        indices(vec![0, 1, 2, 0, 2, 3], accessor::UNSIGNED_BYTE, 6),
+    ];
+    document(content, attributes)
 }

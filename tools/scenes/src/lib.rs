@@ -10,6 +10,7 @@ mod demo;
 mod geometry;
 mod gltf;
 mod headless;
+mod image_size;
 mod patterns;
 mod props;
 mod random;
@@ -25,7 +26,12 @@ pub use builder::{SceneBuilder, SceneMesh, SceneStatistics};
 pub use camera_path::CameraPath;
 pub use geometry::Geometry;
 pub use gltf::write_test_assets;
-pub use headless::{HeadlessApp, HeadlessError, HeadlessSettings, Output, read_image, save_picture};
+pub use headless::{
+    HeadlessApp, HeadlessError, HeadlessSettings, LogMessage, Output, capture_log, decode_halves, read_buffer,
+    read_image, read_texture, save_picture, take_log,
+};
+pub use image_size::ImageSize;
+pub use random::Random;
 pub use scene::{Environment, SceneName, SceneOptions, UnknownScene, camera, environment, spawn, spawn_with};
 pub use sky::{Sky, sun_direction};
 pub use small::FURNACE_ROUGHNESS;

@@ -1,24 +1,32 @@
 //! Seeded random numbers and noise that tiles.
 
 use bevy::math::{Vec2, ops};
+use rand_xoshiro::{
+    SplitMix64,
+    rand_core::{Rng, SeedableRng},
+};
 
-/// A small seeded generator: scenes must come out the same on every machine.
+/// A small seeded generator (`SplitMix64`): the same numbers on every machine.
 #[derive(Clone, Debug)]
-pub struct Random(u64);
+pub struct Random(SplitMix64);
 
 impl Random {
     /// A generator that always yields the same sequence for the same seed.
     pub fn new(seed: u64) -> Self {
-        Self(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0xd1b5_4a32_d192_ed03)
+        // Similar seeds start far apart.
+        let state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0xd1b5_4a32_d192_ed03;
+        Self(SplitMix64::seed_from_u64(state))
     }
 
-    /// The next 32 random bits (`SplitMix64`).
+    /// The generator of one part of something seeded: numbers that other parts draw don't change its sequence.
+    pub fn of_part(seed: u64, part: usize) -> Self {
+        Self::new(seed ^ (part as u64 + 1).wrapping_mul(0xff51_afd7_ed55_8ccd))
+    }
+
+    /// The next 32 random bits.
     pub fn bits(&mut self) -> u32 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 32) as u32
+        // The upper half: the generator's own 32 bits are mixed differently.
+        (self.0.next_u64() >> 32) as u32
     }
 
     /// Uniform in `[0, 1)`.
@@ -29,6 +37,21 @@ impl Random {
     /// Uniform in `[low, high)`.
     pub fn range(&mut self, low: f32, high: f32) -> f32 {
         low + (high - low) * self.unit()
+    }
+
+    /// A whole number below `end`; 0 if that is 0.
+    pub fn below(&mut self, end: usize) -> usize {
+        self.bits() as usize % end.max(1)
+    }
+
+    /// True with this probability.
+    pub fn chance(&mut self, probability: f32) -> bool {
+        self.unit() < probability
+    }
+
+    /// One of several, at least one.
+    pub fn pick<T: Copy>(&mut self, from: &[T]) -> T {
+        from[self.below(from.len())]
     }
 }
 
@@ -91,23 +114,25 @@ pub fn smooth(low: f32, high: f32, x: f32) -> f32 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// Evaluates `value` for `0..count` on all cores, in order.
-pub fn parallel<T: Send>(count: usize, value: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    let threads = std::thread::available_parallelism()
-        .map_or(1, usize::from)
-        .min(count.max(1));
-    let share = count.div_ceil(threads);
-    let value = &value;
-    std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..threads)
-            .map(|thread| {
-                let range = (thread * share).min(count)..((thread + 1) * share).min(count);
-                scope.spawn(move || range.map(value).collect::<Vec<T>>())
-            })
-            .collect();
-        workers
-            .into_iter()
-            .flat_map(|worker| worker.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
-            .collect()
-    })
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sequences_are_those_that_scenes_were_made_with() {
+        let recorded = [
+            (0, [755_968_199, 1_971_679_092, 2_255_797_186, 1_545_423_271]),
+            (7, [4_230_084_972, 599_483_748, 2_218_828_256, 2_345_181_078]),
+            (2026, [57_950_561, 843_808_686, 1_689_274_730, 1_941_735_309]),
+            (u64::MAX, [1_429_582_393, 1_735_483_275, 2_990_387_105, 2_676_749_386]),
+        ];
+        for (seed, bits) in recorded {
+            let mut random = Random::new(seed);
+            assert_eq!([(); 4].map(|()| random.bits()), bits, "{seed}");
+        }
+        let mut random = Random::new(7);
+        assert!((0..1000).all(|_| (2.0..3.0).contains(&random.range(2.0, 3.0))));
+        assert_eq!(random.below(0), 0);
+        assert_ne!(Random::of_part(7, 0).bits(), Random::of_part(7, 1).bits());
+    }
 }

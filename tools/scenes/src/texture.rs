@@ -1,13 +1,14 @@
 //! Textures from code, with mip chains.
 
-use crate::random::parallel;
 use bevy::{
     asset::{Assets, Handle, RenderAssetUsages},
+    color::Srgba,
     image::{Image, ImageAddressMode, ImageFilterMode, ImageSampler, ImageSamplerDescriptor},
-    math::{Vec2, Vec3, ops},
+    math::{Vec2, Vec3},
     pbr::StandardMaterial,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat},
 };
+use rayon::prelude::*;
 
 /// How the texels of a mip level are averaged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,9 +66,8 @@ impl TextureSet {
     /// Bakes a pattern over the unit square (`v` pointing down) into textures of `size` squared texels, which tile.
     pub fn bake(images: &mut Assets<Image>, size: u32, pattern: impl Fn(Vec2) -> Texel + Sync) -> Self {
         let size = size.max(1);
-        let texels = parallel((size * size) as usize, |i| {
-            pattern((Vec2::new((i as u32 % size) as f32, (i as u32 / size) as f32) + 0.5) / size as f32)
-        });
+        let place = |i: u32| (Vec2::new((i % size) as f32, (i / size) as f32) + 0.5) / size as f32;
+        let texels: Vec<Texel> = (0..size * size).into_par_iter().map(|i| pattern(place(i))).collect();
         let byte = |value: f32| (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
         let height = |x: u32, y: u32| texels[((y % size) * size + x % size) as usize].height;
         let (mut color, mut normal, mut surface) = (Vec::new(), Vec::new(), Vec::new());
@@ -139,7 +139,7 @@ pub fn mip_chain(width: u32, height: u32, level_zero: Vec<u8>, content: Content)
         .map(|i| {
             let value = i as f32 / 255.0;
             if content == Content::Color {
-                linear_from_srgb(value)
+                Srgba::gamma_function(value)
             } else {
                 value
             }
@@ -176,7 +176,7 @@ pub fn mip_chain(width: u32, height: u32, level_zero: Vec<u8>, content: Content)
         for t in &next {
             let mut c = Vec3::new(t[0], t[1], t[2]);
             match content {
-                Content::Color => c = Vec3::new(srgb_from_linear(c.x), srgb_from_linear(c.y), srgb_from_linear(c.z)),
+                Content::Color => c = c.to_array().map(Srgba::gamma_function_inverse).into(),
                 Content::Normal => c = (c * 2.0 - 1.0).normalize_or(Vec3::Z) * 0.5 + 0.5,
                 Content::Data => {}
             }
@@ -186,22 +186,6 @@ pub fn mip_chain(width: u32, height: u32, level_zero: Vec<u8>, content: Content)
         levels += 1;
     }
     (chain, levels)
-}
-
-fn linear_from_srgb(value: f32) -> f32 {
-    if value <= 0.04045 {
-        value / 12.92
-    } else {
-        ops::powf((value + 0.055) / 1.055, 2.4)
-    }
-}
-
-fn srgb_from_linear(value: f32) -> f32 {
-    if value <= 0.003_130_8 {
-        value * 12.92
-    } else {
-        1.055 * ops::powf(value, 1.0 / 2.4) - 0.055
-    }
 }
 
 #[cfg(test)]

@@ -1,9 +1,16 @@
 //! The harness on a real device.
 
-use bevy::prelude::*;
+use bevy::{
+    core_pipeline::tonemapping::Tonemapping,
+    prelude::*,
+    render::{
+        render_resource::{BufferInitDescriptor, BufferUsages},
+        settings::{WgpuFeatures, WgpuSettings},
+    },
+};
 use glint_scenes::{
-    HeadlessApp, HeadlessError, HeadlessSettings, Output, SceneAnimationPlugin, SceneName, SceneOptions,
-    write_test_assets,
+    HeadlessApp, HeadlessError, HeadlessSettings, Output, SceneAnimationPlugin, SceneName, SceneOptions, capture_log,
+    decode_halves, read_buffer, take_log, write_test_assets,
 };
 
 const SIZE: UVec2 = UVec2::new(101, 57);
@@ -16,8 +23,8 @@ fn settings(output: Output) -> HeadlessSettings {
     }
 }
 
-fn picture(name: SceneName) -> Vec<u8> {
-    let mut app = HeadlessApp::new(settings(Output::Picture), |app| {
+fn picture(name: SceneName, settings: HeadlessSettings) -> Vec<u8> {
+    let mut app = HeadlessApp::new(settings, |app| {
         app.add_plugins(SceneAnimationPlugin);
     })
     .unwrap();
@@ -36,11 +43,37 @@ fn picture(name: SceneName) -> Vec<u8> {
 // One test, as apps share the process's task pools and the device.
 #[test]
 fn harness() {
-    let first = picture(SceneName::MirrorRoom);
+    capture_log();
+    warn!("a warning");
+    info!("some news");
+    let log: Vec<String> = take_log().iter().map(ToString::to_string).collect();
+    assert_eq!(log, ["render: a warning"]);
+
+    let first = picture(SceneName::MirrorRoom, settings(Output::Picture));
     assert_eq!(first.len(), (SIZE.x * SIZE.y * 4) as usize);
     let colours: std::collections::HashSet<&[u8]> = first.chunks_exact(4).collect();
     assert!(colours.len() > 4, "only {} colours", colours.len());
-    assert_eq!(first, picture(SceneName::MirrorRoom), "the same frame twice");
+    let again = picture(SceneName::MirrorRoom, settings(Output::Picture));
+    assert!(first == again, "the same frame twice");
+    // A lesser device, whose pipelines compile beside the frames.
+    let lesser = HeadlessSettings {
+        device: WgpuSettings {
+            disabled_features: Some(WgpuFeatures::TIMESTAMP_QUERY),
+            ..default()
+        },
+        synchronous_pipelines: false,
+        ..settings(Output::Picture)
+    };
+    assert!(first == picture(SceneName::MirrorRoom, lesser.clone()));
+    let app = HeadlessApp::new(lesser, |_| {}).unwrap();
+    let device = app.device().unwrap();
+    assert!(!device.features().contains(WgpuFeatures::TIMESTAMP_QUERY));
+    let buffer = device.create_buffer_with_data(&BufferInitDescriptor {
+        label: None,
+        contents: &[1, 2, 3, 4],
+        usage: BufferUsages::COPY_SRC,
+    });
+    assert_eq!(read_buffer(app.render_world().unwrap(), &buffer).unwrap(), [1, 2, 3, 4]);
 
     // What is unlit arrives as it was given.
     let mut app = HeadlessApp::new(settings(Output::Linear), |_| {}).unwrap();
@@ -53,6 +86,23 @@ fn harness() {
         .count();
     assert!(red > 20, "{red} red pixels");
     assert!(matches!(app.capture(), Err(HeadlessError::Readback(_))));
+    // A second camera with a target of its own sees nothing but the background.
+    let small = app.add_target(UVec2::new(3, 2), Output::Linear);
+    let background = Camera {
+        clear_color: Color::linear_rgb(0.25, 0.5, 4.0).into(),
+        ..default()
+    };
+    app.spawn_camera((
+        small.clone(),
+        background,
+        Tonemapping::None,
+        Transform::from_xyz(0.0, 1e4, 0.0),
+    ));
+    app.warm_up(4000).unwrap();
+    assert_eq!(
+        decode_halves(&app.read_target(&small).unwrap()),
+        [[0.25, 0.5, 4.0, 1.0]; 6]
+    );
 
     // Files load; a missing one is an error, not a wait.
     let folder = std::env::temp_dir().join(format!("glint_render_{}", std::process::id()));

@@ -1,0 +1,351 @@
+//! Renders without a window, one frame at a time, and reads the image back.
+
+mod error;
+mod log;
+mod readback;
+
+pub use error::HeadlessError;
+pub use log::{LogMessage, capture_log, take_log};
+pub use readback::{decode_halves, read_buffer, read_image, read_texture};
+
+use crate::scene::{SceneName, SceneOptions, camera, environment, spawn_with};
+use bevy::{
+    DefaultPlugins,
+    app::{App, PluginGroup, PluginsState, TerminalCtrlCHandlerPlugin},
+    asset::{AssetPlugin, AssetServer, Assets, LoadState, RenderAssetUsages, UnapprovedPathMode},
+    camera::{Camera, Camera3d, Hdr, Projection, RenderTarget, ShadowLodOrigin},
+    core_pipeline::prepass::{DeferredPrepass, DepthPrepass},
+    core_pipeline::tonemapping::{DebandDither, Tonemapping},
+    diagnostic::FrameCount,
+    ecs::{bundle::Bundle, entity::Entity, world::World},
+    image::Image,
+    log::LogPlugin,
+    math::UVec2,
+    pbr::DefaultOpaqueRendererMethod,
+    render::{
+        RenderApp, RenderPlugin,
+        pipelined_rendering::PipelinedRenderingPlugin,
+        render_resource::{Extent3d, PipelineCache, TextureDimension, TextureFormat, TextureUsages},
+        renderer::RenderDevice,
+        settings::WgpuSettings,
+        view::Msaa,
+    },
+    tasks::tick_global_task_pools_on_main_thread,
+    time::{Time, TimeUpdateStrategy, Virtual},
+    window::{ExitCondition, WindowPlugin},
+    winit::WinitPlugin,
+    world_serialization::{WorldAssetRoot, WorldInstance},
+};
+use std::{path::Path, time::Duration};
+
+/// Kind of a camera's target.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Output {
+    /// An image for people: 8 bits, sRGB.
+    #[default]
+    Picture,
+    /// Linear radiance in half floats; use it with `Tonemapping::None`.
+    Linear,
+}
+
+impl Output {
+    fn format(self) -> TextureFormat {
+        match self {
+            Self::Picture => TextureFormat::Rgba8UnormSrgb,
+            Self::Linear => TextureFormat::Rgba16Float,
+        }
+    }
+}
+
+/// How a [`HeadlessApp`] is set up.
+#[derive(Clone)]
+pub struct HeadlessSettings {
+    /// Width and height of the target in pixels; at least 1 by 1.
+    pub size: UVec2,
+    /// Kind of target.
+    pub output: Output,
+    /// Time that passes from frame to frame.
+    pub timestep: Duration,
+    /// Folder of assets, if not Bevy's default.
+    pub assets: Option<String>,
+    /// Prints what is logged. A process has one logger: of several apps, let one log, and none beside [`capture_log`].
+    pub log: bool,
+    /// Features and limits of the graphics device; fewer and lower ones stand for lesser devices.
+    pub device: WgpuSettings,
+    /// Compiles each pipeline in the frame that needs it first. Otherwise frames go on without the pipeline, as in a window.
+    pub synchronous_pipelines: bool,
+}
+
+impl Default for HeadlessSettings {
+    fn default() -> Self {
+        Self {
+            size: UVec2::new(960, 540),
+            output: Output::Picture,
+            timestep: Duration::from_micros(16_666),
+            assets: None,
+            log: false,
+            device: WgpuSettings::default(),
+            synchronous_pipelines: true,
+        }
+    }
+}
+
+/// An app without a window that is stepped by hand. It renders on the thread that steps it, so that every frame is complete when
+/// [`step`](Self::step) returns.
+pub struct HeadlessApp {
+    app: App,
+    target: RenderTarget,
+    settings: HeadlessSettings,
+}
+
+/// Bevy's default plugins without a window.
+fn add_bevy(app: &mut App, settings: &HeadlessSettings) {
+    let mut assets = AssetPlugin {
+        unapproved_path_mode: UnapprovedPathMode::Allow,
+        ..Default::default()
+    };
+    if let Some(folder) = &settings.assets {
+        assets.file_path.clone_from(folder);
+    }
+    let mut plugins = DefaultPlugins
+        .set(WindowPlugin {
+            primary_window: None,
+            exit_condition: ExitCondition::DontExit,
+            ..Default::default()
+        })
+        .set(RenderPlugin {
+            render_creation: settings.device.clone().into(),
+            synchronous_pipeline_compilation: settings.synchronous_pipelines,
+            ..Default::default()
+        })
+        .set(assets)
+        .disable::<PipelinedRenderingPlugin>()
+        .disable::<TerminalCtrlCHandlerPlugin>()
+        .disable::<WinitPlugin>();
+    if !settings.log {
+        plugins = plugins.disable::<LogPlugin>();
+    }
+    app.add_plugins(plugins)
+        .insert_resource(DefaultOpaqueRendererMethod::deferred())
+        .insert_resource(TimeUpdateStrategy::ManualDuration(settings.timestep));
+}
+
+impl HeadlessApp {
+    /// Builds the app: Bevy's default plugins without a window, then what `add` adds.
+    pub fn new(settings: HeadlessSettings, add: impl FnOnce(&mut App)) -> Result<Self, HeadlessError> {
+        Self::with_device(settings, |_| {}, add)
+    }
+
+    /// The same, with `before` for what must come before Bevy's plugins, such as `HardwareVrsPlugin`: plugins that decide how the graphics
+    /// device is opened.
+    pub fn with_device(
+        mut settings: HeadlessSettings,
+        before: impl FnOnce(&mut App),
+        add: impl FnOnce(&mut App),
+    ) -> Result<Self, HeadlessError> {
+        let mut app = App::new();
+        before(&mut app);
+        add_bevy(&mut app, &settings);
+        add(&mut app);
+        while app.plugins_state() == PluginsState::Adding {
+            tick_global_task_pools_on_main_thread();
+        }
+        app.finish();
+        app.cleanup();
+        settings.size = settings.size.max(UVec2::ONE);
+        let mut app = Self {
+            app,
+            target: RenderTarget::default(),
+            settings,
+        };
+        app.device()?;
+        app.target = app.add_target(app.settings.size, app.settings.output);
+        Ok(app)
+    }
+
+    /// The world of the app.
+    pub fn world(&mut self) -> &mut World {
+        self.app.world_mut()
+    }
+
+    /// The app.
+    pub fn app(&mut self) -> &mut App {
+        &mut self.app
+    }
+
+    /// The app, to read from.
+    pub fn app_ref(&self) -> &App {
+        &self.app
+    }
+
+    /// The render world; `NoRenderer` if the app has none.
+    pub fn render_world(&self) -> Result<&World, HeadlessError> {
+        let render = self.app.get_sub_app(RenderApp).ok_or(HeadlessError::NoRenderer)?;
+        Ok(render.world())
+    }
+
+    /// The graphics device; `NoRenderer` while there is none, as after its loss.
+    pub fn device(&self) -> Result<&RenderDevice, HeadlessError> {
+        readback::resource(self.render_world()?)
+    }
+
+    /// Waits until the GPU has done everything that was submitted.
+    pub fn wait_until_idle(&self) -> Result<(), HeadlessError> {
+        readback::wait_until_idle(self.render_world()?)
+    }
+
+    /// What the camera must draw into.
+    pub fn target(&self) -> RenderTarget {
+        self.target.clone()
+    }
+
+    /// Size of the target in pixels.
+    pub fn size(&self) -> UVec2 {
+        self.settings.size
+    }
+
+    /// Adds one more target, of at least 1 by 1 pixels. The GPU clears it.
+    pub fn add_target(&mut self, size: UVec2, output: Output) -> RenderTarget {
+        let size = size.max(UVec2::ONE);
+        let mut image = Image::new_target_texture(size.x, size.y, output.format(), None);
+        image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
+        image.data = None;
+        self.world().resource_mut::<Assets<Image>>().add(image).into()
+    }
+
+    /// Spawns a camera that draws into the target: HDR, deferred, without multisampling or dithering. `extra` may override all of that, the
+    /// target included.
+    pub fn spawn_camera(&mut self, extra: impl Bundle) -> Entity {
+        let view = (
+            Camera3d::default(),
+            Camera::default(),
+            self.target(),
+            Hdr,
+            Msaa::Off,
+            DebandDither::Disabled,
+        );
+        // Without a window nothing else says for whom shadows are drawn.
+        let camera = (view, DepthPrepass, DeferredPrepass, ShadowLodOrigin);
+        let entity = self.world().spawn(camera).id();
+        self.world().entity_mut(entity).insert(extra);
+        entity
+    }
+
+    /// Spawns a scene and its camera with the scene's environment; returns the camera.
+    pub fn spawn_scene(&mut self, name: SceneName, options: &SceneOptions) -> Entity {
+        spawn_with(name, self.world(), options);
+        let (transform, projection) = camera(name);
+        let entity = self.spawn_camera((transform, Projection::from(projection)));
+        let mut environment = environment(name, self.world());
+        if self.settings.output == Output::Linear {
+            environment.tonemapping = Tonemapping::None;
+        }
+        environment.insert(&mut self.world().entity_mut(entity));
+        entity
+    }
+
+    /// Renders until all pipelines are compiled and all glTF files are loaded, with the clock standing still, then sets the frame counter
+    /// to zero. Gives up after `limit` frames.
+    pub fn warm_up(&mut self, limit: u32) -> Result<(), HeadlessError> {
+        self.world().resource_mut::<Time<Virtual>>().pause();
+        let mut ready = 0;
+        // Loaded assets can bring new pipelines a frame or two later: be sure that nothing follows.
+        const QUIET_FRAMES: u32 = 4;
+        let mut frames = 0;
+        while ready < QUIET_FRAMES {
+            if frames == limit {
+                return Err(HeadlessError::NotReady(limit));
+            }
+            self.app.update();
+            frames += 1;
+            if self.assets_ready()? && self.pipelines_ready()? {
+                ready += 1;
+            } else {
+                ready = 0;
+                std::thread::sleep(Duration::from_millis(5));
+            }
+        }
+        self.world().resource_mut::<Time<Virtual>>().unpause();
+        self.world().resource_mut::<FrameCount>().0 = 0;
+        Ok(())
+    }
+
+    /// Renders frames.
+    pub fn step(&mut self, frames: u32) {
+        for _ in 0..frames {
+            self.app.update();
+        }
+    }
+
+    fn pipelines_ready(&self) -> Result<bool, HeadlessError> {
+        let cache: &PipelineCache = readback::resource(self.render_world()?)?;
+        Ok(cache.waiting_pipelines().next().is_none())
+    }
+
+    fn assets_ready(&mut self) -> Result<bool, HeadlessError> {
+        let world = self.app.world_mut();
+        let mut roots = world.query::<(&WorldAssetRoot, Option<&WorldInstance>)>();
+        let server = world.resource::<AssetServer>();
+        for (root, instance) in roots.iter(world) {
+            if let Some(LoadState::Failed(reason)) = server.get_load_state(root.0.id()) {
+                return Err(HeadlessError::Asset(reason.to_string()));
+            }
+            if instance.is_none() || !server.is_loaded_with_dependencies(root.0.id()) {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// The bytes of a target as the last frame left them, in rows without padding.
+    pub fn read_target(&self, target: &RenderTarget) -> Result<Vec<u8>, HeadlessError> {
+        let image = target.as_image();
+        let image = image.ok_or_else(|| HeadlessError::Readback("the target is not an image".to_owned()))?;
+        read_image(self.render_world()?, image)
+    }
+
+    fn read_output(&self, output: Output) -> Result<Vec<u8>, HeadlessError> {
+        if self.settings.output != output {
+            return Err(HeadlessError::Readback(format!("the target is not {output:?}")));
+        }
+        self.read_target(&self.target)
+    }
+
+    /// The image: sRGB bytes, RGBA, opaque.
+    pub fn capture(&self) -> Result<Vec<u8>, HeadlessError> {
+        let mut bytes = self.read_output(Output::Picture)?;
+        bytes.chunks_exact_mut(4).for_each(|pixel| pixel[3] = 255);
+        Ok(bytes)
+    }
+
+    /// Linear radiance, exposed.
+    pub fn capture_linear(&self) -> Result<Vec<[f32; 4]>, HeadlessError> {
+        Ok(decode_halves(&self.read_output(Output::Linear)?))
+    }
+
+    /// Writes the image as PNG (or what the extension says and Bevy was built with).
+    pub fn save(&self, path: &Path) -> Result<(), HeadlessError> {
+        save_picture(self.settings.size, self.capture()?, path)
+    }
+}
+
+/// Writes sRGB bytes (RGBA) as an image file; folders on the way are created.
+pub fn save_picture(size: UVec2, bytes: Vec<u8>, path: &Path) -> Result<(), HeadlessError> {
+    let fail = |reason: String| HeadlessError::Write(format!("{}: {reason}", path.display()));
+    if bytes.len() != size.x as usize * size.y as usize * 4 {
+        return Err(fail("the image has the wrong number of bytes".to_owned()));
+    }
+    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        std::fs::create_dir_all(folder).map_err(|error| fail(error.to_string()))?;
+    }
+    let extent = Extent3d {
+        width: size.x,
+        height: size.y,
+        depth_or_array_layers: 1,
+    };
+    let format = TextureFormat::Rgba8UnormSrgb;
+    let usage = RenderAssetUsages::default();
+    let image = Image::new(extent, TextureDimension::D2, bytes, format, usage);
+    let image = image.try_into_dynamic().map_err(|error| fail(error.to_string()))?;
+    image.to_rgb8().save(path).map_err(|error| fail(error.to_string()))
+}
