@@ -13,8 +13,8 @@ use bevy::{
     render::render_resource::{Extent3d, TextureDimension, TextureFormat},
 };
 use bevy_glint::{
-    DebugView, RateTileSize, RayTracedReflections, RayTracedReflectionsPlugin, ShadingRate, ShadingRateHeuristic,
-    Technique,
+    RayTracedReflections, RayTracedReflectionsPlugin, ReflectionDebugView, ReflectionTechnique, ShadingRate,
+    ShadingRateHeuristic, ShadingRateTileSize,
 };
 
 fn main() {
@@ -46,7 +46,7 @@ fn setup_heuristics(asset_server: Res<AssetServer>, mut images: ResMut<Assets<Im
 
 /// One texel for each tile of a view: full rate around a pixel, coarser and coarser away from it.
 fn rate_image(view: UVec2, fovea: UVec2) -> Image {
-    let tile = Technique::Variable.trace_scale() * RateTileSize::default().trace_pixels();
+    let tile = ReflectionTechnique::Variable.trace_scale() * ShadingRateTileSize::default().trace_pixels();
     let tiles = UVec2::new(view.x.div_ceil(tile), view.y.div_ceil(tile));
     let texels = (0..tiles.x * tiles.y).map(|index| {
         let center = UVec2::new(index % tiles.x, index / tiles.x) * tile + tile / 2;
@@ -76,7 +76,7 @@ fn rate_image(view: UVec2, fovea: UVec2) -> Image {
 fn press_keys(
     keyboard: Res<ButtonInput<KeyCode>>,
     heuristics: Res<Heuristics>,
-    camera: Single<(&mut ShadingRateHeuristic, &mut DebugView)>,
+    camera: Single<(&mut ShadingRateHeuristic, &mut ReflectionDebugView)>,
 ) {
     let (mut heuristic, mut view) = camera.into_inner();
     if keyboard.just_pressed(KeyCode::Digit1) {
@@ -90,8 +90,8 @@ fn press_keys(
     }
     if keyboard.just_pressed(KeyCode::KeyV) {
         *view = match *view {
-            DebugView::Off => DebugView::ShadingRates,
-            _ => DebugView::Off,
+            ReflectionDebugView::Off => ReflectionDebugView::ShadingRates,
+            _ => ReflectionDebugView::Off,
         };
     }
 }
@@ -169,6 +169,6 @@ fn setup_scene(
         sky.with_intensity(700.0),
         RayTracedReflections::default(),
         ShadingRateHeuristic::Custom(heuristics.shader.clone()),
-        DebugView::ShadingRates,
+        ReflectionDebugView::ShadingRates,
     ));
 }

@@ -2,14 +2,14 @@
 //!
 //! `cargo run --release --features egui --example quality_menu`
 //!
-//! [`Quality`] is the player's choice: one word that is saved with the game's other settings and applied to its cameras. The row is
-//! disabled, and says why, on machines that can't trace rays. Escape opens and closes the menu.
+//! [`ReflectionQuality`] is the player's choice: one word that is saved with the game's other settings and applied to its cameras.
+//! The row is disabled, and says why, on machines that can't trace rays. Escape opens and closes the menu.
 
 use bevy::{pbr::DefaultOpaqueRendererMethod, prelude::*};
 use bevy_egui::{EguiContexts, EguiPlugin, EguiPrimaryContextPass, egui};
 use bevy_glint::{
     RayTracedReflectionsPlugin, ReflectionStatus,
-    ui::{Quality, quality_menu, why_no_reflections},
+    ui::{ReflectionQuality, quality_menu, why_no_reflections},
 };
 use std::{env, fs, io::ErrorKind, path::PathBuf};
 
@@ -42,14 +42,14 @@ pub struct GameSettings {
     /// 0 to 1.
     pub volume: f32,
     /// Quality of the reflections of all cameras.
-    pub reflections: Quality,
+    pub reflections: ReflectionQuality,
 }
 
 impl Default for GameSettings {
     fn default() -> Self {
         Self {
             volume: 0.8,
-            reflections: Quality::default(),
+            reflections: ReflectionQuality::default(),
         }
     }
 }

@@ -11,7 +11,7 @@ use bevy::{
     pbr::{DefaultOpaqueRendererMethod, ScreenSpaceReflections},
     prelude::*,
 };
-use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, Technique};
+use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectionTechnique};
 
 fn main() {
     App::new().add_plugins((DefaultPlugins, plugin)).run();
@@ -39,7 +39,7 @@ fn choose_method(keyboard: Res<ButtonInput<KeyCode>>, camera: Single<Entity, Wit
             .insert(RayTracedReflections::default());
     } else if keyboard.just_pressed(KeyCode::Digit4) {
         camera.remove::<ScreenSpaceReflections>().insert(RayTracedReflections {
-            technique: Technique::Converged,
+            technique: ReflectionTechnique::Converged,
             // Rough surfaces reflect, too.
             roughness_cutoff: 1.0,
             roughness_fade: 0.0,
@@ -53,7 +53,7 @@ fn show_state(
     mut window: Single<&mut Window>,
 ) {
     let state = match *camera {
-        (Some(reflections), _) if reflections.technique == Technique::Converged => "ground truth",
+        (Some(reflections), _) if reflections.technique == ReflectionTechnique::Converged => "ground truth",
         (Some(_), _) => "ray-traced",
         (None, true) => "screen space",
         (None, false) => "environment map",

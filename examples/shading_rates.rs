@@ -12,8 +12,8 @@ use bevy::{
     prelude::*,
 };
 use bevy_glint::{
-    CombinedThresholds, DebugSplit, DebugView, GrazingThresholds, RayTracedReflections, RayTracedReflectionsPlugin,
-    RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
+    CombinedThresholds, GrazingThresholds, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionDebugSplit,
+    ReflectionDebugView, RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
 };
 
 fn main() {
@@ -51,17 +51,17 @@ fn choose_heuristic(keyboard: Res<ButtonInput<KeyCode>>, mut heuristic: Single<&
     **heuristic = chosen;
 }
 
-fn choose_view(keyboard: Res<ButtonInput<KeyCode>>, mut view: Single<&mut DebugView>) {
+fn choose_view(keyboard: Res<ButtonInput<KeyCode>>, mut view: Single<&mut ReflectionDebugView>) {
     if keyboard.just_pressed(KeyCode::KeyV) {
         **view = match **view {
-            DebugView::ShadingRates => DebugView::RaysPerPixel,
-            DebugView::RaysPerPixel => DebugView::Off,
-            _ => DebugView::ShadingRates,
+            ReflectionDebugView::ShadingRates => ReflectionDebugView::RaysPerPixel,
+            ReflectionDebugView::RaysPerPixel => ReflectionDebugView::Off,
+            _ => ReflectionDebugView::ShadingRates,
         };
     }
 }
 
-fn show_state(camera: Single<(&ShadingRateHeuristic, &DebugView)>, mut window: Single<&mut Window>) {
+fn show_state(camera: Single<(&ShadingRateHeuristic, &ReflectionDebugView)>, mut window: Single<&mut Window>) {
     let (heuristic, view) = camera.into_inner();
     let name = match heuristic {
         ShadingRateHeuristic::Uniform(_) => "uniform",
@@ -135,7 +135,7 @@ fn setup(
         RayTracedReflections::default(),
         ShadingRateHeuristic::default(),
         // Both are optional, for people to look at.
-        DebugView::ShadingRates,
-        DebugSplit::default(),
+        ReflectionDebugView::ShadingRates,
+        ReflectionDebugSplit::default(),
     ));
 }

@@ -4,7 +4,7 @@
 //! reflections of the left and right player on and off, 3 and 4 choose their next preset.
 
 use bevy::{camera::Viewport, pbr::DefaultOpaqueRendererMethod, prelude::*};
-use bevy_glint::{Preset, RayTracedReflections, RayTracedReflectionsPlugin};
+use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectionPreset};
 
 fn main() {
     App::new().add_plugins((DefaultPlugins, plugin)).run();
@@ -22,7 +22,7 @@ pub fn plugin(app: &mut App) {
 #[derive(Component)]
 struct Player {
     seat: Seat,
-    preset: Preset,
+    preset: ReflectionPreset,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -48,8 +48,8 @@ fn spawn_players(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
         Color::srgb(0.1, 0.1, 0.1),
     );
     let players = [
-        (Seat::Left, Preset::High, Vec3::new(-3.5, 1.8, 5.0)),
-        (Seat::Right, Preset::Low, Vec3::new(4.5, 1.4, 3.0)),
+        (Seat::Left, ReflectionPreset::High, Vec3::new(-3.5, 1.8, 5.0)),
+        (Seat::Right, ReflectionPreset::Low, Vec3::new(4.5, 1.4, 3.0)),
     ];
     for (seat, preset, position) in players {
         commands.spawn((
@@ -81,8 +81,8 @@ fn press_keys(
         } else if keyboard.just_pressed(switch) {
             commands.entity(camera).insert(player.preset.settings());
         } else if keyboard.just_pressed(next) {
-            let present = Preset::ALL.iter().position(|preset| *preset == player.preset);
-            player.preset = Preset::ALL[present.map_or(0, |index| (index + 1) % Preset::ALL.len())];
+            let present = ReflectionPreset::ALL.iter().position(|preset| *preset == player.preset);
+            player.preset = ReflectionPreset::ALL[present.map_or(0, |index| (index + 1) % ReflectionPreset::ALL.len())];
             commands.entity(camera).insert(player.preset.settings());
         }
     }

@@ -84,21 +84,19 @@ mod vrs;
 
 #[cfg(feature = "hardware-vrs")]
 pub use device::ShadingRates;
-pub use device::{HardwareRates, TextureMode, Tracer};
-pub use diagnostics::{
-    INSTANCES, MESHES_PENDING, NON_FINITE_PIXELS, NonFiniteReport, SCENE_BYTES, TRIANGLES, VIEW_BYTES, WORST_RADIANCE,
-    WORST_X, WORST_Y,
-};
+pub use device::{HardwareVrsSupport, ReflectionTextureMode, ReflectionTracer};
+pub use diagnostics::{ReflectionDiagnosticsPlugin, ReflectionNonFiniteReport};
 pub use plugin::RayTracedReflectionsPlugin;
 pub use schedule::ReflectionSystems;
 pub use settings::{
-    Backend, CombinedThresholds, DebugCounters, DebugSplit, DebugView, Denoiser, GrazingThresholds, NotReflected,
-    Preset, RATE_LEGEND, RateTileSize, RaySampling, RayTracedReflections, RoughnessThresholds, ShadingRate,
-    ShadingRateHeuristic, TECHNIQUE_NAMES, Technique, TextureMip, TracerChoice, UnknownName, named_settings,
+    CombinedThresholds, GrazingThresholds, NotReflected, RATE_LEGEND, RayTracedReflections, ReflectionBackend,
+    ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionPreset,
+    ReflectionSampling, ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice, RoughnessThresholds,
+    ShadingRate, ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
 };
-pub use status::{ReflectionStatus, StatusReport, ViewMemory};
+pub use status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory};
 #[cfg(feature = "egui")]
-pub use ui::{Quality, ReflectionSettingsPanel, ReflectionSettingsPanelPlugin};
+pub use ui::{ReflectionQuality, ReflectionSettingsPanel, ReflectionSettingsPanelPlugin};
 #[cfg(feature = "hardware-vrs")]
 pub use vrs::{HardwareVrs, HardwareVrsPlugin};
 

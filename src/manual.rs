@@ -25,7 +25,7 @@ pub mod questions {}
 
 #[cfg(test)]
 mod tests {
-    use crate::{DebugView, Denoiser, Preset, RayTracedReflections, TECHNIQUE_NAMES};
+    use crate::{RayTracedReflections, ReflectionDebugView, ReflectionDenoiser, ReflectionPreset, TECHNIQUE_NAMES};
     use std::{fs, path::Path};
 
     const SETTINGS: &str = include_str!("manual/settings.md");
@@ -177,13 +177,13 @@ mod tests {
         for name in TECHNIQUE_NAMES.split(", ") {
             assert!(manual.contains(&format!("`{name}`")), "{name}");
         }
-        for name in Preset::ALL.map(Preset::name) {
+        for name in ReflectionPreset::ALL.map(ReflectionPreset::name) {
             assert!(SETTINGS.contains(&format!("| `{name}` |")), "{name}");
         }
-        for name in DebugView::ALL.map(DebugView::name) {
+        for name in ReflectionDebugView::ALL.map(ReflectionDebugView::name) {
             assert!(manual.contains(&format!("| `{name}` |")), "{name}");
         }
-        let (reflections, denoiser) = (RayTracedReflections::default(), Denoiser::default());
+        let (reflections, denoiser) = (RayTracedReflections::default(), ReflectionDenoiser::default());
         for (name, default) in [
             ("technique", format!("`{:?}`", reflections.technique)),
             ("backend", format!("`{:?}`", reflections.backend)),
@@ -204,7 +204,7 @@ mod tests {
             ("virtual_history", denoiser.virtual_history.to_string()),
             ("clip_sigma", denoiser.clip_sigma.to_string()),
             ("suppress_fireflies", denoiser.suppress_fireflies.to_string()),
-            ("converges_at_rest", denoiser.converges_at_rest.to_string()),
+            ("converge_static_views", denoiser.converge_static_views.to_string()),
             ("blur_radius", denoiser.blur_radius.to_string()),
         ] {
             let start = format!("| `{name}` |");

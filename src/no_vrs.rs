@@ -6,7 +6,7 @@ mod draw;
 
 pub(crate) use draw::{DrawGroup, PipelineRequest, VrsDraw};
 
-use crate::device::HardwareRates;
+use crate::device::HardwareVrsSupport;
 #[cfg(feature = "hardware-vrs")]
 use crate::device::ShadingRates;
 use bevy::{
@@ -65,11 +65,11 @@ pub(crate) fn available(_support: Option<&HardwareVrs>, _tile: u32) -> Result<()
     Err(REASON.into())
 }
 
-pub(crate) fn status(_support: Option<&HardwareVrs>) -> HardwareRates {
+pub(crate) fn status(_support: Option<&HardwareVrs>) -> HardwareVrsSupport {
     if cfg!(feature = "hardware-vrs") {
-        HardwareRates::Missing(REASON.into())
+        HardwareVrsSupport::Missing(REASON.into())
     } else {
-        HardwareRates::NotAsked
+        HardwareVrsSupport::NotAsked
     }
 }
 

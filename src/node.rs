@@ -9,7 +9,7 @@ use crate::{
     gbuffer::PassContext,
     rate::{RatePipelines, determine_rates},
     schedule::ReflectionSystems,
-    settings::Technique,
+    settings::ReflectionTechnique,
     trace::{PassResources, PassView, VrsPass, trace_rays},
     view::ViewCulling,
 };
@@ -69,7 +69,7 @@ fn ray_traced_reflections(
     let total = diagnostics.time_span(ctx.command_encoder(), "glint");
     let stages = diagnostics.filter(|_| pipelines.total_only.is_none());
     let targets = context.targets();
-    let converged = context.view.settings.technique == Technique::Converged;
+    let converged = context.view.settings.technique == ReflectionTechnique::Converged;
     let (probes, culled) = (culling.probes(), culling.is_culled());
     if !culled {
         ctx.command_encoder().clear_buffer(&targets.counters, 0, None);

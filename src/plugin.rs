@@ -6,7 +6,7 @@ use crate::{
     debug::DebugPlugin,
     denoise::DenoisePlugin,
     device::DevicePlugin,
-    diagnostics::DiagnosticsPlugin,
+    diagnostics::ReflectionDiagnosticsPlugin,
     extract::ExtractPlugin,
     gbuffer::GBufferPlugin,
     node::NodePlugin,
@@ -15,7 +15,7 @@ use crate::{
     ready::ReadyPlugin,
     scene::ScenePlugin,
     schedule::SchedulePlugin,
-    settings::{SettingsPlugin, TracerChoice},
+    settings::{ReflectionTracerChoice, SettingsPlugin},
     status::StatusPlugin,
     trace::TracePlugin,
     view::ViewPlugin,
@@ -29,8 +29,8 @@ use bevy::app::{App, Plugin};
 /// reason is in [`ReflectionStatus`](crate::ReflectionStatus).
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RayTracedReflectionsPlugin {
-    /// What finds the surfaces that rays hit; fixed for the life of the app. Default: [`TracerChoice::Auto`].
-    pub tracer: TracerChoice,
+    /// What finds the surfaces that rays hit; fixed for the life of the app. Default: [`ReflectionTracerChoice::Auto`].
+    pub tracer: ReflectionTracerChoice,
 }
 
 impl Plugin for RayTracedReflectionsPlugin {
@@ -39,7 +39,7 @@ impl Plugin for RayTracedReflectionsPlugin {
             SettingsPlugin,
             DevicePlugin,
             StatusPlugin,
-            DiagnosticsPlugin,
+            ReflectionDiagnosticsPlugin,
             SchedulePlugin,
             // Plugins finish in this order, and those below add systems where this one has found that the device can trace.
             ProbePlugin { tracer: self.tracer },

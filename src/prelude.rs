@@ -3,7 +3,8 @@
 #[cfg(feature = "hardware-vrs")]
 pub use crate::HardwareVrsPlugin;
 pub use crate::{
-    NotReflected, Preset, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, ShadingRateHeuristic,
+    NotReflected, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionPreset, ReflectionStatus,
+    ShadingRateHeuristic,
 };
 #[cfg(feature = "egui")]
-pub use crate::{Quality, ReflectionSettingsPanelPlugin};
+pub use crate::{ReflectionQuality, ReflectionSettingsPanelPlugin};

@@ -2,7 +2,7 @@
 
 use crate::{
     device::{ChosenTracer, WritesInPlace, adapter_name, choose_tracer, texture_mode, unsupported},
-    settings::TracerChoice,
+    settings::ReflectionTracerChoice,
     status::ReflectionStatus,
 };
 use bevy::{
@@ -19,7 +19,7 @@ use bevy::{
 ///
 /// It has to be added before all plugins that add systems, since plugins finish in the order in which they were added.
 pub(crate) struct ProbePlugin {
-    pub tracer: TracerChoice,
+    pub tracer: ReflectionTracerChoice,
 }
 
 impl Plugin for ProbePlugin {

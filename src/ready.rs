@@ -6,7 +6,7 @@ use crate::{
     device::{WritesInPlace, tracing_app},
     rate::RatePipelines,
     schedule::ReflectionSystems,
-    settings::{Backend, RateSettings, RateVariant, SafeSettings, Technique, WantsReflections},
+    settings::{RateSettings, RateVariant, ReflectionBackend, ReflectionTechnique, SafeSettings, WantsReflections},
     trace::{TracePipelines, VrsPass},
 };
 use bevy::{
@@ -53,7 +53,7 @@ impl Plugin for ReadyPlugin {
 }
 
 /// What decides which pipelines a view needs.
-pub(crate) type PipelineKey = (Technique, [bool; 4], RateVariant, Option<AssetId<Image>>, u32);
+pub(crate) type PipelineKey = (ReflectionTechnique, [bool; 4], RateVariant, Option<AssetId<Image>>, u32);
 
 /// The key of a view's pipelines; other settings can change without a new compilation.
 pub(crate) fn pipeline_key(settings: &SafeSettings, rate: &RateSettings) -> PipelineKey {
@@ -62,7 +62,7 @@ pub(crate) fn pipeline_key(settings: &SafeSettings, rate: &RateSettings) -> Pipe
         settings.full_resolution_mirrors,
         denoiser.temporal,
         denoiser.blur_radius > 0.0,
-        settings.backend == Backend::Hardware,
+        settings.backend == ReflectionBackend::HardwareVrs,
     ];
     let image = rate.image.as_ref().map(|image| image.id());
     (settings.technique, flags, rate.variant.clone(), image, rate.tile_size)

@@ -1,8 +1,8 @@
 //! The report of what the crate does on this machine, and why not more.
 
 use crate::{
-    device::{HardwareRates, TextureMode, Tracer},
-    settings::Backend,
+    device::{HardwareVrsSupport, ReflectionTextureMode, ReflectionTracer},
+    settings::ReflectionBackend,
 };
 use bevy::{
     app::{App, Plugin},
@@ -15,7 +15,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Textures and buffers that one camera's reflections own.
 #[derive(Reflect, Clone, Debug, PartialEq, Eq)]
 #[reflect(Debug, Clone, PartialEq)]
-pub struct ViewMemory {
+pub struct ReflectionViewMemory {
     /// The camera.
     pub camera: Entity,
     /// Pixels that it renders.
@@ -24,7 +24,7 @@ pub struct ViewMemory {
     pub parts: Vec<(&'static str, u64)>,
 }
 
-impl ViewMemory {
+impl ReflectionViewMemory {
     /// Bytes of all parts.
     #[must_use]
     pub fn bytes(&self) -> u64 {
@@ -35,21 +35,22 @@ impl ViewMemory {
 /// A snapshot of what the crate does on this machine.
 #[derive(Reflect, Clone, Debug, Default, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
-pub struct StatusReport {
+pub struct ReflectionStatusReport {
     /// Name and driver of the adapter; empty until the renderer has started.
     pub adapter: String,
     /// The active tracer; `None` where reflections are off for all cameras.
-    pub tracer: Option<Tracer>,
+    pub tracer: Option<ReflectionTracer>,
     /// How material textures are bound; `None` until the renderer has started.
-    pub textures: Option<TextureMode>,
+    pub textures: Option<ReflectionTextureMode>,
     /// Whether the hardware back end can be used.
-    pub hardware_rates: HardwareRates,
-    /// Cameras that reflect, each with its active back end: [`Backend::Hardware`], or [`Backend::Compute`] for all else.
-    pub active_backends: Vec<(Entity, Backend)>,
+    pub hardware_vrs: HardwareVrsSupport,
+    /// Cameras that reflect, each with its active back end: [`ReflectionBackend::HardwareVrs`], or [`ReflectionBackend::Compute`]
+    /// for all else.
+    pub active_backends: Vec<(Entity, ReflectionBackend)>,
     /// Cameras that see nothing to reflect on: only their rate pass runs, in every second frame.
-    pub resting_views: usize,
+    pub culled_views: usize,
     /// What each camera's reflections own on the GPU.
-    pub view_memory: Vec<ViewMemory>,
+    pub view_memory: Vec<ReflectionViewMemory>,
     /// Why something better isn't active, in whole sentences.
     pub reasons: Vec<String>,
     /// Meshes whose acceleration structure is being built; they are absent from reflections until then.
@@ -88,11 +89,11 @@ pub struct StatusReport {
     pub ready: bool,
 }
 
-impl fmt::Display for StatusReport {
+impl fmt::Display for ReflectionStatusReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let tracer = match self.tracer {
-            Some(Tracer::RayQuery) => "ray queries",
-            Some(Tracer::Bvh) => "BVH",
+            Some(ReflectionTracer::RayQuery) => "ray queries",
+            Some(ReflectionTracer::Bvh) => "BVH",
             None => "none",
         };
         write!(f, "Ray-traced reflections on {}: tracer {tracer}.", self.adapter)?;
@@ -112,15 +113,15 @@ impl fmt::Display for StatusReport {
 #[derive(Resource, Reflect, Clone, Debug, Default)]
 #[reflect(opaque)]
 #[reflect(Resource, Default, Debug, Clone)]
-pub struct ReflectionStatus(Arc<Mutex<StatusReport>>);
+pub struct ReflectionStatus(Arc<Mutex<ReflectionStatusReport>>);
 
 impl ReflectionStatus {
     /// A copy of the present status.
-    pub fn report(&self) -> StatusReport {
+    pub fn report(&self) -> ReflectionStatusReport {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    pub(crate) fn update(&self, change: impl FnOnce(&mut StatusReport)) {
+    pub(crate) fn update(&self, change: impl FnOnce(&mut ReflectionStatusReport)) {
         change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
     }
 }
@@ -131,8 +132,8 @@ pub(crate) struct StatusPlugin;
 impl Plugin for StatusPlugin {
     fn build(&self, app: &mut App) {
         app.register_type::<ReflectionStatus>()
-            .register_type::<StatusReport>()
-            .register_type::<ViewMemory>()
+            .register_type::<ReflectionStatusReport>()
+            .register_type::<ReflectionViewMemory>()
             .init_resource::<ReflectionStatus>();
     }
 }

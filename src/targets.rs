@@ -1,11 +1,11 @@
 //! Every texture and buffer that a reflecting view owns on the GPU, with format and meaning.
 //!
-//! *Full* is one texel per pixel of the view, *trace* one per trace pixel (see [`Technique`]), *tile* one per tile of
+//! *Full* is one texel per pixel of the view, *trace* one per trace pixel (see [`ReflectionTechnique`]), *tile* one per tile of
 //! the rate image. Only what the view's settings use is created.
 
 use crate::{
     common::{COUNTER_WORDS, INDIRECT_ARG_WORDS, word_offset},
-    settings::{SafeSettings, Technique},
+    settings::{ReflectionTechnique, SafeSettings},
 };
 use bevy::{
     math::UVec2,
@@ -23,7 +23,7 @@ use core::mem::take;
 pub const RATE_FORMAT: TextureFormat = TextureFormat::R32Uint;
 /// What a ray saw: exposed radiance, and the distance of the hit in metres (at most 60,000, which stands for a miss, too).
 pub const RAY_RADIANCE_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
-/// How the ray was drawn: direction, inverse pdf, chosen pixel; see `trace/ray_sample.wesl`.
+/// How the ray was drawn: direction, inverse pdf, chosen pixel; see `trace/record.wesl`.
 pub const RAY_SAMPLE_FORMAT: TextureFormat = TextureFormat::Rgba32Uint;
 /// Exposed radiance of the lobe divided by the lobe's albedo. What alpha holds is said where the texture is declared.
 pub const RADIANCE_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
@@ -71,7 +71,7 @@ pub struct Needs {
 impl Needs {
     /// `in_place`: the composite writes into the frame itself.
     pub fn new(settings: &SafeSettings, in_place: bool) -> Self {
-        let accumulation = settings.technique == Technique::Converged;
+        let accumulation = settings.technique == ReflectionTechnique::Converged;
         Self {
             reflection: !in_place,
             accumulation,

@@ -13,13 +13,13 @@ use bevy::{
         renderer::RenderAdapterInfo,
     },
 };
-use bevy_glint::{
-    Backend, HardwareRates, RayTracedReflections, ReflectionStatus, ShadingRate, ShadingRateHeuristic, StatusReport,
-    Technique, TracerChoice,
-    internals::{Copied, CountInvocations, RATE_ACTIVE, Target, readback},
-};
 #[cfg(feature = "hardware-vrs")]
 use bevy_glint::{CombinedThresholds, HardwareVrs, HardwareVrsPlugin};
+use bevy_glint::{
+    HardwareVrsSupport, RayTracedReflections, ReflectionBackend, ReflectionStatus, ReflectionStatusReport,
+    ReflectionTechnique, ReflectionTracerChoice, ShadingRate, ShadingRateHeuristic,
+    internals::{Copied, CountInvocations, RATE_ACTIVE, Target, readback},
+};
 use glint_scenes::{HeadlessApp, Output, SceneName, SceneOptions, camera, environment, read_image};
 use pictures::{app_on_device, assert_flip, warm_up};
 
@@ -28,7 +28,7 @@ const SCENE: SceneName = SceneName::Demo;
 const SIZE: UVec2 = UVec2::new(201, 119);
 /// Trace pixels of a tile.
 const TILE: u32 = 16;
-const BOTH: [TracerChoice; 2] = [TracerChoice::RayQuery, TracerChoice::Bvh];
+const BOTH: [ReflectionTracerChoice; 2] = [ReflectionTracerChoice::RayQuery, ReflectionTracerChoice::Bvh];
 
 /// Bit of a record's second word.
 const RECORD_VALID: u32 = 0x40 << 16;
@@ -44,7 +44,7 @@ struct Viewer {
 }
 
 /// An app that counts invocations. Its own small camera keeps the scene on the GPU while those of the test come and go.
-fn app(tracer: TracerChoice, before: impl FnOnce(&mut App)) -> Option<HeadlessApp> {
+fn app(tracer: ReflectionTracerChoice, before: impl FnOnce(&mut App)) -> Option<HeadlessApp> {
     let mut app = app_on_device(UVec2::splat(16), Output::Picture, tracer, before, |app| {
         if let Some(render) = app.get_sub_app_mut(RenderApp) {
             render.insert_resource(CountInvocations);
@@ -52,13 +52,18 @@ fn app(tracer: TracerChoice, before: impl FnOnce(&mut App)) -> Option<HeadlessAp
     })?;
     let keeper = app.spawn_scene(SCENE, &SceneOptions::default());
     app.world().entity_mut(keeper).insert(RayTracedReflections {
-        technique: Technique::Quarter,
+        technique: ReflectionTechnique::Quarter,
         ..default()
     });
     Some(app)
 }
 
-fn add(app: &mut HeadlessApp, technique: Technique, backend: Backend, heuristic: &ShadingRateHeuristic) -> Viewer {
+fn add(
+    app: &mut HeadlessApp,
+    technique: ReflectionTechnique,
+    backend: ReflectionBackend,
+    heuristic: &ShadingRateHeuristic,
+) -> Viewer {
     let mut image = Image::new_target_texture(SIZE.x, SIZE.y, TextureFormat::Rgba8UnormSrgb, None);
     image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
     let picture = app.world().resource_mut::<Assets<Image>>().add(image);
@@ -92,11 +97,11 @@ fn render_together(app: &mut HeadlessApp, viewers: &[Viewer]) {
     app.step(3);
 }
 
-fn report(app: &mut HeadlessApp) -> StatusReport {
+fn report(app: &mut HeadlessApp) -> ReflectionStatusReport {
     app.world().resource::<ReflectionStatus>().report()
 }
 
-fn active_backend(app: &mut HeadlessApp, viewer: &Viewer) -> Option<Backend> {
+fn active_backend(app: &mut HeadlessApp, viewer: &Viewer) -> Option<ReflectionBackend> {
     let backends = report(app).active_backends;
     let own = backends.into_iter().find(|(camera, _)| *camera == viewer.camera);
     own.map(|(_, backend)| backend)
@@ -109,8 +114,8 @@ fn is_exact(app: &mut HeadlessApp) -> bool {
 }
 
 /// Mesa's CPU driver (25.0) reads candidates of ray queries in fragment shaders for lanes that have none, and crashes.
-fn has_fragment_rays(app: &mut HeadlessApp, tracer: TracerChoice) -> bool {
-    let crashes = tracer == TracerChoice::RayQuery && is_exact(app);
+fn has_fragment_rays(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) -> bool {
+    let crashes = tracer == ReflectionTracerChoice::RayQuery && is_exact(app);
     if crashes {
         println!("skipped: ray queries in fragment shaders, which crash the CPU driver");
     }
@@ -233,13 +238,13 @@ fn techniques_agree_at_the_full_rate() {
     let one = ShadingRateHeuristic::Uniform(ShadingRate::R1x1);
     for tracer in BOTH {
         let Some(mut app) = app(tracer, |_| {}) else { continue };
-        let mut techniques = vec![Technique::Variable, Technique::Quarter];
+        let mut techniques = vec![ReflectionTechnique::Variable, ReflectionTechnique::Quarter];
         if has_fragment_rays(&mut app, tracer) {
-            techniques.push(Technique::QuarterInline);
+            techniques.push(ReflectionTechnique::QuarterInline);
         }
         let viewers: Vec<_> = techniques
             .iter()
-            .map(|technique| add(&mut app, *technique, Backend::Compute, &one))
+            .map(|technique| add(&mut app, *technique, ReflectionBackend::Compute, &one))
             .collect();
         render_together(&mut app, &viewers);
         let (first, others) = viewers.split_first().unwrap();
@@ -263,22 +268,28 @@ fn techniques_agree_at_the_full_rate() {
 /// Where the hardware back end can't be used, compute takes its place and the status says why.
 #[test]
 fn compute_takes_the_place_of_missing_hardware() {
-    let Some(mut app) = app(TracerChoice::Auto, |_| {}) else {
+    let Some(mut app) = app(ReflectionTracerChoice::Auto, |_| {}) else {
         return;
     };
     let heuristic = ShadingRateHeuristic::default();
-    let viewer = add(&mut app, Technique::Variable, Backend::Hardware, &heuristic);
+    let viewer = add(
+        &mut app,
+        ReflectionTechnique::Variable,
+        ReflectionBackend::HardwareVrs,
+        &heuristic,
+    );
     warm_up(&mut app);
-    assert_eq!(active_backend(&mut app, &viewer), Some(Backend::Compute));
-    let is_said = |report: StatusReport| report.reasons.iter().any(|reason| reason.contains("hardware back end"));
+    assert_eq!(active_backend(&mut app, &viewer), Some(ReflectionBackend::Compute));
+    let is_said =
+        |report: ReflectionStatusReport| report.reasons.iter().any(|reason| reason.contains("hardware back end"));
     assert!(is_said(report(&mut app)), "{}", report(&mut app));
-    assert_eq!(report(&mut app).hardware_rates, HardwareRates::NotAsked);
+    assert_eq!(report(&mut app).hardware_vrs, HardwareVrsSupport::NotAsked);
 
     let mut reflections = app.world().get_mut::<RayTracedReflections>(viewer.camera).unwrap();
-    reflections.backend = Backend::Auto;
+    reflections.backend = ReflectionBackend::Auto;
     app.step(2);
     assert!(!is_said(report(&mut app)), "{}", report(&mut app));
-    assert_eq!(active_backend(&mut app, &viewer), Some(Backend::Compute));
+    assert_eq!(active_backend(&mut app, &viewer), Some(ReflectionBackend::Compute));
     app.world().despawn(viewer.camera);
     app.step(2);
     assert_eq!(active_backend(&mut app, &viewer), None);
@@ -294,7 +305,7 @@ fn the_raw_pass_traces_the_rays_of_the_others() {
             app.add_plugins(plugin);
         };
         let Some(mut app) = app(tracer, before) else { continue };
-        if let HardwareRates::Missing(reason) = report(&mut app).hardware_rates {
+        if let HardwareVrsSupport::Missing(reason) = report(&mut app).hardware_vrs {
             println!("skipped: {reason}");
             continue;
         }
@@ -303,12 +314,25 @@ fn the_raw_pass_traces_the_rays_of_the_others() {
         }
         let one = ShadingRateHeuristic::Uniform(ShadingRate::R1x1);
         let viewers = [
-            add(&mut app, Technique::QuarterInline, Backend::Auto, &one),
-            add(&mut app, Technique::Variable, Backend::Hardware, &one),
+            add(
+                &mut app,
+                ReflectionTechnique::QuarterInline,
+                ReflectionBackend::Auto,
+                &one,
+            ),
+            add(
+                &mut app,
+                ReflectionTechnique::Variable,
+                ReflectionBackend::HardwareVrs,
+                &one,
+            ),
         ];
         render_together(&mut app, &viewers);
-        assert_eq!(active_backend(&mut app, &viewers[0]), Some(Backend::Compute));
-        assert_eq!(active_backend(&mut app, &viewers[1]), Some(Backend::Hardware));
+        assert_eq!(active_backend(&mut app, &viewers[0]), Some(ReflectionBackend::Compute));
+        assert_eq!(
+            active_backend(&mut app, &viewers[1]),
+            Some(ReflectionBackend::HardwareVrs)
+        );
         assert_same_rays(&mut app, &format!("raw-{tracer:?}"), &viewers[0], &viewers[1]);
         assert_eq!(counted(&mut app, &viewers[0]), counted(&mut app, &viewers[1]));
         let limit = if is_exact(&mut app) { 0.0 } else { 0.01 };
@@ -318,8 +342,18 @@ fn the_raw_pass_traces_the_rays_of_the_others() {
         // Coarse blocks: where the rasterizer doesn't know them, all their pixels trace the block's ray.
         let coarse = ShadingRateHeuristic::PAPER_GRAZING;
         let viewers = [
-            add(&mut app, Technique::Variable, Backend::Compute, &coarse),
-            add(&mut app, Technique::Variable, Backend::Hardware, &coarse),
+            add(
+                &mut app,
+                ReflectionTechnique::Variable,
+                ReflectionBackend::Compute,
+                &coarse,
+            ),
+            add(
+                &mut app,
+                ReflectionTechnique::Variable,
+                ReflectionBackend::HardwareVrs,
+                &coarse,
+            ),
         ];
         render_together(&mut app, &viewers);
         assert_same_rays(&mut app, &format!("raw-coarse-{tracer:?}"), &viewers[0], &viewers[1]);
@@ -345,20 +379,20 @@ fn hardware_rates_start_the_rays_of_the_list() {
         let Some(mut app) = app(tracer, before) else { continue };
         let status = report(&mut app);
         let rates = app.world().resource::<HardwareVrs>().rates();
-        let (HardwareRates::Available, Some(rates)) = (&status.hardware_rates, rates) else {
+        let (HardwareVrsSupport::Available, Some(rates)) = (&status.hardware_vrs, rates) else {
             let is_required = std::env::var_os("GLINT_REQUIRE_HARDWARE_RATES").is_some();
             assert!(
                 !is_required,
                 "hardware rates are required, but: {:?}",
-                status.hardware_rates
+                status.hardware_vrs
             );
-            println!("skipped: {:?}", status.hardware_rates);
+            println!("skipped: {:?}", status.hardware_vrs);
             continue;
         };
         println!("{}: {rates:?}", status.adapter);
         let first = ShadingRateHeuristic::PAPER_ROUGHNESS;
-        let viewers =
-            [Backend::Compute, Backend::Hardware].map(|backend| add(&mut app, Technique::Variable, backend, &first));
+        let viewers = [ReflectionBackend::Compute, ReflectionBackend::HardwareVrs]
+            .map(|backend| add(&mut app, ReflectionTechnique::Variable, backend, &first));
         let supports = |rate: ShadingRate| rates.supports(rate.code());
         let is_large = [ShadingRate::R4x2, ShadingRate::R2x4, ShadingRate::R4x4]
             .into_iter()
@@ -379,7 +413,11 @@ fn hardware_rates_start_the_rays_of_the_list() {
                 app.world().entity_mut(viewer.camera).insert(heuristic.clone());
             }
             render_together(&mut app, &viewers);
-            assert_eq!(active_backend(&mut app, &viewers[1]), Some(Backend::Hardware), "{name}");
+            assert_eq!(
+                active_backend(&mut app, &viewers[1]),
+                Some(ReflectionBackend::HardwareVrs),
+                "{name}"
+            );
             assert_same_rays(&mut app, &name, &viewers[0], &viewers[1]);
             let [compute, hardware] = viewers.each_ref().map(|viewer| counted(&mut app, viewer));
             let blocks = listed(&mut app, &viewers[0]);

@@ -4,7 +4,7 @@
 mod pictures;
 
 use bevy::{core_pipeline::tonemapping::Tonemapping, math::UVec2, prelude::*};
-use bevy_glint::{RayTracedReflections, TracerChoice, named_settings};
+use bevy_glint::{RayTracedReflections, ReflectionTracerChoice, named_settings};
 use glint_scenes::{HeadlessApp, Output, SceneName, SceneOptions};
 use pictures::{app, warm_up};
 
@@ -83,7 +83,7 @@ fn errors(truth: &[f32], picture: &[f32]) -> (f32, f32) {
 /// Compares techniques with the truth of a scene; returns what is wrong.
 fn compare_with_truth(name: SceneName, size: UVec2, techniques: &[&str]) -> Vec<String> {
     let mut wrong = Vec::new();
-    let Some(mut app) = app(size, Output::Linear, TracerChoice::Bvh) else {
+    let Some(mut app) = app(size, Output::Linear, ReflectionTracerChoice::Bvh) else {
         return wrong;
     };
     let camera = scene(&mut app, name);
@@ -134,7 +134,7 @@ fn a_still_picture_under_a_sky_comes_to_rest_at_the_truth() {
 /// An object that is gone must be gone from reflections within 8 frames, and a cut must leave nothing of what was before.
 #[test]
 fn what_is_gone_leaves_no_ghost() {
-    let Some(mut app) = app(SIZE, Output::Linear, TracerChoice::Bvh) else {
+    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
         return;
     };
     let camera = scene(&mut app, SceneName::EmissiveFloor);
@@ -184,7 +184,7 @@ fn what_is_gone_leaves_no_ghost() {
 /// While the camera moves, pictures are close to the truth, too, if not as close as at rest.
 #[test]
 fn a_moving_camera_sees_about_the_truth() {
-    let Some(mut app) = app(SIZE, Output::Linear, TracerChoice::Bvh) else {
+    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
         return;
     };
     let camera = scene(&mut app, SceneName::EmissiveFloor);

@@ -16,7 +16,8 @@ use bevy::{
     },
 };
 use bevy_glint::{
-    DebugCounters, DebugSplit, DebugView, NonFiniteReport, RATE_LEGEND, RayTracedReflections, Technique, TracerChoice,
+    RATE_LEGEND, RayTracedReflections, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView,
+    ReflectionNonFiniteReport, ReflectionTechnique, ReflectionTracerChoice,
 };
 use glint_scenes::{HeadlessApp, Output, SceneName, environment};
 use pictures::{app_with, reflect, spawn, warm_up};
@@ -25,7 +26,7 @@ const SIZE: UVec2 = UVec2::new(160, 90);
 
 /// `None` where nothing can be traced, or frames can't be written in place.
 fn app() -> Option<HeadlessApp> {
-    let mut app = app_with(SIZE, Output::Linear, TracerChoice::Auto, |app| {
+    let mut app = app_with(SIZE, Output::Linear, ReflectionTracerChoice::Auto, |app| {
         app.add_plugins(RenderDiagnosticsPlugin);
     })?;
     let world = app.app().get_sub_app(RenderApp)?.world();
@@ -43,7 +44,7 @@ fn app() -> Option<HeadlessApp> {
 }
 
 /// The demo with everything that is on by default, and reflections on all surfaces.
-fn demo(app: &mut HeadlessApp, technique: Technique) -> Entity {
+fn demo(app: &mut HeadlessApp, technique: ReflectionTechnique) -> Entity {
     let camera = spawn(app, SceneName::Demo, technique);
     app.world().entity_mut(camera).insert(RayTracedReflections {
         technique,
@@ -56,7 +57,7 @@ fn demo(app: &mut HeadlessApp, technique: Technique) -> Entity {
 
 /// Some frames after the view was chosen.
 #[track_caller]
-fn show(app: &mut HeadlessApp, camera: Entity, view: DebugView) -> Vec<Vec3> {
+fn show(app: &mut HeadlessApp, camera: Entity, view: ReflectionDebugView) -> Vec<Vec3> {
     app.world().entity_mut(camera).insert(view);
     warm_up(app);
     app.step(4);
@@ -85,8 +86,8 @@ fn is_shade_of(pixel: Vec3, color: LinearRgba) -> bool {
 #[test]
 fn every_view_shows_something() {
     let Some(mut app) = app() else { return };
-    let camera = demo(&mut app, Technique::Variable);
-    for view in DebugView::ALL {
+    let camera = demo(&mut app, ReflectionTechnique::Variable);
+    for view in ReflectionDebugView::ALL {
         let pixels = show(&mut app, camera, view);
         let name = view.name();
         let colored = pixels.iter().filter(|pixel| is_colored(pixel)).count();
@@ -94,7 +95,7 @@ fn every_view_shows_something() {
         println!("{name}: {colored} pixels with a colour, {lit} that aren't black");
         assert!(lit > 500, "{name} is black");
         match view {
-            DebugView::ShadingRates => {
+            ReflectionDebugView::ShadingRates => {
                 let shades = |pixel: &Vec3| RATE_LEGEND.iter().position(|&(_, color)| is_shade_of(*pixel, color));
                 let strange = pixels.iter().filter(|pixel| shades(pixel).is_none()).count();
                 assert_eq!(strange, 0, "pixels of {name} with a colour that is not in the legend");
@@ -105,12 +106,12 @@ fn every_view_shows_something() {
                 // The mirrors and tiles at several rates.
                 assert!(colored > 500);
             }
-            DebugView::RaysPerPixel
-            | DebugView::HitDistance
-            | DebugView::HistoryLength
-            | DebugView::Variance
-            | DebugView::EffectiveRays => assert!(colored > 500, "{name} shows no heat"),
-            DebugView::NonFinite => assert_eq!(colored, 0, "{name} found something"),
+            ReflectionDebugView::RaysPerPixel
+            | ReflectionDebugView::HitDistance
+            | ReflectionDebugView::HistoryLength
+            | ReflectionDebugView::Variance
+            | ReflectionDebugView::EffectiveRays => assert!(colored > 500, "{name} shows no heat"),
+            ReflectionDebugView::NonFinite => assert_eq!(colored, 0, "{name} found something"),
             _ => {}
         }
     }
@@ -119,18 +120,21 @@ fn every_view_shows_something() {
 #[test]
 fn techniques_without_textures_keep_the_picture() {
     let Some(mut app) = app() else { return };
-    let camera = demo(&mut app, Technique::Converged);
-    for view in DebugView::ALL {
+    let camera = demo(&mut app, ReflectionTechnique::Converged);
+    for view in ReflectionDebugView::ALL {
         let pixels = show(&mut app, camera, view);
         let colored = pixels.iter().filter(|pixel| is_colored(pixel)).count();
         match view {
-            DebugView::HitDistance | DebugView::Variance | DebugView::EffectiveRays | DebugView::NonFinite => {
+            ReflectionDebugView::HitDistance
+            | ReflectionDebugView::Variance
+            | ReflectionDebugView::EffectiveRays
+            | ReflectionDebugView::NonFinite => {
                 assert_eq!(colored, 0, "{} shows what doesn't exist", view.name());
             }
-            DebugView::RaysPerPixel | DebugView::HistoryLength => {
+            ReflectionDebugView::RaysPerPixel | ReflectionDebugView::HistoryLength => {
                 assert!(colored > 500, "{} shows no heat", view.name());
             }
-            DebugView::Reconstructed | DebugView::Reflection => {
+            ReflectionDebugView::Reconstructed | ReflectionDebugView::Reflection => {
                 let lit = pixels.iter().filter(|pixel| pixel.max_element() > 0.02).count();
                 assert!(lit > 500, "{} is black", view.name());
             }
@@ -142,8 +146,8 @@ fn techniques_without_textures_keep_the_picture() {
 #[test]
 fn the_reference_has_one_ray_per_reflecting_pixel() {
     let Some(mut app) = app() else { return };
-    let camera = demo(&mut app, Technique::Reference);
-    let pixels = show(&mut app, camera, DebugView::RaysPerPixel);
+    let camera = demo(&mut app, ReflectionTechnique::Reference);
+    let pixels = show(&mut app, camera, ReflectionDebugView::RaysPerPixel);
     let rays = |pixels: &[Vec3], color: Vec3| {
         let colored = pixels.iter().filter(|pixel| is_colored(pixel));
         let (these, others): (Vec<Vec3>, Vec<Vec3>) = colored.partition(|pixel| pixel.distance(color) < 0.01);
@@ -159,21 +163,21 @@ fn the_reference_has_one_ray_per_reflecting_pixel() {
 
     // A quarter: log2(1/4) is two thirds of the way from log2(1/64) to 0.
     app.world().entity_mut(camera).insert(RayTracedReflections {
-        technique: Technique::Quarter,
+        technique: ReflectionTechnique::Quarter,
         full_resolution_mirrors: false,
         roughness_cutoff: 1.0,
         ..default()
     });
-    let pixels = show(&mut app, camera, DebugView::RaysPerPixel);
+    let pixels = show(&mut app, camera, ReflectionDebugView::RaysPerPixel);
     assert!(rays(&pixels, Vec3::new(2.0 / 3.0, 1.0, 0.0)) > 500);
 }
 
 #[test]
 fn a_past_that_is_forgotten_is_rejected() {
     let Some(mut app) = app() else { return };
-    let camera = demo(&mut app, Technique::Variable);
+    let camera = demo(&mut app, ReflectionTechnique::Variable);
     let red = |pixels: Vec<Vec3>| pixels.into_iter().filter(|pixel| *pixel == Vec3::X).count();
-    app.world().entity_mut(camera).insert(DebugView::Rejected);
+    app.world().entity_mut(camera).insert(ReflectionDebugView::Rejected);
     warm_up(&mut app);
     app.step(16);
     let settled = red(capture(&app));
@@ -188,9 +192,9 @@ fn a_past_that_is_forgotten_is_rejected() {
 fn a_reflection_alone_is_what_a_mirror_shows() {
     let Some(mut app) = app() else { return };
     // Unlit things over a mirror that no light falls on: its picture is the reflection alone.
-    let camera = spawn(&mut app, SceneName::MirrorRoom, Technique::Reference);
-    let picture = show(&mut app, camera, DebugView::Off);
-    let reflection = show(&mut app, camera, DebugView::Reflection);
+    let camera = spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
+    let picture = show(&mut app, camera, ReflectionDebugView::Off);
+    let reflection = show(&mut app, camera, ReflectionDebugView::Reflection);
     let mut reflecting = 0;
     for (i, (shown, alone)) in picture.iter().zip(&reflection).enumerate() {
         if *alone != Vec3::ZERO {
@@ -204,8 +208,8 @@ fn a_reflection_alone_is_what_a_mirror_shows() {
     }
     assert!(reflecting > 200, "{reflecting} pixels reflect");
 
-    app.world().entity_mut(camera).insert(DebugSplit::default());
-    let divided = show(&mut app, camera, DebugView::Reflection);
+    app.world().entity_mut(camera).insert(ReflectionDebugSplit::default());
+    let divided = show(&mut app, camera, ReflectionDebugView::Reflection);
     for (i, pixel) in divided.into_iter().enumerate() {
         let column = i as u32 % SIZE.x;
         let expected = if column < SIZE.x / 2 {
@@ -233,24 +237,24 @@ fn rough_things_reflect_nothing() {
     environment.tonemapping = Tonemapping::None;
     let camera = app.spawn_camera(Transform::from_xyz(0.0, 0.0, 5.0));
     environment.insert(&mut app.world().entity_mut(camera));
-    reflect(&mut app, camera, Technique::Variable);
+    reflect(&mut app, camera, ReflectionTechnique::Variable);
     app.world().entity_mut(camera).insert(RayTracedReflections::default());
-    let picture = show(&mut app, camera, DebugView::Off);
+    let picture = show(&mut app, camera, ReflectionDebugView::Off);
     assert!(picture.iter().any(|pixel| pixel.max_element() > 0.1));
-    let pixels = show(&mut app, camera, DebugView::Reflection);
+    let pixels = show(&mut app, camera, ReflectionDebugView::Reflection);
     assert!(pixels.iter().all(|pixel| *pixel == Vec3::ZERO));
     let skipped = RATE_LEGEND[10].1;
-    let pixels = show(&mut app, camera, DebugView::ShadingRates);
+    let pixels = show(&mut app, camera, ReflectionDebugView::ShadingRates);
     assert!(pixels.iter().all(|pixel| is_shade_of(*pixel, skipped)));
 }
 
 #[test]
 fn counters_find_no_bad_pixels() {
     let Some(mut app) = app() else { return };
-    let camera = demo(&mut app, Technique::Variable);
-    let report = |app: &mut HeadlessApp| NonFiniteReport::read(app.world().resource::<DiagnosticsStore>());
+    let camera = demo(&mut app, ReflectionTechnique::Variable);
+    let report = |app: &mut HeadlessApp| ReflectionNonFiniteReport::read(app.world().resource::<DiagnosticsStore>());
     assert_eq!(report(&mut app), None);
-    app.world().entity_mut(camera).insert(DebugCounters);
+    app.world().entity_mut(camera).insert(ReflectionDebugCounters);
     warm_up(&mut app);
     // Results come back some frames later.
     for _ in 0..1000 {

@@ -15,11 +15,14 @@ use bevy::{
         sync_world::RenderEntity,
     },
 };
-use bevy_glint::{NotReflected, RayTracedReflections, ReflectionStatus, StatusReport, Technique, TracerChoice};
+use bevy_glint::{
+    NotReflected, RayTracedReflections, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique,
+    ReflectionTracerChoice,
+};
 use glint_scenes::{HeadlessApp, Output, SceneName, environment, read_image};
 use pictures::{app, assert_flip, flip, reflect, warm_up};
 
-const BOTH: [TracerChoice; 2] = [TracerChoice::RayQuery, TracerChoice::Bvh];
+const BOTH: [ReflectionTracerChoice; 2] = [ReflectionTracerChoice::RayQuery, ReflectionTracerChoice::Bvh];
 const SIZE: UVec2 = UVec2::new(96, 64);
 const RED: [u8; 3] = [255, 0, 0];
 const GREEN: [u8; 3] = [0, 255, 0];
@@ -62,7 +65,7 @@ fn mirror(app: &mut HeadlessApp, surroundings: SceneName) -> Entity {
     camera
 }
 
-fn report(app: &mut HeadlessApp) -> StatusReport {
+fn report(app: &mut HeadlessApp) -> ReflectionStatusReport {
     app.world().resource::<ReflectionStatus>().report()
 }
 
@@ -139,7 +142,7 @@ fn entities_that_change_are_followed() {
         let subject = spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
         app.warm_up(20_000).unwrap();
         expect(&mut app, "no reflections yet", RED, [false, false]);
-        reflect(&mut app, camera, Technique::Reference);
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
         let size = expect(&mut app, "at first", RED, [true, false]);
 
         app.world().get_mut::<Transform>(subject).unwrap().translation = RIGHT;
@@ -185,7 +188,7 @@ fn assets_that_change_are_followed() {
         };
         let camera = mirror(&mut app, SceneName::MirrorRoom);
         let subject = spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
-        reflect(&mut app, camera, Technique::Reference);
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
         let size = expect(&mut app, "at first", RED, [true, false]);
 
         edit_material(&mut app, subject, |material| {
@@ -249,7 +252,7 @@ fn a_still_scene_builds_nothing() {
         };
         let camera = mirror(&mut app, SceneName::MirrorRoom);
         let subject = spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
-        reflect(&mut app, camera, Technique::Reference);
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
         app.step(4);
         // Objects that rest are merged, once.
         for _ in 0..2000 {
@@ -298,7 +301,7 @@ fn without_a_camera_that_reflects_the_scene_is_freed() {
         app.step(2);
         let never = app.capture().unwrap();
         assert!(never[4 * 100] > 100, "the environment is seen in the mirror");
-        reflect(&mut app, camera, Technique::Reference);
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
         let first = expect(&mut app, "with reflections", RED, [true, false]);
         let active = report(&mut app);
         assert_eq!(active.instances, 2);
@@ -319,7 +322,7 @@ fn without_a_camera_that_reflects_the_scene_is_freed() {
             "{tracer:?}: something of the reflections stays"
         );
 
-        reflect(&mut app, camera, Technique::Reference);
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
         assert_eq!(expect(&mut app, "once more", RED, [true, false]), first);
         assert_eq!(report(&mut app).instances, 2);
         // An inactive camera counts as none.
@@ -369,8 +372,8 @@ fn a_viewport_shows_what_a_target_of_its_size_shows() {
         app.warm_up(20_000).unwrap();
         app.step(2);
         let off = app.capture().unwrap();
-        reflect(&mut app, alone, Technique::Reference);
-        reflect(&mut app, left, Technique::Reference);
+        reflect(&mut app, alone, ReflectionTechnique::Reference);
+        reflect(&mut app, left, ReflectionTechnique::Reference);
         app.step(2);
         let on = app.capture().unwrap();
         let whole = read_image(app.app().sub_app(RenderApp).world(), &whole).unwrap();
@@ -430,7 +433,7 @@ fn a_reduced_resolution_stays_inside() {
         app.warm_up(20_000).unwrap();
         app.step(2);
         let off = app.capture().unwrap();
-        reflect(&mut app, camera, Technique::Reference);
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
         app.step(2);
         let on = app.capture().unwrap();
         let (mut changed_inside, mut changed_outside) = (0, 0);

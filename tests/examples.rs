@@ -43,7 +43,7 @@ use bevy::{
     pbr::DefaultOpaqueRendererMethod,
     prelude::*,
 };
-use bevy_glint::{RayTracedReflections, ReflectionStatus, StatusReport};
+use bevy_glint::{RayTracedReflections, ReflectionStatus, ReflectionStatusReport};
 use common::wesl::Shaders;
 use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, save_picture};
 use std::{fs, ops::Range, path::Path, thread, time::Duration};
@@ -127,7 +127,7 @@ impl Example {
         is_wanted && (!report.ready || report.meshes_pending > 0)
     }
 
-    fn report(&mut self) -> StatusReport {
+    fn report(&mut self) -> ReflectionStatusReport {
         self.app.world().resource::<ReflectionStatus>().report()
     }
 
@@ -374,7 +374,7 @@ fn settings_panel() {
 #[cfg(feature = "egui")]
 #[test]
 fn quality_menu() {
-    use bevy_glint::ui::Quality;
+    use bevy_glint::ui::ReflectionQuality;
     use quality_menu::{GameSettings, SettingsFile};
 
     let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("example-quality_menu.txt");
@@ -389,13 +389,13 @@ fn quality_menu() {
         return;
     };
     let settings = example.app.world().resource::<GameSettings>();
-    assert_eq!((settings.volume, settings.reflections), (0.5, Quality::Ultra));
+    assert_eq!((settings.volume, settings.reflections), (0.5, ReflectionQuality::Ultra));
     let open = example.image("open");
     example.press(KeyCode::Escape);
     let closed = example.image("closed");
     example.assert_differs("the menu", &open, &closed, 3.0);
     // As the menu does.
-    example.app.world().resource_mut::<GameSettings>().reflections = Quality::Off;
+    example.app.world().resource_mut::<GameSettings>().reflections = ReflectionQuality::Off;
     example.app.step(2);
     assert_eq!(
         fs::read_to_string(&file).expect("it is saved"),
@@ -403,7 +403,7 @@ fn quality_menu() {
     );
     let off = example.image("off");
     example.assert_differs("the quality off", &closed, &off, 2.0);
-    example.app.world().resource_mut::<GameSettings>().reflections = Quality::Low;
+    example.app.world().resource_mut::<GameSettings>().reflections = ReflectionQuality::Low;
     example.app.step(2);
     example.assert_reflects(1.0);
 }

@@ -9,7 +9,7 @@ use bevy::{
     math::{UVec2, Vec3},
     prelude::*,
 };
-use bevy_glint::{RayTracedReflections, Technique, TracerChoice};
+use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
 use bevy_solari::{
     SolariPlugins,
     pathtracer::{Pathtracer, PathtracingPlugin},
@@ -18,7 +18,7 @@ use bevy_solari::{
 use glint_scenes::{FURNACE_ROUGHNESS, Output, SceneName};
 use pictures::{app, app_with, assert_flip, flip, reflect, spawn, warm_up};
 
-const BOTH: [TracerChoice; 2] = [TracerChoice::RayQuery, TracerChoice::Bvh];
+const BOTH: [ReflectionTracerChoice; 2] = [ReflectionTracerChoice::RayQuery, ReflectionTracerChoice::Bvh];
 
 /// A mirror floor shows what a camera sees that is mirrored at the floor.
 #[test]
@@ -41,7 +41,7 @@ fn mirror(lit: bool) {
         if lit {
             app.world().add_observer(light_up);
         }
-        let camera = spawn(&mut app, SceneName::MirrorRoom, Technique::Reference);
+        let camera = spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
         app.step(2);
         let reflected = app.capture().unwrap();
 
@@ -153,7 +153,7 @@ fn a_white_furnace_stays_white() {
         let Some(mut app) = app(size, Output::Linear, tracer) else {
             continue;
         };
-        spawn(&mut app, SceneName::Furnace, Technique::Converged);
+        spawn(&mut app, SceneName::Furnace, ReflectionTechnique::Converged);
         app.step(64);
         let pixels = app.capture_linear().unwrap();
         let background = pixels[0][0];
@@ -195,15 +195,15 @@ fn converged_agrees_with_a_path_tracer() {
     let size = UVec2::new(320, 180);
     // The path tracer smooths edges by moving its rays within a pixel; here more pixels do the same.
     const FINER: u32 = 3;
-    let Some(mut ours) = app(size * FINER, Output::Linear, TracerChoice::RayQuery) else {
+    let Some(mut ours) = app(size * FINER, Output::Linear, ReflectionTracerChoice::RayQuery) else {
         return;
     };
-    spawn(&mut ours, SceneName::EmissiveFloor, Technique::Converged);
+    spawn(&mut ours, SceneName::EmissiveFloor, ReflectionTechnique::Converged);
     ours.step(48);
     let converged = shrink(&ours.capture_linear().unwrap(), size, FINER);
     drop(ours);
 
-    let traced = app_with(size, Output::Picture, TracerChoice::RayQuery, |app| {
+    let traced = app_with(size, Output::Picture, ReflectionTracerChoice::RayQuery, |app| {
         app.add_plugins((SolariPlugins, PathtracingPlugin));
     });
     let Some(mut theirs) = traced else { return };
@@ -259,7 +259,7 @@ fn both_tracers_show_the_same_picture() {
         let Some(mut app) = app(size, Output::Picture, tracer) else {
             return;
         };
-        spawn(&mut app, SceneName::Demo, Technique::Converged);
+        spawn(&mut app, SceneName::Demo, ReflectionTechnique::Converged);
         app.world().resource_mut::<Time<Virtual>>().pause();
         app.step(32);
         pictures_of_both.push(app.capture().unwrap());
@@ -272,13 +272,13 @@ fn both_tracers_show_the_same_picture() {
 #[test]
 fn known_degradations_are_told_apart() {
     let size = UVec2::new(320, 180);
-    let Some(mut app) = app(size, Output::Picture, TracerChoice::Bvh) else {
+    let Some(mut app) = app(size, Output::Picture, ReflectionTracerChoice::Bvh) else {
         return;
     };
     let camera = app.spawn_scene(SceneName::MirrorRoom, &Default::default());
     warm_up_plain(&mut app);
     let off = app.capture().unwrap();
-    reflect(&mut app, camera, Technique::Reference);
+    reflect(&mut app, camera, ReflectionTechnique::Reference);
     app.step(2);
     let on = app.capture().unwrap();
     assert_eq!(flip(size, &on, &on).0, 0.0);

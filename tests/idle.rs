@@ -10,14 +10,14 @@ use bevy::{
     render::{RenderApp, render_resource::PollType, renderer::RenderDevice},
 };
 use bevy_glint::{
-    Backend, DebugView, Denoiser, RateTileSize, RayTracedReflections, ReflectionStatus, StatusReport, Technique,
-    TracerChoice,
+    RayTracedReflections, ReflectionBackend, ReflectionDebugView, ReflectionDenoiser, ReflectionStatus,
+    ReflectionStatusReport, ReflectionTechnique, ReflectionTracerChoice, ShadingRateTileSize,
 };
 use core::f32::consts::PI;
 use glint_scenes::{HeadlessApp, Output, SceneName, environment};
 use pictures::{app, assert_flip, warm_up};
 
-const BOTH: [TracerChoice; 2] = [TracerChoice::RayQuery, TracerChoice::Bvh];
+const BOTH: [ReflectionTracerChoice; 2] = [ReflectionTracerChoice::RayQuery, ReflectionTracerChoice::Bvh];
 const SIZE: UVec2 = UVec2::new(96, 64);
 const BEFORE_THE_WALL: Transform = Transform::from_xyz(0.0, 0.0, 3.0);
 
@@ -62,8 +62,8 @@ fn stage(app: &mut HeadlessApp) -> Entity {
 /// Smooth surfaces reflect, without noise; the rough wall doesn't.
 fn reflections() -> RayTracedReflections {
     RayTracedReflections {
-        technique: Technique::Reference,
-        denoiser: Denoiser::OFF,
+        technique: ReflectionTechnique::Reference,
+        denoiser: ReflectionDenoiser::OFF,
         full_resolution_mirrors: false,
         roughness_cutoff: 0.6,
         roughness_fade: 0.0,
@@ -91,7 +91,7 @@ fn frame(app: &mut HeadlessApp) {
     world.resource::<RenderDevice>().poll(wait).unwrap();
 }
 
-fn report(app: &mut HeadlessApp) -> StatusReport {
+fn report(app: &mut HeadlessApp) -> ReflectionStatusReport {
     app.world().resource::<ReflectionStatus>().report()
 }
 
@@ -100,7 +100,7 @@ fn report(app: &mut HeadlessApp) -> StatusReport {
 fn until_one_rests(app: &mut HeadlessApp) {
     for _ in 0..30 {
         frame(app);
-        if report(app).resting_views == 1 {
+        if report(app).culled_views == 1 {
             return;
         }
     }
@@ -112,7 +112,7 @@ fn until_one_rests(app: &mut HeadlessApp) {
 fn expect_resting(app: &mut HeadlessApp, what: &str, frames: u32, resting: usize) {
     for number in 0..frames {
         frame(app);
-        assert_eq!(report(app).resting_views, resting, "{what}: frame {number}");
+        assert_eq!(report(app).culled_views, resting, "{what}: frame {number}");
     }
 }
 
@@ -143,7 +143,7 @@ fn a_camera_that_rests_shows_what_one_without_reflections_shows() {
         assert_eq!(differing_pixels(&without, &picture, 1), 0, "{tracer:?}");
         let status = report(&mut app);
         assert!(status.ready, "{status:?}");
-        assert_eq!(status.active_backends, [(camera, Backend::Compute)]);
+        assert_eq!(status.active_backends, [(camera, ReflectionBackend::Compute)]);
 
         app.world().entity_mut(camera).remove::<RayTracedReflections>();
         expect_resting(&mut app, "without the component", 2, 0);
@@ -176,7 +176,7 @@ fn a_mirror_that_comes_into_view_wakes_the_camera() {
         loop {
             frame(&mut app);
             frames += 1;
-            if report(&mut app).resting_views == 0 {
+            if report(&mut app).culled_views == 0 {
                 break;
             }
             assert!(frames < 6, "{tracer:?}: still at rest after {frames} frames");
@@ -190,7 +190,7 @@ fn a_mirror_that_comes_into_view_wakes_the_camera() {
         for _ in frames..12 {
             frame(&mut app);
         }
-        assert_eq!(report(&mut app).resting_views, 0);
+        assert_eq!(report(&mut app).culled_views, 0);
         let woken = app.capture().unwrap();
         let red = red_pixels(&woken);
         assert!(red > 25, "{tracer:?}: {red} pixels of the mirror show the cube");
@@ -200,7 +200,7 @@ fn a_mirror_that_comes_into_view_wakes_the_camera() {
 
 #[test]
 fn whoever_changes_something_wakes_the_camera_at_once() {
-    let Some(mut app) = app(SIZE, Output::Picture, TracerChoice::Auto) else {
+    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Auto) else {
         return;
     };
     let app = &mut app;
@@ -217,14 +217,14 @@ fn whoever_changes_something_wakes_the_camera_at_once() {
     expect_resting(app, "a cut", 1, 0);
     until_one_rests(app);
 
-    app.world().entity_mut(camera).insert(RateTileSize::Tiles8);
+    app.world().entity_mut(camera).insert(ShadingRateTileSize::Tiles8);
     expect_resting(app, "other tiles", 1, 0);
     warm_up(app);
     until_one_rests(app);
 
-    app.world().entity_mut(camera).insert(DebugView::ShadingRates);
+    app.world().entity_mut(camera).insert(ReflectionDebugView::ShadingRates);
     expect_resting(app, "a debug view", 20, 0);
-    app.world().entity_mut(camera).remove::<DebugView>();
+    app.world().entity_mut(camera).remove::<ReflectionDebugView>();
     until_one_rests(app);
 
     app.world().get_mut::<Camera>(camera).unwrap().viewport = Some(Viewport {
@@ -236,13 +236,15 @@ fn whoever_changes_something_wakes_the_camera_at_once() {
     expect_resting(app, "another size", 1, 0);
     until_one_rests(app);
 
-    change(app, camera, |settings| settings.technique = Technique::Converged);
+    change(app, camera, |settings| {
+        settings.technique = ReflectionTechnique::Converged
+    });
     expect_resting(app, "the ground truth", 30, 0);
 }
 
 #[test]
 fn cameras_rest_and_wake_for_themselves() {
-    let Some(mut app) = app(SIZE, Output::Picture, TracerChoice::Auto) else {
+    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Auto) else {
         return;
     };
     let app = &mut app;
@@ -273,7 +275,7 @@ fn cameras_rest_and_wake_for_themselves() {
     *app.world().get_mut::<Transform>(rough).unwrap() = turned;
     let awake = (0..6).any(|_| {
         frame(app);
-        report(app).resting_views == 0
+        report(app).culled_views == 0
     });
     assert!(awake, "both cameras see the mirror");
     expect_resting(app, "both cameras see the mirror", 20, 0);

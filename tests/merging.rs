@@ -11,7 +11,9 @@ use bevy::{
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat},
 };
-use bevy_glint::{RayTracedReflections, ReflectionStatus, StatusReport, Technique, TracerChoice};
+use bevy_glint::{
+    RayTracedReflections, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique, ReflectionTracerChoice,
+};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 use pictures::{app, assert_flip, flip, spawn, warm_up};
 
@@ -19,12 +21,12 @@ const SIZE: UVec2 = UVec2::new(96, 64);
 /// Frames that merging may take.
 const PATIENCE: u32 = 20_000;
 
-fn report(app: &mut HeadlessApp) -> StatusReport {
+fn report(app: &mut HeadlessApp) -> ReflectionStatusReport {
     app.world().resource::<ReflectionStatus>().report()
 }
 
 /// Waits until nothing is left to be merged, and masked objects have their micromaps.
-fn rest(app: &mut HeadlessApp) -> StatusReport {
+fn rest(app: &mut HeadlessApp) -> ReflectionStatusReport {
     app.step(3);
     for _ in 0..PATIENCE {
         let report = report(app);
@@ -39,10 +41,10 @@ fn rest(app: &mut HeadlessApp) -> StatusReport {
 
 #[test]
 fn merging_is_not_seen() {
-    let Some(mut app) = app(SIZE, Output::Picture, TracerChoice::Bvh) else {
+    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
         return;
     };
-    let camera = spawn(&mut app, SceneName::MirrorRoom, Technique::Reference);
+    let camera = spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
     let first = app.capture().unwrap();
     let merged = rest(&mut app);
     assert!(
@@ -84,10 +86,10 @@ fn merging_is_not_seen() {
 /// Alpha-masked objects share trees with all others.
 #[test]
 fn masked_objects_are_merged() {
-    let Some(mut app) = app(SIZE, Output::Picture, TracerChoice::Bvh) else {
+    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
         return;
     };
-    spawn(&mut app, SceneName::MirrorRoom, Technique::Reference);
+    spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
     let solid = rest(&mut app);
     let opaque = app.capture().unwrap();
 
@@ -214,10 +216,10 @@ impl Subject {
 /// Micromaps, and trees without what is cut out, show what the texture alone shows.
 #[test]
 fn micromaps_are_not_seen() {
-    let Some(mut app) = app(SIZE, Output::Picture, TracerChoice::Bvh) else {
+    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
         return;
     };
-    spawn(&mut app, SceneName::MirrorRoom, Technique::Reference);
+    spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
     rest(&mut app);
     let solid = app.capture().unwrap();
     let subject = Subject::new(&mut app);
@@ -256,10 +258,10 @@ fn micromaps_are_not_seen() {
 /// in objects that count as moving, and in merged ones.
 #[test]
 fn cut_outs_follow_material_and_mesh() {
-    let Some(mut app) = app(SIZE, Output::Picture, TracerChoice::Bvh) else {
+    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
         return;
     };
-    spawn(&mut app, SceneName::MirrorRoom, Technique::Reference);
+    spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
     rest(&mut app);
     let solid = app.capture().unwrap();
     let subject = Subject::new(&mut app);

@@ -9,7 +9,7 @@ mod oracle_scenes;
 mod pictures;
 
 use bevy::math::Vec3;
-use bevy_glint::{TracerChoice, internals::bvh::TraceRay};
+use bevy_glint::{ReflectionTracerChoice, internals::bvh::TraceRay};
 use common::soup::{Oracle, Packed, Random};
 use oracle_app::{Answer, Hit, OracleApp};
 use oracle_scenes::{Scene, corners, rays_from_within, rays_into};
@@ -101,16 +101,16 @@ fn compare(app: &mut OracleApp, scene: &Scene, random: &mut Random) {
 }
 
 /// No ray may slip out.
-fn compare_closed(app: &mut OracleApp, scene: &Scene, tracer: TracerChoice, random: &mut Random) {
+fn compare_closed(app: &mut OracleApp, scene: &Scene, tracer: ReflectionTracerChoice, random: &mut Random) {
     let packed = app.packed(scene);
     // Drivers are only asked to be watertight, and their boxes may cut off what lies on the corners of triangles.
-    let at_corners = tracer == TracerChoice::Bvh;
+    let at_corners = tracer == ReflectionTracerChoice::Bvh;
     let rays = rays_from_within(&packed, 2000, at_corners, random);
     let tally = judge(scene.name, &packed, scene.scale, &rays, &app.trace(&rays));
     assert_eq!(tally.open, 0, "{tally:?}");
 }
 
-fn search(tracer: TracerChoice) {
+fn search(tracer: ReflectionTracerChoice) {
     let Some(mut app) = OracleApp::new(tracer) else { return };
     let random = &mut Random(31);
     for (name, scale) in [("tiny", 1e-4), ("unit", 1.0), ("large", 1e4)] {
@@ -126,7 +126,7 @@ fn search(tracer: TracerChoice) {
         // As instances, and merged.
         for merged in [false, true] {
             if merged {
-                if tracer != TracerChoice::Bvh {
+                if tracer != ReflectionTracerChoice::Bvh {
                     continue;
                 }
                 let report = app.rest();
@@ -143,10 +143,10 @@ fn search(tracer: TracerChoice) {
 
 #[test]
 fn ray_queries_match_brute_force() {
-    search(TracerChoice::RayQuery);
+    search(ReflectionTracerChoice::RayQuery);
 }
 
 #[test]
 fn the_bvh_matches_brute_force() {
-    search(TracerChoice::Bvh);
+    search(ReflectionTracerChoice::Bvh);
 }

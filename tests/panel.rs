@@ -17,11 +17,12 @@ use bevy::{
 };
 use bevy_egui::{EguiContext, EguiOutput, EguiPlugin, EguiRenderOutput, egui::Ui};
 use bevy_glint::{
-    Backend, CombinedThresholds, DebugView, HardwareRates, Preset, RayTracedReflections, RayTracedReflectionsPlugin,
-    ReflectionSettingsPanel, ReflectionSettingsPanelPlugin, ShadingRateHeuristic, StatusReport, Technique, Tracer,
+    CombinedThresholds, HardwareVrsSupport, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionBackend,
+    ReflectionDebugView, ReflectionPreset, ReflectionSettingsPanel, ReflectionSettingsPanelPlugin,
+    ReflectionStatusReport, ReflectionTechnique, ReflectionTracer, ShadingRateHeuristic,
     ui::{
-        CameraSettings, Quality, ReflectionsOff, camera_settings_ui, quality_menu, reflection_measurements_ui,
-        reflection_settings_ui, switch_reflections, why_no_hardware, why_no_reflections,
+        CameraSettings, ReflectionQuality, ReflectionsOff, camera_settings_ui, quality_menu,
+        reflection_measurements_ui, reflection_settings_ui, switch_reflections, why_no_hardware, why_no_reflections,
     },
 };
 
@@ -97,16 +98,16 @@ impl<T> Screen<T> {
 }
 
 /// A device that can do everything.
-fn able() -> StatusReport {
-    StatusReport {
+fn able() -> ReflectionStatusReport {
+    ReflectionStatusReport {
         adapter: "a device".into(),
-        tracer: Some(Tracer::RayQuery),
-        hardware_rates: HardwareRates::Available,
+        tracer: Some(ReflectionTracer::RayQuery),
+        hardware_vrs: HardwareVrsSupport::Available,
         ..default()
     }
 }
 
-fn panel(settings: CameraSettings, report: StatusReport) -> Screen<(CameraSettings, StatusReport)> {
+fn panel(settings: CameraSettings, report: ReflectionStatusReport) -> Screen<(CameraSettings, ReflectionStatusReport)> {
     Screen::new((settings, report), |ui, (settings, report)| {
         camera_settings_ui(ui, settings, report, Entity::PLACEHOLDER);
     })
@@ -120,7 +121,7 @@ fn on() -> CameraSettings {
 fn a_click_chooses_and_a_click_resets() {
     let mut panel = panel(on(), able());
     panel.choose("Technique", "Variable", "Quarter");
-    assert_eq!(panel.data().0.reflections.technique, Technique::Quarter);
+    assert_eq!(panel.data().0.reflections.technique, ReflectionTechnique::Quarter);
     panel.click_beside("Technique", RESET);
     assert_eq!(panel.data().0, on());
 
@@ -134,32 +135,32 @@ fn a_click_chooses_and_a_click_resets() {
     panel.choose("Size of tiles", "16x16", "8x8");
     panel.click_on("Debug view");
     panel.choose("View", "off", "shading rates");
-    assert_eq!(panel.data().0.debug_view, DebugView::ShadingRates);
+    assert_eq!(panel.data().0.debug_view, ReflectionDebugView::ShadingRates);
 }
 
 #[test]
 fn a_preset_leaves_the_back_end_alone() {
     let mut settings = on();
-    settings.reflections.backend = Backend::Hardware;
+    settings.reflections.backend = ReflectionBackend::HardwareVrs;
     let mut panel = panel(settings, able());
     panel.choose("Preset", "Medium", "Ultra");
     let settings = &panel.data().0;
-    assert_eq!(settings.preset(), Some(Preset::Ultra));
-    assert_eq!(settings.reflections.backend, Backend::Hardware);
+    assert_eq!(settings.preset(), Some(ReflectionPreset::Ultra));
+    assert_eq!(settings.reflections.backend, ReflectionBackend::HardwareVrs);
 }
 
 #[test]
 fn what_the_device_cannot_do_cannot_be_chosen() {
     let mut report = able();
-    report.hardware_rates = HardwareRates::Missing("it lacks the extension".into());
+    report.hardware_vrs = HardwareVrsSupport::Missing("it lacks the extension".into());
     assert!(why_no_hardware(&report).is_some_and(|reason| reason.contains("it lacks the extension")));
     let mut panel = panel(on(), report);
     panel.choose("Back end", "Automatic", "Hardware");
-    assert_eq!(panel.data().0.reflections.backend, Backend::Auto);
+    assert_eq!(panel.data().0.reflections.backend, ReflectionBackend::Auto);
     panel.0.state_mut().1 = able();
     panel.rest();
     panel.choose("Back end", "Automatic", "Hardware");
-    assert_eq!(panel.data().0.reflections.backend, Backend::Hardware);
+    assert_eq!(panel.data().0.reflections.backend, ReflectionBackend::HardwareVrs);
 }
 
 #[test]
@@ -179,7 +180,11 @@ fn without_a_tracer_nothing_can_be_switched_on() {
     report.tracer = None;
     report.reasons = vec!["it is too old".into()];
     assert!(why_no_reflections(&report).is_some_and(|reason| reason.contains("it is too old")));
-    assert_eq!(why_no_reflections(&StatusReport::default()), None, "not known yet");
+    assert_eq!(
+        why_no_reflections(&ReflectionStatusReport::default()),
+        None,
+        "not known yet"
+    );
     let mut panel = panel(CameraSettings::default(), report);
     panel.click_on("Reflections");
     assert!(!panel.data().0.on);
@@ -203,7 +208,7 @@ fn to_look_changes_nothing() {
 fn off_removes_and_on_brings_back() {
     let mut world = World::new();
     let settings = RayTracedReflections {
-        technique: Technique::Quarter,
+        technique: ReflectionTechnique::Quarter,
         roughness_cutoff: 0.25,
         reset: false,
         ..default()
@@ -247,7 +252,7 @@ fn off_removes_and_on_brings_back() {
     let technique = world
         .get::<RayTracedReflections>(camera)
         .map(|settings| settings.technique);
-    assert_eq!(technique, Some(Technique::Variable));
+    assert_eq!(technique, Some(ReflectionTechnique::Variable));
 }
 
 #[test]
@@ -278,25 +283,25 @@ fn cameras_are_switched() {
 
 #[test]
 fn the_options_menu_chooses_a_quality() {
-    let mut menu = Screen::new((Quality::default(), 0), |ui, (quality, changes)| {
+    let mut menu = Screen::new((ReflectionQuality::default(), 0), |ui, (quality, changes)| {
         if quality_menu(ui, quality).changed() {
             *changes += 1;
         }
     });
     menu.click_on("High");
-    assert_eq!(menu.data(), &(Quality::High, 1));
+    assert_eq!(menu.data(), &(ReflectionQuality::High, 1));
     menu.click_on("High");
-    assert_eq!(menu.data(), &(Quality::High, 1));
+    assert_eq!(menu.data(), &(ReflectionQuality::High, 1));
     menu.click_on("Off");
-    assert_eq!(menu.data(), &(Quality::Off, 2));
+    assert_eq!(menu.data(), &(ReflectionQuality::Off, 2));
 }
 
 #[test]
 fn qualities_are_written_and_read() {
-    for quality in Quality::ALL {
+    for quality in ReflectionQuality::ALL {
         assert_eq!(quality.to_string().parse(), Ok(quality));
     }
-    let error = "best".parse::<Quality>().unwrap_err().to_string();
+    let error = "best".parse::<ReflectionQuality>().unwrap_err().to_string();
     assert_eq!(error, "`best` is unknown; choose one of: off, low, medium, high, ultra");
 }
 
@@ -305,10 +310,13 @@ fn qualities_are_applied_to_cameras() {
     let mut world = World::new();
     let id = world.spawn(Camera3d::default()).id();
     let mut camera = world.entity_mut(id);
-    assert_eq!(Quality::of(camera.as_readonly()), Some(Quality::Off));
-    for quality in Quality::ALL {
+    assert_eq!(
+        ReflectionQuality::of(camera.as_readonly()),
+        Some(ReflectionQuality::Off)
+    );
+    for quality in ReflectionQuality::ALL {
         quality.apply(&mut camera);
-        assert_eq!(Quality::of(camera.as_readonly()), Some(quality));
+        assert_eq!(ReflectionQuality::of(camera.as_readonly()), Some(quality));
         let settings = quality.settings();
         assert_eq!(
             camera.get::<RayTracedReflections>(),
@@ -322,18 +330,18 @@ fn qualities_are_applied_to_cameras() {
         assert!(!reset, "the same quality again is no change");
     }
     if let Some(mut reflections) = camera.get_mut::<RayTracedReflections>() {
-        reflections.backend = Backend::Compute;
+        reflections.backend = ReflectionBackend::Compute;
         reflections.roughness_cutoff = 0.125;
     }
-    assert_eq!(Quality::of(camera.as_readonly()), None);
-    Quality::Low.apply(&mut camera);
+    assert_eq!(ReflectionQuality::of(camera.as_readonly()), None);
+    ReflectionQuality::Low.apply(&mut camera);
     let backend = camera.get::<RayTracedReflections>().map(|all| all.backend);
-    assert_eq!(backend, Some(Backend::Compute));
+    assert_eq!(backend, Some(ReflectionBackend::Compute));
 
     let mut commands = world.commands();
-    Quality::Off.queue(&mut commands.entity(id));
+    ReflectionQuality::Off.queue(&mut commands.entity(id));
     world.flush();
-    assert_eq!(Quality::of(world.entity(id)), Some(Quality::Off));
+    assert_eq!(ReflectionQuality::of(world.entity(id)), Some(ReflectionQuality::Off));
 }
 
 #[test]

@@ -241,7 +241,7 @@ fn roughness_decides_as_on_the_cpu() {
         ShadingRateHeuristic::Roughness(RoughnessThresholds {
             half: 0.2,
             quarter: 0.45,
-            mirror_guard: None,
+            min_roughness: None,
         }),
     ]);
 }
@@ -260,8 +260,8 @@ fn combined_decides_as_on_the_cpu() {
         half: 0.15,
         quarter: 0.25,
         eighth: 0.4,
-        mirror_guard: None,
-        faint: 0.3,
+        min_roughness: None,
+        visibility_threshold: 0.3,
         edge: 0.6,
         coarsest: ShadingRate::R4x4,
     };
@@ -271,7 +271,7 @@ fn combined_decides_as_on_the_cpu() {
         ShadingRateHeuristic::Combined(CombinedThresholds {
             coarsest: ShadingRate::R2x4,
             edge: f32::INFINITY,
-            faint: 0.0,
+            visibility_threshold: 0.0,
             ..loose
         }),
     ]);

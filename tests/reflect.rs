@@ -2,7 +2,7 @@
 
 #[cfg(feature = "egui")]
 use bevy_glint::{
-    Quality, ReflectionSettingsPanel, ReflectionSettingsPanelPlugin,
+    ReflectionQuality, ReflectionSettingsPanel, ReflectionSettingsPanelPlugin,
     ui::{CameraSettings, Measurements, PassTime, ReflectionsOff},
 };
 
@@ -11,10 +11,11 @@ use bevy::{
     reflect::{ReflectFromReflect, TypeRegistration, TypeRegistry, std_traits::ReflectDefault},
 };
 use bevy_glint::{
-    Backend, CombinedThresholds, DebugCounters, DebugSplit, DebugView, Denoiser, GrazingThresholds, HardwareRates,
-    NonFiniteReport, NotReflected, Preset, RateTileSize, RaySampling, RayTracedReflections, RayTracedReflectionsPlugin,
-    ReflectionStatus, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, StatusReport, Technique, TextureMip,
-    Tracer, TracerChoice, ViewMemory,
+    CombinedThresholds, GrazingThresholds, HardwareVrsSupport, NotReflected, RayTracedReflections,
+    RayTracedReflectionsPlugin, ReflectionBackend, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView,
+    ReflectionDenoiser, ReflectionNonFiniteReport, ReflectionPreset, ReflectionSampling, ReflectionStatus,
+    ReflectionStatusReport, ReflectionTechnique, ReflectionTextureMip, ReflectionTracer, ReflectionTracerChoice,
+    ReflectionViewMemory, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
 };
 use core::any::{TypeId, type_name};
 use std::{fs, path::Path};
@@ -88,10 +89,10 @@ fn components_are_registered() {
     component::<RayTracedReflections>(&mut app);
     component::<NotReflected>(&mut app);
     component::<ShadingRateHeuristic>(&mut app);
-    component::<RateTileSize>(&mut app);
-    component::<DebugView>(&mut app);
-    component::<DebugSplit>(&mut app);
-    component::<DebugCounters>(&mut app);
+    component::<ShadingRateTileSize>(&mut app);
+    component::<ReflectionDebugView>(&mut app);
+    component::<ReflectionDebugSplit>(&mut app);
+    component::<ReflectionDebugCounters>(&mut app);
 }
 
 #[test]
@@ -109,13 +110,13 @@ fn resources_are_registered() {
 fn settings_are_registered() {
     let app = app();
     let types = app.world().resource::<AppTypeRegistry>().read();
-    default::<Technique>(&types);
-    default::<Backend>(&types);
-    default::<RaySampling>(&types);
-    default::<Denoiser>(&types);
-    default::<TextureMip>(&types);
-    default::<TracerChoice>(&types);
-    default::<Preset>(&types);
+    default::<ReflectionTechnique>(&types);
+    default::<ReflectionBackend>(&types);
+    default::<ReflectionSampling>(&types);
+    default::<ReflectionDenoiser>(&types);
+    default::<ReflectionTextureMip>(&types);
+    default::<ReflectionTracerChoice>(&types);
+    default::<ReflectionPreset>(&types);
     default::<ShadingRate>(&types);
     default::<RoughnessThresholds>(&types);
     default::<GrazingThresholds>(&types);
@@ -126,11 +127,11 @@ fn settings_are_registered() {
 fn reports_are_registered() {
     let app = app();
     let types = app.world().resource::<AppTypeRegistry>().read();
-    default::<StatusReport>(&types);
-    default::<HardwareRates>(&types);
-    known::<Tracer>(&types);
-    known::<ViewMemory>(&types);
-    known::<NonFiniteReport>(&types);
+    default::<ReflectionStatusReport>(&types);
+    default::<HardwareVrsSupport>(&types);
+    known::<ReflectionTracer>(&types);
+    known::<ReflectionViewMemory>(&types);
+    known::<ReflectionNonFiniteReport>(&types);
 }
 
 #[cfg(feature = "egui")]
@@ -138,7 +139,7 @@ fn reports_are_registered() {
 fn what_the_panel_brings_is_registered() {
     let app = app();
     let types = app.world().resource::<AppTypeRegistry>().read();
-    default::<Quality>(&types);
+    default::<ReflectionQuality>(&types);
     default::<CameraSettings>(&types);
     default::<Measurements>(&types);
     known::<PassTime>(&types);

@@ -8,10 +8,10 @@ mod meshes;
 mod pictures;
 
 use bevy::{math::UVec2, prelude::*};
-use bevy_glint::{ReflectionStatus, StatusReport, TracerChoice};
+use bevy_glint::{ReflectionStatus, ReflectionStatusReport, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, SceneName, environment};
 
-const BOTH: [TracerChoice; 2] = [TracerChoice::RayQuery, TracerChoice::Bvh];
+const BOTH: [ReflectionTracerChoice; 2] = [ReflectionTracerChoice::RayQuery, ReflectionTracerChoice::Bvh];
 const SIZE: UVec2 = UVec2::new(96, 64);
 const RED: [u8; 3] = [255, 0, 0];
 /// Behind the camera, where only the mirror shows it.
@@ -54,7 +54,7 @@ fn facing_the_mirror(position: Vec3) -> Transform {
     Transform::from_translation(position).with_rotation(Quat::from_rotation_y(core::f32::consts::PI))
 }
 
-fn report(app: &mut HeadlessApp) -> StatusReport {
+fn report(app: &mut HeadlessApp) -> ReflectionStatusReport {
     app.world().resource::<ReflectionStatus>().report()
 }
 

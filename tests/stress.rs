@@ -8,7 +8,7 @@ use bevy::{
     shader::ShaderDefVal,
 };
 use bevy_glint::{
-    TracerChoice,
+    ReflectionTracerChoice,
     internals::{
         bvh::{BvhQuality, Item, TraceRay, build_blas},
         gpu_types::{GpuInstance, GpuSceneCounts},
@@ -67,7 +67,7 @@ fn skip(reason: &str) {
     println!("skipped: {reason}");
 }
 
-fn survive(tracer: TracerChoice, scenarios: impl Iterator<Item = Scenario>) {
+fn survive(tracer: ReflectionTracerChoice, scenarios: impl Iterator<Item = Scenario>) {
     let _alone = alone();
     let mut fuzzer = Fuzzer::new(HarnessSettings {
         tracer,
@@ -108,21 +108,21 @@ fn random_scenes() -> impl Iterator<Item = Scenario> {
 #[test]
 fn hostile_scenes_are_survived_with_the_bvh() {
     let cover = Scenario::cover(1, SIZE, FRAMES).into_iter();
-    survive(TracerChoice::Bvh, cover.chain(random_scenes()));
+    survive(ReflectionTracerChoice::Bvh, cover.chain(random_scenes()));
 }
 
 #[test]
 fn hostile_scenes_are_survived_with_ray_queries() {
     // A part of another seed's scenarios is enough: most generators don't depend on the tracer.
     let cover = Scenario::cover(2, SIZE, FRAMES).into_iter().step_by(3);
-    survive(TracerChoice::RayQuery, cover.chain(random_scenes()));
+    survive(ReflectionTracerChoice::RayQuery, cover.chain(random_scenes()));
 }
 
 #[test]
 fn known_scenes_keep_their_light() {
     let _alone = alone();
     let settings = HarnessSettings {
-        tracer: TracerChoice::Bvh,
+        tracer: ReflectionTracerChoice::Bvh,
         ..HarnessSettings::default()
     };
     let mut harness = match Harness::new(&settings) {
@@ -178,7 +178,7 @@ fn faults_are_reported_and_the_app_keeps_running() {
         Fault::DeviceLost,
         Fault::BrokenPass,
     ] {
-        let (verdict, _) = fault.run(TracerChoice::Bvh, SIZE);
+        let (verdict, _) = fault.run(ReflectionTracerChoice::Bvh, SIZE);
         println!("{fault:?}: {verdict:?}");
         match verdict {
             Verdict::Skipped(reason) => skip(&reason),
@@ -192,7 +192,7 @@ fn faults_are_reported_and_the_app_keeps_running() {
 #[test]
 fn runtime_checks_change_nothing() {
     let _alone = alone();
-    let mut bounds = match Bounds::new(TracerChoice::Bvh, SIZE) {
+    let mut bounds = match Bounds::new(ReflectionTracerChoice::Bvh, SIZE) {
         Ok(bounds) => bounds,
         Err(error) => return skip(&error),
     };

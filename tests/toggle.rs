@@ -11,14 +11,14 @@ use bevy::{
     render::{RenderApp, render_resource::PollType, renderer::RenderDevice},
 };
 use bevy_glint::{
-    Denoiser, RayTracedReflections, ReflectionStatus, SCENE_BYTES, StatusReport, Technique, TextureMode, TracerChoice,
-    VIEW_BYTES, internals::readback,
+    RayTracedReflections, ReflectionDenoiser, ReflectionDiagnosticsPlugin, ReflectionStatus, ReflectionStatusReport,
+    ReflectionTechnique, ReflectionTextureMode, ReflectionTracerChoice, internals::readback,
 };
 use glint_scenes::{HeadlessApp, Output, SceneName, environment};
 use pictures::{app, assert_flip, warm_up};
 use std::collections::BTreeMap;
 
-const BOTH: [TracerChoice; 2] = [TracerChoice::RayQuery, TracerChoice::Bvh];
+const BOTH: [ReflectionTracerChoice; 2] = [ReflectionTracerChoice::RayQuery, ReflectionTracerChoice::Bvh];
 const SIZE: UVec2 = UVec2::new(96, 64);
 /// Balls with a material each, and lights: more than tables have room for at the start, so that they have to grow.
 const MANY: usize = 40;
@@ -82,8 +82,8 @@ fn spawn_camera(app: &mut HeadlessApp) -> Entity {
 /// Without noise, so that pictures can be compared.
 fn plain() -> RayTracedReflections {
     RayTracedReflections {
-        technique: Technique::Reference,
-        denoiser: Denoiser::OFF,
+        technique: ReflectionTechnique::Reference,
+        denoiser: ReflectionDenoiser::OFF,
         full_resolution_mirrors: false,
         ..default()
     }
@@ -92,7 +92,7 @@ fn plain() -> RayTracedReflections {
 /// Settings that need different textures.
 fn variants() -> [RayTracedReflections; 3] {
     let converged = RayTracedReflections {
-        technique: Technique::Converged,
+        technique: ReflectionTechnique::Converged,
         ..default()
     };
     [plain(), RayTracedReflections::default(), converged]
@@ -130,7 +130,7 @@ fn switch_off(app: &mut HeadlessApp, camera: Entity) {
     frames(app, 3);
 }
 
-fn report(app: &mut HeadlessApp) -> StatusReport {
+fn report(app: &mut HeadlessApp) -> ReflectionStatusReport {
     app.world().resource::<ReflectionStatus>().report()
 }
 
@@ -165,8 +165,16 @@ fn expect_on(app: &mut HeadlessApp, camera: Entity, what: &str) {
     let view = view.unwrap_or_else(|| panic!("{what}: {report:?}"));
     let all: u64 = report.view_memory.iter().map(|view| view.bytes()).sum();
     assert!(view.bytes() > 0 && report.scene_bytes > 0, "{what}: {report:?}");
-    assert_eq!(measured(app, &VIEW_BYTES), Some(all as f64), "{what}");
-    assert_eq!(measured(app, &SCENE_BYTES), Some(report.scene_bytes as f64), "{what}");
+    assert_eq!(
+        measured(app, &ReflectionDiagnosticsPlugin::VIEW_BYTES),
+        Some(all as f64),
+        "{what}"
+    );
+    assert_eq!(
+        measured(app, &ReflectionDiagnosticsPlugin::SCENE_BYTES),
+        Some(report.scene_bytes as f64),
+        "{what}"
+    );
     let held = readback::render_world_components(app.app(), camera);
     assert!(
         held.contains(&"targets") && held.contains(&"bind group"),
@@ -192,14 +200,22 @@ fn expect_off(app: &mut HeadlessApp, camera: Entity, before: Option<&Memory>, wh
     let merged = (report.merged_instances, report.merged_triangles, report.merges_pending);
     assert_eq!(merged, (0, 0, false), "{what}: {report:?}");
     assert_eq!(
-        (report.meshes_pending, report.resting_views),
+        (report.meshes_pending, report.culled_views),
         (0, 0),
         "{what}: {report:?}"
     );
     assert!(report.view_memory.is_empty(), "{what}: {report:?}");
     assert!(report.active_backends.is_empty() && !report.ready, "{what}: {report:?}");
-    for path in [VIEW_BYTES, SCENE_BYTES] {
-        assert_eq!(measured(app, &path), Some(0.0), "{what}: {}", path.as_str());
+    for path in [
+        ReflectionDiagnosticsPlugin::VIEW_BYTES,
+        ReflectionDiagnosticsPlugin::SCENE_BYTES,
+    ] {
+        assert_eq!(
+            measured(app, &ReflectionDiagnosticsPlugin::path),
+            Some(0.0),
+            "{what}: {}",
+            path.as_str()
+        );
     }
     let held = readback::render_world_components(app.app(), camera);
     assert!(held.is_empty(), "{what}: the render world still has {held:?}");
@@ -236,7 +252,7 @@ fn off_leaves_nothing_allocated() {
         let without = app.capture().unwrap();
         assert_eq!(red_pixels(&without), 0, "only rays see the cube");
         let before = allocated(app);
-        let is_bindless = matches!(report(app).textures, Some(TextureMode::Bindless { .. }));
+        let is_bindless = matches!(report(app).textures, Some(ReflectionTextureMode::Bindless { .. }));
         if let (Some(memory), true) = (&before, is_bindless) {
             let bytes: u64 = memory.values().sum();
             assert!(

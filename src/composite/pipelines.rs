@@ -4,7 +4,7 @@ use super::{add::AddPass, resolve::Resolve};
 use crate::{
     device::WritesInPlace,
     gbuffer::{GBufferPass, PassContext, PassShader},
-    settings::{ReflectionView, SafeSettings, Technique},
+    settings::{ReflectionTechnique, ReflectionView, SafeSettings},
 };
 use bevy::{
     asset::{AssetServer, Handle, load_embedded_asset},
@@ -34,7 +34,10 @@ pub struct CompositePipelines {
 
 /// The pass that resolves the reflection of a view with these settings.
 fn resolve_of(settings: &SafeSettings, format: TextureFormat, in_place: WritesInPlace) -> Resolve {
-    Resolve::new(in_place.allows(format), settings.technique != Technique::Converged)
+    Resolve::new(
+        in_place.allows(format),
+        settings.technique != ReflectionTechnique::Converged,
+    )
 }
 
 impl CompositePipelines {

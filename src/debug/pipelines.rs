@@ -78,7 +78,7 @@ pub(super) fn queue_debug_pipelines(
                 }
             } else {
                 warn_once!(
-                    "cameras keep their picture instead of a `DebugView`, which is written into the frame: that takes an \
+                    "cameras keep their picture instead of a `ReflectionDebugView`, which is written into the frame: that takes an \
                      `Hdr` camera with frames of the format Rgba16Float, and a device with the feature \
                      `TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES` that can read and write such textures in compute shaders"
                 );

@@ -5,7 +5,7 @@ use crate::{
     composite::composited_radiance,
     device::FRAME_FORMAT,
     gbuffer::{Binding, GBufferPass, OtherGroups, PassContext},
-    settings::{DebugView, RATE_LEGEND},
+    settings::{RATE_LEGEND, ReflectionDebugView},
     targets::HistoryTargets,
 };
 use bevy::{
@@ -47,8 +47,8 @@ pub(super) enum ShowPass {
 impl ShowPass {
     pub const ALL: [Self; 2] = [Self::Reflection, Self::Intermediate];
 
-    pub fn of(view: DebugView) -> Self {
-        if view == DebugView::Reflection {
+    pub fn of(view: ReflectionDebugView) -> Self {
+        if view == ReflectionDebugView::Reflection {
             Self::Reflection
         } else {
             Self::Intermediate

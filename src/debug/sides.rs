@@ -1,12 +1,12 @@
 //! Columns of a view that each of its debug views covers.
 
-use crate::settings::{DebugView, ViewDebug};
+use crate::settings::{ReflectionDebugView, ViewDebug};
 use core::ops::Range;
 
 /// Columns of a view that show something other than the picture.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Side {
-    pub view: DebugView,
+    pub view: ReflectionDebugView,
     pub columns: Range<u32>,
     /// Columns of the dividing line.
     pub line: Range<u32>,
@@ -17,7 +17,7 @@ pub(super) fn sides(debug: ViewDebug, width: u32) -> impl Iterator<Item = Side> 
     let divider = ((debug.position * width as f32).round() as u32).min(width);
     let line = if divider == 0 || divider == width {
         0..0
-    } else if debug.right == DebugView::Off {
+    } else if debug.right == ReflectionDebugView::Off {
         divider.saturating_sub(2)..divider
     } else {
         divider..(divider + 2).min(width)
@@ -25,7 +25,7 @@ pub(super) fn sides(debug: ViewDebug, width: u32) -> impl Iterator<Item = Side> 
     let sides = [(debug.left, 0..divider), (debug.right, divider..width)];
     sides
         .into_iter()
-        .filter(|(view, columns)| *view != DebugView::Off && !columns.is_empty())
+        .filter(|(view, columns)| *view != ReflectionDebugView::Off && !columns.is_empty())
         .map(move |(view, columns)| Side {
             view,
             columns,
@@ -36,16 +36,20 @@ pub(super) fn sides(debug: ViewDebug, width: u32) -> impl Iterator<Item = Side> 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::DebugSplit;
+    use crate::settings::ReflectionDebugSplit;
 
     #[test]
     fn a_divided_view_covers_what_it_should() {
         let side = |view, columns, line| Side { view, columns, line };
-        let of = |view: DebugView, split: Option<DebugSplit>| -> Vec<_> {
+        let of = |view: ReflectionDebugView, split: Option<ReflectionDebugSplit>| -> Vec<_> {
             sides(ViewDebug::new(Some(&view), split.as_ref(), false), 100).collect()
         };
-        let split = |position, left| Some(DebugSplit { position, left });
-        let (off, rates, rays) = (DebugView::Off, DebugView::ShadingRates, DebugView::RawRays);
+        let split = |position, left| Some(ReflectionDebugSplit { position, left });
+        let (off, rates, rays) = (
+            ReflectionDebugView::Off,
+            ReflectionDebugView::ShadingRates,
+            ReflectionDebugView::RawRays,
+        );
         assert!(of(off, None).is_empty());
         assert_eq!(of(rates, None), [side(rates, 0..100, 0..0)]);
         assert_eq!(of(rates, split(0.25, off)), [side(rates, 25..100, 25..27)]);

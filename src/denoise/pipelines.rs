@@ -4,7 +4,7 @@ use super::{blur, reconstruct, temporal};
 use crate::{
     common::{TILE_DISPATCH, word_offset},
     gbuffer::{GBufferPass, PassContext, PassShader},
-    settings::{SafeSettings, Technique},
+    settings::{ReflectionTechnique, SafeSettings},
 };
 use bevy::{
     asset::{AssetServer, Handle, load_embedded_asset},
@@ -33,7 +33,7 @@ enum DenoisePass {
 impl DenoisePass {
     /// The passes that a view's settings need, in order.
     fn of(settings: &SafeSettings) -> impl Iterator<Item = Self> + use<> {
-        let rays = settings.technique != Technique::Converged;
+        let rays = settings.technique != ReflectionTechnique::Converged;
         let temporal = rays && settings.denoiser.temporal;
         let blur = temporal && settings.denoiser.blur_radius > 0.0;
         [

@@ -6,11 +6,11 @@ mod texture_mode;
 mod tracer;
 mod writes_in_place;
 
-pub use shading_rates::HardwareRates;
+pub use shading_rates::HardwareVrsSupport;
 #[cfg(feature = "hardware-vrs")]
 pub use shading_rates::ShadingRates;
-pub use texture_mode::TextureMode;
-pub use tracer::Tracer;
+pub use texture_mode::ReflectionTextureMode;
+pub use tracer::ReflectionTracer;
 
 pub(crate) use support::{adapter_name, unsupported};
 pub(crate) use texture_mode::{MAX_SAMPLERS, texture_mode};
@@ -27,9 +27,9 @@ pub(crate) struct DevicePlugin;
 
 impl Plugin for DevicePlugin {
     fn build(&self, app: &mut App) {
-        app.register_type::<Tracer>()
-            .register_type::<HardwareRates>()
-            .register_type::<TextureMode>();
+        app.register_type::<ReflectionTracer>()
+            .register_type::<HardwareVrsSupport>()
+            .register_type::<ReflectionTextureMode>();
     }
 }
 

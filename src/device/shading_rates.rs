@@ -4,10 +4,11 @@
 use bevy::math::UVec2;
 use bevy::reflect::{Reflect, std_traits::ReflectDefault};
 
-/// Whether [`Backend::Hardware`](crate::Backend::Hardware) can be used: whether the rasterizer's shading rate can spread rays.
+/// Whether [`ReflectionBackend::HardwareVrs`](crate::ReflectionBackend::HardwareVrs) can be used: whether the rasterizer's shading
+/// rate can spread rays.
 #[derive(Reflect, Clone, Debug, Default, PartialEq, Eq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
-pub enum HardwareRates {
+pub enum HardwareVrsSupport {
     /// Nobody asked: the app lacks `HardwareVrsPlugin`, or was built without the crate feature `hardware-vrs`.
     #[default]
     NotAsked,

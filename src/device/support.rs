@@ -1,6 +1,6 @@
 //! Which devices can trace at all.
 
-use super::Tracer;
+use super::ReflectionTracer;
 use bevy::render::{render_resource::WgpuLimits, renderer::RenderAdapterInfo, settings::Backends};
 
 /// Adapter, driver and back end in one line.
@@ -12,7 +12,7 @@ pub(crate) fn adapter_name(info: &RenderAdapterInfo) -> String {
 }
 
 /// Why nothing can be traced on this device by this tracer, or `None`.
-pub(crate) fn unsupported(backend: Backends, limits: &WgpuLimits, tracer: Tracer) -> Option<String> {
+pub(crate) fn unsupported(backend: Backends, limits: &WgpuLimits, tracer: ReflectionTracer) -> Option<String> {
     if !(Backends::VULKAN | Backends::DX12 | Backends::METAL).contains(backend) {
         // The others were never tried, and WebGPU guarantees fewer bindings than the passes of the BVH tracer have.
         let name = if backend == Backends::BROWSER_WEBGPU {
@@ -28,8 +28,8 @@ pub(crate) fn unsupported(backend: Backends, limits: &WgpuLimits, tracer: Tracer
     }
     // Of the pass over the list of rays: three of its own and those of the scene; a TLAS is none.
     let needed = match tracer {
-        Tracer::RayQuery => 8,
-        Tracer::Bvh => 9,
+        ReflectionTracer::RayQuery => 8,
+        ReflectionTracer::Bvh => 9,
     };
     let offered = limits.max_storage_buffers_per_shader_stage;
     (offered < needed || limits.max_compute_workgroups_per_dimension == 0).then(|| {
@@ -51,14 +51,25 @@ mod tests {
             ..Default::default()
         };
         for backend in [Backends::VULKAN, Backends::DX12, Backends::METAL] {
-            assert_eq!(unsupported(backend, &limits(9), Tracer::Bvh), None, "{backend:?}");
-            assert_eq!(unsupported(backend, &limits(8), Tracer::RayQuery), None, "{backend:?}");
-            let reason = unsupported(backend, &limits(8), Tracer::Bvh);
+            assert_eq!(
+                unsupported(backend, &limits(9), ReflectionTracer::Bvh),
+                None,
+                "{backend:?}"
+            );
+            assert_eq!(
+                unsupported(backend, &limits(8), ReflectionTracer::RayQuery),
+                None,
+                "{backend:?}"
+            );
+            let reason = unsupported(backend, &limits(8), ReflectionTracer::Bvh);
             assert!(reason.is_some_and(|reason| reason.contains("9 are needed")));
-            assert!(unsupported(backend, &limits(7), Tracer::RayQuery).is_some());
+            assert!(unsupported(backend, &limits(7), ReflectionTracer::RayQuery).is_some());
         }
         for backend in [Backends::GL, Backends::BROWSER_WEBGPU, Backends::NOOP] {
-            assert!(unsupported(backend, &limits(100), Tracer::Bvh).is_some(), "{backend:?}");
+            assert!(
+                unsupported(backend, &limits(100), ReflectionTracer::Bvh).is_some(),
+                "{backend:?}"
+            );
         }
     }
 }

@@ -17,7 +17,7 @@ const MIN_TEXTURES: u32 = 64;
 /// How shaders reach the textures of materials.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq)]
 #[reflect(Debug, Clone, PartialEq)]
-pub enum TextureMode {
+pub enum ReflectionTextureMode {
     /// One binding for each texture, at full resolution.
     Bindless {
         /// Length of the array of bindings.
@@ -30,7 +30,7 @@ pub enum TextureMode {
     },
 }
 
-impl TextureMode {
+impl ReflectionTextureMode {
     /// The shader definition that this mode needs.
     pub(crate) fn shader_def(self) -> Option<&'static str> {
         matches!(self, Self::Bindless { .. }).then_some("BINDLESS_TEXTURES")
@@ -51,12 +51,12 @@ impl TextureMode {
 }
 
 /// The mode for a device.
-pub(crate) fn texture_mode(device: &RenderDevice) -> TextureMode {
+pub(crate) fn texture_mode(device: &RenderDevice) -> ReflectionTextureMode {
     texture_mode_of(device.features(), &device.limits())
 }
 
 /// The mode for a device of these features and limits.
-fn texture_mode_of(features: WgpuFeatures, limits: &WgpuLimits) -> TextureMode {
+fn texture_mode_of(features: WgpuFeatures, limits: &WgpuLimits) -> ReflectionTextureMode {
     let needed = WgpuFeatures::TEXTURE_BINDING_ARRAY
         | WgpuFeatures::SAMPLED_TEXTURE_AND_STORAGE_BUFFER_ARRAY_NON_UNIFORM_INDEXING
         | WgpuFeatures::PARTIALLY_BOUND_BINDING_ARRAY;
@@ -64,9 +64,9 @@ fn texture_mode_of(features: WgpuFeatures, limits: &WgpuLimits) -> TextureMode {
     let textures = MAX_TEXTURES.min(limits.max_binding_array_elements_per_shader_stage / 2);
     let samplers = limits.max_binding_array_sampler_elements_per_shader_stage;
     if features.contains(needed) && textures >= MIN_TEXTURES && samplers >= MAX_SAMPLERS {
-        TextureMode::Bindless { textures }
+        ReflectionTextureMode::Bindless { textures }
     } else {
-        TextureMode::Layers {
+        ReflectionTextureMode::Layers {
             layers: MAX_LAYERS.min(limits.max_texture_array_layers.max(1)),
         }
     }
@@ -88,11 +88,14 @@ mod tests {
         };
         assert_eq!(
             texture_mode_of(needed, &limits),
-            TextureMode::Bindless { textures: 500 }
+            ReflectionTextureMode::Bindless { textures: 500 }
         );
         assert_eq!(texture_mode_of(needed, &limits).shader_def(), Some("BINDLESS_TEXTURES"));
         for (features, limits) in [(WgpuFeatures::empty(), limits), (needed, WgpuLimits::default())] {
-            assert_eq!(texture_mode_of(features, &limits), TextureMode::Layers { layers: 256 });
+            assert_eq!(
+                texture_mode_of(features, &limits),
+                ReflectionTextureMode::Layers { layers: 256 }
+            );
         }
     }
 }

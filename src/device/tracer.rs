@@ -1,6 +1,6 @@
 //! Which tracer a device gets.
 
-use crate::settings::TracerChoice;
+use crate::settings::ReflectionTracerChoice;
 use bevy::{
     ecs::resource::Resource,
     reflect::Reflect,
@@ -11,14 +11,14 @@ use bevy::{
 /// What finds the surface that a ray hits.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[reflect(Debug, Clone, PartialEq, Hash)]
-pub enum Tracer {
+pub enum ReflectionTracer {
     /// Ray queries of the driver.
     RayQuery,
     /// The crate's own BVH, traversed in the shader.
     Bvh,
 }
 
-impl Tracer {
+impl ReflectionTracer {
     /// Definitions of shaders that import `scene/trace.wesl`.
     pub(crate) fn shader_defs(self) -> Vec<ShaderDefVal> {
         match self {
@@ -30,7 +30,7 @@ impl Tracer {
 
 /// The tracer of the app, in the render world. Without it nothing is traced.
 #[derive(Resource, Clone, Copy)]
-pub(crate) struct ChosenTracer(pub Tracer);
+pub(crate) struct ChosenTracer(pub ReflectionTracer);
 
 /// The features that the ray-query tracer needs.
 fn ray_query_features() -> WgpuFeatures {
@@ -39,10 +39,10 @@ fn ray_query_features() -> WgpuFeatures {
 
 /// Picks the tracer, with the reasons for not picking a better one or the one that was asked for.
 pub(crate) fn choose_tracer(
-    choice: TracerChoice,
+    choice: ReflectionTracerChoice,
     features: WgpuFeatures,
     limits: &WgpuLimits,
-) -> (Tracer, Vec<String>) {
+) -> (ReflectionTracer, Vec<String>) {
     let mut missing = ray_query_features().difference(features);
     // Limits of acceleration structures are zero unless they were asked for.
     if limits.max_acceleration_structures_per_shader_stage == 0
@@ -53,14 +53,14 @@ pub(crate) fn choose_tracer(
         missing |= ray_query_features();
     }
     match choice {
-        TracerChoice::Bvh => (Tracer::Bvh, vec!["the BVH was asked for".into()]),
-        _ if missing.is_empty() => (Tracer::RayQuery, vec![]),
-        TracerChoice::Auto => (
-            Tracer::Bvh,
+        ReflectionTracerChoice::Bvh => (ReflectionTracer::Bvh, vec!["the BVH was asked for".into()]),
+        _ if missing.is_empty() => (ReflectionTracer::RayQuery, vec![]),
+        ReflectionTracerChoice::Auto => (
+            ReflectionTracer::Bvh,
             vec![format!("no ray queries, since the device lacks {missing:?}")],
         ),
-        TracerChoice::RayQuery => (
-            Tracer::Bvh,
+        ReflectionTracerChoice::RayQuery => (
+            ReflectionTracer::Bvh,
             vec![format!(
                 "ray queries were asked for, but the device lacks {missing:?}; the BVH is used instead"
             )],
@@ -84,16 +84,25 @@ mod tests {
             ..Default::default()
         };
         let choose_tracer = |choice, features| choose_tracer_of(choice, features, &limits);
-        assert_eq!(choose_tracer(TracerChoice::Auto, all).0, Tracer::RayQuery);
-        assert_eq!(choose_tracer(TracerChoice::Auto, none).0, Tracer::Bvh);
-        assert_eq!(choose_tracer(TracerChoice::Bvh, all).0, Tracer::Bvh);
-        let (tracer, reasons) = choose_tracer(TracerChoice::RayQuery, none);
-        assert_eq!(tracer, Tracer::Bvh);
+        assert_eq!(
+            choose_tracer(ReflectionTracerChoice::Auto, all).0,
+            ReflectionTracer::RayQuery
+        );
+        assert_eq!(
+            choose_tracer(ReflectionTracerChoice::Auto, none).0,
+            ReflectionTracer::Bvh
+        );
+        assert_eq!(choose_tracer(ReflectionTracerChoice::Bvh, all).0, ReflectionTracer::Bvh);
+        let (tracer, reasons) = choose_tracer(ReflectionTracerChoice::RayQuery, none);
+        assert_eq!(tracer, ReflectionTracer::Bvh);
         assert!(reasons[0].contains("RAY_QUERY"), "{reasons:?}");
         let limits = WgpuLimits {
             max_blas_geometry_count: 0,
             ..limits
         };
-        assert_eq!(choose_tracer_of(TracerChoice::Auto, all, &limits).0, Tracer::Bvh);
+        assert_eq!(
+            choose_tracer_of(ReflectionTracerChoice::Auto, all, &limits).0,
+            ReflectionTracer::Bvh
+        );
     }
 }

@@ -8,8 +8,9 @@ use crate::{
     ready::{Readiness, pipeline_key},
     scene::environment::ViewEnvironment,
     settings::{
-        Backend, DebugCounters, DebugSplit, DebugView, RateSettings, RateTileSize, RayTracedReflections,
-        ReflectionView, SafeSettings, ShadingRateHeuristic, Technique, ViewDebug, WantsReflections,
+        RateSettings, RayTracedReflections, ReflectionBackend, ReflectionDebugCounters, ReflectionDebugSplit,
+        ReflectionDebugView, ReflectionTechnique, ReflectionView, SafeSettings, ShadingRateHeuristic,
+        ShadingRateTileSize, ViewDebug, WantsReflections,
     },
     status::ReflectionStatus,
     trace::{Fallbacks, VrsPass, choose},
@@ -39,7 +40,7 @@ pub(super) struct CameraQuery {
     camera: &'static Camera,
     reflections: Option<&'static mut RayTracedReflections>,
     heuristic: Option<&'static ShadingRateHeuristic>,
-    tile_size: Option<&'static RateTileSize>,
+    tile_size: Option<&'static ShadingRateTileSize>,
     transform: &'static GlobalTransform,
     hdr: Has<Hdr>,
     depth: Has<DepthPrepass>,
@@ -47,9 +48,9 @@ pub(super) struct CameraQuery {
     normal: Has<NormalPrepass>,
     screen_space: Has<ScreenSpaceReflections>,
     msaa: Option<&'static Msaa>,
-    debug_view: Option<&'static DebugView>,
-    debug_split: Option<&'static DebugSplit>,
-    debug_counters: Has<DebugCounters>,
+    debug_view: Option<&'static ReflectionDebugView>,
+    debug_split: Option<&'static ReflectionDebugSplit>,
+    debug_counters: Has<ReflectionDebugCounters>,
 }
 
 impl CameraQueryItem<'_, '_> {
@@ -103,7 +104,7 @@ struct Findings {
     /// Cameras of the main world with the component.
     present: EntityHashSet,
     waiting: usize,
-    active_backends: Vec<(Entity, Backend)>,
+    active_backends: Vec<(Entity, ReflectionBackend)>,
     culled_views: usize,
 }
 
@@ -126,7 +127,7 @@ impl Request {
             tile_size,
             ..RateSettings::new(&heuristic, settings.technique)
         };
-        if backend == Backend::Hardware {
+        if backend == ReflectionBackend::HardwareVrs {
             rate.limit(|code| vrs.supports(code));
         }
         (Self { settings, rate }, reason)
@@ -170,7 +171,7 @@ impl Extraction<'_, '_, '_> {
         // Earlier frames don't tell what this one sees, or somebody looks at what all passes write.
         let invalid = reset
             || debug != ViewDebug::default()
-            || request.settings.technique == Technique::Converged
+            || request.settings.technique == ReflectionTechnique::Converged
             || request.differs_from(active);
         let culled = culling.is_some_and(|mut culling| culling.begin_frame(invalid));
 
@@ -190,7 +191,7 @@ impl Extraction<'_, '_, '_> {
         let changed = self.note_state(camera, &request.settings, environment);
         let Request { settings, rate } = request;
         self.commands.entity(camera.render_entity).insert(ReflectionView {
-            reset: reset || (changed && settings.technique == Technique::Converged),
+            reset: reset || (changed && settings.technique == ReflectionTechnique::Converged),
             settings,
             rate,
             debug,
@@ -299,9 +300,9 @@ pub(super) fn extract_cameras(
     } = extraction.found;
     status.update(|report| {
         report.ready = waiting == 0 && !wanting.is_empty();
-        report.hardware_rates = vrs.status();
+        report.hardware_vrs = vrs.status();
         report.active_backends = active_backends;
-        report.resting_views = culled_views;
+        report.culled_views = culled_views;
     });
     fallbacks.publish(&present, &status);
     cameras.retain(|entity, _| present.contains(entity));

@@ -8,7 +8,7 @@ use super::{
     instances::SceneInstances,
 };
 use crate::{
-    device::{ChosenTracer, Tracer},
+    device::{ChosenTracer, ReflectionTracer},
     status::ReflectionStatus,
 };
 use bevy::{
@@ -141,7 +141,7 @@ pub struct SceneMeshes {
     stale: HashSet<AssetId<Mesh>>,
     /// Meshes that became ready, changed or vanished in this frame.
     pub changed: HashSet<AssetId<Mesh>>,
-    tracer: Tracer,
+    tracer: ReflectionTracer,
     next_version: u64,
     triangles: u64,
     /// An arena was full, and the user was told.
@@ -160,9 +160,9 @@ impl FromWorld for SceneMeshes {
 
 impl SceneMeshes {
     /// Empty arenas for a tracer.
-    pub fn new(device: &RenderDevice, tracer: Tracer) -> Self {
+    pub fn new(device: &RenderDevice, tracer: ReflectionTracer) -> Self {
         let mut usages = BufferUsages::STORAGE;
-        if tracer == Tracer::RayQuery {
+        if tracer == ReflectionTracer::RayQuery {
             usages |= BufferUsages::BLAS_INPUT;
         }
         Self {
@@ -189,7 +189,7 @@ impl SceneMeshes {
     }
 
     /// The tracer that meshes are built for.
-    pub fn tracer(&self) -> Tracer {
+    pub fn tracer(&self) -> ReflectionTracer {
         self.tracer
     }
 
@@ -214,7 +214,7 @@ impl SceneMeshes {
     }
 
     fn start(&mut self, id: AssetId<Mesh>, mesh: impl core::ops::Deref<Target = Mesh> + Send + 'static) {
-        let with_bvh = self.tracer == Tracer::Bvh;
+        let with_bvh = self.tracer == ReflectionTracer::Bvh;
         let task = AsyncComputeTaskPool::get().spawn(async move {
             let begin = Instant::now();
             let packed = pack_mesh(&mesh)?;
@@ -291,7 +291,7 @@ impl SceneMeshes {
             triangle_count: packed.triangle_count,
             positions_offset: packed.offsets.positions,
             indices_offset: packed.offsets.indices,
-            indices: if self.tracer == Tracer::RayQuery {
+            indices: if self.tracer == ReflectionTracer::RayQuery {
                 packed.indices().into()
             } else {
                 Arc::default()

@@ -21,7 +21,7 @@ use super::{
     upload::StorageSlice,
 };
 use crate::{
-    device::Tracer, scene::activity::SceneActivity, settings::WantsReflections, status::ReflectionStatus,
+    device::ReflectionTracer, scene::activity::SceneActivity, settings::WantsReflections, status::ReflectionStatus,
     vrs::BindGroupContents,
 };
 use bevy::{
@@ -51,7 +51,7 @@ pub struct SceneBindings {
     pub bind_group: Option<BindGroup>,
     /// What it is made of, while a view uses variable rate shading.
     pub(crate) contents: BindGroupContents,
-    tracer: Tracer,
+    tracer: ReflectionTracer,
     texture_def: Option<&'static str>,
     instances: StorageSlice<GpuInstance>,
     instance_data: Vec<GpuInstance>,
@@ -104,7 +104,7 @@ impl FromWorld for SceneBindings {
             tlas: None,
             merge: StaticMerge::default(),
             masks: MaskSets::default(),
-            acceleration: (tracer == Tracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
+            acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
             masked: true,
             deep: false,
             defs_version: 0,
@@ -114,7 +114,7 @@ impl FromWorld for SceneBindings {
     }
 }
 
-fn layout(tracer: Tracer, textures: &TextureTable) -> BindGroupLayoutDescriptor {
+fn layout(tracer: ReflectionTracer, textures: &TextureTable) -> BindGroupLayoutDescriptor {
     let stages = ShaderStages::COMPUTE | ShaderStages::FRAGMENT;
     let storage = |size: usize| binding_types::storage_buffer_read_only_sized(false, NonZeroU64::new(size as u64));
     let mut entries = vec![
@@ -125,8 +125,8 @@ fn layout(tracer: Tracer, textures: &TextureTable) -> BindGroupLayoutDescriptor 
         storage(size_of::<GpuSceneCounts>()).build(4, stages),
     ];
     match tracer {
-        Tracer::RayQuery => entries.push(binding_types::acceleration_structure().build(5, stages)),
-        Tracer::Bvh => entries.push(storage(size_of::<Item>()).build(6, stages)),
+        ReflectionTracer::RayQuery => entries.push(binding_types::acceleration_structure().build(5, stages)),
+        ReflectionTracer::Bvh => entries.push(storage(size_of::<Item>()).build(6, stages)),
     }
     entries.push(textures.texture_layout().build(8, stages));
     entries.push(textures.sampler_layout().build(9, stages));
@@ -151,7 +151,7 @@ impl SceneBindings {
     pub fn shader_defs_for(&self, masked_geometry: bool) -> Vec<ShaderDefVal> {
         let mut defs = self.tracer.shader_defs();
         defs.extend(self.texture_def.map(Into::into));
-        if masked_geometry && self.tracer == Tracer::Bvh {
+        if masked_geometry && self.tracer == ReflectionTracer::Bvh {
             defs.push("ALPHA_MASKED_GEOMETRY".into());
         }
         if self.deep {
@@ -163,7 +163,7 @@ impl SceneBindings {
     /// For any scene.
     pub(crate) fn shader_defs_for_any(&self) -> Vec<ShaderDefVal> {
         let mut defs = self.shader_defs_for(true);
-        if self.tracer == Tracer::Bvh && !self.deep {
+        if self.tracer == ReflectionTracer::Bvh && !self.deep {
             defs.push(ShaderDefVal::UInt("BVH_STACK_SIZE".into(), LARGEST_STACK));
         }
         defs
@@ -185,7 +185,7 @@ impl SceneBindings {
     }
 
     /// The active tracer.
-    pub fn tracer(&self) -> Tracer {
+    pub fn tracer(&self) -> ReflectionTracer {
         self.tracer
     }
 }
@@ -245,7 +245,7 @@ pub fn prepare_instances(
         textures: &textures,
         default_sampler: &default_sampler,
     };
-    if bindings.tracer == Tracer::Bvh {
+    if bindings.tracer == ReflectionTracer::Bvh {
         let touched = bindings
             .masks
             .update(&changes, &surroundings, &mut alpha_images, meshes, &queue);
@@ -265,7 +265,7 @@ pub fn prepare_instances(
         bindings.version = bindings.version.wrapping_add(1);
     }
     // Rays see no difference between an object and its copy in a merged tree, so this is no change of the scene.
-    if bindings.tracer == Tracer::Bvh {
+    if bindings.tracer == ReflectionTracer::Bvh {
         changed |= bindings.merge.update(&bindings.masks, meshes, &queue, &status);
         let masks = &bindings.masks;
         status.update(|report| {
@@ -294,7 +294,7 @@ pub fn prepare_tables(
     }
     let bindings = &mut *bindings;
     let changed_materials = materials.take_dirty();
-    if bindings.tracer == Tracer::Bvh {
+    if bindings.tracer == ReflectionTracer::Bvh {
         let changed = changed_materials.is_some();
         bindings.masks.write_headers(changed, &materials, &mut meshes, &queue);
     }
@@ -341,7 +341,8 @@ impl SceneBindings {
         self.instances = StorageSlice::new(device, "glint_instances");
         self.materials = StorageSlice::new(device, "glint_materials");
         self.lights = StorageSlice::new(device, "glint_lights");
-        self.acceleration = (self.tracer == Tracer::RayQuery).then(|| AccelerationStructures::new(device, queue));
+        self.acceleration =
+            (self.tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue));
         self.generations = [u64::MAX; 7];
     }
 
@@ -371,7 +372,7 @@ impl SceneBindings {
                 let flags = is_traced(material).then(|| instance_flags(material))?;
                 pack_instance(source, mesh, materials.index(source.material), flags)
             });
-            if self.tracer == Tracer::Bvh {
+            if self.tracer == ReflectionTracer::Bvh {
                 let wanted = packed.and_then(|packed| mask_key(&packed, instances.get(slot)?, assets, meshes));
                 let masks = self.masks.assign(slot, wanted, surroundings, meshes, queue);
                 if let (Some(packed), Some(_)) = (&mut packed, wanted) {

@@ -25,7 +25,7 @@ use bevy::{
 };
 
 use super::texture_layers::TextureLayers;
-use crate::device::{MAX_SAMPLERS, TextureMode, texture_mode};
+use crate::device::{MAX_SAMPLERS, ReflectionTextureMode, texture_mode};
 
 const SAMPLER_SHIFT: u32 = 20;
 
@@ -52,7 +52,7 @@ struct Entry {
 /// The textures in use, at indices that stay the same while some material uses them.
 #[derive(Resource)]
 pub struct TextureTable {
-    mode: TextureMode,
+    mode: ReflectionTextureMode,
     indices: HashMap<AssetId<Image>, u32>,
     entries: Vec<Option<Entry>>,
     free: Vec<u32>,
@@ -91,8 +91,8 @@ impl FromWorld for TextureTable {
         );
         let repeating = device.create_sampler(&repeating());
         let layers = match mode {
-            TextureMode::Bindless { .. } => None,
-            TextureMode::Layers { layers } => Some(TextureLayers::new(world, layers)),
+            ReflectionTextureMode::Bindless { .. } => None,
+            ReflectionTextureMode::Layers { layers } => Some(TextureLayers::new(world, layers)),
         };
         Self {
             mode,
@@ -127,7 +127,7 @@ fn repeating() -> SamplerDescriptor<'static> {
 
 impl TextureTable {
     /// How shaders reach the textures.
-    pub fn mode(&self) -> TextureMode {
+    pub fn mode(&self) -> ReflectionTextureMode {
         self.mode
     }
 
@@ -143,8 +143,8 @@ impl TextureTable {
 
     fn capacity(&self) -> usize {
         match self.mode {
-            TextureMode::Bindless { textures } => textures as usize,
-            TextureMode::Layers { layers } => layers as usize,
+            ReflectionTextureMode::Bindless { textures } => textures as usize,
+            ReflectionTextureMode::Layers { layers } => layers as usize,
         }
     }
 

@@ -1,15 +1,18 @@
 //! Settings of a camera after clamping to what the shaders can take.
 
-use super::{Backend, Denoiser, RaySampling, RayTracedReflections, Technique, TextureMip, reflections::PAPER_LEVEL};
+use super::{
+    RayTracedReflections, ReflectionBackend, ReflectionDenoiser, ReflectionSampling, ReflectionTechnique,
+    ReflectionTextureMip, reflections::PAPER_LEVEL,
+};
 
 /// [`RayTracedReflections`] within its ranges. NaN becomes the default.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SafeSettings {
-    pub technique: Technique,
-    pub backend: Backend,
-    pub sampling: RaySampling,
+    pub technique: ReflectionTechnique,
+    pub backend: ReflectionBackend,
+    pub sampling: ReflectionSampling,
     pub full_resolution_mirrors: bool,
-    pub denoiser: Denoiser,
+    pub denoiser: ReflectionDenoiser,
     pub fade_start: f32,
     /// Between two of the roughnesses that a G-buffer can hold, so that nothing is ever equal to it.
     pub cutoff: f32,
@@ -45,16 +48,16 @@ impl From<&RayTracedReflections> for SafeSettings {
             max_ray_length: number_or(settings.max_ray_length, default.max_ray_length).clamp(0.0, 1.0e9),
             shadow_rays: settings.shadow_rays,
             fixed_mip: match settings.texture_mip {
-                TextureMip::RayCone => None,
-                TextureMip::Fixed(level) => Some(number_or(level, PAPER_LEVEL).clamp(0.0, 16.0)),
+                ReflectionTextureMip::RayCone => None,
+                ReflectionTextureMip::Fixed(level) => Some(number_or(level, PAPER_LEVEL).clamp(0.0, 16.0)),
             },
         }
     }
 }
 
-fn clamped_denoiser(denoiser: &Denoiser) -> Denoiser {
-    let default = Denoiser::default();
-    Denoiser {
+fn clamped_denoiser(denoiser: &ReflectionDenoiser) -> ReflectionDenoiser {
+    let default = ReflectionDenoiser::default();
+    ReflectionDenoiser {
         samples: denoiser.samples.clamp(1, 16),
         max_history: number_or(denoiser.max_history, default.max_history).clamp(1.0, 255.0),
         clip_sigma: number_or(denoiser.clip_sigma, default.clip_sigma).clamp(0.5, 10.0),
@@ -73,7 +76,7 @@ mod tests {
             roughness_cutoff: f32::NAN,
             roughness_fade: f32::INFINITY,
             max_ray_length: f32::NEG_INFINITY,
-            texture_mip: TextureMip::Fixed(-7.0),
+            texture_mip: ReflectionTextureMip::Fixed(-7.0),
             ..Default::default()
         };
         let safe = SafeSettings::from(&wild);

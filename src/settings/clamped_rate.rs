@@ -1,8 +1,8 @@
 //! A camera's heuristic as plain data for the render world and the shaders.
 
 use super::{
-    CombinedThresholds, GrazingThresholds, RateTileSize, RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
-    Technique, clamped::number_or, heuristic::MIRROR_GUARD,
+    CombinedThresholds, GrazingThresholds, ReflectionTechnique, RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
+    ShadingRateTileSize, clamped::number_or, heuristic::MIN_ROUGHNESS,
 };
 use bevy::{asset::Handle, image::Image, shader::Shader};
 
@@ -31,7 +31,7 @@ pub(crate) struct RateThresholds {
     /// Length of the average normal below which a tile counts as an edge; negative for none.
     pub min_flatness: f32,
     /// Share of the reflection below which it is faint.
-    pub faint: f32,
+    pub visibility_threshold: f32,
     /// Highest step of the ladder of [`ShadingRateHeuristic::Combined`].
     pub max_level: u32,
     /// Code of the rate for [`RateVariant::Uniform`], also where that stands in for another variant.
@@ -49,12 +49,12 @@ pub(crate) struct RateSettings {
 }
 
 impl RateSettings {
-    /// Tiles of 16x16; set `tile_size` for others. Only [`Technique::Variable`] varies its rate.
-    pub fn new(heuristic: &ShadingRateHeuristic, technique: Technique) -> Self {
+    /// Tiles of 16x16; set `tile_size` for others. Only [`ReflectionTechnique::Variable`] varies its rate.
+    pub fn new(heuristic: &ShadingRateHeuristic, technique: ReflectionTechnique) -> Self {
         let settings = |variant, thresholds| Self {
             variant,
             image: None,
-            tile_size: RateTileSize::default().trace_pixels(),
+            tile_size: ShadingRateTileSize::default().trace_pixels(),
             thresholds,
         };
         let uniform = |rate: ShadingRate| {
@@ -64,7 +64,7 @@ impl RateSettings {
             };
             settings(RateVariant::Uniform, thresholds)
         };
-        if technique != Technique::Variable {
+        if technique != ReflectionTechnique::Variable {
             return uniform(ShadingRate::R1x1);
         }
         match heuristic {
@@ -120,7 +120,7 @@ impl From<&RoughnessThresholds> for RateThresholds {
         Self {
             half: number_or(thresholds.half, default.half),
             quarter: number_or(thresholds.quarter, default.quarter),
-            min_roughness: min_roughness(thresholds.mirror_guard),
+            min_roughness: min_roughness(thresholds.min_roughness),
             ..Default::default()
         }
     }
@@ -132,7 +132,7 @@ impl From<&GrazingThresholds> for RateThresholds {
         Self {
             half: number_or(thresholds.half, default.half),
             quarter: number_or(thresholds.quarter, default.quarter),
-            min_roughness: min_roughness(thresholds.mirror_guard),
+            min_roughness: min_roughness(thresholds.min_roughness),
             ..Default::default()
         }
     }
@@ -146,10 +146,10 @@ impl From<&CombinedThresholds> for RateThresholds {
             half: number_or(thresholds.half, default.half),
             quarter: number_or(thresholds.quarter, default.quarter),
             eighth: number_or(thresholds.eighth, default.eighth),
-            min_roughness: min_roughness(thresholds.mirror_guard),
+            min_roughness: min_roughness(thresholds.min_roughness),
             // Mean of the cosines of small angles.
             min_flatness: (1.0 - 0.5 * edge * edge).max(-1.0),
-            faint: number_or(thresholds.faint, default.faint),
+            visibility_threshold: number_or(thresholds.visibility_threshold, default.visibility_threshold),
             max_level: thresholds.coarsest.level(),
             uniform_code: 0,
         }
@@ -157,8 +157,8 @@ impl From<&CombinedThresholds> for RateThresholds {
 }
 
 /// No roughness is below 0.
-fn min_roughness(mirror_guard: Option<f32>) -> f32 {
-    mirror_guard.map_or(-1.0, |value| number_or(value, MIRROR_GUARD))
+fn min_roughness(min_roughness: Option<f32>) -> f32 {
+    min_roughness.map_or(-1.0, |value| number_or(value, MIN_ROUGHNESS))
 }
 
 #[cfg(test)]
@@ -169,10 +169,10 @@ mod tests {
     fn only_the_variable_technique_varies_its_rate() {
         let heuristic = ShadingRateHeuristic::Uniform(ShadingRate::R4x4);
         for technique in [
-            Technique::Reference,
-            Technique::Quarter,
-            Technique::QuarterInline,
-            Technique::Converged,
+            ReflectionTechnique::Reference,
+            ReflectionTechnique::Quarter,
+            ReflectionTechnique::QuarterInline,
+            ReflectionTechnique::Converged,
         ] {
             for heuristic in [heuristic.clone(), ShadingRateHeuristic::default()] {
                 let settings = RateSettings::new(&heuristic, technique);
@@ -180,9 +180,9 @@ mod tests {
                 assert_eq!(settings.thresholds.uniform_code, ShadingRate::R1x1.code());
             }
         }
-        let settings = RateSettings::new(&heuristic, Technique::Variable);
+        let settings = RateSettings::new(&heuristic, ReflectionTechnique::Variable);
         assert_eq!(settings.thresholds.uniform_code, ShadingRate::R4x4.code());
-        let settings = RateSettings::new(&ShadingRateHeuristic::default(), Technique::Variable);
+        let settings = RateSettings::new(&ShadingRateHeuristic::default(), ReflectionTechnique::Variable);
         assert_eq!(settings.variant, RateVariant::Combined);
     }
 
@@ -193,19 +193,19 @@ mod tests {
             ShadingRateHeuristic::Roughness(RoughnessThresholds {
                 half: nan,
                 quarter: nan,
-                mirror_guard: Some(nan),
+                min_roughness: Some(nan),
             }),
             ShadingRateHeuristic::Grazing(GrazingThresholds {
                 half: nan,
                 quarter: nan,
-                mirror_guard: Some(nan),
+                min_roughness: Some(nan),
             }),
             ShadingRateHeuristic::Combined(CombinedThresholds {
                 half: nan,
                 quarter: nan,
                 eighth: nan,
-                mirror_guard: Some(nan),
-                faint: nan,
+                min_roughness: Some(nan),
+                visibility_threshold: nan,
                 edge: nan,
                 coarsest: ShadingRate::R2x2,
             }),
@@ -213,17 +213,17 @@ mod tests {
         for (wild, name) in wild.iter().zip(["roughness", "grazing", "combined"]) {
             let default = name.parse::<ShadingRateHeuristic>().unwrap_or_default();
             assert_eq!(
-                RateSettings::new(wild, Technique::Variable),
-                RateSettings::new(&default, Technique::Variable),
+                RateSettings::new(wild, ReflectionTechnique::Variable),
+                RateSettings::new(&default, ReflectionTechnique::Variable),
                 "{name}"
             );
         }
         let flat = ShadingRateHeuristic::Combined(CombinedThresholds {
             edge: f32::INFINITY,
-            mirror_guard: None,
+            min_roughness: None,
             ..Default::default()
         });
-        let settings = RateSettings::new(&flat, Technique::Variable);
+        let settings = RateSettings::new(&flat, ReflectionTechnique::Variable);
         assert_eq!(settings.thresholds.min_flatness, -1.0);
         assert_eq!(settings.thresholds.min_roughness, -1.0);
     }
@@ -231,7 +231,7 @@ mod tests {
     #[test]
     fn rates_that_a_device_lacks_become_finer() {
         let uniform = |rate, supported: &[ShadingRate]| {
-            let mut settings = RateSettings::new(&ShadingRateHeuristic::Uniform(rate), Technique::Variable);
+            let mut settings = RateSettings::new(&ShadingRateHeuristic::Uniform(rate), ReflectionTechnique::Variable);
             settings.limit(|code| supported.iter().any(|rate| rate.code() == code));
             ShadingRate::from_code(settings.thresholds.uniform_code)
         };
@@ -247,7 +247,7 @@ mod tests {
             coarsest: ShadingRate::R4x4,
             ..Default::default()
         });
-        let mut settings = RateSettings::new(&heuristic, Technique::Variable);
+        let mut settings = RateSettings::new(&heuristic, ReflectionTechnique::Variable);
         settings.limit(|_| true);
         assert_eq!(settings.thresholds.max_level, ShadingRate::R4x4.level());
         settings.limit(|code| small.iter().any(|rate| rate.code() == code));
@@ -260,7 +260,7 @@ mod tests {
             ShadingRateHeuristic::PAPER_ROUGHNESS,
             ShadingRateHeuristic::PAPER_GRAZING,
         ] {
-            let thresholds = RateSettings::new(&paper, Technique::Variable).thresholds;
+            let thresholds = RateSettings::new(&paper, ReflectionTechnique::Variable).thresholds;
             assert!(thresholds.min_roughness < 0.0, "{paper:?}");
             assert_eq!(thresholds.quarter, 0.75);
         }

@@ -22,7 +22,7 @@ use bevy::{
 /// What textures hold is *of this frame*. Radiance is exposed, as in Bevy's HDR frames.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
-pub enum DebugView {
+pub enum ReflectionDebugView {
     /// The picture.
     #[default]
     Off,
@@ -44,8 +44,8 @@ pub enum DebugView {
     /// Radiance of each pixel's lobe divided by the lobe's albedo after the whole denoiser: what the composite reads. In a white
     /// furnace it is white.
     Reconstructed,
-    /// Heat of the length of each pixel's history in frames: blue 0, red [`max_history`](crate::Denoiser::max_history) and more.
-    /// With [`Technique::Converged`](crate::Technique::Converged) the frames that were averaged.
+    /// Heat of the length of each pixel's history in frames: blue 0, red [`max_history`](crate::ReflectionDenoiser::max_history) and more.
+    /// With [`ReflectionTechnique::Converged`](crate::ReflectionTechnique::Converged) the frames that were averaged.
     HistoryLength,
     /// Heat of the relative variance (the variance over the squared mean) of one frame's radiance, by its logarithm: blue
     /// 0.0001, cyan 0.003, green 0.1, yellow 3, red 100. Without temporal accumulation that of the mean of the rays that a pixel
@@ -63,7 +63,7 @@ pub enum DebugView {
     NonFinite,
 }
 
-words!(DebugView {
+words!(ReflectionDebugView {
     Off = "off",
     Reflection = "reflection",
     ShadingRates = "shading-rates",
@@ -78,7 +78,7 @@ words!(DebugView {
     NonFinite = "non-finite",
 });
 
-/// Names and colours of [`DebugView::ShadingRates`]: rates as width x height of a block in trace pixels, exact mirrors with a ray
+/// Names and colours of [`ReflectionDebugView::ShadingRates`]: rates as width x height of a block in trace pixels, exact mirrors with a ray
 /// for each pixel of the full resolution, and tiles that were skipped, since nothing in them reflects.
 ///
 /// On the screen the colours are scaled by 0.1 to 1.
@@ -96,52 +96,52 @@ pub const RATE_LEGEND: [(&str, LinearRgba); 11] = [
     ("skipped", LinearRgba::rgb(0.3, 0.3, 0.3)),
 ];
 
-/// Divides the picture of a camera: its [`DebugView`] is shown right of a thin white line.
+/// Divides the picture of a camera: its [`ReflectionDebugView`] is shown right of a thin white line.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
-pub struct DebugSplit {
+pub struct ReflectionDebugSplit {
     /// Where the line is: 0 is the left edge of the view, 1 the right one; clamped, and NaN is the middle. Default: 0.5.
     #[reflect(@0.0..=1.0f32)]
     pub position: f32,
-    /// What is shown left of the line. Default: [`DebugView::Off`], the picture.
-    pub left: DebugView,
+    /// What is shown left of the line. Default: [`ReflectionDebugView::Off`], the picture.
+    pub left: ReflectionDebugView,
 }
 
-impl Default for DebugSplit {
+impl Default for ReflectionDebugSplit {
     fn default() -> Self {
         Self {
             position: 0.5,
-            left: DebugView::Off,
+            left: ReflectionDebugView::Off,
         }
     }
 }
 
 /// On a reflecting camera: counts the pixels that are not finite and finds the worst one, for
-/// [`NonFiniteReport`](crate::NonFiniteReport). It costs three passes over the picture. Without Bevy's `RenderDiagnosticsPlugin`
-/// nothing is counted; of several cameras each adds its own measurements to the same diagnostics.
+/// [`ReflectionNonFiniteReport`](crate::ReflectionNonFiniteReport). It costs three passes over the picture. Without Bevy's
+/// `RenderDiagnosticsPlugin` nothing is counted; of several cameras each adds its own measurements to the same diagnostics.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
-pub struct DebugCounters;
+pub struct ReflectionDebugCounters;
 
 /// The debug components of a camera, for the render world.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct ViewDebug {
     /// Shown right of the dividing line, or everywhere.
-    pub right: DebugView,
+    pub right: ReflectionDebugView,
     /// Shown left of it.
-    pub left: DebugView,
+    pub left: ReflectionDebugView,
     /// Fraction of the width that `left` takes.
     pub position: f32,
-    /// The camera has [`DebugCounters`].
+    /// The camera has [`ReflectionDebugCounters`].
     pub counters: bool,
 }
 
 impl ViewDebug {
-    pub fn new(view: Option<&DebugView>, split: Option<&DebugSplit>, counters: bool) -> Self {
+    pub fn new(view: Option<&ReflectionDebugView>, split: Option<&ReflectionDebugSplit>, counters: bool) -> Self {
         let position = split.map_or(0.0, |split| split.position);
         Self {
             right: view.copied().unwrap_or_default(),
-            left: split.map_or(DebugView::Off, |split| split.left),
+            left: split.map_or(ReflectionDebugView::Off, |split| split.left),
             position: if position.is_nan() {
                 0.5
             } else {
@@ -152,10 +152,10 @@ impl ViewDebug {
     }
 
     /// Views other than the picture.
-    pub fn views(self) -> impl Iterator<Item = DebugView> {
+    pub fn views(self) -> impl Iterator<Item = ReflectionDebugView> {
         [self.left, self.right]
             .into_iter()
-            .filter(|&view| view != DebugView::Off)
+            .filter(|&view| view != ReflectionDebugView::Off)
     }
 }
 
@@ -166,9 +166,9 @@ mod tests {
     #[test]
     fn numbers_of_views_are_those_of_the_shader() {
         let shader = include_str!("../debug/show.wesl");
-        for (number, view) in DebugView::ALL.into_iter().enumerate() {
+        for (number, view) in ReflectionDebugView::ALL.into_iter().enumerate() {
             assert_eq!(view as usize, number);
-            if view != DebugView::Off && view != DebugView::Reflection {
+            if view != ReflectionDebugView::Off && view != ReflectionDebugView::Reflection {
                 let name = view.name().replace('-', "_").to_uppercase();
                 let line = format!("const VIEW_{name}: u32 = {number}u;");
                 assert!(shader.contains(&line), "{line}");

@@ -5,7 +5,7 @@ use bevy::reflect::{Reflect, std_traits::ReflectDefault};
 /// How samples become an image: spatial reconstruction, temporal accumulation, blur (the paper's section 4.1.2).
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
-pub struct Denoiser {
+pub struct ReflectionDenoiser {
     /// Rays of neighbours that a pixel is reconstructed from, 1 to 16. More is smoother and costs time. With one, and one ray per
     /// pixel, each pixel shows its own ray. Default: 8.
     #[reflect(@1..=16u32)]
@@ -29,14 +29,14 @@ pub struct Denoiser {
     /// Whether pictures at rest converge: while neither the camera nor the scene changes, all frames sample the same, so that history is
     /// neither clipped nor dimmed and spans up to eight times `max_history`, 240 frames at most. Off, a still
     /// picture keeps the small losses of a moving one. Default: true. The paper has no such step.
-    pub converges_at_rest: bool,
+    pub converge_static_views: bool,
     /// Radius in pixels of the last blur where the variance is highest, 0 (off) to 8. Default: 3.
     #[reflect(@0.0..=8.0f32)]
     pub blur_radius: f32,
 }
 
-impl Denoiser {
-    /// No filter at all: with [`Technique::Reference`] each pixel shows its own ray.
+impl ReflectionDenoiser {
+    /// No filter at all: with [`ReflectionTechnique::Reference`] each pixel shows its own ray.
     pub const OFF: Self = Self {
         samples: 1,
         temporal: false,
@@ -44,7 +44,7 @@ impl Denoiser {
         virtual_history: false,
         clip_sigma: 1.5,
         suppress_fireflies: false,
-        converges_at_rest: false,
+        converge_static_views: false,
         blur_radius: 0.0,
     };
     /// The paper's recipe (section 4.1.2).
@@ -55,12 +55,12 @@ impl Denoiser {
         virtual_history: false,
         clip_sigma: 1.5,
         suppress_fireflies: false,
-        converges_at_rest: false,
+        converge_static_views: false,
         blur_radius: 3.0,
     };
 }
 
-impl Default for Denoiser {
+impl Default for ReflectionDenoiser {
     fn default() -> Self {
         Self {
             samples: 8,
@@ -69,7 +69,7 @@ impl Default for Denoiser {
             virtual_history: true,
             clip_sigma: 1.5,
             suppress_fireflies: true,
-            converges_at_rest: true,
+            converge_static_views: true,
             blur_radius: 3.0,
         }
     }

@@ -9,8 +9,8 @@ use bevy::{
     shader::Shader,
 };
 
-/// How a camera with [`Technique::Variable`](crate::Technique::Variable) decides how many rays each tile of its screen gets;
-/// ignored with other techniques.
+/// How a camera with [`ReflectionTechnique::Variable`](crate::ReflectionTechnique::Variable) decides how many rays each tile of its
+/// screen gets; ignored with other techniques.
 ///
 /// Averages are over those pixels of a tile that reflect, all of them in each frame, so that rates don't depend on which pixels
 /// trace. Exact mirrors with rays of their own
@@ -79,13 +79,13 @@ impl core::str::FromStr for ShadingRateHeuristic {
 
 /// Perceptual roughness below which a surface is so close to a mirror that coarse blocks would be seen: its lobe is about 10 pixels
 /// of a 1080p screen wide where what it reflects is far, and sharper where it is near.
-pub(super) const MIRROR_GUARD: f32 = 0.1;
+pub(super) const MIN_ROUGHNESS: f32 = 0.1;
 
 /// Thresholds of [`ShadingRateHeuristic::Roughness`], in perceptual roughness (0 to 1). NaN stands for the default.
 ///
 /// Nothing above the camera's [`roughness_cutoff`](crate::RayTracedReflections::roughness_cutoff) reflects, so that thresholds above
 /// it are never reached. The paper has no cut-off: with its thresholds and the default cut-off of 0.6 every tile gets 1x1 or 2x1.
-/// [`Preset::Paper`](crate::Preset::Paper) sets the cut-off to 1.
+/// [`ReflectionPreset::Paper`](crate::ReflectionPreset::Paper) sets the cut-off to 1.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 pub struct RoughnessThresholds {
@@ -98,7 +98,7 @@ pub struct RoughnessThresholds {
     pub quarter: f32,
     /// A tile with a pixel less rough than this keeps 1x1, so that a mirror in a rough tile isn't averaged away; `None` leaves this
     /// out, as the paper does. Default: 0.1.
-    pub mirror_guard: Option<f32>,
+    pub min_roughness: Option<f32>,
 }
 
 impl RoughnessThresholds {
@@ -106,14 +106,14 @@ impl RoughnessThresholds {
     pub const PAPER: Self = Self {
         half: 0.25,
         quarter: 0.75,
-        mirror_guard: None,
+        min_roughness: None,
     };
 }
 
 impl Default for RoughnessThresholds {
     fn default() -> Self {
         Self {
-            mirror_guard: Some(MIRROR_GUARD),
+            min_roughness: Some(MIN_ROUGHNESS),
             ..Self::PAPER
         }
     }
@@ -130,8 +130,8 @@ pub struct GrazingThresholds {
     /// Average cosine from which a tile gets 2x2 (table 1 of the paper: 2x1 below it). Default: 0.75.
     #[reflect(@0.0..=1.0f32)]
     pub quarter: f32,
-    /// As in [`RoughnessThresholds::mirror_guard`]. Default: 0.1.
-    pub mirror_guard: Option<f32>,
+    /// As in [`RoughnessThresholds::min_roughness`]. Default: 0.1.
+    pub min_roughness: Option<f32>,
 }
 
 impl GrazingThresholds {
@@ -139,14 +139,14 @@ impl GrazingThresholds {
     pub const PAPER: Self = Self {
         half: 0.5,
         quarter: 0.75,
-        mirror_guard: None,
+        min_roughness: None,
     };
 }
 
 impl Default for GrazingThresholds {
     fn default() -> Self {
         Self {
-            mirror_guard: Some(MIRROR_GUARD),
+            min_roughness: Some(MIN_ROUGHNESS),
             ..Self::PAPER
         }
     }
@@ -162,11 +162,11 @@ impl Default for GrazingThresholds {
 ///   times the root of the cosine ([`quarter`](Self::quarter)), and the long side lies in the direction of the stretch: 1x2 on floors
 ///   and ceilings, 2x1 on walls at the side.
 /// - **What can be seen.** Roughness is averaged with weights: a ribbon of metal on a rough curtain counts more than the curtain.
-///   Where no pixel's reflection is more than a [`faint`](Self::faint) part of what it shows, as on bright walls seen head-on, the
-///   tile goes a step up.
+///   Where no pixel's reflection is more than a small part of its light
+///   ([`visibility_threshold`](Self::visibility_threshold)), as on bright walls seen head-on, the tile goes a step up.
 /// - **Shape.** Where normals in the tile differ, at edges and on small round things, neighbours reflect different things and a
 ///   denoiser can't share their rays: a step down ([`edge`](Self::edge)).
-/// - **Mirrors.** With anything nearly a mirror in the tile: 1x1 ([`mirror_guard`](Self::mirror_guard)).
+/// - **Mirrors.** With anything nearly a mirror in the tile: 1x1 ([`min_roughness`](Self::min_roughness)).
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 pub struct CombinedThresholds {
@@ -182,11 +182,11 @@ pub struct CombinedThresholds {
     #[reflect(@0.0..=1.0f32)]
     pub eighth: f32,
     /// Least roughness in a tile below which it keeps 1x1; `None` leaves this out. Default: 0.1.
-    pub mirror_guard: Option<f32>,
+    pub min_roughness: Option<f32>,
     /// Share of the reflection in what a pixel shows under even light (0 to 1) below which it is faint. 0 leaves this out. Default:
     /// 0.1.
     #[reflect(@0.0..=1.0f32)]
-    pub faint: f32,
+    pub visibility_threshold: f32,
     /// Deviation of the normals in a tile, as an angle in radians (root of the mean square), above which the tile counts as an edge.
     /// Infinity leaves this out. Default: 0.25.
     pub edge: f32,
@@ -201,8 +201,8 @@ impl Default for CombinedThresholds {
             half: 0.25,
             quarter: 0.5,
             eighth: 0.75,
-            mirror_guard: Some(MIRROR_GUARD),
-            faint: 0.1,
+            min_roughness: Some(MIN_ROUGHNESS),
+            visibility_threshold: 0.1,
             edge: 0.25,
             coarsest: ShadingRate::R2x2,
         }
@@ -213,7 +213,7 @@ impl Default for CombinedThresholds {
 /// falls back to compute with others.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
-pub enum RateTileSize {
+pub enum ShadingRateTileSize {
     /// 16x16 trace pixels, as in the paper.
     #[default]
     Tiles16,
@@ -221,12 +221,12 @@ pub enum RateTileSize {
     Tiles8,
 }
 
-words!(RateTileSize {
+words!(ShadingRateTileSize {
     Tiles16 = "16x16",
     Tiles8 = "8x8",
 });
 
-impl RateTileSize {
+impl ShadingRateTileSize {
     /// Trace pixels per tile in each direction.
     #[must_use]
     pub fn trace_pixels(self) -> u32 {

@@ -21,11 +21,16 @@ mod shading_rate;
 mod view;
 mod words;
 
-pub use debug::{DebugCounters, DebugSplit, DebugView, RATE_LEGEND};
-pub use denoiser::Denoiser;
-pub use heuristic::{CombinedThresholds, GrazingThresholds, RateTileSize, RoughnessThresholds, ShadingRateHeuristic};
-pub use presets::{Preset, TECHNIQUE_NAMES, named_settings};
-pub use reflections::{Backend, NotReflected, RaySampling, RayTracedReflections, Technique, TextureMip, TracerChoice};
+pub use debug::{RATE_LEGEND, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView};
+pub use denoiser::ReflectionDenoiser;
+pub use heuristic::{
+    CombinedThresholds, GrazingThresholds, RoughnessThresholds, ShadingRateHeuristic, ShadingRateTileSize,
+};
+pub use presets::{ReflectionPreset, TECHNIQUE_NAMES, named_settings};
+pub use reflections::{
+    NotReflected, RayTracedReflections, ReflectionBackend, ReflectionSampling, ReflectionTechnique,
+    ReflectionTextureMip, ReflectionTracerChoice,
+};
 pub use shading_rate::{RATE_ACTIVE, RATE_CODE_MASK, ShadingRate};
 pub use view::{ReflectionView, WantsReflections};
 pub use words::UnknownName;
@@ -44,19 +49,19 @@ pub(crate) struct SettingsPlugin;
 impl Plugin for SettingsPlugin {
     fn build(&self, app: &mut App) {
         app.register_type::<RayTracedReflections>()
-            .register_type::<Technique>()
-            .register_type::<Backend>()
-            .register_type::<RaySampling>()
-            .register_type::<Denoiser>()
-            .register_type::<TextureMip>()
-            .register_type::<TracerChoice>()
+            .register_type::<ReflectionTechnique>()
+            .register_type::<ReflectionBackend>()
+            .register_type::<ReflectionSampling>()
+            .register_type::<ReflectionDenoiser>()
+            .register_type::<ReflectionTextureMip>()
+            .register_type::<ReflectionTracerChoice>()
             .register_type::<NotReflected>()
             .register_type::<ShadingRateHeuristic>()
             .register_type::<ShadingRate>()
-            .register_type::<RateTileSize>()
-            .register_type::<DebugView>()
-            .register_type::<DebugSplit>()
-            .register_type::<DebugCounters>()
-            .register_type::<Preset>();
+            .register_type::<ShadingRateTileSize>()
+            .register_type::<ReflectionDebugView>()
+            .register_type::<ReflectionDebugSplit>()
+            .register_type::<ReflectionDebugCounters>()
+            .register_type::<ReflectionPreset>();
     }
 }

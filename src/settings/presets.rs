@@ -1,7 +1,8 @@
 //! Bundles of settings: the paper's recipe, ours from low to ultra, and the techniques that measurements compare.
 
 use super::{
-    Denoiser, RaySampling, RayTracedReflections, ShadingRateHeuristic, Technique, TextureMip, UnknownName, words::words,
+    RayTracedReflections, ReflectionDenoiser, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip,
+    ShadingRateHeuristic, UnknownName, words::words,
 };
 use bevy::reflect::{Reflect, std_traits::ReflectDefault};
 
@@ -11,7 +12,7 @@ use bevy::reflect::{Reflect, std_traits::ReflectDefault};
 /// in all presets but `Paper`.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
-pub enum Preset {
+pub enum ReflectionPreset {
     /// The paper's recipe step by step: a quarter of the resolution, rates from average roughness (table 1), GGX normals from a
     /// Halton sequence, mip level 2 at hits, one history, no step of ours, no cut-off. 1/16 to 1/4 ray per pixel.
     Paper,
@@ -26,7 +27,7 @@ pub enum Preset {
     Ultra,
 }
 
-impl Preset {
+impl ReflectionPreset {
     /// The components of the preset, to be inserted on a camera.
     #[must_use]
     pub fn settings(self) -> (RayTracedReflections, ShadingRateHeuristic) {
@@ -34,21 +35,21 @@ impl Preset {
         match self {
             Self::Paper => (
                 RayTracedReflections {
-                    sampling: RaySampling::Halton,
+                    sampling: ReflectionSampling::Halton,
                     full_resolution_mirrors: false,
-                    denoiser: Denoiser::PAPER,
+                    denoiser: ReflectionDenoiser::PAPER,
                     roughness_cutoff: 1.0,
                     roughness_fade: 0.0,
-                    texture_mip: TextureMip::PAPER,
+                    texture_mip: ReflectionTextureMip::PAPER,
                     ..default
                 },
                 ShadingRateHeuristic::PAPER_ROUGHNESS,
             ),
             Self::Low => (
                 RayTracedReflections {
-                    denoiser: Denoiser {
+                    denoiser: ReflectionDenoiser {
                         samples: 4,
-                        ..Denoiser::default()
+                        ..ReflectionDenoiser::default()
                     },
                     roughness_cutoff: 0.4,
                     shadow_rays: false,
@@ -59,7 +60,7 @@ impl Preset {
             Self::Medium => (default, ShadingRateHeuristic::default()),
             Self::High => (
                 RayTracedReflections {
-                    technique: Technique::Quarter,
+                    technique: ReflectionTechnique::Quarter,
                     roughness_cutoff: 0.75,
                     ..default
                 },
@@ -67,7 +68,7 @@ impl Preset {
             ),
             Self::Ultra => (
                 RayTracedReflections {
-                    technique: Technique::Reference,
+                    technique: ReflectionTechnique::Reference,
                     roughness_cutoff: 1.0,
                     ..default
                 },
@@ -77,7 +78,7 @@ impl Preset {
     }
 }
 
-words!(Preset {
+words!(ReflectionPreset {
     Paper = "paper",
     Low = "low",
     Medium = "medium",
@@ -103,15 +104,21 @@ pub fn named_settings(name: &str) -> Result<(RayTracedReflections, ShadingRateHe
     };
     let heuristic = ShadingRateHeuristic::default();
     Ok(match name {
-        "reference" => (with(Technique::Reference, false), heuristic),
-        "quarter" => (with(Technique::Quarter, false), heuristic),
-        "quarter-inline" => (with(Technique::QuarterInline, false), heuristic),
-        "vrs-roughness" => (with(Technique::Variable, false), ShadingRateHeuristic::PAPER_ROUGHNESS),
-        "vrs-grazing" => (with(Technique::Variable, false), ShadingRateHeuristic::PAPER_GRAZING),
-        "vrs-combined" => (with(Technique::Variable, true), heuristic),
-        "converged" => (with(Technique::Converged, false), heuristic),
+        "reference" => (with(ReflectionTechnique::Reference, false), heuristic),
+        "quarter" => (with(ReflectionTechnique::Quarter, false), heuristic),
+        "quarter-inline" => (with(ReflectionTechnique::QuarterInline, false), heuristic),
+        "vrs-roughness" => (
+            with(ReflectionTechnique::Variable, false),
+            ShadingRateHeuristic::PAPER_ROUGHNESS,
+        ),
+        "vrs-grazing" => (
+            with(ReflectionTechnique::Variable, false),
+            ShadingRateHeuristic::PAPER_GRAZING,
+        ),
+        "vrs-combined" => (with(ReflectionTechnique::Variable, true), heuristic),
+        "converged" => (with(ReflectionTechnique::Converged, false), heuristic),
         _ => name
-            .parse::<Preset>()
+            .parse::<ReflectionPreset>()
             .map_err(|_| UnknownName::new(name, TECHNIQUE_NAMES.split(", ")))?
             .settings(),
     })

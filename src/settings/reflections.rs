@@ -1,6 +1,6 @@
 //! Settings of a reflecting camera, and the choice of the tracer.
 
-use super::{Denoiser, words::words};
+use super::{ReflectionDenoiser, words::words};
 use bevy::{
     camera::Hdr,
     core_pipeline::prepass::{DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass},
@@ -33,18 +33,18 @@ use bevy::{
     Msaa = Msaa::Off
 )]
 pub struct RayTracedReflections {
-    /// How many rays are traced and what becomes of them. Default: [`Technique::Variable`].
-    pub technique: Technique,
-    /// What turns the rate image into fewer rays. Default: [`Backend::Auto`].
-    pub backend: Backend,
-    /// How the directions of rays are drawn. Default: [`RaySampling::BlueNoise`].
-    pub sampling: RaySampling,
+    /// How many rays are traced and what becomes of them. Default: [`ReflectionTechnique::Variable`].
+    pub technique: ReflectionTechnique,
+    /// What turns the rate image into fewer rays. Default: [`ReflectionBackend::Auto`].
+    pub backend: ReflectionBackend,
+    /// How the directions of rays are drawn. Default: [`ReflectionSampling::BlueNoise`].
+    pub sampling: ReflectionSampling,
     /// Trace exact mirrors (perceptual roughness up to 0.03) with one ray for each pixel of the full resolution, and leave them out
     /// of the denoiser: sharp and free of ghosts, for up to four times the rays on such surfaces. Default: true. The paper has
     /// no such step.
     pub full_resolution_mirrors: bool,
-    /// How samples become an image. Default: [`Denoiser::default`].
-    pub denoiser: Denoiser,
+    /// How samples become an image. Default: [`ReflectionDenoiser::default`].
+    pub denoiser: ReflectionDenoiser,
     /// Perceptual roughness (0 to 1) above which a surface gets no ray and keeps the environment map. More reflects rougher
     /// surfaces, with more rays. The G-buffer stores 8 bits, so that the border is exact to 1/255. Default: 0.6. Thresholds of a
     /// [`ShadingRateHeuristic`](crate::ShadingRateHeuristic) above it are never reached: with the default,
@@ -61,8 +61,8 @@ pub struct RayTracedReflections {
     /// Whether the lights that cast shadows send shadow rays to what reflections see: one more ray for each light and hit.
     /// Without, light leaks through walls in reflections. Default: true.
     pub shadow_rays: bool,
-    /// Which mip level of a texture is read where a ray hits. Default: [`TextureMip::RayCone`].
-    pub texture_mip: TextureMip,
+    /// Which mip level of a texture is read where a ray hits. Default: [`ReflectionTextureMip::RayCone`].
+    pub texture_mip: ReflectionTextureMip,
     /// Forgets all history in the next frame: set it when the camera jumps. It clears itself. Default: true, so that a new
     /// component starts clean.
     pub reset: bool,
@@ -71,16 +71,16 @@ pub struct RayTracedReflections {
 impl Default for RayTracedReflections {
     fn default() -> Self {
         Self {
-            technique: Technique::default(),
-            backend: Backend::default(),
-            sampling: RaySampling::default(),
+            technique: ReflectionTechnique::default(),
+            backend: ReflectionBackend::default(),
+            sampling: ReflectionSampling::default(),
             full_resolution_mirrors: true,
-            denoiser: Denoiser::default(),
+            denoiser: ReflectionDenoiser::default(),
             roughness_cutoff: 0.6,
             roughness_fade: 0.1,
             max_ray_length: 10_000.0,
             shadow_rays: true,
-            texture_mip: TextureMip::default(),
+            texture_mip: ReflectionTextureMip::default(),
             reset: true,
         }
     }
@@ -91,7 +91,7 @@ impl Default for RayTracedReflections {
 /// A trace pixel is one ray's place: one pixel of the view, or a quad of 2x2 of them of which each frame chooses another pixel.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
-pub enum Technique {
+pub enum ReflectionTechnique {
     /// One ray for each pixel of each frame: the paper's full-resolution reference. Four times the rays of `Quarter`.
     Reference,
     /// One ray for each quad of 2x2 pixels: 1/4 ray per pixel.
@@ -108,7 +108,7 @@ pub enum Technique {
     Converged,
 }
 
-words!(Technique {
+words!(ReflectionTechnique {
     Reference = "reference",
     Quarter = "quarter",
     QuarterInline = "quarter-inline",
@@ -116,7 +116,7 @@ words!(Technique {
     Converged = "converged",
 });
 
-impl Technique {
+impl ReflectionTechnique {
     /// Pixels of the view per trace pixel, in each direction.
     #[must_use]
     pub fn trace_scale(self) -> u32 {
@@ -130,7 +130,7 @@ impl Technique {
 /// What turns the rate image into fewer rays. Both give the same rays.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
-pub enum Backend {
+pub enum ReflectionBackend {
     /// [`Compute`](Self::Compute), which works everywhere and leaves no lanes idle.
     #[default]
     Auto,
@@ -138,21 +138,21 @@ pub enum Backend {
     Compute,
     /// A full-screen pass with a shading-rate attachment: Vulkan with `VK_KHR_fragment_shading_rate`, the crate feature
     /// `hardware-vrs`, and `HardwareVrsPlugin` before `DefaultPlugins`. Falls back to compute, with a warning, where one of that is
-    /// missing ([`StatusReport::active_backends`](crate::StatusReport::active_backends)). Rates that the GPU lacks are replaced by
-    /// finer ones. Only for [`Technique::Variable`]; the others don't vary their rate.
-    Hardware,
+    /// missing ([`ReflectionStatusReport::active_backends`](crate::ReflectionStatusReport::active_backends)). Rates that the GPU
+    /// lacks are replaced by finer ones. Only for [`ReflectionTechnique::Variable`]; the others don't vary their rate.
+    HardwareVrs,
 }
 
-words!(Backend {
+words!(ReflectionBackend {
     Auto = "auto",
     Compute = "compute",
-    Hardware = "hardware",
+    HardwareVrs = "hardware",
 });
 
 /// How the directions of rays are drawn.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
-pub enum RaySampling {
+pub enum ReflectionSampling {
     /// Bounded visible normals (Eto and Tokuyoshi 2023) from spatio-temporal blue noise: the least noise.
     #[default]
     BlueNoise,
@@ -160,7 +160,7 @@ pub enum RaySampling {
     Halton,
 }
 
-words!(RaySampling {
+words!(ReflectionSampling {
     BlueNoise = "blue-noise",
     Halton = "halton",
 });
@@ -168,7 +168,7 @@ words!(RaySampling {
 /// Which mip level of a texture is read where a ray hits.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
-pub enum TextureMip {
+pub enum ReflectionTextureMip {
     /// The level that fits the footprint of the ray, from a cone that widens with distance and roughness (Akenine-Möller et
     /// al., *Ray Tracing Gems*, chapter 20).
     #[default]
@@ -177,18 +177,18 @@ pub enum TextureMip {
     Fixed(f32),
 }
 
-impl TextureMip {
+impl ReflectionTextureMip {
     /// The level of the paper (section 4.1.1).
     pub const PAPER: Self = Self::Fixed(PAPER_LEVEL);
 }
 
-/// Level of [`TextureMip::PAPER`].
+/// Level of [`ReflectionTextureMip::PAPER`].
 pub(crate) const PAPER_LEVEL: f32 = 2.0;
 
 /// What finds the surface that a ray hits.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
-pub enum TracerChoice {
+pub enum ReflectionTracerChoice {
     /// Ray queries where the adapter has them, else the BVH.
     #[default]
     Auto,
@@ -198,7 +198,7 @@ pub enum TracerChoice {
     Bvh,
 }
 
-words!(TracerChoice {
+words!(ReflectionTracerChoice {
     Auto = "auto",
     RayQuery = "ray-query",
     Bvh = "bvh",

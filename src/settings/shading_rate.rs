@@ -13,8 +13,8 @@ pub const RATE_ACTIVE: u32 = 0x100;
 
 /// Size of the blocks of trace pixels that share one ray: width times height.
 ///
-/// A trace pixel is a quad of 2x2 pixels with [`Technique::Variable`](crate::Technique::Variable), so that 2x2 means one ray for
-/// 4x4 pixels of the view.
+/// A trace pixel is a quad of 2x2 pixels with [`ReflectionTechnique::Variable`](crate::ReflectionTechnique::Variable), so that 2x2
+/// means one ray for 4x4 pixels of the view.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 pub enum ShadingRate {

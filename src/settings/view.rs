@@ -1,6 +1,6 @@
 //! Settings of a camera in the render world.
 
-use super::{Backend, RateSettings, SafeSettings, ViewDebug};
+use super::{RateSettings, ReflectionBackend, SafeSettings, ViewDebug};
 use bevy::ecs::component::Component;
 
 /// A view that traces reflections, in the render world.
@@ -23,6 +23,6 @@ pub struct WantsReflections {
 impl WantsReflections {
     /// Variable rate shading of the rasterizer traces its rays, or will once it can.
     pub(crate) fn uses_vrs(&self) -> bool {
-        self.settings.backend == Backend::Hardware
+        self.settings.backend == ReflectionBackend::HardwareVrs
     }
 }

@@ -57,7 +57,8 @@ pub(crate) use words;
 #[cfg(test)]
 mod tests {
     use crate::settings::{
-        Backend, DebugView, Preset, RateTileSize, RaySampling, ShadingRate, Technique, TracerChoice,
+        ReflectionBackend, ReflectionDebugView, ReflectionPreset, ReflectionSampling, ReflectionTechnique,
+        ReflectionTracerChoice, ShadingRate, ShadingRateTileSize,
     };
     use core::{
         fmt::{Debug, Display},
@@ -77,15 +78,15 @@ mod tests {
 
     #[test]
     fn words_are_read_back_and_errors_list_them() {
-        all_are_read_back(&Technique::ALL);
-        all_are_read_back(&Backend::ALL);
-        all_are_read_back(&RaySampling::ALL);
-        all_are_read_back(&TracerChoice::ALL);
-        all_are_read_back(&Preset::ALL);
-        all_are_read_back(&DebugView::ALL);
-        all_are_read_back(&RateTileSize::ALL);
+        all_are_read_back(&ReflectionTechnique::ALL);
+        all_are_read_back(&ReflectionBackend::ALL);
+        all_are_read_back(&ReflectionSampling::ALL);
+        all_are_read_back(&ReflectionTracerChoice::ALL);
+        all_are_read_back(&ReflectionPreset::ALL);
+        all_are_read_back(&ReflectionDebugView::ALL);
+        all_are_read_back(&ShadingRateTileSize::ALL);
         all_are_read_back(&ShadingRate::ALL);
-        let error = "rays".parse::<TracerChoice>().unwrap_err();
+        let error = "rays".parse::<ReflectionTracerChoice>().unwrap_err();
         assert_eq!(
             error.to_string(),
             "`rays` is unknown; choose one of: auto, ray-query, bvh"

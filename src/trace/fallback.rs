@@ -1,7 +1,7 @@
 //! Which back end turns a camera's rates into rays, and what is said where it isn't the one that was asked for.
 
 use crate::{
-    settings::{Backend, SafeSettings, Technique},
+    settings::{ReflectionBackend, ReflectionTechnique, SafeSettings},
     status::ReflectionStatus,
 };
 use bevy::{
@@ -9,18 +9,18 @@ use bevy::{
     log::warn,
 };
 
-/// The back end for settings: [`Backend::Compute`] or [`Backend::Hardware`], and why it isn't the latter though it was asked for.
-/// Only rates that vary have a choice.
+/// The back end for settings: [`ReflectionBackend::Compute`] or [`ReflectionBackend::HardwareVrs`], and why it isn't the latter
+/// though it was asked for. Only rates that vary have a choice.
 pub(crate) fn choose(
     settings: &SafeSettings,
     available: impl FnOnce() -> Result<(), String>,
-) -> (Backend, Option<String>) {
-    if settings.technique != Technique::Variable || settings.backend != Backend::Hardware {
-        return (Backend::Compute, None);
+) -> (ReflectionBackend, Option<String>) {
+    if settings.technique != ReflectionTechnique::Variable || settings.backend != ReflectionBackend::HardwareVrs {
+        return (ReflectionBackend::Compute, None);
     }
     match available() {
-        Ok(()) => (Backend::Hardware, None),
-        Err(reason) => (Backend::Compute, Some(reason)),
+        Ok(()) => (ReflectionBackend::HardwareVrs, None),
+        Err(reason) => (ReflectionBackend::Compute, Some(reason)),
     }
 }
 
@@ -42,8 +42,8 @@ impl Fallbacks {
         if self.reasons.get(&camera) != Some(&reason) {
             warn!(
                 "camera {camera}: {}; it works on Vulkan devices with `VK_KHR_fragment_shading_rate`, with \
-                 `HardwareVrsPlugin` before `DefaultPlugins` and tiles of a size that the device has (`RateTileSize`), and \
-                 with `Backend::Auto` nothing is missed",
+                 `HardwareVrsPlugin` before `DefaultPlugins` and tiles of a size that the device has (`ShadingRateTileSize`), and \
+                 with `ReflectionBackend::Auto` nothing is missed",
                 sentence(&reason)
             );
             self.reasons.insert(camera, reason);
@@ -76,7 +76,7 @@ mod tests {
     use super::*;
     use crate::settings::RayTracedReflections;
 
-    fn settings(technique: Technique, backend: Backend) -> SafeSettings {
+    fn settings(technique: ReflectionTechnique, backend: ReflectionBackend) -> SafeSettings {
         SafeSettings::from(&RayTracedReflections {
             technique,
             backend,
@@ -86,17 +86,20 @@ mod tests {
 
     #[test]
     fn only_rates_that_vary_are_traced_by_hardware() {
-        let hardware = settings(Technique::Variable, Backend::Hardware);
-        assert_eq!(choose(&hardware, || Ok(())), (Backend::Hardware, None));
+        let hardware = settings(ReflectionTechnique::Variable, ReflectionBackend::HardwareVrs);
+        assert_eq!(choose(&hardware, || Ok(())), (ReflectionBackend::HardwareVrs, None));
         let reason = || Err("it rains".to_owned());
-        assert_eq!(choose(&hardware, reason), (Backend::Compute, Some("it rains".into())));
+        assert_eq!(
+            choose(&hardware, reason),
+            (ReflectionBackend::Compute, Some("it rains".into()))
+        );
         for others in [
-            settings(Technique::Quarter, Backend::Hardware),
-            settings(Technique::Variable, Backend::Auto),
-            settings(Technique::Variable, Backend::Compute),
+            settings(ReflectionTechnique::Quarter, ReflectionBackend::HardwareVrs),
+            settings(ReflectionTechnique::Variable, ReflectionBackend::Auto),
+            settings(ReflectionTechnique::Variable, ReflectionBackend::Compute),
         ] {
-            assert_eq!(choose(&others, || Ok(())), (Backend::Compute, None));
-            assert_eq!(choose(&others, reason), (Backend::Compute, None));
+            assert_eq!(choose(&others, || Ok(())), (ReflectionBackend::Compute, None));
+            assert_eq!(choose(&others, reason), (ReflectionBackend::Compute, None));
         }
     }
 

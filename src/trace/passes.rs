@@ -7,7 +7,7 @@ use super::{
     variant::TracePass,
     vrs::VrsPass,
 };
-use crate::{gbuffer::PassContext, settings::Backend};
+use crate::{gbuffer::PassContext, settings::ReflectionBackend};
 use bevy::render::renderer::RenderContext;
 
 /// Traces the rays of one view.
@@ -26,7 +26,7 @@ pub(crate) fn trace_rays(
             TracePass::Mirrors => trace_list(ctx, &pipelines.mirror_rays, variant, context, List::MirrorRays),
             // Where the raw Vulkan pass gives up, this frame's rays come from the list.
             TracePass::Blocks => {
-                if settings.backend != Backend::Hardware || !vrs.trace(ctx, pipelines, context) {
+                if settings.backend != ReflectionBackend::HardwareVrs || !vrs.trace(ctx, pipelines, context) {
                     trace_list(ctx, &pipelines.rays, variant, context, List::Rays);
                 }
             }

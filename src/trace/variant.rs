@@ -2,7 +2,7 @@
 
 use crate::{
     scene::SceneBindings,
-    settings::{SafeSettings, Technique},
+    settings::{ReflectionTechnique, SafeSettings},
 };
 
 /// A pass that traces rays.
@@ -22,9 +22,11 @@ impl TracePass {
     /// The passes that a view's settings need.
     pub fn of(settings: &SafeSettings) -> impl Iterator<Item = Self> + use<> {
         let rays = match settings.technique {
-            Technique::Converged => Self::Converged,
-            Technique::QuarterInline => Self::Inline,
-            Technique::Reference | Technique::Quarter | Technique::Variable => Self::Blocks,
+            ReflectionTechnique::Converged => Self::Converged,
+            ReflectionTechnique::QuarterInline => Self::Inline,
+            ReflectionTechnique::Reference | ReflectionTechnique::Quarter | ReflectionTechnique::Variable => {
+                Self::Blocks
+            }
         };
         let mirrors = settings.full_resolution_mirrors.then_some(Self::Mirrors);
         [Some(rays), mirrors].into_iter().flatten()

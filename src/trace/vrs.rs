@@ -2,9 +2,9 @@
 
 use super::pipelines::TracePipelines;
 use crate::{
-    device::HardwareRates,
+    device::HardwareVrsSupport,
     gbuffer::PassContext,
-    settings::{Backend, SafeSettings},
+    settings::{ReflectionBackend, SafeSettings},
     vrs::{self, BindGroupContents, DrawGroup, HardwareVrs, VrsBackend, VrsDraw},
 };
 use bevy::{
@@ -28,8 +28,8 @@ impl VrsPass<'_> {
         vrs::available(self.support.as_deref(), tile)
     }
 
-    /// For [`StatusReport`](crate::StatusReport).
-    pub(crate) fn status(&self) -> HardwareRates {
+    /// For [`ReflectionStatusReport`](crate::ReflectionStatusReport).
+    pub(crate) fn status(&self) -> HardwareVrsSupport {
         vrs::status(self.support.as_deref())
     }
 
@@ -40,7 +40,7 @@ impl VrsPass<'_> {
 
     /// Brings forward what the settings need; true once a view with them can be traced.
     pub(crate) fn is_ready(&mut self, settings: &SafeSettings, trace: &TracePipelines, cache: &PipelineCache) -> bool {
-        if settings.backend != Backend::Hardware {
+        if settings.backend != ReflectionBackend::HardwareVrs {
             return true;
         }
         let Some(backend) = &mut self.backend else { return false };

@@ -1,13 +1,17 @@
 //! What the panel edits of one camera, whether its reflections are on or off.
 
-use crate::settings::{DebugSplit, DebugView, Preset, RateTileSize, RayTracedReflections, ShadingRateHeuristic};
+use crate::settings::{
+    RayTracedReflections, ReflectionDebugSplit, ReflectionDebugView, ReflectionPreset, ShadingRateHeuristic,
+    ShadingRateTileSize,
+};
 use bevy::{
     ecs::prelude::*,
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-/// On a camera whose reflections were switched off by [`switch_reflections`], the panel or a [`Quality`](super::Quality): what its
-/// [`RayTracedReflections`] were. Nothing else reads it; without that component reflections cost nothing.
+/// On a camera whose reflections were switched off by [`switch_reflections`], the panel or a
+/// [`ReflectionQuality`](super::ReflectionQuality): what its [`RayTracedReflections`] were. Nothing else reads it; without that
+/// component reflections cost nothing.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Debug, Clone, PartialEq)]
 pub struct ReflectionsOff(pub RayTracedReflections);
@@ -30,11 +34,11 @@ pub struct CameraSettings {
     /// How the rays of each tile are chosen.
     pub heuristic: ShadingRateHeuristic,
     /// The size of the tiles.
-    pub tile_size: RateTileSize,
+    pub tile_size: ShadingRateTileSize,
     /// What is shown instead of the picture.
-    pub debug_view: DebugView,
+    pub debug_view: ReflectionDebugView,
     /// Where the picture is divided, if it is.
-    pub debug_split: Option<DebugSplit>,
+    pub debug_split: Option<ReflectionDebugSplit>,
 }
 
 impl CameraSettings {
@@ -47,9 +51,9 @@ impl CameraSettings {
             on: on.is_some(),
             reflections: on.or(off).cloned().unwrap_or_default(),
             heuristic: camera.get::<ShadingRateHeuristic>().cloned().unwrap_or_default(),
-            tile_size: camera.get::<RateTileSize>().copied().unwrap_or_default(),
-            debug_view: camera.get::<DebugView>().copied().unwrap_or_default(),
-            debug_split: camera.get::<DebugSplit>().copied(),
+            tile_size: camera.get::<ShadingRateTileSize>().copied().unwrap_or_default(),
+            debug_view: camera.get::<ReflectionDebugView>().copied().unwrap_or_default(),
+            debug_split: camera.get::<ReflectionDebugSplit>().copied(),
         }
     }
 
@@ -74,8 +78,8 @@ impl CameraSettings {
             camera.insert(self.tile_size);
         }
         if self.debug_view != before.debug_view {
-            if self.debug_view == DebugView::Off {
-                camera.remove::<DebugView>();
+            if self.debug_view == ReflectionDebugView::Off {
+                camera.remove::<ReflectionDebugView>();
             } else {
                 camera.insert(self.debug_view);
             }
@@ -83,15 +87,15 @@ impl CameraSettings {
         if self.debug_split != before.debug_split {
             match self.debug_split {
                 Some(split) => camera.insert(split),
-                None => camera.remove::<DebugSplit>(),
+                None => camera.remove::<ReflectionDebugSplit>(),
             };
         }
     }
 
     /// The preset that these settings are. The back end is none of a preset's business: all give the same rays.
     #[must_use]
-    pub fn preset(&self) -> Option<Preset> {
-        Preset::ALL.into_iter().find(|preset| {
+    pub fn preset(&self) -> Option<ReflectionPreset> {
+        ReflectionPreset::ALL.into_iter().find(|preset| {
             let mut other = self.clone();
             other.apply_preset(*preset);
             other.reflections.reset = self.reflections.reset;
@@ -100,7 +104,7 @@ impl CameraSettings {
     }
 
     /// Takes over a preset, except for the back end.
-    pub fn apply_preset(&mut self, preset: Preset) {
+    pub fn apply_preset(&mut self, preset: ReflectionPreset) {
         let backend = self.reflections.backend;
         (self.reflections, self.heuristic) = preset.settings();
         self.reflections.backend = backend;

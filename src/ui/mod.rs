@@ -3,7 +3,7 @@
 //! - [`ReflectionSettingsPanelPlugin`] shows a window with all settings of each camera and with live measurements, for development.
 //! - [`reflection_settings_ui`] and [`reflection_measurements_ui`] are its two halves, for a panel of your own, and
 //!   [`camera_settings_ui`] and [`measurements_ui`] the same on plain data.
-//! - [`quality_menu`] is one row for the options menu of a game, and [`Quality`] the word that the game saves.
+//! - [`quality_menu`] is one row for the options menu of a game, and [`ReflectionQuality`] the word that the game saves.
 //!
 //! ```no_run
 //! use bevy::prelude::*;
@@ -41,6 +41,6 @@ pub use camera::{CameraSettings, ReflectionsOff, switch_reflections};
 pub use panel::{
     ReflectionSettingsPanel, ReflectionSettingsPanelPlugin, reflection_measurements_ui, reflection_settings_ui,
 };
-pub use quality::{Quality, quality_menu};
+pub use quality::{ReflectionQuality, quality_menu};
 pub use settings_ui::{camera_settings_ui, why_no_hardware, why_no_reflections};
 pub use timings::{Measurements, PassTime, measurements_ui};

@@ -2,14 +2,14 @@
 
 use super::{
     camera::{CameraSettings, ReflectionsOff},
-    quality::Quality,
+    quality::ReflectionQuality,
     settings_ui::camera_settings_ui,
     timings::{Measurements, entry, measurements_ui, mebibytes},
 };
 use crate::{
-    device::Tracer,
+    device::ReflectionTracer,
     settings::RayTracedReflections,
-    status::{ReflectionStatus, StatusReport, ViewMemory},
+    status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory},
 };
 use bevy::{
     app::{App, Plugin, Update},
@@ -74,7 +74,7 @@ pub struct ReflectionSettingsPanel {
 impl Plugin for ReflectionSettingsPanelPlugin {
     fn build(&self, app: &mut App) {
         app.register_type::<ReflectionsOff>()
-            .register_type::<Quality>()
+            .register_type::<ReflectionQuality>()
             .register_type::<CameraSettings>()
             .register_type::<ReflectionSettingsPanel>()
             .register_type::<Measurements>()
@@ -235,7 +235,7 @@ pub fn reflection_measurements_ui(ui: &mut Ui, world: &World, camera: Option<Ent
     });
 }
 
-fn memory_ui(ui: &mut Ui, memory: &ViewMemory) {
+fn memory_ui(ui: &mut Ui, memory: &ReflectionViewMemory) {
     entry(ui, "This camera", &mebibytes(memory.bytes() as f64)).on_hover_ui(|ui| {
         for (label, bytes) in &memory.parts {
             entry(ui, label, &mebibytes(*bytes as f64));
@@ -243,14 +243,14 @@ fn memory_ui(ui: &mut Ui, memory: &ViewMemory) {
     });
 }
 
-fn report(world: &World) -> StatusReport {
+fn report(world: &World) -> ReflectionStatusReport {
     world
         .get_resource::<ReflectionStatus>()
         .map(ReflectionStatus::report)
         .unwrap_or_default()
 }
 
-fn status_ui(ui: &mut Ui, report: &StatusReport) {
+fn status_ui(ui: &mut Ui, report: &ReflectionStatusReport) {
     ui.strong("Device");
     if report.adapter.is_empty() {
         ui.weak("The renderer has not started.");
@@ -258,8 +258,8 @@ fn status_ui(ui: &mut Ui, report: &StatusReport) {
     }
     ui.label(report.adapter.as_str());
     let tracer = match report.tracer {
-        Some(Tracer::RayQuery) => "ray queries",
-        Some(Tracer::Bvh) => "BVH",
+        Some(ReflectionTracer::RayQuery) => "ray queries",
+        Some(ReflectionTracer::Bvh) => "BVH",
         None => "none",
     };
     entry(ui, "Tracer", tracer);

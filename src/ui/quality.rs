@@ -1,7 +1,7 @@
 //! One word for the options menu of a game.
 
 use super::{camera::CameraSettings, tooltips};
-use crate::settings::{Preset, RayTracedReflections, ShadingRateHeuristic, words};
+use crate::settings::{RayTracedReflections, ReflectionPreset, ShadingRateHeuristic, words};
 use bevy::{
     ecs::prelude::*,
     reflect::{Reflect, std_traits::ReflectDefault},
@@ -12,21 +12,21 @@ use bevy_egui::egui::{Response, Ui};
 /// word for a settings file and back.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
-pub enum Quality {
+pub enum ReflectionQuality {
     /// No rays: reflections come from the environment map alone, and the crate costs nothing.
     Off,
-    /// [`Preset::Low`].
+    /// [`ReflectionPreset::Low`].
     Low,
-    /// [`Preset::Medium`].
+    /// [`ReflectionPreset::Medium`].
     #[default]
     Medium,
-    /// [`Preset::High`].
+    /// [`ReflectionPreset::High`].
     High,
-    /// [`Preset::Ultra`].
+    /// [`ReflectionPreset::Ultra`].
     Ultra,
 }
 
-words!(Quality {
+words!(ReflectionQuality {
     Off = "off",
     Low = "low",
     Medium = "medium",
@@ -34,7 +34,7 @@ words!(Quality {
     Ultra = "ultra",
 });
 
-impl Quality {
+impl ReflectionQuality {
     /// The word on the screen.
     #[must_use]
     pub fn label(self) -> &'static str {
@@ -49,20 +49,20 @@ impl Quality {
 
     /// Its preset; `None` for [`Off`](Self::Off).
     #[must_use]
-    pub fn preset(self) -> Option<Preset> {
+    pub fn preset(self) -> Option<ReflectionPreset> {
         match self {
             Self::Off => None,
-            Self::Low => Some(Preset::Low),
-            Self::Medium => Some(Preset::Medium),
-            Self::High => Some(Preset::High),
-            Self::Ultra => Some(Preset::Ultra),
+            Self::Low => Some(ReflectionPreset::Low),
+            Self::Medium => Some(ReflectionPreset::Medium),
+            Self::High => Some(ReflectionPreset::High),
+            Self::Ultra => Some(ReflectionPreset::Ultra),
         }
     }
 
     /// Its components, to be inserted on a camera; `None` for [`Off`](Self::Off).
     #[must_use]
     pub fn settings(self) -> Option<(RayTracedReflections, ShadingRateHeuristic)> {
-        self.preset().map(Preset::settings)
+        self.preset().map(ReflectionPreset::settings)
     }
 
     /// The quality that a camera has now; `None` where its settings are none of these.
@@ -110,11 +110,11 @@ impl Quality {
 }
 
 /// A row of buttons, one for each quality. [`Response::changed`] says that another one was chosen; it is up to the caller to
-/// [apply](Quality::apply) it to the cameras of the game.
-pub fn quality_menu(ui: &mut Ui, quality: &mut Quality) -> Response {
+/// [apply](ReflectionQuality::apply) it to the cameras of the game.
+pub fn quality_menu(ui: &mut Ui, quality: &mut ReflectionQuality) -> Response {
     let row = ui.horizontal(|ui| {
         let mut changed = false;
-        for choice in Quality::ALL {
+        for choice in ReflectionQuality::ALL {
             let response = ui.selectable_value(quality, choice, choice.label());
             changed |= response.changed();
             response.on_hover_text(choice.tooltip());

@@ -6,7 +6,7 @@ use super::{
     widgets::{Choice, Row, choose, field, only_variable, optional_unit, pick, slider, unit},
 };
 use crate::settings::{
-    CombinedThresholds, GrazingThresholds, RateTileSize, RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
+    CombinedThresholds, GrazingThresholds, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
 };
 use bevy_egui::egui::Ui;
 
@@ -83,15 +83,15 @@ pub(super) fn rates(ui: &mut Ui, settings: &mut CameraSettings) {
         ShadingRateHeuristic::Custom(_) | ShadingRateHeuristic::Image(_) => {}
     }
     let tiles = [
-        Choice::new(RateTileSize::Tiles16, "16x16", tooltips::TILE_SIZE_16),
-        Choice::new(RateTileSize::Tiles8, "8x8", tooltips::TILE_SIZE_8),
+        Choice::new(ShadingRateTileSize::Tiles16, "16x16", tooltips::TILE_SIZE_16),
+        Choice::new(ShadingRateTileSize::Tiles8, "8x8", tooltips::TILE_SIZE_8),
     ];
     let row = Row::new("Size of tiles", tooltips::TILE_SIZE).unless(reason);
     field(
         ui,
         row,
         &mut settings.tile_size,
-        RateTileSize::default(),
+        ShadingRateTileSize::default(),
         |ui, value| pick(ui, value, &tiles),
     );
 }
@@ -117,9 +117,9 @@ fn roughness(ui: &mut Ui, thresholds: &mut RoughnessThresholds, reason: Option<&
     );
     optional_unit(
         ui,
-        row("Mirror guard", tooltips::ROUGHNESS_MIRROR_GUARD),
-        &mut thresholds.mirror_guard,
-        default.mirror_guard,
+        row("Mirror guard", tooltips::ROUGHNESS_MIN_ROUGHNESS),
+        &mut thresholds.min_roughness,
+        default.min_roughness,
     );
 }
 
@@ -140,9 +140,9 @@ fn grazing(ui: &mut Ui, thresholds: &mut GrazingThresholds, reason: Option<&str>
     );
     optional_unit(
         ui,
-        row("Mirror guard", tooltips::GRAZING_MIRROR_GUARD),
-        &mut thresholds.mirror_guard,
-        default.mirror_guard,
+        row("Mirror guard", tooltips::GRAZING_MIN_ROUGHNESS),
+        &mut thresholds.min_roughness,
+        default.min_roughness,
     );
 }
 
@@ -169,15 +169,15 @@ fn combined(ui: &mut Ui, thresholds: &mut CombinedThresholds, reason: Option<&st
     );
     optional_unit(
         ui,
-        row("Mirror guard", tooltips::COMBINED_MIRROR_GUARD),
-        &mut thresholds.mirror_guard,
-        default.mirror_guard,
+        row("Mirror guard", tooltips::COMBINED_MIN_ROUGHNESS),
+        &mut thresholds.min_roughness,
+        default.min_roughness,
     );
     unit(
         ui,
-        row("Faint below", tooltips::COMBINED_FAINT),
-        &mut thresholds.faint,
-        default.faint,
+        row("Faint below", tooltips::COMBINED_VISIBILITY_THRESHOLD),
+        &mut thresholds.visibility_threshold,
+        default.visibility_threshold,
     );
     let edge = row("Edge above", tooltips::COMBINED_EDGE);
     field(ui, edge, &mut thresholds.edge, default.edge, |ui, value| {

@@ -7,12 +7,12 @@ use super::{
     widgets::{Choice, Row, choose, field, flag, only_variable, pick, section, slider, unit},
 };
 use crate::{
-    device::{HardwareRates, Tracer},
+    device::{HardwareVrsSupport, ReflectionTracer},
     settings::{
-        Backend, DebugSplit, DebugView, Denoiser, PAPER_LEVEL, Preset, RaySampling, RayTracedReflections, Technique,
-        TextureMip,
+        PAPER_LEVEL, RayTracedReflections, ReflectionBackend, ReflectionDebugSplit, ReflectionDebugView,
+        ReflectionDenoiser, ReflectionPreset, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip,
     },
-    status::StatusReport,
+    status::ReflectionStatusReport,
 };
 use bevy::ecs::entity::Entity;
 use bevy_egui::egui::Ui;
@@ -24,7 +24,7 @@ const FIXED_TRACER: &str = "It can't be changed while the app runs.";
 
 /// Why no camera can reflect on this machine, once that is known.
 #[must_use]
-pub fn why_no_reflections(report: &StatusReport) -> Option<String> {
+pub fn why_no_reflections(report: &ReflectionStatusReport) -> Option<String> {
     let known = !report.adapter.is_empty();
     (known && report.tracer.is_none()).then(|| match report.reasons.as_slice() {
         [] => "This device can't trace rays.".to_owned(),
@@ -32,21 +32,21 @@ pub fn why_no_reflections(report: &StatusReport) -> Option<String> {
     })
 }
 
-/// Why [`Backend::Hardware`] can't be used on this machine.
+/// Why [`ReflectionBackend::HardwareVrs`] can't be used on this machine.
 #[must_use]
-pub fn why_no_hardware(report: &StatusReport) -> Option<String> {
-    match &report.hardware_rates {
-        HardwareRates::NotAsked => {
+pub fn why_no_hardware(report: &ReflectionStatusReport) -> Option<String> {
+    match &report.hardware_vrs {
+        HardwareVrsSupport::NotAsked => {
             Some("The app lacks HardwareVrsPlugin, or was built without the crate feature hardware-vrs.".to_owned())
         }
-        HardwareRates::Missing(reason) => Some(format!("Not on this device: {reason}.")),
-        HardwareRates::FullRate | HardwareRates::Available => None,
+        HardwareVrsSupport::Missing(reason) => Some(format!("Not on this device: {reason}.")),
+        HardwareVrsSupport::FullRate | HardwareVrsSupport::Available => None,
     }
 }
 
 /// Controls for all settings of a camera. It needs no world: `report` says what can't be chosen, and which back end `camera` uses
 /// now. A copy from before tells what was changed.
-pub fn camera_settings_ui(ui: &mut Ui, settings: &mut CameraSettings, report: &StatusReport, camera: Entity) {
+pub fn camera_settings_ui(ui: &mut Ui, settings: &mut CameraSettings, report: &ReflectionStatusReport, camera: Entity) {
     let cannot = why_no_reflections(report);
     ui.vertical(|ui| {
         ui.add_enabled_ui(cannot.is_none(), |ui| {
@@ -70,7 +70,7 @@ pub fn camera_settings_ui(ui: &mut Ui, settings: &mut CameraSettings, report: &S
             });
             section(ui, "Rates", true, |ui| rates(ui, settings));
             section(ui, "Denoiser", true, |ui| {
-                let converged = settings.reflections.technique == Technique::Converged;
+                let converged = settings.reflections.technique == ReflectionTechnique::Converged;
                 denoiser(ui, &mut settings.reflections.denoiser, converged.then_some(NO_DENOISER));
                 if ui.button("Forget history").on_hover_text(tooltips::RESET).clicked() {
                     settings.reflections.reset = true;
@@ -83,11 +83,11 @@ pub fn camera_settings_ui(ui: &mut Ui, settings: &mut CameraSettings, report: &S
 
 fn presets(ui: &mut Ui, settings: &mut CameraSettings) {
     let choices = [
-        Choice::new(Preset::Paper, "Paper", tooltips::PRESET_PAPER),
-        Choice::new(Preset::Low, "Low", tooltips::PRESET_LOW),
-        Choice::new(Preset::Medium, "Medium", tooltips::PRESET_MEDIUM),
-        Choice::new(Preset::High, "High", tooltips::PRESET_HIGH),
-        Choice::new(Preset::Ultra, "Ultra", tooltips::PRESET_ULTRA),
+        Choice::new(ReflectionPreset::Paper, "Paper", tooltips::PRESET_PAPER),
+        Choice::new(ReflectionPreset::Low, "Low", tooltips::PRESET_LOW),
+        Choice::new(ReflectionPreset::Medium, "Medium", tooltips::PRESET_MEDIUM),
+        Choice::new(ReflectionPreset::High, "High", tooltips::PRESET_HIGH),
+        Choice::new(ReflectionPreset::Ultra, "Ultra", tooltips::PRESET_ULTRA),
     ];
     let before = settings.preset();
     let mut preset = before;
@@ -95,7 +95,7 @@ fn presets(ui: &mut Ui, settings: &mut CameraSettings) {
         "Preset",
         "Sets everything below but the back end, the size of tiles and the debug view.",
     );
-    field(ui, row, &mut preset, Some(Preset::default()), |ui, preset| {
+    field(ui, row, &mut preset, Some(ReflectionPreset::default()), |ui, preset| {
         let (response, chosen) = choose(ui, *preset, "Custom", &choices);
         *preset = chosen.or(*preset);
         response
@@ -105,18 +105,31 @@ fn presets(ui: &mut Ui, settings: &mut CameraSettings) {
     }
 }
 
-fn rays(ui: &mut Ui, settings: &mut RayTracedReflections, report: &StatusReport, active: Option<Backend>) {
+fn rays(
+    ui: &mut Ui,
+    settings: &mut RayTracedReflections,
+    report: &ReflectionStatusReport,
+    active: Option<ReflectionBackend>,
+) {
     let default = RayTracedReflections::default();
     let techniques = [
-        Choice::new(Technique::Reference, "Reference", tooltips::TECHNIQUE_REFERENCE),
-        Choice::new(Technique::Quarter, "Quarter", tooltips::TECHNIQUE_QUARTER),
         Choice::new(
-            Technique::QuarterInline,
+            ReflectionTechnique::Reference,
+            "Reference",
+            tooltips::TECHNIQUE_REFERENCE,
+        ),
+        Choice::new(ReflectionTechnique::Quarter, "Quarter", tooltips::TECHNIQUE_QUARTER),
+        Choice::new(
+            ReflectionTechnique::QuarterInline,
             "Quarter, inline",
             tooltips::TECHNIQUE_QUARTER_INLINE,
         ),
-        Choice::new(Technique::Variable, "Variable", tooltips::TECHNIQUE_VARIABLE),
-        Choice::new(Technique::Converged, "Converged", tooltips::TECHNIQUE_CONVERGED),
+        Choice::new(ReflectionTechnique::Variable, "Variable", tooltips::TECHNIQUE_VARIABLE),
+        Choice::new(
+            ReflectionTechnique::Converged,
+            "Converged",
+            tooltips::TECHNIQUE_CONVERGED,
+        ),
     ];
     let row = Row::new("Technique", tooltips::TECHNIQUE);
     field(ui, row, &mut settings.technique, default.technique, |ui, value| {
@@ -125,21 +138,22 @@ fn rays(ui: &mut Ui, settings: &mut RayTracedReflections, report: &StatusReport,
     let technique = settings.technique;
 
     let backends = [
-        Choice::new(Backend::Auto, "Automatic", tooltips::BACKEND_AUTO),
-        Choice::new(Backend::Compute, "Compute", tooltips::BACKEND_COMPUTE),
-        Choice::new(Backend::Hardware, "Hardware", tooltips::BACKEND_HARDWARE).unless(why_no_hardware(report)),
+        Choice::new(ReflectionBackend::Auto, "Automatic", tooltips::BACKEND_AUTO),
+        Choice::new(ReflectionBackend::Compute, "Compute", tooltips::BACKEND_COMPUTE),
+        Choice::new(ReflectionBackend::HardwareVrs, "Hardware", tooltips::BACKEND_HARDWARE)
+            .unless(why_no_hardware(report)),
     ];
     let row = Row::new("Back end", tooltips::BACKEND).unless(only_variable(technique));
     field(ui, row, &mut settings.backend, default.backend, |ui, value| {
         pick(ui, value, &backends)
     });
-    if settings.backend == Backend::Hardware && active == Some(Backend::Compute) {
+    if settings.backend == ReflectionBackend::HardwareVrs && active == Some(ReflectionBackend::Compute) {
         ui.weak("Compute is active at present.");
     }
 
     let tracers = [
-        Choice::new(Tracer::RayQuery, "Ray queries", tooltips::TRACER),
-        Choice::new(Tracer::Bvh, "BVH", tooltips::TRACER),
+        Choice::new(ReflectionTracer::RayQuery, "Ray queries", tooltips::TRACER),
+        Choice::new(ReflectionTracer::Bvh, "BVH", tooltips::TRACER),
     ];
     let mut tracer = report.tracer;
     let row = Row::new("Tracer", tooltips::TRACER).unless(Some(FIXED_TRACER));
@@ -148,8 +162,12 @@ fn rays(ui: &mut Ui, settings: &mut RayTracedReflections, report: &StatusReport,
     });
 
     let samplings = [
-        Choice::new(RaySampling::BlueNoise, "Blue noise", tooltips::SAMPLING_BLUE_NOISE),
-        Choice::new(RaySampling::Halton, "Halton", tooltips::SAMPLING_HALTON),
+        Choice::new(
+            ReflectionSampling::BlueNoise,
+            "Blue noise",
+            tooltips::SAMPLING_BLUE_NOISE,
+        ),
+        Choice::new(ReflectionSampling::Halton, "Halton", tooltips::SAMPLING_HALTON),
     ];
     let row = Row::new("Sampling", tooltips::SAMPLING);
     field(ui, row, &mut settings.sampling, default.sampling, |ui, value| {
@@ -196,23 +214,23 @@ fn rays(ui: &mut Ui, settings: &mut RayTracedReflections, report: &StatusReport,
     texture_mip(ui, &mut settings.texture_mip);
 }
 
-fn texture_mip(ui: &mut Ui, mip: &mut TextureMip) {
+fn texture_mip(ui: &mut Ui, mip: &mut ReflectionTextureMip) {
     let choices = [
         Choice::new(false, "Ray cone", tooltips::MIP_RAY_CONE),
         Choice::new(true, "Fixed level", tooltips::MIP_FIXED),
     ];
     let row = Row::new("Texture level", tooltips::TEXTURE_MIP);
-    field(ui, row, mip, TextureMip::default(), |ui, mip| {
-        let fixed = matches!(mip, TextureMip::Fixed(_));
+    field(ui, row, mip, ReflectionTextureMip::default(), |ui, mip| {
+        let fixed = matches!(mip, ReflectionTextureMip::Fixed(_));
         let (response, chosen) = choose(ui, Some(fixed), "", &choices);
         match chosen {
-            Some(true) if !fixed => *mip = TextureMip::PAPER,
-            Some(false) => *mip = TextureMip::RayCone,
+            Some(true) if !fixed => *mip = ReflectionTextureMip::PAPER,
+            Some(false) => *mip = ReflectionTextureMip::RayCone,
             _ => {}
         }
         response
     });
-    if let TextureMip::Fixed(level) = mip {
+    if let ReflectionTextureMip::Fixed(level) = mip {
         let row = Row::new("Level", tooltips::MIP_FIXED);
         field(ui, row, level, PAPER_LEVEL, |ui, level| {
             slider(ui, level, 0.0..=12.0, |slider| slider)
@@ -220,8 +238,8 @@ fn texture_mip(ui: &mut Ui, mip: &mut TextureMip) {
     }
 }
 
-fn denoiser(ui: &mut Ui, denoiser: &mut Denoiser, reason: Option<&str>) {
-    let default = Denoiser::default();
+fn denoiser(ui: &mut Ui, denoiser: &mut ReflectionDenoiser, reason: Option<&str>) {
+    let default = ReflectionDenoiser::default();
     let row = |label, tooltip| Row::new(label, tooltip).unless(reason);
     let samples = row("Samples", tooltips::DENOISER_SAMPLES);
     field(ui, samples, &mut denoiser.samples, default.samples, |ui, value| {
@@ -265,9 +283,9 @@ fn denoiser(ui: &mut Ui, denoiser: &mut Denoiser, reason: Option<&str>) {
     );
     flag(
         ui,
-        temporal("Converge at rest", tooltips::DENOISER_CONVERGES_AT_REST),
-        &mut denoiser.converges_at_rest,
-        default.converges_at_rest,
+        temporal("Converge static views", tooltips::DENOISER_CONVERGE_STATIC_VIEWS),
+        &mut denoiser.converge_static_views,
+        default.converge_static_views,
     );
     let blur = row("Blur", tooltips::DENOISER_BLUR_RADIUS);
     field(ui, blur, &mut denoiser.blur_radius, default.blur_radius, |ui, value| {
@@ -276,18 +294,23 @@ fn denoiser(ui: &mut Ui, denoiser: &mut Denoiser, reason: Option<&str>) {
 }
 
 fn debug(ui: &mut Ui, settings: &mut CameraSettings) {
-    let views = DebugView::ALL.map(|view| Choice::new(view, view.name().replace('-', " "), debug_tooltip(view)));
+    let views =
+        ReflectionDebugView::ALL.map(|view| Choice::new(view, view.name().replace('-', " "), debug_tooltip(view)));
     let row = Row::new("View", "What the camera shows instead of its picture.");
-    field(ui, row, &mut settings.debug_view, DebugView::default(), |ui, view| {
-        pick(ui, view, &views)
-    });
+    field(
+        ui,
+        row,
+        &mut settings.debug_view,
+        ReflectionDebugView::default(),
+        |ui, view| pick(ui, view, &views),
+    );
     let mut divided = settings.debug_split.is_some();
     flag(ui, Row::new("Divided", tooltips::SPLIT), &mut divided, false);
     if divided != settings.debug_split.is_some() {
-        settings.debug_split = divided.then(DebugSplit::default);
+        settings.debug_split = divided.then(ReflectionDebugSplit::default);
     }
     if let Some(split) = &mut settings.debug_split {
-        let default = DebugSplit::default();
+        let default = ReflectionDebugSplit::default();
         unit(
             ui,
             Row::new("Line at", tooltips::SPLIT_POSITION),
@@ -301,19 +324,19 @@ fn debug(ui: &mut Ui, settings: &mut CameraSettings) {
     }
 }
 
-fn debug_tooltip(view: DebugView) -> &'static str {
+fn debug_tooltip(view: ReflectionDebugView) -> &'static str {
     match view {
-        DebugView::Off => tooltips::DEBUG_OFF,
-        DebugView::Reflection => tooltips::DEBUG_REFLECTION,
-        DebugView::ShadingRates => tooltips::DEBUG_SHADING_RATES,
-        DebugView::RaysPerPixel => tooltips::DEBUG_RAYS_PER_PIXEL,
-        DebugView::RawRays => tooltips::DEBUG_RAW_RAYS,
-        DebugView::HitDistance => tooltips::DEBUG_HIT_DISTANCE,
-        DebugView::Reconstructed => tooltips::DEBUG_RECONSTRUCTED,
-        DebugView::HistoryLength => tooltips::DEBUG_HISTORY_LENGTH,
-        DebugView::Variance => tooltips::DEBUG_VARIANCE,
-        DebugView::EffectiveRays => tooltips::DEBUG_EFFECTIVE_RAYS,
-        DebugView::Rejected => tooltips::DEBUG_REJECTED,
-        DebugView::NonFinite => tooltips::DEBUG_NON_FINITE,
+        ReflectionDebugView::Off => tooltips::DEBUG_OFF,
+        ReflectionDebugView::Reflection => tooltips::DEBUG_REFLECTION,
+        ReflectionDebugView::ShadingRates => tooltips::DEBUG_SHADING_RATES,
+        ReflectionDebugView::RaysPerPixel => tooltips::DEBUG_RAYS_PER_PIXEL,
+        ReflectionDebugView::RawRays => tooltips::DEBUG_RAW_RAYS,
+        ReflectionDebugView::HitDistance => tooltips::DEBUG_HIT_DISTANCE,
+        ReflectionDebugView::Reconstructed => tooltips::DEBUG_RECONSTRUCTED,
+        ReflectionDebugView::HistoryLength => tooltips::DEBUG_HISTORY_LENGTH,
+        ReflectionDebugView::Variance => tooltips::DEBUG_VARIANCE,
+        ReflectionDebugView::EffectiveRays => tooltips::DEBUG_EFFECTIVE_RAYS,
+        ReflectionDebugView::Rejected => tooltips::DEBUG_REJECTED,
+        ReflectionDebugView::NonFinite => tooltips::DEBUG_NON_FINITE,
     }
 }

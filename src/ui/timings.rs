@@ -1,7 +1,7 @@
 //! What Bevy's diagnostics measured: times of the GPU, rays and memory.
 
 use super::widgets::label;
-use crate::diagnostics::{SCENE_BYTES, VIEW_BYTES};
+use crate::diagnostics::ReflectionDiagnosticsPlugin;
 use bevy::{
     diagnostic::{Diagnostic, DiagnosticPath, DiagnosticsStore},
     platform::time::Instant,
@@ -128,8 +128,8 @@ impl Measurements {
                 .filter(|rays| *rays > 0.0)
                 .zip(smoothed(&HITS))
                 .map(|(rays, hits)| hits / rays),
-            scene_bytes: last(&SCENE_BYTES),
-            view_bytes: last(&VIEW_BYTES),
+            scene_bytes: last(&ReflectionDiagnosticsPlugin::SCENE_BYTES),
+            view_bytes: last(&ReflectionDiagnosticsPlugin::VIEW_BYTES),
         }
     }
 }

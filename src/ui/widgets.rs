@@ -1,6 +1,6 @@
 //! Rows of the panel: a button that resets, a label, and a control.
 
-use crate::settings::Technique;
+use crate::settings::ReflectionTechnique;
 use bevy_egui::egui::{
     Align, Button, Checkbox, CollapsingHeader, ComboBox, Layout, Response, Slider, SliderClamping, Ui, UiBuilder,
     emath::Numeric, vec2,
@@ -12,8 +12,8 @@ const CHOICE_WIDTH: f32 = 150.0;
 const RESET: &str = "⟲";
 
 /// Why settings of the rates can't be changed with a technique.
-pub(super) fn only_variable(technique: Technique) -> Option<&'static str> {
-    (technique != Technique::Variable).then_some("Only with the technique Variable.")
+pub(super) fn only_variable(technique: ReflectionTechnique) -> Option<&'static str> {
+    (technique != ReflectionTechnique::Variable).then_some("Only with the technique Variable.")
 }
 
 /// What is said of a setting. Labels name rows: within one panel no two are the same.

@@ -12,7 +12,7 @@ use crate::{
         environment::{EnvironmentBindings, ViewEnvironment},
     },
     settings::ReflectionView,
-    status::{ReflectionStatus, ViewMemory},
+    status::{ReflectionStatus, ReflectionViewMemory},
     targets::{Needs, Sizes},
 };
 use bevy::{
@@ -154,7 +154,7 @@ pub(super) fn publish_memory(
         return;
     }
     *published = present;
-    let view_memory = views.iter().map(|(entity, textures)| ViewMemory {
+    let view_memory = views.iter().map(|(entity, textures)| ReflectionViewMemory {
         camera: entity.id(),
         pixels: u64::from(textures.size().x) * u64::from(textures.size().y),
         parts: textures.targets.memory.clone(),

@@ -37,7 +37,7 @@ impl ViewFingerprint {
     /// `None` for views that never count as static.
     pub fn new(view: &ReflectionView, frame: &Frame) -> Option<Self> {
         let denoiser = &view.settings.denoiser;
-        let can_be_static = denoiser.temporal && denoiser.converges_at_rest && !frame.has_screens;
+        let can_be_static = denoiser.temporal && denoiser.converge_static_views && !frame.has_screens;
         can_be_static.then(|| Self {
             scene: frame.scene,
             environment: frame.environment.clone(),

@@ -6,7 +6,7 @@ use super::{
     uniform::{Frame, FrameState, GpuReflectionView, PreviousFrame},
 };
 use crate::{
-    settings::{ReflectionView, Technique},
+    settings::{ReflectionTechnique, ReflectionView},
     targets::{Needs, Sizes, Targets},
 };
 use bevy::{
@@ -63,7 +63,7 @@ impl ReflectionTextures {
 
     /// Brings the state forward by one frame and sets the uniform, which is still to be written to the GPU.
     pub(super) fn begin_frame(&mut self, view: &ReflectionView, frame: &Frame) {
-        let converged = view.settings.technique == Technique::Converged;
+        let converged = view.settings.technique == ReflectionTechnique::Converged;
         let scene_changed = core::mem::replace(&mut self.scene, frame.scene) != frame.scene;
         if view.reset || (scene_changed && converged) {
             self.accumulated = 0;

@@ -2,7 +2,7 @@
 
 use crate::{
     scene::environment::ViewEnvironment,
-    settings::{RateThresholds, RaySampling, SafeSettings},
+    settings::{RateThresholds, ReflectionSampling, SafeSettings},
     targets::Sizes,
 };
 use bevy::{
@@ -169,7 +169,7 @@ impl GpuReflectionView {
             rate_eighth: rate.eighth,
             rate_min_roughness: rate.min_roughness,
             rate_min_flatness: rate.min_flatness,
-            rate_faint: rate.faint,
+            rate_faint: rate.visibility_threshold,
             rate_max_level: rate.max_level,
             rate_uniform_code: rate.uniform_code,
         }
@@ -180,7 +180,7 @@ impl GpuReflectionView {
 fn flags(settings: &SafeSettings) -> u32 {
     let set = [
         (VIEW_FULL_RESOLUTION_MIRRORS, settings.full_resolution_mirrors),
-        (VIEW_HALTON, settings.sampling == RaySampling::Halton),
+        (VIEW_HALTON, settings.sampling == ReflectionSampling::Halton),
         (VIEW_VIRTUAL_HISTORY, settings.denoiser.virtual_history),
         (VIEW_SUPPRESS_FIREFLIES, settings.denoiser.suppress_fireflies),
     ];

@@ -1,6 +1,6 @@
 //! Opens the Vulkan device with variable rate shading, and remembers what it can do or why it can't.
 
-use crate::device::{HardwareRates, ShadingRates};
+use crate::device::{HardwareVrsSupport, ShadingRates};
 use ash::{khr, vk};
 use bevy::{
     app::{App, Plugin},
@@ -12,7 +12,7 @@ use core::ptr;
 use std::sync::{Arc, Mutex, PoisonError};
 use wgpu::hal::vulkan::{Adapter, CreateDeviceCallbackArgs};
 
-/// Lets cameras use [`Backend::Hardware`](crate::Backend::Hardware): opens the Vulkan device with
+/// Lets cameras use [`ReflectionBackend::HardwareVrs`](crate::ReflectionBackend::HardwareVrs): opens the Vulkan device with
 /// `VK_KHR_fragment_shading_rate` where the driver has it, and leaves everything as it is elsewhere.
 ///
 /// Add it *before* `DefaultPlugins`, which open the device:
@@ -85,16 +85,16 @@ impl HardwareVrs {
         self.capabilities().ok()?.rates
     }
 
-    /// For [`StatusReport`](crate::StatusReport).
-    pub(super) fn status(&self) -> HardwareRates {
+    /// For [`ReflectionStatusReport`](crate::ReflectionStatusReport).
+    pub(super) fn status(&self) -> HardwareVrsSupport {
         // One of the sizes that tiles can have.
         let tiles = self
             .available(16)
             .or_else(|reason| self.available(8).map_err(|_| reason));
         match tiles {
-            Err(reason) => HardwareRates::Missing(reason),
-            Ok(()) if self.rates().is_none() => HardwareRates::FullRate,
-            Ok(()) => HardwareRates::Available,
+            Err(reason) => HardwareVrsSupport::Missing(reason),
+            Ok(()) if self.rates().is_none() => HardwareVrsSupport::FullRate,
+            Ok(()) => HardwareVrsSupport::Available,
         }
     }
 

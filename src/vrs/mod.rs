@@ -41,7 +41,7 @@ pub(crate) use contents::BindGroupContents;
 pub(crate) use draw::{DrawGroup, PipelineRequest, VrsDraw};
 
 use crate::{
-    device::{HardwareRates, tracing_app},
+    device::{HardwareVrsSupport, tracing_app},
     schedule::ReflectionSystems,
     status::ReflectionStatus,
 };
@@ -64,9 +64,9 @@ pub(crate) fn available(support: Option<&HardwareVrs>, tile: u32) -> Result<(), 
     )
 }
 
-/// For [`StatusReport`](crate::StatusReport).
-pub(crate) fn status(support: Option<&HardwareVrs>) -> HardwareRates {
-    support.map_or(HardwareRates::NotAsked, HardwareVrs::status)
+/// For [`ReflectionStatusReport`](crate::ReflectionStatusReport).
+pub(crate) fn status(support: Option<&HardwareVrs>) -> HardwareVrsSupport {
+    support.map_or(HardwareVrsSupport::NotAsked, HardwareVrs::status)
 }
 
 /// Fragments of a size exist, named by its code.
@@ -88,7 +88,7 @@ impl Plugin for VrsPlugin {
         };
         let Some(render_app) = tracing_app(app) else { return };
         if let Some(report) = render_app.world().get_resource::<ReflectionStatus>() {
-            report.update(|report| report.hardware_rates = support.status());
+            report.update(|report| report.hardware_vrs = support.status());
         }
         render_app
             .insert_resource(support)

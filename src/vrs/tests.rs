@@ -6,7 +6,7 @@ use super::{
     rate_image::RateRows,
     shader::{Target, translate},
 };
-use crate::device::{HardwareRates, ShadingRates};
+use crate::device::{HardwareVrsSupport, ShadingRates};
 use ash::vk;
 use bevy::{
     math::UVec2,
@@ -264,9 +264,9 @@ fn reasons_name_what_is_missing() {
 fn tiles_must_be_texels_of_the_attachment() {
     let support = HardwareVrs::default();
     assert!(support.available(16).unwrap_err().contains("Vulkan"));
-    assert!(matches!(support.status(), HardwareRates::Missing(_)));
+    assert!(matches!(support.status(), HardwareVrsSupport::Missing(_)));
     support.set(judge(&facts(), false));
-    assert_eq!(support.status(), HardwareRates::Available);
+    assert_eq!(support.status(), HardwareVrsSupport::Available);
     assert_eq!(support.available(16), Ok(()));
     assert!(support.available(8).unwrap_err().contains("8x8"));
     assert!(support.available(12).is_err());
@@ -279,7 +279,7 @@ fn tiles_must_be_texels_of_the_attachment() {
     };
     assert_eq!(full.fits(8), Ok(()));
     support.set(Ok(full));
-    assert_eq!(support.status(), HardwareRates::FullRate);
+    assert_eq!(support.status(), HardwareVrsSupport::FullRate);
 }
 
 #[test]

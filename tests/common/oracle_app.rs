@@ -24,7 +24,8 @@ use bevy::{
     shader::{Shader, ShaderDefVal},
 };
 use bevy_glint::{
-    NotReflected, RayTracedReflections, ReflectionStatus, StatusReport, Technique, TracerChoice,
+    NotReflected, RayTracedReflections, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique,
+    ReflectionTracerChoice,
     internals::{SceneBindings, bvh::TraceRay, instances::SceneInstances},
 };
 use bytemuck::{Pod, Zeroable};
@@ -87,13 +88,13 @@ fn render_world(app: &mut HeadlessApp) -> &World {
 
 impl OracleApp {
     /// `None` (with the reason printed) where this machine lacks the tracer.
-    pub fn new(tracer: TracerChoice) -> Option<Self> {
+    pub fn new(tracer: ReflectionTracerChoice) -> Option<Self> {
         let mut app = pictures::app(UVec2::splat(16), Output::Picture, tracer)?;
         // Nothing is drawn, since all scenes are behind it.
         app.spawn_camera((
             Transform::from_xyz(0.0, 0.0, 1e5).looking_to(Vec3::Z, Vec3::Y),
             RayTracedReflections {
-                technique: Technique::Quarter,
+                technique: ReflectionTechnique::Quarter,
                 ..default()
             },
         ));
@@ -170,7 +171,7 @@ impl OracleApp {
         panic!("{complaint}: {report:?}, {states:?}");
     }
 
-    pub fn report(&mut self) -> StatusReport {
+    pub fn report(&mut self) -> ReflectionStatusReport {
         self.app.world().resource::<ReflectionStatus>().report()
     }
 
@@ -219,7 +220,7 @@ impl OracleApp {
     }
 
     /// Waits until what can be merged is merged.
-    pub fn rest(&mut self) -> StatusReport {
+    pub fn rest(&mut self) -> ReflectionStatusReport {
         self.app.step(3);
         self.wait("merging goes on", |oracle| {
             let report = oracle.report();

@@ -3,7 +3,8 @@
 
 use bevy::{math::UVec2, prelude::*};
 use bevy_glint::{
-    Denoiser, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, Technique, Tracer, TracerChoice,
+    RayTracedReflections, RayTracedReflectionsPlugin, ReflectionDenoiser, ReflectionStatus, ReflectionTechnique,
+    ReflectionTracer, ReflectionTracerChoice,
 };
 use glint_scenes::{
     HeadlessApp, HeadlessError, HeadlessSettings, Output, SceneAnimationPlugin, SceneName, SceneOptions,
@@ -17,12 +18,17 @@ pub const PIXELS_PER_DEGREE: f32 = 55.4;
 const PATIENCE: u32 = 20_000;
 
 /// An app that traces, or `None` (with the reason printed) where this machine can't.
-pub fn app(size: UVec2, output: Output, tracer: TracerChoice) -> Option<HeadlessApp> {
+pub fn app(size: UVec2, output: Output, tracer: ReflectionTracerChoice) -> Option<HeadlessApp> {
     app_with(size, output, tracer, |_| {})
 }
 
 /// The same with more plugins.
-pub fn app_with(size: UVec2, output: Output, tracer: TracerChoice, add: impl FnOnce(&mut App)) -> Option<HeadlessApp> {
+pub fn app_with(
+    size: UVec2,
+    output: Output,
+    tracer: ReflectionTracerChoice,
+    add: impl FnOnce(&mut App),
+) -> Option<HeadlessApp> {
     app_on_device(size, output, tracer, |_| {}, add)
 }
 
@@ -30,7 +36,7 @@ pub fn app_with(size: UVec2, output: Output, tracer: TracerChoice, add: impl FnO
 pub fn app_on_device(
     size: UVec2,
     output: Output,
-    tracer: TracerChoice,
+    tracer: ReflectionTracerChoice,
     before: impl FnOnce(&mut App),
     add: impl FnOnce(&mut App),
 ) -> Option<HeadlessApp> {
@@ -56,7 +62,7 @@ pub fn app_on_device(
         Err(error) => panic!("{error}"),
     };
     let report = app.world().resource::<ReflectionStatus>().report();
-    if tracer == TracerChoice::RayQuery && report.tracer != Some(Tracer::RayQuery) {
+    if tracer == ReflectionTracerChoice::RayQuery && report.tracer != Some(ReflectionTracer::RayQuery) {
         let required = std::env::var_os("GLINT_REQUIRE_RAY_QUERY").is_some();
         assert!(!required, "ray queries are required, but: {report}");
         println!("skipped: {report}");
@@ -66,17 +72,17 @@ pub fn app_on_device(
 }
 
 /// Spawns a scene whose camera reflects everything, and waits until all of it can be hit.
-pub fn spawn(app: &mut HeadlessApp, scene: SceneName, technique: Technique) -> Entity {
+pub fn spawn(app: &mut HeadlessApp, scene: SceneName, technique: ReflectionTechnique) -> Entity {
     let camera = app.spawn_scene(scene, &SceneOptions::default());
     reflect(app, camera, technique);
     camera
 }
 
 /// Switches reflections on without a cut-off and waits until the scene can be hit.
-pub fn reflect(app: &mut HeadlessApp, camera: Entity, technique: Technique) {
+pub fn reflect(app: &mut HeadlessApp, camera: Entity, technique: ReflectionTechnique) {
     let settings = RayTracedReflections {
         technique,
-        denoiser: Denoiser::OFF,
+        denoiser: ReflectionDenoiser::OFF,
         full_resolution_mirrors: false,
         roughness_cutoff: 1.0,
         roughness_fade: 0.0,

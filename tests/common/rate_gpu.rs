@@ -159,7 +159,7 @@ pub fn determine_rates(gpu: &Gpu, shaders: &mut Shaders, name: &str, defs: &[&'s
     }
 }
 
-/// As in `src/rate/passes.rs`.
+/// As in `src/rate/classify.rs`.
 fn layout_entries() -> Vec<BindGroupLayoutEntry> {
     let uniform = BindingType::Buffer {
         ty: BufferBindingType::Uniform,

@@ -104,20 +104,20 @@ impl Case {
             ShadingRateHeuristic::Roughness(t) => {
                 uniform.set("rate_half", &[t.half]);
                 uniform.set("rate_quarter", &[t.quarter]);
-                uniform.set("rate_min_roughness", &guard(t.mirror_guard));
+                uniform.set("rate_min_roughness", &guard(t.min_roughness));
             }
             ShadingRateHeuristic::Grazing(t) => {
                 uniform.set("rate_half", &[t.half]);
                 uniform.set("rate_quarter", &[t.quarter]);
-                uniform.set("rate_min_roughness", &guard(t.mirror_guard));
+                uniform.set("rate_min_roughness", &guard(t.min_roughness));
             }
             ShadingRateHeuristic::Combined(t) => {
                 uniform.set("rate_half", &[t.half]);
                 uniform.set("rate_quarter", &[t.quarter]);
                 uniform.set("rate_eighth", &[t.eighth]);
-                uniform.set("rate_min_roughness", &guard(t.mirror_guard));
+                uniform.set("rate_min_roughness", &guard(t.min_roughness));
                 uniform.set("rate_min_flatness", &[flatness(t)]);
-                uniform.set("rate_faint", &[t.faint]);
+                uniform.set("rate_faint", &[t.visibility_threshold]);
                 uniform.set("rate_max_level", &[level(t.coarsest)]);
             }
             ShadingRateHeuristic::Custom(_) | ShadingRateHeuristic::Image(_) => {}
@@ -321,7 +321,7 @@ impl Case {
                 let texel = place.min(self.image_size - 1);
                 ShadingRate::from_code(self.image[(texel.y * self.image_size.x + texel.x) as usize])
             }
-            ShadingRateHeuristic::Roughness(t) if !guarded(t.mirror_guard) => {
+            ShadingRateHeuristic::Roughness(t) if !guarded(t.min_roughness) => {
                 if at_least(tile.roughness, t.quarter, 1e-5) {
                     ShadingRate::R2x2
                 } else if at_least(tile.roughness, t.half, 1e-5) {
@@ -330,7 +330,7 @@ impl Case {
                     ShadingRate::R1x1
                 }
             }
-            ShadingRateHeuristic::Grazing(t) if !guarded(t.mirror_guard) => {
+            ShadingRateHeuristic::Grazing(t) if !guarded(t.min_roughness) => {
                 if at_least(tile.angle, t.quarter, 1e-4) {
                     ShadingRate::R2x2
                 } else if at_least(tile.angle, t.half, 1e-4) {
@@ -339,7 +339,7 @@ impl Case {
                     ShadingRate::R1x1
                 }
             }
-            ShadingRateHeuristic::Combined(t) if !guarded(t.mirror_guard) => {
+            ShadingRateHeuristic::Combined(t) if !guarded(t.min_roughness) => {
                 let long = tile.visible_roughness;
                 let narrow = long * tile.angle.max(0.45).sqrt();
                 let mut level_of_tile = 0u32;
@@ -350,7 +350,7 @@ impl Case {
                             2 + u32::from(at_least(long, t.eighth, 1e-3)) + u32::from(at_least(narrow, t.eighth, 1e-3));
                     }
                 }
-                if !at_least(tile.visibility, t.faint, 6e-3) {
+                if !at_least(tile.visibility, t.visibility_threshold, 6e-3) {
                     level_of_tile += 1;
                 }
                 if !at_least(tile.normal.length(), flatness(t), 1e-3) {

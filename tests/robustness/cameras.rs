@@ -16,7 +16,7 @@ use bevy::{
     pbr::ScreenSpaceReflections,
     prelude::*,
 };
-use bevy_glint::{RayTracedReflections, Technique, TracerChoice};
+use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName, environment};
 
 #[test]
@@ -118,7 +118,7 @@ fn a_camera_that_lacks_something_shows_an_ordinary_picture() {
         ("multisampling", multisampled),
         ("no HDR", no_hdr),
     ];
-    let Some(mut app) = app(SIZE, Output::Picture, TracerChoice::Bvh) else {
+    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
         return;
     };
     glint_scenes::spawn(SceneName::MirrorRoom, app.world());
@@ -242,7 +242,7 @@ fn every_pixel_is_a_number() {
             },
             Transform::default(),
         ));
-        for technique in [Technique::Reference, Technique::Converged] {
+        for technique in [ReflectionTechnique::Reference, ReflectionTechnique::Converged] {
             reflect(&mut app, camera, technique);
             app.step(4);
             let pixels = app.capture_linear().unwrap();

@@ -12,7 +12,7 @@ use bevy::{
     prelude::*,
     render::render_resource::{Extent3d, Face, TextureDimension, TextureFormat},
 };
-use bevy_glint::Technique;
+use bevy_glint::ReflectionTechnique;
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
 const GREEN: [u8; 3] = [0, 255, 0];
@@ -78,7 +78,7 @@ fn meshes_of_all_formats_look_alike() {
         ));
         let (white, green) = ([255, 255, 255, 255], [0, 255, 0, 255]);
         let checker = image(&mut app, 2, [white, green, green, white].concat());
-        reflect(&mut app, camera, Technique::Reference);
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
         let plain_material = StandardMaterial {
             base_color: Color::srgb(0.8, 0.6, 0.5),
             ..default()
@@ -195,7 +195,7 @@ fn faces_and_holes_are_seen_as_the_material_says() {
             continue;
         };
         let camera = camera_with_mirror(&mut app);
-        reflect(&mut app, camera, Technique::Reference);
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
         let quad = || Mesh::from(Rectangle::new(3.0, 3.0));
         let away = Transform::from_translation(BEHIND);
         let towards = facing_the_mirror(BEHIND);
@@ -264,7 +264,7 @@ fn scenes_of_any_size_are_traced() {
             continue;
         };
         let camera = camera(&mut app, SceneName::MirrorRoom);
-        reflect(&mut app, camera, Technique::Reference);
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
         app.step(2);
         let none = report(&mut app);
         assert_eq!((none.instances, none.triangles), (0, 0), "{none:?}");

@@ -27,8 +27,8 @@ pub const USUAL_STACK: u32 = 20;
 /// ... and how many trees may take at most. Shaders get it as `BVH_STACK_SIZE`.
 pub const LARGEST_STACK: u32 = stack_size(IN_TLAS.most_groups, IN_BLAS.most_groups);
 
-/// Groups that the stack of the traversal must have room for: those of the TLAS ([`Tlas::groups`](super::Tlas::groups)) wait while the ray is in a
-/// BLAS, which takes [`Blas::groups`](super::Blas::groups) at most. Never 0, since an array must have a length.
+/// Groups that the stack of the traversal must have room for: those of the TLAS ([`Tlas::groups`](super::Tlas::groups)) wait while
+/// the ray is in a BLAS, which takes [`Blas::groups`](super::Blas::groups) at most. Never 0, since an array must have a length.
 pub const fn stack_size(tlas_groups: u32, blas_groups: u32) -> u32 {
     let groups = tlas_groups + blas_groups;
     if groups == 0 { 1 } else { groups }

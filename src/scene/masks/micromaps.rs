@@ -4,7 +4,7 @@
 //! ones, each candidate is tested by its texture.
 
 use crate::{
-    device::TextureMode,
+    device::ReflectionTextureMode,
     scene::{
         alpha_images::{AlphaImages, Answer, ImageContent},
         bvh::{AlphaTest, Item, Micromap, OpacityBaker, Wrap, masks, micromap_of},
@@ -101,7 +101,7 @@ impl Look {
                 .map(|(version, wrap)| Some(((image, version), wrap))),
         };
         // Layers hold smaller copies of the images, which are not known here.
-        let is_known = matches!(surroundings.textures.mode(), TextureMode::Bindless { .. });
+        let is_known = matches!(surroundings.textures.mode(), ReflectionTextureMode::Bindless { .. });
         Self {
             uv_transform: Affine2::from_mat2_translation(
                 Mat2::from_cols_array(&packed.uv_transform),

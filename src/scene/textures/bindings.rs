@@ -2,7 +2,7 @@
 
 use super::{Entry, State, TextureTable, repeating};
 use crate::{
-    device::{MAX_SAMPLERS, TextureMode},
+    device::{MAX_SAMPLERS, ReflectionTextureMode},
     scene::bvh::Wrap,
 };
 use bevy::{
@@ -21,11 +21,11 @@ impl TextureTable {
     pub fn texture_layout(&self) -> BindGroupLayoutEntryBuilder {
         let float = TextureSampleType::Float { filterable: true };
         match self.mode {
-            TextureMode::Bindless { textures } => match NonZero::new(textures) {
+            ReflectionTextureMode::Bindless { textures } => match NonZero::new(textures) {
                 Some(count) => texture_2d(float).count(count),
                 None => texture_2d(float),
             },
-            TextureMode::Layers { .. } => texture_2d_array(float),
+            ReflectionTextureMode::Layers { .. } => texture_2d_array(float),
         }
     }
 
@@ -33,7 +33,7 @@ impl TextureTable {
     pub fn sampler_layout(&self) -> BindGroupLayoutEntryBuilder {
         let filtering = sampler(SamplerBindingType::Filtering);
         match (self.mode, NonZero::new(MAX_SAMPLERS)) {
-            (TextureMode::Bindless { .. }, Some(count)) => filtering.count(count),
+            (ReflectionTextureMode::Bindless { .. }, Some(count)) => filtering.count(count),
             _ => filtering,
         }
     }

@@ -2,7 +2,9 @@
 
 use crate::{kernels, machine::Machine};
 use bevy::math::UVec2;
-use bevy_glint::{Backend, RayTracedReflections, ShadingRateHeuristic, TracerChoice, named_settings};
+use bevy_glint::{
+    RayTracedReflections, ReflectionBackend, ReflectionTracerChoice, ShadingRateHeuristic, named_settings,
+};
 use clap::{Parser, value_parser};
 use glint_scenes::{ImageSize, SceneName};
 use std::{fmt, path::PathBuf, str::FromStr};
@@ -64,7 +66,7 @@ pub struct Plan {
     /// Scenes.
     pub scenes: Vec<SceneName>,
     /// Tracers, each in an app of its own.
-    pub tracers: Vec<TracerChoice>,
+    pub tracers: Vec<ReflectionTracerChoice>,
     /// Techniques whose passes are timed.
     pub techniques: Vec<TimedTechnique>,
     /// Size of the view.
@@ -120,19 +122,19 @@ impl Plan {
     }
 
     /// Back end that the device is opened for.
-    pub fn backend(&self) -> Backend {
-        let is_hardware = |technique: &TimedTechnique| technique.reflections.backend == Backend::Hardware;
+    pub fn backend(&self) -> ReflectionBackend {
+        let is_hardware = |technique: &TimedTechnique| technique.reflections.backend == ReflectionBackend::HardwareVrs;
         if self.techniques.iter().any(is_hardware) {
-            Backend::Hardware
+            ReflectionBackend::HardwareVrs
         } else {
-            Backend::Compute
+            ReflectionBackend::Compute
         }
     }
 }
 
 #[derive(Clone, Copy)]
 enum Tracers {
-    One(TracerChoice),
+    One(ReflectionTracerChoice),
     All,
 }
 
@@ -143,7 +145,7 @@ impl FromStr for Tracers {
         match word {
             "all" => Ok(Self::All),
             _ => word
-                .parse::<TracerChoice>()
+                .parse::<ReflectionTracerChoice>()
                 .map(Self::One)
                 .map_err(|error| format!("{error}, all")),
         }
@@ -151,10 +153,10 @@ impl FromStr for Tracers {
 }
 
 impl Tracers {
-    fn list(self) -> Vec<TracerChoice> {
+    fn list(self) -> Vec<ReflectionTracerChoice> {
         match self {
             Self::One(tracer) => vec![tracer],
-            Self::All => vec![TracerChoice::RayQuery, TracerChoice::Bvh],
+            Self::All => vec![ReflectionTracerChoice::RayQuery, ReflectionTracerChoice::Bvh],
         }
     }
 }
@@ -188,8 +190,8 @@ impl FromStr for TimedTechnique {
     fn from_str(word: &str) -> Result<Self, String> {
         let word = word.trim();
         let (name, backend) = match word.strip_suffix("@hardware") {
-            Some(name) => (name, Backend::Hardware),
-            None => (word, Backend::Compute),
+            Some(name) => (name, ReflectionBackend::HardwareVrs),
+            None => (word, ReflectionBackend::Compute),
         };
         let is_idle = name == Self::IDLE;
         let name = if is_idle { "medium" } else { name };

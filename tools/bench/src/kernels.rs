@@ -20,7 +20,7 @@ use bevy::{
     shader::Shader,
 };
 use bevy_glint::{
-    RayTracedReflections, ReflectionSystems, Tracer,
+    RayTracedReflections, ReflectionSystems, ReflectionTracer,
     internals::{
         SceneBindings,
         environment::{EnvironmentBindings, layout_descriptor},
@@ -189,7 +189,7 @@ fn queue_kernels(
     commands.insert_resource(Kernels {
         layout,
         pipelines,
-        has_solid: scene.tracer() == Tracer::Bvh && scene.has_masked_geometry(),
+        has_solid: scene.tracer() == ReflectionTracer::Bvh && scene.has_masked_geometry(),
         version: scene.shader_defs_version(),
         buffers: None,
     });

@@ -12,7 +12,8 @@ use bevy::{
     render::{RenderApp, diagnostic::RenderDiagnosticsPlugin, render_resource::PollType, renderer::RenderDevice},
 };
 use bevy_glint::{
-    Backend, RayTracedReflectionsPlugin, ReflectionStatus, StatusReport, TracerChoice, internals::TotalTimeOnly,
+    RayTracedReflectionsPlugin, ReflectionBackend, ReflectionStatus, ReflectionStatusReport, ReflectionTracerChoice,
+    internals::TotalTimeOnly,
 };
 use glint_scenes::{HeadlessApp, HeadlessSettings, SceneName, SceneOptions, SceneStatistics};
 use std::{
@@ -99,9 +100,9 @@ pub struct Bench {
 }
 
 /// Adds the plugin of the hardware back end, which must come before Bevy's plugins.
-fn open_device(app: &mut App, backend: Backend) {
+fn open_device(app: &mut App, backend: ReflectionBackend) {
     #[cfg(target_os = "linux")]
-    if backend == Backend::Hardware {
+    if backend == ReflectionBackend::HardwareVrs {
         app.add_plugins(bevy_glint::HardwareVrsPlugin::default());
     }
     // Elsewhere the camera's own warning says what is missing.
@@ -152,7 +153,7 @@ fn list_files(folder: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
 
 impl Bench {
     /// Spawns the scene.
-    pub fn new(scene: SceneName, tracer: TracerChoice, plan: &Plan) -> Result<Self, String> {
+    pub fn new(scene: SceneName, tracer: ReflectionTracerChoice, plan: &Plan) -> Result<Self, String> {
         let settings = HeadlessSettings {
             size: plan.size,
             ..default()
@@ -201,12 +202,12 @@ impl Bench {
     }
 
     /// What the crate says about itself.
-    pub fn report(&mut self) -> StatusReport {
+    pub fn report(&mut self) -> ReflectionStatusReport {
         self.app.world().resource::<ReflectionStatus>().report()
     }
 
     /// Renders until every mesh can be hit and every pipeline is compiled.
-    pub fn wait_for_scene(&mut self) -> Result<StatusReport, String> {
+    pub fn wait_for_scene(&mut self) -> Result<ReflectionStatusReport, String> {
         self.app.warm_up(FRAME_LIMIT).map_err(|error| error.to_string())?;
         let mut quiet = 0;
         let mut before = self.report();
@@ -217,7 +218,7 @@ impl Bench {
             let pending = report.meshes_pending > 0 || report.merges_pending || report.micromaps_pending;
             let complete = report.ready && !pending && report.instances > 0;
             // Where something reflects after all, it never rests.
-            let rests = !self.is_idle || report.resting_views > 0 || frame >= REST_FRAMES;
+            let rests = !self.is_idle || report.culled_views > 0 || frame >= REST_FRAMES;
             quiet = if same && complete && rests { quiet + 1 } else { 0 };
             if quiet >= QUIET_FRAMES {
                 return Ok(report);
@@ -238,7 +239,7 @@ impl Bench {
         &mut self,
         scene: SceneName,
         tracer: &str,
-        report: &StatusReport,
+        report: &ReflectionStatusReport,
         table: &mut Table,
         csv: &mut Csv,
     ) {

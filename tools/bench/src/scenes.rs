@@ -5,7 +5,7 @@ use crate::{
     measure::{Bench, Tables},
     table::{Csv, Table},
 };
-use bevy_glint::{Tracer, TracerChoice};
+use bevy_glint::{ReflectionTracer, ReflectionTracerChoice};
 
 /// Measures and prints.
 ///
@@ -20,11 +20,11 @@ pub fn measure(plan: &Plan, csv: &mut Csv) -> Result<(), String> {
             let mut bench = Bench::new(scene, choice, plan)?;
             let report = bench.report();
             let tracer = match report.tracer {
-                Some(Tracer::RayQuery) => "ray-query",
-                Some(Tracer::Bvh) => "bvh",
+                Some(ReflectionTracer::RayQuery) => "ray-query",
+                Some(ReflectionTracer::Bvh) => "bvh",
                 None => return Err(format!("rays can't be traced: {}", report.reasons.join(". "))),
             };
-            if choice == TracerChoice::RayQuery && report.tracer != Some(Tracer::RayQuery) {
+            if choice == ReflectionTracerChoice::RayQuery && report.tracer != Some(ReflectionTracer::RayQuery) {
                 println!("{scene}: {}.", report.reasons.join(". "));
                 continue;
             }

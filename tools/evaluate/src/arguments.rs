@@ -255,8 +255,8 @@ impl Arguments {
     fn hardware(&self, machine: &Machine) -> Result<(bool, bool), String> {
         match self.backend {
             BackendWord::Compute => Ok((true, false)),
-            BackendWord::Auto | BackendWord::All => Ok((true, machine.hardware_rates)),
-            BackendWord::Hardware if machine.hardware_rates => Ok((false, true)),
+            BackendWord::Auto | BackendWord::All => Ok((true, machine.hardware_vrs)),
+            BackendWord::Hardware if machine.hardware_vrs => Ok((false, true)),
             BackendWord::Hardware => Err(format!("{} can't spread rays by its shading rate", machine.adapter)),
         }
     }
@@ -271,11 +271,11 @@ fn no_solari(machine: &Machine) -> Option<&'static str> {
 mod tests {
     use super::*;
 
-    fn machine(ray_query: bool, hardware_rates: bool) -> Machine {
+    fn machine(ray_query: bool, hardware_vrs: bool) -> Machine {
         Machine {
             adapter: "GPU".into(),
             ray_query,
-            hardware_rates,
+            hardware_vrs,
             ..Machine::default()
         }
     }

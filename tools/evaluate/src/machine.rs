@@ -6,7 +6,7 @@ use bevy::render::{
     render_resource::WgpuFeatures,
     renderer::{RenderAdapterInfo, RenderDevice},
 };
-use bevy_glint::{RayTracedReflectionsPlugin, ReflectionStatus, Tracer};
+use bevy_glint::{RayTracedReflectionsPlugin, ReflectionStatus, ReflectionTracer};
 use glint_scenes::{HeadlessApp, HeadlessSettings};
 use serde::{Deserialize, Serialize};
 
@@ -24,7 +24,7 @@ pub struct Machine {
     /// It has ray queries that the library can use.
     pub ray_query: bool,
     /// The rasterizer's shading rate can spread rays.
-    pub hardware_rates: bool,
+    pub hardware_vrs: bool,
     /// It can tell the time of passes.
     pub timestamps: bool,
     /// Threads of the CPU.
@@ -68,8 +68,8 @@ impl Machine {
         Ok(Self {
             adapter: report.adapter.clone(),
             is_cpu: info.device_type == wgpu::DeviceType::Cpu,
-            ray_query: report.tracer == Some(Tracer::RayQuery),
-            hardware_rates: techniques::has_hardware_rates(&report),
+            ray_query: report.tracer == Some(ReflectionTracer::RayQuery),
+            hardware_vrs: techniques::has_hardware_rates(&report),
             timestamps: device.features().contains(timestamps),
             threads: std::thread::available_parallelism().map_or(1, usize::from),
             system: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),

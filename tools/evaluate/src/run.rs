@@ -24,7 +24,9 @@ use bevy::{
         renderer::RenderDevice,
     },
 };
-use bevy_glint::{Backend, RayTracedReflectionsPlugin, ReflectionStatus, StatusReport, Tracer};
+use bevy_glint::{
+    RayTracedReflectionsPlugin, ReflectionBackend, ReflectionStatus, ReflectionStatusReport, ReflectionTracer,
+};
 use glint_scenes::{HeadlessApp, HeadlessSettings, Motion, SceneStatistics};
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -134,7 +136,7 @@ impl<'a> Runner<'a> {
     }
 
     /// What the crate says about itself.
-    pub(crate) fn report(&mut self) -> StatusReport {
+    pub(crate) fn report(&mut self) -> ReflectionStatusReport {
         let status = self.app.world().get_resource::<ReflectionStatus>();
         status.map(ReflectionStatus::report).unwrap_or_default()
     }
@@ -168,8 +170,8 @@ impl<'a> Runner<'a> {
             before = report;
         }
         let tracer = match before.tracer {
-            Some(Tracer::RayQuery) => "ray-query",
-            Some(Tracer::Bvh) | None => "bvh",
+            Some(ReflectionTracer::RayQuery) => "ray-query",
+            Some(ReflectionTracer::Bvh) | None => "bvh",
         };
         if tracer != self.job.tracer.as_str() {
             return Err(format!("{}: {}", self.job.tracer.as_str(), before.reasons.join(". ")));
@@ -259,7 +261,7 @@ impl<'a> Runner<'a> {
             self.app.step(1);
         }
         let report = self.report();
-        let is_hardware = |(_, backend): &(Entity, Backend)| *backend == Backend::Hardware;
+        let is_hardware = |(_, backend): &(Entity, ReflectionBackend)| *backend == ReflectionBackend::HardwareVrs;
         if variant.hardware && !report.active_backends.iter().any(is_hardware) {
             return Err(format!("compute took its place: {}", report.reasons.join(". ")));
         }

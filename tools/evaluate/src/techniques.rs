@@ -7,8 +7,8 @@ use bevy::{
     prelude::*,
 };
 use bevy_glint::{
-    Backend, HardwareRates, Preset, RayTracedReflections, ShadingRateHeuristic, StatusReport, Technique, TracerChoice,
-    named_settings,
+    HardwareVrsSupport, RayTracedReflections, ReflectionBackend, ReflectionPreset, ReflectionStatusReport,
+    ReflectionTechnique, ReflectionTracerChoice, ShadingRateHeuristic, named_settings,
 };
 
 /// Perceptual roughness above which the ground truth has no ray: it traces everything.
@@ -16,10 +16,10 @@ pub const TRUTH_CUTOFF: f32 = 1.0;
 
 /// The tracer for the plugin.
 #[must_use]
-pub fn tracer_choice(tracer: TracerName) -> TracerChoice {
+pub fn tracer_choice(tracer: TracerName) -> ReflectionTracerChoice {
     match tracer {
-        TracerName::RayQuery => TracerChoice::RayQuery,
-        TracerName::Bvh => TracerChoice::Bvh,
+        TracerName::RayQuery => ReflectionTracerChoice::RayQuery,
+        TracerName::Bvh => ReflectionTracerChoice::Bvh,
     }
 }
 
@@ -33,8 +33,8 @@ pub fn open_device(app: &mut App) {
 
 /// Whether the rasterizer's shading rate can spread rays on this machine.
 #[must_use]
-pub fn has_hardware_rates(report: &StatusReport) -> bool {
-    report.hardware_rates == HardwareRates::Available
+pub fn has_hardware_rates(report: &ReflectionStatusReport) -> bool {
+    report.hardware_vrs == HardwareVrsSupport::Available
 }
 
 /// Whether a technique has a choice of back ends: those whose rate varies.
@@ -46,7 +46,7 @@ pub fn has_backends(technique: &str) -> bool {
 /// Whether a technique's or a preset's rate varies.
 #[must_use]
 pub fn is_variable(technique: &str) -> bool {
-    named_settings(technique).is_ok_and(|(settings, _)| settings.technique == Technique::Variable)
+    named_settings(technique).is_ok_and(|(settings, _)| settings.technique == ReflectionTechnique::Variable)
 }
 
 /// What every camera has, whatever the technique: the same G-buffer, so that techniques differ by their own passes alone.
@@ -81,15 +81,15 @@ pub fn apply(camera: &mut EntityWorldMut, variant: &Variant) -> Result<(), Strin
         "solari" => return solari::apply(camera),
         name => {
             let (mut settings, heuristic) = named_settings(name).map_err(|error| error.to_string())?;
-            if name.parse::<Preset>().is_err() {
+            if name.parse::<ReflectionPreset>().is_err() {
                 // Techniques are compared at like tasks; presets stay as users get them.
                 settings.roughness_cutoff = TRUTH_CUTOFF;
                 settings.roughness_fade = 0.0;
             }
             settings.backend = if variant.hardware {
-                Backend::Hardware
+                ReflectionBackend::HardwareVrs
             } else {
-                Backend::Compute
+                ReflectionBackend::Compute
             };
             insert(camera, settings, heuristic);
         }
@@ -100,7 +100,7 @@ pub fn apply(camera: &mut EntityWorldMut, variant: &Variant) -> Result<(), Strin
 /// Switches the ground truth on: everything is traced, nothing is denoised, frames are averaged.
 pub fn apply_truth(camera: &mut EntityWorldMut) {
     let settings = RayTracedReflections {
-        technique: Technique::Converged,
+        technique: ReflectionTechnique::Converged,
         roughness_cutoff: TRUTH_CUTOFF,
         roughness_fade: 0.0,
         ..default()

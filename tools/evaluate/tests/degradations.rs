@@ -1,7 +1,9 @@
 //! The metrics on rendered pictures: what must not differ doesn't, and known damage ranks as it must.
 
 use bevy::{math::UVec2, prelude::*};
-use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, Technique, TracerChoice};
+use bevy_glint::{
+    RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, ReflectionTechnique, ReflectionTracerChoice,
+};
 use glint_evaluate::{metrics, picture::Picture};
 use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, SceneName, SceneOptions};
 use std::time::{Duration, Instant};
@@ -14,7 +16,7 @@ fn app() -> Option<HeadlessApp> {
         size: UVec2::new(192, 108),
         ..default()
     };
-    let tracer = TracerChoice::Bvh;
+    let tracer = ReflectionTracerChoice::Bvh;
     match HeadlessApp::new(settings, |app| {
         app.add_plugins(RayTracedReflectionsPlugin { tracer });
     }) {
@@ -41,7 +43,7 @@ fn render(app: &mut HeadlessApp, camera: Entity, roughness: Option<f32>) -> Pict
         }
     }
     let settings = RayTracedReflections {
-        technique: Technique::Converged,
+        technique: ReflectionTechnique::Converged,
         roughness_cutoff: 1.0,
         roughness_fade: 0.0,
         ..default()

@@ -16,7 +16,7 @@ use crate::{
 };
 use bevy::{math::UVec2, prelude::Entity};
 use bevy_glint::{
-    DebugView, TracerChoice,
+    ReflectionDebugView, ReflectionTracerChoice,
     internals::{Copied, Target},
 };
 use glint_scenes::{Random, SceneName};
@@ -103,7 +103,7 @@ struct Snapshot {
 /// Two apps on one device, without checks and with them.
 pub struct Bounds {
     size: UVec2,
-    tracer: TracerChoice,
+    tracer: ReflectionTracerChoice,
     harnesses: Vec<Harness>,
     tally: Tally,
 }
@@ -114,7 +114,7 @@ impl Bounds {
     /// # Errors
     ///
     /// If there is no device, or none with this tracer.
-    pub fn new(tracer: TracerChoice, size: UVec2) -> Result<Self, String> {
+    pub fn new(tracer: ReflectionTracerChoice, size: UVec2) -> Result<Self, String> {
         let mut bounds = Self {
             size,
             tracer,
@@ -204,7 +204,7 @@ fn compare_snapshots(plain: &mut Harness, checked: &mut Harness, case: &Case, si
 fn snapshot(harness: &mut Harness, case: &Case, size: UVec2) -> Result<Snapshot, String> {
     match case {
         Case::Static(scene, technique) => StaticSceneView::with(harness, *scene, size, |harness, view| {
-            view.switch(harness, technique, DebugView::Off)?;
+            view.switch(harness, technique, ReflectionDebugView::Off)?;
             take(harness, view.camera)
         }),
         Case::Hostile(scenario) => {

@@ -6,7 +6,7 @@ use crate::{
     statistics::{LimitCheck, check_limit, mean_and_deviation, mean_and_error},
 };
 use bevy::math::UVec2;
-use bevy_glint::{DebugView, named_settings};
+use bevy_glint::{ReflectionDebugView, named_settings};
 use std::time::Instant;
 
 /// Largest relative gain of a technique over the ground truth.
@@ -135,7 +135,10 @@ struct Comparison<'a> {
 impl Comparison<'_> {
     /// Renders the accumulating technique in parts. The variance of their contributions is its noise.
     fn ground_truth(&self, harness: &mut Harness) -> Result<GroundTruth, String> {
-        if !self.view.switch(harness, "converged", DebugView::Reflection)? {
+        if !self
+            .view
+            .switch(harness, "converged", ReflectionDebugView::Reflection)?
+        {
             return Err("the ground truth can't be compiled".to_owned());
         }
         let frames = (self.lengths.ground_truth / GROUND_TRUTH_PARTS).max(1);
@@ -164,10 +167,10 @@ impl Comparison<'_> {
         measurements: &mut Measurements,
     ) -> Result<(), String> {
         let (view, scene) = (self.view, &self.scene);
-        let mut is_ready = view.switch_to_single_frames(harness, name, DebugView::Reflection)?;
+        let mut is_ready = view.switch_to_single_frames(harness, name, ReflectionDebugView::Reflection)?;
         harness.step(2);
         let (_, noise) = mean_and_deviation(&view.average(harness, SINGLE_FRAMES)?.frame_means);
-        is_ready &= view.switch(harness, name, DebugView::Reflection)?;
+        is_ready &= view.switch(harness, name, ReflectionDebugView::Reflection)?;
         if !is_ready {
             measurements.add(format!("{scene}: {name} can't be compiled"), true);
             return Ok(());

@@ -10,7 +10,10 @@ use bevy::{
     prelude::*,
     time::TimeUpdateStrategy,
 };
-use bevy_glint::{DebugView, NotReflected, Preset, RayTracedReflections, ShadingRate, ShadingRateHeuristic, Technique};
+use bevy_glint::{
+    NotReflected, RayTracedReflections, ReflectionDebugView, ReflectionPreset, ReflectionTechnique, ShadingRate,
+    ShadingRateHeuristic,
+};
 use core::time::Duration;
 
 /// Applies an event before a frame.
@@ -159,11 +162,11 @@ const MODES: [AlphaMode; 4] = [
     AlphaMode::Opaque,
     AlphaMode::Blend,
 ];
-const TECHNIQUES: [Technique; 4] = [
-    Technique::Reference,
-    Technique::Variable,
-    Technique::Converged,
-    Technique::Quarter,
+const TECHNIQUES: [ReflectionTechnique; 4] = [
+    ReflectionTechnique::Reference,
+    ReflectionTechnique::Variable,
+    ReflectionTechnique::Converged,
+    ReflectionTechnique::Quarter,
 ];
 
 fn change_camera(kind: EventKind, harness: &mut Harness, scene: &mut HostileScene, entity: Entity, frame: u32) {
@@ -194,9 +197,9 @@ fn change_camera(kind: EventKind, harness: &mut Harness, scene: &mut HostileScen
                 reflections.technique = nth(&TECHNIQUES, frame);
             }
         }
-        EventKind::SwitchPreset => toggle(&mut camera, Some(nth(&Preset::ALL, frame).settings())),
+        EventKind::SwitchPreset => toggle(&mut camera, Some(nth(&ReflectionPreset::ALL, frame).settings())),
         EventKind::SwitchRate => toggle(&mut camera, Some(ShadingRateHeuristic::Uniform(rate))),
-        EventKind::SwitchView => toggle(&mut camera, Some(nth(&DebugView::ALL, frame))),
+        EventKind::SwitchView => toggle(&mut camera, Some(nth(&ReflectionDebugView::ALL, frame))),
         EventKind::ResetHistory => {
             if let Some(mut reflections) = camera.get_mut::<RayTracedReflections>() {
                 reflections.reset = true;

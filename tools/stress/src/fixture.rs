@@ -2,7 +2,7 @@
 
 use crate::harness::Harness;
 use bevy::prelude::*;
-use bevy_glint::{RayTracedReflections, Technique, internals::Target};
+use bevy_glint::{RayTracedReflections, ReflectionTechnique, internals::Target};
 use glint_scenes::SceneName;
 
 /// Most frames to wait for assets, pipelines and meshes.
@@ -26,7 +26,7 @@ impl Fixture {
         harness.reset_clocks();
         let (root, camera) = harness.spawn_scene(SceneName::MirrorRoom, 16, size);
         harness.world().entity_mut(camera).insert(RayTracedReflections {
-            technique: Technique::Quarter,
+            technique: ReflectionTechnique::Quarter,
             roughness_cutoff: 1.0,
             ..default()
         });

@@ -8,7 +8,7 @@ use crate::{
     statistics::{LimitCheck, check_limit, mean_and_deviation},
 };
 use bevy::math::{IVec2, UVec2};
-use bevy_glint::DebugView;
+use bevy_glint::ReflectionDebugView;
 use glint_scenes::{FURNACE_ROUGHNESS, SceneName};
 use std::time::Instant;
 
@@ -98,7 +98,7 @@ impl Furnace<'_> {
         } else {
             self.noise(harness, name)?
         };
-        if !self.view.switch(harness, name, DebugView::Reconstructed)? {
+        if !self.view.switch(harness, name, ReflectionDebugView::Reconstructed)? {
             measurements.add(format!("furnace: {name} can't be compiled"), true);
             return Ok(());
         }
@@ -145,7 +145,7 @@ impl Furnace<'_> {
     /// Standard deviation of each ball's mean from frame to frame, where frames are independent.
     fn noise(&self, harness: &mut Harness, name: &str) -> Result<Vec<f64>, String> {
         self.view
-            .switch_to_single_frames(harness, name, DebugView::Reconstructed)?;
+            .switch_to_single_frames(harness, name, ReflectionDebugView::Reconstructed)?;
         harness.step(2);
         let mut series = vec![Vec::new(); self.balls.len()];
         self.view.watch(harness, SINGLE_FRAMES, |image| {

@@ -19,7 +19,8 @@ use bevy::{
     time::TimeUpdateStrategy,
 };
 use bevy_glint::{
-    NonFiniteReport, RayTracedReflectionsPlugin, ReflectionStatus, StatusReport, Tracer, TracerChoice,
+    RayTracedReflectionsPlugin, ReflectionNonFiniteReport, ReflectionStatus, ReflectionStatusReport, ReflectionTracer,
+    ReflectionTracerChoice,
     internals::{Copied, Target, readback},
 };
 use glint_scenes::{
@@ -34,7 +35,7 @@ pub const FRAME_TIME: Duration = Duration::from_micros(16_666);
 #[derive(Clone, Default)]
 pub struct HarnessSettings {
     /// Finds the surfaces that rays hit.
-    pub tracer: TracerChoice,
+    pub tracer: ReflectionTracerChoice,
     /// Features and limits of the device: fewer and lower ones simulate lesser devices.
     pub device: WgpuSettings,
     /// Leaves the plugin out. Failures without it are Bevy's own.
@@ -101,7 +102,10 @@ impl Harness {
     pub fn new(settings: &HarnessSettings) -> Result<Self, String> {
         let harness = Self::open(settings)?;
         match harness.status() {
-            Some(status) if settings.tracer == TracerChoice::RayQuery && status.tracer != Some(Tracer::RayQuery) => {
+            Some(status)
+                if settings.tracer == ReflectionTracerChoice::RayQuery
+                    && status.tracer != Some(ReflectionTracer::RayQuery) =>
+            {
                 Err(format!("there are no ray queries: {status}"))
             }
             _ => Ok(harness),
@@ -177,7 +181,7 @@ impl Harness {
 
     /// The status of the library; `None` without it.
     #[must_use]
-    pub fn status(&self) -> Option<StatusReport> {
+    pub fn status(&self) -> Option<ReflectionStatusReport> {
         Some(self.resource::<ReflectionStatus>()?.report())
     }
 
@@ -185,7 +189,7 @@ impl Harness {
     #[must_use]
     pub fn has_inline_rays(&self) -> bool {
         let tracer = self.status().and_then(|status| status.tracer);
-        !(self.is_cpu() && tracer == Some(Tracer::RayQuery))
+        !(self.is_cpu() && tracer == Some(ReflectionTracer::RayQuery))
     }
 
     /// The contents of a target of a camera after the last frame.
@@ -242,8 +246,8 @@ impl Harness {
 
     /// Last values of the counters of non-finite values, on any camera.
     #[must_use]
-    pub fn non_finite(&self) -> Option<NonFiniteReport> {
-        NonFiniteReport::read(self.resource::<DiagnosticsStore>()?)
+    pub fn non_finite(&self) -> Option<ReflectionNonFiniteReport> {
+        ReflectionNonFiniteReport::read(self.resource::<DiagnosticsStore>()?)
     }
 
     /// Resets clocks and counters to those of a new app.

@@ -7,7 +7,7 @@ use crate::{
 };
 use bevy::prelude::*;
 use bevy_glint::{
-    DebugView, RayTracedReflections, ShadingRate,
+    RayTracedReflections, ReflectionDebugView, ShadingRate,
     internals::{Copied, RATE_ACTIVE, RATE_CODE_MASK, Target},
 };
 use core::ops::RangeInclusive;
@@ -199,7 +199,7 @@ pub fn images(harness: &mut Harness, scene: &HostileScene, scenario: &Scenario) 
 /// Nothing in the scene is brighter than the white sky.
 fn is_brightness_known(scene: &HostileScene, scenario: &Scenario) -> bool {
     let is_lit = scenario.generators.iter().any(|(_, generator)| generator.adds_light());
-    let is_shown = scene.camera.view == DebugView::Off && scene.camera.split.is_none();
+    let is_shown = scene.camera.view == ReflectionDebugView::Off && scene.camera.split.is_none();
     let changes = [EventKind::JumpExposure, EventKind::SwitchView];
     !is_lit && is_shown && !scene.events.iter().any(|event| changes.contains(event))
 }

@@ -2,7 +2,7 @@
 
 use crate::{selection::Selection, word::word};
 use bevy::math::UVec2;
-use bevy_glint::TracerChoice;
+use bevy_glint::ReflectionTracerChoice;
 use clap::{Args, ValueEnum};
 use core::{fmt, str::FromStr};
 use serde::{Deserialize, Serialize};
@@ -88,7 +88,7 @@ pub enum Tracer {
     Bvh,
 }
 
-impl From<Tracer> for TracerChoice {
+impl From<Tracer> for ReflectionTracerChoice {
     fn from(tracer: Tracer) -> Self {
         match tracer {
             Tracer::Auto => Self::Auto,

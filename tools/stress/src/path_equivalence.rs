@@ -7,7 +7,8 @@ use crate::{
 };
 use bevy::prelude::*;
 use bevy_glint::{
-    Backend, DebugView, RayTracedReflections, ShadingRate, ShadingRateHeuristic, Technique,
+    RayTracedReflections, ReflectionBackend, ReflectionDebugView, ReflectionTechnique, ShadingRate,
+    ShadingRateHeuristic,
     internals::{Copied, RATE_ACTIVE, Target},
 };
 
@@ -29,15 +30,15 @@ pub fn compare(harness: &mut Harness, scene: &HostileScene, patience: u32) -> Ve
     if !is_static || !exists || scene.camera.reflections.is_none() || size.x * size.y > MOST_PIXELS {
         return Vec::new();
     }
-    let cameras = [Technique::Quarter, Technique::Variable].map(|technique| {
+    let cameras = [ReflectionTechnique::Quarter, ReflectionTechnique::Variable].map(|technique| {
         let mut camera = scene.camera.clone();
         camera.reflections = camera.reflections.map(|reflections| RayTracedReflections {
             technique,
-            backend: Backend::Compute,
+            backend: ReflectionBackend::Compute,
             ..reflections
         });
         camera.heuristic = ShadingRateHeuristic::Uniform(ShadingRate::R1x1);
-        camera.view = DebugView::Off;
+        camera.view = ReflectionDebugView::Off;
         camera.split = None;
         camera.spawn(harness, scene.root)
     });

@@ -6,7 +6,7 @@ use crate::{
     static_scene::{StaticScene, StaticSceneView, techniques},
 };
 use bevy::math::UVec2;
-use bevy_glint::DebugView;
+use bevy_glint::ReflectionDebugView;
 use glint_scenes::SceneName;
 use std::time::Instant;
 
@@ -90,7 +90,7 @@ pub fn measure(
             if Instant::now() > deadline {
                 break;
             }
-            if !view.switch(harness, name, DebugView::Reflection)? {
+            if !view.switch(harness, name, ReflectionDebugView::Reflection)? {
                 let text = format!("{}: {name} can't be compiled", flicker.scene);
                 flicker.problems.push(text);
                 continue;

@@ -5,7 +5,9 @@ use crate::{
     image::{LinearImage, luminance},
 };
 use bevy::{camera::Exposure, core_pipeline::tonemapping::Tonemapping, prelude::*};
-use bevy_glint::{DebugView, RayTracedReflections, ShadingRateHeuristic, Technique, named_settings};
+use bevy_glint::{
+    RayTracedReflections, ReflectionDebugView, ReflectionTechnique, ShadingRateHeuristic, named_settings,
+};
 use glint_scenes::{Random, SceneName, environment};
 
 /// Most frames to wait for assets, pipelines and meshes.
@@ -85,7 +87,7 @@ impl StaticSceneView {
     /// # Errors
     ///
     /// If there is no technique of that name.
-    pub fn switch(&self, harness: &mut Harness, name: &str, view: DebugView) -> Result<bool, String> {
+    pub fn switch(&self, harness: &mut Harness, name: &str, view: ReflectionDebugView) -> Result<bool, String> {
         Ok(self.show(harness, without_cut_off(name)?, view))
     }
 
@@ -94,7 +96,12 @@ impl StaticSceneView {
     /// # Errors
     ///
     /// If there is no technique of that name.
-    pub fn switch_to_single_frames(&self, harness: &mut Harness, name: &str, view: DebugView) -> Result<bool, String> {
+    pub fn switch_to_single_frames(
+        &self,
+        harness: &mut Harness,
+        name: &str,
+        view: ReflectionDebugView,
+    ) -> Result<bool, String> {
         let (mut settings, heuristic) = without_cut_off(name)?;
         settings.denoiser.temporal = false;
         Ok(self.show(harness, (settings, heuristic), view))
@@ -104,7 +111,7 @@ impl StaticSceneView {
         &self,
         harness: &mut Harness,
         settings: (RayTracedReflections, ShadingRateHeuristic),
-        view: DebugView,
+        view: ReflectionDebugView,
     ) -> bool {
         let mut camera = harness.world().entity_mut(self.camera);
         camera.insert((settings, view, Tonemapping::None));
@@ -296,7 +303,7 @@ pub fn techniques(harness: &Harness) -> Vec<&'static str> {
     let inline = harness.has_inline_rays();
     let traces = |name: &&str| {
         let technique = named_settings(name).map(|(settings, _)| settings.technique);
-        inline || technique != Ok(Technique::QuarterInline)
+        inline || technique != Ok(ReflectionTechnique::QuarterInline)
     };
     TECHNIQUES.iter().copied().filter(traces).collect()
 }

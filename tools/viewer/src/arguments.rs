@@ -2,7 +2,7 @@
 
 use crate::{method::Method, source::Source};
 use bevy::math::UVec2;
-use bevy_glint::{Backend, DebugView, TracerChoice};
+use bevy_glint::{ReflectionBackend, ReflectionDebugView, ReflectionTracerChoice};
 use clap::{Parser, value_parser};
 use glint_scenes::{ImageSize, SceneName, SceneOptions};
 use std::{path::PathBuf, str::FromStr};
@@ -42,13 +42,13 @@ pub struct Arguments {
     technique: Option<Method>,
     /// auto, compute or hardware
     #[arg(long, value_name = "NAME", default_value = "auto")]
-    pub backend: Backend,
+    pub backend: ReflectionBackend,
     /// auto, ray-query or bvh
     #[arg(long, value_name = "NAME", default_value = "auto")]
-    pub tracer: TracerChoice,
+    pub tracer: ReflectionTracerChoice,
     /// A debug view, such as shading-rates or rays-per-pixel, in place of the image
     #[arg(long, value_name = "NAME", default_value = "off")]
-    pub view: DebugView,
+    pub view: ReflectionDebugView,
     /// Open the settings panel
     #[arg(long)]
     pub panel: bool,

@@ -1,7 +1,9 @@
 //! The kinds of reflections that a camera can have.
 
 use bevy::{pbr::ScreenSpaceReflections, prelude::*};
-use bevy_glint::{Backend, RayTracedReflections, ShadingRateHeuristic, TECHNIQUE_NAMES, Technique, named_settings};
+use bevy_glint::{
+    RayTracedReflections, ReflectionBackend, ReflectionTechnique, ShadingRateHeuristic, TECHNIQUE_NAMES, named_settings,
+};
 use std::{fmt, str::FromStr};
 
 /// Source of a camera's reflections.
@@ -27,7 +29,7 @@ impl Method {
     /// The ground truth of a still scene: every surface reflects, and frames are averaged.
     pub fn ground_truth() -> Self {
         let reflections = RayTracedReflections {
-            technique: Technique::Converged,
+            technique: ReflectionTechnique::Converged,
             roughness_cutoff: 1.0,
             roughness_fade: 0.0,
             ..default()
@@ -40,11 +42,11 @@ impl Method {
 
     /// Frames are averaged for as long as nothing changes.
     pub fn is_converged(&self) -> bool {
-        matches!(self, Self::Traced { settings, .. } if settings.0.technique == Technique::Converged)
+        matches!(self, Self::Traced { settings, .. } if settings.0.technique == ReflectionTechnique::Converged)
     }
 
     /// Gives the camera these reflections instead of those that it has.
-    pub fn apply(&self, camera: &mut EntityWorldMut, backend: Backend) {
+    pub fn apply(&self, camera: &mut EntityWorldMut, backend: ReflectionBackend) {
         // A camera can't have both at a time.
         camera.remove::<(RayTracedReflections, ScreenSpaceReflections)>();
         match self {

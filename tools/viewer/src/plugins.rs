@@ -2,13 +2,13 @@
 
 use crate::{arguments::Arguments, gltf};
 use bevy::{prelude::*, render::diagnostic::RenderDiagnosticsPlugin};
-use bevy_glint::{Backend, RayTracedReflectionsPlugin, ui::ReflectionSettingsPanelPlugin};
+use bevy_glint::{RayTracedReflectionsPlugin, ReflectionBackend, ui::ReflectionSettingsPanelPlugin};
 use glint_scenes::SceneAnimationPlugin;
 
 /// Adds the plugin that decides how the graphics device is opened, which must come before Bevy's plugins.
-pub fn add_before_bevy(app: &mut App, backend: Backend) {
+pub fn add_before_bevy(app: &mut App, backend: ReflectionBackend) {
     #[cfg(target_os = "linux")]
-    if backend == Backend::Hardware {
+    if backend == ReflectionBackend::HardwareVrs {
         app.add_plugins(bevy_glint::HardwareVrsPlugin::default());
     }
     // Elsewhere the camera's own warning says what is missing.

@@ -13,7 +13,7 @@ use bevy::{
     prelude::*,
 };
 use bevy_egui::EguiGlobalSettings;
-use bevy_glint::{Backend, DebugView};
+use bevy_glint::{ReflectionBackend, ReflectionDebugView};
 use std::env;
 
 /// Metres per second.
@@ -24,7 +24,7 @@ const METHOD_KEYS: [KeyCode; 4] = [KeyCode::Digit1, KeyCode::Digit2, KeyCode::Di
 #[derive(Resource)]
 struct Viewer {
     title: String,
-    backend: Backend,
+    backend: ReflectionBackend,
     methods: [Method; 4],
     method: Method,
 }
@@ -84,7 +84,7 @@ fn viewer(source: &Source, method: Method, arguments: &Arguments) -> Viewer {
 }
 
 /// Spawns the scene and a camera that flies. It renders deferred, with or without reflections.
-fn spawn(source: &Source, path: f32, view: DebugView, world: &mut World) {
+fn spawn(source: &Source, path: f32, view: ReflectionDebugView, world: &mut World) {
     source.spawn(world);
     let fly = FreeCamera {
         walk_speed: FLY_SPEED,
@@ -103,7 +103,7 @@ fn spawn(source: &Source, path: f32, view: DebugView, world: &mut World) {
 
 fn press_keys(
     keyboard: Res<ButtonInput<KeyCode>>,
-    camera: Single<(Entity, &mut DebugView), With<FreeCamera>>,
+    camera: Single<(Entity, &mut ReflectionDebugView), With<FreeCamera>>,
     mut viewer: ResMut<Viewer>,
     mut commands: Commands,
 ) {
@@ -118,16 +118,16 @@ fn press_keys(
         }
     }
     if keyboard.just_pressed(KeyCode::KeyV) {
-        let next = DebugView::ALL
+        let next = ReflectionDebugView::ALL
             .iter()
             .position(|known| *known == *view)
             .unwrap_or_default()
             + 1;
-        *view = DebugView::ALL[next % DebugView::ALL.len()];
+        *view = ReflectionDebugView::ALL[next % ReflectionDebugView::ALL.len()];
     }
 }
 
-fn write_title(viewer: Res<Viewer>, view: Single<Ref<DebugView>>, mut window: Single<&mut Window>) {
+fn write_title(viewer: Res<Viewer>, view: Single<Ref<ReflectionDebugView>>, mut window: Single<&mut Window>) {
     if !viewer.is_changed() && !view.is_changed() {
         return;
     }

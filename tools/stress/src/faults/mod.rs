@@ -5,7 +5,7 @@ mod run;
 
 use crate::harness::HarnessSettings;
 use bevy::render::settings::{WgpuFeatures, WgpuLimits, WgpuSettings, WgpuSettingsPriority};
-use bevy_glint::TracerChoice;
+use bevy_glint::ReflectionTracerChoice;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
@@ -56,7 +56,7 @@ impl Fault {
             // Either the minimum suffices, or reflections are declined.
             Self::WebGpuMinimum => &["are copies of 256x256 texels", "storage buffers in a shader stage and"],
             Self::NoRayQueries => &["ray queries were asked for, but the device lacks"],
-            Self::NoStorageFormats => &["cameras keep their picture instead of a `DebugView`"],
+            Self::NoStorageFormats => &["cameras keep their picture instead of a `ReflectionDebugView`"],
             Self::FewStorageBuffers => &["storage buffers in a shader stage and"],
             Self::BrokenPass => &["ray-traced reflections stay off, since their denoiser failed"],
             Self::BrokenHeuristic => &["failed, so that every trace pixel gets its ray"],
@@ -88,7 +88,7 @@ impl Fault {
         }
     }
 
-    fn settings(self, tracer: TracerChoice) -> HarnessSettings {
+    fn settings(self, tracer: ReflectionTracerChoice) -> HarnessSettings {
         let default = WgpuSettings::default;
         let without = |features: WgpuFeatures| WgpuSettings {
             disabled_features: Some(features),
@@ -134,8 +134,8 @@ impl Fault {
             Self::DeviceLost | Self::BrokenPass | Self::BrokenHeuristic | Self::MissingHeuristic => default(),
         };
         let tracer = match self {
-            Self::NoRayQueries => TracerChoice::RayQuery,
-            Self::WebGpuMinimum => TracerChoice::Auto,
+            Self::NoRayQueries => ReflectionTracerChoice::RayQuery,
+            Self::WebGpuMinimum => ReflectionTracerChoice::Auto,
             _ => tracer,
         };
         HarnessSettings {
@@ -172,7 +172,7 @@ mod tests {
 
     #[test]
     fn settings_follow_the_fault() {
-        let device = |fault: Fault| fault.settings(TracerChoice::Bvh).device;
+        let device = |fault: Fault| fault.settings(ReflectionTracerChoice::Bvh).device;
         let formats = WgpuFeatures::TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES;
         assert!(device(Fault::DeviceLost).features.contains(formats));
         assert!(!device(Fault::NoStorageFormats).features.contains(formats));

@@ -9,7 +9,10 @@ use crate::{
     verdict::Verdict,
 };
 use bevy::prelude::*;
-use bevy_glint::{DebugView, RayTracedReflections, ShadingRateHeuristic, Technique, Tracer, TracerChoice};
+use bevy_glint::{
+    RayTracedReflections, ReflectionDebugView, ReflectionTechnique, ReflectionTracer, ReflectionTracerChoice,
+    ShadingRateHeuristic,
+};
 use std::{thread, time::Duration};
 
 /// A pass of the library whose shader is replaced by text that doesn't compile.
@@ -22,7 +25,7 @@ const RECOVERED: f64 = 0.02;
 impl Fault {
     /// Injects the fault.
     #[must_use]
-    pub fn run(self, tracer: TracerChoice, size: UVec2) -> (Verdict, Tally) {
+    pub fn run(self, tracer: ReflectionTracerChoice, size: UVec2) -> (Verdict, Tally) {
         let settings = self.settings(tracer);
         let mut tally = Tally {
             faults: 1,
@@ -53,7 +56,7 @@ impl Fault {
 
     /// Injects the fault into an app without reflections, to attribute a crash of the whole process.
     #[must_use]
-    pub fn run_without_reflections(self, tracer: TracerChoice, size: UVec2) -> (Verdict, Tally) {
+    pub fn run_without_reflections(self, tracer: ReflectionTracerChoice, size: UVec2) -> (Verdict, Tally) {
         let mut tally = Tally::default();
         let verdict = match self.control(self.settings(tracer), size, &mut tally) {
             Ok(_) => Verdict::Passed("Bevy alone survives it".to_owned()),
@@ -71,7 +74,7 @@ impl Fault {
     ) -> Result<Option<String>, Vec<String>> {
         with_harness(settings, tally, |harness| {
             let tracer = harness.status().and_then(|status| status.tracer);
-            if self.needs_ray_queries() && tracer != Some(Tracer::RayQuery) {
+            if self.needs_ray_queries() && tracer != Some(ReflectionTracer::RayQuery) {
                 let reason = "it concerns ray queries, which are not used here";
                 return Ok(Some(reason.to_owned()));
             }
@@ -119,9 +122,15 @@ impl Fault {
         match self {
             Self::DeviceLost => problems.extend(lose_device(harness, &fixture).err()),
             Self::NoStorageFormats => {
-                harness.world().entity_mut(fixture.camera).insert(DebugView::RawRays);
+                harness
+                    .world()
+                    .entity_mut(fixture.camera)
+                    .insert(ReflectionDebugView::RawRays);
                 harness.wait_until_idle(RECOVERY);
-                harness.world().entity_mut(fixture.camera).insert(DebugView::Off);
+                harness
+                    .world()
+                    .entity_mut(fixture.camera)
+                    .insert(ReflectionDebugView::Off);
             }
             Self::BrokenHeuristic => {
                 let broken = Shader::from_wesl("this is no shader", "stress/broken.wesl");
@@ -189,7 +198,7 @@ fn use_heuristic(harness: &mut Harness, fixture: &Fixture, shader: Handle<Shader
     let mut camera = harness.world().entity_mut(fixture.camera);
     camera.insert(ShadingRateHeuristic::Custom(shader));
     if let Some(mut reflections) = camera.get_mut::<RayTracedReflections>() {
-        reflections.technique = Technique::Variable;
+        reflections.technique = ReflectionTechnique::Variable;
     }
 }
 

@@ -3,7 +3,8 @@
 use crate::harness::Harness;
 use bevy::{camera::Exposure, light::Skybox, pbr::DistanceFog, prelude::*};
 use bevy_glint::{
-    DebugCounters, DebugSplit, DebugView, RateTileSize, RayTracedReflections, ShadingRateHeuristic, Technique,
+    RayTracedReflections, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionTechnique,
+    ShadingRateHeuristic, ShadingRateTileSize,
 };
 use glint_scenes::Environment;
 
@@ -33,11 +34,11 @@ pub struct CameraSetup {
     /// Heuristic of the shading rate.
     pub heuristic: ShadingRateHeuristic,
     /// Tile size of the shading rate.
-    pub tile_size: RateTileSize,
+    pub tile_size: ShadingRateTileSize,
     /// Debug view.
-    pub view: DebugView,
+    pub view: ReflectionDebugView,
     /// Division of the image into two debug views.
-    pub split: Option<DebugSplit>,
+    pub split: Option<ReflectionDebugSplit>,
     /// Counts pixels that are not finite.
     pub counters: bool,
 }
@@ -63,13 +64,13 @@ impl CameraSetup {
             skybox: sky.skybox,
             fog: None,
             reflections: Some(RayTracedReflections {
-                technique: Technique::Variable,
+                technique: ReflectionTechnique::Variable,
                 roughness_cutoff: 1.0,
                 ..default()
             }),
             heuristic: ShadingRateHeuristic::default(),
-            tile_size: RateTileSize::default(),
-            view: DebugView::Off,
+            tile_size: ShadingRateTileSize::default(),
+            view: ReflectionDebugView::Off,
             split: None,
             counters: false,
         }
@@ -96,7 +97,7 @@ impl CameraSetup {
         insert(&mut camera, &self.skybox);
         insert(&mut camera, &self.fog);
         insert(&mut camera, &self.split);
-        insert(&mut camera, &self.counters.then_some(DebugCounters));
+        insert(&mut camera, &self.counters.then_some(ReflectionDebugCounters));
         insert(&mut camera, &self.reflections);
         entity
     }

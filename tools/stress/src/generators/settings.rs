@@ -3,8 +3,9 @@
 use super::Builder;
 use bevy::{prelude::*, render::render_resource::TextureFormat};
 use bevy_glint::{
-    Backend, CombinedThresholds, DebugSplit, DebugView, Denoiser, GrazingThresholds, Preset, RateTileSize, RaySampling,
-    RoughnessThresholds, ShadingRate, ShadingRateHeuristic, Technique, TextureMip,
+    CombinedThresholds, GrazingThresholds, ReflectionBackend, ReflectionDebugSplit, ReflectionDebugView,
+    ReflectionDenoiser, ReflectionPreset, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip,
+    RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
 };
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
@@ -65,7 +66,7 @@ pub enum SettingsKind {
     /// Counters of values that are not finite.
     Counters,
     /// A random debug view.
-    DebugView,
+    ReflectionDebugView,
     /// Two random debug views, divided at NaN.
     DividedView,
 }
@@ -77,36 +78,36 @@ pub fn add(kind: SettingsKind, builder: &mut Builder) {
         return;
     }
     match kind {
-        SettingsKind::Paper => preset(Preset::Paper, builder),
-        SettingsKind::Low => preset(Preset::Low, builder),
-        SettingsKind::Ultra => preset(Preset::Ultra, builder),
+        SettingsKind::Paper => preset(ReflectionPreset::Paper, builder),
+        SettingsKind::Low => preset(ReflectionPreset::Low, builder),
+        SettingsKind::Ultra => preset(ReflectionPreset::Ultra, builder),
         SettingsKind::Counters => builder.camera.counters = true,
-        SettingsKind::DebugView => builder.camera.view = builder.random.pick(&DebugView::ALL),
+        SettingsKind::ReflectionDebugView => builder.camera.view = builder.random.pick(&ReflectionDebugView::ALL),
         SettingsKind::DividedView => {
-            builder.camera.view = builder.random.pick(&DebugView::ALL);
-            builder.camera.split = Some(DebugSplit {
+            builder.camera.view = builder.random.pick(&ReflectionDebugView::ALL);
+            builder.camera.split = Some(ReflectionDebugSplit {
                 position: f32::NAN,
-                left: builder.random.pick(&DebugView::ALL),
+                left: builder.random.pick(&ReflectionDebugView::ALL),
             });
         }
         _ => {}
     }
     let reflections = builder.reflections();
     match kind {
-        SettingsKind::Reference => reflections.technique = Technique::Reference,
-        SettingsKind::Quarter => reflections.technique = Technique::Quarter,
-        SettingsKind::QuarterInline if has_inline_rays => reflections.technique = Technique::QuarterInline,
-        SettingsKind::Converged => reflections.technique = Technique::Converged,
-        SettingsKind::Hardware => reflections.backend = Backend::Hardware,
-        SettingsKind::NoDenoiser => reflections.denoiser = Denoiser::OFF,
+        SettingsKind::Reference => reflections.technique = ReflectionTechnique::Reference,
+        SettingsKind::Quarter => reflections.technique = ReflectionTechnique::Quarter,
+        SettingsKind::QuarterInline if has_inline_rays => reflections.technique = ReflectionTechnique::QuarterInline,
+        SettingsKind::Converged => reflections.technique = ReflectionTechnique::Converged,
+        SettingsKind::Hardware => reflections.backend = ReflectionBackend::HardwareVrs,
+        SettingsKind::NoDenoiser => reflections.denoiser = ReflectionDenoiser::OFF,
         SettingsKind::NoHistory => reflections.denoiser.temporal = false,
         SettingsKind::NoMirrors => reflections.full_resolution_mirrors = false,
-        SettingsKind::Halton => reflections.sampling = RaySampling::Halton,
+        SettingsKind::Halton => reflections.sampling = ReflectionSampling::Halton,
         _ => {}
     }
 }
 
-fn preset(preset: Preset, builder: &mut Builder) {
+fn preset(preset: ReflectionPreset, builder: &mut Builder) {
     let (reflections, heuristic) = preset.settings();
     builder.camera.reflections = Some(reflections);
     builder.camera.heuristic = heuristic;
@@ -125,8 +126,8 @@ fn numbers(kind: SettingsKind, builder: &mut Builder) -> bool {
     reflections.roughness_cutoff = value;
     reflections.roughness_fade = value;
     reflections.max_ray_length = value;
-    reflections.texture_mip = TextureMip::Fixed(value);
-    reflections.denoiser = Denoiser {
+    reflections.texture_mip = ReflectionTextureMip::Fixed(value);
+    reflections.denoiser = ReflectionDenoiser {
         samples,
         max_history: value,
         clip_sigma: value,
@@ -147,26 +148,26 @@ fn rates(kind: SettingsKind, builder: &mut Builder) -> bool {
             half: 0.0,
             quarter: 0.0,
             eighth: 0.1,
-            mirror_guard: None,
+            min_roughness: None,
             ..default()
         }),
         SettingsKind::NanThresholds => match builder.random.below(3) {
             0 => ShadingRateHeuristic::Roughness(RoughnessThresholds {
                 half: nan,
                 quarter: nan,
-                mirror_guard: Some(nan),
+                min_roughness: Some(nan),
             }),
             1 => ShadingRateHeuristic::Grazing(GrazingThresholds {
                 half: nan,
                 quarter: nan,
-                mirror_guard: Some(nan),
+                min_roughness: Some(nan),
             }),
             _ => ShadingRateHeuristic::Combined(CombinedThresholds {
                 half: nan,
                 quarter: nan,
                 eighth: nan,
-                mirror_guard: Some(nan),
-                faint: nan,
+                min_roughness: Some(nan),
+                visibility_threshold: nan,
                 edge: nan,
                 coarsest: ShadingRate::R2x4,
             }),
@@ -175,13 +176,13 @@ fn rates(kind: SettingsKind, builder: &mut Builder) -> bool {
             half: -1e9,
             quarter: f32::INFINITY,
             eighth: -0.0,
-            mirror_guard: Some(-1.0),
-            faint: 1e9,
+            min_roughness: Some(-1.0),
+            visibility_threshold: 1e9,
             edge: f32::INFINITY,
             coarsest: ShadingRate::R4x2,
         }),
         SettingsKind::SmallTiles => {
-            builder.camera.tile_size = RateTileSize::Tiles8;
+            builder.camera.tile_size = ShadingRateTileSize::Tiles8;
             return true;
         }
         SettingsKind::RateImage => {
@@ -199,6 +200,6 @@ fn rates(kind: SettingsKind, builder: &mut Builder) -> bool {
         _ => return false,
     };
     builder.camera.heuristic = heuristic;
-    builder.reflections().technique = Technique::Variable;
+    builder.reflections().technique = ReflectionTechnique::Variable;
     true
 }

@@ -5,7 +5,7 @@ use bevy::{
     camera::{ScalingMode, Viewport},
     prelude::*,
 };
-use bevy_glint::{DebugView, Preset, Technique};
+use bevy_glint::{ReflectionDebugView, ReflectionPreset, ReflectionTechnique};
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
 
@@ -157,7 +157,7 @@ fn more_cameras(kind: ViewKind, builder: &mut Builder) {
             builder.more_cameras.push(other);
         }
         ViewKind::ManyCameras => {
-            for preset in Preset::ALL {
+            for preset in ReflectionPreset::ALL {
                 let (reflections, heuristic) = preset.settings();
                 let mut camera = other.clone();
                 camera.reflections = Some(reflections);
@@ -167,10 +167,10 @@ fn more_cameras(kind: ViewKind, builder: &mut Builder) {
         }
         _ => {
             let reflections = other.reflections.get_or_insert_default();
-            reflections.technique = Technique::Reference;
+            reflections.technique = ReflectionTechnique::Reference;
             reflections.shadow_rays = false;
             reflections.denoiser.temporal = false;
-            other.view = DebugView::Reflection;
+            other.view = ReflectionDebugView::Reflection;
             other.exposure.ev100 = 2.0;
             builder.more_cameras.push(other);
         }
