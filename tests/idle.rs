@@ -237,7 +237,7 @@ fn whoever_changes_something_wakes_the_camera_at_once() {
     until_one_rests(app);
 
     change(app, camera, |settings| {
-        settings.technique = ReflectionTechnique::Converged
+        settings.technique = ReflectionTechnique::Converged;
     });
     expect_resting(app, "the ground truth", 30, 0);
 }

@@ -210,12 +210,7 @@ fn expect_off(app: &mut HeadlessApp, camera: Entity, before: Option<&Memory>, wh
         ReflectionDiagnosticsPlugin::VIEW_BYTES,
         ReflectionDiagnosticsPlugin::SCENE_BYTES,
     ] {
-        assert_eq!(
-            measured(app, &ReflectionDiagnosticsPlugin::path),
-            Some(0.0),
-            "{what}: {}",
-            path.as_str()
-        );
+        assert_eq!(measured(app, &path), Some(0.0), "{what}: {}", path.as_str());
     }
     let held = readback::render_world_components(app.app(), camera);
     assert!(held.is_empty(), "{what}: the render world still has {held:?}");

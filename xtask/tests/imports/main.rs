@@ -30,7 +30,15 @@ fn arrows(folder: &Path) -> Arrows {
 }
 
 /// Folders of the crates whose imports are looked at, from the workspace's root.
-const CRATES: [&str; 1] = ["."];
+const CRATES: [&str; 7] = [
+    ".",
+    "tools/bench",
+    "tools/evaluate",
+    "tools/scenes",
+    "tools/stress",
+    "tools/viewer",
+    "xtask",
+];
 
 fn crates() -> impl Iterator<Item = PathBuf> {
     CRATES.into_iter().map(|folder| root().join(folder))
