@@ -1,6 +1,5 @@
 //! The camera's way through every scene: smooth, and the same in every run.
 
-use crate::{atrium, scene::SceneName, street, temple};
 use bevy::{math::Vec3, transform::components::Transform};
 
 /// A way for the camera through points that it passes at equal times.
@@ -24,20 +23,6 @@ impl CameraPath {
             seconds,
             vertical_degrees,
             far,
-        }
-    }
-
-    /// The path of a scene: a way through the places, a loop in front of the little scenes. It starts where the scene's
-    /// [`camera`](crate::camera) stands.
-    pub const fn of(scene: SceneName) -> Self {
-        match scene {
-            SceneName::Demo => DEMO,
-            SceneName::Atrium | SceneName::AtriumSmall => atrium::PATH,
-            SceneName::Temple => temple::PATH,
-            SceneName::Street => street::PATH,
-            SceneName::MirrorRoom => MIRROR_ROOM,
-            SceneName::Furnace => FURNACE,
-            SceneName::EmissiveFloor => EMISSIVE_FLOOR,
         }
     }
 
@@ -72,7 +57,7 @@ const LOOP_SECONDS: f32 = 8.0;
 const LOOP_FAR: f32 = 500.0;
 
 /// Down to the polished floor before the spheres, across, and back up.
-const DEMO: CameraPath = CameraPath {
+pub(crate) const DEMO: CameraPath = CameraPath {
     points: &[
         (Vec3::new(-0.9, 1.8, 8.5), Vec3::new(0.15, 1.22, 0.0)),
         (Vec3::new(-2.3, 1.5, 7.3), Vec3::new(0.3, 1.1, 0.0)),
@@ -87,7 +72,7 @@ const DEMO: CameraPath = CameraPath {
     far: LOOP_FAR,
 };
 
-const MIRROR_ROOM: CameraPath = CameraPath {
+pub(crate) const MIRROR_ROOM: CameraPath = CameraPath {
     points: &[
         (Vec3::new(0.3, 1.1, 3.6), Vec3::new(0.05, 0.35, 0.0)),
         (Vec3::new(1.9, 1.2, 3.1), Vec3::new(0.05, 0.4, 0.0)),
@@ -101,7 +86,7 @@ const MIRROR_ROOM: CameraPath = CameraPath {
     far: LOOP_FAR,
 };
 
-const FURNACE: CameraPath = CameraPath {
+pub(crate) const FURNACE: CameraPath = CameraPath {
     points: &[
         (Vec3::new(0.0, 0.0, 7.0), Vec3::ZERO),
         (Vec3::new(1.8, 0.4, 6.7), Vec3::ZERO),
@@ -114,7 +99,7 @@ const FURNACE: CameraPath = CameraPath {
     far: LOOP_FAR,
 };
 
-const EMISSIVE_FLOOR: CameraPath = CameraPath {
+pub(crate) const EMISSIVE_FLOOR: CameraPath = CameraPath {
     points: &[
         (Vec3::new(0.0, 2.2, 5.4), Vec3::new(0.0, 0.2, 0.0)),
         (Vec3::new(1.5, 1.8, 5.1), Vec3::new(0.0, 0.2, 0.0)),

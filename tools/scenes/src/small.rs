@@ -2,7 +2,8 @@
 
 use crate::{
     builder::SceneBuilder,
-    scene::{Environment, SceneName, sky},
+    environment::{Environment, sky},
+    scene_name::SceneName,
     sky::Sky,
 };
 use bevy::{

@@ -5,9 +5,10 @@ mod glowing;
 use crate::{
     animation::Motion,
     builder::SceneBuilder,
+    environment::{Environment, sky},
     geometry::turned,
     patterns, props,
-    scene::{Environment, SceneOptions, sky},
+    scene_name::SceneOptions,
     sky::{Sky, sun_direction},
 };
 use bevy::{

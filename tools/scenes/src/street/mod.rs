@@ -24,7 +24,8 @@ mod vehicles;
 use crate::{
     builder::SceneBuilder,
     camera_path::CameraPath,
-    scene::{Environment, SceneOptions, sky},
+    environment::{Environment, sky},
+    scene_name::SceneOptions,
     sky::{Sky, sun_direction},
 };
 use bevy::{

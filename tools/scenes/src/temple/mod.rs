@@ -15,8 +15,9 @@ mod surfaces;
 use crate::{
     builder::SceneBuilder,
     camera_path::CameraPath,
+    environment::{Environment, sky},
     patterns,
-    scene::{Environment, SceneOptions, sky},
+    scene_name::SceneOptions,
     sky::{Sky, sun_direction},
 };
 use bevy::{
