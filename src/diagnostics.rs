@@ -21,6 +21,7 @@ pub struct TotalTimeOnly;
 /// [`ReflectionDebugView::Reconstructed`](crate::ReflectionDebugView::Reconstructed) shows: before the composite, which stops such values.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct ReflectionNonFiniteReport {
     /// Reflecting pixels that are not finite.
     pub pixels: u32,

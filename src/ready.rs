@@ -6,7 +6,7 @@ use crate::{
     device::{WritesInPlace, tracing_app},
     rate::RatePipelines,
     schedule::ReflectionSystems,
-    settings::{RateSettings, RateVariant, ReflectionBackend, ReflectionTechnique, SafeSettings, WantsReflections},
+    settings::{ClampedSettings, RateSettings, RateVariant, ReflectionBackend, ReflectionTechnique, WantsReflections},
     trace::{TracePipelines, VrsPass},
 };
 use bevy::{
@@ -56,7 +56,7 @@ impl Plugin for ReadyPlugin {
 pub(crate) type PipelineKey = (ReflectionTechnique, [bool; 4], RateVariant, Option<AssetId<Image>>, u32);
 
 /// The key of a view's pipelines; other settings can change without a new compilation.
-pub(crate) fn pipeline_key(settings: &SafeSettings, rate: &RateSettings) -> PipelineKey {
+pub(crate) fn pipeline_key(settings: &ClampedSettings, rate: &RateSettings) -> PipelineKey {
     let denoiser = &settings.denoiser;
     let flags = [
         settings.full_resolution_mirrors,

@@ -15,6 +15,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Textures and buffers that one camera's reflections own.
 #[derive(Reflect, Clone, Debug, PartialEq, Eq)]
 #[reflect(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct ReflectionViewMemory {
     /// The camera.
     pub camera: Entity,

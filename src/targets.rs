@@ -5,7 +5,7 @@
 
 use crate::{
     common::{COUNTER_WORDS, INDIRECT_ARG_WORDS, word_offset},
-    settings::{ReflectionTechnique, SafeSettings},
+    settings::{ClampedSettings, ReflectionTechnique},
 };
 use bevy::{
     math::UVec2,
@@ -70,7 +70,7 @@ pub struct Needs {
 
 impl Needs {
     /// `in_place`: the composite writes into the frame itself.
-    pub fn new(settings: &SafeSettings, in_place: bool) -> Self {
+    pub fn new(settings: &ClampedSettings, in_place: bool) -> Self {
         let accumulation = settings.technique == ReflectionTechnique::Converged;
         Self {
             reflection: !in_place,

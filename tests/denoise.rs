@@ -330,7 +330,7 @@ import package::denoise::filters::{
     likely_history, longest_history, luminance, mean_variance, pack_frame_weight, pack_surface, rest_firefly, rest_history, rest_of,
     rest_share, rgb_of_ycocg, same_roughness, unpack_frame_weight, unpack_surface, virtual_distance, virtual_share, ycocg,
 };
-import package::denoise::lobes::{image_angle, is_sharp, normal_weight, place_weight, solid_angle_stretch};
+import package::denoise::lobes::{image_angle, is_sharp, normal_weight, place_weight, reconnection_jacobian};
 
 @group(0) @binding(0) var<storage, read> inputs: array<array<vec4<f32>, 4>>;
 @group(0) @binding(1) var<storage, read_write> outputs: array<array<vec4<f32>, 12>>;
@@ -366,7 +366,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         vec4(rest_of(u32(40.0 * a.x), u32(40.0 * a.y)), rest_share(16.0 * b.x, 64.0 * b.y, vec2<u32>(c.xy * 2.99)),
             rest_history(32.0 * a.z, 64.0 * b.z, u32(600.0 * a.w), d.x), rest_firefly(100.0 * c.z, d.x)),
         vec4(pack_frame_weight(20.0 * a.x), unpack_frame_weight(pack_frame_weight(20.0 * a.y)),
-            image_angle(0.002, 10.0 * b.x, 0.01 + 10.0 * b.y, d.x > 0.5), solid_angle_stretch(0.01 + a.z, b.z)),
+            image_angle(0.002, 10.0 * b.x, 0.01 + 10.0 * b.y, d.x > 0.5), reconnection_jacobian(0.01 + a.z, b.z)),
         vec4(place_weight(8.0 * a.x, 1.0), place_weight(32.0 * a.x, 1.0 + 3.0 * a.y), normal_weight(0.7 + 0.3 * a.z, 0.1 + a.w),
             select(0.0, 1.0, is_sharp(b.x, 0.1 * b.y, 8.0 * b.z))),
     );
@@ -419,7 +419,7 @@ fn filters_twin([a, b, c, d]: [Vec4; 4]) -> [Vec4; 12] {
             pack_frame_weight(20.0 * a.x),
             (20.0 * a.y).clamp(MIN_FRAME_WEIGHT, MAX_FRAME_WEIGHT),
             image_angle(0.002, 10.0 * b.x, 0.01 + 10.0 * b.y, d.x > 0.5),
-            solid_angle_stretch(0.01 + a.z, b.z),
+            reconnection_jacobian(0.01 + a.z, b.z),
         ),
         vec4(
             place_weight(8.0 * a.x, 1.0),

@@ -4,14 +4,21 @@
 mod pictures;
 
 use bevy::{
-    ecs::schedule::{InternedScheduleLabel, LogLevel, ScheduleBuildSettings},
+    core_pipeline::schedule::Core3d,
+    ecs::schedule::{InternedScheduleLabel, LogLevel, ScheduleBuildSettings, ScheduleLabel, SystemSet},
     platform::collections::HashMap,
     prelude::*,
     render::{
-        MainWorld, RenderApp, RenderPlugin, pipelined_rendering::PipelinedRenderingPlugin, settings::RenderCreation,
+        MainWorld, Render, RenderApp, RenderPlugin, pipelined_rendering::PipelinedRenderingPlugin,
+        settings::RenderCreation,
     },
 };
-use bevy_glint::{NotReflected, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus};
+use bevy_glint::{
+    NotReflected, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, ReflectionSystems,
+    ReflectionTracerChoice,
+};
+use glint_scenes::Output;
+use std::sync::{Arc, Mutex};
 
 #[test]
 fn an_app_without_a_renderer_goes_on() {
@@ -63,6 +70,114 @@ fn no_system_order_is_left_to_chance() {
     for (schedule, count) in &with {
         let before = without.get(schedule).copied().unwrap_or(0);
         assert_eq!(*count, before, "new ambiguities in {schedule:?}");
+    }
+}
+
+/// Names in the order in which systems of an app ran.
+#[derive(Clone, Default)]
+struct Order(Arc<Mutex<Vec<&'static str>>>);
+
+impl Order {
+    fn note(&self, name: &'static str) -> impl FnMut() + Send + Sync + 'static {
+        let names = self.0.clone();
+        move || names.lock().unwrap().push(name)
+    }
+}
+
+/// The sets are public so that apps can do this.
+#[test]
+fn systems_of_an_app_run_before_and_after_those_of_the_plugin() {
+    use ReflectionSystems::{
+        DebugViews, ExtractCameras, ExtractScene, Passes, PrepareBindGroups, PrepareScene, PrepareViews,
+        QueuePipelines, RequestPipelines,
+    };
+    let order = Order::default();
+    let notes = order.clone();
+    let add = move |app: &mut App| {
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
+            return;
+        };
+        let note = |name| notes.note(name);
+        render_app
+            .add_systems(
+                ExtractSchedule,
+                (
+                    note("before the scene").before(ExtractScene),
+                    note("after the scene").after(ExtractScene).before(ExtractCameras),
+                    note("after the cameras").after(ExtractCameras),
+                ),
+            )
+            .add_systems(
+                Render,
+                (
+                    note("before the tables").before(PrepareScene),
+                    note("after the tables").after(PrepareScene).before(RequestPipelines),
+                    note("requested").after(RequestPipelines).before(QueuePipelines),
+                    note("queued").after(QueuePipelines).before(PrepareViews),
+                    note("views").after(PrepareViews).before(PrepareBindGroups),
+                    note("bound").after(PrepareBindGroups),
+                ),
+            )
+            .add_systems(
+                Core3d,
+                (
+                    note("before the passes").before(Passes),
+                    note("after the passes").after(Passes).before(DebugViews),
+                    note("after all").after(DebugViews),
+                ),
+            );
+    };
+    let Some(mut app) = pictures::app_with(UVec2::new(32, 18), Output::Picture, ReflectionTracerChoice::Bvh, add)
+    else {
+        return;
+    };
+    app.spawn_camera(RayTracedReflections::default());
+    app.step(1);
+    order.0.lock().unwrap().clear();
+    app.step(1);
+
+    let mut ran = order.0.lock().unwrap().clone();
+    // Bevy draws views within the schedule of the frame.
+    let in_views: Vec<_> = ran
+        .extract_if(.., |name| name.ends_with("passes") || *name == "after all")
+        .collect();
+    assert_eq!(in_views, ["before the passes", "after the passes", "after all"]);
+    assert_eq!(
+        ran,
+        [
+            "before the scene",
+            "after the scene",
+            "after the cameras",
+            "before the tables",
+            "after the tables",
+            "requested",
+            "queued",
+            "views",
+            "bound",
+        ]
+    );
+
+    let render_world = app.app().sub_app_mut(RenderApp).world_mut();
+    for (label, sets) in [
+        (ExtractSchedule.intern(), &[ExtractScene, ExtractCameras][..]),
+        (
+            Render.intern(),
+            &[
+                PrepareScene,
+                RequestPipelines,
+                QueuePipelines,
+                PrepareViews,
+                PrepareBindGroups,
+            ],
+        ),
+        (Core3d.intern(), &[Passes, DebugViews]),
+    ] {
+        render_world.schedule_scope(label, |_, schedule| {
+            for set in sets {
+                let systems = schedule.graph().systems_in_set(set.intern());
+                assert!(systems.is_ok_and(|systems| !systems.is_empty()), "nothing in {set:?}");
+            }
+        });
     }
 }
 

@@ -4,7 +4,7 @@ use super::{add::AddPass, resolve::Resolve};
 use crate::{
     device::WritesInPlace,
     gbuffer::{GBufferPass, PassContext, PassShader},
-    settings::{ReflectionTechnique, ReflectionView, SafeSettings},
+    settings::{ClampedSettings, ReflectionTechnique, ReflectionView},
 };
 use bevy::{
     asset::{AssetServer, Handle, load_embedded_asset},
@@ -33,7 +33,7 @@ pub struct CompositePipelines {
 }
 
 /// The pass that resolves the reflection of a view with these settings.
-fn resolve_of(settings: &SafeSettings, format: TextureFormat, in_place: WritesInPlace) -> Resolve {
+fn resolve_of(settings: &ClampedSettings, format: TextureFormat, in_place: WritesInPlace) -> Resolve {
     Resolve::new(
         in_place.allows(format),
         settings.technique != ReflectionTechnique::Converged,
@@ -42,7 +42,7 @@ fn resolve_of(settings: &SafeSettings, format: TextureFormat, in_place: WritesIn
 
 impl CompositePipelines {
     /// Asks for the passes of a view with frames of this format; they are compiled from the next frame on.
-    pub(crate) fn request(&mut self, settings: &SafeSettings, format: TextureFormat, in_place: WritesInPlace) {
+    pub(crate) fn request(&mut self, settings: &ClampedSettings, format: TextureFormat, in_place: WritesInPlace) {
         self.wanted.insert((resolve_of(settings, format, in_place), format));
     }
 
@@ -50,7 +50,7 @@ impl CompositePipelines {
     pub(crate) fn is_ready(
         &self,
         cache: &PipelineCache,
-        settings: &SafeSettings,
+        settings: &ClampedSettings,
         format: TextureFormat,
         in_place: WritesInPlace,
     ) -> bool {

@@ -4,7 +4,7 @@ use super::{blur, reconstruct, temporal};
 use crate::{
     common::{TILE_DISPATCH, word_offset},
     gbuffer::{GBufferPass, PassContext, PassShader},
-    settings::{ReflectionTechnique, SafeSettings},
+    settings::{ClampedSettings, ReflectionTechnique},
 };
 use bevy::{
     asset::{AssetServer, Handle, load_embedded_asset},
@@ -32,7 +32,7 @@ enum DenoisePass {
 
 impl DenoisePass {
     /// The passes that a view's settings need, in order.
-    fn of(settings: &SafeSettings) -> impl Iterator<Item = Self> + use<> {
+    fn of(settings: &ClampedSettings) -> impl Iterator<Item = Self> + use<> {
         let rays = settings.technique != ReflectionTechnique::Converged;
         let temporal = rays && settings.denoiser.temporal;
         let blur = temporal && settings.denoiser.blur_radius > 0.0;
@@ -64,12 +64,12 @@ pub struct DenoisePipelines {
 
 impl DenoisePipelines {
     /// Asks for the passes of a view; they are compiled from the next frame on.
-    pub(crate) fn request(&mut self, settings: &SafeSettings) {
+    pub(crate) fn request(&mut self, settings: &ClampedSettings) {
         self.wanted.extend(DenoisePass::of(settings));
     }
 
     /// All that a view's settings need can be used.
-    pub(crate) fn is_ready(&self, cache: &PipelineCache, settings: &SafeSettings) -> bool {
+    pub(crate) fn is_ready(&self, cache: &PipelineCache, settings: &ClampedSettings) -> bool {
         DenoisePass::of(settings).all(|pass| self.passes[&pass].0.pipeline(&(), cache).is_some())
     }
 }

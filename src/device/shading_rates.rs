@@ -8,6 +8,7 @@ use bevy::reflect::{Reflect, std_traits::ReflectDefault};
 /// rate can spread rays.
 #[derive(Reflect, Clone, Debug, Default, PartialEq, Eq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum HardwareVrsSupport {
     /// Nobody asked: the app lacks `HardwareVrsPlugin`, or was built without the crate feature `hardware-vrs`.
     #[default]

@@ -17,6 +17,7 @@ const MIN_TEXTURES: u32 = 64;
 /// How shaders reach the textures of materials.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq)]
 #[reflect(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum ReflectionTextureMode {
     /// One binding for each texture, at full resolution.
     Bindless {

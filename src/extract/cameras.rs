@@ -8,8 +8,8 @@ use crate::{
     ready::{Readiness, pipeline_key},
     scene::environment::ViewEnvironment,
     settings::{
-        RateSettings, RayTracedReflections, ReflectionBackend, ReflectionDebugCounters, ReflectionDebugSplit,
-        ReflectionDebugView, ReflectionTechnique, ReflectionView, SafeSettings, ShadingRateHeuristic,
+        ClampedSettings, RateSettings, RayTracedReflections, ReflectionBackend, ReflectionDebugCounters,
+        ReflectionDebugSplit, ReflectionDebugView, ReflectionTechnique, ReflectionView, ShadingRateHeuristic,
         ShadingRateTileSize, ViewDebug, WantsReflections,
     },
     status::ReflectionStatus,
@@ -83,7 +83,7 @@ type IsOurs = Or<(With<ReflectionView>, With<WantsReflections>)>;
 struct CameraState {
     world_from_view: Mat4,
     clip_from_view: Mat4,
-    settings: SafeSettings,
+    settings: ClampedSettings,
     environment: Option<ViewEnvironment>,
 }
 
@@ -111,14 +111,14 @@ struct Findings {
 /// Settings of a camera after clamping, with the back end that traces its rays.
 #[derive(Clone)]
 struct Request {
-    settings: SafeSettings,
+    settings: ClampedSettings,
     rate: RateSettings,
 }
 
 impl Request {
     /// Also returns why the back end isn't the one that was asked for.
     fn new(camera: &CameraQueryItem, reflections: &RayTracedReflections, vrs: &VrsPass) -> (Self, Option<String>) {
-        let mut settings = SafeSettings::from(reflections);
+        let mut settings = ClampedSettings::from(reflections);
         let tile_size = camera.tile_size.copied().unwrap_or_default().trace_pixels();
         let (backend, reason) = choose(&settings, || vrs.available(tile_size));
         settings.backend = backend;
@@ -203,7 +203,7 @@ impl Extraction<'_, '_, '_> {
     fn note_state(
         &mut self,
         camera: &CameraQueryItem,
-        settings: &SafeSettings,
+        settings: &ClampedSettings,
         environment: Option<ViewEnvironment>,
     ) -> bool {
         let state = CameraState {

@@ -4,7 +4,7 @@
 //! reflecting view gets a uniform of ours, and [`drop_ssr_pass`] keeps the screen-space pass itself from running.
 
 use crate::{
-    settings::{ReflectionView, SafeSettings},
+    settings::{ClampedSettings, ReflectionView},
     view::{ReflectionTextures, ViewCulling},
 };
 use bevy::{
@@ -31,7 +31,7 @@ pub(super) type AllOfAView = (
 
 /// The range of roughness whose environment specular Bevy's lighting leaves out: none for a culled view, which replaces nothing.
 /// Only numbers change: without the uniform Bevy would switch to other pipelines.
-pub(super) fn left_out(settings: &SafeSettings, culled: bool) -> ScreenSpaceReflectionsUniform {
+pub(super) fn left_out(settings: &ClampedSettings, culled: bool) -> ScreenSpaceReflectionsUniform {
     let greatest = if culled { -1.0 } else { settings.cutoff };
     ScreenSpaceReflectionsUniform::from(ScreenSpaceReflections {
         min_perceptual_roughness: 0.0..0.0,

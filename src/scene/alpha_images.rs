@@ -29,12 +29,13 @@ enum AlphaImage {
 /// An image, and which of its contents ([`super::textures::TextureTable::finest_level`]).
 pub(super) type ImageContent = (AssetId<Image>, u64);
 
-/// The answer of [`AlphaImages::get`].
-pub(super) enum Answer {
+/// State of an alpha channel, as [`AlphaImages::get`] reports it.
+pub(super) enum ImageState {
     Ready(Arc<AlphaTexels>),
     /// Ask again in the next frame.
-    Later,
-    Never,
+    Loading,
+    /// Its alpha channel can not be had.
+    Unreadable,
 }
 
 /// Alpha channels that something waits for.
@@ -45,15 +46,15 @@ pub(super) struct AlphaImages {
 
 impl AlphaImages {
     /// The alpha channel of an image, which is copied from now on.
-    pub fn get(&mut self, content: ImageContent) -> Answer {
+    pub fn get(&mut self, content: ImageContent) -> ImageState {
         match self
             .images
             .entry(content)
             .or_insert_with(|| AlphaImage::Copying(AlphaTexels::default()))
         {
-            AlphaImage::Copying(_) => Answer::Later,
-            AlphaImage::Ready(texels) => Answer::Ready(texels.clone()),
-            AlphaImage::Unreadable => Answer::Never,
+            AlphaImage::Copying(_) => ImageState::Loading,
+            AlphaImage::Ready(texels) => ImageState::Ready(texels.clone()),
+            AlphaImage::Unreadable => ImageState::Unreadable,
         }
     }
 

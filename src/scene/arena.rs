@@ -1,6 +1,6 @@
 //! A GPU buffer that grows and hands out slices of itself.
 //!
-//! Bindings stay few when all meshes share one buffer. `Ledger` decides where slices lie and how large the buffer has to be;
+//! Bindings stay few when all meshes share one buffer. `SliceAllocator` decides where slices lie and how large the buffer has to be;
 //! [`Arena`] owns the buffer.
 //!
 //! # Order of writes
@@ -68,7 +68,7 @@ impl std::fmt::Debug for ArenaSlice {
 }
 
 /// The bookkeeping of an [`Arena`], without a buffer.
-struct Ledger {
+struct SliceAllocator {
     id: u64,
     allocator: Allocator,
     unit_words: u32,
@@ -79,7 +79,7 @@ struct Ledger {
     used_units: u32,
 }
 
-impl Ledger {
+impl SliceAllocator {
     fn new(unit_words: u32, max_bytes: u64) -> Self {
         let unit_words = unit_words.max(1);
         let max_units = ((max_bytes / 4).min(MAX_WORDS) / u64::from(unit_words)) as u32;
@@ -145,7 +145,7 @@ pub struct Arena {
     device: RenderDevice,
     label: &'static str,
     usages: BufferUsages,
-    ledger: Ledger,
+    allocator: SliceAllocator,
     buffer: Buffer,
     generation: u64,
 }
@@ -165,13 +165,13 @@ impl Arena {
             .min(limits.max_buffer_size)
             .min(limits.max_storage_buffer_binding_size);
         let usages = usages | BufferUsages::STORAGE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST;
-        let ledger = Ledger::new(unit_words, max_bytes);
-        let buffer = create_buffer(device, label, usages, ledger.bytes(ledger.capacity_units));
+        let allocator = SliceAllocator::new(unit_words, max_bytes);
+        let buffer = create_buffer(device, label, usages, allocator.bytes(allocator.capacity_units));
         Self {
             device: device.clone(),
             label,
             usages,
-            ledger,
+            allocator,
             buffer,
             generation: next_id(),
         }
@@ -182,12 +182,12 @@ impl Arena {
     ///
     /// The buffer grows with the next [`Self::write`] or [`Self::grow`], once for many slices.
     pub fn allocate(&mut self, words: u32) -> Option<ArenaSlice> {
-        self.ledger.allocate(words)
+        self.allocator.allocate(words)
     }
 
     /// Gives a slice back. Slices of other arenas, such as that of a lost device, are ignored.
     pub fn free(&mut self, slice: ArenaSlice) {
-        self.ledger.free(slice);
+        self.allocator.free(slice);
     }
 
     /// Writes from the start of the slice on, before the commands of the next submission. Words beyond the slice's end are left
@@ -199,8 +199,8 @@ impl Arena {
     /// The same from the given word of the slice on.
     pub fn write_from(&mut self, queue: &RenderQueue, slice: &ArenaSlice, first: usize, words: &[u32]) {
         let room = (slice.words as usize).saturating_sub(first);
-        debug_assert!(slice.arena == self.ledger.id && words.len() <= room);
-        if slice.arena != self.ledger.id {
+        debug_assert!(slice.arena == self.allocator.id && words.len() <= room);
+        if slice.arena != self.allocator.id {
             return;
         }
         self.grow(queue);
@@ -214,7 +214,7 @@ impl Arena {
     /// Replaces the buffer if slices were taken that it does not reach. Only needed ahead of [`Self::buffer`] where slices are
     /// filled by other means than [`Self::write`].
     pub fn grow(&mut self, queue: &RenderQueue) {
-        let size = self.ledger.bytes(self.ledger.capacity_units);
+        let size = self.allocator.bytes(self.allocator.capacity_units);
         if size <= self.buffer.size() {
             return;
         }
@@ -242,7 +242,7 @@ impl Arena {
 
     /// Bytes in slices, in whole units.
     pub fn used_bytes(&self) -> u64 {
-        self.ledger.bytes(self.ledger.used_units)
+        self.allocator.bytes(self.allocator.used_units)
     }
 
     /// Bytes of the buffer.
@@ -252,7 +252,7 @@ impl Arena {
 
     /// Bytes that the buffer can grow to.
     pub fn max_bytes(&self) -> u64 {
-        self.ledger.bytes(self.ledger.max_units)
+        self.allocator.bytes(self.allocator.max_units)
     }
 }
 
@@ -273,30 +273,30 @@ mod tests {
 
     #[test]
     fn slices_are_aligned_and_start_at_zero() {
-        let mut ledger = Ledger::new(12, 1 << 20);
+        let mut allocator = SliceAllocator::new(12, 1 << 20);
         let slices: Vec<ArenaSlice> = [1, 12, 13, 0]
             .iter()
-            .map(|words| ledger.allocate(*words).unwrap())
+            .map(|words| allocator.allocate(*words).unwrap())
             .collect();
         assert_eq!(slices.iter().map(ArenaSlice::base).collect::<Vec<_>>(), [0, 12, 24, 48]);
-        assert_eq!(ledger.bytes(ledger.used_units), 5 * 48);
-        slices.into_iter().for_each(|slice| ledger.free(slice));
-        assert_eq!(ledger.used_units, 0);
+        assert_eq!(allocator.bytes(allocator.used_units), 5 * 48);
+        slices.into_iter().for_each(|slice| allocator.free(slice));
+        assert_eq!(allocator.used_units, 0);
     }
 
     #[test]
     fn exactly_the_limit_fits() {
         // 21 845 units are not a size that the allocator's bins represent.
-        let mut ledger = Ledger::new(12, 1 << 20);
-        let words = ledger.max_units * 12;
-        assert!(ledger.allocate(words + 1).is_none());
-        let slice = ledger.allocate(words).unwrap();
-        assert_eq!(ledger.capacity_units, ledger.max_units);
-        assert!(ledger.allocate(1).is_none());
-        ledger.free(slice);
-        let first = ledger.allocate(words / 3).unwrap();
+        let mut allocator = SliceAllocator::new(12, 1 << 20);
+        let words = allocator.max_units * 12;
+        assert!(allocator.allocate(words + 1).is_none());
+        let slice = allocator.allocate(words).unwrap();
+        assert_eq!(allocator.capacity_units, allocator.max_units);
+        assert!(allocator.allocate(1).is_none());
+        allocator.free(slice);
+        let first = allocator.allocate(words / 3).unwrap();
         assert!(
-            ledger.allocate(words - words / 3 - 24).is_some(),
+            allocator.allocate(words - words / 3 - 24).is_some(),
             "the rest fits behind {first:?}"
         );
     }
@@ -304,30 +304,30 @@ mod tests {
     #[test]
     fn limits_below_a_unit_refuse_everything() {
         for max_bytes in [0, 3, 47] {
-            let mut ledger = Ledger::new(12, max_bytes);
-            assert!(ledger.allocate(0).is_none() && ledger.allocate(12).is_none());
-            assert_eq!(ledger.capacity_units, 1);
+            let mut allocator = SliceAllocator::new(12, max_bytes);
+            assert!(allocator.allocate(0).is_none() && allocator.allocate(12).is_none());
+            assert_eq!(allocator.capacity_units, 1);
         }
-        let mut ledger = Ledger::new(1, u64::MAX);
-        assert!(ledger.allocate(u32::MAX).is_none());
-        assert!(ledger.allocate(MAX_WORDS as u32).is_some());
+        let mut allocator = SliceAllocator::new(1, u64::MAX);
+        assert!(allocator.allocate(u32::MAX).is_none());
+        assert!(allocator.allocate(MAX_WORDS as u32).is_some());
     }
 
     #[test]
     fn capacity_grows_by_half() {
-        let mut ledger = Ledger::new(1, 1 << 30);
-        let before = ledger.capacity_units;
-        let _first = ledger.allocate(before).unwrap();
-        assert_eq!(ledger.capacity_units, before);
-        let _second = ledger.allocate(1).unwrap();
-        assert_eq!(ledger.capacity_units, before + before / 2);
-        let _third = ledger.allocate(before * 8).unwrap();
-        assert_eq!(ledger.capacity_units, before * 9 + 1);
+        let mut allocator = SliceAllocator::new(1, 1 << 30);
+        let before = allocator.capacity_units;
+        let _first = allocator.allocate(before).unwrap();
+        assert_eq!(allocator.capacity_units, before);
+        let _second = allocator.allocate(1).unwrap();
+        assert_eq!(allocator.capacity_units, before + before / 2);
+        let _third = allocator.allocate(before * 8).unwrap();
+        assert_eq!(allocator.capacity_units, before * 9 + 1);
     }
 
     #[test]
     fn slices_of_another_arena_are_ignored() {
-        let (mut a, mut b) = (Ledger::new(4, 1 << 20), Ledger::new(4, 1 << 20));
+        let (mut a, mut b) = (SliceAllocator::new(4, 1 << 20), SliceAllocator::new(4, 1 << 20));
         let slice = a.allocate(8).unwrap();
         b.free(slice);
         assert_eq!((a.used_units, b.used_units), (2, 0));
@@ -336,20 +336,20 @@ mod tests {
     proptest! {
         #[test]
         fn slices_never_overlap(steps in prop::collection::vec((any::<bool>(), 0_u32..40_000), 1..200)) {
-            let mut ledger = Ledger::new(12, 4 << 20);
+            let mut allocator = SliceAllocator::new(12, 4 << 20);
             let mut live: Vec<ArenaSlice> = Vec::new();
             for (free, value) in steps {
                 if free && !live.is_empty() {
-                    ledger.free(live.swap_remove(value as usize % live.len()));
-                } else if let Some(slice) = ledger.allocate(value) {
+                    allocator.free(live.swap_remove(value as usize % live.len()));
+                } else if let Some(slice) = allocator.allocate(value) {
                     live.push(slice);
                 }
                 let mut spans: Vec<(u32, u32)> = live.iter().map(|s| (s.base(), s.base() + s.words())).collect();
                 spans.sort_unstable();
                 prop_assert!(spans.windows(2).all(|pair| pair[0].1 <= pair[1].0));
-                prop_assert!(spans.iter().all(|span| span.0 % 12 == 0 && span.1 <= ledger.capacity_units * 12));
-                prop_assert!(ledger.capacity_units <= ledger.max_units);
-                prop_assert_eq!(ledger.used_units, live.iter().map(|s| s.words().div_ceil(12).max(1)).sum::<u32>());
+                prop_assert!(spans.iter().all(|span| span.0 % 12 == 0 && span.1 <= allocator.capacity_units * 12));
+                prop_assert!(allocator.capacity_units <= allocator.max_units);
+                prop_assert_eq!(allocator.used_units, live.iter().map(|s| s.words().div_ceil(12).max(1)).sum::<u32>());
             }
         }
     }

@@ -2,7 +2,7 @@
 //! hits. `environment.wesl` is the GPU side.
 
 use crate::{
-    settings::{RayTracedReflections, SafeSettings, WantsReflections},
+    settings::{ClampedSettings, RayTracedReflections, WantsReflections},
     vrs::BindGroupContents,
 };
 use bevy::{
@@ -102,7 +102,7 @@ fn into_image(rotation: Quat) -> [f32; 4] {
 impl ViewEnvironment {
     /// Gathers what surrounds a camera. `background` is its clear colour and `ambient` its ambient colour with brightness.
     fn new(
-        settings: &SafeSettings,
+        settings: &ClampedSettings,
         exposure: f32,
         ambient: (Color, f32),
         background: Option<Color>,
@@ -176,7 +176,7 @@ pub fn extract_environments(
         current.insert(
             entity,
             ViewEnvironment::new(
-                &SafeSettings::from(settings),
+                &ClampedSettings::from(settings),
                 exposure,
                 ambient,
                 background,

@@ -120,7 +120,7 @@ impl MaskSets {
             let maps = &mut set.micromaps;
             let before = maps.name();
             if changes.images || changes.materials.contains(&key.material) {
-                let are_gone = maps.look_at(Look::of(key, surroundings), self.frame);
+                let are_gone = maps.update_look(Look::of(key, surroundings), self.frame);
                 let source = set.triangles.mask_source(key.second_uvs, maps.uv_transform());
                 if are_gone || source.uv_transform != set.uv_transform {
                     set.uv_transform = source.uv_transform;

@@ -2,12 +2,12 @@
 //!
 //! The trees are built off the main thread and uploaded in parts. Until a tree stands in the buffer, and again after one of
 //! its objects moved, changed its mesh or what the traversal has to know of its material, was hidden or despawned, these
-//! objects are instances like all others. [`ledger`] decides what is merged and when.
+//! objects are instances like all others. [`scheduler`] decides what is merged and when.
 //!
 //! A merged triangle takes 56 bytes of GPU memory, more where it is split, on top of the BLAS of its mesh, which is kept so
 //! that its objects can become instances again at any time.
 
-mod ledger;
+mod scheduler;
 #[cfg(test)]
 mod tests;
 
@@ -23,9 +23,9 @@ use bevy::{
     render::renderer::RenderQueue,
     tasks::{AsyncComputeTaskPool, Task, block_on, poll_once},
 };
-use ledger::{Extent, Ledger, Limits, Tree};
+use scheduler::{Extent, Limits, MergeScheduler, Tree};
 
-pub(super) use ledger::Placement;
+pub(super) use scheduler::Placement;
 
 use std::sync::Arc;
 
@@ -55,7 +55,7 @@ const LIMITS: Limits = Limits {
 
 /// Merges what is at rest.
 pub(super) struct StaticMerge {
-    ledger: Ledger,
+    scheduler: MergeScheduler,
     work: Option<Work>,
     /// Frames that it has waited for micromaps.
     waited: u64,
@@ -83,7 +83,7 @@ struct Upload {
 impl Default for StaticMerge {
     fn default() -> Self {
         Self {
-            ledger: Ledger::new(LIMITS),
+            scheduler: MergeScheduler::new(LIMITS),
             work: None,
             waited: 0,
         }
@@ -93,17 +93,17 @@ impl Default for StaticMerge {
 impl StaticMerge {
     /// Notes how the object of a slot stands; `None` where there is none, or none that may be merged.
     pub fn observe(&mut self, slot: u32, placement: Option<Placement>) {
-        self.ledger.observe(slot, placement);
+        self.scheduler.observe(slot, placement);
     }
 
     /// Whether the object of a slot is in one of [`Self::instances`].
     pub fn is_merged(&self, slot: u32) -> bool {
-        self.ledger.is_merged(slot)
+        self.scheduler.is_merged(slot)
     }
 
     /// The merged trees for the TLAS. They are not opened, since they hardly overlap each other.
     pub fn instances(&self) -> impl Iterator<Item = TlasInstance<'_>> {
-        self.ledger.trees().map(|tree| TlasInstance {
+        self.scheduler.trees().map(|tree| TlasInstance {
             world_from_object: Affine3A::IDENTITY,
             bounds: tree.bounds,
             instance: 0,
@@ -124,40 +124,40 @@ impl StaticMerge {
         status: &ReflectionStatus,
     ) -> bool {
         self.take_lost(meshes);
-        if self.ledger.is_stale() {
+        if self.scheduler.is_stale() {
             self.cancel(meshes);
         }
-        self.ledger.advance(|_, placement| extent(meshes, placement));
+        self.scheduler.advance(|_, placement| extent(meshes, placement));
         self.carry_on(meshes, queue, status);
         // Trees are better with micromaps, which rarely take long.
         self.waited = if masks.is_baking() { self.waited + 1 } else { 0 };
         if self.work.is_none()
             && (self.waited == 0 || self.waited > MICROMAP_PATIENCE)
-            && let Some(members) = self.ledger.plan()
+            && let Some(members) = self.scheduler.plan()
         {
             match start(&members, masks, meshes) {
                 Some(task) => self.work = Some(Work::Building(task)),
-                None => self.ledger.fail(),
+                None => self.scheduler.fail(),
             }
         }
-        for name in self.ledger.take_released() {
+        for name in self.scheduler.take_released() {
             meshes.free_merged(name);
         }
-        let (instances, triangles) = self.ledger.merged();
-        let pending = self.ledger.is_pending();
+        let (instances, triangles) = self.scheduler.merged();
+        let pending = self.scheduler.is_pending();
         status.update(|report| {
             report.merged_instances = instances;
             report.merged_triangles = triangles;
             report.merges_pending = pending;
         });
-        self.ledger.take_changed()
+        self.scheduler.take_changed()
     }
 
     /// Whether the rooms of all trees are gone since [`Self::update`]. Their objects are instances from now on.
     pub fn take_lost(&mut self, meshes: &mut SceneMeshes) -> bool {
         let lost = meshes.take_merged_lost();
         if lost {
-            self.ledger.lose_trees();
+            self.scheduler.lose_trees();
             self.cancel(meshes);
         }
         lost
@@ -166,7 +166,7 @@ impl StaticMerge {
     /// Forgets everything and gives all room back.
     pub fn clear(&mut self, meshes: &mut SceneMeshes) {
         self.cancel(meshes);
-        for tree in self.ledger.trees() {
+        for tree in self.scheduler.trees() {
             meshes.free_merged(tree.name);
         }
         *self = Self::default();
@@ -176,7 +176,7 @@ impl StaticMerge {
         if let Some(Work::Uploading(upload)) = self.work.take() {
             meshes.free_merged(upload.name);
         }
-        self.ledger.abandon();
+        self.scheduler.abandon();
     }
 
     fn carry_on(&mut self, meshes: &mut SceneMeshes, queue: &RenderQueue, status: &ReflectionStatus) {
@@ -199,14 +199,14 @@ impl StaticMerge {
                 }))
             });
             if self.work.is_none() {
-                self.ledger.fail();
+                self.scheduler.fail();
             }
         }
         if let Some(Work::Uploading(upload)) = &mut self.work
             && let Some(tree) = upload.carry_on(meshes, queue)
         {
             self.work = None;
-            self.ledger.finish(tree);
+            self.scheduler.finish(tree);
         }
     }
 }

@@ -7,7 +7,7 @@ use super::{
 
 /// [`RayTracedReflections`] within its ranges. NaN becomes the default.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct SafeSettings {
+pub(crate) struct ClampedSettings {
     pub technique: ReflectionTechnique,
     pub backend: ReflectionBackend,
     pub sampling: ReflectionSampling,
@@ -32,7 +32,7 @@ pub(super) fn number_or(value: f32, default: f32) -> f32 {
     if value.is_nan() { default } else { value }
 }
 
-impl From<&RayTracedReflections> for SafeSettings {
+impl From<&RayTracedReflections> for ClampedSettings {
     fn from(settings: &RayTracedReflections) -> Self {
         let default = RayTracedReflections::default();
         let cutoff = number_or(settings.roughness_cutoff, default.roughness_cutoff).clamp(0.0, 1.0);
@@ -79,7 +79,7 @@ mod tests {
             texture_mip: ReflectionTextureMip::Fixed(-7.0),
             ..Default::default()
         };
-        let safe = SafeSettings::from(&wild);
+        let safe = ClampedSettings::from(&wild);
         assert_eq!(safe.cutoff, 153.5 / 255.0);
         assert_eq!(safe.fade_start, 0.0);
         assert_eq!(safe.max_ray_length, 0.0);

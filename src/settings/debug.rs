@@ -22,6 +22,7 @@ use bevy::{
 /// What textures hold is *of this frame*. Radiance is exposed, as in Bevy's HDR frames.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum ReflectionDebugView {
     /// The picture.
     #[default]

@@ -17,6 +17,7 @@ use bevy::{
 /// ([`full_resolution_mirrors`](crate::RayTracedReflections::full_resolution_mirrors)) count in none of them.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum ShadingRateHeuristic {
     /// The same rate everywhere.
     Uniform(ShadingRate),

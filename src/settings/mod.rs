@@ -35,7 +35,7 @@ pub use shading_rate::{RATE_ACTIVE, RATE_CODE_MASK, ShadingRate};
 pub use view::{ReflectionView, WantsReflections};
 pub use words::UnknownName;
 
-pub(crate) use clamped::SafeSettings;
+pub(crate) use clamped::ClampedSettings;
 pub(crate) use clamped_rate::{RateSettings, RateThresholds, RateVariant};
 pub(crate) use debug::ViewDebug;
 pub(crate) use reflections::PAPER_LEVEL;

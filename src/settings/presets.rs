@@ -12,6 +12,7 @@ use bevy::reflect::{Reflect, std_traits::ReflectDefault};
 /// in all presets but `Paper`.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum ReflectionPreset {
     /// The paper's recipe step by step: a quarter of the resolution, rates from average roughness (table 1), GGX normals from a
     /// Halton sequence, mip level 2 at hits, one history, no step of ours, no cut-off. 1/16 to 1/4 ray per pixel.

@@ -91,6 +91,7 @@ impl Default for RayTracedReflections {
 /// A trace pixel is one ray's place: one pixel of the view, or a quad of 2x2 of them of which each frame chooses another pixel.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum ReflectionTechnique {
     /// One ray for each pixel of each frame: the paper's full-resolution reference. Four times the rays of `Quarter`.
     Reference,
@@ -130,6 +131,7 @@ impl ReflectionTechnique {
 /// What turns the rate image into fewer rays. Both give the same rays.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum ReflectionBackend {
     /// [`Compute`](Self::Compute), which works everywhere and leaves no lanes idle.
     #[default]
@@ -152,6 +154,7 @@ words!(ReflectionBackend {
 /// How the directions of rays are drawn.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum ReflectionSampling {
     /// Bounded visible normals (Eto and Tokuyoshi 2023) from spatio-temporal blue noise: the least noise.
     #[default]
@@ -168,6 +171,7 @@ words!(ReflectionSampling {
 /// Which mip level of a texture is read where a ray hits.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum ReflectionTextureMip {
     /// The level that fits the footprint of the ray, from a cone that widens with distance and roughness (Akenine-Möller et
     /// al., *Ray Tracing Gems*, chapter 20).
@@ -188,6 +192,7 @@ pub(crate) const PAPER_LEVEL: f32 = 2.0;
 /// What finds the surface that a ray hits.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum ReflectionTracerChoice {
     /// Ray queries where the adapter has them, else the BVH.
     #[default]

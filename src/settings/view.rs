@@ -1,12 +1,12 @@
 //! Settings of a camera in the render world.
 
-use super::{RateSettings, ReflectionBackend, SafeSettings, ViewDebug};
+use super::{ClampedSettings, RateSettings, ReflectionBackend, ViewDebug};
 use bevy::ecs::component::Component;
 
 /// A view that traces reflections, in the render world.
 #[derive(Component, Clone, Debug)]
 pub struct ReflectionView {
-    pub(crate) settings: SafeSettings,
+    pub(crate) settings: ClampedSettings,
     pub(crate) rate: RateSettings,
     /// History must be forgotten.
     pub(crate) reset: bool,
@@ -16,7 +16,7 @@ pub struct ReflectionView {
 /// A view whose camera asks for reflections. It may not be ready to trace them.
 #[derive(Component)]
 pub struct WantsReflections {
-    pub(crate) settings: SafeSettings,
+    pub(crate) settings: ClampedSettings,
     pub(crate) rate: RateSettings,
 }
 

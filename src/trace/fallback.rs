@@ -1,7 +1,7 @@
 //! Which back end turns a camera's rates into rays, and what is said where it isn't the one that was asked for.
 
 use crate::{
-    settings::{ReflectionBackend, ReflectionTechnique, SafeSettings},
+    settings::{ClampedSettings, ReflectionBackend, ReflectionTechnique},
     status::ReflectionStatus,
 };
 use bevy::{
@@ -12,7 +12,7 @@ use bevy::{
 /// The back end for settings: [`ReflectionBackend::Compute`] or [`ReflectionBackend::HardwareVrs`], and why it isn't the latter
 /// though it was asked for. Only rates that vary have a choice.
 pub(crate) fn choose(
-    settings: &SafeSettings,
+    settings: &ClampedSettings,
     available: impl FnOnce() -> Result<(), String>,
 ) -> (ReflectionBackend, Option<String>) {
     if settings.technique != ReflectionTechnique::Variable || settings.backend != ReflectionBackend::HardwareVrs {
@@ -76,8 +76,8 @@ mod tests {
     use super::*;
     use crate::settings::RayTracedReflections;
 
-    fn settings(technique: ReflectionTechnique, backend: ReflectionBackend) -> SafeSettings {
-        SafeSettings::from(&RayTracedReflections {
+    fn settings(technique: ReflectionTechnique, backend: ReflectionBackend) -> ClampedSettings {
+        ClampedSettings::from(&RayTracedReflections {
             technique,
             backend,
             ..Default::default()

@@ -11,7 +11,7 @@ use crate::{
     diagnostics::CountInvocations,
     gbuffer::{GBufferPass, PassShader},
     scene::SceneBindings,
-    settings::SafeSettings,
+    settings::ClampedSettings,
     vrs::PipelineRequest,
 };
 use bevy::{
@@ -59,12 +59,12 @@ pub struct TracePipelines {
 
 impl TracePipelines {
     /// Asks for the passes of a view; they are compiled from the next frame on.
-    pub(crate) fn request(&mut self, settings: &SafeSettings) {
+    pub(crate) fn request(&mut self, settings: &ClampedSettings) {
         self.wanted.extend(TracePass::of(settings));
     }
 
     /// All that a view's settings need can be used.
-    pub(crate) fn is_ready(&self, cache: &PipelineCache, settings: &SafeSettings) -> bool {
+    pub(crate) fn is_ready(&self, cache: &PipelineCache, settings: &ClampedSettings) -> bool {
         let compiled = |pass: &GBufferPass<Variant>| {
             let mut variants = self.variant.substitutes().into_iter();
             variants.any(|variant| pass.pipeline(&variant, cache).is_some())

@@ -2,7 +2,7 @@
 
 use crate::{
     scene::SceneBindings,
-    settings::{ReflectionTechnique, SafeSettings},
+    settings::{ClampedSettings, ReflectionTechnique},
 };
 
 /// A pass that traces rays.
@@ -20,7 +20,7 @@ pub(super) enum TracePass {
 
 impl TracePass {
     /// The passes that a view's settings need.
-    pub fn of(settings: &SafeSettings) -> impl Iterator<Item = Self> + use<> {
+    pub fn of(settings: &ClampedSettings) -> impl Iterator<Item = Self> + use<> {
         let rays = match settings.technique {
             ReflectionTechnique::Converged => Self::Converged,
             ReflectionTechnique::QuarterInline => Self::Inline,

@@ -4,7 +4,7 @@ use super::pipelines::TracePipelines;
 use crate::{
     device::HardwareVrsSupport,
     gbuffer::PassContext,
-    settings::{ReflectionBackend, SafeSettings},
+    settings::{ClampedSettings, ReflectionBackend},
     vrs::{self, BindGroupContents, DrawGroup, HardwareVrs, VrsBackend, VrsDraw},
 };
 use bevy::{
@@ -39,7 +39,12 @@ impl VrsPass<'_> {
     }
 
     /// Brings forward what the settings need; true once a view with them can be traced.
-    pub(crate) fn is_ready(&mut self, settings: &SafeSettings, trace: &TracePipelines, cache: &PipelineCache) -> bool {
+    pub(crate) fn is_ready(
+        &mut self,
+        settings: &ClampedSettings,
+        trace: &TracePipelines,
+        cache: &PipelineCache,
+    ) -> bool {
         if settings.backend != ReflectionBackend::HardwareVrs {
             return true;
         }

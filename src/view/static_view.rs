@@ -3,7 +3,7 @@
 use super::uniform::{Fog, Frame};
 use crate::{
     scene::environment::ViewEnvironment,
-    settings::{RateSettings, ReflectionView, SafeSettings},
+    settings::{ClampedSettings, RateSettings, ReflectionView},
 };
 use bevy::{
     math::{Mat4, UVec2, Vec3},
@@ -29,7 +29,7 @@ pub(super) struct ViewFingerprint {
     origin: UVec2,
     flags: u32,
     fog: Fog,
-    settings: SafeSettings,
+    settings: ClampedSettings,
     rate: RateSettings,
 }
 

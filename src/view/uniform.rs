@@ -2,7 +2,7 @@
 
 use crate::{
     scene::environment::ViewEnvironment,
-    settings::{RateThresholds, ReflectionSampling, SafeSettings},
+    settings::{ClampedSettings, RateThresholds, ReflectionSampling},
     targets::Sizes,
 };
 use bevy::{
@@ -72,7 +72,7 @@ pub struct GpuReflectionView {
     /// Length of the average normal below which a tile counts as an edge; negative for none.
     pub rate_min_flatness: f32,
     /// Share of the reflection below which it is faint.
-    pub rate_faint: f32,
+    pub rate_visibility_threshold: f32,
     /// Highest step of the heuristic's ladder of rates.
     pub rate_max_level: u32,
     /// Code of the uniform rate.
@@ -133,7 +133,7 @@ pub(super) struct PreviousFrame {
 
 impl GpuReflectionView {
     pub(super) fn new(
-        settings: &SafeSettings,
+        settings: &ClampedSettings,
         rate: &RateThresholds,
         sizes: Sizes,
         frame: &Frame,
@@ -169,7 +169,7 @@ impl GpuReflectionView {
             rate_eighth: rate.eighth,
             rate_min_roughness: rate.min_roughness,
             rate_min_flatness: rate.min_flatness,
-            rate_faint: rate.visibility_threshold,
+            rate_visibility_threshold: rate.visibility_threshold,
             rate_max_level: rate.max_level,
             rate_uniform_code: rate.uniform_code,
         }
@@ -177,7 +177,7 @@ impl GpuReflectionView {
 }
 
 /// The flags that follow from settings.
-fn flags(settings: &SafeSettings) -> u32 {
+fn flags(settings: &ClampedSettings) -> u32 {
     let set = [
         (VIEW_FULL_RESOLUTION_MIRRORS, settings.full_resolution_mirrors),
         (VIEW_HALTON, settings.sampling == ReflectionSampling::Halton),

@@ -187,7 +187,7 @@ pub fn image_angle(spread: f32, distance: f32, hit: f32, orthographic: bool) -> 
     }
 }
 
-pub fn solid_angle_stretch(hit: f32, squared: f32) -> f32 {
+pub fn reconnection_jacobian(hit: f32, squared: f32) -> f32 {
     (hit * hit / squared).clamp(0.25, 4.0)
 }
 

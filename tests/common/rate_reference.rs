@@ -90,6 +90,7 @@ impl Case {
             ShadingRateHeuristic::Combined(_) => vec!["COMBINED", "TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE"],
             ShadingRateHeuristic::Image(_) => vec!["IMAGE"],
             ShadingRateHeuristic::Custom(_) => vec!["TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE", "TILE_DEPTH"],
+            _ => unimplemented!("{:?}", self.heuristic),
         };
         if self.tile_size == 8 {
             defs.push("TILES_8");
@@ -117,10 +118,11 @@ impl Case {
                 uniform.set("rate_eighth", &[t.eighth]);
                 uniform.set("rate_min_roughness", &guard(t.min_roughness));
                 uniform.set("rate_min_flatness", &[flatness(t)]);
-                uniform.set("rate_faint", &[t.visibility_threshold]);
+                uniform.set("rate_visibility_threshold", &[t.visibility_threshold]);
                 uniform.set("rate_max_level", &[level(t.coarsest)]);
             }
             ShadingRateHeuristic::Custom(_) | ShadingRateHeuristic::Image(_) => {}
+            other => unimplemented!("{other:?}"),
         }
     }
 

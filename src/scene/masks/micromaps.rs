@@ -6,7 +6,7 @@
 use crate::{
     device::ReflectionTextureMode,
     scene::{
-        alpha_images::{AlphaImages, Answer, ImageContent},
+        alpha_images::{AlphaImages, ImageContent, ImageState},
         bvh::{AlphaTest, Item, Micromap, OpacityBaker, Wrap, masks, micromap_of},
         materials::{MaterialAssets, pack_material},
         meshes::MeshTriangles,
@@ -67,7 +67,7 @@ struct Test {
     texture: Option<(ImageContent, [Wrap; 2])>,
 }
 
-enum Stage {
+enum BakeState {
     /// Since this frame.
     Waiting(u64),
     Baking(Task<Vec<Item>>),
@@ -78,7 +78,7 @@ enum Stage {
 /// The micromaps of a set of masks.
 pub(super) struct Micromaps {
     look: Look,
-    stage: Stage,
+    state: BakeState,
     /// What stands in the buffer.
     named: NamedMicromaps,
 }
@@ -115,10 +115,10 @@ impl Look {
         }
     }
 
-    fn first_stage(&self, frame: u64) -> Stage {
+    fn first_state(&self, frame: u64) -> BakeState {
         match self.test {
-            Some(_) => Stage::Waiting(frame),
-            None => Stage::Done,
+            Some(_) => BakeState::Waiting(frame),
+            None => BakeState::Done,
         }
     }
 }
@@ -126,14 +126,14 @@ impl Look {
 impl Micromaps {
     pub fn new(look: Look, frame: u64) -> Self {
         Self {
-            stage: look.first_stage(frame),
+            state: look.first_state(frame),
             look,
             named: NamedMicromaps::default(),
         }
     }
 
     /// Notes what the material is. Returns whether the micromaps in the buffer are wrong from now on.
-    pub fn look_at(&mut self, look: Look, frame: u64) -> bool {
+    pub fn update_look(&mut self, look: Look, frame: u64) -> bool {
         if look == self.look {
             return false;
         }
@@ -154,21 +154,21 @@ impl Micromaps {
         frame: u64,
         next_name: &mut u64,
     ) -> Option<Vec<Item>> {
-        match &mut self.stage {
-            Stage::Waiting(since) if may_start && frame >= *since + QUIET_FRAMES => {
+        match &mut self.state {
+            BakeState::Waiting(since) if may_start && frame >= *since + QUIET_FRAMES => {
                 let test = self.look.test.clone()?;
                 // The material may have found no place for its texture.
                 if test.texture.is_some_and(|((image, _), _)| !sampled(image)) {
-                    self.stage = Stage::Done;
+                    self.state = BakeState::Done;
                     return None;
                 }
                 let texture = match test.texture {
                     None => None,
                     Some((content, wrap)) => match images.get(content) {
-                        Answer::Ready(texels) => Some((texels, wrap)),
-                        Answer::Later => return None,
-                        Answer::Never => {
-                            self.stage = Stage::Done;
+                        ImageState::Ready(texels) => Some((texels, wrap)),
+                        ImageState::Loading => return None,
+                        ImageState::Unreadable => {
+                            self.state = BakeState::Done;
                             return None;
                         }
                     },
@@ -179,15 +179,15 @@ impl Micromaps {
                     texture,
                 };
                 let (triangles, second_uvs, transform) = (triangles.clone(), key.second_uvs, self.look.uv_transform);
-                self.stage = Stage::Baking(AsyncComputeTaskPool::get().spawn(async move {
+                self.state = BakeState::Baking(AsyncComputeTaskPool::get().spawn(async move {
                     let baker = OpacityBaker::new(&test);
                     masks(&triangles.mask_source(second_uvs, transform), Some(&baker))
                 }));
                 None
             }
-            Stage::Baking(task) if task.is_finished() => {
+            BakeState::Baking(task) if task.is_finished() => {
                 let items = block_on(poll_once(task));
-                self.stage = Stage::Done;
+                self.state = BakeState::Done;
                 *next_name += 1;
                 let mergeable = items.as_ref().filter(|_| !triangles.positions.is_empty());
                 self.named = NamedMicromaps {
@@ -217,36 +217,36 @@ impl Micromaps {
 
     /// There is more to be done.
     pub fn is_unfinished(&self) -> bool {
-        !matches!(self.stage, Stage::Done)
+        !matches!(self.state, BakeState::Done)
     }
 
     /// They are being made, or their turn has come.
     pub fn is_due(&self, frame: u64) -> bool {
-        match self.stage {
-            Stage::Waiting(since) => frame >= since + QUIET_FRAMES,
-            Stage::Baking(_) => true,
-            Stage::Done => false,
+        match self.state {
+            BakeState::Waiting(since) => frame >= since + QUIET_FRAMES,
+            BakeState::Baking(_) => true,
+            BakeState::Done => false,
         }
     }
 
     /// A task makes them.
     pub fn is_baking(&self) -> bool {
-        matches!(self.stage, Stage::Baking(_))
+        matches!(self.state, BakeState::Baking(_))
     }
 
     /// They will be made if nothing changes, which in the last frame was so.
     pub fn is_pending(&self, frame: u64) -> bool {
-        match self.stage {
-            Stage::Waiting(since) => frame > since + 1,
-            Stage::Baking(_) => true,
-            Stage::Done => false,
+        match self.state {
+            BakeState::Waiting(since) => frame > since + 1,
+            BakeState::Baking(_) => true,
+            BakeState::Done => false,
         }
     }
 
     /// The alpha channel of this image is still wanted.
     pub fn waits_for(&self, content: &ImageContent) -> bool {
         let wanted = self.look.test.as_ref().and_then(|test| test.texture);
-        matches!(self.stage, Stage::Waiting(_)) && wanted.is_some_and(|(wanted, _)| wanted == *content)
+        matches!(self.state, BakeState::Waiting(_)) && wanted.is_some_and(|(wanted, _)| wanted == *content)
     }
 }
 
@@ -269,18 +269,18 @@ mod tests {
     fn changes_take_micromaps_back() {
         let mut maps = Micromaps::new(look(0.5, 0.0), 0);
         assert!(maps.is_unfinished());
-        assert!(!maps.look_at(look(0.5, 0.0), 1), "nothing changed");
-        assert!(!maps.look_at(look(0.6, 0.0), 2), "there were no micromaps");
-        assert!(!maps.look_at(look(0.6, 0.5), 3), "nor now");
+        assert!(!maps.update_look(look(0.5, 0.0), 1), "nothing changed");
+        assert!(!maps.update_look(look(0.6, 0.0), 2), "there were no micromaps");
+        assert!(!maps.update_look(look(0.6, 0.5), 3), "nor now");
         maps.named = NamedMicromaps {
             name: 7,
             maps: Some(Arc::default()),
         };
-        maps.stage = Stage::Done;
-        assert!(!maps.look_at(look(0.6, 0.5), 4));
+        maps.state = BakeState::Done;
+        assert!(!maps.update_look(look(0.6, 0.5), 4));
         assert_eq!(maps.name(), 7);
-        assert!(maps.look_at(look(0.7, 0.5), 5));
+        assert!(maps.update_look(look(0.7, 0.5), 5));
         assert_eq!(maps.name(), 0);
-        assert!(matches!(maps.stage, Stage::Waiting(5)));
+        assert!(matches!(maps.state, BakeState::Waiting(5)));
     }
 }

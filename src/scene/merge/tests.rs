@@ -1,6 +1,6 @@
 //! The bookkeeping of merged objects.
 
-use super::{ledger::gains_micromaps, *};
+use super::{scheduler::gains_micromaps, *};
 use crate::scene::{bvh::Bounds, gpu_types::INSTANCE_ALPHA_MASKED};
 use bevy::{asset::AssetId, ecs::entity::Entity};
 
@@ -12,9 +12,9 @@ const LIMITS: Limits = Limits {
     budget_triangles: 4000,
 };
 
-/// A ledger whose plans are built at once.
+/// A scheduler whose plans are built at once.
 struct Scene {
-    ledger: Ledger,
+    scheduler: MergeScheduler,
     /// Triangles of each object; 0 = it can't be merged.
     sizes: Vec<u64>,
     plans: usize,
@@ -51,20 +51,20 @@ impl Scene {
     /// Objects of so many triangles at x = 0, 1, 2 ...
     fn new(sizes: &[u64]) -> Self {
         let mut scene = Self {
-            ledger: Ledger::new(LIMITS),
+            scheduler: MergeScheduler::new(LIMITS),
             sizes: sizes.to_vec(),
             plans: 0,
             next_name: 0,
         };
         for slot in 0..sizes.len() as u32 {
-            scene.ledger.observe(slot, at(slot, slot as f32));
+            scene.scheduler.observe(slot, at(slot, slot as f32));
         }
         scene
     }
 
     fn advance(&mut self) {
         let sizes = &self.sizes;
-        self.ledger.advance(|slot, placement| {
+        self.scheduler.advance(|slot, placement| {
             let triangles = sizes[slot as usize];
             (triangles > 0).then_some(Extent {
                 triangles,
@@ -76,13 +76,13 @@ impl Scene {
     /// A frame; returns what was planned in it, which stays unfinished.
     fn plan(&mut self) -> Option<Vec<u32>> {
         self.advance();
-        let plan = self.ledger.plan()?;
+        let plan = self.scheduler.plan()?;
         self.plans += 1;
         Some(plan.into_iter().map(|(slot, _)| slot).collect())
     }
 
     fn finish(&mut self) {
-        self.ledger.finish(tree(self.next_name));
+        self.scheduler.finish(tree(self.next_name));
         self.next_name += 1;
     }
 
@@ -97,46 +97,46 @@ impl Scene {
 
     fn merged(&self) -> Vec<u32> {
         (0..self.sizes.len() as u32)
-            .filter(|slot| self.ledger.is_merged(*slot))
+            .filter(|slot| self.scheduler.is_merged(*slot))
             .collect()
     }
 
     fn trees(&self) -> usize {
-        self.ledger.trees().count()
+        self.scheduler.trees().count()
     }
 }
 
 #[test]
 fn a_still_scene_is_merged_once() {
     let mut scene = Scene::new(&[10, 20, 0, 30]);
-    assert!(!scene.ledger.is_pending());
+    assert!(!scene.scheduler.is_pending());
     scene.run(2);
-    assert!(scene.ledger.is_pending() && scene.merged().is_empty());
+    assert!(scene.scheduler.is_pending() && scene.merged().is_empty());
     scene.run(3 * QUIET);
     assert_eq!(scene.merged(), [0, 1, 3]);
-    assert_eq!((scene.trees(), scene.ledger.merged()), (1, (3, 60)));
-    assert!(scene.ledger.take_changed());
+    assert_eq!((scene.trees(), scene.scheduler.merged()), (1, (3, 60)));
+    assert!(scene.scheduler.take_changed());
     scene.run(100);
     assert_eq!(scene.plans, 1);
-    assert!(!scene.ledger.is_pending() && !scene.ledger.take_changed());
-    assert!(scene.ledger.take_released().is_empty());
+    assert!(!scene.scheduler.is_pending() && !scene.scheduler.take_changed());
+    assert!(scene.scheduler.take_released().is_empty());
 }
 
 #[test]
 fn a_moved_object_drops_out_and_comes_back() {
     let mut scene = Scene::new(&[10, 20, 30]);
     scene.run(3 * QUIET);
-    scene.ledger.take_changed();
-    scene.ledger.observe(1, at(1, 1.5));
-    assert!(scene.merged().is_empty() && scene.ledger.take_changed());
-    assert_eq!(scene.ledger.take_released(), [0]);
+    scene.scheduler.take_changed();
+    scene.scheduler.observe(1, at(1, 1.5));
+    assert!(scene.merged().is_empty() && scene.scheduler.take_changed());
+    assert_eq!(scene.scheduler.take_released(), [0]);
     scene.run(QUIET - 1);
     assert!(scene.merged().is_empty(), "waits for quiet frames");
     scene.run(2);
     assert_eq!(scene.merged(), [0, 2], "the others don't wait for it");
     scene.run(20 * QUIET);
     assert_eq!((scene.merged(), scene.trees()), (vec![0, 1, 2], 1));
-    assert_eq!(scene.ledger.take_released(), [1]);
+    assert_eq!(scene.scheduler.take_released(), [1]);
     assert_eq!(scene.plans, 3);
 }
 
@@ -146,7 +146,7 @@ fn only_the_chunk_of_the_moved_object_is_dissolved() {
     let mut scene = Scene::new(&[400; 4]);
     scene.run(4 * QUIET);
     assert_eq!((scene.merged().len(), scene.trees()), (4, 2));
-    scene.ledger.observe(3, at(3, 9.0));
+    scene.scheduler.observe(3, at(3, 9.0));
     assert_eq!((scene.merged(), scene.trees()), (vec![0, 1], 1));
 }
 
@@ -185,14 +185,14 @@ fn hidden_changed_and_despawned_objects_drop_out() {
         let mut scene = Scene::new(&[10, 20]);
         scene.run(3 * QUIET);
         let placement = at(0, 0.0).unwrap();
-        scene.ledger.observe(0, Some(placement));
+        scene.scheduler.observe(0, Some(placement));
         assert_eq!(scene.merged(), [0, 1], "nothing changed");
-        scene.ledger.observe(0, change(placement));
+        scene.scheduler.observe(0, change(placement));
         assert!(scene.merged().is_empty(), "change {i}");
         scene.run(30 * QUIET);
         let expected: &[u32] = if i == 0 { &[1] } else { &[0, 1] };
         assert_eq!(scene.merged(), expected, "change {i}");
-        scene.ledger.observe(0, Some(placement));
+        scene.scheduler.observe(0, Some(placement));
         scene.run(100 * QUIET);
         assert_eq!(scene.merged(), [0, 1], "change {i} undone");
     }
@@ -203,13 +203,13 @@ fn the_budget_holds_for_small_objects_first() {
     let mut scene = Scene::new(&[900, 900, 900, 900, 900, 100, 1001]);
     scene.run(20 * QUIET);
     assert_eq!(scene.merged(), [0, 1, 2, 3, 5], "the largest is larger than a chunk");
-    assert_eq!(scene.ledger.merged().1, 3700);
+    assert_eq!(scene.scheduler.merged().1, 3700);
     let plans = scene.plans;
     scene.run(50 * QUIET);
     assert_eq!(scene.plans, plans);
-    assert!(!scene.ledger.is_pending());
+    assert!(!scene.scheduler.is_pending());
     // Room for another one.
-    scene.ledger.observe(2, None);
+    scene.scheduler.observe(2, None);
     scene.run(20 * QUIET);
     assert_eq!(scene.merged(), [0, 1, 3, 4, 5]);
 }
@@ -220,7 +220,7 @@ fn large_scenes_are_split_in_space() {
     scene.run(20 * QUIET);
     assert_eq!((scene.merged().len(), scene.trees()), (32, 4));
     // Neighbours share a chunk.
-    scene.ledger.observe(0, None);
+    scene.scheduler.observe(0, None);
     assert_eq!(scene.merged(), (8..32).collect::<Vec<_>>());
 }
 
@@ -229,7 +229,7 @@ fn objects_in_motion_are_left_alone() {
     let mut scene = Scene::new(&[10, 20, 30]);
     let mut seen = 0;
     for frame in 0..1000 {
-        scene.ledger.observe(1, at(1, 1.0 + frame as f32));
+        scene.scheduler.observe(1, at(1, 1.0 + frame as f32));
         scene.run(1);
         seen += usize::from(scene.merged() == [0, 2]);
     }
@@ -242,7 +242,7 @@ fn objects_in_motion_are_left_alone() {
 fn restless_objects_wait_longer_each_time() {
     let mut scene = Scene::new(&[10, 20, 30]);
     for step in 0..2000 {
-        scene.ledger.observe(1, at(1, 1.0 + step as f32));
+        scene.scheduler.observe(1, at(1, 1.0 + step as f32));
         scene.run(10 * QUIET);
     }
     assert!(scene.plans < 10, "{} plans in 20,000 quiet times", scene.plans);
@@ -255,7 +255,7 @@ fn a_trickle_of_objects_is_merged_in_lots() {
     let mut scene = Scene::new(&[]);
     scene.sizes = vec![1; 500];
     for slot in 0..500 {
-        scene.ledger.observe(slot, at(slot, slot as f32));
+        scene.scheduler.observe(slot, at(slot, slot as f32));
         scene.run(QUIET / 2);
     }
     assert!(scene.merged().len() > 400);
@@ -268,11 +268,11 @@ fn changes_during_a_build_make_it_stale() {
     let plan = (0..20).find_map(|_| scene.plan());
     assert_eq!(plan, Some(vec![0, 1]));
     assert!(scene.plan().is_none(), "one build at a time");
-    scene.ledger.observe(1, at(1, 5.0));
-    assert!(scene.ledger.is_stale());
+    scene.scheduler.observe(1, at(1, 5.0));
+    assert!(scene.scheduler.is_stale());
     scene.finish();
     assert!(scene.merged().is_empty());
-    assert_eq!(scene.ledger.take_released(), [0], "its room is given back");
+    assert_eq!(scene.scheduler.take_released(), [0], "its room is given back");
     scene.run(30 * QUIET);
     assert_eq!(scene.merged(), [0, 1]);
 }
@@ -281,11 +281,11 @@ fn changes_during_a_build_make_it_stale() {
 fn what_can_not_be_built_is_not_tried_again() {
     let mut scene = Scene::new(&[10, 20]);
     assert!((0..20).find_map(|_| scene.plan()).is_some());
-    scene.ledger.fail();
+    scene.scheduler.fail();
     scene.run(100);
     assert_eq!((scene.plans, scene.trees()), (1, 0));
-    assert!(!scene.ledger.is_pending());
-    scene.ledger.observe(0, at(0, 5.0));
+    assert!(!scene.scheduler.is_pending());
+    scene.scheduler.observe(0, at(0, 5.0));
     scene.run(100);
     assert_eq!(scene.merged(), [0]);
 }
@@ -294,13 +294,16 @@ fn what_can_not_be_built_is_not_tried_again() {
 fn lost_trees_are_not_built_again() {
     let mut scene = Scene::new(&[10, 20]);
     scene.run(3 * QUIET);
-    scene.ledger.take_changed();
-    scene.ledger.lose_trees();
-    assert!(scene.merged().is_empty() && scene.ledger.take_changed());
-    assert!(scene.ledger.take_released().is_empty(), "their rooms are gone already");
+    scene.scheduler.take_changed();
+    scene.scheduler.lose_trees();
+    assert!(scene.merged().is_empty() && scene.scheduler.take_changed());
+    assert!(
+        scene.scheduler.take_released().is_empty(),
+        "their rooms are gone already"
+    );
     scene.run(1000);
     assert_eq!(scene.plans, 1);
-    assert!(!scene.ledger.is_pending());
+    assert!(!scene.scheduler.is_pending());
 }
 
 #[test]
@@ -321,31 +324,31 @@ fn micromaps_are_no_disturbance() {
     });
     assert!(!gains_micromaps(with(0), moved));
 
-    let mut ledger = Ledger::new(LIMITS);
+    let mut scheduler = MergeScheduler::new(LIMITS);
     let extent = Extent {
         triangles: 10,
         centre: Vec3A::ZERO,
     };
-    let plan = |ledger: &mut Ledger, frames: u64| {
+    let plan = |scheduler: &mut MergeScheduler, frames: u64| {
         for _ in 0..frames {
-            ledger.advance(|_, _| Some(extent));
-            if let Some(members) = ledger.plan() {
+            scheduler.advance(|_, _| Some(extent));
+            if let Some(members) = scheduler.plan() {
                 return Some(members[0].1.micromaps);
             }
         }
         None
     };
-    ledger.observe(0, with(0));
-    assert_eq!(plan(&mut ledger, 3 * QUIET), Some(0));
-    ledger.observe(0, with(3));
-    assert!(ledger.is_stale(), "the tree would lack them");
-    ledger.abandon();
-    assert_eq!(plan(&mut ledger, 3 * QUIET), Some(3), "it needn't rest anew");
-    ledger.finish(tree(1));
-    ledger.observe(0, with(0));
-    assert!(ledger.take_changed() && ledger.take_released() == [1]);
+    scheduler.observe(0, with(0));
+    assert_eq!(plan(&mut scheduler, 3 * QUIET), Some(0));
+    scheduler.observe(0, with(3));
+    assert!(scheduler.is_stale(), "the tree would lack them");
+    scheduler.abandon();
+    assert_eq!(plan(&mut scheduler, 3 * QUIET), Some(3), "it needn't rest anew");
+    scheduler.finish(tree(1));
+    scheduler.observe(0, with(0));
+    assert!(scheduler.take_changed() && scheduler.take_released() == [1]);
     assert_eq!(
-        plan(&mut ledger, 3 * QUIET),
+        plan(&mut scheduler, 3 * QUIET),
         None,
         "it changed, and has to rest for longer"
     );

@@ -63,7 +63,7 @@ pub fn camera(name: SceneName) -> (Transform, PerspectiveProjection) {
 
 impl CameraPath {
     /// The path of a scene: a way through the places, a loop in front of the little scenes. It starts where the scene's
-    /// [`camera`](crate::camera) stands.
+    /// [`camera`] stands.
     pub const fn of(scene: SceneName) -> Self {
         match scene {
             SceneName::Demo => camera_path::DEMO,

@@ -1,6 +1,6 @@
 //! What is built next: which of the objects at rest, and which chunks they absorb.
 
-use super::{Building, Ledger, Placement};
+use super::{Building, MergeScheduler, Placement};
 use bevy::math::Vec3A;
 
 /// Objects keep others from being merged by coming to rest or leaving it for at most so many times `quiet_frames`.
@@ -8,7 +8,7 @@ const PATIENCE: u64 = 8;
 /// Chunks are absorbed up to so many times what is new.
 const ABSORBED: u64 = 8;
 
-impl Ledger {
+impl MergeScheduler {
     /// What to build next, if it is time for that and nothing is being built. The caller then has to call
     /// [`Self::finish`], [`Self::fail`] or [`Self::abandon`].
     pub fn plan(&mut self) -> Option<Vec<(u32, Placement)>> {

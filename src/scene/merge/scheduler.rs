@@ -101,7 +101,7 @@ struct Slot {
     state: State,
     /// Part of the tree that is being built.
     building: bool,
-    /// Stands in `Ledger::settling`.
+    /// Stands in `MergeScheduler::settling`.
     queued: bool,
     /// Frame of the last change.
     changed: u64,
@@ -129,7 +129,7 @@ struct Building {
 }
 
 /// The bookkeeping of merging, by slots of the instance buffer.
-pub(super) struct Ledger {
+pub(super) struct MergeScheduler {
     limits: Limits,
     slots: Vec<Slot>,
     /// Slots that wait for being at rest, with a frame before which they aren't.
@@ -150,7 +150,7 @@ pub(super) struct Ledger {
     released: Vec<u64>,
 }
 
-impl Ledger {
+impl MergeScheduler {
     /// Knows of no object.
     pub fn new(limits: Limits) -> Self {
         Self {
