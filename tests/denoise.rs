@@ -7,26 +7,17 @@ mod denoise_reference;
 mod dispatch;
 #[path = "common/sampling_reference.rs"]
 mod sampling_reference;
+#[path = "common/wesl.rs"]
+mod wesl;
 
 use bevy::math::{Quat, Vec3, Vec4, ivec2, uvec2, vec3, vec4};
 use denoise_reference::*;
-use dispatch::{Gpu, flatten};
+use dispatch::Gpu;
 use sampling_reference::{
     Random, fresnel_schlick, guard_view, sample_reflection, specular_f90, specular_lobe, view_at,
 };
 use std::collections::{BTreeMap, HashSet};
-
-const MODULES: [(&str, &str); 6] = [
-    ("trace/sampling.wesl", include_str!("../src/trace/sampling.wesl")),
-    ("trace/brdf.wesl", include_str!("../src/trace/brdf.wesl")),
-    ("trace/record.wesl", include_str!("../src/trace/record.wesl")),
-    ("denoise/filters.wesl", include_str!("../src/denoise/filters.wesl")),
-    ("denoise/lobes.wesl", include_str!("../src/denoise/lobes.wesl")),
-    (
-        "denoise/neighbours.wesl",
-        include_str!("../src/denoise/neighbours.wesl"),
-    ),
-];
+use wesl::flatten;
 
 const PLACES: &str = "
 import package::denoise::neighbours::{gradient_noise, neighbour_offset, neighbour_shift, neighbour_turn};
@@ -53,7 +44,7 @@ fn four_sets_cover_the_neighbourhood_once() {
     let inputs: Vec<[u32; 4]> = (0..4)
         .flat_map(|turn| (0..NEIGHBOURS).map(move |index| [index, turn, 0, 0]))
         .collect();
-    let outputs: Vec<Vec4> = gpu.run(&flatten(PLACES, &MODULES, &[]), &inputs, inputs.len(), &[]);
+    let outputs: Vec<Vec4> = gpu.run(&flatten(PLACES, &[], &[]), &inputs, inputs.len(), &[]);
     let mut taken = HashSet::new();
     for (&[index, turn, ..], output) in inputs.iter().zip(&outputs) {
         let offset = output.truncate().truncate().as_ivec2();
@@ -85,7 +76,7 @@ fn the_pixels_of_a_quad_take_different_sets() {
             }
         }
     }
-    let outputs: Vec<Vec4> = gpu.run(&flatten(PLACES, &MODULES, &[]), &inputs, inputs.len(), &[]);
+    let outputs: Vec<Vec4> = gpu.run(&flatten(PLACES, &[], &[]), &inputs, inputs.len(), &[]);
     let mut turns = BTreeMap::<_, u32>::new();
     let mut first = [0u32; 4];
     for (&[x, y, frame, log2], output) in inputs.iter().zip(&outputs) {
@@ -148,7 +139,7 @@ fn close(a: f32, b: f32, tolerance: f32) -> bool {
 }
 
 fn weights(gpu: &Gpu, inputs: &[WeightInput]) -> Vec<[Vec4; 2]> {
-    gpu.run(&flatten(WEIGHTS, &MODULES, &[]), inputs, inputs.len(), &[])
+    gpu.run(&flatten(WEIGHTS, &[], &[]), inputs, inputs.len(), &[])
 }
 
 #[test]
@@ -305,7 +296,7 @@ fn rounding_keeps_the_mean() {
         .flat_map(|value| [value.to_bits(); COUNT])
         .map(|bits| [bits, number(), number() | (number() << 16), 0])
         .collect();
-    let outputs: Vec<Vec4> = gpu.run(&flatten(ROUNDING, &MODULES, &[]), &inputs, inputs.len(), &[]);
+    let outputs: Vec<Vec4> = gpu.run(&flatten(ROUNDING, &[], &[]), &inputs, inputs.len(), &[]);
     for ((value, inputs), outputs) in values.iter().zip(inputs.chunks(COUNT)).zip(outputs.chunks(COUNT)) {
         let mut sum = 0.0;
         for (input, output) in inputs.iter().zip(outputs) {
@@ -327,9 +318,10 @@ fn rounding_keeps_the_mean() {
 const FILTERS: &str = "
 import package::denoise::filters::{
     blur_radius, clip_to_box, expected_spread, firefly_limit, frame_share, hit_confidence, is_neighbour, is_same_surface,
-    likely_history, longest_history, luminance, mean_variance, pack_frame_weight, pack_surface, rest_firefly, rest_history, rest_of,
+    likely_history, longest_history, mean_variance, pack_frame_weight, pack_surface, rest_firefly, rest_history, rest_of,
     rest_share, rgb_of_ycocg, same_roughness, unpack_frame_weight, unpack_surface, virtual_distance, virtual_share, ycocg,
 };
+import package::common::radiance::luminance;
 import package::denoise::lobes::{image_angle, is_sharp, normal_weight, place_weight, reconnection_jacobian};
 
 @group(0) @binding(0) var<storage, read> inputs: array<array<vec4<f32>, 4>>;
@@ -374,7 +366,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 ";
 
 fn filters(gpu: &Gpu, inputs: &[[Vec4; 4]]) -> Vec<[Vec4; 12]> {
-    gpu.run(&flatten(FILTERS, &MODULES, &[]), inputs, inputs.len(), &[])
+    gpu.run(&flatten(FILTERS, &[], &[]), inputs, inputs.len(), &[])
 }
 
 fn filters_twin([a, b, c, d]: [Vec4; 4]) -> [Vec4; 12] {

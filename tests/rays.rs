@@ -3,17 +3,14 @@
 #[path = "common/dispatch.rs"]
 #[expect(dead_code, reason = "no textures here")]
 mod dispatch;
+#[path = "common/wesl.rs"]
+mod wesl;
 
 use bevy::math::{UVec2, Vec3, uvec2, vec3};
 use bytemuck::{Pod, Zeroable};
-use dispatch::{Gpu, flatten};
+use dispatch::Gpu;
 use std::collections::HashSet;
-
-const MODULES: [(&str, &str); 3] = [
-    ("rate/codes.wesl", include_str!("../src/rate/codes.wesl")),
-    ("trace/selection.wesl", include_str!("../src/trace/selection.wesl")),
-    ("trace/record.wesl", include_str!("../src/trace/record.wesl")),
-];
+use wesl::flatten;
 
 const CHOICES: &str = "
 import package::trace::selection::choose_offset;
@@ -41,7 +38,7 @@ struct Choice {
 }
 
 fn choose(gpu: &Gpu, choices: &[Choice]) -> Vec<UVec2> {
-    gpu.run(&flatten(CHOICES, &MODULES, &[]), choices, choices.len(), &[])
+    gpu.run(&flatten(CHOICES, &[], &[]), choices, choices.len(), &[])
 }
 
 #[test]
@@ -146,7 +143,7 @@ fn records_keep_what_they_are_given() {
             flags: uvec2(u32::from(i % 5 != 4), u32::from(i % 3 == 0)),
         });
     }
-    let outputs: Vec<Record> = gpu.run(&flatten(RECORDS, &MODULES, &[]), &inputs, inputs.len(), &[]);
+    let outputs: Vec<Record> = gpu.run(&flatten(RECORDS, &[], &[]), &inputs, inputs.len(), &[]);
     for (input, output) in inputs.iter().zip(&outputs) {
         assert_eq!(output.flags.x, input.flags.x, "{input:?} {output:?}");
         if input.flags.x == 0 {

@@ -4,25 +4,22 @@
 mod dispatch;
 #[path = "common/sampling_reference.rs"]
 mod sampling_reference;
+#[path = "common/wesl.rs"]
+mod wesl;
 
 use bevy::math::{UVec2, Vec2, Vec3, uvec2, vec2};
 use bevy_glint::internals::directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo};
 use bytemuck::{Pod, Zeroable};
-use dispatch::{Gpu, flatten};
+use dispatch::Gpu;
 use sampling_reference::*;
-
-const MODULES: [(&str, &str); 4] = [
-    ("trace/sampling.wesl", include_str!("../src/trace/sampling.wesl")),
-    ("trace/noise.wesl", include_str!("../src/trace/noise.wesl")),
-    ("trace/brdf.wesl", include_str!("../src/trace/brdf.wesl")),
-    ("trace/albedo.wesl", include_str!("../src/trace/albedo.wesl")),
-];
+use wesl::flatten;
 
 const SAMPLING: &str = "
 import package::trace::sampling::{
     ReflectionSample, sample_reflection, reflection_pdf, sample_reflection_ndf, reflection_pdf_ndf, specular_lobe,
-    g1_smith, guard_view, orthonormal_basis,
+    g1_smith, guard_view,
 };
+import package::common::numeric::orthonormal_basis;
 
 struct Input { view: vec3<f32>, alpha: f32, u: vec2<f32>, ndf: u32, padding: u32 }
 struct Output {
@@ -107,7 +104,7 @@ fn samples_are_those_of_the_twin() {
             }
         }
     }
-    let wgsl = flatten(SAMPLING, &MODULES, &[]);
+    let wgsl = flatten(SAMPLING, &[], &[]);
     let outputs: Vec<SamplingOutput> = gpu.run(&wgsl, &inputs, inputs.len(), &[]);
     let (mut edge, mut worst) = (0, 0.0f32);
     for (input, output) in inputs.iter().zip(&outputs) {
@@ -199,7 +196,7 @@ fn hostile_inputs_stay_finite_on_the_gpu() {
             }
         }
     }
-    let outputs: Vec<SamplingOutput> = gpu.run(&flatten(SAMPLING, &MODULES, &[]), &inputs, inputs.len(), &[]);
+    let outputs: Vec<SamplingOutput> = gpu.run(&flatten(SAMPLING, &[], &[]), &inputs, inputs.len(), &[]);
     for (input, output) in inputs.iter().zip(&outputs) {
         let case = format!(
             "view {} alpha {} u {} ndf {}: {output:?}",
@@ -268,7 +265,7 @@ fn noise_is_bit_for_bit_that_of_the_twin() {
             view(gpu.texture(wgpu::TextureFormat::Rgba8Unorm, [1, 1, 1], &[255; 4])),
         ),
     ];
-    let outputs: Vec<[[f32; 2]; 4]> = gpu.run(&flatten(NOISE, &MODULES, &[]), &inputs, inputs.len(), &textures);
+    let outputs: Vec<[[f32; 2]; 4]> = gpu.run(&flatten(NOISE, &[], &[]), &inputs, inputs.len(), &textures);
     let mut means = [Vec2::ZERO; 4];
     for (input, output) in inputs.iter().zip(&outputs) {
         let (pixel, index) = (UVec2::from_slice(input), input[2]);
@@ -365,7 +362,7 @@ fn a_white_furnace_on_the_gpu_reflects_the_split_sum() {
         bytemuck::cast_slice(table.texels()),
     );
     let textures = [(2, texture.create_view(&Default::default()))];
-    let outputs: Vec<[[f32; 4]; 6]> = gpu.run(&flatten(BRDF, &MODULES, &[]), &inputs, inputs.len(), &textures);
+    let outputs: Vec<[[f32; 4]; 6]> = gpu.run(&flatten(BRDF, &[], &[]), &inputs, inputs.len(), &textures);
     let mut worst = 0.0f32;
     for (inputs, outputs) in inputs.chunks(SAMPLES as usize).zip(outputs.chunks(SAMPLES as usize)) {
         let mut mean = Vec3::ZERO;

@@ -4,8 +4,6 @@
     reason = "wgpu asks for it to leave out run-time checks and to enable ray queries"
 )]
 
-use bevy::asset::{AssetId, uuid::Uuid};
-use bevy::shader::{Shader, ShaderCache, ShaderCacheSource, ShaderDefVal};
 use bevy::tasks::block_on;
 use wgpu::util::DeviceExt;
 
@@ -149,28 +147,4 @@ impl Gpu {
         self.device
             .create_texture_with_data(&self.queue, &descriptor, Default::default(), texels)
     }
-}
-
-/// The flattened source of a shader that imports modules of this crate, as Bevy's pipeline cache flattens it.
-pub fn flatten(main: &'static str, modules: &[(&str, &'static str)], flags: &[&'static str]) -> String {
-    let mut cache = ShaderCache::<String, ()>::new((), |_, source, _| match source {
-        ShaderCacheSource::Wgsl(wgsl) => Ok(wgsl),
-        ShaderCacheSource::SpirV(_) => unreachable!("WESL becomes WGSL"),
-    });
-    let id = |index: usize| AssetId::Uuid {
-        uuid: Uuid::from_u128(index as u128 + 1),
-    };
-    for (index, (path, source)) in modules.iter().enumerate() {
-        cache.set_shader(
-            id(index),
-            Shader::from_wesl(*source, format!("embedded://bevy_glint/{path}")),
-        );
-    }
-    let main_id = id(modules.len());
-    cache.set_shader(main_id, Shader::from_wesl(main, "embedded://bevy_glint/test_main.wesl"));
-    let flags: Vec<ShaderDefVal> = flags.iter().map(|flag| ShaderDefVal::from(*flag)).collect();
-    cache
-        .get(0, main_id, &flags)
-        .unwrap_or_else(|error| panic!("{error}"))
-        .to_string()
 }
