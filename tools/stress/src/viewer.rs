@@ -150,7 +150,9 @@ mod tests {
             status: None,
             log: log.to_owned(),
         };
-        let own = evaluate(&ended("WARN x\nthread 'main' panicked at tools/viewer/src/gltf.rs:3:4:\nno"));
+        let own = evaluate(&ended(
+            "WARN x\nthread 'main' panicked at tools/viewer/src/gltf.rs:3:4:\nno",
+        ));
         assert!(matches!(own, Verdict::Failed(problems) if problems[0].contains("gltf.rs")));
         let hang = evaluate(&ended(
             "thread panicked at /x/registry/src/y/bevy_gltf/src/lib.rs:1:1:\nno",
