@@ -7,6 +7,7 @@ mod atrium;
 mod builder;
 mod camera_path;
 mod demo;
+mod environment;
 mod geometry;
 mod gltf;
 mod headless;
@@ -23,6 +24,7 @@ mod texture;
 pub use animation::{Motion, SceneAnimationPlugin};
 pub use builder::{SceneBuilder, SceneMesh, SceneStatistics};
 pub use camera_path::CameraPath;
+pub use environment::{Environment, SceneOptions};
 pub use geometry::Geometry;
 pub use gltf::write_test_assets;
 pub use headless::{
@@ -30,7 +32,7 @@ pub use headless::{
     read_image, read_texture, save_picture, take_log,
 };
 pub use random::Random;
-pub use scene::{Environment, SceneName, SceneOptions, UnknownScene, camera, environment, spawn, spawn_with};
+pub use scene::{SceneName, UnknownScene, camera, environment, spawn, spawn_with};
 pub use sky::{Sky, sun_direction};
 pub use small::FURNACE_ROUGHNESS;
 pub use texture::{Content, Texel, TextureSet, mip_chain};

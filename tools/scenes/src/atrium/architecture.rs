@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{builder::SceneBuilder, geometry::Geometry, props};
 use bevy::{
-    math::{Vec2, Vec3},
+    math::{vec2, vec3},
     transform::components::Transform,
 };
 
@@ -50,15 +50,9 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Ric
         let vault = scene.shape(|g| vault(g, side.bay, WALK, LOWER_SPRING, 1.35, segments(10, detail)));
         let bevel = if detail < 1.5 { 1 } else { 2 };
         let respond = scene.shape(|g| {
-            g.rounded_box(Vec3::new(0.0, 1.6, 0.0), Vec3::new(0.5, 3.2, 0.24), 0.03, bevel, 0.5);
-            g.rounded_box(Vec3::new(0.0, 3.3, 0.02), Vec3::new(0.64, 0.2, 0.34), 0.03, bevel, 0.5);
-            g.rounded_box(
-                Vec3::new(0.0, 0.14, 0.02),
-                Vec3::new(0.62, 0.28, 0.32),
-                0.03,
-                bevel,
-                0.5,
-            );
+            g.rounded_box(vec3(0.0, 1.6, 0.0), vec3(0.5, 3.2, 0.24), 0.03, bevel, 0.5);
+            g.rounded_box(vec3(0.0, 3.3, 0.02), vec3(0.64, 0.2, 0.34), 0.03, bevel, 0.5);
+            g.rounded_box(vec3(0.0, 0.14, 0.02), vec3(0.62, 0.28, 0.32), 0.03, bevel, 0.5);
         });
         for i in 0..side.bays {
             let x = side.middle(i);
@@ -73,13 +67,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Ric
             scene.place(&respond, &m.smooth, side.at(left, 0.0, 0.12 - WALK));
         }
         let run = side.bay * side.bays as f32;
-        let kerb = scene.shape(|g| {
-            g.cuboid(
-                Vec3::new(0.0, UPPER_FLOOR - 0.04, 0.0),
-                Vec3::new(run + 0.62, 0.12, 0.62),
-                0.5,
-            );
-        });
+        let kerb = scene.shape(|g| g.cuboid(vec3(0.0, UPPER_FLOOR - 0.04, 0.0), vec3(run + 0.62, 0.12, 0.62), 0.5));
         scene.place(&kerb, &m.smooth, side.transform);
         let belt = scene.shape(|g| cornice(g, run + 0.6, 0.34, 0.16, 1));
         scene.place(&belt, &m.smooth, side.at(0.0, UPPER_FLOOR - 0.17, 0.31));
@@ -89,15 +77,15 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Ric
         scene.place(&eaves, &m.smooth, side.at(0.0, EAVES - 0.2, 0.25));
         let ceiling = scene.shape(|g| {
             g.cuboid(
-                Vec3::new(0.0, EAVES - 0.05, -0.5 * WALK),
-                Vec3::new(run + 2.0 * WALK, 0.2, WALK + 0.5),
+                vec3(0.0, EAVES - 0.05, -0.5 * WALK),
+                vec3(run + 2.0 * WALK, 0.2, WALK + 0.5),
                 0.4,
             );
             for i in 0..=2 * side.bays {
                 let x = (i as f32 * 0.5 - 0.5 * side.bays as f32) * side.bay;
                 g.cuboid(
-                    Vec3::new(x, EAVES - 0.26, -0.5 * WALK - 0.12),
-                    Vec3::new(0.18, 0.22, WALK - 0.28),
+                    vec3(x, EAVES - 0.26, -0.5 * WALK - 0.12),
+                    vec3(0.18, 0.22, WALK - 0.28),
                     0.8,
                 );
             }
@@ -106,7 +94,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Ric
     }
     let corner = scene.shape(|g| vault(g, WALK, WALK, LOWER_SPRING, 1.35, segments(10, detail)));
     for (x, z) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
-        let place = Vec3::new(x * (HALF_LENGTH + 0.5 * WALK), 0.0, z * (HALF_WIDTH + 0.5 * WALK));
+        let place = vec3(x * (HALF_LENGTH + 0.5 * WALK), 0.0, z * (HALF_WIDTH + 0.5 * WALK));
         scene.place(&corner, &m.plaster, Transform::from_translation(place));
     }
 }
@@ -117,10 +105,10 @@ fn shell(scene: &mut SceneBuilder, m: &Materials, paving: f32) {
     let ground = scene.shape(|g| {
         let (columns, rows) = (7, 4);
         for (i, j) in (0..columns).flat_map(|i| (0..rows).map(move |j| (i as f32, j as f32))) {
-            let step = Vec2::new(2.0 * x / columns as f32, 2.0 * z / rows as f32);
-            let low = Vec2::new(-x, -z) + step * Vec2::new(i, j);
+            let step = vec2(2.0 * x / columns as f32, 2.0 * z / rows as f32);
+            let low = vec2(-x, -z) + step * vec2(i, j);
             let high = low + step;
-            let corner = |x: f32, z: f32| Vec3::new(x, 0.0, z);
+            let corner = |x: f32, z: f32| vec3(x, 0.0, z);
             g.mapped_quad(
                 [
                     corner(low.x, high.y),
@@ -139,10 +127,10 @@ fn shell(scene: &mut SceneBuilder, m: &Materials, paving: f32) {
         let reach = if side.bays == LONG_BAYS { run + 2.0 * WALK } else { run };
         let floor = scene.shape(|g| {
             g.cuboid(
-                Vec3::new(0.0, UPPER_FLOOR - 0.12, -0.5 * WALK),
-                Vec3::new(reach, 0.24, WALK),
+                vec3(0.0, UPPER_FLOOR - 0.12, -0.5 * WALK),
+                vec3(reach, 0.24, WALK),
                 paving,
-            );
+            )
         });
         scene.place(&floor, &m.floor, side.transform);
         let wall = scene.shape(|g| {
@@ -153,7 +141,7 @@ fn shell(scene: &mut SceneBuilder, m: &Materials, paving: f32) {
                 let middle = end * 0.5 * (run + WALK);
                 g.mapped_quad(
                     [(-0.5, 0.0), (0.5, 0.0), (0.5, EAVES), (-0.5, EAVES)]
-                        .map(|(x, y)| Vec3::new(middle + x * WALK, y, -WALK)),
+                        .map(|(x, y)| vec3(middle + x * WALK, y, -WALK)),
                     0.35,
                 );
             }
@@ -172,7 +160,7 @@ fn outer_bay(g: &mut Geometry, middle: f32, bay: f32) {
     ]);
     for (low, high, open) in rows {
         let mut panel = |left: f32, right: f32, z: f32| {
-            let corner = |x: f32, y: f32| Vec3::new(middle + x, y, z);
+            let corner = |x: f32, y: f32| vec3(middle + x, y, z);
             g.mapped_quad(
                 [
                     corner(left, low),
@@ -191,7 +179,7 @@ fn outer_bay(g: &mut Geometry, middle: f32, bay: f32) {
         panel(niche, half, -WALK);
         panel(-niche, niche, -WALK - depth);
         let (front, back) = (-WALK, -WALK - depth);
-        let p = |x: f32, y: f32, z: f32| Vec3::new(middle + x, y, z);
+        let p = |x: f32, y: f32, z: f32| vec3(middle + x, y, z);
         g.mapped_quad(
             [
                 p(-niche, low, front),

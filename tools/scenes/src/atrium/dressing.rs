@@ -6,7 +6,7 @@ use bevy::{
     asset::Handle,
     color::{Color, LinearRgba},
     light::{NotShadowCaster, PointLight},
-    math::{Vec2, Vec3},
+    math::{Vec2, Vec3, vec3},
     pbr::StandardMaterial,
     transform::components::Transform,
 };
@@ -68,13 +68,10 @@ fn curtains(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             scene.shape(|g| props::curtain(g, width * 0.9, 1.35, 5.0, segments(20, detail), segments(6, detail)));
         let rod = scene.shape(|g| {
             g.tube(
-                &[
-                    Vec3::new(-0.5 * width - 0.2, 0.0, 0.0),
-                    Vec3::new(0.5 * width + 0.2, 0.0, 0.0),
-                ],
+                &[vec3(-0.5 * width - 0.2, 0.0, 0.0), vec3(0.5 * width + 0.2, 0.0, 0.0)],
                 0.03,
                 segments(8, detail),
-            );
+            )
         });
         for i in 0..side.bays {
             let x = side.middle(i);
@@ -97,11 +94,9 @@ fn curtains(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
 fn metalwork(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let lantern = scene.shape(|g| {
         props::lantern(g, 0.62, 0.17, segments(9, detail));
-        g.tube(&[Vec3::ZERO, Vec3::new(0.0, 0.85, 0.0)], 0.012, 6);
+        g.tube(&[Vec3::ZERO, vec3(0.0, 0.85, 0.0)], 0.012, 6);
     });
-    let glass = scene.shape(|g| {
-        g.sphere(Vec3::new(0.0, -0.33, 0.0), 0.10, segments(10, detail), Vec2::ONE);
-    });
+    let glass = scene.shape(|g| g.sphere(vec3(0.0, -0.33, 0.0), 0.10, segments(10, detail), Vec2::ONE));
     let lit = glow(scene);
     for side in &sides() {
         for i in (0..side.bays).step_by(2) {
@@ -118,21 +113,16 @@ fn metalwork(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         let height = 7.6 + random.range(-0.3, 0.4);
         let (sag, turns) = (random.range(0.5, 1.1), random.range(3.0, 6.0));
         let shift = random.range(-1.4, 1.4);
-        let (from, to) = (
-            Vec3::new(x, height, -HALF_WIDTH),
-            Vec3::new(x + shift, height, HALF_WIDTH),
-        );
+        let (from, to) = (vec3(x, height, -HALF_WIDTH), vec3(x + shift, height, HALF_WIDTH));
         let ribbon = scene.shape(|g| props::ribbon(g, from, to, sag, 0.11, turns, segments(72, detail)));
         scene.place(&ribbon, &m.gilt, Transform::IDENTITY);
         let path: Vec<Vec3> = (0..=segments(20, detail))
             .map(|k| {
                 let u = k as f32 / segments(20, detail) as f32;
-                from.lerp(to, u) + Vec3::new(0.5, 0.35 - 1.6 * u * (1.0 - u), 0.0)
+                from.lerp(to, u) + vec3(0.5, 0.35 - 1.6 * u * (1.0 - u), 0.0)
             })
             .collect();
-        let wire = scene.shape(|g| {
-            g.tube(&path, 0.012, 5);
-        });
+        let wire = scene.shape(|g| g.tube(&path, 0.012, 5));
         scene.place(&wire, &m.bronze, Transform::IDENTITY);
     }
 }
@@ -207,8 +197,6 @@ fn garden(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Richne
         perceptual_roughness: 0.03,
         ..Default::default()
     });
-    let surface = scene.shape(|g| {
-        g.lathe(&[p(1.38, 0.52), p(0.0, 0.52)], segments(32, detail), Vec2::ONE);
-    });
+    let surface = scene.shape(|g| g.lathe(&[p(1.38, 0.52), p(0.0, 0.52)], segments(32, detail), Vec2::ONE));
     scene.place(&surface, &water, Transform::IDENTITY);
 }

@@ -17,18 +17,16 @@ mod surfaces;
 use crate::{
     builder::SceneBuilder,
     camera_path::CameraPath,
+    environment::{Environment, SceneOptions},
     patterns, props,
-    scene::{Environment, SceneOptions, sky},
     sky::{Sky, sun_direction},
 };
 use bevy::{
     asset::Handle,
-    camera::Exposure,
     color::Color,
-    core_pipeline::tonemapping::Tonemapping,
     ecs::{entity::Entity, world::World},
     light::{CascadeShadowConfigBuilder, DirectionalLight},
-    math::Vec3,
+    math::{Vec3, vec3},
     pbr::StandardMaterial,
     transform::components::Transform,
 };
@@ -113,13 +111,7 @@ pub(crate) fn segments(base: u32, detail: f32) -> u32 {
 
 /// A bright day.
 pub fn environment(world: &mut World) -> Environment {
-    let (light, skybox) = sky(world, Sky::Day { sun: sun() }, 1_150.0);
-    Environment {
-        light: Some(light),
-        skybox: Some(skybox),
-        exposure: Exposure { ev100: 10.8 },
-        tonemapping: Tonemapping::TonyMcMapface,
-    }
+    Environment::under(world, Sky::Day { sun: sun() }, 1_150.0, 10.8)
 }
 
 pub fn spawn(world: &mut World, options: &SceneOptions, richness: Richness) -> Entity {
@@ -156,13 +148,13 @@ pub fn spawn(world: &mut World, options: &SceneOptions, richness: Richness) -> E
 /// Along the court, up past the columns, and back at the height of the upper storey.
 pub const PATH: CameraPath = CameraPath {
     points: &[
-        (Vec3::new(-8.6, 1.7, 2.2), Vec3::new(4.0, 2.9, -1.6)),
-        (Vec3::new(-4.2, 1.6, 1.0), Vec3::new(6.0, 2.6, -3.0)),
-        (Vec3::new(0.6, 1.9, 2.6), Vec3::new(9.0, 3.2, -4.0)),
-        (Vec3::new(4.6, 2.8, 1.2), Vec3::new(-2.0, 3.4, -5.0)),
-        (Vec3::new(7.4, 4.8, 0.2), Vec3::new(-4.0, 3.6, -1.5)),
-        (Vec3::new(4.8, 6.6, -1.6), Vec3::new(-8.0, 4.2, 2.0)),
-        (Vec3::new(-2.0, 7.2, 0.0), Vec3::new(-10.0, 3.4, 0.6)),
+        (vec3(-8.6, 1.7, 2.2), vec3(4.0, 2.9, -1.6)),
+        (vec3(-4.2, 1.6, 1.0), vec3(6.0, 2.6, -3.0)),
+        (vec3(0.6, 1.9, 2.6), vec3(9.0, 3.2, -4.0)),
+        (vec3(4.6, 2.8, 1.2), vec3(-2.0, 3.4, -5.0)),
+        (vec3(7.4, 4.8, 0.2), vec3(-4.0, 3.6, -1.5)),
+        (vec3(4.8, 6.6, -1.6), vec3(-8.0, 4.2, 2.0)),
+        (vec3(-2.0, 7.2, 0.0), vec3(-10.0, 3.4, 0.6)),
     ],
     seconds: 24.0,
     vertical_degrees: 58.0,

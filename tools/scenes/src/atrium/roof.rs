@@ -7,7 +7,7 @@ use crate::{
 };
 use bevy::{
     color::Color,
-    math::{Vec2, Vec3, ops},
+    math::{ops, vec2, vec3},
     pbr::StandardMaterial,
     transform::components::Transform,
 };
@@ -69,10 +69,10 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         scene.place(&corner, &clay, side.at(-0.5 * run, 0.0, 0.0));
         let facade = scene.shape(|g| {
             g.cuboid(
-                Vec3::new(0.0, 0.5 * ridge, -WALK - OVERHANG - 0.1),
-                Vec3::new(run + 2.0 * (WALK + OVERHANG) + 0.5, ridge, 0.3),
+                vec3(0.0, 0.5 * ridge, -WALK - OVERHANG - 0.1),
+                vec3(run + 2.0 * (WALK + OVERHANG) + 0.5, ridge, 0.3),
                 0.35,
-            );
+            )
         });
         scene.place(&facade, &m.wall, side.transform);
     }
@@ -84,29 +84,29 @@ fn tile(pitch: f32, arc: u32) -> Geometry {
     // Wider where it covers the next one below.
     let round = |u: f32, reach: f32, v: f32| {
         let angle = PI * (1.0 - u);
-        Vec3::new(reach * ops::cos(angle), rise * v + reach * ops::sin(angle), -length * v)
+        vec3(reach * ops::cos(angle), rise * v + reach * ops::sin(angle), -length * v)
     };
     let mut g = Geometry::default();
-    g.surface(arc, 1, Vec2::new(0.3, length), |u, v| round(u, 0.115 - 0.02 * v, v));
-    g.surface(arc, 1, Vec2::new(0.3, 0.1), |u, v| round(u, 0.115 * v, 0.0));
+    g.surface(arc, 1, vec2(0.3, length), |u, v| round(u, 0.115 - 0.02 * v, v));
+    g.surface(arc, 1, vec2(0.3, 0.1), |u, v| round(u, 0.115 * v, 0.0));
     let half = 0.5 * pitch;
     g.quad(
         [
-            Vec3::new(-half, 0.0, 0.0),
-            Vec3::new(half, 0.0, 0.0),
-            Vec3::new(half, rise, -length),
-            Vec3::new(-half, rise, -length),
+            vec3(-half, 0.0, 0.0),
+            vec3(half, 0.0, 0.0),
+            vec3(half, rise, -length),
+            vec3(-half, rise, -length),
         ],
-        Vec2::new(pitch, length),
+        vec2(pitch, length),
     );
     g.quad(
         [
-            Vec3::new(-half, -0.05, 0.0),
-            Vec3::new(half, -0.05, 0.0),
-            Vec3::new(half, 0.0, 0.0),
-            Vec3::new(-half, 0.0, 0.0),
+            vec3(-half, -0.05, 0.0),
+            vec3(half, -0.05, 0.0),
+            vec3(half, 0.0, 0.0),
+            vec3(-half, 0.0, 0.0),
         ],
-        Vec2::new(pitch, 0.05),
+        vec2(pitch, 0.05),
     );
     g
 }

@@ -5,18 +5,17 @@ mod glowing;
 use crate::{
     animation::Motion,
     builder::SceneBuilder,
+    camera_path::CameraPath,
+    environment::{Environment, SceneOptions},
     geometry::turned,
     patterns, props,
-    scene::{Environment, SceneOptions, sky},
     sky::{Sky, sun_direction},
 };
 use bevy::{
-    camera::Exposure,
     color::{Color, LinearRgba},
-    core_pipeline::tonemapping::Tonemapping,
     ecs::{entity::Entity, world::World},
     material::AlphaMode,
-    math::{Vec2, Vec3},
+    math::{Vec2, Vec3, vec2, vec3},
     pbr::StandardMaterial,
     transform::components::Transform,
 };
@@ -29,13 +28,7 @@ fn sun() -> Vec3 {
 
 /// An evening sky.
 pub fn environment(world: &mut World) -> Environment {
-    let (light, skybox) = sky(world, Sky::Evening { sun: sun() }, 560.0);
-    Environment {
-        light: Some(light),
-        skybox: Some(skybox),
-        exposure: Exposure { ev100: 9.7 },
-        tonemapping: Tonemapping::TonyMcMapface,
-    }
+    Environment::under(world, Sky::Evening { sun: sun() }, 560.0, 9.7)
 }
 
 pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
@@ -93,10 +86,10 @@ fn room(scene: &mut SceneBuilder, size: u32) {
         for (x, z) in (-3..3).flat_map(|x| (-3..3).map(move |z| (x as f32 * 4.0, z as f32 * 4.0))) {
             g.quad(
                 [
-                    Vec3::new(x, 0.0, z + 4.0),
-                    Vec3::new(x + 4.0, 0.0, z + 4.0),
-                    Vec3::new(x + 4.0, 0.0, z),
-                    Vec3::new(x, 0.0, z),
+                    vec3(x, 0.0, z + 4.0),
+                    vec3(x + 4.0, 0.0, z + 4.0),
+                    vec3(x + 4.0, 0.0, z),
+                    vec3(x, 0.0, z),
                 ],
                 Vec2::ONE,
             );
@@ -106,29 +99,19 @@ fn room(scene: &mut SceneBuilder, size: u32) {
 
     let brick = scene.textures(size, patterns::brick).material();
     let brick = scene.material(brick);
-    let wall = scene.shape(|g| {
-        g.cuboid(Vec3::new(0.0, 1.8, 0.0), Vec3::new(8.4, 3.6, 0.35), 0.5);
-    });
+    let wall = scene.shape(|g| g.cuboid(vec3(0.0, 1.8, 0.0), vec3(8.4, 3.6, 0.35), 0.5));
     scene.place(&wall, &brick, Transform::from_xyz(-1.4, 0.0, -4.2));
 
     let plaster = scene.textures(size, patterns::plaster).material();
     let plaster = scene.material(plaster);
-    let side = scene.shape(|g| {
-        g.cuboid(Vec3::new(0.0, 1.8, 0.0), Vec3::new(0.35, 3.6, 7.4), 0.4);
-    });
+    let side = scene.shape(|g| g.cuboid(vec3(0.0, 1.8, 0.0), vec3(0.35, 3.6, 7.4), 0.4));
     scene.place(&side, &plaster, Transform::from_xyz(5.3, 0.0, -0.6));
 
     let stone = scene.textures(size, patterns::limestone).material();
     let stone = scene.material(stone);
-    let long = scene.shape(|g| {
-        g.rounded_box(Vec3::ZERO, Vec3::new(8.6, 0.16, 0.55), 0.04, 3, 0.6);
-    });
-    let short = scene.shape(|g| {
-        g.rounded_box(Vec3::ZERO, Vec3::new(0.55, 0.16, 7.6), 0.04, 3, 0.6);
-    });
-    let skirting = scene.shape(|g| {
-        g.rounded_box(Vec3::ZERO, Vec3::new(8.4, 0.2, 0.06), 0.02, 2, 0.6);
-    });
+    let long = scene.shape(|g| g.rounded_box(Vec3::ZERO, vec3(8.6, 0.16, 0.55), 0.04, 3, 0.6));
+    let short = scene.shape(|g| g.rounded_box(Vec3::ZERO, vec3(0.55, 0.16, 7.6), 0.04, 3, 0.6));
+    let skirting = scene.shape(|g| g.rounded_box(Vec3::ZERO, vec3(8.4, 0.2, 0.06), 0.02, 2, 0.6));
     scene.place(&long, &stone, Transform::from_xyz(-1.4, 3.66, -4.2));
     scene.place(&short, &stone, Transform::from_xyz(5.3, 3.66, -0.6));
     scene.place(&skirting, &stone, Transform::from_xyz(-1.4, 0.1, -4.0));
@@ -152,20 +135,20 @@ fn screens(scene: &mut SceneBuilder, size: u32) {
     let panel = scene.shape(|g| {
         g.quad(
             [
-                Vec3::new(-1.1, 0.0, 0.0),
-                Vec3::new(1.1, 0.0, 0.0),
-                Vec3::new(1.1, 2.9, 0.0),
-                Vec3::new(-1.1, 2.9, 0.0),
+                vec3(-1.1, 0.0, 0.0),
+                vec3(1.1, 0.0, 0.0),
+                vec3(1.1, 2.9, 0.0),
+                vec3(-1.1, 2.9, 0.0),
             ],
-            Vec2::new(1.0, 1.318),
-        );
+            vec2(1.0, 1.318),
+        )
     });
     let frame = scene.shape(|g| {
         for x in [-1.15, 1.15] {
-            g.rounded_box(Vec3::new(x, 1.5, 0.0), Vec3::new(0.1, 3.0, 0.1), 0.015, 2, 1.0);
+            g.rounded_box(vec3(x, 1.5, 0.0), vec3(0.1, 3.0, 0.1), 0.015, 2, 1.0);
         }
         for y in [0.05, 2.95] {
-            g.rounded_box(Vec3::new(0.0, y, 0.0), Vec3::new(2.3, 0.1, 0.09), 0.015, 2, 1.0);
+            g.rounded_box(vec3(0.0, y, 0.0), vec3(2.3, 0.1, 0.09), 0.015, 2, 1.0);
         }
     });
     for (x, z, angle) in [
@@ -190,9 +173,7 @@ fn screens(scene: &mut SceneBuilder, size: u32) {
     let curtain = scene.shape(|g| props::curtain(g, 1.35, 3.0, 6.0, 72, 24));
     scene.place(&curtain, &red, Transform::from_xyz(3.9, 0.25, -4.15));
     let brass = scene.material(metal(BRASS, 0.25));
-    let rod = scene.shape(|g| {
-        g.tube(&[Vec3::new(2.9, 3.28, -4.15), Vec3::new(4.9, 3.28, -4.15)], 0.025, 16);
-    });
+    let rod = scene.shape(|g| g.tube(&[vec3(2.9, 3.28, -4.15), vec3(4.9, 3.28, -4.15)], 0.025, 16));
     scene.place(&rod, &brass, Transform::IDENTITY);
 }
 
@@ -205,28 +186,11 @@ fn gallery_of_spheres(scene: &mut SceneBuilder, size: u32) {
         ..stone
     });
     let trim = scene.material(metal(BRASS, 0.22));
-    let sphere = scene.shape(|g| {
-        g.sphere(Vec3::ZERO, 0.38, 72, Vec2::new(2.0, 1.0));
-    });
+    let sphere = scene.shape(|g| g.sphere(Vec3::ZERO, 0.38, 72, vec2(2.0, 1.0)));
     for (row, (height, z)) in [(0.22, 0.35), (0.72, -0.75), (1.22, -1.85)].into_iter().enumerate() {
-        let step = scene.shape(|g| {
-            g.rounded_box(
-                Vec3::new(0.0, height * 0.5, 0.0),
-                Vec3::new(6.5, height, 1.1),
-                0.03,
-                3,
-                0.5,
-            );
-        });
-        let edge = scene.shape(|g| {
-            g.rounded_box(
-                Vec3::new(0.0, height - 0.075, 0.552),
-                Vec3::new(6.44, 0.025, 0.02),
-                0.008,
-                2,
-                1.0,
-            );
-        });
+        let step = scene.shape(|g| g.rounded_box(vec3(0.0, height * 0.5, 0.0), vec3(6.5, height, 1.1), 0.03, 3, 0.5));
+        let edge =
+            scene.shape(|g| g.rounded_box(vec3(0.0, height - 0.075, 0.552), vec3(6.44, 0.025, 0.02), 0.008, 2, 1.0));
         scene.place(&step, &step_stone, Transform::from_xyz(-0.1, 0.0, z));
         scene.place(&edge, &trim, Transform::from_xyz(-0.1, 0.0, z));
         for column in 0..COLUMNS {
@@ -248,21 +212,19 @@ fn gallery_of_spheres(scene: &mut SceneBuilder, size: u32) {
 
 /// Boxes, a mirror, a big ball and plants on the floor, and a ball that rolls through the air.
 fn floor_objects(scene: &mut SceneBuilder, size: u32) {
-    let block = scene.shape(|g| {
-        g.rounded_box(Vec3::new(0.0, 0.5, 0.0), Vec3::ONE, 0.05, 4, 1.0);
-    });
+    let block = scene.shape(|g| g.rounded_box(vec3(0.0, 0.5, 0.0), Vec3::ONE, 0.05, 4, 1.0));
     let boxes = [
-        (metal(CHROME, 0.02), Vec3::new(-3.2, 0.0, 1.9), 0.78, 28.0),
+        (metal(CHROME, 0.02), vec3(-3.2, 0.0, 1.9), 0.78, 28.0),
         (
             gloss(Color::srgb(0.03, 0.22, 0.50), 0.08),
-            Vec3::new(-2.6, 0.0, 3.0),
+            vec3(-2.6, 0.0, 3.0),
             0.42,
             -18.0,
         ),
-        (metal(COPPER, 0.32), Vec3::new(-3.12, 0.78, 1.88), 0.36, 52.0),
+        (metal(COPPER, 0.32), vec3(-3.12, 0.78, 1.88), 0.36, 52.0),
         (
             gloss(Color::srgb(0.92, 0.50, 0.06), 0.35),
-            Vec3::new(1.7, 0.0, 3.0),
+            vec3(1.7, 0.0, 3.0),
             0.40,
             35.0,
         ),
@@ -278,15 +240,13 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
         );
     }
 
-    let slab = scene.shape(|g| {
-        g.rounded_box(Vec3::new(0.0, 1.2, 0.0), Vec3::new(1.3, 2.3, 0.05), 0.02, 3, 1.0);
-    });
+    let slab = scene.shape(|g| g.rounded_box(vec3(0.0, 1.2, 0.0), vec3(1.3, 2.3, 0.05), 0.02, 3, 1.0));
     let surround = scene.shape(|g| {
         for x in [-0.69, 0.69] {
-            g.rounded_box(Vec3::new(x, 1.2, 0.0), Vec3::new(0.1, 2.48, 0.1), 0.02, 3, 1.0);
+            g.rounded_box(vec3(x, 1.2, 0.0), vec3(0.1, 2.48, 0.1), 0.02, 3, 1.0);
         }
         for y in [0.03, 2.38] {
-            g.rounded_box(Vec3::new(0.0, y, 0.0), Vec3::new(1.46, 0.1, 0.1), 0.02, 3, 1.0);
+            g.rounded_box(vec3(0.0, y, 0.0), vec3(1.46, 0.1, 0.1), 0.02, 3, 1.0);
         }
     });
     let mirror = scene.material(metal(CHROME, 0.0));
@@ -299,9 +259,7 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
     scene.place(&slab, &mirror, stand);
     scene.place(&surround, &bronze, stand);
 
-    let ball = scene.shape(|g| {
-        g.sphere(Vec3::ZERO, 1.0, 96, Vec2::new(4.0, 2.0));
-    });
+    let ball = scene.shape(|g| g.sphere(Vec3::ZERO, 1.0, 96, vec2(4.0, 2.0)));
     let vermilion = scene.material(gloss(Color::srgb(0.72, 0.05, 0.03), 0.06));
     scene.place(
         &ball,
@@ -310,8 +268,8 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
     );
     let moving = scene.place(&ball, &mirror, Transform::from_scale(Vec3::splat(0.26)));
     scene.world.entity_mut(moving).insert(Motion::Orbit {
-        center: Vec3::new(-0.35, 0.5, 2.75),
-        extent: Vec3::new(1.45, 0.12, 0.55),
+        center: vec3(-0.35, 0.5, 2.75),
+        extent: vec3(1.45, 0.12, 0.55),
         rate: 0.12,
         phase: 0.06,
     });
@@ -327,8 +285,8 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
     let pot = scene.shape(|g| props::pot(g, 0.5, 0.3, 40));
     let plant = scene.shape(|g| props::plant(g, 46, 1.0, 6, 3));
     for (position, scale, angle) in [
-        (Vec3::new(-3.75, 0.0, -2.9), 1.35, 0.0),
-        (Vec3::new(4.62, 0.0, 2.15), 0.95, 130.0),
+        (vec3(-3.75, 0.0, -2.9), 1.35, 0.0),
+        (vec3(4.62, 0.0, 2.15), 0.95, 130.0),
     ] {
         let at = Transform::from_translation(position)
             .with_rotation(turned(angle))
@@ -344,3 +302,19 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
         );
     }
 }
+
+/// Down to the polished floor before the spheres, across, and back up.
+pub const PATH: CameraPath = CameraPath {
+    points: &[
+        (vec3(-0.9, 1.8, 8.5), vec3(0.15, 1.22, 0.0)),
+        (vec3(-2.3, 1.5, 7.3), vec3(0.3, 1.1, 0.0)),
+        (vec3(-1.2, 1.1, 6.0), vec3(0.4, 1.0, -0.3)),
+        (vec3(1.3, 1.3, 5.8), vec3(-0.3, 1.0, -0.3)),
+        (vec3(2.1, 2.0, 7.2), vec3(-0.2, 1.1, 0.0)),
+        (vec3(0.7, 2.0, 8.4), vec3(0.0, 1.2, 0.0)),
+        (vec3(-0.9, 1.8, 8.5), vec3(0.15, 1.22, 0.0)),
+    ],
+    seconds: 8.0,
+    vertical_degrees: 38.0,
+    far: 500.0,
+};

@@ -13,7 +13,7 @@ use crate::{
     random::Random,
 };
 use bevy::{
-    math::{Quat, Vec2, Vec3, ops},
+    math::{Quat, Vec2, Vec3, ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::{FRAC_PI_2, PI};
@@ -129,7 +129,7 @@ fn benches_and_bins(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             );
         }
         for i in 0..20 {
-            let out = turned(18.0 * i as f32) * Vec3::new(0.0, 0.0, 0.215);
+            let out = turned(18.0 * i as f32) * vec3(0.0, 0.0, 0.215);
             rod(g, 6, 0.009, [out.x, 0.05, out.z], [out.x, 0.85, out.z]);
         }
     });
@@ -139,13 +139,7 @@ fn benches_and_bins(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     // A big waste container in the side street.
     let body = scene.shape(|g| {
         block(g, edges + 1, [0.0, 0.62, 0.0], [1.2, 0.9, 0.75]);
-        g.rounded_box(
-            Vec3::new(0.0, 1.12, 0.02),
-            Vec3::new(1.26, 0.14, 0.82),
-            0.06,
-            edges + 1,
-            1.0,
-        );
+        g.rounded_box(vec3(0.0, 1.12, 0.02), vec3(1.26, 0.14, 0.82), 0.06, edges + 1, 1.0);
         for x in [-0.5, -0.25, 0.0, 0.25, 0.5] {
             block(g, edges, [x, 0.62, 0.385], [0.05, 0.8, 0.03]);
         }
@@ -249,12 +243,12 @@ fn greengrocer(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
                 for j in 0..rows - layer.min(rows - 1) {
                     let x = inset + (2 * i + 1) as f32 * radius - columns as f32 * radius;
                     let z = inset + (2 * j + 1) as f32 * radius - rows as f32 * radius;
-                    let shake = Vec3::new(
+                    let shake = vec3(
                         random.range(-0.006, 0.006),
                         random.range(-0.008, 0.008),
                         random.range(-0.006, 0.006),
                     );
-                    let at = Vec3::new(x, 0.10 + 1.45 * radius * layer as f32, z) + shake;
+                    let at = vec3(x, 0.10 + 1.45 * radius * layer as f32, z) + shake;
                     let roll = Quat::from_rotation_x(random.range(0.0, PI)) * turned(random.range(0.0, 360.0));
                     g.append(&fruit, Transform::from_translation(at).with_rotation(roll));
                 }
@@ -291,7 +285,7 @@ fn greengrocer(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
 /// Lines of pennants from house to house.
 fn pennants(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let span = SOUTH - NORTH;
-    let hang = |t: f32| Vec3::new(0.0, -4.0 * t * (1.0 - t), NORTH + span * t);
+    let hang = |t: f32| vec3(0.0, -4.0 * t * (1.0 - t), NORTH + span * t);
     let line = scene.shape(|g| {
         let points: Vec<Vec3> = (0..=6).map(|i| hang(i as f32 / 6.0)).collect();
         g.tube(&curve(&points, 4), 0.006, 5);
@@ -302,11 +296,11 @@ fn pennants(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
                 let t = (i as f32 + 1.0) / 35.0;
                 let (top, next) = (hang(t - 0.010), hang(t + 0.010));
                 let flutter = 0.4 * ops::sin(2.7 * i as f32);
-                g.surface(segments(4, detail), segments(4, detail), Vec2::new(0.3, 0.4), |u, v| {
+                g.surface(segments(4, detail), segments(4, detail), vec2(0.3, 0.4), |u, v| {
                     let narrow = 1.0 - v;
                     let edge = top.lerp(next, 0.5 + (u - 0.5) * narrow);
                     let swing = flutter * v * v * 0.3 + 0.02 * ops::sin(8.0 * v + 5.0 * u);
-                    edge + Vec3::new(swing, -0.36 * v, 0.0)
+                    edge + vec3(swing, -0.36 * v, 0.0)
                 });
             }
         })

@@ -12,7 +12,7 @@ use crate::{
     geometry::{Geometry, turned},
 };
 use bevy::{
-    math::{Quat, Vec2, Vec3, ops},
+    math::{Quat, Vec2, ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::TAU;
@@ -48,11 +48,11 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         }
         // Mudguards.
         for x in HUBS {
-            g.surface(fine(20), 4, Vec2::new(2.0, 0.1), |u, v| {
+            g.surface(fine(20), 4, vec2(2.0, 0.1), |u, v| {
                 let angle = TAU * (0.06 + 0.44 * u);
                 let across = 2.0 * v - 1.0;
                 let radius = WHEEL + 0.035 - 0.012 * across * across;
-                Vec3::new(
+                vec3(
                     x - radius * ops::cos(angle),
                     WHEEL + radius * ops::sin(angle),
                     -0.03 * across,
@@ -141,7 +141,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             let angle = TAU * u;
             let taper = 0.035 + 0.055 * (1.0 - v) * (1.0 - v);
             let ring = (4.0 * v * (1.0 - v)).max(0.0).sqrt();
-            Vec3::new(
+            vec3(
                 -0.33 + 0.27 * v,
                 0.915 + 0.030 * ring * ops::cos(angle) - 0.02 * v,
                 taper * ring * ops::sin(angle),

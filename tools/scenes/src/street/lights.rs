@@ -16,7 +16,7 @@ use crate::{
 use bevy::{
     color::Color,
     light::{CascadeShadowConfigBuilder, DirectionalLight, NotShadowCaster, PointLight},
-    math::{Vec2, Vec3},
+    math::{Vec2, Vec3, vec3},
     transform::components::Transform,
 };
 
@@ -61,9 +61,9 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     strings(scene, m, detail);
     // Under the café's awning and at the pharmacy's cross.
     for x in [-6.2, 1.2] {
-        point(scene, WARM, 36_000.0, 7.0, Vec3::new(x, PAVEMENT + 2.5, NORTH + 1.0));
+        point(scene, WARM, 36_000.0, 7.0, vec3(x, PAVEMENT + 2.5, NORTH + 1.0));
     }
-    let cross = Vec3::new(SIDE_EAST + 2.2, PAVEMENT + 4.4, NORTH + 1.0);
+    let cross = vec3(SIDE_EAST + 2.2, PAVEMENT + 4.4, NORTH + 1.0);
     point(scene, Color::srgb(0.25, 1.0, 0.45), 30_000.0, 7.0, cross);
 }
 
@@ -108,7 +108,7 @@ fn street_lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         // The bar that ladders once leant on.
         rod(g, segments(10, detail), 0.018, [-0.34, 3.62, 0.0], [0.34, 3.62, 0.0]);
         for x in [-0.34, 0.34] {
-            g.sphere(Vec3::new(x, 3.62, 0.0), 0.032, segments(14, detail), Vec2::ONE);
+            g.sphere(vec3(x, 3.62, 0.0), 0.032, segments(14, detail), Vec2::ONE);
         }
         for side in [-1.0, 1.0] {
             bent(
@@ -140,16 +140,14 @@ fn street_lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             ],
         );
     });
-    let bulb = scene.shape(|g| {
-        g.sphere(Vec3::new(0.0, LAMP, 0.0), 0.10, segments(24, detail), Vec2::ONE);
-    });
+    let bulb = scene.shape(|g| g.sphere(vec3(0.0, LAMP, 0.0), 0.10, segments(24, detail), Vec2::ONE));
     for (x, z, shining) in LAMPS {
         let at = Transform::from_xyz(x, PAVEMENT, z);
         scene.place(&post, &m.iron, at);
         let glass = scene.place(&bulb, &m.lamp, at);
         scene.world.entity_mut(glass).insert(NotShadowCaster);
         if shining {
-            point(scene, WARM, 170_000.0, 15.0, Vec3::new(x, PAVEMENT + LAMP, z));
+            point(scene, WARM, 170_000.0, 15.0, vec3(x, PAVEMENT + LAMP, z));
         }
     }
 }
@@ -175,9 +173,7 @@ fn wall_lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         props::lantern(&mut head, 0.5, 0.15, segments(16, detail));
         g.append(&head, Transform::from_xyz(0.0, 4.24, 0.55));
     });
-    let bulb = scene.shape(|g| {
-        g.sphere(Vec3::new(0.0, 3.98, 0.55), 0.075, segments(20, detail), Vec2::ONE);
-    });
+    let bulb = scene.shape(|g| g.sphere(vec3(0.0, 3.98, 0.55), 0.075, segments(20, detail), Vec2::ONE));
     for (x, z, degrees) in [
         (SIDE_WEST, -18.4, 90.0),
         (SIDE_EAST, -31.0, -90.0),
@@ -193,17 +189,17 @@ fn wall_lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         WARM,
         90_000.0,
         12.0,
-        Vec3::new(SIDE_WEST + 0.55, PAVEMENT + 3.98, -18.4),
+        vec3(SIDE_WEST + 0.55, PAVEMENT + 3.98, -18.4),
     );
 }
 
 /// Bulbs on lines over the street and along the café's awning.
 fn strings(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let span = SOUTH - NORTH;
-    let over = |t: f32| Vec3::new(0.0, -3.2 * t * (1.0 - t), NORTH + span * t);
+    let over = |t: f32| vec3(0.0, -3.2 * t * (1.0 - t), NORTH + span * t);
     let swag = |t: f32| {
         let part = (3.0 * t).fract();
-        Vec3::new(2.6 * (t - 0.5), -0.5 * part * (1.0 - part), 0.0)
+        vec3(2.6 * (t - 0.5), -0.5 * part * (1.0 - part), 0.0)
     };
     let over = hung(scene, detail, 26, &over);
     let swag = hung(scene, detail, 9, &swag);

@@ -5,7 +5,7 @@ use crate::{builder::SceneBuilder, patterns, props};
 use bevy::{
     asset::Handle,
     color::{Color, LinearRgba},
-    math::Vec3,
+    math::{Vec3, vec3},
     pbr::StandardMaterial,
 };
 
@@ -214,9 +214,9 @@ const LEAVES: [Color; 3] = [
 ];
 /// Words over shops and the paint behind them.
 const WORDS: [(&[u8], Vec3); 3] = [
-    (b"BOULANGERIE", Vec3::new(0.09, 0.20, 0.17)),
-    (b"LIBRAIRIE", Vec3::new(0.24, 0.06, 0.07)),
-    (b"TABAC", Vec3::new(0.07, 0.09, 0.16)),
+    (b"BOULANGERIE", vec3(0.09, 0.20, 0.17)),
+    (b"LIBRAIRIE", vec3(0.24, 0.06, 0.07)),
+    (b"TABAC", vec3(0.07, 0.09, 0.16)),
 ];
 
 impl Materials {
@@ -236,8 +236,8 @@ impl Materials {
         let bark = scene.textures(half, surfaces::bark).material();
         let flakes = scene.textures(half, surfaces::flakes).material();
         let spray = scene.textures(half, surfaces::spray).material();
-        let red_stripes = scene.textures(half, |uv| surfaces::stripes(uv, Vec3::new(0.62, 0.10, 0.09)));
-        let green_stripes = scene.textures(half, |uv| surfaces::stripes(uv, Vec3::new(0.10, 0.34, 0.24)));
+        let red_stripes = scene.textures(half, |uv| surfaces::stripes(uv, vec3(0.62, 0.10, 0.09)));
+        let green_stripes = scene.textures(half, |uv| surfaces::stripes(uv, vec3(0.10, 0.34, 0.24)));
         let room = scene.textures(half, surfaces::room).material();
         let shelves = scene.textures(half, surfaces::shelves).material();
         let glass = scene.textures(half, surfaces::glass).material();

@@ -14,7 +14,7 @@ use crate::{
     random::Random,
 };
 use bevy::{
-    math::{Quat, Vec2, Vec3, ops},
+    math::{Quat, Vec2, ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::PI;
@@ -26,7 +26,7 @@ pub const TILES_RISE: f32 = 4.08;
 /// Where the eaves are before the wall.
 const EAVES: f32 = 0.42;
 /// Depth and height of the steep slope of slates.
-const SLATES: Vec2 = Vec2::new(0.8, 2.5);
+const SLATES: Vec2 = vec2(0.8, 2.5);
 /// Width that a patch of tiles or slates is made for.
 const PATCH: f32 = 2.6;
 
@@ -66,7 +66,7 @@ impl Roofs {
                 for (x, scale) in [(-0.38, 1.0), (0.0, 1.25), (0.38, 0.9)] {
                     g.append(
                         &pot,
-                        Transform::from_xyz(x, 3.11, 0.0).with_scale(Vec3::new(1.0, scale, 1.0)),
+                        Transform::from_xyz(x, 3.11, 0.0).with_scale(vec3(1.0, scale, 1.0)),
                     );
                 }
             }),
@@ -89,7 +89,7 @@ impl Roofs {
             Roof::Tiles => {
                 let clay = pick(&m.tiles, random);
                 let base = scene.shape(|g| {
-                    let p = |x: f32, y: f32, z: f32| Vec3::new(x, height + y, z);
+                    let p = |x: f32, y: f32, z: f32| vec3(x, height + y, z);
                     let ridge = EAVES - TILES_RUN;
                     let foot = ridge - TILES_RUN;
                     let mut slope = |from: [f32; 2], to: [f32; 2]| {
@@ -119,7 +119,7 @@ impl Roofs {
             }
             Roof::Slates => {
                 let cap = scene.shape(|g| {
-                    let p = |x: f32, y: f32, z: f32| Vec3::new(x, height + y, z);
+                    let p = |x: f32, y: f32, z: f32| vec3(x, height + y, z);
                     let (foot, head) = (-0.12, -0.12 - SLATES.x);
                     let top = SLATES.y + 0.04;
                     g.mapped_quad(
@@ -182,7 +182,7 @@ impl Roofs {
                 scene.place(&parapet, &m.trims[0], at);
                 if covered {
                     let top = scene.shape(|g| {
-                        let p = |x: f32, z: f32| Vec3::new(x, height - 0.01, z);
+                        let p = |x: f32, z: f32| vec3(x, height - 0.01, z);
                         g.mapped_quad([p(0.0, -0.1), p(width, -0.1), p(width, back), p(0.0, back)], 0.5);
                     });
                     scene.place(&top, &m.zinc, at);
@@ -211,18 +211,14 @@ impl Roofs {
         let lean = Quat::from_rotation_x(-ops::atan2(depth, rise));
         for bay in 0..plot.bays() {
             let place = foot * Transform::from_xyz(plot.middle(bay), 0.0, 0.0).with_rotation(lean);
-            scene.place(
-                patch,
-                material,
-                place.with_scale(Vec3::new(plot.bay() / PATCH, 1.0, 1.0)),
-            );
+            scene.place(patch, material, place.with_scale(vec3(plot.bay() / PATCH, 1.0, 1.0)));
         }
     }
 }
 
 /// Barrel tiles in overlapping rows; the patch lies in the xy plane and rises with y.
 fn tiles(g: &mut Geometry, detail: f32) {
-    let length = Vec2::new(TILES_RUN, TILES_RISE).length();
+    let length = vec2(TILES_RUN, TILES_RISE).length();
     let (columns, rows) = (11, 17);
     let (wide, tall) = (PATCH / columns as f32, length / rows as f32);
     let mut random = Random::new(77);
@@ -232,16 +228,16 @@ fn tiles(g: &mut Geometry, detail: f32) {
             let (slip, lift) = (random.range(-0.012, 0.012), random.range(0.0, 0.008));
             g.surface(segments(5, detail), 1, Vec2::splat(0.3), |u, v| {
                 let arch = 0.055 * ops::sin(PI * u);
-                Vec3::new(
+                vec3(
                     x + u * wide,
                     y + slip + v * (tall + 0.04),
                     arch + lift + 0.035 * (1.0 - v),
                 )
             });
             // The lower end is open: its rim is seen from below.
-            g.surface(segments(5, detail), 1, Vec2::new(0.3, 0.02), |u, v| {
+            g.surface(segments(5, detail), 1, vec2(0.3, 0.02), |u, v| {
                 let arch = 0.055 * ops::sin(PI * u) + lift + 0.035;
-                Vec3::new(x + u * wide, y + slip, arch - 0.02 * (1.0 - v))
+                vec3(x + u * wide, y + slip, arch - 0.02 * (1.0 - v))
             });
         }
     }
@@ -260,8 +256,8 @@ fn slates(g: &mut Geometry) {
             let (left, right) = (x + 0.004, (x + wide - 0.004).min(0.5 * PATCH));
             let (low, high) = (row as f32 * tall, (row + 1) as f32 * tall + 0.03);
             let lift = 0.022 + random.range(0.0, 0.006);
-            let p = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
-            let uv = Vec2::new(0.2, 0.2);
+            let p = |x: f32, y: f32, z: f32| vec3(x, y, z);
+            let uv = vec2(0.2, 0.2);
             g.quad(
                 [
                     p(left, low, lift),
@@ -295,7 +291,7 @@ fn dormer(g: &mut Geometry, detail: f32) {
         top: 0.32 + WINDOW[1],
     };
     pierced(g, [-half, 0.0], [half, wall], opening, 0.2, 0.5);
-    let p = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
+    let p = |x: f32, y: f32, z: f32| vec3(x, y, z);
     g.mapped_quad(
         [
             p(half, 0.0, 0.0),
@@ -318,13 +314,13 @@ fn dormer(g: &mut Geometry, detail: f32) {
     let round = |u: f32| wall + crown * ops::sin(PI * u);
     g.surface(steps, 1, Vec2::ONE, |u, v| {
         let x = (2.0 * u - 1.0) * half;
-        Vec3::new(x, wall + (round(u) - wall) * v, 0.0)
+        vec3(x, wall + (round(u) - wall) * v, 0.0)
     });
     let (brim, out) = (half + 0.07, 0.12);
     g.surface(steps, 1, Vec2::ONE, |u, v| {
-        Vec3::new((2.0 * u - 1.0) * brim, round(u) + 0.02, out + (back - out) * v)
+        vec3((2.0 * u - 1.0) * brim, round(u) + 0.02, out + (back - out) * v)
     });
-    g.surface(steps, 1, Vec2::new(1.0, 0.1), |u, v| {
-        Vec3::new((2.0 * u - 1.0) * brim, round(u) - 0.06 + 0.08 * v, out)
+    g.surface(steps, 1, vec2(1.0, 0.1), |u, v| {
+        vec3((2.0 * u - 1.0) * brim, round(u) - 0.06 + 0.08 * v, out)
     });
 }

@@ -15,7 +15,7 @@ use crate::{
 };
 use bevy::{
     light::NotShadowCaster,
-    math::{Vec2, Vec3, ops},
+    math::{Vec2, Vec3, ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::PI;
@@ -67,7 +67,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, fronts: &[Front], detail: 
             } else {
                 &m.awnings[1 + style % 2]
             };
-            let stretched = at.with_scale(Vec3::new(shop.bay / AWNING - 0.006, 1.0, 1.0));
+            let stretched = at.with_scale(vec3(shop.bay / AWNING - 0.006, 1.0, 1.0));
             scene.place(&awning, cloth, stretched);
             scene.place(&arms, &m.iron, stretched);
         } else {
@@ -126,7 +126,7 @@ fn panes(g: &mut Geometry, entrance: bool) {
             [left, low],
             [right, high],
             -0.135,
-            Vec2::new((right - left) / 1.86, (high - low) / 1.8),
+            vec2((right - left) / 1.86, (high - low) / 1.8),
         );
     };
     pane(-0.94, 0.94, 2.39, 2.96);
@@ -145,16 +145,16 @@ fn awning(g: &mut Geometry, detail: f32) {
     g.surface(
         segments(12, detail),
         segments(6, detail),
-        Vec2::new(0.84 * width, 1.2),
+        vec2(0.84 * width, 1.2),
         |u, v| {
             let slack = 0.04 * ops::sin(PI * v) * (0.6 + 0.4 * ops::sin(PI * u));
-            Vec3::new((u - 0.5) * width, 2.63 + 0.62 * v - slack, 1.48 - reach * v)
+            vec3((u - 0.5) * width, 2.63 + 0.62 * v - slack, 1.48 - reach * v)
         },
     );
-    g.surface(segments(40, detail), 2, Vec2::new(0.84 * width, 0.2), |u, v| {
+    g.surface(segments(40, detail), 2, vec2(0.84 * width, 0.2), |u, v| {
         let hem = 0.15 + 0.06 * ops::sin(5.0 * PI * u).abs();
         let sway = 0.012 * ops::sin(9.0 * u + 2.0) * (1.0 - v);
-        Vec3::new((u - 0.5) * width, 2.63 - hem * (1.0 - v), 1.485 + sway)
+        vec3((u - 0.5) * width, 2.63 - hem * (1.0 - v), 1.485 + sway)
     });
 }
 
@@ -195,7 +195,7 @@ fn cafe_sign(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             for stroke in strokes(*letter) {
                 let path: Vec<Vec3> = stroke
                     .iter()
-                    .map(|[x, y]| Vec3::new(0.40 * (x - 0.48), low + 0.42 * y, 0.105))
+                    .map(|[x, y]| vec3(0.40 * (x - 0.48), low + 0.42 * y, 0.105))
                     .collect();
                 g.tube(&path, 0.017, segments(8, detail));
             }
@@ -220,10 +220,10 @@ fn pharmacy_cross(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             path.extend(
                 corner
                     .iter()
-                    .map(|[x, y]| Vec3::new(cos * x + sin * y, cos * y - sin * x, 0.0)),
+                    .map(|[x, y]| vec3(cos * x + sin * y, cos * y - sin * x, 0.0)),
             );
         }
-        path.push(Vec3::new(arm, reach, 0.0));
+        path.push(vec3(arm, reach, 0.0));
         path
     };
     let body = scene.shape(|g| {

@@ -9,7 +9,7 @@ use crate::{
     geometry::{Geometry, turned},
 };
 use bevy::{
-    math::{Quat, Vec2, Vec3, ops},
+    math::{Quat, Vec3, ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::TAU;
@@ -234,7 +234,7 @@ fn bottles(g: &mut Geometry, segments: u32) {
     ];
     turned_shape(&mut bottle, segments, &profile);
     g.append(&bottle, Transform::from_xyz(0.02, TABLE, 0.03));
-    let scale = Vec3::new(1.1, 0.62, 1.1);
+    let scale = vec3(1.1, 0.62, 1.1);
     g.append(&bottle, Transform::from_xyz(-0.09, TABLE, 0.06).with_scale(scale));
 }
 
@@ -321,19 +321,14 @@ fn weave(g: &mut Geometry, detail: f32) {
             (0.0, 0.455),
         ],
     );
-    g.append(&seat, Transform::from_scale(Vec3::new(1.0, 1.0, 0.94)));
+    g.append(&seat, Transform::from_scale(vec3(1.0, 1.0, 0.94)));
     for side in [1.0, -1.0] {
         // Two thin shells, back to back.
-        g.surface(
-            segments(10, detail),
-            segments(6, detail),
-            Vec2::new(0.5, 0.4),
-            |u, v| {
-                let across = (u - 0.5) * side;
-                let y = 0.53 + 0.29 * v - 0.05 * v * (2.0 * u - 1.0) * (2.0 * u - 1.0);
-                let lean = -0.178 - 0.16 * (y - 0.46);
-                Vec3::new(0.36 * across, y, lean - 0.02 * ops::cos(3.0 * across) + 0.005 * side)
-            },
-        );
+        g.surface(segments(10, detail), segments(6, detail), vec2(0.5, 0.4), |u, v| {
+            let across = (u - 0.5) * side;
+            let y = 0.53 + 0.29 * v - 0.05 * v * (2.0 * u - 1.0) * (2.0 * u - 1.0);
+            let lean = -0.178 - 0.16 * (y - 0.46);
+            vec3(0.36 * across, y, lean - 0.02 * ops::cos(3.0 * across) + 0.005 * side)
+        });
     }
 }

@@ -12,7 +12,7 @@ use crate::{
     geometry::{Geometry, turned},
 };
 use bevy::{
-    math::{Quat, Vec2, Vec3, ops},
+    math::{Quat, Vec2, Vec3, ops, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::{FRAC_PI_2, PI};
@@ -88,7 +88,7 @@ fn cars(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let glass = scene.shape(|g| {
         // Panes lie a little outside the cabin.
         let pane = || Body {
-            half: Vec3::new(0.988, 0.528, 0.628),
+            half: vec3(0.988, 0.528, 0.628),
             ..cabin()
         };
         for [first, last] in [[50.0, 87.0], [273.0, 310.0]] {
@@ -140,10 +140,10 @@ fn cars(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     });
     let (mut tyres, mut rims) = (Geometry::default(), Geometry::default());
     for (x, z) in [(1.08, -0.68), (1.08, 0.68), (-1.10, -0.68), (-1.10, 0.68)] {
-        wheel(&mut tyres, &mut rims, Vec3::new(x, 0.29, z), 0.29, 0.17, fine(32));
+        wheel(&mut tyres, &mut rims, vec3(x, 0.29, z), 0.29, 0.17, fine(32));
     }
     // The underside, dark as the tyres.
-    tyres.rounded_box(Vec3::new(0.0, 0.27, 0.0), Vec3::new(2.9, 0.12, 1.1), 0.04, 1, 1.0);
+    tyres.rounded_box(vec3(0.0, 0.27, 0.0), vec3(2.9, 0.12, 1.1), 0.04, 1, 1.0);
     let (tyres, rims) = (scene.mesh(tyres), scene.mesh(rims));
     let plate = scene.shape(|g| {
         for end in [-1.0, 1.0] {
@@ -176,7 +176,7 @@ fn scooters(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             [0.05, 0.21],
             [-0.2, 0.24],
         ];
-        let spine = curve(&spine.map(|[x, y]| Vec3::new(x, y, 0.0)), 6);
+        let spine = curve(&spine.map(|[x, y]| vec3(x, y, 0.0)), 6);
         let last = (spine.len() - 1) as f32;
         let at = |v: f32| {
             let place = v.clamp(0.0, 1.0) * last;
@@ -188,7 +188,7 @@ fn scooters(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
                 let across = (2.0 * u - 1.0) * side;
                 let half = 0.15 + 0.10 * ops::sin(PI * (0.15 + 0.75 * v.clamp(0.0, 1.0)));
                 let curl = 0.07 * across * across * (1.0 - v);
-                at(v) + Vec3::new(0.004 * side - curl, -0.004 * side, half * across)
+                at(v) + vec3(0.004 * side - curl, -0.004 * side, half * across)
             });
         }
         Body::new([-0.46, 0.50, 0.0], [0.40, 0.24, 0.12], 0.3).add(g, fine(24), fine(18));
@@ -258,7 +258,7 @@ fn scooters(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     });
     let (mut tyres, mut rims) = (Geometry::default(), Geometry::default());
     for x in [0.66, -0.56] {
-        wheel(&mut tyres, &mut rims, Vec3::new(x, 0.22, 0.0), 0.22, 0.09, fine(28));
+        wheel(&mut tyres, &mut rims, vec3(x, 0.22, 0.0), 0.22, 0.09, fine(28));
     }
     let (tyres, rims) = (scene.mesh(tyres), scene.mesh(rims));
     for (x, degrees, color) in [

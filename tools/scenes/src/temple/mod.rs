@@ -15,19 +15,17 @@ mod surfaces;
 use crate::{
     builder::SceneBuilder,
     camera_path::CameraPath,
+    environment::{Environment, SceneOptions},
     patterns,
-    scene::{Environment, SceneOptions, sky},
     sky::{Sky, sun_direction},
 };
 use bevy::{
     asset::Handle,
-    camera::Exposure,
     color::{Color, LinearRgba},
-    core_pipeline::tonemapping::Tonemapping,
     ecs::{entity::Entity, world::World},
     light::{CascadeShadowConfigBuilder, DirectionalLight},
     material::AlphaMode,
-    math::Vec3,
+    math::{Vec3, vec3},
     pbr::StandardMaterial,
     transform::components::Transform,
 };
@@ -165,13 +163,7 @@ fn sun() -> Vec3 {
 
 /// A clear day, seen from inside: the environment map knows no shadow, so the sky is kept dim and the exposure long.
 pub fn environment(world: &mut World) -> Environment {
-    let (light, skybox) = sky(world, Sky::Day { sun: sun() }, 420.0);
-    Environment {
-        light: Some(light),
-        skybox: Some(skybox),
-        exposure: Exposure { ev100: 9.2 },
-        tonemapping: Tonemapping::TonyMcMapface,
-    }
+    Environment::under(world, Sky::Day { sun: sun() }, 420.0, 9.2)
 }
 
 /// Builds the temple; the number of triangles grows in proportion to `options.detail`.
@@ -206,13 +198,13 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
 /// A slow walk from the doors past a brazier, along the basin and up to the dais.
 pub const PATH: CameraPath = CameraPath::new(
     &[
-        (Vec3::new(0.6, 1.65, 14.0), Vec3::new(0.0, 1.5, 0.0)),
-        (Vec3::new(1.8, 1.5, 9.6), Vec3::new(0.2, 0.9, 0.0)),
-        (Vec3::new(3.1, 1.35, 5.4), Vec3::new(0.0, 0.6, -2.0)),
-        (Vec3::new(3.2, 1.4, 1.0), Vec3::new(-0.6, 0.6, -3.5)),
-        (Vec3::new(3.1, 1.3, -3.4), Vec3::new(0.2, 1.1, -8.5)),
-        (Vec3::new(2.4, 1.25, -7.4), Vec3::new(-0.4, 2.0, -16.0)),
-        (Vec3::new(0.8, 1.6, -10.4), Vec3::new(-0.4, 2.8, -17.0)),
+        (vec3(0.6, 1.65, 14.0), vec3(0.0, 1.5, 0.0)),
+        (vec3(1.8, 1.5, 9.6), vec3(0.2, 0.9, 0.0)),
+        (vec3(3.1, 1.35, 5.4), vec3(0.0, 0.6, -2.0)),
+        (vec3(3.2, 1.4, 1.0), vec3(-0.6, 0.6, -3.5)),
+        (vec3(3.1, 1.3, -3.4), vec3(0.2, 1.1, -8.5)),
+        (vec3(2.4, 1.25, -7.4), vec3(-0.4, 2.0, -16.0)),
+        (vec3(0.8, 1.6, -10.4), vec3(-0.4, 2.8, -17.0)),
     ],
     25.0,
     55.0,
