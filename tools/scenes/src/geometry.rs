@@ -43,6 +43,13 @@ impl Geometry {
         }
     }
 
+    /// Adds a part, moved by `transform`.
+    pub fn part(&mut self, transform: Transform, make: impl FnOnce(&mut Geometry)) {
+        let mut part = Geometry::default();
+        make(&mut part);
+        self.append(&part, transform);
+    }
+
     /// Adds the surface `point(u, v)` over the unit square, `columns` by `rows` quads; its front is where `d/du x d/dv` points.
     /// `uv_scale` maps the square to texture coordinates.
     pub fn surface(&mut self, columns: u32, rows: u32, uv_scale: Vec2, point: impl Fn(f32, f32) -> Vec3) {
@@ -343,6 +350,11 @@ impl Geometry {
             .with_inserted_attribute(Mesh::ATTRIBUTE_TANGENT, tangents)
             .with_inserted_indices(Indices::U32(self.indices))
     }
+}
+
+/// Turns a count of segments at detail one into the count at `detail`.
+pub fn segments(base: u32, detail: f32) -> u32 {
+    ((base as f32 * detail).round() as u32).max(3)
 }
 
 /// A rotation about the y axis, in degrees.

@@ -11,6 +11,7 @@ mod environment;
 mod geometry;
 mod gltf;
 mod headless;
+mod materials;
 mod patterns;
 mod props;
 mod random;

@@ -7,12 +7,12 @@ use crate::{
 use bevy::math::{Vec2, Vec3, ops, vec2, vec3};
 use std::f32::consts::TAU;
 
-fn mix(a: Vec3, b: Vec3, t: f32) -> Vec3 {
+pub(crate) fn mix(a: Vec3, b: Vec3, t: f32) -> Vec3 {
     a.lerp(b, t.clamp(0.0, 1.0))
 }
 
 /// Distance to the nearest edge of the cell that `p` lies in, in cells.
-fn edge(p: Vec2) -> Vec2 {
+pub(crate) fn edge(p: Vec2) -> Vec2 {
     let f = p - p.floor();
     f.min(Vec2::ONE - f)
 }

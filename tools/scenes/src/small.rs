@@ -1,6 +1,12 @@
 //! Small scenes with known answers, for tests.
 
-use crate::{builder::SceneBuilder, camera_path::CameraPath, environment::Environment, sky::Sky};
+use crate::{
+    builder::SceneBuilder,
+    camera_path::CameraPath,
+    environment::Environment,
+    materials::{gloss, glow, metal},
+    sky::Sky,
+};
 use bevy::{
     camera::Exposure,
     color::{Color, LinearRgba},
@@ -36,12 +42,7 @@ pub fn mirror_room(world: &mut World) -> Entity {
             Vec2::splat(4.0),
         )
     });
-    let mirror = scene.material(StandardMaterial {
-        base_color: Color::WHITE,
-        metallic: 1.0,
-        perceptual_roughness: 0.0,
-        ..Default::default()
-    });
+    let mirror = scene.material(metal(Color::WHITE, 0.0));
     scene.place(&floor, &mirror, Transform::IDENTITY);
 
     let cube = scene.shape(|g| g.cuboid(Vec3::ZERO, Vec3::ONE, 1.0));
@@ -85,10 +86,8 @@ pub fn furnace(world: &mut World) -> Entity {
     for (row, metallic) in [(0, 0.0), (1, 1.0)] {
         for (column, perceptual_roughness) in FURNACE_ROUGHNESS.into_iter().enumerate() {
             let material = scene.material(StandardMaterial {
-                base_color: Color::WHITE,
                 metallic,
-                perceptual_roughness,
-                ..Default::default()
+                ..gloss(Color::WHITE, perceptual_roughness)
             });
             scene.place(
                 &sphere,
@@ -122,10 +121,8 @@ pub fn emissive_floor(world: &mut World) -> Entity {
             Color::BLACK
         };
         let material = scene.material(StandardMaterial {
-            base_color,
             metallic,
-            perceptual_roughness,
-            ..Default::default()
+            ..gloss(base_color, perceptual_roughness)
         });
         scene.place(
             &panel,
@@ -133,13 +130,6 @@ pub fn emissive_floor(world: &mut World) -> Entity {
             Transform::from_xyz(1.02 * (column as f32 - 2.5), 0.0, 0.0),
         );
     }
-    let emitter = |color: LinearRgba| StandardMaterial {
-        base_color: Color::BLACK,
-        emissive: color,
-        reflectance: 0.0,
-        perceptual_roughness: 1.0,
-        ..Default::default()
-    };
     let cube = scene.shape(|g| g.cuboid(Vec3::ZERO, Vec3::ONE, 1.0));
     let sphere = scene.shape(|g| g.sphere(Vec3::ZERO, 1.0, 48, Vec2::ONE));
     let colors = [
@@ -148,7 +138,7 @@ pub fn emissive_floor(world: &mut World) -> Entity {
         LinearRgba::rgb(0.2, 0.35, 1.0),
         LinearRgba::rgb(0.9, 0.8, 0.3),
     ]
-    .map(|color| scene.material(emitter(color)));
+    .map(|color| scene.material(glow(color)));
     for column in 0..6usize {
         let x = 1.02 * (column as f32 - 2.5);
         scene.place(

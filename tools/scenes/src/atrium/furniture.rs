@@ -4,6 +4,7 @@ use super::{Materials, plan::*, segments};
 use crate::{
     builder::SceneBuilder,
     geometry::{Geometry, turned},
+    materials::gloss,
     props,
 };
 use bevy::{
@@ -21,13 +22,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         (Color::srgb(0.36, 0.58, 0.48), 0.16),
         (Color::srgb(0.86, 0.82, 0.72), 0.22),
     ]
-    .map(|(base_color, perceptual_roughness)| {
-        scene.material(StandardMaterial {
-            base_color,
-            perceptual_roughness,
-            ..Default::default()
-        })
-    });
+    .map(|(color, roughness)| scene.material(gloss(color, roughness)));
     walks(scene, m, &glazes, detail);
     court(scene, m, &glazes, detail);
 }
@@ -66,10 +61,8 @@ fn court(scene: &mut SceneBuilder, m: &Materials, glazes: &[Handle<StandardMater
         g.lathe(&profile, segments(16, detail), Vec2::ONE);
     });
     let glowing = scene.material(StandardMaterial {
-        base_color: Color::srgb(0.05, 0.04, 0.04),
         emissive: LinearRgba::rgb(1.6, 0.35, 0.06),
-        perceptual_roughness: 1.0,
-        ..Default::default()
+        ..gloss(Color::srgb(0.05, 0.04, 0.04), 1.0)
     });
     for (x, z) in [(-8.9, -3.2), (-8.9, 3.2), (8.9, -3.2), (8.9, 3.2)] {
         let place = Transform::from_xyz(x, 0.0, z).with_rotation(turned(25.0 * x + 10.0 * z));

@@ -6,12 +6,10 @@ use super::{
     plan::*,
     segments, surfaces,
 };
-use crate::{builder::SceneBuilder, geometry::Geometry, props, random::Random};
+use crate::{builder::SceneBuilder, geometry::Geometry, materials::both_sides, props, random::Random};
 use bevy::{
     color::Color,
-    light::NotShadowCaster,
     math::{Quat, Vec2, Vec3, ops, vec2, vec3},
-    pbr::StandardMaterial,
     transform::components::Transform,
 };
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
@@ -25,11 +23,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, size: u32, detail: f32) {
 /// Banners before the upper columns, and cloths over the rails of the upper storey.
 fn cloth(scene: &mut SceneBuilder, m: &Materials, size: u32, detail: f32) {
     let brocade = scene.textures(size, surfaces::brocade).material();
-    let brocade = scene.material(StandardMaterial {
-        double_sided: true,
-        cull_mode: None,
-        ..brocade
-    });
+    let brocade = scene.material(both_sides(brocade));
     let indigo = dyed(scene, m, Color::srgb(0.13, 0.16, 0.42));
     let saffron = dyed(scene, m, Color::srgb(0.88, 0.50, 0.13));
     let banner = scene.shape(|g| banner(g, 0.86, 3.1, detail));
@@ -114,11 +108,11 @@ fn garlands(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
                     * Quat::from_rotation_y(random.range(-0.8, 0.8))
                     * Quat::from_rotation_z(random.range(-1.2, 1.2));
                 let (length, width) = (random.range(0.15, 0.24), random.range(0.10, 0.14));
-                let mut leaf = Geometry::default();
-                leaf.surface(1, 2, Vec2::ONE, |u, v| {
-                    vec3((u - 0.5) * width, v * length, 0.3 * length * v * v)
+                g.part(Transform::from_translation(center).with_rotation(turn), |part| {
+                    part.surface(1, 2, Vec2::ONE, |u, v| {
+                        vec3((u - 0.5) * width, v * length, 0.3 * length * v * v)
+                    })
                 });
-                g.append(&leaf, Transform::from_translation(center).with_rotation(turn));
             }
         });
         for i in (0..side.bays).filter(|i| side.bays != LONG_BAYS || i % 2 == 0) {
@@ -212,8 +206,7 @@ fn lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         }
         let place = on_chain(z);
         scene.place(&lamp, &m.bronze, place);
-        let flame = scene.place(&flames, &lit, place);
-        scene.world.entity_mut(flame).insert(NotShadowCaster);
+        scene.place_unshadowed(&flames, &lit, place);
         scene.add((lamp_light(), place * Transform::from_xyz(0.0, ring_height, 0.0)));
     }
 }

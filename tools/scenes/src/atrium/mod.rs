@@ -14,10 +14,12 @@ mod plan;
 mod roof;
 mod surfaces;
 
+use crate::geometry::segments;
 use crate::{
     builder::SceneBuilder,
     camera_path::CameraPath,
     environment::{Environment, SceneOptions},
+    materials::{both_sides, dyed},
     patterns, props,
     sky::{Sky, sun_direction},
 };
@@ -25,10 +27,8 @@ use bevy::{
     asset::Handle,
     color::Color,
     ecs::{entity::Entity, world::World},
-    light::{CascadeShadowConfigBuilder, DirectionalLight},
     math::{Vec3, vec3},
     pbr::StandardMaterial,
-    transform::components::Transform,
 };
 
 /// How much there is in the building.
@@ -84,16 +84,8 @@ impl Materials {
             floor: scene.material(floor.material()),
             plaster: scene.material(plaster),
             leaf: scene.material(props::leaf_material(leaf)),
-            bronze: scene.material(StandardMaterial {
-                base_color: Color::srgb(0.74, 0.52, 0.30),
-                ..metal.clone()
-            }),
-            gilt: scene.material(StandardMaterial {
-                base_color: Color::srgb(1.0, 0.80, 0.42),
-                double_sided: true,
-                cull_mode: None,
-                ..metal
-            }),
+            bronze: scene.material(dyed(&metal, Color::srgb(0.74, 0.52, 0.30))),
+            gilt: scene.material(both_sides(dyed(&metal, Color::srgb(1.0, 0.80, 0.42)))),
             cloth,
             stone,
         }
@@ -102,11 +94,6 @@ impl Materials {
 
 fn sun() -> Vec3 {
     sun_direction(42.0, 60.0)
-}
-
-/// Turns a count of segments at detail one into the count at `detail`.
-pub(crate) fn segments(base: u32, detail: f32) -> u32 {
-    ((base as f32 * detail).round() as u32).max(3)
 }
 
 /// A bright day.
@@ -126,22 +113,7 @@ pub fn spawn(world: &mut World, options: &SceneOptions, richness: Richness) -> E
         hangings::build(&mut scene, &materials, size, detail);
         furniture::build(&mut scene, &materials, detail);
     }
-    scene.add((
-        DirectionalLight {
-            color: Color::srgb(1.0, 0.93, 0.82),
-            illuminance: 32_000.0,
-            shadow_maps_enabled: true,
-            ..Default::default()
-        },
-        CascadeShadowConfigBuilder {
-            num_cascades: 3,
-            first_cascade_far_bound: 8.0,
-            maximum_distance: 40.0,
-            ..Default::default()
-        }
-        .build(),
-        Transform::default().looking_to(-sun(), Vec3::Y),
-    ));
+    scene.sun(sun(), Color::srgb(1.0, 0.93, 0.82), 32_000.0, (3, 8.0, 40.0));
     scene.finish()
 }
 

@@ -4,11 +4,11 @@ use super::{Materials, plan::*, segments};
 use crate::{
     builder::SceneBuilder,
     geometry::{Geometry, turned},
+    materials::{dielectric, dyed},
 };
 use bevy::{
     color::Color,
     math::{ops, vec2, vec3},
-    pbr::StandardMaterial,
     transform::components::Transform,
 };
 use std::f32::consts::PI;
@@ -33,11 +33,7 @@ fn height(distance: f32) -> f32 {
 }
 
 pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
-    let clay = scene.material(StandardMaterial {
-        base_color: Color::srgb(0.80, 0.45, 0.31),
-        metallic: 0.0,
-        ..m.stone.clone()
-    });
+    let clay = scene.material(dielectric(dyed(&m.stone, Color::srgb(0.80, 0.45, 0.31))));
     let arc = segments(4, detail);
     let corner = scene.shape(|g| {
         let pitch = (WALK + OVERHANG) / CORNER_COLUMNS as f32;
@@ -47,9 +43,9 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             // Where the neighbouring side's roof begins.
             let first = ((middle + OVERHANG) / tile_length()).round() as u32;
             column(g, &tile, -middle, first);
-            let mut other = Geometry::default();
-            column(&mut other, &tile, middle, first);
-            g.append(&other, Transform::from_rotation(turned(90.0)));
+            g.part(Transform::from_rotation(turned(90.0)), |part| {
+                column(part, &tile, middle, first)
+            });
         }
     });
     let ridge = height(WALK + 2.0 * OVERHANG) + 0.2;

@@ -1,10 +1,15 @@
 //! What shines: neon, the gyroscope around its core, and the lights.
 
-use super::{BRASS, CHROME, COPPER, GOLD, gloss, glow, metal, sun};
-use crate::{animation::Motion, builder::SceneBuilder, geometry::Geometry, props};
+use super::{BRASS, CHROME, COPPER, GOLD, sun};
+use crate::{
+    animation::Motion,
+    builder::SceneBuilder,
+    materials::{gloss, glow, metal},
+    props,
+};
 use bevy::{
     color::{Color, LinearRgba},
-    light::{CascadeShadowConfigBuilder, DirectionalLight, NotShadowCaster, PointLight, SpotLight},
+    light::{PointLight, SpotLight},
     math::{Quat, Vec2, Vec3, vec3},
     transform::components::Transform,
 };
@@ -27,17 +32,7 @@ pub fn neon(scene: &mut SceneBuilder) {
         (vec3(2.4, 1.8, -3.4), Color::srgb(0.3, 0.85, 1.0), 32_000.0),
         (vec3(-4.7, 1.6, -3.5), Color::srgb(0.3, 0.85, 1.0), 22_000.0),
     ] {
-        scene.add((
-            PointLight {
-                color,
-                intensity: lumens,
-                range: 9.0,
-                radius: 0.05,
-                shadow_maps_enabled: false,
-                ..Default::default()
-            },
-            Transform::from_translation(position),
-        ));
+        scene.lamp(position, color, lumens, 9.0, 0.05);
     }
 }
 
@@ -72,38 +67,13 @@ pub fn gyroscope(scene: &mut SceneBuilder) {
     let core = scene.shape(|g| g.sphere(Vec3::ZERO, 0.11, 32, Vec2::ONE));
     let warm = scene.material(glow(LinearRgba::rgb(9.0, 5.2, 1.9)));
     scene.place(&core, &warm, Transform::from_translation(middle));
-    scene.add((
-        PointLight {
-            color: Color::srgb(1.0, 0.78, 0.5),
-            intensity: 26_000.0,
-            range: 7.0,
-            radius: 0.11,
-            shadow_maps_enabled: false,
-            ..Default::default()
-        },
-        Transform::from_translation(middle),
-    ));
+    scene.lamp(middle, Color::srgb(1.0, 0.78, 0.5), 26_000.0, 7.0, 0.11);
 }
 
 /// The sun, a spot light on the spheres and a lamp by the curtain.
 pub fn lights(scene: &mut SceneBuilder) {
     let lamp = vec3(4.55, 2.93, -2.6);
-    scene.add((
-        DirectionalLight {
-            color: Color::srgb(1.0, 0.80, 0.58),
-            illuminance: 10_500.0,
-            shadow_maps_enabled: true,
-            ..Default::default()
-        },
-        CascadeShadowConfigBuilder {
-            num_cascades: 2,
-            first_cascade_far_bound: 11.0,
-            maximum_distance: 26.0,
-            ..Default::default()
-        }
-        .build(),
-        Transform::default().looking_to(-sun(), Vec3::Y),
-    ));
+    scene.sun(sun(), Color::srgb(1.0, 0.80, 0.58), 10_500.0, (2, 11.0, 26.0));
     scene.add((
         SpotLight {
             color: Color::srgb(1.0, 0.92, 0.82),
@@ -130,8 +100,7 @@ pub fn lights(scene: &mut SceneBuilder) {
     ));
     let bulb = scene.shape(|g| g.sphere(Vec3::ZERO, 0.07, 24, Vec2::ONE));
     let lit = scene.material(glow(LinearRgba::rgb(8.0, 4.6, 1.9)));
-    let entity = scene.place(&bulb, &lit, Transform::from_translation(lamp));
-    scene.world.entity_mut(entity).insert(NotShadowCaster);
+    scene.place_unshadowed(&bulb, &lit, Transform::from_translation(lamp));
     let brass = scene.material(metal(BRASS, 0.25));
     let bracket = scene.shape(|g| {
         let hook = [
@@ -141,10 +110,9 @@ pub fn lights(scene: &mut SceneBuilder) {
             vec3(4.55, 3.2, -2.6),
         ];
         g.tube(&hook, 0.02, 12);
-        let mut lantern = Geometry::default();
-        props::lantern(&mut lantern, 0.5, 0.16, 24);
-        g.append(&lantern, Transform::from_xyz(4.55, 3.2, -2.6));
+        g.part(Transform::from_xyz(4.55, 3.2, -2.6), |part| {
+            props::lantern(part, 0.5, 0.16, 24)
+        });
     });
-    let entity = scene.place(&bracket, &brass, Transform::IDENTITY);
-    scene.world.entity_mut(entity).insert(NotShadowCaster);
+    scene.place_unshadowed(&bracket, &brass, Transform::IDENTITY);
 }

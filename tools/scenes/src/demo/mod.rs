@@ -8,11 +8,12 @@ use crate::{
     camera_path::CameraPath,
     environment::{Environment, SceneOptions},
     geometry::turned,
+    materials::{both_sides, dielectric, dyed, gloss, metal},
     patterns, props,
     sky::{Sky, sun_direction},
 };
 use bevy::{
-    color::{Color, LinearRgba},
+    color::Color,
     ecs::{entity::Entity, world::World},
     material::AlphaMode,
     math::{Vec2, Vec3, vec2, vec3},
@@ -41,33 +42,6 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     glowing::gyroscope(&mut scene);
     glowing::lights(&mut scene);
     scene.finish()
-}
-
-fn metal(color: Color, perceptual_roughness: f32) -> StandardMaterial {
-    StandardMaterial {
-        base_color: color,
-        metallic: 1.0,
-        perceptual_roughness,
-        ..Default::default()
-    }
-}
-
-fn gloss(color: Color, perceptual_roughness: f32) -> StandardMaterial {
-    StandardMaterial {
-        base_color: color,
-        perceptual_roughness,
-        ..Default::default()
-    }
-}
-
-fn glow(color: LinearRgba) -> StandardMaterial {
-    StandardMaterial {
-        base_color: Color::BLACK,
-        emissive: color,
-        perceptual_roughness: 1.0,
-        reflectance: 0.0,
-        ..Default::default()
-    }
 }
 
 const BRASS: Color = Color::srgb(0.93, 0.76, 0.45);
@@ -126,10 +100,7 @@ fn screens(scene: &mut SceneBuilder, size: u32) {
     let lattice = scene.textures(size, patterns::lattice).material();
     let lattice = scene.material(StandardMaterial {
         alpha_mode: AlphaMode::Mask(0.5),
-        double_sided: true,
-        cull_mode: None,
-        metallic: 0.0,
-        ..lattice
+        ..both_sides(dielectric(lattice))
     });
     let wood = scene.material(gloss(Color::srgb(0.36, 0.21, 0.11), 0.45));
     let panel = scene.shape(|g| {
@@ -163,13 +134,7 @@ fn screens(scene: &mut SceneBuilder, size: u32) {
     }
 
     let weave = scene.textures(size, patterns::cloth).material();
-    let red = scene.material(StandardMaterial {
-        base_color: Color::srgb(0.80, 0.09, 0.10),
-        metallic: 0.0,
-        double_sided: true,
-        cull_mode: None,
-        ..weave
-    });
+    let red = scene.material(both_sides(dielectric(dyed(&weave, Color::srgb(0.80, 0.09, 0.10)))));
     let curtain = scene.shape(|g| props::curtain(g, 1.35, 3.0, 6.0, 72, 24));
     scene.place(&curtain, &red, Transform::from_xyz(3.9, 0.25, -4.15));
     let brass = scene.material(metal(BRASS, 0.25));
@@ -251,10 +216,7 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
     });
     let mirror = scene.material(metal(CHROME, 0.0));
     let worn = scene.textures(size / 2, patterns::worn_metal).material();
-    let bronze = scene.material(StandardMaterial {
-        base_color: Color::srgb(0.80, 0.58, 0.36),
-        ..worn
-    });
+    let bronze = scene.material(dyed(&worn, Color::srgb(0.80, 0.58, 0.36)));
     let stand = Transform::from_xyz(4.35, 0.02, -0.7).with_rotation(turned(-52.0));
     scene.place(&slab, &mirror, stand);
     scene.place(&surround, &bronze, stand);
@@ -275,11 +237,7 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
     });
 
     let clay = scene.textures(size / 2, patterns::limestone).material();
-    let clay = scene.material(StandardMaterial {
-        base_color: Color::srgb(0.75, 0.42, 0.28),
-        metallic: 0.0,
-        ..clay
-    });
+    let clay = scene.material(dielectric(dyed(&clay, Color::srgb(0.75, 0.42, 0.28))));
     let leaves = scene.textures(size / 2, patterns::leaf).material();
     let leaves = scene.material(props::leaf_material(leaves));
     let pot = scene.shape(|g| props::pot(g, 0.5, 0.3, 40));

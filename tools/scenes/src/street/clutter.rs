@@ -146,9 +146,7 @@ fn benches_and_bins(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     });
     let wheels = scene.shape(|g| {
         for (x, z) in [(-0.5, -0.3), (0.5, -0.3), (-0.5, 0.3), (0.5, 0.3)] {
-            let mut wheel = Geometry::default();
-            wheel.torus(0.07, 0.03, 20, 8);
-            g.append(&wheel, Transform::from_xyz(x, 0.10, z));
+            g.part(Transform::from_xyz(x, 0.10, z), |part| part.torus(0.07, 0.03, 20, 8));
         }
     });
     for (z, color) in [(-25.3, 0), (-26.8, 4)] {

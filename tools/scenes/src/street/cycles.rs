@@ -7,10 +7,7 @@ use super::{
     segments,
     shapes::{bent, block, rod},
 };
-use crate::{
-    builder::SceneBuilder,
-    geometry::{Geometry, turned},
-};
+use crate::{builder::SceneBuilder, geometry::turned};
 use bevy::{
     math::{Quat, Vec2, ops, vec2, vec3},
     transform::components::Transform,
@@ -62,9 +59,9 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     });
     let metal = scene.shape(|g| {
         for x in HUBS {
-            let mut ring = Geometry::default();
-            ring.torus(WHEEL - 0.022, 0.009, fine(44), 6);
-            g.append(&ring, Transform::from_xyz(x, WHEEL, 0.0));
+            g.part(Transform::from_xyz(x, WHEEL, 0.0), |part| {
+                part.torus(WHEEL - 0.022, 0.009, fine(44), 6)
+            });
             rod(g, 8, 0.018, [x, WHEEL, -0.05], [x, WHEEL, 0.05]);
             for i in 0..24 {
                 let angle = TAU * i as f32 / 24.0;
@@ -95,9 +92,9 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         );
         rod(g, 8, 0.012, [0.35, 0.88, 0.0], [0.355, 0.98, 0.0]);
         rod(g, 8, 0.012, [-0.20, 0.76, 0.0], [-0.225, 0.90, 0.0]);
-        let mut ring = Geometry::default();
-        ring.torus(0.085, 0.006, fine(28), 6);
-        g.append(&ring, Transform::from_xyz(-0.06, 0.28, 0.05));
+        g.part(Transform::from_xyz(-0.06, 0.28, 0.05), |part| {
+            part.torus(0.085, 0.006, fine(28), 6)
+        });
         for side in [-1.0, 1.0] {
             rod(
                 g,
@@ -107,18 +104,16 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
                 [-0.06 + side * 0.14, 0.28 - side * 0.09, side * 0.07],
             );
         }
-        let mut ring = Geometry::default();
-        ring.torus(0.045, 0.01, fine(20), 8);
-        g.append(
-            &ring,
+        g.part(
             Transform::from_xyz(0.46, 0.88, 0.0).with_rotation(Quat::from_rotation_y(0.25 * TAU)),
+            |part| part.torus(0.045, 0.01, fine(20), 8),
         );
     });
     let dark = scene.shape(|g| {
         for x in HUBS {
-            let mut tyre = Geometry::default();
-            tyre.torus(WHEEL - 0.008, 0.018, fine(48), 10);
-            g.append(&tyre, Transform::from_xyz(x, WHEEL, 0.0));
+            g.part(Transform::from_xyz(x, WHEEL, 0.0), |part| {
+                part.torus(WHEEL - 0.008, 0.018, fine(48), 10)
+            });
         }
         for side in [-1.0, 1.0] {
             rod(

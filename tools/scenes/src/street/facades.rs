@@ -255,9 +255,9 @@ fn trim(scene: &mut SceneBuilder, m: &Materials, shared: &Shared, house: &House,
         let run = |g: &mut Geometry, depth: f32, profile: &[(f32, f32)]| {
             let more = |corner: Corner| if plot.corner == corner { depth } else { 0.0 };
             let (left, right) = (more(Corner::Left), more(Corner::Right));
-            let mut piece = Geometry::default();
-            moulding(&mut piece, width + left + right, profile);
-            g.append(&piece, Transform::from_xyz(0.5 * (width + right - left), 0.0, 0.0));
+            g.part(Transform::from_xyz(0.5 * (width + right - left), 0.0, 0.0), |part| {
+                moulding(part, width + left + right, profile)
+            });
         };
         run(
             g,

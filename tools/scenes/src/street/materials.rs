@@ -1,7 +1,11 @@
 //! What the street is made of: few textures, many dyes.
 
 use super::surfaces;
-use crate::{builder::SceneBuilder, patterns, props};
+use crate::{
+    builder::SceneBuilder,
+    materials::{both_sides, dielectric, dyed, gloss, metal},
+    patterns, props,
+};
 use bevy::{
     asset::Handle,
     color::{Color, LinearRgba},
@@ -112,21 +116,6 @@ pub struct Materials {
     pub signs: [Material; 3],
 }
 
-fn gloss(color: Color, perceptual_roughness: f32) -> StandardMaterial {
-    StandardMaterial {
-        base_color: color,
-        perceptual_roughness,
-        ..Default::default()
-    }
-}
-
-fn metal(color: Color, perceptual_roughness: f32) -> StandardMaterial {
-    StandardMaterial {
-        metallic: 1.0,
-        ..gloss(color, perceptual_roughness)
-    }
-}
-
 fn glow(red: f32, green: f32, blue: f32) -> StandardMaterial {
     StandardMaterial {
         emissive: LinearRgba::rgb(red, green, blue),
@@ -135,28 +124,17 @@ fn glow(red: f32, green: f32, blue: f32) -> StandardMaterial {
     }
 }
 
+/// Cloth or petals, seen from both sides.
+fn cloth_of(material: StandardMaterial) -> StandardMaterial {
+    both_sides(dielectric(material))
+}
+
 /// A pane before a picture that shines with a colour.
 fn picture(pane: &StandardMaterial, picture: &StandardMaterial, emissive: LinearRgba) -> StandardMaterial {
     StandardMaterial {
         emissive,
         emissive_texture: picture.base_color_texture.clone(),
         ..pane.clone()
-    }
-}
-
-fn dyed(base: &StandardMaterial, color: Color) -> StandardMaterial {
-    StandardMaterial {
-        base_color: color,
-        ..base.clone()
-    }
-}
-
-fn both_sides(material: StandardMaterial) -> StandardMaterial {
-    StandardMaterial {
-        double_sided: true,
-        cull_mode: None,
-        metallic: 0.0,
-        ..material
     }
 }
 
@@ -284,12 +262,12 @@ impl Materials {
             boards: boards.to_vec(),
             menu: scene.material(menu),
             awnings: vec![
-                scene.material(both_sides(red_stripes.material())),
-                scene.material(both_sides(green_stripes.material())),
-                scene.material(both_sides(dyed(&cloth, Color::srgb(0.12, 0.17, 0.32)))),
+                scene.material(cloth_of(red_stripes.material())),
+                scene.material(cloth_of(green_stripes.material())),
+                scene.material(cloth_of(dyed(&cloth, Color::srgb(0.12, 0.17, 0.32)))),
             ],
             cloths: CLOTHS
-                .map(|color| scene.material(both_sides(dyed(&cloth, color))))
+                .map(|color| scene.material(cloth_of(dyed(&cloth, color))))
                 .to_vec(),
             tiles: clay.map(|color| {
                 scene.material(StandardMaterial {
@@ -314,7 +292,7 @@ impl Materials {
                 .map(|color| scene.material(props::leaf_material(dyed(&spray, color))))
                 .to_vec(),
             petals: PETALS
-                .map(|color| scene.material(both_sides(gloss(color, 0.55))))
+                .map(|color| scene.material(cloth_of(gloss(color, 0.55))))
                 .to_vec(),
             soil: scene.material(gloss(Color::srgb(0.15, 0.11, 0.08), 0.85)),
             cars: CARS.map(|color| scene.material(dyed(&flakes, color))).to_vec(),

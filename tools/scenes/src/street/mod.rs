@@ -21,6 +21,7 @@ mod surfaces;
 mod tableware;
 mod vehicles;
 
+use crate::geometry::segments;
 use crate::{
     builder::SceneBuilder,
     camera_path::CameraPath,
@@ -64,11 +65,6 @@ pub(crate) mod plan {
 /// The sun stands low beyond the eastern end, a little to the north: it reaches the southern fronts and, over a lower house, the crossing.
 fn sun() -> Vec3 {
     sun_direction(68.0, 27.0)
-}
-
-/// Turns a count of segments at detail one into the count at `detail`.
-fn segments(base: u32, detail: f32) -> u32 {
-    ((base as f32 * detail).round() as u32).max(3)
 }
 
 /// Segments across the rounding of an edge at `detail`.

@@ -14,7 +14,6 @@ use crate::{
     random::Random,
 };
 use bevy::{
-    light::NotShadowCaster,
     math::{Vec2, Vec3, ops, vec2, vec3},
     transform::components::Transform,
 };
@@ -205,8 +204,7 @@ fn cafe_sign(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     // The board's faces look along the street; its arms lead back to the wall.
     scene.place(&board, &m.enamels[3], middle.with_rotation(turned(90.0)));
     for degrees in [-90.0, 90.0] {
-        let tubes = scene.place(&letters, &m.neons[0], middle.with_rotation(turned(degrees)));
-        scene.world.entity_mut(tubes).insert(NotShadowCaster);
+        scene.place_unshadowed(&letters, &m.neons[0], middle.with_rotation(turned(degrees)));
     }
 }
 
@@ -243,6 +241,5 @@ fn pharmacy_cross(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     });
     let at = Transform::from_xyz(SIDE_EAST + 2.5, 4.6, NORTH + 0.75).with_rotation(turned(90.0));
     scene.place(&body, &m.enamels[3], at);
-    let glowing = scene.place(&tubes, &m.neons[1], at);
-    scene.world.entity_mut(glowing).insert(NotShadowCaster);
+    scene.place_unshadowed(&tubes, &m.neons[1], at);
 }

@@ -1,21 +1,12 @@
 //! Procedural surfaces of the street. Each is a function of the unit square (`v` down); all but the pictures tile.
 
 use crate::{
+    patterns::{edge, mix},
     random::{fractal, hash, smooth},
     texture::Texel,
 };
 use bevy::math::{Vec2, Vec3, ops, vec2, vec3};
 use std::f32::consts::{PI, TAU};
-
-fn mix(a: Vec3, b: Vec3, t: f32) -> Vec3 {
-    a.lerp(b, t.clamp(0.0, 1.0))
-}
-
-/// Distance to the nearest edge of the cell that `p` lies in, in cells.
-fn edge(p: Vec2) -> Vec2 {
-    let f = p - p.floor();
-    f.min(Vec2::ONE - f)
-}
 
 /// Asphalt after rain, eight metres across: puddles like mirrors, damp around them, and coarse where it has dried.
 pub fn asphalt(uv: Vec2) -> Texel {

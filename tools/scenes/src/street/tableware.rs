@@ -58,20 +58,20 @@ impl Setting {
                 ];
                 turned_shape(g, small, &profile);
                 for i in 0..3 {
-                    let mut leg = Geometry::default();
-                    bent(
-                        &mut leg,
-                        7,
-                        0.012,
-                        4,
-                        &[
-                            [0.02, 0.30, 0.0],
-                            [0.12, 0.18, 0.0],
-                            [0.2, 0.05, 0.0],
-                            [0.27, 0.012, 0.0],
-                        ],
-                    );
-                    g.append(&leg, Transform::from_rotation(turned(120.0 * i as f32)));
+                    g.part(Transform::from_rotation(turned(120.0 * i as f32)), |part| {
+                        bent(
+                            part,
+                            7,
+                            0.012,
+                            4,
+                            &[
+                                [0.02, 0.30, 0.0],
+                                [0.12, 0.18, 0.0],
+                                [0.2, 0.05, 0.0],
+                                [0.27, 0.012, 0.0],
+                            ],
+                        )
+                    });
                 }
             }),
             top: scene.shape(|g| {
@@ -92,11 +92,9 @@ impl Setting {
                 );
             }),
             rim: scene.shape(|g| {
-                let mut band = Geometry::default();
-                band.torus(0.322, 0.007, round, 8);
-                g.append(
-                    &band,
+                g.part(
                     Transform::from_xyz(0.0, TABLE - 0.013, 0.0).with_rotation(Quat::from_rotation_x(0.25 * TAU)),
+                    |part| part.torus(0.322, 0.007, round, 8),
                 );
             }),
             glasses: scene.shape(|g| glasses(g, small)),
@@ -307,21 +305,21 @@ fn chair(g: &mut Geometry, sides: u32) {
 /// Seat and back of a chair, woven.
 fn weave(g: &mut Geometry, detail: f32) {
     let round = segments(24, detail);
-    let mut seat = Geometry::default();
-    turned_shape(
-        &mut seat,
-        round,
-        &[
-            (0.0, 0.435),
-            (0.185, 0.435),
-            (0.205, 0.445),
-            (0.21, 0.456),
-            (0.2, 0.467),
-            (0.15, 0.468),
-            (0.0, 0.455),
-        ],
-    );
-    g.append(&seat, Transform::from_scale(vec3(1.0, 1.0, 0.94)));
+    g.part(Transform::from_scale(vec3(1.0, 1.0, 0.94)), |part| {
+        turned_shape(
+            part,
+            round,
+            &[
+                (0.0, 0.435),
+                (0.185, 0.435),
+                (0.205, 0.445),
+                (0.21, 0.456),
+                (0.2, 0.467),
+                (0.15, 0.468),
+                (0.0, 0.455),
+            ],
+        )
+    });
     for side in [1.0, -1.0] {
         // Two thin shells, back to back.
         g.surface(segments(10, detail), segments(6, detail), vec2(0.5, 0.4), |u, v| {

@@ -27,9 +27,9 @@ fn doors(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     let leaf = scene.shape(|g| door_leaf(g, fine));
     let knocker = scene.shape(|g| {
         g.sphere(vec3(0.0, 0.0, 0.14), 0.09, segments(20, fine), Vec2::ONE);
-        let mut hoop = Geometry::default();
-        hoop.torus(0.17, 0.022, segments(36, fine), segments(10, fine));
-        g.append(&hoop, Transform::from_xyz(0.0, -0.17, 0.19));
+        g.part(Transform::from_xyz(0.0, -0.17, 0.19), |part| {
+            part.torus(0.17, 0.022, segments(36, fine), segments(10, fine))
+        });
     });
     let back = turned(180.0);
     for x in [-1.0, 1.0] {
@@ -55,9 +55,9 @@ fn doors(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
             p(0.40, -0.02),
         ];
         // Its lower end is below the floor.
-        let mut border = Geometry::default();
-        frame(&mut border, vec2(2.15, 3.2), &profile, 0.5);
-        g.append(&border, Transform::from_xyz(0.0, 3.1, 0.0));
+        g.part(Transform::from_xyz(0.0, 3.1, 0.0), |part| {
+            frame(part, vec2(2.15, 3.2), &profile, 0.5)
+        });
         let cornice = [
             p(0.0, 6.68),
             p(0.20, 6.70),
@@ -129,9 +129,9 @@ fn sun_disc(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
             p(2.76, 0.06),
             p(0.0, 0.06),
         ];
-        let mut round = Geometry::default();
-        round.lathe(&profile, segments(96, fine), p(12.0, 0.5));
-        g.append(&round, Transform::from_rotation(facing_down()));
+        g.part(Transform::from_rotation(facing_down()), |part| {
+            part.lathe(&profile, segments(96, fine), p(12.0, 0.5))
+        });
     });
     scene.place(&slab, &m.dark, wall);
     let disc = scene.shape(|g| {
@@ -148,9 +148,9 @@ fn sun_disc(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     });
     scene.place(&disc, &m.gilt, wall);
     let rays = scene.shape(|g| {
-        let mut rim = Geometry::default();
-        rim.torus(DISC, 0.07, segments(128, fine), segments(12, fine));
-        g.append(&rim, Transform::from_xyz(0.0, 0.0, 0.28));
+        g.part(Transform::from_xyz(0.0, 0.0, 0.28), |part| {
+            part.torus(DISC, 0.07, segments(128, fine), segments(12, fine))
+        });
         let mut edge = Geometry::default();
         let profile = [p(DISC - 0.05, 0.0), p(DISC - 0.05, 0.28)];
         edge.lathe(&profile, segments(96, fine), p(8.0, 1.0));

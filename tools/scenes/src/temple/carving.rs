@@ -207,9 +207,10 @@ pub fn limb(g: &mut Geometry, from: Vec3, to: Vec3, radii: (f32, f32), sides: u3
 
 /// A horizontal ring.
 pub fn ring(g: &mut Geometry, height: f32, radius: f32, tube: f32, around: u32, sides: u32) {
-    let mut torus = Geometry::default();
-    torus.torus(radius, tube, around, sides);
-    g.append(&torus, Transform::from_xyz(0.0, height, 0.0).with_rotation(facing_up()));
+    g.part(
+        Transform::from_xyz(0.0, height, 0.0).with_rotation(facing_up()),
+        |part| part.torus(radius, tube, around, sides),
+    );
 }
 
 /// A horizontal string of beads.

@@ -8,7 +8,7 @@ use crate::{
 };
 use bevy::{
     color::Color,
-    light::{NotShadowCaster, PointLight, SpotLight},
+    light::{PointLight, SpotLight},
     math::{Quat, Vec2, Vec3, ops, vec2, vec3},
     transform::components::Transform,
 };
@@ -139,8 +139,7 @@ fn braziers(scene: &mut SceneBuilder, m: &Materials, mound: &SceneMesh, fine: f3
             Transform::from_translation(place).with_rotation(turn),
         );
         let coals = Transform::from_translation(place + Vec3::Y * 0.93).with_rotation(turn);
-        let coals = scene.place(mound, &m.ember, coals);
-        scene.world.entity_mut(coals).insert(NotShadowCaster);
+        scene.place_unshadowed(mound, &m.ember, coals);
         // Only the one on the dais casts shadows: of the figures beside it.
         let on_dais = place.y > 0.0;
         scene.add((
@@ -198,8 +197,7 @@ fn incense(scene: &mut SceneBuilder, m: &Materials, mound: &SceneMesh, fine: f32
     ] {
         scene.place(&stand, &m.gilt, Transform::from_xyz(x, 0.0, z));
         let coals = Transform::from_xyz(x, 1.095, z).with_scale(glow);
-        let coals = scene.place(mound, &m.ember, coals);
-        scene.world.entity_mut(coals).insert(NotShadowCaster);
+        scene.place_unshadowed(mound, &m.ember, coals);
     }
 }
 
@@ -266,24 +264,13 @@ fn lamps(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     }
     for (place, ceiling) in places {
         scene.place(&lamp, &m.bronze, Transform::from_translation(place));
-        let flame = scene.place(&flame, &m.flame, Transform::from_translation(place));
-        scene.world.entity_mut(flame).insert(NotShadowCaster);
+        scene.place_unshadowed(&flame, &m.flame, Transform::from_translation(place));
         let reach = vec3(1.0, ceiling - place.y - 1.0, 1.0);
         let hook = Transform::from_translation(place + Vec3::Y).with_scale(reach);
         scene.place(&rod, &m.bronze, hook);
     }
     for z in [-BAY, BAY] {
-        scene.add((
-            PointLight {
-                color: FIRELIGHT,
-                intensity: 90_000.0,
-                range: 10.0,
-                radius: 0.08,
-                shadow_maps_enabled: false,
-                ..Default::default()
-            },
-            Transform::from_xyz(-7.25, 4.4, z),
-        ));
+        scene.lamp(vec3(-7.25, 4.4, z), FIRELIGHT, 90_000.0, 10.0, 0.08);
     }
 }
 

@@ -211,9 +211,9 @@ fn basin(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
             p(0.40, 0.03),
             p(0.40, -0.05),
         ];
-        let mut ring = Geometry::default();
-        frame(&mut ring, half, &profile, 0.5);
-        g.append(&ring, Transform::from_rotation(facing_up()));
+        g.part(Transform::from_rotation(facing_up()), |part| {
+            frame(part, half, &profile, 0.5)
+        });
     });
     scene.place(&kerb, &m.dark, Transform::IDENTITY);
     let water = scene.shape(|g| {

@@ -30,9 +30,7 @@ fn columns(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     let base = scene.shape(|g| base(g, fine));
     let shaft = scene.shape(|g| {
         shaft(g, fine);
-        let mut head = Geometry::default();
-        capital(&mut head, fine);
-        g.append(&head, Transform::from_xyz(0.0, NECK, 0.0));
+        g.part(Transform::from_xyz(0.0, NECK, 0.0), |part| capital(part, fine));
     });
     for i in 0..8u32 {
         let z = (i as f32 - 3.5) * BAY;
