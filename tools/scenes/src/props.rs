@@ -158,34 +158,28 @@ pub fn leaf_material(textured: StandardMaterial) -> StandardMaterial {
 pub fn lantern(g: &mut Geometry, height: f32, radius: f32, segments: u32) {
     let p = |x: f32, y: f32| vec2(x * radius, -y * height);
     // From bottom to top: a drip, the pan, and above the glass the cap.
-    g.lathe(
-        &[
-            p(0.0, 1.0),
-            p(0.12, 0.97),
-            p(0.16, 0.92),
-            p(0.7, 0.86),
-            p(0.95, 0.8),
-            p(0.95, 0.77),
-            p(0.0, 0.76),
-        ],
-        segments,
-        Vec2::ONE,
-    );
-    g.lathe(
-        &[
-            p(0.0, 0.3),
-            p(0.98, 0.3),
-            p(0.98, 0.3),
-            p(1.05, 0.27),
-            p(0.85, 0.18),
-            p(0.45, 0.1),
-            p(0.14, 0.05),
-            p(0.1, 0.0),
-            p(0.0, 0.0),
-        ],
-        segments,
-        Vec2::ONE,
-    );
+    let profile = [
+        p(0.0, 1.0),
+        p(0.12, 0.97),
+        p(0.16, 0.92),
+        p(0.7, 0.86),
+        p(0.95, 0.8),
+        p(0.95, 0.77),
+        p(0.0, 0.76),
+    ];
+    g.lathe(&profile, segments, Vec2::ONE);
+    let profile = [
+        p(0.0, 0.3),
+        p(0.98, 0.3),
+        p(0.98, 0.3),
+        p(1.05, 0.27),
+        p(0.85, 0.18),
+        p(0.45, 0.1),
+        p(0.14, 0.05),
+        p(0.1, 0.0),
+        p(0.0, 0.0),
+    ];
+    g.lathe(&profile, segments, Vec2::ONE);
     for i in 0..6 {
         let angle = i as f32 / 6.0 * TAU;
         let at = vec3(ops::cos(angle) * 0.9 * radius, 0.0, ops::sin(angle) * 0.9 * radius);

@@ -72,21 +72,18 @@ fn table(scene: &mut SceneBuilder, m: &Materials, setting: &Setting, at: Vec3, r
 /// Parasols, two of them closed after the rain.
 fn parasols(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let pole = scene.shape(|g| {
-        turned_shape(
-            g,
-            segments(16, detail),
-            &[
-                (0.26, 0.0),
-                (0.26, 0.03),
-                (0.1, 0.06),
-                (0.035, 0.09),
-                (0.035, 0.3),
-                (0.024, 0.31),
-                (0.024, 2.72),
-                (0.04, 2.74),
-                (0.0, 2.8),
-            ],
-        );
+        let profile = [
+            (0.26, 0.0),
+            (0.26, 0.03),
+            (0.1, 0.06),
+            (0.035, 0.09),
+            (0.035, 0.3),
+            (0.024, 0.31),
+            (0.024, 2.72),
+            (0.04, 2.74),
+            (0.0, 2.8),
+        ];
+        turned_shape(g, segments(16, detail), &profile);
     });
     let ribs = scene.shape(|g| {
         for i in 0..8 {

@@ -73,19 +73,14 @@ fn benches_and_bins(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     });
     let sides = scene.shape(|g| {
         for x in [-0.7, 0.7] {
-            bent(
-                g,
-                8,
-                0.018,
-                4,
-                &[
-                    [x, 0.0, 0.24],
-                    [x, 0.22, 0.17],
-                    [x, 0.41, 0.2],
-                    [x, 0.42, -0.2],
-                    [x, 0.88, -0.34],
-                ],
-            );
+            let path = [
+                [x, 0.0, 0.24],
+                [x, 0.22, 0.17],
+                [x, 0.41, 0.2],
+                [x, 0.42, -0.2],
+                [x, 0.88, -0.34],
+            ];
+            bent(g, 8, 0.018, 4, &path);
             bent(g, 8, 0.018, 4, &[[x, 0.0, -0.30], [x, 0.2, -0.2], [x, 0.41, -0.19]]);
             bent(
                 g,
@@ -107,19 +102,16 @@ fn benches_and_bins(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         scene.place(&sides, &m.iron, at);
     }
     let bin = scene.shape(|g| {
-        turned_shape(
-            g,
-            segments(20, detail),
-            &[
-                (0.0, 0.05),
-                (0.2, 0.05),
-                (0.2, 0.05),
-                (0.2, 0.8),
-                (0.19, 0.8),
-                (0.19, 0.3),
-                (0.0, 0.3),
-            ],
-        );
+        let profile = [
+            (0.0, 0.05),
+            (0.2, 0.05),
+            (0.2, 0.05),
+            (0.2, 0.8),
+            (0.19, 0.8),
+            (0.19, 0.3),
+            (0.0, 0.3),
+        ];
+        turned_shape(g, segments(20, detail), &profile);
         let mut ring = Geometry::default();
         ring.torus(0.215, 0.016, segments(28, detail), 8);
         for y in [0.12, 0.45, 0.82] {
@@ -159,18 +151,15 @@ fn benches_and_bins(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
 /// Traffic signs on their posts.
 fn signs(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let post = scene.shape(|g| {
-        turned_shape(
-            g,
-            segments(12, detail),
-            &[
-                (0.06, 0.0),
-                (0.05, 0.03),
-                (0.03, 0.05),
-                (0.03, 2.95),
-                (0.02, 2.98),
-                (0.0, 2.99),
-            ],
-        );
+        let profile = [
+            (0.06, 0.0),
+            (0.05, 0.03),
+            (0.03, 0.05),
+            (0.03, 2.95),
+            (0.02, 2.98),
+            (0.0, 2.99),
+        ];
+        turned_shape(g, segments(12, detail), &profile);
         for y in [2.35, 2.65] {
             block(g, 1, [0.0, y, 0.035], [0.10, 0.04, 0.02]);
         }

@@ -156,18 +156,15 @@ fn gutters(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
 fn covers(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let cover = scene.shape(|g| {
         let ring = segments(36, detail);
-        turned_shape(
-            g,
-            ring,
-            &[
-                (0.38, -0.01),
-                (0.38, 0.006),
-                (0.37, 0.009),
-                (0.33, 0.009),
-                (0.325, 0.004),
-                (0.0, 0.004),
-            ],
-        );
+        let profile = [
+            (0.38, -0.01),
+            (0.38, 0.006),
+            (0.37, 0.009),
+            (0.33, 0.009),
+            (0.325, 0.004),
+            (0.0, 0.004),
+        ];
+        turned_shape(g, ring, &profile);
         for i in 0..7 {
             for j in 0..7 {
                 let (x, z) = (0.08 * (i as f32 - 3.0), 0.08 * (j as f32 - 3.0));

@@ -81,34 +81,26 @@ fn street_lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             g.sphere(vec3(x, 3.62, 0.0), 0.032, segments(14, detail), Vec2::ONE);
         }
         for side in [-1.0, 1.0] {
-            bent(
-                g,
-                8,
-                0.011,
-                5,
-                &[
-                    [side * 0.05, 3.35, 0.0],
-                    [side * 0.20, 3.42, 0.0],
-                    [side * 0.22, 3.55, 0.0],
-                    [side * 0.14, 3.62, 0.0],
-                ],
-            );
+            let path = [
+                [side * 0.05, 3.35, 0.0],
+                [side * 0.20, 3.42, 0.0],
+                [side * 0.22, 3.55, 0.0],
+                [side * 0.14, 3.62, 0.0],
+            ];
+            bent(g, 8, 0.011, 5, &path);
         }
         g.part(Transform::from_xyz(0.0, 4.76, 0.0), |part| {
             props::lantern(part, 0.66, 0.2, segments(18, detail))
         });
-        turned_shape(
-            g,
-            segments(14, detail),
-            &[
-                (0.0, 4.74),
-                (0.03, 4.76),
-                (0.04, 4.80),
-                (0.02, 4.84),
-                (0.025, 4.88),
-                (0.0, 4.95),
-            ],
-        );
+        let profile = [
+            (0.0, 4.74),
+            (0.03, 4.76),
+            (0.04, 4.80),
+            (0.02, 4.84),
+            (0.025, 4.88),
+            (0.0, 4.95),
+        ];
+        turned_shape(g, segments(14, detail), &profile);
     });
     let bulb = scene.shape(|g| g.sphere(vec3(0.0, LAMP, 0.0), 0.10, segments(24, detail), Vec2::ONE));
     for (x, z, shining) in LAMPS {
@@ -125,19 +117,14 @@ fn street_lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
 fn wall_lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let bracket = scene.shape(|g| {
         block(g, bevel(detail), [0.0, 4.1, 0.02], [0.12, 0.42, 0.05]);
-        bent(
-            g,
-            segments(10, detail),
-            0.018,
-            6,
-            &[
-                [0.0, 3.95, 0.04],
-                [0.0, 4.35, 0.16],
-                [0.0, 4.45, 0.42],
-                [0.0, 4.30, 0.55],
-                [0.0, 4.22, 0.55],
-            ],
-        );
+        let path = [
+            [0.0, 3.95, 0.04],
+            [0.0, 4.35, 0.16],
+            [0.0, 4.45, 0.42],
+            [0.0, 4.30, 0.55],
+            [0.0, 4.22, 0.55],
+        ];
+        bent(g, segments(10, detail), 0.018, 6, &path);
         g.part(Transform::from_xyz(0.0, 4.24, 0.55), |part| {
             props::lantern(part, 0.5, 0.15, segments(16, detail))
         });

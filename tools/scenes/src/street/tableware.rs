@@ -76,20 +76,17 @@ impl Setting {
             }),
             top: scene.shape(|g| {
                 let (low, high) = (TABLE - 0.025, TABLE);
-                turned_shape(
-                    g,
-                    round,
-                    &[
-                        (0.0, low),
-                        (0.31, low),
-                        (0.31, low),
-                        (0.319, low + 0.006),
-                        (0.319, high - 0.008),
-                        (0.31, high),
-                        (0.31, high),
-                        (0.0, high),
-                    ],
-                );
+                let profile = [
+                    (0.0, low),
+                    (0.31, low),
+                    (0.31, low),
+                    (0.319, low + 0.006),
+                    (0.319, high - 0.008),
+                    (0.31, high),
+                    (0.31, high),
+                    (0.0, high),
+                ];
+                turned_shape(g, round, &profile);
             }),
             rim: scene.shape(|g| {
                 g.part(
@@ -105,18 +102,15 @@ impl Setting {
                     block(g, bevel(detail), [x, TABLE + 0.006, z], [0.012, 0.004, 0.17]);
                 }
                 // Sugar pot.
-                turned_shape(
-                    g,
-                    small,
-                    &[
-                        (0.0, TABLE),
-                        (0.03, TABLE),
-                        (0.036, TABLE + 0.03),
-                        (0.03, TABLE + 0.06),
-                        (0.012, TABLE + 0.075),
-                        (0.0, TABLE + 0.078),
-                    ],
-                );
+                let profile = [
+                    (0.0, TABLE),
+                    (0.03, TABLE),
+                    (0.036, TABLE + 0.03),
+                    (0.03, TABLE + 0.06),
+                    (0.012, TABLE + 0.075),
+                    (0.0, TABLE + 0.078),
+                ];
+                turned_shape(g, small, &profile);
             }),
             frame: scene.shape(|g| chair(g, segments(8, detail))),
             weave: scene.shape(|g| weave(g, detail)),
@@ -240,41 +234,26 @@ fn bottles(g: &mut Geometry, segments: u32) {
 fn chair(g: &mut Geometry, sides: u32) {
     let r = 0.011;
     for side in [-1.0, 1.0] {
-        bent(
-            g,
-            sides,
-            r,
-            4,
-            &[
-                [side * 0.19, 0.45, 0.18],
-                [side * 0.195, 0.24, 0.19],
-                [side * 0.21, 0.0, 0.22],
-            ],
-        );
-        bent(
-            g,
-            sides,
-            r,
-            4,
-            &[
-                [side * 0.18, 0.45, -0.17],
-                [side * 0.19, 0.22, -0.2],
-                [side * 0.2, 0.0, -0.25],
-            ],
-        );
+        let path = [
+            [side * 0.19, 0.45, 0.18],
+            [side * 0.195, 0.24, 0.19],
+            [side * 0.21, 0.0, 0.22],
+        ];
+        bent(g, sides, r, 4, &path);
+        let path = [
+            [side * 0.18, 0.45, -0.17],
+            [side * 0.19, 0.22, -0.2],
+            [side * 0.2, 0.0, -0.25],
+        ];
+        bent(g, sides, r, 4, &path);
         rod(g, sides, 0.008, [side * 0.2, 0.16, 0.205], [side * 0.195, 0.16, -0.215]);
-        bent(
-            g,
-            sides,
-            0.010,
-            5,
-            &[
-                [side * 0.19, 0.46, 0.14],
-                [side * 0.225, 0.60, 0.16],
-                [side * 0.225, 0.66, 0.05],
-                [side * 0.20, 0.66, -0.2],
-            ],
-        );
+        let path = [
+            [side * 0.19, 0.46, 0.14],
+            [side * 0.225, 0.60, 0.16],
+            [side * 0.225, 0.66, 0.05],
+            [side * 0.20, 0.66, -0.2],
+        ];
+        bent(g, sides, 0.010, 5, &path);
     }
     let back = [
         [0.18, 0.45, -0.17],
@@ -286,19 +265,14 @@ fn chair(g: &mut Geometry, sides: u32) {
         [-0.18, 0.45, -0.17],
     ];
     bent(g, sides, 0.012, 6, &back);
-    bent(
-        g,
-        sides,
-        0.009,
-        6,
-        &[
-            [0.12, 0.46, -0.17],
-            [0.12, 0.64, -0.195],
-            [0.0, 0.79, -0.225],
-            [-0.12, 0.64, -0.195],
-            [-0.12, 0.46, -0.17],
-        ],
-    );
+    let path = [
+        [0.12, 0.46, -0.17],
+        [0.12, 0.64, -0.195],
+        [0.0, 0.79, -0.225],
+        [-0.12, 0.64, -0.195],
+        [-0.12, 0.46, -0.17],
+    ];
+    bent(g, sides, 0.009, 6, &path);
     rod(g, sides, 0.007, [-0.2, 0.16, -0.02], [0.2, 0.16, -0.02]);
 }
 
