@@ -31,29 +31,18 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Ric
     };
     let arch_steps = segments(richness.choose(12, 16), detail);
     for side in &sides() {
+        let (lower_rise, upper_rise) = (
+            UPPER_FLOOR - 0.1 - LOWER_SPRING,
+            EAVES - 0.3 - UPPER_FLOOR - UPPER_SPRING,
+        );
         let arches = [
-            scene.shape(|g| {
-                arch(g, side.bay, 0.30, 0.62, UPPER_FLOOR - 0.1 - LOWER_SPRING, arch_steps);
-            }),
-            scene.shape(|g| {
-                arch(
-                    g,
-                    side.bay,
-                    0.22,
-                    0.46,
-                    EAVES - 0.3 - UPPER_FLOOR - UPPER_SPRING,
-                    arch_steps,
-                );
-            }),
+            scene.shape(|g| arch(g, side.bay, 0.30, 0.62, lower_rise, arch_steps)),
+            scene.shape(|g| arch(g, side.bay, 0.22, 0.46, upper_rise, arch_steps)),
         ];
         let balustrade = scene.shape(|g| balustrade(g, side.bay - 0.44, detail));
         let vault = scene.shape(|g| vault(g, side.bay, WALK, LOWER_SPRING, 1.35, segments(10, detail)));
-        let bevel = if detail < 1.5 { 1 } else { 2 };
-        let respond = scene.shape(|g| {
-            g.rounded_box(vec3(0.0, 1.6, 0.0), vec3(0.5, 3.2, 0.24), 0.03, bevel, 0.5);
-            g.rounded_box(vec3(0.0, 3.3, 0.02), vec3(0.64, 0.2, 0.34), 0.03, bevel, 0.5);
-            g.rounded_box(vec3(0.0, 0.14, 0.02), vec3(0.62, 0.28, 0.32), 0.03, bevel, 0.5);
-        });
+        let _bevel = if detail < 1.5 { 1 } else { 2 };
+        let respond = scene.shape(|g| respond(g, detail));
         for i in 0..side.bays {
             let x = side.middle(i);
             scene.place(&arches[0], &m.wall, side.at(x, LOWER_SPRING, 0.0));
@@ -75,27 +64,33 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Ric
         let dentils = richness.choose((run / 0.42) as u32, 0);
         let eaves = scene.shape(|g| cornice(g, run + 1.2, 0.42, 0.38, dentils));
         scene.place(&eaves, &m.smooth, side.at(0.0, EAVES - 0.2, 0.25));
-        let ceiling = scene.shape(|g| {
-            g.cuboid(
-                vec3(0.0, EAVES - 0.05, -0.5 * WALK),
-                vec3(run + 2.0 * WALK, 0.2, WALK + 0.5),
-                0.4,
-            );
-            for i in 0..=2 * side.bays {
-                let x = (i as f32 * 0.5 - 0.5 * side.bays as f32) * side.bay;
-                g.cuboid(
-                    vec3(x, EAVES - 0.26, -0.5 * WALK - 0.12),
-                    vec3(0.18, 0.22, WALK - 0.28),
-                    0.8,
-                );
-            }
-        });
+        let ceiling = scene.shape(|g| ceiling(g, side));
         scene.place(&ceiling, &m.plaster, side.transform);
     }
     let corner = scene.shape(|g| vault(g, WALK, WALK, LOWER_SPRING, 1.35, segments(10, detail)));
     for (x, z) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
         let place = vec3(x * (HALF_LENGTH + 0.5 * WALK), 0.0, z * (HALF_WIDTH + 0.5 * WALK));
         scene.place(&corner, &m.plaster, Transform::from_translation(place));
+    }
+}
+
+/// A pilaster on the wall behind a column.
+fn respond(g: &mut Geometry, detail: f32) {
+    let bevel = if detail < 1.5 { 1 } else { 2 };
+    g.rounded_box(vec3(0.0, 1.6, 0.0), vec3(0.5, 3.2, 0.24), 0.03, bevel, 0.5);
+    g.rounded_box(vec3(0.0, 3.3, 0.02), vec3(0.64, 0.2, 0.34), 0.03, bevel, 0.5);
+    g.rounded_box(vec3(0.0, 0.14, 0.02), vec3(0.62, 0.28, 0.32), 0.03, bevel, 0.5);
+}
+
+/// The ceiling of the upper walk on one side, with its beams.
+fn ceiling(g: &mut Geometry, side: &Side) {
+    let run = side.bay * side.bays as f32;
+    let size = vec3(run + 2.0 * WALK, 0.2, WALK + 0.5);
+    g.cuboid(vec3(0.0, EAVES - 0.05, -0.5 * WALK), size, 0.4);
+    for i in 0..=2 * side.bays {
+        let x = (i as f32 * 0.5 - 0.5 * side.bays as f32) * side.bay;
+        let beam = vec3(x, EAVES - 0.26, -0.5 * WALK - 0.12);
+        g.cuboid(beam, vec3(0.18, 0.22, WALK - 0.28), 0.8);
     }
 }
 

@@ -38,6 +38,7 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     screens(&mut scene, options.texture_size);
     gallery_of_spheres(&mut scene, options.texture_size);
     floor_objects(&mut scene, options.texture_size);
+    plants(&mut scene, options.texture_size);
     glowing::neon(&mut scene);
     glowing::gyroscope(&mut scene);
     glowing::lights(&mut scene);
@@ -175,34 +176,20 @@ fn gallery_of_spheres(scene: &mut SceneBuilder, size: u32) {
     }
 }
 
-/// Boxes, a mirror, a big ball and plants on the floor, and a ball that rolls through the air.
+/// Boxes, a mirror and a big ball on the floor, and a ball that rolls through the air.
 fn floor_objects(scene: &mut SceneBuilder, size: u32) {
     let block = scene.shape(|g| g.rounded_box(vec3(0.0, 0.5, 0.0), Vec3::ONE, 0.05, 4, 1.0));
-    let boxes = [
+    let blue = gloss(Color::srgb(0.03, 0.22, 0.50), 0.08);
+    let amber = gloss(Color::srgb(0.92, 0.50, 0.06), 0.35);
+    for (material, position, edge, angle) in [
         (metal(CHROME, 0.02), vec3(-3.2, 0.0, 1.9), 0.78, 28.0),
-        (
-            gloss(Color::srgb(0.03, 0.22, 0.50), 0.08),
-            vec3(-2.6, 0.0, 3.0),
-            0.42,
-            -18.0,
-        ),
+        (blue, vec3(-2.6, 0.0, 3.0), 0.42, -18.0),
         (metal(COPPER, 0.32), vec3(-3.12, 0.78, 1.88), 0.36, 52.0),
-        (
-            gloss(Color::srgb(0.92, 0.50, 0.06), 0.35),
-            vec3(1.7, 0.0, 3.0),
-            0.40,
-            35.0,
-        ),
-    ];
-    for (material, position, edge, angle) in boxes {
+        (amber, vec3(1.7, 0.0, 3.0), 0.40, 35.0),
+    ] {
         let material = scene.material(material);
-        scene.place(
-            &block,
-            &material,
-            Transform::from_translation(position)
-                .with_rotation(turned(angle))
-                .with_scale(Vec3::splat(edge)),
-        );
+        let at = Transform::from_translation(position).with_rotation(turned(angle));
+        scene.place(&block, &material, at.with_scale(Vec3::splat(edge)));
     }
 
     let slab = scene.shape(|g| g.rounded_box(vec3(0.0, 1.2, 0.0), vec3(1.3, 2.3, 0.05), 0.02, 3, 1.0));
@@ -223,11 +210,8 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
 
     let ball = scene.shape(|g| g.sphere(Vec3::ZERO, 1.0, 96, vec2(4.0, 2.0)));
     let vermilion = scene.material(gloss(Color::srgb(0.72, 0.05, 0.03), 0.06));
-    scene.place(
-        &ball,
-        &vermilion,
-        Transform::from_xyz(3.85, 0.55, 1.0).with_scale(Vec3::splat(0.55)),
-    );
+    let at = Transform::from_xyz(3.85, 0.55, 1.0).with_scale(Vec3::splat(0.55));
+    scene.place(&ball, &vermilion, at);
     let moving = scene.place(&ball, &mirror, Transform::from_scale(Vec3::splat(0.26)));
     scene.world.entity_mut(moving).insert(Motion::Orbit {
         center: vec3(-0.35, 0.5, 2.75),
@@ -235,7 +219,10 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
         rate: 0.12,
         phase: 0.06,
     });
+}
 
+/// Two plants in pots.
+fn plants(scene: &mut SceneBuilder, size: u32) {
     let clay = scene.textures(size / 2, patterns::limestone).material();
     let clay = scene.material(dielectric(dyed(&clay, Color::srgb(0.75, 0.42, 0.28))));
     let leaves = scene.textures(size / 2, patterns::leaf).material();
@@ -246,18 +233,10 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
         (vec3(-3.75, 0.0, -2.9), 1.35, 0.0),
         (vec3(4.62, 0.0, 2.15), 0.95, 130.0),
     ] {
-        let at = Transform::from_translation(position)
-            .with_rotation(turned(angle))
-            .with_scale(Vec3::splat(scale));
-        scene.place(&pot, &clay, at);
-        scene.place(
-            &plant,
-            &leaves,
-            Transform {
-                translation: at.translation + Vec3::Y * 0.46 * scale,
-                ..at
-            },
-        );
+        let place = |at: Vec3| Transform::from_translation(at).with_rotation(turned(angle));
+        let at = |at: Vec3| place(at).with_scale(Vec3::splat(scale));
+        scene.place(&pot, &clay, at(position));
+        scene.place(&plant, &leaves, at(position + Vec3::Y * 0.46 * scale));
     }
 }
 

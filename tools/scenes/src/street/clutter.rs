@@ -21,7 +21,9 @@ use std::f32::consts::{FRAC_PI_2, PI};
 /// Places all of it.
 pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     bollards(scene, m, detail);
-    benches_and_bins(scene, m, detail);
+    benches(scene, m, detail);
+    bins(scene, m, detail);
+    containers(scene, m, detail);
     signs(scene, m, detail);
     greengrocer(scene, m, detail);
     pennants(scene, m, detail);
@@ -56,39 +58,30 @@ fn bollards(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     }
 }
 
-fn benches_and_bins(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
+fn benches(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let edges = bevel(detail);
     let slats = scene.shape(|g| {
         for i in 0..5 {
             block(g, edges, [0.0, 0.44, -0.19 + 0.095 * i as f32], [1.7, 0.03, 0.08]);
         }
         for i in 0..3 {
-            block(
-                g,
-                edges,
-                [0.0, 0.58 + 0.12 * i as f32, -0.25 - 0.03 * i as f32],
-                [1.7, 0.09, 0.03],
-            );
+            let back = [0.0, 0.58 + 0.12 * i as f32, -0.25 - 0.03 * i as f32];
+            block(g, edges, back, [1.7, 0.09, 0.03]);
         }
     });
     let sides = scene.shape(|g| {
         for x in [-0.7, 0.7] {
-            let path = [
+            let seat = [
                 [x, 0.0, 0.24],
                 [x, 0.22, 0.17],
                 [x, 0.41, 0.2],
                 [x, 0.42, -0.2],
                 [x, 0.88, -0.34],
             ];
-            bent(g, 8, 0.018, 4, &path);
+            bent(g, 8, 0.018, 4, &seat);
             bent(g, 8, 0.018, 4, &[[x, 0.0, -0.30], [x, 0.2, -0.2], [x, 0.41, -0.19]]);
-            bent(
-                g,
-                8,
-                0.014,
-                4,
-                &[[x, 0.42, 0.17], [x, 0.62, 0.2], [x, 0.64, 0.0], [x, 0.62, -0.26]],
-            );
+            let arm = [[x, 0.42, 0.17], [x, 0.62, 0.2], [x, 0.64, 0.0], [x, 0.62, -0.26]];
+            bent(g, 8, 0.014, 4, &arm);
         }
     });
     for (x, z, degrees) in [
@@ -101,6 +94,9 @@ fn benches_and_bins(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         scene.place(&slats, &m.oak, at);
         scene.place(&sides, &m.iron, at);
     }
+}
+
+fn bins(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let bin = scene.shape(|g| {
         let profile = [
             (0.0, 0.05),
@@ -112,13 +108,11 @@ fn benches_and_bins(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             (0.0, 0.3),
         ];
         turned_shape(g, segments(20, detail), &profile);
-        let mut ring = Geometry::default();
-        ring.torus(0.215, 0.016, segments(28, detail), 8);
+        let flat = Quat::from_rotation_x(FRAC_PI_2);
         for y in [0.12, 0.45, 0.82] {
-            g.append(
-                &ring,
-                Transform::from_xyz(0.0, y, 0.0).with_rotation(Quat::from_rotation_x(FRAC_PI_2)),
-            );
+            g.part(Transform::from_xyz(0.0, y, 0.0).with_rotation(flat), |part| {
+                part.torus(0.215, 0.016, segments(28, detail), 8);
+            });
         }
         for i in 0..20 {
             let out = turned(18.0 * i as f32) * vec3(0.0, 0.0, 0.215);
@@ -128,7 +122,11 @@ fn benches_and_bins(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     for (x, z) in [(-10.3, -4.4), (-22.6, 4.5), (13.6, -4.4), (18.4, 4.5), (-33.5, -4.5)] {
         scene.place(&bin, &m.iron, Transform::from_xyz(x, PAVEMENT, z));
     }
-    // A big waste container in the side street.
+}
+
+/// Big waste containers in the side street.
+fn containers(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
+    let edges = bevel(detail);
     let body = scene.shape(|g| {
         block(g, edges + 1, [0.0, 0.62, 0.0], [1.2, 0.9, 0.75]);
         g.rounded_box(vec3(0.0, 1.12, 0.02), vec3(1.26, 0.14, 0.82), 0.06, edges + 1, 1.0);
