@@ -11,6 +11,7 @@ mod environment;
 mod geometry;
 mod gltf;
 mod headless;
+mod image_size;
 mod materials;
 mod patterns;
 mod props;
@@ -32,6 +33,7 @@ pub use headless::{
     HeadlessApp, HeadlessError, HeadlessSettings, LogMessage, Output, capture_log, decode_halves, read_buffer,
     read_image, read_texture, save_picture, take_log,
 };
+pub use image_size::ImageSize;
 pub use random::Random;
 pub use scene::{SceneName, UnknownScene, camera, environment, spawn, spawn_with};
 pub use sky::{Sky, sun_direction};

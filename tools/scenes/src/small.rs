@@ -40,7 +40,7 @@ pub fn mirror_room(world: &mut World) -> Entity {
                 vec3(-2.0, 0.0, -2.0),
             ],
             Vec2::splat(4.0),
-        )
+        );
     });
     let mirror = scene.material(metal(Color::WHITE, 0.0));
     scene.place(&floor, &mirror, Transform::IDENTITY);
@@ -111,7 +111,7 @@ pub fn emissive_floor(world: &mut World) -> Entity {
                 vec3(-0.5, 0.0, -1.5),
             ],
             vec2(1.0, 3.0),
-        )
+        );
     });
     let floors = [(1.0, 0.0), (1.0, 0.2), (1.0, 0.5), (0.0, 0.0), (0.0, 0.2), (0.0, 0.5)];
     for (column, (metallic, perceptual_roughness)) in floors.into_iter().enumerate() {

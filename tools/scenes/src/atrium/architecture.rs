@@ -125,7 +125,7 @@ fn shell(scene: &mut SceneBuilder, m: &Materials, paving: f32) {
                 vec3(0.0, UPPER_FLOOR - 0.12, -0.5 * WALK),
                 vec3(reach, 0.24, WALK),
                 paving,
-            )
+            );
         });
         scene.place(&floor, &m.floor, side.transform);
         let wall = scene.shape(|g| {

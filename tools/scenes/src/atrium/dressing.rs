@@ -69,7 +69,7 @@ fn curtains(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
                 &[vec3(-0.5 * width - 0.2, 0.0, 0.0), vec3(0.5 * width + 0.2, 0.0, 0.0)],
                 0.03,
                 segments(8, detail),
-            )
+            );
         });
         for i in 0..side.bays {
             let x = side.middle(i);

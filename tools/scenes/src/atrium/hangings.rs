@@ -111,7 +111,7 @@ fn garlands(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
                 g.part(Transform::from_translation(center).with_rotation(turn), |part| {
                     part.surface(1, 2, Vec2::ONE, |u, v| {
                         vec3((u - 0.5) * width, v * length, 0.3 * length * v * v)
-                    })
+                    });
                 });
             }
         });

@@ -44,7 +44,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             let first = ((middle + OVERHANG) / tile_length()).round() as u32;
             column(g, &tile, -middle, first);
             g.part(Transform::from_rotation(turned(90.0)), |part| {
-                column(part, &tile, middle, first)
+                column(part, &tile, middle, first);
             });
         }
     });
@@ -68,7 +68,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
                 vec3(0.0, 0.5 * ridge, -WALK - OVERHANG - 0.1),
                 vec3(run + 2.0 * (WALK + OVERHANG) + 0.5, ridge, 0.3),
                 0.35,
-            )
+            );
         });
         scene.place(&facade, &m.wall, side.transform);
     }

@@ -111,7 +111,7 @@ pub fn lights(scene: &mut SceneBuilder) {
         ];
         g.tube(&hook, 0.02, 12);
         g.part(Transform::from_xyz(4.55, 3.2, -2.6), |part| {
-            props::lantern(part, 0.5, 0.16, 24)
+            props::lantern(part, 0.5, 0.16, 24);
         });
     });
     scene.place_unshadowed(&bracket, &brass, Transform::IDENTITY);

@@ -113,7 +113,7 @@ fn screens(scene: &mut SceneBuilder, size: u32) {
                 vec3(-1.1, 2.9, 0.0),
             ],
             vec2(1.0, 1.318),
-        )
+        );
     });
     let frame = scene.shape(|g| {
         for x in [-1.15, 1.15] {

@@ -256,7 +256,7 @@ fn trim(scene: &mut SceneBuilder, m: &Materials, shared: &Shared, house: &House,
             let more = |corner: Corner| if plot.corner == corner { depth } else { 0.0 };
             let (left, right) = (more(Corner::Left), more(Corner::Right));
             g.part(Transform::from_xyz(0.5 * (width + right - left), 0.0, 0.0), |part| {
-                moulding(part, width + left + right, profile)
+                moulding(part, width + left + right, profile);
             });
         };
         run(

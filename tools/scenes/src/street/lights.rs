@@ -90,7 +90,7 @@ fn street_lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             bent(g, 8, 0.011, 5, &path);
         }
         g.part(Transform::from_xyz(0.0, 4.76, 0.0), |part| {
-            props::lantern(part, 0.66, 0.2, segments(18, detail))
+            props::lantern(part, 0.66, 0.2, segments(18, detail));
         });
         let profile = [
             (0.0, 4.74),
@@ -126,7 +126,7 @@ fn wall_lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         ];
         bent(g, segments(10, detail), 0.018, 6, &path);
         g.part(Transform::from_xyz(0.0, 4.24, 0.55), |part| {
-            props::lantern(part, 0.5, 0.15, segments(16, detail))
+            props::lantern(part, 0.5, 0.15, segments(16, detail));
         });
     });
     let bulb = scene.shape(|g| g.sphere(vec3(0.0, 3.98, 0.55), 0.075, segments(20, detail), Vec2::ONE));

@@ -285,7 +285,7 @@ impl Materials {
         let walls = PLASTERS.map(|color| dyed(&base.plaster, color)).into_iter();
         let walls = walls.chain(BRICKS.map(|color| dyed(&base.brick, color)));
         let walls = walls.chain(STONES.map(|color| dyed(&base.blocks, color)));
-        let walls = walls.map(|wall| add(wall)).collect();
+        let walls = walls.map(&mut add).collect();
         let trims = [srgb(1.0, 0.98, 0.94), srgb(0.74, 0.75, 0.76)];
         let clay = [srgb(0.80, 0.42, 0.28), srgb(0.62, 0.36, 0.27)];
         Self {
@@ -345,9 +345,9 @@ impl Materials {
             clear_glass: add(gloss(srgb(0.46, 0.50, 0.51), 0.02)),
             fruits: [(0.74, 0.10, 0.08), (0.92, 0.48, 0.06), (0.52, 0.68, 0.16)]
                 .map(|(r, g, b)| add(gloss(srgb(r, g, b), 0.30))),
-            bulbs: [glow(8.5, 5.2, 2.2), glow(6.5, 2.6, 1.0)].map(|bulb| add(bulb)),
+            bulbs: [glow(8.5, 5.2, 2.2), glow(6.5, 2.6, 1.0)].map(&mut add),
             lamp: add(glow(8.0, 5.6, 3.0)),
-            neons: [glow(7.5, 0.7, 0.45), glow(0.5, 6.0, 1.4), glow(0.5, 1.6, 7.5)].map(|neon| add(neon)),
+            neons: [glow(7.5, 0.7, 0.45), glow(0.5, 6.0, 1.4), glow(0.5, 1.6, 7.5)].map(&mut add),
             signs: [(0.03, 0.16, 0.48), (0.88, 0.88, 0.87), (0.70, 0.04, 0.05)]
                 .map(|(r, g, b)| add(gloss(srgb(r, g, b), 0.22))),
         }

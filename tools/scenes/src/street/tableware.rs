@@ -70,7 +70,7 @@ impl Setting {
                                 [0.2, 0.05, 0.0],
                                 [0.27, 0.012, 0.0],
                             ],
-                        )
+                        );
                     });
                 }
             }),
@@ -292,7 +292,7 @@ fn weave(g: &mut Geometry, detail: f32) {
                 (0.15, 0.468),
                 (0.0, 0.455),
             ],
-        )
+        );
     });
     for side in [1.0, -1.0] {
         // Two thin shells, back to back.

@@ -28,7 +28,7 @@ fn doors(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     let knocker = scene.shape(|g| {
         g.sphere(vec3(0.0, 0.0, 0.14), 0.09, segments(20, fine), Vec2::ONE);
         g.part(Transform::from_xyz(0.0, -0.17, 0.19), |part| {
-            part.torus(0.17, 0.022, segments(36, fine), segments(10, fine))
+            part.torus(0.17, 0.022, segments(36, fine), segments(10, fine));
         });
     });
     let back = turned(180.0);
@@ -56,7 +56,7 @@ fn doors(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
         ];
         // Its lower end is below the floor.
         g.part(Transform::from_xyz(0.0, 3.1, 0.0), |part| {
-            frame(part, vec2(2.15, 3.2), &profile, 0.5)
+            frame(part, vec2(2.15, 3.2), &profile, 0.5);
         });
         let cornice = [
             p(0.0, 6.68),
@@ -130,7 +130,7 @@ fn sun_disc(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
             p(0.0, 0.06),
         ];
         g.part(Transform::from_rotation(facing_down()), |part| {
-            part.lathe(&profile, segments(96, fine), p(12.0, 0.5))
+            part.lathe(&profile, segments(96, fine), p(12.0, 0.5));
         });
     });
     scene.place(&slab, &m.dark, wall);
@@ -149,7 +149,7 @@ fn sun_disc(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     scene.place(&disc, &m.gilt, wall);
     let rays = scene.shape(|g| {
         g.part(Transform::from_xyz(0.0, 0.0, 0.28), |part| {
-            part.torus(DISC, 0.07, segments(128, fine), segments(12, fine))
+            part.torus(DISC, 0.07, segments(128, fine), segments(12, fine));
         });
         let mut edge = Geometry::default();
         let profile = [p(DISC - 0.05, 0.0), p(DISC - 0.05, 0.28)];

@@ -212,7 +212,7 @@ fn basin(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
             p(0.40, -0.05),
         ];
         g.part(Transform::from_rotation(facing_up()), |part| {
-            frame(part, half, &profile, 0.5)
+            frame(part, half, &profile, 0.5);
         });
     });
     scene.place(&kerb, &m.dark, Transform::IDENTITY);

@@ -1,19 +1,16 @@
 //! `readme.md`: the part of the README that this tool writes. `cargo xtask evaluate --out DIR --readme` puts it there.
 
-use crate::{
-    findings::{of_scene, on_front, scenes, sentences},
-    machine::Machine,
-    plan::TECHNIQUES,
-    protocol::Protocol,
+use super::{
+    analysis::{of_scene, on_front, scenes, sentences},
     rows::{Row, number},
 };
+use crate::{job::TECHNIQUES, machine::Machine, protocol::Protocol};
 use std::{collections::BTreeMap, fmt::Write};
 
 /// The folder of the repository in which the README finds charts and the summary.
 pub const FOLDER: &str = "docs/evaluation";
 
 /// The text between the README's markers. `charts` holds, for each scene, titles and paths from the folder of results.
-#[must_use]
 pub fn fragment(
     machine: &Machine,
     protocol: &Protocol,

@@ -1,12 +1,10 @@
-//! Scenes as the measurement sees them: something to spawn, a camera path, and views along it. The one place that knows where
-//! scenes come from.
+//! Scenes of the measurement: they can be spawned, and have a camera path and views along it. No other place knows where scenes come from.
 
-use crate::{plan::SceneSource, protocol::Protocol};
+use crate::{job::SceneSource, protocol::Protocol};
 use bevy::{
     asset::AssetPath,
-    camera::{Exposure, primitives::Aabb},
-    core_pipeline::tonemapping::Tonemapping,
-    light::{CascadeShadowConfig, CascadeShadowConfigBuilder, DirectionalLightShadowMap, PointLightShadowMap, Skybox},
+    camera::primitives::Aabb,
+    light::{CascadeShadowConfig, CascadeShadowConfigBuilder, DirectionalLightShadowMap, PointLightShadowMap},
     math::ops,
     prelude::*,
 };
@@ -18,19 +16,19 @@ const LOOP_SECONDS: f32 = 24.0;
 /// Files that are looked at around a glTF file to see whether it has changed.
 const MAX_FILES: usize = 4096;
 
-/// Where the camera goes.
-enum Way {
+/// The camera's route.
+enum Route {
     /// The path of a built-in scene.
     BuiltIn(SceneName, CameraPath),
     /// A small loop around a place, with its size in metres.
     Loop(Transform, f32),
 }
 
-/// A scene and the camera's way through it.
-pub struct Stage {
+/// A scene and the camera's route through it.
+pub struct MeasuredScene {
     source: SceneSource,
     options: SceneOptions,
-    way: Way,
+    route: Route,
     views: u32,
     /// Edge of shadow maps in texels.
     shadow_size: u32,
@@ -38,23 +36,19 @@ pub struct Stage {
     cascades: u32,
 }
 
-impl Stage {
+impl MeasuredScene {
     /// Finds a scene.
-    ///
-    /// # Errors
-    ///
-    /// If there is none of that name, or no such file.
     pub fn new(source: &SceneSource, protocol: &Protocol) -> Result<Self, String> {
-        let way = match source {
+        let route = match source {
             SceneSource::BuiltIn(name) => {
                 let name: SceneName = name
                     .parse()
                     .map_err(|error: glint_scenes::UnknownScene| error.to_string())?;
-                Way::BuiltIn(name, CameraPath::of(name))
+                Route::BuiltIn(name, CameraPath::of(name))
             }
             SceneSource::File(file) => {
                 fs::metadata(file).map_err(|error| format!("{} can't be opened: {error}", file.display()))?;
-                Way::Loop(Transform::IDENTITY, 0.0)
+                Route::Loop(Transform::IDENTITY, 0.0)
             }
         };
         Ok(Self {
@@ -63,7 +57,7 @@ impl Stage {
                 detail: protocol.detail,
                 texture_size: protocol.texture_size,
             },
-            way,
+            route,
             views: protocol.views.max(1),
             shadow_size: protocol.shadow_size,
             cascades: protocol.cascades.max(1),
@@ -72,10 +66,10 @@ impl Stage {
 
     /// Spawns the scene and its camera; returns the camera.
     pub fn spawn(&self, app: &mut HeadlessApp) -> Entity {
-        let camera = match (&self.source, &self.way) {
+        let camera = match (&self.source, &self.route) {
             (SceneSource::File(file), _) => load(app, file),
-            (SceneSource::BuiltIn(_), Way::BuiltIn(name, _)) => app.spawn_scene(*name, &self.options),
-            (SceneSource::BuiltIn(_), Way::Loop(..)) => app.spawn_camera(()),
+            (SceneSource::BuiltIn(_), Route::BuiltIn(name, _)) => app.spawn_scene(*name, &self.options),
+            (SceneSource::BuiltIn(_), Route::Loop(..)) => app.spawn_camera(()),
         };
         self.limit_shadows(app.world());
         camera
@@ -96,46 +90,38 @@ impl Stage {
     }
 
     /// Places the camera of a glTF file, once it is loaded, and lights it if it has no lights.
-    ///
-    /// # Errors
-    ///
-    /// If the file holds nothing that can be seen.
     pub fn arrange(&mut self, app: &mut HeadlessApp, camera: Entity) -> Result<(), String> {
         if let SceneSource::File(file) = &self.source {
             let (transform, reach) = arrange(app.world(), camera)
                 .ok_or_else(|| format!("{} holds nothing that can be seen", file.display()))?;
-            self.way = Way::Loop(transform, reach);
+            self.route = Route::Loop(transform, reach);
             self.limit_shadows(app.world());
         }
         Ok(())
     }
 
     /// Length of the path in seconds.
-    #[must_use]
     pub fn seconds(&self) -> f32 {
-        match &self.way {
-            Way::BuiltIn(_, path) => path.seconds,
-            Way::Loop(..) => LOOP_SECONDS,
+        match &self.route {
+            Route::BuiltIn(_, path) => path.seconds,
+            Route::Loop(..) => LOOP_SECONDS,
         }
     }
 
     /// Where the camera is after some seconds.
-    #[must_use]
     pub fn pose(&self, seconds: f32) -> Transform {
-        match &self.way {
-            Way::BuiltIn(_, path) => path.pose(seconds),
-            Way::Loop(base, reach) => around(*base, *reach, (seconds / LOOP_SECONDS).clamp(0.0, 1.0)),
+        match &self.route {
+            Route::BuiltIn(_, path) => path.pose(seconds),
+            Route::Loop(base, reach) => around(*base, *reach, (seconds / LOOP_SECONDS).clamp(0.0, 1.0)),
         }
     }
 
     /// Seconds along the path of a view.
-    #[must_use]
     pub fn view(&self, index: u32) -> f32 {
         (index as f32 + 0.5) / self.views as f32 * self.seconds()
     }
 
     /// What a picture of the scene depends on besides the code, for the cache of ground truths.
-    #[must_use]
     pub fn key(&self) -> String {
         let shadows = format!("shadows {} of {}", self.cascades, self.shadow_size);
         match &self.source {
@@ -201,18 +187,7 @@ fn load(app: &mut HeadlessApp, file: &Path) -> Entity {
     let path = GltfAssetLabel::Scene(0).from_asset(AssetPath::from_path_buf(file.to_owned()));
     let scene = world.resource::<AssetServer>().load(path);
     world.spawn(WorldAssetRoot(scene));
-    let sky = Sky::Day { sun: sun() };
-    let mut images = world.resource_mut::<Assets<Image>>();
-    let environment = Environment {
-        light: Some(sky.environment(&mut images, 2_000.0)),
-        skybox: Some(Skybox {
-            image: Some(sky.background(&mut images)),
-            brightness: 2_000.0,
-            ..default()
-        }),
-        exposure: Exposure { ev100: 11.0 },
-        tonemapping: Tonemapping::TonyMcMapface,
-    };
+    let environment = Environment::under(world, Sky::Day { sun: sun() }, 2_000.0, 11.0);
     environment.insert(&mut world.entity_mut(camera));
     camera
 }
@@ -286,33 +261,33 @@ fn arrange(world: &mut World, ours: Entity) -> Option<(Transform, f32)> {
 mod tests {
     use super::*;
 
-    fn stage(name: &str) -> Result<Stage, String> {
-        Stage::new(&SceneSource::BuiltIn(name.into()), &Protocol::new(false, true))
+    fn scene(name: &str) -> Result<MeasuredScene, String> {
+        MeasuredScene::new(&SceneSource::BuiltIn(name.into()), &Protocol::new(false, true))
     }
 
     #[test]
     fn views_lie_on_the_path() {
         for name in ["atrium", "atrium_small", "temple", "street", "demo"] {
-            let stage = stage(name).unwrap();
-            let times: Vec<f32> = (0..2).map(|view| stage.view(view)).collect();
+            let scene = scene(name).unwrap();
+            let times: Vec<f32> = (0..2).map(|view| scene.view(view)).collect();
             assert!(times.windows(2).all(|pair| pair[0] < pair[1]));
-            assert!(times.iter().all(|time| (0.0..=stage.seconds()).contains(time)));
-            assert_ne!(stage.pose(times[0]), stage.pose(times[1]), "{name}");
+            assert!(times.iter().all(|time| (0.0..=scene.seconds()).contains(time)));
+            assert_ne!(scene.pose(times[0]), scene.pose(times[1]), "{name}");
             // The camera moves smoothly.
-            let middle = 0.45 * stage.seconds();
-            let step = stage
+            let middle = 0.45 * scene.seconds();
+            let step = scene
                 .pose(middle)
                 .translation
-                .distance(stage.pose(middle + 1.0 / 60.0).translation);
+                .distance(scene.pose(middle + 1.0 / 60.0).translation);
             assert!(0.0 < step && step < 0.2, "{name}: {step}");
         }
     }
 
     #[test]
     fn unknown_scenes_are_named() {
-        assert!(stage("moon").err().unwrap().contains("moon"));
+        assert!(scene("moon").err().unwrap().contains("moon"));
         let missing = SceneSource::File("/no/such/file.glb".into());
-        let error = Stage::new(&missing, &Protocol::new(true, true)).err().unwrap();
+        let error = MeasuredScene::new(&missing, &Protocol::new(true, true)).err().unwrap();
         assert!(error.contains("/no/such/file.glb"), "{error}");
     }
 
@@ -320,7 +295,7 @@ mod tests {
     fn the_key_knows_what_matters() {
         let protocol = Protocol::new(true, true);
         let scene = SceneSource::BuiltIn("atrium".into());
-        let key = |protocol: &Protocol| Stage::new(&scene, protocol).unwrap().key();
+        let key = |protocol: &Protocol| MeasuredScene::new(&scene, protocol).unwrap().key();
         let finer = Protocol {
             detail: 2.0,
             ..protocol.clone()
@@ -354,7 +329,7 @@ mod tests {
                 cascades,
                 ..Protocol::new(false, true)
             };
-            Stage::new(&SceneSource::BuiltIn("atrium".into()), &protocol).unwrap()
+            MeasuredScene::new(&SceneSource::BuiltIn("atrium".into()), &protocol).unwrap()
         };
         with(4).limit_shadows(&mut world);
         assert_eq!(bounds(&world), before);

@@ -1,20 +1,18 @@
 //! `summary.md`: the results for people.
 
-use crate::{
-    findings::{self, on_front},
-    machine::Machine,
+use super::{
+    analysis::{self, on_front},
     paper,
-    protocol::Protocol,
     rows::{Outcome, Row, number},
-    state::SceneFacts,
-    techniques::TRUTH_CUTOFF,
+    stats,
 };
+use crate::{machine::Machine, protocol::Protocol, state::SceneFacts, techniques::TRUTH_CUTOFF};
 use std::{collections::BTreeMap, fmt::Write};
 
 /// A ratio whose interval is wider than this share of it, to either side, decides little.
 pub const MAX_NOISE: f64 = 0.05;
 
-/// What the summary is made of.
+/// Contents of the summary.
 pub struct Summary<'a> {
     /// The machine.
     pub machine: &'a Machine,
@@ -22,7 +20,7 @@ pub struct Summary<'a> {
     pub protocol: &'a Protocol,
     /// All rows.
     pub rows: &'a [Row],
-    /// What is known of each scene.
+    /// Facts about each scene.
     pub facts: &'a BTreeMap<String, SceneFacts>,
     /// Charts of each scene: a title, and a path from the folder of results.
     pub charts: &'a BTreeMap<String, Vec<(String, String)>>,
@@ -37,13 +35,12 @@ fn range(low: Option<f64>, high: Option<f64>, decimals: usize) -> String {
 
 impl Summary<'_> {
     /// The text.
-    #[must_use]
     pub fn to_markdown(&self) -> String {
         let mut text = "# What each technique costs and how far it is from the truth\n\n".to_owned();
         self.machine(&mut text);
         self.noise(&mut text);
-        text.push_str(&findings::sections(self.rows, self.protocol));
-        for scene in findings::scenes(self.rows) {
+        text.push_str(&analysis::sections(self.rows, self.protocol));
+        for scene in analysis::scenes(self.rows) {
             self.scene(&mut text, scene);
         }
         text.push_str(&paper::tables(self.rows));
@@ -114,7 +111,7 @@ impl Summary<'_> {
             .map(|(row, _)| name(row))
             .collect();
         let typical: Vec<f64> = measured().map(|(_, noise)| noise).collect();
-        match crate::stats::quantile(&typical, 0.5) {
+        match stats::quantile(&typical, 0.5) {
             None => text.push_str("There are no ratios of times: one round, no `reference`, or no GPU times.\n"),
             Some(typical) => {
                 let _ = writeln!(
@@ -157,7 +154,7 @@ impl Summary<'_> {
                 facts.tracer
             );
         }
-        let rows = findings::of_scene(self.rows, scene);
+        let rows = analysis::of_scene(self.rows, scene);
         if rows.is_empty() {
             text.push_str("Nothing was measured.\n\n");
             return;

@@ -1,15 +1,17 @@
-//! Two tables of results: what got faster, slower, better or worse beyond noise.
+//! Compares two tables of results: finds what got faster, slower, better or worse beyond noise.
 
-use crate::rows::{Outcome, Row};
+use super::rows::{Outcome, Row};
 use std::fmt::Write;
+use strum::Display;
 
 /// Changes of time below this share are never reported: clocks, drivers and temperatures differ from day to day by as much.
 pub const MIN_TIME_CHANGE: f64 = 0.05;
 /// Changes of an error below this share are never reported.
 pub const MIN_ERROR_CHANGE: f64 = 0.03;
 
-/// What a change means.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Meaning of a change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Display)]
+#[strum(serialize_all = "lowercase")]
 pub enum Verdict {
     /// Less time.
     Faster,
@@ -24,22 +26,9 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// Whether it is bad.
-    #[must_use]
+    /// True if it is bad.
     pub fn is_regression(self) -> bool {
         matches!(self, Self::Slower | Self::Worse | Self::Lost)
-    }
-
-    /// The word.
-    #[must_use]
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Faster => "faster",
-            Self::Slower => "slower",
-            Self::Better => "better",
-            Self::Worse => "worse",
-            Self::Lost => "lost",
-        }
     }
 }
 
@@ -54,14 +43,14 @@ pub struct Change {
     pub old: Option<f64>,
     /// The new one.
     pub new: Option<f64>,
-    /// What it means.
+    /// Its meaning.
     pub verdict: Verdict,
 }
 
 /// The outcome of a comparison.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Comparison {
-    /// What changed.
+    /// Changes beyond noise.
     pub changes: Vec<Change>,
     /// Rows that are in both and were compared.
     pub compared: usize,
@@ -69,63 +58,26 @@ pub struct Comparison {
     pub timed: usize,
     /// Those of them whose intervals overlap: in two runs of the same, nearly all.
     pub agreeing: usize,
-    /// What wasn't compared and why, in whole sentences.
+    /// Sentences about rows that weren't compared.
     pub notes: Vec<String>,
 }
 
-/// How a column is judged.
-struct Measure {
-    name: &'static str,
-    get: fn(&Row) -> Option<f64>,
-    /// Differences of at most this much are none.
-    floor: f64,
-    /// More is better.
-    rising: bool,
-}
+/// Rule for a column: its name, its value, the largest difference that is none, and true if more is better.
+type Measure = (&'static str, fn(&Row) -> Option<f64>, f64, bool);
 
 const ERRORS: [Measure; 7] = [
-    Measure {
-        name: "flip_final_converged",
-        get: |row| row.flip_final_converged,
-        floor: 0.0005,
-        rising: false,
-    },
-    Measure {
-        name: "flip_reflection_converged",
-        get: |row| row.flip_reflection_converged,
-        floor: 0.0005,
-        rising: false,
-    },
-    Measure {
-        name: "psnr_db",
-        get: |row| row.psnr_db,
-        floor: 0.3,
-        rising: true,
-    },
-    Measure {
-        name: "bias",
-        get: |row| row.bias.map(f64::abs),
-        floor: 0.0005,
-        rising: false,
-    },
-    Measure {
-        name: "flicker",
-        get: |row| row.flicker,
-        floor: 0.0002,
-        rising: false,
-    },
-    Measure {
-        name: "recovery_4",
-        get: |row| row.recovery_4,
-        floor: 0.001,
-        rising: false,
-    },
-    Measure {
-        name: "nonfinite",
-        get: |row| row.nonfinite.map(|count| count as f64),
-        floor: 0.0,
-        rising: false,
-    },
+    ("flip_final_converged", |row| row.flip_final_converged, 0.0005, false),
+    (
+        "flip_reflection_converged",
+        |row| row.flip_reflection_converged,
+        0.0005,
+        false,
+    ),
+    ("psnr_db", |row| row.psnr_db, 0.3, true),
+    ("bias", |row| row.bias.map(f64::abs), 0.0005, false),
+    ("flicker", |row| row.flicker, 0.0002, false),
+    ("recovery_4", |row| row.recovery_4, 0.001, false),
+    ("nonfinite", |row| row.nonfinite.map(|count| count as f64), 0.0, false),
 ];
 
 fn name(row: &Row) -> String {
@@ -142,8 +94,7 @@ fn name(row: &Row) -> String {
 ///
 /// A time has changed if it differs by more than [`MIN_TIME_CHANGE`] and by more than the noise of both runs; an error if it
 /// differs by more than [`MIN_ERROR_CHANGE`] and by more than a floor of its own. Times of different adapters, and anything of
-/// different sizes of the picture, are not compared.
-#[must_use]
+/// different sizes of the image, are not compared.
 pub fn compare(old: &[Row], new: &[Row]) -> Comparison {
     let mut comparison = Comparison::default();
     for row in new {
@@ -212,19 +163,15 @@ fn compare_rows(before: &Row, after: &Row, comparison: &mut Comparison) {
         let verdict = if new < old { Verdict::Faster } else { Verdict::Slower };
         add("total_ms", old, new, verdict);
     }
-    for measure in &ERRORS {
-        if let (Some(old), Some(new)) = ((measure.get)(before), (measure.get)(after)) {
-            let tolerance = measure
-                .floor
-                .max(MIN_ERROR_CHANGE * old.abs() * f64::from(measure.name != "psnr_db"));
-            if (new - old).abs() > tolerance {
-                let verdict = if (new > old) == measure.rising {
-                    Verdict::Better
-                } else {
-                    Verdict::Worse
-                };
-                add(measure.name, old, new, verdict);
-            }
+    for (name, get, floor, rising) in ERRORS {
+        let (Some(old), Some(new)) = (get(before), get(after)) else {
+            continue;
+        };
+        // Decibels are no quantity of which shares make sense.
+        let share = if name == "psnr_db" { 0.0 } else { MIN_ERROR_CHANGE };
+        if (new - old).abs() > floor.max(share * old.abs()) {
+            let better = (new > old) == rising;
+            add(name, old, new, if better { Verdict::Better } else { Verdict::Worse });
         }
     }
     if before.adapter == after.adapter
@@ -249,14 +196,12 @@ fn compare_rows(before: &Row, after: &Row, comparison: &mut Comparison) {
 }
 
 impl Comparison {
-    /// Whether anything got slower, worse or lost.
-    #[must_use]
+    /// True if anything got slower, worse or lost.
     pub fn has_regressions(&self) -> bool {
         self.changes.iter().any(|change| change.verdict.is_regression())
     }
 
     /// The comparison for people, as Markdown.
-    #[must_use]
     pub fn to_markdown(&self) -> String {
         let mut text = format!("# Comparison\n\n{} rows were compared. ", self.compared);
         let count = |regression| {
@@ -294,7 +239,7 @@ impl Comparison {
                 change.measure,
                 number(change.old),
                 number(change.new),
-                change.verdict.word()
+                change.verdict
             );
         }
         let mut notes: Vec<&String> = self.notes.iter().collect();

@@ -1,12 +1,11 @@
-//! What the numbers say: whether the goals are met, where a variable rate wins, and which heuristic suits which scene.
+//! Conclusions from the rows: are the goals met, where does a variable rate win, and which heuristic suits which scene.
 
-use crate::{
+use super::{
     paper,
-    protocol::Protocol,
     rows::{Row, number},
     stats::pareto_front,
-    techniques::is_variable,
 };
+use crate::{protocol::Protocol, techniques::is_variable};
 use std::{collections::BTreeSet, fmt::Write};
 
 /// The heuristics that decide where rays are spared.
@@ -23,7 +22,6 @@ const PAPER_SIZE: (u32, u32) = (1920, 1080);
 pub type ErrorOf = fn(&Row) -> Option<f64>;
 
 /// Scenes in the order of rows, each once.
-#[must_use]
 pub fn scenes(rows: &[Row]) -> Vec<&str> {
     let mut seen = BTreeSet::new();
     let scenes = rows.iter().map(|row| row.scene.as_str());
@@ -31,13 +29,11 @@ pub fn scenes(rows: &[Row]) -> Vec<&str> {
 }
 
 /// The measured rows of a scene.
-#[must_use]
 pub fn of_scene<'a>(rows: &'a [Row], scene: &str) -> Vec<&'a Row> {
     rows.iter().filter(|row| row.scene == scene && row.is_ok()).collect()
 }
 
-/// Which rows no other beats in time and error together. Techniques that take no time count.
-#[must_use]
+/// Flags of the rows that no other beats in time and error together. Techniques that take no time count.
 pub fn on_front(rows: &[&Row], error: ErrorOf) -> Vec<bool> {
     let points: Vec<(f64, f64)> = rows
         .iter()
@@ -53,8 +49,7 @@ fn usual<'a>(rows: &[&'a Row], technique: &str) -> Option<&'a Row> {
     named().find(|row| row.backend != "hardware").or_else(|| named().next())
 }
 
-/// All findings, as Markdown.
-#[must_use]
+/// All conclusions, as Markdown.
 pub fn sections(rows: &[Row], protocol: &Protocol) -> String {
     let mut text = String::new();
     against_paper(rows, protocol, &mut text);
@@ -75,7 +70,6 @@ pub fn sections(rows: &[Row], protocol: &Protocol) -> String {
 }
 
 /// The paper's largest error of a variable rate in the scene that ours stands for, with that scene's name.
-#[must_use]
 pub fn paper_limit(scene: &str) -> Option<(&'static str, f64)> {
     let index = paper::SCENES.iter().position(|(_, ours)| *ours == scene)?;
     let variable = paper::TECHNIQUES
@@ -144,19 +138,18 @@ fn against_paper(rows: &[Row], protocol: &Protocol, text: &mut String) {
     text.push('\n');
 }
 
-/// Whether a row is on the front, or what beats it.
+/// Place of a row relative to the Pareto front.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Standing {
     /// Nothing is both faster and closer to the truth.
     OnFront,
-    /// What beats it does so by less than noise, in time or in error.
+    /// These beat it by less than noise, in time or in error.
     WithinNoise(Vec<String>),
     /// These beat it.
     Beaten(Vec<String>),
 }
 
-/// How a row stands among those of its scene; `None` without a time or the error.
-#[must_use]
+/// The place of a row among those of its scene; `None` without a time or the error.
 pub fn standing(row: &Row, rows: &[&Row], error: ErrorOf) -> Option<Standing> {
     let (time, own) = (row.total_ms?, error(row)?);
     let (mut clear, mut close) = (Vec::new(), Vec::new());
@@ -242,7 +235,7 @@ fn bias(rows: &[Row], text: &mut String) {
     );
 }
 
-/// What a heuristic gains and loses against `quarter`.
+/// Gain and loss of a heuristic against `quarter`.
 struct Gain {
     name: &'static str,
     /// Its time as a share of that of `quarter`.
@@ -287,8 +280,7 @@ impl Gain {
     }
 }
 
-/// What follows for each scene, and which heuristic suits which, in sentences.
-#[must_use]
+/// Sentences about each scene, and about which heuristic suits which.
 pub fn sentences(rows: &[Row]) -> Vec<String> {
     let mut text = Vec::new();
     let mut suited: Vec<(&str, Vec<&str>)> = HEURISTICS.iter().map(|name| (*name, Vec::new())).collect();

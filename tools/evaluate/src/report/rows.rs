@@ -1,13 +1,10 @@
 //! The table of results: one row per scene, technique, back end and tracer, as `results.csv`.
 
-use crate::plan::{SCENES, TECHNIQUES};
+use crate::job::{SCENES, TECHNIQUES};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Frames after a camera cut whose error is measured.
-pub const RECOVERY_FRAMES: [u32; 3] = [1, 4, 16];
-
-/// What became of a row.
+/// Outcome of a row.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Outcome {
@@ -33,15 +30,15 @@ pub struct Row {
     pub backend: String,
     /// `ray-query` or `bvh`; `-` where no ray is traced.
     pub tracer: String,
-    /// Whether there are results.
+    /// Tells if there are results.
     pub outcome: Outcome,
     /// Why not, or what to know about them.
     pub note: String,
     /// The GPU and its driver.
     pub adapter: String,
-    /// Width of the picture in pixels.
+    /// Width of the image in pixels.
     pub width: u32,
-    /// Height of the picture in pixels.
+    /// Height of the image in pixels.
     pub height: u32,
     /// Frames that were timed.
     pub frames: u32,
@@ -81,15 +78,15 @@ pub struct Row {
     pub frame_ms: Option<f64>,
     /// Reflection rays per frame.
     pub rays: Option<f64>,
-    /// The same per pixel of the picture.
+    /// The same per pixel of the image.
     pub rays_per_pixel: Option<f64>,
     /// Mean FLIP of the reflection alone against `reference`: the paper's comparison.
     pub flip_reflection_reference: Option<f64>,
-    /// Mean FLIP of the picture against `reference`.
+    /// Mean FLIP of the image against `reference`.
     pub flip_final_reference: Option<f64>,
     /// Mean FLIP of the reflection alone against the ground truth.
     pub flip_reflection_converged: Option<f64>,
-    /// Mean FLIP of the picture against the ground truth.
+    /// Mean FLIP of the image against the ground truth.
     pub flip_final_converged: Option<f64>,
     /// The view with the least of it.
     pub flip_final_converged_min: Option<f64>,
@@ -103,7 +100,7 @@ pub struct Row {
     pub bias_percent: Option<f64>,
     /// Mean change of the error from frame to frame in a still view.
     pub flicker: Option<f64>,
-    /// Mean FLIP of the picture against the ground truth in the first frame after a camera cut.
+    /// Mean FLIP of the image against the ground truth in the first frame after a camera cut.
     pub recovery_1: Option<f64>,
     /// The same in the fourth frame.
     pub recovery_4: Option<f64>,
@@ -114,14 +111,12 @@ pub struct Row {
 }
 
 impl Row {
-    /// What tells rows apart.
-    #[must_use]
+    /// The columns that tell rows apart.
     pub fn key(&self) -> (&str, &str, &str, &str) {
         (&self.scene, &self.technique, &self.backend, &self.tracer)
     }
 
     /// The technique, with its back end where that isn't compute.
-    #[must_use]
     pub fn label(&self) -> String {
         match self.backend.as_str() {
             "hardware" => format!("{} (hardware)", self.technique),
@@ -129,14 +124,12 @@ impl Row {
         }
     }
 
-    /// Whether it was measured.
-    #[must_use]
+    /// True if it was measured.
     pub fn is_ok(&self) -> bool {
         self.outcome == Outcome::Ok
     }
 
     /// Half of the width of the ratio's confidence interval, as a share of the ratio: the noise of this row's time.
-    #[must_use]
     pub fn noise(&self) -> Option<f64> {
         let (ratio, low, high) = (self.ratio?, self.ratio_low?, self.ratio_high?);
         (ratio > 0.0).then(|| (high - low) / (2.0 * ratio))
@@ -144,7 +137,6 @@ impl Row {
 }
 
 /// The rows of several runs into one folder, in the order of tables: new ones take the place of old ones about the same.
-#[must_use]
 pub fn merge(mut old: Vec<Row>, new: Vec<Row>) -> Vec<Row> {
     old.retain(|row| new.iter().all(|other| other.key() != row.key()));
     old.extend(new);
@@ -163,7 +155,6 @@ pub fn merge(mut old: Vec<Row>, new: Vec<Row>) -> Vec<Row> {
 }
 
 /// Rounds to so many significant digits, so that files can be read by people.
-#[must_use]
 pub fn significant(value: f64, digits: i32) -> f64 {
     if value == 0.0 || !value.is_finite() {
         return value;
@@ -180,16 +171,11 @@ pub fn significant(value: f64, digits: i32) -> f64 {
 }
 
 /// A number with so many decimals, or a dash.
-#[must_use]
 pub fn number(value: Option<f64>, decimals: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |value| format!("{value:.decimals$}"))
 }
 
 /// The rows as CSV.
-///
-/// # Errors
-///
-/// If a row can't be written, which doesn't happen.
 pub fn to_csv(rows: &[Row]) -> Result<String, String> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     for row in rows {
@@ -201,10 +187,6 @@ pub fn to_csv(rows: &[Row]) -> Result<String, String> {
 
 /// Rows from CSV. Columns that are missing are empty, and columns that are unknown are passed over, so that files of other
 /// versions can be read.
-///
-/// # Errors
-///
-/// If the text is no table of results.
 pub fn from_csv(text: &str) -> Result<Vec<Row>, String> {
     let mut reader = csv::Reader::from_reader(text.as_bytes());
     let headers = reader.headers().map_err(|error| error.to_string())?;
@@ -221,10 +203,6 @@ pub fn from_csv(text: &str) -> Result<Vec<Row>, String> {
 }
 
 /// Reads a `results.csv`.
-///
-/// # Errors
-///
-/// If the file can't be read or holds no results; the sentence names it.
 pub fn load(path: &Path) -> Result<Vec<Row>, String> {
     std::fs::read_to_string(path)
         .map_err(|error| error.to_string())

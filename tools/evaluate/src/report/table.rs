@@ -1,14 +1,19 @@
-//! From the state of jobs to rows.
+//! Makes rows from the state of jobs.
 
-use crate::{
-    judge::{Errors, ViewErrors},
-    ledger::Ledger,
-    machine::Machine,
-    plan::{Job, Variant},
+use super::{
     rows::{Outcome, Row, significant},
-    state::{Round, SceneFacts, Store, read_json},
     stats::{mean, median_interval, paired_ratio, quantile},
-    timing::{FRAME, LIGHTING_NAME, RAYS_NAME, TOTAL},
+};
+use crate::{
+    compare::{
+        log::ComparisonLog,
+        pool::Problems,
+        score::{Errors, ViewErrors},
+    },
+    files::read_json,
+    job::{Job, Variant},
+    machine::Machine,
+    state::{FRAME, LIGHTING, RAYS, Round, SceneFacts, Store, TOTAL},
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -18,16 +23,8 @@ use std::{
 /// Digits of the values in files.
 const DIGITS: i32 = 5;
 
-/// The rows of a job. `failure` says why the job as a whole ended early, if it did, and `problems` which pictures could not be compared,
-/// by job and technique.
-#[must_use]
-pub fn rows(
-    job: &Job,
-    machine: &Machine,
-    ledger: &Ledger,
-    failure: Option<&str>,
-    problems: &BTreeMap<(String, String), String>,
-) -> Vec<Row> {
+/// The rows of a job. `failure` says why the job as a whole ended early, if it did, and `problems` which images could not be compared.
+pub fn rows(job: &Job, machine: &Machine, log: &ComparisonLog, failure: Option<&str>, problems: &Problems) -> Vec<Row> {
     let store = Store::new(job);
     let rounds: Vec<Round> = (0..job.protocol.rounds())
         .filter_map(|round| read_json(&store.round(round)))
@@ -46,14 +43,14 @@ pub fn rows(
             let captured = store.load_captured(variant);
             let errors = captured
                 .as_ref()
-                .and_then(|captured| ledger.errors(&name, &id, captured.stamp, job.protocol.views));
+                .and_then(|captured| log.errors(&name, &id, captured.stamp, job.protocol.views));
             let complete = row.frames > 0 && errors.is_some();
             if let Some(captured) = captured {
                 row.flicker = mean(&captured.flicker).map(|value| significant(value, DIGITS));
                 row.nonfinite = Some(captured.nonfinite);
             }
             if let Some(errors) = errors {
-                judge(&mut row, &errors);
+                scores(&mut row, &errors);
             }
             if let Some(reason) = failures.get(&id) {
                 row.outcome = Outcome::Failed;
@@ -72,7 +69,6 @@ pub fn rows(
 }
 
 /// The row of a technique that this machine can't do.
-#[must_use]
 pub fn skipped(job: &Job, variant: &Variant, machine: &Machine, reason: &str) -> Row {
     Row {
         outcome: Outcome::Skipped,
@@ -112,7 +108,7 @@ fn times(row: &mut Row, variant: &Variant, rounds: &[Round]) {
     let median = |name: &str| quantile(&all(name), 0.5).map(|value| significant(value, DIGITS));
     row.frames = all(FRAME).len() as u32;
     row.frame_ms = median(FRAME);
-    row.lighting_ms = median(LIGHTING_NAME);
+    row.lighting_ms = median(LIGHTING);
     if variant.technique == "off" {
         row.total_ms = (row.frames > 0).then_some(0.0);
         return;
@@ -143,12 +139,12 @@ fn times(row: &mut Row, variant: &Variant, rounds: &[Round]) {
     ] {
         *value = median(name);
     }
-    row.rays = median(RAYS_NAME);
+    row.rays = median(RAYS);
     let pixels = f64::from(row.width) * f64::from(row.height);
     row.rays_per_pixel = row.rays.map(|rays| digits(rays / pixels));
 }
 
-fn judge(row: &mut Row, errors: &Errors) {
+fn scores(row: &mut Row, errors: &Errors) {
     let digits = |value: f64| significant(value, DIGITS);
     let over_views = |get: fn(&ViewErrors) -> Option<f64>| mean(&errors.values(get)).map(digits);
     row.flip_reflection_reference = over_views(|view| view.reflection_reference);
@@ -174,8 +170,7 @@ fn judge(row: &mut Row, errors: &Errors) {
     row.recovery_16 = over_views(|view| view.recovery[2]);
 }
 
-/// What is known of each scene that rows are about, by its name.
-#[must_use]
+/// Facts about each scene that rows are about, by its name.
 pub fn facts(out: &Path, rows: &[Row]) -> BTreeMap<String, SceneFacts> {
     let scenes: BTreeSet<&str> = rows.iter().map(|row| row.scene.as_str()).collect();
     let known = scenes
@@ -187,12 +182,7 @@ pub fn facts(out: &Path, rows: &[Row]) -> BTreeMap<String, SceneFacts> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        ledger::Entry,
-        plan::{SceneSource, TracerName},
-        protocol::Protocol,
-        state::{Captured, write_json},
-    };
+    use crate::{compare::log::Entry, files::write_json, state::Captured};
 
     fn round(values: &[(&str, &[f64])]) -> Round {
         values
@@ -201,7 +191,7 @@ mod tests {
                 let measures = [
                     (TOTAL.to_owned(), total.to_vec()),
                     (FRAME.to_owned(), vec![5.0; total.len()]),
-                    (RAYS_NAME.to_owned(), vec![500.0; total.len()]),
+                    (RAYS.to_owned(), vec![500.0; total.len()]),
                 ];
                 ((*id).to_owned(), measures.into_iter().collect())
             })
@@ -261,7 +251,7 @@ mod tests {
             views: vec![view(0.1, 0.1), view(0.3, 0.3), ViewErrors::default()],
         };
         let mut row = row();
-        judge(&mut row, &errors);
+        scores(&mut row, &errors);
         assert_eq!(row.flip_final_converged, Some(0.2));
         assert_eq!(
             (row.flip_final_converged_min, row.flip_final_converged_max),
@@ -273,39 +263,26 @@ mod tests {
 
     #[test]
     fn a_row_says_what_it_lacks() {
-        let out = std::env::temp_dir().join(format!("glint_evaluate-{}-table", std::process::id()));
-        let job = Job {
-            scene: SceneSource::BuiltIn("atrium".into()),
-            tracer: TracerName::Bvh,
-            solari: false,
-            first: true,
-            variants: ["low", "high"].map(Variant::new).to_vec(),
-            protocol: Protocol {
-                timing_frames: 1,
-                views: 1,
-                ..Protocol::new(true, true)
-            },
-            out: out.clone(),
-            cache: out.join("cache"),
-        };
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path();
+        let job = Job::example(out, &["low", "high"]);
         let store = Store::new(&job);
         write_json(&store.facts(), &SceneFacts::default()).unwrap();
         for variant in &job.variants {
             write_json(&store.captured(variant), &Captured::default()).unwrap();
         }
         write_json(&store.round(0), &round(&[("low", &[1.0]), ("high", &[2.0])])).unwrap();
-        let ledger = Ledger::open(Ledger::file_in(&out));
+        let log = ComparisonLog::open(ComparisonLog::file_in(out));
         let entry = Entry {
             job: job.id(),
             variant: "low".into(),
             ..Entry::default()
         };
-        ledger.append(entry).unwrap();
-        let problems = BTreeMap::from([(("atrium".to_owned(), "high".to_owned()), "a picture is gone".to_owned())]);
-        let rows = rows(&job, &Machine::default(), &ledger, Some("it was cancelled"), &problems);
+        log.append(entry).unwrap();
+        let problems = BTreeMap::from([(("atrium".to_owned(), "high".to_owned()), "an image is gone".to_owned())]);
+        let rows = rows(&job, &Machine::default(), &log, Some("it was cancelled"), &problems);
         assert!(rows[0].is_ok() && rows[0].nonfinite == Some(0), "{:?}", rows[0]);
-        assert_eq!((rows[1].is_ok(), rows[1].note.as_str()), (false, "a picture is gone"));
-        assert!(facts(&out, &rows).contains_key("atrium"));
-        std::fs::remove_dir_all(out).unwrap();
+        assert_eq!((rows[1].is_ok(), rows[1].note.as_str()), (false, "an image is gone"));
+        assert!(facts(out, &rows).contains_key("atrium"));
     }
 }

@@ -1,14 +1,16 @@
 //! Writes the results.
 
-use glint_evaluate::{
-    charts::{chart, png, svg},
-    machine::Machine,
-    protocol::Protocol,
+use super::{
+    charts::{chart, svg},
     readme,
     rows::{Row, number, to_csv},
-    state::{write_json, write_text},
     summary::Summary,
     table,
+};
+use crate::{
+    files::{write_json, write_text},
+    machine::Machine,
+    protocol::Protocol,
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -33,10 +35,6 @@ pub struct Results<'a> {
 
 impl Results<'_> {
     /// Writes tables, charts and the summary.
-    ///
-    /// # Errors
-    ///
-    /// If a file can't be written; the sentence names it.
     pub fn write(&self) -> Result<(), String> {
         write_text(&self.out.join("results.csv"), &to_csv(self.rows)?)?;
         let facts = table::facts(self.out, self.rows);
@@ -94,7 +92,6 @@ impl Results<'_> {
                 };
                 let file = format!("charts/{scene}.{kind}");
                 write_text(&self.out.join(format!("{file}.svg")), &svg(&chart)?)?;
-                png(&chart)?.save(&self.out.join(format!("{file}.png")))?;
                 let entry = (chart.title.clone(), format!("{file}.svg"));
                 charts.entry(scene.to_owned()).or_default().push(entry);
             }
@@ -137,11 +134,12 @@ impl Results<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glint_evaluate::rows::from_csv;
+    use crate::report::rows::from_csv;
 
     #[test]
     fn all_files_are_written() {
-        let out = std::env::temp_dir().join(format!("glint_evaluate-{}-output", std::process::id()));
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path();
         let rows = [Row {
             scene: "atrium".into(),
             technique: "quarter".into(),
@@ -150,7 +148,7 @@ mod tests {
             ..Row::default()
         }];
         let results = Results {
-            out: &out,
+            out,
             machine: &Machine::default(),
             protocol: &Protocol::new(true, true),
             rows: &rows,
@@ -158,19 +156,12 @@ mod tests {
         results.write().unwrap();
         let table = std::fs::read_to_string(out.join("results.csv")).unwrap();
         assert_eq!(from_csv(&table).unwrap(), rows);
-        for file in [
-            "results.json",
-            "summary.md",
-            "readme.md",
-            "charts/atrium.picture.svg",
-            "charts/atrium.picture.png",
-        ] {
+        for file in ["results.json", "summary.md", "readme.md", "charts/atrium.picture.svg"] {
             assert!(out.join(file).metadata().unwrap().len() > 100, "{file}");
         }
         assert!(!out.join("charts/atrium.reflection.svg").exists());
         let mut printed = Vec::new();
         results.print_to(&mut printed).unwrap();
         assert!(String::from_utf8(printed).unwrap().contains("quarter"));
-        std::fs::remove_dir_all(out).unwrap();
     }
 }

@@ -1,12 +1,10 @@
-//! The paper's measurements (RTX 3090, 1920x1080), to stand beside ours.
+//! The paper's measurements (RTX 3090, 1920x1080), shown beside ours.
 
-use crate::rows::{Row, number};
+use super::rows::{Row, number};
 use std::fmt::Write;
 
 /// A technique of the paper and the name of ours.
 pub struct PaperTechnique {
-    /// The paper's name.
-    pub name: &'static str,
     /// Our name.
     pub ours: &'static str,
     /// Milliseconds of the rate image, of the rays and of everything, per scene.
@@ -24,25 +22,25 @@ pub const STAGES: [&str; 3] = ["rate image", "rays", "total"];
 /// Tables 2 and 3.
 pub const TECHNIQUES: [PaperTechnique; 4] = [
     PaperTechnique {
-        name: "Reference",
+        // "Reference" in the paper.
         ours: "reference",
         times: [[0.0; 3], [0.797, 1.535, 2.995], [1.363, 2.107, 3.619]],
         errors: None,
     },
     PaperTechnique {
-        name: "Quarter Resolution",
+        // "Quarter Resolution" in the paper.
         ours: "quarter",
         times: [[0.0; 3], [0.279, 0.508, 0.885], [0.971, 1.080, 1.481]],
         errors: Some([[0.063, 0.040, 0.078], [0.005, 0.000, 0.000]]),
     },
     PaperTechnique {
-        name: "Inline VRS Rough",
+        // "Inline VRS Rough" in the paper.
         ours: "vrs-roughness",
         times: [[0.024, 0.024, 0.024], [0.118, 0.346, 0.517], [0.677, 0.974, 1.139]],
         errors: Some([[0.072, 0.043, 0.086], [0.006, 0.000, 0.000]]),
     },
     PaperTechnique {
-        name: "Inline VRS Graze",
+        // "Inline VRS Graze" in the paper.
         ours: "vrs-grazing",
         times: [[0.022, 0.017, 0.017], [0.169, 0.271, 0.536], [0.918, 0.895, 1.152]],
         errors: Some([[0.071, 0.046, 0.086], [0.006, 0.000, 0.000]]),
@@ -50,7 +48,6 @@ pub const TECHNIQUES: [PaperTechnique; 4] = [
 ];
 
 /// Tables 2 and 3, rebuilt with our rows beside the paper's numbers, as Markdown; nothing if no such scene was measured.
-#[must_use]
 pub fn tables(rows: &[Row]) -> String {
     let mut text = String::new();
     let columns = columns(rows);

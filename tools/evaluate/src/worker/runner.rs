@@ -1,111 +1,99 @@
-//! The process that measures: one app with one scene, in which techniques take turns.
+//! One app with one scene, in which techniques take turns.
 
+use super::scene::MeasuredScene;
 use crate::{
-    picture::Picture,
-    plan::{Job, Variant},
-    protocol::REST_FRAMES,
-    report::Event,
-    stage::Stage,
-    state::{SceneFacts, Store, write_json},
+    compare::image::from_rgba,
+    files::write_json,
+    job::{Job, Variant},
+    message::Message,
+    protocol::CLEAR_FRAMES,
+    state::{SceneFacts, Store},
     techniques,
 };
 use bevy::{
     asset::RenderAssetUsages,
+    camera::RenderTarget,
     core_pipeline::tonemapping::Tonemapping,
     diagnostic::FrameCount,
     prelude::*,
     render::{
-        RenderApp,
         diagnostic::RenderDiagnosticsPlugin,
-        render_resource::{
-            Extent3d, PollType, TextureDimension, TextureFormat, TextureUsages, TextureViewDescriptor,
-            TextureViewDimension,
-        },
-        renderer::RenderDevice,
+        render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
     },
 };
 use bevy_glint::{Backend, RayTracedReflectionsPlugin, ReflectionStatus, StatusReport, Tracer};
-use glint_scenes::{HeadlessApp, HeadlessSettings, Motion, SceneStatistics};
+use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, Motion, Output, SceneStatistics};
+use image::RgbImage;
 use std::{
     collections::{BTreeMap, BTreeSet},
     time::{Duration, Instant},
 };
 
 /// Frames that loading and compiling may take.
-pub(crate) const FRAME_LIMIT: u32 = 20_000;
-/// Time that building a scene, or compiling one technique, may take.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(600);
+const FRAME_LIMIT: u32 = 20_000;
+/// Time that building a scene, or compiling a technique, may take.
+const PATIENCE: Duration = Duration::from_secs(600);
 /// Frames in a row in which nothing was built: then the scene is complete.
 const QUIET_FRAMES: u32 = 8;
 /// Seconds from frame to frame.
-pub(crate) const TIME_STEP: f32 = 0.016_666;
+pub const TIME_STEP: f32 = 0.016_666;
 
-/// Measures everything of a job that isn't there yet, and writes it down piece by piece.
-///
-/// # Errors
-///
-/// If the scene can't be measured at all. A technique that fails is written down, and the others go on.
-pub fn work(job: &Job) -> Result<(), String> {
-    let mut runner = Runner::start(job)?;
-    runner.truths()?;
-    runner.pictures()?;
-    runner.timing()
-}
-
-/// One app with one scene.
-pub(crate) struct Runner<'a> {
-    pub(crate) job: &'a Job,
-    pub(crate) store: Store,
-    pub(crate) app: HeadlessApp,
-    pub(crate) stage: Stage,
-    pub(crate) camera: Entity,
+/// The app, and what is known of it.
+pub struct Runner<'a> {
+    pub job: &'a Job,
+    pub store: Store,
+    pub app: HeadlessApp,
+    pub scene: MeasuredScene,
+    pub camera: Entity,
     /// Where the camera and moving things are.
     seconds: Option<f32>,
     /// Techniques whose pipelines are compiled.
-    settled: BTreeSet<String>,
+    compiled: BTreeSet<String>,
     /// A target of floating-point values.
-    pub(crate) float_target: Handle<Image>,
+    pub float_target: RenderTarget,
     /// An environment without light.
-    pub(crate) black: Handle<Image>,
-    pub(crate) tonemapping: Tonemapping,
-    pub(crate) adapter: String,
+    pub black: Handle<Image>,
+    pub tonemapping: Tonemapping,
+    pub adapter: String,
     /// Pixels of each view that are broken without any reflections.
-    pub(crate) broken: BTreeMap<u32, Vec<bool>>,
+    pub broken: BTreeMap<u32, Vec<bool>>,
+}
+
+fn text(error: HeadlessError) -> String {
+    error.to_string()
 }
 
 impl<'a> Runner<'a> {
-    fn start(job: &'a Job) -> Result<Self, String> {
+    /// Opens the GPU and builds the scene.
+    pub fn start(job: &'a Job) -> Result<Self, String> {
         let protocol = &job.protocol;
-        let mut stage = Stage::new(&job.scene, protocol)?;
-        Event::Doing("opens the GPU".to_owned()).tell();
+        let mut scene = MeasuredScene::new(&job.scene, protocol)?;
+        Message::Doing("opens the GPU".to_owned()).send();
+        let size = UVec2::new(protocol.width, protocol.height);
         let settings = HeadlessSettings {
-            size: UVec2::new(protocol.width, protocol.height),
+            size,
             timestep: Duration::from_secs_f32(TIME_STEP),
             log: true,
             ..default()
         };
         let (solari, tracer) = (job.solari, techniques::tracer_choice(job.tracer));
-        let mut app = HeadlessApp::with_device(settings, techniques::open_device, |app| {
+        let app = HeadlessApp::with_device(settings, techniques::open_device, |app| {
             app.add_plugins(RenderDiagnosticsPlugin);
             if solari {
                 techniques::solari::add(app);
             } else {
                 app.add_plugins(RayTracedReflectionsPlugin { tracer });
             }
-        })
-        .map_err(|error| error.to_string())?;
+        });
+        let mut app = app.map_err(text)?;
 
-        Event::Doing("builds the scene".to_owned()).tell();
-        let camera = stage.spawn(&mut app);
-        let world = app.world();
-        techniques::prepare_camera(&mut world.entity_mut(camera));
-        let mut images = world.resource_mut::<Assets<Image>>();
-        let mut target = Image::new_target_texture(protocol.width, protocol.height, TextureFormat::Rgba16Float, None);
-        target.texture_descriptor.usage |= TextureUsages::COPY_SRC;
-        let float_target = images.add(target);
-        let black = images.add(black_cube());
-        app.warm_up(FRAME_LIMIT).map_err(|error| error.to_string())?;
-        stage.arrange(&mut app, camera)?;
+        Message::Doing("builds the scene".to_owned()).send();
+        let camera = scene.spawn(&mut app);
+        techniques::prepare_camera(&mut app.world().entity_mut(camera));
+        let float_target = app.add_target(size, Output::Linear);
+        let black = app.world().resource_mut::<Assets<Image>>().add(black_cube());
+        app.warm_up(FRAME_LIMIT).map_err(text)?;
+        scene.arrange(&mut app, camera)?;
         if solari {
             techniques::solari::prepare_scene(app.world(), camera);
         }
@@ -114,10 +102,10 @@ impl<'a> Runner<'a> {
             job,
             store: Store::new(job),
             app,
-            stage,
+            scene,
             camera,
             seconds: None,
-            settled: BTreeSet::new(),
+            compiled: BTreeSet::new(),
             float_target,
             black,
             tonemapping,
@@ -133,13 +121,13 @@ impl<'a> Runner<'a> {
         Ok(runner)
     }
 
-    /// What the crate says about itself.
-    pub(crate) fn report(&mut self) -> StatusReport {
+    /// The crate's report about itself.
+    fn report(&mut self) -> StatusReport {
         let status = self.app.world().get_resource::<ReflectionStatus>();
         status.map(ReflectionStatus::report).unwrap_or_default()
     }
 
-    /// Renders until every mesh can be hit, and writes down what there is.
+    /// Renders until every mesh can be hit, and writes down the facts of the scene.
     fn wait_for_scene(&mut self) -> Result<(), String> {
         let start = Instant::now();
         self.switch(&Variant::new("reference"))?;
@@ -175,11 +163,8 @@ impl<'a> Runner<'a> {
             return Err(format!("{}: {}", self.job.tracer.as_str(), before.reasons.join(". ")));
         }
         let world = self.app.world();
-        let placed: usize = world
-            .query::<&SceneStatistics>()
-            .iter(world)
-            .map(|scene| scene.triangles)
-            .sum();
+        let mut scenes = world.query::<&SceneStatistics>();
+        let placed: usize = scenes.iter(world).map(|scene| scene.triangles).sum();
         self.adapter.clone_from(&before.adapter);
         let facts = SceneFacts {
             triangles: if placed > 0 { placed as u64 } else { before.triangles },
@@ -191,63 +176,17 @@ impl<'a> Runner<'a> {
         write_json(&self.store.facts(), &facts)
     }
 
-    /// Renders frames.
-    pub(crate) fn step(&mut self, frames: u32) {
-        self.app.step(frames);
-        Event::Frames(frames.into()).tell();
-    }
-
-    /// Waits until the GPU is idle.
-    pub(crate) fn finish_frame(&mut self) -> Result<(), String> {
-        let render = self.app.app().get_sub_app(RenderApp).ok_or("there is no renderer")?;
-        let device = render
-            .world()
-            .get_resource::<RenderDevice>()
-            .ok_or("there is no graphics device")?;
-        device
-            .poll(PollType::Wait {
-                submission_index: None,
-                timeout: None,
-            })
-            .map(|_| ())
-            .map_err(|error| error.to_string())
-    }
-
-    /// Puts the camera and everything that moves where they are after some seconds.
-    pub(crate) fn pose(&mut self, seconds: f32) {
-        let seconds = seconds.max(0.0);
-        if self.seconds == Some(seconds) {
-            return;
-        }
-        self.seconds = Some(seconds);
-        let pose = self.stage.pose(seconds);
-        let world = self.app.world();
-        if let Some(mut transform) = world.get_mut::<Transform>(self.camera) {
-            *transform = pose;
-        }
-        let mut moving = world.query::<(&Motion, &mut Transform)>();
-        for (motion, mut transform) in moving.iter_mut(world) {
-            motion.apply(seconds, &mut transform);
-        }
-    }
-
-    /// Switches to a technique, with an empty history.
-    pub(crate) fn switch(&mut self, variant: &Variant) -> Result<(), String> {
-        techniques::apply(&mut self.app.world().entity_mut(self.camera), variant)
-    }
-
-    /// Switches to a technique and waits for its pipelines.
-    pub(crate) fn settle(&mut self, variant: &Variant) -> Result<(), String> {
-        self.switch(variant)?;
-        if self.settled.contains(&variant.id()) {
+    /// Renders until all pipelines are compiled and all assets are loaded; waits for the library, too, if it is in use.
+    pub fn wait_until_ready(&mut self, ours: bool) -> Result<(), String> {
+        self.app.warm_up(FRAME_LIMIT).map_err(text)?;
+        if !ours {
             return Ok(());
         }
-        self.app.warm_up(FRAME_LIMIT).map_err(|error| error.to_string())?;
         let start = Instant::now();
-        while variant.is_ours() {
+        loop {
             let report = self.report();
             if report.ready && report.meshes_pending == 0 {
-                break;
+                return Ok(());
             }
             if start.elapsed() > PATIENCE {
                 return Err(format!(
@@ -258,38 +197,83 @@ impl<'a> Runner<'a> {
             std::thread::sleep(Duration::from_millis(5));
             self.app.step(1);
         }
+    }
+
+    /// Renders frames.
+    pub fn step(&mut self, frames: u32) {
+        self.app.step(frames);
+        Message::Frames(frames.into()).send();
+    }
+
+    /// Puts the camera and everything that moves where they are after some seconds.
+    pub fn pose(&mut self, seconds: f32) {
+        let seconds = seconds.max(0.0);
+        if self.seconds == Some(seconds) {
+            return;
+        }
+        self.seconds = Some(seconds);
+        let pose = self.scene.pose(seconds);
+        let world = self.app.world();
+        if let Some(mut transform) = world.get_mut::<Transform>(self.camera) {
+            *transform = pose;
+        }
+        let mut moving = world.query::<(&Motion, &mut Transform)>();
+        for (motion, mut transform) in moving.iter_mut(world) {
+            motion.apply(seconds, &mut transform);
+        }
+    }
+
+    /// The camera with its components.
+    pub fn camera(&mut self) -> EntityWorldMut<'_> {
+        self.app.world().entity_mut(self.camera)
+    }
+
+    /// Switches to a technique, with an empty history.
+    pub fn switch(&mut self, variant: &Variant) -> Result<(), String> {
+        techniques::apply(&mut self.camera(), variant)
+    }
+
+    /// Switches to a technique and waits for its pipelines.
+    pub fn prepare(&mut self, variant: &Variant) -> Result<(), String> {
+        self.switch(variant)?;
+        if self.compiled.contains(&variant.id()) {
+            return Ok(());
+        }
+        self.wait_until_ready(variant.is_ours())?;
         let report = self.report();
         let is_hardware = |(_, backend): &(Entity, Backend)| *backend == Backend::Hardware;
         if variant.hardware && !report.active_backends.iter().any(is_hardware) {
             return Err(format!("compute took its place: {}", report.reasons.join(". ")));
         }
-        self.settled.insert(variant.id());
+        self.compiled.insert(variant.id());
         Ok(())
     }
 
     /// No technique, at a place, as if nothing had happened before.
-    pub(crate) fn rest(&mut self, seconds: f32) -> Result<(), String> {
+    pub fn clear(&mut self, seconds: f32) -> Result<(), String> {
         self.switch(&Variant::new("off"))?;
         self.pose(seconds);
         // Noise follows the number of the frame.
         self.app.world().resource_mut::<FrameCount>().0 = 0;
-        self.step(REST_FRAMES);
+        self.step(CLEAR_FRAMES);
         Ok(())
     }
 
-    pub(crate) fn capture(&self) -> Result<Picture, String> {
-        let bytes = self.app.capture().map_err(|error| error.to_string())?;
+    /// The last frame.
+    pub fn capture(&self) -> Result<RgbImage, String> {
+        let bytes = self.app.capture().map_err(text)?;
         let size = self.app.size();
-        Picture::from_rgba(size.x, size.y, &bytes).ok_or_else(|| "the picture has the wrong size".to_owned())
+        from_rgba(size.x, size.y, bytes).ok_or_else(|| "the image has the wrong size".to_owned())
     }
 
-    /// Says who is to blame if the process dies now.
-    pub(crate) fn begin(&self, variant: &Variant) -> Result<(), String> {
+    /// Begins to work on a technique: it is to blame if the process dies.
+    pub fn begin(&self, variant: &Variant, doing: String) -> Result<(), String> {
+        Message::Doing(doing).send();
         write_json(&self.store.current(), &variant.id())
     }
 
-    /// Says that nobody is.
-    pub(crate) fn end(&self) {
+    /// Ends the work on techniques: none is to blame any more.
+    pub fn end(&self) {
         _ = std::fs::remove_file(self.store.current());
     }
 }
@@ -301,14 +285,8 @@ fn black_cube() -> Image {
         height: 1,
         depth_or_array_layers: 6,
     };
-    let format = TextureFormat::Rgba16Float;
-    let mut image = Image::new_fill(
-        size,
-        TextureDimension::D2,
-        &[0; 8],
-        format,
-        RenderAssetUsages::default(),
-    );
+    let (format, usage) = (TextureFormat::Rgba16Float, RenderAssetUsages::default());
+    let mut image = Image::new_fill(size, TextureDimension::D2, &[0; 8], format, usage);
     image.texture_view_descriptor = Some(TextureViewDescriptor {
         dimension: Some(TextureViewDimension::Cube),
         ..default()

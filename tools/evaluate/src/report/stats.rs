@@ -1,5 +1,7 @@
 //! Medians, their confidence intervals, and ratios that noise can't fake.
 
+use glint_scenes::Random;
+
 /// A range that holds the true value with a probability of about 95 %.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interval {
@@ -9,14 +11,6 @@ pub struct Interval {
     pub high: f64,
 }
 
-impl Interval {
-    /// Whether a value lies inside, ends included.
-    #[must_use]
-    pub fn contains(self, value: f64) -> bool {
-        self.low <= value && value <= self.high
-    }
-}
-
 fn sorted(values: &[f64]) -> Vec<f64> {
     let mut sorted: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
     sorted.sort_by(f64::total_cmp);
@@ -24,7 +18,6 @@ fn sorted(values: &[f64]) -> Vec<f64> {
 }
 
 /// A share of the values from below, interpolated: 0.5 is the median. Values that aren't finite are left out; `None` without any.
-#[must_use]
 pub fn quantile(values: &[f64], share: f64) -> Option<f64> {
     quantile_of_sorted(&sorted(values), share)
 }
@@ -37,7 +30,6 @@ fn quantile_of_sorted(sorted: &[f64], share: f64) -> Option<f64> {
 }
 
 /// The mean of the finite values; `None` without any.
-#[must_use]
 pub fn mean(values: &[f64]) -> Option<f64> {
     let finite = values.iter().filter(|value| value.is_finite());
     let (sum, count) = finite.fold((0.0, 0u32), |(sum, count), value| (sum + value, count + 1));
@@ -48,7 +40,6 @@ pub fn mean(values: &[f64]) -> Option<f64> {
 /// six values it is their range, which is less than 95 % sure.
 ///
 /// Frames along a camera path differ for good reasons, and that spread is part of the interval.
-#[must_use]
 pub fn median_interval(values: &[f64]) -> Option<Interval> {
     let sorted = sorted(values);
     let last = sorted.len().checked_sub(1)?;
@@ -83,7 +74,6 @@ fn outer_rank(n: usize) -> usize {
 /// Each round gives one ratio, so that what changes from round to round for both (the place on the path, the clock of a warm
 /// GPU) cancels out. The estimate is the geometric mean; the interval comes from resampling the rounds, always with the same
 /// random numbers. `None` without a common round; without an interval if there is only one.
-#[must_use]
 pub fn paired_ratio(a: &[Option<f64>], b: &[Option<f64>]) -> Option<(f64, Option<Interval>)> {
     const RESAMPLES: usize = 2000;
     let usable = |value: &Option<f64>| value.filter(|value| value.is_finite() && *value > 0.0);
@@ -96,7 +86,7 @@ pub fn paired_ratio(a: &[Option<f64>], b: &[Option<f64>]) -> Option<(f64, Option
     if logs.len() < 2 {
         return Some((estimate, None));
     }
-    let mut random = Random(0x6c69_6e74);
+    let mut random = Random::new(0x6c69_6e74);
     let mut means: Vec<f64> = (0..RESAMPLES)
         .map(|_| {
             let sum: f64 = (0..logs.len()).map(|_| logs[random.below(logs.len())]).sum();
@@ -112,22 +102,8 @@ pub fn paired_ratio(a: &[Option<f64>], b: &[Option<f64>]) -> Option<(f64, Option
     Some((estimate, Some(interval)))
 }
 
-/// A small generator (`SplitMix64`), for resampling.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, limit: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) % limit.max(1) as u64) as usize
-    }
-}
-
 /// Indices of the points that no other beats: none is at most as large in both coordinates and smaller in one. Sorted by the
 /// first coordinate. Points that aren't finite are never on the front.
-#[must_use]
 pub fn pareto_front(points: &[(f64, f64)]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..points.len())
         .filter(|&i| points[i].0.is_finite() && points[i].1.is_finite())
@@ -180,12 +156,12 @@ mod tests {
 
     #[test]
     fn intervals_of_medians_hold_the_median_as_often_as_they_say() {
-        let mut random = Random(7);
+        let mut random = Random::new(7);
         let trials = 2000;
         let held = (0..trials)
             .filter(|_| {
                 let values: Vec<f64> = (0..25).map(|_| random.below(1_000_001) as f64).collect();
-                median_interval(&values).is_some_and(|interval| interval.contains(500_000.0))
+                median_interval(&values).is_some_and(|interval| (interval.low..=interval.high).contains(&500_000.0))
             })
             .count();
         let share = held as f64 / f64::from(trials);
@@ -204,7 +180,10 @@ mod tests {
         let (ratio, interval) = paired_ratio(&a, &b).unwrap();
         let interval = interval.unwrap();
         assert!((ratio - 0.8).abs() < 1e-3);
-        assert!(interval.contains(0.8) && !interval.contains(0.81), "{interval:?}");
+        assert!(
+            interval.low <= 0.8 && (0.8..0.81).contains(&interval.high),
+            "{interval:?}"
+        );
         // Rounds that one of them lacks don't count.
         assert_eq!(
             paired_ratio(&[Some(5.0), None], &[Some(5.0), Some(1.0)]),

@@ -1,26 +1,18 @@
 //! GPU times: techniques take turns in rounds, each on the same stretch of the camera's path.
 
+use super::runner::{Runner, TIME_STEP};
 use crate::{
-    plan::{Variant, order},
-    report::Event,
-    run::{Runner, TIME_STEP},
-    state::{Round, read_json, write_json},
-    techniques::{LIGHTING, RAYS, STAGES, total_spans},
+    files::{read_json, write_json},
+    job::{Variant, order},
+    message::Message,
+    state::{FRAME, LIGHTING, RAYS, Round, TOTAL},
+    techniques::{self, STAGES, total_spans},
 };
 use bevy::{
     diagnostic::{DiagnosticPath, DiagnosticsStore},
     platform::time::Instant,
 };
 use std::collections::BTreeMap;
-
-/// The name of the sum of all passes of a technique.
-pub const TOTAL: &str = "total";
-/// The name of the time of Bevy's deferred lighting.
-pub const LIGHTING_NAME: &str = "lighting";
-/// The name of the time of a whole frame by the CPU's clock.
-pub const FRAME: &str = "frame";
-/// The name of the number of rays.
-pub const RAYS_NAME: &str = "rays";
 
 /// The values of one frame: the sum of some diagnostics.
 struct Probe {
@@ -56,20 +48,20 @@ impl Probe {
 fn probes(variant: &Variant) -> Vec<Probe> {
     let mut probes = vec![
         Probe::new(TOTAL, total_spans(variant)),
-        Probe::new(LIGHTING_NAME, &[LIGHTING]),
+        Probe::new(LIGHTING, &[techniques::LIGHTING]),
     ];
     if variant.is_ours() {
         probes.extend(STAGES.iter().map(|&(name, span)| Probe::new(name, &[span])));
-        probes.push(Probe::new(RAYS_NAME, &[RAYS]));
+        probes.push(Probe::new(RAYS, &[techniques::RAYS]));
     }
     probes
 }
 
 impl Runner<'_> {
     /// Times all techniques.
-    pub(crate) fn timing(&mut self) -> Result<(), String> {
+    pub fn timing(&mut self) -> Result<(), String> {
         let job = self.job;
-        Event::Timing.tell();
+        Message::Timing.send();
         let rounds = job.protocol.rounds();
         let turn = job.protocol.turn_frames();
         for round in 0..rounds {
@@ -79,14 +71,13 @@ impl Runner<'_> {
             for index in order(job.variants.len(), round) {
                 let variant = &job.variants[index];
                 if times.contains_key(&variant.id()) || self.store.failures().contains_key(&variant.id()) {
-                    Event::Skipped(turn).tell();
+                    Message::Skipped(turn).send();
                     continue;
                 }
-                self.begin(variant)?;
-                Event::Doing(format!("times of {variant}, round {} of {rounds}", round + 1)).tell();
+                self.begin(variant, format!("times of {variant}, round {} of {rounds}", round + 1))?;
                 // Each round has its own stretch, spread over the path.
                 let length = turn as f32 * TIME_STEP;
-                let start = (self.stage.seconds() - length).max(0.0) * (round as f32 / rounds as f32);
+                let start = (self.scene.seconds() - length).max(0.0) * (round as f32 / rounds as f32);
                 match self.turn(variant, start) {
                     Ok(values) => {
                         times.insert(variant.id(), values);
@@ -114,7 +105,7 @@ impl Runner<'_> {
             self.pose(start + frame as f32 * TIME_STEP);
             let clock = Instant::now();
             self.step(1);
-            self.finish_frame()?;
+            self.app.wait_until_idle().map_err(|error| error.to_string())?;
             let elapsed = clock.elapsed().as_secs_f64() * 1e3;
             if frame >= discard && frame < discard + block {
                 values.entry(FRAME.to_owned()).or_default().push(elapsed);
