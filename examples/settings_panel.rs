@@ -1,117 +1,132 @@
-//! A scene with the settings panel, in a window or as a picture.
+//! The settings panel beside spheres of graded roughness: every setting of a camera's reflections, with its effect at once.
 //!
 //! `cargo run --release --features egui --example settings_panel`
 //!
-//! `cargo run --release --features egui --example settings_panel -- --headless --size 1280x720 --out settings_panel.png`
+//! The front row is plastic, the back row metal; roughness grows to the right. Things to try: raise the roughness cut-off until the
+//! rightmost spheres reflect, switch the denoiser's passes off one by one, choose a debug view. F2 opens and closes the panel.
 //!
-//! F2 opens and closes the panel.
+//! The camera flies by Bevy's feature `free_camera`.
 
-mod common;
-
-use argh::FromArgs;
-use bevy::{prelude::*, render::diagnostic::RenderDiagnosticsPlugin};
+use bevy::{
+    camera_controller::free_camera::{FreeCamera, FreeCameraPlugin},
+    pbr::DefaultOpaqueRendererMethod,
+    prelude::*,
+    render::diagnostic::RenderDiagnosticsPlugin,
+};
 use bevy_egui::EguiGlobalSettings;
-use bevy_glint::{Backend, egui::ReflectionSettingsPanelPlugin};
-use common::{ReflectionOptions, Size, TechniqueWord, TracerWord};
-use glint_scenes::{HeadlessSettings, SceneAnimationPlugin, SceneName, SceneOptions, camera, environment, spawn_with};
-use std::{path::PathBuf, process::ExitCode};
+use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, egui::ReflectionSettingsPanelPlugin};
 
-/// Show the settings panel beside a scene.
-#[derive(FromArgs, Clone)]
-struct Arguments {
-    /// render without a window and write a picture
-    #[argh(switch)]
-    headless: bool,
-    /// a scene that `demo` knows
-    #[argh(option, default = "SceneName::Demo")]
-    scene: SceneName,
-    /// how reflections begin: off, or a word that `demo` knows
-    #[argh(option, default = "TechniqueWord::default()")]
-    technique: TechniqueWord,
-    /// auto, compute or hardware
-    #[argh(option, default = "Backend::default()")]
-    backend: Backend,
-    /// auto, ray-query or bvh
-    #[argh(option, default = "TracerWord::default()")]
-    tracer: TracerWord,
-    /// width and height in pixels (default: 1280x720 in a window, 640x360 for a picture)
-    #[argh(option)]
-    size: Option<Size>,
-    /// frames to render before the picture is taken
-    #[argh(option, default = "32")]
-    frames: u32,
-    /// the picture
-    #[argh(option)]
-    out: Option<PathBuf>,
+const COLUMNS: u32 = 7;
+
+fn main() {
+    App::new().add_plugins((DefaultPlugins, plugin)).run();
 }
 
-impl Arguments {
-    fn reflections(&self) -> ReflectionOptions {
-        ReflectionOptions {
-            technique: self.technique.clone(),
-            tracer: self.tracer,
-            backend: self.backend,
-        }
-    }
-
-    /// What both kinds of app have, after Bevy's plugins.
-    fn add_plugins(&self, app: &mut App) {
-        common::add_reflections(app, &self.reflections());
-        app.add_plugins((
-            SceneAnimationPlugin,
-            // Measures what the panel shows.
-            RenderDiagnosticsPlugin,
-            ReflectionSettingsPanelPlugin {
-                open: true,
-                ..default()
-            },
-        ));
-    }
-}
-
-fn main() -> ExitCode {
-    let arguments: Arguments = argh::from_env();
-    common::report(if arguments.headless {
-        picture(&arguments)
-    } else {
-        window(&arguments)
-    })
-}
-
-fn picture(arguments: &Arguments) -> Result<(), String> {
-    let settings = HeadlessSettings {
-        size: common::size_or_default(arguments.size, true),
-        log: true,
-        ..default()
-    };
-    let reflections = arguments.reflections();
-    let mut app = common::headless_app(settings, &reflections, |app| arguments.add_plugins(app))?;
-    // The camera that egui draws on: it takes the first one of an app, whatever that draws into.
-    let camera = app.spawn_scene(arguments.scene, &SceneOptions::default());
-    common::reflection_camera(&mut app.world().entity_mut(camera), &reflections);
-    common::prepare(&mut app)?;
-    app.step(arguments.frames.max(1));
-    common::save(&app, arguments.out.as_deref(), "settings_panel")
-}
-
-fn window(arguments: &Arguments) -> Result<(), String> {
-    let reflections = arguments.reflections();
-    let size = common::size_or_default(arguments.size, false);
-    let mut app = common::windowed_app("bevy_glint: F2 opens and closes the panel", size, &reflections)?;
-    // What the pointer and the keys do on the panel isn't meant for the camera.
-    app.insert_resource(EguiGlobalSettings {
+/// Everything that the app adds to Bevy.
+pub fn plugin(app: &mut App) {
+    app.add_plugins((
+        RayTracedReflectionsPlugin::default(),
+        ReflectionSettingsPanelPlugin {
+            open: true,
+            ..default()
+        },
+        // Optional: the panel then shows the GPU time of each pass.
+        RenderDiagnosticsPlugin,
+        FreeCameraPlugin,
+    ))
+    .insert_resource(DefaultOpaqueRendererMethod::deferred())
+    // Input over the panel isn't meant for the camera.
+    .insert_resource(EguiGlobalSettings {
         enable_absorb_bevy_input_system: true,
         ..default()
-    });
-    arguments.add_plugins(&mut app);
-    let scene = arguments.scene;
-    app.add_systems(Startup, move |world: &mut World| {
-        spawn_with(scene, world, &SceneOptions::default());
-        let (transform, projection) = camera(scene);
-        let environment = environment(scene, world);
-        let mut camera = world.spawn((common::window_camera(3.0), transform, Projection::from(projection)));
-        environment.insert(&mut camera);
-        common::reflection_camera(&mut camera, &reflections);
-    });
-    common::run(app)
+    })
+    .add_systems(Startup, (setup, show_keys));
+}
+
+fn setup(
+    mut commands: Commands,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+    mut images: ResMut<Assets<Image>>,
+) {
+    commands.spawn((
+        Mesh3d(meshes.add(Plane3d::default().mesh().size(30.0, 30.0))),
+        MeshMaterial3d(materials.add(StandardMaterial {
+            base_color: Color::srgb(0.12, 0.12, 0.13),
+            perceptual_roughness: 0.15,
+            ..default()
+        })),
+    ));
+
+    let sphere = meshes.add(Sphere::new(0.5).mesh().uv(64, 32));
+    for column in 0..COLUMNS {
+        let perceptual_roughness = column as f32 / (COLUMNS - 1) as f32;
+        let x = 1.15 * (column as f32 - 0.5 * (COLUMNS - 1) as f32);
+        let plastic = materials.add(StandardMaterial {
+            base_color: Color::hsl(50.0 * column as f32, 0.8, 0.35),
+            perceptual_roughness,
+            ..default()
+        });
+        let metal = materials.add(StandardMaterial {
+            base_color: Color::srgb(0.95, 0.9, 0.85),
+            metallic: 1.0,
+            perceptual_roughness,
+            ..default()
+        });
+        commands.spawn((
+            Mesh3d(sphere.clone()),
+            MeshMaterial3d(plastic),
+            Transform::from_xyz(x, 0.5, 0.9),
+        ));
+        commands.spawn((
+            Mesh3d(sphere.clone()),
+            MeshMaterial3d(metal),
+            Transform::from_xyz(x, 1.0, -0.6).with_scale(Vec3::splat(2.0 * 0.55)),
+        ));
+    }
+
+    // Glowing panels to be seen in the spheres, on either side of the camera.
+    let panel = meshes.add(Cuboid::new(0.1, 2.5, 1.2));
+    for (x, color) in [
+        (-6.0, LinearRgba::rgb(8.0, 2.0, 0.6)),
+        (6.0, LinearRgba::rgb(0.6, 3.0, 8.0)),
+    ] {
+        for z in [-3.0, 0.0, 3.0] {
+            commands.spawn((
+                Mesh3d(panel.clone()),
+                MeshMaterial3d(materials.add(StandardMaterial {
+                    base_color: Color::BLACK,
+                    emissive: 30.0 * color,
+                    ..default()
+                })),
+                Transform::from_xyz(x, 1.6, z),
+            ));
+        }
+    }
+    commands.spawn((
+        DirectionalLight {
+            illuminance: 5_000.0,
+            shadow_maps_enabled: true,
+            ..default()
+        },
+        Transform::default().looking_to(Vec3::new(0.5, -1.0, -0.4), Vec3::Y),
+    ));
+
+    let sky = EnvironmentMapLight::hemispherical_gradient(
+        &mut images,
+        Color::srgb(0.25, 0.35, 0.6),
+        Color::srgb(0.7, 0.7, 0.75),
+        Color::srgb(0.15, 0.15, 0.15),
+    );
+    commands.spawn((
+        Camera3d::default(),
+        FreeCamera::default(),
+        Transform::from_xyz(0.0, 2.4, 7.5).looking_at(Vec3::new(0.0, 0.7, 0.0), Vec3::Y),
+        sky.with_intensity(500.0),
+        RayTracedReflections::default(),
+    ));
+}
+
+fn show_keys(mut window: Single<&mut Window>) {
+    window.title = "F2: open or close the panel | W A S D Q E and the right mouse button: fly".to_owned();
 }

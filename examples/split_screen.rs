@@ -1,244 +1,177 @@
-//! Two players on one screen: each camera has its own viewport, settings and history, and can go without reflections.
+//! Two players on one screen. Each camera has its own viewport, reflections and history.
 //!
-//! `cargo run --release --example split_screen`
-//!
-//! `cargo run --release --example split_screen -- --headless --left high --right off --out split_screen.png`
-//!
-//! | key | does |
-//! | --- | --- |
-//! | 1, 2 | reflections of the left player, of the right player, on or off |
-//! | 3, 4 | the next preset for the left player, for the right player |
-//! | Tab | the keys that fly and the mouse move the other player |
+//! Reflections are components of a camera, so that each player can have a preset of their own, or none. Keys: 1 and 2 switch the
+//! reflections of the left and right player on and off, 3 and 4 choose their next preset.
 
-mod common;
+use bevy::{camera::Viewport, pbr::DefaultOpaqueRendererMethod, prelude::*};
+use bevy_glint::{Preset, RayTracedReflections, RayTracedReflectionsPlugin};
 
-use argh::FromArgs;
-use bevy::{
-    camera_controller::free_camera::{FreeCamera, FreeCameraState},
-    prelude::*,
-};
-use bevy_glint::{Backend, Preset, RayTracedReflections};
-use common::{
-    ReflectionOptions, Size, TechniqueWord, TracerWord,
-    help::{self, Help, Keys},
-    screen::{Column, fit_columns},
-};
-use glint_scenes::{HeadlessSettings, SceneAnimationPlugin, SceneName};
-use std::{path::PathBuf, process::ExitCode};
-
-const SCENE: SceneName = SceneName::Demo;
-const KEYS: Keys = &[
-    ("1, 2", "reflections of the left or right player on or off"),
-    ("3, 4", "next preset of the left or right player"),
-    ("Tab", "move the other player"),
-];
-/// Metres per second.
-const SPEED: f32 = 3.0;
-
-/// Show two players on one screen.
-#[derive(FromArgs, Clone)]
-struct Arguments {
-    /// render without a window and write a picture
-    #[argh(switch)]
-    headless: bool,
-    /// off, paper, low, medium, high, ultra or the name of a technique (default: high)
-    #[argh(option, default = "word(Preset::High)")]
-    left: TechniqueWord,
-    /// the same for the right player (default: low)
-    #[argh(option, default = "word(Preset::Low)")]
-    right: TechniqueWord,
-    /// auto, compute or hardware
-    #[argh(option, default = "Backend::default()")]
-    backend: Backend,
-    /// auto, ray-query or bvh
-    #[argh(option, default = "TracerWord::default()")]
-    tracer: TracerWord,
-    /// width and height in pixels of both halves together (default: 1280x720 in a window, 640x360 for a picture)
-    #[argh(option)]
-    size: Option<Size>,
-    /// frames to render before the picture is taken
-    #[argh(option, default = "16")]
-    frames: u32,
-    /// the picture
-    #[argh(option)]
-    out: Option<PathBuf>,
+fn main() {
+    App::new().add_plugins((DefaultPlugins, plugin)).run();
 }
 
-/// The name of a preset as a word of the command line.
-fn word(preset: Preset) -> TechniqueWord {
-    preset.name().parse().unwrap_or_default()
+/// Everything that the app adds to Bevy.
+pub fn plugin(app: &mut App) {
+    app.add_plugins(RayTracedReflectionsPlugin::default())
+        .insert_resource(DefaultOpaqueRendererMethod::deferred())
+        .add_systems(Startup, (spawn_scene, spawn_players))
+        .add_systems(Update, (press_keys, show_state, fit_viewports));
 }
 
-/// A player: a camera, the settings of its reflections, and whether they are on.
-#[derive(Component, Clone)]
+/// A camera, and the preset that it has whenever its reflections are on.
+#[derive(Component)]
 struct Player {
-    /// 0 is left, 1 is right.
-    seat: u32,
-    reflections: ReflectionOptions,
-    is_on: bool,
+    seat: Seat,
+    preset: Preset,
 }
 
-impl Player {
-    /// Switches the camera's reflections on or off. With the component goes all that it used.
-    fn apply(&self, camera: &mut EntityWorldMut) {
-        camera.remove::<RayTracedReflections>();
-        if self.is_on {
-            common::reflection_camera(camera, &self.reflections);
-        }
-    }
+#[derive(Clone, Copy, PartialEq)]
+enum Seat {
+    Left,
+    Right,
+}
 
-    fn next_preset(&mut self) {
-        let present = Preset::ALL
-            .into_iter()
-            .position(|preset| word(preset) == self.reflections.technique);
-        let next = present.map_or(0, |index| (index + 1) % Preset::ALL.len());
-        self.reflections.technique = word(Preset::ALL[next]);
-        self.is_on = true;
-    }
-
-    fn describe(&self) -> String {
-        if self.is_on {
-            self.reflections.technique.to_string()
-        } else {
-            TechniqueWord::OFF.to_owned()
+impl Seat {
+    fn keys(self) -> [KeyCode; 2] {
+        match self {
+            Self::Left => [KeyCode::Digit1, KeyCode::Digit3],
+            Self::Right => [KeyCode::Digit2, KeyCode::Digit4],
         }
     }
 }
 
-impl Arguments {
-    fn players(&self) -> [Player; 2] {
-        [(0, &self.left), (1, &self.right)].map(|(seat, technique)| Player {
-            seat,
-            is_on: !technique.is_off(),
-            reflections: ReflectionOptions {
-                technique: if technique.is_off() {
-                    TechniqueWord::default()
-                } else {
-                    technique.clone()
-                },
-                tracer: self.tracer,
-                backend: self.backend,
+fn spawn_players(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
+    let sky = EnvironmentMapLight::hemispherical_gradient(
+        &mut images,
+        Color::srgb(0.3, 0.45, 0.8),
+        Color::srgb(0.9, 0.8, 0.7),
+        Color::srgb(0.1, 0.1, 0.1),
+    );
+    let players = [
+        (Seat::Left, Preset::High, Vec3::new(-3.5, 1.8, 5.0)),
+        (Seat::Right, Preset::Low, Vec3::new(4.5, 1.4, 3.0)),
+    ];
+    for (seat, preset, position) in players {
+        commands.spawn((
+            Camera3d::default(),
+            Camera {
+                // Both draw to the same window, one after the other.
+                order: seat as isize,
+                ..default()
             },
-        })
+            Transform::from_translation(position).looking_at(Vec3::Y, Vec3::Y),
+            sky.clone().with_intensity(700.0),
+            // The two components of a preset.
+            preset.settings(),
+            Player { seat, preset },
+        ));
     }
-}
-
-/// Makes a camera a player's.
-fn set_up_camera(world: &mut World, camera: Entity, player: Player) {
-    let environment = glint_scenes::environment(SCENE, world);
-    let position = [Vec3::new(-0.9, 1.8, 8.5), Vec3::new(3.4, 1.5, 5.2)][player.seat as usize];
-    let target = [Vec3::new(0.15, 1.22, 0.0), Vec3::new(-1.6, 0.9, -1.0)][player.seat as usize];
-    let mut camera = world.entity_mut(camera);
-    camera.insert((
-        Camera {
-            order: player.seat as isize,
-            ..default()
-        },
-        Column {
-            index: player.seat,
-            count: 2,
-        },
-        Transform::from_translation(position).looking_at(target, Vec3::Y),
-        Projection::from(PerspectiveProjection {
-            fov: 48f32.to_radians(),
-            ..default()
-        }),
-    ));
-    environment.insert(&mut camera);
-    player.apply(&mut camera);
-    camera.insert(player);
-}
-
-fn main() -> ExitCode {
-    let arguments: Arguments = argh::from_env();
-    common::report(if arguments.headless {
-        picture(&arguments)
-    } else {
-        window(&arguments)
-    })
-}
-
-fn picture(arguments: &Arguments) -> Result<(), String> {
-    let settings = HeadlessSettings {
-        size: common::size_or_default(arguments.size, true),
-        log: true,
-        ..default()
-    };
-    let [left, right] = arguments.players();
-    let device = left.reflections.clone();
-    let mut app = common::headless_app(settings, &device, |app| {
-        app.add_plugins(SceneAnimationPlugin).add_systems(Update, fit_columns);
-        common::add_reflections(app, &device);
-    })?;
-    glint_scenes::spawn(SCENE, app.world());
-    for player in [left, right] {
-        let camera = app.spawn_camera(());
-        set_up_camera(app.world(), camera, player);
-    }
-    common::prepare(&mut app)?;
-    app.step(arguments.frames.max(1));
-    common::save(&app, arguments.out.as_deref(), "split_screen")
-}
-
-fn window(arguments: &Arguments) -> Result<(), String> {
-    let players = arguments.players();
-    let size = common::size_or_default(arguments.size, false);
-    let mut app = common::windowed_app("split_screen", size, &players[0].reflections)?;
-    app.add_plugins(SceneAnimationPlugin)
-        .add_systems(Update, (fit_columns, press_keys, change_pilot));
-    common::add_reflections(&mut app, &players[0].reflections);
-    help::add(&mut app, "split_screen", KEYS);
-    app.add_systems(Startup, move |world: &mut World| {
-        glint_scenes::spawn(SCENE, world);
-        for player in players.clone() {
-            let camera = world.spawn(common::view_camera()).id();
-            let is_pilot = player.seat == 0;
-            set_up_camera(world, camera, player);
-            if is_pilot {
-                world.entity_mut(camera).insert(common::fly(SPEED));
-            }
-        }
-    });
-    common::run(app)
 }
 
 fn press_keys(
     keyboard: Res<ButtonInput<KeyCode>>,
-    mut players: Query<(Entity, &mut Player)>,
-    mut help: ResMut<Help>,
+    mut players: Query<(Entity, &mut Player, Has<RayTracedReflections>)>,
     mut commands: Commands,
 ) {
-    let mut states = [String::new(), String::new()];
-    for (camera, mut player) in &mut players {
-        let seat = player.seat as usize;
-        let switch = keyboard.just_pressed([KeyCode::Digit1, KeyCode::Digit2][seat]);
-        let preset = keyboard.just_pressed([KeyCode::Digit3, KeyCode::Digit4][seat]);
-        if switch {
-            player.is_on = !player.is_on;
+    for (camera, mut player, is_on) in &mut players {
+        let [switch, next] = player.seat.keys();
+        if keyboard.just_pressed(switch) && is_on {
+            // This also frees the GPU memory that the camera used.
+            commands.entity(camera).remove::<RayTracedReflections>();
+        } else if keyboard.just_pressed(switch) {
+            commands.entity(camera).insert(player.preset.settings());
+        } else if keyboard.just_pressed(next) {
+            let present = Preset::ALL.iter().position(|preset| *preset == player.preset);
+            player.preset = Preset::ALL[present.map_or(0, |index| (index + 1) % Preset::ALL.len())];
+            commands.entity(camera).insert(player.preset.settings());
         }
-        if preset {
-            player.next_preset();
-        }
-        if switch || preset {
-            let player = player.clone();
-            commands
-                .entity(camera)
-                .queue(move |mut camera: EntityWorldMut| player.apply(&mut camera));
-        }
-        states[seat] = player.describe();
     }
-    help::say(&mut help, states.join(" and "));
 }
 
-/// Bevy's controller moves the one camera that has it.
-fn change_pilot(
-    keyboard: Res<ButtonInput<KeyCode>>,
-    pilot: Single<Entity, (With<Player>, With<FreeCamera>)>,
-    other: Single<Entity, (With<Player>, Without<FreeCamera>)>,
-    mut commands: Commands,
-) {
-    if keyboard.just_pressed(KeyCode::Tab) {
-        commands.entity(*pilot).remove::<(FreeCamera, FreeCameraState)>();
-        commands.entity(*other).insert(common::fly(SPEED));
+fn show_state(players: Query<(&Player, Has<RayTracedReflections>)>, mut window: Single<&mut Window>) {
+    let mut states = [""; 2];
+    for (player, is_on) in &players {
+        states[player.seat as usize] = if is_on { player.preset.name() } else { "off" };
     }
+    let [left, right] = states;
+    let title = format!("left: {left}, right: {right} | 1 and 2: on or off, 3 and 4: next preset");
+    if window.title != title {
+        window.title = title;
+    }
+}
+
+/// Gives each camera its half of the window, whatever size that has.
+fn fit_viewports(mut players: Query<(&mut Camera, &Player)>) {
+    for (mut camera, player) in &mut players {
+        // Unknown before the first frame.
+        let Some(size) = camera.physical_target_size() else {
+            continue;
+        };
+        let left = size.x / 2;
+        let (x, width) = match player.seat {
+            Seat::Left => (0, left),
+            Seat::Right => (left, size.x - left),
+        };
+        let viewport = Viewport {
+            physical_position: UVec2::new(x, 0),
+            physical_size: UVec2::new(width, size.y).max(UVec2::ONE),
+            ..default()
+        };
+        let is_same = |old: &Viewport| {
+            (old.physical_position, old.physical_size) == (viewport.physical_position, viewport.physical_size)
+        };
+        if !camera.viewport.as_ref().is_some_and(is_same) {
+            camera.viewport = Some(viewport);
+        }
+    }
+}
+
+/// A mirror ball among coloured blocks on a glossy floor.
+fn spawn_scene(
+    mut commands: Commands,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+) {
+    commands.spawn((
+        Mesh3d(meshes.add(Plane3d::default().mesh().size(24.0, 24.0))),
+        MeshMaterial3d(materials.add(StandardMaterial {
+            base_color: Color::srgb(0.1, 0.1, 0.12),
+            perceptual_roughness: 0.2,
+            ..default()
+        })),
+    ));
+    commands.spawn((
+        Mesh3d(meshes.add(Sphere::new(1.2).mesh().uv(96, 48))),
+        MeshMaterial3d(materials.add(StandardMaterial {
+            base_color: Color::srgb(0.95, 0.95, 0.97),
+            metallic: 1.0,
+            perceptual_roughness: 0.0,
+            ..default()
+        })),
+        Transform::from_xyz(0.0, 1.2, 0.0),
+    ));
+    let block = meshes.add(Cuboid::new(0.8, 1.0, 0.8));
+    for index in 0..10 {
+        let angle = index as f32 / 10.0 * std::f32::consts::TAU;
+        let height = 0.6 + 0.25 * (index % 4) as f32;
+        commands.spawn((
+            Mesh3d(block.clone()),
+            MeshMaterial3d(materials.add(StandardMaterial {
+                base_color: Color::hsl(36.0 * index as f32, 0.75, 0.5),
+                perceptual_roughness: 0.4,
+                ..default()
+            })),
+            Transform::from_xyz(3.0 * ops::cos(angle), 0.5 * height, 3.0 * ops::sin(angle))
+                .with_rotation(Quat::from_rotation_y(-angle))
+                .with_scale(Vec3::new(1.0, height, 1.0)),
+        ));
+    }
+    commands.spawn((
+        DirectionalLight {
+            illuminance: 7_000.0,
+            shadow_maps_enabled: true,
+            ..default()
+        },
+        Transform::default().looking_to(Vec3::new(-0.7, -1.0, -0.3), Vec3::Y),
+    ));
 }

@@ -3,16 +3,19 @@
 #![cfg(feature = "egui")]
 
 use bevy::{
+    input::{
+        ButtonState,
+        keyboard::{Key, KeyboardInput, NativeKey},
+        mouse::MouseButtonInput,
+    },
     prelude::*,
     render::{
         RenderPlugin,
         settings::{RenderCreation, WgpuSettings},
     },
+    window::{CursorMoved, PrimaryWindow, WindowEvent},
 };
-use bevy_egui::{
-    EguiPlugin, EguiRenderOutput,
-    egui::{self, Event, Modifiers, PointerButton, Pos2, RawInput, Rect, Shape, Ui},
-};
+use bevy_egui::{EguiContext, EguiOutput, EguiPlugin, EguiRenderOutput, egui::Ui};
 use bevy_glint::{
     Backend, DebugView, Preset, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionSettingsPanel,
     ReflectionSettingsPanelPlugin, ShadingRateHeuristic, StatusReport, Technique, Tracer,
@@ -24,115 +27,74 @@ use bevy_glint::{
     status::HardwareRates,
 };
 
-/// What buttons that reset say.
+use egui_kittest::{
+    Harness, Node,
+    kittest::{AccessKitNode, Queryable},
+};
+
+/// Text of the buttons that reset a setting.
 const RESET: &str = "⟲";
 
 /// A screen that shows something, with a pointer.
-struct Screen<T> {
-    context: egui::Context,
-    data: T,
-    draw: fn(&mut Ui, &mut T),
-    seconds: f64,
-    /// What can be read, and where; what is drawn last comes last.
-    texts: Vec<(String, Rect)>,
-}
+struct Screen<T: 'static>(Harness<'static, T>);
 
 impl<T> Screen<T> {
     fn new(data: T, draw: fn(&mut Ui, &mut T)) -> Self {
-        let mut screen = Self {
-            context: egui::Context::default(),
-            data,
-            draw,
-            seconds: 0.0,
-            texts: Vec::new(),
-        };
+        let mut screen = Self(Harness::builder().with_size([900.0, 1600.0]).build_ui_state(draw, data));
         screen.rest();
         screen
     }
 
-    fn frame(&mut self, events: Vec<Event>) {
-        self.seconds += 0.1;
-        let input = RawInput {
-            screen_rect: Some(Rect::from_min_size(Pos2::ZERO, egui::vec2(900.0, 1600.0))),
-            time: Some(self.seconds),
-            events,
-            ..RawInput::default()
-        };
-        let (data, draw) = (&mut self.data, self.draw);
-        let output = self.context.run_ui(input, |ui| draw(ui, data));
-        self.texts.clear();
-        for clipped in &output.shapes {
-            read(&clipped.shape, clipped.clip_rect, &mut self.texts);
-        }
-        output.drop_without_applying_deltas();
+    fn data(&self) -> &T {
+        self.0.state()
     }
 
-    /// Frames without input, in which layouts and animations come to rest.
+    /// Frames without input, in which layouts and animations end.
     fn rest(&mut self) {
-        for _ in 0..5 {
-            self.frame(vec![]);
-        }
+        self.0.run_steps(5);
     }
 
-    fn click(&mut self, place: Rect) {
-        let button = |pressed| Event::PointerButton {
-            pos: place.center(),
-            button: PointerButton::Primary,
-            pressed,
-            modifiers: Modifiers::default(),
-        };
-        self.frame(vec![Event::PointerMoved(place.center())]);
-        self.frame(vec![button(true)]);
-        self.frame(vec![button(false)]);
-        self.rest();
+    /// The widgets that show a text; the one that is drawn last comes last.
+    fn all<'a>(&'a self, text: &'a str) -> Vec<Node<'a>> {
+        let shows =
+            move |node: &AccessKitNode<'_>| [node.label(), node.value()].iter().flatten().any(|shown| shown == text);
+        self.0.query_all_by(shows).collect()
     }
 
-    /// Where a text is; of several the one on top.
+    /// A widget by its text; of several the one on top.
     #[track_caller]
-    fn find(&self, text: &str) -> Rect {
-        let found = self.texts.iter().rev().find(|(known, _)| known == text);
-        match found {
-            Some((_, place)) => *place,
-            None => panic!("`{text}` is not on the screen: {:?}", self.texts),
-        }
+    fn find<'a>(&'a self, text: &'a str) -> Node<'a> {
+        let found = self.all(text).pop();
+        found.unwrap_or_else(|| panic!("`{text}` is not on the screen: {:?}", self.0))
     }
 
-    /// Where a text is in the row that begins with `label`.
+    /// A widget by its text, in the row that begins with `label`.
     #[track_caller]
-    fn find_beside(&self, label: &str, text: &str) -> Rect {
-        let row = self.find(label).center().y;
-        let in_row = |place: &Rect| (place.center().y - row).abs() < 10.0;
-        let found = self.texts.iter().find(|(known, place)| known == text && in_row(place));
-        match found {
-            Some((_, place)) => *place,
-            None => panic!("`{text}` is not in the row of `{label}`: {:?}", self.texts),
-        }
+    fn find_beside<'a>(&'a self, label: &'a str, text: &'a str) -> Node<'a> {
+        let row = self.find(label).rect().center().y;
+        let mut found = self.all(text).into_iter();
+        found
+            .find(|node| (node.rect().center().y - row).abs() < 10.0)
+            .unwrap_or_else(|| panic!("`{text}` is not in the row of `{label}`: {:?}", self.0))
     }
 
     #[track_caller]
     fn click_on(&mut self, text: &str) {
-        self.click(self.find(text));
+        self.find(text).click();
+        self.rest();
+    }
+
+    #[track_caller]
+    fn click_beside(&mut self, label: &str, text: &str) {
+        self.find_beside(label, text).click();
+        self.rest();
     }
 
     /// Opens the list in a row, which shows `current`, and clicks on another entry.
     #[track_caller]
     fn choose(&mut self, label: &str, current: &str, entry: &str) {
-        self.click(self.find_beside(label, current));
+        self.click_beside(label, current);
         self.click_on(entry);
-    }
-}
-
-/// Collects texts that are at least partly visible.
-fn read(shape: &Shape, clip: Rect, texts: &mut Vec<(String, Rect)>) {
-    match shape {
-        Shape::Text(text) => {
-            let place = text.visual_bounding_rect();
-            if clip.intersects(place) {
-                texts.push((text.galley.text().to_owned(), place));
-            }
-        }
-        Shape::Vec(shapes) => shapes.iter().for_each(|shape| read(shape, clip, texts)),
-        _ => {}
     }
 }
 
@@ -160,21 +122,21 @@ fn on() -> CameraSettings {
 fn a_click_chooses_and_a_click_resets() {
     let mut panel = panel(on(), able());
     panel.choose("Technique", "Variable", "Quarter");
-    assert_eq!(panel.data.0.reflections.technique, Technique::Quarter);
-    panel.click(panel.find_beside("Technique", RESET));
-    assert_eq!(panel.data.0, on());
+    assert_eq!(panel.data().0.reflections.technique, Technique::Quarter);
+    panel.click_beside("Technique", RESET);
+    assert_eq!(panel.data().0, on());
 
-    panel.click(panel.find_beside("Shadow rays", "on"));
-    assert!(!panel.data.0.reflections.shadow_rays);
-    panel.click(panel.find_beside("Shadow rays", RESET));
-    assert_eq!(panel.data.0, on());
+    panel.click_beside("Shadow rays", "on");
+    assert!(!panel.data().0.reflections.shadow_rays);
+    panel.click_beside("Shadow rays", RESET);
+    assert_eq!(panel.data().0, on());
 
     panel.choose("Heuristic", "Combined", "Grazing");
-    assert!(matches!(panel.data.0.heuristic, ShadingRateHeuristic::Grazing(_)));
+    assert!(matches!(panel.data().0.heuristic, ShadingRateHeuristic::Grazing(_)));
     panel.choose("Size of tiles", "16x16", "8x8");
     panel.click_on("Debug view");
     panel.choose("View", "off", "shading rates");
-    assert_eq!(panel.data.0.debug_view, DebugView::ShadingRates);
+    assert_eq!(panel.data().0.debug_view, DebugView::ShadingRates);
 }
 
 #[test]
@@ -183,7 +145,7 @@ fn a_preset_leaves_the_back_end_alone() {
     settings.reflections.backend = Backend::Hardware;
     let mut panel = panel(settings, able());
     panel.choose("Preset", "Medium", "Ultra");
-    let settings = &panel.data.0;
+    let settings = &panel.data().0;
     assert_eq!(settings.preset(), Some(Preset::Ultra));
     assert_eq!(settings.reflections.backend, Backend::Hardware);
 }
@@ -195,22 +157,22 @@ fn what_the_device_cannot_do_cannot_be_chosen() {
     assert!(why_no_hardware(&report).is_some_and(|reason| reason.contains("it lacks the extension")));
     let mut panel = panel(on(), report);
     panel.choose("Back end", "Automatic", "Hardware");
-    assert_eq!(panel.data.0.reflections.backend, Backend::Auto);
-    panel.data.1 = able();
+    assert_eq!(panel.data().0.reflections.backend, Backend::Auto);
+    panel.0.state_mut().1 = able();
     panel.rest();
     panel.choose("Back end", "Automatic", "Hardware");
-    assert_eq!(panel.data.0.reflections.backend, Backend::Hardware);
+    assert_eq!(panel.data().0.reflections.backend, Backend::Hardware);
 }
 
 #[test]
 fn what_has_no_effect_is_greyed_out() {
     let mut panel = panel(on(), able());
     panel.choose("Technique", "Variable", "Reference");
-    let reference = panel.data.0.clone();
-    panel.click(panel.find_beside("Back end", "Automatic"));
-    panel.click(panel.find_beside("Full-size mirrors", "on"));
-    panel.click(panel.find_beside("Tracer", "Ray queries"));
-    assert_eq!(panel.data.0, reference);
+    let reference = panel.data().0.clone();
+    panel.click_beside("Back end", "Automatic");
+    panel.click_beside("Full-size mirrors", "on");
+    panel.click_beside("Tracer", "Ray queries");
+    assert_eq!(panel.data().0, reference);
 }
 
 #[test]
@@ -222,7 +184,7 @@ fn without_a_tracer_nothing_can_be_switched_on() {
     assert_eq!(why_no_reflections(&StatusReport::default()), None, "not known yet");
     let mut panel = panel(CameraSettings::default(), report);
     panel.click_on("Reflections");
-    assert!(!panel.data.0.on);
+    assert!(!panel.data().0.on);
 }
 
 #[test]
@@ -236,7 +198,7 @@ fn to_look_changes_nothing() {
         ..default()
     });
     let panel = panel(settings.clone(), able());
-    assert_eq!(panel.data.0, settings);
+    assert_eq!(panel.data().0, settings);
 }
 
 #[test]
@@ -259,10 +221,10 @@ fn off_removes_and_on_brings_back() {
         reflection_settings_ui(ui, world, camera);
         reflection_measurements_ui(ui, world, *camera);
     });
-    assert_eq!(panel.data.1, Some(camera));
+    assert_eq!(panel.data().1, Some(camera));
 
     panel.click_on("Reflections");
-    let world = &panel.data.0;
+    let world = &panel.data().0;
     assert!(world.get::<RayTracedReflections>(camera).is_none());
     assert_eq!(
         world.get::<ReflectionsOff>(camera),
@@ -270,7 +232,7 @@ fn off_removes_and_on_brings_back() {
     );
 
     panel.click_on("Reflections");
-    let world = &panel.data.0;
+    let world = &panel.data().0;
     assert!(world.get::<ReflectionsOff>(camera).is_none());
     let restored = RayTracedReflections {
         reset: true,
@@ -283,7 +245,7 @@ fn off_removes_and_on_brings_back() {
     );
 
     panel.choose("Technique", "Quarter", "Variable");
-    let world = &panel.data.0;
+    let world = &panel.data().0;
     let technique = world
         .get::<RayTracedReflections>(camera)
         .map(|settings| settings.technique);
@@ -296,8 +258,8 @@ fn an_empty_world_has_nothing_to_show() {
         reflection_settings_ui(ui, world, camera);
         reflection_measurements_ui(ui, world, *camera);
     });
-    assert!(panel.find("There is no 3D camera.").is_positive());
-    assert_eq!(panel.data.1, None);
+    panel.find("There is no 3D camera.");
+    assert_eq!(panel.data().1, None);
 }
 
 #[test]
@@ -324,11 +286,11 @@ fn the_options_menu_chooses_a_quality() {
         }
     });
     menu.click_on("High");
-    assert_eq!(menu.data, (Quality::High, 1));
+    assert_eq!(menu.data(), &(Quality::High, 1));
     menu.click_on("High");
-    assert_eq!(menu.data, (Quality::High, 1));
+    assert_eq!(menu.data(), &(Quality::High, 1));
     menu.click_on("Off");
-    assert_eq!(menu.data, (Quality::Off, 2));
+    assert_eq!(menu.data(), &(Quality::Off, 2));
 }
 
 #[test]
@@ -401,10 +363,15 @@ fn a_key_opens_the_panel_even_where_nothing_draws_it() {
     assert!(is_open(&app));
 }
 
-/// With a window in name only.
-#[test]
-fn an_app_without_a_gpu_lays_the_panel_out() {
-    for others_draw_with_egui in [false, true] {
+/// An app with a window in name only.
+struct Game {
+    app: App,
+    window: Entity,
+    camera: Entity,
+}
+
+impl Game {
+    fn new(others_draw_with_egui: bool) -> Self {
         let mut app = App::new();
         let no_gpu = RenderPlugin {
             render_creation: RenderCreation::Automatic(Box::new(WgpuSettings {
@@ -432,15 +399,107 @@ fn an_app_without_a_gpu_lays_the_panel_out() {
         ));
         app.finish();
         app.cleanup();
-        let camera = app
-            .world_mut()
-            .spawn((Camera3d::default(), RayTracedReflections::default()))
-            .id();
-        for _ in 0..4 {
-            app.update();
-        }
-        let drawn = app.world().get::<EguiRenderOutput>(camera);
-        assert!(drawn.is_some_and(|output| !output.paint_jobs.is_empty()));
-        assert_eq!(app.world().resource::<ReflectionSettingsPanel>().camera, Some(camera));
+        let world = app.world_mut();
+        let camera = world.spawn((Camera3d::default(), RayTracedReflections::default())).id();
+        let window = world
+            .query_filtered::<Entity, With<PrimaryWindow>>()
+            .single(world)
+            .unwrap();
+        let mut game = Self { app, window, camera };
+        game.rest();
+        let context = game.app.world_mut().get_mut::<EguiContext>(camera);
+        context.unwrap().get_mut().enable_accesskit();
+        game.rest();
+        game
     }
+
+    /// Frames without input, in which layouts end.
+    fn rest(&mut self) {
+        for _ in 0..4 {
+            self.app.update();
+        }
+    }
+
+    /// The middle of what shows a text.
+    fn find(&self, text: &str) -> Option<Vec2> {
+        let output = self.app.world().get::<EguiOutput>(self.camera)?;
+        let nodes = &output.platform_output.accesskit_update.as_ref()?.nodes;
+        let (_, node) = nodes.iter().find(|(_, node)| node.label() == Some(text))?;
+        let place = node.bounds()?;
+        Some(Vec2::new((place.x0 + place.x1) as f32, (place.y0 + place.y1) as f32) / 2.0)
+    }
+
+    fn point(&mut self, position: Vec2) {
+        let (window, delta) = (self.window, None);
+        let moved = CursorMoved {
+            window,
+            position,
+            delta,
+        };
+        self.app.world_mut().write_message(WindowEvent::from(moved));
+        self.app.update();
+    }
+
+    fn button(&mut self, state: ButtonState) {
+        let (button, window) = (MouseButton::Left, self.window);
+        let input = MouseButtonInput { button, state, window };
+        self.app.world_mut().write_message(WindowEvent::from(input));
+        self.app.update();
+    }
+
+    fn drag(&mut self, from: Vec2, to: Vec2) {
+        self.point(from);
+        self.button(ButtonState::Pressed);
+        self.point(to);
+        self.button(ButtonState::Released);
+        self.rest();
+    }
+
+    fn press(&mut self, key_code: KeyCode) {
+        for state in [ButtonState::Pressed, ButtonState::Released] {
+            self.app.world_mut().write_message(KeyboardInput {
+                key_code,
+                logical_key: Key::Unidentified(NativeKey::Unidentified),
+                state,
+                text: None,
+                repeat: false,
+                window: self.window,
+            });
+            self.app.update();
+        }
+        self.rest();
+    }
+}
+
+#[test]
+fn an_app_without_a_gpu_lays_the_panel_out() {
+    for others_draw_with_egui in [false, true] {
+        let game = Game::new(others_draw_with_egui);
+        let world = game.app.world();
+        let drawn = world.get::<EguiRenderOutput>(game.camera);
+        assert!(drawn.is_some_and(|output| !output.paint_jobs.is_empty()));
+        assert_eq!(world.resource::<ReflectionSettingsPanel>().camera, Some(game.camera));
+    }
+}
+
+/// Events of a window reach the panel through the plugin's own systems.
+#[test]
+fn pointer_and_keys_reach_the_panel() {
+    let mut game = Game::new(false);
+    let reflects = |game: &Game| game.app.world().get::<RayTracedReflections>(game.camera).is_some();
+    let switch = game.find("Reflections").expect("the panel is open");
+    for on in [false, true] {
+        game.drag(switch, switch);
+        assert_eq!(reflects(&game), on);
+    }
+
+    let (bar, way) = (Vec2::new(158.0, 22.0), Vec2::new(250.0, 40.0));
+    game.drag(bar, bar + way);
+    let dragged = game.find("Reflections").expect("the panel is still open");
+    assert!((dragged - switch).abs_diff_eq(way, 1.0), "{switch} {dragged}");
+
+    game.press(KeyCode::F2);
+    assert_eq!(game.find("Reflections"), None);
+    game.press(KeyCode::F2);
+    assert_eq!(game.find("Reflections"), Some(dragged));
 }

@@ -1,4 +1,4 @@
-//! The short version of the stress suite: every ingredient of hostile scenes, some random scenes, known scenes, the faults that are
+//! The short version of the stress suite: every generator of hostile scenes, some random scenes, known scenes, the faults that are
 //! cheap, shaders with runtime checks, and trees that no builder makes. `cargo xtask stress` is the long one.
 
 mod common;
@@ -22,14 +22,16 @@ use common::{
 };
 use glint_scenes::SceneName;
 use glint_stress::{
-    bounds::{self, Bounds, Case},
+    bounds::{Bounds, Case},
     energy::{self, Lengths},
-    faults::{Fault, FaultOutcome},
-    furnace, long_run,
-    recipe::Recipe,
-    runner::{Runner, Verdict},
-    stage::{Stage, StageError, StageSettings},
-    still::StillScene,
+    faults::Fault,
+    furnace,
+    fuzzer::Fuzzer,
+    harness::{Harness, HarnessSettings},
+    long_run,
+    scenario::Scenario,
+    static_scene::StaticScene,
+    verdict::Verdict,
 };
 use std::{
     sync::{Mutex, MutexGuard, PoisonError},
@@ -37,14 +39,14 @@ use std::{
 };
 
 const SIZE: UVec2 = UVec2::new(48, 32);
-/// Frames of each scene that holds a share of all ingredients.
+/// Frames of each scene of those that together hold all generators.
 const FRAMES: u32 = 3;
 /// Seeds of random scenes, which differ in everything.
 const SEEDS: core::ops::Range<u64> = 100..106;
 /// Laps of the moving camera: one to warm up, three to compare with three others.
 const LAPS: u32 = 7;
-/// Time for making a failing recipe simpler.
-const SIMPLER: Duration = Duration::from_secs(60);
+/// Most time for simplifying a failing scenario.
+const SIMPLIFY: Duration = Duration::from_secs(60);
 /// Techniques that known scenes are measured with: the plain path, and the one with all steps.
 static TECHNIQUES: [&str; 2] = ["reference", "vrs-combined"];
 
@@ -65,32 +67,29 @@ fn skip(reason: &str) {
     println!("skipped: {reason}");
 }
 
-fn survive(tracer: TracerChoice, recipes: impl Iterator<Item = Recipe>) {
+fn survive(tracer: TracerChoice, scenarios: impl Iterator<Item = Scenario>) {
     let _alone = alone();
-    let mut runner = Runner::new(StageSettings {
+    let mut fuzzer = Fuzzer::new(HarnessSettings {
         tracer,
         diagnostics: true,
-        ..StageSettings::default()
+        ..HarnessSettings::default()
     });
     let mut failures = Vec::new();
-    for recipe in recipes {
-        let recipe = recipe.without_heavy();
-        println!("{}: {}", recipe.options(), recipe.describe());
-        match runner.run(&recipe, SIMPLER) {
-            Verdict::Passed => {}
-            Verdict::Foreign(problems) => println!("    Bevy fails, too: {problems:?}"),
-            Verdict::Failed(finding) => {
-                println!("    {:?}", finding.problems);
-                failures.push(format!(
-                    "{:#?}\nalone: {}, simplest: {:?}",
-                    finding.problems, finding.alone, finding.recipe
-                ));
+    for scenario in scenarios {
+        let scenario = scenario.without_heavy();
+        println!("seed {}: {}", scenario.seed, scenario.describe());
+        match fuzzer.run(&scenario, SIMPLIFY) {
+            Verdict::Passed(_) => {}
+            Verdict::Failed(problems) => {
+                println!("    {problems:?}");
+                failures.push(format!("{problems:#?}\nsimplest: {:?}", fuzzer.simplest));
             }
-            Verdict::Unavailable(reason) => return skip(&reason),
+            Verdict::Skipped(reason) => return skip(&reason),
+            verdict @ (Verdict::Upstream(_) | Verdict::Undecided(_)) => println!("    {verdict:?}"),
         }
     }
-    println!("{tracer:?}: {}", runner.tally());
-    runner.close();
+    println!("{tracer:?}: {}", fuzzer.take_tally());
+    fuzzer.close();
     assert!(
         failures.is_empty(),
         "{} scenes failed:\n{}",
@@ -99,80 +98,78 @@ fn survive(tracer: TracerChoice, recipes: impl Iterator<Item = Recipe>) {
     );
 }
 
-fn random_scenes() -> impl Iterator<Item = Recipe> {
-    SEEDS.map(|seed| Recipe {
+fn random_scenes() -> impl Iterator<Item = Scenario> {
+    SEEDS.map(|seed| Scenario {
         size: SIZE,
-        ..Recipe::random(seed, None)
+        ..Scenario::random(seed, None)
     })
 }
 
 #[test]
 fn hostile_scenes_are_survived_with_the_bvh() {
-    let cover = Recipe::cover(1, SIZE, FRAMES).into_iter();
+    let cover = Scenario::cover(1, SIZE, FRAMES).into_iter();
     survive(TracerChoice::Bvh, cover.chain(random_scenes()));
 }
 
 #[test]
 fn hostile_scenes_are_survived_with_ray_queries() {
-    // Dealt out by another seed, of which a part is enough: most ingredients don't know who traces.
-    let cover = Recipe::cover(2, SIZE, FRAMES).into_iter().step_by(3);
+    // A part of another seed's scenarios is enough: most generators don't depend on the tracer.
+    let cover = Scenario::cover(2, SIZE, FRAMES).into_iter().step_by(3);
     survive(TracerChoice::RayQuery, cover.chain(random_scenes()));
 }
 
 #[test]
 fn known_scenes_keep_their_light() {
     let _alone = alone();
-    let settings = StageSettings {
+    let settings = HarnessSettings {
         tracer: TracerChoice::Bvh,
-        ..StageSettings::default()
+        ..HarnessSettings::default()
     };
-    let mut stage = match Stage::new(&settings) {
-        Ok(stage) => stage,
-        Err(error @ (StageError::NoRenderer | StageError::NoRayQueries(_))) => return skip(&error.to_string()),
+    let mut harness = match Harness::new(&settings) {
+        Ok(harness) => harness,
+        Err(error) => return skip(&error),
     };
-    let stage = &mut stage;
+    let harness = &mut harness;
     let deadline = Instant::now() + Duration::from_secs(3600);
     let lengths = Lengths {
-        truth: 160,
+        ground_truth: 160,
         settle: 64,
         average: 16,
     };
-    let names = Some(&TECHNIQUES[..]);
-    let floor = StillScene::BuiltIn(SceneName::EmissiveFloor);
+    let floor = StaticScene::BuiltIn(SceneName::EmissiveFloor);
     let size = UVec2::new(64, 36);
     let measured = [
-        furnace::measure(stage, UVec2::new(96, 48), lengths, names, deadline),
-        energy::compare(stage, floor, size, lengths, names, deadline),
-        energy::compare(stage, StillScene::Random(1), size, lengths, names, deadline),
+        furnace::measure(harness, UVec2::new(96, 48), lengths, &TECHNIQUES, deadline),
+        energy::compare(harness, floor, size, lengths, &TECHNIQUES, deadline),
+        energy::compare(harness, StaticScene::Random(1), size, lengths, &TECHNIQUES, deadline),
     ];
     let mut problems = Vec::new();
     for measured in measured {
         match measured {
-            Ok(findings) => {
-                findings.lines.iter().for_each(|line| println!("{line}"));
-                findings
-                    .open
-                    .iter()
-                    .for_each(|line| println!("too noisy to judge: {line}"));
-                problems.extend(findings.problems);
+            Ok(measurements) => {
+                measurements.lines.iter().for_each(|line| println!("{line}"));
+                for line in measurements.undecided {
+                    println!("too noisy to judge: {line}");
+                }
+                problems.extend(measurements.problems);
             }
             Err(reason) => problems.push(reason),
         }
     }
     // Of so few laps of so small a picture the mean is noisy: only a large drift fails here.
-    match long_run::run(stage, UVec2::new(48, 27), LAPS * long_run::LAP, deadline) {
+    match long_run::run(harness, UVec2::new(48, 27), LAPS * long_run::LAP, deadline) {
         Ok(outcome) => {
-            println!("{}, {:?}, {:?}", outcome.describe(), outcome.laps, outcome.open);
+            println!("{}, {:?}, {:?}", outcome.describe(), outcome.laps, outcome.undecided);
             problems.extend(outcome.problems);
         }
         Err(reason) => problems.push(reason),
     }
-    problems.extend(stage.take_errors());
+    problems.extend(harness.take_errors());
     assert!(problems.is_empty(), "{problems:#?}");
 }
 
 #[test]
-fn faults_are_told_and_the_game_goes_on() {
+fn faults_are_reported_and_the_app_keeps_running() {
     let _alone = alone();
     let mut failures = Vec::new();
     for fault in [
@@ -181,12 +178,12 @@ fn faults_are_told_and_the_game_goes_on() {
         Fault::DeviceLost,
         Fault::BrokenPass,
     ] {
-        let (outcome, _) = fault.run(TracerChoice::Bvh, SIZE);
-        println!("{}: {outcome:?}", fault.name());
-        match outcome {
-            FaultOutcome::Passed(_) | FaultOutcome::Foreign(_) => {}
-            FaultOutcome::Skipped(reason) => skip(&reason),
-            FaultOutcome::Failed(problems) => failures.push(format!("{}: {problems:#?}", fault.name())),
+        let (verdict, _) = fault.run(TracerChoice::Bvh, SIZE);
+        println!("{fault:?}: {verdict:?}");
+        match verdict {
+            Verdict::Skipped(reason) => skip(&reason),
+            Verdict::Failed(problems) => failures.push(format!("{fault:?}: {problems:#?}")),
+            Verdict::Passed(_) | Verdict::Upstream(_) | Verdict::Undecided(_) => {}
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
@@ -197,16 +194,16 @@ fn runtime_checks_change_nothing() {
     let _alone = alone();
     let mut bounds = match Bounds::new(TracerChoice::Bvh, SIZE) {
         Ok(bounds) => bounds,
-        Err(error @ (StageError::NoRenderer | StageError::NoRayQueries(_))) => return skip(&error.to_string()),
+        Err(error) => return skip(&error),
     };
     let mut failures = Vec::new();
     let cases = Case::all(1, SIZE);
     // A scene with a moving history, and two hostile ones.
     for case in [&cases[0], &cases[cases.len() - 2], &cases[cases.len() - 1]] {
-        match bounds.compare(case) {
-            bounds::Verdict::Same => println!("the same: {}", case.describe()),
-            bounds::Verdict::Open(reason) => println!("not known of {}: {reason}", case.describe()),
-            bounds::Verdict::Different(problems) => failures.push(format!("{}: {problems:?}", case.describe())),
+        let verdict = bounds.compare(case);
+        println!("{}: {verdict:?}", case.describe());
+        if let Verdict::Failed(problems) = verdict {
+            failures.push(format!("{}: {problems:?}", case.describe()));
         }
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));

@@ -1,13 +1,14 @@
-//! Running cargo inside this workspace.
+//! Running cargo in this workspace, and the programs that it builds.
 
 use std::env;
-use std::ffi::OsString;
-use std::fs;
+use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 
-use crate::failure::{Failure, Result};
-use crate::version::Version;
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+
+use crate::environment;
 
 /// The root of the workspace.
 pub fn workspace_root() -> PathBuf {
@@ -19,156 +20,168 @@ pub fn workspace_root() -> PathBuf {
         .map_or_else(|| PathBuf::from("."), Path::to_path_buf)
 }
 
-/// `cargo <subcommand>` in the workspace root.
-///
-/// The variables that cargo set for this program are taken out, or they would reach the inner build.
-pub fn cargo(subcommand: &str) -> Command {
-    let program = env::var_os("CARGO").unwrap_or_else(|| OsString::from("cargo"));
+/// A command that starts a program without the variables that cargo set for this one: they would reach inner builds and tests.
+pub fn command(program: impl AsRef<OsStr>) -> Command {
+    const PREFIXES: [&str; 3] = ["CARGO_PKG_", "CARGO_MANIFEST_", "CARGO_BIN_"];
     let mut command = Command::new(program);
-    command.arg(subcommand).current_dir(workspace_root());
     for (name, _) in env::vars_os() {
         let text = name.to_string_lossy();
-        if text.starts_with("CARGO_PKG_") || text.starts_with("CARGO_MANIFEST_") || text.starts_with("CARGO_BIN_") {
+        if PREFIXES.iter().any(|prefix| text.starts_with(prefix)) {
             command.env_remove(&name);
         }
     }
     command
 }
 
-/// `cargo <subcommand> --release`, which accepts a compiler that is older than the workspace asks for.
-///
-/// Bevy declares the newest compiler that it is tested with and builds with older ones too.
-pub fn release(subcommand: &str) -> Result<Command> {
+/// `cargo <subcommand>` in the workspace root.
+pub fn cargo(subcommand: &str) -> Command {
+    let mut command = command(env::var_os("CARGO").unwrap_or_else(|| OsString::from("cargo")));
+    command.arg(subcommand).current_dir(workspace_root());
+    command
+}
+
+/// `cargo <subcommand>` for the compilation of something, in release mode.
+pub fn release(subcommand: &str) -> Command {
     let mut command = cargo(subcommand);
-    command.arg("--release");
-    let manifest = workspace_root().join("Cargo.toml");
-    let manifest = fs::read_to_string(&manifest)
-        .map_err(|error| Failure::new(format!("{} can't be read: {error}", manifest.display())))?;
-    if let (Some(required), Some(present)) = (required_version(&manifest), compiler_version()?)
-        && present < required
-    {
-        command.arg("--ignore-rust-version");
+    // Bevy declares the newest compiler that it is tested with, and builds with older ones too.
+    command.args(["--release", "--ignore-rust-version"]);
+    if environment::is_ci() {
+        command.arg("--locked");
     }
-    Ok(command)
+    command
 }
 
-/// A program of the workspace to build and run.
-#[derive(Clone, Copy)]
-pub enum Program {
-    /// A binary of a tool.
-    Binary(&'static str),
-    /// An example of the library.
-    Example(&'static str),
-}
-
-/// Builds a program and returns the command that runs it, in the workspace root.
+/// The same with the whole workspace selected: this is how every program and test is built.
 ///
-/// Every command of this crate selects the whole workspace, so that Cargo unifies features over all of it and compiles Bevy once
-/// (`tools/unify` has the details). `cargo run` can't select it, hence the two steps.
-pub fn program(program: Program) -> Result<Command> {
-    let (kind, name, folder) = match program {
-        Program::Binary(name) => ("--bin", name, "release"),
-        Program::Example(name) => ("--example", name, "release/examples"),
+/// Cargo then unifies features over all packages, so that Bevy is compiled once; `tools/unify` has the details.
+pub fn workspace(subcommand: &str) -> Command {
+    let mut command = release(subcommand);
+    command.arg("--workspace");
+    command
+}
+
+/// Builds a binary of a tool and returns the command that runs it in the current folder.
+pub fn program(name: &str) -> Result<Command> {
+    let built = build(workspace("build").args(["--bin", name]))?;
+    let Some(built) = built.into_iter().find(|built| built.name == name) else {
+        bail!("cargo built no program `{name}`");
     };
-    let mut build = release("build")?;
-    build.args(["--workspace", kind, name]);
-    run(&mut build, &format!("the build of `{name}`"))?;
-    let root = workspace_root();
-    let target = env::var_os("CARGO_TARGET_DIR").map_or_else(|| PathBuf::from("target"), PathBuf::from);
-    let file = root
-        .join(target)
-        .join(folder)
-        .join(name)
-        .with_extension(env::consts::EXE_EXTENSION);
-    let mut command = Command::new(file);
+    let mut command = command(built.executable);
     // Bevy looks for assets beside the program otherwise.
-    command.current_dir(&root).env("BEVY_ASSET_ROOT", &root);
+    command.env("BEVY_ASSET_ROOT", workspace_root());
     Ok(command)
+}
+
+/// A program that cargo built.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Executable {
+    /// The name of the target.
+    pub name: String,
+    /// The folder of its package.
+    pub package: PathBuf,
+    /// Its source file.
+    pub source: PathBuf,
+    /// The program itself.
+    pub executable: PathBuf,
+    /// True for programs that run tests.
+    pub is_test: bool,
+}
+
+impl Executable {
+    /// Reads one of cargo's messages; most of them are about something else.
+    fn parse(message: &str) -> Option<Self> {
+        let message: Value = serde_json::from_str(message).ok()?;
+        let path = |value: &Value| value.as_str().map(PathBuf::from);
+        Some(Self {
+            name: message["target"]["name"].as_str()?.to_owned(),
+            package: path(&message["manifest_path"])?.parent()?.to_path_buf(),
+            source: path(&message["target"]["src_path"])?,
+            executable: path(&message["executable"])?,
+            is_test: message["profile"]["test"].as_bool()?,
+        })
+    }
+}
+
+/// Runs a command of cargo that compiles and returns the programs that it was asked for.
+pub fn build(command: &mut Command) -> Result<Vec<Executable>> {
+    command.arg("--message-format=json-render-diagnostics");
+    let output = command
+        .stderr(Stdio::inherit())
+        .output()
+        .with_context(|| format!("{} can't be started", command.get_program().display()))?;
+    if !output.status.success() {
+        bail!("the build failed ({})", output.status);
+    }
+    let messages = String::from_utf8_lossy(&output.stdout);
+    Ok(messages.lines().filter_map(Executable::parse).collect())
 }
 
 /// Runs a command to its end with its output shown; `what` completes the sentence "… failed".
-pub fn run(command: &mut Command, what: &str) -> Result {
-    let status = command.status().map_err(|error| not_started(command, &error))?;
-    if status.success() {
-        Ok(())
-    } else {
-        Err(Failure::new(format!("{what} failed ({status})")))
+pub fn run(command: &mut Command, what: &str) -> Result<()> {
+    let status = command
+        .status()
+        .with_context(|| format!("{} can't be started", command.get_program().display()))?;
+    if !status.success() {
+        bail!("{what} failed ({status})");
     }
-}
-
-/// The failure of a program that didn't even start.
-pub fn not_started(command: &Command, error: &std::io::Error) -> Failure {
-    Failure::new(format!(
-        "`{}` can't be started: {error}",
-        command.get_program().to_string_lossy()
-    ))
-}
-
-/// Fails early, and in plain words, if the root package lacks an example.
-pub fn require_example(name: &str) -> Result {
-    let folder = workspace_root().join("examples");
-    if folder.join(format!("{name}.rs")).is_file() || folder.join(name).join("main.rs").is_file() {
-        Ok(())
-    } else {
-        Err(Failure::new(format!(
-            "this checkout has no example `{name}` (examples/{name}.rs)"
-        )))
-    }
-}
-
-fn compiler_version() -> Result<Option<Version>> {
-    let program = env::var_os("RUSTC").unwrap_or_else(|| OsString::from("rustc"));
-    let mut command = Command::new(program);
-    let output = command
-        .arg("--version")
-        .current_dir(workspace_root())
-        .output()
-        .map_err(|error| not_started(&command, &error))?;
-    Ok(parse_rustc(&String::from_utf8_lossy(&output.stdout)))
-}
-
-/// Reads `rustc 1.95.0 (59807616e 2026-04-14)`.
-fn parse_rustc(text: &str) -> Option<Version> {
-    text.split_whitespace().nth(1).and_then(Version::parse)
-}
-
-/// The `rust-version` of a manifest, wherever it stands.
-fn required_version(manifest: &str) -> Option<Version> {
-    manifest.lines().find_map(|line| {
-        let (key, value) = line.split_once('=')?;
-        if key.trim() != "rust-version" {
-            return None;
-        }
-        Version::parse(value.trim().trim_matches('"'))
-    })
+    Ok(())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::{BTreeMap, BTreeSet};
 
     #[test]
-    fn compiler_versions() {
-        assert_eq!(
-            parse_rustc("rustc 1.95.0 (59807616e 2026-04-14)\n"),
-            Some(Version([1, 95, 0]))
-        );
-        assert_eq!(
-            parse_rustc("rustc 1.99.0-nightly (abc 2026-11-01)"),
-            Some(Version([1, 99, 0]))
-        );
-        assert_eq!(parse_rustc("garbage"), None);
-    }
-
-    #[test]
-    fn the_required_version_is_read_from_the_manifest() {
-        let manifest = "[workspace.package]\nedition = \"2024\"\nrust-version = \"1.97.1\"\n";
-        assert_eq!(required_version(manifest), Some(Version([1, 97, 1])));
-        assert_eq!(required_version("rust-version.workspace = true"), None);
+    fn programs_are_found_among_messages() {
+        let message = r#"{"reason":"compiler-artifact","manifest_path":"/w/tools/x/Cargo.toml","target":{"kind":["bin"],
+            "name":"x","src_path":"/w/tools/x/src/main.rs"},"profile":{"test":false},"executable":"/t/release/x"}"#;
+        let expected = Executable {
+            name: "x".into(),
+            package: "/w/tools/x".into(),
+            source: "/w/tools/x/src/main.rs".into(),
+            executable: "/t/release/x".into(),
+            is_test: false,
+        };
+        assert_eq!(Executable::parse(message), Some(expected));
+        let library = message.replace("\"/t/release/x\"", "null");
+        for other in [&library, "", "text", r#"{"reason":"build-finished","success":true}"#] {
+            assert_eq!(Executable::parse(other), None, "{other}");
+        }
     }
 
     #[test]
     fn the_root_holds_the_workspace() {
         assert!(workspace_root().join("Cargo.toml").is_file());
+    }
+
+    /// The sets of features that each package is compiled with. There may be two of one package: procedural macros and build scripts
+    /// have dependencies of their own.
+    fn features(edges: &str) -> BTreeMap<String, BTreeSet<String>> {
+        let mut tree = cargo("tree");
+        tree.args(["--workspace", "--locked", "--prefix=none", "--format={p}|{f}"]);
+        let output = tree.args(["--edges", edges]).output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let mut features = BTreeMap::<_, BTreeSet<_>>::new();
+        for line in String::from_utf8(output.stdout).unwrap().lines() {
+            if let Some((package, list)) = line.trim_end_matches(" (*)").split_once('|') {
+                features.entry(package.to_owned()).or_default().insert(list.to_owned());
+            }
+        }
+        features
+    }
+
+    /// Otherwise cargo compiles a package, and all that depends on it, once for programs and once for tests.
+    #[test]
+    fn programs_and_tests_share_one_build() {
+        let (programs, tests) = (features("normal,build"), features("normal,build,dev"));
+        assert!(programs.keys().any(|package| package.starts_with("bevy_render v")));
+        for (package, features) in &programs {
+            assert!(
+                features.is_subset(&tests[package]),
+                "features of {package} differ: programs have {features:?}, tests {:?}; add what is missing to tools/unify/Cargo.toml",
+                tests[package]
+            );
+        }
     }
 }

@@ -3,113 +3,116 @@
 use std::env;
 use std::path::Path;
 use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
-use crate::failure::{Failure, Result};
-use crate::{cargo, file_sizes, progress, test};
+use anyhow::{Result, bail};
 
-/// Feature sets of the library that must compile besides those that the other steps build.
-///
-/// The first has no windowing feature: the plugin must build for servers. Nor has it the hardware back end.
-const FEATURE_SETS: [&[&str]; 1] = [&["--no-default-features"]];
+use crate::progress::{self, Times};
+use crate::{cargo, file_sizes, test};
 
-/// Where the plugin declines, but must compile.
+/// A platform on which the plugin declines, but must compile.
 const WEB: &str = "wasm32-unknown-unknown";
 
-/// Runs every check, cheap ones first, and all of them even if one fails.
-pub fn run() -> Result {
-    let mut failed = Vec::new();
-    let mut check = |name: &'static str, action: &mut dyn FnMut() -> Result| {
-        if let Err(failure) = progress::step(name, action) {
-            progress::note(&failure);
-            failed.push(name);
-        }
-    };
-    check("format", &mut || {
+/// Runs every check, cheap ones first, and all of them even if one fails. Ends with a table of times.
+pub fn run() -> Result<()> {
+    let start = Instant::now();
+    let mut checks = Checks::default();
+    checks.run("format", || {
         cargo::run(cargo::cargo("fmt").args(["--all", "--check"]), "the format check")
     });
-    check("file sizes", &mut file_sizes::check);
-    check("spelling", &mut || {
-        optional("typos", Command::new("typos").current_dir(cargo::workspace_root()))
-    });
-    check("dependencies", &mut || {
-        // Without the network there is no advisory database; the other checks need none.
-        optional(
-            "cargo-deny",
-            cargo::cargo("deny").args(["--offline", "check", "bans", "licenses", "sources"]),
-        )
-    });
-    check("lints", &mut || {
-        let mut clippy = cargo::release("clippy")?;
-        clippy
-            .args(["--workspace", "--all-targets", "--locked"])
-            .args(["--", "--deny", "warnings"]);
-        cargo::run(&mut clippy, "clippy")
-    });
-    check("docs", &mut || {
-        let mut doc = cargo::release("doc")?;
-        doc.args(["--workspace", "--no-deps", "--document-private-items", "--locked"])
-            .env("RUSTDOCFLAGS", rustdoc_flags());
-        cargo::run(&mut doc, "cargo doc")
-    });
-    check("feature sets", &mut || {
-        for features in FEATURE_SETS {
-            let mut library = cargo::release("check")?;
-            library
-                .args(["--package", "bevy_glint", "--lib", "--locked"])
-                .args(features);
-            cargo::run(&mut library, &format!("the library with {}", features.join(" ")))?;
+    checks.run("file sizes", file_sizes::check);
+    let mut typos = Command::new("typos");
+    checks.run_tool("spelling", "typos", typos.current_dir(cargo::workspace_root()));
+    // Without the network there is no advisory database; the other checks need none.
+    let mut deny = cargo::cargo("deny");
+    deny.args(["--offline", "check", "bans", "licenses", "sources"]);
+    checks.run_tool("dependencies", "cargo-deny", &mut deny);
+    checks.run("lints", lints);
+    checks.run("docs", docs);
+    // No windowing feature and no hardware back end: the plugin must build for servers, with what its own manifest asks for.
+    checks.run("library alone", || library(&["--no-default-features"]));
+    if has_target(WEB) {
+        checks.run("web", || library(&["--target", WEB, "--features", "egui,hardware-vrs"]));
+    } else {
+        checks.skip("web", &format!("`rustup target add {WEB}` brings what it needs"));
+    }
+    let tests = test::measure(&test::Options::default(), &mut checks.times);
+    checks.note_failure("tests", tests);
+    checks.times.add("in all", start.elapsed(), "");
+    progress::result(format_args!("\n{}", checks.times));
+    if !checks.failed.is_empty() {
+        bail!("these checks failed: {}", checks.failed.join(", "));
+    }
+    Ok(())
+}
+
+/// The checks so far.
+#[derive(Default)]
+struct Checks {
+    times: Times,
+    failed: Vec<&'static str>,
+}
+
+impl Checks {
+    fn run(&mut self, name: &'static str, check: impl FnOnce() -> Result<()>) {
+        let result = self.times.step(name, check);
+        self.note_failure(name, result);
+    }
+
+    /// Runs a tool that is not part of the Rust toolchain, if it is installed.
+    fn run_tool(&mut self, name: &'static str, tool: &str, command: &mut Command) {
+        let is_installed = Command::new(tool)
+            .arg("--version")
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .status()
+            .is_ok_and(|status| status.success());
+        if is_installed {
+            self.run(name, || cargo::run(command, tool));
+        } else {
+            self.skip(name, &format!("{tool} is not installed"));
         }
-        Ok(())
-    });
-    check("web", &mut || {
-        if !has_target(WEB) {
-            progress::note(format_args!("skipped: `rustup target add {WEB}` brings what it needs"));
-            return Ok(());
+    }
+
+    fn skip(&mut self, name: &str, reason: &str) {
+        let remark = format!("skipped: {reason}");
+        progress::say(format_args!("==> {name}: {remark}"));
+        self.times.add(name, Duration::ZERO, &remark);
+    }
+
+    fn note_failure(&mut self, name: &'static str, result: Result<()>) {
+        if let Err(error) = result {
+            progress::note(format_args!("{error:#}"));
+            self.failed.push(name);
         }
-        let mut library = cargo::release("check")?;
-        library
-            .args(["--package", "bevy_glint", "--lib", "--locked", "--target", WEB])
-            .args(["--features", "egui,hardware-vrs"]);
-        cargo::run(&mut library, "the library for browsers")
-    });
-    let tests = test::run(&test::Options::default());
-    match (failed.as_slice(), tests) {
-        ([], tests) => tests,
-        (failed, Ok(())) => Err(Failure::new(format!("these checks failed: {}", failed.join(", ")))),
-        (failed, Err(tests)) => Err(Failure::new(format!(
-            "{tests}, and these checks failed: {}",
-            failed.join(", ")
-        ))),
     }
 }
 
-/// Whether the standard library of a target is installed.
+fn lints() -> Result<()> {
+    let mut clippy = cargo::workspace("clippy");
+    clippy.args(["--all-targets", "--", "--deny", "warnings"]);
+    cargo::run(&mut clippy, "clippy")
+}
+
+fn docs() -> Result<()> {
+    let mut doc = cargo::workspace("doc");
+    let flags = env::var("RUSTDOCFLAGS").unwrap_or_default();
+    doc.args(["--no-deps", "--document-private-items"])
+        .env("RUSTDOCFLAGS", format!("{flags} --deny warnings").trim_start());
+    cargo::run(&mut doc, "cargo doc")
+}
+
+/// Checks the library with features of its own, instead of those of the whole workspace.
+fn library(options: &[&str]) -> Result<()> {
+    let mut check = cargo::release("check");
+    check.args(["--package", "bevy_glint", "--lib"]).args(options);
+    cargo::run(&mut check, &format!("the library with {}", options.join(" ")))
+}
+
+/// True if the standard library of a target is installed.
 fn has_target(target: &str) -> bool {
     let output = Command::new("rustc")
         .args(["--print", "target-libdir", "--target", target])
         .output();
     output.is_ok_and(|output| Path::new(String::from_utf8_lossy(&output.stdout).trim()).is_dir())
-}
-
-/// The user's flags for rustdoc, and warnings denied.
-fn rustdoc_flags() -> String {
-    let mut flags = env::var("RUSTDOCFLAGS").unwrap_or_default();
-    flags.push_str(" --deny warnings");
-    flags.trim_start().to_owned()
-}
-
-/// Runs a tool that is not part of the Rust toolchain, if it is installed.
-fn optional(tool: &str, command: &mut Command) -> Result {
-    let is_installed = Command::new(tool)
-        .arg("--version")
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .status()
-        .is_ok_and(|status| status.success());
-    if is_installed {
-        cargo::run(command, tool)
-    } else {
-        progress::note(format_args!("skipped: {tool} is not installed"));
-        Ok(())
-    }
 }

@@ -2,12 +2,12 @@
 
 use std::env;
 
-/// Whether this runs in continuous integration, where a test that can't run is a failure.
+/// True in continuous integration, where a test that can't run is a failure.
 pub fn is_ci() -> bool {
     is_true(env::var("CI").ok().as_deref())
 }
 
-/// Whether a switch is on: set, and neither empty, `0` nor `false`.
+/// True if a switch is on: set, and neither empty, `0` nor `false`.
 pub fn is_on(name: &str) -> bool {
     is_true(env::var(name).ok().as_deref())
 }

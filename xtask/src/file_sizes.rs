@@ -3,7 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::failure::{Failure, Result};
+use anyhow::{Result, bail};
+
 use crate::{cargo, progress};
 
 /// Lines above which a file is worth splitting.
@@ -14,7 +15,7 @@ const HARD_LIMIT: usize = 700;
 const EXTENSIONS: [&str; 2] = ["rs", "wesl"];
 
 /// Checks every source file of the workspace.
-pub fn check() -> Result {
+pub fn check() -> Result<()> {
     let root = cargo::workspace_root();
     let mut files = Vec::new();
     collect(&root, &mut files);
@@ -25,9 +26,7 @@ pub fn check() -> Result {
     }
     let too_long = files.iter().filter(|(_, lines)| *lines > HARD_LIMIT).count();
     if too_long > 0 {
-        return Err(Failure::new(format!(
-            "{too_long} source file(s) have more than {HARD_LIMIT} lines; split them"
-        )));
+        bail!("{too_long} source file(s) have more than {HARD_LIMIT} lines; split them");
     }
     Ok(())
 }

@@ -2,27 +2,20 @@
 //!
 //! They need nothing but cargo and a C/C++ compiler: the Vulkan driver is looked for, and installed where that is possible.
 
-mod bench;
 mod cargo;
 mod ci;
-mod demo;
 mod driver;
 mod environment;
-mod evaluate;
-mod failure;
 mod file_sizes;
 mod new_user;
 mod progress;
-mod stress;
+mod publish;
 mod test;
-mod version;
-mod window;
+mod tools;
 
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-
-use crate::failure::Result;
 
 /// The commands of this workspace.
 #[derive(Parser)]
@@ -34,39 +27,37 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Show ray-traced reflections: the demo scene, or any glTF file.
-    Demo(demo::Options),
+    /// Show ray-traced reflections: a built-in scene (`--scene street`) or any glTF file (`--gltf FILE`), in a window or as an image
+    /// (`--headless --size 1920x1080 --out shot.png`).
+    Demo(tools::Options),
     /// Run every test, on the CPU Vulkan driver if there is no GPU.
     Test(test::Options),
     /// Measure rays per second and build times.
-    Bench(bench::Options),
-    /// Measure for each technique what it costs and how far its picture is from the truth.
-    Evaluate(evaluate::Options),
-    /// Attack the reflections with hostile scenes, faults and long runs.
-    Stress(stress::Options),
+    Bench(tools::Options),
+    /// Measure the cost of each technique, and the error of its image: `evaluate --quick --scene atrium --out DIR`.
+    Evaluate(tools::EvaluateOptions),
+    /// Attack the reflections with hostile scenes, faults and long runs: `stress --minutes 30`.
+    Stress(tools::Options),
     /// Follow the README in a new crate, as a new user would.
     NewUser,
-    /// Click and drag the settings panel in a window on a virtual display.
-    Window(window::Options),
     /// Everything that must hold before a change is merged: format, lints, feature sets, docs, tests.
     Ci,
 }
 
 fn main() -> ExitCode {
-    let result: Result = match Cli::parse().command {
-        Command::Demo(options) => demo::run(&options),
+    let result = match Cli::parse().command {
+        Command::Demo(options) => tools::demo(options),
         Command::Test(options) => test::run(&options),
-        Command::Bench(options) => bench::run(&options),
-        Command::Evaluate(options) => evaluate::run(&options),
-        Command::Stress(options) => stress::run(&options),
+        Command::Bench(options) => tools::bench(&options),
+        Command::Evaluate(options) => tools::evaluate(options),
+        Command::Stress(options) => tools::stress(&options),
         Command::NewUser => new_user::run(),
-        Command::Window(options) => window::run(&options),
         Command::Ci => ci::run(),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => {
-            progress::say(format_args!("error: {failure}"));
+        Err(error) => {
+            progress::say(format_args!("error: {error:#}"));
             ExitCode::FAILURE
         }
     }
@@ -80,5 +71,32 @@ mod tests {
     fn the_command_line_is_well_formed() {
         use clap::CommandFactory;
         Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn options_reach_the_programs() {
+        let parse = |line: &str| Cli::try_parse_from(line.split(' ')).map(|cli| cli.command);
+        for line in [
+            "xtask demo --scene street --size 64x32",
+            "xtask demo -- --scene street --size 64x32",
+        ] {
+            let Ok(Command::Demo(options)) = parse(line) else {
+                panic!("{line}")
+            };
+            assert_eq!(options.arguments, ["--scene", "street", "--size", "64x32"]);
+        }
+        let Ok(Command::Evaluate(options)) = parse("xtask evaluate --out a --quick --fresh") else {
+            panic!()
+        };
+        assert_eq!(
+            (options.out, options.program.arguments),
+            (Some("a".into()), vec!["--quick".into(), "--fresh".into()])
+        );
+        let Ok(Command::Evaluate(options)) = parse("xtask evaluate --quick --out a") else {
+            panic!()
+        };
+        assert_eq!((options.out, options.program.arguments.len()), (None, 3));
+        assert!(matches!(parse("xtask evaluate --out a --readme"), Ok(Command::Evaluate(options)) if options.readme));
+        assert!(parse("xtask evaluate --readme").is_err());
     }
 }

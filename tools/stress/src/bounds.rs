@@ -1,40 +1,39 @@
 //! The same frames with and without runtime checks in the library's shaders.
 //!
 //! Bevy compiles shaders without checks, and an access out of bounds may then read anything. With checks it reads something harmless.
-//! Where both ways lead to the same frames, bit by bit on the CPU driver, no access was out of bounds.
+//! If both ways lead to the same frames, bit by bit on the CPU driver, no access was out of bounds.
 
 use crate::{
-    ingredients::{HostileScene, Ingredient, build},
-    messages,
-    paths::{FEW, begin_anew, differing, example},
-    picture::Picture,
-    random::Random,
-    recipe::Recipe,
-    runner::panicked,
-    stage::{Stage, StageError, StageSettings},
-    still::{StillScene, StillView},
+    generators::Generator,
+    harness::{Harness, HarnessSettings},
+    image::LinearImage,
+    log_capture::{self, catch_panic, drop_quietly},
+    path_equivalence::{describe_difference, restart, tolerated},
+    scenario::Scenario,
+    static_scene::{StaticScene, StaticSceneView},
+    tally::Tally,
+    verdict::Verdict,
 };
 use bevy::{math::UVec2, prelude::Entity};
 use bevy_glint::{
     DebugView, TracerChoice,
     inspect::{Copied, Target},
 };
-use glint_scenes::SceneName;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use glint_scenes::{Random, SceneName};
 
-/// Frames that loading, compiling and building may take.
+/// Most frames to wait for assets, pipelines and meshes.
 const PATIENCE: u32 = 5000;
 /// Frames in which histories fill before they are compared.
 const FRAMES: u32 = 6;
-/// Techniques of the scenes that aren't hostile.
+/// Techniques of the scenes that are not hostile.
 const TECHNIQUES: [&str; 3] = ["vrs-combined", "reference", "paper"];
-/// Hostile scenes.
+/// Number of hostile scenes.
 const HOSTILE: u64 = 9;
-/// Ingredients of each.
-const INGREDIENTS: usize = 8;
-/// On a GPU pixels may differ by so much of themselves, since its compiler translates checked code otherwise.
-const PART: f32 = 0.02;
-/// What is compared, beside rates and the picture.
+/// Generators of each.
+const GENERATORS: usize = 8;
+/// Largest relative difference of pixels on a GPU, whose compiler translates checked code differently.
+const MOST_DIFFERENCE: f32 = 0.02;
+/// Targets to compare, besides rates and the image.
 const TARGETS: [Target; 4] = [
     Target::RayRecord,
     Target::RayRadiance,
@@ -42,13 +41,13 @@ const TARGETS: [Target; 4] = [
     Target::HistoryRadiance,
 ];
 
-/// What to render in both ways.
+/// A scene to render in both ways.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Case {
-    /// A scene that stands still, by a technique.
-    Still(StillScene, &'static str),
-    /// A hostile scene in which nothing happens.
-    Hostile(Recipe),
+    /// A static scene, by a technique.
+    Static(StaticScene, &'static str),
+    /// A hostile scene without events.
+    Hostile(Scenario),
 }
 
 impl Case {
@@ -56,69 +55,57 @@ impl Case {
     #[must_use]
     pub fn all(seed: u64, size: UVec2) -> Vec<Self> {
         let scenes = [
-            StillScene::BuiltIn(SceneName::Demo),
-            StillScene::BuiltIn(SceneName::EmissiveFloor),
-            StillScene::Random(seed),
+            StaticScene::BuiltIn(SceneName::Demo),
+            StaticScene::BuiltIn(SceneName::EmissiveFloor),
+            StaticScene::Random(seed),
         ];
-        let still = scenes
+        let known = scenes
             .into_iter()
             .zip(TECHNIQUES)
-            .map(|(scene, technique)| Self::Still(scene, technique));
+            .map(|(scene, technique)| Self::Static(scene, technique));
         let hostile = (0..HOSTILE).map(|index| Self::Hostile(hostile(seed.wrapping_add(index), size)));
-        still.chain(hostile).collect()
+        known.chain(hostile).collect()
     }
 
-    /// The case in words.
+    /// Describes the case.
     #[must_use]
     pub fn describe(&self) -> String {
         match self {
-            Self::Still(scene, technique) => format!("{} by {technique}", scene.name()),
-            Self::Hostile(recipe) => format!("hostile scene of seed {} ({})", recipe.seed, recipe.describe()),
+            Self::Static(scene, technique) => format!("{} by {technique}", scene.name()),
+            Self::Hostile(scenario) => format!("hostile scene of seed {} ({})", scenario.seed, scenario.describe()),
         }
     }
 }
 
-/// Ingredients that shaders look up by numbers, and none that changes from frame to frame.
-fn hostile(seed: u64, size: UVec2) -> Recipe {
-    let wanted = |ingredient: &Ingredient| {
-        let looked_up = matches!(
-            ingredient,
-            Ingredient::Mesh(_) | Ingredient::Placement(_) | Ingredient::Material(_) | Ingredient::Texture(_)
+/// A scenario of generators whose data shaders look up by index, without changes from frame to frame.
+fn hostile(seed: u64, size: UVec2) -> Scenario {
+    let is_wanted = |generator: &Generator| {
+        let changes = matches!(
+            generator,
+            Generator::File(_) | Generator::View(_) | Generator::Settings(_) | Generator::Event(_)
         );
-        let light = matches!(ingredient, Ingredient::Light(_) | Ingredient::Surroundings(_));
-        (looked_up || light) && !ingredient.is_heavy()
+        !changes && !generator.is_heavy()
     };
-    let all: Vec<_> = Ingredient::all().into_iter().filter(wanted).collect();
+    let all: Vec<_> = Generator::all().into_iter().filter(is_wanted).collect();
     let mut random = Random::new(seed);
-    let ingredients = (0..INGREDIENTS).map(|_| random.pick(&all)).collect();
-    Recipe::new(seed, size, FRAMES, ingredients)
+    let generators = (0..GENERATORS).map(|_| random.pick(&all)).collect();
+    Scenario::new(seed, size, FRAMES, generators)
 }
 
-/// What a case came to.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Verdict {
-    /// Checks make no difference.
-    Same,
-    /// They do.
-    Different(Vec<String>),
-    /// It can't be said.
-    Open(String),
-}
-
-/// What a frame left.
+/// The contents of the targets after a frame.
 struct Snapshot {
     rates: Copied,
-    records: Copied,
-    targets: Vec<(Target, Copied)>,
-    picture: Picture,
+    /// `None` for targets that the technique doesn't have.
+    targets: [Option<Copied>; TARGETS.len()],
+    image: LinearImage,
 }
 
-/// Two stages on one device, without checks and with them.
+/// Two apps on one device, without checks and with them.
 pub struct Bounds {
     size: UVec2,
-    settings: StageSettings,
-    stages: Vec<Stage>,
-    finished: (u64, u64),
+    tracer: TracerChoice,
+    harnesses: Vec<Harness>,
+    tally: Tally,
 }
 
 impl Bounds {
@@ -126,150 +113,123 @@ impl Bounds {
     ///
     /// # Errors
     ///
-    /// If there is no device, or none that traces so.
-    pub fn new(tracer: TracerChoice, size: UVec2) -> Result<Self, StageError> {
-        let settings = StageSettings {
-            tracer,
-            ..StageSettings::default()
-        };
+    /// If there is no device, or none with this tracer.
+    pub fn new(tracer: TracerChoice, size: UVec2) -> Result<Self, String> {
         let mut bounds = Self {
             size,
-            settings,
-            stages: Vec::new(),
-            finished: (0, 0),
+            tracer,
+            harnesses: Vec::new(),
+            tally: Tally::default(),
         };
         bounds.open()?;
         Ok(bounds)
     }
 
-    fn open(&mut self) -> Result<(), StageError> {
-        while self.stages.len() < 2 {
-            let checked = self.stages.len() == 1;
-            let settings = StageSettings {
-                checked,
-                ..self.settings.clone()
-            };
-            self.stages.push(Stage::new(&settings)?);
+    fn open(&mut self) -> Result<(), String> {
+        while self.harnesses.len() < 2 {
+            self.harnesses.push(Harness::new(&HarnessSettings {
+                tracer: self.tracer,
+                checked: self.harnesses.len() == 1,
+                ..HarnessSettings::default()
+            })?);
         }
         Ok(())
     }
 
-    /// The name and driver of the device.
+    /// Name and driver of the device.
     #[must_use]
     pub fn adapter(&self) -> String {
-        let status = self.stages.first().and_then(Stage::status);
+        let status = self.harnesses.first().and_then(Harness::status);
         status.map(|status| status.adapter).unwrap_or_default()
     }
 
-    /// Frames and pixels that were rendered.
+    /// Amounts of work since the last call.
     #[must_use]
-    pub fn rendered(&self) -> (u64, u64) {
-        self.stages.iter().fold(self.finished, |sum, stage| {
-            (sum.0 + stage.frames(), sum.1 + stage.pixels())
-        })
+    pub fn take_tally(&mut self) -> Tally {
+        core::mem::take(&mut self.tally)
     }
 
     /// Renders a case in both ways.
     pub fn compare(&mut self, case: &Case) -> Verdict {
         if let Err(error) = self.open() {
-            return Verdict::Open(format!("the device can't be opened again: {error}"));
+            return Verdict::Undecided(format!("the device can't be opened again: {error}"));
         }
-        _ = messages::take_errors();
-        _ = messages::take_panics();
-        let compared = catch_unwind(AssertUnwindSafe(|| self.compare_in(case)));
-        match compared {
-            Ok(verdict) => verdict,
-            Err(payload) => {
-                let text = panicked(&*payload).text;
-                // What is broken may panic once more when it is dropped.
-                self.finished = self.rendered();
-                let stages = core::mem::take(&mut self.stages);
-                _ = catch_unwind(AssertUnwindSafe(|| drop(stages)));
-                if messages::is_own(&text) {
-                    Verdict::Different(vec![text])
-                } else {
-                    Verdict::Open(format!("Bevy panics: {text}"))
-                }
+        log_capture::clear();
+        let compared = catch_panic(|| self.compare_in(case));
+        self.tally.scenes += 1;
+        for harness in &mut self.harnesses {
+            self.tally += harness.take_tally();
+        }
+        compared.unwrap_or_else(|panic| {
+            drop_quietly(core::mem::take(&mut self.harnesses));
+            if log_capture::is_own(&panic) {
+                Verdict::Failed(vec![panic])
+            } else {
+                Verdict::Undecided(format!("Bevy panics: {panic}"))
             }
-        }
+        })
     }
 
     fn compare_in(&mut self, case: &Case) -> Verdict {
         let size = self.size;
-        let [plain, checked] = &mut self.stages[..] else {
-            return Verdict::Open("there are no devices".to_owned());
+        let [plain, checked] = &mut self.harnesses[..] else {
+            return Verdict::Undecided("there are no devices".to_owned());
         };
-        let (first, second) = match (snapshot(plain, case, size), snapshot(checked, case, size)) {
-            (Ok(first), Ok(second)) => (first, second),
-            (Err(reason), _) | (_, Err(reason)) => return Verdict::Open(reason),
-        };
-        let exact = plain.is_cpu();
-        let mut problems = differences(&first, &second, exact);
-        if !problems.is_empty() {
-            // What checks do they do each time, and frames without them are all the same.
-            match snapshot(checked, case, size) {
-                Ok(again) if differences(&first, &again, exact).is_empty() => {
-                    return Verdict::Open("two frames with checks differ from each other".to_owned());
-                }
-                Ok(_) => {}
-                Err(reason) => return Verdict::Open(reason),
-            }
-            match snapshot(plain, case, size) {
-                Ok(again) if differences(&first, &again, exact).is_empty() => {}
-                Ok(_) => return Verdict::Open("two frames without checks differ, too".to_owned()),
-                Err(reason) => return Verdict::Open(reason),
-            }
-        }
-        problems.extend(checked.take_errors());
-        if problems.is_empty() {
-            Verdict::Same
-        } else {
-            Verdict::Different(problems)
-        }
+        compare_snapshots(plain, checked, case, size).unwrap_or_else(Verdict::Undecided)
     }
 }
 
-fn snapshot(stage: &mut Stage, case: &Case, size: UVec2) -> Result<Snapshot, String> {
+/// The error says why the case is inconclusive.
+fn compare_snapshots(plain: &mut Harness, checked: &mut Harness, case: &Case, size: UVec2) -> Result<Verdict, String> {
+    let (first, second) = (snapshot(plain, case, size)?, snapshot(checked, case, size)?);
+    let exact = plain.is_cpu();
+    let mut problems = differences(&first, &second, exact);
+    if !problems.is_empty() {
+        // A real difference occurs each time, and frames without checks are all the same.
+        if differences(&first, &snapshot(checked, case, size)?, exact).is_empty() {
+            return Err("two frames with checks differ from each other".to_owned());
+        }
+        if !differences(&first, &snapshot(plain, case, size)?, exact).is_empty() {
+            return Err("two frames without checks differ, too".to_owned());
+        }
+    }
+    problems.extend(checked.take_errors());
+    Ok(if problems.is_empty() {
+        Verdict::Passed(String::new())
+    } else {
+        Verdict::Failed(problems)
+    })
+}
+
+fn snapshot(harness: &mut Harness, case: &Case, size: UVec2) -> Result<Snapshot, String> {
     match case {
-        Case::Still(scene, technique) => {
-            let view = StillView::new(stage, *scene, size);
-            let result = view
-                .switch(stage, technique, DebugView::Off)
-                .and_then(|_| take(stage, view.camera));
-            view.remove(stage);
-            result
-        }
-        Case::Hostile(recipe) => {
-            stage.reset_clocks();
-            let scene: HostileScene = build(stage, recipe);
-            stage.settle_files(&scene.files, PATIENCE);
-            stage.settle(PATIENCE);
-            let result = take(stage, scene.cameras[0]);
-            scene.remove(stage);
-            stage.step(3);
+        Case::Static(scene, technique) => StaticSceneView::with(harness, *scene, size, |harness, view| {
+            view.switch(harness, technique, DebugView::Off)?;
+            take(harness, view.camera)
+        }),
+        Case::Hostile(scenario) => {
+            harness.reset_clocks();
+            let scene = scenario.build(harness);
+            harness.wait_for_files(&scene.files, PATIENCE);
+            harness.wait_until_idle(PATIENCE);
+            let result = take(harness, scene.cameras[0]);
+            scene.remove(harness);
+            harness.step(3);
             result
         }
     }
 }
 
-/// Lets a camera begin anew once all is at rest, so that it draws the same samples each time.
-fn take(stage: &mut Stage, camera: Entity) -> Result<Snapshot, String> {
-    stage.settle_merges(PATIENCE);
-    begin_anew(stage, &[camera], FRAMES);
-    let copy = |target: Target| stage.copy(camera, target);
-    let (Some(rates), Some(records)) = (copy(Target::Rate), copy(Target::RayRecord)) else {
+/// Restarts a camera once the scene is static, so that it draws the same samples each time.
+fn take(harness: &mut Harness, camera: Entity) -> Result<Snapshot, String> {
+    harness.wait_for_merges(PATIENCE);
+    restart(harness, &[camera], FRAMES);
+    let targets = TARGETS.map(|target| harness.copy(camera, target));
+    let Some(rates) = harness.copy(camera, Target::Rate).filter(|_| targets[0].is_some()) else {
         return Err("the camera doesn't reflect".to_owned());
     };
-    let targets = TARGETS
-        .into_iter()
-        .filter_map(|target| Some((target, copy(target)?)))
-        .collect();
-    Ok(Snapshot {
-        rates,
-        records,
-        targets,
-        picture: stage.picture(camera)?,
-    })
+    let image = harness.image(camera)?;
+    Ok(Snapshot { rates, targets, image })
 }
 
 fn differences(first: &Snapshot, second: &Snapshot, exact: bool) -> Vec<String> {
@@ -277,34 +237,31 @@ fn differences(first: &Snapshot, second: &Snapshot, exact: bool) -> Vec<String> 
     if first.rates != second.rates {
         problems.push("rates differ with runtime checks".to_owned());
     }
-    let tolerated = |total: usize| if exact { 0 } else { total / FEW + 1 };
-    let records = [first.records.clone(), second.records.clone()];
-    for ((target, one), (_, other)) in first.targets.iter().zip(&second.targets) {
-        let total = one.words.len() / one.texel.max(1);
-        let pair = [one.clone(), other.clone()];
-        let places = differing(&pair, &first.rates, &records, *target, exact);
-        if places.len() > tolerated(total) {
-            let (different, example) = (places.len(), example(&pair, &places));
-            problems.push(format!(
-                "{target:?}: {different} of {total} texels differ with runtime checks{example}"
-            ));
+    let both = |index: usize| Some([first.targets[index].clone()?, second.targets[index].clone()?]);
+    // Rays are recorded in the first target.
+    let records = both(0);
+    for (index, target) in TARGETS.into_iter().enumerate() {
+        if let (Some(pair), Some(records)) = (both(index), &records)
+            && let Some(difference) = describe_difference(&pair, &first.rates, records, target, exact)
+        {
+            problems.push(format!("{target:?}: {difference} with runtime checks"));
         }
     }
-    let total = first.picture.texels.len();
-    let different = differing_pixels(&first.picture, &second.picture, exact);
-    if different > tolerated(total) {
+    let total = first.image.texels.len();
+    let different = differing_pixels(&first.image, &second.image, exact);
+    if different > tolerated(total, exact) {
         problems.push(format!("{different} of {total} pixels differ with runtime checks"));
     }
     problems
 }
 
-fn differing_pixels(first: &Picture, second: &Picture, exact: bool) -> usize {
+fn differing_pixels(first: &LinearImage, second: &LinearImage, exact: bool) -> usize {
     if first.size != second.size {
         return first.texels.len().max(second.texels.len());
     }
     let differ = |(a, b): (&f32, &f32)| {
         let same = a.to_bits() == b.to_bits() || (a.is_nan() && b.is_nan());
-        let near = !exact && (a - b).abs() <= PART * a.abs().max(b.abs()).max(1.0);
+        let near = !exact && (a - b).abs() <= MOST_DIFFERENCE * a.abs().max(b.abs()).max(1.0);
         !(same || near)
     };
     let pairs = first.texels.iter().zip(&second.texels);
@@ -323,23 +280,23 @@ mod tests {
         assert_ne!(cases, Case::all(6, size));
         assert_eq!(cases.len() as u64, TECHNIQUES.len() as u64 + HOSTILE);
         for case in cases {
-            if let Case::Hostile(recipe) = case {
-                assert_eq!(recipe.ingredients.len(), INGREDIENTS);
-                let moves = |(_, ingredient): &(usize, Ingredient)| matches!(ingredient, Ingredient::Event(_));
-                assert!(!recipe.ingredients.iter().any(moves));
+            if let Case::Hostile(scenario) = case {
+                assert_eq!(scenario.generators.len(), GENERATORS);
+                let is_event = |(_, generator): &(usize, Generator)| matches!(generator, Generator::Event(_));
+                assert!(!scenario.generators.iter().any(is_event));
             }
         }
     }
 
     #[test]
     fn pixels_differ_by_bits_or_by_parts() {
-        let picture = |value: f32| Picture {
+        let image = |value: f32| LinearImage {
             size: UVec2::ONE,
             texels: vec![[value, 0.0, f32::NAN, 1.0]],
         };
-        assert_eq!(differing_pixels(&picture(1.0), &picture(1.0), true), 0);
-        assert_eq!(differing_pixels(&picture(1.0), &picture(1.001), true), 1);
-        assert_eq!(differing_pixels(&picture(1.0), &picture(1.001), false), 0);
-        assert_eq!(differing_pixels(&picture(1.0), &picture(f32::NAN), false), 1);
+        assert_eq!(differing_pixels(&image(1.0), &image(1.0), true), 0);
+        assert_eq!(differing_pixels(&image(1.0), &image(1.001), true), 1);
+        assert_eq!(differing_pixels(&image(1.0), &image(1.001), false), 0);
+        assert_eq!(differing_pixels(&image(1.0), &image(f32::NAN), false), 1);
     }
 }

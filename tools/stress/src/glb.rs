@@ -1,6 +1,13 @@
-//! A small glTF file with everything that loaders look at, and what becomes of it on a bad day.
+//! A small glTF file that uses everything that loaders read, and ways to damage it.
 
-use crate::random::Random;
+use core::ops::Range;
+use glint_scenes::Random;
+use gltf_json::{
+    Root,
+    accessor::{FLOAT, UNSIGNED_SHORT},
+    buffer::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER},
+};
+use serde_json::{Value, json};
 
 /// Two by two texels.
 const PNG: [u8; 77] = [
@@ -11,117 +18,129 @@ const PNG: [u8; 77] = [
     0x82,
 ];
 
-/// Two meshes, textured and plain, a child, a lamp.
-const JSON: &str = r#"{
-  "asset": { "version": "2.0" },
-  "extensionsUsed": ["KHR_lights_punctual"],
-  "extensions": { "KHR_lights_punctual": { "lights": [{ "type": "point", "intensity": 40.0, "color": [1.0, 0.9, 0.8] }] } },
-  "scene": 0,
-  "scenes": [{ "nodes": [0, 1, 2] }],
-  "nodes": [
-    { "name": "plain", "mesh": 0, "translation": [-0.5, 0.1, 0.0], "scale": [1.0, 1.5, -1.0] },
-    { "name": "turned", "mesh": 1, "rotation": [0.0, 0.7071068, 0.0, 0.7071068], "children": [3] },
-    { "name": "lamp", "translation": [0.0, 2.0, 1.0], "extensions": { "KHR_lights_punctual": { "light": 0 } } },
-    { "name": "child", "mesh": 0, "matrix": [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.4, 0.2, 0.0, 1.0] }
-  ],
-  "meshes": [
-    { "primitives": [{ "attributes": { "POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2 }, "indices": 3, "material": 0, "mode": 4 }] },
-    { "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 3, "material": 1 }] }
-  ],
-  "materials": [
-    {
-      "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 }, "metallicFactor": 1.0, "roughnessFactor": 0.1 },
-      "emissiveFactor": [0.1, 0.2, 0.3]
-    },
-    {
-      "pbrMetallicRoughness": { "baseColorFactor": [0.8, 0.3, 0.2, 0.9], "metallicFactor": 0.0, "roughnessFactor": 0.6 },
-      "alphaMode": "MASK", "alphaCutoff": 0.5, "doubleSided": true
-    }
-  ],
-  "textures": [{ "source": 0, "sampler": 0 }],
-  "samplers": [{ "magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 33071 }],
-  "images": [{ "bufferView": 4, "mimeType": "image/png" }],
-  "accessors": [
-    { "bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [-0.5, 0.0, 0.0], "max": [0.5, 1.0, 0.0] },
-    { "bufferView": 1, "componentType": 5126, "count": 4, "type": "VEC3" },
-    { "bufferView": 2, "componentType": 5126, "count": 4, "type": "VEC2" },
-    { "bufferView": 3, "componentType": 5123, "count": 6, "type": "SCALAR" }
-  ],
-  "bufferViews": [
-    { "buffer": 0, "byteOffset": 0, "byteLength": 48, "target": 34962 },
-    { "buffer": 0, "byteOffset": 48, "byteLength": 48, "target": 34962 },
-    { "buffer": 0, "byteOffset": 96, "byteLength": 32, "target": 34962 },
-    { "buffer": 0, "byteOffset": 128, "byteLength": 12, "target": 34963 },
-    { "buffer": 0, "byteOffset": 140, "byteLength": 77 }
-  ],
-  "buffers": [{ "byteLength": 217 }]
-}"#;
-
-/// Numbers that nobody expects.
-const NUMBERS: [&str; 14] = [
-    "-1",
-    "0",
-    "1",
-    "3",
-    "255",
-    "65536",
-    "4294967295",
-    "18446744073709551615",
-    "1e38",
-    "-1e38",
-    "1e-40",
-    "0.5",
-    "1e999",
-    "5121",
-];
-/// Bits of numbers that nobody expects: NaN, infinite, the largest, the smallest, and indices of nothing.
+/// Numbers out of range, separated by spaces.
+const NUMBERS: &str = "-1 0 1 3 255 65536 4294967295 18446744073709551615 1e38 -1e38 1e-40 0.5 1e999 5121";
+/// Bits of values out of range: NaN, infinity, the largest and the smallest number, and indices that don't exist.
 const WORDS: [u32; 6] = [0x7fc0_0000, 0x7f80_0000, 0x7f7f_ffff, 1, 0xffff_ffff, 0x0004_0004];
 
-/// What the file is made of before it becomes one.
+/// The contents of a binary glTF file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Parts {
-    /// What the file holds.
+    /// The document.
     pub json: String,
-    /// Vertices, indices and a picture.
+    /// Vertices, indices and an image.
     pub binary: Vec<u8>,
 }
 
 impl Default for Parts {
     fn default() -> Self {
-        let mut binary = Vec::new();
-        let mut floats = |values: &[f32]| binary.extend(values.iter().flat_map(|value| value.to_le_bytes()));
-        floats(&[-0.5, 0.0, 0.0, 0.5, 0.0, 0.0, 0.5, 1.0, 0.0, -0.5, 1.0, 0.0]);
-        floats(&[0.0, 0.0, 1.0].repeat(4));
-        floats(&[0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]);
-        binary.extend([0u16, 1, 2, 0, 2, 3].into_iter().flat_map(u16::to_le_bytes));
-        binary.extend(PNG);
+        let floats = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        let data: [(Vec<u8>, Option<u32>); 5] = [
+            (
+                floats(&[-0.5, 0.0, 0.0, 0.5, 0.0, 0.0, 0.5, 1.0, 0.0, -0.5, 1.0, 0.0]),
+                Some(ARRAY_BUFFER),
+            ),
+            (floats(&[0.0, 0.0, 1.0].repeat(4)), Some(ARRAY_BUFFER)),
+            (floats(&[0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]), Some(ARRAY_BUFFER)),
+            (
+                [0u16, 1, 2, 0, 2, 3].map(u16::to_le_bytes).concat(),
+                Some(ELEMENT_ARRAY_BUFFER),
+            ),
+            (PNG.to_vec(), None),
+        ];
+        let mut document = document();
+        let (mut binary, mut views) = (Vec::new(), Vec::new());
+        for (bytes, target) in data {
+            let (offset, length) = (binary.len(), bytes.len());
+            views.push(json!({ "buffer": 0, "byteOffset": offset, "byteLength": length, "target": target }));
+            binary.extend(bytes);
+        }
+        document["bufferViews"] = views.into();
+        document["buffers"] = json!([{ "byteLength": binary.len() }]);
+        let json = serde_json::from_value(document).and_then(|root: Root| root.to_string());
         Self {
-            json: JSON.to_owned(),
+            // A constant document, which the tests validate.
+            json: json.expect("the document is valid"),
             binary,
         }
     }
 }
 
+/// Two meshes, textured and plain, a child, a lamp. Each accessor has the buffer view of the same index.
+fn document() -> Value {
+    json!({
+        "asset": { "version": "2.0" },
+        "extensionsUsed": ["KHR_lights_punctual"],
+        "extensions": {
+            "KHR_lights_punctual": { "lights": [{ "type": "point", "intensity": 40.0, "color": [1.0, 0.9, 0.8] }] },
+        },
+        "scene": 0,
+        "scenes": [{ "nodes": [0, 1, 2] }],
+        "nodes": [
+            { "name": "plain", "mesh": 0, "translation": [-0.5, 0.1, 0.0], "scale": [1.0, 1.5, -1.0] },
+            { "name": "turned", "mesh": 1, "rotation": [0.0, 0.6, 0.0, 0.8], "children": [3] },
+            { "name": "lamp", "translation": [0.0, 2.0, 1.0], "extensions": { "KHR_lights_punctual": { "light": 0 } } },
+            {
+                "name": "child", "mesh": 0,
+                "matrix": [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.4, 0.2, 0.0, 1.0],
+            },
+        ],
+        "meshes": [
+            { "primitives": [
+                { "attributes": { "POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2 }, "indices": 3, "material": 0 },
+            ] },
+            { "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 3, "material": 1 }] },
+        ],
+        "materials": [
+            {
+                "pbrMetallicRoughness": {
+                    "baseColorTexture": { "index": 0 }, "metallicFactor": 1.0, "roughnessFactor": 0.1,
+                },
+                "emissiveFactor": [0.1, 0.2, 0.3],
+            },
+            {
+                "pbrMetallicRoughness": {
+                    "baseColorFactor": [0.8, 0.3, 0.2, 0.9], "metallicFactor": 0.0, "roughnessFactor": 0.6,
+                },
+                "alphaMode": "MASK", "alphaCutoff": 0.5, "doubleSided": true,
+            },
+        ],
+        "textures": [{ "source": 0, "sampler": 0 }],
+        "samplers": [{ "magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 33071 }],
+        "images": [{ "bufferView": 4, "mimeType": "image/png" }],
+        "accessors": [
+            {
+                "bufferView": 0, "componentType": FLOAT, "count": 4, "type": "VEC3",
+                "min": [-0.5, 0.0, 0.0], "max": [0.5, 1.0, 0.0],
+            },
+            { "bufferView": 1, "componentType": FLOAT, "count": 4, "type": "VEC3" },
+            { "bufferView": 2, "componentType": FLOAT, "count": 4, "type": "VEC2" },
+            { "bufferView": 3, "componentType": UNSIGNED_SHORT, "count": 6, "type": "SCALAR" },
+        ],
+    })
+}
+
 impl Parts {
-    /// Replaces some numbers of the JSON by wild ones.
+    /// Replaces some numbers of the document by others.
     pub fn wild_numbers(&mut self, random: &mut Random) {
         for _ in 0..1 + random.below(3) {
-            let numbers = tokens(&self.json, Token::Number);
+            let (_, numbers) = tokens(&self.json);
             let range = numbers[random.below(numbers.len())].clone();
-            self.json.replace_range(range, random.pick(&NUMBERS));
+            let wild: Vec<_> = NUMBERS.split(' ').collect();
+            self.json.replace_range(range, random.pick(&wild));
         }
     }
 
-    /// Renames some of the JSON's strings, so that what they named is missing.
+    /// Renames some strings of the document, so that references are broken.
     pub fn lost_names(&mut self, random: &mut Random) {
         for _ in 0..1 + random.below(2) {
-            let strings = tokens(&self.json, Token::String);
+            let (strings, _) = tokens(&self.json);
             let range = strings[random.below(strings.len())].clone();
             self.json.replace_range(range, "lost");
         }
     }
 
-    /// Replaces some words of the binary by wild ones.
+    /// Replaces some words of the binary by others.
     pub fn wild_binary(&mut self, random: &mut Random) {
         for _ in 0..1 + random.below(12) {
             let word = random.below(self.binary.len() / 4) * 4;
@@ -134,7 +153,7 @@ impl Parts {
         }
     }
 
-    /// The file: a header, then both parts, filled up to multiples of four bytes.
+    /// The file: a header, then both parts, padded to multiples of four bytes.
     #[must_use]
     pub fn file(&self) -> Vec<u8> {
         let mut json = self.json.clone().into_bytes();
@@ -155,71 +174,60 @@ impl Parts {
     }
 }
 
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Token {
-    Number,
-    String,
-}
-
-/// Where the numbers of a JSON text stand, or what is within its strings.
-fn tokens(json: &str, wanted: Token) -> Vec<core::ops::Range<usize>> {
-    let is_number = |byte: u8| byte.is_ascii_digit() || matches!(byte, b'-' | b'+' | b'.' | b'e' | b'E');
-    let bytes = json.as_bytes();
-    let mut found = Vec::new();
-    let mut place = 0;
-    while place < bytes.len() {
-        let start = place;
-        place += 1;
-        if bytes[start] == b'"' {
-            while place < bytes.len() && bytes[place] != b'"' {
-                place += 1;
-            }
-            if wanted == Token::String {
-                found.push(start + 1..place);
-            }
-            place += 1;
-        } else if bytes[start].is_ascii_digit() || bytes[start] == b'-' {
-            while place < bytes.len() && is_number(bytes[place]) {
-                place += 1;
-            }
-            if wanted == Token::Number {
-                found.push(start..place);
-            }
+/// Ranges of the contents of strings, and of numbers, in a JSON text without escapes.
+fn tokens(json: &str) -> (Vec<Range<usize>>, Vec<Range<usize>>) {
+    let range = |part: &str| {
+        let start = part.as_ptr().addr() - json.as_ptr().addr();
+        start..start + part.len()
+    };
+    let is_in_number = |letter: char| letter.is_ascii_digit() || "-+.eE".contains(letter);
+    let is_number = |part: &&str| part.starts_with(|letter: char| letter.is_ascii_digit() || letter == '-');
+    let (mut strings, mut numbers) = (Vec::new(), Vec::new());
+    for (index, part) in json.split('"').enumerate() {
+        if index % 2 == 1 {
+            strings.push(range(part));
+        } else {
+            numbers.extend(part.split(|letter| !is_in_number(letter)).filter(is_number).map(range));
         }
     }
-    found
+    (strings, numbers)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use gltf_json::{Path, validation::Validate};
 
     #[test]
     fn the_file_is_whole() {
         let parts = Parts::default();
+        let root = Root::from_str(&parts.json).unwrap();
+        let mut errors = Vec::new();
+        root.validate(&root, Path::new, &mut |path, error| errors.push((path(), error)));
+        assert!(errors.is_empty(), "{errors:?}");
+        // Nothing was dropped on the way through the types.
+        let lights = parts.json.matches("KHR_lights_punctual").count();
+        assert_eq!((lights, root.nodes.len(), root.accessors.len()), (3, 4, 4));
         assert_eq!(parts.binary.len(), 217);
         let file = parts.file();
         assert_eq!(&file[..4], b"glTF");
-        assert_eq!(
-            u32::from_le_bytes([file[8], file[9], file[10], file[11]]) as usize,
-            file.len()
-        );
-        assert!(file.len().is_multiple_of(4));
-        // Every part of the binary has its view.
-        assert!(JSON.contains("\"byteLength\": 217") && JSON.contains("\"byteOffset\": 140, \"byteLength\": 77"));
+        let length = u32::from_le_bytes([file[8], file[9], file[10], file[11]]);
+        assert_eq!(length as usize, file.len());
+        assert!(file.len().is_multiple_of(4) && !parts.json.contains('\\'));
     }
 
     #[test]
     fn tokens_are_found() {
-        let json = r#"{ "a1": [-2.5e3, 7], "b": "x" }"#;
-        let of = |wanted: Token| -> Vec<&str> { tokens(json, wanted).into_iter().map(|range| &json[range]).collect() };
-        assert_eq!(of(Token::Number), ["-2.5e3", "7"]);
-        assert_eq!(of(Token::String), ["a1", "b", "x"]);
+        let json = r#"{ "a1": [-2.5e3, 7, true], "b": "x" }"#;
+        let (strings, numbers) = tokens(json);
+        let texts = |ranges: Vec<Range<usize>>| -> Vec<&str> { ranges.into_iter().map(|range| &json[range]).collect() };
+        assert_eq!(texts(numbers), ["-2.5e3", "7"]);
+        assert_eq!(texts(strings), ["a1", "b", "x"]);
     }
 
     #[test]
-    fn bad_days_follow_from_the_seed() {
-        let broken = |seed: u64| {
+    fn damage_follows_from_the_seed() {
+        let damaged = |seed: u64| {
             let mut parts = Parts::default();
             let mut random = Random::new(seed);
             parts.wild_numbers(&mut random);
@@ -227,9 +235,9 @@ mod tests {
             parts.wild_binary(&mut random);
             parts
         };
-        assert_eq!(broken(3), broken(3));
+        assert_eq!(damaged(3), damaged(3));
         for seed in 0..100 {
-            assert_ne!(broken(seed), Parts::default());
+            assert_ne!(damaged(seed), Parts::default());
         }
     }
 }

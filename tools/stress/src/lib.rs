@@ -1,47 +1,59 @@
 //! Attacks every stage of `bevy_glint`: `cargo xtask stress --minutes 30`.
 //!
-//! | module | knows |
-//! |---|---|
-//! | [`recipe`] | what a hostile scene is made of: a seed and ingredients, drawn at random and made simpler |
-//! | [`ingredients`], [`glb`] | how each ingredient is built |
-//! | [`runner`] | how a recipe is rendered, and whose fault it is when that fails |
-//! | [`checks`], [`paths`] | what must hold of every scene |
-//! | [`energy`], [`furnace`], [`stability`], [`long_run`] | what must hold of known scenes: light, flicker, time |
-//! | [`bounds`] | what runtime checks in shaders may change: nothing |
-//! | [`faults`] | devices that lack something or are lost, shaders that don't compile |
-//! | [`viewer`] | what the viewer makes of broken files |
-//! | [`judge`] | what a measurement says about a limit, and when it says nothing |
-//! | [`section`], [`work`], [`measure`] | the parts of a run, and what a working process does for each |
-//! | [`supervisor`], [`process`], [`pulse`], [`outcome`] | who divides the time, starts processes, outlives them and sums up |
+//! From the top down; a module imports only modules below it.
 //!
-//! Everything random follows from a seed. What fails is printed with the options that try it again.
+//! | module | content |
+//! |---|---|
+//! | [`runner`], [`summary`] | divides the time among sections, survives crashes and hangs of worker processes, sums up |
+//! | [`process`] | starts a worker process, reads its messages, kills it when it hangs |
+//! | [`worker`], [`report`] | executes the job of a worker process and reports |
+//! | [`protocol`], [`options`], [`selection`] | jobs, messages, options, and parts of a run, as data |
+//! | [`viewer`] | broken files in the viewer |
+//! | [`faults`] | devices that lack something or are lost, shaders that don't compile |
+//! | [`bounds`] | runtime checks in shaders must not change a frame |
+//! | [`fuzzer`] | renders scenarios, attributes failures to the library or to Bevy, simplifies scenarios that fail |
+//! | [`energy`], [`furnace`], [`stability`], [`long_run`] | properties of known scenes: light, flicker, time |
+//! | [`invariants`], [`path_equivalence`] | properties of every scene |
+//! | `events` | applies events between frames |
+//! | [`scenario`] | a hostile scene as data: a seed and a list of generators |
+//! | [`generators`], [`glb`] | generators of meshes, lights, files, views, settings and events |
+//! | [`static_scene`] | known scenes in which nothing moves, and averages of their frames |
+//! | `fixture`, `wait` | an app to inject faults into; waiting for work in the background |
+//! | [`harness`] | an app without a window that survives the loss of its device |
+//! | [`statistics`], [`image`], [`log_capture`], [`heartbeat`], [`tally`], [`verdict`], [`word`] | small tools |
+//!
+//! Everything random follows from a seed. Each failure is printed with the options that repeat it.
 
 pub mod bounds;
-pub mod checks;
 pub mod energy;
+mod events;
 pub mod faults;
+mod fixture;
 pub mod furnace;
-mod game;
+pub mod fuzzer;
+pub mod generators;
 pub mod glb;
-pub mod ingredients;
-pub mod judge;
+pub mod harness;
+pub mod heartbeat;
+pub mod image;
+pub mod invariants;
+pub mod log_capture;
 pub mod long_run;
-pub mod measure;
-pub mod messages;
-pub mod outcome;
-pub mod paths;
-pub mod picture;
+pub mod options;
+pub mod path_equivalence;
 pub mod process;
-pub mod pulse;
-pub mod random;
-pub mod recipe;
+pub mod protocol;
 pub mod report;
 pub mod runner;
-pub mod section;
-mod settle;
+pub mod scenario;
+pub mod selection;
 pub mod stability;
-pub mod stage;
-pub mod still;
-pub mod supervisor;
+pub mod static_scene;
+pub mod statistics;
+pub mod summary;
+pub mod tally;
+pub mod verdict;
 pub mod viewer;
-pub mod work;
+mod wait;
+pub mod word;
+pub mod worker;

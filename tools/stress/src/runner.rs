@@ -1,265 +1,302 @@
-//! Renders recipes, catches whatever goes wrong, finds out whose fault it is, and makes what fails as simple as it can be.
+//! Divides the time of a run among its sections, starts one worker process after the other, and continues when one crashes or hangs.
 
 use crate::{
-    checks::{self, Problem, ProblemKind},
-    ingredients::{build, events},
-    messages, paths,
-    recipe::Recipe,
-    report::Tally,
-    stage::{Stage, StageError, StageSettings},
+    faults::Fault,
+    options::{Options, Tracer},
+    process::{self, Ended, Limits, Results},
+    protocol::{Failure, Job, Progress},
+    selection::{Section, Selection},
+    summary::{SectionSummary, Summary},
+    word::word,
 };
+use clap::ValueEnum;
 use std::{
-    any::Any,
-    panic::{AssertUnwindSafe, catch_unwind},
+    collections::VecDeque,
     time::{Duration, Instant},
 };
 
-/// Frames that loading, compiling and building may take.
-const PATIENCE: u32 = 600;
-/// Frames that it may take to load files.
-const FILE_PATIENCE: u32 = 300;
-/// Scenes on one device, then a new one is opened.
-const SCENES_PER_STAGE: u32 = 60;
-/// Pictures up to this many pixels are looked at in every frame, larger ones at the end.
-const SMALL: u32 = 8192;
+/// Most seconds of scenes in one process.
+const BATCH_SECONDS: u64 = 240;
+/// Fewest seconds of scenes in one process: a CPU compiles shaders for a while before the first scene.
+const LEAST_BATCH_SECONDS: u64 = 75;
+/// With less time left no further process is started.
+const LEAST_SECONDS: u64 = 10;
+/// A process that is silent for a quarter of the whole time hangs, within these limits.
+const SILENCE: [Duration; 2] = [Duration::from_secs(120), Duration::from_secs(300)];
+/// Time for a process to finish its current case, and to simplify a failing scene.
+const GRACE: Duration = Duration::from_secs(180);
+/// Processes in a row that start no case before their section is given up.
+const MOST_IDLE: u32 = 3;
+/// Crashes of scenes that are examined by repeating them.
+const MOST_EXAMINED: u32 = 4;
+/// Seconds for one scene or fault that is repeated.
+const EXAMINE_SECONDS: u64 = 120;
+/// Runs of a crashing fault without reflections: Bevy does not crash every time.
+const FAULT_CONTROLS: u32 = 3;
 
-/// How a recipe ended.
-#[derive(Clone, Debug)]
-pub enum Verdict {
-    /// All that must hold does.
-    Passed,
-    /// Bevy alone, without the library, fails the same way.
-    Foreign(Vec<String>),
-    /// Something doesn't hold.
-    Failed(Finding),
-    /// There is no device for it.
-    Unavailable(String),
-}
-
-/// A failure.
-#[derive(Clone, Debug)]
-pub struct Finding {
-    /// The simplest recipe that was found to fail.
-    pub recipe: Recipe,
-    /// What is wrong.
-    pub problems: Vec<String>,
-    /// The recipe fails in a new app. Else it takes the scenes before it.
-    pub alone: bool,
-}
-
-enum Attempt {
-    Passed,
-    Failed(Vec<Problem>),
-    Unavailable(String),
-}
-
-/// Renders recipes one after the other, on one device as long as it holds.
-pub struct Runner {
-    settings: StageSettings,
-    stage: Option<Stage>,
-    scenes_on_stage: u32,
-    counted: (u64, u64),
-    tally: Tally,
-}
-
-impl Runner {
-    /// A runner that opens stages as told.
-    #[must_use]
-    pub fn new(settings: StageSettings) -> Self {
-        Self {
-            settings,
-            stage: None,
-            scenes_on_stage: 0,
-            counted: (0, 0),
-            tally: Tally::default(),
-        }
-    }
-
-    /// What was rendered so far.
-    #[must_use]
-    pub fn tally(&self) -> Tally {
-        self.tally
-    }
-
-    /// Renders a recipe. If it fails, so much time may be spent on making it simpler.
-    pub fn run(&mut self, recipe: &Recipe, patience: Duration) -> Verdict {
-        self.tally.scenes += 1;
-        let first = match self.attempt(recipe) {
-            Attempt::Passed => return Verdict::Passed,
-            Attempt::Unavailable(reason) => return Verdict::Unavailable(reason),
-            Attempt::Failed(problems) => problems,
+/// Runs the selected sections; `say` gets every line that people may want to read.
+pub fn run(options: &Options, say: &mut dyn FnMut(&str)) -> Summary {
+    let time = Duration::from_secs_f64(60.0 * options.minutes);
+    let mut runner = Runner {
+        options,
+        limits: Limits {
+            silence: (time / 4).clamp(SILENCE[0], SILENCE[1]),
+            grace: GRACE,
+        },
+        results: Results::default(),
+        say,
+    };
+    let start = Instant::now();
+    let selections = selections(options);
+    let mut sections = Vec::new();
+    for (index, selection) in selections.iter().enumerate() {
+        let weight = |selection: &Selection| selection.section().weight();
+        let weights: u32 = selections[index..].iter().map(weight).sum();
+        let left = time.saturating_sub(start.elapsed());
+        let share = left * weight(selection) / weights.max(1);
+        (runner.say)(&format!("==> {selection} for up to {} s", share.as_secs()));
+        let begin = Instant::now();
+        let progress = runner.section(*selection, begin + share);
+        let section = SectionSummary {
+            name: selection.to_string(),
+            progress,
+            took: begin.elapsed(),
         };
-        let start = Instant::now();
-        let Attempt::Failed(again) = self.attempt(recipe) else {
-            return Verdict::Failed(Finding {
-                recipe: recipe.clone(),
-                problems: texts(first),
-                alone: false,
-            });
-        };
-        if self.is_foreign(recipe, &again) {
-            self.tally.foreign += 1;
-            return Verdict::Foreign(texts(again));
-        }
-        let (recipe, problems) = self.simplest(recipe.clone(), again, start + patience);
-        Verdict::Failed(Finding {
-            recipe,
-            problems: texts(problems),
-            alone: true,
-        })
+        (runner.say)(&format!("    {section}"));
+        sections.push(section);
     }
+    Summary {
+        results: runner.results,
+        sections,
+    }
+}
 
-    /// Without the plugin the same kinds of things go wrong.
-    fn is_foreign(&mut self, recipe: &Recipe, problems: &[Problem]) -> bool {
-        let bevys = |kind: ProblemKind| matches!(kind, ProblemKind::Panic | ProblemKind::Device);
-        if !problems.iter().any(|problem| bevys(problem.kind)) {
-            return false;
-        }
-        let mut control = Self::new(StageSettings {
-            reflections: false,
-            ..self.settings.clone()
-        });
-        let Attempt::Failed(found) = control.attempt(recipe) else {
-            return false;
-        };
-        control.close();
-        self.tally += control.tally;
-        problems
+/// All sections, or the requested part. `--count` and `--keep` imply scenes.
+fn selections(options: &Options) -> Vec<Selection> {
+    let scenes = is_limited(options).then_some(Selection::Section(Section::Scenes));
+    match options.only.or(scenes) {
+        Some(selection) => vec![selection],
+        None => Section::value_variants()
             .iter()
-            .all(|problem| found.iter().any(|other| other.kind == problem.kind))
+            .copied()
+            .map(Selection::Section)
+            .collect(),
+    }
+}
+
+/// The number of scenes is limited: one process per tracer is enough.
+fn is_limited(options: &Options) -> bool {
+    options.count.is_some() || options.keep.is_some()
+}
+
+/// Tracers of a section.
+fn tracers(section: Section, asked: Tracer) -> Vec<Tracer> {
+    match (asked, section) {
+        (Tracer::Auto, Section::Scenes) => vec![Tracer::Bvh, Tracer::RayQuery],
+        // Some faults are those of ray queries.
+        (Tracer::Auto, Section::Faults) => vec![Tracer::Auto],
+        // The faster one on CPUs, where these sections take long.
+        (Tracer::Auto, _) => vec![Tracer::Bvh],
+        (tracer, _) => vec![tracer],
+    }
+}
+
+/// Number of processes for this many seconds of scenes: as many with runtime checks as without, where there is time for both.
+fn batches(seconds: u64, tracers: u64) -> u64 {
+    let round = 2 * tracers;
+    if seconds < round * LEAST_BATCH_SECONDS {
+        return tracers.max(1);
+    }
+    seconds.div_ceil(BATCH_SECONDS).next_multiple_of(round.max(1))
+}
+
+fn seconds_until(deadline: Instant) -> u64 {
+    deadline.saturating_duration_since(Instant::now()).as_secs()
+}
+
+struct Runner<'a> {
+    options: &'a Options,
+    limits: Limits,
+    results: Results,
+    say: &'a mut dyn FnMut(&str),
+}
+
+/// The scenes of one tracer.
+struct SceneQueue {
+    tracer: Tracer,
+    next_seed: u64,
+    batches: u32,
+}
+
+impl Runner<'_> {
+    fn section(&mut self, selection: Selection, deadline: Instant) -> Option<Progress> {
+        if selection.section() == Section::Scenes {
+            return self.scenes(selection, deadline);
+        }
+        if selection == Selection::Section(Section::Faults) {
+            return Some(self.faults(deadline));
+        }
+        let ended = self.process(&self.job(selection, seconds_until(deadline)));
+        if let Some(crash) = ended.crash {
+            self.fail(crash);
+        }
+        ended.progress
     }
 
-    fn simplest(&mut self, recipe: Recipe, problems: Vec<Problem>, deadline: Instant) -> (Recipe, Vec<Problem>) {
-        let (mut best, mut known) = (recipe, problems);
-        'simpler: loop {
-            for candidate in best.shrink() {
-                if Instant::now() > deadline {
-                    break 'simpler;
+    /// A job of a section that has a single tracer.
+    fn job(&self, selection: Selection, seconds: u64) -> Job {
+        let mut job = Job::new(selection, self.options, seconds);
+        job.options.tracer = tracers(selection.section(), self.options.tracer)[0];
+        job
+    }
+
+    /// Runs each fault in a process of its own: some warnings are logged only once in a process.
+    fn faults(&mut self, deadline: Instant) -> Progress {
+        let faults = Fault::value_variants();
+        let mut progress = Progress::new(0, faults.len() as u64, "faults");
+        for fault in faults {
+            let seconds = seconds_until(deadline);
+            if seconds == 0 {
+                (self.say)(&format!("    there was no time for the fault {}", word(fault)));
+                continue;
+            }
+            let job = self.job(Selection::Fault(*fault), seconds);
+            let ended = self.process(&job);
+            progress.done += 1;
+            if let Some(crash) = ended.crash {
+                self.examine(&job, crash);
+            }
+        }
+        progress
+    }
+
+    /// Runs batches of scenes until the time is over: tracers take turns, and so do shaders without and with runtime checks.
+    fn scenes(&mut self, selection: Selection, deadline: Instant) -> Option<Progress> {
+        let is_limited = is_limited(self.options);
+        let queue = |tracer: Tracer| SceneQueue {
+            tracer,
+            // Each tracer renders the same scenes.
+            next_seed: self.options.seed,
+            batches: 0,
+        };
+        let mut queues: VecDeque<_> = tracers(Section::Scenes, self.options.tracer)
+            .into_iter()
+            .map(queue)
+            .collect();
+        let mut unavailable = queues.len();
+        let mut planned = batches(seconds_until(deadline), queues.len() as u64);
+        let (mut progress, mut has_begun, mut idle, mut examined) = (None, false, 0, 0);
+        while let Some(mut queue) = queues.pop_front() {
+            let left = seconds_until(deadline);
+            let is_over = has_begun && !is_limited && left < LEAST_SECONDS;
+            if is_over || idle >= MOST_IDLE {
+                break;
+            }
+            has_begun = true;
+            let share = (left / planned.max(1)).clamp(1, BATCH_SECONDS);
+            let mut job = Job::new(selection, self.options, if is_limited { left } else { share });
+            (job.options.tracer, job.options.seed) = (queue.tracer, queue.next_seed);
+            job.options.checked |= !is_limited && queue.batches % 2 == 1;
+            planned = planned.saturating_sub(1);
+            let ended = self.process(&job);
+            idle = if ended.has_started { 0 } else { idle + 1 };
+            if ended.progress == Some(Progress::skipped()) {
+                unavailable -= 1;
+                planned /= 2;
+                continue;
+            }
+            progress = Progress::add(progress, ended.progress);
+            queue.next_seed = ended.next_seed.unwrap_or(queue.next_seed);
+            if let Some(crash) = ended.crash {
+                if ended.has_started {
+                    queue.next_seed = crash.repeat.seed.wrapping_add(1);
+                    examined += 1;
                 }
-                if let Attempt::Failed(found) = self.attempt(&candidate)
-                    && found
-                        .iter()
-                        .any(|other| known.iter().any(|problem| problem.kind == other.kind))
-                {
-                    (best, known) = (candidate, found);
-                    continue 'simpler;
+                if ended.has_started && examined <= MOST_EXAMINED {
+                    self.examine(&job, crash);
+                } else {
+                    self.fail(crash);
                 }
             }
-            break;
+            queue.batches += 1;
+            if !is_limited {
+                queues.push_back(queue);
+            }
         }
-        (best, known)
+        progress.or_else(|| (unavailable == 0).then(Progress::skipped))
     }
 
-    /// Renders a recipe on the present stage, or on a new one. After a failure there is none.
-    fn attempt(&mut self, recipe: &Recipe) -> Attempt {
-        if self.scenes_on_stage >= SCENES_PER_STAGE {
-            self.close();
-        }
-        _ = messages::take_panics();
-        let mut stage = match self.stage.take() {
-            Some(stage) => stage,
-            None => match catch_unwind(AssertUnwindSafe(|| Stage::new(&self.settings))) {
-                Ok(Ok(stage)) => {
-                    self.scenes_on_stage = 0;
-                    self.counted = (0, 0);
-                    stage
-                }
-                Ok(Err(error @ (StageError::NoRenderer | StageError::NoRayQueries(_)))) => {
-                    return Attempt::Unavailable(error.to_string());
-                }
-                Err(payload) => return Attempt::Failed(vec![panicked(&*payload)]),
-            },
+    /// Repeats a scene or a fault that crashed, alone and without reflections, to attribute the crash.
+    fn examine(&mut self, job: &Job, mut crash: Failure) {
+        (self.say)(&format!("    {}: {}; once more", crash.what, crash.problems.join("; ")));
+        let is_scene = job.selection.section() == Section::Scenes;
+        let alone = Job {
+            options: crash.repeat.clone(),
+            seconds: EXAMINE_SECONDS,
+            ..job.clone()
         };
-        _ = stage.take_errors();
-        self.scenes_on_stage += 1;
-        let outcome = catch_unwind(AssertUnwindSafe(|| perform(&mut stage, recipe)));
-        self.count(&stage);
-        let problems = match outcome {
-            Ok(problems) => problems,
-            Err(payload) => vec![panicked(&*payload)],
+        let control = Job {
+            without_reflections: true,
+            ..alone.clone()
         };
-        if problems.is_empty() {
-            self.stage = Some(stage);
-            Attempt::Passed
+        // A fault was alone already.
+        let crashes_alone = !is_scene || self.process(&alone).crash.is_some();
+        let controls = if is_scene { 1 } else { FAULT_CONTROLS };
+        let mut control_crashes = || {
+            let ended = process::run(&control, self.limits, &mut Results::default(), self.say);
+            ended.crash.is_some()
+        };
+        let is_upstream = crashes_alone && (0..controls).any(|_| control_crashes());
+        self.results.tally.scenes += u64::from(is_scene);
+        self.results.tally.faults += u64::from(!is_scene);
+        if is_upstream {
+            self.results.tally.upstream += 1;
+            self.results.tally.crashes += 1;
+            (self.say)("    it crashes in Bevy without reflections, too");
+        } else if crashes_alone {
+            self.fail(crash);
         } else {
-            close(stage);
-            Attempt::Failed(problems)
+            let remark = "alone it passes: scenes before it are needed, too";
+            crash.problems.push(remark.to_owned());
+            let count = crash.repeat.seed.wrapping_sub(job.options.seed).wrapping_add(1);
+            crash.repeat = Options {
+                count: Some(count),
+                ..job.options.clone()
+            };
+            self.fail(crash);
         }
     }
 
-    fn count(&mut self, stage: &Stage) {
-        let (frames, pixels) = (stage.frames(), stage.pixels());
-        self.tally.frames += frames.saturating_sub(self.counted.0);
-        self.tally.pixels += pixels.saturating_sub(self.counted.1);
-        self.counted = (frames, pixels);
+    fn process(&mut self, job: &Job) -> Ended {
+        process::run(job, self.limits, &mut self.results, self.say)
     }
 
-    /// Gives the device back.
-    pub fn close(&mut self) {
-        if let Some(stage) = self.stage.take() {
-            close(stage);
-        }
+    /// Counts a crash as a failure.
+    fn fail(&mut self, crash: Failure) {
+        (self.say)(&crash.to_string());
+        self.results.tally.crashes += 1;
+        self.results.failures.push(crash);
     }
 }
 
-/// What is broken may panic once more when it is dropped.
-fn close(stage: Stage) {
-    _ = catch_unwind(AssertUnwindSafe(|| drop(stage)));
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-fn texts(problems: Vec<Problem>) -> Vec<String> {
-    problems
-        .into_iter()
-        .map(|problem| format!("{:?}: {}", problem.kind, problem.text))
-        .collect()
-}
-
-/// The message of a panic.
-#[must_use]
-pub fn panicked(payload: &(dyn Any + Send)) -> Problem {
-    let said = messages::take_panics();
-    let text = if said.is_empty() {
-        let text = payload.downcast_ref::<String>().map(String::as_str);
-        let text = text.or_else(|| payload.downcast_ref::<&str>().copied());
-        text.unwrap_or("a panic without a message").to_owned()
-    } else {
-        said.join("; ")
-    };
-    Problem::new(ProblemKind::Panic, text)
-}
-
-/// Builds the scene, renders its frames, and checks it.
-fn perform(stage: &mut Stage, recipe: &Recipe) -> Vec<Problem> {
-    stage.reset_clocks();
-    let mut scene = build(stage, recipe);
-    stage.settle_files(&scene.files, FILE_PATIENCE);
-    stage.settle(PATIENCE);
-    let mut problems = Vec::new();
-    let size = scene.plan.size;
-    let is_small = size.x * size.y <= SMALL;
-    for frame in 0..recipe.frames {
-        for event in scene.events.clone() {
-            events::before_frame(event, stage, &mut scene, frame, recipe.frames);
-        }
-        stage.step(1);
-        if is_small && problems.is_empty() {
-            problems.extend(checks::all_targets(stage, &scene));
-        }
+    #[test]
+    fn all_sections_have_their_turn() {
+        let sections = Section::value_variants();
+        assert_eq!(sections.iter().map(|section| section.weight()).sum::<u32>(), 100);
+        assert!(sections.iter().all(|section| section.weight() > 0));
+        assert_eq!(tracers(Section::Scenes, Tracer::Auto), [Tracer::Bvh, Tracer::RayQuery]);
+        assert_eq!(tracers(Section::Energy, Tracer::RayQuery), [Tracer::RayQuery]);
     }
-    if problems.is_empty() {
-        problems.extend(checks::all_targets(stage, &scene));
+
+    #[test]
+    fn time_for_scenes_is_divided_evenly() {
+        assert_eq!(batches(30, 2), 2);
+        assert_eq!(batches(300, 2), 4);
+        assert_eq!(batches(3600, 2), 16);
+        assert_eq!(batches(300, 1), 2);
     }
-    problems.extend(paths::compare(stage, &scene, PATIENCE));
-    problems.extend(checks::pictures(stage, &scene, recipe));
-    scene.remove(stage);
-    // What the last frames did wrong is known two frames later.
-    stage.step(3);
-    problems.extend(checks::leftovers(stage));
-    let errors = stage.take_errors();
-    problems.extend(errors.into_iter().map(|error| Problem::new(ProblemKind::Device, error)));
-    // Those of loaders and of builds in the background stop nothing else.
-    let panics = messages::take_panics().into_iter();
-    let own = panics.filter(|panic| messages::is_own(panic));
-    problems.extend(own.map(|panic| Problem::new(ProblemKind::Panic, panic)));
-    problems
 }

@@ -1,49 +1,41 @@
-//! The example `viewer` and broken files: it must show them or say what is wrong, and neither panic nor hang.
+//! The viewer and broken files: it must show them or report an error, and neither panic nor hang.
 
 use crate::{
-    ingredients::{FileKind, file_bytes},
-    messages, pulse,
-    random::Random,
+    generators::{FileKind, file_bytes},
+    heartbeat, log_capture,
+    verdict::Verdict,
 };
+use clap::ValueEnum;
+use glint_scenes::Random;
 use std::{
     env,
     fs::{self, File},
     io,
     path::{Path, PathBuf},
-    process::{self, Command, ExitStatus, Stdio},
-    thread,
+    process::{Command, ExitStatus, Stdio},
     time::{Duration, Instant},
 };
+use tempfile::TempDir;
+use wait_timeout::ChildExt;
 
-/// A viewer that takes longer hangs; on a CPU it compiles shaders for a while.
+/// Most time for one file. On a CPU the viewer compiles shaders for a while.
 const PATIENCE: Duration = Duration::from_secs(300);
-/// Time between two looks at a program that runs.
-const NAP: Duration = Duration::from_millis(20);
+/// Time between two signs of life.
+const INTERVAL: Duration = Duration::from_secs(1);
 
-/// What a file came to.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Verdict {
-    /// It was shown, or refused in words.
-    Passed,
-    /// Bevy fails, with or without reflections.
-    Foreign(String),
-    /// It was neither.
-    Failed(Vec<String>),
-}
-
-/// How a program ended.
+/// The end of a program.
 struct Ended {
-    /// `None` if it had to be ended.
+    /// `None` if it was killed.
     status: Option<ExitStatus>,
-    /// What it wrote on standard error.
-    said: String,
+    /// Its standard error.
+    log: String,
 }
 
 /// The program, and a folder for its files.
 pub struct Viewer {
     program: PathBuf,
-    folder: PathBuf,
-    tracer: &'static str,
+    folder: TempDir,
+    tracer: String,
 }
 
 impl Viewer {
@@ -51,20 +43,15 @@ impl Viewer {
     ///
     /// # Errors
     ///
-    /// If there is none, or no folder can be made.
-    pub fn new(given: Option<&Path>, tracer: &'static str) -> Result<Self, String> {
-        let name = format!("viewer{}", env::consts::EXE_SUFFIX);
+    /// If there is none, or no folder can be created.
+    pub fn new(given: Option<&Path>, tracer: String) -> Result<Self, String> {
+        let name = format!("glint_viewer{}", env::consts::EXE_SUFFIX);
         let own = env::current_exe().map_err(|error| error.to_string())?;
-        let beside = own.parent().unwrap_or(Path::new("."));
-        let candidates = given.map_or_else(
-            || vec![beside.join("examples").join(&name), beside.join(&name)],
-            |given| vec![given.to_owned()],
-        );
-        let Some(program) = candidates.into_iter().find(|path| path.is_file()) else {
-            return Err("the example `viewer` isn't built beside this program, nor named by --viewer".to_owned());
-        };
-        let folder = env::temp_dir().join(format!("glint_stress_{}", process::id()));
-        fs::create_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+        let program = given.map_or_else(|| own.with_file_name(name), Path::to_owned);
+        if !program.is_file() {
+            return Err("`glint_viewer` isn't built beside this program, nor named by --viewer".to_owned());
+        }
+        let folder = tempfile::tempdir().map_err(|error| format!("no temporary folder can be created: {error}"))?;
         Ok(Self {
             program,
             folder,
@@ -72,45 +59,41 @@ impl Viewer {
         })
     }
 
-    /// What is wrong with the file of a seed.
+    /// The kind of damage for a seed. Kinds take turns, so that few files cover all of them.
     #[must_use]
     pub fn kind(seed: u64) -> FileKind {
-        // By turns, so that few files already hold all kinds.
-        FileKind::ALL[(seed % FileKind::ALL.len() as u64) as usize]
+        let kinds = FileKind::value_variants();
+        kinds[(seed % kinds.len() as u64) as usize]
     }
 
-    /// Gives the viewer the file of a seed.
+    /// Opens the file of a seed in the viewer.
     #[must_use]
     pub fn show(&self, seed: u64) -> Verdict {
         let bytes = file_bytes(Self::kind(seed), &mut Random::new(seed));
-        let file = self.folder.join(format!("{seed}.glb"));
+        let file = self.folder.path().join(format!("{seed}.glb"));
         let shown = fs::write(&file, bytes).and_then(|()| self.run(&file, "medium"));
         let ended = match shown {
             Ok(ended) => ended,
             Err(error) => return Verdict::Failed(vec![format!("the viewer can't be started: {error}")]),
         };
-        let verdict = judge(&ended);
-        // A crash without a word: is it Bevy's?
-        let verdict = match (verdict, ended.status) {
-            (Verdict::Failed(problems), Some(status)) if status.code().is_none() => match self.run(&file, "off") {
-                Ok(plain) if plain.status.is_none_or(|status| status.code().is_none()) => {
-                    Verdict::Foreign(problems.join("; "))
-                }
+        let is_crash = |status: Option<ExitStatus>| status.is_some_and(|status| status.code().is_none());
+        match evaluate(&ended) {
+            // A crash without a message may be Bevy's own.
+            Verdict::Failed(problems) if is_crash(ended.status) => match self.run(&file, "off") {
+                Ok(plain) if plain.status.is_none() || is_crash(plain.status) => Verdict::Upstream(problems),
                 _ => Verdict::Failed(problems),
             },
-            (verdict, _) => verdict,
-        };
-        _ = fs::remove_file(&file);
-        verdict
+            verdict => verdict,
+        }
     }
 
     fn run(&self, file: &Path, technique: &str) -> io::Result<Ended> {
-        let (log, picture) = (self.folder.join("viewer.log"), self.folder.join("viewer.png"));
+        let [log, image] = ["viewer.log", "viewer.png"].map(|name| self.folder.path().join(name));
         let mut child = Command::new(&self.program)
             .args(["--headless", "--size", "48x27", "--frames", "2"])
-            .args(["--technique", technique, "--tracer", self.tracer])
+            .args(["--technique", technique, "--tracer", &self.tracer])
             .arg("--out")
-            .arg(&picture)
+            .arg(&image)
             .arg(file)
             .env_remove("RUST_LOG")
             .env("NO_COLOR", "1")
@@ -119,34 +102,25 @@ impl Viewer {
             .stderr(File::create(&log)?)
             .spawn()?;
         let start = Instant::now();
-        let status = loop {
-            if let Some(status) = child.try_wait()? {
-                break Some(status);
-            }
-            if start.elapsed() > PATIENCE {
-                child.kill()?;
-                child.wait()?;
-                break None;
-            }
-            pulse::beat();
-            thread::sleep(NAP);
-        };
-        let said = String::from_utf8_lossy(&fs::read(&log)?).into_owned();
-        Ok(Ended { status, said })
+        let mut status = None;
+        while status.is_none() && start.elapsed() < PATIENCE {
+            status = child.wait_timeout(INTERVAL)?;
+            heartbeat::beat();
+        }
+        if status.is_none() {
+            child.kill()?;
+            child.wait()?;
+        }
+        let log = String::from_utf8_lossy(&fs::read(&log)?).into_owned();
+        Ok(Ended { status, log })
     }
 }
 
-impl Drop for Viewer {
-    fn drop(&mut self) {
-        _ = fs::remove_dir_all(&self.folder);
-    }
-}
-
-fn judge(ended: &Ended) -> Verdict {
-    let said = ended.said.trim();
-    let panics = || said.lines().filter(|line| line.contains("panicked at "));
+fn evaluate(ended: &Ended) -> Verdict {
+    let log = ended.log.trim();
+    let panics = || log.lines().filter(|line| line.contains("panicked at "));
     let own: Vec<String> = panics()
-        .filter(|line| messages::is_own(line))
+        .filter(|line| log_capture::is_own(line))
         .map(str::to_owned)
         .collect();
     if !own.is_empty() {
@@ -156,11 +130,11 @@ fn judge(ended: &Ended) -> Verdict {
         return Verdict::Failed(vec![format!("it didn't end within {} s", PATIENCE.as_secs())]);
     };
     match status.code() {
-        Some(0) => Verdict::Passed,
-        Some(1) if !said.is_empty() => Verdict::Passed,
-        Some(1) => Verdict::Failed(vec!["it failed without a word".to_owned()]),
+        Some(0) => Verdict::Passed(String::new()),
+        Some(1) if !log.is_empty() => Verdict::Passed(String::new()),
+        Some(1) => Verdict::Failed(vec!["it failed without a message".to_owned()]),
         _ => match panics().next() {
-            Some(panic) => Verdict::Foreign(panic.to_owned()),
+            Some(panic) => Verdict::Upstream(vec![panic.to_owned()]),
             None => Verdict::Failed(vec![format!("it crashed ({status})")]),
         },
     }
@@ -171,14 +145,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn panics_of_our_own_are_told_from_those_of_bevy() {
-        let ended = |said: &str| Ended {
+    fn own_panics_are_told_from_those_of_bevy() {
+        let ended = |log: &str| Ended {
             status: None,
-            said: said.to_owned(),
+            log: log.to_owned(),
         };
-        let own = judge(&ended("WARN x\nthread 'main' panicked at examples/viewer.rs:3:4:\nno"));
-        assert!(matches!(own, Verdict::Failed(problems) if problems[0].contains("viewer.rs")));
-        let hang = judge(&ended(
+        let own = evaluate(&ended("WARN x\nthread 'main' panicked at tools/viewer/src/gltf.rs:3:4:\nno"));
+        assert!(matches!(own, Verdict::Failed(problems) if problems[0].contains("gltf.rs")));
+        let hang = evaluate(&ended(
             "thread panicked at /x/registry/src/y/bevy_gltf/src/lib.rs:1:1:\nno",
         ));
         assert!(matches!(hang, Verdict::Failed(problems) if problems[0].contains("didn't end")));
@@ -186,8 +160,8 @@ mod tests {
 
     #[test]
     fn all_kinds_of_files_have_their_turn() {
-        for kind in FileKind::ALL.iter().copied() {
-            assert!((0..FileKind::ALL.len() as u64).any(|seed| Viewer::kind(seed) == kind));
-        }
+        let kinds = FileKind::value_variants();
+        let used: Vec<_> = (0..kinds.len() as u64).map(Viewer::kind).collect();
+        assert!(kinds.iter().all(|kind| used.contains(kind)));
     }
 }

@@ -176,6 +176,11 @@ impl HeadlessApp {
         &mut self.app
     }
 
+    /// The app, to read from.
+    pub fn app_ref(&self) -> &App {
+        &self.app
+    }
+
     /// The render world; `NoRenderer` if the app has none.
     pub fn render_world(&self) -> Result<&World, HeadlessError> {
         let render = self.app.get_sub_app(RenderApp).ok_or(HeadlessError::NoRenderer)?;

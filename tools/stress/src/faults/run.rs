@@ -1,266 +1,255 @@
-//! A game meets a fault: what must be said, and what must go on.
+//! Injects a fault into an app, and checks the reports and the image.
 
-use super::{Fault, FaultOutcome};
+use super::Fault;
 use crate::{
-    game::Game,
-    messages,
-    report::Tally,
-    runner::panicked,
-    stage::{Stage, StageSettings},
+    fixture::Fixture,
+    harness::{Harness, HarnessSettings},
+    log_capture::{self, catch_panic, drop_quietly},
+    tally::Tally,
+    verdict::Verdict,
 };
 use bevy::prelude::*;
 use bevy_glint::{DebugView, RayTracedReflections, ShadingRateHeuristic, Technique, Tracer, TracerChoice};
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::{thread, time::Duration};
 
-/// A pass of the library whose shader is replaced by something that is none.
+/// A pass of the library whose shader is replaced by text that doesn't compile.
 const PASS: &str = "embedded://bevy_glint/denoise/reconstruct.wesl";
-/// Frames for a new device to come up and be filled.
+/// Most frames to open and fill a new device.
 const RECOVERY: u32 = 300;
-/// Pictures before and after a loss may differ by so much on average.
+/// Largest mean difference between the images before and after a loss.
 const RECOVERED: f64 = 0.02;
 
 impl Fault {
-    /// Has a game meet the fault.
+    /// Injects the fault.
     #[must_use]
-    pub fn run(self, tracer: TracerChoice, size: UVec2) -> (FaultOutcome, Tally) {
+    pub fn run(self, tracer: TracerChoice, size: UVec2) -> (Verdict, Tally) {
         let settings = self.settings(tracer);
         let mut tally = Tally {
             faults: 1,
             ..Tally::default()
         };
         let problems = match self.attempt(&settings, size, &mut tally) {
-            Ok(Some(skipped)) => return (FaultOutcome::Skipped(skipped), tally),
+            Ok(Some(skipped)) => return (Verdict::Skipped(skipped), tally),
             Ok(None) => {
-                let told = match self.messages() {
-                    [] => "nothing needs to be said".to_owned(),
-                    texts => format!("told: \"{}\"", texts.join("\" or \"")),
+                let report = match self.messages() {
+                    [] => "nothing needs to be reported".to_owned(),
+                    texts => format!("reported: \"{}\"", texts.join("\" or \"")),
                 };
-                return (FaultOutcome::Passed(told), tally);
+                return (Verdict::Passed(format!("the app keeps running; {report}")), tally);
             }
             Err(problems) => problems,
         };
-        let plain = StageSettings {
-            reflections: false,
-            ..settings
-        };
-        // Once a device is lost it is a matter of luck whether Bevy alone runs into its own panics in the same run.
-        let foreign = |problem: &String| {
+        // After a loss of the device, Bevy alone does not run into its own panics every time.
+        let is_upstream = |problem: &String| {
             problem.starts_with("panic: panicked at ") && (problem.contains("/wgpu-") || problem.contains("/bevy_"))
         };
-        let outcome = match self.control(&plain, size, &mut tally) {
-            Ok(()) if self == Self::DeviceLost && problems.iter().all(foreign) => FaultOutcome::Foreign(problems),
-            Ok(()) => FaultOutcome::Failed(problems),
-            Err(same) => FaultOutcome::Foreign(same),
+        let verdict = match self.control(settings, size, &mut tally) {
+            Ok(_) if self == Self::DeviceLost && problems.iter().all(is_upstream) => Verdict::Upstream(problems),
+            Ok(_) => Verdict::Failed(problems),
+            Err(same) => Verdict::Upstream(same),
         };
-        (outcome, tally)
+        (verdict, tally)
     }
 
-    /// Has a game without reflections meet the fault, for one that crashes the whole process.
+    /// Injects the fault into an app without reflections, to attribute a crash of the whole process.
     #[must_use]
-    pub fn run_plain(self, tracer: TracerChoice, size: UVec2) -> (FaultOutcome, Tally) {
-        let plain = StageSettings {
-            reflections: false,
-            ..self.settings(tracer)
-        };
+    pub fn run_without_reflections(self, tracer: TracerChoice, size: UVec2) -> (Verdict, Tally) {
         let mut tally = Tally::default();
-        let outcome = match self.control(&plain, size, &mut tally) {
-            Ok(()) => FaultOutcome::Passed("Bevy alone bears it".to_owned()),
-            Err(problems) => FaultOutcome::Foreign(problems),
+        let verdict = match self.control(self.settings(tracer), size, &mut tally) {
+            Ok(_) => Verdict::Passed("Bevy alone survives it".to_owned()),
+            Err(problems) => Verdict::Upstream(problems),
         };
-        (outcome, tally)
+        (verdict, tally)
     }
 
-    /// Why it was skipped, if it was; or what is wrong.
-    fn attempt(self, settings: &StageSettings, size: UVec2, tally: &mut Tally) -> Result<Option<String>, Vec<String>> {
-        guarded(settings, tally, |stage| {
-            if self.needs_ray_queries() && stage.status().and_then(|status| status.tracer) != Some(Tracer::RayQuery) {
-                return Ok(Some("it is one of ray queries, which aren't used here".to_owned()));
+    /// Returns why it was skipped, if it was, or the problems.
+    fn attempt(
+        self,
+        settings: &HarnessSettings,
+        size: UVec2,
+        tally: &mut Tally,
+    ) -> Result<Option<String>, Vec<String>> {
+        with_harness(settings, tally, |harness| {
+            let tracer = harness.status().and_then(|status| status.tracer);
+            if self.needs_ray_queries() && tracer != Some(Tracer::RayQuery) {
+                let reason = "it concerns ray queries, which are not used here";
+                return Ok(Some(reason.to_owned()));
             }
-            let mut problems = self.meet(stage, size);
+            let mut problems = self.inject(harness, size);
             let texts = self.messages();
-            if !texts.is_empty() && !texts.iter().any(|text| is_told(stage, text)) {
-                problems.push(format!("nothing says any of {texts:?}"));
+            if !texts.is_empty() && !texts.iter().any(|text| is_reported(harness, text)) {
+                problems.push(format!("nothing reports any of {texts:?}"));
             }
-            let unexpected = stage.take_errors().into_iter().filter(|error| !self.expects(error));
-            problems.extend(unexpected);
-            if problems.is_empty() { Ok(None) } else { Err(problems) }
+            self.finish(harness, problems)
         })
     }
 
-    /// Bevy alone on the same device.
-    fn control(self, settings: &StageSettings, size: UVec2, tally: &mut Tally) -> Result<(), Vec<String>> {
-        let checked = guarded(settings, tally, |stage| {
-            let game = Game::new(stage, size);
-            let mut problems = Vec::new();
+    /// The same device with Bevy alone.
+    fn control(self, settings: HarnessSettings, size: UVec2, tally: &mut Tally) -> Result<Option<String>, Vec<String>> {
+        let settings = HarnessSettings {
+            without_reflections: true,
+            ..settings
+        };
+        with_harness(&settings, tally, |harness| {
+            let fixture = Fixture::new(harness, size);
             if self == Self::DeviceLost {
-                stage.lose_device();
-                stage.step(RECOVERY);
+                harness.lose_device();
+                harness.step(RECOVERY);
             }
-            problems.extend(game.goes_on(stage).err());
-            stage.step(3);
-            problems.extend(stage.take_errors().into_iter().filter(|error| !self.expects(error)));
-            if problems.is_empty() { Ok(None) } else { Err(problems) }
-        });
-        checked.map(|_| ())
+            let problems = fixture.check_image(harness).err().into_iter().collect();
+            harness.step(3);
+            self.finish(harness, problems)
+        })
     }
 
-    /// Lets it happen; returns what is wrong, apart from messages.
-    fn meet(self, stage: &mut Stage, size: UVec2) -> Vec<String> {
+    /// Adds unexpected errors to the problems.
+    fn finish(self, harness: &mut Harness, mut problems: Vec<String>) -> Result<Option<String>, Vec<String>> {
+        let errors = harness.take_errors().into_iter();
+        problems.extend(errors.filter(|error| !self.expects(error)));
+        if problems.is_empty() { Ok(None) } else { Err(problems) }
+    }
+
+    /// Injects the fault; returns problems, apart from reports.
+    fn inject(self, harness: &mut Harness, size: UVec2) -> Vec<String> {
         if self == Self::BrokenPass {
-            return broken_pass(stage, size);
+            return break_pass(harness, size);
         }
-        let game = Game::new(stage, size);
+        let fixture = Fixture::new(harness, size);
         let mut problems = Vec::new();
         match self {
-            Self::DeviceLost => problems.extend(device_lost(stage, &game)),
+            Self::DeviceLost => problems.extend(lose_device(harness, &fixture).err()),
             Self::NoStorageFormats => {
-                stage.world().entity_mut(game.camera).insert(DebugView::RawRays);
-                stage.settle(RECOVERY);
-                stage.world().entity_mut(game.camera).insert(DebugView::Off);
+                harness.world().entity_mut(fixture.camera).insert(DebugView::RawRays);
+                harness.wait_until_idle(RECOVERY);
+                harness.world().entity_mut(fixture.camera).insert(DebugView::Off);
             }
             Self::BrokenHeuristic => {
                 let broken = Shader::from_wesl("this is no shader", "stress/broken.wesl");
-                let shader = stage.world().resource_mut::<Assets<Shader>>().add(broken);
-                vary(stage, &game, shader);
+                let shader = harness.world().resource_mut::<Assets<Shader>>().add(broken);
+                use_heuristic(harness, &fixture, shader);
             }
             Self::MissingHeuristic => {
-                let server = stage.world().resource::<AssetServer>();
+                let server = harness.world().resource::<AssetServer>();
                 let shader = server.load("stress/there_is_no_such_file.wesl");
-                vary(stage, &game, shader);
+                use_heuristic(harness, &fixture, shader);
             }
-            Self::FewInstances => game.add_crowd(stage, 100),
-            Self::LargeMesh => game.add_ball(stage, 32),
-            Self::FullBuffers => game.add_ball(stage, 320),
+            Self::FewInstances => fixture.add_crowd(harness, 100),
+            Self::LargeMesh => fixture.add_ball(harness, 32),
+            Self::FullBuffers => fixture.add_ball(harness, 320),
             _ => {}
         }
-        stage.settle(RECOVERY);
-        problems.extend(game.goes_on(stage).err());
-        let reflects = game.reflects(stage);
-        let traces = |stage: &Stage| stage.status().is_some_and(|status| status.tracer.is_some());
-        let should = self.reflects().unwrap_or_else(|| traces(stage));
+        harness.wait_until_idle(RECOVERY);
+        problems.extend(fixture.check_image(harness).err());
+        let reflects = fixture.reflects(harness);
+        let status = harness.status();
+        let traces = status.as_ref().is_some_and(|status| status.tracer.is_some());
+        let should = self.reflects().unwrap_or(traces);
         match reflects {
-            Ok(reflects) if reflects != should => problems.push(if should {
-                "nothing reflects any more".to_owned()
-            } else {
-                "something reflects where it can't".to_owned()
-            }),
-            Ok(_) => {}
+            Ok(reflects) if reflects == should => {}
+            Ok(true) => problems.push("something reflects where it can't".to_owned()),
+            Ok(false) => problems.push("nothing reflects any more".to_owned()),
             Err(reason) => problems.push(reason),
         }
-        if let Some(status) = stage.status()
-            && status.tracer.is_some() != should
+        if let Some(status) = status
+            && traces != should
         {
             problems.push(format!("the status says: {status}"));
         }
-        game.remove(stage);
+        fixture.remove(harness);
         problems
     }
 }
 
-/// Opens a stage and does something on it; whatever panics is a problem.
-fn guarded(
-    settings: &StageSettings,
+/// Opens a harness for `body`. A panic is a problem.
+fn with_harness(
+    settings: &HarnessSettings,
     tally: &mut Tally,
-    body: impl FnOnce(&mut Stage) -> Result<Option<String>, Vec<String>>,
+    body: impl FnOnce(&mut Harness) -> Result<Option<String>, Vec<String>>,
 ) -> Result<Option<String>, Vec<String>> {
-    _ = messages::take_errors();
-    _ = messages::take_panics();
-    let mut stage = match catch_unwind(AssertUnwindSafe(|| Stage::open(settings))) {
-        Ok(Ok(stage)) => stage,
-        Ok(Err(error)) => return Ok(Some(error.to_string())),
-        Err(payload) => {
-            return Err(vec![format!(
-                "the device can't be opened: {}",
-                panicked(&*payload).text
-            )]);
-        }
+    log_capture::clear();
+    let mut harness = match catch_panic(|| Harness::open(settings)) {
+        Ok(Ok(harness)) => harness,
+        Ok(Err(error)) => return Ok(Some(error)),
+        Err(panic) => return Err(vec![format!("the device can't be opened: {panic}")]),
     };
-    let result = catch_unwind(AssertUnwindSafe(|| body(&mut stage)));
-    tally.frames += stage.frames();
-    tally.pixels += stage.pixels();
-    _ = catch_unwind(AssertUnwindSafe(|| drop(stage)));
-    result.unwrap_or_else(|payload| Err(vec![format!("panic: {}", panicked(&*payload).text)]))
+    let result = catch_panic(|| body(&mut harness));
+    *tally += harness.take_tally();
+    drop_quietly(harness);
+    result.unwrap_or_else(|panic| Err(vec![format!("panic: {panic}")]))
 }
 
-/// The status or the log holds this text.
-fn is_told(stage: &Stage, message: &str) -> bool {
-    let status = stage.status().map(|status| status.to_string()).unwrap_or_default();
-    status.contains(message) || messages::was_heard(message)
+/// The status or the log contains this text.
+fn is_reported(harness: &Harness, message: &str) -> bool {
+    let status = harness.status().map(|status| status.to_string()).unwrap_or_default();
+    status.contains(message) || log_capture::was_logged(message)
 }
 
-/// Has the game's camera decide its rates by a shader.
-fn vary(stage: &mut Stage, game: &Game, shader: Handle<Shader>) {
-    let mut camera = stage.world().entity_mut(game.camera);
+/// Chooses the rates of the camera by a shader.
+fn use_heuristic(harness: &mut Harness, fixture: &Fixture, shader: Handle<Shader>) {
+    let mut camera = harness.world().entity_mut(fixture.camera);
     camera.insert(ShadingRateHeuristic::Custom(shader));
     if let Some(mut reflections) = camera.get_mut::<RayTracedReflections>() {
         reflections.technique = Technique::Variable;
     }
 }
 
-/// The device goes, comes back, and shows what it showed.
-fn device_lost(stage: &mut Stage, game: &Game) -> Vec<String> {
-    let before = stage.picture(game.camera);
-    stage.lose_device();
+/// Loses the device. The new one must render the same image.
+fn lose_device(harness: &mut Harness, fixture: &Fixture) -> Result<(), String> {
+    let before = harness.image(fixture.camera)?;
+    harness.lose_device();
     for _ in 0..RECOVERY {
-        stage.step(1);
-        if stage.losses() > 0 {
+        harness.step(1);
+        if harness.losses() > 0 {
             break;
         }
     }
-    if stage.losses() == 0 {
-        return vec!["the loss was never noticed".to_owned()];
+    if harness.losses() == 0 {
+        return Err("the loss was never noticed".to_owned());
     }
     // A new device, its shaders, its meshes.
-    stage.step(8);
-    stage.settle(RECOVERY);
-    let after = stage.picture(game.camera);
-    match (before, after) {
-        (Ok(before), Ok(after)) => {
-            let difference = before.difference(&after);
-            let is_back = difference <= RECOVERED;
-            (!is_back)
-                .then(|| format!("the picture differs by {difference} from that before the loss"))
-                .into_iter()
-                .collect()
-        }
-        (Err(reason), _) | (_, Err(reason)) => vec![reason],
+    harness.step(8);
+    harness.wait_until_idle(RECOVERY);
+    let difference = before.difference(&harness.image(fixture.camera)?);
+    if difference <= RECOVERED {
+        return Ok(());
     }
+    Err(format!("the image differs by {difference} from that before the loss"))
 }
 
-/// One of the library's own shaders is no shader; then it is again.
-fn broken_pass(stage: &mut Stage, size: UVec2) -> Vec<String> {
-    let handle: Handle<Shader> = stage.world().resource::<AssetServer>().load(PASS);
+/// Replaces one of the library's own shaders by text that doesn't compile, and restores it.
+fn break_pass(harness: &mut Harness, size: UVec2) -> Vec<String> {
+    let handle: Handle<Shader> = harness.world().resource::<AssetServer>().load(PASS);
     let mut original = None;
     for _ in 0..RECOVERY {
-        stage.step(1);
-        original = stage.world().resource::<Assets<Shader>>().get(&handle).cloned();
+        harness.step(1);
+        original = harness.world().resource::<Assets<Shader>>().get(&handle).cloned();
         if original.is_some() {
             break;
         }
-        std::thread::sleep(std::time::Duration::from_millis(1));
+        thread::sleep(Duration::from_millis(1));
     }
     let Some(original) = original else {
         return vec![format!("{PASS} isn't there")];
     };
-    let replace = |stage: &mut Stage, shader: Shader| {
-        let replaced = stage.world().resource_mut::<Assets<Shader>>().insert(&handle, shader);
-        stage.step(2);
+    let replace = |harness: &mut Harness, shader: Shader| {
+        let replaced = harness.world().resource_mut::<Assets<Shader>>().insert(&handle, shader);
+        harness.step(2);
         replaced.err().map(|error| error.to_string())
     };
     let mut problems = Vec::new();
-    problems.extend(replace(stage, Shader::from_wesl("this is no shader", PASS)));
-    let game = Game::new(stage, size);
-    problems.extend(game.goes_on(stage).err());
-    if stage.status().is_some_and(|status| status.ready) {
-        problems.push("the status says that all is compiled".to_owned());
+    problems.extend(replace(harness, Shader::from_wesl("this is no shader", PASS)));
+    let fixture = Fixture::new(harness, size);
+    problems.extend(fixture.check_image(harness).err());
+    if harness.status().is_some_and(|status| status.ready) {
+        problems.push("the status says that everything is compiled".to_owned());
     }
-    problems.extend(replace(stage, original));
-    stage.settle(RECOVERY);
-    match game.reflects(stage) {
+    problems.extend(replace(harness, original));
+    harness.wait_until_idle(RECOVERY);
+    match fixture.reflects(harness) {
         Ok(true) => {}
-        Ok(false) => problems.push("nothing reflects after the shader was repaired".to_owned()),
+        Ok(false) => problems.push("nothing reflects after the shader was restored".to_owned()),
         Err(reason) => problems.push(reason),
     }
-    game.remove(stage);
+    fixture.remove(harness);
     problems
 }

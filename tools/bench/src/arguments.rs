@@ -1,0 +1,207 @@
+//! The command line, and the measurements that it asks for on a machine.
+
+use crate::{kernels, machine::Machine};
+use bevy::math::UVec2;
+use bevy_glint::{Backend, RayTracedReflections, ShadingRateHeuristic, TracerChoice, named_settings};
+use clap::{Parser, value_parser};
+use glint_scenes::{ImageSize, SceneName};
+use std::{fmt, path::PathBuf, str::FromStr};
+
+const TECHNIQUES: &str = "reference,quarter,quarter-inline,vrs-roughness,vrs-grazing,vrs-combined,vrs-roughness@hardware,\
+    vrs-grazing@hardware,paper,low,medium,high,ultra,idle";
+/// Mesa's CPU driver crashes on ray queries in fragment shaders.
+const CPU_TECHNIQUES: &str = "reference,quarter,vrs-roughness,vrs-grazing,vrs-combined,paper,idle";
+const DEFAULT_SCENES: [SceneName; 3] = [SceneName::Demo, SceneName::AtriumSmall, SceneName::Atrium];
+const GPU_SIZE: UVec2 = UVec2::new(1920, 1080);
+const CPU_SIZE: UVec2 = UVec2::new(480, 270);
+const GPU_FRAMES: u32 = 60;
+const CPU_FRAMES: u32 = 5;
+
+fn scene_help() -> String {
+    let names = SceneName::ALL.map(SceneName::as_str).join(", ");
+    let default = DEFAULT_SCENES.map(SceneName::as_str).join(", ");
+    format!("{names}; may be given several times (default: {default})")
+}
+
+/// Measure rays per second, times of passes, and builds of acceleration structures.
+#[derive(Parser)]
+#[command(name = "glint_bench")]
+pub struct Arguments {
+    #[arg(long, value_name = "NAME", help = scene_help())]
+    scene: Vec<SceneName>,
+    /// auto, ray-query, bvh or all
+    #[arg(long, value_name = "NAME", default_value = "all")]
+    tracer: Tracers,
+    /// Width and height in pixels (default: 1920x1080; 480x270 on a CPU)
+    #[arg(long, value_name = "WxH")]
+    size: Option<ImageSize>,
+    /// Frames to measure (default: 60; 5 on a CPU)
+    #[arg(long, value_name = "N", value_parser = value_parser!(u32).range(1..))]
+    frames: Option<u32>,
+    /// Techniques whose passes are timed, separated by commas; `@hardware` behind one chooses that back end, and `idle` is a
+    /// camera that sees nothing reflective (default: all but the slow ones on a CPU)
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    techniques: Vec<TimedTechnique>,
+    /// Fineness of curved parts, 0.25 to 8
+    #[arg(long, value_name = "X", default_value_t = 1.0)]
+    detail: f32,
+    /// Triangles of the generated mesh whose BVH is built
+    #[arg(long, value_name = "N", default_value_t = 1_000_000)]
+    pub triangles: u32,
+    /// Leave out the rays
+    #[arg(long)]
+    pub skip_rays: bool,
+    /// Leave out building on the CPU
+    #[arg(long)]
+    pub skip_build: bool,
+    /// Write all values as CSV
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+}
+
+/// Rays and passes to measure.
+pub struct Plan {
+    /// Scenes.
+    pub scenes: Vec<SceneName>,
+    /// Tracers, each in an app of its own.
+    pub tracers: Vec<TracerChoice>,
+    /// Techniques whose passes are timed.
+    pub techniques: Vec<TimedTechnique>,
+    /// Size of the view.
+    pub size: UVec2,
+    /// Frames to measure.
+    pub frames: u32,
+    /// Fineness of curved parts.
+    pub detail: f32,
+}
+
+impl Arguments {
+    /// Fills the gaps with defaults that suit the machine.
+    pub fn plan(&self, machine: &Machine) -> Plan {
+        let (size, frames, techniques) = if machine.is_cpu {
+            (CPU_SIZE, CPU_FRAMES, CPU_TECHNIQUES)
+        } else {
+            (GPU_SIZE, GPU_FRAMES, TECHNIQUES)
+        };
+        let default_techniques = || techniques.split(',').filter_map(|word| word.parse().ok()).collect();
+        let scenes = match self.scene.as_slice() {
+            [] => DEFAULT_SCENES.to_vec(),
+            chosen => chosen.to_vec(),
+        };
+        Plan {
+            scenes,
+            tracers: self.tracer.list(),
+            techniques: match self.techniques.as_slice() {
+                [] => default_techniques(),
+                chosen => chosen.to_vec(),
+            },
+            size: self.size.map_or(size, |size| size.0),
+            frames: self.frames.unwrap_or(frames),
+            detail: self.detail,
+        }
+    }
+}
+
+impl Plan {
+    /// Checks that the adapter can hold the rays.
+    ///
+    /// # Errors
+    ///
+    /// If it can't.
+    pub fn check(&self, machine: &Machine) -> Result<(), String> {
+        let needed = kernels::largest_buffer(self.size);
+        if needed > machine.buffer_limit {
+            return Err(format!(
+                "{}x{} needs a buffer of {needed} bytes, and {} allows {}; pass a smaller --size",
+                self.size.x, self.size.y, machine.name, machine.buffer_limit
+            ));
+        }
+        Ok(())
+    }
+
+    /// Back end that the device is opened for.
+    pub fn backend(&self) -> Backend {
+        let is_hardware = |technique: &TimedTechnique| technique.reflections.backend == Backend::Hardware;
+        if self.techniques.iter().any(is_hardware) {
+            Backend::Hardware
+        } else {
+            Backend::Compute
+        }
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Tracers {
+    One(TracerChoice),
+    All,
+}
+
+impl FromStr for Tracers {
+    type Err = String;
+
+    fn from_str(word: &str) -> Result<Self, String> {
+        match word {
+            "all" => Ok(Self::All),
+            _ => word
+                .parse::<TracerChoice>()
+                .map(Self::One)
+                .map_err(|error| format!("{error}, all")),
+        }
+    }
+}
+
+impl Tracers {
+    fn list(self) -> Vec<TracerChoice> {
+        match self {
+            Self::One(tracer) => vec![tracer],
+            Self::All => vec![TracerChoice::RayQuery, TracerChoice::Bvh],
+        }
+    }
+}
+
+/// Settings of a camera, from a word such as `vrs-roughness@hardware`. They have no roughness cut-off: rays are compared.
+#[derive(Clone, Debug)]
+pub struct TimedTechnique {
+    word: String,
+    /// Components of the camera.
+    pub reflections: RayTracedReflections,
+    /// Components of the camera.
+    pub heuristic: ShadingRateHeuristic,
+    /// The camera sees nothing reflective: all pixels are cut off.
+    pub is_idle: bool,
+}
+
+impl TimedTechnique {
+    /// The word for the preset `medium` on a camera that sees nothing reflective.
+    const IDLE: &str = "idle";
+}
+
+impl fmt::Display for TimedTechnique {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.word)
+    }
+}
+
+impl FromStr for TimedTechnique {
+    type Err = String;
+
+    fn from_str(word: &str) -> Result<Self, String> {
+        let word = word.trim();
+        let (name, backend) = match word.strip_suffix("@hardware") {
+            Some(name) => (name, Backend::Hardware),
+            None => (word, Backend::Compute),
+        };
+        let is_idle = name == Self::IDLE;
+        let name = if is_idle { "medium" } else { name };
+        let (mut reflections, heuristic) = named_settings(name).map_err(|error| format!("{error}, {}", Self::IDLE))?;
+        reflections.backend = backend;
+        reflections.roughness_cutoff = if is_idle { 0.0 } else { 1.0 };
+        reflections.roughness_fade = 0.0;
+        Ok(Self {
+            word: word.to_owned(),
+            reflections,
+            heuristic,
+            is_idle,
+        })
+    }
+}

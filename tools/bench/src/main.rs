@@ -1,0 +1,55 @@
+//! Rays per second of both tracers, times of the passes, and times and sizes of acceleration structures.
+//!
+//! `cargo xtask bench -- --scene atrium --csv bench.csv`
+//!
+//! Rays are timed alone: one kernel writes them into a buffer, tile by tile, and the timed kernel only reads, traces and stores
+//! their hits. All times on the GPU come from its own clock.
+
+mod arguments;
+mod bvh_builds;
+mod kernels;
+mod machine;
+mod measure;
+mod scenes;
+mod table;
+
+use arguments::Arguments;
+use clap::Parser;
+use machine::Machine;
+use std::process::ExitCode;
+use table::Csv;
+
+fn main() -> ExitCode {
+    match run(&Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(reason) => {
+            eprintln!("error: {reason}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: &Arguments) -> Result<(), String> {
+    let mut csv = Csv::default();
+    let mut adapter = "CPU".to_owned();
+    let mut size_word = "-".to_owned();
+    if !arguments.skip_rays {
+        let machine = Machine::probe()?;
+        let plan = arguments.plan(&machine);
+        plan.check(&machine)?;
+        size_word = format!("{}x{}", plan.size.x, plan.size.y);
+        println!("{}, {size_word}, {} frames", machine.name, plan.frames);
+        if machine.is_cpu {
+            println!("This adapter is a CPU: its times can't be compared with those of GPUs.");
+        }
+        adapter = machine.name;
+        scenes::measure(&plan, &mut csv)?;
+    }
+    if !arguments.skip_build {
+        bvh_builds::measure(arguments.triangles, &mut csv)?;
+    }
+    match &arguments.csv {
+        Some(path) => csv.save(path, &adapter, &size_word),
+        None => Ok(()),
+    }
+}

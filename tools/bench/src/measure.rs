@@ -1,0 +1,449 @@
+//! One scene with one tracer: waits for it, renders frames and gathers what diagnostics say.
+
+use crate::{
+    arguments::{Plan, TimedTechnique},
+    kernels,
+    table::{Csv, Table, mebibytes, number, quantile},
+};
+use bevy::{
+    diagnostic::{DiagnosticPath, DiagnosticsStore},
+    platform::time::Instant,
+    prelude::*,
+    render::{RenderApp, diagnostic::RenderDiagnosticsPlugin, render_resource::PollType, renderer::RenderDevice},
+};
+use bevy_glint::{
+    Backend, RayTracedReflectionsPlugin, ReflectionStatus, StatusReport, TracerChoice, inspect::TotalTimeOnly,
+};
+use glint_scenes::{HeadlessApp, HeadlessSettings, SceneName, SceneOptions, SceneStatistics};
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+/// Frames that are rendered before measuring starts.
+const WARM_UP_FRAMES: u32 = 8;
+/// Frames in a row in which nothing was built: then the scene is complete.
+const QUIET_FRAMES: u32 = 8;
+const FRAME_LIMIT: u32 = 4000;
+/// Frames after which a camera that sees nothing to reflect on rests at the latest.
+const REST_FRAMES: u32 = 60;
+
+/// Kernels: the word in tables, its diagnostics of rays, hits and GPU time.
+const KERNELS: [(&str, &str, &str, &str); 3] = [
+    (
+        "primary",
+        "render/bench_primary_rays",
+        "render/bench_primary_hits",
+        "render/bench/primary/elapsed_gpu",
+    ),
+    (
+        "reflection",
+        "render/bench_reflection_rays",
+        "render/bench_reflection_hits",
+        "render/bench/reflection/elapsed_gpu",
+    ),
+    (
+        "solid",
+        "render/bench_solid_rays",
+        "render/bench_solid_hits",
+        "render/bench/solid/elapsed_gpu",
+    ),
+];
+/// Passes: the word in tables and the diagnostic of their GPU time.
+const PASSES: [(&str, &str); 7] = [
+    ("rate", "render/glint/rate/elapsed_gpu"),
+    ("trace", "render/glint/trace/elapsed_gpu"),
+    ("reconstruct", "render/glint/reconstruct/elapsed_gpu"),
+    ("temporal", "render/glint/temporal/elapsed_gpu"),
+    ("blur", "render/glint/blur/elapsed_gpu"),
+    ("composite", "render/glint/composite/elapsed_gpu"),
+    ("total", TOTAL),
+];
+const TOTAL: &str = "render/glint/elapsed_gpu";
+const COUNTERS: [(&str, &str); 3] = [
+    ("rays", "render/reflection_rays"),
+    ("mirror_rays", "render/reflection_mirror_rays"),
+    ("hits", "render/reflection_hits"),
+];
+
+/// Where measurements are printed.
+pub struct Tables {
+    pub scenes: Table,
+    pub kernels: Table,
+    pub passes: Table,
+    pub memory: Table,
+}
+
+/// The render app's world.
+fn render_world(app: &mut HeadlessApp) -> Result<&World, String> {
+    let render = app.app().get_sub_app(RenderApp).ok_or("there is no render app")?;
+    Ok(render.world())
+}
+
+/// The values that one diagnostic took.
+struct Samples {
+    path: DiagnosticPath,
+    last: Option<Instant>,
+    values: Vec<f64>,
+}
+
+/// One scene with one tracer.
+pub struct Bench {
+    app: HeadlessApp,
+    camera: Entity,
+    samples: Vec<Samples>,
+    /// Milliseconds of all passes, without timers between them.
+    totals: Vec<f64>,
+    /// The camera sees nothing reflective.
+    is_idle: bool,
+}
+
+/// Adds the plugin of the hardware back end, which must come before Bevy's plugins.
+fn open_device(app: &mut App, backend: Backend) {
+    #[cfg(target_os = "linux")]
+    if backend == Backend::Hardware {
+        app.add_plugins(bevy_glint::HardwareVrsPlugin::default());
+    }
+    // Elsewhere the camera's own warning says what is missing.
+    #[cfg(not(target_os = "linux"))]
+    let _ = (app, backend);
+}
+
+/// Puts the files of the folder that `GLINT_BENCH_SHADERS` names in the place of shader modules of the same path below `src/`, to
+/// compare versions of shaders without building anew.
+fn replace_shaders(app: &mut HeadlessApp) -> Result<(), String> {
+    let Some(folder) = std::env::var_os("GLINT_BENCH_SHADERS") else {
+        return Ok(());
+    };
+    let folder = Path::new(&folder);
+    let mut paths = Vec::new();
+    list_files(folder, &mut paths).map_err(|error| format!("{}: {error}", folder.display()))?;
+    for path in paths {
+        let source = std::fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+        let relative = path.strip_prefix(folder).unwrap_or(&path);
+        let module = format!("embedded://bevy_glint/{}", relative.display());
+        let shader: Handle<Shader> = app.world().resource::<AssetServer>().load(&module);
+        let loaded = (0..FRAME_LIMIT).any(|_| {
+            app.step(1);
+            app.world().resource::<Assets<Shader>>().contains(&shader)
+        });
+        if !loaded {
+            return Err(format!("{module} was not loaded"));
+        }
+        app.world()
+            .resource_mut::<Assets<Shader>>()
+            .insert(shader.id(), Shader::from_wesl(source, module))
+            .map_err(|error| error.to_string())?;
+    }
+    Ok(())
+}
+
+fn list_files(folder: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
+    for entry in std::fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.is_dir() {
+            list_files(&path, files)?;
+        } else {
+            files.push(path);
+        }
+    }
+    Ok(())
+}
+
+impl Bench {
+    /// Spawns the scene.
+    pub fn new(scene: SceneName, tracer: TracerChoice, plan: &Plan) -> Result<Self, String> {
+        let settings = HeadlessSettings {
+            size: plan.size,
+            ..default()
+        };
+        let backend = plan.backend();
+        // Nothing is animated, so that all frames trace the same rays.
+        let mut app = HeadlessApp::with_device(
+            settings,
+            |app| open_device(app, backend),
+            |app| {
+                app.add_plugins((RenderDiagnosticsPlugin, RayTracedReflectionsPlugin { tracer }));
+                kernels::add(app);
+            },
+        )
+        .map_err(|error| error.to_string())?;
+        replace_shaders(&mut app)?;
+        let detail = plan.detail;
+        let camera = app.spawn_scene(scene, &SceneOptions { detail, ..default() });
+        let kernels = KERNELS.iter().flat_map(|&(_, rays, hits, time)| [rays, hits, time]);
+        let passes = PASSES.iter().map(|&(_, time)| time);
+        let samples = kernels
+            .chain(passes)
+            .chain(COUNTERS.iter().map(|&(_, counter)| counter))
+            .map(|path| Samples {
+                path: DiagnosticPath::new(path),
+                last: None,
+                values: Vec::new(),
+            })
+            .collect();
+        Ok(Self {
+            app,
+            camera,
+            samples,
+            totals: Vec::new(),
+            is_idle: false,
+        })
+    }
+
+    /// Switches to a technique.
+    pub fn set_technique(&mut self, technique: &TimedTechnique) {
+        self.is_idle = technique.is_idle;
+        self.app
+            .world()
+            .entity_mut(self.camera)
+            .insert((technique.reflections.clone(), technique.heuristic.clone()));
+    }
+
+    /// What the crate says about itself.
+    pub fn report(&mut self) -> StatusReport {
+        self.app.world().resource::<ReflectionStatus>().report()
+    }
+
+    /// Renders until every mesh can be hit and every pipeline is compiled.
+    pub fn wait_for_scene(&mut self) -> Result<StatusReport, String> {
+        self.app.warm_up(FRAME_LIMIT).map_err(|error| error.to_string())?;
+        let mut quiet = 0;
+        let mut before = self.report();
+        for frame in 0..FRAME_LIMIT {
+            self.app.step(1);
+            let report = self.report();
+            let same = (report.blas_builds, report.tlas_builds) == (before.blas_builds, before.tlas_builds);
+            let pending = report.meshes_pending > 0 || report.merges_pending || report.micromaps_pending;
+            let complete = report.ready && !pending && report.instances > 0;
+            // Where something reflects after all, it never rests.
+            let rests = !self.is_idle || report.resting_views > 0 || frame >= REST_FRAMES;
+            quiet = if same && complete && rests { quiet + 1 } else { 0 };
+            if quiet >= QUIET_FRAMES {
+                return Ok(report);
+            }
+            if !complete {
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            before = report;
+        }
+        Err(format!(
+            "the scene was not ready after {FRAME_LIMIT} frames; {} meshes are missing",
+            before.meshes_pending
+        ))
+    }
+
+    /// Triangles, build times and memory.
+    pub fn describe(
+        &mut self,
+        scene: SceneName,
+        tracer: &str,
+        report: &StatusReport,
+        table: &mut Table,
+        csv: &mut Csv,
+    ) {
+        let world = self.app.world();
+        let placed = world
+            .query::<&SceneStatistics>()
+            .iter(world)
+            .map(|statistics| statistics.triangles)
+            .sum::<usize>();
+        table.row([
+            scene.to_string(),
+            tracer.to_owned(),
+            report.triangles.to_string(),
+            placed.to_string(),
+            report.instances.to_string(),
+            number(Some(report.blas_build_ms.into()), 2),
+            number(Some(report.tlas_build_ms.into()), 3),
+            number(Some(mebibytes(report.scene_bytes)), 2),
+        ]);
+        for (measure, value, unit) in [
+            ("mesh_triangles", report.triangles as f64, ""),
+            ("placed_triangles", placed as f64, ""),
+            ("instances", report.instances as f64, ""),
+            ("mesh_build", report.blas_build_ms.into(), "ms"),
+            ("top_level_build", report.tlas_build_ms.into(), "ms"),
+            ("scene_bytes", report.scene_bytes as f64, "B"),
+        ] {
+            csv.add(scene.as_str(), tracer, measure, value, unit);
+        }
+    }
+
+    /// What the camera's textures and buffers take, per pixel of the view.
+    pub fn memory(&mut self, scene: SceneName, technique: &str, table: &mut Table, csv: &mut Csv) {
+        let report = self.report();
+        for view in report.view_memory {
+            let pixels = view.pixels as f64;
+            for &(part, bytes) in &view.parts {
+                table.row([
+                    technique.to_owned(),
+                    part.to_owned(),
+                    bytes.to_string(),
+                    number(Some(bytes as f64 / pixels), 2),
+                ]);
+            }
+            let bytes = view.bytes();
+            let per_pixel = bytes as f64 / pixels;
+            table.row([
+                technique.to_owned(),
+                "all".to_owned(),
+                bytes.to_string(),
+                number(Some(per_pixel), 2),
+            ]);
+            csv.add(
+                scene.as_str(),
+                "-",
+                &format!("{technique}_memory"),
+                per_pixel,
+                "B/pixel",
+            );
+        }
+    }
+
+    /// Renders one frame and waits for the GPU, so that the next frame finds its measurements.
+    fn frame(&mut self) -> Result<(), String> {
+        self.app.step(1);
+        let device = render_world(&mut self.app)?
+            .get_resource::<RenderDevice>()
+            .ok_or("there is no graphics device")?;
+        device
+            .poll(PollType::Wait {
+                submission_index: None,
+                timeout: None,
+            })
+            .map_err(|error| error.to_string())?;
+        Ok(())
+    }
+
+    /// Takes the measurements of so many frames: first of all passes together, then of each.
+    pub fn measure(&mut self, frames: u32) -> Result<(), String> {
+        self.time_stages(false)?;
+        self.measure_frames(frames)?;
+        self.totals = self.values(TOTAL).to_vec();
+        if self.is_idle && !self.totals.is_empty() {
+            // Passes run in every other frame: what counts is the mean.
+            let mean = self.totals.iter().sum::<f64>() / self.totals.len() as f64;
+            self.totals.fill(mean);
+        }
+        self.time_stages(true)?;
+        self.measure_frames(frames)
+    }
+
+    /// Whether each pass has timers of its own.
+    fn time_stages(&mut self, stages: bool) -> Result<(), String> {
+        let render = self.app.app().get_sub_app_mut(RenderApp);
+        let world = render.ok_or("there is no render app")?.world_mut();
+        if stages {
+            world.remove_resource::<TotalTimeOnly>();
+        } else {
+            world.insert_resource(TotalTimeOnly);
+        }
+        Ok(())
+    }
+
+    fn measure_frames(&mut self, frames: u32) -> Result<(), String> {
+        for _ in 0..WARM_UP_FRAMES {
+            self.frame()?;
+        }
+        self.collect();
+        self.samples.iter_mut().for_each(|samples| samples.values.clear());
+        // Results arrive a frame late.
+        for _ in 0..=frames {
+            self.frame()?;
+            self.collect();
+        }
+        for samples in &mut self.samples {
+            samples.values.truncate(frames as usize);
+        }
+        Ok(())
+    }
+
+    fn collect(&mut self) {
+        let store = self.app.world().resource::<DiagnosticsStore>();
+        for samples in &mut self.samples {
+            let latest = store.get(&samples.path).and_then(|diagnostic| diagnostic.measurement());
+            if let Some(latest) = latest.filter(|latest| samples.last != Some(latest.time)) {
+                samples.last = Some(latest.time);
+                samples.values.push(latest.value);
+            }
+        }
+    }
+
+    fn values(&self, path: &str) -> &[f64] {
+        let samples = self.samples.iter().find(|samples| samples.path.as_str() == path);
+        samples.map_or(&[], |samples| &samples.values)
+    }
+
+    fn value(&self, path: &str, share: f64) -> Option<f64> {
+        if path == TOTAL {
+            quantile(&self.totals, share)
+        } else {
+            quantile(self.values(path), share)
+        }
+    }
+
+    /// Closest hits alone.
+    pub fn kernels(&self, scene: SceneName, tracer: &str, table: &mut Table, csv: &mut Csv) {
+        for (word, rays, hits, time) in KERNELS {
+            let (rays, hits) = (self.value(rays, 0.5), self.value(hits, 0.5));
+            if rays.is_none() {
+                continue;
+            }
+            let (median, p95) = (self.value(time, 0.5), self.value(time, 0.95));
+            // Rays per millisecond are thousands per second.
+            let rate = rays
+                .zip(median)
+                .filter(|(_, median)| *median > 0.0)
+                .map(|(rays, median)| rays / median * 1e-3);
+            table.row([
+                scene.to_string(),
+                tracer.to_owned(),
+                word.to_owned(),
+                number(rays, 0),
+                number(hits, 0),
+                number(median, 4),
+                number(p95, 4),
+                number(rate, 1),
+            ]);
+            for (measure, value, unit) in [
+                ("rays", rays, ""),
+                ("hits", hits, ""),
+                ("median", median, "ms"),
+                ("p95", p95, "ms"),
+                ("rate", rate, "Mrays/s"),
+            ] {
+                if let Some(value) = value {
+                    csv.add(scene.as_str(), tracer, &format!("{word}_{measure}"), value, unit);
+                }
+            }
+        }
+    }
+
+    /// The crate's own passes.
+    pub fn passes(&self, scene: SceneName, tracer: &str, technique: &str, table: &mut Table, csv: &mut Csv) {
+        let mut row = vec![scene.to_string(), tracer.to_owned(), technique.to_owned()];
+        for (word, time) in PASSES {
+            row.push(number(self.value(time, 0.5), 4));
+            for (measure, share) in [("median", 0.5), ("p95", 0.95)] {
+                if let Some(value) = self.value(time, share) {
+                    csv.add(
+                        scene.as_str(),
+                        tracer,
+                        &format!("{technique}_{word}_{measure}"),
+                        value,
+                        "ms",
+                    );
+                }
+            }
+        }
+        for (word, counter) in COUNTERS {
+            let value = self.value(counter, 0.5);
+            row.push(number(value, 0));
+            if let Some(value) = value {
+                csv.add(scene.as_str(), tracer, &format!("{technique}_{word}"), value, "");
+            }
+        }
+        table.row(row);
+    }
+}

@@ -1,0 +1,57 @@
+//! A short measurement of a small scene.
+
+use std::{collections::HashMap, env, path::Path, process::Command};
+
+#[test]
+fn a_small_scene_is_measured() {
+    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("bench.csv");
+    let output = Command::new(env!("CARGO_BIN_EXE_glint_bench"))
+        .args([
+            "--scene",
+            "mirror_room",
+            "--tracer",
+            "bvh",
+            "--techniques",
+            "vrs-combined",
+        ])
+        .args(["--size", "64x36", "--frames", "2", "--skip-build", "--csv"])
+        .arg(&file)
+        .env_remove("RUST_LOG")
+        .env("NO_COLOR", "1")
+        .output()
+        .expect("the program starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    if said.contains("no graphics device was found") {
+        assert!(
+            env::var_os("GLINT_REQUIRE_GPU").is_none(),
+            "a GPU is required, but: {said}"
+        );
+        println!("skipped");
+        return;
+    }
+    assert!(output.status.success(), "{}:\n{said}", output.status);
+
+    let mut values = HashMap::new();
+    for record in csv::Reader::from_path(&file).expect("there is a table").records() {
+        let record = record.expect("it is well-formed");
+        assert_eq!((&record[1], &record[2]), ("64x36", "mirror_room"));
+        let value: f64 = record[5].parse().expect("values are numbers");
+        values.insert(record[4].to_owned(), value);
+    }
+    // A ray for each pixel, of which the mirror below fills a part.
+    let primary = values["primary_rays"];
+    assert!((primary - 64.0 * 36.0).abs() < 0.5, "{primary} rays");
+    let hits = values["primary_hits"];
+    assert!(hits > 0.2 * primary && hits <= primary, "{hits} hits");
+    // An exact mirror, which has a ray for each pixel.
+    assert!(values["vrs-combined_mirror_rays"] > 0.1 * primary, "{values:?}");
+    assert!(values["vrs-combined_memory"] > 30.0, "{values:?}");
+    for time in [
+        "primary_median",
+        "reflection_median",
+        "vrs-combined_trace_median",
+        "vrs-combined_total_median",
+    ] {
+        assert!(values[time] > 0.0, "{time}: {values:?}");
+    }
+}

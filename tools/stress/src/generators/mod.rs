@@ -1,0 +1,134 @@
+//! Generators of everything that a hostile scene may hold.
+//!
+//! Each scene begins with an ordinary one: a mirror for a floor, some boxes, a ball, a white sky. Generators add to it, or change the
+//! camera that renders it.
+
+mod builder;
+mod cameras;
+mod events;
+mod files;
+mod lights;
+mod materials;
+mod meshes;
+mod placements;
+mod settings;
+mod surroundings;
+mod textures;
+mod views;
+
+pub use builder::{Builder, HostileScene};
+pub use cameras::CameraSetup;
+pub use events::EventKind;
+pub use files::{FileKind, bytes as file_bytes};
+pub use lights::LightKind;
+pub use materials::MaterialKind;
+pub use meshes::MeshKind;
+pub use placements::PlacementKind;
+pub use settings::SettingsKind;
+pub use surroundings::SurroundingsKind;
+pub use textures::TextureKind;
+pub use views::ViewKind;
+
+use crate::word::word;
+use clap::ValueEnum;
+use serde::{Deserialize, Serialize};
+
+/// Declares the enum of all generators. Each variant has a kind and the function that adds it to a scene.
+macro_rules! generators {
+    ($($(#[$doc:meta])* $variant:ident($kind:ty) = $add:path;)+) => {
+        /// Adds one thing to a scene.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+        pub enum Generator { $($(#[$doc])* $variant($kind)),+ }
+
+        impl Generator {
+            /// All generators, grouped by variant.
+            #[must_use]
+            pub fn all() -> Vec<Self> {
+                let mut all = Vec::new();
+                $(all.extend(<$kind>::value_variants().iter().copied().map(Self::$variant));)+
+                all
+            }
+
+            /// The word for command lines, such as `mesh-nan-positions`.
+            #[must_use]
+            pub fn name(self) -> String {
+                let (variant, kind) = match self { $(Self::$variant(kind) => (stringify!($variant), word(&kind))),+ };
+                format!("{}-{kind}", variant.to_ascii_lowercase())
+            }
+
+            /// Adds to a scene that is being built.
+            pub fn add(self, builder: &mut Builder) {
+                match self { $(Self::$variant(kind) => $add(kind, builder)),+ }
+            }
+        }
+    };
+}
+
+generators! {
+    /// An object with an odd mesh.
+    Mesh(MeshKind) = meshes::add;
+    /// Objects in odd places or numbers.
+    Placement(PlacementKind) = placements::add;
+    /// Objects with an odd material.
+    Material(MaterialKind) = materials::add;
+    /// Objects with odd textures.
+    Texture(TextureKind) = textures::add;
+    /// The contents of a glTF file.
+    File(FileKind) = files::add;
+    /// An odd light.
+    Light(LightKind) = lights::add;
+    /// An odd environment.
+    Surroundings(SurroundingsKind) = surroundings::add;
+    /// An odd camera.
+    View(ViewKind) = views::add;
+    /// Odd settings.
+    Settings(SettingsKind) = settings::add;
+    /// An event between frames.
+    Event(EventKind) = add_event;
+}
+
+fn add_event(kind: EventKind, builder: &mut Builder) {
+    builder.events.push(kind);
+}
+
+impl Generator {
+    /// It takes very much memory or time.
+    #[must_use]
+    pub fn is_heavy(self) -> bool {
+        matches!(
+            self,
+            Self::Placement(PlacementKind::HundredThousand)
+                | Self::Texture(TextureKind::SixteenThousand)
+                | Self::View(ViewKind::EightThousand)
+        )
+    }
+
+    /// With it, the image may be brighter than the white sky.
+    #[must_use]
+    pub fn adds_light(self) -> bool {
+        !matches!(
+            self,
+            Self::Mesh(_) | Self::Placement(_) | Self::Settings(_) | Self::Event(_)
+        )
+    }
+
+    /// The generator with this name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::all().into_iter().find(|generator| generator.name() == name)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn generators_have_names() {
+        let needles = Generator::Mesh(MeshKind::Needles);
+        assert_eq!(needles.name(), "mesh-needles");
+        assert_eq!(Generator::named("mesh-needles"), Some(needles));
+        assert_eq!(Generator::named("mesh"), None);
+        assert!(Generator::all().len() > 150);
+    }
+}

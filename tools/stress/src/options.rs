@@ -1,0 +1,209 @@
+//! Options of a stress run: read from the command line, narrowed for each worker process, and printed to repeat a failure.
+
+use crate::{selection::Selection, word::word};
+use bevy::math::UVec2;
+use bevy_glint::TracerChoice;
+use clap::{Args, ValueEnum};
+use core::{fmt, str::FromStr};
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// Options of a stress run.
+#[derive(Args, Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Options {
+    /// Minutes to run.
+    #[arg(long, value_name = "N", default_value = "10", value_parser = positive)]
+    pub minutes: f64,
+    /// Seed of the first scene.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub seed: u64,
+    /// Tracer that finds the surfaces that rays hit.
+    #[arg(long, value_enum, value_name = "NAME", default_value_t)]
+    pub tracer: Tracer,
+    /// A section (faults, energy, stability, long-run, bounds, viewer or scenes), a fault such as device-lost, or a generator that
+    /// all scenes use, such as mesh-needles.
+    #[arg(long, value_name = "NAME")]
+    pub only: Option<Selection>,
+    /// Size of all images in pixels, such as 48x32.
+    #[arg(long, value_name = "WxH")]
+    pub size: Option<Size>,
+    /// Number of scenes, or of files for the viewer.
+    #[arg(long, value_name = "N")]
+    pub count: Option<u64>,
+    /// Frames of each scene, or of the long run.
+    #[arg(long, value_name = "N")]
+    pub frames: Option<u32>,
+    /// Positions of the generators to keep of the first scene, separated by commas, or `none`.
+    #[arg(long, value_name = "POSITIONS")]
+    pub keep: Option<Keep>,
+    /// Compile all shaders with runtime checks [default: in every other process that renders scenes].
+    #[arg(long)]
+    pub checked: bool,
+    /// The program `glint_viewer` [default: the one that cargo built beside this program].
+    #[arg(long, value_name = "PATH")]
+    pub viewer: Option<PathBuf>,
+}
+
+impl Options {
+    /// The same options for one part of the run.
+    #[must_use]
+    pub fn only(&self, selection: Selection) -> Self {
+        Self {
+            only: Some(selection),
+            ..self.clone()
+        }
+    }
+
+    /// The size of images, or another one where none was asked for.
+    #[must_use]
+    pub fn size_or(&self, default: UVec2) -> UVec2 {
+        self.size
+            .map_or(default, |Size(width, height)| UVec2::new(width, height))
+    }
+}
+
+/// The options that repeat the run, apart from its time.
+impl fmt::Display for Options {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "--tracer {} --seed {}", word(&self.tracer), self.seed)?;
+        let option = |text: Option<String>| text.unwrap_or_default();
+        f.write_str(&option(self.only.map(|only| format!(" --only {only}"))))?;
+        f.write_str(&option(self.size.map(|size| format!(" --size {size}"))))?;
+        f.write_str(&option(self.count.map(|count| format!(" --count {count}"))))?;
+        f.write_str(&option(self.frames.map(|frames| format!(" --frames {frames}"))))?;
+        f.write_str(&option(self.keep.as_ref().map(|keep| format!(" --keep {keep}"))))?;
+        f.write_str(if self.checked { " --checked" } else { "" })
+    }
+}
+
+/// Tracers that can be asked for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+pub enum Tracer {
+    /// Both where the device has ray queries.
+    #[default]
+    Auto,
+    /// The ray queries of the device.
+    RayQuery,
+    /// The bounding volume hierarchy in compute shaders.
+    Bvh,
+}
+
+impl From<Tracer> for TracerChoice {
+    fn from(tracer: Tracer) -> Self {
+        match tracer {
+            Tracer::Auto => Self::Auto,
+            Tracer::RayQuery => Self::RayQuery,
+            Tracer::Bvh => Self::Bvh,
+        }
+    }
+}
+
+/// Width and height in pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Size(pub u32, pub u32);
+
+impl From<UVec2> for Size {
+    fn from(size: UVec2) -> Self {
+        Self(size.x, size.y)
+    }
+}
+
+impl fmt::Display for Size {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}x{}", self.0, self.1)
+    }
+}
+
+impl FromStr for Size {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let sides = text.split_once(['x', 'X']);
+        sides
+            .and_then(|(width, height)| Some(Self(width.parse().ok()?, height.parse().ok()?)))
+            .filter(|Self(width, height)| [width, height].into_iter().all(|side| (1..=8192).contains(side)))
+            .ok_or_else(|| "choose a size such as 48x32, each side from 1 to 8192".to_owned())
+    }
+}
+
+/// Positions of generators in a scenario.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Keep(pub Vec<usize>);
+
+impl fmt::Display for Keep {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.0.is_empty() {
+            return f.write_str("none");
+        }
+        let positions: Vec<_> = self.0.iter().map(ToString::to_string).collect();
+        f.write_str(&positions.join(","))
+    }
+}
+
+impl FromStr for Keep {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "none" {
+            return Ok(Self(Vec::new()));
+        }
+        let positions: Result<_, _> = text.split(',').map(|position| position.trim().parse()).collect();
+        positions
+            .map(Self)
+            .map_err(|_| "choose positions such as 0,3, or `none`".to_owned())
+    }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number| *number > 0.0 && *number <= 1e6);
+    number.ok_or_else(|| "choose a number above 0, up to a million".to_owned())
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use clap::{Command, FromArgMatches};
+
+    /// Reads options from the text of a command line.
+    pub fn parse(text: &str) -> Result<Options, clap::Error> {
+        let words = ["stress"].into_iter().chain(text.split_whitespace());
+        let matches = Options::augment_args(Command::new("stress")).try_get_matches_from(words)?;
+        Options::from_arg_matches(&matches)
+    }
+
+    #[test]
+    fn printed_options_are_read_back() {
+        for text in [
+            "",
+            "--tracer bvh --only scenes --seed 41 --keep 0,3 --frames 2 --size 1x1 --checked",
+            "--tracer ray-query --only mesh-needles --seed 18446744073709551615 --count 7",
+            "--keep none --only device-lost",
+        ] {
+            let options = parse(text).unwrap();
+            assert_eq!(parse(&options.to_string()).unwrap(), options, "{text}");
+            let json = serde_json::to_string(&options).unwrap();
+            assert_eq!(serde_json::from_str::<Options>(&json).unwrap(), options, "{json}");
+        }
+        assert_eq!(parse("").unwrap().to_string(), "--tracer auto --seed 1");
+    }
+
+    #[test]
+    fn bad_options_are_refused() {
+        for text in [
+            "--minutes 0",
+            "--minutes=-1",
+            "--minutes nan",
+            "--minutes inf",
+            "--size 0x3",
+            "--size 9000x3",
+            "--size 48",
+            "--keep 0,x",
+            "--only flood",
+            "--tracer rays",
+            "--seed -1",
+        ] {
+            assert!(parse(text).is_err(), "{text}");
+        }
+        assert_eq!(parse("--minutes 0.5").unwrap().minutes, 0.5);
+    }
+}

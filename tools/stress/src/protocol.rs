@@ -1,0 +1,155 @@
+//! Jobs for worker processes, and the messages that they send back: a line of JSON each.
+
+use crate::{options::Options, selection::Selection, tally::Tally};
+use core::fmt;
+use serde::{Deserialize, Serialize};
+
+/// Work for one worker process.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Job {
+    /// The part of the run to work on.
+    pub selection: Selection,
+    /// Options of the run, narrowed to this job.
+    pub options: Options,
+    /// Seconds to take.
+    pub seconds: u64,
+    /// Runs Bevy without reflections, to attribute a crash.
+    pub without_reflections: bool,
+}
+
+impl Job {
+    /// A job for one part of a run.
+    #[must_use]
+    pub fn new(selection: Selection, options: &Options, seconds: u64) -> Self {
+        Self {
+            selection,
+            options: options.only(selection),
+            seconds,
+            without_reflections: false,
+        }
+    }
+}
+
+/// A message of a worker process.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Message {
+    /// Something begins. If the process ends before the next message of this kind, this is at fault.
+    Started {
+        /// Its description.
+        what: String,
+        /// Options that repeat it.
+        repeat: Options,
+    },
+    /// Amounts since the last such message.
+    Tried(Tally),
+    /// Something failed.
+    Failed(Failure),
+    /// Something worth knowing.
+    Note(String),
+    /// A question that stayed undecided: neither passed nor failed.
+    Undecided(String),
+    /// The progress of the process so far.
+    Progress(Progress),
+    /// The process is alive; its current activity.
+    Alive(String),
+    /// All is done.
+    Finished {
+        /// The first seed that was not tried.
+        next_seed: u64,
+    },
+}
+
+/// The progress of a section.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Progress {
+    /// Units that are done.
+    pub done: u64,
+    /// Units in all; 0 where there is no end to reach.
+    pub total: u64,
+    /// Name of the unit, in the plural.
+    pub unit: String,
+}
+
+impl Progress {
+    /// Progress in a unit.
+    #[must_use]
+    pub fn new(done: u64, total: u64, unit: &str) -> Self {
+        let unit = unit.to_owned();
+        Self { done, total, unit }
+    }
+
+    /// The progress of a section that this machine cannot run.
+    #[must_use]
+    pub fn skipped() -> Self {
+        Self::new(0, 0, "(skipped: this machine can't)")
+    }
+
+    /// Something is left to do.
+    #[must_use]
+    pub fn is_unfinished(&self) -> bool {
+        *self != Self::skipped() && (self.done < self.total || self.done == 0)
+    }
+
+    /// Adds the progress of another process of the same section.
+    #[must_use]
+    pub fn add(first: Option<Self>, second: Option<Self>) -> Option<Self> {
+        match (first, second) {
+            (Some(first), Some(second)) if first.unit == second.unit => Some(Self {
+                done: first.done + second.done,
+                total: first.total + second.total,
+                ..first
+            }),
+            (first, second) => first.or(second),
+        }
+    }
+}
+
+impl fmt::Display for Progress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { done, total, unit } = self;
+        match total {
+            _ if *self == Self::skipped() => f.write_str(unit),
+            0 => write!(f, "{done} {unit}"),
+            _ => write!(f, "{done} of {total} {unit}"),
+        }
+    }
+}
+
+/// A failure and how to repeat it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Failure {
+    /// Description of the case.
+    pub what: String,
+    /// Problems, a sentence each.
+    pub problems: Vec<String>,
+    /// Options that repeat it.
+    pub repeat: Options,
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "FAILED: {}", self.what)?;
+        for problem in &self.problems {
+            writeln!(f, "    {problem}")?;
+        }
+        write!(f, "    again: cargo xtask stress {}", self.repeat)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unfinished_sections_are_told_apart() {
+        let progress = |done: u64, total: u64| Progress::new(done, total, "frames");
+        assert!(progress(3, 10).is_unfinished() && !progress(10, 10).is_unfinished());
+        assert!(progress(0, 0).is_unfinished() && !progress(5, 0).is_unfinished());
+        assert!(!Progress::skipped().is_unfinished());
+        assert_eq!(progress(3, 10).to_string(), "3 of 10 frames");
+        assert_eq!(progress(5, 0).to_string(), "5 frames");
+        let sum = Progress::add(Some(progress(3, 0)), Some(progress(4, 0)));
+        assert_eq!(sum, Some(progress(7, 0)));
+        assert_eq!(Progress::add(None, sum.clone()), sum);
+    }
+}

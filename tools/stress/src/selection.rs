@@ -1,0 +1,117 @@
+//! The sections of a stress run, and the selection of a single part of it.
+
+use crate::{faults::Fault, generators::Generator, word::word};
+use clap::ValueEnum;
+use core::{fmt, str::FromStr};
+use serde::{Deserialize, Serialize};
+
+/// A section of a stress run. Sections run in this order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize, Deserialize)]
+pub enum Section {
+    /// Limited and lost devices, broken shaders.
+    Faults,
+    /// White furnaces, and every technique against the ground truth.
+    Energy,
+    /// Flicker of static scenes.
+    Stability,
+    /// Ten thousand frames.
+    LongRun,
+    /// Shaders with and without runtime checks.
+    Bounds,
+    /// Broken files in the viewer.
+    Viewer,
+    /// Hostile scenes.
+    Scenes,
+}
+
+impl Section {
+    /// Share of the time, in percent. Time that a section leaves over goes to those after it.
+    #[must_use]
+    pub fn weight(self) -> u32 {
+        match self {
+            Self::Faults | Self::Energy => 18,
+            Self::Stability => 14,
+            Self::LongRun => 25,
+            Self::Bounds => 5,
+            Self::Viewer => 4,
+            Self::Scenes => 16,
+        }
+    }
+}
+
+/// A section, a fault, or scenes with a generator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Selection {
+    /// One section.
+    Section(Section),
+    /// One fault.
+    Fault(Fault),
+    /// Scenes that all use one generator.
+    With(Generator),
+}
+
+impl Selection {
+    /// The section that it belongs to.
+    #[must_use]
+    pub fn section(self) -> Section {
+        match self {
+            Self::Section(section) => section,
+            Self::Fault(_) => Section::Faults,
+            Self::With(_) => Section::Scenes,
+        }
+    }
+}
+
+/// The word for command lines.
+impl fmt::Display for Selection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&match self {
+            Self::Section(section) => word(section),
+            Self::Fault(fault) => word(fault),
+            Self::With(generator) => generator.name(),
+        })
+    }
+}
+
+impl FromStr for Selection {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        let section = Section::from_str(name, false).map(Self::Section);
+        let found = section.or_else(|_| Fault::from_str(name, false).map(Self::Fault)).ok();
+        let found = found.or_else(|| Generator::named(name).map(Self::With));
+        found.ok_or_else(|| {
+            let sections: Vec<_> = Section::value_variants().iter().map(word).collect();
+            let faults: Vec<_> = Fault::value_variants().iter().map(word).collect();
+            format!(
+                "choose a section ({}), a fault ({}) or a generator of scenes, such as mesh-nan-positions or event-resize",
+                sections.join(", "),
+                faults.join(", ")
+            )
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_read_back() {
+        let sections = Section::value_variants().iter().copied().map(Selection::Section);
+        let faults = Fault::value_variants().iter().copied().map(Selection::Fault);
+        let generators = Generator::all().into_iter().map(Selection::With);
+        for selection in sections.chain(faults).chain(generators) {
+            assert_eq!(selection.to_string().parse(), Ok(selection));
+        }
+        let section = |name: &str| name.parse().map(Selection::section);
+        assert_eq!(section("device-lost"), Ok(Section::Faults));
+        assert_eq!(section("webgpu-minimum"), Ok(Section::Faults));
+        assert_eq!(section("mesh-needles"), Ok(Section::Scenes));
+        let error = section("flood").unwrap_err();
+        assert!(
+            error.contains("long-run") && error.contains("no-ray-queries"),
+            "{error}"
+        );
+    }
+}

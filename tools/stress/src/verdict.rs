@@ -1,0 +1,16 @@
+//! The result of a case.
+
+/// The result of a case.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// Everything is as it should be; a remark, which may be empty.
+    Passed(String),
+    /// Something is not as it should be.
+    Failed(Vec<String>),
+    /// Bevy fails the same way without the library.
+    Upstream(Vec<String>),
+    /// This machine cannot run the case.
+    Skipped(String),
+    /// The case is inconclusive.
+    Undecided(String),
+}

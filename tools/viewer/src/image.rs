@@ -1,0 +1,115 @@
+//! Renders an image without a window.
+
+use crate::{arguments::Arguments, gltf::Framing, method::Method, plugins, source::Source};
+use bevy::prelude::*;
+use bevy_glint::{RayTracedReflections, ReflectionStatus};
+use glint_scenes::{HeadlessApp, HeadlessSettings, save_picture};
+use std::{thread, time::Duration};
+
+/// Frames that loading and compiling may take.
+const FRAME_LIMIT: u32 = 20_000;
+
+/// Renders what the command line asks for and writes it.
+pub fn write(arguments: &Arguments) -> Result<(), String> {
+    let source = arguments.source()?;
+    let method = arguments.method()?;
+    let path = arguments.out(&source)?;
+    let size = if arguments.compare {
+        (arguments.size() / 2).max(UVec2::ONE)
+    } else {
+        arguments.size()
+    };
+    let mut app = headless_app(arguments, size)?;
+    source.spawn(app.world());
+    let camera = app.spawn_camera(arguments.view);
+    source.set_up_camera(camera, arguments.path, app.world());
+    let mut image = |method: &Method, is_still, frames| {
+        method.apply(&mut app.world().entity_mut(camera), arguments.backend);
+        render(&mut app, &source, is_still, frames)
+    };
+    let (size, bytes) = if arguments.compare {
+        let images = [
+            image(&Method::Off, true, arguments.frames)?,
+            image(&Method::ScreenSpace, true, arguments.frames)?,
+            image(&method, true, arguments.frames)?,
+            image(&Method::ground_truth(), true, arguments.truth_frames)?,
+        ];
+        (size * 2, two_rows(size, &images))
+    } else {
+        (size, image(&method, method.is_converged(), arguments.frames)?)
+    };
+    save_picture(size, bytes, &path).map_err(|error| error.to_string())?;
+    println!("wrote {}", path.display());
+    Ok(())
+}
+
+fn headless_app(arguments: &Arguments, size: UVec2) -> Result<HeadlessApp, String> {
+    let settings = HeadlessSettings {
+        size,
+        log: true,
+        ..default()
+    };
+    HeadlessApp::with_device(
+        settings,
+        |app| plugins::add_before_bevy(app, arguments.backend),
+        |app| plugins::add_after_bevy(app, arguments),
+    )
+    .map_err(|error| error.to_string())
+}
+
+/// Renders frames once everything is loaded, compiled and can be hit by rays; `is_still` stops the clock.
+fn render(app: &mut HeadlessApp, source: &Source, is_still: bool, frames: u32) -> Result<Vec<u8>, String> {
+    app.warm_up(FRAME_LIMIT).map_err(|error| error.to_string())?;
+    if let Source::File(path) = source
+        && *app.world().resource::<Framing>() != Framing::Done
+    {
+        return Err(format!("'{}' holds nothing that can be seen", path.display()));
+    }
+    wait_for_scene(app);
+    if is_still {
+        app.world().resource_mut::<Time<Virtual>>().pause();
+    }
+    app.step(frames);
+    app.capture().map_err(|error| error.to_string())
+}
+
+/// Renders with the clock stopped until rays can hit everything, then resets every history and starts the clock: moving objects
+/// are where they were, however long that took.
+fn wait_for_scene(app: &mut HeadlessApp) {
+    app.world().resource_mut::<Time<Virtual>>().pause();
+    for _ in 0..FRAME_LIMIT {
+        if !is_pending(app.world()) {
+            break;
+        }
+        thread::sleep(Duration::from_millis(2));
+        app.step(1);
+    }
+    // Uploads of the last frame are traced in the next one.
+    app.step(2);
+    let world = app.world();
+    for mut reflections in world.query::<&mut RayTracedReflections>().iter_mut(world) {
+        reflections.reset = true;
+    }
+    world.resource_mut::<Time<Virtual>>().unpause();
+}
+
+/// A camera reflects, and rays can't hit everything yet.
+fn is_pending(world: &mut World) -> bool {
+    let is_wanted = world.query::<&RayTracedReflections>().iter(world).next().is_some();
+    let report = world.resource::<ReflectionStatus>().report();
+    is_wanted && report.tracer.is_some() && (!report.ready || report.meshes_pending > 0)
+}
+
+/// Four images of one size as one: two above, two below.
+fn two_rows(size: UVec2, images: &[Vec<u8>]) -> Vec<u8> {
+    let line = size.x as usize * 4;
+    let mut bytes = Vec::with_capacity(images.len() * line * size.y as usize);
+    for row in images.chunks(2) {
+        for y in 0..size.y as usize {
+            for image in row {
+                bytes.extend_from_slice(&image[y * line..(y + 1) * line]);
+            }
+        }
+    }
+    bytes
+}

@@ -1,0 +1,31 @@
+//! Shows a built-in scene or a glTF file with ray-traced reflections, in a window or as an image.
+//!
+//! `cargo xtask demo` builds and starts this program; `--help` lists its options.
+
+mod arguments;
+mod gltf;
+mod image;
+mod method;
+mod plugins;
+mod source;
+mod window;
+
+use arguments::Arguments;
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let result = if arguments.headless {
+        image::write(&arguments)
+    } else {
+        window::open(&arguments)
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(reason) => {
+            eprintln!("error: {reason}");
+            ExitCode::FAILURE
+        }
+    }
+}

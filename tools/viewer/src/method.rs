@@ -1,0 +1,100 @@
+//! The kinds of reflections that a camera can have.
+
+use bevy::{pbr::ScreenSpaceReflections, prelude::*};
+use bevy_glint::{
+    Backend, RayTracedReflections, ShadingRateHeuristic, Technique, named_settings, presets::TECHNIQUE_NAMES,
+};
+use std::{fmt, str::FromStr};
+
+/// Source of a camera's reflections.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Method {
+    /// The environment map alone.
+    Off,
+    /// Bevy's screen-space reflections.
+    ScreenSpace,
+    /// Ray-traced reflections with settings that have a name.
+    Traced {
+        /// Name of a technique or preset.
+        name: &'static str,
+        /// Components of the camera.
+        settings: Box<(RayTracedReflections, ShadingRateHeuristic)>,
+    },
+}
+
+impl Method {
+    const OFF: &str = "off";
+    const SCREEN_SPACE: &str = "screen-space";
+
+    /// The ground truth of a still scene: every surface reflects, and frames are averaged.
+    pub fn ground_truth() -> Self {
+        let reflections = RayTracedReflections {
+            technique: Technique::Converged,
+            roughness_cutoff: 1.0,
+            roughness_fade: 0.0,
+            ..default()
+        };
+        Self::Traced {
+            name: "ground truth",
+            settings: Box::new((reflections, default())),
+        }
+    }
+
+    /// Frames are averaged for as long as nothing changes.
+    pub fn is_converged(&self) -> bool {
+        matches!(self, Self::Traced { settings, .. } if settings.0.technique == Technique::Converged)
+    }
+
+    /// Gives the camera these reflections instead of those that it has.
+    pub fn apply(&self, camera: &mut EntityWorldMut, backend: Backend) {
+        // A camera can't have both at a time.
+        camera.remove::<(RayTracedReflections, ScreenSpaceReflections)>();
+        match self {
+            Self::Off => {}
+            Self::ScreenSpace => {
+                camera.insert(ScreenSpaceReflections::default());
+            }
+            Self::Traced { settings, .. } => {
+                let (mut reflections, heuristic) = (**settings).clone();
+                reflections.backend = backend;
+                camera.insert((reflections, heuristic));
+            }
+        }
+    }
+}
+
+impl fmt::Display for Method {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Off => Self::OFF,
+            Self::ScreenSpace => Self::SCREEN_SPACE,
+            Self::Traced { name, .. } => name,
+        })
+    }
+}
+
+impl FromStr for Method {
+    type Err = String;
+
+    fn from_str(word: &str) -> Result<Self, String> {
+        match word {
+            Self::OFF => Ok(Self::Off),
+            Self::SCREEN_SPACE => Ok(Self::ScreenSpace),
+            _ => TECHNIQUE_NAMES
+                .split(", ")
+                .find(|name| *name == word)
+                .and_then(|name| Some((name, named_settings(name).ok()?)))
+                .map(|(name, settings)| Self::Traced {
+                    name,
+                    settings: Box::new(settings),
+                })
+                .ok_or_else(|| {
+                    format!(
+                        "choose one of: {}, {}, {TECHNIQUE_NAMES}",
+                        Self::OFF,
+                        Self::SCREEN_SPACE
+                    )
+                }),
+        }
+    }
+}

@@ -1,0 +1,38 @@
+//! The plugins that windows and images share.
+
+use crate::{arguments::Arguments, gltf};
+use bevy::{prelude::*, render::diagnostic::RenderDiagnosticsPlugin};
+use bevy_glint::{Backend, RayTracedReflectionsPlugin, egui::ReflectionSettingsPanelPlugin};
+use glint_scenes::SceneAnimationPlugin;
+
+/// Adds the plugin that decides how the graphics device is opened, which must come before Bevy's plugins.
+pub fn add_before_bevy(app: &mut App, backend: Backend) {
+    #[cfg(target_os = "linux")]
+    if backend == Backend::Hardware {
+        app.add_plugins(bevy_glint::HardwareVrsPlugin::default());
+    }
+    // Elsewhere the camera's own warning says what is missing.
+    #[cfg(not(target_os = "linux"))]
+    let _ = (app, backend);
+}
+
+/// Adds the reflections, what moves scenes and places cameras, and the settings panel.
+pub fn add_after_bevy(app: &mut App, arguments: &Arguments) {
+    app.add_plugins((
+        SceneAnimationPlugin,
+        gltf::plugin,
+        RayTracedReflectionsPlugin {
+            tracer: arguments.tracer,
+        },
+    ));
+    if arguments.panel {
+        app.add_plugins((
+            // Measures the times that the panel shows.
+            RenderDiagnosticsPlugin,
+            ReflectionSettingsPanelPlugin {
+                open: true,
+                ..default()
+            },
+        ));
+    }
+}

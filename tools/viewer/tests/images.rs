@@ -1,0 +1,186 @@
+//! The program as its users start it. Where images can be rendered, those with traced reflections must be closer to the ground truth
+//! than those without.
+
+use image::{RgbImage, imageops};
+use std::{
+    env, fs,
+    path::{Path, PathBuf},
+    process::{Command, Output},
+};
+
+const FOLDER: &str = env!("CARGO_TARGET_TMPDIR");
+/// Two rows of two images.
+const COMPARISON: [&str; 6] = ["--compare", "--size", "192x108", "--truth-frames", "32", "--frames=8"];
+
+fn viewer(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_glint_viewer"))
+        .args(arguments)
+        .current_dir(FOLDER)
+        .env_remove("RUST_LOG")
+        .env("NO_COLOR", "1")
+        .env_remove("DISPLAY")
+        .env_remove("WAYLAND_DISPLAY")
+        .output()
+        .expect("the program starts")
+}
+
+/// Renders an image; `None` (with the reason printed) where this machine can't.
+#[track_caller]
+fn render(name: &str, arguments: &[&str]) -> Option<RgbImage> {
+    let file = format!("viewer-{name}.png");
+    let path = Path::new(FOLDER).join(&file);
+    _ = fs::remove_file(&path);
+    let output = viewer(&[&["--headless", "--out", &file], arguments].concat());
+    let said = String::from_utf8_lossy(&output.stderr) + String::from_utf8_lossy(&output.stdout);
+    if said.contains("no graphics device was found") {
+        assert!(
+            env::var_os("GLINT_REQUIRE_GPU").is_none(),
+            "a GPU is required, but: {said}"
+        );
+        println!("skipped: {name}");
+        return None;
+    }
+    assert!(output.status.success(), "{name} ended with {}:\n{said}", output.status);
+    assert!(!said.contains("ERROR bevy_glint"), "{name} logged an error:\n{said}");
+    Some(image::open(&path).expect("the image can be read").to_rgb8())
+}
+
+/// Mean absolute difference of two images in steps of 8 bits.
+fn difference(a: &RgbImage, b: &RgbImage) -> f32 {
+    assert_eq!(a.dimensions(), b.dimensions());
+    let differences = a.iter().zip(b.iter()).map(|(a, b)| f32::from(a.abs_diff(*b)));
+    differences.sum::<f32>() / a.len() as f32
+}
+
+/// Compares the methods in four images; without reflections the error is `error_off` at least.
+#[track_caller]
+fn compare(name: &str, arguments: &[&str], error_off: f32) {
+    let Some(image) = render(name, &[&COMPARISON, arguments].concat()) else {
+        return;
+    };
+    let size = (image.width() / 2, image.height() / 2);
+    let [off, screen_space, traced, truth] = [(0, 0), (1, 0), (0, 1), (1, 1)]
+        .map(|(x, y)| imageops::crop_imm(&image, x * size.0, y * size.1, size.0, size.1).to_image());
+    let [off, screen_space, traced] = [off, screen_space, traced].map(|image| difference(&image, &truth));
+    println!("{name}: errors {off:.2} off, {screen_space:.2} screen space, {traced:.2} traced");
+    assert!(off >= error_off, "{name}: without reflections the error is {off}");
+    assert!(traced < 0.6 * off, "{name}: {traced} traced, {off} without reflections");
+}
+
+#[test]
+fn demo() {
+    compare("demo", &["--scene", "demo", "--detail", "0.25"], 2.0);
+}
+
+#[test]
+fn atrium() {
+    compare("atrium", &["--scene", "atrium", "--detail", "0.25"], 0.5);
+}
+
+#[test]
+fn temple() {
+    compare("temple", &["--scene", "temple", "--detail", "0.25"], 2.0);
+}
+
+#[test]
+fn street() {
+    compare("street", &["--scene", "street", "--detail", "0.25"], 2.0);
+}
+
+#[test]
+fn file() {
+    let file = write_gltf();
+    compare("file", &[file.to_str().expect("the path is text")], 2.0);
+}
+
+#[test]
+fn panel_and_debug_view() {
+    let arguments = ["--scene", "mirror_room", "--size", "192x108", "--frames", "4"];
+    let Some(plain) = render("plain", &arguments) else {
+        return;
+    };
+    for (name, argument) in [("panel", "--panel"), ("view", "--view=shading-rates")] {
+        let image = render(name, &[&arguments[..], &[argument]].concat()).expect("this machine renders");
+        let found = difference(&plain, &image);
+        println!("{name}: {found:.2}");
+        assert!(found > 5.0, "{argument} changes the image by {found} alone");
+    }
+}
+
+#[test]
+fn wrong_arguments_are_named() {
+    let folder = FOLDER;
+    for (arguments, reason) in [
+        (&["--scene", "nowhere"][..], "there is no scene named 'nowhere'"),
+        (&["--technique", "best"], "choose one of: off, screen-space, reference"),
+        (&["--size", "0x5"], "is not a size such as 1280x720"),
+        (&["--frames", "0"], "0 is not in 1.."),
+        (&["--compare"], "--headless"),
+        (&["--scene", "demo", "a.glb"], "cannot be used with"),
+        (&["missing.glb"], "cannot open 'missing.glb'"),
+        (&["scene.obj"], "is not a .gltf or .glb file"),
+        (&["--headless", "--out", "image.jpg"], "must end in .png"),
+        #[cfg(target_os = "linux")]
+        (&[], "there is no display"),
+    ] {
+        let output = viewer(arguments);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success(), "{arguments:?} in {folder}");
+        assert!(
+            said.starts_with("error: ") && said.contains(reason),
+            "{arguments:?}: {said}"
+        );
+    }
+}
+
+/// A mirror on the ground and a red wall behind it.
+fn write_gltf() -> PathBuf {
+    const CORNERS: [[f32; 3]; 8] = [
+        [-2.0, 0.0, 2.0],
+        [2.0, 0.0, 2.0],
+        [2.0, 0.0, -2.0],
+        [-2.0, 0.0, -2.0],
+        [-2.0, 0.0, -2.0],
+        [2.0, 0.0, -2.0],
+        [2.0, 2.0, -2.0],
+        [-2.0, 2.0, -2.0],
+    ];
+    const NORMALS: [[f32; 3]; 2] = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    const INDICES: [u32; 6] = [0, 1, 2, 0, 2, 3];
+    const GLTF: &str = r#"{
+        "asset": { "version": "2.0" },
+        "scene": 0,
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": [
+            { "attributes": { "POSITION": 0, "NORMAL": 1 }, "indices": 4, "material": 0 },
+            { "attributes": { "POSITION": 2, "NORMAL": 3 }, "indices": 4, "material": 1 }
+        ] }],
+        "materials": [
+            { "pbrMetallicRoughness": { "metallicFactor": 1.0, "roughnessFactor": 0.0 } },
+            { "pbrMetallicRoughness": { "baseColorFactor": [0.8, 0.05, 0.05, 1.0], "metallicFactor": 0.0 } }
+        ],
+        "accessors": [
+            { "bufferView": 0, "byteOffset": 0, "componentType": 5126, "count": 4, "type": "VEC3",
+              "min": [-2.0, 0.0, -2.0], "max": [2.0, 0.0, 2.0] },
+            { "bufferView": 0, "byteOffset": 96, "componentType": 5126, "count": 4, "type": "VEC3" },
+            { "bufferView": 0, "byteOffset": 48, "componentType": 5126, "count": 4, "type": "VEC3",
+              "min": [-2.0, 0.0, -2.0], "max": [2.0, 2.0, -2.0] },
+            { "bufferView": 0, "byteOffset": 144, "componentType": 5126, "count": 4, "type": "VEC3" },
+            { "bufferView": 1, "componentType": 5125, "count": 6, "type": "SCALAR" }
+        ],
+        "bufferViews": [
+            { "buffer": 0, "byteOffset": 0, "byteLength": 192 },
+            { "buffer": 0, "byteOffset": 192, "byteLength": 24 }
+        ],
+        "buffers": [{ "byteLength": 216, "uri": "viewer-file.bin" }]
+    }"#;
+    let normals = NORMALS.iter().flat_map(|normal| [*normal; 4]);
+    let floats = CORNERS.into_iter().chain(normals).flatten().flat_map(f32::to_le_bytes);
+    let bytes: Vec<u8> = floats.chain(INDICES.into_iter().flat_map(u32::to_le_bytes)).collect();
+    let folder = Path::new(FOLDER);
+    fs::write(folder.join("viewer-file.bin"), bytes).expect("the buffer can be written");
+    let file = folder.join("viewer-file.gltf");
+    fs::write(&file, GLTF).expect("the file can be written");
+    file
+}

@@ -1,0 +1,88 @@
+//! The commands that build a program of this workspace and run it: `demo`, `bench`, `evaluate` and `stress`.
+//!
+//! The programs parse their own options, so all that is known here is what they need to run.
+
+use std::env;
+use std::ffi::OsString;
+use std::path::PathBuf;
+
+use anyhow::Result;
+
+use crate::driver::{self, Need};
+use crate::{cargo, progress, publish};
+
+/// Arguments of `demo`, `bench` and `stress`.
+#[derive(clap::Args)]
+pub struct Options {
+    /// Arguments of the program; `-- --help` lists them, once it is built.
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "ARGS")]
+    pub arguments: Vec<OsString>,
+}
+
+/// Arguments of `evaluate`.
+#[derive(clap::Args)]
+pub struct EvaluateOptions {
+    /// The folder of results.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Measure nothing: put the results of the folder into README.md and docs/evaluation.
+    #[arg(long, requires = "out")]
+    pub readme: bool,
+    #[command(flatten)]
+    pub program: Options,
+}
+
+const VIEWER: &str = "glint_viewer";
+
+/// Shows a scene in a window; where there is no display, writes an image.
+pub fn demo(options: Options) -> Result<()> {
+    driver::prepare(Need::Vulkan)?;
+    let mut arguments = options.arguments;
+    if !has_display() && !arguments.iter().any(|argument| argument == "--headless") {
+        progress::note("there is no display, so an image is written");
+        arguments.push("--headless".into());
+    }
+    run(VIEWER, &arguments)
+}
+
+/// Measures rays per second and build times.
+pub fn bench(options: &Options) -> Result<()> {
+    driver::prepare(Need::Vulkan)?;
+    run("glint_bench", &options.arguments)
+}
+
+/// Measures the cost and the error of each technique, or publishes what was measured.
+pub fn evaluate(options: EvaluateOptions) -> Result<()> {
+    let mut arguments = options.program.arguments;
+    if let Some(out) = options.out {
+        if options.readme {
+            return progress::step("put results into the README", || {
+                publish::publish(&out, &cargo::workspace_root())
+            });
+        }
+        arguments.extend(["--out".into(), out.into()]);
+    }
+    // For Bevy Solari's row, too.
+    driver::prepare(Need::RayQuery)?;
+    run("glint_evaluate", &arguments)
+}
+
+/// Attacks every stage with hostile input.
+pub fn stress(options: &Options) -> Result<()> {
+    driver::prepare(Need::RayQuery)?;
+    // Broken files are shown to it.
+    progress::step(&format!("build {VIEWER}"), || cargo::program(VIEWER))?;
+    run("glint_stress", &options.arguments)
+}
+
+fn run(name: &str, arguments: &[OsString]) -> Result<()> {
+    let mut command = progress::step(&format!("build {name}"), || cargo::program(name))?;
+    progress::step(&format!("run {name}"), || cargo::run(command.args(arguments), name))
+}
+
+/// True if a window can be opened.
+///
+/// On Linux that means X11: Bevy is built with it alone, and Wayland desktops serve it too.
+fn has_display() -> bool {
+    !cfg!(all(unix, not(target_os = "macos"))) || env::var_os("DISPLAY").is_some_and(|display| !display.is_empty())
+}
