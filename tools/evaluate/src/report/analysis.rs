@@ -1,47 +1,17 @@
 //! Conclusions from the rows: are the goals met, where does a variable rate win, and which heuristic suits which scene.
 
 use super::{
-    paper,
-    rows::{Row, number},
-    stats::pareto_front,
+    paper, pareto,
+    rows::{Row, number, of_scene, scenes},
 };
 use crate::{protocol::Protocol, techniques::is_variable};
-use std::{collections::BTreeSet, fmt::Write};
+use std::fmt::Write;
 
 /// The heuristics that decide where rays are spared.
 pub const HEURISTICS: [&str; 3] = ["vrs-roughness", "vrs-grazing", "vrs-combined"];
-/// The heuristic that should be on the Pareto front.
-pub const COMBINED: &str = "vrs-combined";
 
-/// Differences of FLIP of at most this much are none.
-const MIN_ERROR: f64 = 0.0005;
 /// Size of the paper's pictures.
 const PAPER_SIZE: (u32, u32) = (1920, 1080);
-
-/// An error of a row.
-pub type ErrorOf = fn(&Row) -> Option<f64>;
-
-/// Scenes in the order of rows, each once.
-pub fn scenes(rows: &[Row]) -> Vec<&str> {
-    let mut seen = BTreeSet::new();
-    let scenes = rows.iter().map(|row| row.scene.as_str());
-    scenes.filter(|scene| seen.insert(*scene)).collect()
-}
-
-/// The measured rows of a scene.
-pub fn of_scene<'a>(rows: &'a [Row], scene: &str) -> Vec<&'a Row> {
-    rows.iter().filter(|row| row.scene == scene && row.is_ok()).collect()
-}
-
-/// Flags of the rows that no other beats in time and error together. Techniques that take no time count.
-pub fn on_front(rows: &[&Row], error: ErrorOf) -> Vec<bool> {
-    let points: Vec<(f64, f64)> = rows
-        .iter()
-        .map(|row| (row.total_ms.unwrap_or(f64::NAN), error(row).unwrap_or(f64::NAN)))
-        .collect();
-    let front = pareto_front(&points);
-    (0..rows.len()).map(|index| front.contains(&index)).collect()
-}
 
 /// The row that speaks for a technique: of the first tracer, and compute before hardware.
 fn usual<'a>(rows: &[&'a Row], technique: &str) -> Option<&'a Row> {
@@ -53,7 +23,7 @@ fn usual<'a>(rows: &[&'a Row], technique: &str) -> Option<&'a Row> {
 pub fn sections(rows: &[Row], protocol: &Protocol) -> String {
     let mut text = String::new();
     against_paper(rows, protocol, &mut text);
-    front(rows, &mut text);
+    pareto::section(rows, &mut text);
     bias(rows, &mut text);
     let sentences = sentences(rows);
     if !sentences.is_empty() {
@@ -136,78 +106,6 @@ fn against_paper(rows: &[Row], protocol: &Protocol, text: &mut String) {
         );
     }
     text.push('\n');
-}
-
-/// Place of a row relative to the Pareto front.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Standing {
-    /// Nothing is both faster and closer to the truth.
-    OnFront,
-    /// These beat it by less than noise, in time or in error.
-    WithinNoise(Vec<String>),
-    /// These beat it.
-    Beaten(Vec<String>),
-}
-
-/// The place of a row among those of its scene; `None` without a time or the error.
-pub fn standing(row: &Row, rows: &[&Row], error: ErrorOf) -> Option<Standing> {
-    let (time, own) = (row.total_ms?, error(row)?);
-    let (mut clear, mut close) = (Vec::new(), Vec::new());
-    for other in rows {
-        let (Some(other_time), Some(other_error)) = (other.total_ms, error(other)) else {
-            continue;
-        };
-        let beats = other_time <= time && other_error <= own && (other_time < time || other_error < own);
-        if !beats {
-            continue;
-        }
-        let noise = row.noise().unwrap_or(0.0) + other.noise().unwrap_or(0.0);
-        let by_noise = time - other_time <= noise * time || own - other_error <= MIN_ERROR;
-        let place = if by_noise { &mut close } else { &mut clear };
-        place.push(other.label());
-    }
-    Some(if !clear.is_empty() {
-        Standing::Beaten(clear)
-    } else if !close.is_empty() {
-        Standing::WithinNoise(close)
-    } else {
-        Standing::OnFront
-    })
-}
-
-fn front(rows: &[Row], text: &mut String) {
-    let kinds: [(&str, ErrorOf); 2] = [
-        ("picture", |row| row.flip_final_converged),
-        ("reflection alone", |row| row.flip_reflection_converged),
-    ];
-    let mut table = String::new();
-    for scene in scenes(rows) {
-        let of_scene = of_scene(rows, scene);
-        for row in of_scene.iter().filter(|row| row.technique == COMBINED) {
-            for (kind, error) in kinds {
-                let word = match standing(row, &of_scene, error) {
-                    None => continue,
-                    Some(Standing::OnFront) => "yes".to_owned(),
-                    Some(Standing::WithinNoise(by)) => format!("yes, but for noise: {}", by.join(", ")),
-                    Some(Standing::Beaten(by)) => format!("**no**: {}", by.join(", ")),
-                };
-                let _ = writeln!(
-                    table,
-                    "| {scene} | {} | {} | {kind} | {word} |",
-                    row.label(),
-                    row.tracer
-                );
-            }
-        }
-    }
-    if table.is_empty() {
-        return;
-    }
-    let _ = write!(
-        text,
-        "## Is `{COMBINED}` on the Pareto front?\n\nOn the front nothing is both faster and closer to the ground truth; otherwise what is \
-         stands behind the word.\n\n| scene | technique | tracer | error | on the front |\n|---|---|---|---|---|\n{table}\n"
-    );
 }
 
 fn bias(rows: &[Row], text: &mut String) {
@@ -399,32 +297,6 @@ mod tests {
         let bad = sections(&rows, &Protocol::new(true, true));
         assert!(bad.contains("**1 of 3 variable-rate techniques are above it**: vrs-roughness in atrium."));
         assert!(bad.contains("these 128x72"), "{bad}");
-    }
-
-    #[test]
-    fn the_front_is_told_with_what_beats_us() {
-        let all = rows();
-        let of = |rows: &[Row]| {
-            let refs: Vec<&Row> = rows.iter().collect();
-            standing(refs[4], &refs, |row| row.flip_final_converged)
-        };
-        assert_eq!(of(&all), Some(Standing::OnFront));
-        assert!(text(&all).contains("| atrium | vrs-combined | bvh | picture | yes |"));
-        // Clearly faster and closer.
-        let mut beaten = rows();
-        beaten[2].flip_final_converged = Some(0.005);
-        assert_eq!(of(&beaten), Some(Standing::Beaten(vec!["vrs-roughness".to_owned()])));
-        assert!(text(&beaten).contains("**no**: vrs-roughness"));
-        // Faster, and closer by next to nothing.
-        let mut close = rows();
-        close[2].flip_final_converged = Some(0.0101);
-        assert_eq!(
-            of(&close),
-            Some(Standing::WithinNoise(vec!["vrs-roughness".to_owned()]))
-        );
-        let mut blind = rows();
-        blind[4].total_ms = None;
-        assert_eq!(of(&blind), None);
     }
 
     #[test]

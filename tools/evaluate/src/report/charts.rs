@@ -23,6 +23,8 @@ const LEFT: i32 = 96;
 const RIGHT: i32 = 40;
 const TOP: i32 = 96;
 const BOTTOM: i32 = 78;
+/// Room outside of the axes' names.
+const MARGIN: i32 = 20;
 
 const INK: RGBColor = RGBColor(40, 40, 40);
 const GRAY: RGBColor = RGBColor(90, 90, 90);
@@ -213,8 +215,10 @@ fn draw(area: &Area<'_>, chart: &Chart) -> Drawn {
     let mut plot = ChartBuilder::on(area)
         .margin_top(TOP)
         .margin_right(RIGHT)
-        .x_label_area_size(BOTTOM)
-        .y_label_area_size(LEFT)
+        .margin_bottom(MARGIN)
+        .margin_left(MARGIN)
+        .x_label_area_size(BOTTOM - MARGIN)
+        .y_label_area_size(LEFT - MARGIN)
         .build_cartesian_2d(times, 0.0..frame.error)?;
     let short = |value: &f64| significant(*value, 4).to_string();
     plot.configure_mesh()

@@ -4,6 +4,7 @@ mod analysis;
 mod charts;
 pub mod output;
 mod paper;
+mod pareto;
 mod readme;
 pub mod regressions;
 pub mod rows;

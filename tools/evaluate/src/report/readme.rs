@@ -1,8 +1,9 @@
 //! `readme.md`: the part of the README that this tool writes. `cargo xtask evaluate --out DIR --readme` puts it there.
 
 use super::{
-    analysis::{of_scene, on_front, scenes, sentences},
-    rows::{Row, number},
+    analysis::sentences,
+    pareto::on_front,
+    rows::{Row, number, of_scene, scenes},
 };
 use crate::{job::TECHNIQUES, machine::Machine, protocol::Protocol};
 use std::{collections::BTreeMap, fmt::Write};

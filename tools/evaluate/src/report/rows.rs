@@ -2,7 +2,7 @@
 
 use crate::job::{SCENES, TECHNIQUES};
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
 /// Outcome of a row.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -152,6 +152,18 @@ pub fn merge(mut old: Vec<Row>, new: Vec<Row>) -> Vec<Row> {
         )
     });
     old
+}
+
+/// Scenes in the order of rows, each once.
+pub fn scenes(rows: &[Row]) -> Vec<&str> {
+    let mut seen = BTreeSet::new();
+    let scenes = rows.iter().map(|row| row.scene.as_str());
+    scenes.filter(|scene| seen.insert(*scene)).collect()
+}
+
+/// The measured rows of a scene.
+pub fn of_scene<'a>(rows: &'a [Row], scene: &str) -> Vec<&'a Row> {
+    rows.iter().filter(|row| row.scene == scene && row.is_ok()).collect()
 }
 
 /// Rounds to so many significant digits, so that files can be read by people.

@@ -1,9 +1,9 @@
 //! `summary.md`: the results for people.
 
 use super::{
-    analysis::{self, on_front},
-    paper,
-    rows::{Outcome, Row, number},
+    analysis, paper,
+    pareto::on_front,
+    rows::{Outcome, Row, number, of_scene, scenes},
     stats,
 };
 use crate::{machine::Machine, protocol::Protocol, state::SceneFacts, techniques::TRUTH_CUTOFF};
@@ -40,7 +40,7 @@ impl Summary<'_> {
         self.machine(&mut text);
         self.noise(&mut text);
         text.push_str(&analysis::sections(self.rows, self.protocol));
-        for scene in analysis::scenes(self.rows) {
+        for scene in scenes(self.rows) {
             self.scene(&mut text, scene);
         }
         text.push_str(&paper::tables(self.rows));
@@ -154,7 +154,7 @@ impl Summary<'_> {
                 facts.tracer
             );
         }
-        let rows = analysis::of_scene(self.rows, scene);
+        let rows = of_scene(self.rows, scene);
         if rows.is_empty() {
             text.push_str("Nothing was measured.\n\n");
             return;
