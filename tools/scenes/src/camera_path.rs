@@ -1,6 +1,5 @@
 //! The camera's way through every scene: smooth, and the same in every run.
 
-use crate::{atrium, scene::SceneName, street, temple};
 use bevy::{math::Vec3, transform::components::Transform};
 
 /// A way for the camera through points that it passes at equal times.
@@ -27,20 +26,6 @@ impl CameraPath {
         }
     }
 
-    /// The path of a scene: a way through the places, a loop in front of the little scenes. It starts where the scene's
-    /// [`camera`](crate::camera) stands.
-    pub const fn of(scene: SceneName) -> Self {
-        match scene {
-            SceneName::Demo => DEMO,
-            SceneName::Atrium | SceneName::AtriumSmall => atrium::PATH,
-            SceneName::Temple => temple::PATH,
-            SceneName::Street => street::PATH,
-            SceneName::MirrorRoom => MIRROR_ROOM,
-            SceneName::Furnace => FURNACE,
-            SceneName::EmissiveFloor => EMISSIVE_FLOOR,
-        }
-    }
-
     /// Where the camera is after some seconds. It rests at the start before the way begins (or without a time) and at the end afterwards.
     pub fn pose(&self, seconds: f32) -> Transform {
         let t = seconds / self.seconds;
@@ -64,65 +49,3 @@ impl CameraPath {
         Transform::from_translation(curve(a.0, b.0, c.0, d.0)).looking_at(curve(a.1, b.1, c.1, d.1), Vec3::Y)
     }
 }
-
-/// Seconds of the loops.
-const LOOP_SECONDS: f32 = 8.0;
-
-/// Distance of the far plane in the little scenes.
-const LOOP_FAR: f32 = 500.0;
-
-/// Down to the polished floor before the spheres, across, and back up.
-const DEMO: CameraPath = CameraPath {
-    points: &[
-        (Vec3::new(-0.9, 1.8, 8.5), Vec3::new(0.15, 1.22, 0.0)),
-        (Vec3::new(-2.3, 1.5, 7.3), Vec3::new(0.3, 1.1, 0.0)),
-        (Vec3::new(-1.2, 1.1, 6.0), Vec3::new(0.4, 1.0, -0.3)),
-        (Vec3::new(1.3, 1.3, 5.8), Vec3::new(-0.3, 1.0, -0.3)),
-        (Vec3::new(2.1, 2.0, 7.2), Vec3::new(-0.2, 1.1, 0.0)),
-        (Vec3::new(0.7, 2.0, 8.4), Vec3::new(0.0, 1.2, 0.0)),
-        (Vec3::new(-0.9, 1.8, 8.5), Vec3::new(0.15, 1.22, 0.0)),
-    ],
-    seconds: LOOP_SECONDS,
-    vertical_degrees: 38.0,
-    far: LOOP_FAR,
-};
-
-const MIRROR_ROOM: CameraPath = CameraPath {
-    points: &[
-        (Vec3::new(0.3, 1.1, 3.6), Vec3::new(0.05, 0.35, 0.0)),
-        (Vec3::new(1.9, 1.2, 3.1), Vec3::new(0.05, 0.4, 0.0)),
-        (Vec3::new(1.2, 1.7, 2.9), Vec3::new(0.05, 0.4, -0.1)),
-        (Vec3::new(-1.2, 1.5, 3.0), Vec3::new(0.0, 0.4, -0.1)),
-        (Vec3::new(-1.5, 1.1, 3.4), Vec3::new(0.0, 0.35, 0.0)),
-        (Vec3::new(0.3, 1.1, 3.6), Vec3::new(0.05, 0.35, 0.0)),
-    ],
-    seconds: LOOP_SECONDS,
-    vertical_degrees: 45.0,
-    far: LOOP_FAR,
-};
-
-const FURNACE: CameraPath = CameraPath {
-    points: &[
-        (Vec3::new(0.0, 0.0, 7.0), Vec3::ZERO),
-        (Vec3::new(1.8, 0.4, 6.7), Vec3::ZERO),
-        (Vec3::new(0.0, 0.8, 6.6), Vec3::ZERO),
-        (Vec3::new(-1.8, 0.4, 6.7), Vec3::ZERO),
-        (Vec3::new(0.0, 0.0, 7.0), Vec3::ZERO),
-    ],
-    seconds: LOOP_SECONDS,
-    vertical_degrees: 32.0,
-    far: LOOP_FAR,
-};
-
-const EMISSIVE_FLOOR: CameraPath = CameraPath {
-    points: &[
-        (Vec3::new(0.0, 2.2, 5.4), Vec3::new(0.0, 0.2, 0.0)),
-        (Vec3::new(1.5, 1.8, 5.1), Vec3::new(0.0, 0.2, 0.0)),
-        (Vec3::new(0.0, 1.4, 4.9), Vec3::new(0.0, 0.2, 0.0)),
-        (Vec3::new(-1.5, 1.8, 5.1), Vec3::new(0.0, 0.2, 0.0)),
-        (Vec3::new(0.0, 2.2, 5.4), Vec3::new(0.0, 0.2, 0.0)),
-    ],
-    seconds: LOOP_SECONDS,
-    vertical_degrees: 36.0,
-    far: LOOP_FAR,
-};

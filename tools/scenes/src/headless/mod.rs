@@ -8,7 +8,10 @@ pub use error::HeadlessError;
 pub use log::{LogMessage, capture_log, take_log};
 pub use readback::{decode_halves, read_buffer, read_image, read_texture};
 
-use crate::scene::{SceneName, SceneOptions, camera, environment, spawn_with};
+use crate::{
+    environment::SceneOptions,
+    scene::{SceneName, camera, environment, spawn_with},
+};
 use bevy::{
     DefaultPlugins,
     app::{App, PluginGroup, PluginsState, TerminalCtrlCHandlerPlugin},
