@@ -1,15 +1,16 @@
 //! The command line, and what it asks for on this machine.
 
-use clap::{Parser, ValueEnum};
-use glint_evaluate::{
+use crate::{
+    job::{self, Job, SCENES, SceneSource, TECHNIQUES, TracerName, Variant},
     machine::Machine,
-    plan::{Job, QUICK_TECHNIQUES, SCENES, SceneSource, Size, TECHNIQUES, TracerName, Variant},
     protocol::Protocol,
     techniques,
 };
+use clap::{Parser, ValueEnum};
+use glint_scenes::ImageSize;
 use std::path::{self, PathBuf};
 
-/// Measure what each technique costs and how far its picture is from the truth.
+/// Measure what each technique costs and how far its image is from the truth.
 #[derive(Parser, Clone, Debug, Default)]
 #[command(name = "glint_evaluate")]
 pub struct Arguments {
@@ -22,13 +23,13 @@ pub struct Arguments {
     /// A glTF file (.gltf or .glb), in place of or beside built-in scenes; may be given several times.
     #[arg(long, value_name = "FILE")]
     pub gltf: Vec<PathBuf>,
-    /// Size of the picture, such as 1920x1080 (default: that on a GPU, less on a CPU or if quick).
-    #[arg(long, value_name = "WxH")]
-    pub size: Option<Size>,
+    /// Size of the image, such as 1920x1080 (default: that on a GPU, less on a CPU or if quick).
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub size: Option<ImageSize>,
     /// Timed frames per technique (default: 5000 on a GPU, less on a CPU or if quick).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub frames: Option<u32>,
-    /// Views along the path whose pictures are compared.
+    /// Views along the path whose images are compared.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub views: Option<u32>,
     /// Samples per pixel of the ground truth.
@@ -94,9 +95,18 @@ pub enum TracerWord {
     All,
 }
 
-/// What is to be done.
+/// A size at which FLIP and the denoiser make sense.
+fn size(text: &str) -> Result<ImageSize, String> {
+    let size: ImageSize = text.parse()?;
+    if size.0.min_element() < 16 {
+        return Err("images need at least 16 pixels each way".to_owned());
+    }
+    Ok(size)
+}
+
+/// The jobs of a run.
 #[derive(Debug)]
-pub struct Plan {
+pub struct MeasurementPlan {
     /// How much of it.
     pub protocol: Protocol,
     /// In this order.
@@ -108,12 +118,8 @@ pub struct Plan {
 }
 
 impl Arguments {
-    /// What the command line asks for on a machine.
-    ///
-    /// # Errors
-    ///
-    /// If it asks for what doesn't exist.
-    pub fn plan(&self, machine: &Machine) -> Result<Plan, String> {
+    /// The jobs that the command line asks for on a machine.
+    pub fn plan(&self, machine: &Machine) -> Result<MeasurementPlan, String> {
         let absolute = |path: PathBuf| {
             path::absolute(&path).map_err(|error| format!("{} can't be resolved: {error}", path.display()))
         };
@@ -121,25 +127,7 @@ impl Arguments {
         let cache = absolute(self.cache.clone().unwrap_or_else(|| PathBuf::from("target/evaluate")))?;
         let protocol = self.protocol(machine);
         let names = self.names()?;
-        let hardware = self.hardware(machine)?;
-        let variants = |traced_only: bool| -> Vec<Variant> {
-            let ours = names
-                .iter()
-                .filter(|name| **name != "solari")
-                .map(|name| Variant::new(name));
-            let wanted = ours.filter(|variant| !traced_only || variant.traces());
-            let both = wanted.flat_map(|variant| {
-                let has_backends = techniques::has_backends(&variant.technique)
-                    && (!self.quick || variant.technique == "vrs-roughness");
-                let with_hardware = (has_backends && hardware.1).then(|| Variant {
-                    hardware: true,
-                    ..variant.clone()
-                });
-                let plain = (!has_backends || hardware.0).then_some(variant);
-                plain.into_iter().chain(with_hardware)
-            });
-            both.collect()
-        };
+        let backends = self.backends(machine)?;
         let tracers = self.tracers(machine)?;
         let (mut jobs, mut skipped) = (Vec::new(), Vec::new());
         for scene in self.scenes()? {
@@ -155,7 +143,7 @@ impl Arguments {
             };
             for (index, tracer) in tracers.iter().enumerate() {
                 let mut job = job(*tracer, false, index == 0);
-                job.variants = variants(index > 0);
+                job.variants = self.variants(&names, backends, index > 0);
                 jobs.push(job);
             }
             if names.contains(&"solari") {
@@ -171,7 +159,7 @@ impl Arguments {
         }
         // The first job of a scene makes the ground truth for the others, whatever else it does.
         jobs.retain(|job: &Job| job.first || !job.variants.is_empty());
-        Ok(Plan {
+        Ok(MeasurementPlan {
             protocol,
             jobs,
             skipped,
@@ -179,10 +167,29 @@ impl Arguments {
         })
     }
 
+    /// Techniques with their back ends, of which compute and hardware are measured if so; `traced_only` leaves out those that don't trace.
+    fn variants(&self, names: &[&str], (compute, hardware): (bool, bool), traced_only: bool) -> Vec<Variant> {
+        let ours = names.iter().filter(|name| **name != "solari");
+        let wanted = ours
+            .map(|name| Variant::new(name))
+            .filter(|variant| !traced_only || variant.traces());
+        let both = wanted.flat_map(|variant| {
+            let has_backends =
+                techniques::has_backends(&variant.technique) && (!self.quick || variant.technique == "vrs-roughness");
+            let with_hardware = (has_backends && hardware).then(|| Variant {
+                hardware: true,
+                ..variant.clone()
+            });
+            let plain = (!has_backends || compute).then_some(variant);
+            plain.into_iter().chain(with_hardware)
+        });
+        both.collect()
+    }
+
     fn protocol(&self, machine: &Machine) -> Protocol {
         let mut protocol = Protocol::new(self.quick, machine.is_cpu);
         if let Some(size) = self.size {
-            (protocol.width, protocol.height) = (size.width, size.height);
+            (protocol.width, protocol.height) = size.0.into();
         }
         if let Some(frames) = self.frames {
             protocol.timing_frames = frames;
@@ -200,11 +207,7 @@ impl Arguments {
     /// The techniques, in the order of tables.
     fn names(&self) -> Result<Vec<&'static str>, String> {
         if self.techniques.is_empty() {
-            return Ok(if self.quick {
-                QUICK_TECHNIQUES.to_vec()
-            } else {
-                TECHNIQUES.to_vec()
-            });
+            return Ok(job::techniques(self.quick));
         }
         if let Some(unknown) = self.techniques.iter().find(|name| !TECHNIQUES.contains(&name.trim())) {
             return Err(format!(
@@ -251,8 +254,8 @@ impl Arguments {
         }
     }
 
-    /// Whether compute and hardware are measured.
-    fn hardware(&self, machine: &Machine) -> Result<(bool, bool), String> {
+    /// True for compute, and for hardware, if they are measured.
+    fn backends(&self, machine: &Machine) -> Result<(bool, bool), String> {
         match self.backend {
             BackendWord::Compute => Ok((true, false)),
             BackendWord::Auto | BackendWord::All => Ok((true, machine.hardware_vrs)),
@@ -290,6 +293,7 @@ mod tests {
         use clap::CommandFactory;
         Arguments::command().debug_assert();
         assert!(Arguments::try_parse_from(["glint_evaluate", "--quick"]).is_err());
+        assert!(Arguments::try_parse_from(["glint_evaluate", "--out", "a", "--size", "8x16"]).is_err());
         assert!(Arguments::try_parse_from(["glint_evaluate", "--probe"]).is_ok());
     }
 
@@ -330,12 +334,21 @@ mod tests {
         };
         let plan = arguments(&["--quick", "--scene", "atrium"]).plan(&cpu).unwrap();
         assert_eq!(plan.jobs[0].tracer, TracerName::Bvh);
-        let names: Vec<&str> = plan.jobs[0]
-            .variants
-            .iter()
-            .map(|variant| variant.technique.as_str())
-            .collect();
-        assert_eq!(names, QUICK_TECHNIQUES[..9]);
+        let names: Vec<String> = plan.jobs[0].variants.iter().map(Variant::id).collect();
+        assert_eq!(
+            names,
+            [
+                "off",
+                "ssr",
+                "reference",
+                "quarter",
+                "vrs-roughness",
+                "vrs-grazing",
+                "vrs-combined",
+                "paper",
+                "medium"
+            ]
+        );
         assert_eq!(plan.jobs[1].tracer, TracerName::RayQuery);
         assert_eq!(plan.jobs[1].variants, [Variant::new("solari")]);
         let asked = arguments(&["--quick", "--tracer", "ray-query"]).plan(&cpu).unwrap();

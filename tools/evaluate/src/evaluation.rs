@@ -1,33 +1,39 @@
 //! A whole evaluation: jobs one after the other, comparisons beside them, and results after each scene.
 
-use crate::{arguments::Plan, output::Results, say};
-use glint_evaluate::{
-    jobs::{self, Notice},
-    ledger::Ledger,
+use crate::{
+    arguments::MeasurementPlan,
+    compare::{
+        log::ComparisonLog,
+        pool::{ComparisonPool, thread_count},
+    },
+    job::Job,
     machine::Machine,
-    plan::Job,
-    pool::{self, Pool},
-    progress::{Progress, Spoken},
-    rows::{Row, merge},
-    table,
+    process::{self, Notice},
+    progress::{Progress, say},
+    report::{
+        output::Results,
+        rows::{Row, merge},
+        table,
+    },
 };
+use indicatif::HumanDuration;
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::Arc,
     time::Instant,
 };
 
-/// Share of the threads that compare pictures while a GPU is timed; while a CPU is, none does.
+/// Share of the threads that compare images while a GPU is timed; while a CPU is, none does.
 const SHARE_WHILE_TIMING: f64 = 0.5;
 
 /// An evaluation on its way.
 pub struct Evaluation<'a> {
-    plan: &'a Plan,
+    plan: &'a MeasurementPlan,
     machine: &'a Machine,
     /// Rows of earlier runs into the same folder.
     before: Vec<Row>,
-    ledger: Arc<Ledger>,
-    pool: Pool,
+    log: Arc<ComparisonLog>,
+    pool: ComparisonPool,
     progress: Progress,
     /// Jobs that are over, and why they ended early if they did.
     over: BTreeMap<String, Option<String>>,
@@ -35,24 +41,20 @@ pub struct Evaluation<'a> {
 
 impl<'a> Evaluation<'a> {
     /// Gets ready. `before` are the rows of earlier runs into the same folder.
-    pub fn new(plan: &'a Plan, machine: &'a Machine, before: Vec<Row>) -> Self {
-        let ledger = Arc::new(Ledger::open(Ledger::file_in(&plan.out)));
-        Self {
+    pub fn new(plan: &'a MeasurementPlan, machine: &'a Machine, before: Vec<Row>) -> Result<Self, String> {
+        let log = Arc::new(ComparisonLog::open(ComparisonLog::file_in(&plan.out)));
+        Ok(Self {
             plan,
             machine,
             before,
-            pool: Pool::start(pool::thread_count(&plan.protocol), ledger.clone()),
-            ledger,
+            pool: ComparisonPool::start(thread_count(&plan.protocol), log.clone())?,
+            log,
             progress: Progress::new(plan.jobs.iter().map(Job::frames).sum()),
             over: BTreeMap::new(),
-        }
+        })
     }
 
     /// Measures what isn't measured yet; results are written after each scene. Returns all rows.
-    ///
-    /// # Errors
-    ///
-    /// If results can't be written.
     pub fn run(mut self) -> Result<Vec<Row>, String> {
         let plan = self.plan;
         let mut jobs = plan.jobs.iter().peekable();
@@ -71,7 +73,7 @@ impl<'a> Evaluation<'a> {
         Ok(rows)
     }
 
-    /// Runs one job, while pictures are compared.
+    /// Runs one job, while images are compared.
     fn measure(&mut self, job: &Job) {
         let Self {
             machine,
@@ -82,12 +84,12 @@ impl<'a> Evaluation<'a> {
         } = self;
         let shared = Arc::new(job.clone());
         pool.submit(&shared, false);
-        let mut told = |notice| match notice {
+        let mut notify = |notice| match notice {
             Notice::Captured => pool.submit(&shared, false),
             Notice::Timing => pool.slow_down(if machine.is_cpu { 0.0 } else { SHARE_WHILE_TIMING }),
             Notice::Ended => pool.slow_down(1.0),
         };
-        let failure = jobs::run(job, progress, &mut told).err();
+        let failure = process::run(job, progress, &mut notify).err();
         if let Some(reason) = &failure {
             progress.note(format_args!("{} ended early: {reason}", job.id()));
         }
@@ -101,14 +103,13 @@ impl<'a> Evaluation<'a> {
         let (start, mut most) = (Instant::now(), 0);
         pool.wait(|left| {
             most = most.max(left);
-            let done = most - left;
-            let time = if done > 0 {
-                let rest = start.elapsed().mul_f64(left as f64 / done as f64);
-                format!(", about {}", Spoken(rest))
+            let rest = start.elapsed().mul_f64(left as f64 / (most - left).max(1) as f64);
+            let time = if left < most {
+                format!(", about {}", HumanDuration(rest))
             } else {
                 String::new()
             };
-            progress.label(&format!("{scene}: compares pictures, {left} left{time}"));
+            progress.label(format!("{scene}: compares images, {left} left{time}"));
         });
     }
 
@@ -120,13 +121,8 @@ impl<'a> Evaluation<'a> {
         for job in &self.plan.jobs {
             if let Some(failure) = self.over.get(&job.id()) {
                 scenes.insert(job.scene.name());
-                new.extend(table::rows(
-                    job,
-                    self.machine,
-                    &self.ledger,
-                    failure.as_deref(),
-                    &problems,
-                ));
+                let rows = table::rows(job, self.machine, &self.log, failure.as_deref(), &problems);
+                new.extend(rows);
             }
         }
         for (job, variant, reason) in &self.plan.skipped {
@@ -147,8 +143,8 @@ impl<'a> Evaluation<'a> {
     }
 }
 
-/// Says what is about to be done.
-pub fn announce(plan: &Plan, machine: &Machine) {
+/// Announces the run.
+pub fn announce(plan: &MeasurementPlan, machine: &Machine) {
     let protocol = &plan.protocol;
     say(format_args!("{}", machine.adapter));
     say(format_args!(

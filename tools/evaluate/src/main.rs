@@ -1,24 +1,50 @@
-//! Measures what each technique costs and how far its picture is from the truth: `cargo xtask evaluate --out results`.
+//! Measures, for each technique of `bevy_glint`, how much GPU time buys how much error, on which scene.
+//!
+//! `cargo xtask evaluate --quick --out results` runs it. One process plans, compares images and writes results; for each scene it starts
+//! another one that renders, so that a driver that crashes costs one technique and not the run. Everything that is measured is stored in
+//! files at once: a run that was interrupted goes on where it stopped, and scenes can be measured one after the other into one folder.
+//!
+//! From the top down; a file imports only what stands below it:
+//!
+//! | module | duty |
+//! |---|---|
+//! | `evaluation` | a whole run |
+//! | `arguments` | the command line, and which jobs it asks for |
+//! | `report` | rows, statistics, charts, summary, comparison of two runs |
+//! | `process`, `worker` | the processes that render: how they are started, what they do |
+//! | `compare` | errors of images, on all cores |
+//! | `message`, `progress`, `state` | the way between processes, and what is done already |
+//! | `machine`, `techniques` | the library: nothing else but `worker` knows it |
+//! | `job`, `protocol`, `files` | what is measured, how much of it, and where it is stored |
 
 mod arguments;
+mod compare;
 mod evaluation;
-mod output;
+mod files;
+mod job;
+mod machine;
+mod message;
+mod process;
+mod progress;
+mod protocol;
+mod report;
+mod state;
+mod techniques;
+mod worker;
 
-use arguments::Arguments;
+use arguments::{Arguments, MeasurementPlan};
 use clap::Parser;
 use evaluation::Evaluation;
-use glint_evaluate::{
-    compare::compare,
-    jobs,
-    machine::Machine,
-    plan::Job,
-    protocol::Protocol,
-    report::Event,
+use files::{read_json, write_json, write_text};
+use job::Job;
+use machine::Machine;
+use message::Message;
+use protocol::Protocol;
+use report::{
+    output::Results,
+    regressions::compare,
     rows::{self, Row},
-    run,
-    state::{read_json, write_json, write_text},
 };
-use output::Results;
 use std::{
     fs,
     io::{ErrorKind, Write},
@@ -32,10 +58,10 @@ const REGRESSION: u8 = 3;
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
     if arguments.probe {
-        return probe();
+        return end(Machine::probe().map(|machine| Message::Machine(machine).send()));
     }
     if let Some(file) = &arguments.job {
-        return work(file);
+        return end(work(file));
     }
     let outcome = if arguments.rewrite {
         rewrite(&arguments)
@@ -45,45 +71,30 @@ fn main() -> ExitCode {
     match outcome {
         Ok(code) => code,
         Err(reason) => {
-            say(format_args!("error: {reason}"));
+            progress::say(format_args!("error: {reason}"));
             ExitCode::FAILURE
         }
     }
 }
 
-/// A line on standard error; a reader that went away is no failure.
-fn say(text: impl std::fmt::Display) {
-    _ = writeln!(std::io::stderr(), "{text}");
-}
-
-/// Describes the machine to the process that asked.
-fn probe() -> ExitCode {
-    let told = Machine::probe().and_then(|machine| serde_json::to_string(&machine).map_err(|error| error.to_string()));
-    match told {
-        Ok(text) => {
-            _ = writeln!(std::io::stdout(), "{text}");
-            ExitCode::SUCCESS
-        }
-        Err(reason) => {
-            Event::Failed(reason).tell();
-            ExitCode::FAILURE
-        }
-    }
-}
-
-/// Measures a job for the process that started this one.
-fn work(file: &Path) -> ExitCode {
-    let job = read_json::<Job>(file).ok_or_else(|| format!("{} holds no job", file.display()));
-    match job.and_then(|job| run::work(&job)) {
+/// Ends a process that another one listens to.
+fn end(outcome: Result<(), String>) -> ExitCode {
+    match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(reason) => {
-            Event::Failed(reason).tell();
+            Message::Failed(reason).send();
             ExitCode::FAILURE
         }
     }
 }
 
-/// What `results.json` says of how its rows were measured.
+/// Measures the job in a file.
+fn work(file: &Path) -> Result<(), String> {
+    let job = read_json::<Job>(file).ok_or_else(|| format!("{} holds no job", file.display()))?;
+    worker::work(&job)
+}
+
+/// The part of `results.json` that its rows don't hold.
 #[derive(serde::Deserialize)]
 struct Measured {
     machine: Machine,
@@ -109,11 +120,11 @@ fn rewrite(arguments: &Arguments) -> Result<ExitCode, String> {
 
 fn evaluate(arguments: &Arguments) -> Result<ExitCode, String> {
     let old = arguments.compare.as_deref().map(rows::load).transpose()?;
-    let machine: Machine = jobs::probe()?;
+    let machine = process::probe()?;
     let plan = arguments.plan(&machine)?;
     let before = prepare_folder(arguments, &plan, &machine)?;
     evaluation::announce(&plan, &machine);
-    let all = Evaluation::new(&plan, &machine, before).run()?;
+    let all = Evaluation::new(&plan, &machine, before)?.run()?;
     if !all.iter().any(Row::is_ok) {
         return Err(format!(
             "nothing could be measured; see {}",
@@ -134,9 +145,8 @@ fn evaluate(arguments: &Arguments) -> Result<ExitCode, String> {
     })
 }
 
-/// Makes sure that what lies in the folder of results was measured with the same settings, by the same code, on this machine; returns
-/// its rows.
-fn prepare_folder(arguments: &Arguments, plan: &arguments::Plan, machine: &Machine) -> Result<Vec<Row>, String> {
+/// Makes sure that the folder's results were measured with the same settings, by the same code, on this machine; returns their rows.
+fn prepare_folder(arguments: &Arguments, plan: &MeasurementPlan, machine: &Machine) -> Result<Vec<Row>, String> {
     let state = plan.out.join("state");
     let file = state.join("settings.json");
     let table = plan.out.join("results.csv");

@@ -1,21 +1,22 @@
 //! How much is measured.
 
-use crate::rows::RECOVERY_FRAMES;
 use serde::{Deserialize, Serialize};
 
+/// Frames after a camera cut whose error is measured.
+pub const RECOVERY_FRAMES: [u32; 3] = [1, 4, 16];
 /// Frames before a camera cut, so that there is a history to be thrown away.
 pub const LEAD_FRAMES: u32 = 4;
-/// Frames before the first one of a motion.
-pub const REST_FRAMES: u32 = 2;
-/// Frames in which the picture's floating-point values are looked at.
+/// Frames without a technique before the first one of a motion.
+pub const CLEAR_FRAMES: u32 = 2;
+/// Frames whose floating-point values are looked at.
 pub const FLOAT_FRAMES: u32 = 2;
 
 /// How much is measured. Everything that changes a result is in here.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Protocol {
-    /// Width of the picture in pixels.
+    /// Width of the image in pixels.
     pub width: u32,
-    /// Height of the picture in pixels.
+    /// Height of the image in pixels.
     pub height: u32,
     /// Frames of each technique that are timed, rounded up to whole blocks.
     pub timing_frames: u32,
@@ -23,11 +24,11 @@ pub struct Protocol {
     pub block: u32,
     /// Frames after a switch of techniques that aren't.
     pub discard: u32,
-    /// Views whose pictures are compared.
+    /// Views whose images are compared.
     pub views: u32,
     /// Views in which still frames are taken, too: recovery and flicker.
     pub still_views: u32,
-    /// Frames of motion before a picture is taken.
+    /// Frames of motion before an image is taken.
     pub motion_frames: u32,
     /// Still frames between which flicker is measured.
     pub flicker_frames: u32,
@@ -45,7 +46,6 @@ pub struct Protocol {
 
 impl Protocol {
     /// The protocol of a thorough run, or of a quick one; on a CPU everything is smaller.
-    #[must_use]
     pub fn new(quick: bool, is_cpu: bool) -> Self {
         let full = Self {
             width: 1920,
@@ -60,7 +60,7 @@ impl Protocol {
             samples: 1024,
             detail: 1.0,
             texture_size: 1024,
-            // What the engine and the scenes have by themselves.
+            // The engine's and the scenes' own.
             shadow_size: 2048,
             cascades: 4,
         };
@@ -115,22 +115,19 @@ impl Protocol {
     }
 
     /// Rounds in which all techniques take turns.
-    #[must_use]
     pub fn rounds(&self) -> u32 {
         self.timing_frames.div_ceil(self.block.max(1)).max(1)
     }
 
     /// Views in which broken pixels are looked for.
-    #[must_use]
     pub fn float_views(&self) -> u32 {
         self.still_views.max(1).min(self.views)
     }
 
-    /// Frames for the pictures of one technique.
-    #[must_use]
-    pub fn picture_frames(&self) -> u64 {
+    /// Frames for the images of one technique.
+    pub fn image_frames(&self) -> u64 {
         let [.., last] = RECOVERY_FRAMES;
-        let motion = REST_FRAMES + self.motion_frames;
+        let motion = CLEAR_FRAMES + self.motion_frames;
         let still = LEAD_FRAMES + last + self.flicker_frames;
         u64::from(self.views) * u64::from(motion)
             + u64::from(self.still_views.min(self.views)) * u64::from(still)
@@ -138,14 +135,12 @@ impl Protocol {
     }
 
     /// Frames of one turn of one technique in one round.
-    #[must_use]
     pub fn turn_frames(&self) -> u64 {
         // Measurements arrive a frame late.
         u64::from(self.discard + self.block + 1)
     }
 
     /// Frames of one view's ground truth, and of the same view without reflections.
-    #[must_use]
     pub fn truth_frames(&self) -> u64 {
         u64::from(LEAD_FRAMES + self.samples)
     }
@@ -168,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_take_the_frames_that_they_need() {
+    fn images_take_the_frames_that_they_need() {
         let protocol = Protocol {
             views: 3,
             still_views: 0,
@@ -176,12 +171,12 @@ mod tests {
             ..Protocol::new(true, true)
         };
         // Motion in each view, and one look at floating-point values.
-        assert_eq!(protocol.picture_frames(), 3 * (2 + 10) + 2);
+        assert_eq!(protocol.image_frames(), 3 * (2 + 10) + 2);
         let still = Protocol {
             still_views: 2,
             flicker_frames: 5,
             ..protocol
         };
-        assert_eq!(still.picture_frames(), 3 * (2 + 10) + 2 * (4 + 16 + 5 + 2));
+        assert_eq!(still.image_frames(), 3 * (2 + 10) + 2 * (4 + 16 + 5 + 2));
     }
 }

@@ -1,6 +1,6 @@
 //! From the names of techniques to components on the camera: the one place that knows how each is switched on and off.
 
-use crate::plan::{TracerName, Variant};
+use crate::job::{TracerName, Variant};
 use bevy::{
     core_pipeline::prepass::{DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass},
     pbr::ScreenSpaceReflections,
@@ -15,7 +15,6 @@ use bevy_glint::{
 pub const TRUTH_CUTOFF: f32 = 1.0;
 
 /// The tracer for the plugin.
-#[must_use]
 pub fn tracer_choice(tracer: TracerName) -> ReflectionTracerChoice {
     match tracer {
         TracerName::RayQuery => ReflectionTracerChoice::RayQuery,
@@ -31,25 +30,22 @@ pub fn open_device(app: &mut App) {
     let _ = app;
 }
 
-/// Whether the rasterizer's shading rate can spread rays on this machine.
-#[must_use]
+/// True if the rasterizer's shading rate can spread rays on this machine.
 pub fn has_hardware_rates(report: &ReflectionStatusReport) -> bool {
     report.hardware_vrs == HardwareVrsSupport::Available
 }
 
-/// Whether a technique has a choice of back ends: those whose rate varies.
-#[must_use]
+/// True if a technique has a choice of back ends: those whose rate varies.
 pub fn has_backends(technique: &str) -> bool {
     technique.starts_with("vrs-") && is_variable(technique)
 }
 
-/// Whether a technique's or a preset's rate varies.
-#[must_use]
+/// True if a technique's or a preset's rate varies.
 pub fn is_variable(technique: &str) -> bool {
     named_settings(technique).is_ok_and(|(settings, _)| settings.technique == ReflectionTechnique::Variable)
 }
 
-/// What every camera has, whatever the technique: the same G-buffer, so that techniques differ by their own passes alone.
+/// Gives a camera the same G-buffer for all techniques, so that these differ by their own passes alone.
 pub fn prepare_camera(camera: &mut EntityWorldMut) {
     camera.insert((
         DepthPrepass,
@@ -65,10 +61,6 @@ pub fn prepare_camera(camera: &mut EntityWorldMut) {
 /// `off` and `ssr` keep our component on the camera, since the library lets go of the whole scene when no camera has it, and
 /// mirroring the scene again would disturb what is measured next. It is kept from running by what it can't work with: without
 /// the normal prepass, or beside screen-space reflections.
-///
-/// # Errors
-///
-/// If the technique is unknown or isn't built in.
 pub fn apply(camera: &mut EntityWorldMut, variant: &Variant) -> Result<(), String> {
     match variant.technique.as_str() {
         "off" => {
@@ -122,7 +114,6 @@ pub fn reset(camera: &mut EntityWorldMut) {
 }
 
 /// The diagnostics whose sum is the GPU time of a technique.
-#[must_use]
 pub fn total_spans(variant: &Variant) -> &'static [&'static str] {
     match variant.technique.as_str() {
         "off" => &[],
@@ -196,7 +187,7 @@ pub mod solari {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::TECHNIQUES;
+    use crate::job::TECHNIQUES;
 
     #[test]
     fn every_technique_can_be_switched_on() {

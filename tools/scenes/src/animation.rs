@@ -6,7 +6,7 @@ use bevy::{
         component::Component,
         system::{Query, Res},
     },
-    math::{Quat, Vec3, ops},
+    math::{Quat, Vec3, ops, vec3},
     time::Time,
     transform::components::Transform,
 };
@@ -61,7 +61,7 @@ impl Motion {
                 phase,
             } => {
                 let angle = TAU * (seconds * rate + phase).fract();
-                let ring = Vec3::new(ops::cos(angle), ops::sin(angle * 2.0), ops::sin(angle));
+                let ring = vec3(ops::cos(angle), ops::sin(angle * 2.0), ops::sin(angle));
                 transform.translation = center + extent * ring;
             }
         }

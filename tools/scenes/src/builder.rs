@@ -7,9 +7,11 @@ use crate::{
 use bevy::{
     asset::{Assets, Handle},
     camera::visibility::Visibility,
+    color::Color,
     ecs::{bundle::Bundle, component::Component, entity::Entity, hierarchy::ChildOf, world::World},
     image::Image,
-    math::Vec2,
+    light::{CascadeShadowConfigBuilder, DirectionalLight, NotShadowCaster, PointLight},
+    math::{Vec2, Vec3},
     mesh::{Mesh, Mesh3d},
     pbr::{MeshMaterial3d, StandardMaterial},
     transform::components::Transform,
@@ -88,6 +90,44 @@ impl<'w> SceneBuilder<'w> {
         self.statistics.instances += 1;
         self.statistics.triangles += mesh.triangles;
         self.add((Mesh3d(mesh.handle.clone()), MeshMaterial3d(material.clone()), transform))
+    }
+
+    /// Places a mesh that casts no shadow, such as a bulb around its own light.
+    pub fn place_unshadowed(&mut self, mesh: &SceneMesh, material: &Handle<StandardMaterial>, transform: Transform) {
+        let entity = self.place(mesh, material, transform);
+        self.world.entity_mut(entity).insert(NotShadowCaster);
+    }
+
+    /// Adds a point light of so many lumens that casts no shadows; range and radius are in metres.
+    pub fn lamp(&mut self, at: Vec3, color: Color, intensity: f32, range: f32, radius: f32) {
+        let light = PointLight {
+            color,
+            intensity,
+            range,
+            radius,
+            shadow_maps_enabled: false,
+            ..Default::default()
+        };
+        self.add((light, Transform::from_translation(at)));
+    }
+
+    /// Adds a directional light that shines from a direction and casts shadows; `cascades` are the number of shadow maps, and the distances
+    /// that the first one and the last one reach.
+    pub fn sun(&mut self, from: Vec3, color: Color, illuminance: f32, cascades: (usize, f32, f32)) {
+        let light = DirectionalLight {
+            color,
+            illuminance,
+            shadow_maps_enabled: true,
+            ..Default::default()
+        };
+        let (num_cascades, first_cascade_far_bound, maximum_distance) = cascades;
+        let shadows = CascadeShadowConfigBuilder {
+            num_cascades,
+            first_cascade_far_bound,
+            maximum_distance,
+            ..Default::default()
+        };
+        self.add((light, shadows.build(), Transform::default().looking_to(-from, Vec3::Y)));
     }
 
     /// Spawns anything else, such as a light.

@@ -1,4 +1,4 @@
-//! The sky, exposure and tone mapping that a camera carries.
+//! What scenes have in common: their options, and the light around them.
 
 use crate::sky::Sky;
 use bevy::{
@@ -8,14 +8,43 @@ use bevy::{
     core_pipeline::tonemapping::{DebandDither, Tonemapping},
     ecs::{
         resource::Resource,
-        world::{EntityWorldMut, World},
+        world::{EntityWorldMut, Mut, World},
     },
     image::Image,
     light::{AmbientLight, EnvironmentMapLight, Skybox},
 };
 
-/// What the camera of a scene carries.
-#[derive(Clone)]
+/// Options of a scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SceneOptions {
+    /// Fineness of curved parts: 1 gives each scene the triangles that its name promises. Clamped to 0.25..=8.
+    pub detail: f32,
+    /// Edge of procedural textures in texels, clamped to 4..=2048.
+    pub texture_size: u32,
+}
+
+impl Default for SceneOptions {
+    fn default() -> Self {
+        Self {
+            detail: 1.0,
+            texture_size: 512,
+        }
+    }
+}
+
+impl SceneOptions {
+    /// The options within their ranges.
+    pub(crate) fn clamped(&self) -> Self {
+        let detail = if self.detail.is_finite() { self.detail } else { 1.0 };
+        Self {
+            detail: detail.clamp(0.25, 8.0),
+            texture_size: self.texture_size.clamp(4, 2048),
+        }
+    }
+}
+
+/// Components of a scene's camera that depend on the scene.
+#[derive(Clone, Default)]
 pub struct Environment {
     /// Diffuse and specular light of the sky.
     pub light: Option<EnvironmentMapLight>,
@@ -23,11 +52,22 @@ pub struct Environment {
     pub skybox: Option<Skybox>,
     /// Exposure of the camera.
     pub exposure: Exposure,
-    /// How radiance becomes a picture.
+    /// Tone curve.
     pub tonemapping: Tonemapping,
 }
 
 impl Environment {
+    /// The light of a sky, scaled to cd/m², at an exposure, with the usual tone curve.
+    pub fn under(world: &mut World, sky: Sky, brightness: f32, ev100: f32) -> Self {
+        let (light, skybox) = bake(world, sky, brightness);
+        Self {
+            light: Some(light),
+            skybox: Some(skybox),
+            exposure: Exposure { ev100 },
+            tonemapping: Tonemapping::TonyMcMapface,
+        }
+    }
+
     /// Puts the components on a camera. Ambient light is switched off: the environment map takes its place. Without a sky the background is
     /// black; dithering goes with the tone curve.
     pub fn insert(self, camera: &mut EntityWorldMut) {
@@ -55,15 +95,15 @@ impl Environment {
     }
 }
 
-/// Skies that were baked before, so that several cameras share them.
+/// Skies that were baked before: cameras share them.
 #[derive(Resource, Default)]
 struct BakedSkies(Vec<(Sky, EnvironmentMapLight, Skybox)>);
 
 /// A sky as the camera's light and background; `brightness` scales it to cd/m².
-pub(crate) fn sky(world: &mut World, sky: Sky, brightness: f32) -> (EnvironmentMapLight, Skybox) {
+fn bake(world: &mut World, sky: Sky, brightness: f32) -> (EnvironmentMapLight, Skybox) {
     world.init_resource::<Assets<Image>>();
     world.init_resource::<BakedSkies>();
-    world.resource_scope(|world, mut baked: bevy::ecs::change_detection::Mut<BakedSkies>| {
+    world.resource_scope(|world, mut baked: Mut<BakedSkies>| {
         if !baked.0.iter().any(|(other, ..)| *other == sky) {
             let mut images = world.resource_mut::<Assets<Image>>();
             let light = sky.environment(&mut images, brightness);

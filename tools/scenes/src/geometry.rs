@@ -2,7 +2,7 @@
 
 use bevy::{
     asset::RenderAssetUsages,
-    math::{Quat, Vec2, Vec3, Vec4, ops},
+    math::{Quat, Vec2, Vec3, Vec4, ops, vec2, vec3},
     mesh::{Indices, Mesh, PrimitiveTopology},
     transform::components::Transform,
 };
@@ -24,7 +24,7 @@ impl Geometry {
     }
 
     /// Adds a copy of `other`, moved by `transform`.
-    pub fn append(&mut self, other: &Geometry, transform: Transform) -> &mut Self {
+    pub fn append(&mut self, other: &Geometry, transform: Transform) {
         let base = self.positions.len() as u32;
         let inverse_scale = transform.scale.recip();
         self.positions
@@ -41,12 +41,18 @@ impl Geometry {
             let [a, b, c] = [triangle[0], triangle[1], triangle[2]].map(|i| i + base);
             self.indices.extend(if mirrored { [a, c, b] } else { [a, b, c] });
         }
-        self
+    }
+
+    /// Adds a part, moved by `transform`.
+    pub fn part(&mut self, transform: Transform, make: impl FnOnce(&mut Geometry)) {
+        let mut part = Geometry::default();
+        make(&mut part);
+        self.append(&part, transform);
     }
 
     /// Adds the surface `point(u, v)` over the unit square, `columns` by `rows` quads; its front is where `d/du x d/dv` points.
     /// `uv_scale` maps the square to texture coordinates.
-    pub fn surface(&mut self, columns: u32, rows: u32, uv_scale: Vec2, point: impl Fn(f32, f32) -> Vec3) -> &mut Self {
+    pub fn surface(&mut self, columns: u32, rows: u32, uv_scale: Vec2, point: impl Fn(f32, f32) -> Vec3) {
         let (columns, rows) = (columns.max(1), rows.max(1));
         let base = self.positions.len() as u32;
         let delta = 1e-3;
@@ -62,7 +68,7 @@ impl Geometry {
                 let normal = normal_at(u, v).or_else(|| normal_at(u * 0.99 + 0.005, v * 0.99 + 0.005));
                 self.positions.push(point(u, v));
                 self.normals.push(normal.unwrap_or(Vec3::Y));
-                self.uvs.push(Vec2::new(u, 1.0 - v) * uv_scale);
+                self.uvs.push(vec2(u, 1.0 - v) * uv_scale);
             }
         }
         let stride = columns + 1;
@@ -74,26 +80,23 @@ impl Geometry {
                 self.triangle(a, c, d);
             }
         }
-        self
     }
 
     /// Adds a flat quad; corners counter-clockwise from the lower left of its texture.
-    pub fn quad(&mut self, corners: [Vec3; 4], uv_size: Vec2) -> &mut Self {
+    pub fn quad(&mut self, corners: [Vec3; 4], uv_size: Vec2) {
         let [a, b, _, d] = corners;
         let normal = (b - a).cross(d - a).normalize_or(Vec3::Y);
         let base = self.positions.len() as u32;
         self.positions.extend(corners);
         self.normals.extend([normal; 4]);
         let (w, h) = (uv_size.x, uv_size.y);
-        self.uvs
-            .extend([Vec2::new(0.0, h), Vec2::new(w, h), Vec2::new(w, 0.0), Vec2::ZERO]);
+        self.uvs.extend([vec2(0.0, h), vec2(w, h), vec2(w, 0.0), Vec2::ZERO]);
         self.triangle(base, base + 1, base + 2);
         self.triangle(base, base + 2, base + 3);
-        self
     }
 
     /// Adds a flat quad whose UVs follow its position, so that neighbours in one plane continue the texture.
-    pub fn mapped_quad(&mut self, corners: [Vec3; 4], uv_scale: f32) -> &mut Self {
+    pub fn mapped_quad(&mut self, corners: [Vec3; 4], uv_scale: f32) {
         let [a, b, _, d] = corners;
         let normal = (b - a).cross(d - a).normalize_or(Vec3::Y);
         let up = if normal.y.abs() > 0.7 { Vec3::NEG_Z } else { Vec3::Y };
@@ -102,14 +105,13 @@ impl Geometry {
         self.positions.extend(corners);
         self.normals.extend([normal; 4]);
         self.uvs
-            .extend(corners.map(|p| Vec2::new(p.dot(right), -p.dot(up)) * uv_scale));
+            .extend(corners.map(|p| vec2(p.dot(right), -p.dot(up)) * uv_scale));
         self.triangle(base, base + 1, base + 2);
         self.triangle(base, base + 2, base + 3);
-        self
     }
 
     /// Adds an axis-aligned box around `center`; UVs run in metres times `uv_scale`.
-    pub fn cuboid(&mut self, center: Vec3, size: Vec3, uv_scale: f32) -> &mut Self {
+    pub fn cuboid(&mut self, center: Vec3, size: Vec3, uv_scale: f32) {
         let half = size * 0.5;
         for (right, up) in [
             (Vec3::X, Vec3::Y),
@@ -128,14 +130,13 @@ impl Geometry {
             let m = center + o;
             self.quad(
                 [m - r - u, m + r - u, m + r + u, m - r + u],
-                2.0 * uv_scale * Vec2::new(r.length(), u.length()),
+                2.0 * uv_scale * vec2(r.length(), u.length()),
             );
         }
-        self
     }
 
     /// Adds a box with rounded edges of the given radius: `segments` quads across each rounding.
-    pub fn rounded_box(&mut self, center: Vec3, size: Vec3, radius: f32, segments: u32, uv_scale: f32) -> &mut Self {
+    pub fn rounded_box(&mut self, center: Vec3, size: Vec3, radius: f32, segments: u32, uv_scale: f32) {
         let half = size * 0.5;
         let radius = radius.min(half.min_element());
         let segments = segments.max(1);
@@ -172,7 +173,7 @@ impl Geometry {
                     self.positions.push(center + position);
                     self.normals.push(normal);
                     let (s, t) = (position.dot(right) + extent(right), extent(up) - position.dot(up));
-                    self.uvs.push(Vec2::new(s, t) * uv_scale);
+                    self.uvs.push(vec2(s, t) * uv_scale);
                 }
             }
             for j in 0..steps - 1 {
@@ -183,41 +184,40 @@ impl Geometry {
                 }
             }
         }
-        self
     }
 
     /// Adds a sphere around `center`.
-    pub fn sphere(&mut self, center: Vec3, radius: f32, segments: u32, uv_scale: Vec2) -> &mut Self {
+    pub fn sphere(&mut self, center: Vec3, radius: f32, segments: u32, uv_scale: Vec2) {
         self.surface(segments.max(3), segments.max(4) / 2, uv_scale, |u, v| {
             let (longitude, latitude) = (u * TAU, (v - 0.5) * PI);
             let ring = ops::cos(latitude);
             center
                 + radius
-                    * Vec3::new(
+                    * vec3(
                         ring * ops::sin(longitude),
                         ops::sin(latitude),
                         ring * ops::cos(longitude),
                     )
-        })
+        });
     }
 
     /// Adds a torus in the xy plane.
-    pub fn torus(&mut self, radius: f32, tube: f32, segments: u32, sides: u32) -> &mut Self {
+    pub fn torus(&mut self, radius: f32, tube: f32, segments: u32, sides: u32) {
         self.surface(
             segments.max(3),
             sides.max(3),
-            Vec2::new(segments as f32 / 8.0, 1.0),
+            vec2(segments as f32 / 8.0, 1.0),
             |u, v| {
                 let (a, b) = (u * TAU, v * TAU);
                 let ring = radius + tube * ops::cos(b);
-                Vec3::new(ring * ops::cos(a), ring * ops::sin(a), tube * ops::sin(b))
+                vec3(ring * ops::cos(a), ring * ops::sin(a), tube * ops::sin(b))
             },
-        )
+        );
     }
 
     /// Adds the revolution about the y axis of a profile of (radius, height) points from bottom to top. Between consecutive points the surface is
     /// straight; a repeated point makes a hard edge.
-    pub fn lathe(&mut self, profile: &[Vec2], segments: u32, uv_scale: Vec2) -> &mut Self {
+    pub fn lathe(&mut self, profile: &[Vec2], segments: u32, uv_scale: Vec2) {
         let segments = segments.max(3);
         let mut height = 0.0;
         let mut runs: Vec<Vec<Vec2>> = Vec::new();
@@ -240,10 +240,10 @@ impl Geometry {
                 for s in 0..=segments {
                     let angle = s as f32 / segments as f32 * TAU;
                     let (sin, cos) = (ops::sin(angle), ops::cos(angle));
-                    self.positions.push(Vec3::new(p.x * sin, p.y, p.x * cos));
+                    self.positions.push(vec3(p.x * sin, p.y, p.x * cos));
                     self.normals
-                        .push(Vec3::new(slope.y * sin, -slope.x, slope.y * cos).normalize_or(Vec3::Y));
-                    self.uvs.push(Vec2::new(s as f32 / segments as f32, -along) * uv_scale);
+                        .push(vec3(slope.y * sin, -slope.x, slope.y * cos).normalize_or(Vec3::Y));
+                    self.uvs.push(vec2(s as f32 / segments as f32, -along) * uv_scale);
                 }
             }
             height = along;
@@ -256,13 +256,12 @@ impl Geometry {
                 }
             }
         }
-        self
     }
 
     /// Adds a tube of circular section along a line of points.
-    pub fn tube(&mut self, path: &[Vec3], radius: f32, sides: u32) -> &mut Self {
+    pub fn tube(&mut self, path: &[Vec3], radius: f32, sides: u32) {
         if path.len() < 2 {
-            return self;
+            return;
         }
         let base = self.positions.len() as u32;
         let sides = sides.max(3);
@@ -281,7 +280,7 @@ impl Geometry {
                 let normal = side * ops::cos(angle) + other * ops::sin(angle);
                 self.positions.push(p + normal * radius);
                 self.normals.push(normal);
-                self.uvs.push(Vec2::new(s as f32 / sides as f32, length));
+                self.uvs.push(vec2(s as f32 / sides as f32, length));
             }
         }
         for ring in 0..path.len() as u32 - 1 {
@@ -291,7 +290,6 @@ impl Geometry {
                 self.triangle(a, a + sides + 2, a + sides + 1);
             }
         }
-        self
     }
 
     fn triangle(&mut self, a: u32, b: u32, c: u32) {
@@ -352,6 +350,11 @@ impl Geometry {
             .with_inserted_attribute(Mesh::ATTRIBUTE_TANGENT, tangents)
             .with_inserted_indices(Indices::U32(self.indices))
     }
+}
+
+/// Turns a count of segments at detail one into the count at `detail`.
+pub fn segments(base: u32, detail: f32) -> u32 {
+    ((base as f32 * detail).round() as u32).max(3)
 }
 
 /// A rotation about the y axis, in degrees.

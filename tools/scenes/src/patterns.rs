@@ -4,15 +4,15 @@ use crate::{
     random::{fractal, hash, smooth, veins},
     texture::Texel,
 };
-use bevy::math::{Vec2, Vec3, ops};
+use bevy::math::{Vec2, Vec3, ops, vec2, vec3};
 use std::f32::consts::TAU;
 
-fn mix(a: Vec3, b: Vec3, t: f32) -> Vec3 {
+pub(crate) fn mix(a: Vec3, b: Vec3, t: f32) -> Vec3 {
     a.lerp(b, t.clamp(0.0, 1.0))
 }
 
 /// Distance to the nearest edge of the cell that `p` lies in, in cells.
-fn edge(p: Vec2) -> Vec2 {
+pub(crate) fn edge(p: Vec2) -> Vec2 {
     let f = p - p.floor();
     f.min(Vec2::ONE - f)
 }
@@ -32,15 +32,15 @@ pub fn polished_tiles(uv: Vec2) -> Texel {
     );
     let cloud = fractal(uv, 6, 5, 5);
     let stone = if dark {
-        mix(Vec3::new(0.075, 0.085, 0.10), Vec3::new(0.42, 0.40, 0.36), vein * 0.55) + (cloud - 0.5) * 0.05
+        mix(vec3(0.075, 0.085, 0.10), vec3(0.42, 0.40, 0.36), vein * 0.55) + (cloud - 0.5) * 0.05
     } else {
-        mix(Vec3::new(0.56, 0.52, 0.47), Vec3::new(0.33, 0.27, 0.22), vein * 0.5) + (cloud - 0.5) * 0.10
+        mix(vec3(0.56, 0.52, 0.47), vec3(0.33, 0.27, 0.22), vein * 0.5) + (cloud - 0.5) * 0.10
     };
     let wet = smooth(0.52, 0.62, fractal(uv, 3, 4, 91));
     let wear = fractal(uv, 16, 4, 44);
     let polish = 0.10 + 0.22 * hash(x, y, 3) + 0.16 * (wear - 0.5);
     let roughness = polish + (0.03 - polish) * wet;
-    let brass = Vec3::new(0.89, 0.72, 0.42);
+    let brass = vec3(0.89, 0.72, 0.42);
     Texel {
         color: mix(stone * (1.0 - 0.18 * wet), brass, inlay),
         height: 0.0009 * smooth(0.0, 0.02, e) + 0.00012 * (wear - 0.5) * (1.0 - wet),
@@ -56,15 +56,15 @@ pub fn brick(uv: Vec2) -> Texel {
     let rows = 8.0;
     let row = (uv.y * rows).floor();
     let shift = if row as i32 % 2 == 0 { 0.0 } else { 0.5 };
-    let grid = Vec2::new(uv.x * 4.0 + shift, uv.y * rows);
+    let grid = vec2(uv.x * 4.0 + shift, uv.y * rows);
     let id = ((grid.x.floor() as i32).rem_euclid(4), row as i32);
     let rough = fractal(uv, 12, 5, 9);
-    let e = edge(grid) / Vec2::new(4.0, rows) + (rough - 0.5) * 0.006;
+    let e = edge(grid) / vec2(4.0, rows) + (rough - 0.5) * 0.006;
     let body = smooth(0.006, 0.013, e.min_element());
     let tone = hash(id.0, id.1, 17);
-    let clay = mix(Vec3::new(0.47, 0.22, 0.15), Vec3::new(0.66, 0.37, 0.25), tone) * (0.82 + 0.36 * rough);
+    let clay = mix(vec3(0.47, 0.22, 0.15), vec3(0.66, 0.37, 0.25), tone) * (0.82 + 0.36 * rough);
     let clay = if hash(id.0, id.1, 5) > 0.86 { clay * 0.62 } else { clay };
-    let mortar = Vec3::splat(0.60) * Vec3::new(1.0, 0.96, 0.9) * (0.85 + 0.3 * fractal(uv, 48, 2, 3));
+    let mortar = Vec3::splat(0.60) * vec3(1.0, 0.96, 0.9) * (0.85 + 0.3 * fractal(uv, 48, 2, 3));
     Texel {
         color: mix(mortar, clay, body),
         height: body * (0.008 + 0.003 * (tone - 0.5)) + 0.004 * rough,
@@ -80,7 +80,7 @@ pub fn plaster(uv: Vec2) -> Texel {
     let fine = fractal(uv, 24, 4, 8);
     let sweep = fractal(uv, 7, 3, 61);
     Texel {
-        color: Vec3::new(0.80, 0.76, 0.69) * (0.86 + 0.2 * broad + 0.06 * (fine - 0.5)),
+        color: vec3(0.80, 0.76, 0.69) * (0.86 + 0.2 * broad + 0.06 * (fine - 0.5)),
         height: 0.012 * sweep + 0.003 * fine,
         roughness: 0.82 + 0.14 * fine,
         occlusion: 0.92 + 0.08 * fine,
@@ -92,16 +92,15 @@ pub fn plaster(uv: Vec2) -> Texel {
 pub fn stone_blocks(uv: Vec2) -> Texel {
     let row = (uv.y * 4.0).floor();
     let shift = if row as i32 % 2 == 0 { 0.0 } else { 0.5 };
-    let grid = Vec2::new(uv.x * 2.0 + shift, uv.y * 4.0);
+    let grid = vec2(uv.x * 2.0 + shift, uv.y * 4.0);
     let id = ((grid.x.floor() as i32).rem_euclid(2), row as i32);
-    let e = (edge(grid) / Vec2::new(2.0, 4.0)).min_element();
+    let e = (edge(grid) / vec2(2.0, 4.0)).min_element();
     let body = smooth(0.003, 0.008, e);
     let grain = fractal(uv, 20, 5, 13);
     let stain = fractal(uv, 4, 4, 29);
     let tone = hash(id.0, id.1, 40);
-    let stone = mix(Vec3::new(0.69, 0.61, 0.49), Vec3::new(0.80, 0.73, 0.61), tone)
-        * (0.80 + 0.25 * grain)
-        * (0.86 + 0.24 * stain);
+    let stone =
+        mix(vec3(0.69, 0.61, 0.49), vec3(0.80, 0.73, 0.61), tone) * (0.80 + 0.25 * grain) * (0.86 + 0.24 * stain);
     Texel {
         color: stone * (0.62 + 0.38 * body),
         height: 0.006 * body + 0.004 * grain,
@@ -117,7 +116,7 @@ pub fn limestone(uv: Vec2) -> Texel {
     let pits = smooth(0.68, 0.78, fractal(uv, 32, 3, 72));
     let stain = fractal(uv, 3, 4, 73);
     Texel {
-        color: Vec3::new(0.80, 0.74, 0.64) * (0.84 + 0.2 * grain) * (0.86 + 0.22 * stain) * (1.0 - 0.08 * pits),
+        color: vec3(0.80, 0.74, 0.64) * (0.84 + 0.2 * grain) * (0.86 + 0.22 * stain) * (1.0 - 0.08 * pits),
         height: 0.003 * grain - 0.0035 * pits,
         roughness: 0.62 + 0.3 * grain,
         occlusion: 1.0 - 0.25 * pits,
@@ -134,13 +133,13 @@ pub fn floor_tiles(uv: Vec2) -> Texel {
     let wear = fractal(uv, 5, 5, 33);
     let tone = hash(x, y, 51);
     let base = if (x + y) % 2 == 0 {
-        Vec3::new(0.56, 0.35, 0.26)
+        vec3(0.56, 0.35, 0.26)
     } else {
-        Vec3::new(0.74, 0.67, 0.56)
+        vec3(0.74, 0.67, 0.56)
     };
     let color = base * (0.82 + 0.22 * tone) * (0.88 + 0.24 * wear);
     Texel {
-        color: mix(Vec3::new(0.33, 0.30, 0.27), color, body),
+        color: mix(vec3(0.33, 0.30, 0.27), color, body),
         height: 0.003 * body + 0.0006 * wear,
         roughness: if body > 0.5 {
             0.16 + 0.30 * tone + 0.36 * (wear - 0.35).max(0.0)
@@ -195,7 +194,7 @@ pub fn lattice(uv: Vec2) -> Texel {
     let body = 1.0 - smooth(0.055, 0.075, d);
     let grain = fractal(uv, 24, 3, 19);
     Texel {
-        color: mix(Vec3::new(0.36, 0.21, 0.11), Vec3::new(0.50, 0.31, 0.17), grain),
+        color: mix(vec3(0.36, 0.21, 0.11), vec3(0.50, 0.31, 0.17), grain),
         alpha: body,
         height: 0.006 * (1.0 - smooth(0.0, 0.07, d)),
         roughness: 0.42 + 0.2 * grain,
@@ -214,9 +213,9 @@ pub fn leaf(uv: Vec2) -> Texel {
     let side = (along * 9.0 - across.abs() * 7.0).rem_euclid(1.0);
     let veins = (1.0 - smooth(0.04, 0.12, side.min(1.0 - side))) * 0.5;
     let tone = fractal(uv, 5, 4, 99);
-    let green = mix(Vec3::new(0.16, 0.34, 0.10), Vec3::new(0.34, 0.52, 0.17), tone);
+    let green = mix(vec3(0.16, 0.34, 0.10), vec3(0.34, 0.52, 0.17), tone);
     Texel {
-        color: mix(green, Vec3::new(0.55, 0.66, 0.34), (rib.max(veins)) * 0.45),
+        color: mix(green, vec3(0.55, 0.66, 0.34), (rib.max(veins)) * 0.45),
         alpha: smooth(0.0, 0.02, inside),
         height: 0.006 * rib + 0.003 * veins,
         roughness: 0.42 + 0.2 * tone,

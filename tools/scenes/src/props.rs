@@ -3,7 +3,7 @@
 use crate::{geometry::Geometry, random::Random};
 use bevy::{
     material::AlphaMode,
-    math::{Vec2, Vec3, ops},
+    math::{Vec2, Vec3, ops, vec2, vec3},
     pbr::StandardMaterial,
 };
 use std::f32::consts::{PI, TAU};
@@ -12,14 +12,10 @@ use std::f32::consts::{PI, TAU};
 pub fn column(g: &mut Geometry, height: f32, radius: f32, segments: u32) {
     let r = radius;
     let base = 0.35 * r;
-    g.cuboid(Vec3::new(0.0, base * 0.5, 0.0), Vec3::new(2.9 * r, base, 2.9 * r), 1.0);
+    g.cuboid(vec3(0.0, base * 0.5, 0.0), vec3(2.9 * r, base, 2.9 * r), 1.0);
     let top = height - 0.4 * r;
-    g.cuboid(
-        Vec3::new(0.0, height - 0.2 * r, 0.0),
-        Vec3::new(2.9 * r, 0.4 * r, 2.9 * r),
-        1.0,
-    );
-    let p = |x: f32, y: f32| Vec2::new(x * r, y);
+    g.cuboid(vec3(0.0, height - 0.2 * r, 0.0), vec3(2.9 * r, 0.4 * r, 2.9 * r), 1.0);
+    let p = |x: f32, y: f32| vec2(x * r, y);
     let mut profile = vec![
         p(1.35, base),
         p(1.42, base + 0.12 * r),
@@ -53,19 +49,19 @@ pub fn column(g: &mut Geometry, height: f32, radius: f32, segments: u32) {
         p(1.28, top - 0.15 * r),
         p(1.36, top),
     ]);
-    g.lathe(&profile, segments, Vec2::new((TAU * r * 0.5).max(1.0).round(), 0.5));
+    g.lathe(&profile, segments, vec2((TAU * r * 0.5).max(1.0).round(), 0.5));
 }
 
 /// Hanging cloth in folds, in the xy plane above y = 0; `folds` waves over its width.
 pub fn curtain(g: &mut Geometry, width: f32, height: f32, folds: f32, columns: u32, rows: u32) {
-    let uv = Vec2::new(width * 1.4, height);
+    let uv = vec2(width * 1.4, height);
     g.surface(columns, rows, uv, |u, v| {
         // Gathered at the top, freer and uneven at the hem.
         let loose = 1.0 - v;
         let phase = u * TAU * folds + 0.7 * ops::sin(3.1 * u + 2.0 * loose);
         let depth = (0.045 + 0.055 * loose) * ops::sin(phase) + 0.02 * loose * ops::sin(phase * 0.37 + 1.3);
         let sway = 0.04 * loose * ops::sin(u * 5.0 + 0.8);
-        Vec3::new(
+        vec3(
             (u - 0.5) * width * (1.0 + 0.05 * loose),
             v * height + 0.02 * ops::cos(phase) * loose * (1.0 - v),
             depth + sway,
@@ -75,7 +71,7 @@ pub fn curtain(g: &mut Geometry, width: f32, height: f32, folds: f32, columns: u
 
 /// A pot of the given height and rim radius, standing on y = 0, with soil.
 pub fn pot(g: &mut Geometry, height: f32, radius: f32, segments: u32) {
-    let p = |x: f32, y: f32| Vec2::new(x * radius, y * height);
+    let p = |x: f32, y: f32| vec2(x * radius, y * height);
     let profile = [
         p(0.0, 0.0),
         p(0.62, 0.0),
@@ -93,12 +89,12 @@ pub fn pot(g: &mut Geometry, height: f32, radius: f32, segments: u32) {
         p(0.84, 0.9),
         p(0.0, 0.92),
     ];
-    g.lathe(&profile, segments, Vec2::new(2.0, 1.5));
+    g.lathe(&profile, segments, vec2(2.0, 1.5));
 }
 
 /// A turned pedestal.
 pub fn pedestal(g: &mut Geometry, height: f32, radius: f32, segments: u32) {
-    let p = |x: f32, y: f32| Vec2::new(x * radius, y * height);
+    let p = |x: f32, y: f32| vec2(x * radius, y * height);
     let profile = [
         p(0.0, 0.0),
         p(1.3, 0.0),
@@ -115,7 +111,7 @@ pub fn pedestal(g: &mut Geometry, height: f32, radius: f32, segments: u32) {
         p(0.96, 1.0),
         p(0.0, 1.0),
     ];
-    g.lathe(&profile, segments, Vec2::new(2.0, 1.0));
+    g.lathe(&profile, segments, vec2(2.0, 1.0));
 }
 
 /// Bent leaves around the origin; `segments` quads along each.
@@ -130,8 +126,8 @@ pub fn plant(g: &mut Geometry, leaves: u32, length: f32, segments: u32, seed: u6
         let start = random.range(1.15, 1.5) - 0.35 * rank;
         let bend = random.range(0.9, 1.5) * (0.45 + rank);
         let roll = random.range(-0.4, 0.4);
-        let out = Vec3::new(ops::cos(azimuth), 0.0, ops::sin(azimuth));
-        let side = Vec3::new(-out.z, 0.0, out.x);
+        let out = vec3(ops::cos(azimuth), 0.0, ops::sin(azimuth));
+        let side = vec3(-out.z, 0.0, out.x);
         let spine = |v: f32| {
             // The integral of a direction that turns steadily from `start` by `bend`.
             let end = start - bend * v;
@@ -160,39 +156,33 @@ pub fn leaf_material(textured: StandardMaterial) -> StandardMaterial {
 
 /// A lantern: a metal cage of `height`, hanging below y = 0.
 pub fn lantern(g: &mut Geometry, height: f32, radius: f32, segments: u32) {
-    let p = |x: f32, y: f32| Vec2::new(x * radius, -y * height);
+    let p = |x: f32, y: f32| vec2(x * radius, -y * height);
     // From bottom to top: a drip, the pan, and above the glass the cap.
-    g.lathe(
-        &[
-            p(0.0, 1.0),
-            p(0.12, 0.97),
-            p(0.16, 0.92),
-            p(0.7, 0.86),
-            p(0.95, 0.8),
-            p(0.95, 0.77),
-            p(0.0, 0.76),
-        ],
-        segments,
-        Vec2::ONE,
-    );
-    g.lathe(
-        &[
-            p(0.0, 0.3),
-            p(0.98, 0.3),
-            p(0.98, 0.3),
-            p(1.05, 0.27),
-            p(0.85, 0.18),
-            p(0.45, 0.1),
-            p(0.14, 0.05),
-            p(0.1, 0.0),
-            p(0.0, 0.0),
-        ],
-        segments,
-        Vec2::ONE,
-    );
+    let profile = [
+        p(0.0, 1.0),
+        p(0.12, 0.97),
+        p(0.16, 0.92),
+        p(0.7, 0.86),
+        p(0.95, 0.8),
+        p(0.95, 0.77),
+        p(0.0, 0.76),
+    ];
+    g.lathe(&profile, segments, Vec2::ONE);
+    let profile = [
+        p(0.0, 0.3),
+        p(0.98, 0.3),
+        p(0.98, 0.3),
+        p(1.05, 0.27),
+        p(0.85, 0.18),
+        p(0.45, 0.1),
+        p(0.14, 0.05),
+        p(0.1, 0.0),
+        p(0.0, 0.0),
+    ];
+    g.lathe(&profile, segments, Vec2::ONE);
     for i in 0..6 {
         let angle = i as f32 / 6.0 * TAU;
-        let at = Vec3::new(ops::cos(angle) * 0.9 * radius, 0.0, ops::sin(angle) * 0.9 * radius);
+        let at = vec3(ops::cos(angle) * 0.9 * radius, 0.0, ops::sin(angle) * 0.9 * radius);
         g.tube(
             &[at - Vec3::Y * 0.78 * height, at - Vec3::Y * 0.29 * height],
             0.06 * radius,
@@ -205,7 +195,7 @@ pub fn lantern(g: &mut Geometry, height: f32, radius: f32, segments: u32) {
 pub fn ribbon(g: &mut Geometry, from: Vec3, to: Vec3, sag: f32, width: f32, turns: f32, segments: u32) {
     let along = (to - from).normalize_or(Vec3::X);
     let side = along.cross(Vec3::Y).normalize_or(Vec3::Z);
-    g.surface(segments, 1, Vec2::new(from.distance(to), width), |u, v| {
+    g.surface(segments, 1, vec2(from.distance(to), width), |u, v| {
         let hang = from.lerp(to, u) - Vec3::Y * sag * 4.0 * u * (1.0 - u);
         let angle = turns * PI * ops::sin(u * PI * 0.5) + 0.4;
         hang + (side * ops::cos(angle) + Vec3::Y * ops::sin(angle)) * (v - 0.5) * width

@@ -1,6 +1,6 @@
 //! Seeded random numbers and noise that tiles.
 
-use bevy::math::{Vec2, ops};
+use bevy::math::{Vec2, ops, vec2};
 use rand_xoshiro::{
     SplitMix64,
     rand_core::{Rng, SeedableRng},
@@ -99,7 +99,7 @@ pub fn fractal(uv: Vec2, frequency: i32, octaves: u32, seed: u32) -> f32 {
 
 /// Veins of marble in `[0, 1]` (1 on a vein), tiling with period one.
 pub fn veins(uv: Vec2, frequency: i32, seed: u32) -> f32 {
-    let warp = Vec2::new(fractal(uv, frequency, 4, seed), fractal(uv, frequency, 4, seed + 31)) - 0.5;
+    let warp = vec2(fractal(uv, frequency, 4, seed), fractal(uv, frequency, 4, seed + 31)) - 0.5;
     let n = fractal(uv + warp * 0.35, frequency, 5, seed + 77);
     ops::powf((1.0 - (n - 0.5).abs() * 2.0).clamp(0.0, 1.0), 14.0)
 }

@@ -3,10 +3,10 @@
 use crate::{
     animation::Motion,
     atrium::{self, Richness},
-    camera_path::{self, CameraPath},
+    camera_path::CameraPath,
     demo,
-    environment::Environment,
-    scene_name::{SceneName, SceneOptions},
+    environment::{Environment, SceneOptions},
+    sky::Sky,
     small, street, temple,
 };
 use bevy::{
@@ -14,6 +14,71 @@ use bevy::{
     ecs::{entity::Entity, world::World},
     transform::components::Transform,
 };
+use std::{error::Error, fmt};
+use strum::{Display, EnumString, IntoStaticStr};
+
+/// A scene that can be spawned. Its name is that of the variant in lower case, with underscores or hyphens.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Display, EnumString, IntoStaticStr)]
+#[strum(serialize_all = "snake_case", ascii_case_insensitive)]
+#[strum(parse_err_ty = UnknownScene, parse_err_fn = unknown_scene)]
+pub enum SceneName {
+    /// Spheres and boxes of graded roughness and metalness on a polished floor between textured walls, with things that move.
+    Demo,
+    /// A two-storey colonnaded courtyard, richly carved and furnished: mostly rough stone and cloth, with thin metal; at least 250 thousand
+    /// triangles.
+    Atrium,
+    /// The same courtyard with plain columns and little in it: at least 66 thousand triangles.
+    #[strum(to_string = "atrium_small", serialize = "atrium-small")]
+    AtriumSmall,
+    /// A temple of polished floors and bronze: reflections nearly everywhere; at least 500 thousand triangles.
+    Temple,
+    /// A street after rain, full of windows and small things: millions of triangles by instancing.
+    Street,
+    /// A mirror floor below asymmetric unlit objects: its reflection is known exactly.
+    #[strum(to_string = "mirror_room", serialize = "mirror-room")]
+    MirrorRoom,
+    /// White spheres of roughness 0 to 1, metal and dielectric, in a uniform white environment.
+    Furnace,
+    /// Emissive objects of black albedo over metal and dielectric floors of several roughnesses, without any other light.
+    #[strum(to_string = "emissive_floor", serialize = "emissive-floor")]
+    EmissiveFloor,
+}
+
+impl SceneName {
+    /// Every scene.
+    pub const ALL: [SceneName; 8] = [
+        SceneName::Demo,
+        SceneName::Atrium,
+        SceneName::AtriumSmall,
+        SceneName::Temple,
+        SceneName::Street,
+        SceneName::MirrorRoom,
+        SceneName::Furnace,
+        SceneName::EmissiveFloor,
+    ];
+
+    /// The name on the command line.
+    pub fn as_str(self) -> &'static str {
+        self.into()
+    }
+}
+
+/// The error of a name that is no scene's.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnknownScene(String);
+
+fn unknown_scene(name: &str) -> UnknownScene {
+    UnknownScene(name.to_owned())
+}
+
+impl fmt::Display for UnknownScene {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names = SceneName::ALL.map(SceneName::as_str).join(", ");
+        write!(f, "there is no scene named '{}'; the scenes are {names}", self.0)
+    }
+}
+
+impl Error for UnknownScene {}
 
 /// Spawns a scene with everything but the camera; returns the root, which carries [`SceneStatistics`](crate::SceneStatistics).
 pub fn spawn(name: SceneName, world: &mut World) -> Entity {
@@ -22,14 +87,7 @@ pub fn spawn(name: SceneName, world: &mut World) -> Entity {
 
 /// Like [`spawn`], with options.
 pub fn spawn_with(name: SceneName, world: &mut World, options: &SceneOptions) -> Entity {
-    let options = SceneOptions {
-        detail: if options.detail.is_finite() {
-            options.detail.clamp(0.25, 8.0)
-        } else {
-            1.0
-        },
-        texture_size: options.texture_size.clamp(4, 2048),
-    };
+    let options = options.clamped();
     let root = match name {
         SceneName::Demo => demo::spawn(world, &options),
         SceneName::Atrium => atrium::spawn(world, &options, Richness::Rich),
@@ -47,6 +105,22 @@ pub fn spawn_with(name: SceneName, world: &mut World, options: &SceneOptions) ->
     root
 }
 
+impl CameraPath {
+    /// The path of a scene: a way through the places, a loop in front of the little scenes. It starts where the scene's
+    /// [`camera`](crate::camera) stands.
+    pub const fn of(scene: SceneName) -> Self {
+        match scene {
+            SceneName::Demo => demo::PATH,
+            SceneName::Atrium | SceneName::AtriumSmall => atrium::PATH,
+            SceneName::Temple => temple::PATH,
+            SceneName::Street => street::PATH,
+            SceneName::MirrorRoom => small::MIRROR_ROOM_PATH,
+            SceneName::Furnace => small::FURNACE_PATH,
+            SceneName::EmissiveFloor => small::EMISSIVE_FLOOR_PATH,
+        }
+    }
+}
+
 /// Where the camera of a scene stands, at the start of its path, and how it sees; the aspect ratio follows from the target.
 pub fn camera(name: SceneName) -> (Transform, PerspectiveProjection) {
     let path = CameraPath::of(name);
@@ -61,22 +135,6 @@ pub fn camera(name: SceneName) -> (Transform, PerspectiveProjection) {
     )
 }
 
-impl CameraPath {
-    /// The path of a scene: a way through the places, a loop in front of the little scenes. It starts where the scene's
-    /// [`camera`] stands.
-    pub const fn of(scene: SceneName) -> Self {
-        match scene {
-            SceneName::Demo => camera_path::DEMO,
-            SceneName::Atrium | SceneName::AtriumSmall => atrium::PATH,
-            SceneName::Temple => temple::PATH,
-            SceneName::Street => street::PATH,
-            SceneName::MirrorRoom => camera_path::MIRROR_ROOM,
-            SceneName::Furnace => camera_path::FURNACE,
-            SceneName::EmissiveFloor => camera_path::EMISSIVE_FLOOR,
-        }
-    }
-}
-
 /// The sky, exposure and tone mapping of a scene.
 pub fn environment(name: SceneName, world: &mut World) -> Environment {
     match name {
@@ -84,6 +142,7 @@ pub fn environment(name: SceneName, world: &mut World) -> Environment {
         SceneName::Atrium | SceneName::AtriumSmall => atrium::environment(world),
         SceneName::Temple => temple::environment(world),
         SceneName::Street => street::environment(world),
-        SceneName::MirrorRoom | SceneName::Furnace | SceneName::EmissiveFloor => small::environment(name, world),
+        SceneName::Furnace => small::environment(world, Some(Sky::White)),
+        SceneName::MirrorRoom | SceneName::EmissiveFloor => small::environment(world, None),
     }
 }

@@ -5,7 +5,7 @@ use bevy::{
     asset::{Assets, RenderAssetUsages},
     image::{Image, ImageSampler},
     light::EnvironmentMapLight,
-    math::{Vec2, Vec3, ops},
+    math::{Vec2, Vec3, ops, vec2, vec3},
     render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
 };
 use half::f16;
@@ -35,20 +35,12 @@ impl Sky {
         match *self {
             Sky::White => Vec3::ONE,
             Sky::Evening { sun } => {
-                let colors = [
-                    Vec3::new(0.10, 0.20, 0.44),
-                    Vec3::new(0.98, 0.62, 0.40),
-                    Vec3::new(0.13, 0.11, 0.11),
-                ];
-                vault(direction, sun, colors, Vec3::new(1.9, 1.05, 0.5), 0.75)
+                let colors = [vec3(0.10, 0.20, 0.44), vec3(0.98, 0.62, 0.40), vec3(0.13, 0.11, 0.11)];
+                vault(direction, sun, colors, vec3(1.9, 1.05, 0.5), 0.75)
             }
             Sky::Day { sun } => {
-                let colors = [
-                    Vec3::new(0.22, 0.42, 0.85),
-                    Vec3::new(0.82, 0.90, 0.98),
-                    Vec3::new(0.30, 0.27, 0.23),
-                ];
-                vault(direction, sun, colors, Vec3::new(1.6, 1.4, 1.1), 0.9)
+                let colors = [vec3(0.22, 0.42, 0.85), vec3(0.82, 0.90, 0.98), vec3(0.30, 0.27, 0.23)];
+                vault(direction, sun, colors, vec3(1.6, 1.4, 1.1), 0.9)
             }
         }
     }
@@ -90,15 +82,15 @@ fn vault(direction: Vec3, sun: Vec3, [zenith, horizon, ground]: [Vec3; 3], glow:
     // The horizon is warm on the side of the sun and cooler opposite.
     let side = 0.5
         + 0.5
-            * Vec2::new(direction.x, direction.z)
+            * vec2(direction.x, direction.z)
                 .normalize_or_zero()
-                .dot(Vec2::new(sun.x, sun.z).normalize_or_zero());
+                .dot(vec2(sun.x, sun.z).normalize_or_zero());
     let low = horizon.lerp(zenith * 1.6 + Vec3::splat(0.08), 0.62 * (1.0 - side));
     let mut color = low.lerp(zenith, ops::powf(up.clamp(0.0, 1.0), 0.45));
     color += glow * (0.55 * ops::powf(towards_sun, 48.0) + 0.16 * ops::powf(towards_sun, 6.0));
     if up > 0.0 {
         // Clouds on a plane overhead, thinning out towards the horizon.
-        let p = Vec2::new(direction.x, direction.z) / (up + 0.12) * 1.5;
+        let p = vec2(direction.x, direction.z) / (up + 0.12) * 1.5;
         let octave = |scale: f32, seed| noise((p + Vec2::splat(100.0)) * scale, 4096, seed);
         let density = 0.5 * octave(1.0, 1) + 0.25 * octave(2.1, 2) + 0.14 * octave(4.3, 3) + 0.11 * octave(8.7, 4);
         let cover = smooth(0.50, 0.74, density) * smooth(0.02, 0.22, up) * cloud_cover;
@@ -120,7 +112,7 @@ impl Cube {
         let size = size.max(1);
         let texel = |i: u32| {
             let (face, texel) = (i / (size * size), i % (size * size));
-            let st = (Vec2::new((texel % size) as f32, (texel / size) as f32) + 0.5) / size as f32 * 2.0 - 1.0;
+            let st = (vec2((texel % size) as f32, (texel / size) as f32) + 0.5) / size as f32 * 2.0 - 1.0;
             value(direction_of(face, st))
         };
         let texels = (0..6 * size * size).into_par_iter().map(texel).collect();
@@ -139,19 +131,19 @@ impl Cube {
 fn direction_of(face: u32, st: Vec2) -> Vec3 {
     let (s, t) = (st.x, st.y);
     let cube = match face {
-        0 => Vec3::new(1.0, -t, -s),
-        1 => Vec3::new(-1.0, -t, s),
-        2 => Vec3::new(s, 1.0, t),
-        3 => Vec3::new(s, -1.0, -t),
-        4 => Vec3::new(s, -t, 1.0),
-        _ => Vec3::new(-s, -t, -1.0),
+        0 => vec3(1.0, -t, -s),
+        1 => vec3(-1.0, -t, s),
+        2 => vec3(s, 1.0, t),
+        3 => vec3(s, -1.0, -t),
+        4 => vec3(s, -t, 1.0),
+        _ => vec3(-s, -t, -1.0),
     };
-    (cube * Vec3::new(1.0, 1.0, -1.0)).normalize()
+    (cube * vec3(1.0, 1.0, -1.0)).normalize()
 }
 
 /// The inverse of [`direction_of`].
 fn face_of(direction: Vec3) -> (u32, Vec2) {
-    let d = direction * Vec3::new(1.0, 1.0, -1.0);
+    let d = direction * vec3(1.0, 1.0, -1.0);
     let a = d.abs();
     let (face, major, s, t) = if a.x >= a.y && a.x >= a.z {
         if d.x > 0.0 {
@@ -170,12 +162,12 @@ fn face_of(direction: Vec3) -> (u32, Vec2) {
     } else {
         (5, a.z, -d.x, -d.y)
     };
-    (face, Vec2::new(s, t) / major.max(1e-20))
+    (face, vec2(s, t) / major.max(1e-20))
 }
 
 /// Point `i` of `n` of the Hammersley set.
 fn hammersley(i: u32, n: u32) -> Vec2 {
-    Vec2::new((i as f32 + 0.5) / n as f32, i.reverse_bits() as f32 / 4_294_967_296.0)
+    vec2((i as f32 + 0.5) / n as f32, i.reverse_bits() as f32 / 4_294_967_296.0)
 }
 
 /// Mean radiance over the cosine lobe: Bevy's diffuse map holds irradiance divided by pi.
@@ -186,7 +178,7 @@ fn irradiance(normal: Vec3, radiance: impl Fn(Vec3) -> Vec3) -> Vec3 {
         .map(|i| {
             let xi = hammersley(i, SAMPLES);
             let (r, phi) = (xi.x.sqrt(), xi.y * TAU);
-            let local = Vec3::new(r * ops::cos(phi), r * ops::sin(phi), (1.0 - xi.x).max(0.0).sqrt());
+            let local = vec3(r * ops::cos(phi), r * ops::sin(phi), (1.0 - xi.x).max(0.0).sqrt());
             radiance(tangent * local.x + bitangent * local.y + normal * local.z)
         })
         .sum();
@@ -261,7 +253,7 @@ fn cube_image(levels: &[Cube]) -> Image {
 pub fn sun_direction(azimuth: f32, elevation: f32) -> Vec3 {
     let (azimuth, elevation) = (azimuth * PI / 180.0, elevation * PI / 180.0);
     let ring = ops::cos(elevation);
-    Vec3::new(ring * ops::sin(azimuth), ops::sin(elevation), -ring * ops::cos(azimuth))
+    vec3(ring * ops::sin(azimuth), ops::sin(elevation), -ring * ops::cos(azimuth))
 }
 
 #[cfg(test)]
@@ -271,7 +263,7 @@ mod tests {
     #[test]
     fn directions_and_faces_agree() {
         for face in 0..6 {
-            for st in [Vec2::new(0.3, -0.7), Vec2::new(-0.9, 0.1), Vec2::ZERO] {
+            for st in [vec2(0.3, -0.7), vec2(-0.9, 0.1), Vec2::ZERO] {
                 let (back, at) = face_of(direction_of(face, st));
                 assert_eq!(back, face);
                 assert!(at.distance(st) < 1e-5);

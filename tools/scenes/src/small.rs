@@ -2,8 +2,9 @@
 
 use crate::{
     builder::SceneBuilder,
-    environment::{Environment, sky},
-    scene_name::SceneName,
+    camera_path::CameraPath,
+    environment::Environment,
+    materials::{gloss, glow, metal},
     sky::Sky,
 };
 use bevy::{
@@ -11,7 +12,7 @@ use bevy::{
     color::{Color, LinearRgba},
     core_pipeline::tonemapping::Tonemapping,
     ecs::{entity::Entity, world::World},
-    math::{Quat, Vec2, Vec3},
+    math::{Quat, Vec2, Vec3, vec2, vec3},
     pbr::StandardMaterial,
     transform::components::Transform,
 };
@@ -33,28 +34,19 @@ pub fn mirror_room(world: &mut World) -> Entity {
     let floor = scene.shape(|g| {
         g.quad(
             [
-                Vec3::new(-2.0, 0.0, 2.0),
-                Vec3::new(2.0, 0.0, 2.0),
-                Vec3::new(2.0, 0.0, -2.0),
-                Vec3::new(-2.0, 0.0, -2.0),
+                vec3(-2.0, 0.0, 2.0),
+                vec3(2.0, 0.0, 2.0),
+                vec3(2.0, 0.0, -2.0),
+                vec3(-2.0, 0.0, -2.0),
             ],
             Vec2::splat(4.0),
         );
     });
-    let mirror = scene.material(StandardMaterial {
-        base_color: Color::WHITE,
-        metallic: 1.0,
-        perceptual_roughness: 0.0,
-        ..Default::default()
-    });
+    let mirror = scene.material(metal(Color::WHITE, 0.0));
     scene.place(&floor, &mirror, Transform::IDENTITY);
 
-    let cube = scene.shape(|g| {
-        g.cuboid(Vec3::ZERO, Vec3::ONE, 1.0);
-    });
-    let sphere = scene.shape(|g| {
-        g.sphere(Vec3::ZERO, 1.0, 48, Vec2::ONE);
-    });
+    let cube = scene.shape(|g| g.cuboid(Vec3::ZERO, Vec3::ONE, 1.0));
+    let sphere = scene.shape(|g| g.sphere(Vec3::ZERO, 1.0, 48, Vec2::ONE));
     let red = scene.material(unlit(Color::linear_rgb(0.8, 0.05, 0.05)));
     let green = scene.material(unlit(Color::linear_rgb(0.05, 0.6, 0.1)));
     let blue = scene.material(unlit(Color::linear_rgb(0.1, 0.15, 0.9)));
@@ -62,7 +54,7 @@ pub fn mirror_room(world: &mut World) -> Entity {
     scene.place(
         &cube,
         &red,
-        Transform::from_xyz(-0.9, 0.8, -0.3).with_scale(Vec3::new(0.3, 0.9, 0.3)),
+        Transform::from_xyz(-0.9, 0.8, -0.3).with_scale(vec3(0.3, 0.9, 0.3)),
     );
     scene.place(
         &sphere,
@@ -79,7 +71,7 @@ pub fn mirror_room(world: &mut World) -> Entity {
     scene.place(
         &cube,
         &yellow,
-        Transform::from_xyz(0.35, 1.25, -0.2).with_scale(Vec3::new(0.9, 0.12, 0.12)),
+        Transform::from_xyz(0.35, 1.25, -0.2).with_scale(vec3(0.9, 0.12, 0.12)),
     );
     scene.finish()
 }
@@ -90,16 +82,12 @@ pub const FURNACE_ROUGHNESS: [f32; 6] = [0.0, 0.2, 0.4, 0.6, 0.8, 1.0];
 /// White spheres: the upper row metal, the lower dielectric; roughness grows to the right.
 pub fn furnace(world: &mut World) -> Entity {
     let mut scene = SceneBuilder::new(world);
-    let sphere = scene.shape(|g| {
-        g.sphere(Vec3::ZERO, 0.42, 64, Vec2::ONE);
-    });
+    let sphere = scene.shape(|g| g.sphere(Vec3::ZERO, 0.42, 64, Vec2::ONE));
     for (row, metallic) in [(0, 0.0), (1, 1.0)] {
         for (column, perceptual_roughness) in FURNACE_ROUGHNESS.into_iter().enumerate() {
             let material = scene.material(StandardMaterial {
-                base_color: Color::WHITE,
                 metallic,
-                perceptual_roughness,
-                ..Default::default()
+                ..gloss(Color::WHITE, perceptual_roughness)
             });
             scene.place(
                 &sphere,
@@ -117,12 +105,12 @@ pub fn emissive_floor(world: &mut World) -> Entity {
     let panel = scene.shape(|g| {
         g.quad(
             [
-                Vec3::new(-0.5, 0.0, 1.5),
-                Vec3::new(0.5, 0.0, 1.5),
-                Vec3::new(0.5, 0.0, -1.5),
-                Vec3::new(-0.5, 0.0, -1.5),
+                vec3(-0.5, 0.0, 1.5),
+                vec3(0.5, 0.0, 1.5),
+                vec3(0.5, 0.0, -1.5),
+                vec3(-0.5, 0.0, -1.5),
             ],
-            Vec2::new(1.0, 3.0),
+            vec2(1.0, 3.0),
         );
     });
     let floors = [(1.0, 0.0), (1.0, 0.2), (1.0, 0.5), (0.0, 0.0), (0.0, 0.2), (0.0, 0.5)];
@@ -133,10 +121,8 @@ pub fn emissive_floor(world: &mut World) -> Entity {
             Color::BLACK
         };
         let material = scene.material(StandardMaterial {
-            base_color,
             metallic,
-            perceptual_roughness,
-            ..Default::default()
+            ..gloss(base_color, perceptual_roughness)
         });
         scene.place(
             &panel,
@@ -144,32 +130,21 @@ pub fn emissive_floor(world: &mut World) -> Entity {
             Transform::from_xyz(1.02 * (column as f32 - 2.5), 0.0, 0.0),
         );
     }
-    let emitter = |color: LinearRgba| StandardMaterial {
-        base_color: Color::BLACK,
-        emissive: color,
-        reflectance: 0.0,
-        perceptual_roughness: 1.0,
-        ..Default::default()
-    };
-    let cube = scene.shape(|g| {
-        g.cuboid(Vec3::ZERO, Vec3::ONE, 1.0);
-    });
-    let sphere = scene.shape(|g| {
-        g.sphere(Vec3::ZERO, 1.0, 48, Vec2::ONE);
-    });
+    let cube = scene.shape(|g| g.cuboid(Vec3::ZERO, Vec3::ONE, 1.0));
+    let sphere = scene.shape(|g| g.sphere(Vec3::ZERO, 1.0, 48, Vec2::ONE));
     let colors = [
         LinearRgba::rgb(0.9, 0.2, 0.1),
         LinearRgba::rgb(0.2, 0.8, 0.3),
         LinearRgba::rgb(0.2, 0.35, 1.0),
         LinearRgba::rgb(0.9, 0.8, 0.3),
     ]
-    .map(|color| scene.material(emitter(color)));
+    .map(|color| scene.material(glow(color)));
     for column in 0..6usize {
         let x = 1.02 * (column as f32 - 2.5);
         scene.place(
             &cube,
             &colors[column % 4],
-            Transform::from_xyz(x - 0.15, 0.55, -0.7).with_scale(Vec3::new(0.3, 0.7, 0.3)),
+            Transform::from_xyz(x - 0.15, 0.55, -0.7).with_scale(vec3(0.3, 0.7, 0.3)),
         );
         scene.place(
             &sphere,
@@ -180,14 +155,61 @@ pub fn emissive_floor(world: &mut World) -> Entity {
     scene.finish()
 }
 
-/// Exposure one, no tone curve: what is rendered is what was computed.
-pub fn environment(name: SceneName, world: &mut World) -> Environment {
-    let sky = (name == SceneName::Furnace).then(|| sky(world, Sky::White, 1.0));
-    let (light, skybox) = sky.unzip();
+/// Exposure one, no tone curve: the image holds what was computed. Without a sky there is no light but that of emitters.
+pub fn environment(world: &mut World, sky: Option<Sky>) -> Environment {
+    let lit = sky.map(|sky| Environment::under(world, sky, 1.0, UNIT_EXPOSURE));
     Environment {
-        light,
-        skybox,
         exposure: Exposure { ev100: UNIT_EXPOSURE },
         tonemapping: Tonemapping::None,
+        ..lit.unwrap_or_default()
     }
 }
+
+/// Seconds of the loops.
+const LOOP_SECONDS: f32 = 8.0;
+
+/// Distance of the far plane in the little scenes.
+const LOOP_FAR: f32 = 500.0;
+
+/// A loop before the mirror.
+pub const MIRROR_ROOM_PATH: CameraPath = CameraPath {
+    points: &[
+        (vec3(0.3, 1.1, 3.6), vec3(0.05, 0.35, 0.0)),
+        (vec3(1.9, 1.2, 3.1), vec3(0.05, 0.4, 0.0)),
+        (vec3(1.2, 1.7, 2.9), vec3(0.05, 0.4, -0.1)),
+        (vec3(-1.2, 1.5, 3.0), vec3(0.0, 0.4, -0.1)),
+        (vec3(-1.5, 1.1, 3.4), vec3(0.0, 0.35, 0.0)),
+        (vec3(0.3, 1.1, 3.6), vec3(0.05, 0.35, 0.0)),
+    ],
+    seconds: LOOP_SECONDS,
+    vertical_degrees: 45.0,
+    far: LOOP_FAR,
+};
+
+/// A loop before the spheres.
+pub const FURNACE_PATH: CameraPath = CameraPath {
+    points: &[
+        (vec3(0.0, 0.0, 7.0), Vec3::ZERO),
+        (vec3(1.8, 0.4, 6.7), Vec3::ZERO),
+        (vec3(0.0, 0.8, 6.6), Vec3::ZERO),
+        (vec3(-1.8, 0.4, 6.7), Vec3::ZERO),
+        (vec3(0.0, 0.0, 7.0), Vec3::ZERO),
+    ],
+    seconds: LOOP_SECONDS,
+    vertical_degrees: 32.0,
+    far: LOOP_FAR,
+};
+
+/// A loop before the floors.
+pub const EMISSIVE_FLOOR_PATH: CameraPath = CameraPath {
+    points: &[
+        (vec3(0.0, 2.2, 5.4), vec3(0.0, 0.2, 0.0)),
+        (vec3(1.5, 1.8, 5.1), vec3(0.0, 0.2, 0.0)),
+        (vec3(0.0, 1.4, 4.9), vec3(0.0, 0.2, 0.0)),
+        (vec3(-1.5, 1.8, 5.1), vec3(0.0, 0.2, 0.0)),
+        (vec3(0.0, 2.2, 5.4), vec3(0.0, 0.2, 0.0)),
+    ],
+    seconds: LOOP_SECONDS,
+    vertical_degrees: 36.0,
+    far: LOOP_FAR,
+};

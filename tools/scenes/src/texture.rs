@@ -4,7 +4,7 @@ use bevy::{
     asset::{Assets, Handle, RenderAssetUsages},
     color::Srgba,
     image::{Image, ImageAddressMode, ImageFilterMode, ImageSampler, ImageSamplerDescriptor},
-    math::{Vec2, Vec3},
+    math::{Vec2, Vec3, vec2, vec3},
     pbr::StandardMaterial,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat},
 };
@@ -66,7 +66,7 @@ impl TextureSet {
     /// Bakes a pattern over the unit square (`v` pointing down) into textures of `size` squared texels, which tile.
     pub fn bake(images: &mut Assets<Image>, size: u32, pattern: impl Fn(Vec2) -> Texel + Sync) -> Self {
         let size = size.max(1);
-        let place = |i: u32| (Vec2::new((i % size) as f32, (i / size) as f32) + 0.5) / size as f32;
+        let place = |i: u32| (vec2((i % size) as f32, (i / size) as f32) + 0.5) / size as f32;
         let texels: Vec<Texel> = (0..size * size).into_par_iter().map(|i| pattern(place(i))).collect();
         let byte = |value: f32| (value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
         let height = |x: u32, y: u32| texels[((y % size) * size + x % size) as usize].height;
@@ -78,7 +78,7 @@ impl TextureSet {
                 let slope = 0.5 * size as f32;
                 let dx = (height(x + 1, y) - height(x + size - 1, y)) * slope;
                 let dy = (height(x, y + 1) - height(x, y + size - 1)) * slope;
-                let n = Vec3::new(-dx, dy, 1.0).normalize_or(Vec3::Z) * 0.5 + 0.5;
+                let n = vec3(-dx, dy, 1.0).normalize_or(Vec3::Z) * 0.5 + 0.5;
                 normal.extend([byte(n.x), byte(n.y), byte(n.z), 255]);
                 surface.extend([byte(t.occlusion), byte(t.roughness), byte(t.metallic), 255]);
             }
@@ -174,7 +174,7 @@ pub fn mip_chain(width: u32, height: u32, level_zero: Vec<u8>, content: Content)
             }
         }
         for t in &next {
-            let mut c = Vec3::new(t[0], t[1], t[2]);
+            let mut c = vec3(t[0], t[1], t[2]);
             match content {
                 Content::Color => c = c.to_array().map(Srgba::gamma_function_inverse).into(),
                 Content::Normal => c = (c * 2.0 - 1.0).normalize_or(Vec3::Z) * 0.5 + 0.5,

@@ -30,9 +30,10 @@ fn arrows(folder: &Path) -> Arrows {
 }
 
 /// Folders of the crates whose imports are looked at, from the workspace's root.
-const CRATES: [&str; 6] = [
+const CRATES: [&str; 7] = [
     ".",
     "tools/bench",
+    "tools/evaluate",
     "tools/scenes",
     "tools/stress",
     "tools/viewer",

@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{builder::SceneBuilder, geometry::Geometry, props};
 use bevy::{
-    math::{Vec2, Vec3},
+    math::{vec2, vec3},
     transform::components::Transform,
 };
 
@@ -31,35 +31,18 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Ric
     };
     let arch_steps = segments(richness.choose(12, 16), detail);
     for side in &sides() {
+        let (lower_rise, upper_rise) = (
+            UPPER_FLOOR - 0.1 - LOWER_SPRING,
+            EAVES - 0.3 - UPPER_FLOOR - UPPER_SPRING,
+        );
         let arches = [
-            scene.shape(|g| {
-                arch(g, side.bay, 0.30, 0.62, UPPER_FLOOR - 0.1 - LOWER_SPRING, arch_steps);
-            }),
-            scene.shape(|g| {
-                arch(
-                    g,
-                    side.bay,
-                    0.22,
-                    0.46,
-                    EAVES - 0.3 - UPPER_FLOOR - UPPER_SPRING,
-                    arch_steps,
-                );
-            }),
+            scene.shape(|g| arch(g, side.bay, 0.30, 0.62, lower_rise, arch_steps)),
+            scene.shape(|g| arch(g, side.bay, 0.22, 0.46, upper_rise, arch_steps)),
         ];
         let balustrade = scene.shape(|g| balustrade(g, side.bay - 0.44, detail));
         let vault = scene.shape(|g| vault(g, side.bay, WALK, LOWER_SPRING, 1.35, segments(10, detail)));
-        let bevel = if detail < 1.5 { 1 } else { 2 };
-        let respond = scene.shape(|g| {
-            g.rounded_box(Vec3::new(0.0, 1.6, 0.0), Vec3::new(0.5, 3.2, 0.24), 0.03, bevel, 0.5);
-            g.rounded_box(Vec3::new(0.0, 3.3, 0.02), Vec3::new(0.64, 0.2, 0.34), 0.03, bevel, 0.5);
-            g.rounded_box(
-                Vec3::new(0.0, 0.14, 0.02),
-                Vec3::new(0.62, 0.28, 0.32),
-                0.03,
-                bevel,
-                0.5,
-            );
-        });
+        let _bevel = if detail < 1.5 { 1 } else { 2 };
+        let respond = scene.shape(|g| respond(g, detail));
         for i in 0..side.bays {
             let x = side.middle(i);
             scene.place(&arches[0], &m.wall, side.at(x, LOWER_SPRING, 0.0));
@@ -73,13 +56,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Ric
             scene.place(&respond, &m.smooth, side.at(left, 0.0, 0.12 - WALK));
         }
         let run = side.bay * side.bays as f32;
-        let kerb = scene.shape(|g| {
-            g.cuboid(
-                Vec3::new(0.0, UPPER_FLOOR - 0.04, 0.0),
-                Vec3::new(run + 0.62, 0.12, 0.62),
-                0.5,
-            );
-        });
+        let kerb = scene.shape(|g| g.cuboid(vec3(0.0, UPPER_FLOOR - 0.04, 0.0), vec3(run + 0.62, 0.12, 0.62), 0.5));
         scene.place(&kerb, &m.smooth, side.transform);
         let belt = scene.shape(|g| cornice(g, run + 0.6, 0.34, 0.16, 1));
         scene.place(&belt, &m.smooth, side.at(0.0, UPPER_FLOOR - 0.17, 0.31));
@@ -87,27 +64,33 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Ric
         let dentils = richness.choose((run / 0.42) as u32, 0);
         let eaves = scene.shape(|g| cornice(g, run + 1.2, 0.42, 0.38, dentils));
         scene.place(&eaves, &m.smooth, side.at(0.0, EAVES - 0.2, 0.25));
-        let ceiling = scene.shape(|g| {
-            g.cuboid(
-                Vec3::new(0.0, EAVES - 0.05, -0.5 * WALK),
-                Vec3::new(run + 2.0 * WALK, 0.2, WALK + 0.5),
-                0.4,
-            );
-            for i in 0..=2 * side.bays {
-                let x = (i as f32 * 0.5 - 0.5 * side.bays as f32) * side.bay;
-                g.cuboid(
-                    Vec3::new(x, EAVES - 0.26, -0.5 * WALK - 0.12),
-                    Vec3::new(0.18, 0.22, WALK - 0.28),
-                    0.8,
-                );
-            }
-        });
+        let ceiling = scene.shape(|g| ceiling(g, side));
         scene.place(&ceiling, &m.plaster, side.transform);
     }
     let corner = scene.shape(|g| vault(g, WALK, WALK, LOWER_SPRING, 1.35, segments(10, detail)));
     for (x, z) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
-        let place = Vec3::new(x * (HALF_LENGTH + 0.5 * WALK), 0.0, z * (HALF_WIDTH + 0.5 * WALK));
+        let place = vec3(x * (HALF_LENGTH + 0.5 * WALK), 0.0, z * (HALF_WIDTH + 0.5 * WALK));
         scene.place(&corner, &m.plaster, Transform::from_translation(place));
+    }
+}
+
+/// A pilaster on the wall behind a column.
+fn respond(g: &mut Geometry, detail: f32) {
+    let bevel = if detail < 1.5 { 1 } else { 2 };
+    g.rounded_box(vec3(0.0, 1.6, 0.0), vec3(0.5, 3.2, 0.24), 0.03, bevel, 0.5);
+    g.rounded_box(vec3(0.0, 3.3, 0.02), vec3(0.64, 0.2, 0.34), 0.03, bevel, 0.5);
+    g.rounded_box(vec3(0.0, 0.14, 0.02), vec3(0.62, 0.28, 0.32), 0.03, bevel, 0.5);
+}
+
+/// The ceiling of the upper walk on one side, with its beams.
+fn ceiling(g: &mut Geometry, side: &Side) {
+    let run = side.bay * side.bays as f32;
+    let size = vec3(run + 2.0 * WALK, 0.2, WALK + 0.5);
+    g.cuboid(vec3(0.0, EAVES - 0.05, -0.5 * WALK), size, 0.4);
+    for i in 0..=2 * side.bays {
+        let x = (i as f32 * 0.5 - 0.5 * side.bays as f32) * side.bay;
+        let beam = vec3(x, EAVES - 0.26, -0.5 * WALK - 0.12);
+        g.cuboid(beam, vec3(0.18, 0.22, WALK - 0.28), 0.8);
     }
 }
 
@@ -117,10 +100,10 @@ fn shell(scene: &mut SceneBuilder, m: &Materials, paving: f32) {
     let ground = scene.shape(|g| {
         let (columns, rows) = (7, 4);
         for (i, j) in (0..columns).flat_map(|i| (0..rows).map(move |j| (i as f32, j as f32))) {
-            let step = Vec2::new(2.0 * x / columns as f32, 2.0 * z / rows as f32);
-            let low = Vec2::new(-x, -z) + step * Vec2::new(i, j);
+            let step = vec2(2.0 * x / columns as f32, 2.0 * z / rows as f32);
+            let low = vec2(-x, -z) + step * vec2(i, j);
             let high = low + step;
-            let corner = |x: f32, z: f32| Vec3::new(x, 0.0, z);
+            let corner = |x: f32, z: f32| vec3(x, 0.0, z);
             g.mapped_quad(
                 [
                     corner(low.x, high.y),
@@ -139,8 +122,8 @@ fn shell(scene: &mut SceneBuilder, m: &Materials, paving: f32) {
         let reach = if side.bays == LONG_BAYS { run + 2.0 * WALK } else { run };
         let floor = scene.shape(|g| {
             g.cuboid(
-                Vec3::new(0.0, UPPER_FLOOR - 0.12, -0.5 * WALK),
-                Vec3::new(reach, 0.24, WALK),
+                vec3(0.0, UPPER_FLOOR - 0.12, -0.5 * WALK),
+                vec3(reach, 0.24, WALK),
                 paving,
             );
         });
@@ -153,7 +136,7 @@ fn shell(scene: &mut SceneBuilder, m: &Materials, paving: f32) {
                 let middle = end * 0.5 * (run + WALK);
                 g.mapped_quad(
                     [(-0.5, 0.0), (0.5, 0.0), (0.5, EAVES), (-0.5, EAVES)]
-                        .map(|(x, y)| Vec3::new(middle + x * WALK, y, -WALK)),
+                        .map(|(x, y)| vec3(middle + x * WALK, y, -WALK)),
                     0.35,
                 );
             }
@@ -172,7 +155,7 @@ fn outer_bay(g: &mut Geometry, middle: f32, bay: f32) {
     ]);
     for (low, high, open) in rows {
         let mut panel = |left: f32, right: f32, z: f32| {
-            let corner = |x: f32, y: f32| Vec3::new(middle + x, y, z);
+            let corner = |x: f32, y: f32| vec3(middle + x, y, z);
             g.mapped_quad(
                 [
                     corner(left, low),
@@ -191,7 +174,7 @@ fn outer_bay(g: &mut Geometry, middle: f32, bay: f32) {
         panel(niche, half, -WALK);
         panel(-niche, niche, -WALK - depth);
         let (front, back) = (-WALK, -WALK - depth);
-        let p = |x: f32, y: f32, z: f32| Vec3::new(middle + x, y, z);
+        let p = |x: f32, y: f32, z: f32| vec3(middle + x, y, z);
         g.mapped_quad(
             [
                 p(-niche, low, front),

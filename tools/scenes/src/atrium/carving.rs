@@ -6,7 +6,7 @@ use crate::{
     random::smooth,
 };
 use bevy::{
-    math::{Quat, Vec2, Vec3, ops},
+    math::{Quat, Vec2, Vec3, ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::{PI, TAU};
@@ -15,7 +15,7 @@ const FLUTES: u32 = 16;
 
 /// A place on a ring about the y axis; angle 0 is towards +z.
 fn around(angle: f32, radius: f32, y: f32) -> Vec3 {
-    Vec3::new(radius * ops::sin(angle), y, radius * ops::cos(angle))
+    vec3(radius * ops::sin(angle), y, radius * ops::cos(angle))
 }
 
 /// A fluted column under a capital with two tiers of leaves and four scrolls.
@@ -24,7 +24,7 @@ pub fn fluted_column(g: &mut Geometry, height: f32, radius: f32, detail: f32) {
     let low = base(g, r, segments(20, detail));
     let high = height - 2.6 * r;
     let samples = ((4.0 * detail).round() as u32).max(2);
-    let uv = Vec2::new(1.0, 0.5 * (high - low));
+    let uv = vec2(1.0, 0.5 * (high - low));
     g.surface(FLUTES * samples, segments(6, detail), uv, |u, v| {
         // Rows lie closer at the ends, where the flutes run out.
         let along = v - 0.14 * ops::sin(TAU * v);
@@ -33,7 +33,7 @@ pub fn fluted_column(g: &mut Geometry, height: f32, radius: f32, detail: f32) {
         let ring = r * (1.0 - 0.14 * along * along) * (1.0 - 0.09 * fade * groove);
         around(u * TAU, ring, low + along * (high - low))
     });
-    let p = |x: f32, y: f32| Vec2::new(x * r, high + y * r);
+    let p = |x: f32, y: f32| vec2(x * r, high + y * r);
     let bell = [
         p(0.86, 0.0),
         p(0.98, 0.05),
@@ -44,17 +44,17 @@ pub fn fluted_column(g: &mut Geometry, height: f32, radius: f32, detail: f32) {
         p(0.98, 1.6),
         p(1.24, 2.3),
     ];
-    g.lathe(&bell, segments(20, detail), Vec2::new(1.0, 0.5));
+    g.lathe(&bell, segments(20, detail), vec2(1.0, 0.5));
     for (length, curl, offset) in [(1.9 * r, 0.42 * r, 22.5), (1.15 * r, 0.36 * r, 0.0)] {
         leaves(g, high + 0.2 * r, r, length, curl, offset, detail);
     }
     let mut scroll = Geometry::default();
-    let (middle, steps) = (Vec2::new(1.38 * r, 1.9 * r), segments(12, detail));
-    let mut path = vec![Vec3::new(0.0, 0.9 * r, 0.94 * r), Vec3::new(0.0, 1.5 * r, 0.98 * r)];
+    let (middle, steps) = (vec2(1.38 * r, 1.9 * r), segments(12, detail));
+    let mut path = vec![vec3(0.0, 0.9 * r, 0.94 * r), vec3(0.0, 1.5 * r, 0.98 * r)];
     path.extend((0..=steps).map(|i| {
         let t = i as f32 / steps as f32;
         let (angle, reach) = (PI * (1.0 - 3.0 * t), r * (0.36 - 0.27 * t));
-        Vec3::new(
+        vec3(
             0.0,
             middle.y + reach * ops::sin(angle),
             middle.x + reach * ops::cos(angle),
@@ -71,7 +71,7 @@ pub fn fluted_column(g: &mut Geometry, height: f32, radius: f32, detail: f32) {
 /// A column twisted like rope.
 pub fn twisted_column(g: &mut Geometry, height: f32, radius: f32, detail: f32) {
     let (low, high) = colonnette(g, height, radius, detail);
-    let uv = Vec2::new(1.0, 0.5 * (high - low));
+    let uv = vec2(1.0, 0.5 * (high - low));
     g.surface(segments(20, detail), segments(18, detail), uv, |u, v| {
         let fade = smooth(0.0, 0.08, v) * smooth(1.0, 0.92, v);
         let strand = ops::cos(TAU * (4.0 * u - 3.0 * v));
@@ -84,7 +84,7 @@ pub fn faceted_column(g: &mut Geometry, height: f32, radius: f32, detail: f32) {
     let (low, high) = colonnette(g, height, radius, detail);
     for side in 0..8 {
         let [from, to] = [side, side + 1].map(|edge| edge as f32 / 8.0 * TAU);
-        let uv = Vec2::new(0.125, 0.5 * (high - low));
+        let uv = vec2(0.125, 0.5 * (high - low));
         g.surface(1, segments(3, detail), uv, |u, v| {
             let (ring, y) = (radius * (1.0 - 0.14 * v * v), low + v * (high - low));
             around(from, ring, y).lerp(around(to, ring, y), u)
@@ -97,7 +97,7 @@ fn colonnette(g: &mut Geometry, height: f32, radius: f32, detail: f32) -> (f32, 
     let r = radius;
     let low = base(g, r, segments(14, detail));
     let high = height - 2.0 * r;
-    let p = |x: f32, y: f32| Vec2::new(x * r, high + y * r);
+    let p = |x: f32, y: f32| vec2(x * r, high + y * r);
     let bell = [
         p(0.84, 0.0),
         p(1.0, 0.06),
@@ -107,7 +107,7 @@ fn colonnette(g: &mut Geometry, height: f32, radius: f32, detail: f32) -> (f32, 
         p(0.92, 0.9),
         p(1.24, 1.7),
     ];
-    g.lathe(&bell, segments(14, detail), Vec2::new(1.0, 0.5));
+    g.lathe(&bell, segments(14, detail), vec2(1.0, 0.5));
     leaves(g, high + 0.2 * r, r, 1.55 * r, 0.4 * r, 22.5, detail);
     abacus(g, height, r);
     (low, high)
@@ -116,9 +116,9 @@ fn colonnette(g: &mut Geometry, height: f32, radius: f32, detail: f32) -> (f32, 
 /// Mouldings on a square block; returns their height.
 fn base(g: &mut Geometry, r: f32, sides: u32) -> f32 {
     let block = 0.35 * r;
-    let size = Vec3::new(2.9 * r, block, 2.9 * r);
+    let size = vec3(2.9 * r, block, 2.9 * r);
     g.rounded_box(Vec3::Y * 0.5 * block, size, 0.05 * r, 1, 1.0);
-    let p = |x: f32, y: f32| Vec2::new(x * r, block + y * r);
+    let p = |x: f32, y: f32| vec2(x * r, block + y * r);
     let profile = [
         p(1.35, 0.0),
         p(1.42, 0.12),
@@ -129,20 +129,20 @@ fn base(g: &mut Geometry, r: f32, sides: u32) -> f32 {
         p(1.14, 0.58),
         p(1.0, 0.62),
     ];
-    g.lathe(&profile, sides, Vec2::new(1.0, 0.5));
+    g.lathe(&profile, sides, vec2(1.0, 0.5));
     block + 0.62 * r
 }
 
 /// The slab on a capital.
 fn abacus(g: &mut Geometry, height: f32, r: f32) {
-    let size = Vec3::new(2.8 * r, 0.3 * r, 2.8 * r);
+    let size = vec3(2.8 * r, 0.3 * r, 2.8 * r);
     g.rounded_box(Vec3::Y * (height - 0.15 * r), size, 0.06 * r, 1, 1.0);
 }
 
 /// Eight leaves around a bell of radius `r` at height `y`, curling outwards at their tips.
 fn leaves(g: &mut Geometry, y: f32, r: f32, length: f32, curl: f32, offset: f32, detail: f32) {
     let mut leaf = Geometry::default();
-    leaf.surface(2, segments(5, detail), Vec2::new(0.3, 0.5), |u, v| {
+    leaf.surface(2, segments(5, detail), vec2(0.3, 0.5), |u, v| {
         let across = 2.0 * u - 1.0;
         let half = 0.40 * (1.0 - 0.55 * v * v);
         let ring = r * (0.93 + 0.07 * ops::sin(PI * v) - 0.06 * across.abs()) + curl * v * v * v * v;
@@ -158,26 +158,26 @@ fn leaves(g: &mut Geometry, y: f32, r: f32, length: f32, curl: f32, offset: f32,
 pub fn bracket(g: &mut Geometry, width: f32, height: f32, depth: f32, rows: u32) {
     let out = |v: f32| depth * (0.16 + 0.84 * v.max(0.0) * v.max(0.0) + 0.12 * ops::sin(1.5 * TAU * v));
     let half = 0.5 * width;
-    g.surface(2, rows, Vec2::new(width, height), |u, v| {
+    g.surface(2, rows, vec2(width, height), |u, v| {
         let across = 2.0 * u - 1.0;
         let swell = 0.12 * depth * (1.0 - across.abs());
-        Vec3::new(across * half, v * height, out(v) + swell)
+        vec3(across * half, v * height, out(v) + swell)
     });
     for side in [-1.0, 1.0] {
-        g.surface(1, rows, Vec2::new(depth, height), |u, v| {
+        g.surface(1, rows, vec2(depth, height), |u, v| {
             let inwards = if side < 0.0 { u } else { 1.0 - u };
-            Vec3::new(side * half, v * height, out(v) * inwards)
+            vec3(side * half, v * height, out(v) * inwards)
         });
     }
     let top = out(1.0);
     g.quad(
         [
-            Vec3::new(-half, height, top),
-            Vec3::new(half, height, top),
-            Vec3::new(half, height, 0.0),
-            Vec3::new(-half, height, 0.0),
+            vec3(-half, height, top),
+            vec3(half, height, top),
+            vec3(half, height, 0.0),
+            vec3(-half, height, 0.0),
         ],
-        Vec2::new(width, depth),
+        vec2(width, depth),
     );
 }
 
@@ -186,11 +186,11 @@ pub fn rosette(g: &mut Geometry, radius: f32, detail: f32) {
     g.torus(radius, 0.11 * radius, segments(20, detail), segments(5, detail));
     g.sphere(Vec3::Z * 0.08 * radius, 0.2 * radius, segments(8, detail), Vec2::ONE);
     let mut petal = Geometry::default();
-    petal.surface(2, segments(3, detail), Vec2::new(0.3, 0.5), |u, v| {
+    petal.surface(2, segments(3, detail), vec2(0.3, 0.5), |u, v| {
         let across = 2.0 * u - 1.0;
         let half = radius * (0.08 + 0.26 * ops::sin(PI * (0.1 + 0.75 * v)));
         let bulge = radius * (0.06 + 0.16 * ops::sin(PI * v.clamp(0.0, 1.0)) - 0.07 * across.abs());
-        Vec3::new(across * half, radius * (0.12 + 0.78 * v), bulge)
+        vec3(across * half, radius * (0.12 + 0.78 * v), bulge)
     });
     for i in 0..8 {
         let turn = Quat::from_rotation_z(i as f32 / 8.0 * TAU);
@@ -207,18 +207,18 @@ pub fn ribs(g: &mut Geometry, width: f32, depth: f32, spring: f32, rise: f32, ed
             .map(|i| {
                 let angle = PI * 0.98 * (i as f32 / steps as f32 - 0.5);
                 let at = place(ops::sin(angle));
-                Vec3::new(at.x, spring + rise * ops::cos(angle) - 0.02, at.y)
+                vec3(at.x, spring + rise * ops::cos(angle) - 0.02, at.y)
             })
             .collect()
     };
     for side in [-0.5, 0.5] {
-        g.tube(&curve(&|t| Vec2::new(0.5 * width * t, side * depth * t)), 0.06, sides);
+        g.tube(&curve(&|t| vec2(0.5 * width * t, side * depth * t)), 0.06, sides);
     }
     if edge {
-        g.tube(&curve(&|t| Vec2::new(-0.5 * width, 0.5 * depth * t)), 0.09, sides);
+        g.tube(&curve(&|t| vec2(-0.5 * width, 0.5 * depth * t)), 0.09, sides);
     }
     let top = spring + rise;
-    let p = |x: f32, y: f32| Vec2::new(x, top + y);
+    let p = |x: f32, y: f32| vec2(x, top + y);
     let boss = [
         p(0.0, -0.22),
         p(0.05, -0.19),

@@ -1,12 +1,18 @@
 //! Cloth, metal, plants and the fountain.
 
 use super::{Materials, Richness, plan::*, segments};
-use crate::{builder::SceneBuilder, geometry::turned, props, random::Random};
+use crate::{
+    builder::SceneBuilder,
+    geometry::turned,
+    materials::{self, both_sides, dielectric, gloss},
+    props,
+    random::Random,
+};
 use bevy::{
     asset::Handle,
     color::{Color, LinearRgba},
-    light::{NotShadowCaster, PointLight},
-    math::{Vec2, Vec3},
+    light::PointLight,
+    math::{Vec2, Vec3, vec3},
     pbr::StandardMaterial,
     transform::components::Transform,
 };
@@ -26,22 +32,14 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Ric
 
 /// Cloth of a colour, seen from both sides.
 pub fn dyed(scene: &mut SceneBuilder, m: &Materials, base_color: Color) -> Handle<StandardMaterial> {
-    scene.material(StandardMaterial {
-        base_color,
-        metallic: 0.0,
-        double_sided: true,
-        cull_mode: None,
-        ..m.cloth.clone()
-    })
+    scene.material(both_sides(dielectric(materials::dyed(&m.cloth, base_color))))
 }
 
 /// What shines in a lamp.
 pub fn glow(scene: &mut SceneBuilder) -> Handle<StandardMaterial> {
     scene.material(StandardMaterial {
-        base_color: Color::BLACK,
         emissive: LinearRgba::rgb(7.0, 4.0, 1.6),
-        perceptual_roughness: 1.0,
-        ..Default::default()
+        ..gloss(Color::BLACK, 1.0)
     })
 }
 
@@ -68,10 +66,7 @@ fn curtains(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             scene.shape(|g| props::curtain(g, width * 0.9, 1.35, 5.0, segments(20, detail), segments(6, detail)));
         let rod = scene.shape(|g| {
             g.tube(
-                &[
-                    Vec3::new(-0.5 * width - 0.2, 0.0, 0.0),
-                    Vec3::new(0.5 * width + 0.2, 0.0, 0.0),
-                ],
+                &[vec3(-0.5 * width - 0.2, 0.0, 0.0), vec3(0.5 * width + 0.2, 0.0, 0.0)],
                 0.03,
                 segments(8, detail),
             );
@@ -97,18 +92,15 @@ fn curtains(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
 fn metalwork(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let lantern = scene.shape(|g| {
         props::lantern(g, 0.62, 0.17, segments(9, detail));
-        g.tube(&[Vec3::ZERO, Vec3::new(0.0, 0.85, 0.0)], 0.012, 6);
+        g.tube(&[Vec3::ZERO, vec3(0.0, 0.85, 0.0)], 0.012, 6);
     });
-    let glass = scene.shape(|g| {
-        g.sphere(Vec3::new(0.0, -0.33, 0.0), 0.10, segments(10, detail), Vec2::ONE);
-    });
+    let glass = scene.shape(|g| g.sphere(vec3(0.0, -0.33, 0.0), 0.10, segments(10, detail), Vec2::ONE));
     let lit = glow(scene);
     for side in &sides() {
         for i in (0..side.bays).step_by(2) {
             let place = side.at(side.middle(i), 3.85, -0.5 * WALK);
             scene.place(&lantern, &m.bronze, place);
-            let bulb = scene.place(&glass, &lit, place);
-            scene.world.entity_mut(bulb).insert(NotShadowCaster);
+            scene.place_unshadowed(&glass, &lit, place);
             scene.add((lamp_light(), place * Transform::from_xyz(0.0, -0.33, 0.0)));
         }
     }
@@ -118,21 +110,16 @@ fn metalwork(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         let height = 7.6 + random.range(-0.3, 0.4);
         let (sag, turns) = (random.range(0.5, 1.1), random.range(3.0, 6.0));
         let shift = random.range(-1.4, 1.4);
-        let (from, to) = (
-            Vec3::new(x, height, -HALF_WIDTH),
-            Vec3::new(x + shift, height, HALF_WIDTH),
-        );
+        let (from, to) = (vec3(x, height, -HALF_WIDTH), vec3(x + shift, height, HALF_WIDTH));
         let ribbon = scene.shape(|g| props::ribbon(g, from, to, sag, 0.11, turns, segments(72, detail)));
         scene.place(&ribbon, &m.gilt, Transform::IDENTITY);
         let path: Vec<Vec3> = (0..=segments(20, detail))
             .map(|k| {
                 let u = k as f32 / segments(20, detail) as f32;
-                from.lerp(to, u) + Vec3::new(0.5, 0.35 - 1.6 * u * (1.0 - u), 0.0)
+                from.lerp(to, u) + vec3(0.5, 0.35 - 1.6 * u * (1.0 - u), 0.0)
             })
             .collect();
-        let wire = scene.shape(|g| {
-            g.tube(&path, 0.012, 5);
-        });
+        let wire = scene.shape(|g| g.tube(&path, 0.012, 5));
         scene.place(&wire, &m.bronze, Transform::IDENTITY);
     }
 }
@@ -140,11 +127,7 @@ fn metalwork(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
 /// Planters along the court and the fountain in its middle.
 fn garden(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Richness) {
     let pot = scene.shape(|g| props::pot(g, 0.62, 0.42, segments(16, detail)));
-    let clay = scene.material(StandardMaterial {
-        base_color: Color::srgb(0.62, 0.34, 0.24),
-        perceptual_roughness: 0.85,
-        ..Default::default()
-    });
+    let clay = scene.material(gloss(Color::srgb(0.62, 0.34, 0.24), 0.85));
     let leaves = segments(richness.choose(30, 44), detail);
     let rows = segments(richness.choose(4, 6), detail.sqrt());
     let plants = [5, 8].map(|seed| scene.shape(|g| props::plant(g, leaves, 1.15, rows, seed)));
@@ -202,13 +185,7 @@ fn garden(scene: &mut SceneBuilder, m: &Materials, detail: f32, richness: Richne
         g.lathe(&top, segments(18, detail), p(2.0, 1.0));
     });
     scene.place(&basin, &m.smooth, Transform::IDENTITY);
-    let water = scene.material(StandardMaterial {
-        base_color: Color::srgb(0.03, 0.08, 0.09),
-        perceptual_roughness: 0.03,
-        ..Default::default()
-    });
-    let surface = scene.shape(|g| {
-        g.lathe(&[p(1.38, 0.52), p(0.0, 0.52)], segments(32, detail), Vec2::ONE);
-    });
+    let water = scene.material(gloss(Color::srgb(0.03, 0.08, 0.09), 0.03));
+    let surface = scene.shape(|g| g.lathe(&[p(1.38, 0.52), p(0.0, 0.52)], segments(32, detail), Vec2::ONE));
     scene.place(&surface, &water, Transform::IDENTITY);
 }

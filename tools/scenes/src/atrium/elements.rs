@@ -3,7 +3,7 @@
 use super::segments;
 use crate::geometry::Geometry;
 use bevy::{
-    math::{Vec2, Vec3, ops},
+    math::{Vec2, ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::PI;
@@ -15,7 +15,7 @@ pub fn arch(g: &mut Geometry, bay: f32, pier: f32, thickness: f32, height: f32, 
     let z = 0.5 * thickness;
     let point = |i: u32| {
         let angle = PI * (1.0 - i as f32 / steps as f32);
-        Vec2::new(r * ops::cos(angle), r * ops::sin(angle))
+        vec2(r * ops::cos(angle), r * ops::sin(angle))
     };
     for front in [true, false] {
         let mut panel = |a: Vec2, b: Vec2, top: f32| {
@@ -23,8 +23,8 @@ pub fn arch(g: &mut Geometry, bay: f32, pier: f32, thickness: f32, height: f32, 
             let corners = [
                 a.extend(side),
                 b.extend(side),
-                Vec3::new(b.x, top, side),
-                Vec3::new(a.x, top, side),
+                vec3(b.x, top, side),
+                vec3(a.x, top, side),
             ];
             g.mapped_quad(
                 if front {
@@ -35,23 +35,23 @@ pub fn arch(g: &mut Geometry, bay: f32, pier: f32, thickness: f32, height: f32, 
                 0.35,
             );
         };
-        panel(Vec2::new(-half, 0.0), Vec2::new(-r, 0.0), height);
-        panel(Vec2::new(r, 0.0), Vec2::new(half, 0.0), height);
+        panel(vec2(-half, 0.0), vec2(-r, 0.0), height);
+        panel(vec2(r, 0.0), vec2(half, 0.0), height);
         for i in 0..steps {
             panel(point(i), point(i + 1), height);
         }
     }
-    let sweep = |u: f32, radius: f32, z: f32| Vec3::new(radius * ops::cos(PI * u), radius * ops::sin(PI * u), z);
-    g.surface(steps, 1, Vec2::new(PI * r * 0.5, thickness * 0.5), |u, v| {
+    let sweep = |u: f32, radius: f32, z: f32| vec3(radius * ops::cos(PI * u), radius * ops::sin(PI * u), z);
+    g.surface(steps, 1, vec2(PI * r * 0.5, thickness * 0.5), |u, v| {
         sweep(u, r, (0.5 - v) * thickness)
     });
     // Mouldings that stand out around the opening, on both faces.
     let round = |v: f32| (0.10 - 0.075 * ops::cos(v * PI), 0.045 * ops::sin(v * PI));
-    g.surface(steps, 4, Vec2::new(PI * r * 0.5, 0.1), |u, v| {
+    g.surface(steps, 4, vec2(PI * r * 0.5, 0.1), |u, v| {
         let (out, depth) = round(v);
         sweep(1.0 - u, r + out, z + depth)
     });
-    g.surface(steps, 4, Vec2::new(PI * r * 0.5, 0.1), |u, v| {
+    g.surface(steps, 4, vec2(PI * r * 0.5, 0.1), |u, v| {
         let (out, depth) = round(v);
         sweep(u, r + out, -z - depth)
     });
@@ -59,12 +59,7 @@ pub fn arch(g: &mut Geometry, bay: f32, pier: f32, thickness: f32, height: f32, 
     for x in [-1.0, 1.0] {
         let (a, b) = if x < 0.0 { (-half, -r) } else { (r, half) };
         g.mapped_quad(
-            [
-                Vec3::new(a, 0.0, -z),
-                Vec3::new(b, 0.0, -z),
-                Vec3::new(b, 0.0, z),
-                Vec3::new(a, 0.0, z),
-            ],
+            [vec3(a, 0.0, -z), vec3(b, 0.0, -z), vec3(b, 0.0, z), vec3(a, 0.0, z)],
             0.35,
         );
     }
@@ -72,10 +67,10 @@ pub fn arch(g: &mut Geometry, bay: f32, pier: f32, thickness: f32, height: f32, 
 
 /// A groin vault over a bay, seen from below.
 pub fn vault(g: &mut Geometry, width: f32, depth: f32, spring: f32, rise: f32, steps: u32) {
-    g.surface(steps, steps, Vec2::new(width, depth) * 0.4, |u, v| {
+    g.surface(steps, steps, vec2(width, depth) * 0.4, |u, v| {
         let (x, z) = (2.0 * u - 1.0, 2.0 * v - 1.0);
         let barrel = |t: f32| (1.0 - t * t).max(0.0).sqrt();
-        Vec3::new(
+        vec3(
             0.5 * width * x,
             spring + rise * barrel(x).max(barrel(z)),
             0.5 * depth * z,
@@ -86,22 +81,10 @@ pub fn vault(g: &mut Geometry, width: f32, depth: f32, spring: f32, rise: f32, s
 /// Balusters between two rails.
 pub fn balustrade(g: &mut Geometry, width: f32, detail: f32) {
     let bevel = if detail < 1.5 { 1 } else { 2 };
-    g.rounded_box(
-        Vec3::new(0.0, 0.95, 0.0),
-        Vec3::new(width, 0.12, 0.26),
-        0.03,
-        bevel,
-        0.5,
-    );
-    g.rounded_box(
-        Vec3::new(0.0, 0.10, 0.0),
-        Vec3::new(width, 0.20, 0.24),
-        0.03,
-        bevel,
-        0.5,
-    );
+    g.rounded_box(vec3(0.0, 0.95, 0.0), vec3(width, 0.12, 0.26), 0.03, bevel, 0.5);
+    g.rounded_box(vec3(0.0, 0.10, 0.0), vec3(width, 0.20, 0.24), 0.03, bevel, 0.5);
     let mut baluster = Geometry::default();
-    let p = |x: f32, y: f32| Vec2::new(0.075 * x, 0.20 + 0.69 * y);
+    let p = |x: f32, y: f32| vec2(0.075 * x, 0.20 + 0.69 * y);
     let profile = [
         p(0.85, 0.0),
         p(0.85, 0.07),
@@ -113,7 +96,7 @@ pub fn balustrade(g: &mut Geometry, width: f32, detail: f32) {
         p(0.7, 0.9),
         p(0.85, 1.0),
     ];
-    baluster.lathe(&profile, segments(7, detail), Vec2::new(1.0, 0.5));
+    baluster.lathe(&profile, segments(7, detail), vec2(1.0, 0.5));
     let count = (width / 0.30) as u32;
     for i in 0..count {
         let x = ((i as f32 + 0.5) / count as f32 - 0.5) * width;
@@ -134,7 +117,7 @@ pub fn cornice(g: &mut Geometry, length: f32, height: f32, depth: f32, blocks: u
         (1.0, 1.0),
         (0.0, 1.0),
     ];
-    let at = |x: f32, (z, y): (f32, f32)| Vec3::new(x, y * height, z * depth);
+    let at = |x: f32, (z, y): (f32, f32)| vec3(x, y * height, z * depth);
     for pair in profile.windows(2) {
         let half = 0.5 * length;
         g.mapped_quad(
@@ -149,10 +132,6 @@ pub fn cornice(g: &mut Geometry, length: f32, height: f32, depth: f32, blocks: u
     }
     for i in 0..blocks {
         let x = ((i as f32 + 0.5) / blocks as f32 - 0.5) * length;
-        g.cuboid(
-            Vec3::new(x, -0.07, 0.22 * depth),
-            Vec3::new(0.16, 0.14, 0.44 * depth),
-            1.0,
-        );
+        g.cuboid(vec3(x, -0.07, 0.22 * depth), vec3(0.16, 0.14, 0.44 * depth), 1.0);
     }
 }

@@ -4,12 +4,13 @@ use super::{Materials, plan::*, segments};
 use crate::{
     builder::SceneBuilder,
     geometry::{Geometry, turned},
+    materials::gloss,
     props,
 };
 use bevy::{
     asset::Handle,
     color::{Color, LinearRgba},
-    math::{Quat, Vec2, Vec3, ops},
+    math::{Quat, Vec2, Vec3, ops, vec2, vec3},
     pbr::StandardMaterial,
     transform::components::Transform,
 };
@@ -21,13 +22,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         (Color::srgb(0.36, 0.58, 0.48), 0.16),
         (Color::srgb(0.86, 0.82, 0.72), 0.22),
     ]
-    .map(|(base_color, perceptual_roughness)| {
-        scene.material(StandardMaterial {
-            base_color,
-            perceptual_roughness,
-            ..Default::default()
-        })
-    });
+    .map(|(color, roughness)| scene.material(gloss(color, roughness)));
     walks(scene, m, &glazes, detail);
     court(scene, m, &glazes, detail);
 }
@@ -38,9 +33,9 @@ fn walks(scene: &mut SceneBuilder, m: &Materials, glazes: &[Handle<StandardMater
     let pedestal = scene.shape(|g| props::pedestal(g, 0.72, 0.24, segments(14, detail)));
     let bench = scene.shape(|g| {
         let bevel = if detail < 1.5 { 1 } else { 2 };
-        g.rounded_box(Vec3::Y * 0.45, Vec3::new(1.5, 0.1, 0.46), 0.02, bevel, 0.8);
+        g.rounded_box(Vec3::Y * 0.45, vec3(1.5, 0.1, 0.46), 0.02, bevel, 0.8);
         for x in [-0.52, 0.52] {
-            g.rounded_box(Vec3::new(x, 0.2, 0.0), Vec3::new(0.18, 0.4, 0.38), 0.03, bevel, 0.8);
+            g.rounded_box(vec3(x, 0.2, 0.0), vec3(0.18, 0.4, 0.38), 0.03, bevel, 0.8);
         }
     });
     for (index, side) in sides().iter().enumerate() {
@@ -66,10 +61,8 @@ fn court(scene: &mut SceneBuilder, m: &Materials, glazes: &[Handle<StandardMater
         g.lathe(&profile, segments(16, detail), Vec2::ONE);
     });
     let glowing = scene.material(StandardMaterial {
-        base_color: Color::srgb(0.05, 0.04, 0.04),
         emissive: LinearRgba::rgb(1.6, 0.35, 0.06),
-        perceptual_roughness: 1.0,
-        ..Default::default()
+        ..gloss(Color::srgb(0.05, 0.04, 0.04), 1.0)
     });
     for (x, z) in [(-8.9, -3.2), (-8.9, 3.2), (8.9, -3.2), (8.9, 3.2)] {
         let place = Transform::from_xyz(x, 0.0, z).with_rotation(turned(25.0 * x + 10.0 * z));
@@ -91,7 +84,7 @@ fn court(scene: &mut SceneBuilder, m: &Materials, glazes: &[Handle<StandardMater
 
 /// A vase with two handles.
 fn urn(g: &mut Geometry, radius: f32, height: f32, detail: f32) {
-    let p = |x: f32, y: f32| Vec2::new(x * radius, y * height);
+    let p = |x: f32, y: f32| vec2(x * radius, y * height);
     let profile = [
         p(0.0, 0.0),
         p(0.40, 0.0),
@@ -111,7 +104,7 @@ fn urn(g: &mut Geometry, radius: f32, height: f32, detail: f32) {
         p(0.36, 0.96),
         p(0.34, 0.88),
     ];
-    g.lathe(&profile, segments(20, detail), Vec2::new(2.0, 1.0));
+    g.lathe(&profile, segments(20, detail), vec2(2.0, 1.0));
     for side in [-1.0, 1.0] {
         let steps = segments(7, detail);
         let path: Vec<Vec3> = (0..=steps)
@@ -119,7 +112,7 @@ fn urn(g: &mut Geometry, radius: f32, height: f32, detail: f32) {
                 // From the neck outwards and down to the shoulder.
                 let t = i as f32 / steps as f32;
                 let out = 0.40 + 0.44 * t + 0.34 * ops::sin(t * 0.5 * TAU);
-                Vec3::new(side * out * radius, height * (0.93 - 0.17 * t * t), 0.0)
+                vec3(side * out * radius, height * (0.93 - 0.17 * t * t), 0.0)
             })
             .collect();
         g.tube(&path, 0.07 * radius, segments(6, detail));
@@ -140,7 +133,7 @@ fn brazier(g: &mut Geometry, detail: f32) {
         p(0.29, 0.94),
         p(0.2, 0.92),
     ];
-    g.lathe(&bowl, segments(20, detail), Vec2::new(2.0, 1.0));
+    g.lathe(&bowl, segments(20, detail), vec2(2.0, 1.0));
     let leg = [
         (0.16, 0.76),
         (0.25, 0.62),
@@ -151,7 +144,7 @@ fn brazier(g: &mut Geometry, detail: f32) {
     ];
     for k in 0..3 {
         let angle = k as f32 / 3.0 * TAU;
-        let path = leg.map(|(reach, y)| Vec3::new(reach * ops::cos(angle), y, reach * ops::sin(angle)));
+        let path = leg.map(|(reach, y)| vec3(reach * ops::cos(angle), y, reach * ops::sin(angle)));
         g.tube(&path, 0.022, segments(6, detail));
     }
     let mut hoop = Geometry::default();

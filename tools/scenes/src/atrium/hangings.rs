@@ -6,12 +6,10 @@ use super::{
     plan::*,
     segments, surfaces,
 };
-use crate::{builder::SceneBuilder, geometry::Geometry, props, random::Random};
+use crate::{builder::SceneBuilder, geometry::Geometry, materials::both_sides, props, random::Random};
 use bevy::{
     color::Color,
-    light::NotShadowCaster,
-    math::{Quat, Vec2, Vec3, ops},
-    pbr::StandardMaterial,
+    math::{Quat, Vec2, Vec3, ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
@@ -25,11 +23,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, size: u32, detail: f32) {
 /// Banners before the upper columns, and cloths over the rails of the upper storey.
 fn cloth(scene: &mut SceneBuilder, m: &Materials, size: u32, detail: f32) {
     let brocade = scene.textures(size, surfaces::brocade).material();
-    let brocade = scene.material(StandardMaterial {
-        double_sided: true,
-        cull_mode: None,
-        ..brocade
-    });
+    let brocade = scene.material(both_sides(brocade));
     let indigo = dyed(scene, m, Color::srgb(0.13, 0.16, 0.42));
     let saffron = dyed(scene, m, Color::srgb(0.88, 0.50, 0.13));
     let banner = scene.shape(|g| banner(g, 0.86, 3.1, detail));
@@ -41,9 +35,9 @@ fn cloth(scene: &mut SceneBuilder, m: &Materials, size: u32, detail: f32) {
         // The hook that holds it to the wall above the column.
         let hook = [
             Vec3::ZERO,
-            Vec3::new(0.0, 0.3, 0.0),
-            Vec3::new(0.0, 0.5, -0.12),
-            Vec3::new(0.0, 0.55, -0.4),
+            vec3(0.0, 0.3, 0.0),
+            vec3(0.0, 0.5, -0.12),
+            vec3(0.0, 0.55, -0.4),
         ];
         g.tube(&hook, 0.02, segments(6, detail));
     });
@@ -67,12 +61,12 @@ fn cloth(scene: &mut SceneBuilder, m: &Materials, size: u32, detail: f32) {
 
 /// Cloth that hangs from y = 0 and ends in two tails.
 fn banner(g: &mut Geometry, width: f32, length: f32, detail: f32) {
-    let uv = Vec2::new(width, length);
+    let uv = vec2(width, length);
     g.surface(segments(12, detail), segments(22, detail), uv, |u, v| {
         let (across, loose) = (2.0 * u - 1.0, 1.0 - v);
         let tails = 0.34 * (1.0 - across.abs()) * loose * loose * loose;
         let wave = 0.05 * loose * ops::sin(5.0 * v + 1.3 * across) + 0.018 * ops::sin(3.0 * PI * u) * loose;
-        Vec3::new(0.5 * width * across, tails - length * loose, wave)
+        vec3(0.5 * width * across, tails - length * loose, wave)
     });
 }
 
@@ -82,7 +76,7 @@ fn throw(g: &mut Geometry, width: f32, detail: f32) {
     let (front, back, radius, top) = (0.78, 0.42, 0.16, 0.87);
     let arc = PI * radius;
     let total = front + arc + back;
-    let uv = Vec2::new(width, total);
+    let uv = vec2(width, total);
     g.surface(segments(14, detail), segments(24, detail), uv, |u, v| {
         let s = v * total;
         let (y, z, loose) = if s < front {
@@ -96,7 +90,7 @@ fn throw(g: &mut Geometry, width: f32, detail: f32) {
         };
         let fold = 0.02 + 0.03 * ops::sin(u * 3.5 * TAU + 0.6);
         let x = (u - 0.5) * width * (1.0 - 0.05 * loose.abs());
-        Vec3::new(x, y, z + fold * loose)
+        vec3(x, y, z + fold * loose)
     });
 }
 
@@ -109,16 +103,16 @@ fn garlands(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             let half = 0.5 * side.bay - 0.2;
             for i in 0..count {
                 let t = 2.0 * (i as f32 + random.unit()) / count as f32 - 1.0;
-                let center = Vec3::new(half * t, 0.45 * (t * t - 1.0), 0.0);
+                let center = vec3(half * t, 0.45 * (t * t - 1.0), 0.0);
                 let turn = Quat::from_rotation_x(random.range(0.0, TAU))
                     * Quat::from_rotation_y(random.range(-0.8, 0.8))
                     * Quat::from_rotation_z(random.range(-1.2, 1.2));
                 let (length, width) = (random.range(0.15, 0.24), random.range(0.10, 0.14));
-                let mut leaf = Geometry::default();
-                leaf.surface(1, 2, Vec2::ONE, |u, v| {
-                    Vec3::new((u - 0.5) * width, v * length, 0.3 * length * v * v)
+                g.part(Transform::from_translation(center).with_rotation(turn), |part| {
+                    part.surface(1, 2, Vec2::ONE, |u, v| {
+                        vec3((u - 0.5) * width, v * length, 0.3 * length * v * v)
+                    });
                 });
-                g.append(&leaf, Transform::from_translation(center).with_rotation(turn));
             }
         });
         for i in (0..side.bays).filter(|i| side.bays != LONG_BAYS || i % 2 == 0) {
@@ -143,7 +137,7 @@ fn chain(g: &mut Geometry, links: u32, detail: f32, line: impl Fn(f32) -> Vec3) 
                 translation: 0.5 * (from + to),
                 rotation: along * Quat::from_rotation_x(turn),
                 // Long enough to hold the next link.
-                scale: Vec3::new(0.5 * step.length() / (radius - wire), 1.0, 1.0),
+                scale: vec3(0.5 * step.length() / (radius - wire), 1.0, 1.0),
             },
         );
     }
@@ -152,7 +146,7 @@ fn chain(g: &mut Geometry, links: u32, detail: f32, line: impl Fn(f32) -> Vec3) 
 /// Chains across the court with ribbons and a ring of lamps below each.
 fn lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let (height, sag, half) = (EAVES - 0.85, 0.75, HALF_WIDTH - 0.23);
-    let line = |s: f32| Vec3::new(0.0, height - sag * 4.0 * s * (1.0 - s), half * (2.0 * s - 1.0));
+    let line = |s: f32| vec3(0.0, height - sag * 4.0 * s * (1.0 - s), half * (2.0 * s - 1.0));
     let span = scene.shape(|g| {
         chain(g, 56, detail, line);
         for end in [0.0, 1.0] {
@@ -164,7 +158,7 @@ fn lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let (ring_height, ring_radius, cups) = (-fall - 0.55, 0.44, 6);
     let cup_at = |i: u32| {
         let angle = i as f32 / cups as f32 * TAU;
-        Vec3::new(
+        vec3(
             ring_radius * ops::cos(angle),
             ring_height,
             ring_radius * ops::sin(angle),
@@ -200,7 +194,7 @@ fn lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         }
     });
     let ribbon = scene.shape(|g| {
-        let (from, to) = (Vec3::ZERO, Vec3::new(0.12, -1.5, 0.06));
+        let (from, to) = (Vec3::ZERO, vec3(0.12, -1.5, 0.06));
         props::ribbon(g, from, to, 0.0, 0.09, 7.0, segments(48, detail));
     });
     let lit = glow(scene);
@@ -212,8 +206,7 @@ fn lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         }
         let place = on_chain(z);
         scene.place(&lamp, &m.bronze, place);
-        let flame = scene.place(&flames, &lit, place);
-        scene.world.entity_mut(flame).insert(NotShadowCaster);
+        scene.place_unshadowed(&flames, &lit, place);
         scene.add((lamp_light(), place * Transform::from_xyz(0.0, ring_height, 0.0)));
     }
 }

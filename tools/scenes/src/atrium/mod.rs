@@ -14,24 +14,21 @@ mod plan;
 mod roof;
 mod surfaces;
 
+use crate::geometry::segments;
 use crate::{
     builder::SceneBuilder,
     camera_path::CameraPath,
-    environment::{Environment, sky},
+    environment::{Environment, SceneOptions},
+    materials::{both_sides, dyed},
     patterns, props,
-    scene_name::SceneOptions,
     sky::{Sky, sun_direction},
 };
 use bevy::{
     asset::Handle,
-    camera::Exposure,
     color::Color,
-    core_pipeline::tonemapping::Tonemapping,
     ecs::{entity::Entity, world::World},
-    light::{CascadeShadowConfigBuilder, DirectionalLight},
-    math::Vec3,
+    math::{Vec3, vec3},
     pbr::StandardMaterial,
-    transform::components::Transform,
 };
 
 /// How much there is in the building.
@@ -87,16 +84,8 @@ impl Materials {
             floor: scene.material(floor.material()),
             plaster: scene.material(plaster),
             leaf: scene.material(props::leaf_material(leaf)),
-            bronze: scene.material(StandardMaterial {
-                base_color: Color::srgb(0.74, 0.52, 0.30),
-                ..metal.clone()
-            }),
-            gilt: scene.material(StandardMaterial {
-                base_color: Color::srgb(1.0, 0.80, 0.42),
-                double_sided: true,
-                cull_mode: None,
-                ..metal
-            }),
+            bronze: scene.material(dyed(&metal, Color::srgb(0.74, 0.52, 0.30))),
+            gilt: scene.material(both_sides(dyed(&metal, Color::srgb(1.0, 0.80, 0.42)))),
             cloth,
             stone,
         }
@@ -107,20 +96,9 @@ fn sun() -> Vec3 {
     sun_direction(42.0, 60.0)
 }
 
-/// Turns a count of segments at detail one into the count at `detail`.
-pub(crate) fn segments(base: u32, detail: f32) -> u32 {
-    ((base as f32 * detail).round() as u32).max(3)
-}
-
 /// A bright day.
 pub fn environment(world: &mut World) -> Environment {
-    let (light, skybox) = sky(world, Sky::Day { sun: sun() }, 1_150.0);
-    Environment {
-        light: Some(light),
-        skybox: Some(skybox),
-        exposure: Exposure { ev100: 10.8 },
-        tonemapping: Tonemapping::TonyMcMapface,
-    }
+    Environment::under(world, Sky::Day { sun: sun() }, 1_150.0, 10.8)
 }
 
 pub fn spawn(world: &mut World, options: &SceneOptions, richness: Richness) -> Entity {
@@ -135,35 +113,20 @@ pub fn spawn(world: &mut World, options: &SceneOptions, richness: Richness) -> E
         hangings::build(&mut scene, &materials, size, detail);
         furniture::build(&mut scene, &materials, detail);
     }
-    scene.add((
-        DirectionalLight {
-            color: Color::srgb(1.0, 0.93, 0.82),
-            illuminance: 32_000.0,
-            shadow_maps_enabled: true,
-            ..Default::default()
-        },
-        CascadeShadowConfigBuilder {
-            num_cascades: 3,
-            first_cascade_far_bound: 8.0,
-            maximum_distance: 40.0,
-            ..Default::default()
-        }
-        .build(),
-        Transform::default().looking_to(-sun(), Vec3::Y),
-    ));
+    scene.sun(sun(), Color::srgb(1.0, 0.93, 0.82), 32_000.0, (3, 8.0, 40.0));
     scene.finish()
 }
 
 /// Along the court, up past the columns, and back at the height of the upper storey.
 pub const PATH: CameraPath = CameraPath {
     points: &[
-        (Vec3::new(-8.6, 1.7, 2.2), Vec3::new(4.0, 2.9, -1.6)),
-        (Vec3::new(-4.2, 1.6, 1.0), Vec3::new(6.0, 2.6, -3.0)),
-        (Vec3::new(0.6, 1.9, 2.6), Vec3::new(9.0, 3.2, -4.0)),
-        (Vec3::new(4.6, 2.8, 1.2), Vec3::new(-2.0, 3.4, -5.0)),
-        (Vec3::new(7.4, 4.8, 0.2), Vec3::new(-4.0, 3.6, -1.5)),
-        (Vec3::new(4.8, 6.6, -1.6), Vec3::new(-8.0, 4.2, 2.0)),
-        (Vec3::new(-2.0, 7.2, 0.0), Vec3::new(-10.0, 3.4, 0.6)),
+        (vec3(-8.6, 1.7, 2.2), vec3(4.0, 2.9, -1.6)),
+        (vec3(-4.2, 1.6, 1.0), vec3(6.0, 2.6, -3.0)),
+        (vec3(0.6, 1.9, 2.6), vec3(9.0, 3.2, -4.0)),
+        (vec3(4.6, 2.8, 1.2), vec3(-2.0, 3.4, -5.0)),
+        (vec3(7.4, 4.8, 0.2), vec3(-4.0, 3.6, -1.5)),
+        (vec3(4.8, 6.6, -1.6), vec3(-8.0, 4.2, 2.0)),
+        (vec3(-2.0, 7.2, 0.0), vec3(-10.0, 3.4, 0.6)),
     ],
     seconds: 24.0,
     vertical_degrees: 58.0,

@@ -2,7 +2,7 @@
 
 use super::{Materials, carving, plan::*, segments};
 use crate::{builder::SceneBuilder, geometry::Geometry};
-use bevy::{math::Vec3, transform::components::Transform};
+use bevy::{math::vec3, transform::components::Transform};
 
 /// Distance between the brackets below the eaves.
 const BRACKET_PITCH: f32 = 0.62;
@@ -42,7 +42,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     }
     let corner = scene.shape(|g| carving::ribs(g, WALK, WALK, LOWER_SPRING, rise, false, detail));
     for (x, z) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
-        let place = Vec3::new(x * (HALF_LENGTH + 0.5 * WALK), 0.0, z * (HALF_WIDTH + 0.5 * WALK));
+        let place = vec3(x * (HALF_LENGTH + 0.5 * WALK), 0.0, z * (HALF_WIDTH + 0.5 * WALK));
         scene.place(&corner, &m.smooth, Transform::from_translation(place));
     }
 }

@@ -4,11 +4,11 @@ use super::{Materials, plan::*, segments};
 use crate::{
     builder::SceneBuilder,
     geometry::{Geometry, turned},
+    materials::{dielectric, dyed},
 };
 use bevy::{
     color::Color,
-    math::{Vec2, Vec3, ops},
-    pbr::StandardMaterial,
+    math::{ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::PI;
@@ -33,11 +33,7 @@ fn height(distance: f32) -> f32 {
 }
 
 pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
-    let clay = scene.material(StandardMaterial {
-        base_color: Color::srgb(0.80, 0.45, 0.31),
-        metallic: 0.0,
-        ..m.stone.clone()
-    });
+    let clay = scene.material(dielectric(dyed(&m.stone, Color::srgb(0.80, 0.45, 0.31))));
     let arc = segments(4, detail);
     let corner = scene.shape(|g| {
         let pitch = (WALK + OVERHANG) / CORNER_COLUMNS as f32;
@@ -47,9 +43,9 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             // Where the neighbouring side's roof begins.
             let first = ((middle + OVERHANG) / tile_length()).round() as u32;
             column(g, &tile, -middle, first);
-            let mut other = Geometry::default();
-            column(&mut other, &tile, middle, first);
-            g.append(&other, Transform::from_rotation(turned(90.0)));
+            g.part(Transform::from_rotation(turned(90.0)), |part| {
+                column(part, &tile, middle, first);
+            });
         }
     });
     let ridge = height(WALK + 2.0 * OVERHANG) + 0.2;
@@ -69,8 +65,8 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         scene.place(&corner, &clay, side.at(-0.5 * run, 0.0, 0.0));
         let facade = scene.shape(|g| {
             g.cuboid(
-                Vec3::new(0.0, 0.5 * ridge, -WALK - OVERHANG - 0.1),
-                Vec3::new(run + 2.0 * (WALK + OVERHANG) + 0.5, ridge, 0.3),
+                vec3(0.0, 0.5 * ridge, -WALK - OVERHANG - 0.1),
+                vec3(run + 2.0 * (WALK + OVERHANG) + 0.5, ridge, 0.3),
                 0.35,
             );
         });
@@ -84,29 +80,29 @@ fn tile(pitch: f32, arc: u32) -> Geometry {
     // Wider where it covers the next one below.
     let round = |u: f32, reach: f32, v: f32| {
         let angle = PI * (1.0 - u);
-        Vec3::new(reach * ops::cos(angle), rise * v + reach * ops::sin(angle), -length * v)
+        vec3(reach * ops::cos(angle), rise * v + reach * ops::sin(angle), -length * v)
     };
     let mut g = Geometry::default();
-    g.surface(arc, 1, Vec2::new(0.3, length), |u, v| round(u, 0.115 - 0.02 * v, v));
-    g.surface(arc, 1, Vec2::new(0.3, 0.1), |u, v| round(u, 0.115 * v, 0.0));
+    g.surface(arc, 1, vec2(0.3, length), |u, v| round(u, 0.115 - 0.02 * v, v));
+    g.surface(arc, 1, vec2(0.3, 0.1), |u, v| round(u, 0.115 * v, 0.0));
     let half = 0.5 * pitch;
     g.quad(
         [
-            Vec3::new(-half, 0.0, 0.0),
-            Vec3::new(half, 0.0, 0.0),
-            Vec3::new(half, rise, -length),
-            Vec3::new(-half, rise, -length),
+            vec3(-half, 0.0, 0.0),
+            vec3(half, 0.0, 0.0),
+            vec3(half, rise, -length),
+            vec3(-half, rise, -length),
         ],
-        Vec2::new(pitch, length),
+        vec2(pitch, length),
     );
     g.quad(
         [
-            Vec3::new(-half, -0.05, 0.0),
-            Vec3::new(half, -0.05, 0.0),
-            Vec3::new(half, 0.0, 0.0),
-            Vec3::new(-half, 0.0, 0.0),
+            vec3(-half, -0.05, 0.0),
+            vec3(half, -0.05, 0.0),
+            vec3(half, 0.0, 0.0),
+            vec3(-half, 0.0, 0.0),
         ],
-        Vec2::new(pitch, 0.05),
+        vec2(pitch, 0.05),
     );
     g
 }

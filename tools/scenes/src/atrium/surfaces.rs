@@ -4,7 +4,7 @@ use crate::{
     random::{fractal, hash, smooth},
     texture::Texel,
 };
-use bevy::math::{Vec2, Vec3, ops};
+use bevy::math::{Vec2, ops, vec3};
 use std::f32::consts::TAU;
 
 /// Stone flags in two colours, chipped and uneven, trodden smooth along the ways and wet in the hollows.
@@ -19,9 +19,9 @@ pub fn worn_flags(uv: Vec2) -> Texel {
     let grain = fractal(uv, 40, 4, 102);
     let stain = fractal(uv, 5, 5, 103);
     let stone = if (x + y) % 2 == 0 {
-        Vec3::new(0.60, 0.38, 0.28)
+        vec3(0.60, 0.38, 0.28)
     } else {
-        Vec3::new(0.76, 0.69, 0.57)
+        vec3(0.76, 0.69, 0.57)
     };
     let stone = stone * (0.80 + 0.26 * tone) * (0.84 + 0.16 * grain) * (0.82 + 0.30 * stain);
     // Some flags have sunk a little: water stays there.
@@ -32,7 +32,7 @@ pub fn worn_flags(uv: Vec2) -> Texel {
     let rough = 0.66 + 0.22 * grain + 0.10 * (tone - 0.5);
     let polished = 0.20 + 0.16 * grain + 0.10 * tone;
     let dry = rough + (polished - rough) * trodden;
-    let joint = Vec3::new(0.36, 0.33, 0.29) * (0.8 + 0.4 * grain);
+    let joint = vec3(0.36, 0.33, 0.29) * (0.8 + 0.4 * grain);
     Texel {
         color: joint.lerp(stone, body) * (1.0 - 0.34 * damp),
         height: (0.0016 * body + 0.0006 * (1.0 - trodden) * grain + 0.0004 * tone) * (1.0 - 0.85 * wet),
@@ -55,9 +55,9 @@ pub fn brocade(uv: Vec2) -> Texel {
     let gold = flower.max(lattice) * (0.75 + 0.25 * thread);
     let weave = fractal(uv, 64, 2, 121);
     let fade = fractal(uv, 3, 4, 122);
-    let red = Vec3::new(0.52, 0.05, 0.07) * (0.75 + 0.25 * weave) * (0.80 + 0.30 * fade);
+    let red = vec3(0.52, 0.05, 0.07) * (0.75 + 0.25 * weave) * (0.80 + 0.30 * fade);
     Texel {
-        color: red.lerp(Vec3::new(0.94, 0.74, 0.36), gold),
+        color: red.lerp(vec3(0.94, 0.74, 0.36), gold),
         height: 0.0008 * thread + 0.0015 * gold,
         roughness: 0.90 - 0.52 * gold + 0.06 * weave,
         metallic: gold,

@@ -1,55 +1,44 @@
 //! What shines: neon, the gyroscope around its core, and the lights.
 
-use super::{BRASS, CHROME, COPPER, GOLD, gloss, glow, metal, sun};
-use crate::{animation::Motion, builder::SceneBuilder, geometry::Geometry, props};
+use super::{BRASS, CHROME, COPPER, GOLD, sun};
+use crate::{
+    animation::Motion,
+    builder::SceneBuilder,
+    materials::{gloss, glow, metal},
+    props,
+};
 use bevy::{
     color::{Color, LinearRgba},
-    light::{CascadeShadowConfigBuilder, DirectionalLight, NotShadowCaster, PointLight, SpotLight},
-    math::{Quat, Vec2, Vec3},
+    light::{PointLight, SpotLight},
+    math::{Quat, Vec2, Vec3, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::PI;
 
 /// The glowing ring and tubes with the lights that they stand for.
 pub fn neon(scene: &mut SceneBuilder) {
-    let ring = scene.shape(|g| {
-        g.torus(0.95, 0.032, 96, 16);
-    });
-    let inner = scene.shape(|g| {
-        g.torus(0.74, 0.02, 96, 12);
-    });
+    let ring = scene.shape(|g| g.torus(0.95, 0.032, 96, 16));
+    let inner = scene.shape(|g| g.torus(0.74, 0.02, 96, 12));
     let magenta = scene.material(glow(LinearRgba::rgb(7.0, 0.55, 3.2)));
     let cyan = scene.material(glow(LinearRgba::rgb(0.35, 4.2, 6.0)));
     scene.place(&ring, &magenta, Transform::from_xyz(-1.0, 2.78, -3.93));
     scene.place(&inner, &cyan, Transform::from_xyz(-1.0, 2.78, -3.93));
-    let tube = scene.shape(|g| {
-        g.tube(&[Vec3::new(0.0, 0.35, 0.0), Vec3::new(0.0, 3.2, 0.0)], 0.026, 16);
-    });
+    let tube = scene.shape(|g| g.tube(&[vec3(0.0, 0.35, 0.0), vec3(0.0, 3.2, 0.0)], 0.026, 16));
     for (x, material) in [(-4.9, &cyan), (2.45, &cyan), (2.6, &magenta)] {
         scene.place(&tube, material, Transform::from_xyz(x, 0.0, -3.95));
     }
     for (position, color, lumens) in [
-        (Vec3::new(-1.0, 2.75, -3.2), Color::srgb(1.0, 0.35, 0.75), 55_000.0),
-        (Vec3::new(2.4, 1.8, -3.4), Color::srgb(0.3, 0.85, 1.0), 32_000.0),
-        (Vec3::new(-4.7, 1.6, -3.5), Color::srgb(0.3, 0.85, 1.0), 22_000.0),
+        (vec3(-1.0, 2.75, -3.2), Color::srgb(1.0, 0.35, 0.75), 55_000.0),
+        (vec3(2.4, 1.8, -3.4), Color::srgb(0.3, 0.85, 1.0), 32_000.0),
+        (vec3(-4.7, 1.6, -3.5), Color::srgb(0.3, 0.85, 1.0), 22_000.0),
     ] {
-        scene.add((
-            PointLight {
-                color,
-                intensity: lumens,
-                range: 9.0,
-                radius: 0.05,
-                shadow_maps_enabled: false,
-                ..Default::default()
-            },
-            Transform::from_translation(position),
-        ));
+        scene.lamp(position, color, lumens, 9.0, 0.05);
     }
 }
 
 /// Nested rings that turn around a glowing core, on a turned pedestal.
 pub fn gyroscope(scene: &mut SceneBuilder) {
-    let place = Vec3::new(2.75, 0.0, 2.1);
+    let place = vec3(2.75, 0.0, 2.1);
     let middle = place + Vec3::Y * 1.02;
     let dark = scene.material(gloss(Color::srgb(0.05, 0.05, 0.06), 0.12));
     let pedestal = scene.shape(|g| props::pedestal(g, 0.42, 0.2, 48));
@@ -66,9 +55,7 @@ pub fn gyroscope(scene: &mut SceneBuilder) {
         ),
     ];
     for (i, (color, roughness, radius, axis, start)) in finishes.into_iter().enumerate() {
-        let ring = scene.shape(|g| {
-            g.torus(radius, 0.026, 72, 16);
-        });
+        let ring = scene.shape(|g| g.torus(radius, 0.026, 72, 16));
         let material = scene.material(metal(color, roughness));
         let entity = scene.place(&ring, &material, Transform::from_translation(middle));
         scene.world.entity_mut(entity).insert(Motion::Spin {
@@ -77,43 +64,16 @@ pub fn gyroscope(scene: &mut SceneBuilder) {
             rate: [0.11, -0.17, 0.23][i],
         });
     }
-    let core = scene.shape(|g| {
-        g.sphere(Vec3::ZERO, 0.11, 32, Vec2::ONE);
-    });
+    let core = scene.shape(|g| g.sphere(Vec3::ZERO, 0.11, 32, Vec2::ONE));
     let warm = scene.material(glow(LinearRgba::rgb(9.0, 5.2, 1.9)));
     scene.place(&core, &warm, Transform::from_translation(middle));
-    scene.add((
-        PointLight {
-            color: Color::srgb(1.0, 0.78, 0.5),
-            intensity: 26_000.0,
-            range: 7.0,
-            radius: 0.11,
-            shadow_maps_enabled: false,
-            ..Default::default()
-        },
-        Transform::from_translation(middle),
-    ));
+    scene.lamp(middle, Color::srgb(1.0, 0.78, 0.5), 26_000.0, 7.0, 0.11);
 }
 
 /// The sun, a spot light on the spheres and a lamp by the curtain.
 pub fn lights(scene: &mut SceneBuilder) {
-    let lamp = Vec3::new(4.55, 2.93, -2.6);
-    scene.add((
-        DirectionalLight {
-            color: Color::srgb(1.0, 0.80, 0.58),
-            illuminance: 10_500.0,
-            shadow_maps_enabled: true,
-            ..Default::default()
-        },
-        CascadeShadowConfigBuilder {
-            num_cascades: 2,
-            first_cascade_far_bound: 11.0,
-            maximum_distance: 26.0,
-            ..Default::default()
-        }
-        .build(),
-        Transform::default().looking_to(-sun(), Vec3::Y),
-    ));
+    let lamp = vec3(4.55, 2.93, -2.6);
+    scene.sun(sun(), Color::srgb(1.0, 0.80, 0.58), 10_500.0, (2, 11.0, 26.0));
     scene.add((
         SpotLight {
             color: Color::srgb(1.0, 0.92, 0.82),
@@ -125,7 +85,7 @@ pub fn lights(scene: &mut SceneBuilder) {
             shadow_maps_enabled: true,
             ..Default::default()
         },
-        Transform::from_xyz(2.6, 5.6, 4.4).looking_at(Vec3::new(0.3, 0.6, -0.4), Vec3::Y),
+        Transform::from_xyz(2.6, 5.6, 4.4).looking_at(vec3(0.3, 0.6, -0.4), Vec3::Y),
     ));
     scene.add((
         PointLight {
@@ -138,25 +98,21 @@ pub fn lights(scene: &mut SceneBuilder) {
         },
         Transform::from_translation(lamp),
     ));
-    let bulb = scene.shape(|g| {
-        g.sphere(Vec3::ZERO, 0.07, 24, Vec2::ONE);
-    });
+    let bulb = scene.shape(|g| g.sphere(Vec3::ZERO, 0.07, 24, Vec2::ONE));
     let lit = scene.material(glow(LinearRgba::rgb(8.0, 4.6, 1.9)));
-    let entity = scene.place(&bulb, &lit, Transform::from_translation(lamp));
-    scene.world.entity_mut(entity).insert(NotShadowCaster);
+    scene.place_unshadowed(&bulb, &lit, Transform::from_translation(lamp));
     let brass = scene.material(metal(BRASS, 0.25));
     let bracket = scene.shape(|g| {
         let hook = [
-            Vec3::new(5.14, 2.72, -2.6),
-            Vec3::new(5.08, 2.98, -2.6),
-            Vec3::new(4.9, 3.15, -2.6),
-            Vec3::new(4.55, 3.2, -2.6),
+            vec3(5.14, 2.72, -2.6),
+            vec3(5.08, 2.98, -2.6),
+            vec3(4.9, 3.15, -2.6),
+            vec3(4.55, 3.2, -2.6),
         ];
         g.tube(&hook, 0.02, 12);
-        let mut lantern = Geometry::default();
-        props::lantern(&mut lantern, 0.5, 0.16, 24);
-        g.append(&lantern, Transform::from_xyz(4.55, 3.2, -2.6));
+        g.part(Transform::from_xyz(4.55, 3.2, -2.6), |part| {
+            props::lantern(part, 0.5, 0.16, 24);
+        });
     });
-    let entity = scene.place(&bracket, &brass, Transform::IDENTITY);
-    scene.world.entity_mut(entity).insert(NotShadowCaster);
+    scene.place_unshadowed(&bracket, &brass, Transform::IDENTITY);
 }

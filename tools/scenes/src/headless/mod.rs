@@ -9,8 +9,8 @@ pub use log::{LogMessage, capture_log, take_log};
 pub use readback::{decode_halves, read_buffer, read_image, read_texture};
 
 use crate::{
-    scene::{camera, environment, spawn_with},
-    scene_name::{SceneName, SceneOptions},
+    environment::SceneOptions,
+    scene::{SceneName, camera, environment, spawn_with},
 };
 use bevy::{
     DefaultPlugins,

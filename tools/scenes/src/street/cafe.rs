@@ -14,7 +14,7 @@ use crate::{
     random::Random,
 };
 use bevy::{
-    math::{Quat, Vec2, Vec3, ops},
+    math::{Quat, Vec2, Vec3, ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::TAU;
@@ -31,11 +31,11 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             if (-3.6..-1.4).contains(&x) {
                 continue;
             }
-            table(scene, m, &setting, Vec3::new(x, PAVEMENT, z), &mut random);
+            table(scene, m, &setting, vec3(x, PAVEMENT, z), &mut random);
         }
     }
     for (x, z) in [(5.0, -9.5), (5.0, -11.4), (0.9, 6.0), (2.4, 6.0)] {
-        table(scene, m, &setting, Vec3::new(x, PAVEMENT, z), &mut random);
+        table(scene, m, &setting, vec3(x, PAVEMENT, z), &mut random);
     }
     parasols(scene, m, detail);
     menu(scene, m, detail);
@@ -61,7 +61,7 @@ fn table(scene: &mut SceneBuilder, m: &Materials, setting: &Setting, at: Vec3, r
     let chairs = 2 + u32::from(random.unit() < 0.55);
     for i in 0..chairs {
         let angle = start + 360.0 * i as f32 / chairs as f32 + random.range(-18.0, 18.0);
-        let away = turned(angle) * Vec3::new(0.0, 0.0, -random.range(0.46, 0.62));
+        let away = turned(angle) * vec3(0.0, 0.0, -random.range(0.46, 0.62));
         let turn = turned(angle + random.range(-25.0, 25.0));
         let seat = Transform::from_translation(at + away).with_rotation(turn);
         scene.place(&setting.frame, &m.oak, seat);
@@ -72,21 +72,18 @@ fn table(scene: &mut SceneBuilder, m: &Materials, setting: &Setting, at: Vec3, r
 /// Parasols, two of them closed after the rain.
 fn parasols(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let pole = scene.shape(|g| {
-        turned_shape(
-            g,
-            segments(16, detail),
-            &[
-                (0.26, 0.0),
-                (0.26, 0.03),
-                (0.1, 0.06),
-                (0.035, 0.09),
-                (0.035, 0.3),
-                (0.024, 0.31),
-                (0.024, 2.72),
-                (0.04, 2.74),
-                (0.0, 2.8),
-            ],
-        );
+        let profile = [
+            (0.26, 0.0),
+            (0.26, 0.03),
+            (0.1, 0.06),
+            (0.035, 0.09),
+            (0.035, 0.3),
+            (0.024, 0.31),
+            (0.024, 2.72),
+            (0.04, 2.74),
+            (0.0, 2.8),
+        ];
+        turned_shape(g, segments(16, detail), &profile);
     });
     let ribs = scene.shape(|g| {
         for i in 0..8 {
@@ -97,31 +94,21 @@ fn parasols(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         }
     });
     let open = scene.shape(|g| {
-        g.surface(
-            segments(48, detail),
-            segments(8, detail),
-            Vec2::new(8.0, 1.3),
-            |u, v| {
-                let angle = u * TAU;
-                // Taut over the ribs, slack between them.
-                let slack = 0.5 - 0.5 * ops::cos(8.0 * angle);
-                let reach = 1.3 * (1.0 - v) * (1.0 - 0.05 * slack);
-                let height = 2.16 + 0.5 * v - 0.035 * slack * v * (1.0 - v) * 4.0;
-                Vec3::new(reach * ops::cos(angle), height, -reach * ops::sin(angle))
-            },
-        );
+        g.surface(segments(48, detail), segments(8, detail), vec2(8.0, 1.3), |u, v| {
+            let angle = u * TAU;
+            // Taut over the ribs, slack between them.
+            let slack = 0.5 - 0.5 * ops::cos(8.0 * angle);
+            let reach = 1.3 * (1.0 - v) * (1.0 - 0.05 * slack);
+            let height = 2.16 + 0.5 * v - 0.035 * slack * v * (1.0 - v) * 4.0;
+            vec3(reach * ops::cos(angle), height, -reach * ops::sin(angle))
+        });
     });
     let closed = scene.shape(|g| {
-        g.surface(
-            segments(64, detail),
-            segments(10, detail),
-            Vec2::new(3.0, 1.5),
-            |u, v| {
-                let angle = u * TAU;
-                let reach = (0.03 + 0.10 * (1.0 - v) * (0.4 + v)) * (1.0 + 0.28 * ops::cos(8.0 * angle));
-                Vec3::new(reach * ops::cos(angle), 1.25 + 1.42 * v, -reach * ops::sin(angle))
-            },
-        );
+        g.surface(segments(64, detail), segments(10, detail), vec2(3.0, 1.5), |u, v| {
+            let angle = u * TAU;
+            let reach = (0.03 + 0.10 * (1.0 - v) * (0.4 + v)) * (1.0 + 0.28 * ops::cos(8.0 * angle));
+            vec3(reach * ops::cos(angle), 1.25 + 1.42 * v, -reach * ops::sin(angle))
+        });
     });
     for (x, z, folded) in [
         (-5.88, -5.1, false),

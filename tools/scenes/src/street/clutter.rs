@@ -13,7 +13,7 @@ use crate::{
     random::Random,
 };
 use bevy::{
-    math::{Quat, Vec2, Vec3, ops},
+    math::{Quat, Vec2, Vec3, ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::{FRAC_PI_2, PI};
@@ -21,7 +21,9 @@ use std::f32::consts::{FRAC_PI_2, PI};
 /// Places all of it.
 pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     bollards(scene, m, detail);
-    benches_and_bins(scene, m, detail);
+    benches(scene, m, detail);
+    bins(scene, m, detail);
+    containers(scene, m, detail);
     signs(scene, m, detail);
     greengrocer(scene, m, detail);
     pennants(scene, m, detail);
@@ -56,44 +58,30 @@ fn bollards(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     }
 }
 
-fn benches_and_bins(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
+fn benches(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let edges = bevel(detail);
     let slats = scene.shape(|g| {
         for i in 0..5 {
             block(g, edges, [0.0, 0.44, -0.19 + 0.095 * i as f32], [1.7, 0.03, 0.08]);
         }
         for i in 0..3 {
-            block(
-                g,
-                edges,
-                [0.0, 0.58 + 0.12 * i as f32, -0.25 - 0.03 * i as f32],
-                [1.7, 0.09, 0.03],
-            );
+            let back = [0.0, 0.58 + 0.12 * i as f32, -0.25 - 0.03 * i as f32];
+            block(g, edges, back, [1.7, 0.09, 0.03]);
         }
     });
     let sides = scene.shape(|g| {
         for x in [-0.7, 0.7] {
-            bent(
-                g,
-                8,
-                0.018,
-                4,
-                &[
-                    [x, 0.0, 0.24],
-                    [x, 0.22, 0.17],
-                    [x, 0.41, 0.2],
-                    [x, 0.42, -0.2],
-                    [x, 0.88, -0.34],
-                ],
-            );
+            let seat = [
+                [x, 0.0, 0.24],
+                [x, 0.22, 0.17],
+                [x, 0.41, 0.2],
+                [x, 0.42, -0.2],
+                [x, 0.88, -0.34],
+            ];
+            bent(g, 8, 0.018, 4, &seat);
             bent(g, 8, 0.018, 4, &[[x, 0.0, -0.30], [x, 0.2, -0.2], [x, 0.41, -0.19]]);
-            bent(
-                g,
-                8,
-                0.014,
-                4,
-                &[[x, 0.42, 0.17], [x, 0.62, 0.2], [x, 0.64, 0.0], [x, 0.62, -0.26]],
-            );
+            let arm = [[x, 0.42, 0.17], [x, 0.62, 0.2], [x, 0.64, 0.0], [x, 0.62, -0.26]];
+            bent(g, 8, 0.014, 4, &arm);
         }
     });
     for (x, z, degrees) in [
@@ -106,55 +94,49 @@ fn benches_and_bins(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         scene.place(&slats, &m.oak, at);
         scene.place(&sides, &m.iron, at);
     }
+}
+
+fn bins(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let bin = scene.shape(|g| {
-        turned_shape(
-            g,
-            segments(20, detail),
-            &[
-                (0.0, 0.05),
-                (0.2, 0.05),
-                (0.2, 0.05),
-                (0.2, 0.8),
-                (0.19, 0.8),
-                (0.19, 0.3),
-                (0.0, 0.3),
-            ],
-        );
-        let mut ring = Geometry::default();
-        ring.torus(0.215, 0.016, segments(28, detail), 8);
+        let profile = [
+            (0.0, 0.05),
+            (0.2, 0.05),
+            (0.2, 0.05),
+            (0.2, 0.8),
+            (0.19, 0.8),
+            (0.19, 0.3),
+            (0.0, 0.3),
+        ];
+        turned_shape(g, segments(20, detail), &profile);
+        let flat = Quat::from_rotation_x(FRAC_PI_2);
         for y in [0.12, 0.45, 0.82] {
-            g.append(
-                &ring,
-                Transform::from_xyz(0.0, y, 0.0).with_rotation(Quat::from_rotation_x(FRAC_PI_2)),
-            );
+            g.part(Transform::from_xyz(0.0, y, 0.0).with_rotation(flat), |part| {
+                part.torus(0.215, 0.016, segments(28, detail), 8);
+            });
         }
         for i in 0..20 {
-            let out = turned(18.0 * i as f32) * Vec3::new(0.0, 0.0, 0.215);
+            let out = turned(18.0 * i as f32) * vec3(0.0, 0.0, 0.215);
             rod(g, 6, 0.009, [out.x, 0.05, out.z], [out.x, 0.85, out.z]);
         }
     });
     for (x, z) in [(-10.3, -4.4), (-22.6, 4.5), (13.6, -4.4), (18.4, 4.5), (-33.5, -4.5)] {
         scene.place(&bin, &m.iron, Transform::from_xyz(x, PAVEMENT, z));
     }
-    // A big waste container in the side street.
+}
+
+/// Big waste containers in the side street.
+fn containers(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
+    let edges = bevel(detail);
     let body = scene.shape(|g| {
         block(g, edges + 1, [0.0, 0.62, 0.0], [1.2, 0.9, 0.75]);
-        g.rounded_box(
-            Vec3::new(0.0, 1.12, 0.02),
-            Vec3::new(1.26, 0.14, 0.82),
-            0.06,
-            edges + 1,
-            1.0,
-        );
+        g.rounded_box(vec3(0.0, 1.12, 0.02), vec3(1.26, 0.14, 0.82), 0.06, edges + 1, 1.0);
         for x in [-0.5, -0.25, 0.0, 0.25, 0.5] {
             block(g, edges, [x, 0.62, 0.385], [0.05, 0.8, 0.03]);
         }
     });
     let wheels = scene.shape(|g| {
         for (x, z) in [(-0.5, -0.3), (0.5, -0.3), (-0.5, 0.3), (0.5, 0.3)] {
-            let mut wheel = Geometry::default();
-            wheel.torus(0.07, 0.03, 20, 8);
-            g.append(&wheel, Transform::from_xyz(x, 0.10, z));
+            g.part(Transform::from_xyz(x, 0.10, z), |part| part.torus(0.07, 0.03, 20, 8));
         }
     });
     for (z, color) in [(-25.3, 0), (-26.8, 4)] {
@@ -167,18 +149,15 @@ fn benches_and_bins(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
 /// Traffic signs on their posts.
 fn signs(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let post = scene.shape(|g| {
-        turned_shape(
-            g,
-            segments(12, detail),
-            &[
-                (0.06, 0.0),
-                (0.05, 0.03),
-                (0.03, 0.05),
-                (0.03, 2.95),
-                (0.02, 2.98),
-                (0.0, 2.99),
-            ],
-        );
+        let profile = [
+            (0.06, 0.0),
+            (0.05, 0.03),
+            (0.03, 0.05),
+            (0.03, 2.95),
+            (0.02, 2.98),
+            (0.0, 2.99),
+        ];
+        turned_shape(g, segments(12, detail), &profile);
         for y in [2.35, 2.65] {
             block(g, 1, [0.0, y, 0.035], [0.10, 0.04, 0.02]);
         }
@@ -249,12 +228,12 @@ fn greengrocer(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
                 for j in 0..rows - layer.min(rows - 1) {
                     let x = inset + (2 * i + 1) as f32 * radius - columns as f32 * radius;
                     let z = inset + (2 * j + 1) as f32 * radius - rows as f32 * radius;
-                    let shake = Vec3::new(
+                    let shake = vec3(
                         random.range(-0.006, 0.006),
                         random.range(-0.008, 0.008),
                         random.range(-0.006, 0.006),
                     );
-                    let at = Vec3::new(x, 0.10 + 1.45 * radius * layer as f32, z) + shake;
+                    let at = vec3(x, 0.10 + 1.45 * radius * layer as f32, z) + shake;
                     let roll = Quat::from_rotation_x(random.range(0.0, PI)) * turned(random.range(0.0, 360.0));
                     g.append(&fruit, Transform::from_translation(at).with_rotation(roll));
                 }
@@ -291,7 +270,7 @@ fn greengrocer(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
 /// Lines of pennants from house to house.
 fn pennants(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let span = SOUTH - NORTH;
-    let hang = |t: f32| Vec3::new(0.0, -4.0 * t * (1.0 - t), NORTH + span * t);
+    let hang = |t: f32| vec3(0.0, -4.0 * t * (1.0 - t), NORTH + span * t);
     let line = scene.shape(|g| {
         let points: Vec<Vec3> = (0..=6).map(|i| hang(i as f32 / 6.0)).collect();
         g.tube(&curve(&points, 4), 0.006, 5);
@@ -302,11 +281,11 @@ fn pennants(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
                 let t = (i as f32 + 1.0) / 35.0;
                 let (top, next) = (hang(t - 0.010), hang(t + 0.010));
                 let flutter = 0.4 * ops::sin(2.7 * i as f32);
-                g.surface(segments(4, detail), segments(4, detail), Vec2::new(0.3, 0.4), |u, v| {
+                g.surface(segments(4, detail), segments(4, detail), vec2(0.3, 0.4), |u, v| {
                     let narrow = 1.0 - v;
                     let edge = top.lerp(next, 0.5 + (u - 0.5) * narrow);
                     let swing = flutter * v * v * 0.3 + 0.02 * ops::sin(8.0 * v + 5.0 * u);
-                    edge + Vec3::new(swing, -0.36 * v, 0.0)
+                    edge + vec3(swing, -0.36 * v, 0.0)
                 });
             }
         })

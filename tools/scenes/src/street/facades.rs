@@ -16,7 +16,7 @@ use crate::{
     random::Random,
 };
 use bevy::{
-    math::{Quat, Vec3},
+    math::{Quat, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::FRAC_PI_2;
@@ -188,7 +188,7 @@ fn walls(scene: &mut SceneBuilder, m: &Materials, house: &House) {
             return;
         }
         let back = -plot.depth;
-        let p = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
+        let p = |x: f32, y: f32, z: f32| vec3(x, y, z);
         // Between neighbours the walls keep a gap, so that no two faces share a plane.
         let (left, right) = (0.02, width - 0.02);
         let ridge = p(0.0, height + ridge_height(plot), -3.0);
@@ -255,9 +255,9 @@ fn trim(scene: &mut SceneBuilder, m: &Materials, shared: &Shared, house: &House,
         let run = |g: &mut Geometry, depth: f32, profile: &[(f32, f32)]| {
             let more = |corner: Corner| if plot.corner == corner { depth } else { 0.0 };
             let (left, right) = (more(Corner::Left), more(Corner::Right));
-            let mut piece = Geometry::default();
-            moulding(&mut piece, width + left + right, profile);
-            g.append(&piece, Transform::from_xyz(0.5 * (width + right - left), 0.0, 0.0));
+            g.part(Transform::from_xyz(0.5 * (width + right - left), 0.0, 0.0), |part| {
+                moulding(part, width + left + right, profile);
+            });
         };
         run(
             g,
@@ -311,7 +311,7 @@ fn trim(scene: &mut SceneBuilder, m: &Materials, shared: &Shared, house: &House,
             [0.2, 0.20],
             [0.1, 0.30],
         ];
-        g.tube(&path.map(|[y, z]| Vec3::new(x, y, z)), 0.045, sides);
+        g.tube(&path.map(|[y, z]| vec3(x, y, z)), 0.045, sides);
         let mut clip = Geometry::default();
         clip.torus(0.05, 0.009, sides, 5);
         let flat = Quat::from_rotation_x(FRAC_PI_2);

@@ -14,7 +14,7 @@ use crate::{
     random::Random,
 };
 use bevy::{
-    math::{Quat, Vec2, Vec3, ops},
+    math::{Quat, Vec2, Vec3, ops, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::TAU;
@@ -43,7 +43,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, sills: &[Transform], detai
 fn in_ball(random: &mut Random) -> Vec3 {
     let (y, angle, radius) = (random.range(-1.0, 1.0), random.range(0.0, TAU), random.unit());
     let ring = (1.0 - y * y).max(0.0).sqrt();
-    Vec3::new(ring * ops::cos(angle), y, ring * ops::sin(angle)) * ops::powf(radius, 0.4)
+    vec3(ring * ops::cos(angle), y, ring * ops::sin(angle)) * ops::powf(radius, 0.4)
 }
 
 /// Folded cards in a ball around the origin that point outwards and hang a little.
@@ -51,7 +51,7 @@ fn foliage(g: &mut Geometry, count: u32, radius: f32, length: f32, seed: u64) {
     let mut random = Random::new(seed);
     for _ in 0..count.max(8) {
         let at = in_ball(&mut random);
-        let scatter = Vec3::new(
+        let scatter = vec3(
             random.range(-0.8, 0.8),
             random.range(-0.9, 0.3),
             random.range(-0.8, 0.8),
@@ -69,25 +69,39 @@ fn foliage(g: &mut Geometry, count: u32, radius: f32, length: f32, seed: u64) {
     }
 }
 
+/// Lines of the boughs, from the trunk outwards.
+fn boughs() -> Vec<Vec<Vec3>> {
+    let bough = |i: u32| {
+        let angle = TAU * (i as f32 * 0.618).fract();
+        let out = vec3(ops::cos(angle), 0.0, ops::sin(angle));
+        let (reach, rise) = (1.0 + 0.12 * (i % 3) as f32, 1.5 + 0.28 * (i % 4) as f32);
+        let foot = Vec3::Y * (2.5 + 0.14 * i as f32);
+        let middle = foot + out * (0.45 * reach) + Vec3::Y * (0.65 * rise);
+        curve(&[foot, middle, foot + out * reach + Vec3::Y * rise], 5)
+    };
+    (0..7).map(bough).collect()
+}
+
+/// The bars around the foot of a tree.
+fn grating(g: &mut Geometry) {
+    for i in 0..13 {
+        let z = -0.6 + 0.1 * i as f32;
+        let inner = (0.3f32 * 0.3 - z * z).max(0.0).sqrt();
+        if inner < 0.02 {
+            block(g, 1, [0.0, 0.004, z], [1.3, 0.02, 0.06]);
+        } else {
+            for side in [-1.0, 1.0] {
+                let middle = [side * 0.5 * (0.65 + inner), 0.004, z];
+                block(g, 1, middle, [0.65 - inner, 0.02, 0.06]);
+            }
+        }
+    }
+}
+
 /// Plane trees: a trunk, boughs, and clumps of leaves, in gratings.
 fn trees(scene: &mut SceneBuilder, m: &Materials, clumps: &[SceneMesh; 3], detail: f32) {
     let sides = segments(12, detail);
-    let boughs: Vec<Vec<Vec3>> = (0..7u32)
-        .map(|i| {
-            let angle = TAU * (i as f32 * 0.618).fract();
-            let out = Vec3::new(ops::cos(angle), 0.0, ops::sin(angle));
-            let (reach, rise) = (1.0 + 0.12 * (i % 3) as f32, 1.5 + 0.28 * (i % 4) as f32);
-            let foot = Vec3::Y * (2.5 + 0.14 * i as f32);
-            curve(
-                &[
-                    foot,
-                    foot + out * (0.45 * reach) + Vec3::Y * (0.65 * rise),
-                    foot + out * reach + Vec3::Y * rise,
-                ],
-                5,
-            )
-        })
-        .collect();
+    let boughs = boughs();
     let trunk = scene.shape(|g| {
         let profile = [
             (0.24, -0.02),
@@ -106,24 +120,7 @@ fn trees(scene: &mut SceneBuilder, m: &Materials, clumps: &[SceneMesh; 3], detai
             g.tube(&bough[half..], 0.04, sides);
         }
     });
-    let grating = scene.shape(|g| {
-        for i in 0..13 {
-            let z = -0.6 + 0.1 * i as f32;
-            let inner = (0.3f32 * 0.3 - z * z).max(0.0).sqrt();
-            if inner < 0.02 {
-                block(g, 1, [0.0, 0.004, z], [1.3, 0.02, 0.06]);
-            } else {
-                for side in [-1.0, 1.0] {
-                    block(
-                        g,
-                        1,
-                        [side * 0.5 * (0.65 + inner), 0.004, z],
-                        [0.65 - inner, 0.02, 0.06],
-                    );
-                }
-            }
-        }
-    });
+    let grating = scene.shape(grating);
     let mut random = Random::new(404);
     for (index, (x, z)) in TREES.into_iter().enumerate() {
         let turn = turned(random.range(0.0, 360.0));
@@ -136,21 +133,13 @@ fn trees(scene: &mut SceneBuilder, m: &Materials, clumps: &[SceneMesh; 3], detai
             for (place, size) in [(1.0, 1.1), (0.75, 0.95)] {
                 let point = bough[((bough.len() - 1) as f32 * place) as usize];
                 for _ in 0..2 {
-                    leaf_clump(
-                        scene,
-                        m,
-                        clumps,
-                        at,
-                        point + in_ball(&mut random) * 0.45,
-                        size,
-                        index,
-                        &mut random,
-                    );
+                    let point = point + in_ball(&mut random) * 0.45;
+                    leaf_clump(scene, m, clumps, at, point, size, index, &mut random);
                 }
             }
         }
         for _ in 0..12 {
-            let point = Vec3::Y * 4.7 + in_ball(&mut random) * Vec3::new(1.25, 0.95, 1.25);
+            let point = Vec3::Y * 4.7 + in_ball(&mut random) * vec3(1.25, 0.95, 1.25);
             leaf_clump(scene, m, clumps, at, point, 1.05, index, &mut random);
         }
     }
@@ -265,7 +254,7 @@ fn boxes(scene: &mut SceneBuilder, m: &Materials, sills: &[Transform], detail: f
     let petals = scene.shape(|g| {
         let mut random = Random::new(52);
         for _ in 0..(54.0 * detail) as u32 {
-            let middle = Vec3::new(
+            let middle = vec3(
                 random.range(-0.45, 0.45),
                 random.range(0.2, 0.40),
                 random.range(0.04, 0.32),
@@ -303,7 +292,7 @@ fn creeper(scene: &mut SceneBuilder, m: &Materials) {
         // Turned within the wall's plane and pressed flat against it.
         let place = Transform::from_xyz(x, PAVEMENT + height, NORTH + 0.14)
             .with_rotation(Quat::from_rotation_z(random.range(0.0, TAU)))
-            .with_scale(Vec3::new(1.0, 1.0, 0.45));
+            .with_scale(vec3(1.0, 1.0, 0.45));
         scene.place(&clump, &m.leaves[(i % 2) as usize], place);
     }
 }

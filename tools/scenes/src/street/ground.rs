@@ -12,7 +12,7 @@ use crate::{
     geometry::{Geometry, turned},
 };
 use bevy::{
-    math::{Vec2, Vec3},
+    math::{Vec2, vec2, vec3},
     transform::components::Transform,
 };
 
@@ -38,9 +38,9 @@ fn level(g: &mut Geometry, low: Vec2, high: Vec2, height: f32, degrees: f32, uv_
     let step = (high - low) / pieces;
     for i in 0..pieces.x as u32 {
         for j in 0..pieces.y as u32 {
-            let from = low + step * Vec2::new(i as f32, j as f32);
+            let from = low + step * vec2(i as f32, j as f32);
             let to = from + step;
-            let corner = |x: f32, z: f32| turn * Vec3::new(x, height, z);
+            let corner = |x: f32, z: f32| turn * vec3(x, height, z);
             g.mapped_quad(
                 [
                     corner(from.x, to.y),
@@ -58,7 +58,7 @@ fn level(g: &mut Geometry, low: Vec2, high: Vec2, height: f32, degrees: f32, uv_
 fn lay(scene: &mut SceneBuilder, material: &Material, areas: &[[f32; 4]], height: f32, degrees: f32, uv_scale: f32) {
     let mesh = scene.shape(|g| {
         for &[x0, x1, z0, z1] in areas {
-            level(g, Vec2::new(x0, z0), Vec2::new(x1, z1), height, degrees, uv_scale);
+            level(g, vec2(x0, z0), vec2(x1, z1), height, degrees, uv_scale);
         }
     });
     scene.place(&mesh, material, Transform::from_rotation(turned(degrees)));
@@ -96,8 +96,8 @@ fn kerbs(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let stones = scene.shape(|g| {
         for i in 0..4 {
             let x = i as f32 + 0.5;
-            let middle = Vec3::new(x, PAVEMENT + 0.005 - 0.15, 0.5 * KERB);
-            g.rounded_box(middle, Vec3::new(0.992, 0.3, KERB), 0.03, bevel(detail) + 1, 0.7);
+            let middle = vec3(x, PAVEMENT + 0.005 - 0.15, 0.5 * KERB);
+            g.rounded_box(middle, vec3(0.992, 0.3, KERB), 0.03, bevel(detail) + 1, 0.7);
         }
     });
     let (west, east, side_end) = (WEST + 2.0, EAST - 2.0, SIDE_END + 1.2);
@@ -117,7 +117,7 @@ fn kerbs(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         let start = Transform::from_xyz(x, 0.0, z).with_rotation(turned(degrees));
         for i in 0..runs as u32 {
             let at = start * Transform::from_xyz(i as f32 * run, 0.0, 0.0);
-            scene.place(&stones, &m.granite, at.with_scale(Vec3::new(run / RUN, 1.0, 1.0)));
+            scene.place(&stones, &m.granite, at.with_scale(vec3(run / RUN, 1.0, 1.0)));
         }
     }
 }
@@ -135,7 +135,7 @@ fn gutters(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
                 g.surface(fineness, fineness, Vec2::splat(0.2), |u, v| {
                     let (s, t) = (spread(u), -spread(v));
                     let fall = s.abs().max(t.abs());
-                    Vec3::new(x + 0.046 * s, 0.018 - 0.04 * fall * fall * fall * fall, z + 0.046 * t)
+                    vec3(x + 0.046 * s, 0.018 - 0.04 * fall * fall * fall * fall, z + 0.046 * t)
                 });
             }
         }
@@ -156,22 +156,19 @@ fn gutters(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
 fn covers(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let cover = scene.shape(|g| {
         let ring = segments(36, detail);
-        turned_shape(
-            g,
-            ring,
-            &[
-                (0.38, -0.01),
-                (0.38, 0.006),
-                (0.37, 0.009),
-                (0.33, 0.009),
-                (0.325, 0.004),
-                (0.0, 0.004),
-            ],
-        );
+        let profile = [
+            (0.38, -0.01),
+            (0.38, 0.006),
+            (0.37, 0.009),
+            (0.33, 0.009),
+            (0.325, 0.004),
+            (0.0, 0.004),
+        ];
+        turned_shape(g, ring, &profile);
         for i in 0..7 {
             for j in 0..7 {
                 let (x, z) = (0.08 * (i as f32 - 3.0), 0.08 * (j as f32 - 3.0));
-                if Vec2::new(x, z).length() < 0.29 {
+                if vec2(x, z).length() < 0.29 {
                     block(g, 1, [x, 0.004, z], [0.05, 0.012, 0.05]);
                 }
             }

@@ -10,13 +10,12 @@ use super::{
 };
 use crate::{
     builder::{SceneBuilder, SceneMesh},
-    geometry::{Geometry, turned},
+    geometry::turned,
     props,
 };
 use bevy::{
     color::Color,
-    light::{CascadeShadowConfigBuilder, DirectionalLight, NotShadowCaster, PointLight},
-    math::{Vec2, Vec3},
+    math::{Vec2, Vec3, vec3},
     transform::components::Transform,
 };
 
@@ -40,45 +39,16 @@ const LAMPS: [(f32, f32, bool); 10] = [
 
 /// Lights the street.
 pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
-    scene.add((
-        DirectionalLight {
-            color: Color::srgb(1.0, 0.82, 0.60),
-            illuminance: 20_000.0,
-            shadow_maps_enabled: true,
-            ..Default::default()
-        },
-        CascadeShadowConfigBuilder {
-            num_cascades: 4,
-            first_cascade_far_bound: 9.0,
-            maximum_distance: 110.0,
-            ..Default::default()
-        }
-        .build(),
-        Transform::default().looking_to(-sun(), Vec3::Y),
-    ));
+    scene.sun(sun(), Color::srgb(1.0, 0.82, 0.60), 20_000.0, (4, 9.0, 110.0));
     street_lamps(scene, m, detail);
     wall_lamps(scene, m, detail);
     strings(scene, m, detail);
     // Under the café's awning and at the pharmacy's cross.
     for x in [-6.2, 1.2] {
-        point(scene, WARM, 36_000.0, 7.0, Vec3::new(x, PAVEMENT + 2.5, NORTH + 1.0));
+        scene.lamp(vec3(x, PAVEMENT + 2.5, NORTH + 1.0), WARM, 36_000.0, 7.0, 0.1);
     }
-    let cross = Vec3::new(SIDE_EAST + 2.2, PAVEMENT + 4.4, NORTH + 1.0);
-    point(scene, Color::srgb(0.25, 1.0, 0.45), 30_000.0, 7.0, cross);
-}
-
-fn point(scene: &mut SceneBuilder, color: Color, lumens: f32, range: f32, at: Vec3) {
-    scene.add((
-        PointLight {
-            color,
-            intensity: lumens,
-            range,
-            radius: 0.1,
-            shadow_maps_enabled: false,
-            ..Default::default()
-        },
-        Transform::from_translation(at),
-    ));
+    let cross = vec3(SIDE_EAST + 2.2, PAVEMENT + 4.4, NORTH + 1.0);
+    scene.lamp(cross, Color::srgb(0.25, 1.0, 0.45), 30_000.0, 7.0, 0.1);
 }
 
 /// Cast-iron posts with a lantern on top.
@@ -108,48 +78,37 @@ fn street_lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         // The bar that ladders once leant on.
         rod(g, segments(10, detail), 0.018, [-0.34, 3.62, 0.0], [0.34, 3.62, 0.0]);
         for x in [-0.34, 0.34] {
-            g.sphere(Vec3::new(x, 3.62, 0.0), 0.032, segments(14, detail), Vec2::ONE);
+            g.sphere(vec3(x, 3.62, 0.0), 0.032, segments(14, detail), Vec2::ONE);
         }
         for side in [-1.0, 1.0] {
-            bent(
-                g,
-                8,
-                0.011,
-                5,
-                &[
-                    [side * 0.05, 3.35, 0.0],
-                    [side * 0.20, 3.42, 0.0],
-                    [side * 0.22, 3.55, 0.0],
-                    [side * 0.14, 3.62, 0.0],
-                ],
-            );
+            let path = [
+                [side * 0.05, 3.35, 0.0],
+                [side * 0.20, 3.42, 0.0],
+                [side * 0.22, 3.55, 0.0],
+                [side * 0.14, 3.62, 0.0],
+            ];
+            bent(g, 8, 0.011, 5, &path);
         }
-        let mut head = Geometry::default();
-        props::lantern(&mut head, 0.66, 0.2, segments(18, detail));
-        g.append(&head, Transform::from_xyz(0.0, 4.76, 0.0));
-        turned_shape(
-            g,
-            segments(14, detail),
-            &[
-                (0.0, 4.74),
-                (0.03, 4.76),
-                (0.04, 4.80),
-                (0.02, 4.84),
-                (0.025, 4.88),
-                (0.0, 4.95),
-            ],
-        );
+        g.part(Transform::from_xyz(0.0, 4.76, 0.0), |part| {
+            props::lantern(part, 0.66, 0.2, segments(18, detail));
+        });
+        let profile = [
+            (0.0, 4.74),
+            (0.03, 4.76),
+            (0.04, 4.80),
+            (0.02, 4.84),
+            (0.025, 4.88),
+            (0.0, 4.95),
+        ];
+        turned_shape(g, segments(14, detail), &profile);
     });
-    let bulb = scene.shape(|g| {
-        g.sphere(Vec3::new(0.0, LAMP, 0.0), 0.10, segments(24, detail), Vec2::ONE);
-    });
+    let bulb = scene.shape(|g| g.sphere(vec3(0.0, LAMP, 0.0), 0.10, segments(24, detail), Vec2::ONE));
     for (x, z, shining) in LAMPS {
         let at = Transform::from_xyz(x, PAVEMENT, z);
         scene.place(&post, &m.iron, at);
-        let glass = scene.place(&bulb, &m.lamp, at);
-        scene.world.entity_mut(glass).insert(NotShadowCaster);
+        scene.place_unshadowed(&bulb, &m.lamp, at);
         if shining {
-            point(scene, WARM, 170_000.0, 15.0, Vec3::new(x, PAVEMENT + LAMP, z));
+            scene.lamp(vec3(x, PAVEMENT + LAMP, z), WARM, 170_000.0, 15.0, 0.1);
         }
     }
 }
@@ -158,26 +117,19 @@ fn street_lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
 fn wall_lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let bracket = scene.shape(|g| {
         block(g, bevel(detail), [0.0, 4.1, 0.02], [0.12, 0.42, 0.05]);
-        bent(
-            g,
-            segments(10, detail),
-            0.018,
-            6,
-            &[
-                [0.0, 3.95, 0.04],
-                [0.0, 4.35, 0.16],
-                [0.0, 4.45, 0.42],
-                [0.0, 4.30, 0.55],
-                [0.0, 4.22, 0.55],
-            ],
-        );
-        let mut head = Geometry::default();
-        props::lantern(&mut head, 0.5, 0.15, segments(16, detail));
-        g.append(&head, Transform::from_xyz(0.0, 4.24, 0.55));
+        let path = [
+            [0.0, 3.95, 0.04],
+            [0.0, 4.35, 0.16],
+            [0.0, 4.45, 0.42],
+            [0.0, 4.30, 0.55],
+            [0.0, 4.22, 0.55],
+        ];
+        bent(g, segments(10, detail), 0.018, 6, &path);
+        g.part(Transform::from_xyz(0.0, 4.24, 0.55), |part| {
+            props::lantern(part, 0.5, 0.15, segments(16, detail));
+        });
     });
-    let bulb = scene.shape(|g| {
-        g.sphere(Vec3::new(0.0, 3.98, 0.55), 0.075, segments(20, detail), Vec2::ONE);
-    });
+    let bulb = scene.shape(|g| g.sphere(vec3(0.0, 3.98, 0.55), 0.075, segments(20, detail), Vec2::ONE));
     for (x, z, degrees) in [
         (SIDE_WEST, -18.4, 90.0),
         (SIDE_EAST, -31.0, -90.0),
@@ -185,25 +137,24 @@ fn wall_lamps(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     ] {
         let at = Transform::from_xyz(x, PAVEMENT, z).with_rotation(turned(degrees));
         scene.place(&bracket, &m.iron, at);
-        let glass = scene.place(&bulb, &m.lamp, at);
-        scene.world.entity_mut(glass).insert(NotShadowCaster);
+        scene.place_unshadowed(&bulb, &m.lamp, at);
     }
-    point(
-        scene,
+    scene.lamp(
+        vec3(SIDE_WEST + 0.55, PAVEMENT + 3.98, -18.4),
         WARM,
         90_000.0,
         12.0,
-        Vec3::new(SIDE_WEST + 0.55, PAVEMENT + 3.98, -18.4),
+        0.1,
     );
 }
 
 /// Bulbs on lines over the street and along the café's awning.
 fn strings(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let span = SOUTH - NORTH;
-    let over = |t: f32| Vec3::new(0.0, -3.2 * t * (1.0 - t), NORTH + span * t);
+    let over = |t: f32| vec3(0.0, -3.2 * t * (1.0 - t), NORTH + span * t);
     let swag = |t: f32| {
         let part = (3.0 * t).fract();
-        Vec3::new(2.6 * (t - 0.5), -0.5 * part * (1.0 - part), 0.0)
+        vec3(2.6 * (t - 0.5), -0.5 * part * (1.0 - part), 0.0)
     };
     let over = hung(scene, detail, 26, &over);
     let swag = hung(scene, detail, 9, &swag);
@@ -248,6 +199,5 @@ fn hung(scene: &mut SceneBuilder, detail: f32, count: u32, line: &dyn Fn(f32) ->
 
 fn hang(scene: &mut SceneBuilder, m: &Materials, lights: &Lights, at: Transform, tint: usize) {
     scene.place(&lights[0], &m.iron, at);
-    let bulbs = scene.place(&lights[1], &m.bulbs[tint], at);
-    scene.world.entity_mut(bulbs).insert(NotShadowCaster);
+    scene.place_unshadowed(&lights[1], &m.bulbs[tint], at);
 }

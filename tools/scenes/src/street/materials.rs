@@ -1,11 +1,15 @@
 //! What the street is made of: few textures, many dyes.
 
 use super::surfaces;
-use crate::{builder::SceneBuilder, patterns, props};
+use crate::{
+    builder::SceneBuilder,
+    materials::{both_sides, dielectric, dyed, gloss, metal},
+    patterns, props,
+};
 use bevy::{
     asset::Handle,
     color::{Color, LinearRgba},
-    math::Vec3,
+    math::{Vec3, vec3},
     pbr::StandardMaterial,
 };
 
@@ -29,9 +33,9 @@ pub struct Materials {
     /// Cut stone around openings, on cornices: light and grey.
     pub trims: [Material; 2],
     /// Painted wood of windows, doors and shops.
-    pub woodwork: Vec<Material>,
+    pub woodwork: [Material; 6],
     /// Painted wood of shutters.
-    pub shutters: Vec<Material>,
+    pub shutters: [Material; 4],
     /// Dark windows.
     pub panes: [Material; 2],
     /// Lit windows.
@@ -41,13 +45,13 @@ pub struct Materials {
     /// Lit shop windows.
     pub lit_shop_panes: [Material; 3],
     /// Boards with a word over shops.
-    pub boards: Vec<Material>,
+    pub boards: [Material; 3],
     /// The board of the café.
     pub menu: Material,
     /// Awning cloth, seen from both sides.
-    pub awnings: Vec<Material>,
+    pub awnings: [Material; 3],
     /// Parasols and pennants, seen from both sides.
-    pub cloths: Vec<Material>,
+    pub cloths: [Material; 4],
     /// Clay roof tiles.
     pub tiles: [Material; 2],
     /// Slates.
@@ -71,15 +75,15 @@ pub struct Materials {
     /// Trunks.
     pub bark: Material,
     /// Leaves, seen from both sides and cut out.
-    pub leaves: Vec<Material>,
+    pub leaves: [Material; 3],
     /// Petals, seen from both sides.
-    pub petals: Vec<Material>,
+    pub petals: [Material; 3],
     /// Earth in planters.
     pub soil: Material,
     /// Car bodies.
-    pub cars: Vec<Material>,
+    pub cars: [Material; 4],
     /// Plain glossy paint of scooters, bicycles and posts.
-    pub enamels: Vec<Material>,
+    pub enamels: [Material; 5],
     /// Windows of cars.
     pub car_glass: Material,
     /// Tyres.
@@ -112,21 +116,6 @@ pub struct Materials {
     pub signs: [Material; 3],
 }
 
-fn gloss(color: Color, perceptual_roughness: f32) -> StandardMaterial {
-    StandardMaterial {
-        base_color: color,
-        perceptual_roughness,
-        ..Default::default()
-    }
-}
-
-fn metal(color: Color, perceptual_roughness: f32) -> StandardMaterial {
-    StandardMaterial {
-        metallic: 1.0,
-        ..gloss(color, perceptual_roughness)
-    }
-}
-
 fn glow(red: f32, green: f32, blue: f32) -> StandardMaterial {
     StandardMaterial {
         emissive: LinearRgba::rgb(red, green, blue),
@@ -135,28 +124,25 @@ fn glow(red: f32, green: f32, blue: f32) -> StandardMaterial {
     }
 }
 
+/// A material in another colour and of another roughness.
+fn polished(base: &StandardMaterial, color: Color, perceptual_roughness: f32) -> StandardMaterial {
+    StandardMaterial {
+        perceptual_roughness,
+        ..dyed(base, color)
+    }
+}
+
+/// Cloth or petals, seen from both sides.
+fn cloth_of(material: StandardMaterial) -> StandardMaterial {
+    both_sides(dielectric(material))
+}
+
 /// A pane before a picture that shines with a colour.
 fn picture(pane: &StandardMaterial, picture: &StandardMaterial, emissive: LinearRgba) -> StandardMaterial {
     StandardMaterial {
         emissive,
         emissive_texture: picture.base_color_texture.clone(),
         ..pane.clone()
-    }
-}
-
-fn dyed(base: &StandardMaterial, color: Color) -> StandardMaterial {
-    StandardMaterial {
-        base_color: color,
-        ..base.clone()
-    }
-}
-
-fn both_sides(material: StandardMaterial) -> StandardMaterial {
-    StandardMaterial {
-        double_sided: true,
-        cull_mode: None,
-        metallic: 0.0,
-        ..material
     }
 }
 
@@ -214,132 +200,156 @@ const LEAVES: [Color; 3] = [
 ];
 /// Words over shops and the paint behind them.
 const WORDS: [(&[u8], Vec3); 3] = [
-    (b"BOULANGERIE", Vec3::new(0.09, 0.20, 0.17)),
-    (b"LIBRAIRIE", Vec3::new(0.24, 0.06, 0.07)),
-    (b"TABAC", Vec3::new(0.07, 0.09, 0.16)),
+    (b"BOULANGERIE", vec3(0.09, 0.20, 0.17)),
+    (b"LIBRAIRIE", vec3(0.24, 0.06, 0.07)),
+    (b"TABAC", vec3(0.07, 0.09, 0.16)),
 ];
+
+/// Textured materials before they are dyed.
+struct Bases {
+    asphalt: StandardMaterial,
+    setts: StandardMaterial,
+    slabs: StandardMaterial,
+    plaster: StandardMaterial,
+    brick: StandardMaterial,
+    blocks: StandardMaterial,
+    limestone: StandardMaterial,
+    cloth: StandardMaterial,
+    worn: StandardMaterial,
+    wood: StandardMaterial,
+    bark: StandardMaterial,
+    flakes: StandardMaterial,
+    spray: StandardMaterial,
+    red_stripes: StandardMaterial,
+    green_stripes: StandardMaterial,
+    room: StandardMaterial,
+    shelves: StandardMaterial,
+    glass: StandardMaterial,
+}
+
+impl Bases {
+    fn bake(scene: &mut SceneBuilder, size: u32) -> Self {
+        let half = (size / 2).max(4);
+        Self {
+            asphalt: scene.textures((2 * size).min(2048), surfaces::asphalt).material(),
+            setts: scene.textures(size, surfaces::setts).material(),
+            slabs: scene.textures(size, surfaces::slabs).material(),
+            plaster: scene.textures(size, patterns::plaster).material(),
+            brick: scene.textures(size, patterns::brick).material(),
+            blocks: scene.textures(size, patterns::stone_blocks).material(),
+            limestone: scene.textures(size, patterns::limestone).material(),
+            cloth: scene.textures(size, patterns::cloth).material(),
+            worn: scene.textures(half, patterns::worn_metal).material(),
+            wood: scene.textures(half, surfaces::wood).material(),
+            bark: scene.textures(half, surfaces::bark).material(),
+            flakes: scene.textures(half, surfaces::flakes).material(),
+            spray: scene.textures(half, surfaces::spray).material(),
+            red_stripes: scene
+                .textures(half, |uv| surfaces::stripes(uv, vec3(0.62, 0.10, 0.09)))
+                .material(),
+            green_stripes: scene
+                .textures(half, |uv| surfaces::stripes(uv, vec3(0.10, 0.34, 0.24)))
+                .material(),
+            room: scene.textures(half, surfaces::room).material(),
+            shelves: scene.textures(half, surfaces::shelves).material(),
+            glass: StandardMaterial {
+                reflectance: 0.6,
+                ..dielectric(dyed(
+                    &scene.textures(half, surfaces::glass).material(),
+                    Color::srgb(0.10, 0.12, 0.13),
+                ))
+            },
+        }
+    }
+}
+
+/// A board with a word.
+fn board(scene: &mut SceneBuilder, size: u32, word: &[u8], paint: Vec3) -> StandardMaterial {
+    let half = (size / 2).max(4);
+    let board = scene.textures(half, |uv| surfaces::lettering(uv, word, paint));
+    board.material()
+}
 
 impl Materials {
     /// Bakes the textures, `size` texels wide, and makes the materials.
     pub fn new(scene: &mut SceneBuilder, size: u32) -> Self {
-        let half = (size / 2).max(4);
-        let asphalt = scene.textures((2 * size).min(2048), surfaces::asphalt).material();
-        let setts = scene.textures(size, surfaces::setts).material();
-        let slabs = scene.textures(size, surfaces::slabs).material();
-        let plaster = scene.textures(size, patterns::plaster).material();
-        let brick = scene.textures(size, patterns::brick).material();
-        let blocks = scene.textures(size, patterns::stone_blocks).material();
-        let limestone = scene.textures(size, patterns::limestone).material();
-        let cloth = scene.textures(size, patterns::cloth).material();
-        let worn = scene.textures(half, patterns::worn_metal).material();
-        let wood = scene.textures(half, surfaces::wood).material();
-        let bark = scene.textures(half, surfaces::bark).material();
-        let flakes = scene.textures(half, surfaces::flakes).material();
-        let spray = scene.textures(half, surfaces::spray).material();
-        let red_stripes = scene.textures(half, |uv| surfaces::stripes(uv, Vec3::new(0.62, 0.10, 0.09)));
-        let green_stripes = scene.textures(half, |uv| surfaces::stripes(uv, Vec3::new(0.10, 0.34, 0.24)));
-        let room = scene.textures(half, surfaces::room).material();
-        let shelves = scene.textures(half, surfaces::shelves).material();
-        let glass = scene.textures(half, surfaces::glass).material();
-        let glass = StandardMaterial {
-            metallic: 0.0,
-            reflectance: 0.6,
-            ..dyed(&glass, Color::srgb(0.10, 0.12, 0.13))
-        };
+        let base = Bases::bake(scene, size);
         let boards = WORDS.map(|(word, paint)| {
-            let board = scene
-                .textures(half, |uv| surfaces::lettering(uv, word, paint))
-                .material();
+            let board = board(scene, size, word, paint);
             scene.material(board)
         });
-        let menu = scene
-            .textures(half, |uv| surfaces::lettering(uv, b"MENU", Vec3::splat(0.06)))
-            .material();
-        let walls = PLASTERS.map(|color| dyed(&plaster, color)).into_iter();
-        let walls = walls.chain(BRICKS.map(|color| dyed(&brick, color)));
-        let walls = walls.chain(STONES.map(|color| dyed(&blocks, color)));
-        let walls = walls.map(|wall| scene.material(wall)).collect();
-        let trims = [Color::srgb(1.0, 0.98, 0.94), Color::srgb(0.74, 0.75, 0.76)];
-        let clay = [Color::srgb(0.80, 0.42, 0.28), Color::srgb(0.62, 0.36, 0.27)];
+        let menu = board(scene, size, b"MENU", Vec3::splat(0.06));
+        // Nothing but finished materials from here on.
+        let mut add = |material| scene.material(material);
+        let srgb = Color::srgb;
+        let walls = PLASTERS.map(|color| dyed(&base.plaster, color)).into_iter();
+        let walls = walls.chain(BRICKS.map(|color| dyed(&base.brick, color)));
+        let walls = walls.chain(STONES.map(|color| dyed(&base.blocks, color)));
+        let walls = walls.map(&mut add).collect();
+        let trims = [srgb(1.0, 0.98, 0.94), srgb(0.74, 0.75, 0.76)];
+        let clay = [srgb(0.80, 0.42, 0.28), srgb(0.62, 0.36, 0.27)];
         Self {
-            asphalt: scene.material(asphalt),
-            setts: scene.material(setts),
-            slabs: scene.material(slabs),
-            granite: scene.material(StandardMaterial {
-                perceptual_roughness: 0.62,
-                ..dyed(&limestone, Color::srgb(0.62, 0.63, 0.66))
-            }),
-            marking: scene.material(gloss(Color::srgb(0.74, 0.74, 0.71), 0.24)),
+            asphalt: add(base.asphalt),
+            setts: add(base.setts),
+            slabs: add(base.slabs),
+            granite: add(polished(&base.limestone, srgb(0.62, 0.63, 0.66), 0.62)),
+            marking: add(gloss(srgb(0.74, 0.74, 0.71), 0.24)),
             walls,
-            trims: trims.map(|color| scene.material(dyed(&limestone, color))),
-            woodwork: PAINTS.map(|color| scene.material(dyed(&wood, color))).to_vec(),
-            shutters: SHUTTERS.map(|color| scene.material(dyed(&wood, color))).to_vec(),
-            panes: [Color::srgb(0.10, 0.12, 0.13), Color::srgb(0.16, 0.17, 0.18)]
-                .map(|color| scene.material(dyed(&glass, color))),
+            trims: trims.map(|color| add(dyed(&base.limestone, color))),
+            woodwork: PAINTS.map(|color| add(dyed(&base.wood, color))),
+            shutters: SHUTTERS.map(|color| add(dyed(&base.wood, color))),
+            panes: [srgb(0.10, 0.12, 0.13), srgb(0.16, 0.17, 0.18)].map(|color| add(dyed(&base.glass, color))),
             lit_panes: [(2.3, 1.5, 0.75), (1.5, 1.1, 0.72), (0.8, 0.52, 0.30)]
-                .map(|(r, g, b)| scene.material(picture(&glass, &room, LinearRgba::rgb(r, g, b)))),
-            shop_pane: scene.material(dyed(&glass, Color::srgb(0.07, 0.08, 0.08))),
+                .map(|(r, g, b)| add(picture(&base.glass, &base.room, LinearRgba::rgb(r, g, b)))),
+            shop_pane: add(dyed(&base.glass, srgb(0.07, 0.08, 0.08))),
             lit_shop_panes: [(2.2, 1.6, 0.95), (1.7, 1.55, 1.3), (2.4, 1.35, 0.6)]
-                .map(|(r, g, b)| scene.material(picture(&glass, &shelves, LinearRgba::rgb(r, g, b)))),
-            boards: boards.to_vec(),
-            menu: scene.material(menu),
-            awnings: vec![
-                scene.material(both_sides(red_stripes.material())),
-                scene.material(both_sides(green_stripes.material())),
-                scene.material(both_sides(dyed(&cloth, Color::srgb(0.12, 0.17, 0.32)))),
-            ],
-            cloths: CLOTHS
-                .map(|color| scene.material(both_sides(dyed(&cloth, color))))
-                .to_vec(),
-            tiles: clay.map(|color| {
-                scene.material(StandardMaterial {
-                    perceptual_roughness: 0.7,
-                    ..dyed(&limestone, color)
-                })
-            }),
-            slate: scene.material(StandardMaterial {
-                perceptual_roughness: 0.45,
-                ..dyed(&limestone, Color::srgb(0.29, 0.32, 0.37))
-            }),
-            zinc: scene.material(dyed(&worn, Color::srgb(0.62, 0.65, 0.68))),
-            brick: scene.material(dyed(&brick, Color::srgb(0.86, 0.80, 0.76))),
-            terracotta: scene.material(gloss(Color::srgb(0.60, 0.32, 0.21), 0.66)),
-            iron: scene.material(gloss(Color::srgb(0.07, 0.08, 0.08), 0.34)),
-            cast_iron: scene.material(dyed(&worn, Color::srgb(0.34, 0.33, 0.32))),
-            chrome: scene.material(metal(Color::srgb(0.93, 0.93, 0.94), 0.06)),
-            steel: scene.material(metal(Color::srgb(0.72, 0.73, 0.75), 0.24)),
-            brass: scene.material(metal(Color::srgb(0.92, 0.75, 0.42), 0.18)),
-            bark: scene.material(bark),
-            leaves: LEAVES
-                .map(|color| scene.material(props::leaf_material(dyed(&spray, color))))
-                .to_vec(),
-            petals: PETALS
-                .map(|color| scene.material(both_sides(gloss(color, 0.55))))
-                .to_vec(),
-            soil: scene.material(gloss(Color::srgb(0.15, 0.11, 0.08), 0.85)),
-            cars: CARS.map(|color| scene.material(dyed(&flakes, color))).to_vec(),
-            enamels: ENAMELS.map(|color| scene.material(gloss(color, 0.10))).to_vec(),
-            car_glass: scene.material(gloss(Color::srgb(0.04, 0.05, 0.05), 0.02)),
-            rubber: scene.material(gloss(Color::srgb(0.06, 0.06, 0.06), 0.62)),
-            leather: scene.material(gloss(Color::srgb(0.28, 0.16, 0.10), 0.36)),
-            red_glass: scene.material(StandardMaterial {
+                .map(|(r, g, b)| add(picture(&base.glass, &base.shelves, LinearRgba::rgb(r, g, b)))),
+            boards,
+            menu: add(menu),
+            awnings: [
+                base.red_stripes,
+                base.green_stripes,
+                dyed(&base.cloth, srgb(0.12, 0.17, 0.32)),
+            ]
+            .map(|cloth| add(cloth_of(cloth))),
+            cloths: CLOTHS.map(|color| add(cloth_of(dyed(&base.cloth, color)))),
+            tiles: clay.map(|color| add(polished(&base.limestone, color, 0.7))),
+            slate: add(polished(&base.limestone, srgb(0.29, 0.32, 0.37), 0.45)),
+            zinc: add(dyed(&base.worn, srgb(0.62, 0.65, 0.68))),
+            brick: add(dyed(&base.brick, srgb(0.86, 0.80, 0.76))),
+            terracotta: add(gloss(srgb(0.60, 0.32, 0.21), 0.66)),
+            iron: add(gloss(srgb(0.07, 0.08, 0.08), 0.34)),
+            cast_iron: add(dyed(&base.worn, srgb(0.34, 0.33, 0.32))),
+            chrome: add(metal(srgb(0.93, 0.93, 0.94), 0.06)),
+            steel: add(metal(srgb(0.72, 0.73, 0.75), 0.24)),
+            brass: add(metal(srgb(0.92, 0.75, 0.42), 0.18)),
+            bark: add(base.bark),
+            leaves: LEAVES.map(|color| add(props::leaf_material(dyed(&base.spray, color)))),
+            petals: PETALS.map(|color| add(cloth_of(gloss(color, 0.55)))),
+            soil: add(gloss(srgb(0.15, 0.11, 0.08), 0.85)),
+            cars: CARS.map(|color| add(dyed(&base.flakes, color))),
+            enamels: ENAMELS.map(|color| add(gloss(color, 0.10))),
+            car_glass: add(gloss(srgb(0.04, 0.05, 0.05), 0.02)),
+            rubber: add(gloss(srgb(0.06, 0.06, 0.06), 0.62)),
+            leather: add(gloss(srgb(0.28, 0.16, 0.10), 0.36)),
+            red_glass: add(StandardMaterial {
                 emissive: LinearRgba::rgb(0.5, 0.02, 0.01),
-                ..gloss(Color::srgb(0.45, 0.02, 0.02), 0.05)
+                ..gloss(srgb(0.45, 0.02, 0.02), 0.05)
             }),
-            marble: scene.material(gloss(Color::srgb(0.80, 0.78, 0.74), 0.09)),
-            wicker: scene.material(dyed(&cloth, Color::srgb(0.78, 0.58, 0.34))),
-            oak: scene.material(dyed(&wood, Color::srgb(0.50, 0.31, 0.17))),
-            porcelain: scene.material(gloss(Color::srgb(0.90, 0.89, 0.86), 0.07)),
+            marble: add(gloss(srgb(0.80, 0.78, 0.74), 0.09)),
+            wicker: add(dyed(&base.cloth, srgb(0.78, 0.58, 0.34))),
+            oak: add(dyed(&base.wood, srgb(0.50, 0.31, 0.17))),
+            porcelain: add(gloss(srgb(0.90, 0.89, 0.86), 0.07)),
             bottles: [(0.03, 0.13, 0.06), (0.20, 0.08, 0.02), (0.10, 0.02, 0.04)]
-                .map(|(r, g, b)| scene.material(gloss(Color::srgb(r, g, b), 0.03))),
-            clear_glass: scene.material(gloss(Color::srgb(0.46, 0.50, 0.51), 0.02)),
+                .map(|(r, g, b)| add(gloss(srgb(r, g, b), 0.03))),
+            clear_glass: add(gloss(srgb(0.46, 0.50, 0.51), 0.02)),
             fruits: [(0.74, 0.10, 0.08), (0.92, 0.48, 0.06), (0.52, 0.68, 0.16)]
-                .map(|(r, g, b)| scene.material(gloss(Color::srgb(r, g, b), 0.30))),
-            bulbs: [glow(8.5, 5.2, 2.2), glow(6.5, 2.6, 1.0)].map(|bulb| scene.material(bulb)),
-            lamp: scene.material(glow(8.0, 5.6, 3.0)),
-            neons: [glow(7.5, 0.7, 0.45), glow(0.5, 6.0, 1.4), glow(0.5, 1.6, 7.5)].map(|neon| scene.material(neon)),
+                .map(|(r, g, b)| add(gloss(srgb(r, g, b), 0.30))),
+            bulbs: [glow(8.5, 5.2, 2.2), glow(6.5, 2.6, 1.0)].map(&mut add),
+            lamp: add(glow(8.0, 5.6, 3.0)),
+            neons: [glow(7.5, 0.7, 0.45), glow(0.5, 6.0, 1.4), glow(0.5, 1.6, 7.5)].map(&mut add),
             signs: [(0.03, 0.16, 0.48), (0.88, 0.88, 0.87), (0.70, 0.04, 0.05)]
-                .map(|(r, g, b)| scene.material(gloss(Color::srgb(r, g, b), 0.22))),
+                .map(|(r, g, b)| add(gloss(srgb(r, g, b), 0.22))),
         }
     }
 }

@@ -21,18 +21,16 @@ mod surfaces;
 mod tableware;
 mod vehicles;
 
+use crate::geometry::segments;
 use crate::{
     builder::SceneBuilder,
     camera_path::CameraPath,
-    environment::{Environment, sky},
-    scene_name::SceneOptions,
+    environment::{Environment, SceneOptions},
     sky::{Sky, sun_direction},
 };
 use bevy::{
-    camera::Exposure,
-    core_pipeline::tonemapping::Tonemapping,
     ecs::{entity::Entity, world::World},
-    math::Vec3,
+    math::{Vec3, vec3},
 };
 use materials::Materials;
 
@@ -69,11 +67,6 @@ fn sun() -> Vec3 {
     sun_direction(68.0, 27.0)
 }
 
-/// Turns a count of segments at detail one into the count at `detail`.
-fn segments(base: u32, detail: f32) -> u32 {
-    ((base as f32 * detail).round() as u32).max(3)
-}
-
 /// Segments across the rounding of an edge at `detail`.
 fn bevel(detail: f32) -> u32 {
     ((detail + 0.5) as u32).clamp(1, 4)
@@ -81,13 +74,7 @@ fn bevel(detail: f32) -> u32 {
 
 /// A late afternoon.
 pub fn environment(world: &mut World) -> Environment {
-    let (light, skybox) = sky(world, Sky::Evening { sun: sun() }, 1_000.0);
-    Environment {
-        light: Some(light),
-        skybox: Some(skybox),
-        exposure: Exposure { ev100: 10.0 },
-        tonemapping: Tonemapping::TonyMcMapface,
-    }
+    Environment::under(world, Sky::Evening { sun: sun() }, 1_000.0, 10.0)
 }
 
 /// Spawns the street; returns its root.
@@ -109,14 +96,14 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
 
 /// Eye and target along the way: the middle of the wet roadway past the café to the crossing, where the camera rises.
 const WALK: &[(Vec3, Vec3)] = &[
-    (Vec3::new(-27.0, 1.6, 0.8), Vec3::new(-9.0, 1.2, -2.2)),
-    (Vec3::new(-22.0, 1.6, 0.3), Vec3::new(-5.0, 1.1, -3.4)),
-    (Vec3::new(-16.8, 1.6, -0.7), Vec3::new(-3.2, 1.0, -5.4)),
-    (Vec3::new(-11.6, 1.6, -1.7), Vec3::new(-1.5, 1.0, -6.4)),
-    (Vec3::new(-6.4, 1.6, -1.9), Vec3::new(2.6, 1.3, -6.6)),
-    (Vec3::new(-1.2, 1.6, -1.0), Vec3::new(9.5, 1.7, -6.5)),
-    (Vec3::new(3.6, 2.3, 0.4), Vec3::new(14.5, 2.2, -3.5)),
-    (Vec3::new(7.6, 3.6, 1.2), Vec3::new(20.0, 1.4, -1.2)),
+    (vec3(-27.0, 1.6, 0.8), vec3(-9.0, 1.2, -2.2)),
+    (vec3(-22.0, 1.6, 0.3), vec3(-5.0, 1.1, -3.4)),
+    (vec3(-16.8, 1.6, -0.7), vec3(-3.2, 1.0, -5.4)),
+    (vec3(-11.6, 1.6, -1.7), vec3(-1.5, 1.0, -6.4)),
+    (vec3(-6.4, 1.6, -1.9), vec3(2.6, 1.3, -6.6)),
+    (vec3(-1.2, 1.6, -1.0), vec3(9.5, 1.7, -6.5)),
+    (vec3(3.6, 2.3, 0.4), vec3(14.5, 2.2, -3.5)),
+    (vec3(7.6, 3.6, 1.2), vec3(20.0, 1.4, -1.2)),
 ];
 
 /// A slow walk along the street.

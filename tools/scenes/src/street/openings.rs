@@ -13,7 +13,7 @@ use crate::{
     random::Random,
 };
 use bevy::{
-    math::{Quat, Vec2, Vec3},
+    math::{Quat, Vec2, Vec3, vec2, vec3},
     transform::components::Transform,
 };
 
@@ -62,9 +62,9 @@ impl Openings {
         let door = [
             scene.shape(|g| surround(g, DOOR, false, bevel(detail))),
             scene.shape(|g| door(g, bevel(detail))),
-            scene.shape(|g| front(g, [-0.56, 2.45], [0.56, 2.83], -0.16, Vec2::new(0.8, 0.3))),
+            scene.shape(|g| front(g, [-0.56, 2.45], [0.56, 2.83], -0.16, vec2(0.8, 0.3))),
             scene.shape(|g| {
-                g.sphere(Vec3::new(0.47, 1.05, -0.06), 0.035, segments(16, detail), Vec2::ONE);
+                g.sphere(vec3(0.47, 1.05, -0.06), 0.035, segments(16, detail), Vec2::ONE);
                 block(g, bevel(detail), [0.0, 1.15, -0.085], [0.26, 0.06, 0.02]);
             }),
         ];
@@ -136,7 +136,7 @@ fn surround(g: &mut Geometry, [w, h]: [f32; 2], sill: bool, edges: u32) {
             [0.14, h + 0.02, 0.06],
         );
         if sill {
-            g.cuboid(Vec3::new(side * 0.42 * w, -0.17, 0.05), Vec3::new(0.1, 0.14, 0.11), 1.0);
+            g.cuboid(vec3(side * 0.42 * w, -0.17, 0.05), vec3(0.1, 0.14, 0.11), 1.0);
         }
     }
     block(g, edges, [0.0, h + 0.095, 0.025], [w + 0.34, 0.16, 0.07]);
@@ -171,14 +171,14 @@ fn frame(g: &mut Geometry, [w, h]: [f32; 2], bars: u32, edges: u32) {
             block(g, edges, [x, 0.5 * h, -0.145], [0.044, tall, 0.05]);
         }
         for y in [0.0825, h - 0.0825] {
-            g.cuboid(Vec3::new(middle, y, -0.145), Vec3::new(wide - 0.09, 0.045, 0.046), 1.0);
+            g.cuboid(vec3(middle, y, -0.145), vec3(wide - 0.09, 0.045, 0.046), 1.0);
         }
         for bar in 1..=bars {
             let y = 0.06 + tall * bar as f32 / (bars + 1) as f32;
-            g.cuboid(Vec3::new(middle, y, -0.14), Vec3::new(wide - 0.09, 0.024, 0.03), 1.0);
+            g.cuboid(vec3(middle, y, -0.14), vec3(wide - 0.09, 0.024, 0.03), 1.0);
         }
     }
-    g.sphere(Vec3::new(0.03, 0.45 * h, -0.11), 0.02, 8, Vec2::ONE);
+    g.sphere(vec3(0.03, 0.45 * h, -0.11), 0.02, 8, Vec2::ONE);
 }
 
 /// Panes that each lean a little in their own way, as in old windows.
@@ -190,10 +190,10 @@ fn panes(g: &mut Geometry, [w, h]: [f32; 2], rows: u32, seed: u64) {
             let left = (column as f32 - 1.0) * wide;
             let low = 0.06 + row as f32 * tall;
             let (lean, turn) = (random.range(-0.0035, 0.0035), random.range(-0.0025, 0.0025));
-            let corner = |x: f32, y: f32| Vec3::new(left + x * wide, low + y * tall, -0.15 + lean * y + turn * x);
+            let corner = |x: f32, y: f32| vec3(left + x * wide, low + y * tall, -0.15 + lean * y + turn * x);
             g.quad(
                 [corner(0.0, 0.0), corner(1.0, 0.0), corner(1.0, 1.0), corner(0.0, 1.0)],
-                Vec2::new(wide, tall) * random.range(0.8, 1.2),
+                vec2(wide, tall) * random.range(0.8, 1.2),
             );
         }
     }
@@ -203,7 +203,7 @@ fn panes(g: &mut Geometry, [w, h]: [f32; 2], rows: u32, seed: u64) {
 fn shutters(g: &mut Geometry, [w, h]: [f32; 2], angles: [f32; 2], edges: u32) {
     let wide = 0.5 * w - 0.01;
     let mut slat = Geometry::default();
-    slat.cuboid(Vec3::ZERO, Vec3::new(wide - 0.09, 0.062, 0.008), 1.0);
+    slat.cuboid(Vec3::ZERO, vec3(wide - 0.09, 0.062, 0.008), 1.0);
     let mut leaf = Geometry::default();
     // The hinge is at x = 0 and the leaf, closed, runs to +x with its outside towards +z.
     for x in [0.025, wide - 0.025] {
@@ -218,11 +218,11 @@ fn shutters(g: &mut Geometry, [w, h]: [f32; 2], angles: [f32; 2], edges: u32) {
         let tilt = Transform::from_xyz(0.5 * wide, y, 0.0).with_rotation(Quat::from_rotation_x(-0.6));
         leaf.append(&slat, tilt);
     }
-    let hinge = Vec3::new(-0.5 * w - 0.03, 0.0, 0.085);
+    let hinge = vec3(-0.5 * w - 0.03, 0.0, 0.085);
     let opened = Quat::from_rotation_y(-angles[0].to_radians());
     g.append(&leaf, Transform::from_translation(hinge).with_rotation(opened));
     // The other leaf is the same one, half a turn around.
-    let hinge = Vec3::new(0.5 * w + 0.03, 0.0, 0.085);
+    let hinge = vec3(0.5 * w + 0.03, 0.0, 0.085);
     let opened = Quat::from_rotation_y((180.0 + angles[1]).to_radians());
     g.append(&leaf, Transform::from_translation(hinge).with_rotation(opened));
 }
@@ -256,12 +256,12 @@ fn railing(g: &mut Geometry, detail: f32) {
     let sides = segments(6, detail).max(5);
     for (height, radius) in [(0.92, 0.022), (0.80, 0.010), (0.02, 0.012)] {
         let corners = [(-0.93, 0.02), (-0.93, 0.70), (0.93, 0.70), (0.93, 0.02)];
-        let path = corners.map(|(x, z)| Vec3::new(x, height, z));
+        let path = corners.map(|(x, z)| vec3(x, height, z));
         g.tube(&path, radius, sides + 2);
     }
     let mut bar = |x: f32, z: f32| {
         rod(g, sides, 0.008, [x, 0.02, z], [x, 0.92, z]);
-        g.sphere(Vec3::new(x, 0.41, z), 0.017, sides + 2, Vec2::ONE);
+        g.sphere(vec3(x, 0.41, z), 0.017, sides + 2, Vec2::ONE);
     };
     for i in 0..13 {
         bar(-0.93 + 0.155 * i as f32, 0.70);

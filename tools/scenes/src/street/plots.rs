@@ -1,7 +1,7 @@
 //! The plots along the streets and which house stands on each.
 
 use super::plan::*;
-use bevy::math::Vec3;
+use bevy::math::{Vec3, vec3};
 
 /// What covers a house.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -101,7 +101,7 @@ pub struct Row {
 
 const fn row(x: f32, z: f32, degrees: f32, plots: &'static [Plot]) -> Row {
     Row {
-        origin: Vec3::new(x, PAVEMENT, z),
+        origin: vec3(x, PAVEMENT, z),
         degrees,
         plots,
     }

@@ -14,7 +14,7 @@ use crate::{
     random::Random,
 };
 use bevy::{
-    math::{Quat, Vec2, Vec3, ops},
+    math::{Quat, Vec2, ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::PI;
@@ -26,7 +26,11 @@ pub const TILES_RISE: f32 = 4.08;
 /// Where the eaves are before the wall.
 const EAVES: f32 = 0.42;
 /// Depth and height of the steep slope of slates.
-const SLATES: Vec2 = Vec2::new(0.8, 2.5);
+const SLATES: Vec2 = vec2(0.8, 2.5);
+/// Angle of the slope of tiles from upright, `atan2(TILES_RUN, TILES_RISE)`. At run time it would depend on the C library.
+const TILES_LEAN: f32 = 0.697_624_27;
+/// The same of the steep slope of slates.
+const SLATES_LEAN: f32 = 0.309_702_96;
 /// Width that a patch of tiles or slates is made for.
 const PATCH: f32 = 2.6;
 
@@ -66,7 +70,7 @@ impl Roofs {
                 for (x, scale) in [(-0.38, 1.0), (0.0, 1.25), (0.38, 0.9)] {
                     g.append(
                         &pot,
-                        Transform::from_xyz(x, 3.11, 0.0).with_scale(Vec3::new(1.0, scale, 1.0)),
+                        Transform::from_xyz(x, 3.11, 0.0).with_scale(vec3(1.0, scale, 1.0)),
                     );
                 }
             }),
@@ -83,121 +87,67 @@ impl Roofs {
         at: Transform,
         random: &mut Random,
     ) {
-        let (width, height, back) = (plot.width, plot.height(), -plot.depth);
-        let covered = plot.depth > 0.0;
         match plot.roof {
-            Roof::Tiles => {
-                let clay = pick(&m.tiles, random);
-                let base = scene.shape(|g| {
-                    let p = |x: f32, y: f32, z: f32| Vec3::new(x, height + y, z);
-                    let ridge = EAVES - TILES_RUN;
-                    let foot = ridge - TILES_RUN;
-                    let mut slope = |from: [f32; 2], to: [f32; 2]| {
-                        let ([y0, z0], [y1, z1]) = (from, to);
-                        g.mapped_quad(
-                            [p(0.0, y0, z0), p(width, y0, z0), p(width, y1, z1), p(0.0, y1, z1)],
-                            0.5,
-                        );
-                    };
-                    slope([0.01, EAVES], [TILES_RISE, ridge]);
-                    slope([TILES_RISE, ridge], [0.01, foot]);
-                    slope([0.0, foot + 0.05], [0.0, back]);
-                });
-                scene.place(&base, clay, at);
-                self.patches(
-                    scene,
-                    &self.tiles,
-                    clay,
-                    plot,
-                    at * Transform::from_xyz(0.0, height + 0.03, EAVES),
-                    TILES_RUN,
-                    TILES_RISE,
-                );
-                let gutter =
-                    scene.shape(|g| rod(g, 8, 0.065, [0.0, height, EAVES + 0.05], [width, height, EAVES + 0.05]));
-                scene.place(&gutter, &m.zinc, at);
-            }
-            Roof::Slates => {
-                let cap = scene.shape(|g| {
-                    let p = |x: f32, y: f32, z: f32| Vec3::new(x, height + y, z);
-                    let (foot, head) = (-0.12, -0.12 - SLATES.x);
-                    let top = SLATES.y + 0.04;
-                    g.mapped_quad(
-                        [
-                            p(0.0, 0.0, foot),
-                            p(width, 0.0, foot),
-                            p(width, top, head),
-                            p(0.0, top, head),
-                        ],
-                        0.5,
-                    );
-                    g.mapped_quad(
-                        [
-                            p(0.0, top, head),
-                            p(width, top, head),
-                            p(width, top, back),
-                            p(0.0, top, back),
-                        ],
-                        0.5,
-                    );
-                    let sides = [(0.02, 1.0), (width - 0.02, -1.0)];
-                    for (x, side) in sides {
-                        let mut corners = [p(x, 0.0, back), p(x, 0.0, foot), p(x, top, head), p(x, top, back)];
-                        if side < 0.0 {
-                            corners.swap(0, 1);
-                            corners.swap(2, 3);
-                        }
-                        g.mapped_quad(corners, 0.5);
-                    }
-                    let corners = [
-                        p(width, 0.0, back),
-                        p(0.0, 0.0, back),
-                        p(0.0, top, back),
-                        p(width, top, back),
-                    ];
-                    g.mapped_quad(corners, 0.5);
-                    rod(g, 10, 0.07, [0.0, height + top, head], [width, height + top, head]);
-                });
-                scene.place(&cap, &m.zinc, at);
-                let foot = at * Transform::from_xyz(0.0, height + 0.03, -0.10);
-                self.patches(scene, &self.slates, &m.slate, plot, foot, SLATES.x, SLATES.y);
-                let look = Look {
-                    trim: &m.zinc,
-                    wood: pick(&m.woodwork, random),
-                    shutters: None,
-                };
-                for bay in 0..plot.bays() {
-                    let place = at * Transform::from_xyz(plot.middle(bay), height + 0.05, 0.04);
-                    scene.place(&self.dormer, &m.zinc, place);
-                    openings
-                        .window
-                        .place(scene, m, look, place * Transform::from_xyz(0.0, 0.32, 0.0), random);
-                }
-            }
-            Roof::Parapet => {
-                let parapet = scene.shape(|g| {
-                    block(g, 2, [0.5 * width, height + 0.22, -0.16], [width - 0.02, 0.5, 0.28]);
-                    block(g, 2, [0.5 * width, height + 0.50, -0.16], [width - 0.03, 0.08, 0.36]);
-                });
-                scene.place(&parapet, &m.trims[0], at);
-                if covered {
-                    let top = scene.shape(|g| {
-                        let p = |x: f32, z: f32| Vec3::new(x, height - 0.01, z);
-                        g.mapped_quad([p(0.0, -0.1), p(width, -0.1), p(width, back), p(0.0, back)], 0.5);
-                    });
-                    scene.place(&top, &m.zinc, at);
-                }
-            }
+            Roof::Tiles => self.tiled(scene, m, plot, at, random),
+            Roof::Slates => self.slated(scene, m, openings, plot, at, random),
+            Roof::Parapet => parapet(scene, m, plot, at),
         }
-        if covered && plot.roof != Roof::Parapet {
+        if plot.depth > 0.0 && plot.roof != Roof::Parapet {
             let lift = if plot.roof == Roof::Tiles { 2.6 } else { 1.0 };
-            let chimney = at * Transform::from_xyz(0.9, height + lift, -2.6);
+            let chimney = at * Transform::from_xyz(0.9, plot.height() + lift, -2.6);
             scene.place(&self.stack, &m.brick, chimney);
             scene.place(&self.pots, &m.terracotta, chimney);
         }
     }
 
-    /// Places a patch above every bay, on a slope of this depth and height that starts at the left of `foot`.
+    /// A gable roof of clay tiles.
+    fn tiled(&self, scene: &mut SceneBuilder, m: &Materials, plot: &Plot, at: Transform, random: &mut Random) {
+        let (width, height) = (plot.width, plot.height());
+        let clay = pick(&m.tiles, random);
+        let base = scene.shape(|g| {
+            let ridge = EAVES - TILES_RUN;
+            let foot = ridge - TILES_RUN;
+            slope(g, plot, [0.01, EAVES], [TILES_RISE, ridge]);
+            slope(g, plot, [TILES_RISE, ridge], [0.01, foot]);
+            slope(g, plot, [0.0, foot + 0.05], [0.0, -plot.depth]);
+        });
+        scene.place(&base, clay, at);
+        let eaves = at * Transform::from_xyz(0.0, height + 0.03, EAVES);
+        self.patches(scene, &self.tiles, clay, plot, eaves, TILES_LEAN);
+        let (from, to) = ([0.0, height, EAVES + 0.05], [width, height, EAVES + 0.05]);
+        let gutter = scene.shape(|g| rod(g, 8, 0.065, from, to));
+        scene.place(&gutter, &m.zinc, at);
+    }
+
+    /// A mansard of slates with a dormer above every bay.
+    fn slated(
+        &self,
+        scene: &mut SceneBuilder,
+        m: &Materials,
+        openings: &Openings,
+        plot: &Plot,
+        at: Transform,
+        random: &mut Random,
+    ) {
+        let cap = scene.shape(|g| mansard(g, plot));
+        scene.place(&cap, &m.zinc, at);
+        let height = plot.height();
+        let foot = at * Transform::from_xyz(0.0, height + 0.03, -0.10);
+        self.patches(scene, &self.slates, &m.slate, plot, foot, SLATES_LEAN);
+        let look = Look {
+            trim: &m.zinc,
+            wood: pick(&m.woodwork, random),
+            shutters: None,
+        };
+        for bay in 0..plot.bays() {
+            let place = at * Transform::from_xyz(plot.middle(bay), height + 0.05, 0.04);
+            scene.place(&self.dormer, &m.zinc, place);
+            let window = place * Transform::from_xyz(0.0, 0.32, 0.0);
+            openings.window.place(scene, m, look, window, random);
+        }
+    }
+
+    /// Places a patch above every bay, on a slope that leans back by an angle and starts at the left of `foot`.
     fn patches(
         &self,
         scene: &mut SceneBuilder,
@@ -205,24 +155,64 @@ impl Roofs {
         material: &Material,
         plot: &Plot,
         foot: Transform,
-        depth: f32,
-        rise: f32,
+        lean: f32,
     ) {
-        let lean = Quat::from_rotation_x(-ops::atan2(depth, rise));
+        let lean = Quat::from_rotation_x(-lean);
         for bay in 0..plot.bays() {
             let place = foot * Transform::from_xyz(plot.middle(bay), 0.0, 0.0).with_rotation(lean);
-            scene.place(
-                patch,
-                material,
-                place.with_scale(Vec3::new(plot.bay() / PATCH, 1.0, 1.0)),
-            );
+            scene.place(patch, material, place.with_scale(vec3(plot.bay() / PATCH, 1.0, 1.0)));
         }
+    }
+}
+
+/// A rectangle over the whole width of a house, between two heights above its walls and depths.
+fn slope(g: &mut Geometry, plot: &Plot, [y0, z0]: [f32; 2], [y1, z1]: [f32; 2]) {
+    let (width, height) = (plot.width, plot.height());
+    let p = |x: f32, y: f32, z: f32| vec3(x, height + y, z);
+    g.mapped_quad(
+        [p(0.0, y0, z0), p(width, y0, z0), p(width, y1, z1), p(0.0, y1, z1)],
+        0.5,
+    );
+}
+
+/// The sheet metal around and above the slates.
+fn mansard(g: &mut Geometry, plot: &Plot) {
+    let (width, height, back) = (plot.width, plot.height(), -plot.depth);
+    let p = |x: f32, y: f32, z: f32| vec3(x, height + y, z);
+    let (foot, head) = (-0.12, -0.12 - SLATES.x);
+    let top = SLATES.y + 0.04;
+    slope(g, plot, [0.0, foot], [top, head]);
+    slope(g, plot, [top, head], [top, back]);
+    for (x, side) in [(0.02, 1.0), (width - 0.02, -1.0)] {
+        let mut corners = [p(x, 0.0, back), p(x, 0.0, foot), p(x, top, head), p(x, top, back)];
+        if side < 0.0 {
+            corners.swap(0, 1);
+            corners.swap(2, 3);
+        }
+        g.mapped_quad(corners, 0.5);
+    }
+    let (left, right) = (p(0.0, 0.0, back), p(width, 0.0, back));
+    g.mapped_quad([right, left, p(0.0, top, back), p(width, top, back)], 0.5);
+    rod(g, 10, 0.07, [0.0, height + top, head], [width, height + top, head]);
+}
+
+/// A flat roof behind a low wall.
+fn parapet(scene: &mut SceneBuilder, m: &Materials, plot: &Plot, at: Transform) {
+    let (width, height) = (plot.width, plot.height());
+    let parapet = scene.shape(|g| {
+        block(g, 2, [0.5 * width, height + 0.22, -0.16], [width - 0.02, 0.5, 0.28]);
+        block(g, 2, [0.5 * width, height + 0.50, -0.16], [width - 0.03, 0.08, 0.36]);
+    });
+    scene.place(&parapet, &m.trims[0], at);
+    if plot.depth > 0.0 {
+        let top = scene.shape(|g| slope(g, plot, [-0.01, -0.1], [-0.01, -plot.depth]));
+        scene.place(&top, &m.zinc, at);
     }
 }
 
 /// Barrel tiles in overlapping rows; the patch lies in the xy plane and rises with y.
 fn tiles(g: &mut Geometry, detail: f32) {
-    let length = Vec2::new(TILES_RUN, TILES_RISE).length();
+    let length = vec2(TILES_RUN, TILES_RISE).length();
     let (columns, rows) = (11, 17);
     let (wide, tall) = (PATCH / columns as f32, length / rows as f32);
     let mut random = Random::new(77);
@@ -232,16 +222,16 @@ fn tiles(g: &mut Geometry, detail: f32) {
             let (slip, lift) = (random.range(-0.012, 0.012), random.range(0.0, 0.008));
             g.surface(segments(5, detail), 1, Vec2::splat(0.3), |u, v| {
                 let arch = 0.055 * ops::sin(PI * u);
-                Vec3::new(
+                vec3(
                     x + u * wide,
                     y + slip + v * (tall + 0.04),
                     arch + lift + 0.035 * (1.0 - v),
                 )
             });
             // The lower end is open: its rim is seen from below.
-            g.surface(segments(5, detail), 1, Vec2::new(0.3, 0.02), |u, v| {
+            g.surface(segments(5, detail), 1, vec2(0.3, 0.02), |u, v| {
                 let arch = 0.055 * ops::sin(PI * u) + lift + 0.035;
-                Vec3::new(x + u * wide, y + slip, arch - 0.02 * (1.0 - v))
+                vec3(x + u * wide, y + slip, arch - 0.02 * (1.0 - v))
             });
         }
     }
@@ -260,8 +250,8 @@ fn slates(g: &mut Geometry) {
             let (left, right) = (x + 0.004, (x + wide - 0.004).min(0.5 * PATCH));
             let (low, high) = (row as f32 * tall, (row + 1) as f32 * tall + 0.03);
             let lift = 0.022 + random.range(0.0, 0.006);
-            let p = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
-            let uv = Vec2::new(0.2, 0.2);
+            let p = |x: f32, y: f32, z: f32| vec3(x, y, z);
+            let uv = vec2(0.2, 0.2);
             g.quad(
                 [
                     p(left, low, lift),
@@ -295,7 +285,7 @@ fn dormer(g: &mut Geometry, detail: f32) {
         top: 0.32 + WINDOW[1],
     };
     pierced(g, [-half, 0.0], [half, wall], opening, 0.2, 0.5);
-    let p = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
+    let p = |x: f32, y: f32, z: f32| vec3(x, y, z);
     g.mapped_quad(
         [
             p(half, 0.0, 0.0),
@@ -318,13 +308,13 @@ fn dormer(g: &mut Geometry, detail: f32) {
     let round = |u: f32| wall + crown * ops::sin(PI * u);
     g.surface(steps, 1, Vec2::ONE, |u, v| {
         let x = (2.0 * u - 1.0) * half;
-        Vec3::new(x, wall + (round(u) - wall) * v, 0.0)
+        vec3(x, wall + (round(u) - wall) * v, 0.0)
     });
     let (brim, out) = (half + 0.07, 0.12);
     g.surface(steps, 1, Vec2::ONE, |u, v| {
-        Vec3::new((2.0 * u - 1.0) * brim, round(u) + 0.02, out + (back - out) * v)
+        vec3((2.0 * u - 1.0) * brim, round(u) + 0.02, out + (back - out) * v)
     });
-    g.surface(steps, 1, Vec2::new(1.0, 0.1), |u, v| {
-        Vec3::new((2.0 * u - 1.0) * brim, round(u) - 0.06 + 0.08 * v, out)
+    g.surface(steps, 1, vec2(1.0, 0.1), |u, v| {
+        vec3((2.0 * u - 1.0) * brim, round(u) - 0.06 + 0.08 * v, out)
     });
 }

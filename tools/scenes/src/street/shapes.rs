@@ -1,7 +1,7 @@
 //! Shapes that several parts of the street are made of.
 
 use crate::{geometry::Geometry, random::Random};
-use bevy::math::{Vec2, Vec3, ops};
+use bevy::math::{Vec2, Vec3, ops, vec2, vec3};
 use std::f32::consts::{FRAC_PI_2, TAU};
 
 /// A hole in a wall, in the wall's own x and y.
@@ -62,17 +62,14 @@ pub fn curve(points: &[Vec3], steps: u32) -> Vec<Vec3> {
 
 /// A surface of revolution about the y axis from (radius, height) points, as [`Geometry::lathe`] takes them.
 pub fn turned_shape(g: &mut Geometry, segments: u32, profile: &[(f32, f32)]) {
-    let profile: Vec<Vec2> = profile
-        .iter()
-        .map(|&(radius, height)| Vec2::new(radius, height))
-        .collect();
-    g.lathe(&profile, segments, Vec2::new(2.0, 1.0));
+    let profile: Vec<Vec2> = profile.iter().map(|&(radius, height)| vec2(radius, height)).collect();
+    g.lathe(&profile, segments, vec2(2.0, 1.0));
 }
 
 /// A moulding along x before the plane z = 0: a profile of (depth, height) points from bottom to top, closed at both ends.
 pub fn moulding(g: &mut Geometry, length: f32, profile: &[(f32, f32)]) {
     let half = 0.5 * length;
-    let at = |x: f32, (z, y): (f32, f32)| Vec3::new(x, y, z);
+    let at = |x: f32, (z, y): (f32, f32)| vec3(x, y, z);
     for pair in profile.windows(2) {
         let (p, q) = (pair[0], pair[1]);
         g.mapped_quad([at(-half, p), at(half, p), at(half, q), at(-half, q)], 0.5);
@@ -86,7 +83,7 @@ pub fn moulding(g: &mut Geometry, length: f32, profile: &[(f32, f32)]) {
 
 /// A rectangle in the plane `z` that faces +z: from (left, bottom) to (right, top).
 pub fn front(g: &mut Geometry, [left, bottom]: [f32; 2], [right, top]: [f32; 2], z: f32, uv_size: Vec2) {
-    let corner = |x: f32, y: f32| Vec3::new(x, y, z);
+    let corner = |x: f32, y: f32| vec3(x, y, z);
     g.quad(
         [
             corner(left, bottom),
@@ -107,7 +104,7 @@ pub fn pierced(
     depth: f32,
     uv_scale: f32,
 ) {
-    let p = |x: f32, y: f32, z: f32| Vec3::new(x, y, z);
+    let p = |x: f32, y: f32, z: f32| vec3(x, y, z);
     let Opening {
         left: l,
         right: r,
@@ -180,10 +177,10 @@ impl Body {
         let bulge = |t: f32| ops::powf(t.abs(), power).copysign(t);
         let between = |[low, high]: [f32; 2], t: f32| low + (high - low) * t;
         let size = self.half.max_element();
-        g.surface(columns, rows, Vec2::new(4.0, 2.0) * size, |u, v| {
+        g.surface(columns, rows, vec2(4.0, 2.0) * size, |u, v| {
             let (angle, along) = (between(self.around, u), between(self.along, v));
             let ring = bulge(ops::cos(along).max(0.0));
-            let direction = Vec3::new(
+            let direction = vec3(
                 bulge(ops::sin(along)),
                 ring * bulge(ops::cos(angle)),
                 ring * bulge(ops::sin(angle)),

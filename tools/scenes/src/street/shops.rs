@@ -14,8 +14,7 @@ use crate::{
     random::Random,
 };
 use bevy::{
-    light::NotShadowCaster,
-    math::{Vec2, Vec3, ops},
+    math::{Vec2, Vec3, ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::PI;
@@ -67,7 +66,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, fronts: &[Front], detail: 
             } else {
                 &m.awnings[1 + style % 2]
             };
-            let stretched = at.with_scale(Vec3::new(shop.bay / AWNING - 0.006, 1.0, 1.0));
+            let stretched = at.with_scale(vec3(shop.bay / AWNING - 0.006, 1.0, 1.0));
             scene.place(&awning, cloth, stretched);
             scene.place(&arms, &m.iron, stretched);
         } else {
@@ -126,7 +125,7 @@ fn panes(g: &mut Geometry, entrance: bool) {
             [left, low],
             [right, high],
             -0.135,
-            Vec2::new((right - left) / 1.86, (high - low) / 1.8),
+            vec2((right - left) / 1.86, (high - low) / 1.8),
         );
     };
     pane(-0.94, 0.94, 2.39, 2.96);
@@ -145,16 +144,16 @@ fn awning(g: &mut Geometry, detail: f32) {
     g.surface(
         segments(12, detail),
         segments(6, detail),
-        Vec2::new(0.84 * width, 1.2),
+        vec2(0.84 * width, 1.2),
         |u, v| {
             let slack = 0.04 * ops::sin(PI * v) * (0.6 + 0.4 * ops::sin(PI * u));
-            Vec3::new((u - 0.5) * width, 2.63 + 0.62 * v - slack, 1.48 - reach * v)
+            vec3((u - 0.5) * width, 2.63 + 0.62 * v - slack, 1.48 - reach * v)
         },
     );
-    g.surface(segments(40, detail), 2, Vec2::new(0.84 * width, 0.2), |u, v| {
+    g.surface(segments(40, detail), 2, vec2(0.84 * width, 0.2), |u, v| {
         let hem = 0.15 + 0.06 * ops::sin(5.0 * PI * u).abs();
         let sway = 0.012 * ops::sin(9.0 * u + 2.0) * (1.0 - v);
-        Vec3::new((u - 0.5) * width, 2.63 - hem * (1.0 - v), 1.485 + sway)
+        vec3((u - 0.5) * width, 2.63 - hem * (1.0 - v), 1.485 + sway)
     });
 }
 
@@ -195,7 +194,7 @@ fn cafe_sign(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             for stroke in strokes(*letter) {
                 let path: Vec<Vec3> = stroke
                     .iter()
-                    .map(|[x, y]| Vec3::new(0.40 * (x - 0.48), low + 0.42 * y, 0.105))
+                    .map(|[x, y]| vec3(0.40 * (x - 0.48), low + 0.42 * y, 0.105))
                     .collect();
                 g.tube(&path, 0.017, segments(8, detail));
             }
@@ -205,8 +204,7 @@ fn cafe_sign(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     // The board's faces look along the street; its arms lead back to the wall.
     scene.place(&board, &m.enamels[3], middle.with_rotation(turned(90.0)));
     for degrees in [-90.0, 90.0] {
-        let tubes = scene.place(&letters, &m.neons[0], middle.with_rotation(turned(degrees)));
-        scene.world.entity_mut(tubes).insert(NotShadowCaster);
+        scene.place_unshadowed(&letters, &m.neons[0], middle.with_rotation(turned(degrees)));
     }
 }
 
@@ -220,10 +218,10 @@ fn pharmacy_cross(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
             path.extend(
                 corner
                     .iter()
-                    .map(|[x, y]| Vec3::new(cos * x + sin * y, cos * y - sin * x, 0.0)),
+                    .map(|[x, y]| vec3(cos * x + sin * y, cos * y - sin * x, 0.0)),
             );
         }
-        path.push(Vec3::new(arm, reach, 0.0));
+        path.push(vec3(arm, reach, 0.0));
         path
     };
     let body = scene.shape(|g| {
@@ -243,6 +241,5 @@ fn pharmacy_cross(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     });
     let at = Transform::from_xyz(SIDE_EAST + 2.5, 4.6, NORTH + 0.75).with_rotation(turned(90.0));
     scene.place(&body, &m.enamels[3], at);
-    let glowing = scene.place(&tubes, &m.neons[1], at);
-    scene.world.entity_mut(glowing).insert(NotShadowCaster);
+    scene.place_unshadowed(&tubes, &m.neons[1], at);
 }

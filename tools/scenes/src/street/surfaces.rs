@@ -1,21 +1,12 @@
 //! Procedural surfaces of the street. Each is a function of the unit square (`v` down); all but the pictures tile.
 
 use crate::{
+    patterns::{edge, mix},
     random::{fractal, hash, smooth},
     texture::Texel,
 };
-use bevy::math::{Vec2, Vec3, ops};
+use bevy::math::{Vec2, Vec3, ops, vec2, vec3};
 use std::f32::consts::{PI, TAU};
-
-fn mix(a: Vec3, b: Vec3, t: f32) -> Vec3 {
-    a.lerp(b, t.clamp(0.0, 1.0))
-}
-
-/// Distance to the nearest edge of the cell that `p` lies in, in cells.
-fn edge(p: Vec2) -> Vec2 {
-    let f = p - p.floor();
-    f.min(Vec2::ONE - f)
-}
 
 /// Asphalt after rain, eight metres across: puddles like mirrors, damp around them, and coarse where it has dried.
 pub fn asphalt(uv: Vec2) -> Texel {
@@ -23,10 +14,10 @@ pub fn asphalt(uv: Vec2) -> Texel {
     let water = smooth(0.47, 0.42, level);
     let damp = smooth(0.66, 0.46, level);
     let grain = fractal(uv, 170, 2, 303);
-    let warp = Vec2::new(fractal(uv, 6, 3, 306), fractal(uv, 6, 3, 307)) - 0.5;
+    let warp = vec2(fractal(uv, 6, 3, 306), fractal(uv, 6, 3, 307)) - 0.5;
     let crack = 1.0 - smooth(0.0, 0.010, (fractal(uv + 0.12 * warp, 3, 4, 305) - 0.53).abs());
     let patched = smooth(0.60, 0.61, fractal(uv, 3, 2, 304));
-    let dry = mix(Vec3::new(0.33, 0.33, 0.34), Vec3::new(0.46, 0.45, 0.43), grain) * (1.0 - 0.22 * patched);
+    let dry = mix(vec3(0.33, 0.33, 0.34), vec3(0.46, 0.45, 0.43), grain) * (1.0 - 0.22 * patched);
     let color = mix(dry, dry * 0.52, damp) * (1.0 - 0.25 * water) * (1.0 - 0.5 * crack * (1.0 - water));
     let coarse = 0.64 + 0.12 * (grain - 0.5);
     let wet = 0.27 + 0.16 * (grain - 0.5);
@@ -45,7 +36,7 @@ pub fn setts(uv: Vec2) -> Texel {
     let rows = 32.0;
     let row = (uv.y * rows).floor();
     let shift = if row as i32 % 2 == 0 { 0.0 } else { 0.5 };
-    let grid = Vec2::new(uv.x * rows + shift, uv.y * rows);
+    let grid = vec2(uv.x * rows + shift, uv.y * rows);
     let (x, y) = ((grid.x.floor() as i32).rem_euclid(32), row as i32);
     let grain = fractal(uv, 60, 3, 311);
     let e = edge(grid).min_element() + 0.10 * (grain - 0.5);
@@ -53,10 +44,10 @@ pub fn setts(uv: Vec2) -> Texel {
     let dome = smooth(0.02, 0.45, e);
     let water = smooth(0.43, 0.37, fractal(uv, 2, 4, 312)) * (1.0 - 0.75 * smooth(0.2, 0.5, e) * hash(x, y, 313));
     let tone = hash(x, y, 314);
-    let stone = mix(Vec3::new(0.27, 0.27, 0.30), Vec3::new(0.47, 0.43, 0.39), tone) * (0.82 + 0.3 * grain);
+    let stone = mix(vec3(0.27, 0.27, 0.30), vec3(0.47, 0.43, 0.39), tone) * (0.82 + 0.3 * grain);
     let ground = 0.60 - 0.26 * hash(x, y, 315) - 0.22 * (1.0 - head) + 0.12 * (grain - 0.5);
     Texel {
-        color: mix(Vec3::new(0.15, 0.14, 0.13), stone, head) * (1.0 - 0.35 * water),
+        color: mix(vec3(0.15, 0.14, 0.13), stone, head) * (1.0 - 0.35 * water),
         height: (0.0035 * dome + 0.0006 * grain) * (1.0 - 0.92 * water),
         roughness: (ground + (0.05 - ground) * water).clamp(0.05, 0.7),
         occlusion: 0.6 + 0.4 * head,
@@ -68,15 +59,15 @@ pub fn setts(uv: Vec2) -> Texel {
 pub fn slabs(uv: Vec2) -> Texel {
     let row = (uv.y * 8.0).floor();
     let shift = if row as i32 % 2 == 0 { 0.0 } else { 0.5 };
-    let grid = Vec2::new(uv.x * 4.0 + shift, uv.y * 8.0);
+    let grid = vec2(uv.x * 4.0 + shift, uv.y * 8.0);
     let (x, y) = ((grid.x.floor() as i32).rem_euclid(4), row as i32);
-    let e = (edge(grid) / Vec2::new(4.0, 8.0)).min_element();
+    let e = (edge(grid) / vec2(4.0, 8.0)).min_element();
     let body = smooth(0.0012, 0.0035, e);
     let grain = fractal(uv, 90, 3, 321);
     let stain = fractal(uv, 5, 4, 322);
     let water = smooth(0.40, 0.35, fractal(uv, 3, 4, 323)) * body;
     let tone = hash(x, y, 324);
-    let stone = mix(Vec3::new(0.42, 0.41, 0.39), Vec3::new(0.56, 0.53, 0.49), tone);
+    let stone = mix(vec3(0.42, 0.41, 0.39), vec3(0.56, 0.53, 0.49), tone);
     let ground = 0.62 - 0.24 * hash(x, y, 325) - 0.30 * smooth(0.60, 0.42, stain) + 0.10 * (grain - 0.5);
     Texel {
         color: stone * (0.84 + 0.2 * grain) * (0.76 + 0.36 * stain) * (0.5 + 0.5 * body) * (1.0 - 0.25 * water),
@@ -89,7 +80,7 @@ pub fn slabs(uv: Vec2) -> Texel {
 
 /// Painted wood, white: the material's base colour gives the paint.
 pub fn wood(uv: Vec2) -> Texel {
-    let fibre = fractal(Vec2::new(uv.x * 8.0, uv.y), 6, 4, 331);
+    let fibre = fractal(vec2(uv.x * 8.0, uv.y), 6, 4, 331);
     let wear = smooth(0.58, 0.75, fractal(uv, 5, 4, 332));
     Texel {
         color: Vec3::splat(0.90 - 0.10 * fibre) * (1.0 - 0.18 * wear),
@@ -101,12 +92,12 @@ pub fn wood(uv: Vec2) -> Texel {
 
 /// Bark in plates.
 pub fn bark(uv: Vec2) -> Texel {
-    let ridge = fractal(Vec2::new(uv.x * 3.0, uv.y), 5, 4, 341);
+    let ridge = fractal(vec2(uv.x * 3.0, uv.y), 5, 4, 341);
     let plate = smooth(0.40, 0.60, ridge);
     let moss = smooth(0.55, 0.70, fractal(uv, 4, 4, 342));
-    let color = mix(Vec3::new(0.17, 0.14, 0.11), Vec3::new(0.43, 0.37, 0.30), plate);
+    let color = mix(vec3(0.17, 0.14, 0.11), vec3(0.43, 0.37, 0.30), plate);
     Texel {
-        color: mix(color, Vec3::new(0.27, 0.31, 0.16), 0.45 * moss),
+        color: mix(color, vec3(0.27, 0.31, 0.16), 0.45 * moss),
         height: 0.03 * plate,
         roughness: 0.55 + 0.3 * ridge,
         occlusion: 0.65 + 0.35 * plate,
@@ -129,7 +120,7 @@ pub fn flakes(uv: Vec2) -> Texel {
 
 /// Old window glass, not quite flat, with streaks; the base colour is the material's.
 pub fn glass(uv: Vec2) -> Texel {
-    let streak = smooth(0.52, 0.72, fractal(Vec2::new(uv.x * 3.0, uv.y), 4, 4, 361));
+    let streak = smooth(0.52, 0.72, fractal(vec2(uv.x * 3.0, uv.y), 4, 4, 361));
     Texel {
         height: 0.0022 * fractal(uv, 3, 2, 362),
         roughness: 0.02 + 0.06 * streak,
@@ -139,15 +130,15 @@ pub fn glass(uv: Vec2) -> Texel {
 
 /// A leaf of seven leaflets on their stalk, cut out by alpha; the stalk enters at the bottom.
 pub fn spray(uv: Vec2) -> Texel {
-    let at = Vec2::new(uv.x - 0.5, 1.0 - uv.y);
+    let at = vec2(uv.x - 0.5, 1.0 - uv.y);
     let mut inside = 0.010 - at.x.abs() - 0.05 * smooth(0.75, 0.8, at.y);
     let (mut rib, mut tone) = (1.0f32, 0.5);
     for i in 0..7u32 {
         let (side, step) = (if i.is_multiple_of(2) { 1.0 } else { -1.0 }, (i / 2) as f32);
         let angle = if i == 6 { 0.0 } else { side * (1.05 - 0.12 * step) };
         let length = 0.38 - 0.03 * step;
-        let along = Vec2::new(ops::sin(angle), ops::cos(angle));
-        let from = at - Vec2::new(0.0, 0.12 + 0.18 * step);
+        let along = vec2(ops::sin(angle), ops::cos(angle));
+        let from = at - vec2(0.0, 0.12 + 0.18 * step);
         let (t, across) = (from.dot(along) / length, from.perp_dot(along));
         if t <= 0.0 || t >= 1.0 {
             continue;
@@ -161,12 +152,12 @@ pub fn spray(uv: Vec2) -> Texel {
     }
     let mottle = fractal(uv, 6, 3, 372);
     let green = mix(
-        Vec3::new(0.17, 0.34, 0.10),
-        Vec3::new(0.36, 0.52, 0.17),
+        vec3(0.17, 0.34, 0.10),
+        vec3(0.36, 0.52, 0.17),
         0.6 * mottle + 0.4 * tone,
     );
     Texel {
-        color: mix(Vec3::new(0.46, 0.58, 0.28), green, rib),
+        color: mix(vec3(0.46, 0.58, 0.28), green, rib),
         alpha: smooth(-0.004, 0.010, inside),
         height: 0.004 * rib,
         roughness: 0.30 + 0.25 * mottle,
@@ -179,7 +170,7 @@ pub fn stripes(uv: Vec2, dye: Vec3) -> Texel {
     let stripe = (uv.x * 6.0).floor() as i32 % 2 == 0;
     let weave = 0.5 + 0.5 * ops::sin(uv.x * 96.0 * TAU) * ops::sin(uv.y * 96.0 * TAU);
     let dirt = fractal(uv, 4, 4, 381);
-    let cloth = if stripe { dye } else { Vec3::new(0.86, 0.83, 0.76) };
+    let cloth = if stripe { dye } else { vec3(0.86, 0.83, 0.76) };
     Texel {
         color: cloth * (0.80 + 0.08 * weave + 0.14 * dirt),
         height: 0.0006 * weave,
@@ -193,12 +184,12 @@ pub fn room(uv: Vec2) -> Texel {
     let across = (uv.x - 0.5).abs();
     let curtain = smooth(0.24, 0.32, across + 0.05 * smooth(0.4, 1.0, uv.y));
     let folds = 0.60 + 0.25 * ops::sin(uv.x * 90.0) + 0.15 * fractal(uv, 8, 3, 391);
-    let lamp = (-26.0 * (uv - Vec2::new(0.60, 0.36)).length_squared()).clamp(-20.0, 0.0);
-    let wall = Vec3::new(0.95, 0.72, 0.46) * (0.42 + 0.75 * ops::exp(lamp));
+    let lamp = (-26.0 * (uv - vec2(0.60, 0.36)).length_squared()).clamp(-20.0, 0.0);
+    let wall = vec3(0.95, 0.72, 0.46) * (0.42 + 0.75 * ops::exp(lamp));
     let skyline = 0.74 + 0.12 * hash((uv.x * 9.0) as i32, 5, 392);
-    let room = mix(wall, Vec3::new(0.16, 0.10, 0.06), smooth(skyline, skyline + 0.01, uv.y));
+    let room = mix(wall, vec3(0.16, 0.10, 0.06), smooth(skyline, skyline + 0.01, uv.y));
     Texel {
-        color: mix(room, Vec3::new(0.92, 0.78, 0.58) * folds, curtain),
+        color: mix(room, vec3(0.92, 0.78, 0.58) * folds, curtain),
         roughness: 0.04,
         ..Default::default()
     }
@@ -206,19 +197,19 @@ pub fn room(uv: Vec2) -> Texel {
 
 /// Lit shelves behind a shop window, as a picture.
 pub fn shelves(uv: Vec2) -> Texel {
-    let grid = Vec2::new(uv.x * 14.0, uv.y * 4.0);
+    let grid = vec2(uv.x * 14.0, uv.y * 4.0);
     let (x, y) = (grid.x.floor() as i32, grid.y.floor() as i32);
     let (f, up) = (grid.x - grid.x.floor(), 1.0 - (grid.y - grid.y.floor()));
     let (tall, wide) = (0.35 + 0.45 * hash(x, y, 401), 0.28 + 0.2 * hash(x, y, 402));
-    let ware = Vec3::new(hash(x, y, 403), hash(x, y, 404), hash(x, y, 405)) * 0.75 + 0.12;
+    let ware = vec3(hash(x, y, 403), hash(x, y, 404), hash(x, y, 405)) * 0.75 + 0.12;
     let goods = smooth(wide, wide - 0.05, (f - 0.5).abs()) * smooth(tall, tall - 0.05, up) * smooth(0.09, 0.10, up);
     let glow = 0.45 + 0.55 * smooth(0.0, 0.9, up);
-    let wall = Vec3::new(1.0, 0.84, 0.60) * glow;
+    let wall = vec3(1.0, 0.84, 0.60) * glow;
     let board = smooth(0.10, 0.08, up);
     Texel {
         color: mix(
             mix(wall, ware * (0.5 + 0.5 * glow), goods),
-            Vec3::new(0.34, 0.22, 0.13),
+            vec3(0.34, 0.22, 0.13),
             board,
         ),
         roughness: 0.03,
@@ -261,7 +252,7 @@ pub fn lettering(uv: Vec2, word: &[u8], paint: Vec3) -> Texel {
     let gilt = x < 3 && (0..5).contains(&row) && (bits >> (14 - (3 * row + x))) & 1 == 1;
     let wear = fractal(uv, 12, 3, 411);
     let (color, roughness, metallic) = if gilt {
-        (Vec3::new(0.95, 0.76, 0.40), 0.28, 1.0)
+        (vec3(0.95, 0.76, 0.40), 0.28, 1.0)
     } else {
         (paint, 0.18, 0.0)
     };

@@ -9,7 +9,7 @@ use crate::{
     geometry::{Geometry, turned},
 };
 use bevy::{
-    math::{Quat, Vec2, Vec3, ops},
+    math::{Quat, Vec3, ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::TAU;
@@ -58,45 +58,40 @@ impl Setting {
                 ];
                 turned_shape(g, small, &profile);
                 for i in 0..3 {
-                    let mut leg = Geometry::default();
-                    bent(
-                        &mut leg,
-                        7,
-                        0.012,
-                        4,
-                        &[
-                            [0.02, 0.30, 0.0],
-                            [0.12, 0.18, 0.0],
-                            [0.2, 0.05, 0.0],
-                            [0.27, 0.012, 0.0],
-                        ],
-                    );
-                    g.append(&leg, Transform::from_rotation(turned(120.0 * i as f32)));
+                    g.part(Transform::from_rotation(turned(120.0 * i as f32)), |part| {
+                        bent(
+                            part,
+                            7,
+                            0.012,
+                            4,
+                            &[
+                                [0.02, 0.30, 0.0],
+                                [0.12, 0.18, 0.0],
+                                [0.2, 0.05, 0.0],
+                                [0.27, 0.012, 0.0],
+                            ],
+                        );
+                    });
                 }
             }),
             top: scene.shape(|g| {
                 let (low, high) = (TABLE - 0.025, TABLE);
-                turned_shape(
-                    g,
-                    round,
-                    &[
-                        (0.0, low),
-                        (0.31, low),
-                        (0.31, low),
-                        (0.319, low + 0.006),
-                        (0.319, high - 0.008),
-                        (0.31, high),
-                        (0.31, high),
-                        (0.0, high),
-                    ],
-                );
+                let profile = [
+                    (0.0, low),
+                    (0.31, low),
+                    (0.31, low),
+                    (0.319, low + 0.006),
+                    (0.319, high - 0.008),
+                    (0.31, high),
+                    (0.31, high),
+                    (0.0, high),
+                ];
+                turned_shape(g, round, &profile);
             }),
             rim: scene.shape(|g| {
-                let mut band = Geometry::default();
-                band.torus(0.322, 0.007, round, 8);
-                g.append(
-                    &band,
+                g.part(
                     Transform::from_xyz(0.0, TABLE - 0.013, 0.0).with_rotation(Quat::from_rotation_x(0.25 * TAU)),
+                    |part| part.torus(0.322, 0.007, round, 8),
                 );
             }),
             glasses: scene.shape(|g| glasses(g, small)),
@@ -107,18 +102,15 @@ impl Setting {
                     block(g, bevel(detail), [x, TABLE + 0.006, z], [0.012, 0.004, 0.17]);
                 }
                 // Sugar pot.
-                turned_shape(
-                    g,
-                    small,
-                    &[
-                        (0.0, TABLE),
-                        (0.03, TABLE),
-                        (0.036, TABLE + 0.03),
-                        (0.03, TABLE + 0.06),
-                        (0.012, TABLE + 0.075),
-                        (0.0, TABLE + 0.078),
-                    ],
-                );
+                let profile = [
+                    (0.0, TABLE),
+                    (0.03, TABLE),
+                    (0.036, TABLE + 0.03),
+                    (0.03, TABLE + 0.06),
+                    (0.012, TABLE + 0.075),
+                    (0.0, TABLE + 0.078),
+                ];
+                turned_shape(g, small, &profile);
             }),
             frame: scene.shape(|g| chair(g, segments(8, detail))),
             weave: scene.shape(|g| weave(g, detail)),
@@ -234,7 +226,7 @@ fn bottles(g: &mut Geometry, segments: u32) {
     ];
     turned_shape(&mut bottle, segments, &profile);
     g.append(&bottle, Transform::from_xyz(0.02, TABLE, 0.03));
-    let scale = Vec3::new(1.1, 0.62, 1.1);
+    let scale = vec3(1.1, 0.62, 1.1);
     g.append(&bottle, Transform::from_xyz(-0.09, TABLE, 0.06).with_scale(scale));
 }
 
@@ -242,41 +234,26 @@ fn bottles(g: &mut Geometry, segments: u32) {
 fn chair(g: &mut Geometry, sides: u32) {
     let r = 0.011;
     for side in [-1.0, 1.0] {
-        bent(
-            g,
-            sides,
-            r,
-            4,
-            &[
-                [side * 0.19, 0.45, 0.18],
-                [side * 0.195, 0.24, 0.19],
-                [side * 0.21, 0.0, 0.22],
-            ],
-        );
-        bent(
-            g,
-            sides,
-            r,
-            4,
-            &[
-                [side * 0.18, 0.45, -0.17],
-                [side * 0.19, 0.22, -0.2],
-                [side * 0.2, 0.0, -0.25],
-            ],
-        );
+        let path = [
+            [side * 0.19, 0.45, 0.18],
+            [side * 0.195, 0.24, 0.19],
+            [side * 0.21, 0.0, 0.22],
+        ];
+        bent(g, sides, r, 4, &path);
+        let path = [
+            [side * 0.18, 0.45, -0.17],
+            [side * 0.19, 0.22, -0.2],
+            [side * 0.2, 0.0, -0.25],
+        ];
+        bent(g, sides, r, 4, &path);
         rod(g, sides, 0.008, [side * 0.2, 0.16, 0.205], [side * 0.195, 0.16, -0.215]);
-        bent(
-            g,
-            sides,
-            0.010,
-            5,
-            &[
-                [side * 0.19, 0.46, 0.14],
-                [side * 0.225, 0.60, 0.16],
-                [side * 0.225, 0.66, 0.05],
-                [side * 0.20, 0.66, -0.2],
-            ],
-        );
+        let path = [
+            [side * 0.19, 0.46, 0.14],
+            [side * 0.225, 0.60, 0.16],
+            [side * 0.225, 0.66, 0.05],
+            [side * 0.20, 0.66, -0.2],
+        ];
+        bent(g, sides, 0.010, 5, &path);
     }
     let back = [
         [0.18, 0.45, -0.17],
@@ -288,52 +265,42 @@ fn chair(g: &mut Geometry, sides: u32) {
         [-0.18, 0.45, -0.17],
     ];
     bent(g, sides, 0.012, 6, &back);
-    bent(
-        g,
-        sides,
-        0.009,
-        6,
-        &[
-            [0.12, 0.46, -0.17],
-            [0.12, 0.64, -0.195],
-            [0.0, 0.79, -0.225],
-            [-0.12, 0.64, -0.195],
-            [-0.12, 0.46, -0.17],
-        ],
-    );
+    let path = [
+        [0.12, 0.46, -0.17],
+        [0.12, 0.64, -0.195],
+        [0.0, 0.79, -0.225],
+        [-0.12, 0.64, -0.195],
+        [-0.12, 0.46, -0.17],
+    ];
+    bent(g, sides, 0.009, 6, &path);
     rod(g, sides, 0.007, [-0.2, 0.16, -0.02], [0.2, 0.16, -0.02]);
 }
 
 /// Seat and back of a chair, woven.
 fn weave(g: &mut Geometry, detail: f32) {
     let round = segments(24, detail);
-    let mut seat = Geometry::default();
-    turned_shape(
-        &mut seat,
-        round,
-        &[
-            (0.0, 0.435),
-            (0.185, 0.435),
-            (0.205, 0.445),
-            (0.21, 0.456),
-            (0.2, 0.467),
-            (0.15, 0.468),
-            (0.0, 0.455),
-        ],
-    );
-    g.append(&seat, Transform::from_scale(Vec3::new(1.0, 1.0, 0.94)));
+    g.part(Transform::from_scale(vec3(1.0, 1.0, 0.94)), |part| {
+        turned_shape(
+            part,
+            round,
+            &[
+                (0.0, 0.435),
+                (0.185, 0.435),
+                (0.205, 0.445),
+                (0.21, 0.456),
+                (0.2, 0.467),
+                (0.15, 0.468),
+                (0.0, 0.455),
+            ],
+        );
+    });
     for side in [1.0, -1.0] {
         // Two thin shells, back to back.
-        g.surface(
-            segments(10, detail),
-            segments(6, detail),
-            Vec2::new(0.5, 0.4),
-            |u, v| {
-                let across = (u - 0.5) * side;
-                let y = 0.53 + 0.29 * v - 0.05 * v * (2.0 * u - 1.0) * (2.0 * u - 1.0);
-                let lean = -0.178 - 0.16 * (y - 0.46);
-                Vec3::new(0.36 * across, y, lean - 0.02 * ops::cos(3.0 * across) + 0.005 * side)
-            },
-        );
+        g.surface(segments(10, detail), segments(6, detail), vec2(0.5, 0.4), |u, v| {
+            let across = (u - 0.5) * side;
+            let y = 0.53 + 0.29 * v - 0.05 * v * (2.0 * u - 1.0) * (2.0 * u - 1.0);
+            let lean = -0.178 - 0.16 * (y - 0.46);
+            vec3(0.36 * across, y, lean - 0.02 * ops::cos(3.0 * across) + 0.005 * side)
+        });
     }
 }

@@ -12,7 +12,7 @@ use crate::{
     geometry::{Geometry, turned},
 };
 use bevy::{
-    math::{Quat, Vec2, Vec3, ops},
+    math::{Quat, Vec2, Vec3, ops, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::{FRAC_PI_2, PI};
@@ -69,65 +69,80 @@ fn wheel(tyre: &mut Geometry, rim: &mut Geometry, at: Vec3, radius: f32, width: 
     rim.append(&part, place * Transform::from_rotation(Quat::from_rotation_x(PI)));
 }
 
+/// The cabin of a car.
+fn cabin() -> Body {
+    Body::new([-0.22, 0.88, 0.0], [0.98, 0.52, 0.62], 0.42)
+}
+
+/// The body of a car with its mudguards and mirrors.
+fn body(g: &mut Geometry, detail: f32) {
+    let fine = |base: u32| segments(base, detail);
+    Body::new([0.0, 0.54, 0.0], [1.70, 0.30, 0.72], 0.55).add(g, fine(44), fine(36));
+    cabin().add(g, fine(40), fine(28));
+    for side in [-1.0, 1.0] {
+        for (x, length) in [(1.08, 0.52), (-1.10, 0.56)] {
+            Body::new([x, 0.52, side * 0.60], [length, 0.30, 0.19], 0.35).add(g, fine(20), fine(16));
+        }
+        Body::new([0.72, 0.80, side * 0.46], [0.66, 0.10, 0.14], 0.2).add(g, fine(14), fine(14));
+        Body::new([0.42, 1.02, side * 0.80], [0.05, 0.055, 0.09], 0.3).add(g, fine(12), fine(10));
+    }
+}
+
+/// Panes, which lie a little outside the cabin.
+fn windows(g: &mut Geometry, detail: f32) {
+    let fine = |base: u32| segments(base, detail);
+    let pane = || Body {
+        half: vec3(0.988, 0.528, 0.628),
+        ..cabin()
+    };
+    for [first, last] in [[50.0, 87.0], [273.0, 310.0]] {
+        pane().part([first, last], [-38.0, 1.5]).add(g, fine(10), fine(10));
+        pane().part([first, last], [4.0, 38.0]).add(g, fine(10), fine(10));
+    }
+    pane().part([-72.0, 72.0], [49.0, 85.0]).add(g, fine(20), fine(10));
+    pane().part([-64.0, 64.0], [-84.0, -50.0]).add(g, fine(20), fine(10));
+}
+
+/// Bumpers, rings of lamps, handles and the grille.
+fn bumpers(g: &mut Geometry, detail: f32) {
+    let fine = |base: u32| segments(base, detail);
+    let edges = bevel(detail) + 1;
+    for end in [-1.0, 1.0] {
+        let bow = [
+            [end * 1.42, 0.40, -0.76],
+            [end * 1.70, 0.40, -0.62],
+            [end * 1.80, 0.40, 0.0],
+            [end * 1.70, 0.40, 0.62],
+            [end * 1.42, 0.40, 0.76],
+        ];
+        bent(g, fine(10), 0.035, 6, &bow);
+        for z in [-0.3, 0.3] {
+            block(g, edges, [end * 1.80, 0.42, z], [0.05, 0.2, 0.05]);
+        }
+    }
+    for side in [-1.0, 1.0] {
+        let mut ring = Geometry::default();
+        ring.torus(0.105, 0.014, fine(28), 8);
+        let forward = Quat::from_rotation_y(FRAC_PI_2);
+        g.append(
+            &ring,
+            Transform::from_xyz(1.545, 0.66, side * 0.52).with_rotation(forward),
+        );
+        block(g, edges, [-0.12, 0.70, side * 0.735], [0.16, 0.022, 0.03]);
+        rod(g, 6, 0.010, [1.2, 0.60, side * 0.735], [-1.2, 0.60, side * 0.735]);
+    }
+    for i in 0..5 {
+        let y = 0.46 + 0.035 * i as f32;
+        rod(g, 6, 0.008, [1.70, y, -0.22], [1.70, y, 0.22]);
+    }
+}
+
 /// The parts of a car, by material. It is 3.5 m long and drives along +x.
 fn cars(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let fine = |base: u32| segments(base, detail);
-    let edges = bevel(detail) + 1;
-    let cabin = || Body::new([-0.22, 0.88, 0.0], [0.98, 0.52, 0.62], 0.42);
-    let paint = scene.shape(|g| {
-        Body::new([0.0, 0.54, 0.0], [1.70, 0.30, 0.72], 0.55).add(g, fine(44), fine(36));
-        cabin().add(g, fine(40), fine(28));
-        for side in [-1.0, 1.0] {
-            for (x, length) in [(1.08, 0.52), (-1.10, 0.56)] {
-                Body::new([x, 0.52, side * 0.60], [length, 0.30, 0.19], 0.35).add(g, fine(20), fine(16));
-            }
-            Body::new([0.72, 0.80, side * 0.46], [0.66, 0.10, 0.14], 0.2).add(g, fine(14), fine(14));
-            Body::new([0.42, 1.02, side * 0.80], [0.05, 0.055, 0.09], 0.3).add(g, fine(12), fine(10));
-        }
-    });
-    let glass = scene.shape(|g| {
-        // Panes lie a little outside the cabin.
-        let pane = || Body {
-            half: Vec3::new(0.988, 0.528, 0.628),
-            ..cabin()
-        };
-        for [first, last] in [[50.0, 87.0], [273.0, 310.0]] {
-            pane().part([first, last], [-38.0, 1.5]).add(g, fine(10), fine(10));
-            pane().part([first, last], [4.0, 38.0]).add(g, fine(10), fine(10));
-        }
-        pane().part([-72.0, 72.0], [49.0, 85.0]).add(g, fine(20), fine(10));
-        pane().part([-64.0, 64.0], [-84.0, -50.0]).add(g, fine(20), fine(10));
-    });
-    let chrome = scene.shape(|g| {
-        for end in [-1.0, 1.0] {
-            let bow = [
-                [end * 1.42, 0.40, -0.76],
-                [end * 1.70, 0.40, -0.62],
-                [end * 1.80, 0.40, 0.0],
-                [end * 1.70, 0.40, 0.62],
-                [end * 1.42, 0.40, 0.76],
-            ];
-            bent(g, fine(10), 0.035, 6, &bow);
-            for z in [-0.3, 0.3] {
-                block(g, edges, [end * 1.80, 0.42, z], [0.05, 0.2, 0.05]);
-            }
-        }
-        for side in [-1.0, 1.0] {
-            let mut ring = Geometry::default();
-            ring.torus(0.105, 0.014, fine(28), 8);
-            let forward = Quat::from_rotation_y(FRAC_PI_2);
-            g.append(
-                &ring,
-                Transform::from_xyz(1.545, 0.66, side * 0.52).with_rotation(forward),
-            );
-            block(g, edges, [-0.12, 0.70, side * 0.735], [0.16, 0.022, 0.03]);
-            rod(g, 6, 0.010, [1.2, 0.60, side * 0.735], [-1.2, 0.60, side * 0.735]);
-        }
-        for i in 0..5 {
-            let y = 0.46 + 0.035 * i as f32;
-            rod(g, 6, 0.008, [1.70, y, -0.22], [1.70, y, 0.22]);
-        }
-    });
+    let paint = scene.shape(|g| body(g, detail));
+    let glass = scene.shape(|g| windows(g, detail));
+    let chrome = scene.shape(|g| bumpers(g, detail));
     let lamps = scene.shape(|g| {
         for side in [-1.0, 1.0] {
             Body::new([1.51, 0.66, side * 0.52], [0.08, 0.10, 0.10], 0.0).add(g, fine(20), fine(12));
@@ -140,10 +155,10 @@ fn cars(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     });
     let (mut tyres, mut rims) = (Geometry::default(), Geometry::default());
     for (x, z) in [(1.08, -0.68), (1.08, 0.68), (-1.10, -0.68), (-1.10, 0.68)] {
-        wheel(&mut tyres, &mut rims, Vec3::new(x, 0.29, z), 0.29, 0.17, fine(32));
+        wheel(&mut tyres, &mut rims, vec3(x, 0.29, z), 0.29, 0.17, fine(32));
     }
     // The underside, dark as the tyres.
-    tyres.rounded_box(Vec3::new(0.0, 0.27, 0.0), Vec3::new(2.9, 0.12, 1.1), 0.04, 1, 1.0);
+    tyres.rounded_box(vec3(0.0, 0.27, 0.0), vec3(2.9, 0.12, 1.1), 0.04, 1, 1.0);
     let (tyres, rims) = (scene.mesh(tyres), scene.mesh(rims));
     let plate = scene.shape(|g| {
         for end in [-1.0, 1.0] {
@@ -163,93 +178,86 @@ fn cars(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     }
 }
 
+/// The painted sheet metal of a scooter.
+fn scooter(g: &mut Geometry, detail: f32) {
+    let fine = |base: u32| segments(base, detail);
+    // Leg shield and floor board as one bent sheet with two sides.
+    let spine = [
+        [0.60, 1.02],
+        [0.50, 0.70],
+        [0.42, 0.40],
+        [0.30, 0.24],
+        [0.05, 0.21],
+        [-0.2, 0.24],
+    ];
+    let spine = curve(&spine.map(|[x, y]| vec3(x, y, 0.0)), 6);
+    let last = (spine.len() - 1) as f32;
+    let at = |v: f32| {
+        let place = v.clamp(0.0, 1.0) * last;
+        let index = (place as usize).min(spine.len() - 2);
+        spine[index].lerp(spine[index + 1], place - index as f32)
+    };
+    for side in [1.0, -1.0] {
+        g.surface(fine(14), fine(24), Vec2::ONE, |u, v| {
+            let across = (2.0 * u - 1.0) * side;
+            let half = 0.15 + 0.10 * ops::sin(PI * (0.15 + 0.75 * v.clamp(0.0, 1.0)));
+            let curl = 0.07 * across * across * (1.0 - v);
+            at(v) + vec3(0.004 * side - curl, -0.004 * side, half * across)
+        });
+    }
+    Body::new([-0.46, 0.50, 0.0], [0.40, 0.24, 0.12], 0.3).add(g, fine(24), fine(18));
+    for side in [-1.0, 1.0] {
+        Body::new([-0.50, 0.43, side * 0.15], [0.31, 0.17, 0.11], 0.15).add(g, fine(22), fine(18));
+    }
+    Body::new([0.66, 0.30, 0.0], [0.26, 0.12, 0.075], 0.2).add(g, fine(18), fine(16));
+    Body::new([0.57, 1.06, 0.0], [0.13, 0.08, 0.13], 0.2).add(g, fine(18), fine(14));
+    rod(g, fine(12), 0.035, [0.56, 1.0, 0.0], [0.66, 0.30, 0.0]);
+}
+
+/// Handlebars, mirrors, the stand, and rails.
+fn trim(g: &mut Geometry, detail: f32) {
+    let fine = |base: u32| segments(base, detail);
+    let path = [
+        [0.49, 1.09, -0.26],
+        [0.56, 1.09, -0.10],
+        [0.56, 1.09, 0.10],
+        [0.49, 1.09, 0.26],
+    ];
+    bent(g, fine(10), 0.013, 5, &path);
+    for side in [-1.0, 1.0] {
+        let path = [
+            [0.53, 1.10, side * 0.2],
+            [0.54, 1.22, side * 0.25],
+            [0.52, 1.30, side * 0.30],
+        ];
+        bent(g, 6, 0.006, 4, &path);
+        Body::new([0.52, 1.33, side * 0.32], [0.015, 0.05, 0.05], 0.2).add(g, fine(12), fine(8));
+        rod(g, 6, 0.012, [0.02, 0.2, side * 0.05], [-0.08, 0.01, side * 0.19]);
+    }
+    let mut ring = Geometry::default();
+    ring.torus(0.07, 0.010, fine(24), 8);
+    let forward = Quat::from_rotation_y(FRAC_PI_2);
+    g.append(&ring, Transform::from_xyz(0.685, 1.06, 0.0).with_rotation(forward));
+    let path = [
+        [-0.62, 0.70, -0.12],
+        [-0.86, 0.72, -0.11],
+        [-0.86, 0.72, 0.11],
+        [-0.62, 0.70, 0.12],
+    ];
+    bent(g, 6, 0.009, 4, &path);
+}
+
 /// Scooters along the southern kerb. One is 1.7 m long and drives along +x; it leans on its stand.
 fn scooters(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     let fine = |base: u32| segments(base, detail);
-    let paint = scene.shape(|g| {
-        // Leg shield and floor board as one bent sheet with two sides.
-        let spine = [
-            [0.60, 1.02],
-            [0.50, 0.70],
-            [0.42, 0.40],
-            [0.30, 0.24],
-            [0.05, 0.21],
-            [-0.2, 0.24],
-        ];
-        let spine = curve(&spine.map(|[x, y]| Vec3::new(x, y, 0.0)), 6);
-        let last = (spine.len() - 1) as f32;
-        let at = |v: f32| {
-            let place = v.clamp(0.0, 1.0) * last;
-            let index = (place as usize).min(spine.len() - 2);
-            spine[index].lerp(spine[index + 1], place - index as f32)
-        };
-        for side in [1.0, -1.0] {
-            g.surface(fine(14), fine(24), Vec2::ONE, |u, v| {
-                let across = (2.0 * u - 1.0) * side;
-                let half = 0.15 + 0.10 * ops::sin(PI * (0.15 + 0.75 * v.clamp(0.0, 1.0)));
-                let curl = 0.07 * across * across * (1.0 - v);
-                at(v) + Vec3::new(0.004 * side - curl, -0.004 * side, half * across)
-            });
-        }
-        Body::new([-0.46, 0.50, 0.0], [0.40, 0.24, 0.12], 0.3).add(g, fine(24), fine(18));
-        for side in [-1.0, 1.0] {
-            Body::new([-0.50, 0.43, side * 0.15], [0.31, 0.17, 0.11], 0.15).add(g, fine(22), fine(18));
-        }
-        Body::new([0.66, 0.30, 0.0], [0.26, 0.12, 0.075], 0.2).add(g, fine(18), fine(16));
-        Body::new([0.57, 1.06, 0.0], [0.13, 0.08, 0.13], 0.2).add(g, fine(18), fine(14));
-        rod(g, fine(12), 0.035, [0.56, 1.0, 0.0], [0.66, 0.30, 0.0]);
-    });
+    let paint = scene.shape(|g| scooter(g, detail));
     let seat = scene.shape(|g| {
         Body::new([-0.38, 0.78, 0.0], [0.34, 0.065, 0.13], 0.45).add(g, fine(22), fine(18));
         for side in [-1.0, 1.0] {
             rod(g, fine(10), 0.018, [0.51, 1.09, side * 0.24], [0.49, 1.09, side * 0.36]);
         }
     });
-    let chrome = scene.shape(|g| {
-        bent(
-            g,
-            fine(10),
-            0.013,
-            5,
-            &[
-                [0.49, 1.09, -0.26],
-                [0.56, 1.09, -0.10],
-                [0.56, 1.09, 0.10],
-                [0.49, 1.09, 0.26],
-            ],
-        );
-        for side in [-1.0, 1.0] {
-            bent(
-                g,
-                6,
-                0.006,
-                4,
-                &[
-                    [0.53, 1.10, side * 0.2],
-                    [0.54, 1.22, side * 0.25],
-                    [0.52, 1.30, side * 0.30],
-                ],
-            );
-            Body::new([0.52, 1.33, side * 0.32], [0.015, 0.05, 0.05], 0.2).add(g, fine(12), fine(8));
-            rod(g, 6, 0.012, [0.02, 0.2, side * 0.05], [-0.08, 0.01, side * 0.19]);
-        }
-        let mut ring = Geometry::default();
-        ring.torus(0.07, 0.010, fine(24), 8);
-        let forward = Quat::from_rotation_y(FRAC_PI_2);
-        g.append(&ring, Transform::from_xyz(0.685, 1.06, 0.0).with_rotation(forward));
-        bent(
-            g,
-            6,
-            0.009,
-            4,
-            &[
-                [-0.62, 0.70, -0.12],
-                [-0.86, 0.72, -0.11],
-                [-0.86, 0.72, 0.11],
-                [-0.62, 0.70, 0.12],
-            ],
-        );
-    });
+    let chrome = scene.shape(|g| trim(g, detail));
     let lamp = scene.shape(|g| {
         Body::new([0.66, 1.06, 0.0], [0.05, 0.066, 0.066], 0.0).add(g, fine(16), fine(10));
     });
@@ -258,7 +266,7 @@ fn scooters(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
     });
     let (mut tyres, mut rims) = (Geometry::default(), Geometry::default());
     for x in [0.66, -0.56] {
-        wheel(&mut tyres, &mut rims, Vec3::new(x, 0.22, 0.0), 0.22, 0.09, fine(28));
+        wheel(&mut tyres, &mut rims, vec3(x, 0.22, 0.0), 0.22, 0.09, fine(28));
     }
     let (tyres, rims) = (scene.mesh(tyres), scene.mesh(rims));
     for (x, degrees, color) in [

@@ -7,7 +7,7 @@ use crate::{
     random::smooth,
 };
 use bevy::{
-    math::{Vec2, Vec3, ops},
+    math::{Vec2, Vec3, ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::{PI, TAU};
@@ -26,16 +26,16 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
 fn doors(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     let leaf = scene.shape(|g| door_leaf(g, fine));
     let knocker = scene.shape(|g| {
-        g.sphere(Vec3::new(0.0, 0.0, 0.14), 0.09, segments(20, fine), Vec2::ONE);
-        let mut hoop = Geometry::default();
-        hoop.torus(0.17, 0.022, segments(36, fine), segments(10, fine));
-        g.append(&hoop, Transform::from_xyz(0.0, -0.17, 0.19));
+        g.sphere(vec3(0.0, 0.0, 0.14), 0.09, segments(20, fine), Vec2::ONE);
+        g.part(Transform::from_xyz(0.0, -0.17, 0.19), |part| {
+            part.torus(0.17, 0.022, segments(36, fine), segments(10, fine));
+        });
     });
     let back = turned(180.0);
     for x in [-1.0, 1.0] {
-        let place = Vec3::new(1.065 * x, 0.02, HALF_LENGTH - 0.05);
+        let place = vec3(1.065 * x, 0.02, HALF_LENGTH - 0.05);
         scene.place(&leaf, &m.bronze, Transform::from_translation(place).with_rotation(back));
-        let place = Vec3::new(0.17 * x, 3.1, HALF_LENGTH - 0.05);
+        let place = vec3(0.17 * x, 3.1, HALF_LENGTH - 0.05);
         scene.place(
             &knocker,
             &m.gilt,
@@ -55,9 +55,9 @@ fn doors(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
             p(0.40, -0.02),
         ];
         // Its lower end is below the floor.
-        let mut border = Geometry::default();
-        frame(&mut border, Vec2::new(2.15, 3.2), &profile, 0.5);
-        g.append(&border, Transform::from_xyz(0.0, 3.1, 0.0));
+        g.part(Transform::from_xyz(0.0, 3.1, 0.0), |part| {
+            frame(part, vec2(2.15, 3.2), &profile, 0.5);
+        });
         let cornice = [
             p(0.0, 6.68),
             p(0.20, 6.70),
@@ -69,12 +69,7 @@ fn doors(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
         ];
         moulding(g, 5.5, &cornice, 0.5);
         for x in [-2.75, 2.75] {
-            block(
-                g,
-                Vec3::new(x - 0.05, 6.66, -0.02),
-                Vec3::new(x + 0.05, 7.18, 0.44),
-                0.5,
-            );
+            block(g, vec3(x - 0.05, 6.66, -0.02), vec3(x + 0.05, 7.18, 0.44), 0.5);
         }
     });
     let place = Transform::from_xyz(0.0, 0.0, HALF_LENGTH).with_rotation(back);
@@ -83,8 +78,8 @@ fn doors(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
 
 /// A door leaf of 2.1 by 6.2 metres, standing on y = 0 and facing +z, with two by five panels.
 fn door_leaf(g: &mut Geometry, fine: f32) {
-    soft_block(g, Vec3::new(-1.05, 0.0, -0.1), Vec3::new(1.05, 6.2, 0.1), 0.02, 0.5);
-    let half = Vec2::new(0.35, 0.46);
+    soft_block(g, vec3(-1.05, 0.0, -0.1), vec3(1.05, 6.2, 0.1), 0.02, 0.5);
+    let half = vec2(0.35, 0.46);
     let p = Vec2::new;
     let profile = [
         p(0.0, 0.11),
@@ -134,9 +129,9 @@ fn sun_disc(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
             p(2.76, 0.06),
             p(0.0, 0.06),
         ];
-        let mut round = Geometry::default();
-        round.lathe(&profile, segments(96, fine), p(12.0, 0.5));
-        g.append(&round, Transform::from_rotation(facing_down()));
+        g.part(Transform::from_rotation(facing_down()), |part| {
+            part.lathe(&profile, segments(96, fine), p(12.0, 0.5));
+        });
     });
     scene.place(&slab, &m.dark, wall);
     let disc = scene.shape(|g| {
@@ -148,14 +143,14 @@ fn sun_disc(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
             let ring = ops::sin(PI * ((t - 0.55) / 0.28).clamp(0.0, 1.0));
             let gadroons = 0.07 * ring * (0.6 + 0.4 * ops::cos(32.0 * angle));
             let step = 0.05 * ops::sin(PI * ((t - 0.86) / 0.12).clamp(0.0, 1.0));
-            Vec3::new(r * ops::cos(angle), r * ops::sin(angle), 0.30 + dome + gadroons + step)
+            vec3(r * ops::cos(angle), r * ops::sin(angle), 0.30 + dome + gadroons + step)
         });
     });
     scene.place(&disc, &m.gilt, wall);
     let rays = scene.shape(|g| {
-        let mut rim = Geometry::default();
-        rim.torus(DISC, 0.07, segments(128, fine), segments(12, fine));
-        g.append(&rim, Transform::from_xyz(0.0, 0.0, 0.28));
+        g.part(Transform::from_xyz(0.0, 0.0, 0.28), |part| {
+            part.torus(DISC, 0.07, segments(128, fine), segments(12, fine));
+        });
         let mut edge = Geometry::default();
         let profile = [p(DISC - 0.05, 0.0), p(DISC - 0.05, 0.28)];
         edge.lathe(&profile, segments(96, fine), p(8.0, 1.0));
@@ -163,8 +158,8 @@ fn sun_disc(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
         for i in 0..32 {
             let angle = i as f32 / 32.0 * TAU;
             let (out, across) = (
-                Vec3::new(ops::cos(angle), ops::sin(angle), 0.0),
-                Vec3::new(-ops::sin(angle), ops::cos(angle), 0.0),
+                vec3(ops::cos(angle), ops::sin(angle), 0.0),
+                vec3(-ops::sin(angle), ops::cos(angle), 0.0),
             );
             let (reach, wave) = if i % 2 == 0 { (1.15, 0.0) } else { (0.85, 0.05) };
             let blade = Blade {
@@ -190,15 +185,9 @@ fn sun_disc(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
 fn figures(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     let figure = scene.shape(|g| figure(g, fine));
     let plinth = scene.shape(|g| {
-        soft_block(
-            g,
-            Vec3::new(-0.72, -0.05, -0.72),
-            Vec3::new(0.72, 0.12, 0.95),
-            0.02,
-            0.5,
-        );
-        soft_block(g, Vec3::new(-0.66, 0.1, -0.66), Vec3::new(0.66, 0.55, 0.89), 0.02, 0.5);
-        soft_block(g, Vec3::new(-0.72, 0.53, -0.72), Vec3::new(0.72, 0.62, 0.95), 0.02, 0.5);
+        soft_block(g, vec3(-0.72, -0.05, -0.72), vec3(0.72, 0.12, 0.95), 0.02, 0.5);
+        soft_block(g, vec3(-0.66, 0.1, -0.66), vec3(0.66, 0.55, 0.89), 0.02, 0.5);
+        soft_block(g, vec3(-0.72, 0.53, -0.72), vec3(0.72, 0.62, 0.95), 0.02, 0.5);
     });
     for (x, y, z, degrees) in [
         (-1.95, DAIS_HEIGHT, -16.6, 14.0),
@@ -217,12 +206,12 @@ fn figure(g: &mut Geometry, fine: f32) {
     throne(g);
     let p = Vec2::new;
     // The lap, and the robe that falls from the knees.
-    soft_block(g, Vec3::new(-0.37, 0.66, -0.30), Vec3::new(0.37, 1.0, 0.56), 0.14, 0.5);
+    soft_block(g, vec3(-0.37, 0.66, -0.30), vec3(0.37, 1.0, 0.56), 0.14, 0.5);
     g.surface(segments(80, fine), segments(8, fine), p(3.0, 0.8), |u, v| {
         let angle = u * TAU;
         // It ends below the lap.
         let flare = 1.0 + 0.16 * (1.0 - v) * (1.0 - v) + 0.045 * ops::cos(16.0 * angle) - 0.4 * smooth(0.75, 1.0, v);
-        Vec3::new(
+        vec3(
             0.34 * flare * ops::sin(angle),
             0.09 + 0.80 * v,
             0.37 + 0.20 * flare * ops::cos(angle),
@@ -243,7 +232,7 @@ fn figure(g: &mut Geometry, fine: f32) {
     torso.lathe(&profile, segments(48, fine), p(2.0, 1.0));
     g.append(
         &torso,
-        Transform::from_xyz(0.0, 0.0, -0.08).with_scale(Vec3::new(1.0, 1.0, 0.64)),
+        Transform::from_xyz(0.0, 0.0, -0.08).with_scale(vec3(1.0, 1.0, 0.64)),
     );
     let mut collar = Geometry::default();
     for (height, radius) in [(1.60, 0.30), (1.65, 0.24), (1.70, 0.17)] {
@@ -258,63 +247,33 @@ fn figure(g: &mut Geometry, fine: f32) {
     }
     g.append(
         &collar,
-        Transform::from_xyz(0.0, 0.0, -0.07).with_scale(Vec3::new(1.0, 1.0, 0.68)),
+        Transform::from_xyz(0.0, 0.0, -0.07).with_scale(vec3(1.0, 1.0, 0.68)),
     );
     let sides = segments(16, fine);
-    limb(
-        g,
-        Vec3::new(0.0, 1.68, -0.07),
-        Vec3::new(0.0, 1.95, -0.06),
-        (0.10, 0.09),
-        sides,
-    );
+    limb(g, vec3(0.0, 1.68, -0.07), vec3(0.0, 1.95, -0.06), (0.10, 0.09), sides);
     for x in [-1.0, 1.0] {
-        let (shoulder, elbow) = (Vec3::new(0.36 * x, 1.53, -0.08), Vec3::new(0.47 * x, 1.13, -0.10));
-        let hand = Vec3::new(0.45 * x, 1.09, 0.32);
+        let (shoulder, elbow) = (vec3(0.36 * x, 1.53, -0.08), vec3(0.47 * x, 1.13, -0.10));
+        let hand = vec3(0.45 * x, 1.09, 0.32);
         limb(g, shoulder, elbow, (0.125, 0.085), sides);
         limb(g, elbow, hand, (0.085, 0.06), sides);
-        limb(g, hand, hand + Vec3::new(0.0, -0.01, 0.10), (0.07, 0.06), sides);
-        let foot = Vec3::new(0.15 * x, 0.15, 0.56);
-        limb(g, foot, foot + Vec3::new(0.03 * x, -0.02, 0.2), (0.075, 0.055), sides);
+        limb(g, hand, hand + vec3(0.0, -0.01, 0.10), (0.07, 0.06), sides);
+        let foot = vec3(0.15 * x, 0.15, 0.56);
+        limb(g, foot, foot + vec3(0.03 * x, -0.02, 0.2), (0.075, 0.055), sides);
     }
     head(g, fine);
 }
 
 fn throne(g: &mut Geometry) {
-    soft_block(
-        g,
-        Vec3::new(-0.56, -0.02, -0.56),
-        Vec3::new(0.56, 0.70, 0.34),
-        0.025,
-        0.5,
-    );
-    soft_block(
-        g,
-        Vec3::new(-0.58, 0.66, -0.58),
-        Vec3::new(0.58, 0.74, 0.37),
-        0.025,
-        0.5,
-    );
-    soft_block(
-        g,
-        Vec3::new(-0.50, 0.70, -0.57),
-        Vec3::new(0.50, 1.80, -0.40),
-        0.04,
-        0.5,
-    );
-    soft_block(
-        g,
-        Vec3::new(-0.52, -0.03, 0.36),
-        Vec3::new(0.52, 0.10, 0.86),
-        0.025,
-        0.5,
-    );
+    soft_block(g, vec3(-0.56, -0.02, -0.56), vec3(0.56, 0.70, 0.34), 0.025, 0.5);
+    soft_block(g, vec3(-0.58, 0.66, -0.58), vec3(0.58, 0.74, 0.37), 0.025, 0.5);
+    soft_block(g, vec3(-0.50, 0.70, -0.57), vec3(0.50, 1.80, -0.40), 0.04, 0.5);
+    soft_block(g, vec3(-0.52, -0.03, 0.36), vec3(0.52, 0.10, 0.86), 0.025, 0.5);
     for x in [-0.47, 0.47] {
-        let low = Vec3::new(x - 0.07, 0.94, -0.45);
-        soft_block(g, low, Vec3::new(x + 0.07, 1.03, 0.40), 0.03, 0.5);
-        let low = Vec3::new(x - 0.05, 0.70, 0.24);
-        soft_block(g, low, Vec3::new(x + 0.05, 0.97, 0.34), 0.02, 0.5);
-        let knob = Vec3::new(x, 1.86, -0.485);
+        let low = vec3(x - 0.07, 0.94, -0.45);
+        soft_block(g, low, vec3(x + 0.07, 1.03, 0.40), 0.03, 0.5);
+        let low = vec3(x - 0.05, 0.70, 0.24);
+        soft_block(g, low, vec3(x + 0.05, 0.97, 0.34), 0.02, 0.5);
+        let knob = vec3(x, 1.86, -0.485);
         g.sphere(knob, 0.09, 20, Vec2::ONE);
     }
 }
@@ -322,13 +281,13 @@ fn throne(g: &mut Geometry) {
 /// Head, beard, crown and a halo of rays.
 fn head(g: &mut Geometry, fine: f32) {
     let p = Vec2::new;
-    let middle = Vec3::new(0.0, 2.02, -0.05);
+    let middle = vec3(0.0, 2.02, -0.05);
     let mut skull = Geometry::default();
     skull.sphere(Vec3::ZERO, 0.17, segments(32, fine), Vec2::ONE);
-    let oval = Vec3::new(0.88, 1.12, 0.98);
+    let oval = vec3(0.88, 1.12, 0.98);
     g.append(&skull, Transform::from_translation(middle).with_scale(oval));
     let sides = segments(16, fine);
-    let face = |x: f32, y: f32, z: f32| middle + Vec3::new(x, y, z);
+    let face = |x: f32, y: f32, z: f32| middle + vec3(x, y, z);
     limb(g, face(0.0, 0.04, 0.15), face(0.0, -0.03, 0.178), (0.018, 0.026), sides);
     limb(
         g,
@@ -358,7 +317,7 @@ fn head(g: &mut Geometry, fine: f32) {
     halo.torus(0.40, 0.03, segments(40, fine), segments(8, fine));
     for i in 0..16 {
         let angle = i as f32 / 16.0 * TAU;
-        let out = Vec3::new(ops::cos(angle), ops::sin(angle), 0.0);
+        let out = vec3(ops::cos(angle), ops::sin(angle), 0.0);
         let blade = Blade {
             quads: (segments(6, fine), segments(4, fine)),
             width: 0.04,
@@ -367,6 +326,6 @@ fn head(g: &mut Geometry, fine: f32) {
         };
         blade.add(&mut halo, Vec3::Z.cross(out), |v| 1.0 - v, |v| out * (0.40 + 0.17 * v));
     }
-    let behind = Transform::from_translation(middle + Vec3::new(0.0, 0.06, -0.22));
+    let behind = Transform::from_translation(middle + vec3(0.0, 0.06, -0.22));
     g.append(&halo, behind);
 }

@@ -3,7 +3,7 @@
 use super::segments;
 use crate::geometry::Geometry;
 use bevy::{
-    math::{Quat, Vec2, Vec3, ops},
+    math::{Quat, Vec2, Vec3, ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
@@ -48,7 +48,7 @@ pub fn frame(g: &mut Geometry, half: Vec2, profile: &[Vec2], uv_scale: f32) {
 
 /// A straight moulding along x. Points of the profile are (distance towards +z, height), from bottom to top.
 pub fn moulding(g: &mut Geometry, length: f32, profile: &[Vec2], uv_scale: f32) {
-    let at = |end: f32, p: Vec2| Vec3::new(0.5 * end * length, p.y, p.x);
+    let at = |end: f32, p: Vec2| vec3(0.5 * end * length, p.y, p.x);
     for pair in profile.windows(2) {
         let (p, q) = (pair[0], pair[1]);
         g.mapped_quad([at(-1.0, p), at(1.0, p), at(1.0, q), at(-1.0, q)], uv_scale);
@@ -57,8 +57,8 @@ pub fn moulding(g: &mut Geometry, length: f32, profile: &[Vec2], uv_scale: f32) 
 
 /// A square pier of half widths `half` (x and z) with a moulded base and cap.
 pub fn pier(g: &mut Geometry, half: Vec2, height: f32) {
-    let low = Vec3::new(-half.x, -0.05, -half.y);
-    block(g, low, Vec3::new(half.x, height - 0.02, half.y), 0.5);
+    let low = vec3(-half.x, -0.05, -half.y);
+    block(g, low, vec3(half.x, height - 0.02, half.y), 0.5);
     let p = Vec2::new;
     let mut rings = Geometry::default();
     let base = [
@@ -100,7 +100,7 @@ impl Blade {
     /// width along the way.
     pub fn add(&self, g: &mut Geometry, side: Vec3, outline: impl Fn(f32) -> f32, spine: impl Fn(f32) -> Vec3) {
         let length = spine(0.0).distance(spine(1.0));
-        let uv_scale = Vec2::new(4.0 * self.width, length);
+        let uv_scale = vec2(4.0 * self.width, length);
         g.surface(self.quads.0, self.quads.1, uv_scale, |u, v| {
             let forward = (spine(v + 1e-3) - spine(v - 1e-3)).normalize_or(Vec3::Y);
             let front = forward.cross(side);
@@ -133,7 +133,7 @@ pub fn rosette(g: &mut Geometry, radius: f32, petals: u32, fine: f32) {
         };
         for i in 0..petals {
             let angle = (i as f32 + 0.5 * tier as f32) / petals as f32 * TAU;
-            let out = Vec3::new(ops::cos(angle), ops::sin(angle), 0.0);
+            let out = vec3(ops::cos(angle), ops::sin(angle), 0.0);
             blade.add(g, Vec3::Z.cross(out), petal, |v| {
                 let rise = lift + 0.14 * ops::sin(2.6 * v);
                 (out * (reach * (0.12 + 0.88 * v)) + Vec3::Z * rise) * radius
@@ -148,7 +148,7 @@ pub fn palmette(g: &mut Geometry, height: f32, fine: f32) {
     for i in -3..=3 {
         let angle = 0.42 * i as f32;
         let length = height * (1.0 - 0.004 * (i * i * i * i) as f32 / 3.0 - 0.03 * (i * i) as f32);
-        let out = Vec3::new(ops::sin(angle), ops::cos(angle), 0.0);
+        let out = vec3(ops::sin(angle), ops::cos(angle), 0.0);
         let blade = Blade {
             quads: (segments(6, fine), segments(5, fine)),
             width: 0.10 * height,
@@ -161,11 +161,11 @@ pub fn palmette(g: &mut Geometry, height: f32, fine: f32) {
         });
     }
     for (x, turns) in [(-1.0, 1.6), (1.0, -1.6)] {
-        let center = Vec3::new(0.34 * x * height, 0.14 * height, 0.04 * height);
+        let center = vec3(0.34 * x * height, 0.14 * height, 0.04 * height);
         scroll(g, center, 0.13 * height, 0.5 * PI, turns, 0.025 * height, fine);
     }
     g.sphere(
-        Vec3::new(0.0, 0.05 * height, 0.04 * height),
+        vec3(0.0, 0.05 * height, 0.04 * height),
         0.09 * height,
         segments(10, fine),
         Vec2::ONE,
@@ -179,7 +179,7 @@ pub fn scroll(g: &mut Geometry, center: Vec3, radius: f32, start: f32, turns: f3
         .map(|i| {
             let t = i as f32 / steps as f32;
             let (angle, r) = (start + turns * TAU * t, radius * (1.0 - 0.75 * t));
-            center + Vec3::new(r * ops::cos(angle), r * ops::sin(angle), 0.0)
+            center + vec3(r * ops::cos(angle), r * ops::sin(angle), 0.0)
         })
         .collect();
     g.tube(&path, thickness, segments(5, fine));
@@ -193,23 +193,24 @@ pub fn limb(g: &mut Geometry, from: Vec3, to: Vec3, radii: (f32, f32), sides: u3
     for (radius, height, start) in [(radii.0, 0.0, -1.0), (radii.1, from.distance(to), 0.0)] {
         for i in 0..=steps {
             let angle = FRAC_PI_2 * (start + i as f32 / steps as f32);
-            profile.push(Vec2::new(
+            profile.push(vec2(
                 radius * ops::cos(angle).max(0.0),
                 height + radius * ops::sin(angle),
             ));
         }
     }
     let mut rod = Geometry::default();
-    rod.lathe(&profile, sides, Vec2::new(TAU * radii.0, 1.0));
+    rod.lathe(&profile, sides, vec2(TAU * radii.0, 1.0));
     let turn = Quat::from_rotation_arc(Vec3::Y, (to - from).normalize_or(Vec3::Y));
     g.append(&rod, Transform::from_translation(from).with_rotation(turn));
 }
 
 /// A horizontal ring.
 pub fn ring(g: &mut Geometry, height: f32, radius: f32, tube: f32, around: u32, sides: u32) {
-    let mut torus = Geometry::default();
-    torus.torus(radius, tube, around, sides);
-    g.append(&torus, Transform::from_xyz(0.0, height, 0.0).with_rotation(facing_up()));
+    g.part(
+        Transform::from_xyz(0.0, height, 0.0).with_rotation(facing_up()),
+        |part| part.torus(radius, tube, around, sides),
+    );
 }
 
 /// A horizontal string of beads.

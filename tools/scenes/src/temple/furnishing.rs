@@ -8,8 +8,8 @@ use crate::{
 };
 use bevy::{
     color::Color,
-    light::{NotShadowCaster, PointLight, SpotLight},
-    math::{Quat, Vec2, Vec3, ops},
+    light::{PointLight, SpotLight},
+    math::{Quat, Vec2, Vec3, ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::TAU;
@@ -18,11 +18,11 @@ const FIRELIGHT: Color = Color::srgb(1.0, 0.64, 0.32);
 
 /// Where the braziers stand: before and behind the basin, and on the dais.
 const BRAZIERS: [Vec3; 5] = [
-    Vec3::new(-1.6, 0.0, 5.2),
-    Vec3::new(1.6, 0.0, 5.2),
-    Vec3::new(-1.6, 0.0, -5.2),
-    Vec3::new(1.6, 0.0, -5.2),
-    Vec3::new(0.0, DAIS_HEIGHT, -15.0),
+    vec3(-1.6, 0.0, 5.2),
+    vec3(1.6, 0.0, 5.2),
+    vec3(-1.6, 0.0, -5.2),
+    vec3(1.6, 0.0, -5.2),
+    vec3(0.0, DAIS_HEIGHT, -15.0),
 ];
 
 pub fn build(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
@@ -43,17 +43,17 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
             shadow_maps_enabled: true,
             ..Default::default()
         },
-        Transform::from_xyz(0.0, 8.7, -9.6).looking_at(Vec3::new(0.0, 4.6, -18.0), Vec3::Y),
+        Transform::from_xyz(0.0, 8.7, -9.6).looking_at(vec3(0.0, 4.6, -18.0), Vec3::Y),
     ));
 }
 
 /// A mound of coals of radius 0.4 on y = 0.
 fn embers(g: &mut Geometry, fine: f32) {
-    g.surface(segments(36, fine), segments(8, fine), Vec2::new(3.0, 0.6), |u, v| {
+    g.surface(segments(36, fine), segments(8, fine), vec2(3.0, 0.6), |u, v| {
         let (angle, r) = (u * TAU, 0.40 * (1.0 - v));
         let lumps = 0.016 * ops::sin(7.0 * angle) * ops::cos(30.0 * r) * (1.0 - v).max(0.0);
         let height = 0.10 * (1.0 - (1.0 - v) * (1.0 - v)) + lumps;
-        Vec3::new(r * ops::sin(angle), height, r * ops::cos(angle))
+        vec3(r * ops::sin(angle), height, r * ops::cos(angle))
     });
     let mut coal = Geometry::default();
     coal.sphere(Vec3::ZERO, 0.055, segments(6, fine), Vec2::ONE);
@@ -61,7 +61,7 @@ fn embers(g: &mut Geometry, fine: f32) {
     for _ in 0..26 {
         let (angle, reach) = (random.range(0.0, TAU), random.range(0.0, 1.0).sqrt() * 0.34);
         let height = 0.10 * (1.0 - (reach / 0.4) * (reach / 0.4)) + 0.012;
-        let size = Vec3::new(random.range(0.7, 1.3), random.range(0.5, 0.8), random.range(0.7, 1.3));
+        let size = vec3(random.range(0.7, 1.3), random.range(0.5, 0.8), random.range(0.7, 1.3));
         let place = Transform::from_xyz(reach * ops::sin(angle), height, reach * ops::cos(angle))
             .with_rotation(turned(random.range(0.0, 360.0)))
             .with_scale(size);
@@ -96,7 +96,7 @@ fn brazier(g: &mut Geometry, fine: f32) {
     let steps = segments(16, fine);
     for i in 0..3 {
         let angle = i as f32 / 3.0 * TAU;
-        let out = Vec3::new(ops::sin(angle), 0.0, ops::cos(angle));
+        let out = vec3(ops::sin(angle), 0.0, ops::cos(angle));
         let leg: Vec<Vec3> = (0..=steps)
             .map(|k| {
                 let t = k as f32 / steps as f32;
@@ -139,8 +139,7 @@ fn braziers(scene: &mut SceneBuilder, m: &Materials, mound: &SceneMesh, fine: f3
             Transform::from_translation(place).with_rotation(turn),
         );
         let coals = Transform::from_translation(place + Vec3::Y * 0.93).with_rotation(turn);
-        let coals = scene.place(mound, &m.ember, coals);
-        scene.world.entity_mut(coals).insert(NotShadowCaster);
+        scene.place_unshadowed(mound, &m.ember, coals);
         // Only the one on the dais casts shadows: of the figures beside it.
         let on_dais = place.y > 0.0;
         scene.add((
@@ -198,8 +197,7 @@ fn incense(scene: &mut SceneBuilder, m: &Materials, mound: &SceneMesh, fine: f32
     ] {
         scene.place(&stand, &m.gilt, Transform::from_xyz(x, 0.0, z));
         let coals = Transform::from_xyz(x, 1.095, z).with_scale(glow);
-        let coals = scene.place(mound, &m.ember, coals);
-        scene.world.entity_mut(coals).insert(NotShadowCaster);
+        scene.place_unshadowed(mound, &m.ember, coals);
     }
 }
 
@@ -227,14 +225,14 @@ fn lamp(g: &mut Geometry, fine: f32) {
     link.torus(0.05, 0.009, segments(10, fine), segments(5, fine));
     for i in 0..3 {
         let angle = i as f32 / 3.0 * TAU;
-        let out = Vec3::new(ops::sin(angle), 0.0, ops::cos(angle));
+        let out = vec3(ops::sin(angle), 0.0, ops::cos(angle));
         let (low, high) = (out * 0.275, out * 0.05 + Vec3::Y);
         let along = Quat::from_rotation_arc(Vec3::Y, (high - low).normalize());
         // Every second link stands across.
         for k in 0..6 {
             let place = Transform::from_translation(low.lerp(high, (k as f32 + 0.5) / 6.0))
                 .with_rotation(along * turned(90.0 * k as f32))
-                .with_scale(Vec3::new(0.8, 1.8, 1.0));
+                .with_scale(vec3(0.8, 1.8, 1.0));
             g.append(&link, place);
         }
     }
@@ -242,9 +240,7 @@ fn lamp(g: &mut Geometry, fine: f32) {
 
 fn lamps(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     let lamp = scene.shape(|g| lamp(g, fine));
-    let rod = scene.shape(|g| {
-        g.tube(&[Vec3::ZERO, Vec3::Y], 0.014, 8);
-    });
+    let rod = scene.shape(|g| g.tube(&[Vec3::ZERO, Vec3::Y], 0.014, 8));
     let flame = scene.shape(|g| {
         let p = Vec2::new;
         let profile = [
@@ -260,32 +256,21 @@ fn lamps(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     let mut places = Vec::new();
     for z in [-5.0, -3.0, 3.0, 5.0] {
         for x in [-COFFER, COFFER] {
-            places.push((Vec3::new(x, 4.9, z * COFFER), CEILING + 0.02));
+            places.push((vec3(x, 4.9, z * COFFER), CEILING + 0.02));
         }
     }
     for z in [-3.0, -1.0, 1.0, 3.0] {
-        places.push((Vec3::new(-7.25, 4.3, z * BAY), AISLE_CEILING + 0.02));
+        places.push((vec3(-7.25, 4.3, z * BAY), AISLE_CEILING + 0.02));
     }
     for (place, ceiling) in places {
         scene.place(&lamp, &m.bronze, Transform::from_translation(place));
-        let flame = scene.place(&flame, &m.flame, Transform::from_translation(place));
-        scene.world.entity_mut(flame).insert(NotShadowCaster);
-        let reach = Vec3::new(1.0, ceiling - place.y - 1.0, 1.0);
+        scene.place_unshadowed(&flame, &m.flame, Transform::from_translation(place));
+        let reach = vec3(1.0, ceiling - place.y - 1.0, 1.0);
         let hook = Transform::from_translation(place + Vec3::Y).with_scale(reach);
         scene.place(&rod, &m.bronze, hook);
     }
     for z in [-BAY, BAY] {
-        scene.add((
-            PointLight {
-                color: FIRELIGHT,
-                intensity: 90_000.0,
-                range: 10.0,
-                radius: 0.08,
-                shadow_maps_enabled: false,
-                ..Default::default()
-            },
-            Transform::from_xyz(-7.25, 4.4, z),
-        ));
+        scene.lamp(vec3(-7.25, 4.4, z), FIRELIGHT, 90_000.0, 10.0, 0.08);
     }
 }
 
@@ -296,15 +281,15 @@ fn banners(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
             let loose = 1.0 - v;
             let point = 1.0 - (2.0 * u - 1.0).abs();
             let fold = 0.07 * loose * ops::sin(2.3 * TAU * u + 1.1 * loose) + 0.04 * loose * ops::sin(4.0 * v);
-            Vec3::new(1.5 * (u - 0.5), -loose * (3.55 + 0.4 * point), fold)
+            vec3(1.5 * (u - 0.5), -loose * (3.55 + 0.4 * point), fold)
         });
     });
     let rod = scene.shape(|g| {
         let sides = segments(12, fine);
-        g.tube(&[Vec3::new(-0.9, 0.0, 0.0), Vec3::new(0.9, 0.0, 0.0)], 0.022, sides);
+        g.tube(&[vec3(-0.9, 0.0, 0.0), vec3(0.9, 0.0, 0.0)], 0.022, sides);
         for x in [-1.0, 1.0] {
-            g.sphere(Vec3::new(0.92 * x, 0.0, 0.0), 0.05, segments(16, fine), Vec2::ONE);
-            g.tube(&[Vec3::new(0.7 * x, 0.0, 0.0), Vec3::new(0.7 * x, 0.3, 0.0)], 0.01, 6);
+            g.sphere(vec3(0.92 * x, 0.0, 0.0), 0.05, segments(16, fine), Vec2::ONE);
+            g.tube(&[vec3(0.7 * x, 0.0, 0.0), vec3(0.7 * x, 0.3, 0.0)], 0.01, 6);
         }
     });
     for (x, z) in [

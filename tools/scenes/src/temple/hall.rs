@@ -8,7 +8,7 @@ use crate::{
     random::Random,
 };
 use bevy::{
-    math::{Vec2, Vec3, ops},
+    math::{Vec2, Vec3, ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::{PI, TAU};
@@ -39,7 +39,7 @@ fn floor(scene: &mut SceneBuilder, m: &Materials) {
         for (i, (left, right)) in columns.into_iter().enumerate() {
             for (j, (back, front)) in rows.into_iter().enumerate() {
                 if (i, j) != (1, 1) {
-                    let corner = |x: f32, z: f32| Vec3::new(x, 0.0, z);
+                    let corner = |x: f32, z: f32| vec3(x, 0.0, z);
                     let corners = [
                         corner(left, front),
                         corner(right, front),
@@ -59,48 +59,38 @@ fn walls(scene: &mut SceneBuilder, m: &Materials) {
     let (x, z) = (HALF_WIDTH, HALF_LENGTH);
     let walls = scene.shape(|g| {
         // The wall of reliefs, and on the other side what is left between the openings and the ends.
-        block(
-            g,
-            Vec3::new(-x - 0.7, -0.05, -z - 0.3),
-            Vec3::new(-x, 7.8, z + 0.3),
-            0.35,
-        );
+        block(g, vec3(-x - 0.7, -0.05, -z - 0.3), vec3(-x, 7.8, z + 0.3), 0.35);
         let last = BAYS[6] + HALF_OPENING;
-        block(g, Vec3::new(x, -0.05, last), Vec3::new(x + 0.7, 7.8, z + 0.3), 0.35);
-        block(g, Vec3::new(x, -0.05, -z - 0.3), Vec3::new(x + 0.7, 7.8, -last), 0.35);
-        block(g, Vec3::new(x, OPENING, -last), Vec3::new(x + 0.7, 7.8, last), 0.35);
+        block(g, vec3(x, -0.05, last), vec3(x + 0.7, 7.8, z + 0.3), 0.35);
+        block(g, vec3(x, -0.05, -z - 0.3), vec3(x + 0.7, 7.8, -last), 0.35);
+        block(g, vec3(x, OPENING, -last), vec3(x + 0.7, 7.8, last), 0.35);
         for end in [-1.0, 1.0] {
-            let middle = Vec3::new(0.0, 5.0, end * (z + 0.35));
-            g.cuboid(middle, Vec3::new(2.0 * x + 1.8, 10.2, 0.7), 0.35);
+            let middle = vec3(0.0, 5.0, end * (z + 0.35));
+            g.cuboid(middle, vec3(2.0 * x + 1.8, 10.2, 0.7), 0.35);
         }
     });
     scene.place(&walls, &m.wall, Transform::IDENTITY);
     let upper = scene.shape(|g| {
         for side in [-1.0, 1.0] {
             let height = ROOF - 0.3 - COLUMN;
-            let middle = Vec3::new(side * NAVE, COLUMN + 0.5 * height, 0.0);
-            g.cuboid(middle, Vec3::new(1.0, height, 2.0 * z + 0.1), 0.4);
+            let middle = vec3(side * NAVE, COLUMN + 0.5 * height, 0.0);
+            g.cuboid(middle, vec3(1.0, height, 2.0 * z + 0.1), 0.4);
         }
     });
     scene.place(&upper, &m.smooth, Transform::IDENTITY);
     let dado = scene.shape(|g| {
         block(
             g,
-            Vec3::new(-x - 0.1, -0.05, -z - 0.05),
-            Vec3::new(-x + 0.06, 1.05, z + 0.05),
+            vec3(-x - 0.1, -0.05, -z - 0.05),
+            vec3(-x + 0.06, 1.05, z + 0.05),
             0.5,
         );
-        block(
-            g,
-            Vec3::new(-x - 0.1, 1.03, -z - 0.05),
-            Vec3::new(-x + 0.10, 1.11, z + 0.05),
-            0.5,
-        );
+        block(g, vec3(-x - 0.1, 1.03, -z - 0.05), vec3(-x + 0.10, 1.11, z + 0.05), 0.5);
         for end in [-1.0, 1.0] {
-            let middle = Vec3::new(0.0, 0.495, end * (z + 0.02));
-            g.cuboid(middle, Vec3::new(2.0 * x + 0.1, 1.09, 0.16), 0.5);
-            let cap = Vec3::new(0.0, 1.07, end * (z + 0.01));
-            g.cuboid(cap, Vec3::new(2.0 * x + 0.1, 0.07, 0.22), 0.5);
+            let middle = vec3(0.0, 0.495, end * (z + 0.02));
+            g.cuboid(middle, vec3(2.0 * x + 0.1, 1.09, 0.16), 0.5);
+            let cap = vec3(0.0, 1.07, end * (z + 0.01));
+            g.cuboid(cap, vec3(2.0 * x + 0.1, 0.07, 0.22), 0.5);
         }
     });
     scene.place(&dado, &m.dark, Transform::IDENTITY);
@@ -108,34 +98,34 @@ fn walls(scene: &mut SceneBuilder, m: &Materials) {
 
 /// Piers, screens and the threshold on the side of the terrace, pilasters on the other walls.
 fn colonnade(scene: &mut SceneBuilder, m: &Materials) {
-    let free = scene.shape(|g| pier(g, Vec2::new(0.41, 0.5 * BAY - HALF_OPENING), OPENING + 0.03));
+    let free = scene.shape(|g| pier(g, vec2(0.41, 0.5 * BAY - HALF_OPENING), OPENING + 0.03));
     for z in BAYS.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])) {
         scene.place(&free, &m.smooth, Transform::from_xyz(HALF_WIDTH + 0.35, 0.0, z));
     }
-    let pilaster = scene.shape(|g| pier(g, Vec2::new(0.22, 0.4), AISLE_CEILING + 0.03));
+    let pilaster = scene.shape(|g| pier(g, vec2(0.22, 0.4), AISLE_CEILING + 0.03));
     for i in 0..8u32 {
         let z = (i as f32 - 3.5) * BAY;
         scene.place(&pilaster, &m.smooth, Transform::from_xyz(-HALF_WIDTH, 0.0, z));
     }
-    let end = scene.shape(|g| pier(g, Vec2::new(0.55, 0.25), COLUMN + 0.04));
+    let end = scene.shape(|g| pier(g, vec2(0.55, 0.25), COLUMN + 0.04));
     for (x, z) in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)] {
         scene.place(&end, &m.smooth, Transform::from_xyz(x * NAVE, 0.0, z * HALF_LENGTH));
     }
 
     let (half, sill) = (HALF_OPENING, 4.8);
     let screen = scene.shape(|g| {
-        let corner = |x: f32, y: f32| Vec3::new(x * half, y, 0.0);
+        let corner = |x: f32, y: f32| vec3(x * half, y, 0.0);
         let corners = [
             corner(-1.0, sill),
             corner(1.0, sill),
             corner(1.0, OPENING),
             corner(-1.0, OPENING),
         ];
-        g.quad(corners, Vec2::new(2.0, 1.0));
+        g.quad(corners, vec2(2.0, 1.0));
     });
     let rail = scene.shape(|g| {
-        let low = Vec3::new(-half - 0.05, sill - 0.07, -0.06);
-        soft_block(g, low, Vec3::new(half + 0.05, sill + 0.05, 0.06), 0.02, 1.0);
+        let low = vec3(-half - 0.05, sill - 0.07, -0.06);
+        soft_block(g, low, vec3(half + 0.05, sill + 0.05, 0.06), 0.02, 1.0);
     });
     for z in BAYS {
         let place = Transform::from_xyz(HALF_WIDTH + 0.35, 0.0, z).with_rotation(turned(90.0));
@@ -144,8 +134,8 @@ fn colonnade(scene: &mut SceneBuilder, m: &Materials) {
     }
     let threshold = scene.shape(|g| {
         // A little before the wall's face.
-        let low = Vec3::new(HALF_WIDTH - 0.03, -0.4, -HALF_LENGTH - 0.2);
-        let high = Vec3::new(HALF_WIDTH + 1.6, 0.06, HALF_LENGTH + 0.2);
+        let low = vec3(HALF_WIDTH - 0.03, -0.4, -HALF_LENGTH - 0.2);
+        let high = vec3(HALF_WIDTH + 1.6, 0.06, HALF_LENGTH + 0.2);
         soft_block(g, low, high, 0.02, 0.5);
     });
     scene.place(&threshold, &m.dark, Transform::IDENTITY);
@@ -158,13 +148,13 @@ fn roof(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
         for side in [-1.0, 1.0] {
             // Over the nave, with a square hole, and over the aisles.
             let (outer, low) = (NAVE + 0.7, ROOF - 0.38);
-            let middle = Vec3::new(0.0, 0.5 * (ROOF + low), side * 0.5 * (COFFER + z));
-            g.cuboid(middle, Vec3::new(2.0 * outer, ROOF - low, z - COFFER), 0.4);
-            let middle = Vec3::new(side * 0.5 * (COFFER + outer), 0.5 * (ROOF + low), 0.0);
-            g.cuboid(middle, Vec3::new(outer - COFFER, ROOF - low, 2.0 * COFFER), 0.4);
+            let middle = vec3(0.0, 0.5 * (ROOF + low), side * 0.5 * (COFFER + z));
+            g.cuboid(middle, vec3(2.0 * outer, ROOF - low, z - COFFER), 0.4);
+            let middle = vec3(side * 0.5 * (COFFER + outer), 0.5 * (ROOF + low), 0.0);
+            g.cuboid(middle, vec3(outer - COFFER, ROOF - low, 2.0 * COFFER), 0.4);
             let (inner, outer) = (NAVE + 0.2, HALF_WIDTH + 0.95);
-            let middle = Vec3::new(side * 0.5 * (inner + outer), AISLE_CEILING + 0.25, 0.0);
-            g.cuboid(middle, Vec3::new(outer - inner, 0.5, 2.0 * z - 0.8), 0.4);
+            let middle = vec3(side * 0.5 * (inner + outer), AISLE_CEILING + 0.25, 0.0);
+            g.cuboid(middle, vec3(outer - inner, 0.5, 2.0 * z - 0.8), 0.4);
         }
         around_hole(g, CEILING, around, false);
         around_hole(g, ROOF, around, true);
@@ -185,8 +175,8 @@ fn roof(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     scene.place(&roof, &m.smooth, Transform::IDENTITY);
     let beams = scene.shape(|g| {
         for i in 0..36u32 {
-            let middle = Vec3::new(0.0, AISLE_CEILING - 0.1, i as f32 - 17.5);
-            g.cuboid(middle, Vec3::new(HALF_WIDTH - NAVE - 0.3, 0.3, 0.22), 1.0);
+            let middle = vec3(0.0, AISLE_CEILING - 0.1, i as f32 - 17.5);
+            g.cuboid(middle, vec3(HALF_WIDTH - NAVE - 0.3, 0.3, 0.22), 1.0);
         }
     });
     for side in [-1.0, 1.0] {
@@ -197,18 +187,18 @@ fn roof(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
 
 /// The square of the ceiling around the oculus, flat.
 fn around_hole(g: &mut Geometry, y: f32, around: u32, upwards: bool) {
-    g.surface(around, 1, Vec2::new(6.0, 0.5), |u, v| {
+    g.surface(around, 1, vec2(6.0, 0.5), |u, v| {
         let (x, z) = (ops::sin(u * TAU), ops::cos(u * TAU));
         let square = COFFER / x.abs().max(z.abs());
         let t = if upwards { 1.0 - v } else { v };
         let r = OCULUS + (square - OCULUS) * t;
-        Vec3::new(r * x, y, r * z)
+        vec3(r * x, y, r * z)
     });
 }
 
 /// The basin: a kerb around still water, and in it a bronze lotus that holds a sun.
 fn basin(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
-    let half = Vec2::new(BASIN.0, BASIN.1);
+    let half = vec2(BASIN.0, BASIN.1);
     let p = Vec2::new;
     let kerb = scene.shape(|g| {
         let profile = [
@@ -221,13 +211,13 @@ fn basin(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
             p(0.40, 0.03),
             p(0.40, -0.05),
         ];
-        let mut ring = Geometry::default();
-        frame(&mut ring, half, &profile, 0.5);
-        g.append(&ring, Transform::from_rotation(facing_up()));
+        g.part(Transform::from_rotation(facing_up()), |part| {
+            frame(part, half, &profile, 0.5);
+        });
     });
     scene.place(&kerb, &m.dark, Transform::IDENTITY);
     let water = scene.shape(|g| {
-        let corner = |x: f32, z: f32| Vec3::new(x * (half.x + 0.02), 0.03, z * (half.y + 0.02));
+        let corner = |x: f32, z: f32| vec3(x * (half.x + 0.02), 0.03, z * (half.y + 0.02));
         g.mapped_quad(
             [
                 corner(-1.0, 1.0),
@@ -260,7 +250,7 @@ fn basin(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
             };
             for i in 0..count {
                 let angle = i as f32 / count as f32 * TAU;
-                let out = Vec3::new(ops::sin(angle), 0.0, ops::cos(angle));
+                let out = vec3(ops::sin(angle), 0.0, ops::cos(angle));
                 blade.add(g, Vec3::Y.cross(out), petal, |v| {
                     out * (0.18 + reach * ops::sin(1.5 * v)) + Vec3::Y * (0.05 + lift * v * v + 0.1 * v)
                 });
@@ -268,9 +258,7 @@ fn basin(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
         }
     });
     scene.place(&lotus, &m.bronze, Transform::from_xyz(0.0, 0.64, 0.0));
-    let ball = scene.shape(|g| {
-        g.sphere(Vec3::ZERO, 0.24, segments(40, fine), Vec2::new(2.0, 1.0));
-    });
+    let ball = scene.shape(|g| g.sphere(Vec3::ZERO, 0.24, segments(40, fine), vec2(2.0, 1.0)));
     scene.place(&ball, &m.gilt, Transform::from_xyz(0.0, 1.02, 0.0));
 }
 
@@ -278,15 +266,15 @@ fn basin(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
 fn dais(scene: &mut SceneBuilder, m: &Materials) {
     let steps = scene.shape(|g| {
         for (i, half, front, top) in tiers() {
-            let low = Vec3::new(-half, -0.05 - 0.01 * i as f32, -HALF_LENGTH - 0.1);
-            soft_block(g, low, Vec3::new(half, top, front), 0.015, 0.5);
+            let low = vec3(-half, -0.05 - 0.01 * i as f32, -HALF_LENGTH - 0.1);
+            soft_block(g, low, vec3(half, top, front), 0.015, 0.5);
         }
     });
     scene.place(&steps, &m.dark, Transform::IDENTITY);
     let strips = scene.shape(|g| {
         for (_, half, front, top) in tiers() {
-            let low = Vec3::new(-half + 0.05, top - 0.065, front - 0.02);
-            soft_block(g, low, Vec3::new(half - 0.05, top - 0.035, front + 0.01), 0.008, 1.0);
+            let low = vec3(-half + 0.05, top - 0.065, front - 0.02);
+            soft_block(g, low, vec3(half - 0.05, top - 0.035, front + 0.01), 0.008, 1.0);
         }
     });
     scene.place(&strips, &m.gilt, Transform::IDENTITY);
@@ -303,7 +291,7 @@ fn tiers() -> impl Iterator<Item = (u32, f32, f32, f32)> {
 /// What is seen through the openings: paving, a garden wall and cypresses.
 fn terrace(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     let paving = scene.shape(|g| {
-        let corner = |x: f32, z: f32| Vec3::new(x, -0.25, z);
+        let corner = |x: f32, z: f32| vec3(x, -0.25, z);
         g.mapped_quad(
             [
                 corner(9.3, 50.0),
@@ -316,16 +304,16 @@ fn terrace(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     });
     scene.place(&paving, &m.wall, Transform::IDENTITY);
     let wall = scene.shape(|g| {
-        block(g, Vec3::new(27.0, -0.3, -50.0), Vec3::new(27.6, 3.2, 50.0), 0.35);
-        block(g, Vec3::new(26.85, 3.15, -50.0), Vec3::new(27.75, 3.4, 50.0), 0.35);
+        block(g, vec3(27.0, -0.3, -50.0), vec3(27.6, 3.2, 50.0), 0.35);
+        block(g, vec3(26.85, 3.15, -50.0), vec3(27.75, 3.4, 50.0), 0.35);
     });
     scene.place(&wall, &m.wall, Transform::IDENTITY);
     let cypress = scene.shape(|g| {
-        g.surface(segments(28, fine), segments(24, fine), Vec2::new(4.0, 8.0), |u, v| {
+        g.surface(segments(28, fine), segments(24, fine), vec2(4.0, 8.0), |u, v| {
             let girth = ops::sin(PI * (0.06 + 0.94 * v)).max(0.0).sqrt() * (1.0 - 0.45 * v);
             let tufts = 1.0 + 0.10 * ops::sin(7.0 * TAU * u + 21.0 * v) * ops::sin(34.0 * v + 2.0);
             let r = 0.95 * girth * tufts;
-            Vec3::new(r * ops::sin(u * TAU), 0.5 + 7.5 * v, r * ops::cos(u * TAU))
+            vec3(r * ops::sin(u * TAU), 0.5 + 7.5 * v, r * ops::cos(u * TAU))
         });
     });
     let pot = scene.shape(|g| props::pot(g, 0.8, 0.7, segments(24, fine)));

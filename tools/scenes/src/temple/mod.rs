@@ -12,25 +12,22 @@ mod order;
 mod reliefs;
 mod surfaces;
 
+use crate::geometry::segments;
 use crate::{
     builder::SceneBuilder,
     camera_path::CameraPath,
-    environment::{Environment, sky},
+    environment::{Environment, SceneOptions},
+    materials::{both_sides, dielectric, gloss},
     patterns,
-    scene_name::SceneOptions,
     sky::{Sky, sun_direction},
 };
 use bevy::{
     asset::Handle,
-    camera::Exposure,
     color::{Color, LinearRgba},
-    core_pipeline::tonemapping::Tonemapping,
     ecs::{entity::Entity, world::World},
-    light::{CascadeShadowConfigBuilder, DirectionalLight},
     material::AlphaMode,
-    math::Vec3,
+    math::{Vec3, vec3},
     pbr::StandardMaterial,
-    transform::components::Transform,
 };
 
 /// Measures of the building in metres.
@@ -105,11 +102,7 @@ impl Materials {
             wall: scene.material(wall),
             smooth: scene.material(smooth),
             dark: scene.material(dark),
-            water: scene.material(StandardMaterial {
-                base_color: Color::srgb(0.03, 0.07, 0.08),
-                perceptual_roughness: 0.02,
-                ..Default::default()
-            }),
+            water: scene.material(gloss(Color::srgb(0.03, 0.07, 0.08), 0.02)),
             bronze: scene.material(bronze),
             gilt: scene.material(StandardMaterial {
                 base_color: Color::srgb(1.0, 0.80, 0.42),
@@ -118,46 +111,22 @@ impl Materials {
             }),
             screen: scene.material(StandardMaterial {
                 alpha_mode: AlphaMode::Mask(0.5),
-                double_sided: true,
-                cull_mode: None,
-                metallic: 0.0,
-                ..screen
+                ..both_sides(dielectric(screen))
             }),
-            wood: scene.material(StandardMaterial {
-                base_color: Color::srgb(0.30, 0.18, 0.10),
-                perceptual_roughness: 0.5,
-                ..Default::default()
-            }),
-            banner: scene.material(StandardMaterial {
-                double_sided: true,
-                cull_mode: None,
-                ..banner
-            }),
+            wood: scene.material(gloss(Color::srgb(0.30, 0.18, 0.10), 0.5)),
+            banner: scene.material(both_sides(banner)),
             ember: scene.material(StandardMaterial {
-                base_color: Color::srgb(0.05, 0.04, 0.04),
                 emissive: LinearRgba::rgb(7.0, 5.0, 4.0),
                 emissive_texture: Some(embers.base_color),
-                perceptual_roughness: 1.0,
-                ..Default::default()
+                ..gloss(Color::srgb(0.05, 0.04, 0.04), 1.0)
             }),
             flame: scene.material(StandardMaterial {
-                base_color: Color::BLACK,
                 emissive: LinearRgba::rgb(8.0, 4.4, 1.5),
-                perceptual_roughness: 1.0,
-                ..Default::default()
+                ..gloss(Color::BLACK, 1.0)
             }),
-            foliage: scene.material(StandardMaterial {
-                base_color: Color::srgb(0.17, 0.27, 0.12),
-                perceptual_roughness: 0.95,
-                ..Default::default()
-            }),
+            foliage: scene.material(gloss(Color::srgb(0.17, 0.27, 0.12), 0.95)),
         }
     }
-}
-
-/// Turns a number of segments at detail one into the number at a fineness.
-fn segments(base: u32, fine: f32) -> u32 {
-    ((base as f32 * fine).round() as u32).max(3)
 }
 
 fn sun() -> Vec3 {
@@ -166,13 +135,7 @@ fn sun() -> Vec3 {
 
 /// A clear day, seen from inside: the environment map knows no shadow, so the sky is kept dim and the exposure long.
 pub fn environment(world: &mut World) -> Environment {
-    let (light, skybox) = sky(world, Sky::Day { sun: sun() }, 420.0);
-    Environment {
-        light: Some(light),
-        skybox: Some(skybox),
-        exposure: Exposure { ev100: 9.2 },
-        tonemapping: Tonemapping::TonyMcMapface,
-    }
+    Environment::under(world, Sky::Day { sun: sun() }, 420.0, 9.2)
 }
 
 /// Builds the temple; the number of triangles grows in proportion to `options.detail`.
@@ -185,35 +148,20 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     order::build(&mut scene, &materials, fine);
     bronze::build(&mut scene, &materials, fine);
     furnishing::build(&mut scene, &materials, fine);
-    scene.add((
-        DirectionalLight {
-            color: Color::srgb(1.0, 0.91, 0.77),
-            illuminance: 15_000.0,
-            shadow_maps_enabled: true,
-            ..Default::default()
-        },
-        CascadeShadowConfigBuilder {
-            num_cascades: 3,
-            first_cascade_far_bound: 9.0,
-            maximum_distance: 48.0,
-            ..Default::default()
-        }
-        .build(),
-        Transform::default().looking_to(-sun(), Vec3::Y),
-    ));
+    scene.sun(sun(), Color::srgb(1.0, 0.91, 0.77), 15_000.0, (3, 9.0, 48.0));
     scene.finish()
 }
 
 /// A slow walk from the doors past a brazier, along the basin and up to the dais.
 pub const PATH: CameraPath = CameraPath::new(
     &[
-        (Vec3::new(0.6, 1.65, 14.0), Vec3::new(0.0, 1.5, 0.0)),
-        (Vec3::new(1.8, 1.5, 9.6), Vec3::new(0.2, 0.9, 0.0)),
-        (Vec3::new(3.1, 1.35, 5.4), Vec3::new(0.0, 0.6, -2.0)),
-        (Vec3::new(3.2, 1.4, 1.0), Vec3::new(-0.6, 0.6, -3.5)),
-        (Vec3::new(3.1, 1.3, -3.4), Vec3::new(0.2, 1.1, -8.5)),
-        (Vec3::new(2.4, 1.25, -7.4), Vec3::new(-0.4, 2.0, -16.0)),
-        (Vec3::new(0.8, 1.6, -10.4), Vec3::new(-0.4, 2.8, -17.0)),
+        (vec3(0.6, 1.65, 14.0), vec3(0.0, 1.5, 0.0)),
+        (vec3(1.8, 1.5, 9.6), vec3(0.2, 0.9, 0.0)),
+        (vec3(3.1, 1.35, 5.4), vec3(0.0, 0.6, -2.0)),
+        (vec3(3.2, 1.4, 1.0), vec3(-0.6, 0.6, -3.5)),
+        (vec3(3.1, 1.3, -3.4), vec3(0.2, 1.1, -8.5)),
+        (vec3(2.4, 1.25, -7.4), vec3(-0.4, 2.0, -16.0)),
+        (vec3(0.8, 1.6, -10.4), vec3(-0.4, 2.8, -17.0)),
     ],
     25.0,
     55.0,

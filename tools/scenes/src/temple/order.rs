@@ -7,7 +7,7 @@ use crate::{
     random::smooth,
 };
 use bevy::{
-    math::{Vec2, Vec3, ops},
+    math::{Vec2, Vec3, ops, vec2, vec3},
     transform::components::Transform,
 };
 use std::f32::consts::{PI, TAU};
@@ -30,9 +30,7 @@ fn columns(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     let base = scene.shape(|g| base(g, fine));
     let shaft = scene.shape(|g| {
         shaft(g, fine);
-        let mut head = Geometry::default();
-        capital(&mut head, fine);
-        g.append(&head, Transform::from_xyz(0.0, NECK, 0.0));
+        g.part(Transform::from_xyz(0.0, NECK, 0.0), |part| capital(part, fine));
     });
     for i in 0..8u32 {
         let z = (i as f32 - 3.5) * BAY;
@@ -46,13 +44,7 @@ fn columns(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
 
 /// The plinth and the rings between it and the shaft.
 fn base(g: &mut Geometry, fine: f32) {
-    soft_block(
-        g,
-        Vec3::new(-0.75, -0.05, -0.75),
-        Vec3::new(0.75, 0.27, 0.75),
-        0.02,
-        0.5,
-    );
+    soft_block(g, vec3(-0.75, -0.05, -0.75), vec3(0.75, 0.27, 0.75), 0.02, 0.5);
     let p = Vec2::new;
     let profile = [
         p(0.66, 0.26),
@@ -81,7 +73,7 @@ fn shaft(g: &mut Geometry, fine: f32) {
     let around = FLUTES * segments(6, fine);
     let length = NECK - FOOT;
     for (low, high, rows) in [(0.0, 0.3, 5), (0.3, length - 0.3, 4), (length - 0.3, length, 5)] {
-        let uv_scale = Vec2::new(3.0, 0.5 * (high - low));
+        let uv_scale = vec2(3.0, 0.5 * (high - low));
         g.surface(around, segments(rows, fine), uv_scale, |u, v| {
             let along = low + (high - low) * v;
             let t = (along / length).clamp(0.0, 1.0);
@@ -90,7 +82,7 @@ fn shaft(g: &mut Geometry, fine: f32) {
             let hollow = (1.0 - across * across / 0.74).max(0.0).sqrt();
             let fade = smooth(0.05, 0.20, along.min(length - along));
             let r = (RADIUS - 0.035 * hollow * fade) * (1.0 - 0.15 * t * t);
-            Vec3::new(r * ops::sin(u * TAU), FOOT + along, r * ops::cos(u * TAU))
+            vec3(r * ops::sin(u * TAU), FOOT + along, r * ops::cos(u * TAU))
         });
     }
 }
@@ -111,13 +103,7 @@ fn capital(g: &mut Geometry, fine: f32) {
     ];
     g.lathe(&bell, segments(32, fine), p(3.0, 0.5));
     let top = COLUMN - NECK;
-    soft_block(
-        g,
-        Vec3::new(-0.68, 0.91, -0.68),
-        Vec3::new(0.68, top + 0.01, 0.68),
-        0.03,
-        0.5,
-    );
+    soft_block(g, vec3(-0.68, 0.91, -0.68), vec3(0.68, top + 0.01, 0.68), 0.03, 0.5);
     for (height, turn, width) in [(0.52, 0.0, 0.165), (0.88, 0.5, 0.15)] {
         let leaf = Blade {
             quads: (segments(8, fine), segments(8, fine)),
@@ -127,7 +113,7 @@ fn capital(g: &mut Geometry, fine: f32) {
         };
         for i in 0..8 {
             let angle = (i as f32 + turn) / 8.0 * TAU;
-            let out = Vec3::new(ops::sin(angle), 0.0, ops::cos(angle));
+            let out = vec3(ops::sin(angle), 0.0, ops::cos(angle));
             let lobes = |v: f32| petal(v) * (1.0 + 0.12 * ops::sin(18.0 * v));
             leaf.add(g, out.cross(Vec3::Y), lobes, |v| {
                 let curl = v * v * v * v;
@@ -139,28 +125,28 @@ fn capital(g: &mut Geometry, fine: f32) {
     // A band that rises from the leaves and winds up below each corner.
     let mut volute = Geometry::default();
     let (stem, turns) = (segments(7, fine), segments(20, fine));
-    let center = Vec3::new(0.66, 0.745, 0.0);
+    let center = vec3(0.66, 0.745, 0.0);
     let mut path = Vec::new();
     for i in 0..stem {
         let t = i as f32 / stem as f32;
-        path.push(Vec3::new(0.42, 0.36, 0.0).lerp(center + Vec3::Y * 0.14, t) + Vec3::Y * (0.18 * t * (1.0 - t)));
+        path.push(vec3(0.42, 0.36, 0.0).lerp(center + Vec3::Y * 0.14, t) + Vec3::Y * (0.18 * t * (1.0 - t)));
     }
     for i in 0..=turns {
         let t = i as f32 / turns as f32;
         let (angle, r) = (0.5 * PI - 3.4 * PI * t, 0.14 * (1.0 - 0.78 * t));
-        path.push(center + Vec3::new(r * ops::cos(angle), r * ops::sin(angle), 0.0));
+        path.push(center + vec3(r * ops::cos(angle), r * ops::sin(angle), 0.0));
     }
     volute.tube(&path, 0.026, segments(6, fine));
     volute.sphere(center, 0.05, segments(10, fine), Vec2::ONE);
     for i in 0..4 {
-        let place = Transform::from_rotation(turned(45.0 + 90.0 * i as f32)).with_scale(Vec3::new(1.0, 1.0, 1.9));
+        let place = Transform::from_rotation(turned(45.0 + 90.0 * i as f32)).with_scale(vec3(1.0, 1.0, 1.9));
         g.append(&volute, place);
     }
 }
 
 /// Architrave, palmettes and cornice over one bay, on the face of the nave's upper wall.
 fn frieze(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
-    let p = |out: f32, up: f32| Vec2::new(out, COLUMN + up);
+    let p = |out: f32, up: f32| vec2(out, COLUMN + up);
     let bay = scene.shape(|g| {
         let profile = [
             p(0.0, 0.03),
@@ -193,9 +179,9 @@ fn frieze(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
         }
         for i in 0..20 {
             let x = 0.2 * (i as f32 - 9.5);
-            let place = Transform::from_xyz(x, COLUMN + 0.65, 0.075).with_scale(Vec3::new(1.0, 1.25, 0.8));
+            let place = Transform::from_xyz(x, COLUMN + 0.65, 0.075).with_scale(vec3(1.0, 1.25, 0.8));
             g.append(&egg, place);
-            g.cuboid(Vec3::new(x, COLUMN + 1.52, 0.155), Vec3::new(0.11, 0.10, 0.13), 1.0);
+            g.cuboid(vec3(x, COLUMN + 1.52, 0.155), vec3(0.11, 0.10, 0.13), 1.0);
         }
     });
     for i in 0..9u32 {
@@ -229,26 +215,24 @@ fn coffers(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     let mut coffer = Geometry::default();
     frame(&mut coffer, half, &profile, 0.5);
     let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)];
-    coffer.mapped_quad(corners.map(|(x, y)| Vec3::new(x * half.x, y * half.y, -0.38)), 0.5);
+    coffer.mapped_quad(corners.map(|(x, y)| vec3(x * half.x, y * half.y, -0.38)), 0.5);
     let mut flower = Geometry::default();
     rosette(&mut flower, 0.46, 8, fine);
     let at = |x: f32, lift: f32| Transform::from_xyz(x, lift, 0.0).with_rotation(facing_down());
     let shift = 0.5 * COFFER;
     let stones = [
         scene.shape(|g| {
-            g.append(&coffer, at(-shift, 0.0)).append(&coffer, at(shift, 0.0));
+            g.append(&coffer, at(-shift, 0.0));
+            g.append(&coffer, at(shift, 0.0));
         }),
-        scene.shape(|g| {
-            g.append(&coffer, at(0.0, 0.0));
-        }),
+        scene.shape(|g| g.append(&coffer, at(0.0, 0.0))),
     ];
     let flowers = [
         scene.shape(|g| {
-            g.append(&flower, at(-shift, 0.38)).append(&flower, at(shift, 0.38));
+            g.append(&flower, at(-shift, 0.38));
+            g.append(&flower, at(shift, 0.38));
         }),
-        scene.shape(|g| {
-            g.append(&flower, at(0.0, 0.38));
-        }),
+        scene.shape(|g| g.append(&flower, at(0.0, 0.38))),
     ];
     for row in 0..16u32 {
         let z = (row as f32 - 7.5) * COFFER;
@@ -268,7 +252,7 @@ fn coffers(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
 
 /// Framed pictures between the pilasters of the closed wall, below a band of rosettes.
 fn reliefs(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
-    let half = Vec2::new(1.15, 1.5);
+    let half = vec2(1.15, 1.5);
     let p = Vec2::new;
     let border = scene.shape(|g| {
         let profile = [

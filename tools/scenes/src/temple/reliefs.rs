@@ -1,7 +1,7 @@
 //! Pictures carved and cast in relief, as heights over a plane.
 
 use crate::{geometry::Geometry, random::smooth};
-use bevy::math::{Vec2, ops};
+use bevy::math::{Vec2, ops, vec2};
 use std::f32::consts::PI;
 
 /// What a relief shows. Every picture fits into 2.3 by 3 metres around the origin.
@@ -25,7 +25,7 @@ impl Picture {
             Picture::Lotus => lotus(p),
             Picture::Procession => [-0.74, 0.0, 0.74]
                 .into_iter()
-                .map(|x| figure(Vec2::new(p.x - x, p.y)))
+                .map(|x| figure(vec2(p.x - x, p.y)))
                 .fold(0.0, f32::max),
             Picture::Waves => waves(p),
         }
@@ -33,14 +33,14 @@ impl Picture {
 
     /// Adds the relief in the xy plane, facing +z, from a plane at `base`. The picture is scaled to `size` from its 2.3 by 3 metres.
     pub fn carve(self, g: &mut Geometry, size: Vec2, base: f32, columns: u32, rows: u32) {
-        let scale = size / Vec2::new(2.3, 3.0);
+        let scale = size / vec2(2.3, 3.0);
         let depth = scale.min_element();
-        let quads = Vec2::new(columns as f32, rows as f32);
+        let quads = vec2(columns as f32, rows as f32);
         let place = |share: Vec2| (share - 0.5) * size;
         let stride = columns as usize + 1;
         let heights: Vec<f32> = (0..stride * (rows as usize + 1))
             .map(|i| {
-                let p = place(Vec2::new((i % stride) as f32, (i / stride) as f32) / quads);
+                let p = place(vec2((i % stride) as f32, (i / stride) as f32) / quads);
                 // The rims stay flat, so that frames fit.
                 let rim = (0.5 * size - p.abs()).min_element();
                 base + depth * self.height(p / scale) * smooth(0.0, 0.04 * depth, rim)
@@ -48,12 +48,12 @@ impl Picture {
             .collect();
         // Normals follow from the flat quads between those heights: details that are finer than the mesh don't disturb them.
         g.surface(columns, rows, size * 0.5, |u, v| {
-            let at = (Vec2::new(u, v) * quads).clamp(Vec2::ZERO, quads);
+            let at = (vec2(u, v) * quads).clamp(Vec2::ZERO, quads);
             let cell = at.floor().min(quads - 1.0);
             let corner = cell.y as usize * stride + cell.x as usize;
             let row = |first: usize| heights[first] + (heights[first + 1] - heights[first]) * (at.x - cell.x);
             let (low, high) = (row(corner), row(corner + stride));
-            place(Vec2::new(u, v)).extend(low + (high - low) * (at.y - cell.y))
+            place(vec2(u, v)).extend(low + (high - low) * (at.y - cell.y))
         });
     }
 }
@@ -86,18 +86,18 @@ fn sun(p: Vec2) -> f32 {
     let ray = smooth(1.7 * taper - 0.8, 1.7 * taper - 0.2, ops::cos(16.0 * angle));
     let window = smooth(0.53, 0.58, radius) * smooth(reach, reach - 0.06, radius);
     // Rows of stars above and below.
-    let star = Vec2::new(p.x - (p.x / 0.46).round() * 0.46, p.y.abs() - 1.28);
+    let star = vec2(p.x - (p.x / 0.46).round() * 0.46, p.y.abs() - 1.28);
     let stars = domed(star.length() / 0.13, 0.05);
     face.max(hoop).max(0.07 * ray * window).max(stars)
 }
 
 fn lotus(p: Vec2) -> f32 {
-    let foot = Vec2::new(0.0, -0.55);
+    let foot = vec2(0.0, -0.55);
     let mut height: f32 = 0.0;
     for i in -3..=3 {
         let angle = 0.42 * i as f32;
         let (sin, cos) = (ops::sin(angle), ops::cos(angle));
-        let out = Vec2::new(sin, cos);
+        let out = vec2(sin, cos);
         let length = 1.9 - 0.13 * (i * i) as f32;
         let q = p - foot - out * (0.5 * length);
         let (along, across) = (q.dot(out) / (0.5 * length), q.perp_dot(out) / 0.22);
@@ -107,29 +107,21 @@ fn lotus(p: Vec2) -> f32 {
         let inside = smooth(1.0, 0.8, along * along + across * across);
         height = height.max(inside * (domed(along * along + across * across, 0.045) + lift + rib));
     }
-    let bowl = Vec2::new(p.x / 0.62, (p.y + 0.60) / 0.36);
+    let bowl = vec2(p.x / 0.62, (p.y + 0.60) / 0.36);
     let bowl = if p.y < -0.55 {
         domed(bowl.length_squared(), 0.10)
     } else {
         0.0
     };
-    let stem = raised(
-        segment(p, Vec2::new(0.0, -0.9), Vec2::new(0.0, -1.25)) - 0.10,
-        0.06,
-        0.03,
-    );
-    let foot_plate = raised(
-        segment(p, Vec2::new(-0.4, -1.30), Vec2::new(0.4, -1.30)) - 0.06,
-        0.07,
-        0.03,
-    );
+    let stem = raised(segment(p, vec2(0.0, -0.9), vec2(0.0, -1.25)) - 0.10, 0.06, 0.03);
+    let foot_plate = raised(segment(p, vec2(-0.4, -1.30), vec2(0.4, -1.30)) - 0.06, 0.07, 0.03);
     height.max(bowl).max(stem).max(foot_plate)
 }
 
 /// A figure in a robe around x = 0, looking towards +x.
 fn figure(p: Vec2) -> f32 {
-    let head = domed(p.distance(Vec2::new(0.03, 0.98)) / 0.16, 0.10);
-    let hair = domed(p.distance(Vec2::new(-0.05, 1.02)) / 0.18, 0.08);
+    let head = domed(p.distance(vec2(0.03, 0.98)) / 0.16, 0.10);
+    let hair = domed(p.distance(vec2(-0.05, 1.02)) / 0.18, 0.08);
     let down = ((0.78 - p.y) / 2.1).clamp(0.0, 1.0);
     let half = 0.17 + 0.14 * down;
     let folds = 0.16 * ops::cos(26.0 * p.x / (1.0 + 0.8 * down)) * smooth(0.1, 0.4, down);
@@ -137,11 +129,11 @@ fn figure(p: Vec2) -> f32 {
     let body = raised(outline, 0.075, 0.03) * (1.0 + folds);
     let belt = raised((p.y - 0.16).abs() - 0.035, 0.095, 0.03) * smooth(half, half - 0.03, p.x.abs());
     let arm = [
-        segment(p, Vec2::new(-0.02, 0.66), Vec2::new(0.20, 0.38)),
-        segment(p, Vec2::new(0.20, 0.38), Vec2::new(0.30, 0.70)),
+        segment(p, vec2(-0.02, 0.66), vec2(0.20, 0.38)),
+        segment(p, vec2(0.20, 0.38), vec2(0.30, 0.70)),
     ];
     let arm = domed(arm[0].min(arm[1]) / 0.085, 0.105);
-    let bowl = Vec2::new((p.x - 0.30) / 0.14, (p.y - 0.80) / 0.10);
+    let bowl = vec2((p.x - 0.30) / 0.14, (p.y - 0.80) / 0.10);
     let bowl = if p.y < 0.84 {
         domed(bowl.length_squared(), 0.09)
     } else {
@@ -153,7 +145,7 @@ fn figure(p: Vec2) -> f32 {
 fn waves(p: Vec2) -> f32 {
     // Three rows of running spirals.
     let row = (p.y / 0.9).round().clamp(-1.0, 1.0);
-    let q = Vec2::new(p.x - (p.x / 0.75).round().clamp(-1.0, 1.0) * 0.75, p.y - 0.9 * row);
+    let q = vec2(p.x - (p.x / 0.75).round().clamp(-1.0, 1.0) * 0.75, p.y - 0.9 * row);
     let (radius, angle) = (q.length(), ops::atan2(q.y, q.x));
     let arm = ops::cos(angle + 2.0 * PI * radius / 0.24);
     let spiral = smooth(-0.7, 0.7, arm) * smooth(0.37, 0.31, radius) * 0.06;

@@ -4,7 +4,7 @@ use crate::{
     random::{fractal, hash, smooth, veins},
     texture::Texel,
 };
-use bevy::math::{Vec2, Vec3, ops};
+use bevy::math::{Vec2, Vec3, ops, vec2, vec3};
 use std::f32::consts::PI;
 
 /// A kind of marble.
@@ -20,43 +20,43 @@ struct Marble {
 
 const BLACK: Marble = Marble {
     seed: 301,
-    body: Vec3::new(0.07, 0.07, 0.08),
-    vein: Vec3::new(0.55, 0.52, 0.46),
+    body: vec3(0.07, 0.07, 0.08),
+    vein: vec3(0.55, 0.52, 0.46),
     strength: 0.5,
     polish: 0.05,
 };
 const YELLOW: Marble = Marble {
     seed: 302,
-    body: Vec3::new(0.74, 0.57, 0.30),
-    vein: Vec3::new(0.50, 0.30, 0.14),
+    body: vec3(0.74, 0.57, 0.30),
+    vein: vec3(0.50, 0.30, 0.14),
     strength: 0.5,
     polish: 0.12,
 };
 const GREEN: Marble = Marble {
     seed: 303,
-    body: Vec3::new(0.11, 0.26, 0.20),
-    vein: Vec3::new(0.52, 0.64, 0.54),
+    body: vec3(0.11, 0.26, 0.20),
+    vein: vec3(0.52, 0.64, 0.54),
     strength: 0.55,
     polish: 0.07,
 };
 const RED: Marble = Marble {
     seed: 304,
-    body: Vec3::new(0.40, 0.13, 0.11),
-    vein: Vec3::new(0.76, 0.56, 0.48),
+    body: vec3(0.40, 0.13, 0.11),
+    vein: vec3(0.76, 0.56, 0.48),
     strength: 0.5,
     polish: 0.08,
 };
 const CREAM: Marble = Marble {
     seed: 305,
-    body: Vec3::new(0.82, 0.76, 0.66),
-    vein: Vec3::new(0.52, 0.44, 0.36),
+    body: vec3(0.82, 0.76, 0.66),
+    vein: vec3(0.52, 0.44, 0.36),
     strength: 0.55,
     polish: 0.14,
 };
 const GREY: Marble = Marble {
     seed: 306,
-    body: Vec3::new(0.52, 0.51, 0.50),
-    vein: Vec3::new(0.82, 0.80, 0.77),
+    body: vec3(0.52, 0.51, 0.50),
+    vein: vec3(0.82, 0.80, 0.77),
     strength: 0.6,
     polish: 0.20,
 };
@@ -116,7 +116,7 @@ pub fn dark_marble(uv: Vec2) -> Texel {
     let cloud = fractal(uv, 5, 5, 322);
     let smear = smooth(0.48, 0.70, fractal(uv, 4, 5, 323));
     Texel {
-        color: Vec3::new(0.075, 0.10, 0.095).lerp(Vec3::new(0.58, 0.60, 0.55), 0.5 * vein) * (0.8 + 0.4 * cloud),
+        color: vec3(0.075, 0.10, 0.095).lerp(vec3(0.58, 0.60, 0.55), 0.5 * vein) * (0.8 + 0.4 * cloud),
         roughness: 0.06 + 0.12 * smear + 0.04 * vein,
         ..Default::default()
     }
@@ -127,9 +127,9 @@ pub fn bronze(uv: Vec2) -> Texel {
     let brown = smooth(0.36, 0.68, fractal(uv, 3, 5, 331));
     let scratches = fractal(uv, 40, 3, 332);
     let patina = smooth(0.62, 0.74, fractal(uv, 6, 5, 333));
-    let metal = Vec3::new(0.86, 0.64, 0.40).lerp(Vec3::new(0.60, 0.40, 0.25), brown) * (0.97 - 0.06 * scratches);
+    let metal = vec3(0.86, 0.64, 0.40).lerp(vec3(0.60, 0.40, 0.25), brown) * (0.97 - 0.06 * scratches);
     Texel {
-        color: metal.lerp(Vec3::new(0.34, 0.50, 0.43), 0.8 * patina),
+        color: metal.lerp(vec3(0.34, 0.50, 0.43), 0.8 * patina),
         height: 0.0004 * scratches + 0.0008 * patina,
         roughness: 0.12 + 0.14 * brown + 0.10 * scratches + 0.34 * patina,
         metallic: 1.0 - 0.8 * patina,
@@ -142,15 +142,15 @@ pub fn embers(uv: Vec2) -> Texel {
     let crack = veins(uv, 5, 341);
     let heat = (0.75 * crack + 0.6 * smooth(0.45, 0.8, fractal(uv, 7, 4, 342))).clamp(0.02, 1.0);
     Texel {
-        color: Vec3::new(heat, 0.62 * heat * heat, 0.30 * heat * heat * heat),
+        color: vec3(heat, 0.62 * heat * heat, 0.30 * heat * heat * heat),
         ..Default::default()
     }
 }
 
 /// Crimson cloth with a sun, bands and borders of gold thread; the square is stretched over a cloth of 1.5 by 4 metres.
 pub fn banner(uv: Vec2) -> Texel {
-    let p = Vec2::new((uv.x - 0.5) * 1.5, uv.y * 4.0);
-    let from_sun = p - Vec2::new(0.0, 1.35);
+    let p = vec2((uv.x - 0.5) * 1.5, uv.y * 4.0);
+    let from_sun = p - vec2(0.0, 1.35);
     let (radius, angle) = (from_sun.length(), ops::atan2(from_sun.y, from_sun.x));
     let ray = 0.33 + 0.15 * (0.5 + 0.5 * ops::cos(12.0 * angle));
     let sun = radius < 0.21 || (radius - 0.27).abs() < 0.02 || (radius > 0.33 && radius < ray);
@@ -164,9 +164,9 @@ pub fn banner(uv: Vec2) -> Texel {
     let across = if over { threads.x } else { threads.y };
     let thread = ops::sin((across - across.floor()) * PI);
     let fade = fractal(uv, 4, 4, 351);
-    let dye = Vec3::new(0.52, 0.06, 0.07) * (0.8 + 0.3 * fade);
+    let dye = vec3(0.52, 0.06, 0.07) * (0.8 + 0.3 * fade);
     Texel {
-        color: dye.lerp(Vec3::new(0.90, 0.69, 0.33), gold) * (0.86 + 0.12 * thread),
+        color: dye.lerp(vec3(0.90, 0.69, 0.33), gold) * (0.86 + 0.12 * thread),
         height: 0.0005 * thread + 0.0006 * gold,
         roughness: 0.88 - 0.48 * gold,
         metallic: gold,

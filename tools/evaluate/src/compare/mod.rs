@@ -1,0 +1,9 @@
+//! Errors of images: FLIP and others, computed beside the renderer and written down at once.
+
+#[cfg(test)]
+mod degradations;
+pub mod image;
+pub mod log;
+pub mod metrics;
+pub mod pool;
+pub mod score;

@@ -1,0 +1,335 @@
+//! Conclusions from the rows: are the goals met, where does a variable rate win, and which heuristic suits which scene.
+
+use super::{
+    paper, pareto,
+    rows::{Row, number, of_scene, scenes},
+};
+use crate::{protocol::Protocol, techniques::is_variable};
+use std::fmt::Write;
+
+/// The heuristics that decide where rays are spared.
+pub const HEURISTICS: [&str; 3] = ["vrs-roughness", "vrs-grazing", "vrs-combined"];
+
+/// Size of the paper's pictures.
+const PAPER_SIZE: (u32, u32) = (1920, 1080);
+
+/// The row that speaks for a technique: of the first tracer, and compute before hardware.
+fn usual<'a>(rows: &[&'a Row], technique: &str) -> Option<&'a Row> {
+    let named = || rows.iter().copied().filter(move |row| row.technique == technique);
+    named().find(|row| row.backend != "hardware").or_else(|| named().next())
+}
+
+/// All conclusions, as Markdown.
+pub fn sections(rows: &[Row], protocol: &Protocol) -> String {
+    let mut text = String::new();
+    against_paper(rows, protocol, &mut text);
+    pareto::section(rows, &mut text);
+    bias(rows, &mut text);
+    let sentences = sentences(rows);
+    if !sentences.is_empty() {
+        text.push_str(
+            "## Where a variable rate wins\n\nIt wins over `quarter` where it is faster beyond noise and its error grows by less than its \
+             time shrinks. The error is the mean FLIP of the reflection alone against the ground truth.\n\n",
+        );
+        for sentence in sentences {
+            let _ = writeln!(text, "- {sentence}");
+        }
+        text.push('\n');
+    }
+    text
+}
+
+/// The paper's largest error of a variable rate in the scene that ours stands for, with that scene's name.
+pub fn paper_limit(scene: &str) -> Option<(&'static str, f64)> {
+    let index = paper::SCENES.iter().position(|(_, ours)| *ours == scene)?;
+    let variable = paper::TECHNIQUES
+        .iter()
+        .filter(|technique| HEURISTICS.contains(&technique.ours));
+    let errors = variable.filter_map(|technique| Some(technique.errors?[0][index]));
+    errors.reduce(f64::max).map(|limit| (paper::SCENES[index].0, limit))
+}
+
+fn against_paper(rows: &[Row], protocol: &Protocol, text: &mut String) {
+    let mut table = String::new();
+    let (mut above, mut counted) = (Vec::new(), 0);
+    for row in rows.iter().filter(|row| row.is_ok() && is_variable(&row.technique)) {
+        let (Some((theirs, limit)), Some(error)) = (paper_limit(&row.scene), row.flip_reflection_reference) else {
+            continue;
+        };
+        let is_technique = row.technique.starts_with("vrs-");
+        let kind = if is_technique { "" } else { " (preset)" };
+        let holds = error <= limit;
+        let _ = writeln!(
+            table,
+            "| {} | {}{kind} | {} | {error:.4} | *{limit:.3}* ({theirs}) | {} |",
+            row.scene,
+            row.label(),
+            row.tracer,
+            if holds { "yes" } else { "**no**" }
+        );
+        if is_technique {
+            counted += 1;
+            if !holds {
+                above.push(format!("{} in {}", row.label(), row.scene));
+            }
+        }
+    }
+    if table.is_empty() {
+        return;
+    }
+    text.push_str(
+        "## Is the error of a variable rate at most the paper's?\n\nMean FLIP of the reflection alone against `reference`, and the \
+         largest that *the paper* has for a variable rate in the scene of the same kind.\n\n\
+         | scene | technique | tracer | ours | *the paper's* | |\n|---|---|---|---:|---:|---|\n",
+    );
+    text.push_str(&table);
+    text.push('\n');
+    if counted > 0 {
+        let _ = if above.is_empty() {
+            writeln!(text, "All {counted} variable-rate techniques hold this limit.")
+        } else {
+            writeln!(
+                text,
+                "**{} of {counted} variable-rate techniques are above it**: {}.",
+                above.len(),
+                above.join(", ")
+            )
+        };
+    }
+    text.push_str("Presets are no part of that: they differ from `reference` in more than their rate.\n");
+    if (protocol.width, protocol.height) != PAPER_SIZE {
+        let (width, height) = PAPER_SIZE;
+        let _ = writeln!(
+            text,
+            "The paper's pictures have {width}x{height} pixels, these {}x{}: in small pictures errors are larger.",
+            protocol.width, protocol.height
+        );
+    }
+    text.push('\n');
+}
+
+fn bias(rows: &[Row], text: &mut String) {
+    let measured = rows.iter().filter(|row| row.is_ok() && row.bias_percent.is_some());
+    let mut table = String::new();
+    for row in measured {
+        let percent = row.bias_percent.unwrap_or(0.0);
+        let _ = writeln!(
+            table,
+            "| {} | {} | {} | {percent:+.2} % | {} |",
+            row.scene,
+            row.label(),
+            row.tracer,
+            number(row.bias, 5)
+        );
+    }
+    if table.is_empty() {
+        return;
+    }
+    let _ = write!(
+        text,
+        "## How much too bright or too dark is the picture?\n\nMean signed error of the picture's linear luminance against the ground \
+         truth, over all views.\n\n| scene | technique | tracer | of the ground truth's luminance | of white |\n\
+         |---|---|---|---:|---:|\n{table}\n"
+    );
+}
+
+/// Gain and loss of a heuristic against `quarter`.
+struct Gain {
+    name: &'static str,
+    /// Its time as a share of that of `quarter`.
+    time: f64,
+    /// Noise of that share.
+    noise: f64,
+    /// Its error as a share of that of `quarter`.
+    error: f64,
+}
+
+impl Gain {
+    fn of(rows: &[&Row], name: &'static str) -> Option<Self> {
+        let (row, quarter) = (usual(rows, name)?, usual(rows, "quarter")?);
+        let (time, base) = (row.total_ms?, quarter.total_ms.filter(|time| *time > 0.0)?);
+        let (error, base_error) = (row.flip_reflection_converged?, quarter.flip_reflection_converged?);
+        // The ratios to `reference` are formed within rounds; without them there are the times.
+        let time = match (row.ratio, quarter.ratio.filter(|ratio| *ratio > 0.0)) {
+            (Some(ratio), Some(base)) => ratio / base,
+            _ => time / base,
+        };
+        Some(Self {
+            name,
+            time,
+            noise: row.noise().unwrap_or(0.0) + quarter.noise().unwrap_or(0.0),
+            error: error / base_error.max(1e-9),
+        })
+    }
+
+    /// Time times error: both count in proportion.
+    fn cost(&self) -> f64 {
+        self.time * self.error
+    }
+
+    fn word(&self) -> &'static str {
+        if self.time + self.noise < 1.0 && self.cost() < 1.0 {
+            "wins"
+        } else if self.time - self.noise < 1.0 && self.cost() < 1.0 {
+            "is undecided"
+        } else {
+            "does not win"
+        }
+    }
+}
+
+/// Sentences about each scene, and about which heuristic suits which.
+pub fn sentences(rows: &[Row]) -> Vec<String> {
+    let mut text = Vec::new();
+    let mut suited: Vec<(&str, Vec<&str>)> = HEURISTICS.iter().map(|name| (*name, Vec::new())).collect();
+    for scene in scenes(rows) {
+        let rows = of_scene(rows, scene);
+        let gains: Vec<Gain> = HEURISTICS.iter().filter_map(|name| Gain::of(&rows, name)).collect();
+        let least = |value: fn(&Gain) -> f64| gains.iter().min_by(|a, b| value(a).total_cmp(&value(b)));
+        let (Some(fastest), Some(closest), Some(best)) =
+            (least(|gain| gain.time), least(|gain| gain.error), least(Gain::cost))
+        else {
+            continue;
+        };
+        let parts: Vec<String> = gains
+            .iter()
+            .map(|gain| {
+                format!(
+                    "`{}` {} ({:.1} % of the time, {:+.1} % error)",
+                    gain.name,
+                    gain.word(),
+                    100.0 * gain.time,
+                    100.0 * (gain.error - 1.0)
+                )
+            })
+            .collect();
+        let ends = if fastest.name == closest.name {
+            format!("`{}` is both the fastest and the closest to the truth", fastest.name)
+        } else {
+            format!(
+                "`{}` is the fastest, `{}` the closest to the truth",
+                fastest.name, closest.name
+            )
+        };
+        text.push(format!(
+            "**{scene}**: {}. {ends}; by time times error `{}` suits this scene best.",
+            parts.join(", "),
+            best.name
+        ));
+        for (_, scenes) in suited.iter_mut().filter(|(name, _)| *name == best.name) {
+            scenes.push(scene);
+        }
+    }
+    suited.retain(|(_, scenes)| !scenes.is_empty());
+    if !suited.is_empty() {
+        let parts: Vec<String> = suited
+            .iter()
+            .map(|(name, scenes)| format!("`{name}` in {}", scenes.join(", ")))
+            .collect();
+        text.push(format!("**Which heuristic suits which scene**: {}.", parts.join("; ")));
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(scene: &str, technique: &str, time: f64, error: f64) -> Row {
+        Row {
+            scene: scene.into(),
+            technique: technique.into(),
+            backend: "compute".into(),
+            tracer: "bvh".into(),
+            total_ms: Some(time),
+            ratio: Some(time / 2.0),
+            ratio_low: Some(time / 2.0 * 0.99),
+            ratio_high: Some(time / 2.0 * 1.01),
+            flip_final_converged: Some(error / 5.0),
+            flip_reflection_converged: Some(error),
+            flip_reflection_reference: Some(error),
+            bias: Some(-0.002),
+            bias_percent: Some(-1.234),
+            ..Row::default()
+        }
+    }
+
+    fn rows() -> Vec<Row> {
+        vec![
+            row("atrium", "reference", 2.0, 0.040),
+            row("atrium", "quarter", 1.0, 0.050),
+            row("atrium", "vrs-roughness", 0.7, 0.060),
+            row("atrium", "vrs-grazing", 1.2, 0.055),
+            row("atrium", "vrs-combined", 0.8, 0.051),
+            row("atrium", "medium", 0.8, 0.090),
+        ]
+    }
+
+    fn text(rows: &[Row]) -> String {
+        sections(rows, &Protocol::new(false, false))
+    }
+
+    #[test]
+    fn the_limits_are_the_papers() {
+        assert_eq!(paper_limit("atrium"), Some(("Sponza", 0.072)));
+        assert_eq!(paper_limit("temple"), Some(("Sun Temple", 0.046)));
+        assert_eq!(paper_limit("street"), Some(("Bistro", 0.086)));
+        assert_eq!(paper_limit("demo"), None);
+    }
+
+    #[test]
+    fn techniques_are_held_against_the_paper() {
+        let good = text(&rows());
+        assert!(
+            good.contains("| atrium | vrs-roughness | bvh | 0.0600 | *0.072* (Sponza) | yes |"),
+            "{good}"
+        );
+        assert!(
+            good.contains("All 3 variable-rate techniques hold this limit."),
+            "{good}"
+        );
+        // A preset is shown and doesn't count; what has a fixed rate isn't even shown.
+        assert!(good.contains("| atrium | medium (preset) | bvh | 0.0900 | *0.072* (Sponza) | **no** |"));
+        assert!(!good.contains("| atrium | quarter | bvh | 0.0500 | *"));
+        assert!(!good.contains("in small pictures"), "{good}");
+        let mut rows = rows();
+        rows[2].flip_reflection_reference = Some(0.0721);
+        let bad = sections(&rows, &Protocol::new(true, true));
+        assert!(bad.contains("**1 of 3 variable-rate techniques are above it**: vrs-roughness in atrium."));
+        assert!(bad.contains("these 128x72"), "{bad}");
+    }
+
+    #[test]
+    fn bias_has_a_sign_and_a_share() {
+        let text = text(&rows());
+        assert!(
+            text.contains("| atrium | quarter | bvh | -1.23 % | -0.00200 |"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn sentences_name_winners() {
+        let found = sentences(&rows());
+        assert_eq!(found.len(), 2);
+        assert!(
+            found[0].contains("`vrs-roughness` wins (70.0 % of the time, +20.0 % error)"),
+            "{}",
+            found[0]
+        );
+        assert!(found[0].contains("`vrs-grazing` does not win") && found[0].contains("`vrs-combined` wins"));
+        assert!(found[0].contains("`vrs-roughness` is the fastest, `vrs-combined` the closest"));
+        assert!(
+            found[0].contains("`vrs-combined` suits this scene best"),
+            "{}",
+            found[0]
+        );
+        assert!(found[1].ends_with("`vrs-combined` in atrium."), "{}", found[1]);
+        // Within noise nothing is claimed.
+        let mut noisy = rows();
+        noisy[4].ratio_low = Some(0.1);
+        noisy[4].ratio_high = Some(1.0);
+        assert!(sentences(&noisy)[0].contains("`vrs-combined` is undecided"));
+        assert!(sentences(&rows()[..2]).is_empty());
+    }
+}

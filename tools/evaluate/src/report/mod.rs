@@ -1,0 +1,13 @@
+//! Results: rows and statistics from what was measured, and the tables, charts and texts made of them.
+
+mod analysis;
+mod charts;
+pub mod output;
+mod paper;
+mod pareto;
+mod readme;
+pub mod regressions;
+pub mod rows;
+mod stats;
+mod summary;
+pub mod table;

@@ -1,0 +1,167 @@
+//! Writes the results.
+
+use super::{
+    charts::{chart, svg},
+    readme,
+    rows::{Row, number, to_csv},
+    summary::Summary,
+    table,
+};
+use crate::{
+    files::{write_json, write_text},
+    machine::Machine,
+    protocol::Protocol,
+};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    io::{self, Write},
+    path::Path,
+};
+
+/// A title and a path from the folder of results.
+type ChartFile = (String, String);
+
+/// Everything that was measured.
+pub struct Results<'a> {
+    /// The folder of results.
+    pub out: &'a Path,
+    /// The machine.
+    pub machine: &'a Machine,
+    /// How much was measured.
+    pub protocol: &'a Protocol,
+    /// All rows.
+    pub rows: &'a [Row],
+}
+
+impl Results<'_> {
+    /// Writes tables, charts and the summary.
+    pub fn write(&self) -> Result<(), String> {
+        write_text(&self.out.join("results.csv"), &to_csv(self.rows)?)?;
+        let facts = table::facts(self.out, self.rows);
+        let json = serde_json::json!({
+            "machine": self.machine,
+            "protocol": self.protocol,
+            "scenes": facts,
+            "rows": self.rows,
+        });
+        write_json(&self.out.join("results.json"), &json)?;
+        let charts = self.charts()?;
+        let summary = Summary {
+            machine: self.machine,
+            protocol: self.protocol,
+            rows: self.rows,
+            facts: &facts,
+            charts: &charts,
+        };
+        write_text(&self.out.join("summary.md"), &summary.to_markdown())?;
+        let fragment = readme::fragment(self.machine, self.protocol, self.rows, &charts);
+        write_text(&self.out.join("readme.md"), &fragment)
+    }
+
+    /// Draws two charts per scene: of the picture and of the reflection alone.
+    fn charts(&self) -> Result<BTreeMap<String, Vec<ChartFile>>, String> {
+        let mut charts: BTreeMap<String, Vec<ChartFile>> = BTreeMap::new();
+        let scenes: BTreeSet<&str> = self.rows.iter().map(|row| row.scene.as_str()).collect();
+        let Protocol { width, height, .. } = self.protocol;
+        let subtitle = format!("{width}x{height}, {}", self.machine.adapter);
+        for scene in scenes {
+            let rows: Vec<&Row> = self
+                .rows
+                .iter()
+                .filter(|row| row.scene == scene && row.is_ok())
+                .collect();
+            let picture = chart(
+                &format!("{scene}: error of the picture against GPU time"),
+                &subtitle,
+                "mean FLIP of the picture against the ground truth",
+                &rows,
+                |row| row.flip_final_converged,
+                |row| row.flip_final_converged_min.zip(row.flip_final_converged_max),
+            );
+            let reflection = chart(
+                &format!("{scene}: error of the reflection against GPU time"),
+                &subtitle,
+                "mean FLIP of the reflection alone against the ground truth",
+                &rows,
+                |row| row.flip_reflection_converged,
+                |_| None,
+            );
+            for (kind, chart) in [("picture", picture), ("reflection", reflection)] {
+                let Some(chart) = chart else {
+                    continue;
+                };
+                let file = format!("charts/{scene}.{kind}");
+                write_text(&self.out.join(format!("{file}.svg")), &svg(&chart)?)?;
+                let entry = (chart.title.clone(), format!("{file}.svg"));
+                charts.entry(scene.to_owned()).or_default().push(entry);
+            }
+        }
+        Ok(charts)
+    }
+
+    /// Prints the most important columns, and where the rest is. A reader that went away is no failure.
+    pub fn print(&self) {
+        _ = self.print_to(&mut io::stdout().lock());
+    }
+
+    fn print_to(&self, out: &mut impl Write) -> io::Result<()> {
+        let scene = self.rows.iter().map(|row| row.scene.len()).max().unwrap_or(0).max(5);
+        let name = self.rows.iter().map(|row| row.label().len()).max().unwrap_or(0).max(9);
+        writeln!(
+            out,
+            "{:scene$}  {:name$}  {:9}  {:>9}  {:>9}  {:>11}  {:>11}",
+            "scene", "technique", "tracer", "ms", "rays/px", "FLIP final", "FLIP refl."
+        )?;
+        for row in self.rows {
+            write!(out, "{:scene$}  {:name$}  {:9}  ", row.scene, row.label(), row.tracer)?;
+            if row.is_ok() {
+                writeln!(
+                    out,
+                    "{:>9}  {:>9}  {:>11}  {:>11}",
+                    number(row.total_ms, 3),
+                    number(row.rays_per_pixel, 3),
+                    number(row.flip_final_converged, 4),
+                    number(row.flip_reflection_converged, 4)
+                )?;
+            } else {
+                writeln!(out, "{}", row.note)?;
+            }
+        }
+        writeln!(out, "\n{}", self.out.join("summary.md").display())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::rows::from_csv;
+
+    #[test]
+    fn all_files_are_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path();
+        let rows = [Row {
+            scene: "atrium".into(),
+            technique: "quarter".into(),
+            total_ms: Some(0.5),
+            flip_final_converged: Some(0.02),
+            ..Row::default()
+        }];
+        let results = Results {
+            out,
+            machine: &Machine::default(),
+            protocol: &Protocol::new(true, true),
+            rows: &rows,
+        };
+        results.write().unwrap();
+        let table = std::fs::read_to_string(out.join("results.csv")).unwrap();
+        assert_eq!(from_csv(&table).unwrap(), rows);
+        for file in ["results.json", "summary.md", "readme.md", "charts/atrium.picture.svg"] {
+            assert!(out.join(file).metadata().unwrap().len() > 100, "{file}");
+        }
+        assert!(!out.join("charts/atrium.reflection.svg").exists());
+        let mut printed = Vec::new();
+        results.print_to(&mut printed).unwrap();
+        assert!(String::from_utf8(printed).unwrap().contains("quarter"));
+    }
+}

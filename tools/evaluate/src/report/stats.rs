@@ -1,0 +1,210 @@
+//! Medians, their confidence intervals, and ratios that noise can't fake.
+
+use glint_scenes::Random;
+
+/// A range that holds the true value with a probability of about 95 %.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interval {
+    /// Lower end.
+    pub low: f64,
+    /// Upper end.
+    pub high: f64,
+}
+
+fn sorted(values: &[f64]) -> Vec<f64> {
+    let mut sorted: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted
+}
+
+/// A share of the values from below, interpolated: 0.5 is the median. Values that aren't finite are left out; `None` without any.
+pub fn quantile(values: &[f64], share: f64) -> Option<f64> {
+    quantile_of_sorted(&sorted(values), share)
+}
+
+fn quantile_of_sorted(sorted: &[f64], share: f64) -> Option<f64> {
+    let last = sorted.len().checked_sub(1)?;
+    let place = share.clamp(0.0, 1.0) * last as f64;
+    let (low, high) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
+    Some(low + (high - low) * place.fract())
+}
+
+/// The mean of the finite values; `None` without any.
+pub fn mean(values: &[f64]) -> Option<f64> {
+    let finite = values.iter().filter(|value| value.is_finite());
+    let (sum, count) = finite.fold((0.0, 0u32), |(sum, count), value| (sum + value, count + 1));
+    (count > 0).then(|| sum / f64::from(count))
+}
+
+/// The 95 % confidence interval of the median from order statistics: it assumes nothing about the distribution. With fewer than
+/// six values it is their range, which is less than 95 % sure.
+///
+/// Frames along a camera path differ for good reasons, and that spread is part of the interval.
+pub fn median_interval(values: &[f64]) -> Option<Interval> {
+    let sorted = sorted(values);
+    let last = sorted.len().checked_sub(1)?;
+    let rank = outer_rank(sorted.len()).min(last / 2);
+    Some(Interval {
+        low: sorted[rank],
+        high: sorted[last - rank],
+    })
+}
+
+/// The largest rank `j` for which at most `j` of `n` fair coins show heads with a probability of at most 2.5 %.
+fn outer_rank(n: usize) -> usize {
+    let n_real = n as f64;
+    if n > 200 {
+        return ((n_real - 1.959_964 * n_real.sqrt()) / 2.0 - 1.0).floor().max(0.0) as usize;
+    }
+    let mut term = 0.5f64.powf(n_real);
+    let (mut sum, mut rank) = (term, 0);
+    for j in 1..n {
+        term *= (n - j + 1) as f64 / j as f64;
+        sum += term;
+        if sum > 0.025 {
+            break;
+        }
+        rank = j;
+    }
+    rank
+}
+
+/// The ratio `a / b` of two quantities that were measured in the same rounds, and its 95 % interval.
+///
+/// Each round gives one ratio, so that what changes from round to round for both (the place on the path, the clock of a warm
+/// GPU) cancels out. The estimate is the geometric mean; the interval comes from resampling the rounds, always with the same
+/// random numbers. `None` without a common round; without an interval if there is only one.
+pub fn paired_ratio(a: &[Option<f64>], b: &[Option<f64>]) -> Option<(f64, Option<Interval>)> {
+    const RESAMPLES: usize = 2000;
+    let usable = |value: &Option<f64>| value.filter(|value| value.is_finite() && *value > 0.0);
+    let logs: Vec<f64> = a
+        .iter()
+        .zip(b)
+        .filter_map(|(a, b)| Some((usable(a)? / usable(b)?).ln()))
+        .collect();
+    let estimate = mean(&logs)?.exp();
+    if logs.len() < 2 {
+        return Some((estimate, None));
+    }
+    let mut random = Random::new(0x6c69_6e74);
+    let mut means: Vec<f64> = (0..RESAMPLES)
+        .map(|_| {
+            let sum: f64 = (0..logs.len()).map(|_| logs[random.below(logs.len())]).sum();
+            sum / logs.len() as f64
+        })
+        .collect();
+    means.sort_by(f64::total_cmp);
+    let end = |share| quantile_of_sorted(&means, share).map(f64::exp);
+    let interval = Interval {
+        low: end(0.025)?,
+        high: end(0.975)?,
+    };
+    Some((estimate, Some(interval)))
+}
+
+/// Indices of the points that no other beats: none is at most as large in both coordinates and smaller in one. Sorted by the
+/// first coordinate. Points that aren't finite are never on the front.
+pub fn pareto_front(points: &[(f64, f64)]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..points.len())
+        .filter(|&i| points[i].0.is_finite() && points[i].1.is_finite())
+        .collect();
+    order.sort_by(|&a, &b| {
+        let (a, b) = (points[a], points[b]);
+        a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))
+    });
+    let mut best = f64::INFINITY;
+    let mut last = None;
+    order.retain(|&i| {
+        let beats = points[i].1 < best || last == Some(points[i]);
+        if beats {
+            best = points[i].1;
+            last = Some(points[i]);
+        }
+        beats
+    });
+    order
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_interpolate_and_skip_what_is_not_finite() {
+        assert_eq!(quantile(&[3.0, 1.0, 2.0], 0.5), Some(2.0));
+        assert_eq!(quantile(&[1.0, f64::NAN, 2.0], 0.5), Some(1.5));
+        assert_eq!(quantile(&[f64::INFINITY], 0.5), None);
+        assert_eq!(mean(&[1.0, 3.0, f64::NAN]), Some(2.0));
+        assert_eq!(mean(&[]), None);
+    }
+
+    #[test]
+    fn order_statistics_are_those_of_the_tables() {
+        // Ranks (from 0) of the exact two-sided 95 % interval of a median.
+        for (n, rank) in [(6, 0), (9, 1), (10, 1), (20, 5), (50, 17), (100, 39)] {
+            assert_eq!(outer_rank(n), rank, "{n}");
+        }
+        // The approximation for large samples meets the exact ranks.
+        let n = 201.0f64;
+        let exact = outer_rank(200) as f64;
+        assert!(((n - 1.959_964 * n.sqrt()) / 2.0 - 1.0 - exact).abs() < 1.5);
+        let values: Vec<f64> = (0..20).map(f64::from).collect();
+        assert_eq!(median_interval(&values), Some(Interval { low: 5.0, high: 14.0 }));
+        assert_eq!(median_interval(&[4.0]), Some(Interval { low: 4.0, high: 4.0 }));
+        assert_eq!(median_interval(&[]), None);
+    }
+
+    #[test]
+    fn intervals_of_medians_hold_the_median_as_often_as_they_say() {
+        let mut random = Random::new(7);
+        let trials = 2000;
+        let held = (0..trials)
+            .filter(|_| {
+                let values: Vec<f64> = (0..25).map(|_| random.below(1_000_001) as f64).collect();
+                median_interval(&values).is_some_and(|interval| (interval.low..=interval.high).contains(&500_000.0))
+            })
+            .count();
+        let share = held as f64 / f64::from(trials);
+        assert!((0.93..0.99).contains(&share), "{share}");
+    }
+
+    #[test]
+    fn paired_ratios_see_through_what_both_share() {
+        // The machine slows down by a factor of three; the ratio stays 0.8 within 1 %.
+        let b: Vec<Option<f64>> = (0..12).map(|i| Some(1.0 + f64::from(i) / 6.0)).collect();
+        let a: Vec<Option<f64>> = b
+            .iter()
+            .enumerate()
+            .map(|(i, b)| b.map(|b| b * if i % 2 == 0 { 0.795 } else { 0.805 }))
+            .collect();
+        let (ratio, interval) = paired_ratio(&a, &b).unwrap();
+        let interval = interval.unwrap();
+        assert!((ratio - 0.8).abs() < 1e-3);
+        assert!(
+            interval.low <= 0.8 && (0.8..0.81).contains(&interval.high),
+            "{interval:?}"
+        );
+        // Rounds that one of them lacks don't count.
+        assert_eq!(
+            paired_ratio(&[Some(5.0), None], &[Some(5.0), Some(1.0)]),
+            Some((1.0, None))
+        );
+        assert_eq!(paired_ratio(&[None], &[Some(1.0)]), None);
+    }
+
+    #[test]
+    fn the_front_holds_what_nothing_beats() {
+        let points = [
+            (1.0, 5.0),
+            (2.0, 3.0),
+            (2.5, 3.5),
+            (4.0, 1.0),
+            (3.0, 3.0),
+            (f64::NAN, 0.0),
+        ];
+        assert_eq!(pareto_front(&points), [0, 1, 3]);
+        assert_eq!(pareto_front(&[]), [0usize; 0]);
+        // Equal points share their place.
+        assert_eq!(pareto_front(&[(1.0, 1.0), (1.0, 1.0)]), [0, 1]);
+    }
+}

@@ -1,0 +1,288 @@
+//! Makes rows from the state of jobs.
+
+use super::{
+    rows::{Outcome, Row, significant},
+    stats::{mean, median_interval, paired_ratio, quantile},
+};
+use crate::{
+    compare::{
+        log::ComparisonLog,
+        pool::Problems,
+        score::{Errors, ViewErrors},
+    },
+    files::read_json,
+    job::{Job, Variant},
+    machine::Machine,
+    state::{FRAME, LIGHTING, RAYS, Round, SceneFacts, Store, TOTAL},
+};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
+
+/// Digits of the values in files.
+const DIGITS: i32 = 5;
+
+/// The rows of a job. `failure` says why the job as a whole ended early, if it did, and `problems` which images could not be compared.
+pub fn rows(job: &Job, machine: &Machine, log: &ComparisonLog, failure: Option<&str>, problems: &Problems) -> Vec<Row> {
+    let store = Store::new(job);
+    let rounds: Vec<Round> = (0..job.protocol.rounds())
+        .filter_map(|round| read_json(&store.round(round)))
+        .collect();
+    let facts: SceneFacts = read_json(&store.facts()).unwrap_or_default();
+    let failures = store.failures();
+    job.variants
+        .iter()
+        .map(|variant| {
+            let mut row = empty(job, variant, machine);
+            if !facts.adapter.is_empty() {
+                row.adapter.clone_from(&facts.adapter);
+            }
+            times(&mut row, variant, &rounds);
+            let (name, id) = (job.id(), variant.id());
+            let captured = store.load_captured(variant);
+            let errors = captured
+                .as_ref()
+                .and_then(|captured| log.errors(&name, &id, captured.stamp, job.protocol.views));
+            let complete = row.frames > 0 && errors.is_some();
+            if let Some(captured) = captured {
+                row.flicker = mean(&captured.flicker).map(|value| significant(value, DIGITS));
+                row.nonfinite = Some(captured.nonfinite);
+            }
+            if let Some(errors) = errors {
+                scores(&mut row, &errors);
+            }
+            if let Some(reason) = failures.get(&id) {
+                row.outcome = Outcome::Failed;
+                row.note.clone_from(reason);
+            } else if !complete {
+                let problem = problems.get(&(name, id)).map(String::as_str);
+                row.outcome = Outcome::Failed;
+                row.note = problem
+                    .or(failure)
+                    .unwrap_or("it was not measured to the end")
+                    .to_owned();
+            }
+            row
+        })
+        .collect()
+}
+
+/// The row of a technique that this machine can't do.
+pub fn skipped(job: &Job, variant: &Variant, machine: &Machine, reason: &str) -> Row {
+    Row {
+        outcome: Outcome::Skipped,
+        note: reason.to_owned(),
+        ..empty(job, variant, machine)
+    }
+}
+
+fn empty(job: &Job, variant: &Variant, machine: &Machine) -> Row {
+    let protocol = &job.protocol;
+    let backend = match (variant.is_ours(), variant.hardware) {
+        (false, _) => "-",
+        (true, false) => "compute",
+        (true, true) => "hardware",
+    };
+    let tracer = if variant.traces() { job.tracer.as_str() } else { "-" };
+    Row {
+        scene: job.scene.name(),
+        technique: variant.technique.clone(),
+        backend: backend.to_owned(),
+        tracer: tracer.to_owned(),
+        adapter: machine.adapter.clone(),
+        width: protocol.width,
+        height: protocol.height,
+        views: protocol.views,
+        samples: protocol.samples,
+        ..Row::default()
+    }
+}
+
+fn times(row: &mut Row, variant: &Variant, rounds: &[Round]) {
+    let id = variant.id();
+    let all = |name: &str| -> Vec<f64> {
+        let values = rounds.iter().filter_map(|round| round.get(&id)?.get(name));
+        values.flatten().copied().collect()
+    };
+    let median = |name: &str| quantile(&all(name), 0.5).map(|value| significant(value, DIGITS));
+    row.frames = all(FRAME).len() as u32;
+    row.frame_ms = median(FRAME);
+    row.lighting_ms = median(LIGHTING);
+    if variant.technique == "off" {
+        row.total_ms = (row.frames > 0).then_some(0.0);
+        return;
+    }
+    let total = all(TOTAL);
+    let digits = |value: f64| significant(value, DIGITS);
+    row.total_ms = quantile(&total, 0.5).map(digits);
+    row.total_p95_ms = quantile(&total, 0.95).map(digits);
+    let interval = median_interval(&total);
+    row.total_low_ms = interval.map(|interval| digits(interval.low));
+    row.total_high_ms = interval.map(|interval| digits(interval.high));
+    let by_round = |id: &str| -> Vec<Option<f64>> {
+        let rounds = rounds.iter();
+        rounds.map(|round| quantile(round.get(id)?.get(TOTAL)?, 0.5)).collect()
+    };
+    if let Some((ratio, interval)) = paired_ratio(&by_round(&id), &by_round("reference")) {
+        row.ratio = Some(digits(ratio));
+        row.ratio_low = interval.map(|interval| digits(interval.low));
+        row.ratio_high = interval.map(|interval| digits(interval.high));
+    }
+    for (name, value) in [
+        ("rate", &mut row.rate_ms),
+        ("trace", &mut row.trace_ms),
+        ("reconstruct", &mut row.reconstruct_ms),
+        ("temporal", &mut row.temporal_ms),
+        ("blur", &mut row.blur_ms),
+        ("composite", &mut row.composite_ms),
+    ] {
+        *value = median(name);
+    }
+    row.rays = median(RAYS);
+    let pixels = f64::from(row.width) * f64::from(row.height);
+    row.rays_per_pixel = row.rays.map(|rays| digits(rays / pixels));
+}
+
+fn scores(row: &mut Row, errors: &Errors) {
+    let digits = |value: f64| significant(value, DIGITS);
+    let over_views = |get: fn(&ViewErrors) -> Option<f64>| mean(&errors.values(get)).map(digits);
+    row.flip_reflection_reference = over_views(|view| view.reflection_reference);
+    row.flip_final_reference = over_views(|view| view.final_reference);
+    row.flip_reflection_converged = over_views(|view| view.reflection_converged);
+    row.flip_final_converged = over_views(|view| view.final_converged);
+    let all = errors.values(|view| view.final_converged);
+    row.flip_final_converged_min = quantile(&all, 0.0).map(digits);
+    row.flip_final_converged_max = quantile(&all, 1.0).map(digits);
+    row.psnr_db = over_views(|view| view.psnr_db);
+    row.bias = over_views(|view| view.bias);
+    // Of all views together, so that a dark one doesn't weigh more than a bright one.
+    let (bias, light) = (
+        errors.values(|view| view.bias),
+        errors.values(|view| view.truth_luminance),
+    );
+    row.bias_percent = match (mean(&bias), mean(&light)) {
+        (Some(bias), Some(light)) if light > 0.0 => Some(digits(100.0 * bias / light)),
+        _ => None,
+    };
+    row.recovery_1 = over_views(|view| view.recovery[0]);
+    row.recovery_4 = over_views(|view| view.recovery[1]);
+    row.recovery_16 = over_views(|view| view.recovery[2]);
+}
+
+/// Facts about each scene that rows are about, by its name.
+pub fn facts(out: &Path, rows: &[Row]) -> BTreeMap<String, SceneFacts> {
+    let scenes: BTreeSet<&str> = rows.iter().map(|row| row.scene.as_str()).collect();
+    let known = scenes
+        .into_iter()
+        .filter_map(|scene| Some((scene.to_owned(), read_json(&Store::of_scene(out, scene).facts())?)));
+    known.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{compare::log::Entry, files::write_json, state::Captured};
+
+    fn round(values: &[(&str, &[f64])]) -> Round {
+        values
+            .iter()
+            .map(|(id, total)| {
+                let measures = [
+                    (TOTAL.to_owned(), total.to_vec()),
+                    (FRAME.to_owned(), vec![5.0; total.len()]),
+                    (RAYS.to_owned(), vec![500.0; total.len()]),
+                ];
+                ((*id).to_owned(), measures.into_iter().collect())
+            })
+            .collect()
+    }
+
+    fn row() -> Row {
+        Row {
+            width: 100,
+            height: 10,
+            ..Row::default()
+        }
+    }
+
+    #[test]
+    fn times_are_medians_over_all_rounds() {
+        let rounds = [
+            round(&[("reference", &[2.0, 2.0]), ("quarter", &[1.0, 1.1])]),
+            round(&[("reference", &[4.0, 4.0]), ("quarter", &[2.0, 2.0])]),
+        ];
+        let mut quarter = row();
+        times(&mut quarter, &Variant::new("quarter"), &rounds);
+        assert_eq!((quarter.frames, quarter.total_ms), (4, Some(1.55)));
+        assert_eq!((quarter.rays, quarter.rays_per_pixel), (Some(500.0), Some(0.5)));
+        let ratio = quarter.ratio.unwrap();
+        assert!((0.5..0.53).contains(&ratio), "{ratio}");
+        assert!(quarter.ratio_low < quarter.ratio_high);
+        let mut reference = row();
+        times(&mut reference, &Variant::new("reference"), &rounds);
+        assert_eq!((reference.ratio, reference.ratio_low), (Some(1.0), Some(1.0)));
+    }
+
+    #[test]
+    fn nothing_takes_no_time() {
+        let mut off = row();
+        times(&mut off, &Variant::new("off"), &[round(&[("off", &[])])]);
+        assert_eq!(off.total_ms, None);
+        times(&mut off, &Variant::new("off"), &[round(&[("off", &[7.0])])]);
+        assert_eq!((off.frames, off.total_ms, off.ratio), (1, Some(0.0), None));
+        // Without a clock on the GPU there are frames and no times.
+        let mut blind = row();
+        let mut only_frames = round(&[("low", &[1.0])]);
+        only_frames.get_mut("low").unwrap().remove(TOTAL);
+        times(&mut blind, &Variant::new("low"), &[only_frames]);
+        assert_eq!((blind.frames, blind.total_ms), (1, None));
+    }
+
+    #[test]
+    fn errors_are_means_over_views() {
+        let view = |error: f64, light: f64| ViewErrors {
+            final_converged: Some(error),
+            bias: Some(-0.01),
+            truth_luminance: Some(light),
+            ..ViewErrors::default()
+        };
+        let errors = Errors {
+            views: vec![view(0.1, 0.1), view(0.3, 0.3), ViewErrors::default()],
+        };
+        let mut row = row();
+        scores(&mut row, &errors);
+        assert_eq!(row.flip_final_converged, Some(0.2));
+        assert_eq!(
+            (row.flip_final_converged_min, row.flip_final_converged_max),
+            (Some(0.1), Some(0.3))
+        );
+        assert_eq!(row.recovery_1, None);
+        assert_eq!((row.bias, row.bias_percent), (Some(-0.01), Some(-5.0)));
+    }
+
+    #[test]
+    fn a_row_says_what_it_lacks() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path();
+        let job = Job::example(out, &["low", "high"]);
+        let store = Store::new(&job);
+        write_json(&store.facts(), &SceneFacts::default()).unwrap();
+        for variant in &job.variants {
+            write_json(&store.captured(variant), &Captured::default()).unwrap();
+        }
+        write_json(&store.round(0), &round(&[("low", &[1.0]), ("high", &[2.0])])).unwrap();
+        let log = ComparisonLog::open(ComparisonLog::file_in(out));
+        let entry = Entry {
+            job: job.id(),
+            variant: "low".into(),
+            ..Entry::default()
+        };
+        log.append(entry).unwrap();
+        let problems = BTreeMap::from([(("atrium".to_owned(), "high".to_owned()), "an image is gone".to_owned())]);
+        let rows = rows(&job, &Machine::default(), &log, Some("it was cancelled"), &problems);
+        assert!(rows[0].is_ok() && rows[0].nonfinite == Some(0), "{:?}", rows[0]);
+        assert_eq!((rows[1].is_ok(), rows[1].note.as_str()), (false, "an image is gone"));
+        assert!(facts(out, &rows).contains_key("atrium"));
+    }
+}

@@ -1,0 +1,297 @@
+//! One app with one scene, in which techniques take turns.
+
+use super::scene::MeasuredScene;
+use crate::{
+    compare::image::from_rgba,
+    files::write_json,
+    job::{Job, Variant},
+    message::Message,
+    protocol::CLEAR_FRAMES,
+    state::{SceneFacts, Store},
+    techniques,
+};
+use bevy::{
+    asset::RenderAssetUsages,
+    camera::RenderTarget,
+    core_pipeline::tonemapping::Tonemapping,
+    diagnostic::FrameCount,
+    prelude::*,
+    render::{
+        diagnostic::RenderDiagnosticsPlugin,
+        render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
+    },
+};
+use bevy_glint::{
+    RayTracedReflectionsPlugin, ReflectionBackend, ReflectionStatus, ReflectionStatusReport, ReflectionTracer,
+};
+use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, Motion, Output, SceneStatistics};
+use image::RgbImage;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    time::{Duration, Instant},
+};
+
+/// Frames that loading and compiling may take.
+const FRAME_LIMIT: u32 = 20_000;
+/// Time that building a scene, or compiling a technique, may take.
+const PATIENCE: Duration = Duration::from_secs(600);
+/// Frames in a row in which nothing was built: then the scene is complete.
+const QUIET_FRAMES: u32 = 8;
+/// Seconds from frame to frame.
+pub const TIME_STEP: f32 = 0.016_666;
+
+/// The app, and what is known of it.
+pub struct Runner<'a> {
+    pub job: &'a Job,
+    pub store: Store,
+    pub app: HeadlessApp,
+    pub scene: MeasuredScene,
+    pub camera: Entity,
+    /// Where the camera and moving things are.
+    seconds: Option<f32>,
+    /// Techniques whose pipelines are compiled.
+    compiled: BTreeSet<String>,
+    /// A target of floating-point values.
+    pub float_target: RenderTarget,
+    /// An environment without light.
+    pub black: Handle<Image>,
+    pub tonemapping: Tonemapping,
+    pub adapter: String,
+    /// Pixels of each view that are broken without any reflections.
+    pub broken: BTreeMap<u32, Vec<bool>>,
+}
+
+fn text(error: HeadlessError) -> String {
+    error.to_string()
+}
+
+impl<'a> Runner<'a> {
+    /// Opens the GPU and builds the scene.
+    pub fn start(job: &'a Job) -> Result<Self, String> {
+        let protocol = &job.protocol;
+        let mut scene = MeasuredScene::new(&job.scene, protocol)?;
+        Message::Doing("opens the GPU".to_owned()).send();
+        let size = UVec2::new(protocol.width, protocol.height);
+        let settings = HeadlessSettings {
+            size,
+            timestep: Duration::from_secs_f32(TIME_STEP),
+            log: true,
+            ..default()
+        };
+        let (solari, tracer) = (job.solari, techniques::tracer_choice(job.tracer));
+        let app = HeadlessApp::with_device(settings, techniques::open_device, |app| {
+            app.add_plugins(RenderDiagnosticsPlugin);
+            if solari {
+                techniques::solari::add(app);
+            } else {
+                app.add_plugins(RayTracedReflectionsPlugin { tracer });
+            }
+        });
+        let mut app = app.map_err(text)?;
+
+        Message::Doing("builds the scene".to_owned()).send();
+        let camera = scene.spawn(&mut app);
+        techniques::prepare_camera(&mut app.world().entity_mut(camera));
+        let float_target = app.add_target(size, Output::Linear);
+        let black = app.world().resource_mut::<Assets<Image>>().add(black_cube());
+        app.warm_up(FRAME_LIMIT).map_err(text)?;
+        scene.arrange(&mut app, camera)?;
+        if solari {
+            techniques::solari::prepare_scene(app.world(), camera);
+        }
+        let tonemapping = app.world().get::<Tonemapping>(camera).copied().unwrap_or_default();
+        let mut runner = Self {
+            job,
+            store: Store::new(job),
+            app,
+            scene,
+            camera,
+            seconds: None,
+            compiled: BTreeSet::new(),
+            float_target,
+            black,
+            tonemapping,
+            adapter: String::new(),
+            broken: BTreeMap::new(),
+        };
+        runner.pose(0.0);
+        if solari {
+            runner.step(QUIET_FRAMES);
+        } else {
+            runner.wait_for_scene()?;
+        }
+        Ok(runner)
+    }
+
+    /// The crate's report about itself.
+    fn report(&mut self) -> ReflectionStatusReport {
+        let status = self.app.world().get_resource::<ReflectionStatus>();
+        status.map(ReflectionStatus::report).unwrap_or_default()
+    }
+
+    /// Renders until every mesh can be hit, and writes down the facts of the scene.
+    fn wait_for_scene(&mut self) -> Result<(), String> {
+        let start = Instant::now();
+        self.switch(&Variant::new("reference"))?;
+        let mut quiet = 0;
+        let mut before = self.report();
+        while quiet < QUIET_FRAMES {
+            self.step(1);
+            let report = self.report();
+            if report.tracer.is_none() {
+                return Err(format!("rays can't be traced: {}", report.reasons.join(". ")));
+            }
+            let same = (report.blas_builds, report.tlas_builds) == (before.blas_builds, before.tlas_builds);
+            let complete = report.ready && report.meshes_pending == 0 && report.instances > 0;
+            quiet = if same && complete { quiet + 1 } else { 0 };
+            if !complete {
+                if start.elapsed() > PATIENCE {
+                    return Err(format!(
+                        "the scene was not ready after {} seconds: {} meshes are missing, and pipelines are {}",
+                        PATIENCE.as_secs(),
+                        report.meshes_pending,
+                        if report.ready { "ready" } else { "not ready" }
+                    ));
+                }
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            before = report;
+        }
+        let tracer = match before.tracer {
+            Some(ReflectionTracer::RayQuery) => "ray-query",
+            Some(ReflectionTracer::Bvh) | None => "bvh",
+        };
+        if tracer != self.job.tracer.as_str() {
+            return Err(format!("{}: {}", self.job.tracer.as_str(), before.reasons.join(". ")));
+        }
+        let world = self.app.world();
+        let mut scenes = world.query::<&SceneStatistics>();
+        let placed: usize = scenes.iter(world).map(|scene| scene.triangles).sum();
+        self.adapter.clone_from(&before.adapter);
+        let facts = SceneFacts {
+            triangles: if placed > 0 { placed as u64 } else { before.triangles },
+            instances: before.instances as u64,
+            scene_bytes: before.scene_bytes,
+            tracer: tracer.to_owned(),
+            adapter: before.adapter,
+        };
+        write_json(&self.store.facts(), &facts)
+    }
+
+    /// Renders until all pipelines are compiled and all assets are loaded; waits for the library, too, if it is in use.
+    pub fn wait_until_ready(&mut self, ours: bool) -> Result<(), String> {
+        self.app.warm_up(FRAME_LIMIT).map_err(text)?;
+        if !ours {
+            return Ok(());
+        }
+        let start = Instant::now();
+        loop {
+            let report = self.report();
+            if report.ready && report.meshes_pending == 0 {
+                return Ok(());
+            }
+            if start.elapsed() > PATIENCE {
+                return Err(format!(
+                    "its pipelines were not ready after {} seconds",
+                    PATIENCE.as_secs()
+                ));
+            }
+            std::thread::sleep(Duration::from_millis(5));
+            self.app.step(1);
+        }
+    }
+
+    /// Renders frames.
+    pub fn step(&mut self, frames: u32) {
+        self.app.step(frames);
+        Message::Frames(frames.into()).send();
+    }
+
+    /// Puts the camera and everything that moves where they are after some seconds.
+    pub fn pose(&mut self, seconds: f32) {
+        let seconds = seconds.max(0.0);
+        if self.seconds == Some(seconds) {
+            return;
+        }
+        self.seconds = Some(seconds);
+        let pose = self.scene.pose(seconds);
+        let world = self.app.world();
+        if let Some(mut transform) = world.get_mut::<Transform>(self.camera) {
+            *transform = pose;
+        }
+        let mut moving = world.query::<(&Motion, &mut Transform)>();
+        for (motion, mut transform) in moving.iter_mut(world) {
+            motion.apply(seconds, &mut transform);
+        }
+    }
+
+    /// The camera with its components.
+    pub fn camera(&mut self) -> EntityWorldMut<'_> {
+        self.app.world().entity_mut(self.camera)
+    }
+
+    /// Switches to a technique, with an empty history.
+    pub fn switch(&mut self, variant: &Variant) -> Result<(), String> {
+        techniques::apply(&mut self.camera(), variant)
+    }
+
+    /// Switches to a technique and waits for its pipelines.
+    pub fn prepare(&mut self, variant: &Variant) -> Result<(), String> {
+        self.switch(variant)?;
+        if self.compiled.contains(&variant.id()) {
+            return Ok(());
+        }
+        self.wait_until_ready(variant.is_ours())?;
+        let report = self.report();
+        let is_hardware = |(_, backend): &(Entity, ReflectionBackend)| *backend == ReflectionBackend::HardwareVrs;
+        if variant.hardware && !report.active_backends.iter().any(is_hardware) {
+            return Err(format!("compute took its place: {}", report.reasons.join(". ")));
+        }
+        self.compiled.insert(variant.id());
+        Ok(())
+    }
+
+    /// No technique, at a place, as if nothing had happened before.
+    pub fn clear(&mut self, seconds: f32) -> Result<(), String> {
+        self.switch(&Variant::new("off"))?;
+        self.pose(seconds);
+        // Noise follows the number of the frame.
+        self.app.world().resource_mut::<FrameCount>().0 = 0;
+        self.step(CLEAR_FRAMES);
+        Ok(())
+    }
+
+    /// The last frame.
+    pub fn capture(&self) -> Result<RgbImage, String> {
+        let bytes = self.app.capture().map_err(text)?;
+        let size = self.app.size();
+        from_rgba(size.x, size.y, bytes).ok_or_else(|| "the image has the wrong size".to_owned())
+    }
+
+    /// Begins to work on a technique: it is to blame if the process dies.
+    pub fn begin(&self, variant: &Variant, doing: String) -> Result<(), String> {
+        Message::Doing(doing).send();
+        write_json(&self.store.current(), &variant.id())
+    }
+
+    /// Ends the work on techniques: none is to blame any more.
+    pub fn end(&self) {
+        _ = std::fs::remove_file(self.store.current());
+    }
+}
+
+/// A cube map without light.
+fn black_cube() -> Image {
+    let size = Extent3d {
+        width: 1,
+        height: 1,
+        depth_or_array_layers: 6,
+    };
+    let (format, usage) = (TextureFormat::Rgba16Float, RenderAssetUsages::default());
+    let mut image = Image::new_fill(size, TextureDimension::D2, &[0; 8], format, usage);
+    image.texture_view_descriptor = Some(TextureViewDescriptor {
+        dimension: Some(TextureViewDimension::Cube),
+        ..default()
+    });
+    image
+}
