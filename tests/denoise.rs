@@ -319,7 +319,7 @@ const FILTERS: &str = "
 import package::denoise::filters::{
     blur_radius, clip_to_box, expected_spread, firefly_limit, frame_share, hit_confidence, is_neighbour, is_same_surface,
     likely_history, longest_history, mean_variance, pack_frame_weight, pack_surface, rest_firefly, rest_history, rest_of,
-    rest_share, rgb_of_ycocg, same_roughness, unpack_frame_weight, unpack_surface, virtual_distance, virtual_share, ycocg,
+    rgb_of_ycocg, same_roughness, unpack_frame_weight, unpack_surface, virtual_distance, virtual_share, ycocg,
 };
 import package::common::radiance::luminance;
 import package::denoise::lobes::{image_angle, is_sharp, normal_weight, place_weight, reconnection_jacobian};
@@ -345,17 +345,17 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     );
     outputs[id.x] = array(
         vec4(ycocg(a.xyz), luminance(a.xyz)),
-        vec4(rgb_of_ycocg(ycocg(a.xyz)), expected_spread(a.x, a.y, a.w)),
+        vec4(rgb_of_ycocg(ycocg(a.xyz)), expected_spread(a.x, a.y, a.w, d.y, d.z)),
         vec4(clipped.color, clipped.keep),
         vec4(likely.middle.x, likely.extent.x, likely.fast, likely.keep),
-        vec4(longest_history(d.x, 255.0 * d.y), frame_share(16.0 * d.z, 8.0, vec2<u32>(c.xy * 2.99)),
+        vec4(longest_history(d.x, 255.0 * d.y), frame_share(16.0 * b.x, 64.0 * b.y, vec2<u32>(c.xy * 2.99)),
             firefly_limit(a.x, a.w, d.x), mean_variance(a.x, a.y, 1.0 + 15.0 * d.z, d.x)),
         vec4(virtual_distance(100.0 * a.x, d.x, a.y), virtual_share(d.x), hit_confidence(a.x, a.y, a.z),
             blur_radius(8.0 * d.y, a.w, 30.0 * d.z, d.x)),
         vec4(surface.normal, surface.roughness),
         vec4<f32>(vec4<u32>(flags)),
         vec4(likely.extent.yz, likely.middle.yz),
-        vec4(rest_of(u32(40.0 * a.x), u32(40.0 * a.y)), rest_share(16.0 * b.x, 64.0 * b.y, vec2<u32>(c.xy * 2.99)),
+        vec4(rest_of(u32(40.0 * a.x), u32(40.0 * a.y)), 0.0,
             rest_history(32.0 * a.z, 64.0 * b.z, u32(600.0 * a.w), d.x), rest_firefly(100.0 * c.z, d.x)),
         vec4(pack_frame_weight(20.0 * a.x), unpack_frame_weight(pack_frame_weight(20.0 * a.y)),
             image_angle(0.002, 10.0 * b.x, 0.01 + 10.0 * b.y, d.x > 0.5), reconnection_jacobian(0.01 + a.z, b.z)),
@@ -383,12 +383,12 @@ fn filters_twin([a, b, c, d]: [Vec4; 4]) -> [Vec4; 12] {
     ];
     [
         ycocg(color).extend(luminance(color)),
-        color.extend(expected_spread(a.x, a.y, a.w)),
+        color.extend(expected_spread(a.x, a.y, a.w, d.y, d.z)),
         clipped.extend(keep),
         vec4(likely.middle.x, likely.extent.x, likely.fast, likely.keep),
         vec4(
             longest_history(d.x, 255.0 * d.y),
-            frame_share(16.0 * d.z, 8.0, log2_size),
+            frame_share(16.0 * b.x, 64.0 * b.y, log2_size),
             firefly_limit(a.x, a.w, d.x),
             mean_variance(a.x, a.y, 1.0 + 15.0 * d.z, d.x),
         ),
@@ -403,7 +403,7 @@ fn filters_twin([a, b, c, d]: [Vec4; 4]) -> [Vec4; 12] {
         vec4(likely.extent.y, likely.extent.z, likely.middle.y, likely.middle.z),
         vec4(
             rest_of((40.0 * a.x) as u32, (40.0 * a.y) as u32),
-            rest_share(16.0 * b.x, 64.0 * b.y, log2_size),
+            0.0,
             rest_history(32.0 * a.z, 64.0 * b.z, (600.0 * a.w) as u32, d.x),
             rest_firefly(100.0 * c.z, d.x),
         ),

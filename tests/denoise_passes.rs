@@ -12,7 +12,7 @@ use bevy::math::{UVec2, Vec3, uvec2, vec2};
 use bevy_glint::internals::directional_albedo::DirectionalAlbedo;
 use common::{gpu::Gpu, wesl::Shaders};
 use denoise_wall::{History, Ray, Reconstructed, VIRTUAL_HISTORY, Wall, half, unhalf};
-use sampling_reference::{reflection_throughput, sobol, specular_f90};
+use sampling_reference::{ReflectionSample, reflection_pdf, reflection_throughput, sobol, specular_f90, specular_lobe};
 
 fn gpu() -> Option<(Gpu, Shaders)> {
     Some((Gpu::new()?, Shaders::load()))
@@ -44,7 +44,7 @@ fn a_white_furnace_stays_white() {
             };
             let case = format!("roughness {roughness}, scale {trace_scale}, rate {rate}, {samples} samples");
             let image = wall.reconstruct(&gpu, &mut shaders, |_| [1.0, 1.0, 1.0, 4.0]);
-            let known: Vec<_> = image.iter().filter(|texel| texel.rays > 0.0).collect();
+            let known: Vec<_> = image.iter().filter(|texel| texel.packed_weight > 0.0).collect();
             assert!(
                 known.len() * 100 > image.len() * 99,
                 "{case}: only {} known",
@@ -56,7 +56,7 @@ fn a_white_furnace_stays_white() {
                     "{case}: {texel:?}"
                 );
                 assert!(
-                    (texel.distance - 4.0).abs() < 0.02 && texel.rays <= samples as f32 + 0.1,
+                    (texel.distance - 4.0).abs() < 0.02 && texel.packed_weight <= 16.0,
                     "{case}: {texel:?}"
                 );
             }
@@ -78,11 +78,31 @@ fn a_single_ray_is_weighed_as_the_sampler_weighs_it() {
         };
         let seen = |block: UVec2| [0.5 + block.x as f32 / 16.0, 2.0, 0.25, 3.0];
         let image = wall.reconstruct(&gpu, &mut shaders, seen);
+        let mut turned = 0;
         for (pixel, texel) in wall.pixels().zip(&image) {
             let ray = wall.ray(pixel);
             let albedo = table.lookup(wall.alpha(), ray.view.z);
             let f0 = Wall::f0();
-            let throughput = reflection_throughput(&ray.sample, f0, specular_f90(f0), albedo, Vec3::ONE);
+            let mut throughput = reflection_throughput(&ray.sample, f0, specular_f90(f0), albedo, Vec3::ONE);
+            if let Some(other) = wall.other(&ray) {
+                // Two drawn directions lead where this ray leads, and it stands for both.
+                let directions = [ray.sample.direction, other];
+                let density: f32 = directions
+                    .iter()
+                    .map(|&to| reflection_pdf(ray.view, to, wall.alpha()))
+                    .sum();
+                let weighed = directions.map(|direction| {
+                    let sample = ReflectionSample {
+                        direction,
+                        weight: specular_lobe(ray.view, direction, wall.alpha()) / density,
+                        half_dot_view: ray.view.dot((ray.view + direction).normalize()),
+                        ..ray.sample
+                    };
+                    reflection_throughput(&sample, f0, specular_f90(f0), albedo, Vec3::ONE)
+                });
+                throughput = weighed[0] + weighed[1];
+                turned += 1;
+            }
             let expected = if roughness == 0 { Vec3::ONE } else { throughput };
             for channel in 0..3 {
                 let (found, expected) = (texel.radiance[channel], seen(pixel)[channel] * expected[channel]);
@@ -94,6 +114,10 @@ fn a_single_ray_is_weighed_as_the_sampler_weighs_it() {
                 );
             }
         }
+        assert!(
+            roughness < 200 || turned > 50,
+            "roughness {roughness}: {turned} rays were turned"
+        );
     }
 }
 
@@ -167,7 +191,7 @@ fn frames_at_rest_tell_what_they_weigh() {
         };
         let image = wall.reconstruct_rays(&gpu, &mut shaders, |ray| lamp(&wall, ray));
         for (sum, texel) in sums.iter_mut().zip(&image) {
-            let weight = texel.rays / (16.0 - texel.rays);
+            let weight = texel.packed_weight / (16.0 - texel.packed_weight);
             assert!((0.0..=16.1).contains(&weight), "{texel:?}");
             sum[0] += texel.radiance[1];
             sum[1] += weight * texel.radiance[1];
@@ -200,7 +224,7 @@ fn rays_that_are_no_numbers_are_left_out() {
         for texel in wall.reconstruct(&gpu, &mut shaders, seen) {
             // Where all rays in reach are odd, none is known: then the history decides.
             assert!(
-                texel.rays == 0.0 || texel.radiance.iter().all(|value| (value - 1.0).abs() < 2e-3),
+                texel.packed_weight == 0.0 || texel.radiance.iter().all(|value| (value - 1.0).abs() < 2e-3),
                 "{texel:?}"
             );
             assert!(texel.radiance.iter().all(|value| value.is_finite()), "{texel:?}");
@@ -232,7 +256,7 @@ fn what_stands_where_nothing_was_traced_is_not_looked_at() {
             let image = wall.reconstruct(&gpu, &mut shaders, seen);
             let words = |texel: &Reconstructed| {
                 let [r, g, b] = texel.radiance;
-                [r, g, b, texel.variance, texel.distance, texel.rays].map(f32::to_bits)
+                [r, g, b, texel.variance, texel.distance, texel.packed_weight].map(f32::to_bits)
             };
             image.iter().map(words).collect::<Vec<_>>()
         });
@@ -242,6 +266,9 @@ fn what_stands_where_nothing_was_traced_is_not_looked_at() {
     }
 }
 
+/// Packed weight of rays that are as expected.
+const AS_EXPECTED: f32 = 8.0;
+
 /// A new image with a little noise.
 fn image(wall: &Wall, value: f32, frame: u32) -> Vec<Reconstructed> {
     let noise = |pixel: UVec2| 0.02 * ((pixel.x * 7 + pixel.y * 13 + frame * 5) % 11) as f32 / 10.0;
@@ -249,7 +276,7 @@ fn image(wall: &Wall, value: f32, frame: u32) -> Vec<Reconstructed> {
         radiance: [value * (0.99 + noise(pixel)); 3],
         variance: 0.01,
         distance: 4.0,
-        rays: 8.0,
+        packed_weight: AS_EXPECTED,
     };
     wall.pixels().map(texel).collect()
 }
@@ -408,9 +435,6 @@ fn mean_at_rest(texel: impl Fn(UVec2, u32) -> Reconstructed) -> Option<f32> {
     Some(mean(&history))
 }
 
-/// Of the expected weight, as a picture at rest has it in place of the number of rays.
-const AS_EXPECTED: f32 = 8.0;
-
 #[test]
 fn a_picture_at_rest_keeps_rare_light() {
     // Each pixel sees the lamp in four of 64 frames.
@@ -420,7 +444,7 @@ fn a_picture_at_rest_keeps_rare_light() {
             radiance: [if is_seen { 16.0 } else { 0.0 }; 3],
             variance: 1.0,
             distance: 4.0,
-            rays: AS_EXPECTED,
+            packed_weight: AS_EXPECTED,
         }
     });
     let Some(mean) = mean else { return };
@@ -432,12 +456,12 @@ fn frames_at_rest_count_by_their_weight() {
     // A weight of 1/4 and one of 1.
     let frames = [(4.0, 3.2), (1.0, AS_EXPECTED)];
     let mean = mean_at_rest(|_, frame| {
-        let (value, rays) = frames[frame as usize % 2];
+        let (value, packed_weight) = frames[frame as usize % 2];
         Reconstructed {
             radiance: [value; 3],
             variance: 1.0,
             distance: 4.0,
-            rays,
+            packed_weight,
         }
     });
     let Some(mean) = mean else { return };

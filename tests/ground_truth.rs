@@ -2,6 +2,8 @@
 
 #[path = "common/pictures.rs"]
 mod pictures;
+#[path = "ground_truth/reflected_light.rs"]
+mod reflected_light;
 
 use bevy::{
     camera::Hdr,

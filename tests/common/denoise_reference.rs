@@ -84,10 +84,6 @@ fn ray_density(log2_size: UVec2) -> f32 {
     (-0.25 * (log2_size.x + log2_size.y) as f32).exp2()
 }
 
-pub fn frame_share(rays: f32, samples: f32, log2_size: UVec2) -> f32 {
-    ray_density(log2_size) * (2.0 * rays / samples.max(1.0)).clamp(0.5, 1.0)
-}
-
 pub fn rest_of(rest_frames: u32, accumulated: u32) -> f32 {
     if (1..=rest_frames).contains(&accumulated) {
         1.0
@@ -100,7 +96,7 @@ pub fn pack_frame_weight(weight: f32) -> f32 {
     16.0 - 16.0 / (1.0 + weight.clamp(MIN_FRAME_WEIGHT, MAX_FRAME_WEIGHT))
 }
 
-pub fn rest_share(weight: f32, length: f32, log2_size: UVec2) -> f32 {
+pub fn frame_share(weight: f32, length: f32, log2_size: UVec2) -> f32 {
     ray_density(log2_size) * weight.min(2.0 + 0.25 * length)
 }
 
@@ -124,9 +120,10 @@ pub fn clip_to_box(color: Vec3, middle: Vec3, extent: Vec3) -> (Vec3, f32) {
     (middle + offset / scale, (2.0 / scale).min(1.0))
 }
 
-pub fn expected_spread(before: f32, now: f32, relative_variance: f32) -> f32 {
+pub fn expected_spread(before: f32, now: f32, relative_variance: f32, own: f32, own_variance: f32) -> f32 {
     let high = before.max(now);
-    (relative_variance.max(0.0) * high * before.min(now).max(0.1 * high)).sqrt()
+    let known = relative_variance.max(0.0) * high * before.min(now).max(0.1 * high);
+    known.max(own_variance.max(0.0) * own * own).sqrt()
 }
 
 pub struct Likely {
@@ -149,7 +146,7 @@ pub fn likely_history(before: f32, y: f32, mean: Vec3, deviation: Vec3, fast: f3
 }
 
 pub fn firefly_limit(history: f32, relative_variance: f32, alpha: f32) -> f32 {
-    let ratio = (1.0 + 4.0 * relative_variance.max(0.0).sqrt()).max(4.0);
+    let ratio = (1.0 + 8.0 * relative_variance.max(0.0).sqrt()).max(8.0);
     ratio * (history + 0.25) / (20.0 * alpha).clamp(0.01, 1.0)
 }
 

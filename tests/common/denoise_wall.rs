@@ -4,7 +4,7 @@
 use crate::{
     common::{gpu::Gpu, wesl::Shaders},
     denoise_gpu::{Pass, Uniform, View},
-    sampling_reference::{ReflectionSample, guard_view, orthonormal_basis, sample_reflection, sobol},
+    sampling_reference::{ReflectionSample, guard_view, orthonormal_basis, reflection_pdf, sample_reflection, sobol},
 };
 use bevy::math::{Mat4, UVec2, Vec2, Vec3, uvec2, vec2, vec3};
 use bevy_glint::internals::directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo};
@@ -47,7 +47,8 @@ pub struct Reconstructed {
     pub radiance: [f32; 3],
     pub variance: f32,
     pub distance: f32,
-    pub rays: f32,
+    /// Mean weight of the rays: 8 where it is as expected, 0 without any ray.
+    pub packed_weight: f32,
 }
 
 /// Texels of the history, as they are stored.
@@ -216,10 +217,10 @@ impl Wall {
         if !ray.sample.valid || (self.untraced)(ray.block) {
             return [0; 4];
         }
-        let direction = orthonormal_basis(self.normal(ray.pixel)) * ray.sample.direction;
+        let (_, direction) = self.line(ray);
         let p = octahedral(direction);
         let snorm = |x: f32| u32::from((x * 32767.0).round() as i16 as u16);
-        let exponent = (ray.sample.inverse_pdf.max(1e-30).log2() + 32.0) / 52.0;
+        let exponent = (self.inverse_pdf(ray).max(1e-30).log2() + 32.0) / 52.0;
         let pdf = (exponent.clamp(0.0, 1.0) * 65535.0).round() as u32;
         let offset = ray.pixel - ray.block;
         let mirror = if ray.sample.inverse_pdf == 0.0 { 0x80 } else { 0 };
@@ -255,8 +256,24 @@ impl Wall {
 
     /// Where a ray starts, and where it leads to; the wall faces positive z.
     pub fn line(&self, ray: &Ray) -> (Vec3, Vec3) {
-        let direction = orthonormal_basis(self.normal(ray.pixel)) * ray.sample.direction;
-        (self.position(ray.pixel), direction)
+        let drawn = orthonormal_basis(self.normal(ray.pixel)) * ray.sample.direction;
+        // Those that would lead into the wall are turned back.
+        (self.position(ray.pixel), drawn.with_z(drawn.z.abs()))
+    }
+
+    /// The other drawn direction that ends in the same one, in local space; `None` where none would be drawn.
+    pub fn other(&self, ray: &Ray) -> Option<Vec3> {
+        let basis = orthonormal_basis(self.normal(ray.pixel));
+        let drawn = basis * ray.sample.direction;
+        let other = basis.transpose() * drawn.with_z(-drawn.z);
+        (self.alpha() > 0.001 && other.z > 1e-6).then_some(other)
+    }
+
+    fn inverse_pdf(&self, ray: &Ray) -> f32 {
+        let pdf = |direction| reflection_pdf(ray.view, direction, self.alpha());
+        self.other(ray).map_or(ray.sample.inverse_pdf, |other| {
+            1.0 / (pdf(ray.sample.direction) + pdf(other)).max(1e-20)
+        })
     }
 
     /// The reconstruction from rays that see `radiance` (and a distance) of their block.
@@ -307,7 +324,7 @@ impl Wall {
                 radiance: [r, g, b],
                 variance,
                 distance: unhalf(*pair as u16),
-                rays: unhalf((*pair >> 16) as u16),
+                packed_weight: unhalf((*pair >> 16) as u16),
             }
         };
         written[0].chunks(2).zip(&written[1]).map(texel).collect()
@@ -319,7 +336,8 @@ impl Wall {
             let [r, g, b] = texel.radiance;
             [r, g, b, texel.variance].map(half)
         };
-        let pair = |texel: &Reconstructed| u32::from(half(texel.distance)) | (u32::from(half(texel.rays)) << 16);
+        let pair =
+            |texel: &Reconstructed| u32::from(half(texel.distance)) | (u32::from(half(texel.packed_weight)) << 16);
         let colors: Vec<_> = new.iter().map(color).collect();
         let pairs: Vec<_> = new.iter().map(pair).collect();
         let still = vec![[0f32; 2]; new.len()];
