@@ -36,7 +36,7 @@ pub struct ReflectionDenoiser {
 }
 
 impl ReflectionDenoiser {
-    /// No filter at all: with [`ReflectionTechnique::Reference`] each pixel shows its own ray.
+    /// No filter at all: with [`ReflectionTechnique::Reference`](crate::ReflectionTechnique::Reference) each pixel shows its own ray.
     pub const OFF: Self = Self {
         samples: 1,
         temporal: false,

@@ -38,7 +38,9 @@ pub use words::UnknownName;
 pub(crate) use clamped::ClampedSettings;
 pub(crate) use clamped_rate::{RateSettings, RateThresholds, RateVariant};
 pub(crate) use debug::ViewDebug;
+#[cfg(feature = "egui")]
 pub(crate) use reflections::PAPER_LEVEL;
+#[cfg(feature = "egui")]
 pub(crate) use words::words;
 
 use bevy::app::{App, Plugin};

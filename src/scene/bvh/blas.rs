@@ -51,7 +51,7 @@ pub struct Blas {
     pub triangle_count: u32,
     /// Object space; world space for merged objects.
     pub bounds: Bounds,
-    /// Groups on the stack of the traversal in the worst case; see [`super::stack_size`].
+    /// Groups on the stack of the traversal in the worst case; see `stack_size`.
     pub groups: u32,
     /// The root and nodes below it, breadth first: what [`super::build_tlas`] may start rays at.
     pub top: Vec<TopNode>,

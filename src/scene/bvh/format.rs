@@ -13,7 +13,7 @@ use bevy::math::Vec3A;
 ///   the alpha test name their mask instead of the index in the mesh.
 /// - What stands in front of the masks of a mesh and material: the material's base-colour texture, alpha and cut-off.
 /// - A mask, for the alpha test: UV coordinates of the vertices, the triangle's index in the mesh, the alpha of the vertices in
-///   three bytes, and in the third row a [`Micromap`].
+///   three bytes, and in the third row a [`Micromap`](super::opacity::Micromap).
 /// - An entry of a TLAS, with [`ENTRY`] in the third word of its third row: [`owner`], first node, and where indices of nodes and
 ///   of triangles of the BLAS count from; then the item of the inverse matrix, counted from the TLAS.
 /// - The rows of an inverse matrix.

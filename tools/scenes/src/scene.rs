@@ -107,7 +107,7 @@ pub fn spawn_with(name: SceneName, world: &mut World, options: &SceneOptions) ->
 
 impl CameraPath {
     /// The path of a scene: a way through the places, a loop in front of the little scenes. It starts where the scene's
-    /// [`camera`](crate::camera) stands.
+    /// [`camera`] stands.
     pub const fn of(scene: SceneName) -> Self {
         match scene {
             SceneName::Demo => demo::PATH,
