@@ -117,8 +117,8 @@ pub struct PipelineTargets {
     /// [`RADIANCE_FORMAT`] (full): the reconstructed radiance; alpha is the relative variance of its mean. The blur writes its
     /// result here, too, and mirror rays their radiance: see [`Self::mirror_radiance`] and [`Self::blurred`].
     pub reconstructed: TextureView,
-    /// [`STATS_FORMAT`] (full): `pack2x16float(hit distance, effective number of rays)`; 0 where nothing reflects. In a picture at
-    /// rest the second number is the mean weight w of the rays, as 16 w / (1 + w).
+    /// [`STATS_FORMAT`] (full): `pack2x16float(hit distance, 16 w / (1 + w))`, with the mean weight w of the rays, 1 where it is as
+    /// expected; 0 where nothing reflects.
     pub reconstructed_stats: TextureView,
     /// What outlives the frame; absent without temporal accumulation.
     pub history: Option<HistoryTargets>,

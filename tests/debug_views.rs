@@ -110,7 +110,7 @@ fn every_view_shows_something() {
             | ReflectionDebugView::HitDistance
             | ReflectionDebugView::HistoryLength
             | ReflectionDebugView::Variance
-            | ReflectionDebugView::EffectiveRays => assert!(colored > 500, "{name} shows no heat"),
+            | ReflectionDebugView::RayWeight => assert!(colored > 500, "{name} shows no heat"),
             ReflectionDebugView::NonFinite => assert_eq!(colored, 0, "{name} found something"),
             _ => {}
         }
@@ -127,7 +127,7 @@ fn techniques_without_textures_keep_the_picture() {
         match view {
             ReflectionDebugView::HitDistance
             | ReflectionDebugView::Variance
-            | ReflectionDebugView::EffectiveRays
+            | ReflectionDebugView::RayWeight
             | ReflectionDebugView::NonFinite => {
                 assert_eq!(colored, 0, "{} shows what doesn't exist", view.name());
             }

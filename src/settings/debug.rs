@@ -52,11 +52,11 @@ pub enum ReflectionDebugView {
     /// 0.0001, cyan 0.003, green 0.1, yellow 3, red 100. Without temporal accumulation that of the mean of the rays that a pixel
     /// was reconstructed from.
     Variance,
-    /// Heat of the effective number of rays that a pixel was reconstructed from, by its logarithm: blue 1, cyan 2, green 4,
-    /// yellow 8, red 16. Black where there was none.
+    /// Heat of the mean weight of the rays that a pixel was reconstructed from, relative to its expectation, by its logarithm:
+    /// blue 1/16, cyan 1/4, green 1, yellow 4, red 16. Black where there was no ray.
     ///
-    /// In a picture at rest the mean weight of these rays stands there, green where it is as expected.
-    EffectiveRays,
+    /// A frame counts in a pixel's history by this weight.
+    RayWeight,
     /// Red where a pixel's history holds at most one frame: it is new, or its past was rejected. Not exact mirrors with rays of
     /// their own, which have no history.
     Rejected,
@@ -74,7 +74,7 @@ words!(ReflectionDebugView {
     Reconstructed = "reconstructed",
     HistoryLength = "history-length",
     Variance = "variance",
-    EffectiveRays = "effective-rays",
+    RayWeight = "ray-weight",
     Rejected = "rejected",
     NonFinite = "non-finite",
 });

@@ -335,7 +335,7 @@ fn debug_tooltip(view: ReflectionDebugView) -> &'static str {
         ReflectionDebugView::Reconstructed => tooltips::DEBUG_RECONSTRUCTED,
         ReflectionDebugView::HistoryLength => tooltips::DEBUG_HISTORY_LENGTH,
         ReflectionDebugView::Variance => tooltips::DEBUG_VARIANCE,
-        ReflectionDebugView::EffectiveRays => tooltips::DEBUG_EFFECTIVE_RAYS,
+        ReflectionDebugView::RayWeight => tooltips::DEBUG_RAY_WEIGHT,
         ReflectionDebugView::Rejected => tooltips::DEBUG_REJECTED,
         ReflectionDebugView::NonFinite => tooltips::DEBUG_NON_FINITE,
     }

@@ -193,9 +193,10 @@ tooltips! {
         "Heat of the relative variance (the variance over the squared mean) of one frame's radiance, by its \
          logarithm: blue 0.0001, cyan 0.003, green 0.1, yellow 3, red 100. Without temporal accumulation that of \
          the mean of the rays that a pixel was reconstructed from.";
-    DEBUG_EFFECTIVE_RAYS: debug, "ReflectionDebugView::EffectiveRays" =
-        "Heat of the effective number of rays that a pixel was reconstructed from, by its logarithm: blue 1, cyan \
-         2, green 4, yellow 8, red 16. Black where there was none.";
+    DEBUG_RAY_WEIGHT: debug, "ReflectionDebugView::RayWeight" =
+        "Heat of the mean weight of the rays that a pixel was reconstructed from, relative to its expectation, by \
+         its logarithm: blue 1/16, cyan 1/4, green 1, yellow 4, red 16. Black where there was no ray. A frame counts \
+         in a pixel's history by this weight.";
     DEBUG_REJECTED: debug, "ReflectionDebugView::Rejected" =
         "Red where a pixel's history holds at most one frame: it is new, or its past was rejected. Not exact \
          mirrors with rays of their own, which have no history.";

@@ -28,8 +28,9 @@ pub fn sections(rows: &[Row], protocol: &Protocol) -> String {
     let sentences = sentences(rows);
     if !sentences.is_empty() {
         text.push_str(
-            "## Where a variable rate wins\n\nIt wins over `quarter` where it is faster beyond noise and its error grows by less than its \
-             time shrinks. The error is the mean FLIP of the reflection alone against the ground truth.\n\n",
+            "## Is a variable rate worth its error?\n\nAgainst `quarter`. A rate is worth its error where it is faster beyond noise and its \
+             error grows by less than its time shrinks. The error is the mean FLIP of the reflection alone against the ground \
+             truth.\n\n",
         );
         for sentence in sentences {
             let _ = writeln!(text, "- {sentence}");
@@ -167,14 +168,26 @@ impl Gain {
         self.time * self.error
     }
 
-    fn word(&self) -> &'static str {
+    fn verdict(&self) -> &'static str {
         if self.time + self.noise < 1.0 && self.cost() < 1.0 {
-            "wins"
+            "worth it"
         } else if self.time - self.noise < 1.0 && self.cost() < 1.0 {
-            "is undecided"
+            "undecided"
         } else {
-            "does not win"
+            "not worth it"
         }
+    }
+
+    fn sentence(&self) -> String {
+        let speed = if self.time < 1.0 { "faster" } else { "slower" };
+        let error = if self.error < 1.0 { "less" } else { "more" };
+        format!(
+            "`{}` {:.0} % {speed}, {:.0} % {error} error ({})",
+            self.name,
+            100.0 * (self.time - 1.0).abs(),
+            100.0 * (self.error - 1.0).abs(),
+            self.verdict()
+        )
     }
 }
 
@@ -191,18 +204,7 @@ pub fn sentences(rows: &[Row]) -> Vec<String> {
         else {
             continue;
         };
-        let parts: Vec<String> = gains
-            .iter()
-            .map(|gain| {
-                format!(
-                    "`{}` {} ({:.1} % of the time, {:+.1} % error)",
-                    gain.name,
-                    gain.word(),
-                    100.0 * gain.time,
-                    100.0 * (gain.error - 1.0)
-                )
-            })
-            .collect();
+        let parts: Vec<String> = gains.iter().map(Gain::sentence).collect();
         let ends = if fastest.name == closest.name {
             format!("`{}` is both the fastest and the closest to the truth", fastest.name)
         } else {
@@ -309,15 +311,24 @@ mod tests {
     }
 
     #[test]
-    fn sentences_name_winners() {
+    fn sentences_say_what_is_worth_its_error() {
         let found = sentences(&rows());
         assert_eq!(found.len(), 2);
         assert!(
-            found[0].contains("`vrs-roughness` wins (70.0 % of the time, +20.0 % error)"),
+            found[0].contains("`vrs-roughness` 30 % faster, 20 % more error (worth it)"),
             "{}",
             found[0]
         );
-        assert!(found[0].contains("`vrs-grazing` does not win") && found[0].contains("`vrs-combined` wins"));
+        let verdict = |sentences: &[String], name: &str| {
+            let rest = sentences[0]
+                .split(&format!("`{name}` "))
+                .nth(1)
+                .unwrap_or_default()
+                .to_owned();
+            rest.split(['(', ')']).nth(1).unwrap_or_default().to_owned()
+        };
+        assert_eq!(verdict(&found, "vrs-grazing"), "not worth it");
+        assert_eq!(verdict(&found, "vrs-combined"), "worth it");
         assert!(found[0].contains("`vrs-roughness` is the fastest, `vrs-combined` the closest"));
         assert!(
             found[0].contains("`vrs-combined` suits this scene best"),
@@ -329,7 +340,7 @@ mod tests {
         let mut noisy = rows();
         noisy[4].ratio_low = Some(0.1);
         noisy[4].ratio_high = Some(1.0);
-        assert!(sentences(&noisy)[0].contains("`vrs-combined` is undecided"));
+        assert_eq!(verdict(&sentences(&noisy), "vrs-combined"), "undecided");
         assert!(sentences(&rows()[..2]).is_empty());
     }
 }
