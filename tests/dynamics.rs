@@ -6,6 +6,7 @@ mod pictures;
 use bevy::{
     asset::RenderAssetUsages,
     camera::{ClearColorConfig, MainPassResolutionOverride, RenderTarget, Viewport},
+    ecs::entity_disabling::Disabled,
     image::Image,
     math::UVec2,
     prelude::*,
@@ -159,6 +160,10 @@ fn entities_that_change_are_followed() {
         expect(&mut app, "opted out", RED, [false, false]);
         app.world().entity_mut(subject).remove::<NotReflected>();
         expect(&mut app, "opted in", RED, [false, true]);
+        app.world().entity_mut(subject).insert(Disabled);
+        expect(&mut app, "disabled", RED, [false, false]);
+        app.world().entity_mut(subject).remove::<Disabled>();
+        expect(&mut app, "enabled", RED, [false, true]);
 
         let second = spawn_mesh(&mut app, cube(2.0), unlit(BLUE), Transform::from_translation(LEFT));
         expect(&mut app, "a second one came", BLUE, [true, false]);
@@ -228,6 +233,14 @@ fn assets_that_change_are_followed() {
             small * 5 < size * 2,
             "{small} pixels after the cube was halved, {size} before"
         );
+        let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
+        meshes.remove(&mesh);
+        meshes.insert(mesh.id(), cube(2.0)).unwrap();
+        let replaced = expect(&mut app, "another mesh under the same id", GREEN, [true, false]);
+        assert!(
+            replaced.abs_diff(size) * 10 < size,
+            "{replaced} pixels after the mesh was removed and inserted, {size} before"
+        );
         let other = app.world().resource_mut::<Assets<Mesh>>().add(cube(2.0));
         app.world().entity_mut(subject).insert(Mesh3d(other));
         let large = expect(&mut app, "another mesh", GREEN, [true, false]);
@@ -242,6 +255,50 @@ fn assets_that_change_are_followed() {
         app.world().entity_mut(subject).remove::<Mesh3d>();
         expect(&mut app, "without a mesh", BLUE, [false, false]);
     }
+}
+
+/// A texture that never loads leaves its material plain, and lets the view converge.
+#[test]
+fn a_missing_texture_keeps_no_view_from_converging() {
+    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let camera = mirror(&mut app, SceneName::Demo);
+    let missing = app.world().resource::<AssetServer>().load("no/such/image.png");
+    let material = StandardMaterial {
+        base_color_texture: Some(missing),
+        metallic: 1.0,
+        perceptual_roughness: 0.6,
+        ..default()
+    };
+    spawn_mesh(&mut app, cube(2.0), material, Transform::from_translation(LEFT));
+    let rough = StandardMaterial {
+        metallic: 1.0,
+        perceptual_roughness: 0.6,
+        ..default()
+    };
+    spawn_mesh(
+        &mut app,
+        cube(2.0),
+        rough,
+        Transform::from_translation(RIGHT.with_z(0.5)),
+    );
+    reflect(&mut app, camera, ReflectionTechnique::Converged);
+    app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
+    let early = change_of_a_frame(&mut app);
+    app.step(60);
+    let late = change_of_a_frame(&mut app);
+    println!("a frame changes the image by {early} at first, and by {late} later");
+    assert!(early > 0.0 && 5.0 * late < early, "{early} at first, {late} later");
+}
+
+fn change_of_a_frame(app: &mut HeadlessApp) -> f32 {
+    let mut capture = || {
+        app.step(1);
+        app.capture_linear().unwrap()
+    };
+    let [before, after] = [capture(), capture()];
+    before.iter().zip(&after).map(|(a, b)| (a[1] - b[1]).abs()).sum()
 }
 
 #[test]

@@ -4,7 +4,10 @@ use super::activity::SceneActivity;
 use crate::settings::NotReflected;
 use bevy::{
     camera::visibility::{RenderLayers, VisibilityRange},
-    ecs::{entity::EntityHashMap, lifecycle::RemovedComponents, prelude::*, query::QueryData, system::SystemParam},
+    ecs::{
+        entity::EntityHashMap, entity_disabling::Disabled, lifecycle::RemovedComponents, prelude::*, query::QueryData,
+        system::SystemParam,
+    },
     light::{NotShadowCaster, NotShadowReceiver},
     math::Affine3A,
     mesh::{Mesh, Mesh3d, morph::MeshMorphWeights, skinning::SkinnedMesh},
@@ -167,6 +170,9 @@ pub struct RemovedFromScene<'w, 's> {
     opt_outs: RemovedComponents<'w, 's, NotReflected>,
     casters: RemovedComponents<'w, 's, NotShadowCaster>,
     receivers: RemovedComponents<'w, 's, NotShadowReceiver>,
+    disabled: RemovedComponents<'w, 's, Disabled>,
+    /// Queries that don't name `Disabled` no longer find these.
+    now_disabled: Query<'w, 's, Entity, Added<Disabled>>,
 }
 
 impl RemovedFromScene<'_, '_> {
@@ -179,6 +185,8 @@ impl RemovedFromScene<'_, '_> {
         entities.extend(self.opt_outs.read());
         entities.extend(self.casters.read());
         entities.extend(self.receivers.read());
+        entities.extend(self.disabled.read());
+        entities.extend(&self.now_disabled);
         entities
     }
 }

@@ -20,6 +20,7 @@ use bevy::{
 };
 
 use super::{activity::SceneActivity, gpu_types::*, textures::TextureTable};
+use bytemuck::bytes_of;
 
 /// Index of the material that stands in for those that are not loaded yet: `StandardMaterial::default()`.
 pub const DEFAULT_MATERIAL: u32 = 0;
@@ -292,6 +293,10 @@ impl MaterialTable {
 
     fn write(&mut self, index: u32, material: GpuMaterial) {
         let index = index as usize;
+        // A material whose image never arrives is packed in each frame; only a difference may end the rest of static views.
+        if bytes_of(&self.data[index]) == bytes_of(&material) {
+            return;
+        }
         self.data[index] = material;
         self.dirty = self.dirty.start.min(index)..self.dirty.end.max(index + 1);
     }

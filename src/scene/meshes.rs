@@ -137,6 +137,8 @@ pub struct SceneMeshes {
     ready: HashMap<AssetId<Mesh>, SceneMesh>,
     pending: HashMap<AssetId<Mesh>, Task<Result<BuiltMesh, GeometryError>>>,
     failed: HashSet<AssetId<Mesh>>,
+    /// Meshes that found no room, with what was in use then: they are tried again once less is.
+    without_room: HashMap<AssetId<Mesh>, u64>,
     /// Meshes that changed while an older version was being built.
     stale: HashSet<AssetId<Mesh>>,
     /// Meshes that became ready, changed or vanished in this frame.
@@ -174,6 +176,7 @@ impl SceneMeshes {
             ready: HashMap::default(),
             pending: HashMap::default(),
             failed: HashSet::default(),
+            without_room: HashMap::default(),
             stale: HashSet::default(),
             changed: HashSet::default(),
             tracer,
@@ -199,17 +202,30 @@ impl SceneMeshes {
     }
 
     fn is_known(&self, id: AssetId<Mesh>) -> bool {
-        self.ready.contains_key(&id) || self.pending.contains_key(&id) || self.failed.contains(&id)
+        self.ready.contains_key(&id)
+            || self.pending.contains_key(&id)
+            || self.failed.contains(&id)
+            || self.without_room.contains_key(&id)
+    }
+
+    fn used_bytes(&self) -> u64 {
+        self.geometry.used_bytes() + self.bvh.used_bytes()
+    }
+
+    /// Forgets meshes that found no room before something was given back, so that they are built again.
+    fn retry_where_room_appeared(&mut self) {
+        let used = self.used_bytes();
+        self.without_room.retain(|_, before| used >= *before);
     }
 
     /// Starts the build of a mesh if its data can be read somewhere.
     fn start_from(&mut self, id: AssetId<Mesh>, kept: &RenderWorldMeshes, assets: &Assets<Mesh>) {
-        if let Some(mesh) = kept.0.get(&id) {
-            self.start(id, mesh.clone());
-        } else if let Some(mesh) = assets.get(id)
+        if let Some(mesh) = assets.get(id)
             && is_readable(mesh)
         {
             self.start(id, Box::new(mesh.clone()));
+        } else if let Some(mesh) = kept.0.get(&id) {
+            self.start(id, mesh.clone());
         }
     }
 
@@ -232,12 +248,14 @@ impl SceneMeshes {
             })
         });
         self.failed.remove(&id);
+        self.without_room.remove(&id);
         self.pending.insert(id, task);
     }
 
     fn remove(&mut self, id: AssetId<Mesh>) {
         self.pending.remove(&id);
         self.failed.remove(&id);
+        self.without_room.remove(&id);
         self.stale.remove(&id);
         if let Some(mesh) = self.ready.remove(&id) {
             self.triangles -= u64::from(mesh.triangle_count);
@@ -251,7 +269,8 @@ impl SceneMeshes {
 
     /// Gives everything back.
     pub fn clear(&mut self, device: &RenderDevice) {
-        if !self.ready.is_empty() || !self.pending.is_empty() || !self.failed.is_empty() {
+        let is_empty = self.ready.is_empty() && self.pending.is_empty();
+        if !is_empty || !self.failed.is_empty() || !self.without_room.is_empty() {
             let next_merged = self.next_merged;
             *self = Self::new(device, self.tracer);
             self.next_merged = next_merged;
@@ -378,7 +397,8 @@ pub fn extract_meshes(
     let mut modified = Vec::new();
     for event in events.read() {
         match event {
-            AssetEvent::Modified { id } => modified.push(*id),
+            // Another mesh may be inserted under an id that was removed.
+            AssetEvent::Added { id } | AssetEvent::Modified { id } => modified.push(*id),
             AssetEvent::Unused { id } => {
                 render_world.0.remove(id);
                 meshes.remove(*id);
@@ -399,6 +419,7 @@ pub fn extract_meshes(
             meshes.start_from(id, &render_world, &assets);
         }
     }
+    meshes.retry_where_room_appeared();
     for id in instances.meshes() {
         if !meshes.is_known(id) {
             meshes.start_from(id, &render_world, &assets);
@@ -419,6 +440,7 @@ pub fn keep_render_world_meshes(
 ) {
     for (id, mesh) in &extracted.extracted {
         if mesh.asset_usage.contains(RenderAssetUsages::MAIN_WORLD) {
+            kept.0.remove(id);
             continue;
         }
         kept.0.insert(*id, Arc::new(mesh.clone()));
@@ -456,7 +478,8 @@ pub fn upload_meshes(mut meshes: ResMut<SceneMeshes>, status: Res<ReflectionStat
                     meshes.remove(id);
                     meshes.failed.insert(id);
                 } else if !meshes.insert(id, built, &queue) {
-                    meshes.failed.insert(id);
+                    let used = meshes.used_bytes();
+                    meshes.without_room.insert(id, used);
                     if !core::mem::replace(&mut meshes.warned_full, true) {
                         warn!(
                             "a mesh doesn't fit into the memory that one buffer may take on this device, so it is missing \

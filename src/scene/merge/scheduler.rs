@@ -24,6 +24,9 @@ const MAX_DOUBLINGS: u32 = 14;
 /// A new object takes over so many of the disturbances of its slot, at most: what comes and goes often is merged late, and
 /// a level that replaces another one after some seconds.
 const INHERITED_DISTURBANCES: u32 = 2;
+/// Frames without merging after the device had no room for trees; doubled with each further time, at most so often.
+const EXHAUSTED_FRAMES: u64 = 600;
+const MOST_DOUBLINGS: u32 = 6;
 
 /// What decides when and how much is merged.
 #[derive(Clone, Copy, Debug)]
@@ -144,8 +147,10 @@ pub(super) struct MergeScheduler {
     awake_since: u64,
     /// Last frame in which an object came to rest or left it.
     disturbed: u64,
-    /// The device has no room.
-    exhausted: bool,
+    /// Nothing is merged before this frame, since the device had no room.
+    exhausted_until: u64,
+    /// How often that happened.
+    losses: u32,
     changed: bool,
     released: Vec<u64>,
 }
@@ -165,7 +170,8 @@ impl MergeScheduler {
             awake: false,
             awake_since: 0,
             disturbed: 0,
-            exhausted: false,
+            exhausted_until: 0,
+            losses: 0,
             changed: false,
             released: Vec::new(),
         }
@@ -308,7 +314,7 @@ impl MergeScheduler {
         self.stay_awake();
     }
 
-    /// The rooms of all trees are gone, since there was too little memory: nothing is merged any more.
+    /// The rooms of all trees are gone, since there was too little memory: nothing is merged for a while, and for longer each time.
     pub fn lose_trees(&mut self) {
         for id in self.chunks.keys().copied().collect::<Vec<_>>() {
             self.dissolve(id);
@@ -317,7 +323,9 @@ impl MergeScheduler {
             building.stale = true;
         }
         self.released.clear();
-        self.exhausted = true;
+        self.exhausted_until = self.frame + (EXHAUSTED_FRAMES << self.losses.min(MOST_DOUBLINGS));
+        self.losses += 1;
+        self.stay_awake();
     }
 
     /// Whether the object of a slot is part of a tree of [`Self::trees`].
@@ -343,7 +351,7 @@ impl MergeScheduler {
             let place = &self.slots[slot as usize];
             place.placement.is_some() && place.changed + 1 < self.frame
         };
-        !self.exhausted
+        !self.is_exhausted()
             && (self.building.is_some()
                 || (self.awake && !self.resting.is_empty())
                 || self.settling.iter().any(|Reverse((_, slot))| still(*slot)))
@@ -365,6 +373,10 @@ impl MergeScheduler {
         if !self.awake {
             self.stay_awake();
         }
+    }
+
+    fn is_exhausted(&self) -> bool {
+        self.frame < self.exhausted_until
     }
 
     /// There may be more to plan.

@@ -291,19 +291,24 @@ fn what_can_not_be_built_is_not_tried_again() {
 }
 
 #[test]
-fn lost_trees_are_not_built_again() {
+fn lost_trees_are_built_again_after_a_while() {
     let mut scene = Scene::new(&[10, 20]);
     scene.run(3 * QUIET);
-    scene.scheduler.take_changed();
-    scene.scheduler.lose_trees();
-    assert!(scene.merged().is_empty() && scene.scheduler.take_changed());
-    assert!(
-        scene.scheduler.take_released().is_empty(),
-        "their rooms are gone already"
-    );
-    scene.run(1000);
-    assert_eq!(scene.plans, 1);
-    assert!(!scene.scheduler.is_pending());
+    for (plans, pause) in [(1, 600), (2, 1200), (3, 2400)] {
+        scene.scheduler.take_changed();
+        scene.scheduler.lose_trees();
+        assert!(scene.merged().is_empty() && scene.scheduler.take_changed());
+        assert!(
+            scene.scheduler.take_released().is_empty(),
+            "their rooms are gone already"
+        );
+        scene.run(pause - 1);
+        assert_eq!(scene.plans, plans, "before the pause of {pause} frames is over");
+        assert!(!scene.scheduler.is_pending());
+        scene.run(3 * QUIET);
+        assert_eq!(scene.plans, plans + 1, "after the pause of {pause} frames");
+        assert_eq!(scene.merged().len(), 2);
+    }
 }
 
 #[test]

@@ -14,7 +14,7 @@ impl MergeScheduler {
     pub fn plan(&mut self) -> Option<Vec<(u32, Placement)>> {
         let quiet = self.limits.quiet_frames;
         let calm = self.frame >= self.disturbed + quiet || self.frame >= self.awake_since + PATIENCE * quiet;
-        if self.building.is_some() || !self.awake || self.exhausted || !calm {
+        if self.building.is_some() || !self.awake || self.is_exhausted() || !calm {
             return None;
         }
         self.awake = false;
