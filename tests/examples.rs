@@ -230,14 +230,17 @@ fn moving_objects() {
     let half_a_second = example.image("moving");
     example.app.step(30);
     let second = example.image("moving");
-    example.assert_differs("half a second later", &half_a_second, &second, 1.0);
+    example.assert_differs("half a second later", &half_a_second, &second, 5.0);
     example.press(KeyCode::Space);
     // What moved is still in the history.
     example.app.step(60);
     let stopped = example.image("stopped");
     example.app.step(30);
     let later = example.image("later");
-    example.assert_same("with the clock stopped", &stopped, &later);
+    // Nothing but the noise of many small lamps is left.
+    let noise = difference(&stopped, &later, 0..SIZE.x);
+    println!("with the clock stopped: {noise:.2}");
+    assert!(noise < 1.5, "with the clock stopped the image changes by {noise}");
     example.assert_reflects(2.0);
 }
 

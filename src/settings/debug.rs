@@ -53,9 +53,8 @@ pub enum ReflectionDebugView {
     /// was reconstructed from.
     Variance,
     /// Heat of the mean weight of the rays that a pixel was reconstructed from, relative to its expectation, by its logarithm:
-    /// blue 1/16, cyan 1/4, green 1, yellow 4, red 16. Black where there was no ray.
-    ///
-    /// A frame counts in a pixel's history by this weight.
+    /// blue 1/16, cyan 1/4, green 1, yellow 4, red 16. Black where there was no ray. A frame counts in a pixel's history by this
+    /// weight.
     RayWeight,
     /// Red where a pixel's history holds at most one frame: it is new, or its past was rejected. Not exact mirrors with rays of
     /// their own, which have no history.
