@@ -13,6 +13,7 @@ mod gltf;
 mod headless;
 mod image_size;
 mod materials;
+mod missing_images;
 mod patterns;
 mod props;
 mod random;
@@ -34,6 +35,7 @@ pub use headless::{
     read_image, read_texture, save_picture, take_log,
 };
 pub use image_size::ImageSize;
+pub use missing_images::MissingImagesPlugin;
 pub use random::Random;
 pub use scene::{SceneName, UnknownScene, camera, environment, spawn, spawn_with};
 pub use sky::{Sky, sun_direction};

@@ -3,7 +3,7 @@
 use crate::{arguments::Arguments, gltf};
 use bevy::{prelude::*, render::diagnostic::RenderDiagnosticsPlugin};
 use bevy_glint::{RayTracedReflectionsPlugin, ReflectionBackend, ui::ReflectionSettingsPanelPlugin};
-use glint_scenes::SceneAnimationPlugin;
+use glint_scenes::{MissingImagesPlugin, SceneAnimationPlugin};
 
 /// Adds the plugin that decides how the graphics device is opened, which must come before Bevy's plugins.
 pub fn add_before_bevy(app: &mut App, backend: ReflectionBackend) {
@@ -20,6 +20,7 @@ pub fn add_before_bevy(app: &mut App, backend: ReflectionBackend) {
 pub fn add_after_bevy(app: &mut App, arguments: &Arguments) {
     app.add_plugins((
         SceneAnimationPlugin,
+        MissingImagesPlugin,
         gltf::plugin,
         RayTracedReflectionsPlugin {
             tracer: arguments.tracer,

@@ -89,8 +89,41 @@ fn street() {
 
 #[test]
 fn file() {
-    let file = write_gltf();
+    let file = write_gltf("viewer-file", None);
     compare("file", &[file.to_str().expect("the path is text")], 2.0);
+}
+
+/// A file whose image is missing or cut short is shown without it; a file without its buffer is declined.
+#[test]
+fn incomplete_files() {
+    let folder = Path::new(FOLDER);
+    fs::write(folder.join("cut.png"), b"\x89PNG\r\n\x1a\n").expect("the image can be written");
+    for (name, image) in [("viewer-missing", "nowhere.png"), ("viewer-cut", "cut.png")] {
+        let file = write_gltf(name, Some(image));
+        let arguments = [
+            "--size",
+            "96x54",
+            "--frames",
+            "2",
+            file.to_str().expect("the path is text"),
+        ];
+        let Some(shown) = render(name, &arguments) else { return };
+        let red = shown.pixels().filter(|pixel| pixel[0] > 2 * pixel[1].max(8)).count();
+        assert!(red > 100, "{name}: {red} pixels show the wall");
+    }
+    let file = write_gltf("viewer-empty", None);
+    fs::remove_file(folder.join("viewer-empty.bin")).expect("the buffer can be removed");
+    let output = viewer(&[
+        "--headless",
+        "--out",
+        "viewer-empty.png",
+        file.to_str().expect("the path is text"),
+    ]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(
+        !output.status.success() && said.contains("error: an asset failed to load"),
+        "{said}"
+    );
 }
 
 #[test]
@@ -133,8 +166,8 @@ fn wrong_arguments_are_named() {
     }
 }
 
-/// A mirror on the ground and a red wall behind it.
-fn write_gltf() -> PathBuf {
+/// A mirror on the ground and a red wall behind it, which may have a texture.
+fn write_gltf(name: &str, image: Option<&str>) -> PathBuf {
     const CORNERS: [[f32; 3]; 8] = [
         [-2.0, 0.0, 2.0],
         [2.0, 0.0, 2.0],
@@ -158,8 +191,9 @@ fn write_gltf() -> PathBuf {
         ] }],
         "materials": [
             { "pbrMetallicRoughness": { "metallicFactor": 1.0, "roughnessFactor": 0.0 } },
-            { "pbrMetallicRoughness": { "baseColorFactor": [0.8, 0.05, 0.05, 1.0], "metallicFactor": 0.0 } }
+            { "pbrMetallicRoughness": { TEXTURE "baseColorFactor": [0.8, 0.05, 0.05, 1.0], "metallicFactor": 0.0 } }
         ],
+        IMAGES
         "accessors": [
             { "bufferView": 0, "byteOffset": 0, "componentType": 5126, "count": 4, "type": "VEC3",
               "min": [-2.0, 0.0, -2.0], "max": [2.0, 0.0, 2.0] },
@@ -173,14 +207,24 @@ fn write_gltf() -> PathBuf {
             { "buffer": 0, "byteOffset": 0, "byteLength": 192 },
             { "buffer": 0, "byteOffset": 192, "byteLength": 24 }
         ],
-        "buffers": [{ "byteLength": 216, "uri": "viewer-file.bin" }]
+        "buffers": [{ "byteLength": 216, "uri": "NAME.bin" }]
     }"#;
     let normals = NORMALS.iter().flat_map(|normal| [*normal; 4]);
     let floats = CORNERS.into_iter().chain(normals).flatten().flat_map(f32::to_le_bytes);
     let bytes: Vec<u8> = floats.chain(INDICES.into_iter().flat_map(u32::to_le_bytes)).collect();
     let folder = Path::new(FOLDER);
-    fs::write(folder.join("viewer-file.bin"), bytes).expect("the buffer can be written");
-    let file = folder.join("viewer-file.gltf");
-    fs::write(&file, GLTF).expect("the file can be written");
+    fs::write(folder.join(format!("{name}.bin")), bytes).expect("the buffer can be written");
+    let file = folder.join(format!("{name}.gltf"));
+    let (texture, images) = image.map_or_else(Default::default, |image| {
+        (
+            r#""baseColorTexture": { "index": 0 },"#.to_owned(),
+            format!(r#""textures": [{{ "source": 0 }}], "images": [{{ "uri": "{image}" }}],"#),
+        )
+    });
+    let text = GLTF
+        .replace("TEXTURE", &texture)
+        .replace("IMAGES", &images)
+        .replace("NAME", name);
+    fs::write(&file, text).expect("the file can be written");
     file
 }

@@ -24,7 +24,9 @@ use bevy::{
 use bevy_glint::{
     RayTracedReflectionsPlugin, ReflectionBackend, ReflectionStatus, ReflectionStatusReport, ReflectionTracer,
 };
-use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, Motion, Output, SceneStatistics};
+use glint_scenes::{
+    HeadlessApp, HeadlessError, HeadlessSettings, MissingImagesPlugin, Motion, Output, SceneStatistics,
+};
 use image::RgbImage;
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -80,7 +82,7 @@ impl<'a> Runner<'a> {
         };
         let (solari, tracer) = (job.solari, techniques::tracer_choice(job.tracer));
         let app = HeadlessApp::with_device(settings, techniques::open_device, |app| {
-            app.add_plugins(RenderDiagnosticsPlugin);
+            app.add_plugins((RenderDiagnosticsPlugin, MissingImagesPlugin));
             if solari {
                 techniques::solari::add(app);
             } else {

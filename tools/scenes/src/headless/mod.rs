@@ -10,6 +10,7 @@ pub use readback::{decode_halves, read_buffer, read_image, read_texture};
 
 use crate::{
     environment::SceneOptions,
+    missing_images::are_images_loading,
     scene::{SceneName, camera, environment, spawn_with},
 };
 use bevy::{
@@ -293,7 +294,13 @@ impl HeadlessApp {
             if let Some(LoadState::Failed(reason)) = server.get_load_state(root.0.id()) {
                 return Err(HeadlessError::Asset(reason.to_string()));
             }
-            if instance.is_none() || !server.is_loaded_with_dependencies(root.0.id()) {
+            // A scene without one of its images is a scene, too.
+            let is_loaded = server.is_loaded_with_dependencies(root.0.id())
+                || server
+                    .get_recursive_dependency_load_state(root.0.id())
+                    .is_some_and(|state| state.is_failed())
+                    && !are_images_loading(server, world.resource());
+            if instance.is_none() || !is_loaded {
                 return Ok(false);
             }
         }

@@ -1,0 +1,92 @@
+//! Files whose images are missing or broken: their materials are shown without them.
+
+use bevy::{
+    asset::AssetLoadFailedEvent,
+    platform::collections::{HashMap, HashSet},
+    prelude::*,
+};
+
+/// Takes images that can't be loaded out of the materials that name them, with a warning each. Bevy draws no object of a material
+/// that waits for an image.
+pub struct MissingImagesPlugin;
+
+impl Plugin for MissingImagesPlugin {
+    fn build(&self, app: &mut App) {
+        app.init_resource::<MissingImages>()
+            .add_systems(Update, (note_missing_images, leave_out_missing_images).chain());
+    }
+}
+
+#[derive(Resource, Default)]
+struct MissingImages(HashSet<AssetId<Image>>);
+
+fn note_missing_images(mut failures: MessageReader<AssetLoadFailedEvent<Image>>, mut missing: ResMut<MissingImages>) {
+    for failure in failures.read() {
+        if missing.0.insert(failure.id) {
+            warn!("{} can't be loaded; its materials are shown without it", failure.path);
+        }
+    }
+}
+
+/// Runs each frame, since a material may be loaded after its image has failed.
+fn leave_out_missing_images(missing: Res<MissingImages>, mut materials: ResMut<Assets<StandardMaterial>>) {
+    if missing.0.is_empty() {
+        return;
+    }
+    let is_missing =
+        |image: &Option<Handle<Image>>| image.as_ref().is_some_and(|image| missing.0.contains(&image.id()));
+    let affected: Vec<_> = materials
+        .iter()
+        .filter(|(_, material)| images(material).into_iter().any(is_missing))
+        .map(|(id, _)| id)
+        .collect();
+    for id in affected {
+        let Some(mut material) = materials.get_mut(id) else {
+            continue;
+        };
+        for image in images_mut(&mut material) {
+            if is_missing(image) {
+                *image = None;
+            }
+        }
+    }
+}
+
+fn images(material: &StandardMaterial) -> [&Option<Handle<Image>>; 6] {
+    [
+        &material.base_color_texture,
+        &material.emissive_texture,
+        &material.metallic_roughness_texture,
+        &material.normal_map_texture,
+        &material.occlusion_texture,
+        &material.depth_map,
+    ]
+}
+
+fn images_mut(material: &mut StandardMaterial) -> [&mut Option<Handle<Image>>; 6] {
+    [
+        &mut material.base_color_texture,
+        &mut material.emissive_texture,
+        &mut material.metallic_roughness_texture,
+        &mut material.normal_map_texture,
+        &mut material.occlusion_texture,
+        &mut material.depth_map,
+    ]
+}
+
+/// Whether an image of some material is still being loaded.
+pub(crate) fn are_images_loading(server: &AssetServer, materials: &Assets<StandardMaterial>) -> bool {
+    let mut states: HashMap<AssetId<Image>, bool> = HashMap::default();
+    materials
+        .iter()
+        .flat_map(|(_, material)| images(material))
+        .flatten()
+        .any(|image| {
+            let is_loading = || {
+                server
+                    .get_load_state(image.id())
+                    .is_some_and(|state| state.is_loading())
+            };
+            *states.entry(image.id()).or_insert_with(is_loading)
+        })
+}
