@@ -186,7 +186,7 @@ fn techniques_reflect_the_light_of_the_ground_truth() {
         ("reference", "neighbours", |_| {}),
         ("reference", "one ray", |settings| settings.denoiser.samples = 1),
         ("reference", "Halton", |settings| {
-            settings.sampling = ReflectionSampling::Halton
+            settings.sampling = ReflectionSampling::Halton;
         }),
         ("quarter", "neighbours", |_| {}),
     ];
