@@ -1,9 +1,9 @@
-//! Whether any camera wants reflections: without one, the scene isn't mirrored at all.
+//! Tracks whether any camera wants reflections. Without one, the scene isn't mirrored at all.
 
 use crate::settings::RayTracedReflections;
 use bevy::{camera::Camera, ecs::prelude::*, render::Extract};
 
-/// Whether any active camera carries [`RayTracedReflections`].
+/// Tracks whether any active camera has [`RayTracedReflections`].
 #[derive(Resource, Default)]
 pub struct SceneActivity {
     /// At least one camera does.

@@ -108,7 +108,7 @@ fn readable(image: &Image) -> Option<Source<'_>> {
     let size = texture.size;
     let texels = u64::from(size.width) * u64::from(size.height);
     let flat = texture.dimension == TextureDimension::D2 && size.depth_or_array_layers == 1;
-    // What the GPU writes is not known here.
+    // Contents that the GPU writes are not known here.
     let is_written = texture
         .usage
         .intersects(TextureUsages::RENDER_ATTACHMENT | TextureUsages::STORAGE_BINDING);

@@ -1,5 +1,5 @@
-//! What surrounds each view: exposure, ambient light, environment map, skybox and background, as bind group 2 of the passes that shade
-//! hits. `environment.wesl` is the GPU side.
+//! Surroundings of each view: exposure, ambient light, environment map, skybox and background. They are bind group 2 of the
+//! passes that shade hits. `environment.wesl` is the GPU side.
 
 use crate::{
     settings::{ClampedSettings, RayTracedReflections, WantsReflections},
@@ -298,7 +298,7 @@ impl EnvironmentBindings {
         self.views.get(&view).map(|bindings| &bindings.bind_group)
     }
 
-    /// What group 2 of a view is made of, while the view uses variable rate shading.
+    /// Returns the contents of a view's bind group 2 while the view uses variable rate shading.
     pub(crate) fn contents(&self, view: Entity) -> Option<&BindGroupContents> {
         self.views.get(&view).map(|bindings| &bindings.contents)
     }

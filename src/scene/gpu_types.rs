@@ -75,7 +75,7 @@ pub struct GpuInstance {
     pub _padding: [u32; 3],
 }
 
-/// What a hit needs of a `StandardMaterial`.
+/// The part of a `StandardMaterial` that hits need.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct GpuMaterial {

@@ -130,7 +130,7 @@ impl SceneInstances {
     }
 }
 
-/// What extraction reads of a traced entity.
+/// Data of a traced entity that extraction reads.
 #[derive(QueryData)]
 pub struct InstanceQuery {
     entity: Entity,

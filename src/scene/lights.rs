@@ -25,11 +25,11 @@ pub const MAX_LIGHTS: usize = 256;
 pub struct ExtractedLights {
     /// Directional lights first, then points, spots and rectangles; at most [`MAX_LIGHTS`].
     pub lights: Vec<GpuLight>,
-    /// Whether `lights` differs from the last frame.
+    /// `true` if `lights` differs from the last frame.
     pub changed: bool,
 }
 
-/// Whether Bevy's shaders light anything by rectangles: only with its cargo feature `area_light_luts`.
+/// `true` if Bevy's shaders apply rectangle lights, which they do only with Bevy's cargo feature `area_light_luts`.
 #[derive(Resource, Default, Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RectLightsEnabled(pub bool);
 

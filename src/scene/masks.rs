@@ -41,7 +41,7 @@ struct MaskSet {
     users: u32,
     triangles: Arc<MeshTriangles>,
     has_uvs: bool,
-    /// Of the masks in the buffer.
+    /// UV transform of the masks in the buffer.
     uv_transform: Affine2,
     header: Item,
     micromaps: Micromaps,
@@ -61,7 +61,7 @@ pub(super) struct MaskSets {
     has_new: bool,
 }
 
-/// What may be another one than in the last frame.
+/// Inputs that may differ from the last frame.
 pub(super) struct Changes<'a> {
     /// Any image, or how it is sampled.
     pub images: bool,

@@ -25,7 +25,8 @@ use bytemuck::bytes_of;
 /// Index of the material that stands in for those that are not loaded yet: `StandardMaterial::default()`.
 pub const DEFAULT_MATERIAL: u32 = 0;
 
-/// Whether rays can hit this material. Materials that only add to or multiply what lies behind them are transparent to rays.
+/// Returns whether rays can hit this material. Materials that only add to or multiply what lies behind them are transparent to
+/// rays.
 pub fn is_traced(material: &StandardMaterial) -> bool {
     !matches!(material.alpha_mode, AlphaMode::Add | AlphaMode::Multiply)
 }
@@ -279,7 +280,7 @@ impl MaterialTable {
         self.data.get(*self.indices.get(&id)? as usize)
     }
 
-    /// What belongs into the buffer of materials.
+    /// Materials to store in the materials buffer.
     pub fn materials(&self) -> &[GpuMaterial] {
         &self.data
     }

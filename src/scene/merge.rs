@@ -61,7 +61,7 @@ pub(super) struct StaticMerge {
     waited: u64,
 }
 
-/// What a build task hands back.
+/// Result of a build task.
 struct BuiltTree {
     blas: Option<Blas>,
     milliseconds: f32,
@@ -96,7 +96,7 @@ impl StaticMerge {
         self.scheduler.observe(slot, placement);
     }
 
-    /// Whether the object of a slot is in one of [`Self::instances`].
+    /// Returns whether the object of a slot is in one of [`Self::instances`].
     pub fn is_merged(&self, slot: u32) -> bool {
         self.scheduler.is_merged(slot)
     }
@@ -153,7 +153,8 @@ impl StaticMerge {
         self.scheduler.take_changed()
     }
 
-    /// Whether the rooms of all trees are gone since [`Self::update`]. Their objects are instances from now on.
+    /// Returns whether the buffer space of all trees was lost since [`Self::update`]. If so, their objects are instances from now
+    /// on.
     pub fn take_lost(&mut self, meshes: &mut SceneMeshes) -> bool {
         let lost = meshes.take_merged_lost();
         if lost {
@@ -228,7 +229,7 @@ impl Upload {
     }
 }
 
-/// What merging an object costs; `None` where it has to stay an instance.
+/// Returns the cost of merging an object; `None` if it has to stay an instance.
 fn extent(meshes: &SceneMeshes, placement: &Placement) -> Option<Extent> {
     let mesh = meshes.get(placement.mesh)?;
     mesh.triangles.as_ref()?;

@@ -39,7 +39,7 @@ const UPLOAD_BYTES_PER_FRAME: u64 = 256 << 20;
 /// Triangles of a merged tree, at most: more would take seconds to build on a slow machine. Objects with more stay
 /// instances, since a single tree is all that merging could give them.
 pub(super) const CHUNK_TRIANGLES: u64 = 1 << 20;
-/// What a build task hands back.
+/// Result of a build task.
 pub struct BuiltMesh {
     packed: PackedMesh,
     /// Only for the BVH tracer.
@@ -49,8 +49,8 @@ pub struct BuiltMesh {
     milliseconds: f32,
 }
 
-/// What merged trees and masks copy of a mesh. It stays in main memory: 12 bytes for each vertex and 12 for each triangle, 8 more
-/// for each vertex with UV coordinates, and 4 with colours. Micromaps take 16 for each triangle.
+/// Mesh data that merged trees and masks copy. It stays in main memory: 12 bytes for each vertex and 12 for each triangle, 8
+/// more for each vertex with UV coordinates, and 4 with colours. Micromaps take 16 for each triangle.
 pub struct MeshTriangles {
     /// Object space; empty where the mesh is too large to be merged.
     pub positions: Box<[[f32; 3]]>,
@@ -71,7 +71,7 @@ impl MeshTriangles {
         }
     }
 
-    /// What masks are made of. The second set of UV coordinates stands for itself only where the mesh has one, and is not
+    /// Returns the data that masks are made of. The second set of UV coordinates is used only if the mesh has one, and is not
     /// transformed.
     pub(super) fn mask_source(&self, second_uvs: bool, uv_transform: Affine2) -> MaskSource<'_> {
         let is_second = second_uvs && !self.uvs[1].is_empty();
@@ -372,7 +372,8 @@ impl SceneMeshes {
         }
     }
 
-    /// Whether all merged trees were lost since the last call: what refers to them must be built anew in this frame.
+    /// Returns whether all merged trees were lost since the last call. If so, everything that refers to them must be rebuilt in
+    /// this frame.
     pub(super) fn take_merged_lost(&mut self) -> bool {
         core::mem::take(&mut self.merged_lost)
     }

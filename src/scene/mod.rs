@@ -1,4 +1,4 @@
-//! What a ray can hit: geometry, acceleration structures, materials, lights and environment.
+//! The scene that rays can hit: geometry, acceleration structures, materials, lights and environment.
 //!
 //! Shaders see it as one bind group (`bindings.wesl`) and two functions (`trace.wesl`): `trace_closest` and `trace_any`, with
 //! one implementation over the driver's ray queries and one over the crate's own BVH.

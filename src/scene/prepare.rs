@@ -49,7 +49,7 @@ pub struct SceneBindings {
     pub layout: BindGroupLayoutDescriptor,
     /// The bind group of this frame; `None` until the first frame in which a camera reflects.
     pub bind_group: Option<BindGroup>,
-    /// What it is made of, while a view uses variable rate shading.
+    /// Contents of the bind group while a view uses variable rate shading.
     pub(crate) contents: BindGroupContents,
     tracer: ReflectionTracer,
     texture_def: Option<&'static str>,
@@ -72,7 +72,7 @@ pub struct SceneBindings {
     defs_version: u32,
     /// Counts changes that rays can see.
     pub(crate) version: u32,
-    /// What the bind group was made of.
+    /// Generations of the resources that the bind group was created from.
     generations: [u64; 7],
 }
 
@@ -137,8 +137,8 @@ fn layout(tracer: ReflectionTracer, textures: &TextureTable) -> BindGroupLayoutD
 }
 
 impl SceneBindings {
-    /// What shaders that import the scene's modules must be compiled with for the scene as it is. Whoever holds on to
-    /// pipelines has to follow [`Self::shader_defs_version`], or take [`Self::shader_defs_for`] any scene.
+    /// Returns the definitions that shaders which import the scene's modules must be compiled with for the scene as it is. Code
+    /// that keeps pipelines has to follow [`Self::shader_defs_version`], or use [`Self::shader_defs_for`] any scene.
     pub fn shader_defs(&self) -> Vec<ShaderDefVal> {
         self.shader_defs_for(self.has_masked_geometry())
     }
@@ -169,12 +169,13 @@ impl SceneBindings {
         defs
     }
 
-    /// Whether the scene's trees need a larger stack than shaders usually have, which slows rays down a little.
+    /// Returns whether the scene's trees need a larger stack than shaders usually have. A larger stack slows rays down
+    /// a little.
     pub(crate) fn has_deep_trees(&self) -> bool {
         self.deep
     }
 
-    /// Whether rays can hit something that needs the alpha test. True until the first object can be hit, too.
+    /// Returns whether rays can hit something that needs the alpha test. Also `true` until the first object can be hit.
     pub fn has_masked_geometry(&self) -> bool {
         self.masked
     }

@@ -31,7 +31,7 @@ pub(super) struct TextureLayers {
     view: TextureView,
     limit: u32,
     layers: u32,
-    /// What each layer is a copy of.
+    /// Source that each layer is a copy of.
     sources: Vec<Option<TextureView>>,
     outdated: HashSet<u32>,
     sampler: Sampler,
@@ -126,7 +126,7 @@ impl TextureLayers {
         &self.view
     }
 
-    /// Whether textures can be copied yet.
+    /// Returns whether textures can be copied yet.
     pub fn is_ready(&mut self, pipelines: &PipelineCache) -> bool {
         self.ready |= pipelines.get_render_pipeline(self.pipeline).is_some();
         self.ready

@@ -62,7 +62,7 @@ pub struct TextureTable {
     /// Entries to look at in the next update.
     pending: Vec<u32>,
     resettled: Vec<AssetId<Image>>,
-    /// Where the walk over all entries stands that finds replaced images.
+    /// Position of the walk over all entries that finds replaced images.
     cursor: usize,
     generation: u64,
     next_version: u64,
@@ -235,7 +235,7 @@ impl TextureTable {
         matches!(entry.state, State::Ready(_)).then_some(index | (entry.sampler << SAMPLER_SHIFT))
     }
 
-    /// Whether [`Self::finest_level`] of an image in use may have changed since the last call.
+    /// Returns whether [`Self::finest_level`] of an image in use may have changed since the last call.
     pub(super) fn take_touched(&mut self) -> bool {
         std::mem::take(&mut self.touched)
     }
@@ -327,7 +327,7 @@ impl TextureTable {
     }
 }
 
-/// Whether an image can stand in the array: other kinds would fail the validation of the bind group.
+/// Returns whether an image can be stored in the array. Other kinds would fail the validation of the bind group.
 fn is_usable(device: &RenderDevice, image: &GpuImage) -> bool {
     let texture = &image.texture_descriptor;
     let view = image.texture_view_descriptor.as_ref();

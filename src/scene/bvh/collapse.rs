@@ -4,7 +4,7 @@
 use super::node::{Node, Tree, WIDTH};
 use obvhs::bvh2::Bvh2;
 
-/// What testing a node costs a ray, and what testing a triangle does, as in the paper. The more a triangle costs, the smaller leaves
+/// Cost to a ray of testing a node, and of testing a triangle, as in the paper. The more a triangle costs, the smaller leaves
 /// get.
 const NODE_COST: f32 = 1.0;
 const PRIMITIVE_COST: f32 = 0.3;

@@ -65,7 +65,7 @@ impl Bounds {
         }
     }
 
-    /// What both have in common, if that is anything.
+    /// Returns the box that both have in common, if there is one.
     pub fn intersection(self, other: Self) -> Option<Self> {
         let common = Self {
             min: Vec3A::from(self.min).max(other.min.into()).to_array(),

@@ -1,4 +1,5 @@
-//! What the alpha test needs to know of a triangle, side by side: in the packed mesh, each part has to be looked up by another one.
+//! Stores the data that the alpha test needs for a triangle side by side. In the packed mesh, each part has to be looked up
+//! through another one.
 
 use super::{
     format::Item,
@@ -9,21 +10,21 @@ use bevy::math::{Affine2, Vec2};
 /// Alpha of vertices that have none of their own.
 pub(super) const FULL_VERTEX_ALPHA: u32 = 0x00ff_ffff;
 
-/// What a mesh says about the opacity of its triangles.
+/// Mesh data that determines the opacity of its triangles.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct MaskSource<'a> {
     /// Three per triangle.
     pub indices: &'a [u32],
     /// UV coordinates of the vertices; empty where the mesh has none.
     pub uvs: &'a [[f32; 2]],
-    /// What the material makes of them.
+    /// Transform that the material applies to them.
     pub uv_transform: Affine2,
     /// Colours of the vertices, alpha in the upper byte; empty where the mesh has none.
     pub colors: &'a [u32],
 }
 
-/// What stands in front of masks: what their material makes of a texel. The texture is a word of
-/// [`crate::scene::gpu_types::GpuMaterial::textures`], and `NO_TEXTURE` where the mesh has no UV coordinates.
+/// Returns the header stored in front of masks, which holds how their material treats a texel. The texture is a word of
+/// [`crate::scene::gpu_types::GpuMaterial::textures`], or `NO_TEXTURE` if the mesh has no UV coordinates.
 pub fn mask_header(texture: u32, alpha: f32, cutoff: f32) -> Item {
     [[texture, alpha.to_bits(), cutoff.to_bits(), 0], [0; 4], [0; 4]]
 }

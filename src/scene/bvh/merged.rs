@@ -14,7 +14,7 @@ use bevy::math::{Affine3A, DVec3, Vec3A};
 const FARTHEST: f32 = 1e12;
 /// Typical triangles smaller than this (metres) might vanish among the products that a build needs.
 const SMALLEST_TRIANGLE: f32 = 1e-12;
-/// What rounding may move a vertex by, relative to the size of a typical triangle.
+/// Largest distance that rounding may move a vertex, relative to the size of a typical triangle.
 const MAX_ROUNDING: f32 = 1.0 / 256.0;
 
 /// An object for [`build_merged`].
@@ -30,10 +30,10 @@ pub struct MergeSource<'a> {
     pub instance: u32,
     /// `INSTANCE_` flags.
     pub flags: u32,
-    /// Where the masks of the mesh stand in the buffer, if [`INSTANCE_ALPHA_MASKED`] is among the flags.
+    /// Index of the first mask of the mesh in the buffer, if [`INSTANCE_ALPHA_MASKED`] is among the flags.
     pub masks: u32,
-    /// Of the triangles, if they are known; else empty. What rays pass through is left out of the tree, so it has to be built anew
-    /// where the alpha test changes.
+    /// Micromaps of the triangles if they are known; else empty. Parts that rays pass through are left out of the tree, so it has
+    /// to be rebuilt if the alpha test changes.
     pub micromaps: &'a [Micromap],
 }
 

@@ -16,7 +16,7 @@ const LEAF_BITS: usize = 3;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Node {
-    /// Where planes count from.
+    /// Origin of the quantised planes.
     pub origin: [f32; 3],
     /// Biased exponents of the distances between planes.
     pub exponents: [u8; 3],
@@ -32,7 +32,7 @@ pub(super) struct Node {
     first_primitive: u32,
 }
 
-/// What a node holds at a place.
+/// Content of a child slot of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Child {
     Empty,
@@ -208,7 +208,7 @@ pub(super) fn most_groups(nodes: &[Node], leaves_wait: bool) -> u32 {
         };
         u32::from(waiting > 1)
     };
-    // Of the nodes above each.
+    // Groups of the nodes above each node.
     let mut above = vec![0u32; nodes.len()];
     let mut most = 0;
     for (i, node) in nodes.iter().enumerate() {

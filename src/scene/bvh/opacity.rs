@@ -35,7 +35,7 @@ const ROUNDING: f64 = 2e-6;
 /// them stays unknown.
 const ROW_BUDGET: u64 = 1 << 25;
 
-/// What happens to coordinates outside of a texture.
+/// Address mode for coordinates outside of a texture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wrap {
     /// The texture repeats.
@@ -57,12 +57,12 @@ pub struct AlphaTexels {
     pub texels: Vec<u8>,
 }
 
-/// What the alpha test of a material does.
+/// Parameters of the alpha test of a material.
 #[derive(Clone, Debug)]
 pub struct AlphaTest {
     /// Alpha of the base colour.
     pub alpha: f32,
-    /// What is below it, is cut out.
+    /// Alpha below which surfaces are cut out.
     pub cutoff: f32,
     /// The texture and how it goes on in both directions; `None` for a material without one.
     pub texture: Option<(Arc<AlphaTexels>, [Wrap; 2])>,
@@ -102,7 +102,7 @@ pub fn solid_bounds(map: &Micromap, corners: &[[f32; 3]; 3]) -> Option<Bounds> {
             bounds = Some((min.min(point), max.max(point)));
         }
     }
-    // What rounding may have moved: the weights of a hit, and what was computed here.
+    // Margin for rounding in the weights of a hit and in the computations above.
     let room = ((b - a).abs() + (c - a).abs() + a.abs() * 1e-3) * 1e-3;
     bounds.map(|(min, max)| Bounds {
         min: (min - room).to_array(),
@@ -264,7 +264,8 @@ impl TextureView<'_> {
         map
     }
 
-    /// What all texels are that samples within a triangle (texels, give or take `room`) take their alpha from.
+    /// Common state of all texels that samples within a triangle read alpha from. The corners are in texels, with a tolerance of
+    /// `room`.
     fn state(&self, corners: [DVec2; 3], room: f64) -> u32 {
         let low = corners[0].y.min(corners[1].y).min(corners[2].y);
         let high = corners[0].y.max(corners[1].y).max(corners[2].y);

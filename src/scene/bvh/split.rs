@@ -6,7 +6,7 @@ use obvhs::{aabb::Aabb, splits::split_aabbs_preset, triangle};
 
 /// Parts of all triangles together, relative to the number of triangles: beyond this, none is split.
 const MOST_PARTS: usize = 2;
-/// What rounding may cut off a part, relative to its coordinates.
+/// Largest amount that rounding may cut off a part, relative to its coordinates.
 const ROUNDING: f32 = 1e-6;
 
 /// Splits the boxes of large triangles; returns the triangle of each box. Parts touch each other and together cover the

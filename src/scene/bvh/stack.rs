@@ -1,12 +1,13 @@
-//! What trees may take of the traversal's stack.
+//! Limits on how much of the traversal stack trees may use.
 
-/// What trees of a level are like.
+/// Properties of the trees of a level.
 pub(super) struct Level {
     /// Primitives of a leaf, at most; 1 to 3.
     pub leaf_size: u32,
     /// Leaves stand on the stack of the traversal, too.
     pub leaves_wait: bool,
-    /// Where the optimised tree takes more groups of the traversal's stack, a balanced one takes its place, which is slower to trace.
+    /// Most groups that the optimised tree may take on the traversal stack. If it takes more, it is replaced by a balanced tree,
+    /// which is slower to trace.
     pub most_groups: u32,
 }
 

@@ -19,7 +19,7 @@ const MAX_INVERSE: f64 = 1e12;
 pub struct TlasInstance<'a> {
     /// Object to world.
     pub world_from_object: Affine3A,
-    /// Of the mesh, in object space.
+    /// Bounds of the mesh in object space.
     pub bounds: Bounds,
     /// [`super::owner`] of the triangles; 0 for a merged tree, which lies in world space and whose triangles name theirs.
     pub instance: u32,
@@ -47,7 +47,7 @@ pub struct Tlas {
     pub dropped: u32,
     /// Groups on the stack of the traversal in the worst case, those of the BLASes aside.
     pub groups: u32,
-    /// What the stack of the traversal must have room for, those of the BLASes included.
+    /// Groups that the traversal stack must have room for, those of the BLASes included.
     pub stack: u32,
 }
 

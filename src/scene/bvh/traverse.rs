@@ -6,14 +6,14 @@ use crate::scene::gpu_types::{
 };
 use bevy::math::{UVec2, Vec3, Vec4, Vec4Swizzles, uvec2};
 
-/// What the shader's bind group holds.
+/// Contents of the shader's bind group.
 #[derive(Clone, Copy, Debug)]
 pub struct SceneView<'a> {
     /// The buffer of all trees, the TLAS among them.
     pub bvh: &'a [Item],
     /// Nodes of the TLAS: [`super::Tlas::traversal_node_count`].
     pub tlas_node_count: u32,
-    /// Where the TLAS's root stands.
+    /// Index of the TLAS's root in the buffer.
     pub tlas_root: u32,
     /// The alpha test of masked instances by instance, triangle and barycentrics. `None` = they count as solid.
     pub alpha_test: Option<fn(u32, u32, [f32; 2]) -> bool>,
@@ -65,7 +65,7 @@ pub fn closest(scene: &SceneView, ray: &TraceRay, counters: &mut Counters) -> Op
     traverse(scene, ray, false, counters)
 }
 
-/// Whether an instance that casts shadows is in the way.
+/// Returns whether an instance that casts shadows blocks the ray.
 pub fn any(scene: &SceneView, ray: &TraceRay) -> bool {
     traverse(scene, ray, true, &mut Counters::default()).is_some()
 }
@@ -102,11 +102,11 @@ impl LocalRay {
 
 /// Child of a group: there is one.
 const PRESENT: u32 = 4;
-/// Where a group keeps its children, nearest first.
+/// Bits of a group that hold its children, nearest first.
 const CHILDREN: u32 = 0x0fff;
-/// Where a group keeps a lower bound of their distance.
+/// Bits of a group that hold a lower bound of their distance.
 const DISTANCE: u32 = 0xffff_8000;
-/// Where nodes keep indices, below counts.
+/// Bits in which nodes store indices, below counts.
 const LOWER: u32 = 0x0fff_ffff;
 
 fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counters) -> Option<TraceHit> {

@@ -174,13 +174,13 @@ fn snorm16(value: f32) -> u32 {
     u32::from(((value.clamp(-1.0, 1.0) * 32767.0).round() as i16) as u16)
 }
 
-/// Of a unit vector.
+/// Encodes a unit vector.
 pub(super) fn encode_normal(normal: Vec3) -> u32 {
     let octahedral = octahedral_encode_signed(normal);
     snorm16(octahedral.x) | (snorm16(octahedral.y) << 16)
 }
 
-/// Of a unit vector; `flipped` = the bitangent's sign is negative.
+/// Encodes a unit vector; `flipped` = the bitangent's sign is negative.
 pub(super) fn encode_tangent(tangent: Vec3, flipped: bool) -> u32 {
     let octahedral = octahedral_encode_signed(tangent);
     let y = ((octahedral.y * 0.5 + 0.5).clamp(0.0, 1.0) * 32767.0).round() as u32;

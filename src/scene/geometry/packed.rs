@@ -61,7 +61,7 @@ pub struct Bounds {
     pub max: Vec3,
 }
 
-/// Where the arrays of a packed mesh start, in words from its first word. 0 = the mesh has none.
+/// Offsets of the arrays of a packed mesh, in words from its first word. 0 = the mesh has no such array.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MeshOffsets {
     /// Three words per vertex; always present.
@@ -80,7 +80,7 @@ pub struct MeshOffsets {
     pub colors: u32,
 }
 
-/// What had to be left out or replaced. [`fmt::Display`] words it for a warning.
+/// Parts of a mesh that had to be left out or replaced. [`fmt::Display`] words them for a warning.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MeshDefects {
     /// Triangles left out because an index names no vertex.
@@ -131,13 +131,13 @@ impl fmt::Display for MeshDefects {
 /// A mesh in the layout of this module.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PackedMesh {
-    /// What belongs in the geometry buffer.
+    /// Words to store in the geometry buffer.
     pub words: Vec<u32>,
     /// Vertices, used by triangles or not.
     pub vertex_count: u32,
     /// Triangles; 0 = nothing to hit, and no acceleration structure to build.
     pub triangle_count: u32,
-    /// Where the arrays start.
+    /// Offsets of the arrays.
     pub offsets: MeshOffsets,
     /// Box around all triangles; zero if there are none.
     pub bounds: Bounds,
@@ -145,7 +145,7 @@ pub struct PackedMesh {
     pub has_skin: bool,
     /// The mesh has morph targets. Its vertices here are without them.
     pub has_morphs: bool,
-    /// What differs from the source.
+    /// Differences from the source.
     pub defects: MeshDefects,
 }
 

@@ -77,7 +77,7 @@ struct Read {
     has: u32,
 }
 
-/// What the shader reads for the first `count` vertices and triangles; `None` without an adapter.
+/// Returns what the shader reads for the first `count` vertices and triangles; `None` without an adapter.
 fn read_back(mesh: &Mesh, count: usize) -> Option<Vec<Read>> {
     let (device, queue) = test_gpu::device()?;
     let mut words = vec![0xdead_beef; 36];

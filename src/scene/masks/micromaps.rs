@@ -30,7 +30,7 @@ const QUIET_FRAMES: u64 = 15;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(in crate::scene) struct MaskKey {
     pub mesh: AssetId<Mesh>,
-    /// Of the mesh.
+    /// Version of the mesh.
     pub version: u64,
     pub material: AssetId<StandardMaterial>,
     /// The material wants the second set of UV coordinates.
@@ -44,14 +44,14 @@ pub(in crate::scene) struct NamedMicromaps {
     pub maps: Option<Arc<[Micromap]>>,
 }
 
-/// Where the materials of masks come from.
+/// Sources of the materials of masks.
 pub(in crate::scene) struct Surroundings<'a> {
     pub materials: &'a MaterialAssets,
     pub textures: &'a TextureTable,
     pub default_sampler: &'a ImageSamplerDescriptor,
 }
 
-/// What masks show of a material.
+/// Part of a material that masks show.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Look {
     uv_transform: Affine2,
@@ -59,7 +59,7 @@ pub(super) struct Look {
     test: Option<Test>,
 }
 
-/// What the alpha test depends on, besides.
+/// Further inputs of the alpha test.
 #[derive(Clone, Debug, PartialEq)]
 struct Test {
     alpha: f32,
@@ -79,7 +79,7 @@ enum BakeState {
 pub(super) struct Micromaps {
     look: Look,
     state: BakeState,
-    /// What stands in the buffer.
+    /// Micromaps that are stored in the buffer.
     named: NamedMicromaps,
 }
 
@@ -200,7 +200,7 @@ impl Micromaps {
         }
     }
 
-    /// What the masks were made with.
+    /// UV transform that the masks were made with.
     pub fn uv_transform(&self) -> Affine2 {
         self.look.uv_transform
     }
@@ -210,7 +210,7 @@ impl Micromaps {
         self.named.name
     }
 
-    /// What stands in the buffer.
+    /// Returns the micromaps that are stored in the buffer.
     pub fn named(&self) -> NamedMicromaps {
         self.named.clone()
     }

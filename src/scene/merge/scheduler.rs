@@ -28,7 +28,7 @@ const INHERITED_DISTURBANCES: u32 = 2;
 const EXHAUSTED_FRAMES: u64 = 600;
 const MOST_DOUBLINGS: u32 = 6;
 
-/// What decides when and how much is merged.
+/// Limits that decide when and how much is merged.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Limits {
     /// Frames without a change until a new object counts as resting, and until resting objects are merged.
@@ -52,15 +52,15 @@ pub(in crate::scene) struct Placement {
     pub version: u64,
     /// Object to world.
     pub world_from_object: Affine3A,
-    /// Those `INSTANCE_` flags that the traversal looks at.
+    /// `INSTANCE_` flags that the traversal reads.
     pub flags: u32,
-    /// Where the masks of an alpha-masked object stand; else 0.
+    /// Index of the first mask of an alpha-masked object; else 0.
     pub masks: u32,
     /// The name of its micromaps, or 0.
     pub micromaps: u64,
 }
 
-/// What merging an object costs, and where it stands.
+/// Cost of merging an object, and its position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Extent {
     /// Triangles.
@@ -69,7 +69,7 @@ pub(super) struct Extent {
     pub centre: Vec3A,
 }
 
-/// Where the tree of a chunk stands.
+/// Location of the tree of a chunk.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Tree {
     /// Name of its room.
@@ -328,7 +328,7 @@ impl MergeScheduler {
         self.stay_awake();
     }
 
-    /// Whether the object of a slot is part of a tree of [`Self::trees`].
+    /// Returns whether the object of a slot is part of a tree of [`Self::trees`].
     pub fn is_merged(&self, slot: u32) -> bool {
         let place = self.slots.get(slot as usize);
         place.is_some_and(|place| matches!(place.state, State::Merged(_)))
@@ -345,7 +345,7 @@ impl MergeScheduler {
         self.chunks.values().fold((0, 0), count)
     }
 
-    /// Whether, without further changes, more will be merged.
+    /// Returns whether more will be merged if nothing else changes.
     pub fn is_pending(&self) -> bool {
         let still = |slot: u32| {
             let place = &self.slots[slot as usize];
@@ -357,7 +357,7 @@ impl MergeScheduler {
                 || self.settling.iter().any(|Reverse((_, slot))| still(*slot)))
     }
 
-    /// Whether [`Self::trees`] changed since the last call.
+    /// Returns whether [`Self::trees`] changed since the last call.
     pub fn take_changed(&mut self) -> bool {
         core::mem::take(&mut self.changed)
     }

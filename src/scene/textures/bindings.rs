@@ -62,7 +62,7 @@ impl TextureTable {
         default: &ImageSamplerDescriptor,
     ) -> Option<(u64, [Wrap; 2])> {
         let (index, entry) = self.entry(id)?;
-        // What is pending shows an older content still.
+        // Pending entries still show older content.
         if !matches!(entry.state, State::Ready(_)) || self.pending.contains(&index) {
             return None;
         }
@@ -85,7 +85,7 @@ impl TextureTable {
         Some((entry.version, wrap))
     }
 
-    /// What to bind; holds the lists that a [`BindingResource`] borrows.
+    /// Resources to bind; holds the lists that a [`BindingResource`] borrows.
     pub fn resources(&self) -> TextureResources<'_> {
         match &self.layers {
             Some(layers) => TextureResources {

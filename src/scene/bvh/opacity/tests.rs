@@ -44,7 +44,7 @@ fn image(width: u32, height: u32, numbers: &mut Numbers) -> AlphaTexels {
     }
 }
 
-/// What a linear filter makes of an image.
+/// Samples an image with a linear filter.
 fn sample(image: &AlphaTexels, wrap: [Wrap; 2], at: DVec2) -> f64 {
     let place = at - 0.5;
     let (first, part) = (place.floor(), place - place.floor());

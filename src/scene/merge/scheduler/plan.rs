@@ -1,4 +1,4 @@
-//! What is built next: which of the objects at rest, and which chunks they absorb.
+//! Plans the next build: which of the objects at rest are merged, and which chunks they absorb.
 
 use super::{Building, MergeScheduler, Placement};
 use bevy::math::Vec3A;
@@ -9,7 +9,7 @@ const PATIENCE: u64 = 8;
 const ABSORBED: u64 = 8;
 
 impl MergeScheduler {
-    /// What to build next, if it is time for that and nothing is being built. The caller then has to call
+    /// Returns the objects to build next, if it is time for that and nothing is being built. The caller then has to call
     /// [`Self::finish`], [`Self::fail`] or [`Self::abandon`].
     pub fn plan(&mut self) -> Option<Vec<(u32, Placement)>> {
         let quiet = self.limits.quiet_frames;
