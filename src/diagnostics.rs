@@ -17,8 +17,9 @@ pub struct CountInvocations;
 #[derive(Resource, Clone, Copy, Debug, Default)]
 pub struct TotalTimeOnly;
 
-/// What [`ReflectionDebugCounters`](crate::ReflectionDebugCounters) found in one of the last frames, in the radiance that
-/// [`ReflectionDebugView::Reconstructed`](crate::ReflectionDebugView::Reconstructed) shows: before the composite, which stops such values.
+/// Findings of [`ReflectionDebugCounters`](crate::ReflectionDebugCounters) in one of the last frames, in the radiance that
+/// [`ReflectionDebugView::Reconstructed`](crate::ReflectionDebugView::Reconstructed) shows: before the composite, which stops
+/// values that are not finite.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Debug, Clone, PartialEq)]
 #[non_exhaustive]

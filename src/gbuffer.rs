@@ -261,7 +261,7 @@ impl Group0 {
     }
 }
 
-/// What a pass binds besides group 0.
+/// Bind groups of a pass besides group 0.
 pub(crate) enum OtherGroups {
     None,
     /// The environment as group 2. Group 1 is empty.
@@ -284,7 +284,7 @@ fn empty_layout() -> BindGroupLayoutDescriptor {
     BindGroupLayoutDescriptor::new("glint_empty_layout", &[])
 }
 
-/// What a [`GBufferPass`] compiles for a key.
+/// Shader that a [`GBufferPass`] compiles for a key.
 pub(crate) struct PassShader {
     pub shader: Handle<Shader>,
     pub defs: Vec<ShaderDefVal>,
@@ -294,7 +294,7 @@ pub(crate) struct PassShader {
 
 /// A compute pass over the G-buffer, in variants by `K` that are compiled when they are first asked for.
 pub(crate) struct GBufferPass<K = ()> {
-    /// Of the bind group, the pipelines and the pass.
+    /// Label of the bind group, the pipelines and the pass.
     label: &'static str,
     group_0: Group0,
     others: OtherGroups,

@@ -100,7 +100,7 @@ pub use ui::{ReflectionQuality, ReflectionSettingsPanel, ReflectionSettingsPanel
 #[cfg(feature = "hardware-vrs")]
 pub use vrs::{HardwareVrs, HardwareVrsPlugin};
 
-/// What the crate's own tests and tools look at. It is no part of the interface that versions keep.
+/// Internals for the crate's own tests and tools. They are not part of the interface that stays stable across versions.
 #[doc(hidden)]
 pub mod internals {
     pub use crate::{

@@ -103,7 +103,7 @@ mod tests {
         found
     }
 
-    /// Whether a literal is a sentence for users, or a part of one: no list of names, no reason for the compiler.
+    /// Returns whether a literal is a sentence for users, or a part of one: not a list of names, nor a reason for the compiler.
     fn is_message(before: &str, text: &str) -> bool {
         let words = text.split_whitespace().count();
         let listed = text.split_whitespace().filter(|word| word.ends_with(',')).count();
@@ -111,7 +111,7 @@ mod tests {
         words >= 4 && 2 * listed <= words && !other.iter().any(|end| before.trim_end().ends_with(end))
     }
 
-    /// What stands between the placeholders of a message, as far as it can be recognized.
+    /// Returns the parts of a message between its placeholders, as far as they can be recognized.
     fn parts(message: &str) -> Vec<String> {
         message
             .split('{')

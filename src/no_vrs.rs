@@ -47,7 +47,7 @@ pub struct HardwareVrs;
 
 #[cfg(feature = "hardware-vrs")]
 impl HardwareVrs {
-    /// Whether the hardware can use rate images with tiles of so many trace pixels.
+    /// Checks whether the hardware can use rate images with tiles of this many trace pixels in each direction.
     ///
     /// # Errors
     /// Always, with the reason as the end of a sentence.

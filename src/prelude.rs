@@ -1,4 +1,4 @@
-//! What most apps need: `use bevy_glint::prelude::*;`.
+//! Items that most apps need: `use bevy_glint::prelude::*;`.
 
 #[cfg(feature = "hardware-vrs")]
 pub use crate::HardwareVrsPlugin;

@@ -21,12 +21,12 @@ use bevy::{
     },
 };
 
-/// What to look at; `targets.rs` says what it holds.
+/// Target to read back; `targets.rs` describes its contents.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Target {
     /// The rate image.
     Rate,
-    /// What rays saw.
+    /// Radiance that rays brought.
     RayRadiance,
     /// How rays were drawn.
     RaySample,
@@ -38,7 +38,7 @@ pub enum Target {
     HistoryRadiance,
     /// Sizes of dispatches and lists.
     IndirectArgs,
-    /// What passes count.
+    /// Counters of the passes.
     Counters,
     /// The list of blocks.
     RayList,
@@ -95,7 +95,7 @@ pub fn render_world_components(app: &App, camera: Entity) -> Vec<&'static str> {
         .collect()
 }
 
-/// What a target of a camera holds after the last frame; `None` where there is no such target or it can't be read.
+/// Returns the contents of a camera's target after the last frame; `None` if there is no such target or it can't be read.
 #[must_use]
 pub fn copy(app: &App, camera: Entity, target: Target) -> Option<Copied> {
     let view = app.world().get::<RenderEntity>(camera)?.id();

@@ -52,7 +52,7 @@ impl Plugin for ReadyPlugin {
     }
 }
 
-/// What decides which pipelines a view needs.
+/// Settings that decide which pipelines a view needs.
 pub(crate) type PipelineKey = (ReflectionTechnique, [bool; 4], RateVariant, Option<AssetId<Image>>, u32);
 
 /// The key of a view's pipelines; other settings can change without a new compilation.

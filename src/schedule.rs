@@ -1,4 +1,4 @@
-//! Where the crate's systems stand in Bevy's schedules.
+//! Positions of the crate's systems in Bevy's schedules.
 
 use bevy::{
     app::{App, Plugin},

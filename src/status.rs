@@ -43,14 +43,14 @@ pub struct ReflectionStatusReport {
     pub tracer: Option<ReflectionTracer>,
     /// How material textures are bound; `None` until the renderer has started.
     pub textures: Option<ReflectionTextureMode>,
-    /// Whether the hardware back end can be used.
+    /// Availability of the hardware back end.
     pub hardware_vrs: HardwareVrsSupport,
     /// Cameras that reflect, each with its active back end: [`ReflectionBackend::HardwareVrs`], or [`ReflectionBackend::Compute`]
     /// for all else.
     pub active_backends: Vec<(Entity, ReflectionBackend)>,
     /// Cameras that see nothing to reflect on: only their rate pass runs, in every second frame.
     pub culled_views: usize,
-    /// What each camera's reflections own on the GPU.
+    /// GPU memory that each camera's reflections own.
     pub view_memory: Vec<ReflectionViewMemory>,
     /// Why something better isn't active, in whole sentences.
     pub reasons: Vec<String>,

@@ -21,7 +21,7 @@ use core::mem::take;
 
 /// One texel per tile: `rate/codes.wesl` says what its bits mean.
 pub const RATE_FORMAT: TextureFormat = TextureFormat::R32Uint;
-/// What a ray saw: exposed radiance, and the distance of the hit in metres (at most 60,000, which stands for a miss, too).
+/// Result of a ray: exposed radiance, and the distance of the hit in metres (at most 60,000, which also marks a miss).
 pub const RAY_RADIANCE_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 /// How the ray was drawn: direction, inverse pdf, chosen pixel; see `trace/record.wesl`.
 pub const RAY_SAMPLE_FORMAT: TextureFormat = TextureFormat::Rgba32Uint;
@@ -33,7 +33,7 @@ pub const STATS_FORMAT: TextureFormat = TextureFormat::R32Uint;
 pub const HISTORY_SURFACE_FORMAT: TextureFormat = TextureFormat::Rg32Uint;
 /// Mean radiance over frames; alpha is the number of frames.
 pub const ACCUMULATION_FORMAT: TextureFormat = TextureFormat::Rgba32Float;
-/// What the composite adds to the lit frame.
+/// Radiance that the composite adds to the lit frame.
 pub const REFLECTION_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 
 /// How large everything is.
@@ -81,7 +81,7 @@ impl Needs {
     }
 }
 
-/// What a view owns on the GPU. It stays as long as the view reflects and needs and sizes are the same.
+/// GPU resources of a view. They are kept as long as the view reflects and its needs and sizes stay the same.
 pub struct Targets {
     pub sizes: Sizes,
     pub needs: Needs,
@@ -92,7 +92,7 @@ pub struct Targets {
     /// Counters of passes, cleared each frame: `common/lists.rs`. Apart from the indirect arguments, since a dispatch can't write to
     /// the buffer that it takes its size from.
     pub counters: Buffer,
-    /// What the composite adds (full); only where it can't write into the frame itself.
+    /// Radiance that the composite adds (full); exists only if the composite can't write into the frame itself.
     pub reflection: Option<TextureView>,
     /// Ping-pong pair (full), only for the technique `Converged`.
     pub accumulation: Option<[TextureView; 2]>,
@@ -120,22 +120,22 @@ pub struct PipelineTargets {
     /// [`STATS_FORMAT`] (full): `pack2x16float(hit distance, 16 w / (1 + w))`, with the mean weight w of the rays, 1 where it is as
     /// expected; 0 where nothing reflects.
     pub reconstructed_stats: TextureView,
-    /// What outlives the frame; absent without temporal accumulation.
+    /// Textures that outlive the frame; absent without temporal accumulation.
     pub history: Option<HistoryTargets>,
 }
 
 impl PipelineTargets {
-    /// Where mirror rays write their radiance. They pass by the denoiser: its passes leave their pixels alone.
+    /// Texture into which mirror rays write their radiance. They bypass the denoiser: its passes leave their pixels unchanged.
     pub fn mirror_radiance(&self) -> &TextureView {
         &self.reconstructed
     }
 
-    /// Where mirror rays write their hit distance and the number of their rays.
+    /// Texture into which mirror rays write their hit distance and the number of their rays.
     pub fn mirror_stats(&self) -> &TextureView {
         &self.reconstructed_stats
     }
 
-    /// Where the blur writes, once the history has taken over what was reconstructed.
+    /// Texture into which the blur writes, once the history has taken over the reconstructed radiance.
     pub fn blurred(&self) -> &TextureView {
         &self.reconstructed
     }

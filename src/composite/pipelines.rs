@@ -28,7 +28,7 @@ pub struct CompositePipelines {
     shader: Handle<Shader>,
     resolve: HashMap<Resolve, GBufferPass>,
     add: AddPass,
-    /// What was asked for, each with the format of frames.
+    /// Requested passes, each with the format of its frames.
     wanted: HashSet<(Resolve, TextureFormat)>,
 }
 

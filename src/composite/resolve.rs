@@ -12,7 +12,7 @@ use bevy::{
     shader::ShaderDefVal,
 };
 
-/// Where the result goes, and which pixels are visited.
+/// Destination of the result, and the pixels that are visited.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Resolve {
     /// Every pixel, into a texture of its own.

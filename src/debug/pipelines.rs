@@ -32,7 +32,7 @@ pub struct DebugPipelines {
     count_shader: Handle<Shader>,
     show: HashMap<ShowPass, GBufferPass>,
     count: GBufferPass<&'static str>,
-    /// What is counted.
+    /// Results of the passes of `count.wesl`.
     report: Buffer,
 }
 

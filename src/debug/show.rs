@@ -23,7 +23,7 @@ const HAS_PIPELINE: u32 = 1;
 /// History is bound.
 const HAS_HISTORY: u32 = 2;
 
-/// What a pass over one side of a view is to show; `DebugSettings` in `show.wesl`.
+/// Settings of a pass that shows one side of a view; `DebugSettings` in `show.wesl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 struct GpuDebugSettings {

@@ -1,4 +1,4 @@
-//! What the device can do, as far as the crate asks: which tracer, which form of the texture table, which shading rates.
+//! Device capabilities that the crate asks for: which tracer, which form of the texture table, which shading rates.
 
 mod shading_rates;
 mod support;

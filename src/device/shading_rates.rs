@@ -1,11 +1,11 @@
-//! What the rasterizer's shading rate can do. Platforms without it know the types, too.
+//! Capabilities of the rasterizer's shading rate. The types also exist on platforms without it.
 
 #[cfg(feature = "hardware-vrs")]
 use bevy::math::UVec2;
 use bevy::reflect::{Reflect, std_traits::ReflectDefault};
 
-/// Whether [`ReflectionBackend::HardwareVrs`](crate::ReflectionBackend::HardwareVrs) can be used: whether the rasterizer's shading
-/// rate can spread rays.
+/// Availability of [`ReflectionBackend::HardwareVrs`](crate::ReflectionBackend::HardwareVrs): whether the rasterizer's shading
+/// rate can distribute rays.
 #[derive(Reflect, Clone, Debug, Default, PartialEq, Eq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -21,7 +21,7 @@ pub enum HardwareVrsSupport {
     Available,
 }
 
-/// What a device does with shading-rate attachments.
+/// Capabilities of a device for shading-rate attachments.
 #[cfg(feature = "hardware-vrs")]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ShadingRates {
@@ -39,8 +39,9 @@ pub struct ShadingRates {
 
 #[cfg(feature = "hardware-vrs")]
 impl ShadingRates {
-    /// Whether fragments of a size exist, named by its code: `log2(width) << 2 | log2(height)`. Where the attachment holds
-    /// another code, the hardware takes a smaller size, and all fragments of a block trace the block's ray.
+    /// Returns whether the device supports a fragment size, given by its code: `log2(width) << 2 | log2(height)`. If the
+    /// attachment holds an unsupported code, the hardware takes a smaller size, and all fragments of a block trace the block's
+    /// ray.
     #[must_use]
     pub fn supports(&self, code: u32) -> bool {
         code < u16::BITS && (self.codes >> code) & 1 != 0

@@ -26,7 +26,7 @@ pub(crate) fn unsupported(backend: Backends, limits: &WgpuLimits, tracer: Reflec
             "the renderer uses {name}, and one of Vulkan, DX12 and Metal is needed"
         ));
     }
-    // Of the pass over the list of rays: three of its own and those of the scene; a TLAS is none.
+    // Storage buffers of the pass over the list of rays: three of its own and those of the scene. A TLAS isn't one.
     let needed = match tracer {
         ReflectionTracer::RayQuery => 8,
         ReflectionTracer::Bvh => 9,

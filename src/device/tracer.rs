@@ -8,7 +8,7 @@ use bevy::{
     shader::ShaderDefVal,
 };
 
-/// What finds the surface that a ray hits.
+/// Tracer that finds the surface that a ray hits.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[reflect(Debug, Clone, PartialEq, Hash)]
 pub enum ReflectionTracer {

@@ -1,4 +1,4 @@
-//! Whether compute shaders can write into the frame itself.
+//! Detects whether compute shaders can write into the frame itself.
 
 use bevy::{
     ecs::prelude::*,
@@ -11,7 +11,7 @@ use bevy::{
 /// Format of frames that compute shaders write in place: that of HDR cameras.
 pub(crate) const FRAME_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 
-/// Whether compute shaders can read and write textures of [`FRAME_FORMAT`] on this device.
+/// `true` if compute shaders can read and write textures of [`FRAME_FORMAT`] on this device.
 #[derive(Resource, Clone, Copy)]
 pub(crate) struct WritesInPlace(bool);
 

@@ -87,7 +87,7 @@ struct CameraState {
     environment: Option<ViewEnvironment>,
 }
 
-/// What extraction remembers.
+/// State that extraction keeps from frame to frame.
 #[derive(Default)]
 pub(super) struct ExtractionState {
     query: Option<QueryState<CameraQuery>>,

@@ -31,7 +31,7 @@ pub struct RatePipelines {
     pass: GBufferPass<RateKey>,
     /// Whose error has been logged.
     failed: HashSet<RateKey>,
-    /// What was asked for since pipelines were queued last.
+    /// Pipelines requested since pipelines were last queued.
     wanted: HashSet<RateKey>,
     wanted_images: HashSet<AssetId<Image>>,
     images: HashMap<AssetId<Image>, TextureView>,
@@ -149,7 +149,7 @@ pub(super) fn queue_rate_pipelines(
     }
 }
 
-/// What keeps an image from being used, and what to do about it.
+/// Reason why an image can't be used, and how to fix it.
 fn problem(image: &GpuImage) -> Option<&'static str> {
     let descriptor = &image.texture_descriptor;
     if !matches!(descriptor.format, TextureFormat::R8Uint | TextureFormat::R32Uint) {

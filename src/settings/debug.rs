@@ -7,7 +7,7 @@ use bevy::{
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-/// What a reflecting camera shows instead of its picture: insert it beside
+/// Debug view that a reflecting camera shows instead of its picture. Insert it beside
 /// [`RayTracedReflections`](crate::RayTracedReflections); it can change at any time.
 ///
 /// A view is drawn after everything opaque and transparent, and before post-processing and tone mapping: for exact colours set
@@ -19,7 +19,7 @@ use bevy::{
 /// that aren't finite are magenta. Where a view has nothing to say (sky, rough or unlit surfaces, tiles without reflections,
 /// techniques without such a texture) heat lies on the picture, dark and grey, and radiance on black.
 ///
-/// What textures hold is *of this frame*. Radiance is exposed, as in Bevy's HDR frames.
+/// Textures hold values *of this frame*. Radiance is exposed, as in Bevy's HDR frames.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]

@@ -1,4 +1,4 @@
-//! What a user can choose about rates: components, thresholds, and the paper's values.
+//! User settings for shading rates: components, thresholds, and the paper's values.
 
 use super::{ShadingRate, UnknownName, words::words};
 use bevy::{

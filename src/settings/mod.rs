@@ -1,4 +1,4 @@
-//! What an app can choose: components, presets, their ranges and their words.
+//! Settings that an app can choose: components, presets, their ranges and their words.
 //!
 //! | file | holds |
 //! |---|---|

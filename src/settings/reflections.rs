@@ -20,8 +20,8 @@ use bevy::{
 /// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method). Everything with a `Mesh3d` and a
 /// `MeshMaterial3d<StandardMaterial>` *is reflected*, unless it carries [`NotReflected`].
 ///
-/// Where a reflection is traced it replaces the specular part of the camera's environment map; rays that hit nothing see that
-/// environment map, else the skybox, else the clear colour.
+/// A traced reflection replaces the specular part of the camera's environment map. Rays that hit nothing see that environment
+/// map, else the skybox, else the clear colour.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 #[require(
@@ -189,7 +189,7 @@ impl ReflectionTextureMip {
 /// Level of [`ReflectionTextureMip::PAPER`].
 pub(crate) const PAPER_LEVEL: f32 = 2.0;
 
-/// What finds the surface that a ray hits.
+/// Choice of the tracer, which finds the surface that a ray hits.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]

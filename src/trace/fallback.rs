@@ -28,7 +28,7 @@ pub(crate) fn choose(
 #[derive(Default)]
 pub(crate) struct Fallbacks {
     reasons: EntityHashMap<String>,
-    /// What the status says because of them.
+    /// Sentences in the status for these reasons.
     sentences: Vec<String>,
 }
 

@@ -24,7 +24,7 @@ pub(crate) fn trace_rays(
             TracePass::Converged => trace_converged(ctx, &pipelines.converged, variant, context),
             TracePass::Inline => pipelines.inline.trace(ctx, variant, context),
             TracePass::Mirrors => trace_list(ctx, &pipelines.mirror_rays, variant, context, List::MirrorRays),
-            // Where the raw Vulkan pass gives up, this frame's rays come from the list.
+            // If the raw Vulkan pass gives up, this frame's rays come from the list.
             TracePass::Blocks => {
                 if settings.backend != ReflectionBackend::HardwareVrs || !vrs.trace(ctx, pipelines, context) {
                     trace_list(ctx, &pipelines.rays, variant, context, List::Rays);

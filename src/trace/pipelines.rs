@@ -78,7 +78,8 @@ impl TracePipelines {
             })
     }
 
-    /// What the raw Vulkan pass is compiled from: the shader of [`TracePass::Inline`] with definitions that are right for any scene.
+    /// Request for the pipeline of the raw Vulkan pass: the shader of [`TracePass::Inline`] with definitions that are right for
+    /// any scene.
     pub(super) fn vrs_request(&self) -> PipelineRequest {
         let mut defs = self.defs_for_any.clone();
         defs.extend_from_slice(&self.common_defs);

@@ -33,7 +33,7 @@ impl TracePass {
     }
 }
 
-/// What shaders are compiled for.
+/// Properties of the scene that shaders are compiled for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Variant {
     /// Some object is alpha-masked.

@@ -20,7 +20,7 @@ pub struct VrsPass<'w> {
 }
 
 impl VrsPass<'_> {
-    /// Whether views with tiles of `tile` x `tile` trace pixels can be traced.
+    /// Checks whether views with tiles of `tile` x `tile` trace pixels can be traced.
     ///
     /// # Errors
     /// The reason why not, as the end of a sentence.

@@ -1,4 +1,4 @@
-//! What the panel edits of one camera, whether its reflections are on or off.
+//! Settings of one camera that the panel edits, whether its reflections are on or off.
 
 use crate::settings::{
     RayTracedReflections, ReflectionDebugSplit, ReflectionDebugView, ReflectionPreset, ShadingRateHeuristic,
@@ -27,7 +27,7 @@ pub fn switch_reflections(camera: &mut EntityWorldMut, on: bool) {
 #[derive(Reflect, Clone, Debug, Default, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 pub struct CameraSettings {
-    /// Whether the camera has [`RayTracedReflections`].
+    /// `true` if the camera has [`RayTracedReflections`].
     pub on: bool,
     /// Its settings, or those that it will have when it is switched on.
     pub reflections: RayTracedReflections,
@@ -35,9 +35,9 @@ pub struct CameraSettings {
     pub heuristic: ShadingRateHeuristic,
     /// The size of the tiles.
     pub tile_size: ShadingRateTileSize,
-    /// What is shown instead of the picture.
+    /// Debug view that is shown instead of the picture.
     pub debug_view: ReflectionDebugView,
-    /// Where the picture is divided, if it is.
+    /// Dividing line of the picture, if there is one.
     pub debug_split: Option<ReflectionDebugSplit>,
 }
 
@@ -62,7 +62,7 @@ impl CameraSettings {
         if self.on != before.on || self.reflections != before.reflections {
             let mut reflections = self.reflections.clone();
             if self.on {
-                // What the camera saw before it was switched off is history no more.
+                // History from before the camera was switched off is no longer valid.
                 reflections.reset |= !before.on;
                 camera.remove::<ReflectionsOff>();
                 camera.insert(reflections);

@@ -44,7 +44,7 @@ const WINDOW_HEIGHT: f32 = 640.0;
 /// `RenderDiagnosticsPlugin`, too.
 #[derive(Clone, Copy, Debug)]
 pub struct ReflectionSettingsPanelPlugin {
-    /// Whether the window is open from the start. Default: false.
+    /// `true` if the window is open from the start. Default: false.
     pub open: bool,
     /// The key that opens and closes the window, if any. Default: F2.
     pub key: Option<KeyCode>,
@@ -63,7 +63,7 @@ impl Default for ReflectionSettingsPanelPlugin {
 #[derive(Resource, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Resource, Debug, Clone, PartialEq)]
 pub struct ReflectionSettingsPanel {
-    /// Whether the window is open.
+    /// `true` if the window is open.
     pub open: bool,
     /// The key that opens and closes it, if any.
     pub key: Option<KeyCode>,
@@ -95,7 +95,7 @@ impl Plugin for ReflectionSettingsPanelPlugin {
     }
 }
 
-/// Whether what [`EguiPlugin`] relies on is there.
+/// Returns whether the resources that [`EguiPlugin`] needs exist.
 fn can_draw(world: &World) -> bool {
     world.contains_resource::<Assets<Shader>>()
         && world.contains_resource::<Assets<Image>>()
@@ -218,7 +218,7 @@ pub fn reflection_settings_ui(ui: &mut Ui, world: &mut World, camera: &mut Optio
     }
 }
 
-/// What the reflections of a camera cost, and what this machine can do, for panels of your own.
+/// Shows the cost of a camera's reflections and the capabilities of this machine, for panels of your own.
 pub fn reflection_measurements_ui(ui: &mut Ui, world: &World, camera: Option<Entity>) {
     let report = report(world);
     let memory = report.view_memory.iter().find(|memory| Some(memory.camera) == camera);

@@ -1,4 +1,4 @@
-//! What Bevy's diagnostics measured: times of the GPU, rays and memory.
+//! Measurements from Bevy's diagnostics: GPU times, rays and memory.
 
 use super::widgets::label;
 use crate::diagnostics::ReflectionDiagnosticsPlugin;

@@ -1,4 +1,4 @@
-//! What the panel says of each setting: the sentences of its documentation, as a test makes sure.
+//! Tooltip of each setting in the panel: sentences of the setting's documentation, which a test verifies.
 
 /// Declares a text for each item: its file, its path in there, and the first sentences of its documentation, without markup.
 macro_rules! tooltips {

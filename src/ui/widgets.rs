@@ -16,7 +16,7 @@ pub(super) fn only_variable(technique: ReflectionTechnique) -> Option<&'static s
     (technique != ReflectionTechnique::Variable).then_some("Only with the technique Variable.")
 }
 
-/// What is said of a setting. Labels name rows: within one panel no two are the same.
+/// Texts in the row of a setting. The label identifies the row: it is unique within one panel.
 #[derive(Clone, Copy)]
 pub(super) struct Row<'a> {
     label: &'a str,

@@ -5,7 +5,7 @@
 //! surfaces keep the specular light of Bevy's environment map. A surface that comes into view therefore shows the environment map
 //! for a few frames, until the report arrives. Its reflection then starts without history.
 //!
-//! Where reports don't arrive, no view is culled.
+//! If reports don't arrive, no view is culled.
 
 use crate::common::{RAY_COUNT, word_offset};
 use bevy::{
@@ -100,7 +100,7 @@ impl Report {
             return None;
         }
         let lengths = self.buffer.slice(..).get_mapped_range();
-        // Where nothing can be read, anything may have been there.
+        // If the report can't be read, the lists count as not empty.
         let empty = lengths.is_ok_and(|bytes| bytes.iter().all(|byte| *byte == 0));
         self.buffer.unmap();
         self.state.store(FREE, Ordering::Release);
@@ -108,7 +108,7 @@ impl Report {
     }
 }
 
-/// Whether a view is culled, and its reports.
+/// Culling state of a view, and its reports.
 #[derive(Component)]
 pub struct ViewCulling {
     state: CullingState,

@@ -1,4 +1,4 @@
-//! What a reflecting view owns and remembers, and what shaders know of it.
+//! Resources and state of a reflecting view, and its data for shaders.
 //!
 //! | file | holds |
 //! |---|---|

@@ -93,7 +93,7 @@ pub const VIEW_VIRTUAL_HISTORY: u32 = 16;
 /// Rays far brighter than their neighbours are dimmed.
 pub const VIEW_SUPPRESS_FIREFLIES: u32 = 32;
 
-/// What a view is like in one frame.
+/// Properties of a view in one frame.
 pub(super) struct Frame {
     pub origin: UVec2,
     /// [`VIEW_HAS_SSAO`] and [`VIEW_HAS_IRRADIANCE`].

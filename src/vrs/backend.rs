@@ -1,4 +1,4 @@
-//! What `trace/vrs.rs` calls: makes the pipeline, keeps descriptor sets and rate images, and records the pass.
+//! Back end that `trace/vrs.rs` calls: makes the pipeline, keeps descriptor sets and rate images, and records the pass.
 
 use super::{
     contents::GroupContents,
@@ -158,7 +158,7 @@ impl VrsBackend {
         }
     }
 
-    /// Whether [`record`](Self::record) can be called.
+    /// Returns whether [`record`](Self::record) can be called.
     pub(crate) fn is_ready(&self, cache: &PipelineCache) -> bool {
         let is_compiled = |id: Option<_>| id.is_some_and(|id| cache.get_compute_pipeline(id).is_some());
         matches!(self.state, PipelineState::Ready(_)) && is_compiled(self.pack) && is_compiled(self.touch)

@@ -1,4 +1,4 @@
-//! What a bind group was made of: wgpu doesn't give that back.
+//! Contents of a bind group, which wgpu doesn't give back.
 
 use super::device::{acceleration_structure_address, raw_buffer, raw_view};
 use ash::vk;

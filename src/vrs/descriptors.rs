@@ -126,7 +126,7 @@ pub(super) struct DescriptorSet {
     _bind_group: BindGroup,
 }
 
-/// What is written to a binding.
+/// Descriptor infos that are written to a binding.
 enum Infos {
     Buffer(vk::DescriptorBufferInfo),
     Images(Vec<vk::DescriptorImageInfo>),

@@ -112,7 +112,7 @@ pub(super) fn raw_view(view: &WgpuTextureView) -> Result<vk::ImageView, String> 
     raw.ok_or_else(|| DESTROYED.into())
 }
 
-/// Where shaders find an acceleration structure while it lives; wgpu has no way to its handle.
+/// Address at which shaders find an acceleration structure while it lives; wgpu gives no access to its handle.
 pub(super) fn acceleration_structure_address(device: &RenderDevice, tlas: &Tlas) -> Result<u64, String> {
     // The copy is another name of the same acceleration structure.
     let mut tlas = tlas.clone();

@@ -52,7 +52,7 @@ fn push(module: &mut Vec<u32>, op: u32, operands: &[u32]) {
     module.extend_from_slice(operands);
 }
 
-/// What is known of the module's types; ids.
+/// Known ids of the module's types and of variables.
 #[derive(Default)]
 struct Found {
     structure: Option<u32>,

@@ -1,4 +1,4 @@
-//! What the passes hand over for a draw at a variable rate.
+//! Data that the passes hand over for a draw at a variable rate.
 
 use super::BindGroupContents;
 use crate::targets::Sizes;
@@ -9,7 +9,7 @@ use bevy::{
     shader::{Shader, ShaderDefVal},
 };
 
-/// What the pipeline is made of; the same for all views.
+/// Shaders, definitions and layouts that the pipeline is made of; the same for all views.
 pub(crate) struct PipelineRequest {
     /// A module with the entry points `vertex` (a triangle over the targets) and `fragment` (radiance and ray sample).
     pub shader: Handle<Shader>,

@@ -59,8 +59,8 @@ impl Plugin for HardwareVrsPlugin {
     }
 }
 
-/// Whether the device was opened with shading-rate attachments; inserted by [`HardwareVrsPlugin`] and known once the renderer has
-/// started. Where the pass turns out to fail later, this says so from then on.
+/// Tells whether the device was opened with shading-rate attachments. Inserted by [`HardwareVrsPlugin`] and known once the
+/// renderer has started. If the pass fails later, this says so from then on.
 #[derive(Resource, Clone, Debug)]
 pub struct HardwareVrs(Arc<Mutex<Result<Capabilities, String>>>);
 
@@ -71,7 +71,7 @@ impl Default for HardwareVrs {
 }
 
 impl HardwareVrs {
-    /// Whether rate images with tiles of `tile` x `tile` trace pixels can be used by the hardware.
+    /// Checks whether the hardware can use rate images with tiles of `tile` x `tile` trace pixels.
     ///
     /// # Errors
     /// The reason why not, as the end of a sentence.
@@ -107,12 +107,12 @@ impl HardwareVrs {
     }
 }
 
-/// What the device was opened with.
+/// Capabilities that the device was opened with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Capabilities {
     /// `None`: the pass runs at the full rate.
     pub rates: Option<ShadingRates>,
-    /// Of device functions; patch and variant are 0.
+    /// Version of the device functions; patch and variant are 0.
     pub version: u32,
     pub anisotropy: bool,
 }
@@ -135,10 +135,10 @@ impl Capabilities {
     }
 }
 
-/// What the driver says about a physical device.
+/// Properties of a physical device that the driver reports.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Facts {
-    /// Of device functions, as far as the instance allows.
+    /// Version of the device functions, as far as the instance allows.
     pub version: u32,
     pub dynamic_rendering: bool,
     pub fragment_stores: bool,

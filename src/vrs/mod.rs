@@ -52,7 +52,7 @@ use bevy::{
     render::{ExtractSchedule, Render, RenderStartup, RenderSystems},
 };
 
-/// Whether rate images with tiles of `tile` x `tile` trace pixels can be used by the hardware. `support` is the main world's
+/// Checks whether the hardware can use rate images with tiles of `tile` x `tile` trace pixels. `support` is the main world's
 /// resource.
 ///
 /// # Errors

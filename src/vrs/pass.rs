@@ -10,13 +10,14 @@ use ash::vk;
 use bevy::math::UVec2;
 use std::sync::Arc;
 
-/// What is recorded into a command buffer. Before it runs, wgpu has brought the targets into `COLOR_TARGET`, the words of the rate
-/// image into `COPY_SRC`, and all that the sets name into the states of their bindings; it leaves all of that as it was.
+/// Commands that are recorded into a command buffer. Before it runs, wgpu has transitioned the targets to `COLOR_TARGET`, the
+/// words of the rate image to `COPY_SRC`, and all resources of the sets to the states of their bindings. The commands leave these
+/// states as they were.
 pub(super) struct PassCommands<'a> {
     pub vulkan: &'a Vulkan,
     pub pipeline: &'a RawPipeline,
     pub sets: &'a [Arc<DescriptorSet>; 3],
-    /// Of all sets, in their order.
+    /// Dynamic offsets of all sets, in their order.
     pub dynamic_offsets: &'a [u32],
     /// `None`: at the full rate.
     pub rates: Option<&'a RateImage>,
@@ -42,7 +43,7 @@ impl PassCommands<'_> {
     /// As [`record`](Self::record).
     unsafe fn fill_rates(&self, commands: vk::CommandBuffer) {
         let raw = &self.vulkan.raw;
-        // What wgpu drew to the targets before is seen and overwritten.
+        // Earlier writes of wgpu to the targets become visible and are overwritten.
         let targets = vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_WRITE)
             .dst_access_mask(vk::AccessFlags::COLOR_ATTACHMENT_READ | vk::AccessFlags::COLOR_ATTACHMENT_WRITE);

@@ -33,7 +33,7 @@ impl RateRows {
         self.words * self.rows
     }
 
-    /// What is copied into the attachment.
+    /// Region that is copied into the attachment.
     pub fn region(self, tiles: UVec2) -> vk::BufferImageCopy {
         vk::BufferImageCopy::default()
             .buffer_row_length(self.words * 4)
@@ -59,7 +59,7 @@ pub(super) struct RateImage {
     pub view: vk::ImageView,
     memory: vk::DeviceMemory,
     pub tiles: UVec2,
-    /// What the attachment shader writes.
+    /// Buffer that the attachment shader writes.
     pub words: Buffer,
     /// `words`.
     pub raw_words: vk::Buffer,

@@ -51,10 +51,10 @@ pub(super) fn link(
     }
 }
 
-/// What SPIR-V may use.
+/// Vulkan version and features that SPIR-V may use.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Target {
-    /// Of Vulkan.
+    /// Version of Vulkan.
     pub version: u32,
     pub features: WgpuFeatures,
 }
@@ -136,7 +136,7 @@ fn binding_map(layouts: &[BindGroupLayoutDescriptor]) -> spv::BindingMap {
         .collect()
 }
 
-/// What wgpu enables on a device with these features, as far as the shader could need it.
+/// Capabilities that wgpu enables on a device with these features, as far as the shader could need them.
 fn capabilities(features: WgpuFeatures) -> Vec<spv::Capability> {
     let mut list = vec![
         spv::Capability::Shader,
