@@ -29,7 +29,7 @@ use bevy::app::{App, Plugin};
 /// reason is in [`ReflectionStatus`](crate::ReflectionStatus).
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RayTracedReflectionsPlugin {
-    /// What finds the surfaces that rays hit; fixed for the life of the app. Default: [`ReflectionTracerChoice::Auto`].
+    /// Tracer that finds the surfaces that rays hit; fixed for the life of the app. Default: [`ReflectionTracerChoice::Auto`].
     pub tracer: ReflectionTracerChoice,
 }
 

@@ -249,6 +249,17 @@ fn assets_that_change_are_followed() {
             "{large} pixels with another large cube, {size} with the first"
         );
 
+        // Data that the render world alone had are replaced by data of the main world.
+        let mut mesh = cube(2.0);
+        mesh.asset_usage = RenderAssetUsages::RENDER_WORLD;
+        let mesh = app.world().resource_mut::<Assets<Mesh>>().add(mesh);
+        app.world().entity_mut(subject).insert(Mesh3d(mesh.clone()));
+        expect(&mut app, "a mesh of the render world", GREEN, [true, false]);
+        let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
+        meshes.insert(mesh.id(), cube(1.0)).unwrap();
+        let small = expect(&mut app, "its data are back in the main world", GREEN, [true, false]);
+        assert!(small * 5 < size * 2, "{small} pixels with half the cube, {size} before");
+
         let blue = app.world().resource_mut::<Assets<StandardMaterial>>().add(unlit(BLUE));
         app.world().entity_mut(subject).insert(MeshMaterial3d(blue));
         expect(&mut app, "another material", BLUE, [true, false]);

@@ -100,10 +100,10 @@ pub const RATE_LEGEND: [(&str, LinearRgba); 11] = [
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct ReflectionDebugSplit {
-    /// Where the line is: 0 is the left edge of the view, 1 the right one; clamped, and NaN is the middle. Default: 0.5.
+    /// Position of the line: 0 is the left edge of the view, 1 the right one; clamped, and NaN is the middle. Default: 0.5.
     #[reflect(@0.0..=1.0f32)]
     pub position: f32,
-    /// What is shown left of the line. Default: [`ReflectionDebugView::Off`], the picture.
+    /// View that is shown left of the line. Default: [`ReflectionDebugView::Off`], the picture.
     pub left: ReflectionDebugView,
 }
 

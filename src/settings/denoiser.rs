@@ -10,23 +10,23 @@ pub struct ReflectionDenoiser {
     /// pixel, each pixel shows its own ray. Default: 8.
     #[reflect(@1..=16u32)]
     pub samples: u32,
-    /// Whether results are accumulated over frames. Default: true.
+    /// Accumulates results over frames. Default: true.
     pub temporal: bool,
     /// Frames that a rough surface accumulates at most, 1 to 255. Smoother surfaces keep fewer. More is less noise and
     /// slower change of what is reflected. Default: 32.
     #[reflect(@1.0..=255.0f32)]
     pub max_history: f32,
-    /// Whether a second history follows the reflected image instead of the surface: glossy surfaces stay sharp under a moving
+    /// Keeps a second history that follows the reflected image, not the surface: glossy surfaces stay sharp under a moving
     /// camera. The paper has only the history of the surface. Default: true.
     pub virtual_history: bool,
     /// Standard deviations of the neighbourhood that history may differ by, 0.5 to 10; less has less ghosting and more noise.
     /// Default: 1.5.
     #[reflect(@0.5..=10.0f32)]
     pub clip_sigma: f32,
-    /// Whether rays far brighter than their neighbours are dimmed before they enter the history; a small loss of energy for no
+    /// Dims rays far brighter than their neighbours before they enter the history; a small loss of energy for no
     /// fireflies. Default: true. The paper has no such step.
     pub suppress_fireflies: bool,
-    /// Whether pictures at rest converge: while neither the camera nor the scene changes, all frames sample the same, so that history is
+    /// Lets static views converge: while neither the camera nor the scene changes, all frames sample the same, so that history is
     /// neither clipped nor dimmed and spans up to eight times `max_history`, 240 frames at most. Off, a still
     /// picture keeps the small losses of a moving one. Default: true. The paper has no such step.
     pub converge_static_views: bool,

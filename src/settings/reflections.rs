@@ -35,7 +35,7 @@ use bevy::{
 pub struct RayTracedReflections {
     /// How many rays are traced and what becomes of them. Default: [`ReflectionTechnique::Variable`].
     pub technique: ReflectionTechnique,
-    /// What turns the rate image into fewer rays. Default: [`ReflectionBackend::Auto`].
+    /// Back end that turns the rate image into fewer rays. Default: [`ReflectionBackend::Auto`].
     pub backend: ReflectionBackend,
     /// How the directions of rays are drawn. Default: [`ReflectionSampling::BlueNoise`].
     pub sampling: ReflectionSampling,
@@ -58,7 +58,7 @@ pub struct RayTracedReflections {
     /// Length of a reflection ray in metres. Longer rays see more and cost more; what lies behind their end is replaced by the
     /// environment. Default: 10,000.
     pub max_ray_length: f32,
-    /// Whether the lights that cast shadows send shadow rays to what reflections see: one more ray for each light and hit.
+    /// Traces shadow rays from what reflections see to the lights that cast shadows: one more ray for each light and hit.
     /// Without, light leaks through walls in reflections. Default: true.
     pub shadow_rays: bool,
     /// Which mip level of a texture is read where a ray hits. Default: [`ReflectionTextureMip::RayCone`].
@@ -128,7 +128,7 @@ impl ReflectionTechnique {
     }
 }
 
-/// What turns the rate image into fewer rays. Both give the same rays.
+/// Back end that turns the rate image into fewer rays. Both give the same rays.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]

@@ -13,7 +13,7 @@ tooltips! {
     TECHNIQUE: settings, "RayTracedReflections::technique" =
         "How many rays are traced and what becomes of them. Default: ReflectionTechnique::Variable.";
     BACKEND: settings, "RayTracedReflections::backend" =
-        "What turns the rate image into fewer rays. Default: ReflectionBackend::Auto.";
+        "Back end that turns the rate image into fewer rays. Default: ReflectionBackend::Auto.";
     SAMPLING: settings, "RayTracedReflections::sampling" =
         "How the directions of rays are drawn. Default: ReflectionSampling::BlueNoise.";
     FULL_RESOLUTION_MIRRORS: settings, "RayTracedReflections::full_resolution_mirrors" =
@@ -31,7 +31,7 @@ tooltips! {
         "Length of a reflection ray in metres. Longer rays see more and cost more; what lies behind their end is \
          replaced by the environment. Default: 10,000.";
     SHADOW_RAYS: settings, "RayTracedReflections::shadow_rays" =
-        "Whether the lights that cast shadows send shadow rays to what reflections see: one more ray for each light \
+        "Traces shadow rays from what reflections see to the lights that cast shadows: one more ray for each light \
          and hit. Without, light leaks through walls in reflections. Default: true.";
     TEXTURE_MIP: settings, "RayTracedReflections::texture_mip" =
         "Which mip level of a texture is read where a ray hits. Default: ReflectionTextureMip::RayCone.";
@@ -76,27 +76,27 @@ tooltips! {
         "Rays of neighbours that a pixel is reconstructed from, 1 to 16. More is smoother and costs time. With one, \
          and one ray per pixel, each pixel shows its own ray. Default: 8.";
     DENOISER_TEMPORAL: settings, "ReflectionDenoiser::temporal" =
-        "Whether results are accumulated over frames. Default: true.";
+        "Accumulates results over frames. Default: true.";
     DENOISER_MAX_HISTORY: settings, "ReflectionDenoiser::max_history" =
         "Frames that a rough surface accumulates at most, 1 to 255. Smoother surfaces keep fewer. More is less \
          noise and slower change of what is reflected. Default: 32.";
     DENOISER_VIRTUAL_HISTORY: settings, "ReflectionDenoiser::virtual_history" =
-        "Whether a second history follows the reflected image instead of the surface: glossy surfaces stay sharp \
+        "Keeps a second history that follows the reflected image, not the surface: glossy surfaces stay sharp \
          under a moving camera. The paper has only the history of the surface. Default: true.";
     DENOISER_CLIP_SIGMA: settings, "ReflectionDenoiser::clip_sigma" =
         "Standard deviations of the neighbourhood that history may differ by, 0.5 to 10; less has less ghosting and \
          more noise. Default: 1.5.";
     DENOISER_SUPPRESS_FIREFLIES: settings, "ReflectionDenoiser::suppress_fireflies" =
-        "Whether rays far brighter than their neighbours are dimmed before they enter the history; a small loss of \
+        "Dims rays far brighter than their neighbours before they enter the history; a small loss of \
          energy for no fireflies. Default: true. The paper has no such step.";
     DENOISER_CONVERGE_STATIC_VIEWS: settings, "ReflectionDenoiser::converge_static_views" =
-        "Whether pictures at rest converge: while neither the camera nor the scene changes, all frames sample the same, \
+        "Lets static views converge: while neither the camera nor the scene changes, all frames sample the same, \
          so that history is neither clipped nor dimmed and spans up to eight times max_history, 240 frames at most. \
          Off, a still picture keeps the small losses of a moving one. Default: true. The paper has no such step.";
     DENOISER_BLUR_RADIUS: settings, "ReflectionDenoiser::blur_radius" =
         "Radius in pixels of the last blur where the variance is highest, 0 (off) to 8. Default: 3.";
     TRACER: plugin, "RayTracedReflectionsPlugin::tracer" =
-        "What finds the surfaces that rays hit; fixed for the life of the app. Default: ReflectionTracerChoice::Auto.";
+        "Tracer that finds the surfaces that rays hit; fixed for the life of the app. Default: ReflectionTracerChoice::Auto.";
     PRESET_PAPER: presets, "ReflectionPreset::Paper" =
         "The paper's recipe step by step: a quarter of the resolution, rates from average roughness (table 1), GGX \
          normals from a Halton sequence, mip level 2 at hits, one history, no step of ours, no cut-off. 1/16 to 1/4 \
@@ -206,10 +206,10 @@ tooltips! {
     SPLIT: debug, "ReflectionDebugSplit" =
         "Divides the picture of a camera: its ReflectionDebugView is shown right of a thin white line.";
     SPLIT_POSITION: debug, "ReflectionDebugSplit::position" =
-        "Where the line is: 0 is the left edge of the view, 1 the right one; clamped, and NaN is the middle. \
+        "Position of the line: 0 is the left edge of the view, 1 the right one; clamped, and NaN is the middle. \
          Default: 0.5.";
     SPLIT_LEFT: debug, "ReflectionDebugSplit::left" =
-        "What is shown left of the line. Default: ReflectionDebugView::Off, the picture.";
+        "View that is shown left of the line. Default: ReflectionDebugView::Off, the picture.";
 }
 
 #[cfg(test)]

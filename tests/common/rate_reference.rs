@@ -83,14 +83,14 @@ impl Case {
 
     /// Definitions of the built-in shader.
     pub fn defs(&self) -> Vec<&'static str> {
-        let mut defs: Vec<&'static str> = match self.heuristic {
+        let mut defs: Vec<&'static str> = match &self.heuristic {
             ShadingRateHeuristic::Uniform(_) => vec![],
             ShadingRateHeuristic::Roughness(_) => vec!["ROUGHNESS"],
             ShadingRateHeuristic::Grazing(_) => vec!["GRAZING", "TILE_ANGLES"],
             ShadingRateHeuristic::Combined(_) => vec!["COMBINED", "TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE"],
             ShadingRateHeuristic::Image(_) => vec!["IMAGE"],
             ShadingRateHeuristic::Custom(_) => vec!["TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE", "TILE_DEPTH"],
-            _ => unimplemented!("{:?}", self.heuristic),
+            other => panic!("the twin lacks {other:?}"),
         };
         if self.tile_size == 8 {
             defs.push("TILES_8");
@@ -122,7 +122,7 @@ impl Case {
                 uniform.set("rate_max_level", &[level(t.coarsest)]);
             }
             ShadingRateHeuristic::Custom(_) | ShadingRateHeuristic::Image(_) => {}
-            other => unimplemented!("{other:?}"),
+            other => panic!("the twin lacks {other:?}"),
         }
     }
 

@@ -19,7 +19,7 @@ const STATIC_FRAMES: u32 = 48;
 const MOVING_FRAMES: u32 = 20;
 /// Pixels this close to an outline don't count.
 const OUTLINE: i32 = 3;
-/// In percent. Before rays below the triangle were weighed as they are drawn, a single ray per pixel lost 15 % and neighbours added 8 %.
+/// In percent. Records without the density of turned rays made it -13 to +12.
 const MOST_BIAS_STATIC: f32 = 1.0;
 const MOST_BIAS_MOVING: f32 = 2.0;
 

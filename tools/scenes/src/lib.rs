@@ -8,6 +8,7 @@ mod builder;
 mod camera_path;
 mod demo;
 mod environment;
+mod file_light;
 mod geometry;
 mod gltf;
 mod headless;
@@ -28,6 +29,7 @@ pub use animation::{Motion, SceneAnimationPlugin};
 pub use builder::{SceneBuilder, SceneMesh, SceneStatistics};
 pub use camera_path::CameraPath;
 pub use environment::{Environment, SceneOptions};
+pub use file_light::{file_environment, file_sun};
 pub use geometry::Geometry;
 pub use gltf::write_test_assets;
 pub use headless::{

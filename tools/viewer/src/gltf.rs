@@ -2,18 +2,15 @@
 
 use bevy::{
     asset::{AssetPath, LoadState},
-    camera::{Exposure, primitives::Aabb, visibility::NoFrustumCulling},
+    camera::{primitives::Aabb, visibility::NoFrustumCulling},
     camera_controller::free_camera::FreeCamera,
-    core_pipeline::tonemapping::Tonemapping,
-    light::{CascadeShadowConfigBuilder, Skybox},
     prelude::*,
     world_serialization::WorldInstanceReady,
 };
-use glint_scenes::{Environment, Sky, sun_direction};
+use glint_scenes::file_sun;
 use std::path::Path;
 
-/// Brightness of the sky in cd/m².
-const SKY_BRIGHTNESS: f32 = 2_000.0;
+/// Field of view of the camera.
 const VERTICAL_DEGREES: f32 = 45.0;
 
 /// Progress of a file.
@@ -52,26 +49,6 @@ pub fn exit_on_failure(roots: Query<&WorldAssetRoot>, server: Res<AssetServer>, 
             exit.write(AppExit::error());
         }
     }
-}
-
-/// Sky, exposure and tone mapping.
-pub fn environment(world: &mut World) -> Environment {
-    let sky = Sky::Day { sun: sun() };
-    let mut images = world.resource_mut::<Assets<Image>>();
-    Environment {
-        light: Some(sky.environment(&mut images, SKY_BRIGHTNESS)),
-        skybox: Some(Skybox {
-            image: Some(sky.background(&mut images)),
-            brightness: SKY_BRIGHTNESS,
-            ..default()
-        }),
-        exposure: Exposure { ev100: 11.0 },
-        tonemapping: Tonemapping::TonyMcMapface,
-    }
-}
-
-fn sun() -> Vec3 {
-    sun_direction(145.0, 48.0)
 }
 
 /// Switches the file's own cameras off.
@@ -120,21 +97,7 @@ fn frame_scene(
         fly.run_speed = 4.0 * radius;
     }
     if lights.is_empty() {
-        commands.spawn((
-            DirectionalLight {
-                illuminance: 22_000.0,
-                shadow_maps_enabled: true,
-                ..default()
-            },
-            CascadeShadowConfigBuilder {
-                minimum_distance: 0.02 * radius,
-                first_cascade_far_bound: distance,
-                maximum_distance: 2.0 * distance + radius,
-                ..default()
-            }
-            .build(),
-            Transform::default().looking_to(-sun(), Vec3::Y),
-        ));
+        commands.spawn(file_sun(radius, distance));
     }
     *framing = Framing::Done;
 }

@@ -2,7 +2,7 @@
 
 use crate::gltf;
 use bevy::prelude::*;
-use glint_scenes::{CameraPath, SceneName, SceneOptions, camera, environment, spawn_with};
+use glint_scenes::{CameraPath, SceneName, SceneOptions, camera, environment, file_environment, spawn_with};
 use std::{
     fs::File,
     path::{Path, PathBuf},
@@ -77,7 +77,7 @@ impl Source {
             }
             Self::File(_) => {
                 world.entity_mut(camera_entity).insert(gltf::ViewerCamera);
-                gltf::environment(world)
+                file_environment(world)
             }
         };
         environment.insert(&mut world.entity_mut(camera_entity));

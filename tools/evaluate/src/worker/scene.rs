@@ -4,11 +4,11 @@ use crate::{job::SceneSource, protocol::Protocol};
 use bevy::{
     asset::AssetPath,
     camera::primitives::Aabb,
-    light::{CascadeShadowConfig, CascadeShadowConfigBuilder, DirectionalLightShadowMap, PointLightShadowMap},
+    light::{CascadeShadowConfig, DirectionalLightShadowMap, PointLightShadowMap},
     math::ops,
     prelude::*,
 };
-use glint_scenes::{CameraPath, Environment, HeadlessApp, SceneName, SceneOptions, Sky, sun_direction};
+use glint_scenes::{CameraPath, HeadlessApp, SceneName, SceneOptions, file_environment, file_sun};
 use std::{f32::consts::TAU, fs, path::Path};
 
 /// Seconds that the camera takes for a loop in a glTF file.
@@ -176,10 +176,6 @@ fn around(base: Transform, reach: f32, t: f32) -> Transform {
     }
 }
 
-fn sun() -> Vec3 {
-    sun_direction(145.0, 48.0)
-}
-
 /// Starts loading a file and gives the camera a sky.
 fn load(app: &mut HeadlessApp, file: &Path) -> Entity {
     let camera = app.spawn_camera(());
@@ -187,7 +183,7 @@ fn load(app: &mut HeadlessApp, file: &Path) -> Entity {
     let path = GltfAssetLabel::Scene(0).from_asset(AssetPath::from_path_buf(file.to_owned()));
     let scene = world.resource::<AssetServer>().load(path);
     world.spawn(WorldAssetRoot(scene));
-    let environment = Environment::under(world, Sky::Day { sun: sun() }, 2_000.0, 11.0);
+    let environment = file_environment(world);
     environment.insert(&mut world.entity_mut(camera));
     camera
 }
@@ -238,21 +234,7 @@ fn arrange(world: &mut World, ours: Entity) -> Option<(Transform, f32)> {
 
     let mut lights = world.query_filtered::<(), Or<(With<DirectionalLight>, With<PointLight>, With<SpotLight>)>>();
     if lights.iter(world).next().is_none() {
-        world.spawn((
-            DirectionalLight {
-                illuminance: 22_000.0,
-                shadow_maps_enabled: true,
-                ..default()
-            },
-            CascadeShadowConfigBuilder {
-                minimum_distance: 0.02 * radius,
-                first_cascade_far_bound: distance,
-                maximum_distance: 2.0 * distance + radius,
-                ..default()
-            }
-            .build(),
-            Transform::default().looking_to(-sun(), Vec3::Y),
-        ));
+        world.spawn(file_sun(radius, distance));
     }
     Some((transform, 0.03 * radius))
 }
@@ -260,6 +242,7 @@ fn arrange(world: &mut World, ours: Entity) -> Option<(Transform, f32)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use bevy::light::CascadeShadowConfigBuilder;
 
     fn scene(name: &str) -> Result<MeasuredScene, String> {
         MeasuredScene::new(&SceneSource::BuiltIn(name.into()), &Protocol::new(false, true))
