@@ -139,9 +139,10 @@ fn check(case: &Case, output: &Output) -> BTreeMap<String, usize> {
 fn check_arguments(case: &Case, arguments: &[u32]) {
     let side = case.tile_size * case.trace_scale / 8;
     let workgroups = [
-        arguments[9].div_ceil(64),
-        arguments[10].div_ceil(64),
-        arguments[11] * side * side,
+        arguments[12].div_ceil(64),
+        arguments[13].div_ceil(64),
+        arguments[14] * side * side,
+        arguments[14] * (side / 2) * (side / 2),
     ];
     for (list, workgroups) in workgroups.into_iter().enumerate() {
         let wanted = if workgroups == 0 { [0; 3] } else { [workgroups, 1, 1] };

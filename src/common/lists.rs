@@ -1,19 +1,21 @@
 //! Words of the buffers `indirect_args` and `counters`. `lists.wesl` holds the same for shaders.
 
-/// Words of the buffer `indirect_args`: three dispatches of three words each, and the lengths of their lists.
-pub(crate) const INDIRECT_ARG_WORDS: u64 = 12;
+/// Words of the buffer `indirect_args`: four dispatches of three words each, and the lengths of three lists.
+pub(crate) const INDIRECT_ARG_WORDS: u64 = 15;
 /// First word of the dispatch over the ray list.
 pub(crate) const RAY_DISPATCH: u64 = 0;
 /// First word of the dispatch over the mirror ray list.
 pub(crate) const MIRROR_RAY_DISPATCH: u64 = 3;
 /// First word of the dispatch over the tile list, one workgroup for each 8x8 pixels.
 pub(crate) const TILE_DISPATCH: u64 = 6;
+/// First word of the dispatch over the tile list, one workgroup for each 16x16 pixels.
+pub(crate) const WIDE_TILE_DISPATCH: u64 = 9;
 /// Word with the length of the ray list.
-pub(crate) const RAY_COUNT: u64 = 9;
+pub(crate) const RAY_COUNT: u64 = 12;
 /// Word with the length of the mirror ray list.
-pub(crate) const MIRROR_RAY_COUNT: u64 = 10;
+pub(crate) const MIRROR_RAY_COUNT: u64 = 13;
 /// Word with the length of the tile list.
-pub(crate) const TILE_COUNT: u64 = 11;
+pub(crate) const TILE_COUNT: u64 = 14;
 
 /// Words of the buffer `counters`.
 pub(crate) const COUNTER_WORDS: u64 = 8;
@@ -37,6 +39,7 @@ mod tests {
             ("RAY_DISPATCH", RAY_DISPATCH),
             ("MIRROR_RAY_DISPATCH", MIRROR_RAY_DISPATCH),
             ("TILE_DISPATCH", TILE_DISPATCH),
+            ("WIDE_TILE_DISPATCH", WIDE_TILE_DISPATCH),
             ("RAY_COUNT", RAY_COUNT),
             ("MIRROR_RAY_COUNT", MIRROR_RAY_COUNT),
             ("TILE_COUNT", TILE_COUNT),

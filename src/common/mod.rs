@@ -4,7 +4,7 @@ mod lists;
 
 pub(crate) use lists::{
     COUNTER_WORDS, HIT_COUNT, INDIRECT_ARG_WORDS, MIRROR_RAY_COUNT, MIRROR_RAY_DISPATCH, RAY_COUNT, RAY_DISPATCH,
-    TILE_COUNT, TILE_DISPATCH, word_offset,
+    TILE_COUNT, TILE_DISPATCH, WIDE_TILE_DISPATCH, word_offset,
 };
 
 use bevy::{

@@ -2,7 +2,7 @@
 
 use super::{blur, reconstruct, temporal};
 use crate::{
-    common::{TILE_DISPATCH, word_offset},
+    common::{TILE_DISPATCH, WIDE_TILE_DISPATCH, word_offset},
     gbuffer::{GBufferPass, PassContext, PassShader},
     settings::{ClampedSettings, ReflectionTechnique},
 };
@@ -45,6 +45,11 @@ impl DenoisePass {
         .flatten()
     }
 
+    /// Returns whether the pass works on 16x16 pixels at a time, which takes rays that are fewer than pixels.
+    fn is_wide(self, settings: &ClampedSettings) -> bool {
+        self == Self::Reconstruct && settings.technique.trace_scale() > 1
+    }
+
     /// Entry point, and name of the span of GPU time.
     const fn name(self) -> &'static str {
         match self {
@@ -58,19 +63,21 @@ impl DenoisePass {
 /// Pipelines of the denoiser.
 #[derive(Resource)]
 pub struct DenoisePipelines {
-    passes: HashMap<DenoisePass, (GBufferPass, Handle<Shader>)>,
-    wanted: HashSet<DenoisePass>,
+    passes: HashMap<DenoisePass, (GBufferPass<bool>, Handle<Shader>)>,
+    /// Passes, and whether their workgroups are wide.
+    wanted: HashSet<(DenoisePass, bool)>,
 }
 
 impl DenoisePipelines {
     /// Asks for the passes of a view; they are compiled from the next frame on.
     pub(crate) fn request(&mut self, settings: &ClampedSettings) {
-        self.wanted.extend(DenoisePass::of(settings));
+        let passes = DenoisePass::of(settings);
+        self.wanted.extend(passes.map(|pass| (pass, pass.is_wide(settings))));
     }
 
     /// All that a view's settings need can be used.
     pub(crate) fn is_ready(&self, cache: &PipelineCache, settings: &ClampedSettings) -> bool {
-        DenoisePass::of(settings).all(|pass| self.passes[&pass].0.pipeline(&(), cache).is_some())
+        DenoisePass::of(settings).all(|pass| self.passes[&pass].0.pipeline(&pass.is_wide(settings), cache).is_some())
     }
 }
 
@@ -99,11 +106,11 @@ pub(super) fn init_denoise_pipelines(mut commands: Commands, asset_server: Res<A
 /// Queues what cameras asked for.
 pub(super) fn queue_denoise_pipelines(mut pipelines: ResMut<DenoisePipelines>, cache: Res<PipelineCache>) {
     let pipelines = &mut *pipelines;
-    for name in &pipelines.wanted {
-        if let Some((pass, shader)) = pipelines.passes.get_mut(name) {
-            pass.queue((), &cache, || PassShader {
+    for &(name, wide) in &pipelines.wanted {
+        if let Some((pass, shader)) = pipelines.passes.get_mut(&name) {
+            pass.queue(wide, &cache, || PassShader {
                 shader: shader.clone(),
-                defs: vec![],
+                defs: if wide { vec!["WIDE".into()] } else { vec![] },
                 entry_point: Some(name.name()),
             });
         }
@@ -131,8 +138,10 @@ pub(crate) fn denoise(
             continue;
         }
         let span = diagnostics.time_span(ctx.command_encoder(), name.name());
-        if let Some(mut pass) = pipelines.passes[&name].0.begin(ctx, context, [()], &[]) {
-            pass.dispatch_workgroups_indirect(&context.targets().indirect_args, word_offset(TILE_DISPATCH));
+        let wide = name.is_wide(&context.view.settings);
+        let dispatch = if wide { WIDE_TILE_DISPATCH } else { TILE_DISPATCH };
+        if let Some(mut pass) = pipelines.passes[&name].0.begin(ctx, context, [wide], &[]) {
+            pass.dispatch_workgroups_indirect(&context.targets().indirect_args, word_offset(dispatch));
         }
         span.end(ctx.command_encoder());
     }

@@ -6,7 +6,7 @@ use crate::{
     targets::{RADIANCE_FORMAT, STATS_FORMAT},
 };
 
-pub(super) fn pass() -> GBufferPass {
+pub(super) fn pass() -> GBufferPass<bool> {
     let mut bindings = tiles::bindings();
     bindings.extend([
         Binding::integers(|context| Some(&context.images()?.rate[context.now()])),

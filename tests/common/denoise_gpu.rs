@@ -47,7 +47,10 @@ impl Uniform {
 pub struct View {
     pub size: UVec2,
     pub tiles: UVec2,
-    pub groups_per_tile: u32,
+    /// In each direction.
+    pub tile_pixels: u32,
+    /// Workgroups take 16x16 pixels, not 8x8.
+    pub wide: bool,
     /// In clip space, of all pixels.
     pub depth: f32,
 }
@@ -77,14 +80,15 @@ impl<'a> Pass<'a> {
         uniforms: impl Fn(&naga::Module) -> [Vec<u8>; 2],
     ) -> Self {
         let name = format!("bevy_glint/denoise/{entry}.wesl");
-        let (wgsl, module) = compile(shaders, &name, &[]);
+        let wide = ["WIDE".into()];
+        let (wgsl, module) = compile(shaders, &name, if frame.wide { &wide } else { &[] });
         let [view, settings] = uniforms(&module);
         let tiles = frame.tiles;
         let list: Vec<u32> = (0..tiles.y)
             .flat_map(|y| (0..tiles.x).map(move |x| x | (y << 16)))
             .collect();
         let mut arguments = [0u32; 20];
-        arguments[11] = list.len() as u32;
+        arguments[14] = list.len() as u32;
         let buffers = vec![
             (0, gpu.buffer(&view)),
             (1, gpu.buffer(&settings)),
@@ -93,6 +97,7 @@ impl<'a> Pass<'a> {
         ];
         let declared = module.global_variables.iter();
         let declared = declared.filter_map(|(_, variable)| variable.binding.as_ref().map(|binding| binding.binding));
+        let side = frame.tile_pixels / if frame.wide { 16 } else { 8 };
         let depth = empty_texture(
             gpu,
             TextureFormat::Depth32Float,
@@ -109,7 +114,7 @@ impl<'a> Pass<'a> {
             textures: vec![(2, depth)],
             outputs: Vec::new(),
             size: frame.size,
-            groups: tiles.x * tiles.y * frame.groups_per_tile,
+            groups: tiles.x * tiles.y * side * side,
         }
     }
 

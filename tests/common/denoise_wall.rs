@@ -238,7 +238,8 @@ impl Wall {
         let view = View {
             size: self.size,
             tiles: self.tiles(),
-            groups_per_tile: 4 * self.trace_scale * self.trace_scale,
+            tile_pixels: 16 * self.trace_scale,
+            wide: entry == "reconstruct" && self.trace_scale == 2,
             depth: NEAR / WALL,
         };
         let uniforms = |module: &naga::Module| [self.view_uniform(module), self.settings_uniform(module)];

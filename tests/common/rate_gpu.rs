@@ -87,7 +87,7 @@ pub fn determine_rates(gpu: &Gpu, shaders: &mut Shaders, name: &str, defs: &[&'s
     let blocks = gpu.buffer(&untouched(trace, 1));
     let mirrors = gpu.buffer(&untouched(case.size, 1));
     let active = gpu.buffer(&untouched(tiles, 1));
-    let arguments = gpu.buffer(&[0u32; 12]);
+    let arguments = gpu.buffer(&[0u32; 15]);
 
     let texture_view = |texture: &wgpu::Texture| texture.create_view(&Default::default());
     let views = [&depth, &words, &normals, &rates, &records, &image].map(texture_view);
@@ -152,9 +152,9 @@ pub fn determine_rates(gpu: &Gpu, shaders: &mut Shaders, name: &str, defs: &[&'s
     Output {
         rates: read_texture(gpu, &rates, tiles, 1),
         records: bytemuck::cast_slice(&read_texture(gpu, &records, trace, 4)).to_vec(),
-        blocks: list(&blocks, arguments[9]),
-        mirrors: list(&mirrors, arguments[10]),
-        tiles: list(&active, arguments[11]),
+        blocks: list(&blocks, arguments[12]),
+        mirrors: list(&mirrors, arguments[13]),
+        tiles: list(&active, arguments[14]),
         arguments,
     }
 }

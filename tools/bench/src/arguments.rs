@@ -50,6 +50,10 @@ pub struct Arguments {
     /// Triangles of the generated mesh whose BVH is built
     #[arg(long, value_name = "N", default_value_t = 1_000_000)]
     pub triangles: u32,
+    /// Measure the techniques once more with the WESL files of this folder in the place of the crate's modules of the same path
+    /// below src; may be given several times
+    #[arg(long, value_name = "DIR")]
+    shaders: Vec<PathBuf>,
     /// Leave out the rays
     #[arg(long)]
     pub skip_rays: bool,
@@ -75,6 +79,8 @@ pub struct Plan {
     pub frames: u32,
     /// Fineness of curved parts.
     pub detail: f32,
+    /// Folders of shader modules that replace the crate's own.
+    pub shaders: Vec<PathBuf>,
 }
 
 impl Arguments {
@@ -100,6 +106,7 @@ impl Arguments {
             size: self.size.map_or(size, |size| size.0),
             frames: self.frames.unwrap_or(frames),
             detail: self.detail,
+            shaders: self.shaders.clone(),
         }
     }
 }

@@ -81,6 +81,12 @@ fn render_world(app: &mut HeadlessApp) -> Result<&World, String> {
     Ok(render.world())
 }
 
+/// Radians that the camera turns in a frame, to one side and back: a view that never moves converges, which takes other work.
+const TREMBLE: f32 = 1e-4;
+
+/// A shader module, and what was in its place.
+pub type Replaced = (Handle<Shader>, Shader);
+
 /// The values that one diagnostic took.
 struct Samples {
     path: DiagnosticPath,
@@ -97,6 +103,8 @@ pub struct Bench {
     totals: Vec<f64>,
     /// The camera sees nothing reflective.
     is_idle: bool,
+    /// Radians that the camera turns in the next frame.
+    turn: f32,
 }
 
 /// Adds the plugin of the hardware back end, which must come before Bevy's plugins.
@@ -108,35 +116,6 @@ fn open_device(app: &mut App, backend: ReflectionBackend) {
     // Elsewhere the camera's own warning says what is missing.
     #[cfg(not(target_os = "linux"))]
     let _ = (app, backend);
-}
-
-/// Puts the files of the folder that `GLINT_BENCH_SHADERS` names in the place of shader modules of the same path below `src/`, to
-/// compare versions of shaders without building anew.
-fn replace_shaders(app: &mut HeadlessApp) -> Result<(), String> {
-    let Some(folder) = std::env::var_os("GLINT_BENCH_SHADERS") else {
-        return Ok(());
-    };
-    let folder = Path::new(&folder);
-    let mut paths = Vec::new();
-    list_files(folder, &mut paths).map_err(|error| format!("{}: {error}", folder.display()))?;
-    for path in paths {
-        let source = std::fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))?;
-        let relative = path.strip_prefix(folder).unwrap_or(&path);
-        let module = format!("embedded://bevy_glint/{}", relative.display());
-        let shader: Handle<Shader> = app.world().resource::<AssetServer>().load(&module);
-        let loaded = (0..FRAME_LIMIT).any(|_| {
-            app.step(1);
-            app.world().resource::<Assets<Shader>>().contains(&shader)
-        });
-        if !loaded {
-            return Err(format!("{module} was not loaded"));
-        }
-        app.world()
-            .resource_mut::<Assets<Shader>>()
-            .insert(shader.id(), Shader::from_wesl(source, module))
-            .map_err(|error| error.to_string())?;
-    }
-    Ok(())
 }
 
 fn list_files(folder: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
@@ -159,7 +138,7 @@ impl Bench {
             ..default()
         };
         let backend = plan.backend();
-        // Nothing is animated, so that all frames trace the same rays.
+        // Nothing is animated, so that all frames trace nearly the same rays.
         let mut app = HeadlessApp::with_device(
             settings,
             |app| open_device(app, backend),
@@ -169,7 +148,6 @@ impl Bench {
             },
         )
         .map_err(|error| error.to_string())?;
-        replace_shaders(&mut app)?;
         let detail = plan.detail;
         let camera = app.spawn_scene(scene, &SceneOptions { detail, ..default() });
         let kernels = KERNELS.iter().flat_map(|&(_, rays, hits, time)| [rays, hits, time]);
@@ -189,7 +167,45 @@ impl Bench {
             samples,
             totals: Vec::new(),
             is_idle: false,
+            turn: TREMBLE,
         })
+    }
+
+    /// Puts the files of a folder in the place of the crate's shader modules of the same path, to compare versions of shaders without
+    /// building anew. Returns what they replaced.
+    pub fn replace_shaders(&mut self, folder: &Path) -> Result<Vec<Replaced>, String> {
+        let mut paths = Vec::new();
+        list_files(folder, &mut paths).map_err(|error| format!("{}: {error}", folder.display()))?;
+        let mut replaced = Vec::new();
+        for path in paths {
+            let source = std::fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+            let relative = path.strip_prefix(folder).unwrap_or(&path);
+            let module = format!("embedded://bevy_glint/{}", relative.display());
+            let shader: Handle<Shader> = self.app.world().resource::<AssetServer>().load(&module);
+            let original = (0..FRAME_LIMIT).find_map(|_| {
+                self.app.step(1);
+                self.app.world().resource::<Assets<Shader>>().get(&shader).cloned()
+            });
+            let original = original.ok_or_else(|| format!("{module} was not loaded"))?;
+            replaced.push((shader.clone(), original));
+            self.insert_shader(&shader, Shader::from_wesl(source, module))?;
+        }
+        Ok(replaced)
+    }
+
+    /// Puts shader modules back.
+    pub fn restore_shaders(&mut self, replaced: Vec<Replaced>) -> Result<(), String> {
+        replaced
+            .into_iter()
+            .try_for_each(|(shader, original)| self.insert_shader(&shader, original))
+    }
+
+    fn insert_shader(&mut self, handle: &Handle<Shader>, shader: Shader) -> Result<(), String> {
+        self.app
+            .world()
+            .resource_mut::<Assets<Shader>>()
+            .insert(handle.id(), shader)
+            .map_err(|error| error.to_string())
     }
 
     /// Switches to a technique.
@@ -304,6 +320,11 @@ impl Bench {
 
     /// Renders one frame and waits for the GPU, so that the next frame finds its measurements.
     fn frame(&mut self) -> Result<(), String> {
+        self.turn = -self.turn;
+        let turn = self.turn;
+        if let Some(mut transform) = self.app.world().get_mut::<Transform>(self.camera) {
+            transform.rotate_y(turn);
+        }
         self.app.step(1);
         let device = render_world(&mut self.app)?
             .get_resource::<RenderDevice>()

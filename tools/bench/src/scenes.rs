@@ -42,6 +42,21 @@ pub fn measure(plan: &Plan, csv: &mut Csv) -> Result<(), String> {
                     bench.memory(scene, &word, &mut tables.memory, csv);
                 }
             }
+            for folder in &plan.shaders {
+                let replaced = bench.replace_shaders(folder)?;
+                let version = folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy();
+                for technique in &plan.techniques {
+                    bench.set_technique(technique);
+                    if let Err(reason) = bench.wait_for_scene() {
+                        println!("{}: {reason}", folder.display());
+                        break;
+                    }
+                    bench.measure(plan.frames)?;
+                    let word = format!("{technique}, {version}");
+                    bench.passes(scene, tracer, &word, &mut tables.passes, csv);
+                }
+                bench.restore_shaders(replaced)?;
+            }
             memory_known = true;
         }
     }
