@@ -31,6 +31,8 @@ pub const RADIANCE_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 pub const STATS_FORMAT: TextureFormat = TextureFormat::R32Uint;
 /// Two words that tell a surface from others: see where the texture is declared.
 pub const HISTORY_SURFACE_FORMAT: TextureFormat = TextureFormat::Rg32Uint;
+/// A quarter of what a ray hit: `trace/hit.wesl`.
+pub const HIT_FORMAT: TextureFormat = HISTORY_SURFACE_FORMAT;
 /// Mean radiance over frames; alpha is the number of frames.
 pub const ACCUMULATION_FORMAT: TextureFormat = TextureFormat::Rgba32Float;
 /// Radiance that the composite adds to the lit frame.
@@ -65,6 +67,7 @@ pub struct Needs {
     pub accumulation: bool,
     pub pipeline: bool,
     pub temporal: bool,
+    pub mirrors: bool,
     pub reflection: bool,
 }
 
@@ -77,6 +80,7 @@ impl Needs {
             accumulation,
             pipeline: !accumulation,
             temporal: !accumulation && settings.denoiser.temporal,
+            mirrors: !accumulation && settings.full_resolution_mirrors,
         }
     }
 }
@@ -106,7 +110,7 @@ pub struct PipelineTargets {
     pub rate: [TextureView; 2],
     /// Blocks of trace pixels that get a ray, one word each: see `rate/codes.wesl`.
     pub ray_list: Buffer,
-    /// Mirror pixels of the full resolution that get a ray of their own, `x | y << 16`.
+    /// Mirror pixels of the full resolution that get a ray of their own, `x | y << 16`. A single word without such rays.
     pub mirror_ray_list: Buffer,
     /// Active tiles, `x | y << 16`.
     pub tile_list: Buffer,
@@ -114,6 +118,8 @@ pub struct PipelineTargets {
     pub ray_radiance: TextureView,
     /// [`RAY_SAMPLE_FORMAT`] (trace).
     pub ray_sample: TextureView,
+    /// [`HIT_FORMAT`] (twice as large as trace): exists only where no other texture can hold it, see [`Self::hits`].
+    own_hits: Option<TextureView>,
     /// [`RADIANCE_FORMAT`] (full): the reconstructed radiance; alpha is the relative variance of its mean. The blur writes its
     /// result here, too, and mirror rays their radiance: see [`Self::mirror_radiance`] and [`Self::blurred`].
     pub reconstructed: TextureView,
@@ -125,6 +131,13 @@ pub struct PipelineTargets {
 }
 
 impl PipelineTargets {
+    /// Texture in which tracing leaves to shading what rays hit: the surfaces of the history that this frame writes later, if it has
+    /// four pixels for each trace pixel.
+    pub fn hits(&self, write_index: usize) -> Option<&TextureView> {
+        let unused = || self.history.as_ref().map(|history| &history.surface[write_index]);
+        self.own_hits.as_ref().or_else(unused)
+    }
+
     /// Texture into which mirror rays write their radiance. They bypass the denoiser: its passes leave their pixels unchanged.
     pub fn mirror_radiance(&self) -> &TextureView {
         &self.reconstructed
@@ -225,10 +238,16 @@ impl Targets {
         let pipeline = needs.pipeline.then(|| PipelineTargets {
             rate: create.pair(tiles, RATE_FORMAT, ["glint_rate_a", "glint_rate_b"]),
             ray_list: create.buffer(words(trace), BufferUsages::empty(), "glint_ray_list"),
-            mirror_ray_list: create.buffer(words(full), BufferUsages::empty(), "glint_mirror_ray_list"),
+            mirror_ray_list: create.buffer(
+                words(if needs.mirrors { full } else { UVec2::ONE }),
+                BufferUsages::empty(),
+                "glint_mirror_ray_list",
+            ),
             tile_list: create.buffer(words(tiles), BufferUsages::empty(), "glint_tile_list"),
             ray_radiance: create.texture(trace, RAY_RADIANCE_FORMAT, "glint_ray_radiance"),
             ray_sample: create.texture(trace, RAY_SAMPLE_FORMAT, "glint_ray_sample"),
+            own_hits: (!needs.temporal || full != 2 * trace)
+                .then(|| create.texture(2 * trace, HIT_FORMAT, "glint_hits")),
             reconstructed: create.texture(full, RADIANCE_FORMAT, "glint_reconstructed"),
             reconstructed_stats: create.texture(full, STATS_FORMAT, "glint_reconstructed_stats"),
             history: needs.temporal.then(|| HistoryTargets {

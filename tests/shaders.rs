@@ -32,7 +32,7 @@ import package::scene::types::{Ray, Hit, NO_HIT};
 import package::scene::trace::trace_closest;
 @if(RAY_QUERY) import package::scene::alpha::alpha_test;
 import package::scene::surface::load_surface;
-import package::scene::shading::shade;
+import package::scene::shading::{shade, visible_lights, MAX_LIGHTS};
 import package::scene::environment::sky;
 import package::scene::offset::offset_origin;
 
@@ -46,7 +46,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if hit.instance != NO_HIT {
         let surface = load_surface(hit, ray, 0.0, 0.001);
         let origin = offset_origin(surface.position, surface.geometric_normal, surface.position_scale);
-        radiance = shade(surface, -ray.direction) + origin * 0.0;
+        radiance = shade(surface, -ray.direction, visible_lights(surface, 0u, MAX_LIGHTS)) + origin * 0.0;
         @if(RAY_QUERY) {
         if !alpha_test(hit.instance, hit.primitive, hit.barycentrics) {
             radiance = vec3<f32>(0.0);

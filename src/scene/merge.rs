@@ -29,8 +29,6 @@ pub(super) use scheduler::Placement;
 
 use std::sync::Arc;
 
-/// Up to this many triangles a tree gets all the care there is; more would take seconds.
-const HIGH_QUALITY_TRIANGLES: usize = 1 << 18;
 /// Triangles of all merged trees, at most: 235 MB, and more where they are split.
 const BUDGET_TRIANGLES: u64 = 4 << 20;
 /// Words of a merged tree that are uploaded in one frame: 16 MB, so that no frame waits for the copy of a large tree.
@@ -267,13 +265,8 @@ fn start(members: &[(u32, Placement)], masks: &MaskSets, meshes: &SceneMeshes) -
                 micromaps: micromaps.as_deref().unwrap_or_default(),
             })
             .collect();
-        let count: usize = sources.iter().map(|source| source.indices.len() / 3).sum();
-        let quality = if count > HIGH_QUALITY_TRIANGLES {
-            BvhQuality::Medium
-        } else {
-            BvhQuality::High
-        };
-        let blas = build_merged(&sources, quality);
+        // The largest chunks take seconds, but in the background, and most rays go through them.
+        let blas = build_merged(&sources, BvhQuality::High);
         BuiltTree {
             blas,
             milliseconds: begin.elapsed().as_secs_f32() * 1000.0,

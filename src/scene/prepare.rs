@@ -175,6 +175,11 @@ impl SceneBindings {
         self.deep
     }
 
+    /// Returns whether the scene has more lights than a hit has bits for: `SHARED_LIGHTS` of `shading.wesl`.
+    pub(crate) fn has_many_lights(&self) -> bool {
+        self.lights.count() > 64
+    }
+
     /// Returns whether rays can hit something that needs the alpha test. Also `true` until the first object can be hit.
     pub fn has_masked_geometry(&self) -> bool {
         self.masked

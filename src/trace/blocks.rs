@@ -1,26 +1,41 @@
-//! Rays of the lists: one for each block, and one for each pixel of an exact mirror.
+//! Rays of the lists: one for each block, traced in one pass and shaded in the next, and one for each pixel of an exact mirror.
 
-use super::variant::Variant;
+use super::variant::{ShadingVariant, Variant};
 use crate::{
     common::{MIRROR_RAY_DISPATCH, RAY_DISPATCH, word_offset},
     gbuffer::{Binding, GBufferPass, OtherGroups, PassContext},
-    targets::{RADIANCE_FORMAT, RAY_RADIANCE_FORMAT, RAY_SAMPLE_FORMAT, STATS_FORMAT},
+    targets::{HIT_FORMAT, RADIANCE_FORMAT, RAY_RADIANCE_FORMAT, RAY_SAMPLE_FORMAT, STATS_FORMAT},
 };
 use bevy::render::{render_resource::BindGroupLayoutDescriptor, renderer::RenderContext};
+use core::hash::Hash;
 
 /// The pass over the ray list.
 pub(super) fn ray_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Variant> {
-    let own = [
+    let own = vec![
         Binding::words(|context| Some(&context.images()?.ray_list)),
         Binding::written(RAY_RADIANCE_FORMAT, |context| Some(&context.images()?.ray_radiance)),
         Binding::written(RAY_SAMPLE_FORMAT, |context| Some(&context.images()?.ray_sample)),
+        Binding::written(HIT_FORMAT, |context| context.images()?.hits(context.now())),
     ];
     list_pass("glint_trace_rays", own, scene_layout)
 }
 
+/// The pass that shades what the rays of the ray list hit.
+pub(super) fn shading_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<ShadingVariant> {
+    let bindings = vec![
+        Binding::words(|context| Some(&context.targets().indirect_args)),
+        Binding::words(|context| Some(&context.images()?.ray_list)),
+        Binding::integers(|context| Some(&context.images()?.ray_sample)),
+        Binding::integers(|context| context.images()?.hits(context.now())),
+        Binding::written(RAY_RADIANCE_FORMAT, |context| Some(&context.images()?.ray_radiance)),
+    ];
+    let groups = OtherGroups::SceneAndEnvironment(scene_layout.clone());
+    GBufferPass::new("glint_shade_hits", bindings, groups)
+}
+
 /// The pass over the mirror ray list.
 pub(super) fn mirror_ray_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Variant> {
-    let own = [
+    let own = vec![
         Binding::words(|context| Some(&context.images()?.mirror_ray_list)),
         Binding::written(RADIANCE_FORMAT, |context| Some(context.images()?.mirror_radiance())),
         Binding::written(STATS_FORMAT, |context| Some(context.images()?.mirror_stats())),
@@ -28,7 +43,7 @@ pub(super) fn mirror_ray_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBuff
     list_pass("glint_trace_mirror_rays", own, scene_layout)
 }
 
-fn list_pass(label: &'static str, own: [Binding; 3], scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Variant> {
+fn list_pass(label: &'static str, own: Vec<Binding>, scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Variant> {
     let mut bindings = vec![
         Binding::floats(|context| Some(context.albedo_table)),
         Binding::float_layers(|context| Some(context.noise)),
@@ -39,15 +54,15 @@ fn list_pass(label: &'static str, own: [Binding; 3], scene_layout: &BindGroupLay
     GBufferPass::new(label, bindings, OtherGroups::SceneAndEnvironment(scene_layout.clone()))
 }
 
-/// Traces the rays of one list.
-pub(super) fn trace_list(
+/// Traces or shades the rays of one list, by the first of the variants that is compiled.
+pub(super) fn run_list<K: Clone + Eq + Hash>(
     ctx: &mut RenderContext,
-    pass: &GBufferPass<Variant>,
-    variant: Variant,
+    pass: &GBufferPass<K>,
+    variants: impl IntoIterator<Item = K>,
     context: &PassContext,
     list: List,
 ) {
-    if let Some(mut compute) = pass.begin(ctx, context, variant.substitutes(), &[]) {
+    if let Some(mut compute) = pass.begin(ctx, context, variants, &[]) {
         compute.dispatch_workgroups_indirect(&context.targets().indirect_args, word_offset(list.dispatch()));
     }
 }

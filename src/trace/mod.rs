@@ -7,6 +7,7 @@
 //! | `pipelines.rs`, `variant.rs` | how they are compiled |
 //! | `resources.rs` | what they need of the render world |
 //! | `fallback.rs` | which back end a camera gets, and what is said where it isn't the one that was asked for |
+//! | `shade.wesl`, `hit.wesl` | shading of what the rays of `blocks.wesl` hit, and what it is handed |
 //! | `rays.wesl` | one ray: from a pixel of the G-buffer to the radiance that comes back |
 //! | `selection.wesl`, `noise.wesl` | which pixel of a block traces, and in which direction |
 //! | `sampling.wesl`, `lobe.wesl`, `brdf.wesl` | the lobe that directions are drawn from |
@@ -51,6 +52,7 @@ impl Plugin for TracePlugin {
         }
         load_shader_library!(app, "albedo.wesl");
         load_shader_library!(app, "brdf.wesl");
+        load_shader_library!(app, "hit.wesl");
         load_shader_library!(app, "lobe.wesl");
         load_shader_library!(app, "noise.wesl");
         load_shader_library!(app, "rays.wesl");
@@ -60,6 +62,7 @@ impl Plugin for TracePlugin {
         embedded_asset!(app, "blocks.wesl");
         embedded_asset!(app, "converged.wesl");
         embedded_asset!(app, "inline.wesl");
+        embedded_asset!(app, "shade.wesl");
         embedded_asset!(app, "vrs.wesl");
     }
 

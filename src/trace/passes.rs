@@ -1,7 +1,7 @@
 //! Traces the rays of one view, by the passes that its settings need.
 
 use super::{
-    blocks::{List, trace_list},
+    blocks::{List, run_list},
     converged::trace_converged,
     pipelines::TracePipelines,
     variant::TracePass,
@@ -23,11 +23,16 @@ pub(crate) fn trace_rays(
         match pass {
             TracePass::Converged => trace_converged(ctx, &pipelines.converged, variant, context),
             TracePass::Inline => pipelines.inline.trace(ctx, variant, context),
-            TracePass::Mirrors => trace_list(ctx, &pipelines.mirror_rays, variant, context, List::MirrorRays),
+            TracePass::Mirrors => {
+                let variants = variant.substitutes();
+                run_list(ctx, &pipelines.mirror_rays, variants, context, List::MirrorRays);
+            }
             // If the raw Vulkan pass gives up, this frame's rays come from the list.
             TracePass::Blocks => {
                 if settings.backend != ReflectionBackend::HardwareVrs || !vrs.trace(ctx, pipelines, context) {
-                    trace_list(ctx, &pipelines.rays, variant, context, List::Rays);
+                    run_list(ctx, &pipelines.rays, variant.substitutes(), context, List::Rays);
+                    let variants = variant.shading_substitutes(pipelines.many_lights);
+                    run_list(ctx, &pipelines.shading, variants, context, List::Rays);
                 }
             }
         }

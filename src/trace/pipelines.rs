@@ -5,7 +5,7 @@ use super::{
     converged::converged_pass,
     directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo},
     inline::InlinePass,
-    variant::{TracePass, Variant},
+    variant::{ShadingVariant, TracePass, Variant},
 };
 use crate::{
     diagnostics::CountInvocations,
@@ -37,10 +37,13 @@ use bevy::{
 #[derive(Resource)]
 pub struct TracePipelines {
     blocks_shader: Handle<Shader>,
+    shading_shader: Handle<Shader>,
     converged_shader: Handle<Shader>,
     /// Makes shading-rate attachments.
     attachment_shader: Handle<Shader>,
     pub(super) rays: GBufferPass<Variant>,
+    /// Shades what the rays hit.
+    pub(super) shading: GBufferPass<ShadingVariant>,
     pub(super) mirror_rays: GBufferPass<Variant>,
     pub(super) converged: GBufferPass<Variant>,
     pub(super) inline: InlinePass,
@@ -55,6 +58,8 @@ pub struct TracePipelines {
     defs_for_any: Vec<ShaderDefVal>,
     /// The variant that fits the scene.
     pub(super) variant: Variant,
+    /// The scene has more lights than hits have bits for.
+    pub(super) many_lights: bool,
 }
 
 impl TracePipelines {
@@ -71,7 +76,10 @@ impl TracePipelines {
         };
         self.noise.is_some()
             && TracePass::of(settings).all(|pass| match pass {
-                TracePass::Blocks => compiled(&self.rays),
+                TracePass::Blocks => {
+                    let mut variants = self.variant.shading_substitutes(self.many_lights);
+                    compiled(&self.rays) && variants.any(|key| self.shading.pipeline(&key, cache).is_some())
+                }
                 TracePass::Mirrors => compiled(&self.mirror_rays),
                 TracePass::Converged => compiled(&self.converged),
                 TracePass::Inline => self.inline.pipeline(self.variant, cache).is_some(),
@@ -105,7 +113,14 @@ impl TracePipelines {
             entry_point: Some("trace"),
         };
         match pass {
-            TracePass::Blocks => self.rays.queue(variant, cache, || shader(&self.blocks_shader, &[])),
+            TracePass::Blocks => {
+                self.rays.queue(variant, cache, || shader(&self.blocks_shader, &[]));
+                self.shading.queue(None, cache, || shader(&self.shading_shader, &[]));
+                if self.many_lights {
+                    let many = || shader(&self.shading_shader, &["MANY_LIGHTS"]);
+                    self.shading.queue(Some(variant), cache, many);
+                }
+            }
             TracePass::Mirrors => {
                 let mirrors = || shader(&self.blocks_shader, &["MIRRORS"]);
                 self.mirror_rays.queue(variant, cache, mirrors);
@@ -123,6 +138,7 @@ impl TracePipelines {
         compute
             .find_map(|pass| pass.errors(cache).next())
             .map(|(_, error)| error)
+            .or_else(|| self.shading.errors(cache).next().map(|(_, error)| error))
             .or_else(|| self.inline.error(cache))
     }
 }
@@ -139,9 +155,11 @@ pub(super) fn init_trace_pipelines(
     let assets = asset_server.as_ref();
     commands.insert_resource(TracePipelines {
         blocks_shader: load_embedded_asset!(assets, "blocks.wesl"),
+        shading_shader: load_embedded_asset!(assets, "shade.wesl"),
         converged_shader: load_embedded_asset!(assets, "converged.wesl"),
         attachment_shader: load_embedded_asset!(assets, "vrs.wesl"),
         rays: blocks::ray_pass(&scene.layout),
+        shading: blocks::shading_pass(&scene.layout),
         mirror_rays: blocks::mirror_ray_pass(&scene.layout),
         converged: converged_pass(&scene.layout),
         inline: InlinePass::new(load_embedded_asset!(assets, "inline.wesl"), &scene.layout),
@@ -154,6 +172,7 @@ pub(super) fn init_trace_pipelines(
             masked: true,
             deep: false,
         },
+        many_lights: false,
     });
 }
 
@@ -192,6 +211,7 @@ pub(super) fn queue_trace_pipelines(
     let pipelines = &mut *pipelines;
     let variant = Variant::of(&scene);
     pipelines.variant = variant;
+    pipelines.many_lights = scene.has_many_lights();
     for pass in pipelines.wanted.clone() {
         // The variant that is right for scenes with and without masks comes first.
         for masked in [true, false] {

@@ -42,6 +42,10 @@ pub(super) struct Variant {
     pub deep: bool,
 }
 
+/// Properties of the scene that the shading of hits is compiled for. Only in scenes with more lights than the tracing pass has tested
+/// (`trace/hit.wesl`) it traces shadow rays itself.
+pub(super) type ShadingVariant = Option<Variant>;
+
 impl Variant {
     /// The variant that fits the scene.
     pub fn of(scene: &SceneBindings) -> Self {
@@ -56,5 +60,11 @@ impl Variant {
     pub fn substitutes(self) -> [Self; 3] {
         let masked = Self { masked: true, ..self };
         [self, masked, Self { deep: false, ..masked }]
+    }
+
+    /// The same for the shading of hits: the last leaves out lights.
+    pub fn shading_substitutes(self, many_lights: bool) -> impl Iterator<Item = ShadingVariant> {
+        let all = many_lights.then_some(self.substitutes()).into_iter().flatten();
+        all.map(Some).chain([None])
     }
 }
