@@ -13,11 +13,11 @@ use crate::{
     files::write_json,
     job::{ImageKind, Variant, image_file},
     message::Message,
-    protocol::{FLOAT_FRAMES, LEAD_FRAMES, Protocol, RECOVERY_FRAMES, SHARED_FRAMES, STATIC_FRAMES},
+    protocol::{CLEAR_FRAMES, FLOAT_FRAMES, LEAD_FRAMES, Protocol, RECOVERY_FRAMES, SHARED_FRAMES, STATIC_FRAMES},
     state::{Captured, ShownSums, Store},
     techniques,
 };
-use bevy::{camera::Exposure, core_pipeline::tonemapping::Tonemapping, diagnostic::FrameCount, prelude::*};
+use bevy::{camera::Exposure, core_pipeline::tonemapping::Tonemapping, prelude::*};
 use std::{
     path::PathBuf,
     time::{SystemTime, UNIX_EPOCH},
@@ -25,8 +25,6 @@ use std::{
 
 /// Frames of the ground truth between two messages about progress.
 const CHUNK: u32 = 16;
-/// Numbers of frames from run to run: Bevy's own noise follows them.
-const FRAMES_BETWEEN_RUNS: u32 = 1000;
 /// Radiance of the fog that shows distances: far above that of any surface, and within the range of half floats.
 const FOG: f32 = 60_000.0;
 
@@ -238,12 +236,12 @@ impl Runner<'_> {
             if view < protocol.still_views {
                 self.still_images(view, variant, &writer, &mut shown.still)?;
             }
-            if view < protocol.float_views() {
-                nonfinite += self.new_broken_pixels(view)?;
-            }
             for run in 1..protocol.runs {
                 self.move_to_view(view, variant, run)?;
                 shown.motion.push(self.capture_luminance()?);
+            }
+            if view < protocol.float_views() {
+                nonfinite += self.new_broken_pixels(view)?;
             }
             // Solari lights everything in its own way: its difference to our frame without reflections is more than reflections.
             if !self.job.solari {
@@ -260,14 +258,21 @@ impl Runner<'_> {
         })
     }
 
-    /// Moves the camera to a view. Runs differ in their noise alone.
+    /// Moves the camera to a view. The first run starts as if nothing had happened before. In further ones the technique stays switched on, so
+    /// that its sequence of samples goes on and they differ from the first in their noise alone.
     fn move_to_view(&mut self, view: u32, variant: &Variant, run: u32) -> Result<(), String> {
         let frames = self.job.protocol.motion_frames;
         let seconds = self.scene.view(view);
         let start = (seconds - frames as f32 * TIME_STEP).max(0.0);
-        self.clear(start)?;
-        self.app.world().resource_mut::<FrameCount>().0 += run * FRAMES_BETWEEN_RUNS;
-        self.switch(variant)?;
+        if run == 0 {
+            self.clear(start)?;
+            self.switch(variant)?;
+        } else {
+            self.pose(start);
+            techniques::reset(&mut self.camera());
+            self.step(CLEAR_FRAMES);
+            techniques::reset(&mut self.camera());
+        }
         for frame in 1..=frames {
             let share = frame as f32 / frames as f32;
             self.pose(start + (seconds - start) * share);
