@@ -118,8 +118,9 @@ fn dielectric(roughness: f32) -> StandardMaterial {
     gloss(Color::linear_rgb(0.02, 0.02, 0.025), roughness)
 }
 
+/// Dark, so that metals do not outshine the other shapes in sums of light.
 fn metallic(roughness: f32) -> StandardMaterial {
-    metal(Color::linear_rgb(0.9, 0.7, 0.45), roughness)
+    metal(Color::linear_rgb(0.25, 0.2, 0.14), roughness)
 }
 
 /// The coat is smoother than what it covers.
