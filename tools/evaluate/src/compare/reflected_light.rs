@@ -253,7 +253,7 @@ mod tests {
         let [bright, dark] = [map(1.05), map(0.5)];
         assert!(bright[0] == 255 && (120..136).contains(&bright[1]), "{bright:?}");
         assert_eq!(dark, [0, 0, 255]);
-        assert_eq!(light.map(&[light.without.clone()])[(0, 0)].0, [0; 3]);
+        assert_eq!(light.map(std::slice::from_ref(&light.without))[(0, 0)].0, [0; 3]);
     }
 
     #[test]
