@@ -17,6 +17,11 @@ pub struct CountInvocations;
 #[derive(Resource, Clone, Copy, Debug, Default)]
 pub struct TotalTimeOnly;
 
+/// In the render world: reflections are traced and denoised as ever, and not added to the frame, which then holds all light but what
+/// reflections add to it. Without the camera's component, Bevy's lighting would add the environment's specular light instead.
+#[derive(Resource, Clone, Copy, Debug, Default)]
+pub struct WithoutReflections;
+
 /// Findings of [`ReflectionDebugCounters`](crate::ReflectionDebugCounters) in one of the last frames, in the radiance that
 /// [`ReflectionDebugView::Reconstructed`](crate::ReflectionDebugView::Reconstructed) shows: before the composite, which stops
 /// values that are not finite.

@@ -104,7 +104,7 @@ pub use vrs::{HardwareVrs, HardwareVrsPlugin};
 #[doc(hidden)]
 pub mod internals {
     pub use crate::{
-        diagnostics::{CountInvocations, TotalTimeOnly},
+        diagnostics::{CountInvocations, TotalTimeOnly, WithoutReflections},
         readback::{self, Copied, Target},
         scene::{
             SceneBindings, acceleration, arena, bvh, environment, geometry, gpu_types, instances, lights, materials,

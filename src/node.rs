@@ -5,7 +5,7 @@ use crate::{
     composite::{CompositePipelines, composite_reflection},
     denoise::{DenoisePipelines, denoise},
     device::tracing_app,
-    diagnostics::TotalTimeOnly,
+    diagnostics::{TotalTimeOnly, WithoutReflections},
     gbuffer::PassContext,
     rate::{RatePipelines, determine_rates},
     schedule::ReflectionSystems,
@@ -42,6 +42,7 @@ struct PassPipelines<'w> {
     denoise: Option<Res<'w, DenoisePipelines>>,
     composite: Option<Res<'w, CompositePipelines>>,
     total_only: Option<Res<'w, TotalTimeOnly>>,
+    without_reflections: Option<Res<'w, WithoutReflections>>,
 }
 
 /// Rates, rays, denoising and composite of one view. Of a culled view, the rates now and then.
@@ -88,7 +89,9 @@ fn ray_traced_reflections(
         span.end(ctx.command_encoder());
         denoise(&mut ctx, denoisers, &context, stages);
         let span = stages.time_span(ctx.command_encoder(), "composite");
-        composite_reflection(&mut ctx, composite, &context, view.target);
+        if pipelines.without_reflections.is_none() {
+            composite_reflection(&mut ctx, composite, &context, view.target);
+        }
         span.end(ctx.command_encoder());
     }
     if probes {

@@ -9,8 +9,11 @@ use bevy::{
     math::UVec2,
     mesh::{Indices, PrimitiveTopology},
     prelude::*,
+    render::RenderApp,
 };
-use bevy_glint::{RayTracedReflections, ReflectionSampling, ReflectionTracerChoice, named_settings};
+use bevy_glint::{
+    RayTracedReflections, ReflectionSampling, ReflectionTracerChoice, internals::WithoutReflections, named_settings,
+};
 use glint_scenes::{HeadlessApp, Output, SceneName, environment};
 
 const SIZE: UVec2 = UVec2::new(160, 90);
@@ -221,4 +224,24 @@ fn techniques_reflect_the_light_of_the_ground_truth() {
             );
         }
     }
+}
+
+/// The tools subtract such a frame.
+#[test]
+fn without_reflections_no_light_is_left() {
+    let Some(mut scene) = Scene::new(ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    scene.use_technique("converged", |_| {});
+    scene.app.step(4);
+    let light = scene.light();
+    assert!(light > 1.0, "{light}");
+    let render_app = scene.app.app().sub_app_mut(RenderApp);
+    render_app.insert_resource(WithoutReflections);
+    scene.app.step(1);
+    assert_eq!(scene.light(), 0.0);
+    let render_app = scene.app.app().sub_app_mut(RenderApp);
+    render_app.world_mut().remove_resource::<WithoutReflections>();
+    scene.app.step(1);
+    assert!((scene.light() / light - 1.0).abs() < 0.2);
 }

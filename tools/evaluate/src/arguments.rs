@@ -32,9 +32,12 @@ pub struct Arguments {
     /// Views along the path whose images are compared.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub views: Option<u32>,
-    /// Samples per pixel of the ground truth.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    /// Samples per pixel of the ground truth; its two halves tell its noise.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
     pub samples: Option<u32>,
+    /// Runs that differ in their noise alone, for the interval of the reflected light's bias.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub runs: Option<u32>,
     /// What turns the rate image into fewer rays.
     #[arg(long, value_enum, value_name = "NAME", default_value_t = BackendWord::Auto)]
     pub backend: BackendWord,
@@ -201,6 +204,7 @@ impl Arguments {
             protocol.still_views = protocol.still_views.min(views);
         }
         protocol.samples = self.samples.unwrap_or(protocol.samples);
+        protocol.runs = self.runs.unwrap_or(protocol.runs);
         protocol
     }
 

@@ -1,6 +1,6 @@
 //! The units of measurement: techniques, scenes, and jobs for worker processes; and where their results go.
 
-use crate::protocol::{LEAD_FRAMES, Protocol};
+use crate::protocol::{Protocol, SHARED_FRAMES};
 use serde::{Deserialize, Serialize};
 use std::{
     fmt,
@@ -175,6 +175,11 @@ impl Job {
         self.out.join("images").join(self.scene.name()).join(view_name(view))
     }
 
+    /// The file of a view's light in truth, which all jobs of a scene share.
+    pub fn true_light(&self, view: u32) -> PathBuf {
+        self.shared_images(view).join("light.f32")
+    }
+
     /// The techniques in the order in which images are taken: `reference` first, since the others are compared with it.
     pub fn image_order(&self) -> Vec<&Variant> {
         let mut order: Vec<&Variant> = self.variants.iter().collect();
@@ -187,7 +192,7 @@ impl Job {
         let protocol = &self.protocol;
         let views = u64::from(protocol.views);
         let shared = if self.first {
-            views * (protocol.truth_frames() + u64::from(LEAD_FRAMES))
+            views * (protocol.truth_frames() + u64::from(SHARED_FRAMES))
         } else {
             0
         };
@@ -207,6 +212,8 @@ pub fn image_file(folder: &Path, id: &str, kind: ImageKind) -> PathBuf {
         ImageKind::FlipFinal => format!("{id}.flip.png"),
         ImageKind::FlipReflection => format!("{id}.reflection-flip.png"),
         ImageKind::Recovery(frame) => format!("{id}.cut-{frame:02}.png"),
+        ImageKind::LightInMotion => format!("{id}.light-in-motion.png"),
+        ImageKind::StaticLight => format!("{id}.static-light.png"),
     })
 }
 
@@ -221,6 +228,10 @@ pub enum ImageKind {
     FlipReflection,
     /// So many frames after a camera cut.
     Recovery(u32),
+    /// The error of the reflected light after some frames of motion.
+    LightInMotion,
+    /// The error of the reflected light after a number of static frames.
+    StaticLight,
 }
 
 /// The order in which techniques take turns in a round: another one goes first each time, and every other round runs backwards,

@@ -10,6 +10,11 @@ pub const LEAD_FRAMES: u32 = 4;
 pub const CLEAR_FRAMES: u32 = 2;
 /// Frames whose floating-point values are looked at.
 pub const FLOAT_FRAMES: u32 = 2;
+/// Static frames after which reflected light is measured.
+pub const STATIC_FRAMES: u32 = 64;
+/// Frames of a view's images that all techniques share, besides the ground truth: without any reflection, in a white environment, without
+/// what reflections add, and in fog.
+pub const SHARED_FRAMES: u32 = 4 * LEAD_FRAMES;
 
 /// How much is measured. Everything that changes a result is in here.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,6 +33,8 @@ pub struct Protocol {
     pub views: u32,
     /// Views in which still frames are taken, too: recovery and flicker.
     pub still_views: u32,
+    /// Runs that differ in their noise alone, in each view: they tell how well the bias of reflected light is known.
+    pub runs: u32,
     /// Frames of motion before an image is taken.
     pub motion_frames: u32,
     /// Still frames between which flicker is measured.
@@ -55,6 +62,7 @@ impl Protocol {
             discard: 8,
             views: 5,
             still_views: 5,
+            runs: 4,
             motion_frames: 32,
             flicker_frames: 8,
             samples: 1024,
@@ -74,6 +82,7 @@ impl Protocol {
                 discard: 4,
                 still_views: 2,
                 views: 3,
+                runs: 2,
                 samples: 512,
                 detail: 1.0,
                 texture_size: 256,
@@ -87,6 +96,7 @@ impl Protocol {
                 discard: 4,
                 views: 2,
                 still_views: 1,
+                runs: 2,
                 motion_frames: 16,
                 flicker_frames: 4,
                 samples: 192,
@@ -103,6 +113,7 @@ impl Protocol {
                 discard: 4,
                 views: 1,
                 still_views: 0,
+                runs: 1,
                 motion_frames: 6,
                 flicker_frames: 2,
                 samples: 24,
@@ -127,8 +138,9 @@ impl Protocol {
     /// Frames for the images of one technique.
     pub fn image_frames(&self) -> u64 {
         let [.., last] = RECOVERY_FRAMES;
-        let motion = CLEAR_FRAMES + self.motion_frames;
-        let still = LEAD_FRAMES + last + self.flicker_frames;
+        let motion = self.runs.max(1) * (CLEAR_FRAMES + self.motion_frames);
+        let first = STATIC_FRAMES.max(last + self.flicker_frames);
+        let still = LEAD_FRAMES + first + (self.runs.max(1) - 1) * STATIC_FRAMES;
         u64::from(self.views) * u64::from(motion)
             + u64::from(self.still_views.min(self.views)) * u64::from(still)
             + u64::from(self.float_views()) * u64::from(FLOAT_FRAMES)
@@ -140,7 +152,7 @@ impl Protocol {
         u64::from(self.discard + self.block + 1)
     }
 
-    /// Frames of one view's ground truth, and of the same view without reflections.
+    /// Frames of one view's ground truth.
     pub fn truth_frames(&self) -> u64 {
         u64::from(LEAD_FRAMES + self.samples)
     }
@@ -167,6 +179,7 @@ mod tests {
         let protocol = Protocol {
             views: 3,
             still_views: 0,
+            runs: 1,
             motion_frames: 10,
             ..Protocol::new(true, true)
         };
@@ -177,6 +190,8 @@ mod tests {
             flicker_frames: 5,
             ..protocol
         };
-        assert_eq!(still.image_frames(), 3 * (2 + 10) + 2 * (4 + 16 + 5 + 2));
+        assert_eq!(still.image_frames(), 3 * (2 + 10) + 2 * (4 + 64 + 2));
+        let twice = Protocol { runs: 2, ..still };
+        assert_eq!(twice.image_frames(), 2 * 3 * (2 + 10) + 2 * (4 + 64 + 64 + 2));
     }
 }

@@ -49,6 +49,28 @@ pub struct Captured {
     pub flicker: Vec<f64>,
     /// Broken pixels over all views with still frames.
     pub nonfinite: u64,
+    /// Reflected light of each view; empty if the technique lights more than reflections.
+    pub light: Vec<ShownSums>,
+}
+
+/// Reflected light of a view in truth.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct TrueSums {
+    /// Sums over blocks by each half of the samples.
+    pub halves: [Vec<f64>; 2],
+    /// Pixels that count.
+    pub pixels: usize,
+}
+
+/// Reflected light that a technique shows in a view: for each run, which has noise of its own, sums over blocks.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ShownSums {
+    /// After some frames of motion.
+    pub motion: Vec<Vec<f64>>,
+    /// After a number of static frames.
+    pub still: Vec<Vec<f64>>,
 }
 
 /// Where a job keeps its state.
@@ -96,9 +118,11 @@ impl Store {
 
     /// True if nothing of a job is left to be rendered.
     pub fn is_complete(&self, job: &Job) -> bool {
+        let light = Self::shared(job);
         let shared = |view| {
             let folder = job.shared_images(view);
-            folder.join("converged.png").exists() && folder.join("dark.png").exists()
+            let images = [folder.join("converged.png"), folder.join("dark.png")];
+            images.iter().all(|file| file.exists()) && job.true_light(view).exists() && light.true_sums(view).exists()
         };
         let has_facts = !job.first || self.facts().exists();
         let has_images = || job.variants.iter().all(|variant| self.captured(variant).exists());
@@ -112,6 +136,11 @@ impl Store {
     /// The file of [`SceneFacts`].
     pub fn facts(&self) -> PathBuf {
         self.folder.join("scene.json")
+    }
+
+    /// The file of a view's [`TrueSums`], in the state of the first job of a scene.
+    pub fn true_sums(&self, view: u32) -> PathBuf {
+        self.folder.join(format!("light-{view}.json"))
     }
 
     /// The file that names the technique at work, which is to blame if the process dies.
@@ -162,6 +191,8 @@ mod tests {
         for name in ["converged.png", "dark.png"] {
             write_text(&job.shared_images(0).join(name), "").unwrap();
         }
+        write_text(&job.true_light(0), "").unwrap();
+        write_text(&store.true_sums(0), "").unwrap();
         write_json(&store.facts(), &SceneFacts::default()).unwrap();
         let times = |ids: &[&str]| -> Round { ids.iter().map(|id| ((*id).to_owned(), BTreeMap::new())).collect() };
         for variant in &job.variants {

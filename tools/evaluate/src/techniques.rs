@@ -5,11 +5,13 @@ use bevy::{
     core_pipeline::prepass::{DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass},
     pbr::ScreenSpaceReflections,
     prelude::*,
+    render::RenderApp,
 };
 use bevy_glint::{
     HardwareVrsSupport, RayTracedReflections, ReflectionBackend, ReflectionPreset, ReflectionStatusReport,
-    ReflectionTechnique, ReflectionTracerChoice, ShadingRateHeuristic, named_settings,
+    ReflectionTechnique, ReflectionTracerChoice, ShadingRateHeuristic, internals::WithoutReflections, named_settings,
 };
+use glint_scenes::HeadlessApp;
 
 /// Perceptual roughness above which the ground truth has no ray: it traces everything.
 pub const TRUTH_CUTOFF: f32 = 1.0;
@@ -111,6 +113,17 @@ pub fn reset(camera: &mut EntityWorldMut) {
         settings.reset = true;
     }
     solari::reset(camera);
+}
+
+/// Shows what reflections add to the frame, or all other light alone.
+pub fn show_reflections(app: &mut HeadlessApp, shown: bool) {
+    if let Some(render_app) = app.app().get_sub_app_mut(RenderApp) {
+        if shown {
+            render_app.world_mut().remove_resource::<WithoutReflections>();
+        } else {
+            render_app.insert_resource(WithoutReflections);
+        }
+    }
 }
 
 /// The diagnostics whose sum is the GPU time of a technique.

@@ -71,6 +71,26 @@ impl Geometry {
                 self.uvs.push(vec2(u, 1.0 - v) * uv_scale);
             }
         }
+        self.grid(base, columns, rows);
+    }
+
+    /// Adds the surface `point(u, v)` like [`surface`](Self::surface), with normals of its own, which need not be those of its triangles.
+    pub fn shaded_surface(&mut self, columns: u32, rows: u32, point: impl Fn(f32, f32) -> (Vec3, Vec3)) {
+        let base = self.positions.len() as u32;
+        for row in 0..=rows {
+            for column in 0..=columns {
+                let (u, v) = (column as f32 / columns as f32, row as f32 / rows as f32);
+                let (position, normal) = point(u, v);
+                self.positions.push(position);
+                self.normals.push(normal.normalize_or(Vec3::Y));
+                self.uvs.push(vec2(u, 1.0 - v));
+            }
+        }
+        self.grid(base, columns, rows);
+    }
+
+    /// Adds the triangles of `columns` by `rows` quads between vertices that begin at `base`, row by row.
+    fn grid(&mut self, base: u32, columns: u32, rows: u32) {
         let stride = columns + 1;
         for row in 0..rows {
             for column in 0..columns {

@@ -19,6 +19,7 @@ mod patterns;
 mod props;
 mod random;
 mod scene;
+mod shapes;
 mod sky;
 mod small;
 mod street;

@@ -6,6 +6,7 @@ use crate::{
     camera_path::CameraPath,
     demo,
     environment::{Environment, SceneOptions},
+    shapes,
     sky::Sky,
     small, street, temple,
 };
@@ -42,11 +43,13 @@ pub enum SceneName {
     /// Emissive objects of black albedo over metal and dielectric floors of several roughnesses, without any other light.
     #[strum(to_string = "emissive_floor", serialize = "emissive-floor")]
     EmissiveFloor,
+    /// Shapes whose normals are hard on reflections, of several roughnesses: dielectrics, metals and clearcoats on a plain ground.
+    Shapes,
 }
 
 impl SceneName {
     /// Every scene.
-    pub const ALL: [SceneName; 8] = [
+    pub const ALL: [SceneName; 9] = [
         SceneName::Demo,
         SceneName::Atrium,
         SceneName::AtriumSmall,
@@ -55,6 +58,7 @@ impl SceneName {
         SceneName::MirrorRoom,
         SceneName::Furnace,
         SceneName::EmissiveFloor,
+        SceneName::Shapes,
     ];
 
     /// The name on the command line.
@@ -97,6 +101,7 @@ pub fn spawn_with(name: SceneName, world: &mut World, options: &SceneOptions) ->
         SceneName::MirrorRoom => small::mirror_room(world),
         SceneName::Furnace => small::furnace(world),
         SceneName::EmissiveFloor => small::emissive_floor(world),
+        SceneName::Shapes => shapes::spawn(world, &options),
     };
     // Things that move start where they are at time zero, with or without the animation.
     for (motion, mut transform) in world.query::<(&Motion, &mut Transform)>().iter_mut(world) {
@@ -117,6 +122,7 @@ impl CameraPath {
             SceneName::MirrorRoom => small::MIRROR_ROOM_PATH,
             SceneName::Furnace => small::FURNACE_PATH,
             SceneName::EmissiveFloor => small::EMISSIVE_FLOOR_PATH,
+            SceneName::Shapes => shapes::PATH,
         }
     }
 }
@@ -142,6 +148,7 @@ pub fn environment(name: SceneName, world: &mut World) -> Environment {
         SceneName::Atrium | SceneName::AtriumSmall => atrium::environment(world),
         SceneName::Temple => temple::environment(world),
         SceneName::Street => street::environment(world),
+        SceneName::Shapes => shapes::environment(world),
         SceneName::Furnace => small::environment(world, Some(Sky::White)),
         SceneName::MirrorRoom | SceneName::EmissiveFloor => small::environment(world, None),
     }

@@ -86,6 +86,17 @@ fn harness() {
         .count();
     assert!(red > 20, "{red} red pixels");
     assert!(matches!(app.capture(), Err(HeadlessError::Readback(_))));
+    // So it does before tone mapping.
+    let mut shown = HeadlessApp::new(settings(Output::Picture), |_| {}).unwrap();
+    let camera = shown.spawn_scene(SceneName::MirrorRoom, &default());
+    for curve in [Tonemapping::None, Tonemapping::TonyMcMapface] {
+        shown.world().entity_mut(camera).insert(curve);
+        shown.warm_up(4000).unwrap();
+        assert!(
+            shown.capture_before_tone_mapping(camera).unwrap() == linear,
+            "{curve:?}"
+        );
+    }
     // A second camera with a target of its own sees nothing but the background.
     let small = app.add_target(UVec2::new(3, 2), Output::Linear);
     let background = Camera {

@@ -193,6 +193,66 @@ fn cameras_and_skies_exist() {
     }
 }
 
+fn positions_and_normals(mesh: &Mesh) -> Vec<(Vec3, Vec3)> {
+    let vectors = |attribute| match mesh.attribute(attribute) {
+        Some(VertexAttributeValues::Float32x3(values)) => values.iter().map(|value| Vec3::from(*value)).collect(),
+        _ => Vec::new(),
+    };
+    let normals: Vec<Vec3> = vectors(Mesh::ATTRIBUTE_NORMAL);
+    vectors(Mesh::ATTRIBUTE_POSITION).into_iter().zip(normals).collect()
+}
+
+#[test]
+fn two_views_show_all_shapes_and_normals_that_face_away() {
+    let (mut world, _) = spawned(SceneName::Shapes, &SMALL);
+    let mut query = world.query::<(&Mesh3d, &MeshMaterial3d<StandardMaterial>, &Transform)>();
+    let (meshes, materials) = (
+        world.resource::<Assets<Mesh>>(),
+        world.resource::<Assets<StandardMaterial>>(),
+    );
+    let path = CameraPath::of(SceneName::Shapes);
+    let views = [0.25, 0.75].map(|share| path.pose(share * path.seconds));
+    let up = (0.5 * path.vertical_degrees).to_radians().tan();
+    let (mut roughness, mut seen, mut away) = (Vec::new(), [0; 2], [0; 2]);
+    for (mesh, material, transform) in query.iter(&world) {
+        let material = materials.get(&material.0).unwrap();
+        if material.unlit {
+            continue;
+        }
+        roughness.push(material.perceptual_roughness);
+        let vertices = positions_and_normals(meshes.get(&mesh.0).unwrap());
+        let is_seen = |view: &Transform| {
+            vertices.iter().all(|(position, _)| {
+                let point = view.rotation.inverse() * (transform.transform_point(*position) - view.translation);
+                point.y.abs() < up * -point.z && point.x.abs() < up * 16.0 / 9.0 * -point.z
+            })
+        };
+        assert!(
+            views.iter().any(is_seen),
+            "a shape at {} is cut off",
+            transform.translation
+        );
+        for (index, view) in views.iter().enumerate() {
+            seen[index] += usize::from(is_seen(view));
+            let Some(Indices::U32(indices)) = meshes.get(&mesh.0).unwrap().indices() else {
+                panic!("a mesh without indices")
+            };
+            for triangle in indices.chunks_exact(3) {
+                let corners = [0, 1, 2].map(|i| vertices[triangle[i] as usize]);
+                let [a, b, c] = corners.map(|(position, _)| transform.transform_point(position));
+                let faces = |normal: Vec3| normal.dot(view.translation - a) > 0.0;
+                let normals = corners.map(|(_, normal)| transform.rotation * normal);
+                away[index] += usize::from(faces((b - a).cross(c - a)) && !normals.into_iter().any(faces));
+            }
+        }
+    }
+    roughness.sort_by(f32::total_cmp);
+    assert_eq!(roughness.len(), 15);
+    assert!(roughness[0] == 0.1 && roughness[14] == 1.0, "{roughness:?}");
+    assert!(seen.iter().all(|count| *count >= 7), "{seen:?}");
+    assert!(away.iter().all(|count| *count >= 20), "{away:?}");
+}
+
 #[test]
 fn gltf_files_are_written() {
     let folder = std::env::temp_dir().join(format!("glint_scenes_{}", std::process::id()));

@@ -88,6 +88,11 @@ fn street() {
 }
 
 #[test]
+fn shapes() {
+    compare("shapes", &["--scene", "shapes", "--path", "0.25"], 2.0);
+}
+
+#[test]
 fn file() {
     let file = write_gltf("viewer-file", None);
     compare("file", &[file.to_str().expect("the path is text")], 2.0);

@@ -6,4 +6,5 @@ pub mod image;
 pub mod log;
 pub mod metrics;
 pub mod pool;
+pub mod reflected_light;
 pub mod score;

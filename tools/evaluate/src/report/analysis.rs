@@ -4,8 +4,16 @@ use super::{
     paper, pareto,
     rows::{Row, number, of_scene, scenes},
 };
-use crate::{protocol::Protocol, techniques::is_variable};
+use crate::{
+    compare::reflected_light::MARGIN,
+    protocol::{Protocol, STATIC_FRAMES},
+    techniques::is_variable,
+};
 use std::fmt::Write;
+
+/// Biases of the reflected light beyond these many percent are called out.
+const MOST_LIGHT_BIAS: f64 = 1.0;
+const MOST_STATIC_LIGHT_BIAS: f64 = 0.5;
 
 /// The heuristics that decide where rays are spared.
 pub const HEURISTICS: [&str; 3] = ["vrs-roughness", "vrs-grazing", "vrs-combined"];
@@ -25,6 +33,7 @@ pub fn sections(rows: &[Row], protocol: &Protocol) -> String {
     against_paper(rows, protocol, &mut text);
     pareto::section(rows, &mut text);
     bias(rows, &mut text);
+    light_bias(rows, &mut text);
     let sentences = sentences(rows);
     if !sentences.is_empty() {
         text.push_str(
@@ -132,6 +141,74 @@ fn bias(rows: &[Row], text: &mut String) {
          truth, over all views.\n\n| scene | technique | tracer | of the ground truth's luminance | of white |\n\
          |---|---|---|---:|---:|\n{table}\n"
     );
+}
+
+/// A bias of the reflected light that is clearly above its limit: all of its interval, where it has one.
+fn is_above(percent: f64, interval: Option<(f64, f64)>, limit: f64) -> bool {
+    let (low, high) = interval.unwrap_or((percent, percent));
+    low > limit || high < -limit
+}
+
+fn light_bias(rows: &[Row], text: &mut String) {
+    let mut table = String::new();
+    let mut above = Vec::new();
+    for row in rows.iter().filter(|row| row.is_ok()) {
+        let Some(moving) = row.light_bias_percent else { continue };
+        let cell = |percent: Option<f64>, interval: Option<(f64, f64)>| {
+            let percent = percent.map_or_else(|| "-".to_owned(), |percent| format!("{percent:+.2} %"));
+            let interval = interval.map_or_else(|| "-".to_owned(), |(low, high)| format!("{low:+.2} to {high:+.2}"));
+            format!("{percent} | {interval}")
+        };
+        let _ = writeln!(
+            table,
+            "| {} | {} | {} | {} | {} | {} |",
+            row.scene,
+            row.label(),
+            row.tracer,
+            cell(Some(moving), row.light_interval()),
+            cell(row.static_light_bias_percent, row.static_light_interval()),
+            row.truth_halves_percent
+                .map_or_else(|| "-".to_owned(), |percent| format!("{percent:+.2} %"))
+        );
+        if row.tracer == "-" || row.technique == "paper" {
+            continue;
+        }
+        let name = format!("{} in {}", row.label(), row.scene);
+        if is_above(moving, row.light_interval(), MOST_LIGHT_BIAS) {
+            above.push(format!("{name} ({moving:+.1} % in motion)"));
+        }
+        if let Some(percent) = row.static_light_bias_percent
+            && is_above(percent, row.static_light_interval(), MOST_STATIC_LIGHT_BIAS)
+        {
+            above.push(format!("{name} ({percent:+.1} % static)"));
+        }
+    }
+    if table.is_empty() {
+        return;
+    }
+    let _ = write!(
+        text,
+        "## How much reflected light is too much or missing?\n\nBias of the light that reflections add to the frame, in percent of that light \
+         by the ground truth: from linear radiance before tone mapping, over pixels that reflect, {MARGIN} pixels away from \
+         outlines, over all views. In motion, and after {STATIC_FRAMES} static frames. The intervals are 95 % sure and hold the noise of \
+         technique and truth; the last column is how far two halves of the ground truth are apart.\n\n\
+         | scene | technique | tracer | in motion | 95 % sure | static | 95 % sure | halves of the truth |\n\
+         |---|---|---|---:|---:|---:|---:|---:|\n{table}\n"
+    );
+    let _ = if above.is_empty() {
+        writeln!(
+            text,
+            "Nothing that traces is clearly above {MOST_LIGHT_BIAS} % in motion or {MOST_STATIC_LIGHT_BIAS} % static; `paper` isn't held to \
+             that.\n"
+        )
+    } else {
+        writeln!(
+            text,
+            "**Clearly above {MOST_LIGHT_BIAS} % in motion or {MOST_STATIC_LIGHT_BIAS} % static** (`paper` isn't held to that): {}. Presets \
+             count what they leave to the environment map.\n",
+            above.join(", ")
+        )
+    };
 }
 
 /// Gain and loss of a heuristic against `quarter`.
@@ -308,6 +385,34 @@ mod tests {
             text.contains("| atrium | quarter | bvh | -1.23 % | -0.00200 |"),
             "{text}"
         );
+    }
+
+    #[test]
+    fn biases_of_the_light_are_called_out_beyond_their_noise() {
+        let with = |technique: &str, percent: f64, half: f64| Row {
+            light_bias_percent: Some(percent),
+            light_bias_low: Some(percent - half),
+            light_bias_high: Some(percent + half),
+            static_light_bias_percent: Some(0.2),
+            truth_halves_percent: Some(-0.04),
+            ..row("atrium", technique, 1.0, 0.05)
+        };
+        let calm = text(&[
+            with("reference", 0.9, 0.1),
+            with("quarter", -1.5, 0.6),
+            with("paper", 4.0, 0.1),
+        ]);
+        assert!(
+            calm.contains("| atrium | quarter | bvh | -1.50 % | -2.10 to -0.90 | +0.20 % | - | -0.04 % |"),
+            "{calm}"
+        );
+        assert!(calm.contains("Nothing that traces is clearly above 1 %"), "{calm}");
+        let mut dark = with("quarter", -1.5, 0.4);
+        dark.static_light_bias_percent = Some(0.6);
+        let loud = text(&[dark]);
+        let expected = "quarter in atrium (-1.5 % in motion), quarter in atrium (+0.6 % static).";
+        assert!(loud.contains(expected), "{loud}");
+        assert!(!text(&rows()).contains("How much reflected light"));
     }
 
     #[test]

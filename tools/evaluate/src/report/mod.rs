@@ -2,6 +2,7 @@
 
 mod analysis;
 mod charts;
+mod light_bias;
 pub mod output;
 mod paper;
 mod pareto;

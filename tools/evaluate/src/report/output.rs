@@ -109,19 +109,21 @@ impl Results<'_> {
         let name = self.rows.iter().map(|row| row.label().len()).max().unwrap_or(0).max(9);
         writeln!(
             out,
-            "{:scene$}  {:name$}  {:9}  {:>9}  {:>9}  {:>11}  {:>11}",
-            "scene", "technique", "tracer", "ms", "rays/px", "FLIP final", "FLIP refl."
+            "{:scene$}  {:name$}  {:9}  {:>9}  {:>9}  {:>11}  {:>11}  {:>7}  {:>8}",
+            "scene", "technique", "tracer", "ms", "rays/px", "FLIP final", "FLIP refl.", "light %", "static %"
         )?;
         for row in self.rows {
             write!(out, "{:scene$}  {:name$}  {:9}  ", row.scene, row.label(), row.tracer)?;
             if row.is_ok() {
                 writeln!(
                     out,
-                    "{:>9}  {:>9}  {:>11}  {:>11}",
+                    "{:>9}  {:>9}  {:>11}  {:>11}  {:>7}  {:>8}",
                     number(row.total_ms, 3),
                     number(row.rays_per_pixel, 3),
                     number(row.flip_final_converged, 4),
-                    number(row.flip_reflection_converged, 4)
+                    number(row.flip_reflection_converged, 4),
+                    number(row.light_bias_percent, 2),
+                    number(row.static_light_bias_percent, 2)
                 )?;
             } else {
                 writeln!(out, "{}", row.note)?;

@@ -80,6 +80,29 @@ const ERRORS: [Measure; 7] = [
     ("nonfinite", |row| row.nonfinite.map(|count| count as f64), 0.0, false),
 ];
 
+/// Rule for a bias of the reflected light: its name, its value in percent, its interval, and the largest difference that is none.
+type LightMeasure = (
+    &'static str,
+    fn(&Row) -> Option<f64>,
+    fn(&Row) -> Option<(f64, f64)>,
+    f64,
+);
+
+const LIGHT: [LightMeasure; 2] = [
+    (
+        "light_bias_percent",
+        |row| row.light_bias_percent,
+        Row::light_interval,
+        0.2,
+    ),
+    (
+        "static_light_bias_percent",
+        |row| row.static_light_bias_percent,
+        Row::static_light_interval,
+        0.1,
+    ),
+];
+
 fn name(row: &Row) -> String {
     let mut name = format!("{} {}", row.scene, row.technique);
     for part in [&row.backend, &row.tracer] {
@@ -93,7 +116,8 @@ fn name(row: &Row) -> String {
 /// Compares rows of the same scene, technique, back end and tracer.
 ///
 /// A time has changed if it differs by more than [`MIN_TIME_CHANGE`] and by more than the noise of both runs; an error if it
-/// differs by more than [`MIN_ERROR_CHANGE`] and by more than a floor of its own. Times of different adapters, and anything of
+/// differs by more than [`MIN_ERROR_CHANGE`] and by more than a floor of its own, and a bias of the reflected light if it differs by more than
+/// a floor and by more than both intervals allow. Times of different adapters, and anything of
 /// different sizes of the image, are not compared.
 pub fn compare(old: &[Row], new: &[Row]) -> Comparison {
     let mut comparison = Comparison::default();
@@ -172,6 +196,21 @@ fn compare_rows(before: &Row, after: &Row, comparison: &mut Comparison) {
         if (new - old).abs() > floor.max(share * old.abs()) {
             let better = (new > old) == rising;
             add(name, old, new, if better { Verdict::Better } else { Verdict::Worse });
+        }
+    }
+    for (name, get, interval, floor) in LIGHT {
+        let (Some(old), Some(new)) = (get(before), get(after)) else {
+            continue;
+        };
+        let half_width = |row| interval(row).map_or(0.0, |(low, high)| (high - low) / 2.0);
+        let change = new.abs() - old.abs();
+        if change.abs() > floor.max(half_width(before) + half_width(after)) {
+            add(
+                name,
+                old,
+                new,
+                if change < 0.0 { Verdict::Better } else { Verdict::Worse },
+            );
         }
     }
     if before.adapter == after.adapter
@@ -340,6 +379,30 @@ mod tests {
             ..row("quarter", 1.0, 0.02)
         };
         assert_eq!(verdicts(broken), [Verdict::Worse, Verdict::Worse]);
+    }
+
+    #[test]
+    fn biases_of_the_light_change_beyond_their_intervals() {
+        let with = |percent: f64, half: f64| Row {
+            light_bias_percent: Some(percent),
+            light_bias_low: Some(percent - half),
+            light_bias_high: Some(percent + half),
+            ..row("quarter", 1.0, 0.02)
+        };
+        let verdicts = |old: Row, new: Row| -> Vec<Verdict> {
+            let changes = compare(&[old], &[new]).changes;
+            changes.into_iter().map(|change| change.verdict).collect()
+        };
+        assert_eq!(verdicts(with(0.5, 0.1), with(1.0, 0.1)), [Verdict::Worse]);
+        assert_eq!(verdicts(with(-1.0, 0.1), with(0.5, 0.1)), [Verdict::Better]);
+        // Within the intervals, within the floor, and as far to the other side.
+        assert!(verdicts(with(0.5, 0.3), with(1.0, 0.3)).is_empty());
+        assert!(verdicts(with(0.5, 0.0), with(0.65, 0.0)).is_empty());
+        assert!(verdicts(with(-0.8, 0.1), with(0.8, 0.1)).is_empty());
+        assert!(
+            verdicts(row("quarter", 1.0, 0.02), with(3.0, 0.1)).is_empty(),
+            "files without the column"
+        );
     }
 
     #[test]

@@ -98,6 +98,20 @@ pub struct Row {
     pub bias: Option<f64>,
     /// The same in percent of the ground truth's luminance.
     pub bias_percent: Option<f64>,
+    /// Bias of the light that reflections add, in motion, in percent of that light; over reflecting pixels away from outlines.
+    pub light_bias_percent: Option<f64>,
+    /// Lower end of its 95 % confidence interval.
+    pub light_bias_low: Option<f64>,
+    /// Upper end of it.
+    pub light_bias_high: Option<f64>,
+    /// The same bias after static frames.
+    pub static_light_bias_percent: Option<f64>,
+    /// Lower end of its 95 % confidence interval.
+    pub static_light_bias_low: Option<f64>,
+    /// Upper end of it.
+    pub static_light_bias_high: Option<f64>,
+    /// Difference of the reflected light by the two halves of the ground truth, in percent.
+    pub truth_halves_percent: Option<f64>,
     /// Mean change of the error from frame to frame in a still view.
     pub flicker: Option<f64>,
     /// Mean FLIP of the image against the ground truth in the first frame after a camera cut.
@@ -133,6 +147,16 @@ impl Row {
     pub fn noise(&self) -> Option<f64> {
         let (ratio, low, high) = (self.ratio?, self.ratio_low?, self.ratio_high?);
         (ratio > 0.0).then(|| (high - low) / (2.0 * ratio))
+    }
+
+    /// The interval of the reflected light's bias in motion.
+    pub fn light_interval(&self) -> Option<(f64, f64)> {
+        self.light_bias_low.zip(self.light_bias_high)
+    }
+
+    /// The interval of it after static frames.
+    pub fn static_light_interval(&self) -> Option<(f64, f64)> {
+        self.static_light_bias_low.zip(self.static_light_bias_high)
     }
 }
 

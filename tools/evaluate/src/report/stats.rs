@@ -102,6 +102,22 @@ pub fn paired_ratio(a: &[Option<f64>], b: &[Option<f64>]) -> Option<(f64, Option
     Some((estimate, Some(interval)))
 }
 
+/// The share of 97.5 % of Student's distribution: 95 % lie within it to either side. Degrees of freedom need not be whole, and are rounded
+/// down, which widens intervals.
+pub fn t_quantile(freedom: f64) -> f64 {
+    const TABLE: [f64; 30] = [
+        12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228, 2.201, 2.179, 2.160, 2.145, 2.131,
+        2.120, 2.110, 2.101, 2.093, 2.086, 2.080, 2.074, 2.069, 2.064, 2.060, 2.056, 2.052, 2.048, 2.045, 2.042,
+    ];
+    let place = (freedom.max(1.0) as usize).min(TABLE.len()) - 1;
+    // The normal distribution and the first term of its correction.
+    if freedom > 30.0 {
+        1.960 + 2.5 / freedom
+    } else {
+        TABLE[place]
+    }
+}
+
 /// Indices of the points that no other beats: none is at most as large in both coordinates and smaller in one. Sorted by the
 /// first coordinate. Points that aren't finite are never on the front.
 pub fn pareto_front(points: &[(f64, f64)]) -> Vec<usize> {
@@ -166,6 +182,14 @@ mod tests {
             .count();
         let share = held as f64 / f64::from(trials);
         assert!((0.93..0.99).contains(&share), "{share}");
+    }
+
+    #[test]
+    fn students_distribution_narrows() {
+        let values = [0.3, 1.0, 1.9, 2.0, 30.0, 31.0, 60.0, 1e9].map(t_quantile);
+        assert_eq!(values[..4], [12.706, 12.706, 12.706, 4.303]);
+        assert!(values.windows(2).all(|pair| pair[0] >= pair[1]), "{values:?}");
+        assert!((values[6] - 2.000).abs() < 0.003 && (values[7] - 1.960).abs() < 1e-3);
     }
 
     #[test]

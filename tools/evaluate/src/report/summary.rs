@@ -6,7 +6,9 @@ use super::{
     rows::{Outcome, Row, number, of_scene, scenes},
     stats,
 };
-use crate::{machine::Machine, protocol::Protocol, state::SceneFacts, techniques::TRUTH_CUTOFF};
+use crate::{
+    compare::reflected_light::MARGIN, machine::Machine, protocol::Protocol, state::SceneFacts, techniques::TRUTH_CUTOFF,
+};
 use std::{collections::BTreeMap, fmt::Write};
 
 /// A ratio whose interval is wider than this share of it, to either side, decides little.
@@ -31,6 +33,10 @@ fn range(low: Option<f64>, high: Option<f64>, decimals: usize) -> String {
         (Some(low), Some(high)) => format!("{low:.decimals$} to {high:.decimals$}"),
         _ => "-".to_owned(),
     }
+}
+
+fn signed(percent: Option<f64>) -> String {
+    percent.map_or_else(|| "-".to_owned(), |percent| format!("{percent:+.2}"))
 }
 
 impl Summary<'_> {
@@ -161,15 +167,15 @@ impl Summary<'_> {
         }
         text.push_str(
             "| technique | tracer | ms | 95 % sure | p95 | of `reference` | 95 % sure | rays per pixel | FLIP picture | FLIP \
-             reflection | PSNR dB | bias, % | flicker | frame 1, 4, 16 after a cut | broken pixels |\n\
-             |---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
+             reflection | PSNR dB | bias, % | bias of reflected light, %: in motion, static | flicker | frame 1, 4, 16 after a cut | broken pixels |\n\
+             |---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
         );
         for (row, front) in rows.iter().zip(on_front(&rows, |row| row.flip_final_converged)) {
             let star = if front { " ★" } else { "" };
             let percent = |value: Option<f64>| number(value.map(|value| 100.0 * value), 1);
             let _ = writeln!(
                 text,
-                "| {}{star} | {} | {} | {} | {} | {} % | {} | {} | {} | {} | {} | {} | {} | {}, {}, {} | {} |",
+                "| {}{star} | {} | {} | {} | {} | {} % | {} | {} | {} | {} | {} | {} | {}, {} | {} | {}, {}, {} | {} |",
                 row.label(),
                 row.tracer,
                 number(row.total_ms, 3),
@@ -185,8 +191,9 @@ impl Summary<'_> {
                 number(row.flip_final_converged, 4),
                 number(row.flip_reflection_converged, 4),
                 number(row.psnr_db, 1),
-                row.bias_percent
-                    .map_or_else(|| "-".to_owned(), |percent| format!("{percent:+.2}")),
+                signed(row.bias_percent),
+                signed(row.light_bias_percent),
+                signed(row.static_light_bias_percent),
                 number(row.flicker, 5),
                 number(row.recovery_1, 4),
                 number(row.recovery_4, 4),
@@ -234,10 +241,16 @@ impl Summary<'_> {
              roughness of {TRUTH_CUTOFF}. Techniques trace up to the same roughness; presets have cut-offs of their own, and what they \
              leave to the environment map counts as error.\n\
              - **PSNR** and **bias** (mean signed error of luminance) are of linear light, computed from the 8-bit pictures, against \
-             the ground truth; bias is in percent of the ground truth's luminance. **Flicker** is the mean change of luminance from \
+             the ground truth; bias is in percent of the ground truth's luminance. The **bias of reflected light** is in \
+             percent of the light that reflections add to the frame, before tone mapping: the difference to a frame that leaves out their \
+             addition alone. It is summed over all views and pixels that reflect, {MARGIN} pixels away from outlines: reflected light decides, and \
+             not the brightness of what it falls on. Its interval comes from {} runs that differ in their noise alone, block of \
+             pixels by block, and from the halves of the ground truth: it says how well the bias of just these views is known. The images \
+             `*.light-in-motion.png` and `*.static-light.png` show where it is: red where too much is reflected, blue where light is \
+             missing, with full colour at 10 %. **Flicker** is the mean change of luminance from \
              frame to frame in a still view.\n\
              - **Broken pixels** are infinite or no number, and are not so without reflections. There must be none.\n",
-            self.protocol.samples
+            self.protocol.samples, self.protocol.runs
         );
     }
 }

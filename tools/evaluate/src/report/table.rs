@@ -1,6 +1,7 @@
 //! Makes rows from the state of jobs.
 
 use super::{
+    light_bias::{light_bias, light_floor},
     rows::{Outcome, Row, significant},
     stats::{mean, median_interval, paired_ratio, quantile},
 };
@@ -13,7 +14,7 @@ use crate::{
     files::read_json,
     job::{Job, Variant},
     machine::Machine,
-    state::{FRAME, LIGHTING, RAYS, Round, SceneFacts, Store, TOTAL},
+    state::{FRAME, LIGHTING, RAYS, Round, SceneFacts, ShownSums, Store, TOTAL, TrueSums},
 };
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -31,6 +32,10 @@ pub fn rows(job: &Job, machine: &Machine, log: &ComparisonLog, failure: Option<&
         .collect();
     let facts: SceneFacts = read_json(&store.facts()).unwrap_or_default();
     let failures = store.failures();
+    let shared = Store::shared(job);
+    let true_sums: Vec<TrueSums> = (0..job.protocol.views)
+        .map_while(|view| read_json(&shared.true_sums(view)))
+        .collect();
     job.variants
         .iter()
         .map(|variant| {
@@ -48,6 +53,7 @@ pub fn rows(job: &Job, machine: &Machine, log: &ComparisonLog, failure: Option<&
             if let Some(captured) = captured {
                 row.flicker = mean(&captured.flicker).map(|value| significant(value, DIGITS));
                 row.nonfinite = Some(captured.nonfinite);
+                light(&mut row, &true_sums, &captured.light);
             }
             if let Some(errors) = errors {
                 scores(&mut row, &errors);
@@ -170,6 +176,27 @@ fn scores(row: &mut Row, errors: &Errors) {
     row.recovery_16 = over_views(|view| view.recovery[2]);
 }
 
+fn light(row: &mut Row, truth: &[TrueSums], shown: &[ShownSums]) {
+    let digits = |value: f64| significant(value, DIGITS);
+    let bias = |runs: fn(&ShownSums) -> &[Vec<f64>]| {
+        let views = truth.iter().zip(shown).map(|(truth, shown)| (truth, runs(shown)));
+        // Not all views have static frames.
+        let views: Vec<_> = views.filter(|(_, runs)| !runs.is_empty()).collect();
+        light_bias(&views)
+    };
+    if let Some(bias) = bias(|shown| &shown.motion) {
+        row.light_bias_percent = Some(digits(bias.percent));
+        row.light_bias_low = bias.interval.map(|interval| digits(interval.low));
+        row.light_bias_high = bias.interval.map(|interval| digits(interval.high));
+        row.truth_halves_percent = light_floor(truth).map(digits);
+    }
+    if let Some(bias) = bias(|shown| &shown.still) {
+        row.static_light_bias_percent = Some(digits(bias.percent));
+        row.static_light_bias_low = bias.interval.map(|interval| digits(interval.low));
+        row.static_light_bias_high = bias.interval.map(|interval| digits(interval.high));
+    }
+}
+
 /// Facts about each scene that rows are about, by its name.
 pub fn facts(out: &Path, rows: &[Row]) -> BTreeMap<String, SceneFacts> {
     let scenes: BTreeSet<&str> = rows.iter().map(|row| row.scene.as_str()).collect();
@@ -259,6 +286,30 @@ mod tests {
         );
         assert_eq!(row.recovery_1, None);
         assert_eq!((row.bias, row.bias_percent), (Some(-0.01), Some(-5.0)));
+    }
+
+    #[test]
+    fn light_is_compared_with_the_truth_of_its_views() {
+        let truth = |light: f64| TrueSums {
+            halves: [vec![light; 4], vec![1.01 * light; 4]],
+            pixels: 4,
+        };
+        let shown = |light: f64, still: &[f64]| ShownSums {
+            motion: vec![vec![light; 4]; 2],
+            still: still.iter().map(|light| vec![*light; 4]).collect(),
+        };
+        let truth = [truth(10.0), truth(30.0)];
+        let mut row = row();
+        light(&mut row, &truth, &[shown(10.2, &[10.1]), shown(30.6, &[])]);
+        // 2 % more than the first half is 1.5 % more than both.
+        assert!((row.light_bias_percent.unwrap() - 1.4925).abs() < 1e-3);
+        assert!(row.light_bias_low < row.light_bias_percent && row.light_bias_percent < row.light_bias_high);
+        assert!((row.truth_halves_percent.unwrap() + 0.995).abs() < 1e-3);
+        assert!((row.static_light_bias_percent.unwrap() - 0.4975).abs() < 1e-3);
+        assert_eq!(row.static_light_interval(), None, "of one run");
+        let mut dark = Row::default();
+        light(&mut dark, &truth, &[]);
+        assert_eq!((dark.light_bias_percent, dark.truth_halves_percent), (None, None));
     }
 
     #[test]

@@ -1,7 +1,10 @@
 //! The cache of ground truths: images by a hash of everything that they depend on.
 
 use crate::{
-    compare::image::{load, save},
+    compare::{
+        image::{load, save},
+        reflected_light::{read_planes, write_planes},
+    },
     files::write_text,
     job::Job,
     machine::SOURCE_HASH,
@@ -10,10 +13,20 @@ use crate::{
 use image::RgbImage;
 use std::{fs, path::PathBuf};
 
-/// One ground truth.
+/// One ground truth in the cache.
 pub struct GroundTruth {
     folder: PathBuf,
     key: String,
+    pixels: usize,
+}
+
+/// What is kept of a ground truth.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Converged {
+    /// What the camera shows.
+    pub image: RgbImage,
+    /// Linear luminance before tone mapping, of the first half of the samples and of the second one.
+    pub halves: [Vec<f32>; 2],
 }
 
 impl GroundTruth {
@@ -30,6 +43,7 @@ impl GroundTruth {
         Self {
             folder: job.cache.clone(),
             key,
+            pixels: protocol.width as usize * protocol.height as usize,
         }
     }
 
@@ -38,16 +52,24 @@ impl GroundTruth {
         self.folder.join(format!("truth-{hash}.{extension}"))
     }
 
-    /// The image, if it is in the cache.
-    pub fn load(&self) -> Option<RgbImage> {
-        // The key is written last: an image without it may be of an interrupted run.
+    /// The ground truth, if it is in the cache.
+    pub fn load(&self) -> Option<Converged> {
+        // The key is written last: files without it may be of an interrupted run.
         let key = fs::read_to_string(self.file("txt")).ok()?;
-        (key == self.key).then(|| load(&self.file("png")).ok())?
+        if key != self.key {
+            return None;
+        }
+        Some(Converged {
+            image: load(&self.file("png")).ok()?,
+            halves: read_planes(&self.file("f32"), self.pixels)?.try_into().ok()?,
+        })
     }
 
-    /// Puts the image into the cache.
-    pub fn save(&self, image: &RgbImage) -> Result<(), String> {
-        save(image, &self.file("png"))?;
+    /// Puts the ground truth into the cache.
+    pub fn save(&self, truth: &Converged) -> Result<(), String> {
+        let [first, second] = &truth.halves;
+        save(&truth.image, &self.file("png"))?;
+        write_planes(&self.file("f32"), &[first, second])?;
         write_text(&self.file("txt"), &self.key)
     }
 }
@@ -61,11 +83,15 @@ mod tests {
     fn a_ground_truth_is_found_again_and_no_other() {
         let out = tempfile::tempdir().unwrap();
         let job = Job::example(out.path(), &[]);
-        let image = gray(2, 1, 7);
+        let pixels = job.protocol.width as usize * job.protocol.height as usize;
+        let converged = Converged {
+            image: gray(job.protocol.width, job.protocol.height, 7),
+            halves: [vec![0.25; pixels], vec![0.5; pixels]],
+        };
         let truth = GroundTruth::new(&job, "atrium", "view 0", "GPU");
         assert!(truth.load().is_none());
-        truth.save(&image).unwrap();
-        assert_eq!(truth.load(), Some(image));
+        truth.save(&converged).unwrap();
+        assert_eq!(truth.load(), Some(converged));
         assert!(GroundTruth::new(&job, "atrium", "view 1", "GPU").load().is_none());
         let protocol = Protocol {
             samples: 9999,

@@ -1,21 +1,23 @@
 //! Takes the images of all techniques, and the ground truth that they are compared with.
 
 use super::{
-    ground_truth::GroundTruth,
+    ground_truth::{Converged, GroundTruth},
     runner::{Runner, TIME_STEP},
     writer::ImageWriter,
 };
 use crate::{
-    compare::image::{not_finite, save},
+    compare::{
+        image::{not_finite, save},
+        reflected_light::{Surroundings, TrueLight},
+    },
     files::write_json,
     job::{ImageKind, Variant, image_file},
     message::Message,
-    protocol::{FLOAT_FRAMES, LEAD_FRAMES, RECOVERY_FRAMES},
-    state::Captured,
+    protocol::{CLEAR_FRAMES, FLOAT_FRAMES, LEAD_FRAMES, Protocol, RECOVERY_FRAMES, SHARED_FRAMES, STATIC_FRAMES},
+    state::{Captured, ShownSums, Store},
     techniques,
 };
-use bevy::{core_pipeline::tonemapping::Tonemapping, prelude::*};
-use image::RgbImage;
+use bevy::{camera::Exposure, core_pipeline::tonemapping::Tonemapping, prelude::*};
 use std::{
     path::PathBuf,
     time::{SystemTime, UNIX_EPOCH},
@@ -23,6 +25,17 @@ use std::{
 
 /// Frames of the ground truth between two messages about progress.
 const CHUNK: u32 = 16;
+/// Radiance of the fog that shows distances: far above that of any surface, and within the range of half floats.
+const FOG: f32 = 60_000.0;
+
+/// Linear luminance of a view by a technique, for each run.
+#[derive(Default)]
+struct LightFrames {
+    /// After some frames of motion.
+    motion: Vec<Vec<f32>>,
+    /// After a number of static frames.
+    still: Vec<Vec<f32>>,
+}
 
 impl Runner<'_> {
     /// The ground truth of each view, and each view without any reflection of the environment.
@@ -37,59 +50,151 @@ impl Runner<'_> {
             if dark.exists() {
                 Message::Skipped(LEAD_FRAMES.into()).send();
             } else {
-                save(&self.dark(seconds)?, &dark)?;
+                let black = self.black.clone();
+                self.in_environment(seconds, &black)?;
+                save(&self.capture()?, &dark)?;
+                self.leave_environment();
             }
-            let file = folder.join("converged.png");
-            if file.exists() {
-                Message::Skipped(job.protocol.truth_frames()).send();
+            let (file, light) = (folder.join("converged.png"), job.true_light(view));
+            let sums = Store::shared(job).true_sums(view);
+            if file.exists() && light.exists() && sums.exists() {
+                Message::Skipped(job.protocol.truth_frames() + u64::from(SHARED_FRAMES - LEAD_FRAMES)).send();
                 continue;
             }
             let place = format!("{:?} after {seconds} s", self.scene.pose(seconds));
             let truth = GroundTruth::new(job, &self.scene.key(), &place, &self.adapter);
-            let image = if let Some(image) = truth.load() {
+            let converged = if let Some(converged) = truth.load() {
                 Message::Skipped(job.protocol.truth_frames()).send();
-                image
+                converged
             } else {
                 Message::Doing(format!("ground truth of view {view}")).send();
-                let image = self.converge(seconds)?;
-                truth.save(&image)?;
-                image
+                let converged = self.converge(seconds)?;
+                truth.save(&converged)?;
+                converged
             };
-            save(&image, &file)?;
+            save(&converged.image, &file)?;
+            let true_light = self.true_light(seconds, converged.halves)?;
+            true_light.write(&light)?;
+            write_json(&sums, &true_light.sums())?;
         }
         Ok(())
     }
 
-    /// A view without any reflection.
-    fn dark(&mut self, seconds: f32) -> Result<RgbImage, String> {
+    /// A view in Bevy's own lighting with another environment to be reflected.
+    fn in_environment(&mut self, seconds: f32, specular_map: &Handle<Image>) -> Result<(), String> {
         self.switch(&Variant::new("off"))?;
         self.pose(seconds);
-        let light = self.app.world().get::<EnvironmentMapLight>(self.camera).cloned();
-        if let Some(light) = light.clone() {
-            let specular_map = self.black.clone();
-            self.camera().insert(EnvironmentMapLight { specular_map, ..light });
-        }
+        let specular_map = specular_map.clone();
+        let world = self.app.world();
+        let light = match world.get::<EnvironmentMapLight>(self.camera) {
+            Some(light) => EnvironmentMapLight {
+                specular_map,
+                ..light.clone()
+            },
+            // Of a brightness that the camera shows as 1.
+            None => EnvironmentMapLight {
+                diffuse_map: self.black.clone(),
+                specular_map,
+                intensity: world
+                    .get::<Exposure>(self.camera)
+                    .map_or(1.0, |exposure| exposure.exposure().recip()),
+                ..default()
+            },
+        };
+        self.camera().insert(light);
         self.step(LEAD_FRAMES);
-        let image = self.capture();
-        if let Some(light) = light {
-            self.camera().insert(light);
-        }
-        image
+        Ok(())
     }
 
-    fn converge(&mut self, seconds: f32) -> Result<RgbImage, String> {
+    /// The scene's own environment again.
+    fn leave_environment(&mut self) {
+        match self.environment.clone() {
+            Some(light) => self.camera().insert(light),
+            None => self.camera().remove::<EnvironmentMapLight>(),
+        };
+    }
+
+    /// The light of a view, with the halves of its ground truth.
+    ///
+    /// What reflections add to the frame is the difference to a frame that traces as the ground truth does and leaves out the addition alone:
+    /// all else, such as light probes and the share of the environment that Bevy's lighting has left out, is the same in both.
+    fn true_light(&mut self, seconds: f32, halves: [Vec<f32>; 2]) -> Result<TrueLight, String> {
+        let white = self.white.clone();
+        self.in_environment(seconds, &white)?;
+        let in_white = self.capture_luminance()?;
+        self.leave_environment();
+        techniques::apply_truth(&mut self.camera());
+        self.wait_until_ready(true)?;
+        techniques::show_reflections(&mut self.app, false);
+        self.step(LEAD_FRAMES);
+        let without = self.capture_luminance();
+        let in_fog = self.in_fog();
+        techniques::show_reflections(&mut self.app, true);
+        let (without, in_fog) = (without?, in_fog?);
+        // Fog takes the place of a share of the light that grows with the distance. Of what has no fog, such as the sky, the inverse is not
+        // finite, and it doesn't reflect.
+        let pairs = without.iter().zip(&in_fog);
+        let distance = pairs.map(|(without, fog)| (fog - without) / (FOG - without)).collect();
+        let surroundings = Surroundings {
+            without,
+            in_white,
+            distance,
+        };
+        Ok(TrueLight::new(self.job.protocol.width, surroundings, halves))
+    }
+
+    /// The last frame once more in bright fog, from which follows the distance of each pixel.
+    fn in_fog(&mut self) -> Result<Vec<f32>, String> {
+        let world = self.app.world();
+        let own = world.get::<DistanceFog>(self.camera).cloned();
+        let end = world
+            .get::<Projection>(self.camera)
+            .map_or(1000.0, |projection| projection.far());
+        self.camera().insert(DistanceFog {
+            color: Color::linear_rgb(FOG, FOG, FOG),
+            falloff: FogFalloff::Linear { start: 0.0, end },
+            ..default()
+        });
+        self.wait_until_ready(true)?;
+        self.step(LEAD_FRAMES);
+        let frame = self.capture_luminance();
+        match own {
+            Some(fog) => self.camera().insert(fog),
+            None => self.camera().remove::<DistanceFog>(),
+        };
+        frame
+    }
+
+    fn converge(&mut self, seconds: f32) -> Result<Converged, String> {
         techniques::apply_truth(&mut self.camera());
         self.pose(seconds);
         self.wait_until_ready(true)?;
         self.step(LEAD_FRAMES);
         techniques::reset(&mut self.camera());
-        let mut left = self.job.protocol.samples.max(1);
+        let samples = self.job.protocol.samples.max(2);
+        self.accumulate(samples / 2);
+        let first = self.capture_luminance()?;
+        self.accumulate(samples - samples / 2);
+        let all = self.capture_luminance()?;
+        // The mean of all samples holds that of the first half, and what is left is the second half.
+        let share = (samples / 2) as f32 / samples as f32;
+        let pairs = all.iter().zip(&first);
+        let second = pairs
+            .map(|(all, first)| (all - share * first) / (1.0 - share))
+            .collect();
+        Ok(Converged {
+            image: self.capture()?,
+            halves: [first, second],
+        })
+    }
+
+    /// Renders frames of the ground truth.
+    fn accumulate(&mut self, mut left: u32) {
         while left > 0 {
             let chunk = left.min(CHUNK);
             self.step(chunk);
             left -= chunk;
         }
-        self.capture()
     }
 
     /// The images of all techniques.
@@ -121,24 +226,26 @@ impl Runner<'_> {
     fn images_of(&mut self, variant: &Variant) -> Result<Captured, String> {
         let protocol = &self.job.protocol;
         let writer = ImageWriter::start();
-        let mut nonfinite = 0;
+        let (mut nonfinite, mut light) = (0, Vec::new());
         self.prepare(variant)?;
         for view in 0..protocol.views {
-            let seconds = self.scene.view(view);
-            let start = (seconds - protocol.motion_frames as f32 * TIME_STEP).max(0.0);
-            self.clear(start)?;
-            self.switch(variant)?;
-            for frame in 1..=protocol.motion_frames {
-                let share = frame as f32 / protocol.motion_frames as f32;
-                self.pose(start + (seconds - start) * share);
-                self.step(1);
-            }
+            let mut shown = LightFrames::default();
+            self.move_to_view(view, variant, 0)?;
             writer.save(self.file(view, variant, ImageKind::Final), self.capture()?);
+            shown.motion.push(self.capture_luminance()?);
             if view < protocol.still_views {
-                self.still_images(view, variant, &writer)?;
+                self.still_images(view, variant, &writer, &mut shown.still)?;
+            }
+            for run in 1..protocol.runs {
+                self.move_to_view(view, variant, run)?;
+                shown.motion.push(self.capture_luminance()?);
             }
             if view < protocol.float_views() {
                 nonfinite += self.new_broken_pixels(view)?;
+            }
+            // Solari lights everything in its own way: its difference to our frame without reflections is more than reflections.
+            if !self.job.solari {
+                light.push(self.measure_light(view, variant, &shown, &writer)?);
             }
         }
         let flicker = writer.finish()?;
@@ -147,11 +254,41 @@ impl Runner<'_> {
             stamp: now.as_nanos() as u64,
             flicker,
             nonfinite,
+            light,
         })
     }
 
-    /// A camera cut to a view, recovery from it, and the noise that stays.
-    fn still_images(&mut self, view: u32, variant: &Variant, writer: &ImageWriter) -> Result<(), String> {
+    /// Moves the camera to a view. The first run starts as if nothing had happened before. In further ones the technique stays switched on, so
+    /// that its sequence of samples goes on and they differ from the first in their noise alone.
+    fn move_to_view(&mut self, view: u32, variant: &Variant, run: u32) -> Result<(), String> {
+        let frames = self.job.protocol.motion_frames;
+        let seconds = self.scene.view(view);
+        let start = (seconds - frames as f32 * TIME_STEP).max(0.0);
+        if run == 0 {
+            self.clear(start)?;
+            self.switch(variant)?;
+        } else {
+            self.pose(start);
+            techniques::reset(&mut self.camera());
+            self.step(CLEAR_FRAMES);
+            techniques::reset(&mut self.camera());
+        }
+        for frame in 1..=frames {
+            let share = frame as f32 / frames as f32;
+            self.pose(start + (seconds - start) * share);
+            self.step(1);
+        }
+        Ok(())
+    }
+
+    /// A camera cut to a view, recovery from it, the noise that stays, and the light of static frames.
+    fn still_images(
+        &mut self,
+        view: u32,
+        variant: &Variant,
+        writer: &ImageWriter,
+        light: &mut Vec<Vec<f32>>,
+    ) -> Result<(), String> {
         let protocol = &self.job.protocol;
         let seconds = self.scene.view(view);
         let elsewhere = self.scene.view((view + 1) % protocol.views);
@@ -173,7 +310,42 @@ impl Runner<'_> {
             frames.push(self.capture()?);
         }
         writer.flicker(frames);
+        self.step(STATIC_FRAMES.saturating_sub(last + protocol.flicker_frames));
+        light.push(self.capture_luminance()?);
+        for _ in 1..protocol.runs {
+            // The sequence of samples goes on.
+            techniques::reset(&mut self.camera());
+            self.step(STATIC_FRAMES);
+            light.push(self.capture_luminance()?);
+        }
         Ok(())
+    }
+
+    /// Sums and maps of the reflected light that a technique shows in a view.
+    fn measure_light(
+        &self,
+        view: u32,
+        variant: &Variant,
+        shown: &LightFrames,
+        writer: &ImageWriter,
+    ) -> Result<ShownSums, String> {
+        let job = self.job;
+        let Protocol { width, height, .. } = job.protocol;
+        let file = job.true_light(view);
+        let truth = TrueLight::read(&file, width, height).ok_or_else(|| format!("{} can't be read", file.display()))?;
+        for (frames, kind) in [
+            (&shown.motion, ImageKind::LightInMotion),
+            (&shown.still, ImageKind::StaticLight),
+        ] {
+            if !frames.is_empty() {
+                writer.save(self.file(view, variant, kind), truth.map(frames));
+            }
+        }
+        let sums = |frames: &[Vec<f32>]| frames.iter().map(|frame| truth.shown(frame)).collect();
+        Ok(ShownSums {
+            motion: sums(&shown.motion),
+            still: sums(&shown.still),
+        })
     }
 
     /// The number of broken pixels of the frame that are not broken without reflections.

@@ -18,3 +18,73 @@ pub fn work(job: &Job) -> Result<(), String> {
     runner.images()?;
     runner.timing()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::files::read_json;
+    use crate::{
+        compare::log::ComparisonLog,
+        job::{SceneSource, TracerName},
+        machine::Machine,
+        protocol::Protocol,
+        report::table,
+        state::{Captured, Store, TrueSums},
+    };
+    use std::collections::BTreeMap;
+
+    #[test]
+    fn light_is_measured_from_frames() {
+        let out = tempfile::tempdir().unwrap();
+        let job = Job::example(out.path(), &["off", "reference"]);
+        let protocol = Protocol {
+            still_views: 1,
+            runs: 2,
+            samples: 128,
+            motion_frames: 16,
+            ..job.protocol.clone()
+        };
+        let job = Job {
+            scene: SceneSource::BuiltIn("shapes".into()),
+            tracer: TracerName::Bvh,
+            protocol,
+            ..job
+        };
+        match work(&job) {
+            Err(reason) if reason.contains("no graphics device") => {
+                assert!(
+                    std::env::var_os("GLINT_REQUIRE_GPU").is_none(),
+                    "a GPU is required, but: {reason}"
+                );
+                println!("skipped: {reason}");
+                return;
+            }
+            outcome => outcome.unwrap(),
+        }
+        let store = Store::new(&job);
+        assert!(store.is_complete(&job));
+        let truth: TrueSums = read_json(&store.true_sums(0)).unwrap();
+        assert!(truth.pixels > 500, "{} pixels count", truth.pixels);
+        let captured: Captured = store.load_captured(&job.variants[1]).unwrap();
+        let [view] = &captured.light[..] else {
+            panic!("{} views", captured.light.len())
+        };
+        assert!(
+            view.motion.len() == 2 && view.motion[0] != view.motion[1],
+            "runs have noise of their own"
+        );
+        assert!(view.still.len() == 2 && view.still[0] != view.still[1]);
+
+        let log = ComparisonLog::open(ComparisonLog::file_in(out.path()));
+        let rows = table::rows(&job, &Machine::default(), &log, None, &BTreeMap::new());
+        println!("{rows:#?}");
+        let [off, reference] = [0, 1].map(|index| rows[index].static_light_bias_percent.unwrap());
+        assert!(rows[1].truth_halves_percent.unwrap().abs() < 1.0);
+        assert!(reference.abs() < 2.0 && rows[1].light_bias_percent.unwrap().abs() < 4.0);
+        assert!(rows[1].light_bias_low < rows[1].light_bias_high);
+        assert!(
+            off.abs() > 5.0,
+            "the environment map alone is seen where the ground is: {off}"
+        );
+    }
+}

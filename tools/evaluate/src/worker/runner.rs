@@ -2,7 +2,7 @@
 
 use super::scene::MeasuredScene;
 use crate::{
-    compare::image::from_rgba,
+    compare::{image::from_rgba, reflected_light::luminance},
     files::write_json,
     job::{Job, Variant},
     message::Message,
@@ -27,6 +27,7 @@ use bevy_glint::{
 use glint_scenes::{
     HeadlessApp, HeadlessError, HeadlessSettings, MissingImagesPlugin, Motion, Output, SceneStatistics,
 };
+use half::f16;
 use image::RgbImage;
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -55,8 +56,11 @@ pub struct Runner<'a> {
     compiled: BTreeSet<String>,
     /// A target of floating-point values.
     pub float_target: RenderTarget,
-    /// An environment without light.
+    /// Environments without light, and of the same light from everywhere.
     pub black: Handle<Image>,
+    pub white: Handle<Image>,
+    /// The scene's own environment.
+    pub environment: Option<EnvironmentMapLight>,
     pub tonemapping: Tonemapping,
     pub adapter: String,
     /// Pixels of each view that are broken without any reflections.
@@ -95,13 +99,15 @@ impl<'a> Runner<'a> {
         let camera = scene.spawn(&mut app);
         techniques::prepare_camera(&mut app.world().entity_mut(camera));
         let float_target = app.add_target(size, Output::Linear);
-        let black = app.world().resource_mut::<Assets<Image>>().add(black_cube());
+        let mut images = app.world().resource_mut::<Assets<Image>>();
+        let (black, white) = (images.add(even_cube(0.0)), images.add(even_cube(1.0)));
         app.warm_up(FRAME_LIMIT).map_err(text)?;
         scene.arrange(&mut app, camera)?;
         if solari {
             techniques::solari::prepare_scene(app.world(), camera);
         }
         let tonemapping = app.world().get::<Tonemapping>(camera).copied().unwrap_or_default();
+        let environment = app.world().get::<EnvironmentMapLight>(camera).cloned();
         let mut runner = Self {
             job,
             store: Store::new(job),
@@ -112,6 +118,8 @@ impl<'a> Runner<'a> {
             compiled: BTreeSet::new(),
             float_target,
             black,
+            white,
+            environment,
             tonemapping,
             adapter: String::new(),
             broken: BTreeMap::new(),
@@ -270,6 +278,12 @@ impl<'a> Runner<'a> {
         from_rgba(size.x, size.y, bytes).ok_or_else(|| "the image has the wrong size".to_owned())
     }
 
+    /// Linear luminance of the last frame before tone mapping.
+    pub fn capture_luminance(&mut self) -> Result<Vec<f32>, String> {
+        let texels = self.app.capture_before_tone_mapping(self.camera).map_err(text)?;
+        Ok(luminance(&texels))
+    }
+
     /// Begins to work on a technique: it is to blame if the process dies.
     pub fn begin(&self, variant: &Variant, doing: String) -> Result<(), String> {
         Message::Doing(doing).send();
@@ -282,15 +296,16 @@ impl<'a> Runner<'a> {
     }
 }
 
-/// A cube map without light.
-fn black_cube() -> Image {
+/// A cube map of the same radiance everywhere.
+fn even_cube(radiance: f32) -> Image {
     let size = Extent3d {
         width: 1,
         height: 1,
         depth_or_array_layers: 6,
     };
+    let texel = [radiance, radiance, radiance, 1.0].map(|value| f16::from_f32(value).to_le_bytes());
     let (format, usage) = (TextureFormat::Rgba16Float, RenderAssetUsages::default());
-    let mut image = Image::new_fill(size, TextureDimension::D2, &[0; 8], format, usage);
+    let mut image = Image::new_fill(size, TextureDimension::D2, &texel.concat(), format, usage);
     image.texture_view_descriptor = Some(TextureViewDescriptor {
         dimension: Some(TextureViewDimension::Cube),
         ..default()

@@ -32,7 +32,8 @@ use bevy::{
         render_resource::{Extent3d, PipelineCache, TextureDimension, TextureFormat, TextureUsages},
         renderer::RenderDevice,
         settings::WgpuSettings,
-        view::Msaa,
+        sync_world::RenderEntity,
+        view::{Msaa, ViewTarget},
     },
     tasks::tick_global_task_pools_on_main_thread,
     time::{Time, TimeUpdateStrategy, Virtual},
@@ -331,6 +332,28 @@ impl HeadlessApp {
     /// Linear radiance, exposed.
     pub fn capture_linear(&self) -> Result<Vec<[f32; 4]>, HeadlessError> {
         Ok(decode_halves(&self.read_output(Output::Linear)?))
+    }
+
+    /// Linear radiance, exposed, that a camera's last frame had before tone mapping, whatever the output. Tone mapping must be the last
+    /// effect of an HDR camera: it writes into the other one of the two textures that effects take turns on, and leaves its source alone.
+    pub fn capture_before_tone_mapping(&mut self, camera: Entity) -> Result<Vec<[f32; 4]>, HeadlessError> {
+        let fail = |reason: &str| HeadlessError::Readback(reason.to_owned());
+        let world = self.world();
+        let tone_mapped = world.get::<Tonemapping>(camera).is_some_and(|curve| curve.is_enabled());
+        let view = world.get::<RenderEntity>(camera).map(RenderEntity::id);
+        let view = view.ok_or_else(|| fail("the camera has not been drawn"))?;
+        let render_world = self.render_world()?;
+        let target = render_world.get::<ViewTarget>(view);
+        let target = target.ok_or_else(|| fail("the camera has no target"))?;
+        if target.main_texture_format() != Output::Linear.format() {
+            return Err(fail("the camera is not HDR"));
+        }
+        let texture = if tone_mapped {
+            target.main_texture_other()
+        } else {
+            target.main_texture()
+        };
+        Ok(decode_halves(&read_texture(render_world, texture)?))
     }
 
     /// Writes the image as PNG (or what the extension says and Bevy was built with).

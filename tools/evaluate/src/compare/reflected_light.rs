@@ -1,0 +1,275 @@
+//! Light that reflections add to a frame, from linear radiance before tone mapping: sums over blocks of pixels, of the ground truth and of
+//! techniques. The frame without reflections is subtracted, so that a small reflection in a bright frame counts in full.
+
+use crate::{files::write_file, state::TrueSums};
+use image::{Rgb, RgbImage};
+use std::{fs, path::Path};
+
+/// Edge of a block in pixels. The denoiser's filters reach less far, so that the noise of blocks is nearly independent.
+const BLOCK: usize = 64;
+/// Edge of a tile of the map in pixels.
+const TILE: usize = 8;
+/// Pixels with an outline, or with something that doesn't reflect, closer than this don't count.
+pub const MARGIN: usize = 2;
+/// Step of the inverse distance, as a share of it, that makes an outline. On a plane the inverse distance has hardly any.
+const OUTLINE: f32 = 0.02;
+/// Exposed luminance that a pixel must reflect of a white environment. Half floats of bright frames have steps of this size.
+const LEAST_REFLECTANCE: f32 = 0.004;
+/// Relative error at which colours of the map are full.
+const MAP_RANGE: f64 = 0.1;
+
+/// Linear luminance (Rec. 709) of each texel; 0 for one that is not finite, which other columns count.
+pub fn luminance(texels: &[[f32; 4]]) -> Vec<f32> {
+    let values = texels
+        .iter()
+        .map(|[red, green, blue, _]| 0.212_639 * red + 0.715_169 * green + 0.072_192 * blue);
+    values
+        .map(|value| if value.is_finite() { value } else { 0.0 })
+        .collect()
+}
+
+/// Frames that tell which pixels count. None of them has noise, so that the choice doesn't depend on that of the truth.
+pub struct Surroundings {
+    /// Luminance of all light but what reflections add.
+    pub without: Vec<f32>,
+    /// The same by Bevy's own lighting in a white environment: pixels that reflect are brighter.
+    pub in_white: Vec<f32>,
+    /// Distance of what each pixel shows.
+    pub distance: Vec<f32>,
+}
+
+/// The luminance of each pixel of a view in truth.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrueLight {
+    /// Width of the image in pixels.
+    width: usize,
+    /// All light but what reflections add.
+    without: Vec<f32>,
+    /// Flags of the pixels that count: those that reflect, away from outlines.
+    counted: Vec<bool>,
+    /// The ground truth of the first half of the samples, and of the second one.
+    halves: [Vec<f32>; 2],
+}
+
+impl TrueLight {
+    /// The light of an image, whose planes have `width` pixels in a row.
+    pub fn new(width: u32, surroundings: Surroundings, halves: [Vec<f32>; 2]) -> Self {
+        let width = width as usize;
+        Self {
+            width,
+            counted: counted(width, &surroundings),
+            without: surroundings.without,
+            halves,
+        }
+    }
+
+    /// Reads a file of [`write`](Self::write); `None` unless it holds an image of that size.
+    pub fn read(file: &Path, width: u32, height: u32) -> Option<Self> {
+        let (width, pixels) = (width as usize, width as usize * height as usize);
+        let [without, counted, first, second] = read_planes(file, pixels)?.try_into().ok()?;
+        Some(Self {
+            width,
+            without,
+            counted: counted.iter().map(|flag| *flag > 0.0).collect(),
+            halves: [first, second],
+        })
+    }
+
+    /// Writes a file.
+    pub fn write(&self, file: &Path) -> Result<(), String> {
+        let [first, second] = &self.halves;
+        let counted: Vec<f32> = self.counted.iter().map(|&flag| f32::from(flag)).collect();
+        write_planes(file, &[&self.without, &counted, first, second])
+    }
+
+    /// Sums of the truth over blocks.
+    pub fn sums(&self) -> TrueSums {
+        TrueSums {
+            halves: [0, 1].map(|half| self.shown(&self.halves[half])),
+            pixels: self.counted.iter().filter(|counts| **counts).count(),
+        }
+    }
+
+    /// Sums over blocks, in rows, of the reflected light in a frame.
+    pub fn shown(&self, frame: &[f32]) -> Vec<f64> {
+        self.sum(BLOCK, |index| frame[index] - self.without[index])
+    }
+
+    fn sum(&self, edge: usize, value: impl Fn(usize) -> f32) -> Vec<f64> {
+        let (width, height) = (self.width, self.without.len() / self.width.max(1));
+        let columns = width.div_ceil(edge);
+        let mut sums = vec![0.0; columns * height.div_ceil(edge)];
+        for index in (0..width * height).filter(|index| self.counted[*index]) {
+            let (x, y) = (index % width, index / width);
+            sums[y / edge * columns + x / edge] += f64::from(value(index));
+        }
+        sums
+    }
+
+    /// A map of the error of frames: red where they reflect too much, blue where too little, with full colour at 10 %; black where nothing
+    /// counts.
+    pub fn map(&self, frames: &[Vec<f32>]) -> RgbImage {
+        let truth = |index: usize| 0.5 * (self.halves[0][index] + self.halves[1][index]);
+        let expected = self.sum(TILE, |index| truth(index) - self.without[index]);
+        let error = self.sum(TILE, |index| {
+            let sum: f32 = frames.iter().map(|frame| frame[index]).sum();
+            sum / frames.len() as f32 - truth(index)
+        });
+        let (width, height) = (self.width, self.without.len() / self.width.max(1));
+        let columns = width.div_ceil(TILE);
+        RgbImage::from_fn(width as u32, height as u32, |x, y| {
+            let (x, y) = (x as usize, y as usize);
+            let tile = y / TILE * columns + x / TILE;
+            if !self.counted[y * width + x] || expected[tile] <= 0.0 {
+                return Rgb([0; 3]);
+            }
+            let share = (error[tile] / expected[tile] / MAP_RANGE).clamp(-1.0, 1.0);
+            let faded = (255.0 * (1.0 - share.abs())) as u8;
+            Rgb(if share > 0.0 {
+                [255, faded, faded]
+            } else {
+                [faded, faded, 255]
+            })
+        })
+    }
+}
+
+/// Flags of the pixels around which everything reflects and nothing has an outline.
+fn counted(width: usize, surroundings: &Surroundings) -> Vec<bool> {
+    let Surroundings {
+        without,
+        in_white,
+        distance,
+    } = surroundings;
+    let height = without.len() / width.max(1);
+    let is_smooth = |index: usize, step: usize| {
+        let [before, here, after] = [index - step, index, index + step].map(|index| distance[index].recip());
+        (before + after - 2.0 * here).abs() < OUTLINE * here
+    };
+    let is_good = |index: usize| {
+        let (x, y) = (index % width, index / width);
+        let has_neighbours = x > 0 && y > 0 && x + 1 < width && y + 1 < height;
+        let reflects = in_white[index] - without[index] > LEAST_REFLECTANCE;
+        reflects && has_neighbours && is_smooth(index, 1) && is_smooth(index, width)
+    };
+    let good: Vec<bool> = (0..without.len()).map(is_good).collect();
+    let counts = |index: usize| {
+        let (x, y) = (index % width, index / width);
+        let is_inside = x >= MARGIN && y >= MARGIN && x + MARGIN < width && y + MARGIN < height;
+        let mut rows = y.saturating_sub(MARGIN)..=y + MARGIN;
+        is_inside
+            && rows.all(|y| {
+                good[y * width + x - MARGIN..=y * width + x + MARGIN]
+                    .iter()
+                    .all(|good| *good)
+            })
+    };
+    (0..without.len()).map(counts).collect()
+}
+
+/// Writes planes of numbers, one after the other.
+pub fn write_planes(file: &Path, planes: &[&[f32]]) -> Result<(), String> {
+    let values = planes.iter().flat_map(|plane| plane.iter());
+    let bytes: Vec<u8> = values.flat_map(|value| value.to_le_bytes()).collect();
+    write_file(file, |file| file.write_all(&bytes))
+}
+
+/// Reads planes of so many numbers; `None` without the file, or if it has a part of a plane.
+pub fn read_planes(file: &Path, pixels: usize) -> Option<Vec<Vec<f32>>> {
+    let bytes = fs::read(file).ok()?;
+    if pixels == 0 || bytes.len() % (4 * pixels) != 0 {
+        return None;
+    }
+    let plane = |plane: &[u8]| {
+        let values = plane.chunks_exact(4);
+        values
+            .map(|value| f32::from_le_bytes([value[0], value[1], value[2], value[3]]))
+            .collect()
+    };
+    Some(bytes.chunks_exact(4 * pixels).map(plane).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WIDTH: usize = 100;
+    const HEIGHT: usize = 80;
+
+    /// One value where a surface reflects, another one on the matte ground below it and on its left.
+    fn plane(reflecting: f32, other: f32) -> Vec<f32> {
+        let rows = (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
+        rows.map(|(x, y)| if y < 60 && x >= 10 { reflecting } else { other })
+            .collect()
+    }
+
+    /// The distance of a slanted plane, and of a part of it that is nearer.
+    fn surroundings() -> Surroundings {
+        let distance = |x: usize| 1.0 / (0.1 + 0.002 * x as f32) * if x < 70 { 1.0 } else { 0.9 };
+        Surroundings {
+            without: plane(0.01, 0.3),
+            in_white: plane(0.06, 0.3),
+            distance: (0..WIDTH * HEIGHT).map(|index| distance(index % WIDTH)).collect(),
+        }
+    }
+
+    /// The pixels that count: 4 rows and columns are at the margins, 6 columns around the step.
+    const COUNTED: usize = (90 - 5 - 6) * (60 - 5);
+
+    fn light() -> TrueLight {
+        TrueLight::new(WIDTH as u32, surroundings(), [plane(0.031, 0.3), plane(0.029, 0.3)])
+    }
+
+    #[test]
+    fn pixels_that_reflect_count_away_from_outlines() {
+        let light = light();
+        let counts = |x: usize, y: usize| light.counted[y * WIDTH + x];
+        let row: Vec<usize> = (0..WIDTH).filter(|x| counts(*x, 30)).collect();
+        let expected: Vec<usize> = (12..67).chain(73..97).collect();
+        assert_eq!(row, expected);
+        let column: Vec<usize> = (0..HEIGHT).filter(|y| counts(50, *y)).collect();
+        assert_eq!(column, (3..58).collect::<Vec<_>>());
+        assert_eq!(light.sums().pixels, COUNTED);
+    }
+
+    #[test]
+    fn reflected_light_is_what_exceeds_the_frame_without_it() {
+        let light = light();
+        let sums = light.sums();
+        assert_eq!(sums.halves[0].len(), 4);
+        let total = |sums: &[f64]| sums.iter().sum::<f64>();
+        assert!((total(&sums.halves[0]) / (0.021 * COUNTED as f64) - 1.0).abs() < 1e-5);
+        assert!((total(&sums.halves[1]) / (0.019 * COUNTED as f64) - 1.0).abs() < 1e-5);
+        assert_eq!(total(&light.shown(&light.without)), 0.0);
+    }
+
+    #[test]
+    fn maps_have_a_sign() {
+        let light = light();
+        let map = |factor: f32| {
+            let frame = light.without.iter().map(|without| without + factor * 0.02).collect();
+            light.map(&[frame])[(50, 30)].0
+        };
+        let [bright, dark] = [map(1.05), map(0.5)];
+        assert!(bright[0] == 255 && (120..136).contains(&bright[1]), "{bright:?}");
+        assert_eq!(dark, [0, 0, 255]);
+        assert_eq!(light.map(std::slice::from_ref(&light.without))[(0, 0)].0, [0; 3]);
+    }
+
+    #[test]
+    fn files_hold_whole_images() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, light) = (folder.path().join("light.f32"), light());
+        light.write(&file).unwrap();
+        assert_eq!(TrueLight::read(&file, 100, 80), Some(light.clone()));
+        assert_eq!(TrueLight::read(&file, 100, 79), None);
+        write_planes(&file, &[&light.without]).unwrap();
+        assert_eq!(TrueLight::read(&file, 100, 80), None);
+    }
+
+    #[test]
+    fn broken_texels_have_no_light() {
+        let texels = [[f32::NAN, 1.0, 1.0, 1.0], [1.0; 4], [f32::INFINITY; 4]];
+        assert_eq!(luminance(&texels), [0.0, 1.0, 0.0]);
+    }
+}
