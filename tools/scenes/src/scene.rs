@@ -146,3 +146,6 @@ pub fn environment(name: SceneName, world: &mut World) -> Environment {
         SceneName::MirrorRoom | SceneName::EmissiveFloor => small::environment(world, None),
     }
 }
+
+#[cfg(test)]
+mod tests;
