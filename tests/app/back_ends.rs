@@ -2,7 +2,7 @@
 
 use crate::{
     common::app_on_device,
-    pictures::{BOTH, assert_flip, warm_up},
+    pictures::{BOTH, assert_flip, use_coarse_shadow_maps, warm_up},
     stage::report,
 };
 use bevy::{
@@ -50,6 +50,7 @@ fn app(tracer: ReflectionTracerChoice, before: impl FnOnce(&mut App)) -> Option<
             render.insert_resource(CountInvocations);
         }
     })?;
+    use_coarse_shadow_maps(&mut app);
     let keeper = app.spawn_scene(SCENE, &SceneOptions::default());
     app.world().entity_mut(keeper).insert(RayTracedReflections {
         technique: ReflectionTechnique::Quarter,

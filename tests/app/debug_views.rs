@@ -2,7 +2,7 @@
 
 use crate::{
     common::app_with,
-    pictures::{reflect, spawn, warm_up},
+    pictures::{reflect, spawn, use_coarse_shadow_maps, warm_up},
 };
 use bevy::{
     core_pipeline::tonemapping::Tonemapping,
@@ -45,6 +45,7 @@ fn app() -> Option<HeadlessApp> {
 
 /// The demo with everything that is on by default, and reflections on all surfaces.
 fn demo(app: &mut HeadlessApp, technique: ReflectionTechnique) -> Entity {
+    use_coarse_shadow_maps(app);
     let camera = spawn(app, SceneName::Demo, technique);
     app.world().entity_mut(camera).insert(RayTracedReflections {
         technique,

@@ -1,5 +1,9 @@
 //! Renders scenes and compares pictures.
-use bevy::{math::UVec2, prelude::*};
+use bevy::{
+    light::{CascadeShadowConfig, DirectionalLightShadowMap, PointLightShadowMap},
+    math::UVec2,
+    prelude::*,
+};
 use bevy_glint::{
     RayTracedReflections, ReflectionDenoiser, ReflectionStatus, ReflectionTechnique, ReflectionTracerChoice,
 };
@@ -13,6 +17,22 @@ pub const PIXELS_PER_DEGREE: f32 = 55.4;
 const PATIENCE: u32 = 20_000;
 
 pub const BOTH: [ReflectionTracerChoice; 2] = [ReflectionTracerChoice::RayQuery, ReflectionTracerChoice::Bvh];
+
+/// Makes shadow maps coarse, for pictures that differ in their reflections alone: a CPU takes longer to draw fine ones than to trace
+/// all rays. Reflections trace shadow rays instead.
+pub fn use_coarse_shadow_maps(app: &mut HeadlessApp) {
+    let world = app.world();
+    world.insert_resource(DirectionalLightShadowMap { size: 256 });
+    world.insert_resource(PointLightShadowMap { size: 128 });
+    world.add_observer(
+        |sun: On<Add<CascadeShadowConfig>>, mut suns: Query<&mut CascadeShadowConfig>| {
+            if let Ok(mut cascades) = suns.get_mut(sun.entity) {
+                let all_but_last = ..cascades.bounds.len().saturating_sub(1);
+                cascades.bounds.drain(all_but_last);
+            }
+        },
+    );
+}
 
 /// Spawns a scene whose camera reflects everything, and waits until all of it can be hit.
 pub fn spawn(app: &mut HeadlessApp, scene: SceneName, technique: ReflectionTechnique) -> Entity {

@@ -4,7 +4,7 @@ mod reflected_light;
 
 use crate::{
     common::{app, app_with},
-    pictures::{BOTH, assert_flip, dump, flip, reflect, spawn, warm_up},
+    pictures::{BOTH, assert_flip, dump, flip, reflect, spawn, use_coarse_shadow_maps, warm_up},
 };
 use bevy::{
     camera::Hdr,
@@ -192,7 +192,7 @@ fn a_white_furnace_stays_white() {
 /// Bevy's path tracer agrees where one bounce is all there is.
 #[test]
 fn converged_agrees_with_a_path_tracer() {
-    let size = UVec2::new(320, 180);
+    let size = UVec2::new(240, 135);
     // The path tracer smooths edges by moving its rays within a pixel; here more pixels do the same.
     const FINER: u32 = 3;
     let Some(mut ours) = app(size * FINER, Output::Linear, ReflectionTracerChoice::RayQuery) else {
@@ -253,12 +253,13 @@ fn shrink(pixels: &[[f32; 4]], size: UVec2, factor: u32) -> Vec<u8> {
 /// The tracers see the same scene.
 #[test]
 fn both_tracers_show_the_same_picture() {
-    let size = UVec2::new(320, 180);
+    let size = UVec2::new(160, 90);
     let mut pictures_of_both = Vec::new();
     for tracer in BOTH {
         let Some(mut app) = app(size, Output::Picture, tracer) else {
             return;
         };
+        use_coarse_shadow_maps(&mut app);
         spawn(&mut app, SceneName::Demo, ReflectionTechnique::Converged);
         app.world().resource_mut::<Time<Virtual>>().pause();
         app.step(32);
