@@ -1,7 +1,59 @@
-//! Helpers of the integration tests. Each test binary uses a part of them.
-#![allow(dead_code, reason = "each test binary uses a part")]
+//! Apps without a window, for all test programs.
 
-pub mod child;
-pub mod gpu;
-pub mod soup;
-pub mod wesl;
+use bevy::{math::UVec2, prelude::*};
+use bevy_glint::{RayTracedReflectionsPlugin, ReflectionStatus, ReflectionTracer, ReflectionTracerChoice};
+use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, Output, SceneAnimationPlugin};
+
+/// An app that traces, or `None` (with the reason printed) where this machine can't.
+pub fn app(size: UVec2, output: Output, tracer: ReflectionTracerChoice) -> Option<HeadlessApp> {
+    app_with(size, output, tracer, |_| {})
+}
+
+/// The same with more plugins.
+pub fn app_with(
+    size: UVec2,
+    output: Output,
+    tracer: ReflectionTracerChoice,
+    add: impl FnOnce(&mut App),
+) -> Option<HeadlessApp> {
+    app_on_device(size, output, tracer, |_| {}, add)
+}
+
+/// The same with plugins that decide how the device is opened.
+pub fn app_on_device(
+    size: UVec2,
+    output: Output,
+    tracer: ReflectionTracerChoice,
+    before: impl FnOnce(&mut App),
+    add: impl FnOnce(&mut App),
+) -> Option<HeadlessApp> {
+    let settings = HeadlessSettings {
+        size,
+        output,
+        ..default()
+    };
+    let result = HeadlessApp::with_device(settings, before, |app| {
+        app.add_plugins((SceneAnimationPlugin, RayTracedReflectionsPlugin { tracer }));
+        add(app);
+    });
+    let mut app = match result {
+        Ok(app) => app,
+        Err(error @ HeadlessError::NoRenderer) => {
+            assert!(
+                std::env::var_os("GLINT_REQUIRE_GPU").is_none(),
+                "a GPU is required, but: {error}"
+            );
+            println!("skipped: {error}");
+            return None;
+        }
+        Err(error) => panic!("{error}"),
+    };
+    let report = app.world().resource::<ReflectionStatus>().report();
+    if tracer == ReflectionTracerChoice::RayQuery && report.tracer != Some(ReflectionTracer::RayQuery) {
+        let required = std::env::var_os("GLINT_REQUIRE_RAY_QUERY").is_some();
+        assert!(!required, "ray queries are required, but: {report}");
+        println!("skipped: {report}");
+        return None;
+    }
+    Some(app)
+}

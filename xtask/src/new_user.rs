@@ -10,12 +10,12 @@ pub fn run() -> Result<()> {
     driver::prepare(Need::Vulkan)?;
     progress::step("follow the README in an empty folder", || {
         let mut command = cargo::workspace("test");
-        command.args(["--test", "new_user"]);
+        command.args(["--test", "app"]);
         if environment::is_ci() {
             // Here a test that can't run must not pass for one that did.
             command.env("GLINT_REQUIRE_GPU", "1");
         }
-        command.args(["--", "--ignored", "--nocapture"]);
+        command.args(["--", "--ignored", "--nocapture", "new_user::"]);
         cargo::run(&mut command, "the new user's app")
     })
 }

@@ -4,6 +4,7 @@ use std::cmp::Reverse;
 use std::env;
 use std::ffi::OsString;
 use std::fmt;
+use std::fs;
 use std::io::{self, IsTerminal, Read};
 use std::iter::{self, Sum};
 use std::num::NonZeroUsize;
@@ -59,10 +60,14 @@ pub fn run(options: &Options) -> Result<()> {
 /// The same, with the time of each program written down.
 pub fn measure(options: &Options, times: &mut Times) -> Result<()> {
     driver::prepare(Need::RayQuery)?;
-    let built = times.step("build of the tests", || {
-        cargo::build(cargo::workspace("test").arg("--no-run"))
+    // Without the examples: a test includes their code, so that to link each of them would prove nothing more.
+    let mut built = times.step("build of the tests", || {
+        cargo::build(cargo::workspace("test").args(["--no-run", "--tests"]))
     })?;
-    let mut tests: Vec<_> = built.iter().filter(|program| program.is_test).map(test).collect();
+    built.retain(|program| program.is_test);
+    // Large programs contain a renderer and take longest: they begin first.
+    built.sort_by_cached_key(|program| Reverse(fs::metadata(&program.executable).map_or(0, |file| file.len())));
+    let mut tests: Vec<_> = built.iter().map(test).collect();
     tests.push(documentation());
     let defaults = defaults();
     for test in &mut tests {

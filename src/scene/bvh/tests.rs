@@ -114,7 +114,7 @@ proptest! {
         }
     }
 
-    // Boxes of split triangles hold parts of them: `tests/bvh.rs` shows that rays miss none.
+    // Boxes of split triangles hold parts of them: `tests/shaders/tracer/bvh.rs` shows that rays miss none.
     #[test]
     fn trees_of_split_triangles_hold_all_of_them(soup in triangles()) {
         let positions = soup.concat();

@@ -153,3 +153,6 @@ pub fn environment(name: SceneName, world: &mut World) -> Environment {
         SceneName::MirrorRoom | SceneName::EmissiveFloor => small::environment(world, None),
     }
 }
+
+#[cfg(test)]
+mod tests;

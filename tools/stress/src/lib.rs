@@ -57,3 +57,6 @@ pub mod viewer;
 mod wait;
 pub mod word;
 pub mod worker;
+
+#[cfg(test)]
+mod tests;

@@ -382,3 +382,6 @@ pub fn save_picture(size: UVec2, bytes: Vec<u8>, path: &Path) -> Result<(), Head
     let image = image.try_into_dynamic().map_err(|error| fail(error.to_string()))?;
     image.to_rgb8().save(path).map_err(|error| fail(error.to_string()))
 }
+
+#[cfg(test)]
+mod tests;

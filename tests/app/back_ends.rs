@@ -1,0 +1,426 @@
+//! The back ends against each other: the same rays, whoever starts them.
+
+use crate::{
+    common::app_on_device,
+    pictures::{BOTH, assert_flip, use_coarse_shadow_maps, warm_up},
+    stage::report,
+};
+use bevy::{
+    camera::RenderTarget,
+    math::UVec2,
+    prelude::*,
+    render::{
+        RenderApp,
+        render_resource::{TextureFormat, TextureUsages},
+        renderer::RenderAdapterInfo,
+    },
+};
+#[cfg(feature = "hardware-vrs")]
+use bevy_glint::{CombinedThresholds, HardwareVrs, HardwareVrsPlugin};
+use bevy_glint::{
+    HardwareVrsSupport, RayTracedReflections, ReflectionBackend, ReflectionStatusReport, ReflectionTechnique,
+    ReflectionTracerChoice, ShadingRate, ShadingRateHeuristic,
+    internals::{Copied, CountInvocations, RATE_ACTIVE, Target, readback},
+};
+use glint_scenes::{HeadlessApp, Output, SceneName, SceneOptions, camera, environment, read_image};
+
+const SCENE: SceneName = SceneName::Demo;
+/// Neither even nor a multiple of the tiles.
+const SIZE: UVec2 = UVec2::new(201, 119);
+/// Trace pixels of a tile.
+const TILE: u32 = 16;
+
+/// Bit of a record's second word.
+const RECORD_VALID: u32 = 0x40 << 16;
+/// Steps of 16 bits that a direction or a pdf may be off where two compilers have translated the same shader.
+const RECORD_STEPS: u32 = 2;
+/// Steps of a half float of the radiance.
+const RADIANCE_STEPS: u32 = 4;
+
+/// A camera of the test with its picture.
+struct Viewer {
+    camera: Entity,
+    picture: Handle<Image>,
+}
+
+/// An app that counts invocations. Its own small camera keeps the scene on the GPU while those of the test come and go.
+fn app(tracer: ReflectionTracerChoice, before: impl FnOnce(&mut App)) -> Option<HeadlessApp> {
+    let mut app = app_on_device(UVec2::splat(16), Output::Picture, tracer, before, |app| {
+        if let Some(render) = app.get_sub_app_mut(RenderApp) {
+            render.insert_resource(CountInvocations);
+        }
+    })?;
+    use_coarse_shadow_maps(&mut app);
+    let keeper = app.spawn_scene(SCENE, &SceneOptions::default());
+    app.world().entity_mut(keeper).insert(RayTracedReflections {
+        technique: ReflectionTechnique::Quarter,
+        ..default()
+    });
+    Some(app)
+}
+
+fn add(
+    app: &mut HeadlessApp,
+    technique: ReflectionTechnique,
+    backend: ReflectionBackend,
+    heuristic: &ShadingRateHeuristic,
+) -> Viewer {
+    let mut image = Image::new_target_texture(SIZE.x, SIZE.y, TextureFormat::Rgba8UnormSrgb, None);
+    image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
+    let picture = app.world().resource_mut::<Assets<Image>>().add(image);
+    let (transform, projection) = camera(SCENE);
+    let reflections = RayTracedReflections {
+        technique,
+        backend,
+        ..default()
+    };
+    let camera = app.spawn_camera((
+        transform,
+        Projection::from(projection),
+        RenderTarget::from(picture.clone()),
+        reflections,
+        heuristic.clone(),
+    ));
+    let environment = environment(SCENE, app.world());
+    environment.insert(&mut app.world().entity_mut(camera));
+    Viewer { camera, picture }
+}
+
+/// Has the cameras begin anew in the same frame, so that they draw the same samples of the same scene, and renders some frames.
+fn render_together(app: &mut HeadlessApp, viewers: &[Viewer]) {
+    warm_up(app);
+    for is_active in [false, true] {
+        for viewer in viewers {
+            app.world().get_mut::<Camera>(viewer.camera).unwrap().is_active = is_active;
+        }
+        app.step(4);
+    }
+    app.step(3);
+}
+
+fn active_backend(app: &mut HeadlessApp, viewer: &Viewer) -> Option<ReflectionBackend> {
+    let backends = report(app).active_backends;
+    let own = backends.into_iter().find(|(camera, _)| *camera == viewer.camera);
+    own.map(|(_, backend)| backend)
+}
+
+/// The CPU driver computes the same with every kind of shader.
+fn is_exact(app: &mut HeadlessApp) -> bool {
+    let render = app.app().get_sub_app(RenderApp).unwrap().world();
+    render.resource::<RenderAdapterInfo>().device_type == wgpu::DeviceType::Cpu
+}
+
+/// Mesa's CPU driver (25.0) reads candidates of ray queries in fragment shaders for lanes that have none, and crashes.
+fn has_fragment_rays(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) -> bool {
+    let crashes = tracer == ReflectionTracerChoice::RayQuery && is_exact(app);
+    if crashes {
+        println!("skipped: ray queries in fragment shaders, which crash the CPU driver");
+    }
+    !crashes
+}
+
+fn copied(app: &mut HeadlessApp, viewer: &Viewer, target: Target) -> Copied {
+    let copied = readback::copy(app.app(), viewer.camera, target);
+    copied.unwrap_or_else(|| panic!("{target:?} can't be read"))
+}
+
+fn picture(app: &mut HeadlessApp, viewer: &Viewer) -> Vec<u8> {
+    let render = app.app().get_sub_app(RenderApp).unwrap().world();
+    let mut bytes = read_image(render, &viewer.picture).unwrap();
+    bytes.chunks_exact_mut(4).for_each(|pixel| pixel[3] = 255);
+    bytes
+}
+
+/// Invocations that traced a ray, by the logarithm of their block's number of trace pixels.
+fn counted(app: &mut HeadlessApp, viewer: &Viewer) -> Vec<u32> {
+    copied(app, viewer, Target::Counters).words[2..7].to_vec()
+}
+
+/// The same for the list of blocks.
+fn listed(app: &mut HeadlessApp, viewer: &Viewer) -> Vec<u32> {
+    let count = copied(app, viewer, Target::IndirectArgs).words[9] as usize;
+    let mut sizes = vec![0; 5];
+    for block in &copied(app, viewer, Target::RayList).words[..count] {
+        sizes[((block >> 26 & 3) + (block >> 28 & 3)) as usize] += 1;
+    }
+    sizes
+}
+
+/// How the rays of two cameras differ.
+#[derive(Debug, Default)]
+struct Differences {
+    /// Trace pixels with a ray.
+    rays: u32,
+    /// One of both has a ray, the other none.
+    validity: u32,
+    /// Another pixel of the block, or another surface.
+    origins: u32,
+    /// Words that differ at all.
+    record_words: u32,
+    radiance_words: u32,
+    /// Trace pixels with more than a difference in the last bits.
+    far_records: u32,
+    far_radiance: u32,
+}
+
+/// Differences of two words' halves, in steps.
+fn steps(a: u32, b: u32, order: fn(u16) -> i32) -> u32 {
+    let half = |shift: u32| order((a >> shift) as u16).abs_diff(order((b >> shift) as u16));
+    half(0).max(half(16))
+}
+
+fn snorm(bits: u16) -> i32 {
+    i32::from(bits as i16)
+}
+
+fn half_float(bits: u16) -> i32 {
+    let magnitude = i32::from(bits & 0x7fff);
+    if bits & 0x8000 == 0 { magnitude } else { -magnitude }
+}
+
+fn differences(app: &mut HeadlessApp, a: &Viewer, b: &Viewer) -> Differences {
+    let rates = copied(app, a, Target::Rate);
+    assert_eq!(rates, copied(app, b, Target::Rate), "both cameras have the same rates");
+    let [records, radiance] = [Target::RaySample, Target::RayRadiance].map(|target| {
+        let both = [copied(app, a, target), copied(app, b, target)];
+        assert_eq!(both[0].size, both[1].size);
+        both
+    });
+    let size = records[0].size;
+    let mut found = Differences::default();
+    let count = |a: &[u32], b: &[u32]| a.iter().zip(b).filter(|(a, b)| a != b).count() as u32;
+    for place in (0..size.y).flat_map(|y| (0..size.x).map(move |x| UVec2::new(x, y))) {
+        if rates.at(place / TILE)[0] & RATE_ACTIVE == 0 {
+            continue;
+        }
+        let (a, b) = (records[0].at(place), records[1].at(place));
+        let valid = |record: &[u32]| record[1] & RECORD_VALID != 0;
+        if !valid(a) && !valid(b) {
+            continue;
+        }
+        found.rays += 1;
+        if valid(a) != valid(b) {
+            found.validity += 1;
+            continue;
+        }
+        found.record_words += count(a, b);
+        found.origins += u32::from(a[1] >> 16 != b[1] >> 16 || a[2..] != b[2..]);
+        let pdf = (a[1] & 0xffff).abs_diff(b[1] & 0xffff);
+        found.far_records += u32::from(steps(a[0], b[0], snorm).max(pdf) > RECORD_STEPS);
+        let (a, b) = (radiance[0].at(place), radiance[1].at(place));
+        found.radiance_words += count(a, b);
+        let far = a.iter().zip(b).map(|(a, b)| steps(*a, *b, half_float)).max();
+        found.far_radiance += u32::from(far.is_some_and(|far| far > RADIANCE_STEPS));
+    }
+    found
+}
+
+#[track_caller]
+fn assert_same_rays(app: &mut HeadlessApp, name: &str, a: &Viewer, b: &Viewer) {
+    let found = differences(app, a, b);
+    println!("{name}: {found:?}");
+    assert!(found.rays > 1000, "{name}: the scene reflects");
+    assert_eq!((found.validity, found.origins), (0, 0), "{name}");
+    if is_exact(app) {
+        assert_eq!((found.record_words, found.radiance_words), (0, 0), "{name}");
+    }
+    // A last bit of the direction can lead past an edge.
+    assert!(found.far_records * 200 <= found.rays, "{name}");
+    assert!(found.far_radiance * 100 <= found.rays, "{name}");
+}
+
+/// At one ray per trace pixel the techniques of 1/4 ray per pixel are one and the same.
+#[test]
+fn techniques_agree_at_the_full_rate() {
+    let one = ShadingRateHeuristic::Uniform(ShadingRate::R1x1);
+    for tracer in BOTH {
+        let Some(mut app) = app(tracer, |_| {}) else { continue };
+        let mut techniques = vec![ReflectionTechnique::Variable, ReflectionTechnique::Quarter];
+        if has_fragment_rays(&mut app, tracer) {
+            techniques.push(ReflectionTechnique::QuarterInline);
+        }
+        let viewers: Vec<_> = techniques
+            .iter()
+            .map(|technique| add(&mut app, *technique, ReflectionBackend::Compute, &one))
+            .collect();
+        render_together(&mut app, &viewers);
+        let (first, others) = viewers.split_first().unwrap();
+        let (rays, blocks) = (counted(&mut app, first), listed(&mut app, first));
+        println!("{tracer:?}: {rays:?} rays of {blocks:?} blocks");
+        assert!(blocks[0] > 1000, "{blocks:?}");
+        assert_eq!(rays, blocks);
+        assert_eq!(&blocks[1..], &[0; 4]);
+        let expected = picture(&mut app, first);
+        for (other, technique) in others.iter().zip(&techniques[1..]) {
+            let name = format!("{technique:?}-{tracer:?}");
+            assert_same_rays(&mut app, &name, first, other);
+            assert_eq!(counted(&mut app, other), rays, "{name}");
+            let actual = picture(&mut app, other);
+            let limit = if is_exact(&mut app) { 0.0 } else { 0.01 };
+            assert_flip(&name, SIZE, &expected, &actual, limit);
+        }
+    }
+}
+
+/// Where the hardware back end can't be used, compute takes its place and the status says why.
+#[test]
+fn compute_takes_the_place_of_missing_hardware() {
+    let Some(mut app) = app(ReflectionTracerChoice::Auto, |_| {}) else {
+        return;
+    };
+    let heuristic = ShadingRateHeuristic::default();
+    let viewer = add(
+        &mut app,
+        ReflectionTechnique::Variable,
+        ReflectionBackend::HardwareVrs,
+        &heuristic,
+    );
+    warm_up(&mut app);
+    assert_eq!(active_backend(&mut app, &viewer), Some(ReflectionBackend::Compute));
+    let is_said =
+        |report: ReflectionStatusReport| report.reasons.iter().any(|reason| reason.contains("hardware back end"));
+    assert!(is_said(report(&mut app)), "{}", report(&mut app));
+    assert_eq!(report(&mut app).hardware_vrs, HardwareVrsSupport::NotAsked);
+
+    let mut reflections = app.world().get_mut::<RayTracedReflections>(viewer.camera).unwrap();
+    reflections.backend = ReflectionBackend::Auto;
+    app.step(2);
+    assert!(!is_said(report(&mut app)), "{}", report(&mut app));
+    assert_eq!(active_backend(&mut app, &viewer), Some(ReflectionBackend::Compute));
+    app.world().despawn(viewer.camera);
+    app.step(2);
+    assert_eq!(active_backend(&mut app, &viewer), None);
+}
+
+/// The raw Vulkan pass without its shading-rate attachment, so that other devices test it, too.
+#[cfg(feature = "hardware-vrs")]
+#[test]
+fn the_raw_pass_traces_the_rays_of_the_others() {
+    for tracer in BOTH {
+        let plugin = HardwareVrsPlugin { allow_full_rate: true };
+        let before = |app: &mut App| {
+            app.add_plugins(plugin);
+        };
+        let Some(mut app) = app(tracer, before) else { continue };
+        if let HardwareVrsSupport::Missing(reason) = report(&mut app).hardware_vrs {
+            println!("skipped: {reason}");
+            continue;
+        }
+        if !has_fragment_rays(&mut app, tracer) {
+            continue;
+        }
+        let one = ShadingRateHeuristic::Uniform(ShadingRate::R1x1);
+        let viewers = [
+            add(
+                &mut app,
+                ReflectionTechnique::QuarterInline,
+                ReflectionBackend::Auto,
+                &one,
+            ),
+            add(
+                &mut app,
+                ReflectionTechnique::Variable,
+                ReflectionBackend::HardwareVrs,
+                &one,
+            ),
+        ];
+        render_together(&mut app, &viewers);
+        assert_eq!(active_backend(&mut app, &viewers[0]), Some(ReflectionBackend::Compute));
+        assert_eq!(
+            active_backend(&mut app, &viewers[1]),
+            Some(ReflectionBackend::HardwareVrs)
+        );
+        assert_same_rays(&mut app, &format!("raw-{tracer:?}"), &viewers[0], &viewers[1]);
+        assert_eq!(counted(&mut app, &viewers[0]), counted(&mut app, &viewers[1]));
+        let limit = if is_exact(&mut app) { 0.0 } else { 0.01 };
+        let (expected, actual) = (picture(&mut app, &viewers[0]), picture(&mut app, &viewers[1]));
+        assert_flip(&format!("raw-{tracer:?}"), SIZE, &expected, &actual, limit);
+
+        // Coarse blocks: where the rasterizer doesn't know them, all their pixels trace the block's ray.
+        let coarse = ShadingRateHeuristic::PAPER_GRAZING;
+        let viewers = [
+            add(
+                &mut app,
+                ReflectionTechnique::Variable,
+                ReflectionBackend::Compute,
+                &coarse,
+            ),
+            add(
+                &mut app,
+                ReflectionTechnique::Variable,
+                ReflectionBackend::HardwareVrs,
+                &coarse,
+            ),
+        ];
+        render_together(&mut app, &viewers);
+        assert_same_rays(&mut app, &format!("raw-coarse-{tracer:?}"), &viewers[0], &viewers[1]);
+        let [compute, hardware] = viewers.each_ref().map(|viewer| counted(&mut app, viewer));
+        println!("{tracer:?}: {compute:?} and {hardware:?} invocations");
+        assert!(
+            compute
+                .iter()
+                .zip(&hardware)
+                .all(|(compute, hardware)| compute <= hardware)
+        );
+    }
+}
+
+/// With shading rates, the rasterizer starts as many invocations as the list has blocks.
+#[cfg(feature = "hardware-vrs")]
+#[test]
+fn hardware_rates_start_the_rays_of_the_list() {
+    for tracer in BOTH {
+        let before = |app: &mut App| {
+            app.add_plugins(HardwareVrsPlugin::default());
+        };
+        let Some(mut app) = app(tracer, before) else { continue };
+        let status = report(&mut app);
+        let rates = app.world().resource::<HardwareVrs>().rates();
+        let (HardwareVrsSupport::Available, Some(rates)) = (&status.hardware_vrs, rates) else {
+            let is_required = std::env::var_os("GLINT_REQUIRE_HARDWARE_RATES").is_some();
+            assert!(
+                !is_required,
+                "hardware rates are required, but: {:?}",
+                status.hardware_vrs
+            );
+            println!("skipped: {:?}", status.hardware_vrs);
+            continue;
+        };
+        println!("{}: {rates:?}", status.adapter);
+        let first = ShadingRateHeuristic::PAPER_ROUGHNESS;
+        let viewers = [ReflectionBackend::Compute, ReflectionBackend::HardwareVrs]
+            .map(|backend| add(&mut app, ReflectionTechnique::Variable, backend, &first));
+        let supports = |rate: ShadingRate| rates.supports(rate.code());
+        let is_large = [ShadingRate::R4x2, ShadingRate::R2x4, ShadingRate::R4x4]
+            .into_iter()
+            .all(supports);
+        let coarsest = if is_large { ShadingRate::R4x4 } else { ShadingRate::R2x2 };
+        let combined = ShadingRateHeuristic::Combined(CombinedThresholds {
+            coarsest,
+            quarter: 0.3,
+            eighth: 0.4,
+            ..default()
+        });
+        // Those that the device lacks are replaced by finer ones.
+        let uniform = ShadingRate::ALL.into_iter().filter(|rate| supports(*rate));
+        let heuristics = [first, ShadingRateHeuristic::PAPER_GRAZING, combined];
+        for heuristic in heuristics.into_iter().chain(uniform.map(ShadingRateHeuristic::Uniform)) {
+            let name = format!("hardware-{tracer:?}-{heuristic:?}");
+            for viewer in &viewers {
+                app.world().entity_mut(viewer.camera).insert(heuristic.clone());
+            }
+            render_together(&mut app, &viewers);
+            assert_eq!(
+                active_backend(&mut app, &viewers[1]),
+                Some(ReflectionBackend::HardwareVrs),
+                "{name}"
+            );
+            assert_same_rays(&mut app, &name, &viewers[0], &viewers[1]);
+            let [compute, hardware] = viewers.each_ref().map(|viewer| counted(&mut app, viewer));
+            let blocks = listed(&mut app, &viewers[0]);
+            println!("    {hardware:?} invocations for {blocks:?} blocks");
+            assert_eq!(hardware, compute, "{name}");
+            assert_eq!(hardware, blocks, "{name}");
+        }
+    }
+}

@@ -1,0 +1,221 @@
+//! The whole chain over frames: a still camera's picture comes to rest at the truth, and what moved leaves no ghost.
+
+use crate::{
+    common::app,
+    pictures::{use_coarse_shadow_maps, warm_up},
+};
+use bevy::{core_pipeline::tonemapping::Tonemapping, math::UVec2, prelude::*};
+use bevy_glint::{RayTracedReflections, ReflectionTracerChoice, named_settings};
+use glint_scenes::{HeadlessApp, Output, SceneName, SceneOptions};
+use std::sync::OnceLock;
+
+const SIZE: UVec2 = UVec2::new(240, 135);
+/// Of the scene whose hits take long to shade.
+const LIT_SIZE: UVec2 = UVec2::new(160, 90);
+/// By how much the mean of a still picture may differ from that of the truth, relative to it. The paper's recipe goes on clipping
+/// history where nothing moves.
+const MOST_BIAS: f32 = 0.01;
+const MOST_BIAS_OF_THE_PAPER: f32 = 0.05;
+/// Error of pictures of a moving camera, as a display shows it.
+const MOST_ERROR_IN_MOTION: f32 = 0.03;
+/// Frames of the truth, and frames that each technique has.
+const TRUE_FRAMES: u32 = 384;
+const FRAMES: u32 = 64;
+const TECHNIQUES: [&str; 8] = [
+    "reference",
+    "quarter",
+    "quarter-inline",
+    "vrs-roughness",
+    "vrs-grazing",
+    "vrs-combined",
+    "paper",
+    "ultra",
+];
+/// Those that read textures as the truth does.
+const LIT_TECHNIQUES: [&str; 3] = ["reference", "quarter", "vrs-combined"];
+
+/// Switches to a technique without a cut-off and with its history empty.
+fn switch(app: &mut HeadlessApp, camera: Entity, name: &str) {
+    let (mut settings, heuristic) = named_settings(name).unwrap();
+    settings.roughness_cutoff = 1.0;
+    settings.roughness_fade = 0.0;
+    app.world()
+        .entity_mut(camera)
+        .insert((settings, heuristic, Tonemapping::None));
+    warm_up(app);
+    app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
+}
+
+fn scene(app: &mut HeadlessApp, name: SceneName) -> Entity {
+    use_coarse_shadow_maps(app);
+    app.spawn_scene(name, &SceneOptions::default())
+}
+
+/// A still picture of a scene without noise, which tests of the same scene share.
+fn truth(app: &mut HeadlessApp, camera: Entity, name: SceneName) -> &'static [f32] {
+    static OF_LAMPS: OnceLock<Vec<f32>> = OnceLock::new();
+    static UNDER_A_SKY: OnceLock<Vec<f32>> = OnceLock::new();
+    let shared = match name {
+        SceneName::EmissiveFloor => &OF_LAMPS,
+        SceneName::AtriumSmall => &UNDER_A_SKY,
+        _ => panic!("no test compares {name} with the truth"),
+    };
+    shared.get_or_init(|| {
+        switch(app, camera, "converged");
+        app.step(TRUE_FRAMES);
+        capture(app, "converged")
+    })
+}
+
+/// Luminance of each pixel; fails where one is not finite.
+fn capture(app: &mut HeadlessApp, what: &str) -> Vec<f32> {
+    let pixels = app.capture_linear().unwrap();
+    for (index, pixel) in pixels.iter().enumerate() {
+        assert!(
+            pixel.iter().all(|c| c.is_finite()),
+            "{what}: pixel {index} is {pixel:?}"
+        );
+    }
+    // Brighter than this is all the same to a display, and would decide alone.
+    pixels
+        .iter()
+        .map(|[r, g, b, _]| (0.2126 * r + 0.7152 * g + 0.0722 * b).clamp(0.0, 4.0))
+        .collect()
+}
+
+/// Root of the mean square error as a display shows it, and the bias of light, relative to the mean of the truth.
+fn errors(truth: &[f32], picture: &[f32]) -> (f32, f32) {
+    let count = truth.len() as f32;
+    let mean = truth.iter().sum::<f32>() / count;
+    // Otherwise few bright pixels would decide, of which the truth knows little itself.
+    let shown = |light: f32| (light / (1.0 + light)).powf(1.0 / 2.2);
+    let square: f32 = picture
+        .iter()
+        .zip(truth)
+        .map(|(a, b)| (shown(*a) - shown(*b)).powi(2))
+        .sum();
+    let bias: f32 = picture.iter().zip(truth).map(|(a, b)| a - b).sum();
+    ((square / count).sqrt(), bias / count / mean)
+}
+
+/// Compares techniques with the truth of a scene; returns what is wrong.
+fn compare_with_truth(name: SceneName, size: UVec2, techniques: &[&str]) -> Vec<String> {
+    let mut wrong = Vec::new();
+    let Some(mut app) = app(size, Output::Linear, ReflectionTracerChoice::Bvh) else {
+        return wrong;
+    };
+    let camera = scene(&mut app, name);
+    let truth = truth(&mut app, camera, name);
+    for &technique in techniques {
+        switch(&mut app, camera, technique);
+        app.step(1);
+        let (first, _) = errors(truth, &capture(&mut app, technique));
+        app.step(FRAMES - 1);
+        // Of a few frames, since no single one is free of noise.
+        let (mut last, mut bias) = (0.0, 0.0);
+        for _ in 0..4 {
+            app.step(1);
+            let (error, offset) = errors(truth, &capture(&mut app, technique));
+            last += error / 4.0;
+            bias += offset / 4.0;
+        }
+        println!("{name}, {technique}: error {first:.4} after 1 frame, {last:.4} after {FRAMES}; bias {bias:+.4}");
+        let most_bias = if technique == "paper" {
+            MOST_BIAS_OF_THE_PAPER
+        } else {
+            MOST_BIAS
+        };
+        if !(last < 0.95 * first && bias.abs() < most_bias) {
+            wrong.push(format!("{technique}: {first} to {last}, bias {bias}"));
+        }
+    }
+    wrong
+}
+
+/// The hardest case: all light comes from small lamps in the dark. Rays of neighbours, which see them in other places, and histories,
+/// clipped to frames that see none of them, would lose light, and the more the fewer pixels there are.
+#[test]
+fn a_still_picture_comes_to_rest_at_the_truth() {
+    let wrong = compare_with_truth(SceneName::EmissiveFloor, SIZE, &TECHNIQUES);
+    assert!(wrong.is_empty(), "{}", wrong.join("; "));
+}
+
+/// The usual case: light from everywhere, textures, and surfaces of all kinds.
+#[test]
+fn a_still_picture_under_a_sky_comes_to_rest_at_the_truth() {
+    let wrong = compare_with_truth(SceneName::AtriumSmall, LIT_SIZE, &LIT_TECHNIQUES);
+    assert!(wrong.is_empty(), "{}", wrong.join("; "));
+}
+
+/// An object that is gone must be gone from reflections within 8 frames, and a cut must leave nothing of what was before.
+#[test]
+fn what_is_gone_leaves_no_ghost() {
+    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let camera = scene(&mut app, SceneName::EmissiveFloor);
+    switch(&mut app, camera, "vrs-combined");
+    app.step(32);
+    let lights: Vec<Entity> = {
+        let world = app.world();
+        let mut query = world.query::<(Entity, &MeshMaterial3d<StandardMaterial>)>();
+        let materials = world.resource::<Assets<StandardMaterial>>();
+        query
+            .iter(world)
+            .filter(|(_, material)| {
+                materials
+                    .get(&material.0)
+                    .is_some_and(|m| m.emissive != LinearRgba::BLACK)
+            })
+            .map(|(entity, _)| entity)
+            .collect()
+    };
+    assert!(!lights.is_empty());
+    for name in ["quarter", "vrs-combined", "paper"] {
+        switch(&mut app, camera, name);
+        app.step(32);
+        let lit = capture(&mut app, name);
+        for &light in &lights {
+            app.world().entity_mut(light).insert(Visibility::Hidden);
+        }
+        app.step(10);
+        let dark = capture(&mut app, name);
+        app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
+        app.step(16);
+        let fresh = capture(&mut app, name);
+        let sum = |values: &[f32]| values.iter().sum::<f32>();
+        let (lit, dark, fresh) = (sum(&lit), sum(&dark), sum(&fresh));
+        println!("{name}: lit {lit}, dark after 8 frames {dark}, without a past {fresh}");
+        // 2 frames pass until a change is traced; 8 for the history.
+        assert!(
+            (dark - fresh).abs() < 0.02 * (lit - fresh).abs(),
+            "{name}: {dark} is left of {lit}, {fresh} without a past"
+        );
+        for &light in &lights {
+            app.world().entity_mut(light).insert(Visibility::Visible);
+        }
+    }
+}
+
+/// While the camera moves, pictures are close to the truth, too, if not as close as at rest.
+#[test]
+fn a_moving_camera_sees_about_the_truth() {
+    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let camera = scene(&mut app, SceneName::EmissiveFloor);
+    let end = *app.world().get::<Transform>(camera).unwrap();
+    let truth = truth(&mut app, camera, SceneName::EmissiveFloor);
+    for name in ["reference", "quarter", "vrs-combined"] {
+        switch(&mut app, camera, name);
+        for frame in (0..FRAMES).rev() {
+            let mut now = end;
+            now.translation += end.right() * (0.004 * frame as f32);
+            *app.world().get_mut::<Transform>(camera).unwrap() = now;
+            app.step(1);
+        }
+        let (error, bias) = errors(truth, &capture(&mut app, name));
+        println!("moving, {name}: error {error:.4}, bias {bias:+.4}");
+        assert!(error < MOST_ERROR_IN_MOTION, "{name}: {error}");
+    }
+}

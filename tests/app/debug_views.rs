@@ -1,0 +1,273 @@
+//! What debug views and counters show of scenes that are known.
+
+use crate::{
+    common::app_with,
+    pictures::{reflect, spawn, use_coarse_shadow_maps, warm_up},
+};
+use bevy::{
+    core_pipeline::tonemapping::Tonemapping,
+    diagnostic::DiagnosticsStore,
+    math::UVec2,
+    prelude::*,
+    render::{
+        RenderApp,
+        diagnostic::RenderDiagnosticsPlugin,
+        render_resource::{TextureFormat, TextureFormatFeatureFlags, WgpuFeatures},
+        renderer::{RenderAdapter, RenderDevice},
+    },
+};
+use bevy_glint::{
+    RATE_LEGEND, RayTracedReflections, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView,
+    ReflectionNonFiniteReport, ReflectionTechnique, ReflectionTracerChoice,
+};
+use glint_scenes::{HeadlessApp, Output, SceneName, environment};
+
+const SIZE: UVec2 = UVec2::new(160, 90);
+
+/// `None` where nothing can be traced, or frames can't be written in place.
+fn app() -> Option<HeadlessApp> {
+    let mut app = app_with(SIZE, Output::Linear, ReflectionTracerChoice::Auto, |app| {
+        app.add_plugins(RenderDiagnosticsPlugin);
+    })?;
+    let world = app.app().get_sub_app(RenderApp)?.world();
+    let feature = WgpuFeatures::TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES;
+    let writable = world.resource::<RenderDevice>().features().contains(feature)
+        && world
+            .resource::<RenderAdapter>()
+            .get_texture_format_features(TextureFormat::Rgba16Float)
+            .flags
+            .contains(TextureFormatFeatureFlags::STORAGE_READ_WRITE);
+    if !writable {
+        println!("skipped: frames can't be written in place");
+    }
+    writable.then_some(app)
+}
+
+/// The demo with everything that is on by default, and reflections on all surfaces.
+fn demo(app: &mut HeadlessApp, technique: ReflectionTechnique) -> Entity {
+    use_coarse_shadow_maps(app);
+    let camera = spawn(app, SceneName::Demo, technique);
+    app.world().entity_mut(camera).insert(RayTracedReflections {
+        technique,
+        roughness_cutoff: 1.0,
+        ..default()
+    });
+    warm_up(app);
+    camera
+}
+
+/// Some frames after the view was chosen.
+#[track_caller]
+fn show(app: &mut HeadlessApp, camera: Entity, view: ReflectionDebugView) -> Vec<Vec3> {
+    app.world().entity_mut(camera).insert(view);
+    warm_up(app);
+    app.step(4);
+    capture(app)
+}
+
+#[track_caller]
+fn capture(app: &HeadlessApp) -> Vec<Vec3> {
+    let pixels = app.capture_linear().unwrap();
+    let pixels: Vec<_> = pixels.into_iter().map(|[r, g, b, _]| Vec3::new(r, g, b)).collect();
+    assert!(pixels.iter().all(|pixel| pixel.is_finite()));
+    pixels
+}
+
+fn is_colored(pixel: &Vec3) -> bool {
+    pixel.max_element() - pixel.min_element() > 0.2
+}
+
+/// The colour is one of a factor between 0.05 and 1 times `color`.
+fn is_shade_of(pixel: Vec3, color: LinearRgba) -> bool {
+    let color = color.to_vec3();
+    let scale = pixel.max_element() / color.max_element();
+    (0.05..1.01).contains(&scale) && (pixel - color * scale).abs().max_element() < 0.01 * scale
+}
+
+#[test]
+fn every_view_shows_something() {
+    let Some(mut app) = app() else { return };
+    let camera = demo(&mut app, ReflectionTechnique::Variable);
+    for view in ReflectionDebugView::ALL {
+        let pixels = show(&mut app, camera, view);
+        let name = view.name();
+        let colored = pixels.iter().filter(|pixel| is_colored(pixel)).count();
+        let lit = pixels.iter().filter(|pixel| pixel.max_element() > 0.02).count();
+        println!("{name}: {colored} pixels with a colour, {lit} that aren't black");
+        assert!(lit > 500, "{name} is black");
+        match view {
+            ReflectionDebugView::ShadingRates => {
+                let shades = |pixel: &Vec3| RATE_LEGEND.iter().position(|&(_, color)| is_shade_of(*pixel, color));
+                let strange = pixels.iter().filter(|pixel| shades(pixel).is_none()).count();
+                assert_eq!(strange, 0, "pixels of {name} with a colour that is not in the legend");
+                for (entry, (rate, _)) in RATE_LEGEND.into_iter().enumerate() {
+                    let count = pixels.iter().filter(|pixel| shades(pixel) == Some(entry)).count();
+                    println!("    {rate}: {count}");
+                }
+                // The mirrors and tiles at several rates.
+                assert!(colored > 500);
+            }
+            ReflectionDebugView::RaysPerPixel
+            | ReflectionDebugView::HitDistance
+            | ReflectionDebugView::HistoryLength
+            | ReflectionDebugView::Variance
+            | ReflectionDebugView::RayWeight => assert!(colored > 500, "{name} shows no heat"),
+            ReflectionDebugView::NonFinite => assert_eq!(colored, 0, "{name} found something"),
+            _ => {}
+        }
+    }
+}
+
+#[test]
+fn techniques_without_textures_keep_the_picture() {
+    let Some(mut app) = app() else { return };
+    let camera = demo(&mut app, ReflectionTechnique::Converged);
+    for view in ReflectionDebugView::ALL {
+        let pixels = show(&mut app, camera, view);
+        let colored = pixels.iter().filter(|pixel| is_colored(pixel)).count();
+        match view {
+            ReflectionDebugView::HitDistance
+            | ReflectionDebugView::Variance
+            | ReflectionDebugView::RayWeight
+            | ReflectionDebugView::NonFinite => {
+                assert_eq!(colored, 0, "{} shows what doesn't exist", view.name());
+            }
+            ReflectionDebugView::RaysPerPixel | ReflectionDebugView::HistoryLength => {
+                assert!(colored > 500, "{} shows no heat", view.name());
+            }
+            ReflectionDebugView::Reconstructed | ReflectionDebugView::Reflection => {
+                let lit = pixels.iter().filter(|pixel| pixel.max_element() > 0.02).count();
+                assert!(lit > 500, "{} is black", view.name());
+            }
+            _ => {}
+        }
+    }
+}
+
+#[test]
+fn the_reference_has_one_ray_per_reflecting_pixel() {
+    let Some(mut app) = app() else { return };
+    let camera = demo(&mut app, ReflectionTechnique::Reference);
+    let pixels = show(&mut app, camera, ReflectionDebugView::RaysPerPixel);
+    let rays = |pixels: &[Vec3], color: Vec3| {
+        let colored = pixels.iter().filter(|pixel| is_colored(pixel));
+        let (these, others): (Vec<Vec3>, Vec<Vec3>) = colored.partition(|pixel| pixel.distance(color) < 0.01);
+        assert!(
+            others.is_empty(),
+            "{} pixels of other colours: {}",
+            others.len(),
+            others[0]
+        );
+        these.len()
+    };
+    assert!(rays(&pixels, Vec3::X) > 500);
+
+    // A quarter: log2(1/4) is two thirds of the way from log2(1/64) to 0.
+    app.world().entity_mut(camera).insert(RayTracedReflections {
+        technique: ReflectionTechnique::Quarter,
+        full_resolution_mirrors: false,
+        roughness_cutoff: 1.0,
+        ..default()
+    });
+    let pixels = show(&mut app, camera, ReflectionDebugView::RaysPerPixel);
+    assert!(rays(&pixels, Vec3::new(2.0 / 3.0, 1.0, 0.0)) > 500);
+}
+
+#[test]
+fn a_past_that_is_forgotten_is_rejected() {
+    let Some(mut app) = app() else { return };
+    let camera = demo(&mut app, ReflectionTechnique::Variable);
+    let red = |pixels: Vec<Vec3>| pixels.into_iter().filter(|pixel| *pixel == Vec3::X).count();
+    app.world().entity_mut(camera).insert(ReflectionDebugView::Rejected);
+    warm_up(&mut app);
+    app.step(16);
+    let settled = red(capture(&app));
+    let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
+    settings.reset = true;
+    app.step(1);
+    let fresh = red(capture(&app));
+    assert!(fresh > 500 && settled * 2 < fresh, "{fresh} pixels, {settled} later");
+}
+
+#[test]
+fn a_reflection_alone_is_what_a_mirror_shows() {
+    let Some(mut app) = app() else { return };
+    // Unlit things over a mirror that no light falls on: its picture is the reflection alone.
+    let camera = spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
+    let picture = show(&mut app, camera, ReflectionDebugView::Off);
+    let reflection = show(&mut app, camera, ReflectionDebugView::Reflection);
+    let mut reflecting = 0;
+    for (i, (shown, alone)) in picture.iter().zip(&reflection).enumerate() {
+        if *alone != Vec3::ZERO {
+            reflecting += 1;
+            let difference = shown.distance(*alone);
+            assert!(
+                difference < 0.01 * shown.max_element() + 1e-3,
+                "pixel {i}: {shown} and {alone}"
+            );
+        }
+    }
+    assert!(reflecting > 200, "{reflecting} pixels reflect");
+
+    app.world().entity_mut(camera).insert(ReflectionDebugSplit::default());
+    let divided = show(&mut app, camera, ReflectionDebugView::Reflection);
+    for (i, pixel) in divided.into_iter().enumerate() {
+        let column = i as u32 % SIZE.x;
+        let expected = if column < SIZE.x / 2 {
+            picture[i]
+        } else if column < SIZE.x / 2 + 2 {
+            Vec3::ONE
+        } else {
+            reflection[i]
+        };
+        assert!(pixel.distance(expected) < 1e-3, "pixel {i}: {pixel}, not {expected}");
+    }
+}
+
+#[test]
+fn rough_things_reflect_nothing() {
+    let Some(mut app) = app() else { return };
+    let world = app.world();
+    let mesh = world.resource_mut::<Assets<Mesh>>().add(Cuboid::from_length(2.0));
+    let material = world.resource_mut::<Assets<StandardMaterial>>().add(StandardMaterial {
+        perceptual_roughness: 1.0,
+        ..default()
+    });
+    world.spawn((Mesh3d(mesh), MeshMaterial3d(material), Transform::IDENTITY));
+    let mut environment = environment(SceneName::Furnace, world);
+    environment.tonemapping = Tonemapping::None;
+    let camera = app.spawn_camera(Transform::from_xyz(0.0, 0.0, 5.0));
+    environment.insert(&mut app.world().entity_mut(camera));
+    reflect(&mut app, camera, ReflectionTechnique::Variable);
+    app.world().entity_mut(camera).insert(RayTracedReflections::default());
+    let picture = show(&mut app, camera, ReflectionDebugView::Off);
+    assert!(picture.iter().any(|pixel| pixel.max_element() > 0.1));
+    let pixels = show(&mut app, camera, ReflectionDebugView::Reflection);
+    assert!(pixels.iter().all(|pixel| *pixel == Vec3::ZERO));
+    let skipped = RATE_LEGEND[10].1;
+    let pixels = show(&mut app, camera, ReflectionDebugView::ShadingRates);
+    assert!(pixels.iter().all(|pixel| is_shade_of(*pixel, skipped)));
+}
+
+#[test]
+fn counters_find_no_bad_pixels() {
+    let Some(mut app) = app() else { return };
+    let camera = demo(&mut app, ReflectionTechnique::Variable);
+    let report = |app: &mut HeadlessApp| ReflectionNonFiniteReport::read(app.world().resource::<DiagnosticsStore>());
+    assert_eq!(report(&mut app), None);
+    app.world().entity_mut(camera).insert(ReflectionDebugCounters);
+    warm_up(&mut app);
+    // Results come back some frames later.
+    for _ in 0..1000 {
+        app.step(1);
+        if report(&mut app).is_some_and(|report| report.radiance != Some(0.0)) {
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    let report = report(&mut app).unwrap();
+    println!("{report:?}");
+    assert_eq!(report.pixels, 0);
+    assert!(report.radiance.is_some_and(|radiance| radiance > 0.0));
+    assert!(report.worst.cmplt(SIZE).all());
+}

@@ -1,0 +1,477 @@
+//! Scenes that change between frames: what the mirror shows follows, and nothing is built that need not be.
+
+use crate::{
+    common::app,
+    pictures::{BOTH, assert_flip, crop, differing_pixels, flip, reflect, warm_up},
+    stage::{BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, metal, report, spawn_camera, spawn_mesh, unlit, wall},
+};
+use bevy::{
+    asset::RenderAssetUsages,
+    camera::{ClearColorConfig, MainPassResolutionOverride, RenderTarget, Viewport},
+    ecs::entity_disabling::Disabled,
+    image::Image,
+    math::UVec2,
+    prelude::*,
+    render::{
+        RenderApp,
+        render_resource::{Extent3d, TextureDimension, TextureFormat, TextureUsages},
+        sync_world::RenderEntity,
+    },
+};
+use bevy_glint::{NotReflected, RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
+use glint_scenes::{HeadlessApp, Output, SceneName, environment, read_image};
+
+/// Behind the camera, where only the mirror shows it.
+const LEFT: Vec3 = Vec3::new(-2.5, 0.0, 6.0);
+const RIGHT: Vec3 = Vec3::new(2.5, 0.0, 6.0);
+
+fn cube(size: f32) -> Mesh {
+    Cuboid::from_length(size).into()
+}
+
+/// A mirror that fills the picture of a camera three metres before it, in the surroundings of a scene.
+fn mirror(app: &mut HeadlessApp, surroundings: SceneName) -> Entity {
+    spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+    spawn_camera(app, BEFORE_THE_MIRROR, surroundings)
+}
+
+/// A change must be seen in the second frame at the latest, not counting frames in which a mesh is being built.
+fn settle(app: &mut HeadlessApp) {
+    app.step(1);
+    for _ in 0..20_000 {
+        if report(app).meshes_pending == 0 {
+            app.step(1);
+            return;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(1));
+        app.step(1);
+    }
+    panic!("meshes stay pending: {:?}", report(app));
+}
+
+/// Pixels of a colour in the left and in the right half of the picture.
+fn halves(picture: &[u8], color: [u8; 3]) -> [usize; 2] {
+    let width = SIZE.x as usize;
+    let mut counts = [0; 2];
+    for (i, pixel) in picture.chunks_exact(4).enumerate() {
+        if pixel[..3].iter().zip(color).all(|(a, b)| a.abs_diff(b) <= 24) {
+            counts[usize::from(i % width >= width / 2)] += 1;
+        }
+    }
+    counts
+}
+
+/// The present picture shows a colour in these halves and not in the others; returns its pixels.
+#[track_caller]
+fn expect(app: &mut HeadlessApp, what: &str, color: [u8; 3], shown: [bool; 2]) -> usize {
+    settle(app);
+    let counts = halves(&app.capture().unwrap(), color);
+    for (half, (count, shown)) in ["left", "right"].into_iter().zip(counts.into_iter().zip(shown)) {
+        let right = if shown { count >= 25 } else { count == 0 };
+        assert!(
+            right,
+            "{what}: {count} pixels of {color:?} in the {half} half; expected there: {shown}"
+        );
+    }
+    counts[0] + counts[1]
+}
+
+fn edit_material(app: &mut HeadlessApp, entity: Entity, change: impl FnOnce(&mut StandardMaterial)) {
+    let world = app.world();
+    let id = world.get::<MeshMaterial3d<StandardMaterial>>(entity).unwrap().id();
+    let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+    let mut material = materials.get_mut(id).unwrap();
+    change(&mut material);
+}
+
+#[test]
+fn entities_that_change_are_followed() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
+        let camera = mirror(&mut app, SceneName::MirrorRoom);
+        let subject = spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
+        app.warm_up(20_000).unwrap();
+        expect(&mut app, "no reflections yet", RED, [false, false]);
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
+        let size = expect(&mut app, "at first", RED, [true, false]);
+
+        app.world().get_mut::<Transform>(subject).unwrap().translation = RIGHT;
+        let moved = expect(&mut app, "moved", RED, [false, true]);
+        assert!(
+            moved.abs_diff(size) * 10 < size,
+            "{moved} pixels after the move, {size} before"
+        );
+        app.world().entity_mut(subject).insert(Visibility::Hidden);
+        expect(&mut app, "hidden", RED, [false, false]);
+        app.world().entity_mut(subject).insert(Visibility::Visible);
+        expect(&mut app, "shown again", RED, [false, true]);
+        app.world().entity_mut(subject).insert(NotReflected);
+        expect(&mut app, "opted out", RED, [false, false]);
+        app.world().entity_mut(subject).remove::<NotReflected>();
+        expect(&mut app, "opted in", RED, [false, true]);
+        app.world().entity_mut(subject).insert(Disabled);
+        expect(&mut app, "disabled", RED, [false, false]);
+        app.world().entity_mut(subject).remove::<Disabled>();
+        expect(&mut app, "enabled", RED, [false, true]);
+
+        let second = spawn_mesh(&mut app, cube(2.0), unlit(BLUE), Transform::from_translation(LEFT));
+        expect(&mut app, "a second one came", BLUE, [true, false]);
+        expect(&mut app, "and the first stays", RED, [false, true]);
+        app.world().despawn(subject);
+        expect(&mut app, "despawned", RED, [false, false]);
+        expect(&mut app, "the second stays", BLUE, [true, false]);
+        // The new one takes the slot of the old one.
+        spawn_mesh(&mut app, cube(2.0), unlit(GREEN), Transform::from_translation(RIGHT));
+        expect(&mut app, "a third one came", GREEN, [false, true]);
+
+        // Children follow their parents.
+        let parent = app.world().spawn((Transform::IDENTITY, Visibility::default())).id();
+        app.world().entity_mut(second).insert(ChildOf(parent));
+        app.world().get_mut::<Transform>(parent).unwrap().translation = RIGHT - LEFT + Vec3::Y * 2.5;
+        expect(&mut app, "moved by its parent", BLUE, [false, true]);
+        app.world().entity_mut(parent).insert(Visibility::Hidden);
+        expect(&mut app, "hidden by its parent", BLUE, [false, false]);
+    }
+}
+
+#[test]
+fn assets_that_change_are_followed() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
+        let camera = mirror(&mut app, SceneName::MirrorRoom);
+        let subject = spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
+        let size = expect(&mut app, "at first", RED, [true, false]);
+
+        edit_material(&mut app, subject, |material| {
+            material.base_color = Color::srgb_u8(0, 255, 0);
+        });
+        expect(&mut app, "recoloured", GREEN, [true, false]);
+        expect(&mut app, "the old colour is gone", RED, [false, false]);
+
+        let texels = |color: [u8; 3]| [color[0], color[1], color[2], 255].repeat(16);
+        let extent = Extent3d {
+            width: 4,
+            height: 4,
+            depth_or_array_layers: 1,
+        };
+        let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
+        let image = Image::new(extent, TextureDimension::D2, texels(BLUE), format, usage);
+        let image = app.world().resource_mut::<Assets<Image>>().add(image);
+        edit_material(&mut app, subject, |material| {
+            material.base_color = Color::WHITE;
+            material.base_color_texture = Some(image.clone());
+        });
+        expect(&mut app, "textured", BLUE, [true, false]);
+        app.world()
+            .resource_mut::<Assets<Image>>()
+            .get_mut(&image)
+            .unwrap()
+            .data = Some(texels(RED));
+        expect(&mut app, "texels changed", RED, [true, false]);
+        expect(&mut app, "the old texels are gone", BLUE, [false, false]);
+        edit_material(&mut app, subject, |material| *material = unlit(GREEN));
+        expect(&mut app, "texture removed", GREEN, [true, false]);
+
+        let mesh = app.world().get::<Mesh3d>(subject).unwrap().0.clone();
+        *app.world().resource_mut::<Assets<Mesh>>().get_mut(&mesh).unwrap() = cube(1.0);
+        let small = expect(&mut app, "mesh changed", GREEN, [true, false]);
+        assert!(
+            small * 5 < size * 2,
+            "{small} pixels after the cube was halved, {size} before"
+        );
+        let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
+        meshes.remove(&mesh);
+        meshes.insert(mesh.id(), cube(2.0)).unwrap();
+        let replaced = expect(&mut app, "another mesh under the same id", GREEN, [true, false]);
+        assert!(
+            replaced.abs_diff(size) * 10 < size,
+            "{replaced} pixels after the mesh was removed and inserted, {size} before"
+        );
+        let other = app.world().resource_mut::<Assets<Mesh>>().add(cube(2.0));
+        app.world().entity_mut(subject).insert(Mesh3d(other));
+        let large = expect(&mut app, "another mesh", GREEN, [true, false]);
+        assert!(
+            large.abs_diff(size) * 10 < size,
+            "{large} pixels with another large cube, {size} with the first"
+        );
+
+        // Data that the render world alone had are replaced by data of the main world.
+        let mut mesh = cube(2.0);
+        mesh.asset_usage = RenderAssetUsages::RENDER_WORLD;
+        let mesh = app.world().resource_mut::<Assets<Mesh>>().add(mesh);
+        app.world().entity_mut(subject).insert(Mesh3d(mesh.clone()));
+        expect(&mut app, "a mesh of the render world", GREEN, [true, false]);
+        let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
+        meshes.insert(mesh.id(), cube(1.0)).unwrap();
+        let small = expect(&mut app, "its data are back in the main world", GREEN, [true, false]);
+        assert!(small * 5 < size * 2, "{small} pixels with half the cube, {size} before");
+
+        let blue = app.world().resource_mut::<Assets<StandardMaterial>>().add(unlit(BLUE));
+        app.world().entity_mut(subject).insert(MeshMaterial3d(blue));
+        expect(&mut app, "another material", BLUE, [true, false]);
+        app.world().entity_mut(subject).remove::<Mesh3d>();
+        expect(&mut app, "without a mesh", BLUE, [false, false]);
+    }
+}
+
+/// A texture that never loads leaves its material plain, and lets the view converge.
+#[test]
+fn a_missing_texture_keeps_no_view_from_converging() {
+    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let camera = mirror(&mut app, SceneName::Demo);
+    let missing = app.world().resource::<AssetServer>().load("no/such/image.png");
+    let material = StandardMaterial {
+        base_color_texture: Some(missing),
+        metallic: 1.0,
+        perceptual_roughness: 0.6,
+        ..default()
+    };
+    spawn_mesh(&mut app, cube(2.0), material, Transform::from_translation(LEFT));
+    let rough = StandardMaterial {
+        metallic: 1.0,
+        perceptual_roughness: 0.6,
+        ..default()
+    };
+    spawn_mesh(
+        &mut app,
+        cube(2.0),
+        rough,
+        Transform::from_translation(RIGHT.with_z(0.5)),
+    );
+    reflect(&mut app, camera, ReflectionTechnique::Converged);
+    app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
+    let early = change_of_a_frame(&mut app);
+    app.step(60);
+    let late = change_of_a_frame(&mut app);
+    println!("a frame changes the image by {early} at first, and by {late} later");
+    assert!(early > 0.0 && 5.0 * late < early, "{early} at first, {late} later");
+}
+
+fn change_of_a_frame(app: &mut HeadlessApp) -> f32 {
+    let mut capture = || {
+        app.step(1);
+        app.capture_linear().unwrap()
+    };
+    let [before, after] = [capture(), capture()];
+    before.iter().zip(&after).map(|(a, b)| (a[1] - b[1]).abs()).sum()
+}
+
+#[test]
+fn a_still_scene_builds_nothing() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
+        let camera = mirror(&mut app, SceneName::MirrorRoom);
+        let subject = spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
+        app.step(4);
+        // Objects that rest are merged, once.
+        for _ in 0..2000 {
+            let report = report(&mut app);
+            if !report.merges_pending && !report.micromaps_pending {
+                break;
+            }
+            app.step(1);
+        }
+        let builds = |app: &mut HeadlessApp| {
+            let report = report(app);
+            (report.tlas_builds, report.blas_builds)
+        };
+        let before = builds(&mut app);
+        assert!(before.0 > 0 && before.1 >= 2, "{tracer:?}: {before:?}");
+        app.step(10);
+        assert_eq!(
+            builds(&mut app),
+            before,
+            "{tracer:?}: builds of top level and meshes in a still scene"
+        );
+        // A camera that moves changes nothing for rays either.
+        app.world().get_mut::<Transform>(camera).unwrap().translation.x = 0.1;
+        app.step(2);
+        assert_eq!(builds(&mut app), before, "{tracer:?}: only the camera moved");
+        app.world().get_mut::<Transform>(subject).unwrap().translation = RIGHT;
+        app.step(4);
+        assert_eq!(
+            builds(&mut app),
+            (before.0 + 1, before.1),
+            "{tracer:?}: one object moved once"
+        );
+    }
+}
+
+#[test]
+fn without_a_camera_that_reflects_the_scene_is_freed() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
+        // In white surroundings a mirror without its environment's light would be black.
+        let camera = mirror(&mut app, SceneName::Furnace);
+        spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
+        app.warm_up(20_000).unwrap();
+        app.step(2);
+        let never = app.capture().unwrap();
+        assert!(never[4 * 100] > 100, "the environment is seen in the mirror");
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
+        let first = expect(&mut app, "with reflections", RED, [true, false]);
+        let active = report(&mut app);
+        assert_eq!(active.instances, 2);
+        assert!(active.scene_bytes > 0 && active.triangles > 0, "{active:?}");
+
+        app.world().entity_mut(camera).remove::<RayTracedReflections>();
+        app.step(2);
+        let idle = report(&mut app);
+        assert_eq!(
+            (idle.instances, idle.scene_bytes, idle.meshes, idle.triangles),
+            (0, 0, 0, 0),
+            "{idle:?}"
+        );
+        let picture = app.capture().unwrap();
+        assert_eq!(
+            differing_pixels(&never, &picture, 1),
+            0,
+            "{tracer:?}: something of the reflections stays"
+        );
+
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
+        assert_eq!(expect(&mut app, "once more", RED, [true, false]), first);
+        assert_eq!(report(&mut app).instances, 2);
+        // An inactive camera counts as none.
+        app.world().get_mut::<Camera>(camera).unwrap().is_active = false;
+        app.step(2);
+        assert_eq!(report(&mut app).instances, 0);
+    }
+}
+
+#[test]
+fn a_viewport_shows_what_a_target_of_its_size_shows() {
+    let half = UVec2::new(SIZE.x / 2, SIZE.y);
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
+        let name = SceneName::MirrorRoom;
+        glint_scenes::spawn(name, app.world());
+        let mut image = Image::new_target_texture(half.x, half.y, TextureFormat::Rgba8UnormSrgb, None);
+        image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
+        let whole = app.world().resource_mut::<Assets<Image>>().add(image);
+        let viewport = |x| {
+            Some(Viewport {
+                physical_position: UVec2::new(x, 0),
+                physical_size: half,
+                ..default()
+            })
+        };
+        let targets = [
+            (app.target(), viewport(0), 0),
+            (app.target(), viewport(half.x), 1),
+            (RenderTarget::from(whole.clone()), None, 2),
+        ];
+        let environment = environment(name, app.world());
+        let [left, right, alone] = targets.map(|(target, viewport, order)| {
+            let (transform, projection) = glint_scenes::camera(name);
+            let camera = Camera {
+                viewport,
+                order,
+                ..default()
+            };
+            let entity = app.spawn_camera((transform, Projection::from(projection), camera, target));
+            environment.clone().insert(&mut app.world().entity_mut(entity));
+            entity
+        });
+        app.world().get_mut::<Camera>(right).unwrap().clear_color = ClearColorConfig::None;
+        app.warm_up(20_000).unwrap();
+        app.step(2);
+        let off = app.capture().unwrap();
+        reflect(&mut app, alone, ReflectionTechnique::Reference);
+        reflect(&mut app, left, ReflectionTechnique::Reference);
+        app.step(2);
+        let on = app.capture().unwrap();
+        let whole = read_image(app.app().sub_app(RenderApp).world(), &whole).unwrap();
+
+        let columns = half.x as usize;
+        let changed = flip(half, &crop(&off, SIZE.x, 0..columns), &crop(&on, SIZE.x, 0..columns)).0;
+        assert!(
+            changed > 0.01,
+            "{tracer:?}: reflections change the left half by {changed} only"
+        );
+        assert_flip(
+            &format!("viewport-{tracer:?}"),
+            half,
+            &whole,
+            &crop(&on, SIZE.x, 0..columns),
+            0.01,
+        );
+        let (before, after) = (
+            crop(&off, SIZE.x, columns..2 * columns),
+            crop(&on, SIZE.x, columns..2 * columns),
+        );
+        assert_eq!(
+            differing_pixels(&before, &after, 1),
+            0,
+            "{tracer:?}: the right half doesn't reflect"
+        );
+
+        // A viewport that doesn't start at the corner.
+        app.world().entity_mut(alone).remove::<RayTracedReflections>();
+        for (camera, x) in [(left, half.x), (right, 0)] {
+            app.world().get_mut::<Camera>(camera).unwrap().viewport = viewport(x);
+        }
+        warm_up(&mut app);
+        let swapped = app.capture().unwrap();
+        assert_flip(
+            &format!("viewport-right-{tracer:?}"),
+            half,
+            &whole,
+            &crop(&swapped, SIZE.x, columns..2 * columns),
+            0.01,
+        );
+    }
+}
+
+#[test]
+fn a_reduced_resolution_stays_inside() {
+    let inside = UVec2::new(60, 40);
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
+        let camera = mirror(&mut app, SceneName::MirrorRoom);
+        spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
+        app.warm_up(20_000).unwrap();
+        let render_entity = app.world().get::<RenderEntity>(camera).unwrap().id();
+        let render_world = app.app().sub_app_mut(RenderApp).world_mut();
+        render_world
+            .entity_mut(render_entity)
+            .insert(MainPassResolutionOverride(inside));
+        app.warm_up(20_000).unwrap();
+        app.step(2);
+        let off = app.capture().unwrap();
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
+        app.step(2);
+        let on = app.capture().unwrap();
+        let (mut changed_inside, mut changed_outside) = (0, 0);
+        for (i, (a, b)) in off.chunks_exact(4).zip(on.chunks_exact(4)).enumerate() {
+            let (x, y) = (i as u32 % SIZE.x, i as u32 / SIZE.x);
+            let changed = usize::from(a.iter().zip(b).any(|(a, b)| a.abs_diff(*b) > 1));
+            if x < inside.x && y < inside.y {
+                changed_inside += changed;
+            } else {
+                changed_outside += changed;
+            }
+        }
+        assert!(changed_inside > 60, "{tracer:?}: {changed_inside} pixels reflect");
+        assert_eq!(
+            changed_outside, 0,
+            "{tracer:?}: pixels beyond the reduced resolution changed"
+        );
+    }
+}

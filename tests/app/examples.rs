@@ -1,0 +1,437 @@
+//! The examples render without a window: the plugin of each, with Bevy's plugins around it, cameras that draw into an image, and
+//! keys that are pressed as by a user.
+//!
+//! Each image must differ from that without reflections by a stated amount. Images are kept in the folder `tmp` of the target
+//! directory.
+
+#[path = "../../examples/custom_heuristic.rs"]
+#[expect(dead_code, reason = "`main` opens a window")]
+mod custom_heuristic;
+#[path = "../../examples/minimal.rs"]
+#[expect(dead_code, reason = "`main` opens a window")]
+mod minimal;
+#[path = "../../examples/moving_objects.rs"]
+#[expect(dead_code, reason = "`main` opens a window")]
+mod moving_objects;
+#[cfg(feature = "egui")]
+#[path = "../../examples/quality_menu.rs"]
+#[expect(dead_code, reason = "`main` opens a window")]
+mod quality_menu;
+#[path = "../../examples/reflection_methods.rs"]
+#[expect(dead_code, reason = "`main` opens a window")]
+mod reflection_methods;
+#[cfg(feature = "egui")]
+#[path = "../../examples/settings_panel.rs"]
+#[expect(dead_code, reason = "`main` opens a window")]
+mod settings_panel;
+#[path = "../../examples/shading_rates.rs"]
+#[expect(dead_code, reason = "`main` opens a window")]
+mod shading_rates;
+#[path = "../../examples/split_screen.rs"]
+#[expect(dead_code, reason = "`main` opens a window")]
+mod split_screen;
+
+use bevy::{
+    camera::ShadowLodOrigin,
+    input::{
+        ButtonState,
+        keyboard::{Key, KeyboardInput},
+    },
+    light::{DirectionalLightShadowMap, PointLightShadowMap},
+    math::UVec2,
+    pbr::DefaultOpaqueRendererMethod,
+    prelude::*,
+};
+use bevy_glint::{RayTracedReflections, ReflectionStatus, ReflectionStatusReport};
+use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, save_picture};
+use std::{fs, ops::Range, path::Path, thread, time::Duration};
+
+const SIZE: UVec2 = UVec2::new(320, 180);
+/// Frames after which a history is long enough for a look.
+const FRAMES: u32 = 12;
+/// Frames that compiling and building may take.
+const PATIENCE: u32 = 20_000;
+
+/// An example that runs without a window.
+struct Example {
+    name: &'static str,
+    app: HeadlessApp,
+}
+
+impl Example {
+    /// Renders the first frames, until all of the scene can be hit; `None` (with the reason printed) where this machine can't render.
+    fn start(name: &'static str, plugin: fn(&mut App)) -> Option<Self> {
+        Self::start_with(name, plugin, |_| {})
+    }
+
+    /// The same; `change` is called before the first frame.
+    fn start_with(name: &'static str, plugin: fn(&mut App), change: impl FnOnce(&mut World)) -> Option<Self> {
+        let settings = HeadlessSettings {
+            size: SIZE,
+            ..default()
+        };
+        let app = HeadlessApp::new(settings, |app| {
+            // The harness draws deferred; here that is up to the example.
+            app.insert_resource(DefaultOpaqueRendererMethod::forward());
+            // A CPU takes long to draw large shadow maps.
+            app.insert_resource(DirectionalLightShadowMap { size: 512 });
+            app.insert_resource(PointLightShadowMap { size: 256 });
+            app.add_plugins(plugin);
+        });
+        let mut app = match app {
+            Ok(app) => app,
+            Err(error @ HeadlessError::NoRenderer) => {
+                let is_required = std::env::var_os("GLINT_REQUIRE_GPU").is_some();
+                assert!(!is_required, "a GPU is required, but: {error}");
+                println!("skipped: {error}");
+                return None;
+            }
+            Err(error) => panic!("{error}"),
+        };
+        let target = app.target();
+        app.world()
+            .add_observer(move |camera: On<Add<Camera3d>>, mut commands: Commands| {
+                // Without a window nothing else says for whom shadows are drawn.
+                commands.entity(camera.entity).insert((target.clone(), ShadowLodOrigin));
+            });
+        change(app.world());
+        // The first frame spawns the scene.
+        app.step(1);
+        let mut example = Self { name, app };
+        example.wait_for_scene();
+        Some(example)
+    }
+
+    /// Waits with the clock stopped until everything is compiled and, where a camera reflects, all of the scene can be hit.
+    fn wait_for_scene(&mut self) {
+        let was_paused = self.clock().is_paused();
+        self.app.warm_up(PATIENCE).unwrap_or_else(|error| panic!("{error}"));
+        self.clock().pause();
+        let mut frames = 0;
+        while self.is_pending() {
+            assert!(frames < PATIENCE, "{} is not ready after {frames} frames", self.name);
+            thread::sleep(Duration::from_millis(1));
+            self.app.step(1);
+            frames += 1;
+        }
+        // Uploads of the last frame are traced in the next one.
+        self.app.step(2);
+        if !was_paused {
+            self.clock().unpause();
+        }
+    }
+
+    fn is_pending(&mut self) -> bool {
+        let world = self.app.world();
+        let is_wanted = world.query::<&RayTracedReflections>().iter(world).next().is_some();
+        let report = self.report();
+        is_wanted && (!report.ready || report.meshes_pending > 0)
+    }
+
+    fn report(&mut self) -> ReflectionStatusReport {
+        self.app.world().resource::<ReflectionStatus>().report()
+    }
+
+    /// Presses a key for one frame.
+    fn press(&mut self, key: KeyCode) {
+        for state in [ButtonState::Pressed, ButtonState::Released] {
+            self.app.world().write_message(KeyboardInput {
+                key_code: key,
+                logical_key: Key::Unidentified(bevy::input::keyboard::NativeKey::Unidentified),
+                state,
+                text: None,
+                repeat: false,
+                window: Entity::PLACEHOLDER,
+            });
+            self.app.step(1);
+        }
+    }
+
+    /// Renders with the clock stopped, and keeps the image under a name.
+    fn image(&mut self, what: &str) -> Vec<u8> {
+        self.wait_for_scene();
+        let was_paused = self.clock().is_paused();
+        self.clock().pause();
+        self.app.step(FRAMES);
+        if !was_paused {
+            self.clock().unpause();
+        }
+        let image = self.app.capture().unwrap_or_else(|error| panic!("{error}"));
+        let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("example-{}-{what}.png", self.name));
+        save_picture(SIZE, image.clone(), &file).unwrap_or_else(|error| panic!("{error}"));
+        image
+    }
+
+    fn clock(&mut self) -> Mut<'_, Time<Virtual>> {
+        self.app.world().resource_mut::<Time<Virtual>>()
+    }
+
+    /// Switches the reflections of all cameras off.
+    fn remove_reflections(&mut self) {
+        let world = self.app.world();
+        let mut cameras = world.query_filtered::<Entity, With<RayTracedReflections>>();
+        let cameras: Vec<Entity> = cameras.iter(world).collect();
+        assert!(!cameras.is_empty(), "{}: no camera reflects", self.name);
+        for camera in cameras {
+            world.entity_mut(camera).remove::<RayTracedReflections>();
+        }
+    }
+
+    /// Compares the present image with that without reflections, which must be steady.
+    #[track_caller]
+    fn assert_reflects(&mut self, least: f32) {
+        let on = self.image("on");
+        self.remove_reflections();
+        let off = self.image("off");
+        let still = self.image("off");
+        self.assert_same("without reflections", &off, &still);
+        self.assert_differs("without reflections", &on, &off, least);
+    }
+
+    #[track_caller]
+    fn assert_differs(&self, what: &str, a: &[u8], b: &[u8], least: f32) {
+        let found = difference(a, b, 0..SIZE.x);
+        println!("{}, {what}: {found:.2}, at least {least}", self.name);
+        assert!(found >= least, "{}, {what}: {found} is less than {least}", self.name);
+    }
+
+    #[track_caller]
+    fn assert_same(&self, what: &str, a: &[u8], b: &[u8]) {
+        let found = difference(a, b, 0..SIZE.x);
+        assert!(found < SAME, "{}, {what}: {found} is not the same", self.name);
+    }
+}
+
+/// Dithering differs from frame to frame.
+const SAME: f32 = 0.2;
+
+/// Mean absolute difference of two images in some columns, in steps of 8 bits.
+fn difference(a: &[u8], b: &[u8], columns: Range<u32>) -> f32 {
+    assert_eq!((a.len(), b.len()), ((SIZE.x * SIZE.y * 4) as usize, a.len()));
+    let is_inside = |index: &usize| columns.contains(&(*index as u32 / 4 % SIZE.x)) && index % 4 != 3;
+    let differences = (0..a.len()).filter(is_inside).map(|i| f32::from(a[i].abs_diff(b[i])));
+    let count = columns.len() as f32 * SIZE.y as f32 * 3.0;
+    differences.sum::<f32>() / count
+}
+
+#[test]
+fn minimal() {
+    let Some(mut example) = Example::start("minimal", minimal::plugin) else {
+        return;
+    };
+    example.assert_reflects(2.0);
+}
+
+#[test]
+fn moving_objects() {
+    let Some(mut example) = Example::start("moving_objects", moving_objects::plugin) else {
+        return;
+    };
+    example.app.step(30);
+    let half_a_second = example.image("moving");
+    example.app.step(30);
+    let second = example.image("moving");
+    example.assert_differs("half a second later", &half_a_second, &second, 5.0);
+    example.press(KeyCode::Space);
+    // What moved is still in the history.
+    example.app.step(60);
+    let stopped = example.image("stopped");
+    example.app.step(30);
+    let later = example.image("later");
+    // Nothing but the noise of many small lamps is left.
+    let noise = difference(&stopped, &later, 0..SIZE.x);
+    println!("with the clock stopped: {noise:.2}");
+    assert!(noise < 1.5, "with the clock stopped the image changes by {noise}");
+    example.assert_reflects(2.0);
+}
+
+#[test]
+fn reflection_methods() {
+    let Some(mut example) = Example::start("reflection_methods", reflection_methods::plugin) else {
+        return;
+    };
+    let traced = example.image("traced");
+    let mut press = |key, what| {
+        example.press(key);
+        example.image(what)
+    };
+    let truth = press(KeyCode::Digit4, "truth");
+    let off = press(KeyCode::Digit1, "off");
+    let screen_space = press(KeyCode::Digit2, "screen_space");
+    let traced_again = press(KeyCode::Digit3, "traced_again");
+    example.assert_differs("environment map", &traced, &off, 5.0);
+    example.assert_differs("screen space", &traced, &screen_space, 5.0);
+    example.assert_differs("screen space instead of nothing", &off, &screen_space, 1.0);
+    let [error, error_off, error_screen_space] =
+        [&traced, &off, &screen_space].map(|image| difference(image, &truth, 0..SIZE.x));
+    println!("errors: {error:.2} traced, {error_off:.2} off, {error_screen_space:.2} screen space");
+    assert!(2.0 * error < error_off && 2.0 * error < error_screen_space);
+    let again = difference(&traced, &traced_again, 0..SIZE.x);
+    assert!(again < error.max(1.0), "traced once more it differs by {again}");
+}
+
+#[test]
+fn shading_rates() {
+    let Some(mut example) = Example::start("shading_rates", shading_rates::plugin) else {
+        return;
+    };
+    let combined = example.image("combined");
+    let mut press = |key, what| {
+        example.press(key);
+        example.image(what)
+    };
+    let uniform = press(KeyCode::Digit1, "uniform");
+    let roughness = press(KeyCode::Digit2, "roughness");
+    let grazing = press(KeyCode::Digit3, "grazing");
+    let combined_again = press(KeyCode::Digit4, "combined");
+    let heat = press(KeyCode::KeyV, "rays");
+    _ = press(KeyCode::KeyV, "on");
+    let right = SIZE.x / 2..SIZE.x;
+    // Rates are on the right.
+    let pairs = [
+        ("uniform", &combined, &uniform),
+        ("roughness", &uniform, &roughness),
+        ("grazing", &roughness, &grazing),
+        ("combined", &grazing, &combined_again),
+        ("rays", &combined_again, &heat),
+    ];
+    for (what, before, after) in pairs {
+        let found = difference(before, after, right.clone());
+        println!("{what}: {found:.2}");
+        assert!(found > 3.0, "{what} changes rates by {found}");
+    }
+    assert!(difference(&combined, &combined_again, right) < 1.0);
+    example.assert_reflects(2.0);
+}
+
+#[test]
+fn split_screen() {
+    let Some(mut example) = Example::start("split_screen", split_screen::plugin) else {
+        return;
+    };
+    let halves = [0..SIZE.x / 2, SIZE.x / 2..SIZE.x];
+    let both = example.image("both");
+    example.press(KeyCode::Digit1);
+    let right = example.image("right");
+    let [changed, same] = halves.clone().map(|half| difference(&both, &right, half));
+    println!("the left player's key: {changed:.2} left, {same:.2} right");
+    assert!(changed > 2.0 && same < 0.5);
+    // From low to medium.
+    example.press(KeyCode::Digit4);
+    let medium = example.image("medium");
+    let [same, changed] = halves.clone().map(|half| difference(&right, &medium, half));
+    println!("another preset on the right: {same:.2} left, {changed:.2} right");
+    assert!(changed > 0.2 && same < SAME);
+    example.press(KeyCode::Digit2);
+    example.press(KeyCode::Digit1);
+    let left = example.image("left");
+    let [same, changed] = halves.map(|half| difference(&both, &left, half));
+    println!("the other way round: {same:.2} left, {changed:.2} right");
+    assert!(changed > 2.0 && same < 0.5);
+}
+
+#[test]
+fn custom_heuristic() {
+    let Some(mut example) = Example::start("custom_heuristic", custom_heuristic::plugin) else {
+        return;
+    };
+    let mut press = |key, what| {
+        example.press(key);
+        example.image(what)
+    };
+    let shader = press(KeyCode::Digit1, "shader");
+    let image = press(KeyCode::Digit2, "image");
+    let own = press(KeyCode::Digit3, "own");
+    _ = press(KeyCode::KeyV, "on");
+    for (what, a, b) in [("shader", &shader, &own), ("image", &image, &own)] {
+        let found = difference(a, b, 0..SIZE.x);
+        println!("{what}: {found:.2}");
+        assert!(found > 3.0, "{what}: {found}");
+    }
+    example.assert_reflects(1.0);
+}
+
+#[cfg(feature = "egui")]
+#[test]
+fn settings_panel() {
+    let Some(mut example) = Example::start("settings_panel", settings_panel::plugin) else {
+        return;
+    };
+    let open = example.image("open");
+    example.press(KeyCode::F2);
+    let closed = example.image("closed");
+    example.assert_differs("the panel", &open, &closed, 10.0);
+    example.assert_reflects(2.0);
+}
+
+#[cfg(feature = "egui")]
+#[test]
+fn quality_menu() {
+    use bevy_glint::ui::ReflectionQuality;
+    use quality_menu::{GameSettings, SettingsFile};
+
+    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("example-quality_menu.txt");
+    fs::write(
+        &file,
+        "volume = 0.5\nreflections = ultra\nlanguage = latin\nvolume = loud\n",
+    )
+    .expect("it can be written");
+    let Some(mut example) = Example::start_with("quality_menu", quality_menu::plugin, |world| {
+        world.insert_resource(SettingsFile(file.clone()));
+    }) else {
+        return;
+    };
+    let settings = example.app.world().resource::<GameSettings>();
+    assert_eq!((settings.volume, settings.reflections), (0.5, ReflectionQuality::Ultra));
+    let open = example.image("open");
+    example.press(KeyCode::Escape);
+    let closed = example.image("closed");
+    example.assert_differs("the menu", &open, &closed, 3.0);
+    // As the menu does.
+    example.app.world().resource_mut::<GameSettings>().reflections = ReflectionQuality::Off;
+    example.app.step(2);
+    assert_eq!(
+        fs::read_to_string(&file).expect("it is saved"),
+        "volume = 0.5\nreflections = off\n"
+    );
+    let off = example.image("off");
+    example.assert_differs("the quality off", &closed, &off, 2.0);
+    example.app.world().resource_mut::<GameSettings>().reflections = ReflectionQuality::Low;
+    example.app.step(2);
+    example.assert_reflects(1.0);
+}
+
+/// Examples are for people to copy: one file each, of few lines, with Bevy and this crate alone.
+#[test]
+fn examples_are_short_and_stand_alone() {
+    const MOST_LINES: usize = 200;
+    const CRATES: [&str; 4] = ["bevy", "bevy_egui", "bevy_glint", "std"];
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples");
+    for entry in fs::read_dir(folder).expect("there are examples") {
+        let path = entry.expect("it can be read").path();
+        let name = path.display();
+        assert!(
+            path.extension().is_some_and(|end| end == "rs"),
+            "{name} is no single file"
+        );
+        let text = fs::read_to_string(&path).expect("it is text");
+        let lines = text.lines().count();
+        assert!(lines <= MOST_LINES, "{name} has {lines} lines");
+        for line in text.lines() {
+            assert!(
+                !line.starts_with("mod ") && !line.starts_with("#[path"),
+                "{name}: {line}"
+            );
+            if let Some(import) = line.strip_prefix("use ") {
+                let root = import.split([':', ';', ' ']).next().unwrap_or_default();
+                assert!(CRATES.contains(&root), "{name}: {line}");
+            }
+        }
+        // Included above, and so rendered.
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        assert!(
+            include_str!("examples.rs").contains(&format!("mod {stem};")),
+            "{name} has no test"
+        );
+    }
+}

@@ -1,0 +1,23 @@
+//! Apps that reflect: pictures, reports, the panel, examples, and the README as a new user follows it.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod pictures;
+mod stage;
+
+mod back_ends;
+mod convergence;
+mod debug_views;
+mod dynamics;
+mod examples;
+mod ground_truth;
+mod idle;
+mod merging;
+mod new_user;
+#[cfg(feature = "egui")]
+mod panel;
+mod plugin;
+mod reflect;
+mod robustness;
+mod toggle;

@@ -1,0 +1,296 @@
+//! Objects at rest are merged into trees in world space: nothing of that may be seen.
+
+use crate::{
+    common::app,
+    pictures::{assert_flip, flip, spawn, warm_up},
+    stage::{SIZE, report},
+};
+use bevy::{
+    asset::RenderAssetUsages,
+    image::ImageSampler,
+    math::Affine2,
+    mesh::{UvChannel, VertexAttributeValues},
+    prelude::*,
+    render::render_resource::{Extent3d, TextureDimension, TextureFormat},
+};
+use bevy_glint::{RayTracedReflections, ReflectionStatusReport, ReflectionTechnique, ReflectionTracerChoice};
+use glint_scenes::{HeadlessApp, Output, SceneName};
+
+/// Frames that merging may take.
+const PATIENCE: u32 = 20_000;
+
+/// Waits until nothing is left to be merged, and masked objects have their micromaps.
+fn rest(app: &mut HeadlessApp) -> ReflectionStatusReport {
+    app.step(3);
+    for _ in 0..PATIENCE {
+        let report = report(app);
+        if !report.merges_pending && !report.micromaps_pending {
+            return report;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(1));
+        app.step(1);
+    }
+    panic!("merging goes on: {:?}", report(app));
+}
+
+#[test]
+fn merging_is_not_seen() {
+    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let camera = spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
+    let first = app.capture().unwrap();
+    let merged = rest(&mut app);
+    assert!(
+        merged.instances > 1 && merged.merged_instances == merged.instances,
+        "{merged:?}"
+    );
+    assert!(merged.merge_builds >= 1 && merged.merged_triangles > 0, "{merged:?}");
+    assert_flip("merged", SIZE, &first, &app.capture().unwrap(), 0.002);
+
+    // A still scene stays as it is.
+    app.step(20);
+    assert_eq!(report(&mut app), merged);
+
+    let world = app.world();
+    let mut objects = world.query_filtered::<Entity, With<Mesh3d>>();
+    let subject = objects.iter(world).next().unwrap();
+    world.get_mut::<Transform>(subject).unwrap().translation.x += 0.5;
+    app.step(3);
+    assert_eq!(report(&mut app).merged_instances, 0, "the moved object is seen at once");
+    let moved = app.capture().unwrap();
+    let again = rest(&mut app);
+    assert_eq!(again.merged_instances, again.instances);
+    assert_flip("merged-again", SIZE, &moved, &app.capture().unwrap(), 0.002);
+
+    app.world().entity_mut(subject).despawn();
+    app.step(3);
+    let gone = report(&mut app);
+    assert_eq!((gone.merged_instances, gone.instances), (0, merged.instances - 1));
+    let less = app.capture().unwrap();
+    rest(&mut app);
+    assert_flip("merged-less", SIZE, &less, &app.capture().unwrap(), 0.002);
+
+    app.world().entity_mut(camera).remove::<RayTracedReflections>();
+    app.step(3);
+    let idle = report(&mut app);
+    assert_eq!((idle.merged_instances, idle.merged_triangles), (0, 0));
+}
+
+/// Alpha-masked objects share trees with all others.
+#[test]
+fn masked_objects_are_merged() {
+    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
+    let solid = rest(&mut app);
+    let opaque = app.capture().unwrap();
+
+    let world = app.world();
+    let mut objects = world.query::<(Entity, &MeshMaterial3d<StandardMaterial>)>();
+    let objects: Vec<_> = objects
+        .iter(world)
+        .map(|(entity, material)| (entity, material.id()))
+        .collect();
+    let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+    // All but the mirror are unlit.
+    let is_subject = |id: AssetId<StandardMaterial>| materials.get(id).is_some_and(|material| material.unlit);
+    let masked: Vec<_> = objects.into_iter().filter(|(_, id)| is_subject(*id)).take(2).collect();
+    assert_eq!(masked.len(), 2);
+    for (_, id) in &masked {
+        materials.get_mut(*id).unwrap().alpha_mode = AlphaMode::Mask(0.5);
+    }
+    warm_up(&mut app);
+    let single = app.capture().unwrap();
+    assert_flip("masked", SIZE, &opaque, &single, 0.002);
+    let merged = rest(&mut app);
+    assert_eq!(merged.merged_instances, merged.instances);
+    assert!(merged.merge_builds > solid.merge_builds, "{merged:?}");
+    assert_flip("masked-merged", SIZE, &single, &app.capture().unwrap(), 0.002);
+
+    // What the alpha test cuts out is not seen from the first frame on, although the tree took it for solid.
+    assert!(merged.micromap_builds > 0);
+    let mut materials = app.world().resource_mut::<Assets<StandardMaterial>>();
+    for (_, id) in &masked {
+        materials.get_mut(*id).unwrap().base_color.set_alpha(0.0);
+    }
+    warm_up(&mut app);
+    let cut_out = app.capture().unwrap();
+    assert!(flip(SIZE, &opaque, &cut_out).0 > 0.01);
+    let merged = rest(&mut app);
+    assert_eq!(merged.merged_instances, merged.instances);
+    assert_flip("masked-out-merged", SIZE, &cut_out, &app.capture().unwrap(), 0.002);
+    for (entity, _) in &masked {
+        app.world().entity_mut(*entity).despawn();
+    }
+    warm_up(&mut app);
+    assert_flip("masked-out", SIZE, &app.capture().unwrap(), &cut_out, 0.002);
+}
+
+fn picture(width: u32, height: u32, texels: Vec<u8>) -> Image {
+    let size = Extent3d {
+        width,
+        height,
+        ..default()
+    };
+    let format = TextureFormat::Rgba8UnormSrgb;
+    Image::new(size, TextureDimension::D2, texels, format, RenderAssetUsages::default())
+}
+
+/// An unlit object of the mirror room, whose texture is solid where its first UV coordinates point, and cut out at the second ones.
+struct Subject {
+    entity: Entity,
+    mesh: AssetId<Mesh>,
+    material: AssetId<StandardMaterial>,
+}
+
+impl Subject {
+    fn new(app: &mut HeadlessApp) -> Self {
+        let world = app.world();
+        let mut objects = world.query::<(Entity, &Mesh3d, &MeshMaterial3d<StandardMaterial>)>();
+        let materials = world.resource::<Assets<StandardMaterial>>();
+        let found = objects
+            .iter(world)
+            .map(|(entity, mesh, material)| (entity, mesh.id(), material.id()))
+            .find(|(_, _, id)| materials.get(*id).is_some_and(|material| material.unlit));
+        let (entity, mesh, material) = found.expect("all but the mirror are unlit");
+        let mut image = picture(2, 1, vec![255, 255, 255, 255, 255, 255, 255, 0]);
+        image.sampler = ImageSampler::nearest();
+        let image = world.resource_mut::<Assets<Image>>().add(image);
+        let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+        let mut changed = materials.get_mut(material).expect("it was found");
+        changed.base_color_texture = Some(image);
+        changed.alpha_mode = AlphaMode::Mask(0.5);
+        drop(changed);
+        let subject = Self { entity, mesh, material };
+        subject.edit_mesh(app, |mesh| {
+            let count = mesh.count_vertices();
+            mesh.insert_attribute(Mesh::ATTRIBUTE_UV_0, vec![[0.25f32, 0.5]; count]);
+            mesh.insert_attribute(Mesh::ATTRIBUTE_UV_1, vec![[0.75f32, 0.5]; count]);
+        });
+        subject
+    }
+
+    fn edit_mesh(&self, app: &mut HeadlessApp, edit: impl Fn(&mut Mesh)) {
+        let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
+        edit(&mut meshes.get_mut(self.mesh).expect("the mesh stays"));
+    }
+
+    /// Spreads a texture of 48 x 48 texels over the object.
+    fn show(&self, app: &mut HeadlessApp, texels: Vec<u8>) -> Handle<Image> {
+        self.edit_mesh(app, |mesh| {
+            let Some(VertexAttributeValues::Float32x3(positions)) = mesh.attribute(Mesh::ATTRIBUTE_POSITION) else {
+                panic!("meshes have positions");
+            };
+            let uvs: Vec<[f32; 2]> = positions.iter().map(|p| [p[0] + p[2] + 0.5, p[1] + 0.5]).collect();
+            mesh.insert_attribute(Mesh::ATTRIBUTE_UV_0, uvs);
+        });
+        let mut image = picture(48, 48, texels);
+        image.sampler = ImageSampler::linear();
+        let image = app.world().resource_mut::<Assets<Image>>().add(image);
+        let mut materials = app.world().resource_mut::<Assets<StandardMaterial>>();
+        materials
+            .get_mut(self.material)
+            .expect("the material stays")
+            .base_color_texture = Some(image.clone());
+        warm_up(app);
+        image
+    }
+
+    /// Chooses the UV coordinates, and moves the first ones.
+    fn choose(&self, app: &mut HeadlessApp, channel: UvChannel, moved: f32) {
+        let mut materials = app.world().resource_mut::<Assets<StandardMaterial>>();
+        let mut material = materials.get_mut(self.material).expect("the material stays");
+        material.base_color_channel = channel;
+        material.uv_transform = Affine2::from_translation(Vec2::new(moved, 0.0));
+    }
+}
+
+/// Micromaps, and trees without what is cut out, show what the texture alone shows.
+#[test]
+fn micromaps_are_not_seen() {
+    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
+    rest(&mut app);
+    let solid = app.capture().unwrap();
+    let subject = Subject::new(&mut app);
+    let disc = |hole: bool| {
+        let texel = move |x: i32, y: i32| {
+            let distance = (((x - 24).pow(2) + (y - 24).pow(2)) as f32).sqrt();
+            let alpha = (((18.0 - distance) * 0.5).clamp(0.0, 1.0) * 255.0) as u8;
+            [255, 200, 100, if hole { 255 - alpha } else { alpha }]
+        };
+        (0..48)
+            .flat_map(move |y| (0..48).flat_map(move |x| texel(x, y)))
+            .collect::<Vec<u8>>()
+    };
+    let image = subject.show(&mut app, disc(false));
+    let expected = app.capture().unwrap();
+    assert!(flip(SIZE, &solid, &expected).0 > 0.005, "a part is cut out");
+    let before = report(&mut app);
+    let rested = rest(&mut app);
+    assert!(rested.micromap_builds > before.micromap_builds, "{rested:?}");
+    assert_eq!(rested.merged_instances, rested.instances);
+    assert_flip("micromaps", SIZE, &expected, &app.capture().unwrap(), 0.0005);
+
+    // Another picture in the same image: what was known of the first one is forgotten.
+    let mut images = app.world().resource_mut::<Assets<Image>>();
+    images.get_mut(&image).expect("the image stays").data = Some(disc(true));
+    warm_up(&mut app);
+    let hole = app.capture().unwrap();
+    assert!(flip(SIZE, &expected, &hole).0 > 0.005);
+    let again = rest(&mut app);
+    assert!(again.micromap_builds > rested.micromap_builds, "{again:?}");
+    assert_eq!(again.merged_instances, again.instances);
+    assert_flip("micromaps-changed", SIZE, &hole, &app.capture().unwrap(), 0.0005);
+}
+
+/// What is cut out follows the texture, both sets of UV coordinates, the transform of the first one, and the alpha of vertices:
+/// in objects that count as moving, and in merged ones.
+#[test]
+fn cut_outs_follow_material_and_mesh() {
+    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
+    rest(&mut app);
+    let solid = app.capture().unwrap();
+    let subject = Subject::new(&mut app);
+    let hide = |app: &mut HeadlessApp, visibility: Visibility| {
+        *app.world().get_mut::<Visibility>(subject.entity).unwrap() = visibility;
+        warm_up(app);
+    };
+    hide(&mut app, Visibility::Hidden);
+    let without = app.capture().unwrap();
+    assert!(flip(SIZE, &solid, &without).0 > 0.005);
+    hide(&mut app, Visibility::Inherited);
+
+    let check = |app: &mut HeadlessApp, what: &str, expected: &[u8]| {
+        warm_up(app);
+        assert_flip(what, SIZE, expected, &app.capture().unwrap(), 0.002);
+    };
+    // Waits longer with each change, so it is done where the masks themselves differ.
+    let check_merged = |app: &mut HeadlessApp, what: &str, expected: &[u8]| {
+        let merged = rest(app);
+        assert_eq!(merged.merged_instances, merged.instances, "{what}");
+        assert_flip(what, SIZE, expected, &app.capture().unwrap(), 0.002);
+    };
+    check(&mut app, "first-set", &solid);
+    check_merged(&mut app, "first-set-merged", &solid);
+    subject.choose(&mut app, UvChannel::Uv1, 0.0);
+    check(&mut app, "second-set", &without);
+    check_merged(&mut app, "second-set-merged", &without);
+    subject.choose(&mut app, UvChannel::Uv1, 0.5);
+    check(&mut app, "second-set-stays", &without);
+    subject.choose(&mut app, UvChannel::Uv0, 0.5);
+    check(&mut app, "first-set-moved", &without);
+    subject.choose(&mut app, UvChannel::Uv0, 0.0);
+    subject.edit_mesh(&mut app, |mesh| {
+        let count = mesh.count_vertices();
+        mesh.insert_attribute(Mesh::ATTRIBUTE_COLOR, vec![[1.0f32, 1.0, 1.0, 0.0]; count]);
+    });
+    check(&mut app, "vertex-alpha", &without);
+}

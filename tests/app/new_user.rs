@@ -1,0 +1,358 @@
+//! The README as a new user follows it: an empty folder, the dependencies and the code that it gives, and nothing else.
+//!
+//! Two things differ from what a user does, so that a test can do it. Bevy comes with the features of this workspace instead of its
+//! default ones, since all of it would be compiled anew otherwise; and `DefaultPlugins` becomes the same plugins without a
+//! window, with a mirror before the camera and a red cube behind it. Only traced reflections can show that cube.
+
+use crate::common::app;
+use bevy::math::UVec2;
+use bevy_glint::ReflectionTracerChoice;
+use glint_scenes::Output;
+use std::{
+    env,
+    fs::{self, File},
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    thread,
+    time::{Duration, Instant},
+};
+
+const README: &str = include_str!("../../README.md");
+const MANIFEST: &str = include_str!("../../Cargo.toml");
+const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+/// The new crate.
+const NAME: &str = "my_game";
+/// A CPU that renders compiles shaders for a while.
+const PATIENCE: Duration = Duration::from_secs(1200);
+
+/// The plugins that take the place of `DefaultPlugins`, and what is looked at.
+const CHECK: &str = r#"//! Bevy's plugins without a window, and a picture of a mirror.
+
+use bevy::{
+    app::{PluginGroupBuilder, ScheduleRunnerPlugin},
+    camera::RenderTarget,
+    prelude::*,
+    render::{
+        RenderPlugin,
+        pipelined_rendering::PipelinedRenderingPlugin,
+        render_resource::TextureFormat,
+        view::screenshot::{Screenshot, ScreenshotCaptured},
+    },
+    window::ExitCondition,
+    winit::WinitPlugin,
+};
+use bevy_glint::ReflectionStatus;
+
+pub fn plugins() -> PluginGroupBuilder {
+    DefaultPlugins
+        .set(WindowPlugin {
+            primary_window: None,
+            exit_condition: ExitCondition::DontExit,
+            ..default()
+        })
+        .set(RenderPlugin {
+            synchronous_pipeline_compilation: true,
+            ..default()
+        })
+        .disable::<PipelinedRenderingPlugin>()
+        .disable::<WinitPlugin>()
+        .add(ScheduleRunnerPlugin::default())
+        .add(Check)
+}
+
+struct Check;
+
+#[derive(Resource)]
+struct Picture(Handle<Image>);
+
+impl Plugin for Check {
+    fn build(&self, app: &mut App) {
+        app.add_systems(PostStartup, place_mirror)
+            .add_systems(Update, take_picture);
+    }
+}
+
+fn place_mirror(
+    cameras: Query<(Entity, &Transform), With<Camera3d>>,
+    mut images: ResMut<Assets<Image>>,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+    mut commands: Commands,
+) {
+    let picture = images.add(Image::new_target_texture(
+        320,
+        180,
+        TextureFormat::Rgba8UnormSrgb,
+        None,
+    ));
+    for (camera, transform) in &cameras {
+        commands
+            .entity(camera)
+            .insert(RenderTarget::from(picture.clone()));
+        commands.spawn((
+            Mesh3d(meshes.add(Rectangle::new(0.3, 0.3))),
+            MeshMaterial3d(materials.add(StandardMaterial {
+                metallic: 1.0,
+                perceptual_roughness: 0.0,
+                ..default()
+            })),
+            *transform * Transform::from_xyz(0.0, 0.0, -0.5),
+        ));
+        commands.spawn((
+            Mesh3d(meshes.add(Cuboid::new(0.6, 0.6, 0.6))),
+            MeshMaterial3d(materials.add(StandardMaterial {
+                base_color: Color::srgb(1.0, 0.0, 0.0),
+                unlit: true,
+                ..default()
+            })),
+            *transform * Transform::from_xyz(0.0, 0.0, 1.0),
+        ));
+    }
+    commands.insert_resource(Picture(picture));
+}
+
+fn take_picture(
+    status: Res<ReflectionStatus>,
+    picture: Res<Picture>,
+    mut frames: Local<u32>,
+    mut commands: Commands,
+) {
+    let report = status.report();
+    if report.tracer.is_none() && !report.reasons.is_empty() {
+        eprintln!("no reflections: {:?}", report.reasons);
+        std::process::exit(1);
+    }
+    if !report.ready || report.meshes_pending > 0 || report.instances < 2 {
+        return;
+    }
+    *frames += 1;
+    if *frames == 40 {
+        commands
+            .spawn(Screenshot::image(picture.0.clone()))
+            .observe(save);
+    }
+}
+
+fn save(
+    captured: On<ScreenshotCaptured>,
+    status: Res<ReflectionStatus>,
+    mut exit: MessageWriter<AppExit>,
+) {
+    let picture = captured.image.clone().try_into_dynamic();
+    let picture = picture.expect("the picture has 8 bits").to_rgb8();
+    picture.save("picture.png").expect("the picture can be written");
+    println!("reflections are on: {:?}", status.report().tracer);
+    exit.write(AppExit::Success);
+}
+"#;
+
+/// The first block of the README in a language that contains `part`.
+fn block(language: &str, part: &str) -> String {
+    let mut lines = README.lines();
+    while let Some(line) = lines.next() {
+        let Some(info) = line.strip_prefix("```") else { continue };
+        let text: Vec<&str> = lines.by_ref().take_while(|line| *line != "```").collect();
+        if info.split(',').next() == Some(language) && text.iter().any(|line| line.contains(part)) {
+            return text.join("\n") + "\n";
+        }
+    }
+    panic!("the README lacks a step: it has no block of `{language}` with `{part}`");
+}
+
+/// The lines of a section of this workspace's manifest.
+fn section(header: &str) -> String {
+    let lines = MANIFEST.lines().skip_while(|line| *line != header).skip(1);
+    let lines: Vec<&str> = lines.take_while(|line| !line.starts_with('[')).collect();
+    assert!(!lines.is_empty(), "Cargo.toml has no {header}");
+    lines.join("\n")
+}
+
+/// A line of the README's dependencies, with this checkout in the place of a release, and without Bevy's default features.
+fn dependency(line: &str) -> String {
+    let named = line.split_once('=').map(|(name, rest)| (name.trim(), rest.trim()));
+    match named {
+        Some(("bevy_glint", _)) => format!("bevy_glint = {{ path = {ROOT:?} }}"),
+        Some(("bevy", rest)) if rest.starts_with('{') => line.replacen('{', "{ default-features = false,", 1),
+        Some(("bevy", rest)) => format!("bevy = {{ version = {rest}, default-features = false }}"),
+        _ => line.to_owned(),
+    }
+}
+
+/// The README's code with the one word replaced that opens a window.
+fn main_file() -> String {
+    let code = block("rust", "fn main()");
+    assert!(
+        code.contains("DefaultPlugins"),
+        "the README's code has no DefaultPlugins"
+    );
+    code.replace("DefaultPlugins", "check::plugins()") + "\nmod check;\n"
+}
+
+fn manifest_of(name: &str, dependencies: &str) -> String {
+    format!("[package]\nname = \"{name}\"\nversion = \"0.1.0\"\nedition = \"2024\"\n\n{dependencies}\n")
+}
+
+fn write(file: PathBuf, text: &str) {
+    let folder = file.parent().expect("a file lies in a folder");
+    fs::create_dir_all(folder).expect("a folder can be made");
+    fs::write(&file, text).unwrap_or_else(|error| panic!("{} can't be written: {error}", file.display()));
+}
+
+/// What `cargo new` makes, with the README's dependencies and code. Beside it stands a crate that asks for the features which this
+/// test was built with: cargo unites the features of a workspace, and finds all of Bevy built already.
+fn make(folder: &Path) {
+    _ = fs::remove_dir_all(folder);
+    let dependencies: Vec<_> = block("toml", "[dependencies]").lines().map(dependency).collect();
+    write(
+        folder.join(NAME).join("Cargo.toml"),
+        &manifest_of(NAME, &dependencies.join("\n")),
+    );
+    write(folder.join(NAME).join("src/main.rs"), &main_file());
+    write(folder.join(NAME).join("src/check.rs"), CHECK);
+
+    let features: Vec<_> = [
+        (cfg!(feature = "egui"), "egui"),
+        (cfg!(feature = "hardware-vrs"), "hardware-vrs"),
+    ]
+    .into_iter()
+    .filter_map(|(on, name)| on.then_some(name))
+    .collect();
+    let others = section("[dev-dependencies]");
+    let others: Vec<_> = others.lines().filter(|line| !line.contains("path =")).collect();
+    let dependencies = format!(
+        "[dependencies]\nbevy_glint = {{ path = {ROOT:?}, features = {features:?} }}\n{}",
+        others.join("\n")
+    );
+    write(
+        folder.join("like_here/Cargo.toml"),
+        &manifest_of("like_here", &dependencies),
+    );
+    write(folder.join("like_here/src/lib.rs"), "");
+    let workspace = format!(
+        "[workspace]\nmembers = [\"{NAME}\", \"like_here\"]\nresolver = \"3\"\n\n[workspace.dependencies]\n{}\n\
+         [profile.release]\n{}\n",
+        section("[workspace.dependencies]"),
+        section("[profile.release]")
+    );
+    write(folder.join("Cargo.toml"), &workspace);
+    let lock = fs::read_to_string(Path::new(ROOT).join("Cargo.lock")).expect("the workspace is locked");
+    write(folder.join("Cargo.lock"), &lock);
+}
+
+/// Builds the app with the objects of this workspace; returns its program.
+fn build(folder: &Path) -> PathBuf {
+    let target = Path::new(env!("CARGO_TARGET_TMPDIR"))
+        .parent()
+        .expect("the folder for tests lies in that of builds");
+    let is_release = !cfg!(debug_assertions);
+    let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    // Bevy builds with compilers that are older than the one it names.
+    cargo
+        .args([
+            "build",
+            "--workspace",
+            "--bin",
+            NAME,
+            "--offline",
+            "--ignore-rust-version",
+        ])
+        .args(is_release.then_some("--release"))
+        .arg("--target-dir")
+        .arg(target)
+        .current_dir(folder);
+    for (name, _) in env::vars_os() {
+        let text = name.to_string_lossy();
+        if ["CARGO_PKG_", "CARGO_MANIFEST_", "CARGO_BIN_"]
+            .iter()
+            .any(|start| text.starts_with(start))
+        {
+            cargo.env_remove(&name);
+        }
+    }
+    let status = cargo.status().expect("cargo starts");
+    assert!(status.success(), "the app doesn't build ({status})");
+    let profile = if is_release { "release" } else { "debug" };
+    target.join(profile).join(format!("{NAME}{}", env::consts::EXE_SUFFIX))
+}
+
+/// Runs a program to its end, with all that it says in the file `log`; returns what that was. The test fails if the program does,
+/// or if it takes too long; `what` begins the sentence.
+#[track_caller]
+fn run(what: &str, command: &mut Command, log: &Path) -> String {
+    let output = File::create(log).expect("a log can be written");
+    let errors = output.try_clone().expect("a log can be shared");
+    let mut child = command
+        .env_remove("RUST_LOG")
+        .env("NO_COLOR", "1")
+        .stdin(Stdio::null())
+        .stdout(output)
+        .stderr(errors)
+        .spawn()
+        .unwrap_or_else(|error| panic!("{what} doesn't start: {error}"));
+    let start = Instant::now();
+    let status = loop {
+        match child.try_wait() {
+            Ok(Some(status)) => break status,
+            Ok(None) if start.elapsed() <= PATIENCE => thread::sleep(Duration::from_millis(50)),
+            outcome => {
+                _ = child.kill();
+                _ = child.wait();
+                panic!("{what} doesn't end ({outcome:?}); see {}", log.display());
+            }
+        }
+    };
+    let said = fs::read_to_string(log).expect("the log is text");
+    assert!(status.success(), "{what} ended with {status}:\n{said}");
+    said
+}
+
+#[test]
+fn the_readme_has_every_step() {
+    let dependencies = block("toml", "[dependencies]");
+    for name in ["bevy", "bevy_glint"] {
+        let has_line = |line: &str| line.split_once('=').is_some_and(|(start, _)| start.trim() == name);
+        assert!(dependencies.lines().any(has_line), "no line for {name}");
+    }
+    let code = main_file();
+    assert!(code.contains("check::plugins()") && !code.contains("DefaultPlugins"));
+    assert_eq!(
+        dependency("bevy = \"0.20\""),
+        "bevy = { version = \"0.20\", default-features = false }"
+    );
+    assert_eq!(
+        dependency("bevy = { version = \"0.20\", features = [\"png\"] }"),
+        "bevy = { default-features = false, version = \"0.20\", features = [\"png\"] }"
+    );
+}
+
+#[test]
+#[ignore = "builds a crate; run by cargo xtask new-user"]
+fn a_new_app_reflects() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("new_user");
+    make(&folder);
+    let program = build(&folder);
+    if app(UVec2::ONE, Output::Picture, ReflectionTracerChoice::Auto).is_none() {
+        return;
+    }
+    let game = folder.join(NAME);
+    // It ends by itself once it has taken its picture.
+    let said = run(
+        "the app",
+        Command::new(program).current_dir(&game),
+        &game.join("log.txt"),
+    );
+    assert!(said.contains("reflections are on: Some("), "{said}");
+    for problem in ["ERROR bevy_glint", "WARN bevy_glint"] {
+        assert!(!said.contains(problem), "{said}");
+    }
+    let picture = image::open(game.join("picture.png"))
+        .expect("a picture was written")
+        .to_rgb8();
+    assert_eq!(picture.dimensions(), (320, 180));
+    let [red, green, blue] = picture.get_pixel(160, 90).0.map(u32::from);
+    assert!(
+        red > 80 && 2 * red > 3 * green.max(blue),
+        "the mirror doesn't show the cube behind the camera, but ({red}, {green}, {blue}); see {}",
+        game.display()
+    );
+}

@@ -1,0 +1,139 @@
+//! Renders scenes and compares pictures.
+use bevy::{
+    light::{CascadeShadowConfig, DirectionalLightShadowMap, PointLightShadowMap},
+    math::UVec2,
+    prelude::*,
+};
+use bevy_glint::{
+    RayTracedReflections, ReflectionDenoiser, ReflectionStatus, ReflectionTechnique, ReflectionTracerChoice,
+};
+use glint_scenes::{HeadlessApp, SceneName, SceneOptions};
+use std::{ops::Range, path::PathBuf};
+
+/// Pixels per degree of the paper's display: 2,560 pixels over 0.5 m at 0.62 m.
+pub const PIXELS_PER_DEGREE: f32 = 55.4;
+
+/// Frames that loading, compiling and building may take.
+const PATIENCE: u32 = 20_000;
+
+pub const BOTH: [ReflectionTracerChoice; 2] = [ReflectionTracerChoice::RayQuery, ReflectionTracerChoice::Bvh];
+
+/// Makes shadow maps coarse, for pictures that differ in their reflections alone: a CPU takes longer to draw fine ones than to trace
+/// all rays. Reflections trace shadow rays instead.
+pub fn use_coarse_shadow_maps(app: &mut HeadlessApp) {
+    let world = app.world();
+    world.insert_resource(DirectionalLightShadowMap { size: 256 });
+    world.insert_resource(PointLightShadowMap { size: 128 });
+    world.add_observer(
+        |sun: On<Add<CascadeShadowConfig>>, mut suns: Query<&mut CascadeShadowConfig>| {
+            if let Ok(mut cascades) = suns.get_mut(sun.entity) {
+                let all_but_last = ..cascades.bounds.len().saturating_sub(1);
+                cascades.bounds.drain(all_but_last);
+            }
+        },
+    );
+}
+
+/// Spawns a scene whose camera reflects everything, and waits until all of it can be hit.
+pub fn spawn(app: &mut HeadlessApp, scene: SceneName, technique: ReflectionTechnique) -> Entity {
+    let camera = app.spawn_scene(scene, &SceneOptions::default());
+    reflect(app, camera, technique);
+    camera
+}
+
+/// Switches reflections on without a cut-off and waits until the scene can be hit.
+pub fn reflect(app: &mut HeadlessApp, camera: Entity, technique: ReflectionTechnique) {
+    let settings = RayTracedReflections {
+        technique,
+        denoiser: ReflectionDenoiser::OFF,
+        full_resolution_mirrors: false,
+        roughness_cutoff: 1.0,
+        roughness_fade: 0.0,
+        ..default()
+    };
+    app.world().entity_mut(camera).insert(settings);
+    warm_up(app);
+    app.world()
+        .entity_mut(camera)
+        .get_mut::<RayTracedReflections>()
+        .unwrap()
+        .reset = true;
+}
+
+/// Waits until pipelines are compiled and meshes are built.
+pub fn warm_up(app: &mut HeadlessApp) {
+    app.warm_up(PATIENCE).unwrap_or_else(|error| panic!("{error}"));
+    for _ in 0..PATIENCE {
+        let report = app.world().resource::<ReflectionStatus>().report();
+        if report.ready && report.meshes_pending == 0 {
+            // What was uploaded last is traced in the next frame.
+            app.step(2);
+            return;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(1));
+        app.step(1);
+    }
+    panic!("not ready: {}", app.world().resource::<ReflectionStatus>().report());
+}
+
+/// Mean FLIP of two RGBA pictures. Where it is above `limit`, both and the error map are written and the test fails.
+pub fn assert_flip(name: &str, size: UVec2, expected: &[u8], actual: &[u8], limit: f32) -> f32 {
+    let mean = flip(size, expected, actual).0;
+    println!("{name}: mean FLIP {mean:.5}, at most {limit}");
+    if mean.is_nan() || mean > limit {
+        let folder = dump(name, size, expected, actual);
+        panic!("{name}: mean FLIP {mean:.5} is above {limit}; see {}", folder.display());
+    }
+    mean
+}
+
+/// Mean FLIP of two RGBA pictures and its map, one value for each pixel.
+pub fn flip(size: UVec2, expected: &[u8], actual: &[u8]) -> (f32, Vec<f32>) {
+    let map = nv_flip::flip(image(size, expected), image(size, actual), PIXELS_PER_DEGREE);
+    let mean = nv_flip::FlipPool::from_image(&map).mean();
+    (mean, map.to_vec())
+}
+
+fn image(size: UVec2, rgba: &[u8]) -> nv_flip::FlipImageRgb8 {
+    let rgb: Vec<u8> = rgba
+        .chunks_exact(4)
+        .flat_map(|pixel| [pixel[0], pixel[1], pixel[2]])
+        .collect();
+    nv_flip::FlipImageRgb8::with_data(size.x, size.y, &rgb)
+}
+
+/// Writes pictures for people to look at; returns the folder.
+pub fn dump(name: &str, size: UVec2, expected: &[u8], actual: &[u8]) -> PathBuf {
+    let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR"));
+    for (suffix, bytes) in [("expected", expected), ("actual", actual)] {
+        let path = folder.join(format!("{name}-{suffix}.png"));
+        glint_scenes::save_picture(size, bytes.to_vec(), &path).unwrap_or_else(|error| panic!("{error}"));
+    }
+    let map = flip(size, expected, actual).1;
+    let gray = map
+        .iter()
+        .flat_map(|error| [(error * 255.0) as u8, (error * 255.0) as u8, (error * 255.0) as u8, 255]);
+    let path = folder.join(format!("{name}-difference.png"));
+    glint_scenes::save_picture(size, gray.collect(), &path).unwrap_or_else(|error| panic!("{error}"));
+    folder
+}
+
+/// Pixels of which a channel differs by more than `tolerance`.
+pub fn differing_pixels(a: &[u8], b: &[u8], tolerance: u8) -> usize {
+    let apart = |(a, b): &(&[u8], &[u8])| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > tolerance);
+    a.chunks_exact(4).zip(b.chunks_exact(4)).filter(apart).count()
+}
+
+pub fn red_pixels(picture: &[u8]) -> usize {
+    let is_red = |pixel: &&[u8]| pixel[0] > 230 && pixel[1] < 25 && pixel[2] < 25;
+    picture.chunks_exact(4).filter(is_red).count()
+}
+
+/// Columns of a picture of some width.
+pub fn crop(picture: &[u8], width: u32, columns: Range<usize>) -> Vec<u8> {
+    let lines = picture.chunks_exact(4 * width as usize);
+    lines
+        .flat_map(|line| &line[4 * columns.start..4 * columns.end])
+        .copied()
+        .collect()
+}

@@ -1,0 +1,244 @@
+//! The plugin in apps of all kinds.
+
+use crate::common;
+use bevy::{
+    core_pipeline::schedule::Core3d,
+    ecs::schedule::{InternedScheduleLabel, LogLevel, ScheduleBuildSettings, ScheduleLabel, SystemSet},
+    platform::collections::HashMap,
+    prelude::*,
+    render::{
+        MainWorld, Render, RenderApp, RenderPlugin, pipelined_rendering::PipelinedRenderingPlugin,
+        settings::RenderCreation,
+    },
+};
+use bevy_glint::{
+    NotReflected, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, ReflectionSystems,
+    ReflectionTracerChoice,
+};
+use glint_scenes::Output;
+use std::sync::{Arc, Mutex};
+
+#[test]
+fn an_app_without_a_renderer_goes_on() {
+    let mut app = App::new();
+    app.add_plugins((MinimalPlugins, RayTracedReflectionsPlugin::default()));
+    app.world_mut().spawn((RayTracedReflections::default(), NotReflected));
+    app.finish();
+    app.cleanup();
+    app.update();
+    app.update();
+    let report = app.world().resource::<ReflectionStatus>().report();
+    assert_eq!(report.tracer, None);
+    assert!(!report.ready);
+}
+
+#[test]
+fn a_renderer_without_a_device_is_no_error() {
+    let mut app = App::new();
+    let no_gpu = RenderPlugin {
+        render_creation: RenderCreation::Automatic(Box::new(bevy::render::settings::WgpuSettings {
+            backends: None,
+            ..default()
+        })),
+        ..default()
+    };
+    app.add_plugins((
+        DefaultPlugins
+            .set(no_gpu)
+            .disable::<bevy::winit::WinitPlugin>()
+            .disable::<bevy::log::LogPlugin>()
+            .disable::<bevy::app::TerminalCtrlCHandlerPlugin>(),
+        RayTracedReflectionsPlugin::default(),
+    ));
+    app.finish();
+    app.cleanup();
+    app.update();
+}
+
+/// Systems of ours that may run in either order and touch the same data would make frames differ.
+#[test]
+fn no_system_order_is_left_to_chance() {
+    let without = ambiguities(|_| {});
+    let with = ambiguities(|app| {
+        app.add_plugins(RayTracedReflectionsPlugin::default());
+    });
+    let (Some(without), Some(with)) = (without, with) else {
+        return;
+    };
+    for (schedule, count) in &with {
+        let before = without.get(schedule).copied().unwrap_or(0);
+        assert_eq!(*count, before, "new ambiguities in {schedule:?}");
+    }
+}
+
+/// Names in the order in which systems of an app ran.
+#[derive(Clone, Default)]
+struct Order(Arc<Mutex<Vec<&'static str>>>);
+
+impl Order {
+    fn note(&self, name: &'static str) -> impl FnMut() + Send + Sync + 'static {
+        let names = self.0.clone();
+        move || names.lock().unwrap().push(name)
+    }
+}
+
+/// The sets are public so that apps can do this.
+#[test]
+fn systems_of_an_app_run_before_and_after_those_of_the_plugin() {
+    use ReflectionSystems::{
+        DebugViews, ExtractCameras, ExtractScene, Passes, PrepareBindGroups, PrepareScene, PrepareViews,
+        QueuePipelines, RequestPipelines,
+    };
+    let order = Order::default();
+    let notes = order.clone();
+    let add = move |app: &mut App| {
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
+            return;
+        };
+        let note = |name| notes.note(name);
+        render_app
+            .add_systems(
+                ExtractSchedule,
+                (
+                    note("before the scene").before(ExtractScene),
+                    note("after the scene").after(ExtractScene).before(ExtractCameras),
+                    note("after the cameras").after(ExtractCameras),
+                ),
+            )
+            .add_systems(
+                Render,
+                (
+                    note("before the tables").before(PrepareScene),
+                    note("after the tables").after(PrepareScene).before(RequestPipelines),
+                    note("requested").after(RequestPipelines).before(QueuePipelines),
+                    note("queued").after(QueuePipelines).before(PrepareViews),
+                    note("views").after(PrepareViews).before(PrepareBindGroups),
+                    note("bound").after(PrepareBindGroups),
+                ),
+            )
+            .add_systems(
+                Core3d,
+                (
+                    note("before the passes").before(Passes),
+                    note("after the passes").after(Passes).before(DebugViews),
+                    note("after all").after(DebugViews),
+                ),
+            );
+    };
+    let Some(mut app) = common::app_with(UVec2::new(32, 18), Output::Picture, ReflectionTracerChoice::Bvh, add) else {
+        return;
+    };
+    app.spawn_camera(RayTracedReflections::default());
+    app.step(1);
+    order.0.lock().unwrap().clear();
+    app.step(1);
+
+    let mut ran = order.0.lock().unwrap().clone();
+    // Bevy draws views within the schedule of the frame.
+    let in_views: Vec<_> = ran
+        .extract_if(.., |name| name.ends_with("passes") || *name == "after all")
+        .collect();
+    assert_eq!(in_views, ["before the passes", "after the passes", "after all"]);
+    assert_eq!(
+        ran,
+        [
+            "before the scene",
+            "after the scene",
+            "after the cameras",
+            "before the tables",
+            "after the tables",
+            "requested",
+            "queued",
+            "views",
+            "bound",
+        ]
+    );
+
+    let render_world = app.app().sub_app_mut(RenderApp).world_mut();
+    for (label, sets) in [
+        (ExtractSchedule.intern(), &[ExtractScene, ExtractCameras][..]),
+        (
+            Render.intern(),
+            &[
+                PrepareScene,
+                RequestPipelines,
+                QueuePipelines,
+                PrepareViews,
+                PrepareBindGroups,
+            ],
+        ),
+        (Core3d.intern(), &[Passes, DebugViews]),
+    ] {
+        render_world.schedule_scope(label, |_, schedule| {
+            for set in sets {
+                let systems = schedule.graph().systems_in_set(set.intern());
+                assert!(systems.is_ok_and(|systems| !systems.is_empty()), "nothing in {set:?}");
+            }
+        });
+    }
+}
+
+fn ambiguities(add: impl FnOnce(&mut App)) -> Option<HashMap<(bool, InternedScheduleLabel), usize>> {
+    let mut app = App::new();
+    app.add_plugins(
+        DefaultPlugins
+            .set(RenderPlugin {
+                synchronous_pipeline_compilation: true,
+                ..default()
+            })
+            .disable::<PipelinedRenderingPlugin>()
+            .disable::<bevy::winit::WinitPlugin>()
+            .disable::<bevy::log::LogPlugin>()
+            .disable::<bevy::app::TerminalCtrlCHandlerPlugin>(),
+    );
+    add(&mut app);
+    while app.plugins_state() == bevy::app::PluginsState::Adding {
+        bevy::tasks::tick_global_task_pools_on_main_thread();
+    }
+    app.finish();
+    app.cleanup();
+    if app.get_sub_app(RenderApp).is_none_or(|render| {
+        !render
+            .world()
+            .contains_resource::<bevy::render::renderer::RenderDevice>()
+    }) {
+        assert!(
+            std::env::var_os("GLINT_REQUIRE_GPU").is_none(),
+            "a GPU is required, but there is none"
+        );
+        println!("skipped: no GPU");
+        return None;
+    }
+    let mut counts = HashMap::default();
+    app.sub_app_mut(RenderApp).init_resource::<MainWorld>();
+    for in_render_world in [false, true] {
+        let sub_app = if in_render_world {
+            app.sub_app_mut(RenderApp)
+        } else {
+            app.main_mut()
+        };
+        let labels: Vec<_> = {
+            let mut schedules = sub_app.world_mut().resource_mut::<Schedules>();
+            schedules
+                .iter_mut()
+                .map(|(_, schedule)| {
+                    schedule.set_build_settings(ScheduleBuildSettings {
+                        ambiguity_detection: LogLevel::Warn,
+                        auto_insert_apply_deferred: false,
+                        use_shortnames: false,
+                        ..default()
+                    });
+                    schedule.label()
+                })
+                .collect()
+        };
+        for label in labels {
+            let count = sub_app.world_mut().schedule_scope(label, |world, schedule| {
+                schedule.initialize(world).unwrap().unwrap();
+                schedule.graph().conflicting_systems().len()
+            });
+            counts.insert((in_render_world, label), count);
+        }
+    }
+    Some(counts)
+}

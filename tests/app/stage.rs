@@ -1,0 +1,68 @@
+//! Small scenes of a few objects before a mirror.
+
+use bevy::{
+    math::UVec2,
+    prelude::*,
+    render::{RenderApp, render_resource::PollType, renderer::RenderDevice},
+};
+use bevy_glint::{ReflectionStatus, ReflectionStatusReport};
+use glint_scenes::{HeadlessApp, SceneName, environment};
+
+pub const SIZE: UVec2 = UVec2::new(96, 64);
+pub const RED: [u8; 3] = [255, 0, 0];
+pub const GREEN: [u8; 3] = [0, 255, 0];
+pub const BLUE: [u8; 3] = [0, 0, 255];
+/// Of the camera before a mirror in the origin.
+pub const BEFORE_THE_MIRROR: Transform = Transform::from_xyz(0.0, 0.0, 3.0);
+
+pub fn unlit(color: [u8; 3]) -> StandardMaterial {
+    let [r, g, b] = color;
+    StandardMaterial {
+        base_color: Color::srgb_u8(r, g, b),
+        unlit: true,
+        ..default()
+    }
+}
+
+pub fn metal(perceptual_roughness: f32) -> StandardMaterial {
+    StandardMaterial {
+        metallic: 1.0,
+        perceptual_roughness,
+        ..default()
+    }
+}
+
+/// Fills the picture of a camera before the mirror.
+pub fn wall() -> Rectangle {
+    Rectangle::new(12.0, 12.0)
+}
+
+pub fn spawn_mesh(app: &mut HeadlessApp, mesh: impl Into<Mesh>, material: StandardMaterial, at: Transform) -> Entity {
+    let world = app.world();
+    let mesh = world.resource_mut::<Assets<Mesh>>().add(mesh);
+    let material = world.resource_mut::<Assets<StandardMaterial>>().add(material);
+    world.spawn((Mesh3d(mesh), MeshMaterial3d(material), at)).id()
+}
+
+/// A camera in the surroundings of a scene.
+pub fn spawn_camera(app: &mut HeadlessApp, at: Transform, surroundings: SceneName) -> Entity {
+    let environment = environment(surroundings, app.world());
+    let camera = app.spawn_camera(at);
+    environment.insert(&mut app.world().entity_mut(camera));
+    camera
+}
+
+pub fn report(app: &mut HeadlessApp) -> ReflectionStatusReport {
+    app.world().resource::<ReflectionStatus>().report()
+}
+
+/// Renders one frame and waits for the GPU, so that the next frame finds the report.
+pub fn frame(app: &mut HeadlessApp) {
+    app.step(1);
+    let world = app.app().sub_app(RenderApp).world();
+    let wait = PollType::Wait {
+        submission_index: None,
+        timeout: None,
+    };
+    world.resource::<RenderDevice>().poll(wait).unwrap();
+}

@@ -1,0 +1,109 @@
+//! What tests of one compute pass share: its shader, its textures, and the dispatch.
+
+use crate::{
+    gpu::Gpu,
+    wesl::{self, Shaders},
+};
+use bevy::{math::UVec2, shader::ShaderDefVal};
+use wgpu::{TextureFormat, TextureUsages, util::DeviceExt};
+
+/// Of textures that a pass reads.
+pub const READ: TextureUsages = TextureUsages::TEXTURE_BINDING;
+/// Of textures that a pass writes and [`read_texture`] reads back.
+pub const WRITTEN: TextureUsages = TextureUsages::STORAGE_BINDING.union(TextureUsages::COPY_SRC);
+
+/// A module by its name in `shaders`, flattened and validated.
+pub fn compile(shaders: &mut Shaders, name: &str, defs: &[ShaderDefVal]) -> (String, naga::Module) {
+    let wgsl = shaders.flatten(name, defs).unwrap_or_else(|error| panic!("{error}"));
+    let module = wesl::validate(&wgsl).unwrap_or_else(|error| panic!("{error}"));
+    (wgsl, module)
+}
+
+/// A texture of zeros.
+pub fn empty_texture(gpu: &Gpu, format: TextureFormat, size: UVec2, usage: TextureUsages) -> wgpu::Texture {
+    gpu.device.create_texture(&descriptor(format, size, usage))
+}
+
+/// A texture of these texels.
+pub fn texture(gpu: &Gpu, format: TextureFormat, size: UVec2, usage: TextureUsages, texels: &[u8]) -> wgpu::Texture {
+    layered_texture(gpu, format, size, 1, usage, texels)
+}
+
+/// An array of textures of these texels.
+pub fn layered_texture(
+    gpu: &Gpu,
+    format: TextureFormat,
+    size: UVec2,
+    layers: u32,
+    usage: TextureUsages,
+    texels: &[u8],
+) -> wgpu::Texture {
+    let mut descriptor = descriptor(format, size, usage);
+    descriptor.size.depth_or_array_layers = layers;
+    gpu.device
+        .create_texture_with_data(&gpu.queue, &descriptor, Default::default(), texels)
+}
+
+fn descriptor(format: TextureFormat, size: UVec2, usage: TextureUsages) -> wgpu::TextureDescriptor<'static> {
+    wgpu::TextureDescriptor {
+        label: None,
+        size: extent(size),
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage,
+        view_formats: &[],
+    }
+}
+
+fn extent(size: UVec2) -> wgpu::Extent3d {
+    wgpu::Extent3d {
+        width: size.x,
+        height: size.y,
+        depth_or_array_layers: 1,
+    }
+}
+
+/// Runs a pipeline that has one bind group.
+pub fn dispatch(gpu: &Gpu, pipeline: &wgpu::ComputePipeline, entries: &[wgpu::BindGroupEntry], groups: UVec2) {
+    let bind_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: None,
+        layout: &pipeline.get_bind_group_layout(0),
+        entries,
+    });
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    {
+        let mut pass = encoder.begin_compute_pass(&Default::default());
+        pass.set_pipeline(pipeline);
+        pass.set_bind_group(0, &bind_group, &[]);
+        pass.dispatch_workgroups(groups.x, groups.y, 1);
+    }
+    gpu.queue.submit([encoder.finish()]);
+}
+
+/// Words of a texture, by rows.
+pub fn read_texture(gpu: &Gpu, texture: &wgpu::Texture, size: UVec2, words_per_texel: u32) -> Vec<u32> {
+    let row = size.x * words_per_texel;
+    let padded = (4 * row).next_multiple_of(256) / 4;
+    let buffer = gpu.buffer(&vec![0u32; (padded * size.y) as usize]);
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    encoder.copy_texture_to_buffer(
+        texture.as_image_copy(),
+        wgpu::TexelCopyBufferInfo {
+            buffer: &buffer,
+            layout: wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(4 * padded),
+                rows_per_image: Some(size.y),
+            },
+        },
+        extent(size),
+    );
+    gpu.queue.submit([encoder.finish()]);
+    let words: Vec<u32> = gpu.read(&buffer);
+    words
+        .chunks(padded as usize)
+        .flat_map(|chunk| chunk[..row as usize].to_vec())
+        .collect()
+}

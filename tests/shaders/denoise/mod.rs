@@ -1,0 +1,8 @@
+//! The denoiser.
+
+mod pass;
+mod reference;
+mod wall;
+
+mod filters;
+mod passes;

@@ -1,0 +1,177 @@
+//! Runs one pass of the denoiser over all tiles of a view.
+
+use crate::{
+    compute::{self, READ, WRITTEN, compile, dispatch, empty_texture, read_texture},
+    gpu::{Checks, Gpu},
+    wesl::Shaders,
+};
+use bevy::math::{UVec2, uvec2};
+use std::collections::BTreeMap;
+use wgpu::{TextureFormat, TextureUsages};
+
+/// Bytes of a uniform, laid out as the shader has it.
+pub struct Uniform {
+    members: BTreeMap<String, usize>,
+    pub bytes: Vec<u8>,
+}
+
+impl Uniform {
+    pub fn new(module: &naga::Module, name: &str) -> Self {
+        let suffix = format!("_{name}");
+        for (_, ty) in module.types.iter() {
+            let linked = ty.name.as_deref();
+            let linked = linked.is_some_and(|linked| linked == name || linked.ends_with(&suffix));
+            if let (true, naga::TypeInner::Struct { members, span }) = (linked, &ty.inner) {
+                let offset =
+                    |member: &naga::StructMember| (member.name.clone().unwrap_or_default(), member.offset as usize);
+                return Self {
+                    members: members.iter().map(offset).collect(),
+                    bytes: vec![0; *span as usize],
+                };
+            }
+        }
+        panic!("no struct {name} in the shader");
+    }
+
+    pub fn set<T: bytemuck::NoUninit>(&mut self, member: &str, value: &[T]) {
+        let value: &[u8] = bytemuck::cast_slice(value);
+        let offset = self.members[member];
+        self.bytes[offset..offset + value.len()].copy_from_slice(value);
+    }
+}
+
+/// What all passes of a view share.
+pub struct View {
+    pub size: UVec2,
+    pub tiles: UVec2,
+    /// In each direction.
+    pub tile_pixels: u32,
+    /// Workgroups take 16x16 pixels, not 8x8.
+    pub wide: bool,
+    /// In clip space, of all pixels.
+    pub depth: f32,
+}
+
+/// One dispatch over all tiles.
+pub struct Pass<'a> {
+    gpu: &'a Gpu,
+    entry: &'static str,
+    wgsl: String,
+    /// Bindings of the flattened shader, which has what the entry point uses and no more.
+    declared: Vec<u32>,
+    buffers: Vec<(u32, wgpu::Buffer)>,
+    textures: Vec<(u32, wgpu::Texture)>,
+    /// Texture and words per texel.
+    outputs: Vec<(u32, wgpu::Texture, u32)>,
+    size: UVec2,
+    groups: u32,
+}
+
+impl<'a> Pass<'a> {
+    /// `uniforms` makes those of the view and of the settings for a flattened shader.
+    pub fn new(
+        gpu: &'a Gpu,
+        shaders: &mut Shaders,
+        entry: &'static str,
+        frame: &View,
+        uniforms: impl Fn(&naga::Module) -> [Vec<u8>; 2],
+    ) -> Self {
+        let name = format!("bevy_glint/denoise/{entry}.wesl");
+        let wide = ["WIDE".into()];
+        let (wgsl, module) = compile(shaders, &name, if frame.wide { &wide } else { &[] });
+        let [view, settings] = uniforms(&module);
+        let tiles = frame.tiles;
+        let list: Vec<u32> = (0..tiles.y)
+            .flat_map(|y| (0..tiles.x).map(move |x| x | (y << 16)))
+            .collect();
+        let mut arguments = [0u32; 20];
+        arguments[14] = list.len() as u32;
+        let buffers = vec![
+            (0, gpu.buffer(&view)),
+            (1, gpu.buffer(&settings)),
+            (5, gpu.buffer(&list)),
+            (6, gpu.buffer(&arguments)),
+        ];
+        let declared = module.global_variables.iter();
+        let declared = declared.filter_map(|(_, variable)| variable.binding.as_ref().map(|binding| binding.binding));
+        let side = frame.tile_pixels / if frame.wide { 16 } else { 8 };
+        let depth = empty_texture(
+            gpu,
+            TextureFormat::Depth32Float,
+            frame.size,
+            READ | TextureUsages::RENDER_ATTACHMENT,
+        );
+        clear_depth(gpu, &depth, frame.depth);
+        Self {
+            gpu,
+            entry,
+            wgsl,
+            declared: declared.collect(),
+            buffers,
+            textures: vec![(2, depth)],
+            outputs: Vec::new(),
+            size: frame.size,
+            groups: tiles.x * tiles.y * side * side,
+        }
+    }
+
+    pub fn texture(&mut self, binding: u32, format: TextureFormat, size: UVec2, texels: &[u8]) {
+        let texture = compute::texture(self.gpu, format, size, READ, texels);
+        self.textures.push((binding, texture));
+    }
+
+    pub fn output(&mut self, binding: u32, format: TextureFormat, words: u32) {
+        let texture = empty_texture(self.gpu, format, self.size, WRITTEN);
+        self.outputs.push((binding, texture, words));
+    }
+
+    /// Words of the outputs, by rows.
+    pub fn run(self) -> Vec<Vec<u32>> {
+        let gpu = self.gpu;
+        let pipeline = gpu.pipeline(&gpu.module(&self.wgsl, Checks::Off), self.entry);
+        let textures = self.textures.iter().map(|(binding, texture)| (*binding, texture));
+        let outputs = self.outputs.iter().map(|(binding, texture, _)| (*binding, texture));
+        let views: Vec<_> = textures
+            .chain(outputs)
+            .map(|(binding, texture)| (binding, texture.create_view(&Default::default())))
+            .collect();
+        let mut entries: Vec<_> = self
+            .buffers
+            .iter()
+            .map(|(binding, buffer)| wgpu::BindGroupEntry {
+                binding: *binding,
+                resource: buffer.as_entire_binding(),
+            })
+            .collect();
+        entries.extend(views.iter().map(|(binding, view)| wgpu::BindGroupEntry {
+            binding: *binding,
+            resource: wgpu::BindingResource::TextureView(view),
+        }));
+        entries.retain(|entry| self.declared.contains(&entry.binding));
+        dispatch(gpu, &pipeline, &entries, uvec2(self.groups, 1));
+        self.outputs
+            .iter()
+            .map(|(_, texture, words)| read_texture(gpu, texture, self.size, *words))
+            .collect()
+    }
+}
+
+fn clear_depth(gpu: &Gpu, depth: &wgpu::Texture, value: f32) {
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    drop(encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        label: None,
+        color_attachments: &[],
+        depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+            view: &depth.create_view(&Default::default()),
+            depth_ops: Some(wgpu::Operations {
+                load: wgpu::LoadOp::Clear(value),
+                store: wgpu::StoreOp::Store,
+            }),
+            stencil_ops: None,
+        }),
+        timestamp_writes: None,
+        occlusion_query_set: None,
+        multiview_mask: None,
+    }));
+    gpu.queue.submit([encoder.finish()]);
+}

@@ -1,0 +1,432 @@
+//! A wall that faces the camera, its rays, and what the passes of the denoiser make of them.
+use super::pass::{Pass, Uniform, View};
+use crate::{
+    gpu::Gpu,
+    sampling::reference::{ReflectionSample, guard_view, orthonormal_basis, reflection_pdf, sample_reflection, sobol},
+    wesl::Shaders,
+};
+use bevy::math::{Mat4, UVec2, Vec2, Vec3, uvec2, vec2, vec3};
+use bevy_glint::internals::directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo};
+use wgpu::TextureFormat;
+
+pub const VIRTUAL_HISTORY: u32 = 16;
+pub const SUPPRESS_FIREFLIES: u32 = 32;
+pub const RATE_ACTIVE: u32 = 0x100;
+
+/// Metres from the camera to the wall.
+const WALL: f32 = 5.0;
+const NEAR: f32 = 0.1;
+
+/// What the passes see: every pixel is metal.
+#[derive(Clone)]
+pub struct Wall {
+    pub size: UVec2,
+    pub trace_scale: u32,
+    /// Code of all tiles.
+    pub rate: u32,
+    /// Perceptual roughness in 1/255.
+    pub roughness: u8,
+    /// How far shading normals lean away from the camera, as a tangent.
+    pub lean: f32,
+    pub samples: u32,
+    pub flags: u32,
+    pub frame: u32,
+    /// Frames that the history holds.
+    pub accumulated: u32,
+    /// Frames without a change.
+    pub rest: u32,
+    /// Blocks by their first pixel that had nothing to trace: their records are empty, and what they saw is of another frame.
+    pub untraced: fn(UVec2) -> bool,
+}
+
+/// What `reconstruct` writes for a pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct Reconstructed {
+    pub radiance: [f32; 3],
+    pub variance: f32,
+    pub distance: f32,
+    /// Mean weight of the rays: 8 where it is as expected, 0 without any ray.
+    pub packed_weight: f32,
+}
+
+/// Texels of the history, as they are stored.
+#[derive(Clone)]
+pub struct History {
+    pub radiance: Vec<[u16; 4]>,
+    pub pair: Vec<u32>,
+    pub surface: Vec<[u32; 2]>,
+    /// Of the tiles.
+    pub rates: Vec<u32>,
+}
+
+/// One ray of a block, before it is packed.
+pub struct Ray {
+    /// First pixel of the block, and the pixel that the ray started from.
+    pub block: UVec2,
+    pub pixel: UVec2,
+    pub view: Vec3,
+    pub sample: ReflectionSample,
+}
+
+/// Bits of a 16-bit float, rounded towards zero; numbers too small for its normal range become 0.
+pub fn half(value: f32) -> u16 {
+    let bits = value.to_bits();
+    let sign = (bits >> 16) as u16 & 0x8000;
+    let exponent = ((bits >> 23) & 0xff) as i32 - 127;
+    match exponent {
+        128 if bits & 0x7f_ffff != 0 => sign | 0x7e00,
+        16.. => sign | 0x7c00,
+        -14..16 => sign | (((exponent + 15) as u16) << 10) | ((bits >> 13) as u16 & 0x3ff),
+        _ => sign,
+    }
+}
+
+pub fn unhalf(bits: u16) -> f32 {
+    let (exponent, fraction) = (i32::from((bits >> 10) & 31), f32::from(bits & 0x3ff));
+    let size = match exponent {
+        0 => fraction * 2f32.powi(-24),
+        31 if fraction > 0.0 => f32::NAN,
+        31 => f32::INFINITY,
+        _ => (1024.0 + fraction) * 2f32.powi(exponent - 25),
+    };
+    if bits & 0x8000 == 0 { size } else { -size }
+}
+
+fn octahedral(v: Vec3) -> Vec2 {
+    let p = v.truncate() / (v.x.abs() + v.y.abs() + v.z.abs());
+    if v.z >= 0.0 {
+        return p;
+    }
+    let sign = |x: f32| if x >= 0.0 { 1.0 } else { -1.0 };
+    vec2((1.0 - p.y.abs()) * sign(p.x), (1.0 - p.x.abs()) * sign(p.y))
+}
+
+fn from_octahedral(p: Vec2) -> Vec3 {
+    let z = 1.0 - p.x.abs() - p.y.abs();
+    let fold = (-z).max(0.0);
+    let sign = |x: f32| if x >= 0.0 { 1.0 } else { -1.0 };
+    vec3(p.x - fold * sign(p.x), p.y - fold * sign(p.y), z).normalize()
+}
+
+impl Wall {
+    pub fn new(size: UVec2) -> Self {
+        Self {
+            size,
+            trace_scale: 2,
+            rate: 0,
+            roughness: 77,
+            lean: 0.5,
+            samples: 8,
+            flags: VIRTUAL_HISTORY | SUPPRESS_FIREFLIES,
+            frame: 0,
+            accumulated: 0,
+            rest: 0,
+            untraced: |_| false,
+        }
+    }
+
+    pub fn trace_size(&self) -> UVec2 {
+        (self.size + self.trace_scale - 1) / self.trace_scale
+    }
+
+    fn tiles(&self) -> UVec2 {
+        self.trace_size().map(|size| size.div_ceil(16))
+    }
+
+    pub fn rates(&self) -> Vec<u32> {
+        let tiles = self.tiles();
+        vec![self.rate | RATE_ACTIVE; (tiles.x * tiles.y) as usize]
+    }
+
+    #[expect(
+        deprecated,
+        reason = "its successor stands in a crate that is no dependency of the tests"
+    )]
+    fn clip_from_view(&self) -> Mat4 {
+        Mat4::perspective_infinite_reverse_rh(0.9, self.size.x as f32 / self.size.y as f32, NEAR)
+    }
+
+    fn position(&self, pixel: UVec2) -> Vec3 {
+        let uv = (pixel.as_vec2() + 0.5) / self.size.as_vec2();
+        let ndc = vec3(uv.x * 2.0 - 1.0, 1.0 - uv.y * 2.0, NEAR / WALL);
+        self.clip_from_view().inverse().project_point3(ndc)
+    }
+
+    /// 24 bits of the shading normal.
+    fn normal_bits(&self, pixel: UVec2) -> u32 {
+        let turn = (pixel.x / 16) as f32 * 1.3 + (pixel.y / 16) as f32 * 2.1;
+        let p = octahedral(vec3(self.lean * turn.cos(), self.lean * turn.sin(), 1.0)) * 0.5 + 0.5;
+        let bits = (p * 4095.0 + 0.5).as_uvec2();
+        bits.x | (bits.y << 12)
+    }
+
+    fn normal(&self, pixel: UVec2) -> Vec3 {
+        let bits = self.normal_bits(pixel);
+        from_octahedral(uvec2(bits & 0xfff, bits >> 12).as_vec2() / 4095.0 * 2.0 - 1.0)
+    }
+
+    pub fn alpha(&self) -> f32 {
+        (f32::from(self.roughness) / 255.0).powi(2)
+    }
+
+    /// Base colour of the metal.
+    pub fn f0() -> Vec3 {
+        vec3(200.0, 180.0, 90.0).map(|byte| (byte / 255.0).powf(2.2))
+    }
+
+    fn words(&self) -> Vec<[u32; 4]> {
+        let word = |pixel| {
+            let color = u32::from_le_bytes([200, 180, 90, self.roughness]);
+            [
+                color,
+                0,
+                u32::from_le_bytes([128, 255, 255, 0]),
+                self.normal_bits(pixel),
+            ]
+        };
+        self.pixels().map(word).collect()
+    }
+
+    pub fn pixels(&self) -> impl Iterator<Item = UVec2> + use<> {
+        let size = self.size;
+        (0..size.y).flat_map(move |y| (0..size.x).map(move |x| uvec2(x, y)))
+    }
+
+    /// This frame's ray of the block that a trace pixel belongs to.
+    pub fn ray(&self, trace_pixel: UVec2) -> Ray {
+        let log2_size = uvec2((self.rate >> 2) & 3, self.rate & 3);
+        let block = ((trace_pixel >> log2_size) << log2_size) * self.trace_scale;
+        let extent = (UVec2::ONE << log2_size) * self.trace_scale;
+        let choice = sobol(block, self.frame, 7) * extent.as_vec2();
+        let pixel = (block + choice.as_uvec2().min(extent - 1)).min(self.size - 1);
+        let basis = orthonormal_basis(self.normal(pixel));
+        let view = guard_view(basis.transpose() * -self.position(pixel).normalize());
+        let sample = sample_reflection(view, self.alpha(), sobol(block, self.frame, 0));
+        Ray {
+            block,
+            pixel,
+            view,
+            sample,
+        }
+    }
+
+    /// Four words of a ray's record.
+    fn record(&self, ray: &Ray) -> [u32; 4] {
+        if !ray.sample.valid || (self.untraced)(ray.block) {
+            return [0; 4];
+        }
+        let (_, direction) = self.line(ray);
+        let p = octahedral(direction);
+        let snorm = |x: f32| u32::from((x * 32767.0).round() as i16 as u16);
+        let exponent = (self.inverse_pdf(ray).max(1e-30).log2() + 32.0) / 52.0;
+        let pdf = (exponent.clamp(0.0, 1.0) * 65535.0).round() as u32;
+        let offset = ray.pixel - ray.block;
+        let mirror = if ray.sample.inverse_pdf == 0.0 { 0x80 } else { 0 };
+        let bits = 0x40 | mirror | offset.x | (offset.y << 3);
+        let surface = self.normal_bits(ray.pixel) | (u32::from(self.roughness) << 24);
+        [
+            snorm(p.x) | (snorm(p.y) << 16),
+            pdf | (bits << 16),
+            (NEAR / WALL).to_bits(),
+            surface,
+        ]
+    }
+
+    fn pass<'a>(&self, gpu: &'a Gpu, shaders: &mut Shaders, entry: &'static str) -> Pass<'a> {
+        let view = View {
+            size: self.size,
+            tiles: self.tiles(),
+            tile_pixels: 16 * self.trace_scale,
+            wide: entry == "reconstruct" && self.trace_scale == 2,
+            depth: NEAR / WALL,
+        };
+        let uniforms = |module: &naga::Module| [self.view_uniform(module), self.settings_uniform(module)];
+        let mut pass = Pass::new(gpu, shaders, entry, &view, uniforms);
+        let facing = vec![[128u8, 128, 255, 255]; (self.size.x * self.size.y) as usize];
+        pass.texture(
+            3,
+            TextureFormat::Rgba32Uint,
+            self.size,
+            bytemuck::cast_slice(&self.words()),
+        );
+        pass.texture(4, TextureFormat::Rgba8Unorm, self.size, bytemuck::cast_slice(&facing));
+        pass
+    }
+
+    /// Where a ray starts, and where it leads to; the wall faces positive z.
+    pub fn line(&self, ray: &Ray) -> (Vec3, Vec3) {
+        let drawn = orthonormal_basis(self.normal(ray.pixel)) * ray.sample.direction;
+        // Those that would lead into the wall are turned back.
+        (self.position(ray.pixel), drawn.with_z(drawn.z.abs()))
+    }
+
+    /// The other drawn direction that ends in the same one, in local space; `None` where none would be drawn.
+    pub fn other(&self, ray: &Ray) -> Option<Vec3> {
+        let basis = orthonormal_basis(self.normal(ray.pixel));
+        let drawn = basis * ray.sample.direction;
+        let other = basis.transpose() * drawn.with_z(-drawn.z);
+        (self.alpha() > 0.001 && other.z > 1e-6).then_some(other)
+    }
+
+    fn inverse_pdf(&self, ray: &Ray) -> f32 {
+        let pdf = |direction| reflection_pdf(ray.view, direction, self.alpha());
+        self.other(ray).map_or(ray.sample.inverse_pdf, |other| {
+            1.0 / (pdf(ray.sample.direction) + pdf(other)).max(1e-20)
+        })
+    }
+
+    /// The reconstruction from rays that see `radiance` (and a distance) of their block.
+    pub fn reconstruct(
+        &self,
+        gpu: &Gpu,
+        shaders: &mut Shaders,
+        radiance: impl Fn(UVec2) -> [f32; 4],
+    ) -> Vec<Reconstructed> {
+        self.reconstruct_rays(gpu, shaders, |ray| radiance(ray.block))
+    }
+
+    /// The same from rays that see what `radiance` says of them.
+    pub fn reconstruct_rays(
+        &self,
+        gpu: &Gpu,
+        shaders: &mut Shaders,
+        radiance: impl Fn(&Ray) -> [f32; 4],
+    ) -> Vec<Reconstructed> {
+        let trace = self.trace_size();
+        let mut seen = Vec::new();
+        let mut records = Vec::new();
+        for y in 0..trace.y {
+            for x in 0..trace.x {
+                let ray = self.ray(uvec2(x, y));
+                seen.push(radiance(&ray).map(half));
+                records.push(self.record(&ray));
+            }
+        }
+        let table = DirectionalAlbedo::new();
+        let side = UVec2::splat(ALBEDO_TABLE_SIZE as u32);
+        let mut pass = self.pass(gpu, shaders, "reconstruct");
+        pass.texture(
+            7,
+            TextureFormat::R32Uint,
+            self.tiles(),
+            bytemuck::cast_slice(&self.rates()),
+        );
+        pass.texture(8, TextureFormat::Rgba16Float, trace, bytemuck::cast_slice(&seen));
+        pass.texture(9, TextureFormat::Rgba32Uint, trace, bytemuck::cast_slice(&records));
+        pass.texture(10, TextureFormat::Rg32Float, side, bytemuck::cast_slice(table.texels()));
+        pass.output(11, TextureFormat::Rgba16Float, 2);
+        pass.output(12, TextureFormat::R32Uint, 1);
+        let written = pass.run();
+        let texel = |(color, pair): (&[u32], &u32)| {
+            let [r, g, b, variance] = halves4([color[0], color[1]]).map(unhalf);
+            Reconstructed {
+                radiance: [r, g, b],
+                variance,
+                distance: unhalf(*pair as u16),
+                packed_weight: unhalf((*pair >> 16) as u16),
+            }
+        };
+        written[0].chunks(2).zip(&written[1]).map(texel).collect()
+    }
+
+    /// One frame of accumulation; nothing has moved.
+    pub fn accumulate(&self, gpu: &Gpu, shaders: &mut Shaders, new: &[Reconstructed], before: &History) -> History {
+        let color = |texel: &Reconstructed| {
+            let [r, g, b] = texel.radiance;
+            [r, g, b, texel.variance].map(half)
+        };
+        let pair =
+            |texel: &Reconstructed| u32::from(half(texel.distance)) | (u32::from(half(texel.packed_weight)) << 16);
+        let colors: Vec<_> = new.iter().map(color).collect();
+        let pairs: Vec<_> = new.iter().map(pair).collect();
+        let still = vec![[0f32; 2]; new.len()];
+        let (size, tiles) = (self.size, self.tiles());
+        let mut pass = self.pass(gpu, shaders, "temporal");
+        pass.texture(7, TextureFormat::R32Uint, tiles, bytemuck::cast_slice(&self.rates()));
+        pass.texture(8, TextureFormat::R32Uint, tiles, bytemuck::cast_slice(&before.rates));
+        pass.texture(9, TextureFormat::Rg32Float, size, bytemuck::cast_slice(&still));
+        pass.texture(10, TextureFormat::Rgba16Float, size, bytemuck::cast_slice(&colors));
+        pass.texture(11, TextureFormat::R32Uint, size, bytemuck::cast_slice(&pairs));
+        pass.texture(
+            12,
+            TextureFormat::Rgba16Float,
+            size,
+            bytemuck::cast_slice(&before.radiance),
+        );
+        pass.texture(13, TextureFormat::R32Uint, size, bytemuck::cast_slice(&before.pair));
+        pass.texture(14, TextureFormat::Rg32Uint, size, bytemuck::cast_slice(&before.surface));
+        pass.output(15, TextureFormat::Rgba16Float, 2);
+        pass.output(16, TextureFormat::R32Uint, 1);
+        pass.output(17, TextureFormat::Rg32Uint, 2);
+        let mut written = pass.run();
+        History {
+            radiance: written[0]
+                .chunks(2)
+                .map(|words| halves4([words[0], words[1]]))
+                .collect(),
+            surface: written[2].chunks(2).map(|words| [words[0], words[1]]).collect(),
+            pair: written.swap_remove(1),
+            rates: self.rates(),
+        }
+    }
+
+    /// A history that holds nothing.
+    pub fn no_history(&self) -> History {
+        let count = (self.size.x * self.size.y) as usize;
+        History {
+            radiance: vec![[0; 4]; count],
+            pair: vec![0; count],
+            surface: vec![[0; 2]; count],
+            rates: self.rates(),
+        }
+    }
+
+    fn view_uniform(&self, module: &naga::Module) -> Vec<u8> {
+        let clip_from_view = self.clip_from_view();
+        let mut uniform = Uniform::new(module, "View");
+        for (name, matrix) in [
+            ("clip_from_world", clip_from_view),
+            ("unjittered_clip_from_world", clip_from_view),
+            ("world_from_clip", clip_from_view.inverse()),
+            ("world_from_view", Mat4::IDENTITY),
+            ("view_from_world", Mat4::IDENTITY),
+            ("clip_from_view", clip_from_view),
+            ("view_from_clip", clip_from_view.inverse()),
+        ] {
+            uniform.set(name, &matrix.to_cols_array());
+        }
+        uniform.bytes
+    }
+
+    fn settings_uniform(&self, module: &naga::Module) -> Vec<u8> {
+        let mut uniform = Uniform::new(module, "ReflectionView");
+        uniform.set("fade_start", &[1.0f32]);
+        uniform.set("cutoff", &[1.0f32]);
+        uniform.set("max_ray_length", &[10_000.0f32]);
+        uniform.set("sample_index", &[self.frame]);
+        uniform.set("accumulated", &[self.accumulated]);
+        uniform.set("flags", &[self.flags]);
+        uniform.set("size", &self.size.to_array());
+        uniform.set("trace_size", &self.trace_size().to_array());
+        uniform.set("tile_count", &self.tiles().to_array());
+        uniform.set("trace_scale", &[self.trace_scale]);
+        uniform.set("tile_size", &[16u32]);
+        uniform.set("exposure_ratio", &[1.0f32]);
+        uniform.set("previous_clip_from_world", &self.clip_from_view().to_cols_array());
+        uniform.set("samples", &[self.samples]);
+        uniform.set("max_history", &[32.0f32]);
+        uniform.set("clip_sigma", &[1.5f32]);
+        uniform.set("blur_radius", &[3.0f32]);
+        uniform.set("static_frames", &[self.rest]);
+        uniform.bytes
+    }
+}
+
+fn halves4(words: [u32; 2]) -> [u16; 4] {
+    [
+        words[0] as u16,
+        (words[0] >> 16) as u16,
+        words[1] as u16,
+        (words[1] >> 16) as u16,
+    ]
+}

@@ -1,0 +1,227 @@
+//! Raw wgpu for shader tests: a device, buffers, one dispatch, and reading back.
+//!
+//! ```ignore
+//! let Some(gpu) = Gpu::new() else { return };
+//! let wgsl = wesl::flatten(include_str!("x.wesl"), &[], &[]);
+//! let module = gpu.module(&wgsl, Checks::Off);
+//! let output = gpu.buffer(&[0u32; 64]);
+//! gpu.dispatch(&module, "main", &[&[(0, &output)]], 1);
+//! let values: Vec<u32> = gpu.read(&output);
+//! // The same in one call, with an input for each output.
+//! let values: Vec<u32> = gpu.run(&wgsl, &inputs, &[]);
+//! ```
+//!
+//! Without an adapter `Gpu::new` prints why and returns `None`, so that the test passes without having run; with
+//! `GLINT_REQUIRE_GPU=1` in the environment it fails instead. `WGPU_ADAPTER_NAME` picks an adapter by a part of its name.
+#![allow(
+    unsafe_code,
+    reason = "wgpu asks for it to leave out run-time checks and to enable ray queries"
+)]
+
+use crate::compute;
+use bevy::math::uvec2;
+use bytemuck::Pod;
+use wgpu::util::DeviceExt;
+
+pub struct Gpu {
+    pub device: wgpu::Device,
+    pub queue: wgpu::Queue,
+    pub info: wgpu::AdapterInfo,
+}
+
+/// Run-time checks in shaders: Bevy compiles without any, a browser always has them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Checks {
+    On,
+    Off,
+}
+
+impl Gpu {
+    /// A device with everything the adapter offers, as Bevy opens it by default.
+    pub fn new() -> Option<Self> {
+        match block_on(Self::open()) {
+            Ok(gpu) => {
+                println!(
+                    "adapter: {} ({}, {:?})",
+                    gpu.info.name, gpu.info.driver_info, gpu.info.backend
+                );
+                Some(gpu)
+            }
+            Err(error) => {
+                assert!(
+                    !std::env::var("GLINT_REQUIRE_GPU").is_ok_and(|v| v == "1"),
+                    "no GPU: {error}"
+                );
+                println!("skipped, no GPU: {error}");
+                None
+            }
+        }
+    }
+
+    async fn open() -> Result<Self, String> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env());
+        let wanted = std::env::var("WGPU_ADAPTER_NAME").unwrap_or_default().to_lowercase();
+        let mut adapters = instance.enumerate_adapters(wgpu::Backends::all()).await;
+        adapters.retain(|a| a.get_info().name.to_lowercase().contains(&wanted));
+        adapters.sort_by_key(|a| match a.get_info().device_type {
+            wgpu::DeviceType::DiscreteGpu => 0,
+            wgpu::DeviceType::IntegratedGpu => 1,
+            wgpu::DeviceType::VirtualGpu => 2,
+            _ => 3,
+        });
+        let adapter = adapters.first().ok_or("no adapter")?;
+        let (device, queue) = adapter
+            .request_device(&wgpu::DeviceDescriptor {
+                required_features: adapter.features() - wgpu::Features::MAPPABLE_PRIMARY_BUFFERS,
+                required_limits: adapter.limits(),
+                // SAFETY: nothing here relies on the soundness of experimental features.
+                experimental_features: unsafe { wgpu::ExperimentalFeatures::enabled() },
+                ..Default::default()
+            })
+            .await
+            .map_err(|error| error.to_string())?;
+        Ok(Self {
+            device,
+            queue,
+            info: adapter.get_info(),
+        })
+    }
+
+    /// Errors of the shader end the test with naga's message.
+    pub fn module(&self, wgsl: &str, checks: Checks) -> wgpu::ShaderModule {
+        let source = wgpu::ShaderSource::Wgsl(wgsl.into());
+        let descriptor = wgpu::ShaderModuleDescriptor {
+            label: Some("test"),
+            source,
+        };
+        match checks {
+            Checks::On => self.device.create_shader_module(descriptor),
+            // SAFETY: the tests' shaders come from this repository.
+            Checks::Off => unsafe {
+                self.device
+                    .create_shader_module_trusted(descriptor, wgpu::ShaderRuntimeChecks::unchecked())
+            },
+        }
+    }
+
+    /// A buffer for any use as a storage or uniform binding. Never empty, since a binding cannot be.
+    pub fn buffer<T: Pod>(&self, data: &[T]) -> wgpu::Buffer {
+        let bytes: &[u8] = bytemuck::cast_slice(data);
+        let contents = if bytes.is_empty() { &[0; 256] } else { bytes };
+        use wgpu::BufferUsages as Usage;
+        let usage = Usage::STORAGE | Usage::UNIFORM | Usage::COPY_SRC | Usage::COPY_DST;
+        self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: None,
+            contents,
+            usage,
+        })
+    }
+
+    pub fn pipeline(&self, module: &wgpu::ShaderModule, entry: &str) -> wgpu::ComputePipeline {
+        self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(entry),
+            layout: None,
+            module,
+            entry_point: Some(entry),
+            compilation_options: Default::default(),
+            cache: None,
+        })
+    }
+
+    /// Bind groups for a pipeline with automatic layout: by group, the bindings that the entry point uses, and no others.
+    pub fn bind_groups(
+        &self,
+        pipeline: &wgpu::ComputePipeline,
+        groups: &[&[(u32, &wgpu::Buffer)]],
+    ) -> Vec<wgpu::BindGroup> {
+        let group = |(index, buffers): (usize, &&[(u32, &wgpu::Buffer)])| {
+            let entries: Vec<_> = buffers
+                .iter()
+                .map(|(binding, buffer)| wgpu::BindGroupEntry {
+                    binding: *binding,
+                    resource: buffer.as_entire_binding(),
+                })
+                .collect();
+            let layout = pipeline.get_bind_group_layout(index as u32);
+            self.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: None,
+                layout: &layout,
+                entries: &entries,
+            })
+        };
+        groups.iter().enumerate().map(group).collect()
+    }
+
+    /// Runs `workgroups` groups of the entry point along x.
+    pub fn dispatch(
+        &self,
+        module: &wgpu::ShaderModule,
+        entry: &str,
+        groups: &[&[(u32, &wgpu::Buffer)]],
+        workgroups: u32,
+    ) {
+        let pipeline = self.pipeline(module, entry);
+        let bind_groups = self.bind_groups(&pipeline, groups);
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_compute_pass(&Default::default());
+            pass.set_pipeline(&pipeline);
+            for (index, group) in bind_groups.iter().enumerate() {
+                pass.set_bind_group(index as u32, group, &[]);
+            }
+            pass.dispatch_workgroups(workgroups, 1, 1);
+        }
+        self.queue.submit([encoder.finish()]);
+    }
+
+    /// Runs `main` of a flattened shader, with workgroups of 64, and returns an output for each input.
+    ///
+    /// Binding 0 holds the inputs, binding 1 receives the outputs, and textures are bound where they say.
+    pub fn run<I: Pod, O: Pod>(&self, wgsl: &str, inputs: &[I], textures: &[(u32, wgpu::TextureView)]) -> Vec<O> {
+        let pipeline = self.pipeline(&self.module(wgsl, Checks::Off), "main");
+        let (input, output) = (self.buffer(inputs), self.buffer(&vec![O::zeroed(); inputs.len()]));
+        let resources = [(0, input.as_entire_binding()), (1, output.as_entire_binding())];
+        let textures = textures.iter();
+        let textures = textures.map(|(binding, view)| (*binding, wgpu::BindingResource::TextureView(view)));
+        let entries: Vec<_> = resources
+            .into_iter()
+            .chain(textures)
+            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
+            .collect();
+        let groups = inputs.len().div_ceil(64) as u32;
+        compute::dispatch(self, &pipeline, &entries, uvec2(groups, 1));
+        self.read(&output)
+    }
+
+    /// Waits for the GPU and copies the buffer.
+    pub fn read<T: Pod>(&self, buffer: &wgpu::Buffer) -> Vec<T> {
+        let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: buffer.size(),
+            usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, buffer.size());
+        self.queue.submit([encoder.finish()]);
+        staging
+            .slice(..)
+            .map_async(wgpu::MapMode::Read, |result| result.expect("buffer maps"));
+        self.device
+            .poll(wgpu::PollType::wait_indefinitely())
+            .expect("device answers");
+        let bytes = staging.slice(..).get_mapped_range().expect("buffer is mapped").to_vec();
+        bytemuck::pod_collect_to_vec(&bytes)
+    }
+}
+
+fn block_on<T>(future: impl Future<Output = T>) -> T {
+    let mut future = std::pin::pin!(future);
+    let mut context = std::task::Context::from_waker(std::task::Waker::noop());
+    loop {
+        if let std::task::Poll::Ready(value) = future.as_mut().poll(&mut context) {
+            return value;
+        }
+        std::thread::yield_now();
+    }
+}

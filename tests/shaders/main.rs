@@ -1,0 +1,16 @@
+//! Shaders without an app: their modules, functions and passes against mirrors on the CPU, and these mirrors against what is known.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod compute;
+mod gpu;
+mod wesl;
+
+mod denoise;
+mod modules;
+mod packing;
+mod rate;
+mod rays;
+mod sampling;
+mod tracer;

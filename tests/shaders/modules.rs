@@ -1,0 +1,251 @@
+//! Shader modules link and validate in every combination of definitions, and their structs match those of the CPU.
+
+use std::mem::offset_of;
+
+use crate::wesl::Shaders;
+use bevy_glint::internals::{environment::GpuEnvironment, gpu_types::*};
+
+const COMBINATIONS: [&[&str]; 15] = [
+    &[],
+    &["ALPHA_MASKED_GEOMETRY"],
+    &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
+    &["ROUGHNESS", "TILES_8"],
+    &["GRAZING", "TILE_ANGLES"],
+    &["COMBINED", "TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE"],
+    &["IMAGE", "TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE", "TILE_DEPTH"],
+    &["RAY_QUERY"],
+    &["BINDLESS_TEXTURES"],
+    &["RAY_QUERY", "BINDLESS_TEXTURES"],
+    &["MIRRORS", "IN_PLACE", "COUNT_INVOCATIONS"],
+    &["IN_PLACE", "TILES"],
+    &["REFLECTION"],
+    &["RAY_QUERY", "MIRRORS", "COUNT_INVOCATIONS"],
+    &["RAY_QUERY", "BINDLESS_TEXTURES", "COUNT_INVOCATIONS"],
+];
+
+/// Uses everything that passes call, so that the linker keeps it.
+const USER: &str = r#"
+import package::scene::types::{Ray, Hit, NO_HIT};
+import package::scene::trace::trace_closest;
+@if(RAY_QUERY) import package::scene::alpha::alpha_test;
+import package::scene::surface::load_surface;
+import package::scene::shading::{shade, visible_lights, MAX_LIGHTS};
+import package::scene::environment::sky;
+import package::scene::offset::offset_origin;
+
+@group(0) @binding(0) var<storage, read_write> output: array<vec4<f32>>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let ray = Ray(vec3<f32>(0.0), 0.0, vec3<f32>(0.0, 0.0, 1.0), 1e20);
+    let hit = trace_closest(ray);
+    var radiance = sky(ray.direction);
+    if hit.instance != NO_HIT {
+        let surface = load_surface(hit, ray, 0.0, 0.001);
+        let origin = offset_origin(surface.position, surface.geometric_normal, surface.position_scale);
+        radiance = shade(surface, -ray.direction, visible_lights(surface, 0u, MAX_LIGHTS)) + origin * 0.0;
+        @if(RAY_QUERY) {
+        if !alpha_test(hit.instance, hit.primitive, hit.barycentrics) {
+            radiance = vec3<f32>(0.0);
+        }
+        }
+    }
+    output[id.x] = vec4<f32>(radiance, 1.0);
+}
+"#;
+
+#[test]
+fn each_module_compiles_alone() {
+    let mut shaders = Shaders::load();
+    let mut failures = Vec::new();
+    for module in shaders.own_modules() {
+        for defs in COMBINATIONS {
+            failures.extend(shaders.compile(&module, defs).err());
+        }
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+#[test]
+fn hit_shading_compiles_as_a_whole() {
+    let mut shaders = Shaders::load();
+    shaders.add("bevy_glint/user.wesl", USER.into());
+    for defs in COMBINATIONS {
+        let module = shaders
+            .compile("bevy_glint/user.wesl", defs)
+            .unwrap_or_else(|error| panic!("{error}"));
+        // Nothing of Bevy's view bindings may slip in with its functions.
+        let mut bindings: Vec<_> = module
+            .global_variables
+            .iter()
+            .filter_map(|(_, variable)| {
+                variable
+                    .binding
+                    .as_ref()
+                    .map(|binding| (binding.group, binding.binding))
+            })
+            .collect();
+        bindings.sort();
+        let count = bindings.len();
+        bindings.dedup();
+        assert_eq!(
+            count,
+            bindings.len(),
+            "two variables share a binding with {defs:?}: {bindings:?}"
+        );
+        for (group, binding) in bindings {
+            let known = match group {
+                0 => binding == 0,
+                1 => binding <= 9,
+                2 => binding <= 5,
+                _ => false,
+            };
+            assert!(known, "unknown binding {group}.{binding} with {defs:?}");
+        }
+    }
+}
+
+/// Size of a struct of the shaders and offsets of its members.
+fn layout(module: &naga::Module, name: &str) -> (u32, Vec<(String, u32)>) {
+    for (_, ty) in module.types.iter() {
+        let linked = ty
+            .name
+            .as_deref()
+            .is_some_and(|linked| linked == name || linked.ends_with(&format!("_{name}")));
+        if let (true, naga::TypeInner::Struct { members, span }) = (linked, &ty.inner) {
+            let members = members
+                .iter()
+                .map(|member| (member.name.clone().unwrap_or_default(), member.offset));
+            return (*span, members.collect());
+        }
+    }
+    panic!("no struct {name} in the shader");
+}
+
+macro_rules! same_layout {
+    ($module:expr, $shader:literal, $ty:ty, [$($member:ident),* $(,)?]) => {
+        let (size, members) = layout(&$module, $shader);
+        assert_eq!(size as usize, size_of::<$ty>(), "size of {}", $shader);
+        let ours = vec![$((stringify!($member).to_string(), offset_of!($ty, $member) as u32)),*];
+        assert_eq!(members, ours, "members of {}", $shader);
+    };
+}
+
+#[test]
+fn structs_match_the_cpu() {
+    let mut shaders = Shaders::load();
+    let types = r#"
+import package::scene::types::{Instance, Material, Light, SceneCounts};
+import package::scene::environment::EnvironmentUniform;
+
+@group(0) @binding(0) var<storage, read> a: Instance;
+@group(0) @binding(1) var<storage, read> b: Material;
+@group(0) @binding(2) var<storage, read> c: Light;
+@group(0) @binding(3) var<uniform> d: SceneCounts;
+@group(0) @binding(4) var<uniform> e: EnvironmentUniform;
+@group(0) @binding(5) var<storage, read_write> output: array<u32>;
+
+@compute @workgroup_size(1)
+fn main() {
+    output[0] = a.id + b.flags + c.flags + d.light_count + e.flags;
+}
+"#;
+    shaders.add("bevy_glint/layouts.wesl", types.into());
+    let module = shaders
+        .compile("bevy_glint/layouts.wesl", &[])
+        .unwrap_or_else(|error| panic!("{error}"));
+    same_layout!(
+        module,
+        "Instance",
+        GpuInstance,
+        [
+            world_from_object,
+            object_from_world,
+            geometry_base,
+            material,
+            flags,
+            id,
+            masks,
+            _padding
+        ]
+    );
+    same_layout!(
+        module,
+        "Material",
+        GpuMaterial,
+        [
+            base_color,
+            emissive,
+            textures,
+            flags,
+            metallic,
+            perceptual_roughness,
+            uv_transform,
+            uv_offset,
+            reflectance,
+            alpha_cutoff,
+            _padding
+        ]
+    );
+    same_layout!(
+        module,
+        "Light",
+        GpuLight,
+        [
+            color,
+            kind,
+            position,
+            inverse_range_squared,
+            direction,
+            radius,
+            spot,
+            flags,
+            shadow_near
+        ]
+    );
+    same_layout!(
+        module,
+        "SceneCounts",
+        GpuSceneCounts,
+        [
+            light_count,
+            tlas_node_count,
+            tlas_root,
+            instance_count,
+            material_count,
+            texture_count,
+            padding_a,
+            padding_b
+        ]
+    );
+    same_layout!(
+        module,
+        "EnvironmentUniform",
+        GpuEnvironment,
+        [
+            ambient_color,
+            exposure,
+            background,
+            flags,
+            environment_rotation,
+            skybox_rotation,
+            environment_intensity,
+            skybox_brightness,
+            smallest_specular_mip,
+            fixed_texture_level
+        ]
+    );
+}
+
+/// Of the example `custom_heuristic`: with the definitions that such a shader gets for either size of tiles.
+#[test]
+fn the_shader_of_custom_heuristic_is_valid() {
+    const NAME: &str = "custom_heuristic/foveated.wesl";
+    let mut shaders = Shaders::load();
+    shaders.add(NAME, include_str!("../../assets/shaders/foveated.wesl").to_owned());
+    let large = ["TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE", "TILE_DEPTH"];
+    let small = ["TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE", "TILE_DEPTH", "TILES_8"];
+    for defs in [&large[..], &small[..]] {
+        shaders.compile(NAME, defs).unwrap_or_else(|error| panic!("{error}"));
+    }
+}

@@ -1,0 +1,154 @@
+//! Which pixel of a block traces, and what is kept of its ray, on a GPU or a CPU driver.
+
+use crate::{gpu::Gpu, wesl::flatten};
+use bevy::math::{UVec2, Vec3, uvec2, vec3};
+use bytemuck::{Pod, Zeroable};
+use std::collections::HashSet;
+
+const CHOICES: &str = "
+import package::trace::selection::choose_offset;
+
+struct Input { log2_size: vec2<u32>, noise: f32, frame: u32, attempt: u32, padding: u32 }
+@group(0) @binding(0) var<storage, read> inputs: array<Input>;
+@group(0) @binding(1) var<storage, read_write> outputs: array<vec2<u32>>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= arrayLength(&outputs) { return; }
+    let i = inputs[id.x];
+    outputs[id.x] = choose_offset(i.log2_size, i.noise, i.frame, i.attempt);
+}
+";
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Choice {
+    log2_size: UVec2,
+    noise: f32,
+    frame: u32,
+    attempt: u32,
+    padding: u32,
+}
+
+fn choose(gpu: &Gpu, choices: &[Choice]) -> Vec<UVec2> {
+    gpu.run(&flatten(CHOICES, &[], &[]), choices, &[])
+}
+
+#[test]
+fn every_pixel_of_a_block_is_chosen_once() {
+    let Some(gpu) = Gpu::new() else { return };
+    for x in 0..4 {
+        for y in 0..4 {
+            if u32::abs_diff(x, y) > 2 {
+                continue;
+            }
+            let log2_size = uvec2(x, y);
+            let count = 1 << (x + y);
+            for noise in [0.0, 0.37, 0.999, 1.0, -3.0, f32::NAN] {
+                // By attempts of one frame, and by frames.
+                for by_frame in [false, true] {
+                    let choices: Vec<_> = (0..count)
+                        .map(|i| Choice {
+                            log2_size,
+                            noise,
+                            // Frame numbers wrap around.
+                            frame: if by_frame { (u32::MAX - 1).wrapping_add(i) } else { 77 },
+                            attempt: if by_frame { 0 } else { i },
+                            padding: 0,
+                        })
+                        .collect();
+                    let chosen = choose(&gpu, &choices);
+                    let distinct: HashSet<_> = chosen.iter().collect();
+                    assert_eq!(distinct.len(), count as usize, "{log2_size} {noise} {chosen:?}");
+                    assert!(chosen.iter().all(|o| o.x < 1 << x && o.y < 1 << y), "{chosen:?}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_second_pixel_of_a_quad_is_diagonal_to_the_first() {
+    let Some(gpu) = Gpu::new() else { return };
+    let at = |noise, frame| Choice {
+        log2_size: uvec2(1, 1),
+        noise,
+        frame,
+        attempt: 0,
+        padding: 0,
+    };
+    for frame in [0, 2, 100] {
+        let chosen = choose(&gpu, &[at(0.1, frame), at(0.1, frame + 1)]);
+        assert_eq!(chosen[0] ^ chosen[1], UVec2::ONE, "{chosen:?}");
+    }
+    // Where a quad begins is up to the noise.
+    let starts: HashSet<_> = choose(&gpu, &[at(0.1, 0), at(0.3, 0), at(0.6, 0), at(0.9, 0)])
+        .into_iter()
+        .collect();
+    assert_eq!(starts.len(), 4);
+}
+
+const RECORDS: &str = "
+import package::trace::record::{RayRecord, pack_record, unpack_record};
+
+struct Record { direction: vec3<f32>, inverse_pdf: f32, offset: vec2<u32>, flags: vec2<u32> }
+@group(0) @binding(0) var<storage, read> inputs: array<Record>;
+@group(0) @binding(1) var<storage, read_write> outputs: array<Record>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= arrayLength(&outputs) { return; }
+    let i = inputs[id.x];
+    let r = unpack_record(pack_record(RayRecord(i.flags.x != 0u, i.flags.y != 0u, i.direction, i.inverse_pdf, i.offset)));
+    outputs[id.x] = Record(r.direction, r.inverse_pdf, r.offset, vec2(u32(r.valid), u32(r.mirror)));
+}
+";
+
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct Record {
+    direction: Vec3,
+    inverse_pdf: f32,
+    offset: UVec2,
+    flags: UVec2,
+}
+
+#[test]
+fn records_keep_what_they_are_given() {
+    let Some(gpu) = Gpu::new() else { return };
+    let mut inputs = Vec::new();
+    for i in 0..4096u32 {
+        // A spiral over the sphere, and its poles and axes.
+        let z = 1.0 - (i as f32 + 0.5) / 2048.0;
+        let (sin, cos) = (i as f32 * 2.399_963).sin_cos();
+        let direction = match i {
+            0..6 => {
+                let mut axis = [0.0; 3];
+                axis[i as usize / 2] = if i % 2 == 0 { 1.0 } else { -1.0 };
+                Vec3::from(axis)
+            }
+            _ => vec3(cos, sin, 0.0) * (1.0 - z * z).max(0.0).sqrt() + Vec3::Z * z,
+        };
+        inputs.push(Record {
+            direction,
+            inverse_pdf: 2f32.powf(-31.0 + 38.0 * (i as f32 / 4095.0)),
+            offset: uvec2(i % 8, (i / 8) % 8),
+            flags: uvec2(u32::from(i % 5 != 4), u32::from(i % 3 == 0)),
+        });
+    }
+    let outputs: Vec<Record> = gpu.run(&flatten(RECORDS, &[], &[]), &inputs, &[]);
+    for (input, output) in inputs.iter().zip(&outputs) {
+        assert_eq!(output.flags.x, input.flags.x, "{input:?} {output:?}");
+        if input.flags.x == 0 {
+            continue;
+        }
+        assert_eq!((output.flags.y, output.offset), (input.flags.y, input.offset));
+        // A tenth of a pixel of a picture of 1080 rows.
+        assert!(
+            output.direction.distance(input.direction) < 8e-5,
+            "{input:?} {output:?}"
+        );
+        let ratio = output.inverse_pdf / input.inverse_pdf;
+        assert!((ratio - 1.0).abs() < 5e-4, "{input:?} {output:?}");
+    }
+}

@@ -1,0 +1,320 @@
+//! Triangle soups, instances and rays from a seed, packed as the GPU sees them, with a slow and exact oracle.
+
+mod oracle;
+mod shapes;
+
+use bevy::math::{Affine3A, DVec3, Vec3};
+use bevy_glint::internals::bvh::{
+    Blas, BvhQuality, Item, MaskSource, MergeSource, Micromap, OPAQUE, SceneView, TRANSPARENT, Tlas, TlasInstance,
+    TraceRay, UNKNOWN, build_blas, build_merged, build_tlas, masks as masks_of, owner,
+};
+use bevy_glint::internals::gpu_types::{
+    INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
+};
+pub use oracle::Oracle;
+use oracle::{Candidate, LocalRay, intersect};
+pub use shapes::{Mesh, Random, SOUPS, Soup, closed_surface, mesh, placement};
+use std::collections::BTreeMap;
+
+/// Stands in for the alpha test of materials: every other triangle is cut out.
+pub fn alpha_test(_instance: u32, primitive: u32, _barycentrics: [f32; 2]) -> bool {
+    primitive.is_multiple_of(2)
+}
+
+/// The micromap of a masked triangle: the alpha test's answer for some, nothing for others.
+fn micromap(primitive: u32) -> Micromap {
+    const STATES: [u32; 6] = [UNKNOWN, UNKNOWN, OPAQUE, TRANSPARENT, UNKNOWN, TRANSPARENT];
+    [STATES[primitive as usize % 6] * 0x5555_5555; 4]
+}
+
+/// How an instance is packed.
+#[derive(Clone, Copy, Debug)]
+pub struct Packing {
+    /// `INSTANCE_` flags, but for [`INSTANCE_MIRRORED`], which follows from the matrix.
+    pub flags: u32,
+    /// The merged tree that it is part of. Masked instances get one of their own, with the same number.
+    pub tree: Option<u32>,
+}
+
+impl Packing {
+    /// An ordinary instance.
+    pub const SINGLE: Self = Self {
+        flags: INSTANCE_CASTS_SHADOW,
+        tree: None,
+    };
+    /// Part of a merged tree.
+    pub const MERGED: Self = Self {
+        flags: INSTANCE_CASTS_SHADOW,
+        tree: Some(0),
+    };
+}
+
+/// Meshes and their instances, packed.
+pub struct Packed {
+    pub meshes: Vec<Mesh>,
+    /// Mesh and object-to-world matrix.
+    pub instances: Vec<(usize, Affine3A)>,
+    /// `INSTANCE_` flags by instance.
+    pub flags: Vec<u32>,
+    /// All trees, the TLAS behind the others.
+    pub bvh: Vec<Item>,
+    pub tlas: Tlas,
+    pub stack_size: u32,
+    tlas_root: u32,
+    /// Where the masks of each instance stand in [`Self::bvh`].
+    pub masks: Vec<u32>,
+    /// Whether an instance is part of a merged tree.
+    merged: Vec<bool>,
+    /// What the oracle searches.
+    triangles: Vec<Target>,
+}
+
+/// A triangle without rounding to `f32`.
+struct Target {
+    instance: u32,
+    primitive: u32,
+    world: [DVec3; 3],
+    /// In the space in which the tracer holds it: the world for merged instances, else the object.
+    local: [DVec3; 3],
+}
+
+impl Packed {
+    /// Nothing is merged.
+    pub fn new(meshes: Vec<Mesh>, instances: Vec<(usize, Affine3A)>, max_entries: usize) -> Self {
+        Self::with(meshes, instances, max_entries, |_| Packing::SINGLE)
+    }
+
+    /// `packing` says for each instance how it is packed.
+    pub fn with(
+        meshes: Vec<Mesh>,
+        instances: Vec<(usize, Affine3A)>,
+        max_entries: usize,
+        packing: impl Fn(usize) -> Packing,
+    ) -> Self {
+        let mut bvh: Vec<Item> = Vec::new();
+        let mut masks = Vec::new();
+        let largest = meshes.iter().map(|mesh| mesh.indices.len() / 3).max();
+        let micromaps: Vec<Micromap> = (0..largest.unwrap_or(0) as u32).map(micromap).collect();
+        for mesh in &meshes {
+            masks.push(bvh.len() as u32);
+            let source = MaskSource {
+                indices: &mesh.indices,
+                ..MaskSource::default()
+            };
+            let mut made = masks_of(&source, None);
+            for (mask, map) in made.iter_mut().zip(&micromaps) {
+                mask[2] = *map;
+            }
+            bvh.extend(made);
+        }
+        let mut add = |blas: Option<Blas>| {
+            let base = bvh.len() as u32;
+            bvh.extend_from_slice(blas.as_ref().map_or(&[], |b| b.items.as_slice()));
+            blas.map(|b| (base, b))
+        };
+        let build = |mesh: &Mesh| build_blas(&mesh.positions, &mesh.indices, BvhQuality::Medium);
+        let trees: Vec<Option<(u32, Blas)>> = meshes.iter().map(|mesh| add(build(mesh))).collect();
+        let mut merged: BTreeMap<u32, Vec<MergeSource>> = BTreeMap::new();
+        let mut flags = Vec::new();
+        for (i, (mesh, matrix)) in instances.iter().enumerate() {
+            let Packing { flags: own, tree } = packing(i);
+            let mirrored = matrix.matrix3.determinant() < 0.0;
+            flags.push(own | if mirrored { INSTANCE_MIRRORED } else { 0 });
+            if let Some(tree) = tree {
+                merged.entry(tree).or_default().push(MergeSource {
+                    positions: &meshes[*mesh].positions,
+                    indices: &meshes[*mesh].indices,
+                    world_from_object: *matrix,
+                    instance: i as u32,
+                    flags: flags[i],
+                    masks: masks[*mesh],
+                    // Trees are right without them, too.
+                    micromaps: if i % 3 == 0 { &[] } else { &micromaps },
+                });
+            }
+        }
+        let merged: Vec<(u32, Blas)> = merged
+            .into_values()
+            .filter_map(|sources| add(build_merged(&sources, BvhQuality::High)))
+            .collect();
+
+        let singles = instances
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| packing(*i).tree.is_none())
+            .filter_map(|(i, (mesh, matrix))| {
+                let (base, blas) = trees[*mesh].as_ref()?;
+                Some((*base, blas, *matrix, owner(i as u32, flags[i])))
+            });
+        let in_world = merged.iter().map(|(base, blas)| (*base, blas, Affine3A::IDENTITY, 0));
+        let records: Vec<TlasInstance> = singles
+            .chain(in_world)
+            .map(|(base, blas, world_from_object, instance)| TlasInstance {
+                world_from_object,
+                bounds: blas.bounds,
+                instance,
+                first_node: base,
+                first_triangle: base + blas.node_count,
+                top: if instance == 0 { &[] } else { &blas.top },
+                groups: blas.groups,
+            })
+            .collect();
+        let tlas = build_tlas(&records, max_entries);
+        let stack_size = tlas.stack.max(1);
+        let tlas_root = bvh.len() as u32;
+        bvh.extend_from_slice(&tlas.items);
+
+        let instances_masks = instances.iter().map(|(mesh, _)| masks[*mesh]).collect();
+        let merged: Vec<bool> = (0..instances.len()).map(|i| packing(i).tree.is_some()).collect();
+        let mut triangles = Vec::new();
+        for (instance, (mesh, matrix)) in instances.iter().enumerate() {
+            let (linear, translation) = (matrix.matrix3.as_dmat3(), matrix.translation.as_dvec3());
+            for primitive in 0..meshes[*mesh].triangle_count() {
+                let object = meshes[*mesh].corners(primitive).map(|c| Vec3::from(c).as_dvec3());
+                let world = object.map(|c| linear * c + translation);
+                triangles.push(Target {
+                    instance: instance as u32,
+                    primitive: primitive as u32,
+                    world,
+                    local: if merged[instance] { world } else { object },
+                });
+            }
+        }
+        Self {
+            meshes,
+            instances,
+            flags,
+            bvh,
+            tlas,
+            stack_size,
+            tlas_root,
+            masks: instances_masks,
+            merged,
+            triangles,
+        }
+    }
+
+    pub fn view(&self) -> SceneView<'_> {
+        SceneView {
+            bvh: &self.bvh,
+            tlas_node_count: self.tlas.traversal_node_count(),
+            tlas_root: self.tlas_root,
+            alpha_test: Some(alpha_test),
+        }
+    }
+
+    /// Rays from around the scene at points on triangles (half of them near edges) and in random directions.
+    pub fn rays(&self, count: usize, spread: f32, centre: Vec3, random: &mut Random) -> Vec<TraceRay> {
+        (0..count)
+            .map(|i| {
+                let origin = centre + random.vector() * spread;
+                let direction = if i % 4 == 3 || self.triangles.is_empty() {
+                    match i % 16 {
+                        3 => Vec3::AXES[random.below(3)],
+                        7 => -Vec3::AXES[random.below(3)],
+                        _ => random.vector(),
+                    }
+                } else {
+                    let [a, b, c] = self.triangles[random.below(self.triangles.len())].world;
+                    let mut u = f64::from(random.signed() * 0.5 + 0.5);
+                    let v = (1.0 - u) * f64::from(random.signed() * 0.5 + 0.5);
+                    if i % 4 == 2 {
+                        u = 0.0;
+                    }
+                    (a + (b - a) * u + (c - a) * v - origin.as_dvec3()).as_vec3()
+                };
+                let direction = direction.try_normalize().unwrap_or(Vec3::X);
+                TraceRay {
+                    origin,
+                    direction,
+                    t_min: 0.0,
+                    t_max: f32::MAX,
+                }
+            })
+            .collect()
+    }
+
+    /// Rays from within a surface at its corners and edges, where they might slip out between two triangles.
+    pub fn rays_from_within(&self, count: usize, random: &mut Random) -> Vec<TraceRay> {
+        (0..count)
+            .map(|i| {
+                let (mesh, matrix) = &self.instances[i % self.instances.len()];
+                let mesh = &self.meshes[*mesh];
+                let origin = matrix.transform_point3(random.vector() * 0.3);
+                let [a, b, _] = mesh.corners(random.below(mesh.triangle_count())).map(Vec3::from);
+                let along = if i % 2 == 0 { 0.0 } else { random.signed() * 0.5 + 0.5 };
+                TraceRay {
+                    origin,
+                    direction: (matrix.transform_point3(a.lerp(b, along)) - origin).normalize(),
+                    t_min: 0.0,
+                    t_max: f32::MAX,
+                }
+            })
+            .collect()
+    }
+
+    /// The closest hit by brute force, and how sure it is.
+    pub fn oracle(&self, ray: &TraceRay) -> Oracle {
+        self.search(ray, |flags, front| {
+            let culled = if front { INSTANCE_CULL_FRONT } else { INSTANCE_CULL_BACK };
+            flags & culled == 0
+        })
+    }
+
+    /// What may stand in the way of a shadow ray.
+    pub fn shadow_oracle(&self, ray: &TraceRay) -> Oracle {
+        self.search(ray, |flags, _| flags & INSTANCE_CASTS_SHADOW != 0)
+    }
+
+    /// `counts` judges the flags of an instance and the face that the ray sees: true = the front in world space.
+    fn search(&self, ray: &TraceRay, counts: impl Fn(u32, bool) -> bool) -> Oracle {
+        let rays: Vec<Option<LocalRay>> = self
+            .instances
+            .iter()
+            .zip(&self.merged)
+            .map(|((_, matrix), merged)| LocalRay::new(ray, if *merged { &Affine3A::IDENTITY } else { matrix }))
+            .collect();
+        let mut result = Oracle {
+            t: f64::INFINITY,
+            candidates: Vec::new(),
+        };
+        for target in &self.triangles {
+            let Target {
+                instance,
+                primitive,
+                local,
+                ..
+            } = target;
+            let flags = self.flags[*instance as usize];
+            if flags & INSTANCE_ALPHA_MASKED != 0 && !alpha_test(*instance, *primitive, [0.0; 2]) {
+                continue;
+            }
+            if let Some(local_ray) = &rays[*instance as usize]
+                && let Some(found) = intersect(local, local_ray)
+                && found.t > -0.01
+            {
+                let (front, back) = (counts(flags, true), counts(flags, false));
+                // In the space of a mirrored object the winding is turned.
+                let turned = flags & INSTANCE_MIRRORED != 0 && !self.merged[*instance as usize];
+                let seen = if (found.cosine < 0.0) != turned { front } else { back };
+                // Of a triangle seen on edge, single precision may take either face.
+                let doubtful = found.cosine.abs() < found.tilt && front != back;
+                if !seen && !doubtful {
+                    continue;
+                }
+                let margin = if doubtful { found.margin.min(0.0) } else { found.margin };
+                if margin >= 0.0 && found.t > f64::from(ray.t_min) {
+                    result.t = result.t.min(found.t);
+                }
+                result.candidates.push(Candidate {
+                    t: found.t,
+                    margin,
+                    error: found.error,
+                    instance: *instance,
+                    primitive: *primitive,
+                });
+            }
+        }
+        result
+    }
+}

@@ -1,0 +1,147 @@
+//! Flattens our shader modules without a GPU, as Bevy does at run time, and validates the result with naga.
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
+
+use bevy::{
+    asset::{AssetId, uuid::Uuid},
+    shader::{Shader, ShaderCache, ShaderCacheSource, ShaderDefVal},
+};
+
+/// Bevy crates whose shaders ours may import.
+const BEVY_CRATES: [&str; 3] = ["bevy_render", "bevy_pbr", "bevy_core_pipeline"];
+
+/// All shader modules of this crate and of Bevy.
+pub struct Shaders {
+    cache: ShaderCache<String, ()>,
+    ids: BTreeMap<String, AssetId<Shader>>,
+}
+
+impl Shaders {
+    /// Loads `src/**/*.wesl` and Bevy's modules.
+    pub fn load() -> Self {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let mut shaders = Self {
+            cache: ShaderCache::new((), |_, source, _| match source {
+                ShaderCacheSource::Wgsl(source) => Ok(source),
+                ShaderCacheSource::SpirV(_) => unreachable!("only WESL modules are loaded"),
+            }),
+            ids: BTreeMap::new(),
+        };
+        shaders.add_folder("bevy_glint", &root.join("src"));
+        for name in BEVY_CRATES {
+            shaders.add_folder(name, &bevy_source(root, name));
+        }
+        shaders
+    }
+
+    fn add_folder(&mut self, package: &str, folder: &Path) {
+        let mut folders = vec![folder.to_path_buf()];
+        while let Some(current) = folders.pop() {
+            for entry in fs::read_dir(&current).into_iter().flatten().flatten() {
+                let path = entry.path();
+                if path.is_dir() {
+                    folders.push(path);
+                } else if path.extension().is_some_and(|extension| extension == "wesl") {
+                    let relative = path.strip_prefix(folder).unwrap().to_string_lossy().replace('\\', "/");
+                    let name = format!("{package}/{relative}");
+                    self.add(&name, fs::read_to_string(&path).unwrap());
+                }
+            }
+        }
+    }
+
+    /// Adds or replaces a module; `name` is like `bevy_glint/scene/types.wesl`.
+    pub fn add(&mut self, name: &str, source: String) {
+        let next = AssetId::Uuid {
+            uuid: Uuid::from_u128(self.ids.len() as u128 + 1),
+        };
+        let id = *self.ids.entry(name.to_string()).or_insert(next);
+        self.cache
+            .set_shader(id, Shader::from_wesl(source, format!("embedded://{name}")));
+    }
+
+    /// Names of our own modules.
+    pub fn own_modules(&self) -> Vec<String> {
+        self.ids
+            .keys()
+            .filter(|name| name.starts_with("bevy_glint/"))
+            .cloned()
+            .collect()
+    }
+
+    /// The WGSL of a module with all that it imports.
+    pub fn flatten(&mut self, name: &str, defs: &[ShaderDefVal]) -> Result<String, String> {
+        let id = *self.ids.get(name).ok_or_else(|| format!("no module {name}"))?;
+        // As the pipeline cache of a device with storage buffers has them.
+        let mut defs = defs.to_vec();
+        defs.push(ShaderDefVal::UInt("AVAILABLE_STORAGE_BUFFER_BINDINGS".into(), 8));
+        defs.push("AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_3".into());
+        defs.push("AVAILABLE_STORAGE_BUFFER_BINDINGS__GE_6".into());
+        self.cache
+            .get(0, id, &defs)
+            .map(|source| (*source).clone())
+            .map_err(|error| format!("{name}: {error}"))
+    }
+
+    /// Flattens and validates a module.
+    pub fn compile(&mut self, name: &str, defs: &[&'static str]) -> Result<naga::Module, String> {
+        let flags: Vec<ShaderDefVal> = defs.iter().map(|def| ShaderDefVal::from(*def)).collect();
+        let source = self.flatten(name, &flags)?;
+        validate(&source).map_err(|error| format!("{name} with {defs:?}: {error}"))
+    }
+}
+
+/// Parses and validates WGSL.
+pub fn validate(source: &str) -> Result<naga::Module, String> {
+    let module = naga::front::wgsl::parse_str(source).map_err(|error| error.emit_to_string(source))?;
+    let flags = naga::valid::ValidationFlags::all();
+    naga::valid::Validator::new(flags, naga::valid::Capabilities::all())
+        .validate(&module)
+        .map_err(|error| error.emit_to_string(source))?;
+    Ok(module)
+}
+
+/// Where cargo keeps the sources of a Bevy crate, at the version of our lock file.
+fn bevy_source(root: &Path, name: &str) -> PathBuf {
+    let lock = fs::read_to_string(root.join("Cargo.lock")).expect("the tests need Cargo.lock");
+    let line = format!("name = \"{name}\"");
+    let mut lines = lock.lines().skip_while(|candidate| *candidate != line).skip(1);
+    let version = lines
+        .next()
+        .and_then(|line| line.strip_prefix("version = \""))
+        .map(|line| line.trim_end_matches('"'));
+    let folder = format!(
+        "{name}-{}",
+        version.unwrap_or_else(|| panic!("{name} is not in Cargo.lock"))
+    );
+    let home = std::env::var("CARGO_HOME").map(PathBuf::from).unwrap_or_else(|_| {
+        PathBuf::from(
+            std::env::var("HOME")
+                .or_else(|_| std::env::var("USERPROFILE"))
+                .unwrap_or_default(),
+        )
+        .join(".cargo")
+    });
+    let registries = fs::read_dir(home.join("registry/src")).expect("the tests need cargo's registry sources");
+    registries
+        .flatten()
+        .map(|registry| registry.path().join(&folder).join("src"))
+        .find(|path| path.is_dir())
+        .unwrap_or_else(|| panic!("the sources of {folder} are not in cargo's registry"))
+}
+
+/// The WGSL of `entry`, a module that may import `package::...`. `replaced` puts other sources in the place of files of the crate, by
+/// path under `src`: `("scene/alpha.wesl", "...")`. Errors end the test with the compiler's message.
+pub fn flatten(entry: &str, replaced: &[(&str, &str)], defs: &[ShaderDefVal]) -> String {
+    let mut shaders = Shaders::load();
+    for (path, source) in replaced {
+        shaders.add(&format!("bevy_glint/{path}"), (*source).to_string());
+    }
+    shaders.add("bevy_glint/test_entry.wesl", entry.to_string());
+    shaders
+        .flatten("bevy_glint/test_entry.wesl", defs)
+        .unwrap_or_else(|error| panic!("{error}"))
+}

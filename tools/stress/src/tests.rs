@@ -1,0 +1,185 @@
+//! The short version of the suite: every generator of hostile scenes, some random scenes, known scenes, the faults that are cheap,
+//! and shaders with runtime checks. `cargo xtask stress` is the long one.
+
+use crate::{
+    bounds::{Bounds, Case},
+    energy::{self, Lengths},
+    faults::Fault,
+    furnace,
+    fuzzer::Fuzzer,
+    harness::{Harness, HarnessSettings},
+    log_capture::alone,
+    long_run,
+    scenario::Scenario,
+    static_scene::StaticScene,
+    verdict::Verdict,
+};
+use bevy::math::UVec2;
+use bevy_glint::ReflectionTracerChoice;
+use glint_scenes::SceneName;
+use std::time::{Duration, Instant};
+
+const SIZE: UVec2 = UVec2::new(48, 32);
+/// Frames of each scene of those that together hold all generators.
+const FRAMES: u32 = 3;
+/// Seeds of random scenes, which differ in everything.
+const SEEDS: core::ops::Range<u64> = 100..106;
+/// Laps of the moving camera: one to warm up, three to compare with three others.
+const LAPS: u32 = 7;
+/// Most time for simplifying a failing scenario.
+const SIMPLIFY: Duration = Duration::from_secs(60);
+/// Techniques that known scenes are measured with: the plain path, and the one with all steps.
+static TECHNIQUES: [&str; 2] = ["reference", "vrs-combined"];
+
+/// What can't run must not pass for what did, where the environment says so.
+fn skip(reason: &str) {
+    let name = if reason.contains("ray queries") {
+        "GLINT_REQUIRE_RAY_QUERY"
+    } else {
+        "GLINT_REQUIRE_GPU"
+    };
+    assert!(std::env::var_os(name).is_none(), "it is required, but: {reason}");
+    println!("skipped: {reason}");
+}
+
+fn survive(tracer: ReflectionTracerChoice, scenarios: impl Iterator<Item = Scenario>) {
+    let _alone = alone();
+    let mut fuzzer = Fuzzer::new(HarnessSettings {
+        tracer,
+        diagnostics: true,
+        ..HarnessSettings::default()
+    });
+    let mut failures = Vec::new();
+    for scenario in scenarios {
+        let scenario = scenario.without_heavy();
+        println!("seed {}: {}", scenario.seed, scenario.describe());
+        match fuzzer.run(&scenario, SIMPLIFY) {
+            Verdict::Passed(_) => {}
+            Verdict::Failed(problems) => {
+                println!("    {problems:?}");
+                failures.push(format!("{problems:#?}\nsimplest: {:?}", fuzzer.simplest));
+            }
+            Verdict::Skipped(reason) => return skip(&reason),
+            verdict @ (Verdict::Upstream(_) | Verdict::Undecided(_)) => println!("    {verdict:?}"),
+        }
+    }
+    println!("{tracer:?}: {}", fuzzer.take_tally());
+    fuzzer.close();
+    assert!(
+        failures.is_empty(),
+        "{} scenes failed:\n{}",
+        failures.len(),
+        failures.join("\n")
+    );
+}
+
+fn random_scenes() -> impl Iterator<Item = Scenario> {
+    SEEDS.map(|seed| Scenario {
+        size: SIZE,
+        ..Scenario::random(seed, None)
+    })
+}
+
+#[test]
+fn hostile_scenes_are_survived_with_the_bvh() {
+    let cover = Scenario::cover(1, SIZE, FRAMES).into_iter();
+    survive(ReflectionTracerChoice::Bvh, cover.chain(random_scenes()));
+}
+
+#[test]
+fn hostile_scenes_are_survived_with_ray_queries() {
+    // A part of another seed's scenarios is enough: most generators don't depend on the tracer.
+    let cover = Scenario::cover(2, SIZE, FRAMES).into_iter().step_by(3);
+    survive(ReflectionTracerChoice::RayQuery, cover.chain(random_scenes()));
+}
+
+#[test]
+fn known_scenes_keep_their_light() {
+    let _alone = alone();
+    let settings = HarnessSettings {
+        tracer: ReflectionTracerChoice::Bvh,
+        ..HarnessSettings::default()
+    };
+    let mut harness = match Harness::new(&settings) {
+        Ok(harness) => harness,
+        Err(error) => return skip(&error),
+    };
+    let harness = &mut harness;
+    let deadline = Instant::now() + Duration::from_secs(3600);
+    let lengths = Lengths {
+        ground_truth: 160,
+        settle: 64,
+        average: 16,
+    };
+    let floor = StaticScene::BuiltIn(SceneName::EmissiveFloor);
+    let size = UVec2::new(64, 36);
+    let measured = [
+        furnace::measure(harness, UVec2::new(96, 48), lengths, &TECHNIQUES, deadline),
+        energy::compare(harness, floor, size, lengths, &TECHNIQUES, deadline),
+        energy::compare(harness, StaticScene::Random(1), size, lengths, &TECHNIQUES, deadline),
+    ];
+    let mut problems = Vec::new();
+    for measured in measured {
+        match measured {
+            Ok(measurements) => {
+                measurements.lines.iter().for_each(|line| println!("{line}"));
+                for line in measurements.undecided {
+                    println!("too noisy to judge: {line}");
+                }
+                problems.extend(measurements.problems);
+            }
+            Err(reason) => problems.push(reason),
+        }
+    }
+    // Of so few laps of so small a picture the mean is noisy: only a large drift fails here.
+    match long_run::run(harness, UVec2::new(48, 27), LAPS * long_run::LAP, deadline) {
+        Ok(outcome) => {
+            println!("{}, {:?}, {:?}", outcome.describe(), outcome.laps, outcome.undecided);
+            problems.extend(outcome.problems);
+        }
+        Err(reason) => problems.push(reason),
+    }
+    problems.extend(harness.take_errors());
+    assert!(problems.is_empty(), "{problems:#?}");
+}
+
+#[test]
+fn faults_are_reported_and_the_app_keeps_running() {
+    let _alone = alone();
+    let mut failures = Vec::new();
+    for fault in [
+        Fault::WebGpuMinimum,
+        Fault::FewStorageBuffers,
+        Fault::DeviceLost,
+        Fault::BrokenPass,
+    ] {
+        let (verdict, _) = fault.run(ReflectionTracerChoice::Bvh, SIZE);
+        println!("{fault:?}: {verdict:?}");
+        match verdict {
+            Verdict::Skipped(reason) => skip(&reason),
+            Verdict::Failed(problems) => failures.push(format!("{fault:?}: {problems:#?}")),
+            Verdict::Passed(_) | Verdict::Upstream(_) | Verdict::Undecided(_) => {}
+        }
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+#[test]
+fn runtime_checks_change_nothing() {
+    let _alone = alone();
+    let mut bounds = match Bounds::new(ReflectionTracerChoice::Bvh, SIZE) {
+        Ok(bounds) => bounds,
+        Err(error) => return skip(&error),
+    };
+    let mut failures = Vec::new();
+    let cases = Case::all(1, SIZE);
+    // A scene with a moving history, and two hostile ones.
+    for case in [&cases[0], &cases[cases.len() - 2], &cases[cases.len() - 1]] {
+        let verdict = bounds.compare(case);
+        println!("{}: {verdict:?}", case.describe());
+        if let Verdict::Failed(problems) = verdict {
+            failures.push(format!("{}: {problems:?}", case.describe()));
+        }
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
