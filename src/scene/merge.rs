@@ -96,6 +96,16 @@ impl StaticMerge {
         self.scheduler.observe(slot, placement);
     }
 
+    /// Notes that the object of a slot has moved, and nothing else.
+    pub fn observe_move(&mut self, slot: u32, world_from_object: Affine3A) {
+        self.scheduler.observe_move(slot, world_from_object);
+    }
+
+    /// Slots that may have joined a tree or left one since the last call.
+    pub fn take_crossed(&mut self) -> Vec<u32> {
+        self.scheduler.take_crossed()
+    }
+
     /// Returns whether the object of a slot is in one of [`Self::instances`].
     pub fn is_merged(&self, slot: u32) -> bool {
         self.scheduler.is_merged(slot)

@@ -93,6 +93,12 @@ impl<T: NoUninit> StorageSlice<T> {
     }
 }
 
+/// Ranges that hold all of these sorted indices, and up to `gap` others between two of them.
+pub fn runs(sorted: &[u32], gap: u32) -> impl Iterator<Item = Range<usize>> + '_ {
+    let chunks = sorted.chunk_by(move |a, b| b.saturating_sub(*a) <= gap.saturating_add(1));
+    chunks.filter_map(|run| Some(*run.first()? as usize..*run.last()? as usize + 1))
+}
+
 fn create(device: &RenderDevice, label: &'static str, size: u64) -> Buffer {
     device.create_buffer(&BufferDescriptor {
         label: Some(label),
@@ -106,6 +112,14 @@ fn create(device: &RenderDevice, label: &'static str, size: u64) -> Buffer {
 mod tests {
     use super::*;
     use crate::scene::test_gpu;
+
+    #[test]
+    fn near_indices_share_a_range() {
+        let of = |sorted: &[u32], gap| runs(sorted, gap).collect::<Vec<_>>();
+        assert_eq!(of(&[], 3), []);
+        assert_eq!(of(&[1, 2, 2, 4, 9], 1), [1..5, 9..10]);
+        assert_eq!(of(&[1, 3], 0), [1..2, 3..4]);
+    }
 
     #[test]
     fn what_has_no_room_is_left_out() {

@@ -153,6 +153,8 @@ pub(super) struct MergeScheduler {
     losses: u32,
     changed: bool,
     released: Vec<u64>,
+    /// Slots that joined a chunk or left one.
+    crossed: Vec<u32>,
 }
 
 impl MergeScheduler {
@@ -174,6 +176,7 @@ impl MergeScheduler {
             losses: 0,
             changed: false,
             released: Vec::new(),
+            crossed: Vec::new(),
         }
     }
 
@@ -223,6 +226,26 @@ impl MergeScheduler {
             place.queued = true;
             self.settling.push(Reverse((place.due, slot)));
         }
+    }
+
+    /// Notes that the object of a slot has moved, and nothing else.
+    pub fn observe_move(&mut self, slot: u32, world_from_object: Affine3A) {
+        let (frame, quiet) = (self.frame, self.limits.quiet_frames);
+        let Some(place) = self.slots.get_mut(slot as usize) else {
+            return;
+        };
+        let Some(placement) = &mut place.placement else { return };
+        if place.state == State::Restless && place.queued && !place.building {
+            placement.world_from_object = world_from_object;
+            place.changed = frame;
+            place.due = frame + waiting_time(quiet, place.disturbances);
+            return;
+        }
+        let placement = Placement {
+            world_from_object,
+            ..*placement
+        };
+        self.observe(slot, Some(placement));
     }
 
     /// A frame goes by. `measure` tells what merging an object would cost, and `None` where it must stay an instance.
@@ -281,6 +304,7 @@ impl MergeScheduler {
             place.state = State::Merged(id);
             self.resting.remove(slot);
         }
+        self.crossed.extend(&building.members);
         let chunk = Chunk {
             members: building.members,
             triangles: building.triangles,
@@ -367,6 +391,11 @@ impl MergeScheduler {
         core::mem::take(&mut self.released)
     }
 
+    /// Slots that may have joined a tree or left one since the last call.
+    pub fn take_crossed(&mut self) -> Vec<u32> {
+        core::mem::take(&mut self.crossed)
+    }
+
     /// An object came to rest or left it.
     fn wake(&mut self) {
         self.disturbed = self.frame;
@@ -388,10 +417,11 @@ impl MergeScheduler {
     /// The objects of a chunk become instances.
     fn dissolve(&mut self, id: u32) {
         let Some(chunk) = self.chunks.remove(&id) else { return };
-        for slot in chunk.members {
-            self.slots[slot as usize].state = State::Resting;
-            self.resting.insert(slot);
+        for slot in &chunk.members {
+            self.slots[*slot as usize].state = State::Resting;
+            self.resting.insert(*slot);
         }
+        self.crossed.extend(chunk.members);
         self.released.push(chunk.tree.name);
         self.changed = true;
         self.wake();
