@@ -18,7 +18,7 @@ use super::{
     meshes::{SceneMesh, SceneMeshes},
     textures::TextureTable,
     top_level::TopLevel,
-    upload::{StorageSlice, runs},
+    upload::StorageSlice,
 };
 use crate::{
     device::ReflectionTracer, scene::activity::SceneActivity, settings::WantsReflections, status::ReflectionStatus,
@@ -42,9 +42,6 @@ use bevy::{
 };
 use core::num::NonZeroU64;
 use top_level::object;
-
-/// Instances between two changed ones that are rather written again than skipped: a copy has a price of its own.
-const GAP: u32 = 64;
 
 /// The scene's buffers and bind group (group 1 of `bindings.wesl`).
 #[derive(Resource)]
@@ -280,8 +277,9 @@ pub fn prepare_instances(
             bindings.top_level.touch();
         }
         bindings.update_bvh_top_level(&instances, meshes, &device, &queue, &status);
-        let masks = &bindings.masks;
+        let (masks, is_building) = (&bindings.masks, bindings.top_level.is_building());
         status.update(|report| {
+            report.merges_pending |= is_building;
             report.micromaps_pending = masks.is_pending();
             report.micromap_builds = masks.builds();
         });
@@ -452,9 +450,8 @@ impl SceneBindings {
             }
         }
         written.sort_unstable();
-        for run in runs(&written, GAP) {
-            self.instances.write(&self.instance_data, run, device, queue);
-        }
+        self.instances
+            .write_elements(&self.instance_data, &written, device, queue);
         changed
     }
 

@@ -459,6 +459,11 @@ impl TopLevel {
         });
     }
 
+    /// Returns whether a static tree is on its way.
+    pub fn is_building(&self) -> bool {
+        self.work.is_some()
+    }
+
     /// Returns whether [`Self::upload`] has anything to do.
     pub fn is_changed(&self) -> bool {
         self.moved || !self.emptied.is_empty()

@@ -1,4 +1,5 @@
 //! Triangle soups as the entities of an app, and rays that try them.
+#![allow(dead_code, reason = "each test binary uses a part")]
 
 use crate::common::soup::{self, Packed, Random, SOUPS, Soup};
 use bevy::{
@@ -124,6 +125,30 @@ impl Scene {
             name: "instances",
             scale: 1.0,
             spread: 6.0,
+            meshes,
+            objects,
+        }
+    }
+
+    /// Small soups on a grid.
+    pub fn crowd(count: usize, random: &mut Random) -> Self {
+        let meshes = all_soups(8, 0.4, random);
+        let edge = (count as f32).cbrt().ceil();
+        let objects = (0..count)
+            .map(|i| {
+                let cell = Vec3::new(
+                    i as f32 % edge,
+                    (i as f32 / edge).floor() % edge,
+                    (i as f32 / (edge * edge)).floor(),
+                );
+                let transform = Transform::from_translation(1.5 * (cell - 0.5 * edge));
+                Object::new(i % meshes.len(), transform, CULLING[i % CULLING.len()])
+            })
+            .collect();
+        Self {
+            name: "crowd",
+            scale: 0.4,
+            spread: 0.75 * edge,
             meshes,
             objects,
         }

@@ -38,7 +38,7 @@ pub use blas::{Blas, BvhQuality, TopNode, build_blas};
 pub use format::{Bounds, ENTRY, ITEM_WORDS, Item, MAX_INSTANCES, ONE_ENTRY, TRAVERSAL_FLAGS, owner};
 pub use linear::{LinearBuilder, LinearEntry};
 pub use mask::{MaskSource, mask_header, masks, micromap_of};
-pub use merged::{MergeSource, build_merged, merge_bounds};
+pub use merged::{MergeSource, Owners, build_merged, merge_bounds};
 pub use opacity::{
     AlphaTest, AlphaTexels, Micromap, OPAQUE, OpacityBaker, TRANSPARENT, UNKNOWN, Wrap, micro_triangle, state_of,
 };

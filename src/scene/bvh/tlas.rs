@@ -301,25 +301,19 @@ fn open(entries: &mut Vec<Entry>, kept: &[Kept], max_entries: usize) {
 pub(super) fn inverse_rows(matrix: &Affine3A) -> Option<[[f32; 4]; 3]> {
     let linear: DMat3 = matrix.matrix3.as_dmat3();
     let translation: DVec3 = matrix.translation.as_dvec3();
-    let determinant = linear.determinant();
+    let DMat3 { x_axis, y_axis, z_axis } = linear;
+    let rows = [y_axis.cross(z_axis), z_axis.cross(x_axis), x_axis.cross(y_axis)];
+    let determinant = rows[2].dot(z_axis);
     if !(determinant.is_finite() && determinant != 0.0 && translation.is_finite()) {
         return None;
     }
-    let inverse = linear.inverse();
-    let offset = -(inverse * translation);
-    let in_range = |v: DVec3, limit: f64| v.abs().max_element() <= limit;
-    let columns = [inverse.x_axis, inverse.y_axis, inverse.z_axis];
-    if !(columns.iter().all(|c| in_range(*c, MAX_INVERSE)) && in_range(offset, 1e18)) {
+    let reciprocal = determinant.recip();
+    let rows = rows.map(|row| (row * reciprocal, -row.dot(translation) * reciprocal));
+    let in_range = |(row, offset): &(DVec3, f64)| row.abs().max_element() <= MAX_INVERSE && offset.abs() <= 1e18;
+    if !rows.iter().all(in_range) {
         return None;
     }
-    Some([0, 1, 2].map(|r| {
-        [
-            columns[0][r] as f32,
-            columns[1][r] as f32,
-            columns[2][r] as f32,
-            offset[r] as f32,
-        ]
-    }))
+    Some(rows.map(|(row, offset)| [row.x as f32, row.y as f32, row.z as f32, offset as f32]))
 }
 
 /// Box around the transformed box, grown by what rounding in the ray's transform can move a hit.

@@ -5,7 +5,8 @@
 //! - Objects at rest are built into chunks once nothing came to rest or left it for some frames, one chunk at a time. Small
 //!   chunks are absorbed by new ones: a scene of usual size ends up as a single chunk, and in a large one the work that a
 //!   few new objects cause stays in proportion to them.
-//! - A change of an object dissolves its chunk, whose other objects are instances again until they are merged anew.
+//! - An object that changes is cut out of its chunk. A small chunk dissolves, and so does one that has lost half of its triangles: its
+//!   other objects are instances again until they are merged anew.
 
 mod plan;
 
@@ -24,6 +25,8 @@ const MAX_DOUBLINGS: u32 = 14;
 /// A new object takes over so many of the disturbances of its slot, at most: what comes and goes often is merged late, and
 /// a level that replaces another one after some seconds.
 const INHERITED_DISTURBANCES: u32 = 2;
+/// Chunks of so many objects are built anew for any reason, if they have few triangles, too.
+const CHEAP_MEMBERS: usize = 256;
 /// Frames without merging after the device had no room for trees; doubled with each further time, at most so often.
 const EXHAUSTED_FRAMES: u64 = 600;
 const MOST_DOUBLINGS: u32 = 6;
@@ -117,8 +120,12 @@ struct Slot {
 }
 
 struct Chunk {
+    /// Without those that were cut out.
     members: Vec<u32>,
+    /// In the tree's room.
     triangles: u64,
+    /// Those of them that were cut out.
+    cut: u64,
     tree: Tree,
 }
 
@@ -155,6 +162,8 @@ pub(super) struct MergeScheduler {
     released: Vec<u64>,
     /// Slots that joined a chunk or left one.
     crossed: Vec<u32>,
+    /// Rooms of trees, and slots that must be cut out of them.
+    cuts: Vec<(u64, u32)>,
 }
 
 impl MergeScheduler {
@@ -177,6 +186,7 @@ impl MergeScheduler {
             changed: false,
             released: Vec::new(),
             crossed: Vec::new(),
+            cuts: Vec::new(),
         }
     }
 
@@ -194,7 +204,9 @@ impl MergeScheduler {
             return;
         }
         let state = self.slots[index].state;
-        if let State::Merged(chunk) = state {
+        if let State::Merged(chunk) = state
+            && (gains_micromaps(before, placement) || !self.cut_out(slot, chunk))
+        {
             self.dissolve(chunk);
         }
         if self.slots[index].building
@@ -308,6 +320,7 @@ impl MergeScheduler {
         let chunk = Chunk {
             members: building.members,
             triangles: building.triangles,
+            cut: 0,
             tree,
         };
         self.chunks.insert(id, chunk);
@@ -396,6 +409,23 @@ impl MergeScheduler {
         core::mem::take(&mut self.crossed)
     }
 
+    /// Names of trees, and slots whose triangles rays must not hit in them any more, since the last call.
+    pub fn take_cuts(&mut self) -> Vec<(u64, u32)> {
+        core::mem::take(&mut self.cuts)
+    }
+
+    /// The objects of a tree become instances: nothing can be cut out of it.
+    pub fn dissolve_tree(&mut self, name: u64) {
+        let id = self
+            .chunks
+            .iter()
+            .find(|(_, chunk)| chunk.tree.name == name)
+            .map(|(id, _)| *id);
+        if let Some(id) = id {
+            self.dissolve(id);
+        }
+    }
+
     /// An object came to rest or left it.
     fn wake(&mut self) {
         self.disturbed = self.frame;
@@ -412,6 +442,23 @@ impl MergeScheduler {
     fn stay_awake(&mut self) {
         self.awake = true;
         self.awake_since = self.frame;
+    }
+
+    /// Cuts an object out of a chunk; false where the chunk is rather built anew.
+    fn cut_out(&mut self, slot: u32, id: u32) -> bool {
+        let triangles = self.slots[slot as usize].extent.triangles;
+        let Some(chunk) = self.chunks.get_mut(&id) else {
+            return false;
+        };
+        let is_cheap = chunk.triangles <= self.limits.cheap_triangles && chunk.members.len() <= CHEAP_MEMBERS;
+        if is_cheap || 2 * (chunk.cut + triangles) > chunk.triangles {
+            return false;
+        }
+        chunk.cut += triangles;
+        chunk.members.retain(|member| *member != slot);
+        self.cuts.push((chunk.tree.name, slot));
+        self.crossed.push(slot);
+        true
     }
 
     /// The objects of a chunk become instances.

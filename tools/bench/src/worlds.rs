@@ -3,15 +3,13 @@
 //! Each system that the plugin adds is timed for itself, so that neither Bevy's own work nor the GPU's is counted. Pictures are tiny,
 //! and the GPU is idle when a frame begins, so that a driver that renders on the CPU leaves it to the frame.
 
-mod clock;
-
 use crate::table::{Csv, number};
 use bevy::{math::UVec2, prelude::*};
 use bevy_glint::{
-    RayTracedReflections, ReflectionStatus, ReflectionStatusReport, ReflectionTracer, ReflectionTracerChoice,
+    RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, ReflectionStatusReport, ReflectionTracer,
+    ReflectionTracerChoice,
 };
-use clock::Clock;
-use glint_scenes::{HeadlessApp, HeadlessSettings};
+use glint_scenes::{HeadlessApp, HeadlessSettings, SystemClock};
 use std::collections::BTreeMap;
 
 const SIZE: UVec2 = UVec2::new(16, 16);
@@ -222,7 +220,7 @@ struct Round {
 /// An app with a world.
 struct Setup {
     app: HeadlessApp,
-    clock: Clock,
+    clock: SystemClock,
     objects: Vec<Entity>,
     lights: Vec<Entity>,
     frame: u32,
@@ -234,9 +232,11 @@ impl Setup {
             size: SIZE,
             ..default()
         };
-        let clock = Clock::default();
-        let mut app =
-            HeadlessApp::new(settings, |app| clock.add_plugin(app, tracer)).map_err(|error| error.to_string())?;
+        let clock = SystemClock::default();
+        let mut app = HeadlessApp::new(settings, |app| {
+            clock.add_plugin(app, RayTracedReflectionsPlugin { tracer })
+        })
+        .map_err(|error| error.to_string())?;
         // The world lies behind the camera: drawing it is none of the plugin's work.
         app.spawn_camera((RayTracedReflections::default(), Transform::default()));
         let mut setup = Self {

@@ -1,4 +1,4 @@
-//! Times each system that the plugin adds to the render app.
+//! Times each system that a plugin adds to the render app.
 //!
 //! It is time of the thread on a processor: what else the machine does counts as little as possible.
 
@@ -11,7 +11,6 @@ use bevy::{
     prelude::*,
     render::{ExtractSchedule, Render, RenderApp},
 };
-use bevy_glint::{RayTracedReflectionsPlugin, ReflectionTracerChoice};
 use cpu_time::ThreadTime;
 use std::{
     collections::HashSet,
@@ -23,21 +22,21 @@ use std::{
     time::Duration,
 };
 
-/// One system of the plugin.
+/// One system of a plugin.
 struct Span {
     name: String,
     nanoseconds: Arc<AtomicU64>,
 }
 
-/// Time that the plugin's systems took since it was asked last.
+/// Time that a plugin's systems took in the render app, extraction included, since it was asked last.
 #[derive(Clone, Default)]
-pub struct Clock(Arc<Mutex<Vec<Span>>>);
+pub struct SystemClock(Arc<Mutex<Vec<Span>>>);
 
-impl Clock {
-    /// Adds the plugin, and has its systems timed.
-    pub fn add_plugin(&self, app: &mut App, tracer: ReflectionTracerChoice) {
+impl SystemClock {
+    /// Adds a plugin, and has its systems timed.
+    pub fn add_plugin(&self, app: &mut App, plugin: impl Plugin) {
         let known = Known::default();
-        app.add_plugins((Before(known.clone()), RayTracedReflectionsPlugin { tracer }))
+        app.add_plugins((Before(known.clone()), plugin))
             .add_plugins(After(known, self.clone()));
     }
 
@@ -143,7 +142,7 @@ impl Plugin for Before {
 }
 
 /// Stands behind the plugin: the systems that came meanwhile are the plugin's.
-struct After(Known, Clock);
+struct After(Known, SystemClock);
 
 impl Plugin for After {
     fn build(&self, app: &mut App) {
