@@ -68,7 +68,8 @@ pub struct ReflectionStatusReport {
     pub merged_instances: usize,
     /// Triangles of these trees.
     pub merged_triangles: u64,
-    /// Without further changes, more will be merged; nothing is missing from reflections meanwhile.
+    /// Without further changes, more will be merged, or the tree over static objects is being built; nothing is missing from reflections
+    /// meanwhile.
     pub merges_pending: bool,
     /// Without further changes, cut-out objects will get opacity micromaps, which make the BVH tracer faster and change no picture.
     pub micromaps_pending: bool,

@@ -5,7 +5,7 @@ use crate::settings::NotReflected;
 use bevy::{
     camera::visibility::{RenderLayers, VisibilityRange},
     ecs::{
-        entity::EntityHashMap, entity_disabling::Disabled, lifecycle::RemovedComponents, prelude::*, query::QueryData,
+        change_detection::Tick, entity_disabling::Disabled, lifecycle::RemovedComponents, prelude::*, query::QueryData,
         system::SystemParam,
     },
     light::{NotShadowCaster, NotShadowReceiver},
@@ -35,15 +35,36 @@ pub struct InstanceSource {
     pub receives_shadow: bool,
 }
 
+impl InstanceSource {
+    fn is_same_apart_from_place(&self, other: &Self) -> bool {
+        let Self {
+            entity,
+            mesh,
+            material,
+            world_from_object: _,
+            casts_shadow,
+            receives_shadow,
+        } = self;
+        (*entity, *mesh, *material) == (other.entity, other.mesh, other.material)
+            && (*casts_shadow, *receives_shadow) == (other.casts_shadow, other.receives_shadow)
+    }
+}
+
+/// In the place of a slot: the entity has none.
+const NO_SLOT: u32 = u32::MAX;
+
 /// All traced objects in stable slots: a slot is the object's index in the GPU's instance buffer.
 #[derive(Resource, Default)]
 pub struct SceneInstances {
     slots: Vec<Option<InstanceSource>>,
     free: Vec<u32>,
-    by_entity: EntityHashMap<u32>,
+    /// By index of the entity: the slot, or [`NO_SLOT`].
+    by_entity: Vec<u32>,
+    count: usize,
     /// How many objects show each mesh.
     mesh_users: HashMap<AssetId<Mesh>, u32>,
     dirty: Vec<u32>,
+    moved: Vec<u32>,
 }
 
 impl SceneInstances {
@@ -64,15 +85,23 @@ impl SceneInstances {
 
     /// Number of objects.
     pub fn len(&self) -> usize {
-        self.by_entity.len()
+        self.count
     }
 
     /// No object at all.
     pub fn is_empty(&self) -> bool {
-        self.by_entity.is_empty()
+        self.count == 0
     }
 
-    /// Slots that changed since the last call, each once.
+    /// Slots whose objects have moved since the last call, and may have changed otherwise, too; each once.
+    pub fn take_moved(&mut self) -> Vec<u32> {
+        let mut moved = core::mem::take(&mut self.moved);
+        moved.sort_unstable();
+        moved.dedup();
+        moved
+    }
+
+    /// Slots that changed otherwise than by moving since the last call, each once.
     pub fn take_dirty(&mut self) -> Vec<u32> {
         let mut dirty = core::mem::take(&mut self.dirty);
         dirty.sort_unstable();
@@ -82,19 +111,27 @@ impl SceneInstances {
 
     /// Adds or replaces an object; nothing happens where it equals what is there.
     pub fn set(&mut self, source: InstanceSource) {
-        let slot = match self.by_entity.get(&source.entity) {
-            Some(&slot) => slot,
-            None => {
-                let slot = self.free.pop().unwrap_or_else(|| {
-                    self.slots.push(None);
-                    self.slots.len() as u32 - 1
-                });
-                self.by_entity.insert(source.entity, slot);
-                slot
-            }
-        };
+        let index = source.entity.index_u32() as usize;
+        if index >= self.by_entity.len() {
+            self.by_entity.resize(index + 1, NO_SLOT);
+        }
+        let mut slot = self.by_entity[index];
+        if slot == NO_SLOT {
+            slot = self.free.pop().unwrap_or_else(|| {
+                self.slots.push(None);
+                self.slots.len() as u32 - 1
+            });
+            self.by_entity[index] = slot;
+            self.count += 1;
+        }
         let place = &mut self.slots[slot as usize];
-        if place.as_ref() != Some(&source) {
+        if let Some(before) = place
+            && before.world_from_object != source.world_from_object
+            && before.is_same_apart_from_place(&source)
+        {
+            before.world_from_object = source.world_from_object;
+            self.moved.push(slot);
+        } else if place.as_ref() != Some(&source) {
             *self.mesh_users.entry(source.mesh).or_default() += 1;
             let replaced = place.replace(source);
             self.dirty.push(slot);
@@ -104,7 +141,19 @@ impl SceneInstances {
 
     /// Removes an object if it is there.
     pub fn remove(&mut self, entity: Entity) {
-        if let Some(slot) = self.by_entity.remove(&entity) {
+        let Some(place) = self.by_entity.get_mut(entity.index_u32() as usize) else {
+            return;
+        };
+        // Another entity may have the same index by now.
+        let slot = *place;
+        if self
+            .slots
+            .get(slot as usize)
+            .and_then(Option::as_ref)
+            .is_some_and(|source| source.entity == entity)
+        {
+            *place = NO_SLOT;
+            self.count -= 1;
             let removed = self.slots[slot as usize].take();
             self.free.push(slot);
             self.dirty.push(slot);
@@ -130,34 +179,37 @@ impl SceneInstances {
     }
 }
 
-/// Data of a traced entity that extraction reads.
-#[derive(QueryData)]
-pub struct InstanceQuery {
-    entity: Entity,
-    mesh: &'static Mesh3d,
-    material: &'static MeshMaterial3d<StandardMaterial>,
-    transform: &'static GlobalTransform,
-    visibility: &'static InheritedVisibility,
-    layers: Option<&'static RenderLayers>,
-    range: Option<&'static VisibilityRange>,
-    opted_out: Has<NotReflected>,
-    no_shadow: Has<NotShadowCaster>,
-    no_shadow_on_it: Has<NotShadowReceiver>,
-    skinned: Has<SkinnedMesh>,
-    morphed: Has<MeshMorphWeights>,
-}
+/// Components of a traced entity that extraction reads.
+type InstanceQuery = (
+    Entity,
+    Ref<'static, Mesh3d>,
+    Ref<'static, MeshMaterial3d<StandardMaterial>>,
+    Ref<'static, GlobalTransform>,
+    Ref<'static, InheritedVisibility>,
+    Option<Ref<'static, RenderLayers>>,
+    Option<Ref<'static, VisibilityRange>>,
+    Option<Ref<'static, NotReflected>>,
+    Option<Ref<'static, NotShadowCaster>>,
+    Option<Ref<'static, NotShadowReceiver>>,
+    Has<SkinnedMesh>,
+    Has<MeshMorphWeights>,
+);
 
-type InstanceChanged = Or<(
-    Changed<Mesh3d>,
-    Changed<MeshMaterial3d<StandardMaterial>>,
-    Changed<GlobalTransform>,
-    Changed<InheritedVisibility>,
-    Changed<RenderLayers>,
-    Changed<VisibilityRange>,
-    Added<NotReflected>,
-    Added<NotShadowCaster>,
-    Added<NotShadowReceiver>,
-)>;
+/// Values of these components.
+struct InstanceItem<'a> {
+    entity: Entity,
+    mesh: &'a Mesh3d,
+    material: &'a MeshMaterial3d<StandardMaterial>,
+    transform: &'a GlobalTransform,
+    visibility: &'a InheritedVisibility,
+    layers: Option<&'a RenderLayers>,
+    range: Option<&'a VisibilityRange>,
+    opted_out: bool,
+    no_shadow: bool,
+    no_shadow_on_it: bool,
+    skinned: bool,
+    morphed: bool,
+}
 
 /// Components whose removal changes how an entity is traced.
 #[derive(SystemParam)]
@@ -193,7 +245,6 @@ impl RemovedFromScene<'_, '_> {
 
 /// Mirrors what changed, or everything after reflections were off.
 pub fn extract_instances(
-    changed: Extract<Query<InstanceQuery, InstanceChanged>>,
     all: Extract<Query<InstanceQuery>>,
     mut removed: Extract<RemovedFromScene>,
     activity: Res<SceneActivity>,
@@ -209,22 +260,120 @@ pub fn extract_instances(
     if activity.started {
         instances.clear();
         for item in &all {
-            update(&mut instances, &item);
+            update(&mut instances, item);
         }
         return;
     }
     for entity in removed {
         match all.get(entity) {
-            Ok(item) => update(&mut instances, &item),
+            Ok(item) => update(&mut instances, item),
             Err(_) => instances.remove(entity),
         }
     }
-    for item in &changed {
-        update(&mut instances, &item);
+    update_changed(&mut instances, &all);
+}
+
+/// Entities whose ticks are looked at together. Most worlds are static for the most part, and blocks without a change cost little.
+const BLOCK: usize = 128;
+
+/// Mirrors entities of which a component has changed. Queries with filters for changes take ten times as long in large worlds, since they
+/// ask for each entity and component in turn.
+fn update_changed(instances: &mut SceneInstances, all: &Query<InstanceQuery>) {
+    let Ok(tables) = all.contiguous_iter() else {
+        // All of these components are stored in tables, unless a future version of Bevy stores one elsewhere.
+        for item in all {
+            if is_changed(&item) {
+                update(instances, item);
+            }
+        }
+        return;
+    };
+    for table in tables {
+        let (entities, meshes, materials, transforms, visibilities, layers, ranges, out, caster, receiver, skin, morph) =
+            table;
+        let (this_run, last_run) = (transforms.this_run_tick(), transforms.last_run_tick());
+        let since = this_run.get().wrapping_sub(last_run.get());
+        let columns = [
+            Some(transforms.changed_ticks_slice()),
+            Some(visibilities.changed_ticks_slice()),
+            Some(meshes.changed_ticks_slice()),
+            Some(materials.changed_ticks_slice()),
+            layers.as_ref().map(|layers| layers.changed_ticks_slice()),
+            ranges.as_ref().map(|ranges| ranges.changed_ticks_slice()),
+            out.as_ref().map(|out| out.changed_ticks_slice()),
+            caster.as_ref().map(|caster| caster.changed_ticks_slice()),
+            receiver.as_ref().map(|receiver| receiver.changed_ticks_slice()),
+        ];
+        // Younger than the last run: without branches, so that many are compared at a time.
+        let is_new = |tick: &Tick| this_run.get().wrapping_sub(tick.get()) < since;
+        for begin in (0..entities.len()).step_by(BLOCK) {
+            let rows = begin..(begin + BLOCK).min(entities.len());
+            let mut ticks = columns.iter().flatten().filter_map(|ticks| ticks.get(rows.clone()));
+            if !ticks.any(|ticks| ticks.iter().fold(false, |any, tick| any | is_new(tick))) {
+                continue;
+            }
+            for row in rows {
+                if !columns.iter().flatten().any(|ticks| ticks.get(row).is_some_and(is_new)) {
+                    continue;
+                }
+                update_item(
+                    instances,
+                    &InstanceItem {
+                        entity: entities[row],
+                        mesh: &meshes[row],
+                        material: &materials[row],
+                        transform: &transforms[row],
+                        visibility: &visibilities[row],
+                        layers: layers.as_ref().map(|layers| &layers[row]),
+                        range: ranges.as_ref().map(|ranges| &ranges[row]),
+                        opted_out: out.is_some(),
+                        no_shadow: caster.is_some(),
+                        no_shadow_on_it: receiver.is_some(),
+                        skinned: skin,
+                        morphed: morph,
+                    },
+                );
+            }
+        }
     }
 }
 
-fn update(instances: &mut SceneInstances, item: &InstanceQueryItem) {
+type Item<'w, 's> = <InstanceQuery as QueryData>::Item<'w, 's>;
+
+fn is_changed((_, mesh, material, transform, visibility, layers, range, out, caster, receiver, ..): &Item) -> bool {
+    mesh.is_changed()
+        || material.is_changed()
+        || transform.is_changed()
+        || visibility.is_changed()
+        || layers.as_ref().is_some_and(Ref::is_changed)
+        || range.as_ref().is_some_and(Ref::is_changed)
+        || out.as_ref().is_some_and(Ref::is_changed)
+        || caster.as_ref().is_some_and(Ref::is_changed)
+        || receiver.as_ref().is_some_and(Ref::is_changed)
+}
+
+fn update(instances: &mut SceneInstances, item: Item) {
+    let (entity, mesh, material, transform, visibility, layers, range, out, caster, receiver, skinned, morphed) = item;
+    update_item(
+        instances,
+        &InstanceItem {
+            entity,
+            mesh: &mesh,
+            material: &material,
+            transform: &transform,
+            visibility: &visibility,
+            layers: layers.as_deref(),
+            range: range.as_deref(),
+            opted_out: out.is_some(),
+            no_shadow: caster.is_some(),
+            no_shadow_on_it: receiver.is_some(),
+            skinned,
+            morphed,
+        },
+    );
+}
+
+fn update_item(instances: &mut SceneInstances, item: &InstanceItem) {
     // Reflections show what an ordinary camera shows: the default layer. Of levels of detail the nearest stands for all.
     let on_default_layer = item
         .layers
@@ -276,6 +425,12 @@ mod tests {
         assert_eq!(instances.take_dirty(), [0, 1]);
         instances.set(source(a));
         assert!(instances.take_dirty().is_empty(), "nothing changed");
+        instances.set(InstanceSource {
+            world_from_object: Affine3A::from_scale(Vec3::splat(2.0)),
+            ..source(b)
+        });
+        assert!(instances.take_dirty().is_empty());
+        assert_eq!(instances.take_moved(), [1]);
         instances.remove(a);
         instances.set(source(c));
         assert_eq!(instances.take_dirty(), [0]);

@@ -1,8 +1,8 @@
 //! Merging of objects at rest into trees in world space, for the BVH tracer; `bvh.rs` says why.
 //!
-//! The trees are built off the main thread and uploaded in parts. Until a tree stands in the buffer, and again after one of
-//! its objects moved, changed its mesh or what the traversal has to know of its material, was hidden or despawned, these
-//! objects are instances like all others. [`scheduler`] decides what is merged and when.
+//! The trees are built off the main thread and uploaded in parts. Until a tree stands in the buffer, its objects are instances like all
+//! others. So is an object again after it moved, changed its mesh or what the traversal has to know of its material, was hidden or
+//! despawned: its triangles in the tree are overwritten by ones without area. [`scheduler`] decides what is merged and when.
 //!
 //! A merged triangle takes 56 bytes of GPU memory, more where it is split, on top of the BLAS of its mesh, which is kept so
 //! that its objects can become instances again at any time.
@@ -12,14 +12,15 @@ mod scheduler;
 mod tests;
 
 use super::{
-    bvh::{Blas, BvhQuality, MergeSource, Micromap, TlasInstance, build_merged, merge_bounds},
+    bvh::{Blas, BvhQuality, ITEM_WORDS, MergeSource, Micromap, Owners, TlasInstance, build_merged, merge_bounds},
     masks::MaskSets,
     meshes::{CHUNK_TRIANGLES, MeshTriangles, SceneMeshes},
+    upload::runs,
 };
 use crate::status::ReflectionStatus;
 use bevy::{
     math::{Affine3A, Vec3A},
-    platform::time::Instant,
+    platform::{collections::HashMap, time::Instant},
     render::renderer::RenderQueue,
     tasks::{AsyncComputeTaskPool, Task, block_on, poll_once},
 };
@@ -33,6 +34,9 @@ use std::sync::Arc;
 const BUDGET_TRIANGLES: u64 = 4 << 20;
 /// Words of a merged tree that are uploaded in one frame: 16 MB, so that no frame waits for the copy of a large tree.
 const UPLOAD_WORDS_PER_FRAME: usize = 4 << 20;
+
+/// Writes that cutting an object out of a tree may take: each costs about a microsecond.
+const MOST_CUTS: usize = 512;
 
 /// Frames that merging waits for micromaps, while any are being made: two seconds. With more, a scene that streams in is merged
 /// later; with fewer, trees are built twice.
@@ -55,13 +59,22 @@ const LIMITS: Limits = Limits {
 pub(super) struct StaticMerge {
     scheduler: MergeScheduler,
     work: Option<Work>,
+    /// By names of the trees.
+    owners: HashMap<u64, TreeOwners>,
     /// Frames that it has waited for micromaps.
     waited: u64,
 }
 
+/// The triangles of each object in a tree.
+struct TreeOwners {
+    /// The tree's first triangle, from its first item on.
+    first: u32,
+    owners: Owners,
+}
+
 /// Result of a build task.
 struct BuiltTree {
-    blas: Option<Blas>,
+    blas: Option<(Blas, Owners)>,
     milliseconds: f32,
 }
 
@@ -72,6 +85,7 @@ enum Work {
 
 struct Upload {
     blas: Blas,
+    owners: Owners,
     name: u64,
     first_node: u32,
     /// Words that are uploaded.
@@ -83,6 +97,7 @@ impl Default for StaticMerge {
         Self {
             scheduler: MergeScheduler::new(LIMITS),
             work: None,
+            owners: HashMap::default(),
             waited: 0,
         }
     }
@@ -92,6 +107,16 @@ impl StaticMerge {
     /// Notes how the object of a slot stands; `None` where there is none, or none that may be merged.
     pub fn observe(&mut self, slot: u32, placement: Option<Placement>) {
         self.scheduler.observe(slot, placement);
+    }
+
+    /// Notes that the object of a slot has moved, and nothing else.
+    pub fn observe_move(&mut self, slot: u32, world_from_object: Affine3A) {
+        self.scheduler.observe_move(slot, world_from_object);
+    }
+
+    /// Slots that may have joined a tree or left one since the last call.
+    pub fn take_crossed(&mut self) -> Vec<u32> {
+        self.scheduler.take_crossed()
     }
 
     /// Returns whether the object of a slot is in one of [`Self::instances`].
@@ -122,6 +147,11 @@ impl StaticMerge {
         status: &ReflectionStatus,
     ) -> bool {
         self.take_lost(meshes);
+        for (name, slot) in self.scheduler.take_cuts() {
+            if !self.cut_out(name, slot, meshes, queue) {
+                self.scheduler.dissolve_tree(name);
+            }
+        }
         if self.scheduler.is_stale() {
             self.cancel(meshes);
         }
@@ -139,6 +169,7 @@ impl StaticMerge {
             }
         }
         for name in self.scheduler.take_released() {
+            self.owners.remove(&name);
             meshes.free_merged(name);
         }
         let (instances, triangles) = self.scheduler.merged();
@@ -156,6 +187,7 @@ impl StaticMerge {
     pub fn take_lost(&mut self, meshes: &mut SceneMeshes) -> bool {
         let lost = meshes.take_merged_lost();
         if lost {
+            self.owners.clear();
             self.scheduler.lose_trees();
             self.cancel(meshes);
         }
@@ -169,6 +201,24 @@ impl StaticMerge {
             meshes.free_merged(tree.name);
         }
         *self = Self::default();
+    }
+
+    /// Takes the triangles of an object out of a tree; false where they are spread too widely.
+    fn cut_out(&self, name: u64, slot: u32, meshes: &mut SceneMeshes, queue: &RenderQueue) -> bool {
+        let Some(TreeOwners { first, owners }) = self.owners.get(&name) else {
+            return false;
+        };
+        let triangles = owners.triangles(slot);
+        if runs(triangles, 0).count() > MOST_CUTS {
+            return false;
+        }
+        for run in runs(triangles, 0) {
+            // Triangles without area, which no ray meets.
+            let words = vec![0; run.len() * ITEM_WORDS as usize];
+            let begin = (*first as usize + run.start) * ITEM_WORDS as usize;
+            meshes.write_merged(name, begin, &words, queue);
+        }
+        true
     }
 
     fn cancel(&mut self, meshes: &mut SceneMeshes) {
@@ -188,10 +238,11 @@ impl StaticMerge {
                     report.merge_builds += 1;
                     report.merge_build_ms += built.milliseconds;
                 });
-                let blas = built.blas?;
+                let (blas, owners) = built.blas?;
                 let (name, first_node) = meshes.allocate_merged(blas.items.len())?;
                 Some(Work::Uploading(Upload {
                     blas,
+                    owners,
                     name,
                     first_node,
                     done: 0,
@@ -204,6 +255,11 @@ impl StaticMerge {
         if let Some(Work::Uploading(upload)) = &mut self.work
             && let Some(tree) = upload.carry_on(meshes, queue)
         {
+            let owners = TreeOwners {
+                first: upload.blas.node_count,
+                owners: core::mem::take(&mut upload.owners),
+            };
+            self.owners.insert(upload.name, owners);
             self.work = None;
             self.scheduler.finish(tree);
         }
@@ -268,7 +324,10 @@ fn start(members: &[(u32, Placement)], masks: &MaskSets, meshes: &SceneMeshes) -
         // The largest chunks take seconds, but in the background, and most rays go through them.
         let blas = build_merged(&sources, BvhQuality::High);
         BuiltTree {
-            blas,
+            blas: blas.map(|blas| {
+                let owners = Owners::of(&blas);
+                (blas, owners)
+            }),
             milliseconds: begin.elapsed().as_secs_f32() * 1000.0,
         }
     }))

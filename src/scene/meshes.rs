@@ -3,7 +3,7 @@
 use super::{
     activity::SceneActivity,
     arena::{Arena, ArenaSlice},
-    bvh::{Blas, Bounds, BvhQuality, ITEM_WORDS, MaskSource, TopNode, build_blas},
+    bvh::{Blas, Bounds, BvhQuality, ITEM_WORDS, Item, MaskSource, TopNode, build_blas},
     geometry::{GeometryError, PackedMesh, pack_mesh},
     instances::SceneInstances,
 };
@@ -39,6 +39,9 @@ const UPLOAD_BYTES_PER_FRAME: u64 = 256 << 20;
 /// Triangles of a merged tree, at most: more would take seconds to build on a slow machine. Objects with more stay
 /// instances, since a single tree is all that merging could give them.
 pub(super) const CHUNK_TRIANGLES: u64 = 1 << 20;
+/// Items of a node that joins two trees, and of the roots of these.
+const ROOT_ITEMS: u32 = 3;
+
 /// Result of a build task.
 pub struct BuiltMesh {
     packed: PackedMesh,
@@ -117,7 +120,7 @@ pub struct SceneBlas {
     /// Object space.
     pub bounds: Bounds,
     /// Nodes that rays may start at.
-    pub top: Vec<TopNode>,
+    pub top: Arc<[TopNode]>,
     /// [`Blas::groups`].
     pub groups: u32,
 }
@@ -129,6 +132,8 @@ pub struct SceneMeshes {
     pub geometry: Arena,
     /// BLAS nodes and triangles, merged trees and the TLAS; empty with ray queries.
     pub bvh: Arena,
+    /// The start of [`Self::bvh`], where rays begin; only with the BVH tracer.
+    root: Option<ArenaSlice>,
     /// Merged trees in [`Self::bvh`] by names that are never used twice.
     merged: HashMap<u64, ArenaSlice>,
     next_merged: u64,
@@ -167,9 +172,13 @@ impl SceneMeshes {
         if tracer == ReflectionTracer::RayQuery {
             usages |= BufferUsages::BLAS_INPUT;
         }
+        let mut bvh = Arena::new(device, "glint_bvh", BufferUsages::STORAGE, ITEM_WORDS, u64::MAX);
+        // The first slice begins at 0.
+        let root = (tracer == ReflectionTracer::Bvh).then(|| bvh.allocate(ROOT_ITEMS * ITEM_WORDS));
         Self {
             geometry: Arena::new(device, "glint_geometry", usages, 12, u64::MAX),
-            bvh: Arena::new(device, "glint_bvh", BufferUsages::STORAGE, ITEM_WORDS, u64::MAX),
+            bvh,
+            root: root.flatten(),
             merged: HashMap::default(),
             next_merged: 0,
             merged_lost: false,
@@ -296,7 +305,7 @@ impl SceneMeshes {
                     first_node,
                     first_triangle: first_node + blas.node_count,
                     bounds: blas.bounds,
-                    top: blas.top,
+                    top: blas.top.into(),
                     groups: blas.groups,
                 })
             }
@@ -325,7 +334,7 @@ impl SceneMeshes {
         true
     }
 
-    /// Room for a BLAS or the TLAS. Merged trees only repeat what the BLASes hold, so they go where the buffer is full.
+    /// Room for a BLAS or a TLAS. Merged trees only repeat what the BLASes hold, so they go where the buffer is full.
     pub(super) fn allocate_tree(&mut self, items: usize) -> Option<ArenaSlice> {
         let words = words_of(items)?;
         if let Some(slice) = self.bvh.allocate(words) {
@@ -339,6 +348,13 @@ impl SceneMeshes {
         }
         self.merged_lost = true;
         self.bvh.allocate(words)
+    }
+
+    /// Writes what stands at the start of the buffer of trees.
+    pub(super) fn write_root(&mut self, queue: &RenderQueue, items: &[Item]) {
+        if let Some(root) = &self.root {
+            self.bvh.write(queue, root, items.as_flattened().as_flattened());
+        }
     }
 
     /// Room for a merged tree: its name and its first item. A quarter of what the buffer can grow to is left for meshes.

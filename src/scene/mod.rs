@@ -22,6 +22,7 @@ mod prepare;
 mod test_gpu;
 mod texture_layers;
 pub mod textures;
+mod top_level;
 pub mod upload;
 
 pub use prepare::SceneBindings;

@@ -5,8 +5,7 @@ mod top_level;
 use super::{
     acceleration::{AccelerationStructures, rows},
     alpha_images::AlphaImages,
-    arena::ArenaSlice,
-    bvh::{Item, LARGEST_STACK, MAX_INSTANCES, TRAVERSAL_FLAGS},
+    bvh::{Item, LARGEST_STACK, MAX_INSTANCES, TRAVERSAL_FLAGS, owner},
     gpu_types::{
         GpuInstance, GpuLight, GpuMaterial, GpuSceneCounts, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW,
         INSTANCE_MIRRORED, INSTANCE_RECEIVES_SHADOW,
@@ -18,6 +17,7 @@ use super::{
     merge::{Placement, StaticMerge},
     meshes::{SceneMesh, SceneMeshes},
     textures::TextureTable,
+    top_level::TopLevel,
     upload::StorageSlice,
 };
 use crate::{
@@ -41,6 +41,7 @@ use bevy::{
     shader::ShaderDefVal,
 };
 use core::num::NonZeroU64;
+use top_level::object;
 
 /// The scene's buffers and bind group (group 1 of `bindings.wesl`).
 #[derive(Resource)]
@@ -60,8 +61,10 @@ pub struct SceneBindings {
     lights: StorageSlice<GpuLight>,
     uniform: Buffer,
     uniform_data: GpuSceneCounts,
-    /// The TLASes of the BVH tracer in the buffer of its trees.
-    tlas: Option<ArenaSlice>,
+    /// Objects that can be hit, and those of them with alpha tests.
+    present_instances: usize,
+    masked_instances: usize,
+    top_level: TopLevel,
     merge: StaticMerge,
     masks: MaskSets,
     acceleration: Option<AccelerationStructures>,
@@ -101,7 +104,9 @@ impl FromWorld for SceneBindings {
                 mapped_at_creation: false,
             }),
             uniform_data: GpuSceneCounts::default(),
-            tlas: None,
+            present_instances: 0,
+            masked_instances: 0,
+            top_level: TopLevel::default(),
             merge: StaticMerge::default(),
             masks: MaskSets::default(),
             acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
@@ -229,6 +234,7 @@ pub fn prepare_instances(
         return;
     }
     let mut dirty = instances.take_dirty();
+    let moved = instances.take_moved();
     changed_materials.clear();
     changed_materials.extend(assets.changed());
     if !meshes.changed.is_empty() || !changed_materials.is_empty() {
@@ -257,30 +263,33 @@ pub fn prepare_instances(
             .update(&changes, &surroundings, &mut alpha_images, meshes, &queue);
         dirty.extend(touched);
     }
-    let mut changed = !dirty.is_empty()
-        && bindings.update_instances(
-            &dirty,
-            &instances,
-            &mut materials,
-            &surroundings,
-            meshes,
-            &device,
-            &queue,
-        );
+    let changed = bindings.update_instances(
+        dirty,
+        &moved,
+        &instances,
+        &mut materials,
+        &surroundings,
+        meshes,
+        &device,
+        &queue,
+    );
     if changed {
         bindings.version = bindings.version.wrapping_add(1);
     }
     // Rays see no difference between an object and its copy in a merged tree, so this is no change of the scene.
     if bindings.tracer == ReflectionTracer::Bvh {
-        changed |= bindings.merge.update(&bindings.masks, meshes, &queue, &status);
-        let masks = &bindings.masks;
+        if bindings.merge.update(&bindings.masks, meshes, &queue, &status) || changed {
+            bindings.top_level.touch();
+        }
+        bindings.update_bvh_top_level(&instances, meshes, &device, &queue, &status);
+        let (masks, is_building) = (&bindings.masks, bindings.top_level.is_building());
         status.update(|report| {
+            report.merges_pending |= is_building;
             report.micromaps_pending = masks.is_pending();
             report.micromap_builds = masks.builds();
         });
-    }
-    if changed {
-        bindings.build_top_level(&instances, meshes, &device, &queue, &status);
+    } else if changed {
+        bindings.build_ray_query_top_level(&instances, meshes, &device, &queue, &status);
     }
 }
 
@@ -334,9 +343,8 @@ impl SceneBindings {
     fn release(&mut self, meshes: &mut SceneMeshes, device: &RenderDevice, queue: &RenderQueue) {
         self.merge.clear(meshes);
         self.masks.clear(meshes);
-        if let Some(slice) = self.tlas.take() {
-            meshes.bvh.free(slice);
-        }
+        self.top_level.clear(meshes);
+        (self.present_instances, self.masked_instances) = (0, 0);
         self.set_masked(true);
         self.set_deep(false);
         self.bind_group = None;
@@ -356,7 +364,8 @@ impl SceneBindings {
     #[expect(clippy::too_many_arguments, reason = "it joins all tables of the scene")]
     fn update_instances(
         &mut self,
-        dirty: &[u32],
+        dirty: Vec<u32>,
+        moved: &[u32],
         instances: &SceneInstances,
         materials: &mut MaterialTable,
         surroundings: &Surroundings,
@@ -369,9 +378,18 @@ impl SceneBindings {
         self.present.resize(instances.slots().len(), false);
         let assets = surroundings.materials;
         let limit = instance_limit(device);
-        let (mut first, mut last) = (usize::MAX, 0);
+        let mut written = Vec::new();
         let mut changed = false;
-        for &slot in dirty {
+        let mut dirty = dirty;
+        for &slot in moved {
+            if self.move_instance(slot, instances, limit) {
+                written.push(slot);
+                changed = true;
+            } else {
+                dirty.push(slot);
+            }
+        }
+        for slot in dirty {
             let mut packed = instances.get(slot).and_then(|source| {
                 let mesh = meshes.get(source.mesh)?;
                 let material = assets.get(source.material)?;
@@ -412,16 +430,63 @@ impl SceneBindings {
                 continue;
             }
             changed = true;
+            if slot < limit {
+                if self.present[slot] {
+                    self.count(self.instance_data[slot].flags, -1);
+                }
+                if let Some(packed) = packed {
+                    self.count(packed.flags, 1);
+                }
+            }
             self.present[slot] = packed.is_some();
             if let Some(packed) = packed {
                 self.instance_data[slot] = packed;
-                (first, last) = (first.min(slot), last.max(slot + 1));
+                written.push(slot as u32);
+            }
+            if self.tracer == ReflectionTracer::Bvh && !self.merge.is_merged(slot as u32) {
+                let source = instances.get(slot as u32).filter(|_| slot < limit);
+                let object = packed
+                    .zip(source)
+                    .and_then(|(packed, source)| object(source, slot as u32, packed.flags, meshes));
+                match object {
+                    Some(object) => self.top_level.set(slot as u32, object),
+                    None => self.top_level.remove(slot as u32),
+                }
             }
         }
-        if first < last {
-            self.instances.write(&self.instance_data, first..last, device, queue);
-        }
+        written.sort_unstable();
+        self.instances
+            .write_elements(&self.instance_data, &written, device, queue);
         changed
+    }
+
+    /// An object that has moved, and changed nothing else. Returns false where more follows from that.
+    fn move_instance(&mut self, slot: u32, instances: &SceneInstances, limit: usize) -> bool {
+        let index = slot as usize;
+        if self.present.get(index) != Some(&true) || index >= limit {
+            return false;
+        }
+        let Some(matrices) = instances
+            .get(slot)
+            .and_then(|source| Matrices::of(&source.world_from_object))
+        else {
+            return false;
+        };
+        let data = &mut self.instance_data[index];
+        if matrices.mirrored != (data.flags & INSTANCE_MIRRORED != 0) {
+            return false;
+        }
+        data.world_from_object = matrices.world_from_object;
+        data.object_from_world = matrices.object_from_world;
+        let flags = data.flags;
+        if self.tracer == ReflectionTracer::Bvh
+            && let Some(source) = instances.get(slot)
+        {
+            self.merge.observe_move(slot, source.world_from_object);
+            self.top_level
+                .set_transform(slot, source.world_from_object, owner(slot, flags));
+        }
+        true
     }
 }
 
@@ -448,16 +513,34 @@ fn instance_limit(device: &RenderDevice) -> usize {
     StorageSlice::<GpuInstance>::limit(device).min(MAX_INSTANCES)
 }
 
-/// `None` where the transform can't be inverted or isn't finite: such an object is invisible in the raster picture, too.
-fn pack_instance(source: &InstanceSource, mesh: &SceneMesh, material: u32, flags: u32) -> Option<GpuInstance> {
-    let world_from_object = source.world_from_object;
-    let determinant = world_from_object.matrix3.determinant();
-    let object_from_world: Affine3A = world_from_object.inverse();
-    if !world_from_object.is_finite() || !object_from_world.is_finite() || determinant == 0.0 {
-        return None;
+/// The place of an object as shaders read it.
+struct Matrices {
+    world_from_object: [[f32; 4]; 3],
+    object_from_world: [[f32; 4]; 3],
+    mirrored: bool,
+}
+
+impl Matrices {
+    /// `None` where the transform can't be inverted or isn't finite: such an object is invisible in the raster picture, too.
+    fn of(world_from_object: &Affine3A) -> Option<Self> {
+        let determinant = world_from_object.matrix3.determinant();
+        let object_from_world: Affine3A = world_from_object.inverse();
+        if !world_from_object.is_finite() || !object_from_world.is_finite() || determinant == 0.0 {
+            return None;
+        }
+        Some(Self {
+            world_from_object: bytemuck::cast(rows(world_from_object)),
+            object_from_world: bytemuck::cast(rows(&object_from_world)),
+            mirrored: determinant < 0.0,
+        })
     }
+}
+
+/// `None` where the object has no place that shaders could read.
+fn pack_instance(source: &InstanceSource, mesh: &SceneMesh, material: u32, flags: u32) -> Option<GpuInstance> {
+    let matrices = Matrices::of(&source.world_from_object)?;
     let mut flags = flags;
-    if determinant < 0.0 {
+    if matrices.mirrored {
         flags |= INSTANCE_MIRRORED;
     }
     if source.casts_shadow {
@@ -467,8 +550,8 @@ fn pack_instance(source: &InstanceSource, mesh: &SceneMesh, material: u32, flags
         flags |= INSTANCE_RECEIVES_SHADOW;
     }
     Some(GpuInstance {
-        world_from_object: bytemuck::cast(rows(&world_from_object)),
-        object_from_world: bytemuck::cast(rows(&object_from_world)),
+        world_from_object: matrices.world_from_object,
+        object_from_world: matrices.object_from_world,
         geometry_base: mesh.geometry.base(),
         material,
         flags,

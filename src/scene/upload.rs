@@ -3,12 +3,25 @@
 use bevy::{
     log::warn,
     render::{
-        render_resource::{Buffer, BufferDescriptor, BufferUsages},
+        render_resource::{
+            BindGroupEntry, Buffer, BufferDescriptor, BufferInitDescriptor, BufferUsages, CommandEncoderDescriptor,
+            ComputePassDescriptor, ComputePipeline, PipelineCompilationOptions, RawComputePipelineDescriptor,
+            ShaderModuleDescriptor, ShaderSource,
+        },
         renderer::{RenderDevice, RenderQueue},
     },
 };
 use bytemuck::{NoUninit, cast_slice};
 use core::{marker::PhantomData, ops::Range};
+
+/// Elements between two changed ones that are rather written again than skipped: a write of its own costs more.
+const GAP: u32 = 64;
+/// Bytes that are rather written again than left to a kernel, which has a price of its own.
+const CHEAP_BYTES: u64 = 1 << 18;
+/// Threads of a workgroup in `scatter.wesl`.
+const THREADS: u32 = 64;
+/// Workgroups that every device can start at a time.
+const MOST_WORKGROUPS: u32 = 65_535;
 
 /// Mirrors a slice of `T` on the GPU. It grows by doubling and never shrinks.
 pub struct StorageSlice<T> {
@@ -17,6 +30,7 @@ pub struct StorageSlice<T> {
     len: usize,
     warned: bool,
     generation: u64,
+    scatter: Option<ComputePipeline>,
     element: PhantomData<T>,
 }
 
@@ -29,6 +43,7 @@ impl<T: NoUninit> StorageSlice<T> {
             len: 0,
             warned: false,
             generation: 0,
+            scatter: None,
             element: PhantomData,
         }
     }
@@ -57,6 +72,70 @@ impl<T: NoUninit> StorageSlice<T> {
     /// Writes the changed part, or all where the buffer had to grow. Elements over [`Self::limit`] are left out with a warning.
     pub fn write(&mut self, data: &[T], changed: Range<usize>, device: &RenderDevice, queue: &RenderQueue) {
         self.write_within(Self::limit(device), data, changed, device, queue);
+    }
+
+    /// Writes the elements of these sorted indices, or all where the buffer had to grow.
+    pub fn write_elements(&mut self, data: &[T], sorted: &[u32], device: &RenderDevice, queue: &RenderQueue) {
+        let before = self.generation;
+        self.write(data, 0..0, device, queue);
+        if self.generation != before {
+            return;
+        }
+        let sorted = &sorted[..sorted.partition_point(|index| (*index as usize) < self.len)];
+        let size = size_of::<T>() as u64;
+        let changed = sorted.len() as u64 * size;
+        let written = runs(sorted, GAP).map(|run| run.len() as u64).sum::<u64>() * size;
+        let workgroups = (changed / 16).div_ceil(u64::from(THREADS));
+        if written > (4 * changed).max(CHEAP_BYTES) && workgroups <= u64::from(MOST_WORKGROUPS) {
+            self.scatter(data, sorted, workgroups as u32, device, queue);
+            return;
+        }
+        for run in runs(sorted, GAP) {
+            queue.write_buffer(&self.buffer, run.start as u64 * size, cast_slice(&data[run]));
+        }
+    }
+
+    /// Writes the elements in one piece, and has a kernel put them where they belong.
+    fn scatter(&mut self, data: &[T], places: &[u32], workgroups: u32, device: &RenderDevice, queue: &RenderQueue) {
+        let pipeline = self
+            .scatter
+            .get_or_insert_with(|| scatter_pipeline(device, size_of::<T>() / 16));
+        let elements: Vec<T> = places.iter().map(|place| data[*place as usize]).collect();
+        let input = |contents: &[u8]| {
+            device.create_buffer_with_data(&BufferInitDescriptor {
+                label: Some("glint_scattered"),
+                contents,
+                usage: BufferUsages::STORAGE,
+            })
+        };
+        let buffers = [
+            input(cast_slice(&elements)),
+            input(cast_slice(places)),
+            self.buffer.clone(),
+        ];
+        let entries: Vec<_> = (0..)
+            .zip(&buffers)
+            .map(|(binding, buffer)| BindGroupEntry {
+                binding,
+                resource: buffer.as_entire_binding(),
+            })
+            .collect();
+        let layout = pipeline.get_bind_group_layout(0).into();
+        let bind_group = device.create_bind_group("glint_scatter", &layout, &entries);
+        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor {
+            label: Some("glint_scatter"),
+        });
+        {
+            let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor {
+                label: Some("glint_scatter"),
+                timestamp_writes: None,
+            });
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, &bind_group, &[]);
+            pass.dispatch_workgroups(workgroups, 1, 1);
+        }
+        // At once, in the order of all other writes.
+        queue.submit([encoder.finish()]);
     }
 
     fn write_within(
@@ -93,6 +172,30 @@ impl<T: NoUninit> StorageSlice<T> {
     }
 }
 
+fn scatter_pipeline(device: &RenderDevice, rows: usize) -> ComputePipeline {
+    let module = device.create_and_validate_shader_module(ShaderModuleDescriptor {
+        label: Some("glint_scatter"),
+        source: ShaderSource::Wgsl(include_str!("scatter.wesl").into()),
+    });
+    device.create_compute_pipeline(&RawComputePipelineDescriptor {
+        label: Some("glint_scatter"),
+        layout: None,
+        module: &module,
+        entry_point: Some("scatter"),
+        compilation_options: PipelineCompilationOptions {
+            constants: &[("ROWS", rows as f64)],
+            ..Default::default()
+        },
+        cache: None,
+    })
+}
+
+/// Ranges that hold all of these sorted indices, and up to `gap` others between two of them.
+pub fn runs(sorted: &[u32], gap: u32) -> impl Iterator<Item = Range<usize>> + '_ {
+    let chunks = sorted.chunk_by(move |a, b| b.saturating_sub(*a) <= gap.saturating_add(1));
+    chunks.filter_map(|run| Some(*run.first()? as usize..*run.last()? as usize + 1))
+}
+
 fn create(device: &RenderDevice, label: &'static str, size: u64) -> Buffer {
     device.create_buffer(&BufferDescriptor {
         label: Some(label),
@@ -106,6 +209,42 @@ fn create(device: &RenderDevice, label: &'static str, size: u64) -> Buffer {
 mod tests {
     use super::*;
     use crate::scene::test_gpu;
+
+    #[test]
+    fn near_indices_share_a_range() {
+        let of = |sorted: &[u32], gap| runs(sorted, gap).collect::<Vec<_>>();
+        assert!(of(&[], 3).is_empty());
+        assert_eq!(of(&[1, 2, 2, 4, 9], 1), [1..5, 9..10]);
+        assert_eq!(of(&[1, 3], 0), [1..2, 3..4]);
+    }
+
+    #[test]
+    fn scattered_elements_land_in_their_places() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        const COUNT: usize = 40_000;
+        let mut slice = StorageSlice::<[u32; 8]>::new(&device, "glint_numbers");
+        // Read back like any other buffer.
+        slice.buffer = device.create_buffer(&BufferDescriptor {
+            label: None,
+            size: (COUNT * 32) as u64,
+            usage: BufferUsages::STORAGE | BufferUsages::COPY_DST | BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        });
+        let mut data: Vec<[u32; 8]> = (0..COUNT as u32).map(|i| [i; 8]).collect();
+        slice.write(&data, 0..COUNT, &device, &queue);
+        for step in [9, 300] {
+            let sorted: Vec<u32> = (3..COUNT as u32).step_by(step).collect();
+            for index in &sorted {
+                data[*index as usize] = core::array::from_fn(|i| 7 * index + i as u32 + step as u32);
+            }
+            slice.write_elements(&data, &sorted, &device, &queue);
+        }
+        assert!(slice.scatter.is_some(), "one in nine is written by a kernel");
+        let words = test_gpu::read(&device, &queue, &slice.buffer);
+        assert_eq!(words, data.as_flattened());
+    }
 
     #[test]
     fn what_has_no_room_is_left_out() {

@@ -21,3 +21,4 @@ mod plugin;
 mod reflect;
 mod robustness;
 mod toggle;
+mod worlds;

@@ -2,7 +2,7 @@
 
 use super::{
     blas::{Blas, BvhQuality, build},
-    format::{Bounds, owner},
+    format::{Bounds, OWNER_SHIFT, owner},
     opacity::{Micromap, OPAQUE, common_state, solid_bounds},
     tlas::{inverse_rows, world_bounds},
     triangle::{Triangle, add_triangles},
@@ -103,4 +103,45 @@ pub fn merge_bounds(world_from_object: &Affine3A, object: Bounds, triangle_count
     let triangle = (max - min).length() / (triangle_count.max(1) as f32).sqrt();
     let rounding = farthest * (0.5 * f32::EPSILON);
     (triangle >= SMALLEST_TRIANGLE && rounding <= triangle * MAX_ROUNDING).then_some(world)
+}
+
+/// The triangles of each object in a merged tree.
+#[derive(Clone, Debug, Default)]
+pub struct Owners {
+    /// In ascending order.
+    instances: Vec<u32>,
+    /// Where those of each instance begin in `triangles`, and where the last ones end.
+    starts: Vec<u32>,
+    /// Indices of triangles in the tree; ascending for each instance.
+    triangles: Vec<u32>,
+}
+
+impl Owners {
+    /// Those of a merged tree.
+    pub fn of(tree: &Blas) -> Self {
+        let triangles = &tree.items[tree.node_count as usize..];
+        let mut pairs: Vec<(u32, u32)> = (0..)
+            .zip(triangles)
+            .map(|(index, rows)| (rows[1][3] >> OWNER_SHIFT, index))
+            .collect();
+        pairs.sort_unstable();
+        let mut owners = Self::default();
+        for (instance, triangle) in pairs {
+            if owners.instances.last() != Some(&instance) {
+                owners.instances.push(instance);
+                owners.starts.push(owners.triangles.len() as u32);
+            }
+            owners.triangles.push(triangle);
+        }
+        owners.starts.push(owners.triangles.len() as u32);
+        owners
+    }
+
+    /// Indices of the triangles of an instance in the tree, in ascending order.
+    pub fn triangles(&self, instance: u32) -> &[u32] {
+        match self.instances.binary_search(&instance) {
+            Ok(index) => &self.triangles[self.starts[index] as usize..self.starts[index + 1] as usize],
+            Err(_) => &[],
+        }
+    }
 }

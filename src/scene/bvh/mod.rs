@@ -19,6 +19,7 @@
 mod blas;
 mod collapse;
 mod format;
+mod linear;
 mod mask;
 mod merged;
 mod node;
@@ -35,11 +36,12 @@ mod tests;
 
 pub use blas::{Blas, BvhQuality, TopNode, build_blas};
 pub use format::{Bounds, ENTRY, ITEM_WORDS, Item, MAX_INSTANCES, ONE_ENTRY, TRAVERSAL_FLAGS, owner};
+pub use linear::{LinearBuilder, LinearEntry};
 pub use mask::{MaskSource, mask_header, masks, micromap_of};
-pub use merged::{MergeSource, build_merged, merge_bounds};
+pub use merged::{MergeSource, Owners, build_merged, merge_bounds};
 pub use opacity::{
     AlphaTest, AlphaTexels, Micromap, OPAQUE, OpacityBaker, TRANSPARENT, UNKNOWN, Wrap, micro_triangle, state_of,
 };
 pub use stack::{LARGEST_STACK, USUAL_STACK};
-pub use tlas::{Tlas, TlasInstance, build_tlas, opening_budget};
+pub use tlas::{Tlas, TlasInstance, build_tlas, build_tlas_of, join, opening_budget};
 pub use traverse::{Counters, SceneView, TraceHit, TraceRay, any, closest};

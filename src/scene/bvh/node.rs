@@ -154,8 +154,11 @@ pub(super) fn quantise(node: &mut Node, children: &[Option<Bounds>; WIDTH]) {
 /// Biased exponent of the smallest power of two that may cover the extent in 255 steps.
 fn scale_exponent(extent: f64) -> u8 {
     // Small enough for any geometry, and far from denormals when multiplied by an inverse direction.
-    const SMALLEST: f64 = -80.0;
-    ((extent / 255.0).max(f64::MIN_POSITIVE).log2().floor().max(SMALLEST) + 127.0).clamp(1.0, 254.0) as u8
+    const SMALLEST: i32 = -80;
+    // The logarithm of a normal number, rounded down, is its exponent.
+    let bits = (extent / 255.0).max(f64::MIN_POSITIVE).to_bits();
+    let logarithm = (bits >> 52) as i32 - 1023;
+    (logarithm.max(SMALLEST) + 127).clamp(1, 254) as u8
 }
 
 /// False when 255 steps do not reach.
@@ -167,15 +170,20 @@ fn quantise_axis(
     planes: &mut [[u8; WIDTH]; 2],
 ) -> bool {
     let step = f64::from(f32::from_bits(u32::from(exponent) << 23));
+    // Exact, as that of a power of two.
+    let inverse = step.recip();
+    // No child begins below the origin. Casts round towards zero, and are instructions where `floor` and `ceil` are calls.
+    let floor = |x: f64| f64::from(x as i32);
+    let ceil = |x: f64| floor(x) + f64::from(u8::from(floor(x) < x));
     for (slot, bounds) in children.iter().enumerate() {
         let Some(bounds) = bounds else { continue };
         let (low, low_error) = exact_difference(bounds.min[axis], origin);
-        let mut q_low = (low / step).floor();
+        let mut q_low = floor(low * inverse);
         if q_low * step == low && low_error < 0.0 {
             q_low -= 1.0;
         }
         let (high, high_error) = exact_difference(bounds.max[axis], origin);
-        let mut q_high = (high / step).ceil();
+        let mut q_high = ceil(high * inverse);
         if q_high * step == high && high_error > 0.0 {
             q_high += 1.0;
         }

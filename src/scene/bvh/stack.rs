@@ -23,10 +23,12 @@ pub(super) const IN_TLAS: Level = Level {
     leaves_wait: true,
     most_groups: 12,
 };
+/// Groups of a node that joins two TLASes.
+pub(super) const JOINT_GROUPS: u32 = 1;
 /// Groups that the stack of `bvh.wesl` has room for as it is ...
 pub const USUAL_STACK: u32 = 20;
 /// ... and how many trees may take at most. Shaders get it as `BVH_STACK_SIZE`.
-pub const LARGEST_STACK: u32 = stack_size(IN_TLAS.most_groups, IN_BLAS.most_groups);
+pub const LARGEST_STACK: u32 = stack_size(JOINT_GROUPS + IN_TLAS.most_groups, IN_BLAS.most_groups);
 
 /// Groups that the stack of the traversal must have room for: those of the TLAS ([`Tlas::groups`](super::Tlas::groups)) wait while
 /// the ray is in a BLAS, which takes [`Blas::groups`](super::Blas::groups) at most. Never 0, since an array must have a length.

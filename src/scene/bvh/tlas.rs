@@ -3,10 +3,11 @@
 use super::{
     blas::{BvhQuality, TopNode, build_tree},
     format::{Bounds, ENTRY, Item, ONE_ENTRY},
-    node::{self, Child, WIDTH},
-    stack::{IN_TLAS, stack_size},
+    node::{self, Child, Node, WIDTH},
+    stack::{IN_TLAS, JOINT_GROUPS, stack_size},
 };
 use bevy::math::{Affine3A, DMat3, DVec3};
+use core::iter::once;
 use std::collections::BinaryHeap;
 
 /// Up to here a better tree costs less than a millisecond.
@@ -35,7 +36,7 @@ pub struct TlasInstance<'a> {
 
 /// The packed tree over the instances. It may stand anywhere in the buffer that holds the BLASes, whose places its entries
 /// give; indices in its nodes, and those of matrices, are relative to it.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Tlas {
     /// Nodes and entries, the root first, then inverse matrices. Empty when nothing can be hit.
     pub items: Vec<Item>,
@@ -49,6 +50,25 @@ pub struct Tlas {
     pub groups: u32,
     /// Groups that the traversal stack must have room for, those of the BLASes included.
     pub stack: u32,
+    /// World space.
+    pub bounds: Bounds,
+    /// Each entry's index in the list of instances, and its item.
+    pub places: Vec<(u32, u32)>,
+}
+
+impl Default for Tlas {
+    fn default() -> Self {
+        Self {
+            items: Vec::new(),
+            node_count: 0,
+            entry_count: 0,
+            dropped: 0,
+            groups: 0,
+            stack: 0,
+            bounds: Bounds::EMPTY,
+            places: Vec::new(),
+        }
+    }
 }
 
 impl Tlas {
@@ -58,6 +78,54 @@ impl Tlas {
             ONE_ENTRY
         } else {
             self.node_count
+        }
+    }
+
+    /// Has indices count from the start of the buffer, where the tree's first item stands at `base`.
+    pub fn relocate(&mut self, base: u32) {
+        let places = (self.node_count + self.entry_count) as usize;
+        for item in self.items.iter_mut().take(places) {
+            relocate(item, base);
+        }
+    }
+
+    /// The root, or the only entry.
+    fn head(&self) -> Option<Item> {
+        self.items.get(usize::from(self.entry_count == 1)).copied()
+    }
+}
+
+/// A node or an entry with indices that count from `base` less.
+fn relocate(item: &mut Item, base: u32) {
+    if item[2][2] >= ENTRY {
+        item[1][0] += base;
+    } else {
+        // Below the number of children.
+        item[2][2] += base;
+    }
+}
+
+/// What stands at the start of the buffer of trees, where rays begin: the root of a tree, or a node over the roots of two. Both trees
+/// have been relocated. Returns the number of nodes as the traversal takes it, the items, and the groups that the stack needs for them.
+pub fn join(trees: [Option<&Tlas>; 2]) -> (u32, Vec<Item>, u32) {
+    let present = trees.into_iter().flatten().filter(|tree| tree.entry_count > 0);
+    let heads: Vec<(&Tlas, Item)> = present.filter_map(|tree| Some((tree, tree.head()?))).collect();
+    match heads.as_slice() {
+        [] => (0, Vec::new(), 1),
+        // Rays start right behind the root where there is one entry.
+        [(tree, head)] if tree.entry_count == 1 => (ONE_ENTRY, vec![Item::default(), *head], tree.stack),
+        [(tree, head)] => (tree.node_count, vec![*head], tree.stack),
+        heads => {
+            let mut boxes = [None; WIDTH];
+            for (slot, (tree, _)) in heads.iter().enumerate() {
+                boxes[slot] = Some(tree.bounds);
+            }
+            let mut root = Node::new(1, heads.len(), 0, [0; WIDTH]);
+            node::quantise(&mut root, &boxes);
+            let items = once(bytemuck::cast(root)).chain(heads.iter().map(|(_, head)| *head));
+            let nodes = 1 + heads.iter().map(|(tree, _)| tree.node_count).sum::<u32>();
+            let stack = heads.iter().map(|(tree, _)| tree.stack).max().unwrap_or(0);
+            (nodes, items.collect(), JOINT_GROUPS + stack)
         }
     }
 }
@@ -72,6 +140,8 @@ struct Entry {
 
 struct Kept<'a> {
     instance: &'a TlasInstance<'a>,
+    /// Index of the instance.
+    index: u32,
     object_from_world: [[f32; 4]; 3],
 }
 
@@ -81,13 +151,23 @@ pub fn opening_budget(instances: usize) -> usize {
     instances + (3 * instances).min(4096)
 }
 
-/// Builds the tree. With `max_entries` above the number of instances, large instances are opened: they enter the tree as
+/// Builds the tree with the care that its size leaves time for within a frame. With `max_entries` above the number of instances, large instances are opened: they enter the tree as
 /// several nodes of their BLAS with tighter boxes, which spares rays where instances overlap. [`opening_budget`] is a good
 /// choice.
 pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
+    let quality = if instances.len().max(max_entries) <= FEW_ENTRIES {
+        BvhQuality::Medium
+    } else {
+        BvhQuality::Fast
+    };
+    build_tlas_of(quality, instances, max_entries)
+}
+
+/// The same with a quality of choice.
+pub fn build_tlas_of(quality: BvhQuality, instances: &[TlasInstance], max_entries: usize) -> Tlas {
     let mut kept = Vec::with_capacity(instances.len());
     let mut entries = Vec::with_capacity(instances.len());
-    for instance in instances {
+    for (index, instance) in (0..).zip(instances) {
         if let Some(object_from_world) = inverse_rows(&instance.world_from_object)
             && let Some(bounds) = world_bounds(&instance.world_from_object, instance.bounds)
         {
@@ -98,6 +178,7 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
             });
             kept.push(Kept {
                 instance,
+                index,
                 object_from_world,
             });
         }
@@ -107,11 +188,6 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
         open(&mut entries, &kept, max_entries);
     }
     let boxes: Vec<Bounds> = entries.iter().map(|e| e.bounds).collect();
-    let quality = if boxes.len() <= FEW_ENTRIES {
-        BvhQuality::Medium
-    } else {
-        BvhQuality::Fast
-    };
     let Some(mut tree) = (!boxes.is_empty())
         .then(|| build_tree(&boxes, quality, &IN_TLAS))
         .flatten()
@@ -122,13 +198,14 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
         };
     };
     let ordered: Vec<Bounds> = tree.primitives.iter().map(|i| boxes[*i as usize]).collect();
-    node::fit(&mut tree, &ordered);
+    let exact = node::fit(&mut tree, &ordered);
 
     // All children of a node stand side by side, entries behind nodes.
     let node_count = tree.nodes.len();
     let matrices = node_count + entries.len();
     let mut items = vec![Item::default(); matrices];
     let mut places = vec![0; node_count];
+    let mut entry_places = Vec::with_capacity(entries.len());
     let mut end = 1;
     for (index, parent) in tree.nodes.iter().enumerate() {
         for slot in 0..WIDTH {
@@ -138,7 +215,8 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
                 Child::Inner(child) => places[child as usize] = place,
                 Child::Leaf(primitive, _) => {
                     let entry = &entries[tree.primitives[primitive as usize] as usize];
-                    let instance = kept[entry.kept as usize].instance;
+                    let Kept { instance, index, .. } = kept[entry.kept as usize];
+                    entry_places.push((index, place as u32));
                     let start = instance.top.get(entry.top as usize).map_or(0, |top| top.node);
                     items[place] = [
                         [
@@ -167,6 +245,8 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
         dropped,
         groups,
         stack: stack_size(groups, below),
+        bounds: exact[0],
+        places: entry_places,
     }
 }
 
@@ -221,25 +301,19 @@ fn open(entries: &mut Vec<Entry>, kept: &[Kept], max_entries: usize) {
 pub(super) fn inverse_rows(matrix: &Affine3A) -> Option<[[f32; 4]; 3]> {
     let linear: DMat3 = matrix.matrix3.as_dmat3();
     let translation: DVec3 = matrix.translation.as_dvec3();
-    let determinant = linear.determinant();
+    let DMat3 { x_axis, y_axis, z_axis } = linear;
+    let rows = [y_axis.cross(z_axis), z_axis.cross(x_axis), x_axis.cross(y_axis)];
+    let determinant = rows[2].dot(z_axis);
     if !(determinant.is_finite() && determinant != 0.0 && translation.is_finite()) {
         return None;
     }
-    let inverse = linear.inverse();
-    let offset = -(inverse * translation);
-    let in_range = |v: DVec3, limit: f64| v.abs().max_element() <= limit;
-    let columns = [inverse.x_axis, inverse.y_axis, inverse.z_axis];
-    if !(columns.iter().all(|c| in_range(*c, MAX_INVERSE)) && in_range(offset, 1e18)) {
+    let reciprocal = determinant.recip();
+    let rows = rows.map(|row| (row * reciprocal, -row.dot(translation) * reciprocal));
+    let in_range = |(row, offset): &(DVec3, f64)| row.abs().max_element() <= MAX_INVERSE && offset.abs() <= 1e18;
+    if !rows.iter().all(in_range) {
         return None;
     }
-    Some([0, 1, 2].map(|r| {
-        [
-            columns[0][r] as f32,
-            columns[1][r] as f32,
-            columns[2][r] as f32,
-            offset[r] as f32,
-        ]
-    }))
+    Some(rows.map(|(row, offset)| [row.x as f32, row.y as f32, row.z as f32, offset as f32]))
 }
 
 /// Box around the transformed box, grown by what rounding in the ray's transform can move a hit.

@@ -5,7 +5,8 @@
 //! - Objects at rest are built into chunks once nothing came to rest or left it for some frames, one chunk at a time. Small
 //!   chunks are absorbed by new ones: a scene of usual size ends up as a single chunk, and in a large one the work that a
 //!   few new objects cause stays in proportion to them.
-//! - A change of an object dissolves its chunk, whose other objects are instances again until they are merged anew.
+//! - An object that changes is cut out of its chunk. A small chunk dissolves, and so does one that has lost half of its triangles: its
+//!   other objects are instances again until they are merged anew.
 
 mod plan;
 
@@ -24,6 +25,8 @@ const MAX_DOUBLINGS: u32 = 14;
 /// A new object takes over so many of the disturbances of its slot, at most: what comes and goes often is merged late, and
 /// a level that replaces another one after some seconds.
 const INHERITED_DISTURBANCES: u32 = 2;
+/// Chunks of so many objects are built anew for any reason, if they have few triangles, too.
+const CHEAP_MEMBERS: usize = 256;
 /// Frames without merging after the device had no room for trees; doubled with each further time, at most so often.
 const EXHAUSTED_FRAMES: u64 = 600;
 const MOST_DOUBLINGS: u32 = 6;
@@ -117,8 +120,12 @@ struct Slot {
 }
 
 struct Chunk {
+    /// Without those that were cut out.
     members: Vec<u32>,
+    /// In the tree's room.
     triangles: u64,
+    /// Those of them that were cut out.
+    cut: u64,
     tree: Tree,
 }
 
@@ -153,6 +160,10 @@ pub(super) struct MergeScheduler {
     losses: u32,
     changed: bool,
     released: Vec<u64>,
+    /// Slots that joined a chunk or left one.
+    crossed: Vec<u32>,
+    /// Rooms of trees, and slots that must be cut out of them.
+    cuts: Vec<(u64, u32)>,
 }
 
 impl MergeScheduler {
@@ -174,6 +185,8 @@ impl MergeScheduler {
             losses: 0,
             changed: false,
             released: Vec::new(),
+            crossed: Vec::new(),
+            cuts: Vec::new(),
         }
     }
 
@@ -191,7 +204,9 @@ impl MergeScheduler {
             return;
         }
         let state = self.slots[index].state;
-        if let State::Merged(chunk) = state {
+        if let State::Merged(chunk) = state
+            && (gains_micromaps(before, placement) || !self.cut_out(slot, chunk))
+        {
             self.dissolve(chunk);
         }
         if self.slots[index].building
@@ -223,6 +238,26 @@ impl MergeScheduler {
             place.queued = true;
             self.settling.push(Reverse((place.due, slot)));
         }
+    }
+
+    /// Notes that the object of a slot has moved, and nothing else.
+    pub fn observe_move(&mut self, slot: u32, world_from_object: Affine3A) {
+        let (frame, quiet) = (self.frame, self.limits.quiet_frames);
+        let Some(place) = self.slots.get_mut(slot as usize) else {
+            return;
+        };
+        let Some(placement) = &mut place.placement else { return };
+        if place.state == State::Restless && place.queued && !place.building {
+            placement.world_from_object = world_from_object;
+            place.changed = frame;
+            place.due = frame + waiting_time(quiet, place.disturbances);
+            return;
+        }
+        let placement = Placement {
+            world_from_object,
+            ..*placement
+        };
+        self.observe(slot, Some(placement));
     }
 
     /// A frame goes by. `measure` tells what merging an object would cost, and `None` where it must stay an instance.
@@ -281,9 +316,11 @@ impl MergeScheduler {
             place.state = State::Merged(id);
             self.resting.remove(slot);
         }
+        self.crossed.extend(&building.members);
         let chunk = Chunk {
             members: building.members,
             triangles: building.triangles,
+            cut: 0,
             tree,
         };
         self.chunks.insert(id, chunk);
@@ -367,6 +404,28 @@ impl MergeScheduler {
         core::mem::take(&mut self.released)
     }
 
+    /// Slots that may have joined a tree or left one since the last call.
+    pub fn take_crossed(&mut self) -> Vec<u32> {
+        core::mem::take(&mut self.crossed)
+    }
+
+    /// Names of trees, and slots whose triangles rays must not hit in them any more, since the last call.
+    pub fn take_cuts(&mut self) -> Vec<(u64, u32)> {
+        core::mem::take(&mut self.cuts)
+    }
+
+    /// The objects of a tree become instances: nothing can be cut out of it.
+    pub fn dissolve_tree(&mut self, name: u64) {
+        let id = self
+            .chunks
+            .iter()
+            .find(|(_, chunk)| chunk.tree.name == name)
+            .map(|(id, _)| *id);
+        if let Some(id) = id {
+            self.dissolve(id);
+        }
+    }
+
     /// An object came to rest or left it.
     fn wake(&mut self) {
         self.disturbed = self.frame;
@@ -385,13 +444,31 @@ impl MergeScheduler {
         self.awake_since = self.frame;
     }
 
+    /// Cuts an object out of a chunk; false where the chunk is rather built anew.
+    fn cut_out(&mut self, slot: u32, id: u32) -> bool {
+        let triangles = self.slots[slot as usize].extent.triangles;
+        let Some(chunk) = self.chunks.get_mut(&id) else {
+            return false;
+        };
+        let is_cheap = chunk.triangles <= self.limits.cheap_triangles && chunk.members.len() <= CHEAP_MEMBERS;
+        if is_cheap || 2 * (chunk.cut + triangles) > chunk.triangles {
+            return false;
+        }
+        chunk.cut += triangles;
+        chunk.members.retain(|member| *member != slot);
+        self.cuts.push((chunk.tree.name, slot));
+        self.crossed.push(slot);
+        true
+    }
+
     /// The objects of a chunk become instances.
     fn dissolve(&mut self, id: u32) {
         let Some(chunk) = self.chunks.remove(&id) else { return };
-        for slot in chunk.members {
-            self.slots[slot as usize].state = State::Resting;
-            self.resting.insert(slot);
+        for slot in &chunk.members {
+            self.slots[*slot as usize].state = State::Resting;
+            self.resting.insert(*slot);
         }
+        self.crossed.extend(chunk.members);
         self.released.push(chunk.tree.name);
         self.changed = true;
         self.wake();

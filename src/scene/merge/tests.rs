@@ -141,13 +141,32 @@ fn a_moved_object_drops_out_and_comes_back() {
 }
 
 #[test]
-fn only_the_chunk_of_the_moved_object_is_dissolved() {
+fn a_moved_object_is_cut_out_of_its_chunk() {
     // Two chunks along x.
-    let mut scene = Scene::new(&[400; 4]);
+    let mut scene = Scene::new(&[300, 300, 300, 300, 300, 300]);
     scene.run(4 * QUIET);
-    assert_eq!((scene.merged().len(), scene.trees()), (4, 2));
-    scene.scheduler.observe(3, at(3, 9.0));
-    assert_eq!((scene.merged(), scene.trees()), (vec![0, 1], 1));
+    assert_eq!((scene.merged().len(), scene.trees()), (6, 2));
+    scene.scheduler.take_crossed();
+    scene.scheduler.observe(5, at(5, 9.0));
+    assert_eq!((scene.merged(), scene.trees()), (vec![0, 1, 2, 3, 4], 2));
+    assert_eq!(scene.scheduler.take_cuts(), [(1, 5)]);
+    assert_eq!(scene.scheduler.take_crossed(), [5]);
+    // With less than half of its triangles, the chunk isn't worth its room.
+    scene.scheduler.observe(4, at(4, 9.0));
+    assert_eq!((scene.merged(), scene.trees()), (vec![0, 1, 2], 1));
+    assert!(scene.scheduler.take_cuts().is_empty());
+    assert_eq!(scene.scheduler.take_crossed(), [3, 4]);
+    assert_eq!(scene.scheduler.take_released(), [1]);
+}
+
+#[test]
+fn a_tree_that_nothing_can_be_cut_out_of_dissolves() {
+    let mut scene = Scene::new(&[300, 300, 300]);
+    scene.run(4 * QUIET);
+    scene.scheduler.observe(1, at(1, 9.0));
+    scene.scheduler.dissolve_tree(0);
+    assert!(scene.merged().is_empty());
+    assert_eq!(scene.scheduler.take_released(), [0]);
 }
 
 #[test]
@@ -221,7 +240,8 @@ fn large_scenes_are_split_in_space() {
     assert_eq!((scene.merged().len(), scene.trees()), (32, 4));
     // Neighbours share a chunk.
     scene.scheduler.observe(0, None);
-    assert_eq!(scene.merged(), (8..32).collect::<Vec<_>>());
+    assert_eq!(scene.merged(), (1..32).collect::<Vec<_>>());
+    assert_eq!(scene.trees(), 4);
 }
 
 #[test]

@@ -4,11 +4,11 @@ use super::{SceneBindings, instance_limit};
 use crate::{
     scene::{
         acceleration::{BlasKey, RayQueryInstance},
-        arena::ArenaSlice,
-        bvh::{ITEM_WORDS, Tlas, TlasInstance, USUAL_STACK, build_tlas, opening_budget, owner},
+        bvh::owner,
         gpu_types::INSTANCE_ALPHA_MASKED,
         instances::{InstanceSource, SceneInstances},
         meshes::SceneMeshes,
+        top_level::Object,
     },
     status::ReflectionStatus,
 };
@@ -18,12 +18,46 @@ use bevy::{
     render::renderer::{RenderDevice, RenderQueue},
 };
 
-/// Nodes, entries and matrices that the TLAS has room for at least.
-const SMALLEST_TLAS: usize = 1 << 9;
-
 impl SceneBindings {
-    /// Builds the top level over all objects that can be hit.
-    pub(super) fn build_top_level(
+    /// Builds the structure of the driver over all objects that can be hit.
+    pub(super) fn build_ray_query_top_level(
+        &mut self,
+        instances: &SceneInstances,
+        meshes: &SceneMeshes,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+        status: &ReflectionStatus,
+    ) {
+        let begin = Instant::now();
+        let Some(acceleration) = &mut self.acceleration else {
+            return;
+        };
+        let slots = instances.slots().iter().enumerate().take(instance_limit(device));
+        let present = slots
+            .filter(|(slot, _)| self.present.get(*slot) == Some(&true))
+            .filter_map(|(slot, source)| {
+                let source = source.as_ref()?;
+                meshes.get(source.mesh).map(|_| (slot as u32, source))
+            });
+        let list: Vec<_> = present
+            .map(|(slot, source)| {
+                let flags = self.instance_data[slot as usize].flags;
+                RayQueryInstance {
+                    slot,
+                    blas: BlasKey::new(source.mesh, flags),
+                    world_from_object: source.world_from_object,
+                    flags,
+                }
+            })
+            .collect();
+        let blas_builds = acceleration.build(&list, meshes, device, queue);
+        self.uniform_data.tlas_node_count = list.len() as u32;
+        self.report_top_level(begin, blas_builds, status);
+    }
+
+    /// Carries on with the BVH tracer's trees over instances, and brings them up to date. Notes what shaders must be compiled with for
+    /// them.
+    pub(super) fn update_bvh_top_level(
         &mut self,
         instances: &SceneInstances,
         meshes: &mut SceneMeshes,
@@ -32,77 +66,73 @@ impl SceneBindings {
         status: &ReflectionStatus,
     ) {
         let begin = Instant::now();
-        let slots = instances.slots().iter().enumerate().take(instance_limit(device));
-        let present: Vec<(u32, &InstanceSource)> = slots
-            .filter(|(slot, _)| self.present.get(*slot) == Some(&true))
-            .filter_map(|(slot, source)| {
-                let source = source.as_ref()?;
-                meshes.get(source.mesh).map(|_| (slot as u32, source))
-            })
-            .collect();
-        let mut blas_builds = 0;
-        if let Some(acceleration) = &mut self.acceleration {
-            let list: Vec<_> = present
-                .iter()
-                .map(|(slot, source)| {
-                    let flags = self.instance_data[*slot as usize].flags;
-                    RayQueryInstance {
-                        slot: *slot,
-                        blas: BlasKey::new(source.mesh, flags),
-                        world_from_object: source.world_from_object,
-                        flags,
-                    }
-                })
-                .collect();
-            blas_builds = acceleration.build(&list, meshes, device, queue);
-            self.uniform_data.tlas_node_count = present.len() as u32;
-        } else {
-            self.build_bvh_top_level(&present, meshes, queue);
+        self.follow_merging(instances, meshes, device);
+        let merge = &self.merge;
+        self.top_level.advance(|slot| merge.is_merged(slot), meshes, queue);
+        self.follow_lost_trees(instances, meshes, device);
+        if !self.top_level.is_changed() {
+            return;
         }
+        self.top_level.upload(self.merge.instances(), meshes, queue);
+        if self.follow_lost_trees(instances, meshes, device) {
+            self.top_level.upload(self.merge.instances(), meshes, queue);
+        }
+        self.set_masked(self.masked_instances > 0);
+        let head = self.top_level.head();
+        self.set_deep(head.is_deep);
+        self.uniform_data.tlas_node_count = head.node_count;
+        self.uniform_data.tlas_root = 0;
+        if head.node_count == 0 && self.present_instances > 0 {
+            warn_once!(
+                "nothing is reflected, since meshes leave no room in the largest buffer of this device; use fewer or \
+                 smaller meshes, or keep some out with `NotReflected`"
+            );
+        }
+        self.report_top_level(begin, 0, status);
+    }
+
+    fn report_top_level(&mut self, begin: Instant, blas_builds: u64, status: &ReflectionStatus) {
         // Forces the uniform to be written.
         self.uniform_data.instance_count = u32::MAX;
         status.update(|report| {
-            report.instances = present.len();
+            report.instances = self.present_instances;
             report.tlas_builds += 1;
             report.blas_builds += blas_builds;
             report.tlas_build_ms = begin.elapsed().as_secs_f32() * 1000.0;
         });
     }
 
-    /// Builds and uploads the BVH tracer's TLAS: merged trees, and instances of those objects that are not merged. Notes
-    /// what shaders must be compiled with for them.
-    ///
-    /// It stands among the BLASes, so that the shader loads the nodes of both levels with the same instructions.
-    fn build_bvh_top_level(
-        &mut self,
-        present: &[(u32, &InstanceSource)],
-        meshes: &mut SceneMeshes,
-        queue: &RenderQueue,
-    ) {
-        let any_masked = present.iter().any(|(slot, _)| self.is_masked(*slot));
-        self.set_masked(any_masked);
+    /// Objects that joined a merged tree leave the others, and the other way round.
+    fn follow_merging(&mut self, instances: &SceneInstances, meshes: &SceneMeshes, device: &RenderDevice) {
+        let limit = instance_limit(device);
+        for slot in self.merge.take_crossed() {
+            if self.merge.is_merged(slot) {
+                self.top_level.merge(slot);
+            } else if !self.top_level.holds(slot)
+                && (slot as usize) < limit
+                && self.present.get(slot as usize) == Some(&true)
+                && let Some(object) = instances
+                    .get(slot)
+                    .and_then(|source| object(source, slot, self.instance_data[slot as usize].flags, meshes))
+            {
+                self.top_level.set(slot, object);
+            }
+        }
+    }
 
-        let mut tlas = self.tlas_over(present, meshes);
-        let mut fits = self.reserve_tlas(&tlas, meshes);
-        if self.merge.take_lost(meshes) {
-            tlas = self.tlas_over(present, meshes);
-            fits = self.reserve_tlas(&tlas, meshes);
+    /// Returns whether merged trees got lost since their room was needed.
+    fn follow_lost_trees(
+        &mut self,
+        instances: &SceneInstances,
+        meshes: &mut SceneMeshes,
+        device: &RenderDevice,
+    ) -> bool {
+        let lost = self.merge.take_lost(meshes);
+        if lost {
+            self.top_level.touch();
+            self.follow_merging(instances, meshes, device);
         }
-        self.set_deep(tlas.stack > USUAL_STACK);
-        self.uniform_data.tlas_node_count = 0;
-        match &self.tlas {
-            Some(slice) if fits => {
-                self.uniform_data.tlas_node_count = tlas.traversal_node_count();
-                self.uniform_data.tlas_root = slice.base() / ITEM_WORDS;
-                meshes.bvh.write(queue, slice, tlas.items.as_flattened().as_flattened());
-            }
-            _ => {
-                warn_once!(
-                    "nothing is reflected, since meshes leave no room in the largest buffer of this device; use fewer or \
-                     smaller meshes, or keep some out with `NotReflected`"
-                );
-            }
-        }
+        lost
     }
 
     /// Notes whether shaders need the alpha test.
@@ -121,51 +151,26 @@ impl SceneBindings {
         }
     }
 
-    fn is_masked(&self, slot: u32) -> bool {
-        self.instance_data[slot as usize].flags & INSTANCE_ALPHA_MASKED != 0
-    }
-
-    fn tlas_over(&self, present: &[(u32, &InstanceSource)], meshes: &SceneMeshes) -> Tlas {
-        let mut list: Vec<TlasInstance> = present
-            .iter()
-            .filter(|(slot, _)| !self.merge.is_merged(*slot))
-            .filter_map(|(slot, source)| {
-                let blas = meshes.get(source.mesh)?.bvh.as_ref()?;
-                Some(TlasInstance {
-                    world_from_object: source.world_from_object,
-                    bounds: blas.bounds,
-                    instance: owner(*slot, self.instance_data[*slot as usize].flags),
-                    first_node: blas.first_node,
-                    first_triangle: blas.first_triangle,
-                    top: &blas.top,
-                    groups: blas.groups,
-                })
-            })
-            .collect();
-        let single = list.len();
-        list.extend(self.merge.instances());
-        // A lone tree overlaps with nothing, and rays start in it at once where it is not opened.
-        let max_entries = if list.len() > 1 {
-            opening_budget(single) + list.len() - single
-        } else {
-            0
-        };
-        build_tlas(&list, max_entries)
-    }
-
-    /// Makes room for the TLAS; false where there is none. Merged trees may get lost over it.
-    fn reserve_tlas(&mut self, tlas: &Tlas, meshes: &mut SceneMeshes) -> bool {
-        let items = tlas.items.len();
-        let room = |slice: &ArenaSlice| (slice.words() / ITEM_WORDS) as usize;
-        if self.tlas.as_ref().is_some_and(|slice| room(slice) >= items) {
-            return true;
+    /// Counts an object that comes (1) or goes (-1).
+    pub(super) fn count(&mut self, flags: u32, step: isize) {
+        let add = |count: usize| count.saturating_add_signed(step);
+        self.present_instances = add(self.present_instances);
+        if flags & INSTANCE_ALPHA_MASKED != 0 {
+            self.masked_instances = add(self.masked_instances);
         }
-        if let Some(slice) = self.tlas.take() {
-            meshes.bvh.free(slice);
-        }
-        // Room to grow, so that a slowly growing scene doesn't ask for it in every frame.
-        let roomy = items.next_power_of_two().max(SMALLEST_TLAS);
-        self.tlas = meshes.allocate_tree(roomy).or_else(|| meshes.allocate_tree(items));
-        self.tlas.is_some()
     }
+}
+
+/// An object for the trees over instances; `None` where its mesh has no tree.
+pub(super) fn object(source: &InstanceSource, slot: u32, flags: u32, meshes: &SceneMeshes) -> Option<Object> {
+    let blas = meshes.get(source.mesh)?.bvh.as_ref()?;
+    Some(Object {
+        world_from_object: source.world_from_object,
+        bounds: blas.bounds,
+        owner: owner(slot, flags),
+        first_node: blas.first_node,
+        first_triangle: blas.first_triangle,
+        top: blas.top.clone(),
+        groups: blas.groups,
+    })
 }

@@ -60,6 +60,15 @@ pub struct Arguments {
     /// Leave out building on the CPU
     #[arg(long)]
     pub skip_build: bool,
+    /// Measure only what worlds that are large or change take of the CPU: a table in Markdown
+    #[arg(long)]
+    pub worlds: bool,
+    /// Rounds of `--worlds`, for the intervals
+    #[arg(long, value_name = "N", default_value_t = 12, value_parser = value_parser!(u32).range(2..))]
+    pub rounds: u32,
+    /// Measure only those cases of `--worlds` whose names contain this
+    #[arg(long, value_name = "WORD", requires = "worlds")]
+    pub only: Option<String>,
     /// Write all values as CSV
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
@@ -84,6 +93,11 @@ pub struct Plan {
 }
 
 impl Arguments {
+    /// Tracers to measure, each in an app of its own.
+    pub fn tracers(&self) -> Vec<ReflectionTracerChoice> {
+        self.tracer.list()
+    }
+
     /// Fills the gaps with defaults that suit the machine.
     pub fn plan(&self, machine: &Machine) -> Plan {
         let (size, frames, techniques) = if machine.is_cpu {
@@ -98,7 +112,7 @@ impl Arguments {
         };
         Plan {
             scenes,
-            tracers: self.tracer.list(),
+            tracers: self.tracers(),
             techniques: match self.techniques.as_slice() {
                 [] => default_techniques(),
                 chosen => chosen.to_vec(),

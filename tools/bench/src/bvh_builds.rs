@@ -8,7 +8,10 @@ use bevy::{
     prelude::{Assets, GlobalTransform, Mesh3d, Transform},
 };
 use bevy_glint::internals::{
-    bvh::{Blas, BvhQuality, TlasInstance, build_blas, build_tlas, opening_budget},
+    bvh::{
+        Blas, BvhQuality, Counters, LinearBuilder, LinearEntry, SceneView, Tlas, TlasInstance, TraceRay, build_blas,
+        build_tlas_of, closest, opening_budget, owner,
+    },
     geometry::pack_mesh,
 };
 use glint_scenes::{SceneName, SceneOptions, spawn_with};
@@ -22,6 +25,8 @@ const QUALITIES: [(&str, BvhQuality); 3] = [
 const INSTANCE_COUNTS: [usize; 3] = [1_000, 10_000, 100_000];
 /// A TLAS build is short: the median of so many is reported.
 const TLAS_REPEATS: usize = 5;
+/// Rays whose visits are counted.
+const RAYS: u32 = 4_000;
 
 /// A triangle list.
 #[derive(Default)]
@@ -67,36 +72,96 @@ pub fn measure(triangles: u32, csv: &mut Csv) -> Result<(), String> {
     let tile = waves(512);
     let blas = build_blas(&tile.positions, &tile.indices, BvhQuality::default());
     let blas = blas.ok_or("no BLAS could be built for the instanced mesh")?;
-    let title = format!("TLAS building (CPU, median of {TLAS_REPEATS})");
-    let mut tlas_table = Table::new(title, &["instances", "entries", "nodes", "ms", "MiB", "stack"]);
+    let title = format!("TLAS building (CPU, median of {TLAS_REPEATS}), and nodes that a ray visits");
+    let columns = [
+        "builder",
+        "instances",
+        "entries",
+        "nodes",
+        "ms",
+        "MiB",
+        "stack",
+        "nodes/ray",
+    ];
+    let mut tlas_table = Table::new(title, &columns);
     for count in INSTANCE_COUNTS {
         let instances = scattered(count, &blas);
-        let mut times = Vec::new();
-        let mut last = None;
-        for _ in 0..TLAS_REPEATS {
-            let begin = Instant::now();
-            let tlas = build_tlas(black_box(&instances), opening_budget(count));
-            times.push(begin.elapsed().as_secs_f64() * 1e3);
-            last = Some(tlas);
+        let mut linear = LinearBuilder::default();
+        let mut builders: [(&str, &mut dyn FnMut() -> Tlas); 3] = [
+            ("fast", &mut || {
+                build_tlas_of(BvhQuality::Fast, &instances, opening_budget(count))
+            }),
+            ("medium", &mut || {
+                build_tlas_of(BvhQuality::Medium, &instances, opening_budget(count))
+            }),
+            ("linear", &mut || linear.build(&entries(&instances)).clone()),
+        ];
+        for (word, build) in &mut builders {
+            let mut times = Vec::new();
+            let mut last = None;
+            for _ in 0..TLAS_REPEATS {
+                let begin = Instant::now();
+                last = Some(black_box(build()));
+                times.push(begin.elapsed().as_secs_f64() * 1e3);
+            }
+            let (Some(tlas), Some(milliseconds)) = (last, quantile(&times, 0.5)) else {
+                continue;
+            };
+            let bytes = size_of_val(tlas.items.as_slice()) as u64;
+            let visited = nodes_of_a_ray(&tlas, &blas, count);
+            tlas_table.row([
+                (*word).to_owned(),
+                count.to_string(),
+                tlas.entry_count.to_string(),
+                tlas.node_count.to_string(),
+                number(Some(milliseconds), 3),
+                number(Some(mebibytes(bytes)), 2),
+                tlas.stack.to_string(),
+                number(Some(visited), 1),
+            ]);
+            let subject = format!("{count} instances");
+            csv.add(&subject, word, "tlas_build", milliseconds, "ms");
+            csv.add(&subject, word, "tlas_bytes", bytes as f64, "B");
+            csv.add(&subject, word, "tlas_nodes_of_a_ray", visited, "");
         }
-        let (Some(tlas), Some(milliseconds)) = (last, quantile(&times, 0.5)) else {
-            continue;
-        };
-        let bytes = size_of_val(tlas.items.as_slice()) as u64;
-        tlas_table.row([
-            count.to_string(),
-            tlas.entry_count.to_string(),
-            tlas.node_count.to_string(),
-            number(Some(milliseconds), 3),
-            number(Some(mebibytes(bytes)), 2),
-            tlas.groups.to_string(),
-        ]);
-        let subject = format!("instances_{count}");
-        csv.add(&subject, "bvh", "tlas_build", milliseconds, "ms");
-        csv.add(&subject, "bvh", "tlas_bytes", bytes as f64, "B");
     }
     tlas_table.print();
     Ok(())
+}
+
+fn entries(instances: &[TlasInstance]) -> Vec<LinearEntry> {
+    let entry = |instance: &TlasInstance| LinearEntry::new(instance);
+    instances.iter().filter_map(entry).collect()
+}
+
+/// Nodes of both levels that rays visit on average, from places within the scene in all directions.
+fn nodes_of_a_ray(tlas: &Tlas, blas: &Blas, count: usize) -> f64 {
+    let mut bvh = blas.items.clone();
+    bvh.extend(&tlas.items);
+    let view = SceneView {
+        bvh: &bvh,
+        tlas_node_count: tlas.traversal_node_count(),
+        tlas_root: blas.items.len() as u32,
+        alpha_test: None,
+    };
+    let mut counters = Counters::default();
+    for ray in 0..RAYS {
+        let along = |step: f64| (f64::from(ray) * step).fract() as f32;
+        let origin = Vec3::new(along(0.819_172_5), along(0.671_043_6), along(0.549_700_5));
+        let (height, angle) = (
+            2.0 * along(0.754_877_7) - 1.0,
+            along(0.569_840_3) * core::f32::consts::TAU,
+        );
+        let flat = (1.0 - height * height).sqrt();
+        let ray = TraceRay {
+            origin: origin * (count as f32).cbrt(),
+            direction: Vec3::new(flat * angle.cos(), height, flat * angle.sin()),
+            t_min: 0.0,
+            t_max: f32::INFINITY,
+        };
+        black_box(closest(&view, &ray, &mut counters));
+    }
+    counters.nodes as f64 / f64::from(RAYS)
 }
 
 /// All meshes of a scene in world space.
@@ -158,7 +223,7 @@ fn scattered(count: usize, blas: &Blas) -> Vec<TlasInstance<'_>> {
             TlasInstance {
                 world_from_object: Affine3A::from_rotation_translation(rotation, place * spread),
                 bounds: blas.bounds,
-                instance,
+                instance: owner(instance, 0),
                 first_node: 0,
                 first_triangle: blas.node_count,
                 top: &blas.top,

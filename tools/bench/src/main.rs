@@ -1,6 +1,7 @@
 //! Rays per second of both tracers, times of the passes, and times and sizes of acceleration structures.
 //!
 //! `cargo xtask bench -- --scene atrium --csv bench.csv`
+//! `cargo xtask bench --worlds`
 //!
 //! Rays are timed alone: one kernel writes them into a buffer, tile by tile, and the timed kernel only reads, traces and stores
 //! their hits. All times on the GPU come from its own clock.
@@ -12,6 +13,7 @@ mod machine;
 mod measure;
 mod scenes;
 mod table;
+mod worlds;
 
 use arguments::Arguments;
 use clap::Parser;
@@ -33,6 +35,18 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     let mut csv = Csv::default();
     let mut adapter = "CPU".to_owned();
     let mut size_word = "-".to_owned();
+    if arguments.worlds {
+        worlds::measure(
+            &arguments.tracers(),
+            arguments.rounds,
+            arguments.only.as_deref(),
+            &mut csv,
+        )?;
+        return match &arguments.csv {
+            Some(path) => csv.save(path, "CPU", &size_word),
+            None => Ok(()),
+        };
+    }
     if !arguments.skip_rays {
         let machine = Machine::probe()?;
         let plan = arguments.plan(&machine);

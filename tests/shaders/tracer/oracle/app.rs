@@ -219,6 +219,21 @@ impl OracleApp {
         self.app.step(1);
     }
 
+    /// The world of the app.
+    pub fn world(&mut self) -> &mut World {
+        self.app.world()
+    }
+
+    /// Renders frames.
+    pub fn step(&mut self, frames: u32) {
+        self.app.step(frames);
+    }
+
+    /// The entities of the objects that rays can hit, in the order of the scene.
+    pub fn entities(&mut self) -> &mut [Entity] {
+        &mut self.objects
+    }
+
     /// Waits until what can be merged is merged.
     pub fn rest(&mut self) -> ReflectionStatusReport {
         self.app.step(3);
@@ -236,6 +251,11 @@ impl OracleApp {
         if merged && report.merged_instances < report.instances {
             self.rest();
         }
+        self.packed_as(scene, merged)
+    }
+
+    /// The same in the form of instances, or of a merged tree.
+    pub fn packed_as(&mut self, scene: &Scene, merged: bool) -> Packed {
         let world = self.app.world();
         let (mut instances, mut flags) = (Vec::new(), Vec::new());
         let reflected = scene.objects.iter().filter(|object| object.reflected);

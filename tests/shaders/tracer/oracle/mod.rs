@@ -1,6 +1,7 @@
 //! Both tracers against a brute-force search, through the plugin: rays hit what the entities of an app are.
 
 mod app;
+mod changes;
 mod scenes;
 
 use super::soup::{Oracle, Packed, Random};

@@ -129,6 +129,30 @@ impl Scene {
         }
     }
 
+    /// Small soups on a grid.
+    pub fn crowd(count: usize, random: &mut Random) -> Self {
+        let meshes = all_soups(8, 0.4, random);
+        let edge = (count as f32).cbrt().ceil();
+        let objects = (0..count)
+            .map(|i| {
+                let cell = Vec3::new(
+                    i as f32 % edge,
+                    (i as f32 / edge).floor() % edge,
+                    (i as f32 / (edge * edge)).floor(),
+                );
+                let transform = Transform::from_translation(1.5 * (cell - 0.5 * edge));
+                Object::new(i % meshes.len(), transform, CULLING[i % CULLING.len()])
+            })
+            .collect();
+        Self {
+            name: "crowd",
+            scale: 0.4,
+            spread: 0.75 * edge,
+            meshes,
+            objects,
+        }
+    }
+
     /// Surfaces without a hole, whose insides can be hit.
     pub fn closed(random: &mut Random) -> Self {
         let mesh = soup::closed_surface(20, 30, random);

@@ -1,9 +1,11 @@
 //! Renders without a window, one frame at a time, and reads the image back.
 
+mod clock;
 mod error;
 mod log;
 mod readback;
 
+pub use clock::SystemClock;
 pub use error::HeadlessError;
 pub use log::{LogMessage, capture_log, take_log};
 pub use readback::{decode_halves, read_buffer, read_image, read_texture};

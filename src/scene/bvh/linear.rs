@@ -1,0 +1,264 @@
+//! A fast builder for the tree over moving instances: a linear BVH (Lauterbach et al. 2009) of four children per node.
+//!
+//! Boxes are sorted along a Morton curve, and each range of the curve is divided where the cells of its ends part ways. The tree is
+//! somewhat worse than one by clustering, and is made in a fraction of the time.
+
+use super::{
+    format::{Bounds, ENTRY, Item},
+    node::{self, Node, WIDTH},
+    stack::{IN_TLAS, stack_size},
+    tlas::{Tlas, TlasInstance, inverse_rows, world_bounds},
+};
+use bevy::math::Vec3A;
+
+/// Bits of a cell's coordinate.
+const CELL_BITS: u32 = 12;
+/// Bits of an index beside a cell's code.
+const INDEX_BITS: u32 = u64::BITS - 3 * CELL_BITS;
+/// Marks a child that is an entry.
+const LEAF: u32 = 1 << 31;
+
+/// An instance as the tree holds it.
+#[derive(Clone, Copy, Debug)]
+pub struct LinearEntry {
+    /// World space; valid.
+    pub bounds: Bounds,
+    /// The first row of the entry: owner, first node, and where indices of nodes and of triangles count from.
+    pub words: [u32; 4],
+    /// Rows of the inverse matrix.
+    pub object_from_world: [[f32; 4]; 3],
+    /// Groups that the instance's tree takes on the stack.
+    pub groups: u32,
+}
+
+impl LinearEntry {
+    /// `None` where rays can't hit the instance.
+    pub fn new(instance: &TlasInstance) -> Option<Self> {
+        Some(Self {
+            bounds: world_bounds(&instance.world_from_object, instance.bounds)?,
+            words: [
+                instance.instance,
+                instance.first_node,
+                instance.first_node,
+                instance.first_triangle,
+            ],
+            object_from_world: inverse_rows(&instance.world_from_object)?,
+            groups: instance.groups,
+        })
+    }
+}
+
+#[derive(Clone, Copy)]
+struct Range {
+    begin: u32,
+    end: u32,
+    /// Item of the node.
+    place: u32,
+    level: u32,
+}
+
+struct Wide {
+    place: u32,
+    first_child: u32,
+    count: u32,
+    /// Index of a node, or of an entry with [`LEAF`].
+    children: [u32; WIDTH],
+}
+
+/// Builds trees, and keeps its memory from one to the next.
+#[derive(Default)]
+pub struct LinearBuilder {
+    keys: Vec<u64>,
+    ranges: Vec<Range>,
+    nodes: Vec<Wide>,
+    exact: Vec<Bounds>,
+    tlas: Tlas,
+}
+
+impl LinearBuilder {
+    /// Builds the tree over all entries. More than the stack has levels for, 16 million, are left out.
+    pub fn build(&mut self, entries: &[LinearEntry]) -> &mut Tlas {
+        let entries = &entries[..entries.len().min(1 << (2 * IN_TLAS.most_groups))];
+        self.sort(entries);
+        self.divide();
+        self.pack(entries);
+        &mut self.tlas
+    }
+
+    /// Puts indices of entries behind the codes of their cells, in order.
+    fn sort(&mut self, entries: &[LinearEntry]) {
+        // Twice the centres.
+        let centre = |entry: &LinearEntry| Vec3A::from(entry.bounds.min) + Vec3A::from(entry.bounds.max);
+        let (mut min, mut max) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
+        for entry in entries {
+            min = min.min(centre(entry));
+            max = max.max(centre(entry));
+        }
+        let cells = (1 << CELL_BITS) as f32;
+        let scale = cells / (max - min).max(Vec3A::splat(1e-20));
+        self.keys.clear();
+        self.keys.extend(entries.iter().enumerate().map(|(index, entry)| {
+            let cell = ((centre(entry) - min) * scale).clamp(Vec3A::ZERO, Vec3A::splat(cells - 1.0));
+            let code = spread(cell.x as u64) << 2 | spread(cell.y as u64) << 1 | spread(cell.z as u64);
+            code << INDEX_BITS | index as u64
+        }));
+        self.keys.sort_unstable();
+    }
+
+    /// Divides the sorted keys into nodes, breadth first.
+    fn divide(&mut self) {
+        self.nodes.clear();
+        self.ranges.clear();
+        let mut end = 1;
+        if !self.keys.is_empty() {
+            self.ranges.push(Range {
+                begin: 0,
+                end: self.keys.len() as u32,
+                place: 0,
+                level: 0,
+            });
+        }
+        let mut next = 0;
+        while let Some(&Range {
+            begin,
+            end: range_end,
+            place,
+            level,
+        }) = self.ranges.get(next)
+        {
+            let (parts, count) = self.parts(begin, range_end, level);
+            let mut children = [0; WIDTH];
+            for (slot, &(from, to)) in parts[..count].iter().enumerate() {
+                children[slot] = if to - from == 1 {
+                    LEAF | (self.keys[from as usize] & ((1 << INDEX_BITS) - 1)) as u32
+                } else {
+                    self.ranges.push(Range {
+                        begin: from,
+                        end: to,
+                        place: end + slot as u32,
+                        level: level + 1,
+                    });
+                    self.ranges.len() as u32 - 1
+                };
+            }
+            self.nodes.push(Wide {
+                place,
+                first_child: end,
+                count: count as u32,
+                children,
+            });
+            end += count as u32;
+            next += 1;
+        }
+    }
+
+    /// Divides a range into up to four, in order.
+    fn parts(&self, begin: u32, end: u32, level: u32) -> ([(u32, u32); WIDTH], usize) {
+        let mut parts = [(begin, end); WIDTH];
+        let mut count = 1;
+        // Equal parts keep within the levels that are left, where the curve's own would not do so for certain.
+        let below = IN_TLAS.most_groups.saturating_sub(level + 1);
+        let balanced = u64::from(end - begin) > 1 << (2 * below).min(62);
+        while count < WIDTH {
+            let size = |&(from, to): &(u32, u32)| {
+                let length = u64::from(to - from);
+                if length < 2 {
+                    0
+                } else if balanced {
+                    length
+                } else {
+                    // The largest cell, and of equal ones that with the most entries.
+                    (u64::from(u64::BITS - self.difference(from, to).leading_zeros()) << 32) + length
+                }
+            };
+            let Some(widest) = (0..count).max_by_key(|slot| size(&parts[*slot])) else {
+                break;
+            };
+            let (from, to) = parts[widest];
+            if to - from < 2 {
+                break;
+            }
+            let middle = if balanced {
+                from + (to - from) / 2
+            } else {
+                self.split(from, to)
+            };
+            parts.copy_within(widest + 1..count, widest + 2);
+            parts[widest] = (from, middle);
+            parts[widest + 1] = (middle, to);
+            count += 1;
+        }
+        (parts, count)
+    }
+
+    /// Bits in which the codes of a range differ.
+    fn difference(&self, from: u32, to: u32) -> u64 {
+        (self.keys[from as usize] ^ self.keys[to as usize - 1]) >> INDEX_BITS
+    }
+
+    /// Where the upmost bit that differs becomes 1.
+    fn split(&self, from: u32, to: u32) -> u32 {
+        let difference = self.difference(from, to);
+        if difference == 0 {
+            return from + (to - from) / 2;
+        }
+        let bit = 1 << (INDEX_BITS + difference.ilog2());
+        let keys = &self.keys[from as usize..to as usize];
+        from + keys.partition_point(|key| key & bit == 0) as u32
+    }
+
+    fn pack(&mut self, entries: &[LinearEntry]) {
+        let nodes = self.nodes.len();
+        let tlas = &mut self.tlas;
+        tlas.items.clear();
+        *tlas = Tlas {
+            items: core::mem::take(&mut tlas.items),
+            ..Tlas::default()
+        };
+        if nodes == 0 {
+            return;
+        }
+        let matrices = nodes + entries.len();
+        tlas.items.reserve(matrices + entries.len());
+        tlas.items.resize(matrices, Item::default());
+        self.exact.clear();
+        self.exact.resize(nodes, Bounds::EMPTY);
+        for (index, wide) in self.nodes.iter().enumerate().rev() {
+            let mut boxes = [None; WIDTH];
+            for (slot, child) in wide.children[..wide.count as usize].iter().enumerate() {
+                boxes[slot] = Some(if child & LEAF == 0 {
+                    self.exact[*child as usize]
+                } else {
+                    let entry = child & !LEAF;
+                    let matrix = matrices as u32 + entry;
+                    let LinearEntry { bounds, words, .. } = entries[entry as usize];
+                    tlas.items[wide.first_child as usize + slot] = [words, [matrix, 0, 0, 0], [0, 0, ENTRY, 0]];
+                    bounds
+                });
+            }
+            let mut packed = Node::new(wide.first_child, wide.count as usize, 0, [0; WIDTH]);
+            node::quantise(&mut packed, &boxes);
+            tlas.items[wide.place as usize] = bytemuck::cast(packed);
+            self.exact[index] = boxes.iter().flatten().fold(Bounds::EMPTY, |a, b| a.union(*b));
+        }
+        let matrix = |entry: &LinearEntry| entry.object_from_world.map(|row| row.map(f32::to_bits));
+        tlas.items.extend(entries.iter().map(matrix));
+        tlas.node_count = nodes as u32;
+        tlas.entry_count = entries.len() as u32;
+        tlas.bounds = self.exact[0];
+        // Each level below has children of its own to wait for, but a root with a single entry has none.
+        let levels = self.ranges.last().map_or(0, |range| range.level + 1);
+        tlas.groups = if entries.len() > 1 { levels } else { 0 };
+        let below = entries.iter().map(|entry| entry.groups).max().unwrap_or(0);
+        tlas.stack = stack_size(tlas.groups, below);
+    }
+}
+
+/// Puts two zeros between the bits.
+fn spread(x: u64) -> u64 {
+    let mut x = x & 0xfff;
+    x = (x | x << 16) & 0x0_ff00_00ff;
+    x = (x | x << 8) & 0x0_0f00_f00f;
+    x = (x | x << 4) & 0x0_c30c_30c3;
+    (x | x << 2) & 0x2_4924_9249
+}

@@ -1,0 +1,394 @@
+//! Time that the plugin takes of the render thread and of extraction, in worlds that are large or change.
+//!
+//! Each system that the plugin adds is timed for itself, so that neither Bevy's own work nor the GPU's is counted. Pictures are tiny,
+//! and the GPU is idle when a frame begins, so that a driver that renders on the CPU leaves it to the frame.
+
+use crate::table::{Csv, number};
+use bevy::{math::UVec2, prelude::*};
+use bevy_glint::{
+    RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, ReflectionStatusReport, ReflectionTracer,
+    ReflectionTracerChoice,
+};
+use glint_scenes::{HeadlessApp, HeadlessSettings, SystemClock};
+use std::collections::BTreeMap;
+
+const SIZE: UVec2 = UVec2::new(16, 16);
+const INSTANCES: usize = 100_000;
+const MOVERS: usize = 10_000;
+const LIGHTS: usize = 1_000;
+const MOVING_LIGHTS: usize = 100;
+/// Meshes and materials that objects share.
+const KINDS: usize = 16;
+/// Subdivisions of the spheres of large worlds: 320 triangles each, of which merged trees have room for a small part.
+const FINE: u32 = 3;
+/// Subdivisions of those that fill one merged tree: 80 triangles each.
+const COARSE: u32 = 1;
+const IN_A_CHUNK: usize = 13_100;
+/// Frames of a round. The rounds' means are as good as independent.
+const FRAMES: u32 = 20;
+/// Frames in which something that was touched shows its cost.
+const AFTERMATH: u32 = 4;
+/// Frames in a row without anything to build: then the world has come to rest.
+const QUIET_FRAMES: u32 = 40;
+const FRAME_LIMIT: u32 = 20_000;
+
+/// One row of the table.
+struct Case {
+    name: &'static str,
+    world: World,
+    change: Change,
+    /// Milliseconds.
+    limit: Option<f64>,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum World {
+    /// So many spheres with so many subdivisions.
+    Spheres(usize, u32),
+    /// With a few spheres.
+    Lights,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Change {
+    Nothing,
+    /// The same ones in each frame.
+    Objects(usize),
+    /// The same ones in each frame.
+    Lights(usize),
+    /// An object that was static so far, in each round another one.
+    Touch,
+}
+
+const CASES: [Case; 6] = [
+    Case {
+        name: "one static instance",
+        world: World::Spheres(1, FINE),
+        change: Change::Nothing,
+        limit: None,
+    },
+    Case {
+        name: "100,000 static instances",
+        world: World::Spheres(INSTANCES, FINE),
+        change: Change::Nothing,
+        limit: Some(0.1),
+    },
+    Case {
+        name: "one of 100,000 moves",
+        world: World::Spheres(INSTANCES, FINE),
+        change: Change::Objects(1),
+        limit: Some(0.3),
+    },
+    Case {
+        name: "10,000 of 100,000 move",
+        world: World::Spheres(INSTANCES, FINE),
+        change: Change::Objects(MOVERS),
+        limit: Some(2.5),
+    },
+    Case {
+        name: "first touch of an object in a chunk of 1 M triangles",
+        world: World::Spheres(IN_A_CHUNK, COARSE),
+        change: Change::Touch,
+        limit: Some(1.0),
+    },
+    Case {
+        name: "1,000 lights, 100 of them moving",
+        world: World::Lights,
+        change: Change::Lights(MOVING_LIGHTS),
+        limit: Some(0.3),
+    },
+];
+
+/// Measures and prints. `only` leaves out the cases whose names don't contain it.
+///
+/// # Errors
+///
+/// If rays can't be traced, or a world doesn't come to rest.
+pub fn measure(
+    tracers: &[ReflectionTracerChoice],
+    rounds: u32,
+    only: Option<&str>,
+    csv: &mut Csv,
+) -> Result<(), String> {
+    for &tracer in tracers {
+        // Worlds are used by several cases in turn, since large ones take long to load.
+        let mut last: Option<(World, Setup)> = None;
+        let mut heading = false;
+        for case in CASES
+            .iter()
+            .filter(|case| only.is_none_or(|word| case.name.contains(word)))
+        {
+            let mut setup = match last.take() {
+                Some((world, setup)) if world == case.world => setup,
+                _ => Setup::new(tracer, case.world)?,
+            };
+            let word = match setup.report().tracer {
+                Some(ReflectionTracer::RayQuery) => "ray-query",
+                Some(ReflectionTracer::Bvh) => "bvh",
+                None => return Err(format!("rays can't be traced: {}", setup.report().reasons.join(". "))),
+            };
+            if tracer == ReflectionTracerChoice::RayQuery && word != "ray-query" {
+                println!("{}.", setup.report().reasons.join(". "));
+                break;
+            }
+            if !heading {
+                heading = true;
+                let adapter = setup.report().adapter;
+                println!("\nTracer {word} on {adapter}: CPU time of the plugin's systems, mean of {rounds} rounds.\n");
+                println!(
+                    "| case | scene ms | 95 % interval | all ms | 95 % interval | worst frame | at most | most of it |"
+                );
+                println!("| --- | ---: | ---: | ---: | ---: | ---: | ---: | --- |");
+            }
+            let measured = setup.measure(case.change, rounds)?;
+            print_row(case, word, &measured, csv);
+            last = Some((case.world, setup));
+        }
+    }
+    Ok(())
+}
+
+fn print_row(case: &Case, tracer: &str, rounds: &[Round], csv: &mut Csv) {
+    let measures: [(&str, fn(&Round) -> f64); 2] = [("scene", |round| round.scene), ("all", |round| round.all)];
+    let mut cells = Vec::new();
+    for (word, of) in measures {
+        let (mean, half) = interval(&rounds.iter().map(of).collect::<Vec<_>>());
+        cells.push(format!("{mean:.3} | {:.3} to {:.3}", mean - half, mean + half));
+        csv.add(case.name, tracer, &format!("worlds_{word}"), mean, "ms");
+        csv.add(case.name, tracer, &format!("worlds_{word}_half_interval"), half, "ms");
+    }
+    let worst = rounds.iter().fold(0.0, |worst: f64, round| worst.max(round.worst));
+    csv.add(case.name, tracer, "worlds_worst_frame", worst, "ms");
+    let mut systems = BTreeMap::<&str, f64>::new();
+    for (name, milliseconds) in rounds.iter().flat_map(|round| &round.systems) {
+        *systems.entry(name).or_default() += milliseconds / rounds.len() as f64;
+    }
+    let mut systems: Vec<_> = systems.into_iter().collect();
+    systems.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let short = |name: &str| name.rsplit("::").next().unwrap_or(name).to_owned();
+    let most: Vec<String> = systems
+        .iter()
+        .take(4)
+        .map(|(name, milliseconds)| format!("{} {milliseconds:.3}", short(name)))
+        .collect();
+    println!(
+        "| {} | {} | {worst:.3} | {} | {} |",
+        case.name,
+        cells.join(" | "),
+        number(case.limit, 1),
+        most.join(", "),
+    );
+    for (name, milliseconds) in systems {
+        csv.add(
+            case.name,
+            tracer,
+            &format!("worlds_{}", short(name)),
+            milliseconds,
+            "ms",
+        );
+    }
+}
+
+/// Mean, and half of its 95 % interval by Student's distribution.
+fn interval(values: &[f64]) -> (f64, f64) {
+    let count = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / count;
+    let freedom = count - 1.0;
+    if freedom < 1.0 {
+        return (mean, f64::INFINITY);
+    }
+    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / freedom;
+    // The quantile of the normal distribution, and the first terms of its expansion for few degrees of freedom.
+    let z: f64 = 1.959_964;
+    let t = z
+        + (z.powi(3) + z) / (4.0 * freedom)
+        + (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / (96.0 * freedom * freedom);
+    (mean, t * (variance / count).sqrt())
+}
+
+/// Milliseconds of a frame, on average.
+struct Round {
+    /// Systems that mirror the world and keep its trees.
+    scene: f64,
+    /// All systems of the plugin: those of a camera's passes, too.
+    all: f64,
+    /// The frame that took longest.
+    worst: f64,
+    systems: Vec<(String, f64)>,
+}
+
+/// An app with a world.
+struct Setup {
+    app: HeadlessApp,
+    clock: SystemClock,
+    objects: Vec<Entity>,
+    lights: Vec<Entity>,
+    frame: u32,
+}
+
+impl Setup {
+    fn new(tracer: ReflectionTracerChoice, world: World) -> Result<Self, String> {
+        let settings = HeadlessSettings {
+            size: SIZE,
+            ..default()
+        };
+        let clock = SystemClock::default();
+        let mut app = HeadlessApp::new(settings, |app| {
+            clock.add_plugin(app, RayTracedReflectionsPlugin { tracer })
+        })
+        .map_err(|error| error.to_string())?;
+        // The world lies behind the camera: drawing it is none of the plugin's work.
+        app.spawn_camera((RayTracedReflections::default(), Transform::default()));
+        let mut setup = Self {
+            app,
+            clock,
+            objects: Vec::new(),
+            lights: Vec::new(),
+            frame: 0,
+        };
+        match world {
+            World::Spheres(count, subdivisions) => setup.spawn(count, subdivisions),
+            World::Lights => {
+                setup.spawn(100, FINE);
+                setup.spawn_lights();
+            }
+        }
+        setup.app.warm_up(FRAME_LIMIT).map_err(|error| error.to_string())?;
+        Ok(setup)
+    }
+
+    fn report(&mut self) -> ReflectionStatusReport {
+        self.app.world().resource::<ReflectionStatus>().report()
+    }
+
+    /// Spheres on a grid of cells of three metres.
+    fn spawn(&mut self, count: usize, subdivisions: u32) {
+        let world = self.app.world();
+        let kinds: Vec<_> = (0..KINDS)
+            .map(|kind| {
+                let radius = 0.5 + kind as f32 / KINDS as f32;
+                let builder = Sphere::new(radius).mesh();
+                let mesh = builder.ico(subdivisions).unwrap_or_else(|_| Sphere::new(radius).into());
+                let color = Color::hsl(360.0 * kind as f32 / KINDS as f32, 0.5, 0.5);
+                (
+                    Mesh3d(world.resource_mut::<Assets<Mesh>>().add(mesh)),
+                    MeshMaterial3d(world.resource_mut::<Assets<StandardMaterial>>().add(color)),
+                )
+            })
+            .collect();
+        let edge = (count as f64).cbrt().ceil() as usize;
+        for index in 0..count {
+            let cell = [index % edge, index / edge % edge, index / (edge * edge)].map(|cell| 3.0 * cell as f32);
+            let place = Vec3::from(cell) + Vec3::new(0.0, 0.0, 10.0);
+            let (mesh, material) = kinds[index * 7 % KINDS].clone();
+            let object = world.spawn((mesh, material, Transform::from_translation(place)));
+            self.objects.push(object.id());
+        }
+    }
+
+    fn spawn_lights(&mut self) {
+        for index in 0..LIGHTS {
+            let place = Vec3::new((index % 32) as f32, 5.0, 20.0 + (index / 32) as f32);
+            let light = self
+                .app
+                .world()
+                .spawn((PointLight::default(), Transform::from_translation(place)));
+            self.lights.push(light.id());
+        }
+    }
+
+    /// Renders until every mesh can be hit, and nothing is merged any more although things move.
+    fn settle(&mut self, change: Change) -> Result<(), String> {
+        let mut quiet = 0;
+        for _ in 0..FRAME_LIMIT {
+            self.shift(change);
+            self.step();
+            let report = self.report();
+            let pending = report.meshes_pending > 0 || report.merges_pending || report.micromaps_pending;
+            let complete = report.ready && !pending && report.instances == self.objects.len();
+            quiet = if complete { quiet + 1 } else { 0 };
+            if quiet >= QUIET_FRAMES {
+                return Ok(());
+            }
+        }
+        let report = self.report();
+        Err(format!(
+            "the world has not come to rest after {FRAME_LIMIT} frames: {report:?}"
+        ))
+    }
+
+    /// One frame, and what the plugin took of it.
+    fn step(&mut self) -> Vec<(String, f64)> {
+        self.clock.take();
+        self.app.step(1);
+        self.frame += 1;
+        let spans = self.clock.take();
+        // Fails only where the device is gone, which the next frame reports.
+        _ = self.app.wait_until_idle();
+        spans
+    }
+
+    /// Moves things that are spread evenly over all.
+    fn shift(&mut self, change: Change) {
+        let (list, count) = match change {
+            Change::Nothing | Change::Touch => return,
+            Change::Objects(count) => (&self.objects, count),
+            Change::Lights(count) => (&self.lights, count),
+        };
+        let phase = self.frame as f32 * 0.1;
+        let stride = (list.len() / count).max(1);
+        let world = self.app.world();
+        for (index, entity) in list.iter().step_by(stride).take(count).enumerate() {
+            if let Some(mut transform) = world.get_mut::<Transform>(*entity) {
+                transform.translation.y += 0.05 * (phase + index as f32).sin();
+                transform.rotate_y(0.02);
+            }
+        }
+    }
+
+    fn measure(&mut self, change: Change, rounds: u32) -> Result<Vec<Round>, String> {
+        self.settle(change)?;
+        if change == Change::Touch {
+            return (1..=rounds as usize).map(|round| self.touch(round, rounds)).collect();
+        }
+        let round = |_| {
+            let frames = (0..FRAMES).map(|_| {
+                self.shift(change);
+                self.step()
+            });
+            Round::of(&frames.collect::<Vec<_>>())
+        };
+        Ok((0..rounds).map(round).collect())
+    }
+
+    /// Moves an object that never moved; the frame that takes longest counts.
+    fn touch(&mut self, round: usize, rounds: u32) -> Result<Round, String> {
+        let stride = self.objects.len() / (rounds as usize + 1);
+        let entity = self.objects[round * stride];
+        if let Some(mut transform) = self.app.world().get_mut::<Transform>(entity) {
+            transform.translation.y += 0.5;
+        }
+        let frames = (0..AFTERMATH).map(|_| Round::of(&[self.step()]));
+        let slowest = frames.max_by(|a, b| a.all.total_cmp(&b.all));
+        self.settle(Change::Touch)?;
+        slowest.ok_or_else(|| "no frame was measured".to_owned())
+    }
+}
+
+impl Round {
+    fn of(frames: &[Vec<(String, f64)>]) -> Self {
+        let count = frames.len() as f64;
+        let mut systems = BTreeMap::<String, f64>::new();
+        for (name, milliseconds) in frames.iter().flatten() {
+            *systems.entry(name.clone()).or_default() += milliseconds / count;
+        }
+        let total = |frame: &[(String, f64)]| frame.iter().map(|(_, milliseconds)| milliseconds).sum::<f64>();
+        let of_scene = systems.iter().filter(|(name, _)| name.contains("::scene::"));
+        Self {
+            scene: of_scene.map(|(_, milliseconds)| milliseconds).sum(),
+            all: systems.values().sum(),
+            worst: frames.iter().fold(0.0, |worst: f64, frame| worst.max(total(frame))),
+            systems: systems.into_iter().collect(),
+        }
+    }
+}
