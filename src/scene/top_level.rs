@@ -147,7 +147,7 @@ struct Built {
 enum Stage {
     Building(Task<Built>),
     Uploading {
-        built: Built,
+        built: Box<Built>,
         slice: ArenaSlice,
         /// Items that are uploaded.
         done: usize,
@@ -342,7 +342,7 @@ impl TopLevel {
                 self.work = Some(work);
                 return;
             }
-            let Some(mut built) = block_on(poll_once(task)) else {
+            let Some(mut built) = block_on(poll_once(task)).map(Box::new) else {
                 return;
             };
             // Without room, its objects stay in the moving tree.
@@ -365,7 +365,7 @@ impl TopLevel {
         }
         self.pause(work.since);
         if let Stage::Uploading { built, slice, .. } = work.stage {
-            self.replace(built, slice, &work.dead, meshes);
+            self.replace(*built, slice, &work.dead, meshes);
         }
     }
 
@@ -470,6 +470,7 @@ impl TopLevel {
     }
 
     /// Brings the buffer up to date. `trees` are the merged ones. Where there was no room, merged trees may have got lost.
+    #[expect(clippy::map_identity, reason = "the lifetimes of both kinds of instances must meet")]
     pub fn upload<'a>(
         &mut self,
         trees: impl Iterator<Item = TlasInstance<'a>>,

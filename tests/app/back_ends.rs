@@ -138,7 +138,7 @@ fn counted(app: &mut HeadlessApp, viewer: &Viewer) -> Vec<u32> {
 
 /// The same for the list of blocks.
 fn listed(app: &mut HeadlessApp, viewer: &Viewer) -> Vec<u32> {
-    let count = copied(app, viewer, Target::IndirectArgs).words[9] as usize;
+    let count = copied(app, viewer, Target::IndirectArgs).words[12] as usize;
     let mut sizes = vec![0; 5];
     for block in &copied(app, viewer, Target::RayList).words[..count] {
         sizes[((block >> 26 & 3) + (block >> 28 & 3)) as usize] += 1;

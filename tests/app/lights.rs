@@ -1,0 +1,62 @@
+//! Many lights: more than a hit has bits for when it is handed from tracing to shading.
+
+use crate::{
+    common::app,
+    pictures::{BOTH, assert_flip, reflect},
+    stage::{BEFORE_THE_MIRROR, SIZE, metal, spawn_camera, spawn_mesh, wall},
+};
+use bevy::prelude::*;
+use bevy_glint::ReflectionTechnique;
+use glint_scenes::{HeadlessApp, Output, SceneName};
+
+/// In each direction of a grid: 100, of which 64 have bits.
+const GRID: u8 = 10;
+
+fn spawn_lights(app: &mut HeadlessApp) {
+    for index in 0..GRID * GRID {
+        let (column, row) = (f32::from(index % GRID), f32::from(index / GRID));
+        // One light with shadows among those with bits, and one among the others.
+        let shadow_maps_enabled = index == 22 || index == 77;
+        app.world().spawn((
+            PointLight {
+                intensity: if shadow_maps_enabled { 60_000.0 } else { 3_000.0 },
+                range: 4.0,
+                shadow_maps_enabled,
+                ..default()
+            },
+            Transform::from_xyz(column - 4.5, row - 4.5, 6.5),
+        ));
+    }
+}
+
+#[test]
+fn lights_without_bits_shine_and_cast_shadows() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
+        spawn_mesh(&mut app, wall(), metal(0.0), Transform::IDENTITY);
+        let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        let behind = Transform::from_xyz(0.0, 0.0, 8.0).looking_to(Vec3::Z, Vec3::Y);
+        spawn_mesh(&mut app, wall(), StandardMaterial::from(Color::WHITE), behind);
+        // Between each light with shadows and the wall.
+        for (x, y) in [(-2.5, -2.5), (2.5, 2.5)] {
+            let cube = Cuboid::from_length(0.3);
+            spawn_mesh(
+                &mut app,
+                cube,
+                StandardMaterial::from(Color::BLACK),
+                Transform::from_xyz(x, y, 7.3),
+            );
+        }
+        spawn_lights(&mut app);
+        // Traces and shades in one pass, which needs no bits.
+        reflect(&mut app, camera, ReflectionTechnique::Converged);
+        app.step(8);
+        let expected = app.capture().unwrap();
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
+        app.step(8);
+        let actual = app.capture().unwrap();
+        assert_flip(&format!("many-lights-{tracer}"), SIZE, &expected, &actual, 0.005);
+    }
+}
