@@ -17,7 +17,7 @@ use super::{
     merge::{Placement, StaticMerge},
     meshes::{SceneMesh, SceneMeshes},
     textures::TextureTable,
-    top_level::TopLevel,
+    top_level::{Object, TopLevel},
     upload::StorageSlice,
 };
 use crate::{
@@ -41,7 +41,6 @@ use bevy::{
     shader::ShaderDefVal,
 };
 use core::num::NonZeroU64;
-use top_level::object;
 
 /// The scene's buffers and bind group (group 1 of `bindings.wesl`).
 #[derive(Resource)]
@@ -447,7 +446,7 @@ impl SceneBindings {
                 let source = instances.get(slot as u32).filter(|_| slot < limit);
                 let object = packed
                     .zip(source)
-                    .and_then(|(packed, source)| object(source, slot as u32, packed.flags, meshes));
+                    .and_then(|(packed, source)| Object::new(source, slot as u32, packed.flags, meshes));
                 match object {
                     Some(object) => self.top_level.set(slot as u32, object),
                     None => self.top_level.remove(slot as u32),

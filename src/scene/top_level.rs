@@ -10,8 +10,9 @@ use super::{
     arena::ArenaSlice,
     bvh::{
         Bounds, BvhQuality, ITEM_WORDS, Item, LinearBuilder, LinearEntry, Tlas, TlasInstance, TopNode, USUAL_STACK,
-        build_tlas, build_tlas_of, join, opening_budget,
+        build_tlas, build_tlas_of, join, opening_budget, owner,
     },
+    instances::InstanceSource,
     meshes::SceneMeshes,
     upload::runs,
 };
@@ -64,6 +65,20 @@ pub(super) struct Object {
 }
 
 impl Object {
+    /// `None` where the mesh has no tree.
+    pub fn new(source: &InstanceSource, slot: u32, flags: u32, meshes: &SceneMeshes) -> Option<Self> {
+        let blas = meshes.get(source.mesh)?.bvh.as_ref()?;
+        Some(Self {
+            world_from_object: source.world_from_object,
+            bounds: blas.bounds,
+            owner: owner(slot, flags),
+            first_node: blas.first_node,
+            first_triangle: blas.first_triangle,
+            top: blas.top.clone(),
+            groups: blas.groups,
+        })
+    }
+
     fn instance(&self) -> TlasInstance<'_> {
         TlasInstance {
             world_from_object: self.world_from_object,

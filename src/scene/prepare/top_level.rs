@@ -4,9 +4,8 @@ use super::{SceneBindings, instance_limit};
 use crate::{
     scene::{
         acceleration::{BlasKey, RayQueryInstance},
-        bvh::owner,
         gpu_types::INSTANCE_ALPHA_MASKED,
-        instances::{InstanceSource, SceneInstances},
+        instances::SceneInstances,
         meshes::SceneMeshes,
         top_level::Object,
     },
@@ -113,7 +112,7 @@ impl SceneBindings {
                 && self.present.get(slot as usize) == Some(&true)
                 && let Some(object) = instances
                     .get(slot)
-                    .and_then(|source| object(source, slot, self.instance_data[slot as usize].flags, meshes))
+                    .and_then(|source| Object::new(source, slot, self.instance_data[slot as usize].flags, meshes))
             {
                 self.top_level.set(slot, object);
             }
@@ -159,18 +158,4 @@ impl SceneBindings {
             self.masked_instances = add(self.masked_instances);
         }
     }
-}
-
-/// An object for the trees over instances; `None` where its mesh has no tree.
-pub(super) fn object(source: &InstanceSource, slot: u32, flags: u32, meshes: &SceneMeshes) -> Option<Object> {
-    let blas = meshes.get(source.mesh)?.bvh.as_ref()?;
-    Some(Object {
-        world_from_object: source.world_from_object,
-        bounds: blas.bounds,
-        owner: owner(slot, flags),
-        first_node: blas.first_node,
-        first_triangle: blas.first_triangle,
-        top: blas.top.clone(),
-        groups: blas.groups,
-    })
 }
