@@ -466,3 +466,64 @@ fn frames_at_rest_count_by_their_weight() {
     let expected = (4.0 + 31.0 * 0.25 * 4.0 + 32.0) / (1.0 + 31.0 * 0.25 + 32.0);
     assert!((mean - expected).abs() < 0.01 * expected, "{mean}, not {expected}");
 }
+
+/// A young history of light from `seen`, of which nobody knows how noisy it is.
+fn noisy_history(wall: &Wall, gpu: &Gpu, shaders: &mut Shaders, seen: impl Fn(UVec2) -> f32) -> History {
+    let texel = |pixel| Reconstructed {
+        radiance: [seen(pixel); 3],
+        variance: 4.0,
+        distance: 4.0,
+        packed_weight: 8.0,
+    };
+    let texels: Vec<_> = wall.pixels().map(texel).collect();
+    wall.accumulate(gpu, shaders, &texels, &wall.no_history())
+}
+
+#[test]
+fn noise_of_a_flat_wall_is_blurred() {
+    let Some((gpu, mut shaders)) = gpu() else { return };
+    let wall = Wall {
+        lean: 0.0,
+        ..Wall::new(uvec2(96, 64))
+    };
+    let history = noisy_history(&wall, &gpu, &mut shaders, |pixel| 2.0 * sobol(pixel, 3, 5).x);
+    let blurred = wall.blur(&gpu, &mut shaders, &history);
+    let before: Vec<f32> = history.radiance.iter().map(|texel| unhalf(texel[0])).collect();
+    let moments = |values: &[f32]| {
+        let mean = values.iter().sum::<f32>() / values.len() as f32;
+        (
+            mean,
+            values.iter().map(|value| (value - mean).powi(2)).sum::<f32>() / values.len() as f32,
+        )
+    };
+    let ((mean, noise), (blurred_mean, left)) = (moments(&before), moments(&blurred));
+    assert!((blurred_mean / mean - 1.0).abs() < 0.01, "{blurred_mean}, not {mean}");
+    assert!(left < 0.4 * noise, "variance {left} of {noise} is left");
+}
+
+/// Each patch of 16x16 pixels has a shading normal of its own and sees light of its own, on one flat triangle.
+#[test]
+fn lobes_of_different_normals_are_not_blurred_together() {
+    let Some((gpu, mut shaders)) = gpu() else { return };
+    let wall = Wall {
+        lean: 0.8,
+        roughness: 64,
+        ..Wall::new(uvec2(96, 64))
+    };
+    let seen = |pixel: UVec2| {
+        if (pixel.x / 16 + pixel.y / 16) % 2 == 0 {
+            4.0
+        } else {
+            0.5
+        }
+    };
+    let history = noisy_history(&wall, &gpu, &mut shaders, seen);
+    let blurred = wall.blur(&gpu, &mut shaders, &history);
+    for (pixel, light) in wall.pixels().zip(blurred) {
+        assert!(
+            (light - seen(pixel)).abs() < 0.02,
+            "{pixel}: {light}, not {}",
+            seen(pixel)
+        );
+    }
+}

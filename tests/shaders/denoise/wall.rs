@@ -370,6 +370,26 @@ impl Wall {
         }
     }
 
+    /// The last filter of a history; luminance of each pixel.
+    pub fn blur(&self, gpu: &Gpu, shaders: &mut Shaders, history: &History) -> Vec<f32> {
+        let (size, tiles) = (self.size, self.tiles());
+        let mut pass = self.pass(gpu, shaders, "blur");
+        pass.texture(7, TextureFormat::R32Uint, tiles, bytemuck::cast_slice(&self.rates()));
+        let texels = bytemuck::cast_slice(&history.radiance);
+        pass.texture(8, TextureFormat::Rgba16Float, size, texels);
+        pass.texture(9, TextureFormat::R32Uint, size, bytemuck::cast_slice(&history.pair));
+        pass.texture(
+            10,
+            TextureFormat::Rg32Uint,
+            size,
+            bytemuck::cast_slice(&history.surface),
+        );
+        pass.output(11, TextureFormat::Rgba16Float, 2);
+        let written = pass.run();
+        let texels = written[0].chunks(2).map(|words| halves4([words[0], words[1]]));
+        texels.map(|[red, ..]| unhalf(red)).collect()
+    }
+
     /// A history that holds nothing.
     pub fn no_history(&self) -> History {
         let count = (self.size.x * self.size.y) as usize;

@@ -15,11 +15,8 @@ use bevy_glint::{
     RayTracedReflectionsPlugin, ReflectionBackend, ReflectionStatus, ReflectionStatusReport, ReflectionTracerChoice,
     internals::TotalTimeOnly,
 };
-use glint_scenes::{HeadlessApp, HeadlessSettings, SceneName, SceneOptions, SceneStatistics};
-use std::{
-    path::{Path, PathBuf},
-    time::Duration,
-};
+use glint_scenes::{HeadlessApp, HeadlessSettings, ReplacedShader, SceneName, SceneOptions, SceneStatistics};
+use std::{path::Path, time::Duration};
 
 /// Frames that are rendered before measuring starts.
 const WARM_UP_FRAMES: u32 = 8;
@@ -84,9 +81,6 @@ fn render_world(app: &mut HeadlessApp) -> Result<&World, String> {
 /// Radians that the camera turns in a frame, to one side and back: a view that never moves converges, which takes other work.
 const TREMBLE: f32 = 1e-4;
 
-/// A shader module, and what was in its place.
-pub type Replaced = (Handle<Shader>, Shader);
-
 /// The values that one diagnostic took.
 struct Samples {
     path: DiagnosticPath,
@@ -116,18 +110,6 @@ fn open_device(app: &mut App, backend: ReflectionBackend) {
     // Elsewhere the camera's own warning says what is missing.
     #[cfg(not(target_os = "linux"))]
     let _ = (app, backend);
-}
-
-fn list_files(folder: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
-    for entry in std::fs::read_dir(folder)? {
-        let path = entry?.path();
-        if path.is_dir() {
-            list_files(&path, files)?;
-        } else {
-            files.push(path);
-        }
-    }
-    Ok(())
 }
 
 impl Bench {
@@ -171,41 +153,16 @@ impl Bench {
         })
     }
 
-    /// Puts the files of a folder in the place of the crate's shader modules of the same path, to compare versions of shaders without
-    /// building anew. Returns what they replaced.
-    pub fn replace_shaders(&mut self, folder: &Path) -> Result<Vec<Replaced>, String> {
-        let mut paths = Vec::new();
-        list_files(folder, &mut paths).map_err(|error| format!("{}: {error}", folder.display()))?;
-        let mut replaced = Vec::new();
-        for path in paths {
-            let source = std::fs::read_to_string(&path).map_err(|error| format!("{}: {error}", path.display()))?;
-            let relative = path.strip_prefix(folder).unwrap_or(&path);
-            let module = format!("embedded://bevy_glint/{}", relative.display());
-            let shader: Handle<Shader> = self.app.world().resource::<AssetServer>().load(&module);
-            let original = (0..FRAME_LIMIT).find_map(|_| {
-                self.app.step(1);
-                self.app.world().resource::<Assets<Shader>>().get(&shader).cloned()
-            });
-            let original = original.ok_or_else(|| format!("{module} was not loaded"))?;
-            replaced.push((shader.clone(), original));
-            self.insert_shader(&shader, Shader::from_wesl(source, module))?;
-        }
-        Ok(replaced)
+    /// Compares versions of shaders without building anew.
+    pub fn replace_shaders(&mut self, folder: &Path) -> Result<Vec<ReplacedShader>, String> {
+        self.app
+            .replace_shaders("bevy_glint", folder)
+            .map_err(|error| error.to_string())
     }
 
     /// Puts shader modules back.
-    pub fn restore_shaders(&mut self, replaced: Vec<Replaced>) -> Result<(), String> {
-        replaced
-            .into_iter()
-            .try_for_each(|(shader, original)| self.insert_shader(&shader, original))
-    }
-
-    fn insert_shader(&mut self, handle: &Handle<Shader>, shader: Shader) -> Result<(), String> {
-        self.app
-            .world()
-            .resource_mut::<Assets<Shader>>()
-            .insert(handle.id(), shader)
-            .map_err(|error| error.to_string())
+    pub fn restore_shaders(&mut self, replaced: Vec<ReplacedShader>) {
+        self.app.restore_shaders(replaced);
     }
 
     /// Switches to a technique.

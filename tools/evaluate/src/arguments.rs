@@ -56,6 +56,10 @@ pub struct Arguments {
     /// An older results.csv: shows what changed beyond noise, and ends with status 3 if anything got slower or worse.
     #[arg(long, value_name = "FILE.csv")]
     pub compare: Option<PathBuf>,
+    /// Shader modules in place of the crate's of the same path, to compare versions without building anew. The ground truth keeps the
+    /// crate's.
+    #[arg(long, value_name = "DIR")]
+    pub shaders: Option<PathBuf>,
     /// Forget what was measured before in the folder of results.
     #[arg(long)]
     pub fresh: bool,
@@ -128,7 +132,8 @@ impl Arguments {
         };
         let out = absolute(self.out.clone().ok_or("--out is missing")?)?;
         let cache = absolute(self.cache.clone().unwrap_or_else(|| PathBuf::from("target/evaluate")))?;
-        let protocol = self.protocol(machine);
+        let mut protocol = self.protocol(machine);
+        protocol.shaders = self.shaders.clone().map(absolute).transpose()?;
         let names = self.names()?;
         let backends = self.backends(machine)?;
         let tracers = self.tracers(machine)?;

@@ -11,6 +11,7 @@ use crate::{
     process::{self, Notice},
     progress::{Progress, say},
     report::{
+        objects::{self, ObjectRow},
         output::Results,
         rows::{Row, merge},
         table,
@@ -30,8 +31,8 @@ const SHARE_WHILE_TIMING: f64 = 0.5;
 pub struct Evaluation<'a> {
     plan: &'a MeasurementPlan,
     machine: &'a Machine,
-    /// Rows of earlier runs into the same folder.
-    before: Vec<Row>,
+    /// Rows of earlier runs into the same folder, and those about objects.
+    before: (Vec<Row>, Vec<ObjectRow>),
     log: Arc<ComparisonLog>,
     pool: ComparisonPool,
     progress: Progress,
@@ -41,7 +42,11 @@ pub struct Evaluation<'a> {
 
 impl<'a> Evaluation<'a> {
     /// Gets ready. `before` are the rows of earlier runs into the same folder.
-    pub fn new(plan: &'a MeasurementPlan, machine: &'a Machine, before: Vec<Row>) -> Result<Self, String> {
+    pub fn new(
+        plan: &'a MeasurementPlan,
+        machine: &'a Machine,
+        before: (Vec<Row>, Vec<ObjectRow>),
+    ) -> Result<Self, String> {
         let log = Arc::new(ComparisonLog::open(ComparisonLog::file_in(&plan.out)));
         Ok(Self {
             plan,
@@ -63,13 +68,14 @@ impl<'a> Evaluation<'a> {
             let scene = job.scene.name();
             if jobs.peek().is_none_or(|next| next.scene != job.scene) {
                 self.finish(&scene);
-                self.results(&self.rows()).write()?;
+                let (rows, objects) = self.rows();
+                self.results(&rows, &objects).write()?;
                 self.progress.note(format_args!("{scene}: results are written"));
             }
         }
         self.progress.finish();
-        let rows = self.rows();
-        self.results(&rows).print();
+        let (rows, objects) = self.rows();
+        self.results(&rows, &objects).print();
         Ok(rows)
     }
 
@@ -114,14 +120,15 @@ impl<'a> Evaluation<'a> {
     }
 
     /// All rows that there are: of jobs that are over, of what this machine can't do, and of earlier runs.
-    fn rows(&self) -> Vec<Row> {
+    fn rows(&self) -> (Vec<Row>, Vec<ObjectRow>) {
         let problems = self.pool.problems();
-        let mut new: Vec<Row> = Vec::new();
+        let (mut new, mut new_objects) = (Vec::new(), Vec::new());
         let mut scenes = BTreeSet::new();
         for job in &self.plan.jobs {
             if let Some(failure) = self.over.get(&job.id()) {
                 scenes.insert(job.scene.name());
                 let rows = table::rows(job, self.machine, &self.log, failure.as_deref(), &problems);
+                new_objects.extend(table::objects(job, &rows));
                 new.extend(rows);
             }
         }
@@ -130,15 +137,18 @@ impl<'a> Evaluation<'a> {
                 new.push(table::skipped(job, variant, self.machine, reason));
             }
         }
-        merge(self.before.clone(), new)
+        let (rows, objects) = self.before.clone();
+        let objects = objects::merge(objects, &new, new_objects);
+        (merge(rows, new), objects)
     }
 
-    fn results<'b>(&'b self, rows: &'b [Row]) -> Results<'b> {
+    fn results<'b>(&'b self, rows: &'b [Row], objects: &'b [ObjectRow]) -> Results<'b> {
         Results {
             out: &self.plan.out,
             machine: self.machine,
             protocol: &self.plan.protocol,
             rows,
+            objects,
         }
     }
 }

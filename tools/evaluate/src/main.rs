@@ -41,7 +41,8 @@ use machine::Machine;
 use message::Message;
 use protocol::Protocol;
 use report::{
-    output::Results,
+    objects::ObjectRow,
+    output::{OBJECTS, Results},
     regressions::compare,
     rows::{self, Row},
 };
@@ -107,15 +108,27 @@ fn rewrite(arguments: &Arguments) -> Result<ExitCode, String> {
     let file = out.join("results.json");
     let measured: Measured = read_json(&file).ok_or_else(|| format!("{} holds no results", file.display()))?;
     let rows = rows::load(&out.join("results.csv"))?;
+    let objects = load_objects(out)?;
     let results = Results {
         out,
         machine: &measured.machine,
         protocol: &measured.protocol,
         rows: &rows,
+        objects: &objects,
     };
     results.write()?;
     results.print();
     Ok(ExitCode::SUCCESS)
+}
+
+/// The rows about named objects in a folder of results, if it has any.
+fn load_objects(out: &Path) -> Result<Vec<ObjectRow>, String> {
+    let file = out.join(OBJECTS);
+    if file.exists() {
+        rows::load(&file)
+    } else {
+        Ok(Vec::new())
+    }
 }
 
 fn evaluate(arguments: &Arguments) -> Result<ExitCode, String> {
@@ -145,8 +158,12 @@ fn evaluate(arguments: &Arguments) -> Result<ExitCode, String> {
     })
 }
 
-/// Makes sure that the folder's results were measured with the same settings, by the same code, on this machine; returns their rows.
-fn prepare_folder(arguments: &Arguments, plan: &MeasurementPlan, machine: &Machine) -> Result<Vec<Row>, String> {
+/// Makes sure that the folder's results were measured with the same settings, by the same code, on this machine; returns their rows and those about objects.
+fn prepare_folder(
+    arguments: &Arguments,
+    plan: &MeasurementPlan,
+    machine: &Machine,
+) -> Result<(Vec<Row>, Vec<ObjectRow>), String> {
     let state = plan.out.join("state");
     let file = state.join("settings.json");
     let table = plan.out.join("results.csv");
@@ -167,8 +184,8 @@ fn prepare_folder(arguments: &Arguments, plan: &MeasurementPlan, machine: &Machi
              --fresh",
             plan.out.display()
         )),
-        Some(_) if table.exists() => rows::load(&table),
-        Some(_) => Ok(Vec::new()),
-        None => write_json(&file, &settings).map(|()| Vec::new()),
+        Some(_) if table.exists() => Ok((rows::load(&table)?, load_objects(&plan.out)?)),
+        Some(_) => Ok(Default::default()),
+        None => write_json(&file, &settings).map(|()| Default::default()),
     }
 }

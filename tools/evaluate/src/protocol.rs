@@ -1,6 +1,7 @@
 //! How much is measured.
 
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 
 /// Frames after a camera cut whose error is measured.
 pub const RECOVERY_FRAMES: [u32; 3] = [1, 4, 16];
@@ -49,6 +50,9 @@ pub struct Protocol {
     pub shadow_size: u32,
     /// The most shadow maps that a directional light has.
     pub cascades: u32,
+    /// A folder of shader modules that techniques take in place of the crate's. The ground truth keeps those of the crate.
+    #[serde(default)]
+    pub shaders: Option<PathBuf>,
 }
 
 impl Protocol {
@@ -71,6 +75,7 @@ impl Protocol {
             // The engine's and the scenes' own.
             shadow_size: 2048,
             cascades: 4,
+            shaders: None,
         };
         match (quick, is_cpu) {
             (false, false) => full,
@@ -121,6 +126,7 @@ impl Protocol {
                 texture_size: 64,
                 shadow_size: 512,
                 cascades: 1,
+                shaders: None,
             },
         }
     }

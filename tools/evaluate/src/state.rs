@@ -57,13 +57,17 @@ pub struct Captured {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct TrueSums {
-    /// Sums over blocks by each half of the samples.
+    /// Sums over cells, the parts of blocks of pixels that show one object, by each half of the samples.
     pub halves: [Vec<f64>; 2],
     /// Pixels that count.
     pub pixels: usize,
+    /// For each cell, one more than the index of its object's name; 0 for objects without a name.
+    pub objects: Vec<u16>,
+    /// Names of the objects.
+    pub names: Vec<String>,
 }
 
-/// Reflected light that a technique shows in a view: for each run, which has noise of its own, sums over blocks.
+/// Reflected light that a technique shows in a view: for each run, which has noise of its own, sums over cells.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ShownSums {

@@ -34,8 +34,8 @@ pub use file_light::{file_environment, file_sun};
 pub use geometry::Geometry;
 pub use gltf::write_test_assets;
 pub use headless::{
-    HeadlessApp, HeadlessError, HeadlessSettings, LogMessage, Output, SystemClock, capture_log, decode_halves,
-    read_buffer, read_image, read_texture, save_picture, take_log,
+    HeadlessApp, HeadlessError, HeadlessSettings, LogMessage, Output, ReplacedShader, SystemClock, capture_log,
+    decode_halves, read_buffer, read_image, read_texture, save_picture, take_log,
 };
 pub use image_size::ImageSize;
 pub use missing_images::MissingImagesPlugin;

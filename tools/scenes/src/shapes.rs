@@ -13,7 +13,7 @@ use crate::{
 };
 use bevy::{
     color::Color,
-    ecs::{entity::Entity, world::World},
+    ecs::{entity::Entity, name::Name, world::World},
     math::{Vec2, Vec3, Vec3Swizzles, ops, vec3},
     pbr::StandardMaterial,
     transform::components::Transform,
@@ -56,24 +56,32 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     let bumps = scene.textures(options.texture_size, bumps).normal;
     // The box is the largest shape, with room of its own behind the others.
     let shapes = [
-        (scene.shape(rounded_box), vec3(0.0, 7.5, -26.0), 0.0),
-        (scene.shape(low_poly_sphere), front(0), 0.0),
-        (scene.shape(smoothed_cylinder), front(1), 0.0),
-        (scene.shape(panel), front(2), 25.0),
-        (scene.shape(leaning_cube), front(3), 35.0),
+        ("box", scene.shape(rounded_box), vec3(0.0, 7.5, -26.0), 0.0),
+        ("sphere", scene.shape(low_poly_sphere), front(0), 0.0),
+        ("cylinder", scene.shape(smoothed_cylinder), front(1), 0.0),
+        ("wall", scene.shape(panel), front(2), 25.0),
+        ("leaning cube", scene.shape(leaning_cube), front(3), 35.0),
     ];
     const WALL: usize = 3;
-    for (bay, finish) in [dielectric, metallic, clearcoat].into_iter().enumerate() {
-        for (index, (shape, place, degrees)) in shapes.iter().enumerate() {
+    let finishes: [(&str, fn(f32) -> StandardMaterial); 3] = [
+        ("dielectric", dielectric),
+        ("metal", metallic),
+        ("clearcoat", clearcoat),
+    ];
+    for (bay, (finish, make)) in finishes.into_iter().enumerate() {
+        for (index, (shape, mesh, place, degrees)) in shapes.iter().enumerate() {
             // Another roughness for each shape in each bay; that of the dielectric box is 0.65.
-            let mut material = finish(ROUGHNESS[(index + 3 + 2 * bay) % ROUGHNESS.len()]);
+            let roughness = ROUGHNESS[(index + 3 + 2 * bay) % ROUGHNESS.len()];
+            let mut material = make(roughness);
             if index == WALL {
                 material.normal_map_texture = Some(bumps.clone());
             }
             let offset = vec3(BAY * (bay as f32 - 1.0), 0.0, 0.0);
             let material = scene.material(material);
             let transform = Transform::from_translation(*place + offset).with_rotation(turned(*degrees));
-            scene.place(shape, &material, transform);
+            let entity = scene.place(mesh, &material, transform);
+            let name = Name::new(format!("{shape}, {finish}, {roughness}"));
+            scene.world.entity_mut(entity).insert(name);
         }
     }
     scene.finish()

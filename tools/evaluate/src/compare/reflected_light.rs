@@ -1,9 +1,16 @@
-//! Light that reflections add to a frame, from linear radiance before tone mapping: sums over blocks of pixels, of the ground truth and of
-//! techniques. The frame without reflections is subtracted, so that a small reflection in a bright frame counts in full.
+//! Light that reflections add to a frame, from linear radiance before tone mapping: sums over blocks of pixels, apart for each named
+//! object, of the ground truth and of techniques. The frame without reflections is subtracted, so that a small reflection in a bright frame counts in full.
 
-use crate::{files::write_file, state::TrueSums};
+use crate::{
+    files::{read_json, write_file, write_json},
+    state::TrueSums,
+};
 use image::{Rgb, RgbImage};
-use std::{fs, path::Path};
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+};
 
 /// Edge of a block in pixels. The denoiser's filters reach less far, so that the noise of blocks is nearly independent.
 const BLOCK: usize = 64;
@@ -36,6 +43,17 @@ pub struct Surroundings {
     pub in_white: Vec<f32>,
     /// Distance of what each pixel shows.
     pub distance: Vec<f32>,
+    /// Objects that each pixel may show.
+    pub objects: Objects,
+}
+
+/// Objects of a scene that have a name of their own, and where they are seen.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Objects {
+    /// Their names.
+    pub names: Vec<String>,
+    /// For each pixel, one more than the index of its object; 0 for none.
+    pub seen: Vec<u16>,
 }
 
 /// The luminance of each pixel of a view in truth.
@@ -45,8 +63,12 @@ pub struct TrueLight {
     width: usize,
     /// All light but what reflections add.
     without: Vec<f32>,
-    /// Flags of the pixels that count: those that reflect, away from outlines.
-    counted: Vec<bool>,
+    /// Pixels that count, those that reflect away from outlines: one more than the index of their cell. 0 for those that don't.
+    cells: Vec<u32>,
+    /// The object of each cell, as in [`Objects::seen`]. A cell is the part of a block that shows one object.
+    objects: Vec<u16>,
+    /// Names of the objects.
+    names: Vec<String>,
     /// The ground truth of the first half of the samples, and of the second one.
     halves: [Vec<f32>; 2],
 }
@@ -55,53 +77,103 @@ impl TrueLight {
     /// The light of an image, whose planes have `width` pixels in a row.
     pub fn new(width: u32, surroundings: Surroundings, halves: [Vec<f32>; 2]) -> Self {
         let width = width as usize;
-        Self {
-            width,
-            counted: counted(width, &surroundings),
-            without: surroundings.without,
-            halves,
-        }
-    }
-
-    /// Reads a file of [`write`](Self::write); `None` unless it holds an image of that size.
-    pub fn read(file: &Path, width: u32, height: u32) -> Option<Self> {
-        let (width, pixels) = (width as usize, width as usize * height as usize);
-        let [without, counted, first, second] = read_planes(file, pixels)?.try_into().ok()?;
-        Some(Self {
+        let counted = counted(width, &surroundings);
+        let Surroundings { without, objects, .. } = surroundings;
+        let seen = objects.seen.iter().copied().chain(std::iter::repeat(0));
+        let shown = counted
+            .iter()
+            .zip(seen)
+            .map(|(&counts, object)| counts.then_some(object));
+        let mut light = Self {
             width,
             without,
-            counted: counted.iter().map(|flag| *flag > 0.0).collect(),
-            halves: [first, second],
-        })
+            cells: Vec::new(),
+            objects: Vec::new(),
+            names: objects.names,
+            halves,
+        };
+        light.find_cells(shown);
+        light
     }
 
-    /// Writes a file.
+    /// Cells from the object of each pixel, `None` for those that don't count; in the order in which rows of pixels meet them.
+    fn find_cells(&mut self, objects: impl Iterator<Item = Option<u16>>) {
+        let (width, columns) = (self.width.max(1), self.width.div_ceil(BLOCK));
+        let mut known = BTreeMap::new();
+        self.objects.clear();
+        self.cells = objects
+            .enumerate()
+            .map(|(index, object)| {
+                let Some(object) = object else { return 0 };
+                let block = index / width / BLOCK * columns + index % width / BLOCK;
+                *known.entry((block, object)).or_insert_with(|| {
+                    self.objects.push(object);
+                    self.objects.len() as u32
+                })
+            })
+            .collect();
+    }
+
+    /// Reads files of [`write`](Self::write); `None` unless they hold an image of that size.
+    pub fn read(file: &Path, width: u32, height: u32) -> Option<Self> {
+        let (width, pixels) = (width as usize, width as usize * height as usize);
+        let [without, objects, first, second] = read_planes(file, pixels)?.try_into().ok()?;
+        let mut light = Self {
+            width,
+            without,
+            cells: Vec::new(),
+            objects: Vec::new(),
+            names: read_json(&names_file(file))?,
+            halves: [first, second],
+        };
+        light.find_cells(objects.iter().map(|object| (*object >= 0.0).then_some(*object as u16)));
+        Some(light)
+    }
+
+    /// Writes a file, and one with the names of objects beside it.
     pub fn write(&self, file: &Path) -> Result<(), String> {
         let [first, second] = &self.halves;
-        let counted: Vec<f32> = self.counted.iter().map(|&flag| f32::from(flag)).collect();
-        write_planes(file, &[&self.without, &counted, first, second])
+        // Whole numbers of 16 bits are exact in 32 bits of float.
+        let object = |&cell: &u32| match cell {
+            0 => -1.0,
+            cell => f32::from(self.objects[cell as usize - 1]),
+        };
+        let objects: Vec<f32> = self.cells.iter().map(object).collect();
+        write_json(&names_file(file), &self.names)?;
+        write_planes(file, &[&self.without, &objects, first, second])
     }
 
-    /// Sums of the truth over blocks.
+    fn counts(&self, index: usize) -> bool {
+        self.cells[index] > 0
+    }
+
+    /// Sums of the truth over cells.
     pub fn sums(&self) -> TrueSums {
         TrueSums {
             halves: [0, 1].map(|half| self.shown(&self.halves[half])),
-            pixels: self.counted.iter().filter(|counts| **counts).count(),
+            pixels: self.cells.iter().filter(|cell| **cell > 0).count(),
+            objects: self.objects.clone(),
+            names: self.names.clone(),
         }
     }
 
-    /// Sums over blocks, in rows, of the reflected light in a frame.
+    /// Sums over cells of the reflected light in a frame.
     pub fn shown(&self, frame: &[f32]) -> Vec<f64> {
-        self.sum(BLOCK, |index| frame[index] - self.without[index])
+        let mut sums = vec![0.0; self.objects.len()];
+        for (index, &cell) in self.cells.iter().enumerate().filter(|(_, cell)| **cell > 0) {
+            sums[cell as usize - 1] += f64::from(frame[index] - self.without[index]);
+        }
+        sums
     }
 
-    fn sum(&self, edge: usize, value: impl Fn(usize) -> f32) -> Vec<f64> {
+    /// Sums over the tiles of the map.
+    fn sum_tiles(&self, value: impl Fn(usize) -> f32) -> Vec<f64> {
         let (width, height) = (self.width, self.without.len() / self.width.max(1));
-        let columns = width.div_ceil(edge);
-        let mut sums = vec![0.0; columns * height.div_ceil(edge)];
-        for index in (0..width * height).filter(|index| self.counted[*index]) {
+        let columns = width.div_ceil(TILE);
+        let mut sums = vec![0.0; columns * height.div_ceil(TILE)];
+        for index in (0..width * height).filter(|index| self.counts(*index)) {
             let (x, y) = (index % width, index / width);
-            sums[y / edge * columns + x / edge] += f64::from(value(index));
+            sums[y / TILE * columns + x / TILE] += f64::from(value(index));
         }
         sums
     }
@@ -110,8 +182,8 @@ impl TrueLight {
     /// counts.
     pub fn map(&self, frames: &[Vec<f32>]) -> RgbImage {
         let truth = |index: usize| 0.5 * (self.halves[0][index] + self.halves[1][index]);
-        let expected = self.sum(TILE, |index| truth(index) - self.without[index]);
-        let error = self.sum(TILE, |index| {
+        let expected = self.sum_tiles(|index| truth(index) - self.without[index]);
+        let error = self.sum_tiles(|index| {
             let sum: f32 = frames.iter().map(|frame| frame[index]).sum();
             sum / frames.len() as f32 - truth(index)
         });
@@ -120,7 +192,7 @@ impl TrueLight {
         RgbImage::from_fn(width as u32, height as u32, |x, y| {
             let (x, y) = (x as usize, y as usize);
             let tile = y / TILE * columns + x / TILE;
-            if !self.counted[y * width + x] || expected[tile] <= 0.0 {
+            if !self.counts(y * width + x) || expected[tile] <= 0.0 {
                 return Rgb([0; 3]);
             }
             let share = (error[tile] / expected[tile] / MAP_RANGE).clamp(-1.0, 1.0);
@@ -134,12 +206,18 @@ impl TrueLight {
     }
 }
 
+/// The file of names beside a file of light.
+fn names_file(file: &Path) -> PathBuf {
+    file.with_extension("objects.json")
+}
+
 /// Flags of the pixels around which everything reflects and nothing has an outline.
 fn counted(width: usize, surroundings: &Surroundings) -> Vec<bool> {
     let Surroundings {
         without,
         in_white,
         distance,
+        ..
     } = surroundings;
     let height = without.len() / width.max(1);
     let is_smooth = |index: usize, step: usize| {
@@ -210,6 +288,12 @@ mod tests {
             without: plane(0.01, 0.3),
             in_white: plane(0.06, 0.3),
             distance: (0..WIDTH * HEIGHT).map(|index| distance(index % WIDTH)).collect(),
+            objects: Objects {
+                names: vec!["left".into(), "right".into()],
+                seen: (0..WIDTH * HEIGHT)
+                    .map(|index| u16::from(index % WIDTH >= 20))
+                    .collect(),
+            },
         }
     }
 
@@ -223,7 +307,7 @@ mod tests {
     #[test]
     fn pixels_that_reflect_count_away_from_outlines() {
         let light = light();
-        let counts = |x: usize, y: usize| light.counted[y * WIDTH + x];
+        let counts = |x: usize, y: usize| light.counts(y * WIDTH + x);
         let row: Vec<usize> = (0..WIDTH).filter(|x| counts(*x, 30)).collect();
         let expected: Vec<usize> = (12..67).chain(73..97).collect();
         assert_eq!(row, expected);
@@ -236,7 +320,9 @@ mod tests {
     fn reflected_light_is_what_exceeds_the_frame_without_it() {
         let light = light();
         let sums = light.sums();
-        assert_eq!(sums.halves[0].len(), 4);
+        // The left one of two blocks shows an object and what has no name.
+        assert_eq!(sums.objects, [0, 1, 1]);
+        assert_eq!(sums.halves[0].len(), 3);
         let total = |sums: &[f64]| sums.iter().sum::<f64>();
         assert!((total(&sums.halves[0]) / (0.021 * COUNTED as f64) - 1.0).abs() < 1e-5);
         assert!((total(&sums.halves[1]) / (0.019 * COUNTED as f64) - 1.0).abs() < 1e-5);

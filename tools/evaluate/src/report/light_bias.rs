@@ -123,6 +123,7 @@ mod tests {
         TrueSums {
             halves: [0, 1].map(|_| blocks(random, 1.0, sigma)),
             pixels: 1,
+            ..TrueSums::default()
         }
     }
 

@@ -3,6 +3,7 @@
 mod analysis;
 mod charts;
 mod light_bias;
+pub mod objects;
 pub mod output;
 mod paper;
 mod pareto;

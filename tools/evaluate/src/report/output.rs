@@ -2,6 +2,7 @@
 
 use super::{
     charts::{chart, svg},
+    objects::ObjectRow,
     readme,
     rows::{Row, number, to_csv},
     summary::Summary,
@@ -18,6 +19,9 @@ use std::{
     path::Path,
 };
 
+/// The table of named objects, in the folder of results.
+pub const OBJECTS: &str = "objects.csv";
+
 /// A title and a path from the folder of results.
 type ChartFile = (String, String);
 
@@ -31,12 +35,17 @@ pub struct Results<'a> {
     pub protocol: &'a Protocol,
     /// All rows.
     pub rows: &'a [Row],
+    /// Rows about named objects.
+    pub objects: &'a [ObjectRow],
 }
 
 impl Results<'_> {
     /// Writes tables, charts and the summary.
     pub fn write(&self) -> Result<(), String> {
         write_text(&self.out.join("results.csv"), &to_csv(self.rows)?)?;
+        if !self.objects.is_empty() {
+            write_text(&self.out.join(OBJECTS), &to_csv(self.objects)?)?;
+        }
         let facts = table::facts(self.out, self.rows);
         let json = serde_json::json!({
             "machine": self.machine,
@@ -50,6 +59,7 @@ impl Results<'_> {
             machine: self.machine,
             protocol: self.protocol,
             rows: self.rows,
+            objects: self.objects,
             facts: &facts,
             charts: &charts,
         };
@@ -154,10 +164,11 @@ mod tests {
             machine: &Machine::default(),
             protocol: &Protocol::new(true, true),
             rows: &rows,
+            objects: &[],
         };
         results.write().unwrap();
         let table = std::fs::read_to_string(out.join("results.csv")).unwrap();
-        assert_eq!(from_csv(&table).unwrap(), rows);
+        assert_eq!(from_csv::<Row>(&table).unwrap(), rows);
         for file in ["results.json", "summary.md", "readme.md", "charts/atrium.picture.svg"] {
             assert!(out.join(file).metadata().unwrap().len() > 100, "{file}");
         }

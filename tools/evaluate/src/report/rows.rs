@@ -1,7 +1,7 @@
 //! The table of results: one row per scene, technique, back end and tracer, as `results.csv`.
 
 use crate::job::{SCENES, TECHNIQUES};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use std::{collections::BTreeSet, path::Path};
 
 /// Outcome of a row.
@@ -211,8 +211,8 @@ pub fn number(value: Option<f64>, decimals: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |value| format!("{value:.decimals$}"))
 }
 
-/// The rows as CSV.
-pub fn to_csv(rows: &[Row]) -> Result<String, String> {
+/// Rows as CSV.
+pub fn to_csv<T: Serialize>(rows: &[T]) -> Result<String, String> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     for row in rows {
         writer.serialize(row).map_err(|error| error.to_string())?;
@@ -223,7 +223,7 @@ pub fn to_csv(rows: &[Row]) -> Result<String, String> {
 
 /// Rows from CSV. Columns that are missing are empty, and columns that are unknown are passed over, so that files of other
 /// versions can be read.
-pub fn from_csv(text: &str) -> Result<Vec<Row>, String> {
+pub fn from_csv<T: DeserializeOwned>(text: &str) -> Result<Vec<T>, String> {
     let mut reader = csv::Reader::from_reader(text.as_bytes());
     let headers = reader.headers().map_err(|error| error.to_string())?;
     if !["scene", "technique"]
@@ -238,8 +238,8 @@ pub fn from_csv(text: &str) -> Result<Vec<Row>, String> {
         .collect()
 }
 
-/// Reads a `results.csv`.
-pub fn load(path: &Path) -> Result<Vec<Row>, String> {
+/// Reads a file such as `results.csv`.
+pub fn load<T: DeserializeOwned>(path: &Path) -> Result<Vec<T>, String> {
     std::fs::read_to_string(path)
         .map_err(|error| error.to_string())
         .and_then(|text| from_csv(&text))
@@ -276,16 +276,17 @@ mod tests {
         ];
         let text = to_csv(&rows).unwrap();
         assert!(text.starts_with("scene,technique,backend,tracer,outcome,"), "{text}");
-        assert_eq!(from_csv(&text).unwrap(), rows);
+        assert_eq!(from_csv::<Row>(&text).unwrap(), rows);
     }
 
     #[test]
     fn other_versions_can_be_read() {
-        let rows = from_csv("scene,technique,total_ms,colour\natrium,quarter,0.5,blue\natrium,off,,\n").unwrap();
+        let rows: Vec<Row> =
+            from_csv("scene,technique,total_ms,colour\natrium,quarter,0.5,blue\natrium,off,,\n").unwrap();
         assert_eq!((rows[0].total_ms, rows[1].total_ms), (Some(0.5), None));
         assert_eq!(rows[1].key(), ("atrium", "off", "", ""));
-        assert!(from_csv("a,b\n1,2\n").is_err());
-        assert!(from_csv("scene,technique,total_ms\natrium,quarter,fast\n").is_err());
+        assert!(from_csv::<Row>("a,b\n1,2\n").is_err());
+        assert!(from_csv::<Row>("scene,technique,total_ms\natrium,quarter,fast\n").is_err());
     }
 
     #[test]

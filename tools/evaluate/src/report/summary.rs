@@ -1,7 +1,9 @@
 //! `summary.md`: the results for people.
 
 use super::{
-    analysis, paper,
+    analysis,
+    objects::{self, ObjectRow},
+    paper,
     pareto::on_front,
     rows::{Outcome, Row, number, of_scene, scenes},
     stats,
@@ -22,6 +24,8 @@ pub struct Summary<'a> {
     pub protocol: &'a Protocol,
     /// All rows.
     pub rows: &'a [Row],
+    /// Rows about named objects.
+    pub objects: &'a [ObjectRow],
     /// Facts about each scene.
     pub facts: &'a BTreeMap<String, SceneFacts>,
     /// Charts of each scene: a title, and a path from the folder of results.
@@ -46,6 +50,7 @@ impl Summary<'_> {
         self.machine(&mut text);
         self.noise(&mut text);
         text.push_str(&analysis::sections(self.rows, self.protocol));
+        text.push_str(&objects::section(self.rows, self.objects));
         for scene in scenes(self.rows) {
             self.scene(&mut text, scene);
         }
@@ -286,6 +291,7 @@ mod tests {
             machine: &Machine::default(),
             protocol: &Protocol::new(true, true),
             rows,
+            objects: &[],
             facts: &BTreeMap::new(),
             charts: &charts,
         }

@@ -2,6 +2,7 @@
 
 use super::{
     light_bias::{light_bias, light_floor},
+    objects::{self, ObjectRow},
     rows::{Outcome, Row, significant},
     stats::{mean, median_interval, paired_ratio, quantile},
 };
@@ -32,10 +33,7 @@ pub fn rows(job: &Job, machine: &Machine, log: &ComparisonLog, failure: Option<&
         .collect();
     let facts: SceneFacts = read_json(&store.facts()).unwrap_or_default();
     let failures = store.failures();
-    let shared = Store::shared(job);
-    let true_sums: Vec<TrueSums> = (0..job.protocol.views)
-        .map_while(|view| read_json(&shared.true_sums(view)))
-        .collect();
+    let true_sums = true_sums(job);
     job.variants
         .iter()
         .map(|variant| {
@@ -71,6 +69,24 @@ pub fn rows(job: &Job, machine: &Machine, log: &ComparisonLog, failure: Option<&
             }
             row
         })
+        .collect()
+}
+
+/// For each row of a job the biases of named objects.
+pub fn objects(job: &Job, rows: &[Row]) -> Vec<ObjectRow> {
+    let store = Store::new(job);
+    let truth = true_sums(job);
+    let pairs = job.variants.iter().zip(rows);
+    pairs
+        .filter_map(|(variant, row)| Some(objects::rows(row, &truth, &store.load_captured(variant)?.light)))
+        .flatten()
+        .collect()
+}
+
+fn true_sums(job: &Job) -> Vec<TrueSums> {
+    let shared = Store::shared(job);
+    (0..job.protocol.views)
+        .map_while(|view| read_json(&shared.true_sums(view)))
         .collect()
 }
 
@@ -293,6 +309,7 @@ mod tests {
         let truth = |light: f64| TrueSums {
             halves: [vec![light; 4], vec![1.01 * light; 4]],
             pixels: 4,
+            ..TrueSums::default()
         };
         let shown = |light: f64, still: &[f64]| ShownSums {
             motion: vec![vec![light; 4]; 2],

@@ -134,22 +134,29 @@ impl Runner<'_> {
         // Fog takes the place of a share of the light that grows with the distance. Of what has no fog, such as the sky, the inverse is not
         // finite, and it doesn't reflect.
         let pairs = without.iter().zip(&in_fog);
-        let distance = pairs.map(|(without, fog)| (fog - without) / (FOG - without)).collect();
+        let shares: Vec<f32> = pairs.map(|(without, fog)| (fog - without) / (FOG - without)).collect();
+        let far = self.far();
+        let metres: Vec<f32> = shares.iter().map(|share| far * share).collect();
         let surroundings = Surroundings {
+            objects: self.objects(&metres),
             without,
             in_white,
-            distance,
+            distance: shares,
         };
         Ok(TrueLight::new(self.job.protocol.width, surroundings, halves))
+    }
+
+    /// Distance at which the camera's view ends, in metres.
+    fn far(&mut self) -> f32 {
+        let projection = self.app.world().get::<Projection>(self.camera);
+        projection.map_or(1000.0, |projection| projection.far())
     }
 
     /// The last frame once more in bright fog, from which follows the distance of each pixel.
     fn in_fog(&mut self) -> Result<Vec<f32>, String> {
         let world = self.app.world();
         let own = world.get::<DistanceFog>(self.camera).cloned();
-        let end = world
-            .get::<Projection>(self.camera)
-            .map_or(1000.0, |projection| projection.far());
+        let end = self.far();
         self.camera().insert(DistanceFog {
             color: Color::linear_rgb(FOG, FOG, FOG),
             falloff: FogFalloff::Linear { start: 0.0, end },

@@ -2,6 +2,7 @@
 
 mod ground_truth;
 mod images;
+mod objects;
 mod runner;
 mod scene;
 mod timing;
@@ -15,6 +16,12 @@ use runner::Runner;
 pub fn work(job: &Job) -> Result<(), String> {
     let mut runner = Runner::start(job)?;
     runner.ground_truths()?;
+    if let Some(folder) = &job.protocol.shaders {
+        runner
+            .app
+            .replace_shaders("bevy_glint", folder)
+            .map_err(|error| error.to_string())?;
+    }
     runner.images()?;
     runner.timing()
 }

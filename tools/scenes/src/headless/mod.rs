@@ -4,11 +4,13 @@ mod clock;
 mod error;
 mod log;
 mod readback;
+mod shaders;
 
 pub use clock::SystemClock;
 pub use error::HeadlessError;
 pub use log::{LogMessage, capture_log, take_log};
 pub use readback::{decode_halves, read_buffer, read_image, read_texture};
+pub use shaders::ReplacedShader;
 
 use crate::{
     environment::SceneOptions,
