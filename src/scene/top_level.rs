@@ -127,7 +127,7 @@ struct Settled {
     /// With the items as they stand in the buffer.
     tlas: Tlas,
     members: Members,
-    /// Where the entries of each member begin in `tlas.places`.
+    /// For each member the start of its entries in `tlas.places`.
     first: Vec<u32>,
     /// Members that have left since the tree was built.
     dead: Vec<u32>,
@@ -177,7 +177,7 @@ struct Work {
     dead: Vec<u32>,
 }
 
-/// What shaders need to know.
+/// The part of the state that shaders need.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Head {
     /// The number of nodes as the traversal takes it.

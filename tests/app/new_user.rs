@@ -198,7 +198,7 @@ fn write(file: PathBuf, text: &str) {
     fs::write(&file, text).unwrap_or_else(|error| panic!("{} can't be written: {error}", file.display()));
 }
 
-/// What `cargo new` makes, with the README's dependencies and code. Beside it stands a crate that asks for the features which this
+/// Makes what `cargo new` makes, with the README's dependencies and code. Beside it lies a crate that asks for the features which this
 /// test was built with: cargo unites the features of a workspace, and finds all of Bevy built already.
 fn make(folder: &Path) {
     _ = fs::remove_dir_all(folder);

@@ -237,7 +237,7 @@ fn main() {
     );
 }
 
-/// Of the example `custom_heuristic`: with the definitions that such a shader gets for either size of tiles.
+/// Checks it with the definitions that such a shader gets for either size of tiles.
 #[test]
 fn the_shader_of_custom_heuristic_is_valid() {
     const NAME: &str = "custom_heuristic/foveated.wesl";

@@ -105,7 +105,7 @@ fn relocate(item: &mut Item, base: u32) {
     }
 }
 
-/// What stands at the start of the buffer of trees, where rays begin: the root of a tree, or a node over the roots of two. Both trees
+/// Makes the start of the buffer of trees, where rays begin: the root of a tree, or a node over the roots of two. Both trees
 /// have been relocated. Returns the number of nodes as the traversal takes it, the items, and the groups that the stack needs for them.
 pub fn join(trees: [Option<&Tlas>; 2]) -> (u32, Vec<Item>, u32) {
     let present = trees.into_iter().flatten().filter(|tree| tree.entry_count > 0);

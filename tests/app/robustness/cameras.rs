@@ -1,4 +1,4 @@
-//! What pixels show: surfaces that must not reflect, cameras that cannot, and numbers only.
+//! Contents of pixels: surfaces that must not reflect, cameras that cannot, and numbers only.
 
 use super::{BEHIND, facing_the_mirror};
 use crate::{

@@ -1,4 +1,4 @@
-//! What rays hit: meshes of all formats, faces and holes, and scenes of any size.
+//! Objects that rays hit: meshes of all formats, faces and holes, and scenes of any size.
 
 use super::{BEHIND, facing_the_mirror};
 use crate::{
@@ -223,7 +223,7 @@ fn faces_and_holes_are_seen_as_the_material_says() {
             );
         }
 
-        // Of eight columns of the texture every other one is a hole, through which the green quad is seen.
+        // Every other column of the texture's eight is a hole, through which the green quad is seen.
         let texels = (0..64u8)
             .flat_map(|i| [255, 255, 255, if i % 2 == 0 { 255 } else { 0 }])
             .collect();

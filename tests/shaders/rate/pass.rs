@@ -12,7 +12,7 @@ use wgpu::{
     TextureFormat, TextureSampleType, TextureUsages, TextureViewDimension,
 };
 
-/// What buffers and textures hold before the pass.
+/// Contents of buffers and textures before the pass.
 pub const UNTOUCHED: u32 = 0xdead_beef;
 
 /// All that the pass writes.

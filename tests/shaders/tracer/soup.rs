@@ -61,11 +61,11 @@ pub struct Packed {
     pub tlas: Tlas,
     pub stack_size: u32,
     tlas_root: u32,
-    /// Where the masks of each instance stand in [`Self::bvh`].
+    /// Index of each instance's masks in [`Self::bvh`].
     pub masks: Vec<u32>,
-    /// Whether an instance is part of a merged tree.
+    /// `true` for instances that are part of a merged tree.
     merged: Vec<bool>,
-    /// What the oracle searches.
+    /// The triangles that the oracle searches.
     triangles: Vec<Target>,
 }
 
@@ -261,7 +261,7 @@ impl Packed {
         })
     }
 
-    /// What may stand in the way of a shadow ray.
+    /// Searches the triangles that cast shadows.
     pub fn shadow_oracle(&self, ray: &TraceRay) -> Oracle {
         self.search(ray, |flags, _| flags & INSTANCE_CASTS_SHADOW != 0)
     }
@@ -297,7 +297,7 @@ impl Packed {
                 // In the space of a mirrored object the winding is turned.
                 let turned = flags & INSTANCE_MIRRORED != 0 && !self.merged[*instance as usize];
                 let seen = if (found.cosine < 0.0) != turned { front } else { back };
-                // Of a triangle seen on edge, single precision may take either face.
+                // Single precision may take either face of a triangle seen on edge.
                 let doubtful = found.cosine.abs() < found.tilt && front != back;
                 if !seen && !doubtful {
                     continue;

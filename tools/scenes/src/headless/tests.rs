@@ -75,7 +75,7 @@ fn harness() {
     });
     assert_eq!(read_buffer(app.render_world().unwrap(), &buffer).unwrap(), [1, 2, 3, 4]);
 
-    // What is unlit arrives as it was given.
+    // Unlit colours arrive as they were given.
     let mut app = HeadlessApp::new(settings(Output::Linear), |_| {}).unwrap();
     app.spawn_scene(SceneName::MirrorRoom, &default());
     app.warm_up(4000).unwrap();
