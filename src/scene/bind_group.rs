@@ -122,6 +122,7 @@ fn layout(tracer: ReflectionTracer, textures: &TextureTable) -> BindGroupLayoutD
 
 impl SceneBindings {
     /// The active tracer.
+    #[cfg(feature = "internals")]
     pub fn tracer(&self) -> ReflectionTracer {
         self.tracer
     }

@@ -289,11 +289,6 @@ pub fn layout_descriptor() -> BindGroupLayoutDescriptor {
 }
 
 impl EnvironmentBindings {
-    /// The layout of group 2.
-    pub fn layout(&self) -> &BindGroupLayoutDescriptor {
-        &self.layout
-    }
-
     /// Group 2 of a view.
     pub fn bind_group(&self, view: Entity) -> Option<&BindGroup> {
         self.views.get(&view).map(|bindings| &bindings.bind_group)

@@ -213,6 +213,7 @@ fn make(folder: &Path) {
     let features: Vec<_> = [
         (cfg!(feature = "egui"), "egui"),
         (cfg!(feature = "hardware-vrs"), "hardware-vrs"),
+        (cfg!(feature = "internals"), "internals"),
     ]
     .into_iter()
     .filter_map(|(on, name)| on.then_some(name))

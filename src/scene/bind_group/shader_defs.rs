@@ -7,6 +7,7 @@ use bevy::shader::ShaderDefVal;
 impl SceneBindings {
     /// Returns the definitions that shaders which import the scene's modules must be compiled with for the scene as it is. Code
     /// that keeps pipelines has to follow [`Self::shader_defs_version`], or use [`Self::shader_defs_for`] any scene.
+    #[cfg(feature = "internals")]
     pub fn shader_defs(&self) -> Vec<ShaderDefVal> {
         self.shader_defs_for(self.has_masked_geometry())
     }
@@ -38,6 +39,7 @@ impl SceneBindings {
     }
 
     /// Changes whenever [`Self::shader_defs`] does.
+    #[cfg(feature = "internals")]
     pub fn shader_defs_version(&self) -> u32 {
         self.defs_version
     }

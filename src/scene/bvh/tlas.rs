@@ -45,6 +45,7 @@ pub struct Tlas {
     /// Number of entries: the instances that were kept, and more for opened ones.
     pub entry_count: u32,
     /// Instances left out because their matrix or bounds are not finite, or the matrix has no inverse.
+    #[cfg_attr(not(any(test, feature = "internals")), expect(dead_code, reason = "tests read it"))]
     pub dropped: u32,
     /// Groups on the stack of the traversal in the worst case, those of the BLASes aside.
     pub groups: u32,
@@ -73,6 +74,7 @@ impl Default for Tlas {
 
 impl Tlas {
     /// The number of nodes as the traversal takes it: [`ONE_ENTRY`] where there is nothing to choose from.
+    #[cfg(any(test, feature = "internals"))]
     pub fn traversal_node_count(&self) -> u32 {
         if self.entry_count == 1 {
             ONE_ENTRY
