@@ -40,14 +40,17 @@ pub fn plugin(app: &mut App) {
         enable_absorb_bevy_input_system: true,
         ..default()
     })
-    .add_systems(Startup, (setup, show_keys));
+    .add_systems(
+        Startup,
+        (spawn_spheres, spawn_glowing_panels, spawn_light_and_camera, show_keys),
+    );
 }
 
-fn setup(
+/// Two rows of spheres on a floor.
+fn spawn_spheres(
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,
     mut materials: ResMut<Assets<StandardMaterial>>,
-    mut images: ResMut<Assets<Image>>,
 ) {
     commands.spawn((
         Mesh3d(meshes.add(Plane3d::default().mesh().size(30.0, 30.0))),
@@ -84,8 +87,14 @@ fn setup(
             Transform::from_xyz(x, 1.0, -0.6).with_scale(Vec3::splat(2.0 * 0.55)),
         ));
     }
+}
 
-    // Glowing panels to be seen in the spheres, on either side of the camera.
+/// Panels to be seen in the spheres, on either side of the camera.
+fn spawn_glowing_panels(
+    mut commands: Commands,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut materials: ResMut<Assets<StandardMaterial>>,
+) {
     let panel = meshes.add(Cuboid::new(0.1, 2.5, 1.2));
     for (x, color) in [
         (-6.0, LinearRgba::rgb(8.0, 2.0, 0.6)),
@@ -103,6 +112,9 @@ fn setup(
             ));
         }
     }
+}
+
+fn spawn_light_and_camera(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
     commands.spawn((
         DirectionalLight {
             illuminance: 5_000.0,

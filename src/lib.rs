@@ -57,8 +57,8 @@ mod plugin;
 pub mod prelude;
 mod probe;
 mod rate;
-#[doc(hidden)]
-pub mod readback;
+#[cfg(feature = "internals")]
+mod readback;
 mod ready;
 mod scene;
 mod schedule;
@@ -100,12 +100,13 @@ pub use ui::{ReflectionQuality, ReflectionSettingsPanel, ReflectionSettingsPanel
 #[cfg(feature = "hardware-vrs")]
 pub use vrs::{HardwareVrs, HardwareVrsPlugin};
 
-/// Internals for the crate's own tests and tools. They are not part of the interface that stays stable across versions.
+/// Internals for the crate's own tests and tools, behind the hidden feature `internals`. No version keeps them stable.
+#[cfg(feature = "internals")]
 #[doc(hidden)]
 pub mod internals {
     pub use crate::{
         diagnostics::{CountInvocations, TotalTimeOnly, WithoutReflections},
-        readback::{self, Copied, Target},
+        readback::{Copied, Target},
         scene::{
             SceneBindings, acceleration, arena, bvh, environment, geometry, gpu_types, instances, lights, materials,
             meshes, textures, upload,
@@ -113,6 +114,11 @@ pub mod internals {
         settings::{RATE_ACTIVE, RATE_CODE_MASK},
         trace::directional_albedo,
     };
+
+    /// Copies of a view's targets.
+    pub mod readback {
+        pub use crate::readback::*;
+    }
 }
 
 /// Compiles the README's code.

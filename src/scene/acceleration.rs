@@ -119,11 +119,6 @@ impl AccelerationStructures {
         &self.tlas
     }
 
-    /// Bytes can't be asked of wgpu; this is the number of BLASes.
-    pub fn blas_count(&self) -> usize {
-        self.blas.len()
-    }
-
     /// Builds missing BLASes and the TLAS. Returns how many BLASes were built.
     pub fn build(
         &mut self,

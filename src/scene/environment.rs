@@ -18,10 +18,11 @@ use bevy::{
         Extract,
         render_asset::RenderAssets,
         render_resource::{
-            BindGroup, BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries, Buffer, BufferDescriptor,
-            BufferUsages, Extent3d, FilterMode, MipmapFilterMode, PipelineCache, Sampler, SamplerBindingType,
-            SamplerDescriptor, ShaderStages, TextureDataOrder, TextureDescriptor, TextureDimension, TextureFormat,
-            TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor, TextureViewDimension, TextureViewId,
+            BindGroup, BindGroupEntries, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntries, Buffer,
+            BufferDescriptor, BufferUsages, Extent3d, FilterMode, MipmapFilterMode, PipelineCache, Sampler,
+            SamplerBindingType, SamplerDescriptor, ShaderStages, TextureDataOrder, TextureDescriptor, TextureDimension,
+            TextureFormat, TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor, TextureViewDimension,
+            TextureViewId,
             binding_types::{sampler, texture_2d, texture_cube, uniform_buffer_sized},
         },
         renderer::{RenderDevice, RenderQueue},
@@ -288,11 +289,6 @@ pub fn layout_descriptor() -> BindGroupLayoutDescriptor {
 }
 
 impl EnvironmentBindings {
-    /// The layout of group 2.
-    pub fn layout(&self) -> &BindGroupLayoutDescriptor {
-        &self.layout
-    }
-
     /// Group 2 of a view.
     pub fn bind_group(&self, view: Entity) -> Option<&BindGroup> {
         self.views.get(&view).map(|bindings| &bindings.bind_group)
@@ -313,6 +309,107 @@ fn cube(image: &GpuImage, device: &RenderDevice) -> bool {
             == Some(TextureSampleType::Float { filterable: true })
 }
 
+/// The resources of a view's bind group, besides its uniform.
+struct ViewMaps<'a> {
+    diffuse: &'a TextureView,
+    specular: &'a TextureView,
+    skybox: &'a TextureView,
+    table: &'a TextureView,
+    sampler: &'a Sampler,
+}
+
+impl<'a> ViewMaps<'a> {
+    /// The images of a view that can be bound, black ones in place of the others, and the uniform that says which is which. `table` is
+    /// Bevy's table of the environment's BRDF.
+    fn new(
+        view: &ViewEnvironment,
+        images: &'a RenderAssets<GpuImage>,
+        table: Option<&'a GpuImage>,
+        bindings: &'a EnvironmentBindings,
+        device: &RenderDevice,
+    ) -> (Self, GpuEnvironment) {
+        let image = |id: AssetId<Image>| images.get(id).filter(|image| cube(image, device));
+        let mut uniform = view.uniform;
+        let mut maps = Self {
+            diffuse: &bindings.black,
+            specular: &bindings.black,
+            skybox: &bindings.black,
+            table: &bindings.black_face,
+            sampler: &bindings.sampler,
+        };
+        if let Some((diffuse, specular)) = view.maps
+            && let (Some(diffuse), Some(specular)) = (image(diffuse), image(specular))
+        {
+            (maps.diffuse, maps.specular) = (&diffuse.texture_view, &specular.texture_view);
+            uniform.flags |= ENVIRONMENT_HAS_MAP;
+            uniform.smallest_specular_mip = specular.texture_descriptor.mip_level_count.saturating_sub(1) as f32;
+        }
+        if let Some(image) = view.skybox.and_then(image) {
+            maps.skybox = &image.texture_view;
+            uniform.flags |= ENVIRONMENT_HAS_SKYBOX;
+        }
+        if let Some(image) = table {
+            maps.table = &image.texture_view;
+            uniform.flags |= ENVIRONMENT_HAS_DFG_LUT;
+        }
+        (maps, uniform)
+    }
+
+    fn ids(&self) -> [TextureViewId; 4] {
+        [self.diffuse, self.specular, self.skybox, self.table].map(|view| view.id())
+    }
+
+    fn entries(&self, buffer: &'a Buffer) -> BindGroupEntries<'a, 6> {
+        BindGroupEntries::sequential((
+            buffer.as_entire_binding(),
+            self.diffuse,
+            self.specular,
+            self.skybox,
+            self.sampler,
+            self.table,
+        ))
+    }
+
+    /// Copies what a bind group was made of, for the pass with variable rate shading.
+    fn fill(&self, contents: &mut BindGroupContents, buffer: &Buffer, bind_group: &BindGroup, device: &RenderDevice) {
+        let samplers = [(&**self.sampler, environment_sampler())];
+        contents.fill(device, bind_group, &self.entries(buffer), &samplers);
+    }
+}
+
+impl ViewBindings {
+    fn new(
+        maps: &ViewMaps,
+        uniform: GpuEnvironment,
+        layout: &BindGroupLayout,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> Self {
+        let buffer = device.create_buffer(&BufferDescriptor {
+            label: Some("glint_environment"),
+            size: size_of::<GpuEnvironment>() as u64,
+            usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        queue.write_buffer(&buffer, 0, bytemuck::bytes_of(&uniform));
+        let bind_group = device.create_bind_group("glint_environment", layout, &maps.entries(&buffer));
+        Self {
+            buffer,
+            bind_group,
+            contents: BindGroupContents::default(),
+            written: uniform,
+            views: maps.ids(),
+        }
+    }
+
+    fn write(&mut self, uniform: GpuEnvironment, queue: &RenderQueue) {
+        if self.written != uniform {
+            queue.write_buffer(&self.buffer, 0, bytemuck::bytes_of(&uniform));
+            self.written = uniform;
+        }
+    }
+}
+
 /// Writes the uniforms and makes the bind groups. Belongs in `RenderSystems::PrepareBindGroups`.
 pub fn prepare_environments(
     mut bindings: ResMut<EnvironmentBindings>,
@@ -323,79 +420,27 @@ pub fn prepare_environments(
     queue: Res<RenderQueue>,
     pipelines: Res<PipelineCache>,
 ) {
-    let bindings = &mut *bindings;
     // Without Bevy's feature there is no image, or one of a single texel.
     let table = dfg
         .as_ref()
         .and_then(|dfg| images.get(&dfg.texture))
         .filter(|image| image.texture_descriptor.size.width > 1);
-    bindings.views.retain(|entity, _| views.contains(*entity));
+    let mut known = core::mem::take(&mut bindings.views);
+    known.retain(|entity, _| views.contains(*entity));
     for (entity, view, wants) in &views {
-        let uses_vrs = wants.is_some_and(WantsReflections::uses_vrs);
-        let image = |id: AssetId<Image>| images.get(id).filter(|image| cube(image, &device));
-        let mut uniform = view.uniform;
-        let (mut diffuse, mut specular, mut skybox) = (&bindings.black, &bindings.black, &bindings.black);
-        if let Some((diffuse_map, specular_map)) = view.maps
-            && let (Some(diffuse_map), Some(specular_map)) = (image(diffuse_map), image(specular_map))
-        {
-            (diffuse, specular) = (&diffuse_map.texture_view, &specular_map.texture_view);
-            uniform.flags |= ENVIRONMENT_HAS_MAP;
-            uniform.smallest_specular_mip = specular_map.texture_descriptor.mip_level_count.saturating_sub(1) as f32;
-        }
-        if let Some(image) = view.skybox.and_then(image) {
-            skybox = &image.texture_view;
-            uniform.flags |= ENVIRONMENT_HAS_SKYBOX;
-        }
-
-        if table.is_some() {
-            uniform.flags |= ENVIRONMENT_HAS_DFG_LUT;
-        }
-        let table = table.map_or(&bindings.black_face, |image| &image.texture_view);
-
-        let ids = [diffuse.id(), specular.id(), skybox.id(), table.id()];
-        let sampler = &bindings.sampler;
-        let samplers = || [(&**sampler, environment_sampler())];
-        let known = bindings.views.get_mut(&entity);
-        if let Some(known) = known
-            && known.views == ids
-        {
-            if known.written != uniform {
-                queue.write_buffer(&known.buffer, 0, bytemuck::bytes_of(&uniform));
-                known.written = uniform;
-            }
-            if !uses_vrs {
-                known.contents.clear();
-            } else if known.contents.is_missing() {
-                let buffer = known.buffer.as_entire_binding();
-                let entries = BindGroupEntries::sequential((buffer, diffuse, specular, skybox, sampler, table));
-                known.contents.fill(&device, &known.bind_group, &entries, &samplers());
-            }
-            continue;
-        }
-        let buffer = device.create_buffer(&BufferDescriptor {
-            label: Some("glint_environment"),
-            size: size_of::<GpuEnvironment>() as u64,
-            usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
-            mapped_at_creation: false,
+        let (maps, uniform) = ViewMaps::new(view, &images, table, &bindings, &device);
+        let current = known.remove(&entity).filter(|view| view.views == maps.ids());
+        let mut current = current.unwrap_or_else(|| {
+            let layout = pipelines.get_bind_group_layout(&bindings.layout);
+            ViewBindings::new(&maps, uniform, &layout, &device, &queue)
         });
-        queue.write_buffer(&buffer, 0, bytemuck::bytes_of(&uniform));
-        let whole = buffer.as_entire_binding();
-        let entries = BindGroupEntries::sequential((whole, diffuse, specular, skybox, sampler, table));
-        let layout = pipelines.get_bind_group_layout(&bindings.layout);
-        let bind_group = device.create_bind_group("glint_environment", &layout, &entries);
-        let mut contents = BindGroupContents::default();
-        if uses_vrs {
-            contents.fill(&device, &bind_group, &entries, &samplers());
+        current.write(uniform, &queue);
+        if !wants.is_some_and(WantsReflections::uses_vrs) {
+            current.contents.clear();
+        } else if current.contents.is_missing() {
+            maps.fill(&mut current.contents, &current.buffer, &current.bind_group, &device);
         }
-        bindings.views.insert(
-            entity,
-            ViewBindings {
-                buffer,
-                bind_group,
-                contents,
-                written: uniform,
-                views: ids,
-            },
-        );
+        known.insert(entity, current);
     }
+    bindings.views = known;
 }

@@ -62,14 +62,10 @@ pub fn pack_mesh(mesh: &Mesh) -> Result<PackedMesh, GeometryError> {
     let attributes = Attributes::new(mesh)?;
     let indices = mesh.try_indices_option()?;
 
-    // Checked before anything is allocated. The triangles of a strip are nearly as many as its indices.
+    // Checked before anything is allocated.
     let index_count = indices.map_or(count, Indices::len) as u64;
-    let triangle_limit = if topology.is_strip() {
-        index_count.saturating_sub(2)
-    } else {
-        index_count / 3
-    };
-    let word_limit = u64::from(HEADER_WORDS) + (3 + attributes.words_per_vertex()) * count as u64 + 3 * triangle_limit;
+    let vertex_words = (3 + attributes.words_per_vertex()) * count as u64;
+    let word_limit = u64::from(HEADER_WORDS) + vertex_words + 3 * most_triangles(topology, index_count);
     if word_limit >= WORD_LIMIT {
         return Err(GeometryError::TooLarge(word_limit));
     }
@@ -98,7 +94,21 @@ pub fn pack_mesh(mesh: &Mesh) -> Result<PackedMesh, GeometryError> {
     if count > 0 {
         attributes.pack(&mut packed);
     }
+    write_header(&mut packed);
+    Ok(packed)
+}
 
+/// Most triangles that so many indices make. The triangles of a strip are nearly as many as its indices.
+fn most_triangles(topology: PrimitiveTopology, index_count: u64) -> u64 {
+    if topology.is_strip() {
+        index_count.saturating_sub(2)
+    } else {
+        index_count / 3
+    }
+}
+
+/// Writes counts and offsets to the start of a mesh, whose other words are in place.
+fn write_header(packed: &mut PackedMesh) {
     let MeshOffsets {
         positions,
         indices,
@@ -126,7 +136,6 @@ pub fn pack_mesh(mesh: &Mesh) -> Result<PackedMesh, GeometryError> {
     if packed.words.len() < MIN_WORDS as usize {
         packed.words.resize(MIN_WORDS as usize, 0);
     }
-    Ok(packed)
 }
 
 /// `None` for positions that cannot be traced.

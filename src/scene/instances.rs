@@ -83,11 +83,6 @@ impl SceneInstances {
         self.mesh_users.keys().copied()
     }
 
-    /// Number of objects.
-    pub fn len(&self) -> usize {
-        self.count
-    }
-
     /// No object at all.
     pub fn is_empty(&self) -> bool {
         self.count == 0
@@ -435,7 +430,7 @@ mod tests {
         instances.set(source(c));
         assert_eq!(instances.take_dirty(), [0]);
         assert_eq!(instances.get(0).map(|s| s.entity), Some(c));
-        assert_eq!(instances.len(), 2);
+        assert_eq!(instances.count, 2);
         assert_eq!(instances.meshes().count(), 1);
         instances.remove(b);
         instances.remove(c);

@@ -4,7 +4,7 @@ use super::{
     activity::SceneActivity,
     arena::{Arena, ArenaSlice},
     bvh::{Blas, Bounds, BvhQuality, ITEM_WORDS, Item, MaskSource, TopNode, build_blas},
-    geometry::{GeometryError, PackedMesh, pack_mesh},
+    geometry::{BASE_ALIGNMENT, GeometryError, PackedMesh, pack_mesh},
     instances::SceneInstances,
 };
 use crate::{
@@ -176,7 +176,7 @@ impl SceneMeshes {
         // The first slice begins at 0.
         let root = (tracer == ReflectionTracer::Bvh).then(|| bvh.allocate(ROOT_ITEMS * ITEM_WORDS));
         Self {
-            geometry: Arena::new(device, "glint_geometry", usages, 12, u64::MAX),
+            geometry: Arena::new(device, "glint_geometry", usages, BASE_ALIGNMENT, u64::MAX),
             bvh,
             root: root.flatten(),
             merged: HashMap::default(),
@@ -203,11 +203,6 @@ impl SceneMeshes {
     /// The tracer that meshes are built for.
     pub fn tracer(&self) -> ReflectionTracer {
         self.tracer
-    }
-
-    /// Meshes that are being built.
-    pub fn pending(&self) -> usize {
-        self.pending.len()
     }
 
     fn is_known(&self, id: AssetId<Mesh>) -> bool {

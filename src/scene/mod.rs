@@ -7,6 +7,7 @@ pub mod acceleration;
 mod activity;
 mod alpha_images;
 pub mod arena;
+mod bind_group;
 pub mod bvh;
 pub mod environment;
 pub mod geometry;
@@ -25,7 +26,7 @@ pub mod textures;
 mod top_level;
 pub mod upload;
 
-pub use prepare::SceneBindings;
+pub use bind_group::SceneBindings;
 
 use crate::{device::tracing_app, schedule::ReflectionSystems};
 use activity::{SceneActivity, extract_activity};
@@ -40,12 +41,13 @@ use bevy::{
     },
     shader::load_shader_library,
 };
+use bind_group::prepare_scene_bind_group;
 use environment::{EnvironmentBindings, extract_environments, prepare_environments};
 use instances::{SceneInstances, extract_instances};
 use lights::{ExtractedLights, RectLightsEnabled, detect_rect_lights, extract_lights};
 use materials::{MaterialAssets, MaterialTable, extract_materials, update_materials};
 use meshes::{RenderWorldMeshes, SceneMeshes, extract_meshes, keep_render_world_meshes, upload_meshes};
-use prepare::{prepare_instances, prepare_scene_bind_group, prepare_tables};
+use prepare::{prepare_instances, prepare_tables};
 use textures::{TextureTable, extract_texture_changes, update_textures};
 
 /// Registers the shaders and systems of this folder.

@@ -3,8 +3,6 @@
 
 mod bindings;
 
-pub use bindings::TextureResources;
-
 use bevy::{
     asset::{AssetEvent, AssetId, Assets},
     ecs::{message::MessageReader, prelude::*},

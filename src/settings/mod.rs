@@ -31,7 +31,9 @@ pub use reflections::{
     NotReflected, RayTracedReflections, ReflectionBackend, ReflectionSampling, ReflectionTechnique,
     ReflectionTextureMip, ReflectionTracerChoice,
 };
-pub use shading_rate::{RATE_ACTIVE, RATE_CODE_MASK, ShadingRate};
+pub use shading_rate::ShadingRate;
+#[cfg(feature = "internals")]
+pub use shading_rate::{RATE_ACTIVE, RATE_CODE_MASK};
 pub use view::{ReflectionView, WantsReflections};
 pub use words::UnknownName;
 

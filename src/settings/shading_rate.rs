@@ -9,6 +9,7 @@ use bevy::{
 /// Bits of a texel of the rate image that hold [`ShadingRate::code`].
 pub const RATE_CODE_MASK: u32 = 0xf;
 /// Bit of a texel of the rate image: the tile holds something that reflects. Nothing else of a frame is written in other tiles.
+#[cfg(feature = "internals")]
 pub const RATE_ACTIVE: u32 = 0x100;
 
 /// Size of the blocks of trace pixels that share one ray: width times height.

@@ -11,16 +11,15 @@
 //!
 //! Rows are perceptual roughness, `sqrt(alpha)`, from 0 to 1. Both coordinates put the first and last texel on 0 and 1.
 
-use bevy::asset::RenderAssetUsages;
-use bevy::image::Image;
-use bevy::render::render_resource::{Extent3d, TextureDimension, TextureFormat};
 use core::f32::consts::PI;
 
 /// Texels along each side of the table.
 pub const ALBEDO_TABLE_SIZE: usize = 40;
 /// Lobes up to this alpha are exact mirrors.
+#[cfg(feature = "internals")]
 pub const MIRROR_ALPHA: f32 = 0.001;
 /// Floor of n.v.
+#[cfg(feature = "internals")]
 pub const MIN_VIEW_COSINE: f32 = 1e-4;
 
 /// Points of the quadrature over the polar angle.
@@ -67,23 +66,11 @@ impl DirectionalAlbedo {
     pub fn texels(&self) -> &[[f32; 2]] {
         &self.texels
     }
+}
 
-    /// The table as a texture for `albedo.wesl`. The shader loads and blends texels itself: `Rg32Float` then needs no
-    /// filtering and no sampler, and the weights are not cut to the 8 bits of texture units.
-    pub fn to_image(&self) -> Image {
-        Image::new(
-            Extent3d {
-                width: ALBEDO_TABLE_SIZE as u32,
-                height: ALBEDO_TABLE_SIZE as u32,
-                depth_or_array_layers: 1,
-            },
-            TextureDimension::D2,
-            bytemuck::cast_slice(&self.texels).to_vec(),
-            TextureFormat::Rg32Float,
-            RenderAssetUsages::RENDER_WORLD,
-        )
-    }
-
+/// The shader's twin, for tests.
+#[cfg(feature = "internals")]
+impl DirectionalAlbedo {
     /// `[A, B]` at an alpha and an n.v (both 0 to 1), as `directional_albedo` of `albedo.wesl` finds them.
     pub fn lookup(&self, alpha: f32, n_dot_v: f32) -> [f32; 2] {
         let alpha = if alpha.is_finite() { alpha.clamp(0.0, 1.0) } else { 1.0 };

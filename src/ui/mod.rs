@@ -24,7 +24,7 @@
 //! | `camera.rs` | the settings of a camera as plain data, and those that it keeps while it is off |
 //! | `settings_ui.rs`, `rates_ui.rs` | a row for each setting |
 //! | `widgets.rs` | what rows are made of |
-//! | `tooltips.rs` | what is said of each setting |
+//! | `tooltips.rs` | tooltips from the documentation of settings |
 //! | `timings.rs` | measurements |
 //! | `quality.rs` | the options menu |
 

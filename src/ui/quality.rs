@@ -1,6 +1,6 @@
 //! One word for the options menu of a game.
 
-use super::{camera::CameraSettings, tooltips};
+use super::{camera::CameraSettings, tooltips::Tooltip};
 use crate::settings::{RayTracedReflections, ReflectionPreset, ShadingRateHeuristic, words};
 use bevy::{
     ecs::prelude::*,
@@ -98,13 +98,10 @@ impl ReflectionQuality {
         camera.queue_silenced(move |mut camera: EntityWorldMut| self.apply(&mut camera));
     }
 
-    fn tooltip(self) -> &'static str {
-        match self {
-            Self::Off => "No rays: reflections come from the environment map alone.",
-            Self::Low => tooltips::PRESET_LOW,
-            Self::Medium => tooltips::PRESET_MEDIUM,
-            Self::High => tooltips::PRESET_HIGH,
-            Self::Ultra => tooltips::PRESET_ULTRA,
+    fn tooltip(self) -> Tooltip {
+        match self.preset() {
+            None => Tooltip::value(&self),
+            Some(preset) => Tooltip::value(&preset),
         }
     }
 }
@@ -117,7 +114,7 @@ pub fn quality_menu(ui: &mut Ui, quality: &mut ReflectionQuality) -> Response {
         for choice in ReflectionQuality::ALL {
             let response = ui.selectable_value(quality, choice, choice.label());
             changed |= response.changed();
-            response.on_hover_text(choice.tooltip());
+            choice.tooltip().explain(response, None);
         }
         changed
     });

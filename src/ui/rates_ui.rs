@@ -2,7 +2,7 @@
 
 use super::{
     camera::CameraSettings,
-    tooltips,
+    tooltips::{Tooltip, tooltip},
     widgets::{Choice, Row, choose, field, only_variable, optional_unit, pick, slider, unit},
 };
 use crate::settings::{
@@ -51,15 +51,16 @@ impl Kind {
 pub(super) fn rates(ui: &mut Ui, settings: &mut CameraSettings) {
     let reason = only_variable(settings.reflections.technique);
     let from_code = || Some(FROM_CODE.to_owned());
+    let documented = Tooltip::variant::<ShadingRateHeuristic>;
     let choices = [
-        Choice::new(Kind::Uniform, "Uniform", tooltips::HEURISTIC_UNIFORM),
-        Choice::new(Kind::Roughness, "Roughness", tooltips::HEURISTIC_ROUGHNESS),
-        Choice::new(Kind::Grazing, "Grazing", tooltips::HEURISTIC_GRAZING),
-        Choice::new(Kind::Combined, "Combined", tooltips::HEURISTIC_COMBINED),
-        Choice::new(Kind::Custom, "Shader", tooltips::HEURISTIC_CUSTOM).unless(from_code()),
-        Choice::new(Kind::Image, "Image", tooltips::HEURISTIC_IMAGE).unless(from_code()),
+        Choice::new(Kind::Uniform, "Uniform", documented("Uniform")),
+        Choice::new(Kind::Roughness, "Roughness", documented("Roughness")),
+        Choice::new(Kind::Grazing, "Grazing", documented("Grazing")),
+        Choice::new(Kind::Combined, "Combined", documented("Combined")),
+        Choice::new(Kind::Custom, "Shader", documented("Custom")).unless(from_code()),
+        Choice::new(Kind::Image, "Image", documented("Image")).unless(from_code()),
     ];
-    let row = Row::new("Heuristic", tooltips::HEURISTIC).unless(reason);
+    let row = Row::new("Heuristic", Tooltip::of::<ShadingRateHeuristic>()).unless(reason);
     let default = ShadingRateHeuristic::default();
     field(ui, row, &mut settings.heuristic, default, |ui, heuristic| {
         let kind = Kind::of(heuristic);
@@ -72,9 +73,9 @@ pub(super) fn rates(ui: &mut Ui, settings: &mut CameraSettings) {
     });
     match &mut settings.heuristic {
         ShadingRateHeuristic::Uniform(rate) => {
-            let row = Row::new("Rate", tooltips::HEURISTIC_UNIFORM).unless(reason);
+            let row = Row::new("Rate", documented("Uniform")).unless(reason);
             field(ui, row, rate, ShadingRate::default(), |ui, rate| {
-                pick(ui, rate, &all_rates(tooltips::HEURISTIC_UNIFORM))
+                pick(ui, rate, &all_rates(documented("Uniform")))
             });
         }
         ShadingRateHeuristic::Roughness(thresholds) => roughness(ui, thresholds, reason),
@@ -83,10 +84,10 @@ pub(super) fn rates(ui: &mut Ui, settings: &mut CameraSettings) {
         ShadingRateHeuristic::Custom(_) | ShadingRateHeuristic::Image(_) => {}
     }
     let tiles = [
-        Choice::new(ShadingRateTileSize::Tiles16, "16x16", tooltips::TILE_SIZE_16),
-        Choice::new(ShadingRateTileSize::Tiles8, "8x8", tooltips::TILE_SIZE_8),
+        Choice::variant(ShadingRateTileSize::Tiles16, "16x16"),
+        Choice::variant(ShadingRateTileSize::Tiles8, "8x8"),
     ];
-    let row = Row::new("Size of tiles", tooltips::TILE_SIZE).unless(reason);
+    let row = Row::new("Size of tiles", Tooltip::of::<ShadingRateTileSize>()).unless(reason);
     field(
         ui,
         row,
@@ -96,7 +97,7 @@ pub(super) fn rates(ui: &mut Ui, settings: &mut CameraSettings) {
     );
 }
 
-fn all_rates(tooltip: &'static str) -> [Choice<ShadingRate>; 9] {
+fn all_rates(tooltip: Tooltip) -> [Choice<ShadingRate>; 9] {
     ShadingRate::ALL.map(|rate| Choice::new(rate, rate.to_string(), tooltip))
 }
 
@@ -105,19 +106,19 @@ fn roughness(ui: &mut Ui, thresholds: &mut RoughnessThresholds, reason: Option<&
     let row = |label, tooltip| Row::new(label, tooltip).unless(reason);
     unit(
         ui,
-        row("Half rate from", tooltips::ROUGHNESS_HALF),
+        row("Half rate from", tooltip!(RoughnessThresholds.half)),
         &mut thresholds.half,
         default.half,
     );
     unit(
         ui,
-        row("Quarter rate from", tooltips::ROUGHNESS_QUARTER),
+        row("Quarter rate from", tooltip!(RoughnessThresholds.quarter)),
         &mut thresholds.quarter,
         default.quarter,
     );
     optional_unit(
         ui,
-        row("Mirror guard", tooltips::ROUGHNESS_MIN_ROUGHNESS),
+        row("Mirror guard", tooltip!(RoughnessThresholds.min_roughness)),
         &mut thresholds.min_roughness,
         default.min_roughness,
     );
@@ -128,19 +129,19 @@ fn grazing(ui: &mut Ui, thresholds: &mut GrazingThresholds, reason: Option<&str>
     let row = |label, tooltip| Row::new(label, tooltip).unless(reason);
     unit(
         ui,
-        row("Half rate from", tooltips::GRAZING_HALF),
+        row("Half rate from", tooltip!(GrazingThresholds.half)),
         &mut thresholds.half,
         default.half,
     );
     unit(
         ui,
-        row("Quarter rate from", tooltips::GRAZING_QUARTER),
+        row("Quarter rate from", tooltip!(GrazingThresholds.quarter)),
         &mut thresholds.quarter,
         default.quarter,
     );
     optional_unit(
         ui,
-        row("Mirror guard", tooltips::GRAZING_MIN_ROUGHNESS),
+        row("Mirror guard", tooltip!(GrazingThresholds.min_roughness)),
         &mut thresholds.min_roughness,
         default.min_roughness,
     );
@@ -151,40 +152,40 @@ fn combined(ui: &mut Ui, thresholds: &mut CombinedThresholds, reason: Option<&st
     let row = |label, tooltip| Row::new(label, tooltip).unless(reason);
     unit(
         ui,
-        row("Half rate from", tooltips::COMBINED_HALF),
+        row("Half rate from", tooltip!(CombinedThresholds.half)),
         &mut thresholds.half,
         default.half,
     );
     unit(
         ui,
-        row("Quarter rate from", tooltips::COMBINED_QUARTER),
+        row("Quarter rate from", tooltip!(CombinedThresholds.quarter)),
         &mut thresholds.quarter,
         default.quarter,
     );
     unit(
         ui,
-        row("Eighth rate from", tooltips::COMBINED_EIGHTH),
+        row("Eighth rate from", tooltip!(CombinedThresholds.eighth)),
         &mut thresholds.eighth,
         default.eighth,
     );
     optional_unit(
         ui,
-        row("Mirror guard", tooltips::COMBINED_MIN_ROUGHNESS),
+        row("Mirror guard", tooltip!(CombinedThresholds.min_roughness)),
         &mut thresholds.min_roughness,
         default.min_roughness,
     );
     unit(
         ui,
-        row("Faint below", tooltips::COMBINED_VISIBILITY_THRESHOLD),
+        row("Faint below", tooltip!(CombinedThresholds.visibility_threshold)),
         &mut thresholds.visibility_threshold,
         default.visibility_threshold,
     );
-    let edge = row("Edge above", tooltips::COMBINED_EDGE);
+    let edge = row("Edge above", tooltip!(CombinedThresholds.edge));
     field(ui, edge, &mut thresholds.edge, default.edge, |ui, value| {
         slider(ui, value, 0.0..=1.6, |slider| slider)
     });
-    let coarsest = row("Coarsest rate", tooltips::COMBINED_COARSEST);
+    let coarsest = row("Coarsest rate", tooltip!(CombinedThresholds.coarsest));
     field(ui, coarsest, &mut thresholds.coarsest, default.coarsest, |ui, value| {
-        pick(ui, value, &all_rates(tooltips::COMBINED_COARSEST))
+        pick(ui, value, &all_rates(tooltip!(CombinedThresholds.coarsest)))
     });
 }

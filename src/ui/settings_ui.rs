@@ -3,7 +3,7 @@
 use super::{
     camera::CameraSettings,
     rates_ui::rates,
-    tooltips,
+    tooltips::{Tooltip, tooltip},
     widgets::{Choice, Row, choose, field, flag, only_variable, pick, section, slider, unit},
 };
 use crate::{
@@ -11,6 +11,7 @@ use crate::{
     settings::{
         PAPER_LEVEL, RayTracedReflections, ReflectionBackend, ReflectionDebugSplit, ReflectionDebugView,
         ReflectionDenoiser, ReflectionPreset, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip,
+        ReflectionTracerChoice,
     },
     status::ReflectionStatusReport,
 };
@@ -72,9 +73,11 @@ pub fn camera_settings_ui(ui: &mut Ui, settings: &mut CameraSettings, report: &R
             section(ui, "Denoiser", true, |ui| {
                 let converged = settings.reflections.technique == ReflectionTechnique::Converged;
                 denoiser(ui, &mut settings.reflections.denoiser, converged.then_some(NO_DENOISER));
-                if ui.button("Forget history").on_hover_text(tooltips::RESET).clicked() {
+                let button = ui.button("Forget history");
+                if button.clicked() {
                     settings.reflections.reset = true;
                 }
+                tooltip!(RayTracedReflections.reset).explain(button, None);
             });
             section(ui, "Debug view", false, |ui| debug(ui, settings));
         });
@@ -83,11 +86,11 @@ pub fn camera_settings_ui(ui: &mut Ui, settings: &mut CameraSettings, report: &R
 
 fn presets(ui: &mut Ui, settings: &mut CameraSettings) {
     let choices = [
-        Choice::new(ReflectionPreset::Paper, "Paper", tooltips::PRESET_PAPER),
-        Choice::new(ReflectionPreset::Low, "Low", tooltips::PRESET_LOW),
-        Choice::new(ReflectionPreset::Medium, "Medium", tooltips::PRESET_MEDIUM),
-        Choice::new(ReflectionPreset::High, "High", tooltips::PRESET_HIGH),
-        Choice::new(ReflectionPreset::Ultra, "Ultra", tooltips::PRESET_ULTRA),
+        Choice::variant(ReflectionPreset::Paper, "Paper"),
+        Choice::variant(ReflectionPreset::Low, "Low"),
+        Choice::variant(ReflectionPreset::Medium, "Medium"),
+        Choice::variant(ReflectionPreset::High, "High"),
+        Choice::variant(ReflectionPreset::Ultra, "Ultra"),
     ];
     let before = settings.preset();
     let mut preset = before;
@@ -111,89 +114,104 @@ fn rays(
     report: &ReflectionStatusReport,
     active: Option<ReflectionBackend>,
 ) {
+    technique(ui, settings);
+    backend(ui, settings, report, active);
+    tracer(ui, report);
+    sampling(ui, settings);
+    reach(ui, settings);
+}
+
+fn technique(ui: &mut Ui, settings: &mut RayTracedReflections) {
     let default = RayTracedReflections::default();
     let techniques = [
-        Choice::new(
-            ReflectionTechnique::Reference,
-            "Reference",
-            tooltips::TECHNIQUE_REFERENCE,
-        ),
-        Choice::new(ReflectionTechnique::Quarter, "Quarter", tooltips::TECHNIQUE_QUARTER),
-        Choice::new(
-            ReflectionTechnique::QuarterInline,
-            "Quarter, inline",
-            tooltips::TECHNIQUE_QUARTER_INLINE,
-        ),
-        Choice::new(ReflectionTechnique::Variable, "Variable", tooltips::TECHNIQUE_VARIABLE),
-        Choice::new(
-            ReflectionTechnique::Converged,
-            "Converged",
-            tooltips::TECHNIQUE_CONVERGED,
-        ),
+        Choice::variant(ReflectionTechnique::Reference, "Reference"),
+        Choice::variant(ReflectionTechnique::Quarter, "Quarter"),
+        Choice::variant(ReflectionTechnique::QuarterInline, "Quarter, inline"),
+        Choice::variant(ReflectionTechnique::Variable, "Variable"),
+        Choice::variant(ReflectionTechnique::Converged, "Converged"),
     ];
-    let row = Row::new("Technique", tooltips::TECHNIQUE);
+    let row = Row::new("Technique", tooltip!(RayTracedReflections.technique));
     field(ui, row, &mut settings.technique, default.technique, |ui, value| {
         pick(ui, value, &techniques)
     });
-    let technique = settings.technique;
+}
 
+fn backend(
+    ui: &mut Ui,
+    settings: &mut RayTracedReflections,
+    report: &ReflectionStatusReport,
+    active: Option<ReflectionBackend>,
+) {
+    let default = RayTracedReflections::default();
     let backends = [
-        Choice::new(ReflectionBackend::Auto, "Automatic", tooltips::BACKEND_AUTO),
-        Choice::new(ReflectionBackend::Compute, "Compute", tooltips::BACKEND_COMPUTE),
-        Choice::new(ReflectionBackend::HardwareVrs, "Hardware", tooltips::BACKEND_HARDWARE)
-            .unless(why_no_hardware(report)),
+        Choice::variant(ReflectionBackend::Auto, "Automatic"),
+        Choice::variant(ReflectionBackend::Compute, "Compute"),
+        Choice::variant(ReflectionBackend::HardwareVrs, "Hardware").unless(why_no_hardware(report)),
     ];
-    let row = Row::new("Back end", tooltips::BACKEND).unless(only_variable(technique));
+    let row = Row::new("Back end", tooltip!(RayTracedReflections.backend)).unless(only_variable(settings.technique));
     field(ui, row, &mut settings.backend, default.backend, |ui, value| {
         pick(ui, value, &backends)
     });
     if settings.backend == ReflectionBackend::HardwareVrs && active == Some(ReflectionBackend::Compute) {
         ui.weak("Compute is active at present.");
     }
+}
 
+/// The tracer, which can be seen but not changed.
+fn tracer(ui: &mut Ui, report: &ReflectionStatusReport) {
     let tracers = [
-        Choice::new(ReflectionTracer::RayQuery, "Ray queries", tooltips::TRACER),
-        Choice::new(ReflectionTracer::Bvh, "BVH", tooltips::TRACER),
+        Choice::new(
+            ReflectionTracer::RayQuery,
+            "Ray queries",
+            Tooltip::of::<ReflectionTracerChoice>(),
+        ),
+        Choice::new(ReflectionTracer::Bvh, "BVH", Tooltip::of::<ReflectionTracerChoice>()),
     ];
     let mut tracer = report.tracer;
-    let row = Row::new("Tracer", tooltips::TRACER).unless(Some(FIXED_TRACER));
+    let row = Row::new("Tracer", Tooltip::of::<ReflectionTracerChoice>()).unless(Some(FIXED_TRACER));
     field(ui, row, &mut tracer, report.tracer, |ui, tracer| {
         choose(ui, *tracer, "none", &tracers).0
     });
+}
 
+fn sampling(ui: &mut Ui, settings: &mut RayTracedReflections) {
+    let default = RayTracedReflections::default();
     let samplings = [
-        Choice::new(
-            ReflectionSampling::BlueNoise,
-            "Blue noise",
-            tooltips::SAMPLING_BLUE_NOISE,
-        ),
-        Choice::new(ReflectionSampling::Halton, "Halton", tooltips::SAMPLING_HALTON),
+        Choice::variant(ReflectionSampling::BlueNoise, "Blue noise"),
+        Choice::variant(ReflectionSampling::Halton, "Halton"),
     ];
-    let row = Row::new("Sampling", tooltips::SAMPLING);
+    let row = Row::new("Sampling", tooltip!(RayTracedReflections.sampling));
     field(ui, row, &mut settings.sampling, default.sampling, |ui, value| {
         pick(ui, value, &samplings)
     });
+}
 
-    let row = Row::new("Full-size mirrors", tooltips::FULL_RESOLUTION_MIRRORS);
+/// The surfaces that rays start from, how far they go, and what they read there.
+fn reach(ui: &mut Ui, settings: &mut RayTracedReflections) {
+    let default = RayTracedReflections::default();
+    let row = Row::new(
+        "Full-size mirrors",
+        tooltip!(RayTracedReflections.full_resolution_mirrors),
+    );
     flag(
         ui,
-        row.unless((technique.trace_scale() == 1).then_some(NO_MIRRORS)),
+        row.unless((settings.technique.trace_scale() == 1).then_some(NO_MIRRORS)),
         &mut settings.full_resolution_mirrors,
         default.full_resolution_mirrors,
     );
     unit(
         ui,
-        Row::new("Roughness cut-off", tooltips::ROUGHNESS_CUTOFF),
+        Row::new("Roughness cut-off", tooltip!(RayTracedReflections.roughness_cutoff)),
         &mut settings.roughness_cutoff,
         default.roughness_cutoff,
     );
     unit(
         ui,
-        Row::new("Roughness fade", tooltips::ROUGHNESS_FADE),
+        Row::new("Roughness fade", tooltip!(RayTracedReflections.roughness_fade)),
         &mut settings.roughness_fade,
         default.roughness_fade,
     );
-    let row = Row::new("Length of rays", tooltips::MAX_RAY_LENGTH);
+    let row = Row::new("Length of rays", tooltip!(RayTracedReflections.max_ray_length));
     field(
         ui,
         row,
@@ -207,7 +225,7 @@ fn rays(
     );
     flag(
         ui,
-        Row::new("Shadow rays", tooltips::SHADOW_RAYS),
+        Row::new("Shadow rays", tooltip!(RayTracedReflections.shadow_rays)),
         &mut settings.shadow_rays,
         default.shadow_rays,
     );
@@ -216,10 +234,10 @@ fn rays(
 
 fn texture_mip(ui: &mut Ui, mip: &mut ReflectionTextureMip) {
     let choices = [
-        Choice::new(false, "Ray cone", tooltips::MIP_RAY_CONE),
-        Choice::new(true, "Fixed level", tooltips::MIP_FIXED),
+        Choice::new(false, "Ray cone", Tooltip::variant::<ReflectionTextureMip>("RayCone")),
+        Choice::new(true, "Fixed level", Tooltip::variant::<ReflectionTextureMip>("Fixed")),
     ];
-    let row = Row::new("Texture level", tooltips::TEXTURE_MIP);
+    let row = Row::new("Texture level", tooltip!(RayTracedReflections.texture_mip));
     field(ui, row, mip, ReflectionTextureMip::default(), |ui, mip| {
         let fixed = matches!(mip, ReflectionTextureMip::Fixed(_));
         let (response, chosen) = choose(ui, Some(fixed), "", &choices);
@@ -231,7 +249,7 @@ fn texture_mip(ui: &mut Ui, mip: &mut ReflectionTextureMip) {
         response
     });
     if let ReflectionTextureMip::Fixed(level) = mip {
-        let row = Row::new("Level", tooltips::MIP_FIXED);
+        let row = Row::new("Level", Tooltip::variant::<ReflectionTextureMip>("Fixed"));
         field(ui, row, level, PAPER_LEVEL, |ui, level| {
             slider(ui, level, 0.0..=12.0, |slider| slider)
         });
@@ -241,19 +259,19 @@ fn texture_mip(ui: &mut Ui, mip: &mut ReflectionTextureMip) {
 fn denoiser(ui: &mut Ui, denoiser: &mut ReflectionDenoiser, reason: Option<&str>) {
     let default = ReflectionDenoiser::default();
     let row = |label, tooltip| Row::new(label, tooltip).unless(reason);
-    let samples = row("Samples", tooltips::DENOISER_SAMPLES);
+    let samples = row("Samples", tooltip!(ReflectionDenoiser.samples));
     field(ui, samples, &mut denoiser.samples, default.samples, |ui, value| {
         slider(ui, value, 1..=16, |slider| slider)
     });
     flag(
         ui,
-        row("Temporal", tooltips::DENOISER_TEMPORAL),
+        row("Temporal", tooltip!(ReflectionDenoiser.temporal)),
         &mut denoiser.temporal,
         default.temporal,
     );
     let only_temporal = reason.or((!denoiser.temporal).then_some(ONLY_TEMPORAL));
     let temporal = |label, tooltip| Row::new(label, tooltip).unless(only_temporal);
-    let history = temporal("History", tooltips::DENOISER_MAX_HISTORY);
+    let history = temporal("History", tooltip!(ReflectionDenoiser.max_history));
     field(
         ui,
         history,
@@ -267,36 +285,38 @@ fn denoiser(ui: &mut Ui, denoiser: &mut ReflectionDenoiser, reason: Option<&str>
     );
     flag(
         ui,
-        temporal("Virtual history", tooltips::DENOISER_VIRTUAL_HISTORY),
+        temporal("Virtual history", tooltip!(ReflectionDenoiser.virtual_history)),
         &mut denoiser.virtual_history,
         default.virtual_history,
     );
-    let clip = temporal("Clipping", tooltips::DENOISER_CLIP_SIGMA);
+    let clip = temporal("Clipping", tooltip!(ReflectionDenoiser.clip_sigma));
     field(ui, clip, &mut denoiser.clip_sigma, default.clip_sigma, |ui, value| {
         slider(ui, value, 0.5..=10.0, |slider| slider)
     });
     flag(
         ui,
-        row("Suppress fireflies", tooltips::DENOISER_SUPPRESS_FIREFLIES),
+        row("Suppress fireflies", tooltip!(ReflectionDenoiser.suppress_fireflies)),
         &mut denoiser.suppress_fireflies,
         default.suppress_fireflies,
     );
     flag(
         ui,
-        temporal("Converge static views", tooltips::DENOISER_CONVERGE_STATIC_VIEWS),
+        temporal(
+            "Converge static views",
+            tooltip!(ReflectionDenoiser.converge_static_views),
+        ),
         &mut denoiser.converge_static_views,
         default.converge_static_views,
     );
-    let blur = row("Blur", tooltips::DENOISER_BLUR_RADIUS);
+    let blur = row("Blur", tooltip!(ReflectionDenoiser.blur_radius));
     field(ui, blur, &mut denoiser.blur_radius, default.blur_radius, |ui, value| {
         slider(ui, value, 0.0..=8.0, |slider| slider.suffix(" px"))
     });
 }
 
 fn debug(ui: &mut Ui, settings: &mut CameraSettings) {
-    let views =
-        ReflectionDebugView::ALL.map(|view| Choice::new(view, view.name().replace('-', " "), debug_tooltip(view)));
-    let row = Row::new("View", "What the camera shows instead of its picture.");
+    let views = ReflectionDebugView::ALL.map(|view| Choice::variant(view, view.name().replace('-', " ")));
+    let row = Row::new("View", "Debug view that the camera shows instead of its picture.");
     field(
         ui,
         row,
@@ -305,7 +325,12 @@ fn debug(ui: &mut Ui, settings: &mut CameraSettings) {
         |ui, view| pick(ui, view, &views),
     );
     let mut divided = settings.debug_split.is_some();
-    flag(ui, Row::new("Divided", tooltips::SPLIT), &mut divided, false);
+    flag(
+        ui,
+        Row::new("Divided", Tooltip::of::<ReflectionDebugSplit>()),
+        &mut divided,
+        false,
+    );
     if divided != settings.debug_split.is_some() {
         settings.debug_split = divided.then(ReflectionDebugSplit::default);
     }
@@ -313,30 +338,13 @@ fn debug(ui: &mut Ui, settings: &mut CameraSettings) {
         let default = ReflectionDebugSplit::default();
         unit(
             ui,
-            Row::new("Line at", tooltips::SPLIT_POSITION),
+            Row::new("Line at", tooltip!(ReflectionDebugSplit.position)),
             &mut split.position,
             default.position,
         );
-        let row = Row::new("Left of the line", tooltips::SPLIT_LEFT);
+        let row = Row::new("Left of the line", tooltip!(ReflectionDebugSplit.left));
         field(ui, row, &mut split.left, default.left, |ui, view| {
             pick(ui, view, &views)
         });
-    }
-}
-
-fn debug_tooltip(view: ReflectionDebugView) -> &'static str {
-    match view {
-        ReflectionDebugView::Off => tooltips::DEBUG_OFF,
-        ReflectionDebugView::Reflection => tooltips::DEBUG_REFLECTION,
-        ReflectionDebugView::ShadingRates => tooltips::DEBUG_SHADING_RATES,
-        ReflectionDebugView::RaysPerPixel => tooltips::DEBUG_RAYS_PER_PIXEL,
-        ReflectionDebugView::RawRays => tooltips::DEBUG_RAW_RAYS,
-        ReflectionDebugView::HitDistance => tooltips::DEBUG_HIT_DISTANCE,
-        ReflectionDebugView::Reconstructed => tooltips::DEBUG_RECONSTRUCTED,
-        ReflectionDebugView::HistoryLength => tooltips::DEBUG_HISTORY_LENGTH,
-        ReflectionDebugView::Variance => tooltips::DEBUG_VARIANCE,
-        ReflectionDebugView::RayWeight => tooltips::DEBUG_RAY_WEIGHT,
-        ReflectionDebugView::Rejected => tooltips::DEBUG_REJECTED,
-        ReflectionDebugView::NonFinite => tooltips::DEBUG_NON_FINITE,
     }
 }

@@ -1,6 +1,8 @@
 //! Rows of the panel: a button that resets, a label, and a control.
 
+use super::tooltips::Tooltip;
 use crate::settings::ReflectionTechnique;
+use bevy::reflect::{Typed, enums::Enum};
 use bevy_egui::egui::{
     Align, Button, Checkbox, CollapsingHeader, ComboBox, Layout, Response, Slider, SliderClamping, Ui, UiBuilder,
     emath::Numeric, vec2,
@@ -20,16 +22,16 @@ pub(super) fn only_variable(technique: ReflectionTechnique) -> Option<&'static s
 #[derive(Clone, Copy)]
 pub(super) struct Row<'a> {
     label: &'a str,
-    tooltip: &'a str,
+    tooltip: Tooltip,
     /// Why it can't be changed now.
     disabled: Option<&'a str>,
 }
 
 impl<'a> Row<'a> {
-    pub(super) fn new(label: &'a str, tooltip: &'a str) -> Self {
+    pub(super) fn new(label: &'a str, tooltip: impl Into<Tooltip>) -> Self {
         Self {
             label,
-            tooltip,
+            tooltip: tooltip.into(),
             disabled: None,
         }
     }
@@ -43,10 +45,7 @@ impl<'a> Row<'a> {
     }
 
     fn explain(self, response: Response) {
-        let response = response.on_hover_text(self.tooltip);
-        if let Some(reason) = self.disabled {
-            response.on_disabled_hover_text(format!("{reason}\n\n{}", self.tooltip));
-        }
+        self.tooltip.explain(response, self.disabled);
     }
 }
 
@@ -98,17 +97,17 @@ pub(super) fn section(ui: &mut Ui, title: &str, open: bool, contents: impl FnOnc
 pub(super) struct Choice<T> {
     value: T,
     label: String,
-    tooltip: &'static str,
+    tooltip: Tooltip,
     /// Why it can't be chosen.
     disabled: Option<String>,
 }
 
 impl<T> Choice<T> {
-    pub(super) fn new(value: T, label: impl Into<String>, tooltip: &'static str) -> Self {
+    pub(super) fn new(value: T, label: impl Into<String>, tooltip: impl Into<Tooltip>) -> Self {
         Self {
             value,
             label: label.into(),
-            tooltip,
+            tooltip: tooltip.into(),
             disabled: None,
         }
     }
@@ -119,6 +118,14 @@ impl<T> Choice<T> {
             disabled: reason,
             ..self
         }
+    }
+}
+
+impl<T: Typed + Enum> Choice<T> {
+    /// A variant with its documentation.
+    pub(super) fn variant(value: T, label: impl Into<String>) -> Self {
+        let tooltip = Tooltip::value(&value);
+        Self::new(value, label, tooltip)
     }
 }
 
@@ -141,10 +148,7 @@ pub(super) fn choose<T: Copy + PartialEq>(
                 if entry.clicked() {
                     chosen = Some(choice.value);
                 }
-                let entry = entry.on_hover_text(choice.tooltip);
-                if let Some(reason) = &choice.disabled {
-                    entry.on_disabled_hover_text(format!("{reason}\n\n{}", choice.tooltip));
-                }
+                choice.tooltip.explain(entry, choice.disabled.as_deref());
             }
         })
         .response;

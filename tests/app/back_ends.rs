@@ -262,7 +262,7 @@ fn techniques_agree_at_the_full_rate() {
     }
 }
 
-/// Where the hardware back end can't be used, compute takes its place and the status says why.
+/// If the hardware back end can't be used, compute takes its place and the status says why.
 #[test]
 fn compute_takes_the_place_of_missing_hardware() {
     let Some(mut app) = app(ReflectionTracerChoice::Auto, |_| {}) else {
@@ -401,7 +401,7 @@ fn hardware_rates_start_the_rays_of_the_list() {
             eighth: 0.4,
             ..default()
         });
-        // Those that the device lacks are replaced by finer ones.
+        // Rates that the device lacks are replaced by finer ones.
         let uniform = ShadingRate::ALL.into_iter().filter(|rate| supports(*rate));
         let heuristics = [first, ShadingRateHeuristic::PAPER_GRAZING, combined];
         for heuristic in heuristics.into_iter().chain(uniform.map(ShadingRateHeuristic::Uniform)) {

@@ -10,7 +10,7 @@ use glint_scenes::{HeadlessApp, Output, SceneName, SceneOptions};
 use std::sync::OnceLock;
 
 const SIZE: UVec2 = UVec2::new(240, 135);
-/// Of the scene whose hits take long to shade.
+/// Size for the scene whose hits take long to shade.
 const LIT_SIZE: UVec2 = UVec2::new(160, 90);
 /// By how much the mean of a still picture may differ from that of the truth, relative to it. The paper's recipe goes on clipping
 /// history where nothing moves.
@@ -31,7 +31,7 @@ const TECHNIQUES: [&str; 8] = [
     "paper",
     "ultra",
 ];
-/// Those that read textures as the truth does.
+/// Techniques that read textures as the ground truth does.
 const LIT_TECHNIQUES: [&str; 3] = ["reference", "quarter", "vrs-combined"];
 
 /// Switches to a technique without a cut-off and with its history empty.
@@ -111,7 +111,7 @@ fn compare_with_truth(name: SceneName, size: UVec2, techniques: &[&str]) -> Vec<
         app.step(1);
         let (first, _) = errors(truth, &capture(&mut app, technique));
         app.step(FRAMES - 1);
-        // Of a few frames, since no single one is free of noise.
+        // Mean of a few frames, since no single one is free of noise.
         let (mut last, mut bias) = (0.0, 0.0);
         for _ in 0..4 {
             app.step(1);

@@ -1,4 +1,4 @@
-//! What debug views and counters show of scenes that are known.
+//! Debug views and counters of known scenes.
 
 use crate::{
     common::app_with,

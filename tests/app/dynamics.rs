@@ -136,6 +136,70 @@ fn entities_that_change_are_followed() {
     }
 }
 
+/// A cube gets a texture, whose texels change; at last it is green and has none.
+fn expect_changes_of_a_texture(app: &mut HeadlessApp, subject: Entity) {
+    let texels = |color: [u8; 3]| [color[0], color[1], color[2], 255].repeat(16);
+    let extent = Extent3d {
+        width: 4,
+        height: 4,
+        depth_or_array_layers: 1,
+    };
+    let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
+    let image = Image::new(extent, TextureDimension::D2, texels(BLUE), format, usage);
+    let image = app.world().resource_mut::<Assets<Image>>().add(image);
+    edit_material(app, subject, |material| {
+        material.base_color = Color::WHITE;
+        material.base_color_texture = Some(image.clone());
+    });
+    expect(app, "textured", BLUE, [true, false]);
+    app.world()
+        .resource_mut::<Assets<Image>>()
+        .get_mut(&image)
+        .unwrap()
+        .data = Some(texels(RED));
+    expect(app, "texels changed", RED, [true, false]);
+    expect(app, "the old texels are gone", BLUE, [false, false]);
+    edit_material(app, subject, |material| *material = unlit(GREEN));
+    expect(app, "texture removed", GREEN, [true, false]);
+}
+
+/// The mesh of a green cube, which has so many pixels, is edited, removed, replaced and taken from the render world.
+fn expect_changes_of_a_mesh(app: &mut HeadlessApp, subject: Entity, size: usize) {
+    let mesh = app.world().get::<Mesh3d>(subject).unwrap().0.clone();
+    *app.world().resource_mut::<Assets<Mesh>>().get_mut(&mesh).unwrap() = cube(1.0);
+    let small = expect(app, "mesh changed", GREEN, [true, false]);
+    assert!(
+        small * 5 < size * 2,
+        "{small} pixels after the cube was halved, {size} before"
+    );
+    let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
+    meshes.remove(&mesh);
+    meshes.insert(mesh.id(), cube(2.0)).unwrap();
+    let replaced = expect(app, "another mesh under the same id", GREEN, [true, false]);
+    assert!(
+        replaced.abs_diff(size) * 10 < size,
+        "{replaced} pixels after the mesh was removed and inserted, {size} before"
+    );
+    let other = app.world().resource_mut::<Assets<Mesh>>().add(cube(2.0));
+    app.world().entity_mut(subject).insert(Mesh3d(other));
+    let large = expect(app, "another mesh", GREEN, [true, false]);
+    assert!(
+        large.abs_diff(size) * 10 < size,
+        "{large} pixels with another large cube, {size} with the first"
+    );
+
+    // Data that the render world alone had are replaced by data of the main world.
+    let mut mesh = cube(2.0);
+    mesh.asset_usage = RenderAssetUsages::RENDER_WORLD;
+    let mesh = app.world().resource_mut::<Assets<Mesh>>().add(mesh);
+    app.world().entity_mut(subject).insert(Mesh3d(mesh.clone()));
+    expect(app, "a mesh of the render world", GREEN, [true, false]);
+    let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
+    meshes.insert(mesh.id(), cube(1.0)).unwrap();
+    let small = expect(app, "its data are back in the main world", GREEN, [true, false]);
+    assert!(small * 5 < size * 2, "{small} pixels with half the cube, {size} before");
+}
+
 #[test]
 fn assets_that_change_are_followed() {
     for tracer in BOTH {
@@ -153,64 +217,8 @@ fn assets_that_change_are_followed() {
         expect(&mut app, "recoloured", GREEN, [true, false]);
         expect(&mut app, "the old colour is gone", RED, [false, false]);
 
-        let texels = |color: [u8; 3]| [color[0], color[1], color[2], 255].repeat(16);
-        let extent = Extent3d {
-            width: 4,
-            height: 4,
-            depth_or_array_layers: 1,
-        };
-        let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
-        let image = Image::new(extent, TextureDimension::D2, texels(BLUE), format, usage);
-        let image = app.world().resource_mut::<Assets<Image>>().add(image);
-        edit_material(&mut app, subject, |material| {
-            material.base_color = Color::WHITE;
-            material.base_color_texture = Some(image.clone());
-        });
-        expect(&mut app, "textured", BLUE, [true, false]);
-        app.world()
-            .resource_mut::<Assets<Image>>()
-            .get_mut(&image)
-            .unwrap()
-            .data = Some(texels(RED));
-        expect(&mut app, "texels changed", RED, [true, false]);
-        expect(&mut app, "the old texels are gone", BLUE, [false, false]);
-        edit_material(&mut app, subject, |material| *material = unlit(GREEN));
-        expect(&mut app, "texture removed", GREEN, [true, false]);
-
-        let mesh = app.world().get::<Mesh3d>(subject).unwrap().0.clone();
-        *app.world().resource_mut::<Assets<Mesh>>().get_mut(&mesh).unwrap() = cube(1.0);
-        let small = expect(&mut app, "mesh changed", GREEN, [true, false]);
-        assert!(
-            small * 5 < size * 2,
-            "{small} pixels after the cube was halved, {size} before"
-        );
-        let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
-        meshes.remove(&mesh);
-        meshes.insert(mesh.id(), cube(2.0)).unwrap();
-        let replaced = expect(&mut app, "another mesh under the same id", GREEN, [true, false]);
-        assert!(
-            replaced.abs_diff(size) * 10 < size,
-            "{replaced} pixels after the mesh was removed and inserted, {size} before"
-        );
-        let other = app.world().resource_mut::<Assets<Mesh>>().add(cube(2.0));
-        app.world().entity_mut(subject).insert(Mesh3d(other));
-        let large = expect(&mut app, "another mesh", GREEN, [true, false]);
-        assert!(
-            large.abs_diff(size) * 10 < size,
-            "{large} pixels with another large cube, {size} with the first"
-        );
-
-        // Data that the render world alone had are replaced by data of the main world.
-        let mut mesh = cube(2.0);
-        mesh.asset_usage = RenderAssetUsages::RENDER_WORLD;
-        let mesh = app.world().resource_mut::<Assets<Mesh>>().add(mesh);
-        app.world().entity_mut(subject).insert(Mesh3d(mesh.clone()));
-        expect(&mut app, "a mesh of the render world", GREEN, [true, false]);
-        let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
-        meshes.insert(mesh.id(), cube(1.0)).unwrap();
-        let small = expect(&mut app, "its data are back in the main world", GREEN, [true, false]);
-        assert!(small * 5 < size * 2, "{small} pixels with half the cube, {size} before");
-
+        expect_changes_of_a_texture(&mut app, subject);
+        expect_changes_of_a_mesh(&mut app, subject, size);
         let blue = app.world().resource_mut::<Assets<StandardMaterial>>().add(unlit(BLUE));
         app.world().entity_mut(subject).insert(MeshMaterial3d(blue));
         expect(&mut app, "another material", BLUE, [true, false]);
@@ -351,6 +359,38 @@ fn without_a_camera_that_reflects_the_scene_is_freed() {
     }
 }
 
+/// A viewport of half the width.
+fn half_viewport(x: u32) -> Option<Viewport> {
+    Some(Viewport {
+        physical_position: UVec2::new(x, 0),
+        physical_size: UVec2::new(SIZE.x / 2, SIZE.y),
+        ..default()
+    })
+}
+
+/// Cameras in the left half, in the right half, and in a target of their size, all in the same place.
+fn spawn_cameras(app: &mut HeadlessApp, name: SceneName, whole: &Handle<Image>) -> [Entity; 3] {
+    let targets = [
+        (app.target(), half_viewport(0), 0),
+        (app.target(), half_viewport(SIZE.x / 2), 1),
+        (RenderTarget::from(whole.clone()), None, 2),
+    ];
+    let environment = environment(name, app.world());
+    let [left, right, alone] = targets.map(|(target, viewport, order)| {
+        let (transform, projection) = glint_scenes::camera(name);
+        let camera = Camera {
+            viewport,
+            order,
+            ..default()
+        };
+        let entity = app.spawn_camera((transform, Projection::from(projection), camera, target));
+        environment.clone().insert(&mut app.world().entity_mut(entity));
+        entity
+    });
+    app.world().get_mut::<Camera>(right).unwrap().clear_color = ClearColorConfig::None;
+    [left, right, alone]
+}
+
 #[test]
 fn a_viewport_shows_what_a_target_of_its_size_shows() {
     let half = UVec2::new(SIZE.x / 2, SIZE.y);
@@ -363,31 +403,7 @@ fn a_viewport_shows_what_a_target_of_its_size_shows() {
         let mut image = Image::new_target_texture(half.x, half.y, TextureFormat::Rgba8UnormSrgb, None);
         image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
         let whole = app.world().resource_mut::<Assets<Image>>().add(image);
-        let viewport = |x| {
-            Some(Viewport {
-                physical_position: UVec2::new(x, 0),
-                physical_size: half,
-                ..default()
-            })
-        };
-        let targets = [
-            (app.target(), viewport(0), 0),
-            (app.target(), viewport(half.x), 1),
-            (RenderTarget::from(whole.clone()), None, 2),
-        ];
-        let environment = environment(name, app.world());
-        let [left, right, alone] = targets.map(|(target, viewport, order)| {
-            let (transform, projection) = glint_scenes::camera(name);
-            let camera = Camera {
-                viewport,
-                order,
-                ..default()
-            };
-            let entity = app.spawn_camera((transform, Projection::from(projection), camera, target));
-            environment.clone().insert(&mut app.world().entity_mut(entity));
-            entity
-        });
-        app.world().get_mut::<Camera>(right).unwrap().clear_color = ClearColorConfig::None;
+        let [left, right, alone] = spawn_cameras(&mut app, name, &whole);
         app.warm_up(20_000).unwrap();
         app.step(2);
         let off = app.capture().unwrap();
@@ -423,7 +439,7 @@ fn a_viewport_shows_what_a_target_of_its_size_shows() {
         // A viewport that doesn't start at the corner.
         app.world().entity_mut(alone).remove::<RayTracedReflections>();
         for (camera, x) in [(left, half.x), (right, 0)] {
-            app.world().get_mut::<Camera>(camera).unwrap().viewport = viewport(x);
+            app.world().get_mut::<Camera>(camera).unwrap().viewport = half_viewport(x);
         }
         warm_up(&mut app);
         let swapped = app.capture().unwrap();

@@ -233,7 +233,7 @@ fn moving_objects() {
     let second = example.image("moving");
     example.assert_differs("half a second later", &half_a_second, &second, 5.0);
     example.press(KeyCode::Space);
-    // What moved is still in the history.
+    // The history still holds the objects that moved.
     example.app.step(60);
     let stopped = example.image("stopped");
     example.app.step(30);

@@ -109,7 +109,7 @@ fn masked_objects_are_merged() {
     assert!(merged.merge_builds > solid.merge_builds, "{merged:?}");
     assert_flip("masked-merged", SIZE, &single, &app.capture().unwrap(), 0.002);
 
-    // What the alpha test cuts out is not seen from the first frame on, although the tree took it for solid.
+    // Parts that the alpha test cuts out are invisible from the first frame on, although the tree took them for solid.
     assert!(merged.micromap_builds > 0);
     let mut materials = app.world().resource_mut::<Assets<StandardMaterial>>();
     for (_, id) in &masked {
@@ -248,7 +248,7 @@ fn micromaps_are_not_seen() {
     assert_flip("micromaps-changed", SIZE, &hole, &app.capture().unwrap(), 0.0005);
 }
 
-/// What is cut out follows the texture, both sets of UV coordinates, the transform of the first one, and the alpha of vertices:
+/// Cut-outs follow the texture, both sets of UV coordinates, the transform of the first one, and the alpha of vertices:
 /// in objects that count as moving, and in merged ones.
 #[test]
 fn cut_outs_follow_material_and_mesh() {

@@ -198,7 +198,7 @@ fn write(file: PathBuf, text: &str) {
     fs::write(&file, text).unwrap_or_else(|error| panic!("{} can't be written: {error}", file.display()));
 }
 
-/// What `cargo new` makes, with the README's dependencies and code. Beside it stands a crate that asks for the features which this
+/// Makes what `cargo new` makes, with the README's dependencies and code. Beside it lies a crate that asks for the features which this
 /// test was built with: cargo unites the features of a workspace, and finds all of Bevy built already.
 fn make(folder: &Path) {
     _ = fs::remove_dir_all(folder);
@@ -213,6 +213,7 @@ fn make(folder: &Path) {
     let features: Vec<_> = [
         (cfg!(feature = "egui"), "egui"),
         (cfg!(feature = "hardware-vrs"), "hardware-vrs"),
+        (cfg!(feature = "internals"), "internals"),
     ]
     .into_iter()
     .filter_map(|(on, name)| on.then_some(name))

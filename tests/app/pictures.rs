@@ -66,7 +66,7 @@ pub fn warm_up(app: &mut HeadlessApp) {
     for _ in 0..PATIENCE {
         let report = app.world().resource::<ReflectionStatus>().report();
         if report.ready && report.meshes_pending == 0 {
-            // What was uploaded last is traced in the next frame.
+            // The last upload is traced in the next frame.
             app.step(2);
             return;
         }

@@ -82,49 +82,52 @@ impl Order {
     }
 }
 
-/// The sets are public so that apps can do this.
-#[test]
-fn systems_of_an_app_run_before_and_after_those_of_the_plugin() {
+/// Adds systems between all sets of the plugin, each of which notes its name.
+fn add_systems_around_sets(app: &mut App, notes: &Order) {
     use ReflectionSystems::{
         DebugViews, ExtractCameras, ExtractScene, Passes, PrepareBindGroups, PrepareScene, PrepareViews,
         QueuePipelines, RequestPipelines,
     };
+    let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
+        return;
+    };
+    let note = |name| notes.note(name);
+    render_app
+        .add_systems(
+            ExtractSchedule,
+            (
+                note("before the scene").before(ExtractScene),
+                note("after the scene").after(ExtractScene).before(ExtractCameras),
+                note("after the cameras").after(ExtractCameras),
+            ),
+        )
+        .add_systems(
+            Render,
+            (
+                note("before the tables").before(PrepareScene),
+                note("after the tables").after(PrepareScene).before(RequestPipelines),
+                note("requested").after(RequestPipelines).before(QueuePipelines),
+                note("queued").after(QueuePipelines).before(PrepareViews),
+                note("views").after(PrepareViews).before(PrepareBindGroups),
+                note("bound").after(PrepareBindGroups),
+            ),
+        )
+        .add_systems(
+            Core3d,
+            (
+                note("before the passes").before(Passes),
+                note("after the passes").after(Passes).before(DebugViews),
+                note("after all").after(DebugViews),
+            ),
+        );
+}
+
+/// The sets are public so that apps can do this.
+#[test]
+fn systems_of_an_app_run_before_and_after_those_of_the_plugin() {
     let order = Order::default();
     let notes = order.clone();
-    let add = move |app: &mut App| {
-        let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
-            return;
-        };
-        let note = |name| notes.note(name);
-        render_app
-            .add_systems(
-                ExtractSchedule,
-                (
-                    note("before the scene").before(ExtractScene),
-                    note("after the scene").after(ExtractScene).before(ExtractCameras),
-                    note("after the cameras").after(ExtractCameras),
-                ),
-            )
-            .add_systems(
-                Render,
-                (
-                    note("before the tables").before(PrepareScene),
-                    note("after the tables").after(PrepareScene).before(RequestPipelines),
-                    note("requested").after(RequestPipelines).before(QueuePipelines),
-                    note("queued").after(QueuePipelines).before(PrepareViews),
-                    note("views").after(PrepareViews).before(PrepareBindGroups),
-                    note("bound").after(PrepareBindGroups),
-                ),
-            )
-            .add_systems(
-                Core3d,
-                (
-                    note("before the passes").before(Passes),
-                    note("after the passes").after(Passes).before(DebugViews),
-                    note("after all").after(DebugViews),
-                ),
-            );
-    };
+    let add = move |app: &mut App| add_systems_around_sets(app, &notes);
     let Some(mut app) = common::app_with(UVec2::new(32, 18), Output::Picture, ReflectionTracerChoice::Bvh, add) else {
         return;
     };
@@ -153,8 +156,14 @@ fn systems_of_an_app_run_before_and_after_those_of_the_plugin() {
             "bound",
         ]
     );
+    no_set_is_empty(app.app().sub_app_mut(RenderApp).world_mut());
+}
 
-    let render_world = app.app().sub_app_mut(RenderApp).world_mut();
+fn no_set_is_empty(render_world: &mut World) {
+    use ReflectionSystems::{
+        DebugViews, ExtractCameras, ExtractScene, Passes, PrepareBindGroups, PrepareScene, PrepareViews,
+        QueuePipelines, RequestPipelines,
+    };
     for (label, sets) in [
         (ExtractSchedule.intern(), &[ExtractScene, ExtractCameras][..]),
         (

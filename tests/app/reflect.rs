@@ -1,4 +1,4 @@
-//! What an app holds can be found in the type registry, with all that inspectors, scenes and scripts need.
+//! All types that an app holds are in the type registry, with everything that inspectors, scenes and scripts need.
 
 #[cfg(feature = "egui")]
 use bevy_glint::{
@@ -37,7 +37,7 @@ const FILES: [&str; 14] = [
     "ui/quality.rs",
     "ui/timings.rs",
 ];
-/// What an app reads from a method, and a plugin: nobody looks at them.
+/// A type that a method returns, and a plugin: no inspector shows them.
 const OTHERS: [&str; 2] = ["ShadingRates", "ReflectionSettingsPanelPlugin"];
 
 /// An app without a renderer.

@@ -12,7 +12,7 @@ pub const SIZE: UVec2 = UVec2::new(96, 64);
 pub const RED: [u8; 3] = [255, 0, 0];
 pub const GREEN: [u8; 3] = [0, 255, 0];
 pub const BLUE: [u8; 3] = [0, 0, 255];
-/// Of the camera before a mirror in the origin.
+/// Place of the camera before a mirror in the origin.
 pub const BEFORE_THE_MIRROR: Transform = Transform::from_xyz(0.0, 0.0, 3.0);
 
 pub fn unlit(color: [u8; 3]) -> StandardMaterial {

@@ -23,9 +23,9 @@ use std::collections::BTreeMap;
 const MANY: usize = 40;
 /// A wall, a cube and the balls.
 const OBJECTS: usize = 2 + MANY;
-/// What the plugin may hold on to without any reflecting camera.
+/// Bytes that the plugin may keep without any reflecting camera.
 const IDLE_BYTES: u64 = 1 << 20;
-/// What alignment adds to an allocation, which depends on where it lies.
+/// Bytes that alignment may add to an allocation, depending on its position.
 const PADDING: u64 = 256;
 
 /// Bytes of GPU memory by label.
@@ -101,7 +101,7 @@ fn measured(app: &mut HeadlessApp, path: &DiagnosticPath) -> Option<f64> {
     diagnostics.get(path).and_then(Diagnostic::value)
 }
 
-/// What the library has allocated, by the account of the device; `None` where it keeps none. All labels of the library begin alike.
+/// Memory that the library has allocated, as the device reports it; `None` if it keeps no account. All labels of the library begin alike.
 fn allocated(app: &mut HeadlessApp) -> Option<Memory> {
     let world = app.app().sub_app(RenderApp).world();
     let device = world.resource::<RenderDevice>().wgpu_device();

@@ -1,4 +1,4 @@
-//! What tests of one compute pass share: its shader, its textures, and the dispatch.
+//! Shared code of tests of one compute pass: its shader, its textures, and the dispatch.
 
 use crate::{
     gpu::Gpu,
@@ -7,9 +7,9 @@ use crate::{
 use bevy::{math::UVec2, shader::ShaderDefVal};
 use wgpu::{TextureFormat, TextureUsages, util::DeviceExt};
 
-/// Of textures that a pass reads.
+/// Usages of textures that a pass reads.
 pub const READ: TextureUsages = TextureUsages::TEXTURE_BINDING;
-/// Of textures that a pass writes and [`read_texture`] reads back.
+/// Usages of textures that a pass writes and [`read_texture`] reads back.
 pub const WRITTEN: TextureUsages = TextureUsages::STORAGE_BINDING.union(TextureUsages::COPY_SRC);
 
 /// A module by its name in `shaders`, flattened and validated.

@@ -54,6 +54,24 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 }
 "#;
 
+/// Uses every struct that the CPU has, too.
+const STRUCTS: &str = r#"
+import package::scene::types::{Instance, Material, Light, SceneCounts};
+import package::scene::environment::EnvironmentUniform;
+
+@group(0) @binding(0) var<storage, read> a: Instance;
+@group(0) @binding(1) var<storage, read> b: Material;
+@group(0) @binding(2) var<storage, read> c: Light;
+@group(0) @binding(3) var<uniform> d: SceneCounts;
+@group(0) @binding(4) var<uniform> e: EnvironmentUniform;
+@group(0) @binding(5) var<storage, read_write> output: array<u32>;
+
+@compute @workgroup_size(1)
+fn main() {
+    output[0] = a.id + b.flags + c.flags + d.light_count + e.flags;
+}
+"#;
+
 #[test]
 fn each_module_compiles_alone() {
     let mut shaders = Shaders::load();
@@ -131,29 +149,18 @@ macro_rules! same_layout {
     };
 }
 
-#[test]
-fn structs_match_the_cpu() {
+/// A module with all of [`STRUCTS`].
+fn structs() -> naga::Module {
     let mut shaders = Shaders::load();
-    let types = r#"
-import package::scene::types::{Instance, Material, Light, SceneCounts};
-import package::scene::environment::EnvironmentUniform;
-
-@group(0) @binding(0) var<storage, read> a: Instance;
-@group(0) @binding(1) var<storage, read> b: Material;
-@group(0) @binding(2) var<storage, read> c: Light;
-@group(0) @binding(3) var<uniform> d: SceneCounts;
-@group(0) @binding(4) var<uniform> e: EnvironmentUniform;
-@group(0) @binding(5) var<storage, read_write> output: array<u32>;
-
-@compute @workgroup_size(1)
-fn main() {
-    output[0] = a.id + b.flags + c.flags + d.light_count + e.flags;
-}
-"#;
-    shaders.add("bevy_glint/layouts.wesl", types.into());
-    let module = shaders
+    shaders.add("bevy_glint/layouts.wesl", STRUCTS.into());
+    shaders
         .compile("bevy_glint/layouts.wesl", &[])
-        .unwrap_or_else(|error| panic!("{error}"));
+        .unwrap_or_else(|error| panic!("{error}"))
+}
+
+#[test]
+fn instances_and_materials_match_the_cpu() {
+    let module = structs();
     same_layout!(
         module,
         "Instance",
@@ -187,6 +194,11 @@ fn main() {
             _padding
         ]
     );
+}
+
+#[test]
+fn lights_and_uniforms_match_the_cpu() {
+    let module = structs();
     same_layout!(
         module,
         "Light",
@@ -237,7 +249,7 @@ fn main() {
     );
 }
 
-/// Of the example `custom_heuristic`: with the definitions that such a shader gets for either size of tiles.
+/// Checks it with the definitions that such a shader gets for either size of tiles.
 #[test]
 fn the_shader_of_custom_heuristic_is_valid() {
     const NAME: &str = "custom_heuristic/foveated.wesl";

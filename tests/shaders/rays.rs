@@ -81,7 +81,7 @@ fn the_second_pixel_of_a_quad_is_diagonal_to_the_first() {
         let chosen = choose(&gpu, &[at(0.1, frame), at(0.1, frame + 1)]);
         assert_eq!(chosen[0] ^ chosen[1], UVec2::ONE, "{chosen:?}");
     }
-    // Where a quad begins is up to the noise.
+    // The noise decides where a quad begins.
     let starts: HashSet<_> = choose(&gpu, &[at(0.1, 0), at(0.3, 0), at(0.6, 0), at(0.9, 0)])
         .into_iter()
         .collect();

@@ -104,7 +104,7 @@ pub fn validate(source: &str) -> Result<naga::Module, String> {
     Ok(module)
 }
 
-/// Where cargo keeps the sources of a Bevy crate, at the version of our lock file.
+/// Folder in which cargo keeps the sources of a Bevy crate, at the version of our lock file.
 fn bevy_source(root: &Path, name: &str) -> PathBuf {
     let lock = fs::read_to_string(root.join("Cargo.lock")).expect("the tests need Cargo.lock");
     let line = format!("name = \"{name}\"");

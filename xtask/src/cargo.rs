@@ -10,6 +10,9 @@ use serde_json::Value;
 
 use crate::environment;
 
+/// Packages that need the feature `internals` of the library.
+const NEED_INTERNALS: [&str; 3] = ["glint_bench", "glint_evaluate", "glint_stress"];
+
 /// The root of the workspace.
 pub fn workspace_root() -> PathBuf {
     // Asked at run time first: clones that share a target directory may share this program too.
@@ -57,6 +60,13 @@ pub fn release(subcommand: &str) -> Command {
 pub fn workspace(subcommand: &str) -> Command {
     let mut command = release(subcommand);
     command.arg("--workspace");
+    command
+}
+
+/// The same without packages that need the feature `internals` of the library, which users build without it.
+pub fn without_internals(subcommand: &str) -> Command {
+    let mut command = workspace(subcommand);
+    command.args(NEED_INTERNALS.map(|package| format!("--exclude={package}")));
     command
 }
 
@@ -157,10 +167,10 @@ mod tests {
 
     /// The sets of features that each package is compiled with. There may be two of one package: procedural macros and build scripts
     /// have dependencies of their own.
-    fn features(edges: &str) -> BTreeMap<String, BTreeSet<String>> {
+    fn features(options: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
         let mut tree = cargo("tree");
         tree.args(["--workspace", "--locked", "--prefix=none", "--format={p}|{f}"]);
-        let output = tree.args(["--edges", edges]).output().unwrap();
+        let output = tree.args(options).output().unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         let mut features = BTreeMap::<_, BTreeSet<_>>::new();
         for line in String::from_utf8(output.stdout).unwrap().lines() {
@@ -174,7 +184,8 @@ mod tests {
     /// Otherwise cargo compiles a package, and all that depends on it, once for programs and once for tests.
     #[test]
     fn programs_and_tests_share_one_build() {
-        let (programs, tests) = (features("normal,build"), features("normal,build,dev"));
+        let programs = features(&["--edges=normal,build"]);
+        let tests = features(&["--edges=normal,build,dev"]);
         assert!(programs.keys().any(|package| package.starts_with("bevy_render v")));
         for (package, features) in &programs {
             assert!(
@@ -183,5 +194,28 @@ mod tests {
                 tests[package]
             );
         }
+    }
+
+    /// Otherwise the check without internals compiles Bevy's interfaces once more.
+    #[test]
+    fn the_library_without_internals_shares_it() {
+        let whole = features(&["--edges=normal,build"]);
+        let excluded = NEED_INTERNALS.map(|package| format!("--exclude={package}"));
+        let mut options = vec!["--edges=normal,build"];
+        options.extend(excluded.iter().map(String::as_str));
+        let library = |package: &str| package.starts_with("bevy_glint v");
+        let others = features(&options);
+        for (package, features) in &others {
+            assert!(
+                library(package) || features.is_subset(&whole[package]),
+                "features of {package} differ: {features:?} and {:?}; add what is missing to tools/unify/Cargo.toml",
+                whole[package]
+            );
+        }
+        let (_, features) = others.iter().find(|(package, _)| library(package)).unwrap();
+        assert!(
+            features.iter().all(|list| !list.contains("internals")),
+            "{features:?}: another package needs the internals"
+        );
     }
 }

@@ -28,6 +28,7 @@ pub fn run() -> Result<()> {
     deny.args(["--offline", "check", "bans", "licenses", "sources"]);
     checks.run_tool("dependencies", "cargo-deny", &mut deny);
     checks.run("lints", lints);
+    checks.run("without internals", without_internals);
     checks.run("docs", docs);
     // No windowing feature and no hardware back end: the plugin must build for servers, with what its own manifest asks for.
     checks.run("library alone", || library(&["--no-default-features"]));
@@ -92,6 +93,13 @@ fn lints() -> Result<()> {
     let mut clippy = cargo::workspace("clippy");
     clippy.args(["--all-targets", "--", "--deny", "warnings"]);
     cargo::run(&mut clippy, "clippy")
+}
+
+/// Lints of the library as users build it.
+fn without_internals() -> Result<()> {
+    let mut clippy = cargo::without_internals("clippy");
+    clippy.args(["--lib", "--", "--deny", "warnings"]);
+    cargo::run(&mut clippy, "clippy without internals")
 }
 
 fn docs() -> Result<()> {

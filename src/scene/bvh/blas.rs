@@ -48,6 +48,10 @@ pub struct Blas {
     /// Number of nodes, at least 1.
     pub node_count: u32,
     /// Number of triangles that are left after degenerate ones were dropped, at least 1; each part of a split one counts.
+    #[cfg_attr(
+        not(any(test, feature = "internals")),
+        expect(dead_code, reason = "tests and tools read it")
+    )]
     pub triangle_count: u32,
     /// Object space; world space for merged objects.
     pub bounds: Bounds,
@@ -57,6 +61,7 @@ pub struct Blas {
     pub top: Vec<TopNode>,
 }
 
+#[cfg(any(test, feature = "internals"))]
 impl Blas {
     /// Size in the buffer.
     pub fn bytes(&self) -> usize {

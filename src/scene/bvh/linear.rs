@@ -196,7 +196,7 @@ impl LinearBuilder {
         (self.keys[from as usize] ^ self.keys[to as usize - 1]) >> INDEX_BITS
     }
 
-    /// Where the upmost bit that differs becomes 1.
+    /// Returns the first entry of the range whose key has a 1 in the highest bit that differs.
     fn split(&self, from: u32, to: u32) -> u32 {
         let difference = self.difference(from, to);
         if difference == 0 {

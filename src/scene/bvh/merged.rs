@@ -110,14 +110,14 @@ pub fn merge_bounds(world_from_object: &Affine3A, object: Bounds, triangle_count
 pub struct Owners {
     /// In ascending order.
     instances: Vec<u32>,
-    /// Where those of each instance begin in `triangles`, and where the last ones end.
+    /// For each instance the start of its range in `triangles`, and the end of the last range.
     starts: Vec<u32>,
     /// Indices of triangles in the tree; ascending for each instance.
     triangles: Vec<u32>,
 }
 
 impl Owners {
-    /// Those of a merged tree.
+    /// Reads the owners from the triangles of a merged tree.
     pub fn of(tree: &Blas) -> Self {
         let triangles = &tree.items[tree.node_count as usize..];
         let mut pairs: Vec<(u32, u32)> = (0..)

@@ -28,6 +28,7 @@ mod ploc;
 mod split;
 mod stack;
 mod tlas;
+#[cfg(any(test, feature = "internals"))]
 mod traverse;
 mod triangle;
 
@@ -35,13 +36,18 @@ mod triangle;
 mod tests;
 
 pub use blas::{Blas, BvhQuality, TopNode, build_blas};
-pub use format::{Bounds, ENTRY, ITEM_WORDS, Item, MAX_INSTANCES, ONE_ENTRY, TRAVERSAL_FLAGS, owner};
+pub use format::{Bounds, ITEM_WORDS, Item, MAX_INSTANCES, TRAVERSAL_FLAGS, owner};
 pub use linear::{LinearBuilder, LinearEntry};
 pub use mask::{MaskSource, mask_header, masks, micromap_of};
 pub use merged::{MergeSource, Owners, build_merged, merge_bounds};
-pub use opacity::{
-    AlphaTest, AlphaTexels, Micromap, OPAQUE, OpacityBaker, TRANSPARENT, UNKNOWN, Wrap, micro_triangle, state_of,
-};
+pub use opacity::{AlphaTest, AlphaTexels, Micromap, OpacityBaker, Wrap};
 pub use stack::{LARGEST_STACK, USUAL_STACK};
 pub use tlas::{Tlas, TlasInstance, build_tlas, build_tlas_of, join, opening_budget};
-pub use traverse::{Counters, SceneView, TraceHit, TraceRay, any, closest};
+
+/// For tests and tools.
+#[cfg(any(test, feature = "internals"))]
+pub use {
+    format::{ENTRY, ONE_ENTRY},
+    opacity::{OPAQUE, TRANSPARENT, UNKNOWN, micro_triangle, state_of},
+    traverse::{Counters, SceneView, TraceHit, TraceRay, any, closest},
+};

@@ -69,6 +69,7 @@ pub struct AlphaTest {
 }
 
 /// The micro-triangle at the weights of a triangle's second and third vertex.
+#[cfg(any(test, feature = "internals"))]
 pub fn micro_triangle(second: f32, third: f32) -> u32 {
     let (x, y) = (second * ROWS as f32, third * ROWS as f32);
     let row = (y as u32).min(ROWS - 1);

@@ -47,15 +47,9 @@ pub(super) fn build_balanced(boxes: &[Bounds]) -> Bvh2 {
     cluster::<1>(boxes, true)
 }
 
-fn cluster<const RADIUS: usize>(boxes: &[Bounds], balanced: bool) -> Bvh2 {
+/// Clusters of one box each in Morton order, scaled to a unit extent.
+fn sorted_leaves(boxes: &[Bounds]) -> Vec<Cluster> {
     let count = boxes.len();
-    let mut bvh = Bvh2::zeroed(count);
-    if count == 0 {
-        return bvh;
-    }
-    for (i, index) in bvh.primitive_indices.iter_mut().enumerate() {
-        *index = i as u32;
-    }
     let total = boxes.iter().fold(Bounds::EMPTY, |a, b| a.union(*b));
     let extent = (Vec3A::from(total.max) - Vec3A::from(total.min)).max_element();
     // A power of two leaves the mantissas alone.
@@ -81,9 +75,20 @@ fn cluster<const RADIUS: usize>(boxes: &[Bounds], balanced: bool) -> Bvh2 {
         keys.push((morton(unit), i as u32));
     }
     keys.sort_unstable();
-    let mut current: Vec<Cluster> = keys.iter().map(|k| clusters[k.1 as usize]).collect();
-    drop(keys);
-    let mut next = clusters;
+    keys.iter().map(|k| clusters[k.1 as usize]).collect()
+}
+
+fn cluster<const RADIUS: usize>(boxes: &[Bounds], balanced: bool) -> Bvh2 {
+    let count = boxes.len();
+    let mut bvh = Bvh2::zeroed(count);
+    if count == 0 {
+        return bvh;
+    }
+    for (i, index) in bvh.primitive_indices.iter_mut().enumerate() {
+        *index = i as u32;
+    }
+    let mut current = sorted_leaves(boxes);
+    let mut next = Vec::with_capacity(count);
     let mut partner = vec![0u32; count];
     let mut insert = bvh.nodes.len();
 

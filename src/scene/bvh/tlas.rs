@@ -45,6 +45,7 @@ pub struct Tlas {
     /// Number of entries: the instances that were kept, and more for opened ones.
     pub entry_count: u32,
     /// Instances left out because their matrix or bounds are not finite, or the matrix has no inverse.
+    #[cfg_attr(not(any(test, feature = "internals")), expect(dead_code, reason = "tests read it"))]
     pub dropped: u32,
     /// Groups on the stack of the traversal in the worst case, those of the BLASes aside.
     pub groups: u32,
@@ -73,6 +74,7 @@ impl Default for Tlas {
 
 impl Tlas {
     /// The number of nodes as the traversal takes it: [`ONE_ENTRY`] where there is nothing to choose from.
+    #[cfg(any(test, feature = "internals"))]
     pub fn traversal_node_count(&self) -> u32 {
         if self.entry_count == 1 {
             ONE_ENTRY
@@ -105,7 +107,7 @@ fn relocate(item: &mut Item, base: u32) {
     }
 }
 
-/// What stands at the start of the buffer of trees, where rays begin: the root of a tree, or a node over the roots of two. Both trees
+/// Makes the start of the buffer of trees, where rays begin: the root of a tree, or a node over the roots of two. Both trees
 /// have been relocated. Returns the number of nodes as the traversal takes it, the items, and the groups that the stack needs for them.
 pub fn join(trees: [Option<&Tlas>; 2]) -> (u32, Vec<Item>, u32) {
     let present = trees.into_iter().flatten().filter(|tree| tree.entry_count > 0);
@@ -151,9 +153,9 @@ pub fn opening_budget(instances: usize) -> usize {
     instances + (3 * instances).min(4096)
 }
 
-/// Builds the tree with the care that its size leaves time for within a frame. With `max_entries` above the number of instances, large instances are opened: they enter the tree as
-/// several nodes of their BLAS with tighter boxes, which spares rays where instances overlap. [`opening_budget`] is a good
-/// choice.
+/// Builds the tree with the care that its size leaves time for within a frame. With `max_entries` above the number of instances, large
+/// instances are opened: they enter the tree as several nodes of their BLAS with tighter boxes, which spares rays where instances
+/// overlap. [`opening_budget`] is a good choice.
 pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
     let quality = if instances.len().max(max_entries) <= FEW_ENTRIES {
         BvhQuality::Medium
@@ -163,8 +165,8 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
     build_tlas_of(quality, instances, max_entries)
 }
 
-/// The same with a quality of choice.
-pub fn build_tlas_of(quality: BvhQuality, instances: &[TlasInstance], max_entries: usize) -> Tlas {
+/// One entry for each instance, and the instances. Those are left out whose place or bounds can't be traced.
+fn whole_instances<'a>(instances: &'a [TlasInstance<'a>]) -> (Vec<Entry>, Vec<Kept<'a>>) {
     let mut kept = Vec::with_capacity(instances.len());
     let mut entries = Vec::with_capacity(instances.len());
     for (index, instance) in (0..).zip(instances) {
@@ -183,6 +185,12 @@ pub fn build_tlas_of(quality: BvhQuality, instances: &[TlasInstance], max_entrie
             });
         }
     }
+    (entries, kept)
+}
+
+/// The same with a quality of choice.
+pub fn build_tlas_of(quality: BvhQuality, instances: &[TlasInstance], max_entries: usize) -> Tlas {
+    let (mut entries, kept) = whole_instances(instances);
     let dropped = (instances.len() - kept.len()) as u32;
     if max_entries > entries.len() {
         open(&mut entries, &kept, max_entries);
@@ -217,17 +225,7 @@ pub fn build_tlas_of(quality: BvhQuality, instances: &[TlasInstance], max_entrie
                     let entry = &entries[tree.primitives[primitive as usize] as usize];
                     let Kept { instance, index, .. } = kept[entry.kept as usize];
                     entry_places.push((index, place as u32));
-                    let start = instance.top.get(entry.top as usize).map_or(0, |top| top.node);
-                    items[place] = [
-                        [
-                            instance.instance,
-                            instance.first_node + start,
-                            instance.first_node,
-                            instance.first_triangle,
-                        ],
-                        [matrices as u32 + entry.kept, 0, 0, 0],
-                        [0, 0, ENTRY, 0],
-                    ];
+                    items[place] = entry_item(entry, instance, matrices as u32 + entry.kept);
                 }
             }
         }
@@ -248,6 +246,21 @@ pub fn build_tlas_of(quality: BvhQuality, instances: &[TlasInstance], max_entrie
         bounds: exact[0],
         places: entry_places,
     }
+}
+
+/// An entry as the traversal reads it. `matrix` is the place of its instance's matrix.
+fn entry_item(entry: &Entry, instance: &TlasInstance, matrix: u32) -> Item {
+    let start = instance.top.get(entry.top as usize).map_or(0, |top| top.node);
+    [
+        [
+            instance.instance,
+            instance.first_node + start,
+            instance.first_node,
+            instance.first_triangle,
+        ],
+        [matrix, 0, 0, 0],
+        [0, 0, ENTRY, 0],
+    ]
 }
 
 /// Replaces the entry of largest area by its children until the tree has `max_entries`.

@@ -95,6 +95,7 @@ pub struct MeshDefects {
 
 impl MeshDefects {
     /// Nothing to tell.
+    #[cfg(any(test, feature = "internals"))]
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }

@@ -124,7 +124,7 @@ struct Chunk {
     members: Vec<u32>,
     /// In the tree's room.
     triangles: u64,
-    /// Those of them that were cut out.
+    /// The number of these triangles that were cut out.
     cut: u64,
     tree: Tree,
 }

@@ -1,10 +1,9 @@
 //! The top level of both tracers.
 
-use super::{SceneBindings, instance_limit};
 use crate::{
     scene::{
         acceleration::{BlasKey, RayQueryInstance},
-        gpu_types::INSTANCE_ALPHA_MASKED,
+        bind_group::SceneBindings,
         instances::SceneInstances,
         meshes::SceneMeshes,
         top_level::Object,
@@ -31,16 +30,13 @@ impl SceneBindings {
         let Some(acceleration) = &mut self.acceleration else {
             return;
         };
-        let slots = instances.slots().iter().enumerate().take(instance_limit(device));
-        let present = slots
-            .filter(|(slot, _)| self.present.get(*slot) == Some(&true))
-            .filter_map(|(slot, source)| {
-                let source = source.as_ref()?;
-                meshes.get(source.mesh).map(|_| (slot as u32, source))
-            });
+        let present = (0..).zip(instances.slots()).filter_map(|(slot, source)| {
+            let source = source.as_ref().filter(|_| self.instances.can_be_hit(slot))?;
+            meshes.get(source.mesh).map(|_| (slot, source))
+        });
         let list: Vec<_> = present
             .map(|(slot, source)| {
-                let flags = self.instance_data[slot as usize].flags;
+                let flags = self.instances.flags(slot);
                 RayQueryInstance {
                     slot,
                     blas: BlasKey::new(source.mesh, flags),
@@ -54,47 +50,54 @@ impl SceneBindings {
         self.report_top_level(begin, blas_builds, status);
     }
 
-    /// Carries on with the BVH tracer's trees over instances, and brings them up to date. Notes what shaders must be compiled with for
-    /// them.
+    /// Carries on with the BVH tracer's trees over instances, brings them up to date, and notes what is pending.
     pub(super) fn update_bvh_top_level(
         &mut self,
         instances: &SceneInstances,
         meshes: &mut SceneMeshes,
-        device: &RenderDevice,
         queue: &RenderQueue,
         status: &ReflectionStatus,
     ) {
         let begin = Instant::now();
-        self.follow_merging(instances, meshes, device);
+        self.follow_merging(instances, meshes);
         let merge = &self.merge;
         self.top_level.advance(|slot| merge.is_merged(slot), meshes, queue);
-        self.follow_lost_trees(instances, meshes, device);
-        if !self.top_level.is_changed() {
-            return;
+        self.follow_lost_trees(instances, meshes);
+        if self.top_level.is_changed() {
+            self.upload_bvh_top_level(instances, meshes, queue);
+            self.report_top_level(begin, 0, status);
         }
+        status.update(|report| {
+            report.merges_pending |= self.top_level.is_building();
+            report.micromaps_pending = self.masks.is_pending();
+            report.micromap_builds = self.masks.builds();
+        });
+    }
+
+    /// Uploads the trees over instances, and notes what shaders must be compiled with for them.
+    fn upload_bvh_top_level(&mut self, instances: &SceneInstances, meshes: &mut SceneMeshes, queue: &RenderQueue) {
         self.top_level.upload(self.merge.instances(), meshes, queue);
-        if self.follow_lost_trees(instances, meshes, device) {
+        if self.follow_lost_trees(instances, meshes) {
             self.top_level.upload(self.merge.instances(), meshes, queue);
         }
-        self.set_masked(self.masked_instances > 0);
+        self.set_masked(self.instances.masked_count() > 0);
         let head = self.top_level.head();
         self.set_deep(head.is_deep);
         self.uniform_data.tlas_node_count = head.node_count;
         self.uniform_data.tlas_root = 0;
-        if head.node_count == 0 && self.present_instances > 0 {
+        if head.node_count == 0 && self.instances.present_count() > 0 {
             warn_once!(
                 "nothing is reflected, since meshes leave no room in the largest buffer of this device; use fewer or \
                  smaller meshes, or keep some out with `NotReflected`"
             );
         }
-        self.report_top_level(begin, 0, status);
     }
 
     fn report_top_level(&mut self, begin: Instant, blas_builds: u64, status: &ReflectionStatus) {
         // Forces the uniform to be written.
         self.uniform_data.instance_count = u32::MAX;
         status.update(|report| {
-            report.instances = self.present_instances;
+            report.instances = self.instances.present_count();
             report.tlas_builds += 1;
             report.blas_builds += blas_builds;
             report.tlas_build_ms = begin.elapsed().as_secs_f32() * 1000.0;
@@ -102,17 +105,15 @@ impl SceneBindings {
     }
 
     /// Objects that joined a merged tree leave the others, and the other way round.
-    fn follow_merging(&mut self, instances: &SceneInstances, meshes: &SceneMeshes, device: &RenderDevice) {
-        let limit = instance_limit(device);
+    fn follow_merging(&mut self, instances: &SceneInstances, meshes: &SceneMeshes) {
         for slot in self.merge.take_crossed() {
             if self.merge.is_merged(slot) {
                 self.top_level.merge(slot);
             } else if !self.top_level.holds(slot)
-                && (slot as usize) < limit
-                && self.present.get(slot as usize) == Some(&true)
+                && self.instances.can_be_hit(slot)
                 && let Some(object) = instances
                     .get(slot)
-                    .and_then(|source| Object::new(source, slot, self.instance_data[slot as usize].flags, meshes))
+                    .and_then(|source| Object::new(source, slot, self.instances.flags(slot), meshes))
             {
                 self.top_level.set(slot, object);
             }
@@ -120,42 +121,12 @@ impl SceneBindings {
     }
 
     /// Returns whether merged trees got lost since their room was needed.
-    fn follow_lost_trees(
-        &mut self,
-        instances: &SceneInstances,
-        meshes: &mut SceneMeshes,
-        device: &RenderDevice,
-    ) -> bool {
+    fn follow_lost_trees(&mut self, instances: &SceneInstances, meshes: &mut SceneMeshes) -> bool {
         let lost = self.merge.take_lost(meshes);
         if lost {
             self.top_level.touch();
-            self.follow_merging(instances, meshes, device);
+            self.follow_merging(instances, meshes);
         }
         lost
-    }
-
-    /// Notes whether shaders need the alpha test.
-    pub(super) fn set_masked(&mut self, masked: bool) {
-        if self.masked != masked {
-            self.masked = masked;
-            self.defs_version = self.defs_version.wrapping_add(1);
-        }
-    }
-
-    /// Notes whether shaders need a larger stack.
-    pub(super) fn set_deep(&mut self, deep: bool) {
-        if self.deep != deep {
-            self.deep = deep;
-            self.defs_version = self.defs_version.wrapping_add(1);
-        }
-    }
-
-    /// Counts an object that comes (1) or goes (-1).
-    pub(super) fn count(&mut self, flags: u32, step: isize) {
-        let add = |count: usize| count.saturating_add_signed(step);
-        self.present_instances = add(self.present_instances);
-        if flags & INSTANCE_ALPHA_MASKED != 0 {
-            self.masked_instances = add(self.masked_instances);
-        }
     }
 }

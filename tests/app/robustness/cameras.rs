@@ -1,4 +1,4 @@
-//! What pixels show: surfaces that must not reflect, cameras that cannot, and numbers only.
+//! Contents of pixels: surfaces that must not reflect, cameras that cannot, and numbers only.
 
 use super::{BEHIND, facing_the_mirror};
 use crate::{
@@ -165,84 +165,99 @@ fn a_camera_that_lacks_something_shows_an_ordinary_picture() {
     );
 }
 
+/// A wall of plastic and metal tiles, from exact mirrors to rough ones.
+fn spawn_reflecting_tiles(app: &mut HeadlessApp) {
+    for (row, metallic) in [(-0.5, 0.0), (0.5, 1.0)] {
+        for (column, perceptual_roughness) in [(-1.0, 0.0), (0.0, 0.5), (1.0, 1.0)] {
+            let material = StandardMaterial {
+                metallic,
+                perceptual_roughness,
+                ..default()
+            };
+            spawn_mesh(
+                app,
+                Rectangle::new(0.9, 0.9),
+                material,
+                Transform::from_xyz(column, row, 0.0),
+            );
+        }
+    }
+}
+
+/// Objects with meshes, materials and transforms that are too bright, empty, flat or not finite, among intact ones.
+fn spawn_odd_objects(app: &mut HeadlessApp) {
+    let nan = f32::NAN;
+    let triangles = |positions: Vec<[f32; 3]>| {
+        let mesh = Mesh::new(PrimitiveTopology::TriangleList, RenderAssetUsages::default());
+        mesh.with_inserted_attribute(Mesh::ATTRIBUTE_POSITION, VertexAttributeValues::Float32x3(positions))
+    };
+    let cube = || Mesh::from(Cuboid::from_length(1.5));
+    let (white, at) = (StandardMaterial::default(), Transform::from_xyz);
+    let corner = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]];
+    let broken = corner
+        .into_iter()
+        .chain([[nan, 0.0, 0.0], [0.0, nan, 1.0], [f32::INFINITY, 0.0, 0.0]])
+        .collect();
+    let glowing = StandardMaterial {
+        emissive: LinearRgba::rgb(1.0e6, 1.0e6, 1.0e6),
+        ..default()
+    };
+    let unknown = StandardMaterial {
+        emissive: LinearRgba::rgb(nan, f32::INFINITY, -1.0),
+        perceptual_roughness: nan,
+        metallic: nan,
+        reflectance: nan,
+        ..default()
+    };
+    for (mesh, material, transform) in [
+        (cube(), glowing, at(-2.5, 0.0, 6.0)),
+        (cube(), unknown, at(2.5, 0.0, 6.0)),
+        (cube(), white.clone(), at(0.0, 0.0, 6.0)),
+        (cube(), white.clone(), at(0.0, 2.0, 6.0).with_scale(Vec3::ZERO)),
+        (
+            cube(),
+            white.clone(),
+            at(0.0, 2.0, 6.0).with_scale(Vec3::new(1.0, 0.0, 1.0)),
+        ),
+        (triangles(broken), white.clone(), at(0.0, -2.0, 6.0)),
+        (triangles(vec![]), white.clone(), at(0.0, -2.0, 6.0)),
+        (triangles(vec![[0.0; 3]]), white.clone(), at(0.0, -2.0, 6.0)),
+        (triangles(vec![[0.0; 3]; 3]), white, at(0.0, -2.0, 6.0)),
+    ] {
+        spawn_mesh(app, mesh, material, transform);
+    }
+}
+
+/// An intact light, and lights of intensities that are not finite.
+fn spawn_odd_lights(app: &mut HeadlessApp) {
+    // Their range ends behind the camera: they light objects in the mirrors, and none in the picture.
+    for intensity in [f32::NAN, f32::INFINITY] {
+        let light = PointLight {
+            intensity,
+            range: 2.0,
+            ..default()
+        };
+        app.world().spawn((light, Transform::from_xyz(0.0, 0.0, 5.1)));
+    }
+    app.world().spawn((
+        DirectionalLight {
+            illuminance: 10.0,
+            ..default()
+        },
+        Transform::default(),
+    ));
+}
+
 #[test]
 fn every_pixel_is_a_number() {
-    let nan = f32::NAN;
     for tracer in BOTH {
         let Some(mut app) = app(SIZE, Output::Linear, tracer) else {
             continue;
         };
         let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::Furnace);
-        for (row, metallic) in [(-0.5, 0.0), (0.5, 1.0)] {
-            for (column, perceptual_roughness) in [(-1.0, 0.0), (0.0, 0.5), (1.0, 1.0)] {
-                let material = StandardMaterial {
-                    metallic,
-                    perceptual_roughness,
-                    ..default()
-                };
-                spawn_mesh(
-                    &mut app,
-                    Rectangle::new(0.9, 0.9),
-                    material,
-                    Transform::from_xyz(column, row, 0.0),
-                );
-            }
-        }
-        let triangles = |positions: Vec<[f32; 3]>| {
-            let mesh = Mesh::new(PrimitiveTopology::TriangleList, RenderAssetUsages::default());
-            mesh.with_inserted_attribute(Mesh::ATTRIBUTE_POSITION, VertexAttributeValues::Float32x3(positions))
-        };
-        let cube = || Mesh::from(Cuboid::from_length(1.5));
-        let (white, at) = (StandardMaterial::default(), Transform::from_xyz);
-        let corner = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]];
-        let broken = corner
-            .into_iter()
-            .chain([[nan, 0.0, 0.0], [0.0, nan, 1.0], [f32::INFINITY, 0.0, 0.0]])
-            .collect();
-        let glowing = StandardMaterial {
-            emissive: LinearRgba::rgb(1.0e6, 1.0e6, 1.0e6),
-            ..default()
-        };
-        let unknown = StandardMaterial {
-            emissive: LinearRgba::rgb(nan, f32::INFINITY, -1.0),
-            perceptual_roughness: nan,
-            metallic: nan,
-            reflectance: nan,
-            ..default()
-        };
-        for (mesh, material, transform) in [
-            (cube(), glowing, at(-2.5, 0.0, 6.0)),
-            (cube(), unknown, at(2.5, 0.0, 6.0)),
-            (cube(), white.clone(), at(0.0, 0.0, 6.0)),
-            (cube(), white.clone(), at(0.0, 2.0, 6.0).with_scale(Vec3::ZERO)),
-            (
-                cube(),
-                white.clone(),
-                at(0.0, 2.0, 6.0).with_scale(Vec3::new(1.0, 0.0, 1.0)),
-            ),
-            (triangles(broken), white.clone(), at(0.0, -2.0, 6.0)),
-            (triangles(vec![]), white.clone(), at(0.0, -2.0, 6.0)),
-            (triangles(vec![[0.0; 3]]), white.clone(), at(0.0, -2.0, 6.0)),
-            (triangles(vec![[0.0; 3]; 3]), white, at(0.0, -2.0, 6.0)),
-        ] {
-            spawn_mesh(&mut app, mesh, material, transform);
-        }
-        // Its range ends behind the camera: what is in the picture isn't lit by it, what is in the mirrors is.
-        for intensity in [nan, f32::INFINITY] {
-            let light = PointLight {
-                intensity,
-                range: 2.0,
-                ..default()
-            };
-            app.world().spawn((light, Transform::from_xyz(0.0, 0.0, 5.1)));
-        }
-        app.world().spawn((
-            DirectionalLight {
-                illuminance: 10.0,
-                ..default()
-            },
-            Transform::default(),
-        ));
+        spawn_reflecting_tiles(&mut app);
+        spawn_odd_objects(&mut app);
+        spawn_odd_lights(&mut app);
         for technique in [ReflectionTechnique::Reference, ReflectionTechnique::Converged] {
             reflect(&mut app, camera, technique);
             app.step(4);

@@ -1,4 +1,4 @@
-//! What rays hit: meshes of all formats, faces and holes, and scenes of any size.
+//! Objects that rays hit: meshes of all formats, faces and holes, and scenes of any size.
 
 use super::{BEHIND, facing_the_mirror};
 use crate::{
@@ -62,6 +62,73 @@ fn rebuilt(mesh: &Mesh, topology: PrimitiveTopology, indices: Indices) -> Mesh {
     other
 }
 
+/// A cuboid in formats that must not make a difference.
+fn formats(base: &Mesh) -> [(&'static str, Mesh); 7] {
+    let list: Vec<u32> = base.indices().unwrap().iter().map(|index| index as u32).collect();
+    // Degenerate triangles lead from one triangle to the next; each begins at an even place of the strip.
+    let strip = list
+        .chunks_exact(3)
+        .flat_map(|t| [t[0], t[0], t[0], t[1], t[2], t[2]])
+        .collect();
+    let narrow = list.iter().map(|index| *index as u16).collect();
+    let tangents = vec![[0.6, 0.0, 0.8, -1.0]; base.count_vertices()];
+    let mut only_rendered = base.clone();
+    only_rendered.asset_usage = RenderAssetUsages::RENDER_WORLD;
+    let compressed = base.clone().compressed_mesh(&MeshCompressionArgs::regular());
+    let compressed = compressed.unwrap_or_else(|(_, errors)| panic!("{errors:?}"));
+    [
+        (
+            "16-bit indices",
+            rebuilt(base, PrimitiveTopology::TriangleList, Indices::U16(narrow)),
+        ),
+        ("no indices", base.clone().with_duplicated_vertices()),
+        (
+            "strip",
+            rebuilt(base, PrimitiveTopology::TriangleStrip, Indices::U32(strip)),
+        ),
+        ("compressed", compressed),
+        (
+            "no normals",
+            base.clone().with_removed_attribute(Mesh::ATTRIBUTE_NORMAL),
+        ),
+        (
+            "tangents",
+            base.clone().with_inserted_attribute(Mesh::ATTRIBUTE_TANGENT, tangents),
+        ),
+        ("render world only", only_rendered),
+    ]
+}
+
+/// Objects that look like a cuboid of a plain material. `textured` is a material whose texture they can't show.
+fn plain_lookalikes(
+    base: &Mesh,
+    plain: &StandardMaterial,
+    textured: &StandardMaterial,
+    at: Transform,
+) -> [(&'static str, Mesh, StandardMaterial, Transform); 5] {
+    // Without UVs a texture can't be seen, and bare positions are enough.
+    let no_uvs = base.clone().with_removed_attribute(Mesh::ATTRIBUTE_UV_0);
+    let bare = no_uvs.clone().with_removed_attribute(Mesh::ATTRIBUTE_NORMAL);
+    let inverted = StandardMaterial {
+        cull_mode: Some(Face::Front),
+        ..plain.clone()
+    };
+    let unit = Mesh::from(Cuboid::from_length(1.0));
+    let scaled = |x, y, z| at.with_scale(Vec3::new(x, y, z));
+    [
+        ("no UVs", no_uvs, textured.clone(), at),
+        ("bare", bare, textured.clone(), at),
+        ("mirrored", base.clone(), inverted, scaled(-1.0, 1.0, 1.0)),
+        (
+            "turned by two mirrors",
+            base.clone(),
+            plain.clone(),
+            scaled(-1.0, -1.0, 1.0),
+        ),
+        ("stretched", unit, plain.clone(), scaled(2.0, 1.5, 1.0)),
+    ]
+}
+
 #[test]
 fn meshes_of_all_formats_look_alike() {
     for tracer in BOTH {
@@ -102,82 +169,12 @@ fn meshes_of_all_formats_look_alike() {
             "the texture is seen in the mirror"
         );
 
-        let list: Vec<u32> = base.indices().unwrap().iter().map(|index| index as u32).collect();
-        // Degenerate triangles lead from one triangle to the next; each begins at an even place of the strip.
-        let strip = list
-            .chunks_exact(3)
-            .flat_map(|t| [t[0], t[0], t[0], t[1], t[2], t[2]])
-            .collect();
-        let narrow = list.iter().map(|index| *index as u16).collect();
-        let tangents = vec![[0.6, 0.0, 0.8, -1.0]; base.count_vertices()];
-        let mut only_rendered = base.clone();
-        only_rendered.asset_usage = RenderAssetUsages::RENDER_WORLD;
-        let compressed = base.clone().compressed_mesh(&MeshCompressionArgs::regular());
-        let compressed = compressed.unwrap_or_else(|(_, errors)| panic!("{errors:?}"));
-        let formats = [
-            (
-                "16-bit indices",
-                rebuilt(&base, PrimitiveTopology::TriangleList, Indices::U16(narrow)),
-            ),
-            ("no indices", base.clone().with_duplicated_vertices()),
-            (
-                "strip",
-                rebuilt(&base, PrimitiveTopology::TriangleStrip, Indices::U32(strip)),
-            ),
-            ("compressed", compressed),
-            (
-                "no normals",
-                base.clone().with_removed_attribute(Mesh::ATTRIBUTE_NORMAL),
-            ),
-            (
-                "tangents",
-                base.clone().with_inserted_attribute(Mesh::ATTRIBUTE_TANGENT, tangents),
-            ),
-            ("render world only", only_rendered),
-        ];
-        for (name, mesh) in formats {
-            let actual = picture_with(&mut app, mesh, material.clone(), at);
-            let different = differing_pixels(&expected, &actual, 12);
-            println!("{tracer:?}, {name}: {different} pixels differ");
-            assert!(
-                different <= EDGE_PIXELS,
-                "{tracer:?}, {name}: {different} pixels differ"
-            );
-        }
-
-        // Without UVs a texture can't be seen, and bare positions are enough.
-        let no_uvs = base.clone().with_removed_attribute(Mesh::ATTRIBUTE_UV_0);
-        let bare = no_uvs.clone().with_removed_attribute(Mesh::ATTRIBUTE_NORMAL);
-        let inverted = StandardMaterial {
-            cull_mode: Some(Face::Front),
-            ..plain_material.clone()
-        };
-        let unit = Mesh::from(Cuboid::from_length(1.0));
-        let cases = [
-            ("no UVs", no_uvs, material.clone(), at),
-            ("bare", bare, material.clone(), at),
-            (
-                "mirrored",
-                base.clone(),
-                inverted,
-                at.with_scale(Vec3::new(-1.0, 1.0, 1.0)),
-            ),
-            (
-                "turned by two mirrors",
-                base.clone(),
-                plain_material.clone(),
-                at.with_scale(Vec3::new(-1.0, -1.0, 1.0)),
-            ),
-            (
-                "stretched",
-                unit,
-                plain_material.clone(),
-                at.with_scale(Vec3::new(2.0, 1.5, 1.0)),
-            ),
-        ];
-        for (name, mesh, material, transform) in cases {
+        let formats = formats(&base).map(|(name, mesh)| (name, mesh, material.clone(), at, &expected));
+        let lookalikes = plain_lookalikes(&base, &plain_material, &material, at)
+            .map(|(name, mesh, material, transform)| (name, mesh, material, transform, &plain));
+        for (name, mesh, material, transform, expected) in formats.into_iter().chain(lookalikes) {
             let actual = picture_with(&mut app, mesh, material, transform);
-            let different = differing_pixels(&plain, &actual, 12);
+            let different = differing_pixels(expected, &actual, 12);
             println!("{tracer:?}, {name}: {different} pixels differ");
             assert!(
                 different <= EDGE_PIXELS,
@@ -223,7 +220,7 @@ fn faces_and_holes_are_seen_as_the_material_says() {
             );
         }
 
-        // Of eight columns of the texture every other one is a hole, through which the green quad is seen.
+        // Every other column of the texture's eight is a hole, through which the green quad is seen.
         let texels = (0..64u8)
             .flat_map(|i| [255, 255, 255, if i % 2 == 0 { 255 } else { 0 }])
             .collect();

@@ -40,7 +40,7 @@ impl Uniform {
     }
 }
 
-/// What all passes of a view share.
+/// The state that all passes of a view share.
 pub struct View {
     pub size: UVec2,
     pub tiles: UVec2,

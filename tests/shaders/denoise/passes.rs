@@ -118,7 +118,7 @@ fn a_single_ray_is_weighed_as_the_sampler_weighs_it() {
     }
 }
 
-/// What a ray sees of a lamp of radiance 1, a disc one metre before the wall, with nothing around it.
+/// Result of a ray towards a lamp of radiance 1, a disc one metre before the wall, with nothing around it.
 fn lamp(wall: &Wall, ray: &Ray) -> [f32; 4] {
     let (start, direction) = wall.line(ray);
     let distance = 1.0 / direction.z.max(1e-3);
@@ -219,7 +219,7 @@ fn rays_that_are_no_numbers_are_left_out() {
             }
         };
         for texel in wall.reconstruct(&gpu, &mut shaders, seen) {
-            // Where all rays in reach are odd, none is known: then the history decides.
+            // If all rays in reach are odd, none is known: then the history decides.
             assert!(
                 texel.packed_weight == 0.0 || texel.radiance.iter().all(|value| (value - 1.0).abs() < 2e-3),
                 "{texel:?}"
@@ -362,7 +362,7 @@ fn history_of_something_else_is_dropped() {
     restarts("turned", &changed(&turned), &wall);
 }
 
-/// What is left of a value 8 frames after another took its place in the 32nd frame; `prepare` sees the wall of each frame.
+/// The remainder of a value 8 frames after another took its place in the 32nd frame; `prepare` sees the wall of each frame.
 fn left_after_change(
     gpu: &Gpu,
     shaders: &mut Shaders,

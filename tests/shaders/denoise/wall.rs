@@ -17,7 +17,7 @@ pub const RATE_ACTIVE: u32 = 0x100;
 const WALL: f32 = 5.0;
 const NEAR: f32 = 0.1;
 
-/// What the passes see: every pixel is metal.
+/// The scene of the passes: every pixel is metal.
 #[derive(Clone)]
 pub struct Wall {
     pub size: UVec2,
@@ -39,7 +39,7 @@ pub struct Wall {
     pub untraced: fn(UVec2) -> bool,
 }
 
-/// What `reconstruct` writes for a pixel.
+/// The output of `reconstruct` for a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Reconstructed {
     pub radiance: [f32; 3],
@@ -55,7 +55,7 @@ pub struct History {
     pub radiance: Vec<[u16; 4]>,
     pub pair: Vec<u32>,
     pub surface: Vec<[u32; 2]>,
-    /// Of the tiles.
+    /// Rates of the tiles.
     pub rates: Vec<u32>,
 }
 
@@ -253,10 +253,10 @@ impl Wall {
         pass
     }
 
-    /// Where a ray starts, and where it leads to; the wall faces positive z.
+    /// Origin and direction of a ray; the wall faces positive z.
     pub fn line(&self, ray: &Ray) -> (Vec3, Vec3) {
         let drawn = orthonormal_basis(self.normal(ray.pixel)) * ray.sample.direction;
-        // Those that would lead into the wall are turned back.
+        // Directions into the wall are turned back.
         (self.position(ray.pixel), drawn.with_z(drawn.z.abs()))
     }
 

@@ -60,7 +60,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// What Bevy clears to: the sky, and forward-rendered surfaces.
+    /// Bevy's clear values: the sky, and forward-rendered surfaces.
     pub fn empty(size: UVec2) -> Self {
         let count = (size.x * size.y) as usize;
         Self {

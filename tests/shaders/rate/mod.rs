@@ -21,7 +21,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 const BUILT_IN: &str = "bevy_glint/rate/classify.wesl";
 
-/// What `ShadingRateHeuristic::Custom` is documented with, in a package of its own.
+/// The example in the docs of `ShadingRateHeuristic::Custom`, in a package of its own.
 const CUSTOM: &str = "
 import bevy_glint::rate::codes::{RATE_1X1, RATE_2X2};
 import bevy_glint::rate::tile::{finish_tile, gather_tile, TILE_THREADS};

@@ -8,11 +8,11 @@ use crate::{
 };
 use bevy::{math::UVec2, shader::ShaderDefVal};
 use wgpu::{
-    BindGroupLayoutEntry, BindingResource, BindingType, BufferBindingType, ShaderStages, StorageTextureAccess,
-    TextureFormat, TextureSampleType, TextureUsages, TextureViewDimension,
+    BindGroupEntry, BindGroupLayoutEntry, BindingResource, BindingType, Buffer, BufferBindingType, ShaderStages,
+    StorageTextureAccess, Texture, TextureFormat, TextureSampleType, TextureUsages, TextureView, TextureViewDimension,
 };
 
-/// What buffers and textures hold before the pass.
+/// Contents of buffers and textures before the pass.
 pub const UNTOUCHED: u32 = 0xdead_beef;
 
 /// All that the pass writes.
@@ -27,86 +27,123 @@ pub struct Output {
     pub tiles: Vec<u32>,
 }
 
+/// All that the pass reads and writes.
+struct Resources {
+    view: Buffer,
+    settings: Buffer,
+    depth: Texture,
+    words: Texture,
+    normals: Texture,
+    rates: Texture,
+    blocks: Buffer,
+    mirrors: Buffer,
+    tiles: Buffer,
+    arguments: Buffer,
+    records: Texture,
+    image: Texture,
+}
+
+impl Resources {
+    /// The inputs of a case; outputs are [`UNTOUCHED`]. `module` is the shader, whose structs say how uniforms are laid out.
+    fn new(gpu: &Gpu, case: &Case, module: &naga::Module) -> Self {
+        let (trace, tiles) = (case.trace_size(), case.tile_count());
+        let untouched = |size: UVec2, words: u32| vec![UNTOUCHED; (size.x * size.y * words) as usize];
+        let read = |format, size, texels: &[u32]| texture(gpu, format, size, READ, bytemuck::cast_slice(texels));
+        let written = |format, size, words| {
+            let texels = untouched(size, words);
+            texture(gpu, format, size, WRITTEN, bytemuck::cast_slice(&texels))
+        };
+        let Frame { words, normals, .. } = &case.frame;
+        Self {
+            view: gpu.buffer(&case.view_uniform(module)),
+            settings: gpu.buffer(&case.settings_uniform(module)),
+            depth: empty_texture(
+                gpu,
+                TextureFormat::Depth32Float,
+                case.frame.size,
+                READ | TextureUsages::RENDER_ATTACHMENT,
+            ),
+            words: read(TextureFormat::Rgba32Uint, case.frame.size, words.as_flattened()),
+            normals: read(TextureFormat::Rgb10a2Unorm, case.frame.size, normals),
+            rates: written(TextureFormat::R32Uint, tiles, 1),
+            blocks: gpu.buffer(&untouched(trace, 1)),
+            mirrors: gpu.buffer(&untouched(case.size, 1)),
+            tiles: gpu.buffer(&untouched(tiles, 1)),
+            arguments: gpu.buffer(&[0u32; 15]),
+            records: written(TextureFormat::Rgba32Uint, trace, 4),
+            image: read(TextureFormat::R32Uint, case.image_size, &case.image),
+        }
+    }
+
+    /// Views of the textures, in the order of their bindings.
+    fn texture_views(&self) -> [TextureView; 6] {
+        [
+            &self.depth,
+            &self.words,
+            &self.normals,
+            &self.rates,
+            &self.records,
+            &self.image,
+        ]
+        .map(|texture| texture.create_view(&Default::default()))
+    }
+
+    fn entries<'a>(
+        &'a self,
+        [depth, words, normals, rates, records, image]: &'a [TextureView; 6],
+    ) -> Vec<BindGroupEntry<'a>> {
+        let resources = [
+            self.view.as_entire_binding(),
+            self.settings.as_entire_binding(),
+            BindingResource::TextureView(depth),
+            BindingResource::TextureView(words),
+            BindingResource::TextureView(normals),
+            BindingResource::TextureView(rates),
+            self.blocks.as_entire_binding(),
+            self.mirrors.as_entire_binding(),
+            self.tiles.as_entire_binding(),
+            self.arguments.as_entire_binding(),
+            BindingResource::TextureView(records),
+            BindingResource::TextureView(image),
+        ];
+        (0..)
+            .zip(resources)
+            .map(|(binding, resource)| BindGroupEntry { binding, resource })
+            .collect()
+    }
+
+    /// Reads what the pass has written, and checks that it wrote nothing behind the ends of its lists.
+    fn read(&self, gpu: &Gpu, case: &Case) -> Output {
+        let arguments: Vec<u32> = gpu.read(&self.arguments);
+        let list = |buffer: &Buffer, count: u32| {
+            let mut words: Vec<u32> = gpu.read(buffer);
+            assert!(
+                words[(count as usize).min(words.len())..]
+                    .iter()
+                    .all(|word| *word == UNTOUCHED),
+                "written behind the end of a list of {count}"
+            );
+            words.truncate(count as usize);
+            words
+        };
+        Output {
+            rates: read_texture(gpu, &self.rates, case.tile_count(), 1),
+            records: bytemuck::cast_slice(&read_texture(gpu, &self.records, case.trace_size(), 4)).to_vec(),
+            blocks: list(&self.blocks, arguments[12]),
+            mirrors: list(&self.mirrors, arguments[13]),
+            tiles: list(&self.tiles, arguments[14]),
+            arguments,
+        }
+    }
+}
+
 /// Runs the entry point of a module, by its name in `shaders`, with shader definitions.
 pub fn determine_rates(gpu: &Gpu, shaders: &mut Shaders, name: &str, defs: &[&'static str], case: &Case) -> Output {
     let defs: Vec<ShaderDefVal> = defs.iter().map(|def| ShaderDefVal::from(*def)).collect();
     let (wgsl, parsed) = compile(shaders, name, &defs);
-
-    let (trace, tiles) = (case.trace_size(), case.tile_count());
-    let Frame { words, normals, .. } = &case.frame;
-    let words = texture(
-        gpu,
-        TextureFormat::Rgba32Uint,
-        case.frame.size,
-        READ,
-        bytemuck::cast_slice(words),
-    );
-    let normals = texture(
-        gpu,
-        TextureFormat::Rgb10a2Unorm,
-        case.frame.size,
-        READ,
-        bytemuck::cast_slice(normals),
-    );
-    let depth = empty_texture(
-        gpu,
-        TextureFormat::Depth32Float,
-        case.frame.size,
-        READ | TextureUsages::RENDER_ATTACHMENT,
-    );
-    let untouched = |size: UVec2, words: u32| vec![UNTOUCHED; (size.x * size.y * words) as usize];
-    let rates = texture(
-        gpu,
-        TextureFormat::R32Uint,
-        tiles,
-        WRITTEN,
-        bytemuck::cast_slice(&untouched(tiles, 1)),
-    );
-    let records = texture(
-        gpu,
-        TextureFormat::Rgba32Uint,
-        trace,
-        WRITTEN,
-        bytemuck::cast_slice(&untouched(trace, 4)),
-    );
-    let image = texture(
-        gpu,
-        TextureFormat::R32Uint,
-        case.image_size,
-        READ,
-        bytemuck::cast_slice(&case.image),
-    );
-    let view = gpu.buffer(&case.view_uniform(&parsed));
-    let settings = gpu.buffer(&case.settings_uniform(&parsed));
-    let blocks = gpu.buffer(&untouched(trace, 1));
-    let mirrors = gpu.buffer(&untouched(case.size, 1));
-    let active = gpu.buffer(&untouched(tiles, 1));
-    let arguments = gpu.buffer(&[0u32; 15]);
-
-    let texture_view = |texture: &wgpu::Texture| texture.create_view(&Default::default());
-    let views = [&depth, &words, &normals, &rates, &records, &image].map(texture_view);
-    let resources = [
-        view.as_entire_binding(),
-        settings.as_entire_binding(),
-        BindingResource::TextureView(&views[0]),
-        BindingResource::TextureView(&views[1]),
-        BindingResource::TextureView(&views[2]),
-        BindingResource::TextureView(&views[3]),
-        blocks.as_entire_binding(),
-        mirrors.as_entire_binding(),
-        active.as_entire_binding(),
-        arguments.as_entire_binding(),
-        BindingResource::TextureView(&views[4]),
-        BindingResource::TextureView(&views[5]),
-    ];
-    let entries: Vec<_> = resources
-        .into_iter()
-        .enumerate()
-        .map(|(index, resource)| wgpu::BindGroupEntry {
-            binding: index as u32,
-            resource,
-        })
-        .collect();
+    let resources = Resources::new(gpu, case, &parsed);
+    let views = resources.texture_views();
+    let entries = resources.entries(&views);
     let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
         label: None,
         entries: &layout_entries(),
@@ -129,28 +166,8 @@ pub fn determine_rates(gpu: &Gpu, shaders: &mut Shaders, name: &str, defs: &[&'s
         },
         cache: None,
     });
-    dispatch(gpu, &pipeline, &entries, tiles);
-
-    let arguments: Vec<u32> = gpu.read(&arguments);
-    let list = |buffer: &wgpu::Buffer, count: u32| {
-        let mut words: Vec<u32> = gpu.read(buffer);
-        assert!(
-            words[(count as usize).min(words.len())..]
-                .iter()
-                .all(|word| *word == UNTOUCHED),
-            "written behind the end of a list of {count}"
-        );
-        words.truncate(count as usize);
-        words
-    };
-    Output {
-        rates: read_texture(gpu, &rates, tiles, 1),
-        records: bytemuck::cast_slice(&read_texture(gpu, &records, trace, 4)).to_vec(),
-        blocks: list(&blocks, arguments[12]),
-        mirrors: list(&mirrors, arguments[13]),
-        tiles: list(&active, arguments[14]),
-        arguments,
-    }
+    dispatch(gpu, &pipeline, &entries, case.tile_count());
+    resources.read(gpu, case)
 }
 
 /// As in `src/rate/classify.rs`.

@@ -43,7 +43,7 @@ pub struct Case {
     pub cutoff: f32,
     pub world_from_view: Mat4,
     pub clip_from_view: Mat4,
-    /// What the shader finds in all of the view's matrices instead.
+    /// A value that replaces all elements of the view's matrices.
     pub broken: Option<f32>,
     pub heuristic: ShadingRateHeuristic,
     pub image_size: UVec2,
@@ -217,7 +217,7 @@ fn level(rate: ShadingRate) -> u32 {
     }
 }
 
-/// What stands for a trace pixel.
+/// Properties of the pixel that represents a trace pixel.
 #[derive(Clone, Copy)]
 pub struct Looks {
     angle: f32,
@@ -227,7 +227,7 @@ pub struct Looks {
     share: u32,
 }
 
-/// What a tile holds.
+/// Contents of a tile.
 #[derive(Default)]
 pub struct Tile {
     pub pixels: u32,
@@ -382,7 +382,7 @@ impl Case {
     }
 }
 
-/// What the geometry of pixels depends on.
+/// The camera, as far as the geometry of pixels depends on it.
 struct Camera {
     size: Vec2,
     view_from_clip: Mat4,

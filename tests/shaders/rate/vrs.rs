@@ -65,7 +65,7 @@ fn each_tile_has_a_byte() {
         let rates = rates(width, height);
         let expected = expected(&rates, width as usize);
         let view = texture(&gpu, &rates, width, height);
-        // What stands there before must be overwritten.
+        // The pass must overwrite the old contents.
         let words = gpu.buffer(&vec![u32::MAX; expected.len()]);
         let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: None,

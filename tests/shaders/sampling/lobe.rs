@@ -83,7 +83,7 @@ fn samples_follow_their_density() {
         for alpha in ALPHAS {
             for (case, cosine) in COSINES.into_iter().enumerate() {
                 let view = guard_view(view_at(cosine, 0.7 + case as f32));
-                // Where rounded directions make steps in the histogram, there is nothing to learn from it.
+                // A histogram with steps from rounded directions teaches nothing.
                 if direction_digits(alpha, cosine) > 0.01 {
                     continue;
                 }

@@ -198,7 +198,7 @@ fn merging_changes_no_hit() {
     });
     assert_eq!((merged.tlas.entry_count, merged.view().tlas_node_count), (1, ONE_ENTRY));
     let rays = single.rays(20_000, 8.0, Vec3::ZERO, &mut random);
-    // Those at edges may hit or miss.
+    // Rays at edges may hit or miss.
     let rays: Vec<_> = rays
         .iter()
         .enumerate()

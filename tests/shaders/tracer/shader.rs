@@ -49,7 +49,7 @@ fn trace(gpu: &Gpu, wgsl: &str, checks: Checks, scene: &Packed, rays: &[TraceRay
     trace_items(gpu, wgsl, checks, counts(scene), &scene.bvh, &instances, rays)
 }
 
-/// Where the trees of a scene are.
+/// Counts that tell the shader where the trees of a scene are.
 pub fn counts(scene: &Packed) -> GpuSceneCounts {
     let view = scene.view();
     GpuSceneCounts {

@@ -61,11 +61,11 @@ pub struct Packed {
     pub tlas: Tlas,
     pub stack_size: u32,
     tlas_root: u32,
-    /// Where the masks of each instance stand in [`Self::bvh`].
+    /// Index of each instance's masks in [`Self::bvh`].
     pub masks: Vec<u32>,
-    /// Whether an instance is part of a merged tree.
+    /// `true` for instances that are part of a merged tree.
     merged: Vec<bool>,
-    /// What the oracle searches.
+    /// The triangles that the oracle searches.
     triangles: Vec<Target>,
 }
 
@@ -76,6 +76,69 @@ struct Target {
     world: [DVec3; 3],
     /// In the space in which the tracer holds it: the world for merged instances, else the object.
     local: [DVec3; 3],
+}
+
+/// The buffer of trees and masks while it is put together.
+#[derive(Default)]
+struct Buffer(Vec<Item>);
+
+impl Buffer {
+    /// Adds items and returns the index of the first one.
+    fn add(&mut self, items: &[Item]) -> u32 {
+        let base = self.0.len() as u32;
+        self.0.extend_from_slice(items);
+        base
+    }
+
+    /// Adds the masks of a mesh and returns their index.
+    fn add_masks(&mut self, mesh: &Mesh, micromaps: &[Micromap]) -> u32 {
+        let source = MaskSource {
+            indices: &mesh.indices,
+            ..MaskSource::default()
+        };
+        let mut masks = masks_of(&source, None);
+        for (mask, map) in masks.iter_mut().zip(micromaps) {
+            mask[2] = *map;
+        }
+        self.add(&masks)
+    }
+
+    /// Adds a tree, if there is one, and returns it with its index.
+    fn add_tree(&mut self, blas: Option<Blas>) -> Option<(u32, Blas)> {
+        blas.map(|blas| (self.add(&blas.items), blas))
+    }
+}
+
+/// A tree in the TLAS. `instance` is 0 for merged trees.
+fn record(base: u32, blas: &Blas, world_from_object: Affine3A, instance: u32) -> TlasInstance<'_> {
+    TlasInstance {
+        world_from_object,
+        bounds: blas.bounds,
+        instance,
+        first_node: base,
+        first_triangle: base + blas.node_count,
+        top: if instance == 0 { &[] } else { &blas.top },
+        groups: blas.groups,
+    }
+}
+
+/// All triangles, for the oracle.
+fn targets(meshes: &[Mesh], instances: &[(usize, Affine3A)], merged: &[bool]) -> Vec<Target> {
+    let mut triangles = Vec::new();
+    for (instance, (mesh, matrix)) in instances.iter().enumerate() {
+        let (linear, translation) = (matrix.matrix3.as_dmat3(), matrix.translation.as_dvec3());
+        for primitive in 0..meshes[*mesh].triangle_count() {
+            let object = meshes[*mesh].corners(primitive).map(|c| Vec3::from(c).as_dvec3());
+            let world = object.map(|c| linear * c + translation);
+            triangles.push(Target {
+                instance: instance as u32,
+                primitive: primitive as u32,
+                world,
+                local: if merged[instance] { world } else { object },
+            });
+        }
+    }
+    triangles
 }
 
 impl Packed {
@@ -91,37 +154,20 @@ impl Packed {
         max_entries: usize,
         packing: impl Fn(usize) -> Packing,
     ) -> Self {
-        let mut bvh: Vec<Item> = Vec::new();
-        let mut masks = Vec::new();
         let largest = meshes.iter().map(|mesh| mesh.indices.len() / 3).max();
         let micromaps: Vec<Micromap> = (0..largest.unwrap_or(0) as u32).map(micromap).collect();
-        for mesh in &meshes {
-            masks.push(bvh.len() as u32);
-            let source = MaskSource {
-                indices: &mesh.indices,
-                ..MaskSource::default()
-            };
-            let mut made = masks_of(&source, None);
-            for (mask, map) in made.iter_mut().zip(&micromaps) {
-                mask[2] = *map;
-            }
-            bvh.extend(made);
-        }
-        let mut add = |blas: Option<Blas>| {
-            let base = bvh.len() as u32;
-            bvh.extend_from_slice(blas.as_ref().map_or(&[], |b| b.items.as_slice()));
-            blas.map(|b| (base, b))
-        };
+        let mut bvh = Buffer::default();
+        let masks: Vec<u32> = meshes.iter().map(|mesh| bvh.add_masks(mesh, &micromaps)).collect();
         let build = |mesh: &Mesh| build_blas(&mesh.positions, &mesh.indices, BvhQuality::Medium);
-        let trees: Vec<Option<(u32, Blas)>> = meshes.iter().map(|mesh| add(build(mesh))).collect();
-        let mut merged: BTreeMap<u32, Vec<MergeSource>> = BTreeMap::new();
+        let trees: Vec<Option<(u32, Blas)>> = meshes.iter().map(|mesh| bvh.add_tree(build(mesh))).collect();
+        let packings: Vec<Packing> = (0..instances.len()).map(packing).collect();
         let mut flags = Vec::new();
-        for (i, (mesh, matrix)) in instances.iter().enumerate() {
-            let Packing { flags: own, tree } = packing(i);
+        let mut sources: BTreeMap<u32, Vec<MergeSource>> = BTreeMap::new();
+        for (i, ((mesh, matrix), packing)) in instances.iter().zip(&packings).enumerate() {
             let mirrored = matrix.matrix3.determinant() < 0.0;
-            flags.push(own | if mirrored { INSTANCE_MIRRORED } else { 0 });
-            if let Some(tree) = tree {
-                merged.entry(tree).or_default().push(MergeSource {
+            flags.push(packing.flags | if mirrored { INSTANCE_MIRRORED } else { 0 });
+            if let Some(tree) = packing.tree {
+                sources.entry(tree).or_default().push(MergeSource {
                     positions: &meshes[*mesh].positions,
                     indices: &meshes[*mesh].indices,
                     world_from_object: *matrix,
@@ -133,64 +179,37 @@ impl Packed {
                 });
             }
         }
-        let merged: Vec<(u32, Blas)> = merged
+        let merged_trees: Vec<(u32, Blas)> = sources
             .into_values()
-            .filter_map(|sources| add(build_merged(&sources, BvhQuality::High)))
+            .filter_map(|sources| bvh.add_tree(build_merged(&sources, BvhQuality::High)))
             .collect();
 
-        let singles = instances
-            .iter()
-            .enumerate()
-            .filter(|(i, _)| packing(*i).tree.is_none())
-            .filter_map(|(i, (mesh, matrix))| {
-                let (base, blas) = trees[*mesh].as_ref()?;
-                Some((*base, blas, *matrix, owner(i as u32, flags[i])))
-            });
-        let in_world = merged.iter().map(|(base, blas)| (*base, blas, Affine3A::IDENTITY, 0));
-        let records: Vec<TlasInstance> = singles
-            .chain(in_world)
-            .map(|(base, blas, world_from_object, instance)| TlasInstance {
-                world_from_object,
-                bounds: blas.bounds,
-                instance,
-                first_node: base,
-                first_triangle: base + blas.node_count,
-                top: if instance == 0 { &[] } else { &blas.top },
-                groups: blas.groups,
-            })
-            .collect();
-        let tlas = build_tlas(&records, max_entries);
-        let stack_size = tlas.stack.max(1);
-        let tlas_root = bvh.len() as u32;
-        bvh.extend_from_slice(&tlas.items);
-
-        let instances_masks = instances.iter().map(|(mesh, _)| masks[*mesh]).collect();
-        let merged: Vec<bool> = (0..instances.len()).map(|i| packing(i).tree.is_some()).collect();
-        let mut triangles = Vec::new();
-        for (instance, (mesh, matrix)) in instances.iter().enumerate() {
-            let (linear, translation) = (matrix.matrix3.as_dmat3(), matrix.translation.as_dvec3());
-            for primitive in 0..meshes[*mesh].triangle_count() {
-                let object = meshes[*mesh].corners(primitive).map(|c| Vec3::from(c).as_dvec3());
-                let world = object.map(|c| linear * c + translation);
-                triangles.push(Target {
-                    instance: instance as u32,
-                    primitive: primitive as u32,
-                    world,
-                    local: if merged[instance] { world } else { object },
+        let singles = instances.iter().zip(&packings).enumerate();
+        let singles =
+            singles
+                .filter(|(_, (_, packing))| packing.tree.is_none())
+                .filter_map(|(i, ((mesh, matrix), _))| {
+                    let (base, blas) = trees[*mesh].as_ref()?;
+                    Some(record(*base, blas, *matrix, owner(i as u32, flags[i])))
                 });
-            }
-        }
+        let in_world = merged_trees
+            .iter()
+            .map(|(base, blas)| record(*base, blas, Affine3A::IDENTITY, 0));
+        let records: Vec<TlasInstance> = singles.chain(in_world).collect();
+        let tlas = build_tlas(&records, max_entries);
+        let tlas_root = bvh.add(&tlas.items);
+        let merged: Vec<bool> = packings.iter().map(|packing| packing.tree.is_some()).collect();
         Self {
+            triangles: targets(&meshes, &instances, &merged),
+            masks: instances.iter().map(|(mesh, _)| masks[*mesh]).collect(),
+            stack_size: tlas.stack.max(1),
+            bvh: bvh.0,
             meshes,
             instances,
             flags,
-            bvh,
             tlas,
-            stack_size,
             tlas_root,
-            masks: instances_masks,
             merged,
-            triangles,
         }
     }
 
@@ -261,7 +280,7 @@ impl Packed {
         })
     }
 
-    /// What may stand in the way of a shadow ray.
+    /// Searches the triangles that cast shadows.
     pub fn shadow_oracle(&self, ray: &TraceRay) -> Oracle {
         self.search(ray, |flags, _| flags & INSTANCE_CASTS_SHADOW != 0)
     }
@@ -297,7 +316,7 @@ impl Packed {
                 // In the space of a mirrored object the winding is turned.
                 let turned = flags & INSTANCE_MIRRORED != 0 && !self.merged[*instance as usize];
                 let seen = if (found.cosine < 0.0) != turned { front } else { back };
-                // Of a triangle seen on edge, single precision may take either face.
+                // Single precision may take either face of a triangle seen on edge.
                 let doubtful = found.cosine.abs() < found.tilt && front != back;
                 if !seen && !doubtful {
                     continue;

@@ -90,7 +90,7 @@ struct Kernels {
     layout: BindGroupLayoutDescriptor,
     pipelines: [CachedComputePipelineId; ENTRY_POINTS.len()],
     has_solid: bool,
-    /// Of the scene's shader definitions.
+    /// Version of the scene's shader definitions.
     version: u32,
     buffers: Option<KernelBuffers>,
 }

@@ -64,7 +64,7 @@ const COUNTERS: [(&str, &str); 3] = [
     ("hits", "render/reflection_hits"),
 ];
 
-/// Where measurements are printed.
+/// Tables that measurements are printed in.
 pub struct Tables {
     pub scenes: Table,
     pub kernels: Table,
@@ -174,7 +174,7 @@ impl Bench {
             .insert((technique.reflections.clone(), technique.heuristic.clone()));
     }
 
-    /// What the crate says about itself.
+    /// The crate's report about itself.
     pub fn report(&mut self) -> ReflectionStatusReport {
         self.app.world().resource::<ReflectionStatus>().report()
     }
@@ -190,7 +190,7 @@ impl Bench {
             let same = (report.blas_builds, report.tlas_builds) == (before.blas_builds, before.tlas_builds);
             let pending = report.meshes_pending > 0 || report.merges_pending || report.micromaps_pending;
             let complete = report.ready && !pending && report.instances > 0;
-            // Where something reflects after all, it never rests.
+            // A view in which something reflects after all never rests.
             let rests = !self.is_idle || report.culled_views > 0 || frame >= REST_FRAMES;
             quiet = if same && complete && rests { quiet + 1 } else { 0 };
             if quiet >= QUIET_FRAMES {
@@ -244,7 +244,7 @@ impl Bench {
         }
     }
 
-    /// What the camera's textures and buffers take, per pixel of the view.
+    /// Memory of the camera's textures and buffers, per pixel of the view.
     pub fn memory(&mut self, scene: SceneName, technique: &str, table: &mut Table, csv: &mut Csv) {
         let report = self.report();
         for view in report.view_memory {
@@ -309,7 +309,7 @@ impl Bench {
         self.measure_frames(frames)
     }
 
-    /// Whether each pass has timers of its own.
+    /// Gives each pass timers of its own, or takes them away.
     fn time_stages(&mut self, stages: bool) -> Result<(), String> {
         let render = self.app.app().get_sub_app_mut(RenderApp);
         let world = render.ok_or("there is no render app")?.world_mut();

@@ -38,10 +38,10 @@ pub struct Arguments {
     /// Runs that differ in their noise alone, for the interval of the reflected light's bias.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub runs: Option<u32>,
-    /// What turns the rate image into fewer rays.
+    /// The back end, which turns the rate image into fewer rays.
     #[arg(long, value_enum, value_name = "NAME", default_value_t = BackendWord::Auto)]
     pub backend: BackendWord,
-    /// What follows the rays.
+    /// The tracer, which follows the rays.
     #[arg(long, value_enum, value_name = "NAME", default_value_t = TracerWord::Auto)]
     pub tracer: TracerWord,
     /// Techniques and presets, separated by commas (default: all; fewer if quick).
@@ -118,7 +118,7 @@ pub struct MeasurementPlan {
     pub protocol: Protocol,
     /// In this order.
     pub jobs: Vec<Job>,
-    /// What this machine can't do, in terms of a job that would have done it, and why.
+    /// Variants that this machine can't run, each with a job that would have measured it, and the reason.
     pub skipped: Vec<(Job, Variant, String)>,
     /// The folder of results.
     pub out: PathBuf,

@@ -77,7 +77,7 @@ pub struct ShownSums {
     pub still: Vec<Vec<f64>>,
 }
 
-/// Where a job keeps its state.
+/// The folder in which a job keeps its state.
 pub struct Store {
     folder: PathBuf,
 }

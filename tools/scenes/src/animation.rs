@@ -42,7 +42,7 @@ pub enum Motion {
         extent: Vec3,
         /// Turns per second.
         rate: f32,
-        /// Where it starts, in turns.
+        /// Its angle at the start, in turns.
         phase: f32,
     },
 }

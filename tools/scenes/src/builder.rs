@@ -1,4 +1,4 @@
-//! What every scene is spawned with.
+//! The builder with which every scene is spawned.
 
 use crate::{
     geometry::Geometry,

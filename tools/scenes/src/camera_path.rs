@@ -26,7 +26,7 @@ impl CameraPath {
         }
     }
 
-    /// Where the camera is after some seconds. It rests at the start before the way begins (or without a time) and at the end afterwards.
+    /// Pose of the camera after some seconds. It rests at the start before the way begins (or without a time) and at the end afterwards.
     pub fn pose(&self, seconds: f32) -> Transform {
         let t = seconds / self.seconds;
         let t = if t.is_nan() { 0.0 } else { t.clamp(0.0, 1.0) };

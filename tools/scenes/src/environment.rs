@@ -1,4 +1,4 @@
-//! What scenes have in common: their options, and the light around them.
+//! Common parts of scenes: their options, and the light around them.
 
 use crate::sky::Sky;
 use bevy::{

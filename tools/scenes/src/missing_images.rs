@@ -74,7 +74,7 @@ fn images_mut(material: &mut StandardMaterial) -> [&mut Option<Handle<Image>>; 6
     ]
 }
 
-/// Whether an image of some material is still being loaded.
+/// Returns whether an image of some material is still being loaded.
 pub(crate) fn are_images_loading(server: &AssetServer, materials: &Assets<StandardMaterial>) -> bool {
     let mut states: HashMap<AssetId<Image>, bool> = HashMap::default();
     materials

@@ -127,7 +127,7 @@ impl CameraPath {
     }
 }
 
-/// Where the camera of a scene stands, at the start of its path, and how it sees; the aspect ratio follows from the target.
+/// Pose of a scene's camera at the start of its path, and its projection; the aspect ratio follows from the target.
 pub fn camera(name: SceneName) -> (Transform, PerspectiveProjection) {
     let path = CameraPath::of(name);
     (

@@ -87,7 +87,7 @@ pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     scene.finish()
 }
 
-/// Where the shapes in front of the box are, within a bay.
+/// Positions of the shapes in front of the box, within a bay.
 fn front(index: usize) -> Vec3 {
     vec3(SPACING * (index as f32 - 1.5), 0.5 * HEIGHT, 8.0)
 }

@@ -12,7 +12,7 @@ use half::f16;
 use rayon::prelude::*;
 use std::f32::consts::{PI, TAU};
 
-/// Where the light of a scene comes from when a ray leaves it. Values are relative; the scene scales them to cd/m².
+/// The light that rays find when they leave a scene. Values are relative; the scene scales them to cd/m².
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sky {
     /// The same radiance of 1 in every direction.

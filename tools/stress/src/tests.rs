@@ -31,7 +31,7 @@ const SIMPLIFY: Duration = Duration::from_secs(60);
 /// Techniques that known scenes are measured with: the plain path, and the one with all steps.
 static TECHNIQUES: [&str; 2] = ["reference", "vrs-combined"];
 
-/// What can't run must not pass for what did, where the environment says so.
+/// Fails instead of skipping where the environment says so.
 fn skip(reason: &str) {
     let name = if reason.contains("ray queries") {
         "GLINT_REQUIRE_RAY_QUERY"
@@ -131,7 +131,7 @@ fn known_scenes_keep_their_light() {
             Err(reason) => problems.push(reason),
         }
     }
-    // Of so few laps of so small a picture the mean is noisy: only a large drift fails here.
+    // The mean of so few laps of so small an image is noisy: only a large drift fails here.
     match long_run::run(harness, UVec2::new(48, 27), LAPS * long_run::LAP, deadline) {
         Ok(outcome) => {
             println!("{}, {:?}, {:?}", outcome.describe(), outcome.laps, outcome.undecided);

@@ -51,7 +51,7 @@ impl Floors {
         let mut wrong = Vec::new();
         for (from, to) in arrows {
             let (a, b) = (module(from), module(to));
-            // Where raw Vulkan isn't compiled, another file takes its place.
+            // Another file takes the place of raw Vulkan where it isn't compiled.
             let is_stand_in = [&a, &b].iter().all(|name| ["vrs", "no_vrs"].contains(&name.as_str()));
             if a != b && !is_stand_in && floor(&a) <= floor(&b) {
                 wrong.push(format!(

@@ -21,7 +21,7 @@ struct Import {
     is_public: bool,
 }
 
-/// What a file says, without its tests.
+/// Contents of a file without its tests.
 #[derive(Default)]
 struct Contents {
     /// Child modules, each with the file that an attribute names.
@@ -200,7 +200,7 @@ fn targets(modules: &Modules, from: &ModulePath, import: &Import) -> BTreeSet<St
         .collect()
 }
 
-/// Where a path ends: a module, or a file of a module that has an item.
+/// The end of a path: a module, or a file of a module that has an item.
 #[derive(Clone)]
 struct End {
     module: ModulePath,
@@ -274,7 +274,7 @@ fn child(module: &ModulePath, name: &str) -> ModulePath {
     child
 }
 
-/// Where an item comes from that a file has, or hands on. What nobody is found for counts as the file's own.
+/// The files that an item of a file comes from, its own or another whose item it hands on. An item of unknown origin counts as its own.
 fn item(modules: &Modules, module: &ModulePath, source: &Source, name: &str, depth: usize) -> Vec<End> {
     let own = End {
         module: module.clone(),

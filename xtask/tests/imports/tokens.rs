@@ -155,7 +155,7 @@ pub fn path_tree(tokens: &[Token], start: usize) -> (Vec<(Vec<String>, String)>,
     }
 }
 
-/// Whether a token is an identifier.
+/// Returns whether a token is an identifier.
 pub fn is_name(token: &str) -> bool {
     token.starts_with(|c: char| c.is_alphabetic() || c == '_')
 }

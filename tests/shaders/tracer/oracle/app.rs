@@ -60,7 +60,7 @@ pub struct Hit {
     pub barycentrics: [f32; 2],
 }
 
-/// What the tracer says of a ray.
+/// The tracer's answer for a ray.
 #[derive(Debug)]
 pub struct Answer {
     pub hit: Option<Hit>,
@@ -77,7 +77,7 @@ pub struct OracleApp {
     pipelines: Vec<(Vec<ShaderDefVal>, CachedComputePipelineId)>,
     /// Entities without a parent.
     roots: Vec<Entity>,
-    /// Those that rays can hit.
+    /// Entities that rays can hit.
     objects: Vec<Entity>,
 }
 

@@ -12,7 +12,7 @@ use scenes::{Scene, corners, rays_from_within, rays_into};
 
 /// Relative error of distances.
 const TOLERANCE: f64 = 1e-3;
-/// Of rays that are not aimed at edges, one in so many may pass an edge or meet a face so closely that rounding decides.
+/// One in so many rays that are not aimed at edges may pass an edge or meet a face so closely that rounding decides.
 const BORDER_SHARE: usize = 200;
 
 /// How the answers compare with the exact ones.

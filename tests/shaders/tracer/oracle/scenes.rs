@@ -57,7 +57,7 @@ impl Object {
         }
     }
 
-    /// What the tracer must make of the material and the components.
+    /// Flags that the tracer must derive from the material and the components.
     pub fn flags(&self) -> u32 {
         let culling = match self.cull_mode {
             None => 0,
@@ -70,7 +70,7 @@ impl Object {
     }
 }
 
-/// What an app shows.
+/// The contents of an app.
 pub struct Scene {
     pub name: &'static str,
     /// Size of its meshes.
@@ -164,7 +164,7 @@ impl Scene {
             .sum();
         let single_sided = |transform: Transform| {
             let mirrored = transform.scale.element_product() < 0.0;
-            // Where the winding is counter-clockwise seen from outside, back faces look inward.
+            // If the winding is counter-clockwise seen from outside, back faces look inward.
             let culled = if (volume > 0.0) != mirrored {
                 Face::Front
             } else {

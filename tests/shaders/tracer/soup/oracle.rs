@@ -1,4 +1,4 @@
-//! What a tracer in single precision may answer.
+//! Answers that a tracer in single precision may give.
 
 use bevy::math::{Affine3A, DMat3, DVec3};
 use bevy_glint::internals::bvh::TraceRay;
@@ -27,7 +27,7 @@ pub struct Oracle {
 }
 
 impl Oracle {
-    /// Whether a tracer in single precision may find that something, or nothing, is in the way.
+    /// Returns whether a tracer in single precision may find that something, or nothing, is in the way.
     pub fn accepts_any(&self, blocked: bool, tolerance: f64, floor: f64) -> bool {
         if blocked {
             self.candidates
@@ -42,7 +42,7 @@ impl Oracle {
         candidate.t.abs() * tolerance + floor + candidate.error
     }
 
-    /// Whether a tracer in single precision may answer `hit`: it must lie on a candidate, and no triangle that the ray
+    /// Returns whether a tracer in single precision may answer `hit`: it must lie on a candidate, and no triangle that the ray
     /// surely hits may lie in front of it. `tolerance` is relative to t, `floor` absolute.
     pub fn accepts(&self, hit: Option<(f32, u32, u32)>, tolerance: f64, floor: f64) -> bool {
         let slack = |c: &Candidate| self.slack(c, tolerance, floor);
@@ -62,7 +62,7 @@ impl Oracle {
     }
 }
 
-/// Where a ray meets the plane of a triangle.
+/// The point at which a ray meets the plane of a triangle.
 pub(super) struct Met {
     pub t: f64,
     pub margin: f64,
@@ -76,7 +76,7 @@ pub(super) struct Met {
 /// The ray in the space of an object.
 pub(super) struct LocalRay {
     origin: DVec3,
-    /// Of any length, so that t is the same as in the world.
+    /// Has any length, so that t is the same as in the world.
     direction: DVec3,
     /// Length of the coordinates that single precision has to add up for the origin.
     reach: f64,

@@ -23,7 +23,7 @@ fn total<'a>(blocks: impl IntoIterator<Item = &'a f64>) -> f64 {
 #[derive(Default)]
 struct Variance {
     sum: f64,
-    /// Of Welch and Satterthwaite: squares over degrees of freedom.
+    /// Term of Welch and Satterthwaite: squares over degrees of freedom.
     squares: f64,
 }
 

@@ -56,7 +56,7 @@ pub struct Comparison {
     pub compared: usize,
     /// Ratios of times to `reference`, with intervals in both runs on one machine.
     pub timed: usize,
-    /// Those of them whose intervals overlap: in two runs of the same, nearly all.
+    /// Timed rows whose intervals overlap: in two runs of the same code, nearly all.
     pub agreeing: usize,
     /// Sentences about rows that weren't compared.
     pub notes: Vec<String>,

@@ -46,7 +46,7 @@ fn signed(percent: Option<f64>) -> String {
 impl Summary<'_> {
     /// The text.
     pub fn to_markdown(&self) -> String {
-        let mut text = "# What each technique costs and how far it is from the truth\n\n".to_owned();
+        let mut text = "# Cost of each technique and its distance from the ground truth\n\n".to_owned();
         self.machine(&mut text);
         self.noise(&mut text);
         text.push_str(&analysis::sections(self.rows, self.protocol));
@@ -144,7 +144,7 @@ impl Summary<'_> {
                 if !undecided.is_empty() {
                     let _ = writeln!(
                         text,
-                        "Whether these are faster or slower than `reference` is **not decided**: {}.",
+                        "**Not decided** to be faster or slower than `reference`: {}.",
                         undecided.join(", ")
                     );
                 }

@@ -178,7 +178,7 @@ fn scores(row: &mut Row, errors: &Errors) {
     row.flip_final_converged_max = quantile(&all, 1.0).map(digits);
     row.psnr_db = over_views(|view| view.psnr_db);
     row.bias = over_views(|view| view.bias);
-    // Of all views together, so that a dark one doesn't weigh more than a bright one.
+    // Sums over all views, so that a dark one doesn't weigh more than a bright one.
     let (bias, light) = (
         errors.values(|view| view.bias),
         errors.values(|view| view.truth_luminance),

@@ -20,10 +20,10 @@ pub struct GroundTruth {
     pixels: usize,
 }
 
-/// What is kept of a ground truth.
+/// The part of a ground truth that is kept.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Converged {
-    /// What the camera shows.
+    /// The image that the camera shows.
     pub image: RgbImage,
     /// Linear luminance before tone mapping, of the first half of the samples and of the second one.
     pub halves: [Vec<f32>; 2],

@@ -91,7 +91,7 @@ impl Runner<'_> {
                 specular_map,
                 ..light.clone()
             },
-            // Of a brightness that the camera shows as 1.
+            // Brightness that the camera shows as 1.
             None => EnvironmentMapLight {
                 diffuse_map: self.black.clone(),
                 specular_map,
@@ -116,7 +116,7 @@ impl Runner<'_> {
 
     /// The light of a view, with the halves of its ground truth.
     ///
-    /// What reflections add to the frame is the difference to a frame that traces as the ground truth does and leaves out the addition alone:
+    /// The light that reflections add is the difference to a frame that traces as the ground truth does and leaves out the addition alone:
     /// all else, such as light probes and the share of the environment that Bevy's lighting has left out, is the same in both.
     fn true_light(&mut self, seconds: f32, halves: [Vec<f32>; 2]) -> Result<TrueLight, String> {
         let white = self.white.clone();

@@ -50,7 +50,7 @@ pub struct Runner<'a> {
     pub app: HeadlessApp,
     pub scene: MeasuredScene,
     pub camera: Entity,
-    /// Where the camera and moving things are.
+    /// Time that decides where the camera and moving objects are.
     seconds: Option<f32>,
     /// Techniques whose pipelines are compiled.
     compiled: BTreeSet<String>,

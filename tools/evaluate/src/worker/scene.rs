@@ -108,7 +108,7 @@ impl MeasuredScene {
         }
     }
 
-    /// Where the camera is after some seconds.
+    /// Pose of the camera after some seconds.
     pub fn pose(&self, seconds: f32) -> Transform {
         match &self.route {
             Route::BuiltIn(_, path) => path.pose(seconds),
@@ -121,7 +121,7 @@ impl MeasuredScene {
         (index as f32 + 0.5) / self.views as f32 * self.seconds()
     }
 
-    /// What a picture of the scene depends on besides the code, for the cache of ground truths.
+    /// Everything that an image of the scene depends on besides the code: the key of the cache of ground truths.
     pub fn key(&self) -> String {
         let shadows = format!("shadows {} of {}", self.cascades, self.shadow_size);
         match &self.source {

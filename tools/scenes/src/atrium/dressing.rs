@@ -35,7 +35,7 @@ pub fn dyed(scene: &mut SceneBuilder, m: &Materials, base_color: Color) -> Handl
     scene.material(both_sides(dielectric(materials::dyed(&m.cloth, base_color))))
 }
 
-/// What shines in a lamp.
+/// The glowing material of a lamp.
 pub fn glow(scene: &mut SceneBuilder) -> Handle<StandardMaterial> {
     scene.material(StandardMaterial {
         emissive: LinearRgba::rgb(7.0, 4.0, 1.6),

@@ -1,4 +1,4 @@
-//! What stands in the rich courtyard: vases, benches, braziers and more plants.
+//! Furniture of the rich courtyard: vases, benches, braziers and more plants.
 
 use super::{Materials, plan::*, segments};
 use crate::{

@@ -1,4 +1,4 @@
-//! What hangs in the rich courtyard: banners, cloths over the rails, garlands, and lamps on chains.
+//! Hangings of the rich courtyard: banners, cloths over the rails, garlands, and lamps on chains.
 
 use super::{
     Materials,

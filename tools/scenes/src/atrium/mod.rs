@@ -50,7 +50,7 @@ impl Richness {
     }
 }
 
-/// What the building is made of.
+/// Materials of the building.
 pub struct Materials {
     pub wall: Handle<StandardMaterial>,
     pub smooth: Handle<StandardMaterial>,

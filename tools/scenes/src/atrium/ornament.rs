@@ -1,4 +1,4 @@
-//! What is carved on the building: keystones, rosettes, ribs and brackets.
+//! Carvings of the building: keystones, rosettes, ribs and brackets.
 
 use super::{Materials, carving, plan::*, segments};
 use crate::{builder::SceneBuilder, geometry::Geometry};

@@ -40,7 +40,7 @@ pub fn build(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         let tile = tile(pitch, arc);
         for k in 0..CORNER_COLUMNS {
             let middle = (k as f32 + 0.5) * pitch;
-            // Where the neighbouring side's roof begins.
+            // The neighbouring side's roof begins here.
             let first = ((middle + OVERHANG) / tile_length()).round() as u32;
             column(g, &tile, -middle, first);
             g.part(Transform::from_rotation(turned(90.0)), |part| {

@@ -1,4 +1,4 @@
-//! What shines: neon, the gyroscope around its core, and the lights.
+//! Glowing parts: neon, the gyroscope around its core, and the lights.
 
 use super::{BRASS, CHROME, COPPER, GOLD, sun};
 use crate::{

@@ -203,7 +203,7 @@ impl HeadlessApp {
         readback::wait_until_idle(self.render_world()?)
     }
 
-    /// What the camera must draw into.
+    /// The target that the camera must draw into.
     pub fn target(&self) -> RenderTarget {
         self.target.clone()
     }

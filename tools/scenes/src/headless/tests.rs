@@ -43,12 +43,21 @@ fn picture(name: SceneName, settings: HeadlessSettings) -> Vec<u8> {
 // One test, as apps share the process's task pools and the device.
 #[test]
 fn harness() {
+    the_log_is_captured();
+    the_same_frame_looks_the_same_on_a_lesser_device();
+    unlit_colours_arrive_as_they_were_given();
+    files_load_and_missing_ones_are_errors();
+}
+
+fn the_log_is_captured() {
     capture_log();
     warn!("a warning");
     info!("some news");
     let log: Vec<String> = take_log().iter().map(ToString::to_string).collect();
     assert_eq!(log, ["glint_scenes::headless::tests: a warning"]);
+}
 
+fn the_same_frame_looks_the_same_on_a_lesser_device() {
     let first = picture(SceneName::MirrorRoom, settings(Output::Picture));
     assert_eq!(first.len(), (SIZE.x * SIZE.y * 4) as usize);
     let colours: std::collections::HashSet<&[u8]> = first.chunks_exact(4).collect();
@@ -74,8 +83,9 @@ fn harness() {
         usage: BufferUsages::COPY_SRC,
     });
     assert_eq!(read_buffer(app.render_world().unwrap(), &buffer).unwrap(), [1, 2, 3, 4]);
+}
 
-    // What is unlit arrives as it was given.
+fn unlit_colours_arrive_as_they_were_given() {
     let mut app = HeadlessApp::new(settings(Output::Linear), |_| {}).unwrap();
     app.spawn_scene(SceneName::MirrorRoom, &default());
     app.warm_up(4000).unwrap();
@@ -86,7 +96,7 @@ fn harness() {
         .count();
     assert!(red > 20, "{red} red pixels");
     assert!(matches!(app.capture(), Err(HeadlessError::Readback(_))));
-    // So it does before tone mapping.
+    // So they do before tone mapping.
     let mut shown = HeadlessApp::new(settings(Output::Picture), |_| {}).unwrap();
     let camera = shown.spawn_scene(SceneName::MirrorRoom, &default());
     for curve in [Tonemapping::None, Tonemapping::TonyMcMapface] {
@@ -114,8 +124,10 @@ fn harness() {
         decode_halves(&app.read_target(&small).unwrap()),
         [[0.25, 0.5, 4.0, 1.0]; 6]
     );
+}
 
-    // Files load; a missing one is an error, not a wait.
+/// A missing file is an error, not a wait.
+fn files_load_and_missing_ones_are_errors() {
     let folder = std::env::temp_dir().join(format!("glint_render_{}", std::process::id()));
     let [triangle, _] = write_test_assets(&folder).unwrap();
     for (file, good) in [(triangle, true), (folder.join("none.gltf"), false)] {

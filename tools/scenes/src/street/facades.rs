@@ -40,7 +40,7 @@ pub struct Front {
     pub style: usize,
 }
 
-/// What other parts of the street build on the house fronts.
+/// Places on the house fronts that other parts of the street build on.
 #[derive(Default)]
 pub struct Places {
     /// Shops.
@@ -49,7 +49,7 @@ pub struct Places {
     pub sills: Vec<Transform>,
 }
 
-/// What is in a bay of a storey.
+/// Contents of a bay of a storey.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Bay {
     Shop,

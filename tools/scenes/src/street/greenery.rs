@@ -19,7 +19,7 @@ use bevy::{
 };
 use std::f32::consts::TAU;
 
-/// Where the trees stand.
+/// Places of the trees.
 const TREES: [(f32, f32); 6] = [
     (-33.0, 4.95),
     (-25.2, 4.95),

@@ -101,7 +101,7 @@ fn kerbs(scene: &mut SceneBuilder, m: &Materials, detail: f32) {
         }
     });
     let (west, east, side_end) = (WEST + 2.0, EAST - 2.0, SIDE_END + 1.2);
-    // Where a line of kerb stones begins, how long it is, and its direction; along -z the stones lie on its +x side.
+    // Start, length and direction of each line of kerb stones; along -z the stones lie on its +x side.
     for (x, z, length, degrees) in [
         (west - KERB, -ROAD - KERB, SIDE[0] - west + KERB, 0.0),
         (SIDE[1], -ROAD - KERB, east + KERB - SIDE[1], 0.0),

@@ -1,4 +1,4 @@
-//! What the street is made of: few textures, many dyes.
+//! Materials of the street: few textures, many dyes.
 
 use super::surfaces;
 use crate::{

@@ -42,19 +42,19 @@ pub(crate) mod plan {
     pub const KERB: f32 = 0.3;
     /// Height of the pavements above the roadway.
     pub const PAVEMENT: f32 = 0.14;
-    /// Where the northern house fronts stand along z.
+    /// The northern house fronts along z.
     pub const NORTH: f32 = -8.0;
-    /// Where the southern house fronts stand along z.
+    /// The southern house fronts along z.
     pub const SOUTH: f32 = 7.0;
-    /// Where the houses close the street in the west, along x.
+    /// The houses that close the street in the west, along x.
     pub const WEST: f32 = -44.0;
-    /// Where the houses close the street in the east, along x.
+    /// The houses that close the street in the east, along x.
     pub const EAST: f32 = 42.0;
-    /// Where the western house fronts of the side street stand along x.
+    /// The western house fronts of the side street along x.
     pub const SIDE_WEST: f32 = 4.0;
-    /// Where the eastern house fronts of the side street stand along x.
+    /// The eastern house fronts of the side street along x.
     pub const SIDE_EAST: f32 = 13.0;
-    /// Where the houses close the side street, along z.
+    /// The houses that close the side street, along z.
     pub const SIDE_END: f32 = -40.0;
     /// Height of the ground floors.
     pub const GROUND_STOREY: f32 = 3.9;

@@ -3,7 +3,7 @@
 use super::plan::*;
 use bevy::math::{Vec3, vec3};
 
-/// What covers a house.
+/// Roof of a house.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Roof {
     /// A steep roof of clay tiles.
@@ -34,13 +34,13 @@ pub struct Plot {
     pub width: f32,
     /// Depth of the house.
     pub depth: f32,
-    /// What covers it.
+    /// Its roof.
     pub roof: Roof,
     /// Number of floors.
     pub storeys: u32,
     /// Index of the material of its walls.
     pub wall: usize,
-    /// Whether it stands on a street corner.
+    /// The street corner that it occupies, if any.
     pub corner: Corner,
     /// One letter for each bay of the ground floor: shop, entrance of a shop, door, or window. Capitals are the café's.
     ground: &'static str,

@@ -23,7 +23,7 @@ use std::f32::consts::PI;
 const TILES_RUN: f32 = 3.42;
 /// Height of the ridge above the walls.
 pub const TILES_RISE: f32 = 4.08;
-/// Where the eaves are before the wall.
+/// Distance of the eaves from the wall.
 const EAVES: f32 = 0.42;
 /// Depth and height of the steep slope of slates.
 const SLATES: Vec2 = vec2(0.8, 2.5);

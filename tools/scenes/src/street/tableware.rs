@@ -1,4 +1,4 @@
-//! What the café's tables and chairs are made of, and what stands on the tables.
+//! Tables and chairs of the café, and the things on the tables.
 
 use super::{
     bevel, segments,

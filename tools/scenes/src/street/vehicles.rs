@@ -17,7 +17,7 @@ use bevy::{
 };
 use std::f32::consts::{FRAC_PI_2, PI};
 
-/// Where cars stand: x, z, direction in degrees, and paint.
+/// Parked cars: x, z, direction in degrees, and paint.
 const CARS: [(f32, f32, f32, usize); 7] = [
     (-31.5, 2.55, 180.0, 3),
     (-20.3, 2.60, 180.0, 0),

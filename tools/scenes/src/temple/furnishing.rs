@@ -16,7 +16,7 @@ use std::f32::consts::TAU;
 
 const FIRELIGHT: Color = Color::srgb(1.0, 0.64, 0.32);
 
-/// Where the braziers stand: before and behind the basin, and on the dais.
+/// Places of the braziers: before and behind the basin, and on the dais.
 const BRAZIERS: [Vec3; 5] = [
     vec3(-1.6, 0.0, 5.2),
     vec3(1.6, 0.0, 5.2),

@@ -288,7 +288,7 @@ fn tiers() -> impl Iterator<Item = (u32, f32, f32, f32)> {
     })
 }
 
-/// What is seen through the openings: paving, a garden wall and cypresses.
+/// The view through the openings: paving, a garden wall and cypresses.
 fn terrace(scene: &mut SceneBuilder, m: &Materials, fine: f32) {
     let paving = scene.shape(|g| {
         let corner = |x: f32, z: f32| vec3(x, -0.25, z);

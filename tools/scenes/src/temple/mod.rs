@@ -54,7 +54,7 @@ mod plan {
     pub const COFFER: f32 = 2.25;
     /// Half the extent of the basin along x and z.
     pub const BASIN: (f32, f32) = (2.0, 4.0);
-    /// Where the lowest step of the dais begins, along z.
+    /// Position of the lowest step of the dais along z.
     pub const DAIS: f32 = -13.0;
     /// Height of the dais.
     pub const DAIS_HEIGHT: f32 = 0.51;
@@ -62,7 +62,7 @@ mod plan {
     pub const BAYS: [f32; 7] = [-12.0, -8.0, -4.0, 0.0, 4.0, 8.0, 12.0];
 }
 
-/// What the temple is made of.
+/// Materials of the temple.
 pub struct Materials {
     /// Inlaid marble, polished slab by slab.
     floor: Handle<StandardMaterial>,
@@ -180,7 +180,7 @@ mod tests {
             let eye = PATH.pose(step * i as f32).translation;
             let next = PATH.pose(step * (i + 1) as f32).translation;
             assert!(eye.distance(next) < 1.5 * step, "{eye}");
-            // What stands in the way stands in all four quarters of the plan.
+            // Obstacles repeat in all four quarters of the plan.
             let (x, z) = (eye.x.abs(), eye.z.abs());
             let clear = |of_x: f32, of_z: f32, reach: f32| (x - of_x).hypot(z - of_z) > reach;
             assert!(

@@ -1,4 +1,4 @@
-//! What repeats: fluted columns with carved capitals, the frieze above them, coffers with rosettes, and the reliefs of the closed wall.
+//! Repeated parts: fluted columns with carved capitals, the frieze above them, coffers with rosettes, and the reliefs of the closed wall.
 
 use super::{Materials, carving::*, plan::*, reliefs::Picture, segments};
 use crate::{
@@ -14,7 +14,7 @@ use std::f32::consts::{PI, TAU};
 
 /// Radius of a shaft at its foot.
 const RADIUS: f32 = 0.5;
-/// Where a shaft begins and ends.
+/// Heights at which a shaft begins and ends.
 const FOOT: f32 = 0.59;
 const NECK: f32 = 6.1;
 const FLUTES: u32 = 20;

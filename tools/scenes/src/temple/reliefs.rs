@@ -4,7 +4,7 @@ use crate::{geometry::Geometry, random::smooth};
 use bevy::math::{Vec2, ops, vec2};
 use std::f32::consts::PI;
 
-/// What a relief shows. Every picture fits into 2.3 by 3 metres around the origin.
+/// The subject of a relief. Each fits into 2.3 by 3 metres around the origin.
 #[derive(Clone, Copy)]
 pub enum Picture {
     /// A sun with rays.

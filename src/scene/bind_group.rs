@@ -1,0 +1,258 @@
+//! The scene's buffers and their bind group: group 1 of `bindings.wesl`.
+
+mod instance_table;
+mod shader_defs;
+
+use super::{
+    acceleration::AccelerationStructures,
+    activity::SceneActivity,
+    bvh::Item,
+    gpu_types::{GpuInstance, GpuLight, GpuMaterial, GpuSceneCounts},
+    masks::MaskSets,
+    merge::StaticMerge,
+    meshes::SceneMeshes,
+    textures::TextureTable,
+    top_level::TopLevel,
+    upload::StorageSlice,
+};
+use crate::{device::ReflectionTracer, settings::WantsReflections, status::ReflectionStatus, vrs::BindGroupContents};
+use bevy::{
+    ecs::{prelude::*, system::SystemParam},
+    render::{
+        render_resource::{
+            BindGroup, BindGroupEntry, BindGroupLayoutDescriptor, Buffer, BufferDescriptor, BufferUsages,
+            DefaultImageSamplerDescriptor, PipelineCache, ShaderStages, binding_types,
+        },
+        renderer::{RenderDevice, RenderQueue},
+    },
+};
+use core::num::NonZeroU64;
+use instance_table::InstanceTable;
+
+pub(super) use instance_table::pack_instance;
+
+/// The scene's buffers and bind group (group 1 of `bindings.wesl`).
+#[derive(Resource)]
+pub struct SceneBindings {
+    /// Layout of group 1.
+    pub layout: BindGroupLayoutDescriptor,
+    /// The bind group of this frame; `None` until the first frame in which a camera reflects.
+    pub bind_group: Option<BindGroup>,
+    /// Contents of the bind group while a view uses variable rate shading.
+    pub(crate) contents: BindGroupContents,
+    pub(super) tracer: ReflectionTracer,
+    texture_def: Option<&'static str>,
+    pub(super) instances: InstanceTable,
+    pub(super) materials: StorageSlice<GpuMaterial>,
+    pub(super) lights: StorageSlice<GpuLight>,
+    pub(super) uniform: Buffer,
+    pub(super) uniform_data: GpuSceneCounts,
+    pub(super) top_level: TopLevel,
+    pub(super) merge: StaticMerge,
+    pub(super) masks: MaskSets,
+    pub(super) acceleration: Option<AccelerationStructures>,
+    /// Rays can hit something that needs the alpha test, or it isn't known yet whether they can.
+    masked: bool,
+    /// The scene's trees need a larger stack than usual.
+    deep: bool,
+    defs_version: u32,
+    /// Counts changes that rays can see.
+    pub(crate) version: u32,
+    /// Generations of the resources that the bind group was created from.
+    generations: [u64; 7],
+}
+
+impl FromWorld for SceneBindings {
+    fn from_world(world: &mut World) -> Self {
+        let device = world.resource::<RenderDevice>();
+        let queue = world.resource::<RenderQueue>();
+        let meshes = world.resource::<SceneMeshes>();
+        let textures = world.resource::<TextureTable>();
+        let tracer = meshes.tracer();
+        Self {
+            layout: layout(tracer, textures),
+            bind_group: None,
+            contents: BindGroupContents::default(),
+            tracer,
+            texture_def: textures.mode().shader_def(),
+            instances: InstanceTable::new(device),
+            materials: StorageSlice::new(device, "glint_materials"),
+            lights: StorageSlice::new(device, "glint_lights"),
+            uniform: device.create_buffer(&BufferDescriptor {
+                label: Some("glint_scene"),
+                size: size_of::<GpuSceneCounts>() as u64,
+                usage: BufferUsages::STORAGE | BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            }),
+            uniform_data: GpuSceneCounts::default(),
+            top_level: TopLevel::default(),
+            merge: StaticMerge::default(),
+            masks: MaskSets::default(),
+            acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
+            masked: true,
+            deep: false,
+            defs_version: 0,
+            version: 0,
+            generations: [u64::MAX; 7],
+        }
+    }
+}
+
+fn layout(tracer: ReflectionTracer, textures: &TextureTable) -> BindGroupLayoutDescriptor {
+    let stages = ShaderStages::COMPUTE | ShaderStages::FRAGMENT;
+    let storage = |size: usize| binding_types::storage_buffer_read_only_sized(false, NonZeroU64::new(size as u64));
+    let mut entries = vec![
+        storage(4).build(0, stages),
+        storage(size_of::<GpuInstance>()).build(1, stages),
+        storage(size_of::<GpuMaterial>()).build(2, stages),
+        storage(size_of::<GpuLight>()).build(3, stages),
+        storage(size_of::<GpuSceneCounts>()).build(4, stages),
+    ];
+    match tracer {
+        ReflectionTracer::RayQuery => entries.push(binding_types::acceleration_structure().build(5, stages)),
+        ReflectionTracer::Bvh => entries.push(storage(size_of::<Item>()).build(6, stages)),
+    }
+    entries.push(textures.texture_layout().build(8, stages));
+    entries.push(textures.sampler_layout().build(9, stages));
+    BindGroupLayoutDescriptor {
+        label: "glint_scene_layout".into(),
+        entries,
+    }
+}
+
+impl SceneBindings {
+    /// The active tracer.
+    #[cfg(feature = "internals")]
+    pub fn tracer(&self) -> ReflectionTracer {
+        self.tracer
+    }
+
+    /// Returns whether the scene has more lights than a hit has bits for: `SHARED_LIGHTS` of `shading.wesl`.
+    pub(crate) fn has_many_lights(&self) -> bool {
+        self.lights.count() > 64
+    }
+
+    /// Notes a change that rays can see.
+    pub(super) fn note_change(&mut self) {
+        self.version = self.version.wrapping_add(1);
+    }
+
+    /// Gives back what an idle scene doesn't need.
+    pub(super) fn release(&mut self, meshes: &mut SceneMeshes, device: &RenderDevice, queue: &RenderQueue) {
+        self.merge.clear(meshes);
+        self.masks.clear(meshes);
+        self.top_level.clear(meshes);
+        self.set_masked(true);
+        self.set_deep(false);
+        self.bind_group = None;
+        self.contents.clear();
+        self.uniform_data = GpuSceneCounts::default();
+        self.instances = InstanceTable::new(device);
+        self.materials = StorageSlice::new(device, "glint_materials");
+        self.lights = StorageSlice::new(device, "glint_lights");
+        self.acceleration =
+            (self.tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue));
+        self.generations = [u64::MAX; 7];
+    }
+
+    /// Generations of the resources that a bind group of this frame would be created from.
+    fn current_generations(&self, meshes: &SceneMeshes, textures: &TextureTable) -> [u64; 7] {
+        let acceleration = self.acceleration.as_ref();
+        [
+            meshes.geometry.generation(),
+            meshes.bvh.generation(),
+            self.instances.generation(),
+            self.materials.generation(),
+            self.lights.generation(),
+            textures.generation(),
+            acceleration.map_or(0, |acceleration| acceleration.generation),
+        ]
+    }
+
+    /// Bytes of all buffers of the scene.
+    fn bytes(&self, meshes: &SceneMeshes) -> u64 {
+        meshes.geometry.capacity_bytes()
+            + meshes.bvh.capacity_bytes()
+            + self.instances.buffer().size()
+            + self.materials.buffer().size()
+            + self.lights.buffer().size()
+    }
+}
+
+/// The textures of the scene, and the sampler of images that have none of their own.
+#[derive(SystemParam)]
+pub(super) struct SceneTextures<'w> {
+    table: Res<'w, TextureTable>,
+    default_sampler: Res<'w, DefaultImageSamplerDescriptor>,
+}
+
+/// Makes the bind group anew where one of its resources was replaced.
+pub(super) fn prepare_scene_bind_group(
+    mut bindings: ResMut<SceneBindings>,
+    meshes: Res<SceneMeshes>,
+    textures: SceneTextures,
+    activity: Res<SceneActivity>,
+    views: Query<&WantsReflections>,
+    cache: Res<PipelineCache>,
+    device: Res<RenderDevice>,
+    status: Res<ReflectionStatus>,
+) {
+    let bindings = &mut *bindings;
+    if !activity.active {
+        return;
+    }
+    let generations = bindings.current_generations(&meshes, &textures.table);
+    let current = bindings.bind_group.is_some() && generations == bindings.generations;
+    let uses_vrs = views.iter().any(WantsReflections::uses_vrs);
+    if !current || !uses_vrs {
+        bindings.contents.clear();
+    }
+    let fill = uses_vrs && bindings.contents.is_missing();
+    if current && !fill {
+        return;
+    }
+    let resources = textures.table.resources();
+    let mut entries = vec![
+        entry(0, meshes.geometry.buffer()),
+        entry(1, bindings.instances.buffer()),
+        entry(2, bindings.materials.buffer()),
+        entry(3, bindings.lights.buffer()),
+        entry(4, &bindings.uniform),
+    ];
+    match &bindings.acceleration {
+        Some(acceleration) => {
+            entries.push(BindGroupEntry {
+                binding: 5,
+                resource: acceleration.tlas().as_binding(),
+            });
+        }
+        None => entries.push(entry(6, meshes.bvh.buffer())),
+    }
+    entries.push(BindGroupEntry {
+        binding: 8,
+        resource: resources.textures(),
+    });
+    entries.push(BindGroupEntry {
+        binding: 9,
+        resource: resources.samplers(),
+    });
+    if !current {
+        bindings.generations = generations;
+        bindings.version = bindings.version.wrapping_add(1);
+        let layout = cache.get_bind_group_layout(&bindings.layout);
+        bindings.bind_group = Some(device.create_bind_group("glint_scene", &layout, &entries));
+    }
+    if let (true, Some(bind_group)) = (fill, &bindings.bind_group) {
+        let samplers = textures.table.sampler_descriptors(&textures.default_sampler);
+        bindings.contents.fill(&device, bind_group, &entries, &samplers);
+    }
+    let bytes = bindings.bytes(&meshes);
+    status.update(|report| report.scene_bytes = bytes);
+}
+
+fn entry(binding: u32, buffer: &Buffer) -> BindGroupEntry<'_> {
+    BindGroupEntry {
+        binding,
+        resource: buffer.as_entire_binding(),
+    }
+}

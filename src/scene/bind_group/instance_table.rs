@@ -1,0 +1,201 @@
+//! The table of instances: objects as shaders read them, by slot.
+
+use crate::scene::{
+    acceleration::rows,
+    bvh::MAX_INSTANCES,
+    gpu_types::{
+        GpuInstance, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_MIRRORED, INSTANCE_RECEIVES_SHADOW,
+    },
+    instances::InstanceSource,
+    meshes::SceneMesh,
+    upload::StorageSlice,
+};
+use bevy::{
+    math::Affine3A,
+    render::{
+        render_resource::Buffer,
+        renderer::{RenderDevice, RenderQueue},
+    },
+};
+
+/// The buffer of instances with its copy on the CPU.
+pub(in crate::scene) struct InstanceTable {
+    slice: StorageSlice<GpuInstance>,
+    data: Vec<GpuInstance>,
+    present: Vec<bool>,
+    /// Slots from here on are not in the buffer: their objects are missing.
+    limit: usize,
+    present_count: usize,
+    masked_count: usize,
+    /// Slots that changed since the last upload.
+    changed: Vec<u32>,
+}
+
+impl InstanceTable {
+    pub fn new(device: &RenderDevice) -> Self {
+        Self {
+            slice: StorageSlice::new(device, "glint_instances"),
+            data: Vec::new(),
+            present: Vec::new(),
+            limit: StorageSlice::<GpuInstance>::limit(device).min(MAX_INSTANCES),
+            present_count: 0,
+            masked_count: 0,
+            changed: Vec::new(),
+        }
+    }
+
+    /// Makes room for so many slots.
+    pub fn resize(&mut self, slots: usize) {
+        self.data.resize(slots, GpuInstance::default());
+        self.present.resize(slots, false);
+    }
+
+    /// Returns whether the buffer has room for a slot.
+    pub fn has_room(&self, slot: u32) -> bool {
+        (slot as usize) < self.limit
+    }
+
+    /// Returns whether rays can hit the object of a slot.
+    pub fn can_be_hit(&self, slot: u32) -> bool {
+        self.has_room(slot) && self.present.get(slot as usize) == Some(&true)
+    }
+
+    /// The `INSTANCE_` flags of a slot.
+    pub fn flags(&self, slot: u32) -> u32 {
+        self.data[slot as usize].flags
+    }
+
+    /// Number of objects that rays can hit.
+    pub fn present_count(&self) -> usize {
+        self.present_count
+    }
+
+    /// Number of objects that rays can hit and that need the alpha test.
+    pub fn masked_count(&self) -> usize {
+        self.masked_count
+    }
+
+    /// Replaces the object of a slot. Returns false if it is the same as before.
+    pub fn set(&mut self, slot: u32, instance: Option<GpuInstance>) -> bool {
+        let index = slot as usize;
+        let before = self.present[index].then_some(self.data[index]);
+        if before == instance {
+            return false;
+        }
+        if self.has_room(slot) {
+            if let Some(before) = before {
+                self.count(before.flags, -1);
+            }
+            if let Some(instance) = instance {
+                self.count(instance.flags, 1);
+            }
+        }
+        self.present[index] = instance.is_some();
+        if let Some(instance) = instance {
+            self.data[index] = instance;
+            self.changed.push(slot);
+        }
+        true
+    }
+
+    /// Replaces the transform of an object. Returns false if more than its matrices would change.
+    pub fn set_transform(&mut self, slot: u32, world_from_object: &Affine3A) -> bool {
+        if !self.can_be_hit(slot) {
+            return false;
+        }
+        let Some(matrices) = Matrices::of(world_from_object) else {
+            return false;
+        };
+        let data = &mut self.data[slot as usize];
+        if matrices.mirrored != (data.flags & INSTANCE_MIRRORED != 0) {
+            return false;
+        }
+        data.world_from_object = matrices.world_from_object;
+        data.object_from_world = matrices.object_from_world;
+        self.changed.push(slot);
+        true
+    }
+
+    fn count(&mut self, flags: u32, step: isize) {
+        let add = |count: usize| count.saturating_add_signed(step);
+        self.present_count = add(self.present_count);
+        if flags & INSTANCE_ALPHA_MASKED != 0 {
+            self.masked_count = add(self.masked_count);
+        }
+    }
+
+    /// Writes all changes to the buffer.
+    pub fn upload(&mut self, device: &RenderDevice, queue: &RenderQueue) {
+        self.changed.sort_unstable();
+        self.slice.write_elements(&self.data, &self.changed, device, queue);
+        self.changed.clear();
+    }
+
+    /// The buffer for binding.
+    pub fn buffer(&self) -> &Buffer {
+        self.slice.buffer()
+    }
+
+    /// Changes when [`Self::buffer`] becomes another object.
+    pub fn generation(&self) -> u64 {
+        self.slice.generation()
+    }
+
+    /// Number of slots in the buffer.
+    pub fn len(&self) -> usize {
+        self.slice.count()
+    }
+}
+
+/// The place of an object as shaders read it.
+struct Matrices {
+    world_from_object: [[f32; 4]; 3],
+    object_from_world: [[f32; 4]; 3],
+    mirrored: bool,
+}
+
+impl Matrices {
+    /// `None` where the transform can't be inverted or isn't finite: such an object is invisible in the raster picture, too.
+    fn of(world_from_object: &Affine3A) -> Option<Self> {
+        let determinant = world_from_object.matrix3.determinant();
+        let object_from_world: Affine3A = world_from_object.inverse();
+        if !world_from_object.is_finite() || !object_from_world.is_finite() || determinant == 0.0 {
+            return None;
+        }
+        Some(Self {
+            world_from_object: bytemuck::cast(rows(world_from_object)),
+            object_from_world: bytemuck::cast(rows(&object_from_world)),
+            mirrored: determinant < 0.0,
+        })
+    }
+}
+
+/// `None` where the object has no place that shaders could read.
+pub(in crate::scene) fn pack_instance(
+    source: &InstanceSource,
+    mesh: &SceneMesh,
+    material: u32,
+    flags: u32,
+) -> Option<GpuInstance> {
+    let matrices = Matrices::of(&source.world_from_object)?;
+    let mut flags = flags;
+    if matrices.mirrored {
+        flags |= INSTANCE_MIRRORED;
+    }
+    if source.casts_shadow {
+        flags |= INSTANCE_CASTS_SHADOW;
+    }
+    if source.receives_shadow {
+        flags |= INSTANCE_RECEIVES_SHADOW;
+    }
+    Some(GpuInstance {
+        world_from_object: matrices.world_from_object,
+        object_from_world: matrices.object_from_world,
+        geometry_base: mesh.geometry.base(),
+        material,
+        flags,
+        id: source.entity.index_u32(),
+        masks: 0,
+        _padding: [0; 3],
+    })
+}

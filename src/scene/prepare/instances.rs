@@ -1,0 +1,155 @@
+//! From mirrored objects to the table of instances, and to all that follows from an object: its alpha test, its place in a merged
+//! tree or in the top level.
+
+use crate::{
+    device::ReflectionTracer,
+    scene::{
+        bind_group::{SceneBindings, pack_instance},
+        bvh::{TRAVERSAL_FLAGS, owner},
+        gpu_types::{GpuInstance, INSTANCE_ALPHA_MASKED},
+        instances::{InstanceSource, SceneInstances},
+        masks::{MaskKey, Surroundings},
+        materials::{MaterialAssets, MaterialTable, instance_flags, is_traced},
+        merge::Placement,
+        meshes::SceneMeshes,
+        top_level::Object,
+    },
+};
+use bevy::{mesh::UvChannel, render::renderer::RenderQueue};
+
+impl SceneBindings {
+    /// Updates objects that have moved, and changed nothing else. Adds those to `dirty` from whose movement more follows. Returns
+    /// whether anything changed for rays.
+    pub(super) fn move_instances(&mut self, moved: &[u32], instances: &SceneInstances, dirty: &mut Vec<u32>) -> bool {
+        self.instances.resize(instances.slots().len());
+        let mut changed = false;
+        for &slot in moved {
+            if self.move_instance(slot, instances) {
+                changed = true;
+            } else {
+                dirty.push(slot);
+            }
+        }
+        changed
+    }
+
+    /// Returns false where more than new matrices follows from the movement.
+    fn move_instance(&mut self, slot: u32, instances: &SceneInstances) -> bool {
+        let Some(source) = instances.get(slot) else {
+            return false;
+        };
+        let moved = self.instances.set_transform(slot, &source.world_from_object);
+        if moved && self.tracer == ReflectionTracer::Bvh {
+            self.merge.observe_move(slot, source.world_from_object);
+            let owner = owner(slot, self.instances.flags(slot));
+            self.top_level.set_transform(slot, source.world_from_object, owner);
+        }
+        moved
+    }
+
+    /// Updates objects that may have changed in any way. Returns whether anything changed for rays.
+    pub(super) fn update_instances(
+        &mut self,
+        dirty: &[u32],
+        instances: &SceneInstances,
+        materials: &mut MaterialTable,
+        surroundings: &Surroundings,
+        meshes: &mut SceneMeshes,
+        queue: &RenderQueue,
+    ) -> bool {
+        let mut changed = false;
+        for &slot in dirty {
+            let source = instances.get(slot);
+            let mut packed = source.and_then(|source| {
+                let mesh = meshes.get(source.mesh)?;
+                let material = surroundings.materials.get(source.material)?;
+                let flags = is_traced(material).then(|| instance_flags(material))?;
+                pack_instance(source, mesh, materials.index(source.material), flags)
+            });
+            if self.tracer == ReflectionTracer::Bvh {
+                self.assign_masks(slot, packed.as_mut().zip(source), surroundings, meshes, queue);
+                self.observe_placement(slot, packed.as_ref().zip(source), meshes);
+            }
+            let replaced = source.is_some_and(|source| meshes.changed.contains(&source.mesh));
+            if self.instances.set(slot, packed) || (replaced && packed.is_some()) {
+                changed = true;
+                if self.tracer == ReflectionTracer::Bvh && !self.merge.is_merged(slot) {
+                    self.update_object(slot, packed.as_ref().zip(source), meshes);
+                }
+            }
+        }
+        changed
+    }
+
+    /// Gives an alpha-masked instance its masks. Where there is no room for them, it is opaque.
+    fn assign_masks(
+        &mut self,
+        slot: u32,
+        instance: Option<(&mut GpuInstance, &InstanceSource)>,
+        surroundings: &Surroundings,
+        meshes: &mut SceneMeshes,
+        queue: &RenderQueue,
+    ) {
+        let wanted = instance
+            .as_ref()
+            .and_then(|(packed, source)| mask_key(packed, source, surroundings.materials, meshes));
+        let masks = self.masks.assign(slot, wanted, surroundings, meshes, queue);
+        if let (Some((packed, _)), Some(_)) = (instance, wanted) {
+            match masks {
+                Some(masks) => packed.masks = masks,
+                None => packed.flags &= !INSTANCE_ALPHA_MASKED,
+            }
+        }
+    }
+
+    /// Tells the merging of static objects what an object looks like now.
+    fn observe_placement(
+        &mut self,
+        slot: u32,
+        instance: Option<(&GpuInstance, &InstanceSource)>,
+        meshes: &SceneMeshes,
+    ) {
+        let mergeable = instance.filter(|_| self.instances.has_room(slot));
+        let placement = mergeable.and_then(|(packed, source)| {
+            Some(Placement {
+                entity: source.entity,
+                mesh: source.mesh,
+                version: meshes.get(source.mesh)?.version,
+                world_from_object: source.world_from_object,
+                flags: packed.flags & TRAVERSAL_FLAGS,
+                masks: packed.masks,
+                micromaps: self.masks.micromaps(slot).name,
+            })
+        });
+        self.merge.observe(slot, placement);
+    }
+
+    /// Puts an object into the top level, or takes it out.
+    fn update_object(&mut self, slot: u32, instance: Option<(&GpuInstance, &InstanceSource)>, meshes: &SceneMeshes) {
+        let object = instance
+            .filter(|_| self.instances.has_room(slot))
+            .and_then(|(packed, source)| Object::new(source, slot, packed.flags, meshes));
+        match object {
+            Some(object) => self.top_level.set(slot, object),
+            None => self.top_level.remove(slot),
+        }
+    }
+}
+
+/// The masks that an instance needs; `None` where it isn't alpha-masked.
+fn mask_key(
+    packed: &GpuInstance,
+    source: &InstanceSource,
+    assets: &MaterialAssets,
+    meshes: &SceneMeshes,
+) -> Option<MaskKey> {
+    if packed.flags & INSTANCE_ALPHA_MASKED == 0 {
+        return None;
+    }
+    Some(MaskKey {
+        mesh: source.mesh,
+        version: meshes.get(source.mesh)?.version,
+        material: source.material,
+        second_uvs: assets.get(source.material)?.base_color_channel == UvChannel::Uv1,
+    })
+}

@@ -1,0 +1,191 @@
+//! A static tree in the making: built by a task, then uploaded in parts.
+
+use super::{
+    moving_tree::Mover,
+    object::Object,
+    static_tree::{Members, StaticTree, write_items},
+};
+use crate::scene::{
+    arena::ArenaSlice,
+    bvh::{BvhQuality, ITEM_WORDS, Tlas, TlasInstance, build_tlas_of, opening_budget},
+    meshes::SceneMeshes,
+};
+use bevy::{
+    render::renderer::RenderQueue,
+    tasks::{AsyncComputeTaskPool, Task, block_on, poll_once},
+};
+use std::sync::Arc;
+
+/// Items that are uploaded in one frame: a megabyte.
+const UPLOAD_ITEMS_PER_FRAME: usize = 20_000;
+
+/// An object on its way into the static tree.
+pub(super) struct Joining {
+    /// Index in the members.
+    pub member: u32,
+    pub slot: u32,
+    /// Frame of its last change.
+    pub changed: u64,
+}
+
+/// Result of a build task.
+struct Built {
+    tlas: Tlas,
+    members: Members,
+    first: Vec<u32>,
+    free: Vec<u32>,
+    joining: Vec<Joining>,
+}
+
+enum Stage {
+    Building(Task<Built>),
+    Uploading {
+        built: Box<Built>,
+        slice: ArenaSlice,
+        /// Items that are uploaded.
+        done: usize,
+    },
+}
+
+/// The next static tree.
+pub(super) struct StaticBuild {
+    stage: Stage,
+    /// Frame in which it began.
+    pub since: u64,
+    /// Members that have left meanwhile.
+    dead: Vec<u32>,
+}
+
+/// State of a build after a frame.
+pub(super) enum Progress {
+    /// It goes on.
+    Unfinished(StaticBuild),
+    /// There is no room for the tree: its objects stay in the moving one.
+    Failed,
+    /// The tree is in the buffer. It still holds members that have left meanwhile.
+    Finished {
+        tree: Box<StaticTree>,
+        joining: Vec<Joining>,
+        dead: Vec<u32>,
+    },
+}
+
+impl StaticBuild {
+    /// Starts to build a tree of the last one's members and of others.
+    pub fn start(last: Option<&StaticTree>, joining: Vec<Mover>, frame: u64) -> Self {
+        let (members, mut free, dead) = last.map_or_else(Default::default, |last| {
+            (last.members.clone(), last.free.clone(), last.dead.clone())
+        });
+        let task = AsyncComputeTaskPool::get().spawn(async move {
+            let mut members = members.as_ref().clone();
+            for member in dead {
+                members[member as usize] = None;
+                free.push(member);
+            }
+            let joining = joining.into_iter().map(|mover| {
+                let member = free.pop().unwrap_or_else(|| {
+                    members.push(None);
+                    members.len() as u32 - 1
+                });
+                members[member as usize] = Some(mover.object);
+                Joining {
+                    member,
+                    slot: mover.slot,
+                    changed: mover.changed,
+                }
+            });
+            let joining = joining.collect();
+            build(members, free, joining)
+        });
+        Self {
+            stage: Stage::Building(task),
+            since: frame,
+            dead: Vec::new(),
+        }
+    }
+
+    /// Notes that a member of the last tree has left.
+    pub fn note_dead(&mut self, member: u32) {
+        self.dead.push(member);
+    }
+
+    /// Carries on, once in each frame.
+    pub fn advance(mut self, meshes: &mut SceneMeshes, queue: &RenderQueue) -> Progress {
+        let (built, slice, done) = match self.stage {
+            Stage::Building(task) if !task.is_finished() => {
+                self.stage = Stage::Building(task);
+                return Progress::Unfinished(self);
+            }
+            Stage::Building(mut task) => {
+                let Some(mut built) = block_on(poll_once(&mut task)).map(Box::new) else {
+                    return Progress::Failed;
+                };
+                let Some(slice) = meshes.allocate_tree(built.tlas.items.len()) else {
+                    return Progress::Failed;
+                };
+                built.tlas.relocate(slice.base() / ITEM_WORDS);
+                (built, slice, 0)
+            }
+            Stage::Uploading { built, slice, done } => (built, slice, done),
+        };
+        let items = &built.tlas.items;
+        let end = items.len().min(done + UPLOAD_ITEMS_PER_FRAME);
+        write_items(meshes, queue, &slice, items, done..end);
+        if end < items.len() {
+            self.stage = Stage::Uploading {
+                built,
+                slice,
+                done: end,
+            };
+            return Progress::Unfinished(self);
+        }
+        let tree = StaticTree {
+            slice,
+            tlas: built.tlas,
+            members: built.members,
+            first: built.first,
+            dead: Vec::new(),
+            free: built.free,
+            emptied: Vec::new(),
+        };
+        Progress::Finished {
+            tree: Box::new(tree),
+            joining: built.joining,
+            dead: self.dead,
+        }
+    }
+
+    /// Gives the build up. Returns its slice of the buffer, if it has one already.
+    pub fn cancel(self) -> Option<ArenaSlice> {
+        match self.stage {
+            Stage::Building(_) => None,
+            Stage::Uploading { slice, .. } => Some(slice),
+        }
+    }
+}
+
+fn build(members: Vec<Option<Object>>, free: Vec<u32>, joining: Vec<Joining>) -> Built {
+    let present: Vec<u32> = (0..members.len() as u32)
+        .filter(|member| members[*member as usize].is_some())
+        .collect();
+    let list: Vec<TlasInstance> = members.iter().flatten().map(Object::instance).collect();
+    let mut tlas = build_tlas_of(BvhQuality::Medium, &list, opening_budget(list.len()));
+    for (instance, _) in &mut tlas.places {
+        *instance = present[*instance as usize];
+    }
+    tlas.places.sort_unstable();
+    let mut first = vec![0; members.len() + 1];
+    for (member, _) in &tlas.places {
+        first[*member as usize + 1] += 1;
+    }
+    for member in 0..members.len() {
+        first[member + 1] += first[member];
+    }
+    Built {
+        tlas,
+        members: Arc::new(members),
+        first,
+        free,
+        joining,
+    }
+}

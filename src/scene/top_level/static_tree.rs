@@ -1,0 +1,79 @@
+//! The tree over objects that have not changed for a while.
+
+use super::object::Object;
+use crate::scene::{
+    arena::ArenaSlice,
+    bvh::{ITEM_WORDS, Item, Tlas},
+    meshes::SceneMeshes,
+    upload::runs,
+};
+use bevy::render::renderer::RenderQueue;
+use core::ops::Range;
+use std::sync::Arc;
+
+/// Items between two changed ones that are rather written again than skipped.
+const GAP: u32 = 32;
+
+/// Objects of a tree; `None` at indices that are free.
+pub(super) type Members = Arc<Vec<Option<Object>>>;
+
+/// The tree in the buffer.
+pub(super) struct StaticTree {
+    pub slice: ArenaSlice,
+    /// With the items as they are in the buffer.
+    pub tlas: Tlas,
+    pub members: Members,
+    /// For each member the start of its entries in `tlas.places`.
+    pub first: Vec<u32>,
+    /// Members that have left since the tree was built.
+    pub dead: Vec<u32>,
+    /// Indices without a member.
+    pub free: Vec<u32>,
+    /// Items that changed since the last upload.
+    pub emptied: Vec<u32>,
+}
+
+impl StaticTree {
+    /// Number of objects in the tree.
+    pub fn len(&self) -> usize {
+        self.members.len() - self.dead.len() - self.free.len()
+    }
+
+    /// The object of a member.
+    pub fn object(&self, member: u32) -> Option<&Object> {
+        self.members.get(member as usize)?.as_ref()
+    }
+
+    /// Puts empty nodes where the entries of a member are.
+    pub fn empty(&mut self, member: u32) {
+        let entries = self.first[member as usize] as usize..self.first[member as usize + 1] as usize;
+        for (_, place) in &self.tlas.places[entries] {
+            self.tlas.items[*place as usize] = Item::default();
+            self.emptied.push(*place);
+        }
+        self.dead.push(member);
+    }
+
+    /// Writes items that changed.
+    pub fn upload(&mut self, meshes: &mut SceneMeshes, queue: &RenderQueue) {
+        self.emptied.sort_unstable();
+        for run in runs(&self.emptied, GAP) {
+            write_items(meshes, queue, &self.slice, &self.tlas.items, run);
+        }
+        self.emptied.clear();
+    }
+}
+
+/// Writes a range of a tree's items.
+pub(super) fn write_items(
+    meshes: &mut SceneMeshes,
+    queue: &RenderQueue,
+    slice: &ArenaSlice,
+    items: &[Item],
+    range: Range<usize>,
+) {
+    let words = items[range.clone()].as_flattened().as_flattened();
+    meshes
+        .bvh
+        .write_from(queue, slice, range.start * ITEM_WORDS as usize, words);
+}
