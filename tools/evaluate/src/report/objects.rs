@@ -245,7 +245,7 @@ mod tests {
             technique: "reference".into(),
             ..old[0].clone()
         };
-        let merged = merge([&old[..], &[other.clone()]].concat(), &[row()], old.clone());
+        let merged = merge([&old[..], std::slice::from_ref(&other)].concat(), &[row()], old.clone());
         assert_eq!(merged, [&[other], &old[..]].concat());
     }
 }
