@@ -43,7 +43,7 @@ impl From<&RayTracedReflections> for ClampedSettings {
             sampling: settings.sampling,
             full_resolution_mirrors: settings.full_resolution_mirrors && settings.technique.trace_scale() > 1,
             denoiser: clamped_denoiser(&settings.denoiser),
-            fade_start: (cutoff - fade).max(0.0),
+            fade_start: if cutoff < 1.0 { (cutoff - fade).max(0.0) } else { 1.0 },
             cutoff: between_steps(cutoff),
             max_ray_length: number_or(settings.max_ray_length, default.max_ray_length).clamp(0.0, 1.0e9),
             shadow_rays: settings.shadow_rays,
@@ -80,9 +80,24 @@ mod tests {
             ..Default::default()
         };
         let safe = ClampedSettings::from(&wild);
-        assert_eq!(safe.cutoff, 153.5 / 255.0);
-        assert_eq!(safe.fade_start, 0.0);
+        assert_eq!(safe.cutoff, 255.5 / 255.0);
         assert_eq!(safe.max_ray_length, 0.0);
         assert_eq!(safe.fixed_mip, Some(0.0));
+    }
+
+    #[test]
+    fn reflections_fade_below_the_cutoff_unless_everything_reflects() {
+        let band = |roughness_cutoff, roughness_fade| {
+            let settings = RayTracedReflections {
+                roughness_cutoff,
+                roughness_fade,
+                ..Default::default()
+            };
+            let ClampedSettings { fade_start, cutoff, .. } = ClampedSettings::from(&settings);
+            (fade_start, cutoff)
+        };
+        assert_eq!(band(0.6, 0.1), (0.5, 153.5 / 255.0));
+        assert_eq!(band(0.6, f32::INFINITY).0, 0.0);
+        assert_eq!(band(1.0, 0.1), (1.0, 255.5 / 255.0));
     }
 }

@@ -85,16 +85,14 @@ pub(super) const MIN_ROUGHNESS: f32 = 0.1;
 /// Thresholds of [`ShadingRateHeuristic::Roughness`], in perceptual roughness (0 to 1). NaN stands for the default.
 ///
 /// Nothing above the camera's [`roughness_cutoff`](crate::RayTracedReflections::roughness_cutoff) reflects, so that thresholds above
-/// it are never reached. The paper has no cut-off: with its thresholds and the default cut-off of 0.6 every tile gets 1x1 or 2x1.
-/// [`ReflectionPreset::Paper`](crate::ReflectionPreset::Paper) sets the cut-off to 1.
+/// it are never reached.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 pub struct RoughnessThresholds {
     /// Average roughness from which a tile gets 2x1 (table 1 of the paper). Default: 0.25.
     #[reflect(@0.0..=1.0f32)]
     pub half: f32,
-    /// Average roughness from which a tile gets 2x2 (table 1 of the paper). Default: 0.75. That is above the default cut-off: lower
-    /// this, or raise the cut-off, for blocks of 2x2.
+    /// Average roughness from which a tile gets 2x2 (table 1 of the paper). Default: 0.75.
     #[reflect(@0.0..=1.0f32)]
     pub quarter: f32,
     /// A tile with a pixel less rough than this keeps 1x1, so that a mirror in a rough tile isn't averaged away; `None` leaves this

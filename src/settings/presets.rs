@@ -9,7 +9,7 @@ use bevy::reflect::{Reflect, std_traits::ReflectDefault};
 /// A bundle of settings; [`settings`](Self::settings) gives the components.
 ///
 /// Rays per pixel count reflection rays per pixel of the view that reflects, without shadow rays. Exact mirrors get one each
-/// in all presets but `Paper`.
+/// in all presets but `Paper` and `Low`.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -17,12 +17,13 @@ pub enum ReflectionPreset {
     /// The paper's recipe step by step: a quarter of the resolution, rates from average roughness (table 1), GGX normals from a
     /// Halton sequence, mip level 2 at hits, one history, no step of ours, no cut-off. 1/16 to 1/4 ray per pixel.
     Paper,
-    /// Smooth surfaces only, few samples, no shadow rays in reflections. 1/16 to 1/4 ray per pixel.
+    /// Rates from average roughness, with the paper's thresholds, half the samples, and no rays of their own for mirrors. 1/16 to 1/4
+    /// ray per pixel.
     Low,
     /// The default of [`RayTracedReflections`]. 1/16 to 1/4 ray per pixel.
     #[default]
     Medium,
-    /// Every quad gets its ray, rougher surfaces reflect as well. 1/4 ray per pixel.
+    /// Twice the samples of the default. 1/16 to 1/4 ray per pixel.
     High,
     /// Every pixel gets its ray. 1 ray per pixel.
     Ultra,
@@ -39,8 +40,6 @@ impl ReflectionPreset {
                     sampling: ReflectionSampling::Halton,
                     full_resolution_mirrors: false,
                     denoiser: ReflectionDenoiser::PAPER,
-                    roughness_cutoff: 1.0,
-                    roughness_fade: 0.0,
                     texture_mip: ReflectionTextureMip::PAPER,
                     ..default
                 },
@@ -48,21 +47,22 @@ impl ReflectionPreset {
             ),
             Self::Low => (
                 RayTracedReflections {
+                    full_resolution_mirrors: false,
                     denoiser: ReflectionDenoiser {
                         samples: 4,
                         ..ReflectionDenoiser::default()
                     },
-                    roughness_cutoff: 0.4,
-                    shadow_rays: false,
                     ..default
                 },
-                ShadingRateHeuristic::default(),
+                ShadingRateHeuristic::PAPER_ROUGHNESS,
             ),
             Self::Medium => (default, ShadingRateHeuristic::default()),
             Self::High => (
                 RayTracedReflections {
-                    technique: ReflectionTechnique::Quarter,
-                    roughness_cutoff: 0.75,
+                    denoiser: ReflectionDenoiser {
+                        samples: 16,
+                        ..ReflectionDenoiser::default()
+                    },
                     ..default
                 },
                 ShadingRateHeuristic::default(),
@@ -70,7 +70,6 @@ impl ReflectionPreset {
             Self::Ultra => (
                 RayTracedReflections {
                     technique: ReflectionTechnique::Reference,
-                    roughness_cutoff: 1.0,
                     ..default
                 },
                 ShadingRateHeuristic::default(),
@@ -94,9 +93,7 @@ pub const TECHNIQUE_NAMES: &str = "reference, quarter, quarter-inline, vrs-rough
 /// The components that a word on a command line stands for: a technique of the measurements, or a preset.
 ///
 /// `reference`, `quarter` and `quarter-inline` trace a fixed rate. `vrs-roughness` and `vrs-grazing` are the paper's heuristics
-/// with its thresholds, `vrs-combined` is ours. All of these share one denoiser and the default cut-off, so that they differ in their
-/// rays alone. The paper has no cut-off: set [`roughness_cutoff`](RayTracedReflections::roughness_cutoff) to 1 to compare with it,
-/// since with the default `vrs-roughness` never gets to 2x2.
+/// with its thresholds, `vrs-combined` is ours. All of these share one denoiser, so that they differ in their rays alone.
 pub fn named_settings(name: &str) -> Result<(RayTracedReflections, ShadingRateHeuristic), UnknownName> {
     let with = |technique, full_resolution_mirrors| RayTracedReflections {
         technique,

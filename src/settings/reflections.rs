@@ -45,14 +45,15 @@ pub struct RayTracedReflections {
     pub full_resolution_mirrors: bool,
     /// How samples become an image. Default: [`ReflectionDenoiser::default`].
     pub denoiser: ReflectionDenoiser,
-    /// Perceptual roughness (0 to 1) above which a surface gets no ray and keeps the environment map. More reflects rougher
-    /// surfaces, with more rays. The G-buffer stores 8 bits, so that the border is exact to 1/255. Default: 0.6. Thresholds of a
-    /// [`ShadingRateHeuristic`](crate::ShadingRateHeuristic) above it are never reached: with the default,
-    /// [`Roughness`](crate::ShadingRateHeuristic::Roughness) goes no further than 2x1.
+    /// Perceptual roughness (0 to 1) above which a surface gets no ray and keeps the environment map, which shines through walls. Less
+    /// takes less time where rough surfaces fill the picture. The G-buffer stores 8 bits, so that the border is exact to 1/255.
+    /// Default: 1, everything reflects. Thresholds of a [`ShadingRateHeuristic`](crate::ShadingRateHeuristic) above it are never
+    /// reached: at 0.6, [`Roughness`](crate::ShadingRateHeuristic::Roughness) goes no further than 2x1.
     #[reflect(@0.0..=1.0f32)]
     pub roughness_cutoff: f32,
     /// Width of the band of perceptual roughness below [`roughness_cutoff`](Self::roughness_cutoff) in which the traced
-    /// reflection fades into the environment map; 0 is a hard edge. Default: 0.1.
+    /// reflection fades into the environment map; 0 is a hard edge. Without effect at a cut-off of 1, above which nothing lies.
+    /// Default: 0.1.
     #[reflect(@0.0..=1.0f32)]
     pub roughness_fade: f32,
     /// Length of a reflection ray in metres. Longer rays see more and cost more; what lies behind their end is replaced by the
@@ -76,7 +77,7 @@ impl Default for RayTracedReflections {
             sampling: ReflectionSampling::default(),
             full_resolution_mirrors: true,
             denoiser: ReflectionDenoiser::default(),
-            roughness_cutoff: 0.6,
+            roughness_cutoff: 1.0,
             roughness_fade: 0.1,
             max_ray_length: 10_000.0,
             shadow_rays: true,
