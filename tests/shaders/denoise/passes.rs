@@ -11,7 +11,7 @@ use crate::{
 use bevy::math::{UVec2, Vec3, uvec2, vec2};
 use bevy_glint::internals::directional_albedo::DirectionalAlbedo;
 
-fn gpu() -> Option<(Gpu, Shaders)> {
+fn gpu() -> Option<(&'static Gpu, Shaders)> {
     Some((Gpu::new()?, Shaders::load()))
 }
 
@@ -40,7 +40,7 @@ fn a_white_furnace_stays_white() {
                 ..Wall::new(uvec2(104, 72))
             };
             let case = format!("roughness {roughness}, scale {trace_scale}, rate {rate}, {samples} samples");
-            let image = wall.reconstruct(&gpu, &mut shaders, |_| [1.0, 1.0, 1.0, 4.0]);
+            let image = wall.reconstruct(gpu, &mut shaders, |_| [1.0, 1.0, 1.0, 4.0]);
             let known: Vec<_> = image.iter().filter(|texel| texel.packed_weight > 0.0).collect();
             assert!(
                 known.len() * 100 > image.len() * 99,
@@ -74,7 +74,7 @@ fn a_single_ray_is_weighed_as_the_sampler_weighs_it() {
             ..Wall::new(uvec2(64, 48))
         };
         let seen = |block: UVec2| [0.5 + block.x as f32 / 16.0, 2.0, 0.25, 3.0];
-        let image = wall.reconstruct(&gpu, &mut shaders, seen);
+        let image = wall.reconstruct(gpu, &mut shaders, seen);
         let mut turned = 0;
         for (pixel, texel) in wall.pixels().zip(&image) {
             let ray = wall.ray(pixel);
@@ -159,7 +159,7 @@ fn smooth_surfaces_at_rest_lose_no_light_of_lamps() {
                 rest: 1000,
                 ..Wall::new(uvec2(104, 72))
             };
-            let image = wall.reconstruct_rays(&gpu, &mut shaders, |ray| lamp(&wall, ray));
+            let image = wall.reconstruct_rays(gpu, &mut shaders, |ray| lamp(&wall, ray));
             found += image.iter().map(|texel| texel.radiance[1]).sum::<f32>() / image.len() as f32;
             truth += lamp_light(&wall, &table);
         }
@@ -186,7 +186,7 @@ fn frames_at_rest_tell_what_they_weigh() {
             rest: 1000,
             ..Wall::new(size)
         };
-        let image = wall.reconstruct_rays(&gpu, &mut shaders, |ray| lamp(&wall, ray));
+        let image = wall.reconstruct_rays(gpu, &mut shaders, |ray| lamp(&wall, ray));
         for (sum, texel) in sums.iter_mut().zip(&image) {
             let weight = texel.packed_weight / (16.0 - texel.packed_weight);
             assert!((0.0..=16.1).contains(&weight), "{texel:?}");
@@ -218,7 +218,7 @@ fn rays_that_are_no_numbers_are_left_out() {
                 [1.0, 1.0, 1.0, 4.0]
             }
         };
-        for texel in wall.reconstruct(&gpu, &mut shaders, seen) {
+        for texel in wall.reconstruct(gpu, &mut shaders, seen) {
             // Where all rays in reach are odd, none is known: then the history decides.
             assert!(
                 texel.packed_weight == 0.0 || texel.radiance.iter().all(|value| (value - 1.0).abs() < 2e-3),
@@ -250,7 +250,7 @@ fn what_stands_where_nothing_was_traced_is_not_looked_at() {
                     [1.0, 1.0, 1.0, 4.0]
                 }
             };
-            let image = wall.reconstruct(&gpu, &mut shaders, seen);
+            let image = wall.reconstruct(gpu, &mut shaders, seen);
             let words = |texel: &Reconstructed| {
                 let [r, g, b] = texel.radiance;
                 [r, g, b, texel.variance, texel.distance, texel.packed_weight].map(f32::to_bits)
@@ -294,7 +294,7 @@ fn history_grows_on_what_stays() {
     let mut history = wall.no_history();
     for frame in 0..6 {
         wall.accumulated = frame;
-        history = wall.accumulate(&gpu, &mut shaders, &image(&wall, 1.0, frame), &history);
+        history = wall.accumulate(gpu, &mut shaders, &image(&wall, 1.0, frame), &history);
         let expected = frame as f32 + 1.0;
         assert!(
             lengths(&history).iter().all(|length| (length - expected).abs() < 0.01),
@@ -308,11 +308,11 @@ fn history_grows_on_what_stays() {
 fn history_of_something_else_is_dropped() {
     let Some((gpu, mut shaders)) = gpu() else { return };
     let mut wall = Wall::new(uvec2(48, 40));
-    let first = wall.accumulate(&gpu, &mut shaders, &image(&wall, 5.0, 0), &wall.no_history());
+    let first = wall.accumulate(gpu, &mut shaders, &image(&wall, 5.0, 0), &wall.no_history());
     wall.accumulated = 1;
     let fresh = image(&wall, 1.0, 1);
     let mut restarts = |name: &str, before: &History, wall: &Wall| {
-        let history = wall.accumulate(&gpu, &mut shaders, &fresh, before);
+        let history = wall.accumulate(gpu, &mut shaders, &fresh, before);
         assert!(
             lengths(&history).iter().all(|&length| length == 1.0),
             "{name}: {:?}",
@@ -391,7 +391,7 @@ fn what_changes_is_forgotten_in_eight_frames() {
         for rate in [0, 10] {
             // Without rest, and after a rest that the change ends.
             for rest in [0, 1000] {
-                let left = left_after_change(&gpu, &mut shaders, change, rate, |wall| {
+                let left = left_after_change(gpu, &mut shaders, change, rate, |wall| {
                     wall.rest = if wall.frame < 32 { rest } else { 0 };
                 });
                 assert!(
@@ -407,8 +407,8 @@ fn what_changes_is_forgotten_in_eight_frames() {
 #[test]
 fn what_is_shaded_anew_is_not_at_rest() {
     let Some((gpu, mut shaders)) = gpu() else { return };
-    let still = left_after_change(&gpu, &mut shaders, [8.0, 1.0], 0, |wall| wall.rest = 1000);
-    let shaded = left_after_change(&gpu, &mut shaders, [8.0, 1.0], 0, |wall| {
+    let still = left_after_change(gpu, &mut shaders, [8.0, 1.0], 0, |wall| wall.rest = 1000);
+    let shaded = left_after_change(gpu, &mut shaders, [8.0, 1.0], 0, |wall| {
         wall.rest = 1000;
         wall.lean = if wall.frame.is_multiple_of(2) { 0.5 } else { 0.4 };
     });
@@ -427,7 +427,7 @@ fn mean_at_rest(texel: impl Fn(UVec2, u32) -> Reconstructed) -> Option<f32> {
     for frame in 0..64 {
         (wall.accumulated, wall.frame, wall.rest) = (frame, frame, 1000 + frame);
         let image: Vec<_> = wall.pixels().map(|pixel| texel(pixel, frame)).collect();
-        history = wall.accumulate(&gpu, &mut shaders, &image, &history);
+        history = wall.accumulate(gpu, &mut shaders, &image, &history);
     }
     Some(mean(&history))
 }
@@ -465,4 +465,62 @@ fn frames_at_rest_count_by_their_weight() {
     // The first frame has no history, and counts as one.
     let expected = (4.0 + 31.0 * 0.25 * 4.0 + 32.0) / (1.0 + 31.0 * 0.25 + 32.0);
     assert!((mean - expected).abs() < 0.01 * expected, "{mean}, not {expected}");
+}
+
+/// Mean and variance of the green of a square of pixels.
+fn statistics(size: UVec2, greens: &[f32], corner: UVec2, side: u32) -> (f32, f32) {
+    let inside = (0..side).flat_map(|y| (0..side).map(move |x| corner + uvec2(x, y)));
+    let values: Vec<f32> = inside
+        .map(|pixel| greens[(pixel.y * size.x + pixel.x) as usize])
+        .collect();
+    let count = values.len() as f32;
+    let mean = values.iter().sum::<f32>() / count;
+    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f32>() / count;
+    (mean, variance)
+}
+
+#[test]
+fn the_blur_takes_noise_and_keeps_edges() {
+    const BLOCK: u32 = 16;
+    let Some((gpu, mut shaders)) = gpu() else { return };
+    let wall = Wall::new(uvec2(64, 48));
+    // The light changes every 16 pixels, and so may the roughness.
+    let mut blurred = |bright_roughness: u8, variance: f32| {
+        let mut history = wall.accumulate(gpu, &mut shaders, &image(&wall, 1.0, 0), &wall.no_history());
+        for (index, pixel) in wall.pixels().enumerate() {
+            let is_bright = (pixel.x / BLOCK + pixel.y / BLOCK).is_multiple_of(2);
+            let noise = 0.5 + sobol(pixel, 1, 3).x;
+            let light = if is_bright { 4.0 * noise } else { noise };
+            history.radiance[index] = [light, light, light, 1.0].map(half);
+            if is_bright {
+                let surface = &mut history.surface[index][1];
+                *surface = (*surface & !0xff) | u32::from(bright_roughness);
+            }
+        }
+        for pair in &mut history.pair {
+            *pair = (*pair & 0xffff) | (u32::from(half(variance)) << 16);
+        }
+        let before: Vec<f32> = history.radiance.iter().map(|texel| unhalf(texel[1])).collect();
+        let after: Vec<f32> = wall
+            .blur(gpu, &mut shaders, &history)
+            .iter()
+            .map(|color| color[1])
+            .collect();
+        assert!(after.iter().all(|value| value.is_finite()));
+        let blocks = (0..3).flat_map(|y| (0..4).map(move |x| uvec2(x, y) * BLOCK));
+        let (mut left, mut shift) = (0.0f32, 0.0f32);
+        for corner in blocks {
+            let [(old, noise), (new, rest)] = [&before, &after].map(|all| statistics(wall.size, all, corner, BLOCK));
+            left = left.max(rest / noise);
+            shift = shift.max((new / old - 1.0).abs());
+        }
+        (left, shift)
+    };
+    let (left, shift) = blurred(200, 1.0);
+    println!("{left} of the variance is left, means of blocks shift by {shift}");
+    assert!(left < 0.35, "{left} of the variance is left");
+    assert!(shift < 0.03, "light crosses edges: a mean shifts by {shift}");
+    let (_, shift) = blurred(wall.roughness, 1.0);
+    assert!(shift > 0.1, "there is no edge on an even wall: {shift}");
+    assert_eq!(blurred(200, 0.0), (1.0, 0.0), "an image without noise stays as it is");
 }

@@ -7,6 +7,7 @@ use crate::{
 };
 use bevy::math::{Mat4, UVec2, Vec2, Vec3, uvec2, vec2, vec3};
 use bevy_glint::internals::directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo};
+use std::sync::LazyLock;
 use wgpu::TextureFormat;
 
 pub const VIRTUAL_HISTORY: u32 = 16;
@@ -302,7 +303,8 @@ impl Wall {
                 records.push(self.record(&ray));
             }
         }
-        let table = DirectionalAlbedo::new();
+        static TABLE: LazyLock<DirectionalAlbedo> = LazyLock::new(DirectionalAlbedo::new);
+        let table = &*TABLE;
         let side = UVec2::splat(ALBEDO_TABLE_SIZE as u32);
         let mut pass = self.pass(gpu, shaders, "reconstruct");
         pass.texture(
@@ -368,6 +370,33 @@ impl Wall {
             pair: written.swap_remove(1),
             rates: self.rates(),
         }
+    }
+
+    /// What is shown of a history; variances are relative.
+    pub fn blur(&self, gpu: &Gpu, shaders: &mut Shaders, history: &History) -> Vec<[f32; 3]> {
+        let (size, tiles) = (self.size, self.tiles());
+        let mut pass = self.pass(gpu, shaders, "blur");
+        pass.texture(7, TextureFormat::R32Uint, tiles, bytemuck::cast_slice(&history.rates));
+        pass.texture(
+            8,
+            TextureFormat::Rgba16Float,
+            size,
+            bytemuck::cast_slice(&history.radiance),
+        );
+        pass.texture(9, TextureFormat::R32Uint, size, bytemuck::cast_slice(&history.pair));
+        pass.texture(
+            10,
+            TextureFormat::Rg32Uint,
+            size,
+            bytemuck::cast_slice(&history.surface),
+        );
+        pass.output(11, TextureFormat::Rgba16Float, 2);
+        let written = pass.run();
+        let color = |words: &[u32]| {
+            let [r, g, b, _] = halves4([words[0], words[1]]).map(unhalf);
+            [r, g, b]
+        };
+        written[0].chunks(2).map(color).collect()
     }
 
     /// A history that holds nothing.
