@@ -46,7 +46,7 @@ use bevy_glint::{RayTracedReflections, ReflectionStatus, ReflectionStatusReport}
 use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, save_picture};
 use std::{fs, ops::Range, path::Path, thread, time::Duration};
 
-const SIZE: UVec2 = UVec2::new(320, 180);
+const SIZE: UVec2 = UVec2::new(240, 135);
 /// Frames after which a history is long enough for a look.
 const FRAMES: u32 = 12;
 /// Frames that compiling and building may take.
@@ -74,8 +74,8 @@ impl Example {
             // The harness draws deferred; here that is up to the example.
             app.insert_resource(DefaultOpaqueRendererMethod::forward());
             // A CPU takes long to draw large shadow maps.
-            app.insert_resource(DirectionalLightShadowMap { size: 512 });
-            app.insert_resource(PointLightShadowMap { size: 256 });
+            app.insert_resource(DirectionalLightShadowMap { size: 256 });
+            app.insert_resource(PointLightShadowMap { size: 128 });
             app.add_plugins(plugin);
         });
         let mut app = match app {
