@@ -17,7 +17,7 @@ use bevy::{
 };
 use std::sync::OnceLock;
 
-/// The machine's first adapter; `None`, with a message, if it has none.
+/// The machine's first adapter. Without one `None`, with a message, or a failure where the environment says that a GPU is required.
 pub fn device() -> Option<(RenderDevice, RenderQueue)> {
     static DEVICE: OnceLock<Option<(RenderDevice, RenderQueue)>> = OnceLock::new();
     let device = DEVICE.get_or_init(|| {
@@ -38,6 +38,8 @@ pub fn device() -> Option<(RenderDevice, RenderQueue)> {
         Some((device, queue))
     });
     if device.is_none() {
+        let is_required = std::env::var_os("GLINT_REQUIRE_GPU").is_some();
+        assert!(!is_required, "a GPU is required, but there is no graphics adapter");
         eprintln!("skipped: no graphics adapter");
     }
     device.clone()

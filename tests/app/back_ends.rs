@@ -2,7 +2,7 @@
 
 use crate::{
     common::app_on_device,
-    pictures::{BOTH, assert_flip, use_coarse_shadow_maps, warm_up},
+    pictures::{BOTH, COARSE, assert_flip, use_coarse_shadow_maps, warm_up},
     stage::report,
 };
 use bevy::{
@@ -22,7 +22,7 @@ use bevy_glint::{
     ReflectionTracerChoice, ShadingRate, ShadingRateHeuristic,
     internals::{Copied, CountInvocations, RATE_ACTIVE, Target, readback},
 };
-use glint_scenes::{HeadlessApp, Output, SceneName, SceneOptions, camera, environment, read_image};
+use glint_scenes::{HeadlessApp, Output, SceneName, camera, environment, read_image};
 
 const SCENE: SceneName = SceneName::Demo;
 /// Neither even nor a multiple of the tiles.
@@ -51,7 +51,7 @@ fn app(tracer: ReflectionTracerChoice, before: impl FnOnce(&mut App)) -> Option<
         }
     })?;
     use_coarse_shadow_maps(&mut app);
-    let keeper = app.spawn_scene(SCENE, &SceneOptions::default());
+    let keeper = app.spawn_scene(SCENE, &COARSE);
     app.world().entity_mut(keeper).insert(RayTracedReflections {
         technique: ReflectionTechnique::Quarter,
         ..default()

@@ -2,16 +2,17 @@
 
 use crate::{
     common::app,
-    pictures::{use_coarse_shadow_maps, warm_up},
+    pictures::{COARSE, use_coarse_shadow_maps, warm_up},
+    stage::{self, BEFORE_THE_MIRROR, metal, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{core_pipeline::tonemapping::Tonemapping, math::UVec2, prelude::*};
 use bevy_glint::{RayTracedReflections, ReflectionTracerChoice, named_settings};
-use glint_scenes::{HeadlessApp, Output, SceneName, SceneOptions};
+use glint_scenes::{HeadlessApp, Output, SceneName};
 use std::sync::OnceLock;
 
-const SIZE: UVec2 = UVec2::new(240, 135);
+const SIZE: UVec2 = UVec2::new(208, 117);
 /// Size for the scene whose hits take long to shade.
-const LIT_SIZE: UVec2 = UVec2::new(160, 90);
+const LIT_SIZE: UVec2 = UVec2::new(96, 54);
 /// By how much the mean of a still picture may differ from that of the truth, relative to it. The paper's recipe goes on clipping
 /// history where nothing moves.
 const MOST_BIAS: f32 = 0.01;
@@ -48,7 +49,7 @@ fn switch(app: &mut HeadlessApp, camera: Entity, name: &str) {
 
 fn scene(app: &mut HeadlessApp, name: SceneName) -> Entity {
     use_coarse_shadow_maps(app);
-    app.spawn_scene(name, &SceneOptions::default())
+    app.spawn_scene(name, &COARSE)
 }
 
 /// A still picture of a scene without noise, which tests of the same scene share.
@@ -218,4 +219,44 @@ fn a_moving_camera_sees_about_the_truth() {
         println!("moving, {name}: error {error:.4}, bias {bias:+.4}");
         assert!(error < MOST_ERROR_IN_MOTION, "{name}: {error}");
     }
+}
+
+/// Images in a flat reflector move as if they lay behind it: the history that follows them keeps them sharp.
+#[test]
+fn history_follows_reflected_images() {
+    let Some(mut app) = app(stage::SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    spawn_mesh(&mut app, wall(), metal(0.15), Transform::IDENTITY);
+    for (column, row) in (-6..=6i8).flat_map(|column| (-4..=4i8).map(move |row| (column, row))) {
+        let color = [stage::RED, stage::GREEN, [255; 3]][(column + 2 * row).rem_euclid(3) as usize];
+        let place = Vec3::new(f32::from(column), f32::from(row), 8.0);
+        spawn_mesh(
+            &mut app,
+            Cuboid::from_length(0.5),
+            unlit(color),
+            Transform::from_translation(place),
+        );
+    }
+    let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    switch(&mut app, camera, "converged");
+    app.step(96);
+    let truth = capture(&mut app, "converged");
+    let [with, without] = [true, false].map(|virtual_history| {
+        switch(&mut app, camera, "reference");
+        let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
+        settings.denoiser.virtual_history = virtual_history;
+        for frame in (0..24u8).rev() {
+            let mut now = BEFORE_THE_MIRROR;
+            now.translation.x += 0.06 * f32::from(frame);
+            *app.world().get_mut::<Transform>(camera).unwrap() = now;
+            app.step(1);
+        }
+        errors(&truth, &capture(&mut app, "reference")).0
+    });
+    println!("error {with:.4} with a history of images, {without:.4} without one");
+    assert!(
+        without > 1.08 * with,
+        "{with} with a history of images, {without} without one"
+    );
 }

@@ -22,7 +22,9 @@ use bevy_glint::{
 };
 use glint_scenes::{HeadlessApp, Output, SceneName, environment};
 
-const SIZE: UVec2 = UVec2::new(160, 90);
+const SIZE: UVec2 = UVec2::new(96, 54);
+/// Pixels that are no accident.
+const MANY: usize = 180;
 
 /// `None` where nothing can be traced, or frames can't be written in place.
 fn app() -> Option<HeadlessApp> {
@@ -38,6 +40,8 @@ fn app() -> Option<HeadlessApp> {
             .flags
             .contains(TextureFormatFeatureFlags::STORAGE_READ_WRITE);
     if !writable {
+        let is_required = std::env::var_os("GLINT_REQUIRE_GPU").is_some();
+        assert!(!is_required, "the GPU that is required can't write frames in place");
         println!("skipped: frames can't be written in place");
     }
     writable.then_some(app)
@@ -94,7 +98,7 @@ fn every_view_shows_something() {
         let colored = pixels.iter().filter(|pixel| is_colored(pixel)).count();
         let lit = pixels.iter().filter(|pixel| pixel.max_element() > 0.02).count();
         println!("{name}: {colored} pixels with a colour, {lit} that aren't black");
-        assert!(lit > 500, "{name} is black");
+        assert!(lit > MANY, "{name} is black");
         match view {
             ReflectionDebugView::ShadingRates => {
                 let shades = |pixel: &Vec3| RATE_LEGEND.iter().position(|&(_, color)| is_shade_of(*pixel, color));
@@ -105,13 +109,13 @@ fn every_view_shows_something() {
                     println!("    {rate}: {count}");
                 }
                 // The mirrors and tiles at several rates.
-                assert!(colored > 500);
+                assert!(colored > MANY);
             }
             ReflectionDebugView::RaysPerPixel
             | ReflectionDebugView::HitDistance
             | ReflectionDebugView::HistoryLength
             | ReflectionDebugView::Variance
-            | ReflectionDebugView::RayWeight => assert!(colored > 500, "{name} shows no heat"),
+            | ReflectionDebugView::RayWeight => assert!(colored > MANY, "{name} shows no heat"),
             ReflectionDebugView::NonFinite => assert_eq!(colored, 0, "{name} found something"),
             _ => {}
         }
@@ -133,11 +137,11 @@ fn techniques_without_textures_keep_the_picture() {
                 assert_eq!(colored, 0, "{} shows what doesn't exist", view.name());
             }
             ReflectionDebugView::RaysPerPixel | ReflectionDebugView::HistoryLength => {
-                assert!(colored > 500, "{} shows no heat", view.name());
+                assert!(colored > MANY, "{} shows no heat", view.name());
             }
             ReflectionDebugView::Reconstructed | ReflectionDebugView::Reflection => {
                 let lit = pixels.iter().filter(|pixel| pixel.max_element() > 0.02).count();
-                assert!(lit > 500, "{} is black", view.name());
+                assert!(lit > MANY, "{} is black", view.name());
             }
             _ => {}
         }
@@ -160,7 +164,7 @@ fn the_reference_has_one_ray_per_reflecting_pixel() {
         );
         these.len()
     };
-    assert!(rays(&pixels, Vec3::X) > 500);
+    assert!(rays(&pixels, Vec3::X) > MANY);
 
     // A quarter: log2(1/4) is two thirds of the way from log2(1/64) to 0.
     app.world().entity_mut(camera).insert(RayTracedReflections {
@@ -170,7 +174,7 @@ fn the_reference_has_one_ray_per_reflecting_pixel() {
         ..default()
     });
     let pixels = show(&mut app, camera, ReflectionDebugView::RaysPerPixel);
-    assert!(rays(&pixels, Vec3::new(2.0 / 3.0, 1.0, 0.0)) > 500);
+    assert!(rays(&pixels, Vec3::new(2.0 / 3.0, 1.0, 0.0)) > MANY);
 }
 
 #[test]
@@ -186,7 +190,7 @@ fn a_past_that_is_forgotten_is_rejected() {
     settings.reset = true;
     app.step(1);
     let fresh = red(capture(&app));
-    assert!(fresh > 500 && settled * 2 < fresh, "{fresh} pixels, {settled} later");
+    assert!(fresh > MANY && settled * 2 < fresh, "{fresh} pixels, {settled} later");
 }
 
 #[test]
@@ -207,7 +211,7 @@ fn a_reflection_alone_is_what_a_mirror_shows() {
             );
         }
     }
-    assert!(reflecting > 200, "{reflecting} pixels reflect");
+    assert!(reflecting > MANY / 3, "{reflecting} pixels reflect");
 
     app.world().entity_mut(camera).insert(ReflectionDebugSplit::default());
     let divided = show(&mut app, camera, ReflectionDebugView::Reflection);

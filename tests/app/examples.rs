@@ -46,7 +46,7 @@ use bevy_glint::{RayTracedReflections, ReflectionStatus, ReflectionStatusReport}
 use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, save_picture};
 use std::{fs, ops::Range, path::Path, thread, time::Duration};
 
-const SIZE: UVec2 = UVec2::new(320, 180);
+const SIZE: UVec2 = UVec2::new(240, 135);
 /// Frames after which a history is long enough for a look.
 const FRAMES: u32 = 12;
 /// Frames that compiling and building may take.
@@ -74,8 +74,8 @@ impl Example {
             // The harness draws deferred; here that is up to the example.
             app.insert_resource(DefaultOpaqueRendererMethod::forward());
             // A CPU takes long to draw large shadow maps.
-            app.insert_resource(DirectionalLightShadowMap { size: 512 });
-            app.insert_resource(PointLightShadowMap { size: 256 });
+            app.insert_resource(DirectionalLightShadowMap { size: 256 });
+            app.insert_resource(PointLightShadowMap { size: 128 });
             app.add_plugins(plugin);
         });
         let mut app = match app {
@@ -186,6 +186,10 @@ impl Example {
         let still = self.image("off");
         self.assert_same("without reflections", &off, &still);
         self.assert_differs("without reflections", &on, &off, least);
+        // Without any light of theirs the image would be darker by far: Bevy's own reflections are gone, too.
+        let [light, light_off] = [&on, &off].map(|image| difference(image, &vec![0; image.len()], 0..SIZE.x));
+        println!("{}: light {light:.1}, {light_off:.1} without reflections", self.name);
+        assert!(light > LEAST_LIGHT * light_off, "{}: {light} of {light_off}", self.name);
     }
 
     #[track_caller]
@@ -201,6 +205,9 @@ impl Example {
         assert!(found < SAME, "{}, {what}: {found} is not the same", self.name);
     }
 }
+
+/// Light of an image with reflections, relative to that with those of an environment map.
+const LEAST_LIGHT: f32 = 0.8;
 
 /// Dithering differs from frame to frame.
 const SAME: f32 = 0.2;

@@ -10,11 +10,13 @@ mod back_ends;
 mod convergence;
 mod debug_views;
 mod dynamics;
+mod effects;
 mod examples;
 mod ground_truth;
 mod idle;
 mod lights;
 mod merging;
+mod mirrored;
 mod new_user;
 #[cfg(feature = "egui")]
 mod panel;

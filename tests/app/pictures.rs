@@ -16,6 +16,13 @@ pub const PIXELS_PER_DEGREE: f32 = 55.4;
 /// Frames that loading, compiling and building may take.
 const PATIENCE: u32 = 20_000;
 
+/// Few triangles and texels, for tests that compare a scene with itself: a CPU takes longer to bake and to draw fine ones than to
+/// trace all rays.
+pub const COARSE: SceneOptions = SceneOptions {
+    detail: 0.25,
+    texture_size: 64,
+};
+
 pub const BOTH: [ReflectionTracerChoice; 2] = [ReflectionTracerChoice::RayQuery, ReflectionTracerChoice::Bvh];
 
 /// Makes shadow maps coarse, for pictures that differ in their reflections alone: a CPU takes longer to draw fine ones than to trace
@@ -36,7 +43,7 @@ pub fn use_coarse_shadow_maps(app: &mut HeadlessApp) {
 
 /// Spawns a scene whose camera reflects everything, and waits until all of it can be hit.
 pub fn spawn(app: &mut HeadlessApp, scene: SceneName, technique: ReflectionTechnique) -> Entity {
-    let camera = app.spawn_scene(scene, &SceneOptions::default());
+    let camera = app.spawn_scene(scene, &COARSE);
     reflect(app, camera, technique);
     camera
 }

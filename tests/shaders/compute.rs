@@ -1,23 +1,13 @@
-//! Shared code of tests of one compute pass: its shader, its textures, and the dispatch.
+//! Shared code of tests of one compute pass: its textures, and the dispatch.
 
-use crate::{
-    gpu::Gpu,
-    wesl::{self, Shaders},
-};
-use bevy::{math::UVec2, shader::ShaderDefVal};
+use crate::gpu::Gpu;
+use bevy::math::UVec2;
 use wgpu::{TextureFormat, TextureUsages, util::DeviceExt};
 
 /// Usages of textures that a pass reads.
 pub const READ: TextureUsages = TextureUsages::TEXTURE_BINDING;
 /// Usages of textures that a pass writes and [`read_texture`] reads back.
 pub const WRITTEN: TextureUsages = TextureUsages::STORAGE_BINDING.union(TextureUsages::COPY_SRC);
-
-/// A module by its name in `shaders`, flattened and validated.
-pub fn compile(shaders: &mut Shaders, name: &str, defs: &[ShaderDefVal]) -> (String, naga::Module) {
-    let wgsl = shaders.flatten(name, defs).unwrap_or_else(|error| panic!("{error}"));
-    let module = wesl::validate(&wgsl).unwrap_or_else(|error| panic!("{error}"));
-    (wgsl, module)
-}
 
 /// A texture of zeros.
 pub fn empty_texture(gpu: &Gpu, format: TextureFormat, size: UVec2, usage: TextureUsages) -> wgpu::Texture {

@@ -3,9 +3,9 @@
 //! ```ignore
 //! let Some(gpu) = Gpu::new() else { return };
 //! let wgsl = wesl::flatten(include_str!("x.wesl"), &[], &[]);
-//! let module = gpu.module(&wgsl, Checks::Off);
+//! let pipeline = gpu.pipeline(&wgsl, "main", Checks::Off);
 //! let output = gpu.buffer(&[0u32; 64]);
-//! gpu.dispatch(&module, "main", &[&[(0, &output)]], 1);
+//! gpu.dispatch(&pipeline, &[&[(0, &output)]], 1);
 //! let values: Vec<u32> = gpu.read(&output);
 //! // The same in one call, with an input for each output.
 //! let values: Vec<u32> = gpu.run(&wgsl, &inputs, &[]);
@@ -21,25 +21,32 @@
 use crate::compute;
 use bevy::math::uvec2;
 use bytemuck::Pod;
+use std::{
+    collections::HashMap,
+    sync::{Mutex, OnceLock, PoisonError},
+};
 use wgpu::util::DeviceExt;
 
 pub struct Gpu {
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
     pub info: wgpu::AdapterInfo,
+    /// By source, entry point and checks. A driver takes longer to compile most of them than to run them.
+    pipelines: Mutex<HashMap<(String, String, Checks), wgpu::ComputePipeline>>,
 }
 
 /// Run-time checks in shaders: Bevy compiles without any, a browser always has them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Checks {
     On,
     Off,
 }
 
 impl Gpu {
-    /// A device with everything the adapter offers, as Bevy opens it by default.
-    pub fn new() -> Option<Self> {
-        match block_on(Self::open()) {
+    /// A device with everything the adapter offers, as Bevy opens it by default. All tests share it.
+    pub fn new() -> Option<&'static Self> {
+        static SHARED: OnceLock<Result<Gpu, String>> = OnceLock::new();
+        match SHARED.get_or_init(|| block_on(Self::open())) {
             Ok(gpu) => {
                 println!(
                     "adapter: {} ({}, {:?})",
@@ -84,11 +91,12 @@ impl Gpu {
             device,
             queue,
             info: adapter.get_info(),
+            pipelines: Mutex::default(),
         })
     }
 
     /// Errors of the shader end the test with naga's message.
-    pub fn module(&self, wgsl: &str, checks: Checks) -> wgpu::ShaderModule {
+    fn module(&self, wgsl: &str, checks: Checks) -> wgpu::ShaderModule {
         let source = wgpu::ShaderSource::Wgsl(wgsl.into());
         let descriptor = wgpu::ShaderModuleDescriptor {
             label: Some("test"),
@@ -117,15 +125,37 @@ impl Gpu {
         })
     }
 
-    pub fn pipeline(&self, module: &wgpu::ShaderModule, entry: &str) -> wgpu::ComputePipeline {
-        self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some(entry),
-            layout: None,
-            module,
-            entry_point: Some(entry),
-            compilation_options: Default::default(),
-            cache: None,
+    /// A pipeline with automatic layout.
+    pub fn pipeline(&self, wgsl: &str, entry: &str, checks: Checks) -> wgpu::ComputePipeline {
+        self.cached_pipeline(wgsl, entry, checks, |module| {
+            self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(entry),
+                layout: None,
+                module,
+                entry_point: Some(entry),
+                compilation_options: Default::default(),
+                cache: None,
+            })
         })
+    }
+
+    /// The pipeline of an earlier call with this source, entry point and checks, or a new one.
+    pub fn cached_pipeline(
+        &self,
+        wgsl: &str,
+        entry: &str,
+        checks: Checks,
+        create: impl FnOnce(&wgpu::ShaderModule) -> wgpu::ComputePipeline,
+    ) -> wgpu::ComputePipeline {
+        let key = (wgsl.to_owned(), entry.to_owned(), checks);
+        let pipelines = || self.pipelines.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(pipeline) = pipelines().get(&key) {
+            return pipeline.clone();
+        }
+        // Without the lock: other tests go on meanwhile.
+        let pipeline = create(&self.module(wgsl, checks));
+        pipelines().insert(key, pipeline.clone());
+        pipeline
     }
 
     /// Bind groups for a pipeline with automatic layout: by group, the bindings that the entry point uses, and no others.
@@ -152,20 +182,13 @@ impl Gpu {
         groups.iter().enumerate().map(group).collect()
     }
 
-    /// Runs `workgroups` groups of the entry point along x.
-    pub fn dispatch(
-        &self,
-        module: &wgpu::ShaderModule,
-        entry: &str,
-        groups: &[&[(u32, &wgpu::Buffer)]],
-        workgroups: u32,
-    ) {
-        let pipeline = self.pipeline(module, entry);
-        let bind_groups = self.bind_groups(&pipeline, groups);
+    /// Runs `workgroups` groups of a pipeline along x.
+    pub fn dispatch(&self, pipeline: &wgpu::ComputePipeline, groups: &[&[(u32, &wgpu::Buffer)]], workgroups: u32) {
+        let bind_groups = self.bind_groups(pipeline, groups);
         let mut encoder = self.device.create_command_encoder(&Default::default());
         {
             let mut pass = encoder.begin_compute_pass(&Default::default());
-            pass.set_pipeline(&pipeline);
+            pass.set_pipeline(pipeline);
             for (index, group) in bind_groups.iter().enumerate() {
                 pass.set_bind_group(index as u32, group, &[]);
             }
@@ -178,7 +201,7 @@ impl Gpu {
     ///
     /// Binding 0 holds the inputs, binding 1 receives the outputs, and textures are bound where they say.
     pub fn run<I: Pod, O: Pod>(&self, wgsl: &str, inputs: &[I], textures: &[(u32, wgpu::TextureView)]) -> Vec<O> {
-        let pipeline = self.pipeline(&self.module(wgsl, Checks::Off), "main");
+        let pipeline = self.pipeline(wgsl, "main", Checks::Off);
         let (input, output) = (self.buffer(inputs), self.buffer(&vec![O::zeroed(); inputs.len()]));
         let resources = [(0, input.as_entire_binding()), (1, output.as_entire_binding())];
         let textures = textures.iter();

@@ -8,6 +8,7 @@ mod gpu;
 mod wesl;
 
 mod denoise;
+mod lights;
 mod modules;
 mod packing;
 mod rate;

@@ -37,6 +37,7 @@ fn choose(gpu: &Gpu, choices: &[Choice]) -> Vec<UVec2> {
 #[test]
 fn every_pixel_of_a_block_is_chosen_once() {
     let Some(gpu) = Gpu::new() else { return };
+    let mut blocks: Vec<Vec<Choice>> = Vec::new();
     for x in 0..4 {
         for y in 0..4 {
             if u32::abs_diff(x, y) > 2 {
@@ -47,23 +48,27 @@ fn every_pixel_of_a_block_is_chosen_once() {
             for noise in [0.0, 0.37, 0.999, 1.0, -3.0, f32::NAN] {
                 // By attempts of one frame, and by frames.
                 for by_frame in [false, true] {
-                    let choices: Vec<_> = (0..count)
-                        .map(|i| Choice {
-                            log2_size,
-                            noise,
-                            // Frame numbers wrap around.
-                            frame: if by_frame { (u32::MAX - 1).wrapping_add(i) } else { 77 },
-                            attempt: if by_frame { 0 } else { i },
-                            padding: 0,
-                        })
-                        .collect();
-                    let chosen = choose(&gpu, &choices);
-                    let distinct: HashSet<_> = chosen.iter().collect();
-                    assert_eq!(distinct.len(), count as usize, "{log2_size} {noise} {chosen:?}");
-                    assert!(chosen.iter().all(|o| o.x < 1 << x && o.y < 1 << y), "{chosen:?}");
+                    let choice = |i| Choice {
+                        log2_size,
+                        noise,
+                        // Frame numbers wrap around.
+                        frame: if by_frame { (u32::MAX - 1).wrapping_add(i) } else { 77 },
+                        attempt: if by_frame { 0 } else { i },
+                        padding: 0,
+                    };
+                    blocks.push((0..count).map(choice).collect());
                 }
             }
         }
+    }
+    let mut outputs = choose(gpu, &blocks.concat()).into_iter();
+    for block in blocks {
+        let chosen: Vec<_> = outputs.by_ref().take(block.len()).collect();
+        let Choice { log2_size, noise, .. } = block[0];
+        let distinct: HashSet<_> = chosen.iter().collect();
+        assert_eq!(distinct.len(), block.len(), "{log2_size} {noise} {chosen:?}");
+        let size = UVec2::ONE << log2_size;
+        assert!(chosen.iter().all(|offset| offset.cmplt(size).all()), "{chosen:?}");
     }
 }
 
@@ -78,11 +83,11 @@ fn the_second_pixel_of_a_quad_is_diagonal_to_the_first() {
         padding: 0,
     };
     for frame in [0, 2, 100] {
-        let chosen = choose(&gpu, &[at(0.1, frame), at(0.1, frame + 1)]);
+        let chosen = choose(gpu, &[at(0.1, frame), at(0.1, frame + 1)]);
         assert_eq!(chosen[0] ^ chosen[1], UVec2::ONE, "{chosen:?}");
     }
     // The noise decides where a quad begins.
-    let starts: HashSet<_> = choose(&gpu, &[at(0.1, 0), at(0.3, 0), at(0.6, 0), at(0.9, 0)])
+    let starts: HashSet<_> = choose(gpu, &[at(0.1, 0), at(0.3, 0), at(0.6, 0), at(0.9, 0)])
         .into_iter()
         .collect();
     assert_eq!(starts.len(), 4);

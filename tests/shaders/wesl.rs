@@ -3,6 +3,7 @@ use std::{
     collections::BTreeMap,
     fs,
     path::{Path, PathBuf},
+    sync::Arc,
 };
 
 use bevy::{
@@ -17,6 +18,8 @@ const BEVY_CRATES: [&str; 3] = ["bevy_render", "bevy_pbr", "bevy_core_pipeline"]
 pub struct Shaders {
     cache: ShaderCache<String, ()>,
     ids: BTreeMap<String, AssetId<Shader>>,
+    /// By source.
+    validated: BTreeMap<String, Arc<naga::Module>>,
 }
 
 impl Shaders {
@@ -29,6 +32,7 @@ impl Shaders {
                 ShaderCacheSource::SpirV(_) => unreachable!("only WESL modules are loaded"),
             }),
             ids: BTreeMap::new(),
+            validated: BTreeMap::new(),
         };
         shaders.add_folder("bevy_glint", &root.join("src"));
         for name in BEVY_CRATES {
@@ -84,6 +88,14 @@ impl Shaders {
             .get(0, id, &defs)
             .map(|source| (*source).clone())
             .map_err(|error| format!("{name}: {error}"))
+    }
+
+    /// Flattens and validates a module, which must compile. Passes that run many times are parsed once.
+    pub fn expect(&mut self, name: &str, defs: &[ShaderDefVal]) -> (String, Arc<naga::Module>) {
+        let wgsl = self.flatten(name, defs).unwrap_or_else(|error| panic!("{error}"));
+        let parse = || Arc::new(validate(&wgsl).unwrap_or_else(|error| panic!("{error}")));
+        let module = self.validated.entry(wgsl.clone()).or_insert_with(parse).clone();
+        (wgsl, module)
     }
 
     /// Flattens and validates a module.

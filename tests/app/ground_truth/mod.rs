@@ -192,7 +192,7 @@ fn a_white_furnace_stays_white() {
 /// Bevy's path tracer agrees where one bounce is all there is.
 #[test]
 fn converged_agrees_with_a_path_tracer() {
-    let size = UVec2::new(240, 135);
+    let size = UVec2::new(160, 90);
     // The path tracer smooths edges by moving its rays within a pixel; here more pixels do the same.
     const FINER: u32 = 3;
     let Some(mut ours) = app(size * FINER, Output::Linear, ReflectionTracerChoice::RayQuery) else {

@@ -169,7 +169,7 @@ fn weights_are_lobe_times_inverse_pdf() {
             }
         }
     }
-    for ((input, output), (weight, width)) in inputs.iter().zip(weights(&gpu, &inputs)).zip(expected) {
+    for ((input, output), (weight, width)) in inputs.iter().zip(weights(gpu, &inputs)).zip(expected) {
         // The half vector is known to 1e-7, while the lobe is this wide.
         let tolerance = 1e-3 + 1e-5 / width.max(1e-3);
         for channel in 0..3 {
@@ -202,7 +202,7 @@ fn weights_are_limited_and_finite() {
             }
         }
     }
-    for (input, output) in inputs.iter().zip(weights(&gpu, &inputs)) {
+    for (input, output) in inputs.iter().zip(weights(gpu, &inputs)) {
         let weight = output[0].truncate();
         assert!(weight.is_finite() && weight.min_element() >= 0.0, "{input:?}: {weight}");
         assert!(weight.max_element() <= 16.01, "{input:?}: {weight}");
@@ -224,7 +224,7 @@ fn widened_lobes_keep_the_place_of_a_ray() {
             }
         }
     }
-    for (input, output) in inputs.iter().zip(weights(&gpu, &inputs)) {
+    for (input, output) in inputs.iter().zip(weights(gpu, &inputs)) {
         let [alpha, wide, cap] = [input[3], input[12], input[14]];
         let expected = widened_inverse_pdf(input[7], alpha, wide, cap);
         assert!(
@@ -252,7 +252,7 @@ fn widened_lobes_fall_off_by_their_width() {
             expected.push((1.0 + widths * widths).powi(-2));
         }
     }
-    let outputs = weights(&gpu, &inputs);
+    let outputs = weights(gpu, &inputs);
     let whole = outputs[0][0].x;
     assert!(whole > 0.5);
     for ((input, output), expected) in inputs.iter().zip(&outputs).zip(expected) {
@@ -420,7 +420,7 @@ fn filters_are_those_of_the_twin() {
     let mut random = Random(7);
     let mut number = || vec4(random.next(), random.next(), random.next(), random.next());
     let inputs: Vec<[Vec4; 4]> = (0..4096).map(|_| [number(), number(), number(), number()]).collect();
-    let outputs = filters(&gpu, &inputs);
+    let outputs = filters(gpu, &inputs);
     let mut edge = 0;
     for (input, output) in inputs.iter().zip(&outputs) {
         let twin = filters_twin(*input);
@@ -459,7 +459,7 @@ fn filters_of_odd_numbers_stay_finite() {
             [a, b, c, d.min(Vec4::ONE)]
         })
         .collect();
-    for (input, output) in inputs.iter().zip(filters(&gpu, &inputs)) {
+    for (input, output) in inputs.iter().zip(filters(gpu, &inputs)) {
         let finite = output
             .iter()
             .enumerate()

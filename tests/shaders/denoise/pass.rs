@@ -1,7 +1,7 @@
 //! Runs one pass of the denoiser over all tiles of a view.
 
 use crate::{
-    compute::{self, READ, WRITTEN, compile, dispatch, empty_texture, read_texture},
+    compute::{self, READ, WRITTEN, dispatch, empty_texture, read_texture},
     gpu::{Checks, Gpu},
     wesl::Shaders,
 };
@@ -78,7 +78,7 @@ impl<'a> Pass<'a> {
     ) -> Self {
         let name = format!("bevy_glint/denoise/{entry}.wesl");
         let wide = ["WIDE".into()];
-        let (wgsl, module) = compile(shaders, &name, if frame.wide { &wide } else { &[] });
+        let (wgsl, module) = shaders.expect(&name, if frame.wide { &wide } else { &[] });
         let [view, settings] = uniforms(&module);
         let tiles = frame.tiles;
         let list: Vec<u32> = (0..tiles.y)
@@ -128,7 +128,7 @@ impl<'a> Pass<'a> {
     /// Words of the outputs, by rows.
     pub fn run(self) -> Vec<Vec<u32>> {
         let gpu = self.gpu;
-        let pipeline = gpu.pipeline(&gpu.module(&self.wgsl, Checks::Off), self.entry);
+        let pipeline = gpu.pipeline(&self.wgsl, self.entry, Checks::Off);
         let textures = self.textures.iter().map(|(binding, texture)| (*binding, texture));
         let outputs = self.outputs.iter().map(|(binding, texture, _)| (*binding, texture));
         let views: Vec<_> = textures

@@ -7,6 +7,7 @@ use crate::{
 };
 use bevy::math::{Mat4, UVec2, Vec2, Vec3, uvec2, vec2, vec3};
 use bevy_glint::internals::directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo};
+use std::sync::LazyLock;
 use wgpu::TextureFormat;
 
 pub const VIRTUAL_HISTORY: u32 = 16;
@@ -302,7 +303,8 @@ impl Wall {
                 records.push(self.record(&ray));
             }
         }
-        let table = DirectionalAlbedo::new();
+        static TABLE: LazyLock<DirectionalAlbedo> = LazyLock::new(DirectionalAlbedo::new);
+        let table = &*TABLE;
         let side = UVec2::splat(ALBEDO_TABLE_SIZE as u32);
         let mut pass = self.pass(gpu, shaders, "reconstruct");
         pass.texture(

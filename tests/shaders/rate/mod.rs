@@ -184,7 +184,7 @@ fn check_built_in(heuristics: &[ShadingRateHeuristic]) {
     let mut rates: BTreeMap<String, usize> = BTreeMap::new();
     for heuristic in heuristics {
         for case in cases(heuristic) {
-            let output = determine_rates(&gpu, &mut shaders, BUILT_IN, &case.defs(), &case);
+            let output = determine_rates(gpu, &mut shaders, BUILT_IN, &case.defs(), &case);
             for (rate, count) in check(&case, &output) {
                 *rates.entry(rate).or_default() += count;
             }
@@ -284,7 +284,7 @@ fn a_rate_image_is_read_clamped() {
         case.image_size = uvec2(3, 2);
         // Codes that no rate has are among them.
         case.image = (0..6).map(|_| random.below(40)).collect();
-        let output = determine_rates(&gpu, &mut shaders, BUILT_IN, &case.defs(), &case);
+        let output = determine_rates(gpu, &mut shaders, BUILT_IN, &case.defs(), &case);
         check(&case, &output);
     }
 }
@@ -295,7 +295,7 @@ fn a_heuristic_of_ones_own_is_a_few_lines() {
     let mut shaders = Shaders::load();
     shaders.add("my_game/my_heuristic.wesl", CUSTOM.into());
     for case in cases(&ShadingRateHeuristic::Custom(Handle::default())) {
-        let output = determine_rates(&gpu, &mut shaders, "my_game/my_heuristic.wesl", &case.defs(), &case);
+        let output = determine_rates(gpu, &mut shaders, "my_game/my_heuristic.wesl", &case.defs(), &case);
         check(&case, &output);
     }
 }
@@ -307,7 +307,7 @@ fn rays_are_as_many_as_the_rate_says() {
     for rate in ShadingRate::ALL {
         let frame = Frame::filled(uvec2(128, 64), Surface::new(100));
         let case = Case::new(frame, ShadingRateHeuristic::Uniform(rate));
-        let output = determine_rates(&gpu, &mut shaders, BUILT_IN, &case.defs(), &case);
+        let output = determine_rates(gpu, &mut shaders, BUILT_IN, &case.defs(), &case);
         check(&case, &output);
         assert_eq!(
             output.blocks.len() as f32,
@@ -349,7 +349,7 @@ fn the_papers_table_is_reproduced() {
         // A mirror with a coat has no ray of its own.
         surface.clearcoat = if roughness == 0 { 1 } else { 0 };
         assert_eq!(
-            rate_of(&gpu, &mut shaders, &paper, surface),
+            rate_of(gpu, &mut shaders, &paper, surface),
             wanted,
             "roughness {roughness}"
         );
@@ -367,7 +367,7 @@ fn the_papers_table_is_reproduced() {
             ..Surface::new(100)
         };
         let paper = ShadingRateHeuristic::PAPER_GRAZING;
-        assert_eq!(rate_of(&gpu, &mut shaders, &paper, surface), wanted, "cosine {cosine}");
+        assert_eq!(rate_of(gpu, &mut shaders, &paper, surface), wanted, "cosine {cosine}");
     }
 }
 
@@ -380,7 +380,7 @@ fn combined_blocks_lie_along_the_stretch() {
         normal: normal.normalize(),
         ..Surface::new(140)
     };
-    let mut rate = |surface| rate_of(&gpu, &mut shaders, &combined, surface);
+    let mut rate = |surface| rate_of(gpu, &mut shaders, &combined, surface);
     // A floor, a ceiling, walls at both sides, and a wall ahead.
     assert_eq!(rate(tilted(Vec3::new(0.0, 1.0, 0.4))), ShadingRate::R1x2);
     assert_eq!(rate(tilted(Vec3::new(0.0, -1.0, 0.4))), ShadingRate::R1x2);
@@ -424,7 +424,7 @@ fn a_mirror_and_an_edge_keep_their_tile_fine() {
         let mut case = Case::new(frame.clone(), heuristic);
         case.world_from_view = Mat4::IDENTITY;
         case.clip_from_view = perspective(0.01, 3.0);
-        let output = determine_rates(&gpu, &mut shaders, BUILT_IN, &case.defs(), &case);
+        let output = determine_rates(gpu, &mut shaders, BUILT_IN, &case.defs(), &case);
         check(&case, &output);
         output
             .rates
@@ -447,7 +447,7 @@ fn broken_cameras_break_no_lists() {
         for heuristic in [ShadingRateHeuristic::PAPER_GRAZING, ShadingRateHeuristic::default()] {
             let mut case = cases(&heuristic).remove(0);
             case.broken = Some(broken);
-            let output = determine_rates(&gpu, &mut shaders, BUILT_IN, &case.defs(), &case);
+            let output = determine_rates(gpu, &mut shaders, BUILT_IN, &case.defs(), &case);
             check_arguments(&case, &output.arguments);
             let tiles = case.tile_count();
             for (index, texel) in output.rates.iter().enumerate() {

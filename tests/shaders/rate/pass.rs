@@ -2,7 +2,7 @@
 
 use super::{frame::Frame, reference::Case};
 use crate::{
-    compute::{READ, WRITTEN, compile, dispatch, empty_texture, read_texture, texture},
+    compute::{READ, WRITTEN, dispatch, empty_texture, read_texture, texture},
     gpu::{Checks, Gpu},
     wesl::Shaders,
 };
@@ -140,7 +140,7 @@ impl Resources {
 /// Runs the entry point of a module, by its name in `shaders`, with shader definitions.
 pub fn determine_rates(gpu: &Gpu, shaders: &mut Shaders, name: &str, defs: &[&'static str], case: &Case) -> Output {
     let defs: Vec<ShaderDefVal> = defs.iter().map(|def| ShaderDefVal::from(*def)).collect();
-    let (wgsl, parsed) = compile(shaders, name, &defs);
+    let (wgsl, parsed) = shaders.expect(name, &defs);
     let resources = Resources::new(gpu, case, &parsed);
     let views = resources.texture_views();
     let entries = resources.entries(&views);
@@ -153,18 +153,19 @@ pub fn determine_rates(gpu: &Gpu, shaders: &mut Shaders, name: &str, defs: &[&'s
         bind_group_layouts: &[Some(&layout)],
         immediate_size: 0,
     });
-    let module = gpu.module(&wgsl, Checks::Off);
-    let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some(name),
-        layout: Some(&pipeline_layout),
-        module: &module,
-        entry_point: None,
-        compilation_options: wgpu::PipelineCompilationOptions {
-            // As Bevy does.
-            zero_initialize_workgroup_memory: false,
-            ..Default::default()
-        },
-        cache: None,
+    let pipeline = gpu.cached_pipeline(&wgsl, name, Checks::Off, |module| {
+        gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(name),
+            layout: Some(&pipeline_layout),
+            module,
+            entry_point: None,
+            compilation_options: wgpu::PipelineCompilationOptions {
+                // As Bevy does.
+                zero_initialize_workgroup_memory: false,
+                ..Default::default()
+            },
+            cache: None,
+        })
     });
     dispatch(gpu, &pipeline, &entries, case.tile_count());
     resources.read(gpu, case)

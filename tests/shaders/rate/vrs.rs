@@ -59,12 +59,11 @@ fn texture(gpu: &Gpu, rates: &[u32], width: u32, height: u32) -> wgpu::TextureVi
 fn each_tile_has_a_byte() {
     let Some(gpu) = Gpu::new() else { return };
     let wgsl = wesl::flatten(include_str!("../../../src/trace/vrs.wesl"), &[], &[]);
-    let module = gpu.module(&wgsl, Checks::Off);
-    let pipeline = gpu.pipeline(&module, "pack");
+    let pipeline = gpu.pipeline(&wgsl, "pack", Checks::Off);
     for (width, height) in [(1, 1), (4, 2), (5, 3), (7, 9), (120, 68)] {
         let rates = rates(width, height);
         let expected = expected(&rates, width as usize);
-        let view = texture(&gpu, &rates, width, height);
+        let view = texture(gpu, &rates, width, height);
         // The pass must overwrite the old contents.
         let words = gpu.buffer(&vec![u32::MAX; expected.len()]);
         let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {

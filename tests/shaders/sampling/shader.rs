@@ -249,7 +249,7 @@ fn noise_is_bit_for_bit_that_of_the_twin() {
     }
     let texels: Vec<u8> = (0..4 * 4 * 3 * 4).map(|i| (i * 37 % 256) as u8).collect();
     let layers = |size, layers, texels: &[u8]| {
-        let texture = compute::layered_texture(&gpu, TextureFormat::Rgba8Unorm, size, layers, READ, texels);
+        let texture = compute::layered_texture(gpu, TextureFormat::Rgba8Unorm, size, layers, READ, texels);
         texture.create_view(&wgpu::TextureViewDescriptor {
             dimension: Some(wgpu::TextureViewDimension::D2Array),
             ..Default::default()
@@ -351,7 +351,7 @@ fn a_white_furnace_on_the_gpu_reflects_the_split_sum() {
     let table = DirectionalAlbedo::new();
     let size = UVec2::splat(ALBEDO_TABLE_SIZE as u32);
     let texels = bytemuck::cast_slice(table.texels());
-    let texture = compute::texture(&gpu, TextureFormat::Rg32Float, size, READ, texels);
+    let texture = compute::texture(gpu, TextureFormat::Rg32Float, size, READ, texels);
     let textures = [(2, texture.create_view(&Default::default()))];
     let outputs: Vec<[[f32; 4]; 6]> = gpu.run(&flatten(BRDF, &[], &[]), &inputs, &textures);
     let mut worst = 0.0f32;

@@ -71,7 +71,7 @@ fn traversals_of_corrupt_trees_end() {
             let checks = [Checks::On, Checks::Off];
             let both = *what == CIRCLE;
             for checks in checks.into_iter().take(1 + usize::from(both)) {
-                let answers = trace_items(&gpu, &wgsl, checks, trees.counts, &trees.items, &instances, &rays);
+                let answers = trace_items(gpu, &wgsl, checks, trees.counts, &trees.items, &instances, &rays);
                 for (ray, answer) in rays.iter().zip(answers) {
                     let text = format!("{what}, stack of {stack_size}, {checks:?}: {ray:?} {answer:?}");
                     let is_number = answer.t <= ray.t_max && answer.barycentrics.iter().all(|part| part.is_finite());

@@ -85,8 +85,7 @@ pub fn trace_items(
         scene_group.push((1, &instances));
     }
     gpu.dispatch(
-        &gpu.module(wgsl, checks),
-        "in_compute",
+        &gpu.pipeline(wgsl, "in_compute", checks),
         &[&[(0, &gpu.buffer(&ray_data)), (1, &answers)], &scene_group],
         rays.len().div_ceil(64) as u32,
     );
@@ -166,7 +165,7 @@ fn soups_match_the_mirror_and_brute_force() {
         let meshes = vec![mesh(kind, 500, scale, Vec3::ZERO, &mut random)];
         let scene = Packed::new(meshes, vec![(0, Affine3A::IDENTITY)], 0);
         let rays = scene.rays(10_000, scale * 3.0, Vec3::ZERO, &mut random);
-        compare(&gpu, &scene, &rays, kind.tolerance(), f64::from(scale) * 1e-5);
+        compare(gpu, &scene, &rays, kind.tolerance(), f64::from(scale) * 1e-5);
     }
 }
 
@@ -182,7 +181,7 @@ fn instances_match_the_mirror_and_brute_force() {
         let instances = (0..40).map(|i| (i % 2, placement(&mut random, 5.0))).collect();
         let scene = Packed::new(meshes, instances, max_entries);
         let rays = scene.rays(10_000, 8.0, Vec3::ZERO, &mut random);
-        compare(&gpu, &scene, &rays, Soup::Random.tolerance(), 1e-4);
+        compare(gpu, &scene, &rays, Soup::Random.tolerance(), 1e-4);
     }
 }
 
@@ -213,7 +212,7 @@ fn merged_instances_match_the_mirror_and_brute_force() {
         };
         let scene = Packed::with(meshes, instances, 100, packing);
         let rays = scene.rays(10_000, 8.0, Vec3::ZERO, &mut random);
-        compare(&gpu, &scene, &rays, Soup::Random.tolerance(), 1e-4);
+        compare(gpu, &scene, &rays, Soup::Random.tolerance(), 1e-4);
     }
 }
 
@@ -242,7 +241,7 @@ fn masked_instances_match_the_mirror_and_brute_force() {
         };
         let scene = Packed::with(meshes, instances, 100, packing);
         let rays = scene.rays(4000, 8.0, Vec3::ZERO, &mut random);
-        compare(&gpu, &scene, &rays, Soup::Random.tolerance(), 1e-4);
+        compare(gpu, &scene, &rays, Soup::Random.tolerance(), 1e-4);
     }
 }
 
@@ -277,7 +276,7 @@ fn closed_surfaces_let_no_ray_out() {
                 tree,
             });
             let rays = scene.rays_from_within(20_000, &mut random);
-            let answers = trace(&gpu, &shader(24, flags != 0), Checks::Off, &scene, &rays);
+            let answers = trace(gpu, &shader(24, flags != 0), Checks::Off, &scene, &rays);
             for (ray, answer) in rays.iter().zip(&answers) {
                 assert!(
                     answer.instance == 0 && answer.flags & 2 != 0,
@@ -310,8 +309,7 @@ fn micro_triangles_are_where_the_builder_puts_them() {
     let wgsl = wesl::flatten(include_str!("micro_triangles.wesl"), &[], &[]);
     let answers = gpu.buffer(&vec![u32::MAX; places.len()]);
     gpu.dispatch(
-        &gpu.module(&wgsl, Checks::On),
-        "find",
+        &gpu.pipeline(&wgsl, "find", Checks::On),
         &[&[(0, &gpu.buffer(&places)), (1, &answers)]],
         places.len().div_ceil(64) as u32,
     );
@@ -329,7 +327,7 @@ fn faces_alpha_and_shadow_flags() {
         let meshes = vec![mesh(Soup::Random, 300, 1.0, Vec3::ZERO, &mut Random(14))];
         let scene = Packed::with(meshes, instances.clone(), 0, |_| Packing { flags, tree });
         let rays = scene.rays(2000, 8.0, Vec3::ZERO, random);
-        let answers = trace(&gpu, &shader(24, true), Checks::Off, &scene, &rays);
+        let answers = trace(gpu, &shader(24, true), Checks::Off, &scene, &rays);
         (scene, rays, answers)
     };
     for tree in [None, Some(0)] {
@@ -369,6 +367,6 @@ fn nothing_to_hit() {
         t_min: 0.0,
         t_max: 10.0,
     };
-    let answers = trace(&gpu, &shader(24, true), Checks::Off, &scene, &[ray; 64]);
+    let answers = trace(gpu, &shader(24, true), Checks::Off, &scene, &[ray; 64]);
     assert!(answers.iter().all(|a| a.instance == NO_HIT && a.flags == 0));
 }

@@ -264,8 +264,8 @@ impl Harness {
 
 fn add_plugins(app: &mut App, settings: &HarnessSettings) {
     // Small, since images are small, too.
-    app.insert_resource(DirectionalLightShadowMap { size: 256 })
-        .insert_resource(PointLightShadowMap { size: 128 })
+    app.insert_resource(DirectionalLightShadowMap { size: 128 })
+        .insert_resource(PointLightShadowMap { size: 64 })
         .insert_resource(RenderErrorHandler(|error, world, _| handle_error(error, world)))
         .insert_resource(Recovery(settings.device.clone()))
         .init_resource::<CaughtErrors>();
@@ -295,8 +295,8 @@ impl Harness {
     /// Spawns a built-in scene with textures of this size; returns its root and its camera.
     pub fn spawn_scene(&mut self, name: SceneName, texture_size: u32, size: UVec2) -> (Entity, Entity) {
         let options = SceneOptions {
+            detail: 0.25,
             texture_size,
-            ..default()
         };
         let root = spawn_with(name, self.world(), &options);
         let (transform, projection) = camera(name);

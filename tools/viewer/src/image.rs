@@ -1,7 +1,10 @@
 //! Renders an image without a window.
 
 use crate::{arguments::Arguments, gltf::Framing, method::Method, plugins, source::Source};
-use bevy::prelude::*;
+use bevy::{
+    light::{DirectionalLightShadowMap, PointLightShadowMap},
+    prelude::*,
+};
 use bevy_glint::{RayTracedReflections, ReflectionStatus};
 use glint_scenes::{HeadlessApp, HeadlessSettings, save_picture};
 use std::{thread, time::Duration};
@@ -52,7 +55,17 @@ fn headless_app(arguments: &Arguments, size: UVec2) -> Result<HeadlessApp, Strin
     HeadlessApp::with_device(
         settings,
         |app| plugins::add_before_bevy(app, arguments.backend),
-        |app| plugins::add_after_bevy(app, arguments),
+        |app| {
+            plugins::add_after_bevy(app, arguments);
+            // A small image shows no more of them, and a CPU takes long to draw large ones.
+            let edge = size.max_element().saturating_mul(2).next_power_of_two() as usize;
+            app.insert_resource(DirectionalLightShadowMap {
+                size: edge.clamp(256, 2048),
+            });
+            app.insert_resource(PointLightShadowMap {
+                size: edge.clamp(256, 2048) / 2,
+            });
+        },
     )
     .map_err(|error| error.to_string())
 }

@@ -1,0 +1,174 @@
+//! Effects of Bevy that meet reflections on their way to the screen.
+
+use crate::{
+    common::app_with,
+    pictures::{reflect, warm_up},
+    stage::{BEFORE_THE_MIRROR, SIZE, metal, spawn_camera, spawn_mesh, wall},
+};
+use bevy::{
+    pbr::{DistanceFog, FogFalloff, ScreenSpaceAmbientOcclusion},
+    prelude::*,
+};
+use bevy_anti_alias::taa::{TemporalAntiAliasPlugin, TemporalAntiAliasing};
+use bevy_glint::{
+    NotReflected, RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice,
+    internals::{Target, readback},
+};
+use bevy_post_process::bloom::{Bloom, BloomPlugin};
+use glint_scenes::{HeadlessApp, Output, SceneName, decode_halves};
+
+fn app() -> Option<HeadlessApp> {
+    app_with(SIZE, Output::Linear, ReflectionTracerChoice::Bvh, |app| {
+        app.add_plugins((BloomPlugin, TemporalAntiAliasPlugin));
+    })
+}
+
+/// Green of each pixel.
+fn capture(app: &mut HeadlessApp) -> Vec<f32> {
+    let pixels = app.capture_linear().unwrap();
+    assert!(pixels.iter().flatten().all(|value| value.is_finite()));
+    pixels.into_iter().map(|[_, green, ..]| green).collect()
+}
+
+fn mean(values: impl IntoIterator<Item = f32>) -> f32 {
+    let (sum, count) = values
+        .into_iter()
+        .fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
+    sum / count
+}
+
+/// Mean of the differences, relative to the mean of the first image.
+fn difference(a: &[f32], b: &[f32]) -> f32 {
+    mean(a.iter().zip(b).map(|(a, b)| (a - b).abs())) / mean(a.iter().copied())
+}
+
+fn renders_after(app: &mut HeadlessApp, camera: Entity, effect: impl Bundle) -> Vec<f32> {
+    app.world().entity_mut(camera).insert(effect);
+    // Until converged reflections are free of noise.
+    app.warm_up(20_000).unwrap();
+    app.step(40);
+    capture(app)
+}
+
+/// Where all rays miss, and the surroundings are the same everywhere, traced reflections are those of the environment map: what lies
+/// over one must lie over the other.
+#[test]
+fn effects_treat_rays_as_they_treat_the_environment_map() {
+    let Some(mut app) = app() else { return };
+    let app = &mut app;
+    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
+    // A corner, for occlusion.
+    let turned = |angle: f32| Transform::from_rotation(Quat::from_rotation_y(angle));
+    for angle in [0.8, -0.8] {
+        let object = spawn_mesh(app, wall(), metal(0.4), turned(angle));
+        app.world().entity_mut(object).insert(NotReflected);
+    }
+    let fog = || DistanceFog {
+        color: Color::BLACK,
+        falloff: FogFalloff::Linear { start: 1.0, end: 6.0 },
+        ..default()
+    };
+    let plain = renders_after(app, camera, ());
+    let mut without = vec![("nothing", plain.clone())];
+    without.push(("fog", renders_after(app, camera, fog())));
+    app.world().entity_mut(camera).remove::<DistanceFog>();
+    without.push(("ambient occlusion", renders_after(app, camera, occlusion())));
+    app.world().entity_mut(camera).remove::<ScreenSpaceAmbientOcclusion>();
+
+    reflect(app, camera, ReflectionTechnique::Converged);
+    let mut with = vec![renders_after(app, camera, ())];
+    with.push(renders_after(app, camera, fog()));
+    app.world().entity_mut(camera).remove::<DistanceFog>();
+    with.push(renders_after(app, camera, occlusion()));
+
+    // Bevy's split sum is an approximation, so each image is compared with that without the effect.
+    let relative = |image: &[f32], plain: &[f32]| image.iter().zip(plain).map(|(a, b)| a / b).collect::<Vec<_>>();
+    for ((name, without), image) in without.iter().zip(&with) {
+        let effect = difference(&plain, without);
+        let apart = difference(&relative(without, &plain), &relative(image, &with[0]));
+        println!("{name}: changes the image by {effect:.4}; with rays it differs by {apart:.4}");
+        assert!(*name == "nothing" || effect > 0.1, "{name} does nothing: {effect}");
+        assert!(apart < 0.02, "{name}: with rays the image differs by {apart}");
+    }
+    let apart = difference(&plain, &with[0]);
+    assert!(apart < 0.05, "with rays the image differs by {apart}");
+}
+
+fn occlusion() -> (Msaa, ScreenSpaceAmbientOcclusion) {
+    (Msaa::Off, ScreenSpaceAmbientOcclusion::default())
+}
+
+/// Bright things that only a mirror shows glow.
+#[test]
+fn reflections_bloom() {
+    let Some(mut app) = app() else { return };
+    let app = &mut app;
+    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+    let lamp = StandardMaterial {
+        base_color: Color::linear_rgb(20.0, 20.0, 20.0),
+        unlit: true,
+        ..default()
+    };
+    spawn_mesh(app, Cuboid::from_length(1.0), lamp, Transform::from_xyz(0.0, 0.0, 6.0));
+    let off = renders_after(app, camera, Bloom::NATURAL);
+    assert_eq!(
+        off.iter().filter(|value| **value > 1e-3).count(),
+        0,
+        "only rays see the lamp"
+    );
+    app.world().entity_mut(camera).remove::<Bloom>();
+    reflect(app, camera, ReflectionTechnique::Reference);
+    app.step(4);
+    let sharp = capture(app);
+    let glowing = renders_after(app, camera, Bloom::NATURAL);
+    let around = sharp
+        .iter()
+        .zip(&glowing)
+        .filter(|(sharp, glowing)| **sharp < 1e-4 && **glowing > 0.01)
+        .count();
+    println!("{around} pixels glow");
+    assert!(around > 200, "{around} pixels glow");
+}
+
+/// Temporal anti-aliasing moves the camera by parts of a pixel: where nothing else moves, the image must be steady, and history must
+/// last as long as without.
+#[test]
+fn a_jittered_camera_keeps_its_history() {
+    let Some(mut app) = app() else { return };
+    let app = &mut app;
+    let camera = app.spawn_scene(SceneName::EmissiveFloor, &default());
+    reflect(app, camera, ReflectionTechnique::Variable);
+    app.world().entity_mut(camera).insert(RayTracedReflections {
+        roughness_cutoff: 1.0,
+        ..default()
+    });
+    let mut show = || {
+        warm_up(app);
+        app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
+        app.step(24);
+        let history = readback::copy(app.app(), camera, Target::HistoryRadiance).expect("the camera has a history");
+        let texels = decode_halves(bytemuck::cast_slice(&history.words));
+        let lengths = texels.into_iter().map(|[.., length]| length);
+        let length = mean(lengths.filter(|length| *length > 0.0));
+        let before = capture(app);
+        app.step(1);
+        let flicker = difference(&before, &capture(app));
+        app.world()
+            .entity_mut(camera)
+            .insert((Msaa::Off, TemporalAntiAliasing::default()));
+        (length, flicker)
+    };
+    let [(length, flicker), (jittered_length, jittered_flicker)] = [show(), show()];
+    println!(
+        "histories of {length} frames, {jittered_length} with jitter; flicker {flicker:.4}, {jittered_flicker:.4}"
+    );
+    assert!(
+        length > 4.0 && jittered_length > 0.5 * length,
+        "{length} frames, {jittered_length} with jitter"
+    );
+    assert!(
+        jittered_flicker < 1.5 * flicker,
+        "{flicker}, {jittered_flicker} with jitter"
+    );
+}

@@ -1,0 +1,189 @@
+//! The light of each kind of light on a surface, on a GPU or a CPU driver.
+
+use crate::{
+    gpu::Gpu,
+    sampling::reference::{Random, orthonormal_basis},
+    wesl::flatten,
+};
+use bevy::math::{Vec3, Vec4, vec3};
+use bevy_glint::internals::gpu_types::{GpuLight, LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_RECT, LIGHT_SPOT};
+use bytemuck::{Pod, Zeroable};
+use std::f32::consts::PI;
+
+const LIT: &str = "
+import package::scene::lights::{evaluate_light, is_in_reach, light_path, LitSurface};
+import package::scene::types::Light;
+
+struct Input { light: Light, position: vec4<f32>, normal: vec4<f32>, view: vec4<f32>, color: vec4<f32> }
+@group(0) @binding(0) var<storage, read> inputs: array<Input>;
+@group(0) @binding(1) var<storage, read_write> outputs: array<vec4<f32>>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= arrayLength(&outputs) { return; }
+    let i = inputs[id.x];
+    let normal = i.normal.xyz;
+    let view = i.view.xyz;
+    let lit = LitSurface(i.position.xyz, normal, view, reflect(-view, normal), max(dot(normal, view), 1e-4), i.normal.w,
+        i.color.xyz, vec3(i.color.w), vec2(i.view.w));
+    let radiance = evaluate_light(i.light, lit, light_path(i.light, lit.position, normal));
+    outputs[id.x] = vec4(radiance, select(0.0, 1.0, is_in_reach(i.light, lit.position, normal)));
+}
+";
+
+#[derive(Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Lit {
+    light: GpuLight,
+    position: Vec4,
+    /// And roughness.
+    normal: Vec4,
+    /// Towards the viewer, and both parts of the split sum.
+    view: Vec4,
+    /// Diffuse, and F0.
+    color: Vec4,
+}
+
+fn direction(random: &mut Random) -> Vec3 {
+    let mut number = || random.next() * 2.0 - 1.0;
+    vec3(number(), number(), number()).normalize_or(Vec3::Z)
+}
+
+/// A light near the origin.
+fn light(kind: u32, random: &mut Random) -> GpuLight {
+    let range = 2.0 + 6.0 * random.next();
+    let spot = match kind {
+        // Scale and offset of a cone.
+        LIGHT_SPOT => {
+            let (outer, inner) = (0.3 + 0.5 * random.next(), 0.85 + 0.1 * random.next());
+            let scale = 1.0 / (inner - outer);
+            [scale, -outer * scale]
+        }
+        _ => [0.1 + random.next(), 0.1 + random.next()],
+    };
+    GpuLight {
+        color: [1.0; 3],
+        kind,
+        position: (0.5 * direction(random)).to_array(),
+        inverse_range_squared: 1.0 / (range * range),
+        direction: direction(random).to_array(),
+        radius: random.next(),
+        spot,
+        ..Default::default()
+    }
+}
+
+#[test]
+fn what_is_out_of_reach_gets_no_light() {
+    const COUNT: usize = 4000;
+    let Some(gpu) = Gpu::new() else { return };
+    let mut random = Random(5);
+    for (kind, name) in [
+        (LIGHT_DIRECTIONAL, "directional"),
+        (LIGHT_POINT, "point"),
+        (LIGHT_SPOT, "spot"),
+        (LIGHT_RECT, "rectangle"),
+    ] {
+        let inputs: Vec<Lit> = (0..COUNT)
+            .map(|_| {
+                let normal = direction(&mut random);
+                let view = direction(&mut random);
+                let view = if view.dot(normal) < 0.0 { -view } else { view };
+                Lit {
+                    light: light(kind, &mut random),
+                    position: (8.0 * random.next() * direction(&mut random)).extend(0.0),
+                    normal: normal.extend(0.01 + 0.99 * random.next()),
+                    view: view.extend(0.5),
+                    color: Vec4::splat(0.5),
+                }
+            })
+            .collect();
+        let outputs: Vec<Vec4> = gpu.run(&flatten(LIT, &[], &[]), &inputs, &[]);
+        let [mut lit, mut spared] = [0; 2];
+        for (input, output) in inputs.iter().zip(&outputs) {
+            let (radiance, is_in_reach) = (output.truncate(), output.w == 1.0);
+            assert!(
+                radiance.is_finite() && radiance.min_element() >= 0.0,
+                "{name}: {output}"
+            );
+            assert!(
+                is_in_reach || radiance == Vec3::ZERO,
+                "{name} {:?} gives {radiance} at {}, {}",
+                input.light,
+                input.position,
+                input.normal
+            );
+            lit += usize::from(radiance != Vec3::ZERO);
+            spared += usize::from(!is_in_reach);
+        }
+        println!("{name}: {lit} of {COUNT} are lit, {spared} out of reach");
+        assert!(lit * 20 > COUNT, "{name}: {lit} are lit");
+        // Most of those that get no light are told beforehand.
+        assert!(
+            (COUNT - lit) * 2 < spared * 3,
+            "{name}: {spared} of {} are spared",
+            COUNT - lit
+        );
+    }
+}
+
+/// Share of the light of an even hemisphere that comes from a rectangle, summed over points of it.
+fn form_factor(light: &GpuLight, right: Vec3, surface: Vec3, normal: Vec3) -> f32 {
+    const STEPS: i32 = 64;
+    let (centre, towards) = (Vec3::from(light.position), Vec3::from(light.direction));
+    let up = right.cross(towards);
+    let [half_width, half_height] = light.spot;
+    let cell = 4.0 * half_width * half_height / (STEPS * STEPS) as f32;
+    let part = |step: i32| (2 * step + 1) as f32 / STEPS as f32 - 1.0;
+    let places = (0..STEPS).flat_map(|y| (0..STEPS).map(move |x| (part(x), part(y))));
+    let shares = places.map(|(x, y)| {
+        let to_light = centre + right * (x * half_width) + up * (y * half_height) - surface;
+        let squared = to_light.length_squared();
+        let cosines = normal.dot(to_light).max(0.0) * (-towards).dot(to_light).max(0.0) / squared;
+        cosines * cell / (PI * squared)
+    });
+    shares.sum()
+}
+
+#[test]
+fn rectangles_give_the_light_of_their_area() {
+    let Some(gpu) = Gpu::new() else { return };
+    let mut random = Random(7);
+    let (mut inputs, mut expected) = (Vec::new(), Vec::new());
+    while inputs.len() < 200 {
+        let towards = direction(&mut random);
+        let light = GpuLight {
+            inverse_range_squared: 1e-12,
+            direction: towards.to_array(),
+            ..light(LIGHT_RECT, &mut random)
+        };
+        // Packed as an angle.
+        let reference = orthonormal_basis(towards).x_axis;
+        let right = light.radius.cos() * reference + light.radius.sin() * towards.cross(reference);
+        let surface = Vec3::from(light.position) + 4.0 * direction(&mut random);
+        let normal = direction(&mut random);
+        let to_light = Vec3::from(light.position) - surface;
+        let reach = (light.spot[0] + light.spot[1]).max(0.1);
+        // All of the rectangle is above the surface, and shines on it.
+        if normal.dot(to_light) < reach || towards.dot(to_light) > -0.5 {
+            continue;
+        }
+        expected.push(form_factor(&light, right, surface, normal));
+        inputs.push(Lit {
+            light,
+            position: surface.extend(0.0),
+            normal: normal.extend(0.5),
+            view: normal.extend(0.0),
+            color: vec3(1.0, 0.5, 0.0).extend(0.0),
+        });
+    }
+    let outputs: Vec<Vec4> = gpu.run(&flatten(LIT, &[], &[]), &inputs, &[]);
+    for ((input, output), expected) in inputs.iter().zip(&outputs).zip(expected) {
+        assert!(
+            (output.x / expected - 1.0).abs() < 0.02,
+            "{:?}: {output}, not {expected}",
+            input.light
+        );
+        assert!(output.y == 0.5 * output.x && output.z == 0.0, "{output}");
+    }
+}
