@@ -56,6 +56,8 @@ pub struct SceneBindings {
     instances: StorageSlice<GpuInstance>,
     instance_data: Vec<GpuInstance>,
     present: Vec<bool>,
+    /// Slots from here on are not in the instance buffer: their objects are missing.
+    instance_limit: usize,
     materials: StorageSlice<GpuMaterial>,
     lights: StorageSlice<GpuLight>,
     uniform: Buffer,
@@ -94,6 +96,7 @@ impl FromWorld for SceneBindings {
             instances: StorageSlice::new(device, "glint_instances"),
             instance_data: Vec::new(),
             present: Vec::new(),
+            instance_limit: usize::MAX,
             materials: StorageSlice::new(device, "glint_materials"),
             lights: StorageSlice::new(device, "glint_lights"),
             uniform: device.create_buffer(&BufferDescriptor {
@@ -280,7 +283,7 @@ pub fn prepare_instances(
         if bindings.merge.update(&bindings.masks, meshes, &queue, &status) || changed {
             bindings.top_level.touch();
         }
-        bindings.update_bvh_top_level(&instances, meshes, &device, &queue, &status);
+        bindings.update_bvh_top_level(&instances, meshes, &queue, &status);
         let (masks, is_building) = (&bindings.masks, bindings.top_level.is_building());
         status.update(|report| {
             report.merges_pending |= is_building;
@@ -350,6 +353,7 @@ impl SceneBindings {
         self.contents.clear();
         self.instance_data.clear();
         self.present.clear();
+        self.instance_limit = usize::MAX;
         self.uniform_data = GpuSceneCounts::default();
         self.instances = StorageSlice::new(device, "glint_instances");
         self.materials = StorageSlice::new(device, "glint_materials");
@@ -372,14 +376,23 @@ impl SceneBindings {
         device: &RenderDevice,
         queue: &RenderQueue,
     ) -> bool {
-        self.instance_data
-            .resize(instances.slots().len(), GpuInstance::default());
-        self.present.resize(instances.slots().len(), false);
+        // Objects at the end may be gone.
+        let len = instances.slots().len().max(self.present.len());
+        self.instance_data.resize(len, GpuInstance::default());
+        self.present.resize(len, false);
         let assets = surroundings.materials;
-        let limit = instance_limit(device);
+        let limit = self.instances.reserve(len, device).min(MAX_INSTANCES);
         let mut written = Vec::new();
         let mut changed = false;
         let mut dirty = dirty;
+        if limit > self.instance_limit {
+            // There was no room for them.
+            for slot in self.instance_limit..limit.min(len) {
+                self.present[slot] = false;
+                dirty.push(slot as u32);
+            }
+        }
+        self.instance_limit = limit;
         for &slot in moved {
             if self.move_instance(slot, instances, limit) {
                 written.push(slot);
@@ -453,6 +466,8 @@ impl SceneBindings {
                 }
             }
         }
+        self.instance_data.truncate(instances.slots().len());
+        self.present.truncate(instances.slots().len());
         written.sort_unstable();
         self.instances
             .write_elements(&self.instance_data, &written, device, queue);
@@ -505,11 +520,6 @@ fn mask_key(
         material: source.material,
         second_uvs: assets.get(source.material)?.base_color_channel == UvChannel::Uv1,
     })
-}
-
-/// Slots from here on are not in the instance buffer: their objects are missing.
-fn instance_limit(device: &RenderDevice) -> usize {
-    StorageSlice::<GpuInstance>::limit(device).min(MAX_INSTANCES)
 }
 
 /// The place of an object as shaders read it.

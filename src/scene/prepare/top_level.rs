@@ -1,6 +1,6 @@
 //! The top level of both tracers.
 
-use super::{SceneBindings, instance_limit};
+use super::SceneBindings;
 use crate::{
     scene::{
         acceleration::{BlasKey, RayQueryInstance},
@@ -31,7 +31,7 @@ impl SceneBindings {
         let Some(acceleration) = &mut self.acceleration else {
             return;
         };
-        let slots = instances.slots().iter().enumerate().take(instance_limit(device));
+        let slots = instances.slots().iter().enumerate().take(self.instance_limit);
         let present = slots
             .filter(|(slot, _)| self.present.get(*slot) == Some(&true))
             .filter_map(|(slot, source)| {
@@ -60,20 +60,19 @@ impl SceneBindings {
         &mut self,
         instances: &SceneInstances,
         meshes: &mut SceneMeshes,
-        device: &RenderDevice,
         queue: &RenderQueue,
         status: &ReflectionStatus,
     ) {
         let begin = Instant::now();
-        self.follow_merging(instances, meshes, device);
+        self.follow_merging(instances, meshes);
         let merge = &self.merge;
         self.top_level.advance(|slot| merge.is_merged(slot), meshes, queue);
-        self.follow_lost_trees(instances, meshes, device);
+        self.follow_lost_trees(instances, meshes);
         if !self.top_level.is_changed() {
             return;
         }
         self.top_level.upload(self.merge.instances(), meshes, queue);
-        if self.follow_lost_trees(instances, meshes, device) {
+        if self.follow_lost_trees(instances, meshes) {
             self.top_level.upload(self.merge.instances(), meshes, queue);
         }
         self.set_masked(self.masked_instances > 0);
@@ -102,8 +101,8 @@ impl SceneBindings {
     }
 
     /// Objects that joined a merged tree leave the others, and the other way round.
-    fn follow_merging(&mut self, instances: &SceneInstances, meshes: &SceneMeshes, device: &RenderDevice) {
-        let limit = instance_limit(device);
+    fn follow_merging(&mut self, instances: &SceneInstances, meshes: &SceneMeshes) {
+        let limit = self.instance_limit;
         for slot in self.merge.take_crossed() {
             if self.merge.is_merged(slot) {
                 self.top_level.merge(slot);
@@ -120,16 +119,11 @@ impl SceneBindings {
     }
 
     /// Returns whether merged trees got lost since their room was needed.
-    fn follow_lost_trees(
-        &mut self,
-        instances: &SceneInstances,
-        meshes: &mut SceneMeshes,
-        device: &RenderDevice,
-    ) -> bool {
+    fn follow_lost_trees(&mut self, instances: &SceneInstances, meshes: &mut SceneMeshes) -> bool {
         let lost = self.merge.take_lost(meshes);
         if lost {
             self.top_level.touch();
-            self.follow_merging(instances, meshes, device);
+            self.follow_merging(instances, meshes);
         }
         lost
     }
