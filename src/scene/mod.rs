@@ -9,6 +9,7 @@ mod alpha_images;
 pub mod arena;
 pub mod bvh;
 pub mod environment;
+mod free_slots;
 pub mod geometry;
 pub mod gpu_types;
 pub mod instances;
@@ -24,6 +25,7 @@ mod texture_layers;
 pub mod textures;
 mod top_level;
 pub mod upload;
+mod waiting_room;
 
 pub use prepare::SceneBindings;
 

@@ -13,6 +13,7 @@ mod dynamics;
 mod examples;
 mod ground_truth;
 mod idle;
+mod levels;
 mod lights;
 mod merging;
 mod new_user;
