@@ -38,6 +38,9 @@ pub const ACCUMULATION_FORMAT: TextureFormat = TextureFormat::Rgba32Float;
 /// Radiance that the composite adds to the lit frame.
 pub const REFLECTION_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 
+/// Trace pixels of a view in each direction, at most: a block of the ray list has so many bits for its place.
+pub const LARGEST_TRACE_SIZE: u32 = 1 << 13;
+
 /// How large everything is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sizes {

@@ -1,5 +1,6 @@
 //! Device capabilities that the crate asks for: which tracer, which form of the texture table, which shading rates.
 
+mod memory;
 mod shading_rates;
 mod support;
 mod texture_mode;
@@ -12,6 +13,7 @@ pub use shading_rates::ShadingRates;
 pub use texture_mode::ReflectionTextureMode;
 pub use tracer::ReflectionTracer;
 
+pub(crate) use memory::try_allocate;
 pub(crate) use support::{adapter_name, unsupported};
 pub(crate) use texture_mode::{MAX_SAMPLERS, texture_mode};
 pub(crate) use tracer::{ChosenTracer, choose_tracer};

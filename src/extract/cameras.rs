@@ -13,21 +13,23 @@ use crate::{
         ShadingRateTileSize, ViewDebug, WantsReflections,
     },
     status::ReflectionStatus,
+    targets::LARGEST_TRACE_SIZE,
     trace::{Fallbacks, VrsPass, choose},
-    view::ViewCulling,
+    view::{RefusedViews, ViewCulling},
 };
 use bevy::{
-    camera::{Camera, Hdr},
+    camera::{Camera, Hdr, MainPassResolutionOverride},
     core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass},
     ecs::{
         entity::{EntityHashMap, EntityHashSet},
         prelude::*,
         query::{QueryData, QueryState},
+        system::SystemParam,
     },
-    math::Mat4,
+    math::{Mat4, UVec2},
     pbr::{DefaultOpaqueRendererMethod, ScreenSpaceReflections},
     reflect::PartialReflect,
-    render::{MainWorld, sync_world::RenderEntity, view::Msaa},
+    render::{MainWorld, renderer::RenderDevice, sync_world::RenderEntity, view::Msaa},
     transform::components::GlobalTransform,
 };
 
@@ -51,19 +53,55 @@ pub(super) struct CameraQuery {
     debug_view: Option<&'static ReflectionDebugView>,
     debug_split: Option<&'static ReflectionDebugSplit>,
     debug_counters: Has<ReflectionDebugCounters>,
+    resolution: Option<&'static MainPassResolutionOverride>,
 }
 
 impl CameraQueryItem<'_, '_> {
     /// All problems, each with whether the camera has it.
-    fn problems(&self, forward: bool) -> [(Problem, bool); 5] {
+    fn problems(&self, forward: bool, reflections: &RayTracedReflections, limits: &mut Limits) -> [(Problem, bool); 7] {
         [
             (Problem::ScreenSpace, self.screen_space),
             (Problem::Prepass, !(self.depth && self.deferred && self.normal)),
             (Problem::LowRange, !self.hdr),
             (Problem::Multisampling, self.msaa.is_some_and(|msaa| *msaa != Msaa::Off)),
+            (
+                Problem::TooLarge,
+                !fits(self.size(), reflections.technique, limits.most_texels()),
+            ),
+            (Problem::NoMemory, limits.refused.refuse(self.render_entity)),
             (Problem::Forward, forward),
         ]
     }
+
+    /// Pixels that are rendered; zero where that isn't known yet.
+    fn size(&self) -> UVec2 {
+        let viewport = self.camera.physical_viewport_size().unwrap_or_default();
+        self.resolution
+            .map_or(viewport, |resolution| resolution.0.min(viewport))
+    }
+}
+
+/// Limits of the device.
+#[derive(SystemParam)]
+pub(super) struct Limits<'w> {
+    device: Res<'w, RenderDevice>,
+    refused: ResMut<'w, RefusedViews>,
+}
+
+impl Limits<'_> {
+    fn most_texels(&self) -> u32 {
+        self.device.limits().max_texture_dimension_2d
+    }
+}
+
+/// Returns whether a view of this size can be traced, where textures have so many texels in each direction at most.
+fn fits(size: UVec2, technique: ReflectionTechnique, most_texels: u32) -> bool {
+    let most_trace_pixels = match technique {
+        ReflectionTechnique::Converged => most_texels,
+        // What rays hit takes two texels in each direction.
+        _ => LARGEST_TRACE_SIZE.min(most_texels / 2),
+    };
+    size.max_element().div_ceil(technique.trace_scale()) <= most_trace_pixels
 }
 
 /// A view of the render world that extraction may have to change.
@@ -242,6 +280,7 @@ pub(super) fn extract_cameras(
     status: Res<ReflectionStatus>,
     mut existing: Query<ExistingView, IsOurs>,
     vrs: VrsPass,
+    mut limits: Limits,
     mut state: Local<ExtractionState>,
     commands: Commands,
 ) {
@@ -267,7 +306,7 @@ pub(super) fn extract_cameras(
         if !camera.camera.is_active {
             continue;
         }
-        let problems = camera.problems(forward);
+        let problems = camera.problems(forward, &reflections, &mut limits);
         warnings.note(camera.entity, &problems);
         if problems
             .iter()
@@ -315,4 +354,27 @@ fn is_forward(main_world: &MainWorld) -> bool {
     main_world
         .get_resource::<DefaultOpaqueRendererMethod>()
         .is_none_or(|method| method.reflect_partial_eq(&deferred) != Some(true))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn views_that_no_list_or_texture_could_hold_are_declined() {
+        use ReflectionTechnique::{Converged, Quarter, Reference};
+        let fits_in = |most_texels, technique, width| fits(UVec2::new(width, 9), technique, most_texels);
+        for (technique, most_texels, widest) in [
+            (Reference, 16_384, 8_192),
+            (Reference, 32_768, 8_192),
+            (Reference, 8_192, 4_096),
+            (Quarter, 16_384, 16_384),
+            (Quarter, 32_768, 16_384),
+            (Converged, 16_384, 16_384),
+        ] {
+            assert!(fits_in(most_texels, technique, widest), "{technique:?}");
+            assert!(!fits_in(most_texels, technique, widest + 1), "{technique:?}");
+        }
+        assert!(fits(UVec2::ZERO, Reference, 16_384), "its size isn't known yet");
+    }
 }

@@ -13,6 +13,8 @@ pub(super) enum Problem {
     Prepass,
     LowRange,
     Multisampling,
+    TooLarge,
+    NoMemory,
     Forward,
 }
 
@@ -38,6 +40,14 @@ impl Problem {
             }
             Self::Multisampling => {
                 "it shows no ray-traced reflections, since deferred rendering can't do multisampling: set `Msaa::Off`"
+            }
+            Self::TooLarge => {
+                "it shows no ray-traced reflections, since it has more pixels in one direction than its technique can trace on \
+                 this device: choose one with a ray for four pixels, such as `ReflectionTechnique::Quarter`, or a smaller image"
+            }
+            Self::NoMemory => {
+                "it shows no ray-traced reflections for some seconds, since the device has no memory for their textures: use a \
+                 smaller image, or a technique with a ray for four pixels, such as `ReflectionTechnique::Quarter`"
             }
             Self::Forward => {
                 "only materials whose `opaque_render_method` is `Deferred` reflect: for all opaque materials, insert the \

@@ -6,6 +6,7 @@ use super::{
     },
     meshes::SceneMeshes,
 };
+use crate::device::try_allocate;
 use bevy::{
     asset::AssetId,
     log::warn_once,
@@ -141,9 +142,16 @@ impl AccelerationStructures {
         }
         let count = used.len() as u32;
         if count > self.capacity || (count < self.capacity / 4 && self.capacity > SMALLEST_TLAS) {
-            self.capacity = tlas_capacity(count, limit);
-            self.tlas = create_tlas(device, self.capacity);
-            self.generation += 1;
+            let capacity = tlas_capacity(count, limit);
+            if let Some(tlas) = try_allocate(device, || create_tlas(device, capacity)) {
+                (self.tlas, self.capacity) = (tlas, capacity);
+                self.generation += 1;
+            } else {
+                warn_once!(
+                    "only {} of {count} objects can be reflected, since the device has no memory for more",
+                    self.capacity
+                );
+            }
         }
         let entries = used.into_iter().filter_map(|instance| {
             let (_, blas) = self.blas.get(&instance.blas)?;
@@ -253,16 +261,25 @@ impl PendingBlas {
                 AccelerationStructureGeometryFlags::empty()
             },
         };
-        let blas = device.wgpu_device().create_blas(
-            &CreateBlasDescriptor {
-                label: Some("glint_blas"),
-                flags: AccelerationStructureFlags::PREFER_FAST_TRACE,
-                update_mode: AccelerationStructureUpdateMode::Build,
-            },
-            BlasGeometrySizeDescriptors::Triangles {
-                descriptors: vec![size.clone()],
-            },
-        );
+        let blas = try_allocate(device, || {
+            device.wgpu_device().create_blas(
+                &CreateBlasDescriptor {
+                    label: Some("glint_blas"),
+                    flags: AccelerationStructureFlags::PREFER_FAST_TRACE,
+                    update_mode: AccelerationStructureUpdateMode::Build,
+                },
+                BlasGeometrySizeDescriptors::Triangles {
+                    descriptors: vec![size.clone()],
+                },
+            )
+        });
+        let Some(blas) = blas else {
+            warn_once!(
+                "a mesh of {triangles} triangles is missing from reflections, since the device has no memory for its \
+                 acceleration structure; use fewer or smaller meshes, or keep some out with `NotReflected`"
+            );
+            return None;
+        };
         let base = mesh.geometry.base();
         Some(Self {
             key,

@@ -11,12 +11,16 @@
 //! old buffer still see valid content, as of the growth. A slice that is freed may be handed out and overwritten in the same
 //! frame: whatever refers to it has to be updated in that frame too.
 
+use crate::device::try_allocate;
 use bevy::render::{
     render_resource::{Buffer, BufferDescriptor, BufferUsages, CommandEncoderDescriptor},
     renderer::{RenderDevice, RenderQueue},
 };
 use offset_allocator::{Allocation, Allocator};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::{
+    collections::BTreeSet,
+    sync::atomic::{AtomicU64, Ordering},
+};
 
 /// Slices that one arena can hold at a time, less the gaps between them.
 const MAX_SLICES: u32 = 1 << 18;
@@ -52,6 +56,10 @@ impl ArenaSlice {
         self.words
     }
 
+    fn end(&self, unit_words: u32) -> u32 {
+        self.base / unit_words + self.units
+    }
+
     /// First byte in the buffer.
     pub fn byte_offset(&self) -> u64 {
         u64::from(self.base) * 4
@@ -77,6 +85,8 @@ struct SliceAllocator {
     /// Units that the buffer must have.
     capacity_units: u32,
     used_units: u32,
+    /// Where slices end, in units.
+    ends: BTreeSet<u32>,
 }
 
 impl SliceAllocator {
@@ -95,6 +105,7 @@ impl SliceAllocator {
             // A binding must not be empty, even where the limits leave no room for a single unit.
             capacity_units: initial_units.min(max_units).max(1),
             used_units: 0,
+            ends: BTreeSet::new(),
         }
     }
 
@@ -115,6 +126,7 @@ impl SliceAllocator {
             self.capacity_units = grown.clamp(u64::from(end), u64::from(self.max_units)) as u32;
         }
         self.used_units += units;
+        self.ends.insert(end);
         Some(ArenaSlice {
             allocation,
             arena: self.id,
@@ -128,8 +140,17 @@ impl SliceAllocator {
         // The allocator would panic or corrupt itself.
         if slice.arena == self.id {
             self.used_units = self.used_units.saturating_sub(slice.units);
+            self.ends.remove(&slice.end(self.unit_words));
             self.allocator.free(slice.allocation);
         }
+    }
+
+    /// Units of a buffer that isn't much too large; `None` where it isn't.
+    fn smaller_capacity(&self) -> Option<u32> {
+        let last = self.ends.last().copied().unwrap_or_default();
+        let initial_units = (INITIAL_BYTES / 4 / u64::from(self.unit_words)) as u32;
+        let enough = last.saturating_mul(2).max(initial_units).min(self.max_units).max(1);
+        (enough <= self.capacity_units / 2).then_some(enough)
     }
 
     fn bytes(&self, units: u32) -> u64 {
@@ -139,14 +160,18 @@ impl SliceAllocator {
 
 /// A storage buffer of `u32` words that grows by half whenever its slices need more room, up to the limits of the device.
 ///
-/// It never shrinks and never moves slices inside the buffer: [`ArenaSlice::base`] stays valid when the buffer is replaced.
-/// While it grows, the old and the new buffer exist side by side.
+/// It never moves slices inside the buffer: [`ArenaSlice::base`] stays valid when the buffer is replaced. While it grows, the old and the
+/// new buffer exist side by side; where the device has no memory for both, it stays as it is.
 pub struct Arena {
     device: RenderDevice,
     label: &'static str,
     usages: BufferUsages,
     allocator: SliceAllocator,
     buffer: Buffer,
+    /// A larger buffer, for slices that [`Self::buffer`] does not reach.
+    grown: Option<Buffer>,
+    /// Bytes that the device had no memory for, since a slice was given back last.
+    refused: u64,
     generation: u64,
 }
 
@@ -173,21 +198,66 @@ impl Arena {
             usages,
             allocator,
             buffer,
+            grown: None,
+            refused: u64::MAX,
             generation: next_id(),
         }
     }
 
-    /// Takes `words` words, at least one unit. `None` if they do not fit in [`Self::max_bytes`] or if there are more than some
-    /// 130 000 slices: the caller has to do without and tell the user.
+    /// Takes `words` words, at least one unit. `None` if they do not fit in [`Self::max_bytes`], if the device has no memory for
+    /// them, or if there are more than some 130 000 slices: the caller has to do without and tell the user.
     ///
-    /// The buffer grows with the next [`Self::write`] or [`Self::grow`], once for many slices.
+    /// The buffer is replaced with the next [`Self::write`] or [`Self::grow`], once for many slices.
     pub fn allocate(&mut self, words: u32) -> Option<ArenaSlice> {
-        self.allocator.allocate(words)
+        let before = self.allocator.capacity_units;
+        let slice = self.allocator.allocate(words)?;
+        if self.allocator.capacity_units > before && !self.make_room_up_to(slice.end(self.allocator.unit_words)) {
+            self.allocator.free(slice);
+            self.allocator.capacity_units = before;
+            return None;
+        }
+        Some(slice)
+    }
+
+    /// Makes a buffer of the capacity that the allocator wants, or one that ends here.
+    fn make_room_up_to(&mut self, end: u32) -> bool {
+        for units in [self.allocator.capacity_units, end] {
+            let size = self.allocator.bytes(units);
+            if size >= self.refused {
+                continue;
+            }
+            match try_allocate(&self.device, || {
+                create_buffer(&self.device, self.label, self.usages, size)
+            }) {
+                Some(buffer) => {
+                    self.grown = Some(buffer);
+                    self.allocator.capacity_units = units;
+                    return true;
+                }
+                None => self.refused = size,
+            }
+        }
+        false
     }
 
     /// Gives a slice back. Slices of other arenas, such as that of a lost device, are ignored.
     pub fn free(&mut self, slice: ArenaSlice) {
         self.allocator.free(slice);
+        self.refused = u64::MAX;
+    }
+
+    /// Replaces a buffer of which most is free at the end by a smaller one.
+    pub fn shrink(&mut self, queue: &RenderQueue) {
+        if self.grown.is_none()
+            && let Some(units) = self.allocator.smaller_capacity()
+        {
+            let size = self.allocator.bytes(units);
+            let create = || create_buffer(&self.device, self.label, self.usages, size);
+            if let Some(buffer) = try_allocate(&self.device, create) {
+                self.allocator.capacity_units = units;
+                self.replace(buffer, queue);
+            }
+        }
     }
 
     /// Writes from the start of the slice on, before the commands of the next submission. Words beyond the slice's end are left
@@ -214,16 +284,18 @@ impl Arena {
     /// Replaces the buffer if slices were taken that it does not reach. Only needed ahead of [`Self::buffer`] where slices are
     /// filled by other means than [`Self::write`].
     pub fn grow(&mut self, queue: &RenderQueue) {
-        let size = self.allocator.bytes(self.allocator.capacity_units);
-        if size <= self.buffer.size() {
-            return;
+        if let Some(buffer) = self.grown.take() {
+            self.replace(buffer, queue);
         }
-        let buffer = create_buffer(&self.device, self.label, self.usages, size);
+    }
+
+    fn replace(&mut self, buffer: Buffer, queue: &RenderQueue) {
         let descriptor = CommandEncoderDescriptor {
             label: Some(self.label),
         };
         let mut encoder = self.device.create_command_encoder(&descriptor);
-        encoder.copy_buffer_to_buffer(&self.buffer, 0, &buffer, 0, self.buffer.size());
+        let size = self.buffer.size().min(buffer.size());
+        encoder.copy_buffer_to_buffer(&self.buffer, 0, &buffer, 0, size);
         // At once: later writes to the new buffer must not be overtaken by the copy.
         queue.submit([encoder.finish()]);
         self.buffer = buffer;
@@ -381,6 +453,69 @@ mod tests {
         assert_eq!(slice(&first)[..2], [7, 8]);
         assert_eq!(slice(&first)[2..], early[2..]);
         assert_eq!(slice(&second), late);
+    }
+
+    /// Memory that isn't there is refused, and what was in the buffer stays.
+    #[test]
+    fn what_the_device_has_no_memory_for_is_refused() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let mut arena = Arena::new(&device, "test arena", BufferUsages::empty(), 4, 64 << 20);
+        let first = arena.allocate(1000).unwrap();
+        arena.write(&queue, &first, &[7; 1000]);
+        let (used, capacity) = (arena.used_bytes(), arena.capacity_bytes());
+        arena.refused = capacity + 1;
+        assert!(arena.allocate(1_000_000).is_none());
+        assert_eq!(arena.allocator.bytes(arena.allocator.capacity_units), capacity);
+        assert_eq!((arena.used_bytes(), arena.capacity_bytes()), (used, capacity));
+        let small = arena.allocate(1000).expect("this much is there");
+        arena.free(small);
+        let large = arena.allocate(1_000_000).expect("something was given back");
+        arena.write(&queue, &large, &[9; 1_000_000]);
+        let words = test_gpu::read(&device, &queue, arena.buffer());
+        assert_eq!(words[first.base() as usize..][..1000], [7; 1000]);
+        assert_eq!(words[large.base() as usize..][..1_000_000], [9; 1_000_000]);
+    }
+
+    #[test]
+    fn a_device_without_memory_raises_no_error() {
+        let Some((device, _)) = test_gpu::device_without_memory() else {
+            return;
+        };
+        let create = || create_buffer(&device, "test buffer", BufferUsages::STORAGE, 1 << 20);
+        assert!(try_allocate(&device, create).is_none());
+    }
+
+    #[test]
+    fn a_buffer_shrinks_once_its_end_is_free() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let mut arena = Arena::new(&device, "test arena", BufferUsages::empty(), 4, 64 << 20);
+        let initial = arena.capacity_bytes();
+        let first = arena.allocate(1000).unwrap();
+        arena.write(&queue, &first, &[7; 1000]);
+        let second = arena.allocate(1_000_000).unwrap();
+        arena.write(&queue, &second, &[9; 1_000_000]);
+        let (large, generation) = (arena.capacity_bytes(), arena.generation());
+        arena.shrink(&queue);
+        assert_eq!(
+            (arena.capacity_bytes(), arena.generation()),
+            (large, generation),
+            "it is full"
+        );
+        arena.free(second);
+        arena.shrink(&queue);
+        assert_eq!(arena.capacity_bytes(), initial);
+        assert_ne!(arena.generation(), generation);
+        let words = test_gpu::read(&device, &queue, arena.buffer());
+        assert_eq!(words[first.base() as usize..][..1000], [7; 1000]);
+        let again = arena.allocate(1_000_000).unwrap();
+        arena.write(&queue, &again, &[8; 1_000_000]);
+        let words = test_gpu::read(&device, &queue, arena.buffer());
+        assert_eq!(words[first.base() as usize..][..1000], [7; 1000]);
+        assert_eq!(words[again.base() as usize..][..1_000_000], [8; 1_000_000]);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! The objects that rays can hit, mirrored from the main world.
 
-use super::activity::SceneActivity;
+use super::{activity::SceneActivity, free_slots::FreeSlots};
 use crate::settings::NotReflected;
 use bevy::{
     camera::visibility::{RenderLayers, VisibilityRange},
@@ -57,7 +57,7 @@ const NO_SLOT: u32 = u32::MAX;
 #[derive(Resource, Default)]
 pub struct SceneInstances {
     slots: Vec<Option<InstanceSource>>,
-    free: Vec<u32>,
+    free: FreeSlots,
     /// By index of the entity: the slot, or [`NO_SLOT`].
     by_entity: Vec<u32>,
     count: usize,
@@ -68,7 +68,7 @@ pub struct SceneInstances {
 }
 
 impl SceneInstances {
-    /// The slots, with holes.
+    /// The slots, with holes, up to the last object.
     pub fn slots(&self) -> &[Option<InstanceSource>] {
         &self.slots
     }
@@ -112,7 +112,9 @@ impl SceneInstances {
         }
         let mut slot = self.by_entity[index];
         if slot == NO_SLOT {
-            slot = self.free.pop().unwrap_or_else(|| {
+            let slots = &self.slots;
+            let free = self.free.take(slots.len(), |slot| slots[slot as usize].is_none());
+            slot = free.unwrap_or_else(|| {
                 self.slots.push(None);
                 self.slots.len() as u32 - 1
             });
@@ -150,7 +152,10 @@ impl SceneInstances {
             *place = NO_SLOT;
             self.count -= 1;
             let removed = self.slots[slot as usize].take();
-            self.free.push(slot);
+            self.free.give(slot);
+            while let Some(None) = self.slots.last() {
+                self.slots.pop();
+            }
             self.dirty.push(slot);
             self.release_mesh(removed);
         }
@@ -433,7 +438,9 @@ mod tests {
         assert_eq!(instances.count, 2);
         assert_eq!(instances.meshes().count(), 1);
         instances.remove(b);
+        assert_eq!(instances.slots().len(), 1, "the end of the table is free");
         instances.remove(c);
+        assert!(instances.slots().is_empty());
         assert_eq!(instances.meshes().count(), 0, "nobody shows the mesh any more");
     }
 }

@@ -23,7 +23,7 @@ pub const MAX_LIGHTS: usize = 256;
 /// The lights of the scene in the render world.
 #[derive(Resource, Default)]
 pub struct ExtractedLights {
-    /// Directional lights first, then points, spots and rectangles; at most [`MAX_LIGHTS`].
+    /// Directional lights first, then points, spots and rectangles; at most [`MAX_LIGHTS`], the strongest.
     pub lights: Vec<GpuLight>,
     /// `true` if `lights` differs from the last frame.
     pub changed: bool,
@@ -189,12 +189,33 @@ pub fn extract_lights(
     }
     if lights.len() > MAX_LIGHTS {
         warn_once!(
-            "{} lights in the scene: reflections show the first {MAX_LIGHTS} of them.",
+            "{} lights in the scene: reflections show the {MAX_LIGHTS} strongest of them.",
             lights.len()
         );
-        lights.truncate(MAX_LIGHTS);
+        keep_strongest(lights);
     }
     extracted.changed = extracted.lights != *previous;
+}
+
+/// Keeps directional lights and the strongest of the others, in their order: a light that comes or goes changes one other at most.
+fn keep_strongest(lights: &mut Vec<GpuLight>) {
+    let mut order: Vec<usize> = (0..lights.len()).collect();
+    // Equal ones are told apart by their place.
+    order.sort_by(|a, b| strength(&lights[*b]).total_cmp(&strength(&lights[*a])));
+    order.truncate(MAX_LIGHTS);
+    order.sort_unstable();
+    *lights = order.into_iter().map(|index| lights[index]).collect();
+}
+
+/// How bright a light is from afar.
+fn strength(light: &GpuLight) -> f32 {
+    let luminance = Vec3::from(light.color).dot(Vec3::new(0.2126, 0.7152, 0.0722));
+    match light.kind {
+        LIGHT_DIRECTIONAL => f32::INFINITY,
+        // Its radiance times its area.
+        LIGHT_RECT => luminance * 4.0 * light.spot[0] * light.spot[1],
+        _ => luminance,
+    }
 }
 
 /// Finds out whether Bevy was built with the tables for rectangular lights. Belongs in `RenderSystems::PrepareResources`; lights
@@ -208,4 +229,31 @@ pub fn detect_rect_lights(
     let image = luts.as_ref().and_then(|luts| images.get(&luts.image));
     let found = RectLightsEnabled(image.is_some_and(|image| image.texture_descriptor.size.width > 1));
     enabled.set_if_neq(found);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_strongest_lights_are_kept_in_their_order() {
+        let light = |kind, brightness: f32| GpuLight {
+            kind,
+            color: [brightness; 3],
+            spot: [2.0, 3.0],
+            ..Default::default()
+        };
+        let mut lights = vec![light(LIGHT_DIRECTIONAL, 0.1)];
+        lights.extend((0..MAX_LIGHTS).map(|index| light(LIGHT_POINT, 10.0 + index as f32)));
+        lights.push(light(LIGHT_SPOT, 1_000.0));
+        // Its radiance times 24: stronger than the three faintest points.
+        lights.push(light(LIGHT_RECT, 0.6));
+        let (sun, points, others) = (
+            lights[0],
+            lights[4..=MAX_LIGHTS].to_vec(),
+            lights[MAX_LIGHTS + 1..].to_vec(),
+        );
+        keep_strongest(&mut lights);
+        assert!(lights == [vec![sun], points, others].concat());
+    }
 }

@@ -14,6 +14,7 @@ use super::{
     gpu_types::{NO_TEXTURE, TEXTURE_BASE_COLOR},
     materials::MaterialTable,
     meshes::{MeshTriangles, SceneMeshes},
+    waiting_room::WaitingRoom,
 };
 use bevy::{
     asset::AssetId,
@@ -53,6 +54,8 @@ pub(super) struct MaskSets {
     sets: HashMap<MaskKey, MaskSet>,
     /// By slots of the instance buffer.
     keys: Vec<Option<MaskKey>>,
+    /// Slots whose masks found no room.
+    without_room: WaitingRoom<u32>,
     frame: u64,
     next_name: u64,
     /// Sets whose micromaps are not made yet.
@@ -79,6 +82,8 @@ impl MaskSets {
         meshes: &mut SceneMeshes,
         queue: &RenderQueue,
     ) -> Option<u32> {
+        self.without_room.remove(&slot);
+        let place = slot;
         let slot = slot as usize;
         let had = self.keys.get(slot).copied().flatten();
         if had != wanted {
@@ -91,6 +96,12 @@ impl MaskSets {
                 self.keys.resize(slot + 1, None);
             }
             self.keys[slot] = acquired;
+            while let Some(None) = self.keys.last() {
+                self.keys.pop();
+            }
+            if acquired != wanted {
+                self.without_room.wait(place, meshes.bvh.used_bytes());
+            }
         }
         let set = self.sets.get(&wanted?)?;
         // Behind the header.
@@ -98,7 +109,7 @@ impl MaskSets {
     }
 
     /// Takes micromaps back where their material or its image changed, and makes new ones of those at rest. Returns the slots whose
-    /// micromaps came or went.
+    /// micromaps came or went, and those whose masks may find room now.
     pub fn update(
         &mut self,
         changes: &Changes,
@@ -108,9 +119,10 @@ impl MaskSets {
         queue: &RenderQueue,
     ) -> Vec<u32> {
         self.frame += 1;
+        let mut slots = self.without_room.take(meshes.bvh.used_bytes());
         let changed = changes.images || !changes.materials.is_empty();
         if !changed && !self.unfinished {
-            return Vec::new();
+            return slots;
         }
         let mut uploaded = 0;
         let mut baking = self.sets.values().filter(|set| set.micromaps.is_baking()).count();
@@ -154,12 +166,12 @@ impl MaskSets {
         }
         let sets = &self.sets;
         images.keep(|content| sets.values().any(|set| set.micromaps.waits_for(content)));
-        if touched.is_empty() {
-            return Vec::new();
+        if !touched.is_empty() {
+            let is_touched = |key: &Option<MaskKey>| key.is_some_and(|key| touched.contains(&key));
+            let of_touched = (0..).zip(&self.keys).filter(|(_, key)| is_touched(key));
+            slots.extend(of_touched.map(|(slot, _)| slot));
         }
-        let is_touched = |key: &Option<MaskKey>| key.is_some_and(|key| touched.contains(&key));
-        let slots = (0..).zip(&self.keys).filter(|(_, key)| is_touched(key));
-        slots.map(|(slot, _)| slot).collect()
+        slots
     }
 
     /// Writes what masks need of materials. Runs after these are packed; `changed` tells whether any of them is another one than

@@ -19,7 +19,9 @@ use bevy::{
     },
 };
 
-use super::{activity::SceneActivity, gpu_types::*, textures::TextureTable};
+use super::{
+    activity::SceneActivity, free_slots::FreeSlots, gpu_types::*, textures::TextureTable, waiting_room::WaitingRoom,
+};
 use bytemuck::bytes_of;
 
 /// Index of the material that stands in for those that are not loaded yet: `StandardMaterial::default()`.
@@ -226,9 +228,11 @@ pub struct MaterialTable {
     indices: HashMap<AssetId<StandardMaterial>, u32>,
     slots: Vec<Slot>,
     data: Vec<GpuMaterial>,
-    free: Vec<u32>,
+    free: FreeSlots,
     /// Materials to pack again: new ones, and those whose images are still on their way.
     waiting: HashSet<u32>,
+    /// Materials whose images found no place in the table of textures.
+    without_room: WaitingRoom<u32>,
     dirty: Range<usize>,
 }
 
@@ -241,8 +245,9 @@ impl Default for MaterialTable {
                 textures: [None; 5],
             }],
             data: vec![pack_material(&StandardMaterial::default())],
-            free: Vec::new(),
+            free: FreeSlots::default(),
             waiting: HashSet::default(),
+            without_room: WaitingRoom::default(),
             dirty: 0..1,
         }
     }
@@ -258,7 +263,10 @@ impl MaterialTable {
             id: Some(id),
             textures: [None; 5],
         };
-        let index = match self.free.pop() {
+        let slots = &self.slots;
+        // The default material has no asset, and is never free.
+        let free = self.free.take(slots.len(), |index| slots[index as usize].id.is_none());
+        let index = match free {
             Some(index) => {
                 self.slots[index as usize] = slot;
                 index
@@ -313,8 +321,13 @@ impl MaterialTable {
             textures: [None; 5],
         };
         self.waiting.remove(&index);
+        self.without_room.remove(&index);
         self.write(index, self.data[DEFAULT_MATERIAL as usize]);
-        self.free.push(index);
+        self.free.give(index);
+        while self.slots.len() > 1 && self.slots.last().is_some_and(|slot| slot.id.is_none()) {
+            self.slots.pop();
+            self.data.pop();
+        }
     }
 
     fn pack(
@@ -328,7 +341,8 @@ impl MaterialTable {
             return;
         };
         // New images are taken before old ones are given back, so that those in both keep their place.
-        let ids = texture_ids(material).map(|image| image.filter(|image| textures.acquire(*image)));
+        let wanted = texture_ids(material);
+        let ids = wanted.map(|image| image.filter(|image| textures.acquire(*image)));
         for image in self.slots[index as usize].textures.into_iter().flatten() {
             textures.release(image);
         }
@@ -347,6 +361,11 @@ impl MaterialTable {
         };
         packed.flags |= format_flags(format(TEXTURE_METALLIC_ROUGHNESS), format(TEXTURE_NORMAL));
         self.write(index, packed);
+        if ids == wanted {
+            self.without_room.remove(&index);
+        } else {
+            self.without_room.wait(index, textures.used());
+        }
         if complete {
             self.waiting.remove(&index);
         } else {
@@ -369,6 +388,8 @@ pub fn update_materials(
             table.remove(id, textures);
         }
     }
+    let with_room = table.without_room.take(textures.used());
+    table.waiting.extend(with_room);
     for id in std::mem::take(&mut assets.changed) {
         if let Some(index) = table.indices.get(&id) {
             table.waiting.insert(*index);

@@ -155,6 +155,7 @@ impl StaticMerge {
         if self.scheduler.is_stale() {
             self.cancel(meshes);
         }
+        self.scheduler.note_used(meshes.bvh.used_bytes());
         self.scheduler.advance(|_, placement| extent(meshes, placement));
         self.carry_on(meshes, queue, status);
         // Trees are better with micromaps, which rarely take long.
@@ -233,23 +234,27 @@ impl StaticMerge {
             && task.is_finished()
         {
             let built = block_on(poll_once(task));
-            self.work = built.and_then(|built| {
+            self.work = None;
+            if let Some(built) = &built {
                 status.update(|report| {
                     report.merge_builds += 1;
                     report.merge_build_ms += built.milliseconds;
                 });
-                let (blas, owners) = built.blas?;
-                let (name, first_node) = meshes.allocate_merged(blas.items.len())?;
-                Some(Work::Uploading(Upload {
-                    blas,
-                    owners,
-                    name,
-                    first_node,
-                    done: 0,
-                }))
-            });
-            if self.work.is_none() {
-                self.scheduler.fail();
+            }
+            match built.and_then(|built| built.blas) {
+                None => self.scheduler.fail(),
+                Some((blas, owners)) => match meshes.allocate_merged(blas.items.len()) {
+                    None => self.scheduler.refuse(meshes.bvh.used_bytes()),
+                    Some((name, first_node)) => {
+                        self.work = Some(Work::Uploading(Upload {
+                            blas,
+                            owners,
+                            name,
+                            first_node,
+                            done: 0,
+                        }));
+                    }
+                },
             }
         }
         if let Some(Work::Uploading(upload)) = &mut self.work

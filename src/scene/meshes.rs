@@ -6,6 +6,7 @@ use super::{
     bvh::{Blas, Bounds, BvhQuality, ITEM_WORDS, Item, MaskSource, TopNode, build_blas},
     geometry::{BASE_ALIGNMENT, GeometryError, PackedMesh, pack_mesh},
     instances::SceneInstances,
+    waiting_room::WaitingRoom,
 };
 use crate::{
     device::{ChosenTracer, ReflectionTracer},
@@ -142,8 +143,8 @@ pub struct SceneMeshes {
     ready: HashMap<AssetId<Mesh>, SceneMesh>,
     pending: HashMap<AssetId<Mesh>, Task<Result<BuiltMesh, GeometryError>>>,
     failed: HashSet<AssetId<Mesh>>,
-    /// Meshes that found no room, with what was in use then: they are tried again once less is.
-    without_room: HashMap<AssetId<Mesh>, u64>,
+    /// Meshes that found no room.
+    without_room: WaitingRoom<AssetId<Mesh>>,
     /// Meshes that changed while an older version was being built.
     stale: HashSet<AssetId<Mesh>>,
     /// Meshes that became ready, changed or vanished in this frame.
@@ -185,7 +186,7 @@ impl SceneMeshes {
             ready: HashMap::default(),
             pending: HashMap::default(),
             failed: HashSet::default(),
-            without_room: HashMap::default(),
+            without_room: WaitingRoom::default(),
             stale: HashSet::default(),
             changed: HashSet::default(),
             tracer,
@@ -209,17 +210,11 @@ impl SceneMeshes {
         self.ready.contains_key(&id)
             || self.pending.contains_key(&id)
             || self.failed.contains(&id)
-            || self.without_room.contains_key(&id)
+            || self.without_room.contains(&id)
     }
 
     fn used_bytes(&self) -> u64 {
         self.geometry.used_bytes() + self.bvh.used_bytes()
-    }
-
-    /// Forgets meshes that found no room before something was given back, so that they are built again.
-    fn retry_where_room_appeared(&mut self) {
-        let used = self.used_bytes();
-        self.without_room.retain(|_, before| used >= *before);
     }
 
     /// Starts the build of a mesh if its data can be read somewhere.
@@ -431,7 +426,9 @@ pub fn extract_meshes(
             meshes.start_from(id, &render_world, &assets);
         }
     }
-    meshes.retry_where_room_appeared();
+    // They are no longer known, so that they are built again.
+    let used = meshes.used_bytes();
+    meshes.without_room.take(used);
     for id in instances.meshes() {
         if !meshes.is_known(id) {
             meshes.start_from(id, &render_world, &assets);
@@ -479,6 +476,8 @@ pub fn upload_meshes(mut meshes: ResMut<SceneMeshes>, status: Res<ReflectionStat
             })
             .collect()
     };
+    meshes.geometry.shrink(&queue);
+    meshes.bvh.shrink(&queue);
     let mut builds = 0;
     let mut milliseconds = 0.0;
     for (id, result) in finished {
@@ -491,7 +490,7 @@ pub fn upload_meshes(mut meshes: ResMut<SceneMeshes>, status: Res<ReflectionStat
                     meshes.failed.insert(id);
                 } else if !meshes.insert(id, built, &queue) {
                     let used = meshes.used_bytes();
-                    meshes.without_room.insert(id, used);
+                    meshes.without_room.wait(id, used);
                     if !core::mem::replace(&mut meshes.warned_full, true) {
                         warn!(
                             "a mesh doesn't fit into the memory that one buffer may take on this device, so it is missing \

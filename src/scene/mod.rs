@@ -10,6 +10,7 @@ pub mod arena;
 mod bind_group;
 pub mod bvh;
 pub mod environment;
+mod free_slots;
 pub mod geometry;
 pub mod gpu_types;
 pub mod instances;
@@ -25,6 +26,7 @@ mod texture_layers;
 pub mod textures;
 mod top_level;
 pub mod upload;
+mod waiting_room;
 
 pub use bind_group::SceneBindings;
 

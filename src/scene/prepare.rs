@@ -83,8 +83,11 @@ pub(super) fn prepare_instances(
         let images = &mut tables.alpha_images;
         dirty.extend(bindings.masks.update(&changes, &surroundings, images, meshes, &queue));
     }
+    let slots = instances.slots().len();
+    dirty.extend(bindings.instances.reserve(slots, &device));
     let mut changed = bindings.move_instances(&moved, instances, &mut dirty);
     changed |= bindings.update_instances(&dirty, instances, &mut tables.materials, &surroundings, meshes, &queue);
+    bindings.instances.truncate(slots);
     bindings.instances.upload(&device, &queue);
     if changed {
         bindings.note_change();

@@ -16,27 +16,47 @@ use bevy::{
     tasks::block_on,
 };
 use std::sync::OnceLock;
+use wgpu::MemoryBudgetThresholds;
+
+/// Opens the machine's first adapter.
+fn open(settings: &WgpuSettings) -> Option<(RenderDevice, RenderQueue)> {
+    // Bevy panics without an adapter.
+    let resources = std::panic::catch_unwind(|| {
+        block_on(initialize_renderer(
+            Backends::PRIMARY,
+            None,
+            settings,
+            #[cfg(all(
+                feature = "hardware-vrs",
+                any(windows, target_os = "linux", target_os = "android", target_os = "freebsd")
+            ))]
+            Default::default(),
+        ))
+    });
+    let RenderResources(device, queue, ..) = resources.ok()?;
+    Some((device, queue))
+}
+
+/// A device that refuses every buffer; `None`, with a message, if there is no adapter that tells how much memory it has.
+pub fn device_without_memory() -> Option<(RenderDevice, RenderQueue)> {
+    let settings = WgpuSettings {
+        instance_memory_budget_thresholds: MemoryBudgetThresholds {
+            for_resource_creation: Some(0),
+            for_device_loss: None,
+        },
+        ..Default::default()
+    };
+    let device = open(&settings);
+    if device.is_none() {
+        eprintln!("skipped: no graphics adapter");
+    }
+    device
+}
 
 /// The machine's first adapter. Without one `None`, with a message, or a failure where the environment says that a GPU is required.
 pub fn device() -> Option<(RenderDevice, RenderQueue)> {
     static DEVICE: OnceLock<Option<(RenderDevice, RenderQueue)>> = OnceLock::new();
-    let device = DEVICE.get_or_init(|| {
-        // Bevy panics without an adapter.
-        let resources = std::panic::catch_unwind(|| {
-            block_on(initialize_renderer(
-                Backends::PRIMARY,
-                None,
-                &WgpuSettings::default(),
-                #[cfg(all(
-                    feature = "hardware-vrs",
-                    any(windows, target_os = "linux", target_os = "android", target_os = "freebsd")
-                ))]
-                Default::default(),
-            ))
-        });
-        let RenderResources(device, queue, ..) = resources.ok()?;
-        Some((device, queue))
-    });
+    let device = DEVICE.get_or_init(|| open(&WgpuSettings::default()));
     if device.is_none() {
         let is_required = std::env::var_os("GLINT_REQUIRE_GPU").is_some();
         assert!(!is_required, "a GPU is required, but there is no graphics adapter");

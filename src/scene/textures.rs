@@ -22,7 +22,7 @@ use bevy::{
     },
 };
 
-use super::texture_layers::TextureLayers;
+use super::{free_slots::FreeSlots, texture_layers::TextureLayers};
 use crate::device::{MAX_SAMPLERS, ReflectionTextureMode, texture_mode};
 
 const SAMPLER_SHIFT: u32 = 20;
@@ -53,7 +53,7 @@ pub struct TextureTable {
     mode: ReflectionTextureMode,
     indices: HashMap<AssetId<Image>, u32>,
     entries: Vec<Option<Entry>>,
-    free: Vec<u32>,
+    free: FreeSlots,
     samplers: Vec<(ImageSampler, Sampler)>,
     white: TextureView,
     layers: Option<TextureLayers>,
@@ -96,7 +96,7 @@ impl FromWorld for TextureTable {
             mode,
             indices: HashMap::default(),
             entries: Vec::new(),
-            free: Vec::new(),
+            free: FreeSlots::default(),
             samplers: vec![(ImageSampler::linear(), repeating)],
             white: white.create_view(&TextureViewDescriptor::default()),
             layers,
@@ -146,6 +146,11 @@ impl TextureTable {
         }
     }
 
+    /// Images that have a place.
+    pub(super) fn used(&self) -> u64 {
+        self.indices.len() as u64
+    }
+
     /// Lets go of all images; their users must be gone.
     pub(super) fn clear(&mut self, device: &RenderDevice) {
         if let Some(layers) = &mut self.layers {
@@ -180,7 +185,9 @@ impl TextureTable {
             state: State::Loading,
             version: self.next_version,
         });
-        let index = if let Some(index) = self.free.pop() {
+        let entries = &self.entries;
+        let free = self.free.take(entries.len(), |index| entries[index as usize].is_none());
+        let index = if let Some(index) = free {
             self.entries[index as usize] = entry;
             index
         } else if self.entries.len() < self.capacity() {
@@ -211,7 +218,10 @@ impl TextureTable {
             *place = None;
             self.indices.remove(&id);
             self.pending.retain(|pending| *pending != index);
-            self.free.push(index);
+            self.free.give(index);
+            while let Some(None) = self.entries.last() {
+                self.entries.pop();
+            }
             self.generation += 1;
         }
     }
@@ -247,21 +257,28 @@ impl TextureTable {
         if let Some(index) = self.samplers.iter().skip(1).position(|(known, _)| known == sampling) {
             return index as u32 + 1;
         }
-        if self.samplers.len() >= MAX_SAMPLERS as usize {
-            warn_once!(
-                "More than {MAX_SAMPLERS} kinds of samplers in reflections: the others repeat and filter linearly."
-            );
-            return 0;
-        }
         let sampler = match sampling {
             ImageSampler::Default => image.sampler.clone(),
             // Comparison samplers cannot be bound here.
             ImageSampler::Descriptor(descriptor) if descriptor.compare.is_some() => return 0,
             ImageSampler::Descriptor(descriptor) => device.create_sampler(&descriptor.as_wgpu()),
         };
-        self.samplers.push((sampling.clone(), sampler));
+        let kind = (sampling.clone(), sampler);
+        if self.samplers.len() < MAX_SAMPLERS as usize {
+            self.samplers.push(kind);
+            self.generation += 1;
+            return self.samplers.len() as u32 - 1;
+        }
+        let in_use = |index: u32| self.entries.iter().flatten().any(|entry| entry.sampler == index);
+        let Some(unused) = (1..MAX_SAMPLERS).find(|index| !in_use(*index)) else {
+            warn_once!(
+                "More than {MAX_SAMPLERS} kinds of samplers in reflections: the others repeat and filter linearly."
+            );
+            return 0;
+        };
+        self.samplers[unused as usize] = kind;
         self.generation += 1;
-        self.samplers.len() as u32 - 1
+        unused
     }
 
     /// Takes over what arrived on the GPU.

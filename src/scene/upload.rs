@@ -1,5 +1,6 @@
 //! A storage buffer that holds a copy of a slice.
 
+use crate::device::try_allocate;
 use bevy::{
     log::warn,
     render::{
@@ -18,16 +19,22 @@ use core::{marker::PhantomData, ops::Range};
 const GAP: u32 = 64;
 /// Bytes that are rather written again than left to a kernel, which has a price of its own.
 const CHEAP_BYTES: u64 = 1 << 18;
+/// Elements that there is always room for.
+const SMALLEST_ROOM: usize = 16;
 /// Threads of a workgroup in `scatter.wesl`.
 const THREADS: u32 = 64;
 /// Workgroups that every device can start at a time.
 const MOST_WORKGROUPS: u32 = 65_535;
 
-/// Mirrors a slice of `T` on the GPU. It grows by doubling and never shrinks.
+/// Mirrors a slice of `T` on the GPU. It grows by doubling, and shrinks once three quarters of it are free.
 pub struct StorageSlice<T> {
     buffer: Buffer,
     label: &'static str,
     len: usize,
+    /// Elements that the device had no memory for.
+    refused: Option<usize>,
+    /// The buffer was replaced, and holds nothing yet.
+    is_empty: bool,
     warned: bool,
     generation: u64,
     scatter: Option<ComputePipeline>,
@@ -38,9 +45,11 @@ impl<T: NoUninit> StorageSlice<T> {
     /// Room for a few elements, so that there is always something to bind.
     pub fn new(device: &RenderDevice, label: &'static str) -> Self {
         Self {
-            buffer: create(device, label, 16 * size_of::<T>() as u64),
+            buffer: create(device, label, (SMALLEST_ROOM * size_of::<T>()) as u64),
             label,
             len: 0,
+            refused: None,
+            is_empty: false,
             warned: false,
             generation: 0,
             scatter: None,
@@ -69,6 +78,33 @@ impl<T: NoUninit> StorageSlice<T> {
         self.len
     }
 
+    /// Makes room for so many elements, or as many as there can be, and returns for how many there is room. What was in the buffer may be
+    /// gone until the next write.
+    pub fn reserve(&mut self, wanted: usize, device: &RenderDevice) -> usize {
+        self.reserve_within(Self::limit(device), wanted, device)
+    }
+
+    fn reserve_within(&mut self, limit: usize, wanted: usize, device: &RenderDevice) -> usize {
+        let size = size_of::<T>() as u64;
+        let room = (self.buffer.size() / size) as usize;
+        let wanted = wanted.min(limit);
+        let needed = wanted.next_power_of_two().max(SMALLEST_ROOM).min(limit);
+        let is_too_large = room > SMALLEST_ROOM && 4 * wanted < room && needed < room;
+        if (wanted > room && self.refused != Some(wanted)) || is_too_large {
+            self.refused = None;
+            match try_allocate(device, || create(device, self.label, needed as u64 * size)) {
+                Some(buffer) => {
+                    self.buffer = buffer;
+                    self.generation += 1;
+                    self.is_empty = true;
+                    return needed;
+                }
+                None => self.refused = Some(wanted),
+            }
+        }
+        room.min(limit)
+    }
+
     /// Writes the changed part, or all where the buffer had to grow. Elements over [`Self::limit`] are left out with a warning.
     pub fn write(&mut self, data: &[T], changed: Range<usize>, device: &RenderDevice, queue: &RenderQueue) {
         self.write_within(Self::limit(device), data, changed, device, queue);
@@ -76,9 +112,9 @@ impl<T: NoUninit> StorageSlice<T> {
 
     /// Writes the elements of these sorted indices, or all where the buffer had to grow.
     pub fn write_elements(&mut self, data: &[T], sorted: &[u32], device: &RenderDevice, queue: &RenderQueue) {
-        let before = self.generation;
+        let (before, was_empty) = (self.generation, self.is_empty);
         self.write(data, 0..0, device, queue);
-        if self.generation != before {
+        if self.generation != before || was_empty {
             return;
         }
         let sorted = &sorted[..sorted.partition_point(|index| (*index as usize) < self.len)];
@@ -148,22 +184,19 @@ impl<T: NoUninit> StorageSlice<T> {
     ) {
         let size = size_of::<T>() as u64;
         let wanted = data.len();
-        let data = &data[..wanted.min(limit)];
+        let data = &data[..wanted.min(self.reserve_within(limit, wanted, device))];
         self.len = data.len();
         if self.len < wanted && !self.warned {
             self.warned = true;
             warn!(
-                "reflections take {} of {wanted} {}, since the largest storage buffer of this device holds no more; use \
-                 fewer, or raise `max_storage_buffer_binding_size` in `WgpuSettings` if the adapter offers it",
+                "reflections take {} of {wanted} {}, since the largest storage buffer of this device, or its memory, holds no more; \
+                 use fewer, or raise `max_storage_buffer_binding_size` in `WgpuSettings` if the adapter offers it",
                 self.len,
                 self.label.trim_start_matches("glint_"),
             );
         }
         let mut changed = changed.start.min(data.len())..changed.end.min(data.len());
-        if data.len() as u64 * size > self.buffer.size() {
-            let capacity = data.len().next_power_of_two().min(limit);
-            self.buffer = create(device, self.label, capacity as u64 * size);
-            self.generation += 1;
+        if core::mem::take(&mut self.is_empty) {
             changed = 0..data.len();
         }
         if changed.start < changed.end {
@@ -244,6 +277,37 @@ mod tests {
         assert!(slice.scatter.is_some(), "one in nine is written by a kernel");
         let words = test_gpu::read(&device, &queue, &slice.buffer);
         assert_eq!(words, data.as_flattened());
+    }
+
+    #[test]
+    fn a_table_shrinks_and_grows_with_its_elements() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let mut slice = StorageSlice::<u32>::new(&device, "glint_numbers");
+        for (count, room) in [(10, 16), (100, 128), (40, 128), (31, 32), (0, 16), (100, 128)] {
+            let data: Vec<u32> = (0..count).collect();
+            slice.write_elements(&data, &[], &device, &queue);
+            assert_eq!(
+                (slice.count(), slice.buffer().size()),
+                (data.len(), 4 * room),
+                "{count} elements"
+            );
+        }
+    }
+
+    #[test]
+    fn what_the_device_has_no_memory_for_is_left_out() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let mut slice = StorageSlice::<u32>::new(&device, "glint_numbers");
+        slice.refused = Some(100);
+        let data: Vec<u32> = (0..100).collect();
+        slice.write(&data, 0..100, &device, &queue);
+        assert_eq!((slice.count(), slice.buffer().size()), (16, 64));
+        // Another length is worth another try.
+        assert_eq!(slice.reserve(99, &device), 128);
     }
 
     #[test]

@@ -18,6 +18,8 @@ pub use culling::ViewCulling;
 pub use textures::ReflectionTextures;
 pub use uniform::GpuReflectionView;
 
+pub(crate) use prepare::RefusedViews;
+
 use crate::{device::tracing_app, schedule::ReflectionSystems};
 use bevy::{
     app::{App, Plugin},
@@ -39,7 +41,7 @@ impl Plugin for ViewPlugin {
 
     fn finish(&self, app: &mut App) {
         let Some(render_app) = tracing_app(app) else { return };
-        render_app.add_systems(
+        render_app.init_resource::<RefusedViews>().add_systems(
             Render,
             (
                 prepare_views.in_set(ReflectionSystems::PrepareViews),

@@ -6,7 +6,7 @@ use super::{
     uniform::{Frame, VIEW_HAS_IRRADIANCE, VIEW_HAS_SSAO},
 };
 use crate::{
-    device::WritesInPlace,
+    device::{WritesInPlace, try_allocate},
     scene::{
         SceneBindings,
         environment::{EnvironmentBindings, ViewEnvironment},
@@ -17,7 +17,7 @@ use crate::{
 };
 use bevy::{
     camera::{MainPassResolutionOverride, NormalizedRenderTarget},
-    ecs::{prelude::*, query::QueryData, system::SystemParam},
+    ecs::{entity::EntityHashMap, prelude::*, query::QueryData, system::SystemParam},
     light::{EnvironmentMapLight, IrradianceVolume},
     math::{UVec2, Vec4Swizzles},
     pbr::{DistanceFog, RenderViewLightProbes, ScreenSpaceAmbientOcclusionResources},
@@ -28,6 +28,9 @@ use bevy::{
         view::ExtractedView,
     },
 };
+
+/// Frames after which memory for the textures of a view is asked for once more.
+const REFUSED_FRAMES: u32 = 300;
 
 /// A reflecting view, with all that its frame depends on.
 #[derive(QueryData)]
@@ -93,6 +96,24 @@ impl PreparedViewItem<'_, '_> {
     }
 }
 
+/// Views for whose textures the device had no memory, with the frames for which they are left alone.
+#[derive(Resource, Default)]
+pub(crate) struct RefusedViews(EntityHashMap<u32>);
+
+impl RefusedViews {
+    /// Returns whether a view must do without reflections in this frame. Call it once a frame.
+    pub fn refuse(&mut self, view: Entity) -> bool {
+        let Some(frames) = self.0.get_mut(&view) else {
+            return false;
+        };
+        *frames -= 1;
+        if *frames == 0 {
+            self.0.remove(&view);
+        }
+        true
+    }
+}
+
 /// Makes the textures of new and resized views and writes the uniforms of all.
 pub(super) fn prepare_views(
     mut views: Query<PreparedView>,
@@ -100,6 +121,7 @@ pub(super) fn prepare_views(
     in_place: Res<WritesInPlace>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
+    mut refused: ResMut<RefusedViews>,
     mut commands: Commands,
 ) {
     for view in &mut views {
@@ -119,7 +141,13 @@ pub(super) fn prepare_views(
                 textures.uniform.write_buffer(&device, &queue);
             }
             old => {
-                let mut textures = ReflectionTextures::new(&device, sizes, needs, old.as_deref());
+                let create = || ReflectionTextures::new(&device, sizes, needs, old.as_deref());
+                let Some(mut textures) = try_allocate(&device, create) else {
+                    // Those of other sizes or settings are of no use.
+                    commands.entity(entity).remove::<ReflectionTextures>();
+                    refused.0.insert(entity, REFUSED_FRAMES);
+                    continue;
+                };
                 textures.begin_frame(view, &frame);
                 textures.uniform.write_buffer(&device, &queue);
                 commands.entity(entity).insert(textures);

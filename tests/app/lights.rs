@@ -2,11 +2,11 @@
 
 use crate::{
     common::app,
-    pictures::{BOTH, assert_flip, reflect},
+    pictures::{BOTH, assert_flip, red_pixels, reflect},
     stage::{BEFORE_THE_MIRROR, SIZE, metal, spawn_camera, spawn_mesh, wall},
 };
 use bevy::prelude::*;
-use bevy_glint::ReflectionTechnique;
+use bevy_glint::{ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
 /// In each direction of a grid: 100, of which 64 have bits.
@@ -59,4 +59,37 @@ fn lights_without_bits_shine_and_cast_shadows() {
         let actual = app.capture().unwrap();
         assert_flip(&format!("many-lights-{tracer}"), SIZE, &expected, &actual, 0.005);
     }
+}
+
+/// More lights than reflections can have: the strong ones are among those that are kept, whatever kind they are of.
+#[test]
+fn a_crowd_of_faint_lights_keeps_no_strong_one_out() {
+    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    spawn_mesh(&mut app, wall(), metal(0.0), Transform::IDENTITY);
+    let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    let behind = Transform::from_xyz(0.0, 0.0, 8.0).looking_to(Vec3::Z, Vec3::Y);
+    spawn_mesh(&mut app, wall(), StandardMaterial::from(Color::WHITE), behind);
+    for index in 0..300u16 {
+        let faint = PointLight {
+            intensity: 0.001,
+            range: 1.0,
+            ..default()
+        };
+        app.world()
+            .spawn((faint, Transform::from_xyz(f32::from(index), 200.0, 0.0)));
+    }
+    let strong = SpotLight {
+        color: Color::srgb(1.0, 0.0, 0.0),
+        intensity: 3_000_000.0,
+        range: 20.0,
+        outer_angle: 1.2,
+        ..default()
+    };
+    app.world()
+        .spawn((strong, Transform::from_xyz(0.0, 0.0, 4.0).looking_to(Vec3::Z, Vec3::Y)));
+    reflect(&mut app, camera, ReflectionTechnique::Reference);
+    let red = red_pixels(&app.capture().unwrap());
+    assert!(red > 1_000, "{red} pixels of the mirror show the spot light");
 }

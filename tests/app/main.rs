@@ -14,6 +14,7 @@ mod effects;
 mod examples;
 mod ground_truth;
 mod idle;
+mod levels;
 mod lights;
 mod merging;
 mod mirrored;

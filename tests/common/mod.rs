@@ -32,6 +32,16 @@ pub fn app_on_device(
         output,
         ..default()
     };
+    app_of(settings, tracer, before, add)
+}
+
+/// The same with all settings.
+pub fn app_of(
+    settings: HeadlessSettings,
+    tracer: ReflectionTracerChoice,
+    before: impl FnOnce(&mut App),
+    add: impl FnOnce(&mut App),
+) -> Option<HeadlessApp> {
     let result = HeadlessApp::with_device(settings, before, |app| {
         app.add_plugins((SceneAnimationPlugin, RayTracedReflectionsPlugin { tracer }));
         add(app);

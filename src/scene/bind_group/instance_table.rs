@@ -17,13 +17,14 @@ use bevy::{
         renderer::{RenderDevice, RenderQueue},
     },
 };
+use core::ops::Range;
 
 /// The buffer of instances with its copy on the CPU.
 pub(in crate::scene) struct InstanceTable {
     slice: StorageSlice<GpuInstance>,
     data: Vec<GpuInstance>,
     present: Vec<bool>,
-    /// Slots from here on are not in the buffer: their objects are missing.
+    /// Slots from here on have no room in the buffer: their objects are missing.
     limit: usize,
     present_count: usize,
     masked_count: usize,
@@ -37,17 +38,30 @@ impl InstanceTable {
             slice: StorageSlice::new(device, "glint_instances"),
             data: Vec::new(),
             present: Vec::new(),
-            limit: StorageSlice::<GpuInstance>::limit(device).min(MAX_INSTANCES),
+            limit: usize::MAX,
             present_count: 0,
             masked_count: 0,
             changed: Vec::new(),
         }
     }
 
-    /// Makes room for so many slots.
-    pub fn resize(&mut self, slots: usize) {
-        self.data.resize(slots, GpuInstance::default());
-        self.present.resize(slots, false);
+    /// Makes room for so many slots, as far as the device has memory. Slots that are gone stay until [`truncate`](Self::truncate).
+    /// Returns those that had no room before and have some now.
+    pub fn reserve(&mut self, slots: usize, device: &RenderDevice) -> Range<u32> {
+        let len = slots.max(self.present.len());
+        self.data.resize(len, GpuInstance::default());
+        self.present.resize(len, false);
+        let limit = self.slice.reserve(len, device).min(MAX_INSTANCES);
+        let found = self.limit.min(len)..limit.min(len).max(self.limit.min(len));
+        self.present[found.clone()].fill(false);
+        self.limit = limit;
+        found.start as u32..found.end as u32
+    }
+
+    /// Forgets slots at the end.
+    pub fn truncate(&mut self, slots: usize) {
+        self.data.truncate(slots);
+        self.present.truncate(slots);
     }
 
     /// Returns whether the buffer has room for a slot.

@@ -10,7 +10,7 @@
 
 mod plan;
 
-use crate::scene::bvh::Bounds;
+use crate::scene::{bvh::Bounds, waiting_room::WaitingRoom};
 use bevy::{
     asset::AssetId,
     ecs::entity::Entity,
@@ -27,7 +27,7 @@ const MAX_DOUBLINGS: u32 = 14;
 const INHERITED_DISTURBANCES: u32 = 2;
 /// Chunks of so many objects are built anew for any reason, if they have few triangles, too.
 const CHEAP_MEMBERS: usize = 256;
-/// Frames without merging after the device had no room for trees; doubled with each further time, at most so often.
+/// Frames without merging after the device had no room for trees, at least; doubled with each further time, at most so often.
 const EXHAUSTED_FRAMES: u64 = 600;
 const MOST_DOUBLINGS: u32 = 6;
 
@@ -154,8 +154,10 @@ pub(super) struct MergeScheduler {
     awake_since: u64,
     /// Last frame in which an object came to rest or left it.
     disturbed: u64,
-    /// Nothing is merged before this frame, since the device had no room.
+    /// Nothing is merged before this frame, since the device had no room ...
     exhausted_until: u64,
+    /// ... nor before something was given back.
+    without_room: WaitingRoom<()>,
     /// How often that happened.
     losses: u32,
     changed: bool,
@@ -182,6 +184,7 @@ impl MergeScheduler {
             awake_since: 0,
             disturbed: 0,
             exhausted_until: 0,
+            without_room: WaitingRoom::default(),
             losses: 0,
             changed: false,
             released: Vec::new(),
@@ -328,7 +331,7 @@ impl MergeScheduler {
         self.stay_awake();
     }
 
-    /// The planned tree can't be built or has no room: what would have been new in it stays as it is until it changes.
+    /// The planned tree can't be built: what would have been new in it stays as it is until it changes.
     pub fn fail(&mut self) {
         let Some(building) = self.building.take() else { return };
         for slot in building.members {
@@ -351,6 +354,20 @@ impl MergeScheduler {
         self.stay_awake();
     }
 
+    /// The planned tree has no room while `used` bytes are in use: nothing is merged until something is given back, nor for a while.
+    pub fn refuse(&mut self, used: u64) {
+        self.abandon();
+        self.without_room.wait((), used);
+        self.pause();
+    }
+
+    /// So many bytes are in use now.
+    pub fn note_used(&mut self, used: u64) {
+        if !self.without_room.is_empty() {
+            self.without_room.take(used);
+        }
+    }
+
     /// The rooms of all trees are gone, since there was too little memory: nothing is merged for a while, and for longer each time.
     pub fn lose_trees(&mut self) {
         for id in self.chunks.keys().copied().collect::<Vec<_>>() {
@@ -360,6 +377,10 @@ impl MergeScheduler {
             building.stale = true;
         }
         self.released.clear();
+        self.pause();
+    }
+
+    fn pause(&mut self) {
         self.exhausted_until = self.frame + (EXHAUSTED_FRAMES << self.losses.min(MOST_DOUBLINGS));
         self.losses += 1;
         self.stay_awake();
@@ -435,7 +456,7 @@ impl MergeScheduler {
     }
 
     fn is_exhausted(&self) -> bool {
-        self.frame < self.exhausted_until
+        self.frame < self.exhausted_until || !self.without_room.is_empty()
     }
 
     /// There may be more to plan.

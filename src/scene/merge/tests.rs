@@ -332,6 +332,24 @@ fn lost_trees_are_built_again_after_a_while() {
 }
 
 #[test]
+fn trees_without_room_are_built_once_something_gave_it_back() {
+    let mut scene = Scene::new(&[10, 20]);
+    assert!((0..20).find_map(|_| scene.plan()).is_some());
+    scene.scheduler.refuse(1_000);
+    let run = |scene: &mut Scene, used: u64, frames: u64| {
+        for _ in 0..frames {
+            scene.scheduler.note_used(used);
+            scene.run(1);
+        }
+    };
+    run(&mut scene, 1_000, 2_000);
+    assert_eq!((scene.plans, scene.trees()), (1, 0), "nothing was given back");
+    assert!(!scene.scheduler.is_pending());
+    run(&mut scene, 900, 3 * QUIET);
+    assert_eq!((scene.plans, scene.merged().len()), (2, 2));
+}
+
+#[test]
 fn micromaps_are_no_disturbance() {
     let with = |name: u64| {
         at(0, 0.0).map(|placement| Placement {

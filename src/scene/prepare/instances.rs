@@ -21,7 +21,6 @@ impl SceneBindings {
     /// Updates objects that have moved, and changed nothing else. Adds those to `dirty` from whose movement more follows. Returns
     /// whether anything changed for rays.
     pub(super) fn move_instances(&mut self, moved: &[u32], instances: &SceneInstances, dirty: &mut Vec<u32>) -> bool {
-        self.instances.resize(instances.slots().len());
         let mut changed = false;
         for &slot in moved {
             if self.move_instance(slot, instances) {

@@ -3,7 +3,7 @@
 use super::{BEHIND, facing_the_mirror};
 use crate::{
     common::app,
-    pictures::{BOTH, differing_pixels, reflect, warm_up},
+    pictures::{BOTH, crop, differing_pixels, red_pixels, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, RED, SIZE, metal, report, spawn_camera, spawn_mesh, unlit},
 };
 use bevy::{
@@ -13,6 +13,7 @@ use bevy::{
     diagnostic::FrameCount,
     ecs::world::EntityWorldMut,
     material::OpaqueRendererMethod,
+    math::UVec2,
     mesh::{PrimitiveTopology, VertexAttributeValues},
     pbr::ScreenSpaceReflections,
     prelude::*,
@@ -277,4 +278,35 @@ fn every_pixel_is_a_number() {
         // The intact cubes and the intact triangle: neither flattened, nor empty, nor shrunk to a point.
         assert!(report(&mut app).instances >= 6 + 4, "{:?}", report(&mut app));
     }
+}
+
+/// Pictures that are wider than what a technique can trace are declined, and keep the app alive.
+#[test]
+fn wide_pictures_are_declined() {
+    let size = UVec2::new(8_320, 8);
+    let Some(mut app) = app(size, Output::Picture, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    spawn_mesh(&mut app, Rectangle::new(4_000.0, 12.0), metal(0.0), Transform::IDENTITY);
+    spawn_mesh(
+        &mut app,
+        Rectangle::new(8_000.0, 60.0),
+        unlit(RED),
+        facing_the_mirror(Vec3::Z * 6.0),
+    );
+    let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    let red = |app: &HeadlessApp, columns| red_pixels(&crop(&app.capture().unwrap(), size.x, columns));
+    let reference = RayTracedReflections {
+        technique: ReflectionTechnique::Reference,
+        ..default()
+    };
+    app.world().entity_mut(camera).insert(reference);
+    app.warm_up(2_000).unwrap();
+    app.step(4);
+    let declined = report(&mut app);
+    assert!(!declined.ready && declined.active_backends.is_empty(), "{declined}");
+    assert_eq!(red(&app, 0..8_320), 0);
+    reflect(&mut app, camera, ReflectionTechnique::Quarter);
+    let parts = [red(&app, 0..128), red(&app, 7_680..7_808)];
+    assert_eq!(parts, [128 * 8; 2]);
 }

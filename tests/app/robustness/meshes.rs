@@ -254,6 +254,42 @@ fn faces_and_holes_are_seen_as_the_material_says() {
     }
 }
 
+/// A ray goes on behind any number of surfaces that are cut out where it meets them.
+#[test]
+fn rays_pass_through_many_holes() {
+    const LAYERS: usize = 400;
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE / 2, Output::Picture, tracer) else {
+            continue;
+        };
+        let camera = camera_with_mirror(&mut app);
+        let hole = image(&mut app, 1, vec![255, 255, 255, 0]);
+        let material = StandardMaterial {
+            base_color_texture: Some(hole),
+            alpha_mode: AlphaMode::Mask(0.5),
+            cull_mode: None,
+            ..unlit(GREEN)
+        };
+        let mut layers = Mesh::from(Rectangle::new(9.0, 9.0));
+        for layer in 1..LAYERS {
+            let at = Transform::from_xyz(0.0, 0.0, 0.005 * layer as f32);
+            layers
+                .merge(&Mesh::from(Rectangle::new(9.0, 9.0)).transformed_by(at))
+                .unwrap();
+        }
+        spawn_mesh(&mut app, layers, material, Transform::from_xyz(0.0, 0.0, 4.0));
+        spawn_mesh(
+            &mut app,
+            Rectangle::new(30.0, 30.0),
+            unlit(RED),
+            facing_the_mirror(Vec3::Z * 8.0),
+        );
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
+        let red = count(&app.capture().unwrap(), RED);
+        assert_eq!(red, (SIZE / 2).element_product() as usize, "{tracer:?}");
+    }
+}
+
 #[test]
 fn scenes_of_any_size_are_traced() {
     for tracer in BOTH {

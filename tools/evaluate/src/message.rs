@@ -17,6 +17,8 @@ pub enum Message {
     Captured,
     /// From now on times are taken.
     Timing,
+    /// Something is measured otherwise than one would expect.
+    Warning(String),
     /// The process can't go on, and why.
     Failed(String),
     /// A description of this machine.

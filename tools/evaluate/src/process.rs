@@ -140,6 +140,7 @@ fn listen(
             Ok(Message::Doing(text)) => progress.label(format!("{}: {text}", job.id())),
             Ok(Message::Captured) => notify(Notice::Captured),
             Ok(Message::Timing) => notify(Notice::Timing),
+            Ok(Message::Warning(text)) => progress.note(format_args!("{}: {text}", job.id())),
             Ok(Message::Failed(reason)) => refusal = Some(reason),
             Ok(Message::Machine(_)) => {}
             Err(RecvTimeoutError::Disconnected) => return (refusal, false),

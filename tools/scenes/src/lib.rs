@@ -38,7 +38,7 @@ pub use headless::{
     decode_halves, read_buffer, read_image, read_texture, save_picture, take_log,
 };
 pub use image_size::ImageSize;
-pub use missing_images::MissingImagesPlugin;
+pub use missing_images::{MissingImages, MissingImagesPlugin};
 pub use random::Random;
 pub use scene::{SceneName, UnknownScene, camera, environment, spawn, spawn_with};
 pub use sky::{Sky, sun_direction};

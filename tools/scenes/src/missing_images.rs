@@ -17,24 +17,41 @@ impl Plugin for MissingImagesPlugin {
     }
 }
 
+/// Images that can't be loaded.
 #[derive(Resource, Default)]
-struct MissingImages(HashSet<AssetId<Image>>);
+pub struct MissingImages {
+    ids: HashSet<AssetId<Image>>,
+    paths: Vec<String>,
+}
+
+impl MissingImages {
+    /// A sentence on each image.
+    pub fn warnings(&self) -> impl Iterator<Item = String> {
+        self.paths.iter().map(|path| warning(path))
+    }
+}
+
+fn warning(path: &str) -> String {
+    format!("{path} can't be loaded; its materials are shown without it")
+}
 
 fn note_missing_images(mut failures: MessageReader<AssetLoadFailedEvent<Image>>, mut missing: ResMut<MissingImages>) {
     for failure in failures.read() {
-        if missing.0.insert(failure.id) {
-            warn!("{} can't be loaded; its materials are shown without it", failure.path);
+        if missing.ids.insert(failure.id) {
+            let path = failure.path.to_string();
+            warn!("{}", warning(&path));
+            missing.paths.push(path);
         }
     }
 }
 
 /// Runs each frame, since a material may be loaded after its image has failed.
 fn leave_out_missing_images(missing: Res<MissingImages>, mut materials: ResMut<Assets<StandardMaterial>>) {
-    if missing.0.is_empty() {
+    if missing.ids.is_empty() {
         return;
     }
     let is_missing =
-        |image: &Option<Handle<Image>>| image.as_ref().is_some_and(|image| missing.0.contains(&image.id()));
+        |image: &Option<Handle<Image>>| image.as_ref().is_some_and(|image| missing.ids.contains(&image.id()));
     let affected: Vec<_> = materials
         .iter()
         .filter(|(_, material)| images(material).into_iter().any(is_missing))

@@ -25,7 +25,7 @@ use bevy_glint::{
     RayTracedReflectionsPlugin, ReflectionBackend, ReflectionStatus, ReflectionStatusReport, ReflectionTracer,
 };
 use glint_scenes::{
-    HeadlessApp, HeadlessError, HeadlessSettings, MissingImagesPlugin, Motion, Output, SceneStatistics,
+    HeadlessApp, HeadlessError, HeadlessSettings, MissingImages, MissingImagesPlugin, Motion, Output, SceneStatistics,
 };
 use half::f16;
 use image::RgbImage;
@@ -102,6 +102,9 @@ impl<'a> Runner<'a> {
         let mut images = app.world().resource_mut::<Assets<Image>>();
         let (black, white) = (images.add(even_cube(0.0)), images.add(even_cube(1.0)));
         app.warm_up(FRAME_LIMIT).map_err(text)?;
+        for warning in app.world().resource::<MissingImages>().warnings() {
+            Message::Warning(warning).send();
+        }
         scene.arrange(&mut app, camera)?;
         if solari {
             techniques::solari::prepare_scene(app.world(), camera);

@@ -297,7 +297,10 @@ impl HeadlessApp {
         let server = world.resource::<AssetServer>();
         for (root, instance) in roots.iter(world) {
             if let Some(LoadState::Failed(reason)) = server.get_load_state(root.0.id()) {
-                return Err(HeadlessError::Asset(reason.to_string()));
+                // A backtrace may follow.
+                let reason = reason.to_string();
+                let reason = reason.lines().next().unwrap_or_default();
+                return Err(HeadlessError::Asset(reason.to_owned()));
             }
             // A scene without one of its images is a scene, too.
             let is_loaded = server.is_loaded_with_dependencies(root.0.id())

@@ -1,0 +1,61 @@
+//! Free places of a table whose entries keep their indices.
+
+use core::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+/// Free indices of a table. The lowest is handed out first, so that the end of the table becomes free and can be cut off.
+#[derive(Default)]
+pub(super) struct FreeSlots(BinaryHeap<Reverse<u32>>);
+
+impl FreeSlots {
+    /// Notes that an index is free.
+    pub fn give(&mut self, index: u32) {
+        self.0.push(Reverse(index));
+    }
+
+    /// Takes the lowest free index. The end of the table may have been cut off, and grown again, since an index was given: `is_free`
+    /// tells whether there is nothing at an index below `len`, the present length.
+    pub fn take(&mut self, len: usize, is_free: impl Fn(u32) -> bool) -> Option<u32> {
+        while let Some(Reverse(index)) = self.0.pop() {
+            if index as usize >= len {
+                // So are all others.
+                self.0.clear();
+            } else if is_free(index) {
+                return Some(index);
+            }
+        }
+        None
+    }
+
+    /// Forgets all.
+    pub fn clear(&mut self) {
+        self.0.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_lowest_index_is_taken_first_and_never_twice() {
+        let mut free = FreeSlots::default();
+        [4, 1, 3, 1].into_iter().for_each(|index| free.give(index));
+        let mut used = [true, false, true, false, false];
+        let mut taken = Vec::new();
+        while let Some(index) = free.take(used.len(), |index| !used[index as usize]) {
+            used[index as usize] = true;
+            taken.push(index);
+        }
+        assert_eq!(taken, [1, 3, 4]);
+    }
+
+    #[test]
+    fn indices_beyond_a_table_that_was_cut_are_forgotten() {
+        let mut free = FreeSlots::default();
+        [2, 3].into_iter().for_each(|index| free.give(index));
+        assert_eq!(free.take(2, |_| true), None);
+        // The table has grown again, and its entries are in use.
+        assert_eq!(free.take(4, |_| true), None);
+    }
+}

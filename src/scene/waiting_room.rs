@@ -1,0 +1,63 @@
+//! What found no room, and when it is worth another try.
+
+use bevy::platform::collections::HashMap;
+use core::hash::Hash;
+
+/// Things that found no room in a table or buffer, each with how much was in use then. A try costs time, and only what something else gave
+/// back makes room: so each is tried again once less is in use than at its last try, and not before.
+pub(super) struct WaitingRoom<K>(HashMap<K, u64>);
+
+impl<K> Default for WaitingRoom<K> {
+    fn default() -> Self {
+        Self(HashMap::default())
+    }
+}
+
+impl<K: Copy + Eq + Hash> WaitingRoom<K> {
+    /// Notes that something found no room while so much was in use.
+    pub fn wait(&mut self, key: K, used: u64) {
+        self.0.insert(key, used);
+    }
+
+    /// Takes those that may find room while so much is in use.
+    pub fn take(&mut self, used: u64) -> Vec<K> {
+        let ready = self.0.extract_if(|_, before| used < *before);
+        ready.map(|(key, _)| key).collect()
+    }
+
+    /// Forgets something that is gone, or needs no room any more.
+    pub fn remove(&mut self, key: &K) {
+        self.0.remove(key);
+    }
+
+    /// Returns whether something waits.
+    pub fn contains(&self, key: &K) -> bool {
+        self.0.contains_key(key)
+    }
+
+    /// Nothing waits.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_was_given_back_makes_room() {
+        let mut waiting = WaitingRoom::default();
+        waiting.wait('a', 100);
+        waiting.wait('b', 80);
+        assert!(waiting.take(100).is_empty(), "nothing was given back");
+        assert!(waiting.take(120).is_empty());
+        assert_eq!(waiting.take(90), ['a']);
+        assert!(waiting.take(90).is_empty(), "each is taken once");
+        waiting.wait('a', 90);
+        assert!(waiting.contains(&'a') && waiting.contains(&'b'));
+        waiting.remove(&'b');
+        assert_eq!(waiting.take(0), ['a']);
+        assert!(waiting.is_empty());
+    }
+}

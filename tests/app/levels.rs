@@ -1,0 +1,190 @@
+//! Levels that are loaded and unloaded: room is given back, and is found again.
+
+use crate::{
+    common::{app, app_of},
+    pictures::{BOTH, red_pixels, reflect, warm_up},
+    stage::{BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, spawn_camera, spawn_mesh, unlit, wall},
+};
+use bevy::{
+    asset::RenderAssetUsages,
+    image::Image,
+    prelude::*,
+    render::{
+        RenderApp,
+        render_resource::{Extent3d, TextureDimension, TextureFormat},
+        settings::{WgpuFeatures, WgpuSettings},
+    },
+};
+use bevy_glint::{
+    ReflectionStatusReport, ReflectionTechnique, ReflectionTextureMode, ReflectionTracerChoice,
+    internals::{instances::SceneInstances, materials::MaterialTable, meshes::SceneMeshes, textures::TextureTable},
+};
+use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName};
+
+/// Objects of a level, each with a mesh, a material and an image of its own.
+const OBJECTS: usize = 40;
+const ROUNDS: usize = 50;
+
+fn image(app: &mut HeadlessApp, color: [u8; 3]) -> Handle<Image> {
+    let texel = [color[0], color[1], color[2], 255];
+    let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
+    let image = Image::new_fill(Extent3d::default(), TextureDimension::D2, &texel, format, usage);
+    app.world().resource_mut::<Assets<Image>>().add(image)
+}
+
+fn spawn_textured(app: &mut HeadlessApp, mesh: impl Into<Mesh>, color: [u8; 3], at: Transform) -> Entity {
+    let material = StandardMaterial {
+        base_color_texture: Some(image(app, color)),
+        alpha_mode: AlphaMode::Mask(0.5),
+        ..unlit([255; 3])
+    };
+    spawn_mesh(app, mesh, material, at)
+}
+
+fn spawn_level(app: &mut HeadlessApp) -> Vec<Entity> {
+    (0..OBJECTS)
+        .map(|index| {
+            let mesh = Sphere::new(0.1 + 0.001 * index as f32).mesh().uv(16, 12);
+            let place = Transform::from_xyz((index % 10) as f32 - 4.5, (index / 10) as f32 - 4.0, 9.0);
+            spawn_textured(app, mesh, [index as u8, 128, 0], place)
+        })
+        .collect()
+}
+
+/// Renders until all objects can be hit, and no work is left.
+#[track_caller]
+fn until_there_are(app: &mut HeadlessApp, objects: usize) {
+    for _ in 0..2_000 {
+        app.step(1);
+        let report = report(app);
+        let is_busy = report.meshes_pending > 0 || report.merges_pending || report.micromaps_pending;
+        if report.instances == objects && !is_busy {
+            return;
+        }
+    }
+    panic!("{objects} objects: {}", report(app));
+}
+
+/// Renders until all objects can be hit.
+fn until_loaded(app: &mut HeadlessApp) {
+    for _ in 0..2_000 {
+        app.step(1);
+        let report = report(app);
+        if report.instances == OBJECTS + 1 && report.meshes_pending == 0 {
+            // Their textures follow.
+            app.step(2);
+            return;
+        }
+    }
+    panic!("{}", report(app));
+}
+
+/// Lengths of tables, bytes in use, and bytes of buffers.
+fn inventory(app: &mut HeadlessApp) -> ([usize; 4], [u64; 3]) {
+    let ReflectionStatusReport {
+        scene_bytes,
+        meshes_pending,
+        ..
+    } = report(app);
+    let world = app.app().sub_app(RenderApp).world();
+    let meshes = world.resource::<SceneMeshes>();
+    (
+        [
+            world.resource::<SceneInstances>().slots().len(),
+            world.resource::<MaterialTable>().materials().len(),
+            world.resource::<TextureTable>().texture_count() as usize,
+            meshes_pending,
+        ],
+        [meshes.geometry.used_bytes(), meshes.bvh.used_bytes(), scene_bytes],
+    )
+}
+
+#[test]
+fn levels_that_go_give_everything_back() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE / 4, Output::Picture, tracer) else {
+            continue;
+        };
+        let app = &mut app;
+        spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        reflect(app, camera, ReflectionTechnique::Reference);
+        until_there_are(app, 1);
+        let before = inventory(app);
+        let mut loaded = None;
+        for round in 0..ROUNDS {
+            let level = spawn_level(app);
+            // Merging waits for a second: levels change before and after it.
+            if round == 0 {
+                until_there_are(app, OBJECTS + 1);
+            } else {
+                until_loaded(app);
+            }
+            let inventory = inventory(app);
+            let first = *loaded.get_or_insert(inventory);
+            assert_eq!(inventory.0, first.0, "{tracer:?}: round {round}");
+            for entity in level {
+                app.world().despawn(entity);
+            }
+            app.step(2);
+        }
+        until_there_are(app, 1);
+        assert!(loaded.is_some_and(|loaded| loaded.1[0] > 2 * before.1[0]));
+        let (after, [geometry, bvh, bytes]) = (inventory(app), before.1);
+        assert_eq!(
+            (after.0, after.1[..2].to_vec()),
+            (before.0, vec![geometry, bvh]),
+            "{tracer:?}: tables, bytes in use"
+        );
+        // Buffers have more room than they need.
+        assert!(
+            after.1[2] <= 2 * bytes,
+            "{tracer:?}: {} bytes of buffers, {bytes} before",
+            after.1[2]
+        );
+    }
+}
+
+/// A texture for which there is no place gets one once another texture goes.
+#[test]
+fn a_texture_without_a_place_gets_one_later() {
+    // Copies in layers, of which a device has so many at least.
+    const PLACES: usize = 256;
+    let device = WgpuSettings {
+        disabled_features: Some(WgpuFeatures::TEXTURE_BINDING_ARRAY),
+        ..default()
+    };
+    let settings = HeadlessSettings {
+        size: SIZE,
+        device,
+        ..default()
+    };
+    let Some(mut app) = app_of(settings, ReflectionTracerChoice::Bvh, |_| {}, |_| {}) else {
+        return;
+    };
+    let app = &mut app;
+    spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    reflect(app, camera, ReflectionTechnique::Reference);
+    assert_eq!(
+        report(app).textures,
+        Some(ReflectionTextureMode::Layers { layers: PLACES as u32 })
+    );
+    let far = Transform::from_xyz(0.0, 0.0, 90.0);
+    let level: Vec<_> = (0..PLACES)
+        .map(|_| spawn_textured(app, Rectangle::new(0.1, 0.1), [0, 255, 0], far))
+        .collect();
+    warm_up(app);
+    let late = Transform::from_xyz(0.0, 0.0, 6.0);
+    spawn_textured(app, Cuboid::from_length(3.0), RED, late);
+    warm_up(app);
+    assert_eq!(
+        red_pixels(&app.capture().unwrap()),
+        0,
+        "there is no place for its texture"
+    );
+    app.world().despawn(level[7]);
+    (0..4).for_each(|_| frame(app));
+    let red = red_pixels(&app.capture().unwrap());
+    assert!(red > 100, "{red} pixels of the mirror show the texture");
+}
