@@ -46,6 +46,7 @@
 mod common;
 mod composite;
 mod debug;
+mod deferred;
 mod denoise;
 mod device;
 mod diagnostics;

@@ -5,6 +5,7 @@ use super::{
     problems::{Problem, Warnings},
 };
 use crate::{
+    deferred::is_deferred,
     ready::{Readiness, pipeline_key},
     scene::environment::ViewEnvironment,
     settings::{
@@ -21,12 +22,12 @@ use bevy::{
     core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass},
     ecs::{
         entity::{EntityHashMap, EntityHashSet},
+        name::NameOrEntity,
         prelude::*,
         query::{QueryData, QueryState},
     },
     math::Mat4,
-    pbr::{DefaultOpaqueRendererMethod, ScreenSpaceReflections},
-    reflect::PartialReflect,
+    pbr::ScreenSpaceReflections,
     render::{MainWorld, sync_world::RenderEntity, view::Msaa},
     transform::components::GlobalTransform,
 };
@@ -36,6 +37,7 @@ use bevy::{
 #[query_data(mutable)]
 pub(super) struct CameraQuery {
     entity: Entity,
+    label: NameOrEntity,
     render_entity: RenderEntity,
     camera: &'static Camera,
     reflections: Option<&'static mut RayTracedReflections>,
@@ -251,7 +253,7 @@ pub(super) fn extract_cameras(
         warnings,
         fallbacks,
     } = &mut *state;
-    let forward = is_forward(&main_world);
+    let forward = !main_world.get_resource().is_some_and(is_deferred);
     let query = query.get_or_insert_with(|| main_world.query::<CameraQuery>());
     let mut extraction = Extraction {
         readiness,
@@ -268,7 +270,7 @@ pub(super) fn extract_cameras(
             continue;
         }
         let problems = camera.problems(forward);
-        warnings.note(camera.entity, &problems);
+        warnings.note(&camera.label, &problems);
         if problems
             .iter()
             .any(|(problem, is_present)| *is_present && problem.is_fatal())
@@ -283,7 +285,7 @@ pub(super) fn extract_cameras(
         }
         extraction.found.wanting.insert(camera.render_entity);
         let (request, reason) = Request::new(&camera, &reflections, &vrs);
-        fallbacks.note(camera.entity, reason);
+        fallbacks.note(&camera.label, reason);
         let view = existing.get_mut(camera.render_entity).ok();
         let reset = reflections.reset;
         if extraction.update_view(&camera, request, reset, view) && reset {
@@ -307,12 +309,4 @@ pub(super) fn extract_cameras(
     fallbacks.publish(&present, &status);
     cameras.retain(|entity, _| present.contains(entity));
     warnings.retain(&present);
-}
-
-/// Opaque materials are rendered forward unless they say otherwise.
-fn is_forward(main_world: &MainWorld) -> bool {
-    let deferred = DefaultOpaqueRendererMethod::deferred();
-    main_world
-        .get_resource::<DefaultOpaqueRendererMethod>()
-        .is_none_or(|method| method.reflect_partial_eq(&deferred) != Some(true))
 }

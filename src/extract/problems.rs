@@ -1,7 +1,10 @@
 //! Reasons why a camera shows no reflections, and what the log says about them.
 
 use bevy::{
-    ecs::entity::{Entity, EntityHashSet},
+    ecs::{
+        entity::{Entity, EntityHashSet},
+        name::NameOrEntityItem,
+    },
     log::warn,
     platform::collections::HashSet,
 };
@@ -40,8 +43,8 @@ impl Problem {
                 "it shows no ray-traced reflections, since deferred rendering can't do multisampling: set `Msaa::Off`"
             }
             Self::Forward => {
-                "only materials whose `opaque_render_method` is `Deferred` reflect: for all opaque materials, insert the \
-                 resource `DefaultOpaqueRendererMethod::deferred()`"
+                "only materials whose `opaque_render_method` is `Deferred` reflect: for all opaque materials, leave the plugin's \
+                 `deferred_by_default` on and the resource `DefaultOpaqueRendererMethod` alone"
             }
         }
     }
@@ -53,11 +56,11 @@ pub(super) struct Warnings(HashSet<(Entity, Problem)>);
 
 impl Warnings {
     /// Warns of problems that are new. `problems` are all, each with whether it is present.
-    pub fn note(&mut self, camera: Entity, problems: &[(Problem, bool)]) {
+    pub fn note(&mut self, camera: &NameOrEntityItem, problems: &[(Problem, bool)]) {
         for &(problem, is_present) in problems {
             if !is_present {
-                self.0.remove(&(camera, problem));
-            } else if self.0.insert((camera, problem)) {
+                self.0.remove(&(camera.entity, problem));
+            } else if self.0.insert((camera.entity, problem)) {
                 warn!("camera {camera}: {}", problem.remedy());
             }
         }

@@ -9,6 +9,7 @@ mod stage;
 mod back_ends;
 mod convergence;
 mod debug_views;
+mod deferred;
 mod dynamics;
 mod examples;
 mod ground_truth;

@@ -33,7 +33,7 @@ pub fn app_on_device(
         ..default()
     };
     let result = HeadlessApp::with_device(settings, before, |app| {
-        app.add_plugins((SceneAnimationPlugin, RayTracedReflectionsPlugin { tracer }));
+        app.add_plugins((SceneAnimationPlugin, RayTracedReflectionsPlugin { tracer, ..default() }));
         add(app);
     });
     let mut app = match result {

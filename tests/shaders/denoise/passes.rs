@@ -511,7 +511,7 @@ fn lobes_of_different_normals_are_not_blurred_together() {
         ..Wall::new(uvec2(96, 64))
     };
     let seen = |pixel: UVec2| {
-        if (pixel.x / 16 + pixel.y / 16) % 2 == 0 {
+        if (pixel.x / 16 + pixel.y / 16).is_multiple_of(2) {
             4.0
         } else {
             0.5
