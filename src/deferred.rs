@@ -23,7 +23,7 @@ use bevy::{
 
 /// Makes opaque materials deferred unless the app says otherwise after it, or nothing can be traced.
 ///
-/// It has to be added after [`ProbePlugin`](crate::probe::ProbePlugin), which finds out about the latter.
+/// It has to be added after `ProbePlugin`, which finds out about the latter.
 pub(crate) struct DeferredPlugin;
 
 /// The method that ours took the place of, while plugins are being added.

@@ -8,6 +8,7 @@ use crate::{
     denoise::DenoisePlugin,
     device::DevicePlugin,
     diagnostics::ReflectionDiagnosticsPlugin,
+    events::EventsPlugin,
     extract::ExtractPlugin,
     gbuffer::GBufferPlugin,
     node::NodePlugin,
@@ -64,6 +65,7 @@ impl Plugin for RayTracedReflectionsPlugin {
             SettingsPlugin,
             DevicePlugin,
             StatusPlugin,
+            EventsPlugin,
             ReflectionDiagnosticsPlugin,
             SchedulePlugin,
             // Plugins finish in this order, and those below add systems where this one has found that the device can trace.

@@ -107,6 +107,7 @@ struct Findings {
     present: EntityHashSet,
     waiting: usize,
     active_backends: Vec<(Entity, ReflectionBackend)>,
+    declined: Vec<(Entity, &'static str)>,
     culled_views: usize,
 }
 
@@ -271,10 +272,11 @@ pub(super) fn extract_cameras(
         }
         let problems = camera.problems(forward);
         warnings.note(&camera.label, &problems);
-        if problems
+        let fatal = problems
             .iter()
-            .any(|(problem, is_present)| *is_present && problem.is_fatal())
-        {
+            .find(|(problem, is_present)| *is_present && problem.is_fatal());
+        if let Some((problem, _)) = fatal {
+            extraction.found.declined.push((camera.entity, problem.remedy()));
             if camera.screen_space && existing.contains(camera.render_entity) {
                 // The uniform on the view is Bevy's own now.
                 let mut view = extraction.commands.entity(camera.render_entity);
@@ -298,12 +300,14 @@ pub(super) fn extract_cameras(
         present,
         waiting,
         active_backends,
+        declined,
         culled_views,
     } = extraction.found;
     status.update(|report| {
         report.ready = waiting == 0 && !wanting.is_empty();
         report.hardware_vrs = vrs.status();
         report.active_backends = active_backends;
+        report.declined = declined;
         report.culled_views = culled_views;
     });
     fallbacks.publish(&present, &status);

@@ -25,7 +25,8 @@ impl Problem {
         self != Self::Forward
     }
 
-    fn remedy(self) -> &'static str {
+    /// What is wrong and what to do, in half a sentence.
+    pub fn remedy(self) -> &'static str {
         match self {
             Self::ScreenSpace => {
                 "it shows no ray-traced reflections, since it also has `ScreenSpaceReflections`, which use the same hook in \

@@ -5,7 +5,7 @@ use crate::{
     stage::{BEFORE_THE_MIRROR, RED, SIZE, metal, report, spawn_mesh, unlit, wall},
 };
 use bevy::{
-    camera::ShadowLodOrigin,
+    camera::{RenderTarget, ShadowLodOrigin},
     core_pipeline::{
         prepass::{DeferredPrepass, DepthPrepass, NormalPrepass},
         tonemapping::{DebandDither, Tonemapping},

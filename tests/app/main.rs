@@ -11,6 +11,7 @@ mod convergence;
 mod debug_views;
 mod deferred;
 mod dynamics;
+mod events;
 mod examples;
 mod ground_truth;
 mod idle;
@@ -20,6 +21,7 @@ mod new_user;
 #[cfg(feature = "egui")]
 mod panel;
 mod plugin;
+mod quality;
 mod reflect;
 mod robustness;
 mod toggle;

@@ -316,6 +316,13 @@ fn the_readme_has_every_step() {
     }
     let code = main_file();
     assert!(code.contains("check::plugins()") && !code.contains("DefaultPlugins"));
+    // The plugin and one component: the rest is what the plugin is for.
+    for word in ["DefaultOpaqueRendererMethod", "Prepass", "Msaa", "Hdr"] {
+        assert!(
+            !code.contains(&format!("{word}::")),
+            "the README's code needs no {word}"
+        );
+    }
     assert_eq!(
         dependency("bevy = \"0.20\""),
         "bevy = { version = \"0.20\", default-features = false }"
