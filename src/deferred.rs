@@ -18,7 +18,7 @@ use bevy::{
     log::debug,
     pbr::{DefaultOpaqueRendererMethod, deferred::insert_deferred_lighting_pass_id_component},
     reflect::PartialReflect,
-    render::{RenderApp, view::Msaa},
+    render::{RenderApp, sync_world::SyncToRenderWorld, view::Msaa},
 };
 
 /// Makes opaque materials deferred unless the app says otherwise after it, or nothing can be traced.
@@ -94,9 +94,12 @@ fn require_prepass(world: &mut World) {
     }
 }
 
-/// The same for cameras that were there before, and for those that lost it. `remove_with_requires::<RayTracedReflections>()` takes
-/// it from a camera.
-fn add_prepass(cameras: Query<Entity, (With<Camera3d>, Without<DeferredPrepass>)>, mut commands: Commands) {
+/// Cameras that Bevy draws without what deferred materials take. `remove_with_requires` takes `SyncToRenderWorld`, too: then Bevy draws
+/// the camera no more, and panics if something brings that component back.
+type Lacking = (With<Camera3d>, With<SyncToRenderWorld>, Without<DeferredPrepass>);
+
+/// The same for cameras that were there before, and for those that lost it.
+fn add_prepass(cameras: Query<Entity, Lacking>, mut commands: Commands) {
     for camera in &cameras {
         commands
             .entity(camera)

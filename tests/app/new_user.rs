@@ -214,6 +214,7 @@ fn make(folder: &Path) {
         (cfg!(feature = "egui"), "egui"),
         (cfg!(feature = "hardware-vrs"), "hardware-vrs"),
         (cfg!(feature = "internals"), "internals"),
+        (cfg!(feature = "serde"), "serde"),
     ]
     .into_iter()
     .filter_map(|(on, name)| on.then_some(name))

@@ -33,7 +33,12 @@ pub fn app_on_device(
         ..default()
     };
     let result = HeadlessApp::with_device(settings, before, |app| {
-        app.add_plugins((SceneAnimationPlugin, RayTracedReflectionsPlugin { tracer, ..default() }));
+        let reflections = RayTracedReflectionsPlugin {
+            tracer,
+            // The harness draws deferred already, and cameras lack what tests take from them.
+            deferred_by_default: false,
+        };
+        app.add_plugins((SceneAnimationPlugin, reflections));
         add(app);
     });
     let mut app = match result {
