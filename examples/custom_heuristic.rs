@@ -8,7 +8,6 @@
 
 use bevy::{
     asset::RenderAssetUsages,
-    pbr::DefaultOpaqueRendererMethod,
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat},
 };
@@ -24,7 +23,6 @@ fn main() {
 /// Everything that the app adds to Bevy.
 pub fn plugin(app: &mut App) {
     app.add_plugins(RayTracedReflectionsPlugin::default())
-        .insert_resource(DefaultOpaqueRendererMethod::deferred())
         .add_systems(Startup, (setup_heuristics, setup_scene, show_keys).chain())
         .add_systems(Update, (press_keys, follow_mouse));
 }

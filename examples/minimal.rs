@@ -1,10 +1,10 @@
 //! The smallest complete app: a polished metal ball and a box on a glossy floor, with ray-traced reflections.
 //!
-//! It takes three things: the plugin, the deferred renderer, and [`RayTracedReflections`] on the camera. The ball shows the box's
-//! far side and the floor behind the camera, which the screen doesn't.
+//! It takes two things: the plugin, and [`ReflectionQuality`] on the camera. The ball shows the box's far side and the floor behind
+//! the camera, which the screen doesn't.
 
-use bevy::{pbr::DefaultOpaqueRendererMethod, prelude::*};
-use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin};
+use bevy::prelude::*;
+use bevy_glint::prelude::*;
 
 fn main() {
     App::new().add_plugins((DefaultPlugins, plugin)).run();
@@ -13,8 +13,6 @@ fn main() {
 /// Everything that the app adds to Bevy.
 pub fn plugin(app: &mut App) {
     app.add_plugins(RayTracedReflectionsPlugin::default())
-        // Reflections are traced for surfaces that the deferred renderer draws.
-        .insert_resource(DefaultOpaqueRendererMethod::deferred())
         .add_systems(Startup, setup);
 }
 
@@ -70,6 +68,6 @@ fn setup(
         Camera3d::default(),
         Transform::from_xyz(0.0, 2.2, 6.5).looking_at(Vec3::Y * 0.8, Vec3::Y),
         sky.with_intensity(700.0),
-        RayTracedReflections::default(),
+        ReflectionQuality::High,
     ));
 }

@@ -3,7 +3,7 @@
 //! The library follows transforms, lights, and entities that are spawned or despawned by itself: nothing here tells it about any of
 //! them. The Space key stops and starts the clock.
 
-use bevy::{light::NotShadowCaster, pbr::DefaultOpaqueRendererMethod, prelude::*, time::common_conditions::on_timer};
+use bevy::{light::NotShadowCaster, prelude::*, time::common_conditions::on_timer};
 use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin};
 use std::{f32::consts::TAU, time::Duration};
 
@@ -16,7 +16,6 @@ fn main() {
 /// Everything that the app adds to Bevy.
 pub fn plugin(app: &mut App) {
     app.add_plugins(RayTracedReflectionsPlugin::default())
-        .insert_resource(DefaultOpaqueRendererMethod::deferred())
         .add_systems(Startup, (setup_room, setup_moving_objects, show_keys))
         .add_systems(
             Update,

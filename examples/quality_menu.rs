@@ -2,14 +2,14 @@
 //!
 //! `cargo run --release --features egui --example quality_menu`
 //!
-//! [`ReflectionQuality`] is the player's choice: one word that is saved with the game's other settings and applied to its cameras.
+//! [`ReflectionQuality`] is the player's choice: one word that is saved with the game's other settings and inserted on its cameras.
 //! The row is disabled, and says why, on machines that can't trace rays. Escape opens and closes the menu.
 
-use bevy::{pbr::DefaultOpaqueRendererMethod, prelude::*};
+use bevy::prelude::*;
 use bevy_egui::{EguiContexts, EguiPlugin, EguiPrimaryContextPass, egui};
 use bevy_glint::{
-    RayTracedReflectionsPlugin, ReflectionStatus,
-    ui::{ReflectionQuality, quality_menu, why_no_reflections},
+    prelude::*,
+    ui::{quality_menu, why_no_reflections},
 };
 use std::{env, fs, io::ErrorKind, path::PathBuf};
 
@@ -20,7 +20,6 @@ fn main() {
 /// Everything that the game adds to Bevy.
 pub fn plugin(app: &mut App) {
     app.add_plugins((RayTracedReflectionsPlugin::default(), EguiPlugin::default()))
-        .insert_resource(DefaultOpaqueRendererMethod::deferred())
         .insert_resource(GameSettings::default())
         .insert_resource(SettingsFile(env::temp_dir().join("bevy_glint_quality_menu.txt")))
         .insert_resource(MenuIsOpen(true))
@@ -110,7 +109,7 @@ fn show_menu(mut contexts: EguiContexts, mut settings: ResMut<GameSettings>, sta
 /// Gives every camera its reflections: after the start, and whenever the player has chosen.
 fn apply_settings(settings: Res<GameSettings>, cameras: Query<Entity, With<Camera3d>>, mut commands: Commands) {
     for camera in &cameras {
-        settings.reflections.queue(&mut commands.entity(camera));
+        commands.entity(camera).insert(settings.reflections);
     }
 }
 

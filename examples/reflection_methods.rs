@@ -7,10 +7,7 @@
 //!
 //! A camera can't have screen-space and ray-traced reflections at a time.
 
-use bevy::{
-    pbr::{DefaultOpaqueRendererMethod, ScreenSpaceReflections},
-    prelude::*,
-};
+use bevy::{pbr::ScreenSpaceReflections, prelude::*};
 use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectionTechnique};
 
 fn main() {
@@ -20,7 +17,6 @@ fn main() {
 /// Everything that the app adds to Bevy.
 pub fn plugin(app: &mut App) {
     app.add_plugins(RayTracedReflectionsPlugin::default())
-        .insert_resource(DefaultOpaqueRendererMethod::deferred())
         .add_systems(Startup, setup)
         .add_systems(Update, (choose_method, show_state));
 }

@@ -9,7 +9,6 @@
 
 use bevy::{
     camera_controller::free_camera::{FreeCamera, FreeCameraPlugin},
-    pbr::DefaultOpaqueRendererMethod,
     prelude::*,
     render::diagnostic::RenderDiagnosticsPlugin,
 };
@@ -34,7 +33,6 @@ pub fn plugin(app: &mut App) {
         RenderDiagnosticsPlugin,
         FreeCameraPlugin,
     ))
-    .insert_resource(DefaultOpaqueRendererMethod::deferred())
     // Input over the panel isn't meant for the camera.
     .insert_resource(EguiGlobalSettings {
         enable_absorb_bevy_input_system: true,

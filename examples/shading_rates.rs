@@ -8,7 +8,6 @@
 
 use bevy::{
     camera_controller::free_camera::{FreeCamera, FreeCameraPlugin},
-    pbr::DefaultOpaqueRendererMethod,
     prelude::*,
 };
 use bevy_glint::{
@@ -23,7 +22,6 @@ fn main() {
 /// Everything that the app adds to Bevy.
 pub fn plugin(app: &mut App) {
     app.add_plugins((RayTracedReflectionsPlugin::default(), FreeCameraPlugin))
-        .insert_resource(DefaultOpaqueRendererMethod::deferred())
         .add_systems(Startup, setup)
         .add_systems(Update, (choose_heuristic, choose_view, show_state));
 }

@@ -3,7 +3,7 @@
 //! Reflections are components of a camera, so that each player can have a preset of their own, or none. Keys: 1 and 2 switch the
 //! reflections of the left and right player on and off, 3 and 4 choose their next preset.
 
-use bevy::{camera::Viewport, pbr::DefaultOpaqueRendererMethod, prelude::*};
+use bevy::{camera::Viewport, prelude::*};
 use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectionPreset};
 
 fn main() {
@@ -13,7 +13,6 @@ fn main() {
 /// Everything that the app adds to Bevy.
 pub fn plugin(app: &mut App) {
     app.add_plugins(RayTracedReflectionsPlugin::default())
-        .insert_resource(DefaultOpaqueRendererMethod::deferred())
         .add_systems(Startup, (spawn_scene, spawn_players))
         .add_systems(Update, (press_keys, show_state, fit_viewports));
 }

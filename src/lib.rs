@@ -1,21 +1,24 @@
 //! Ray-traced reflections for the Bevy game engine.
 //!
-//! Add [`RayTracedReflectionsPlugin`] to the app and [`RayTracedReflections`] to a camera:
+//! Add [`RayTracedReflectionsPlugin`] to the app and [`ReflectionQuality`] to a camera:
 //!
 //! ```no_run
-//! use bevy::{pbr::DefaultOpaqueRendererMethod, prelude::*};
-//! use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin};
+//! use bevy::prelude::*;
+//! use bevy_glint::prelude::*;
 //!
 //! fn main() {
 //!     App::new()
 //!         .add_plugins((DefaultPlugins, RayTracedReflectionsPlugin::default()))
-//!         .insert_resource(DefaultOpaqueRendererMethod::deferred())
 //!         .add_systems(Startup, |mut commands: Commands| {
-//!             commands.spawn((Camera3d::default(), RayTracedReflections::default()));
+//!             commands.spawn((Camera3d::default(), ReflectionQuality::High));
 //!         })
 //!         .run();
 //! }
 //! ```
+//!
+//! The plugin makes opaque materials deferred, and every `Camera3d` able to draw them
+//! ([`deferred_by_default`](RayTracedReflectionsPlugin::deferred_by_default) says why, and how to keep them forward). The quality writes
+//! [`RayTracedReflections`], the component with all settings, which can be inserted instead.
 //!
 //! The [manual] says how it works, which settings to choose, what they cost, what each message of the log means, and how reflections
 //! get on with the rest of Bevy's renderer.
@@ -46,9 +49,11 @@
 mod common;
 mod composite;
 mod debug;
+mod deferred;
 mod denoise;
 mod device;
 mod diagnostics;
+mod events;
 mod extract;
 mod gbuffer;
 pub mod manual;
@@ -86,17 +91,19 @@ mod vrs;
 pub use device::ShadingRates;
 pub use device::{HardwareVrsSupport, ReflectionTextureMode, ReflectionTracer};
 pub use diagnostics::{ReflectionDiagnosticsPlugin, ReflectionNonFiniteReport};
+pub use events::{ReflectionsDeclined, ReflectionsReady};
 pub use plugin::RayTracedReflectionsPlugin;
 pub use schedule::ReflectionSystems;
 pub use settings::{
     CombinedThresholds, GrazingThresholds, NotReflected, RATE_LEGEND, RayTracedReflections, ReflectionBackend,
     ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionPreset,
-    ReflectionSampling, ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice, RoughnessThresholds,
-    ShadingRate, ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
+    ReflectionQuality, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice,
+    ReflectionsOff, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES,
+    UnknownName, named_settings,
 };
 pub use status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory};
 #[cfg(feature = "egui")]
-pub use ui::{ReflectionQuality, ReflectionSettingsPanel, ReflectionSettingsPanelPlugin};
+pub use ui::{ReflectionSettingsPanel, ReflectionSettingsPanelPlugin};
 #[cfg(feature = "hardware-vrs")]
 pub use vrs::{HardwareVrs, HardwareVrsPlugin};
 

@@ -4,9 +4,11 @@ use crate::{
     common::CommonPlugin,
     composite::CompositePlugin,
     debug::DebugPlugin,
+    deferred::DeferredPlugin,
     denoise::DenoisePlugin,
     device::DevicePlugin,
     diagnostics::ReflectionDiagnosticsPlugin,
+    events::EventsPlugin,
     extract::ExtractPlugin,
     gbuffer::GBufferPlugin,
     node::NodePlugin,
@@ -27,10 +29,34 @@ use bevy::app::{App, Plugin};
 ///
 /// Add it after `DefaultPlugins`. In an app without a renderer it does nothing. Nor does it on a device that can't trace: then the
 /// reason is in [`ReflectionStatus`](crate::ReflectionStatus).
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct RayTracedReflectionsPlugin {
     /// Tracer that finds the surfaces that rays hit; fixed for the life of the app. Default: [`ReflectionTracerChoice::Auto`].
     pub tracer: ReflectionTracerChoice,
+    /// Makes opaque materials deferred, since deferred surfaces alone reflect. Default: true.
+    ///
+    /// The plugin inserts
+    /// [`DefaultOpaqueRendererMethod::deferred()`](bevy::pbr::DefaultOpaqueRendererMethod). The same resource inserted after the plugin
+    /// wins. On a device that can't trace, the app's own method comes back.
+    ///
+    /// Bevy draws deferred materials only on cameras with a
+    /// [`DeferredPrepass`](bevy::core_pipeline::prepass::DeferredPrepass). While the method is deferred, every `Camera3d` therefore has
+    /// it, with the `DepthPrepass` and [`Msaa::Off`](bevy::render::view::Msaa), so that cameras without reflections go on showing
+    /// everything. They pay for the G-buffer and lose multisampling.
+    ///
+    /// With false, neither materials nor other cameras change. A material reflects if its
+    /// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method) is `Deferred`, and each camera that is to show such
+    /// a material needs these components from the app.
+    pub deferred_by_default: bool,
+}
+
+impl Default for RayTracedReflectionsPlugin {
+    fn default() -> Self {
+        Self {
+            tracer: ReflectionTracerChoice::default(),
+            deferred_by_default: true,
+        }
+    }
 }
 
 impl Plugin for RayTracedReflectionsPlugin {
@@ -39,12 +65,16 @@ impl Plugin for RayTracedReflectionsPlugin {
             SettingsPlugin,
             DevicePlugin,
             StatusPlugin,
+            EventsPlugin,
             ReflectionDiagnosticsPlugin,
             SchedulePlugin,
             // Plugins finish in this order, and those below add systems where this one has found that the device can trace.
             ProbePlugin { tracer: self.tracer },
-        ))
-        .add_plugins((
+        ));
+        if self.deferred_by_default {
+            app.add_plugins(DeferredPlugin);
+        }
+        app.add_plugins((
             CommonPlugin,
             VrsPlugin,
             ScenePlugin,

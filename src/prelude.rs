@@ -2,9 +2,9 @@
 
 #[cfg(feature = "hardware-vrs")]
 pub use crate::HardwareVrsPlugin;
-pub use crate::{
-    NotReflected, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionPreset, ReflectionStatus,
-    ShadingRateHeuristic,
-};
 #[cfg(feature = "egui")]
-pub use crate::{ReflectionQuality, ReflectionSettingsPanelPlugin};
+pub use crate::ReflectionSettingsPanelPlugin;
+pub use crate::{
+    NotReflected, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionPreset, ReflectionQuality,
+    ReflectionStatus, ReflectionsDeclined, ReflectionsReady, ShadingRateHeuristic,
+};

@@ -48,6 +48,9 @@ pub struct ReflectionStatusReport {
     /// Cameras that reflect, each with its active back end: [`ReflectionBackend::HardwareVrs`], or [`ReflectionBackend::Compute`]
     /// for all else.
     pub active_backends: Vec<(Entity, ReflectionBackend)>,
+    /// Cameras that ask for reflections and get none, each with the reason and its remedy. Where nothing can be traced at all, `tracer` is
+    /// `None`, and [`reasons`](Self::reasons) says why.
+    pub declined: Vec<(Entity, &'static str)>,
     /// Cameras that see nothing to reflect on: only their rate pass runs, in every second frame.
     pub culled_views: usize,
     /// GPU memory that each camera's reflections own.
@@ -121,6 +124,11 @@ impl ReflectionStatus {
     /// A copy of the present status.
     pub fn report(&self) -> ReflectionStatusReport {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Looks at the present status without a copy.
+    pub(crate) fn read<T>(&self, look: impl FnOnce(&ReflectionStatusReport) -> T) -> T {
+        look(&self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     pub(crate) fn update(&self, change: impl FnOnce(&mut ReflectionStatusReport)) {

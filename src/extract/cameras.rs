@@ -5,6 +5,7 @@ use super::{
     problems::{Problem, Warnings},
 };
 use crate::{
+    deferred::is_deferred,
     ready::{Readiness, pipeline_key},
     scene::environment::ViewEnvironment,
     settings::{
@@ -22,13 +23,13 @@ use bevy::{
     core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass},
     ecs::{
         entity::{EntityHashMap, EntityHashSet},
+        name::NameOrEntity,
         prelude::*,
         query::{QueryData, QueryState},
         system::SystemParam,
     },
     math::{Mat4, UVec2},
-    pbr::{DefaultOpaqueRendererMethod, ScreenSpaceReflections},
-    reflect::PartialReflect,
+    pbr::ScreenSpaceReflections,
     render::{MainWorld, renderer::RenderDevice, sync_world::RenderEntity, view::Msaa},
     transform::components::GlobalTransform,
 };
@@ -38,6 +39,7 @@ use bevy::{
 #[query_data(mutable)]
 pub(super) struct CameraQuery {
     entity: Entity,
+    label: NameOrEntity,
     render_entity: RenderEntity,
     camera: &'static Camera,
     reflections: Option<&'static mut RayTracedReflections>,
@@ -143,6 +145,7 @@ struct Findings {
     present: EntityHashSet,
     waiting: usize,
     active_backends: Vec<(Entity, ReflectionBackend)>,
+    declined: Vec<(Entity, &'static str)>,
     culled_views: usize,
 }
 
@@ -290,7 +293,7 @@ pub(super) fn extract_cameras(
         warnings,
         fallbacks,
     } = &mut *state;
-    let forward = is_forward(&main_world);
+    let forward = !main_world.get_resource().is_some_and(is_deferred);
     let query = query.get_or_insert_with(|| main_world.query::<CameraQuery>());
     let mut extraction = Extraction {
         readiness,
@@ -307,11 +310,12 @@ pub(super) fn extract_cameras(
             continue;
         }
         let problems = camera.problems(forward, &reflections, &mut limits);
-        warnings.note(camera.entity, &problems);
-        if problems
+        warnings.note(&camera.label, &problems);
+        let fatal = problems
             .iter()
-            .any(|(problem, is_present)| *is_present && problem.is_fatal())
-        {
+            .find(|(problem, is_present)| *is_present && problem.is_fatal());
+        if let Some((problem, _)) = fatal {
+            extraction.found.declined.push((camera.entity, problem.remedy()));
             if camera.screen_space && existing.contains(camera.render_entity) {
                 // The uniform on the view is Bevy's own now.
                 let mut view = extraction.commands.entity(camera.render_entity);
@@ -322,7 +326,7 @@ pub(super) fn extract_cameras(
         }
         extraction.found.wanting.insert(camera.render_entity);
         let (request, reason) = Request::new(&camera, &reflections, &vrs);
-        fallbacks.note(camera.entity, reason);
+        fallbacks.note(&camera.label, reason);
         let view = existing.get_mut(camera.render_entity).ok();
         let reset = reflections.reset;
         if extraction.update_view(&camera, request, reset, view) && reset {
@@ -335,25 +339,19 @@ pub(super) fn extract_cameras(
         present,
         waiting,
         active_backends,
+        declined,
         culled_views,
     } = extraction.found;
     status.update(|report| {
         report.ready = waiting == 0 && !wanting.is_empty();
         report.hardware_vrs = vrs.status();
         report.active_backends = active_backends;
+        report.declined = declined;
         report.culled_views = culled_views;
     });
     fallbacks.publish(&present, &status);
     cameras.retain(|entity, _| present.contains(entity));
     warnings.retain(&present);
-}
-
-/// Opaque materials are rendered forward unless they say otherwise.
-fn is_forward(main_world: &MainWorld) -> bool {
-    let deferred = DefaultOpaqueRendererMethod::deferred();
-    main_world
-        .get_resource::<DefaultOpaqueRendererMethod>()
-        .is_none_or(|method| method.reflect_partial_eq(&deferred) != Some(true))
 }
 
 #[cfg(test)]

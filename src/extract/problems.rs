@@ -1,7 +1,10 @@
 //! Reasons why a camera shows no reflections, and what the log says about them.
 
 use bevy::{
-    ecs::entity::{Entity, EntityHashSet},
+    ecs::{
+        entity::{Entity, EntityHashSet},
+        name::NameOrEntityItem,
+    },
     log::warn,
     platform::collections::HashSet,
 };
@@ -24,7 +27,8 @@ impl Problem {
         self != Self::Forward
     }
 
-    fn remedy(self) -> &'static str {
+    /// What is wrong and what to do, in half a sentence.
+    pub fn remedy(self) -> &'static str {
         match self {
             Self::ScreenSpace => {
                 "it shows no ray-traced reflections, since it also has `ScreenSpaceReflections`, which use the same hook in \
@@ -50,8 +54,8 @@ impl Problem {
                  smaller image, or a technique with a ray for four pixels, such as `ReflectionTechnique::Quarter`"
             }
             Self::Forward => {
-                "only materials whose `opaque_render_method` is `Deferred` reflect: for all opaque materials, insert the \
-                 resource `DefaultOpaqueRendererMethod::deferred()`"
+                "only materials whose `opaque_render_method` is `Deferred` reflect: for all opaque materials, leave the plugin's \
+                 `deferred_by_default` on and the resource `DefaultOpaqueRendererMethod` alone"
             }
         }
     }
@@ -63,11 +67,11 @@ pub(super) struct Warnings(HashSet<(Entity, Problem)>);
 
 impl Warnings {
     /// Warns of problems that are new. `problems` are all, each with whether it is present.
-    pub fn note(&mut self, camera: Entity, problems: &[(Problem, bool)]) {
+    pub fn note(&mut self, camera: &NameOrEntityItem, problems: &[(Problem, bool)]) {
         for &(problem, is_present) in problems {
             if !is_present {
-                self.0.remove(&(camera, problem));
-            } else if self.0.insert((camera, problem)) {
+                self.0.remove(&(camera.entity, problem));
+            } else if self.0.insert((camera.entity, problem)) {
                 warn!("camera {camera}: {}", problem.remedy());
             }
         }

@@ -6,6 +6,7 @@
 //! | `heuristic.rs`, `shading_rate.rs` | how many rays each tile gets |
 //! | `debug.rs` | debug views and counters |
 //! | `presets.rs` | bundles of settings |
+//! | `quality.rs` | the component that a game saves |
 //! | `words.rs` | words on command lines and in files |
 //! | `clamped.rs`, `clamped_rate.rs` | the same within its ranges, for shaders |
 //! | `view.rs` | the same on a view of the render world |
@@ -16,6 +17,7 @@ mod debug;
 mod denoiser;
 mod heuristic;
 mod presets;
+mod quality;
 mod reflections;
 mod shading_rate;
 mod view;
@@ -27,6 +29,7 @@ pub use heuristic::{
     CombinedThresholds, GrazingThresholds, RoughnessThresholds, ShadingRateHeuristic, ShadingRateTileSize,
 };
 pub use presets::{ReflectionPreset, TECHNIQUE_NAMES, named_settings};
+pub use quality::{ReflectionQuality, ReflectionsOff};
 pub use reflections::{
     NotReflected, RayTracedReflections, ReflectionBackend, ReflectionSampling, ReflectionTechnique,
     ReflectionTextureMip, ReflectionTracerChoice,
@@ -40,14 +43,18 @@ pub use words::UnknownName;
 pub(crate) use clamped::ClampedSettings;
 pub(crate) use clamped_rate::{RateSettings, RateThresholds, RateVariant};
 pub(crate) use debug::ViewDebug;
+pub(crate) use quality::apply_qualities;
 #[cfg(feature = "egui")]
 pub(crate) use reflections::PAPER_LEVEL;
-#[cfg(feature = "egui")]
-pub(crate) use words::words;
 
-use bevy::app::{App, Plugin};
+use bevy::{
+    app::{App, Plugin, PostUpdate},
+    core_pipeline::core_3d::check_msaa,
+    ecs::schedule::IntoScheduleConfigs,
+    pbr::deferred::insert_deferred_lighting_pass_id_component,
+};
 
-/// Registers the types of all settings.
+/// Registers the types of all settings, and has cameras follow their qualities.
 pub(crate) struct SettingsPlugin;
 
 impl Plugin for SettingsPlugin {
@@ -66,6 +73,15 @@ impl Plugin for SettingsPlugin {
             .register_type::<ReflectionDebugView>()
             .register_type::<ReflectionDebugSplit>()
             .register_type::<ReflectionDebugCounters>()
-            .register_type::<ReflectionPreset>();
+            .register_type::<ReflectionPreset>()
+            .register_type::<ReflectionQuality>()
+            .register_type::<ReflectionsOff>()
+            // Bevy completes deferred cameras in this schedule.
+            .add_systems(
+                PostUpdate,
+                apply_qualities
+                    .before(check_msaa)
+                    .before(insert_deferred_lighting_pass_id_component),
+            );
     }
 }

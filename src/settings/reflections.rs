@@ -13,11 +13,12 @@ use bevy::{
 ///
 /// Insert it on a `Camera3d` to switch reflections on, remove it to switch them off and to free what they used. All that it
 /// needs of the camera comes with it: HDR, the depth, deferred, normal and motion vector prepasses, and MSAA off. These are Bevy's
-/// and stay on the camera, since others may use them, too.
+/// and stay on the camera, since others may use them, too. Don't take them with `remove_with_requires`: that includes
+/// `SyncToRenderWorld`, without which Bevy draws the camera no more.
 ///
-/// Only surfaces that are rendered *deferred* reflect: set
-/// [`DefaultOpaqueRendererMethod::deferred()`](bevy::pbr::DefaultOpaqueRendererMethod) or a material's
-/// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method). Everything with a `Mesh3d` and a
+/// Only surfaces that are rendered *deferred* reflect: the plugin makes opaque materials so
+/// ([`deferred_by_default`](crate::RayTracedReflectionsPlugin::deferred_by_default)), unless a material's
+/// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method) says otherwise. Everything with a `Mesh3d` and a
 /// `MeshMaterial3d<StandardMaterial>` *is reflected*, unless it carries [`NotReflected`].
 ///
 /// A traced reflection replaces the specular part of the camera's environment map. Rays that hit nothing see that environment

@@ -57,8 +57,8 @@ pub(crate) use words;
 #[cfg(test)]
 mod tests {
     use crate::settings::{
-        ReflectionBackend, ReflectionDebugView, ReflectionPreset, ReflectionSampling, ReflectionTechnique,
-        ReflectionTracerChoice, ShadingRate, ShadingRateTileSize,
+        ReflectionBackend, ReflectionDebugView, ReflectionPreset, ReflectionQuality, ReflectionSampling,
+        ReflectionTechnique, ReflectionTracerChoice, ShadingRate, ShadingRateTileSize,
     };
     use core::{
         fmt::{Debug, Display},
@@ -83,6 +83,7 @@ mod tests {
         all_are_read_back(&ReflectionSampling::ALL);
         all_are_read_back(&ReflectionTracerChoice::ALL);
         all_are_read_back(&ReflectionPreset::ALL);
+        all_are_read_back(&ReflectionQuality::ALL);
         all_are_read_back(&ReflectionDebugView::ALL);
         all_are_read_back(&ShadingRateTileSize::ALL);
         all_are_read_back(&ShadingRate::ALL);

@@ -5,7 +5,10 @@ use crate::{
     status::ReflectionStatus,
 };
 use bevy::{
-    ecs::entity::{Entity, EntityHashMap, EntityHashSet},
+    ecs::{
+        entity::{EntityHashMap, EntityHashSet},
+        name::NameOrEntityItem,
+    },
     log::warn,
 };
 
@@ -34,19 +37,19 @@ pub(crate) struct Fallbacks {
 
 impl Fallbacks {
     /// Warns where the reason is another than in the last frame.
-    pub(crate) fn note(&mut self, camera: Entity, reason: Option<String>) {
+    pub(crate) fn note(&mut self, camera: &NameOrEntityItem, reason: Option<String>) {
         let Some(reason) = reason else {
-            self.reasons.remove(&camera);
+            self.reasons.remove(&camera.entity);
             return;
         };
-        if self.reasons.get(&camera) != Some(&reason) {
+        if self.reasons.get(&camera.entity) != Some(&reason) {
             warn!(
                 "camera {camera}: {}; it works on Vulkan devices with `VK_KHR_fragment_shading_rate`, with \
                  `HardwareVrsPlugin` before `DefaultPlugins` and tiles of a size that the device has (`ShadingRateTileSize`), and \
                  with `ReflectionBackend::Auto` nothing is missed",
                 sentence(&reason)
             );
-            self.reasons.insert(camera, reason);
+            self.reasons.insert(camera.entity, reason);
         }
     }
 
@@ -75,6 +78,7 @@ fn sentence(reason: &str) -> String {
 mod tests {
     use super::*;
     use crate::settings::RayTracedReflections;
+    use bevy::ecs::entity::Entity;
 
     fn settings(technique: ReflectionTechnique, backend: ReflectionBackend) -> ClampedSettings {
         ClampedSettings::from(&RayTracedReflections {
@@ -111,17 +115,18 @@ mod tests {
         let cameras: Vec<_> = (1..4).filter_map(Entity::from_raw_u32).collect();
         let present = cameras.iter().copied().collect();
         let mut fallbacks = Fallbacks::default();
+        let nameless = |entity| NameOrEntityItem { name: None, entity };
         for camera in &cameras {
-            fallbacks.note(*camera, Some("it rains".into()));
+            fallbacks.note(&nameless(*camera), Some("it rains".into()));
         }
         fallbacks.publish(&present, &status);
         assert_eq!(reasons().len(), 2);
         assert!(reasons()[1].contains("it rains"));
-        fallbacks.note(cameras[0], Some("it snows".into()));
+        fallbacks.note(&nameless(cameras[0]), Some("it snows".into()));
         fallbacks.publish(&present, &status);
         assert_eq!(reasons().len(), 3);
         for camera in &cameras[..2] {
-            fallbacks.note(*camera, None);
+            fallbacks.note(&nameless(*camera), None);
         }
         fallbacks.publish(&present, &status);
         assert_eq!(reasons().len(), 2);

@@ -1,20 +1,13 @@
 //! Settings of one camera that the panel edits, whether its reflections are on or off.
 
 use crate::settings::{
-    RayTracedReflections, ReflectionDebugSplit, ReflectionDebugView, ReflectionPreset, ShadingRateHeuristic,
-    ShadingRateTileSize,
+    RayTracedReflections, ReflectionDebugSplit, ReflectionDebugView, ReflectionPreset, ReflectionQuality,
+    ReflectionsOff, ShadingRateHeuristic, ShadingRateTileSize,
 };
 use bevy::{
     ecs::prelude::*,
     reflect::{Reflect, std_traits::ReflectDefault},
 };
-
-/// On a camera whose reflections were switched off by [`switch_reflections`], the panel or a
-/// [`ReflectionQuality`](super::ReflectionQuality): what its [`RayTracedReflections`] were. Nothing else reads it; without that
-/// component reflections cost nothing.
-#[derive(Component, Reflect, Clone, Debug, PartialEq)]
-#[reflect(Component, Debug, Clone, PartialEq)]
-pub struct ReflectionsOff(pub RayTracedReflections);
 
 /// Switches the reflections of a camera off, with their settings kept in [`ReflectionsOff`], or on again with the same settings. A
 /// camera that never had any starts with the default.
@@ -57,7 +50,8 @@ impl CameraSettings {
         }
     }
 
-    /// Gives the camera what differs from `before`, which [`read`](Self::read) returned.
+    /// Gives the camera what differs from `before`, which [`read`](Self::read) returned. Its [`ReflectionQuality`], if it has one, follows
+    /// where the new settings are those of a quality.
     pub fn write(&self, before: &Self, camera: &mut EntityWorldMut) {
         if self.on != before.on || self.reflections != before.reflections {
             let mut reflections = self.reflections.clone();
@@ -89,6 +83,11 @@ impl CameraSettings {
                 Some(split) => camera.insert(split),
                 None => camera.remove::<ReflectionDebugSplit>(),
             };
+        }
+        if let Some(new) = ReflectionQuality::of(camera.as_readonly())
+            && let Some(mut quality) = camera.get_mut::<ReflectionQuality>()
+        {
+            quality.set_if_neq(new);
         }
     }
 

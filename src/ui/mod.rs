@@ -3,7 +3,7 @@
 //! - [`ReflectionSettingsPanelPlugin`] shows a window with all settings of each camera and with live measurements, for development.
 //! - [`reflection_settings_ui`] and [`reflection_measurements_ui`] are its two halves, for a panel of your own, and
 //!   [`camera_settings_ui`] and [`measurements_ui`] the same on plain data.
-//! - [`quality_menu`] is one row for the options menu of a game, and [`ReflectionQuality`] the word that the game saves.
+//! - [`quality_menu`] is one row for the options menu of a game. It chooses a [`ReflectionQuality`](crate::ReflectionQuality).
 //!
 //! ```no_run
 //! use bevy::prelude::*;
@@ -21,7 +21,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `panel.rs` | the plugin, its window and the two halves |
-//! | `camera.rs` | the settings of a camera as plain data, and those that it keeps while it is off |
+//! | `camera.rs` | the settings of a camera as plain data |
 //! | `settings_ui.rs`, `rates_ui.rs` | a row for each setting |
 //! | `widgets.rs` | what rows are made of |
 //! | `tooltips.rs` | tooltips from the documentation of settings |
@@ -37,10 +37,10 @@ mod timings;
 mod tooltips;
 mod widgets;
 
-pub use camera::{CameraSettings, ReflectionsOff, switch_reflections};
+pub use camera::{CameraSettings, switch_reflections};
 pub use panel::{
     ReflectionSettingsPanel, ReflectionSettingsPanelPlugin, reflection_measurements_ui, reflection_settings_ui,
 };
-pub use quality::{ReflectionQuality, quality_menu};
+pub use quality::quality_menu;
 pub use settings_ui::{camera_settings_ui, why_no_hardware, why_no_reflections};
 pub use timings::{Measurements, PassTime, measurements_ui};

@@ -1,14 +1,13 @@
 //! The plugin, its window, and the parts of the window for panels of others.
 
 use super::{
-    camera::{CameraSettings, ReflectionsOff},
-    quality::ReflectionQuality,
+    camera::CameraSettings,
     settings_ui::camera_settings_ui,
     timings::{Measurements, entry, measurements_ui, mebibytes},
 };
 use crate::{
     device::ReflectionTracer,
-    settings::RayTracedReflections,
+    settings::{RayTracedReflections, ReflectionsOff},
     status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory},
 };
 use bevy::{
@@ -73,9 +72,7 @@ pub struct ReflectionSettingsPanel {
 
 impl Plugin for ReflectionSettingsPanelPlugin {
     fn build(&self, app: &mut App) {
-        app.register_type::<ReflectionsOff>()
-            .register_type::<ReflectionQuality>()
-            .register_type::<CameraSettings>()
+        app.register_type::<CameraSettings>()
             .register_type::<ReflectionSettingsPanel>()
             .register_type::<Measurements>()
             .insert_resource(ReflectionSettingsPanel {

@@ -374,7 +374,7 @@ fn settings_panel() {
 #[cfg(feature = "egui")]
 #[test]
 fn quality_menu() {
-    use bevy_glint::ui::ReflectionQuality;
+    use bevy_glint::ReflectionQuality;
     use quality_menu::{GameSettings, SettingsFile};
 
     let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("example-quality_menu.txt");

@@ -9,8 +9,10 @@ mod stage;
 mod back_ends;
 mod convergence;
 mod debug_views;
+mod deferred;
 mod dynamics;
 mod effects;
+mod events;
 mod examples;
 mod ground_truth;
 mod idle;
@@ -22,6 +24,7 @@ mod new_user;
 #[cfg(feature = "egui")]
 mod panel;
 mod plugin;
+mod quality;
 mod reflect;
 mod robustness;
 mod toggle;

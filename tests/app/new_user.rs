@@ -214,6 +214,7 @@ fn make(folder: &Path) {
         (cfg!(feature = "egui"), "egui"),
         (cfg!(feature = "hardware-vrs"), "hardware-vrs"),
         (cfg!(feature = "internals"), "internals"),
+        (cfg!(feature = "serde"), "serde"),
     ]
     .into_iter()
     .filter_map(|(on, name)| on.then_some(name))
@@ -316,6 +317,13 @@ fn the_readme_has_every_step() {
     }
     let code = main_file();
     assert!(code.contains("check::plugins()") && !code.contains("DefaultPlugins"));
+    // The plugin and one component: the rest is what the plugin is for.
+    for word in ["DefaultOpaqueRendererMethod", "Prepass", "Msaa", "Hdr"] {
+        assert!(
+            !code.contains(&format!("{word}::")),
+            "the README's code needs no {word}"
+        );
+    }
     assert_eq!(
         dependency("bevy = \"0.20\""),
         "bevy = { version = \"0.20\", default-features = false }"

@@ -16,11 +16,11 @@ use bevy::{
 use bevy_egui::{EguiContext, EguiOutput, EguiPlugin, EguiRenderOutput, egui::Ui};
 use bevy_glint::{
     CombinedThresholds, HardwareVrsSupport, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionBackend,
-    ReflectionDebugView, ReflectionPreset, ReflectionSettingsPanel, ReflectionSettingsPanelPlugin,
-    ReflectionStatusReport, ReflectionTechnique, ReflectionTracer, ShadingRateHeuristic,
+    ReflectionDebugView, ReflectionPreset, ReflectionQuality, ReflectionSettingsPanel, ReflectionSettingsPanelPlugin,
+    ReflectionStatusReport, ReflectionTechnique, ReflectionTracer, ReflectionsOff, ShadingRateHeuristic,
     ui::{
-        CameraSettings, ReflectionQuality, ReflectionsOff, camera_settings_ui, quality_menu,
-        reflection_measurements_ui, reflection_settings_ui, switch_reflections, why_no_hardware, why_no_reflections,
+        CameraSettings, camera_settings_ui, quality_menu, reflection_measurements_ui, reflection_settings_ui,
+        switch_reflections, why_no_hardware, why_no_reflections,
     },
 };
 
@@ -295,51 +295,26 @@ fn the_options_menu_chooses_a_quality() {
 }
 
 #[test]
-fn qualities_are_written_and_read() {
-    for quality in ReflectionQuality::ALL {
-        assert_eq!(quality.to_string().parse(), Ok(quality));
-    }
-    let error = "best".parse::<ReflectionQuality>().unwrap_err().to_string();
-    assert_eq!(error, "`best` is unknown; choose one of: off, low, medium, high, ultra");
-}
-
-#[test]
-fn qualities_are_applied_to_cameras() {
+fn the_quality_of_a_camera_follows_the_panel() {
     let mut world = World::new();
-    let id = world.spawn(Camera3d::default()).id();
+    let id = world.spawn((Camera3d::default(), ReflectionQuality::Medium)).id();
     let mut camera = world.entity_mut(id);
-    assert_eq!(
-        ReflectionQuality::of(camera.as_readonly()),
-        Some(ReflectionQuality::Off)
-    );
-    for quality in ReflectionQuality::ALL {
-        quality.apply(&mut camera);
-        assert_eq!(ReflectionQuality::of(camera.as_readonly()), Some(quality));
-        let settings = quality.settings();
-        assert_eq!(
-            camera.get::<RayTracedReflections>(),
-            settings.as_ref().map(|all| &all.0)
-        );
-        if let Some(mut reflections) = camera.get_mut::<RayTracedReflections>() {
-            reflections.reset = false;
-        }
-        quality.apply(&mut camera);
-        let reset = camera.get::<RayTracedReflections>().is_some_and(|all| all.reset);
-        assert!(!reset, "the same quality again is no change");
-    }
-    if let Some(mut reflections) = camera.get_mut::<RayTracedReflections>() {
-        reflections.backend = ReflectionBackend::Compute;
-        reflections.roughness_cutoff = 0.125;
-    }
-    assert_eq!(ReflectionQuality::of(camera.as_readonly()), None);
-    ReflectionQuality::Low.apply(&mut camera);
-    let backend = camera.get::<RayTracedReflections>().map(|all| all.backend);
-    assert_eq!(backend, Some(ReflectionBackend::Compute));
-
-    let mut commands = world.commands();
-    ReflectionQuality::Off.queue(&mut commands.entity(id));
-    world.flush();
-    assert_eq!(ReflectionQuality::of(world.entity(id)), Some(ReflectionQuality::Off));
+    camera.insert(RayTracedReflections::default());
+    let mut change = |change: fn(&mut CameraSettings)| {
+        let before = CameraSettings::read(camera.as_readonly());
+        let mut after = before.clone();
+        change(&mut after);
+        after.write(&before, &mut camera);
+        camera.get::<ReflectionQuality>().copied()
+    };
+    let high = change(|settings| settings.apply_preset(ReflectionPreset::High));
+    assert_eq!(high, Some(ReflectionQuality::High));
+    let none = change(|settings| settings.reflections.roughness_cutoff = 0.125);
+    assert_eq!(none, Some(ReflectionQuality::High), "no quality is like this");
+    assert_eq!(change(|settings| settings.on = false), Some(ReflectionQuality::Off));
+    camera.remove::<ReflectionQuality>();
+    switch_reflections(&mut camera, true);
+    assert!(!camera.contains::<ReflectionQuality>(), "it is up to the app");
 }
 
 #[test]

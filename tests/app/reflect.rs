@@ -2,8 +2,8 @@
 
 #[cfg(feature = "egui")]
 use bevy_glint::{
-    ReflectionQuality, ReflectionSettingsPanel, ReflectionSettingsPanelPlugin,
-    ui::{CameraSettings, Measurements, PassTime, ReflectionsOff},
+    ReflectionSettingsPanel, ReflectionSettingsPanelPlugin,
+    ui::{CameraSettings, Measurements, PassTime},
 };
 
 use bevy::{
@@ -13,28 +13,30 @@ use bevy::{
 use bevy_glint::{
     CombinedThresholds, GrazingThresholds, HardwareVrsSupport, NotReflected, RayTracedReflections,
     RayTracedReflectionsPlugin, ReflectionBackend, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView,
-    ReflectionDenoiser, ReflectionNonFiniteReport, ReflectionPreset, ReflectionSampling, ReflectionStatus,
-    ReflectionStatusReport, ReflectionTechnique, ReflectionTextureMip, ReflectionTracer, ReflectionTracerChoice,
-    ReflectionViewMemory, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
+    ReflectionDenoiser, ReflectionNonFiniteReport, ReflectionPreset, ReflectionQuality, ReflectionSampling,
+    ReflectionStatus, ReflectionStatusReport, ReflectionTechnique, ReflectionTextureMip, ReflectionTracer,
+    ReflectionTracerChoice, ReflectionViewMemory, ReflectionsDeclined, ReflectionsOff, ReflectionsReady,
+    RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
 };
 use core::any::{TypeId, type_name};
 use std::{fs, path::Path};
 
 /// Files with types that an app holds.
-const FILES: [&str; 14] = [
+const FILES: [&str; 15] = [
     "settings/reflections.rs",
     "settings/denoiser.rs",
     "settings/heuristic.rs",
     "settings/shading_rate.rs",
     "settings/debug.rs",
     "settings/presets.rs",
+    "settings/quality.rs",
     "device/shading_rates.rs",
     "device/texture_mode.rs",
     "device/tracer.rs",
+    "events.rs",
     "status.rs",
     "ui/camera.rs",
     "ui/panel.rs",
-    "ui/quality.rs",
     "ui/timings.rs",
 ];
 /// A type that a method returns, and a plugin: no inspector shows them.
@@ -88,6 +90,7 @@ fn components_are_registered() {
     let mut app = app();
     component::<RayTracedReflections>(&mut app);
     component::<NotReflected>(&mut app);
+    component::<ReflectionQuality>(&mut app);
     component::<ShadingRateHeuristic>(&mut app);
     component::<ShadingRateTileSize>(&mut app);
     component::<ReflectionDebugView>(&mut app);
@@ -132,6 +135,10 @@ fn reports_are_registered() {
     known::<ReflectionTracer>(&types);
     known::<ReflectionViewMemory>(&types);
     known::<ReflectionNonFiniteReport>(&types);
+    known::<ReflectionsReady>(&types);
+    known::<ReflectionsDeclined>(&types);
+    let off = known::<ReflectionsOff>(&types);
+    assert!(off.data::<ReflectComponent>().is_some());
 }
 
 #[cfg(feature = "egui")]
@@ -139,12 +146,9 @@ fn reports_are_registered() {
 fn what_the_panel_brings_is_registered() {
     let app = app();
     let types = app.world().resource::<AppTypeRegistry>().read();
-    default::<ReflectionQuality>(&types);
     default::<CameraSettings>(&types);
     default::<Measurements>(&types);
     known::<PassTime>(&types);
-    let off = known::<ReflectionsOff>(&types);
-    assert!(off.data::<ReflectComponent>().is_some());
 }
 
 #[test]

@@ -14,7 +14,7 @@ fn cost(instances: usize) -> Option<f64> {
     };
     let tracer = ReflectionTracerChoice::Bvh;
     let mut app = match HeadlessApp::new(settings, |app| {
-        clock.add_plugin(app, RayTracedReflectionsPlugin { tracer });
+        clock.add_plugin(app, RayTracedReflectionsPlugin { tracer, ..default() });
     }) {
         Ok(app) => app,
         Err(error) => {

@@ -43,7 +43,12 @@ pub fn app_of(
     add: impl FnOnce(&mut App),
 ) -> Option<HeadlessApp> {
     let result = HeadlessApp::with_device(settings, before, |app| {
-        app.add_plugins((SceneAnimationPlugin, RayTracedReflectionsPlugin { tracer }));
+        let reflections = RayTracedReflectionsPlugin {
+            tracer,
+            // The harness draws deferred already, and cameras lack what tests take from them.
+            deferred_by_default: false,
+        };
+        app.add_plugins((SceneAnimationPlugin, reflections));
         add(app);
     });
     let mut app = match result {

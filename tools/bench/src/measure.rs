@@ -125,7 +125,10 @@ impl Bench {
             settings,
             |app| open_device(app, backend),
             |app| {
-                app.add_plugins((RenderDiagnosticsPlugin, RayTracedReflectionsPlugin { tracer }));
+                app.add_plugins((
+                    RenderDiagnosticsPlugin,
+                    RayTracedReflectionsPlugin { tracer, ..default() },
+                ));
                 kernels::add(app);
             },
         )

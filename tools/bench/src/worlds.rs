@@ -234,7 +234,7 @@ impl Setup {
         };
         let clock = SystemClock::default();
         let mut app = HeadlessApp::new(settings, |app| {
-            clock.add_plugin(app, RayTracedReflectionsPlugin { tracer });
+            clock.add_plugin(app, RayTracedReflectionsPlugin { tracer, ..default() });
         })
         .map_err(|error| error.to_string())?;
         // The world lies behind the camera: drawing it is none of the plugin's work.

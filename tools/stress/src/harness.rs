@@ -275,6 +275,7 @@ fn add_plugins(app: &mut App, settings: &HarnessSettings) {
     if !settings.without_reflections {
         app.add_plugins(RayTracedReflectionsPlugin {
             tracer: settings.tracer,
+            ..default()
         });
     }
     if settings.checked {

@@ -24,6 +24,7 @@ pub fn add_after_bevy(app: &mut App, arguments: &Arguments) {
         gltf::plugin,
         RayTracedReflectionsPlugin {
             tracer: arguments.tracer,
+            ..default()
         },
     ));
     if arguments.panel {

@@ -9,7 +9,6 @@ use bevy::{
         prepass::{DeferredPrepass, DepthPrepass},
         tonemapping::DebandDither,
     },
-    pbr::DefaultOpaqueRendererMethod,
     prelude::*,
 };
 use bevy_egui::EguiGlobalSettings;
@@ -56,7 +55,6 @@ pub fn open(arguments: &Arguments) -> Result<(), String> {
             }),
         FreeCameraPlugin,
     ))
-    .insert_resource(DefaultOpaqueRendererMethod::deferred())
     // Input over the panel isn't meant for the camera.
     .insert_resource(EguiGlobalSettings {
         enable_absorb_bevy_input_system: true,

@@ -19,7 +19,7 @@ fn app() -> Option<HeadlessApp> {
     };
     let tracer = ReflectionTracerChoice::Bvh;
     match HeadlessApp::new(settings, |app| {
-        app.add_plugins(RayTracedReflectionsPlugin { tracer });
+        app.add_plugins(RayTracedReflectionsPlugin { tracer, ..default() });
     }) {
         Ok(app) => Some(app),
         Err(error @ HeadlessError::NoRenderer) => {

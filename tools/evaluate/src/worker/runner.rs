@@ -90,7 +90,7 @@ impl<'a> Runner<'a> {
             if solari {
                 techniques::solari::add(app);
             } else {
-                app.add_plugins(RayTracedReflectionsPlugin { tracer });
+                app.add_plugins(RayTracedReflectionsPlugin { tracer, ..default() });
             }
         });
         let mut app = app.map_err(text)?;

@@ -1,0 +1,145 @@
+//! How good the reflections of a camera are, in one word: what a player chooses and a game saves.
+
+use super::{RayTracedReflections, ReflectionPreset, ShadingRateHeuristic, words::words};
+#[cfg(feature = "serde")]
+use bevy::reflect::{ReflectDeserialize, ReflectSerialize};
+use bevy::{
+    ecs::prelude::*,
+    reflect::{Reflect, std_traits::ReflectDefault},
+};
+
+/// How good the reflections of a camera are: what a player chooses.
+///
+/// As a component of a `Camera3d` it is all that the camera needs:
+///
+/// ```no_run
+/// use bevy::prelude::*;
+/// use bevy_glint::prelude::*;
+///
+/// fn spawn(mut commands: Commands) {
+///     commands.spawn((Camera3d::default(), ReflectionQuality::High));
+/// }
+/// ```
+///
+/// Whenever it is inserted or changed, it gives the camera the [`RayTracedReflections`] and the [`ShadingRateHeuristic`] of its
+/// [`preset`](Self::preset), before the frame is drawn. The back end of the camera stays. Other changes of these two components last
+/// until the quality changes again, and removing the quality leaves them as they are.
+///
+/// [`Display`](core::fmt::Display) and [`FromStr`](core::str::FromStr) turn it into a word for a settings file and back. With the crate
+/// feature `serde` it is (de)serialized as the same word.
+#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[reflect(Component, Default, Debug, Clone, PartialEq, Hash)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(rename_all = "lowercase"),
+    reflect(Serialize, Deserialize)
+)]
+pub enum ReflectionQuality {
+    /// No rays: reflections come from the environment map alone, and the crate costs nothing.
+    ///
+    /// The camera loses its [`RayTracedReflections`]; [`ReflectionsOff`] keeps what they were.
+    Off,
+    /// [`ReflectionPreset::Low`].
+    Low,
+    /// [`ReflectionPreset::Medium`].
+    #[default]
+    Medium,
+    /// [`ReflectionPreset::High`].
+    High,
+    /// [`ReflectionPreset::Ultra`].
+    Ultra,
+}
+
+words!(ReflectionQuality {
+    Off = "off",
+    Low = "low",
+    Medium = "medium",
+    High = "high",
+    Ultra = "ultra",
+});
+
+impl ReflectionQuality {
+    /// The word on the screen.
+    #[must_use]
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Off => "Off",
+            Self::Low => "Low",
+            Self::Medium => "Medium",
+            Self::High => "High",
+            Self::Ultra => "Ultra",
+        }
+    }
+
+    /// Its preset; `None` for [`Off`](Self::Off).
+    #[must_use]
+    pub fn preset(self) -> Option<ReflectionPreset> {
+        match self {
+            Self::Off => None,
+            Self::Low => Some(ReflectionPreset::Low),
+            Self::Medium => Some(ReflectionPreset::Medium),
+            Self::High => Some(ReflectionPreset::High),
+            Self::Ultra => Some(ReflectionPreset::Ultra),
+        }
+    }
+
+    /// The components that it gives a camera; `None` for [`Off`](Self::Off).
+    #[must_use]
+    pub fn settings(self) -> Option<(RayTracedReflections, ShadingRateHeuristic)> {
+        self.preset().map(ReflectionPreset::settings)
+    }
+
+    /// The quality that the settings of a camera amount to now; `None` if they are those of no quality. The back end makes no
+    /// difference.
+    #[must_use]
+    pub fn of(camera: EntityRef) -> Option<Self> {
+        let Some(reflections) = camera.get::<RayTracedReflections>() else {
+            return Some(Self::Off);
+        };
+        let heuristic = camera.get::<ShadingRateHeuristic>().cloned().unwrap_or_default();
+        Self::ALL.into_iter().find(|quality| {
+            quality.settings().is_some_and(|(mut settings, rates)| {
+                settings.backend = reflections.backend;
+                settings.reset = reflections.reset;
+                settings == *reflections && rates == heuristic
+            })
+        })
+    }
+
+    /// Gives a camera these settings, unless it has them already.
+    fn apply(self, camera: &mut EntityWorldMut) {
+        if Self::of(camera.as_readonly()) == Some(self) {
+            return;
+        }
+        let Some((mut reflections, heuristic)) = self.settings() else {
+            if let Some(reflections) = camera.take::<RayTracedReflections>() {
+                camera.insert(ReflectionsOff(reflections));
+            }
+            return;
+        };
+        let off = camera.get::<ReflectionsOff>().map(|off| &off.0);
+        if let Some(before) = camera.get::<RayTracedReflections>().or(off) {
+            reflections.backend = before.backend;
+        }
+        camera.remove::<ReflectionsOff>().insert((reflections, heuristic));
+    }
+}
+
+/// On a camera whose reflections were switched off by its [`ReflectionQuality`] or in the settings panel: what its
+/// [`RayTracedReflections`] were. Nothing else reads it; without that component reflections cost nothing.
+#[derive(Component, Reflect, Clone, Debug, PartialEq)]
+#[reflect(Component, Debug, Clone, PartialEq)]
+pub struct ReflectionsOff(pub RayTracedReflections);
+
+/// Gives cameras the settings of their qualities.
+pub(crate) fn apply_qualities(
+    cameras: Query<(Entity, &ReflectionQuality), Changed<ReflectionQuality>>,
+    mut commands: Commands,
+) {
+    for (camera, &quality) in &cameras {
+        commands
+            .entity(camera)
+            .queue_silenced(move |mut camera: EntityWorldMut| quality.apply(&mut camera));
+    }
+}

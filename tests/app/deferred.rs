@@ -1,0 +1,199 @@
+//! The plugin and one component are enough, and nothing of the app's other cameras vanishes.
+
+use crate::{
+    pictures::red_pixels,
+    stage::{BEFORE_THE_MIRROR, RED, SIZE, metal, report, spawn_mesh, unlit, wall},
+};
+use bevy::{
+    camera::{RenderTarget, ShadowLodOrigin},
+    core_pipeline::{
+        prepass::{DeferredPrepass, DepthPrepass, NormalPrepass},
+        tonemapping::{DebandDither, Tonemapping},
+    },
+    pbr::DefaultOpaqueRendererMethod,
+    prelude::*,
+    reflect::PartialReflect,
+    render::settings::{WgpuLimits, WgpuSettings},
+};
+use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin};
+use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, Output};
+
+/// An app as Bevy's default plugins leave it, with what `add` adds; `None` (with the reason printed) where this machine can't render.
+fn start(device: WgpuSettings, add: impl FnOnce(&mut App)) -> Option<HeadlessApp> {
+    let settings = HeadlessSettings {
+        size: SIZE,
+        device,
+        ..default()
+    };
+    let app = HeadlessApp::new(settings, |app| {
+        // The harness draws deferred; Bevy does not.
+        app.insert_resource(DefaultOpaqueRendererMethod::forward());
+        add(app);
+    });
+    match app {
+        Ok(app) => Some(app),
+        Err(error @ HeadlessError::NoRenderer) => {
+            let is_required = std::env::var_os("GLINT_REQUIRE_GPU").is_some();
+            assert!(!is_required, "a GPU is required, but: {error}");
+            println!("skipped: {error}");
+            None
+        }
+        Err(error) => panic!("{error}"),
+    }
+}
+
+fn start_with_plugin(add: impl FnOnce(&mut App)) -> Option<HeadlessApp> {
+    start(WgpuSettings::default(), |app| {
+        app.add_plugins(RayTracedReflectionsPlugin::default());
+        add(app);
+    })
+}
+
+fn is_deferred(app: &mut HeadlessApp) -> bool {
+    let method = app.world().resource::<DefaultOpaqueRendererMethod>();
+    method.reflect_partial_eq(&DefaultOpaqueRendererMethod::deferred()) == Some(true)
+}
+
+/// A camera as apps spawn it. Without a window nothing else says for whom shadows are drawn.
+fn camera(target: RenderTarget, order: isize) -> impl Bundle {
+    let camera = Camera { order, ..default() };
+    let view = (Camera3d::default(), camera, target, BEFORE_THE_MIRROR);
+    (view, ShadowLodOrigin, DebandDither::Disabled, Tonemapping::None)
+}
+
+fn wait(app: &mut HeadlessApp) {
+    app.warm_up(20_000).unwrap();
+    for _ in 0..20_000 {
+        let report = report(app);
+        if report.ready && report.meshes_pending == 0 && report.instances > 1 {
+            break;
+        }
+        app.step(1);
+    }
+    app.step(12);
+}
+
+#[test]
+fn the_plugin_and_one_component_are_enough() {
+    let Some(mut app) = start_with_plugin(|_| {}) else {
+        return;
+    };
+    assert!(is_deferred(&mut app));
+    spawn_mesh(&mut app, wall(), metal(0.0), Transform::IDENTITY);
+    let behind = Transform::from_xyz(0.0, 0.0, 6.0);
+    spawn_mesh(&mut app, Cuboid::from_length(2.0), unlit(RED), behind);
+    let target = app.target();
+    let id = app
+        .world()
+        .spawn((camera(target, 0), RayTracedReflections::default()))
+        .id();
+    wait(&mut app);
+    let on = red_pixels(&app.capture().unwrap());
+    app.world().entity_mut(id).remove::<RayTracedReflections>();
+    app.step(4);
+    let off = red_pixels(&app.capture().unwrap());
+    assert!(on > 100 && off == 0, "red pixels: {on} with reflections, {off} without");
+}
+
+/// Bevy draws deferred materials on no camera without the prepass, and panics over one with other prepasses.
+#[test]
+fn cameras_without_reflections_show_everything() {
+    let mut early = None;
+    let Some(mut app) = start_with_plugin(|app| early = Some(app.world_mut().spawn(Camera3d::default()).id())) else {
+        return;
+    };
+    let early = early.unwrap();
+    spawn_mesh(&mut app, Cuboid::from_length(1.0), unlit(RED), Transform::IDENTITY);
+    let targets = [(); 4].map(|()| app.add_target(SIZE, Output::Picture));
+    let main = app.target();
+    let main = app
+        .world()
+        .spawn((camera(main, 0), RayTracedReflections::default()))
+        .id();
+    // As apps have them: one that was there before the plugin was ready, a plain one, one with a prepass for an effect, and one that has
+    // lost its prepasses with its reflections.
+    app.world().entity_mut(early).insert(camera(targets[0].clone(), 1));
+    app.world().spawn(camera(targets[1].clone(), 2));
+    app.world()
+        .spawn((camera(targets[2].clone(), 3), DepthPrepass, NormalPrepass));
+    let off = app
+        .world()
+        .spawn((camera(targets[3].clone(), 4), RayTracedReflections::default()))
+        .id();
+    app.world()
+        .entity_mut(off)
+        .remove::<(RayTracedReflections, DepthPrepass, DeferredPrepass, NormalPrepass)>();
+    app.step(1);
+    for id in [main, early, off] {
+        assert!(app.world().entity(id).contains::<DeferredPrepass>());
+        assert_eq!(app.world().get::<Msaa>(id), Some(&Msaa::Off));
+    }
+    app.warm_up(20_000).unwrap();
+    app.step(4);
+    let expected = red_pixels(&app.capture().unwrap());
+    assert!(expected > 100, "the reflecting camera shows {expected} red pixels");
+    for (index, target) in targets.iter().enumerate() {
+        let found = red_pixels(&app.read_target(target).unwrap());
+        assert_eq!(found, expected, "red pixels of camera {index}");
+    }
+}
+
+#[test]
+fn an_app_can_keep_its_own_method() {
+    let Some(mut app) = start(WgpuSettings::default(), |app| {
+        app.add_plugins(RayTracedReflectionsPlugin {
+            deferred_by_default: false,
+            ..default()
+        });
+    }) else {
+        return;
+    };
+    let Some(mut other) = start_with_plugin(|app| {
+        app.insert_resource(DefaultOpaqueRendererMethod::forward());
+    }) else {
+        return;
+    };
+    for (what, app) in [("switched off", &mut app), ("inserted after the plugin", &mut other)] {
+        let target = app.target();
+        let plain = app.world().spawn(camera(target, 0)).id();
+        app.step(2);
+        assert!(!is_deferred(app), "{what}");
+        assert!(!app.world().entity(plain).contains::<DeferredPrepass>(), "{what}");
+        assert_ne!(app.world().get::<Msaa>(plain), Some(&Msaa::Off), "{what}");
+    }
+    // It may change its mind.
+    other.world().insert_resource(DefaultOpaqueRendererMethod::deferred());
+    other.step(1);
+    let mut plain = other.world().query_filtered::<Has<DeferredPrepass>, With<Camera3d>>();
+    assert!(plain.iter(other.world()).all(|deferred| deferred));
+}
+
+#[test]
+fn where_nothing_can_be_traced_materials_stay_as_they_were() {
+    let weak = || WgpuSettings {
+        constrained_limits: Some(WgpuLimits {
+            max_storage_buffers_per_shader_stage: 7,
+            ..WgpuLimits::default()
+        }),
+        ..default()
+    };
+    let plugin = RayTracedReflectionsPlugin::default();
+    let Some(mut app) = start(weak(), |app| {
+        app.add_plugins(plugin);
+    }) else {
+        return;
+    };
+    let Some(mut own) = start(weak(), |app| {
+        app.add_plugins(plugin)
+            .insert_resource(DefaultOpaqueRendererMethod::deferred());
+    }) else {
+        return;
+    };
+    assert_eq!(report(&mut app).tracer, None, "{}", report(&mut app));
+    assert!(!is_deferred(&mut app));
+    let target = app.target();
+    let plain = app.world().spawn(camera(target, 0)).id();
+    app.step(2);
+    assert!(!app.world().entity(plain).contains::<DeferredPrepass>());
+    assert!(is_deferred(&mut own), "the app has said so itself");
+}
