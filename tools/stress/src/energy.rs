@@ -259,7 +259,7 @@ mod tests {
         assert_eq!(check_light(-0.05, 0.001), LimitCheck::Within);
         assert_eq!(check_light(0.05, 0.001), LimitCheck::Exceeded);
         assert_eq!(check_light(-0.1, 0.001), LimitCheck::Exceeded);
-        assert_eq!(check_light(-0.1, 0.06), LimitCheck::Undecided);
+        assert_eq!(check_light(-0.1, 0.08), LimitCheck::Undecided);
         assert_eq!(check_light(f64::NAN, 0.0), LimitCheck::Exceeded);
     }
 
