@@ -100,7 +100,7 @@ impl Limits<'_> {
 fn fits(size: UVec2, technique: ReflectionTechnique, most_texels: u32) -> bool {
     let most_trace_pixels = match technique {
         ReflectionTechnique::Converged => most_texels,
-        // What rays hit takes two texels in each direction.
+        // Hits take two texels in each direction.
         _ => LARGEST_TRACE_SIZE.min(most_texels / 2),
     };
     size.max_element().div_ceil(technique.trace_scale()) <= most_trace_pixels

@@ -27,7 +27,7 @@ impl Problem {
         self != Self::Forward
     }
 
-    /// What is wrong and what to do, in half a sentence.
+    /// The problem and its remedy, in half a sentence.
     pub fn remedy(self) -> &'static str {
         match self {
             Self::ScreenSpace => {

@@ -85,7 +85,7 @@ struct SliceAllocator {
     /// Units that the buffer must have.
     capacity_units: u32,
     used_units: u32,
-    /// Where slices end, in units.
+    /// Ends of slices, in units.
     ends: BTreeSet<u32>,
 }
 

@@ -69,7 +69,7 @@ pub struct GpuInstance {
     pub flags: u32,
     /// Low bits of the entity, for debug views.
     pub id: u32,
-    /// BVH tracer: where the masks of an alpha-masked instance stand in the buffer of the trees.
+    /// BVH tracer: offset of the masks of an alpha-masked instance in the buffer of the trees.
     pub masks: u32,
     /// Fills up to 128 bytes.
     pub _padding: [u32; 3],

@@ -1,6 +1,6 @@
 //! Merging of objects at rest into trees in world space, for the BVH tracer; `bvh.rs` says why.
 //!
-//! The trees are built off the main thread and uploaded in parts. Until a tree stands in the buffer, its objects are instances like all
+//! The trees are built off the main thread and uploaded in parts. Until a tree is in the buffer, its objects are instances like all
 //! others. So is an object again after it moved, changed its mesh or what the traversal has to know of its material, was hidden or
 //! despawned: its triangles in the tree are overwritten by ones without area. [`scheduler`] decides what is merged and when.
 //!

@@ -73,7 +73,7 @@ impl<T: NoUninit> StorageSlice<T> {
         (limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / size_of::<T>() as u64) as usize
     }
 
-    /// Elements that stand in the buffer: shaders must not read beyond.
+    /// Elements that the buffer holds: shaders must not read beyond.
     pub fn count(&self) -> usize {
         self.len
     }

@@ -1,4 +1,4 @@
-//! What found no room, and when it is worth another try.
+//! Things that found no room, and when they are worth another try.
 
 use bevy::platform::collections::HashMap;
 use core::hash::Hash;

@@ -143,7 +143,7 @@ pub(super) fn prepare_views(
             old => {
                 let create = || ReflectionTextures::new(&device, sizes, needs, old.as_deref());
                 let Some(mut textures) = try_allocate(&device, create) else {
-                    // Those of other sizes or settings are of no use.
+                    // Textures of other sizes or settings are of no use.
                     commands.entity(entity).remove::<ReflectionTextures>();
                     refused.0.insert(entity, REFUSED_FRAMES);
                     continue;
