@@ -229,6 +229,6 @@ mod tests {
     fn only_variable_rates_have_back_ends() {
         assert!(has_backends("vrs-roughness") && has_backends("vrs-combined"));
         assert!(!has_backends("reference") && !has_backends("ssr") && !has_backends("off"));
-        assert!(is_variable("medium") && !has_backends("medium") && !is_variable("high") && !is_variable("solari"));
+        assert!(is_variable("medium") && !has_backends("medium") && !is_variable("ultra") && !is_variable("solari"));
     }
 }

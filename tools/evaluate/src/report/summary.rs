@@ -340,7 +340,7 @@ mod tests {
             ..row("atrium", "quarter", 1.0, 0.02)
         };
         let text = markdown(&[row("atrium", "reference", 2.0, 0.01), noisy]);
-        assert!(text.contains("too noisy") && text.contains("not decided"), "{text}");
+        assert!(text.contains("too noisy") && text.contains("**Not decided**"), "{text}");
     }
 
     #[test]
