@@ -243,7 +243,10 @@ fn rough_things_reflect_nothing() {
     let camera = app.spawn_camera(Transform::from_xyz(0.0, 0.0, 5.0));
     environment.insert(&mut app.world().entity_mut(camera));
     reflect(&mut app, camera, ReflectionTechnique::Variable);
-    app.world().entity_mut(camera).insert(RayTracedReflections::default());
+    app.world().entity_mut(camera).insert(RayTracedReflections {
+        roughness_cutoff: 0.6,
+        ..default()
+    });
     let picture = show(&mut app, camera, ReflectionDebugView::Off);
     assert!(picture.iter().any(|pixel| pixel.max_element() > 0.1));
     let pixels = show(&mut app, camera, ReflectionDebugView::Reflection);
