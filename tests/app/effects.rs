@@ -50,8 +50,8 @@ fn renders_after(app: &mut HeadlessApp, camera: Entity, effect: impl Bundle) -> 
     capture(app)
 }
 
-/// Where all rays miss, and the surroundings are the same everywhere, traced reflections are those of the environment map: what lies
-/// over one must lie over the other.
+/// If all rays miss, and the surroundings are the same everywhere, traced reflections are those of the environment map: an effect over one
+/// must lie over the other.
 #[test]
 fn effects_treat_rays_as_they_treat_the_environment_map() {
     let Some(mut app) = app() else { return };

@@ -467,6 +467,30 @@ fn frames_at_rest_count_by_their_weight() {
     assert!((mean - expected).abs() < 0.01 * expected, "{mean}, not {expected}");
 }
 
+#[test]
+fn static_views_keep_light_that_few_rays_find() {
+    let Some((gpu, mut shaders)) = gpu() else { return };
+    let mut mean = |rest: u32| {
+        let wall = Wall {
+            lean: 0.0,
+            roughness: 160,
+            rest,
+            accumulated: rest,
+            ..Wall::new(uvec2(96, 64))
+        };
+        // Every 64th ray finds a lamp 3,000 times brighter than what the others see.
+        let seen = |block: UVec2| {
+            let finds_lamp = (block / 2 % 8) == uvec2(3, 5);
+            let light = if finds_lamp { 3000.0 } else { 1.0 };
+            [light, light, light, 4.0]
+        };
+        let image = wall.reconstruct(gpu, &mut shaders, seen);
+        image.iter().map(|texel| texel.radiance[0]).sum::<f32>() / image.len() as f32
+    };
+    let (moving, rest) = (mean(0), mean(1000));
+    assert!(rest > 2.0 * moving, "{rest} at rest, {moving} in motion");
+}
+
 /// A young history of light from `seen`, of which nobody knows how noisy it is.
 fn noisy_history(wall: &Wall, gpu: &Gpu, shaders: &mut Shaders, seen: impl Fn(UVec2) -> f32) -> History {
     let texel = |pixel| Reconstructed {

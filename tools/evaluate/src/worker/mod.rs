@@ -72,6 +72,21 @@ mod tests {
         assert!(store.is_complete(&job));
         let truth: TrueSums = read_json(&store.true_sums(0)).unwrap();
         assert!(truth.pixels > 500, "{} pixels count", truth.pixels);
+        // Nothing but the named shapes reflects.
+        assert_eq!(truth.names.len(), 15, "{:?}", truth.names);
+        let light = |named: bool| -> f64 {
+            let cells = truth.objects.iter().zip(&truth.halves[0]);
+            cells
+                .filter(|(object, _)| (**object > 0) == named)
+                .map(|(_, light)| light)
+                .sum()
+        };
+        assert!(
+            light(false).abs() < 0.02 * light(true),
+            "{} and {}",
+            light(false),
+            light(true)
+        );
         let captured: Captured = store.load_captured(&job.variants[1]).unwrap();
         let [view] = &captured.light[..] else {
             panic!("{} views", captured.light.len())
