@@ -24,7 +24,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let i = inputs[id.x];
     let normal = i.normal.xyz;
     let view = i.view.xyz;
-    let lit = LitSurface(i.position.xyz, normal, view, reflect(-view, normal), max(dot(normal, view), 1e-4), i.normal.w,
+    let lit = LitSurface(i.position.xyz, normal, view, reflect(-view, normal), max(dot(normal, view), 1e-4), i.normal.w, i.normal.w,
         i.color.xyz, vec3(i.color.w), vec2(i.view.w));
     let radiance = evaluate_light(i.light, lit, light_path(i.light, lit.position, normal));
     outputs[id.x] = vec4(radiance, select(0.0, 1.0, is_in_reach(i.light, lit.position, normal)));

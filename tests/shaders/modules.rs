@@ -43,7 +43,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if hit.instance != NO_HIT {
         let surface = load_surface(hit, ray, 0.0, 0.001);
         let origin = offset_origin(surface.position, surface.geometric_normal, surface.position_scale);
-        radiance = shade(surface, -ray.direction, visible_lights(surface, 0u, MAX_LIGHTS)) + origin * 0.0;
+        radiance = shade(surface, -ray.direction, visible_lights(surface, 0u, MAX_LIGHTS), 0.0) + origin * 0.0;
         @if(RAY_QUERY) {
         if !alpha_test(hit.instance, hit.primitive, hit.barycentrics) {
             radiance = vec3<f32>(0.0);
