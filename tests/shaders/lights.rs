@@ -24,8 +24,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let i = inputs[id.x];
     let normal = i.normal.xyz;
     let view = i.view.xyz;
-    let lit = LitSurface(i.position.xyz, normal, view, reflect(-view, normal), max(dot(normal, view), 1e-4), i.normal.w, i.normal.w,
-        i.color.xyz, vec3(i.color.w), vec2(i.view.w));
+    let lit = LitSurface(i.position.xyz, normal, view, reflect(-view, normal), max(dot(normal, view), 1e-4), i.normal.w,
+        max(i.normal.w, i.position.w), i.color.xyz, vec3(i.color.w), vec2(i.view.w));
     let radiance = evaluate_light(i.light, lit, light_path(i.light, lit.position, normal));
     outputs[id.x] = vec4(radiance, select(0.0, 1.0, is_in_reach(i.light, lit.position, normal)));
 }
@@ -35,6 +35,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 #[repr(C)]
 struct Lit {
     light: GpuLight,
+    /// And roughness of highlights, where that is more.
     position: Vec4,
     /// And roughness.
     normal: Vec4,
@@ -124,6 +125,60 @@ fn what_is_out_of_reach_gets_no_light() {
             "{name}: {spared} of {} are spared",
             COUNT - lit
         );
+    }
+}
+
+/// A rough floor draws rays towards a polished surface, in which few of them see the sun.
+#[test]
+fn wider_highlights_have_the_same_light_and_less_noise() {
+    const RAYS: usize = 65536;
+    // As `HIGHLIGHT_WIDTH` of `shading.wesl` makes of the floor's lobe.
+    const FLOOR_ALPHA: f32 = 0.2;
+    const POLISHED: f32 = 0.089 * 0.089;
+    let Some(gpu) = Gpu::new() else { return };
+    for kind in [LIGHT_DIRECTIONAL, LIGHT_POINT] {
+        let mut random = Random(11);
+        let to_light = vec3(1.0, 0.0, 1.0).normalize();
+        let sun = GpuLight {
+            kind,
+            color: [1.0; 3],
+            direction: to_light.to_array(),
+            position: (200.0 * to_light).to_array(),
+            radius: 0.1,
+            ..Default::default()
+        };
+        let views: Vec<Vec3> = (0..RAYS)
+            .map(|_| {
+                // Twice the angle of the half vectors of the floor's lobe, by their distribution D cos.
+                let (u, v) = (random.next(), 2.0 * PI * random.next());
+                let tangent = 2.0 * FLOOR_ALPHA * (u / (1.0 - u)).sqrt().min(1.0);
+                let mirror = vec3(-to_light.x, 0.0, to_light.z);
+                let turned = orthonormal_basis(mirror) * vec3(tangent * v.cos(), tangent * v.sin(), 1.0);
+                turned.normalize()
+            })
+            .collect();
+        let moments = |highlight: f32| {
+            let inputs: Vec<Lit> = views
+                .iter()
+                .map(|view| Lit {
+                    light: sun,
+                    position: Vec3::ZERO.extend(highlight),
+                    normal: Vec3::Z.extend(POLISHED),
+                    view: view.extend(0.5),
+                    color: vec3(0.0, 0.0, 0.0).extend(0.04),
+                })
+                .collect();
+            let outputs: Vec<Vec4> = gpu.run(&flatten(LIT, &[], &[]), &inputs, &[]);
+            let values = outputs.iter().map(|output| f64::from(output.x));
+            let mean = values.clone().sum::<f64>() / RAYS as f64;
+            let square = values.map(|value| value * value).sum::<f64>() / RAYS as f64;
+            (mean, square / (mean * mean) - 1.0)
+        };
+        let (mean, variance) = moments(POLISHED);
+        let (wide_mean, wide_variance) = moments(POLISHED.hypot(0.5 * FLOOR_ALPHA));
+        println!("{kind}: mean {mean:.3e} -> {wide_mean:.3e}, relative variance {variance:.0} -> {wide_variance:.1}");
+        assert!((wide_mean / mean - 1.0).abs() < 0.1, "{mean} and {wide_mean}");
+        assert!(wide_variance < 0.1 * variance, "{variance} and {wide_variance}");
     }
 }
 
