@@ -93,13 +93,14 @@ pub use device::{HardwareVrsSupport, ReflectionTextureMode, ReflectionTracer};
 pub use diagnostics::{ReflectionDiagnosticsPlugin, ReflectionNonFiniteReport};
 pub use events::{ReflectionsDeclined, ReflectionsReady};
 pub use plugin::RayTracedReflectionsPlugin;
+pub use scene::{ReflectedMaterial, ReflectedMaterialPlugin};
 pub use schedule::ReflectionSystems;
 pub use settings::{
-    CombinedThresholds, GrazingThresholds, NotReflected, RATE_LEGEND, RayTracedReflections, ReflectionBackend,
-    ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionPreset,
-    ReflectionQuality, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice,
-    ReflectionsOff, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES,
-    UnknownName, named_settings,
+    CombinedThresholds, GrazingThresholds, NotReflected, RATE_LEGEND, RayTracedReflections, ReflectedMaterial3d,
+    ReflectedMesh3d, ReflectionBackend, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView,
+    ReflectionDenoiser, ReflectionPreset, ReflectionQuality, ReflectionSampling, ReflectionTechnique,
+    ReflectionTextureMip, ReflectionTracerChoice, ReflectionsOff, RoughnessThresholds, ShadingRate,
+    ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
 };
 pub use status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory};
 #[cfg(feature = "egui")]

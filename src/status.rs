@@ -63,6 +63,8 @@ pub struct ReflectionStatusReport {
     pub meshes: usize,
     /// Objects that rays can hit.
     pub instances: usize,
+    /// Objects that are missing from reflections because rays don't know their material type, each type with its number of objects.
+    pub unseen: Vec<(String, usize)>,
     /// Triangles of all meshes, each mesh counted once.
     pub triangles: u64,
     /// Bytes of GPU memory of the scene that rays hit.

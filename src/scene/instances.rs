@@ -1,18 +1,23 @@
 //! The objects that rays can hit, mirrored from the main world.
 
 use super::{activity::SceneActivity, free_slots::FreeSlots};
-use crate::settings::NotReflected;
+use crate::settings::{NotReflected, ReflectedMaterial3d, ReflectedMesh3d};
 use bevy::{
+    asset::UntypedAssetId,
     camera::visibility::{RenderLayers, VisibilityRange},
     ecs::{
-        change_detection::Tick, entity_disabling::Disabled, lifecycle::RemovedComponents, prelude::*, query::QueryData,
+        change_detection::Tick,
+        entity_disabling::Disabled,
+        lifecycle::RemovedComponents,
+        prelude::*,
+        query::{ArchetypeFilter, QueryData},
         system::SystemParam,
     },
     light::{NotShadowCaster, NotShadowReceiver},
     math::Affine3A,
     mesh::{Mesh, Mesh3d, morph::MeshMorphWeights, skinning::SkinnedMesh},
-    pbr::{MeshMaterial3d, StandardMaterial},
-    platform::collections::HashMap,
+    pbr::{Material, MeshMaterial3d},
+    platform::collections::{HashMap, HashSet},
     prelude::*,
     render::Extract,
     utils::once,
@@ -25,8 +30,8 @@ pub struct InstanceSource {
     pub entity: Entity,
     /// Its mesh.
     pub mesh: AssetId<Mesh>,
-    /// Its material.
-    pub material: AssetId<StandardMaterial>,
+    /// Its material, of any type that rays see.
+    pub material: UntypedAssetId,
     /// Object to world.
     pub world_from_object: Affine3A,
     /// It blocks shadow rays.
@@ -179,11 +184,43 @@ impl SceneInstances {
     }
 }
 
+/// A component that says which material rays see on an entity.
+pub trait MaterialComponent: Component {
+    /// Entities for which it does.
+    type Filter: ArchetypeFilter + 'static;
+
+    /// The material.
+    fn material(&self) -> UntypedAssetId;
+}
+
+impl<M: Material> MaterialComponent for MeshMaterial3d<M> {
+    type Filter = Without<ReflectedMaterial3d>;
+
+    fn material(&self) -> UntypedAssetId {
+        self.id().untyped()
+    }
+}
+
+impl MaterialComponent for ReflectedMaterial3d {
+    type Filter = ();
+
+    fn material(&self) -> UntypedAssetId {
+        self.id().untyped()
+    }
+}
+
+/// Entities that have a mesh for rays, and take their material from `C`.
+type IsObject<C> = (
+    Or<(With<Mesh3d>, With<ReflectedMesh3d>)>,
+    <C as MaterialComponent>::Filter,
+);
+
 /// Components of a traced entity that extraction reads.
-type InstanceQuery = (
+type InstanceQuery<C> = (
     Entity,
-    Ref<'static, Mesh3d>,
-    Ref<'static, MeshMaterial3d<StandardMaterial>>,
+    Option<Ref<'static, Mesh3d>>,
+    Option<Ref<'static, ReflectedMesh3d>>,
+    Ref<'static, C>,
     Ref<'static, GlobalTransform>,
     Ref<'static, InheritedVisibility>,
     Option<Ref<'static, RenderLayers>>,
@@ -198,8 +235,9 @@ type InstanceQuery = (
 /// Values of these components.
 struct InstanceItem<'a> {
     entity: Entity,
-    mesh: &'a Mesh3d,
-    material: &'a MeshMaterial3d<StandardMaterial>,
+    mesh: Option<&'a Mesh3d>,
+    stand_in: Option<&'a ReflectedMesh3d>,
+    material: UntypedAssetId,
     transform: &'a GlobalTransform,
     visibility: &'a InheritedVisibility,
     layers: Option<&'a RenderLayers>,
@@ -211,11 +249,11 @@ struct InstanceItem<'a> {
     morphed: bool,
 }
 
-/// Components whose removal changes how an entity is traced.
+/// Components whose removal changes how an entity is traced, apart from those of materials.
 #[derive(SystemParam)]
 pub struct RemovedFromScene<'w, 's> {
     meshes: RemovedComponents<'w, 's, Mesh3d>,
-    materials: RemovedComponents<'w, 's, MeshMaterial3d<StandardMaterial>>,
+    stand_ins: RemovedComponents<'w, 's, ReflectedMesh3d>,
     visibilities: RemovedComponents<'w, 's, InheritedVisibility>,
     layers: RemovedComponents<'w, 's, RenderLayers>,
     ranges: RemovedComponents<'w, 's, VisibilityRange>,
@@ -227,50 +265,73 @@ pub struct RemovedFromScene<'w, 's> {
     now_disabled: Query<'w, 's, Entity, Added<Disabled>>,
 }
 
-impl RemovedFromScene<'_, '_> {
-    fn read(&mut self) -> Vec<Entity> {
-        let mut entities: Vec<Entity> = self.meshes.read().collect();
-        entities.extend(self.materials.read());
-        entities.extend(self.visibilities.read());
-        entities.extend(self.layers.read());
-        entities.extend(self.ranges.read());
-        entities.extend(self.opt_outs.read());
-        entities.extend(self.casters.read());
-        entities.extend(self.receivers.read());
-        entities.extend(self.disabled.read());
-        entities.extend(&self.now_disabled);
-        entities
+/// Entities that lost a component since the last frame. Those that no query finds any more are objects no longer.
+#[derive(Resource, Default)]
+pub struct LostComponents(HashSet<Entity>);
+
+/// Notes who lost something, and forgets everything where reflections are off or begin.
+pub fn begin_extraction(
+    mut removed: Extract<RemovedFromScene>,
+    activity: Res<SceneActivity>,
+    mut lost: ResMut<LostComponents>,
+    mut instances: ResMut<SceneInstances>,
+) {
+    let removed = &mut *removed;
+    lost.0.clear();
+    lost.0.extend(removed.meshes.read());
+    lost.0.extend(removed.stand_ins.read());
+    lost.0.extend(removed.visibilities.read());
+    lost.0.extend(removed.layers.read());
+    lost.0.extend(removed.ranges.read());
+    lost.0.extend(removed.opt_outs.read());
+    lost.0.extend(removed.casters.read());
+    lost.0.extend(removed.receivers.read());
+    lost.0.extend(removed.disabled.read());
+    lost.0.extend(&removed.now_disabled);
+    if (!activity.active || activity.started) && !instances.is_empty() {
+        instances.clear();
     }
 }
 
-/// Mirrors what changed, or everything after reflections were off.
-pub fn extract_instances(
-    all: Extract<Query<InstanceQuery>>,
-    mut removed: Extract<RemovedFromScene>,
+/// Notes who lost a material. Runs for all types of materials before any object is looked at, since another may have taken its place.
+pub fn note_lost_materials<C: MaterialComponent>(
+    mut removed: Extract<RemovedComponents<C>>,
+    mut lost: ResMut<LostComponents>,
+) {
+    lost.0.extend(removed.read());
+}
+
+/// Mirrors objects whose material comes from `C`: what changed, or everything after reflections were off.
+pub fn extract_instances<C: MaterialComponent>(
+    all: Extract<Query<InstanceQuery<C>, IsObject<C>>>,
     activity: Res<SceneActivity>,
+    mut lost: ResMut<LostComponents>,
     mut instances: ResMut<SceneInstances>,
 ) {
-    let removed = removed.read();
     if !activity.active {
-        if !instances.is_empty() {
-            instances.clear();
-        }
         return;
     }
     if activity.started {
-        instances.clear();
         for item in &all {
             update(&mut instances, item);
         }
         return;
     }
-    for entity in removed {
-        match all.get(entity) {
-            Ok(item) => update(&mut instances, item),
-            Err(_) => instances.remove(entity),
+    lost.0.retain(|entity| match all.get(*entity) {
+        Ok(item) => {
+            update(&mut instances, item);
+            false
         }
-    }
+        Err(_) => true,
+    });
     update_changed(&mut instances, &all);
+}
+
+/// Forgets the objects that no query has found.
+pub fn drop_lost_objects(mut lost: ResMut<LostComponents>, mut instances: ResMut<SceneInstances>) {
+    for entity in lost.0.drain() {
+        instances.remove(entity);
+    }
 }
 
 /// Entities whose ticks are looked at together. Most worlds are static for the most part, and blocks without a change cost little.
@@ -278,7 +339,7 @@ const BLOCK: usize = 128;
 
 /// Mirrors entities of which a component has changed. Queries with filters for changes take ten times as long in large worlds, since they
 /// ask for each entity and component in turn.
-fn update_changed(instances: &mut SceneInstances, all: &Query<InstanceQuery>) {
+fn update_changed<C: MaterialComponent>(instances: &mut SceneInstances, all: &Query<InstanceQuery<C>, IsObject<C>>) {
     let Ok(tables) = all.contiguous_iter() else {
         // All of these components are stored in tables, unless a future version of Bevy stores one elsewhere.
         for item in all {
@@ -289,15 +350,29 @@ fn update_changed(instances: &mut SceneInstances, all: &Query<InstanceQuery>) {
         return;
     };
     for table in tables {
-        let (entities, meshes, materials, transforms, visibilities, layers, ranges, out, caster, receiver, skin, morph) =
-            table;
+        let (
+            entities,
+            meshes,
+            stand_ins,
+            materials,
+            transforms,
+            visibilities,
+            layers,
+            ranges,
+            out,
+            caster,
+            receiver,
+            skin,
+            morph,
+        ) = table;
         let (this_run, last_run) = (transforms.this_run_tick(), transforms.last_run_tick());
         let since = this_run.get().wrapping_sub(last_run.get());
         let columns = [
             Some(transforms.changed_ticks_slice()),
             Some(visibilities.changed_ticks_slice()),
-            Some(meshes.changed_ticks_slice()),
             Some(materials.changed_ticks_slice()),
+            meshes.as_ref().map(|meshes| meshes.changed_ticks_slice()),
+            stand_ins.as_ref().map(|stand_ins| stand_ins.changed_ticks_slice()),
             layers.as_ref().map(|layers| layers.changed_ticks_slice()),
             ranges.as_ref().map(|ranges| ranges.changed_ticks_slice()),
             out.as_ref().map(|out| out.changed_ticks_slice()),
@@ -320,8 +395,9 @@ fn update_changed(instances: &mut SceneInstances, all: &Query<InstanceQuery>) {
                     instances,
                     &InstanceItem {
                         entity: entities[row],
-                        mesh: &meshes[row],
-                        material: &materials[row],
+                        mesh: meshes.as_ref().map(|meshes| &meshes[row]),
+                        stand_in: stand_ins.as_ref().map(|stand_ins| &stand_ins[row]),
+                        material: materials[row].material(),
                         transform: &transforms[row],
                         visibility: &visibilities[row],
                         layers: layers.as_ref().map(|layers| &layers[row]),
@@ -338,13 +414,15 @@ fn update_changed(instances: &mut SceneInstances, all: &Query<InstanceQuery>) {
     }
 }
 
-type Item<'w, 's> = <InstanceQuery as QueryData>::Item<'w, 's>;
+type Item<'w, 's, C> = <InstanceQuery<C> as QueryData>::Item<'w, 's>;
 
-fn is_changed((_, mesh, material, transform, visibility, layers, range, out, caster, receiver, ..): &Item) -> bool {
-    mesh.is_changed()
-        || material.is_changed()
+fn is_changed<C: MaterialComponent>(item: &Item<C>) -> bool {
+    let (_, mesh, stand_in, material, transform, visibility, layers, range, out, caster, receiver, ..) = item;
+    material.is_changed()
         || transform.is_changed()
         || visibility.is_changed()
+        || mesh.as_ref().is_some_and(Ref::is_changed)
+        || stand_in.as_ref().is_some_and(Ref::is_changed)
         || layers.as_ref().is_some_and(Ref::is_changed)
         || range.as_ref().is_some_and(Ref::is_changed)
         || out.as_ref().is_some_and(Ref::is_changed)
@@ -352,14 +430,29 @@ fn is_changed((_, mesh, material, transform, visibility, layers, range, out, cas
         || receiver.as_ref().is_some_and(Ref::is_changed)
 }
 
-fn update(instances: &mut SceneInstances, item: Item) {
-    let (entity, mesh, material, transform, visibility, layers, range, out, caster, receiver, skinned, morphed) = item;
+fn update<C: MaterialComponent>(instances: &mut SceneInstances, item: Item<C>) {
+    let (
+        entity,
+        mesh,
+        stand_in,
+        material,
+        transform,
+        visibility,
+        layers,
+        range,
+        out,
+        caster,
+        receiver,
+        skinned,
+        morphed,
+    ) = item;
     update_item(
         instances,
         &InstanceItem {
             entity,
-            mesh: &mesh,
-            material: &material,
+            mesh: mesh.as_deref(),
+            stand_in: stand_in.as_deref(),
+            material: material.material(),
             transform: &transform,
             visibility: &visibility,
             layers: layers.as_deref(),
@@ -379,11 +472,16 @@ fn update_item(instances: &mut SceneInstances, item: &InstanceItem) {
         .layers
         .is_none_or(|layers| layers.intersects(&RenderLayers::default()));
     let nearest_detail = item.range.is_none_or(|range| range.start_margin.start <= 0.0);
-    if item.opted_out || !item.visibility.get() || !on_default_layer || !nearest_detail {
+    let mesh = item
+        .stand_in
+        .map(|stand_in| stand_in.id())
+        .or_else(|| item.mesh.map(|mesh| mesh.id()));
+    let shown = !item.opted_out && item.visibility.get() && on_default_layer && nearest_detail;
+    let Some(mesh) = mesh.filter(|_| shown) else {
         instances.remove(item.entity);
         return;
-    }
-    if item.skinned || item.morphed {
+    };
+    if (item.skinned || item.morphed) && item.stand_in.is_none() {
         once!(bevy::log::warn!(
             "ray-traced reflections show skinned and morphed meshes in their bind pose (first seen on {}); \
              add `NotReflected` to leave them out",
@@ -392,8 +490,8 @@ fn update_item(instances: &mut SceneInstances, item: &InstanceItem) {
     }
     instances.set(InstanceSource {
         entity: item.entity,
-        mesh: item.mesh.id(),
-        material: item.material.id(),
+        mesh,
+        material: item.material,
         world_from_object: item.transform.affine(),
         casts_shadow: !item.no_shadow,
         receives_shadow: !item.no_shadow_on_it,
@@ -408,7 +506,7 @@ mod tests {
         InstanceSource {
             entity,
             mesh: AssetId::default(),
-            material: AssetId::default(),
+            material: AssetId::<StandardMaterial>::default().untyped(),
             world_from_object: Affine3A::IDENTITY,
             casts_shadow: true,
             receives_shadow: true,

@@ -17,10 +17,9 @@ use super::{
     waiting_room::WaitingRoom,
 };
 use bevy::{
-    asset::AssetId,
+    asset::UntypedAssetId,
     log::warn_once,
     math::Affine2,
-    pbr::StandardMaterial,
     platform::collections::{HashMap, HashSet},
     render::renderer::RenderQueue,
 };
@@ -68,7 +67,7 @@ pub(super) struct MaskSets {
 pub(super) struct Changes<'a> {
     /// Any image, or how it is sampled.
     pub images: bool,
-    pub materials: &'a HashSet<AssetId<StandardMaterial>>,
+    pub materials: &'a HashSet<UntypedAssetId>,
 }
 
 impl MaskSets {

@@ -1,9 +1,10 @@
-//! `StandardMaterial` as hits need it: copies of the assets in the render world, packed into the table that shaders read.
+//! Materials as hits need them: copies of the assets in the render world, packed into the table that shaders read.
 
+use core::any::TypeId;
 use std::ops::Range;
 
 use bevy::{
-    asset::{AssetEvent, AssetId, Assets},
+    asset::{AssetEvent, AssetId, Assets, UntypedAssetId},
     color::LinearRgba,
     ecs::{message::MessageReader, prelude::*},
     image::Image,
@@ -20,7 +21,8 @@ use bevy::{
 };
 
 use super::{
-    activity::SceneActivity, free_slots::FreeSlots, gpu_types::*, textures::TextureTable, waiting_room::WaitingRoom,
+    activity::SceneActivity, free_slots::FreeSlots, gpu_types::*, reflected_material::ReflectedMaterial,
+    textures::TextureTable, waiting_room::WaitingRoom,
 };
 use bytemuck::bytes_of;
 
@@ -154,31 +156,55 @@ pub fn format_flags(metallic_roughness: Option<TextureFormat>, normal_map: Optio
     flags
 }
 
-/// Copies of all loaded [`StandardMaterial`]s in the render world.
+/// Returns whether rays see no difference. An extension that is animated leaves its base as it is.
+fn looks_same(a: &StandardMaterial, b: &StandardMaterial) -> bool {
+    bytes_of(&pack_material(a)) == bytes_of(&pack_material(b))
+        && texture_ids(a) == texture_ids(b)
+        && a.alpha_mode == b.alpha_mode
+        && a.cull_mode == b.cull_mode
+}
+
+/// What rays see of all loaded materials, of the types that they know.
 #[derive(Resource, Default)]
 pub struct MaterialAssets {
-    materials: HashMap<AssetId<StandardMaterial>, StandardMaterial>,
-    changed: HashSet<AssetId<StandardMaterial>>,
-    removed: Vec<AssetId<StandardMaterial>>,
-    filled: bool,
+    materials: HashMap<UntypedAssetId, StandardMaterial>,
+    changed: HashSet<UntypedAssetId>,
+    removed: Vec<UntypedAssetId>,
+    /// Types whose assets were copied as a whole; from then on, events tell what changes.
+    filled: HashSet<TypeId>,
 }
 
 impl MaterialAssets {
     /// The material, once it is loaded.
-    pub fn get(&self, id: AssetId<StandardMaterial>) -> Option<&StandardMaterial> {
+    pub fn get(&self, id: UntypedAssetId) -> Option<&StandardMaterial> {
         self.materials.get(&id)
     }
 
+    /// Adds a material, or what has become of it.
+    fn set(&mut self, id: UntypedAssetId, material: StandardMaterial) {
+        let before = self.materials.get(&id);
+        if before.is_none_or(|before| !looks_same(before, &material)) {
+            self.materials.insert(id, material);
+            self.changed.insert(id);
+        }
+    }
+
+    fn remove(&mut self, id: UntypedAssetId) {
+        self.materials.remove(&id);
+        self.changed.remove(&id);
+        self.removed.push(id);
+    }
+
     /// Materials that came, changed or went since [`update_materials`] ran last; instances with them may need new flags.
-    pub fn changed(&self) -> impl Iterator<Item = AssetId<StandardMaterial>> + '_ {
+    pub fn changed(&self) -> impl Iterator<Item = UntypedAssetId> + '_ {
         self.changed.iter().chain(&self.removed).copied()
     }
 }
 
-/// Keeps [`MaterialAssets`] up to date. Belongs in `ExtractSchedule`.
-pub fn extract_materials(
-    assets: Extract<Option<Res<Assets<StandardMaterial>>>>,
-    mut events: Extract<MessageReader<AssetEvent<StandardMaterial>>>,
+/// Keeps the materials of one type in [`MaterialAssets`] up to date. Belongs in `ExtractSchedule`.
+pub fn extract_materials<M: ReflectedMaterial>(
+    assets: Extract<Option<Res<Assets<M>>>>,
+    mut events: Extract<MessageReader<AssetEvent<M>>>,
     activity: Res<SceneActivity>,
     mut copies: ResMut<MaterialAssets>,
 ) {
@@ -186,46 +212,39 @@ pub fn extract_materials(
     let copies = &mut *copies;
     if !activity.active {
         events.clear();
-        if copies.filled {
+        if !copies.filled.is_empty() {
             *copies = MaterialAssets::default();
         }
         return;
     }
-    if !copies.filled {
+    if copies.filled.insert(TypeId::of::<M>()) {
         // Events from before the first frame may be gone.
-        copies.filled = true;
         for (id, material) in assets.iter() {
-            copies.materials.insert(id, material.clone());
-            copies.changed.insert(id);
+            copies.set(id.untyped(), material.reflected());
         }
     }
     for event in events.read() {
         match event {
             AssetEvent::Added { id } | AssetEvent::Modified { id } => {
                 if let Some(material) = assets.get(*id) {
-                    copies.materials.insert(*id, material.clone());
-                    copies.changed.insert(*id);
+                    copies.set(id.untyped(), material.reflected());
                 }
             }
-            AssetEvent::Removed { id } => {
-                copies.materials.remove(id);
-                copies.changed.remove(id);
-                copies.removed.push(*id);
-            }
+            AssetEvent::Removed { id } => copies.remove(id.untyped()),
             AssetEvent::Unused { .. } | AssetEvent::LoadedWithDependencies { .. } => {}
         }
     }
 }
 
 struct Slot {
-    id: Option<AssetId<StandardMaterial>>,
+    id: Option<UntypedAssetId>,
     textures: [Option<AssetId<Image>>; 5],
 }
 
 /// The packed materials, at indices that stay the same while a material exists. Index 0 is [`DEFAULT_MATERIAL`].
 #[derive(Resource)]
 pub struct MaterialTable {
-    indices: HashMap<AssetId<StandardMaterial>, u32>,
+    indices: HashMap<UntypedAssetId, u32>,
     slots: Vec<Slot>,
     data: Vec<GpuMaterial>,
     free: FreeSlots,
@@ -255,7 +274,7 @@ impl Default for MaterialTable {
 
 impl MaterialTable {
     /// The index of a material, which gets one when it is asked for first. Until it is loaded, the index holds the default material.
-    pub fn index(&mut self, id: AssetId<StandardMaterial>) -> u32 {
+    pub fn index(&mut self, id: UntypedAssetId) -> u32 {
         if let Some(index) = self.indices.get(&id) {
             return *index;
         }
@@ -284,7 +303,7 @@ impl MaterialTable {
     }
 
     /// A material as shaders see it.
-    pub(super) fn packed(&self, id: AssetId<StandardMaterial>) -> Option<&GpuMaterial> {
+    pub(super) fn packed(&self, id: UntypedAssetId) -> Option<&GpuMaterial> {
         self.data.get(*self.indices.get(&id)? as usize)
     }
 
@@ -310,7 +329,7 @@ impl MaterialTable {
         self.dirty = self.dirty.start.min(index)..self.dirty.end.max(index + 1);
     }
 
-    fn remove(&mut self, id: AssetId<StandardMaterial>, textures: &mut TextureTable) {
+    fn remove(&mut self, id: UntypedAssetId, textures: &mut TextureTable) {
         let Some(index) = self.indices.remove(&id) else { return };
         let slot = &mut self.slots[index as usize];
         for image in slot.textures.into_iter().flatten() {
@@ -407,5 +426,34 @@ pub fn update_materials(
         for index in table.waiting.iter().copied().collect::<Vec<_>>() {
             table.pack(index, &assets, textures, &images);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bevy::{asset::Handle, color::Color};
+
+    #[test]
+    fn only_differences_that_rays_see_count_as_changes() {
+        let mut assets = MaterialAssets::default();
+        let id = AssetId::<StandardMaterial>::default().untyped();
+        let changes = |assets: &mut MaterialAssets, material: &StandardMaterial| {
+            assets.set(id, material.clone());
+            !std::mem::take(&mut assets.changed).is_empty()
+        };
+        let mut material = StandardMaterial::default();
+        assert!(changes(&mut assets, &material), "it is new");
+        assert!(!changes(&mut assets, &material), "an extension changed");
+        material.depth_bias = 1.0;
+        assert!(!changes(&mut assets, &material), "rays know no depth bias");
+        material.base_color = Color::BLACK;
+        assert!(changes(&mut assets, &material));
+        material.normal_map_texture = Some(Handle::default());
+        assert!(changes(&mut assets, &material));
+        material.cull_mode = None;
+        assert!(changes(&mut assets, &material));
+        material.alpha_mode = AlphaMode::Blend;
+        assert!(changes(&mut assets, &material));
     }
 }

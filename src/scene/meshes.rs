@@ -142,6 +142,7 @@ pub struct SceneMeshes {
     merged_lost: bool,
     ready: HashMap<AssetId<Mesh>, SceneMesh>,
     pending: HashMap<AssetId<Mesh>, Task<Result<BuiltMesh, GeometryError>>>,
+    /// Meshes that can't be built, and those that rays must not see (`Mesh::enable_raytracing`).
     failed: HashSet<AssetId<Mesh>>,
     /// Meshes that found no room.
     without_room: WaitingRoom<AssetId<Mesh>>,
@@ -217,13 +218,17 @@ impl SceneMeshes {
         self.geometry.used_bytes() + self.bvh.used_bytes()
     }
 
-    /// Starts the build of a mesh if its data can be read somewhere.
+    /// Starts the build of a mesh if its data can be read somewhere, unless the app keeps rays from it.
     fn start_from(&mut self, id: AssetId<Mesh>, kept: &RenderWorldMeshes, assets: &Assets<Mesh>) {
-        if let Some(mesh) = assets.get(id)
-            && is_readable(mesh)
-        {
+        let readable = assets.get(id).filter(|mesh| is_readable(mesh));
+        let kept = kept.0.get(&id);
+        let traced = readable.or(kept.map(|mesh| &**mesh)).map(|mesh| mesh.enable_raytracing);
+        if traced == Some(false) {
+            self.remove(id);
+            self.failed.insert(id);
+        } else if let Some(mesh) = readable {
             self.start(id, Box::new(mesh.clone()));
-        } else if let Some(mesh) = kept.0.get(&id) {
+        } else if let Some(mesh) = kept {
             self.start(id, mesh.clone());
         }
     }

@@ -20,23 +20,27 @@ pub mod materials;
 mod merge;
 pub mod meshes;
 mod prepare;
+pub(crate) mod reflected_material;
 #[cfg(test)]
 mod test_gpu;
 mod texture_layers;
 pub mod textures;
 mod top_level;
+mod unseen;
 pub mod upload;
 mod waiting_room;
 
 pub use bind_group::SceneBindings;
+pub use reflected_material::{ReflectedMaterial, ReflectedMaterialPlugin};
 
 use crate::{device::tracing_app, schedule::ReflectionSystems};
 use activity::{SceneActivity, extract_activity};
 use alpha_images::{AlphaImages, extract_alpha_images};
 use bevy::{
-    app::{App, Plugin},
+    app::{App, Last, Plugin},
     asset::embedded_asset,
     ecs::prelude::*,
+    pbr::StandardMaterial,
     render::{
         ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderStartup, RenderSystems, init_gpu_resource,
         mesh::RenderMesh, render_asset::prepare_assets,
@@ -45,12 +49,14 @@ use bevy::{
 };
 use bind_group::prepare_scene_bind_group;
 use environment::{EnvironmentBindings, extract_environments, prepare_environments};
-use instances::{SceneInstances, extract_instances};
+use instances::{LostComponents, SceneInstances};
 use lights::{ExtractedLights, RectLightsEnabled, detect_rect_lights, extract_lights};
-use materials::{MaterialAssets, MaterialTable, extract_materials, update_materials};
+use materials::{MaterialAssets, MaterialTable, update_materials};
 use meshes::{RenderWorldMeshes, SceneMeshes, extract_meshes, keep_render_world_meshes, upload_meshes};
 use prepare::{prepare_instances, prepare_tables};
+use reflected_material::add_extraction;
 use textures::{TextureTable, extract_texture_changes, update_textures};
+use unseen::count_unseen;
 
 /// Registers the shaders and systems of this folder.
 pub(crate) struct ScenePlugin;
@@ -75,16 +81,22 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "trace.wesl");
         load_shader_library!(app, "types.wesl");
         embedded_asset!(app, "texture_layers.wesl");
+        app.add_plugins(ReflectedMaterialPlugin::<StandardMaterial>::default());
     }
 
     fn finish(&self, app: &mut App) {
+        if tracing_app(app).is_some() {
+            app.add_systems(Last, count_unseen);
+        }
         let Some(render_app) = tracing_app(app) else { return };
+        add_extraction(render_app);
         render_app
             .init_resource::<RenderWorldMeshes>()
             .init_resource::<RectLightsEnabled>()
             .init_resource::<ExtractedLights>()
             .init_gpu_resource::<SceneActivity>()
             .init_gpu_resource::<SceneInstances>()
+            .init_resource::<LostComponents>()
             .init_gpu_resource::<MaterialAssets>()
             .init_gpu_resource::<MaterialTable>()
             .init_gpu_resource::<AlphaImages>()
@@ -101,8 +113,8 @@ impl Plugin for ScenePlugin {
             .add_systems(
                 ExtractSchedule,
                 (
-                    (extract_activity, extract_instances, extract_meshes).chain(),
-                    (extract_materials, extract_lights).after(extract_activity),
+                    (extract_activity, extract_meshes).chain(),
+                    extract_lights.after(extract_activity),
                     extract_texture_changes,
                     extract_alpha_images,
                     extract_environments,

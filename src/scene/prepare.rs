@@ -17,9 +17,8 @@ use super::{
 };
 use crate::{device::ReflectionTracer, status::ReflectionStatus};
 use bevy::{
-    asset::AssetId,
+    asset::UntypedAssetId,
     ecs::{prelude::*, system::SystemParam},
-    pbr::StandardMaterial,
     platform::collections::HashSet,
     render::{
         render_resource::DefaultImageSamplerDescriptor,
@@ -50,7 +49,7 @@ pub(super) fn prepare_instances(
     mut bindings: ResMut<SceneBindings>,
     mut tables: SceneTables,
     materials: SceneMaterials,
-    mut changed_materials: Local<HashSet<AssetId<StandardMaterial>>>,
+    mut changed_materials: Local<HashSet<UntypedAssetId>>,
     activity: Res<SceneActivity>,
     status: Res<ReflectionStatus>,
     device: Res<RenderDevice>,
@@ -112,7 +111,7 @@ impl SceneTables<'_> {
     }
 
     /// Slots of objects that changed, or whose mesh or material did.
-    fn take_dirty(&mut self, changed_materials: &HashSet<AssetId<StandardMaterial>>) -> Vec<u32> {
+    fn take_dirty(&mut self, changed_materials: &HashSet<UntypedAssetId>) -> Vec<u32> {
         let mut dirty = self.instances.take_dirty();
         let changed_meshes = &self.meshes.changed;
         if !changed_meshes.is_empty() || !changed_materials.is_empty() {

@@ -7,6 +7,7 @@
 //! | `debug.rs` | debug views and counters |
 //! | `presets.rs` | bundles of settings |
 //! | `quality.rs` | the component that a game saves |
+//! | `stand_in.rs` | components of objects: what rays see of them |
 //! | `words.rs` | words on command lines and in files |
 //! | `clamped.rs`, `clamped_rate.rs` | the same within its ranges, for shaders |
 //! | `view.rs` | the same on a view of the render world |
@@ -20,6 +21,7 @@ mod presets;
 mod quality;
 mod reflections;
 mod shading_rate;
+mod stand_in;
 mod view;
 mod words;
 
@@ -37,6 +39,7 @@ pub use reflections::{
 pub use shading_rate::ShadingRate;
 #[cfg(feature = "internals")]
 pub use shading_rate::{RATE_ACTIVE, RATE_CODE_MASK};
+pub use stand_in::{ReflectedMaterial3d, ReflectedMesh3d};
 pub use view::{ReflectionView, WantsReflections};
 pub use words::UnknownName;
 
@@ -67,6 +70,8 @@ impl Plugin for SettingsPlugin {
             .register_type::<ReflectionTextureMip>()
             .register_type::<ReflectionTracerChoice>()
             .register_type::<NotReflected>()
+            .register_type::<ReflectedMesh3d>()
+            .register_type::<ReflectedMaterial3d>()
             .register_type::<ShadingRateHeuristic>()
             .register_type::<ShadingRate>()
             .register_type::<ShadingRateTileSize>()

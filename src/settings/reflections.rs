@@ -19,7 +19,8 @@ use bevy::{
 /// Only surfaces that are rendered *deferred* reflect: the plugin makes opaque materials so
 /// ([`deferred_by_default`](crate::RayTracedReflectionsPlugin::deferred_by_default)), unless a material's
 /// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method) says otherwise. Everything with a `Mesh3d` and a
-/// `MeshMaterial3d<StandardMaterial>` *is reflected*, unless it carries [`NotReflected`].
+/// `MeshMaterial3d<StandardMaterial>` *is reflected*, unless it carries [`NotReflected`]; other material types with a
+/// [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin).
 ///
 /// A traced reflection replaces the specular part of the camera's environment map. Rays that hit nothing see that environment
 /// map, else the skybox, else the clear colour.
@@ -211,7 +212,8 @@ words!(ReflectionTracerChoice {
     Bvh = "bvh",
 });
 
-/// Keeps an entity out of all reflections and out of the shadows that are seen in them.
+/// Keeps an entity out of all reflections and out of the shadows that are seen in them. `Mesh::enable_raytracing` does so for all
+/// entities with a mesh.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct NotReflected;

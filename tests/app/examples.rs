@@ -7,6 +7,9 @@
 #[path = "../../examples/custom_heuristic.rs"]
 #[expect(dead_code, reason = "`main` opens a window")]
 mod custom_heuristic;
+#[path = "../../examples/custom_material.rs"]
+#[expect(dead_code, reason = "`main` opens a window")]
+mod custom_material;
 #[path = "../../examples/minimal.rs"]
 #[expect(dead_code, reason = "`main` opens a window")]
 mod minimal;
@@ -356,6 +359,19 @@ fn custom_heuristic() {
         assert!(found > 3.0, "{what}: {found}");
     }
     example.assert_reflects(1.0);
+}
+
+#[test]
+fn custom_material() {
+    let Some(mut example) = Example::start("custom_material", custom_material::plugin) else {
+        return;
+    };
+    assert_eq!(example.report().unseen, []);
+    let dense = example.image("dense");
+    example.press(KeyCode::Space);
+    let coarse = example.image("coarse");
+    example.assert_differs("the coarse mesh", &dense, &coarse, 0.1);
+    example.assert_reflects(2.0);
 }
 
 #[cfg(feature = "egui")]

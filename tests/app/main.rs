@@ -18,6 +18,7 @@ mod ground_truth;
 mod idle;
 mod levels;
 mod lights;
+mod materials;
 mod merging;
 mod mirrored;
 mod new_user;

@@ -14,11 +14,10 @@ use crate::{
     },
 };
 use bevy::{
-    asset::AssetId,
+    asset::{AssetId, UntypedAssetId},
     image::{Image, ImageSamplerDescriptor},
     math::{Affine2, Mat2, Vec2},
     mesh::Mesh,
-    pbr::StandardMaterial,
     tasks::{AsyncComputeTaskPool, Task, block_on, poll_once},
 };
 use std::sync::Arc;
@@ -32,7 +31,7 @@ pub(in crate::scene) struct MaskKey {
     pub mesh: AssetId<Mesh>,
     /// Version of the mesh.
     pub version: u64,
-    pub material: AssetId<StandardMaterial>,
+    pub material: UntypedAssetId,
     /// The material wants the second set of UV coordinates.
     pub second_uvs: bool,
 }

@@ -1,0 +1,183 @@
+//! Custom materials in reflections: what rays see of them, and stand-ins for single objects.
+//!
+//! Three objects turn before a mirror. The first has an extended material, which rays see as its base. The second has a material of the
+//! app's own, which tells what rays see of it by `ReflectedMaterial`. The third is a dense mesh that reflections replace by a coarse one.
+//!
+//! | Key | Does |
+//! | --- | --- |
+//! | Space | shows the coarse mesh in place of the dense one, too |
+
+use bevy::{
+    asset::uuid_handle,
+    pbr::{ExtendedMaterial, MaterialExtension},
+    prelude::*,
+    render::render_resource::AsBindGroup,
+    shader::{Shader, ShaderRef},
+};
+use bevy_glint::prelude::*;
+
+fn main() {
+    App::new().add_plugins((DefaultPlugins, plugin)).run();
+}
+
+/// Everything that the app adds to Bevy.
+pub fn plugin(app: &mut App) {
+    app.add_plugins((
+        RayTracedReflectionsPlugin::default(),
+        MaterialPlugin::<Enamel>::default(),
+        MaterialPlugin::<Lava>::default(),
+        // These lines have rays see both.
+        ReflectedMaterialPlugin::<Enamel>::default(),
+        ReflectedMaterialPlugin::<Lava>::default(),
+    ))
+    .add_systems(Startup, (add_shader, setup))
+    .add_systems(Update, (turn, glow, swap_meshes));
+}
+
+/// A `StandardMaterial` with data of the app's own. A real one would bring a shader along.
+type Enamel = ExtendedMaterial<StandardMaterial, Wear>;
+
+#[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
+struct Wear {
+    #[uniform(100)]
+    scratches: Vec4,
+}
+
+impl MaterialExtension for Wear {}
+
+/// A material with a shader of its own. It is drawn forward, and so shows no reflections itself.
+#[derive(Asset, AsBindGroup, Reflect, Clone)]
+struct Lava {
+    #[uniform(0)]
+    heat: LinearRgba,
+}
+
+const LAVA_SHADER: Handle<Shader> = uuid_handle!("5a2b3c1e-7c0d-4b8e-9a61-0f7d2f0c6b11");
+
+impl Material for Lava {
+    fn fragment_shader() -> ShaderRef {
+        LAVA_SHADER.into()
+    }
+}
+
+impl ReflectedMaterial for Lava {
+    fn reflected(&self) -> StandardMaterial {
+        StandardMaterial {
+            base_color: self.heat.into(),
+            unlit: true,
+            ..default()
+        }
+    }
+}
+
+fn add_shader(mut shaders: ResMut<Assets<Shader>>) {
+    let source = "
+        @group(constants::MATERIAL_BIND_GROUP) @binding(0) var<uniform> heat: vec4<f32>;
+
+        @fragment
+        fn fragment() -> @location(0) vec4<f32> {
+            return vec4<f32>(heat.rgb, 1.0);
+        }
+    ";
+    _ = shaders.insert(&LAVA_SHADER, Shader::from_wesl(source, "lava.wesl"));
+}
+
+/// Turns about its own axis.
+#[derive(Component)]
+struct Turning;
+
+fn setup(
+    mut commands: Commands,
+    mut meshes: ResMut<Assets<Mesh>>,
+    mut standard: ResMut<Assets<StandardMaterial>>,
+    mut enamel: ResMut<Assets<Enamel>>,
+    mut lava: ResMut<Assets<Lava>>,
+    mut images: ResMut<Assets<Image>>,
+) {
+    let mirror = standard.add(StandardMaterial {
+        metallic: 1.0,
+        perceptual_roughness: 0.0,
+        ..default()
+    });
+    commands.spawn((
+        Mesh3d(meshes.add(Rectangle::new(9.0, 4.0))),
+        MeshMaterial3d(mirror),
+        Transform::from_xyz(0.0, 2.0, -2.0),
+    ));
+    commands.spawn((
+        Mesh3d(meshes.add(Plane3d::default().mesh().size(14.0, 14.0))),
+        MeshMaterial3d(standard.add(Color::srgb(0.25, 0.27, 0.3))),
+    ));
+
+    let cube = meshes.add(Cuboid::from_length(1.1));
+    commands.spawn((
+        Turning,
+        Mesh3d(cube.clone()),
+        MeshMaterial3d(enamel.add(Enamel {
+            base: StandardMaterial {
+                base_color: Color::srgb(0.05, 0.25, 0.7),
+                perceptual_roughness: 0.3,
+                ..default()
+            },
+            extension: Wear::default(),
+        })),
+        Transform::from_xyz(-2.3, 0.9, 0.6),
+    ));
+    commands.spawn((
+        Turning,
+        Mesh3d(cube),
+        MeshMaterial3d(lava.add(Lava {
+            heat: LinearRgba::rgb(3.0, 0.6, 0.05),
+        })),
+        Transform::from_xyz(0.0, 0.9, 0.6),
+    ));
+    commands.spawn((
+        Turning,
+        Mesh3d(meshes.add(Torus::new(0.3, 0.7).mesh().minor_resolution(96).major_resolution(192))),
+        ReflectedMesh3d(meshes.add(Torus::new(0.3, 0.7).mesh().minor_resolution(8).major_resolution(12))),
+        MeshMaterial3d(standard.add(Color::srgb(0.8, 0.7, 0.2))),
+        Transform::from_xyz(2.3, 1.0, 0.6).with_rotation(Quat::from_rotation_x(1.2)),
+    ));
+
+    commands.spawn((
+        DirectionalLight {
+            illuminance: 6_000.0,
+            shadow_maps_enabled: true,
+            ..default()
+        },
+        Transform::default().looking_to(Vec3::new(-0.5, -1.0, -0.9), Vec3::Y),
+    ));
+    let sky = EnvironmentMapLight::hemispherical_gradient(
+        &mut images,
+        Color::srgb(0.35, 0.55, 0.95),
+        Color::srgb(0.85, 0.88, 0.9),
+        Color::srgb(0.2, 0.2, 0.2),
+    );
+    commands.spawn((
+        Camera3d::default(),
+        Transform::from_xyz(1.2, 2.6, 6.5).looking_at(Vec3::new(0.0, 1.1, 0.0), Vec3::Y),
+        sky.with_intensity(700.0),
+        ReflectionQuality::High,
+    ));
+}
+
+fn turn(mut objects: Query<&mut Transform, With<Turning>>, time: Res<Time>) {
+    for mut object in &mut objects {
+        object.rotate_y(0.6 * time.delta_secs());
+    }
+}
+
+/// A changed material is seen at once, in the mirror, too.
+fn glow(mut materials: ResMut<Assets<Lava>>, time: Res<Time>) {
+    for (_, lava) in materials.iter_mut() {
+        lava.heat.green = 0.6 + 0.4 * (2.0 * time.elapsed_secs()).sin();
+    }
+}
+
+fn swap_meshes(mut objects: Query<(&mut Mesh3d, &ReflectedMesh3d)>, keys: Res<ButtonInput<KeyCode>>) {
+    if keys.just_pressed(KeyCode::Space) {
+        for (mut mesh, coarse) in &mut objects {
+            mesh.0 = coarse.0.clone();
+        }
+    }
+}

@@ -1,0 +1,181 @@
+//! Material types that rays see: `StandardMaterial`, and those that an app adds.
+
+use super::{
+    activity::extract_activity,
+    instances::{MaterialComponent, begin_extraction, drop_lost_objects, extract_instances, note_lost_materials},
+    materials::extract_materials,
+    meshes::extract_meshes,
+};
+use crate::{device::tracing_app, schedule::ReflectionSystems, settings::ReflectedMaterial3d};
+use bevy::{
+    app::{App, Plugin, SubApp},
+    ecs::prelude::*,
+    pbr::{ExtendedMaterial, Material, MaterialExtension, MeshMaterial3d, StandardMaterial},
+    platform::collections::HashSet,
+    render::ExtractSchedule,
+};
+use core::{any::TypeId, marker::PhantomData};
+
+/// What rays see of a material.
+///
+/// Rays don't run the material's own shader: they see the [`StandardMaterial`] that stands for it. Implemented for every
+/// `ExtendedMaterial<StandardMaterial, E>`, which is seen as its base. [`ReflectedMaterialPlugin`] makes it work.
+///
+/// # Examples
+///
+/// ```
+/// # use bevy::{prelude::*, render::render_resource::AsBindGroup};
+/// # use bevy_glint::prelude::*;
+/// #[derive(Asset, TypePath, AsBindGroup, Clone)]
+/// struct Lava {
+///     #[uniform(0)]
+///     heat: f32,
+/// }
+///
+/// impl Material for Lava {}
+///
+/// impl ReflectedMaterial for Lava {
+///     fn reflected(&self) -> StandardMaterial {
+///         StandardMaterial {
+///             base_color: Color::BLACK,
+///             emissive: LinearRgba::rgb(self.heat, 0.2 * self.heat, 0.0),
+///             ..default()
+///         }
+///     }
+/// }
+/// ```
+pub trait ReflectedMaterial: Material {
+    /// The material that rays see. Called once for each change of the asset.
+    fn reflected(&self) -> StandardMaterial;
+}
+
+impl ReflectedMaterial for StandardMaterial {
+    fn reflected(&self) -> StandardMaterial {
+        self.clone()
+    }
+}
+
+impl<E: MaterialExtension> ReflectedMaterial for ExtendedMaterial<StandardMaterial, E> {
+    fn reflected(&self) -> StandardMaterial {
+        let mut base = self.base.clone();
+        if let Some(alpha_mode) = E::alpha_mode() {
+            base.alpha_mode = alpha_mode;
+        }
+        base
+    }
+}
+
+/// Makes rays see the objects with a material of type `M`. `StandardMaterial` needs no plugin.
+///
+/// It may be added before or after [`RayTracedReflectionsPlugin`](crate::RayTracedReflectionsPlugin), beside the `MaterialPlugin` of the
+/// same type. Objects with materials of other types are missing from reflections; the log tells how many there are of each, and so does
+/// [`ReflectionStatusReport::unseen`](crate::ReflectionStatusReport::unseen).
+///
+/// # Examples
+///
+/// ```no_run
+/// # use bevy::{pbr::{ExtendedMaterial, MaterialExtension}, prelude::*, render::render_resource::AsBindGroup};
+/// # use bevy_glint::prelude::*;
+/// # #[derive(Asset, AsBindGroup, Reflect, Clone)]
+/// # struct Water {}
+/// # impl MaterialExtension for Water {}
+/// App::new().add_plugins((
+///     DefaultPlugins,
+///     MaterialPlugin::<ExtendedMaterial<StandardMaterial, Water>>::default(),
+///     RayTracedReflectionsPlugin::default(),
+///     ReflectedMaterialPlugin::<ExtendedMaterial<StandardMaterial, Water>>::default(),
+/// ));
+/// ```
+pub struct ReflectedMaterialPlugin<M: ReflectedMaterial>(PhantomData<fn() -> M>);
+
+impl<M: ReflectedMaterial> Default for ReflectedMaterialPlugin<M> {
+    fn default() -> Self {
+        Self(PhantomData)
+    }
+}
+
+/// Components of the material types that rays see; one in either world.
+#[derive(Resource, Default)]
+pub(crate) struct SeenMaterials(HashSet<TypeId>);
+
+impl SeenMaterials {
+    /// Rays see objects with this component.
+    pub fn contains(&self, component: TypeId) -> bool {
+        self.0.contains(&component)
+    }
+}
+
+impl<M: ReflectedMaterial> Plugin for ReflectedMaterialPlugin<M> {
+    fn build(&self, app: &mut App) {
+        see::<M>(app.world_mut());
+    }
+
+    fn finish(&self, app: &mut App) {
+        let Some(render_app) = tracing_app(app) else { return };
+        if !see::<M>(render_app.world_mut()) {
+            // Added twice.
+            return;
+        }
+        render_app.add_systems(
+            ExtractSchedule,
+            extract_materials::<M>
+                .after(extract_activity)
+                .in_set(ReflectionSystems::ExtractScene),
+        );
+        extract_objects::<MeshMaterial3d<M>>(render_app);
+    }
+
+    fn is_unique(&self) -> bool {
+        false
+    }
+}
+
+/// Returns false where the world knows already that rays see the type.
+fn see<M: Material>(world: &mut World) -> bool {
+    let mut seen = world.get_resource_or_init::<SeenMaterials>();
+    seen.0.insert(TypeId::of::<MeshMaterial3d<M>>())
+}
+
+/// Steps of the extraction of objects, in this order.
+#[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum ExtractObjects {
+    Begin,
+    NoteLostMaterials,
+    Update,
+    DropLost,
+}
+
+fn extract_objects<C: MaterialComponent>(render_app: &mut SubApp) {
+    render_app.add_systems(
+        ExtractSchedule,
+        (
+            note_lost_materials::<C>.in_set(ExtractObjects::NoteLostMaterials),
+            extract_instances::<C>.in_set(ExtractObjects::Update),
+        ),
+    );
+}
+
+/// Adds the extraction of objects, and of those whose material is a stand-in.
+pub(super) fn add_extraction(render_app: &mut SubApp) {
+    render_app.configure_sets(
+        ExtractSchedule,
+        (
+            ExtractObjects::Begin,
+            ExtractObjects::NoteLostMaterials,
+            ExtractObjects::Update,
+            ExtractObjects::DropLost,
+        )
+            .chain()
+            .after(extract_activity)
+            .before(extract_meshes)
+            .in_set(ReflectionSystems::ExtractScene),
+    );
+    render_app.add_systems(
+        ExtractSchedule,
+        (
+            begin_extraction.in_set(ExtractObjects::Begin),
+            drop_lost_objects.in_set(ExtractObjects::DropLost),
+        ),
+    );
+    extract_objects::<ReflectedMaterial3d>(render_app);
+}

@@ -1,0 +1,210 @@
+//! Materials of other types than `StandardMaterial`, and stand-ins: what a mirror shows of a wall behind the camera.
+
+use crate::{
+    common::app_with,
+    pictures::{BOTH, reflect, warm_up},
+    stage::{BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, metal, report, spawn_camera, spawn_mesh, unlit, wall},
+};
+use bevy::{
+    pbr::{ExtendedMaterial, MaterialExtension},
+    prelude::*,
+    render::render_resource::AsBindGroup,
+};
+use bevy_glint::{
+    ReflectedMaterial, ReflectedMaterial3d, ReflectedMaterialPlugin, ReflectedMesh3d, ReflectionTechnique,
+    ReflectionTracerChoice,
+};
+use glint_scenes::{HeadlessApp, Output, SceneName, capture_log, take_log};
+
+#[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
+struct Waves {
+    #[uniform(100)]
+    time: Vec4,
+}
+
+impl MaterialExtension for Waves {}
+
+type Water = ExtendedMaterial<StandardMaterial, Waves>;
+
+#[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
+struct Lava {
+    #[uniform(0)]
+    heat: Vec4,
+}
+
+impl Material for Lava {}
+
+impl ReflectedMaterial for Lava {
+    fn reflected(&self) -> StandardMaterial {
+        unlit(GREEN)
+    }
+}
+
+/// A material that no plugin makes known to rays.
+#[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
+struct Mud {
+    #[uniform(0)]
+    depth: Vec4,
+}
+
+impl Material for Mud {}
+
+/// A mirror before a camera.
+fn stage(tracer: ReflectionTracerChoice) -> Option<HeadlessApp> {
+    let mut app = app_with(SIZE, Output::Picture, tracer, |app| {
+        app.add_plugins((
+            // Once more does no harm.
+            ReflectedMaterialPlugin::<StandardMaterial>::default(),
+            ReflectedMaterialPlugin::<Water>::default(),
+            ReflectedMaterialPlugin::<Lava>::default(),
+            MaterialPlugin::<Water>::default(),
+            MaterialPlugin::<Lava>::default(),
+            MaterialPlugin::<Mud>::default(),
+        ));
+    })?;
+    spawn_mesh(&mut app, wall(), metal(0.0), Transform::IDENTITY);
+    let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    reflect(&mut app, camera, ReflectionTechnique::Reference);
+    Some(app)
+}
+
+/// Behind the camera.
+fn behind() -> Transform {
+    Transform::from_xyz(0.0, 0.0, 8.0).looking_to(Vec3::Z, Vec3::Y)
+}
+
+fn add<A: Asset>(app: &mut HeadlessApp, asset: A) -> Handle<A> {
+    app.world().resource_mut::<Assets<A>>().add(asset)
+}
+
+fn water(color: [u8; 3]) -> Water {
+    Water {
+        base: unlit(color),
+        extension: Waves::default(),
+    }
+}
+
+/// Asserts that the mirror shows a colour, or none of red, green and blue.
+#[track_caller]
+fn assert_shows(app: &mut HeadlessApp, what: &str, color: Option<[u8; 3]>) {
+    warm_up(app);
+    app.step(4);
+    let picture = app.capture().unwrap();
+    for known in [RED, GREEN, BLUE] {
+        let is_like = |pixel: &&[u8]| (0..3).all(|channel| pixel[channel].abs_diff(known[channel]) < 40);
+        let share = picture.chunks_exact(4).filter(is_like).count() * 100 / (SIZE.x * SIZE.y) as usize;
+        println!("{what}: {share} % of {known:?}");
+        let expected = if color == Some(known) { 80..=100 } else { 0..=1 };
+        assert!(
+            expected.contains(&share),
+            "{what}: {share} % of {known:?}, not {color:?}"
+        );
+    }
+}
+
+#[test]
+fn materials_of_known_types_are_seen() {
+    for tracer in BOTH {
+        let Some(mut app) = stage(tracer) else { continue };
+        assert_shows(&mut app, "nothing", None);
+        let mesh: Handle<Mesh> = add(&mut app, wall().into());
+        let water = add(&mut app, water(RED));
+        let object = app
+            .world()
+            .spawn((Mesh3d(mesh), MeshMaterial3d(water.clone()), behind()))
+            .id();
+        assert_shows(&mut app, "water", Some(RED));
+        app.world()
+            .resource_mut::<Assets<Water>>()
+            .get_mut(&water)
+            .unwrap()
+            .base = unlit(BLUE);
+        assert_shows(&mut app, "water whose base changed", Some(BLUE));
+        // In one frame, the new material's system may run before the old one's.
+        let lava = add(&mut app, Lava::default());
+        let swap = |app: &mut HeadlessApp| {
+            let mut object = app.world().entity_mut(object);
+            object
+                .remove::<MeshMaterial3d<Water>>()
+                .insert(MeshMaterial3d(lava.clone()));
+        };
+        swap(&mut app);
+        assert_shows(&mut app, "lava", Some(GREEN));
+        let mut entity = app.world().entity_mut(object);
+        entity
+            .remove::<MeshMaterial3d<Lava>>()
+            .insert(MeshMaterial3d(water.clone()));
+        assert_shows(&mut app, "water again", Some(BLUE));
+        let red = add(&mut app, unlit(RED));
+        app.world().entity_mut(object).insert(ReflectedMaterial3d(red));
+        assert_shows(&mut app, "a stand-in", Some(RED));
+        app.world().entity_mut(object).remove::<ReflectedMaterial3d>();
+        assert_shows(&mut app, "without the stand-in", Some(BLUE));
+        app.world().entity_mut(object).remove::<MeshMaterial3d<Water>>();
+        assert_shows(&mut app, "without a material", None);
+    }
+}
+
+#[test]
+fn rays_hit_stand_ins() {
+    for tracer in BOTH {
+        let Some(mut app) = stage(tracer) else { continue };
+        let wall: Handle<Mesh> = add(&mut app, wall().into());
+        let dot: Handle<Mesh> = add(&mut app, Rectangle::new(0.01, 0.01).into());
+        let green = add(&mut app, unlit(GREEN));
+        let object = (Mesh3d(dot.clone()), MeshMaterial3d(green), behind());
+        let object = app.world().spawn(object).id();
+        assert_shows(&mut app, "its own mesh", None);
+        app.world().entity_mut(object).insert(ReflectedMesh3d(wall.clone()));
+        assert_shows(&mut app, "a stand-in", Some(GREEN));
+        app.world().entity_mut(object).remove::<Mesh3d>();
+        assert_shows(&mut app, "nothing else", Some(GREEN));
+        app.world()
+            .entity_mut(object)
+            .remove::<ReflectedMesh3d>()
+            .insert(Mesh3d(dot));
+        assert_shows(&mut app, "without the stand-in", None);
+        app.world().entity_mut(object).insert(Mesh3d(wall.clone()));
+        assert_shows(&mut app, "another mesh", Some(GREEN));
+        let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
+        meshes.get_mut(&wall).unwrap().enable_raytracing = false;
+        assert_shows(&mut app, "a mesh that keeps rays out", None);
+        let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
+        meshes.get_mut(&wall).unwrap().enable_raytracing = true;
+        assert_shows(&mut app, "a mesh that lets them in again", Some(GREEN));
+    }
+}
+
+#[test]
+fn unseen_objects_are_counted_and_told_once() {
+    let Some(mut app) = stage(ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    capture_log();
+    take_log();
+    let mesh: Handle<Mesh> = add(&mut app, wall().into());
+    let mud = add(&mut app, Mud::default());
+    let object = (Mesh3d(mesh), MeshMaterial3d(mud), behind());
+    let objects: Vec<Entity> = (0..3).map(|_| app.world().spawn(object.clone()).id()).collect();
+    app.step(40);
+    assert_eq!(report(&mut app).unseen, [("Mud".to_owned(), 3)]);
+    let told = |log: Vec<glint_scenes::LogMessage>| {
+        let about = log.into_iter().filter(|message| message.text.contains("`Mud`"));
+        about.map(|message| message.text).collect::<Vec<_>>()
+    };
+    let messages = told(take_log());
+    assert_eq!(messages.len(), 1, "{messages:?}");
+    assert!(
+        messages[0].contains("`Mud` are missing from ray-traced reflections (so far 3)"),
+        "{messages:?}"
+    );
+    let red = add(&mut app, unlit(RED));
+    app.world().entity_mut(objects[0]).insert(ReflectedMaterial3d(red));
+    app.world().entity_mut(objects[1]).insert(bevy_glint::NotReflected);
+    app.step(40);
+    assert_eq!(report(&mut app).unseen, [("Mud".to_owned(), 1)]);
+    app.world().despawn(objects[2]);
+    app.step(2);
+    assert_eq!(report(&mut app).unseen, []);
+    assert!(told(take_log()).is_empty(), "it is told once");
+}
