@@ -6,7 +6,7 @@
 //! alternative, to make materials deferred only while a camera reflects, would prepare all materials anew at each switch, and other
 //! cameras would lose their objects meanwhile.
 
-use crate::device::tracing_app;
+use crate::{device::tracing_app, settings::ReflectionFallback};
 use bevy::{
     app::{App, Plugin, PostUpdate},
     camera::Camera3d,
@@ -21,10 +21,13 @@ use bevy::{
     render::{RenderApp, sync_world::SyncToRenderWorld, view::Msaa},
 };
 
-/// Makes opaque materials deferred unless the app says otherwise after it, or nothing can be traced.
+/// Makes opaque materials deferred unless the app says otherwise after it, or nothing reflects, since nothing can be traced.
 ///
 /// It has to be added after `ProbePlugin`, which finds out about the latter.
-pub(crate) struct DeferredPlugin;
+pub(crate) struct DeferredPlugin {
+    /// Screen-space reflections take deferred materials, too.
+    pub fallback: ReflectionFallback,
+}
 
 /// The method that ours took the place of, while plugins are being added.
 #[derive(Resource)]
@@ -51,12 +54,12 @@ impl Plugin for DeferredPlugin {
     }
 
     fn finish(&self, app: &mut App) {
-        let traces = tracing_app(app).is_some();
+        let needed = tracing_app(app).is_some() || self.fallback == ReflectionFallback::ScreenSpace;
         let world = app.world_mut();
         let Some(replaced) = world.remove_resource::<Replaced>() else {
             return;
         };
-        if !traces {
+        if !needed {
             let method = world.get_resource_ref::<DefaultOpaqueRendererMethod>();
             if method.is_some_and(|method| method.last_changed() == replaced.at) {
                 world.insert_resource(replaced.method);

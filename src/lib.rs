@@ -55,6 +55,7 @@ mod device;
 mod diagnostics;
 mod events;
 mod extract;
+mod fallback;
 mod gbuffer;
 pub mod manual;
 mod node;
@@ -98,9 +99,9 @@ pub use schedule::ReflectionSystems;
 pub use settings::{
     CombinedThresholds, GrazingThresholds, NotReflected, RATE_LEGEND, RayTracedReflections, ReflectedMaterial3d,
     ReflectedMesh3d, ReflectionBackend, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView,
-    ReflectionDenoiser, ReflectionPreset, ReflectionQuality, ReflectionSampling, ReflectionTechnique,
-    ReflectionTextureMip, ReflectionTracerChoice, ReflectionsOff, RoughnessThresholds, ShadingRate,
-    ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
+    ReflectionDenoiser, ReflectionFallback, ReflectionPreset, ReflectionQuality, ReflectionSampling,
+    ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice, ReflectionsOff, RoughnessThresholds,
+    ShadingRate, ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
 };
 pub use status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory};
 #[cfg(feature = "egui")]

@@ -10,6 +10,7 @@ use crate::{
     diagnostics::ReflectionDiagnosticsPlugin,
     events::EventsPlugin,
     extract::ExtractPlugin,
+    fallback::FallbackPlugin,
     gbuffer::GBufferPlugin,
     node::NodePlugin,
     probe::ProbePlugin,
@@ -17,7 +18,7 @@ use crate::{
     ready::ReadyPlugin,
     scene::ScenePlugin,
     schedule::SchedulePlugin,
-    settings::{ReflectionTracerChoice, SettingsPlugin},
+    settings::{ReflectionFallback, ReflectionTracerChoice, SettingsPlugin},
     status::StatusPlugin,
     trace::TracePlugin,
     view::ViewPlugin,
@@ -27,8 +28,8 @@ use bevy::app::{App, Plugin};
 
 /// Makes [`RayTracedReflections`](crate::RayTracedReflections) work on cameras.
 ///
-/// Add it after `DefaultPlugins`. In an app without a renderer it does nothing. Nor does it on a device that can't trace: then the
-/// reason is in [`ReflectionStatus`](crate::ReflectionStatus).
+/// Add it after `DefaultPlugins`. In an app without a renderer it does nothing. On a device that can't trace, cameras get the
+/// [`fallback`](Self::fallback), and the reason is in [`ReflectionStatus`](crate::ReflectionStatus).
 #[derive(Clone, Copy, Debug)]
 pub struct RayTracedReflectionsPlugin {
     /// Tracer that finds the surfaces that rays hit; fixed for the life of the app. Default: [`ReflectionTracerChoice::Auto`].
@@ -48,6 +49,8 @@ pub struct RayTracedReflectionsPlugin {
     /// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method) is `Deferred`, and each camera that is to show such
     /// a material needs these components from the app.
     pub deferred_by_default: bool,
+    /// What cameras get on a device that can't trace. Default: [`ReflectionFallback::None`].
+    pub fallback: ReflectionFallback,
 }
 
 impl Default for RayTracedReflectionsPlugin {
@@ -55,6 +58,7 @@ impl Default for RayTracedReflectionsPlugin {
         Self {
             tracer: ReflectionTracerChoice::default(),
             deferred_by_default: true,
+            fallback: ReflectionFallback::default(),
         }
     }
 }
@@ -72,8 +76,13 @@ impl Plugin for RayTracedReflectionsPlugin {
             ProbePlugin { tracer: self.tracer },
         ));
         if self.deferred_by_default {
-            app.add_plugins(DeferredPlugin);
+            app.add_plugins(DeferredPlugin {
+                fallback: self.fallback,
+            });
         }
+        app.add_plugins(FallbackPlugin {
+            fallback: self.fallback,
+        });
         app.add_plugins((
             CommonPlugin,
             VrsPlugin,

@@ -17,6 +17,8 @@ pub const INSTANCE_ALPHA_MASKED: u32 = 8;
 pub const INSTANCE_CASTS_SHADOW: u32 = 16;
 /// Shadows of lights fall on the instance.
 pub const INSTANCE_RECEIVES_SHADOW: u32 = 32;
+/// The instance has moved since the last frame.
+pub const INSTANCE_MOVING: u32 = 64;
 
 /// The material is not lit.
 pub const MATERIAL_UNLIT: u32 = 1;

@@ -84,6 +84,7 @@ pub(super) fn prepare_instances(
     }
     let slots = instances.slots().len();
     dirty.extend(bindings.instances.reserve(slots, &device));
+    bindings.instances.settle();
     let mut changed = bindings.move_instances(&moved, instances, &mut dirty);
     changed |= bindings.update_instances(&dirty, instances, &mut tables.materials, &surroundings, meshes, &queue);
     bindings.instances.truncate(slots);

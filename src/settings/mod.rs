@@ -33,7 +33,7 @@ pub use heuristic::{
 pub use presets::{ReflectionPreset, TECHNIQUE_NAMES, named_settings};
 pub use quality::{ReflectionQuality, ReflectionsOff};
 pub use reflections::{
-    NotReflected, RayTracedReflections, ReflectionBackend, ReflectionSampling, ReflectionTechnique,
+    NotReflected, RayTracedReflections, ReflectionBackend, ReflectionFallback, ReflectionSampling, ReflectionTechnique,
     ReflectionTextureMip, ReflectionTracerChoice,
 };
 pub use shading_rate::ShadingRate;
@@ -66,6 +66,7 @@ impl Plugin for SettingsPlugin {
             .register_type::<ReflectionTechnique>()
             .register_type::<ReflectionBackend>()
             .register_type::<ReflectionSampling>()
+            .register_type::<ReflectionFallback>()
             .register_type::<ReflectionDenoiser>()
             .register_type::<ReflectionTextureMip>()
             .register_type::<ReflectionTracerChoice>()

@@ -212,6 +212,19 @@ words!(ReflectionTracerChoice {
     Bvh = "bvh",
 });
 
+/// What cameras with [`RayTracedReflections`] get on a device that can't trace.
+#[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[reflect(Default, Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum ReflectionFallback {
+    /// Nothing: the picture is the one without the component. The default.
+    #[default]
+    None,
+    /// Bevy's [`ScreenSpaceReflections`](bevy::pbr::ScreenSpaceReflections) with their default settings, as long as the camera has
+    /// [`RayTracedReflections`]. They show what is on the screen. Opaque materials become deferred as they do where rays are traced.
+    ScreenSpace,
+}
+
 /// Keeps an entity out of all reflections and out of the shadows that are seen in them. `Mesh::enable_raytracing` does so for all
 /// entities with a mesh.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]

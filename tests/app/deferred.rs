@@ -10,12 +10,12 @@ use bevy::{
         prepass::{DeferredPrepass, DepthPrepass, NormalPrepass},
         tonemapping::{DebandDither, Tonemapping},
     },
-    pbr::DefaultOpaqueRendererMethod,
+    pbr::{DefaultOpaqueRendererMethod, ScreenSpaceReflections},
     prelude::*,
     reflect::PartialReflect,
     render::settings::{WgpuLimits, WgpuSettings},
 };
-use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin};
+use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectionFallback};
 use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, Output};
 
 /// An app as Bevy's default plugins leave it, with what `add` adds; `None` (with the reason printed) where this machine can't render.
@@ -166,6 +166,47 @@ fn an_app_can_keep_its_own_method() {
     other.step(1);
     let mut plain = other.world().query_filtered::<Has<DeferredPrepass>, With<Camera3d>>();
     assert!(plain.iter(other.world()).all(|deferred| deferred));
+}
+
+#[test]
+fn where_nothing_can_be_traced_screen_space_reflections_may_take_over() {
+    let weak = WgpuSettings {
+        constrained_limits: Some(WgpuLimits {
+            max_storage_buffers_per_shader_stage: 7,
+            ..WgpuLimits::default()
+        }),
+        ..default()
+    };
+    let Some(mut app) = start(weak, |app| {
+        app.add_plugins(RayTracedReflectionsPlugin {
+            fallback: ReflectionFallback::ScreenSpace,
+            ..default()
+        });
+    }) else {
+        return;
+    };
+    assert_eq!(report(&mut app).tracer, None, "{}", report(&mut app));
+    assert!(is_deferred(&mut app));
+    let target = app.target();
+    let reflecting = app
+        .world()
+        .spawn((camera(target, 0), RayTracedReflections::default()))
+        .id();
+    app.step(2);
+    let has = |app: &mut HeadlessApp| app.world().entity(reflecting).contains::<ScreenSpaceReflections>();
+    assert!(has(&mut app));
+    assert!(app.world().entity(reflecting).contains::<DeferredPrepass>());
+    app.world().entity_mut(reflecting).remove::<RayTracedReflections>();
+    app.step(2);
+    assert!(!has(&mut app), "they go with the component");
+    // An app's own stay.
+    app.world()
+        .entity_mut(reflecting)
+        .insert((RayTracedReflections::default(), ScreenSpaceReflections::default()));
+    app.step(2);
+    app.world().entity_mut(reflecting).remove::<RayTracedReflections>();
+    app.step(2);
+    assert!(has(&mut app));
 }
 
 #[test]

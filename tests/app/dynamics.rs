@@ -2,7 +2,7 @@
 
 use crate::{
     common::app,
-    pictures::{BOTH, assert_flip, crop, differing_pixels, flip, reflect, warm_up},
+    pictures::{BOTH, assert_flip, crop, differing_pixels, dump, flip, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, metal, report, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{
@@ -47,6 +47,97 @@ fn settle(app: &mut HeadlessApp) {
         app.step(1);
     }
     panic!("meshes stay pending: {:?}", report(app));
+}
+
+/// The image in a mirror doesn't go along with the mirror.
+#[test]
+fn a_mirror_that_spins_is_as_sharp_as_one_that_stands() {
+    for (technique, limit) in [
+        (ReflectionTechnique::Reference, 0.02),
+        (ReflectionTechnique::Quarter, 0.04),
+    ] {
+        let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
+            return;
+        };
+        let sphere = Sphere::new(1.4).mesh().uv(256, 128);
+        let sphere = spawn_mesh(&mut app, sphere, metal(0.0), Transform::IDENTITY);
+        let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        for (index, color) in (0u8..12).zip([RED, GREEN, BLUE].into_iter().cycle()) {
+            let angle = f32::from(index) * 0.5236;
+            let place = Vec3::new(4.0 * angle.sin(), 0.5 * (f32::from(index % 4) - 1.5), 4.0 * angle.cos());
+            spawn_mesh(&mut app, cube(0.8), unlit(color), Transform::from_translation(place));
+        }
+        reflect(&mut app, camera, technique);
+        app.world().entity_mut(camera).insert(RayTracedReflections {
+            technique,
+            full_resolution_mirrors: false,
+            ..default()
+        });
+        warm_up(&mut app);
+        app.step(16);
+        let standing = app.capture().unwrap();
+        for _ in 0..16 {
+            app.world().get_mut::<Transform>(sphere).unwrap().rotate_y(0.08);
+            app.step(1);
+        }
+        let spinning = app.capture().unwrap();
+        assert_flip(
+            &format!("spinning-mirror-{technique}"),
+            SIZE,
+            &standing,
+            &spinning,
+            limit,
+        );
+    }
+}
+
+/// A lamp that crosses a glossy floor under a still camera.
+#[test]
+fn what_moves_leaves_no_trail_in_a_glossy_floor() {
+    for (technique, name) in [
+        (ReflectionTechnique::Reference, "reference"),
+        (ReflectionTechnique::Quarter, "quarter"),
+    ] {
+        let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
+            return;
+        };
+        let floor = Plane3d::default().mesh().size(30.0, 30.0);
+        spawn_mesh(&mut app, floor, metal(0.15), Transform::from_xyz(0.0, -1.0, 0.0));
+        let start = Vec3::new(-1.2, -0.3, -1.0);
+        let lamp = spawn_mesh(
+            &mut app,
+            Sphere::new(0.35),
+            unlit(RED),
+            Transform::from_translation(start),
+        );
+        spawn_mesh(&mut app, cube(0.5), unlit(GREEN), Transform::from_xyz(0.2, -0.3, -2.5));
+        let view = Transform::from_xyz(0.0, 0.4, 3.0).looking_at(Vec3::new(0.0, -1.0, -1.0), Vec3::Y);
+        let camera = spawn_camera(&mut app, view, SceneName::MirrorRoom);
+        reflect(&mut app, camera, technique);
+        let mut settings = RayTracedReflections { technique, ..default() };
+        settings.denoiser.converge_static_views = false;
+        app.world().entity_mut(camera).insert(settings.clone());
+        warm_up(&mut app);
+        for _ in 0..24 {
+            app.world().get_mut::<Transform>(lamp).unwrap().translation.x += 0.06;
+            app.step(1);
+        }
+        let moving = app.capture().unwrap();
+        app.step(24);
+        let still = app.capture().unwrap();
+        settings.technique = ReflectionTechnique::Converged;
+        app.world().entity_mut(camera).insert(settings);
+        warm_up(&mut app);
+        app.step(128);
+        let truth = app.capture().unwrap();
+        let [error, least] = [&moving, &still].map(|picture| flip(SIZE, &truth, picture).0);
+        println!(
+            "{name}: FLIP {error:.4} in motion, {least:.4} at rest: {:.2} times",
+            error / least
+        );
+        dump(&format!("trail-{name}"), SIZE, &truth, &moving);
+        assert!(error < 1.5 * least, "{name}: {error} and {least}");
+    }
 }
 
 /// Pixels of a colour in the left and in the right half of the picture.

@@ -47,6 +47,7 @@ pub fn app_of(
             tracer,
             // The harness draws deferred already, and cameras lack what tests take from them.
             deferred_by_default: false,
+            ..default()
         };
         app.add_plugins((SceneAnimationPlugin, reflections));
         add(app);

@@ -131,7 +131,7 @@ fn what_is_out_of_reach_gets_no_light() {
 /// A rough floor draws rays towards a polished surface, in which few of them see the sun.
 #[test]
 fn wider_highlights_have_the_same_light_and_less_noise() {
-    const RAYS: usize = 65536;
+    const RAYS: usize = 1 << 19;
     // As `HIGHLIGHT_WIDTH` of `shading.wesl` makes of the floor's lobe.
     const FLOOR_ALPHA: f32 = 0.2;
     const POLISHED: f32 = 0.089 * 0.089;

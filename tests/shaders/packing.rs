@@ -129,7 +129,7 @@ fn formats_of_two_channels_are_found() {
 fn an_index_stays_with_its_material() {
     let mut table = MaterialTable::default();
     assert_eq!(table.take_dirty(), Some(0..1));
-    let id = Handle::<StandardMaterial>::default().id();
+    let id = Handle::<StandardMaterial>::default().id().untyped();
     let index = table.index(id);
     assert_eq!((index, table.index(id)), (1, 1));
     assert_eq!(table.take_dirty(), Some(1..2));

@@ -4,7 +4,8 @@ use crate::scene::{
     acceleration::rows,
     bvh::MAX_INSTANCES,
     gpu_types::{
-        GpuInstance, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_MIRRORED, INSTANCE_RECEIVES_SHADOW,
+        GpuInstance, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_MIRRORED, INSTANCE_MOVING,
+        INSTANCE_RECEIVES_SHADOW,
     },
     instances::InstanceSource,
     meshes::SceneMesh,
@@ -30,6 +31,8 @@ pub(in crate::scene) struct InstanceTable {
     masked_count: usize,
     /// Slots that changed since the last upload.
     changed: Vec<u32>,
+    /// Slots whose objects moved in this frame.
+    moving: Vec<u32>,
 }
 
 impl InstanceTable {
@@ -42,6 +45,7 @@ impl InstanceTable {
             present_count: 0,
             masked_count: 0,
             changed: Vec::new(),
+            moving: Vec::new(),
         }
     }
 
@@ -112,6 +116,16 @@ impl InstanceTable {
         true
     }
 
+    /// Begins a frame: what moved in the last one stands.
+    pub fn settle(&mut self) {
+        for slot in self.moving.drain(..) {
+            if let Some(data) = self.data.get_mut(slot as usize) {
+                data.flags &= !INSTANCE_MOVING;
+                self.changed.push(slot);
+            }
+        }
+    }
+
     /// Replaces the transform of an object. Returns false if more than its matrices would change.
     pub fn set_transform(&mut self, slot: u32, world_from_object: &Affine3A) -> bool {
         if !self.can_be_hit(slot) {
@@ -126,7 +140,9 @@ impl InstanceTable {
         }
         data.world_from_object = matrices.world_from_object;
         data.object_from_world = matrices.object_from_world;
+        data.flags |= INSTANCE_MOVING;
         self.changed.push(slot);
+        self.moving.push(slot);
         true
     }
 
@@ -141,6 +157,7 @@ impl InstanceTable {
     /// Writes all changes to the buffer.
     pub fn upload(&mut self, device: &RenderDevice, queue: &RenderQueue) {
         self.changed.sort_unstable();
+        self.changed.dedup();
         self.slice.write_elements(&self.data, &self.changed, device, queue);
         self.changed.clear();
     }

@@ -310,7 +310,7 @@ fn rounding_keeps_the_mean() {
 const FILTERS: &str = "
 import package::denoise::filters::{
     blur_radius, clip_to_box, expected_spread, firefly_limit, frame_share, hit_confidence, is_neighbour, is_same_surface,
-    likely_history, longest_history, mean_variance, pack_frame_weight, pack_surface, rest_firefly, rest_history, rest_of,
+    likely_history, longest_history, mean_variance, moving_age, pack_frame_weight, pack_surface, rest_firefly, rest_history, rest_of,
     rgb_of_ycocg, same_roughness, unpack_frame_weight, unpack_surface, virtual_distance, virtual_share, ycocg,
 };
 import package::common::radiance::luminance;
@@ -347,7 +347,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         vec4(surface.normal, surface.roughness),
         vec4<f32>(vec4<u32>(flags)),
         vec4(likely.extent.yz, likely.middle.yz),
-        vec4(rest_of(u32(40.0 * a.x), u32(40.0 * a.y)), 0.0,
+        vec4(rest_of(u32(40.0 * a.x), u32(40.0 * a.y)), moving_age(0.3 * d.x, a.z),
             rest_history(32.0 * a.z, 64.0 * b.z, u32(600.0 * a.w), d.x), rest_firefly(100.0 * c.z, d.x)),
         vec4(pack_frame_weight(20.0 * a.x), unpack_frame_weight(pack_frame_weight(20.0 * a.y)),
             image_angle(0.002, 10.0 * b.x, 0.01 + 10.0 * b.y, d.x > 0.5), reconnection_jacobian((0.01 + a.z) * (0.01 + a.z), b.z)),
@@ -395,7 +395,7 @@ fn filters_twin([a, b, c, d]: [Vec4; 4]) -> [Vec4; 12] {
         vec4(likely.extent.y, likely.extent.z, likely.middle.y, likely.middle.z),
         vec4(
             rest_of((40.0 * a.x) as u32, (40.0 * a.y) as u32),
-            0.0,
+            moving_age(0.3 * d.x, a.z),
             rest_history(32.0 * a.z, 64.0 * b.z, (600.0 * a.w) as u32, d.x),
             rest_firefly(100.0 * c.z, d.x),
         ),

@@ -169,6 +169,10 @@ pub fn virtual_share(roughness: f32) -> f32 {
     1.0 - smoothstep(0.3, 0.6, roughness)
 }
 
+pub fn moving_age(roughness: f32, motion: f32) -> f32 {
+    1.0 - (2.0 * motion).clamp(0.0, 1.0) * (1.0 - smoothstep(0.08, 0.2, roughness))
+}
+
 pub fn hit_confidence(found: f32, expected: f32, distance: f32) -> f32 {
     let error = (found - expected).abs() / (found.max(expected) + 0.25 * distance).max(1e-6);
     1.0 - smoothstep(0.15, 0.5, error)
