@@ -95,11 +95,11 @@ pub use events::{ReflectionsDeclined, ReflectionsReady};
 pub use plugin::RayTracedReflectionsPlugin;
 pub use schedule::ReflectionSystems;
 pub use settings::{
-    CombinedThresholds, GrazingThresholds, NotReflected, RATE_LEGEND, RayTracedReflections, ReflectionBackend,
-    ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionPreset,
-    ReflectionQuality, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice,
-    ReflectionsOff, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES,
-    UnknownName, named_settings,
+    CombinedThresholds, GrazingThresholds, NotReflected, RATE_LEGEND, RayTracedReflections, ReflectedPose,
+    ReflectedPoseBudget, ReflectionBackend, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView,
+    ReflectionDenoiser, ReflectionPreset, ReflectionQuality, ReflectionSampling, ReflectionTechnique,
+    ReflectionTextureMip, ReflectionTracerChoice, ReflectionsOff, RoughnessThresholds, ShadingRate,
+    ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
 };
 pub use status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory};
 #[cfg(feature = "egui")]

@@ -5,6 +5,6 @@ pub use crate::HardwareVrsPlugin;
 #[cfg(feature = "egui")]
 pub use crate::ReflectionSettingsPanelPlugin;
 pub use crate::{
-    NotReflected, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionPreset, ReflectionQuality,
+    NotReflected, RayTracedReflections, RayTracedReflectionsPlugin, ReflectedPose, ReflectionPreset, ReflectionQuality,
     ReflectionStatus, ReflectionsDeclined, ReflectionsReady, ShadingRateHeuristic,
 };

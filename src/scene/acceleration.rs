@@ -286,11 +286,11 @@ impl PendingBlas {
             version: mesh.version,
             blas,
             size,
-            first_vertex: (base + mesh.positions_offset) / 3,
+            first_vertex: (base + mesh.offsets.positions) / 3,
             first_index: if indices.is_some() {
                 0
             } else {
-                base + mesh.indices_offset
+                base + mesh.offsets.indices
             },
             indices: indices.map(|indices| {
                 device.create_buffer_with_data(&BufferInitDescriptor {

@@ -10,12 +10,11 @@ use bevy::{
     },
     light::{NotShadowCaster, NotShadowReceiver},
     math::Affine3A,
-    mesh::{Mesh, Mesh3d, morph::MeshMorphWeights, skinning::SkinnedMesh},
+    mesh::{Mesh, Mesh3d, skinning::SkinnedMesh},
     pbr::{MeshMaterial3d, StandardMaterial},
     platform::collections::HashMap,
     prelude::*,
     render::Extract,
-    utils::once,
 };
 
 /// One object as the main world describes it.
@@ -136,6 +135,24 @@ impl SceneInstances {
         }
     }
 
+    /// The slot of an object and the object, if it is there.
+    pub fn find(&self, entity: Entity) -> Option<(u32, &InstanceSource)> {
+        let slot = *self.by_entity.get(entity.index_u32() as usize)?;
+        // Another entity may have the same index by now.
+        let source = self.get(slot).filter(|source| source.entity == entity)?;
+        Some((slot, source))
+    }
+
+    /// Moves an object, and nothing happens where it is there already.
+    pub fn place(&mut self, slot: u32, world_from_object: Affine3A) {
+        if let Some(Some(source)) = self.slots.get_mut(slot as usize)
+            && source.world_from_object != world_from_object
+        {
+            source.world_from_object = world_from_object;
+            self.moved.push(slot);
+        }
+    }
+
     /// Removes an object if it is there.
     pub fn remove(&mut self, entity: Entity) {
         let Some(place) = self.by_entity.get_mut(entity.index_u32() as usize) else {
@@ -192,7 +209,6 @@ type InstanceQuery = (
     Option<Ref<'static, NotShadowCaster>>,
     Option<Ref<'static, NotShadowReceiver>>,
     Has<SkinnedMesh>,
-    Has<MeshMorphWeights>,
 );
 
 /// Values of these components.
@@ -208,7 +224,6 @@ struct InstanceItem<'a> {
     no_shadow: bool,
     no_shadow_on_it: bool,
     skinned: bool,
-    morphed: bool,
 }
 
 /// Components whose removal changes how an entity is traced.
@@ -222,6 +237,7 @@ pub struct RemovedFromScene<'w, 's> {
     opt_outs: RemovedComponents<'w, 's, NotReflected>,
     casters: RemovedComponents<'w, 's, NotShadowCaster>,
     receivers: RemovedComponents<'w, 's, NotShadowReceiver>,
+    skins: RemovedComponents<'w, 's, SkinnedMesh>,
     disabled: RemovedComponents<'w, 's, Disabled>,
     /// Queries that don't name `Disabled` no longer find these.
     now_disabled: Query<'w, 's, Entity, Added<Disabled>>,
@@ -237,6 +253,7 @@ impl RemovedFromScene<'_, '_> {
         entities.extend(self.opt_outs.read());
         entities.extend(self.casters.read());
         entities.extend(self.receivers.read());
+        entities.extend(self.skins.read());
         entities.extend(self.disabled.read());
         entities.extend(&self.now_disabled);
         entities
@@ -289,7 +306,7 @@ fn update_changed(instances: &mut SceneInstances, all: &Query<InstanceQuery>) {
         return;
     };
     for table in tables {
-        let (entities, meshes, materials, transforms, visibilities, layers, ranges, out, caster, receiver, skin, morph) =
+        let (entities, meshes, materials, transforms, visibilities, layers, ranges, out, caster, receiver, skin) =
             table;
         let (this_run, last_run) = (transforms.this_run_tick(), transforms.last_run_tick());
         let since = this_run.get().wrapping_sub(last_run.get());
@@ -330,7 +347,6 @@ fn update_changed(instances: &mut SceneInstances, all: &Query<InstanceQuery>) {
                         no_shadow: caster.is_some(),
                         no_shadow_on_it: receiver.is_some(),
                         skinned: skin,
-                        morphed: morph,
                     },
                 );
             }
@@ -353,7 +369,7 @@ fn is_changed((_, mesh, material, transform, visibility, layers, range, out, cas
 }
 
 fn update(instances: &mut SceneInstances, item: Item) {
-    let (entity, mesh, material, transform, visibility, layers, range, out, caster, receiver, skinned, morphed) = item;
+    let (entity, mesh, material, transform, visibility, layers, range, out, caster, receiver, skinned) = item;
     update_item(
         instances,
         &InstanceItem {
@@ -368,7 +384,6 @@ fn update(instances: &mut SceneInstances, item: Item) {
             no_shadow: caster.is_some(),
             no_shadow_on_it: receiver.is_some(),
             skinned,
-            morphed,
         },
     );
 }
@@ -383,18 +398,15 @@ fn update_item(instances: &mut SceneInstances, item: &InstanceItem) {
         instances.remove(item.entity);
         return;
     }
-    if item.skinned || item.morphed {
-        once!(bevy::log::warn!(
-            "ray-traced reflections show skinned and morphed meshes in their bind pose (first seen on {}); \
-             add `NotReflected` to leave them out",
-            item.entity
-        ));
-    }
+    let own = item.transform.affine();
+    // Joints place a skinned mesh, which `pose/extract.rs` follows.
+    let before = instances.find(item.entity).filter(|_| item.skinned);
+    let world_from_object = before.map_or(own, |(_, source)| source.world_from_object);
     instances.set(InstanceSource {
         entity: item.entity,
         mesh: item.mesh.id(),
         material: item.material.id(),
-        world_from_object: item.transform.affine(),
+        world_from_object,
         casts_shadow: !item.no_shadow,
         receives_shadow: !item.no_shadow_on_it,
     });

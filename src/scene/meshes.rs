@@ -4,7 +4,7 @@ use super::{
     activity::SceneActivity,
     arena::{Arena, ArenaSlice},
     bvh::{Blas, Bounds, BvhQuality, ITEM_WORDS, Item, MaskSource, TopNode, build_blas},
-    geometry::{BASE_ALIGNMENT, GeometryError, PackedMesh, pack_mesh},
+    geometry::{BASE_ALIGNMENT, Deformation, GeometryError, MeshOffsets, PackedMesh, pack_mesh},
     instances::SceneInstances,
     waiting_room::WaitingRoom,
 };
@@ -98,10 +98,10 @@ pub struct SceneMesh {
     pub vertex_count: u32,
     /// Triangles of the packed mesh.
     pub triangle_count: u32,
-    /// Words from the start of [`Self::geometry`].
-    pub positions_offset: u32,
-    /// Words from the start of [`Self::geometry`].
-    pub indices_offset: u32,
+    /// Arrays of the packed mesh.
+    pub offsets: MeshOffsets,
+    /// Of a mesh with a skin or morph targets.
+    pub deformation: Option<Deformation>,
     /// Triangle indices for building ray-query structures of flipped winding; empty with the BVH tracer.
     pub indices: Arc<[u32]>,
     /// For merging and masks; `None` with ray queries.
@@ -307,14 +307,14 @@ impl SceneMeshes {
             bvh,
             vertex_count: packed.vertex_count,
             triangle_count: packed.triangle_count,
-            positions_offset: packed.offsets.positions,
-            indices_offset: packed.offsets.indices,
+            offsets: packed.offsets,
             indices: if self.tracer == ReflectionTracer::RayQuery {
                 packed.indices().into()
             } else {
                 Arc::default()
             },
             triangles,
+            deformation: packed.deformation,
             version: self.next_version,
         };
         self.next_version += 1;

@@ -19,6 +19,7 @@ mod masks;
 pub mod materials;
 mod merge;
 pub mod meshes;
+mod pose;
 mod prepare;
 #[cfg(test)]
 mod test_gpu;
@@ -49,6 +50,7 @@ use instances::{SceneInstances, extract_instances};
 use lights::{ExtractedLights, RectLightsEnabled, detect_rect_lights, extract_lights};
 use materials::{MaterialAssets, MaterialTable, extract_materials, update_materials};
 use meshes::{RenderWorldMeshes, SceneMeshes, extract_meshes, keep_render_world_meshes, upload_meshes};
+use pose::{ExtractedPoses, extract_poses};
 use prepare::{prepare_instances, prepare_tables};
 use textures::{TextureTable, extract_texture_changes, update_textures};
 
@@ -83,6 +85,7 @@ impl Plugin for ScenePlugin {
             .init_resource::<RenderWorldMeshes>()
             .init_resource::<RectLightsEnabled>()
             .init_resource::<ExtractedLights>()
+            .init_resource::<ExtractedPoses>()
             .init_gpu_resource::<SceneActivity>()
             .init_gpu_resource::<SceneInstances>()
             .init_gpu_resource::<MaterialAssets>()
@@ -101,7 +104,7 @@ impl Plugin for ScenePlugin {
             .add_systems(
                 ExtractSchedule,
                 (
-                    (extract_activity, extract_instances, extract_meshes).chain(),
+                    (extract_activity, extract_instances, extract_poses, extract_meshes).chain(),
                     (extract_materials, extract_lights).after(extract_activity),
                     extract_texture_changes,
                     extract_alpha_images,

@@ -5,6 +5,7 @@
 //! | `reflections.rs`, `denoiser.rs` | the component of a camera |
 //! | `heuristic.rs`, `shading_rate.rs` | how many rays each tile gets |
 //! | `debug.rs` | debug views and counters |
+//! | `pose.rs` | skinned and morphed meshes |
 //! | `presets.rs` | bundles of settings |
 //! | `quality.rs` | the component that a game saves |
 //! | `words.rs` | words on command lines and in files |
@@ -16,6 +17,7 @@ mod clamped_rate;
 mod debug;
 mod denoiser;
 mod heuristic;
+mod pose;
 mod presets;
 mod quality;
 mod reflections;
@@ -28,6 +30,7 @@ pub use denoiser::ReflectionDenoiser;
 pub use heuristic::{
     CombinedThresholds, GrazingThresholds, RoughnessThresholds, ShadingRateHeuristic, ShadingRateTileSize,
 };
+pub use pose::{ReflectedPose, ReflectedPoseBudget};
 pub use presets::{ReflectionPreset, TECHNIQUE_NAMES, named_settings};
 pub use quality::{ReflectionQuality, ReflectionsOff};
 pub use reflections::{
@@ -67,6 +70,9 @@ impl Plugin for SettingsPlugin {
             .register_type::<ReflectionTextureMip>()
             .register_type::<ReflectionTracerChoice>()
             .register_type::<NotReflected>()
+            .register_type::<ReflectedPose>()
+            .register_type::<ReflectedPoseBudget>()
+            .init_resource::<ReflectedPoseBudget>()
             .register_type::<ShadingRateHeuristic>()
             .register_type::<ShadingRate>()
             .register_type::<ShadingRateTileSize>()
