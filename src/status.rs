@@ -63,6 +63,8 @@ pub struct ReflectionStatusReport {
     pub meshes: usize,
     /// Objects that rays can hit.
     pub instances: usize,
+    /// Skinned and morphed objects that reflections show in their pose; each has a copy of its mesh.
+    pub posed_instances: usize,
     /// Triangles of all meshes, each mesh counted once.
     pub triangles: u64,
     /// Bytes of GPU memory of the scene that rays hit.

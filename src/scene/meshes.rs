@@ -3,7 +3,7 @@
 use super::{
     activity::SceneActivity,
     arena::{Arena, ArenaSlice},
-    bvh::{Blas, Bounds, BvhQuality, ITEM_WORDS, Item, MaskSource, TopNode, build_blas},
+    bvh::{Blas, Bounds, BvhQuality, ITEM_WORDS, Item, MaskSource, TopNode, build_blas, build_posable_blas},
     geometry::{BASE_ALIGNMENT, Deformation, GeometryError, MeshOffsets, PackedMesh, pack_mesh},
     instances::SceneInstances,
     waiting_room::WaitingRoom,
@@ -124,6 +124,8 @@ pub struct SceneBlas {
     pub top: Arc<[TopNode]>,
     /// [`Blas::groups`].
     pub groups: u32,
+    /// [`Blas::levels`] of a mesh with a skin or morph targets.
+    pub levels: Box<[u32]>,
 }
 
 /// All meshes of traced objects.
@@ -234,8 +236,12 @@ impl SceneMeshes {
             let begin = Instant::now();
             let packed = pack_mesh(&mesh)?;
             drop(mesh);
+            let build = match &packed.deformation {
+                Some(_) => build_posable_blas,
+                None => build_blas,
+            };
             let blas = with_bvh
-                .then(|| build_blas(packed.positions(), packed.indices(), BvhQuality::default()))
+                .then(|| build(packed.positions(), packed.indices(), BvhQuality::default()))
                 .flatten();
             let triangles = blas.is_some().then(|| Arc::new(MeshTriangles::new(&packed)));
             let milliseconds = begin.elapsed().as_secs_f32() * 1000.0;
@@ -290,6 +296,7 @@ impl SceneMeshes {
                 };
                 self.bvh.write(queue, &slice, blas.items.as_flattened().as_flattened());
                 let first_node = slice.base() / ITEM_WORDS;
+                let levels = packed.deformation.as_ref().map(|_| blas.levels());
                 Some(SceneBlas {
                     slice,
                     first_node,
@@ -297,6 +304,7 @@ impl SceneMeshes {
                     bounds: blas.bounds,
                     top: blas.top.into(),
                     groups: blas.groups,
+                    levels: levels.unwrap_or_default().into(),
                 })
             }
             None => None,

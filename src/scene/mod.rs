@@ -71,11 +71,14 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "material.wesl");
         load_shader_library!(app, "offset.wesl");
         load_shader_library!(app, "opacity.wesl");
+        load_shader_library!(app, "pose/job.wesl");
         load_shader_library!(app, "ray_query.wesl");
         load_shader_library!(app, "shading.wesl");
         load_shader_library!(app, "surface.wesl");
         load_shader_library!(app, "trace.wesl");
         load_shader_library!(app, "types.wesl");
+        embedded_asset!(app, "pose/pose.wesl");
+        embedded_asset!(app, "pose/refit.wesl");
         embedded_asset!(app, "texture_layers.wesl");
     }
 

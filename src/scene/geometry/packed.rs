@@ -136,6 +136,8 @@ impl fmt::Display for MeshDefects {
 /// What the bounds of a posed mesh follow from.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Deformation {
+    /// The box around all triangles in bind pose.
+    pub bounds: Bounds,
     /// Joints that move vertices, and the box around those vertices in bind pose. Empty without a skin.
     pub joints: Vec<(u32, Bounds)>,
     /// By morph target: the box around the ways that it moves vertices at a weight of 1.

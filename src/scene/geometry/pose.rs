@@ -60,7 +60,8 @@ impl<'a> Pose<'a> {
         if self.target_count > 0 {
             deformation.targets = self.pack_morphs(packed);
         }
-        if deformation != Deformation::default() {
+        if self.joints.is_some() || self.target_count > 0 {
+            deformation.bounds = packed.bounds;
             packed.deformation = Some(deformation);
         }
     }

@@ -1,0 +1,1 @@
+//! Poses and trees that the GPU makes against twins on the CPU.
