@@ -36,6 +36,7 @@ pub(super) struct SceneTables<'w> {
     materials: ResMut<'w, MaterialTable>,
     textures: ResMut<'w, TextureTable>,
     alpha_images: ResMut<'w, AlphaImages>,
+    poses: PoseInputs<'w>,
 }
 
 /// Materials as the app made them, and the sampler of images that have none of their own.
@@ -51,7 +52,6 @@ pub(super) fn prepare_instances(
     mut bindings: ResMut<SceneBindings>,
     mut tables: SceneTables,
     materials: SceneMaterials,
-    poses: PoseInputs,
     mut changed_materials: Local<HashSet<AssetId<StandardMaterial>>>,
     activity: Res<SceneActivity>,
     status: Res<ReflectionStatus>,
@@ -85,7 +85,7 @@ pub(super) fn prepare_instances(
         let images = &mut tables.alpha_images;
         dirty.extend(bindings.masks.update(&changes, &surroundings, images, meshes, &queue));
     }
-    let poses = bindings.poses.follow(&poses, instances, meshes, &device, &queue);
+    let poses = bindings.poses.follow(&tables.poses, instances, meshes, &device, &queue);
     if !poses.switched.is_empty() {
         status.update(|report| report.posed_instances = bindings.poses.count());
     }

@@ -448,7 +448,7 @@ fn posed_words(mesh: &SceneMesh) -> Option<u32> {
 
 /// The header of a posed mesh. It shares all arrays that no pose changes with the mesh of the asset: offsets wrap around, as additions of
 /// shaders do.
-fn posed_header(base: u32, source: u32, offsets: MeshOffsets, [vertices, triangles]: [u32; 2]) -> [u32; 12] {
+pub(super) fn posed_header(base: u32, source: u32, offsets: MeshOffsets, [vertices, triangles]: [u32; 2]) -> [u32; 12] {
     let shared = |offset: u32| match offset {
         0 => 0,
         offset => source.wrapping_add(offset).wrapping_sub(base),
