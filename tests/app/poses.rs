@@ -7,6 +7,7 @@ use crate::{
 };
 use bevy::{
     asset::RenderAssetUsages,
+    image::{Image, ImageAddressMode, ImageSampler, ImageSamplerDescriptor},
     math::Affine3A,
     mesh::{
         Indices, PrimitiveTopology, VertexAttributeValues,
@@ -14,9 +15,15 @@ use bevy::{
         skinning::{SkinnedMesh, SkinnedMeshInverseBindposes},
     },
     prelude::*,
-    render::RenderApp,
+    render::{
+        RenderApp,
+        render_resource::{Extent3d, TextureDimension, TextureFormat},
+    },
 };
-use bevy_glint::{NotReflected, ReflectedPose, ReflectionTechnique, internals::meshes::SceneMeshes};
+use bevy_glint::{
+    NotReflected, ReflectedPose, ReflectedPoseBudget, ReflectionTechnique, ReflectionTracerChoice,
+    internals::meshes::SceneMeshes,
+};
 use core::f32::consts::{FRAC_PI_2, TAU};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
@@ -338,4 +345,166 @@ fn what_is_gone_leaves_nothing() {
             assert_flip(&format!("no-arms-{tracer}"), SIZE, &empty, &picture, SAME);
         }
     }
+}
+
+/// Paint with holes in stripes across the arm, and UV coordinates for it.
+fn cut_out(app: &mut HeadlessApp) -> StandardMaterial {
+    let texels = [[255; 4], [255, 255, 255, 0]].concat();
+    let extent = Extent3d {
+        width: 1,
+        height: 2,
+        depth_or_array_layers: 1,
+    };
+    let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
+    let mut image = Image::new(extent, TextureDimension::D2, texels, format, usage);
+    image.sampler = ImageSampler::Descriptor(ImageSamplerDescriptor {
+        address_mode_v: ImageAddressMode::Repeat,
+        ..ImageSamplerDescriptor::nearest()
+    });
+    StandardMaterial {
+        base_color_texture: Some(app.world().resource_mut::<Assets<Image>>().add(image)),
+        alpha_mode: AlphaMode::Mask(0.5),
+        cull_mode: None,
+        double_sided: true,
+        ..paint()
+    }
+}
+
+fn with_uvs(mesh: Mesh) -> Mesh {
+    let (positions, ..) = tube();
+    let uvs: Vec<[f32; 2]> = positions.iter().map(|position| [0.5, 1.5 * position.y]).collect();
+    mesh.with_inserted_attribute(Mesh::ATTRIBUTE_UV_0, uvs)
+}
+
+#[test]
+fn holes_stay_where_they_are_on_the_surface() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
+        let app = &mut app;
+        stage(app);
+        let material = cut_out(app);
+        let bent = || with_uvs(baked([0.0; 2], Some(bones(bend()))));
+        let expected = shown_baked(app, bent(), material.clone(), Transform::IDENTITY);
+        let solid = shown_baked(app, bent(), paint(), Transform::IDENTITY);
+        let other = flip(SIZE, &expected, &solid).0;
+        assert!(
+            other > OTHER / 4.0,
+            "{tracer}: holes change the picture by {other} alone"
+        );
+        spawn_arm(app, with_uvs(arm()), material);
+        let actual = shown(app, 1);
+        assert_flip(&format!("masked-arm-{tracer}"), SIZE, &expected, &actual, SAME);
+        // Opacity micromaps come later, and change nothing.
+        app.step(150);
+        let actual = shown(app, 1);
+        assert_flip(&format!("micromapped-arm-{tracer}"), SIZE, &expected, &actual, SAME);
+    }
+}
+
+#[test]
+fn bad_skeletons_leave_a_picture() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
+        let app = &mut app;
+        stage(app);
+        let expected = shown_baked(app, baked([0.0; 2], Some(bones(bend()))), paint(), Transform::IDENTITY);
+        let arm = spawn_arm(app, arm(), paint());
+        shown(app, 1);
+        // While a joint is nowhere, the last pose stays.
+        let upper = app.world().get::<Transform>(arm.joints[1]).copied().unwrap();
+        for bad in [f32::NAN, f32::INFINITY, 1e30] {
+            app.world().get_mut::<Transform>(arm.joints[1]).unwrap().translation.x = bad;
+            let actual = shown(app, 1);
+            assert_flip(&format!("lost-joint-{tracer}"), SIZE, &expected, &actual, SAME);
+        }
+        *app.world().get_mut::<Transform>(arm.joints[1]).unwrap() = upper;
+        app.step(2);
+        app.world().despawn(arm.joints[1]);
+        let actual = shown(app, 1);
+        assert_flip(&format!("despawned-joint-{tracer}"), SIZE, &expected, &actual, SAME);
+        // Without joints, and without inverse bind poses, it was never posed: it is where its transform says.
+        let place = |app: &mut HeadlessApp, mesh: Entity| {
+            *app.world().get_mut::<Transform>(mesh).unwrap() = shoulder();
+        };
+        let inverse_bindposes = app
+            .world()
+            .get::<SkinnedMesh>(arm.mesh)
+            .unwrap()
+            .inverse_bindposes
+            .clone();
+        for skin in [
+            SkinnedMesh::default(),
+            SkinnedMesh {
+                joints: arm.joints.to_vec(),
+                ..default()
+            },
+            // More joints than inverse bind poses.
+            SkinnedMesh {
+                inverse_bindposes,
+                joints: vec![arm.joints[0]; 70_000],
+            },
+        ] {
+            let mesh = spawn_mesh(app, crate::poses::arm(), paint(), Transform::IDENTITY);
+            app.world().entity_mut(mesh).insert(skin);
+            place(app, mesh);
+            let actual = shown(app, 1);
+            let changed = flip(SIZE, &expected, &actual).0;
+            assert!(
+                changed > OTHER / 4.0,
+                "{tracer}: a straight arm is seen, too, and not {changed}"
+            );
+            app.world().despawn(mesh);
+        }
+    }
+}
+
+#[test]
+fn the_budget_goes_to_the_nearest() {
+    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let app = &mut app;
+    stage(app);
+    let arms = [6.0, 20.0, 40.0].map(|z| {
+        let arm = spawn_arm(app, arm(), paint());
+        app.world().get_mut::<Transform>(arm.joints[0]).unwrap().translation.z = z;
+        arm
+    });
+    // The mirror gets a merged tree of its own.
+    app.step(60);
+    shown(app, 3);
+    let budget = |app: &mut HeadlessApp, vertices_per_frame: u32| {
+        app.world().insert_resource(ReflectedPoseBudget { vertices_per_frame });
+    };
+    let bend_all = |app: &mut HeadlessApp, angle: f32| {
+        for arm in &arms {
+            app.world().get_mut::<Transform>(arm.joints[1]).unwrap().rotation = Quat::from_rotation_z(angle);
+        }
+        app.step(1);
+        // The status is that of the frame before.
+        app.step(1);
+        report(app)
+    };
+    // Trees of the top level are built where something was posed.
+    let builds = |app: &mut HeadlessApp| report(app).tlas_builds;
+    budget(app, 0);
+    let before = builds(app);
+    bend_all(app, 0.1);
+    app.step(5);
+    assert_eq!(builds(app), before, "nothing is posed");
+    // One mesh in each frame, however many vertices it has, and in the end all of them.
+    budget(app, 1);
+    app.step(6);
+    assert_eq!(builds(app), before + 3, "one after the other");
+    budget(app, u32::MAX);
+    let before = builds(app);
+    bend_all(app, 0.2);
+    app.step(5);
+    assert_eq!(builds(app), before + 1, "all at once");
+    app.step(30);
+    assert_eq!(builds(app), before + 1, "nothing moves any more");
 }
