@@ -65,6 +65,8 @@ pub struct ReflectionStatusReport {
     pub instances: usize,
     /// Objects that are missing from reflections because rays don't know their material type, each type with its number of objects.
     pub unseen: Vec<(String, usize)>,
+    /// Skinned and morphed objects that reflections show in their pose; each has a copy of its mesh.
+    pub posed_instances: usize,
     /// Triangles of all meshes, each mesh counted once.
     pub triangles: u64,
     /// Bytes of GPU memory of the scene that rays hit.

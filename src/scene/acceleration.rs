@@ -75,12 +75,23 @@ impl BlasKey {
     }
 }
 
+/// Vertices of an object that has its own, in a pose.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PosedVertices {
+    /// Of the geometry buffer, in vertices.
+    pub first_vertex: u32,
+    /// Changes with each pose, and is unlike that of any other object.
+    pub revision: u64,
+}
+
 /// One instance of the TLAS to build.
 pub struct RayQueryInstance {
     /// Index in the instance buffer.
     pub slot: u32,
-    /// Its BLAS.
+    /// Its BLAS, or the variant that is made of its own vertices.
     pub blas: BlasKey,
+    /// Its own vertices, if it has any.
+    pub posed: Option<PosedVertices>,
     /// Object to world.
     pub world_from_object: Affine3A,
     /// `INSTANCE_` flags.
@@ -90,6 +101,8 @@ pub struct RayQueryInstance {
 /// BLASes of all meshes in use and the TLAS over them.
 pub struct AccelerationStructures {
     blas: HashMap<BlasKey, (u64, Blas)>,
+    /// Those of objects with a pose, by slot.
+    posed: HashMap<u32, PosedBlas>,
     tlas: Tlas,
     capacity: u32,
     /// Changes when [`Self::tlas`] becomes another object.
@@ -109,6 +122,7 @@ impl AccelerationStructures {
         queue.submit([encoder.finish()]);
         Self {
             blas: HashMap::default(),
+            posed: HashMap::default(),
             tlas,
             capacity,
             generation: 0,
@@ -128,7 +142,8 @@ impl AccelerationStructures {
         device: &RenderDevice,
         queue: &RenderQueue,
     ) -> u64 {
-        let built = self.build_missing(instances, meshes, device, queue);
+        let built =
+            self.build_missing(instances, meshes, device, queue) + self.build_posed(instances, meshes, device, queue);
         let limit = instance_limit(device);
         // Slots are given out from the lowest on, so that few are ever left out for their number.
         let tellable = instances.iter().filter(|instance| instance.slot < MOST_INSTANCES);
@@ -154,7 +169,10 @@ impl AccelerationStructures {
             }
         }
         let entries = used.into_iter().filter_map(|instance| {
-            let (_, blas) = self.blas.get(&instance.blas)?;
+            let blas = match instance.posed {
+                Some(_) => &self.posed.get(&instance.slot)?.blas.blas,
+                None => &self.blas.get(&instance.blas)?.1,
+            };
             let mut mask = MASK_REFLECTED;
             if instance.flags & INSTANCE_CASTS_SHADOW != 0 {
                 mask |= MASK_CASTS_SHADOW;
@@ -188,7 +206,8 @@ impl AccelerationStructures {
         device: &RenderDevice,
         queue: &RenderQueue,
     ) -> u64 {
-        let used: HashSet<BlasKey> = instances.iter().map(|instance| instance.blas).collect();
+        let whole = instances.iter().filter(|instance| instance.posed.is_none());
+        let used: HashSet<BlasKey> = whole.map(|instance| instance.blas).collect();
         self.blas.retain(|key, (version, _)| {
             meshes.get(key.mesh).is_some_and(|mesh| mesh.version == *version) && used.contains(key)
         });
@@ -202,7 +221,12 @@ impl AccelerationStructures {
             {
                 if let Some(mesh) = meshes.get(key.mesh) {
                     triangles += mesh.triangle_count;
-                    batch.extend(PendingBlas::new(key, meshes, device));
+                    batch.extend(PendingBlas::new(
+                        key,
+                        AccelerationStructureFlags::PREFER_FAST_TRACE,
+                        meshes,
+                        device,
+                    ));
                 }
             }
             let entries: Vec<_> = batch.iter().map(|pending| pending.entry(meshes)).collect();
@@ -224,6 +248,85 @@ impl AccelerationStructures {
     }
 }
 
+impl AccelerationStructures {
+    /// Builds the BLASes of objects whose pose has changed, and drops those of objects that are gone. wgpu has no updates, so they are
+    /// built from the start, as fast as the driver can.
+    fn build_posed(
+        &mut self,
+        instances: &[RayQueryInstance],
+        meshes: &SceneMeshes,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> u64 {
+        let posed = || {
+            instances
+                .iter()
+                .filter_map(|instance| Some((instance, instance.posed?)))
+        };
+        if self.posed.is_empty() && posed().next().is_none() {
+            return 0;
+        }
+        let present: HashMap<u32, BlasKey> = posed().map(|(instance, _)| (instance.slot, instance.blas)).collect();
+        self.posed.retain(|slot, posed| {
+            present.get(slot) == Some(&posed.blas.key)
+                && meshes
+                    .get(posed.blas.key.mesh)
+                    .is_some_and(|mesh| mesh.version == posed.blas.version)
+        });
+        let mut stale = Vec::new();
+        for (instance, vertices) in posed() {
+            if !self.posed.contains_key(&instance.slot)
+                && let Some(blas) = PendingBlas::new(
+                    instance.blas,
+                    AccelerationStructureFlags::PREFER_FAST_BUILD,
+                    meshes,
+                    device,
+                )
+            {
+                self.posed.insert(instance.slot, PosedBlas { blas, revision: 0 });
+            }
+            if let Some(posed) = self.posed.get_mut(&instance.slot)
+                && posed.revision != vertices.revision
+            {
+                posed.revision = vertices.revision;
+                posed.blas.first_vertex = vertices.first_vertex;
+                stale.push(instance.slot);
+            }
+        }
+        // In parts, since the driver's scratch memory grows with what is built at a time.
+        let mut rest = stale.as_slice();
+        while !rest.is_empty() {
+            let mut triangles = 0;
+            let fits = |slot: &&u32| {
+                let fits = triangles < TRIANGLES_PER_BUILD;
+                let size = self
+                    .posed
+                    .get(*slot)
+                    .map_or(0, |posed| posed.blas.size.index_count.unwrap_or(0) / 3);
+                triangles += size;
+                fits
+            };
+            let (batch, others) = rest.split_at(rest.iter().take_while(fits).count().max(1));
+            rest = others;
+            let posed = batch.iter().filter_map(|slot| self.posed.get(slot));
+            let entries: Vec<_> = posed.map(|posed| posed.blas.entry(meshes)).collect();
+            let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor {
+                label: Some("glint_posed_blas_build"),
+            });
+            encoder.build_acceleration_structures(&entries, []);
+            queue.submit([encoder.finish()]);
+        }
+        stale.len() as u64
+    }
+}
+
+/// The BLAS of an object with a pose.
+struct PosedBlas {
+    blas: PendingBlas,
+    /// As of the last build.
+    revision: u64,
+}
+
 struct PendingBlas {
     key: BlasKey,
     version: u64,
@@ -236,7 +339,12 @@ struct PendingBlas {
 }
 
 impl PendingBlas {
-    fn new(key: BlasKey, meshes: &SceneMeshes, device: &RenderDevice) -> Option<Self> {
+    fn new(
+        key: BlasKey,
+        flags: AccelerationStructureFlags,
+        meshes: &SceneMeshes,
+        device: &RenderDevice,
+    ) -> Option<Self> {
         let mesh = meshes.get(key.mesh)?;
         let indices = rewound(&mesh.indices, key.winding);
         let index_count = indices.as_ref().map_or(mesh.indices.len(), Vec::len) as u32;
@@ -265,7 +373,7 @@ impl PendingBlas {
             device.wgpu_device().create_blas(
                 &CreateBlasDescriptor {
                     label: Some("glint_blas"),
-                    flags: AccelerationStructureFlags::PREFER_FAST_TRACE,
+                    flags,
                     update_mode: AccelerationStructureUpdateMode::Build,
                 },
                 BlasGeometrySizeDescriptors::Triangles {
@@ -286,11 +394,11 @@ impl PendingBlas {
             version: mesh.version,
             blas,
             size,
-            first_vertex: (base + mesh.positions_offset) / 3,
+            first_vertex: (base + mesh.offsets.positions) / 3,
             first_index: if indices.is_some() {
                 0
             } else {
-                base + mesh.indices_offset
+                base + mesh.offsets.indices
             },
             indices: indices.map(|indices| {
                 device.create_buffer_with_data(&BufferInitDescriptor {

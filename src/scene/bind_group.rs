@@ -11,6 +11,7 @@ use super::{
     masks::MaskSets,
     merge::StaticMerge,
     meshes::SceneMeshes,
+    pose::Poses,
     textures::TextureTable,
     top_level::TopLevel,
     upload::StorageSlice,
@@ -50,6 +51,7 @@ pub struct SceneBindings {
     pub(super) top_level: TopLevel,
     pub(super) merge: StaticMerge,
     pub(super) masks: MaskSets,
+    pub(super) poses: Poses,
     pub(super) acceleration: Option<AccelerationStructures>,
     /// Rays can hit something that needs the alpha test, or it isn't known yet whether they can.
     masked: bool,
@@ -88,6 +90,7 @@ impl FromWorld for SceneBindings {
             top_level: TopLevel::default(),
             merge: StaticMerge::default(),
             masks: MaskSets::default(),
+            poses: Poses::new(world, tracer),
             acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
             masked: true,
             deep: false,
@@ -141,6 +144,7 @@ impl SceneBindings {
     pub(super) fn release(&mut self, meshes: &mut SceneMeshes, device: &RenderDevice, queue: &RenderQueue) {
         self.merge.clear(meshes);
         self.masks.clear(meshes);
+        self.poses.clear(meshes);
         self.top_level.clear(meshes);
         self.set_masked(true);
         self.set_deep(false);
@@ -176,6 +180,7 @@ impl SceneBindings {
             + self.instances.buffer().size()
             + self.materials.buffer().size()
             + self.lights.buffer().size()
+            + self.poses.bytes()
     }
 }
 

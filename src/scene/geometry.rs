@@ -7,9 +7,9 @@
 //! |---|---|
 //! | 0 | number of vertices |
 //! | 1 | number of triangles |
-//! | 2 | 0 |
+//! | 2 | number of morph targets |
 //! | 3 to 9 | offsets of positions, indices, normals, tangents, UV set 0, UV set 1, colours; 0 = the mesh has none |
-//! | 10, 11 | 0 |
+//! | 10, 11 | offsets of joints, morph targets; 0 = the mesh has none |
 //!
 //! - Positions: three `f32` per vertex. The offset is a multiple of three words, so that hardware acceleration structures can
 //!   be built straight from the geometry buffer with a stride of 12 bytes.
@@ -19,20 +19,24 @@
 //!   is set where the bitangent's sign is negative.
 //! - UV sets: two `f32` per vertex.
 //! - Colours: linear RGBA as four unorm8. Brighter colours are clamped to 1.
+//! - Joints: four indices of 16 bits, then four `f32` weights per vertex.
+//! - Morph targets: one after the other, for each vertex the difference of the position as three `f32`, then that of the normal and
+//!   that of the tangent if the mesh has them.
 //!
 //! A mesh without triangles is followed by zeros up to [`MIN_WORDS`], so that a stray read stays inside it.
 
 mod attributes;
 mod decode;
 mod packed;
+mod pose;
 #[cfg(test)]
 mod shader_tests;
 #[cfg(test)]
 mod tests;
 
 pub use packed::{
-    BASE_ALIGNMENT, Bounds, GeometryError, HEADER_WORDS, MAX_COORDINATE, MIN_WORDS, MeshDefects, MeshOffsets,
-    PackedMesh,
+    BASE_ALIGNMENT, Bounds, Deformation, GeometryError, HEADER_WORDS, MAX_COORDINATE, MIN_WORDS, MeshDefects,
+    MeshOffsets, PackedMesh,
 };
 
 use attributes::Attributes;
@@ -40,6 +44,7 @@ use bevy::{
     math::Vec3,
     mesh::{Indices, Mesh, MeshAttributeCompressionFlags, PrimitiveTopology, VertexAttributeValues},
 };
+use pose::Pose;
 
 /// Packed meshes are smaller than this many words.
 const WORD_LIMIT: u64 = 1 << 31;
@@ -60,11 +65,12 @@ pub fn pack_mesh(mesh: &Mesh) -> Result<PackedMesh, GeometryError> {
         .ok_or(GeometryError::MissingPositions)?;
     let count = shortest.min(position_values.len());
     let attributes = Attributes::new(mesh)?;
+    let pose = Pose::new(mesh, position_values.len())?;
     let indices = mesh.try_indices_option()?;
 
     // Checked before anything is allocated.
     let index_count = indices.map_or(count, Indices::len) as u64;
-    let vertex_words = (3 + attributes.words_per_vertex()) * count as u64;
+    let vertex_words = (3 + attributes.words_per_vertex() + pose.words_per_vertex()) * count as u64;
     let word_limit = u64::from(HEADER_WORDS) + vertex_words + 3 * most_triangles(topology, index_count);
     if word_limit >= WORD_LIMIT {
         return Err(GeometryError::TooLarge(word_limit));
@@ -72,8 +78,6 @@ pub fn pack_mesh(mesh: &Mesh) -> Result<PackedMesh, GeometryError> {
 
     let mut packed = PackedMesh {
         vertex_count: count as u32,
-        has_skin: mesh.try_contains_attribute(Mesh::ATTRIBUTE_JOINT_WEIGHT)?,
-        has_morphs: mesh.try_has_morph_targets().unwrap_or(false),
         defects: MeshDefects {
             uneven_attributes: shortest != longest,
             ..Default::default()
@@ -93,6 +97,7 @@ pub fn pack_mesh(mesh: &Mesh) -> Result<PackedMesh, GeometryError> {
     packed.pack_triangles(topology, indices, &positions);
     if count > 0 {
         attributes.pack(&mut packed);
+        pose.pack(&mut packed);
     }
     write_header(&mut packed);
     Ok(packed)
@@ -117,11 +122,17 @@ fn write_header(packed: &mut PackedMesh) {
         uv0,
         uv1,
         colors,
+        joints,
+        morphs,
     } = packed.offsets;
+    let target_count = packed
+        .deformation
+        .as_ref()
+        .map_or(0, |deformation| deformation.targets.len());
     let header = [
         packed.vertex_count,
         packed.triangle_count,
-        0,
+        target_count as u32,
         positions,
         indices,
         normals,
@@ -129,8 +140,8 @@ fn write_header(packed: &mut PackedMesh) {
         uv0,
         uv1,
         colors,
-        0,
-        0,
+        joints,
+        morphs,
     ];
     packed.words[..header.len()].copy_from_slice(&header);
     if packed.words.len() < MIN_WORDS as usize {

@@ -15,12 +15,11 @@ use bevy::{
     },
     light::{NotShadowCaster, NotShadowReceiver},
     math::Affine3A,
-    mesh::{Mesh, Mesh3d, morph::MeshMorphWeights, skinning::SkinnedMesh},
+    mesh::{Mesh, Mesh3d, skinning::SkinnedMesh},
     pbr::{Material, MeshMaterial3d},
     platform::collections::{HashMap, HashSet},
     prelude::*,
     render::Extract,
-    utils::once,
 };
 
 /// One object as the main world describes it.
@@ -141,6 +140,24 @@ impl SceneInstances {
         }
     }
 
+    /// The slot of an object and the object, if it is there.
+    pub fn find(&self, entity: Entity) -> Option<(u32, &InstanceSource)> {
+        let slot = *self.by_entity.get(entity.index_u32() as usize)?;
+        // Another entity may have the same index by now.
+        let source = self.get(slot).filter(|source| source.entity == entity)?;
+        Some((slot, source))
+    }
+
+    /// Moves an object, and nothing happens where it is there already.
+    pub fn place(&mut self, slot: u32, world_from_object: Affine3A) {
+        if let Some(Some(source)) = self.slots.get_mut(slot as usize)
+            && source.world_from_object != world_from_object
+        {
+            source.world_from_object = world_from_object;
+            self.moved.push(slot);
+        }
+    }
+
     /// Removes an object if it is there.
     pub fn remove(&mut self, entity: Entity) {
         let Some(place) = self.by_entity.get_mut(entity.index_u32() as usize) else {
@@ -229,7 +246,6 @@ type InstanceQuery<C> = (
     Option<Ref<'static, NotShadowCaster>>,
     Option<Ref<'static, NotShadowReceiver>>,
     Has<SkinnedMesh>,
-    Has<MeshMorphWeights>,
 );
 
 /// Values of these components.
@@ -246,7 +262,6 @@ struct InstanceItem<'a> {
     no_shadow: bool,
     no_shadow_on_it: bool,
     skinned: bool,
-    morphed: bool,
 }
 
 /// Components whose removal changes how an entity is traced, apart from those of materials.
@@ -260,6 +275,7 @@ pub struct RemovedFromScene<'w, 's> {
     opt_outs: RemovedComponents<'w, 's, NotReflected>,
     casters: RemovedComponents<'w, 's, NotShadowCaster>,
     receivers: RemovedComponents<'w, 's, NotShadowReceiver>,
+    skins: RemovedComponents<'w, 's, SkinnedMesh>,
     disabled: RemovedComponents<'w, 's, Disabled>,
     /// Queries that don't name `Disabled` no longer find these.
     now_disabled: Query<'w, 's, Entity, Added<Disabled>>,
@@ -286,6 +302,7 @@ pub fn begin_extraction(
     lost.0.extend(removed.opt_outs.read());
     lost.0.extend(removed.casters.read());
     lost.0.extend(removed.receivers.read());
+    lost.0.extend(removed.skins.read());
     lost.0.extend(removed.disabled.read());
     lost.0.extend(&removed.now_disabled);
     if (!activity.active || activity.started) && !instances.is_empty() {
@@ -363,7 +380,6 @@ fn update_changed<C: MaterialComponent>(instances: &mut SceneInstances, all: &Qu
             caster,
             receiver,
             skin,
-            morph,
         ) = table;
         let (this_run, last_run) = (transforms.this_run_tick(), transforms.last_run_tick());
         let since = this_run.get().wrapping_sub(last_run.get());
@@ -406,7 +422,6 @@ fn update_changed<C: MaterialComponent>(instances: &mut SceneInstances, all: &Qu
                         no_shadow: caster.is_some(),
                         no_shadow_on_it: receiver.is_some(),
                         skinned: skin,
-                        morphed: morph,
                     },
                 );
             }
@@ -431,21 +446,7 @@ fn is_changed<C: MaterialComponent>(item: &Item<C>) -> bool {
 }
 
 fn update<C: MaterialComponent>(instances: &mut SceneInstances, item: Item<C>) {
-    let (
-        entity,
-        mesh,
-        stand_in,
-        material,
-        transform,
-        visibility,
-        layers,
-        range,
-        out,
-        caster,
-        receiver,
-        skinned,
-        morphed,
-    ) = item;
+    let (entity, mesh, stand_in, material, transform, visibility, layers, range, out, caster, receiver, skinned) = item;
     update_item(
         instances,
         &InstanceItem {
@@ -461,7 +462,6 @@ fn update<C: MaterialComponent>(instances: &mut SceneInstances, item: Item<C>) {
             no_shadow: caster.is_some(),
             no_shadow_on_it: receiver.is_some(),
             skinned,
-            morphed,
         },
     );
 }
@@ -481,18 +481,16 @@ fn update_item(instances: &mut SceneInstances, item: &InstanceItem) {
         instances.remove(item.entity);
         return;
     };
-    if (item.skinned || item.morphed) && item.stand_in.is_none() {
-        once!(bevy::log::warn!(
-            "ray-traced reflections show skinned and morphed meshes in their bind pose (first seen on {}); \
-             add `NotReflected` to leave them out",
-            item.entity
-        ));
-    }
+    let own = item.transform.affine();
+    // Joints place a skinned mesh, which `pose/extract.rs` follows; a stand-in has none.
+    let skinned = item.skinned && item.stand_in.is_none();
+    let before = instances.find(item.entity).filter(|_| skinned);
+    let world_from_object = before.map_or(own, |(_, source)| source.world_from_object);
     instances.set(InstanceSource {
         entity: item.entity,
         mesh,
         material: item.material,
-        world_from_object: item.transform.affine(),
+        world_from_object,
         casts_shadow: !item.no_shadow,
         receives_shadow: !item.no_shadow_on_it,
     });

@@ -3,8 +3,8 @@
 use super::{
     activity::SceneActivity,
     arena::{Arena, ArenaSlice},
-    bvh::{Blas, Bounds, BvhQuality, ITEM_WORDS, Item, MaskSource, TopNode, build_blas},
-    geometry::{BASE_ALIGNMENT, GeometryError, PackedMesh, pack_mesh},
+    bvh::{Blas, Bounds, BvhQuality, ITEM_WORDS, Item, MaskSource, TopNode, build_blas, build_posable_blas},
+    geometry::{BASE_ALIGNMENT, Deformation, GeometryError, MeshOffsets, PackedMesh, pack_mesh},
     instances::SceneInstances,
     waiting_room::WaitingRoom,
 };
@@ -98,10 +98,10 @@ pub struct SceneMesh {
     pub vertex_count: u32,
     /// Triangles of the packed mesh.
     pub triangle_count: u32,
-    /// Words from the start of [`Self::geometry`].
-    pub positions_offset: u32,
-    /// Words from the start of [`Self::geometry`].
-    pub indices_offset: u32,
+    /// Arrays of the packed mesh.
+    pub offsets: MeshOffsets,
+    /// Of a mesh with a skin or morph targets.
+    pub deformation: Option<Deformation>,
     /// Triangle indices for building ray-query structures of flipped winding; empty with the BVH tracer.
     pub indices: Arc<[u32]>,
     /// For merging and masks; `None` with ray queries.
@@ -124,6 +124,8 @@ pub struct SceneBlas {
     pub top: Arc<[TopNode]>,
     /// [`Blas::groups`].
     pub groups: u32,
+    /// [`Blas::levels`] of a mesh with a skin or morph targets.
+    pub levels: Box<[u32]>,
 }
 
 /// All meshes of traced objects.
@@ -239,8 +241,12 @@ impl SceneMeshes {
             let begin = Instant::now();
             let packed = pack_mesh(&mesh)?;
             drop(mesh);
+            let build = match &packed.deformation {
+                Some(_) => build_posable_blas,
+                None => build_blas,
+            };
             let blas = with_bvh
-                .then(|| build_blas(packed.positions(), packed.indices(), BvhQuality::default()))
+                .then(|| build(packed.positions(), packed.indices(), BvhQuality::default()))
                 .flatten();
             let triangles = blas.is_some().then(|| Arc::new(MeshTriangles::new(&packed)));
             let milliseconds = begin.elapsed().as_secs_f32() * 1000.0;
@@ -295,6 +301,7 @@ impl SceneMeshes {
                 };
                 self.bvh.write(queue, &slice, blas.items.as_flattened().as_flattened());
                 let first_node = slice.base() / ITEM_WORDS;
+                let levels = packed.deformation.as_ref().map(|_| blas.levels());
                 Some(SceneBlas {
                     slice,
                     first_node,
@@ -302,6 +309,7 @@ impl SceneMeshes {
                     bounds: blas.bounds,
                     top: blas.top.into(),
                     groups: blas.groups,
+                    levels: levels.unwrap_or_default().into(),
                 })
             }
             None => None,
@@ -312,14 +320,14 @@ impl SceneMeshes {
             bvh,
             vertex_count: packed.vertex_count,
             triangle_count: packed.triangle_count,
-            positions_offset: packed.offsets.positions,
-            indices_offset: packed.offsets.indices,
+            offsets: packed.offsets,
             indices: if self.tracer == ReflectionTracer::RayQuery {
                 packed.indices().into()
             } else {
                 Arc::default()
             },
             triangles,
+            deformation: packed.deformation,
             version: self.next_version,
         };
         self.next_version += 1;

@@ -19,6 +19,7 @@ mod masks;
 pub mod materials;
 mod merge;
 pub mod meshes;
+mod pose;
 mod prepare;
 pub(crate) mod reflected_material;
 #[cfg(test)]
@@ -53,6 +54,7 @@ use instances::{LostComponents, SceneInstances};
 use lights::{ExtractedLights, RectLightsEnabled, detect_rect_lights, extract_lights};
 use materials::{MaterialAssets, MaterialTable, update_materials};
 use meshes::{RenderWorldMeshes, SceneMeshes, extract_meshes, keep_render_world_meshes, upload_meshes};
+use pose::{ExtractedPoses, extract_poses};
 use prepare::{prepare_instances, prepare_tables};
 use reflected_material::add_extraction;
 use textures::{TextureTable, extract_texture_changes, update_textures};
@@ -75,11 +77,14 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "material.wesl");
         load_shader_library!(app, "offset.wesl");
         load_shader_library!(app, "opacity.wesl");
+        load_shader_library!(app, "pose/job.wesl");
         load_shader_library!(app, "ray_query.wesl");
         load_shader_library!(app, "shading.wesl");
         load_shader_library!(app, "surface.wesl");
         load_shader_library!(app, "trace.wesl");
         load_shader_library!(app, "types.wesl");
+        embedded_asset!(app, "pose/pose.wesl");
+        embedded_asset!(app, "pose/refit.wesl");
         embedded_asset!(app, "texture_layers.wesl");
         app.add_plugins(ReflectedMaterialPlugin::<StandardMaterial>::default());
     }
@@ -94,6 +99,7 @@ impl Plugin for ScenePlugin {
             .init_resource::<RenderWorldMeshes>()
             .init_resource::<RectLightsEnabled>()
             .init_resource::<ExtractedLights>()
+            .init_resource::<ExtractedPoses>()
             .init_gpu_resource::<SceneActivity>()
             .init_gpu_resource::<SceneInstances>()
             .init_resource::<LostComponents>()
@@ -113,7 +119,7 @@ impl Plugin for ScenePlugin {
             .add_systems(
                 ExtractSchedule,
                 (
-                    (extract_activity, extract_meshes).chain(),
+                    (extract_activity, extract_poses, extract_meshes).chain(),
                     extract_lights.after(extract_activity),
                     extract_texture_changes,
                     extract_alpha_images,

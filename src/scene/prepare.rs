@@ -13,6 +13,7 @@ use super::{
     masks::{Changes, Surroundings},
     materials::{MaterialAssets, MaterialTable},
     meshes::SceneMeshes,
+    pose::PoseInputs,
     textures::TextureTable,
 };
 use crate::{device::ReflectionTracer, status::ReflectionStatus};
@@ -34,6 +35,7 @@ pub(super) struct SceneTables<'w> {
     materials: ResMut<'w, MaterialTable>,
     textures: ResMut<'w, TextureTable>,
     alpha_images: ResMut<'w, AlphaImages>,
+    poses: PoseInputs<'w>,
 }
 
 /// Materials as the app made them, and the sampler of images that have none of their own.
@@ -82,11 +84,17 @@ pub(super) fn prepare_instances(
         let images = &mut tables.alpha_images;
         dirty.extend(bindings.masks.update(&changes, &surroundings, images, meshes, &queue));
     }
+    let poses = bindings.poses.follow(&tables.poses, instances, meshes, &device, &queue);
+    if !poses.switched.is_empty() {
+        status.update(|report| report.posed_instances = bindings.poses.count());
+    }
+    dirty.extend(poses.switched);
     let slots = instances.slots().len();
     dirty.extend(bindings.instances.reserve(slots, &device));
     bindings.instances.settle();
     let mut changed = bindings.move_instances(&moved, instances, &mut dirty);
     changed |= bindings.update_instances(&dirty, instances, &mut tables.materials, &surroundings, meshes, &queue);
+    changed |= bindings.update_posed(&poses.posed, instances, meshes);
     bindings.instances.truncate(slots);
     bindings.instances.upload(&device, &queue);
     if changed {
@@ -135,6 +143,7 @@ fn report_nothing(status: &ReflectionStatus) {
     status.update(|report| {
         (report.instances, report.scene_bytes) = (0, 0);
         (report.merged_instances, report.merged_triangles) = (0, 0);
+        report.posed_instances = 0;
         (report.merges_pending, report.micromaps_pending) = (false, false);
     });
 }

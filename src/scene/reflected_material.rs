@@ -5,6 +5,7 @@ use super::{
     instances::{MaterialComponent, begin_extraction, drop_lost_objects, extract_instances, note_lost_materials},
     materials::extract_materials,
     meshes::extract_meshes,
+    pose::extract_poses,
 };
 use crate::{device::tracing_app, schedule::ReflectionSystems, settings::ReflectedMaterial3d};
 use bevy::{
@@ -167,6 +168,7 @@ pub(super) fn add_extraction(render_app: &mut SubApp) {
         )
             .chain()
             .after(extract_activity)
+            .before(extract_poses)
             .before(extract_meshes)
             .in_set(ReflectionSystems::ExtractScene),
     );

@@ -5,6 +5,7 @@
 //! | `reflections.rs`, `denoiser.rs` | the component of a camera |
 //! | `heuristic.rs`, `shading_rate.rs` | how many rays each tile gets |
 //! | `debug.rs` | debug views and counters |
+//! | `pose.rs` | skinned and morphed meshes |
 //! | `presets.rs` | bundles of settings |
 //! | `quality.rs` | the component that a game saves |
 //! | `stand_in.rs` | components of objects: what rays see of them |
@@ -17,6 +18,7 @@ mod clamped_rate;
 mod debug;
 mod denoiser;
 mod heuristic;
+mod pose;
 mod presets;
 mod quality;
 mod reflections;
@@ -30,6 +32,7 @@ pub use denoiser::ReflectionDenoiser;
 pub use heuristic::{
     CombinedThresholds, GrazingThresholds, RoughnessThresholds, ShadingRateHeuristic, ShadingRateTileSize,
 };
+pub use pose::{ReflectedPose, ReflectedPoseBudget};
 pub use presets::{ReflectionPreset, TECHNIQUE_NAMES, named_settings};
 pub use quality::{ReflectionQuality, ReflectionsOff};
 pub use reflections::{
@@ -73,6 +76,9 @@ impl Plugin for SettingsPlugin {
             .register_type::<NotReflected>()
             .register_type::<ReflectedMesh3d>()
             .register_type::<ReflectedMaterial3d>()
+            .register_type::<ReflectedPose>()
+            .register_type::<ReflectedPoseBudget>()
+            .init_resource::<ReflectedPoseBudget>()
             .register_type::<ShadingRateHeuristic>()
             .register_type::<ShadingRate>()
             .register_type::<ShadingRateTileSize>()

@@ -4,6 +4,9 @@
 //! Each image must differ from that without reflections by a stated amount. Images are kept in the folder `tmp` of the target
 //! directory.
 
+#[path = "../../examples/character.rs"]
+#[expect(dead_code, reason = "`main` opens a window")]
+mod character;
 #[path = "../../examples/custom_heuristic.rs"]
 #[expect(dead_code, reason = "`main` opens a window")]
 mod custom_heuristic;
@@ -252,6 +255,32 @@ fn moving_objects() {
     let noise = difference(&stopped, &later, 0..SIZE.x);
     println!("with the clock stopped: {noise:.2}");
     assert!(noise < 1.5, "with the clock stopped the image changes by {noise}");
+    example.assert_reflects(2.0);
+}
+
+#[test]
+fn character() {
+    let Some(mut example) = Example::start("character", character::plugin) else {
+        return;
+    };
+    example.app.step(30);
+    let half_a_second = example.image("walking");
+    assert_eq!(example.report().posed_instances, 1);
+    example.press(KeyCode::Space);
+    let posed = example.image("posed");
+    example.assert_differs("a few steps later", &half_a_second, &posed, 0.5);
+    example.press(KeyCode::KeyP);
+    // The history still holds the other pose.
+    example.app.step(60);
+    let rigid = example.image("rigid");
+    assert_eq!(example.report().posed_instances, 0);
+    example.press(KeyCode::KeyP);
+    example.app.step(60);
+    let again = example.image("posed-again");
+    // Where the mirror shows the figure. Some noise is left on the floor.
+    let [change, noise] = [&rigid, &again].map(|image| difference(&posed, image, 85..107));
+    println!("in its bind pose: {change:.2}, posed again: {noise:.2}");
+    assert!(change > 2.0 * noise, "{change} in its bind pose, {noise} posed again");
     example.assert_reflects(2.0);
 }
 

@@ -25,6 +25,7 @@ mod new_user;
 #[cfg(feature = "egui")]
 mod panel;
 mod plugin;
+mod poses;
 mod quality;
 mod reflect;
 mod robustness;

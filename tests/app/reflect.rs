@@ -12,22 +12,23 @@ use bevy::{
 };
 use bevy_glint::{
     CombinedThresholds, GrazingThresholds, HardwareVrsSupport, NotReflected, RayTracedReflections,
-    RayTracedReflectionsPlugin, ReflectionBackend, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView,
-    ReflectionDenoiser, ReflectionNonFiniteReport, ReflectionPreset, ReflectionQuality, ReflectionSampling,
-    ReflectionStatus, ReflectionStatusReport, ReflectionTechnique, ReflectionTextureMip, ReflectionTracer,
-    ReflectionTracerChoice, ReflectionViewMemory, ReflectionsDeclined, ReflectionsOff, ReflectionsReady,
-    RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
+    RayTracedReflectionsPlugin, ReflectedPose, ReflectedPoseBudget, ReflectionBackend, ReflectionDebugCounters,
+    ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionNonFiniteReport, ReflectionPreset,
+    ReflectionQuality, ReflectionSampling, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique,
+    ReflectionTextureMip, ReflectionTracer, ReflectionTracerChoice, ReflectionViewMemory, ReflectionsDeclined,
+    ReflectionsOff, ReflectionsReady, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
 };
 use core::any::{TypeId, type_name};
 use std::{fs, path::Path};
 
 /// Files with types that an app holds.
-const FILES: [&str; 15] = [
+const FILES: [&str; 16] = [
     "settings/reflections.rs",
     "settings/denoiser.rs",
     "settings/heuristic.rs",
     "settings/shading_rate.rs",
     "settings/debug.rs",
+    "settings/pose.rs",
     "settings/presets.rs",
     "settings/quality.rs",
     "device/shading_rates.rs",
@@ -90,6 +91,7 @@ fn components_are_registered() {
     let mut app = app();
     component::<RayTracedReflections>(&mut app);
     component::<NotReflected>(&mut app);
+    component::<ReflectedPose>(&mut app);
     component::<ReflectionQuality>(&mut app);
     component::<ShadingRateHeuristic>(&mut app);
     component::<ShadingRateTileSize>(&mut app);
@@ -105,6 +107,8 @@ fn resources_are_registered() {
     let is_resource = |registration: &TypeRegistration| registration.data::<ReflectResource>().is_some();
     assert!(is_resource(known::<ReflectionStatus>(&types)));
     default::<ReflectionStatus>(&types);
+    assert!(is_resource(known::<ReflectedPoseBudget>(&types)));
+    default::<ReflectedPoseBudget>(&types);
     #[cfg(feature = "egui")]
     assert!(is_resource(known::<ReflectionSettingsPanel>(&types)));
 }

@@ -140,10 +140,15 @@ impl InstanceTable {
         }
         data.world_from_object = matrices.world_from_object;
         data.object_from_world = matrices.object_from_world;
-        data.flags |= INSTANCE_MOVING;
+        self.mark_moving(slot);
+        true
+    }
+
+    /// The object moves in this frame.
+    pub fn mark_moving(&mut self, slot: u32) {
+        self.data[slot as usize].flags |= INSTANCE_MOVING;
         self.changed.push(slot);
         self.moving.push(slot);
-        true
     }
 
     fn count(&mut self, flags: u32, step: isize) {

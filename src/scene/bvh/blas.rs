@@ -6,7 +6,7 @@ use super::{
     node::{self, Child, Node, Tree, WIDTH},
     ploc, split,
     stack::{IN_BLAS, Level},
-    triangle::{Triangle, add_triangles, edge_scale, triangle_bounds},
+    triangle::{Triangle, add_triangles, corner_bounds, edge_scale, triangle_bounds},
 };
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 
@@ -61,6 +61,22 @@ pub struct Blas {
     pub top: Vec<TopNode>,
 }
 
+impl Blas {
+    /// The first node of each level that the root leads to, and behind them the end of the last one. Nodes stand breadth first.
+    pub fn levels(&self) -> Vec<u32> {
+        let nodes: &[Node] = bytemuck::cast_slice(&self.items[..self.node_count as usize]);
+        let mut levels = vec![0, 1];
+        while let [.., first, end] = levels[..] {
+            let last = nodes[first as usize..end as usize].iter().map(Node::inner_end).max();
+            match last.filter(|last| *last > end) {
+                Some(last) => levels.push(last),
+                None => break,
+            }
+        }
+        levels
+    }
+}
+
 #[cfg(any(test, feature = "internals"))]
 impl Blas {
     /// Size in the buffer.
@@ -77,11 +93,27 @@ pub fn build_blas(positions: &[[f32; 3]], indices: &[u32], quality: BvhQuality) 
     build(triangles, quality)
 }
 
+/// The same for a mesh that will be posed: triangles without area are kept, since they may gain some.
+pub fn build_posable_blas(positions: &[[f32; 3]], indices: &[u32], quality: BvhQuality) -> Option<Blas> {
+    let mut triangles = Vec::with_capacity(indices.len() / 3);
+    add_triangles(&mut triangles, positions, indices, 0, 0);
+    build_of(triangles, quality, corner_bounds)
+}
+
 /// The tree over those triangles that rays can hit.
-pub(super) fn build(mut triangles: Vec<Triangle>, quality: BvhQuality) -> Option<Blas> {
+pub(super) fn build(triangles: Vec<Triangle>, quality: BvhQuality) -> Option<Blas> {
+    build_of(triangles, quality, triangle_bounds)
+}
+
+/// The tree over those triangles that have bounds.
+fn build_of(
+    mut triangles: Vec<Triangle>,
+    quality: BvhQuality,
+    bounds_of: impl Fn(&[[f32; 3]; 3]) -> Option<Bounds>,
+) -> Option<Blas> {
     let mut boxes = Vec::with_capacity(triangles.len());
     triangles.retain(|triangle| {
-        let bounds = triangle_bounds(&triangle.corners).map(|whole| match triangle.part {
+        let bounds = bounds_of(&triangle.corners).map(|whole| match triangle.part {
             Some(part) => part.intersection(whole).unwrap_or(whole),
             None => whole,
         });

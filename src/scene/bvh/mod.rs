@@ -35,7 +35,7 @@ mod triangle;
 #[cfg(test)]
 mod tests;
 
-pub use blas::{Blas, BvhQuality, TopNode, build_blas};
+pub use blas::{Blas, BvhQuality, TopNode, build_blas, build_posable_blas};
 pub use format::{Bounds, ITEM_WORDS, Item, MAX_INSTANCES, TRAVERSAL_FLAGS, owner};
 pub use linear::{LinearBuilder, LinearEntry};
 pub use mask::{MaskSource, mask_header, masks, micromap_of};

@@ -69,6 +69,14 @@ impl Node {
         self.next >> UPPER_SHIFT
     }
 
+    /// Index behind the last inner child; 0 without any.
+    pub fn inner_end(&self) -> u32 {
+        match self.inner_count() {
+            0 => 0,
+            count => (self.next & LOWER) + count,
+        }
+    }
+
     /// Inner nodes and leaves.
     pub fn child_count(&self) -> u32 {
         self.inner_count() + (0..WIDTH).filter(|slot| self.count(*slot) != 0).count() as u32

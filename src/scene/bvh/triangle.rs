@@ -45,15 +45,20 @@ fn triangle(positions: &[[f32; 3]], corners: [u32; 3]) -> Option<[[f32; 3]; 3]> 
     ])
 }
 
+/// `None` for a triangle with a corner that isn't finite or too far out.
+pub(super) fn corner_bounds(corners: &[[f32; 3]; 3]) -> Option<Bounds> {
+    // `f32::min` skips NaN, so the corners are tested themselves.
+    let is_sound = corners.iter().flatten().all(|x| x.abs() <= MAX_COORDINATE);
+    let all = corners.iter().map(|corner| Bounds {
+        min: *corner,
+        max: *corner,
+    });
+    is_sound.then(|| all.fold(Bounds::EMPTY, Bounds::union))
+}
+
 /// `None` for a triangle that no ray can hit.
 pub(super) fn triangle_bounds(corners: &[[f32; 3]; 3]) -> Option<Bounds> {
-    let bounds = corners
-        .iter()
-        .fold(Bounds::EMPTY, |b, c| b.union(Bounds { min: *c, max: *c }));
-    // `f32::min` skips NaN, so the corners are tested themselves.
-    if !corners.iter().flatten().all(|x| x.abs() <= MAX_COORDINATE) {
-        return None;
-    }
+    let bounds = corner_bounds(corners)?;
     let [a, b, c] = corners.map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into()));
     let normal = (b - a).cross(c - a);
     // A normal whose components vanish in f32 cannot be intersected there.

@@ -78,6 +78,10 @@ pub struct MeshOffsets {
     pub uv1: u32,
     /// One word per vertex.
     pub colors: u32,
+    /// Six words per vertex.
+    pub joints: u32,
+    /// By target, three to nine words per vertex.
+    pub morphs: u32,
 }
 
 /// Parts of a mesh that had to be left out or replaced. [`fmt::Display`] words them for a warning.
@@ -129,6 +133,17 @@ impl fmt::Display for MeshDefects {
     }
 }
 
+/// What the bounds of a posed mesh follow from.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Deformation {
+    /// The box around all triangles in bind pose.
+    pub bounds: Bounds,
+    /// Joints that move vertices, and the box around those vertices in bind pose. Empty without a skin.
+    pub joints: Vec<(u32, Bounds)>,
+    /// By morph target: the box around the ways that it moves vertices at a weight of 1.
+    pub targets: Vec<Bounds>,
+}
+
 /// A mesh in the layout of this module.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PackedMesh {
@@ -142,10 +157,8 @@ pub struct PackedMesh {
     pub offsets: MeshOffsets,
     /// Box around all triangles; zero if there are none.
     pub bounds: Bounds,
-    /// The mesh has joint weights. Its vertices here are in bind pose.
-    pub has_skin: bool,
-    /// The mesh has morph targets. Its vertices here are without them.
-    pub has_morphs: bool,
+    /// The mesh has a skin or morph targets. Its vertices here are in bind pose, and without morph targets.
+    pub deformation: Option<Deformation>,
     /// Differences from the source.
     pub defects: MeshDefects,
 }

@@ -106,7 +106,7 @@ fn layout_follows_the_header() {
     );
     assert_eq!(floats(&packed, packed.offsets.uv1)[..2], [0.5, 0.25]);
     assert_eq!(colors(&packed)[3], [255, 128, 255, 255]);
-    assert!(packed.defects.is_empty() && !packed.has_skin && !packed.has_morphs);
+    assert!(packed.defects.is_empty() && packed.deformation.is_none());
 }
 
 #[test]
@@ -359,13 +359,46 @@ fn compressed_meshes_decode_like_the_source() {
 }
 
 #[test]
-fn skins_and_morphs_are_reported() {
-    use bevy::mesh::morph::MorphAttributes;
-    let mesh =
-        triangle_mesh(line(3)).with_inserted_attribute(Mesh::ATTRIBUTE_JOINT_WEIGHT, vec![[1.0, 0.0, 0.0, 0.0]; 3]);
-    assert!(pack_mesh(&mesh).unwrap().has_skin);
-    let mesh = triangle_mesh(line(3)).with_morph_targets(vec![MorphAttributes::default(); 3]);
-    assert!(pack_mesh(&mesh).unwrap().has_morphs);
+fn joints_and_morph_targets_are_packed() {
+    use bevy::mesh::{VertexAttributeValues, morph::MorphAttributes};
+    let joints = VertexAttributeValues::Uint16x4(vec![[0, 1, 2, 3], [7, 0, 0, 0], [2, 7, 0, 0]]);
+    let weights = vec![[0.5, 0.5, 0.0, 0.0], [f32::NAN, 0.0, 0.0, 0.0], [0.25, 0.75, 0.0, 0.0]];
+    let target = |x: f32| MorphAttributes::new(Vec3::X * x, Vec3::Y, Vec3::Z);
+    let mesh = triangle_mesh(line(3))
+        .with_inserted_attribute(Mesh::ATTRIBUTE_NORMAL, vec![[0.0, 0.0, 1.0]; 3])
+        .with_inserted_attribute(Mesh::ATTRIBUTE_JOINT_INDEX, joints)
+        .with_inserted_attribute(Mesh::ATTRIBUTE_JOINT_WEIGHT, weights)
+        .with_morph_targets([1.0, 2.0, 3.0, -1.0, f32::INFINITY, 0.5].map(target).to_vec());
+    let packed = pack_mesh(&mesh).unwrap();
+    assert_eq!(packed.defects.replaced_values, 2, "a weight and a difference");
+    let at = packed.offsets.joints as usize;
+    let half = 0.5_f32.to_bits();
+    assert_eq!(packed.words[at..at + 6], [1 << 16, 2 | 3 << 16, half, half, 0, 0]);
+    assert_eq!(
+        packed.words[at + 6..at + 9],
+        [0, 0, 1.0_f32.to_bits()],
+        "it follows the first joint"
+    );
+    let morphs = packed.words[packed.offsets.morphs as usize..][..8].iter();
+    let morphs: Vec<f32> = morphs.map(|word| f32::from_bits(*word)).collect();
+    assert_eq!(morphs, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 2.0, 0.0]);
+    assert_eq!(packed.words[2], 2);
+    assert_eq!(packed.words[10..12], [packed.offsets.joints, packed.offsets.morphs]);
+    let deformation = packed.deformation.as_ref().unwrap();
+    let vertex = |i: usize| Vec3::from(packed.positions()[i]);
+    let around = |a: Vec3, b: Vec3| Bounds {
+        min: a.min(b),
+        max: a.max(b),
+    };
+    let expected = [
+        (0, around(vertex(0), vertex(1))),
+        (1, around(vertex(0), vertex(0))),
+        (2, around(vertex(2), vertex(2))),
+        (7, around(vertex(2), vertex(2))),
+    ];
+    assert_eq!(deformation.joints, expected);
+    assert_eq!(deformation.targets[0], around(Vec3::X, Vec3::X * 3.0));
+    assert_eq!(deformation.targets[1], around(-Vec3::X, Vec3::X * 0.5));
 }
 
 /// Bit patterns, so that NaN, infinities and denormals occur, and sane numbers.

@@ -16,6 +16,7 @@ use crate::{
     },
 };
 use bevy::{mesh::UvChannel, render::renderer::RenderQueue};
+use std::sync::Arc;
 
 impl SceneBindings {
     /// Updates objects that have moved, and changed nothing else. Adds those to `dirty` from whose movement more follows. Returns
@@ -63,7 +64,12 @@ impl SceneBindings {
                 let mesh = meshes.get(source.mesh)?;
                 let material = surroundings.materials.get(source.material)?;
                 let flags = is_traced(material).then(|| instance_flags(material))?;
-                pack_instance(source, mesh, materials.index(source.material), flags)
+                let packed = pack_instance(source, mesh, materials.index(source.material), flags)?;
+                let geometry_base = self.poses.geometry_base(slot).unwrap_or(packed.geometry_base);
+                Some(GpuInstance {
+                    geometry_base,
+                    ..packed
+                })
             });
             if self.tracer == ReflectionTracer::Bvh {
                 self.assign_masks(slot, packed.as_mut().zip(source), surroundings, meshes, queue);
@@ -108,7 +114,9 @@ impl SceneBindings {
         instance: Option<(&GpuInstance, &InstanceSource)>,
         meshes: &SceneMeshes,
     ) {
-        let mergeable = instance.filter(|_| self.instances.has_room(slot));
+        // A merged tree would be stale with the next pose.
+        let is_posed = self.poses.geometry_base(slot).is_some();
+        let mergeable = instance.filter(|_| self.instances.has_room(slot) && !is_posed);
         let placement = mergeable.and_then(|(packed, source)| {
             Some(Placement {
                 entity: source.entity,
@@ -127,11 +135,51 @@ impl SceneBindings {
     fn update_object(&mut self, slot: u32, instance: Option<(&GpuInstance, &InstanceSource)>, meshes: &SceneMeshes) {
         let object = instance
             .filter(|_| self.instances.has_room(slot))
-            .and_then(|(packed, source)| Object::new(source, slot, packed.flags, meshes));
+            .and_then(|(packed, source)| self.object(source, slot, packed.flags, meshes));
         match object {
             Some(object) => self.top_level.set(slot, object),
             None => self.top_level.remove(slot),
         }
+    }
+
+    /// An object for the top level, in its pose. `None` where the mesh has no tree.
+    pub(super) fn object(
+        &self,
+        source: &InstanceSource,
+        slot: u32,
+        flags: u32,
+        meshes: &SceneMeshes,
+    ) -> Option<Object> {
+        let object = Object::new(source, slot, flags, meshes)?;
+        let Some(posed) = self.poses.tree(slot) else {
+            return Some(object);
+        };
+        Some(Object {
+            bounds: posed.bounds,
+            first_node: posed.first_node,
+            first_triangle: posed.first_triangle,
+            // Their bounds are those of the bind pose.
+            top: Arc::default(),
+            ..object
+        })
+    }
+
+    /// Updates objects that were posed. Returns whether anything changed for rays.
+    pub(super) fn update_posed(&mut self, posed: &[u32], instances: &SceneInstances, meshes: &SceneMeshes) -> bool {
+        let mut changed = false;
+        for &slot in posed {
+            let Some(source) = instances.get(slot).filter(|_| self.instances.can_be_hit(slot)) else {
+                continue;
+            };
+            changed = true;
+            self.instances.mark_moving(slot);
+            if self.tracer == ReflectionTracer::Bvh
+                && let Some(object) = self.object(source, slot, self.instances.flags(slot), meshes)
+            {
+                self.top_level.set(slot, object);
+            }
+        }
+        changed
     }
 }
 

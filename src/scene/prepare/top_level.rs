@@ -6,7 +6,6 @@ use crate::{
         bind_group::SceneBindings,
         instances::SceneInstances,
         meshes::SceneMeshes,
-        top_level::Object,
     },
     status::ReflectionStatus,
 };
@@ -40,6 +39,7 @@ impl SceneBindings {
                 RayQueryInstance {
                     slot,
                     blas: BlasKey::new(source.mesh, flags),
+                    posed: self.poses.vertices(slot),
                     world_from_object: source.world_from_object,
                     flags,
                 }
@@ -113,7 +113,7 @@ impl SceneBindings {
                 && self.instances.can_be_hit(slot)
                 && let Some(object) = instances
                     .get(slot)
-                    .and_then(|source| Object::new(source, slot, self.instances.flags(slot), meshes))
+                    .and_then(|source| self.object(source, slot, self.instances.flags(slot), meshes))
             {
                 self.top_level.set(slot, object);
             }

@@ -1,0 +1,233 @@
+//! Joints and morph weights of the main world.
+
+use crate::{
+    scene::{acceleration::rows, activity::SceneActivity, instances::SceneInstances, meshes::SceneMeshes},
+    settings::{RayTracedReflections, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget},
+};
+use bevy::{
+    asset::Assets,
+    camera::Camera,
+    ecs::{prelude::*, system::SystemParam},
+    log::warn_once,
+    math::{Affine3A, Mat4, Vec3},
+    mesh::{
+        Mesh3d,
+        morph::{MeshMorphWeights, MorphWeights},
+        skinning::{SkinnedMesh, SkinnedMeshInverseBindposes},
+    },
+    render::Extract,
+    transform::components::GlobalTransform,
+};
+use core::ops::Range;
+
+/// Entries of matrices beyond this count as not finite: products of three of them still fit an `f32`.
+const MAX_ENTRY: f32 = 1e12;
+
+/// Rows of a 3x4 matrix.
+pub type Rows = [[f32; 4]; 3];
+
+/// The pose of one object.
+pub struct PoseSource {
+    /// The object in [`SceneInstances`].
+    pub slot: u32,
+    /// Its entity.
+    pub entity: Entity,
+    /// In [`ExtractedPoses::matrices`]: from bind pose to the object's own space, by joint. Empty without a skin.
+    pub matrices: Range<usize>,
+    /// In [`ExtractedPoses::weights`], by morph target. Empty without morph targets.
+    pub weights: Range<usize>,
+    /// The pose is not known in this frame: the last one stays.
+    pub is_unknown: bool,
+    /// World space.
+    pub position: Vec3,
+}
+
+/// Poses of all objects that have one, as of this frame.
+#[derive(Resource, Default)]
+pub struct ExtractedPoses {
+    /// The objects.
+    pub sources: Vec<PoseSource>,
+    /// Matrices of all of them.
+    pub matrices: Vec<Rows>,
+    /// Weights of all of them.
+    pub weights: Vec<f32>,
+    /// Places of active cameras with reflections, in world space; only where there are poses.
+    pub cameras: Vec<Vec3>,
+    /// [`ReflectedPoseBudget::vertices_per_frame`].
+    pub vertices_per_frame: u32,
+}
+
+/// Components of an entity with a pose.
+type PoseQuery = (
+    Entity,
+    &'static Mesh3d,
+    Option<&'static SkinnedMesh>,
+    Option<&'static MeshMorphWeights>,
+    Option<&'static ReflectedPose>,
+    &'static GlobalTransform,
+);
+/// Entities with a pose: archetypes without any are not looked at. A stand-in has none.
+type WithPose = (
+    Without<ReflectedMesh3d>,
+    Or<(With<SkinnedMesh>, With<MeshMorphWeights>)>,
+);
+
+/// Parts of the main world that poses depend on.
+#[derive(SystemParam)]
+pub struct PoseWorld<'w, 's> {
+    joints: Query<'w, 's, &'static GlobalTransform>,
+    weights: Query<'w, 's, &'static MorphWeights>,
+    bindposes: Option<Res<'w, Assets<SkinnedMeshInverseBindposes>>>,
+    cameras: Query<'w, 's, (&'static Camera, &'static GlobalTransform), With<RayTracedReflections>>,
+    budget: Option<Res<'w, ReflectedPoseBudget>>,
+}
+
+/// Places skinned objects where their joints are, and mirrors poses. Runs after all objects have been mirrored.
+pub fn extract_poses(
+    posed: Extract<Query<PoseQuery, WithPose>>,
+    world: Extract<PoseWorld>,
+    activity: Res<SceneActivity>,
+    meshes: Res<SceneMeshes>,
+    mut instances: ResMut<SceneInstances>,
+    mut poses: ResMut<ExtractedPoses>,
+) {
+    let ExtractedPoses {
+        sources,
+        matrices,
+        weights,
+        cameras,
+        vertices_per_frame,
+    } = &mut *poses;
+    sources.clear();
+    matrices.clear();
+    weights.clear();
+    cameras.clear();
+    if !activity.active {
+        return;
+    }
+    for (entity, mesh, skin, morph, pose, transform) in &posed {
+        let Some((slot, _)) = instances.find(entity) else {
+            continue;
+        };
+        let is_rigid = pose == Some(&ReflectedPose::Rigid);
+        let (first_matrix, first_weight) = (matrices.len(), weights.len());
+        let mut is_unknown = false;
+        let mut place = transform.affine();
+        // Bevy draws a mesh without joints as if the entity had no skin.
+        let has_joints = || meshes.get(mesh.id()).is_none_or(|mesh| mesh.offsets.joints != 0);
+        if let Some(skin) = skin.filter(|_| has_joints()) {
+            match world.pose(skin, is_rigid, matrices) {
+                Some(root) => place = root,
+                None => {
+                    is_unknown = true;
+                    matrices.truncate(first_matrix);
+                    warn_once!(
+                        "the skinned mesh {entity} is reflected without its pose: its inverse bind poses are missing, or one of its \
+                         joints is, or has a transform that isn't finite"
+                    );
+                }
+            }
+        }
+        if !is_unknown {
+            instances.place(slot, place);
+        }
+        if is_rigid {
+            continue;
+        }
+        if let Some(morph) = morph {
+            weights.extend(
+                world
+                    .morph_weights(morph)
+                    .iter()
+                    .map(|weight| if weight.abs() <= MAX_ENTRY { *weight } else { 0.0 }),
+            );
+        }
+        sources.push(PoseSource {
+            slot,
+            entity,
+            matrices: first_matrix..matrices.len(),
+            weights: first_weight..weights.len(),
+            is_unknown,
+            position: place.translation.into(),
+        });
+    }
+    if !sources.is_empty() {
+        let active = world.cameras.iter().filter(|(camera, _)| camera.is_active);
+        cameras.extend(active.map(|(_, transform)| transform.translation()));
+        *vertices_per_frame = world.budget.as_deref().copied().unwrap_or_default().vertices_per_frame;
+    }
+}
+
+impl PoseWorld<'_, '_> {
+    /// Adds the matrices of a skin, unless it is rigid, and returns the space that they lead to: that of the first joint. `None` if they
+    /// are not known, and some may have been added.
+    fn pose(&self, skin: &SkinnedMesh, is_rigid: bool, matrices: &mut Vec<Rows>) -> Option<Affine3A> {
+        let bindposes = self.bindposes.as_ref()?.get(&skin.inverse_bindposes)?;
+        let matrix = |joint: Entity, bindpose: &Mat4| {
+            let matrix = self.joints.get(joint).ok()?.affine() * Affine3A::from_mat4(*bindpose);
+            is_sound(&matrix).then_some(matrix)
+        };
+        let root = matrix(*skin.joints.first()?, bindposes.first()?)?;
+        if is_rigid {
+            return Some(root);
+        }
+        let (place, place_from_world) = place_of(root);
+        for (index, joint) in skin.joints.iter().enumerate() {
+            let matrix = place_from_world * matrix(*joint, bindposes.get(index)?)?;
+            matrices.push(bytemuck::cast(rows(&is_sound(&matrix).then_some(matrix)?)));
+        }
+        Some(place)
+    }
+
+    fn morph_weights<'a>(&'a self, morph: &'a MeshMorphWeights) -> &'a [f32] {
+        match morph {
+            MeshMorphWeights::Value { weights } => weights,
+            MeshMorphWeights::Reference(entity) => self.weights.get(*entity).map_or(&[], MorphWeights::weights),
+        }
+    }
+}
+
+fn is_sound(matrix: &Affine3A) -> bool {
+    let columns = [matrix.matrix3.x_axis, matrix.matrix3.y_axis, matrix.matrix3.z_axis];
+    let mut columns = columns.into_iter().chain([matrix.translation]);
+    columns.all(|column| column.is_finite() && column.abs().max_element() <= MAX_ENTRY)
+}
+
+/// The space that an object is posed in, and the way there from the world: that of the first joint, in which a figure that moves as a
+/// whole keeps its pose. Where this joint is flat, it can't be.
+fn place_of(root: Affine3A) -> (Affine3A, Affine3A) {
+    let inverse: Affine3A = root.inverse();
+    if root.matrix3.determinant() != 0.0 && is_sound(&inverse) {
+        (root, inverse)
+    } else {
+        let translation = Vec3::from(root.translation);
+        (
+            Affine3A::from_translation(translation),
+            Affine3A::from_translation(-translation),
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flat_root_leaves_its_place() {
+        let root = Affine3A::from_scale_rotation_translation(Vec3::new(1.0, 0.0, 1.0), Default::default(), Vec3::X);
+        let (place, inverse) = place_of(root);
+        assert_eq!(place, Affine3A::from_translation(Vec3::X));
+        assert_eq!(place * inverse, Affine3A::IDENTITY);
+        let root = Affine3A::from_scale(Vec3::splat(2.0));
+        assert_eq!(place_of(root).0, root);
+    }
+
+    #[test]
+    fn matrices_beyond_all_bounds_are_refused() {
+        assert!(is_sound(&Affine3A::IDENTITY));
+        for bad in [f32::NAN, f32::INFINITY, -1e13] {
+            assert!(!is_sound(&Affine3A::from_scale(Vec3::new(1.0, bad, 1.0))));
+            assert!(!is_sound(&Affine3A::from_translation(Vec3::new(1.0, 1.0, bad))));
+        }
+    }
+}

@@ -1,0 +1,281 @@
+//! The passes that pose meshes on the GPU.
+
+use super::job::{Batch, PoseJob};
+use crate::{device::ReflectionTracer, scene::upload::StorageSlice};
+use bevy::{
+    asset::{AssetServer, Handle, load_embedded_asset},
+    render::{
+        render_resource::{
+            BindGroup, BindGroupEntries, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntries, Buffer,
+            BufferBinding, BufferInitDescriptor, BufferUsages, CachedComputePipelineId, CommandEncoderDescriptor,
+            ComputePass, ComputePassDescriptor, ComputePipeline, ComputePipelineDescriptor, PipelineCache,
+            ShaderStages,
+            binding_types::{storage_buffer_read_only_sized, storage_buffer_sized, uniform_buffer_sized},
+        },
+        renderer::{RenderDevice, RenderQueue},
+    },
+    shader::Shader,
+    utils::default,
+};
+use core::num::NonZeroU64;
+
+/// Threads of a workgroup.
+const THREADS: u32 = 64;
+/// Workgroups of one dispatch, at most; shaders loop where there would be more.
+const MOST_WORKGROUPS: u32 = 65_535;
+/// Jobs of one batch, at most.
+pub(super) const MOST_JOBS: usize = MOST_WORKGROUPS as usize;
+/// Bytes between two levels in their buffer, as all devices can bind them, and of a level.
+const LEVEL_STRIDE: u32 = 256;
+const LEVEL_BYTES: u64 = 16;
+
+/// The kernels once they are compiled. Compilation starts when they are needed first.
+pub(super) struct KernelCache {
+    pose_shader: Handle<Shader>,
+    refit_shader: Handle<Shader>,
+    tracer: ReflectionTracer,
+    queued: Option<(CachedComputePipelineId, Option<[CachedComputePipelineId; 2]>)>,
+    kernels: Option<Kernels>,
+}
+
+/// Compiled kernels.
+pub(super) struct Kernels {
+    pub pose: ComputePipeline,
+    pub pose_layout: BindGroupLayout,
+    /// Only for the BVH tracer.
+    pub refit: Option<RefitKernels>,
+}
+
+/// Kernels that fit the trees of posed meshes.
+pub(super) struct RefitKernels {
+    pub triangles: ComputePipeline,
+    pub nodes: ComputePipeline,
+    pub layout: BindGroupLayout,
+    pub level_layout: BindGroupLayout,
+}
+
+impl KernelCache {
+    pub fn new(assets: &AssetServer, tracer: ReflectionTracer) -> Self {
+        Self {
+            pose_shader: load_embedded_asset!(assets, "pose.wesl"),
+            refit_shader: load_embedded_asset!(assets, "refit.wesl"),
+            tracer,
+            queued: None,
+            kernels: None,
+        }
+    }
+
+    /// `None` while they are being compiled.
+    pub fn get(&mut self, cache: &PipelineCache) -> Option<&Kernels> {
+        if self.kernels.is_none() {
+            let (pose, refit) = *self.queued.get_or_insert_with(|| {
+                let queue = |label: &'static str, entry_point: &'static str, shader: &Handle<Shader>, layout| {
+                    cache.queue_compute_pipeline(ComputePipelineDescriptor {
+                        label: Some(label.into()),
+                        layout,
+                        shader: shader.clone(),
+                        entry_point: Some(entry_point.into()),
+                        ..default()
+                    })
+                };
+                let pose = queue("glint_pose", "pose_vertices", &self.pose_shader, vec![pose_layout()]);
+                let refit = (self.tracer == ReflectionTracer::Bvh).then(|| {
+                    let layouts = || vec![refit_layout(), level_layout()];
+                    [
+                        queue("glint_pose_triangles", "pose_triangles", &self.refit_shader, layouts()),
+                        queue("glint_fit_level", "fit_level", &self.refit_shader, layouts()),
+                    ]
+                });
+                (pose, refit)
+            });
+            let refit = match refit {
+                Some([triangles, nodes]) => Some(RefitKernels {
+                    triangles: cache.get_compute_pipeline(triangles)?.clone(),
+                    nodes: cache.get_compute_pipeline(nodes)?.clone(),
+                    layout: cache.get_bind_group_layout(&refit_layout()),
+                    level_layout: cache.get_bind_group_layout(&level_layout()),
+                }),
+                None => None,
+            };
+            self.kernels = Some(Kernels {
+                pose: cache.get_compute_pipeline(pose)?.clone(),
+                pose_layout: cache.get_bind_group_layout(&pose_layout()),
+                refit,
+            });
+        }
+        self.kernels.as_ref()
+    }
+}
+
+pub(super) fn pose_layout() -> BindGroupLayoutDescriptor {
+    let entries = BindGroupLayoutEntries::sequential(
+        ShaderStages::COMPUTE,
+        (
+            storage_buffer_read_only_sized(false, NonZeroU64::new(size_of::<PoseJob>() as u64)),
+            storage_buffer_read_only_sized(false, NonZeroU64::new(4)),
+            storage_buffer_sized(false, NonZeroU64::new(4)),
+        ),
+    );
+    BindGroupLayoutDescriptor::new("glint_pose", &entries)
+}
+
+pub(super) fn refit_layout() -> BindGroupLayoutDescriptor {
+    let entries = BindGroupLayoutEntries::sequential(
+        ShaderStages::COMPUTE,
+        (
+            storage_buffer_read_only_sized(false, NonZeroU64::new(size_of::<PoseJob>() as u64)),
+            storage_buffer_read_only_sized(false, NonZeroU64::new(4)),
+            storage_buffer_sized(false, NonZeroU64::new(4)),
+            storage_buffer_sized(false, NonZeroU64::new(48)),
+            storage_buffer_sized(false, NonZeroU64::new(16)),
+        ),
+    );
+    BindGroupLayoutDescriptor::new("glint_refit", &entries)
+}
+
+pub(super) fn level_layout() -> BindGroupLayoutDescriptor {
+    let entries = BindGroupLayoutEntries::single(
+        ShaderStages::COMPUTE,
+        uniform_buffer_sized(false, NonZeroU64::new(LEVEL_BYTES)),
+    );
+    BindGroupLayoutDescriptor::new("glint_level", &entries)
+}
+
+/// Buffers of the passes.
+pub(super) struct PosePass {
+    jobs: StorageSlice<PoseJob>,
+    values: StorageSlice<u32>,
+    boxes: StorageSlice<[f32; 4]>,
+    /// One for each level of the deepest tree so far.
+    levels: Vec<BindGroup>,
+}
+
+impl PosePass {
+    pub fn new(device: &RenderDevice) -> Self {
+        Self {
+            jobs: StorageSlice::new(device, "glint_pose_jobs"),
+            values: StorageSlice::new(device, "glint_pose_values"),
+            boxes: StorageSlice::new(device, "glint_pose_boxes"),
+            levels: Vec::new(),
+        }
+    }
+
+    /// Bytes of the buffers.
+    pub fn bytes(&self) -> u64 {
+        self.jobs.buffer().size() + self.values.buffer().size() + self.boxes.buffer().size()
+    }
+
+    /// Makes room for a batch. Returns false where the device has none.
+    pub fn reserve(&mut self, batch: &Batch, device: &RenderDevice) -> bool {
+        let boxes = 2 * batch.boxes as usize;
+        self.jobs.reserve(batch.jobs.len(), device) >= batch.jobs.len()
+            && self.values.reserve(batch.values.len(), device) >= batch.values.len()
+            && self.boxes.reserve(boxes, device) >= boxes
+    }
+
+    /// Poses all meshes of a batch that there is room for, in the order of all other writes.
+    pub fn run(
+        &mut self,
+        batch: &Batch,
+        kernels: &Kernels,
+        geometry: &Buffer,
+        bvh: &Buffer,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) {
+        self.jobs.write(&batch.jobs, 0..batch.jobs.len(), device, queue);
+        self.values.write(&batch.values, 0..batch.values.len(), device, queue);
+        let (jobs, values) = (self.jobs.buffer(), self.values.buffer());
+        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor {
+            label: Some("glint_pose"),
+        });
+        {
+            let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor {
+                label: Some("glint_pose"),
+                timestamp_writes: None,
+            });
+            let entries = BindGroupEntries::sequential((
+                jobs.as_entire_binding(),
+                values.as_entire_binding(),
+                geometry.as_entire_binding(),
+            ));
+            let bind_group = device.create_bind_group("glint_pose", &kernels.pose_layout, &entries);
+            pass.set_pipeline(&kernels.pose);
+            pass.set_bind_group(0, &bind_group, &[]);
+            dispatch(&mut pass, batch, |job| job.vertex_count);
+            if let Some(kernels) = &kernels.refit {
+                self.levels_up_to(batch, kernels, device);
+                let entries = BindGroupEntries::sequential((
+                    self.jobs.buffer().as_entire_binding(),
+                    self.values.buffer().as_entire_binding(),
+                    geometry.as_entire_binding(),
+                    bvh.as_entire_binding(),
+                    self.boxes.buffer().as_entire_binding(),
+                ));
+                let bind_group = device.create_bind_group("glint_refit", &kernels.layout, &entries);
+                self.refit(&mut pass, batch, kernels, &bind_group);
+            }
+        }
+        queue.submit([encoder.finish()]);
+    }
+
+    fn refit(&self, pass: &mut ComputePass, batch: &Batch, kernels: &RefitKernels, bind_group: &BindGroup) {
+        pass.set_pipeline(&kernels.triangles);
+        pass.set_bind_group(0, bind_group, &[]);
+        let Some(any_level) = self.levels.first() else { return };
+        pass.set_bind_group(1, any_level, &[]);
+        dispatch(pass, batch, |job| job.triangle_count);
+        pass.set_pipeline(&kernels.nodes);
+        let depth = depth(batch) as usize;
+        for (level, bind_group) in self.levels.iter().enumerate().take(depth).rev() {
+            pass.set_bind_group(1, bind_group, &[]);
+            dispatch(pass, batch, |job| {
+                let starts = batch.values.get(job.levels as usize + level..).unwrap_or_default();
+                match starts {
+                    [first, end, ..] if level < job.level_count as usize => end - first,
+                    _ => 0,
+                }
+            });
+        }
+    }
+
+    /// Bind groups that tell shaders which level they are at.
+    fn levels_up_to(&mut self, batch: &Batch, kernels: &RefitKernels, device: &RenderDevice) {
+        let depth = depth(batch);
+        if depth as usize <= self.levels.len() {
+            return;
+        }
+        let depth = depth.next_power_of_two();
+        let mut contents = vec![0u32; (depth * LEVEL_STRIDE / 4) as usize];
+        for (level, words) in (0..).zip(contents.chunks_exact_mut(LEVEL_STRIDE as usize / 4)) {
+            words[0] = level;
+        }
+        let buffer = device.create_buffer_with_data(&BufferInitDescriptor {
+            label: Some("glint_levels"),
+            contents: bytemuck::cast_slice(&contents),
+            usage: BufferUsages::UNIFORM,
+        });
+        let bind_group = |level: u32| {
+            let binding = BufferBinding {
+                buffer: &buffer,
+                offset: u64::from(level * LEVEL_STRIDE),
+                size: NonZeroU64::new(LEVEL_BYTES),
+            };
+            device.create_bind_group("glint_level", &kernels.level_layout, &BindGroupEntries::single(binding))
+        };
+        self.levels = (0..depth).map(bind_group).collect();
+    }
+}
+
+fn depth(batch: &Batch) -> u32 {
+    batch.jobs.iter().map(|job| job.level_count).max().unwrap_or(0)
+}
+
+/// A row of workgroups for each job, as long as the largest one needs.
+fn dispatch(pass: &mut ComputePass, batch: &Batch, threads: impl Fn(&PoseJob) -> u32) {
+    let most = batch.jobs.iter().map(threads).max().unwrap_or(0);
+    let workgroups = most.div_ceil(THREADS).min(MOST_WORKGROUPS);
+    if workgroups > 0 {
+        pass.dispatch_workgroups(workgroups, batch.jobs.len() as u32, 1);
+    }
+}

@@ -1,0 +1,485 @@
+//! Which objects have a copy of their mesh to be posed, and which are posed in a frame.
+
+use super::{
+    bounds::posed_bounds,
+    extract::{ExtractedPoses, PoseSource, Rows},
+    job::{Batch, PoseJob},
+    kernels::{KernelCache, MOST_JOBS, PosePass},
+};
+use crate::{
+    device::ReflectionTracer,
+    scene::{
+        acceleration::PosedVertices,
+        arena::ArenaSlice,
+        bvh::{Bounds, ITEM_WORDS},
+        geometry::{HEADER_WORDS, MeshOffsets},
+        instances::SceneInstances,
+        meshes::{SceneMesh, SceneMeshes},
+    },
+};
+use bevy::{
+    asset::{AssetId, AssetServer},
+    ecs::{entity::Entity, system::SystemParam, world::World},
+    log::warn_once,
+    math::Vec3,
+    mesh::Mesh,
+    platform::collections::{HashMap, hash_map::Entry},
+    prelude::Res,
+    render::{
+        render_resource::PipelineCache,
+        renderer::{RenderDevice, RenderQueue},
+    },
+};
+
+/// What following poses needs of the render world.
+#[derive(SystemParam)]
+pub(in crate::scene) struct PoseInputs<'w> {
+    extracted: Res<'w, ExtractedPoses>,
+    cache: Res<'w, PipelineCache>,
+}
+
+/// Slots whose objects a new pose concerns.
+#[derive(Default)]
+pub(in crate::scene) struct PoseChanges {
+    /// They have another mesh now: their own, or that of the asset again.
+    pub switched: Vec<u32>,
+    /// They were posed.
+    pub posed: Vec<u32>,
+}
+
+/// The part of a posed object that the top level of the BVH tracer needs.
+pub(in crate::scene) struct PosedTree {
+    /// The first node in the buffer.
+    pub first_node: u32,
+    /// The first triangle in the buffer.
+    pub first_triangle: u32,
+    /// Object space.
+    pub bounds: Bounds,
+}
+
+/// The copy of a mesh that is posed.
+struct Room {
+    geometry: ArenaSlice,
+    /// Only with the BVH tracer: the tree and its first triangle.
+    tree: Option<(ArenaSlice, u32)>,
+}
+
+/// An object with a pose.
+struct Posed {
+    entity: Entity,
+    mesh: AssetId<Mesh>,
+    version: u64,
+    /// `None` until it is posed first.
+    room: Option<Room>,
+    /// The last pose.
+    matrices: Vec<Rows>,
+    weights: Vec<f32>,
+    bounds: Bounds,
+    revision: u64,
+    /// Frames since its pose changed.
+    waiting: u32,
+    /// Frame in which it was there last.
+    seen: u64,
+}
+
+/// A pose that has changed.
+struct Candidate {
+    /// Index in [`ExtractedPoses::sources`].
+    source: usize,
+    vertices: u32,
+    /// The least come first.
+    rank: f32,
+}
+
+/// All objects with a pose.
+pub(in crate::scene) struct Poses {
+    kernels: KernelCache,
+    pass: Option<PosePass>,
+    /// By slot.
+    posed: HashMap<u32, Posed>,
+    frame: u64,
+    next_revision: u64,
+}
+
+impl Poses {
+    pub fn new(world: &World, tracer: ReflectionTracer) -> Self {
+        Self {
+            kernels: KernelCache::new(world.resource::<AssetServer>(), tracer),
+            pass: None,
+            posed: HashMap::default(),
+            frame: 0,
+            next_revision: 0,
+        }
+    }
+
+    /// Gives everything back.
+    pub fn clear(&mut self, meshes: &mut SceneMeshes) {
+        for (_, posed) in self.posed.drain() {
+            release(posed.room, meshes);
+        }
+        self.pass = None;
+    }
+
+    /// Bytes besides those in the buffers that all meshes share.
+    pub fn bytes(&self) -> u64 {
+        self.pass.as_ref().map_or(0, PosePass::bytes)
+    }
+
+    /// Number of posed objects.
+    pub fn count(&self) -> usize {
+        self.posed.values().filter(|posed| posed.room.is_some()).count()
+    }
+
+    /// Word of the geometry buffer where the header of a posed object stands.
+    pub fn geometry_base(&self, slot: u32) -> Option<u32> {
+        Some(self.room(slot)?.geometry.base())
+    }
+
+    /// The tree of a posed object.
+    pub fn tree(&self, slot: u32) -> Option<PosedTree> {
+        let (tree, first_triangle) = self.room(slot)?.tree.as_ref()?;
+        Some(PosedTree {
+            first_node: tree.base() / ITEM_WORDS,
+            first_triangle: *first_triangle,
+            bounds: self.posed.get(&slot)?.bounds,
+        })
+    }
+
+    /// The vertices of a posed object.
+    pub fn vertices(&self, slot: u32) -> Option<PosedVertices> {
+        Some(PosedVertices {
+            first_vertex: (self.room(slot)?.geometry.base() + HEADER_WORDS) / 3,
+            revision: self.posed.get(&slot)?.revision,
+        })
+    }
+
+    fn room(&self, slot: u32) -> Option<&Room> {
+        self.posed.get(&slot)?.room.as_ref()
+    }
+
+    /// Poses what has changed, within the budget. Objects that are gone or can't be posed give back what they took.
+    pub fn follow(
+        &mut self,
+        inputs: &PoseInputs,
+        instances: &SceneInstances,
+        meshes: &mut SceneMeshes,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> PoseChanges {
+        let extracted = &*inputs.extracted;
+        let mut changes = PoseChanges::default();
+        if extracted.sources.is_empty() && self.posed.is_empty() {
+            return changes;
+        }
+        self.frame += 1;
+        let mut candidates = Vec::new();
+        for (index, source) in extracted.sources.iter().enumerate() {
+            let candidate = self.observe(source, extracted, instances, meshes, &mut changes);
+            candidates.extend(candidate.map(|(vertices, rank)| Candidate {
+                source: index,
+                vertices,
+                rank,
+            }));
+        }
+        self.release_unseen(meshes, &mut changes);
+        if candidates.is_empty() {
+            return changes;
+        }
+        let Some(kernels) = self.kernels.get(&inputs.cache) else {
+            return changes;
+        };
+        select(&mut candidates, extracted.vertices_per_frame);
+        let mut batch = Batch::default();
+        let pass = self.pass.get_or_insert_with(|| PosePass::new(device));
+        for candidate in &candidates {
+            let source = &extracted.sources[candidate.source];
+            let Some(posed) = self.posed.get_mut(&source.slot) else {
+                continue;
+            };
+            if posed.make_room(meshes, queue, source.slot, &mut changes)
+                && let Some(mesh) = meshes.get(posed.mesh)
+                && posed.add_job(source, extracted, mesh, &mut batch)
+            {
+                self.next_revision += 1;
+                posed.revision = self.next_revision;
+                posed.waiting = 0;
+                changes.posed.push(source.slot);
+            }
+        }
+        // The header of new copies is written, so that they can be hit by now, whatever becomes of their vertices.
+        if pass.reserve(&batch, device) {
+            meshes.geometry.grow(queue);
+            meshes.bvh.grow(queue);
+            let (geometry, bvh) = (meshes.geometry.buffer(), meshes.bvh.buffer());
+            pass.run(&batch, kernels, geometry, bvh, device, queue);
+        } else {
+            warn_once!(
+                "skinned meshes keep their pose in reflections, since the device has no memory left to pose them"
+            );
+            for slot in changes.posed.drain(..) {
+                if let Some(posed) = self.posed.get_mut(&slot) {
+                    release(posed.room.take(), meshes);
+                    changes.switched.push(slot);
+                }
+            }
+        }
+        changes
+    }
+
+    /// Notes that an object is there. Returns the number of its vertices and its rank if it isn't in its pose.
+    fn observe(
+        &mut self,
+        source: &PoseSource,
+        extracted: &ExtractedPoses,
+        instances: &SceneInstances,
+        meshes: &mut SceneMeshes,
+        changes: &mut PoseChanges,
+    ) -> Option<(u32, f32)> {
+        let object = instances.get(source.slot)?;
+        let mesh = meshes.get(object.mesh)?;
+        mesh.deformation.as_ref()?;
+        let (matrices, weights) = pose(source, extracted, mesh);
+        let (vertices, version) = (mesh.vertex_count, mesh.version);
+        let fresh = || Posed {
+            entity: source.entity,
+            mesh: object.mesh,
+            version,
+            room: None,
+            matrices: Vec::new(),
+            weights: Vec::new(),
+            bounds: Bounds::EMPTY,
+            revision: 0,
+            waiting: 0,
+            seen: 0,
+        };
+        let posed = match self.posed.entry(source.slot) {
+            Entry::Occupied(entry) => {
+                let posed = entry.into_mut();
+                if (posed.entity, posed.mesh, posed.version) != (source.entity, object.mesh, version) {
+                    let last = core::mem::replace(posed, fresh());
+                    if release(last.room, meshes) {
+                        changes.switched.push(source.slot);
+                    }
+                }
+                posed
+            }
+            Entry::Vacant(entry) => entry.insert(fresh()),
+        };
+        posed.seen = self.frame;
+        if source.is_unknown {
+            return None;
+        }
+        let has_changed = if posed.room.is_some() {
+            posed.matrices != matrices || posed.weights != weights
+        } else {
+            // As long as nothing moves its vertices, the mesh of the asset is right.
+            !matrices.is_empty() || weights.iter().any(|weight| *weight != 0.0)
+        };
+        if !has_changed {
+            posed.waiting = 0;
+            return None;
+        }
+        posed.waiting = posed.waiting.saturating_add(1);
+        let distance = |camera: &Vec3| camera.distance(source.position);
+        let nearest = extracted.cameras.iter().map(distance).fold(f32::INFINITY, f32::min);
+        Some((vertices, nearest / posed.waiting as f32))
+    }
+
+    fn release_unseen(&mut self, meshes: &mut SceneMeshes, changes: &mut PoseChanges) {
+        let frame = self.frame;
+        for (slot, posed) in self.posed.extract_if(|_, posed| posed.seen != frame) {
+            if release(posed.room, meshes) {
+                changes.switched.push(slot);
+            }
+        }
+        if self.posed.is_empty() {
+            self.pass = None;
+        }
+    }
+}
+
+impl Posed {
+    /// Makes the copy of the mesh that is posed, if there is none. Returns false where there is no room for it.
+    fn make_room(
+        &mut self,
+        meshes: &mut SceneMeshes,
+        queue: &RenderQueue,
+        slot: u32,
+        changes: &mut PoseChanges,
+    ) -> bool {
+        if self.room.is_none() {
+            self.room = take_room(self.mesh, meshes, queue);
+            if self.room.is_some() {
+                changes.switched.push(slot);
+            } else {
+                warn_once!(
+                    "a skinned mesh is reflected in its bind pose, since meshes leave no room in the largest buffer of this device; \
+                     use fewer or smaller meshes, or keep some out with `NotReflected`"
+                );
+            }
+        }
+        self.room.is_some()
+    }
+
+    /// Takes over the pose of this frame.
+    fn add_job(
+        &mut self,
+        source: &PoseSource,
+        extracted: &ExtractedPoses,
+        mesh: &SceneMesh,
+        batch: &mut Batch,
+    ) -> bool {
+        let (Some(room), Some(deformation)) = (&self.room, &mesh.deformation) else {
+            return false;
+        };
+        let (matrices, weights) = pose(source, extracted, mesh);
+        self.matrices.clear();
+        self.matrices.extend_from_slice(matrices);
+        self.weights.clear();
+        self.weights.extend_from_slice(weights);
+        self.bounds = posed_bounds(deformation, matrices, weights);
+        let mut job = PoseJob {
+            bounds_min: self.bounds.min,
+            bounds_max: self.bounds.max,
+            source: mesh.geometry.base(),
+            posed: room.geometry.base(),
+            matrices: batch.add(bytemuck::cast_slice(matrices)),
+            joint_count: matrices.len() as u32,
+            weights: batch.add(bytemuck::cast_slice(weights)),
+            target_count: weights.len() as u32,
+            vertex_count: mesh.vertex_count,
+            ..PoseJob::default()
+        };
+        if let (Some((tree, first_triangle)), Some(source)) = (&room.tree, &mesh.bvh) {
+            job.source_node = source.first_node;
+            job.posed_node = tree.base() / ITEM_WORDS;
+            job.node_count = first_triangle - job.posed_node;
+            job.triangle_count = source.slice.words() / ITEM_WORDS - job.node_count;
+            job.levels = batch.add(&source.levels);
+            job.level_count = source.levels.len() as u32 - 1;
+            job.boxes = batch.boxes;
+            batch.boxes += job.node_count;
+        }
+        batch.jobs.push(job);
+        true
+    }
+}
+
+/// Matrices and weights that concern a mesh.
+fn pose<'a>(source: &PoseSource, extracted: &'a ExtractedPoses, mesh: &SceneMesh) -> (&'a [Rows], &'a [f32]) {
+    let matrices = &extracted.matrices[source.matrices.clone()];
+    let weights = &extracted.weights[source.weights.clone()];
+    let targets = mesh
+        .deformation
+        .as_ref()
+        .map_or(0, |deformation| deformation.targets.len());
+    let has_joints = mesh.offsets.joints != 0;
+    (
+        if has_joints { matrices } else { &[] },
+        &weights[..weights.len().min(targets)],
+    )
+}
+
+/// Keeps the candidates that come first, as many as the budget allows, and one at least unless it is 0.
+fn select(candidates: &mut Vec<Candidate>, vertices_per_frame: u32) {
+    if vertices_per_frame == 0 {
+        candidates.clear();
+        return;
+    }
+    let all: u64 = candidates.iter().map(|candidate| u64::from(candidate.vertices)).sum();
+    if all > u64::from(vertices_per_frame) || candidates.len() > MOST_JOBS {
+        candidates.sort_by(|a, b| a.rank.total_cmp(&b.rank));
+        let mut sum = 0;
+        let fitting = candidates.iter().take(MOST_JOBS).take_while(|candidate| {
+            sum += u64::from(candidate.vertices);
+            sum <= u64::from(vertices_per_frame)
+        });
+        let count = fitting.count().max(1);
+        candidates.truncate(count);
+    }
+}
+
+/// Returns whether there was anything to be released.
+fn release(room: Option<Room>, meshes: &mut SceneMeshes) -> bool {
+    let Some(room) = room else { return false };
+    meshes.geometry.free(room.geometry);
+    if let Some((tree, _)) = room.tree {
+        meshes.bvh.free(tree);
+    }
+    true
+}
+
+/// Room for the vertices of a posed mesh, and for its tree. The header stands there already.
+fn take_room(mesh: AssetId<Mesh>, meshes: &mut SceneMeshes, queue: &RenderQueue) -> Option<Room> {
+    let mesh = meshes.get(mesh)?;
+    let (source, offsets) = (mesh.geometry.base(), mesh.offsets);
+    let (vertices, triangles, words) = (mesh.vertex_count, mesh.triangle_count, posed_words(mesh)?);
+    let tree = mesh.bvh.as_ref().map(|tree| {
+        let items = tree.slice.words() / ITEM_WORDS;
+        (items as usize, tree.first_triangle - tree.first_node)
+    });
+    let geometry = meshes.geometry.allocate(words)?;
+    let tree = match tree {
+        Some((items, node_count)) => match meshes.allocate_tree(items) {
+            Some(slice) => {
+                let first_triangle = slice.base() / ITEM_WORDS + node_count;
+                Some((slice, first_triangle))
+            }
+            None => {
+                meshes.geometry.free(geometry);
+                return None;
+            }
+        },
+        None => None,
+    };
+    let header = posed_header(geometry.base(), source, offsets, [vertices, triangles]);
+    meshes.geometry.write(queue, &geometry, &header);
+    Some(Room { geometry, tree })
+}
+
+/// Words of the arrays that a posed mesh has for itself.
+fn posed_words(mesh: &SceneMesh) -> Option<u32> {
+    let own = [mesh.offsets.normals, mesh.offsets.tangents]
+        .into_iter()
+        .filter(|offset| *offset != 0);
+    let per_vertex = 3 + own.count() as u32;
+    mesh.vertex_count.checked_mul(per_vertex)?.checked_add(HEADER_WORDS)
+}
+
+/// The header of a posed mesh. It shares all arrays that no pose changes with the mesh of the asset: offsets wrap around, as additions of
+/// shaders do.
+pub(super) fn posed_header(base: u32, source: u32, offsets: MeshOffsets, [vertices, triangles]: [u32; 2]) -> [u32; 12] {
+    let shared = |offset: u32| match offset {
+        0 => 0,
+        offset => source.wrapping_add(offset).wrapping_sub(base),
+    };
+    let mut end = HEADER_WORDS + 3 * vertices;
+    let mut own = |offset: u32| {
+        let first = end;
+        end += if offset == 0 { 0 } else { vertices };
+        if offset == 0 { 0 } else { first }
+    };
+    let [normals, tangents] = [offsets.normals, offsets.tangents].map(&mut own);
+    let MeshOffsets {
+        indices,
+        uv0,
+        uv1,
+        colors,
+        ..
+    } = offsets;
+    let [indices, uv0, uv1, colors] = [indices, uv0, uv1, colors].map(shared);
+    [
+        vertices,
+        triangles,
+        0,
+        HEADER_WORDS,
+        indices,
+        normals,
+        tangents,
+        uv0,
+        uv1,
+        colors,
+        0,
+        0,
+    ]
+}

@@ -1,0 +1,510 @@
+//! Skinned and morphed meshes: a mirror shows them as they are drawn.
+
+use crate::{
+    common::app,
+    pictures::{BOTH, assert_flip, flip, reflect, warm_up},
+    stage::{BEFORE_THE_MIRROR, SIZE, metal, report, spawn_camera, spawn_mesh, wall},
+};
+use bevy::{
+    asset::RenderAssetUsages,
+    image::{Image, ImageAddressMode, ImageSampler, ImageSamplerDescriptor},
+    math::Affine3A,
+    mesh::{
+        Indices, PrimitiveTopology, VertexAttributeValues,
+        morph::{MeshMorphWeights, MorphAttributes},
+        skinning::{SkinnedMesh, SkinnedMeshInverseBindposes},
+    },
+    prelude::*,
+    render::{
+        RenderApp,
+        render_resource::{Extent3d, TextureDimension, TextureFormat},
+    },
+};
+use bevy_glint::{
+    NotReflected, ReflectedPose, ReflectedPoseBudget, ReflectionTechnique, ReflectionTracerChoice,
+    internals::meshes::SceneMeshes,
+};
+use core::f32::consts::{FRAC_PI_2, TAU};
+use glint_scenes::{HeadlessApp, Output, SceneName};
+
+/// Mean FLIP of two pictures that show the same: single pixels at edges differ by the rounding of vertices.
+const SAME: f32 = 0.0005;
+/// Mean FLIP of pictures that show another pose, at least.
+const OTHER: f32 = 0.02;
+
+const SIDES: usize = 16;
+const RINGS: usize = 20;
+const LENGTH: f32 = 4.0;
+/// Where the two bones of an arm meet, half of the arm up.
+const ELBOW: Vec3 = Vec3::new(0.0, 0.5 * LENGTH, 0.0);
+
+/// A tube along Y, and of each vertex how far up it is.
+fn tube() -> (Vec<Vec3>, Vec<Vec3>, Vec<u32>) {
+    let mut positions = Vec::new();
+    let mut normals = Vec::new();
+    let mut indices = Vec::new();
+    for ring in 0..=RINGS {
+        let y = LENGTH * ring as f32 / RINGS as f32;
+        for side in 0..SIDES {
+            let (sin, cos) = (TAU * side as f32 / SIDES as f32).sin_cos();
+            positions.push(Vec3::new(0.5 * cos, y, 0.5 * sin));
+            normals.push(Vec3::new(cos, 0.0, sin));
+            if ring < RINGS {
+                let [a, b] = [side, (side + 1) % SIDES].map(|side| (ring * SIDES + side) as u32);
+                let [c, d] = [a, b].map(|vertex| vertex + SIDES as u32);
+                indices.extend([a, c, b, b, c, d]);
+            }
+        }
+    }
+    (positions, normals, indices)
+}
+
+fn mesh_of(positions: &[Vec3], normals: &[Vec3], indices: &[u32]) -> Mesh {
+    let list = |vectors: &[Vec3]| vectors.iter().map(|vector| vector.to_array()).collect::<Vec<_>>();
+    Mesh::new(PrimitiveTopology::TriangleList, RenderAssetUsages::default())
+        .with_inserted_attribute(Mesh::ATTRIBUTE_POSITION, list(positions))
+        .with_inserted_attribute(Mesh::ATTRIBUTE_NORMAL, list(normals))
+        .with_inserted_indices(Indices::U32(indices.to_vec()))
+}
+
+/// Share of the second bone in each vertex.
+fn upper_share(position: &Vec3) -> f32 {
+    ((position.y - ELBOW.y) / 1.0 + 0.5).clamp(0.0, 1.0)
+}
+
+/// A tube of two bones.
+fn arm() -> Mesh {
+    let (positions, normals, indices) = tube();
+    let weights: Vec<[f32; 4]> = positions
+        .iter()
+        .map(|position| [1.0 - upper_share(position), upper_share(position), 0.0, 0.0])
+        .collect();
+    mesh_of(&positions, &normals, &indices)
+        .with_inserted_attribute(
+            Mesh::ATTRIBUTE_JOINT_INDEX,
+            VertexAttributeValues::Uint16x4(vec![[0, 1, 0, 0]; positions.len()]),
+        )
+        .with_inserted_attribute(Mesh::ATTRIBUTE_JOINT_WEIGHT, weights)
+}
+
+/// Thicker in the middle, and bent to the side.
+fn targets() -> [Vec<MorphAttributes>; 2] {
+    let (positions, normals, _) = tube();
+    let along = |position: &Vec3| position.y / LENGTH;
+    let thick = positions.iter().zip(&normals).map(|(position, normal)| {
+        let y = along(position);
+        MorphAttributes::new(*normal * (4.0 * y * (1.0 - y)), Vec3::Y * (2.0 * y - 1.0), Vec3::ZERO)
+    });
+    let bent = positions.iter().map(|position| {
+        let y = along(position);
+        MorphAttributes::new(Vec3::X * 3.0 * y * y, -Vec3::Y * y, Vec3::ZERO)
+    });
+    [thick.collect(), bent.collect()]
+}
+
+fn morphable(mesh: Mesh) -> Mesh {
+    mesh.with_morph_targets(targets().concat())
+}
+
+/// The tube with morph targets and bones at work, as a mesh of its own.
+fn baked(weights: [f32; 2], bones: Option<[Affine3A; 2]>) -> Mesh {
+    let (mut positions, mut normals, indices) = tube();
+    for (target, weight) in targets().iter().zip(weights) {
+        for (vertex, difference) in target.iter().enumerate() {
+            positions[vertex] += weight * difference.position;
+            normals[vertex] += weight * difference.normal;
+        }
+    }
+    if let Some([lower, upper]) = bones {
+        let (rest, ..) = tube();
+        for ((position, normal), rest) in positions.iter_mut().zip(&mut normals).zip(&rest) {
+            let share = upper_share(rest);
+            let matrix = Mat4::from(lower) * (1.0 - share) + Mat4::from(upper) * share;
+            *position = matrix.transform_point3(*position);
+            *normal = Mat3::from_mat4(matrix).inverse().transpose() * *normal;
+        }
+    }
+    for normal in &mut normals {
+        *normal = normal.normalize();
+    }
+    mesh_of(&positions, &normals, &indices)
+}
+
+fn paint() -> StandardMaterial {
+    StandardMaterial {
+        perceptual_roughness: 0.6,
+        ..Color::srgb(0.9, 0.5, 0.1).into()
+    }
+}
+
+/// The two joints of an arm that is spawned with its mesh far from where they are.
+struct Arm {
+    mesh: Entity,
+    joints: [Entity; 2],
+}
+
+/// Behind the camera, where only the mirror shows it.
+fn shoulder() -> Transform {
+    Transform::from_xyz(0.5, -2.0, 6.5).with_rotation(Quat::from_rotation_y(0.7))
+}
+
+fn bend() -> Transform {
+    Transform::from_translation(ELBOW).with_rotation(Quat::from_rotation_z(FRAC_PI_2))
+}
+
+fn inverse_bindposes() -> Vec<Mat4> {
+    vec![Mat4::IDENTITY, Mat4::from_translation(-ELBOW)]
+}
+
+fn spawn_arm(app: &mut HeadlessApp, mesh: Mesh, material: StandardMaterial) -> Arm {
+    let far = Transform::from_xyz(40.0, 3.0, -7.0).with_scale(Vec3::splat(0.3));
+    let mesh = spawn_mesh(app, mesh, material, far);
+    let world = app.world();
+    let lower = world.spawn(shoulder()).id();
+    let upper = world.spawn((bend(), ChildOf(lower))).id();
+    let inverse_bindposes = world
+        .resource_mut::<Assets<SkinnedMeshInverseBindposes>>()
+        .add(SkinnedMeshInverseBindposes::from(inverse_bindposes()));
+    let joints = [lower, upper];
+    world.entity_mut(mesh).insert(SkinnedMesh {
+        inverse_bindposes,
+        joints: joints.to_vec(),
+    });
+    Arm { mesh, joints }
+}
+
+/// From bind pose to the world.
+fn bones(upper: Transform) -> [Affine3A; 2] {
+    let lower = shoulder().compute_affine();
+    [
+        lower,
+        lower * upper.compute_affine() * Affine3A::from_translation(-ELBOW),
+    ]
+}
+
+fn stage(app: &mut HeadlessApp) -> Entity {
+    spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Demo);
+    let sun = DirectionalLight {
+        illuminance: 20_000.0,
+        ..default()
+    };
+    app.world().spawn((
+        sun,
+        Transform::default().looking_to(Vec3::new(-0.5, -1.0, 1.0), Vec3::Y),
+    ));
+    reflect(app, camera, ReflectionTechnique::Reference);
+    camera
+}
+
+/// The picture once so many objects are posed.
+#[track_caller]
+fn shown(app: &mut HeadlessApp, posed: usize) -> Vec<u8> {
+    app.step(1);
+    warm_up(app);
+    for _ in 0..2000 {
+        if report(app).posed_instances == posed {
+            app.step(2);
+            return app.capture().unwrap();
+        }
+        std::thread::sleep(std::time::Duration::from_millis(1));
+        app.step(1);
+    }
+    panic!("{posed} objects should be posed: {:?}", report(app));
+}
+
+/// The picture of a mesh that has no pose.
+fn shown_baked(app: &mut HeadlessApp, mesh: Mesh, material: StandardMaterial, at: Transform) -> Vec<u8> {
+    let entity = spawn_mesh(app, mesh, material, at);
+    let picture = shown(app, 0);
+    app.world().despawn(entity);
+    picture
+}
+
+/// Words of the scene's meshes and trees that are in use.
+fn used_bytes(app: &mut HeadlessApp) -> u64 {
+    let meshes = app.app().sub_app(RenderApp).world().resource::<SceneMeshes>();
+    meshes.geometry.used_bytes() + meshes.bvh.used_bytes()
+}
+
+#[test]
+fn a_bent_arm_looks_like_one_that_was_baked() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
+        let app = &mut app;
+        stage(app);
+        let [lower, _] = bones(bend());
+        let expected = shown_baked(app, baked([0.0; 2], Some(bones(bend()))), paint(), Transform::IDENTITY);
+        let straight = shown_baked(app, baked([0.0; 2], Some([lower; 2])), paint(), Transform::IDENTITY);
+        let other = flip(SIZE, &expected, &straight).0;
+        assert!(other > OTHER, "{tracer}: the bend changes the picture by {other} alone");
+
+        let arm = spawn_arm(app, arm(), paint());
+        let actual = shown(app, 1);
+        assert_flip(&format!("bent-arm-{tracer}"), SIZE, &expected, &actual, SAME);
+        // Bevy places it by its joints alone.
+        app.world().get_mut::<Transform>(arm.mesh).unwrap().translation = Vec3::new(-3.0, 9.0, 1.0);
+        let actual = shown(app, 1);
+        assert_flip(&format!("bent-arm-elsewhere-{tracer}"), SIZE, &expected, &actual, SAME);
+
+        // It straightens, and bends again.
+        *app.world().get_mut::<Transform>(arm.joints[1]).unwrap() = Transform::from_translation(ELBOW);
+        let actual = shown(app, 1);
+        assert_flip(&format!("straight-arm-{tracer}"), SIZE, &straight, &actual, SAME);
+        *app.world().get_mut::<Transform>(arm.joints[1]).unwrap() = bend();
+        let actual = shown(app, 1);
+        assert_flip(&format!("arm-bent-again-{tracer}"), SIZE, &expected, &actual, SAME);
+
+        // Rigid, it has its bind pose where the first joint is; without a skin it is far away.
+        app.world().entity_mut(arm.mesh).insert(ReflectedPose::Rigid);
+        let actual = shown(app, 0);
+        assert_flip(&format!("rigid-arm-{tracer}"), SIZE, &straight, &actual, SAME);
+        app.world().entity_mut(arm.mesh).remove::<ReflectedPose>();
+        let actual = shown(app, 1);
+        assert_flip(&format!("posed-again-{tracer}"), SIZE, &expected, &actual, SAME);
+    }
+}
+
+#[test]
+fn morph_targets_look_like_a_mesh_that_was_baked() {
+    const WEIGHTS: [f32; 2] = [0.7, -0.4];
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
+        let app = &mut app;
+        stage(app);
+        let expected = shown_baked(app, baked(WEIGHTS, None), paint(), shoulder());
+        let flat = shown_baked(app, baked([0.0; 2], None), paint(), shoulder());
+        let other = flip(SIZE, &expected, &flat).0;
+        assert!(
+            other > OTHER,
+            "{tracer}: the targets change the picture by {other} alone"
+        );
+        let (positions, normals, indices) = tube();
+        let morphed = spawn_mesh(
+            app,
+            morphable(mesh_of(&positions, &normals, &indices)),
+            paint(),
+            shoulder(),
+        );
+        let weights = |weights: [f32; 2]| MeshMorphWeights::Value {
+            weights: weights.to_vec(),
+        };
+        app.world().entity_mut(morphed).insert(weights([0.0; 2]));
+        // Nothing moves its vertices.
+        let actual = shown(app, 0);
+        assert_flip(&format!("not-morphed-{tracer}"), SIZE, &flat, &actual, SAME);
+        app.world().entity_mut(morphed).insert(weights(WEIGHTS));
+        let actual = shown(app, 1);
+        assert_flip(&format!("morphed-{tracer}"), SIZE, &expected, &actual, SAME);
+        app.world().despawn(morphed);
+
+        let expected = shown_baked(app, baked(WEIGHTS, Some(bones(bend()))), paint(), Transform::IDENTITY);
+        let arm = spawn_arm(app, morphable(arm()), paint());
+        app.world().entity_mut(arm.mesh).insert(weights(WEIGHTS));
+        let actual = shown(app, 1);
+        assert_flip(&format!("morphed-arm-{tracer}"), SIZE, &expected, &actual, SAME);
+    }
+}
+
+#[test]
+fn what_is_gone_leaves_nothing() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
+        let app = &mut app;
+        stage(app);
+        // The mirror gets a merged tree of its own.
+        app.step(60);
+        let empty = shown(app, 0);
+        let before = used_bytes(app);
+        for round in 0..3 {
+            let arms = [(); 3].map(|()| spawn_arm(app, arm(), paint()));
+            shown(app, 3);
+            assert!(used_bytes(app) > before);
+            for arm in &arms {
+                let world = app.world();
+                match round {
+                    0 => world.entity_mut(arm.mesh).despawn(),
+                    1 => drop(world.entity_mut(arm.mesh).insert(NotReflected)),
+                    // The skeleton goes before what it moves.
+                    _ => world.entity_mut(arm.joints[0]).despawn(),
+                }
+            }
+            app.step(2);
+            assert_eq!(report(app).posed_instances, if round == 2 { 3 } else { 0 });
+            for arm in &arms {
+                app.world().try_despawn(arm.mesh).ok();
+            }
+            let picture = shown(app, 0);
+            assert_eq!(used_bytes(app), before, "{tracer}, round {round}");
+            assert_flip(&format!("no-arms-{tracer}"), SIZE, &empty, &picture, SAME);
+        }
+    }
+}
+
+/// Paint with holes in stripes across the arm, and UV coordinates for it.
+fn cut_out(app: &mut HeadlessApp) -> StandardMaterial {
+    let texels = [[255; 4], [255, 255, 255, 0]].concat();
+    let extent = Extent3d {
+        width: 1,
+        height: 2,
+        depth_or_array_layers: 1,
+    };
+    let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
+    let mut image = Image::new(extent, TextureDimension::D2, texels, format, usage);
+    image.sampler = ImageSampler::Descriptor(ImageSamplerDescriptor {
+        address_mode_v: ImageAddressMode::Repeat,
+        ..ImageSamplerDescriptor::nearest()
+    });
+    StandardMaterial {
+        base_color_texture: Some(app.world().resource_mut::<Assets<Image>>().add(image)),
+        alpha_mode: AlphaMode::Mask(0.5),
+        cull_mode: None,
+        double_sided: true,
+        ..paint()
+    }
+}
+
+fn with_uvs(mesh: Mesh) -> Mesh {
+    let (positions, ..) = tube();
+    let uvs: Vec<[f32; 2]> = positions.iter().map(|position| [0.5, 1.5 * position.y]).collect();
+    mesh.with_inserted_attribute(Mesh::ATTRIBUTE_UV_0, uvs)
+}
+
+#[test]
+fn holes_stay_where_they_are_on_the_surface() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
+        let app = &mut app;
+        stage(app);
+        let material = cut_out(app);
+        let bent = || with_uvs(baked([0.0; 2], Some(bones(bend()))));
+        let expected = shown_baked(app, bent(), material.clone(), Transform::IDENTITY);
+        let solid = shown_baked(app, bent(), paint(), Transform::IDENTITY);
+        let other = flip(SIZE, &expected, &solid).0;
+        assert!(
+            other > OTHER / 4.0,
+            "{tracer}: holes change the picture by {other} alone"
+        );
+        spawn_arm(app, with_uvs(arm()), material);
+        let actual = shown(app, 1);
+        assert_flip(&format!("masked-arm-{tracer}"), SIZE, &expected, &actual, SAME);
+        // Opacity micromaps come later, and change nothing.
+        app.step(150);
+        let actual = shown(app, 1);
+        assert_flip(&format!("micromapped-arm-{tracer}"), SIZE, &expected, &actual, SAME);
+    }
+}
+
+#[test]
+fn bad_skeletons_leave_a_picture() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
+        let app = &mut app;
+        stage(app);
+        let expected = shown_baked(app, baked([0.0; 2], Some(bones(bend()))), paint(), Transform::IDENTITY);
+        let arm = spawn_arm(app, arm(), paint());
+        shown(app, 1);
+        // While a joint is nowhere, the last pose stays.
+        let upper = app.world().get::<Transform>(arm.joints[1]).copied().unwrap();
+        for bad in [f32::NAN, f32::INFINITY, 1e30] {
+            app.world().get_mut::<Transform>(arm.joints[1]).unwrap().translation.x = bad;
+            let actual = shown(app, 1);
+            assert_flip(&format!("lost-joint-{tracer}"), SIZE, &expected, &actual, SAME);
+        }
+        *app.world().get_mut::<Transform>(arm.joints[1]).unwrap() = upper;
+        app.step(2);
+        app.world().despawn(arm.joints[1]);
+        let actual = shown(app, 1);
+        assert_flip(&format!("despawned-joint-{tracer}"), SIZE, &expected, &actual, SAME);
+        // Without joints, and without inverse bind poses, it was never posed: it is where its transform says.
+        let place = |app: &mut HeadlessApp, mesh: Entity| {
+            *app.world().get_mut::<Transform>(mesh).unwrap() = shoulder();
+        };
+        let inverse_bindposes = app
+            .world()
+            .get::<SkinnedMesh>(arm.mesh)
+            .unwrap()
+            .inverse_bindposes
+            .clone();
+        for skin in [
+            SkinnedMesh::default(),
+            SkinnedMesh {
+                joints: arm.joints.to_vec(),
+                ..default()
+            },
+            // More joints than inverse bind poses.
+            SkinnedMesh {
+                inverse_bindposes,
+                joints: vec![arm.joints[0]; 70_000],
+            },
+        ] {
+            let mesh = spawn_mesh(app, crate::poses::arm(), paint(), Transform::IDENTITY);
+            app.world().entity_mut(mesh).insert(skin);
+            place(app, mesh);
+            let actual = shown(app, 1);
+            let changed = flip(SIZE, &expected, &actual).0;
+            assert!(
+                changed > OTHER / 4.0,
+                "{tracer}: a straight arm is seen, too, and not {changed}"
+            );
+            app.world().despawn(mesh);
+        }
+    }
+}
+
+#[test]
+fn the_budget_goes_to_the_nearest() {
+    let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let app = &mut app;
+    stage(app);
+    let arms = [6.0, 20.0, 40.0].map(|z| {
+        let arm = spawn_arm(app, arm(), paint());
+        app.world().get_mut::<Transform>(arm.joints[0]).unwrap().translation.z = z;
+        arm
+    });
+    // The mirror gets a merged tree of its own.
+    app.step(60);
+    shown(app, 3);
+    let budget = |app: &mut HeadlessApp, vertices_per_frame: u32| {
+        app.world().insert_resource(ReflectedPoseBudget { vertices_per_frame });
+    };
+    let bend_all = |app: &mut HeadlessApp, angle: f32| {
+        for arm in &arms {
+            app.world().get_mut::<Transform>(arm.joints[1]).unwrap().rotation = Quat::from_rotation_z(angle);
+        }
+        app.step(1);
+        // The status is that of the frame before.
+        app.step(1);
+        report(app)
+    };
+    // Trees of the top level are built where something was posed.
+    let builds = |app: &mut HeadlessApp| report(app).tlas_builds;
+    budget(app, 0);
+    let before = builds(app);
+    bend_all(app, 0.1);
+    app.step(5);
+    assert_eq!(builds(app), before, "nothing is posed");
+    // One mesh in each frame, however many vertices it has, and in the end all of them.
+    budget(app, 1);
+    app.step(6);
+    assert_eq!(builds(app), before + 3, "one after the other");
+    budget(app, u32::MAX);
+    let before = builds(app);
+    bend_all(app, 0.2);
+    app.step(5);
+    assert_eq!(builds(app), before + 1, "all at once");
+    app.step(30);
+    assert_eq!(builds(app), before + 1, "nothing moves any more");
+}
