@@ -195,6 +195,11 @@ mod tests {
             ("roughness_cutoff", reflections.roughness_cutoff.to_string()),
             ("roughness_fade", reflections.roughness_fade.to_string()),
             ("max_ray_length", reflections.max_ray_length.to_string()),
+            ("max_bounces", reflections.max_bounces.to_string()),
+            (
+                "bounce_roughness_cutoff",
+                reflections.bounce_roughness_cutoff.to_string(),
+            ),
             ("shadow_rays", reflections.shadow_rays.to_string()),
             ("texture_mip", format!("`{:?}`", reflections.texture_mip)),
             ("reset", reflections.reset.to_string()),

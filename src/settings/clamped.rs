@@ -5,6 +5,9 @@ use super::{
     ReflectionTextureMip, reflections::PAPER_LEVEL,
 };
 
+/// Bound of the loop over bounces; `trace/bounce.wesl` has the same number.
+const MAX_BOUNCES: u32 = 8;
+
 /// [`RayTracedReflections`] within its ranges. NaN becomes the default.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ClampedSettings {
@@ -17,6 +20,8 @@ pub(crate) struct ClampedSettings {
     /// Between two of the roughnesses that a G-buffer can hold, so that nothing is ever equal to it.
     pub cutoff: f32,
     pub max_ray_length: f32,
+    pub max_bounces: u32,
+    pub bounce_cutoff: f32,
     pub shadow_rays: bool,
     /// `None` for ray cones.
     pub fixed_mip: Option<f32>,
@@ -30,6 +35,13 @@ fn between_steps(cutoff: f32) -> f32 {
 /// `value`, or the default in place of NaN.
 pub(super) fn number_or(value: f32, default: f32) -> f32 {
     if value.is_nan() { default } else { value }
+}
+
+impl ClampedSettings {
+    /// Rays are followed beyond their first hit.
+    pub fn has_bounces(&self) -> bool {
+        self.max_bounces > 1
+    }
 }
 
 impl From<&RayTracedReflections> for ClampedSettings {
@@ -46,6 +58,8 @@ impl From<&RayTracedReflections> for ClampedSettings {
             fade_start: if cutoff < 1.0 { (cutoff - fade).max(0.0) } else { 1.0 },
             cutoff: between_steps(cutoff),
             max_ray_length: number_or(settings.max_ray_length, default.max_ray_length).clamp(0.0, 1.0e9),
+            max_bounces: settings.max_bounces.clamp(1, MAX_BOUNCES),
+            bounce_cutoff: number_or(settings.bounce_roughness_cutoff, default.bounce_roughness_cutoff).clamp(0.0, 1.0),
             shadow_rays: settings.shadow_rays,
             fixed_mip: match settings.texture_mip {
                 ReflectionTextureMip::RayCone => None,
@@ -76,13 +90,24 @@ mod tests {
             roughness_cutoff: f32::NAN,
             roughness_fade: f32::INFINITY,
             max_ray_length: f32::NEG_INFINITY,
+            max_bounces: 0,
+            bounce_roughness_cutoff: f32::NAN,
             texture_mip: ReflectionTextureMip::Fixed(-7.0),
             ..Default::default()
         };
         let safe = ClampedSettings::from(&wild);
         assert_eq!(safe.cutoff, 255.5 / 255.0);
         assert_eq!(safe.max_ray_length, 0.0);
+        assert_eq!((safe.max_bounces, safe.bounce_cutoff), (1, 0.3));
+        assert!(!safe.has_bounces());
         assert_eq!(safe.fixed_mip, Some(0.0));
+        let many = ClampedSettings::from(&RayTracedReflections {
+            max_bounces: u32::MAX,
+            bounce_roughness_cutoff: f32::INFINITY,
+            ..Default::default()
+        });
+        assert_eq!((many.max_bounces, many.bounce_cutoff), (8, 1.0));
+        assert!(many.has_bounces());
     }
 
     #[test]

@@ -61,6 +61,16 @@ pub struct RayTracedReflections {
     /// Length of a reflection ray in metres. Longer rays see more and cost more; what lies behind their end is replaced by the
     /// environment. Default: 10,000.
     pub max_ray_length: f32,
+    /// Reflections within reflections: how many surfaces a ray may see one after the other, 1 to 8. With 1, a mirror that is seen in a
+    /// mirror shows the environment map. Each further bounce traces and lights up to one more hit for each ray. Default: 1.
+    ///
+    /// Every technique counts alike, [`Converged`](ReflectionTechnique::Converged) included: it is the truth for these settings.
+    #[reflect(@1..=8u32)]
+    pub max_bounces: u32,
+    /// Perceptual roughness (0 to 1) up to which a surface that a ray hits reflects another ray; rougher ones show the environment map.
+    /// Less takes less time. Without effect at a single bounce. Default: 0.3.
+    #[reflect(@0.0..=1.0f32)]
+    pub bounce_roughness_cutoff: f32,
     /// Traces shadow rays from what reflections see to the lights that cast shadows: one more ray for each light and hit.
     /// Without, light leaks through walls in reflections. Default: true.
     pub shadow_rays: bool,
@@ -82,6 +92,8 @@ impl Default for RayTracedReflections {
             roughness_cutoff: 1.0,
             roughness_fade: 0.1,
             max_ray_length: 10_000.0,
+            max_bounces: 1,
+            bounce_roughness_cutoff: 0.3,
             shadow_rays: true,
             texture_mip: ReflectionTextureMip::default(),
             reset: true,
@@ -144,7 +156,8 @@ pub enum ReflectionBackend {
     /// A full-screen pass with a shading-rate attachment: Vulkan with `VK_KHR_fragment_shading_rate`, the crate feature
     /// `hardware-vrs`, and `HardwareVrsPlugin` before `DefaultPlugins`. Falls back to compute, with a warning, where one of that is
     /// missing ([`ReflectionStatusReport::active_backends`](crate::ReflectionStatusReport::active_backends)). Rates that the GPU
-    /// lacks are replaced by finer ones. Only for [`ReflectionTechnique::Variable`]; the others don't vary their rate.
+    /// lacks are replaced by finer ones. Only for [`ReflectionTechnique::Variable`]; the others don't vary their rate, and only
+    /// for a single bounce.
     HardwareVrs,
 }
 

@@ -28,6 +28,7 @@ pub(super) fn shading_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferP
         Binding::integers(|context| Some(&context.images()?.ray_sample)),
         Binding::integers(|context| context.images()?.hits(context.now())),
         Binding::written(RAY_RADIANCE_FORMAT, |context| Some(&context.images()?.ray_radiance)),
+        Binding::floats(|context| Some(context.albedo_table)),
     ];
     let groups = OtherGroups::SceneAndEnvironment(scene_layout.clone());
     GBufferPass::new("glint_shade_hits", bindings, groups)

@@ -21,6 +21,12 @@ pub(crate) fn choose(
     if settings.technique != ReflectionTechnique::Variable || settings.backend != ReflectionBackend::HardwareVrs {
         return (ReflectionBackend::Compute, None);
     }
+    if settings.has_bounces() {
+        return (
+            ReflectionBackend::Compute,
+            Some("its rays end at their first hit, and `max_bounces` is more than 1".into()),
+        );
+    }
     match available() {
         Ok(()) => (ReflectionBackend::HardwareVrs, None),
         Err(reason) => (ReflectionBackend::Compute, Some(reason)),
@@ -45,8 +51,8 @@ impl Fallbacks {
         if self.reasons.get(&camera.entity) != Some(&reason) {
             warn!(
                 "camera {camera}: {}; it works on Vulkan devices with `VK_KHR_fragment_shading_rate`, with \
-                 `HardwareVrsPlugin` before `DefaultPlugins` and tiles of a size that the device has (`ShadingRateTileSize`), and \
-                 with `ReflectionBackend::Auto` nothing is missed",
+                 `HardwareVrsPlugin` before `DefaultPlugins`, tiles of a size that the device has (`ShadingRateTileSize`) and a single \
+                 bounce, and with `ReflectionBackend::Auto` nothing is missed",
                 sentence(&reason)
             );
             self.reasons.insert(camera.entity, reason);
@@ -97,6 +103,13 @@ mod tests {
             choose(&hardware, reason),
             (ReflectionBackend::Compute, Some("it rains".into()))
         );
+        let bounces = ClampedSettings {
+            max_bounces: 2,
+            ..hardware
+        };
+        let (backend, reason_for_bounces) = choose(&bounces, || Ok(()));
+        assert_eq!(backend, ReflectionBackend::Compute);
+        assert!(reason_for_bounces.is_some_and(|reason| reason.contains("`max_bounces`")));
         for others in [
             settings(ReflectionTechnique::Quarter, ReflectionBackend::HardwareVrs),
             settings(ReflectionTechnique::Variable, ReflectionBackend::Auto),

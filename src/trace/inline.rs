@@ -35,6 +35,7 @@ impl InlinePass {
             Binding::float_layers(|context| Some(context.noise)),
             Binding::integers(|context| Some(&context.images()?.rate[context.now()])),
             Binding::written_words(1, |context| Some(&context.targets().counters)),
+            Binding::floats(|context| Some(context.albedo_table)),
         ];
         Self {
             shader,

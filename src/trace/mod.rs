@@ -9,6 +9,8 @@
 //! | `fallback.rs` | which back end a camera gets, and what is said where it isn't the one that was asked for |
 //! | `shade.wesl`, `hit.wesl` | shading of what the rays of `blocks.wesl` hit, and what it is handed |
 //! | `rays.wesl` | one ray: from a pixel of the G-buffer to the radiance that comes back |
+//! | `bounce.wesl` | reflections within reflections: the rays that go on from a hit |
+//! | `wide_ray.wesl` | a ray and its width |
 //! | `selection.wesl`, `noise.wesl` | which pixel of a block traces, and in which direction |
 //! | `sampling.wesl`, `lobe.wesl`, `brdf.wesl` | the lobe that directions are drawn from |
 //! | `directional_albedo.rs`, `albedo.wesl` | how much of a white furnace the lobe reflects |
@@ -51,6 +53,7 @@ impl Plugin for TracePlugin {
             return;
         }
         load_shader_library!(app, "albedo.wesl");
+        load_shader_library!(app, "bounce.wesl");
         load_shader_library!(app, "brdf.wesl");
         load_shader_library!(app, "hit.wesl");
         load_shader_library!(app, "lobe.wesl");
@@ -59,6 +62,7 @@ impl Plugin for TracePlugin {
         load_shader_library!(app, "record.wesl");
         load_shader_library!(app, "sampling.wesl");
         load_shader_library!(app, "selection.wesl");
+        load_shader_library!(app, "wide_ray.wesl");
         embedded_asset!(app, "blocks.wesl");
         embedded_asset!(app, "converged.wesl");
         embedded_asset!(app, "inline.wesl");

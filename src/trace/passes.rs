@@ -18,7 +18,7 @@ pub(crate) fn trace_rays(
     vrs: &mut VrsPass,
 ) {
     let settings = &context.view.settings;
-    let variant = pipelines.variant;
+    let variant = pipelines.variant_for(settings);
     for pass in TracePass::of(settings) {
         match pass {
             TracePass::Converged => trace_converged(ctx, &pipelines.converged, variant, context),
@@ -30,7 +30,13 @@ pub(crate) fn trace_rays(
             // If the raw Vulkan pass gives up, this frame's rays come from the list.
             TracePass::Blocks => {
                 if settings.backend != ReflectionBackend::HardwareVrs || !vrs.trace(ctx, pipelines, context) {
-                    run_list(ctx, &pipelines.rays, variant.substitutes(), context, List::Rays);
+                    run_list(
+                        ctx,
+                        &pipelines.rays,
+                        pipelines.variant.substitutes(),
+                        context,
+                        List::Rays,
+                    );
                     let variants = variant.shading_substitutes(pipelines.many_lights);
                     run_list(ctx, &pipelines.shading, variants, context, List::Rays);
                 }

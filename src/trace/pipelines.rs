@@ -51,12 +51,13 @@ pub struct TracePipelines {
     pub(super) albedo_table: TextureView,
     /// Spatio-temporal blue noise, once its image is loaded.
     pub(super) noise: Option<TextureView>,
-    wanted: HashSet<TracePass>,
+    /// Passes that views asked for, and whether with bounces.
+    wanted: HashSet<(TracePass, bool)>,
     /// Definitions of all variants.
     common_defs: Vec<ShaderDefVal>,
     /// Definitions that are right for any scene.
     defs_for_any: Vec<ShaderDefVal>,
-    /// The variant that fits the scene.
+    /// The variant that fits the scene, without bounces.
     pub(super) variant: Variant,
     /// The scene has more lights than hits have bits for.
     pub(super) many_lights: bool,
@@ -65,24 +66,32 @@ pub struct TracePipelines {
 impl TracePipelines {
     /// Asks for the passes of a view; they are compiled from the next frame on.
     pub(crate) fn request(&mut self, settings: &ClampedSettings) {
-        self.wanted.extend(TracePass::of(settings));
+        let bounces = settings.has_bounces();
+        self.wanted.extend(TracePass::of(settings).map(|pass| (pass, bounces)));
+    }
+
+    /// The variant that fits the scene and the settings of a view.
+    pub(super) fn variant_for(&self, settings: &ClampedSettings) -> Variant {
+        self.variant.with(settings)
     }
 
     /// All that a view's settings need can be used.
     pub(crate) fn is_ready(&self, cache: &PipelineCache, settings: &ClampedSettings) -> bool {
-        let compiled = |pass: &GBufferPass<Variant>| {
-            let mut variants = self.variant.substitutes().into_iter();
+        let variant = self.variant_for(settings);
+        let compiled = |pass: &GBufferPass<Variant>, variant: Variant| {
+            let mut variants = variant.substitutes().into_iter();
             variants.any(|variant| pass.pipeline(&variant, cache).is_some())
         };
         self.noise.is_some()
             && TracePass::of(settings).all(|pass| match pass {
                 TracePass::Blocks => {
-                    let mut variants = self.variant.shading_substitutes(self.many_lights);
-                    compiled(&self.rays) && variants.any(|key| self.shading.pipeline(&key, cache).is_some())
+                    let mut variants = variant.shading_substitutes(self.many_lights);
+                    compiled(&self.rays, self.variant)
+                        && variants.any(|key| self.shading.pipeline(&key, cache).is_some())
                 }
-                TracePass::Mirrors => compiled(&self.mirror_rays),
-                TracePass::Converged => compiled(&self.converged),
-                TracePass::Inline => self.inline.pipeline(self.variant, cache).is_some(),
+                TracePass::Mirrors => compiled(&self.mirror_rays, variant),
+                TracePass::Converged => compiled(&self.converged, variant),
+                TracePass::Inline => self.inline.pipeline(variant, cache).is_some(),
             })
     }
 
@@ -107,14 +116,25 @@ impl TracePipelines {
             defs.extend(own.iter().map(|&name| ShaderDefVal::from(name)));
             defs
         };
-        let shader = |shader: &Handle<Shader>, own| PassShader {
+        let bounces: &[_] = if variant.bounces { &["BOUNCES"] } else { &[] };
+        let shader = |shader: &Handle<Shader>, own: &[&'static str]| PassShader {
             shader: shader.clone(),
             defs: defs(own),
             entry_point: Some("trace"),
         };
         match pass {
             TracePass::Blocks => {
-                self.rays.queue(variant, cache, || shader(&self.blocks_shader, &[]));
+                // Later bounces are left to the shading of hits.
+                let first = Variant {
+                    bounces: false,
+                    ..variant
+                };
+                self.rays.queue(first, cache, || shader(&self.blocks_shader, &[]));
+                if variant.bounces {
+                    let both = || shader(&self.shading_shader, &["MANY_LIGHTS", "BOUNCES"]);
+                    self.shading.queue(Some(variant), cache, both);
+                    return;
+                }
                 self.shading.queue(None, cache, || shader(&self.shading_shader, &[]));
                 if self.many_lights {
                     let many = || shader(&self.shading_shader, &["MANY_LIGHTS"]);
@@ -122,13 +142,14 @@ impl TracePipelines {
                 }
             }
             TracePass::Mirrors => {
-                let mirrors = || shader(&self.blocks_shader, &["MIRRORS"]);
-                self.mirror_rays.queue(variant, cache, mirrors);
+                let own = [&["MIRRORS"], bounces].concat();
+                self.mirror_rays
+                    .queue(variant, cache, || shader(&self.blocks_shader, &own));
             }
             TracePass::Converged => self
                 .converged
-                .queue(variant, cache, || shader(&self.converged_shader, &[])),
-            TracePass::Inline => self.inline.queue(variant, cache, || defs(&[])),
+                .queue(variant, cache, || shader(&self.converged_shader, bounces)),
+            TracePass::Inline => self.inline.queue(variant, cache, || defs(bounces)),
         }
     }
 
@@ -170,7 +191,7 @@ pub(super) fn init_trace_pipelines(
         defs_for_any: scene.shader_defs_for_any(),
         variant: Variant {
             masked: true,
-            deep: false,
+            ..default()
         },
         many_lights: false,
     });
@@ -213,10 +234,15 @@ pub(super) fn queue_trace_pipelines(
     let variant = Variant::of(&scene);
     pipelines.variant = variant;
     pipelines.many_lights = scene.has_many_lights();
-    for pass in pipelines.wanted.clone() {
+    for (pass, bounces) in pipelines.wanted.clone() {
         // The variant that is right for scenes with and without masks comes first.
         for masked in [true, false] {
-            pipelines.queue(pass, Variant { masked, ..variant }, &scene, &cache);
+            let variant = Variant {
+                masked,
+                bounces,
+                ..variant
+            };
+            pipelines.queue(pass, variant, &scene, &cache);
         }
     }
     if pipelines.noise.is_none() {

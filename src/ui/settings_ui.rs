@@ -21,6 +21,7 @@ use bevy_egui::egui::Ui;
 const ONLY_TEMPORAL: &str = "Only while results are accumulated over frames.";
 const NO_DENOISER: &str = "The technique Converged averages frames instead of denoising them.";
 const NO_MIRRORS: &str = "With this technique every pixel has a ray of its own.";
+const ONE_BOUNCE: &str = "Only with more than one bounce.";
 const FIXED_TRACER: &str = "It can't be changed while the app runs.";
 
 /// Why no camera can reflect on this machine, once that is known.
@@ -222,6 +223,17 @@ fn reach(ui: &mut Ui, settings: &mut RayTracedReflections) {
                 slider.logarithmic(true).suffix(" m")
             })
         },
+    );
+    let row = Row::new("Bounces", tooltip!(RayTracedReflections.max_bounces));
+    field(ui, row, &mut settings.max_bounces, default.max_bounces, |ui, value| {
+        slider(ui, value, 1..=8, |slider| slider)
+    });
+    let row = Row::new("Bounce cut-off", tooltip!(RayTracedReflections.bounce_roughness_cutoff));
+    unit(
+        ui,
+        row.unless((settings.max_bounces <= 1).then_some(ONE_BOUNCE)),
+        &mut settings.bounce_roughness_cutoff,
+        default.bounce_roughness_cutoff,
     );
     flag(
         ui,

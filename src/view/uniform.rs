@@ -77,6 +77,10 @@ pub struct GpuReflectionView {
     pub rate_max_level: u32,
     /// Code of the uniform rate.
     pub rate_uniform_code: u32,
+    /// Surfaces that a ray may see one after the other.
+    pub max_bounces: u32,
+    /// Perceptual roughness up to which a hit reflects another ray.
+    pub bounce_cutoff: f32,
 }
 
 /// Screen-space ambient occlusion is bound.
@@ -172,6 +176,8 @@ impl GpuReflectionView {
             rate_visibility_threshold: rate.visibility_threshold,
             rate_max_level: rate.max_level,
             rate_uniform_code: rate.uniform_code,
+            max_bounces: settings.max_bounces,
+            bounce_cutoff: settings.bounce_cutoff,
         }
     }
 }

@@ -65,15 +65,19 @@ fn add(
     backend: ReflectionBackend,
     heuristic: &ShadingRateHeuristic,
 ) -> Viewer {
-    let mut image = Image::new_target_texture(SIZE.x, SIZE.y, TextureFormat::Rgba8UnormSrgb, None);
-    image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
-    let picture = app.world().resource_mut::<Assets<Image>>().add(image);
-    let (transform, projection) = camera(SCENE);
     let reflections = RayTracedReflections {
         technique,
         backend,
         ..default()
     };
+    add_with(app, reflections, heuristic)
+}
+
+fn add_with(app: &mut HeadlessApp, reflections: RayTracedReflections, heuristic: &ShadingRateHeuristic) -> Viewer {
+    let mut image = Image::new_target_texture(SIZE.x, SIZE.y, TextureFormat::Rgba8UnormSrgb, None);
+    image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
+    let picture = app.world().resource_mut::<Assets<Image>>().add(image);
+    let (transform, projection) = camera(SCENE);
     let camera = app.spawn_camera((
         transform,
         Projection::from(projection),
@@ -232,6 +236,16 @@ fn assert_same_rays(app: &mut HeadlessApp, name: &str, a: &Viewer, b: &Viewer) {
 /// At one ray per trace pixel the techniques of 1/4 ray per pixel are one and the same.
 #[test]
 fn techniques_agree_at_the_full_rate() {
+    assert_techniques_agree(1);
+}
+
+/// And so do the passes that follow rays beyond their first hit.
+#[test]
+fn techniques_agree_over_bounces() {
+    assert_techniques_agree(3);
+}
+
+fn assert_techniques_agree(max_bounces: u32) {
     let one = ShadingRateHeuristic::Uniform(ShadingRate::R1x1);
     for tracer in BOTH {
         let Some(mut app) = app(tracer, |_| {}) else { continue };
@@ -241,7 +255,15 @@ fn techniques_agree_at_the_full_rate() {
         }
         let viewers: Vec<_> = techniques
             .iter()
-            .map(|technique| add(&mut app, *technique, ReflectionBackend::Compute, &one))
+            .map(|technique| {
+                let reflections = RayTracedReflections {
+                    technique: *technique,
+                    max_bounces,
+                    bounce_roughness_cutoff: 1.0,
+                    ..default()
+                };
+                add_with(&mut app, reflections, &one)
+            })
             .collect();
         render_together(&mut app, &viewers);
         let (first, others) = viewers.split_first().unwrap();
@@ -252,7 +274,7 @@ fn techniques_agree_at_the_full_rate() {
         assert_eq!(&blocks[1..], &[0; 4]);
         let expected = picture(&mut app, first);
         for (other, technique) in others.iter().zip(&techniques[1..]) {
-            let name = format!("{technique:?}-{tracer:?}");
+            let name = format!("{technique:?}-{tracer:?}-{max_bounces}-bounces");
             assert_same_rays(&mut app, &name, first, other);
             assert_eq!(counted(&mut app, other), rays, "{name}");
             let actual = picture(&mut app, other);

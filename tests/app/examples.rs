@@ -13,6 +13,9 @@ mod custom_heuristic;
 #[path = "../../examples/custom_material.rs"]
 #[expect(dead_code, reason = "`main` opens a window")]
 mod custom_material;
+#[path = "../../examples/facing_mirrors.rs"]
+#[expect(dead_code, reason = "`main` opens a window")]
+mod facing_mirrors;
 #[path = "../../examples/minimal.rs"]
 #[expect(dead_code, reason = "`main` opens a window")]
 mod minimal;
@@ -225,6 +228,26 @@ fn difference(a: &[u8], b: &[u8], columns: Range<u32>) -> f32 {
     let differences = (0..a.len()).filter(is_inside).map(|i| f32::from(a[i].abs_diff(b[i])));
     let count = columns.len() as f32 * SIZE.y as f32 * 3.0;
     differences.sum::<f32>() / count
+}
+
+#[test]
+fn facing_mirrors() {
+    let Some(mut example) = Example::start("facing_mirrors", facing_mirrors::plugin) else {
+        return;
+    };
+    let mut bounces = |key, what: &str| {
+        example.press(key);
+        example.image(what)
+    };
+    let one = bounces(KeyCode::Digit1, "1-bounce");
+    let two = bounces(KeyCode::Digit2, "2-bounces");
+    let four = bounces(KeyCode::Digit3, "4-bounces");
+    let eight = bounces(KeyCode::Digit4, "8-bounces");
+    // Each row of rooms is smaller than the one before.
+    example.assert_differs("two bounces instead of one", &one, &two, 2.0);
+    example.assert_differs("four instead of two", &two, &four, 0.5);
+    example.assert_differs("eight instead of four", &four, &eight, 0.1);
+    example.assert_reflects(2.0);
 }
 
 #[test]

@@ -7,6 +7,7 @@ mod pictures;
 mod stage;
 
 mod back_ends;
+mod bounces;
 mod convergence;
 mod debug_views;
 mod deferred;

@@ -5,7 +5,7 @@ use std::mem::offset_of;
 use crate::wesl::Shaders;
 use bevy_glint::internals::{environment::GpuEnvironment, gpu_types::*};
 
-const COMBINATIONS: [&[&str]; 15] = [
+const COMBINATIONS: [&[&str]; 19] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -21,6 +21,10 @@ const COMBINATIONS: [&[&str]; 15] = [
     &["REFLECTION"],
     &["RAY_QUERY", "MIRRORS", "COUNT_INVOCATIONS"],
     &["RAY_QUERY", "BINDLESS_TEXTURES", "COUNT_INVOCATIONS"],
+    &["BOUNCES", "ALPHA_MASKED_GEOMETRY", "MANY_LIGHTS"],
+    &["BOUNCES", "MIRRORS", "BINDLESS_TEXTURES"],
+    &["BOUNCES", "RAY_QUERY", "MANY_LIGHTS"],
+    &["BOUNCES", "RAY_QUERY", "MIRRORS"],
 ];
 
 /// Uses everything that passes call, so that the linker keeps it.
@@ -119,6 +123,29 @@ fn hit_shading_compiles_as_a_whole() {
                 _ => false,
             };
             assert!(known, "unknown binding {group}.{binding} with {defs:?}");
+        }
+    }
+}
+
+/// A single bounce costs nothing: its shaders hold no trace of more.
+#[test]
+fn bounces_are_linked_on_request() {
+    let mut shaders = Shaders::load();
+    let passes: [(&str, &[&str]); 4] = [
+        ("blocks", &["MIRRORS"]),
+        ("shade", &[]),
+        ("inline", &[]),
+        ("converged", &[]),
+    ];
+    for (pass, own) in passes {
+        for tracer in [&[][..], &["RAY_QUERY"]] {
+            let mut has_bounces = |more: &[&'static str]| {
+                let defs: Vec<_> = [own, tracer, more].concat().iter().map(|&def| def.into()).collect();
+                let (wgsl, _) = shaders.expect(&format!("bevy_glint/trace/{pass}.wesl"), &defs);
+                ["path_radiance", "reflects_ray"].map(|name| wgsl.contains(name))
+            };
+            assert_eq!(has_bounces(&[]), [false; 2], "{pass}");
+            assert_eq!(has_bounces(&["BOUNCES"]), [true; 2], "{pass}");
         }
     }
 }

@@ -18,7 +18,7 @@ use bevy_solari::{
     pathtracer::{Pathtracer, PathtracingPlugin},
     prelude::RaytracingMesh3d,
 };
-use glint_scenes::{FURNACE_ROUGHNESS, Output, SceneName};
+use glint_scenes::{FURNACE_ROUGHNESS, HeadlessApp, Output, SceneName};
 
 /// A mirror floor shows what a camera sees that is mirrored at the floor.
 #[test]
@@ -123,7 +123,7 @@ fn light_up(_: On<Add<RayTracedReflections>>, mut materials: ResMut<Assets<Stand
     ));
 }
 
-fn hide_floor(app: &mut glint_scenes::HeadlessApp) {
+fn hide_floor(app: &mut HeadlessApp) {
     let world = app.world();
     let mut floors = world.query::<(&MeshMaterial3d<StandardMaterial>, &mut Visibility)>();
     let metals: Vec<_> = world
@@ -148,45 +148,68 @@ fn on_floor(x: usize, y: usize, size: UVec2) -> bool {
 /// In a white furnace a white surface can't be told from the background, whatever its roughness.
 #[test]
 fn a_white_furnace_stays_white() {
-    let size = UVec2::new(240, 120);
     for tracer in BOTH {
-        let Some(mut app) = app(size, Output::Linear, tracer) else {
-            continue;
-        };
-        spawn(&mut app, SceneName::Furnace, ReflectionTechnique::Converged);
-        app.step(64);
-        let pixels = app.capture_linear().unwrap();
-        let background = pixels[0][0];
-        assert!(
-            (background - 1.0).abs() < 0.01,
-            "the environment has a radiance of 1, not {background}"
-        );
-        // Spheres stand on a grid of one metre, seen from 7 m with a vertical field of view of 32 degrees.
-        let pixels_per_metre = size.y as f32 / (2.0 * 7.0 * 16f32.to_radians().tan());
-        for (row, kind) in [(-0.5, "dielectric"), (0.5, "metal")] {
-            for (column, roughness) in FURNACE_ROUGHNESS.into_iter().enumerate() {
-                let x = size.x as f32 / 2.0 + (column as f32 - 2.5) * pixels_per_metre;
-                let y = size.y as f32 / 2.0 - row * pixels_per_metre;
-                let radius = (0.3 * pixels_per_metre) as i32;
-                let (mut sum, mut count) = (0.0, 0);
-                for dy in -radius..=radius {
-                    for dx in -radius..=radius {
-                        if dx * dx + dy * dy <= radius * radius {
-                            let i = (y as i32 + dy) * size.x as i32 + x as i32 + dx;
-                            sum += pixels[i as usize][..3].iter().sum::<f32>() / 3.0;
-                            count += 1;
-                        }
+        assert_white(tracer, 1, 64);
+    }
+}
+
+/// Nor can its reflection in other white surfaces.
+#[test]
+fn a_white_furnace_stays_white_over_bounces() {
+    for bounces in [2, 4, 8] {
+        assert_white(ReflectionTracerChoice::Bvh, bounces, 48);
+    }
+    assert_white(ReflectionTracerChoice::RayQuery, 4, 48);
+}
+
+fn assert_white(tracer: ReflectionTracerChoice, max_bounces: u32, frames: u32) {
+    let size = UVec2::new(240, 120);
+    let Some(mut app) = app(size, Output::Linear, tracer) else {
+        return;
+    };
+    let camera = spawn(&mut app, SceneName::Furnace, ReflectionTechnique::Converged);
+    set_bounces(&mut app, camera, max_bounces);
+    app.step(frames);
+    let pixels = app.capture_linear().unwrap();
+    let background = pixels[0][0];
+    assert!(
+        (background - 1.0).abs() < 0.01,
+        "the environment has a radiance of 1, not {background}"
+    );
+    // Spheres stand on a grid of one metre, seen from 7 m with a vertical field of view of 32 degrees.
+    let pixels_per_metre = size.y as f32 / (2.0 * 7.0 * 16f32.to_radians().tan());
+    for (row, kind) in [(-0.5, "dielectric"), (0.5, "metal")] {
+        for (column, roughness) in FURNACE_ROUGHNESS.into_iter().enumerate() {
+            let x = size.x as f32 / 2.0 + (column as f32 - 2.5) * pixels_per_metre;
+            let y = size.y as f32 / 2.0 - row * pixels_per_metre;
+            let radius = (0.3 * pixels_per_metre) as i32;
+            let (mut sum, mut count) = (0.0, 0);
+            for dy in -radius..=radius {
+                for dx in -radius..=radius {
+                    if dx * dx + dy * dy <= radius * radius {
+                        let i = (y as i32 + dy) * size.x as i32 + x as i32 + dx;
+                        sum += pixels[i as usize][..3].iter().sum::<f32>() / 3.0;
+                        count += 1;
                     }
                 }
-                let mean = sum / count as f32;
-                println!("furnace, {tracer:?}: {kind} of roughness {roughness}: {mean:.4}");
-                assert!(
-                    (mean - background).abs() < 0.01,
-                    "{kind} of roughness {roughness} shows {mean}"
-                );
             }
+            let mean = sum / count as f32;
+            println!("furnace, {tracer:?}, {max_bounces} bounces: {kind} of roughness {roughness}: {mean:.4}");
+            assert!(
+                (mean - background).abs() < 0.01,
+                "{kind} of roughness {roughness} shows {mean}"
+            );
         }
     }
+}
+
+/// Has hits of all roughnesses reflect.
+fn set_bounces(app: &mut HeadlessApp, camera: Entity, max_bounces: u32) {
+    let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
+    settings.max_bounces = max_bounces;
+    settings.bounce_roughness_cutoff = 1.0;
+    settings.reset = true;
+    warm_up(app);
 }
 
 /// Bevy's path tracer agrees where one bounce is all there is.
@@ -260,13 +283,23 @@ fn both_tracers_show_the_same_picture() {
             return;
         };
         use_coarse_shadow_maps(&mut app);
-        spawn(&mut app, SceneName::Demo, ReflectionTechnique::Converged);
+        let camera = spawn(&mut app, SceneName::Demo, ReflectionTechnique::Converged);
         app.world().resource_mut::<Time<Virtual>>().pause();
         app.step(32);
-        pictures_of_both.push(app.capture().unwrap());
+        let one = app.capture().unwrap();
+        set_bounces(&mut app, camera, 3);
+        app.step(32);
+        pictures_of_both.push([one, app.capture().unwrap()]);
     }
-    dump("tracers", size, &pictures_of_both[0], &pictures_of_both[1]);
-    assert_flip("tracers", size, &pictures_of_both[0], &pictures_of_both[1], 0.01);
+    for (index, name) in ["tracers", "tracers-3-bounces"].into_iter().enumerate() {
+        let [first, second] = [&pictures_of_both[0][index], &pictures_of_both[1][index]];
+        dump(name, size, first, second);
+        assert_flip(name, size, first, second, 0.01);
+    }
+    let [one, three] = &pictures_of_both[0];
+    let added = flip(size, one, three).0;
+    println!("three bounces instead of one: mean FLIP {added:.5}");
+    assert!(added > 0.02, "{added}");
 }
 
 /// The measure itself: pictures that must differ do.
@@ -291,7 +324,7 @@ fn known_degradations_are_told_apart() {
     warm_up(&mut app);
 }
 
-fn warm_up_plain(app: &mut glint_scenes::HeadlessApp) {
+fn warm_up_plain(app: &mut HeadlessApp) {
     app.warm_up(20_000).unwrap();
     app.step(2);
 }

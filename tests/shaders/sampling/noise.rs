@@ -36,6 +36,31 @@ fn sobol_points_are_stratified_at_any_index() {
     }
 }
 
+/// The numbers of a sample: its lobe, its direction, and those of each bounce.
+#[test]
+fn dimensions_of_a_sample_are_independent() {
+    for pixel in [uvec2(0, 0), uvec2(17, 5), uvec2(1919, 1079)] {
+        let columns: Vec<Vec<f64>> = (0..10)
+            .flat_map(|dimension| {
+                let points = move |pick: fn(Vec2) -> f32| {
+                    let numbers = (0..1024).map(move |index| f64::from(pick(sobol(pixel, index, dimension))) - 0.5);
+                    numbers.collect()
+                };
+                [points(|point| point.x), points(|point| point.y)]
+            })
+            .collect();
+        for (i, a) in columns.iter().enumerate() {
+            for (j, b) in columns.iter().enumerate().skip(i + 1) {
+                let correlation = 12.0 * a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>() / 1024.0;
+                assert!(
+                    correlation.abs() < 0.15,
+                    "numbers {i} and {j} at {pixel}: {correlation}"
+                );
+            }
+        }
+    }
+}
+
 #[test]
 fn halton_is_the_textbook_sequence_rotated() {
     let inverse = |mut index: u32, base: u32| {

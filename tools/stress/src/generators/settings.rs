@@ -126,6 +126,8 @@ fn numbers(kind: SettingsKind, builder: &mut Builder) -> bool {
     reflections.roughness_cutoff = value;
     reflections.roughness_fade = value;
     reflections.max_ray_length = value;
+    reflections.max_bounces = samples;
+    reflections.bounce_roughness_cutoff = value;
     reflections.texture_mip = ReflectionTextureMip::Fixed(value);
     reflections.denoiser = ReflectionDenoiser {
         samples,

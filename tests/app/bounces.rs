@@ -1,0 +1,136 @@
+//! Reflections within reflections.
+
+use crate::{
+    common::app,
+    pictures::{BOTH, reflect, warm_up},
+    stage::{SIZE, spawn_camera, spawn_mesh, wall},
+};
+use bevy::prelude::*;
+use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
+use glint_scenes::{HeadlessApp, Output, SceneName};
+
+/// Reflectance of the mirrors in red, green and blue.
+const REFLECTANCE: [f32; 3] = [0.9, 0.7, 0.5];
+
+/// Light in the middle of the picture.
+fn middle(app: &mut HeadlessApp) -> [f32; 3] {
+    let pixels = app.capture_linear().unwrap();
+    let [red, green, blue, _] = pixels[(SIZE.y / 2 * SIZE.x + SIZE.x / 2) as usize];
+    [red, green, blue]
+}
+
+/// Two facing mirrors around the camera, in surroundings of a radiance of 1. Returns the camera and the mirror behind it.
+fn spawn_mirrors(app: &mut HeadlessApp, [red, green, blue]: [f32; 3], perceptual_roughness: f32) -> (Entity, Entity) {
+    let material = StandardMaterial {
+        base_color: Color::linear_rgb(red, green, blue),
+        metallic: 1.0,
+        perceptual_roughness,
+        ..default()
+    };
+    spawn_mesh(app, wall(), material.clone(), Transform::from_xyz(0.0, 0.0, -0.5));
+    let behind = Transform::from_xyz(0.0, 0.0, 0.5).looking_to(Vec3::Z, Vec3::Y);
+    let other = spawn_mesh(app, wall(), material, behind);
+    let camera = spawn_camera(app, Transform::IDENTITY, SceneName::Furnace);
+    (camera, other)
+}
+
+fn set_bounces(app: &mut HeadlessApp, camera: Entity, max_bounces: u32, bounce_roughness_cutoff: f32) {
+    let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
+    settings.max_bounces = max_bounces;
+    settings.bounce_roughness_cutoff = bounce_roughness_cutoff;
+    settings.reset = true;
+    warm_up(app);
+    app.step(4);
+}
+
+/// After n bounces the light of the surroundings has met n + 1 mirrors, that of the picture included.
+#[test]
+fn facing_mirrors_show_powers_of_their_reflectance() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Linear, tracer) else {
+            continue;
+        };
+        let app = &mut app;
+        let (camera, other) = spawn_mirrors(app, REFLECTANCE, 0.0);
+        for (technique, own_rays) in [
+            (ReflectionTechnique::Converged, false),
+            (ReflectionTechnique::Reference, false),
+            (ReflectionTechnique::Quarter, true),
+        ] {
+            let name = format!("{tracer:?}, {technique:?}");
+            *app.world().get_mut::<Visibility>(other).unwrap() = Visibility::Hidden;
+            reflect(app, camera, technique);
+            app.world()
+                .get_mut::<RayTracedReflections>(camera)
+                .unwrap()
+                .full_resolution_mirrors = own_rays;
+            warm_up(app);
+            app.step(4);
+            let single = middle(app);
+            for (single, reflectance) in single.iter().zip(REFLECTANCE) {
+                assert!((single - reflectance).abs() < 0.01, "{name}: one mirror shows {single}");
+            }
+            *app.world().get_mut::<Visibility>(other).unwrap() = Visibility::Inherited;
+            for bounces in [1, 2, 4, 8] {
+                set_bounces(app, camera, bounces, 0.3);
+                let shown = middle(app);
+                let expected = single.map(|single| single.powi(bounces as i32 + 1));
+                println!("{name}, {bounces} bounces: {shown:.4?}, expected {expected:.4?}");
+                for (shown, expected) in shown.iter().zip(expected) {
+                    assert!(
+                        (shown - expected).abs() < 0.01 * expected + 1e-3,
+                        "{name}, {bounces} bounces: {shown}, expected {expected}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// White walls can't be told from white surroundings, however often light goes back and forth between them.
+#[test]
+fn white_walls_stay_white() {
+    for perceptual_roughness in [0.1, 0.4, 0.7, 1.0] {
+        let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
+            return;
+        };
+        let app = &mut app;
+        let (camera, _) = spawn_mirrors(app, [1.0; 3], perceptual_roughness);
+        reflect(app, camera, ReflectionTechnique::Converged);
+        for bounces in [1, 2, 4, 8] {
+            set_bounces(app, camera, bounces, 1.0);
+            app.step(12);
+            let pixels = app.capture_linear().unwrap();
+            let mean = pixels.iter().map(|[_, green, ..]| green).sum::<f32>() / pixels.len() as f32;
+            println!("roughness {perceptual_roughness}, {bounces} bounces: {mean:.4}");
+            assert!(
+                (mean - 1.0).abs() < 0.01,
+                "roughness {perceptual_roughness}, {bounces} bounces: {mean}"
+            );
+        }
+    }
+}
+
+/// Above the cut-off a hit shows its surroundings, however many bounces there may be.
+#[test]
+fn rough_hits_end_the_path() {
+    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let app = &mut app;
+    let (camera, _) = spawn_mirrors(app, REFLECTANCE, 0.2);
+    reflect(app, camera, ReflectionTechnique::Converged);
+    let mut shown = |bounces, cutoff| {
+        set_bounces(app, camera, bounces, cutoff);
+        app.step(16);
+        middle(app)
+    };
+    let one = shown(1, 0.3);
+    let below = shown(8, 0.19);
+    let above = shown(8, 0.21);
+    println!("one bounce {one:?}, below the cut-off {above:?}, above it {below:?}");
+    for channel in 0..3 {
+        assert!((below[channel] - one[channel]).abs() < 0.02 * one[channel]);
+        assert!(above[channel] < 0.7 * one[channel]);
+    }
+}
