@@ -21,6 +21,7 @@ impl Plugin for CommonPlugin {
         if app.get_sub_app(RenderApp).is_none() {
             return;
         }
+        load_shader_library!(app, "hash.wesl");
         load_shader_library!(app, "lists.wesl");
         load_shader_library!(app, "numeric.wesl");
         load_shader_library!(app, "octahedral.wesl");

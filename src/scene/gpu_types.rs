@@ -32,6 +32,8 @@ pub const MATERIAL_TWO_COMPONENT_NORMAL_MAP: u32 = 8;
 pub const MATERIAL_METALLIC_ROUGHNESS_RG: u32 = 16;
 /// From this bit on, one bit per texture slot says that it uses the second UV set.
 pub const MATERIAL_UV1_SHIFT: u32 = 16;
+/// Alpha of the base-colour texture means nothing.
+pub const MATERIAL_SOLID_TEXTURE: u32 = 32;
 
 /// Slot of [`GpuMaterial::textures`].
 pub const TEXTURE_BASE_COLOR: usize = 0;
@@ -99,10 +101,14 @@ pub struct GpuMaterial {
     pub uv_offset: [f32; 2],
     /// Luminance of reflectance times specular tint.
     pub reflectance: f32,
-    /// Alpha below this lets rays through.
+    /// Alpha below this lets rays through. Of blended and transmissive materials: shadow rays alone.
     pub alpha_cutoff: f32,
+    /// Probability with which a ray stops where alpha is 1; negative for materials that let no ray through by chance.
+    pub stop_probability: f32,
+    /// Share of the light that stops which is reflected diffusely.
+    pub diffuse_share: f32,
     /// Fills up to 112 bytes.
-    pub _padding: [f32; 4],
+    pub _padding: [f32; 2],
 }
 
 /// A light that shines on hits.

@@ -11,7 +11,7 @@ use super::{
     alpha_images::AlphaImages,
     arena::ArenaSlice,
     bvh::{ITEM_WORDS, Item, mask_header, masks},
-    gpu_types::{NO_TEXTURE, TEXTURE_BASE_COLOR},
+    gpu_types::{MATERIAL_SOLID_TEXTURE, NO_TEXTURE, TEXTURE_BASE_COLOR},
     materials::MaterialTable,
     meshes::{MeshTriangles, SceneMeshes},
     waiting_room::WaitingRoom,
@@ -189,11 +189,13 @@ impl MaskSets {
             let Some(material) = materials.packed(key.material) else {
                 continue;
             };
-            let texture = match set.has_uvs {
+            let has_texture = set.has_uvs && material.flags & MATERIAL_SOLID_TEXTURE == 0;
+            let texture = match has_texture {
                 true => material.textures[TEXTURE_BASE_COLOR],
                 false => NO_TEXTURE,
             };
-            let header = mask_header(texture, material.base_color[3], material.alpha_cutoff);
+            let (alpha, cutoff) = (material.base_color[3], material.alpha_cutoff);
+            let header = mask_header(texture, alpha, cutoff, material.stop_probability);
             if header != set.header {
                 set.header = header;
                 meshes.bvh.write(queue, &set.slice, header.as_flattened());
@@ -273,7 +275,7 @@ impl MaskSets {
 fn create(key: &MaskKey, look: Look, frame: u64, meshes: &mut SceneMeshes, queue: &RenderQueue) -> Option<MaskSet> {
     let triangles = meshes.get(key.mesh)?.triangles.clone()?;
     let micromaps = Micromaps::new(look, frame);
-    let header = mask_header(NO_TEXTURE, 1.0, 0.0);
+    let header = mask_header(NO_TEXTURE, 1.0, 0.0, -1.0);
     let source = triangles.mask_source(key.second_uvs, micromaps.uv_transform());
     let (has_uvs, uv_transform) = (!source.uvs.is_empty(), source.uv_transform);
     let items: Vec<Item> = once(header).chain(masks(&source, None)).collect();

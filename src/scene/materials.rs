@@ -42,11 +42,21 @@ pub fn instance_flags(material: &StandardMaterial) -> u32 {
         Some(Face::Front) => INSTANCE_CULL_FRONT,
         None => 0,
     };
-    let alpha = match material.alpha_mode {
-        AlphaMode::Opaque => 0,
-        _ => INSTANCE_ALPHA_MASKED,
-    };
-    culling | alpha
+    let is_opaque = material.alpha_mode == AlphaMode::Opaque && stop_probability(material).is_none();
+    culling | if is_opaque { 0 } else { INSTANCE_ALPHA_MASKED }
+}
+
+/// Alpha below which blended surfaces cast no shadow in Bevy's shadow maps.
+const BLENDED_SHADOW_CUTOFF: f32 = 0.05;
+
+/// The probability with which a ray stops where alpha is 1; `None` for materials that let no ray through by chance.
+fn stop_probability(material: &StandardMaterial) -> Option<f32> {
+    let stopped = 1.0 - unit_or(material.specular_transmission, 0.0);
+    match material.alpha_mode {
+        AlphaMode::Mask(_) => None,
+        AlphaMode::Opaque => (stopped < 1.0).then_some(stopped),
+        _ => Some(stopped),
+    }
 }
 
 /// The images of a material in the order of the `TEXTURE_` constants.
@@ -68,6 +78,10 @@ fn finite_or(value: f32, fallback: f32) -> f32 {
     if value.is_finite() { value } else { fallback }
 }
 
+fn unit_or(value: f32, fallback: f32) -> f32 {
+    finite_or(value, fallback).clamp(0.0, 1.0)
+}
+
 /// Packs a material without textures: every slot is [`NO_TEXTURE`]. Values are brought into their ranges, and what is not a number
 /// becomes the value of `StandardMaterial::default()` or zero.
 pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
@@ -76,11 +90,16 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
     // The G-buffer keeps the Rec. 709 luminance of reflectance times tint.
     let tint_luminance = 0.2126 * tint.red + 0.7152 * tint.green + 0.0722 * tint.blue;
 
+    let stopped = stop_probability(material);
     let mut flags = 0;
     for (flag, set) in [
         (MATERIAL_UNLIT, material.unlit),
         (MATERIAL_DOUBLE_SIDED, material.double_sided),
         (MATERIAL_FLIP_NORMAL_MAP_Y, material.flip_normal_map_y),
+        (
+            MATERIAL_SOLID_TEXTURE,
+            material.alpha_mode == AlphaMode::Opaque && stopped.is_some(),
+        ),
     ] {
         flags |= if set { flag } else { 0 };
     }
@@ -108,7 +127,10 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
             color(base_color.red),
             color(base_color.green),
             color(base_color.blue),
-            finite_or(base_color.alpha, 1.0).clamp(0.0, 1.0),
+            match material.alpha_mode {
+                AlphaMode::Opaque => 1.0,
+                _ => unit_or(base_color.alpha, 1.0),
+            },
         ],
         emissive: [
             color(material.emissive.red),
@@ -126,9 +148,16 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
         alpha_cutoff: match material.alpha_mode {
             AlphaMode::Opaque => 0.0,
             AlphaMode::Mask(cutoff) => finite_or(cutoff, 0.5),
-            _ => 0.5,
+            _ => BLENDED_SHADOW_CUTOFF,
         },
-        _padding: [0.0; 4],
+        stop_probability: stopped.unwrap_or(-1.0),
+        diffuse_share: (1.0 - unit_or(material.diffuse_transmission, 0.0))
+            * match stopped {
+                // Light that passes through belongs to the rays that do.
+                Some(_) => 1.0,
+                None => 1.0 - unit_or(material.specular_transmission, 0.0),
+            },
+        _padding: [0.0; 2],
     }
 }
 

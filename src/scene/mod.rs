@@ -82,6 +82,7 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "shading.wesl");
         load_shader_library!(app, "surface.wesl");
         load_shader_library!(app, "trace.wesl");
+        load_shader_library!(app, "transparency.wesl");
         load_shader_library!(app, "types.wesl");
         embedded_asset!(app, "pose/pose.wesl");
         embedded_asset!(app, "pose/refit.wesl");

@@ -64,7 +64,8 @@ pub struct RayTracedReflections {
     /// Reflections within reflections: how many surfaces a ray may see one after the other, 1 to 8. With 1, a mirror that is seen in a
     /// mirror shows the environment map. Each further bounce traces and lights up to one more hit for each ray. Default: 1.
     ///
-    /// Every technique counts alike, [`Converged`](ReflectionTechnique::Converged) included: it is the truth for these settings.
+    /// Every technique counts alike, [`Converged`](ReflectionTechnique::Converged) included: it is the truth for these settings. Only
+    /// [`full_resolution_mirrors`](Self::full_resolution_mirrors) show what glossy surfaces reflect sharper than it is, and free of noise.
     #[reflect(@1..=8u32)]
     pub max_bounces: u32,
     /// Perceptual roughness (0 to 1) up to which a surface that a ray hits reflects another ray; rougher ones show the environment map.

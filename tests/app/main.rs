@@ -30,5 +30,6 @@ mod poses;
 mod quality;
 mod reflect;
 mod robustness;
+mod see_through;
 mod toggle;
 mod worlds;

@@ -49,7 +49,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         let origin = offset_origin(surface.position, surface.geometric_normal, surface.position_scale);
         radiance = shade(surface, -ray.direction, visible_lights(surface, 0u, MAX_LIGHTS), 0.0) + origin * 0.0;
         @if(RAY_QUERY) {
-        if !alpha_test(hit.instance, hit.primitive, hit.barycentrics) {
+        if !alpha_test(hit.instance, hit.primitive, hit.barycentrics, false) {
             radiance = vec3<f32>(0.0);
         }
         }
@@ -218,6 +218,8 @@ fn instances_and_materials_match_the_cpu() {
             uv_offset,
             reflectance,
             alpha_cutoff,
+            stop_probability,
+            diffuse_share,
             _padding
         ]
     );

@@ -88,6 +88,31 @@ fn flags_follow_the_material() {
 }
 
 #[test]
+fn light_passes_through_blended_and_transmissive_materials() {
+    let pack = |alpha_mode, specular_transmission, diffuse_transmission| {
+        let material = StandardMaterial {
+            base_color: Color::linear_rgba(1.0, 1.0, 1.0, 0.25),
+            alpha_mode,
+            specular_transmission,
+            diffuse_transmission,
+            ..Default::default()
+        };
+        let packed = pack_material(&material);
+        let is_tested = instance_flags(&material) & INSTANCE_ALPHA_MASKED != 0;
+        let [.., alpha] = packed.base_color;
+        (is_tested, alpha, packed.stop_probability, packed.diffuse_share)
+    };
+    assert_eq!(pack(AlphaMode::Opaque, 0.0, 0.0), (false, 1.0, -1.0, 1.0));
+    assert_eq!(pack(AlphaMode::Opaque, 0.0, 0.75), (false, 1.0, -1.0, 0.25));
+    assert_eq!(pack(AlphaMode::Opaque, 0.75, 0.5), (true, 1.0, 0.25, 0.5));
+    assert_eq!(pack(AlphaMode::Opaque, f32::NAN, f32::NAN), (false, 1.0, -1.0, 1.0));
+    assert_eq!(pack(AlphaMode::Blend, 0.0, 0.0), (true, 0.25, 1.0, 1.0));
+    assert_eq!(pack(AlphaMode::Blend, 7.0, -1.0), (true, 0.25, 0.0, 1.0));
+    // Masks are cut out, and lose what they transmit.
+    assert_eq!(pack(AlphaMode::Mask(0.5), 0.5, 0.5), (true, 0.25, -1.0, 0.25));
+}
+
+#[test]
 fn what_only_adds_light_is_not_traced() {
     for (alpha_mode, traced) in [
         (AlphaMode::Opaque, true),

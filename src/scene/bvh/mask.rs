@@ -23,10 +23,12 @@ pub struct MaskSource<'a> {
     pub colors: &'a [u32],
 }
 
-/// Returns the header stored in front of masks, which holds how their material treats a texel. The texture is a word of
+/// Returns the header stored in front of masks, which holds how their material treats a texel: see
+/// [`crate::scene::gpu_types::GpuMaterial`]. The texture is a word of
 /// [`crate::scene::gpu_types::GpuMaterial::textures`], or `NO_TEXTURE` if the mesh has no UV coordinates.
-pub fn mask_header(texture: u32, alpha: f32, cutoff: f32) -> Item {
-    [[texture, alpha.to_bits(), cutoff.to_bits(), 0], [0; 4], [0; 4]]
+pub fn mask_header(texture: u32, alpha: f32, cutoff: f32, stop_probability: f32) -> Item {
+    let numbers = [alpha, cutoff, stop_probability].map(f32::to_bits);
+    [[texture, numbers[0], numbers[1], numbers[2]], [0; 4], [0; 4]]
 }
 
 /// The masks of all triangles, in their order, with opacity micromaps if there is a baker. What is out of range counts as zero,

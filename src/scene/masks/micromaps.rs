@@ -101,6 +101,8 @@ impl Look {
         };
         // Layers hold smaller copies of the images, which are not known here.
         let is_known = matches!(surroundings.textures.mode(), ReflectionTextureMode::Bindless { .. });
+        // Another number decides for each ray.
+        let is_known = is_known && packed.stop_probability < 0.0;
         Self {
             uv_transform: Affine2::from_mat2_translation(
                 Mat2::from_cols_array(&packed.uv_transform),

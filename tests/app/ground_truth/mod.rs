@@ -208,8 +208,10 @@ fn set_bounces(app: &mut HeadlessApp, camera: Entity, max_bounces: u32) {
     let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
     settings.max_bounces = max_bounces;
     settings.bounce_roughness_cutoff = 1.0;
-    settings.reset = true;
+    // The report is that of the frame before.
+    app.step(2);
     warm_up(app);
+    app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
 }
 
 /// Bevy's path tracer agrees where one bounce is all there is.

@@ -1,0 +1,95 @@
+//! Blended and transmissive surfaces in a mirror: rays pass through them by chance, and the mean is what blending shows.
+
+use crate::{
+    common::app,
+    pictures::{BOTH, reflect, warm_up},
+    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, metal, spawn_camera, spawn_mesh, unlit, wall},
+};
+use bevy::prelude::*;
+use bevy_glint::{RayTracedReflections, ReflectionDenoiser, ReflectionTechnique};
+use glint_scenes::{HeadlessApp, Output, SceneName};
+
+/// Mean red and green of the picture.
+fn shown(app: &mut HeadlessApp) -> [f32; 2] {
+    let pixels = app.capture_linear().unwrap();
+    let mean = |channel: usize| pixels.iter().map(|pixel| pixel[channel]).sum::<f32>() / pixels.len() as f32;
+    [mean(0), mean(1)]
+}
+
+/// A red pane before a green wall, both behind the camera, which looks into a mirror. Returns the pane.
+fn spawn_pane(app: &mut HeadlessApp) -> (Entity, Entity) {
+    spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    let behind = |z: f32| Transform::from_xyz(0.0, 0.0, z).looking_to(Vec3::Z, Vec3::Y);
+    let pane = spawn_mesh(app, Rectangle::new(40.0, 40.0), unlit(RED), behind(6.0));
+    spawn_mesh(app, Rectangle::new(80.0, 80.0), unlit(GREEN), behind(9.0));
+    (camera, pane)
+}
+
+fn set_material(app: &mut HeadlessApp, pane: Entity, alpha: f32, alpha_mode: AlphaMode, specular_transmission: f32) {
+    let world = app.world();
+    let id = world.get::<MeshMaterial3d<StandardMaterial>>(pane).unwrap().id();
+    let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+    let mut material = materials.get_mut(id).unwrap();
+    material.base_color.set_alpha(alpha);
+    material.alpha_mode = alpha_mode;
+    material.specular_transmission = specular_transmission;
+}
+
+#[test]
+fn a_pane_in_a_mirror_converges_to_the_mean_of_both_sides() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Linear, tracer) else {
+            continue;
+        };
+        let app = &mut app;
+        let (camera, pane) = spawn_pane(app);
+        reflect(app, camera, ReflectionTechnique::Converged);
+        for (alpha, alpha_mode, transmission, expected) in [
+            (0.5, AlphaMode::Blend, 0.0, 0.5),
+            (0.2, AlphaMode::Blend, 0.0, 0.2),
+            (0.8, AlphaMode::Blend, 0.5, 0.4),
+            (0.3, AlphaMode::Opaque, 0.75, 0.25),
+            (1.0, AlphaMode::Opaque, 1.0, 0.0),
+            (0.0, AlphaMode::Blend, 0.0, 0.0),
+            (1.0, AlphaMode::Blend, 0.0, 1.0),
+            (0.5, AlphaMode::Mask(0.4), 0.0, 1.0),
+            (0.5, AlphaMode::Mask(0.6), 0.0, 0.0),
+            (0.5, AlphaMode::Opaque, 0.0, 1.0),
+        ] {
+            set_material(app, pane, alpha, alpha_mode, transmission);
+            warm_up(app);
+            app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
+            app.step(16);
+            let [red, green] = shown(app);
+            let name = format!("{tracer:?}, {alpha_mode:?}, alpha {alpha}, transmission {transmission}");
+            println!("{name}: red {red:.4}, green {green:.4}, expected {expected}");
+            let off = (red - expected).abs().max((green - (1.0 - expected)).abs());
+            // The mirror itself reflects a little less than all.
+            assert!(off < 0.015, "{name}: red {red}, green {green}, expected {expected}");
+        }
+    }
+}
+
+/// The denoiser of a static view comes to the same, pixel by pixel. Mirrors with rays of their own pass by it, and are noisy.
+#[test]
+fn a_static_view_shows_a_pane_as_blended() {
+    let Some(mut app) = app(SIZE, Output::Linear, BOTH[1]) else {
+        return;
+    };
+    let app = &mut app;
+    let (camera, pane) = spawn_pane(app);
+    set_material(app, pane, 0.5, AlphaMode::Blend, 0.0);
+    reflect(app, camera, ReflectionTechnique::Quarter);
+    let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
+    settings.denoiser = ReflectionDenoiser::default();
+    app.step(2);
+    warm_up(app);
+    app.step(96);
+    let [red, green] = shown(app);
+    let pixels = app.capture_linear().unwrap();
+    let far = pixels.iter().filter(|pixel| (pixel[0] - 0.5).abs() > 0.2).count();
+    println!("red {red:.4}, green {green:.4}, {far} pixels far off");
+    assert!((red - 0.5).abs() < 0.02 && (green - 0.5).abs() < 0.02, "{red}, {green}");
+    assert!(far * 50 < pixels.len(), "{far} pixels are far off");
+}
