@@ -450,6 +450,7 @@ fn bad_skeletons_leave_a_picture() {
         ] {
             let mesh = spawn_mesh(app, crate::poses::arm(), paint(), Transform::IDENTITY);
             app.world().entity_mut(mesh).insert(skin);
+            app.step(1);
             place(app, mesh);
             let actual = shown(app, 1);
             let changed = flip(SIZE, &expected, &actual).0;

@@ -7,7 +7,7 @@ use crate::{
 use bevy::{
     asset::Assets,
     camera::Camera,
-    ecs::{prelude::*, system::SystemParam},
+    ecs::{entity::EntityHashSet, prelude::*, system::SystemParam},
     log::warn_once,
     math::{Affine3A, Mat4, Vec3},
     mesh::{
@@ -55,6 +55,8 @@ pub struct ExtractedPoses {
     pub cameras: Vec<Vec3>,
     /// [`ReflectedPoseBudget::vertices_per_frame`].
     pub vertices_per_frame: u32,
+    /// Entities that joints have placed.
+    placed: EntityHashSet,
 }
 
 /// Components of an entity with a pose.
@@ -97,7 +99,9 @@ pub fn extract_poses(
         weights,
         cameras,
         vertices_per_frame,
+        placed,
     } = &mut *poses;
+    let placed_before = core::mem::take(placed);
     sources.clear();
     matrices.clear();
     weights.clear();
@@ -106,9 +110,10 @@ pub fn extract_poses(
         return;
     }
     for (entity, mesh, skin, morph, pose, transform) in &posed {
-        let Some((slot, _)) = instances.find(entity) else {
+        let Some((slot, source)) = instances.find(entity) else {
             continue;
         };
+        let last_place = source.world_from_object;
         let is_rigid = pose == Some(&ReflectedPose::Rigid);
         let (first_matrix, first_weight) = (matrices.len(), weights.len());
         let mut is_unknown = false;
@@ -117,9 +122,16 @@ pub fn extract_poses(
         let has_joints = || meshes.get(mesh.id()).is_none_or(|mesh| mesh.offsets.joints != 0);
         if let Some(skin) = skin.filter(|_| has_joints()) {
             match world.pose(skin, is_rigid, matrices) {
-                Some(root) => place = root,
+                Some(root) => {
+                    place = root;
+                    placed.insert(entity);
+                }
                 None => {
                     is_unknown = true;
+                    if placed_before.contains(&entity) {
+                        place = last_place;
+                        placed.insert(entity);
+                    }
                     matrices.truncate(first_matrix);
                     warn_once!(
                         "the skinned mesh {entity} is reflected without its pose: its inverse bind poses are missing, or one of its \
@@ -128,9 +140,7 @@ pub fn extract_poses(
                 }
             }
         }
-        if !is_unknown {
-            instances.place(slot, place);
-        }
+        instances.place(slot, place);
         if is_rigid {
             continue;
         }
