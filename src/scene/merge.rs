@@ -15,6 +15,7 @@ use super::{
     bvh::{Blas, BvhQuality, ITEM_WORDS, MergeSource, Micromap, Owners, TlasInstance, build_merged, merge_bounds},
     masks::MaskSets,
     meshes::{CHUNK_TRIANGLES, MeshTriangles, SceneMeshes},
+    tree_builds,
     upload::runs,
 };
 use crate::status::ReflectionStatus;
@@ -22,7 +23,7 @@ use bevy::{
     math::{Affine3A, Vec3A},
     platform::{collections::HashMap, time::Instant},
     render::renderer::RenderQueue,
-    tasks::{AsyncComputeTaskPool, Task, block_on, poll_once},
+    tasks::{Task, block_on, poll_once},
 };
 use scheduler::{Extent, Limits, MergeScheduler, Tree};
 
@@ -314,7 +315,7 @@ fn start(members: &[(u32, Placement)], masks: &MaskSets, meshes: &SceneMeshes) -
         })
         .collect();
     let objects = objects?;
-    Some(AsyncComputeTaskPool::get().spawn(async move {
+    Some(tree_builds::spawn(async move {
         let begin = Instant::now();
         let sources: Vec<MergeSource> = objects
             .iter()

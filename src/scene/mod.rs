@@ -25,6 +25,7 @@ mod test_gpu;
 mod texture_layers;
 pub mod textures;
 mod top_level;
+mod tree_builds;
 pub mod upload;
 mod waiting_room;
 
@@ -48,7 +49,7 @@ use environment::{EnvironmentBindings, extract_environments, prepare_environment
 use instances::{SceneInstances, extract_instances};
 use lights::{ExtractedLights, RectLightsEnabled, detect_rect_lights, extract_lights};
 use materials::{MaterialAssets, MaterialTable, extract_materials, update_materials};
-use meshes::{RenderWorldMeshes, SceneMeshes, extract_meshes, keep_render_world_meshes, upload_meshes};
+use meshes::{RenderWorldMeshes, SceneMeshes, extract_meshes, keep_render_world_meshes, upload::upload_meshes};
 use prepare::{prepare_instances, prepare_tables};
 use textures::{TextureTable, extract_texture_changes, update_textures};
 
