@@ -1,7 +1,7 @@
 //! Asks the device at the start what it can do, and reports what was chosen and why.
 
 use crate::{
-    device::{ChosenTracer, WritesInPlace, adapter_name, choose_tracer, texture_mode, unsupported},
+    device::{ChosenTracer, FragmentRays, WritesInPlace, adapter_name, choose_tracer, texture_mode, unsupported},
     settings::ReflectionTracerChoice,
     status::ReflectionStatus,
 };
@@ -45,6 +45,7 @@ impl Plugin for ProbePlugin {
             });
             return;
         }
+        let fragment_rays = FragmentRays::new(tracer, info.map(|info| info.device_type));
         let textures = texture_mode(device);
         status.update(|report| {
             report.adapter = adapter;
@@ -56,6 +57,7 @@ impl Plugin for ProbePlugin {
         render_app
             .insert_resource(status)
             .insert_resource(ChosenTracer(tracer))
+            .insert_resource(fragment_rays)
             .init_gpu_resource::<WritesInPlace>();
     }
 }

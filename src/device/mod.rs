@@ -16,7 +16,7 @@ pub use tracer::ReflectionTracer;
 pub(crate) use memory::try_allocate;
 pub(crate) use support::{adapter_name, unsupported};
 pub(crate) use texture_mode::{MAX_SAMPLERS, texture_mode};
-pub(crate) use tracer::{ChosenTracer, choose_tracer};
+pub(crate) use tracer::{ChosenTracer, FragmentRays, choose_tracer};
 pub(crate) use writes_in_place::{FRAME_FORMAT, WritesInPlace};
 
 use bevy::{

@@ -7,6 +7,7 @@ use bevy::{
     render::render_resource::{WgpuFeatures, WgpuLimits},
     shader::ShaderDefVal,
 };
+use wgpu::DeviceType;
 
 /// Tracer that finds the surface that a ray hits.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -31,6 +32,23 @@ impl ReflectionTracer {
 /// The tracer of the app, in the render world. Without it nothing is traced.
 #[derive(Resource, Clone, Copy)]
 pub(crate) struct ChosenTracer(pub ReflectionTracer);
+
+/// Tells if fragment shaders can trace rays, or why not, as the end of a sentence. In the render world.
+#[derive(Resource, Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct FragmentRays(pub Result<(), &'static str>);
+
+impl FragmentRays {
+    /// Mesa's CPU driver (25.0) ends the process: where some lanes of a fragment have no candidate, it reads theirs all the same. Its
+    /// compute shaders are right, and so are fragment shaders that walk the BVH.
+    pub fn new(tracer: ReflectionTracer, device: Option<DeviceType>) -> Self {
+        let crashes = tracer == ReflectionTracer::RayQuery && device == Some(DeviceType::Cpu);
+        Self(if crashes {
+            Err("drivers that render on the CPU crash over ray queries in them")
+        } else {
+            Ok(())
+        })
+    }
+}
 
 /// The features that the ray-query tracer needs.
 fn ray_query_features() -> WgpuFeatures {
@@ -71,6 +89,22 @@ pub(crate) fn choose_tracer(
 #[cfg(test)]
 mod tests {
     use super::{choose_tracer as choose_tracer_of, *};
+
+    #[test]
+    fn fragments_trace_rays_unless_the_driver_crashes() {
+        use ReflectionTracer::{Bvh, RayQuery};
+        for (tracer, device, works) in [
+            (RayQuery, DeviceType::Cpu, false),
+            (Bvh, DeviceType::Cpu, true),
+            (RayQuery, DeviceType::DiscreteGpu, true),
+        ] {
+            assert_eq!(
+                FragmentRays::new(tracer, Some(device)).0.is_ok(),
+                works,
+                "{tracer:?} on {device:?}"
+            );
+        }
+    }
 
     #[test]
     fn the_tracer_follows_choice_and_features() {

@@ -157,18 +157,17 @@ struct Request {
 }
 
 impl Request {
-    /// Also returns why the back end isn't the one that was asked for.
+    /// Also returns why another pass traces the rays than was asked for.
     fn new(camera: &CameraQueryItem, reflections: &RayTracedReflections, vrs: &VrsPass) -> (Self, Option<String>) {
         let mut settings = ClampedSettings::from(reflections);
         let tile_size = camera.tile_size.copied().unwrap_or_default().trace_pixels();
-        let (backend, reason) = choose(&settings, || vrs.available(tile_size));
-        settings.backend = backend;
+        let reason = choose(&mut settings, vrs.fragment_rays(), || vrs.available(tile_size));
         let heuristic = camera.heuristic.cloned().unwrap_or_default();
         let mut rate = RateSettings {
             tile_size,
             ..RateSettings::new(&heuristic, settings.technique)
         };
-        if backend == ReflectionBackend::HardwareVrs {
+        if settings.backend == ReflectionBackend::HardwareVrs {
             rate.limit(|code| vrs.supports(code));
         }
         (Self { settings, rate }, reason)

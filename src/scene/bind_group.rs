@@ -30,7 +30,7 @@ use bevy::{
 use core::num::NonZeroU64;
 use instance_table::InstanceTable;
 
-pub(super) use instance_table::pack_instance;
+pub(super) use instance_table::{Matrices, pack_instance};
 
 /// The scene's buffers and bind group (group 1 of `bindings.wesl`).
 #[derive(Resource)]

@@ -148,6 +148,13 @@ impl SceneInstances {
         Some((slot, source))
     }
 
+    /// Moves an object if it is there.
+    pub fn set_place(&mut self, entity: Entity, world_from_object: Affine3A) {
+        if let Some((slot, _)) = self.find(entity) {
+            self.place(slot, world_from_object);
+        }
+    }
+
     /// Moves an object, and nothing happens where it is there already.
     pub fn place(&mut self, slot: u32, world_from_object: Affine3A) {
         if let Some(Some(source)) = self.slots.get_mut(slot as usize)
@@ -354,6 +361,25 @@ pub fn drop_lost_objects(mut lost: ResMut<LostComponents>, mut instances: ResMut
 /// Entities whose ticks are looked at together. Most worlds are static for the most part, and blocks without a change cost little.
 const BLOCK: usize = 128;
 
+/// Tells which changes came after the last run.
+#[derive(Clone, Copy)]
+struct Clock {
+    this_run: u32,
+    /// Ticks since the last run.
+    since: u32,
+}
+
+impl Clock {
+    fn is_new(&self, tick: Tick) -> bool {
+        self.this_run.wrapping_sub(tick.get()) < self.since
+    }
+
+    /// Without branches, so that many are compared at a time.
+    fn any_is_new(&self, ticks: &[Tick]) -> bool {
+        ticks.iter().fold(0, |any, tick| any | u32::from(self.is_new(*tick))) != 0
+    }
+}
+
 /// Mirrors entities of which a component has changed. Queries with filters for changes take ten times as long in large worlds, since they
 /// ask for each entity and component in turn.
 fn update_changed<C: MaterialComponent>(instances: &mut SceneInstances, all: &Query<InstanceQuery<C>, IsObject<C>>) {
@@ -381,10 +407,15 @@ fn update_changed<C: MaterialComponent>(instances: &mut SceneInstances, all: &Qu
             receiver,
             skin,
         ) = table;
-        let (this_run, last_run) = (transforms.this_run_tick(), transforms.last_run_tick());
-        let since = this_run.get().wrapping_sub(last_run.get());
+        let clock = Clock {
+            this_run: transforms.this_run_tick().get(),
+            since: transforms
+                .this_run_tick()
+                .get()
+                .wrapping_sub(transforms.last_run_tick().get()),
+        };
+        let places = transforms.changed_ticks_slice();
         let columns = [
-            Some(transforms.changed_ticks_slice()),
             Some(visibilities.changed_ticks_slice()),
             Some(materials.changed_ticks_slice()),
             meshes.as_ref().map(|meshes| meshes.changed_ticks_slice()),
@@ -395,16 +426,25 @@ fn update_changed<C: MaterialComponent>(instances: &mut SceneInstances, all: &Qu
             caster.as_ref().map(|caster| caster.changed_ticks_slice()),
             receiver.as_ref().map(|receiver| receiver.changed_ticks_slice()),
         ];
-        // Younger than the last run: without branches, so that many are compared at a time.
-        let is_new = |tick: &Tick| this_run.get().wrapping_sub(tick.get()) < since;
         for begin in (0..entities.len()).step_by(BLOCK) {
             let rows = begin..(begin + BLOCK).min(entities.len());
             let mut ticks = columns.iter().flatten().filter_map(|ticks| ticks.get(rows.clone()));
-            if !ticks.any(|ticks| ticks.iter().fold(false, |any, tick| any | is_new(tick))) {
+            let is_changed = ticks.any(|ticks| clock.any_is_new(ticks));
+            if !is_changed && !clock.any_is_new(&places[rows.clone()]) {
                 continue;
             }
             for row in rows {
-                if !columns.iter().flatten().any(|ticks| ticks.get(row).is_some_and(is_new)) {
+                let is_changed = is_changed
+                    && columns
+                        .iter()
+                        .flatten()
+                        .any(|ticks| ticks.get(row).is_some_and(|tick| clock.is_new(*tick)));
+                if !is_changed {
+                    // Joints place a skinned mesh.
+                    let is_placed = skin && stand_ins.is_none();
+                    if !is_placed && clock.is_new(places[row]) {
+                        instances.set_place(entities[row], transforms[row].affine());
+                    }
                     continue;
                 }
                 update_item(
@@ -509,6 +549,27 @@ mod tests {
             casts_shadow: true,
             receives_shadow: true,
         }
+    }
+
+    #[test]
+    fn places_of_objects_follow_and_of_others_are_ignored() {
+        let mut world = World::new();
+        let [a, b] = [(); 2].map(|()| world.spawn_empty().id());
+        let mut instances = SceneInstances::default();
+        instances.set(source(a));
+        instances.take_dirty();
+        let place = Affine3A::from_translation(Vec3::X);
+        instances.set_place(b, place);
+        instances.set_place(a, Affine3A::IDENTITY);
+        assert!(instances.take_moved().is_empty(), "nothing has moved that is there");
+        instances.set_place(a, place);
+        assert_eq!((instances.take_moved(), instances.take_dirty()), (vec![0], vec![]));
+        assert_eq!(instances.get(0).map(|source| source.world_from_object), Some(place));
+        // An entity of the same index that is gone.
+        let gone = Entity::from_bits(a.to_bits() ^ (1 << 32));
+        assert_eq!(gone.index(), a.index());
+        instances.set_place(gone, Affine3A::IDENTITY);
+        assert_eq!(instances.get(0).map(|source| source.world_from_object), Some(place));
     }
 
     #[test]

@@ -15,6 +15,7 @@ use super::{
     bvh::{Blas, BvhQuality, ITEM_WORDS, MergeSource, Micromap, Owners, TlasInstance, build_merged, merge_bounds},
     masks::MaskSets,
     meshes::{CHUNK_TRIANGLES, MeshTriangles, SceneMeshes},
+    tree_builds,
     upload::runs,
 };
 use crate::status::ReflectionStatus;
@@ -22,7 +23,7 @@ use bevy::{
     math::{Affine3A, Vec3A},
     platform::{collections::HashMap, time::Instant},
     render::renderer::RenderQueue,
-    tasks::{AsyncComputeTaskPool, Task, block_on, poll_once},
+    tasks::{Task, block_on, poll_once},
 };
 use scheduler::{Extent, Limits, MergeScheduler, Tree};
 
@@ -110,7 +111,7 @@ impl StaticMerge {
     }
 
     /// Notes that the object of a slot has moved, and nothing else.
-    pub fn observe_move(&mut self, slot: u32, world_from_object: Affine3A) {
+    pub fn observe_move(&mut self, slot: u32, world_from_object: &Affine3A) {
         self.scheduler.observe_move(slot, world_from_object);
     }
 
@@ -137,10 +138,11 @@ impl StaticMerge {
         })
     }
 
-    /// Carries on, once in each frame and after all changes were observed. Returns whether the TLAS must be built anew in
+    /// Carries on, once in each frame and after all changes were observed. `place_of` tells where the object of a slot is. Returns whether the TLAS must be built anew in
     /// this frame, since the room of trees that it refers to may be used for something else.
     pub fn update(
         &mut self,
+        place_of: impl Fn(u32) -> Option<Affine3A>,
         masks: &MaskSets,
         meshes: &mut SceneMeshes,
         queue: &RenderQueue,
@@ -156,7 +158,8 @@ impl StaticMerge {
             self.cancel(meshes);
         }
         self.scheduler.note_used(meshes.bvh.used_bytes());
-        self.scheduler.advance(|_, placement| extent(meshes, placement));
+        self.scheduler
+            .advance(place_of, |_, placement| extent(meshes, placement));
         self.carry_on(meshes, queue, status);
         // Trees are better with micromaps, which rarely take long.
         self.waited = if masks.is_baking() { self.waited + 1 } else { 0 };
@@ -312,7 +315,7 @@ fn start(members: &[(u32, Placement)], masks: &MaskSets, meshes: &SceneMeshes) -
         })
         .collect();
     let objects = objects?;
-    Some(AsyncComputeTaskPool::get().spawn(async move {
+    Some(tree_builds::spawn(async move {
         let begin = Instant::now();
         let sources: Vec<MergeSource> = objects
             .iter()

@@ -1,21 +1,20 @@
 //! From mesh assets to packed geometry and acceleration structures, built off the main thread.
 
+pub(super) mod upload;
+
 use super::{
     activity::SceneActivity,
     arena::{Arena, ArenaSlice},
     bvh::{Blas, Bounds, BvhQuality, ITEM_WORDS, Item, MaskSource, TopNode, build_blas, build_posable_blas},
     geometry::{BASE_ALIGNMENT, Deformation, GeometryError, MeshOffsets, PackedMesh, pack_mesh},
     instances::SceneInstances,
+    tree_builds,
     waiting_room::WaitingRoom,
 };
-use crate::{
-    device::{ChosenTracer, ReflectionTracer},
-    status::ReflectionStatus,
-};
+use crate::device::{ChosenTracer, ReflectionTracer};
 use bevy::{
     asset::{AssetEvent, AssetId, Assets, RenderAssetUsages},
     ecs::prelude::*,
-    log::warn,
     math::Affine2,
     mesh::Mesh,
     platform::{
@@ -29,13 +28,12 @@ use bevy::{
         render_resource::BufferUsages,
         renderer::{RenderDevice, RenderQueue},
     },
-    tasks::{AsyncComputeTaskPool, Task, block_on, poll_once},
+    tasks::Task,
 };
-use core::cell::Cell;
 use std::sync::Arc;
 
-/// Bytes of finished meshes that are uploaded in one frame; the first is always uploaded, however large.
-const UPLOAD_BYTES_PER_FRAME: u64 = 256 << 20;
+/// Bytes of mesh assets that are copied in one frame, while the main world waits; the first is always copied.
+const COPIED_BYTES_PER_FRAME: u64 = 8 << 20;
 
 /// Triangles of a merged tree, at most: more would take seconds to build on a slow machine. Objects with more stay
 /// instances, since a single tree is all that merging could give them.
@@ -51,6 +49,17 @@ pub struct BuiltMesh {
     /// Only for the BVH tracer.
     triangles: Option<Arc<MeshTriangles>>,
     milliseconds: f32,
+}
+
+/// A built mesh on its way into the buffers.
+struct MeshUpload {
+    id: AssetId<Mesh>,
+    built: BuiltMesh,
+    geometry: ArenaSlice,
+    /// Only with the BVH tracer.
+    bvh: Option<ArenaSlice>,
+    /// Words of the geometry, and behind them of the tree, that are uploaded.
+    done: usize,
 }
 
 /// Mesh data that merged trees and masks copy. It stays in main memory: 12 bytes for each vertex and 12 for each triangle, 8
@@ -144,6 +153,10 @@ pub struct SceneMeshes {
     merged_lost: bool,
     ready: HashMap<AssetId<Mesh>, SceneMesh>,
     pending: HashMap<AssetId<Mesh>, Task<Result<BuiltMesh, GeometryError>>>,
+    /// The mesh that is being uploaded. If there is an older version of it, rays hit that one until then.
+    uploading: Option<MeshUpload>,
+    /// Meshes whose data is to be copied in one of the next frames.
+    waiting: usize,
     /// Meshes that can't be built, and those that rays must not see (`Mesh::enable_raytracing`).
     failed: HashSet<AssetId<Mesh>>,
     /// Meshes that found no room.
@@ -188,6 +201,8 @@ impl SceneMeshes {
             merged_lost: false,
             ready: HashMap::default(),
             pending: HashMap::default(),
+            uploading: None,
+            waiting: 0,
             failed: HashSet::default(),
             without_room: WaitingRoom::default(),
             stale: HashSet::default(),
@@ -211,17 +226,29 @@ impl SceneMeshes {
 
     fn is_known(&self, id: AssetId<Mesh>) -> bool {
         self.ready.contains_key(&id)
-            || self.pending.contains_key(&id)
+            || self.is_on_its_way(id)
             || self.failed.contains(&id)
             || self.without_room.contains(&id)
+    }
+
+    /// It is being built or uploaded.
+    fn is_on_its_way(&self, id: AssetId<Mesh>) -> bool {
+        self.pending.contains_key(&id) || self.uploading.as_ref().is_some_and(|upload| upload.id == id)
     }
 
     fn used_bytes(&self) -> u64 {
         self.geometry.used_bytes() + self.bvh.used_bytes()
     }
 
-    /// Starts the build of a mesh if its data can be read somewhere, unless the app keeps rays from it.
-    fn start_from(&mut self, id: AssetId<Mesh>, kept: &RenderWorldMeshes, assets: &Assets<Mesh>) {
+    /// Starts the build of a mesh if its data can be read somewhere and rays may see it, and takes what is copied for it off the budget.
+    /// Returns false where the mesh has to wait for the next frame's.
+    fn start_from(
+        &mut self,
+        id: AssetId<Mesh>,
+        kept: &RenderWorldMeshes,
+        assets: &Assets<Mesh>,
+        budget: &mut CopyBudget,
+    ) -> bool {
         let readable = assets.get(id).filter(|mesh| is_readable(mesh));
         let kept = kept.0.get(&id);
         let traced = readable.or(kept.map(|mesh| &**mesh)).map(|mesh| mesh.enable_raytracing);
@@ -229,15 +256,19 @@ impl SceneMeshes {
             self.remove(id);
             self.failed.insert(id);
         } else if let Some(mesh) = readable {
+            if !budget.take(bytes_of(mesh)) {
+                return false;
+            }
             self.start(id, Box::new(mesh.clone()));
         } else if let Some(mesh) = kept {
             self.start(id, mesh.clone());
         }
+        true
     }
 
     fn start(&mut self, id: AssetId<Mesh>, mesh: impl core::ops::Deref<Target = Mesh> + Send + 'static) {
         let with_bvh = self.tracer == ReflectionTracer::Bvh;
-        let task = AsyncComputeTaskPool::get().spawn(async move {
+        let task = tree_builds::spawn(async move {
             let begin = Instant::now();
             let packed = pack_mesh(&mesh)?;
             drop(mesh);
@@ -264,6 +295,10 @@ impl SceneMeshes {
 
     fn remove(&mut self, id: AssetId<Mesh>) {
         self.pending.remove(&id);
+        if let Some(upload) = self.uploading.take_if(|upload| upload.id == id) {
+            self.geometry.free(upload.geometry);
+            upload.bvh.into_iter().for_each(|slice| self.bvh.free(slice));
+        }
         self.failed.remove(&id);
         self.without_room.remove(&id);
         self.stale.remove(&id);
@@ -279,62 +314,13 @@ impl SceneMeshes {
 
     /// Gives everything back.
     pub fn clear(&mut self, device: &RenderDevice) {
-        let is_empty = self.ready.is_empty() && self.pending.is_empty();
+        self.waiting = 0;
+        let is_empty = self.ready.is_empty() && self.pending.is_empty() && self.uploading.is_none();
         if !is_empty || !self.failed.is_empty() || !self.without_room.is_empty() {
             let next_merged = self.next_merged;
             *self = Self::new(device, self.tracer);
             self.next_merged = next_merged;
         }
-    }
-
-    fn insert(&mut self, id: AssetId<Mesh>, built: BuiltMesh, queue: &RenderQueue) -> bool {
-        let (packed, blas, triangles) = (built.packed, built.blas, built.triangles);
-        self.remove(id);
-        let Some(geometry) = self.geometry.allocate(packed.words.len() as u32) else {
-            return false;
-        };
-        let bvh = match blas {
-            Some(blas) => {
-                let Some(slice) = self.allocate_tree(blas.items.len()) else {
-                    self.geometry.free(geometry);
-                    return false;
-                };
-                self.bvh.write(queue, &slice, blas.items.as_flattened().as_flattened());
-                let first_node = slice.base() / ITEM_WORDS;
-                let levels = packed.deformation.as_ref().map(|_| blas.levels());
-                Some(SceneBlas {
-                    slice,
-                    first_node,
-                    first_triangle: first_node + blas.node_count,
-                    bounds: blas.bounds,
-                    top: blas.top.into(),
-                    groups: blas.groups,
-                    levels: levels.unwrap_or_default().into(),
-                })
-            }
-            None => None,
-        };
-        self.geometry.write(queue, &geometry, &packed.words);
-        let mesh = SceneMesh {
-            geometry,
-            bvh,
-            vertex_count: packed.vertex_count,
-            triangle_count: packed.triangle_count,
-            offsets: packed.offsets,
-            indices: if self.tracer == ReflectionTracer::RayQuery {
-                packed.indices().into()
-            } else {
-                Arc::default()
-            },
-            triangles,
-            deformation: packed.deformation,
-            version: self.next_version,
-        };
-        self.next_version += 1;
-        self.triangles += u64::from(mesh.triangle_count);
-        self.ready.insert(id, mesh);
-        self.changed.insert(id);
-        true
     }
 
     /// Room for a BLAS or a TLAS. Merged trees only repeat what the BLASes hold, so they go where the buffer is full.
@@ -430,23 +416,51 @@ pub fn extract_meshes(
         meshes.clear(&device);
         return;
     }
+    let mut budget = CopyBudget::default();
     // A build in flight is finished first: else a mesh that changes in every frame would never appear.
-    modified.extend(meshes.stale.extract_if(|id| !meshes.pending.contains_key(id)));
+    let mut stale = core::mem::take(&mut meshes.stale);
+    modified.extend(stale.extract_if(|id| !meshes.is_on_its_way(*id)));
+    meshes.stale = stale;
     for id in modified {
-        if meshes.pending.contains_key(&id) {
+        let waits = meshes.is_on_its_way(id)
+            || meshes.is_known(id) && !meshes.start_from(id, &render_world, &assets, &mut budget);
+        if waits {
             meshes.stale.insert(id);
-        } else if meshes.is_known(id) {
-            meshes.start_from(id, &render_world, &assets);
         }
     }
     // They are no longer known, so that they are built again.
     let used = meshes.used_bytes();
     meshes.without_room.take(used);
+    meshes.waiting = 0;
     for id in instances.meshes() {
-        if !meshes.is_known(id) {
-            meshes.start_from(id, &render_world, &assets);
+        if !meshes.is_known(id) && !meshes.start_from(id, &render_world, &assets, &mut budget) {
+            meshes.waiting += 1;
         }
     }
+}
+
+/// Bytes that may still be copied in a frame.
+struct CopyBudget(u64);
+
+impl Default for CopyBudget {
+    fn default() -> Self {
+        Self(COPIED_BYTES_PER_FRAME)
+    }
+}
+
+impl CopyBudget {
+    /// Takes so many; false where nothing is left. The last that is copied may be larger than the rest.
+    fn take(&mut self, bytes: u64) -> bool {
+        let is_left = self.0 > 0;
+        self.0 = self.0.saturating_sub(bytes);
+        is_left
+    }
+}
+
+/// Size of a mesh asset that can be read.
+fn bytes_of(mesh: &Mesh) -> u64 {
+    let indices = mesh.get_index_buffer_bytes().map_or(0, <[u8]>::len);
+    (mesh.get_vertex_buffer_size() + indices) as u64
 }
 
 fn is_readable(mesh: &Mesh) -> bool {
@@ -470,61 +484,4 @@ pub fn keep_render_world_meshes(
             meshes.stale.insert(*id);
         }
     }
-}
-
-/// Uploads meshes whose build has finished.
-pub fn upload_meshes(mut meshes: ResMut<SceneMeshes>, status: Res<ReflectionStatus>, queue: Res<RenderQueue>) {
-    let meshes = &mut *meshes;
-    let finished: Vec<_> = {
-        let bytes = Cell::new(0);
-        meshes
-            .pending
-            .extract_if(|_, task| bytes.get() < UPLOAD_BYTES_PER_FRAME && task.is_finished())
-            .map(|(id, mut task)| {
-                let result = block_on(poll_once(&mut task));
-                if let Some(Ok(built)) = &result {
-                    bytes.set(bytes.get() + built.packed.byte_len());
-                }
-                (id, result)
-            })
-            .collect()
-    };
-    meshes.geometry.shrink(&queue);
-    meshes.bvh.shrink(&queue);
-    let mut builds = 0;
-    let mut milliseconds = 0.0;
-    for (id, result) in finished {
-        match result {
-            Some(Ok(built)) => {
-                builds += 1;
-                milliseconds += built.milliseconds;
-                if built.packed.triangle_count == 0 {
-                    meshes.remove(id);
-                    meshes.failed.insert(id);
-                } else if !meshes.insert(id, built, &queue) {
-                    let used = meshes.used_bytes();
-                    meshes.without_room.wait(id, used);
-                    if !core::mem::replace(&mut meshes.warned_full, true) {
-                        warn!(
-                            "a mesh doesn't fit into the memory that one buffer may take on this device, so it is missing \
-                             from reflections; use fewer or smaller meshes, or keep some out with `NotReflected`"
-                        );
-                    }
-                }
-            }
-            Some(Err(error)) => {
-                warn!("mesh {id} is missing from reflections: {error}");
-                meshes.remove(id);
-                meshes.failed.insert(id);
-            }
-            None => {}
-        }
-    }
-    status.update(|report| {
-        report.meshes_pending = meshes.pending.len();
-        report.meshes = meshes.ready.len();
-        report.triangles = meshes.triangles;
-        report.blas_builds += builds;
-        report.blas_build_ms += milliseconds;
-    });
 }

@@ -27,6 +27,7 @@ mod test_gpu;
 mod texture_layers;
 pub mod textures;
 mod top_level;
+mod tree_builds;
 mod unseen;
 pub mod upload;
 mod waiting_room;
@@ -53,7 +54,7 @@ use environment::{EnvironmentBindings, extract_environments, prepare_environment
 use instances::{LostComponents, SceneInstances};
 use lights::{ExtractedLights, RectLightsEnabled, detect_rect_lights, extract_lights};
 use materials::{MaterialAssets, MaterialTable, update_materials};
-use meshes::{RenderWorldMeshes, SceneMeshes, extract_meshes, keep_render_world_meshes, upload_meshes};
+use meshes::{RenderWorldMeshes, SceneMeshes, extract_meshes, keep_render_world_meshes, upload::upload_meshes};
 use pose::{ExtractedPoses, extract_poses};
 use prepare::{prepare_instances, prepare_tables};
 use reflected_material::add_extraction;

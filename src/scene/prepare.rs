@@ -102,7 +102,12 @@ pub(super) fn prepare_instances(
     }
     // Rays see no difference between an object and its copy in a merged tree, so this is no change of the scene.
     if bindings.tracer == ReflectionTracer::Bvh {
-        if bindings.merge.update(&bindings.masks, meshes, &queue, &status) || changed {
+        let place_of = |slot| instances.get(slot).map(|source| source.world_from_object);
+        if bindings
+            .merge
+            .update(place_of, &bindings.masks, meshes, &queue, &status)
+            || changed
+        {
             bindings.top_level.touch();
         }
         bindings.update_bvh_top_level(instances, meshes, &queue, &status);

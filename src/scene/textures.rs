@@ -2,6 +2,7 @@
 //! else small copies in the layers of one array texture (`texture_layers.rs`).
 
 mod bindings;
+mod samplers;
 
 use bevy::{
     asset::{AssetEvent, AssetId, Assets},
@@ -24,6 +25,7 @@ use bevy::{
 
 use super::{free_slots::FreeSlots, texture_layers::TextureLayers};
 use crate::device::{MAX_SAMPLERS, ReflectionTextureMode, texture_mode};
+use samplers::Place;
 
 const SAMPLER_SHIFT: u32 = 20;
 
@@ -215,6 +217,7 @@ impl TextureTable {
         let Some(entry) = place else { return };
         entry.users = entry.users.saturating_sub(1);
         if entry.users == 0 {
+            let sampler = entry.sampler;
             *place = None;
             self.indices.remove(&id);
             self.pending.retain(|pending| *pending != index);
@@ -222,6 +225,7 @@ impl TextureTable {
             while let Some(None) = self.entries.last() {
                 self.entries.pop();
             }
+            self.give_sampler_back(sampler);
             self.generation += 1;
         }
     }
@@ -254,31 +258,46 @@ impl TextureTable {
     }
 
     fn sampler_for(&mut self, device: &RenderDevice, sampling: &ImageSampler, image: &GpuImage) -> u32 {
-        if let Some(index) = self.samplers.iter().skip(1).position(|(known, _)| known == sampling) {
-            return index as u32 + 1;
-        }
-        let sampler = match sampling {
-            ImageSampler::Default => image.sampler.clone(),
-            // Comparison samplers cannot be bound here.
-            ImageSampler::Descriptor(descriptor) if descriptor.compare.is_some() => return 0,
-            ImageSampler::Descriptor(descriptor) => device.create_sampler(&descriptor.as_wgpu()),
-        };
-        let kind = (sampling.clone(), sampler);
-        if self.samplers.len() < MAX_SAMPLERS as usize {
-            self.samplers.push(kind);
-            self.generation += 1;
-            return self.samplers.len() as u32 - 1;
+        // Comparison samplers cannot be bound here.
+        if matches!(sampling, ImageSampler::Descriptor(descriptor) if descriptor.compare.is_some()) {
+            return 0;
         }
         let in_use = |index: u32| self.entries.iter().flatten().any(|entry| entry.sampler == index);
-        let Some(unused) = (1..MAX_SAMPLERS).find(|index| !in_use(*index)) else {
-            warn_once!(
-                "More than {MAX_SAMPLERS} kinds of samplers in reflections: the others repeat and filter linearly."
-            );
-            return 0;
+        let place = match samplers::place_of(&self.samplers, sampling, in_use) {
+            Place::Known(index) => return index,
+            Place::New(index) => index,
+            Place::Full => {
+                warn_once!(
+                    "More than {MAX_SAMPLERS} kinds of samplers in reflections: the others repeat and filter linearly."
+                );
+                return 0;
+            }
         };
-        self.samplers[unused as usize] = kind;
+        let sampler = match sampling {
+            ImageSampler::Default => image.sampler.clone(),
+            ImageSampler::Descriptor(descriptor) => device.create_sampler(&descriptor.as_wgpu()),
+        };
+        if place as usize == self.samplers.len() {
+            self.samplers.push((sampling.clone(), sampler));
+        } else {
+            self.samplers[place as usize] = (sampling.clone(), sampler);
+        }
         self.generation += 1;
-        unused
+        place
+    }
+
+    /// A sampler isn't used any more: those that found no place may have it.
+    fn give_sampler_back(&mut self, sampler: u32) {
+        if self.samplers.len() < MAX_SAMPLERS as usize {
+            return;
+        }
+        let entries = (0..).zip(&self.entries);
+        let present = entries.filter_map(|(index, entry)| Some((index, entry.as_ref()?)));
+        if sampler == 0 || present.clone().any(|(_, entry)| entry.sampler == sampler) {
+            return;
+        }
+        let without = present.filter(|(_, entry)| entry.sampler == 0 && matches!(entry.state, State::Ready(_)));
+        self.pending.extend(without.map(|(index, _)| index));
     }
 
     /// Takes over what arrived on the GPU.

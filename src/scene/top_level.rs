@@ -118,12 +118,15 @@ impl TopLevel {
     }
 
     /// Notes that the object of a slot has moved, and nothing else.
-    pub fn set_transform(&mut self, slot: u32, world_from_object: Affine3A, owner: u32) {
+    pub fn set_transform(&mut self, slot: u32, world_from_object: &Affine3A, object_from_world: &[[f32; 4]; 3]) {
         match self.site(slot) {
             Site::Absent => {}
             Site::Moving(index) => {
                 let frame = self.frame;
-                if self.moving_tree.set_transform(index, world_from_object, owner, frame) {
+                if self
+                    .moving_tree
+                    .set_transform(index, world_from_object, object_from_world, frame)
+                {
                     self.moved = true;
                 } else {
                     self.remove(slot);
@@ -132,8 +135,7 @@ impl TopLevel {
             Site::Static(member) => {
                 if let Some(object) = self.static_tree.as_ref().and_then(|tree| tree.object(member)) {
                     let object = Object {
-                        world_from_object,
-                        owner,
+                        world_from_object: *world_from_object,
                         ..object.clone()
                     };
                     self.set(slot, object);
@@ -239,11 +241,21 @@ impl TopLevel {
         for joining in joining {
             match self.site(joining.slot) {
                 Site::Moving(index) if self.moving_tree.movers()[index as usize].changed == joining.changed => {
-                    self.remove_mover(index);
                     self.places[joining.slot as usize].site = Site::Static(joining.member);
                 }
                 _ => tree.empty(joining.member),
             }
+        }
+        let movers = self.moving_tree.movers();
+        let places = &mut self.places;
+        let staying: Vec<u32> = (0..)
+            .zip(movers)
+            .filter(|(_, mover)| matches!(places[mover.slot as usize].site, Site::Moving(_)))
+            .map(|(index, _)| index)
+            .collect();
+        self.moving_tree.keep(&staying);
+        for (index, mover) in (0..).zip(self.moving_tree.movers()) {
+            places[mover.slot as usize].site = Site::Moving(index);
         }
         for member in dead {
             tree.empty(*member);

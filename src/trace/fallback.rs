@@ -1,4 +1,4 @@
-//! Which back end turns a camera's rates into rays, and what is said where it isn't the one that was asked for.
+//! Which pass turns a camera's rates into rays, and what is said where it isn't the one that was asked for.
 
 use crate::{
     settings::{ClampedSettings, ReflectionBackend, ReflectionTechnique},
@@ -12,32 +12,48 @@ use bevy::{
     log::warn,
 };
 
-/// The back end for settings: [`ReflectionBackend::Compute`] or [`ReflectionBackend::HardwareVrs`], and why it isn't the latter
-/// though it was asked for. Only rates that vary have a choice.
+/// Puts the pass in place that the device has: [`ReflectionBackend::Compute`] or [`ReflectionBackend::HardwareVrs`], and compute shaders
+/// for the technique of fragment shaders where those can't trace rays. Returns why it isn't what was asked for. Only rates that vary have
+/// a choice of back ends.
 pub(crate) fn choose(
-    settings: &ClampedSettings,
-    available: impl FnOnce() -> Result<(), String>,
-) -> (ReflectionBackend, Option<String>) {
-    if settings.technique != ReflectionTechnique::Variable || settings.backend != ReflectionBackend::HardwareVrs {
-        return (ReflectionBackend::Compute, None);
-    }
-    if settings.has_bounces() {
-        return (
-            ReflectionBackend::Compute,
-            Some("its rays end at their first hit, and `max_bounces` is more than 1".into()),
-        );
-    }
-    match available() {
-        Ok(()) => (ReflectionBackend::HardwareVrs, None),
-        Err(reason) => (ReflectionBackend::Compute, Some(reason)),
+    settings: &mut ClampedSettings,
+    fragment_rays: Result<(), &'static str>,
+    hardware: impl FnOnce() -> Result<(), String>,
+) -> Option<String> {
+    let wanted = settings.backend;
+    settings.backend = ReflectionBackend::Compute;
+    match (settings.technique, wanted) {
+        (ReflectionTechnique::QuarterInline, _) => {
+            let reason = fragment_rays.err()?;
+            settings.technique = ReflectionTechnique::Quarter;
+            Some(format!(
+                "rays from fragment shaders were asked for, but {reason}; a compute shader traces the same rays instead"
+            ))
+        }
+        (ReflectionTechnique::Variable, ReflectionBackend::HardwareVrs) => {
+            let one_bounce = if settings.has_bounces() {
+                Err("its rays end at their first hit, and `max_bounces` is more than 1".to_owned())
+            } else {
+                Ok(())
+            };
+            let fragment_rays = fragment_rays.map_err(str::to_owned);
+            let Err(reason) = one_bounce.and(fragment_rays).and_then(|()| hardware()) else {
+                settings.backend = ReflectionBackend::HardwareVrs;
+                return None;
+            };
+            Some(format!(
+                "the hardware back end was asked for, but {reason}; compute is used instead"
+            ))
+        }
+        _ => None,
     }
 }
 
-/// Cameras that asked for hardware and got compute.
+/// Cameras that got another pass than they asked for.
 #[derive(Default)]
 pub(crate) struct Fallbacks {
     reasons: EntityHashMap<String>,
-    /// Sentences in the status for these reasons.
+    /// The same as they are in the status.
     sentences: Vec<String>,
 }
 
@@ -49,12 +65,7 @@ impl Fallbacks {
             return;
         };
         if self.reasons.get(&camera.entity) != Some(&reason) {
-            warn!(
-                "camera {camera}: {}; it works on Vulkan devices with `VK_KHR_fragment_shading_rate`, with \
-                 `HardwareVrsPlugin` before `DefaultPlugins`, tiles of a size that the device has (`ShadingRateTileSize`) and a single \
-                 bounce, and with `ReflectionBackend::Auto` nothing is missed",
-                sentence(&reason)
-            );
+            warn!("camera {camera}: {reason}");
             self.reasons.insert(camera.entity, reason);
         }
     }
@@ -62,7 +73,7 @@ impl Fallbacks {
     /// Brings the status up to date, with the cameras that are left.
     pub(crate) fn publish(&mut self, cameras: &EntityHashSet, status: &ReflectionStatus) {
         self.reasons.retain(|camera, _| cameras.contains(camera));
-        let mut sentences: Vec<_> = self.reasons.values().map(|reason| sentence(reason)).collect();
+        let mut sentences: Vec<_> = self.reasons.values().cloned().collect();
         sentences.sort_unstable();
         sentences.dedup();
         if sentences == self.sentences {
@@ -74,10 +85,6 @@ impl Fallbacks {
         });
         self.sentences = sentences;
     }
-}
-
-fn sentence(reason: &str) -> String {
-    format!("the hardware back end was asked for, but {reason}; compute is used instead")
 }
 
 #[cfg(test)]
@@ -94,30 +101,53 @@ mod tests {
         })
     }
 
+    /// What becomes of settings, and what is said.
+    fn chosen(
+        mut settings: ClampedSettings,
+        fragment_rays: Result<(), &'static str>,
+        hardware: Result<(), String>,
+    ) -> (ReflectionTechnique, ReflectionBackend, Option<String>) {
+        let said = choose(&mut settings, fragment_rays, || hardware);
+        (settings.technique, settings.backend, said)
+    }
+
     #[test]
     fn only_rates_that_vary_are_traced_by_hardware() {
-        let hardware = settings(ReflectionTechnique::Variable, ReflectionBackend::HardwareVrs);
-        assert_eq!(choose(&hardware, || Ok(())), (ReflectionBackend::HardwareVrs, None));
-        let reason = || Err("it rains".to_owned());
-        assert_eq!(
-            choose(&hardware, reason),
-            (ReflectionBackend::Compute, Some("it rains".into()))
-        );
-        let bounces = ClampedSettings {
-            max_bounces: 2,
-            ..hardware
-        };
-        let (backend, reason_for_bounces) = choose(&bounces, || Ok(()));
-        assert_eq!(backend, ReflectionBackend::Compute);
-        assert!(reason_for_bounces.is_some_and(|reason| reason.contains("`max_bounces`")));
-        for others in [
-            settings(ReflectionTechnique::Quarter, ReflectionBackend::HardwareVrs),
-            settings(ReflectionTechnique::Variable, ReflectionBackend::Auto),
-            settings(ReflectionTechnique::Variable, ReflectionBackend::Compute),
-        ] {
-            assert_eq!(choose(&others, || Ok(())), (ReflectionBackend::Compute, None));
-            assert_eq!(choose(&others, reason), (ReflectionBackend::Compute, None));
+        use ReflectionBackend::{Auto, Compute, HardwareVrs};
+        use ReflectionTechnique::{Quarter, Variable};
+        let hardware = settings(Variable, HardwareVrs);
+        assert_eq!(chosen(hardware, Ok(()), Ok(())), (Variable, HardwareVrs, None));
+        for (fragments, rates) in [(Ok(()), Err("it rains".into())), (Err("it rains"), Ok(()))] {
+            let (technique, backend, said) = chosen(hardware, fragments, rates);
+            assert_eq!((technique, backend), (Variable, Compute));
+            assert!(said.is_some_and(|said| said.contains("hardware back end") && said.contains("it rains")));
+            let bounces = ClampedSettings {
+                max_bounces: 2,
+                ..hardware
+            };
+            let (_, backend, said) = chosen(bounces, Ok(()), Ok(()));
+            assert_eq!(backend, Compute);
+            assert!(said.is_some_and(|said| said.contains("`max_bounces`")));
         }
+        for (technique, backend) in [(Quarter, HardwareVrs), (Variable, Auto), (Variable, Compute)] {
+            for hardware in [Ok(()), Err("it rains".to_owned())] {
+                let others = settings(technique, backend);
+                assert_eq!(chosen(others, Ok(()), hardware), (technique, Compute, None));
+            }
+        }
+    }
+
+    #[test]
+    fn compute_traces_what_fragments_can_not() {
+        use ReflectionTechnique::{Quarter, QuarterInline};
+        let inline = settings(QuarterInline, ReflectionBackend::Auto);
+        assert_eq!(
+            chosen(inline, Ok(()), Ok(())),
+            (QuarterInline, ReflectionBackend::Compute, None)
+        );
+        let (technique, backend, said) = chosen(inline, Err("it rains"), Ok(()));
+        assert_eq!((technique, backend), (Quarter, ReflectionBackend::Compute));
+        assert!(said.is_some_and(|said| said.contains("fragment shaders") && said.contains("it rains")));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::pipelines::TracePipelines;
 use crate::{
-    device::HardwareVrsSupport,
+    device::{FragmentRays, HardwareVrsSupport},
     gbuffer::PassContext,
     settings::{ClampedSettings, ReflectionBackend},
     vrs::{self, BindGroupContents, DrawGroup, HardwareVrs, VrsBackend, VrsDraw},
@@ -17,9 +17,18 @@ use bevy::{
 pub struct VrsPass<'w> {
     support: Option<Res<'w, HardwareVrs>>,
     backend: Option<ResMut<'w, VrsBackend>>,
+    fragment_rays: Option<Res<'w, FragmentRays>>,
 }
 
 impl VrsPass<'_> {
+    /// Checks whether fragment shaders can trace rays.
+    ///
+    /// # Errors
+    /// The reason why not, as the end of a sentence.
+    pub(crate) fn fragment_rays(&self) -> Result<(), &'static str> {
+        self.fragment_rays.as_ref().map_or(Ok(()), |rays| rays.0)
+    }
+
     /// Checks whether views with tiles of `tile` x `tile` trace pixels can be traced.
     ///
     /// # Errors
@@ -53,8 +62,8 @@ impl VrsPass<'_> {
         backend.prepare(cache, || trace.vrs_request()).unwrap_or(false)
     }
 
-    /// Traces the rays of a view's blocks. False where nothing was drawn; if it is for good, the device is unavailable from the
-    /// next frame on.
+    /// Traces the rays of a view's blocks. False where nothing was drawn; after an error, the device is unavailable from the
+    /// next frame on, until the pass is tried again.
     pub(super) fn trace(&mut self, ctx: &mut RenderContext, pipelines: &TracePipelines, context: &PassContext) -> bool {
         let Some(backend) = self.backend.as_deref_mut() else {
             return false;

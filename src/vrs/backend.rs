@@ -9,6 +9,7 @@ use super::{
     pass::PassCommands,
     pipeline::RawPipeline,
     rate_image::RateImage,
+    retry::Retry,
     shader::{Linker, Target, link, linker, translate},
     states::StateSetter,
 };
@@ -76,6 +77,7 @@ pub(crate) struct VrsBackend {
     touch: Option<CachedComputePipelineId>,
     request: Option<PipelineRequest>,
     state: PipelineState,
+    retry: Retry,
     views: EntityHashMap<ViewState>,
     sets: HashMap<BindGroupId, KnownSet>,
     frame: u32,
@@ -106,6 +108,7 @@ impl VrsBackend {
             touch: None,
             request: None,
             state: PipelineState::Unwanted,
+            retry: Retry::default(),
             views: EntityHashMap::default(),
             sets: HashMap::default(),
             frame: 0,
@@ -164,8 +167,9 @@ impl VrsBackend {
         matches!(self.state, PipelineState::Ready(_)) && is_compiled(self.pack) && is_compiled(self.touch)
     }
 
-    /// Gives this device up; `reason` is the end of a sentence.
+    /// Gives this device up for a while; `reason` is the end of a sentence.
     pub(crate) fn fail(&mut self, reason: String) {
+        self.retry.fail();
         self.support.set(Err(reason.clone()));
         self.state = PipelineState::Failed(reason);
     }
@@ -261,6 +265,7 @@ impl VrsBackend {
         let kept = (pipeline, sets, rates, targets.map(TextureView::clone));
         buffer.on_submitted_work_done(move || drop(kept));
         ctx.add_command_buffer(buffer);
+        self.retry.succeed();
         Ok(())
     }
 
@@ -331,10 +336,14 @@ pub(super) fn collect_shaders(backend: Option<ResMut<VrsBackend>>, shaders: Extr
     }
 }
 
-/// Lets go of what no view has used for a while.
+/// Lets go of what no view has used for a while, and takes up again what failed a while ago.
 pub(super) fn evict_unused(backend: Option<ResMut<VrsBackend>>) {
     let Some(mut backend) = backend else { return };
     let backend = &mut *backend;
+    if backend.retry.is_due() {
+        backend.support.set(Ok(backend.capabilities));
+        backend.state = PipelineState::Waiting(0);
+    }
     let frame = backend.frame;
     let is_used = |used: u32| frame.wrapping_sub(used) <= KEPT_FRAMES;
     backend.views.retain(|_, view| is_used(view.used));

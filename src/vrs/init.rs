@@ -60,7 +60,7 @@ impl Plugin for HardwareVrsPlugin {
 }
 
 /// Tells whether the device was opened with shading-rate attachments. Inserted by [`HardwareVrsPlugin`] and known once the
-/// renderer has started. If the pass fails later, this says so from then on.
+/// renderer has started. If the pass fails later, this says so until it is tried again.
 #[derive(Resource, Clone, Debug)]
 pub struct HardwareVrs(Arc<Mutex<Result<Capabilities, String>>>);
 

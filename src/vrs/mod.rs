@@ -29,6 +29,7 @@ mod init;
 mod pass;
 mod pipeline;
 mod rate_image;
+mod retry;
 mod shader;
 mod states;
 #[cfg(test)]

@@ -19,7 +19,7 @@ use bevy::{
 use bevy_glint::{CombinedThresholds, HardwareVrs, HardwareVrsPlugin};
 use bevy_glint::{
     HardwareVrsSupport, RayTracedReflections, ReflectionBackend, ReflectionStatusReport, ReflectionTechnique,
-    ReflectionTracerChoice, ShadingRate, ShadingRateHeuristic,
+    ReflectionTracer, ReflectionTracerChoice, ShadingRate, ShadingRateHeuristic,
     internals::{Copied, CountInvocations, RATE_ACTIVE, Target, readback},
 };
 use glint_scenes::{HeadlessApp, Output, SceneName, camera, environment, read_image};
@@ -312,6 +312,28 @@ fn compute_takes_the_place_of_missing_hardware() {
     app.world().despawn(viewer.camera);
     app.step(2);
     assert_eq!(active_backend(&mut app, &viewer), None);
+}
+
+/// Where ray queries in fragment shaders would crash the driver, a compute shader traces the rays and the status says so.
+#[test]
+fn compute_takes_the_place_of_fragments_that_would_crash() {
+    let Some(mut app) = app(ReflectionTracerChoice::RayQuery, |_| {}) else {
+        return;
+    };
+    if !is_exact(&mut app) || report(&mut app).tracer != Some(ReflectionTracer::RayQuery) {
+        println!("skipped: ray queries of another driver");
+        return;
+    }
+    let one = ShadingRateHeuristic::Uniform(ShadingRate::R1x1);
+    let viewers = [ReflectionTechnique::Quarter, ReflectionTechnique::QuarterInline]
+        .map(|technique| add(&mut app, technique, ReflectionBackend::Compute, &one));
+    render_together(&mut app, &viewers);
+    let reasons = report(&mut app).reasons;
+    assert!(
+        reasons.iter().any(|reason| reason.contains("fragment shaders")),
+        "{reasons:?}"
+    );
+    assert_same_rays(&mut app, "fallback", &viewers[0], &viewers[1]);
 }
 
 /// The raw Vulkan pass without its shading-rate attachment, so that other devices test it, too.

@@ -12,6 +12,7 @@ mod progress;
 mod publish;
 mod test;
 mod tools;
+mod validate;
 
 use std::process::ExitCode;
 
@@ -38,6 +39,8 @@ enum Command {
     Evaluate(tools::EvaluateOptions),
     /// Attack the reflections with hostile scenes, faults and long runs: `stress --minutes 30`.
     Stress(tools::Options),
+    /// Render with each technique under Vulkan's validation layers, with synchronisation validation.
+    Validate,
     /// Follow the README in a new crate, as a new user would.
     NewUser,
     /// Everything that must hold before a change is merged: format, lints, feature sets, docs, tests.
@@ -51,6 +54,7 @@ fn main() -> ExitCode {
         Command::Bench(options) => tools::bench(&options),
         Command::Evaluate(options) => tools::evaluate(options),
         Command::Stress(options) => tools::stress(&options),
+        Command::Validate => validate::run(),
         Command::NewUser => new_user::run(),
         Command::Ci => ci::run(),
     };

@@ -2,7 +2,7 @@
 
 use crate::scene::{
     acceleration::rows,
-    bvh::MAX_INSTANCES,
+    bvh::{MAX_INSTANCES, inverse_rows},
     gpu_types::{
         GpuInstance, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_MIRRORED, INSTANCE_MOVING,
         INSTANCE_RECEIVES_SHADOW,
@@ -12,7 +12,7 @@ use crate::scene::{
     upload::StorageSlice,
 };
 use bevy::{
-    math::Affine3A,
+    math::{Affine3A, DVec3},
     render::{
         render_resource::Buffer,
         renderer::{RenderDevice, RenderQueue},
@@ -126,14 +126,11 @@ impl InstanceTable {
         }
     }
 
-    /// Replaces the transform of an object. Returns false if more than its matrices would change.
-    pub fn set_transform(&mut self, slot: u32, world_from_object: &Affine3A) -> bool {
+    /// Replaces the place of an object. Returns false if more than its matrices would change.
+    pub fn set_matrices(&mut self, slot: u32, matrices: &Matrices) -> bool {
         if !self.can_be_hit(slot) {
             return false;
         }
-        let Some(matrices) = Matrices::of(world_from_object) else {
-            return false;
-        };
         let data = &mut self.data[slot as usize];
         if matrices.mirrored != (data.flags & INSTANCE_MIRRORED != 0) {
             return false;
@@ -184,24 +181,22 @@ impl InstanceTable {
 }
 
 /// The place of an object as shaders read it.
-struct Matrices {
-    world_from_object: [[f32; 4]; 3],
-    object_from_world: [[f32; 4]; 3],
+pub(in crate::scene) struct Matrices {
+    pub world_from_object: [[f32; 4]; 3],
+    pub object_from_world: [[f32; 4]; 3],
     mirrored: bool,
 }
 
 impl Matrices {
     /// `None` where the transform can't be inverted or isn't finite: such an object is invisible in the raster picture, too.
-    fn of(world_from_object: &Affine3A) -> Option<Self> {
-        let determinant = world_from_object.matrix3.determinant();
-        let object_from_world: Affine3A = world_from_object.inverse();
-        if !world_from_object.is_finite() || !object_from_world.is_finite() || determinant == 0.0 {
-            return None;
-        }
+    pub fn of(world_from_object: &Affine3A) -> Option<Self> {
+        let object_from_world = inverse_rows(world_from_object)?;
+        // The inverse has the same sign, and its determinant doesn't vanish for small objects.
+        let [x, y, z] = object_from_world.map(|[x, y, z, _]| DVec3::new(x.into(), y.into(), z.into()));
         Some(Self {
             world_from_object: bytemuck::cast(rows(world_from_object)),
-            object_from_world: bytemuck::cast(rows(&object_from_world)),
-            mirrored: determinant < 0.0,
+            object_from_world,
+            mirrored: x.dot(y.cross(z)) < 0.0,
         })
     }
 }

@@ -9,7 +9,7 @@ use super::{
     stack::{IN_TLAS, stack_size},
     tlas::{Tlas, TlasInstance, inverse_rows, world_bounds},
 };
-use bevy::math::Vec3A;
+use bevy::math::{Affine3A, Vec3A};
 
 /// Bits of a cell's coordinate.
 const CELL_BITS: u32 = 12;
@@ -18,17 +18,26 @@ const INDEX_BITS: u32 = u64::BITS - 3 * CELL_BITS;
 /// Marks a child that is an entry.
 const LEAF: u32 = 1 << 31;
 
-/// An instance as the tree holds it.
+/// Instances in the form in which the tree takes them: what is read together lies together.
+#[derive(Clone, Debug, Default)]
+pub struct LinearEntries {
+    /// World space; valid.
+    bounds: Vec<Bounds>,
+    /// The first row of each entry: owner, first node, and where indices of nodes and of triangles count from.
+    words: Vec<[u32; 4]>,
+    /// Rows of the inverse matrices.
+    matrices: Vec<Item>,
+    /// Groups that the instances' trees take on the stack.
+    groups: Vec<u32>,
+}
+
+/// One of [`LinearEntries`].
 #[derive(Clone, Copy, Debug)]
 pub struct LinearEntry {
-    /// World space; valid.
-    pub bounds: Bounds,
-    /// The first row of the entry: owner, first node, and where indices of nodes and of triangles count from.
-    pub words: [u32; 4],
-    /// Rows of the inverse matrix.
-    pub object_from_world: [[f32; 4]; 3],
-    /// Groups that the instance's tree takes on the stack.
-    pub groups: u32,
+    bounds: Bounds,
+    words: [u32; 4],
+    matrix: Item,
+    groups: u32,
 }
 
 impl LinearEntry {
@@ -42,9 +51,76 @@ impl LinearEntry {
                 instance.first_node,
                 instance.first_triangle,
             ],
-            object_from_world: inverse_rows(&instance.world_from_object)?,
+            matrix: bytemuck::cast(inverse_rows(&instance.world_from_object)?),
             groups: instance.groups,
         })
+    }
+}
+
+impl LinearEntries {
+    /// Number of instances.
+    pub fn count(&self) -> usize {
+        self.bounds.len()
+    }
+
+    /// Adds an instance at the end.
+    pub fn push(&mut self, entry: LinearEntry) {
+        self.bounds.push(entry.bounds);
+        self.words.push(entry.words);
+        self.matrices.push(entry.matrix);
+        self.groups.push(entry.groups);
+    }
+
+    /// Puts another instance in the place of one.
+    pub fn replace(&mut self, index: usize, entry: LinearEntry) {
+        self.bounds[index] = entry.bounds;
+        self.words[index] = entry.words;
+        self.matrices[index] = entry.matrix;
+        self.groups[index] = entry.groups;
+    }
+
+    /// Moves an instance whose mesh has these bounds. Returns false where rays can't hit it any more.
+    pub fn set_transform(
+        &mut self,
+        index: usize,
+        object: Bounds,
+        world_from_object: &Affine3A,
+        object_from_world: &[[f32; 4]; 3],
+    ) -> bool {
+        let Some(bounds) = world_bounds(world_from_object, object) else {
+            return false;
+        };
+        self.bounds[index] = bounds;
+        self.matrices[index] = bytemuck::cast(*object_from_world);
+        true
+    }
+
+    /// Takes an instance out; the last one takes its index.
+    pub fn swap_remove(&mut self, index: usize) {
+        self.bounds.swap_remove(index);
+        self.words.swap_remove(index);
+        self.matrices.swap_remove(index);
+        self.groups.swap_remove(index);
+    }
+
+    /// Keeps the instances at these indices, which are sorted, in their order.
+    pub fn keep(&mut self, sorted: &[u32]) {
+        for (to, from) in sorted.iter().enumerate() {
+            let from = *from as usize;
+            self.bounds[to] = self.bounds[from];
+            self.words[to] = self.words[from];
+            self.matrices[to] = self.matrices[from];
+            self.groups[to] = self.groups[from];
+        }
+        self.truncate(sorted.len());
+    }
+
+    /// Takes out all instances from an index on.
+    pub fn truncate(&mut self, len: usize) {
+        self.bounds.truncate(len);
+        self.words.truncate(len);
+        self.matrices.truncate(len);
+        self.groups.truncate(len);
     }
 }
 
@@ -77,28 +153,28 @@ pub struct LinearBuilder {
 
 impl LinearBuilder {
     /// Builds the tree over all entries. More than the stack has levels for, 16 million, are left out.
-    pub fn build(&mut self, entries: &[LinearEntry]) -> &mut Tlas {
-        let entries = &entries[..entries.len().min(1 << (2 * IN_TLAS.most_groups))];
-        self.sort(entries);
+    pub fn build(&mut self, entries: &LinearEntries) -> &mut Tlas {
+        let len = entries.count().min(1 << (2 * IN_TLAS.most_groups));
+        self.sort(&entries.bounds[..len]);
         self.divide();
-        self.pack(entries);
+        self.pack(entries, len);
         &mut self.tlas
     }
 
     /// Puts indices of entries behind the codes of their cells, in order.
-    fn sort(&mut self, entries: &[LinearEntry]) {
+    fn sort(&mut self, boxes: &[Bounds]) {
         // Twice the centres.
-        let centre = |entry: &LinearEntry| Vec3A::from(entry.bounds.min) + Vec3A::from(entry.bounds.max);
+        let centre = |bounds: &Bounds| Vec3A::from(bounds.min) + Vec3A::from(bounds.max);
         let (mut min, mut max) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
-        for entry in entries {
-            min = min.min(centre(entry));
-            max = max.max(centre(entry));
+        for bounds in boxes {
+            min = min.min(centre(bounds));
+            max = max.max(centre(bounds));
         }
         let cells = (1 << CELL_BITS) as f32;
         let scale = cells / (max - min).max(Vec3A::splat(1e-20));
         self.keys.clear();
-        self.keys.extend(entries.iter().enumerate().map(|(index, entry)| {
-            let cell = ((centre(entry) - min) * scale).clamp(Vec3A::ZERO, Vec3A::splat(cells - 1.0));
+        self.keys.extend(boxes.iter().enumerate().map(|(index, bounds)| {
+            let cell = ((centre(bounds) - min) * scale).clamp(Vec3A::ZERO, Vec3A::splat(cells - 1.0));
             let code = spread(cell.x as u64) << 2 | spread(cell.y as u64) << 1 | spread(cell.z as u64);
             code << INDEX_BITS | index as u64
         }));
@@ -207,20 +283,20 @@ impl LinearBuilder {
         from + keys.partition_point(|key| key & bit == 0) as u32
     }
 
-    fn pack(&mut self, entries: &[LinearEntry]) {
+    fn pack(&mut self, entries: &LinearEntries, len: usize) {
         let nodes = self.nodes.len();
         let tlas = &mut self.tlas;
-        tlas.items.clear();
-        *tlas = Tlas {
-            items: core::mem::take(&mut tlas.items),
-            ..Tlas::default()
-        };
+        let mut items = core::mem::take(&mut tlas.items);
+        *tlas = Tlas::default();
         if nodes == 0 {
+            items.clear();
+            tlas.items = items;
             return;
         }
-        let matrices = nodes + entries.len();
-        tlas.items.reserve(matrices + entries.len());
-        tlas.items.resize(matrices, Item::default());
+        // Each item is written below, so that those of the last tree may stay until then.
+        let matrices = nodes + len;
+        items.resize(matrices + len, Item::default());
+        items[matrices..].copy_from_slice(&entries.matrices[..len]);
         self.exact.clear();
         self.exact.resize(nodes, Bounds::EMPTY);
         for (index, wide) in self.nodes.iter().enumerate().rev() {
@@ -229,27 +305,25 @@ impl LinearBuilder {
                 boxes[slot] = Some(if child & LEAF == 0 {
                     self.exact[*child as usize]
                 } else {
-                    let entry = child & !LEAF;
-                    let matrix = matrices as u32 + entry;
-                    let LinearEntry { bounds, words, .. } = entries[entry as usize];
-                    tlas.items[wide.first_child as usize + slot] = [words, [matrix, 0, 0, 0], [0, 0, ENTRY, 0]];
-                    bounds
+                    let entry = (child & !LEAF) as usize;
+                    let matrix = (matrices + entry) as u32;
+                    items[wide.first_child as usize + slot] =
+                        [entries.words[entry], [matrix, 0, 0, 0], [0, 0, ENTRY, 0]];
+                    entries.bounds[entry]
                 });
             }
             let mut packed = Node::new(wide.first_child, wide.count as usize, 0, [0; WIDTH]);
-            node::quantise(&mut packed, &boxes);
-            tlas.items[wide.place as usize] = bytemuck::cast(packed);
-            self.exact[index] = boxes.iter().flatten().fold(Bounds::EMPTY, |a, b| a.union(*b));
+            self.exact[index] = node::quantise(&mut packed, &boxes);
+            items[wide.place as usize] = bytemuck::cast(packed);
         }
-        let matrix = |entry: &LinearEntry| entry.object_from_world.map(|row| row.map(f32::to_bits));
-        tlas.items.extend(entries.iter().map(matrix));
+        tlas.items = items;
         tlas.node_count = nodes as u32;
-        tlas.entry_count = entries.len() as u32;
+        tlas.entry_count = len as u32;
         tlas.bounds = self.exact[0];
         // Each level below has children of its own to wait for, but a root with a single entry has none.
         let levels = self.ranges.last().map_or(0, |range| range.level + 1);
-        tlas.groups = if entries.len() > 1 { levels } else { 0 };
-        let below = entries.iter().map(|entry| entry.groups).max().unwrap_or(0);
+        tlas.groups = if len > 1 { levels } else { 0 };
+        let below = entries.groups[..len].iter().copied().max().unwrap_or(0);
         tlas.stack = stack_size(tlas.groups, below);
     }
 }

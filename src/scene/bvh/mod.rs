@@ -37,12 +37,12 @@ mod tests;
 
 pub use blas::{Blas, BvhQuality, TopNode, build_blas, build_posable_blas};
 pub use format::{Bounds, ITEM_WORDS, Item, MAX_INSTANCES, TRAVERSAL_FLAGS, owner};
-pub use linear::{LinearBuilder, LinearEntry};
+pub use linear::{LinearBuilder, LinearEntries, LinearEntry};
 pub use mask::{MaskSource, mask_header, masks, micromap_of};
 pub use merged::{MergeSource, Owners, build_merged, merge_bounds};
 pub use opacity::{AlphaTest, AlphaTexels, Micromap, OpacityBaker, Wrap};
 pub use stack::{LARGEST_STACK, USUAL_STACK};
-pub use tlas::{Tlas, TlasInstance, build_tlas, build_tlas_of, join, opening_budget};
+pub use tlas::{Tlas, TlasInstance, build_tlas, build_tlas_of, inverse_rows, join, opening_budget};
 
 /// For tests and tools.
 #[cfg(any(test, feature = "internals"))]

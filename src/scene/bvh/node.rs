@@ -1,6 +1,7 @@
 //! Nodes of four children with quantised boxes that enclose them for certain.
 
 use super::format::Bounds;
+use bevy::math::{Vec3A, Vec4};
 use bytemuck::{Pod, Zeroable};
 
 /// Children of a node, at most.
@@ -125,14 +126,13 @@ pub(super) fn fit(tree: &mut Tree, primitives: &[Bounds]) -> Vec<Bounds> {
     let mut exact = vec![Bounds::EMPTY; tree.nodes.len()];
     for i in (0..tree.nodes.len()).rev() {
         let children = child_bounds(&tree.nodes[i], &exact, primitives);
-        quantise(&mut tree.nodes[i], &children);
-        exact[i] = children.iter().flatten().fold(Bounds::EMPTY, |a, b| a.union(*b));
+        exact[i] = quantise(&mut tree.nodes[i], &children);
     }
     exact
 }
 
 pub(super) fn child_bounds(node: &Node, exact: &[Bounds], primitives: &[Bounds]) -> [Option<Bounds>; WIDTH] {
-    std::array::from_fn(|slot| match node.child(slot) {
+    core::array::from_fn(|slot| match node.child(slot) {
         Child::Empty => None,
         Child::Inner(index) => Some(exact[index as usize]),
         Child::Leaf(first, count) => {
@@ -142,67 +142,131 @@ pub(super) fn child_bounds(node: &Node, exact: &[Bounds], primitives: &[Bounds])
     })
 }
 
-/// Writes origin, scale and planes such that origin + plane * scale, without rounding, encloses each child.
-pub(super) fn quantise(node: &mut Node, children: &[Option<Bounds>; WIDTH]) {
-    let total = children.iter().flatten().fold(Bounds::EMPTY, |a, b| a.union(*b));
+/// Writes origin, scale and planes such that origin + plane * scale, without rounding, encloses each child. Returns the box around them.
+pub(super) fn quantise(node: &mut Node, children: &[Option<Bounds>; WIDTH]) -> Bounds {
+    let mut total = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
+    for child in children.iter().flatten() {
+        total = (total.0.min(child.min.into()), total.1.max(child.max.into()));
+    }
+    let (min, max) = (total.0.to_array(), total.1.to_array());
+    let total = Bounds { min, max };
     if !total.is_valid() {
-        return;
+        return total;
+    }
+    // By axis. Absent children keep empty boxes at the origin, whose planes are 0. Loops, since the compiler calls a function for each
+    // closure over arrays of this size.
+    let (mut lower, mut upper) = ([[0.0; WIDTH]; 3], [[0.0; WIDTH]; 3]);
+    let mut largest = 0.0_f32;
+    for axis in 0..3 {
+        largest = largest.max(min[axis].abs()).max(max[axis].abs());
+        for slot in 0..WIDTH {
+            let (low, high) = match &children[slot] {
+                Some(child) => (child.min[axis], child.max[axis]),
+                None => (min[axis], min[axis]),
+            };
+            lower[axis][slot] = low;
+            upper[axis][slot] = high;
+        }
     }
     for axis in 0..3 {
-        let origin = total.min[axis];
-        let mut exponent = scale_exponent(f64::from(total.max[axis]) - f64::from(origin));
-        while exponent < 254 && !quantise_axis(children, axis, origin, exponent, &mut node.planes[axis]) {
-            exponent += 1;
-        }
-        node.origin[axis] = origin;
+        let exponent = scale_exponent(max[axis], min[axis]);
+        let quantise = if largest < LARGEST_SINGLE {
+            quantise_single
+        } else {
+            quantise_double
+        };
+        node.planes[axis] = quantise(lower[axis], upper[axis], min[axis], exponent);
+        node.origin[axis] = min[axis];
         node.exponents[axis] = exponent;
     }
+    total
 }
 
-/// Biased exponent of the smallest power of two that may cover the extent in 255 steps.
-fn scale_exponent(extent: f64) -> u8 {
+/// Below this, differences of coordinates and of their errors don't overflow in single precision.
+const LARGEST_SINGLE: f32 = 1e30;
+
+/// Biased exponent of the smallest power of two that covers the extent in 255 steps.
+fn scale_exponent(max: f32, origin: f32) -> u8 {
     // Small enough for any geometry, and far from denormals when multiplied by an inverse direction.
     const SMALLEST: i32 = -80;
+    let (extent, error) = exact_difference(max, origin);
     // The logarithm of a normal number, rounded down, is its exponent.
     let bits = (extent / 255.0).max(f64::MIN_POSITIVE).to_bits();
     let logarithm = (bits >> 52) as i32 - 1023;
-    (logarithm.max(SMALLEST) + 127).clamp(1, 254) as u8
+    let mut exponent = (logarithm.max(SMALLEST) + 127).clamp(1, 254) as u8;
+    while exponent < 254 && last_plane(extent, error, exponent) > 255.0 {
+        exponent += 1;
+    }
+    exponent
 }
 
-/// False when 255 steps do not reach.
-fn quantise_axis(
-    children: &[Option<Bounds>; WIDTH],
-    axis: usize,
-    origin: f32,
-    exponent: u8,
-    planes: &mut [[u8; WIDTH]; 2],
-) -> bool {
-    let step = f64::from(f32::from_bits(u32::from(exponent) << 23));
+/// The plane at or behind a distance from the origin, which is given with its rounding error.
+fn last_plane(distance: f64, error: f64, exponent: u8) -> f64 {
     // Exact, as that of a power of two.
-    let inverse = step.recip();
-    // No child begins below the origin. Casts round towards zero, and are instructions where `floor` and `ceil` are calls.
-    let floor = |x: f64| f64::from(x as i32);
-    let ceil = |x: f64| floor(x) + f64::from(u8::from(floor(x) < x));
-    for (slot, bounds) in children.iter().enumerate() {
-        let Some(bounds) = bounds else { continue };
-        let (low, low_error) = exact_difference(bounds.min[axis], origin);
-        let mut q_low = floor(low * inverse);
-        if q_low * step == low && low_error < 0.0 {
-            q_low -= 1.0;
-        }
-        let (high, high_error) = exact_difference(bounds.max[axis], origin);
-        let mut q_high = ceil(high * inverse);
-        if q_high * step == high && high_error > 0.0 {
-            q_high += 1.0;
-        }
-        if q_high > 255.0 {
-            return false;
-        }
-        let (lower, upper) = (q_low.max(0.0) as u8, q_high as u8);
-        planes[0][slot] = lower;
-        planes[1][slot] = lower ^ upper;
+    let planes = distance * scale(exponent).recip();
+    // Casts round towards zero, and are instructions where `floor` and `ceil` are calls.
+    let floor = f64::from(planes as i32);
+    floor + f64::from(u8::from(floor < planes || error > 0.0))
+}
+
+/// The plane at or in front of a distance from the origin, which is not negative.
+fn first_plane(distance: f64, error: f64, exponent: u8) -> f64 {
+    let planes = distance * scale(exponent).recip();
+    let floor = f64::from(planes as i32);
+    (floor - f64::from(u8::from(floor == planes && error < 0.0))).max(0.0)
+}
+
+/// Distance between planes.
+fn scale(exponent: u8) -> f64 {
+    f64::from(f32::from_bits(u32::from(exponent) << 23))
+}
+
+/// Planes of the children along an axis, for coordinates of any size.
+fn quantise_double(lower: [f32; WIDTH], upper: [f32; WIDTH], origin: f32, exponent: u8) -> [[u8; WIDTH]; 2] {
+    let mut planes = [[0; WIDTH]; 2];
+    for slot in 0..WIDTH {
+        let (low, low_error) = exact_difference(lower[slot], origin);
+        let (high, high_error) = exact_difference(upper[slot], origin);
+        let low = first_plane(low, low_error, exponent) as u8;
+        planes[0][slot] = low;
+        planes[1][slot] = low ^ last_plane(high, high_error, exponent) as u8;
     }
-    true
+    planes
+}
+
+/// The same in single precision, for four children at a time.
+fn quantise_single(lower: [f32; WIDTH], upper: [f32; WIDTH], origin: f32, exponent: u8) -> [[u8; WIDTH]; 2] {
+    // Added to a number below 2^22, leaves it rounded to an integer, in the lower bits.
+    const ROUNDING: Vec4 = Vec4::splat(8_388_608.0);
+    let one_where = |mask| Vec4::select(mask, Vec4::ONE, Vec4::ZERO);
+    let inverse = scale(exponent).recip() as f32;
+    // a - b as a rounded difference and its error (Knuth's two-sum).
+    let difference = |a: Vec4| {
+        let b = Vec4::splat(-origin);
+        let sum = a + b;
+        let virtual_b = sum - a;
+        (sum, (a - (sum - virtual_b)) + (b - virtual_b))
+    };
+    let (low, low_error) = difference(Vec4::from_array(lower));
+    let low = low * inverse;
+    let rounded = (low + ROUNDING) - ROUNDING;
+    let floor = rounded - one_where(rounded.cmpgt(low));
+    let first = (floor - one_where(floor.cmpeq(low) & low_error.cmplt(Vec4::ZERO))).max(Vec4::ZERO);
+    let (distance, high_error) = difference(Vec4::from_array(upper));
+    // Tiny numbers may become 0 here, but stay in front of the plane that follows.
+    let high = distance * inverse;
+    let rounded = (high + ROUNDING) - ROUNDING;
+    let ceiling = rounded + one_where(rounded.cmplt(high));
+    let behind = ceiling + one_where(ceiling.cmpeq(high) & high_error.cmpgt(Vec4::ZERO));
+    let last = behind.max(one_where(distance.cmpgt(Vec4::ZERO)));
+    let (first, last) = ((first + ROUNDING).to_array(), (last + ROUNDING).to_array());
+    let mut planes = [[0; WIDTH]; 2];
+    for slot in 0..WIDTH {
+        let low = first[slot].to_bits() as u8;
+        planes[0][slot] = low;
+        planes[1][slot] = low ^ last[slot].to_bits() as u8;
+    }
+    planes
 }
 
 /// a - b as a rounded difference and its error (Knuth's two-sum).
@@ -237,4 +301,40 @@ pub(super) fn most_groups(nodes: &[Node], leaves_wait: bool) -> u32 {
         }
     }
     most
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Coordinates on planes, beside them by a rounding, and of all sizes.
+    fn coordinates() -> impl Strategy<Value = f32> {
+        let whole = (-300..300_i32).prop_map(|x| x as f32);
+        let beside = (-300..300_i32, any::<bool>()).prop_map(|(x, up)| {
+            let x = x as f32;
+            if up { x.next_up() } else { x.next_down() }
+        });
+        let any_size = (any::<bool>(), -140..90_i32, 1.0..2.0_f64).prop_map(|(negative, exponent, mantissa)| {
+            let size = (mantissa * 2_f64.powi(exponent)) as f32;
+            if negative { -size } else { size }
+        });
+        prop_oneof![whole, beside, any_size, Just(0.0)]
+    }
+
+    proptest! {
+        #[test]
+        fn single_precision_finds_the_planes_of_double_precision(
+            ends in prop::array::uniform4((coordinates(), coordinates())),
+        ) {
+            let lower = ends.map(|(a, b)| a.min(b));
+            let upper = ends.map(|(a, b)| a.max(b));
+            let origin = lower.into_iter().fold(f32::INFINITY, f32::min);
+            let exponent = scale_exponent(upper.into_iter().fold(f32::NEG_INFINITY, f32::max), origin);
+            prop_assert_eq!(
+                quantise_single(lower, upper, origin, exponent),
+                quantise_double(lower, upper, origin, exponent)
+            );
+        }
+    }
 }

@@ -310,23 +310,29 @@ fn open(entries: &mut Vec<Entry>, kept: &[Kept], max_entries: usize) {
     }
 }
 
-/// Rows of the inverse, from `f64`.
-pub(super) fn inverse_rows(matrix: &Affine3A) -> Option<[[f32; 4]; 3]> {
+/// Rows of the inverse, from `f64`. `None` where the matrix has none that shaders could use.
+///
+/// Written out, since the compiler calls a function for each closure over an array of rows, and this runs for each object that moves.
+pub fn inverse_rows(matrix: &Affine3A) -> Option<[[f32; 4]; 3]> {
     let linear: DMat3 = matrix.matrix3.as_dmat3();
     let translation: DVec3 = matrix.translation.as_dvec3();
     let DMat3 { x_axis, y_axis, z_axis } = linear;
-    let rows = [y_axis.cross(z_axis), z_axis.cross(x_axis), x_axis.cross(y_axis)];
-    let determinant = rows[2].dot(z_axis);
+    let (x_row, y_row, z_row) = (y_axis.cross(z_axis), z_axis.cross(x_axis), x_axis.cross(y_axis));
+    let determinant = z_row.dot(z_axis);
     if !(determinant.is_finite() && determinant != 0.0 && translation.is_finite()) {
         return None;
     }
     let reciprocal = determinant.recip();
-    let rows = rows.map(|row| (row * reciprocal, -row.dot(translation) * reciprocal));
-    let in_range = |(row, offset): &(DVec3, f64)| row.abs().max_element() <= MAX_INVERSE && offset.abs() <= 1e18;
-    if !rows.iter().all(in_range) {
+    let (x_row, y_row, z_row) = (x_row * reciprocal, y_row * reciprocal, z_row * reciprocal);
+    let offset = -DVec3::new(x_row.dot(translation), y_row.dot(translation), z_row.dot(translation));
+    let largest = x_row.abs().max(y_row.abs()).max(z_row.abs()).max_element();
+    // Maxima ignore NaN, sums don't.
+    let sum = (x_row + y_row + z_row + offset).element_sum();
+    if !(largest <= MAX_INVERSE && offset.abs().max_element() <= 1e18 && sum.is_finite()) {
         return None;
     }
-    Some(rows.map(|(row, offset)| [row.x as f32, row.y as f32, row.z as f32, offset as f32]))
+    let row = |row: DVec3, offset: f64| [row.x as f32, row.y as f32, row.z as f32, offset as f32];
+    Some([row(x_row, offset.x), row(y_row, offset.y), row(z_row, offset.z)])
 }
 
 /// Box around the transformed box, grown by what rounding in the ray's transform can move a hit.
@@ -334,20 +340,24 @@ pub(super) fn world_bounds(matrix: &Affine3A, object: Bounds) -> Option<Bounds> 
     if !object.is_valid() {
         return None;
     }
-    let mut world = Bounds::EMPTY;
-    for axis in 0..3 {
-        let translation = f64::from(matrix.translation[axis]);
-        let (mut low, mut high, mut magnitude) = (translation, translation, translation.abs());
-        for column in 0..3 {
-            let m = f64::from(matrix.matrix3.col(column)[axis]);
-            let (a, b) = (m * f64::from(object.min[column]), m * f64::from(object.max[column]));
-            low += a.min(b);
-            high += a.max(b);
-            magnitude += a.abs().max(b.abs());
-        }
-        let margin = magnitude * f64::from(f32::EPSILON) * 4.0;
-        world.min[axis] = (low - margin) as f32;
-        world.max[axis] = (high + margin) as f32;
+    // Two numbers per axis are calculated at a time where this is written in vectors.
+    let (mut low, mut high) = (matrix.translation.as_dvec3(), matrix.translation.as_dvec3());
+    let mut magnitude = low.abs();
+    let columns = [matrix.matrix3.x_axis, matrix.matrix3.y_axis, matrix.matrix3.z_axis];
+    for (axis, column) in columns.into_iter().enumerate() {
+        let column = column.as_dvec3();
+        let (a, b) = (
+            column * f64::from(object.min[axis]),
+            column * f64::from(object.max[axis]),
+        );
+        low += a.min(b);
+        high += a.max(b);
+        magnitude += a.abs().max(b.abs());
     }
+    let margin = magnitude * (f64::from(f32::EPSILON) * 4.0);
+    let world = Bounds {
+        min: (low - margin).as_vec3().to_array(),
+        max: (high + margin).as_vec3().to_array(),
+    };
     (world.is_valid() && world.half_area().is_finite()).then_some(world)
 }

@@ -11,6 +11,7 @@ use crate::{
         materials::{MaterialAssets, pack_material},
         meshes::MeshTriangles,
         textures::TextureTable,
+        tree_builds,
     },
 };
 use bevy::{
@@ -18,7 +19,7 @@ use bevy::{
     image::{Image, ImageSamplerDescriptor},
     math::{Affine2, Mat2, Vec2},
     mesh::Mesh,
-    tasks::{AsyncComputeTaskPool, Task, block_on, poll_once},
+    tasks::{Task, block_on, poll_once},
 };
 use std::sync::Arc;
 
@@ -180,7 +181,7 @@ impl Micromaps {
                     texture,
                 };
                 let (triangles, second_uvs, transform) = (triangles.clone(), key.second_uvs, self.look.uv_transform);
-                self.state = BakeState::Baking(AsyncComputeTaskPool::get().spawn(async move {
+                self.state = BakeState::Baking(tree_builds::spawn(async move {
                     let baker = OpacityBaker::new(&test);
                     masks(&triangles.mask_source(second_uvs, transform), Some(&baker))
                 }));

@@ -142,6 +142,9 @@ struct Building {
 pub(super) struct MergeScheduler {
     limits: Limits,
     slots: Vec<Slot>,
+    /// For each slot that only waits for being at rest, the frame of its last change; else 0. All that movement touches: where the object is
+    /// by then is of interest once it rests.
+    moved: Vec<u64>,
     /// Slots that wait for being at rest, with a frame before which they aren't.
     settling: BinaryHeap<Reverse<(u64, u32)>>,
     resting: BTreeSet<u32>,
@@ -174,6 +177,7 @@ impl MergeScheduler {
         Self {
             limits,
             slots: Vec::new(),
+            moved: Vec::new(),
             settling: BinaryHeap::new(),
             resting: BTreeSet::new(),
             chunks: BTreeMap::new(),
@@ -201,6 +205,7 @@ impl MergeScheduler {
                 return;
             }
             self.slots.resize_with(index + 1, Slot::default);
+            self.moved.resize(index + 1, 0);
         }
         let before = self.slots[index].placement;
         if before == placement {
@@ -241,30 +246,37 @@ impl MergeScheduler {
             place.queued = true;
             self.settling.push(Reverse((place.due, slot)));
         }
+        let only_waits = placement.is_some() && !place.building;
+        self.moved[index] = if only_waits { frame } else { 0 };
     }
 
     /// Notes that the object of a slot has moved, and nothing else.
-    pub fn observe_move(&mut self, slot: u32, world_from_object: Affine3A) {
-        let (frame, quiet) = (self.frame, self.limits.quiet_frames);
-        let Some(place) = self.slots.get_mut(slot as usize) else {
+    pub fn observe_move(&mut self, slot: u32, world_from_object: &Affine3A) {
+        match self.moved.get_mut(slot as usize) {
+            None => return,
+            Some(0) => {}
+            Some(moved) => {
+                *moved = self.frame;
+                return;
+            }
+        }
+        let Some(placement) = &self.slots[slot as usize].placement else {
             return;
         };
-        let Some(placement) = &mut place.placement else { return };
-        if place.state == State::Restless && place.queued && !place.building {
-            placement.world_from_object = world_from_object;
-            place.changed = frame;
-            place.due = frame + waiting_time(quiet, place.disturbances);
-            return;
-        }
         let placement = Placement {
-            world_from_object,
+            world_from_object: *world_from_object,
             ..*placement
         };
         self.observe(slot, Some(placement));
     }
 
-    /// A frame goes by. `measure` tells what merging an object would cost, and `None` where it must stay an instance.
-    pub fn advance(&mut self, measure: impl Fn(u32, &Placement) -> Option<Extent>) {
+    /// A frame goes by. `place_of` tells where the object of a slot is, and `measure` what merging it would cost, and `None` where it must
+    /// stay an instance.
+    pub fn advance(
+        &mut self,
+        place_of: impl Fn(u32) -> Option<Affine3A>,
+        measure: impl Fn(u32, &Placement) -> Option<Extent>,
+    ) {
         self.frame += 1;
         while let Some(&Reverse((due, slot))) = self.settling.peek() {
             if due > self.frame {
@@ -272,11 +284,20 @@ impl MergeScheduler {
             }
             self.settling.pop();
             let place = &mut self.slots[slot as usize];
+            let moved = &mut self.moved[slot as usize];
+            if *moved > place.changed {
+                place.changed = *moved;
+                place.due = *moved + waiting_time(self.limits.quiet_frames, place.disturbances);
+            }
             if place.placement.is_some() && place.due > self.frame {
                 self.settling.push(Reverse((place.due, slot)));
                 continue;
             }
             place.queued = false;
+            *moved = 0;
+            if let (Some(placement), Some(world_from_object)) = (&mut place.placement, place_of(slot)) {
+                placement.world_from_object = world_from_object;
+            }
             let extent = place
                 .placement
                 .as_ref()
@@ -406,8 +427,11 @@ impl MergeScheduler {
     /// Returns whether more will be merged if nothing else changes.
     pub fn is_pending(&self) -> bool {
         let still = |slot: u32| {
+            let moved = self.moved[slot as usize];
             let place = &self.slots[slot as usize];
-            place.placement.is_some() && place.changed + 1 < self.frame
+            // The frame of the last change, if there is one, without a look at the larger table.
+            let changed = if moved > 0 { moved } else { place.changed };
+            (moved > 0 || place.placement.is_some()) && changed + 1 < self.frame
         };
         !self.is_exhausted()
             && (self.building.is_some()

@@ -64,13 +64,14 @@ impl Scene {
 
     fn advance(&mut self) {
         let sizes = &self.sizes;
-        self.scheduler.advance(|slot, placement| {
+        let measure = |slot: u32, placement: &Placement| {
             let triangles = sizes[slot as usize];
             (triangles > 0).then_some(Extent {
                 triangles,
                 centre: placement.world_from_object.translation,
             })
-        });
+        };
+        self.scheduler.advance(|_| None, measure);
     }
 
     /// A frame; returns what was planned in it, which stays unfinished.
@@ -104,6 +105,40 @@ impl Scene {
     fn trees(&self) -> usize {
         self.scheduler.trees().count()
     }
+}
+
+#[test]
+fn an_object_that_moved_rests_where_it_is_by_then() {
+    let mut scheduler = MergeScheduler::new(LIMITS);
+    let extent = Extent {
+        triangles: 10,
+        centre: Vec3A::ZERO,
+    };
+    let place = |x: u64| Affine3A::from_translation(bevy::math::Vec3::new(x as f32, 0.0, 0.0));
+    scheduler.observe(0, at(0, 0.0));
+    let mut planned = None;
+    for frame in 1..5 * QUIET {
+        // It stops after a while, and nobody says so.
+        let x = frame.min(2 * QUIET);
+        if x == frame {
+            scheduler.observe_move(0, &place(x));
+        }
+        scheduler.advance(|_| Some(place(x)), |_, _| Some(extent));
+        if let Some(members) = scheduler.plan() {
+            planned = Some((frame, members[0].1.world_from_object));
+            break;
+        }
+    }
+    let (frame, found) = planned.expect("it rests");
+    assert!(
+        frame >= 3 * QUIET,
+        "planned in frame {frame}, though it moved until {}",
+        2 * QUIET
+    );
+    assert_eq!(found, place(2 * QUIET));
+    // From now on a movement takes it out of what is built.
+    scheduler.observe_move(0, &place(9));
+    assert!(scheduler.is_stale());
 }
 
 #[test]
@@ -374,7 +409,7 @@ fn micromaps_are_no_disturbance() {
     };
     let plan = |scheduler: &mut MergeScheduler, frames: u64| {
         for _ in 0..frames {
-            scheduler.advance(|_, _| Some(extent));
+            scheduler.advance(|_| None, |_, _| Some(extent));
             if let Some(members) = scheduler.plan() {
                 return Some(members[0].1.micromaps);
             }

@@ -4,8 +4,8 @@
 use crate::{
     device::ReflectionTracer,
     scene::{
-        bind_group::{SceneBindings, pack_instance},
-        bvh::{TRAVERSAL_FLAGS, owner},
+        bind_group::{Matrices, SceneBindings, pack_instance},
+        bvh::TRAVERSAL_FLAGS,
         gpu_types::{GpuInstance, INSTANCE_ALPHA_MASKED},
         instances::{InstanceSource, SceneInstances},
         masks::{MaskKey, Surroundings},
@@ -38,11 +38,14 @@ impl SceneBindings {
         let Some(source) = instances.get(slot) else {
             return false;
         };
-        let moved = self.instances.set_transform(slot, &source.world_from_object);
+        let place = &source.world_from_object;
+        let Some(matrices) = Matrices::of(place) else {
+            return false;
+        };
+        let moved = self.instances.set_matrices(slot, &matrices);
         if moved && self.tracer == ReflectionTracer::Bvh {
-            self.merge.observe_move(slot, source.world_from_object);
-            let owner = owner(slot, self.instances.flags(slot));
-            self.top_level.set_transform(slot, source.world_from_object, owner);
+            self.merge.observe_move(slot, place);
+            self.top_level.set_transform(slot, place, &matrices.object_from_world);
         }
         moved
     }

@@ -3,7 +3,7 @@
 use super::object::Object;
 use crate::scene::{
     arena::ArenaSlice,
-    bvh::{ITEM_WORDS, LinearBuilder, LinearEntry, Tlas, TlasInstance, build_tlas, opening_budget},
+    bvh::{ITEM_WORDS, LinearBuilder, LinearEntries, LinearEntry, Tlas, TlasInstance, build_tlas, opening_budget},
     meshes::SceneMeshes,
 };
 use bevy::{math::Affine3A, render::renderer::RenderQueue};
@@ -27,7 +27,7 @@ pub(super) struct Mover {
 pub(super) struct MovingTree {
     movers: Vec<Mover>,
     /// The same in the form that [`LinearBuilder`] takes.
-    entries: Vec<LinearEntry>,
+    entries: LinearEntries,
     builder: LinearBuilder,
     /// The last tree that was built with all the care there is.
     careful: Option<Tlas>,
@@ -50,20 +50,23 @@ impl MovingTree {
     /// Puts another object in the place of one.
     pub fn replace(&mut self, index: u32, mover: Mover, entry: LinearEntry) {
         self.movers[index as usize] = mover;
-        self.entries[index as usize] = entry;
+        self.entries.replace(index as usize, entry);
     }
 
     /// Moves an object. Returns false where it can't be in a tree any more.
-    pub fn set_transform(&mut self, index: u32, world_from_object: Affine3A, owner: u32, frame: u64) -> bool {
+    pub fn set_transform(
+        &mut self,
+        index: u32,
+        world_from_object: &Affine3A,
+        object_from_world: &[[f32; 4]; 3],
+        frame: u64,
+    ) -> bool {
         let mover = &mut self.movers[index as usize];
-        mover.object.world_from_object = world_from_object;
-        mover.object.owner = owner;
-        let Some(entry) = LinearEntry::new(&mover.object.instance()) else {
-            return false;
-        };
+        mover.object.world_from_object = *world_from_object;
         mover.changed = frame;
-        self.entries[index as usize] = entry;
-        true
+        let bounds = mover.object.bounds;
+        self.entries
+            .set_transform(index as usize, bounds, world_from_object, object_from_world)
     }
 
     /// Takes an object out. Returns its slot, and that of the object which has the index from now on.
@@ -71,6 +74,16 @@ impl MovingTree {
         let removed = self.movers.swap_remove(index as usize);
         self.entries.swap_remove(index as usize);
         (removed.slot, self.movers.get(index as usize).map(|mover| mover.slot))
+    }
+
+    /// Keeps the objects at these indices, which are sorted, in their order: what is updated in the order of slots is then found in the
+    /// order of the memory.
+    pub fn keep(&mut self, sorted: &[u32]) {
+        for (to, from) in (0..).zip(sorted) {
+            self.movers.swap(to, *from as usize);
+        }
+        self.movers.truncate(sorted.len());
+        self.entries.keep(sorted);
     }
 
     /// Builds the tree over the objects and over merged trees, and uploads it. Returns the tree as it is in the buffer, or `None` if
@@ -84,8 +97,10 @@ impl MovingTree {
         let tlas = if self.movers.len() <= FEW {
             self.careful.insert(build_carefully(&self.movers, merged))
         } else {
-            let own = self.entries.len();
-            self.entries.extend(merged.filter_map(|tree| LinearEntry::new(&tree)));
+            let own = self.entries.count();
+            merged
+                .filter_map(|tree| LinearEntry::new(&tree))
+                .for_each(|entry| self.entries.push(entry));
             let tlas = self.builder.build(&self.entries);
             self.entries.truncate(own);
             tlas

@@ -9,10 +9,11 @@ use crate::scene::{
     arena::ArenaSlice,
     bvh::{BvhQuality, ITEM_WORDS, Tlas, TlasInstance, build_tlas_of, opening_budget},
     meshes::SceneMeshes,
+    tree_builds,
 };
 use bevy::{
     render::renderer::RenderQueue,
-    tasks::{AsyncComputeTaskPool, Task, block_on, poll_once},
+    tasks::{Task, block_on, poll_once},
 };
 use std::sync::Arc;
 
@@ -76,7 +77,7 @@ impl StaticBuild {
         let (members, mut free, dead) = last.map_or_else(Default::default, |last| {
             (last.members.clone(), last.free.clone(), last.dead.clone())
         });
-        let task = AsyncComputeTaskPool::get().spawn(async move {
+        let task = tree_builds::spawn(async move {
             let mut members = members.as_ref().clone();
             for member in dead {
                 members[member as usize] = None;

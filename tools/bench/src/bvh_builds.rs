@@ -9,8 +9,8 @@ use bevy::{
 };
 use bevy_glint::internals::{
     bvh::{
-        Blas, BvhQuality, Counters, LinearBuilder, LinearEntry, SceneView, Tlas, TlasInstance, TraceRay, build_blas,
-        build_tlas_of, closest, opening_budget, owner,
+        Blas, BvhQuality, Counters, LinearBuilder, LinearEntries, LinearEntry, SceneView, Tlas, TlasInstance, TraceRay,
+        build_blas, build_tlas_of, closest, opening_budget, owner,
     },
     geometry::pack_mesh,
 };
@@ -137,9 +137,13 @@ fn measure_tlas_builds(csv: &mut Csv) -> Result<(), String> {
     Ok(())
 }
 
-fn entries(instances: &[TlasInstance]) -> Vec<LinearEntry> {
-    let entry = |instance: &TlasInstance| LinearEntry::new(instance);
-    instances.iter().filter_map(entry).collect()
+fn entries(instances: &[TlasInstance]) -> LinearEntries {
+    let mut entries = LinearEntries::default();
+    instances
+        .iter()
+        .filter_map(LinearEntry::new)
+        .for_each(|entry| entries.push(entry));
+    entries
 }
 
 /// Nodes of both levels that rays visit on average, from places within the scene in all directions.

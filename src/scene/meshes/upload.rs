@@ -1,0 +1,261 @@
+//! Built meshes on their way into the buffers.
+
+use super::{BuiltMesh, MeshUpload, SceneBlas, SceneMesh, SceneMeshes};
+use crate::{
+    device::ReflectionTracer,
+    scene::{arena::ArenaSlice, bvh::ITEM_WORDS},
+    status::ReflectionStatus,
+};
+use bevy::{
+    asset::AssetId,
+    ecs::prelude::*,
+    log::warn,
+    mesh::Mesh,
+    render::renderer::RenderQueue,
+    tasks::{block_on, poll_once},
+};
+use std::sync::Arc;
+
+/// Bytes of geometry and trees that are uploaded in one frame, however large a mesh is: a few milliseconds.
+const UPLOAD_BYTES_PER_FRAME: u64 = 16 << 20;
+impl SceneMeshes {
+    /// Uploads so many bytes of meshes whose build has finished, at most. Returns the builds that have finished, and how long they took.
+    fn upload(&mut self, mut bytes: u64, queue: &RenderQueue) -> (u64, f32) {
+        self.geometry.shrink(queue);
+        self.bvh.shrink(queue);
+        let (mut builds, mut milliseconds) = (0, 0.0);
+        loop {
+            bytes = self.carry_on(bytes, queue);
+            if bytes == 0 || self.uploading.is_some() {
+                break;
+            }
+            let Some((id, mut task)) = self.pending.extract_if(|_, task| task.is_finished()).next() else {
+                break;
+            };
+            match block_on(poll_once(&mut task)) {
+                Some(Ok(built)) => {
+                    builds += 1;
+                    milliseconds += built.milliseconds;
+                    if built.packed.triangle_count == 0 {
+                        self.remove(id);
+                        self.failed.insert(id);
+                    } else if !self.begin_upload(id, built) {
+                        let used = self.used_bytes();
+                        self.without_room.wait(id, used);
+                        if !core::mem::replace(&mut self.warned_full, true) {
+                            warn!(
+                                "a mesh doesn't fit into the memory that one buffer may take on this device, so it is missing \
+                                 from reflections; use fewer or smaller meshes, or keep some out with `NotReflected`"
+                            );
+                        }
+                    }
+                }
+                Some(Err(error)) => {
+                    warn!("mesh {id} is missing from reflections: {error}");
+                    self.remove(id);
+                    self.failed.insert(id);
+                }
+                None => {}
+            }
+        }
+        (builds, milliseconds)
+    }
+
+    /// Makes room for a built mesh, next to its last version if that is possible.
+    fn begin_upload(&mut self, id: AssetId<Mesh>, built: BuiltMesh) -> bool {
+        let words = built.packed.words.len() as u32;
+        let items = built.blas.as_ref().map(|blas| blas.items.len());
+        let room = self.allocate_mesh(words, items).or_else(|| {
+            self.remove(id);
+            self.allocate_mesh(words, items)
+        });
+        let Some((geometry, bvh)) = room else { return false };
+        self.uploading = Some(MeshUpload {
+            id,
+            built,
+            geometry,
+            bvh,
+            done: 0,
+        });
+        true
+    }
+
+    fn allocate_mesh(&mut self, words: u32, items: Option<usize>) -> Option<(ArenaSlice, Option<ArenaSlice>)> {
+        let geometry = self.geometry.allocate(words)?;
+        let Some(items) = items else {
+            return Some((geometry, None));
+        };
+        match self.allocate_tree(items) {
+            Some(slice) => Some((geometry, Some(slice))),
+            None => {
+                self.geometry.free(geometry);
+                None
+            }
+        }
+    }
+
+    /// Uploads so many bytes of the current mesh, at most, which rays can hit after the last of them. Returns the bytes that are left.
+    fn carry_on(&mut self, bytes: u64, queue: &RenderQueue) -> u64 {
+        let Some(mut upload) = self.uploading.take() else {
+            return bytes;
+        };
+        let geometry = upload.built.packed.words.as_slice();
+        let blas = upload.built.blas.as_ref();
+        let tree = blas.map_or(&[][..], |blas| blas.items.as_flattened().as_flattened());
+        let all = geometry.len() + tree.len();
+        let end = all.min(upload.done + (bytes / 4) as usize);
+        let of_geometry = upload.done.min(geometry.len())..end.min(geometry.len());
+        let first = of_geometry.start;
+        self.geometry
+            .write_from(queue, &upload.geometry, first, &geometry[of_geometry]);
+        if let Some(slice) = &upload.bvh {
+            let of_tree = upload.done.saturating_sub(geometry.len())..end.saturating_sub(geometry.len());
+            self.bvh.write_from(queue, slice, of_tree.start, &tree[of_tree]);
+        }
+        let left = bytes - 4 * (end - upload.done) as u64;
+        upload.done = end;
+        if end < all {
+            self.uploading = Some(upload);
+        } else {
+            self.insert(upload);
+        }
+        left
+    }
+
+    /// Rays hit a mesh from now on, whose data is in the buffers.
+    fn insert(&mut self, upload: MeshUpload) {
+        let MeshUpload {
+            id,
+            built,
+            geometry,
+            bvh,
+            ..
+        } = upload;
+        let (packed, triangles) = (built.packed, built.triangles);
+        // Of which another build may be on its way.
+        let is_stale = self.stale.contains(&id);
+        self.remove(id);
+        if is_stale {
+            self.stale.insert(id);
+        }
+        let bvh = bvh.zip(built.blas).map(|(slice, blas)| {
+            let first_node = slice.base() / ITEM_WORDS;
+            let levels = packed.deformation.as_ref().map(|_| blas.levels());
+            SceneBlas {
+                slice,
+                first_node,
+                first_triangle: first_node + blas.node_count,
+                bounds: blas.bounds,
+                top: blas.top.into(),
+                groups: blas.groups,
+                levels: levels.unwrap_or_default().into(),
+            }
+        });
+        let mesh = SceneMesh {
+            geometry,
+            bvh,
+            vertex_count: packed.vertex_count,
+            triangle_count: packed.triangle_count,
+            offsets: packed.offsets,
+            indices: if self.tracer == ReflectionTracer::RayQuery {
+                packed.indices().into()
+            } else {
+                Arc::default()
+            },
+            triangles,
+            deformation: packed.deformation,
+            version: self.next_version,
+        };
+        self.next_version += 1;
+        self.triangles += u64::from(mesh.triangle_count);
+        self.ready.insert(id, mesh);
+        self.changed.insert(id);
+    }
+}
+
+/// Uploads meshes whose build has finished.
+pub fn upload_meshes(mut meshes: ResMut<SceneMeshes>, status: Res<ReflectionStatus>, queue: Res<RenderQueue>) {
+    let meshes = &mut *meshes;
+    let (builds, milliseconds) = meshes.upload(UPLOAD_BYTES_PER_FRAME, &queue);
+    let pending = meshes.pending.len() + usize::from(meshes.uploading.is_some()) + meshes.waiting;
+    status.update(|report| {
+        report.meshes_pending = pending;
+        report.meshes = meshes.ready.len();
+        report.triangles = meshes.triangles;
+        report.blas_builds += builds;
+        report.blas_build_ms += milliseconds;
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::meshes::CopyBudget;
+    use crate::scene::test_gpu;
+    use bevy::{
+        asset::uuid::Uuid,
+        prelude::{Cuboid, Sphere},
+    };
+
+    const ID: AssetId<Mesh> = AssetId::Uuid {
+        uuid: Uuid::from_u128(1),
+    };
+
+    /// Uploads so many bytes after the build has finished.
+    fn upload(meshes: &mut SceneMeshes, bytes: u64, queue: &RenderQueue) {
+        while meshes.pending.values().any(|task| !task.is_finished()) {
+            std::thread::yield_now();
+        }
+        meshes.upload(bytes, queue);
+    }
+
+    #[test]
+    fn a_large_mesh_arrives_in_parts_and_shows_its_last_version_until_then() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let mut meshes = SceneMeshes::new(&device, ReflectionTracer::Bvh);
+        meshes.start(ID, Box::new(Mesh::from(Cuboid::default())));
+        upload(&mut meshes, u64::MAX, &queue);
+        assert_eq!(meshes.get(ID).map(|mesh| mesh.triangle_count), Some(12));
+        meshes.start(ID, Box::new(Mesh::from(Sphere::default())));
+        let mut frames = 0;
+        while meshes.get(ID).is_some_and(|mesh| mesh.triangle_count == 12) {
+            upload(&mut meshes, 4096, &queue);
+            assert!(meshes.uploading.is_some() || meshes.pending.is_empty());
+            frames += 1;
+            assert!(frames < 1000, "it never arrives");
+        }
+        let mesh = meshes.get(ID).unwrap();
+        let tree = mesh.bvh.as_ref().unwrap();
+        let bytes = 4 * u64::from(mesh.geometry.words() + tree.slice.words());
+        assert_eq!(frames, bytes.div_ceil(4096), "{bytes} bytes");
+        let words = test_gpu::read(&device, &queue, meshes.bvh.buffer());
+        let last = (tree.slice.base() + tree.slice.words()) as usize - ITEM_WORDS as usize;
+        assert!(
+            words[last..last + ITEM_WORDS as usize].iter().any(|word| *word != 0),
+            "its last triangle is there"
+        );
+        meshes.remove(ID);
+        assert_eq!(meshes.geometry.used_bytes(), 0);
+    }
+
+    #[test]
+    fn what_changes_while_it_is_built_is_built_again() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let mut meshes = SceneMeshes::new(&device, ReflectionTracer::Bvh);
+        meshes.start(ID, Box::new(Mesh::from(Cuboid::default())));
+        meshes.stale.insert(ID);
+        upload(&mut meshes, u64::MAX, &queue);
+        assert!(meshes.get(ID).is_some() && meshes.stale.contains(&ID));
+    }
+
+    #[test]
+    fn a_frame_copies_one_mesh_and_others_while_bytes_are_left() {
+        let mut budget = CopyBudget(10);
+        assert_eq!([6, 6, 1].map(|bytes| budget.take(bytes)), [true, true, false]);
+        assert!(CopyBudget::default().take(u64::MAX));
+    }
+}

@@ -1,0 +1,64 @@
+//! Places of samplers in the array that shaders choose from.
+
+use crate::device::MAX_SAMPLERS;
+use bevy::image::ImageSampler;
+
+/// Where a sampler belongs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Place {
+    /// It is there already.
+    Known(u32),
+    /// It has to be put here: behind the last one, or over one that no texture uses.
+    New(u32),
+    /// All places are taken.
+    Full,
+}
+
+/// Finds the place of a kind of sampler among those of the table. The first is shared by all images that find no place for their own, and
+/// belongs to none.
+pub(super) fn place_of<S>(
+    samplers: &[(ImageSampler, S)],
+    wanted: &ImageSampler,
+    in_use: impl Fn(u32) -> bool,
+) -> Place {
+    let known = (0..).zip(samplers).skip(1).find(|(_, (known, _))| known == wanted);
+    if let Some((index, _)) = known {
+        return Place::Known(index);
+    }
+    if samplers.len() < MAX_SAMPLERS as usize {
+        return Place::New(samplers.len() as u32);
+    }
+    (1..MAX_SAMPLERS)
+        .find(|index| !in_use(*index))
+        .map_or(Place::Full, Place::New)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bevy::image::ImageSamplerDescriptor;
+
+    fn sampler(kind: u32) -> ImageSampler {
+        ImageSampler::Descriptor(ImageSamplerDescriptor {
+            lod_max_clamp: kind as f32,
+            ..ImageSamplerDescriptor::linear()
+        })
+    }
+
+    #[test]
+    fn kinds_of_samplers_are_shared_and_places_are_used_again() {
+        let mut table = vec![(sampler(1), ())];
+        assert_eq!(
+            place_of(&table, &sampler(1), |_| true),
+            Place::New(1),
+            "the first is nobody's"
+        );
+        for kind in 1..MAX_SAMPLERS {
+            assert_eq!(place_of(&table, &sampler(kind), |_| true), Place::New(kind));
+            table.push((sampler(kind), ()));
+        }
+        assert_eq!(place_of(&table, &sampler(7), |_| false), Place::Known(7));
+        assert_eq!(place_of(&table, &sampler(99), |_| true), Place::Full);
+        assert_eq!(place_of(&table, &sampler(99), |index| index != 9), Place::New(9));
+    }
+}

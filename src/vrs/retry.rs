@@ -1,0 +1,57 @@
+//! When a pass that failed is tried again.
+
+/// Frames until then, doubled with each further failure, at most so often.
+const FRAMES: u32 = 600;
+const MOST_DOUBLINGS: u32 = 6;
+
+/// A failure may be a lack of memory that is over soon, or an error of the driver's that stays: the pass is tried again, but each time later.
+#[derive(Debug, Default)]
+pub(super) struct Retry {
+    /// Failures since the pass was last recorded.
+    failures: u32,
+    /// Frames until the next try; 0 where none is due.
+    frames: u32,
+}
+
+impl Retry {
+    /// The pass has failed.
+    pub fn fail(&mut self) {
+        self.frames = FRAMES << self.failures.min(MOST_DOUBLINGS);
+        self.failures += 1;
+    }
+
+    /// The pass was recorded.
+    pub fn succeed(&mut self) {
+        *self = Self::default();
+    }
+
+    /// A frame goes by. Returns whether the pass is to be tried again now.
+    pub fn is_due(&mut self) -> bool {
+        let was_waiting = self.frames > 0;
+        self.frames = self.frames.saturating_sub(1);
+        was_waiting && self.frames == 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frames_until_due(retry: &mut Retry) -> Option<u32> {
+        (1..=FRAMES << (MOST_DOUBLINGS + 1)).find(|_| retry.is_due())
+    }
+
+    #[test]
+    fn each_failure_is_followed_by_a_later_try() {
+        let mut retry = Retry::default();
+        assert_eq!(frames_until_due(&mut retry), None, "nothing has failed");
+        for doublings in [0, 1, 2, 3, 4, 5, 6, 6] {
+            retry.fail();
+            assert_eq!(frames_until_due(&mut retry), Some(FRAMES << doublings));
+            assert_eq!(frames_until_due(&mut retry), None, "it is tried once");
+        }
+        retry.succeed();
+        retry.fail();
+        assert_eq!(frames_until_due(&mut retry), Some(FRAMES), "it worked meanwhile");
+    }
+}
