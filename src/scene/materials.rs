@@ -9,7 +9,7 @@ use bevy::{
     ecs::{message::MessageReader, prelude::*},
     image::Image,
     mesh::UvChannel,
-    pbr::StandardMaterial,
+    pbr::{ExtendedMaterial, Material, MaterialExtension, StandardMaterial},
     platform::collections::{HashMap, HashSet},
     prelude::AlphaMode,
     render::{
@@ -21,10 +21,58 @@ use bevy::{
 };
 
 use super::{
-    activity::SceneActivity, free_slots::FreeSlots, gpu_types::*, reflected_material::ReflectedMaterial,
-    textures::TextureTable, waiting_room::WaitingRoom,
+    activity::SceneActivity, free_slots::FreeSlots, gpu_types::*, textures::TextureTable, waiting_room::WaitingRoom,
 };
 use bytemuck::bytes_of;
+
+/// What rays see of a material.
+///
+/// Rays don't run the material's own shader: they see the [`StandardMaterial`] that stands for it. Implemented for every
+/// `ExtendedMaterial<StandardMaterial, E>`, which is seen as its base. [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin) makes it work.
+///
+/// # Examples
+///
+/// ```
+/// # use bevy::{prelude::*, render::render_resource::AsBindGroup};
+/// # use bevy_glint::prelude::*;
+/// #[derive(Asset, TypePath, AsBindGroup, Clone)]
+/// struct Lava {
+///     #[uniform(0)]
+///     heat: f32,
+/// }
+///
+/// impl Material for Lava {}
+///
+/// impl ReflectedMaterial for Lava {
+///     fn reflected(&self) -> StandardMaterial {
+///         StandardMaterial {
+///             base_color: Color::BLACK,
+///             emissive: LinearRgba::rgb(self.heat, 0.2 * self.heat, 0.0),
+///             ..default()
+///         }
+///     }
+/// }
+/// ```
+pub trait ReflectedMaterial: Material {
+    /// The material that rays see. Called once for each change of the asset.
+    fn reflected(&self) -> StandardMaterial;
+}
+
+impl ReflectedMaterial for StandardMaterial {
+    fn reflected(&self) -> StandardMaterial {
+        self.clone()
+    }
+}
+
+impl<E: MaterialExtension> ReflectedMaterial for ExtendedMaterial<StandardMaterial, E> {
+    fn reflected(&self) -> StandardMaterial {
+        let mut base = self.base.clone();
+        if let Some(alpha_mode) = E::alpha_mode() {
+            base.alpha_mode = alpha_mode;
+        }
+        base
+    }
+}
 
 /// Index of the material that stands in for those that are not loaded yet: `StandardMaterial::default()`.
 pub const DEFAULT_MATERIAL: u32 = 0;

@@ -33,7 +33,8 @@ pub mod upload;
 mod waiting_room;
 
 pub use bind_group::SceneBindings;
-pub use reflected_material::{ReflectedMaterial, ReflectedMaterialPlugin};
+pub use materials::ReflectedMaterial;
+pub use reflected_material::ReflectedMaterialPlugin;
 
 use crate::{device::tracing_app, schedule::ReflectionSystems};
 use activity::{SceneActivity, extract_activity};

@@ -3,7 +3,7 @@
 use super::{
     activity::extract_activity,
     instances::{MaterialComponent, begin_extraction, drop_lost_objects, extract_instances, note_lost_materials},
-    materials::extract_materials,
+    materials::{ReflectedMaterial, extract_materials},
     meshes::extract_meshes,
     pose::extract_poses,
 };
@@ -11,60 +11,11 @@ use crate::{device::tracing_app, schedule::ReflectionSystems, settings::Reflecte
 use bevy::{
     app::{App, Plugin, SubApp},
     ecs::prelude::*,
-    pbr::{ExtendedMaterial, Material, MaterialExtension, MeshMaterial3d, StandardMaterial},
+    pbr::{Material, MeshMaterial3d},
     platform::collections::HashSet,
     render::ExtractSchedule,
 };
 use core::{any::TypeId, marker::PhantomData};
-
-/// What rays see of a material.
-///
-/// Rays don't run the material's own shader: they see the [`StandardMaterial`] that stands for it. Implemented for every
-/// `ExtendedMaterial<StandardMaterial, E>`, which is seen as its base. [`ReflectedMaterialPlugin`] makes it work.
-///
-/// # Examples
-///
-/// ```
-/// # use bevy::{prelude::*, render::render_resource::AsBindGroup};
-/// # use bevy_glint::prelude::*;
-/// #[derive(Asset, TypePath, AsBindGroup, Clone)]
-/// struct Lava {
-///     #[uniform(0)]
-///     heat: f32,
-/// }
-///
-/// impl Material for Lava {}
-///
-/// impl ReflectedMaterial for Lava {
-///     fn reflected(&self) -> StandardMaterial {
-///         StandardMaterial {
-///             base_color: Color::BLACK,
-///             emissive: LinearRgba::rgb(self.heat, 0.2 * self.heat, 0.0),
-///             ..default()
-///         }
-///     }
-/// }
-/// ```
-pub trait ReflectedMaterial: Material {
-    /// The material that rays see. Called once for each change of the asset.
-    fn reflected(&self) -> StandardMaterial;
-}
-
-impl ReflectedMaterial for StandardMaterial {
-    fn reflected(&self) -> StandardMaterial {
-        self.clone()
-    }
-}
-
-impl<E: MaterialExtension> ReflectedMaterial for ExtendedMaterial<StandardMaterial, E> {
-    fn reflected(&self) -> StandardMaterial {
-        let mut base = self.base.clone();
-        if let Some(alpha_mode) = E::alpha_mode() {
-            base.alpha_mode = alpha_mode;
-        }
-        base
-    }
-}
 
 /// Makes rays see the objects with a material of type `M`. `StandardMaterial` needs no plugin.
 ///

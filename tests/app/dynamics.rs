@@ -59,7 +59,7 @@ fn a_mirror_that_spins_is_as_sharp_as_one_that_stands() {
     let sphere = spawn_mesh(&mut app, sphere, metal(0.0), Transform::IDENTITY);
     let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
     for (index, color) in (0u8..12).zip([RED, GREEN, BLUE].into_iter().cycle()) {
-        let angle = f32::from(index) * 0.5236;
+        let angle = f32::from(index) * core::f32::consts::FRAC_PI_6;
         let place = Vec3::new(4.0 * angle.sin(), 0.5 * (f32::from(index % 4) - 1.5), 4.0 * angle.cos());
         spawn_mesh(&mut app, cube(0.8), unlit(color), Transform::from_translation(place));
     }
