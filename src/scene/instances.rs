@@ -370,6 +370,13 @@ struct Clock {
 }
 
 impl Clock {
+    fn new(this_run: Tick, last_run: Tick) -> Self {
+        Self {
+            this_run: this_run.get(),
+            since: this_run.get().wrapping_sub(last_run.get()),
+        }
+    }
+
     fn is_new(&self, tick: Tick) -> bool {
         self.this_run.wrapping_sub(tick.get()) < self.since
     }
@@ -407,13 +414,7 @@ fn update_changed<C: MaterialComponent>(instances: &mut SceneInstances, all: &Qu
             receiver,
             skin,
         ) = table;
-        let clock = Clock {
-            this_run: transforms.this_run_tick().get(),
-            since: transforms
-                .this_run_tick()
-                .get()
-                .wrapping_sub(transforms.last_run_tick().get()),
-        };
+        let clock = Clock::new(transforms.this_run_tick(), transforms.last_run_tick());
         let places = transforms.changed_ticks_slice();
         let columns = [
             Some(visibilities.changed_ticks_slice()),

@@ -196,11 +196,6 @@ impl PackedMesh {
         self.words.get(range).filter(|_| offset != 0).unwrap_or_default()
     }
 
-    /// Size in the geometry buffer.
-    pub fn byte_len(&self) -> u64 {
-        self.words.len() as u64 * 4
-    }
-
     fn array<T: bytemuck::Pod>(&self, offset: u32, count: u32) -> &[[T; 3]] {
         let start = offset as usize;
         let words = self.words.get(start..start.saturating_add(3 * count as usize));

@@ -94,7 +94,6 @@ fn layout_follows_the_header() {
     let packed = pack_mesh(&mesh).unwrap();
     assert_eq!(packed.words[..12], [4, 2, 0, 12, 24, 0, 0, 0, 30, 38, 0, 0]);
     assert_eq!(packed.words.len(), 42);
-    assert_eq!(packed.byte_len(), 168);
     assert_eq!(packed.positions(), line(4));
     assert_eq!(packed.indices(), [0, 1, 2, 3, 2, 1]);
     assert_eq!(
