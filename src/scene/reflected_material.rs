@@ -68,13 +68,14 @@ impl<M: ReflectedMaterial> Plugin for ReflectedMaterialPlugin<M> {
             // Added twice.
             return;
         }
+        let order = render_app.world().resource::<SeenMaterials>().0.len();
         render_app.add_systems(
             ExtractSchedule,
             extract_materials::<M>
                 .after(extract_activity)
                 .in_set(ReflectionSystems::ExtractScene),
         );
-        extract_objects::<MeshMaterial3d<M>>(render_app);
+        extract_objects::<MeshMaterial3d<M>>(render_app, order);
     }
 
     fn is_unique(&self) -> bool {
@@ -88,23 +89,44 @@ fn see<M: Material>(world: &mut World) -> bool {
     seen.0.insert(TypeId::of::<MeshMaterial3d<M>>())
 }
 
-/// Steps of the extraction of objects, in this order.
+/// Steps of the extraction of objects, in this order. Material types take turns in the order of their plugins, so that objects get the
+/// same slots in each run.
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum ExtractObjects {
     Begin,
     NoteLostMaterials,
+    NoteLostMaterialsOf(usize),
     Update,
+    UpdateThoseOf(usize),
     DropLost,
 }
 
-fn extract_objects<C: MaterialComponent>(render_app: &mut SubApp) {
-    render_app.add_systems(
-        ExtractSchedule,
-        (
-            note_lost_materials::<C>.in_set(ExtractObjects::NoteLostMaterials),
-            extract_instances::<C>.in_set(ExtractObjects::Update),
-        ),
-    );
+fn extract_objects<C: MaterialComponent>(render_app: &mut SubApp, order: usize) {
+    use ExtractObjects::{NoteLostMaterials, NoteLostMaterialsOf, Update, UpdateThoseOf};
+    for before in 0..order {
+        render_app.configure_sets(
+            ExtractSchedule,
+            (
+                NoteLostMaterialsOf(order).after(NoteLostMaterialsOf(before)),
+                UpdateThoseOf(order).after(UpdateThoseOf(before)),
+            ),
+        );
+    }
+    render_app
+        .configure_sets(
+            ExtractSchedule,
+            (
+                NoteLostMaterialsOf(order).in_set(NoteLostMaterials),
+                UpdateThoseOf(order).in_set(Update),
+            ),
+        )
+        .add_systems(
+            ExtractSchedule,
+            (
+                note_lost_materials::<C>.in_set(NoteLostMaterialsOf(order)),
+                extract_instances::<C>.in_set(UpdateThoseOf(order)),
+            ),
+        );
 }
 
 /// Adds the extraction of objects, and of those whose material is a stand-in.
@@ -130,5 +152,5 @@ pub(super) fn add_extraction(render_app: &mut SubApp) {
             drop_lost_objects.in_set(ExtractObjects::DropLost),
         ),
     );
-    extract_objects::<ReflectedMaterial3d>(render_app);
+    extract_objects::<ReflectedMaterial3d>(render_app, 0);
 }

@@ -291,7 +291,7 @@ fn character() {
     assert_eq!(example.report().posed_instances, 1);
     example.press(KeyCode::Space);
     let posed = example.image("posed");
-    example.assert_differs("a few steps later", &half_a_second, &posed, 0.5);
+    example.assert_differs("a few steps later", &half_a_second, &posed, 0.2);
     example.press(KeyCode::KeyP);
     // The history still holds the other pose.
     example.app.step(60);

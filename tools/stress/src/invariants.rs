@@ -13,8 +13,10 @@ use bevy_glint::{
 use core::ops::RangeInclusive;
 use half::f16;
 
-/// Range of radiance and distance.
+/// Range of radiance.
 const RADIANCE: RangeInclusive<f32> = 0.0..=60_000.0;
+/// Range of the distance to a hit, which is negative where the object moves.
+const DISTANCE: RangeInclusive<f32> = -60_000.0..=60_000.0;
 /// Range of the relative variance.
 const VARIANCE: RangeInclusive<f32> = 0.0..=16.0;
 /// Range of the number of rays that a pixel is reconstructed from, with some rounding.
@@ -23,10 +25,10 @@ const RAYS: RangeInclusive<f32> = 0.0..=16.1;
 const HISTORY: RangeInclusive<f32> = 0.0..=255.0;
 /// Ranges of the half floats of each target.
 const RANGES: [(Target, &[RangeInclusive<f32>]); 4] = [
-    (Target::RayRadiance, &[RADIANCE, RADIANCE, RADIANCE, RADIANCE]),
+    (Target::RayRadiance, &[RADIANCE, RADIANCE, RADIANCE, DISTANCE]),
     (Target::Reconstructed, &[RADIANCE, RADIANCE, RADIANCE, VARIANCE]),
     (Target::HistoryRadiance, &[RADIANCE, RADIANCE, RADIANCE, HISTORY]),
-    (Target::ReconstructedStats, &[RADIANCE, RAYS]),
+    (Target::ReconstructedStats, &[DISTANCE, RAYS]),
 ];
 /// Largest mean of an image in which nothing adds to a white sky of radiance 1.
 const WHITE: f64 = 1.05;
