@@ -1,4 +1,4 @@
-//! What cameras get where nothing can be traced.
+//! The fallback of cameras where nothing can be traced.
 
 use crate::{
     device::tracing_app,

@@ -49,7 +49,7 @@ pub struct RayTracedReflectionsPlugin {
     /// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method) is `Deferred`, and each camera that is to show such
     /// a material needs these components from the app.
     pub deferred_by_default: bool,
-    /// What cameras get on a device that can't trace. Default: [`ReflectionFallback::None`].
+    /// Reflections on a device that can't trace. Default: [`ReflectionFallback::None`].
     pub fallback: ReflectionFallback,
 }
 

@@ -78,7 +78,7 @@ impl BlasKey {
 /// Vertices of an object that has its own, in a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PosedVertices {
-    /// Of the geometry buffer, in vertices.
+    /// In the geometry buffer, counted in vertices.
     pub first_vertex: u32,
     /// Changes with each pose, and is unlike that of any other object.
     pub revision: u64,
@@ -101,7 +101,7 @@ pub struct RayQueryInstance {
 /// BLASes of all meshes in use and the TLAS over them.
 pub struct AccelerationStructures {
     blas: HashMap<BlasKey, (u64, Blas)>,
-    /// Those of objects with a pose, by slot.
+    /// Structures of objects with a pose, by slot.
     posed: HashMap<u32, PosedBlas>,
     tlas: Tlas,
     capacity: u32,

@@ -25,7 +25,7 @@ use super::{
 };
 use bytemuck::bytes_of;
 
-/// What rays see of a material.
+/// A material type that rays see.
 ///
 /// Rays don't run the material's own shader: they see the [`StandardMaterial`] that stands for it. Implemented for every
 /// `ExtendedMaterial<StandardMaterial, E>`, which is seen as its base. [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin) makes it work.
@@ -241,7 +241,7 @@ fn looks_same(a: &StandardMaterial, b: &StandardMaterial) -> bool {
         && a.cull_mode == b.cull_mode
 }
 
-/// What rays see of all loaded materials, of the types that they know.
+/// Loaded materials of all types that rays know, as rays see them.
 #[derive(Resource, Default)]
 pub struct MaterialAssets {
     materials: HashMap<UntypedAssetId, StandardMaterial>,

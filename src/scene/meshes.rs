@@ -109,7 +109,7 @@ pub struct SceneMesh {
     pub triangle_count: u32,
     /// Arrays of the packed mesh.
     pub offsets: MeshOffsets,
-    /// Of a mesh with a skin or morph targets.
+    /// Joints, weights and morph targets, if the mesh has any.
     pub deformation: Option<Deformation>,
     /// Triangle indices for building ray-query structures of flipped winding; empty with the BVH tracer.
     pub indices: Arc<[u32]>,

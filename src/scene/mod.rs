@@ -52,7 +52,7 @@ use bevy::{
 };
 use bind_group::prepare_scene_bind_group;
 use environment::{EnvironmentBindings, extract_environments, prepare_environments};
-use instances::{LostComponents, SceneInstances};
+use instances::{SceneInstances, extract::LostComponents};
 use lights::{ExtractedLights, RectLightsEnabled, detect_rect_lights, extract_lights};
 use materials::{MaterialAssets, MaterialTable, update_materials};
 use meshes::{RenderWorldMeshes, SceneMeshes, extract_meshes, keep_render_world_meshes, upload::upload_meshes};

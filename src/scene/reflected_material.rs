@@ -2,7 +2,9 @@
 
 use super::{
     activity::extract_activity,
-    instances::{MaterialComponent, begin_extraction, drop_lost_objects, extract_instances, note_lost_materials},
+    instances::extract::{
+        MaterialComponent, begin_extraction, drop_lost_objects, extract_instances, note_lost_materials,
+    },
     materials::{ReflectedMaterial, extract_materials},
     meshes::extract_meshes,
     pose::extract_poses,

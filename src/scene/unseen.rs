@@ -14,65 +14,75 @@ use bevy::{
     },
     log::warn,
     mesh::Mesh3d,
-    platform::collections::{HashMap, HashSet},
     reflect::TypeRegistry,
 };
 use core::any::TypeId;
 
 /// Every component that draws a `Mesh3d` with a material begins so.
 const MATERIAL_COMPONENT: &str = "MeshMaterial3d<";
-/// Frames in a row with unseen objects before the log tells: most scenes are spawned in several.
+/// Frames with unseen objects before the log tells: most scenes are spawned in several. More tells later, with a better number.
 const PATIENCE: u32 = 30;
 
-/// Archetypes whose entities are drawn with a material that rays don't know.
-#[derive(Default)]
-pub(super) struct UnseenArchetypes {
-    looked_at: Option<ArchetypeGeneration>,
-    /// With the name of the material type.
-    archetypes: Vec<(ArchetypeId, String)>,
-    /// What the status says.
-    counts: Vec<(String, usize)>,
-    frames: HashMap<String, u32>,
-    told: HashSet<String>,
+/// A material type that rays don't know.
+struct UnseenType {
+    name: String,
+    /// Archetypes of entities with it.
+    archetypes: Vec<ArchetypeId>,
+    objects: usize,
+    /// Frames in which there were any.
+    frames: u32,
 }
 
-impl UnseenArchetypes {
+/// Types that rays don't know, of objects that they should see.
+#[derive(Default)]
+pub(super) struct UnseenTypes {
+    looked_at: Option<ArchetypeGeneration>,
+    types: Vec<UnseenType>,
+}
+
+impl UnseenTypes {
     /// Looks at archetypes that are new since the last call.
     fn look(&mut self, archetypes: &Archetypes, unseen: impl Fn(&Archetype) -> Option<String>) {
         let before = self.looked_at.replace(archetypes.generation());
-        let new = &archetypes[before.unwrap_or_else(ArchetypeGeneration::initial)..];
-        let found = new
-            .iter()
-            .filter_map(|archetype| Some((archetype.id(), unseen(archetype)?)));
-        self.archetypes.extend(found);
-    }
-
-    /// Objects by the name of their material type.
-    fn count(&self, archetypes: &Archetypes) -> Vec<(String, usize)> {
-        let mut counts: Vec<(String, usize)> = Vec::new();
-        for (id, name) in &self.archetypes {
-            let objects = archetypes.get(*id).map_or(0, |archetype| archetype.len() as usize);
-            match counts.iter_mut().find(|(known, _)| known == name) {
-                _ if objects == 0 => {}
-                Some((_, count)) => *count += objects,
-                None => counts.push((name.clone(), objects)),
+        for archetype in &archetypes[before.unwrap_or_else(ArchetypeGeneration::initial)..] {
+            let Some(name) = unseen(archetype) else { continue };
+            match self.types.iter_mut().find(|known| known.name == name) {
+                Some(known) => known.archetypes.push(archetype.id()),
+                None => self.types.push(UnseenType {
+                    name,
+                    archetypes: vec![archetype.id()],
+                    objects: 0,
+                    frames: 0,
+                }),
             }
         }
-        counts
     }
 
-    /// Tells of each type once, when its objects have been there for a while.
-    fn tell(&mut self) {
-        for (name, count) in &self.counts {
-            let frames = self.frames.entry(name.clone()).or_default();
-            *frames += 1;
-            if *frames >= PATIENCE && self.told.insert(name.clone()) {
-                warn!(
-                    "objects of the material type `{name}` are missing from ray-traced reflections (so far {count}): add \
-                     `ReflectedMaterialPlugin::<{name}>`, give them a `ReflectedMaterial3d`, or keep them out with `NotReflected`"
-                );
+    /// Counts objects, and tells of each type once, when its objects have been there for a while. Returns whether a number has changed.
+    fn count(&mut self, archetypes: &Archetypes) -> bool {
+        let mut changed = false;
+        for unseen in &mut self.types {
+            let sizes = unseen.archetypes.iter().filter_map(|id| archetypes.get(*id));
+            let objects = sizes.map(|archetype| archetype.len() as usize).sum();
+            changed |= core::mem::replace(&mut unseen.objects, objects) != objects;
+            if objects > 0 && unseen.frames < PATIENCE {
+                unseen.frames += 1;
+                if unseen.frames == PATIENCE {
+                    let name = &unseen.name;
+                    warn!(
+                        "objects of the material type `{name}` are missing from ray-traced reflections (so far {objects}): add \
+                         `ReflectedMaterialPlugin::<{name}>`, give them a `ReflectedMaterial3d`, or keep them out with `NotReflected`"
+                    );
+                }
             }
         }
+        changed
+    }
+
+    /// Types of which there are objects, with their number.
+    fn report(&self) -> Vec<(String, usize)> {
+        let there = self.types.iter().filter(|unseen| unseen.objects > 0);
+        there.map(|unseen| (unseen.name.clone(), unseen.objects)).collect()
     }
 }
 
@@ -84,7 +94,7 @@ pub(super) fn count_unseen(
     seen: Res<SeenMaterials>,
     status: Res<ReflectionStatus>,
     reflecting: Query<(), With<RayTracedReflections>>,
-    mut unseen: Local<UnseenArchetypes>,
+    mut unseen: Local<UnseenTypes>,
 ) {
     if reflecting.is_empty() {
         return;
@@ -95,15 +105,9 @@ pub(super) fn count_unseen(
             unseen_material(archetype, components, &registry, &seen)
         });
     }
-    if unseen.archetypes.is_empty() {
-        return;
+    if unseen.count(archetypes) {
+        status.update(|report| report.unseen = unseen.report());
     }
-    let counts = unseen.count(archetypes);
-    if counts != unseen.counts {
-        status.update(|report| report.unseen.clone_from(&counts));
-        unseen.counts = counts;
-    }
-    unseen.tell();
 }
 
 /// The name of the material type of an archetype's entities, if rays can't see them.

@@ -24,7 +24,7 @@ pub enum ReflectedPose {
 
 /// How many vertices of skinned and morphed meshes are posed for reflections in one frame, at most.
 ///
-/// Where more of them have changed, the meshes that are nearest to a camera with reflections come first. Others keep their last pose
+/// If more of them have changed, the meshes that are nearest to a camera with reflections come first. Others keep their last pose
 /// and still follow their first joint; the longer they wait, the sooner it is their turn. At least one mesh is posed however many
 /// vertices it has, unless the budget is 0, which keeps all poses as they are.
 ///

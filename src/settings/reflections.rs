@@ -226,7 +226,7 @@ words!(ReflectionTracerChoice {
     Bvh = "bvh",
 });
 
-/// What cameras with [`RayTracedReflections`] get on a device that can't trace.
+/// Reflections of cameras with [`RayTracedReflections`] on a device that can't trace.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]

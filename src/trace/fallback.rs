@@ -101,7 +101,7 @@ mod tests {
         })
     }
 
-    /// What becomes of settings, and what is said.
+    /// Technique and back end that settings end with, and the message.
     fn chosen(
         mut settings: ClampedSettings,
         fragment_rays: Result<(), &'static str>,

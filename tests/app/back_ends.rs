@@ -314,7 +314,7 @@ fn compute_takes_the_place_of_missing_hardware() {
     assert_eq!(active_backend(&mut app, &viewer), None);
 }
 
-/// Where ray queries in fragment shaders would crash the driver, a compute shader traces the rays and the status says so.
+/// If ray queries in fragment shaders would crash the driver, a compute shader traces the rays and the status says so.
 #[test]
 fn compute_takes_the_place_of_fragments_that_would_crash() {
     let Some(mut app) = app(ReflectionTracerChoice::RayQuery, |_| {}) else {

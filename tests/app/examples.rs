@@ -300,7 +300,7 @@ fn character() {
     example.press(KeyCode::KeyP);
     example.app.step(60);
     let again = example.image("posed-again");
-    // Where the mirror shows the figure. Some noise is left on the floor.
+    // The part of the mirror that shows the figure. Some noise is left on the floor.
     let [change, noise] = [&rigid, &again].map(|image| difference(&posed, image, 85..107));
     println!("in its bind pose: {change:.2}, posed again: {noise:.2}");
     assert!(change > 2.0 * noise, "{change} in its bind pose, {noise} posed again");

@@ -35,7 +35,7 @@ const OTHER: f32 = 0.02;
 const SIDES: usize = 16;
 const RINGS: usize = 20;
 const LENGTH: f32 = 4.0;
-/// Where the two bones of an arm meet, half of the arm up.
+/// The place at which the two bones of an arm meet, half of the arm up.
 const ELBOW: Vec3 = Vec3::new(0.0, 0.5 * LENGTH, 0.0);
 
 /// A tube along Y, and of each vertex how far up it is.

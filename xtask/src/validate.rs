@@ -27,7 +27,7 @@ khronos_validation.duplicate_message_limit = 4
 
 /// Tests of the library that compare all ways to trace the same rays: the fragment shader, the compute shader and the raw Vulkan pass.
 const TESTS: &str = "back_ends::";
-/// What the bench renders, beside them.
+/// Techniques that the bench renders, beside them.
 const BENCH: [&str; 10] = [
     "--skip-build",
     "--scene=atrium",
@@ -97,7 +97,7 @@ fn measure(settings: &Path) -> Result<()> {
     messages.judge()
 }
 
-/// What the layer said: how often, by name and beginning.
+/// Messages of the layer: how often each came, by name and beginning.
 #[derive(Default)]
 struct Messages(BTreeMap<String, u32>);
 

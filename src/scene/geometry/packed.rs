@@ -133,7 +133,7 @@ impl fmt::Display for MeshDefects {
     }
 }
 
-/// What the bounds of a posed mesh follow from.
+/// Data from which the bounds of a posed mesh follow.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Deformation {
     /// The box around all triangles in bind pose.

@@ -132,7 +132,7 @@ impl SceneMeshes {
             ..
         } = upload;
         let (packed, triangles) = (built.packed, built.triangles);
-        // Of which another build may be on its way.
+        // Another build of it may be on its way.
         let is_stale = self.stale.contains(&id);
         self.remove(id);
         if is_stale {

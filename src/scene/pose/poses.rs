@@ -31,7 +31,7 @@ use bevy::{
     },
 };
 
-/// What following poses needs of the render world.
+/// Resources of the render world from which poses follow.
 #[derive(SystemParam)]
 pub(in crate::scene) struct PoseInputs<'w> {
     extracted: Res<'w, ExtractedPoses>,

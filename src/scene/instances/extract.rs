@@ -1,0 +1,354 @@
+//! Extraction of objects, for each component that says which material rays see.
+
+use super::{InstanceSource, SceneInstances};
+use crate::{
+    scene::activity::SceneActivity,
+    settings::{NotReflected, ReflectedMaterial3d, ReflectedMesh3d},
+};
+use bevy::{
+    asset::UntypedAssetId,
+    camera::visibility::{RenderLayers, VisibilityRange},
+    ecs::{
+        change_detection::Tick,
+        entity_disabling::Disabled,
+        lifecycle::RemovedComponents,
+        prelude::*,
+        query::{ArchetypeFilter, QueryData},
+        system::SystemParam,
+    },
+    light::{NotShadowCaster, NotShadowReceiver},
+    mesh::{Mesh3d, skinning::SkinnedMesh},
+    pbr::{Material, MeshMaterial3d},
+    platform::collections::HashSet,
+    prelude::*,
+    render::Extract,
+};
+
+/// A component that says which material rays see on an entity.
+pub trait MaterialComponent: Component {
+    /// Entities for which it does.
+    type Filter: ArchetypeFilter + 'static;
+
+    /// The material.
+    fn material(&self) -> UntypedAssetId;
+}
+
+impl<M: Material> MaterialComponent for MeshMaterial3d<M> {
+    type Filter = Without<ReflectedMaterial3d>;
+
+    fn material(&self) -> UntypedAssetId {
+        self.id().untyped()
+    }
+}
+
+impl MaterialComponent for ReflectedMaterial3d {
+    type Filter = ();
+
+    fn material(&self) -> UntypedAssetId {
+        self.id().untyped()
+    }
+}
+
+/// Entities that have a mesh for rays, and take their material from `C`.
+type IsObject<C> = (
+    Or<(With<Mesh3d>, With<ReflectedMesh3d>)>,
+    <C as MaterialComponent>::Filter,
+);
+
+/// Components of a traced entity that extraction reads.
+type InstanceQuery<C> = (
+    Entity,
+    Option<Ref<'static, Mesh3d>>,
+    Option<Ref<'static, ReflectedMesh3d>>,
+    Ref<'static, C>,
+    Ref<'static, GlobalTransform>,
+    Ref<'static, InheritedVisibility>,
+    Option<Ref<'static, RenderLayers>>,
+    Option<Ref<'static, VisibilityRange>>,
+    Option<Ref<'static, NotReflected>>,
+    Option<Ref<'static, NotShadowCaster>>,
+    Option<Ref<'static, NotShadowReceiver>>,
+    Has<SkinnedMesh>,
+);
+
+/// Values of these components.
+struct InstanceItem<'a> {
+    entity: Entity,
+    mesh: Option<&'a Mesh3d>,
+    stand_in: Option<&'a ReflectedMesh3d>,
+    material: UntypedAssetId,
+    transform: &'a GlobalTransform,
+    visibility: &'a InheritedVisibility,
+    layers: Option<&'a RenderLayers>,
+    range: Option<&'a VisibilityRange>,
+    opted_out: bool,
+    no_shadow: bool,
+    no_shadow_on_it: bool,
+    skinned: bool,
+}
+
+/// Components whose removal changes how an entity is traced, apart from those of materials.
+#[derive(SystemParam)]
+pub struct RemovedFromScene<'w, 's> {
+    meshes: RemovedComponents<'w, 's, Mesh3d>,
+    stand_ins: RemovedComponents<'w, 's, ReflectedMesh3d>,
+    visibilities: RemovedComponents<'w, 's, InheritedVisibility>,
+    layers: RemovedComponents<'w, 's, RenderLayers>,
+    ranges: RemovedComponents<'w, 's, VisibilityRange>,
+    opt_outs: RemovedComponents<'w, 's, NotReflected>,
+    casters: RemovedComponents<'w, 's, NotShadowCaster>,
+    receivers: RemovedComponents<'w, 's, NotShadowReceiver>,
+    skins: RemovedComponents<'w, 's, SkinnedMesh>,
+    disabled: RemovedComponents<'w, 's, Disabled>,
+    /// Queries that don't name `Disabled` no longer find these.
+    now_disabled: Query<'w, 's, Entity, Added<Disabled>>,
+}
+
+/// Entities that lost a component since the last frame. Those that no query finds any more are objects no longer.
+#[derive(Resource, Default)]
+pub struct LostComponents(HashSet<Entity>);
+
+/// Notes who lost something, and forgets everything where reflections are off or begin.
+pub fn begin_extraction(
+    mut removed: Extract<RemovedFromScene>,
+    activity: Res<SceneActivity>,
+    mut lost: ResMut<LostComponents>,
+    mut instances: ResMut<SceneInstances>,
+) {
+    let removed = &mut *removed;
+    lost.0.clear();
+    lost.0.extend(removed.meshes.read());
+    lost.0.extend(removed.stand_ins.read());
+    lost.0.extend(removed.visibilities.read());
+    lost.0.extend(removed.layers.read());
+    lost.0.extend(removed.ranges.read());
+    lost.0.extend(removed.opt_outs.read());
+    lost.0.extend(removed.casters.read());
+    lost.0.extend(removed.receivers.read());
+    lost.0.extend(removed.skins.read());
+    lost.0.extend(removed.disabled.read());
+    lost.0.extend(&removed.now_disabled);
+    if (!activity.active || activity.started) && !instances.is_empty() {
+        instances.clear();
+    }
+}
+
+/// Notes who lost a material. Runs for all types of materials before any object is looked at, since another may have taken its place.
+pub fn note_lost_materials<C: MaterialComponent>(
+    mut removed: Extract<RemovedComponents<C>>,
+    mut lost: ResMut<LostComponents>,
+) {
+    lost.0.extend(removed.read());
+}
+
+/// Mirrors objects whose material comes from `C`: what changed, or everything after reflections were off.
+pub fn extract_instances<C: MaterialComponent>(
+    all: Extract<Query<InstanceQuery<C>, IsObject<C>>>,
+    activity: Res<SceneActivity>,
+    mut lost: ResMut<LostComponents>,
+    mut instances: ResMut<SceneInstances>,
+) {
+    if !activity.active {
+        return;
+    }
+    if activity.started {
+        for item in &all {
+            update(&mut instances, item);
+        }
+        return;
+    }
+    lost.0.retain(|entity| match all.get(*entity) {
+        Ok(item) => {
+            update(&mut instances, item);
+            false
+        }
+        Err(_) => true,
+    });
+    update_changed(&mut instances, &all);
+}
+
+/// Forgets the objects that no query has found.
+pub fn drop_lost_objects(mut lost: ResMut<LostComponents>, mut instances: ResMut<SceneInstances>) {
+    for entity in lost.0.drain() {
+        instances.remove(entity);
+    }
+}
+
+/// Entities whose ticks are looked at together. Most worlds are static for the most part, and blocks without a change cost little.
+const BLOCK: usize = 128;
+
+/// Tells which changes came after the last run.
+#[derive(Clone, Copy)]
+struct Clock {
+    this_run: u32,
+    /// Ticks since the last run.
+    since: u32,
+}
+
+impl Clock {
+    fn new(this_run: Tick, last_run: Tick) -> Self {
+        Self {
+            this_run: this_run.get(),
+            since: this_run.get().wrapping_sub(last_run.get()),
+        }
+    }
+
+    fn is_new(&self, tick: Tick) -> bool {
+        self.this_run.wrapping_sub(tick.get()) < self.since
+    }
+
+    /// Without branches, so that many are compared at a time.
+    fn any_is_new(&self, ticks: &[Tick]) -> bool {
+        ticks.iter().fold(0, |any, tick| any | u32::from(self.is_new(*tick))) != 0
+    }
+}
+
+/// Mirrors entities of which a component has changed. Queries with filters for changes take ten times as long in large worlds, since they
+/// ask for each entity and component in turn.
+fn update_changed<C: MaterialComponent>(instances: &mut SceneInstances, all: &Query<InstanceQuery<C>, IsObject<C>>) {
+    let Ok(tables) = all.contiguous_iter() else {
+        // All of these components are stored in tables, unless a future version of Bevy stores one elsewhere.
+        for item in all {
+            if is_changed(&item) {
+                update(instances, item);
+            }
+        }
+        return;
+    };
+    for table in tables {
+        let (
+            entities,
+            meshes,
+            stand_ins,
+            materials,
+            transforms,
+            visibilities,
+            layers,
+            ranges,
+            out,
+            caster,
+            receiver,
+            skin,
+        ) = table;
+        let clock = Clock::new(transforms.this_run_tick(), transforms.last_run_tick());
+        let places = transforms.changed_ticks_slice();
+        let columns = [
+            Some(visibilities.changed_ticks_slice()),
+            Some(materials.changed_ticks_slice()),
+            meshes.as_ref().map(|meshes| meshes.changed_ticks_slice()),
+            stand_ins.as_ref().map(|stand_ins| stand_ins.changed_ticks_slice()),
+            layers.as_ref().map(|layers| layers.changed_ticks_slice()),
+            ranges.as_ref().map(|ranges| ranges.changed_ticks_slice()),
+            out.as_ref().map(|out| out.changed_ticks_slice()),
+            caster.as_ref().map(|caster| caster.changed_ticks_slice()),
+            receiver.as_ref().map(|receiver| receiver.changed_ticks_slice()),
+        ];
+        for begin in (0..entities.len()).step_by(BLOCK) {
+            let rows = begin..(begin + BLOCK).min(entities.len());
+            let mut ticks = columns.iter().flatten().filter_map(|ticks| ticks.get(rows.clone()));
+            let is_changed = ticks.any(|ticks| clock.any_is_new(ticks));
+            if !is_changed && !clock.any_is_new(&places[rows.clone()]) {
+                continue;
+            }
+            for row in rows {
+                let is_changed = is_changed
+                    && columns
+                        .iter()
+                        .flatten()
+                        .any(|ticks| ticks.get(row).is_some_and(|tick| clock.is_new(*tick)));
+                if !is_changed {
+                    // Joints place a skinned mesh.
+                    let is_placed = skin && stand_ins.is_none();
+                    if !is_placed && clock.is_new(places[row]) {
+                        instances.set_place(entities[row], transforms[row].affine());
+                    }
+                    continue;
+                }
+                update_item(
+                    instances,
+                    &InstanceItem {
+                        entity: entities[row],
+                        mesh: meshes.as_ref().map(|meshes| &meshes[row]),
+                        stand_in: stand_ins.as_ref().map(|stand_ins| &stand_ins[row]),
+                        material: materials[row].material(),
+                        transform: &transforms[row],
+                        visibility: &visibilities[row],
+                        layers: layers.as_ref().map(|layers| &layers[row]),
+                        range: ranges.as_ref().map(|ranges| &ranges[row]),
+                        opted_out: out.is_some(),
+                        no_shadow: caster.is_some(),
+                        no_shadow_on_it: receiver.is_some(),
+                        skinned: skin,
+                    },
+                );
+            }
+        }
+    }
+}
+
+type Item<'w, 's, C> = <InstanceQuery<C> as QueryData>::Item<'w, 's>;
+
+fn is_changed<C: MaterialComponent>(item: &Item<C>) -> bool {
+    let (_, mesh, stand_in, material, transform, visibility, layers, range, out, caster, receiver, ..) = item;
+    material.is_changed()
+        || transform.is_changed()
+        || visibility.is_changed()
+        || mesh.as_ref().is_some_and(Ref::is_changed)
+        || stand_in.as_ref().is_some_and(Ref::is_changed)
+        || layers.as_ref().is_some_and(Ref::is_changed)
+        || range.as_ref().is_some_and(Ref::is_changed)
+        || out.as_ref().is_some_and(Ref::is_changed)
+        || caster.as_ref().is_some_and(Ref::is_changed)
+        || receiver.as_ref().is_some_and(Ref::is_changed)
+}
+
+fn update<C: MaterialComponent>(instances: &mut SceneInstances, item: Item<C>) {
+    let (entity, mesh, stand_in, material, transform, visibility, layers, range, out, caster, receiver, skinned) = item;
+    update_item(
+        instances,
+        &InstanceItem {
+            entity,
+            mesh: mesh.as_deref(),
+            stand_in: stand_in.as_deref(),
+            material: material.material(),
+            transform: &transform,
+            visibility: &visibility,
+            layers: layers.as_deref(),
+            range: range.as_deref(),
+            opted_out: out.is_some(),
+            no_shadow: caster.is_some(),
+            no_shadow_on_it: receiver.is_some(),
+            skinned,
+        },
+    );
+}
+
+fn update_item(instances: &mut SceneInstances, item: &InstanceItem) {
+    // Reflections show what an ordinary camera shows: the default layer. Of levels of detail the nearest stands for all.
+    let on_default_layer = item
+        .layers
+        .is_none_or(|layers| layers.intersects(&RenderLayers::default()));
+    let nearest_detail = item.range.is_none_or(|range| range.start_margin.start <= 0.0);
+    let mesh = item
+        .stand_in
+        .map(|stand_in| stand_in.id())
+        .or_else(|| item.mesh.map(|mesh| mesh.id()));
+    let shown = !item.opted_out && item.visibility.get() && on_default_layer && nearest_detail;
+    let Some(mesh) = mesh.filter(|_| shown) else {
+        instances.remove(item.entity);
+        return;
+    };
+    let own = item.transform.affine();
+    // Joints place a skinned mesh, which `pose/extract.rs` follows; a stand-in has none.
+    let skinned = item.skinned && item.stand_in.is_none();
+    let before = instances.find(item.entity).filter(|_| skinned);
+    let world_from_object = before.map_or(own, |(_, source)| source.world_from_object);
+    instances.set(InstanceSource {
+        entity: item.entity,
+        mesh,
+        material: item.material,
+        world_from_object,
+        casts_shadow: !item.no_shadow,
+        receives_shadow: !item.no_shadow_on_it,
+    });
+}
