@@ -9,6 +9,7 @@ mod alpha_images;
 pub mod arena;
 mod bind_group;
 pub mod bvh;
+mod change;
 pub mod environment;
 mod free_slots;
 pub mod geometry;
@@ -77,6 +78,7 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "geometry.wesl");
         load_shader_library!(app, "lights.wesl");
         load_shader_library!(app, "material.wesl");
+        load_shader_library!(app, "change.wesl");
         load_shader_library!(app, "offset.wesl");
         load_shader_library!(app, "opacity.wesl");
         load_shader_library!(app, "pose/job.wesl");

@@ -31,5 +31,6 @@ mod quality;
 mod reflect;
 mod robustness;
 mod see_through;
+mod static_views;
 mod toggle;
 mod worlds;
