@@ -7,7 +7,6 @@
 //! their hits. All times on the GPU come from its own clock.
 
 mod arguments;
-mod arrivals;
 mod bvh_builds;
 mod kernels;
 mod machine;
@@ -17,14 +16,10 @@ mod table;
 mod worlds;
 
 use arguments::Arguments;
-use bevy_glint::ReflectionTracerChoice;
 use clap::Parser;
 use machine::Machine;
 use std::process::ExitCode;
 use table::Csv;
-
-/// Rounds of arrivals, which take long.
-const MOST_ARRIVALS: u32 = 4;
 
 fn main() -> ExitCode {
     match run(&Arguments::parse()) {
@@ -44,13 +39,6 @@ fn run(arguments: &Arguments) -> Result<(), String> {
         worlds::measure(
             &arguments.tracers(),
             arguments.rounds,
-            arguments.only.as_deref(),
-            &mut csv,
-        )?;
-        // The driver's own builds of ray queries run on the GPU, which pictures wait for anyway.
-        arrivals::measure(
-            ReflectionTracerChoice::Bvh,
-            arguments.rounds.min(MOST_ARRIVALS),
             arguments.only.as_deref(),
             &mut csv,
         )?;
