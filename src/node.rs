@@ -83,9 +83,10 @@ fn ray_traced_reflections(
             span.end(ctx.command_encoder());
         }
     }
+    let mut watches = false;
     if !culled {
         let span = stages.time_span(ctx.command_encoder(), "trace");
-        trace_rays(&mut ctx, trace, &context, &mut vrs);
+        watches = trace_rays(&mut ctx, trace, &context, &mut vrs);
         span.end(ctx.command_encoder());
         denoise(&mut ctx, denoisers, &context, stages);
         let span = stages.time_span(ctx.command_encoder(), "composite");
@@ -95,7 +96,12 @@ fn ray_traced_reflections(
         span.end(ctx.command_encoder());
     }
     if probes {
-        culling.report(ctx.command_encoder(), &targets.indirect_args);
+        culling.report(
+            ctx.command_encoder(),
+            &targets.indirect_args,
+            &targets.counters,
+            watches,
+        );
     }
     total.end(ctx.command_encoder());
     if probes {

@@ -21,6 +21,8 @@ pub(crate) const TILE_COUNT: u64 = 14;
 pub(crate) const COUNTER_WORDS: u64 = 8;
 /// Word with the number of rays that hit something.
 pub(crate) const HIT_COUNT: u64 = 0;
+/// Word with the number of rays that met what has changed lately.
+pub(crate) const CHANGE_COUNT: u64 = 1;
 
 /// Byte offset of a word.
 pub(crate) const fn word_offset(word: u64) -> u64 {
@@ -45,6 +47,7 @@ mod tests {
             ("TILE_COUNT", TILE_COUNT),
             ("COUNTER_WORDS", COUNTER_WORDS),
             ("HIT_COUNT", HIT_COUNT),
+            ("CHANGE_COUNT", CHANGE_COUNT),
         ] {
             let line = format!("const {name}: u32 = {word}u;");
             assert!(shader.contains(&line), "{line}");

@@ -7,6 +7,7 @@ use super::{
     acceleration::AccelerationStructures,
     activity::SceneActivity,
     bvh::Item,
+    change::{Change, SceneVersion},
     gpu_types::{GpuInstance, GpuLight, GpuMaterial, GpuSceneCounts},
     masks::MaskSets,
     merge::StaticMerge,
@@ -31,6 +32,9 @@ use core::num::NonZeroU64;
 use instance_table::InstanceTable;
 
 pub(super) use instance_table::{Matrices, pack_instance};
+
+/// Place of the textures among the generations.
+const TEXTURES: usize = 5;
 
 /// The scene's buffers and bind group (group 1 of `bindings.wesl`).
 #[derive(Resource)]
@@ -58,8 +62,8 @@ pub struct SceneBindings {
     /// The scene's trees need a larger stack than usual.
     deep: bool,
     defs_version: u32,
-    /// Counts changes that rays can see.
-    pub(crate) version: u32,
+    /// Counts changes.
+    pub(crate) version: SceneVersion,
     /// Generations of the resources that the bind group was created from.
     generations: [u64; 7],
 }
@@ -95,7 +99,7 @@ impl FromWorld for SceneBindings {
             masked: true,
             deep: false,
             defs_version: 0,
-            version: 0,
+            version: SceneVersion::default(),
             generations: [u64::MAX; 7],
         }
     }
@@ -133,11 +137,6 @@ impl SceneBindings {
     /// Returns whether the scene has more lights than a hit has bits for: `SHARED_LIGHTS` of `shading.wesl`.
     pub(crate) fn has_many_lights(&self) -> bool {
         self.lights.count() > 64
-    }
-
-    /// Notes a change that rays can see.
-    pub(super) fn note_change(&mut self) {
-        self.version = self.version.wrapping_add(1);
     }
 
     /// Gives back what an idle scene doesn't need.
@@ -242,8 +241,11 @@ pub(super) fn prepare_scene_bind_group(
         resource: resources.samplers(),
     });
     if !current {
+        // Other buffers hold what the last ones held, but for changes that are noted already. Images have their contents alone.
+        if bindings.bind_group.is_none() || generations[TEXTURES] != bindings.generations[TEXTURES] {
+            bindings.version.note(Change::Unmarked);
+        }
         bindings.generations = generations;
-        bindings.version = bindings.version.wrapping_add(1);
         let layout = cache.get_bind_group_layout(&bindings.layout);
         bindings.bind_group = Some(device.create_bind_group("glint_scene", &layout, &entries));
     }

@@ -19,6 +19,8 @@ pub const INSTANCE_CASTS_SHADOW: u32 = 16;
 pub const INSTANCE_RECEIVES_SHADOW: u32 = 32;
 /// The instance has moved since the last frame.
 pub const INSTANCE_MOVING: u32 = 64;
+/// The instance has moved lately.
+pub const INSTANCE_RESTLESS: u32 = 128;
 
 /// The material is not lit.
 pub const MATERIAL_UNLIT: u32 = 1;
@@ -34,6 +36,8 @@ pub const MATERIAL_METALLIC_ROUGHNESS_RG: u32 = 16;
 pub const MATERIAL_UV1_SHIFT: u32 = 16;
 /// Alpha of the base-colour texture means nothing.
 pub const MATERIAL_SOLID_TEXTURE: u32 = 32;
+/// The material has changed lately.
+pub const MATERIAL_RESTLESS: u32 = 64;
 
 /// Slot of [`GpuMaterial::textures`].
 pub const TEXTURE_BASE_COLOR: usize = 0;
@@ -56,6 +60,8 @@ pub const LIGHT_SPOT: u32 = 2;
 pub const LIGHT_RECT: u32 = 3;
 /// Flag of [`GpuLight`].
 pub const LIGHT_CASTS_SHADOW: u32 = 1;
+/// Flag of [`GpuLight`]: it has changed lately.
+pub const LIGHT_RESTLESS: u32 = 2;
 
 /// One object that rays can hit. Matrices are rows of 3x4.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -129,7 +135,7 @@ pub struct GpuLight {
     pub radius: f32,
     /// Spot: scale and offset of the cone's falloff. Rectangles: half width and half height.
     pub spot: [f32; 2],
-    /// [`LIGHT_CASTS_SHADOW`].
+    /// [`LIGHT_CASTS_SHADOW`] and [`LIGHT_RESTLESS`].
     pub flags: u32,
     /// Point and spot lights: what is nearer to the light than this casts no shadow, in metres.
     pub shadow_near: f32,

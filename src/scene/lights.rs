@@ -15,7 +15,11 @@ use bevy::{
     transform::components::GlobalTransform,
 };
 
-use super::{activity::SceneActivity, gpu_types::*};
+use super::{
+    activity::SceneActivity,
+    change::{Change, RESTLESS_FRAMES},
+    gpu_types::*,
+};
 
 /// Most lights in hit shading; `shading.wesl` has the same number.
 pub const MAX_LIGHTS: usize = 256;
@@ -25,8 +29,12 @@ pub const MAX_LIGHTS: usize = 256;
 pub struct ExtractedLights {
     /// Directional lights first, then points, spots and rectangles; at most [`MAX_LIGHTS`], the strongest.
     pub lights: Vec<GpuLight>,
-    /// `true` if `lights` differs from the last frame.
+    /// `true` if `lights` differs from the last frame, if only in marks.
     pub changed: bool,
+    /// How it differs.
+    pub(super) change: Change,
+    /// By light, the frames for which it stays marked.
+    restless: Vec<u32>,
 }
 
 /// `true` if Bevy's shaders apply rectangle lights, which they do only with Bevy's cargo feature `area_light_luts`.
@@ -163,11 +171,16 @@ pub fn extract_lights(
     mut extracted: ResMut<ExtractedLights>,
     mut previous: Local<Vec<GpuLight>>,
 ) {
-    let lights = &mut extracted.lights;
+    let ExtractedLights {
+        lights,
+        changed,
+        change,
+        restless,
+    } = &mut *extracted;
     std::mem::swap(lights, &mut *previous);
     lights.clear();
     if activity.is_some_and(|activity| !activity.active) {
-        extracted.changed = !previous.is_empty();
+        *changed = !previous.is_empty();
         previous.clear();
         return;
     }
@@ -194,7 +207,39 @@ pub fn extract_lights(
         );
         keep_strongest(lights);
     }
-    extracted.changed = extracted.lights != *previous;
+    *change = mark_changes(lights, &previous, restless);
+    *changed = lights != &*previous;
+}
+
+/// Marks the lights that are others than in the last frame, when they may have had marks, or were so lately.
+fn mark_changes(lights: &mut [GpuLight], previous: &[GpuLight], restless: &mut Vec<u32>) -> Change {
+    if lights.len() != previous.len() {
+        restless.clear();
+        return Change::Unmarked;
+    }
+    restless.resize(lights.len(), 0);
+    let mut change = Change::Nothing;
+    for ((light, previous), restless) in lights.iter_mut().zip(previous).zip(restless) {
+        let previous = GpuLight {
+            flags: previous.flags & !LIGHT_RESTLESS,
+            ..*previous
+        };
+        if *light != previous {
+            let in_its_color = GpuLight {
+                color: light.color,
+                ..previous
+            };
+            // One that begins to move may no longer shine where it did.
+            let is_marked = *restless > 0 || *light == in_its_color;
+            change = change.max(if is_marked { Change::Marked } else { Change::Unmarked });
+            *restless = RESTLESS_FRAMES;
+        }
+        if *restless > 0 {
+            *restless -= 1;
+            light.flags |= LIGHT_RESTLESS;
+        }
+    }
+    change
 }
 
 /// Keeps directional lights and the strongest of the others, in their order: a light that comes or goes changes one other at most.

@@ -21,7 +21,12 @@ use bevy::{
 };
 
 use super::{
-    activity::SceneActivity, free_slots::FreeSlots, gpu_types::*, textures::TextureTable, waiting_room::WaitingRoom,
+    activity::SceneActivity,
+    change::{Change, RESTLESS_FRAMES},
+    free_slots::FreeSlots,
+    gpu_types::*,
+    textures::TextureTable,
+    waiting_room::WaitingRoom,
 };
 use bytemuck::bytes_of;
 
@@ -241,6 +246,20 @@ fn looks_same(a: &StandardMaterial, b: &StandardMaterial) -> bool {
         && a.cull_mode == b.cull_mode
 }
 
+/// Returns whether materials differ in colours and the like alone, so that rays meet one where they met the other.
+fn hits_same(a: &GpuMaterial, b: &GpuMaterial) -> bool {
+    let [red, green, blue, _] = a.base_color;
+    let with_colors_of_a = GpuMaterial {
+        base_color: [red, green, blue, b.base_color[3]],
+        emissive: a.emissive,
+        metallic: a.metallic,
+        perceptual_roughness: a.perceptual_roughness,
+        reflectance: a.reflectance,
+        ..*b
+    };
+    bytes_of(&with_colors_of_a) == bytes_of(a)
+}
+
 /// Loaded materials of all types that rays know, as rays see them.
 #[derive(Resource, Default)]
 pub struct MaterialAssets {
@@ -330,6 +349,10 @@ pub struct MaterialTable {
     /// Materials whose images found no place in the table of textures.
     without_room: WaitingRoom<u32>,
     dirty: Range<usize>,
+    /// The greatest change since it was asked for last.
+    change: Change,
+    /// Materials that are marked as changed, and the frames for which they stay so.
+    restless: HashMap<u32, u32>,
 }
 
 impl Default for MaterialTable {
@@ -345,6 +368,8 @@ impl Default for MaterialTable {
             waiting: HashSet::default(),
             without_room: WaitingRoom::default(),
             dirty: 0..1,
+            change: Change::Unmarked,
+            restless: HashMap::default(),
         }
     }
 }
@@ -397,13 +422,48 @@ impl MaterialTable {
     }
 
     fn write(&mut self, index: u32, material: GpuMaterial) {
-        let index = index as usize;
+        let data = &mut self.data[index as usize];
+        let before = GpuMaterial {
+            flags: data.flags & !MATERIAL_RESTLESS,
+            ..*data
+        };
         // A material whose image never arrives is packed in each frame; only a difference may end the rest of static views.
-        if bytes_of(&self.data[index]) == bytes_of(&material) {
+        if bytes_of(&before) == bytes_of(&material) {
             return;
         }
-        self.data[index] = material;
+        *data = material;
+        if hits_same(&before, &material) {
+            data.flags |= MATERIAL_RESTLESS;
+            self.restless.insert(index, RESTLESS_FRAMES);
+            self.change = self.change.max(Change::Marked);
+        } else {
+            self.change = Change::Unmarked;
+        }
+        let index = index as usize;
         self.dirty = self.dirty.start.min(index)..self.dirty.end.max(index + 1);
+    }
+
+    /// A frame goes by: takes marks from materials that have been the same for a while.
+    fn settle(&mut self) {
+        let Self {
+            restless, data, dirty, ..
+        } = self;
+        restless.retain(|index, frames| {
+            *frames -= 1;
+            if *frames == 0
+                && let Some(data) = data.get_mut(*index as usize)
+            {
+                data.flags &= !MATERIAL_RESTLESS;
+                let index = *index as usize;
+                *dirty = dirty.start.min(index)..dirty.end.max(index + 1);
+            }
+            *frames > 0
+        });
+    }
+
+    /// The greatest change since the last call.
+    pub(super) fn take_change(&mut self) -> Change {
+        std::mem::replace(&mut self.change, Change::Nothing)
     }
 
     fn remove(&mut self, id: UntypedAssetId, textures: &mut TextureTable) {
@@ -478,6 +538,7 @@ pub fn update_materials(
     images: Res<RenderAssets<GpuImage>>,
 ) {
     let (table, textures) = (&mut *table, &mut *textures);
+    table.settle();
     for id in std::mem::take(&mut assets.removed) {
         // The same id may be back already.
         if assets.get(id).is_none() {

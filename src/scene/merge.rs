@@ -320,8 +320,8 @@ fn start(members: &[(u32, Placement)], masks: &MaskSets, meshes: &SceneMeshes) -
         let sources: Vec<MergeSource> = objects
             .iter()
             .map(|(mesh, micromaps, slot, placement)| MergeSource {
-                positions: &mesh.positions,
-                indices: &mesh.indices,
+                positions: mesh.positions(),
+                indices: mesh.indices(),
                 world_from_object: placement.world_from_object,
                 instance: *slot,
                 flags: placement.flags,

@@ -1,11 +1,13 @@
 //! From mesh assets to packed geometry and acceleration structures, built off the main thread.
 
+pub(super) mod kept;
+mod triangles;
 pub(super) mod upload;
 
 use super::{
     activity::SceneActivity,
     arena::{Arena, ArenaSlice},
-    bvh::{Blas, Bounds, BvhQuality, ITEM_WORDS, Item, MaskSource, TopNode, build_blas, build_posable_blas},
+    bvh::{Blas, Bounds, BvhQuality, ITEM_WORDS, Item, TopNode, build_blas, build_posable_blas},
     geometry::{BASE_ALIGNMENT, Deformation, GeometryError, MeshOffsets, PackedMesh, pack_mesh},
     instances::SceneInstances,
     tree_builds,
@@ -15,7 +17,6 @@ use crate::device::{ChosenTracer, ReflectionTracer};
 use bevy::{
     asset::{AssetEvent, AssetId, Assets, RenderAssetUsages},
     ecs::prelude::*,
-    math::Affine2,
     mesh::Mesh,
     platform::{
         collections::{HashMap, HashSet},
@@ -23,14 +24,15 @@ use bevy::{
     },
     render::{
         Extract,
-        mesh::RenderMesh,
-        render_asset::ExtractedAssets,
         render_resource::BufferUsages,
         renderer::{RenderDevice, RenderQueue},
     },
     tasks::Task,
 };
+use kept::{Found, RenderWorldMeshes};
 use std::sync::Arc;
+
+pub use triangles::MeshTriangles;
 
 /// Bytes of mesh assets that are copied in one frame, while the main world waits; the first is always copied.
 const COPIED_BYTES_PER_FRAME: u64 = 8 << 20;
@@ -41,9 +43,17 @@ pub(super) const CHUNK_TRIANGLES: u64 = 1 << 20;
 /// Items of a node that joins two trees, and of the roots of these.
 const ROOT_ITEMS: u32 = 3;
 
+/// What a mesh is built from.
+enum MeshSource {
+    /// A copy of the asset.
+    Copy(Box<Mesh>),
+    /// Data that are kept after the build, too.
+    Kept(Arc<PackedMesh>),
+}
+
 /// Result of a build task.
 pub struct BuiltMesh {
-    packed: PackedMesh,
+    packed: Arc<PackedMesh>,
     /// Only for the BVH tracer.
     blas: Option<Blas>,
     /// Only for the BVH tracer.
@@ -60,41 +70,6 @@ struct MeshUpload {
     bvh: Option<ArenaSlice>,
     /// Words of the geometry, and behind them of the tree, that are uploaded.
     done: usize,
-}
-
-/// Mesh data that merged trees and masks copy. It stays in main memory: 12 bytes for each vertex and 12 for each triangle, 8
-/// more for each vertex with UV coordinates, and 4 with colours. Micromaps take 16 for each triangle.
-pub struct MeshTriangles {
-    /// Object space; empty where the mesh is too large to be merged.
-    pub positions: Box<[[f32; 3]]>,
-    /// Three per triangle.
-    pub indices: Box<[u32]>,
-    uvs: [Box<[[f32; 2]]>; 2],
-    colors: Box<[u32]>,
-}
-
-impl MeshTriangles {
-    fn new(packed: &PackedMesh) -> Self {
-        let mergeable = u64::from(packed.triangle_count) <= CHUNK_TRIANGLES;
-        Self {
-            positions: packed.positions().iter().copied().filter(|_| mergeable).collect(),
-            indices: packed.indices().into(),
-            uvs: [0, 1].map(|set| packed.uvs(set).into()),
-            colors: packed.colors().into(),
-        }
-    }
-
-    /// Returns the data that masks are made of. The second set of UV coordinates is used only if the mesh has one, and is not
-    /// transformed.
-    pub(super) fn mask_source(&self, second_uvs: bool, uv_transform: Affine2) -> MaskSource<'_> {
-        let is_second = second_uvs && !self.uvs[1].is_empty();
-        MaskSource {
-            indices: &self.indices,
-            uvs: &self.uvs[usize::from(is_second)],
-            uv_transform: if is_second { Affine2::IDENTITY } else { uv_transform },
-            colors: &self.colors,
-        }
-    }
 }
 
 /// A mesh that rays can hit.
@@ -172,10 +147,6 @@ pub struct SceneMeshes {
     warned_full: bool,
 }
 
-/// Packed meshes whose source data exists in the render world alone: kept, since it can't be read twice.
-#[derive(Resource, Default)]
-pub struct RenderWorldMeshes(HashMap<AssetId<Mesh>, Arc<Mesh>>);
-
 impl FromWorld for SceneMeshes {
     fn from_world(world: &mut World) -> Self {
         Self::new(world.resource::<RenderDevice>(), world.resource::<ChosenTracer>().0)
@@ -245,33 +216,42 @@ impl SceneMeshes {
     fn start_from(
         &mut self,
         id: AssetId<Mesh>,
-        kept: &RenderWorldMeshes,
+        kept: &mut RenderWorldMeshes,
         assets: &Assets<Mesh>,
         budget: &mut CopyBudget,
     ) -> bool {
         let readable = assets.get(id).filter(|mesh| is_readable(mesh));
-        let kept = kept.0.get(&id);
-        let traced = readable.or(kept.map(|mesh| &**mesh)).map(|mesh| mesh.enable_raytracing);
-        if traced == Some(false) {
-            self.remove(id);
-            self.failed.insert(id);
-        } else if let Some(mesh) = readable {
-            if !budget.take(bytes_of(mesh)) {
-                return false;
+        let found = match readable {
+            Some(mesh) if mesh.enable_raytracing => {
+                if !budget.take(bytes_of(mesh)) {
+                    return false;
+                }
+                self.start(id, MeshSource::Copy(Box::new(mesh.clone())));
+                return true;
             }
-            self.start(id, Box::new(mesh.clone()));
-        } else if let Some(mesh) = kept {
-            self.start(id, mesh.clone());
+            Some(_) => Found::Unseen,
+            None => kept.find(id),
+        };
+        match found {
+            Found::Packed(packed) => self.start(id, MeshSource::Kept(packed)),
+            Found::Unseen => {
+                self.remove(id);
+                self.failed.insert(id);
+            }
+            Found::Later => return false,
+            Found::Nowhere => {}
         }
         true
     }
 
-    fn start(&mut self, id: AssetId<Mesh>, mesh: impl core::ops::Deref<Target = Mesh> + Send + 'static) {
+    fn start(&mut self, id: AssetId<Mesh>, source: MeshSource) {
         let with_bvh = self.tracer == ReflectionTracer::Bvh;
         let task = tree_builds::spawn(async move {
             let begin = Instant::now();
-            let packed = pack_mesh(&mesh)?;
-            drop(mesh);
+            let (packed, is_kept) = match source {
+                MeshSource::Copy(mesh) => (Arc::new(pack_mesh(&mesh)?), false),
+                MeshSource::Kept(packed) => (packed, true),
+            };
             let build = match &packed.deformation {
                 Some(_) => build_posable_blas,
                 None => build_blas,
@@ -279,7 +259,13 @@ impl SceneMeshes {
             let blas = with_bvh
                 .then(|| build(packed.positions(), packed.indices(), BvhQuality::default()))
                 .flatten();
-            let triangles = blas.is_some().then(|| Arc::new(MeshTriangles::new(&packed)));
+            let triangles = blas.is_some().then(|| {
+                Arc::new(if is_kept {
+                    MeshTriangles::shared(packed.clone())
+                } else {
+                    MeshTriangles::copied(&packed)
+                })
+            });
             let milliseconds = begin.elapsed().as_secs_f32() * 1000.0;
             Ok(BuiltMesh {
                 packed,
@@ -406,7 +392,7 @@ pub fn extract_meshes(
             // Another mesh may be inserted under an id that was removed.
             AssetEvent::Added { id } | AssetEvent::Modified { id } => modified.push(*id),
             AssetEvent::Unused { id } => {
-                render_world.0.remove(id);
+                render_world.remove(*id);
                 meshes.remove(*id);
             }
             _ => {}
@@ -423,7 +409,7 @@ pub fn extract_meshes(
     meshes.stale = stale;
     for id in modified {
         let waits = meshes.is_on_its_way(id)
-            || meshes.is_known(id) && !meshes.start_from(id, &render_world, &assets, &mut budget);
+            || meshes.is_known(id) && !meshes.start_from(id, &mut render_world, &assets, &mut budget);
         if waits {
             meshes.stale.insert(id);
         }
@@ -433,7 +419,7 @@ pub fn extract_meshes(
     meshes.without_room.take(used);
     meshes.waiting = 0;
     for id in instances.meshes() {
-        if !meshes.is_known(id) && !meshes.start_from(id, &render_world, &assets, &mut budget) {
+        if !meshes.is_known(id) && !meshes.start_from(id, &mut render_world, &assets, &mut budget) {
             meshes.waiting += 1;
         }
     }
@@ -465,23 +451,4 @@ fn bytes_of(mesh: &Mesh) -> u64 {
 
 fn is_readable(mesh: &Mesh) -> bool {
     mesh.asset_usage.contains(RenderAssetUsages::MAIN_WORLD) && mesh.try_attributes().is_ok()
-}
-
-/// Keeps the data of meshes that live in the render world alone, which exists only until they are prepared.
-pub fn keep_render_world_meshes(
-    extracted: Res<ExtractedAssets<RenderMesh>>,
-    mut kept: ResMut<RenderWorldMeshes>,
-    mut meshes: ResMut<SceneMeshes>,
-    activity: Res<SceneActivity>,
-) {
-    for (id, mesh) in &extracted.extracted {
-        if mesh.asset_usage.contains(RenderAssetUsages::MAIN_WORLD) {
-            kept.0.remove(id);
-            continue;
-        }
-        kept.0.insert(*id, Arc::new(mesh.clone()));
-        if activity.active && meshes.is_known(*id) {
-            meshes.stale.insert(*id);
-        }
-    }
 }

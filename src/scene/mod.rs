@@ -9,6 +9,7 @@ mod alpha_images;
 pub mod arena;
 mod bind_group;
 pub mod bvh;
+mod change;
 pub mod environment;
 mod free_slots;
 pub mod geometry;
@@ -55,7 +56,11 @@ use environment::{EnvironmentBindings, extract_environments, prepare_environment
 use instances::{SceneInstances, extract::LostComponents};
 use lights::{ExtractedLights, RectLightsEnabled, detect_rect_lights, extract_lights};
 use materials::{MaterialAssets, MaterialTable, update_materials};
-use meshes::{RenderWorldMeshes, SceneMeshes, extract_meshes, keep_render_world_meshes, upload::upload_meshes};
+use meshes::{
+    SceneMeshes, extract_meshes,
+    kept::{RenderWorldMeshes, keep_render_world_meshes},
+    upload::upload_meshes,
+};
 use pose::{ExtractedPoses, extract_poses};
 use prepare::{prepare_instances, prepare_tables};
 use reflected_material::add_extraction;
@@ -77,6 +82,7 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "geometry.wesl");
         load_shader_library!(app, "lights.wesl");
         load_shader_library!(app, "material.wesl");
+        load_shader_library!(app, "change.wesl");
         load_shader_library!(app, "offset.wesl");
         load_shader_library!(app, "opacity.wesl");
         load_shader_library!(app, "pose/job.wesl");

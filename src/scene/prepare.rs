@@ -7,6 +7,7 @@ use super::{
     activity::SceneActivity,
     alpha_images::AlphaImages,
     bind_group::SceneBindings,
+    change::Change,
     gpu_types::GpuSceneCounts,
     instances::{InstanceSource, SceneInstances},
     lights::ExtractedLights,
@@ -91,15 +92,15 @@ pub(super) fn prepare_instances(
     dirty.extend(poses.switched);
     let slots = instances.slots().len();
     dirty.extend(bindings.instances.reserve(slots, &device));
+    let change = bindings
+        .move_instances(&moved, instances, &mut dirty)
+        .max(bindings.update_instances(&dirty, instances, &mut tables.materials, &surroundings, meshes, &queue))
+        .max(bindings.update_posed(&poses.posed, instances, meshes));
+    let changed = change > Change::Nothing;
     bindings.instances.settle();
-    let mut changed = bindings.move_instances(&moved, instances, &mut dirty);
-    changed |= bindings.update_instances(&dirty, instances, &mut tables.materials, &surroundings, meshes, &queue);
-    changed |= bindings.update_posed(&poses.posed, instances, meshes);
     bindings.instances.truncate(slots);
     bindings.instances.upload(&device, &queue);
-    if changed {
-        bindings.note_change();
-    }
+    bindings.version.note(change);
     // Rays see no difference between an object and its copy in a merged tree, so this is no change of the scene.
     if bindings.tracer == ReflectionTracer::Bvh {
         let place_of = |slot| instances.get(slot).map(|source| source.world_from_object);
@@ -174,13 +175,13 @@ pub(super) fn prepare_tables(
         bindings.masks.write_headers(changed, &materials, &mut meshes, &queue);
     }
     if let Some(changed) = changed_materials {
-        bindings.note_change();
+        bindings.version.note(materials.take_change());
         bindings
             .materials
             .write(materials.materials(), changed, &device, &queue);
     }
     if lights.changed || bindings.bind_group.is_none() {
-        bindings.note_change();
+        bindings.version.note(lights.change);
         bindings
             .lights
             .write(&lights.lights, 0..lights.lights.len(), &device, &queue);

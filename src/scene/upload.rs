@@ -12,7 +12,7 @@ use bevy::{
         renderer::{RenderDevice, RenderQueue},
     },
 };
-use bytemuck::{NoUninit, cast_slice};
+use bytemuck::{NoUninit, bytes_of, cast_slice};
 use core::{marker::PhantomData, ops::Range};
 
 /// Elements between two changed ones that are rather written again than skipped: a write of its own costs more.
@@ -136,19 +136,13 @@ impl<T: NoUninit> StorageSlice<T> {
         let pipeline = self
             .scatter
             .get_or_insert_with(|| scatter_pipeline(device, size_of::<T>() / 16));
-        let elements: Vec<T> = places.iter().map(|place| data[*place as usize]).collect();
-        let input = |contents: &[u8]| {
-            device.create_buffer_with_data(&BufferInitDescriptor {
-                label: Some("glint_scattered"),
-                contents,
-                usage: BufferUsages::STORAGE,
-            })
-        };
-        let buffers = [
-            input(cast_slice(&elements)),
-            input(cast_slice(places)),
-            self.buffer.clone(),
-        ];
+        let elements = gather(data, places, device);
+        let places = device.create_buffer_with_data(&BufferInitDescriptor {
+            label: Some("glint_scattered"),
+            contents: cast_slice(places),
+            usage: BufferUsages::STORAGE,
+        });
+        let buffers = [elements, places, self.buffer.clone()];
         let entries: Vec<_> = (0..)
             .zip(&buffers)
             .map(|(binding, buffer)| BindGroupEntry {
@@ -203,6 +197,26 @@ impl<T: NoUninit> StorageSlice<T> {
             queue.write_buffer(&self.buffer, changed.start as u64 * size, cast_slice(&data[changed]));
         }
     }
+}
+
+/// A buffer with the elements at these places.
+fn gather<T: NoUninit>(data: &[T], places: &[u32], device: &RenderDevice) -> Buffer {
+    let size = size_of::<T>();
+    let buffer = device.create_buffer(&BufferDescriptor {
+        label: Some("glint_scattered"),
+        size: (places.len() * size) as u64,
+        usage: BufferUsages::STORAGE,
+        mapped_at_creation: true,
+    });
+    // It can be mapped: it was just created so.
+    if let Ok(mut view) = buffer.get_mapped_range_mut(..) {
+        for (index, place) in places.iter().enumerate() {
+            view.slice(index * size..(index + 1) * size)
+                .copy_from_slice(bytes_of(&data[*place as usize]));
+        }
+    }
+    buffer.unmap();
+    buffer
 }
 
 fn scatter_pipeline(device: &RenderDevice, rows: usize) -> ComputePipeline {

@@ -10,15 +10,17 @@ use super::{
 use crate::{gbuffer::PassContext, settings::ReflectionBackend};
 use bevy::render::renderer::RenderContext;
 
-/// Traces the rays of one view.
+/// Traces the rays of one view. Returns whether they count what has changed lately where they meet it: what the passes of later bounces
+/// and of many lights meet is not counted.
 pub(crate) fn trace_rays(
     ctx: &mut RenderContext,
     pipelines: &TracePipelines,
     context: &PassContext,
     vrs: &mut VrsPass,
-) {
+) -> bool {
     let settings = &context.view.settings;
     let variant = pipelines.variant_for(settings);
+    let mut watches = false;
     for pass in TracePass::of(settings) {
         match pass {
             TracePass::Converged => trace_converged(ctx, &pipelines.converged, variant, context),
@@ -39,8 +41,10 @@ pub(crate) fn trace_rays(
                     );
                     let variants = variant.shading_substitutes(pipelines.many_lights);
                     run_list(ctx, &pipelines.shading, variants, context, List::Rays);
+                    watches = settings.max_bounces <= 1 && !pipelines.many_lights;
                 }
             }
         }
     }
+    watches
 }

@@ -7,7 +7,7 @@
 //!
 //! If reports don't arrive, no view is culled.
 
-use crate::common::{RAY_COUNT, word_offset};
+use crate::common::{CHANGE_COUNT, RAY_COUNT, word_offset};
 use bevy::{
     ecs::prelude::*,
     render::{
@@ -15,7 +15,7 @@ use bevy::{
         renderer::RenderDevice,
     },
 };
-use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering};
 use std::sync::Arc;
 
 /// Consecutive reports of empty lists after which a view is culled.
@@ -24,8 +24,10 @@ const EMPTY_REPORTS: u32 = 8;
 const PATIENCE: u32 = 60;
 /// Buffers of a view; a frame that finds none free isn't reported.
 const REPORTS: usize = 4;
-/// Bytes of a report: the lengths of the three lists, from [`RAY_COUNT`] on.
-const REPORT_BYTES: u64 = 12;
+/// Bytes of a report's lengths of the three lists, from [`RAY_COUNT`] on.
+const LIST_BYTES: u64 = 12;
+/// Bytes of a report: those, and the number of rays that met a change.
+const REPORT_BYTES: u64 = 16;
 
 /// Decides from the reports of a view's frames whether it is culled.
 #[derive(Clone, Copy, Debug, Default)]
@@ -84,27 +86,44 @@ const READABLE: u8 = 2;
 /// It couldn't be mapped and is used no more.
 const LOST: u8 = 3;
 
-/// The lengths of one frame's lists on their way to the CPU.
+/// What the CPU learns of a frame.
+struct Seen {
+    /// There was nothing to reflect on.
+    empty: bool,
+    /// Rays met something that changed.
+    change: bool,
+}
+
+/// The lengths of one frame's lists, and what its rays met, on their way to the CPU.
 struct Report {
     buffer: Buffer,
     /// [`FREE`] and so on; set by the callback of the mapping, too.
     state: Arc<AtomicU8>,
     /// [`CullingState::generation`] in that frame.
     generation: AtomicU32,
+    /// The passes of that frame counted what met a change.
+    watches: AtomicBool,
 }
 
 impl Report {
-    /// Returns whether the lists were empty, once that can be read. The buffer is free again then.
-    fn take(&self) -> Option<bool> {
+    /// Returns what was seen once that can be read. The buffer is free again then.
+    fn take(&self) -> Option<Seen> {
         if self.state.load(Ordering::Acquire) != READABLE {
             return None;
         }
-        let lengths = self.buffer.slice(..).get_mapped_range();
-        // If the report can't be read, the lists count as not empty.
-        let empty = lengths.is_ok_and(|bytes| bytes.iter().all(|byte| *byte == 0));
+        let words = self.buffer.slice(..).get_mapped_range();
+        // If the report can't be read, there is something to be seen.
+        let is_zero = words.map(|bytes| {
+            let (lengths, changes) = bytes.split_at(LIST_BYTES as usize);
+            [lengths, changes].map(|part| part.iter().all(|byte| *byte == 0))
+        });
         self.buffer.unmap();
         self.state.store(FREE, Ordering::Release);
-        Some(empty)
+        let [empty, unchanged] = is_zero.unwrap_or_default();
+        Some(Seen {
+            empty,
+            change: !unchanged,
+        })
     }
 }
 
@@ -113,6 +132,10 @@ impl Report {
 pub struct ViewCulling {
     state: CullingState,
     reports: [Report; REPORTS],
+    /// Reports of rays that met a change.
+    changes_met: u32,
+    /// The last report was of passes that tell.
+    watches: bool,
 }
 
 impl ViewCulling {
@@ -130,10 +153,13 @@ impl ViewCulling {
             }),
             state: Arc::new(AtomicU8::new(FREE)),
             generation: AtomicU32::new(0),
+            watches: AtomicBool::new(false),
         };
         Self {
             state: CullingState::default(),
             reports: core::array::from_fn(report),
+            changes_met: 0,
+            watches: false,
         }
     }
 
@@ -141,8 +167,10 @@ impl ViewCulling {
     /// about what the view sees, and it isn't.
     pub(crate) fn begin_frame(&mut self, invalid: bool) -> bool {
         for report in &self.reports {
-            if let Some(empty) = report.take() {
-                self.state.note(report.generation.load(Ordering::Relaxed), empty);
+            if let Some(seen) = report.take() {
+                self.state.note(report.generation.load(Ordering::Relaxed), seen.empty);
+                self.watches = report.watches.load(Ordering::Relaxed);
+                self.changes_met = self.changes_met.wrapping_add(u32::from(self.watches && seen.change));
             }
         }
         self.state.begin_frame(invalid);
@@ -164,8 +192,20 @@ impl ViewCulling {
         self.state.probes()
     }
 
-    /// Reports this frame. `indirect_args` has the lengths of the lists after the rate pass.
-    pub(crate) fn report(&self, encoder: &mut CommandEncoder, indirect_args: &Buffer) {
+    /// Counts frames, a few ago, whose rays met something that changed; `None` where nobody knows.
+    pub(crate) fn changes_met(&self) -> Option<u32> {
+        (self.watches && self.state.silent <= PATIENCE).then_some(self.changes_met)
+    }
+
+    /// Reports this frame. `indirect_args` has the lengths of the lists after the rate pass. `counters` has the number of rays that met
+    /// a change, if `watches`.
+    pub(crate) fn report(
+        &self,
+        encoder: &mut CommandEncoder,
+        indirect_args: &Buffer,
+        counters: &Buffer,
+        watches: bool,
+    ) {
         let free = |report: &&Report| report.state.load(Ordering::Acquire) == FREE;
         let Some(report) = self.reports.iter().find(free) else {
             return;
@@ -173,7 +213,9 @@ impl ViewCulling {
         report.generation.store(self.state.generation, Ordering::Relaxed);
         report.state.store(WAITING, Ordering::Release);
         let offset = word_offset(RAY_COUNT);
-        encoder.copy_buffer_to_buffer(indirect_args, offset, &report.buffer, 0, REPORT_BYTES);
+        encoder.copy_buffer_to_buffer(indirect_args, offset, &report.buffer, 0, LIST_BYTES);
+        encoder.copy_buffer_to_buffer(counters, word_offset(CHANGE_COUNT), &report.buffer, LIST_BYTES, 4);
+        report.watches.store(watches, Ordering::Relaxed);
         // Later submissions of Bevy's renderer call back, once the GPU is done with this one.
         let state = report.state.clone();
         encoder.map_buffer_on_submit(&report.buffer, MapMode::Read, .., move |result| {

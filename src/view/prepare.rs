@@ -82,7 +82,9 @@ impl PreparedViewItem<'_, '_> {
             origin: extracted.viewport.xy(),
             flags,
             fog: self.fog.into(),
-            scene: surroundings.scene.version,
+            scene: surroundings.scene.version.all,
+            unmarked: surroundings.scene.version.unmarked,
+            changes_met: self.culling.as_ref().and_then(|culling| culling.changes_met()),
             clip_from_world: extracted
                 .clip_from_world
                 .unwrap_or_else(|| extracted.clip_from_view * extracted.world_from_view.to_matrix().inverse()),

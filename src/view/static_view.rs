@@ -19,8 +19,10 @@ pub(super) const MOST_FRAMES: u32 = 1 << 22;
 /// Images that change on the GPU alone are not in it, unless a camera renders into them.
 #[derive(PartialEq)]
 pub(super) struct ViewFingerprint {
-    /// Counts changes of instances, meshes, materials, their images, and lights.
-    scene: u32,
+    /// Counts changes of instances, meshes, materials, their images, and lights: those that concern all views ...
+    unmarked: u32,
+    /// ... and those that this one's rays met, or may have met.
+    met: [u32; 2],
     environment: Option<ViewEnvironment>,
     environment_id: Option<BindGroupId>,
     clip_from_world: Mat4,
@@ -35,11 +37,12 @@ pub(super) struct ViewFingerprint {
 
 impl ViewFingerprint {
     /// `None` for views that never count as static.
-    pub fn new(view: &ReflectionView, frame: &Frame) -> Option<Self> {
+    pub fn new(view: &ReflectionView, frame: &Frame, met: [u32; 2]) -> Option<Self> {
         let denoiser = &view.settings.denoiser;
         let can_be_static = denoiser.temporal && denoiser.converge_static_views && !frame.has_screens;
         can_be_static.then(|| Self {
-            scene: frame.scene,
+            unmarked: frame.unmarked,
+            met,
             environment: frame.environment.clone(),
             environment_id: frame.environment_id,
             clip_from_world: frame.clip_from_world,

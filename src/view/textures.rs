@@ -28,6 +28,8 @@ pub struct ReflectionTextures {
     sample_index: u32,
     /// Version of the scene that the accumulation holds.
     scene: u32,
+    /// Frames whose rays met a change, and changes of which nobody knows whether rays met them.
+    met: [u32; 2],
     previous: Option<PreviousFrame>,
     static_view: StaticView<ViewFingerprint>,
 }
@@ -46,6 +48,7 @@ impl ReflectionTextures {
             accumulated: 0,
             sample_index: old.map_or(0, |old| old.sample_index),
             scene: 0,
+            met: [0; 2],
             previous: None,
             static_view: StaticView::default(),
         }
@@ -71,6 +74,10 @@ impl ReflectionTextures {
                 self.sample_index = 0;
             }
         }
+        match frame.changes_met {
+            Some(met) => self.met[0] = met,
+            None => self.met[1] = self.met[1].wrapping_add(u32::from(scene_changed)),
+        }
         let now = PreviousFrame {
             clip_from_world: frame.clip_from_world,
             world_position: frame.world_position,
@@ -79,7 +86,7 @@ impl ReflectionTextures {
         let state = FrameState {
             sample_index: self.sample_index,
             accumulated: self.accumulated,
-            static_frames: self.static_view.count(ViewFingerprint::new(view, frame)),
+            static_frames: self.static_view.count(ViewFingerprint::new(view, frame, self.met)),
             previous: self.previous.replace(now).unwrap_or(now),
         };
         let (sizes, rate) = (self.targets.sizes, &view.rate.thresholds);

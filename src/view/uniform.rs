@@ -103,8 +103,12 @@ pub(super) struct Frame {
     /// [`VIEW_HAS_SSAO`] and [`VIEW_HAS_IRRADIANCE`].
     pub flags: u32,
     pub fog: Fog,
-    /// Version of the scene.
+    /// Counts changes of the scene ...
     pub scene: u32,
+    /// ... those that concern all views ...
+    pub unmarked: u32,
+    /// ... and frames whose rays met one. `None` where nobody knows.
+    pub changes_met: Option<u32>,
     /// Without jitter.
     pub clip_from_world: Mat4,
     pub world_position: Vec3,

@@ -31,5 +31,7 @@ mod quality;
 mod reflect;
 mod robustness;
 mod see_through;
+mod shipped;
+mod static_views;
 mod toggle;
 mod worlds;

@@ -2,17 +2,18 @@
 
 use crate::scene::{
     acceleration::rows,
-    bvh::{MAX_INSTANCES, inverse_rows},
+    bvh::{Inverse, MAX_INSTANCES, invert},
+    change::{Change, RESTLESS_FRAMES},
     gpu_types::{
         GpuInstance, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_MIRRORED, INSTANCE_MOVING,
-        INSTANCE_RECEIVES_SHADOW,
+        INSTANCE_RECEIVES_SHADOW, INSTANCE_RESTLESS,
     },
     instances::InstanceSource,
     meshes::SceneMesh,
     upload::StorageSlice,
 };
 use bevy::{
-    math::{Affine3A, DVec3},
+    math::Affine3A,
     render::{
         render_resource::Buffer,
         renderer::{RenderDevice, RenderQueue},
@@ -31,8 +32,15 @@ pub(in crate::scene) struct InstanceTable {
     masked_count: usize,
     /// Slots that changed since the last upload.
     changed: Vec<u32>,
-    /// Slots whose objects moved in this frame.
+    /// Slots whose objects move in this frame, each once.
     moving: Vec<u32>,
+    /// The same of the last frame.
+    moved_before: Vec<u32>,
+    /// Slots whose objects moved lately.
+    restless: Vec<u32>,
+    /// By slot, the frame in which the object moved last.
+    moved: Vec<u32>,
+    frame: u32,
 }
 
 impl InstanceTable {
@@ -46,6 +54,10 @@ impl InstanceTable {
             masked_count: 0,
             changed: Vec::new(),
             moving: Vec::new(),
+            moved_before: Vec::new(),
+            restless: Vec::new(),
+            moved: Vec::new(),
+            frame: 1,
         }
     }
 
@@ -55,6 +67,7 @@ impl InstanceTable {
         let len = slots.max(self.present.len());
         self.data.resize(len, GpuInstance::default());
         self.present.resize(len, false);
+        self.moved.resize(len, 0);
         let limit = self.slice.reserve(len, device).min(MAX_INSTANCES);
         let found = self.limit.min(len)..limit.min(len).max(self.limit.min(len));
         self.present[found.clone()].fill(false);
@@ -66,6 +79,7 @@ impl InstanceTable {
     pub fn truncate(&mut self, slots: usize) {
         self.data.truncate(slots);
         self.present.truncate(slots);
+        self.moved.truncate(slots);
     }
 
     /// Returns whether the buffer has room for a slot.
@@ -96,7 +110,10 @@ impl InstanceTable {
     /// Replaces the object of a slot. Returns false if it is the same as before.
     pub fn set(&mut self, slot: u32, instance: Option<GpuInstance>) -> bool {
         let index = slot as usize;
-        let before = self.present[index].then_some(self.data[index]);
+        let before = self.present[index].then(|| GpuInstance {
+            flags: self.data[index].flags & !(INSTANCE_MOVING | INSTANCE_RESTLESS),
+            ..self.data[index]
+        });
         if before == instance {
             return false;
         }
@@ -116,36 +133,73 @@ impl InstanceTable {
         true
     }
 
-    /// Begins a frame: what moved in the last one stands.
+    /// Ends a frame, after all movements: what moved in the last one and not in this one stands.
     pub fn settle(&mut self) {
-        for slot in self.moving.drain(..) {
-            if let Some(data) = self.data.get_mut(slot as usize) {
-                data.flags &= !INSTANCE_MOVING;
+        let frame = self.frame;
+        for slot in self.moved_before.drain(..) {
+            if self.moved.get(slot as usize).is_some_and(|moved| *moved != frame) {
+                self.data[slot as usize].flags &= !INSTANCE_MOVING;
                 self.changed.push(slot);
             }
         }
+        core::mem::swap(&mut self.moving, &mut self.moved_before);
+        if frame.is_multiple_of(RESTLESS_FRAMES) {
+            self.calm();
+        }
+        self.frame = frame.wrapping_add(1);
     }
 
-    /// Replaces the place of an object. Returns false if more than its matrices would change.
-    pub fn set_matrices(&mut self, slot: u32, matrices: &Matrices) -> bool {
+    /// Takes marks from objects that have not moved for a while.
+    fn calm(&mut self) {
+        let Self {
+            restless,
+            moved,
+            data,
+            changed,
+            frame,
+            ..
+        } = self;
+        restless.retain(|slot| {
+            let Some(moved) = moved.get(*slot as usize) else {
+                return false;
+            };
+            let is_restless = frame.wrapping_sub(*moved) < RESTLESS_FRAMES;
+            if !is_restless {
+                data[*slot as usize].flags &= !INSTANCE_RESTLESS;
+                changed.push(*slot);
+            }
+            is_restless
+        });
+    }
+
+    /// Replaces the place of an object. Returns `None` if more than its matrices would change.
+    pub fn set_matrices(&mut self, slot: u32, matrices: &Matrices) -> Option<Change> {
         if !self.can_be_hit(slot) {
-            return false;
+            return None;
         }
         let data = &mut self.data[slot as usize];
         if matrices.mirrored != (data.flags & INSTANCE_MIRRORED != 0) {
-            return false;
+            return None;
         }
         data.world_from_object = matrices.world_from_object;
         data.object_from_world = matrices.object_from_world;
-        self.mark_moving(slot);
-        true
+        Some(self.mark_moving(slot))
     }
 
-    /// The object moves in this frame.
-    pub fn mark_moving(&mut self, slot: u32) {
-        self.data[slot as usize].flags |= INSTANCE_MOVING;
+    /// The object moves in this frame. If it didn't lately, views may have seen it where it was without a mark.
+    pub fn mark_moving(&mut self, slot: u32) -> Change {
+        let flags = &mut self.data[slot as usize].flags;
+        let was_restless = *flags & INSTANCE_RESTLESS != 0;
+        *flags |= INSTANCE_MOVING | INSTANCE_RESTLESS;
         self.changed.push(slot);
-        self.moving.push(slot);
+        if core::mem::replace(&mut self.moved[slot as usize], self.frame) != self.frame {
+            self.moving.push(slot);
+        }
+        if was_restless {
+            return Change::Marked;
+        }
+        self.restless.push(slot);
+        Change::Unmarked
     }
 
     fn count(&mut self, flags: u32, step: isize) {
@@ -190,13 +244,14 @@ pub(in crate::scene) struct Matrices {
 impl Matrices {
     /// `None` where the transform can't be inverted or isn't finite: such an object is invisible in the raster picture, too.
     pub fn of(world_from_object: &Affine3A) -> Option<Self> {
-        let object_from_world = inverse_rows(world_from_object)?;
-        // The inverse has the same sign, and its determinant doesn't vanish for small objects.
-        let [x, y, z] = object_from_world.map(|[x, y, z, _]| DVec3::new(x.into(), y.into(), z.into()));
+        let Inverse {
+            rows: object_from_world,
+            mirrored,
+        } = invert(world_from_object)?;
         Some(Self {
             world_from_object: bytemuck::cast(rows(world_from_object)),
             object_from_world,
-            mirrored: x.dot(y.cross(z)) < 0.0,
+            mirrored,
         })
     }
 }

@@ -75,13 +75,16 @@ impl Bounds {
     }
 
     /// Half of the surface area; 0 for an empty box.
+    #[inline]
     pub fn half_area(self) -> f32 {
         let d = (Vec3A::from(self.max) - Vec3A::from(self.min)).max(Vec3A::ZERO);
         d.x * d.y + d.y * d.z + d.z * d.x
     }
 
     /// All corners are finite and in order.
+    #[inline]
     pub fn is_valid(self) -> bool {
-        (0..3).all(|a| self.min[a] <= self.max[a] && self.min[a].is_finite() && self.max[a].is_finite())
+        let (min, max) = (Vec3A::from(self.min), Vec3A::from(self.max));
+        min.cmple(max).all() && min.is_finite() && max.is_finite()
     }
 }

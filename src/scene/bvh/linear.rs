@@ -15,6 +15,10 @@ use bevy::math::{Affine3A, Vec3A};
 const CELL_BITS: u32 = 12;
 /// Bits of an index beside a cell's code.
 const INDEX_BITS: u32 = u64::BITS - 3 * CELL_BITS;
+/// Refits of a tree, at most. More save time on the CPU and leave trees through which rays take longer.
+const MOST_REFITS: u32 = 7;
+/// Growth of all boxes, at most, before the tree is built anew.
+const MOST_GROWTH: f32 = 1.2;
 /// Marks a child that is an entry.
 const LEAF: u32 = 1 << 31;
 
@@ -149,15 +153,36 @@ pub struct LinearBuilder {
     nodes: Vec<Wide>,
     exact: Vec<Bounds>,
     tlas: Tlas,
+    /// Entries of the nodes.
+    len: usize,
+    /// How often the tree was refitted.
+    refits: u32,
+    /// Sum of the areas of all nodes' boxes, and what it was when the tree was built.
+    area: f32,
+    area_built: f32,
 }
 
 impl LinearBuilder {
     /// Builds the tree over all entries. More than the stack has levels for, 16 million, are left out.
     pub fn build(&mut self, entries: &LinearEntries) -> &mut Tlas {
-        let len = entries.count().min(1 << (2 * IN_TLAS.most_groups));
-        self.sort(&entries.bounds[..len]);
+        self.len = entries.count().min(1 << (2 * IN_TLAS.most_groups));
+        self.sort(&entries.bounds[..self.len]);
         self.divide();
-        self.pack(entries, len);
+        self.pack(entries);
+        self.refits = 0;
+        self.area_built = self.area;
+        &mut self.tlas
+    }
+
+    /// Builds the tree like [`Self::build`], or fits boxes of the last one to where the entries are now: objects that move keep their
+    /// neighbours for a few frames. Entries may be others than before; a tree that got worse over it is built anew in the next frame.
+    pub fn update(&mut self, entries: &LinearEntries) -> &mut Tlas {
+        let can_refit = self.len == entries.count() && self.refits < MOST_REFITS;
+        if !can_refit || self.area > MOST_GROWTH * self.area_built {
+            return self.build(entries);
+        }
+        self.refits += 1;
+        self.pack(entries);
         &mut self.tlas
     }
 
@@ -283,8 +308,9 @@ impl LinearBuilder {
         from + keys.partition_point(|key| key & bit == 0) as u32
     }
 
-    fn pack(&mut self, entries: &LinearEntries, len: usize) {
-        let nodes = self.nodes.len();
+    fn pack(&mut self, entries: &LinearEntries) {
+        let (nodes, len) = (self.nodes.len(), self.len);
+        self.area = 0.0;
         let tlas = &mut self.tlas;
         let mut items = core::mem::take(&mut tlas.items);
         *tlas = Tlas::default();
@@ -313,7 +339,9 @@ impl LinearBuilder {
                 });
             }
             let mut packed = Node::new(wide.first_child, wide.count as usize, 0, [0; WIDTH]);
-            self.exact[index] = node::quantise(&mut packed, &boxes);
+            let exact = node::quantise(&mut packed, &boxes);
+            self.area += exact.half_area();
+            self.exact[index] = exact;
             items[wide.place as usize] = bytemuck::cast(packed);
         }
         tlas.items = items;

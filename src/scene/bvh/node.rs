@@ -168,14 +168,16 @@ pub(super) fn quantise(node: &mut Node, children: &[Option<Bounds>; WIDTH]) -> B
             upper[axis][slot] = high;
         }
     }
+    let is_single = largest < LARGEST_SINGLE;
     for axis in 0..3 {
-        let exponent = scale_exponent(max[axis], min[axis]);
-        let quantise = if largest < LARGEST_SINGLE {
-            quantise_single
+        let (exponent, planes) = if is_single {
+            let exponent = scale_exponent_single(max[axis], min[axis]);
+            (exponent, quantise_single(lower[axis], upper[axis], min[axis], exponent))
         } else {
-            quantise_double
+            let exponent = scale_exponent(max[axis], min[axis]);
+            (exponent, quantise_double(lower[axis], upper[axis], min[axis], exponent))
         };
-        node.planes[axis] = quantise(lower[axis], upper[axis], min[axis], exponent);
+        node.planes[axis] = planes;
         node.origin[axis] = min[axis];
         node.exponents[axis] = exponent;
     }
@@ -185,15 +187,26 @@ pub(super) fn quantise(node: &mut Node, children: &[Option<Bounds>; WIDTH]) -> B
 /// Below this, differences of coordinates and of their errors don't overflow in single precision.
 const LARGEST_SINGLE: f32 = 1e30;
 
+/// Small enough for any geometry, and far from denormals when multiplied by an inverse direction.
+const SMALLEST_EXPONENT: i32 = -80;
+
+/// Biased exponent of a power of two that covers the extent in 255 steps: the smallest, or where rounding matters the next one.
+fn scale_exponent_single(max: f32, origin: f32) -> u8 {
+    // More than the difference, the product and the last plane are rounded by.
+    const STEP: f32 = (1.0 + 1e-6) / 255.0;
+    let step = (max - origin) * STEP;
+    // Rounded up to a power of two.
+    let exponent = (step.to_bits() + 0x007f_ffff) >> 23;
+    exponent.clamp((SMALLEST_EXPONENT + 127) as u32, 254) as u8
+}
+
 /// Biased exponent of the smallest power of two that covers the extent in 255 steps.
 fn scale_exponent(max: f32, origin: f32) -> u8 {
-    // Small enough for any geometry, and far from denormals when multiplied by an inverse direction.
-    const SMALLEST: i32 = -80;
     let (extent, error) = exact_difference(max, origin);
     // The logarithm of a normal number, rounded down, is its exponent.
     let bits = (extent / 255.0).max(f64::MIN_POSITIVE).to_bits();
     let logarithm = (bits >> 52) as i32 - 1023;
-    let mut exponent = (logarithm.max(SMALLEST) + 127).clamp(1, 254) as u8;
+    let mut exponent = (logarithm.max(SMALLEST_EXPONENT) + 127).clamp(1, 254) as u8;
     while exponent < 254 && last_plane(extent, error, exponent) > 255.0 {
         exponent += 1;
     }
@@ -330,7 +343,10 @@ mod tests {
             let lower = ends.map(|(a, b)| a.min(b));
             let upper = ends.map(|(a, b)| a.max(b));
             let origin = lower.into_iter().fold(f32::INFINITY, f32::min);
-            let exponent = scale_exponent(upper.into_iter().fold(f32::NEG_INFINITY, f32::max), origin);
+            let end = upper.into_iter().fold(f32::NEG_INFINITY, f32::max);
+            let smallest = scale_exponent(end, origin);
+            let exponent = scale_exponent_single(end, origin);
+            prop_assert!(exponent == smallest || exponent == smallest + 1, "{exponent}, {smallest}");
             prop_assert_eq!(
                 quantise_single(lower, upper, origin, exponent),
                 quantise_double(lower, upper, origin, exponent)

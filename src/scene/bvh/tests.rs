@@ -1,8 +1,8 @@
 //! Structure of packed trees.
 
 use super::{
-    Blas, Bounds, BvhQuality, ENTRY, Item, LARGEST_STACK, MergeSource, ONE_ENTRY, Tlas, TlasInstance, USUAL_STACK,
-    build_blas, build_merged, build_tlas,
+    Blas, Bounds, BvhQuality, ENTRY, Item, LARGEST_STACK, LinearBuilder, LinearEntries, LinearEntry, MergeSource,
+    ONE_ENTRY, Tlas, TlasInstance, USUAL_STACK, build_blas, build_merged, build_tlas,
     node::{Child, Node, WIDTH},
     owner,
     stack::{IN_BLAS, IN_TLAS, JOINT_GROUPS},
@@ -133,7 +133,7 @@ proptest! {
     #[test]
     fn tlas_boxes_contain_their_instances(seeds in proptest::collection::vec(any::<[i8; 6]>(), 1..80)) {
         let bounds = Bounds { min: [-1.0, 0.0, -0.5], max: [1.0, 0.0, 7.0] };
-        let instances: Vec<TlasInstance> = seeds.iter().enumerate().map(|(i, s)| TlasInstance {
+        let mut instances: Vec<TlasInstance> = seeds.iter().enumerate().map(|(i, s)| TlasInstance {
             world_from_object: Affine3A::from_scale_rotation_translation(
                 Vec3::new(1.0 + f32::from(s[3]).abs() * 0.1, 1.0, -1.0),
                 Quat::from_rotation_x(f32::from(s[4])) * Quat::from_rotation_y(f32::from(s[5])),
@@ -147,6 +147,17 @@ proptest! {
             groups: 3,
         }).collect();
         check_tlas(&build_tlas(&instances, 0), &instances);
+        let entries = |instances: &[TlasInstance]| {
+            let mut entries = LinearEntries::default();
+            instances.iter().filter_map(LinearEntry::new).for_each(|entry| entries.push(entry));
+            entries
+        };
+        let mut builder = LinearBuilder::default();
+        check_tlas(builder.build(&entries(&instances)), &instances);
+        for (i, instance) in instances.iter_mut().enumerate() {
+            instance.world_from_object.translation.x += (i % 5) as f32;
+        }
+        check_tlas(builder.update(&entries(&instances)), &instances);
     }
 }
 

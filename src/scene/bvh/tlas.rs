@@ -310,10 +310,24 @@ fn open(entries: &mut Vec<Entry>, kept: &[Kept], max_entries: usize) {
     }
 }
 
-/// Rows of the inverse, from `f64`. `None` where the matrix has none that shaders could use.
+/// The inverse of a matrix.
+#[derive(Clone, Copy, Debug)]
+pub struct Inverse {
+    /// Rows of the matrix.
+    pub rows: [[f32; 4]; 3],
+    /// Its determinant is negative.
+    pub mirrored: bool,
+}
+
+/// Rows of the inverse. `None` where the matrix has none that shaders could use.
+pub fn inverse_rows(matrix: &Affine3A) -> Option<[[f32; 4]; 3]> {
+    invert(matrix).map(|inverse| inverse.rows)
+}
+
+/// The inverse, from `f64`. `None` where the matrix has none that shaders could use.
 ///
 /// Written out, since the compiler calls a function for each closure over an array of rows, and this runs for each object that moves.
-pub fn inverse_rows(matrix: &Affine3A) -> Option<[[f32; 4]; 3]> {
+pub fn invert(matrix: &Affine3A) -> Option<Inverse> {
     let linear: DMat3 = matrix.matrix3.as_dmat3();
     let translation: DVec3 = matrix.translation.as_dvec3();
     let DMat3 { x_axis, y_axis, z_axis } = linear;
@@ -332,7 +346,10 @@ pub fn inverse_rows(matrix: &Affine3A) -> Option<[[f32; 4]; 3]> {
         return None;
     }
     let row = |row: DVec3, offset: f64| [row.x as f32, row.y as f32, row.z as f32, offset as f32];
-    Some([row(x_row, offset.x), row(y_row, offset.y), row(z_row, offset.z)])
+    Some(Inverse {
+        rows: [row(x_row, offset.x), row(y_row, offset.y), row(z_row, offset.z)],
+        mirrored: determinant < 0.0,
+    })
 }
 
 /// Box around the transformed box, grown by what rounding in the ray's transform can move a hit.
@@ -340,24 +357,20 @@ pub(super) fn world_bounds(matrix: &Affine3A, object: Bounds) -> Option<Bounds> 
     if !object.is_valid() {
         return None;
     }
-    // Two numbers per axis are calculated at a time where this is written in vectors.
-    let (mut low, mut high) = (matrix.translation.as_dvec3(), matrix.translation.as_dvec3());
+    let (mut low, mut high) = (matrix.translation, matrix.translation);
     let mut magnitude = low.abs();
     let columns = [matrix.matrix3.x_axis, matrix.matrix3.y_axis, matrix.matrix3.z_axis];
     for (axis, column) in columns.into_iter().enumerate() {
-        let column = column.as_dvec3();
-        let (a, b) = (
-            column * f64::from(object.min[axis]),
-            column * f64::from(object.max[axis]),
-        );
+        let (a, b) = (column * object.min[axis], column * object.max[axis]);
         low += a.min(b);
         high += a.max(b);
         magnitude += a.abs().max(b.abs());
     }
-    let margin = magnitude * (f64::from(f32::EPSILON) * 4.0);
+    // Half for the rounding of the ray's transform, and half for that of the lines above: a product and four sums.
+    let margin = magnitude * (f32::EPSILON * 8.0);
     let world = Bounds {
-        min: (low - margin).as_vec3().to_array(),
-        max: (high + margin).as_vec3().to_array(),
+        min: (low - margin).to_array(),
+        max: (high + margin).to_array(),
     };
     (world.is_valid() && world.half_area().is_finite()).then_some(world)
 }

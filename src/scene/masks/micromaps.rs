@@ -191,7 +191,7 @@ impl Micromaps {
                 let items = block_on(poll_once(task));
                 self.state = BakeState::Done;
                 *next_name += 1;
-                let mergeable = items.as_ref().filter(|_| !triangles.positions.is_empty());
+                let mergeable = items.as_ref().filter(|_| !triangles.positions().is_empty());
                 self.named = NamedMicromaps {
                     name: *next_name,
                     maps: mergeable.map(|items| items.iter().map(micromap_of).collect()),

@@ -163,7 +163,7 @@ impl SceneMeshes {
                 Arc::default()
             },
             triangles,
-            deformation: packed.deformation,
+            deformation: packed.deformation.clone(),
             version: self.next_version,
         };
         self.next_version += 1;
@@ -191,15 +191,25 @@ pub fn upload_meshes(mut meshes: ResMut<SceneMeshes>, status: Res<ReflectionStat
 mod tests {
     use super::*;
     use crate::scene::meshes::CopyBudget;
-    use crate::scene::test_gpu;
+    use crate::scene::{
+        arena::Arena,
+        geometry::{BASE_ALIGNMENT, pack_mesh},
+        meshes::MeshSource,
+        test_gpu,
+    };
     use bevy::{
         asset::uuid::Uuid,
         prelude::{Cuboid, Sphere},
+        render::render_resource::BufferUsages,
     };
 
     const ID: AssetId<Mesh> = AssetId::Uuid {
         uuid: Uuid::from_u128(1),
     };
+
+    fn start(meshes: &mut SceneMeshes, mesh: impl Into<Mesh>) {
+        meshes.start(ID, MeshSource::Copy(Box::new(mesh.into())));
+    }
 
     /// Uploads so many bytes after the build has finished.
     fn upload(meshes: &mut SceneMeshes, bytes: u64, queue: &RenderQueue) {
@@ -215,10 +225,10 @@ mod tests {
             return;
         };
         let mut meshes = SceneMeshes::new(&device, ReflectionTracer::Bvh);
-        meshes.start(ID, Box::new(Mesh::from(Cuboid::default())));
+        start(&mut meshes, Cuboid::default());
         upload(&mut meshes, u64::MAX, &queue);
         assert_eq!(meshes.get(ID).map(|mesh| mesh.triangle_count), Some(12));
-        meshes.start(ID, Box::new(Mesh::from(Sphere::default())));
+        start(&mut meshes, Sphere::default());
         let mut frames = 0;
         while meshes.get(ID).is_some_and(|mesh| mesh.triangle_count == 12) {
             upload(&mut meshes, 4096, &queue);
@@ -246,10 +256,56 @@ mod tests {
             return;
         };
         let mut meshes = SceneMeshes::new(&device, ReflectionTracer::Bvh);
-        meshes.start(ID, Box::new(Mesh::from(Cuboid::default())));
+        start(&mut meshes, Cuboid::default());
         meshes.stale.insert(ID);
         upload(&mut meshes, u64::MAX, &queue);
         assert!(meshes.get(ID).is_some() && meshes.stale.contains(&ID));
+    }
+
+    /// What is kept anyway isn't copied once more.
+    #[test]
+    fn a_kept_mesh_stays_in_memory_once() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let mut meshes = SceneMeshes::new(&device, ReflectionTracer::Bvh);
+        let packed = Arc::new(pack_mesh(&Sphere::default().into()).unwrap());
+        meshes.start(ID, MeshSource::Kept(packed.clone()));
+        upload(&mut meshes, u64::MAX, &queue);
+        let triangles = meshes.get(ID).unwrap().triangles.as_ref().unwrap();
+        assert!(std::ptr::eq(triangles.positions(), packed.positions()));
+        // This, and the triangles for merging.
+        assert_eq!(Arc::strong_count(&packed), 2);
+    }
+
+    #[test]
+    fn a_mesh_without_room_is_built_once_there_is_some() {
+        const OTHER: AssetId<Mesh> = AssetId::Uuid {
+            uuid: Uuid::from_u128(2),
+        };
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let mut meshes = SceneMeshes::new(&device, ReflectionTracer::Bvh);
+        start(&mut meshes, Sphere::default());
+        upload(&mut meshes, u64::MAX, &queue);
+        let size = 4 * u64::from(meshes.get(ID).unwrap().geometry.words());
+        meshes.remove(ID);
+        let usages = BufferUsages::STORAGE;
+        meshes.geometry = Arena::new(&device, "glint_geometry", usages, BASE_ALIGNMENT, size * 3 / 2);
+        start(&mut meshes, Sphere::default());
+        upload(&mut meshes, u64::MAX, &queue);
+        meshes.start(OTHER, MeshSource::Copy(Box::new(Sphere::default().into())));
+        upload(&mut meshes, u64::MAX, &queue);
+        assert!(meshes.get(ID).is_some() && meshes.get(OTHER).is_none());
+        // Known, so that it isn't built in each frame, until something is given back.
+        let used = meshes.used_bytes();
+        meshes.without_room.take(used);
+        assert!(meshes.is_known(OTHER));
+        meshes.remove(ID);
+        let used = meshes.used_bytes();
+        meshes.without_room.take(used);
+        assert!(!meshes.is_known(OTHER), "it is built again");
     }
 
     #[test]

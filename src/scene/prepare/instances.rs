@@ -6,6 +6,7 @@ use crate::{
     scene::{
         bind_group::{Matrices, SceneBindings, pack_instance},
         bvh::TRAVERSAL_FLAGS,
+        change::Change,
         gpu_types::{GpuInstance, INSTANCE_ALPHA_MASKED},
         instances::{InstanceSource, SceneInstances},
         masks::{MaskKey, Surroundings},
@@ -19,38 +20,32 @@ use bevy::{mesh::UvChannel, render::renderer::RenderQueue};
 use std::sync::Arc;
 
 impl SceneBindings {
-    /// Updates objects that have moved, and changed nothing else. Adds those to `dirty` from whose movement more follows. Returns
-    /// whether anything changed for rays.
-    pub(super) fn move_instances(&mut self, moved: &[u32], instances: &SceneInstances, dirty: &mut Vec<u32>) -> bool {
-        let mut changed = false;
+    /// Updates objects that have moved, and changed nothing else. Adds those to `dirty` from whose movement more follows. Returns the
+    /// change for rays.
+    pub(super) fn move_instances(&mut self, moved: &[u32], instances: &SceneInstances, dirty: &mut Vec<u32>) -> Change {
+        let mut all = Change::Nothing;
         for &slot in moved {
-            if self.move_instance(slot, instances) {
-                changed = true;
-            } else {
-                dirty.push(slot);
+            match self.move_instance(slot, instances) {
+                Some(change) => all = all.max(change),
+                None => dirty.push(slot),
             }
         }
-        changed
+        all
     }
 
-    /// Returns false where more than new matrices follows from the movement.
-    fn move_instance(&mut self, slot: u32, instances: &SceneInstances) -> bool {
-        let Some(source) = instances.get(slot) else {
-            return false;
-        };
-        let place = &source.world_from_object;
-        let Some(matrices) = Matrices::of(place) else {
-            return false;
-        };
-        let moved = self.instances.set_matrices(slot, &matrices);
-        if moved && self.tracer == ReflectionTracer::Bvh {
+    /// Returns `None` where more than new matrices follows from the movement.
+    fn move_instance(&mut self, slot: u32, instances: &SceneInstances) -> Option<Change> {
+        let place = &instances.get(slot)?.world_from_object;
+        let matrices = Matrices::of(place)?;
+        let change = self.instances.set_matrices(slot, &matrices)?;
+        if self.tracer == ReflectionTracer::Bvh {
             self.merge.observe_move(slot, place);
             self.top_level.set_transform(slot, place, &matrices.object_from_world);
         }
-        moved
+        Some(change)
     }
 
-    /// Updates objects that may have changed in any way. Returns whether anything changed for rays.
+    /// Updates objects that may have changed in any way. Returns the change for rays.
     pub(super) fn update_instances(
         &mut self,
         dirty: &[u32],
@@ -59,8 +54,8 @@ impl SceneBindings {
         surroundings: &Surroundings,
         meshes: &mut SceneMeshes,
         queue: &RenderQueue,
-    ) -> bool {
-        let mut changed = false;
+    ) -> Change {
+        let mut change = Change::Nothing;
         for &slot in dirty {
             let source = instances.get(slot);
             let mut packed = source.and_then(|source| {
@@ -80,13 +75,13 @@ impl SceneBindings {
             }
             let replaced = source.is_some_and(|source| meshes.changed.contains(&source.mesh));
             if self.instances.set(slot, packed) || (replaced && packed.is_some()) {
-                changed = true;
+                change = Change::Unmarked;
                 if self.tracer == ReflectionTracer::Bvh && !self.merge.is_merged(slot) {
                     self.update_object(slot, packed.as_ref().zip(source), meshes);
                 }
             }
         }
-        changed
+        change
     }
 
     /// Gives an alpha-masked instance its masks. Where there is no room for them, it is opaque.
@@ -167,22 +162,21 @@ impl SceneBindings {
         })
     }
 
-    /// Updates objects that were posed. Returns whether anything changed for rays.
-    pub(super) fn update_posed(&mut self, posed: &[u32], instances: &SceneInstances, meshes: &SceneMeshes) -> bool {
-        let mut changed = false;
+    /// Updates objects that were posed. Returns the change for rays.
+    pub(super) fn update_posed(&mut self, posed: &[u32], instances: &SceneInstances, meshes: &SceneMeshes) -> Change {
+        let mut change = Change::Nothing;
         for &slot in posed {
             let Some(source) = instances.get(slot).filter(|_| self.instances.can_be_hit(slot)) else {
                 continue;
             };
-            changed = true;
-            self.instances.mark_moving(slot);
+            change = change.max(self.instances.mark_moving(slot));
             if self.tracer == ReflectionTracer::Bvh
                 && let Some(object) = self.object(source, slot, self.instances.flags(slot), meshes)
             {
                 self.top_level.set(slot, object);
             }
         }
-        changed
+        change
     }
 }
 

@@ -101,7 +101,7 @@ impl MovingTree {
             merged
                 .filter_map(|tree| LinearEntry::new(&tree))
                 .for_each(|entry| self.entries.push(entry));
-            let tlas = self.builder.build(&self.entries);
+            let tlas = self.builder.update(&self.entries);
             self.entries.truncate(own);
             tlas
         };

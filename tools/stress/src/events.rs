@@ -1,5 +1,7 @@
 //! Applies events between frames to a scene.
 
+mod life;
+
 use crate::{
     generators::{EventKind, HostileScene},
     harness::{FRAME_TIME, Harness},
@@ -30,6 +32,13 @@ pub fn before_frame(kind: EventKind, harness: &mut Harness, scene: &mut HostileS
         | EventKind::ChangeMeshes
         | EventKind::ChangeMaterials
         | EventKind::ToggleVisibility => change_objects(kind, harness, scene, frame),
+        EventKind::ReplaceMeshes
+        | EventKind::ChangeUsage
+        | EventKind::ReloadImages
+        | EventKind::FailedImage
+        | EventKind::ToggleDisabled => life::change_assets(kind, harness, scene, frame),
+        EventKind::LoadLevels => life::load_level(harness, scene),
+        EventKind::MoveCrowd => life::move_crowd(harness, scene, frame),
         EventKind::Resize => {
             for &camera in &scene.cameras {
                 let random = &mut scene.random;

@@ -5,6 +5,7 @@
 //! | module | content |
 //! |---|---|
 //! | [`runner`], [`summary`] | divides the time among sections, survives crashes and hangs of worker processes, sums up |
+//! | [`campaign`] | keeps what many thousands of scenes have shown, and which ingredients have met |
 //! | [`process`] | starts a worker process, reads its messages, kills it when it hangs |
 //! | [`worker`], [`report`] | executes the job of a worker process and reports |
 //! | [`protocol`], [`options`], [`selection`] | jobs, messages, options, and parts of a run, as data |
@@ -25,6 +26,7 @@
 //! Everything random follows from a seed. Each failure is printed with the options that repeat it.
 
 pub mod bounds;
+pub mod campaign;
 pub mod energy;
 mod events;
 pub mod faults;

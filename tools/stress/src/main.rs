@@ -18,7 +18,13 @@ struct Arguments {
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let Some(job) = arguments.job else {
-        let summary = runner::run(&arguments.options, &mut |line| print_line(line));
+        let summary = match runner::run(&arguments.options, &mut |line| print_line(line)) {
+            Ok(summary) => summary,
+            Err(error) => {
+                eprintln!("error: the campaign's folder can't be used: {error}");
+                return ExitCode::FAILURE;
+            }
+        };
         print_line(&summary.to_string());
         return if summary.is_good() {
             ExitCode::SUCCESS

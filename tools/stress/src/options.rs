@@ -30,6 +30,12 @@ pub struct Options {
     /// Number of scenes, or of files for the viewer.
     #[arg(long, value_name = "N")]
     pub count: Option<u64>,
+    /// Render so many scenes in as many sittings as it takes, and keep what was found in the corpus.
+    #[arg(long, value_name = "N", conflicts_with_all = ["count", "keep", "only"])]
+    pub campaign: Option<u64>,
+    /// Folder of the campaign.
+    #[arg(long, value_name = "DIR", default_value = "target/stress-campaign")]
+    pub corpus: PathBuf,
     /// Frames of each scene, or of the long run.
     #[arg(long, value_name = "N")]
     pub frames: Option<u32>,
@@ -50,6 +56,7 @@ impl Options {
     pub fn only(&self, selection: Selection) -> Self {
         Self {
             only: Some(selection),
+            campaign: None,
             ..self.clone()
         }
     }

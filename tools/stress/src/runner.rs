@@ -1,6 +1,7 @@
 //! Divides the time of a run among its sections, starts one worker process after the other, and continues when one crashes or hangs.
 
 use crate::{
+    campaign::Campaign,
     faults::Fault,
     options::{Options, Tracer},
     process::{self, Ended, Limits, Results},
@@ -10,13 +11,17 @@ use crate::{
     word::word,
 };
 use clap::ValueEnum;
+use core::ops::Range;
 use std::{
     collections::VecDeque,
+    io,
     time::{Duration, Instant},
 };
 
 /// Most seconds of scenes in one process.
 const BATCH_SECONDS: u64 = 240;
+/// The same in a campaign, whose processes stay warm for longer.
+const CAMPAIGN_SECONDS: u64 = 1200;
 /// Fewest seconds of scenes in one process: a CPU compiles shaders for a while before the first scene.
 const LEAST_BATCH_SECONDS: u64 = 75;
 /// With less time left no further process is started.
@@ -25,6 +30,8 @@ const LEAST_SECONDS: u64 = 10;
 const SILENCE: [Duration; 2] = [Duration::from_secs(120), Duration::from_secs(300)];
 /// Time for a process to finish its current case, and to simplify a failing scene.
 const GRACE: Duration = Duration::from_secs(180);
+/// The same in a campaign, which may leave most of the machine to others.
+const CAMPAIGN_GRACE: Duration = Duration::from_secs(900);
 /// Processes in a row that start no case before their section is given up.
 const MOST_IDLE: u32 = 3;
 /// Crashes of scenes that are examined by repeating them.
@@ -35,15 +42,25 @@ const EXAMINE_SECONDS: u64 = 120;
 const FAULT_CONTROLS: u32 = 3;
 
 /// Runs the selected sections; `say` gets every line that people may want to read.
-pub fn run(options: &Options, say: &mut dyn FnMut(&str)) -> Summary {
+///
+/// # Errors
+///
+/// If the folder of a campaign can't be read or written.
+pub fn run(options: &Options, say: &mut dyn FnMut(&str)) -> io::Result<Summary> {
+    let campaign = options
+        .campaign
+        .map(|count| Campaign::open(&options.corpus, count))
+        .transpose()?;
     let time = Duration::from_secs_f64(60.0 * options.minutes);
     let mut runner = Runner {
         options,
         limits: Limits {
             silence: (time / 4).clamp(SILENCE[0], SILENCE[1]),
-            grace: GRACE,
+            grace: if campaign.is_some() { CAMPAIGN_GRACE } else { GRACE },
         },
         results: Results::default(),
+        campaign,
+        trouble: None,
         say,
     };
     let start = Instant::now();
@@ -65,15 +82,21 @@ pub fn run(options: &Options, say: &mut dyn FnMut(&str)) -> Summary {
         (runner.say)(&format!("    {section}"));
         sections.push(section);
     }
-    Summary {
+    if let Some(trouble) = runner.trouble {
+        return Err(trouble);
+    }
+    if let Some(campaign) = &runner.campaign {
+        (runner.say)(&campaign.to_string());
+    }
+    Ok(Summary {
         results: runner.results,
         sections,
-    }
+    })
 }
 
-/// All sections, or the requested part. `--count` and `--keep` imply scenes.
+/// All sections, or the requested part. `--count`, `--keep` and `--campaign` imply scenes.
 fn selections(options: &Options) -> Vec<Selection> {
-    let scenes = is_limited(options).then_some(Selection::Section(Section::Scenes));
+    let scenes = (is_limited(options) || options.campaign.is_some()).then_some(Selection::Section(Section::Scenes));
     match options.only.or(scenes) {
         Some(selection) => vec![selection],
         None => Section::value_variants()
@@ -118,6 +141,9 @@ struct Runner<'a> {
     options: &'a Options,
     limits: Limits,
     results: Results,
+    campaign: Option<Campaign>,
+    /// The campaign's folder can't be written any more.
+    trouble: Option<io::Error>,
     say: &'a mut dyn FnMut(&str),
 }
 
@@ -173,10 +199,12 @@ impl Runner<'_> {
     /// Runs batches of scenes until the time is over: tracers take turns, and so do shaders without and with runtime checks.
     fn scenes(&mut self, selection: Selection, deadline: Instant) -> Option<Progress> {
         let is_limited = is_limited(self.options);
+        self.repeat_recipes(selection);
+        let (campaign, first) = (self.campaign.as_ref(), self.options.seed);
         let queue = |tracer: Tracer| SceneQueue {
             tracer,
             // Each tracer renders the same scenes.
-            next_seed: self.options.seed,
+            next_seed: campaign.map_or(first, |campaign| campaign.next_seed(tracer, first)),
             batches: 0,
         };
         let mut queues: VecDeque<_> = tracers(Section::Scenes, self.options.tracer)
@@ -184,18 +212,29 @@ impl Runner<'_> {
             .map(queue)
             .collect();
         let mut unavailable = queues.len();
-        let mut planned = batches(seconds_until(deadline), queues.len() as u64);
+        let mut planned = match self.campaign {
+            Some(_) => 2 * queues.len() as u64,
+            None => batches(seconds_until(deadline), queues.len() as u64),
+        };
         let (mut progress, mut has_begun, mut idle, mut examined) = (None, false, 0, 0);
         while let Some(mut queue) = queues.pop_front() {
             let left = seconds_until(deadline);
             let is_over = has_begun && !is_limited && left < LEAST_SECONDS;
-            if is_over || idle >= MOST_IDLE {
+            let is_complete = self.campaign.as_ref().is_some_and(|campaign| campaign.left() == 0);
+            if is_over || is_complete || self.trouble.is_some() || idle >= MOST_IDLE {
                 break;
             }
             has_begun = true;
-            let share = (left / planned.max(1)).clamp(1, BATCH_SECONDS);
+            let most = if self.campaign.is_some() {
+                CAMPAIGN_SECONDS
+            } else {
+                BATCH_SECONDS
+            };
+            let share = (left / planned.max(1)).clamp(1, most);
             let mut job = Job::new(selection, self.options, if is_limited { left } else { share });
             (job.options.tracer, job.options.seed) = (queue.tracer, queue.next_seed);
+            job.options.count = job.options.count.or(self.campaign.as_ref().map(Campaign::left));
+            let (first, known) = (queue.next_seed, self.results.failures.len());
             job.options.checked |= !is_limited && queue.batches % 2 == 1;
             planned = planned.saturating_sub(1);
             let ended = self.process(&job);
@@ -218,12 +257,34 @@ impl Runner<'_> {
                     self.fail(crash);
                 }
             }
+            self.note(queue.tracer, first..queue.next_seed, known);
             queue.batches += 1;
             if !is_limited {
                 queues.push_back(queue);
             }
         }
         progress.or_else(|| (unavailable == 0).then(Progress::skipped))
+    }
+
+    /// Tries the recipes of the campaign again that failed, and forgets those that pass.
+    fn repeat_recipes(&mut self, selection: Selection) {
+        for recipe in self.campaign.as_ref().map(Campaign::recipes).unwrap_or_default() {
+            let known = self.results.failures.len();
+            let ended = self.process(&Job::new(selection, &recipe, EXAMINE_SECONDS));
+            let passes = ended.crash.is_none() && self.results.failures.len() == known;
+            ended.crash.into_iter().for_each(|crash| self.fail(crash));
+            if let Some(campaign) = self.campaign.as_mut().filter(|_| passes) {
+                campaign.forget(&recipe);
+            }
+        }
+    }
+
+    /// Writes down which scenes of the campaign were tried, and the failures from the known ones on.
+    fn note(&mut self, tracer: Tracer, seeds: Range<u64>, known: usize) {
+        if let Some(campaign) = &mut self.campaign {
+            let failures = self.results.failures.get(known..).unwrap_or_default();
+            self.trouble = campaign.note(tracer, seeds, failures).err();
+        }
     }
 
     /// Repeats a scene or a fault that crashed, alone and without reflections, to attribute the crash.

@@ -23,6 +23,10 @@ const SIZES: [UVec2; 8] = [
 const MOST: usize = 9;
 /// Probability of a heavy generator in a random scenario.
 const HEAVY: f32 = 0.02;
+/// Probability that a random scenario is long: then objects are merged, and views come to rest.
+const LONG: f32 = 0.05;
+/// Frames of a long one.
+const LONG_FRAMES: u32 = 300;
 
 /// A hostile scene before it is built. The same scenario always builds the same scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,6 +66,7 @@ impl Scenario {
         if random.chance(HEAVY) {
             generators.push(random.pick(&heavy));
         }
+        let frames = if random.chance(LONG) { LONG_FRAMES } else { frames };
         Self::new(seed, size, frames, generators)
     }
 

@@ -78,6 +78,7 @@ fn survive(tracer: ReflectionTracerChoice, scenarios: impl Iterator<Item = Scena
 fn random_scenes() -> impl Iterator<Item = Scenario> {
     SEEDS.map(|seed| Scenario {
         size: SIZE,
+        frames: FRAMES,
         ..Scenario::random(seed, None)
     })
 }

@@ -27,6 +27,12 @@ pub struct HostileScene {
     pub files: Vec<UntypedAssetId>,
     /// Events between frames.
     pub events: Vec<EventKind>,
+    /// Objects of the level that an event has loaded.
+    pub level: Vec<Entity>,
+    /// Joints of the characters that an event has spawned.
+    pub joints: Vec<Entity>,
+    /// Images that an event loads anew, by object.
+    pub images: Vec<Handle<Image>>,
     /// Random numbers for events.
     pub random: Random,
 }
@@ -103,6 +109,9 @@ impl<'a> Builder<'a> {
             objects: self.objects,
             files: self.files,
             events: self.events,
+            level: Vec::new(),
+            joints: Vec::new(),
+            images: Vec::new(),
             random,
         }
     }

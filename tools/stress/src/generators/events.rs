@@ -60,6 +60,20 @@ pub enum EventKind {
     ToggleEnvironment,
     /// The projection changes.
     ChangeProjection,
+    /// Meshes are removed, and others inserted under their ids.
+    ReplaceMeshes,
+    /// Meshes live in the render world alone, and in both worlds again.
+    ChangeUsage,
+    /// Images are loaded anew, in other sizes.
+    ReloadImages,
+    /// Materials ask for images that can't be loaded.
+    FailedImage,
+    /// Objects are disabled and enabled.
+    ToggleDisabled,
+    /// A level is loaded in one frame and unloaded in the next.
+    LoadLevels,
+    /// Skinned characters begin to move and stop.
+    MoveCrowd,
 }
 
 impl EventKind {

@@ -49,6 +49,12 @@ macro_rules! generators {
                 all
             }
 
+            /// The kind of thing that it adds, such as `Mesh`.
+            #[must_use]
+            pub fn kind(self) -> &'static str {
+                match self { $(Self::$variant(_) => stringify!($variant)),+ }
+            }
+
             /// The word for command lines, such as `mesh-nan-positions`.
             #[must_use]
             pub fn name(self) -> String {

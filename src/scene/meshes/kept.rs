@@ -1,0 +1,157 @@
+//! Meshes whose source data exists in the render world alone, and only until they are prepared.
+
+use super::SceneMeshes;
+use crate::scene::{
+    activity::SceneActivity,
+    geometry::{GeometryError, PackedMesh, pack_mesh},
+    tree_builds,
+};
+use bevy::{
+    asset::{AssetId, RenderAssetUsages},
+    ecs::prelude::*,
+    log::warn,
+    mesh::Mesh,
+    platform::collections::HashMap,
+    render::{mesh::RenderMesh, render_asset::ExtractedAssets},
+    tasks::{Task, block_on, poll_once},
+};
+use std::sync::Arc;
+
+/// What is kept of a mesh, since its data can't be read twice: all that rays need of it, packed. Merged trees and masks use the same.
+enum KeptMesh {
+    Packing(Task<Result<PackedMesh, GeometryError>>),
+    Packed(Arc<PackedMesh>),
+    /// Rays must not see it (`Mesh::enable_raytracing`), or can't hit it.
+    Unseen,
+}
+
+/// A mesh that is looked for.
+pub(super) enum Found {
+    Packed(Arc<PackedMesh>),
+    Unseen,
+    /// Ask again in the next frame.
+    Later,
+    Nowhere,
+}
+
+/// Meshes that live in the render world alone.
+#[derive(Resource, Default)]
+pub struct RenderWorldMeshes(HashMap<AssetId<Mesh>, KeptMesh>);
+
+impl RenderWorldMeshes {
+    /// Keeps what rays need of a mesh.
+    fn keep(&mut self, id: AssetId<Mesh>, mesh: &Mesh) {
+        let kept = if mesh.enable_raytracing {
+            let mesh = mesh.clone();
+            KeptMesh::Packing(tree_builds::spawn(async move {
+                let mut packed = pack_mesh(&mesh)?;
+                packed.words.shrink_to_fit();
+                Ok(packed)
+            }))
+        } else {
+            KeptMesh::Unseen
+        };
+        self.0.insert(id, kept);
+    }
+
+    /// Forgets a mesh.
+    pub fn remove(&mut self, id: AssetId<Mesh>) {
+        self.0.remove(&id);
+    }
+
+    /// Looks for a mesh. Warns once if rays can't hit it.
+    pub(super) fn find(&mut self, id: AssetId<Mesh>) -> Found {
+        let Some(kept) = self.0.get_mut(&id) else {
+            return Found::Nowhere;
+        };
+        if let KeptMesh::Packing(task) = kept {
+            match block_on(poll_once(task)) {
+                None => return Found::Later,
+                Some(Ok(packed)) => *kept = KeptMesh::Packed(Arc::new(packed)),
+                Some(Err(error)) => {
+                    warn!("mesh {id} is missing from reflections: {error}");
+                    *kept = KeptMesh::Unseen;
+                }
+            }
+        }
+        match kept {
+            KeptMesh::Packed(packed) => Found::Packed(packed.clone()),
+            _ => Found::Unseen,
+        }
+    }
+}
+
+/// Keeps the data of meshes that live in the render world alone, which exists only until they are prepared.
+pub fn keep_render_world_meshes(
+    extracted: Res<ExtractedAssets<RenderMesh>>,
+    mut kept: ResMut<RenderWorldMeshes>,
+    mut meshes: ResMut<SceneMeshes>,
+    activity: Res<SceneActivity>,
+) {
+    for (id, mesh) in &extracted.extracted {
+        if mesh.asset_usage.contains(RenderAssetUsages::MAIN_WORLD) {
+            kept.remove(*id);
+            continue;
+        }
+        kept.keep(*id, mesh);
+        if activity.active && meshes.is_known(*id) {
+            meshes.stale.insert(*id);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bevy::{asset::uuid::Uuid, prelude::*};
+
+    const ID: AssetId<Mesh> = AssetId::Uuid {
+        uuid: Uuid::from_u128(1),
+    };
+
+    fn wait(kept: &mut RenderWorldMeshes) -> Found {
+        loop {
+            match kept.find(ID) {
+                Found::Later => std::thread::yield_now(),
+                found => return found,
+            }
+        }
+    }
+
+    #[test]
+    fn what_rays_need_is_kept_and_the_source_is_not() {
+        let mut mesh = Sphere::new(1.0).mesh().uv(64, 32);
+        mesh.generate_tangents().unwrap();
+        let all = mesh.get_vertex_buffer_size() + mesh.get_index_buffer_bytes().unwrap().len();
+        let mut kept = RenderWorldMeshes::default();
+        kept.keep(ID, &mesh);
+        let Found::Packed(packed) = wait(&mut kept) else {
+            panic!("it can be hit");
+        };
+        let bytes = 4 * packed.words.capacity();
+        assert!(bytes < all * 3 / 4, "{bytes} of {all} bytes are kept");
+        assert_eq!(*packed, pack_mesh(&mesh).unwrap());
+        // The source is gone: what is kept, and this.
+        assert_eq!(Arc::strong_count(&packed), 2);
+        kept.remove(ID);
+        assert_eq!(Arc::strong_count(&packed), 1);
+        assert!(matches!(kept.find(ID), Found::Nowhere));
+    }
+
+    #[test]
+    fn what_rays_do_not_see_is_not_kept() {
+        let mut kept = RenderWorldMeshes::default();
+        let mut unseen = Mesh::from(Cuboid::default());
+        unseen.enable_raytracing = false;
+        let mut points = Mesh::new(
+            bevy::mesh::PrimitiveTopology::PointList,
+            RenderAssetUsages::RENDER_WORLD,
+        );
+        points.insert_attribute(Mesh::ATTRIBUTE_POSITION, vec![[0.0; 3]]);
+        for mesh in [unseen, points] {
+            kept.keep(ID, &mesh);
+            assert!(matches!(wait(&mut kept), Found::Unseen));
+            assert!(matches!(kept.0.get(&ID), Some(KeptMesh::Unseen)));
+        }
+    }
+}

@@ -1,0 +1,204 @@
+//! Views in which nothing changes converge, whatever goes on elsewhere; what they see is followed at once.
+
+use crate::{
+    common::app,
+    pictures::warm_up,
+    stage::{BEFORE_THE_MIRROR, SIZE, frame, metal, spawn_camera, spawn_mesh, wall},
+};
+use bevy::prelude::*;
+use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
+use glint_scenes::{HeadlessApp, Output, SceneName};
+
+/// Behind the reflecting wall, where no ray comes.
+const UNSEEN: Vec3 = Vec3::new(0.0, 0.0, -6.0);
+/// Before it, and behind the camera.
+const SEEN: Vec3 = Vec3::new(0.5, 0.0, 5.5);
+
+/// An object, its material and a lamp beside it, any of which may change.
+struct Restless {
+    at: Vec3,
+    object: Entity,
+    material: Handle<StandardMaterial>,
+    lamp: Entity,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Change {
+    Nothing,
+    Place,
+    Color,
+    Lamp,
+}
+
+impl Restless {
+    fn spawn(app: &mut HeadlessApp, at: Vec3) -> Self {
+        let object = Cuboid::new(0.6, 0.6, 0.1);
+        let place = Transform::from_translation(at);
+        let object = spawn_mesh(app, object, StandardMaterial::from(Color::WHITE), place);
+        let lamp = PointLight {
+            intensity: 60_000.0,
+            range: 5.0,
+            shadow_maps_enabled: true,
+            ..default()
+        };
+        let lamp = app.world().spawn((lamp, Transform::from_translation(at - Vec3::Z)));
+        let lamp = lamp.id();
+        let material = app.world().get::<MeshMaterial3d<StandardMaterial>>(object).unwrap();
+        let material = material.0.clone();
+        Self {
+            at,
+            object,
+            material,
+            lamp,
+        }
+    }
+
+    fn restore(&self, app: &mut HeadlessApp) {
+        let world = app.world();
+        world.get_mut::<Transform>(self.object).unwrap().translation = self.at;
+        world.get_mut::<PointLight>(self.lamp).unwrap().intensity = 60_000.0;
+        let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+        materials.get_mut(&self.material).unwrap().base_color = Color::WHITE;
+    }
+
+    /// `step` counts frames.
+    fn change(&self, app: &mut HeadlessApp, change: Change, step: u16) {
+        let wave = (f32::from(step) * 0.7).sin();
+        let world = app.world();
+        match change {
+            Change::Nothing => {}
+            Change::Place => world.get_mut::<Transform>(self.object).unwrap().translation.x += 0.05 * wave,
+            Change::Color => {
+                let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+                materials.get_mut(&self.material).unwrap().base_color = Color::linear_rgb(0.5 + 0.4 * wave, 0.1, 0.9);
+            }
+            Change::Lamp => world.get_mut::<PointLight>(self.lamp).unwrap().intensity = 60_000.0 + 40_000.0 * wave,
+        }
+    }
+}
+
+/// A rough wall of metal, which reflects a lit room behind the camera.
+fn room(app: &mut HeadlessApp, roughness: f32) -> Entity {
+    spawn_mesh(app, wall(), metal(roughness), Transform::IDENTITY);
+    let back = Transform::from_xyz(0.0, 0.0, 7.0).looking_to(Vec3::Z, Vec3::Y);
+    spawn_mesh(app, wall(), StandardMaterial::from(Color::WHITE), back);
+    for x in [-1.5, 1.5] {
+        let place = Transform::from_xyz(x, 0.5, 5.0);
+        spawn_mesh(
+            app,
+            Cuboid::from_length(1.0),
+            StandardMaterial::from(Color::BLACK),
+            place,
+        );
+    }
+    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Demo);
+    app.world().entity_mut(camera).insert(RayTracedReflections {
+        technique: ReflectionTechnique::Reference,
+        roughness_cutoff: 1.0,
+        ..default()
+    });
+    camera
+}
+
+fn begin_anew(app: &mut HeadlessApp, camera: Entity) {
+    warm_up(app);
+    app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
+}
+
+fn capture(app: &mut HeadlessApp) -> Vec<f32> {
+    let pixels = app.capture_linear().unwrap();
+    pixels.into_iter().map(|[_, green, ..]| green).collect()
+}
+
+/// Mean difference relative to the mean of the first image.
+fn difference(a: &[f32], b: &[f32]) -> f32 {
+    let sum: f32 = a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum();
+    sum / a.iter().sum::<f32>()
+}
+
+#[test]
+fn what_no_ray_meets_keeps_no_view_from_converging() {
+    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let app = &mut app;
+    let restless = Restless::spawn(app, UNSEEN);
+    let camera = room(app, 0.5);
+    // Until objects are merged, too.
+    begin_anew(app, camera);
+    (0..150).for_each(|_| frame(app));
+    let noise = [Change::Nothing, Change::Place, Change::Color, Change::Lamp].map(|change| {
+        // The beginning of a movement is a change for all views: histories are as long in all cases.
+        (0..40).for_each(|_| frame(app));
+        app.world().get_mut::<Transform>(restless.object).unwrap().translation.y += 0.1;
+        begin_anew(app, camera);
+        let mut images = Vec::new();
+        for step in 0..90 {
+            restless.change(app, change, step);
+            frame(app);
+            if step >= 86 {
+                images.push(capture(app));
+            }
+        }
+        let noise = images
+            .windows(2)
+            .map(|pair| difference(&pair[0], &pair[1]))
+            .sum::<f32>()
+            / 3.0;
+        println!("{change:?}: images differ by {noise:.5} from frame to frame");
+        noise
+    });
+    // Half as much again, and more, in a view that doesn't count as static.
+    let [still, changing @ ..] = noise;
+    assert!(
+        still > 0.0 && changing.iter().all(|noise| *noise < 1.2 * still),
+        "{noise:?}"
+    );
+}
+
+/// What is left after some frames of a change, where views converge before it and where they never do.
+#[test]
+fn what_rays_meet_is_followed() {
+    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let app = &mut app;
+    let unseen = Restless::spawn(app, UNSEEN);
+    let seen = Restless::spawn(app, SEEN);
+    let camera = room(app, 0.2);
+    for change in [Change::Place, Change::Color, Change::Lamp] {
+        let [without, with] = [false, true].map(|converges| {
+            seen.restore(app);
+            let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
+            settings.denoiser.converge_static_views = converges;
+            begin_anew(app, camera);
+            for step in 0..80 {
+                unseen.change(app, Change::Place, step);
+                frame(app);
+            }
+            let before = capture(app);
+            for step in 0..16 {
+                unseen.change(app, Change::Place, step);
+                // To one side, or to the darkest.
+                seen.change(app, change, if change == Change::Place { 2 } else { 7 });
+                frame(app);
+            }
+            let after = capture(app);
+            app.world()
+                .get_mut::<RayTracedReflections>(camera)
+                .unwrap()
+                .denoiser
+                .converge_static_views = true;
+            begin_anew(app, camera);
+            (0..80).for_each(|_| frame(app));
+            let truth = capture(app);
+            let (changed, left) = (difference(&truth, &before), difference(&truth, &after));
+            println!("{change:?}, converges: {converges}: {changed:.4} before, {left:.4} after 16 frames");
+            left
+        });
+        assert!(
+            with < 1.2 * without,
+            "{change:?}: {with} where views converge, {without} where not"
+        );
+    }
+}
