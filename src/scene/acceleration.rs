@@ -115,11 +115,7 @@ impl AccelerationStructures {
         let capacity = tlas_capacity(0, instance_limit(device));
         let tlas = create_tlas(device, capacity);
         // A structure that was never built may not be bound.
-        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor {
-            label: Some("glint_tlas_build"),
-        });
-        encoder.build_acceleration_structures(&[], [&tlas]);
-        queue.submit([encoder.finish()]);
+        submit_builds("glint_tlas_build", &[], Some(&tlas), device, queue);
         Self {
             blas: HashMap::default(),
             posed: HashMap::default(),
@@ -191,11 +187,7 @@ impl AccelerationStructures {
                 *place = entries.next();
             }
         }
-        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor {
-            label: Some("glint_tlas_build"),
-        });
-        encoder.build_acceleration_structures(&[], [&self.tlas]);
-        queue.submit([encoder.finish()]);
+        submit_builds("glint_tlas_build", &[], Some(&self.tlas), device, queue);
         built
     }
 
@@ -233,11 +225,7 @@ impl AccelerationStructures {
             if entries.is_empty() {
                 continue;
             }
-            let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor {
-                label: Some("glint_blas_build"),
-            });
-            encoder.build_acceleration_structures(&entries, []);
-            queue.submit([encoder.finish()]);
+            submit_builds("glint_blas_build", &entries, None, device, queue);
             drop(entries);
             built += batch.len() as u64;
             for pending in batch {
@@ -246,9 +234,7 @@ impl AccelerationStructures {
         }
         built
     }
-}
 
-impl AccelerationStructures {
     /// Builds the BLASes of objects whose pose has changed, and drops those of objects that are gone. wgpu has no updates, so they are
     /// built from the start, as fast as the driver can.
     fn build_posed(
@@ -310,14 +296,23 @@ impl AccelerationStructures {
             rest = others;
             let posed = batch.iter().filter_map(|slot| self.posed.get(slot));
             let entries: Vec<_> = posed.map(|posed| posed.blas.entry(meshes)).collect();
-            let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor {
-                label: Some("glint_posed_blas_build"),
-            });
-            encoder.build_acceleration_structures(&entries, []);
-            queue.submit([encoder.finish()]);
+            submit_builds("glint_posed_blas_build", &entries, None, device, queue);
         }
         stale.len() as u64
     }
+}
+
+/// Has the driver build these structures.
+fn submit_builds<'a>(
+    label: &'static str,
+    blas: &'a [BlasBuildEntry<'a>],
+    tlas: Option<&'a Tlas>,
+    device: &RenderDevice,
+    queue: &RenderQueue,
+) {
+    let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor { label: Some(label) });
+    encoder.build_acceleration_structures(blas, tlas);
+    queue.submit([encoder.finish()]);
 }
 
 /// The BLAS of an object with a pose.

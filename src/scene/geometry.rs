@@ -114,35 +114,12 @@ fn most_triangles(topology: PrimitiveTopology, index_count: u64) -> u64 {
 
 /// Writes counts and offsets to the start of a mesh, whose other words are in place.
 fn write_header(packed: &mut PackedMesh) {
-    let MeshOffsets {
-        positions,
-        indices,
-        normals,
-        tangents,
-        uv0,
-        uv1,
-        colors,
-        joints,
-        morphs,
-    } = packed.offsets;
-    let target_count = packed
+    let targets = packed
         .deformation
         .as_ref()
         .map_or(0, |deformation| deformation.targets.len());
-    let header = [
-        packed.vertex_count,
-        packed.triangle_count,
-        target_count as u32,
-        positions,
-        indices,
-        normals,
-        tangents,
-        uv0,
-        uv1,
-        colors,
-        joints,
-        morphs,
-    ];
+    let counts = [packed.vertex_count, packed.triangle_count, targets as u32];
+    let header = packed.offsets.header(counts);
     packed.words[..header.len()].copy_from_slice(&header);
     if packed.words.len() < MIN_WORDS as usize {
         packed.words.resize(MIN_WORDS as usize, 0);

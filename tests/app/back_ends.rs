@@ -19,7 +19,7 @@ use bevy::{
 use bevy_glint::{CombinedThresholds, HardwareVrs, HardwareVrsPlugin};
 use bevy_glint::{
     HardwareVrsSupport, RayTracedReflections, ReflectionBackend, ReflectionStatusReport, ReflectionTechnique,
-    ReflectionTracer, ReflectionTracerChoice, ShadingRate, ShadingRateHeuristic,
+    ReflectionTracerChoice, ShadingRate, ShadingRateHeuristic,
     internals::{Copied, CountInvocations, RATE_ACTIVE, Target, readback},
 };
 use glint_scenes::{HeadlessApp, Output, SceneName, camera, environment, read_image};
@@ -88,6 +88,12 @@ fn add_with(app: &mut HeadlessApp, reflections: RayTracedReflections, heuristic:
     let environment = environment(SCENE, app.world());
     environment.insert(&mut app.world().entity_mut(camera));
     Viewer { camera, picture }
+}
+
+fn remove(app: &mut HeadlessApp, viewers: impl IntoIterator<Item = Viewer>) {
+    for viewer in viewers {
+        app.world().despawn(viewer.camera);
+    }
 }
 
 /// Has the cameras begin anew in the same frame, so that they draw the same samples of the same scene, and renders some frames.
@@ -233,114 +239,111 @@ fn assert_same_rays(app: &mut HeadlessApp, name: &str, a: &Viewer, b: &Viewer) {
     assert!(found.far_radiance * 100 <= found.rays, "{name}");
 }
 
-/// At one ray per trace pixel the techniques of 1/4 ray per pixel are one and the same.
+/// Techniques and back ends that share an app, whose start takes longer than most of this.
 #[test]
-fn techniques_agree_at_the_full_rate() {
-    assert_techniques_agree(1);
-}
-
-/// And so do the passes that follow rays beyond their first hit.
-#[test]
-fn techniques_agree_over_bounces() {
-    assert_techniques_agree(3);
-}
-
-fn assert_techniques_agree(max_bounces: u32) {
-    let one = ShadingRateHeuristic::Uniform(ShadingRate::R1x1);
+fn compute_passes_trace_the_same_rays() {
     for tracer in BOTH {
         let Some(mut app) = app(tracer, |_| {}) else { continue };
-        let mut techniques = vec![ReflectionTechnique::Variable, ReflectionTechnique::Quarter];
-        if has_fragment_rays(&mut app, tracer) {
-            techniques.push(ReflectionTechnique::QuarterInline);
+        for max_bounces in [1, 3] {
+            assert_techniques_agree(&mut app, tracer, max_bounces);
         }
-        let viewers: Vec<_> = techniques
-            .iter()
-            .map(|technique| {
-                let reflections = RayTracedReflections {
-                    technique: *technique,
-                    max_bounces,
-                    bounce_roughness_cutoff: 1.0,
-                    ..default()
-                };
-                add_with(&mut app, reflections, &one)
-            })
-            .collect();
-        render_together(&mut app, &viewers);
-        let (first, others) = viewers.split_first().unwrap();
-        let (rays, blocks) = (counted(&mut app, first), listed(&mut app, first));
-        println!("{tracer:?}: {rays:?} rays of {blocks:?} blocks");
-        assert!(blocks[0] > 1000, "{blocks:?}");
-        assert_eq!(rays, blocks);
-        assert_eq!(&blocks[1..], &[0; 4]);
-        let expected = picture(&mut app, first);
-        for (other, technique) in others.iter().zip(&techniques[1..]) {
-            let name = format!("{technique:?}-{tracer:?}-{max_bounces}-bounces");
-            assert_same_rays(&mut app, &name, first, other);
-            assert_eq!(counted(&mut app, other), rays, "{name}");
-            let actual = picture(&mut app, other);
-            let limit = if is_exact(&mut app) { 0.0 } else { 0.01 };
-            assert_flip(&name, SIZE, &expected, &actual, limit);
+        if tracer == ReflectionTracerChoice::RayQuery {
+            compute_takes_the_place_of_fragments_that_would_crash(&mut app);
+        } else {
+            compute_takes_the_place_of_missing_hardware(&mut app);
         }
     }
 }
 
+/// At one ray per trace pixel the techniques of 1/4 ray per pixel are one and the same, and so are the passes that follow rays beyond their
+/// first hit.
+fn assert_techniques_agree(app: &mut HeadlessApp, tracer: ReflectionTracerChoice, max_bounces: u32) {
+    let one = ShadingRateHeuristic::Uniform(ShadingRate::R1x1);
+    let mut techniques = vec![ReflectionTechnique::Variable, ReflectionTechnique::Quarter];
+    if has_fragment_rays(app, tracer) {
+        techniques.push(ReflectionTechnique::QuarterInline);
+    }
+    let viewers: Vec<_> = techniques
+        .iter()
+        .map(|technique| {
+            let reflections = RayTracedReflections {
+                technique: *technique,
+                max_bounces,
+                bounce_roughness_cutoff: 1.0,
+                ..default()
+            };
+            add_with(app, reflections, &one)
+        })
+        .collect();
+    render_together(app, &viewers);
+    let (first, others) = viewers.split_first().unwrap();
+    let (rays, blocks) = (counted(app, first), listed(app, first));
+    println!("{tracer:?}: {rays:?} rays of {blocks:?} blocks");
+    assert!(blocks[0] > 1000, "{blocks:?}");
+    assert_eq!(rays, blocks);
+    assert_eq!(&blocks[1..], &[0; 4]);
+    let expected = picture(app, first);
+    for (other, technique) in others.iter().zip(&techniques[1..]) {
+        let name = format!("{technique:?}-{tracer:?}-{max_bounces}-bounces");
+        assert_same_rays(app, &name, first, other);
+        assert_eq!(counted(app, other), rays, "{name}");
+        let actual = picture(app, other);
+        let limit = if is_exact(app) { 0.0 } else { 0.01 };
+        assert_flip(&name, SIZE, &expected, &actual, limit);
+    }
+    remove(app, viewers);
+}
+
 /// If the hardware back end can't be used, compute takes its place and the status says why.
-#[test]
-fn compute_takes_the_place_of_missing_hardware() {
-    let Some(mut app) = app(ReflectionTracerChoice::Auto, |_| {}) else {
-        return;
-    };
+fn compute_takes_the_place_of_missing_hardware(app: &mut HeadlessApp) {
     let heuristic = ShadingRateHeuristic::default();
     let viewer = add(
-        &mut app,
+        app,
         ReflectionTechnique::Variable,
         ReflectionBackend::HardwareVrs,
         &heuristic,
     );
-    warm_up(&mut app);
-    assert_eq!(active_backend(&mut app, &viewer), Some(ReflectionBackend::Compute));
+    warm_up(app);
+    assert_eq!(active_backend(app, &viewer), Some(ReflectionBackend::Compute));
     let is_said =
         |report: ReflectionStatusReport| report.reasons.iter().any(|reason| reason.contains("hardware back end"));
-    assert!(is_said(report(&mut app)), "{}", report(&mut app));
-    assert_eq!(report(&mut app).hardware_vrs, HardwareVrsSupport::NotAsked);
+    assert!(is_said(report(app)), "{}", report(app));
+    assert_eq!(report(app).hardware_vrs, HardwareVrsSupport::NotAsked);
 
     let mut reflections = app.world().get_mut::<RayTracedReflections>(viewer.camera).unwrap();
     reflections.backend = ReflectionBackend::Auto;
     app.step(2);
-    assert!(!is_said(report(&mut app)), "{}", report(&mut app));
-    assert_eq!(active_backend(&mut app, &viewer), Some(ReflectionBackend::Compute));
+    assert!(!is_said(report(app)), "{}", report(app));
+    assert_eq!(active_backend(app, &viewer), Some(ReflectionBackend::Compute));
     app.world().despawn(viewer.camera);
     app.step(2);
-    assert_eq!(active_backend(&mut app, &viewer), None);
+    assert_eq!(active_backend(app, &viewer), None);
 }
 
 /// If ray queries in fragment shaders would crash the driver, a compute shader traces the rays and the status says so.
-#[test]
-fn compute_takes_the_place_of_fragments_that_would_crash() {
-    let Some(mut app) = app(ReflectionTracerChoice::RayQuery, |_| {}) else {
-        return;
-    };
-    if !is_exact(&mut app) || report(&mut app).tracer != Some(ReflectionTracer::RayQuery) {
+fn compute_takes_the_place_of_fragments_that_would_crash(app: &mut HeadlessApp) {
+    if !is_exact(app) {
         println!("skipped: ray queries of another driver");
         return;
     }
     let one = ShadingRateHeuristic::Uniform(ShadingRate::R1x1);
     let viewers = [ReflectionTechnique::Quarter, ReflectionTechnique::QuarterInline]
-        .map(|technique| add(&mut app, technique, ReflectionBackend::Compute, &one));
-    render_together(&mut app, &viewers);
-    let reasons = report(&mut app).reasons;
+        .map(|technique| add(app, technique, ReflectionBackend::Compute, &one));
+    render_together(app, &viewers);
+    let reasons = report(app).reasons;
     assert!(
         reasons.iter().any(|reason| reason.contains("fragment shaders")),
         "{reasons:?}"
     );
-    assert_same_rays(&mut app, "fallback", &viewers[0], &viewers[1]);
+    assert_same_rays(app, "fallback", &viewers[0], &viewers[1]);
+    remove(app, viewers);
 }
 
 /// The raw Vulkan pass without its shading-rate attachment, so that other devices test it, too.
 #[cfg(feature = "hardware-vrs")]
 #[test]
 fn the_raw_pass_traces_the_rays_of_the_others() {
-    for tracer in BOTH {
+    for tracer in [ReflectionTracerChoice::Bvh, ReflectionTracerChoice::RayQuery] {
         let plugin = HardwareVrsPlugin { allow_full_rate: true };
         let before = |app: &mut App| {
             app.add_plugins(plugin);
@@ -348,9 +351,6 @@ fn the_raw_pass_traces_the_rays_of_the_others() {
         let Some(mut app) = app(tracer, before) else { continue };
         if let HardwareVrsSupport::Missing(reason) = report(&mut app).hardware_vrs {
             println!("skipped: {reason}");
-            continue;
-        }
-        if !has_fragment_rays(&mut app, tracer) {
             continue;
         }
         let one = ShadingRateHeuristic::Uniform(ShadingRate::R1x1);
@@ -406,6 +406,9 @@ fn the_raw_pass_traces_the_rays_of_the_others() {
                 .zip(&hardware)
                 .all(|(compute, hardware)| compute <= hardware)
         );
+        if !has_fragment_rays(&mut app, ReflectionTracerChoice::RayQuery) {
+            return;
+        }
     }
 }
 

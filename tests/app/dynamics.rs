@@ -2,8 +2,10 @@
 
 use crate::{
     common::app,
-    pictures::{BOTH, assert_flip, crop, differing_pixels, dump, flip, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, metal, report, spawn_camera, spawn_mesh, unlit, wall},
+    pictures::{assert_flip, crop, differing_pixels, dump, flip, reflect, warm_up},
+    stage::{
+        BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, metal, report, share_app, spawn_camera, spawn_mesh, unlit, wall,
+    },
 };
 use bevy::{
     asset::RenderAssetUsages,
@@ -47,6 +49,18 @@ fn settle(app: &mut HeadlessApp) {
         app.step(1);
     }
     panic!("meshes stay pending: {:?}", report(app));
+}
+
+#[test]
+fn changes_are_followed() {
+    share_app(&[
+        entities_that_change_are_followed,
+        assets_that_change_are_followed,
+        a_still_scene_builds_nothing,
+        without_a_camera_that_reflects_the_scene_is_freed,
+        a_viewport_shows_what_a_target_of_its_size_shows,
+        a_reduced_resolution_stays_inside,
+    ]);
 }
 
 /// The image in a mirror doesn't go along with the mirror.
@@ -165,56 +179,50 @@ fn edit_material(app: &mut HeadlessApp, entity: Entity, change: impl FnOnce(&mut
     change(&mut material);
 }
 
-#[test]
-fn entities_that_change_are_followed() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
-        let camera = mirror(&mut app, SceneName::MirrorRoom);
-        let subject = spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
-        app.warm_up(20_000).unwrap();
-        expect(&mut app, "no reflections yet", RED, [false, false]);
-        reflect(&mut app, camera, ReflectionTechnique::Reference);
-        let size = expect(&mut app, "at first", RED, [true, false]);
+fn entities_that_change_are_followed(app: &mut HeadlessApp, _: ReflectionTracerChoice) {
+    let camera = mirror(app, SceneName::MirrorRoom);
+    let subject = spawn_mesh(app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
+    app.warm_up(20_000).unwrap();
+    expect(app, "no reflections yet", RED, [false, false]);
+    reflect(app, camera, ReflectionTechnique::Reference);
+    let size = expect(app, "at first", RED, [true, false]);
 
-        app.world().get_mut::<Transform>(subject).unwrap().translation = RIGHT;
-        let moved = expect(&mut app, "moved", RED, [false, true]);
-        assert!(
-            moved.abs_diff(size) * 10 < size,
-            "{moved} pixels after the move, {size} before"
-        );
-        app.world().entity_mut(subject).insert(Visibility::Hidden);
-        expect(&mut app, "hidden", RED, [false, false]);
-        app.world().entity_mut(subject).insert(Visibility::Visible);
-        expect(&mut app, "shown again", RED, [false, true]);
-        app.world().entity_mut(subject).insert(NotReflected);
-        expect(&mut app, "opted out", RED, [false, false]);
-        app.world().entity_mut(subject).remove::<NotReflected>();
-        expect(&mut app, "opted in", RED, [false, true]);
-        app.world().entity_mut(subject).insert(Disabled);
-        expect(&mut app, "disabled", RED, [false, false]);
-        app.world().entity_mut(subject).remove::<Disabled>();
-        expect(&mut app, "enabled", RED, [false, true]);
+    app.world().get_mut::<Transform>(subject).unwrap().translation = RIGHT;
+    let moved = expect(app, "moved", RED, [false, true]);
+    assert!(
+        moved.abs_diff(size) * 10 < size,
+        "{moved} pixels after the move, {size} before"
+    );
+    app.world().entity_mut(subject).insert(Visibility::Hidden);
+    expect(app, "hidden", RED, [false, false]);
+    app.world().entity_mut(subject).insert(Visibility::Visible);
+    expect(app, "shown again", RED, [false, true]);
+    app.world().entity_mut(subject).insert(NotReflected);
+    expect(app, "opted out", RED, [false, false]);
+    app.world().entity_mut(subject).remove::<NotReflected>();
+    expect(app, "opted in", RED, [false, true]);
+    app.world().entity_mut(subject).insert(Disabled);
+    expect(app, "disabled", RED, [false, false]);
+    app.world().entity_mut(subject).remove::<Disabled>();
+    expect(app, "enabled", RED, [false, true]);
 
-        let second = spawn_mesh(&mut app, cube(2.0), unlit(BLUE), Transform::from_translation(LEFT));
-        expect(&mut app, "a second one came", BLUE, [true, false]);
-        expect(&mut app, "and the first stays", RED, [false, true]);
-        app.world().despawn(subject);
-        expect(&mut app, "despawned", RED, [false, false]);
-        expect(&mut app, "the second stays", BLUE, [true, false]);
-        // The new one takes the slot of the old one.
-        spawn_mesh(&mut app, cube(2.0), unlit(GREEN), Transform::from_translation(RIGHT));
-        expect(&mut app, "a third one came", GREEN, [false, true]);
+    let second = spawn_mesh(app, cube(2.0), unlit(BLUE), Transform::from_translation(LEFT));
+    expect(app, "a second one came", BLUE, [true, false]);
+    expect(app, "and the first stays", RED, [false, true]);
+    app.world().despawn(subject);
+    expect(app, "despawned", RED, [false, false]);
+    expect(app, "the second stays", BLUE, [true, false]);
+    // The new one takes the slot of the old one.
+    spawn_mesh(app, cube(2.0), unlit(GREEN), Transform::from_translation(RIGHT));
+    expect(app, "a third one came", GREEN, [false, true]);
 
-        // Children follow their parents.
-        let parent = app.world().spawn((Transform::IDENTITY, Visibility::default())).id();
-        app.world().entity_mut(second).insert(ChildOf(parent));
-        app.world().get_mut::<Transform>(parent).unwrap().translation = RIGHT - LEFT + Vec3::Y * 2.5;
-        expect(&mut app, "moved by its parent", BLUE, [false, true]);
-        app.world().entity_mut(parent).insert(Visibility::Hidden);
-        expect(&mut app, "hidden by its parent", BLUE, [false, false]);
-    }
+    // Children follow their parents.
+    let parent = app.world().spawn((Transform::IDENTITY, Visibility::default())).id();
+    app.world().entity_mut(second).insert(ChildOf(parent));
+    app.world().get_mut::<Transform>(parent).unwrap().translation = RIGHT - LEFT + Vec3::Y * 2.5;
+    expect(app, "moved by its parent", BLUE, [false, true]);
+    app.world().entity_mut(parent).insert(Visibility::Hidden);
+    expect(app, "hidden by its parent", BLUE, [false, false]);
 }
 
 /// A cube gets a texture, whose texels change; at last it is green and has none.
@@ -281,31 +289,25 @@ fn expect_changes_of_a_mesh(app: &mut HeadlessApp, subject: Entity, size: usize)
     assert!(small * 5 < size * 2, "{small} pixels with half the cube, {size} before");
 }
 
-#[test]
-fn assets_that_change_are_followed() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
-        let camera = mirror(&mut app, SceneName::MirrorRoom);
-        let subject = spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
-        reflect(&mut app, camera, ReflectionTechnique::Reference);
-        let size = expect(&mut app, "at first", RED, [true, false]);
+fn assets_that_change_are_followed(app: &mut HeadlessApp, _: ReflectionTracerChoice) {
+    let camera = mirror(app, SceneName::MirrorRoom);
+    let subject = spawn_mesh(app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
+    reflect(app, camera, ReflectionTechnique::Reference);
+    let size = expect(app, "at first", RED, [true, false]);
 
-        edit_material(&mut app, subject, |material| {
-            material.base_color = Color::srgb_u8(0, 255, 0);
-        });
-        expect(&mut app, "recoloured", GREEN, [true, false]);
-        expect(&mut app, "the old colour is gone", RED, [false, false]);
+    edit_material(app, subject, |material| {
+        material.base_color = Color::srgb_u8(0, 255, 0);
+    });
+    expect(app, "recoloured", GREEN, [true, false]);
+    expect(app, "the old colour is gone", RED, [false, false]);
 
-        expect_changes_of_a_texture(&mut app, subject);
-        expect_changes_of_a_mesh(&mut app, subject, size);
-        let blue = app.world().resource_mut::<Assets<StandardMaterial>>().add(unlit(BLUE));
-        app.world().entity_mut(subject).insert(MeshMaterial3d(blue));
-        expect(&mut app, "another material", BLUE, [true, false]);
-        app.world().entity_mut(subject).remove::<Mesh3d>();
-        expect(&mut app, "without a mesh", BLUE, [false, false]);
-    }
+    expect_changes_of_a_texture(app, subject);
+    expect_changes_of_a_mesh(app, subject, size);
+    let blue = app.world().resource_mut::<Assets<StandardMaterial>>().add(unlit(BLUE));
+    app.world().entity_mut(subject).insert(MeshMaterial3d(blue));
+    expect(app, "another material", BLUE, [true, false]);
+    app.world().entity_mut(subject).remove::<Mesh3d>();
+    expect(app, "without a mesh", BLUE, [false, false]);
 }
 
 /// A texture that never loads leaves its material plain, and lets the view converge.
@@ -352,92 +354,80 @@ fn change_of_a_frame(app: &mut HeadlessApp) -> f32 {
     before.iter().zip(&after).map(|(a, b)| (a[1] - b[1]).abs()).sum()
 }
 
-#[test]
-fn a_still_scene_builds_nothing() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
-        let camera = mirror(&mut app, SceneName::MirrorRoom);
-        let subject = spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
-        reflect(&mut app, camera, ReflectionTechnique::Reference);
-        app.step(4);
-        // Objects that rest are merged, once.
-        for _ in 0..2000 {
-            let report = report(&mut app);
-            if !report.merges_pending && !report.micromaps_pending {
-                break;
-            }
-            app.step(1);
+fn a_still_scene_builds_nothing(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    let camera = mirror(app, SceneName::MirrorRoom);
+    let subject = spawn_mesh(app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
+    reflect(app, camera, ReflectionTechnique::Reference);
+    app.step(4);
+    // Objects that rest are merged, once.
+    for _ in 0..2000 {
+        let report = report(app);
+        if !report.merges_pending && !report.micromaps_pending {
+            break;
         }
-        let builds = |app: &mut HeadlessApp| {
-            let report = report(app);
-            (report.tlas_builds, report.blas_builds)
-        };
-        let before = builds(&mut app);
-        assert!(before.0 > 0 && before.1 >= 2, "{tracer:?}: {before:?}");
-        app.step(10);
-        assert_eq!(
-            builds(&mut app),
-            before,
-            "{tracer:?}: builds of top level and meshes in a still scene"
-        );
-        // A camera that moves changes nothing for rays either.
-        app.world().get_mut::<Transform>(camera).unwrap().translation.x = 0.1;
-        app.step(2);
-        assert_eq!(builds(&mut app), before, "{tracer:?}: only the camera moved");
-        app.world().get_mut::<Transform>(subject).unwrap().translation = RIGHT;
-        app.step(4);
-        assert_eq!(
-            builds(&mut app),
-            (before.0 + 1, before.1),
-            "{tracer:?}: one object moved once"
-        );
+        app.step(1);
     }
+    let builds = |app: &mut HeadlessApp| {
+        let report = report(app);
+        (report.tlas_builds, report.blas_builds)
+    };
+    let before = builds(app);
+    assert!(before.0 > 0 && before.1 >= 2, "{tracer:?}: {before:?}");
+    app.step(10);
+    assert_eq!(
+        builds(app),
+        before,
+        "{tracer:?}: builds of top level and meshes in a still scene"
+    );
+    // A camera that moves changes nothing for rays either.
+    app.world().get_mut::<Transform>(camera).unwrap().translation.x = 0.1;
+    app.step(2);
+    assert_eq!(builds(app), before, "{tracer:?}: only the camera moved");
+    app.world().get_mut::<Transform>(subject).unwrap().translation = RIGHT;
+    app.step(4);
+    assert_eq!(
+        builds(app),
+        (before.0 + 1, before.1),
+        "{tracer:?}: one object moved once"
+    );
 }
 
-#[test]
-fn without_a_camera_that_reflects_the_scene_is_freed() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
-        // In white surroundings a mirror without its environment's light would be black.
-        let camera = mirror(&mut app, SceneName::Furnace);
-        spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
-        app.warm_up(20_000).unwrap();
-        app.step(2);
-        let never = app.capture().unwrap();
-        assert!(never[4 * 100] > 100, "the environment is seen in the mirror");
-        reflect(&mut app, camera, ReflectionTechnique::Reference);
-        let first = expect(&mut app, "with reflections", RED, [true, false]);
-        let active = report(&mut app);
-        assert_eq!(active.instances, 2);
-        assert!(active.scene_bytes > 0 && active.triangles > 0, "{active:?}");
+fn without_a_camera_that_reflects_the_scene_is_freed(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    // In white surroundings a mirror without its environment's light would be black.
+    let camera = mirror(app, SceneName::Furnace);
+    spawn_mesh(app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
+    app.warm_up(20_000).unwrap();
+    app.step(2);
+    let never = app.capture().unwrap();
+    assert!(never[4 * 100] > 100, "the environment is seen in the mirror");
+    reflect(app, camera, ReflectionTechnique::Reference);
+    let first = expect(app, "with reflections", RED, [true, false]);
+    let active = report(app);
+    assert_eq!(active.instances, 2);
+    assert!(active.scene_bytes > 0 && active.triangles > 0, "{active:?}");
 
-        app.world().entity_mut(camera).remove::<RayTracedReflections>();
-        app.step(2);
-        let idle = report(&mut app);
-        assert_eq!(
-            (idle.instances, idle.scene_bytes, idle.meshes, idle.triangles),
-            (0, 0, 0, 0),
-            "{idle:?}"
-        );
-        let picture = app.capture().unwrap();
-        assert_eq!(
-            differing_pixels(&never, &picture, 1),
-            0,
-            "{tracer:?}: something of the reflections stays"
-        );
+    app.world().entity_mut(camera).remove::<RayTracedReflections>();
+    app.step(2);
+    let idle = report(app);
+    assert_eq!(
+        (idle.instances, idle.scene_bytes, idle.meshes, idle.triangles),
+        (0, 0, 0, 0),
+        "{idle:?}"
+    );
+    let picture = app.capture().unwrap();
+    assert_eq!(
+        differing_pixels(&never, &picture, 1),
+        0,
+        "{tracer:?}: something of the reflections stays"
+    );
 
-        reflect(&mut app, camera, ReflectionTechnique::Reference);
-        assert_eq!(expect(&mut app, "once more", RED, [true, false]), first);
-        assert_eq!(report(&mut app).instances, 2);
-        // An inactive camera counts as none.
-        app.world().get_mut::<Camera>(camera).unwrap().is_active = false;
-        app.step(2);
-        assert_eq!(report(&mut app).instances, 0);
-    }
+    reflect(app, camera, ReflectionTechnique::Reference);
+    assert_eq!(expect(app, "once more", RED, [true, false]), first);
+    assert_eq!(report(app).instances, 2);
+    // An inactive camera counts as none.
+    app.world().get_mut::<Camera>(camera).unwrap().is_active = false;
+    app.step(2);
+    assert_eq!(report(app).instances, 0);
 }
 
 /// A viewport of half the width.
@@ -472,121 +462,109 @@ fn spawn_cameras(app: &mut HeadlessApp, name: SceneName, whole: &Handle<Image>) 
     [left, right, alone]
 }
 
-#[test]
-fn a_viewport_shows_what_a_target_of_its_size_shows() {
+fn a_viewport_shows_what_a_target_of_its_size_shows(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
     let half = UVec2::new(SIZE.x / 2, SIZE.y);
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
-        let name = SceneName::MirrorRoom;
-        glint_scenes::spawn(name, app.world());
-        let mut image = Image::new_target_texture(half.x, half.y, TextureFormat::Rgba8UnormSrgb, None);
-        image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
-        let whole = app.world().resource_mut::<Assets<Image>>().add(image);
-        let [left, right, alone] = spawn_cameras(&mut app, name, &whole);
-        app.warm_up(20_000).unwrap();
-        app.step(2);
-        let off = app.capture().unwrap();
-        reflect(&mut app, alone, ReflectionTechnique::Reference);
-        reflect(&mut app, left, ReflectionTechnique::Reference);
-        app.step(2);
-        let on = app.capture().unwrap();
-        let whole = read_image(app.app().sub_app(RenderApp).world(), &whole).unwrap();
+    let name = SceneName::MirrorRoom;
+    glint_scenes::spawn(name, app.world());
+    let mut image = Image::new_target_texture(half.x, half.y, TextureFormat::Rgba8UnormSrgb, None);
+    image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
+    let whole = app.world().resource_mut::<Assets<Image>>().add(image);
+    let [left, right, alone] = spawn_cameras(app, name, &whole);
+    app.warm_up(20_000).unwrap();
+    app.step(2);
+    let off = app.capture().unwrap();
+    reflect(app, alone, ReflectionTechnique::Reference);
+    reflect(app, left, ReflectionTechnique::Reference);
+    app.step(2);
+    let on = app.capture().unwrap();
+    let whole = read_image(app.app().sub_app(RenderApp).world(), &whole).unwrap();
 
-        let columns = half.x as usize;
-        let changed = flip(half, &crop(&off, SIZE.x, 0..columns), &crop(&on, SIZE.x, 0..columns)).0;
-        assert!(
-            changed > 0.01,
-            "{tracer:?}: reflections change the left half by {changed} only"
-        );
-        assert_flip(
-            &format!("viewport-{tracer:?}"),
-            half,
-            &whole,
-            &crop(&on, SIZE.x, 0..columns),
-            0.01,
-        );
-        let (before, after) = (
-            crop(&off, SIZE.x, columns..2 * columns),
-            crop(&on, SIZE.x, columns..2 * columns),
-        );
-        assert_eq!(
-            differing_pixels(&before, &after, 1),
-            0,
-            "{tracer:?}: the right half doesn't reflect"
-        );
+    let columns = half.x as usize;
+    let changed = flip(half, &crop(&off, SIZE.x, 0..columns), &crop(&on, SIZE.x, 0..columns)).0;
+    assert!(
+        changed > 0.01,
+        "{tracer:?}: reflections change the left half by {changed} only"
+    );
+    assert_flip(
+        &format!("viewport-{tracer:?}"),
+        half,
+        &whole,
+        &crop(&on, SIZE.x, 0..columns),
+        0.01,
+    );
+    let (before, after) = (
+        crop(&off, SIZE.x, columns..2 * columns),
+        crop(&on, SIZE.x, columns..2 * columns),
+    );
+    assert_eq!(
+        differing_pixels(&before, &after, 1),
+        0,
+        "{tracer:?}: the right half doesn't reflect"
+    );
 
-        // A viewport that doesn't start at the corner.
-        app.world().entity_mut(alone).remove::<RayTracedReflections>();
-        for (camera, x) in [(left, half.x), (right, 0)] {
-            app.world().get_mut::<Camera>(camera).unwrap().viewport = half_viewport(x);
-        }
-        warm_up(&mut app);
-        let swapped = app.capture().unwrap();
-        assert_flip(
-            &format!("viewport-right-{tracer:?}"),
-            half,
-            &whole,
-            &crop(&swapped, SIZE.x, columns..2 * columns),
-            0.01,
-        );
+    // A viewport that doesn't start at the corner.
+    app.world().entity_mut(alone).remove::<RayTracedReflections>();
+    for (camera, x) in [(left, half.x), (right, 0)] {
+        app.world().get_mut::<Camera>(camera).unwrap().viewport = half_viewport(x);
     }
+    warm_up(app);
+    let swapped = app.capture().unwrap();
+    assert_flip(
+        &format!("viewport-right-{tracer:?}"),
+        half,
+        &whole,
+        &crop(&swapped, SIZE.x, columns..2 * columns),
+        0.01,
+    );
 }
 
-#[test]
-fn a_reduced_resolution_stays_inside() {
+fn a_reduced_resolution_stays_inside(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
     let inside = UVec2::new(60, 40);
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
-        let camera = mirror(&mut app, SceneName::MirrorRoom);
-        spawn_mesh(&mut app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
-        app.warm_up(20_000).unwrap();
-        let render_entity = app.world().get::<RenderEntity>(camera).unwrap().id();
-        let render_world = app.app().sub_app_mut(RenderApp).world_mut();
-        render_world
-            .entity_mut(render_entity)
-            .insert(MainPassResolutionOverride(inside));
-        app.warm_up(20_000).unwrap();
-        app.step(2);
-        let off = app.capture().unwrap();
-        reflect(&mut app, camera, ReflectionTechnique::Reference);
-        // Upscalers also ask for the denoiser's history at the smaller size.
-        app.world().entity_mut(camera).insert(RayTracedReflections::default());
-        warm_up(&mut app);
-        app.step(4);
-        let on = app.capture().unwrap();
-        let (mut changed_inside, mut changed_outside) = (0, 0);
-        for (i, (a, b)) in off.chunks_exact(4).zip(on.chunks_exact(4)).enumerate() {
-            let (x, y) = (i as u32 % SIZE.x, i as u32 / SIZE.x);
-            let changed = usize::from(a.iter().zip(b).any(|(a, b)| a.abs_diff(*b) > 1));
-            if x < inside.x && y < inside.y {
-                changed_inside += changed;
-            } else {
-                changed_outside += changed;
-            }
+    let camera = mirror(app, SceneName::MirrorRoom);
+    spawn_mesh(app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
+    app.warm_up(20_000).unwrap();
+    let render_entity = app.world().get::<RenderEntity>(camera).unwrap().id();
+    let render_world = app.app().sub_app_mut(RenderApp).world_mut();
+    render_world
+        .entity_mut(render_entity)
+        .insert(MainPassResolutionOverride(inside));
+    app.warm_up(20_000).unwrap();
+    app.step(2);
+    let off = app.capture().unwrap();
+    reflect(app, camera, ReflectionTechnique::Reference);
+    // Upscalers also ask for the denoiser's history at the smaller size.
+    app.world().entity_mut(camera).insert(RayTracedReflections::default());
+    warm_up(app);
+    app.step(4);
+    let on = app.capture().unwrap();
+    let (mut changed_inside, mut changed_outside) = (0, 0);
+    for (i, (a, b)) in off.chunks_exact(4).zip(on.chunks_exact(4)).enumerate() {
+        let (x, y) = (i as u32 % SIZE.x, i as u32 / SIZE.x);
+        let changed = usize::from(a.iter().zip(b).any(|(a, b)| a.abs_diff(*b) > 1));
+        if x < inside.x && y < inside.y {
+            changed_inside += changed;
+        } else {
+            changed_outside += changed;
         }
-        assert!(changed_inside > 60, "{tracer:?}: {changed_inside} pixels reflect");
-        assert_eq!(
-            changed_outside, 0,
-            "{tracer:?}: pixels beyond the reduced resolution changed"
-        );
-
-        // The small picture is that of a small target.
-        let mut image = Image::new_target_texture(inside.x, inside.y, TextureFormat::Rgba8UnormSrgb, None);
-        image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
-        let image = app.world().resource_mut::<Assets<Image>>().add(image);
-        let small = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
-        app.world()
-            .entity_mut(small)
-            .insert((RenderTarget::from(image.clone()), RayTracedReflections::default()));
-        warm_up(&mut app);
-        app.step(4);
-        let small = read_image(app.app().sub_app(RenderApp).world(), &image).unwrap();
-        let rows = on.chunks_exact(4 * SIZE.x as usize).take(inside.y as usize);
-        let shown: Vec<u8> = rows.flat_map(|row| &row[..4 * inside.x as usize]).copied().collect();
-        assert_flip(&format!("reduced-{tracer:?}"), inside, &small, &shown, 0.01);
     }
+    assert!(changed_inside > 60, "{tracer:?}: {changed_inside} pixels reflect");
+    assert_eq!(
+        changed_outside, 0,
+        "{tracer:?}: pixels beyond the reduced resolution changed"
+    );
+
+    // The small picture is that of a small target.
+    let mut image = Image::new_target_texture(inside.x, inside.y, TextureFormat::Rgba8UnormSrgb, None);
+    image.texture_descriptor.usage |= TextureUsages::COPY_SRC;
+    let image = app.world().resource_mut::<Assets<Image>>().add(image);
+    let small = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    app.world()
+        .entity_mut(small)
+        .insert((RenderTarget::from(image.clone()), RayTracedReflections::default()));
+    warm_up(app);
+    app.step(4);
+    let small = read_image(app.app().sub_app(RenderApp).world(), &image).unwrap();
+    let rows = on.chunks_exact(4 * SIZE.x as usize).take(inside.y as usize);
+    let shown: Vec<u8> = rows.flat_map(|row| &row[..4 * inside.x as usize]).copied().collect();
+    assert_flip(&format!("reduced-{tracer:?}"), inside, &small, &shown, 0.01);
 }

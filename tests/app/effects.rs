@@ -42,11 +42,10 @@ fn difference(a: &[f32], b: &[f32]) -> f32 {
     mean(a.iter().zip(b).map(|(a, b)| (a - b).abs())) / mean(a.iter().copied())
 }
 
-fn renders_after(app: &mut HeadlessApp, camera: Entity, effect: impl Bundle) -> Vec<f32> {
+fn renders_after(app: &mut HeadlessApp, camera: Entity, effect: impl Bundle, frames: u32) -> Vec<f32> {
     app.world().entity_mut(camera).insert(effect);
-    // Until converged reflections are free of noise.
     app.warm_up(20_000).unwrap();
-    app.step(40);
+    app.step(frames);
     capture(app)
 }
 
@@ -54,6 +53,8 @@ fn renders_after(app: &mut HeadlessApp, camera: Entity, effect: impl Bundle) -> 
 /// must lie over the other.
 #[test]
 fn effects_treat_rays_as_they_treat_the_environment_map() {
+    // Until converged reflections are free of noise.
+    const FRAMES: u32 = 40;
     let Some(mut app) = app() else { return };
     let app = &mut app;
     let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
@@ -68,18 +69,18 @@ fn effects_treat_rays_as_they_treat_the_environment_map() {
         falloff: FogFalloff::Linear { start: 1.0, end: 6.0 },
         ..default()
     };
-    let plain = renders_after(app, camera, ());
+    let plain = renders_after(app, camera, (), FRAMES);
     let mut without = vec![("nothing", plain.clone())];
-    without.push(("fog", renders_after(app, camera, fog())));
+    without.push(("fog", renders_after(app, camera, fog(), FRAMES)));
     app.world().entity_mut(camera).remove::<DistanceFog>();
-    without.push(("ambient occlusion", renders_after(app, camera, occlusion())));
+    without.push(("ambient occlusion", renders_after(app, camera, occlusion(), FRAMES)));
     app.world().entity_mut(camera).remove::<ScreenSpaceAmbientOcclusion>();
 
     reflect(app, camera, ReflectionTechnique::Converged);
-    let mut with = vec![renders_after(app, camera, ())];
-    with.push(renders_after(app, camera, fog()));
+    let mut with = vec![renders_after(app, camera, (), FRAMES)];
+    with.push(renders_after(app, camera, fog(), FRAMES));
     app.world().entity_mut(camera).remove::<DistanceFog>();
-    with.push(renders_after(app, camera, occlusion()));
+    with.push(renders_after(app, camera, occlusion(), FRAMES));
 
     // Bevy's split sum is an approximation, so each image is compared with that without the effect.
     let relative = |image: &[f32], plain: &[f32]| image.iter().zip(plain).map(|(a, b)| a / b).collect::<Vec<_>>();
@@ -111,7 +112,7 @@ fn reflections_bloom() {
         ..default()
     };
     spawn_mesh(app, Cuboid::from_length(1.0), lamp, Transform::from_xyz(0.0, 0.0, 6.0));
-    let off = renders_after(app, camera, Bloom::NATURAL);
+    let off = renders_after(app, camera, Bloom::NATURAL, 4);
     assert_eq!(
         off.iter().filter(|value| **value > 1e-3).count(),
         0,
@@ -121,7 +122,7 @@ fn reflections_bloom() {
     reflect(app, camera, ReflectionTechnique::Reference);
     app.step(4);
     let sharp = capture(app);
-    let glowing = renders_after(app, camera, Bloom::NATURAL);
+    let glowing = renders_after(app, camera, Bloom::NATURAL, 4);
     let around = sharp
         .iter()
         .zip(&glowing)

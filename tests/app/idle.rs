@@ -2,14 +2,10 @@
 
 use crate::{
     common::app,
-    pictures::{BOTH, assert_flip, differing_pixels, red_pixels, warm_up},
-    stage::{BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, spawn_camera, spawn_mesh, unlit, wall},
+    pictures::{BOTH, apps, assert_flip, differing_pixels, red_pixels, warm_up},
+    stage::{BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, share_picture, spawn_camera, spawn_mesh, unlit, wall},
 };
-use bevy::{
-    camera::{ClearColorConfig, Viewport},
-    math::UVec2,
-    prelude::*,
-};
+use bevy::{camera::Viewport, prelude::*};
 use bevy_glint::{
     RayTracedReflections, ReflectionBackend, ReflectionDebugView, ReflectionDenoiser, ReflectionTechnique,
     ReflectionTracerChoice, ShadingRateTileSize,
@@ -77,10 +73,7 @@ fn expect_resting(app: &mut HeadlessApp, what: &str, frames: u32, resting: usize
 
 #[test]
 fn a_camera_that_rests_shows_what_one_without_reflections_shows() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
+    for (tracer, mut app) in apps(SIZE, Output::Picture) {
         let camera = stage(&mut app);
         app.warm_up(20_000).unwrap();
         app.step(2);
@@ -202,19 +195,7 @@ fn cameras_rest_and_wake_for_themselves() {
     spawn_wall(app, 0.0, facing_back);
     let turned = BEFORE_THE_MIRROR.looking_to(Vec3::Z, Vec3::Y);
     let smooth = spawn_camera(app, turned, SURROUNDINGS);
-    let half = UVec2::new(SIZE.x / 2, SIZE.y);
-    for (order, camera) in [rough, smooth].into_iter().enumerate() {
-        let mut camera = app.world().get_mut::<Camera>(camera).unwrap();
-        camera.order = order as isize;
-        camera.viewport = Some(Viewport {
-            physical_position: UVec2::new(order as u32 * half.x, 0),
-            physical_size: half,
-            ..default()
-        });
-        if order > 0 {
-            camera.clear_color = ClearColorConfig::None;
-        }
-    }
+    share_picture(app, [rough, smooth]);
     reflect(app, rough);
     reflect(app, smooth);
     until_one_rests(app);

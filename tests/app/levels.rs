@@ -1,8 +1,8 @@
 //! Levels that are loaded and unloaded: room is given back, and is found again.
 
 use crate::{
-    common::{app, app_of},
-    pictures::{BOTH, red_pixels, reflect, warm_up},
+    common::app_of,
+    pictures::{apps, red_pixels, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{
@@ -101,10 +101,7 @@ fn inventory(app: &mut HeadlessApp) -> ([usize; 4], [u64; 3]) {
 
 #[test]
 fn levels_that_go_give_everything_back() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE / 4, Output::Picture, tracer) else {
-            continue;
-        };
+    for (tracer, mut app) in apps(SIZE / 4, Output::Picture) {
         let app = &mut app;
         spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
         let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);

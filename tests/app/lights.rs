@@ -2,7 +2,7 @@
 
 use crate::{
     common::app,
-    pictures::{BOTH, assert_flip, red_pixels, reflect},
+    pictures::{apps, assert_flip, red_pixels, reflect},
     stage::{BEFORE_THE_MIRROR, SIZE, metal, spawn_camera, spawn_mesh, wall},
 };
 use bevy::prelude::*;
@@ -31,10 +31,7 @@ fn spawn_lights(app: &mut HeadlessApp) {
 
 #[test]
 fn lights_without_bits_shine_and_cast_shadows() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
+    for (tracer, mut app) in apps(SIZE, Output::Picture) {
         spawn_mesh(&mut app, wall(), metal(0.0), Transform::IDENTITY);
         let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
         let behind = Transform::from_xyz(0.0, 0.0, 8.0).looking_to(Vec3::Z, Vec3::Y);

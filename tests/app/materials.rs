@@ -103,76 +103,82 @@ fn assert_shows(app: &mut HeadlessApp, what: &str, color: Option<[u8; 3]>) {
 }
 
 #[test]
-fn materials_of_known_types_are_seen() {
+fn rays_see_materials_and_hit_stand_ins() {
     for tracer in BOTH {
         let Some(mut app) = stage(tracer) else { continue };
-        assert_shows(&mut app, "nothing", None);
-        let mesh: Handle<Mesh> = add(&mut app, wall().into());
-        let water = add(&mut app, water(RED));
-        let object = app
-            .world()
-            .spawn((Mesh3d(mesh), MeshMaterial3d(water.clone()), behind()))
-            .id();
-        assert_shows(&mut app, "water", Some(RED));
-        app.world()
-            .resource_mut::<Assets<Water>>()
-            .get_mut(&water)
-            .unwrap()
-            .base = unlit(BLUE);
-        assert_shows(&mut app, "water whose base changed", Some(BLUE));
-        // In one frame, the new material's system may run before the old one's.
-        let lava = add(&mut app, Lava::default());
-        let swap = |app: &mut HeadlessApp| {
-            let mut object = app.world().entity_mut(object);
-            object
-                .remove::<MeshMaterial3d<Water>>()
-                .insert(MeshMaterial3d(lava.clone()));
-        };
-        swap(&mut app);
-        assert_shows(&mut app, "lava", Some(GREEN));
-        let mut entity = app.world().entity_mut(object);
-        entity
-            .remove::<MeshMaterial3d<Lava>>()
-            .insert(MeshMaterial3d(water.clone()));
-        assert_shows(&mut app, "water again", Some(BLUE));
-        let red = add(&mut app, unlit(RED));
-        app.world().entity_mut(object).insert(ReflectedMaterial3d(red));
-        assert_shows(&mut app, "a stand-in", Some(RED));
-        app.world().entity_mut(object).remove::<ReflectedMaterial3d>();
-        assert_shows(&mut app, "without the stand-in", Some(BLUE));
-        app.world().entity_mut(object).remove::<MeshMaterial3d<Water>>();
-        assert_shows(&mut app, "without a material", None);
+        materials_of_known_types_are_seen(&mut app);
+        rays_hit_stand_ins(&mut app);
     }
 }
 
-#[test]
-fn rays_hit_stand_ins() {
-    for tracer in BOTH {
-        let Some(mut app) = stage(tracer) else { continue };
-        let wall: Handle<Mesh> = add(&mut app, wall().into());
-        let dot: Handle<Mesh> = add(&mut app, Rectangle::new(0.01, 0.01).into());
-        let green = add(&mut app, unlit(GREEN));
-        let object = (Mesh3d(dot.clone()), MeshMaterial3d(green), behind());
-        let object = app.world().spawn(object).id();
-        assert_shows(&mut app, "its own mesh", None);
-        app.world().entity_mut(object).insert(ReflectedMesh3d(wall.clone()));
-        assert_shows(&mut app, "a stand-in", Some(GREEN));
-        app.world().entity_mut(object).remove::<Mesh3d>();
-        assert_shows(&mut app, "nothing else", Some(GREEN));
-        app.world()
-            .entity_mut(object)
-            .remove::<ReflectedMesh3d>()
-            .insert(Mesh3d(dot));
-        assert_shows(&mut app, "without the stand-in", None);
-        app.world().entity_mut(object).insert(Mesh3d(wall.clone()));
-        assert_shows(&mut app, "another mesh", Some(GREEN));
-        let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
-        meshes.get_mut(&wall).unwrap().enable_raytracing = false;
-        assert_shows(&mut app, "a mesh that keeps rays out", None);
-        let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
-        meshes.get_mut(&wall).unwrap().enable_raytracing = true;
-        assert_shows(&mut app, "a mesh that lets them in again", Some(GREEN));
-    }
+fn materials_of_known_types_are_seen(app: &mut HeadlessApp) {
+    assert_shows(app, "nothing", None);
+    let mesh: Handle<Mesh> = add(app, wall().into());
+    let water = add(app, water(RED));
+    let object = app
+        .world()
+        .spawn((Mesh3d(mesh), MeshMaterial3d(water.clone()), behind()))
+        .id();
+    assert_shows(app, "water", Some(RED));
+    app.world()
+        .resource_mut::<Assets<Water>>()
+        .get_mut(&water)
+        .unwrap()
+        .base = unlit(BLUE);
+    assert_shows(app, "water whose base changed", Some(BLUE));
+    // In one frame, the new material's system may run before the old one's.
+    let lava = add(app, Lava::default());
+    let swap = |app: &mut HeadlessApp| {
+        let mut object = app.world().entity_mut(object);
+        object
+            .remove::<MeshMaterial3d<Water>>()
+            .insert(MeshMaterial3d(lava.clone()));
+    };
+    swap(app);
+    assert_shows(app, "lava", Some(GREEN));
+    let mut entity = app.world().entity_mut(object);
+    entity
+        .remove::<MeshMaterial3d<Lava>>()
+        .insert(MeshMaterial3d(water.clone()));
+    assert_shows(app, "water again", Some(BLUE));
+    let red = add(app, unlit(RED));
+    app.world().entity_mut(object).insert(ReflectedMaterial3d(red));
+    assert_shows(app, "a stand-in", Some(RED));
+    app.world().entity_mut(object).remove::<ReflectedMaterial3d>();
+    assert_shows(app, "without the stand-in", Some(BLUE));
+    app.world().entity_mut(object).remove::<MeshMaterial3d<Water>>();
+    assert_shows(app, "without a material", None);
+    app.world().despawn(object);
+}
+
+fn rays_hit_stand_ins(app: &mut HeadlessApp) {
+    let wall: Handle<Mesh> = add(app, wall().into());
+    let dot: Handle<Mesh> = add(app, Rectangle::new(0.01, 0.01).into());
+    let green = add(app, unlit(GREEN));
+    let object = (Mesh3d(dot.clone()), MeshMaterial3d(green), behind());
+    let object = app.world().spawn(object).id();
+    assert_shows(app, "its own mesh", None);
+    app.world().entity_mut(object).insert(ReflectedMesh3d(wall.clone()));
+    assert_shows(app, "a stand-in", Some(GREEN));
+    app.world().entity_mut(object).remove::<ReflectedMesh3d>();
+    assert_shows(app, "its own mesh again", None);
+    app.world().entity_mut(object).insert(ReflectedMesh3d(wall.clone()));
+    app.world().entity_mut(object).remove::<Mesh3d>();
+    assert_shows(app, "nothing else", Some(GREEN));
+    app.world()
+        .entity_mut(object)
+        .remove::<ReflectedMesh3d>()
+        .insert(Mesh3d(dot));
+    assert_shows(app, "without the stand-in", None);
+    app.world().entity_mut(object).insert(Mesh3d(wall.clone()));
+    assert_shows(app, "another mesh", Some(GREEN));
+    let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
+    meshes.get_mut(&wall).unwrap().enable_raytracing = false;
+    assert_shows(app, "a mesh that keeps rays out", None);
+    let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
+    meshes.get_mut(&wall).unwrap().enable_raytracing = true;
+    assert_shows(app, "a mesh that lets them in again", Some(GREEN));
+    app.world().despawn(object);
 }
 
 #[test]

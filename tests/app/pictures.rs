@@ -1,4 +1,6 @@
 //! Renders scenes and compares pictures.
+
+use crate::common::app;
 use bevy::{
     light::{CascadeShadowConfig, DirectionalLightShadowMap, PointLightShadowMap},
     math::UVec2,
@@ -7,7 +9,7 @@ use bevy::{
 use bevy_glint::{
     RayTracedReflections, ReflectionDenoiser, ReflectionStatus, ReflectionTechnique, ReflectionTracerChoice,
 };
-use glint_scenes::{HeadlessApp, SceneName, SceneOptions};
+use glint_scenes::{HeadlessApp, Output, SceneName, SceneOptions};
 use std::{ops::Range, path::PathBuf};
 
 /// Pixels per degree of the paper's display: 2,560 pixels over 0.5 m at 0.62 m.
@@ -24,6 +26,12 @@ pub const COARSE: SceneOptions = SceneOptions {
 };
 
 pub const BOTH: [ReflectionTracerChoice; 2] = [ReflectionTracerChoice::RayQuery, ReflectionTracerChoice::Bvh];
+
+/// An app for each tracer that this machine has, one after the other.
+pub fn apps(size: UVec2, output: Output) -> impl Iterator<Item = (ReflectionTracerChoice, HeadlessApp)> {
+    BOTH.into_iter()
+        .filter_map(move |tracer| Some((tracer, app(size, output, tracer)?)))
+}
 
 /// Makes shadow maps coarse, for pictures that differ in their reflections alone: a CPU takes longer to draw fine ones than to trace
 /// all rays. Reflections trace shadow rays instead.

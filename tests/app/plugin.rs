@@ -71,55 +71,62 @@ fn no_system_order_is_left_to_chance() {
     }
 }
 
-/// Names in the order in which systems of an app ran.
-#[derive(Clone, Default)]
-struct Order(Arc<Mutex<Vec<&'static str>>>);
-
-impl Order {
-    fn note(&self, name: &'static str) -> impl FnMut() + Send + Sync + 'static {
-        let names = self.0.clone();
-        move || names.lock().unwrap().push(name)
-    }
-}
-
-/// Adds systems between all sets of the plugin, each of which notes its name.
-fn add_systems_around_sets(app: &mut App, notes: &Order) {
+/// Sets of the plugin in the order in which they run, by schedule.
+fn sets() -> [(InternedScheduleLabel, &'static [ReflectionSystems]); 3] {
     use ReflectionSystems::{
         DebugViews, ExtractCameras, ExtractScene, Passes, PrepareBindGroups, PrepareScene, PrepareViews,
         QueuePipelines, RequestPipelines,
     };
+    [
+        (ExtractSchedule.intern(), &[ExtractScene, ExtractCameras]),
+        (
+            Render.intern(),
+            &[
+                PrepareScene,
+                RequestPipelines,
+                QueuePipelines,
+                PrepareViews,
+                PrepareBindGroups,
+            ],
+        ),
+        (Core3d.intern(), &[Passes, DebugViews]),
+    ]
+}
+
+/// Names of systems before the first of these sets, between any two, and after the last.
+fn names(sets: &[ReflectionSystems]) -> Vec<String> {
+    let after = sets.iter().map(|set| format!("after {set:?}"));
+    [format!("before {:?}", sets[0])].into_iter().chain(after).collect()
+}
+
+/// Names in the order in which systems of an app ran.
+#[derive(Clone, Default)]
+struct Order(Arc<Mutex<Vec<String>>>);
+
+impl Order {
+    fn note(&self, name: String) -> impl FnMut() + Send + Sync + 'static {
+        let names = self.0.clone();
+        move || names.lock().unwrap().push(name.clone())
+    }
+}
+
+/// Adds systems around all sets of the plugin, each of which notes its name.
+fn add_systems_around_sets(app: &mut App, notes: &Order) {
     let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
         return;
     };
-    let note = |name| notes.note(name);
-    render_app
-        .add_systems(
-            ExtractSchedule,
-            (
-                note("before the scene").before(ExtractScene),
-                note("after the scene").after(ExtractScene).before(ExtractCameras),
-                note("after the cameras").after(ExtractCameras),
-            ),
-        )
-        .add_systems(
-            Render,
-            (
-                note("before the tables").before(PrepareScene),
-                note("after the tables").after(PrepareScene).before(RequestPipelines),
-                note("requested").after(RequestPipelines).before(QueuePipelines),
-                note("queued").after(QueuePipelines).before(PrepareViews),
-                note("views").after(PrepareViews).before(PrepareBindGroups),
-                note("bound").after(PrepareBindGroups),
-            ),
-        )
-        .add_systems(
-            Core3d,
-            (
-                note("before the passes").before(Passes),
-                note("after the passes").after(Passes).before(DebugViews),
-                note("after all").after(DebugViews),
-            ),
-        );
+    for (schedule, sets) in sets() {
+        for (place, name) in names(sets).into_iter().enumerate() {
+            let mut system = notes.note(name).into_configs();
+            if let Some(next) = sets.get(place) {
+                system = system.before(*next);
+            }
+            if let Some(last) = place.checked_sub(1) {
+                system = system.after(sets[last]);
+            }
+            render_app.add_systems(schedule, system);
+        }
+    }
 }
 
 /// The sets are public so that apps can do this.
@@ -135,50 +142,13 @@ fn systems_of_an_app_run_before_and_after_those_of_the_plugin() {
     app.step(1);
     order.0.lock().unwrap().clear();
     app.step(1);
-
-    let mut ran = order.0.lock().unwrap().clone();
-    // Bevy draws views within the schedule of the frame.
-    let in_views: Vec<_> = ran
-        .extract_if(.., |name| name.ends_with("passes") || *name == "after all")
-        .collect();
-    assert_eq!(in_views, ["before the passes", "after the passes", "after all"]);
-    assert_eq!(
-        ran,
-        [
-            "before the scene",
-            "after the scene",
-            "after the cameras",
-            "before the tables",
-            "after the tables",
-            "requested",
-            "queued",
-            "views",
-            "bound",
-        ]
-    );
-    no_set_is_empty(app.app().sub_app_mut(RenderApp).world_mut());
-}
-
-fn no_set_is_empty(render_world: &mut World) {
-    use ReflectionSystems::{
-        DebugViews, ExtractCameras, ExtractScene, Passes, PrepareBindGroups, PrepareScene, PrepareViews,
-        QueuePipelines, RequestPipelines,
-    };
-    for (label, sets) in [
-        (ExtractSchedule.intern(), &[ExtractScene, ExtractCameras][..]),
-        (
-            Render.intern(),
-            &[
-                PrepareScene,
-                RequestPipelines,
-                QueuePipelines,
-                PrepareViews,
-                PrepareBindGroups,
-            ],
-        ),
-        (Core3d.intern(), &[Passes, DebugViews]),
-    ] {
-        render_world.schedule_scope(label, |_, schedule| {
+    let ran = order.0.lock().unwrap().clone();
+    for (schedule, sets) in sets() {
+        let expected = names(sets);
+        let ran: Vec<_> = ran.iter().filter(|name| expected.contains(name)).collect();
+        assert_eq!(ran, expected.iter().collect::<Vec<_>>(), "{schedule:?}");
+        let render_world = app.app().sub_app_mut(RenderApp).world_mut();
+        render_world.schedule_scope(schedule, |_, schedule| {
             for set in sets {
                 let systems = schedule.graph().systems_in_set(set.intern());
                 assert!(systems.is_ok_and(|systems| !systems.is_empty()), "nothing in {set:?}");

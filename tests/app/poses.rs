@@ -2,8 +2,8 @@
 
 use crate::{
     common::app,
-    pictures::{BOTH, assert_flip, flip, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, SIZE, metal, report, spawn_camera, spawn_mesh, wall},
+    pictures::{assert_flip, flip, reflect, warm_up},
+    stage::{BEFORE_THE_MIRROR, SIZE, metal, report, share_app, spawn_camera, spawn_mesh, wall},
 };
 use bevy::{
     asset::RenderAssetUsages,
@@ -228,122 +228,112 @@ fn used_bytes(app: &mut HeadlessApp) -> u64 {
 }
 
 #[test]
-fn a_bent_arm_looks_like_one_that_was_baked() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
-        let app = &mut app;
-        stage(app);
-        let [lower, _] = bones(bend());
-        let expected = shown_baked(app, baked([0.0; 2], Some(bones(bend()))), paint(), Transform::IDENTITY);
-        let straight = shown_baked(app, baked([0.0; 2], Some([lower; 2])), paint(), Transform::IDENTITY);
-        let other = flip(SIZE, &expected, &straight).0;
-        assert!(other > OTHER, "{tracer}: the bend changes the picture by {other} alone");
-
-        let arm = spawn_arm(app, arm(), paint());
-        let actual = shown(app, 1);
-        assert_flip(&format!("bent-arm-{tracer}"), SIZE, &expected, &actual, SAME);
-        // Bevy places it by its joints alone.
-        app.world().get_mut::<Transform>(arm.mesh).unwrap().translation = Vec3::new(-3.0, 9.0, 1.0);
-        let actual = shown(app, 1);
-        assert_flip(&format!("bent-arm-elsewhere-{tracer}"), SIZE, &expected, &actual, SAME);
-
-        // It straightens, and bends again.
-        *app.world().get_mut::<Transform>(arm.joints[1]).unwrap() = Transform::from_translation(ELBOW);
-        let actual = shown(app, 1);
-        assert_flip(&format!("straight-arm-{tracer}"), SIZE, &straight, &actual, SAME);
-        *app.world().get_mut::<Transform>(arm.joints[1]).unwrap() = bend();
-        let actual = shown(app, 1);
-        assert_flip(&format!("arm-bent-again-{tracer}"), SIZE, &expected, &actual, SAME);
-
-        // Rigid, it has its bind pose where the first joint is; without a skin it is far away.
-        app.world().entity_mut(arm.mesh).insert(ReflectedPose::Rigid);
-        let actual = shown(app, 0);
-        assert_flip(&format!("rigid-arm-{tracer}"), SIZE, &straight, &actual, SAME);
-        app.world().entity_mut(arm.mesh).remove::<ReflectedPose>();
-        let actual = shown(app, 1);
-        assert_flip(&format!("posed-again-{tracer}"), SIZE, &expected, &actual, SAME);
-    }
+fn a_mirror_shows_poses() {
+    share_app(&[
+        a_bent_arm_looks_like_one_that_was_baked,
+        morph_targets_look_like_a_mesh_that_was_baked,
+        what_is_gone_leaves_nothing,
+        holes_stay_where_they_are_on_the_surface,
+        bad_skeletons_leave_a_picture,
+    ]);
 }
 
-#[test]
-fn morph_targets_look_like_a_mesh_that_was_baked() {
+fn a_bent_arm_looks_like_one_that_was_baked(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    stage(app);
+    let [lower, _] = bones(bend());
+    let expected = shown_baked(app, baked([0.0; 2], Some(bones(bend()))), paint(), Transform::IDENTITY);
+    let straight = shown_baked(app, baked([0.0; 2], Some([lower; 2])), paint(), Transform::IDENTITY);
+    let other = flip(SIZE, &expected, &straight).0;
+    assert!(other > OTHER, "{tracer}: the bend changes the picture by {other} alone");
+
+    let arm = spawn_arm(app, arm(), paint());
+    let actual = shown(app, 1);
+    assert_flip(&format!("bent-arm-{tracer}"), SIZE, &expected, &actual, SAME);
+    // Bevy places it by its joints alone.
+    app.world().get_mut::<Transform>(arm.mesh).unwrap().translation = Vec3::new(-3.0, 9.0, 1.0);
+    let actual = shown(app, 1);
+    assert_flip(&format!("bent-arm-elsewhere-{tracer}"), SIZE, &expected, &actual, SAME);
+
+    // It straightens, and bends again.
+    *app.world().get_mut::<Transform>(arm.joints[1]).unwrap() = Transform::from_translation(ELBOW);
+    let actual = shown(app, 1);
+    assert_flip(&format!("straight-arm-{tracer}"), SIZE, &straight, &actual, SAME);
+    *app.world().get_mut::<Transform>(arm.joints[1]).unwrap() = bend();
+    let actual = shown(app, 1);
+    assert_flip(&format!("arm-bent-again-{tracer}"), SIZE, &expected, &actual, SAME);
+
+    // Rigid, it has its bind pose where the first joint is; without a skin it is far away.
+    app.world().entity_mut(arm.mesh).insert(ReflectedPose::Rigid);
+    let actual = shown(app, 0);
+    assert_flip(&format!("rigid-arm-{tracer}"), SIZE, &straight, &actual, SAME);
+    app.world().entity_mut(arm.mesh).remove::<ReflectedPose>();
+    let actual = shown(app, 1);
+    assert_flip(&format!("posed-again-{tracer}"), SIZE, &expected, &actual, SAME);
+}
+
+fn morph_targets_look_like_a_mesh_that_was_baked(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
     const WEIGHTS: [f32; 2] = [0.7, -0.4];
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
-        let app = &mut app;
-        stage(app);
-        let expected = shown_baked(app, baked(WEIGHTS, None), paint(), shoulder());
-        let flat = shown_baked(app, baked([0.0; 2], None), paint(), shoulder());
-        let other = flip(SIZE, &expected, &flat).0;
-        assert!(
-            other > OTHER,
-            "{tracer}: the targets change the picture by {other} alone"
-        );
-        let (positions, normals, indices) = tube();
-        let morphed = spawn_mesh(
-            app,
-            morphable(mesh_of(&positions, &normals, &indices)),
-            paint(),
-            shoulder(),
-        );
-        let weights = |weights: [f32; 2]| MeshMorphWeights::Value {
-            weights: weights.to_vec(),
-        };
-        app.world().entity_mut(morphed).insert(weights([0.0; 2]));
-        // Nothing moves its vertices.
-        let actual = shown(app, 0);
-        assert_flip(&format!("not-morphed-{tracer}"), SIZE, &flat, &actual, SAME);
-        app.world().entity_mut(morphed).insert(weights(WEIGHTS));
-        let actual = shown(app, 1);
-        assert_flip(&format!("morphed-{tracer}"), SIZE, &expected, &actual, SAME);
-        app.world().despawn(morphed);
+    stage(app);
+    let expected = shown_baked(app, baked(WEIGHTS, None), paint(), shoulder());
+    let flat = shown_baked(app, baked([0.0; 2], None), paint(), shoulder());
+    let other = flip(SIZE, &expected, &flat).0;
+    assert!(
+        other > OTHER,
+        "{tracer}: the targets change the picture by {other} alone"
+    );
+    let (positions, normals, indices) = tube();
+    let morphed = spawn_mesh(
+        app,
+        morphable(mesh_of(&positions, &normals, &indices)),
+        paint(),
+        shoulder(),
+    );
+    let weights = |weights: [f32; 2]| MeshMorphWeights::Value {
+        weights: weights.to_vec(),
+    };
+    app.world().entity_mut(morphed).insert(weights([0.0; 2]));
+    // Nothing moves its vertices.
+    let actual = shown(app, 0);
+    assert_flip(&format!("not-morphed-{tracer}"), SIZE, &flat, &actual, SAME);
+    app.world().entity_mut(morphed).insert(weights(WEIGHTS));
+    let actual = shown(app, 1);
+    assert_flip(&format!("morphed-{tracer}"), SIZE, &expected, &actual, SAME);
+    app.world().despawn(morphed);
 
-        let expected = shown_baked(app, baked(WEIGHTS, Some(bones(bend()))), paint(), Transform::IDENTITY);
-        let arm = spawn_arm(app, morphable(arm()), paint());
-        app.world().entity_mut(arm.mesh).insert(weights(WEIGHTS));
-        let actual = shown(app, 1);
-        assert_flip(&format!("morphed-arm-{tracer}"), SIZE, &expected, &actual, SAME);
-    }
+    let expected = shown_baked(app, baked(WEIGHTS, Some(bones(bend()))), paint(), Transform::IDENTITY);
+    let arm = spawn_arm(app, morphable(arm()), paint());
+    app.world().entity_mut(arm.mesh).insert(weights(WEIGHTS));
+    let actual = shown(app, 1);
+    assert_flip(&format!("morphed-arm-{tracer}"), SIZE, &expected, &actual, SAME);
 }
 
-#[test]
-fn what_is_gone_leaves_nothing() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
-        let app = &mut app;
-        stage(app);
-        // The mirror gets a merged tree of its own.
-        app.step(60);
-        let empty = shown(app, 0);
-        let before = used_bytes(app);
-        for round in 0..3 {
-            let arms = [(); 3].map(|()| spawn_arm(app, arm(), paint()));
-            shown(app, 3);
-            assert!(used_bytes(app) > before);
-            for arm in &arms {
-                let world = app.world();
-                match round {
-                    0 => world.entity_mut(arm.mesh).despawn(),
-                    1 => drop(world.entity_mut(arm.mesh).insert(NotReflected)),
-                    // The skeleton goes before what it moves.
-                    _ => world.entity_mut(arm.joints[0]).despawn(),
-                }
+fn what_is_gone_leaves_nothing(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    stage(app);
+    // The mirror gets a merged tree of its own.
+    app.step(60);
+    let empty = shown(app, 0);
+    let before = used_bytes(app);
+    for round in 0..3 {
+        let arms = [(); 3].map(|()| spawn_arm(app, arm(), paint()));
+        shown(app, 3);
+        assert!(used_bytes(app) > before);
+        for arm in &arms {
+            let world = app.world();
+            match round {
+                0 => world.entity_mut(arm.mesh).despawn(),
+                1 => drop(world.entity_mut(arm.mesh).insert(NotReflected)),
+                // The skeleton goes before what it moves.
+                _ => world.entity_mut(arm.joints[0]).despawn(),
             }
-            app.step(2);
-            assert_eq!(report(app).posed_instances, if round == 2 { 3 } else { 0 });
-            for arm in &arms {
-                app.world().try_despawn(arm.mesh).ok();
-            }
-            let picture = shown(app, 0);
-            assert_eq!(used_bytes(app), before, "{tracer}, round {round}");
-            assert_flip(&format!("no-arms-{tracer}"), SIZE, &empty, &picture, SAME);
         }
+        app.step(2);
+        assert_eq!(report(app).posed_instances, if round == 2 { 3 } else { 0 });
+        for arm in &arms {
+            app.world().try_despawn(arm.mesh).ok();
+        }
+        let picture = shown(app, 0);
+        assert_eq!(used_bytes(app), before, "{tracer}, round {round}");
+        assert_flip(&format!("no-arms-{tracer}"), SIZE, &empty, &picture, SAME);
     }
 }
 
@@ -376,90 +366,76 @@ fn with_uvs(mesh: Mesh) -> Mesh {
     mesh.with_inserted_attribute(Mesh::ATTRIBUTE_UV_0, uvs)
 }
 
-#[test]
-fn holes_stay_where_they_are_on_the_surface() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
-        let app = &mut app;
-        stage(app);
-        let material = cut_out(app);
-        let bent = || with_uvs(baked([0.0; 2], Some(bones(bend()))));
-        let expected = shown_baked(app, bent(), material.clone(), Transform::IDENTITY);
-        let solid = shown_baked(app, bent(), paint(), Transform::IDENTITY);
-        let other = flip(SIZE, &expected, &solid).0;
-        assert!(
-            other > OTHER / 4.0,
-            "{tracer}: holes change the picture by {other} alone"
-        );
-        spawn_arm(app, with_uvs(arm()), material);
-        let actual = shown(app, 1);
-        assert_flip(&format!("masked-arm-{tracer}"), SIZE, &expected, &actual, SAME);
-        // Opacity micromaps come later, and change nothing.
-        app.step(150);
-        let actual = shown(app, 1);
-        assert_flip(&format!("micromapped-arm-{tracer}"), SIZE, &expected, &actual, SAME);
-    }
+fn holes_stay_where_they_are_on_the_surface(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    stage(app);
+    let material = cut_out(app);
+    let bent = || with_uvs(baked([0.0; 2], Some(bones(bend()))));
+    let expected = shown_baked(app, bent(), material.clone(), Transform::IDENTITY);
+    let solid = shown_baked(app, bent(), paint(), Transform::IDENTITY);
+    let other = flip(SIZE, &expected, &solid).0;
+    assert!(
+        other > OTHER / 4.0,
+        "{tracer}: holes change the picture by {other} alone"
+    );
+    spawn_arm(app, with_uvs(arm()), material);
+    let actual = shown(app, 1);
+    assert_flip(&format!("masked-arm-{tracer}"), SIZE, &expected, &actual, SAME);
+    // Opacity micromaps come later, and change nothing.
+    app.step(150);
+    let actual = shown(app, 1);
+    assert_flip(&format!("micromapped-arm-{tracer}"), SIZE, &expected, &actual, SAME);
 }
 
-#[test]
-fn bad_skeletons_leave_a_picture() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
-        let app = &mut app;
-        stage(app);
-        let expected = shown_baked(app, baked([0.0; 2], Some(bones(bend()))), paint(), Transform::IDENTITY);
-        let arm = spawn_arm(app, arm(), paint());
-        shown(app, 1);
-        // While a joint is nowhere, the last pose stays.
-        let upper = app.world().get::<Transform>(arm.joints[1]).copied().unwrap();
-        for bad in [f32::NAN, f32::INFINITY, 1e30] {
-            app.world().get_mut::<Transform>(arm.joints[1]).unwrap().translation.x = bad;
-            let actual = shown(app, 1);
-            assert_flip(&format!("lost-joint-{tracer}"), SIZE, &expected, &actual, SAME);
-        }
-        *app.world().get_mut::<Transform>(arm.joints[1]).unwrap() = upper;
-        app.step(2);
-        app.world().despawn(arm.joints[1]);
+fn bad_skeletons_leave_a_picture(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    stage(app);
+    let expected = shown_baked(app, baked([0.0; 2], Some(bones(bend()))), paint(), Transform::IDENTITY);
+    let arm = spawn_arm(app, arm(), paint());
+    shown(app, 1);
+    // While a joint is nowhere, the last pose stays.
+    let upper = app.world().get::<Transform>(arm.joints[1]).copied().unwrap();
+    for bad in [f32::NAN, f32::INFINITY, 1e30] {
+        app.world().get_mut::<Transform>(arm.joints[1]).unwrap().translation.x = bad;
         let actual = shown(app, 1);
-        assert_flip(&format!("despawned-joint-{tracer}"), SIZE, &expected, &actual, SAME);
-        // Without joints, and without inverse bind poses, it was never posed: it is where its transform says.
-        let place = |app: &mut HeadlessApp, mesh: Entity| {
-            *app.world().get_mut::<Transform>(mesh).unwrap() = shoulder();
-        };
-        let inverse_bindposes = app
-            .world()
-            .get::<SkinnedMesh>(arm.mesh)
-            .unwrap()
-            .inverse_bindposes
-            .clone();
-        for skin in [
-            SkinnedMesh::default(),
-            SkinnedMesh {
-                joints: arm.joints.to_vec(),
-                ..default()
-            },
-            // More joints than inverse bind poses.
-            SkinnedMesh {
-                inverse_bindposes,
-                joints: vec![arm.joints[0]; 70_000],
-            },
-        ] {
-            let mesh = spawn_mesh(app, crate::poses::arm(), paint(), Transform::IDENTITY);
-            app.world().entity_mut(mesh).insert(skin);
-            app.step(1);
-            place(app, mesh);
-            let actual = shown(app, 1);
-            let changed = flip(SIZE, &expected, &actual).0;
-            assert!(
-                changed > OTHER / 4.0,
-                "{tracer}: a straight arm is seen, too, and not {changed}"
-            );
-            app.world().despawn(mesh);
-        }
+        assert_flip(&format!("lost-joint-{tracer}"), SIZE, &expected, &actual, SAME);
+    }
+    *app.world().get_mut::<Transform>(arm.joints[1]).unwrap() = upper;
+    app.step(2);
+    app.world().despawn(arm.joints[1]);
+    let actual = shown(app, 1);
+    assert_flip(&format!("despawned-joint-{tracer}"), SIZE, &expected, &actual, SAME);
+    // Without joints, and without inverse bind poses, it was never posed: it is where its transform says.
+    let place = |app: &mut HeadlessApp, mesh: Entity| {
+        *app.world().get_mut::<Transform>(mesh).unwrap() = shoulder();
+    };
+    let inverse_bindposes = app
+        .world()
+        .get::<SkinnedMesh>(arm.mesh)
+        .unwrap()
+        .inverse_bindposes
+        .clone();
+    for skin in [
+        SkinnedMesh::default(),
+        SkinnedMesh {
+            joints: arm.joints.to_vec(),
+            ..default()
+        },
+        // More joints than inverse bind poses.
+        SkinnedMesh {
+            inverse_bindposes,
+            joints: vec![arm.joints[0]; 70_000],
+        },
+    ] {
+        let mesh = spawn_mesh(app, crate::poses::arm(), paint(), Transform::IDENTITY);
+        app.world().entity_mut(mesh).insert(skin);
+        app.step(1);
+        place(app, mesh);
+        let actual = shown(app, 1);
+        let changed = flip(SIZE, &expected, &actual).0;
+        assert!(
+            changed > OTHER / 4.0,
+            "{tracer}: a straight arm is seen, too, and not {changed}"
+        );
+        app.world().despawn(mesh);
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::{
     common::app,
-    pictures::{BOTH, reflect, warm_up},
+    pictures::{BOTH, apps, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, metal, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::prelude::*;
@@ -38,10 +38,7 @@ fn set_material(app: &mut HeadlessApp, pane: Entity, alpha: f32, alpha_mode: Alp
 
 #[test]
 fn a_pane_in_a_mirror_converges_to_the_mean_of_both_sides() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Linear, tracer) else {
-            continue;
-        };
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
         let app = &mut app;
         let (camera, pane) = spawn_pane(app);
         reflect(app, camera, ReflectionTechnique::Converged);

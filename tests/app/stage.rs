@@ -1,12 +1,14 @@
 //! Small scenes of a few objects before a mirror.
 
+use crate::pictures::apps;
 use bevy::{
+    camera::{ClearColorConfig, Viewport},
     math::UVec2,
     prelude::*,
     render::{RenderApp, render_resource::PollType, renderer::RenderDevice},
 };
-use bevy_glint::{ReflectionStatus, ReflectionStatusReport};
-use glint_scenes::{HeadlessApp, SceneName, environment};
+use bevy_glint::{ReflectionStatus, ReflectionStatusReport, ReflectionTracerChoice};
+use glint_scenes::{HeadlessApp, Output, SceneName, environment};
 
 pub const SIZE: UVec2 = UVec2::new(96, 64);
 pub const RED: [u8; 3] = [255, 0, 0];
@@ -50,6 +52,48 @@ pub fn spawn_camera(app: &mut HeadlessApp, at: Transform, surroundings: SceneNam
     let camera = app.spawn_camera(at);
     environment.insert(&mut app.world().entity_mut(camera));
     camera
+}
+
+/// A test of one tracer, in an app that others use before and after it.
+pub type Case = fn(&mut HeadlessApp, ReflectionTracerChoice);
+
+/// Runs tests one after the other in an app of each tracer: to start it, with all its shaders, takes longer than most of them.
+pub fn share_app(cases: &[Case]) {
+    for (tracer, mut app) in apps(SIZE, Output::Picture) {
+        for case in cases {
+            case(&mut app, tracer);
+            clear(&mut app);
+        }
+    }
+}
+
+/// Removes everything that was spawned.
+fn clear(app: &mut HeadlessApp) {
+    let world = app.world();
+    let mut placed = world.query_filtered::<Entity, With<Transform>>();
+    let placed: Vec<Entity> = placed.iter(world).collect();
+    for entity in placed {
+        // Its parent may have taken it along.
+        _ = world.try_despawn(entity);
+    }
+    app.step(2);
+}
+
+/// Gives the left half of the picture to the first camera, and the right half to the second.
+pub fn share_picture(app: &mut HeadlessApp, cameras: [Entity; 2]) {
+    let half = UVec2::new(SIZE.x / 2, SIZE.y);
+    for (order, camera) in cameras.into_iter().enumerate() {
+        let mut camera = app.world().get_mut::<Camera>(camera).unwrap();
+        camera.order = order as isize;
+        camera.viewport = Some(Viewport {
+            physical_position: UVec2::new(order as u32 * half.x, 0),
+            physical_size: half,
+            ..default()
+        });
+        if order > 0 {
+            camera.clear_color = ClearColorConfig::None;
+        }
+    }
 }
 
 pub fn report(app: &mut HeadlessApp) -> ReflectionStatusReport {

@@ -1,14 +1,11 @@
 //! Reflections that are switched off leave nothing of theirs on the GPU, and come back as they were.
 
 use crate::{
-    common::app,
-    pictures::{BOTH, assert_flip, crop, differing_pixels, red_pixels, warm_up},
-    stage::{BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, spawn_camera, spawn_mesh, unlit, wall},
+    pictures::{apps, assert_flip, crop, differing_pixels, red_pixels, warm_up},
+    stage::{BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, share_picture, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{
-    camera::{ClearColorConfig, Viewport},
     diagnostic::{Diagnostic, DiagnosticPath, DiagnosticsStore},
-    math::UVec2,
     prelude::*,
     render::{RenderApp, renderer::RenderDevice},
 };
@@ -187,10 +184,7 @@ fn expect_off(app: &mut HeadlessApp, camera: Entity, before: Option<&Memory>, wh
 
 #[test]
 fn off_leaves_nothing_allocated() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
+    for (tracer, mut app) in apps(SIZE, Output::Picture) {
         let app = &mut app;
         spawn_scene(app);
         let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
@@ -234,26 +228,11 @@ fn off_leaves_nothing_allocated() {
 
 #[test]
 fn one_camera_switched_off_leaves_the_other_alone() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
+    for (tracer, mut app) in apps(SIZE, Output::Picture) {
         let app = &mut app;
         spawn_scene(app);
         let [left, right] = [(); 2].map(|()| spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace));
-        let half = UVec2::new(SIZE.x / 2, SIZE.y);
-        for (order, camera) in [left, right].into_iter().enumerate() {
-            let mut camera = app.world().get_mut::<Camera>(camera).unwrap();
-            camera.order = order as isize;
-            camera.viewport = Some(Viewport {
-                physical_position: UVec2::new(order as u32 * half.x, 0),
-                physical_size: half,
-                ..default()
-            });
-            if order > 0 {
-                camera.clear_color = ClearColorConfig::None;
-            }
-        }
+        share_picture(app, [left, right]);
         app.warm_up(20_000).unwrap();
         frames(app, 2);
         let before = allocated(app);
@@ -287,7 +266,7 @@ fn one_camera_switched_off_leaves_the_other_alone() {
                 );
             }
         }
-        let right_half = |picture: &[u8]| crop(picture, SIZE.x, half.x as usize..SIZE.x as usize);
+        let right_half = |picture: &[u8]| crop(picture, SIZE.x, SIZE.x as usize / 2..SIZE.x as usize);
         let differing = differing_pixels(&right_half(&picture), &right_half(&app.capture().unwrap()), 1);
         assert_eq!(differing, 0, "{tracer:?}: the other camera's picture");
 

@@ -4,6 +4,7 @@
 mod common;
 
 mod compute;
+mod cost;
 mod gpu;
 mod wesl;
 

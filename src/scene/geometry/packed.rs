@@ -84,6 +84,26 @@ pub struct MeshOffsets {
     pub morphs: u32,
 }
 
+impl MeshOffsets {
+    /// The words before the arrays: counts of vertices, triangles and morph targets, and these offsets.
+    pub fn header(self, [vertices, triangles, targets]: [u32; 3]) -> [u32; HEADER_WORDS as usize] {
+        let Self {
+            positions,
+            indices,
+            normals,
+            tangents,
+            uv0,
+            uv1,
+            colors,
+            joints,
+            morphs,
+        } = self;
+        [
+            vertices, triangles, targets, positions, indices, normals, tangents, uv0, uv1, colors, joints, morphs,
+        ]
+    }
+}
+
 /// Parts of a mesh that had to be left out or replaced. [`fmt::Display`] words them for a warning.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MeshDefects {

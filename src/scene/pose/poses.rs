@@ -459,27 +459,16 @@ pub(super) fn posed_header(base: u32, source: u32, offsets: MeshOffsets, [vertic
         end += if offset == 0 { 0 } else { vertices };
         if offset == 0 { 0 } else { first }
     };
-    let [normals, tangents] = [offsets.normals, offsets.tangents].map(&mut own);
-    let MeshOffsets {
-        indices,
-        uv0,
-        uv1,
-        colors,
-        ..
-    } = offsets;
-    let [indices, uv0, uv1, colors] = [indices, uv0, uv1, colors].map(shared);
-    [
-        vertices,
-        triangles,
-        0,
-        HEADER_WORDS,
-        indices,
-        normals,
-        tangents,
-        uv0,
-        uv1,
-        colors,
-        0,
-        0,
-    ]
+    let offsets = MeshOffsets {
+        positions: HEADER_WORDS,
+        indices: shared(offsets.indices),
+        normals: own(offsets.normals),
+        tangents: own(offsets.tangents),
+        uv0: shared(offsets.uv0),
+        uv1: shared(offsets.uv1),
+        colors: shared(offsets.colors),
+        joints: 0,
+        morphs: 0,
+    };
+    offsets.header([vertices, triangles, 0])
 }

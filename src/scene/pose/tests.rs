@@ -115,6 +115,20 @@ fn sheet(columns: u32, rows: u32, has_skin: bool) -> Mesh {
     mesh
 }
 
+/// Triangles that begin a rounding error below multiples of the steps between planes.
+fn comb() -> Mesh {
+    let teeth = (1..=40u8).map(|tooth| (6.0 * f32::from(tooth)).next_down());
+    let positions: Vec<[f32; 3]> = teeth
+        .flat_map(|x| [[x, 0.0, 0.0], [x + 1.0, 0.0, 0.0], [x, 1.0, 1.0]])
+        .collect();
+    let unmoved = vec![MorphAttributes::default(); positions.len()];
+    Mesh::new(PrimitiveTopology::TriangleList, RenderAssetUsages::default())
+        .with_inserted_attribute(Mesh::ATTRIBUTE_NORMAL, vec![[0.0, 1.0, 0.0]; positions.len()])
+        .with_inserted_attribute(Mesh::ATTRIBUTE_TANGENT, vec![[1.0, 0.0, 0.0, 1.0]; positions.len()])
+        .with_inserted_attribute(Mesh::ATTRIBUTE_POSITION, positions)
+        .with_morph_targets(unmoved)
+}
+
 /// A mesh in a pose, and where it stands in both buffers.
 struct Subject {
     packed: PackedMesh,
@@ -363,6 +377,7 @@ fn vertices_and_trees_follow_the_pose() {
         (sheet(2, 2, false), vec![], -1.5),
         (sheet(9, 3, true), vec![mirrored, mirrored * turned], 0.0),
         (sheet(90, 70, true), vec![Affine3A::IDENTITY, turned], 0.1),
+        (comb(), vec![], 0.0),
     ]
     .map(|(mesh, matrices, weight)| Subject::new(&mesh, matrices, weight, (&mut geometry, &mut bvh), &mut batch));
     let buffer = |contents: &[u8]| -> Buffer {

@@ -3,7 +3,7 @@
 use super::{BEHIND, facing_the_mirror};
 use crate::{
     common::app,
-    pictures::{BOTH, crop, differing_pixels, red_pixels, reflect, warm_up},
+    pictures::{apps, crop, differing_pixels, red_pixels, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, RED, SIZE, metal, report, spawn_camera, spawn_mesh, unlit},
 };
 use bevy::{
@@ -23,10 +23,7 @@ use glint_scenes::{HeadlessApp, Output, SceneName, environment};
 
 #[test]
 fn pixels_that_must_not_reflect_are_left_alone() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
+    for (tracer, mut app) in apps(SIZE, Output::Picture) {
         let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::Furnace);
         // Bevy draws transparent surfaces a little differently where these exist; the component will bring them.
         app.world()
@@ -254,10 +251,7 @@ fn spawn_odd_lights(app: &mut HeadlessApp) {
 
 #[test]
 fn every_pixel_is_a_number() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Linear, tracer) else {
-            continue;
-        };
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
         let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::Furnace);
         spawn_reflecting_tiles(&mut app);
         spawn_odd_objects(&mut app);

@@ -2,9 +2,8 @@
 
 use super::{BEHIND, facing_the_mirror};
 use crate::{
-    common::app,
-    pictures::{BOTH, differing_pixels, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, metal, report, spawn_camera, spawn_mesh, unlit, wall},
+    pictures::{apps, differing_pixels, reflect, warm_up},
+    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, metal, report, share_app, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{
     asset::RenderAssetUsages,
@@ -13,7 +12,7 @@ use bevy::{
     prelude::*,
     render::render_resource::{Extent3d, Face, TextureDimension, TextureFormat},
 };
-use bevy_glint::ReflectionTechnique;
+use bevy_glint::{ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
 /// Positions of the quantised mesh and its normals differ a little: so many pixels at edges may.
@@ -130,67 +129,63 @@ fn plain_lookalikes(
 }
 
 #[test]
-fn meshes_of_all_formats_look_alike() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
-        let camera = camera_with_mirror(&mut app);
-        app.world().spawn((
-            DirectionalLight {
-                illuminance: 2.5,
-                ..default()
-            },
-            Transform::default().looking_to(Vec3::new(-0.4, -0.5, 1.0), Vec3::Y),
-        ));
-        let (white, green) = ([255, 255, 255, 255], [0, 255, 0, 255]);
-        let checker = image(&mut app, 2, [white, green, green, white].concat());
-        reflect(&mut app, camera, ReflectionTechnique::Reference);
-        let plain_material = StandardMaterial {
-            base_color: Color::srgb(0.8, 0.6, 0.5),
+fn rays_hit_what_is_there() {
+    share_app(&[meshes_of_all_formats_look_alike, scenes_of_any_size_are_traced]);
+}
+
+fn meshes_of_all_formats_look_alike(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    let camera = camera_with_mirror(app);
+    app.world().spawn((
+        DirectionalLight {
+            illuminance: 2.5,
             ..default()
-        };
-        let material = StandardMaterial {
-            base_color_texture: Some(checker),
-            ..plain_material.clone()
-        };
-        let at = Transform::from_translation(BEHIND).with_rotation(Quat::from_euler(EulerRot::XYZ, 0.5, 0.7, 0.2));
+        },
+        Transform::default().looking_to(Vec3::new(-0.4, -0.5, 1.0), Vec3::Y),
+    ));
+    let (white, green) = ([255, 255, 255, 255], [0, 255, 0, 255]);
+    let checker = image(app, 2, [white, green, green, white].concat());
+    reflect(app, camera, ReflectionTechnique::Reference);
+    let plain_material = StandardMaterial {
+        base_color: Color::srgb(0.8, 0.6, 0.5),
+        ..default()
+    };
+    let material = StandardMaterial {
+        base_color_texture: Some(checker),
+        ..plain_material.clone()
+    };
+    let at = Transform::from_translation(BEHIND).with_rotation(Quat::from_euler(EulerRot::XYZ, 0.5, 0.7, 0.2));
 
-        let base = Mesh::from(Cuboid::new(2.0, 1.5, 1.0));
-        let nothing = app.capture().unwrap();
-        let expected = picture_with(&mut app, base.clone(), material.clone(), at);
-        let plain = picture_with(&mut app, base.clone(), plain_material.clone(), at);
-        assert!(
-            differing_pixels(&nothing, &expected, 12) > 150,
-            "the object is seen in the mirror"
-        );
-        assert!(
-            differing_pixels(&plain, &expected, 12) > 50,
-            "the texture is seen in the mirror"
-        );
+    let base = Mesh::from(Cuboid::new(2.0, 1.5, 1.0));
+    let nothing = app.capture().unwrap();
+    let expected = picture_with(app, base.clone(), material.clone(), at);
+    let plain = picture_with(app, base.clone(), plain_material.clone(), at);
+    assert!(
+        differing_pixels(&nothing, &expected, 12) > 150,
+        "the object is seen in the mirror"
+    );
+    assert!(
+        differing_pixels(&plain, &expected, 12) > 50,
+        "the texture is seen in the mirror"
+    );
 
-        let formats = formats(&base).map(|(name, mesh)| (name, mesh, material.clone(), at, &expected));
-        let lookalikes = plain_lookalikes(&base, &plain_material, &material, at)
-            .map(|(name, mesh, material, transform)| (name, mesh, material, transform, &plain));
-        for (name, mesh, material, transform, expected) in formats.into_iter().chain(lookalikes) {
-            let actual = picture_with(&mut app, mesh, material, transform);
-            let different = differing_pixels(expected, &actual, 12);
-            println!("{tracer:?}, {name}: {different} pixels differ");
-            assert!(
-                different <= EDGE_PIXELS,
-                "{tracer:?}, {name}: {different} pixels differ"
-            );
-        }
+    let formats = formats(&base).map(|(name, mesh)| (name, mesh, material.clone(), at, &expected));
+    let lookalikes = plain_lookalikes(&base, &plain_material, &material, at)
+        .map(|(name, mesh, material, transform)| (name, mesh, material, transform, &plain));
+    for (name, mesh, material, transform, expected) in formats.into_iter().chain(lookalikes) {
+        let actual = picture_with(app, mesh, material, transform);
+        let different = differing_pixels(expected, &actual, 12);
+        println!("{tracer:?}, {name}: {different} pixels differ");
+        assert!(
+            different <= EDGE_PIXELS,
+            "{tracer:?}, {name}: {different} pixels differ"
+        );
     }
 }
 
 #[test]
 fn faces_and_holes_are_seen_as_the_material_says() {
     let mut masked = Vec::new();
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
+    for (tracer, mut app) in apps(SIZE, Output::Picture) {
         let camera = camera_with_mirror(&mut app);
         reflect(&mut app, camera, ReflectionTechnique::Reference);
         let quad = || Mesh::from(Rectangle::new(3.0, 3.0));
@@ -258,10 +253,7 @@ fn faces_and_holes_are_seen_as_the_material_says() {
 #[test]
 fn rays_pass_through_many_holes() {
     const LAYERS: usize = 400;
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE / 2, Output::Picture, tracer) else {
-            continue;
-        };
+    for (tracer, mut app) in apps(SIZE / 2, Output::Picture) {
         let camera = camera_with_mirror(&mut app);
         let hole = image(&mut app, 1, vec![255, 255, 255, 0]);
         let material = StandardMaterial {
@@ -290,56 +282,50 @@ fn rays_pass_through_many_holes() {
     }
 }
 
-#[test]
-fn scenes_of_any_size_are_traced() {
-    for tracer in BOTH {
-        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
-            continue;
-        };
-        let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
-        reflect(&mut app, camera, ReflectionTechnique::Reference);
-        app.step(2);
-        let none = report(&mut app);
-        assert_eq!((none.instances, none.triangles), (0, 0), "{none:?}");
+fn scenes_of_any_size_are_traced(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    reflect(app, camera, ReflectionTechnique::Reference);
+    app.step(2);
+    let none = report(app);
+    assert_eq!((none.instances, none.triangles), (0, 0), "{none:?}");
 
-        let triangle = Triangle2d::new(Vec2::new(-1.0, -1.0), Vec2::new(1.0, -1.0), Vec2::new(0.0, 1.0));
-        let one = spawn_mesh(&mut app, triangle, unlit(RED), facing_the_mirror(BEHIND));
-        warm_up(&mut app);
-        let single = report(&mut app);
-        assert_eq!((single.instances, single.triangles), (1, 1), "{single:?}");
-        spawn_mesh(&mut app, Rectangle::new(12.0, 12.0), metal(0.0), Transform::IDENTITY);
-        warm_up(&mut app);
-        let pixels = count(&app.capture().unwrap(), RED);
-        assert!(pixels > 60, "{tracer:?}: the triangle has {pixels} pixels");
-        app.world().despawn(one);
+    let triangle = Triangle2d::new(Vec2::new(-1.0, -1.0), Vec2::new(1.0, -1.0), Vec2::new(0.0, 1.0));
+    let one = spawn_mesh(app, triangle, unlit(RED), facing_the_mirror(BEHIND));
+    warm_up(app);
+    let single = report(app);
+    assert_eq!((single.instances, single.triangles), (1, 1), "{single:?}");
+    spawn_mesh(app, Rectangle::new(12.0, 12.0), metal(0.0), Transform::IDENTITY);
+    warm_up(app);
+    let pixels = count(&app.capture().unwrap(), RED);
+    assert!(pixels > 60, "{tracer:?}: the triangle has {pixels} pixels");
+    app.world().despawn(one);
 
-        let world = app.world();
-        let mesh = world.resource_mut::<Assets<Mesh>>().add(Cuboid::from_length(0.08));
-        let material = world.resource_mut::<Assets<StandardMaterial>>().add(unlit(GREEN));
-        let many = (0..10_000).map(|i| {
-            let position = BEHIND + Vec3::new((i % 100 - 50) as f32, (i / 100 - 50) as f32, 0.0) * 0.1;
-            (
-                Mesh3d(mesh.clone()),
-                MeshMaterial3d(material.clone()),
-                Transform::from_translation(position),
-            )
-        });
-        let many: Vec<_> = many.collect();
-        world.spawn_batch(many);
-        warm_up(&mut app);
-        let full = report(&mut app);
-        assert_eq!(full.instances, 10_001, "{full:?}");
-        assert!(full.scene_bytes > single.scene_bytes, "{full:?}");
-        println!(
-            "{tracer:?}: 10,000 objects in {} bytes, top level in {} ms",
-            full.scene_bytes, full.tlas_build_ms
-        );
-        let picture = app.capture().unwrap();
-        assert_eq!(count(&picture, RED), 0, "{tracer:?}: the triangle is gone");
-        assert!(
-            count(&picture, GREEN) > 1500,
-            "{tracer:?}: {} pixels of ten thousand cubes",
-            count(&picture, GREEN)
-        );
-    }
+    let world = app.world();
+    let mesh = world.resource_mut::<Assets<Mesh>>().add(Cuboid::from_length(0.08));
+    let material = world.resource_mut::<Assets<StandardMaterial>>().add(unlit(GREEN));
+    let many = (0..10_000).map(|i| {
+        let position = BEHIND + Vec3::new((i % 100 - 50) as f32, (i / 100 - 50) as f32, 0.0) * 0.1;
+        (
+            Mesh3d(mesh.clone()),
+            MeshMaterial3d(material.clone()),
+            Transform::from_translation(position),
+        )
+    });
+    let many: Vec<_> = many.collect();
+    world.spawn_batch(many);
+    warm_up(app);
+    let full = report(app);
+    assert_eq!(full.instances, 10_001, "{full:?}");
+    assert!(full.scene_bytes > single.scene_bytes, "{full:?}");
+    println!(
+        "{tracer:?}: 10,000 objects in {} bytes, top level in {} ms",
+        full.scene_bytes, full.tlas_build_ms
+    );
+    let picture = app.capture().unwrap();
+    assert_eq!(count(&picture, RED), 0, "{tracer:?}: the triangle is gone");
+    assert!(
+        count(&picture, GREEN) > 1500,
+        "{tracer:?}: {} pixels of ten thousand cubes",
+        count(&picture, GREEN)
+    );
 }

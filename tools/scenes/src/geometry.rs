@@ -8,6 +8,16 @@ use bevy::{
 };
 use std::f32::consts::{PI, TAU};
 
+/// To the right and up on each face of a box, as seen from outside.
+const BOX_FACES: [(Vec3, Vec3); 6] = [
+    (Vec3::X, Vec3::Y),
+    (Vec3::NEG_X, Vec3::Y),
+    (Vec3::NEG_Z, Vec3::Y),
+    (Vec3::Z, Vec3::Y),
+    (Vec3::X, Vec3::NEG_Z),
+    (Vec3::X, Vec3::Z),
+];
+
 /// Triangles under construction. Front faces are counter-clockwise; UVs are in metres times a scale, `v` pointing down.
 #[derive(Clone, Debug, Default)]
 pub struct Geometry {
@@ -133,14 +143,7 @@ impl Geometry {
     /// Adds an axis-aligned box around `center`; UVs run in metres times `uv_scale`.
     pub fn cuboid(&mut self, center: Vec3, size: Vec3, uv_scale: f32) {
         let half = size * 0.5;
-        for (right, up) in [
-            (Vec3::X, Vec3::Y),
-            (Vec3::NEG_X, Vec3::Y),
-            (Vec3::NEG_Z, Vec3::Y),
-            (Vec3::Z, Vec3::Y),
-            (Vec3::X, Vec3::NEG_Z),
-            (Vec3::X, Vec3::Z),
-        ] {
+        for (right, up) in BOX_FACES {
             let out = right.cross(up);
             let (r, u, o) = (
                 right * half.dot(right.abs()),
@@ -160,14 +163,7 @@ impl Geometry {
         let half = size * 0.5;
         let radius = radius.min(half.min_element());
         let segments = segments.max(1);
-        for (right, up) in [
-            (Vec3::X, Vec3::Y),
-            (Vec3::NEG_X, Vec3::Y),
-            (Vec3::NEG_Z, Vec3::Y),
-            (Vec3::Z, Vec3::Y),
-            (Vec3::X, Vec3::NEG_Z),
-            (Vec3::X, Vec3::Z),
-        ] {
+        for (right, up) in BOX_FACES {
             let out = right.cross(up);
             let extent = |axis: Vec3| half.dot(axis.abs());
             let inner = half - Vec3::splat(radius);

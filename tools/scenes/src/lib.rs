@@ -9,6 +9,7 @@ mod camera_path;
 mod demo;
 mod environment;
 mod file_light;
+mod file_view;
 mod geometry;
 mod gltf;
 mod headless;
@@ -31,6 +32,7 @@ pub use builder::{SceneBuilder, SceneMesh, SceneStatistics};
 pub use camera_path::CameraPath;
 pub use environment::{Environment, SceneOptions};
 pub use file_light::{file_environment, file_sun};
+pub use file_view::FileView;
 pub use geometry::Geometry;
 pub use gltf::write_test_assets;
 pub use headless::{

@@ -25,8 +25,6 @@ const NEARBY: i32 = 6;
 const GROUND_TRUTH_PARTS: u32 = 8;
 /// Frames without history from which the noise of one frame is estimated.
 pub const SINGLE_FRAMES: u32 = 12;
-/// Rounds of averaging, while noise leaves the comparison undecided.
-pub const MOST_ROUNDS: u32 = 8;
 
 /// Numbers of frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +35,8 @@ pub struct Lengths {
     pub settle: u32,
     /// Frames of a round of averaging.
     pub average: u32,
+    /// Rounds at most, while noise leaves the comparison undecided.
+    pub rounds: u32,
 }
 
 /// Results of measurements.
@@ -189,7 +189,7 @@ impl Comparison<'_> {
             let gain = (average.mean() - ground_truth.light) / scale;
             let margin = SIGMAS * error.hypot(ground_truth.error) / scale;
             let is_undecided = check_light(gain, margin) == LimitCheck::Undecided;
-            if !is_undecided || rounds == MOST_ROUNDS || Instant::now() > self.deadline {
+            if !is_undecided || rounds == self.lengths.rounds || Instant::now() > self.deadline {
                 break (gain, margin);
             }
         };

@@ -1,7 +1,7 @@
 //! White furnace test: white balls must be white at all roughnesses, whatever the technique, after the whole denoiser.
 
 use crate::{
-    energy::{Lengths, MOST_ROUNDS, Measurements, SIGMAS, SINGLE_FRAMES},
+    energy::{Lengths, Measurements, SIGMAS, SINGLE_FRAMES},
     harness::Harness,
     image::{LinearImage, luminance},
     static_scene::{StaticScene, StaticSceneView},
@@ -135,7 +135,7 @@ impl Furnace<'_> {
             let measure = |(sum, noise): (&f64, &f64)| (sum / frames, SIGMAS * noise / frames.sqrt());
             let measured: Vec<_> = sums.iter().zip(noise).map(measure).collect();
             let is_undecided = |(mean, margin): &(f64, f64)| check_white(*mean, *margin) == LimitCheck::Undecided;
-            let is_over = round == MOST_ROUNDS || Instant::now() > self.deadline;
+            let is_over = round == self.lengths.rounds || Instant::now() > self.deadline;
             if is_over || !measured.iter().any(is_undecided) {
                 return Ok(measured);
             }

@@ -130,9 +130,15 @@ impl Outcome {
 /// # Errors
 ///
 /// If the scene can't be rendered.
-pub fn run(harness: &mut Harness, size: UVec2, frames: u32, deadline: Instant) -> Result<Outcome, String> {
+pub fn run(
+    harness: &mut Harness,
+    scene: SceneName,
+    size: UVec2,
+    frames: u32,
+    deadline: Instant,
+) -> Result<Outcome, String> {
     harness.reset_clocks();
-    let (root, camera) = harness.spawn_scene(SceneName::Demo, 64, size);
+    let (root, camera) = harness.spawn_scene(scene, 64, size);
     let (settings, heuristic) = named_settings("vrs-combined").map_err(|error| error.to_string())?;
     let max_history = settings.denoiser.max_history;
     let mut view = harness.world().entity_mut(camera);

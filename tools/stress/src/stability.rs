@@ -37,6 +37,7 @@ pub const LENGTHS: Lengths = Lengths {
     ground_truth: 0,
     settle: 160,
     average: 32,
+    rounds: 8,
 };
 
 /// Flicker of the techniques in a scene.

@@ -7,11 +7,8 @@ use bevy::{
     prelude::*,
     world_serialization::WorldInstanceReady,
 };
-use glint_scenes::file_sun;
+use glint_scenes::{FileView, file_sun};
 use std::path::Path;
-
-/// Field of view of the camera.
-const VERTICAL_DEGREES: f32 = 45.0;
 
 /// Progress of a file.
 #[derive(Resource, Default, Clone, Copy, Debug, PartialEq)]
@@ -78,42 +75,16 @@ fn frame_scene(
     if !unbounded.is_empty() {
         return;
     }
-    let Some((low, high)) = bounds(&objects) else { return };
-    let center = 0.5 * (low + high);
-    let radius = (0.5 * (high - low).length()).max(1e-3);
-    let fov = VERTICAL_DEGREES.to_radians();
-    let distance = radius / (0.5 * fov).sin();
+    let Some(view) = FileView::of(objects) else { return };
     let (mut transform, mut projection, fly) = camera.into_inner();
-    *transform = Transform::from_translation(center + Vec3::new(0.55, 0.38, 1.0).normalize() * distance)
-        .looking_at(center, Vec3::Y);
-    *projection = Projection::from(PerspectiveProjection {
-        fov,
-        near: 0.002 * radius,
-        far: 50.0 * radius,
-        ..default()
-    });
+    *transform = view.transform;
+    *projection = Projection::from(view.projection);
     if let Some(mut fly) = fly {
-        fly.walk_speed = radius;
-        fly.run_speed = 4.0 * radius;
+        fly.walk_speed = view.radius;
+        fly.run_speed = 4.0 * view.radius;
     }
     if lights.is_empty() {
-        commands.spawn(file_sun(radius, distance));
+        commands.spawn(file_sun(view.radius, view.distance));
     }
     *framing = Framing::Done;
-}
-
-/// Corners of the box around all objects; `None` if there are none, or none at a finite place.
-fn bounds(objects: &Query<(&Aabb, &GlobalTransform), With<Mesh3d>>) -> Option<(Vec3, Vec3)> {
-    let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-    for (aabb, transform) in objects {
-        for corner in 0..8u32 {
-            let sign = Vec3::new((corner & 1) as f32, (corner >> 1 & 1) as f32, (corner >> 2) as f32) * 2.0 - 1.0;
-            let point = transform.transform_point(Vec3::from(aabb.center) + sign * Vec3::from(aabb.half_extents));
-            if point.is_finite() {
-                low = low.min(point);
-                high = high.max(point);
-            }
-        }
-    }
-    (low.is_finite() && high.is_finite()).then_some((low, high))
 }

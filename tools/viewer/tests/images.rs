@@ -10,7 +10,7 @@ use std::{
 
 const FOLDER: &str = env!("CARGO_TARGET_TMPDIR");
 /// Two rows of two images.
-const COMPARISON: [&str; 6] = ["--compare", "--size", "192x108", "--truth-frames", "32", "--frames=8"];
+const COMPARISON: [&str; 6] = ["--compare", "--size", "128x72", "--truth-frames", "24", "--frames=6"];
 
 fn viewer(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_glint_viewer"))

@@ -316,20 +316,11 @@ mod tests {
 
     fn row(scene: &str, technique: &str, time: f64, error: f64) -> Row {
         Row {
-            scene: scene.into(),
-            technique: technique.into(),
-            backend: "compute".into(),
-            tracer: "bvh".into(),
-            total_ms: Some(time),
-            ratio: Some(time / 2.0),
-            ratio_low: Some(time / 2.0 * 0.99),
-            ratio_high: Some(time / 2.0 * 1.01),
-            flip_final_converged: Some(error / 5.0),
             flip_reflection_converged: Some(error),
             flip_reflection_reference: Some(error),
             bias: Some(-0.002),
             bias_percent: Some(-1.234),
-            ..Row::default()
+            ..Row::example(scene, technique, time, error / 5.0)
         }
     }
 

@@ -352,13 +352,9 @@ mod tests {
 
     fn rows() -> Vec<Row> {
         let row = |technique: &str, time: f64, error: f64| Row {
-            scene: "atrium".into(),
-            technique: technique.into(),
-            total_ms: Some(time),
             total_low_ms: Some(time * 0.98),
             total_high_ms: Some(time * 1.02),
-            flip_final_converged: Some(error),
-            ..Row::default()
+            ..Row::example("atrium", technique, time, error)
         };
         vec![
             row("off", 0.0, 0.09),

@@ -186,13 +186,7 @@ mod tests {
     use super::*;
 
     fn row() -> Row {
-        Row {
-            scene: "shapes".into(),
-            technique: "quarter".into(),
-            backend: "compute".into(),
-            tracer: "bvh".into(),
-            ..Row::default()
-        }
+        Row::example("shapes", "quarter", 1.0, 0.02)
     }
 
     /// Two objects that cancel in the sum, and light without a name.

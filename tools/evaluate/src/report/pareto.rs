@@ -103,18 +103,7 @@ mod tests {
     use super::*;
 
     fn row(technique: &str, time: f64, error: f64) -> Row {
-        Row {
-            scene: "atrium".into(),
-            technique: technique.into(),
-            backend: "compute".into(),
-            tracer: "bvh".into(),
-            total_ms: Some(time),
-            ratio: Some(time / 2.0),
-            ratio_low: Some(time / 2.0 * 0.99),
-            ratio_high: Some(time / 2.0 * 1.01),
-            flip_final_converged: Some(error),
-            ..Row::default()
-        }
+        Row::example("atrium", technique, time, error)
     }
 
     fn rows() -> Vec<Row> {

@@ -107,14 +107,9 @@ mod tests {
 
     fn row(scene: &str, technique: &str, tracer: &str, time: f64, error: f64) -> Row {
         Row {
-            scene: scene.into(),
-            technique: technique.into(),
-            backend: "compute".into(),
             tracer: tracer.into(),
-            total_ms: Some(time),
-            flip_final_converged: Some(error),
             flip_reflection_converged: Some(error),
-            ..Row::default()
+            ..Row::example(scene, technique, time, error)
         }
     }
 

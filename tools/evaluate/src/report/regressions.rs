@@ -300,21 +300,15 @@ mod tests {
 
     fn row(technique: &str, time: f64, error: f64) -> Row {
         Row {
-            scene: "atrium".into(),
-            technique: technique.into(),
-            backend: "compute".into(),
-            tracer: "bvh".into(),
             adapter: "GPU".into(),
             width: 640,
             height: 360,
-            total_ms: Some(time),
             ratio: Some(1.0),
             ratio_low: Some(0.99),
             ratio_high: Some(1.01),
-            flip_final_converged: Some(error),
             psnr_db: Some(40.0),
             nonfinite: Some(0),
-            ..Row::default()
+            ..Row::example("atrium", technique, time, error)
         }
     }
 

@@ -124,6 +124,25 @@ pub struct Row {
     pub nonfinite: Option<u64>,
 }
 
+#[cfg(test)]
+impl Row {
+    /// A row for tests: the times of a technique that is exactly measured, and the error of its image.
+    pub fn example(scene: &str, technique: &str, time: f64, error: f64) -> Self {
+        Self {
+            scene: scene.into(),
+            technique: technique.into(),
+            backend: "compute".into(),
+            tracer: "bvh".into(),
+            total_ms: Some(time),
+            ratio: Some(time / 2.0),
+            ratio_low: Some(time / 2.0 * 0.99),
+            ratio_high: Some(time / 2.0 * 1.01),
+            flip_final_converged: Some(error),
+            ..Self::default()
+        }
+    }
+}
+
 impl Row {
     /// The columns that tell rows apart.
     pub fn key(&self) -> (&str, &str, &str, &str) {

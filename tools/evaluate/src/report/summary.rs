@@ -266,19 +266,10 @@ mod tests {
 
     fn row(scene: &str, technique: &str, time: f64, error: f64) -> Row {
         Row {
-            scene: scene.into(),
-            technique: technique.into(),
-            backend: "compute".into(),
-            tracer: "bvh".into(),
-            total_ms: Some(time),
             trace_ms: Some(time / 2.0),
-            ratio: Some(time / 2.0),
-            ratio_low: Some(time / 2.0 * 0.99),
-            ratio_high: Some(time / 2.0 * 1.01),
-            flip_final_converged: Some(error),
             flip_reflection_reference: Some(0.0712),
             nonfinite: Some(0),
-            ..Row::default()
+            ..Row::example(scene, technique, time, error)
         }
     }
 

@@ -8,7 +8,7 @@ use bevy::{
     math::ops,
     prelude::*,
 };
-use glint_scenes::{CameraPath, HeadlessApp, SceneName, SceneOptions, file_environment, file_sun};
+use glint_scenes::{CameraPath, FileView, HeadlessApp, SceneName, SceneOptions, file_environment, file_sun};
 use std::{f32::consts::TAU, fs, path::Path};
 
 /// Seconds that the camera takes for a loop in a glTF file.
@@ -190,23 +190,8 @@ fn load(app: &mut HeadlessApp, file: &Path) -> Entity {
 
 /// Finds a place for the camera, and how far it may move: the file's first camera, else one from which everything is seen.
 fn arrange(world: &mut World, ours: Entity) -> Option<(Transform, f32)> {
-    let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
     let mut objects = world.query_filtered::<(&Aabb, &GlobalTransform), With<Mesh3d>>();
-    for (aabb, transform) in objects.iter(world) {
-        for corner in 0..8u32 {
-            let sign = Vec3::new((corner & 1) as f32, (corner >> 1 & 1) as f32, (corner >> 2) as f32) * 2.0 - 1.0;
-            let point = transform.transform_point(Vec3::from(aabb.center) + sign * Vec3::from(aabb.half_extents));
-            if point.is_finite() {
-                low = low.min(point);
-                high = high.max(point);
-            }
-        }
-    }
-    if !low.is_finite() || !high.is_finite() {
-        return None;
-    }
-    let center = 0.5 * (low + high);
-    let radius = (0.5 * (high - low).length()).max(1e-3);
+    let view = FileView::of(objects.iter(world))?;
 
     // The file's own cameras don't draw.
     let mut found = None;
@@ -217,26 +202,14 @@ fn arrange(world: &mut World, ours: Entity) -> Option<(Transform, f32)> {
             found.get_or_insert((transform.compute_transform(), projection.clone()));
         }
     }
-    let fov = 45f32.to_radians();
-    let distance = radius / (0.5 * fov).sin();
-    let (transform, projection) = found.unwrap_or_else(|| {
-        let eye = center + Vec3::new(0.55, 0.38, 1.0).normalize() * distance;
-        let projection = PerspectiveProjection {
-            fov,
-            near: 0.002 * radius,
-            far: 50.0 * radius,
-            ..default()
-        };
-        let transform = Transform::from_translation(eye).looking_at(center, Vec3::Y);
-        (transform, Projection::from(projection))
-    });
+    let (transform, projection) = found.unwrap_or_else(|| (view.transform, Projection::from(view.projection)));
     world.entity_mut(ours).insert((transform, projection));
 
     let mut lights = world.query_filtered::<(), Or<(With<DirectionalLight>, With<PointLight>, With<SpotLight>)>>();
     if lights.iter(world).next().is_none() {
-        world.spawn(file_sun(radius, distance));
+        world.spawn(file_sun(view.radius, view.distance));
     }
-    Some((transform, 0.03 * radius))
+    Some((transform, 0.03 * view.radius))
 }
 
 #[cfg(test)]

@@ -74,7 +74,7 @@ impl Worker {
         self.start("long run".to_owned());
         self.reporter.tried_scene();
         let size = self.size(is_cpu, Section::LongRun);
-        match long_run::run(harness, size, frames, self.deadline) {
+        match long_run::run(harness, SceneName::Demo, size, frames, self.deadline) {
             Ok(outcome) => {
                 self.reporter.remark(&outcome.describe());
                 let (done, total) = (u64::from(outcome.frames), u64::from(frames));
@@ -95,6 +95,7 @@ impl Worker {
             ground_truth: if is_cpu { 256 } else { 512 },
             settle: 96,
             average: 32,
+            rounds: 8,
         };
         let scenes = energy_scenes(is_cpu, self.job.options.seed);
         let mut names = techniques(harness);

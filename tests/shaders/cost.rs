@@ -1,0 +1,348 @@
+//! The cost of each pass as compiled, against a budget in `cost.txt`: a shader that grows is seen without a GPU.
+//!
+//! Counted are the SPIR-V of an entry point with all calls inlined, and what its variables take. Loops count once.
+
+use crate::wesl::Shaders;
+use bevy::shader::ShaderDefVal;
+use naga::{
+    AddressSpace,
+    back::{
+        PipelineConstants,
+        pipeline_constants::process_overrides,
+        spv::{self, Options},
+    },
+    valid::{Capabilities, ModuleInfo, ValidationFlags, Validator},
+};
+use std::{
+    collections::{BTreeMap, HashMap},
+    env,
+    fmt::Write,
+    fs, iter,
+    ops::{Add, AddAssign},
+    path::Path,
+};
+
+const FILE: &str = "tests/shaders/cost.txt";
+/// Writes the file anew.
+const ACCEPT: &str = "GLINT_ACCEPT_SHADER_COST";
+/// By how much a cost may differ from its budget, in percent.
+const TOLERANCE: f64 = 3.0;
+
+/// Definitions for scenes: the tracer, how textures are bound, and holes.
+const SCENES: [&[&str]; 4] = [
+    &[],
+    &["BINDLESS_TEXTURES", "ALPHA_MASKED_GEOMETRY"],
+    &["RAY_QUERY"],
+    &["RAY_QUERY", "BINDLESS_TEXTURES"],
+];
+
+/// Passes that trace and shade, which are compiled for a scene.
+const SCENE_PASSES: [(&str, &[&str]); 9] = [
+    ("trace/blocks", &[]),
+    ("trace/blocks", &["MIRRORS"]),
+    ("trace/blocks", &["MIRRORS", "BOUNCES"]),
+    ("trace/shade", &[]),
+    ("trace/shade", &["MANY_LIGHTS"]),
+    ("trace/shade", &["MANY_LIGHTS", "BOUNCES"]),
+    ("trace/converged", &[]),
+    ("trace/converged", &["BOUNCES"]),
+    ("trace/inline", &[]),
+];
+
+/// All others.
+const PASSES: [(&str, &[&str]); 22] = [
+    ("rate/classify", &[]),
+    ("rate/classify", &["ROUGHNESS"]),
+    ("rate/classify", &["GRAZING", "TILE_ANGLES"]),
+    (
+        "rate/classify",
+        &["COMBINED", "TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE"],
+    ),
+    (
+        "rate/classify",
+        &["COMBINED", "TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE", "TILES_8"],
+    ),
+    ("rate/classify", &["IMAGE"]),
+    ("denoise/reconstruct", &[]),
+    ("denoise/reconstruct", &["WIDE"]),
+    ("denoise/temporal", &[]),
+    ("denoise/blur", &[]),
+    ("composite/resolve", &[]),
+    ("composite/resolve", &["IN_PLACE"]),
+    ("composite/resolve", &["IN_PLACE", "TILES"]),
+    ("composite/add", &[]),
+    ("trace/vrs", &[]),
+    ("scene/pose/pose", &[]),
+    ("scene/pose/refit", &[]),
+    ("scene/scatter", &[]),
+    ("scene/texture_layers", &[]),
+    ("debug/count", &[]),
+    ("debug/show", &[]),
+    ("debug/show", &["REFLECTION"]),
+];
+
+/// Names of the columns.
+const COLUMNS: [&str; 5] = [
+    "instructions",
+    "texture loads",
+    "buffer loads",
+    "private bytes",
+    "workgroup bytes",
+];
+
+/// A number for each of [`COLUMNS`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Cost([u32; COLUMNS.len()]);
+
+impl Add for Cost {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        let mut sum = self;
+        sum += other;
+        sum
+    }
+}
+
+impl AddAssign for Cost {
+    fn add_assign(&mut self, other: Self) {
+        iter::zip(&mut self.0, other.0).for_each(|(sum, more)| *sum += more);
+    }
+}
+
+/// Costs by name of pass and definitions.
+type Costs = BTreeMap<String, Cost>;
+
+/// Numbers of SPIR-V's instructions and storage classes.
+mod op {
+    use std::ops::RangeInclusive;
+
+    pub const TYPE_POINTER: u16 = 32;
+    pub const FUNCTION: u16 = 54;
+    pub const FUNCTION_END: u16 = 56;
+    pub const FUNCTION_CALL: u16 = 57;
+    pub const VARIABLE: u16 = 59;
+    pub const LOAD: u16 = 61;
+    /// Declarations within functions, which do nothing: parameters, variables and labels.
+    pub const SILENT: [u16; 4] = [55, VARIABLE, 248, 317];
+    /// Samples, fetches, gathers and reads.
+    pub const IMAGE_LOADS: RangeInclusive<u16> = 87..=98;
+    /// Uniforms and storage buffers.
+    pub const BUFFERS: [u32; 2] = [2, 12];
+}
+
+/// A function's own cost, and the functions that it calls.
+#[derive(Default)]
+struct Function {
+    own: Cost,
+    calls: Vec<u32>,
+}
+
+fn inlined(id: u32, functions: &HashMap<u32, Function>) -> Cost {
+    let function = &functions[&id];
+    let calls = function.calls.iter().map(|callee| inlined(*callee, functions));
+    calls.fold(function.own, Cost::add)
+}
+
+/// Cost of the functions of SPIR-V, by name.
+fn functions(words: &[u32]) -> HashMap<u32, Function> {
+    let mut functions = HashMap::<u32, Function>::new();
+    // Storage classes of pointer types, and types of what instructions result in.
+    let (mut classes, mut types) = (HashMap::new(), HashMap::new());
+    let mut current = None;
+    let mut rest = &words[5..];
+    while let [first, ..] = rest {
+        let (instruction, others) = rest.split_at((first >> 16) as usize);
+        rest = others;
+        let code = *first as u16;
+        match (code, instruction) {
+            (op::TYPE_POINTER, [_, id, class, ..]) => _ = classes.insert(*id, *class),
+            (op::VARIABLE, [_, kind, id, ..]) => _ = types.insert(*id, *kind),
+            (op::FUNCTION, [_, _, id, ..]) => current = Some(*id),
+            (op::FUNCTION_END, _) => current = None,
+            _ => {}
+        }
+        let Some(id) = current else { continue };
+        if let [_, kind, result, ..] = instruction
+            && classes.contains_key(kind)
+        {
+            types.insert(*result, *kind);
+        }
+        let function = functions.entry(id).or_default();
+        if code == op::FUNCTION || op::SILENT.contains(&code) {
+            continue;
+        }
+        let [instructions, image_loads, buffer_loads, ..] = &mut function.own.0;
+        *instructions += 1;
+        match (code, instruction) {
+            (op::FUNCTION_CALL, [_, _, _, callee, ..]) => function.calls.push(*callee),
+            (op::LOAD, [_, _, _, pointer, ..]) => {
+                let class = types.get(pointer).and_then(|kind| classes.get(kind));
+                *buffer_loads += u32::from(class.is_some_and(|class| op::BUFFERS.contains(class)));
+            }
+            _ => *image_loads += u32::from(op::IMAGE_LOADS.contains(&code)),
+        }
+    }
+    functions
+}
+
+/// The id of the only entry point.
+fn entry_point(words: &[u32]) -> u32 {
+    const ENTRY_POINT: u16 = 15;
+    let mut rest = &words[5..];
+    while let [first, ..] = rest {
+        if *first as u16 == ENTRY_POINT {
+            return rest[2];
+        }
+        rest = &rest[(first >> 16) as usize..];
+    }
+    panic!("SPIR-V without an entry point");
+}
+
+/// Bytes of a module's variables in an address space, those of functions among them.
+fn bytes(module: &naga::Module, space: AddressSpace) -> u32 {
+    let size = |ty: naga::Handle<naga::Type>| module.types[ty].inner.size(module.to_ctx());
+    let globals = module
+        .global_variables
+        .iter()
+        .filter(|(_, global)| global.space == space);
+    let mut sum: u32 = globals.map(|(_, global)| size(global.ty)).sum();
+    if space == AddressSpace::Private {
+        let entries = module.entry_points.iter().map(|entry| &entry.function);
+        let functions = module.functions.iter().map(|(_, function)| function).chain(entries);
+        let locals = functions.flat_map(|function| function.local_variables.iter());
+        sum += locals.map(|(_, local)| size(local.ty)).sum::<u32>();
+    }
+    sum
+}
+
+/// The cost of all entry points of a module.
+fn cost(module: &naga::Module, info: &ModuleInfo) -> Result<Cost, String> {
+    // Without run-time checks, as Bevy compiles.
+    let options = Options {
+        lang_version: (1, 5),
+        flags: spv::WriterFlags::empty(),
+        zero_initialize_workgroup_memory: spv::ZeroInitializeWorkgroupMemoryMode::None,
+        force_loop_bounding: false,
+        ray_query_initialization_tracking: false,
+        emit_int_div_checks: false,
+        ..Options::default()
+    };
+    let mut sum = Cost([
+        0,
+        0,
+        0,
+        bytes(module, AddressSpace::Private),
+        bytes(module, AddressSpace::WorkGroup),
+    ]);
+    // Any number will do for constants that are known later.
+    let overrides = module.overrides.iter();
+    let constants: PipelineConstants = overrides
+        .filter_map(|(_, constant)| Some((constant.name.clone()?, 4.0)))
+        .collect();
+    for entry in &module.entry_points {
+        let (module, info) = process_overrides(module, info, Some((entry.stage, &entry.name)), &constants)
+            .map_err(|error| error.to_string())?;
+        let stage = spv::PipelineOptions {
+            shader_stage: entry.stage,
+            entry_point: entry.name.clone(),
+        };
+        let words = spv::write_vec(&module, &info, &options, Some(&stage)).map_err(|error| error.to_string())?;
+        sum += inlined(entry_point(&words), &functions(&words));
+    }
+    Ok(sum)
+}
+
+/// The costs of the shaders as they are.
+fn measure() -> Costs {
+    let of_scenes = SCENE_PASSES
+        .iter()
+        .flat_map(|(pass, own)| SCENES.map(|scene| (*pass, [own, scene].concat())));
+    let others = PASSES.iter().map(|(pass, defs)| (*pass, defs.to_vec()));
+    let mut shaders = Shaders::load();
+    let mut costs = Costs::new();
+    for (pass, names) in of_scenes.chain(others) {
+        let defs: Vec<ShaderDefVal> = names.iter().map(|name| (*name).into()).collect();
+        let (_, module) = shaders.expect(&format!("bevy_glint/{pass}.wesl"), &defs);
+        let info = Validator::new(ValidationFlags::all(), Capabilities::all()).validate(&module);
+        let name = iter::once(pass).chain(names).collect::<Vec<_>>().join(" ");
+        let cost = cost(&module, &info.expect("it was validated before"));
+        let cost = cost.unwrap_or_else(|error| panic!("{name}: {error}"));
+        costs.insert(name, cost);
+    }
+    costs
+}
+
+fn to_text(costs: &Costs) -> String {
+    let mut text = format!("# pass and definitions: {}\n", COLUMNS.join(", "));
+    for (name, cost) in costs {
+        let numbers = cost.0.map(|number| format!("{number:>6}")).join(" ");
+        writeln!(text, "{name:<75} {numbers}").expect("text can be written");
+    }
+    text
+}
+
+fn from_text(text: &str) -> Costs {
+    let lines = text.lines().filter(|line| !line.starts_with('#'));
+    let costs = lines.map(|line| {
+        let (names, numbers): (Vec<_>, Vec<_>) = line
+            .split_whitespace()
+            .partition(|word| !word.starts_with(|first: char| first.is_ascii_digit()));
+        let numbers: Vec<u32> = numbers.iter().filter_map(|number| number.parse().ok()).collect();
+        let cost = numbers.try_into().unwrap_or_else(|_| panic!("{FILE}: {line}"));
+        (names.join(" "), Cost(cost))
+    });
+    costs.collect()
+}
+
+/// The differences that are too large, a line each.
+fn changes(budget: &Costs, measured: &Costs) -> Vec<String> {
+    let mut changes = Vec::new();
+    for (name, cost) in measured {
+        let Some(allowed) = budget.get(name) else {
+            changes.push(format!("{name}: not in the budget"));
+            continue;
+        };
+        for ((column, allowed), found) in COLUMNS.iter().zip(allowed.0).zip(cost.0) {
+            let change = 100.0 * (f64::from(found) - f64::from(allowed)) / f64::from(allowed.max(1));
+            if change.abs() > TOLERANCE {
+                changes.push(format!("{name}: {column}: {allowed} -> {found} ({change:+.1} %)"));
+            }
+        }
+    }
+    let gone = budget.keys().filter(|name| !measured.contains_key(*name));
+    changes.extend(gone.map(|name| format!("{name}: no such pass")));
+    changes
+}
+
+#[test]
+fn passes_keep_to_their_budget() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(FILE);
+    let measured = measure();
+    if env::var_os(ACCEPT).is_some() {
+        fs::write(&file, to_text(&measured)).expect("the budget can be written");
+        return;
+    }
+    let budget = from_text(&fs::read_to_string(&file).expect("there is a budget"));
+    let changes = changes(&budget, &measured);
+    assert!(
+        changes.is_empty(),
+        "costs of shaders that differ from {FILE} by more than {TOLERANCE} %:\n{}\n\nIf they are worth it, run \
+         `{ACCEPT}=1 cargo xtask test -- passes_keep_to_their_budget` and commit the file.",
+        changes.join("\n")
+    );
+}
+
+#[test]
+fn changes_are_told_apart_from_noise() {
+    let costs = |instructions: u32| Costs::from([("blur TILES".to_owned(), Cost([instructions, 4, 0, 64, 0]))]);
+    let budget = costs(1000);
+    assert_eq!(from_text(&to_text(&budget)), budget);
+    assert_eq!(changes(&budget, &costs(1030)), [""; 0]);
+    assert_eq!(
+        changes(&budget, &costs(960)),
+        ["blur TILES: instructions: 1000 -> 960 (-4.0 %)"]
+    );
+    assert_eq!(changes(&Costs::new(), &budget), ["blur TILES: not in the budget"]);
+    assert_eq!(changes(&budget, &Costs::new()), ["blur TILES: no such pass"]);
+}
