@@ -34,6 +34,8 @@ pub const MATERIAL_METALLIC_ROUGHNESS_RG: u32 = 16;
 pub const MATERIAL_UV1_SHIFT: u32 = 16;
 /// Alpha of the base-colour texture means nothing.
 pub const MATERIAL_SOLID_TEXTURE: u32 = 32;
+/// Distance fog lies over the surface.
+pub const MATERIAL_FOG: u32 = 64;
 
 /// Slot of [`GpuMaterial::textures`].
 pub const TEXTURE_BASE_COLOR: usize = 0;

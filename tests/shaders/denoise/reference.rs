@@ -6,7 +6,6 @@ pub const NEIGHBOURS: u32 = 16;
 const PLACES: [u32; 4] = [0xa877_8988, 0x58aa_9669, 0x56b6_7bb7, 0x55c9_748c];
 const FAST_SHARE: f32 = 0.25;
 const FAST_DEVIATION: f32 = 0.378;
-const BRIGHT_ROOM: f32 = 1.2;
 const DARK: f32 = 1e-4;
 const MAX_VARIANCE: f32 = 16.0;
 pub const MIN_FRAME_WEIGHT: f32 = 1.0 / 64.0;
@@ -135,17 +134,12 @@ pub struct Likely {
 pub fn likely_history(before: f32, y: f32, mean: Vec3, deviation: Vec3, fast: f32, spread: f32, sigma: f32) -> Likely {
     let slack = 0.02 * mean.x + 1e-4;
     let extent = sigma * deviation.max(spread * vec3(1.0, 0.5, 0.5)) + slack;
-    let recent = mix(
-        fast.clamp(mean.x - extent.x, mean.x + BRIGHT_ROOM * extent.x),
-        y,
-        FAST_SHARE,
-    );
-    let room = if before > recent { BRIGHT_ROOM } else { 1.0 };
+    let recent = mix(fast.clamp(mean.x - extent.x, mean.x + extent.x), y, FAST_SHARE);
     Likely {
         middle: vec3(recent, mean.y, mean.z),
-        extent: vec3(room * (sigma * FAST_DEVIATION * spread + slack), extent.y, extent.z),
+        extent: vec3(sigma * FAST_DEVIATION * spread + slack, extent.y, extent.z),
         fast: recent,
-        keep: 1.0 - smoothstep(1.0, 2.0, (before - mean.x).abs() / (room * extent.x)),
+        keep: 1.0 - smoothstep(1.0, 2.0, (before - mean.x).abs() / extent.x),
     }
 }
 
