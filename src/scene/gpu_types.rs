@@ -38,6 +38,8 @@ pub const MATERIAL_UV1_SHIFT: u32 = 16;
 pub const MATERIAL_SOLID_TEXTURE: u32 = 32;
 /// The material has changed lately.
 pub const MATERIAL_RESTLESS: u32 = 64;
+/// Distance fog lies over the surface.
+pub const MATERIAL_FOG: u32 = 128;
 
 /// Slot of [`GpuMaterial::textures`].
 pub const TEXTURE_BASE_COLOR: usize = 0;

@@ -147,6 +147,7 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
     let mut flags = 0;
     for (flag, set) in [
         (MATERIAL_UNLIT, material.unlit),
+        (MATERIAL_FOG, material.fog_enabled),
         (MATERIAL_DOUBLE_SIDED, material.double_sided),
         (MATERIAL_FLIP_NORMAL_MAP_Y, material.flip_normal_map_y),
         (

@@ -55,6 +55,7 @@ impl Plugin for TracePlugin {
         load_shader_library!(app, "albedo.wesl");
         load_shader_library!(app, "bounce.wesl");
         load_shader_library!(app, "brdf.wesl");
+        load_shader_library!(app, "fog.wesl");
         load_shader_library!(app, "hit.wesl");
         load_shader_library!(app, "lobe.wesl");
         load_shader_library!(app, "noise.wesl");

@@ -6,7 +6,7 @@ use crate::{
     targets::Sizes,
 };
 use bevy::{
-    color::Alpha,
+    color::{Alpha, ColorToComponents},
     math::{Mat4, UVec2, Vec3, Vec4},
     pbr::{DistanceFog, FogFalloff},
     render::render_resource::{BindGroupId, ShaderType},
@@ -37,6 +37,14 @@ pub struct GpuReflectionView {
     pub fog_alpha: f32,
     /// Start and end, density, or extinction.
     pub fog_parameters: Vec4,
+    /// Linear; exposed already.
+    pub fog_color: Vec3,
+    /// Higher exponents narrow the glow around directional lights.
+    pub fog_light_exponent: f32,
+    /// Factor on the light of directional lights; 0 = no glow.
+    pub fog_light_color: Vec3,
+    /// Atmospheric fog: light that it scatters to the viewer, per metre.
+    pub fog_scattering: Vec3,
     /// Trace pixels of the view.
     pub trace_size: UVec2,
     /// Tiles of the view.
@@ -160,6 +168,10 @@ impl GpuReflectionView {
             fog_mode: frame.fog.mode,
             fog_alpha: frame.fog.alpha,
             fog_parameters: frame.fog.parameters,
+            fog_color: frame.fog.color,
+            fog_light_exponent: frame.fog.light_exponent,
+            fog_light_color: frame.fog.light_color,
+            fog_scattering: frame.fog.scattering,
             trace_size: sizes.trace(),
             tile_count: sizes.tiles(),
             trace_scale: sizes.trace_scale,
@@ -199,13 +211,17 @@ fn flags(settings: &ClampedSettings) -> u32 {
 }
 
 /// Distance fog as shaders take it. Bevy fogs the lit frame before reflections are added to it: they are dimmed by the same
-/// transmittance.
+/// transmittance, and rays add the fog between the surface and what it reflects (`trace/fog.wesl`).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Fog {
     /// [`GpuReflectionView::fog_mode`].
     mode: u32,
     alpha: f32,
     parameters: Vec4,
+    color: Vec3,
+    light_color: Vec3,
+    light_exponent: f32,
+    scattering: Vec3,
 }
 
 impl From<Option<&DistanceFog>> for Fog {
@@ -217,10 +233,19 @@ impl From<Option<&DistanceFog>> for Fog {
             FogFalloff::ExponentialSquared { density } => (3, Vec4::new(density, 0.0, 0.0, 0.0)),
             FogFalloff::Atmospheric { extinction, .. } => (4, extinction.extend(0.0)),
         };
+        let scattering = match fog.falloff {
+            FogFalloff::Atmospheric { inscattering, .. } => inscattering,
+            _ => Vec3::ZERO,
+        };
+        let light = fog.directional_light_color.to_linear();
         Self {
             mode,
             alpha: fog.color.alpha(),
             parameters,
+            color: fog.color.to_linear().to_vec3(),
+            light_color: light.alpha.max(0.0) * light.to_vec3(),
+            light_exponent: fog.directional_light_exponent,
+            scattering,
         }
     }
 }

@@ -21,6 +21,7 @@ mod levels;
 mod lights;
 mod materials;
 mod merging;
+mod mirror_suite;
 mod mirrored;
 mod new_user;
 #[cfg(feature = "egui")]

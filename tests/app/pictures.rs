@@ -16,7 +16,7 @@ use std::{ops::Range, path::PathBuf};
 pub const PIXELS_PER_DEGREE: f32 = 55.4;
 
 /// Frames that loading, compiling and building may take.
-const PATIENCE: u32 = 20_000;
+pub const PATIENCE: u32 = 20_000;
 
 /// Few triangles and texels, for tests that compare a scene with itself: a CPU takes longer to bake and to draw fine ones than to
 /// trace all rays.

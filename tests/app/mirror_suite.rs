@@ -1,0 +1,359 @@
+//! The mirror suite: a scene in a perfect mirror looks like the same scene to the mirrored camera, whatever is in it. The manual's table
+//! of what is reflected (`src/manual/interactions.md`) has a line for each row.
+
+use crate::{
+    common::app,
+    pictures::{BOTH, PATIENCE, dump, flip, reflect},
+    stage::{BEFORE_THE_MIRROR, SIZE, metal, spawn_camera, spawn_mesh, wall},
+};
+use bevy::{
+    asset::RenderAssetUsages,
+    camera::Exposure,
+    image::Image,
+    light::NotShadowCaster,
+    prelude::*,
+    render::render_resource::{Extent3d, TextureDimension, TextureFormat},
+};
+use bevy_glint::{RayTracedReflections, ReflectionTechnique};
+use glint_scenes::{HeadlessApp, Output, SceneName};
+
+/// Mean FLIP up to which both pictures are the same.
+const LIMIT: f32 = 0.01;
+
+const FOG: Color = Color::linear_rgb(0.1, 0.3, 0.2);
+const SUN: Vec3 = Vec3::new(0.5, -0.2, 1.0);
+
+/// A feature, and what has it.
+type Row = (&'static str, fn(&mut Stage));
+
+const ROWS: [Row; 20] = [
+    ("unlit", |stage| stage.spawn(StandardMaterial { unlit: true, ..blue() })),
+    ("directional light", |stage| stage.light_and_spawn(blue())),
+    ("shadow of a directional light", |stage| {
+        stage.add((
+            DirectionalLight {
+                illuminance: 2000.0,
+                shadow_maps_enabled: true,
+                ..default()
+            },
+            Transform::default().looking_to(Vec3::new(0.5, -0.2, 1.0), Vec3::Y),
+        ));
+        stage.spawn(blue());
+    }),
+    ("point light", |stage| {
+        stage.add((
+            PointLight {
+                intensity: 60_000.0,
+                range: 5.5,
+                radius: 0.1,
+                ..default()
+            },
+            Transform::from_xyz(0.5, 0.5, 5.6),
+        ));
+        stage.spawn(blue());
+    }),
+    ("spot light", |stage| {
+        stage.add((
+            SpotLight {
+                intensity: 150_000.0,
+                range: 20.0,
+                outer_angle: 0.5,
+                inner_angle: 0.2,
+                ..default()
+            },
+            Transform::from_xyz(0.0, 0.0, 5.0).looking_to(Vec3::Z, Vec3::Y),
+        ));
+        stage.spawn(blue());
+    }),
+    ("ambient light", |stage| {
+        stage.dress(AmbientLight {
+            brightness: 600.0,
+            ..default()
+        });
+        stage.spawn(blue());
+    }),
+    ("metal", |stage| {
+        stage.light_and_spawn(StandardMaterial {
+            metallic: 0.8,
+            ..blue()
+        })
+    }),
+    ("rough dielectric", |stage| {
+        stage.light_and_spawn(StandardMaterial {
+            perceptual_roughness: 0.9,
+            reflectance: 0.2,
+            ..blue()
+        });
+    }),
+    ("emission", |stage| {
+        stage.spawn(StandardMaterial {
+            emissive: LinearRgba::rgb(0.2, 0.8, 0.1),
+            ..blue()
+        });
+    }),
+    ("base-colour texture with alpha test", |stage| {
+        let base_color_texture = Some(stage.checkers([255, 255, 255, 255], [255, 0, 0, 0], true));
+        stage.light_and_spawn(StandardMaterial {
+            base_color_texture,
+            alpha_mode: AlphaMode::Mask(0.5),
+            ..blue()
+        });
+    }),
+    ("normal map", |stage| {
+        let normal_map_texture = Some(stage.checkers([150, 128, 250, 255], [100, 150, 240, 255], false));
+        stage.light_and_spawn(StandardMaterial {
+            normal_map_texture,
+            ..blue()
+        });
+    }),
+    ("metallic and roughness texture", |stage| {
+        let metallic_roughness_texture = Some(stage.checkers([0, 80, 255, 255], [0, 255, 0, 255], false));
+        stage.light_and_spawn(StandardMaterial {
+            metallic_roughness_texture,
+            metallic: 1.0,
+            ..blue()
+        });
+    }),
+    ("two-sided surfaces", |stage| {
+        stage.light_and_spawn(StandardMaterial {
+            double_sided: true,
+            cull_mode: None,
+            ..blue()
+        });
+    }),
+    ("linear fog", |stage| {
+        stage.spawn_in_fog(FogFalloff::Linear { start: 2.0, end: 16.0 }, Color::NONE)
+    }),
+    ("exponential fog", |stage| {
+        stage.spawn_in_fog(FogFalloff::Exponential { density: 0.1 }, Color::NONE)
+    }),
+    ("squared exponential fog", |stage| {
+        stage.spawn_in_fog(FogFalloff::ExponentialSquared { density: 0.1 }, Color::NONE);
+    }),
+    ("atmospheric fog", |stage| {
+        let extinction = Vec3::new(0.05, 0.08, 0.12);
+        let inscattering = Vec3::new(0.03, 0.06, 0.15);
+        stage.spawn_in_fog(
+            FogFalloff::Atmospheric {
+                extinction,
+                inscattering,
+            },
+            Color::NONE,
+        );
+    }),
+    ("glow of fog around the sun", |stage| {
+        // The fog before the mirror glows, too: as much as that behind it, where the light comes from the side.
+        stage.sun = Vec3::new(1.0, -0.2, 0.0);
+        stage.spawn_in_fog(
+            FogFalloff::Exponential { density: 0.1 },
+            Color::linear_rgba(1.0, 0.6, 0.2, 0.5),
+        );
+    }),
+    ("translucent fog", |stage| {
+        stage.fog_color = Color::linear_rgba(0.1, 0.3, 0.2, 0.5);
+        stage.spawn_in_fog(FogFalloff::Linear { start: 2.0, end: 16.0 }, Color::NONE);
+    }),
+    ("a material without fog", |stage| {
+        stage.material.fog_enabled = false;
+        stage.set_fog_before_the_mirror(false);
+        stage.spawn_in_fog(FogFalloff::Exponential { density: 0.1 }, Color::NONE);
+    }),
+];
+
+fn blue() -> StandardMaterial {
+    StandardMaterial {
+        base_color: Color::linear_rgb(0.1, 0.3, 0.8),
+        perceptual_roughness: 0.5,
+        ..default()
+    }
+}
+
+/// A camera before a mirror that fills its view, and what stands behind the camera.
+struct Stage<'a> {
+    app: &'a mut HeadlessApp,
+    camera: Entity,
+    mirror: Entity,
+    spawned: Vec<Entity>,
+    material: StandardMaterial,
+    fog_color: Color,
+    /// Direction of the light. Without another it comes from behind the mirror, and doesn't shine on that.
+    sun: Vec3,
+}
+
+impl<'a> Stage<'a> {
+    fn new(app: &'a mut HeadlessApp) -> Self {
+        let mirror = spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+        app.world().entity_mut(mirror).insert(NotShadowCaster);
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        app.world().entity_mut(camera).insert(Exposure::default());
+        Self {
+            app,
+            camera,
+            mirror,
+            spawned: Vec::new(),
+            material: blue(),
+            fog_color: FOG,
+            sun: SUN,
+        }
+    }
+
+    fn set_fog_before_the_mirror(&mut self, enabled: bool) {
+        let world = self.app.world();
+        let id = world.get::<MeshMaterial3d<StandardMaterial>>(self.mirror).unwrap().id();
+        let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+        materials.get_mut(id).unwrap().fog_enabled = enabled;
+    }
+
+    fn add(&mut self, bundle: impl Bundle) {
+        let entity = self.app.world().spawn(bundle).id();
+        self.spawned.push(entity);
+    }
+
+    /// Gives the camera a component.
+    fn dress(&mut self, bundle: impl Bundle) {
+        self.app.world().entity_mut(self.camera).insert(bundle);
+    }
+
+    /// Things of one material behind the camera, which turn their fronts to the mirror, near and far.
+    fn spawn(&mut self, material: StandardMaterial) {
+        let white = StandardMaterial {
+            base_color: Color::WHITE,
+            fog_enabled: material.fog_enabled,
+            ..blue()
+        };
+        let sphere = Sphere::new(1.2).mesh().uv(32, 18).with_generated_tangents();
+        let cuboid = Mesh::from(Cuboid::from_length(1.8)).with_generated_tangents();
+        let back = Mesh::from(Rectangle::new(60.0, 60.0)).with_generated_tangents();
+        let things = [
+            (sphere, &material, Transform::from_xyz(-1.2, 0.4, 7.0)),
+            (
+                cuboid,
+                &material,
+                Transform::from_xyz(2.0, -0.6, 8.5).with_rotation(Quat::from_rotation_y(0.6)),
+            ),
+            (
+                back,
+                &white,
+                Transform::from_xyz(0.0, 0.0, 12.0).looking_to(Vec3::Z, Vec3::Y),
+            ),
+        ];
+        for (mesh, material, at) in things {
+            let entity = spawn_mesh(self.app, mesh.unwrap(), material.clone(), at);
+            self.spawned.push(entity);
+        }
+    }
+
+    /// The same in the sun.
+    fn light_and_spawn(&mut self, material: StandardMaterial) {
+        self.add((
+            DirectionalLight {
+                illuminance: 2000.0,
+                ..default()
+            },
+            Transform::default().looking_to(self.sun, Vec3::Y),
+        ));
+        self.spawn(material);
+    }
+
+    fn spawn_in_fog(&mut self, falloff: FogFalloff, directional_light_color: Color) {
+        self.dress(DistanceFog {
+            color: self.fog_color,
+            falloff,
+            directional_light_color,
+            directional_light_exponent: 1.0,
+        });
+        self.light_and_spawn(self.material.clone());
+    }
+
+    /// An image of two colours, in squares.
+    fn checkers(&mut self, even: [u8; 4], odd: [u8; 4], srgb: bool) -> Handle<Image> {
+        let color = |i: u32| if (i % 8 + i / 8) % 2 == 0 { even } else { odd };
+        let size = Extent3d {
+            width: 8,
+            height: 8,
+            ..default()
+        };
+        let format = if srgb {
+            TextureFormat::Rgba8UnormSrgb
+        } else {
+            TextureFormat::Rgba8Unorm
+        };
+        let texels = (0..64).flat_map(color).collect();
+        let image = Image::new(size, TextureDimension::D2, texels, format, RenderAssetUsages::default());
+        self.app.world().resource_mut::<Assets<Image>>().add(image)
+    }
+
+    fn capture(&mut self) -> Vec<u8> {
+        self.app.step(2);
+        self.app.capture().unwrap()
+    }
+
+    /// The picture in the mirror.
+    fn in_the_mirror(&mut self) -> Vec<u8> {
+        reflect(self.app, self.camera, ReflectionTechnique::Reference);
+        self.capture()
+    }
+
+    /// The picture of the mirrored camera, mirrored back.
+    fn by_the_mirrored_camera(&mut self) -> Vec<u8> {
+        let behind = Transform::from_translation(-BEFORE_THE_MIRROR.translation).looking_to(Vec3::Z, Vec3::Y);
+        self.dress(behind);
+        let world = self.app.world();
+        world.entity_mut(self.camera).remove::<RayTracedReflections>();
+        world.entity_mut(self.mirror).insert(Visibility::Hidden);
+        // Nothing reflects, so that only Bevy's own pipelines and textures are awaited.
+        self.app.warm_up(PATIENCE).unwrap();
+        let picture = self.capture();
+        self.app.world().entity_mut(self.mirror).insert(Visibility::Visible);
+        self.dress(BEFORE_THE_MIRROR);
+        let lines = picture.chunks_exact(4 * SIZE.x as usize);
+        lines
+            .flat_map(|line| line.chunks_exact(4).rev())
+            .flatten()
+            .copied()
+            .collect()
+    }
+
+    fn clear(&mut self) {
+        for entity in self.spawned.drain(..) {
+            self.app.world().despawn(entity);
+        }
+        let mut camera = self.app.world().entity_mut(self.camera);
+        camera.remove::<(DistanceFog, AmbientLight)>();
+        self.material = blue();
+        self.fog_color = FOG;
+        self.sun = SUN;
+        self.set_fog_before_the_mirror(true);
+    }
+}
+
+#[test]
+fn a_scene_in_a_mirror_looks_like_itself() {
+    for tracer in BOTH {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            continue;
+        };
+        let mut stage = Stage::new(&mut app);
+        let mut failures = Vec::new();
+        for (name, spawn) in ROWS {
+            spawn(&mut stage);
+            let actual = stage.in_the_mirror();
+            let expected = stage.by_the_mirrored_camera();
+            let error = flip(SIZE, &expected, &actual).0;
+            let shown = expected
+                .chunks_exact(4)
+                .filter(|pixel| pixel[..3] != expected[..3])
+                .count();
+            println!("{tracer}, {name}: FLIP {error:.4}, {shown} pixels");
+            if !(error <= LIMIT && shown > 200) {
+                let folder = dump(&format!("mirror {name}"), SIZE, &expected, &actual);
+                failures.push(format!(
+                    "{name}: FLIP {error:.4}, {shown} pixels show anything; see {}",
+                    folder.display()
+                ));
+            }
+            stage.clear();
+        }
+        assert!(failures.is_empty(), "{tracer}: {failures:#?}");
+    }
+}
