@@ -54,7 +54,7 @@ pub(crate) struct RateSettings {
 }
 
 impl RateSettings {
-    /// Tiles of 16x16; set `tile_size` for others. Only [`ReflectionTechnique::Variable`] varies its rate.
+    /// Tiles of 16x16, for adaptive rates of 8x8; set `tile_size` for others. Only [`ReflectionTechnique::Variable`] varies its rate.
     pub fn new(heuristic: &ShadingRateHeuristic, technique: ReflectionTechnique) -> Self {
         let settings = |variant, thresholds| Self {
             variant,
@@ -233,8 +233,9 @@ mod tests {
                 edge: nan,
                 coarsest: ShadingRate::R2x2,
             }),
+            ShadingRateHeuristic::Adaptive(AdaptiveThresholds { error_target: nan }),
         ];
-        for (wild, name) in wild.iter().zip(["roughness", "grazing", "combined"]) {
+        for (wild, name) in wild.iter().zip(["roughness", "grazing", "combined", "adaptive"]) {
             let default = name.parse::<ShadingRateHeuristic>().unwrap_or_default();
             assert_eq!(
                 RateSettings::new(wild, ReflectionTechnique::Variable),
@@ -250,6 +251,23 @@ mod tests {
         let settings = RateSettings::new(&flat, ReflectionTechnique::Variable);
         assert_eq!(settings.thresholds.min_flatness, -1.0);
         assert_eq!(settings.thresholds.min_roughness, -1.0);
+    }
+
+    #[test]
+    fn adaptive_rates_can_do_without_a_history() {
+        let adaptive = |error_target| {
+            let heuristic = ShadingRateHeuristic::Adaptive(AdaptiveThresholds { error_target });
+            RateSettings::new(&heuristic, ReflectionTechnique::Variable)
+        };
+        let settings = adaptive(0.0);
+        assert_eq!((settings.variant, settings.tile_size), (RateVariant::Adaptive, 8));
+        let combined = RateSettings::new(&ShadingRateHeuristic::default(), ReflectionTechnique::Variable);
+        let expected = RateThresholds {
+            error_target: SMALLEST_TARGET,
+            keeps_mirrors: true,
+            ..combined.thresholds
+        };
+        assert_eq!(settings.thresholds, expected);
     }
 
     #[test]

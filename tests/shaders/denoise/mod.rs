@@ -2,7 +2,7 @@
 
 mod pass;
 mod reference;
-mod wall;
+pub mod wall;
 
 mod filters;
 mod passes;
