@@ -17,8 +17,8 @@ const SIZE: UVec2 = UVec2::new(208, 117);
 const RAY_COUNT: usize = 12;
 
 /// Most tiles whose step changes from one frame to the next, of those that reflect: in a still picture, and behind a moving camera.
-const MOST_CHANGES: f32 = 0.03;
-const MOST_CHANGES_IN_MOTION: f32 = 0.15;
+const MOST_CHANGES: f32 = 0.05;
+const MOST_CHANGES_IN_MOTION: f32 = 0.12;
 
 fn words(app: &mut HeadlessApp, camera: Entity, target: Target) -> Vec<u32> {
     readback::copy(app.app(), camera, target).unwrap().words
@@ -73,7 +73,7 @@ fn rates_settle() {
     let (changes, rays) = watch(&mut app, camera, 16, |_| {});
     println!("still: {changes} of the tiles change, {rays} rays of {first}");
     assert!(changes < MOST_CHANGES, "{changes}");
-    assert!(rays < 0.8 * first, "{rays} rays of {first}");
+    assert!(rays < 0.9 * first, "{rays} rays of {first}");
 
     let right = app.world().get::<Transform>(camera).unwrap().right();
     let mut move_on = |app: &mut HeadlessApp| {

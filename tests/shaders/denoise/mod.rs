@@ -6,3 +6,4 @@ pub mod wall;
 
 mod filters;
 mod passes;
+mod resting;
