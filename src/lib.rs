@@ -97,12 +97,12 @@ pub use plugin::RayTracedReflectionsPlugin;
 pub use scene::{ReflectedMaterial, ReflectedMaterialPlugin};
 pub use schedule::ReflectionSystems;
 pub use settings::{
-    CombinedThresholds, GrazingThresholds, NotReflected, RATE_LEGEND, RayTracedReflections, ReflectedMaterial3d,
-    ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget, ReflectionBackend, ReflectionDebugCounters,
-    ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionFallback, ReflectionPreset,
-    ReflectionQuality, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice,
-    ReflectionsOff, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES,
-    UnknownName, named_settings,
+    AdaptiveThresholds, CombinedThresholds, GrazingThresholds, NotReflected, RATE_LEGEND, RayTracedReflections,
+    ReflectedMaterial3d, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget, ReflectionBackend,
+    ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionFallback,
+    ReflectionPreset, ReflectionQuality, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip,
+    ReflectionTracerChoice, ReflectionsOff, RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
+    ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
 };
 pub use status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory};
 #[cfg(feature = "egui")]

@@ -160,13 +160,13 @@ impl Request {
     /// Also returns why another pass traces the rays than was asked for.
     fn new(camera: &CameraQueryItem, reflections: &RayTracedReflections, vrs: &VrsPass) -> (Self, Option<String>) {
         let mut settings = ClampedSettings::from(reflections);
+        let heuristic = camera.heuristic.cloned().unwrap_or_default();
         let tile_size = camera.tile_size.copied().unwrap_or_default().trace_pixels();
         let reason = choose(&mut settings, vrs.fragment_rays(), || vrs.available(tile_size));
-        let heuristic = camera.heuristic.cloned().unwrap_or_default();
-        let mut rate = RateSettings {
-            tile_size,
-            ..RateSettings::new(&heuristic, settings.technique)
-        };
+        let mut rate = RateSettings::new(&heuristic, settings.technique);
+        if camera.tile_size.is_some() || settings.backend == ReflectionBackend::HardwareVrs {
+            rate.tile_size = tile_size;
+        }
         if settings.backend == ReflectionBackend::HardwareVrs {
             rate.limit(|code| vrs.supports(code));
         }

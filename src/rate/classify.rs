@@ -28,7 +28,10 @@ type RateKey = (RateVariant, u32);
 #[derive(Resource)]
 pub struct RatePipelines {
     shader: Handle<Shader>,
+    adaptive_shader: Handle<Shader>,
     pass: GBufferPass<RateKey>,
+    /// The same with the history, for [`RateVariant::Adaptive`].
+    adaptive: GBufferPass<RateKey>,
     /// Whose error has been logged.
     failed: HashSet<RateKey>,
     /// Pipelines requested since pipelines were last queued.
@@ -45,6 +48,7 @@ fn shader_defs(variant: &RateVariant, tile_size: u32) -> Vec<ShaderDefVal> {
         RateVariant::Roughness => &["ROUGHNESS"],
         RateVariant::Grazing => &["GRAZING", "TILE_ANGLES"],
         RateVariant::Combined => &["COMBINED", "TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE"],
+        RateVariant::Adaptive => &["TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE"],
         RateVariant::Image => &["IMAGE"],
         RateVariant::Custom(_) => &["TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE", "TILE_DEPTH"],
     };
@@ -54,7 +58,11 @@ fn shader_defs(variant: &RateVariant, tile_size: u32) -> Vec<ShaderDefVal> {
 
 /// The variant that takes over until an asset of the user's is loaded, and where it is wrong.
 fn stand_in(variant: &RateVariant) -> Option<RateVariant> {
-    matches!(variant, RateVariant::Image | RateVariant::Custom(_)).then_some(RateVariant::Uniform)
+    match variant {
+        RateVariant::Image | RateVariant::Custom(_) => Some(RateVariant::Uniform),
+        RateVariant::Adaptive => Some(RateVariant::Combined),
+        _ => None,
+    }
 }
 
 impl RatePipelines {
@@ -68,18 +76,26 @@ impl RatePipelines {
 
     /// Rates can be determined, if not yet by what a user brought along.
     pub(crate) fn is_ready(&self, cache: &PipelineCache, rate: &RateSettings) -> bool {
+        let key = |variant| (variant, rate.tile_size);
         let variant = stand_in(&rate.variant).unwrap_or_else(|| rate.variant.clone());
-        self.pass.pipeline(&(variant, rate.tile_size), cache).is_some()
+        let adaptive = rate.variant == RateVariant::Adaptive;
+        self.pass.pipeline(&key(variant), cache).is_some()
+            && (!adaptive || self.adaptive.pipeline(&key(RateVariant::Adaptive), cache).is_some())
     }
 
     fn queue(&mut self, key: RateKey, cache: &PipelineCache) {
         let (variant, tile_size) = &key;
         let shader = match variant {
             RateVariant::Custom(shader) => shader.clone(),
+            RateVariant::Adaptive => self.adaptive_shader.clone(),
             _ => self.shader.clone(),
         };
         let defs = shader_defs(variant, *tile_size);
-        self.pass.queue(key, cache, || PassShader {
+        let pass = match variant {
+            RateVariant::Adaptive => &mut self.adaptive,
+            _ => &mut self.pass,
+        };
+        pass.queue(key, cache, || PassShader {
             shader,
             defs,
             entry_point: None,
@@ -87,9 +103,9 @@ impl RatePipelines {
     }
 }
 
-/// Declares what the pass binds.
-pub(super) fn init_rate_pipelines(mut commands: Commands, asset_server: Res<AssetServer>) {
-    let bindings = vec![
+/// What the pass binds.
+fn bindings() -> Vec<Binding> {
+    vec![
         Binding::written(RATE_FORMAT, |context| Some(&context.images()?.rate[context.now()])),
         Binding::written_words(1, |context| Some(&context.images()?.ray_list)),
         Binding::written_words(1, |context| Some(&context.images()?.mirror_ray_list)),
@@ -98,10 +114,28 @@ pub(super) fn init_rate_pipelines(mut commands: Commands, asset_server: Res<Asse
         Binding::written(RAY_SAMPLE_FORMAT, |context| Some(&context.images()?.ray_sample)),
         // The user's rate image.
         Binding::given(integers()),
-    ];
+    ]
+}
+
+/// The last frame, which [`RateVariant::Adaptive`] reads besides.
+fn history_bindings() -> [Binding; 5] {
+    [
+        Binding::integers(|context| Some(&context.images()?.rate[context.before()])),
+        Binding::floats(|context| context.motion),
+        Binding::floats(|context| Some(&context.history()?.0.radiance[context.before()])),
+        Binding::integers(|context| Some(&context.history()?.0.stats[context.before()])),
+        Binding::integers(|context| Some(&context.history()?.0.surface[context.before()])),
+    ]
+}
+
+/// Declares what the passes bind.
+pub(super) fn init_rate_pipelines(mut commands: Commands, asset_server: Res<AssetServer>) {
+    let adaptive = bindings().into_iter().chain(history_bindings()).collect();
     commands.insert_resource(RatePipelines {
         shader: load_embedded_asset!(asset_server.as_ref(), "classify.wesl"),
-        pass: GBufferPass::new("glint_rate", bindings, OtherGroups::None),
+        adaptive_shader: load_embedded_asset!(asset_server.as_ref(), "adaptive.wesl"),
+        pass: GBufferPass::new("glint_rate", bindings(), OtherGroups::None),
+        adaptive: GBufferPass::new("glint_adaptive_rate", adaptive, OtherGroups::None),
         failed: HashSet::default(),
         wanted: HashSet::default(),
         wanted_images: HashSet::default(),
@@ -120,7 +154,8 @@ pub(super) fn queue_rate_pipelines(
     for key in core::mem::take(&mut pipelines.wanted) {
         pipelines.queue(key, &cache);
     }
-    for (key, error) in pipelines.pass.errors(&cache) {
+    let errors = pipelines.pass.errors(&cache).chain(pipelines.adaptive.errors(&cache));
+    for (key, error) in errors {
         if !pipelines.failed.insert(key.clone()) {
             continue;
         }
@@ -171,11 +206,18 @@ pub(crate) fn determine_rates(ctx: &mut RenderContext, pipelines: &RatePipelines
     let rate = &context.view.rate;
     let image = rate.image.as_ref().and_then(|image| pipelines.images.get(&image.id()));
     let usable = rate.variant != RateVariant::Image || image.is_some();
-    let variants = [usable.then(|| rate.variant.clone()), Some(RateVariant::Uniform)];
+    let adaptive = rate.variant == RateVariant::Adaptive && context.history().is_some();
+    let variants = if adaptive {
+        [Some(RateVariant::Adaptive), None]
+    } else {
+        let stand_in = stand_in(&rate.variant).unwrap_or(RateVariant::Uniform);
+        [usable.then(|| rate.variant.clone()), Some(stand_in)]
+    };
     let keys = variants.into_iter().flatten().map(|variant| (variant, rate.tile_size));
     // Without a rate image something must be bound; no shader reads it.
     let image = image.unwrap_or(context.gbuffer.gbuffer);
-    if let Some(mut pass) = pipelines.pass.begin(ctx, context, keys, &[image.into_binding()]) {
+    let pass = if adaptive { &pipelines.adaptive } else { &pipelines.pass };
+    if let Some(mut pass) = pass.begin(ctx, context, keys, &[image.into_binding()]) {
         let tiles = context.targets().sizes.tiles();
         pass.dispatch_workgroups(tiles.x, tiles.y, 1);
     }

@@ -7,6 +7,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `classify` | the pass, and the built-in heuristics |
+//! | `adaptive.wesl` | the heuristic that reads the history |
 //! | `tile.wesl` | the library that every heuristic is built on: statistics of a tile, lists of rays |
 //! | `pixel.wesl` | what one pixel adds to the statistics |
 //! | `codes.wesl` | bits of the rate image and of the ray list |
@@ -38,6 +39,7 @@ impl Plugin for RatePlugin {
         load_shader_library!(app, "codes.wesl");
         load_shader_library!(app, "pixel.wesl");
         load_shader_library!(app, "tile.wesl");
+        embedded_asset!(app, "adaptive.wesl");
         embedded_asset!(app, "classify.wesl");
     }
 

@@ -1,8 +1,8 @@
 //! A camera's heuristic as plain data for the render world and the shaders.
 
 use super::{
-    CombinedThresholds, GrazingThresholds, ReflectionTechnique, RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
-    ShadingRateTileSize, clamped::number_or, heuristic::MIN_ROUGHNESS,
+    AdaptiveThresholds, CombinedThresholds, GrazingThresholds, ReflectionTechnique, RoughnessThresholds, ShadingRate,
+    ShadingRateHeuristic, ShadingRateTileSize, clamped::number_or, heuristic::MIN_ROUGHNESS,
 };
 use bevy::{asset::Handle, image::Image, shader::Shader};
 
@@ -13,6 +13,7 @@ pub(crate) enum RateVariant {
     Roughness,
     Grazing,
     Combined,
+    Adaptive,
     Image,
     Custom(Handle<Shader>),
 }
@@ -36,6 +37,10 @@ pub(crate) struct RateThresholds {
     pub max_level: u32,
     /// Code of the rate for [`RateVariant::Uniform`], also where that stands in for another variant.
     pub uniform_code: u32,
+    /// Noise that [`RateVariant::Adaptive`] aims at.
+    pub error_target: f32,
+    /// Mirror pixels without a ray of their own keep their history.
+    pub keeps_mirrors: bool,
 }
 
 /// A camera's heuristic in the render world, after clamping to what the shaders can take.
@@ -49,7 +54,7 @@ pub(crate) struct RateSettings {
 }
 
 impl RateSettings {
-    /// Tiles of 16x16; set `tile_size` for others. Only [`ReflectionTechnique::Variable`] varies its rate.
+    /// Tiles of 16x16, for adaptive rates of 8x8; set `tile_size` for others. Only [`ReflectionTechnique::Variable`] varies its rate.
     pub fn new(heuristic: &ShadingRateHeuristic, technique: ReflectionTechnique) -> Self {
         let settings = |variant, thresholds| Self {
             variant,
@@ -72,6 +77,10 @@ impl RateSettings {
             ShadingRateHeuristic::Roughness(thresholds) => settings(RateVariant::Roughness, thresholds.into()),
             ShadingRateHeuristic::Grazing(thresholds) => settings(RateVariant::Grazing, thresholds.into()),
             ShadingRateHeuristic::Combined(thresholds) => settings(RateVariant::Combined, thresholds.into()),
+            ShadingRateHeuristic::Adaptive(thresholds) => Self {
+                tile_size: ShadingRateTileSize::Tiles8.trace_pixels(),
+                ..settings(RateVariant::Adaptive, thresholds.into())
+            },
             ShadingRateHeuristic::Custom(shader) => {
                 settings(RateVariant::Custom(shader.clone()), RateThresholds::default())
             }
@@ -96,7 +105,7 @@ impl RateSettings {
                 }
                 thresholds.uniform_code = (log2_size[0] << 2) | log2_size[1];
             }
-            RateVariant::Combined => {
+            RateVariant::Combined | RateVariant::Adaptive => {
                 // A tall rate goes with the wide one.
                 let steps = [
                     ShadingRate::R1x1,
@@ -151,10 +160,25 @@ impl From<&CombinedThresholds> for RateThresholds {
             min_flatness: (1.0 - 0.5 * edge * edge).max(-1.0),
             visibility_threshold: number_or(thresholds.visibility_threshold, default.visibility_threshold),
             max_level: thresholds.coarsest.level(),
-            uniform_code: 0,
+            ..Default::default()
         }
     }
 }
+
+impl From<&AdaptiveThresholds> for RateThresholds {
+    /// With the default thresholds of `Combined`, which decides without a history.
+    fn from(thresholds: &AdaptiveThresholds) -> Self {
+        let default = AdaptiveThresholds::default();
+        Self {
+            error_target: number_or(thresholds.error_target, default.error_target).max(SMALLEST_TARGET),
+            keeps_mirrors: true,
+            ..(&CombinedThresholds::default()).into()
+        }
+    }
+}
+
+/// Least [`AdaptiveThresholds::error_target`], which shaders divide by.
+const SMALLEST_TARGET: f32 = 1e-4;
 
 /// No roughness is below 0.
 fn min_roughness(min_roughness: Option<f32>) -> f32 {
@@ -209,8 +233,9 @@ mod tests {
                 edge: nan,
                 coarsest: ShadingRate::R2x2,
             }),
+            ShadingRateHeuristic::Adaptive(AdaptiveThresholds { error_target: nan }),
         ];
-        for (wild, name) in wild.iter().zip(["roughness", "grazing", "combined"]) {
+        for (wild, name) in wild.iter().zip(["roughness", "grazing", "combined", "adaptive"]) {
             let default = name.parse::<ShadingRateHeuristic>().unwrap_or_default();
             assert_eq!(
                 RateSettings::new(wild, ReflectionTechnique::Variable),
@@ -226,6 +251,23 @@ mod tests {
         let settings = RateSettings::new(&flat, ReflectionTechnique::Variable);
         assert_eq!(settings.thresholds.min_flatness, -1.0);
         assert_eq!(settings.thresholds.min_roughness, -1.0);
+    }
+
+    #[test]
+    fn adaptive_rates_can_do_without_a_history() {
+        let adaptive = |error_target| {
+            let heuristic = ShadingRateHeuristic::Adaptive(AdaptiveThresholds { error_target });
+            RateSettings::new(&heuristic, ReflectionTechnique::Variable)
+        };
+        let settings = adaptive(0.0);
+        assert_eq!((settings.variant, settings.tile_size), (RateVariant::Adaptive, 8));
+        let combined = RateSettings::new(&ShadingRateHeuristic::default(), ReflectionTechnique::Variable);
+        let expected = RateThresholds {
+            error_target: SMALLEST_TARGET,
+            keeps_mirrors: true,
+            ..combined.thresholds
+        };
+        assert_eq!(settings.thresholds, expected);
     }
 
     #[test]

@@ -30,6 +30,9 @@ pub enum ShadingRateHeuristic {
     /// By the size of the lobe on the screen, by how much of it can be seen, and by the shape of what is in the tile: more quality
     /// for the same rays. The default.
     Combined(CombinedThresholds),
+    /// By the noise that is left in the accumulated image: tiles get more rays where it is seen or where they have no past, and rest in every
+    /// other frame where there is little of it. Without temporal accumulation or motion vectors, `Combined` decides by its defaults.
+    Adaptive(AdaptiveThresholds),
     /// A heuristic of your own: a WESL module with one compute entry point, built on `bevy_glint::rate::tile` (`src/rate/tile.wesl`
     /// says how). Until it is compiled, and where it fails, which is logged, every trace pixel gets its ray.
     ///
@@ -66,14 +69,18 @@ impl ShadingRateHeuristic {
 impl core::str::FromStr for ShadingRateHeuristic {
     type Err = UnknownName;
 
-    /// Reads `uniform` (1x1), `roughness`, `grazing` or `combined`, each with its default thresholds.
+    /// Reads `uniform` (1x1), `roughness`, `grazing`, `combined` or `adaptive`, each with its default thresholds.
     fn from_str(name: &str) -> Result<Self, UnknownName> {
         match name {
             "uniform" => Ok(Self::Uniform(ShadingRate::default())),
             "roughness" => Ok(Self::Roughness(RoughnessThresholds::default())),
             "grazing" => Ok(Self::Grazing(GrazingThresholds::default())),
             "combined" => Ok(Self::Combined(CombinedThresholds::default())),
-            _ => Err(UnknownName::new(name, ["uniform", "roughness", "grazing", "combined"])),
+            "adaptive" => Ok(Self::Adaptive(AdaptiveThresholds::default())),
+            _ => Err(UnknownName::new(
+                name,
+                ["uniform", "roughness", "grazing", "combined", "adaptive"],
+            )),
         }
     }
 }
@@ -208,6 +215,37 @@ impl Default for CombinedThresholds {
     }
 }
 
+/// Thresholds of [`ShadingRateHeuristic::Adaptive`]. NaN stands for the default.
+///
+/// What the last frames have found decides: how much the results of single frames differ, how many of them are averaged, how bright the
+/// reflection is, and how much of the light of a pixel it is.
+///
+/// - **Noise.** A tile with more of it than [`error_target`](Self::error_target) traces 1x1 in each frame. With less it gets rays in every
+///   other frame: 1x1, below half of the target 2x1 or 1x2, below a quarter 2x2. One tile in eight gets a step more at random, to find what
+///   few rays miss.
+/// - **No past.** Tiles in which something appears get all rays at once.
+/// - **Images.** So do smooth surfaces whose reflection is an image, and surfaces that touch what they reflect.
+/// - **Neighbours.** A pixel borrows twice as many rays as [`samples`](crate::ReflectionDenoiser::samples) says, up to 16: time that resting
+///   tiles save.
+/// - **Mirrors.** Without rays of their own ([`full_resolution_mirrors`](crate::RayTracedReflections::full_resolution_mirrors)), exact
+///   mirrors show each of their rays at the pixel that it started from, and the history at others: sharp, a few frames late.
+///
+/// Tiles have 8x8 trace pixels, unless the camera has a [`ShadingRateTileSize`] or the hardware back end.
+#[derive(Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Default, Debug, Clone, PartialEq)]
+pub struct AdaptiveThresholds {
+    /// Noise that may be left in a tile, relative to the light of its pixels (above 0; 0.0001 is the least). Less takes more rays. Default:
+    /// 0.015.
+    #[reflect(@0.002..=0.2f32)]
+    pub error_target: f32,
+}
+
+impl Default for AdaptiveThresholds {
+    fn default() -> Self {
+        Self { error_target: 0.015 }
+    }
+}
+
 /// Size of the tiles that share a rate. A component of its own. The hardware back end works with the sizes that its device has, and
 /// falls back to compute with others.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -249,7 +287,7 @@ mod tests {
         let error = "rough".parse::<ShadingRateHeuristic>().unwrap_err();
         assert_eq!(
             error.to_string(),
-            "`rough` is unknown; choose one of: uniform, roughness, grazing, combined"
+            "`rough` is unknown; choose one of: uniform, roughness, grazing, combined, adaptive"
         );
     }
 }

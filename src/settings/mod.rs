@@ -30,7 +30,8 @@ mod words;
 pub use debug::{RATE_LEGEND, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView};
 pub use denoiser::ReflectionDenoiser;
 pub use heuristic::{
-    CombinedThresholds, GrazingThresholds, RoughnessThresholds, ShadingRateHeuristic, ShadingRateTileSize,
+    AdaptiveThresholds, CombinedThresholds, GrazingThresholds, RoughnessThresholds, ShadingRateHeuristic,
+    ShadingRateTileSize,
 };
 pub use pose::{ReflectedPose, ReflectedPoseBudget};
 pub use presets::{ReflectionPreset, TECHNIQUE_NAMES, named_settings};

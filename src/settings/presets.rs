@@ -1,8 +1,8 @@
 //! Bundles of settings: the paper's recipe, ours from low to ultra, and the techniques that measurements compare.
 
 use super::{
-    RayTracedReflections, ReflectionDenoiser, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip,
-    ShadingRateHeuristic, UnknownName, words::words,
+    AdaptiveThresholds, RayTracedReflections, ReflectionDenoiser, ReflectionSampling, ReflectionTechnique,
+    ReflectionTextureMip, ShadingRateHeuristic, UnknownName, words::words,
 };
 use bevy::reflect::{Reflect, std_traits::ReflectDefault};
 
@@ -87,13 +87,13 @@ words!(ReflectionPreset {
 });
 
 /// Names that [`named_settings`] knows.
-pub const TECHNIQUE_NAMES: &str = "reference, quarter, quarter-inline, vrs-roughness, vrs-grazing, vrs-combined, converged, paper, low, medium, \
-     high, ultra";
+pub const TECHNIQUE_NAMES: &str = "reference, quarter, quarter-inline, vrs-roughness, vrs-grazing, vrs-combined, vrs-adaptive, converged, paper, \
+     low, medium, high, ultra";
 
 /// The components that a word on a command line stands for: a technique of the measurements, or a preset.
 ///
 /// `reference`, `quarter` and `quarter-inline` trace a fixed rate. `vrs-roughness` and `vrs-grazing` are the paper's heuristics
-/// with its thresholds, `vrs-combined` is ours. All of these share one denoiser, so that they differ in their rays alone.
+/// with its thresholds, `vrs-combined` and `vrs-adaptive` are ours. All of these share one denoiser, so that they differ in their rays alone.
 pub fn named_settings(name: &str) -> Result<(RayTracedReflections, ShadingRateHeuristic), UnknownName> {
     let with = |technique, full_resolution_mirrors| RayTracedReflections {
         technique,
@@ -114,6 +114,10 @@ pub fn named_settings(name: &str) -> Result<(RayTracedReflections, ShadingRateHe
             ShadingRateHeuristic::PAPER_GRAZING,
         ),
         "vrs-combined" => (with(ReflectionTechnique::Variable, true), heuristic),
+        "vrs-adaptive" => (
+            with(ReflectionTechnique::Variable, false),
+            ShadingRateHeuristic::Adaptive(AdaptiveThresholds::default()),
+        ),
         "converged" => (with(ReflectionTechnique::Converged, false), heuristic),
         _ => name
             .parse::<ReflectionPreset>()

@@ -6,7 +6,8 @@ use super::{
     widgets::{Choice, Row, choose, field, only_variable, optional_unit, pick, slider, unit},
 };
 use crate::settings::{
-    CombinedThresholds, GrazingThresholds, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
+    AdaptiveThresholds, CombinedThresholds, GrazingThresholds, RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
+    ShadingRateTileSize,
 };
 use bevy_egui::egui::Ui;
 
@@ -19,6 +20,7 @@ enum Kind {
     Roughness,
     Grazing,
     Combined,
+    Adaptive,
     Custom,
     Image,
 }
@@ -30,6 +32,7 @@ impl Kind {
             ShadingRateHeuristic::Roughness(_) => Self::Roughness,
             ShadingRateHeuristic::Grazing(_) => Self::Grazing,
             ShadingRateHeuristic::Combined(_) => Self::Combined,
+            ShadingRateHeuristic::Adaptive(_) => Self::Adaptive,
             ShadingRateHeuristic::Custom(_) => Self::Custom,
             ShadingRateHeuristic::Image(_) => Self::Image,
         }
@@ -42,6 +45,7 @@ impl Kind {
             Self::Roughness => Some(ShadingRateHeuristic::Roughness(RoughnessThresholds::default())),
             Self::Grazing => Some(ShadingRateHeuristic::Grazing(GrazingThresholds::default())),
             Self::Combined => Some(ShadingRateHeuristic::Combined(CombinedThresholds::default())),
+            Self::Adaptive => Some(ShadingRateHeuristic::Adaptive(AdaptiveThresholds::default())),
             Self::Custom | Self::Image => None,
         }
     }
@@ -57,6 +61,7 @@ pub(super) fn rates(ui: &mut Ui, settings: &mut CameraSettings) {
         Choice::new(Kind::Roughness, "Roughness", documented("Roughness")),
         Choice::new(Kind::Grazing, "Grazing", documented("Grazing")),
         Choice::new(Kind::Combined, "Combined", documented("Combined")),
+        Choice::new(Kind::Adaptive, "Adaptive", documented("Adaptive")),
         Choice::new(Kind::Custom, "Shader", documented("Custom")).unless(from_code()),
         Choice::new(Kind::Image, "Image", documented("Image")).unless(from_code()),
     ];
@@ -81,6 +86,7 @@ pub(super) fn rates(ui: &mut Ui, settings: &mut CameraSettings) {
         ShadingRateHeuristic::Roughness(thresholds) => roughness(ui, thresholds, reason),
         ShadingRateHeuristic::Grazing(thresholds) => grazing(ui, thresholds, reason),
         ShadingRateHeuristic::Combined(thresholds) => combined(ui, thresholds, reason),
+        ShadingRateHeuristic::Adaptive(thresholds) => adaptive(ui, thresholds, reason),
         ShadingRateHeuristic::Custom(_) | ShadingRateHeuristic::Image(_) => {}
     }
     let tiles = [
@@ -188,4 +194,16 @@ fn combined(ui: &mut Ui, thresholds: &mut CombinedThresholds, reason: Option<&st
     field(ui, coarsest, &mut thresholds.coarsest, default.coarsest, |ui, value| {
         pick(ui, value, &all_rates(tooltip!(CombinedThresholds.coarsest)))
     });
+}
+
+fn adaptive(ui: &mut Ui, thresholds: &mut AdaptiveThresholds, reason: Option<&str>) {
+    let default = AdaptiveThresholds::default();
+    let target = Row::new("Error target", tooltip!(AdaptiveThresholds.error_target)).unless(reason);
+    field(
+        ui,
+        target,
+        &mut thresholds.error_target,
+        default.error_target,
+        |ui, value| slider(ui, value, 0.002..=0.2, |slider| slider.logarithmic(true)),
+    );
 }

@@ -86,9 +86,10 @@ impl Tooltip {
 mod tests {
     use super::*;
     use crate::settings::{
-        CombinedThresholds, GrazingThresholds, RayTracedReflections, ReflectionBackend, ReflectionDebugSplit,
-        ReflectionDebugView, ReflectionDenoiser, ReflectionPreset, ReflectionSampling, ReflectionTechnique,
-        ReflectionTextureMip, ReflectionTracerChoice, RoughnessThresholds, ShadingRateHeuristic, ShadingRateTileSize,
+        AdaptiveThresholds, CombinedThresholds, GrazingThresholds, RayTracedReflections, ReflectionBackend,
+        ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionPreset, ReflectionSampling,
+        ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice, RoughnessThresholds, ShadingRateHeuristic,
+        ShadingRateTileSize,
     };
     use bevy::reflect::TypeInfo;
 
@@ -101,6 +102,7 @@ mod tests {
     #[test]
     fn every_setting_has_a_tooltip_of_whole_sentences() {
         let types = [
+            AdaptiveThresholds::type_info(),
             CombinedThresholds::type_info(),
             GrazingThresholds::type_info(),
             RayTracedReflections::type_info(),
@@ -141,7 +143,15 @@ mod tests {
         assert_eq!(text, "Accumulates results over frames. Default: true.");
         let text = Tooltip::value(&ShadingRateTileSize::Tiles16).first_paragraph();
         assert_eq!(text, "16x16 trace pixels, as in the paper.");
-        for name in ["Uniform", "Roughness", "Grazing", "Combined", "Custom", "Image"] {
+        for name in [
+            "Uniform",
+            "Roughness",
+            "Grazing",
+            "Combined",
+            "Adaptive",
+            "Custom",
+            "Image",
+        ] {
             assert!(!Tooltip::variant::<ShadingRateHeuristic>(name).0.is_empty(), "{name}");
         }
     }

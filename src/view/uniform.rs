@@ -85,6 +85,8 @@ pub struct GpuReflectionView {
     pub rate_max_level: u32,
     /// Code of the uniform rate.
     pub rate_uniform_code: u32,
+    /// Noise that the adaptive heuristic aims at.
+    pub rate_error_target: f32,
     /// Surfaces that a ray may see one after the other.
     pub max_bounces: u32,
     /// Perceptual roughness up to which a hit reflects another ray.
@@ -104,6 +106,8 @@ pub const VIEW_HALTON: u32 = 8;
 pub const VIEW_VIRTUAL_HISTORY: u32 = 16;
 /// Rays far brighter than their neighbours are dimmed.
 pub const VIEW_SUPPRESS_FIREFLIES: u32 = 32;
+/// Mirror pixels without a ray of their own keep their history.
+pub const VIEW_MIRROR_HISTORY: u32 = 64;
 
 /// Properties of a view in one frame.
 pub(super) struct Frame {
@@ -162,7 +166,7 @@ impl GpuReflectionView {
             max_ray_length: settings.max_ray_length,
             sample_index: state.sample_index,
             accumulated: state.accumulated,
-            flags: frame.flags | flags(settings),
+            flags: frame.flags | flags(settings, rate),
             origin: frame.origin,
             size: sizes.full,
             fog_mode: frame.fog.mode,
@@ -192,6 +196,7 @@ impl GpuReflectionView {
             rate_visibility_threshold: rate.visibility_threshold,
             rate_max_level: rate.max_level,
             rate_uniform_code: rate.uniform_code,
+            rate_error_target: rate.error_target,
             max_bounces: settings.max_bounces,
             bounce_cutoff: settings.bounce_cutoff,
         }
@@ -199,12 +204,13 @@ impl GpuReflectionView {
 }
 
 /// The flags that follow from settings.
-fn flags(settings: &ClampedSettings) -> u32 {
+fn flags(settings: &ClampedSettings, rate: &RateThresholds) -> u32 {
     let set = [
         (VIEW_FULL_RESOLUTION_MIRRORS, settings.full_resolution_mirrors),
         (VIEW_HALTON, settings.sampling == ReflectionSampling::Halton),
         (VIEW_VIRTUAL_HISTORY, settings.denoiser.virtual_history),
         (VIEW_SUPPRESS_FIREFLIES, settings.denoiser.suppress_fireflies),
+        (VIEW_MIRROR_HISTORY, rate.keeps_mirrors),
     ];
     set.into_iter()
         .fold(0, |flags, (flag, is_set)| if is_set { flags | flag } else { flags })

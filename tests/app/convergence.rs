@@ -23,18 +23,19 @@ const MOST_ERROR_IN_MOTION: f32 = 0.03;
 const TRUE_FRAMES: u32 = 384;
 const TRUE_FRAMES_UNDER_A_SKY: u32 = 192;
 const FRAMES: u32 = 64;
-const TECHNIQUES: [&str; 8] = [
+const TECHNIQUES: [&str; 9] = [
     "reference",
     "quarter",
     "quarter-inline",
     "vrs-roughness",
     "vrs-grazing",
     "vrs-combined",
+    "vrs-adaptive",
     "paper",
     "ultra",
 ];
 /// Techniques that read textures as the ground truth does.
-const LIT_TECHNIQUES: [&str; 3] = ["reference", "quarter", "vrs-combined"];
+const LIT_TECHNIQUES: [&str; 4] = ["reference", "quarter", "vrs-combined", "vrs-adaptive"];
 
 /// Switches to a technique without a cut-off and with its history empty.
 fn switch(app: &mut HeadlessApp, camera: Entity, name: &str) {
@@ -173,7 +174,7 @@ fn what_is_gone_leaves_no_ghost() {
             .collect()
     };
     assert!(!lights.is_empty());
-    for name in ["quarter", "vrs-combined", "paper"] {
+    for name in ["quarter", "vrs-combined", "vrs-adaptive", "paper"] {
         switch(&mut app, camera, name);
         app.step(32);
         let lit = capture(&mut app, name);
@@ -208,7 +209,7 @@ fn a_moving_camera_sees_about_the_truth() {
     let camera = scene(&mut app, SceneName::EmissiveFloor);
     let end = *app.world().get::<Transform>(camera).unwrap();
     let truth = truth(&mut app, camera, SceneName::EmissiveFloor);
-    for name in ["reference", "quarter", "vrs-combined"] {
+    for name in ["reference", "quarter", "vrs-combined", "vrs-adaptive"] {
         switch(&mut app, camera, name);
         for frame in (0..FRAMES).rev() {
             let mut now = end;

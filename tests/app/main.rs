@@ -6,6 +6,7 @@ mod common;
 mod pictures;
 mod stage;
 
+mod adaptive;
 mod back_ends;
 mod bounces;
 mod convergence;

@@ -11,7 +11,7 @@ use bevy::{
     reflect::{ReflectFromReflect, TypeRegistration, TypeRegistry, std_traits::ReflectDefault},
 };
 use bevy_glint::{
-    CombinedThresholds, GrazingThresholds, HardwareVrsSupport, NotReflected, RayTracedReflections,
+    AdaptiveThresholds, CombinedThresholds, GrazingThresholds, HardwareVrsSupport, NotReflected, RayTracedReflections,
     RayTracedReflectionsPlugin, ReflectedPose, ReflectedPoseBudget, ReflectionBackend, ReflectionDebugCounters,
     ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionNonFiniteReport, ReflectionPreset,
     ReflectionQuality, ReflectionSampling, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique,
@@ -128,6 +128,7 @@ fn settings_are_registered() {
     default::<RoughnessThresholds>(&types);
     default::<GrazingThresholds>(&types);
     default::<CombinedThresholds>(&types);
+    default::<AdaptiveThresholds>(&types);
 }
 
 #[test]

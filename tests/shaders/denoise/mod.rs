@@ -2,7 +2,8 @@
 
 mod pass;
 mod reference;
-mod wall;
+pub mod wall;
 
 mod filters;
 mod passes;
+mod resting;

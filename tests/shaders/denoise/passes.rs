@@ -11,7 +11,7 @@ use crate::{
 use bevy::math::{UVec2, Vec3, uvec2, vec2};
 use bevy_glint::internals::directional_albedo::DirectionalAlbedo;
 
-fn gpu() -> Option<(&'static Gpu, Shaders)> {
+pub fn gpu() -> Option<(&'static Gpu, Shaders)> {
     Some((Gpu::new()?, Shaders::load()))
 }
 
@@ -264,10 +264,10 @@ fn what_stands_where_nothing_was_traced_is_not_looked_at() {
 }
 
 /// Packed weight of rays that are as expected.
-const AS_EXPECTED: f32 = 8.0;
+pub const AS_EXPECTED: f32 = 8.0;
 
 /// A new image with a little noise.
-fn image(wall: &Wall, value: f32, frame: u32) -> Vec<Reconstructed> {
+pub fn image(wall: &Wall, value: f32, frame: u32) -> Vec<Reconstructed> {
     let noise = |pixel: UVec2| 0.02 * ((pixel.x * 7 + pixel.y * 13 + frame * 5) % 11) as f32 / 10.0;
     let texel = |pixel| Reconstructed {
         radiance: [value * (0.99 + noise(pixel)); 3],
@@ -278,11 +278,11 @@ fn image(wall: &Wall, value: f32, frame: u32) -> Vec<Reconstructed> {
     wall.pixels().map(texel).collect()
 }
 
-fn lengths(history: &History) -> Vec<f32> {
+pub fn lengths(history: &History) -> Vec<f32> {
     history.radiance.iter().map(|texel| unhalf(texel[3])).collect()
 }
 
-fn mean(history: &History) -> f32 {
+pub fn mean(history: &History) -> f32 {
     let sum: f32 = history.radiance.iter().map(|texel| unhalf(texel[1])).sum();
     sum / history.radiance.len() as f32
 }

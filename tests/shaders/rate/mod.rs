@@ -1,5 +1,6 @@
 //! The pass that determines rates, against its mirror on the CPU: every tile's rate, every entry of every list.
 
+mod adaptive;
 mod frame;
 mod pass;
 mod reference;

@@ -1,6 +1,6 @@
 //! Runs the pass that determines rates on a G-buffer made by a test.
 
-use super::{frame::Frame, reference::Case};
+use super::{adaptive::Past, frame::Frame, reference::Case};
 use crate::{
     compute::{READ, WRITTEN, dispatch, empty_texture, read_texture, texture},
     gpu::{Checks, Gpu},
@@ -41,6 +41,8 @@ struct Resources {
     arguments: Buffer,
     records: Texture,
     image: Texture,
+    /// Of the last frame, in the order of their bindings.
+    past: Vec<Texture>,
 }
 
 impl Resources {
@@ -54,15 +56,19 @@ impl Resources {
             texture(gpu, format, size, WRITTEN, bytemuck::cast_slice(&texels))
         };
         let Frame { words, normals, .. } = &case.frame;
+        let past = |past: &Past| {
+            vec![
+                read(TextureFormat::R32Uint, tiles, &past.rates),
+                read(TextureFormat::Rg16Float, case.frame.size, &past.motion),
+                read(TextureFormat::Rgba16Float, case.size, past.radiance.as_flattened()),
+                read(TextureFormat::R32Uint, case.size, &past.stats),
+                read(TextureFormat::Rg32Uint, case.size, past.surface.as_flattened()),
+            ]
+        };
         Self {
             view: gpu.buffer(&case.view_uniform(module)),
             settings: gpu.buffer(&case.settings_uniform(module)),
-            depth: empty_texture(
-                gpu,
-                TextureFormat::Depth32Float,
-                case.frame.size,
-                READ | TextureUsages::RENDER_ATTACHMENT,
-            ),
+            depth: depth_texture(gpu, case.frame.size, case.past.as_ref().map_or(0.0, |past| past.depth)),
             words: read(TextureFormat::Rgba32Uint, case.frame.size, words.as_flattened()),
             normals: read(TextureFormat::Rgb10a2Unorm, case.frame.size, normals),
             rates: written(TextureFormat::R32Uint, tiles, 1),
@@ -72,27 +78,29 @@ impl Resources {
             arguments: gpu.buffer(&[0u32; 15]),
             records: written(TextureFormat::Rgba32Uint, trace, 4),
             image: read(TextureFormat::R32Uint, case.image_size, &case.image),
+            past: case.past.as_ref().map(past).unwrap_or_default(),
         }
     }
 
     /// Views of the textures, in the order of their bindings.
-    fn texture_views(&self) -> [TextureView; 6] {
-        [
+    fn texture_views(&self) -> Vec<TextureView> {
+        let own = [
             &self.depth,
             &self.words,
             &self.normals,
             &self.rates,
             &self.records,
             &self.image,
-        ]
-        .map(|texture| texture.create_view(&Default::default()))
+        ];
+        let all = own.into_iter().chain(&self.past);
+        all.map(|texture| texture.create_view(&Default::default())).collect()
     }
 
-    fn entries<'a>(
-        &'a self,
-        [depth, words, normals, rates, records, image]: &'a [TextureView; 6],
-    ) -> Vec<BindGroupEntry<'a>> {
-        let resources = [
+    fn entries<'a>(&'a self, views: &'a [TextureView]) -> Vec<BindGroupEntry<'a>> {
+        let [depth, words, normals, rates, records, image, past @ ..] = views else {
+            panic!("{} views", views.len());
+        };
+        let own = [
             self.view.as_entire_binding(),
             self.settings.as_entire_binding(),
             BindingResource::TextureView(depth),
@@ -107,7 +115,7 @@ impl Resources {
             BindingResource::TextureView(image),
         ];
         (0..)
-            .zip(resources)
+            .zip(own.into_iter().chain(past.iter().map(BindingResource::TextureView)))
             .map(|(binding, resource)| BindGroupEntry { binding, resource })
             .collect()
     }
@@ -137,6 +145,27 @@ impl Resources {
     }
 }
 
+/// A texture of the same depth everywhere.
+fn depth_texture(gpu: &Gpu, size: UVec2, depth: f32) -> Texture {
+    let usage = READ | TextureUsages::RENDER_ATTACHMENT;
+    let texture = empty_texture(gpu, TextureFormat::Depth32Float, size, usage);
+    let view = texture.create_view(&Default::default());
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+        depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
+            view: &view,
+            depth_ops: Some(wgpu::Operations {
+                load: wgpu::LoadOp::Clear(depth),
+                store: wgpu::StoreOp::Store,
+            }),
+            stencil_ops: None,
+        }),
+        ..Default::default()
+    });
+    gpu.queue.submit([encoder.finish()]);
+    texture
+}
+
 /// Runs the entry point of a module, by its name in `shaders`, with shader definitions.
 pub fn determine_rates(gpu: &Gpu, shaders: &mut Shaders, name: &str, defs: &[&'static str], case: &Case) -> Output {
     let defs: Vec<ShaderDefVal> = defs.iter().map(|def| ShaderDefVal::from(*def)).collect();
@@ -146,7 +175,7 @@ pub fn determine_rates(gpu: &Gpu, shaders: &mut Shaders, name: &str, defs: &[&'s
     let entries = resources.entries(&views);
     let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
         label: None,
-        entries: &layout_entries(),
+        entries: &layout_entries(case.past.is_some()),
     });
     let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: None,
@@ -172,7 +201,7 @@ pub fn determine_rates(gpu: &Gpu, shaders: &mut Shaders, name: &str, defs: &[&'s
 }
 
 /// As in `src/rate/classify.rs`.
-fn layout_entries() -> Vec<BindGroupLayoutEntry> {
+fn layout_entries(with_past: bool) -> Vec<BindGroupLayoutEntry> {
     let uniform = BindingType::Buffer {
         ty: BufferBindingType::Uniform,
         has_dynamic_offset: false,
@@ -193,7 +222,7 @@ fn layout_entries() -> Vec<BindGroupLayoutEntry> {
         format,
         view_dimension: TextureViewDimension::D2,
     };
-    [
+    let own = [
         uniform,
         uniform,
         sampled(TextureSampleType::Depth),
@@ -206,14 +235,18 @@ fn layout_entries() -> Vec<BindGroupLayoutEntry> {
         storage,
         written(TextureFormat::Rgba32Uint),
         sampled(TextureSampleType::Uint),
-    ]
-    .into_iter()
-    .enumerate()
-    .map(|(binding, ty)| BindGroupLayoutEntry {
-        binding: binding as u32,
-        visibility: ShaderStages::COMPUTE,
-        ty,
-        count: None,
-    })
-    .collect()
+    ];
+    let floats = sampled(TextureSampleType::Float { filterable: false });
+    let words = sampled(TextureSampleType::Uint);
+    let past = [words, floats, floats, words, words];
+    own.into_iter()
+        .chain(past.into_iter().filter(|_| with_past))
+        .enumerate()
+        .map(|(binding, ty)| BindGroupLayoutEntry {
+            binding: binding as u32,
+            visibility: ShaderStages::COMPUTE,
+            ty,
+            count: None,
+        })
+        .collect()
 }

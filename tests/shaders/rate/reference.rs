@@ -1,7 +1,7 @@
 //! The mirror of `src/rate` on the CPU: statistics of tiles, decisions and lists, in the order of the formulas' sources rather than
 //! of the shader.
 
-use super::frame::Frame;
+use super::{adaptive::Past, frame::Frame};
 use bevy::math::{Mat3, Mat4, UVec2, Vec2, Vec3, Vec3Swizzles, Vec4Swizzles, uvec2, vec2, vec4};
 use bevy_glint::{CombinedThresholds, ShadingRate, ShadingRateHeuristic};
 use std::collections::{BTreeMap, BTreeSet};
@@ -48,6 +48,8 @@ pub struct Case {
     pub heuristic: ShadingRateHeuristic,
     pub image_size: UVec2,
     pub image: Vec<u32>,
+    /// The last frame, for the adaptive heuristic.
+    pub past: Option<Past>,
 }
 
 impl Case {
@@ -70,6 +72,7 @@ impl Case {
             heuristic,
             image_size: UVec2::ONE,
             image: vec![0],
+            past: None,
         }
     }
 
@@ -89,6 +92,7 @@ impl Case {
             ShadingRateHeuristic::Grazing(_) => vec!["GRAZING", "TILE_ANGLES"],
             ShadingRateHeuristic::Combined(_) => vec!["COMBINED", "TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE"],
             ShadingRateHeuristic::Image(_) => vec!["IMAGE"],
+            ShadingRateHeuristic::Adaptive(_) => vec!["TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE"],
             ShadingRateHeuristic::Custom(_) => vec!["TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE", "TILE_DEPTH"],
             other => panic!("the twin lacks {other:?}"),
         };
@@ -121,6 +125,7 @@ impl Case {
                 uniform.set("rate_visibility_threshold", &[t.visibility_threshold]);
                 uniform.set("rate_max_level", &[level(t.coarsest)]);
             }
+            ShadingRateHeuristic::Adaptive(t) => uniform.set("rate_error_target", &[t.error_target]),
             ShadingRateHeuristic::Custom(_) | ShadingRateHeuristic::Image(_) => {}
             other => panic!("the twin lacks {other:?}"),
         }
@@ -156,6 +161,12 @@ impl Case {
         uniform.set("trace_scale", &[self.trace_scale]);
         uniform.set("tile_size", &[self.tile_size]);
         self.set_thresholds(&mut uniform);
+        if let Some(past) = &self.past {
+            uniform.set("accumulated", &[past.frames]);
+            uniform.set("sample_index", &[past.sample_index]);
+            uniform.set("exposure_ratio", &[past.exposure_ratio]);
+            uniform.set("previous_world_position", &self.viewer().to_array());
+        }
         uniform.bytes
     }
 }
@@ -244,6 +255,32 @@ pub struct Tile {
 }
 
 impl Case {
+    /// Position of the camera.
+    pub fn viewer(&self) -> Vec3 {
+        self.world_from_view.w_axis.xyz()
+    }
+
+    /// Roughness of what reflects in 1/510, of which both layers' steps are multiples, and whether it is an exact mirror.
+    pub fn reflecting(&self, words: [u32; 4]) -> Option<(u32, bool)> {
+        let [.., rough] = words[0].to_le_bytes();
+        let [.., clearcoat] = words[2].to_le_bytes();
+        let perceptual = f32::from(rough) / 255.0;
+        let unlit = (words[3] >> 24) & 1 != 0;
+        let band = self.cutoff - self.fade_start;
+        let traced = perceptual <= self.cutoff && (band <= 0.0 || self.cutoff - perceptual > 0.0);
+        if words[..3] == [0; 3] || unlit || !traced {
+            return None;
+        }
+        let coated = clearcoat & 15 != 0;
+        let base = 2 * u32::from(rough);
+        let roughness = if coated {
+            base.min(17 * u32::from(clearcoat >> 4))
+        } else {
+            base
+        };
+        Some((roughness, !coated && perceptual * perceptual <= 0.001))
+    }
+
     pub fn tile(&self, tile: UVec2) -> Tile {
         let mut result = Tile::default();
         let side = self.tile_size * self.trace_scale;
@@ -254,26 +291,14 @@ impl Case {
             for x in tile.x * side..((tile.x + 1) * side).min(self.size.x) {
                 let index = ((self.origin.y + y) * self.frame.size.x + self.origin.x + x) as usize;
                 let words = self.frame.words[index];
-                let [.., rough] = words[0].to_le_bytes();
-                let [.., clearcoat] = words[2].to_le_bytes();
-                let perceptual = f32::from(rough) / 255.0;
-                let unlit = (words[3] >> 24) & 1 != 0;
-                let band = self.cutoff - self.fade_start;
-                let traced = perceptual <= self.cutoff && (band <= 0.0 || self.cutoff - perceptual > 0.0);
-                if words[..3] == [0; 3] || unlit || !traced {
+                let Some((roughness, mirror)) = self.reflecting(words) else {
                     continue;
-                }
-                let coat = u32::from(clearcoat & 15);
-                if coat == 0 && perceptual * perceptual <= 0.001 {
+                };
+                if mirror {
                     result.mirrors.insert([x, y]);
                     if self.flags & FULL_RESOLUTION_MIRRORS != 0 {
                         continue;
                     }
-                }
-                // In 1/510, of which both layers' steps are multiples.
-                let mut roughness = 2 * u32::from(rough);
-                if coat > 0 {
-                    roughness = roughness.min(17 * u32::from(clearcoat >> 4));
                 }
                 result.pixels += 1;
                 steps += roughness;
@@ -435,8 +460,12 @@ impl Camera {
     }
 }
 
-/// Fresnel reflectance over its sum with the diffuse albedo.
+/// Fresnel reflectance over its sum with the diffuse albedo, in 1/255.
 fn share(words: [u32; 4], angle: f32) -> u32 {
+    (reflection_share(words, angle) * 255.0 + 0.5) as u32
+}
+
+pub fn reflection_share(words: [u32; 4], angle: f32) -> f32 {
     let [red, green, blue, rough] = words[0].to_le_bytes();
     let [reflectance, metallic, _, clearcoat] = words[2].to_le_bytes();
     let (reflectance, metallic) = (f32::from(reflectance) / 255.0, f32::from(metallic) / 255.0);
@@ -447,5 +476,5 @@ fn share(words: [u32; 4], angle: f32) -> u32 {
     let smoothness = 1.0 - f32::from(rough) / 255.0;
     let fresnel = f0 + (smoothness.max(f0) - f0) * (1.0 - angle).powi(5);
     let diffuse = color * (1.0 - metallic) * (1.0 - fresnel);
-    ((fresnel / (fresnel + diffuse).max(1e-4)).clamp(0.0, 1.0) * 255.0 + 0.5) as u32
+    (fresnel / (fresnel + diffuse).max(1e-4)).clamp(0.0, 1.0)
 }

@@ -9,7 +9,7 @@ use clap::{Parser, value_parser};
 use glint_scenes::{ImageSize, SceneName};
 use std::{fmt, path::PathBuf, str::FromStr};
 
-const TECHNIQUES: &str = "reference,quarter,quarter-inline,vrs-roughness,vrs-grazing,vrs-combined,vrs-roughness@hardware,\
+const TECHNIQUES: &str = "reference,quarter,quarter-inline,vrs-roughness,vrs-grazing,vrs-combined,vrs-adaptive,vrs-roughness@hardware,\
     vrs-grazing@hardware,paper,low,medium,high,ultra,idle";
 /// Mesa's CPU driver crashes on ray queries in fragment shaders.
 const CPU_TECHNIQUES: &str = "reference,quarter,vrs-roughness,vrs-grazing,vrs-combined,paper,idle";

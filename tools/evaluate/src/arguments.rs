@@ -354,6 +354,7 @@ mod tests {
                 "vrs-roughness",
                 "vrs-grazing",
                 "vrs-combined",
+                "vrs-adaptive",
                 "paper",
                 "medium"
             ]

@@ -12,7 +12,7 @@ use strum::IntoStaticStr;
 const LOAD_FRAMES: u64 = 40;
 
 /// The techniques in the order of tables. `solari` is measured apart from the others.
-pub const TECHNIQUES: [&str; 14] = [
+pub const TECHNIQUES: [&str; 15] = [
     "off",
     "ssr",
     "reference",
@@ -21,6 +21,7 @@ pub const TECHNIQUES: [&str; 14] = [
     "vrs-roughness",
     "vrs-grazing",
     "vrs-combined",
+    "vrs-adaptive",
     "paper",
     "low",
     "medium",

@@ -151,8 +151,8 @@ pub const STAGES: [(&str, &str); 6] = [
 ];
 /// The diagnostic of Bevy's deferred lighting.
 pub const LIGHTING: &str = "render/deferred_lighting/elapsed_gpu";
-/// The counter of reflection rays.
-pub const RAYS: &str = "render/reflection_rays";
+/// The counters of reflection rays: of blocks, and of mirrors that have their own.
+pub const RAYS: [&str; 2] = ["render/reflection_rays", "render/reflection_mirror_rays"];
 
 /// Bevy Solari.
 pub mod solari {

@@ -16,7 +16,7 @@ const MOST_LIGHT_BIAS: f64 = 1.0;
 const MOST_STATIC_LIGHT_BIAS: f64 = 0.5;
 
 /// The heuristics that decide where rays are spared.
-pub const HEURISTICS: [&str; 3] = ["vrs-roughness", "vrs-grazing", "vrs-combined"];
+pub const HEURISTICS: [&str; 4] = ["vrs-roughness", "vrs-grazing", "vrs-combined", "vrs-adaptive"];
 
 /// Size of the paper's pictures.
 const PAPER_SIZE: (u32, u32) = (1920, 1080);

@@ -52,7 +52,7 @@ fn probes(variant: &Variant) -> Vec<Probe> {
     ];
     if variant.is_ours() {
         probes.extend(STAGES.iter().map(|&(name, span)| Probe::new(name, &[span])));
-        probes.push(Probe::new(RAYS, &[techniques::RAYS]));
+        probes.push(Probe::new(RAYS, &techniques::RAYS));
     }
     probes
 }

@@ -1,0 +1,59 @@
+//! Pixels without rays in a frame: those of tiles that rest, and mirrors between their rays.
+
+use super::{
+    passes::{AS_EXPECTED, gpu, image, lengths, mean},
+    wall::{Wall, half},
+};
+use bevy::math::uvec2;
+
+/// Packed weight of pixels that only neighbours have rays for.
+const BORROWED: f32 = 0.25;
+/// Bit of the rate image, and flag of a view.
+const RESTING: u32 = 0x200;
+const MIRROR_HISTORY: u32 = 64;
+
+/// Tiles without rays in a frame, and mirror pixels that only neighbours have rays for, stay as they were.
+#[test]
+fn what_has_no_rays_shows_its_history() {
+    let Some((gpu, mut shaders)) = gpu() else { return };
+    let traced = Wall::new(uvec2(48, 40));
+    let mirror = Wall {
+        roughness: 5,
+        flags: traced.flags | MIRROR_HISTORY,
+        ..Wall::new(uvec2(48, 40))
+    };
+    let resting = Wall {
+        rate: RESTING,
+        ..Wall::new(uvec2(48, 40))
+    };
+    for (name, before, mut after, weight) in [
+        ("resting", &traced, resting, AS_EXPECTED),
+        ("mirror", &mirror, mirror.clone(), BORROWED),
+    ] {
+        let first = before.accumulate(gpu, &mut shaders, &image(before, 5.0, 0), &before.no_history());
+        after.accumulated = 1;
+        let mut other = image(&after, 1.0, 1);
+        other.iter_mut().for_each(|texel| texel.packed_weight = weight);
+        let kept = after.accumulate(gpu, &mut shaders, &other, &first);
+        assert!((mean(&kept) - mean(&first)).abs() < 0.01, "{name}: {}", mean(&kept));
+        assert!(lengths(&kept).iter().all(|length| *length == 1.0), "{name}");
+        // Where there is no history, a tile that rests shows what was there, and counts it for nothing.
+        let mut strange = first.clone();
+        strange
+            .surface
+            .iter_mut()
+            .for_each(|words| words[0] = u32::from(half(9.0)) | (words[0] & 0xffff_0000));
+        let shown = after.accumulate(gpu, &mut shaders, &other, &strange);
+        let (light, length) = if name == "resting" { (5.0, 0.0) } else { (1.0, 1.0) };
+        assert!((mean(&shown) / light - 1.0).abs() < 0.02, "{name}: {}", mean(&shown));
+        assert!(lengths(&shown).iter().all(|found| *found <= length), "{name}");
+    }
+    // A ray of the mirror pixel's own takes the place of its history at once.
+    let first = mirror.accumulate(gpu, &mut shaders, &image(&mirror, 5.0, 0), &mirror.no_history());
+    let next = Wall {
+        accumulated: 1,
+        ..mirror
+    };
+    let replaced = next.accumulate(gpu, &mut shaders, &image(&next, 1.0, 1), &first);
+    assert!((mean(&replaced) - 1.0).abs() < 0.01, "{}", mean(&replaced));
+}
