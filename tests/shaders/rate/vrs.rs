@@ -6,21 +6,24 @@ use crate::{
 };
 
 const ACTIVE: u32 = 0x100;
+const RESTING: u32 = 0x200;
 const RATE_4X4: u32 = 10;
 
-/// Two thirds of the tiles are active, with all codes and bits that mean nothing here.
+/// Two thirds of the tiles are active, and every fifth rests; with all codes and bits that mean nothing here.
 fn rates(width: u32, height: u32) -> Vec<u32> {
     let codes = [0, 1, 2, 4, 5, 6, 8, 9, 10];
     let texel = |i: u32| {
         let code = codes[(i * 7 % 9) as usize];
         let active = if i % 3 == 1 { 0 } else { ACTIVE };
-        code | active | (i << 9)
+        let resting = if i % 5 == 2 { RESTING } else { 0 };
+        code | active | resting | (i << 10)
     };
     (0..width * height).map(texel).collect()
 }
 
 fn expected(rates: &[u32], width: usize) -> Vec<u32> {
-    let byte = |texel: u32| if texel & ACTIVE != 0 { texel & 15 } else { RATE_4X4 };
+    let has_rays = |texel: u32| texel & (ACTIVE | RESTING) == ACTIVE;
+    let byte = |texel: u32| if has_rays(texel) { texel & 15 } else { RATE_4X4 };
     let word = |texels: &[u32]| {
         (0..)
             .zip(texels)
