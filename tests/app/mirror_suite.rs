@@ -76,7 +76,7 @@ const ROWS: [Row; 20] = [
         stage.light_and_spawn(StandardMaterial {
             metallic: 0.8,
             ..blue()
-        })
+        });
     }),
     ("rough dielectric", |stage| {
         stage.light_and_spawn(StandardMaterial {
@@ -122,10 +122,10 @@ const ROWS: [Row; 20] = [
         });
     }),
     ("linear fog", |stage| {
-        stage.spawn_in_fog(FogFalloff::Linear { start: 2.0, end: 16.0 }, Color::NONE)
+        stage.spawn_in_fog(FogFalloff::Linear { start: 2.0, end: 16.0 }, Color::NONE);
     }),
     ("exponential fog", |stage| {
-        stage.spawn_in_fog(FogFalloff::Exponential { density: 0.1 }, Color::NONE)
+        stage.spawn_in_fog(FogFalloff::Exponential { density: 0.1 }, Color::NONE);
     }),
     ("squared exponential fog", |stage| {
         stage.spawn_in_fog(FogFalloff::ExponentialSquared { density: 0.1 }, Color::NONE);
@@ -267,7 +267,7 @@ impl<'a> Stage<'a> {
 
     /// An image of two colours, in squares.
     fn checkers(&mut self, even: [u8; 4], odd: [u8; 4], srgb: bool) -> Handle<Image> {
-        let color = |i: u32| if (i % 8 + i / 8) % 2 == 0 { even } else { odd };
+        let color = |i: u32| if (i % 8 + i / 8).is_multiple_of(2) { even } else { odd };
         let size = Extent3d {
             width: 8,
             height: 8,
