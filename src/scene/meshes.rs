@@ -24,6 +24,8 @@ use bevy::{
     },
     render::{
         Extract,
+        mesh::RenderMesh,
+        render_asset::ExtractedAssets,
         render_resource::BufferUsages,
         renderer::{RenderDevice, RenderQueue},
     },
@@ -451,4 +453,23 @@ fn bytes_of(mesh: &Mesh) -> u64 {
 
 fn is_readable(mesh: &Mesh) -> bool {
     mesh.asset_usage.contains(RenderAssetUsages::MAIN_WORLD) && mesh.try_attributes().is_ok()
+}
+
+/// Keeps the data of meshes that live in the render world alone, which exists only until they are prepared.
+pub fn keep_render_world_meshes(
+    extracted: Res<ExtractedAssets<RenderMesh>>,
+    mut kept: ResMut<RenderWorldMeshes>,
+    mut meshes: ResMut<SceneMeshes>,
+    activity: Res<SceneActivity>,
+) {
+    for (id, mesh) in &extracted.extracted {
+        if mesh.asset_usage.contains(RenderAssetUsages::MAIN_WORLD) {
+            kept.remove(*id);
+            continue;
+        }
+        kept.keep(*id, mesh);
+        if activity.active && meshes.is_known(*id) {
+            meshes.stale.insert(*id);
+        }
+    }
 }

@@ -56,11 +56,7 @@ use environment::{EnvironmentBindings, extract_environments, prepare_environment
 use instances::{SceneInstances, extract::LostComponents};
 use lights::{ExtractedLights, RectLightsEnabled, detect_rect_lights, extract_lights};
 use materials::{MaterialAssets, MaterialTable, update_materials};
-use meshes::{
-    SceneMeshes, extract_meshes,
-    kept::{RenderWorldMeshes, keep_render_world_meshes},
-    upload::upload_meshes,
-};
+use meshes::{SceneMeshes, extract_meshes, keep_render_world_meshes, kept::RenderWorldMeshes, upload::upload_meshes};
 use pose::{ExtractedPoses, extract_poses};
 use prepare::{prepare_instances, prepare_tables};
 use reflected_material::add_extraction;

@@ -21,7 +21,7 @@ fn defaults_keep_their_values() {
     assert_eq!((packed.metallic, packed.perceptual_roughness), (0.0, 0.5));
     assert!((packed.reflectance - 0.5).abs() < 1e-6);
     assert_eq!(packed.uv_transform, [1.0, 0.0, 0.0, 1.0]);
-    assert_eq!((packed.flags, packed.alpha_cutoff), (0, 0.0));
+    assert_eq!((packed.flags, packed.alpha_cutoff), (MATERIAL_FOG, 0.0));
 }
 
 #[test]
@@ -66,7 +66,7 @@ fn flags_follow_the_material() {
     let channel = 1 << (MATERIAL_UV1_SHIFT + TEXTURE_NORMAL as u32);
     assert_eq!(
         packed.flags,
-        MATERIAL_UNLIT | MATERIAL_DOUBLE_SIDED | MATERIAL_FLIP_NORMAL_MAP_Y | channel
+        MATERIAL_UNLIT | MATERIAL_DOUBLE_SIDED | MATERIAL_FLIP_NORMAL_MAP_Y | MATERIAL_FOG | channel
     );
     assert_eq!(packed.alpha_cutoff, 0.25);
     assert_eq!(

@@ -1,18 +1,15 @@
 //! Meshes whose source data exists in the render world alone, and only until they are prepared.
 
-use super::SceneMeshes;
 use crate::scene::{
-    activity::SceneActivity,
     geometry::{GeometryError, PackedMesh, pack_mesh},
     tree_builds,
 };
 use bevy::{
-    asset::{AssetId, RenderAssetUsages},
+    asset::AssetId,
     ecs::prelude::*,
     log::warn,
     mesh::Mesh,
     platform::collections::HashMap,
-    render::{mesh::RenderMesh, render_asset::ExtractedAssets},
     tasks::{Task, block_on, poll_once},
 };
 use std::sync::Arc;
@@ -40,7 +37,7 @@ pub struct RenderWorldMeshes(HashMap<AssetId<Mesh>, KeptMesh>);
 
 impl RenderWorldMeshes {
     /// Keeps what rays need of a mesh.
-    fn keep(&mut self, id: AssetId<Mesh>, mesh: &Mesh) {
+    pub(super) fn keep(&mut self, id: AssetId<Mesh>, mesh: &Mesh) {
         let kept = if mesh.enable_raytracing {
             let mesh = mesh.clone();
             KeptMesh::Packing(tree_builds::spawn(async move {
@@ -81,28 +78,10 @@ impl RenderWorldMeshes {
     }
 }
 
-/// Keeps the data of meshes that live in the render world alone, which exists only until they are prepared.
-pub fn keep_render_world_meshes(
-    extracted: Res<ExtractedAssets<RenderMesh>>,
-    mut kept: ResMut<RenderWorldMeshes>,
-    mut meshes: ResMut<SceneMeshes>,
-    activity: Res<SceneActivity>,
-) {
-    for (id, mesh) in &extracted.extracted {
-        if mesh.asset_usage.contains(RenderAssetUsages::MAIN_WORLD) {
-            kept.remove(*id);
-            continue;
-        }
-        kept.keep(*id, mesh);
-        if activity.active && meshes.is_known(*id) {
-            meshes.stale.insert(*id);
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use bevy::asset::RenderAssetUsages;
     use bevy::{asset::uuid::Uuid, prelude::*};
 
     const ID: AssetId<Mesh> = AssetId::Uuid {
