@@ -123,22 +123,24 @@ fn an_app_as_it_ships_reflects_what_moves() {
         if picture.is_none() && report(&app).ready && report(&app).instances >= 2 {
             picture = Some((frame, ask(&mut app, &image)));
         }
-        if let Some((asked, picture)) = &picture
-            && frame > asked + 2
-            && let Ok(picture) = picture.try_recv()
-        {
+        let asked = picture.as_ref().filter(|(asked, _)| frame > asked + 2);
+        let arrived = asked.and_then(|(_, picture)| picture.try_recv().ok());
+        if let Some(shown) = arrived {
             let red = |pixel: &&[u8]| pixel[0] > 200 && pixel[1] < 60 && pixel[2] < 60;
-            let count = picture
+            let count = shown
                 .data
                 .iter()
                 .flat_map(|data| data.chunks_exact(4))
                 .filter(red)
                 .count();
             println!("{count} red pixels after {frame} frames");
-            assert!(count > 60, "{count} pixels show the cube");
-            return;
+            if count > 60 {
+                return;
+            }
+            // The cube may come later than what passes.
+            picture = None;
         }
         std::thread::sleep(Duration::from_millis(1));
     }
-    panic!("no picture after {FRAMES} frames: {}", report(&app));
+    panic!("no picture of the cube after {FRAMES} frames: {}", report(&app));
 }
