@@ -103,7 +103,7 @@ impl RatePipelines {
     }
 }
 
-/// What the pass binds.
+/// Bindings of the pass.
 fn bindings() -> Vec<Binding> {
     vec![
         Binding::written(RATE_FORMAT, |context| Some(&context.images()?.rate[context.now()])),

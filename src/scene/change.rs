@@ -1,6 +1,7 @@
 //! Changes of the scene, by what views make of them that converge while nothing changes.
 
-/// Frames for which what has changed stays marked: rays are few, and objects may move in some frames only.
+/// Frames for which an object that has changed stays marked: rays are few, and objects may move in some frames only. More keeps views from
+/// converging for longer after a change; less misses changes that few rays meet.
 pub const RESTLESS_FRAMES: u32 = 16;
 
 /// A change of the scene.
@@ -20,7 +21,7 @@ pub enum Change {
 pub struct SceneVersion {
     /// All of them.
     pub all: u32,
-    /// Those that concern all views.
+    /// Changes that concern all views.
     pub unmarked: u32,
 }
 

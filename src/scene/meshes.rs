@@ -45,7 +45,7 @@ pub(super) const CHUNK_TRIANGLES: u64 = 1 << 20;
 /// Items of a node that joins two trees, and of the roots of these.
 const ROOT_ITEMS: u32 = 3;
 
-/// What a mesh is built from.
+/// Source from which a mesh is built.
 enum MeshSource {
     /// A copy of the asset.
     Copy(Box<Mesh>),

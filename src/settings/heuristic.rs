@@ -217,7 +217,7 @@ impl Default for CombinedThresholds {
 
 /// Thresholds of [`ShadingRateHeuristic::Adaptive`]. NaN stands for the default.
 ///
-/// What the last frames have found decides: how much the results of single frames differ, how many of them are averaged, how bright the
+/// The last frames decide: how much the results of single ones differ, how many of them are averaged, how bright the
 /// reflection is, and how much of the light of a pixel it is.
 ///
 /// - **Noise.** A tile with more of it than [`error_target`](Self::error_target) traces 1x1 in each frame. With less it gets rays in every

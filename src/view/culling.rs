@@ -86,7 +86,7 @@ const READABLE: u8 = 2;
 /// It couldn't be mapped and is used no more.
 const LOST: u8 = 3;
 
-/// What the CPU learns of a frame.
+/// Facts that the CPU learns of a frame.
 struct Seen {
     /// There was nothing to reflect on.
     empty: bool,

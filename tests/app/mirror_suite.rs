@@ -26,7 +26,7 @@ const SUN: Vec3 = Vec3::new(0.5, -0.2, 1.0);
 /// A feature, and what has it.
 type Row = (&'static str, fn(&mut Stage));
 
-const ROWS: [Row; 20] = [
+const ROWS: [Row; 21] = [
     ("unlit", |stage| stage.spawn(StandardMaterial { unlit: true, ..blue() })),
     ("directional light", |stage| stage.light_and_spawn(blue())),
     ("shadow of a directional light", |stage| {
@@ -115,11 +115,17 @@ const ROWS: [Row; 20] = [
         });
     }),
     ("two-sided surfaces", |stage| {
-        stage.light_and_spawn(StandardMaterial {
+        let material = StandardMaterial {
             double_sided: true,
             cull_mode: None,
             ..blue()
-        });
+        };
+        stage.light_and_spawn(material.clone());
+        stage.turn_a_back(material);
+    }),
+    ("backs of one-sided surfaces", |stage| {
+        stage.light_and_spawn(blue());
+        stage.turn_a_back(blue());
     }),
     ("linear fog", |stage| {
         stage.spawn_in_fog(FogFalloff::Linear { start: 2.0, end: 16.0 }, Color::NONE);
@@ -253,6 +259,14 @@ impl<'a> Stage<'a> {
             Transform::default().looking_to(self.sun, Vec3::Y),
         ));
         self.spawn(material);
+    }
+
+    /// A sheet that turns its back to the mirror.
+    fn turn_a_back(&mut self, material: StandardMaterial) {
+        let sheet = Mesh::from(Rectangle::new(1.6, 1.6)).with_generated_tangents();
+        let at = Transform::from_xyz(0.6, 1.6, 7.5).with_rotation(Quat::from_rotation_y(0.3));
+        let entity = spawn_mesh(self.app, sheet.unwrap(), material, at);
+        self.spawned.push(entity);
     }
 
     fn spawn_in_fog(&mut self, falloff: FogFalloff, directional_light_color: Color) {

@@ -156,7 +156,7 @@ fn what_no_ray_meets_keeps_no_view_from_converging() {
     );
 }
 
-/// What is left after some frames of a change, where views converge before it and where they never do.
+/// Error that is left some frames after a change, in views that converge before it and in views that never do.
 #[test]
 fn what_rays_meet_is_followed() {
     let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {

@@ -1,4 +1,4 @@
-//! What of a mesh stays in main memory while rays can hit it.
+//! The part of a mesh that stays in main memory while rays can hit it.
 
 use super::CHUNK_TRIANGLES;
 use crate::scene::{

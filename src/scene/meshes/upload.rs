@@ -262,7 +262,7 @@ mod tests {
         assert!(meshes.get(ID).is_some() && meshes.stale.contains(&ID));
     }
 
-    /// What is kept anyway isn't copied once more.
+    /// Data that is kept anyway isn't copied once more.
     #[test]
     fn a_kept_mesh_stays_in_memory_once() {
         let Some((device, queue)) = test_gpu::device() else {

@@ -37,7 +37,7 @@ fn what_has_no_rays_shows_its_history() {
         let kept = after.accumulate(gpu, &mut shaders, &other, &first);
         assert!((mean(&kept) - mean(&first)).abs() < 0.01, "{name}: {}", mean(&kept));
         assert!(lengths(&kept).iter().all(|length| *length == 1.0), "{name}");
-        // Where there is no history, a tile that rests shows what was there, and counts it for nothing.
+        // Without history, a tile that rests shows what was there, and counts it for nothing.
         let mut strange = first.clone();
         strange
             .surface

@@ -32,7 +32,7 @@ fn unpack(word: u32) -> [f32; 2] {
     [word as u16, (word >> 16) as u16].map(unhalf)
 }
 
-/// What the last frame left, in the formats of its textures.
+/// Data of the last frame, in the formats of its textures.
 #[derive(Clone)]
 pub struct Past {
     /// In clip space, the same everywhere.
@@ -113,7 +113,7 @@ impl Case {
     }
 }
 
-/// What a tile is decided by.
+/// Numbers that decide on a tile.
 #[derive(Default)]
 struct Seen {
     count: f32,

@@ -41,7 +41,7 @@ struct Resources {
     arguments: Buffer,
     records: Texture,
     image: Texture,
-    /// Of the last frame, in the order of their bindings.
+    /// Textures of the last frame, in the order of their bindings.
     past: Vec<Texture>,
 }
 

@@ -7,7 +7,7 @@ const VERTICAL_DEGREES: f32 = 45.0;
 
 /// A place from which a camera sees everything.
 pub struct FileView {
-    /// Where the camera is, and where it looks.
+    /// Place and direction of the camera.
     pub transform: Transform,
     /// Its projection.
     pub projection: PerspectiveProjection,

@@ -18,7 +18,7 @@ use std::{
 
 const STATE: &str = "campaign.json";
 
-/// What is known so far.
+/// Results so far.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct State {
     /// Seeds that were tried, by tracer.
