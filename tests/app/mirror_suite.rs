@@ -261,11 +261,10 @@ impl<'a> Stage<'a> {
         self.spawn(material);
     }
 
-    /// A sheet that turns its back to the mirror.
+    /// A sheet that turns its back to the mirror; without tangents, with which Bevy would not turn its normals.
     fn turn_a_back(&mut self, material: StandardMaterial) {
-        let sheet = Mesh::from(Rectangle::new(1.6, 1.6)).with_generated_tangents();
         let at = Transform::from_xyz(0.6, 1.6, 7.5).with_rotation(Quat::from_rotation_y(0.3));
-        let entity = spawn_mesh(self.app, sheet.unwrap(), material, at);
+        let entity = spawn_mesh(self.app, Rectangle::new(1.6, 1.6), material, at);
         self.spawned.push(entity);
     }
 
