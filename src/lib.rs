@@ -46,6 +46,7 @@
 // A library reports through the log and through types; it neither prints nor panics on what a user gave it.
 #![warn(clippy::print_stdout, clippy::print_stderr, clippy::unwrap_used, clippy::expect_used)]
 
+mod budget;
 mod common;
 mod composite;
 mod debug;
@@ -98,11 +99,11 @@ pub use scene::{ReflectedMaterial, ReflectedMaterialPlugin};
 pub use schedule::ReflectionSystems;
 pub use settings::{
     AdaptiveThresholds, CombinedThresholds, GrazingThresholds, NotReflected, RATE_LEGEND, RayTracedReflections,
-    ReflectedMaterial3d, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget, ReflectionBackend,
-    ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionFallback,
-    ReflectionPreset, ReflectionQuality, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip,
-    ReflectionTracerChoice, ReflectionsOff, RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
-    ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
+    ReflectedMaterial3d, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget, ReflectionBackend, ReflectionBudget,
+    ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionEffort,
+    ReflectionFallback, ReflectionPreset, ReflectionQuality, ReflectionSampling, ReflectionTechnique,
+    ReflectionTextureMip, ReflectionTracerChoice, ReflectionsOff, RoughnessThresholds, ShadingRate,
+    ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
 };
 pub use status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory};
 #[cfg(feature = "egui")]

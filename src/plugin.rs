@@ -1,6 +1,7 @@
 //! The plugin of the crate: it adds the plugins of all folders.
 
 use crate::{
+    budget::BudgetPlugin,
     common::CommonPlugin,
     composite::CompositePlugin,
     debug::DebugPlugin,
@@ -70,6 +71,7 @@ impl Plugin for RayTracedReflectionsPlugin {
             DevicePlugin,
             StatusPlugin,
             EventsPlugin,
+            BudgetPlugin,
             ReflectionDiagnosticsPlugin,
             SchedulePlugin,
             // Plugins finish in this order, and those below add systems where this one has found that the device can trace.

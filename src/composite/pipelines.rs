@@ -2,7 +2,7 @@
 
 use super::{add::AddPass, resolve::Resolve};
 use crate::{
-    device::WritesInPlace,
+    device::{FRAME_FORMAT, WritesInPlace},
     gbuffer::{GBufferPass, PassContext, PassShader},
     settings::{ClampedSettings, ReflectionTechnique, ReflectionView},
 };
@@ -100,17 +100,24 @@ pub(super) fn queue_composite_pipelines(mut pipelines: ResMut<CompositePipelines
     }
 }
 
-/// Lets compute shaders write to the frames of reflecting cameras, and of all that draw to the same target: cameras share a
-/// frame only if its usages are the same.
+/// Lets compute shaders write to the frames of reflecting cameras where the composite or a debug view does, and of all that draw to the
+/// same target: cameras share a frame only if its usages are the same.
 pub(super) fn allow_writes_in_place(
-    reflecting: Query<&ExtractedCamera, With<ReflectionView>>,
+    reflecting: Query<(&ExtractedCamera, &ExtractedView, &ReflectionView)>,
     mut cameras: Query<(&ExtractedCamera, &ExtractedView, &mut CameraMainTextureUsages)>,
     in_place: Option<Res<WritesInPlace>>,
 ) {
     let Some(in_place) = in_place else { return };
-    let targets: HashSet<_> = reflecting.iter().map(|camera| camera.target.clone()).collect();
+    let targets: HashSet<_> = reflecting
+        .iter()
+        .filter(|(_, view, reflections)| {
+            let has_debug_view = reflections.debug.views().next().is_some();
+            in_place.allows(view.target_format) || has_debug_view && view.target_format == FRAME_FORMAT
+        })
+        .map(|(camera, ..)| camera.target.clone())
+        .collect();
     for (camera, view, mut usages) in &mut cameras {
-        if in_place.allows(view.target_format) && targets.contains(&camera.target) {
+        if view.target_format == FRAME_FORMAT && targets.contains(&camera.target) {
             usages.0 |= TextureUsages::STORAGE_BINDING;
         }
     }

@@ -6,7 +6,7 @@ use super::{
     sides::sides,
 };
 use crate::{
-    device::{FRAME_FORMAT, WritesInPlace},
+    device::FRAME_FORMAT,
     gbuffer::{GBufferPass, PassShader},
     settings::ReflectionView,
     trace::{PassResources, PassView},
@@ -52,7 +52,6 @@ pub(super) fn init_debug_pipelines(mut commands: Commands, asset_server: Res<Ass
 pub(super) fn queue_debug_pipelines(
     views: Query<(&ReflectionView, &ExtractedView)>,
     mut pipelines: ResMut<DebugPipelines>,
-    in_place: Res<WritesInPlace>,
     cache: Res<PipelineCache>,
 ) {
     let pipelines = &mut *pipelines;
@@ -67,7 +66,7 @@ pub(super) fn queue_debug_pipelines(
             }
         }
         for shown in view.debug.views() {
-            if in_place.allows(extracted.target_format) {
+            if extracted.target_format == FRAME_FORMAT {
                 let kind = ShowPass::of(shown);
                 if let Some(pass) = pipelines.show.get_mut(&kind) {
                     pass.queue((), &cache, || PassShader {
@@ -78,9 +77,8 @@ pub(super) fn queue_debug_pipelines(
                 }
             } else {
                 warn_once!(
-                    "cameras keep their picture instead of a `ReflectionDebugView`, which is written into the frame: that takes an \
-                     `Hdr` camera with frames of the format Rgba16Float, and a device with the feature \
-                     `TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES` that can read and write such textures in compute shaders"
+                    "cameras keep their picture instead of a `ReflectionDebugView`, which is written by a compute shader: that takes \
+                     an `Hdr` camera with frames of the format Rgba16Float"
                 );
             }
         }
@@ -113,7 +111,7 @@ pub(super) fn show_debug_views(
     if format == FRAME_FORMAT && texture.usage().contains(TextureUsages::STORAGE_BINDING) {
         for side in sides(debug, context.textures.size().x) {
             if let Some(pass) = pipelines.show.get(&ShowPass::of(side.view)) {
-                show_side(&mut ctx, pass, &context, &side);
+                show_side(&mut ctx, pass, &context, view.target, &side);
             }
         }
     }

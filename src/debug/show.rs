@@ -10,8 +10,12 @@ use crate::{
 };
 use bevy::{
     render::{
-        render_resource::{BufferInitDescriptor, BufferUsages, TextureView, binding_types},
+        render_resource::{
+            BufferInitDescriptor, BufferUsages, IntoBinding, StorageTextureAccess, TextureSampleType, TextureView,
+            binding_types,
+        },
         renderer::RenderContext,
+        view::ViewTarget,
     },
     shader::ShaderDefVal,
 };
@@ -73,7 +77,13 @@ impl ShowPass {
         let mut bindings = vec![
             Binding::floats(composited_radiance),
             second,
-            Binding::read_written(FRAME_FORMAT, |context| Some(context.frame)),
+            Binding::given(binding_types::texture_2d(TextureSampleType::Float {
+                filterable: false,
+            })),
+            Binding::given(binding_types::texture_storage_2d(
+                FRAME_FORMAT,
+                StorageTextureAccess::WriteOnly,
+            )),
             Binding::given(binding_types::uniform_buffer_sized(false, size)),
             Binding::integers(|context| {
                 or_gbuffer(context, context.images().map(|images| &images.rate[context.now()]))
@@ -119,8 +129,17 @@ fn or_gbuffer<'a>(context: &PassContext<'a>, texture: Option<&'a TextureView>) -
     Some(texture.unwrap_or(context.gbuffer.gbuffer))
 }
 
-/// Draws one side of a view.
-pub(super) fn show_side(ctx: &mut RenderContext, pass: &GBufferPass, context: &PassContext, side: &Side) {
+/// Draws one side of a view, from one texture of the frame into the other.
+pub(super) fn show_side(
+    ctx: &mut RenderContext,
+    pass: &GBufferPass,
+    context: &PassContext,
+    target: &ViewTarget,
+    side: &Side,
+) {
+    if pass.pipeline(&(), context.cache).is_none() {
+        return;
+    }
     let settings = GpuDebugSettings {
         columns: [side.columns.start, side.columns.end, side.line.start, side.line.end],
         view: side.view as u32,
@@ -133,10 +152,14 @@ pub(super) fn show_side(ctx: &mut RenderContext, pass: &GBufferPass, context: &P
         contents: bytemuck::bytes_of(&settings),
         usage: BufferUsages::UNIFORM,
     });
-    let given = [settings.as_entire_binding()];
-    let Some(mut compute) = pass.begin(ctx, context, [()], &given) else {
-        return;
-    };
-    let (columns, rows) = (side.columns.len() as u32, context.textures.size().y);
-    compute.dispatch_workgroups(columns.div_ceil(8), rows.div_ceil(8), 1);
+    let frame = target.post_process_write();
+    let given = [
+        frame.source.into_binding(),
+        frame.destination.into_binding(),
+        settings.as_entire_binding(),
+    ];
+    if let Some(mut compute) = pass.begin(ctx, context, [()], &given) {
+        let size = target.main_texture().size();
+        compute.dispatch_workgroups(size.width.div_ceil(8), size.height.div_ceil(8), 1);
+    }
 }

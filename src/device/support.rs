@@ -13,17 +13,15 @@ pub(crate) fn adapter_name(info: &RenderAdapterInfo) -> String {
 
 /// Why nothing can be traced on this device by this tracer, or `None`.
 pub(crate) fn unsupported(backend: Backends, limits: &WgpuLimits, tracer: ReflectionTracer) -> Option<String> {
-    if !(Backends::VULKAN | Backends::DX12 | Backends::METAL).contains(backend) {
-        // The others were never tried, and WebGPU guarantees fewer bindings than the passes of the BVH tracer have.
-        let name = if backend == Backends::BROWSER_WEBGPU {
-            "WebGPU"
-        } else if backend == Backends::GL {
+    if !(Backends::VULKAN | Backends::DX12 | Backends::METAL | Backends::BROWSER_WEBGPU).contains(backend) {
+        // OpenGL was never tried, and WebGL has no compute shaders.
+        let name = if backend == Backends::GL {
             "OpenGL or WebGL"
         } else {
             "no graphics interface"
         };
         return Some(format!(
-            "the renderer uses {name}, and one of Vulkan, DX12 and Metal is needed"
+            "the renderer uses {name}, and one of Vulkan, DX12, Metal and WebGPU is needed"
         ));
     }
     // Storage buffers of the pass over the list of rays: three of its own and those of the scene. A TLAS isn't one.
@@ -50,7 +48,12 @@ mod tests {
             max_storage_buffers_per_shader_stage: buffers,
             ..Default::default()
         };
-        for backend in [Backends::VULKAN, Backends::DX12, Backends::METAL] {
+        for backend in [
+            Backends::VULKAN,
+            Backends::DX12,
+            Backends::METAL,
+            Backends::BROWSER_WEBGPU,
+        ] {
             assert_eq!(
                 unsupported(backend, &limits(9), ReflectionTracer::Bvh),
                 None,
@@ -65,7 +68,7 @@ mod tests {
             assert!(reason.is_some_and(|reason| reason.contains("9 are needed")));
             assert!(unsupported(backend, &limits(7), ReflectionTracer::RayQuery).is_some());
         }
-        for backend in [Backends::GL, Backends::BROWSER_WEBGPU, Backends::NOOP] {
+        for backend in [Backends::GL, Backends::NOOP] {
             assert!(
                 unsupported(backend, &limits(100), ReflectionTracer::Bvh).is_some(),
                 "{backend:?}"

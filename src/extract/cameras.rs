@@ -10,8 +10,8 @@ use crate::{
     scene::environment::ViewEnvironment,
     settings::{
         ClampedSettings, RateSettings, RayTracedReflections, ReflectionBackend, ReflectionDebugCounters,
-        ReflectionDebugSplit, ReflectionDebugView, ReflectionTechnique, ReflectionView, ShadingRateHeuristic,
-        ShadingRateTileSize, ViewDebug, WantsReflections,
+        ReflectionDebugSplit, ReflectionDebugView, ReflectionEffort, ReflectionTechnique, ReflectionView,
+        ShadingRateHeuristic, ShadingRateTileSize, ViewDebug, WantsReflections,
     },
     status::ReflectionStatus,
     targets::LARGEST_TRACE_SIZE,
@@ -45,6 +45,7 @@ pub(super) struct CameraQuery {
     reflections: Option<&'static mut RayTracedReflections>,
     heuristic: Option<&'static ShadingRateHeuristic>,
     tile_size: Option<&'static ShadingRateTileSize>,
+    effort: Option<&'static ReflectionEffort>,
     transform: &'static GlobalTransform,
     hdr: Has<Hdr>,
     depth: Has<DepthPrepass>,
@@ -166,6 +167,9 @@ impl Request {
         let mut rate = RateSettings::new(&heuristic, settings.technique);
         if camera.tile_size.is_some() || settings.backend == ReflectionBackend::HardwareVrs {
             rate.tile_size = tile_size;
+        }
+        if let Some(effort) = camera.effort {
+            effort.apply(&mut settings, &mut rate);
         }
         if settings.backend == ReflectionBackend::HardwareVrs {
             rate.limit(|code| vrs.supports(code));

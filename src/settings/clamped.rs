@@ -28,7 +28,7 @@ pub(crate) struct ClampedSettings {
 }
 
 /// The border between the last step of 1/255 that `cutoff` includes and the next: Bevy's lighting and ours must agree on each pixel.
-fn between_steps(cutoff: f32) -> f32 {
+pub(super) fn between_steps(cutoff: f32) -> f32 {
     ((cutoff * 255.0 + 1e-3).floor() + 0.5) / 255.0
 }
 

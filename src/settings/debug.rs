@@ -12,8 +12,8 @@ use bevy::{
 ///
 /// A view is drawn after everything opaque and transparent, and before post-processing and tone mapping: for exact colours set
 /// [`Tonemapping::None`](bevy::core_pipeline::tonemapping::Tonemapping::None) and leave out bloom; temporal anti-aliasing
-/// averages it over frames. It is written by a compute shader and needs a device that can read and write half-float frames in
-/// place; elsewhere the camera keeps its picture, with a warning.
+/// averages it over frames. It is written by a compute shader, which takes an [`Hdr`](bevy::camera::Hdr) camera; others keep their
+/// picture, with a warning.
 ///
 /// *Heat* is a scale of five colours in equal steps: blue, cyan, green, yellow, red. Values beyond an end have its colour, those
 /// that aren't finite are magenta. Where a view has nothing to say (sky, rough or unlit surfaces, tiles without reflections,

@@ -8,11 +8,13 @@
 //! | `pose.rs` | skinned and morphed meshes |
 //! | `presets.rs` | bundles of settings |
 //! | `quality.rs` | the component that a game saves |
+//! | `budget.rs` | a target for the time of reflections |
 //! | `stand_in.rs` | components of objects: what rays see of them |
 //! | `words.rs` | words on command lines and in files |
 //! | `clamped.rs`, `clamped_rate.rs` | the same within its ranges, for shaders |
 //! | `view.rs` | the same on a view of the render world |
 
+mod budget;
 mod clamped;
 mod clamped_rate;
 mod debug;
@@ -27,6 +29,7 @@ mod stand_in;
 mod view;
 mod words;
 
+pub use budget::{ReflectionBudget, ReflectionEffort};
 pub use debug::{RATE_LEGEND, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView};
 pub use denoiser::ReflectionDenoiser;
 pub use heuristic::{

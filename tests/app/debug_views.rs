@@ -5,16 +5,8 @@ use crate::{
     pictures::{reflect, spawn, use_coarse_shadow_maps, warm_up},
 };
 use bevy::{
-    core_pipeline::tonemapping::Tonemapping,
-    diagnostic::DiagnosticsStore,
-    math::UVec2,
-    prelude::*,
-    render::{
-        RenderApp,
-        diagnostic::RenderDiagnosticsPlugin,
-        render_resource::{TextureFormat, TextureFormatFeatureFlags, WgpuFeatures},
-        renderer::{RenderAdapter, RenderDevice},
-    },
+    core_pipeline::tonemapping::Tonemapping, diagnostic::DiagnosticsStore, math::UVec2, prelude::*,
+    render::diagnostic::RenderDiagnosticsPlugin,
 };
 use bevy_glint::{
     RATE_LEGEND, RayTracedReflections, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView,
@@ -26,25 +18,11 @@ const SIZE: UVec2 = UVec2::new(96, 54);
 /// Pixels that are no accident.
 const MANY: usize = 180;
 
-/// `None` where nothing can be traced, or frames can't be written in place.
+/// `None` where nothing can be traced.
 fn app() -> Option<HeadlessApp> {
-    let mut app = app_with(SIZE, Output::Linear, ReflectionTracerChoice::Auto, |app| {
+    app_with(SIZE, Output::Linear, ReflectionTracerChoice::Auto, |app| {
         app.add_plugins(RenderDiagnosticsPlugin);
-    })?;
-    let world = app.app().get_sub_app(RenderApp)?.world();
-    let feature = WgpuFeatures::TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES;
-    let writable = world.resource::<RenderDevice>().features().contains(feature)
-        && world
-            .resource::<RenderAdapter>()
-            .get_texture_format_features(TextureFormat::Rgba16Float)
-            .flags
-            .contains(TextureFormatFeatureFlags::STORAGE_READ_WRITE);
-    if !writable {
-        let is_required = std::env::var_os("GLINT_REQUIRE_GPU").is_some();
-        assert!(!is_required, "the GPU that is required can't write frames in place");
-        println!("skipped: frames can't be written in place");
-    }
-    writable.then_some(app)
+    })
 }
 
 /// Everything that is on by default, and reflections on all surfaces.

@@ -1,17 +1,13 @@
 //! `cargo xtask ci`: everything that must hold before a change is merged.
 
 use std::env;
-use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, bail};
 
 use crate::progress::{self, Times};
-use crate::{cargo, file_sizes, test};
-
-/// A platform on which the plugin declines, but must compile.
-const WEB: &str = "wasm32-unknown-unknown";
+use crate::{cargo, file_sizes, test, web};
 
 /// Runs every check, cheap ones first, and all of them even if one fails. Ends with a table of times.
 pub fn run() -> Result<()> {
@@ -32,10 +28,15 @@ pub fn run() -> Result<()> {
     checks.run("docs", docs);
     // No windowing feature and no hardware back end: the plugin must build for servers, with what its own manifest asks for.
     checks.run("library alone", || library(&["--no-default-features"]));
-    if has_target(WEB) {
-        checks.run("web", || library(&["--target", WEB, "--features", "egui,hardware-vrs"]));
+    if web::has_target() {
+        checks.run("web", || {
+            library(&["--target", web::TARGET, "--features", "egui,hardware-vrs"])
+        });
     } else {
-        checks.skip("web", &format!("`rustup target add {WEB}` brings what it needs"));
+        checks.skip(
+            "web",
+            &format!("`rustup target add {}` brings what it needs", web::TARGET),
+        );
     }
     let tests = test::measure(&test::Options::default(), &mut checks.times);
     checks.note_failure("tests", tests);
@@ -115,12 +116,4 @@ fn library(options: &[&str]) -> Result<()> {
     let mut check = cargo::release("check");
     check.args(["--package", "bevy_glint", "--lib"]).args(options);
     cargo::run(&mut check, &format!("the library with {}", options.join(" ")))
-}
-
-/// True if the standard library of a target is installed.
-fn has_target(target: &str) -> bool {
-    let output = Command::new("rustc")
-        .args(["--print", "target-libdir", "--target", target])
-        .output();
-    output.is_ok_and(|output| Path::new(String::from_utf8_lossy(&output.stdout).trim()).is_dir())
 }

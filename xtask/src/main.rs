@@ -13,6 +13,7 @@ mod publish;
 mod test;
 mod tools;
 mod validate;
+mod web;
 
 use std::process::ExitCode;
 
@@ -41,6 +42,8 @@ enum Command {
     Stress(tools::Options),
     /// Render with each technique under Vulkan's validation layers, with synchronisation validation.
     Validate,
+    /// Build the demo as a page for browsers with WebGPU: `web --serve`, `web --check`.
+    Web(web::Options),
     /// Follow the README in a new crate, as a new user would.
     NewUser,
     /// Everything that must hold before a change is merged: format, lints, feature sets, docs, tests.
@@ -55,6 +58,7 @@ fn main() -> ExitCode {
         Command::Evaluate(options) => tools::evaluate(options),
         Command::Stress(options) => tools::stress(&options),
         Command::Validate => validate::run(),
+        Command::Web(options) => web::run(&options),
         Command::NewUser => new_user::run(),
         Command::Ci => ci::run(),
     };

@@ -11,10 +11,13 @@ mod environment;
 mod file_light;
 mod file_view;
 mod geometry;
+#[cfg(not(target_arch = "wasm32"))]
 mod gltf;
+#[cfg(not(target_arch = "wasm32"))]
 mod headless;
 mod image_size;
 mod materials;
+#[cfg(not(target_arch = "wasm32"))]
 mod missing_images;
 mod patterns;
 mod props;
@@ -34,12 +37,15 @@ pub use environment::{Environment, SceneOptions};
 pub use file_light::{file_environment, file_sun};
 pub use file_view::FileView;
 pub use geometry::Geometry;
+#[cfg(not(target_arch = "wasm32"))]
 pub use gltf::write_test_assets;
+#[cfg(not(target_arch = "wasm32"))]
 pub use headless::{
     HeadlessApp, HeadlessError, HeadlessSettings, LogMessage, Output, ReplacedShader, SystemClock, capture_log,
     decode_halves, read_buffer, read_image, read_texture, save_picture, take_log,
 };
 pub use image_size::ImageSize;
+#[cfg(not(target_arch = "wasm32"))]
 pub use missing_images::{MissingImages, MissingImagesPlugin};
 pub use random::Random;
 pub use scene::{SceneName, UnknownScene, camera, environment, spawn, spawn_with};

@@ -58,6 +58,9 @@ pub struct Arguments {
     /// Render without a window and write an image
     #[arg(long)]
     pub headless: bool,
+    /// Stop the clock, so that nothing moves in an image
+    #[arg(long, requires = "headless")]
+    pub still: bool,
     /// Frames to render before the image is taken; converged needs hundreds
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = value_parser!(u32).range(1..))]
     pub frames: u32,

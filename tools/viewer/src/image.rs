@@ -39,7 +39,10 @@ pub fn write(arguments: &Arguments) -> Result<(), String> {
         ];
         (size * 2, two_rows(size, &images))
     } else {
-        (size, image(&method, method.is_converged(), arguments.frames)?)
+        (
+            size,
+            image(&method, arguments.still || method.is_converged(), arguments.frames)?,
+        )
     };
     save_picture(size, bytes, &path).map_err(|error| error.to_string())?;
     println!("wrote {}", path.display());

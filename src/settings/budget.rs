@@ -1,0 +1,165 @@
+//! A target for the time that reflections take, and what is spared to keep it.
+
+use super::{
+    ReflectionTechnique,
+    clamped::{ClampedSettings, between_steps, number_or},
+    clamped_rate::RateSettings,
+};
+use bevy::{
+    ecs::{component::Component, reflect::ReflectComponent},
+    reflect::{Reflect, std_traits::ReflectDefault},
+};
+
+/// Holds the GPU time of a camera's reflections near a target. Insert it beside
+/// [`RayTracedReflections`](crate::RayTracedReflections), whose settings are then the most that is done.
+///
+/// Times come from Bevy's `RenderDiagnosticsPlugin`, which the app adds, and from a device with timestamps; without them nothing is spared,
+/// and a warning says so once. Times of several reflecting cameras can't be told apart: each takes the last that was measured. Settings
+/// stay as the app has set them; [`ReflectionEffort`] says how much of them is left.
+///
+/// ```no_run
+/// use bevy::{prelude::*, render::diagnostic::RenderDiagnosticsPlugin};
+/// use bevy_glint::{RayTracedReflectionsPlugin, ReflectionBudget, ReflectionQuality};
+///
+/// fn main() {
+///     App::new()
+///         .add_plugins((DefaultPlugins, RayTracedReflectionsPlugin::default(), RenderDiagnosticsPlugin))
+///         .add_systems(Startup, |mut commands: Commands| {
+///             commands.spawn((Camera3d::default(), ReflectionQuality::Ultra, ReflectionBudget { milliseconds: 1.5, ..default() }));
+///         })
+///         .run();
+/// }
+/// ```
+#[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Component, Default, Debug, Clone, PartialEq)]
+#[require(ReflectionEffort)]
+pub struct ReflectionBudget {
+    /// GPU milliseconds per frame. More allows more rays. 0 and less spare as much as [`least_effort`](Self::least_effort) allows, and NaN
+    /// is the default. Default: 2.
+    #[reflect(@0.0..=20.0_f32)]
+    pub milliseconds: f32,
+    /// Least [`ReflectionEffort`], from 0.1 to 1. Less holds the target in more expensive views, with coarser reflections. Default: 0.25.
+    #[reflect(@0.1..=1.0_f32)]
+    pub least_effort: f32,
+}
+
+impl Default for ReflectionBudget {
+    fn default() -> Self {
+        Self {
+            milliseconds: 2.0,
+            least_effort: 0.25,
+        }
+    }
+}
+
+impl ReflectionBudget {
+    /// The same within its ranges.
+    pub(crate) fn clamped(self) -> Self {
+        let default = Self::default();
+        Self {
+            milliseconds: number_or(self.milliseconds, default.milliseconds).max(0.0),
+            least_effort: number_or(self.least_effort, default.least_effort).clamp(LEAST_EFFORT, 1.0),
+        }
+    }
+}
+
+/// Least share of the settings that a budget may leave.
+const LEAST_EFFORT: f32 = 0.1;
+/// Effort below which the roughness cut-off falls, too: until then rays are only shared by more pixels.
+const EFFORT_FOR_CUTOFF: f32 = 0.5;
+/// Rays of neighbours that a pixel is reconstructed from at least, if the settings have as many.
+const LEAST_SAMPLES: u32 = 4;
+/// Band of roughness over which reflections fade out below a lowered cut-off, where the settings have none.
+const FADE: f32 = 0.1;
+
+/// Part of a camera's settings that its [`ReflectionBudget`] leaves: 1 is all of them.
+///
+/// Less has thresholds of [`ShadingRateHeuristic`](crate::ShadingRateHeuristic) reached sooner, so that more pixels share a ray, and
+/// pixels reconstructed from fewer rays; below 0.5 the [`roughness_cutoff`](crate::RayTracedReflections::roughness_cutoff) falls, too.
+/// Uniform rates, images of rates and heuristics of the app's own stay as they are, and so does
+/// [`ReflectionTechnique::Converged`]. The budget writes it; without one, the app may.
+#[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Component, Default, Debug, Clone, PartialEq)]
+pub struct ReflectionEffort(pub f32);
+
+impl Default for ReflectionEffort {
+    fn default() -> Self {
+        Self(1.0)
+    }
+}
+
+impl ReflectionEffort {
+    /// The same within its range.
+    pub(crate) fn clamped(self) -> f32 {
+        number_or(self.0, 1.0).clamp(LEAST_EFFORT, 1.0)
+    }
+
+    /// Takes from the settings what is spared.
+    pub(crate) fn apply(self, settings: &mut ClampedSettings, rate: &mut RateSettings) {
+        let effort = self.clamped();
+        if effort >= 1.0 || settings.technique == ReflectionTechnique::Converged {
+            return;
+        }
+        let thresholds = &mut rate.thresholds;
+        thresholds.half *= effort;
+        thresholds.quarter *= effort;
+        thresholds.eighth *= effort;
+        thresholds.error_target /= effort;
+        let samples = &mut settings.denoiser.samples;
+        *samples = ((*samples as f32 * effort).round() as u32).max(LEAST_SAMPLES.min(*samples));
+        let share = effort / EFFORT_FOR_CUTOFF;
+        if share < 1.0 {
+            let fade = settings.cutoff - settings.fade_start;
+            let cutoff = settings.cutoff.min(1.0) * share;
+            settings.fade_start = (cutoff - if fade > 0.0 { fade } else { FADE }).max(0.0);
+            settings.cutoff = between_steps(cutoff);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{RayTracedReflections, ShadingRateHeuristic};
+
+    fn spared(effort: f32, reflections: &RayTracedReflections) -> (ClampedSettings, RateSettings) {
+        let mut settings = ClampedSettings::from(reflections);
+        let mut rate = RateSettings::new(&ShadingRateHeuristic::default(), reflections.technique);
+        ReflectionEffort(effort).apply(&mut settings, &mut rate);
+        (settings, rate)
+    }
+
+    #[test]
+    fn full_effort_spares_nothing() {
+        let reflections = RayTracedReflections::default();
+        let all = spared(1.0, &reflections);
+        for effort in [f32::NAN, 7.0] {
+            assert_eq!(spared(effort, &reflections), all);
+        }
+        assert_eq!(all.0, ClampedSettings::from(&reflections));
+    }
+
+    #[test]
+    fn rates_are_spared_first_and_the_cutoff_last() {
+        let reflections = RayTracedReflections::default();
+        let (all, all_rates) = spared(1.0, &reflections);
+        let (settings, rate) = spared(0.5, &reflections);
+        assert_eq!((settings.cutoff, settings.fade_start), (all.cutoff, all.fade_start));
+        assert_eq!(rate.thresholds.half, 0.5 * all_rates.thresholds.half);
+        assert!(settings.denoiser.samples < all.denoiser.samples);
+        let (settings, _) = spared(0.25, &reflections);
+        assert!((settings.cutoff - 0.5).abs() < 0.003, "{}", settings.cutoff);
+        assert!(settings.fade_start < settings.cutoff);
+        let (least, _) = spared(0.0, &reflections);
+        assert!(least.cutoff > 0.15 && least.denoiser.samples == LEAST_SAMPLES);
+    }
+
+    #[test]
+    fn the_ground_truth_spares_nothing() {
+        let reflections = RayTracedReflections {
+            technique: ReflectionTechnique::Converged,
+            ..Default::default()
+        };
+        assert_eq!(spared(0.2, &reflections), spared(1.0, &reflections));
+    }
+}

@@ -1,0 +1,226 @@
+//! Opens the page in headless Chromium, on its software adapter for WebGPU.
+
+use crate::serve;
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use headless_chrome::browser::tab::point::Point;
+use headless_chrome::protocol::cdp::types::Event;
+use headless_chrome::protocol::cdp::{Emulation, Page, Runtime};
+use headless_chrome::{Browser, LaunchOptions, Tab};
+use image::RgbImage;
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Mean FLIP up to which the page shows what the native program shows.
+const LIMIT: f32 = 0.03;
+/// Mean difference, in steps of 8 bits, that a click in the panel makes at least.
+const CHANGE: f32 = 1.0;
+/// Place of the panel's first check box, which switches reflections off.
+const SWITCH: Point = Point { x: 24.0, y: 64.0 };
+/// The adapter of a CPU compiles shaders for minutes.
+const PATIENCE: Duration = Duration::from_secs(40);
+const PAUSE: Duration = Duration::from_millis(500);
+/// Frames have been drawn since a click.
+const AFTER_CLICK: Duration = Duration::from_secs(20);
+const BROWSERS: [&str; 4] = [
+    "/usr/bin/chromium",
+    "/usr/bin/chromium-browser",
+    "/usr/bin/google-chrome",
+    "/usr/bin/google-chrome-stable",
+];
+const FLAGS: [&str; 9] = [
+    "--enable-unsafe-webgpu",
+    "--use-webgpu-adapter=swiftshader",
+    "--enable-features=Vulkan",
+    "--hide-scrollbars",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+];
+
+/// Compares the page at rest with the picture, and has a click in its panel change it.
+///
+/// # Errors
+///
+/// If the picture differs, nothing changes, or the page writes an error to the console.
+pub fn check(folder: &Path, expected: &Path, out: &Path) -> Result<()> {
+    fs::create_dir_all(out)?;
+    let expected = image::open(expected)
+        .with_context(|| format!("cannot read {}", expected.display()))?
+        .to_rgb8();
+    let server = Arc::new(serve::listen(0)?);
+    let port = serve::port_of(&server)?;
+    let (answering, folder) = (server.clone(), folder.to_owned());
+    thread::spawn(move || serve::answer(&answering, &folder));
+    let visit = Visit::new(port, out, expected.dimensions())?;
+
+    visit.open("still=true&panel=false&bar=false&technique=ultra")?;
+    let shown = visit.picture(&out.join("page.png"))?;
+    let error = flip(&expected, &shown);
+    println!("FLIP against the native picture: {error:.4} (at most {LIMIT})");
+
+    visit.open("still=true&panel=true&technique=ultra")?;
+    let before = visit.picture(&out.join("panel.png"))?;
+    visit.tab.click_point(SWITCH)?;
+    thread::sleep(AFTER_CLICK);
+    let after = visit.picture(&out.join("switched.png"))?;
+    let change = difference(&before, &after);
+    println!("change by a click: {change:.2} of 255 (at least {CHANGE})");
+    visit.ensure_quiet()?;
+    ensure!(error <= LIMIT, "the page doesn't show what the native program shows");
+    ensure!(change >= CHANGE, "a click in the panel changes nothing");
+    Ok(())
+}
+
+/// A browser with the page.
+struct Visit {
+    address: String,
+    /// Folder for pictures.
+    out: PathBuf,
+    /// Keeps the browser open.
+    _browser: Browser,
+    tab: Arc<Tab>,
+    /// What the console shows as an error.
+    errors: Arc<Mutex<Vec<String>>>,
+}
+
+impl Visit {
+    fn new(port: u16, out: &Path, (width, height): (u32, u32)) -> Result<Self> {
+        let program = BROWSERS.iter().map(PathBuf::from).find(|path| path.exists());
+        let program = program.context("no Chromium was found: on Debian, `apt-get install chromium`")?;
+        let browser = Browser::new(LaunchOptions {
+            path: Some(program),
+            sandbox: false,
+            idle_browser_timeout: PATIENCE,
+            args: FLAGS.iter().map(OsStr::new).collect(),
+            ..LaunchOptions::default()
+        })?;
+        let tab = browser.new_tab()?;
+        tab.set_default_timeout(Duration::from_secs(120));
+        tab.call_method(Emulation::SetDeviceMetricsOverride {
+            width,
+            height,
+            device_scale_factor: 1.0,
+            mobile: false,
+            scale: None,
+            screen_width: None,
+            screen_height: None,
+            position_x: None,
+            position_y: None,
+            dont_set_visible_size: None,
+            screen_orientation: None,
+            viewport: None,
+            display_feature: None,
+            device_posture: None,
+        })?;
+        let errors = Arc::new(Mutex::new(Vec::new()));
+        let listener = errors.clone();
+        tab.enable_log()?;
+        tab.enable_runtime()?;
+        tab.add_event_listener(Arc::new(move |event: &Event| {
+            if let (Some(error), Ok(mut errors)) = (console_error(event), listener.lock()) {
+                errors.push(error);
+            }
+        }))?;
+        Ok(Self {
+            address: format!("http://127.0.0.1:{port}/"),
+            out: out.to_owned(),
+            _browser: browser,
+            tab,
+            errors,
+        })
+    }
+
+    /// Opens the page and waits until its picture is at rest.
+    fn open(&self, query: &str) -> Result<()> {
+        let start = Instant::now();
+        let mut known = String::new();
+        self.tab.navigate_to(&format!("{}?{query}", self.address))?;
+        while start.elapsed() < PATIENCE {
+            thread::sleep(PAUSE);
+            self.ensure_quiet()?;
+            let state = self.state()?;
+            if state != known {
+                println!("{state} after {:.0} s", start.elapsed().as_secs_f32());
+                known.clone_from(&state);
+            }
+            match state.as_str() {
+                "rest" => return Ok(()),
+                "declined" => bail!("the page declines: {}", self.evaluate("document.body.dataset.reason")?),
+                _ => {}
+            }
+        }
+        let path = self.out.join("failed.png");
+        self.picture(&path)?;
+        bail!("the page didn't come to rest in {PATIENCE:?}; {} shows it", path.display())
+    }
+
+    fn state(&self) -> Result<String> {
+        self.evaluate("document.body?.dataset.state ?? ''")
+    }
+
+    fn evaluate(&self, expression: &str) -> Result<String> {
+        let value = self.tab.evaluate(expression, false)?.value;
+        Ok(value.and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default())
+    }
+
+    /// Takes a picture of the page, and keeps it.
+    fn picture(&self, path: &Path) -> Result<RgbImage> {
+        let format = Page::CaptureScreenshotFormatOption::Png;
+        let png = self.tab.capture_screenshot(format, None, None, true)?;
+        fs::write(path, &png)?;
+        Ok(image::load_from_memory(&png)?.to_rgb8())
+    }
+
+    fn ensure_quiet(&self) -> Result<()> {
+        let errors = self.errors.lock().map_err(|_| anyhow!("the listener failed"))?;
+        ensure!(errors.is_empty(), "errors in the console:\n{}", errors.join("\n"));
+        Ok(())
+    }
+}
+
+/// The text of an error in the console.
+fn console_error(event: &Event) -> Option<String> {
+    match event {
+        Event::RuntimeConsoleAPICalled(call) if call.params.Type == Runtime::ConsoleAPICalledEventTypeOption::Error => {
+            let words = call.params.args.iter().filter_map(|argument| {
+                let value = argument.value.as_ref();
+                value.map(ToString::to_string).or_else(|| argument.description.clone())
+            });
+            Some(words.collect::<Vec<_>>().join(" "))
+        }
+        Event::RuntimeExceptionThrown(thrown) => {
+            let details = &thrown.params.exception_details;
+            let description = details.exception.as_ref().and_then(|exception| exception.description.clone());
+            Some(description.unwrap_or_else(|| details.text.clone()))
+        }
+        Event::LogEntryAdded(entry) => {
+            let entry = &entry.params.entry;
+            let is_error = matches!(entry.level, headless_chrome::protocol::cdp::Log::LogEntryLevel::Error);
+            is_error.then(|| entry.text.clone())
+        }
+        _ => None,
+    }
+}
+
+fn flip(expected: &RgbImage, actual: &RgbImage) -> f32 {
+    if expected.dimensions() != actual.dimensions() {
+        return f32::INFINITY;
+    }
+    let image = |image: &RgbImage| nv_flip::FlipImageRgb8::with_data(image.width(), image.height(), image);
+    let map = nv_flip::flip(image(expected), image(actual), nv_flip::DEFAULT_PIXELS_PER_DEGREE);
+    nv_flip::FlipPool::from_image(&map).mean()
+}
+
+fn difference(a: &RgbImage, b: &RgbImage) -> f32 {
+    if a.dimensions() != b.dimensions() {
+        return 0.0;
+    }
+    let sum: f32 = a.iter().zip(b.iter()).map(|(a, b)| f32::from(a.abs_diff(*b))).sum();
+    sum / a.len() as f32
+}

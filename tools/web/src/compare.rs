@@ -1,0 +1,125 @@
+//! The picture without ray-traced reflections beside the one with them: two cameras, each of which draws its part of one picture.
+
+use bevy::{
+    camera::{SubCameraView, Viewport},
+    camera_controller::free_camera::FreeCamera,
+    math::uvec2,
+    prelude::*,
+    window::PrimaryWindow,
+};
+use bevy_egui::{EguiContexts, EguiPrimaryContextPass, egui};
+use bevy_glint::RayTracedReflections;
+use std::ops::Range;
+
+/// Adds a bar at the lower edge of the picture, with which visitors compare.
+pub struct ComparePlugin {
+    pub bar: bool,
+}
+
+impl Plugin for ComparePlugin {
+    fn build(&self, app: &mut App) {
+        app.init_resource::<Comparison>()
+            .add_systems(EguiPrimaryContextPass, show_bar)
+            .add_systems(
+                PostUpdate,
+                (spawn_twin, divide_picture).chain().before(TransformSystems::Propagate),
+            );
+    }
+}
+
+/// Choices of the visitor.
+#[derive(Resource)]
+struct Comparison {
+    enabled: bool,
+    /// Share of the width without ray-traced reflections.
+    position: f32,
+}
+
+impl Default for Comparison {
+    fn default() -> Self {
+        Self {
+            enabled: false,
+            position: 0.5,
+        }
+    }
+}
+
+/// The camera without reflections.
+#[derive(Component)]
+struct Twin;
+
+fn show_bar(mut contexts: EguiContexts, mut comparison: ResMut<Comparison>) -> Result {
+    let context = contexts.ctx_mut()?;
+    egui::Area::new("compare".into())
+        .anchor(egui::Align2::CENTER_BOTTOM, [0.0, -12.0])
+        .show(context, |ui| {
+            egui::Frame::popup(ui.style()).show(ui, |ui| {
+                ui.horizontal(|ui| {
+                    ui.checkbox(&mut comparison.enabled, "Compare with the environment map alone");
+                    if comparison.enabled {
+                        ui.add(egui::Slider::new(&mut comparison.position, 0.05..=0.95).show_value(false));
+                    }
+                    ui.label("W A S D Q E and the mouse: fly. F2: settings");
+                });
+            });
+        });
+    Ok(())
+}
+
+/// Spawns and despawns the camera without reflections.
+fn spawn_twin(
+    comparison: Res<Comparison>,
+    cameras: Query<Entity, With<FreeCamera>>,
+    twins: Query<Entity, With<Twin>>,
+    mut commands: Commands,
+) {
+    if comparison.enabled == !twins.is_empty() {
+        return;
+    }
+    for twin in &twins {
+        commands.entity(twin).despawn();
+    }
+    if comparison.enabled {
+        for camera in &cameras {
+            let mut twin = commands.entity(camera);
+            let mut twin = twin.clone_and_spawn_with_opt_out(|builder| {
+                builder.deny::<(FreeCamera, RayTracedReflections)>();
+            });
+            twin.insert(Twin);
+        }
+    }
+}
+
+/// Gives each camera its columns of the picture, and the twin the pose of the other.
+fn divide_picture(
+    comparison: Res<Comparison>,
+    window: Single<&Window, With<PrimaryWindow>>,
+    mut camera: Single<(&mut Camera, &Transform), (With<FreeCamera>, Without<Twin>)>,
+    mut twin: Option<Single<(&mut Camera, &mut Transform), With<Twin>>>,
+) {
+    let size = window.physical_size();
+    let divided = twin.is_some() && size.x >= 2;
+    let line = ((size.x as f32 * comparison.position) as u32).clamp(1, size.x.saturating_sub(1).max(1));
+    let (camera, pose) = &mut *camera;
+    set_columns(camera, size, divided.then_some(line..size.x));
+    if let Some(twin) = &mut twin {
+        let (twin, twin_pose) = &mut **twin;
+        **twin_pose = **pose;
+        set_columns(twin, size, divided.then_some(0..line));
+        twin.order = -1;
+    }
+}
+
+fn set_columns(camera: &mut Camera, size: UVec2, columns: Option<Range<u32>>) {
+    let part = columns.map(|columns| (uvec2(columns.start, 0), uvec2(columns.end - columns.start, size.y)));
+    camera.viewport = part.map(|(physical_position, physical_size)| Viewport {
+        physical_position,
+        physical_size,
+        ..default()
+    });
+    camera.sub_camera_view = part.map(|(offset, part_size)| SubCameraView {
+        full_size: size,
+        offset: offset.as_vec2(),
+        size: part_size,
+    });
+}

@@ -1,0 +1,101 @@
+//! The demo's scene with a camera that flies, the settings panel, and the comparison.
+
+use crate::{
+    compare::ComparePlugin,
+    page::{Address, PagePlugin},
+};
+use bevy::{
+    camera::Hdr,
+    camera_controller::free_camera::{FreeCamera, FreeCameraPlugin},
+    core_pipeline::prepass::{DeferredPrepass, DepthPrepass},
+    prelude::*,
+};
+use bevy_egui::EguiGlobalSettings;
+use bevy_glint::{RayTracedReflectionsPlugin, named_settings, ui::ReflectionSettingsPanelPlugin};
+use glint_scenes::{SceneAnimationPlugin, SceneName, camera, environment, spawn};
+
+/// Settings of a visitor who asks for none.
+const TECHNIQUE: &str = "medium";
+
+/// What the address of the page asks for.
+#[derive(Resource, Clone)]
+struct Wishes {
+    scene: SceneName,
+    technique: String,
+}
+
+/// Runs the demo on the page's canvas.
+///
+/// `scene`, `technique`, and `panel`, `bar` and `still` (each true or false) of the page's address say what to show.
+pub fn run() {
+    let address = Address::read();
+    let still = address.get("still").unwrap_or(false);
+    let wishes = Wishes {
+        scene: address.get("scene").unwrap_or(SceneName::Demo),
+        technique: address.get("technique").unwrap_or_else(|| TECHNIQUE.to_owned()),
+    };
+    App::new()
+        .add_plugins((
+            DefaultPlugins.set(WindowPlugin {
+                primary_window: Some(Window {
+                    canvas: Some("#demo".to_owned()),
+                    fit_canvas_to_parent: true,
+                    ..default()
+                }),
+                ..default()
+            }),
+            FreeCameraPlugin,
+            SceneAnimationPlugin,
+            RayTracedReflectionsPlugin::default(),
+            ReflectionSettingsPanelPlugin {
+                open: address.get("panel").unwrap_or(true),
+                ..default()
+            },
+            PagePlugin { still },
+            ComparePlugin {
+                bar: address.get("bar").unwrap_or(true),
+            },
+        ))
+        // Input over the panel isn't meant for the camera.
+        .insert_resource(EguiGlobalSettings {
+            enable_absorb_bevy_input_system: true,
+            ..default()
+        })
+        .insert_resource(wishes)
+        .add_systems(
+            Startup,
+            (spawn_scene, move |mut time: ResMut<Time<Virtual>>| {
+                if still {
+                    time.pause();
+                }
+            }),
+        )
+        .run();
+}
+
+fn spawn_scene(world: &mut World) {
+    let wishes = world.resource::<Wishes>().clone();
+    spawn(wishes.scene, world);
+    let settings = named_settings(&wishes.technique).unwrap_or_else(|error| {
+        warn!("{error}");
+        default()
+    });
+    let (transform, projection) = camera(wishes.scene);
+    let light = environment(wishes.scene, world);
+    let mut camera = world.spawn((
+        Camera3d::default(),
+        Hdr,
+        Msaa::Off,
+        DepthPrepass,
+        DeferredPrepass,
+        Projection::from(projection),
+        transform,
+        FreeCamera {
+            walk_speed: 3.0,
+            run_speed: 12.0,
+            ..default()
+        },
+        settings,
+    ));
+    light.insert(&mut camera);
+}
