@@ -24,7 +24,7 @@ fn main() {
 /// Everything that the app adds to Bevy.
 pub fn plugin(app: &mut App) {
     app.add_plugins(RayTracedReflectionsPlugin::default())
-        .insert_resource(ClearColor(Color::srgb(0.93, 0.8, 0.68)))
+        .insert_resource(ClearColor(Color::srgb(0.55, 0.75, 1.0)))
         .add_systems(Startup, (spawn_terrace, spawn_glass, spawn_camera))
         .add_systems(Update, (move_waves, switch));
 }
@@ -74,7 +74,7 @@ fn spawn_terrace(
     }
     commands.spawn((
         DirectionalLight {
-            illuminance: 7_000.0,
+            illuminance: 10_000.0,
             shadow_maps_enabled: true,
             ..default()
         },
@@ -107,14 +107,14 @@ fn spawn_glass(
 ) {
     let water = materials.add(StandardMaterial {
         normal_map_texture: Some(images.add(waves())),
-        ..glass(0x0a2a30, 0.3, 0.4, 0.02)
+        ..glass(0x0a2a30, 0.1, 0.4, 0.02)
     });
     commands.insert_resource(Water(water.clone()));
     let plane = Plane3d::default().mesh().size(6.4, 6.2).build();
     let surface = meshes.add(plane.clone().with_generated_tangents().unwrap_or(plane));
     let at = Transform::from_xyz(0.0, -0.12, -0.9);
     commands.spawn((Mesh3d(surface), MeshMaterial3d(water), at));
-    let pane = materials.add(glass(0, 0.15, 0.8, 0.0));
+    let pane = materials.add(glass(0, 0.0, 0.8, 0.0));
     let window = meshes.add(Rectangle::new(2.6, 2.6));
     for at in [-3.1, 0.0, 3.1].map(|x| Transform::from_xyz(x, 1.3, -6.3)) {
         commands.spawn((Mesh3d(window.clone()), MeshMaterial3d(pane.clone()), at));
@@ -127,7 +127,7 @@ fn spawn_glass(
 }
 
 fn spawn_camera(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
-    let [top, horizon] = [Color::srgb(0.2, 0.42, 0.85), Color::srgb(0.98, 0.82, 0.66)];
+    let [top, horizon] = [Color::srgb(0.15, 0.4, 0.95), Color::srgb(0.75, 0.86, 1.0)];
     let sky = EnvironmentMapLight::hemispherical_gradient(&mut images, top, horizon, Color::srgb(0.4, 0.34, 0.28));
     commands.spawn((
         Camera3d::default(),

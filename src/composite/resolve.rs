@@ -16,9 +16,9 @@ use bevy::{
 /// Surfaces whose reflection is added to the frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Surfaces {
-    /// Those of Bevy's G-buffer.
+    /// Surfaces in Bevy's G-buffer.
     Opaque,
-    /// Those of the front layer.
+    /// Surfaces in the front layer.
     FrontLayer,
 }
 

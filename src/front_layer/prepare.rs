@@ -115,7 +115,7 @@ pub(super) fn prepare_front_layers(
         let frame = view.frame(&surroundings).of_other_surfaces();
         match layer {
             Some(mut layer) if layer.fits(sizes, needs, extent) => {
-                // What it held before it was idle is of another time.
+                // Its history is older than the last frame.
                 settings.reset |= layer.idle > 0;
                 layer.idle = 0;
                 layer.set_rects(rects, &device, &queue);

@@ -108,7 +108,13 @@ mod tests {
     }
 
     fn rects(boxes: &[Option<ObjectBox>]) -> Vec<URect> {
-        let projection = Mat4::perspective_infinite_reverse_rh(1.0, 2.0, 0.1);
+        // Infinite and reversed, as Bevy's: 53 degrees high, twice as wide, from 0.1 m on.
+        let projection = Mat4::from_cols_array_2d(&[
+            [1.0, 0.0, 0.0, 0.0],
+            [0.0, 2.0, 0.0, 0.0],
+            [0.0, 0.0, 0.0, -1.0],
+            [0.0, 0.0, 0.1, 0.0],
+        ]);
         screen_rects(boxes, &projection, SIZE)
     }
 

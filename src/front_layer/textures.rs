@@ -24,7 +24,7 @@ pub(super) const DEPTH_FORMAT: TextureFormat = TextureFormat::Depth32Float;
 pub(super) struct LayerTextures {
     pub size: UVec2,
     pub words: TextureView,
-    /// What `draw.wesl` turns into motion and depth.
+    /// Motion and depth, before `draw.wesl` draws them.
     pub places: TextureView,
     pub motion: TextureView,
     pub depth: TextureView,

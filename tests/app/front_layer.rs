@@ -132,7 +132,7 @@ fn set_material(app: &mut HeadlessApp, object: Entity, material: StandardMateria
     *world.resource_mut::<Assets<StandardMaterial>>().get_mut(id).unwrap() = material;
 }
 
-/// What is traced takes the place of the environment's light: a black wall before a pane darkens it in white surroundings.
+/// Traced light takes the place of the environment's: a black wall before a pane darkens it in white surroundings.
 #[test]
 fn a_pane_shows_what_is_before_it_in_place_of_the_environment() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
