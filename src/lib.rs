@@ -57,6 +57,7 @@ mod diagnostics;
 mod events;
 mod extract;
 mod fallback;
+mod front_layer;
 mod gbuffer;
 pub mod manual;
 mod node;

@@ -2,7 +2,7 @@
 
 use crate::{
     common::{HIT_COUNT, MIRROR_RAY_COUNT, RAY_COUNT, TILE_COUNT, word_offset},
-    composite::{CompositePipelines, composite_reflection},
+    composite::{CompositePipelines, Surfaces, composite_reflection},
     denoise::{DenoisePipelines, denoise},
     device::tracing_app,
     diagnostics::{TotalTimeOnly, WithoutReflections},
@@ -91,7 +91,7 @@ fn ray_traced_reflections(
         denoise(&mut ctx, denoisers, &context, stages);
         let span = stages.time_span(ctx.command_encoder(), "composite");
         if pipelines.without_reflections.is_none() {
-            composite_reflection(&mut ctx, composite, &context, view.target);
+            composite_reflection(&mut ctx, composite, &context, view.target, Surfaces::Opaque);
         }
         span.end(ctx.command_encoder());
     }

@@ -46,7 +46,9 @@ pub enum ReflectionSystems {
     /// In `Core3d`, within [`MainPass`](Core3dSystems::MainPass), after deferred lighting and before the opaque forward pass: traces,
     /// denoises, and adds reflections to the frame.
     Passes,
-    /// In `Core3d`, after [`MainPass`](Core3dSystems::MainPass), before wireframes and post-processing: draws debug views.
+    /// In `Core3d`, after [`MainPass`](Core3dSystems::MainPass), before wireframes and post-processing: the same for transparent surfaces.
+    FrontLayerPasses,
+    /// In `Core3d`, after [`FrontLayerPasses`](Self::FrontLayerPasses), before wireframes and post-processing: draws debug views.
     DebugViews,
 }
 
@@ -89,7 +91,8 @@ impl Plugin for SchedulePlugin {
                         .before(main_opaque_pass_3d)
                         .in_set(Core3dSystems::MainPass),
                     // Over all that is drawn, and under wireframes.
-                    ReflectionSystems::DebugViews
+                    (ReflectionSystems::FrontLayerPasses, ReflectionSystems::DebugViews)
+                        .chain()
                         .after(Core3dSystems::MainPass)
                         .before(wireframe_3d)
                         .before(Core3dSystems::EarlyPostProcess),

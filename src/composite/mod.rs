@@ -3,6 +3,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `resolve`, `resolved.wesl` | light that the reflection adds to each pixel |
+//! | `front_layer.wesl` | the same for transparent surfaces |
 //! | `add` | the addition where compute shaders can't write the frame |
 //! | `pipelines.rs` | which of the two passes run |
 
@@ -13,7 +14,7 @@ mod resolve;
 pub use pipelines::CompositePipelines;
 
 pub(crate) use pipelines::composite_reflection;
-pub(crate) use resolve::composited_radiance;
+pub(crate) use resolve::{Surfaces, composited_radiance};
 
 use crate::{device::tracing_app, schedule::ReflectionSystems};
 use bevy::{
@@ -33,6 +34,7 @@ impl Plugin for CompositePlugin {
         if app.get_sub_app(RenderApp).is_none() {
             return;
         }
+        load_shader_library!(app, "front_layer.wesl");
         load_shader_library!(app, "resolved.wesl");
         embedded_asset!(app, "resolve.wesl");
         embedded_asset!(app, "add.wesl");

@@ -1,6 +1,9 @@
 //! The passes of the composite: which of them a view needs, and how they are compiled and run.
 
-use super::{add::AddPass, resolve::Resolve};
+use super::{
+    add::AddPass,
+    resolve::{Resolve, Surfaces},
+};
 use crate::{
     device::{FRAME_FORMAT, WritesInPlace},
     gbuffer::{GBufferPass, PassContext, PassShader},
@@ -26,10 +29,10 @@ use bevy::{
 #[derive(Resource)]
 pub struct CompositePipelines {
     shader: Handle<Shader>,
-    resolve: HashMap<Resolve, GBufferPass>,
+    resolve: HashMap<Resolve, GBufferPass<Surfaces>>,
     add: AddPass,
     /// Requested passes, each with the format of its frames.
-    wanted: HashSet<(Resolve, TextureFormat)>,
+    wanted: HashSet<(Resolve, Surfaces, TextureFormat)>,
 }
 
 /// The pass that resolves the reflection of a view with these settings.
@@ -43,10 +46,12 @@ fn resolve_of(settings: &ClampedSettings, format: TextureFormat, in_place: Write
 impl CompositePipelines {
     /// Asks for the passes of a view with frames of this format; they are compiled from the next frame on.
     pub(crate) fn request(&mut self, settings: &ClampedSettings, format: TextureFormat, in_place: WritesInPlace) {
-        self.wanted.insert((resolve_of(settings, format, in_place), format));
+        let resolve = resolve_of(settings, format, in_place);
+        self.wanted
+            .extend(Surfaces::of(settings).map(|surfaces| (resolve, surfaces, format)));
     }
 
-    /// All that a view with frames of this format needs can be used.
+    /// All that the opaque surfaces of a view with frames of this format need can be used.
     pub(crate) fn is_ready(
         &self,
         cache: &PipelineCache,
@@ -55,7 +60,7 @@ impl CompositePipelines {
         in_place: WritesInPlace,
     ) -> bool {
         let resolve = resolve_of(settings, format, in_place);
-        self.resolve[&resolve].pipeline(&(), cache).is_some()
+        self.resolve[&resolve].pipeline(&Surfaces::Opaque, cache).is_some()
             && (resolve != Resolve::Apart || self.add.is_ready(format, cache))
     }
 }
@@ -83,11 +88,11 @@ pub(super) fn queue_composite_pipelines(mut pipelines: ResMut<CompositePipelines
         add,
         wanted,
     } = &mut *pipelines;
-    for &(kind, format) in &*wanted {
+    for &(kind, surfaces, format) in &*wanted {
         if let Some(pass) = resolve.get_mut(&kind) {
-            pass.queue((), &cache, || PassShader {
+            pass.queue(surfaces, &cache, || PassShader {
                 shader: shader.clone(),
-                defs: kind.shader_defs(),
+                defs: [kind.shader_defs(), surfaces.shader_defs()].concat(),
                 entry_point: Some("resolve"),
             });
         }
@@ -123,19 +128,20 @@ pub(super) fn allow_writes_in_place(
     }
 }
 
-/// Adds the reflection to the lit frame.
+/// Adds the reflection of some surfaces to the lit frame.
 pub(crate) fn composite_reflection(
     ctx: &mut RenderContext,
     pipelines: &CompositePipelines,
     context: &PassContext,
     target: &ViewTarget,
+    surfaces: Surfaces,
 ) {
     let kind = Resolve::new(context.targets().reflection.is_none(), context.images().is_some());
     if kind != Resolve::Apart && !target.main_texture().usage().contains(TextureUsages::STORAGE_BINDING) {
         return;
     }
-    kind.run(ctx, &pipelines.resolve[&kind], context);
-    if kind == Resolve::Apart {
+    let runs = kind.run(ctx, &pipelines.resolve[&kind], context, surfaces);
+    if runs && kind == Resolve::Apart {
         pipelines.add.run(ctx, context, target);
     }
 }

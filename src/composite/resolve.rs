@@ -5,12 +5,40 @@ use crate::{
     denoise,
     device::FRAME_FORMAT,
     gbuffer::{Binding, GBufferPass, OtherGroups, PassContext},
+    settings::ClampedSettings,
     targets::REFLECTION_FORMAT,
 };
 use bevy::{
     render::{render_resource::TextureView, renderer::RenderContext},
     shader::ShaderDefVal,
 };
+
+/// Surfaces whose reflection is added to the frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Surfaces {
+    /// Surfaces in Bevy's G-buffer.
+    Opaque,
+    /// Surfaces in the front layer.
+    FrontLayer,
+}
+
+impl Surfaces {
+    const ALL: [Self; 2] = [Self::Opaque, Self::FrontLayer];
+
+    pub fn of(settings: &ClampedSettings) -> impl Iterator<Item = Self> + use<> {
+        let transparent = settings.transparent;
+        Self::ALL
+            .into_iter()
+            .filter(move |surfaces| transparent || *surfaces == Self::Opaque)
+    }
+
+    pub fn shader_defs(self) -> Vec<ShaderDefVal> {
+        match self {
+            Self::Opaque => vec![],
+            Self::FrontLayer => vec!["FRONT_LAYER".into()],
+        }
+    }
+}
 
 /// Destination of the result, and the pixels that are visited.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -43,7 +71,7 @@ impl Resolve {
         }
     }
 
-    pub fn pass(self) -> GBufferPass {
+    pub fn pass(self) -> GBufferPass<Surfaces> {
         let output = match self {
             Self::Apart => Binding::written(REFLECTION_FORMAT, |context| context.targets().reflection.as_ref()),
             Self::InPlace | Self::InPlaceTiles => Binding::read_written(FRAME_FORMAT, |context| Some(context.frame)),
@@ -63,10 +91,16 @@ impl Resolve {
         GBufferPass::new("glint_resolve", bindings, OtherGroups::Environment)
     }
 
-    /// Resolves the reflection of one view.
-    pub fn run(self, ctx: &mut RenderContext, pass: &GBufferPass, context: &PassContext) {
-        let Some(mut pass) = pass.begin(ctx, context, [()], &[]) else {
-            return;
+    /// Resolves the reflection of one view. Returns false where the pass isn't compiled.
+    pub fn run(
+        self,
+        ctx: &mut RenderContext,
+        pass: &GBufferPass<Surfaces>,
+        context: &PassContext,
+        surfaces: Surfaces,
+    ) -> bool {
+        let Some(mut pass) = pass.begin(ctx, context, [surfaces], &[]) else {
+            return false;
         };
         if self == Self::InPlaceTiles {
             pass.dispatch_workgroups_indirect(&context.targets().indirect_args, word_offset(TILE_DISPATCH));
@@ -74,6 +108,7 @@ impl Resolve {
             let size = context.textures.size();
             pass.dispatch_workgroups(size.x.div_ceil(8), size.y.div_ceil(8), 1);
         }
+        true
     }
 }
 

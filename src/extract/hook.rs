@@ -4,8 +4,9 @@
 //! reflecting view gets a uniform of ours, and [`drop_ssr_pass`] keeps the screen-space pass itself from running.
 
 use crate::{
+    front_layer::FrontLayer,
     settings::{ClampedSettings, ReflectionView},
-    view::{ReflectionTextures, ViewCulling},
+    view::{MoreMemory, ReflectionTextures, ViewCulling},
 };
 use bevy::{
     ecs::prelude::*,
@@ -16,7 +17,7 @@ use bevy::{
 };
 
 /// Components of ours on a reflecting view.
-pub(super) type OursOfAView = (ReflectionView, ReflectionTextures, ViewCulling);
+pub(super) type OursOfAView = (ReflectionView, ReflectionTextures, ViewCulling, FrontLayer, MoreMemory);
 
 /// The same, and what is borrowed from Bevy's screen-space reflections. The environment's specular term comes back with its
 /// removal.
@@ -24,6 +25,8 @@ pub(super) type AllOfAView = (
     ReflectionView,
     ReflectionTextures,
     ViewCulling,
+    FrontLayer,
+    MoreMemory,
     ScreenSpaceReflectionsUniform,
     ViewScreenSpaceReflectionsUniformOffset,
     ScreenSpaceReflectionsPipelineId,

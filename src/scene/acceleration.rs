@@ -28,6 +28,8 @@ use bevy::{
 pub const MASK_REFLECTED: u8 = 1;
 /// Cull mask bit of what blocks shadow rays.
 pub const MASK_CASTS_SHADOW: u8 = 2;
+/// Cull mask bit of what may let rays pass.
+pub const MASK_HAS_HOLES: u8 = 4;
 
 /// Triangles that go into one build command, to bound the driver's scratch memory.
 const TRIANGLES_PER_BUILD: u32 = 4_000_000;
@@ -172,6 +174,9 @@ impl AccelerationStructures {
             let mut mask = MASK_REFLECTED;
             if instance.flags & INSTANCE_CASTS_SHADOW != 0 {
                 mask |= MASK_CASTS_SHADOW;
+            }
+            if instance.flags & INSTANCE_ALPHA_MASKED != 0 {
+                mask |= MASK_HAS_HOLES;
             }
             Some(TlasInstance::new(
                 blas,

@@ -13,6 +13,7 @@ use super::{
     merge::StaticMerge,
     meshes::SceneMeshes,
     pose::Poses,
+    see_through::SeeThroughObjects,
     textures::TextureTable,
     top_level::TopLevel,
     upload::StorageSlice,
@@ -56,6 +57,8 @@ pub struct SceneBindings {
     pub(super) merge: StaticMerge,
     pub(super) masks: MaskSets,
     pub(super) poses: Poses,
+    /// Objects with glass, water and the like.
+    pub(crate) see_through: SeeThroughObjects,
     pub(super) acceleration: Option<AccelerationStructures>,
     /// Rays can hit something that needs the alpha test, or it isn't known yet whether they can.
     masked: bool,
@@ -95,6 +98,7 @@ impl FromWorld for SceneBindings {
             merge: StaticMerge::default(),
             masks: MaskSets::default(),
             poses: Poses::new(world, tracer),
+            see_through: SeeThroughObjects::default(),
             acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
             masked: true,
             deep: false,
@@ -145,6 +149,7 @@ impl SceneBindings {
         self.masks.clear(meshes);
         self.poses.clear(meshes);
         self.top_level.clear(meshes);
+        self.see_through = SeeThroughObjects::default();
         self.set_masked(true);
         self.set_deep(false);
         self.bind_group = None;

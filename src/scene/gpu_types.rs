@@ -41,6 +41,11 @@ pub const MATERIAL_RESTLESS: u32 = 64;
 /// Distance fog lies over the surface.
 pub const MATERIAL_FOG: u32 = 128;
 
+/// The surface is drawn over the opaque picture.
+pub const MATERIAL_SEE_THROUGH: u32 = 256;
+/// Alpha scales the light that it reflects.
+pub const MATERIAL_FADES: u32 = 512;
+
 /// Slot of [`GpuMaterial::textures`].
 pub const TEXTURE_BASE_COLOR: usize = 0;
 /// Slot of [`GpuMaterial::textures`].

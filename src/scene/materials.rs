@@ -25,6 +25,7 @@ use super::{
     change::{Change, RESTLESS_FRAMES},
     free_slots::FreeSlots,
     gpu_types::*,
+    see_through::{see_through_flags, stop_probability},
     textures::TextureTable,
     waiting_room::WaitingRoom,
 };
@@ -102,16 +103,6 @@ pub fn instance_flags(material: &StandardMaterial) -> u32 {
 /// Alpha below which blended surfaces cast no shadow in Bevy's shadow maps.
 const BLENDED_SHADOW_CUTOFF: f32 = 0.05;
 
-/// The probability with which a ray stops where alpha is 1; `None` for materials that let no ray through by chance.
-fn stop_probability(material: &StandardMaterial) -> Option<f32> {
-    let stopped = 1.0 - unit_or(material.specular_transmission, 0.0);
-    match material.alpha_mode {
-        AlphaMode::Mask(_) => None,
-        AlphaMode::Opaque => (stopped < 1.0).then_some(stopped),
-        _ => Some(stopped),
-    }
-}
-
 /// The images of a material in the order of the `TEXTURE_` constants.
 pub fn texture_ids(material: &StandardMaterial) -> [Option<AssetId<Image>>; 5] {
     let mut ids = [None; 5];
@@ -144,7 +135,7 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
     let tint_luminance = 0.2126 * tint.red + 0.7152 * tint.green + 0.0722 * tint.blue;
 
     let stopped = stop_probability(material);
-    let mut flags = 0;
+    let mut flags = see_through_flags(material);
     for (flag, set) in [
         (MATERIAL_UNLIT, material.unlit),
         (MATERIAL_FOG, material.fog_enabled),

@@ -23,6 +23,7 @@ pub mod meshes;
 mod pose;
 mod prepare;
 pub(crate) mod reflected_material;
+pub(crate) mod see_through;
 #[cfg(test)]
 mod test_gpu;
 mod texture_layers;

@@ -25,6 +25,7 @@ pub(crate) struct ClampedSettings {
     pub shadow_rays: bool,
     /// `None` for ray cones.
     pub fixed_mip: Option<f32>,
+    pub transparent: bool,
 }
 
 /// The border between the last step of 1/255 that `cutoff` includes and the next: Bevy's lighting and ours must agree on each pixel.
@@ -65,6 +66,7 @@ impl From<&RayTracedReflections> for ClampedSettings {
                 ReflectionTextureMip::RayCone => None,
                 ReflectionTextureMip::Fixed(level) => Some(number_or(level, PAPER_LEVEL).clamp(0.0, 16.0)),
             },
+            transparent: settings.transparent,
         }
     }
 }

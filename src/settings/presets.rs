@@ -41,6 +41,7 @@ impl ReflectionPreset {
                     full_resolution_mirrors: false,
                     denoiser: ReflectionDenoiser::PAPER,
                     texture_mip: ReflectionTextureMip::PAPER,
+                    transparent: false,
                     ..default
                 },
                 ShadingRateHeuristic::PAPER_ROUGHNESS,

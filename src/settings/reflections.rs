@@ -16,7 +16,7 @@ use bevy::{
 /// and stay on the camera, since others may use them, too. Don't take them with `remove_with_requires`: that includes
 /// `SyncToRenderWorld`, without which Bevy draws the camera no more.
 ///
-/// Only surfaces that are rendered *deferred* reflect: the plugin makes opaque materials so
+/// Opaque surfaces reflect if they are rendered *deferred*: the plugin makes opaque materials so
 /// ([`deferred_by_default`](crate::RayTracedReflectionsPlugin::deferred_by_default)), unless a material's
 /// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method) says otherwise. Everything with a `Mesh3d` and a
 /// `MeshMaterial3d<StandardMaterial>` *is reflected*, unless it carries [`NotReflected`]; other material types with a
@@ -77,6 +77,10 @@ pub struct RayTracedReflections {
     pub shadow_rays: bool,
     /// Which mip level of a texture is read where a ray hits. Default: [`ReflectionTextureMip::RayCone`].
     pub texture_mip: ReflectionTextureMip,
+    /// Glass and water show traced reflections, too: in each pixel the front-most surface that is blended, premultiplied or specularly
+    /// transmissive, as long as rays see its object. While none is on the screen, nothing runs and no memory is taken. While
+    /// one is, the camera has a second G-buffer and a second set of textures, and rays for such surfaces. Default: true.
+    pub transparent: bool,
     /// Forgets all history in the next frame: set it when the camera jumps. It clears itself. Default: true, so that a new
     /// component starts clean.
     pub reset: bool,
@@ -97,6 +101,7 @@ impl Default for RayTracedReflections {
             bounce_roughness_cutoff: 0.3,
             shadow_rays: true,
             texture_mip: ReflectionTextureMip::default(),
+            transparent: true,
             reset: true,
         }
     }

@@ -241,6 +241,12 @@ fn reach(ui: &mut Ui, settings: &mut RayTracedReflections) {
         &mut settings.shadow_rays,
         default.shadow_rays,
     );
+    flag(
+        ui,
+        Row::new("Glass and water", tooltip!(RayTracedReflections.transparent)),
+        &mut settings.transparent,
+        default.transparent,
+    );
     texture_mip(ui, &mut settings.texture_mip);
 }
 

@@ -18,16 +18,20 @@ pub use culling::ViewCulling;
 pub use textures::ReflectionTextures;
 pub use uniform::GpuReflectionView;
 
-pub(crate) use prepare::RefusedViews;
+pub(crate) use prepare::{MoreMemory, PreparedView, RefusedViews, Surroundings};
 
 use crate::{device::tracing_app, schedule::ReflectionSystems};
 use bevy::{
     app::{App, Plugin},
-    ecs::schedule::IntoScheduleConfigs,
+    ecs::schedule::{IntoScheduleConfigs, SystemSet},
     render::{Render, RenderApp, RenderSystems},
     shader::load_shader_library,
 };
 use prepare::{prepare_views, publish_memory};
+
+/// Textures and uniforms of views are made.
+#[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct PreparedViews;
 
 /// Registers the shader and the systems of this folder.
 pub(crate) struct ViewPlugin;
@@ -44,7 +48,9 @@ impl Plugin for ViewPlugin {
         render_app.init_resource::<RefusedViews>().add_systems(
             Render,
             (
-                prepare_views.in_set(ReflectionSystems::PrepareViews),
+                prepare_views
+                    .in_set(ReflectionSystems::PrepareViews)
+                    .in_set(PreparedViews),
                 publish_memory.in_set(RenderSystems::Cleanup),
             ),
         );

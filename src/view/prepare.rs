@@ -35,11 +35,11 @@ const REFUSED_FRAMES: u32 = 300;
 /// A reflecting view, with all that its frame depends on.
 #[derive(QueryData)]
 #[query_data(mutable)]
-pub(super) struct PreparedView {
-    entity: Entity,
-    view: &'static ReflectionView,
-    extracted: &'static ExtractedView,
-    camera: &'static ExtractedCamera,
+pub(crate) struct PreparedView {
+    pub entity: Entity,
+    pub view: &'static ReflectionView,
+    pub extracted: &'static ExtractedView,
+    pub camera: &'static ExtractedCamera,
     textures: Option<&'static mut ReflectionTextures>,
     culling: Option<&'static mut ViewCulling>,
     resolution: Option<&'static MainPassResolutionOverride>,
@@ -52,7 +52,7 @@ pub(super) struct PreparedView {
 
 /// The scene and its surroundings, as far as frames depend on them.
 #[derive(SystemParam)]
-pub(super) struct Surroundings<'w, 's> {
+pub(crate) struct Surroundings<'w, 's> {
     cameras: Query<'w, 's, &'static ExtractedCamera>,
     scene: Res<'w, SceneBindings>,
     environments: Res<'w, EnvironmentBindings>,
@@ -60,7 +60,7 @@ pub(super) struct Surroundings<'w, 's> {
 
 impl PreparedViewItem<'_, '_> {
     /// `None` for views without pixels.
-    fn sizes(&self) -> Option<Sizes> {
+    pub fn sizes(&self) -> Option<Sizes> {
         let viewport = self.camera.physical_viewport_size?;
         let resolution = self.resolution.map(|resolution| resolution.0.min(viewport));
         Some(Sizes {
@@ -70,7 +70,7 @@ impl PreparedViewItem<'_, '_> {
         })
     }
 
-    fn frame(&self, surroundings: &Surroundings) -> Frame {
+    pub fn frame(&self, surroundings: &Surroundings) -> Frame {
         let extracted = self.extracted;
         let mut flags = if self.ssao { VIEW_HAS_SSAO } else { 0 };
         if self.probes || self.volume {
@@ -143,7 +143,11 @@ pub(super) fn prepare_views(
                 textures.uniform.write_buffer(&device, &queue);
             }
             old => {
-                let create = || ReflectionTextures::new(&device, sizes, needs, old.as_deref());
+                let create = || {
+                    let mut textures = ReflectionTextures::new(&device, sizes, needs, old.as_deref());
+                    textures.targets.memory.push(ViewCulling::MEMORY);
+                    textures
+                };
                 let Some(mut textures) = try_allocate(&device, create) else {
                     // Textures of other sizes or settings are of no use.
                     commands.entity(entity).remove::<ReflectionTextures>();
@@ -170,24 +174,37 @@ fn is_screen(camera: &ExtractedCamera, own: &ExtractedCamera) -> bool {
     matches!(camera.target, Some(NormalizedRenderTarget::Image(_))) && camera.target != own.target
 }
 
+/// Label and bytes of what a view owns besides its [`ReflectionTextures`].
+#[derive(Component, Clone, Debug, Default)]
+pub(crate) struct MoreMemory(pub Vec<(&'static str, u64)>);
+
+impl MoreMemory {
+    fn bytes(&self) -> u64 {
+        self.0.iter().map(|(_, bytes)| bytes).sum()
+    }
+}
+
 /// Tells the main world what views own.
 pub(super) fn publish_memory(
-    views: Query<(&MainEntity, &ReflectionTextures)>,
+    views: Query<(&MainEntity, &ReflectionTextures, Option<&MoreMemory>)>,
     status: Res<ReflectionStatus>,
     mut published: Local<(usize, u64)>,
 ) {
     let mut present = (0, 0);
-    for (_, textures) in &views {
-        present = (present.0 + 1, present.1 + textures.bytes());
+    for (_, textures, more) in &views {
+        present = (
+            present.0 + 1,
+            present.1 + textures.bytes() + more.map_or(0, MoreMemory::bytes),
+        );
     }
     if present == *published {
         return;
     }
     *published = present;
-    let view_memory = views.iter().map(|(entity, textures)| ReflectionViewMemory {
+    let view_memory = views.iter().map(|(entity, textures, more)| ReflectionViewMemory {
         camera: entity.id(),
         pixels: u64::from(textures.size().x) * u64::from(textures.size().y),
-        parts: textures.targets.memory.clone(),
+        parts: [&textures.targets.memory[..], more.map_or(&[], |more| &more.0)].concat(),
     });
     status.update(|report| report.view_memory = view_memory.collect());
 }

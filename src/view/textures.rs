@@ -1,7 +1,6 @@
 //! Textures and uniform of one reflecting view, and its state from frame to frame.
 
 use super::{
-    culling::ViewCulling,
     static_view::{MOST_FRAMES, StaticView, ViewFingerprint},
     uniform::{Frame, FrameState, GpuReflectionView, PreviousFrame},
 };
@@ -37,12 +36,10 @@ pub struct ReflectionTextures {
 impl ReflectionTextures {
     /// `old` are the textures of the view in another size or for other settings. The sequence of samples goes on from theirs: else a
     /// view that is resized in each frame would see one sample for ever.
-    pub(super) fn new(device: &RenderDevice, sizes: Sizes, needs: Needs, old: Option<&Self>) -> Self {
-        let mut targets = Targets::new(device, sizes, needs);
-        targets.memory.push(ViewCulling::MEMORY);
+    pub(crate) fn new(device: &RenderDevice, sizes: Sizes, needs: Needs, old: Option<&Self>) -> Self {
         Self {
             origin: UVec2::ZERO,
-            targets,
+            targets: Targets::new(device, sizes, needs),
             uniform: UniformBuffer::default(),
             write_index: 0,
             accumulated: 0,
@@ -65,7 +62,7 @@ impl ReflectionTextures {
     }
 
     /// Brings the state forward by one frame and sets the uniform, which is still to be written to the GPU.
-    pub(super) fn begin_frame(&mut self, view: &ReflectionView, frame: &Frame) {
+    pub(crate) fn begin_frame(&mut self, view: &ReflectionView, frame: &Frame) {
         let converged = view.settings.technique == ReflectionTechnique::Converged;
         let scene_changed = core::mem::replace(&mut self.scene, frame.scene) != frame.scene;
         if view.reset || (scene_changed && converged) {

@@ -110,7 +110,7 @@ pub const VIEW_SUPPRESS_FIREFLIES: u32 = 32;
 pub const VIEW_MIRROR_HISTORY: u32 = 64;
 
 /// Properties of a view in one frame.
-pub(super) struct Frame {
+pub(crate) struct Frame {
     pub origin: UVec2,
     /// [`VIEW_HAS_SSAO`] and [`VIEW_HAS_IRRADIANCE`].
     pub flags: u32,
@@ -132,6 +132,19 @@ pub(super) struct Frame {
     pub has_screens: bool,
     /// Nothing is kept of it.
     pub culled: bool,
+}
+
+impl Frame {
+    /// The same for surfaces of the view that are not in Bevy's G-buffer: ambient occlusion is of what lies behind them, and nobody
+    /// tells which changes their rays meet.
+    pub fn of_other_surfaces(self) -> Self {
+        Self {
+            flags: self.flags & !VIEW_HAS_SSAO,
+            changes_met: None,
+            culled: false,
+            ..self
+        }
+    }
 }
 
 /// State that a view carries from frame to frame, as far as shaders see it.
@@ -219,7 +232,7 @@ fn flags(settings: &ClampedSettings, rate: &RateThresholds) -> u32 {
 /// Distance fog as shaders take it. Bevy fogs the lit frame before reflections are added to it: they are dimmed by the same
 /// transmittance, and rays add the fog between the surface and what it reflects (`trace/fog.wesl`).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Fog {
+pub(crate) struct Fog {
     /// [`GpuReflectionView::fog_mode`].
     mode: u32,
     alpha: f32,

@@ -16,6 +16,9 @@ mod custom_material;
 #[path = "../../examples/facing_mirrors.rs"]
 #[expect(dead_code, reason = "`main` opens a window")]
 mod facing_mirrors;
+#[path = "../../examples/glass_and_water.rs"]
+#[expect(dead_code, reason = "`main` opens a window")]
+mod glass_and_water;
 #[path = "../../examples/minimal.rs"]
 #[expect(dead_code, reason = "`main` opens a window")]
 mod minimal;
@@ -410,6 +413,19 @@ fn custom_heuristic() {
         println!("{what}: {found:.2}");
         assert!(found > 3.0, "{what}: {found}");
     }
+    example.assert_reflects(1.0);
+}
+
+#[test]
+fn glass_and_water() {
+    let Some(mut example) = Example::start("glass_and_water", glass_and_water::plugin) else {
+        return;
+    };
+    let traced = example.image("traced");
+    example.press(KeyCode::Space);
+    let opaque_alone = example.image("opaque-alone");
+    example.assert_differs("glass and water without rays", &traced, &opaque_alone, 1.0);
+    example.press(KeyCode::Space);
     example.assert_reflects(1.0);
 }
 

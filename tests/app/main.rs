@@ -16,6 +16,7 @@ mod dynamics;
 mod effects;
 mod events;
 mod examples;
+mod front_layer;
 mod ground_truth;
 mod idle;
 mod levels;

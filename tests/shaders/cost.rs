@@ -37,7 +37,7 @@ const SCENES: [&[&str]; 4] = [
 ];
 
 /// Passes that trace and shade, which are compiled for a scene.
-const SCENE_PASSES: [(&str, &[&str]); 9] = [
+const SCENE_PASSES: [(&str, &[&str]); 10] = [
     ("trace/blocks", &[]),
     ("trace/blocks", &["MIRRORS"]),
     ("trace/blocks", &["MIRRORS", "BOUNCES"]),
@@ -47,10 +47,11 @@ const SCENE_PASSES: [(&str, &[&str]); 9] = [
     ("trace/converged", &[]),
     ("trace/converged", &["BOUNCES"]),
     ("trace/inline", &[]),
+    ("front_layer/find", &["FRONT_LAYER"]),
 ];
 
 /// All others.
-const PASSES: [(&str, &[&str]); 22] = [
+const PASSES: [(&str, &[&str]); 24] = [
     ("rate/classify", &[]),
     ("rate/classify", &["ROUGHNESS"]),
     ("rate/classify", &["GRAZING", "TILE_ANGLES"]),
@@ -70,7 +71,9 @@ const PASSES: [(&str, &[&str]); 22] = [
     ("composite/resolve", &[]),
     ("composite/resolve", &["IN_PLACE"]),
     ("composite/resolve", &["IN_PLACE", "TILES"]),
+    ("composite/resolve", &["IN_PLACE", "TILES", "FRONT_LAYER"]),
     ("composite/add", &[]),
+    ("front_layer/draw", &[]),
     ("trace/vrs", &[]),
     ("scene/pose/pose", &[]),
     ("scene/pose/refit", &[]),

@@ -1,0 +1,110 @@
+//! The pass that finds the front layer of a view: one ray for each pixel of its rectangles.
+
+use super::{
+    draw::DrawPass,
+    rects::GpuRects,
+    textures::{LayerTextures, PLACES_FORMAT, WORDS_FORMAT},
+};
+use crate::{
+    gbuffer::{Binding, GBufferPass, OtherGroups, PassContext, PassShader},
+    scene::SceneBindings,
+    settings::ReflectionView,
+};
+use bevy::{
+    asset::{AssetServer, Handle, load_embedded_asset},
+    ecs::prelude::*,
+    log::error_once,
+    render::{
+        render_resource::{
+            BindingResource, IntoBinding, PipelineCache, StorageTextureAccess, TextureFormat, UniformBuffer,
+            binding_types,
+        },
+        renderer::RenderContext,
+    },
+    shader::Shader,
+};
+
+/// The pass, in a variant for trees that need a larger stack and one for those that don't.
+#[derive(Resource)]
+pub(super) struct FindPass {
+    shader: Handle<Shader>,
+    pass: GBufferPass<bool>,
+    /// The scene's trees need a larger stack.
+    deep: bool,
+}
+
+/// Declares what the pass binds.
+pub(super) fn init_find_pass(mut commands: Commands, asset_server: Res<AssetServer>, scene: Res<SceneBindings>) {
+    let written = |format: TextureFormat| {
+        Binding::given(binding_types::texture_storage_2d(
+            format,
+            StorageTextureAccess::WriteOnly,
+        ))
+    };
+    let bindings = vec![
+        written(WORDS_FORMAT),
+        written(PLACES_FORMAT),
+        Binding::given(binding_types::uniform_buffer::<GpuRects>(false)),
+    ];
+    let groups = OtherGroups::SceneAndEnvironment(scene.layout.clone());
+    commands.insert_resource(FindPass {
+        shader: load_embedded_asset!(asset_server.as_ref(), "find.wesl"),
+        pass: GBufferPass::new("glint_find_front_layer", bindings, groups),
+        deep: false,
+    });
+}
+
+/// Has both passes compiled as soon as a camera wants it in a scene with see-through objects.
+pub(super) fn queue_layer_passes(
+    views: Query<&ReflectionView>,
+    mut find: ResMut<FindPass>,
+    mut draw: ResMut<DrawPass>,
+    scene: Res<SceneBindings>,
+    cache: Res<PipelineCache>,
+) {
+    let is_wanted = views.iter().any(|view| view.settings.transparent);
+    if !is_wanted || scene.see_through.entities().next().is_none() {
+        return;
+    }
+    draw.queue(&cache);
+    let FindPass { shader, pass, deep } = &mut *find;
+    *deep = scene.has_deep_trees();
+    pass.queue(*deep, &cache, || {
+        // See-through surfaces need the alpha test.
+        let mut defs = scene.shader_defs_for(true);
+        defs.push("FRONT_LAYER".into());
+        PassShader {
+            shader: shader.clone(),
+            defs,
+            entry_point: Some("find"),
+        }
+    });
+    if let Some((_, error)) = pass.errors(&cache).next() {
+        error_once!(
+            "transparent surfaces show no ray-traced reflections, since the shader that finds them failed: {error}"
+        );
+    }
+}
+
+impl FindPass {
+    /// Finds the layer of a view, whose context is that of its opaque surfaces. Returns false where the pass isn't compiled.
+    pub fn run(
+        &self,
+        ctx: &mut RenderContext,
+        context: &PassContext,
+        layer: &LayerTextures,
+        rects: &UniformBuffer<GpuRects>,
+    ) -> bool {
+        let Some(rects) = rects.binding() else {
+            return false;
+        };
+        let given: [BindingResource; 3] = [layer.words.into_binding(), layer.places.into_binding(), rects];
+        // A stack that is too small misses some surfaces: better than nothing while the other is compiled.
+        let Some(mut pass) = self.pass.begin(ctx, context, [self.deep, false], &given) else {
+            return false;
+        };
+        let size = context.textures.size();
+        pass.dispatch_workgroups(size.x.div_ceil(8), size.y.div_ceil(8), 1);
+        true
+    }
+}

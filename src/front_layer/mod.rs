@@ -1,0 +1,85 @@
+//! Reflections on glass, water and the like: what is drawn over the opaque picture.
+//!
+//! The front-most of these surfaces in each pixel are the *front layer*. A ray from the viewer finds them, and writes what it finds in the
+//! formats of Bevy's G-buffer. So the same passes that trace and denoise the reflections of opaque surfaces run over it.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `boxes.rs` | where see-through objects are |
+//! | `rects.rs` | which part of a view they may cover |
+//! | `textures.rs` | the textures of the layer |
+//! | `find` | the rays that find it |
+//! | `draw` | what of it takes a raster pass to write |
+//! | `prepare.rs` | when all of this exists |
+//! | `passes.rs` | the passes over it |
+
+mod boxes;
+mod draw;
+mod find;
+mod passes;
+mod prepare;
+mod rects;
+mod textures;
+
+pub use prepare::FrontLayer;
+
+use crate::{device::tracing_app, scene::SceneBindings, schedule::ReflectionSystems, view::PreparedViews};
+use bevy::{
+    app::{App, Plugin},
+    asset::embedded_asset,
+    core_pipeline::{
+        core_3d::{main_opaque_pass_3d, main_transparent_pass_3d},
+        schedule::{Core3d, Core3dSystems},
+    },
+    ecs::schedule::IntoScheduleConfigs,
+    pbr::main_transmissive_pass_3d,
+    render::{ExtractSchedule, Render, RenderApp, RenderStartup, init_gpu_resource},
+};
+use boxes::{SeeThroughBoxes, extract_boxes};
+use draw::init_draw_pass;
+use find::{init_find_pass, queue_layer_passes};
+use passes::{find_front_layers, reflect_on_front_layers};
+use prepare::prepare_front_layers;
+
+/// Registers the shader, the pipelines and the systems of this folder.
+pub(crate) struct FrontLayerPlugin;
+
+impl Plugin for FrontLayerPlugin {
+    fn build(&self, app: &mut App) {
+        if app.get_sub_app(RenderApp).is_some() {
+            embedded_asset!(app, "draw.wesl");
+            embedded_asset!(app, "find.wesl");
+        }
+    }
+
+    fn finish(&self, app: &mut App) {
+        let Some(render_app) = tracing_app(app) else { return };
+        render_app
+            .init_resource::<SeeThroughBoxes>()
+            .add_systems(
+                RenderStartup,
+                (init_draw_pass, init_find_pass.after(init_gpu_resource::<SceneBindings>)),
+            )
+            .add_systems(ExtractSchedule, extract_boxes.in_set(ReflectionSystems::ExtractScene))
+            .add_systems(
+                Render,
+                (
+                    queue_layer_passes.in_set(ReflectionSystems::QueuePipelines),
+                    prepare_front_layers
+                        .after(PreparedViews)
+                        .in_set(ReflectionSystems::PrepareViews),
+                ),
+            )
+            .add_systems(
+                Core3d,
+                (
+                    find_front_layers
+                        .after(main_opaque_pass_3d)
+                        .before(main_transmissive_pass_3d)
+                        .before(main_transparent_pass_3d)
+                        .in_set(Core3dSystems::MainPass),
+                    reflect_on_front_layers.in_set(ReflectionSystems::FrontLayerPasses),
+                ),
+            );
+    }
+}

@@ -1,0 +1,153 @@
+//! Rectangles of a view that see-through objects may cover.
+
+use super::boxes::ObjectBox;
+use bevy::{
+    math::{Mat4, URect, UVec2, UVec4, Vec2, Vec3A, Vec4},
+    render::render_resource::ShaderType,
+};
+
+/// Rectangles of a view at most, since each is a draw; `find.wesl` has the same number. More objects share the rectangle around all of
+/// them.
+const MOST_RECTS: usize = 16;
+/// Corners that lie nearer than this in clip space may cover anything.
+const NEAREST: f32 = 1e-5;
+
+/// Rectangles as `find.wesl` takes them.
+#[derive(ShaderType, Clone, Default)]
+pub(super) struct GpuRects {
+    count: u32,
+    /// First pixel, and the one behind the last.
+    corners: [UVec4; MOST_RECTS],
+}
+
+impl From<&[URect]> for GpuRects {
+    fn from(rects: &[URect]) -> Self {
+        let mut gpu = Self::default();
+        for (corners, rect) in gpu.corners.iter_mut().zip(rects) {
+            *corners = UVec4::new(rect.min.x, rect.min.y, rect.max.x, rect.max.y);
+            gpu.count += 1;
+        }
+        gpu
+    }
+}
+
+/// Rectangles that don't overlap and hold every pixel of the boxes. `None` among these is a box that may be anywhere.
+pub(super) fn screen_rects(boxes: &[Option<ObjectBox>], clip_from_world: &Mat4, size: UVec2) -> Vec<URect> {
+    let whole = URect::from_corners(UVec2::ZERO, size);
+    let mut rects: Vec<URect> = Vec::new();
+    for found in boxes {
+        let rect = match found {
+            Some(found) => box_rect(found, clip_from_world, size),
+            None => Some(whole),
+        };
+        let Some(mut rect) = rect.filter(|rect| !rect.is_empty()) else {
+            continue;
+        };
+        // One that has grown may overlap others.
+        while let Some(index) = rects.iter().position(|other| !other.intersect(rect).is_empty()) {
+            rect = rect.union(rects.swap_remove(index));
+        }
+        rects.push(rect);
+    }
+    if rects.len() > MOST_RECTS {
+        let all = rects.iter().copied().reduce(|a, b| a.union(b));
+        return all.into_iter().collect();
+    }
+    rects
+}
+
+/// Pixels that a box may cover; `None` for one out of sight.
+fn box_rect(found: &ObjectBox, clip_from_world: &Mat4, size: UVec2) -> Option<URect> {
+    let whole = URect::from_corners(UVec2::ZERO, size);
+    let corners: [Vec4; 8] = core::array::from_fn(|index| {
+        let sign = |bit: usize| if index & bit == 0 { -1.0 } else { 1.0 };
+        let offset = Vec3A::new(sign(1), sign(2), sign(4)) * found.half_extents;
+        let world = found.world_from_object.transform_point3a(found.center + offset);
+        *clip_from_world * world.extend(1.0)
+    });
+    if corners.iter().any(|corner| !corner.is_finite()) {
+        return Some(whole);
+    }
+    let is_outside = |beyond: fn(&Vec4) -> bool| corners.iter().all(beyond);
+    // The near plane has a depth of 1.
+    if is_outside(|c| c.x < -c.w)
+        || is_outside(|c| c.x > c.w)
+        || is_outside(|c| c.y < -c.w)
+        || is_outside(|c| c.y > c.w)
+        || is_outside(|c| c.z > c.w)
+    {
+        return None;
+    }
+    if corners.iter().any(|corner| corner.w < NEAREST) {
+        return Some(whole);
+    }
+    let places = corners.map(|corner| {
+        let ndc = Vec2::new(corner.x, -corner.y) / corner.w;
+        (ndc * 0.5 + 0.5) * size.as_vec2()
+    });
+    let min = places.into_iter().reduce(Vec2::min)? - 1.0;
+    let max = places.into_iter().reduce(Vec2::max)? + 1.0;
+    let last = size.as_vec2();
+    let corner = |place: Vec2| place.clamp(Vec2::ZERO, last).as_uvec2();
+    Some(URect::from_corners(corner(min.floor()), corner(max.ceil())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bevy::math::{Affine3A, Vec3, Vec3A};
+
+    const SIZE: UVec2 = UVec2::new(200, 100);
+
+    fn at(x: f32, y: f32, z: f32) -> Option<ObjectBox> {
+        Some(ObjectBox {
+            world_from_object: Affine3A::from_translation(Vec3::new(x, y, z)),
+            center: Vec3A::ZERO,
+            half_extents: Vec3A::splat(0.1),
+        })
+    }
+
+    fn rects(boxes: &[Option<ObjectBox>]) -> Vec<URect> {
+        // Infinite and reversed, as Bevy's: 53 degrees high, twice as wide, from 0.1 m on.
+        let projection = Mat4::from_cols_array_2d(&[
+            [1.0, 0.0, 0.0, 0.0],
+            [0.0, 2.0, 0.0, 0.0],
+            [0.0, 0.0, 0.0, -1.0],
+            [0.0, 0.0, 0.1, 0.0],
+        ]);
+        screen_rects(boxes, &projection, SIZE)
+    }
+
+    #[test]
+    fn boxes_out_of_sight_have_none() {
+        assert_eq!(rects(&[at(0.0, 0.0, 5.0)]), [], "behind");
+        assert_eq!(rects(&[at(30.0, 0.0, -5.0), at(0.0, -30.0, -5.0)]), [], "beside");
+    }
+
+    #[test]
+    fn a_box_before_the_viewer_has_its_surroundings() {
+        let [rect] = rects(&[at(0.0, 0.0, -5.0)])[..] else {
+            panic!("one rectangle")
+        };
+        assert!(rect.contains(SIZE / 2), "{rect:?}");
+        assert!(rect.width() < 20 && rect.height() < 20, "{rect:?}");
+    }
+
+    #[test]
+    fn rectangles_do_not_overlap() {
+        let apart = rects(&[at(-2.0, 0.0, -5.0), at(2.0, 0.0, -5.0)]);
+        assert_eq!(apart.len(), 2);
+        let near = rects(&[at(-2.0, 0.0, -5.0), at(-1.9, 0.1, -5.0), at(2.0, 0.0, -5.0)]);
+        assert_eq!(near.len(), 2);
+        let many: Vec<_> = (0..40).map(|i| at(-4.0 + 0.2 * i as f32, 0.0, -5.0)).collect();
+        let held = rects(&many);
+        assert!(held.len() <= MOST_RECTS, "{}", held.len());
+    }
+
+    #[test]
+    fn boxes_around_the_viewer_and_unknown_ones_cover_all() {
+        let whole = URect::from_corners(UVec2::ZERO, SIZE);
+        assert_eq!(rects(&[at(0.0, 0.0, -0.05)]), [whole]);
+        assert_eq!(rects(&[None, at(0.0, 0.0, -5.0)]), [whole]);
+    }
+}

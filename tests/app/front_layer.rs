@@ -1,0 +1,332 @@
+//! Reflections on glass and water: what is drawn over the opaque picture.
+
+use crate::{
+    pictures::{apps, reflect, warm_up},
+    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, frame, report, spawn_camera, spawn_mesh, unlit},
+};
+use bevy::prelude::*;
+use bevy_glint::{NotReflected, RayTracedReflections, ReflectionDenoiser, ReflectionTechnique};
+use glint_scenes::{HeadlessApp, Output, SceneName};
+
+const BLACK: [u8; 3] = [0; 3];
+/// F0 of 0.04.
+const GLASS: f32 = 0.5;
+/// F0 of 0.16, as of no glass, but easily seen.
+const STRONG: f32 = 1.0;
+
+/// Adds to what lies behind it what it reflects.
+fn pane(reflectance: f32, perceptual_roughness: f32) -> StandardMaterial {
+    StandardMaterial {
+        base_color: Color::NONE,
+        alpha_mode: AlphaMode::Premultiplied,
+        reflectance,
+        perceptual_roughness,
+        ..default()
+    }
+}
+
+/// Covers the picture.
+fn sheet() -> Rectangle {
+    Rectangle::new(40.0, 40.0)
+}
+
+/// At a distance before the camera, which looks along -z.
+fn before(distance: f32) -> Transform {
+    Transform::from_xyz(0.0, 0.0, BEFORE_THE_MIRROR.translation.z - distance)
+}
+
+/// Something that the camera sees and no ray.
+fn spawn_unreflected(app: &mut HeadlessApp, color: [u8; 3], at: Transform) {
+    let object = spawn_mesh(app, sheet(), unlit(color), at);
+    app.world().entity_mut(object).insert(NotReflected);
+}
+
+/// Something of a colour behind the camera.
+fn spawn_behind(app: &mut HeadlessApp, color: [u8; 3]) -> Entity {
+    let at = Transform::from_xyz(0.0, 0.0, 6.0).looking_to(Vec3::Z, Vec3::Y);
+    spawn_mesh(app, Rectangle::new(400.0, 400.0), unlit(color), at)
+}
+
+/// Linear colour of a pixel, as a part of the picture's size.
+fn color_at(app: &HeadlessApp, x: f32, y: f32) -> [f32; 3] {
+    let size = app.size();
+    let place = (Vec2::new(x, y) * size.as_vec2()).as_uvec2().min(size - 1);
+    let [r, g, b, _] = app.capture_linear().unwrap()[(place.y * size.x + place.x) as usize];
+    [r, g, b]
+}
+
+fn center(app: &HeadlessApp) -> [f32; 3] {
+    color_at(app, 0.5, 0.5)
+}
+
+fn set_transparent(app: &mut HeadlessApp, camera: Entity, transparent: bool) {
+    let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
+    settings.transparent = transparent;
+    settings.reset = true;
+    app.step(2);
+    warm_up(app);
+    app.step(4);
+}
+
+/// Bytes of the textures that front layers have.
+fn layer_bytes(app: &mut HeadlessApp) -> u64 {
+    let memory = report(app).view_memory;
+    let parts = memory.iter().flat_map(|view| &view.parts);
+    parts
+        .filter(|(label, _)| label.starts_with("glint_front_layer"))
+        .map(|(_, bytes)| bytes)
+        .sum()
+}
+
+/// Pixels that aren't the same bit for bit.
+fn differing(a: &[[f32; 4]], b: &[[f32; 4]]) -> usize {
+    a.iter().zip(b).filter(|(a, b)| a != b).count()
+}
+
+/// Schlick's term.
+fn fresnel(reflectance: f32, cosine: f32) -> f32 {
+    let f0 = 0.16 * reflectance * reflectance;
+    f0 + (1.0 - f0) * (1.0 - cosine).powi(5)
+}
+
+/// A pane over black, in surroundings that are white everywhere, adds its Fresnel term.
+#[test]
+fn a_pane_in_a_white_furnace_adds_its_fresnel_term() {
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
+        spawn_unreflected(app, BLACK, before(60.0));
+        let sheet = spawn_mesh(app, sheet(), pane(GLASS, 0.0), before(3.0));
+        use ReflectionTechnique::{Converged, Reference, Variable};
+        for (technique, degrees, roughness) in [
+            (Reference, 0.0f32, 0.0),
+            (Reference, 45.0, 0.0),
+            (Reference, 60.0, 0.0),
+            (Reference, 75.0, 0.0),
+            (Variable, 60.0, 0.0),
+            (Variable, 45.0, 0.3),
+            (Converged, 60.0, 0.0),
+        ] {
+            let mut at = before(3.0);
+            at.rotate_y(degrees.to_radians());
+            app.world().entity_mut(sheet).insert(at);
+            set_material(app, sheet, pane(GLASS, roughness));
+            reflect(app, camera, technique);
+            app.step(8);
+            let [added, ..] = center(app);
+            let expected = fresnel(GLASS, degrees.to_radians().cos());
+            println!(
+                "{tracer:?}, {technique:?}, {degrees} degrees, roughness {roughness}: {added:.4}, expected {expected:.4}"
+            );
+            assert!(
+                (added - expected).abs() < 0.01,
+                "{tracer:?}, {technique:?}, {degrees} degrees: {added}, expected {expected}"
+            );
+        }
+    }
+}
+
+fn set_material(app: &mut HeadlessApp, object: Entity, material: StandardMaterial) {
+    let world = app.world();
+    let id = world.get::<MeshMaterial3d<StandardMaterial>>(object).unwrap().id();
+    *world.resource_mut::<Assets<StandardMaterial>>().get_mut(id).unwrap() = material;
+}
+
+/// Traced light takes the place of the environment's: a black wall before a pane darkens it in white surroundings.
+#[test]
+fn a_pane_shows_what_is_before_it_in_place_of_the_environment() {
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
+        spawn_unreflected(app, BLACK, before(60.0));
+        spawn_mesh(app, sheet(), pane(STRONG, 0.0), before(3.0));
+        spawn_behind(app, BLACK);
+        for technique in [ReflectionTechnique::Reference, ReflectionTechnique::Variable] {
+            reflect(app, camera, technique);
+            app.step(8);
+            set_transparent(app, camera, false);
+            let [off, ..] = center(app);
+            set_transparent(app, camera, true);
+            let [on, ..] = center(app);
+            println!("{tracer:?}, {technique:?}: {off:.4} without, {on:.4} with");
+            assert!(
+                (off - 0.16).abs() < 0.01 && on.abs() < 0.002,
+                "{tracer:?}: {off} without, {on} with"
+            );
+        }
+    }
+}
+
+/// How much of a red wall each kind of material shows.
+#[test]
+fn each_kind_of_material_reflects_as_it_is_blended() {
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        spawn_unreflected(app, BLACK, before(60.0));
+        let sheet = spawn_mesh(app, sheet(), pane(STRONG, 0.0), before(3.0));
+        spawn_behind(app, RED);
+        reflect(app, camera, ReflectionTechnique::Reference);
+        let blend = |alpha: f32| StandardMaterial {
+            base_color: Color::BLACK.with_alpha(alpha),
+            alpha_mode: AlphaMode::Blend,
+            ..pane(STRONG, 0.0)
+        };
+        let cases = [
+            ("premultiplied", pane(STRONG, 0.0), 0.16),
+            ("blended", blend(0.5), 0.08),
+            ("blended, invisible", blend(0.0), 0.0),
+            (
+                "transmissive",
+                StandardMaterial {
+                    base_color: Color::BLACK,
+                    alpha_mode: AlphaMode::Opaque,
+                    specular_transmission: 1.0,
+                    ..pane(STRONG, 0.0)
+                },
+                0.16,
+            ),
+            (
+                "unlit",
+                StandardMaterial {
+                    unlit: true,
+                    ..pane(STRONG, 0.0)
+                },
+                0.0,
+            ),
+            (
+                "added",
+                StandardMaterial {
+                    alpha_mode: AlphaMode::Add,
+                    ..pane(STRONG, 0.0)
+                },
+                0.0,
+            ),
+        ];
+        for (name, material, expected) in cases {
+            set_material(app, sheet, material);
+            app.step(4);
+            warm_up(app);
+            app.step(4);
+            let [red, green, _] = center(app);
+            println!("{tracer:?}, {name}: {red:.4}, expected {expected}");
+            assert!(
+                (red - expected).abs() < 0.004 && green.abs() < 1e-3,
+                "{tracer:?}, {name}: {red}, {green}"
+            );
+        }
+    }
+}
+
+/// The front one of two panes reflects, and none behind something opaque.
+#[test]
+fn the_front_most_surface_reflects() {
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        spawn_unreflected(app, BLACK, before(60.0));
+        let [first, second] = [2.0, 4.0].map(|distance| spawn_mesh(app, sheet(), pane(STRONG, 0.0), before(distance)));
+        set_material(app, first, pane(GLASS, 0.0));
+        spawn_behind(app, RED);
+        reflect(app, camera, ReflectionTechnique::Reference);
+        app.step(4);
+        let [both, ..] = center(app);
+        assert!((both - 0.04).abs() < 0.002, "{tracer:?}: {both}");
+        app.world().entity_mut(first).insert(before(6.0));
+        app.step(4);
+        let [turned, ..] = center(app);
+        assert!((turned - 0.16).abs() < 0.004, "{tracer:?}: {turned}");
+        app.world().despawn(first);
+        let at = before(2.0);
+        spawn_mesh(app, Cuboid::from_length(1.0), unlit(GREEN), at);
+        app.step(2);
+        warm_up(app);
+        app.step(4);
+        let hidden = center(app);
+        assert!(hidden[0].abs() < 1e-4 && hidden[1] > 0.99, "{tracer:?}: {hidden:?}");
+        let [beside, ..] = color_at(app, 0.05, 0.5);
+        assert!((beside - 0.16).abs() < 0.02, "{tracer:?}: {beside}");
+        let with = app.capture_linear().unwrap();
+        app.world().despawn(second);
+        app.step(4);
+        let without = app.capture_linear().unwrap();
+        let middle = (SIZE.y / 2 * SIZE.x + SIZE.x / 2) as usize;
+        assert_eq!(with[middle], without[middle], "{tracer:?}");
+    }
+}
+
+/// Switched off, the picture is the one without reflections, bit for bit; nothing is held either way while nothing is see-through.
+#[test]
+fn nothing_see_through_costs_nothing() {
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
+        spawn_unreflected(app, BLACK, before(60.0));
+        let sheet = spawn_mesh(app, sheet(), pane(STRONG, 0.0), before(3.0));
+        spawn_behind(app, RED);
+        reflect(app, camera, ReflectionTechnique::Variable);
+        app.step(4);
+        assert!(layer_bytes(app) > 0, "{tracer:?}");
+        let on = app.capture_linear().unwrap();
+        set_transparent(app, camera, false);
+        assert_eq!(layer_bytes(app), 0, "{tracer:?}");
+        let off = app.capture_linear().unwrap();
+        app.world().entity_mut(camera).remove::<RayTracedReflections>();
+        app.step(4);
+        let plain = app.capture_linear().unwrap();
+        assert_eq!(differing(&off, &plain), 0, "{tracer:?}");
+        assert!(differing(&on, &plain) > on.len() / 2, "{tracer:?}");
+
+        reflect(app, camera, ReflectionTechnique::Variable);
+        set_transparent(app, camera, true);
+        assert!(layer_bytes(app) > 0, "{tracer:?}");
+        // Out of sight.
+        app.world().entity_mut(sheet).insert(before(-100.0));
+        (0..70).for_each(|_| frame(app));
+        assert_eq!(layer_bytes(app), 0, "{tracer:?}");
+        app.world().entity_mut(sheet).insert(before(3.0));
+        (0..4).for_each(|_| frame(app));
+        assert!(layer_bytes(app) > 0, "{tracer:?}");
+        assert_eq!(differing(&on, &app.capture_linear().unwrap()), 0, "{tracer:?}");
+        set_material(app, sheet, unlit(BLACK));
+        (0..70).for_each(|_| frame(app));
+        assert_eq!(layer_bytes(app), 0, "{tracer:?}");
+    }
+}
+
+/// Rough surfaces have the same denoiser as opaque ones.
+#[test]
+fn rough_panes_converge() {
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        spawn_unreflected(app, BLACK, before(60.0));
+        spawn_mesh(app, sheet(), pane(STRONG, 0.4), before(3.0));
+        spawn_mesh(
+            app,
+            Cuboid::from_length(2.0),
+            unlit(RED),
+            Transform::from_xyz(0.0, 0.0, 4.0),
+        );
+        reflect(app, camera, ReflectionTechnique::Converged);
+        app.step(256);
+        let truth: Vec<f32> = app.capture_linear().unwrap().iter().map(|pixel| pixel[0]).collect();
+        reflect(app, camera, ReflectionTechnique::Variable);
+        let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
+        settings.denoiser = ReflectionDenoiser::default();
+        app.step(4);
+        warm_up(app);
+        app.step(96);
+        let shown: Vec<f32> = app.capture_linear().unwrap().iter().map(|pixel| pixel[0]).collect();
+        let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
+        let apart = truth.iter().zip(&shown).map(|(a, b)| (a - b).abs()).sum::<f32>() / truth.len() as f32;
+        println!(
+            "{tracer:?}: mean {:.5}, {:.5} shown, apart by {apart:.5}",
+            mean(&truth),
+            mean(&shown)
+        );
+        assert!(mean(&truth) > 0.01, "{tracer:?}");
+        assert!((mean(&shown) / mean(&truth) - 1.0).abs() < 0.02, "{tracer:?}");
+        assert!(apart < 0.1 * mean(&truth), "{tracer:?}: {apart}");
+    }
+}
