@@ -7,6 +7,7 @@ mod pictures;
 mod stage;
 
 mod adaptive;
+mod arrivals;
 mod back_ends;
 mod bounces;
 mod convergence;
