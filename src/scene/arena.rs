@@ -6,8 +6,8 @@
 //! # Growth
 //!
 //! A larger buffer is filled in parts, one in each frame, so that no frame waits for the copy of a large one ([`Arena::advance`]). It then
-//! replaces the old buffer. Until then, slices that the old buffer doesn't reach are not [resident](Arena::is_resident): whoever can wait
-//! does so, and a write to one has the rest copied at once.
+//! replaces the old buffer. Until then, slices that the old buffer doesn't reach are not [in reach](Arena::is_in_reach): whoever can wait does
+//! so, and a write to one has the rest copied at once.
 //!
 //! # Order of writes
 //!
@@ -147,10 +147,16 @@ impl Arena {
 
     /// Carries on with a replacement of the buffer, once in each frame. Begins one by a smaller buffer where most is free at the end.
     pub fn advance(&mut self, queue: &RenderQueue) {
-        if self.replacement.is_none()
-            && let Some(units) = self.allocator.smaller_capacity()
-        {
-            self.begin_replacement(self.allocator.bytes(units));
+        if let Some(units) = self.allocator.smaller_capacity() {
+            let size = self.allocator.bytes(units);
+            let is_growth = |replacement: &mut Replacement| replacement.buffer.size() > self.buffer.size();
+            if size <= self.buffer.size() && self.replacement.take_if(is_growth).is_some() {
+                // It isn't needed any more.
+                self.allocator.capacity_units = (self.buffer.size() / self.allocator.bytes(1)) as u32;
+            }
+            if size < self.buffer.size() && self.replacement.is_none() {
+                self.begin_replacement(size);
+            }
         }
         if let Some(replacement) = &self.replacement {
             let part = (replacement.buffer.size() / PARTS).max(LEAST_PART);
@@ -158,8 +164,13 @@ impl Arena {
         }
     }
 
-    /// Returns whether the buffer reaches a slice: if not, the slice can be used in one of the next frames.
-    pub fn is_resident(&self, slice: &ArenaSlice) -> bool {
+    /// Returns whether a slice can be written without a copy of a large buffer: if not, that can be done in one of the next frames.
+    pub fn is_in_reach(&self, slice: &ArenaSlice) -> bool {
+        let is_small = |replacement: &Replacement| replacement.buffer.size() <= LEAST_PART;
+        self.is_resident(slice) || self.replacement.as_ref().is_some_and(is_small)
+    }
+
+    fn is_resident(&self, slice: &ArenaSlice) -> bool {
         self.allocator.bytes(slice.end(self.allocator.unit_words)) <= self.buffer.size()
     }
 
@@ -426,6 +437,25 @@ mod tests {
         let words = test_gpu::read(&device, &queue, arena.buffer());
         assert_eq!(words[first.base() as usize..][..1000], [7; 1000]);
         assert_eq!(words[again.base() as usize..][..1_000_000], [8; 1_000_000]);
+    }
+
+    #[test]
+    fn growth_that_is_not_needed_any_more_is_given_up() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let mut arena = Arena::new(&device, "test arena", BufferUsages::empty(), 4, 64 << 20);
+        let (initial, generation) = (arena.capacity_bytes(), arena.generation());
+        let large = arena.allocate(2_000_000).unwrap();
+        arena.advance(&queue);
+        arena.free(large);
+        arena.advance(&queue);
+        assert_eq!((arena.capacity_bytes(), arena.generation()), (initial, generation));
+        // There is no more room than the buffer has.
+        let next = arena.allocate(1_000_000).unwrap();
+        assert!(!arena.is_resident(&next));
+        arena.write(&queue, &next, &[7; 1_000_000]);
+        assert!(arena.is_resident(&next));
     }
 
     #[test]

@@ -279,7 +279,7 @@ impl StaticMerge {
 impl Upload {
     /// Uploads a part; returns the tree after the last one.
     fn carry_on(&mut self, meshes: &mut SceneMeshes, queue: &RenderQueue) -> Option<Tree> {
-        if !meshes.is_merged_resident(self.name) {
+        if !meshes.is_merged_in_reach(self.name) {
             return None;
         }
         let words = self.blas.items.as_flattened().as_flattened();

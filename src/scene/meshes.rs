@@ -47,6 +47,17 @@ pub(super) const CHUNK_TRIANGLES: u64 = 1 << 20;
 /// Items of a node that joins two trees, and of the roots of these.
 const ROOT_ITEMS: u32 = 3;
 
+/// Outcome of a look at the data of a mesh.
+#[derive(PartialEq)]
+enum Start {
+    /// It is being built, or can't be.
+    Done,
+    /// It has to wait for the next frame.
+    Later,
+    /// There is none yet.
+    Nowhere,
+}
+
 /// Source from which a mesh is built.
 enum MeshSource {
     /// A copy of the asset.
@@ -145,7 +156,9 @@ pub struct SceneMeshes {
     copied_bytes: u64,
     /// The mesh that is being uploaded. If there is an older version of it, rays hit that one until then.
     uploading: Option<MeshUpload>,
-    /// Meshes whose data is to be copied in one of the next frames.
+    /// Meshes that objects show and whose build hasn't begun: their data is to be copied in one of the next frames, or isn't there yet.
+    wanted: HashSet<AssetId<Mesh>>,
+    /// The number of those whose data is there.
     waiting: usize,
     /// Large ones among them, which changed a frame ago.
     late: HashSet<AssetId<Mesh>>,
@@ -191,6 +204,7 @@ impl SceneMeshes {
             pending: HashMap::default(),
             copied_bytes: 0,
             uploading: None,
+            wanted: HashSet::default(),
             waiting: 0,
             late: HashSet::default(),
             failed: HashSet::default(),
@@ -231,7 +245,7 @@ impl SceneMeshes {
     }
 
     /// Starts the build of a mesh if its data can be read somewhere and rays may see it, and takes what is copied for it off the budget.
-    /// Returns false where the mesh has to wait for the next frame's. `changed` are meshes that changed in this frame.
+    /// `changed` are meshes that changed in this frame.
     fn start_from(
         &mut self,
         id: AssetId<Mesh>,
@@ -239,7 +253,7 @@ impl SceneMeshes {
         assets: &Assets<Mesh>,
         changed: &HashSet<AssetId<Mesh>>,
         budget: &mut CopyBudget,
-    ) -> bool {
+    ) -> Start {
         let readable = assets.get(id).filter(|mesh| is_readable(mesh));
         let found = match readable {
             Some(mesh) if mesh.enable_raytracing => {
@@ -247,11 +261,11 @@ impl SceneMeshes {
                 // Bevy copies a mesh in the frame in which it changes: a large one is copied again in the next.
                 let is_large = bytes > COPIED_BYTES_PER_FRAME;
                 if is_large && changed.contains(&id) && self.late.insert(id) || !budget.take(bytes) {
-                    return false;
+                    return Start::Later;
                 }
                 self.late.remove(&id);
                 self.start(id, MeshSource::Copy(Box::new(mesh.clone())), bytes);
-                return true;
+                return Start::Done;
             }
             Some(_) => Found::Unseen,
             None => kept.find(id),
@@ -262,10 +276,10 @@ impl SceneMeshes {
                 self.remove(id);
                 self.failed.insert(id);
             }
-            Found::Later => return false,
-            Found::Nowhere => {}
+            Found::Later => return Start::Later,
+            Found::Nowhere => return Start::Nowhere,
         }
-        true
+        Start::Done
     }
 
     fn start(&mut self, id: AssetId<Mesh>, source: MeshSource, copied_bytes: u64) {
@@ -336,6 +350,7 @@ impl SceneMeshes {
 
     /// Gives everything back.
     pub fn clear(&mut self, device: &RenderDevice) {
+        self.wanted.clear();
         self.waiting = 0;
         let is_empty = self.ready.is_empty() && self.pending.is_empty() && self.uploading.is_none();
         if !is_empty || !self.failed.is_empty() || !self.without_room.is_empty() {
@@ -382,9 +397,9 @@ impl SceneMeshes {
         Some((name, first))
     }
 
-    /// Returns whether the buffer reaches a merged tree, or it is lost.
-    pub(super) fn is_merged_resident(&self, name: u64) -> bool {
-        self.merged.get(&name).is_none_or(|slice| self.bvh.is_resident(slice))
+    /// Returns whether a merged tree can be written by now, or is lost.
+    pub(super) fn is_merged_in_reach(&self, name: u64) -> bool {
+        self.merged.get(&name).is_none_or(|slice| self.bvh.is_in_reach(slice))
     }
 
     /// Writes a part of a merged tree, which begins at a word of it. Nothing happens once the tree is lost.
@@ -419,7 +434,7 @@ fn words_of(items: usize) -> Option<u32> {
 pub fn extract_meshes(
     assets: Extract<Res<Assets<Mesh>>>,
     mut events: Extract<MessageReader<AssetEvent<Mesh>>>,
-    instances: Res<SceneInstances>,
+    mut instances: ResMut<SceneInstances>,
     activity: Res<SceneActivity>,
     mut meshes: ResMut<SceneMeshes>,
     mut render_world: ResMut<RenderWorldMeshes>,
@@ -435,6 +450,7 @@ pub fn extract_meshes(
             AssetEvent::Unused { id } => {
                 render_world.remove(*id);
                 meshes.remove(*id);
+                meshes.wanted.insert(*id);
             }
             _ => {}
         }
@@ -451,20 +467,27 @@ pub fn extract_meshes(
     meshes.stale = stale;
     for id in modified {
         let waits = meshes.is_on_its_way(id)
-            || meshes.is_known(id) && !meshes.start_from(id, &mut render_world, &assets, &changed, &mut budget);
+            || meshes.is_known(id)
+                && meshes.start_from(id, &mut render_world, &assets, &changed, &mut budget) == Start::Later;
         if waits {
             meshes.stale.insert(id);
         }
     }
+    let mut wanted = core::mem::take(&mut meshes.wanted);
+    wanted.extend(instances.take_new_meshes());
     // They are no longer known, so that they are built again.
     let used = meshes.used_bytes();
-    meshes.without_room.take(used);
+    wanted.extend(meshes.without_room.take(used));
     meshes.waiting = 0;
-    for id in instances.meshes() {
-        if !meshes.is_known(id) && !meshes.start_from(id, &mut render_world, &assets, &changed, &mut budget) {
-            meshes.waiting += 1;
+    wanted.retain(|id| {
+        if meshes.is_known(*id) || !instances.shows(*id) {
+            return false;
         }
-    }
+        let start = meshes.start_from(*id, &mut render_world, &assets, &changed, &mut budget);
+        meshes.waiting += usize::from(start == Start::Later);
+        start != Start::Done
+    });
+    meshes.wanted = wanted;
 }
 
 /// Bytes that may still be copied in a frame.

@@ -77,3 +77,28 @@ fn meshes_that_find_no_room_are_told() {
     }
     panic!("{:?}", report(&mut app));
 }
+
+/// A mesh too large for the budget of a frame is copied in the frame after a change, however often it changes.
+#[test]
+fn a_large_mesh_that_changes_in_every_frame_is_seen() {
+    let Some(mut app) = level(0, u64::MAX) else { return };
+    let mesh = Sphere::new(0.4).mesh().uv(400, 300);
+    let size = mesh.get_vertex_buffer_size();
+    assert!(size > 2 << 20, "{size} bytes");
+    spawn_mesh(&mut app, mesh, unlit([255; 3]), Transform::from_xyz(0.0, 0.0, 6.0));
+    let meshes = app.world().resource::<Assets<Mesh>>();
+    let (id, _) = meshes
+        .iter()
+        .find(|(_, mesh)| mesh.count_vertices() > 10_000)
+        .expect("it was spawned");
+    for _ in 0..2_000 {
+        app.step(1);
+        if report(&mut app).instances == 2 {
+            return;
+        }
+        let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
+        meshes.get_mut(id).expect("it stays").enable_raytracing = true;
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    panic!("{:?}", report(&mut app));
+}

@@ -17,6 +17,7 @@ mod dynamics;
 mod effects;
 mod events;
 mod examples;
+mod floating_origin;
 mod ground_truth;
 mod idle;
 mod levels;

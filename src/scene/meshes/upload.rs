@@ -98,8 +98,8 @@ impl SceneMeshes {
     /// Uploads so many bytes of the current mesh, at most, which rays can hit after the last of them. Returns the bytes that are left.
     fn carry_on(&mut self, bytes: u64, queue: &RenderQueue) -> u64 {
         let is_reached = |upload: &mut MeshUpload| {
-            self.geometry.is_resident(&upload.geometry)
-                && upload.bvh.as_ref().is_none_or(|slice| self.bvh.is_resident(slice))
+            self.geometry.is_in_reach(&upload.geometry)
+                && upload.bvh.as_ref().is_none_or(|slice| self.bvh.is_in_reach(slice))
         };
         let Some(mut upload) = self.uploading.take_if(is_reached) else {
             return bytes;
@@ -281,7 +281,13 @@ mod tests {
         upload(&mut meshes, u64::MAX, &queue);
         let triangles = meshes.get(ID).unwrap().triangles.as_ref().unwrap();
         assert!(std::ptr::eq(triangles.positions(), packed.positions()));
-        // This, and the triangles for merging.
+        // This, and the triangles for merging. The build lets go of it on another thread.
+        for _ in 0..1_000 {
+            if Arc::strong_count(&packed) == 2 {
+                break;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
         assert_eq!(Arc::strong_count(&packed), 2);
     }
 

@@ -131,7 +131,7 @@ impl StaticBuild {
         };
         let items = &built.tlas.items;
         let mut end = done;
-        if meshes.bvh.is_resident(&slice) {
+        if meshes.bvh.is_in_reach(&slice) {
             end = items.len().min(done + UPLOAD_ITEMS_PER_FRAME);
             write_items(meshes, queue, &slice, items, done..end);
         }

@@ -43,9 +43,7 @@ fn run(arguments: &Arguments) -> Result<(), String> {
             arguments.only.as_deref(),
             &mut csv,
         )?;
-        for tracer in arguments.tracers() {
-            arrivals::measure(tracer, arguments.only.as_deref(), &mut csv)?;
-        }
+        arrivals::measure(arguments.arrival_tracer(), arguments.only.as_deref(), &mut csv)?;
         return match &arguments.csv {
             Some(path) => csv.save(path, "CPU", &size_word),
             None => Ok(()),
