@@ -337,6 +337,9 @@ mod tests {
         let first = arena.allocate(WORDS).unwrap();
         let mut expected: Vec<u32> = (0..WORDS).map(|i| i.wrapping_mul(0x9e37_79b9)).collect();
         arena.write(&queue, &first, &expected);
+        let posed = arena.allocate(600_000).unwrap();
+        arena.write(&queue, &posed, &[0; 600_000]);
+        let mut expected_pose = vec![0; 600_000];
         let second = arena.allocate(WORDS).unwrap();
         let (generation, size) = (arena.generation(), arena.capacity_bytes());
         assert!(!arena.is_resident(&second));
@@ -351,17 +354,16 @@ mod tests {
                 arena.write_from(&queue, &first, begin, &words);
                 expected[begin..][..20].copy_from_slice(&words);
             }
-            let at = 1_000 + place;
-            arena.begin_gpu_write(&queue, &first);
+            arena.begin_gpu_write(&queue, &posed);
             let words = device.create_buffer_with_data(&BufferInitDescriptor {
                 label: None,
                 contents: bytemuck::cast_slice(&[frames; 9]),
                 usage: BufferUsages::COPY_SRC,
             });
             let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor::default());
-            encoder.copy_buffer_to_buffer(&words, 0, arena.buffer(), first.byte_offset() + 4 * at as u64, 36);
+            encoder.copy_buffer_to_buffer(&words, 0, arena.buffer(), posed.byte_offset() + 4 * place as u64, 36);
             queue.submit([encoder.finish()]);
-            expected[at..][..9].copy_from_slice(&[frames; 9]);
+            expected_pose[place..][..9].copy_from_slice(&[frames; 9]);
             arena.advance(&queue);
             frames += 1;
         }
@@ -369,6 +371,7 @@ mod tests {
         arena.write(&queue, &second, &[5; 10]);
         let words = test_gpu::read(&device, &queue, arena.buffer());
         assert!(words[first.base() as usize..][..WORDS as usize] == expected);
+        assert!(words[posed.base() as usize..][..600_000] == expected_pose);
         assert_eq!(
             words[second.base() as usize..][..12],
             [5, 5, 5, 5, 5, 5, 5, 5, 5, 5, 0, 0]
