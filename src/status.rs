@@ -59,6 +59,9 @@ pub struct ReflectionStatusReport {
     pub reasons: Vec<String>,
     /// Meshes whose acceleration structure is being built; they are absent from reflections until then.
     pub meshes_pending: usize,
+    /// Meshes that are absent from reflections, since the device has no room for them: all meshes share the largest buffer that it can
+    /// bind (`max_storage_buffer_binding_size`). They appear once others are gone.
+    pub meshes_without_room: usize,
     /// Meshes that rays can hit.
     pub meshes: usize,
     /// Objects that rays can hit.

@@ -1,161 +1,46 @@
 //! A GPU buffer that grows and hands out slices of itself.
 //!
-//! Bindings stay few when all meshes share one buffer. `SliceAllocator` decides where slices lie and how large the buffer has to be;
+//! Bindings stay few when all meshes share one buffer. [`slice_allocator`] decides where slices lie and how large the buffer has to be;
 //! [`Arena`] owns the buffer.
+//!
+//! # Growth
+//!
+//! A larger buffer is filled in parts, one in each frame, so that no frame waits for the copy of a large one ([`Arena::advance`]). It then
+//! replaces the old buffer. Until then, slices that the old buffer doesn't reach are not [in reach](Arena::is_in_reach): whoever can wait does
+//! so, and a write to one has the rest copied at once.
 //!
 //! # Order of writes
 //!
-//! [`Arena::write`] goes through the queue: the bytes land when the next submission starts, before any of its commands. Growth
-//! submits its copy at once. So writes made before growth reach the old buffer ahead of the copy and travel along with it, and
-//! writes made after growth reach the new buffer behind the copy. Commands recorded in the same frame with a bind group of the
-//! old buffer still see valid content, as of the growth. A slice that is freed may be handed out and overwritten in the same
-//! frame: whatever refers to it has to be updated in that frame too.
+//! [`Arena::write`] goes through the queue: the bytes land when the next submission starts, before any of its commands. Each part of a
+//! copy is submitted at once. So writes made before a part is copied reach the old buffer ahead of the copy and travel along with it, and
+//! later writes go to both buffers. Commands recorded in the same frame with a bind group of the old buffer still see valid content. A slice
+//! that is freed may be handed out and overwritten in the same frame: whatever refers to it has to be updated in that frame too.
+
+mod slice_allocator;
 
 use crate::device::try_allocate;
 use bevy::render::{
     render_resource::{Buffer, BufferDescriptor, BufferUsages, CommandEncoderDescriptor},
     renderer::{RenderDevice, RenderQueue},
 };
-use offset_allocator::{Allocation, Allocator};
-use std::{
-    collections::BTreeSet,
-    sync::atomic::{AtomicU64, Ordering},
-};
+use core::ops::Range;
+use slice_allocator::{SliceAllocator, next_id};
+use std::collections::BTreeMap;
 
-/// Slices that one arena can hold at a time, less the gaps between them.
-const MAX_SLICES: u32 = 1 << 18;
-/// Size of a new arena's buffer, if the limits allow it.
-const INITIAL_BYTES: u64 = 256 * 1024;
-/// Shaders address words with a `u32`; half its range leaves room for offsets.
-const MAX_WORDS: u64 = (1 << 31) - 1;
+pub use slice_allocator::ArenaSlice;
 
-/// Names that no two arenas or buffers share, so that what belongs to a lost device is never taken for its successor.
-fn next_id() -> u64 {
-    static NEXT: AtomicU64 = AtomicU64::new(1);
-    NEXT.fetch_add(1, Ordering::Relaxed)
-}
+/// Bytes of a buffer that are copied to its replacement in one frame, at least: a few milliseconds where the GPU is a CPU.
+const LEAST_PART: u64 = 4 << 20;
+/// Frames that the replacement of a large buffer takes.
+const PARTS: u64 = 32;
 
-/// A part of an [`Arena`]. It stays taken until it is given to [`Arena::free`].
-#[must_use = "the slice stays taken until it is freed"]
-pub struct ArenaSlice {
-    allocation: Allocation,
-    arena: u64,
-    base: u32,
-    words: u32,
-    units: u32,
-}
-
-impl ArenaSlice {
-    /// First word in the buffer, a multiple of the arena's unit.
-    pub fn base(&self) -> u32 {
-        self.base
-    }
-
-    /// Words that were asked for.
-    pub fn words(&self) -> u32 {
-        self.words
-    }
-
-    fn end(&self, unit_words: u32) -> u32 {
-        self.base / unit_words + self.units
-    }
-
-    /// First byte in the buffer.
-    pub fn byte_offset(&self) -> u64 {
-        u64::from(self.base) * 4
-    }
-}
-
-impl std::fmt::Debug for ArenaSlice {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("ArenaSlice")
-            .field("base", &self.base)
-            .field("words", &self.words)
-            .finish_non_exhaustive()
-    }
-}
-
-/// The bookkeeping of an [`Arena`], without a buffer.
-struct SliceAllocator {
-    id: u64,
-    allocator: Allocator,
-    unit_words: u32,
-    /// Units that the buffer may grow to.
-    max_units: u32,
-    /// Units that the buffer must have.
-    capacity_units: u32,
-    used_units: u32,
-    /// Ends of slices, in units.
-    ends: BTreeSet<u32>,
-}
-
-impl SliceAllocator {
-    fn new(unit_words: u32, max_bytes: u64) -> Self {
-        let unit_words = unit_words.max(1);
-        let max_units = ((max_bytes / 4).min(MAX_WORDS) / u64::from(unit_words)) as u32;
-        // The allocator sorts free space by rounded sizes and would not find the last eighth of an exact fit. Behind the end
-        // of the buffer it gets more space than can ever be asked for, and slices that reach into it are refused.
-        let virtual_units = (u64::from(max_units) * 4).clamp(1, 1 << 31) as u32;
-        let initial_units = (INITIAL_BYTES / 4 / u64::from(unit_words)) as u32;
-        Self {
-            id: next_id(),
-            allocator: Allocator::with_max_allocs(virtual_units, MAX_SLICES),
-            unit_words,
-            max_units,
-            // A binding must not be empty, even where the limits leave no room for a single unit.
-            capacity_units: initial_units.min(max_units).max(1),
-            used_units: 0,
-            ends: BTreeSet::new(),
-        }
-    }
-
-    fn allocate(&mut self, words: u32) -> Option<ArenaSlice> {
-        let units = words.div_ceil(self.unit_words).max(1);
-        if units > self.max_units {
-            return None;
-        }
-        let allocation = self.allocator.allocate(units)?;
-        let end = u64::from(allocation.offset) + u64::from(units);
-        if end > u64::from(self.max_units) {
-            self.allocator.free(allocation);
-            return None;
-        }
-        let end = end as u32;
-        if end > self.capacity_units {
-            let grown = u64::from(self.capacity_units) * 3 / 2;
-            self.capacity_units = grown.clamp(u64::from(end), u64::from(self.max_units)) as u32;
-        }
-        self.used_units += units;
-        self.ends.insert(end);
-        Some(ArenaSlice {
-            allocation,
-            arena: self.id,
-            base: allocation.offset * self.unit_words,
-            words,
-            units,
-        })
-    }
-
-    fn free(&mut self, slice: ArenaSlice) {
-        // The allocator would panic or corrupt itself.
-        if slice.arena == self.id {
-            self.used_units = self.used_units.saturating_sub(slice.units);
-            self.ends.remove(&slice.end(self.unit_words));
-            self.allocator.free(slice.allocation);
-        }
-    }
-
-    /// Units of a buffer that isn't much too large; `None` where it isn't.
-    fn smaller_capacity(&self) -> Option<u32> {
-        let last = self.ends.last().copied().unwrap_or_default();
-        let initial_units = (INITIAL_BYTES / 4 / u64::from(self.unit_words)) as u32;
-        let enough = last.saturating_mul(2).max(initial_units).min(self.max_units).max(1);
-        (enough <= self.capacity_units / 2).then_some(enough)
-    }
-
-    fn bytes(&self, units: u32) -> u64 {
-        u64::from(units) * u64::from(self.unit_words) * 4
-    }
+/// A buffer on its way to replace another one. Nothing is in it alone.
+struct Replacement {
+    buffer: Buffer,
+    /// Bytes from the start on that are copied, or cleared behind the end of the old buffer.
+    done: u64,
+    /// Ranges of bytes, by their start, that shaders have written meanwhile: they are copied at the end.
+    written: BTreeMap<u64, u64>,
 }
 
 /// A storage buffer of `u32` words that grows by half whenever its slices need more room, up to the limits of the device.
@@ -168,8 +53,8 @@ pub struct Arena {
     usages: BufferUsages,
     allocator: SliceAllocator,
     buffer: Buffer,
-    /// A larger buffer, for slices that [`Self::buffer`] does not reach.
-    grown: Option<Buffer>,
+    /// A larger buffer, for slices that [`Self::buffer`] does not reach, or a smaller one.
+    replacement: Option<Replacement>,
     /// Bytes that the device had no memory for, since a slice was given back last.
     refused: u64,
     generation: u64,
@@ -198,7 +83,7 @@ impl Arena {
             usages,
             allocator,
             buffer,
-            grown: None,
+            replacement: None,
             refused: u64::MAX,
             generation: next_id(),
         }
@@ -206,15 +91,20 @@ impl Arena {
 
     /// Takes `words` words, at least one unit. `None` if they do not fit in [`Self::max_bytes`], if the device has no memory for
     /// them, or if there are more than some 130 000 slices: the caller has to do without and tell the user.
-    ///
-    /// The buffer is replaced with the next [`Self::write`] or [`Self::grow`], once for many slices.
     pub fn allocate(&mut self, words: u32) -> Option<ArenaSlice> {
         let before = self.allocator.capacity_units;
         let slice = self.allocator.allocate(words)?;
-        if self.allocator.capacity_units > before && !self.make_room_up_to(slice.end(self.allocator.unit_words)) {
-            self.allocator.free(slice);
-            self.allocator.capacity_units = before;
-            return None;
+        let end = slice.end(self.allocator.unit_words);
+        if self.allocator.capacity_units > before {
+            if !self.make_room_up_to(end) {
+                self.allocator.free(slice);
+                self.allocator.capacity_units = before;
+                return None;
+            }
+        } else {
+            // A smaller buffer would not do any more.
+            let end = self.allocator.bytes(end);
+            self.replacement.take_if(|replacement| replacement.buffer.size() < end);
         }
         Some(slice)
     }
@@ -226,18 +116,27 @@ impl Arena {
             if size >= self.refused {
                 continue;
             }
-            match try_allocate(&self.device, || {
-                create_buffer(&self.device, self.label, self.usages, size)
-            }) {
-                Some(buffer) => {
-                    self.grown = Some(buffer);
-                    self.allocator.capacity_units = units;
-                    return true;
-                }
-                None => self.refused = size,
+            if self.begin_replacement(size) {
+                self.allocator.capacity_units = units;
+                return true;
             }
+            self.refused = size;
         }
         false
+    }
+
+    fn begin_replacement(&mut self, size: u64) -> bool {
+        let create = || create_buffer(&self.device, self.label, self.usages, size);
+        let buffer = try_allocate(&self.device, create);
+        let is_there = buffer.is_some();
+        if let Some(buffer) = buffer {
+            self.replacement = Some(Replacement {
+                buffer,
+                done: 0,
+                written: BTreeMap::new(),
+            });
+        }
+        is_there
     }
 
     /// Gives a slice back. Slices of other arenas, such as that of a lost device, are ignored.
@@ -246,18 +145,33 @@ impl Arena {
         self.refused = u64::MAX;
     }
 
-    /// Replaces a buffer of which most is free at the end by a smaller one.
-    pub fn shrink(&mut self, queue: &RenderQueue) {
-        if self.grown.is_none()
-            && let Some(units) = self.allocator.smaller_capacity()
-        {
+    /// Carries on with a replacement of the buffer, once in each frame. Begins one by a smaller buffer where most is free at the end.
+    pub fn advance(&mut self, queue: &RenderQueue) {
+        if let Some(units) = self.allocator.smaller_capacity() {
             let size = self.allocator.bytes(units);
-            let create = || create_buffer(&self.device, self.label, self.usages, size);
-            if let Some(buffer) = try_allocate(&self.device, create) {
-                self.allocator.capacity_units = units;
-                self.replace(buffer, queue);
+            let is_growth = |replacement: &mut Replacement| replacement.buffer.size() > self.buffer.size();
+            if size <= self.buffer.size() && self.replacement.take_if(is_growth).is_some() {
+                // It isn't needed any more.
+                self.allocator.capacity_units = (self.buffer.size() / self.allocator.bytes(1)) as u32;
+            }
+            if size < self.buffer.size() && self.replacement.is_none() {
+                self.begin_replacement(size);
             }
         }
+        if let Some(replacement) = &self.replacement {
+            let part = (replacement.buffer.size() / PARTS).max(LEAST_PART);
+            self.carry_on(part, queue);
+        }
+    }
+
+    /// Returns whether a slice can be written without a copy of a large buffer: if not, that can be done in one of the next frames.
+    pub fn is_in_reach(&self, slice: &ArenaSlice) -> bool {
+        let is_small = |replacement: &Replacement| replacement.buffer.size() <= LEAST_PART;
+        self.is_resident(slice) || self.replacement.as_ref().is_some_and(is_small)
+    }
+
+    fn is_resident(&self, slice: &ArenaSlice) -> bool {
+        self.allocator.bytes(slice.end(self.allocator.unit_words)) <= self.buffer.size()
     }
 
     /// Writes from the start of the slice on, before the commands of the next submission. Words beyond the slice's end are left
@@ -273,33 +187,73 @@ impl Arena {
         if slice.arena != self.allocator.id {
             return;
         }
-        self.grow(queue);
+        self.make_resident(queue, slice);
         let words = &words[..words.len().min(room)];
-        if !words.is_empty() {
-            let offset = slice.byte_offset() + 4 * first as u64;
-            queue.write_buffer(&self.buffer, offset, bytemuck::cast_slice(words));
+        if words.is_empty() {
+            return;
+        }
+        let offset = slice.byte_offset() + 4 * first as u64;
+        queue.write_buffer(&self.buffer, offset, bytemuck::cast_slice(words));
+        if let Some(Replacement { buffer, done, .. }) = &self.replacement
+            && *done > offset
+        {
+            let copied = words.len().min(((done - offset) / 4) as usize);
+            queue.write_buffer(buffer, offset, bytemuck::cast_slice(&words[..copied]));
         }
     }
 
-    /// Replaces the buffer if slices were taken that it does not reach. Only needed ahead of [`Self::buffer`] where slices are
-    /// filled by other means than [`Self::write`].
-    pub fn grow(&mut self, queue: &RenderQueue) {
-        if let Some(buffer) = self.grown.take() {
-            self.replace(buffer, queue);
+    /// Notes that commands which follow at once write to a slice. [`Self::buffer`] reaches it from then on.
+    pub fn begin_gpu_write(&mut self, queue: &RenderQueue, slice: &ArenaSlice) {
+        self.make_resident(queue, slice);
+        if let Some(replacement) = &mut self.replacement {
+            let end = slice.byte_offset() + 4 * u64::from(slice.words);
+            let last = replacement.written.entry(slice.byte_offset()).or_default();
+            *last = end.max(*last);
         }
     }
 
-    fn replace(&mut self, buffer: Buffer, queue: &RenderQueue) {
+    fn make_resident(&mut self, queue: &RenderQueue, slice: &ArenaSlice) {
+        if !self.is_resident(slice) {
+            self.carry_on(u64::MAX, queue);
+        }
+    }
+
+    /// Copies so many bytes to the replacement, which takes the place of the buffer after the last of them.
+    fn carry_on(&mut self, bytes: u64, queue: &RenderQueue) {
+        let Some(mut replacement) = self.replacement.take() else {
+            return;
+        };
+        let Replacement { buffer, done, written } = &mut replacement;
+        let (old, size) = (self.buffer.size(), buffer.size());
+        let end = done.saturating_add(bytes).min(size);
         let descriptor = CommandEncoderDescriptor {
             label: Some(self.label),
         };
         let mut encoder = self.device.create_command_encoder(&descriptor);
-        let size = self.buffer.size().min(buffer.size());
-        encoder.copy_buffer_to_buffer(&self.buffer, 0, &buffer, 0, size);
+        let mut copy = |range: Range<u64>| {
+            let end = range.end.min(old).min(size);
+            if range.start < end {
+                encoder.copy_buffer_to_buffer(&self.buffer, range.start, buffer, range.start, end - range.start);
+            }
+        };
+        copy(*done..end);
+        if end == size {
+            written.iter().for_each(|(begin, end)| copy(*begin..*end));
+        }
+        let cleared = (*done).max(old)..end;
+        if cleared.start < cleared.end {
+            encoder.clear_buffer(buffer, cleared.start, Some(cleared.end - cleared.start));
+        }
         // At once: later writes to the new buffer must not be overtaken by the copy.
         queue.submit([encoder.finish()]);
-        self.buffer = buffer;
-        self.generation = next_id();
+        *done = end;
+        if end < size {
+            self.replacement = Some(replacement);
+        } else {
+            self.allocator.capacity_units = (size / self.allocator.bytes(1)) as u32;
+            self.buffer = replacement.buffer;
+            self.generation = next_id();
+        }
     }
 
     /// The current buffer. Bind groups with it have to be rebuilt when [`Self::generation`] changes.
@@ -341,90 +295,7 @@ fn create_buffer(device: &RenderDevice, label: &str, usage: BufferUsages, size: 
 mod tests {
     use super::*;
     use crate::scene::test_gpu;
-    use proptest::prelude::*;
-
-    #[test]
-    fn slices_are_aligned_and_start_at_zero() {
-        let mut allocator = SliceAllocator::new(12, 1 << 20);
-        let slices: Vec<ArenaSlice> = [1, 12, 13, 0]
-            .iter()
-            .map(|words| allocator.allocate(*words).unwrap())
-            .collect();
-        assert_eq!(slices.iter().map(ArenaSlice::base).collect::<Vec<_>>(), [0, 12, 24, 48]);
-        assert_eq!(allocator.bytes(allocator.used_units), 5 * 48);
-        slices.into_iter().for_each(|slice| allocator.free(slice));
-        assert_eq!(allocator.used_units, 0);
-    }
-
-    #[test]
-    fn exactly_the_limit_fits() {
-        // 21 845 units are not a size that the allocator's bins represent.
-        let mut allocator = SliceAllocator::new(12, 1 << 20);
-        let words = allocator.max_units * 12;
-        assert!(allocator.allocate(words + 1).is_none());
-        let slice = allocator.allocate(words).unwrap();
-        assert_eq!(allocator.capacity_units, allocator.max_units);
-        assert!(allocator.allocate(1).is_none());
-        allocator.free(slice);
-        let first = allocator.allocate(words / 3).unwrap();
-        assert!(
-            allocator.allocate(words - words / 3 - 24).is_some(),
-            "the rest fits behind {first:?}"
-        );
-    }
-
-    #[test]
-    fn limits_below_a_unit_refuse_everything() {
-        for max_bytes in [0, 3, 47] {
-            let mut allocator = SliceAllocator::new(12, max_bytes);
-            assert!(allocator.allocate(0).is_none() && allocator.allocate(12).is_none());
-            assert_eq!(allocator.capacity_units, 1);
-        }
-        let mut allocator = SliceAllocator::new(1, u64::MAX);
-        assert!(allocator.allocate(u32::MAX).is_none());
-        assert!(allocator.allocate(MAX_WORDS as u32).is_some());
-    }
-
-    #[test]
-    fn capacity_grows_by_half() {
-        let mut allocator = SliceAllocator::new(1, 1 << 30);
-        let before = allocator.capacity_units;
-        let _first = allocator.allocate(before).unwrap();
-        assert_eq!(allocator.capacity_units, before);
-        let _second = allocator.allocate(1).unwrap();
-        assert_eq!(allocator.capacity_units, before + before / 2);
-        let _third = allocator.allocate(before * 8).unwrap();
-        assert_eq!(allocator.capacity_units, before * 9 + 1);
-    }
-
-    #[test]
-    fn slices_of_another_arena_are_ignored() {
-        let (mut a, mut b) = (SliceAllocator::new(4, 1 << 20), SliceAllocator::new(4, 1 << 20));
-        let slice = a.allocate(8).unwrap();
-        b.free(slice);
-        assert_eq!((a.used_units, b.used_units), (2, 0));
-    }
-
-    proptest! {
-        #[test]
-        fn slices_never_overlap(steps in prop::collection::vec((any::<bool>(), 0_u32..40_000), 1..200)) {
-            let mut allocator = SliceAllocator::new(12, 4 << 20);
-            let mut live: Vec<ArenaSlice> = Vec::new();
-            for (free, value) in steps {
-                if free && !live.is_empty() {
-                    allocator.free(live.swap_remove(value as usize % live.len()));
-                } else if let Some(slice) = allocator.allocate(value) {
-                    live.push(slice);
-                }
-                let mut spans: Vec<(u32, u32)> = live.iter().map(|s| (s.base(), s.base() + s.words())).collect();
-                spans.sort_unstable();
-                prop_assert!(spans.windows(2).all(|pair| pair[0].1 <= pair[1].0));
-                prop_assert!(spans.iter().all(|span| span.0 % 12 == 0 && span.1 <= allocator.capacity_units * 12));
-                prop_assert!(allocator.capacity_units <= allocator.max_units);
-                prop_assert_eq!(allocator.used_units, live.iter().map(|s| s.words().div_ceil(12).max(1)).sum::<u32>());
-            }
-        }
-    }
+    use bevy::render::render_resource::BufferInitDescriptor;
 
     #[test]
     fn growth_keeps_writes_of_the_same_frame() {
@@ -453,6 +324,58 @@ mod tests {
         assert_eq!(slice(&first)[..2], [7, 8]);
         assert_eq!(slice(&first)[2..], early[2..]);
         assert_eq!(slice(&second), late);
+    }
+
+    /// Slices keep what was written before, during and behind the copy, by either side.
+    #[test]
+    fn a_large_buffer_is_replaced_in_parts() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        const WORDS: u32 = 3 << 20;
+        let mut arena = Arena::new(&device, "test arena", BufferUsages::empty(), 12, 256 << 20);
+        let first = arena.allocate(WORDS).unwrap();
+        let mut expected: Vec<u32> = (0..WORDS).map(|i| i.wrapping_mul(0x9e37_79b9)).collect();
+        arena.write(&queue, &first, &expected);
+        let posed = arena.allocate(600_000).unwrap();
+        arena.write(&queue, &posed, &[0; 600_000]);
+        let mut expected_pose = vec![0; 600_000];
+        let second = arena.allocate(WORDS).unwrap();
+        let (generation, size) = (arena.generation(), arena.capacity_bytes());
+        assert!(!arena.is_resident(&second));
+        let mut frames = 0;
+        while !arena.is_resident(&second) {
+            assert_eq!((arena.generation(), arena.capacity_bytes()), (generation, size));
+            let place = frames as usize * 50_000;
+            // Behind the part that is copied, in it, and across its end.
+            let across = ((frames << 20) as usize).clamp(7, WORDS as usize - 20) - 7;
+            for begin in [place, WORDS as usize - 100_000 - place, across] {
+                let words = [frames + 1; 20];
+                arena.write_from(&queue, &first, begin, &words);
+                expected[begin..][..20].copy_from_slice(&words);
+            }
+            arena.begin_gpu_write(&queue, &posed);
+            let words = device.create_buffer_with_data(&BufferInitDescriptor {
+                label: None,
+                contents: bytemuck::cast_slice(&[frames; 9]),
+                usage: BufferUsages::COPY_SRC,
+            });
+            let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor::default());
+            encoder.copy_buffer_to_buffer(&words, 0, arena.buffer(), posed.byte_offset() + 4 * place as u64, 36);
+            queue.submit([encoder.finish()]);
+            expected_pose[place..][..9].copy_from_slice(&[frames; 9]);
+            arena.advance(&queue);
+            frames += 1;
+        }
+        assert!(frames > 3, "{frames} frames");
+        arena.write(&queue, &second, &[5; 10]);
+        let words = test_gpu::read(&device, &queue, arena.buffer());
+        assert!(words[first.base() as usize..][..WORDS as usize] == expected);
+        assert!(words[posed.base() as usize..][..600_000] == expected_pose);
+        assert_eq!(
+            words[second.base() as usize..][..12],
+            [5, 5, 5, 5, 5, 5, 5, 5, 5, 5, 0, 0]
+        );
     }
 
     /// Memory that isn't there is refused, and what was in the buffer stays.
@@ -500,14 +423,14 @@ mod tests {
         let second = arena.allocate(1_000_000).unwrap();
         arena.write(&queue, &second, &[9; 1_000_000]);
         let (large, generation) = (arena.capacity_bytes(), arena.generation());
-        arena.shrink(&queue);
+        arena.advance(&queue);
         assert_eq!(
             (arena.capacity_bytes(), arena.generation()),
             (large, generation),
             "it is full"
         );
         arena.free(second);
-        arena.shrink(&queue);
+        arena.advance(&queue);
         assert_eq!(arena.capacity_bytes(), initial);
         assert_ne!(arena.generation(), generation);
         let words = test_gpu::read(&device, &queue, arena.buffer());
@@ -520,11 +443,30 @@ mod tests {
     }
 
     #[test]
+    fn growth_that_is_not_needed_any_more_is_given_up() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let mut arena = Arena::new(&device, "test arena", BufferUsages::empty(), 4, 64 << 20);
+        let (initial, generation) = (arena.capacity_bytes(), arena.generation());
+        let large = arena.allocate(2_000_000).unwrap();
+        arena.advance(&queue);
+        arena.free(large);
+        arena.advance(&queue);
+        assert_eq!((arena.capacity_bytes(), arena.generation()), (initial, generation));
+        // There is no more room than the buffer has.
+        let next = arena.allocate(1_000_000).unwrap();
+        assert!(!arena.is_resident(&next));
+        arena.write(&queue, &next, &[7; 1_000_000]);
+        assert!(arena.is_resident(&next));
+    }
+
+    #[test]
     fn limits_of_the_device_are_kept() {
         let Some((device, _)) = test_gpu::device() else { return };
         let mut arena = Arena::new(&device, "test arena", BufferUsages::empty(), 4, u64::MAX);
         assert!(arena.max_bytes() <= device.limits().max_storage_buffer_binding_size);
         assert!(arena.allocate(u32::MAX).is_none());
-        assert!(arena.capacity_bytes() <= INITIAL_BYTES);
+        assert!(arena.capacity_bytes() <= slice_allocator::INITIAL_BYTES);
     }
 }

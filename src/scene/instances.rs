@@ -50,6 +50,8 @@ pub struct SceneInstances {
     count: usize,
     /// How many objects show each mesh.
     mesh_users: HashMap<AssetId<Mesh>, u32>,
+    /// Meshes that an object shows and none did before.
+    new_meshes: Vec<AssetId<Mesh>>,
     dirty: Vec<u32>,
     moved: Vec<u32>,
 }
@@ -65,9 +67,14 @@ impl SceneInstances {
         self.slots.get(slot as usize).and_then(Option::as_ref)
     }
 
-    /// The meshes of all objects, each once.
-    pub fn meshes(&self) -> impl Iterator<Item = AssetId<Mesh>> + '_ {
-        self.mesh_users.keys().copied()
+    /// Meshes that objects have begun to show since the last call. Some may be shown no longer.
+    pub fn take_new_meshes(&mut self) -> Vec<AssetId<Mesh>> {
+        core::mem::take(&mut self.new_meshes)
+    }
+
+    /// Returns whether an object shows a mesh.
+    pub fn shows(&self, mesh: AssetId<Mesh>) -> bool {
+        self.mesh_users.contains_key(&mesh)
     }
 
     /// No object at all.
@@ -116,7 +123,11 @@ impl SceneInstances {
             before.world_from_object = source.world_from_object;
             self.moved.push(slot);
         } else if place.as_ref() != Some(&source) {
-            *self.mesh_users.entry(source.mesh).or_default() += 1;
+            let users = self.mesh_users.entry(source.mesh).or_default();
+            *users += 1;
+            if *users == 1 {
+                self.new_meshes.push(source.mesh);
+            }
             let replaced = place.replace(source);
             self.dirty.push(slot);
             self.release_mesh(replaced);
@@ -248,11 +259,15 @@ mod tests {
         assert_eq!(instances.take_dirty(), [0]);
         assert_eq!(instances.get(0).map(|s| s.entity), Some(c));
         assert_eq!(instances.count, 2);
-        assert_eq!(instances.meshes().count(), 1);
+        let mesh = AssetId::default();
+        assert!(instances.shows(mesh));
+        assert_eq!(instances.take_new_meshes(), [mesh], "it is new once");
         instances.remove(b);
         assert_eq!(instances.slots().len(), 1, "the end of the table is free");
         instances.remove(c);
         assert!(instances.slots().is_empty());
-        assert_eq!(instances.meshes().count(), 0, "nobody shows the mesh any more");
+        assert!(!instances.shows(mesh), "nobody shows the mesh any more");
+        instances.set(source(a));
+        assert_eq!(instances.take_new_meshes(), [mesh]);
     }
 }

@@ -33,8 +33,8 @@ use std::sync::Arc;
 
 /// Triangles of all merged trees, at most: 235 MB, and more where they are split.
 const BUDGET_TRIANGLES: u64 = 4 << 20;
-/// Words of a merged tree that are uploaded in one frame: 16 MB, so that no frame waits for the copy of a large tree.
-const UPLOAD_WORDS_PER_FRAME: usize = 4 << 20;
+/// Words of a merged tree that are uploaded in one frame: 2 MB, so that no frame waits for the copy of a large tree.
+const UPLOAD_WORDS_PER_FRAME: usize = 512 << 10;
 
 /// Writes that cutting an object out of a tree may take: each costs about a microsecond.
 const MOST_CUTS: usize = 512;
@@ -268,7 +268,9 @@ impl StaticMerge {
                 owners: core::mem::take(&mut upload.owners),
             };
             self.owners.insert(upload.name, owners);
-            self.work = None;
+            if let Some(work) = self.work.take() {
+                tree_builds::discard(work);
+            }
             self.scheduler.finish(tree);
         }
     }
@@ -277,6 +279,9 @@ impl StaticMerge {
 impl Upload {
     /// Uploads a part; returns the tree after the last one.
     fn carry_on(&mut self, meshes: &mut SceneMeshes, queue: &RenderQueue) -> Option<Tree> {
+        if !meshes.is_merged_in_reach(self.name) {
+            return None;
+        }
         let words = self.blas.items.as_flattened().as_flattened();
         let end = words.len().min(self.done + UPLOAD_WORDS_PER_FRAME);
         meshes.write_merged(self.name, self.done, &words[self.done..end], queue);

@@ -37,13 +37,26 @@ use std::sync::Arc;
 pub use triangles::MeshTriangles;
 
 /// Bytes of mesh assets that are copied in one frame, while the main world waits; the first is always copied.
-const COPIED_BYTES_PER_FRAME: u64 = 8 << 20;
+const COPIED_BYTES_PER_FRAME: u64 = 2 << 20;
+/// Bytes of copies that haven't been uploaded, beyond which none are made: builds take longer than copies.
+const MOST_COPIED_BYTES: u64 = 64 << 20;
 
 /// Triangles of a merged tree, at most: more would take seconds to build on a slow machine. Objects with more stay
 /// instances, since a single tree is all that merging could give them.
 pub(super) const CHUNK_TRIANGLES: u64 = 1 << 20;
 /// Items of a node that joins two trees, and of the roots of these.
 const ROOT_ITEMS: u32 = 3;
+
+/// Outcome of a look at the data of a mesh.
+#[derive(PartialEq)]
+enum Start {
+    /// It is being built, or can't be.
+    Done,
+    /// It has to wait for the next frame.
+    Later,
+    /// There is none yet.
+    Nowhere,
+}
 
 /// Source from which a mesh is built.
 enum MeshSource {
@@ -60,7 +73,16 @@ pub struct BuiltMesh {
     blas: Option<Blas>,
     /// Only for the BVH tracer.
     triangles: Option<Arc<MeshTriangles>>,
+    /// Empty for the BVH tracer.
+    indices: Arc<[u32]>,
     milliseconds: f32,
+}
+
+/// A mesh that is being built.
+struct MeshBuild {
+    task: Task<Result<BuiltMesh, GeometryError>>,
+    /// Size of the copy of the asset.
+    copied_bytes: u64,
 }
 
 /// A built mesh on its way into the buffers.
@@ -129,11 +151,17 @@ pub struct SceneMeshes {
     /// The room of the merged trees was needed for something else.
     merged_lost: bool,
     ready: HashMap<AssetId<Mesh>, SceneMesh>,
-    pending: HashMap<AssetId<Mesh>, Task<Result<BuiltMesh, GeometryError>>>,
+    pending: HashMap<AssetId<Mesh>, MeshBuild>,
+    /// Bytes of copies in [`Self::pending`].
+    copied_bytes: u64,
     /// The mesh that is being uploaded. If there is an older version of it, rays hit that one until then.
     uploading: Option<MeshUpload>,
-    /// Meshes whose data is to be copied in one of the next frames.
+    /// Meshes that objects show and whose build hasn't begun: their data is to be copied in one of the next frames, or isn't there yet.
+    wanted: HashSet<AssetId<Mesh>>,
+    /// The number of those whose data is there.
     waiting: usize,
+    /// Large ones among them, which changed a frame ago.
+    late: HashSet<AssetId<Mesh>>,
     /// Meshes that can't be built, and those that rays must not see (`Mesh::enable_raytracing`).
     failed: HashSet<AssetId<Mesh>>,
     /// Meshes that found no room.
@@ -174,8 +202,11 @@ impl SceneMeshes {
             merged_lost: false,
             ready: HashMap::default(),
             pending: HashMap::default(),
+            copied_bytes: 0,
             uploading: None,
+            wanted: HashSet::default(),
             waiting: 0,
+            late: HashSet::default(),
             failed: HashSet::default(),
             without_room: WaitingRoom::default(),
             stale: HashSet::default(),
@@ -214,39 +245,44 @@ impl SceneMeshes {
     }
 
     /// Starts the build of a mesh if its data can be read somewhere and rays may see it, and takes what is copied for it off the budget.
-    /// Returns false where the mesh has to wait for the next frame's.
+    /// `changed` are meshes that changed in this frame.
     fn start_from(
         &mut self,
         id: AssetId<Mesh>,
         kept: &mut RenderWorldMeshes,
         assets: &Assets<Mesh>,
+        changed: &HashSet<AssetId<Mesh>>,
         budget: &mut CopyBudget,
-    ) -> bool {
+    ) -> Start {
         let readable = assets.get(id).filter(|mesh| is_readable(mesh));
         let found = match readable {
             Some(mesh) if mesh.enable_raytracing => {
-                if !budget.take(bytes_of(mesh)) {
-                    return false;
+                let bytes = bytes_of(mesh);
+                // Bevy copies a mesh in the frame in which it changes: a large one is copied again in the next.
+                let is_large = bytes > COPIED_BYTES_PER_FRAME;
+                if is_large && changed.contains(&id) && self.late.insert(id) || !budget.take(bytes) {
+                    return Start::Later;
                 }
-                self.start(id, MeshSource::Copy(Box::new(mesh.clone())));
-                return true;
+                self.late.remove(&id);
+                self.start(id, MeshSource::Copy(Box::new(mesh.clone())), bytes);
+                return Start::Done;
             }
             Some(_) => Found::Unseen,
             None => kept.find(id),
         };
         match found {
-            Found::Packed(packed) => self.start(id, MeshSource::Kept(packed)),
+            Found::Packed(packed) => self.start(id, MeshSource::Kept(packed), 0),
             Found::Unseen => {
                 self.remove(id);
                 self.failed.insert(id);
             }
-            Found::Later => return false,
-            Found::Nowhere => {}
+            Found::Later => return Start::Later,
+            Found::Nowhere => return Start::Nowhere,
         }
-        true
+        Start::Done
     }
 
-    fn start(&mut self, id: AssetId<Mesh>, source: MeshSource) {
+    fn start(&mut self, id: AssetId<Mesh>, source: MeshSource, copied_bytes: u64) {
         let with_bvh = self.tracer == ReflectionTracer::Bvh;
         let task = tree_builds::spawn(async move {
             let begin = Instant::now();
@@ -268,21 +304,32 @@ impl SceneMeshes {
                     MeshTriangles::copied(&packed)
                 })
             });
+            let indices = if with_bvh {
+                Arc::default()
+            } else {
+                packed.indices().into()
+            };
             let milliseconds = begin.elapsed().as_secs_f32() * 1000.0;
             Ok(BuiltMesh {
                 packed,
                 blas,
                 triangles,
+                indices,
                 milliseconds,
             })
         });
         self.failed.remove(&id);
         self.without_room.remove(&id);
-        self.pending.insert(id, task);
+        self.copied_bytes += copied_bytes;
+        if let Some(replaced) = self.pending.insert(id, MeshBuild { task, copied_bytes }) {
+            self.copied_bytes -= replaced.copied_bytes;
+        }
     }
 
     fn remove(&mut self, id: AssetId<Mesh>) {
-        self.pending.remove(&id);
+        if let Some(build) = self.pending.remove(&id) {
+            self.copied_bytes -= build.copied_bytes;
+        }
         if let Some(upload) = self.uploading.take_if(|upload| upload.id == id) {
             self.geometry.free(upload.geometry);
             upload.bvh.into_iter().for_each(|slice| self.bvh.free(slice));
@@ -290,6 +337,7 @@ impl SceneMeshes {
         self.failed.remove(&id);
         self.without_room.remove(&id);
         self.stale.remove(&id);
+        self.late.remove(&id);
         if let Some(mesh) = self.ready.remove(&id) {
             self.triangles -= u64::from(mesh.triangle_count);
             self.geometry.free(mesh.geometry);
@@ -302,6 +350,7 @@ impl SceneMeshes {
 
     /// Gives everything back.
     pub fn clear(&mut self, device: &RenderDevice) {
+        self.wanted.clear();
         self.waiting = 0;
         let is_empty = self.ready.is_empty() && self.pending.is_empty() && self.uploading.is_none();
         if !is_empty || !self.failed.is_empty() || !self.without_room.is_empty() {
@@ -348,6 +397,11 @@ impl SceneMeshes {
         Some((name, first))
     }
 
+    /// Returns whether a merged tree can be written by now, or is lost.
+    pub(super) fn is_merged_in_reach(&self, name: u64) -> bool {
+        self.merged.get(&name).is_none_or(|slice| self.bvh.is_in_reach(slice))
+    }
+
     /// Writes a part of a merged tree, which begins at a word of it. Nothing happens once the tree is lost.
     pub(super) fn write_merged(&mut self, name: u64, first: usize, words: &[u32], queue: &RenderQueue) {
         let Some(slice) = self.merged.get(&name) else { return };
@@ -380,7 +434,7 @@ fn words_of(items: usize) -> Option<u32> {
 pub fn extract_meshes(
     assets: Extract<Res<Assets<Mesh>>>,
     mut events: Extract<MessageReader<AssetEvent<Mesh>>>,
-    instances: Res<SceneInstances>,
+    mut instances: ResMut<SceneInstances>,
     activity: Res<SceneActivity>,
     mut meshes: ResMut<SceneMeshes>,
     mut render_world: ResMut<RenderWorldMeshes>,
@@ -388,14 +442,15 @@ pub fn extract_meshes(
 ) {
     let meshes = &mut *meshes;
     meshes.changed.clear();
-    let mut modified = Vec::new();
+    let mut changed = HashSet::new();
     for event in events.read() {
         match event {
             // Another mesh may be inserted under an id that was removed.
-            AssetEvent::Added { id } | AssetEvent::Modified { id } => modified.push(*id),
+            AssetEvent::Added { id } | AssetEvent::Modified { id } => _ = changed.insert(*id),
             AssetEvent::Unused { id } => {
                 render_world.remove(*id);
                 meshes.remove(*id);
+                meshes.wanted.insert(*id);
             }
             _ => {}
         }
@@ -404,39 +459,46 @@ pub fn extract_meshes(
         meshes.clear(&device);
         return;
     }
-    let mut budget = CopyBudget::default();
+    let mut budget = CopyBudget::new(meshes.copied_bytes);
     // A build in flight is finished first: else a mesh that changes in every frame would never appear.
     let mut stale = core::mem::take(&mut meshes.stale);
+    let mut modified = changed.clone();
     modified.extend(stale.extract_if(|id| !meshes.is_on_its_way(*id)));
     meshes.stale = stale;
     for id in modified {
         let waits = meshes.is_on_its_way(id)
-            || meshes.is_known(id) && !meshes.start_from(id, &mut render_world, &assets, &mut budget);
+            || meshes.is_known(id)
+                && meshes.start_from(id, &mut render_world, &assets, &changed, &mut budget) == Start::Later;
         if waits {
             meshes.stale.insert(id);
         }
     }
+    let mut wanted = core::mem::take(&mut meshes.wanted);
+    wanted.extend(instances.take_new_meshes());
     // They are no longer known, so that they are built again.
     let used = meshes.used_bytes();
-    meshes.without_room.take(used);
+    wanted.extend(meshes.without_room.take(used));
     meshes.waiting = 0;
-    for id in instances.meshes() {
-        if !meshes.is_known(id) && !meshes.start_from(id, &mut render_world, &assets, &mut budget) {
-            meshes.waiting += 1;
+    wanted.retain(|id| {
+        if meshes.is_known(*id) || !instances.shows(*id) {
+            return false;
         }
-    }
+        let start = meshes.start_from(*id, &mut render_world, &assets, &changed, &mut budget);
+        meshes.waiting += usize::from(start == Start::Later);
+        start != Start::Done
+    });
+    meshes.wanted = wanted;
 }
 
 /// Bytes that may still be copied in a frame.
 struct CopyBudget(u64);
 
-impl Default for CopyBudget {
-    fn default() -> Self {
-        Self(COPIED_BYTES_PER_FRAME)
-    }
-}
-
 impl CopyBudget {
+    /// The budget of a frame while so many bytes wait that were copied before.
+    fn new(waiting: u64) -> Self {
+        Self(COPIED_BYTES_PER_FRAME.min(MOST_COPIED_BYTES.saturating_sub(waiting)))
+    }
+
     /// Takes so many; false where nothing is left. The last that is copied may be larger than the rest.
     fn take(&mut self, bytes: u64) -> bool {
         let is_left = self.0 > 0;

@@ -14,6 +14,7 @@ mod static_tree;
 use super::{
     bvh::{LinearEntry, TlasInstance, USUAL_STACK, join},
     meshes::SceneMeshes,
+    tree_builds,
 };
 use bevy::{log::warn_once, math::Affine3A, render::renderer::RenderQueue};
 use moving_tree::{Mover, MovingTree};
@@ -235,7 +236,11 @@ impl TopLevel {
         meshes: &mut SceneMeshes,
     ) {
         if let Some(last) = self.static_tree.take() {
-            meshes.bvh.free(last.slice);
+            let StaticTree {
+                slice, tlas, members, ..
+            } = *last;
+            meshes.bvh.free(slice);
+            tree_builds::discard((tlas, members));
         }
         self.moved = true;
         for joining in joining {

@@ -20,6 +20,11 @@ pub(super) fn spawn<T: Send + 'static>(build: impl Future<Output = T> + Send + '
     POOL.get_or_init(new_pool).spawn(build)
 }
 
+/// Drops something large on one of these threads: giving many pages back takes milliseconds.
+pub(super) fn discard<T: Send + 'static>(value: T) {
+    spawn(async move { drop(value) }).detach();
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,15 +5,15 @@ use bevy::{
     log::warn,
     render::{
         render_resource::{
-            BindGroupEntry, Buffer, BufferDescriptor, BufferInitDescriptor, BufferUsages, CommandEncoderDescriptor,
-            ComputePassDescriptor, ComputePipeline, PipelineCompilationOptions, RawComputePipelineDescriptor,
-            ShaderModuleDescriptor, ShaderSource,
+            BindGroupEntry, BindingResource, Buffer, BufferBinding, BufferDescriptor, BufferUsages,
+            CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline, PipelineCompilationOptions,
+            RawComputePipelineDescriptor, ShaderModuleDescriptor, ShaderSource,
         },
         renderer::{RenderDevice, RenderQueue},
     },
 };
-use bytemuck::{NoUninit, bytes_of, cast_slice};
-use core::{marker::PhantomData, ops::Range};
+use bytemuck::{NoUninit, cast_slice};
+use core::{num::NonZeroU64, ops::Range};
 
 /// Elements between two changed ones that are rather written again than skipped: a write of its own costs more.
 const GAP: u32 = 64;
@@ -23,6 +23,8 @@ const CHEAP_BYTES: u64 = 1 << 18;
 const SMALLEST_ROOM: usize = 16;
 /// Threads of a workgroup in `scatter.wesl`.
 const THREADS: u32 = 64;
+/// Label of what is on its way to the kernel.
+const SCATTERED: &str = "glint_scattered";
 /// Workgroups that every device can start at a time.
 const MOST_WORKGROUPS: u32 = 65_535;
 
@@ -37,8 +39,9 @@ pub struct StorageSlice<T> {
     is_empty: bool,
     warned: bool,
     generation: u64,
-    scatter: Option<ComputePipeline>,
-    element: PhantomData<T>,
+    scatter: Option<Scatter>,
+    /// Elements on their way to the kernel.
+    gathered: Vec<T>,
 }
 
 impl<T: NoUninit> StorageSlice<T> {
@@ -53,7 +56,7 @@ impl<T: NoUninit> StorageSlice<T> {
             warned: false,
             generation: 0,
             scatter: None,
-            element: PhantomData,
+            gathered: Vec::new(),
         }
     }
 
@@ -133,24 +136,30 @@ impl<T: NoUninit> StorageSlice<T> {
 
     /// Writes the elements in one piece, and has a kernel put them where they belong.
     fn scatter(&mut self, data: &[T], places: &[u32], workgroups: u32, device: &RenderDevice, queue: &RenderQueue) {
-        let pipeline = self
+        let scatter = self
             .scatter
-            .get_or_insert_with(|| scatter_pipeline(device, size_of::<T>() / 16));
-        let elements = gather(data, places, device);
-        let places = device.create_buffer_with_data(&BufferInitDescriptor {
-            label: Some("glint_scattered"),
-            contents: cast_slice(places),
-            usage: BufferUsages::STORAGE,
-        });
-        let buffers = [elements, places, self.buffer.clone()];
-        let entries: Vec<_> = (0..)
-            .zip(&buffers)
-            .map(|(binding, buffer)| BindGroupEntry {
-                binding,
-                resource: buffer.as_entire_binding(),
+            .get_or_insert_with(|| Scatter::new(device, size_of::<T>() / 16));
+        self.gathered.clear();
+        self.gathered.extend(places.iter().map(|place| data[*place as usize]));
+        fill(&mut scatter.elements, cast_slice(&self.gathered), device, queue);
+        fill(&mut scatter.places, cast_slice(places), device, queue);
+        let part = |buffer, size: usize| {
+            BindingResource::Buffer(BufferBinding {
+                buffer,
+                offset: 0,
+                size: NonZeroU64::new(size as u64),
             })
+        };
+        let entries = [
+            part(&scatter.elements, size_of_val(self.gathered.as_slice())),
+            part(&scatter.places, size_of_val(places)),
+            self.buffer.as_entire_binding(),
+        ];
+        let entries: Vec<_> = (0..)
+            .zip(entries)
+            .map(|(binding, resource)| BindGroupEntry { binding, resource })
             .collect();
-        let layout = pipeline.get_bind_group_layout(0).into();
+        let layout = scatter.pipeline.get_bind_group_layout(0).into();
         let bind_group = device.create_bind_group("glint_scatter", &layout, &entries);
         let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor {
             label: Some("glint_scatter"),
@@ -160,7 +169,7 @@ impl<T: NoUninit> StorageSlice<T> {
                 label: Some("glint_scatter"),
                 timestamp_writes: None,
             });
-            pass.set_pipeline(pipeline);
+            pass.set_pipeline(&scatter.pipeline);
             pass.set_bind_group(0, &bind_group, &[]);
             pass.dispatch_workgroups(workgroups, 1, 1);
         }
@@ -199,24 +208,30 @@ impl<T: NoUninit> StorageSlice<T> {
     }
 }
 
-/// A buffer with the elements at these places.
-fn gather<T: NoUninit>(data: &[T], places: &[u32], device: &RenderDevice) -> Buffer {
-    let size = size_of::<T>();
-    let buffer = device.create_buffer(&BufferDescriptor {
-        label: Some("glint_scattered"),
-        size: (places.len() * size) as u64,
-        usage: BufferUsages::STORAGE,
-        mapped_at_creation: true,
-    });
-    // It can be mapped: it was just created so.
-    if let Ok(mut view) = buffer.get_mapped_range_mut(..) {
-        for (index, place) in places.iter().enumerate() {
-            view.slice(index * size..(index + 1) * size)
-                .copy_from_slice(bytes_of(&data[*place as usize]));
+/// The kernel that puts elements at their places, with its buffers, which are there from one frame to the next.
+struct Scatter {
+    pipeline: ComputePipeline,
+    elements: Buffer,
+    places: Buffer,
+}
+
+impl Scatter {
+    fn new(device: &RenderDevice, rows: usize) -> Self {
+        Self {
+            pipeline: scatter_pipeline(device, rows),
+            elements: create(device, SCATTERED, 4),
+            places: create(device, SCATTERED, 4),
         }
     }
-    buffer.unmap();
-    buffer
+}
+
+/// Writes to the start of a buffer, and replaces it where it is too small or much too large.
+fn fill(buffer: &mut Buffer, bytes: &[u8], device: &RenderDevice, queue: &RenderQueue) {
+    let size = (bytes.len() as u64).next_power_of_two();
+    if !(size..=8 * size).contains(&buffer.size()) {
+        *buffer = create(device, SCATTERED, size);
+    }
+    queue.write_buffer(buffer, 0, bytes);
 }
 
 fn scatter_pipeline(device: &RenderDevice, rows: usize) -> ComputePipeline {

@@ -35,6 +35,11 @@ impl<K: Copy + Eq + Hash> WaitingRoom<K> {
         self.0.contains_key(key)
     }
 
+    /// How many wait.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
     /// Nothing waits.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()

@@ -265,6 +265,9 @@ fn status_ui(ui: &mut Ui, report: &ReflectionStatusReport) {
     }
     entry(ui, "Objects", &report.instances.to_string());
     entry(ui, "Triangles", &report.triangles.to_string());
+    if report.meshes_without_room > 0 {
+        entry(ui, "Meshes without room", &report.meshes_without_room.to_string());
+    }
     if report.meshes_pending > 0 {
         entry(ui, "Meshes to build", &report.meshes_pending.to_string());
     } else if !report.ready && !report.active_backends.is_empty() {

@@ -7,6 +7,7 @@ mod pictures;
 mod stage;
 
 mod adaptive;
+mod arrivals;
 mod back_ends;
 mod bounces;
 mod convergence;
@@ -16,6 +17,7 @@ mod dynamics;
 mod effects;
 mod events;
 mod examples;
+mod floating_origin;
 mod front_layer;
 mod ground_truth;
 mod idle;

@@ -2,8 +2,7 @@
 
 use super::{BuiltMesh, MeshUpload, SceneBlas, SceneMesh, SceneMeshes};
 use crate::{
-    device::ReflectionTracer,
-    scene::{arena::ArenaSlice, bvh::ITEM_WORDS},
+    scene::{arena::ArenaSlice, bvh::ITEM_WORDS, tree_builds},
     status::ReflectionStatus,
 };
 use bevy::{
@@ -14,25 +13,27 @@ use bevy::{
     render::renderer::RenderQueue,
     tasks::{block_on, poll_once},
 };
-use std::sync::Arc;
 
-/// Bytes of geometry and trees that are uploaded in one frame, however large a mesh is: a few milliseconds.
-const UPLOAD_BYTES_PER_FRAME: u64 = 16 << 20;
+/// Bytes of geometry and trees that are uploaded in one frame, however large a mesh is: a millisecond or two. A thread builds less.
+const UPLOAD_BYTES_PER_FRAME: u64 = 2 << 20;
+
 impl SceneMeshes {
     /// Uploads so many bytes of meshes whose build has finished, at most. Returns the builds that have finished, and how long they took.
     fn upload(&mut self, mut bytes: u64, queue: &RenderQueue) -> (u64, f32) {
-        self.geometry.shrink(queue);
-        self.bvh.shrink(queue);
+        self.geometry.advance(queue);
+        self.bvh.advance(queue);
         let (mut builds, mut milliseconds) = (0, 0.0);
         loop {
             bytes = self.carry_on(bytes, queue);
             if bytes == 0 || self.uploading.is_some() {
                 break;
             }
-            let Some((id, mut task)) = self.pending.extract_if(|_, task| task.is_finished()).next() else {
+            let finished = self.pending.extract_if(|_, build| build.task.is_finished()).next();
+            let Some((id, mut build)) = finished else {
                 break;
             };
-            match block_on(poll_once(&mut task)) {
+            self.copied_bytes -= build.copied_bytes;
+            match block_on(poll_once(&mut build.task)) {
                 Some(Ok(built)) => {
                     builds += 1;
                     milliseconds += built.milliseconds;
@@ -96,7 +97,11 @@ impl SceneMeshes {
 
     /// Uploads so many bytes of the current mesh, at most, which rays can hit after the last of them. Returns the bytes that are left.
     fn carry_on(&mut self, bytes: u64, queue: &RenderQueue) -> u64 {
-        let Some(mut upload) = self.uploading.take() else {
+        let is_reached = |upload: &mut MeshUpload| {
+            self.geometry.is_in_reach(&upload.geometry)
+                && upload.bvh.as_ref().is_none_or(|slice| self.bvh.is_in_reach(slice))
+        };
+        let Some(mut upload) = self.uploading.take_if(is_reached) else {
             return bytes;
         };
         let geometry = upload.built.packed.words.as_slice();
@@ -131,16 +136,17 @@ impl SceneMeshes {
             bvh,
             ..
         } = upload;
-        let (packed, triangles) = (built.packed, built.triangles);
+        let packed = built.packed;
         // Another build of it may be on its way.
         let is_stale = self.stale.contains(&id);
         self.remove(id);
         if is_stale {
             self.stale.insert(id);
         }
-        let bvh = bvh.zip(built.blas).map(|(slice, blas)| {
-            let first_node = slice.base() / ITEM_WORDS;
+        let bvh = bvh.zip(built.blas).map(|(slice, mut blas)| {
             let levels = packed.deformation.as_ref().map(|_| blas.levels());
+            tree_builds::discard(core::mem::take(&mut blas.items));
+            let first_node = slice.base() / ITEM_WORDS;
             SceneBlas {
                 slice,
                 first_node,
@@ -157,15 +163,12 @@ impl SceneMeshes {
             vertex_count: packed.vertex_count,
             triangle_count: packed.triangle_count,
             offsets: packed.offsets,
-            indices: if self.tracer == ReflectionTracer::RayQuery {
-                packed.indices().into()
-            } else {
-                Arc::default()
-            },
-            triangles,
+            indices: built.indices,
+            triangles: built.triangles,
             deformation: packed.deformation.clone(),
             version: self.next_version,
         };
+        tree_builds::discard(packed);
         self.next_version += 1;
         self.triangles += u64::from(mesh.triangle_count);
         self.ready.insert(id, mesh);
@@ -180,6 +183,7 @@ pub fn upload_meshes(mut meshes: ResMut<SceneMeshes>, status: Res<ReflectionStat
     let pending = meshes.pending.len() + usize::from(meshes.uploading.is_some()) + meshes.waiting;
     status.update(|report| {
         report.meshes_pending = pending;
+        report.meshes_without_room = meshes.without_room.len();
         report.meshes = meshes.ready.len();
         report.triangles = meshes.triangles;
         report.blas_builds += builds;
@@ -190,30 +194,33 @@ pub fn upload_meshes(mut meshes: ResMut<SceneMeshes>, status: Res<ReflectionStat
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::meshes::CopyBudget;
-    use crate::scene::{
-        arena::Arena,
-        geometry::{BASE_ALIGNMENT, pack_mesh},
-        meshes::MeshSource,
-        test_gpu,
+    use crate::{
+        device::ReflectionTracer,
+        scene::{
+            arena::Arena,
+            geometry::{BASE_ALIGNMENT, pack_mesh},
+            meshes::{COPIED_BYTES_PER_FRAME, CopyBudget, MOST_COPIED_BYTES, MeshSource},
+            test_gpu,
+        },
     };
     use bevy::{
         asset::uuid::Uuid,
         prelude::{Cuboid, Sphere},
         render::render_resource::BufferUsages,
     };
+    use std::sync::Arc;
 
     const ID: AssetId<Mesh> = AssetId::Uuid {
         uuid: Uuid::from_u128(1),
     };
 
     fn start(meshes: &mut SceneMeshes, mesh: impl Into<Mesh>) {
-        meshes.start(ID, MeshSource::Copy(Box::new(mesh.into())));
+        meshes.start(ID, MeshSource::Copy(Box::new(mesh.into())), 1);
     }
 
     /// Uploads so many bytes after the build has finished.
     fn upload(meshes: &mut SceneMeshes, bytes: u64, queue: &RenderQueue) {
-        while meshes.pending.values().any(|task| !task.is_finished()) {
+        while meshes.pending.values().any(|build| !build.task.is_finished()) {
             std::thread::yield_now();
         }
         meshes.upload(bytes, queue);
@@ -270,11 +277,17 @@ mod tests {
         };
         let mut meshes = SceneMeshes::new(&device, ReflectionTracer::Bvh);
         let packed = Arc::new(pack_mesh(&Sphere::default().into()).unwrap());
-        meshes.start(ID, MeshSource::Kept(packed.clone()));
+        meshes.start(ID, MeshSource::Kept(packed.clone()), 0);
         upload(&mut meshes, u64::MAX, &queue);
         let triangles = meshes.get(ID).unwrap().triangles.as_ref().unwrap();
         assert!(std::ptr::eq(triangles.positions(), packed.positions()));
-        // This, and the triangles for merging.
+        // This, and the triangles for merging. The build lets go of it on another thread.
+        for _ in 0..1_000 {
+            if Arc::strong_count(&packed) == 2 {
+                break;
+            }
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
         assert_eq!(Arc::strong_count(&packed), 2);
     }
 
@@ -295,7 +308,7 @@ mod tests {
         meshes.geometry = Arena::new(&device, "glint_geometry", usages, BASE_ALIGNMENT, size * 3 / 2);
         start(&mut meshes, Sphere::default());
         upload(&mut meshes, u64::MAX, &queue);
-        meshes.start(OTHER, MeshSource::Copy(Box::new(Sphere::default().into())));
+        meshes.start(OTHER, MeshSource::Copy(Box::new(Sphere::default().into())), 1);
         upload(&mut meshes, u64::MAX, &queue);
         assert!(meshes.get(ID).is_some() && meshes.get(OTHER).is_none());
         // Known, so that it isn't built in each frame, until something is given back.
@@ -312,6 +325,9 @@ mod tests {
     fn a_frame_copies_one_mesh_and_others_while_bytes_are_left() {
         let mut budget = CopyBudget(10);
         assert_eq!([6, 6, 1].map(|bytes| budget.take(bytes)), [true, true, false]);
-        assert!(CopyBudget::default().take(u64::MAX));
+        assert!(CopyBudget::new(0).take(u64::MAX));
+        assert_eq!(CopyBudget::new(MOST_COPIED_BYTES - 1).0, 1, "builds lag behind");
+        assert!(!CopyBudget::new(MOST_COPIED_BYTES + 1).take(1));
+        assert_eq!(CopyBudget::new(1).0, COPIED_BYTES_PER_FRAME);
     }
 }

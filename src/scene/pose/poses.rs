@@ -208,8 +208,16 @@ impl Poses {
         }
         // The header of new copies is written, so that they can be hit by now, whatever becomes of their vertices.
         if pass.reserve(&batch, device) {
-            meshes.geometry.grow(queue);
-            meshes.bvh.grow(queue);
+            let rooms = changes
+                .posed
+                .iter()
+                .filter_map(|slot| self.posed.get(slot)?.room.as_ref());
+            for room in rooms {
+                meshes.geometry.begin_gpu_write(queue, &room.geometry);
+                if let Some((tree, _)) = &room.tree {
+                    meshes.bvh.begin_gpu_write(queue, tree);
+                }
+            }
             let (geometry, bvh) = (meshes.geometry.buffer(), meshes.bvh.buffer());
             pass.run(&batch, kernels, geometry, bvh, device, queue);
         } else {

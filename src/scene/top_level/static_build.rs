@@ -130,8 +130,11 @@ impl StaticBuild {
             Stage::Uploading { built, slice, done } => (built, slice, done),
         };
         let items = &built.tlas.items;
-        let end = items.len().min(done + UPLOAD_ITEMS_PER_FRAME);
-        write_items(meshes, queue, &slice, items, done..end);
+        let mut end = done;
+        if meshes.bvh.is_in_reach(&slice) {
+            end = items.len().min(done + UPLOAD_ITEMS_PER_FRAME);
+            write_items(meshes, queue, &slice, items, done..end);
+        }
         if end < items.len() {
             self.stage = Stage::Uploading {
                 built,

@@ -60,10 +60,10 @@ pub struct Arguments {
     /// Leave out building on the CPU
     #[arg(long)]
     pub skip_build: bool,
-    /// Measure only what worlds that are large or change take of the CPU: a table in Markdown
+    /// Measure only what worlds that are large or change take of the CPU, and the longest frame while meshes arrive: tables in Markdown
     #[arg(long)]
     pub worlds: bool,
-    /// Rounds of `--worlds`, for the intervals
+    /// Rounds of `--worlds`, for the intervals; arrivals have fewer
     #[arg(long, value_name = "N", default_value_t = 12, value_parser = value_parser!(u32).range(2..))]
     pub rounds: u32,
     /// Measure only those cases of `--worlds` whose names contain this
@@ -96,6 +96,14 @@ impl Arguments {
     /// Tracers to measure, each in an app of its own.
     pub fn tracers(&self) -> Vec<ReflectionTracerChoice> {
         self.tracer.list()
+    }
+
+    /// The tracer of arrivals, which take long: of all, the one that an app gets.
+    pub fn arrival_tracer(&self) -> ReflectionTracerChoice {
+        match self.tracer {
+            Tracers::One(tracer) => tracer,
+            Tracers::All => ReflectionTracerChoice::Auto,
+        }
     }
 
     /// Fills the gaps with defaults that suit the machine.

@@ -7,6 +7,7 @@
 //! their hits. All times on the GPU come from its own clock.
 
 mod arguments;
+mod arrivals;
 mod bvh_builds;
 mod kernels;
 mod machine;
@@ -42,6 +43,7 @@ fn run(arguments: &Arguments) -> Result<(), String> {
             arguments.only.as_deref(),
             &mut csv,
         )?;
+        arrivals::measure(arguments.arrival_tracer(), arguments.only.as_deref(), &mut csv)?;
         return match &arguments.csv {
             Some(path) => csv.save(path, "CPU", &size_word),
             None => Ok(()),

@@ -12,7 +12,7 @@ use bevy_glint::{
 use glint_scenes::{HeadlessApp, HeadlessSettings, SystemClock};
 use std::collections::BTreeMap;
 
-const SIZE: UVec2 = UVec2::new(16, 16);
+pub const SIZE: UVec2 = UVec2::new(16, 16);
 const INSTANCES: usize = 100_000;
 const MOVERS: usize = 10_000;
 const LIGHTS: usize = 1_000;
@@ -190,7 +190,7 @@ fn print_row(case: &Case, tracer: &str, rounds: &[Round], csv: &mut Csv) {
 }
 
 /// Mean, and half of its 95 % interval by Student's distribution.
-fn interval(values: &[f64]) -> (f64, f64) {
+pub fn interval(values: &[f64]) -> (f64, f64) {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;
     let freedom = count - 1.0;

@@ -18,12 +18,13 @@ pub struct ComparePlugin {
 
 impl Plugin for ComparePlugin {
     fn build(&self, app: &mut App) {
-        app.init_resource::<Comparison>()
-            .add_systems(EguiPrimaryContextPass, show_bar)
-            .add_systems(
-                PostUpdate,
-                (spawn_twin, divide_picture).chain().before(TransformSystems::Propagate),
-            );
+        app.init_resource::<Comparison>().add_systems(
+            PostUpdate,
+            (spawn_twin, divide_picture).chain().before(TransformSystems::Propagate),
+        );
+        if self.bar {
+            app.add_systems(EguiPrimaryContextPass, show_bar);
+        }
     }
 }
 
