@@ -33,7 +33,7 @@
 //!
 //! # Platforms
 //!
-//! Vulkan, DirectX 12 and Metal, with ray tracing hardware or without. Elsewhere, as in browsers, and in apps without a renderer the
+//! Vulkan, DirectX 12 and Metal, with ray tracing hardware or without, and WebGPU. Elsewhere and in apps without a renderer the
 //! plugin declines: the log and [`ReflectionStatus`] say why, and the picture is the one without it.
 //!
 //! # Diagnostics

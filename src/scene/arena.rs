@@ -1,6 +1,6 @@
 //! A GPU buffer that grows and hands out slices of itself.
 //!
-//! Bindings stay few when all meshes share one buffer. [`slice_allocator`] decides where slices lie and how large the buffer has to be;
+//! Bindings stay few when all meshes share one buffer. `slice_allocator` decides where slices lie and how large the buffer has to be;
 //! [`Arena`] owns the buffer.
 //!
 //! # Growth

@@ -19,11 +19,11 @@ const BROWSER: &str = "glint_browser";
 const EXPECTED: [&str; 9] = [
     "--headless",
     "--still",
-    "--size=320x180",
+    "--size=160x90",
     "--technique=ultra",
     "--tracer=bvh",
     "--backend=compute",
-    "--frames=128",
+    "--frames=48",
     "--path=0",
     "--out",
 ];

@@ -21,7 +21,7 @@ const CHANGE: f32 = 1.0;
 /// Place of the panel's first check box, which switches reflections off.
 const SWITCH: Point = Point { x: 24.0, y: 64.0 };
 /// The adapter of a CPU compiles shaders for minutes.
-const PATIENCE: Duration = Duration::from_secs(40);
+const PATIENCE: Duration = Duration::from_secs(15 * 60);
 const PAUSE: Duration = Duration::from_millis(500);
 /// Frames have been drawn since a click.
 const AFTER_CLICK: Duration = Duration::from_secs(20);
@@ -31,16 +31,19 @@ const BROWSERS: [&str; 4] = [
     "/usr/bin/google-chrome",
     "/usr/bin/google-chrome-stable",
 ];
-const FLAGS: [&str; 9] = [
-    "--enable-unsafe-webgpu",
-    "--use-webgpu-adapter=swiftshader",
-    "--enable-features=Vulkan",
+/// The last four have Chromium's software adapter draw into canvases, too.
+const FLAGS: [&str; 10] = [
     "--hide-scrollbars",
     "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
     "--disable-component-update",
-    "--disable-sync",
+    // Shaders are compiled for longer than it likes.
+    "--disable-gpu-watchdog",
+    "--enable-unsafe-webgpu",
+    "--use-webgpu-adapter=swiftshader",
+    "--enable-features=NetworkService,NetworkServiceInProcess,Vulkan",
+    "--ignore-gpu-blocklist",
+    "--use-vulkan=swiftshader",
+    "--use-angle=swiftshader",
 ];
 
 /// Compares the page at rest with the picture, and has a click in its panel change it.
@@ -96,11 +99,14 @@ impl Visit {
         let browser = Browser::new(LaunchOptions {
             path: Some(program),
             sandbox: false,
+            enable_gpu: true,
             idle_browser_timeout: PATIENCE,
             args: FLAGS.iter().map(OsStr::new).collect(),
             ..LaunchOptions::default()
         })?;
         let tab = browser.new_tab()?;
+        // Pages in the background draw no frames.
+        tab.bring_to_front()?;
         tab.set_default_timeout(Duration::from_secs(120));
         tab.call_method(Emulation::SetDeviceMetricsOverride {
             width,
@@ -187,12 +193,15 @@ impl Visit {
 /// The text of an error in the console.
 fn console_error(event: &Event) -> Option<String> {
     match event {
-        Event::RuntimeConsoleAPICalled(call) if call.params.Type == Runtime::ConsoleAPICalledEventTypeOption::Error => {
+        Event::RuntimeConsoleAPICalled(call) => {
             let words = call.params.args.iter().filter_map(|argument| {
                 let value = argument.value.as_ref();
                 value.map(ToString::to_string).or_else(|| argument.description.clone())
             });
-            Some(words.collect::<Vec<_>>().join(" "))
+            let text = words.collect::<Vec<_>>().join(" ");
+            // Bevy's log has its levels in the text.
+            let is_error = call.params.Type == Runtime::ConsoleAPICalledEventTypeOption::Error || text.contains("ERROR");
+            is_error.then_some(text)
         }
         Event::RuntimeExceptionThrown(thrown) => {
             let details = &thrown.params.exception_details;
