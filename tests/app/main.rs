@@ -10,6 +10,7 @@ mod adaptive;
 mod arrivals;
 mod back_ends;
 mod bounces;
+mod budget;
 mod convergence;
 mod debug_views;
 mod deferred;

@@ -1,0 +1,51 @@
+//! Budgets of time: what they leave of a camera's rays.
+
+use crate::{
+    common::app_with,
+    pictures::{spawn, use_coarse_shadow_maps, warm_up},
+};
+use bevy::{diagnostic::DiagnosticsStore, math::UVec2, prelude::*, render::diagnostic::RenderDiagnosticsPlugin};
+use bevy_glint::{ReflectionBudget, ReflectionEffort, ReflectionTechnique, ReflectionTracerChoice};
+use glint_scenes::{HeadlessApp, Output, SceneName};
+
+const SIZE: UVec2 = UVec2::new(96, 54);
+/// Frames in which the least effort is reached, with room: a step is a quarter, and takes eleven frames.
+const FRAMES: u32 = 150;
+
+fn rays(app: &mut HeadlessApp) -> f64 {
+    app.step(4);
+    let store = app.world().resource::<DiagnosticsStore>();
+    let mut counts = store.iter().filter(|d| d.path().as_str() == "render/reflection_rays");
+    counts.next().and_then(|count| count.value()).unwrap()
+}
+
+#[test]
+fn a_budget_takes_rays_and_gives_them_back() {
+    let plugin = |app: &mut App| {
+        app.add_plugins(RenderDiagnosticsPlugin);
+    };
+    let Some(mut app) = app_with(SIZE, Output::Linear, ReflectionTracerChoice::Auto, plugin) else {
+        return;
+    };
+    use_coarse_shadow_maps(&mut app);
+    let camera = spawn(&mut app, SceneName::Demo, ReflectionTechnique::Variable);
+    warm_up(&mut app);
+    let all = rays(&mut app);
+
+    // Nothing is that fast, and everything is faster than an hour.
+    for (milliseconds, effort, least, most) in [(1e-3, 0.25, 0.2, 0.8), (3.6e6, 1.0, 0.99, 1.01)] {
+        app.world().entity_mut(camera).insert(ReflectionBudget {
+            milliseconds,
+            ..default()
+        });
+        app.step(FRAMES);
+        assert_eq!(
+            app.world().get(camera),
+            Some(&ReflectionEffort(effort)),
+            "{milliseconds} ms"
+        );
+        let share = rays(&mut app) / all;
+        println!("{milliseconds} ms: {share:.3} of the rays");
+        assert!(least < share && share < most, "{milliseconds} ms: {share} of the rays");
+    }
+}
