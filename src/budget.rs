@@ -7,7 +7,6 @@ use bevy::{
     ecs::prelude::*,
     log::warn_once,
     platform::time::Instant,
-    reflect::Reflect,
 };
 
 /// Time of all passes of a view.
@@ -18,8 +17,13 @@ const WINDOW: usize = 7;
 const LATENCY: u32 = 4;
 /// Share of the target by which times may differ from it before anything changes. Less follows noise.
 const DEAD_BAND: f32 = 0.05;
-/// Most that one step changes the effort, as a factor. More is faster after cuts, and is seen as a jump of quality.
-const LARGEST_STEP: f32 = 1.25;
+/// Most and least that one step changes the logarithm of the effort. More is faster after cuts, and is seen as a jump of quality.
+const LARGEST_STEP: f32 = 0.22;
+const SMALLEST_STEP: f32 = 0.01;
+/// A step that turns back is shorter by this factor than the one before it, since the effort in search lies between both. Steps in one
+/// direction grow.
+const SHRINK: f32 = 0.5;
+const GROW: f32 = 1.2;
 /// Frames without times after which there won't be any.
 const PATIENCE: u32 = 300;
 
@@ -34,13 +38,30 @@ impl Plugin for BudgetPlugin {
     }
 }
 
-/// The state of a controller of effort. Time grows with effort, at most in proportion, so that a step by the quotient of target and time
-/// never overshoots.
-#[derive(Clone, Debug, Default, Reflect)]
+/// The state of a controller of effort.
+///
+/// Time grows with effort, by a law that the scene makes: where a whole floor has one roughness, a small change of the cut-off takes or
+/// gives half of all rays. So steps follow the sign of the difference, and their length what the last ones met.
+#[derive(Clone, Debug)]
 struct Controller {
     times: Vec<f32>,
     /// Measurements to ignore.
     skip: u32,
+    /// Length of the next step in the logarithm of the effort, at most.
+    reach: f32,
+    /// The last step took rays away.
+    fell: bool,
+}
+
+impl Default for Controller {
+    fn default() -> Self {
+        Self {
+            times: Vec::with_capacity(WINDOW),
+            skip: 0,
+            reach: LARGEST_STEP,
+            fell: true,
+        }
+    }
 }
 
 impl Controller {
@@ -61,8 +82,12 @@ impl Controller {
         if (ratio - 1.0).abs() <= DEAD_BAND {
             return effort;
         }
-        let next = effort * ratio.clamp(1.0 / LARGEST_STEP, LARGEST_STEP);
-        let next = next.clamp(budget.least_effort, 1.0);
+        let falls = ratio < 1.0;
+        let factor = if falls == self.fell { GROW } else { SHRINK };
+        self.reach = (self.reach * factor).clamp(SMALLEST_STEP, LARGEST_STEP);
+        self.fell = falls;
+        let step = ratio.max(1e-6).ln().clamp(-self.reach, self.reach);
+        let next = (effort * step.exp()).clamp(budget.least_effort, 1.0);
         if next != effort {
             self.skip = LATENCY;
         }
@@ -117,6 +142,8 @@ mod tests {
     struct Model {
         fixed: f32,
         variable: f32,
+        /// Milliseconds that come within a few hundredths of effort.
+        steep: f32,
         controller: Controller,
         efforts: Vec<f32>,
     }
@@ -126,6 +153,7 @@ mod tests {
             Self {
                 fixed,
                 variable,
+                steep: 0.0,
                 controller: Controller::default(),
                 efforts: vec![1.0],
             }
@@ -135,7 +163,12 @@ mod tests {
             let effort = self.efforts[frame.saturating_sub(3)];
             let noise = 0.06 * ((frame as f32 * 0.618).fract() - 0.5);
             let hiccup = if frame.is_multiple_of(23) { 2.0 } else { 1.0 };
-            (self.fixed + self.variable * effort) * (1.0 + noise) * hiccup
+            self.mean(effort) * (1.0 + noise) * hiccup
+        }
+
+        fn mean(&self, effort: f32) -> f32 {
+            let above = ((effort - 0.3) / 0.06).clamp(0.0, 1.0);
+            self.fixed + self.variable * effort + self.steep * above
         }
 
         fn run(&mut self, milliseconds: f32, frames: usize) -> f32 {
@@ -168,6 +201,22 @@ mod tests {
                 .fold(0.0_f32, |most, value| most.max((value - effort).abs()));
             assert!(spread <= 0.06 * effort, "{fixed}: effort moves by {spread}");
         }
+    }
+
+    /// Most of the picture has one roughness, which the cut-off passes at a third of the effort.
+    #[test]
+    fn a_steep_response_is_no_pumping() {
+        let mut model = Model::new(0.5, 0.1);
+        model.steep = 0.6;
+        let effort = model.run(0.9, 600);
+        let settled = model.efforts.len();
+        model.run(0.9, 400);
+        let spread = model.efforts[settled..]
+            .iter()
+            .fold(0.0_f32, |most, value| most.max((value - effort).abs()));
+        assert!(spread <= 0.1 * effort, "effort {effort} moves by {spread}");
+        let time = model.mean(effort);
+        assert!((time - 0.9).abs() <= 0.14, "{time} ms at {effort}");
     }
 
     #[test]
