@@ -19,7 +19,7 @@ const BROWSER: &str = "glint_browser";
 const EXPECTED: [&str; 9] = [
     "--headless",
     "--still",
-    "--size=160x90",
+    "--size=240x135",
     "--technique=ultra",
     "--tracer=bvh",
     "--backend=compute",

@@ -8,6 +8,7 @@ use bevy::{
     camera::Hdr,
     camera_controller::free_camera::{FreeCamera, FreeCameraPlugin},
     core_pipeline::prepass::{DeferredPrepass, DepthPrepass},
+    light::{DirectionalLightShadowMap, PointLightShadowMap},
     prelude::*,
 };
 use bevy_egui::EguiGlobalSettings;
@@ -26,10 +27,11 @@ struct Wishes {
 
 /// Runs the demo on the page's canvas.
 ///
-/// `scene`, `technique`, and `panel`, `bar` and `still` (each true or false) of the page's address say what to show.
+/// `scene`, `technique`, `shadows` (texels of a shadow map in each direction), and `panel`, `bar` and `still` (each true or false) of the page's address say what to show.
 pub fn run() {
     let address = Address::read();
     let still = address.get("still").unwrap_or(false);
+    let shadows = address.get("shadows").unwrap_or(2048).clamp(64, 8192);
     let wishes = Wishes {
         scene: address.get("scene").unwrap_or(SceneName::Demo),
         technique: address.get("technique").unwrap_or_else(|| TECHNIQUE.to_owned()),
@@ -62,6 +64,8 @@ pub fn run() {
             ..default()
         })
         .insert_resource(wishes)
+        .insert_resource(DirectionalLightShadowMap { size: shadows })
+        .insert_resource(PointLightShadowMap { size: shadows / 2 })
         .add_systems(
             Startup,
             (spawn_scene, move |mut time: ResMut<Time<Virtual>>| {
