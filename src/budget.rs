@@ -11,20 +11,26 @@ use bevy::{
 
 /// Time of all passes of a view.
 const TOTAL: DiagnosticPath = DiagnosticPath::const_new("render/glint/elapsed_gpu");
-/// Measurements of which the median counts: single frames are slow for reasons of others.
+/// Measurements of which the median counts: single frames are slow for reasons of others. More ignores longer disturbances, and
+/// answers later.
 const WINDOW: usize = 7;
-/// Frames after a change whose times may still be those of the settings before it.
+/// Frames after a change whose times may still be those of the settings before it. Less takes them for the answer, so that the
+/// effort swings; more makes steps rarer.
 const LATENCY: u32 = 4;
-/// Share of the target by which times may differ from it before anything changes. Less follows noise.
+/// Share of the target by which times may differ from it before anything changes. Less follows noise, more holds the target
+/// less exactly.
 const DEAD_BAND: f32 = 0.05;
-/// Most and least that one step changes the logarithm of the effort. More is faster after cuts, and is seen as a jump of quality.
+/// Most and least that one step changes the logarithm of the effort. A longer step is faster after cuts, and is seen as a jump of
+/// quality. With a longer shortest step, the effort can miss the target by as much.
 const LARGEST_STEP: f32 = 0.22;
 const SMALLEST_STEP: f32 = 0.01;
 /// A step that turns back is shorter by this factor than the one before it, since the effort in search lies between both. Steps in one
-/// direction grow.
+/// direction grow. A smaller `SHRINK` settles sooner and is misled by noise more easily; a larger `GROW` is faster after cuts, and
+/// overshoots farther.
 const SHRINK: f32 = 0.5;
 const GROW: f32 = 1.2;
-/// Frames without times after which there won't be any.
+/// Frames without times after which there won't be any. With less, a device that is only busy is given up; with more, the effort
+/// stays unregulated longer before the log says so.
 const PATIENCE: u32 = 300;
 
 /// Adds the system that holds budgets.

@@ -24,9 +24,11 @@ use bevy::{
 };
 use core::sync::atomic::AtomicBool;
 
-/// Frames without anything see-through on the screen after which the layer of a view is given back.
+/// Frames without anything see-through on the screen after which the layer of a view is given back. Less allocates
+/// it again whenever a window passes by, more holds memory that nothing uses.
 const IDLE_FRAMES: u32 = 60;
-/// Frames after which memory for the layer of a view is asked for once more.
+/// Frames after which memory for the layer of a view is asked for once more. Less asks a device that is full again and again, with
+/// more the layer comes back later.
 const REFUSED_FRAMES: u32 = 300;
 
 /// The front layer of a view.

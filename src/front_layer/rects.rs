@@ -6,10 +6,11 @@ use bevy::{
     render::render_resource::ShaderType,
 };
 
-/// Rectangles of a view at most, since each is a draw; `find.wesl` has the same number. More objects share the rectangle around all of
-/// them.
+/// Rectangles of a view at most; `find.wesl` has the same number. More objects share the rectangle around all of them. More
+/// rectangles leave out more of the screen, and each is a test for every pixel and a draw.
 const MOST_RECTS: usize = 16;
-/// Corners that lie nearer than this in clip space may cover anything.
+/// Corners that lie nearer than this in clip space may cover anything. Less divides by nearly nothing, more lets objects close to
+/// the camera cover the whole view.
 const NEAREST: f32 = 1e-5;
 
 /// Rectangles as `find.wesl` takes them.

@@ -5,16 +5,17 @@
 //!
 //! # Growth
 //!
-//! A larger buffer is filled in parts, one in each frame, so that no frame waits for the copy of a large one ([`Arena::advance`]). It then
-//! replaces the old buffer. Until then, slices that the old buffer doesn't reach are not [in reach](Arena::is_in_reach): whoever can wait does
-//! so, and a write to one has the rest copied at once.
+//! A larger buffer is filled in parts, one in each frame, so that no frame waits for the copy of a large one
+//! ([`Arena::advance`]). It then replaces the old buffer. Until then, slices that the old buffer doesn't reach are not [in
+//! reach](Arena::is_in_reach): whoever can wait does so, and a write to one has the rest copied at once.
 //!
 //! # Order of writes
 //!
-//! [`Arena::write`] goes through the queue: the bytes land when the next submission starts, before any of its commands. Each part of a
-//! copy is submitted at once. So writes made before a part is copied reach the old buffer ahead of the copy and travel along with it, and
-//! later writes go to both buffers. Commands recorded in the same frame with a bind group of the old buffer still see valid content. A slice
-//! that is freed may be handed out and overwritten in the same frame: whatever refers to it has to be updated in that frame too.
+//! [`Arena::write`] goes through the queue: the bytes land when the next submission starts, before any of its commands. Each part
+//! of a copy is submitted at once. So writes made before a part is copied reach the old buffer ahead of the copy and travel along
+//! with it, and later writes go to both buffers. Commands recorded in the same frame with a bind group of the old buffer still
+//! see valid content. A slice that is freed may be handed out and overwritten in the same frame: whatever refers to it has to be
+//! updated in that frame too.
 
 mod slice_allocator;
 

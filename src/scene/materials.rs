@@ -34,7 +34,8 @@ use bytemuck::bytes_of;
 /// A material type that rays see.
 ///
 /// Rays don't run the material's own shader: they see the [`StandardMaterial`] that stands for it. Implemented for every
-/// `ExtendedMaterial<StandardMaterial, E>`, which is seen as its base. [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin) makes it work.
+/// `ExtendedMaterial<StandardMaterial, E>`, which is seen as its base.
+/// [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin) makes it work.
 ///
 /// # Examples
 ///

@@ -138,8 +138,9 @@ impl StaticMerge {
         })
     }
 
-    /// Carries on, once in each frame and after all changes were observed. `place_of` tells where the object of a slot is. Returns whether the TLAS must be built anew in
-    /// this frame, since the room of trees that it refers to may be used for something else.
+    /// Carries on, once in each frame and after all changes were observed. `place_of` tells where the object of a slot is.
+    /// Returns whether the TLAS must be built anew in this frame, since the room of trees that it refers to may be used for
+    /// something else.
     pub fn update(
         &mut self,
         place_of: impl Fn(u32) -> Option<Affine3A>,

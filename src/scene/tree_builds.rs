@@ -1,7 +1,7 @@
 //! Threads on which trees and micromaps are built.
 //!
-//! They are the crate's own. Bevy compiles pipelines and loads assets on its `AsyncComputeTaskPool`, which has one thread on small machines,
-//! and a build can't be interrupted: a level's meshes would keep new materials from appearing for seconds.
+//! They are the crate's own. Bevy compiles pipelines and loads assets on its `AsyncComputeTaskPool`, which has one thread on
+//! small machines, and a build can't be interrupted: a level's meshes would keep new materials from appearing for seconds.
 
 use bevy::tasks::{Task, TaskPool, TaskPoolBuilder, available_parallelism};
 use std::sync::OnceLock;

@@ -30,8 +30,9 @@ pub enum ShadingRateHeuristic {
     /// By the size of the lobe on the screen, by how much of it can be seen, and by the shape of what is in the tile: more quality
     /// for the same rays. The default.
     Combined(CombinedThresholds),
-    /// By the noise that is left in the accumulated image: tiles get more rays where it is seen or where they have no past, and rest in every
-    /// other frame where there is little of it. Without temporal accumulation or motion vectors, `Combined` decides by its defaults.
+    /// By the noise that is left in the accumulated image: tiles get more rays where it is seen or where they have no past, and
+    /// rest in every other frame where there is little of it. Without temporal accumulation or motion vectors, `Combined` decides
+    /// by its defaults.
     Adaptive(AdaptiveThresholds),
     /// A heuristic of your own: a WESL module with one compute entry point, built on `bevy_glint::rate::tile` (`src/rate/tile.wesl`
     /// says how). Until it is compiled, and where it fails, which is logged, every trace pixel gets its ray.
@@ -225,8 +226,8 @@ impl Default for CombinedThresholds {
 ///   few rays miss.
 /// - **No past.** Tiles in which something appears get all rays at once.
 /// - **Images.** So do smooth surfaces whose reflection is an image, and surfaces that touch what they reflect.
-/// - **Neighbours.** A pixel borrows twice as many rays as [`samples`](crate::ReflectionDenoiser::samples) says, up to 16: time that resting
-///   tiles save.
+/// - **Neighbours.** A pixel borrows twice as many rays as [`samples`](crate::ReflectionDenoiser::samples) says, up to 16: time
+///   that resting tiles save.
 /// - **Mirrors.** Without rays of their own ([`full_resolution_mirrors`](crate::RayTracedReflections::full_resolution_mirrors)), exact
 ///   mirrors show each of their rays at the pixel that it started from, and the history at others: sharp, a few frames late.
 ///

@@ -94,7 +94,8 @@ pub const TECHNIQUE_NAMES: &str = "reference, quarter, quarter-inline, vrs-rough
 /// The components that a word on a command line stands for: a technique of the measurements, or a preset.
 ///
 /// `reference`, `quarter` and `quarter-inline` trace a fixed rate. `vrs-roughness` and `vrs-grazing` are the paper's heuristics
-/// with its thresholds, `vrs-combined` and `vrs-adaptive` are ours. All of these share one denoiser, so that they differ in their rays alone.
+/// with its thresholds, `vrs-combined` and `vrs-adaptive` are ours. All of these share one denoiser, so that they differ in their
+/// rays alone.
 pub fn named_settings(name: &str) -> Result<(RayTracedReflections, ShadingRateHeuristic), UnknownName> {
     let with = |technique, full_resolution_mirrors| RayTracedReflections {
         technique,

@@ -211,7 +211,8 @@ fn create_albedo_table(device: &RenderDevice, queue: &RenderQueue) -> TextureVie
             mip_level_count: 1,
             sample_count: 1,
             dimension: TextureDimension::D2,
-            // The shader loads and blends texels itself: so this needs no filtering, and weights are not cut to the 8 bits of texture units.
+            // The shader loads and blends texels itself: so this needs no filtering, and weights are not cut to the 8 bits of
+            // texture units.
             format: TextureFormat::Rg32Float,
             usage: TextureUsages::TEXTURE_BINDING,
             view_formats: &[],

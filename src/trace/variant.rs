@@ -33,7 +33,7 @@ impl TracePass {
     }
 }
 
-/// What shaders are compiled for: properties of the scene, and of the view's settings.
+/// Conditions that shaders are compiled for: properties of the scene, and of the view's settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Variant {
     /// Some object is alpha-masked.
@@ -44,7 +44,7 @@ pub(super) struct Variant {
     pub bounces: bool,
 }
 
-/// What the shading of hits is compiled for. It traces rays itself only in scenes with more lights than the tracing pass has tested
+/// Conditions that the shading of hits is compiled for. It traces rays itself only in scenes with more lights than the tracing pass has tested
 /// (`trace/hit.wesl`), and where rays are followed beyond their first hit.
 pub(super) type ShadingVariant = Option<Variant>;
 

@@ -4,7 +4,8 @@ use crate::{
     common::app,
     pictures::{assert_flip, crop, differing_pixels, dump, flip, reflect, warm_up},
     stage::{
-        BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, metal, report, share_app, spawn_camera, spawn_mesh, unlit, wall,
+        BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, metal, report, share_app, spawn_camera, spawn_mesh, unlit,
+        until_at_rest, wall,
     },
 };
 use bevy::{
@@ -358,15 +359,8 @@ fn a_still_scene_builds_nothing(app: &mut HeadlessApp, tracer: ReflectionTracerC
     let camera = mirror(app, SceneName::MirrorRoom);
     let subject = spawn_mesh(app, cube(2.0), unlit(RED), Transform::from_translation(LEFT));
     reflect(app, camera, ReflectionTechnique::Reference);
-    app.step(4);
     // Objects that rest are merged, once.
-    for _ in 0..2000 {
-        let report = report(app);
-        if !report.merges_pending && !report.micromaps_pending {
-            break;
-        }
-        app.step(1);
-    }
+    until_at_rest(app);
     let builds = |app: &mut HeadlessApp| {
         let report = report(app);
         (report.tlas_builds, report.blas_builds)

@@ -3,29 +3,14 @@
 use crate::{
     common::app,
     pictures::{assert_flip, spawn},
-    stage::{SIZE, report},
+    stage::{SIZE, until_at_rest},
 };
 use bevy::prelude::*;
-use bevy_glint::{ReflectionStatusReport, ReflectionTechnique, ReflectionTracerChoice};
+use bevy_glint::{ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
-/// Frames that merging may take.
-const PATIENCE: u32 = 20_000;
 /// Sums and differences with the coordinates of the scene are nearly exact.
 const SHIFT: Vec3 = Vec3::new(32.0, -16.0, 64.0);
-
-fn rest(app: &mut HeadlessApp) -> ReflectionStatusReport {
-    app.step(3);
-    for _ in 0..PATIENCE {
-        let report = report(app);
-        if !report.merges_pending && !report.micromaps_pending {
-            return report;
-        }
-        std::thread::sleep(std::time::Duration::from_millis(1));
-        app.step(1);
-    }
-    panic!("merging goes on: {:?}", report(app));
-}
 
 fn shift(app: &mut HeadlessApp, by: Vec3) {
     let world = app.world();
@@ -41,14 +26,14 @@ fn a_shift_of_the_origin_is_not_seen() {
         return;
     };
     spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
-    let merged = rest(&mut app);
+    let merged = until_at_rest(&mut app);
     assert_eq!(merged.merged_instances, merged.instances);
     let before = app.capture().unwrap();
     shift(&mut app, SHIFT);
     app.step(2);
     assert_flip("shifted", SIZE, &before, &app.capture().unwrap(), 0.002);
     // Merged again where they are now.
-    let again = rest(&mut app);
+    let again = until_at_rest(&mut app);
     assert_eq!(again.merged_instances, merged.instances);
     assert_flip("shifted-merged", SIZE, &before, &app.capture().unwrap(), 0.002);
 }

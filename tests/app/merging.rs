@@ -3,7 +3,7 @@
 use crate::{
     common::app,
     pictures::{assert_flip, flip, spawn, warm_up},
-    stage::{SIZE, report},
+    stage::{SIZE, report, until_at_rest},
 };
 use bevy::{
     asset::RenderAssetUsages,
@@ -13,25 +13,8 @@ use bevy::{
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat},
 };
-use bevy_glint::{RayTracedReflections, ReflectionStatusReport, ReflectionTechnique, ReflectionTracerChoice};
+use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
-
-/// Frames that merging may take.
-const PATIENCE: u32 = 20_000;
-
-/// Waits until nothing is left to be merged, and masked objects have their micromaps.
-fn rest(app: &mut HeadlessApp) -> ReflectionStatusReport {
-    app.step(3);
-    for _ in 0..PATIENCE {
-        let report = report(app);
-        if !report.merges_pending && !report.micromaps_pending {
-            return report;
-        }
-        std::thread::sleep(std::time::Duration::from_millis(1));
-        app.step(1);
-    }
-    panic!("merging goes on: {:?}", report(app));
-}
 
 #[test]
 fn merging_is_not_seen() {
@@ -40,7 +23,7 @@ fn merging_is_not_seen() {
     };
     let camera = spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
     let first = app.capture().unwrap();
-    let merged = rest(&mut app);
+    let merged = until_at_rest(&mut app);
     assert!(
         merged.instances > 1 && merged.merged_instances == merged.instances,
         "{merged:?}"
@@ -59,7 +42,7 @@ fn merging_is_not_seen() {
     app.step(3);
     assert_eq!(report(&mut app).merged_instances, 0, "the moved object is seen at once");
     let moved = app.capture().unwrap();
-    let again = rest(&mut app);
+    let again = until_at_rest(&mut app);
     assert_eq!(again.merged_instances, again.instances);
     assert_flip("merged-again", SIZE, &moved, &app.capture().unwrap(), 0.002);
 
@@ -68,7 +51,7 @@ fn merging_is_not_seen() {
     let gone = report(&mut app);
     assert_eq!((gone.merged_instances, gone.instances), (0, merged.instances - 1));
     let less = app.capture().unwrap();
-    rest(&mut app);
+    until_at_rest(&mut app);
     assert_flip("merged-less", SIZE, &less, &app.capture().unwrap(), 0.002);
 
     app.world().entity_mut(camera).remove::<RayTracedReflections>();
@@ -84,7 +67,7 @@ fn masked_objects_are_merged() {
         return;
     };
     spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
-    let solid = rest(&mut app);
+    let solid = until_at_rest(&mut app);
     let opaque = app.capture().unwrap();
 
     let world = app.world();
@@ -104,7 +87,7 @@ fn masked_objects_are_merged() {
     warm_up(&mut app);
     let single = app.capture().unwrap();
     assert_flip("masked", SIZE, &opaque, &single, 0.002);
-    let merged = rest(&mut app);
+    let merged = until_at_rest(&mut app);
     assert_eq!(merged.merged_instances, merged.instances);
     assert!(merged.merge_builds > solid.merge_builds, "{merged:?}");
     assert_flip("masked-merged", SIZE, &single, &app.capture().unwrap(), 0.002);
@@ -118,7 +101,7 @@ fn masked_objects_are_merged() {
     warm_up(&mut app);
     let cut_out = app.capture().unwrap();
     assert!(flip(SIZE, &opaque, &cut_out).0 > 0.01);
-    let merged = rest(&mut app);
+    let merged = until_at_rest(&mut app);
     assert_eq!(merged.merged_instances, merged.instances);
     assert_flip("masked-out-merged", SIZE, &cut_out, &app.capture().unwrap(), 0.002);
     for (entity, _) in &masked {
@@ -214,7 +197,7 @@ fn micromaps_are_not_seen() {
         return;
     };
     spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
-    rest(&mut app);
+    until_at_rest(&mut app);
     let solid = app.capture().unwrap();
     let subject = Subject::new(&mut app);
     let disc = |hole: bool| {
@@ -231,7 +214,7 @@ fn micromaps_are_not_seen() {
     let expected = app.capture().unwrap();
     assert!(flip(SIZE, &solid, &expected).0 > 0.005, "a part is cut out");
     let before = report(&mut app);
-    let rested = rest(&mut app);
+    let rested = until_at_rest(&mut app);
     assert!(rested.micromap_builds > before.micromap_builds, "{rested:?}");
     assert_eq!(rested.merged_instances, rested.instances);
     assert_flip("micromaps", SIZE, &expected, &app.capture().unwrap(), 0.0005);
@@ -242,7 +225,7 @@ fn micromaps_are_not_seen() {
     warm_up(&mut app);
     let hole = app.capture().unwrap();
     assert!(flip(SIZE, &expected, &hole).0 > 0.005);
-    let again = rest(&mut app);
+    let again = until_at_rest(&mut app);
     assert!(again.micromap_builds > rested.micromap_builds, "{again:?}");
     assert_eq!(again.merged_instances, again.instances);
     assert_flip("micromaps-changed", SIZE, &hole, &app.capture().unwrap(), 0.0005);
@@ -256,7 +239,7 @@ fn cut_outs_follow_material_and_mesh() {
         return;
     };
     spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
-    rest(&mut app);
+    until_at_rest(&mut app);
     let solid = app.capture().unwrap();
     let subject = Subject::new(&mut app);
     let hide = |app: &mut HeadlessApp, visibility: Visibility| {
@@ -274,7 +257,7 @@ fn cut_outs_follow_material_and_mesh() {
     };
     // Waits longer with each change, so it is done where the masks themselves differ.
     let check_merged = |app: &mut HeadlessApp, what: &str, expected: &[u8]| {
-        let merged = rest(app);
+        let merged = until_at_rest(app);
         assert_eq!(merged.merged_instances, merged.instances, "{what}");
         assert_flip(what, SIZE, expected, &app.capture().unwrap(), 0.002);
     };

@@ -100,6 +100,24 @@ pub fn report(app: &mut HeadlessApp) -> ReflectionStatusReport {
     app.world().resource::<ReflectionStatus>().report()
 }
 
+/// Frames that merging may take.
+const PATIENCE: u32 = 20_000;
+
+/// Waits until nothing is left to be merged, and masked objects have their micromaps.
+#[track_caller]
+pub fn until_at_rest(app: &mut HeadlessApp) -> ReflectionStatusReport {
+    app.step(3);
+    for _ in 0..PATIENCE {
+        let report = report(app);
+        if !report.merges_pending && !report.micromaps_pending {
+            return report;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(1));
+        app.step(1);
+    }
+    panic!("merging goes on: {:?}", report(app));
+}
+
 /// Renders one frame and waits for the GPU, so that the next frame finds the report.
 pub fn frame(app: &mut HeadlessApp) {
     app.step(1);

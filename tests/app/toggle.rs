@@ -2,7 +2,10 @@
 
 use crate::{
     pictures::{apps, assert_flip, crop, differing_pixels, red_pixels, warm_up},
-    stage::{BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, share_picture, spawn_camera, spawn_mesh, unlit, wall},
+    stage::{
+        BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, share_picture, spawn_camera, spawn_mesh, unlit,
+        until_at_rest, wall,
+    },
 };
 use bevy::{
     diagnostic::{Diagnostic, DiagnosticPath, DiagnosticsStore},
@@ -78,13 +81,7 @@ fn variants() -> [RayTracedReflections; 3] {
 fn switch_on(app: &mut HeadlessApp, camera: Entity, settings: RayTracedReflections) {
     app.world().entity_mut(camera).insert(settings);
     warm_up(app);
-    for _ in 0..1_000 {
-        let report = report(app);
-        if !report.merges_pending && !report.micromaps_pending {
-            break;
-        }
-        frames(app, 1);
-    }
+    until_at_rest(app);
     frames(app, 4);
 }
 

@@ -142,8 +142,8 @@ struct Building {
 pub(super) struct MergeScheduler {
     limits: Limits,
     slots: Vec<Slot>,
-    /// For each slot that only waits for being at rest, the frame of its last change; else 0. All that movement touches: where the object is
-    /// by then is of interest once it rests.
+    /// For each slot that only waits for being at rest, the frame of its last change; else 0. All that movement touches: where
+    /// the object is by then is of interest once it rests.
     moved: Vec<u64>,
     /// Slots that wait for being at rest, with a frame before which they aren't.
     settling: BinaryHeap<Reverse<(u64, u32)>>,

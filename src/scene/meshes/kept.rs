@@ -14,7 +14,8 @@ use bevy::{
 };
 use std::sync::Arc;
 
-/// The part of a mesh that is kept, since its data can't be read twice: all that rays need of it, packed. Merged trees and masks use the same.
+/// The part of a mesh that is kept, since its data can't be read twice: all that rays need of it, packed. Merged trees and masks
+/// use the same.
 enum KeptMesh {
     Packing(Task<Result<PackedMesh, GeometryError>>),
     Packed(Arc<PackedMesh>),

@@ -3,7 +3,7 @@
 use crate::device::MAX_SAMPLERS;
 use bevy::image::ImageSampler;
 
-/// Where a sampler belongs.
+/// Index of a sampler in the array.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Place {
     /// It is there already.

@@ -88,7 +88,7 @@ struct Visit {
     /// Keeps the browser open.
     _browser: Browser,
     tab: Arc<Tab>,
-    /// What the console shows as an error.
+    /// Errors in the console of the page.
     errors: Arc<Mutex<Vec<String>>>,
 }
 

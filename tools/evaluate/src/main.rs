@@ -158,7 +158,8 @@ fn evaluate(arguments: &Arguments) -> Result<ExitCode, String> {
     })
 }
 
-/// Makes sure that the folder's results were measured with the same settings, by the same code, on this machine; returns their rows and those about objects.
+/// Makes sure that the folder's results were measured with the same settings, by the same code, on this machine; returns their
+/// rows and those about objects.
 fn prepare_folder(
     arguments: &Arguments,
     plan: &MeasurementPlan,

@@ -231,8 +231,8 @@ impl Geometry {
         );
     }
 
-    /// Adds the revolution about the y axis of a profile of (radius, height) points from bottom to top. Between consecutive points the surface is
-    /// straight; a repeated point makes a hard edge.
+    /// Adds the revolution about the y axis of a profile of (radius, height) points from bottom to top. Between consecutive
+    /// points the surface is straight; a repeated point makes a hard edge.
     pub fn lathe(&mut self, profile: &[Vec2], segments: u32, uv_scale: Vec2) {
         let segments = segments.max(3);
         let mut height = 0.0;

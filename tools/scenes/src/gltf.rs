@@ -8,8 +8,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Writes `triangle.gltf` (U16 indices, positions only) and `quads.gltf` (two instances of a quad, one mirrored by a negative scale, with normals,
-/// UVs and vertex colours, an emissive material and an alpha-masked double-sided one) into a folder; returns their paths.
+/// Writes `triangle.gltf` (U16 indices, positions only) and `quads.gltf` (two instances of a quad, one mirrored by a negative
+/// scale, with normals, UVs and vertex colours, an emissive material and an alpha-masked double-sided one) into a folder; returns
+/// their paths.
 pub fn write_test_assets(folder: &Path) -> io::Result<[PathBuf; 2]> {
     fs::create_dir_all(folder)?;
     let paths = [folder.join("triangle.gltf"), folder.join("quads.gltf")];

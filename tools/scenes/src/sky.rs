@@ -127,7 +127,8 @@ impl Cube {
     }
 }
 
-/// World direction of a point of a cube map's face, `st` in -1..1 with t down. Bevy looks cube maps up with z negated, as they are left-handed.
+/// World direction of a point of a cube map's face, `st` in -1..1 with t down. Bevy looks cube maps up with z negated, as they
+/// are left-handed.
 fn direction_of(face: u32, st: Vec2) -> Vec3 {
     let (s, t) = (st.x, st.y);
     let cube = match face {

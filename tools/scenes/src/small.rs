@@ -99,7 +99,8 @@ pub fn furnace(world: &mut World) -> Entity {
     scene.finish()
 }
 
-/// Glowing shapes with black albedo over a row of floors. A ray off a floor either sees an emitter or nothing, so one bounce is all there is.
+/// Glowing shapes with black albedo over a row of floors. A ray off a floor either sees an emitter or nothing, so one bounce is
+/// all there is.
 pub fn emissive_floor(world: &mut World) -> Entity {
     let mut scene = SceneBuilder::new(world);
     let panel = scene.shape(|g| {

@@ -36,8 +36,8 @@ pub struct Arguments {
     /// Position of the camera on the path of a built-in scene, 0 to 1
     #[arg(long, value_name = "T", default_value_t = 0.0)]
     pub path: f32,
-    /// off, screen-space, reference, quarter, quarter-inline, vrs-roughness, vrs-grazing, vrs-combined, vrs-adaptive, converged, paper, low,
-    /// medium, high or ultra (default: medium in a window, ultra for an image)
+    /// off, screen-space, reference, quarter, quarter-inline, vrs-roughness, vrs-grazing, vrs-combined, vrs-adaptive, converged,
+    /// paper, low, medium, high or ultra (default: medium in a window, ultra for an image)
     #[arg(long, value_name = "NAME")]
     technique: Option<Method>,
     /// auto, compute or hardware

@@ -18,7 +18,7 @@ use glint_scenes::{SceneAnimationPlugin, SceneName, camera, environment, spawn};
 /// Settings of a visitor who asks for none.
 const TECHNIQUE: &str = "medium";
 
-/// What the address of the page asks for.
+/// Choices in the address of the page.
 #[derive(Resource, Clone)]
 struct Wishes {
     scene: SceneName,

@@ -1,5 +1,6 @@
-//! Light that reflections add to a frame, from linear radiance before tone mapping: sums over blocks of pixels, apart for each named
-//! object, of the ground truth and of techniques. The frame without reflections is subtracted, so that a small reflection in a bright frame counts in full.
+//! Light that reflections add to a frame, from linear radiance before tone mapping: sums over blocks of pixels, apart for each
+//! named object, of the ground truth and of techniques. The frame without reflections is subtracted, so that a small reflection
+//! in a bright frame counts in full.
 
 use crate::{
     files::{read_json, write_file, write_json},

@@ -116,9 +116,9 @@ fn name(row: &Row) -> String {
 /// Compares rows of the same scene, technique, back end and tracer.
 ///
 /// A time has changed if it differs by more than [`MIN_TIME_CHANGE`] and by more than the noise of both runs; an error if it
-/// differs by more than [`MIN_ERROR_CHANGE`] and by more than a floor of its own, and a bias of the reflected light if it differs by more than
-/// a floor and by more than both intervals allow. Times of different adapters, and anything of
-/// different sizes of the image, are not compared.
+/// differs by more than [`MIN_ERROR_CHANGE`] and by more than a floor of its own, and a bias of the reflected light if it differs
+/// by more than a floor and by more than both intervals allow. Times of different adapters, and anything of different sizes of
+/// the image, are not compared.
 pub fn compare(old: &[Row], new: &[Row]) -> Comparison {
     let mut comparison = Comparison::default();
     for row in new {

@@ -265,8 +265,8 @@ impl Runner<'_> {
         })
     }
 
-    /// Moves the camera to a view. The first run starts as if nothing had happened before. In further ones the technique stays switched on, so
-    /// that its sequence of samples goes on and they differ from the first in their noise alone.
+    /// Moves the camera to a view. The first run starts as if nothing had happened before. In further ones the technique stays
+    /// switched on, so that its sequence of samples goes on and they differ from the first in their noise alone.
     fn move_to_view(&mut self, view: u32, variant: &Variant, run: u32) -> Result<(), String> {
         let frames = self.job.protocol.motion_frames;
         let seconds = self.scene.view(view);

@@ -96,8 +96,8 @@ pub struct Blade {
 }
 
 impl Blade {
-    /// Adds the leaf along `spine(0..=1)`. `side` is a unit vector across it; its front is where `forward x side` points. `outline` scales its
-    /// width along the way.
+    /// Adds the leaf along `spine(0..=1)`. `side` is a unit vector across it; its front is where `forward x side` points.
+    /// `outline` scales its width along the way.
     pub fn add(&self, g: &mut Geometry, side: Vec3, outline: impl Fn(f32) -> f32, spine: impl Fn(f32) -> Vec3) {
         let length = spine(0.0).distance(spine(1.0));
         let uv_scale = vec2(4.0 * self.width, length);

@@ -1,8 +1,8 @@
 //! A temple of the sun, generated: polished inlaid floors, marble, water and bronze, so that most of what is seen reflects.
 //!
-//! The hall runs along z. The bronze doors are at +z, the dais with the sun disc at -z. Fluted columns part the nave from two aisles: the one
-//! at -x ends at a wall of reliefs, the one at +x opens to a terrace, from where the sun falls in. More sun falls through the oculus above the
-//! basin.
+//! The hall runs along z. The bronze doors are at +z, the dais with the sun disc at -z. Fluted columns part the nave from two
+//! aisles: the one at -x ends at a wall of reliefs, the one at +x opens to a terrace, from where the sun falls in. More sun falls
+//! through the oculus above the basin.
 
 mod bronze;
 mod carving;

@@ -67,8 +67,8 @@ impl Marble {
     }
 }
 
-/// A floor of inlaid marble, two by two slabs: a roundel in a lozenge in a banded square. Its polish differs from stone to stone and from slab
-/// to slab and is worn in patches, between a roughness of 0.05 and 0.3.
+/// A floor of inlaid marble, two by two slabs: a roundel in a lozenge in a banded square. Its polish differs from stone to stone
+/// and from slab to slab and is worn in patches, between a roughness of 0.05 and 0.3.
 pub fn inlaid_marble(uv: Vec2) -> Texel {
     let grid = uv * 2.0;
     let cell = grid.floor();
