@@ -10,7 +10,7 @@ use glint_scenes::{HeadlessApp, Output, SceneName};
 
 const SIZE: UVec2 = UVec2::new(96, 54);
 /// Frames in which the least effort is reached, with room: a step is a quarter, and takes eleven frames.
-const FRAMES: u32 = 150;
+const FRAMES: u32 = 110;
 
 fn rays(app: &mut HeadlessApp) -> f64 {
     app.step(4);

@@ -2,7 +2,7 @@
 
 use crate::{
     common::app,
-    pictures::warm_up,
+    pictures::{use_coarse_shadow_maps, warm_up},
     stage::{BEFORE_THE_MIRROR, SIZE, frame, metal, spawn_camera, spawn_mesh, wall},
 };
 use bevy::prelude::*;
@@ -79,6 +79,7 @@ impl Restless {
 
 /// A rough wall of metal, which reflects a lit room behind the camera.
 fn room(app: &mut HeadlessApp, roughness: f32) -> Entity {
+    use_coarse_shadow_maps(app);
     spawn_mesh(app, wall(), metal(roughness), Transform::IDENTITY);
     let back = Transform::from_xyz(0.0, 0.0, 7.0).looking_to(Vec3::Z, Vec3::Y);
     spawn_mesh(app, wall(), StandardMaterial::from(Color::WHITE), back);

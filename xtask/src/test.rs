@@ -26,6 +26,12 @@ const JOBS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);
 /// Tests of one program that run at a time, unless the environment says otherwise: each GPU test has a device of its own, and the
 /// CPU driver uses every core.
 const THREADS: (&str, &str) = ("RUST_TEST_THREADS", "2");
+/// The CPU driver allocates and frees megabytes in each frame: glibc keeps them instead of giving them back to the system, which would
+/// clear their pages again. It saves a tenth of the time of tests that draw.
+const KEPT_MEMORY: [(&str, &str); 2] = [
+    ("MALLOC_MMAP_THRESHOLD_", "268435456"),
+    ("MALLOC_TRIM_THRESHOLD_", "1073741824"),
+];
 /// In continuous integration, a test that can't run must not pass for one that did.
 const REQUIRED: [(&str, &str); 2] = [("GLINT_REQUIRE_GPU", "1"), ("GLINT_REQUIRE_RAY_QUERY", "1")];
 
@@ -106,6 +112,7 @@ fn summarize(mut outcomes: Vec<Outcome>, time: Duration, times: &mut Times) -> R
 fn defaults() -> Vec<(&'static str, &'static str)> {
     let required = if environment::is_ci() { &REQUIRED[..] } else { &[] };
     let mut defaults = vec![THREADS];
+    defaults.extend(KEPT_MEMORY);
     defaults.extend(required);
     defaults.retain(|(name, _)| env::var_os(name).is_none());
     for (name, value) in &defaults {
