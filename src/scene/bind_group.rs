@@ -9,6 +9,7 @@ use super::{
     bvh::Item,
     change::{Change, SceneVersion},
     gpu_types::{GpuInstance, GpuLight, GpuMaterial, GpuSceneCounts},
+    lightmaps::Lightmaps,
     masks::MaskSets,
     merge::StaticMerge,
     meshes::SceneMeshes,
@@ -59,6 +60,7 @@ pub struct SceneBindings {
     pub(super) poses: Poses,
     /// Objects with glass, water and the like.
     pub(crate) see_through: SeeThroughObjects,
+    pub(super) lightmaps: Lightmaps,
     pub(super) acceleration: Option<AccelerationStructures>,
     /// Rays can hit something that needs the alpha test, or it isn't known yet whether they can.
     masked: bool,
@@ -99,6 +101,7 @@ impl FromWorld for SceneBindings {
             masks: MaskSets::default(),
             poses: Poses::new(world, tracer),
             see_through: SeeThroughObjects::default(),
+            lightmaps: Lightmaps::default(),
             acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
             masked: true,
             deep: false,
@@ -143,6 +146,11 @@ impl SceneBindings {
         self.lights.count() > 64
     }
 
+    /// Returns whether objects have lightmaps, which shaders have to know.
+    pub(crate) fn has_lightmaps(&self) -> bool {
+        !self.lightmaps.is_empty()
+    }
+
     /// Gives back what an idle scene doesn't need.
     pub(super) fn release(&mut self, meshes: &mut SceneMeshes, device: &RenderDevice, queue: &RenderQueue) {
         self.merge.clear(meshes);
@@ -150,6 +158,7 @@ impl SceneBindings {
         self.poses.clear(meshes);
         self.top_level.clear(meshes);
         self.see_through = SeeThroughObjects::default();
+        self.lightmaps = Lightmaps::default();
         self.set_masked(true);
         self.set_deep(false);
         self.bind_group = None;

@@ -88,8 +88,10 @@ pub struct GpuInstance {
     pub id: u32,
     /// BVH tracer: offset of the masks of an alpha-masked instance in the buffer of the trees.
     pub masks: u32,
-    /// Fills up to 128 bytes.
-    pub _padding: [u32; 3],
+    /// Lightmap: a word as in [`GpuMaterial::textures`].
+    pub lightmap: u32,
+    /// Corners of its part of the lightmap, 16 bits each: u, then v in the upper half.
+    pub lightmap_rect: [u32; 2],
 }
 
 /// The part of a `StandardMaterial` that hits need.
@@ -120,8 +122,10 @@ pub struct GpuMaterial {
     pub stop_probability: f32,
     /// Share of the light that stops which is reflected diffusely.
     pub diffuse_share: f32,
+    /// Factor of light from lightmaps.
+    pub lightmap_exposure: f32,
     /// Fills up to 112 bytes.
-    pub _padding: [f32; 2],
+    pub _padding: f32,
 }
 
 /// A light that shines on hits.

@@ -1,9 +1,12 @@
 //! The objects that rays can hit, mirrored from the main world; `instances/extract.rs` follows their changes.
 
 pub(in crate::scene) mod extract;
+mod lightmap;
 
 use super::free_slots::FreeSlots;
 use bevy::{asset::UntypedAssetId, math::Affine3A, mesh::Mesh, platform::collections::HashMap, prelude::*};
+
+pub use lightmap::LightmapSource;
 
 /// One object as the main world describes it.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,6 +23,8 @@ pub struct InstanceSource {
     pub casts_shadow: bool,
     /// Shadows fall on it.
     pub receives_shadow: bool,
+    /// Light that was baked for it. Few objects have some: so others pay for a pointer alone.
+    pub lightmap: Option<Box<LightmapSource>>,
 }
 
 impl InstanceSource {
@@ -31,9 +36,11 @@ impl InstanceSource {
             world_from_object: _,
             casts_shadow,
             receives_shadow,
+            lightmap,
         } = self;
         (*entity, *mesh, *material) == (other.entity, other.mesh, other.material)
             && (*casts_shadow, *receives_shadow) == (other.casts_shadow, other.receives_shadow)
+            && *lightmap == other.lightmap
     }
 }
 
@@ -214,6 +221,7 @@ mod tests {
             world_from_object: Affine3A::IDENTITY,
             casts_shadow: true,
             receives_shadow: true,
+            lightmap: None,
         }
     }
 

@@ -203,7 +203,8 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
                 Some(_) => 1.0,
                 None => 1.0 - unit_or(material.specular_transmission, 0.0),
             },
-        _padding: [0.0; 2],
+        lightmap_exposure: color(material.lightmap_exposure),
+        _padding: 0.0,
     }
 }
 
@@ -248,6 +249,7 @@ fn hits_same(a: &GpuMaterial, b: &GpuMaterial) -> bool {
         metallic: a.metallic,
         perceptual_roughness: a.perceptual_roughness,
         reflectance: a.reflectance,
+        lightmap_exposure: a.lightmap_exposure,
         ..*b
     };
     bytes_of(&with_colors_of_a) == bytes_of(a)

@@ -15,6 +15,7 @@ mod free_slots;
 pub mod geometry;
 pub mod gpu_types;
 pub mod instances;
+mod lightmaps;
 pub mod lights;
 mod masks;
 pub mod materials;

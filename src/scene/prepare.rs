@@ -75,6 +75,9 @@ pub(super) fn prepare_instances(
         images: tables.textures.take_touched(),
         materials: &changed_materials,
     };
+    bindings
+        .lightmaps
+        .follow(&mut dirty, changes.images, &tables.instances, &mut tables.textures);
     let surroundings = Surroundings {
         materials: &materials.assets,
         textures: &tables.textures,

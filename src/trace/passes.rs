@@ -35,7 +35,7 @@ pub(crate) fn trace_rays(
                     run_list(
                         ctx,
                         &pipelines.rays,
-                        pipelines.variant.substitutes(),
+                        pipelines.variant.without_shading().substitutes(),
                         context,
                         List::Rays,
                     );

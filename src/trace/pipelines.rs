@@ -86,7 +86,7 @@ impl TracePipelines {
             && TracePass::of(settings).all(|pass| match pass {
                 TracePass::Blocks => {
                     let mut variants = variant.shading_substitutes(self.many_lights);
-                    compiled(&self.rays, self.variant)
+                    compiled(&self.rays, self.variant.without_shading())
                         && variants.any(|key| self.shading.pipeline(&key, cache).is_some())
                 }
                 TracePass::Mirrors => compiled(&self.mirror_rays, variant),
@@ -99,6 +99,7 @@ impl TracePipelines {
     /// any scene.
     pub(super) fn vrs_request(&self) -> PipelineRequest {
         let mut defs = self.defs_for_any.clone();
+        defs.push("LIGHTMAPS".into());
         defs.extend_from_slice(&self.common_defs);
         PipelineRequest {
             shader: self.inline.shader.clone(),
@@ -116,7 +117,7 @@ impl TracePipelines {
             defs.extend(own.iter().map(|&name| ShaderDefVal::from(name)));
             defs
         };
-        let bounces: &[_] = if variant.bounces { &["BOUNCES"] } else { &[] };
+        let shading = variant.shading_defs();
         let shader = |shader: &Handle<Shader>, own: &[&'static str]| PassShader {
             shader: shader.clone(),
             defs: defs(own),
@@ -124,32 +125,32 @@ impl TracePipelines {
         };
         match pass {
             TracePass::Blocks => {
-                // Later bounces are left to the shading of hits.
-                let first = Variant {
-                    bounces: false,
-                    ..variant
-                };
+                let first = variant.without_shading();
                 self.rays.queue(first, cache, || shader(&self.blocks_shader, &[]));
+                let own = [&shading[..], &["MANY_LIGHTS"]].concat();
+                let tracing = || shader(&self.shading_shader, &own);
                 if variant.bounces {
-                    let both = || shader(&self.shading_shader, &["MANY_LIGHTS", "BOUNCES"]);
-                    self.shading.queue(Some(variant), cache, both);
+                    self.shading.queue(ShadingVariant::Tracing(variant), cache, tracing);
                     return;
                 }
-                self.shading.queue(None, cache, || shader(&self.shading_shader, &[]));
+                let alone = ShadingVariant::Shading {
+                    lightmaps: variant.lightmaps,
+                };
+                self.shading
+                    .queue(alone, cache, || shader(&self.shading_shader, &shading));
                 if self.many_lights {
-                    let many = || shader(&self.shading_shader, &["MANY_LIGHTS"]);
-                    self.shading.queue(Some(variant), cache, many);
+                    self.shading.queue(ShadingVariant::Tracing(variant), cache, tracing);
                 }
             }
             TracePass::Mirrors => {
-                let own = [&["MIRRORS"], bounces].concat();
+                let own = [&["MIRRORS"], &shading[..]].concat();
                 self.mirror_rays
                     .queue(variant, cache, || shader(&self.blocks_shader, &own));
             }
             TracePass::Converged => self
                 .converged
-                .queue(variant, cache, || shader(&self.converged_shader, bounces)),
-            TracePass::Inline => self.inline.queue(variant, cache, || defs(bounces)),
+                .queue(variant, cache, || shader(&self.converged_shader, &shading)),
+            TracePass::Inline => self.inline.queue(variant, cache, || defs(&shading)),
         }
     }
 

@@ -40,13 +40,24 @@ pub(super) struct Variant {
     pub masked: bool,
     /// The scene's trees need a larger stack.
     pub deep: bool,
+    /// Some object has a lightmap.
+    pub lightmaps: bool,
     /// Rays are followed beyond their first hit.
     pub bounces: bool,
 }
 
-/// Conditions that the shading of hits is compiled for. It traces rays itself only in scenes with more lights than the tracing pass has tested
-/// (`trace/hit.wesl`), and where rays are followed beyond their first hit.
-pub(super) type ShadingVariant = Option<Variant>;
+/// Conditions that the shading of hits is compiled for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum ShadingVariant {
+    /// It traces no rays.
+    Shading {
+        /// Some object has a lightmap.
+        lightmaps: bool,
+    },
+    /// It traces rays itself: in scenes with more lights than the tracing pass has tested (`trace/hit.wesl`), and where rays are
+    /// followed beyond their first hit.
+    Tracing(Variant),
+}
 
 impl Variant {
     /// The variant that fits the scene.
@@ -54,6 +65,7 @@ impl Variant {
         Self {
             masked: scene.has_masked_geometry(),
             deep: scene.has_deep_trees(),
+            lightmaps: scene.has_lightmaps(),
             bounces: false,
         }
     }
@@ -66,18 +78,41 @@ impl Variant {
         }
     }
 
-    /// Itself, the one that is right for all scenes of such trees, and one that misses hits where the stack is full: better than
-    /// nothing while the others are compiled.
-    pub fn substitutes(self) -> [Self; 3] {
-        let masked = Self { masked: true, ..self };
-        [self, masked, Self { deep: false, ..masked }]
+    /// The same for rays that another pass shades, and follows beyond their first hit.
+    pub fn without_shading(self) -> Self {
+        Self {
+            lightmaps: false,
+            bounces: false,
+            ..self
+        }
     }
 
-    /// The same for the shading of hits: the last leaves out lights. None leaves out bounces, which a converging picture would keep.
+    /// Definitions for passes that shade hits.
+    pub fn shading_defs(self) -> Vec<&'static str> {
+        let defs = [(self.lightmaps, "LIGHTMAPS"), (self.bounces, "BOUNCES")];
+        defs.into_iter().filter_map(|(set, name)| set.then_some(name)).collect()
+    }
+
+    /// Itself, the one that is right for all scenes of such trees, and others that are better than nothing while these are
+    /// compiled: they miss hits where the stack is full, or baked light.
+    pub fn substitutes(self) -> [Self; 5] {
+        let masked = Self { masked: true, ..self };
+        let shallow = Self { deep: false, ..masked };
+        let dark = |variant| Self {
+            lightmaps: false,
+            ..variant
+        };
+        [self, masked, shallow, dark(masked), dark(shallow)]
+    }
+
+    /// The same for the shading of hits: the last ones leave out lights. None leaves out bounces, which a converging picture would
+    /// keep.
     pub fn shading_substitutes(self, many_lights: bool) -> impl Iterator<Item = ShadingVariant> {
         let traces = many_lights || self.bounces;
         let all = traces.then_some(self.substitutes()).into_iter().flatten();
-        all.map(Some).chain((!self.bounces).then_some(None))
+        let alone = [self.lightmaps, false].map(|lightmaps| ShadingVariant::Shading { lightmaps });
+        let alone = (!self.bounces).then_some(alone).into_iter().flatten();
+        all.map(ShadingVariant::Tracing).chain(alone)
     }
 }
 
@@ -96,11 +131,29 @@ mod tests {
             Variant::default().with(&ClampedSettings::from(&settings))
         };
         assert_eq!(variant(1), Variant::default());
-        assert!(variant(1).shading_substitutes(false).eq([None]));
+        let dark = ShadingVariant::Shading { lightmaps: false };
+        assert!(variant(1).shading_substitutes(false).all(|variant| variant == dark));
         for many_lights in [false, true] {
             let mut shading = variant(2).shading_substitutes(many_lights);
-            assert!(shading.all(|variant| variant.is_some_and(|variant| variant.bounces)));
+            assert!(shading.all(|variant| matches!(variant, ShadingVariant::Tracing(variant) if variant.bounces)));
         }
         assert!(variant(8).substitutes().iter().all(|variant| variant.bounces));
+    }
+
+    #[test]
+    fn lightmaps_are_left_out_last_and_only_by_shaders_that_shade() {
+        let variant = Variant {
+            lightmaps: true,
+            ..Variant::default()
+        };
+        assert_eq!(variant.shading_defs(), ["LIGHTMAPS"]);
+        assert_eq!(variant.without_shading(), Variant::default());
+        let shading: Vec<_> = variant.shading_substitutes(false).collect();
+        assert_eq!(
+            shading,
+            [true, false].map(|lightmaps| ShadingVariant::Shading { lightmaps })
+        );
+        let first_dark = variant.substitutes().iter().position(|variant| !variant.lightmaps);
+        assert_eq!(first_dark, Some(3));
     }
 }

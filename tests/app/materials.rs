@@ -6,9 +6,10 @@ use crate::{
     stage::{BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, metal, report, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{
-    pbr::{ExtendedMaterial, MaterialExtension},
+    asset::RenderAssetUsages,
+    pbr::{ExtendedMaterial, Lightmap, MaterialExtension},
     prelude::*,
-    render::render_resource::AsBindGroup,
+    render::render_resource::{AsBindGroup, Extent3d, TextureDimension, TextureFormat},
 };
 use bevy_glint::{
     ReflectedMaterial, ReflectedMaterial3d, ReflectedMaterialPlugin, ReflectedMesh3d, ReflectionTechnique,
@@ -108,6 +109,7 @@ fn rays_see_materials_and_hit_stand_ins() {
         let Some(mut app) = stage(tracer) else { continue };
         materials_of_known_types_are_seen(&mut app);
         rays_hit_stand_ins(&mut app);
+        lightmaps_come_change_and_go(&mut app);
     }
 }
 
@@ -178,6 +180,61 @@ fn rays_hit_stand_ins(app: &mut HeadlessApp) {
     let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
     meshes.get_mut(&wall).unwrap().enable_raytracing = true;
     assert_shows(app, "a mesh that lets them in again", Some(GREEN));
+    app.world().despawn(object);
+}
+
+/// Mean red, green and blue of what the mirror shows.
+fn mean_light(app: &mut HeadlessApp) -> [f32; 3] {
+    warm_up(app);
+    app.step(4);
+    let picture = app.capture().unwrap();
+    let mut sums = [0.0; 3];
+    for pixel in picture.chunks_exact(4) {
+        for (sum, value) in sums.iter_mut().zip(pixel) {
+            *sum += f32::from(*value);
+        }
+    }
+    sums.map(|sum| sum / (SIZE.x * SIZE.y) as f32)
+}
+
+fn lightmaps_come_change_and_go(app: &mut HeadlessApp) {
+    let texel = |[red, green, blue]: [u8; 3]| {
+        let (format, usage) = (TextureFormat::Rgba8UnormSrgb, RenderAssetUsages::default());
+        let texel = [red, green, blue, 255];
+        Image::new_fill(Extent3d::default(), TextureDimension::D2, &texel, format, usage)
+    };
+    let mesh = Mesh::from(wall());
+    let uvs = mesh.attribute(Mesh::ATTRIBUTE_UV_0).unwrap().clone();
+    let material = StandardMaterial {
+        base_color: Color::linear_rgb(0.2, 0.2, 0.2),
+        lightmap_exposure: 2000.0,
+        ..default()
+    };
+    let mesh = mesh.with_inserted_attribute(Mesh::ATTRIBUTE_UV_1, uvs);
+    let object = spawn_mesh(app, mesh, material, behind());
+    let dark = mean_light(app);
+    // The image comes after the component that names it.
+    let image = app.world().resource::<Assets<Image>>().reserve_handle();
+    let lightmap = Lightmap {
+        image: image.clone(),
+        ..default()
+    };
+    app.world().entity_mut(object).insert(lightmap);
+    assert_eq!(mean_light(app), dark, "before the image is loaded");
+    for (color, channel) in [(RED, 0), (BLUE, 2)] {
+        app.world()
+            .resource_mut::<Assets<Image>>()
+            .insert(&image, texel(color))
+            .unwrap();
+        let lit = mean_light(app);
+        for other in 0..3 {
+            let gain = lit[other] - dark[other];
+            let expected = if other == channel { 30.0..255.0 } else { -1.0..1.0 };
+            assert!(expected.contains(&gain), "{color:?}: {lit:?} instead of {dark:?}");
+        }
+    }
+    app.world().entity_mut(object).remove::<Lightmap>();
+    assert_eq!(mean_light(app), dark, "without a lightmap");
     app.world().despawn(object);
 }
 

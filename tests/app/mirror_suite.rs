@@ -11,6 +11,7 @@ use bevy::{
     camera::Exposure,
     image::Image,
     light::NotShadowCaster,
+    pbr::Lightmap,
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat},
 };
@@ -26,7 +27,7 @@ const SUN: Vec3 = Vec3::new(0.5, -0.2, 1.0);
 /// A feature, and what has it.
 type Row = (&'static str, fn(&mut Stage));
 
-const ROWS: [Row; 21] = [
+const ROWS: [Row; 22] = [
     ("unlit", |stage| stage.spawn(StandardMaterial { unlit: true, ..blue() })),
     ("directional light", |stage| stage.light_and_spawn(blue())),
     ("shadow of a directional light", |stage| {
@@ -126,6 +127,15 @@ const ROWS: [Row; 21] = [
     ("backs of one-sided surfaces", |stage| {
         stage.light_and_spawn(blue());
         stage.turn_a_back(blue());
+    }),
+    ("lightmap", |stage| {
+        let image = stage.checkers([255, 150, 40, 255], [20, 60, 200, 255], true);
+        stage.spawn(StandardMaterial {
+            metallic: 0.3,
+            lightmap_exposure: 2000.0,
+            ..blue()
+        });
+        stage.bake(&image);
     }),
     ("linear fog", |stage| {
         stage.spawn_in_fog(FogFalloff::Linear { start: 2.0, end: 16.0 }, Color::NONE);
@@ -266,6 +276,24 @@ impl<'a> Stage<'a> {
         let at = Transform::from_xyz(0.6, 1.6, 7.5).with_rotation(Quat::from_rotation_y(0.3));
         let entity = spawn_mesh(self.app, Rectangle::new(1.6, 1.6), material, at);
         self.spawned.push(entity);
+    }
+
+    /// Gives what was spawned a part of a lightmap.
+    fn bake(&mut self, image: &Handle<Image>) {
+        let world = self.app.world();
+        for &entity in &self.spawned {
+            let mesh = world.get::<Mesh3d>(entity).unwrap().id();
+            let lightmap = Lightmap {
+                image: image.clone(),
+                uv_rect: Rect::new(0.1, 0.2, 0.9, 0.7),
+                ..default()
+            };
+            world.entity_mut(entity).insert(lightmap);
+            let mut meshes = world.resource_mut::<Assets<Mesh>>();
+            let mut mesh = meshes.get_mut(mesh).unwrap();
+            let uvs = mesh.attribute(Mesh::ATTRIBUTE_UV_0).unwrap().clone();
+            mesh.insert_attribute(Mesh::ATTRIBUTE_UV_1, uvs);
+        }
     }
 
     fn spawn_in_fog(&mut self, falloff: FogFalloff, directional_light_color: Color) {

@@ -207,7 +207,8 @@ fn instances_and_materials_match_the_cpu() {
             flags,
             id,
             masks,
-            _padding
+            lightmap,
+            lightmap_rect
         ]
     );
     same_layout!(
@@ -227,6 +228,7 @@ fn instances_and_materials_match_the_cpu() {
             alpha_cutoff,
             stop_probability,
             diffuse_share,
+            lightmap_exposure,
             _padding
         ]
     );

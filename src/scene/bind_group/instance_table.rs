@@ -6,7 +6,7 @@ use crate::scene::{
     change::{Change, RESTLESS_FRAMES},
     gpu_types::{
         GpuInstance, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_MIRRORED, INSTANCE_MOVING,
-        INSTANCE_RECEIVES_SHADOW, INSTANCE_RESTLESS,
+        INSTANCE_RECEIVES_SHADOW, INSTANCE_RESTLESS, NO_TEXTURE,
     },
     instances::InstanceSource,
     meshes::SceneMesh,
@@ -282,6 +282,7 @@ pub(in crate::scene) fn pack_instance(
         flags,
         id: source.entity.index_u32(),
         masks: 0,
-        _padding: [0; 3],
+        lightmap: NO_TEXTURE,
+        lightmap_rect: source.lightmap.as_ref().map_or([0; 2], |lightmap| lightmap.rect),
     })
 }

@@ -1,6 +1,6 @@
 //! Extraction of objects, for each component that says which material rays see.
 
-use super::{InstanceSource, SceneInstances};
+use super::{InstanceSource, LightmapSource, SceneInstances};
 use crate::{
     scene::activity::SceneActivity,
     settings::{NotReflected, ReflectedMaterial3d, ReflectedMesh3d},
@@ -18,7 +18,7 @@ use bevy::{
     },
     light::{NotShadowCaster, NotShadowReceiver},
     mesh::{Mesh3d, skinning::SkinnedMesh},
-    pbr::{Material, MeshMaterial3d},
+    pbr::{Lightmap, Material, MeshMaterial3d},
     platform::collections::HashSet,
     prelude::*,
     render::Extract,
@@ -68,6 +68,7 @@ type InstanceQuery<C> = (
     Option<Ref<'static, NotReflected>>,
     Option<Ref<'static, NotShadowCaster>>,
     Option<Ref<'static, NotShadowReceiver>>,
+    Option<Ref<'static, Lightmap>>,
     Has<SkinnedMesh>,
 );
 
@@ -84,6 +85,7 @@ struct InstanceItem<'a> {
     opted_out: bool,
     no_shadow: bool,
     no_shadow_on_it: bool,
+    lightmap: Option<&'a Lightmap>,
     skinned: bool,
 }
 
@@ -98,6 +100,7 @@ pub struct RemovedFromScene<'w, 's> {
     opt_outs: RemovedComponents<'w, 's, NotReflected>,
     casters: RemovedComponents<'w, 's, NotShadowCaster>,
     receivers: RemovedComponents<'w, 's, NotShadowReceiver>,
+    lightmaps: RemovedComponents<'w, 's, Lightmap>,
     skins: RemovedComponents<'w, 's, SkinnedMesh>,
     disabled: RemovedComponents<'w, 's, Disabled>,
     /// Queries that don't name `Disabled` no longer find these.
@@ -125,6 +128,7 @@ pub fn begin_extraction(
     lost.0.extend(removed.opt_outs.read());
     lost.0.extend(removed.casters.read());
     lost.0.extend(removed.receivers.read());
+    lost.0.extend(removed.lightmaps.read());
     lost.0.extend(removed.skins.read());
     lost.0.extend(removed.disabled.read());
     lost.0.extend(&removed.now_disabled);
@@ -228,6 +232,7 @@ fn update_changed<C: MaterialComponent>(instances: &mut SceneInstances, all: &Qu
             out,
             caster,
             receiver,
+            lightmaps,
             skin,
         ) = table;
         let clock = Clock::new(transforms.this_run_tick(), transforms.last_run_tick());
@@ -242,6 +247,7 @@ fn update_changed<C: MaterialComponent>(instances: &mut SceneInstances, all: &Qu
             out.as_ref().map(|out| out.changed_ticks_slice()),
             caster.as_ref().map(|caster| caster.changed_ticks_slice()),
             receiver.as_ref().map(|receiver| receiver.changed_ticks_slice()),
+            lightmaps.as_ref().map(|lightmaps| lightmaps.changed_ticks_slice()),
         ];
         for begin in (0..entities.len()).step_by(BLOCK) {
             let rows = begin..(begin + BLOCK).min(entities.len());
@@ -278,6 +284,7 @@ fn update_changed<C: MaterialComponent>(instances: &mut SceneInstances, all: &Qu
                         opted_out: out.is_some(),
                         no_shadow: caster.is_some(),
                         no_shadow_on_it: receiver.is_some(),
+                        lightmap: lightmaps.as_ref().map(|lightmaps| &lightmaps[row]),
                         skinned: skin,
                     },
                 );
@@ -289,7 +296,7 @@ fn update_changed<C: MaterialComponent>(instances: &mut SceneInstances, all: &Qu
 type Item<'w, 's, C> = <InstanceQuery<C> as QueryData>::Item<'w, 's>;
 
 fn is_changed<C: MaterialComponent>(item: &Item<C>) -> bool {
-    let (_, mesh, stand_in, material, transform, visibility, layers, range, out, caster, receiver, ..) = item;
+    let (_, mesh, stand_in, material, transform, visibility, layers, range, out, caster, receiver, lightmap, _) = item;
     material.is_changed()
         || transform.is_changed()
         || visibility.is_changed()
@@ -300,10 +307,25 @@ fn is_changed<C: MaterialComponent>(item: &Item<C>) -> bool {
         || out.as_ref().is_some_and(Ref::is_changed)
         || caster.as_ref().is_some_and(Ref::is_changed)
         || receiver.as_ref().is_some_and(Ref::is_changed)
+        || lightmap.as_ref().is_some_and(Ref::is_changed)
 }
 
 fn update<C: MaterialComponent>(instances: &mut SceneInstances, item: Item<C>) {
-    let (entity, mesh, stand_in, material, transform, visibility, layers, range, out, caster, receiver, skinned) = item;
+    let (
+        entity,
+        mesh,
+        stand_in,
+        material,
+        transform,
+        visibility,
+        layers,
+        range,
+        out,
+        caster,
+        receiver,
+        lightmap,
+        skinned,
+    ) = item;
     update_item(
         instances,
         &InstanceItem {
@@ -318,6 +340,7 @@ fn update<C: MaterialComponent>(instances: &mut SceneInstances, item: Item<C>) {
             opted_out: out.is_some(),
             no_shadow: caster.is_some(),
             no_shadow_on_it: receiver.is_some(),
+            lightmap: lightmap.as_deref(),
             skinned,
         },
     );
@@ -350,5 +373,6 @@ fn update_item(instances: &mut SceneInstances, item: &InstanceItem) {
         world_from_object,
         casts_shadow: !item.no_shadow,
         receives_shadow: !item.no_shadow_on_it,
+        lightmap: item.lightmap.map(|lightmap| Box::new(LightmapSource::from(lightmap))),
     });
 }

@@ -66,6 +66,7 @@ impl SceneBindings {
                 let geometry_base = self.poses.geometry_base(slot).unwrap_or(packed.geometry_base);
                 Some(GpuInstance {
                     geometry_base,
+                    lightmap: self.lightmaps.word(slot, surroundings.textures),
                     ..packed
                 })
             });

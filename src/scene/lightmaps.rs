@@ -1,0 +1,60 @@
+//! Lightmaps: light that was baked for an object. Hits show it as Bevy's deferred renderer does, beside all other light.
+
+use super::{gpu_types::NO_TEXTURE, instances::SceneInstances, textures::TextureTable, waiting_room::WaitingRoom};
+use bevy::{asset::AssetId, image::Image};
+use std::collections::BTreeMap;
+
+/// The objects' lightmaps in the table of textures.
+#[derive(Default)]
+pub(super) struct Lightmaps {
+    /// By slot of the object, the image that has a place for it.
+    images: BTreeMap<u32, AssetId<Image>>,
+    /// Slots whose image found no place.
+    without_room: WaitingRoom<u32>,
+}
+
+impl Lightmaps {
+    /// Takes places for the lightmaps of objects in `dirty` slots, and gives back those that they no longer need. Adds slots to
+    /// `dirty` whose lightmap may be found now: all of them if images have `changed`.
+    pub fn follow(
+        &mut self,
+        dirty: &mut Vec<u32>,
+        changed: bool,
+        instances: &SceneInstances,
+        textures: &mut TextureTable,
+    ) {
+        dirty.extend(self.without_room.take(textures.used()));
+        for &slot in &*dirty {
+            let source = instances.get(slot).and_then(|source| source.lightmap.as_ref());
+            let wanted = source.map(|lightmap| lightmap.image);
+            // The new image comes first: if it is the old one, it keeps its place.
+            let found = wanted.filter(|image| textures.acquire(*image));
+            let old = match found {
+                Some(image) => self.images.insert(slot, image),
+                None => self.images.remove(&slot),
+            };
+            if let Some(old) = old {
+                textures.release(old);
+            }
+            if found == wanted {
+                self.without_room.remove(&slot);
+            } else {
+                self.without_room.wait(slot, textures.used());
+            }
+        }
+        if changed {
+            dirty.extend(self.images.keys());
+        }
+    }
+
+    /// The word for shaders; [`NO_TEXTURE`] until the image of the object in a slot can be sampled.
+    pub fn word(&self, slot: u32, textures: &TextureTable) -> u32 {
+        let image = self.images.get(&slot);
+        image.and_then(|image| textures.packed(*image)).unwrap_or(NO_TEXTURE)
+    }
+
+    /// No object has a lightmap.
+    pub fn is_empty(&self) -> bool {
+        self.images.is_empty()
+    }
+}
