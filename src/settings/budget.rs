@@ -6,7 +6,7 @@ use super::{
     clamped_rate::RateSettings,
 };
 use bevy::{
-    ecs::{component::Component, reflect::ReflectComponent},
+    ecs::{component::Component, lifecycle::HookContext, reflect::ReflectComponent, world::DeferredWorld},
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
@@ -15,7 +15,7 @@ use bevy::{
 ///
 /// Times come from Bevy's `RenderDiagnosticsPlugin`, which the app adds, and from a device with timestamps; without them nothing is spared,
 /// and a warning says so once. Times of several reflecting cameras can't be told apart: each takes the last that was measured. Settings
-/// stay as the app has set them; [`ReflectionEffort`] says how much of them is left.
+/// stay as the app has set them; [`ReflectionEffort`] says how much of them is left. Without the budget it is all of them again.
 ///
 /// ```no_run
 /// use bevy::{prelude::*, render::diagnostic::RenderDiagnosticsPlugin};
@@ -33,6 +33,7 @@ use bevy::{
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 #[require(ReflectionEffort)]
+#[component(on_remove = end_sparing)]
 pub struct ReflectionBudget {
     /// GPU milliseconds per frame. More allows more rays. 0 and less spare as much as [`least_effort`](Self::least_effort) allows, and NaN
     /// is the default. Default: 2.
@@ -60,6 +61,12 @@ impl ReflectionBudget {
             milliseconds: number_or(self.milliseconds, default.milliseconds).max(0.0),
             least_effort: number_or(self.least_effort, default.least_effort).clamp(LEAST_EFFORT, 1.0),
         }
+    }
+}
+
+fn end_sparing(mut world: DeferredWorld, context: HookContext) {
+    if let Some(mut effort) = world.get_mut::<ReflectionEffort>(context.entity) {
+        *effort = ReflectionEffort::default();
     }
 }
 
@@ -121,6 +128,7 @@ impl ReflectionEffort {
 mod tests {
     use super::*;
     use crate::settings::{RayTracedReflections, ShadingRateHeuristic};
+    use bevy::ecs::world::World;
 
     fn spared(effort: f32, reflections: &RayTracedReflections) -> (ClampedSettings, RateSettings) {
         let mut settings = ClampedSettings::from(reflections);
@@ -152,6 +160,15 @@ mod tests {
         assert!(settings.fade_start < settings.cutoff);
         let (least, _) = spared(0.0, &reflections);
         assert!(least.cutoff > 0.15 && least.denoiser.samples == LEAST_SAMPLES);
+    }
+
+    #[test]
+    fn without_the_budget_nothing_is_spared() {
+        let mut world = World::new();
+        let camera = world.spawn((ReflectionBudget::default(), ReflectionEffort(0.3))).id();
+        assert_eq!(world.get(camera), Some(&ReflectionEffort(0.3)));
+        world.entity_mut(camera).remove::<ReflectionBudget>();
+        assert_eq!(world.get(camera), Some(&ReflectionEffort(1.0)));
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! Settings of one camera that the panel edits, whether its reflections are on or off.
 
 use crate::settings::{
-    RayTracedReflections, ReflectionDebugSplit, ReflectionDebugView, ReflectionPreset, ReflectionQuality,
-    ReflectionsOff, ShadingRateHeuristic, ShadingRateTileSize,
+    RayTracedReflections, ReflectionBudget, ReflectionDebugSplit, ReflectionDebugView, ReflectionEffort,
+    ReflectionPreset, ReflectionQuality, ReflectionsOff, ShadingRateHeuristic, ShadingRateTileSize,
 };
 use bevy::{
     ecs::prelude::*,
@@ -28,6 +28,10 @@ pub struct CameraSettings {
     pub heuristic: ShadingRateHeuristic,
     /// The size of the tiles.
     pub tile_size: ShadingRateTileSize,
+    /// Its budget of GPU time, if it has one.
+    pub budget: Option<ReflectionBudget>,
+    /// What the budget leaves of the settings at present. It is shown and never written.
+    pub effort: ReflectionEffort,
     /// Debug view that is shown instead of the picture.
     pub debug_view: ReflectionDebugView,
     /// Dividing line of the picture, if there is one.
@@ -45,6 +49,8 @@ impl CameraSettings {
             reflections: on.or(off).cloned().unwrap_or_default(),
             heuristic: camera.get::<ShadingRateHeuristic>().cloned().unwrap_or_default(),
             tile_size: camera.get::<ShadingRateTileSize>().copied().unwrap_or_default(),
+            budget: camera.get::<ReflectionBudget>().copied(),
+            effort: camera.get::<ReflectionEffort>().copied().unwrap_or_default(),
             debug_view: camera.get::<ReflectionDebugView>().copied().unwrap_or_default(),
             debug_split: camera.get::<ReflectionDebugSplit>().copied(),
         }
@@ -70,6 +76,12 @@ impl CameraSettings {
         }
         if self.tile_size != before.tile_size {
             camera.insert(self.tile_size);
+        }
+        if self.budget != before.budget {
+            match self.budget {
+                Some(budget) => camera.insert(budget),
+                None => camera.remove::<ReflectionBudget>(),
+            };
         }
         if self.debug_view != before.debug_view {
             if self.debug_view == ReflectionDebugView::Off {

@@ -22,12 +22,13 @@
 //! |---|---|
 //! | `panel.rs` | the plugin, its window and the two halves |
 //! | `camera.rs` | the settings of a camera as plain data |
-//! | `settings_ui.rs`, `rates_ui.rs` | a row for each setting |
+//! | `settings_ui.rs`, `rates_ui.rs`, `budget_ui.rs` | a row for each setting |
 //! | `widgets.rs` | what rows are made of |
 //! | `tooltips.rs` | tooltips from the documentation of settings |
 //! | `timings.rs` | measurements |
 //! | `quality.rs` | the options menu |
 
+mod budget_ui;
 mod camera;
 mod panel;
 mod quality;

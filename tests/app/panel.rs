@@ -16,8 +16,9 @@ use bevy::{
 use bevy_egui::{EguiContext, EguiOutput, EguiPlugin, EguiRenderOutput, egui::Ui};
 use bevy_glint::{
     CombinedThresholds, HardwareVrsSupport, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionBackend,
-    ReflectionDebugView, ReflectionPreset, ReflectionQuality, ReflectionSettingsPanel, ReflectionSettingsPanelPlugin,
-    ReflectionStatusReport, ReflectionTechnique, ReflectionTracer, ReflectionsOff, ShadingRateHeuristic,
+    ReflectionBudget, ReflectionDebugView, ReflectionEffort, ReflectionPreset, ReflectionQuality,
+    ReflectionSettingsPanel, ReflectionSettingsPanelPlugin, ReflectionStatusReport, ReflectionTechnique,
+    ReflectionTracer, ReflectionsOff, ShadingRateHeuristic,
     ui::{
         CameraSettings, camera_settings_ui, quality_menu, reflection_measurements_ui, reflection_settings_ui,
         switch_reflections, why_no_hardware, why_no_reflections,
@@ -134,6 +135,25 @@ fn a_click_chooses_and_a_click_resets() {
     panel.click_on("Debug view");
     panel.choose("View", "off", "shading rates");
     assert_eq!(panel.data().0.debug_view, ReflectionDebugView::ShadingRates);
+}
+
+#[test]
+fn a_budget_comes_and_goes() {
+    let mut world = World::new();
+    let camera = world.spawn((Camera3d::default(), RayTracedReflections::default())).id();
+    let mut panel = Screen::new((world, None::<Entity>), |ui, (world, camera)| {
+        reflection_settings_ui(ui, world, camera);
+    });
+    panel.click_on("Budget");
+    panel.click_beside("Hold GPU time", "off");
+    assert_eq!(panel.data().0.get(camera), Some(&ReflectionBudget::default()));
+    let world = &mut panel.0.state_mut().0;
+    world.entity_mut(camera).insert(ReflectionEffort(0.42));
+    panel.rest();
+    panel.find_beside("Effort now", "42 %");
+    panel.click_beside("Hold GPU time", "on");
+    assert_eq!(panel.data().0.get::<ReflectionBudget>(camera), None);
+    assert_eq!(panel.data().0.get(camera), Some(&ReflectionEffort::default()));
 }
 
 #[test]
