@@ -80,6 +80,7 @@ impl PreparedViewItem<'_, '_> {
         let mut cameras = surroundings.cameras.iter();
         Frame {
             origin: extracted.viewport.xy(),
+            first_tile: UVec2::ZERO,
             flags,
             fog: self.fog.into(),
             scene: surroundings.scene.version.all,

@@ -51,7 +51,7 @@ const SCENE_PASSES: [(&str, &[&str]); 10] = [
 ];
 
 /// All others.
-const PASSES: [(&str, &[&str]); 24] = [
+const PASSES: [(&str, &[&str]); 23] = [
     ("rate/classify", &[]),
     ("rate/classify", &["ROUGHNESS"]),
     ("rate/classify", &["GRAZING", "TILE_ANGLES"]),
@@ -73,7 +73,6 @@ const PASSES: [(&str, &[&str]); 24] = [
     ("composite/resolve", &["IN_PLACE", "TILES"]),
     ("composite/resolve", &["IN_PLACE", "TILES", "FRONT_LAYER"]),
     ("composite/add", &[]),
-    ("front_layer/draw", &[]),
     ("trace/vrs", &[]),
     ("scene/pose/pose", &[]),
     ("scene/pose/refit", &[]),
