@@ -42,11 +42,19 @@ pub(super) struct Variant {
     pub deep: bool,
     /// Rays are followed beyond their first hit.
     pub bounces: bool,
+    /// Some object tints the light that it lets through.
+    pub tinted: bool,
 }
 
 /// What the shading of hits is compiled for. It traces rays itself only in scenes with more lights than the tracing pass has tested
 /// (`trace/hit.wesl`), and where rays are followed beyond their first hit.
-pub(super) type ShadingVariant = Option<Variant>;
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum ShadingVariant {
+    /// It traces no rays.
+    Plain { tinted: bool },
+    /// It does.
+    Tracing(Variant),
+}
 
 impl Variant {
     /// The variant that fits the scene.
@@ -55,6 +63,7 @@ impl Variant {
             masked: scene.has_masked_geometry(),
             deep: scene.has_deep_trees(),
             bounces: false,
+            tinted: scene.see_through.has_tints(),
         }
     }
 
@@ -68,16 +77,22 @@ impl Variant {
 
     /// Itself, the one that is right for all scenes of such trees, and one that misses hits where the stack is full: better than
     /// nothing while the others are compiled.
-    pub fn substitutes(self) -> [Self; 3] {
+    pub fn substitutes(self) -> [Self; 4] {
         let masked = Self { masked: true, ..self };
-        [self, masked, Self { deep: false, ..masked }]
+        let clear = Self {
+            tinted: false,
+            ..masked
+        };
+        [self, masked, clear, Self { deep: false, ..clear }]
     }
 
     /// The same for the shading of hits: the last leaves out lights. None leaves out bounces, which a converging picture would keep.
     pub fn shading_substitutes(self, many_lights: bool) -> impl Iterator<Item = ShadingVariant> {
         let traces = many_lights || self.bounces;
         let all = traces.then_some(self.substitutes()).into_iter().flatten();
-        all.map(Some).chain((!self.bounces).then_some(None))
+        let plain = [self.tinted, false].map(|tinted| ShadingVariant::Plain { tinted });
+        let plain = (!self.bounces).then_some(plain).into_iter().flatten();
+        all.map(ShadingVariant::Tracing).chain(plain)
     }
 }
 
@@ -96,11 +111,33 @@ mod tests {
             Variant::default().with(&ClampedSettings::from(&settings))
         };
         assert_eq!(variant(1), Variant::default());
-        assert!(variant(1).shading_substitutes(false).eq([None]));
+        let plain = ShadingVariant::Plain { tinted: false };
+        assert!(variant(1).shading_substitutes(false).all(|variant| variant == plain));
         for many_lights in [false, true] {
             let mut shading = variant(2).shading_substitutes(many_lights);
-            assert!(shading.all(|variant| variant.is_some_and(|variant| variant.bounces)));
+            assert!(shading.all(|variant| matches!(variant, ShadingVariant::Tracing(variant) if variant.bounces)));
         }
         assert!(variant(8).substitutes().iter().all(|variant| variant.bounces));
+    }
+
+    #[test]
+    fn hits_without_tints_are_never_shaded_with_them() {
+        let variants = [
+            Variant::default(),
+            Variant {
+                tinted: true,
+                ..Variant::default()
+            },
+        ];
+        for (variant, many_lights) in variants.into_iter().zip([false, true]) {
+            let clear = Variant {
+                tinted: false,
+                ..variant
+            };
+            for shading in clear.shading_substitutes(many_lights) {
+                let (ShadingVariant::Plain { tinted } | ShadingVariant::Tracing(Variant { tinted, .. })) = shading;
+                assert!(!tinted, "{shading:?}");
+            }
+        }
     }
 }

@@ -37,13 +37,15 @@ const SCENES: [&[&str]; 4] = [
 ];
 
 /// Passes that trace and shade, which are compiled for a scene.
-const SCENE_PASSES: [(&str, &[&str]); 10] = [
+const SCENE_PASSES: [(&str, &[&str]); 12] = [
     ("trace/blocks", &[]),
     ("trace/blocks", &["MIRRORS"]),
     ("trace/blocks", &["MIRRORS", "BOUNCES"]),
     ("trace/shade", &[]),
     ("trace/shade", &["MANY_LIGHTS"]),
     ("trace/shade", &["MANY_LIGHTS", "BOUNCES"]),
+    ("trace/blocks", &["TINTED_GLASS"]),
+    ("trace/shade", &["TINTED_GLASS"]),
     ("trace/converged", &[]),
     ("trace/converged", &["BOUNCES"]),
     ("trace/inline", &[]),
