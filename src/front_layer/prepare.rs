@@ -176,8 +176,8 @@ pub(super) fn prepare_front_layers(
         front.set_rects(&rects, &device, &queue);
         front.begin_frame(view.view, frame);
         front.textures.uniform.write_buffer(&device, &queue);
-        if let Some(mut prepass) = prepass {
-            prepass.normal = Some(front.layer.normal_attachment());
+        if let Some(normal) = prepass.and_then(|prepass| prepass.into_inner().normal.as_mut()) {
+            *normal = front.layer.normal_attachment();
         }
         if let Some(created) = created {
             let memory = created.memory();

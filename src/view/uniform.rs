@@ -111,12 +111,15 @@ pub const VIEW_SUPPRESS_FIREFLIES: u32 = 32;
 /// Mirror pixels without a ray of their own keep their history.
 pub const VIEW_MIRROR_HISTORY: u32 = 64;
 
+/// Bevy draws transmissive surfaces.
+pub const VIEW_DRAWS_GLASS: u32 = 128;
+
 /// Properties of a view in one frame.
 pub(crate) struct Frame {
     pub origin: UVec2,
     /// Tile that passes over a part of the view begin with.
     pub first_tile: UVec2,
-    /// [`VIEW_HAS_SSAO`] and [`VIEW_HAS_IRRADIANCE`].
+    /// [`VIEW_HAS_SSAO`], [`VIEW_HAS_IRRADIANCE`] and [`VIEW_DRAWS_GLASS`].
     pub flags: u32,
     pub fog: Fog,
     /// Counts changes of the scene ...
