@@ -13,6 +13,7 @@ use bevy::{
     app::{App, Plugin},
     asset::Handle,
     ecs::entity::Entity,
+    math::{URect, UVec2},
     platform::collections::HashMap,
     render::{
         RenderApp,
@@ -74,6 +75,8 @@ pub(crate) struct PassContext<'a> {
     pub noise: &'a TextureView,
     /// The lit frame.
     pub frame: &'a TextureView,
+    /// Tiles outside of which the view holds no surface of these passes; `None` where it may hold some anywhere.
+    pub tiles: Option<URect>,
 }
 
 impl<'a> PassContext<'a> {
@@ -90,6 +93,16 @@ impl<'a> PassContext<'a> {
     pub fn history(&self) -> Option<(&'a HistoryTargets, &'a TextureView)> {
         let history = self.images()?.history.as_ref()?;
         self.motion.map(|motion| (history, motion))
+    }
+
+    /// Pixels of the view that hold all surfaces of these passes.
+    pub fn area(&self) -> URect {
+        let size = self.textures.size();
+        let Some(tiles) = self.tiles else {
+            return URect::from_corners(UVec2::ZERO, size);
+        };
+        let pixels = self.targets().sizes.tile_pixels();
+        URect::from_corners((tiles.min * pixels).min(size), (tiles.max * pixels).min(size))
     }
 
     /// Index of what this frame writes in ping-pong pairs.
@@ -205,7 +218,8 @@ impl Group0 {
             (
                 binding_types::uniform_buffer::<ViewUniform>(true),
                 binding_types::uniform_buffer::<GpuReflectionView>(false),
-                binding_types::texture_depth_2d(),
+                // Depth as floats: that of Bevy is a depth texture, that of a front layer is written by a compute shader.
+                binding_types::texture_2d(TextureSampleType::Float { filterable: false }),
                 integers(),
                 binding_types::texture_2d(TextureSampleType::Float { filterable: false }),
             ),

@@ -58,6 +58,11 @@ impl Sizes {
         (self.full + self.trace_scale - 1) / self.trace_scale
     }
 
+    /// Pixels of a tile in each direction.
+    pub fn tile_pixels(self) -> u32 {
+        self.tile * self.trace_scale
+    }
+
     /// Tiles of the view.
     pub fn tiles(self) -> UVec2 {
         (self.trace() + self.tile - 1) / self.tile

@@ -1,4 +1,7 @@
-//! Words of the buffers `indirect_args` and `counters`. `lists.wesl` holds the same for shaders.
+//! Words of the buffers `indirect_args` and `counters`, and the limit of a dispatch. `lists.wesl` holds the same for shaders.
+
+/// Largest number of workgroups in the x direction of a dispatch.
+pub(crate) const MAX_WORKGROUPS: u32 = 65535;
 
 /// Words of the buffer `indirect_args`: four dispatches of three words each, and the lengths of three lists.
 pub(crate) const INDIRECT_ARG_WORDS: u64 = 15;
@@ -37,6 +40,7 @@ mod tests {
     fn words_are_those_of_the_shader() {
         let shader = include_str!("lists.wesl");
         for (name, word) in [
+            ("MAX_WORKGROUPS", u64::from(MAX_WORKGROUPS)),
             ("INDIRECT_ARG_WORDS", INDIRECT_ARG_WORDS),
             ("RAY_DISPATCH", RAY_DISPATCH),
             ("MIRROR_RAY_DISPATCH", MIRROR_RAY_DISPATCH),

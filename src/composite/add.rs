@@ -80,7 +80,7 @@ impl AddPass {
         queued.is_some_and(|&id| cache.get_render_pipeline(id).is_some())
     }
 
-    /// Adds the reflection of one view, inside of the view's rectangle only.
+    /// Adds the reflection of one view, inside of [`PassContext::area`] only.
     pub fn run(&self, ctx: &mut RenderContext, context: &PassContext, target: &ViewTarget) {
         let (textures, cache) = (context.textures, context.cache);
         let queued = self.queued.get(&target.main_texture_format());
@@ -103,7 +103,9 @@ impl AddPass {
         });
         let (origin, size) = (textures.origin, textures.size());
         pass.set_viewport(origin.x as f32, origin.y as f32, size.x as f32, size.y as f32, 0.0, 1.0);
-        pass.set_scissor_rect(origin.x, origin.y, size.x, size.y);
+        let area = context.area();
+        let first = origin + area.min;
+        pass.set_scissor_rect(first.x, first.y, area.width(), area.height());
         pass.set_render_pipeline(pipeline);
         pass.set_bind_group(0, &bind_group, &[]);
         pass.draw(0..3, 0..1);

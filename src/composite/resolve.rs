@@ -43,9 +43,9 @@ impl Surfaces {
 /// Destination of the result, and the pixels that are visited.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Resolve {
-    /// Every pixel, into a texture of its own.
+    /// Every pixel of [`PassContext::area`], into a texture of its own.
     Apart,
-    /// Every pixel of the frame.
+    /// The same pixels of the frame.
     InPlace,
     /// The active tiles of the frame.
     InPlaceTiles,
@@ -105,7 +105,7 @@ impl Resolve {
         if self == Self::InPlaceTiles {
             pass.dispatch_workgroups_indirect(&context.targets().indirect_args, word_offset(TILE_DISPATCH));
         } else {
-            let size = context.textures.size();
+            let size = context.area().size();
             pass.dispatch_workgroups(size.x.div_ceil(8), size.y.div_ceil(8), 1);
         }
         true

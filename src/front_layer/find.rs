@@ -1,12 +1,13 @@
 //! The pass that finds the front layer of a view: one ray for each pixel of its rectangles.
 
 use super::{
-    draw::DrawPass,
     rects::GpuRects,
-    textures::{LayerTextures, PLACES_FORMAT, WORDS_FORMAT},
+    textures::{DEPTH_FORMAT, LayerTextures, MOTION_FORMAT, WORDS_FORMAT},
 };
 use crate::{
+    common::MAX_WORKGROUPS,
     gbuffer::{Binding, GBufferPass, OtherGroups, PassContext, PassShader},
+    rate::RatePipelines,
     scene::SceneBindings,
     settings::ReflectionView,
 };
@@ -14,6 +15,7 @@ use bevy::{
     asset::{AssetServer, Handle, load_embedded_asset},
     ecs::prelude::*,
     log::error_once,
+    math::URect,
     render::{
         render_resource::{
             BindingResource, IntoBinding, PipelineCache, StorageTextureAccess, TextureFormat, UniformBuffer,
@@ -23,6 +25,7 @@ use bevy::{
     },
     shader::Shader,
 };
+use core::num::NonZeroU64;
 
 /// The pass, in a variant for trees that need a larger stack and one for those that don't.
 #[derive(Resource)]
@@ -43,7 +46,9 @@ pub(super) fn init_find_pass(mut commands: Commands, asset_server: Res<AssetServ
     };
     let bindings = vec![
         written(WORDS_FORMAT),
-        written(PLACES_FORMAT),
+        written(MOTION_FORMAT),
+        written(DEPTH_FORMAT),
+        Binding::given(binding_types::storage_buffer_sized(false, NonZeroU64::new(4))),
         Binding::given(binding_types::uniform_buffer::<GpuRects>(false)),
     ];
     let groups = OtherGroups::SceneAndEnvironment(scene.layout.clone());
@@ -54,11 +59,11 @@ pub(super) fn init_find_pass(mut commands: Commands, asset_server: Res<AssetServ
     });
 }
 
-/// Has both passes compiled as soon as a camera wants it in a scene with see-through objects.
+/// Has it compiled as soon as a camera wants it in a scene with see-through objects.
 pub(super) fn queue_layer_passes(
     views: Query<&ReflectionView>,
     mut find: ResMut<FindPass>,
-    mut draw: ResMut<DrawPass>,
+    mut rate: ResMut<RatePipelines>,
     scene: Res<SceneBindings>,
     cache: Res<PipelineCache>,
 ) {
@@ -66,7 +71,9 @@ pub(super) fn queue_layer_passes(
     if !is_wanted || scene.see_through.entities().next().is_none() {
         return;
     }
-    draw.queue(&cache);
+    for view in views.iter().filter(|view| view.settings.transparent) {
+        rate.request_parts(&view.rate);
+    }
     let FindPass { shader, pass, deep } = &mut *find;
     *deep = scene.has_deep_trees();
     pass.queue(*deep, &cache, || {
@@ -93,18 +100,27 @@ impl FindPass {
         ctx: &mut RenderContext,
         context: &PassContext,
         layer: &LayerTextures,
-        rects: &UniformBuffer<GpuRects>,
+        rects: &[URect],
+        gpu_rects: &UniformBuffer<GpuRects>,
     ) -> bool {
-        let Some(rects) = rects.binding() else {
+        let Some(binding) = gpu_rects.binding() else {
             return false;
         };
-        let given: [BindingResource; 3] = [layer.words.into_binding(), layer.places.into_binding(), rects];
+        let given: [BindingResource; 5] = [
+            layer.words.into_binding(),
+            layer.motion.into_binding(),
+            layer.depth.into_binding(),
+            layer.packed_normals.as_entire_binding(),
+            binding,
+        ];
         // A stack that is too small misses some surfaces: better than nothing while the other is compiled.
         let Some(mut pass) = self.pass.begin(ctx, context, [self.deep, false], &given) else {
             return false;
         };
-        let size = context.textures.size();
-        pass.dispatch_workgroups(size.x.div_ceil(8), size.y.div_ceil(8), 1);
+        let groups = gpu_rects.get().groups();
+        pass.dispatch_workgroups(groups.min(MAX_WORKGROUPS), groups.div_ceil(MAX_WORKGROUPS), 1);
+        drop(pass);
+        layer.copy_normals(ctx, context, rects);
         true
     }
 }

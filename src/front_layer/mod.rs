@@ -9,12 +9,10 @@
 //! | `rects.rs` | which part of a view they may cover |
 //! | `textures.rs` | the textures of the layer |
 //! | `find` | the rays that find it |
-//! | `draw` | what of it takes a raster pass to write |
 //! | `prepare.rs` | when all of this exists |
 //! | `passes.rs` | the passes over it |
 
 mod boxes;
-mod draw;
 mod find;
 mod passes;
 mod prepare;
@@ -36,7 +34,6 @@ use bevy::{
     render::{ExtractSchedule, Render, RenderApp, RenderStartup, init_gpu_resource},
 };
 use boxes::{SeeThroughBoxes, extract_boxes};
-use draw::init_draw_pass;
 use find::{init_find_pass, queue_layer_passes};
 use passes::{find_front_layers, reflect_on_front_layers};
 use prepare::prepare_front_layers;
@@ -47,7 +44,6 @@ pub(crate) struct FrontLayerPlugin;
 impl Plugin for FrontLayerPlugin {
     fn build(&self, app: &mut App) {
         if app.get_sub_app(RenderApp).is_some() {
-            embedded_asset!(app, "draw.wesl");
             embedded_asset!(app, "find.wesl");
         }
     }
@@ -56,10 +52,7 @@ impl Plugin for FrontLayerPlugin {
         let Some(render_app) = tracing_app(app) else { return };
         render_app
             .init_resource::<SeeThroughBoxes>()
-            .add_systems(
-                RenderStartup,
-                (init_draw_pass, init_find_pass.after(init_gpu_resource::<SceneBindings>)),
-            )
+            .add_systems(RenderStartup, init_find_pass.after(init_gpu_resource::<SceneBindings>))
             .add_systems(ExtractSchedule, extract_boxes.in_set(ReflectionSystems::ExtractScene))
             .add_systems(
                 Render,

@@ -1,7 +1,7 @@
 //! The passes over the front layer of a view. It is found before Bevy draws anything transparent, which takes its normals, and its
 //! reflections are added after that.
 
-use super::{draw::DrawPass, find::FindPass, prepare::FrontLayer};
+use super::{find::FindPass, prepare::FrontLayer};
 use crate::{
     composite::{CompositePipelines, Surfaces, composite_reflection},
     denoise::{DenoisePipelines, denoise},
@@ -53,6 +53,7 @@ fn context_of<'a>(opaque: &PassContext<'a>, front: &'a FrontLayer) -> Option<Pas
         albedo_table: opaque.albedo_table,
         noise: opaque.noise,
         frame: opaque.frame,
+        tiles: Some(front.tiles),
     })
 }
 
@@ -61,25 +62,20 @@ pub(super) fn find_front_layers(
     view: ViewQuery<(PassView, &FrontLayer)>,
     resources: PassResources,
     find: Option<Res<FindPass>>,
-    draw: Option<Res<DrawPass>>,
     mut ctx: RenderContext,
 ) {
     let entity = view.entity();
     let (view, front) = view.into_inner();
-    front.is_found.store(false, Ordering::Relaxed);
-    let (Some(find), Some(draw), Some(context)) = (find, draw, resources.context(entity, &view)) else {
-        return;
-    };
-    if front.rects.is_empty() || !draw.is_ready(context.cache) {
+    if front.rects.is_empty() {
         return;
     }
+    let (Some(find), Some(context)) = (find, resources.context(entity, &view)) else {
+        return;
+    };
     let diagnostics = ctx.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(ctx.command_encoder(), "glint_find_front_layer");
-    let is_found = find.run(&mut ctx, &context, &front.layer, &front.gpu_rects);
-    if is_found {
-        draw.run(&mut ctx, &context, &front.layer, &front.rects);
-    }
+    let is_found = find.run(&mut ctx, &context, &front.layer, &front.rects, &front.gpu_rects);
     front.is_found.store(is_found, Ordering::Relaxed);
     span.end(ctx.command_encoder());
 }
@@ -94,7 +90,7 @@ pub(super) fn reflect_on_front_layers(
 ) {
     let entity = view.entity();
     let (view, front) = view.into_inner();
-    if !front.is_found.load(Ordering::Relaxed) {
+    if front.rects.is_empty() || !front.is_found.load(Ordering::Relaxed) {
         return;
     }
     let (Some(rate), Some(denoisers), Some(composite), Some(trace), Some(opaque)) = (

@@ -2,17 +2,18 @@
 
 use super::{
     boxes::SeeThroughBoxes,
-    rects::{GpuRects, screen_rects},
+    rects::{GpuRects, disjoint, screen_rects},
     textures::LayerTextures,
 };
 use crate::{
     device::{WritesInPlace, try_allocate},
     settings::{ReflectionBackend, ReflectionView},
     targets::{Needs, Sizes},
-    view::{MoreMemory, PreparedView, ReflectionTextures, Surroundings},
+    view::{Frame, MoreMemory, PreparedView, ReflectionTextures, Surroundings},
 };
 use bevy::{
     camera::visibility::RenderLayers,
+    core_pipeline::prepass::ViewPrepassTextures,
     ecs::prelude::*,
     math::{Mat4, URect, UVec2},
     platform::collections::HashMap,
@@ -22,7 +23,10 @@ use bevy::{
         view::ExtractedView,
     },
 };
-use core::sync::atomic::AtomicBool;
+use core::{
+    mem::take,
+    sync::atomic::{AtomicBool, Ordering},
+};
 
 /// Frames without anything see-through on the screen after which the layer of a view is given back. Less allocates
 /// it again whenever a window passes by, more holds memory that nothing uses.
@@ -38,25 +42,68 @@ pub struct FrontLayer {
     pub(super) textures: ReflectionTextures,
     /// The settings of the passes over it.
     pub(super) view: ReflectionView,
-    /// Rectangles of the view that it lies in; none: nothing of it is on the screen in this frame.
+    /// Rectangles of the view that it is written in; none: nothing of it is on the screen in this frame.
     pub(super) rects: Vec<URect>,
+    /// Tiles of the view that it lies in, or did in the last frames: those that the pair of rate images may hold.
+    pub(super) tiles: URect,
+    /// Rectangles that it lay in one frame and two frames ago.
+    before: [Vec<URect>; 2],
     /// The same for shaders.
     pub(super) gpu_rects: UniformBuffer<GpuRects>,
-    /// It holds the layer of this frame.
+    /// It holds the layer of this frame; before that is found, of the last one.
     pub(super) is_found: AtomicBool,
+    /// Frames since then in which nothing of it was on the screen.
     idle: u32,
 }
 
 impl FrontLayer {
+    fn new(device: &RenderDevice, view: &ReflectionView, extent: UVec2, sizes: Sizes, needs: Needs) -> Self {
+        Self {
+            layer: LayerTextures::new(device, extent),
+            textures: ReflectionTextures::new(device, sizes, needs, None),
+            view: view.clone(),
+            rects: Vec::new(),
+            tiles: URect::default(),
+            before: Default::default(),
+            gpu_rects: UniformBuffer::default(),
+            // There is nothing to overwrite in new textures.
+            is_found: AtomicBool::new(true),
+            idle: IDLE_FRAMES,
+        }
+    }
+
     fn fits(&self, sizes: Sizes, needs: Needs, extent: UVec2) -> bool {
         let targets = &self.textures.targets;
         targets.sizes == sizes && targets.needs == needs && self.layer.size == extent
     }
 
-    fn set_rects(&mut self, rects: Vec<URect>, device: &RenderDevice, queue: &RenderQueue) {
-        self.gpu_rects.set(GpuRects::from(&rects[..]));
+    /// Takes the rectangles of a frame. Of earlier ones, what was written is to be overwritten.
+    fn set_rects(&mut self, now: &[URect], device: &RenderDevice, queue: &RenderQueue) {
+        let sizes = self.textures.targets.sizes;
+        if !self.is_found.swap(false, Ordering::Relaxed) {
+            self.before[0] = vec![URect::from_corners(UVec2::ZERO, sizes.full)];
+        }
+        let [last, earlier] = &self.before;
+        self.rects = disjoint(now.iter().chain(last).copied());
+        self.tiles = tiles_of(now.iter().chain(last).chain(earlier), sizes);
+        self.before.swap(0, 1);
+        self.before[0] = now.to_vec();
+        self.gpu_rects.set(GpuRects::from(&self.rects[..]));
         self.gpu_rects.write_buffer(device, queue);
-        self.rects = rects;
+    }
+
+    /// Takes the settings and properties of the view in a frame, once it has the rectangles.
+    fn begin_frame(&mut self, view: &ReflectionView, frame: Frame) {
+        self.view = view.clone();
+        let settings = &mut self.view.settings;
+        // Lists hold its rays, which are few.
+        if settings.backend == ReflectionBackend::HardwareVrs {
+            settings.backend = ReflectionBackend::Compute;
+        }
+        // Its history is older than the last frame.
+        self.view.reset |= take(&mut self.idle) > 0;
+        let frame = frame.of_other_surfaces(self.tiles.min);
+        self.textures.begin_frame(&self.view, &frame);
     }
 
     fn memory(&self) -> MoreMemory {
@@ -66,7 +113,12 @@ impl FrontLayer {
 
 /// Makes, updates and removes the layers of all views.
 pub(super) fn prepare_front_layers(
-    mut views: Query<(PreparedView, Option<&mut FrontLayer>, Option<&RenderLayers>)>,
+    mut views: Query<(
+        PreparedView,
+        Option<&mut FrontLayer>,
+        Option<&mut ViewPrepassTextures>,
+        Option<&RenderLayers>,
+    )>,
     surroundings: Surroundings,
     boxes: Res<SeeThroughBoxes>,
     in_place: Res<WritesInPlace>,
@@ -79,7 +131,7 @@ pub(super) fn prepare_front_layers(
         *frames -= 1;
         *frames > 0
     });
-    for (view, layer, layers) in &mut views {
+    for (view, layer, prepass, layers) in &mut views {
         let entity = view.entity;
         let is_wanted = view.view.settings.transparent && !refused.contains_key(&entity);
         let Some(sizes) = view.sizes().filter(|_| is_wanted) else {
@@ -109,50 +161,29 @@ pub(super) fn prepare_front_layers(
         let Some(extent) = view.camera.physical_target_size else {
             continue;
         };
-        let mut settings = view.view.clone();
-        // Lists hold its rays, which are few.
-        if settings.settings.backend == ReflectionBackend::HardwareVrs {
-            settings.settings.backend = ReflectionBackend::Compute;
-        }
-        let frame = view.frame(&surroundings).of_other_surfaces();
-        match layer {
-            Some(mut layer) if layer.fits(sizes, needs, extent) => {
-                // Its history is older than the last frame.
-                settings.reset |= layer.idle > 0;
-                layer.idle = 0;
-                layer.set_rects(rects, &device, &queue);
-                layer.textures.begin_frame(&settings, &frame);
-                layer.textures.uniform.write_buffer(&device, &queue);
-                layer.view = settings;
-            }
+        let frame = view.frame(&surroundings);
+        let mut created = None;
+        let front = match layer {
+            Some(layer) if layer.fits(sizes, needs, extent) => layer.into_inner(),
             _ => {
-                let create = || {
-                    (
-                        LayerTextures::new(&device, extent),
-                        ReflectionTextures::new(&device, sizes, needs, None),
-                    )
-                };
-                let Some((layer, mut textures)) = try_allocate(&device, create) else {
+                let Some(new) = try_allocate(&device, || FrontLayer::new(&device, view.view, extent, sizes, needs))
+                else {
                     commands.entity(entity).remove::<(FrontLayer, MoreMemory)>();
                     refused.insert(entity, REFUSED_FRAMES);
                     continue;
                 };
-                settings.reset = true;
-                textures.begin_frame(&settings, &frame);
-                textures.uniform.write_buffer(&device, &queue);
-                let mut layer = FrontLayer {
-                    layer,
-                    textures,
-                    view: settings,
-                    rects: Vec::new(),
-                    gpu_rects: UniformBuffer::default(),
-                    is_found: AtomicBool::new(false),
-                    idle: 0,
-                };
-                layer.set_rects(rects, &device, &queue);
-                let memory = layer.memory();
-                commands.entity(entity).insert((layer, memory));
+                created.insert(new)
             }
+        };
+        front.set_rects(&rects, &device, &queue);
+        front.begin_frame(view.view, frame);
+        front.textures.uniform.write_buffer(&device, &queue);
+        if let Some(normal) = prepass.and_then(|prepass| prepass.into_inner().normal.as_mut()) {
+            *normal = front.layer.normal_attachment();
+        }
+        if let Some(created) = created {
+            let memory = created.memory();
+            commands.entity(entity).insert((created, memory));
         }
     }
 }
@@ -160,4 +191,31 @@ pub(super) fn prepare_front_layers(
 fn clip_from_world(view: &ExtractedView) -> Mat4 {
     view.clip_from_world
         .unwrap_or_else(|| view.clip_from_view * view.world_from_view.to_matrix().inverse())
+}
+
+/// Tiles that hold all of some rectangles.
+fn tiles_of<'a>(rects: impl Iterator<Item = &'a URect>, sizes: Sizes) -> URect {
+    let all = rects.copied().reduce(|a, b| a.union(b)).unwrap_or_default();
+    let pixels = sizes.tile_pixels();
+    URect {
+        min: all.min / pixels,
+        max: (all.max + (pixels - 1)) / pixels,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tiles_hold_all_rectangles() {
+        let sizes = Sizes {
+            full: UVec2::new(200, 100),
+            trace_scale: 2,
+            tile: 8,
+        };
+        let rects = [URect::new(24, 40, 32, 48), URect::new(48, 8, 200, 16)];
+        assert_eq!(tiles_of(rects.iter(), sizes), URect::new(1, 0, 13, 3));
+        assert_eq!(tiles_of([].iter(), sizes), URect::default());
+    }
 }

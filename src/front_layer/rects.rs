@@ -2,18 +2,20 @@
 
 use super::boxes::ObjectBox;
 use bevy::{
-    math::{Mat4, URect, UVec2, UVec4, Vec2, Vec3A, Vec4},
+    math::{Mat4, URect, UVec2, UVec4, Vec2, Vec3A, Vec4, Vec4Swizzles},
     render::render_resource::ShaderType,
 };
 
 /// Rectangles of a view at most; `find.wesl` has the same number. More objects share the rectangle around all of them. More
-/// rectangles leave out more of the screen, and each is a test for every pixel and a draw.
+/// rectangles leave out more of the screen, and each is a test for every pixel in one.
 const MOST_RECTS: usize = 16;
+/// Pixels of a workgroup in each direction. Rectangles begin and end at multiples of it, or at the edge of the view.
+const GROUP_SIZE: u32 = 8;
 /// Corners that lie nearer than this in clip space may cover anything. Less divides by nearly nothing, more lets objects close to
 /// the camera cover the whole view.
 const NEAREST: f32 = 1e-5;
 
-/// Rectangles as `find.wesl` takes them.
+/// Rectangles as `find.wesl` takes them, which has the same constants.
 #[derive(ShaderType, Clone, Default)]
 pub(super) struct GpuRects {
     count: u32,
@@ -32,18 +34,32 @@ impl From<&[URect]> for GpuRects {
     }
 }
 
+impl GpuRects {
+    /// Workgroups that take all of their pixels.
+    pub fn groups(&self) -> u32 {
+        let rects = self.corners.iter().take(self.count as usize);
+        rects
+            .map(|corners| {
+                let groups = (corners.zw() - corners.xy() + (GROUP_SIZE - 1)) / GROUP_SIZE;
+                groups.x * groups.y
+            })
+            .sum()
+    }
+}
+
 /// Rectangles that don't overlap and hold every pixel of the boxes. `None` among these is a box that may be anywhere.
 pub(super) fn screen_rects(boxes: &[Option<ObjectBox>], clip_from_world: &Mat4, size: UVec2) -> Vec<URect> {
     let whole = URect::from_corners(UVec2::ZERO, size);
+    disjoint(boxes.iter().filter_map(|found| match found {
+        Some(found) => box_rect(found, clip_from_world, size),
+        None => Some(whole),
+    }))
+}
+
+/// Rectangles that don't overlap and hold all of some others.
+pub(super) fn disjoint(parts: impl IntoIterator<Item = URect>) -> Vec<URect> {
     let mut rects: Vec<URect> = Vec::new();
-    for found in boxes {
-        let rect = match found {
-            Some(found) => box_rect(found, clip_from_world, size),
-            None => Some(whole),
-        };
-        let Some(mut rect) = rect.filter(|rect| !rect.is_empty()) else {
-            continue;
-        };
+    for mut rect in parts.into_iter().filter(|rect| !rect.is_empty()) {
         // One that has grown may overlap others.
         while let Some(index) = rects.iter().position(|other| !other.intersect(rect).is_empty()) {
             rect = rect.union(rects.swap_remove(index));
@@ -89,8 +105,12 @@ fn box_rect(found: &ObjectBox, clip_from_world: &Mat4, size: UVec2) -> Option<UR
     let min = places.into_iter().reduce(Vec2::min)? - 1.0;
     let max = places.into_iter().reduce(Vec2::max)? + 1.0;
     let last = size.as_vec2();
-    let corner = |place: Vec2| place.clamp(Vec2::ZERO, last).as_uvec2();
-    Some(URect::from_corners(corner(min.floor()), corner(max.ceil())))
+    let step = GROUP_SIZE as f32;
+    let corner = |place: Vec2| (step * place).clamp(Vec2::ZERO, last).as_uvec2();
+    Some(URect::from_corners(
+        corner((min / step).floor()),
+        corner((max / step).ceil()),
+    ))
 }
 
 #[cfg(test)]
@@ -131,7 +151,11 @@ mod tests {
             panic!("one rectangle")
         };
         assert!(rect.contains(SIZE / 2), "{rect:?}");
-        assert!(rect.width() < 20 && rect.height() < 20, "{rect:?}");
+        assert!(rect.width() < 33 && rect.height() < 33, "{rect:?}");
+        assert_eq!(
+            (rect.min % GROUP_SIZE, rect.max % GROUP_SIZE),
+            (UVec2::ZERO, UVec2::ZERO)
+        );
     }
 
     #[test]
@@ -143,6 +167,25 @@ mod tests {
         let many: Vec<_> = (0..40).map(|i| at(-4.0 + 0.2 * i as f32, 0.0, -5.0)).collect();
         let held = rects(&many);
         assert!(held.len() <= MOST_RECTS, "{}", held.len());
+    }
+
+    #[test]
+    fn workgroups_hold_all_pixels() {
+        let rects = [
+            URect::new(0, 0, 8, 16),
+            URect::new(16, 0, 24, 8),
+            URect::new(192, 96, 200, 100),
+        ];
+        assert_eq!(GpuRects::from(&rects[..]).groups(), 4);
+    }
+
+    #[test]
+    fn constants_are_those_of_the_shader() {
+        let shader = include_str!("find.wesl");
+        for (name, value) in [("MOST_RECTS", MOST_RECTS as u32), ("GROUP_SIZE", GROUP_SIZE)] {
+            let line = format!("const {name}: u32 = {value}u;");
+            assert!(shader.contains(&line), "{line}");
+        }
     }
 
     #[test]

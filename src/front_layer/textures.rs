@@ -1,33 +1,44 @@
-//! The textures of a front layer: a G-buffer of its own, but for normals, which stand in Bevy's.
+//! The textures of a front layer: a G-buffer of its own.
 
+use crate::gbuffer::PassContext;
 use bevy::{
-    math::UVec2,
+    color::LinearRgba,
+    core_pipeline::prepass::NORMAL_PREPASS_FORMAT,
+    math::{URect, UVec2},
     render::{
         render_resource::{
-            Extent3d, TextureDescriptor, TextureDimension, TextureFormat, TextureUsages, TextureView,
-            TextureViewDescriptor,
+            Buffer, BufferDescriptor, BufferUsages, Extent3d, Origin3d, TexelCopyBufferInfo, TexelCopyBufferLayout,
+            TexelCopyTextureInfo, Texture, TextureAspect, TextureDescriptor, TextureDimension, TextureFormat,
+            TextureUsages, TextureView, TextureViewDescriptor,
         },
-        renderer::RenderDevice,
+        renderer::{RenderContext, RenderDevice},
+        texture::{CachedTexture, ColorAttachment},
     },
 };
 
 /// Words of Bevy's G-buffer.
 pub(super) const WORDS_FORMAT: TextureFormat = TextureFormat::Rgba32Uint;
-/// Bits of the depth, and motion as two halves.
-pub(super) const PLACES_FORMAT: TextureFormat = TextureFormat::Rg32Uint;
-/// Parts of the view since the last frame.
-pub(super) const MOTION_FORMAT: TextureFormat = TextureFormat::Rg16Float;
+/// Parts of the view since the last frame. Not every device can write fewer bits.
+pub(super) const MOTION_FORMAT: TextureFormat = TextureFormat::Rg32Float;
 /// Depth in clip space; 0 where there is nothing.
-pub(super) const DEPTH_FORMAT: TextureFormat = TextureFormat::Depth32Float;
+pub(super) const DEPTH_FORMAT: TextureFormat = TextureFormat::R32Float;
+
+/// Bytes of a texel of normals.
+const NORMAL_BYTES: u32 = 4;
+/// Texels by a multiple of which the rows of [`LayerTextures::packed_normals`] are apart, as copies want it; `find.wesl` has the same
+/// number.
+const ROW_STEP: u32 = 64;
 
 /// The textures of a front layer, as large as the target of its view.
 pub(super) struct LayerTextures {
     pub size: UVec2,
     pub words: TextureView,
-    /// Motion and depth, before `draw.wesl` draws them.
-    pub places: TextureView,
     pub motion: TextureView,
     pub depth: TextureView,
+    /// Normals of the layer, and of opaque surfaces around it, as texels on their way into [`Self::normals`].
+    pub packed_normals: Buffer,
+    /// Takes the place of Bevy's normals, into which nothing but raster passes can write.
+    normals: CachedTexture,
     /// The label of each texture, and its bytes.
     pub memory: Vec<(&'static str, u64)>,
 }
@@ -35,33 +46,108 @@ pub(super) struct LayerTextures {
 impl LayerTextures {
     pub fn new(device: &RenderDevice, size: UVec2) -> Self {
         let mut memory = Vec::new();
-        let mut texture = |format: TextureFormat, usage: TextureUsages, label: &'static str| {
-            let texel = u64::from(format.block_copy_size(None).unwrap_or(4));
-            memory.push((label, u64::from(size.x) * u64::from(size.y) * texel));
-            let texture = device.create_texture(&TextureDescriptor {
-                label: Some(label),
-                size: Extent3d {
-                    width: size.x,
-                    height: size.y,
-                    depth_or_array_layers: 1,
-                },
-                mip_level_count: 1,
-                sample_count: 1,
-                dimension: TextureDimension::D2,
-                format,
-                usage: TextureUsages::TEXTURE_BINDING | usage,
-                view_formats: &[],
-            });
-            texture.create_view(&TextureViewDescriptor::default())
-        };
-        let (written, drawn) = (TextureUsages::STORAGE_BINDING, TextureUsages::RENDER_ATTACHMENT);
+        let mut texture =
+            |format: TextureFormat, usage: TextureUsages, label: &'static str| -> (Texture, TextureView) {
+                let texel = u64::from(format.block_copy_size(None).unwrap_or(NORMAL_BYTES));
+                memory.push((label, u64::from(size.x) * u64::from(size.y) * texel));
+                let texture = device.create_texture(&TextureDescriptor {
+                    label: Some(label),
+                    size: Extent3d {
+                        width: size.x,
+                        height: size.y,
+                        depth_or_array_layers: 1,
+                    },
+                    mip_level_count: 1,
+                    sample_count: 1,
+                    dimension: TextureDimension::D2,
+                    format,
+                    usage: TextureUsages::TEXTURE_BINDING | usage,
+                    view_formats: &[],
+                });
+                let view = texture.create_view(&TextureViewDescriptor::default());
+                (texture, view)
+            };
+        let written = TextureUsages::STORAGE_BINDING;
+        let (_, words) = texture(WORDS_FORMAT, written, "glint_front_layer");
+        let (_, motion) = texture(MOTION_FORMAT, written, "glint_front_layer_motion");
+        let (_, depth) = texture(DEPTH_FORMAT, written, "glint_front_layer_depth");
+        let drawn = TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_DST;
+        let (normals, normal_view) = texture(NORMAL_PREPASS_FORMAT, drawn, "glint_front_layer_normals");
+        let bytes = u64::from(row_bytes(size)) * u64::from(size.y);
+        let label = "glint_front_layer_packed_normals";
+        memory.push((label, bytes));
+        let packed_normals = device.create_buffer(&BufferDescriptor {
+            label: Some(label),
+            size: bytes,
+            usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        });
         Self {
             size,
-            words: texture(WORDS_FORMAT, written, "glint_front_layer"),
-            places: texture(PLACES_FORMAT, written, "glint_front_layer_places"),
-            motion: texture(MOTION_FORMAT, drawn, "glint_front_layer_motion"),
-            depth: texture(DEPTH_FORMAT, drawn, "glint_front_layer_depth"),
+            words,
+            motion,
+            depth,
+            packed_normals,
+            normals: CachedTexture {
+                texture: normals,
+                default_view: normal_view,
+            },
             memory,
         }
+    }
+
+    /// The normals, as Bevy's prepass draws them.
+    pub fn normal_attachment(&self) -> ColorAttachment {
+        ColorAttachment::new(self.normals.clone(), None, None, Some(LinearRgba::BLACK.into()))
+    }
+
+    /// Brings the normals of some rectangles of a view to where Bevy's lighting reads them: it takes those of all surfaces from its
+    /// prepass, in which transparent ones are not drawn.
+    pub fn copy_normals(&self, ctx: &mut RenderContext, context: &PassContext, rects: &[URect]) {
+        let bytes_per_row = row_bytes(self.size);
+        for rect in rects {
+            let origin = context.textures.origin + rect.min;
+            let offset = u64::from(origin.y) * u64::from(bytes_per_row) + u64::from(origin.x * NORMAL_BYTES);
+            ctx.command_encoder().copy_buffer_to_texture(
+                TexelCopyBufferInfo {
+                    buffer: &self.packed_normals,
+                    layout: TexelCopyBufferLayout {
+                        offset,
+                        bytes_per_row: Some(bytes_per_row),
+                        rows_per_image: None,
+                    },
+                },
+                TexelCopyTextureInfo {
+                    texture: &self.normals.texture,
+                    mip_level: 0,
+                    origin: Origin3d {
+                        x: origin.x,
+                        y: origin.y,
+                        z: 0,
+                    },
+                    aspect: TextureAspect::All,
+                },
+                Extent3d {
+                    width: rect.width(),
+                    height: rect.height(),
+                    depth_or_array_layers: 1,
+                },
+            );
+        }
+    }
+}
+
+fn row_bytes(size: UVec2) -> u32 {
+    NORMAL_BYTES * size.x.next_multiple_of(ROW_STEP)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_those_of_the_shader() {
+        assert!(include_str!("find.wesl").contains(&format!("const ROW_STEP: u32 = {ROW_STEP}u;")));
+        assert!((ROW_STEP * NORMAL_BYTES).is_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT));
     }
 }

@@ -21,8 +21,47 @@ use bevy::{
     shader::{Shader, ShaderDefVal},
 };
 
-/// A pipeline: what decides, and the size of tiles in trace pixels.
-type RateKey = (RateVariant, u32);
+/// A pipeline.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct RateKey {
+    /// The one that decides.
+    variant: RateVariant,
+    /// Trace pixels of a tile in each direction.
+    tile_size: u32,
+    /// It begins with a tile that the view tells, so that a part of the tiles can be visited.
+    part: bool,
+}
+
+impl RateKey {
+    fn new(variant: RateVariant, rate: &RateSettings) -> Self {
+        Self {
+            variant,
+            tile_size: rate.tile_size,
+            part: false,
+        }
+    }
+
+    /// The same for a part of the tiles. Shaders of users know nothing of it.
+    fn of_part(self) -> Option<Self> {
+        let is_own = !matches!(self.variant, RateVariant::Custom(_));
+        is_own.then_some(Self { part: true, ..self })
+    }
+
+    fn shader_defs(&self) -> Vec<ShaderDefVal> {
+        let names: &[&'static str] = match self.variant {
+            RateVariant::Uniform => &[],
+            RateVariant::Roughness => &["ROUGHNESS"],
+            RateVariant::Grazing => &["GRAZING", "TILE_ANGLES"],
+            RateVariant::Combined => &["COMBINED", "TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE"],
+            RateVariant::Adaptive => &["TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE"],
+            RateVariant::Image => &["IMAGE"],
+            RateVariant::Custom(_) => &["TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE", "TILE_DEPTH"],
+        };
+        let size = (self.tile_size == 8).then_some("TILES_8");
+        let part = self.part.then_some("PART");
+        names.iter().copied().chain(size).chain(part).map(Into::into).collect()
+    }
+}
 
 /// Pipelines of the pass that determines rates, and the rate images of users.
 #[derive(Resource)]
@@ -42,20 +81,6 @@ pub struct RatePipelines {
     refused: HashSet<AssetId<Image>>,
 }
 
-fn shader_defs(variant: &RateVariant, tile_size: u32) -> Vec<ShaderDefVal> {
-    let names: &[&'static str] = match variant {
-        RateVariant::Uniform => &[],
-        RateVariant::Roughness => &["ROUGHNESS"],
-        RateVariant::Grazing => &["GRAZING", "TILE_ANGLES"],
-        RateVariant::Combined => &["COMBINED", "TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE"],
-        RateVariant::Adaptive => &["TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE"],
-        RateVariant::Image => &["IMAGE"],
-        RateVariant::Custom(_) => &["TILE_ANGLES", "TILE_SHAPE", "TILE_REFLECTANCE", "TILE_DEPTH"],
-    };
-    let size = (tile_size == 8).then_some("TILES_8");
-    names.iter().copied().chain(size).map(Into::into).collect()
-}
-
 /// The variant that takes over until an asset of the user's is loaded, and where it is wrong.
 fn stand_in(variant: &RateVariant) -> Option<RateVariant> {
     match variant {
@@ -65,18 +90,29 @@ fn stand_in(variant: &RateVariant) -> Option<RateVariant> {
     }
 }
 
+fn keys_of(rate: &RateSettings) -> impl Iterator<Item = RateKey> {
+    let variants = [Some(rate.variant.clone()), stand_in(&rate.variant)];
+    variants
+        .into_iter()
+        .flatten()
+        .map(|variant| RateKey::new(variant, rate))
+}
+
 impl RatePipelines {
     /// Asks for the pipelines of a view; they are compiled from the next frame on. To be called in each frame.
     pub(crate) fn request(&mut self, rate: &RateSettings) {
-        let variants = [Some(rate.variant.clone()), stand_in(&rate.variant)];
-        let keys = variants.into_iter().flatten().map(|variant| (variant, rate.tile_size));
-        self.wanted.extend(keys);
+        self.wanted.extend(keys_of(rate));
         self.wanted_images.extend(rate.image.as_ref().map(Handle::id));
+    }
+
+    /// Asks for pipelines that visit a part of the tiles, too.
+    pub(crate) fn request_parts(&mut self, rate: &RateSettings) {
+        self.wanted.extend(keys_of(rate).filter_map(RateKey::of_part));
     }
 
     /// Rates can be determined, if not yet by what a user brought along.
     pub(crate) fn is_ready(&self, cache: &PipelineCache, rate: &RateSettings) -> bool {
-        let key = |variant| (variant, rate.tile_size);
+        let key = |variant| RateKey::new(variant, rate);
         let variant = stand_in(&rate.variant).unwrap_or_else(|| rate.variant.clone());
         let adaptive = rate.variant == RateVariant::Adaptive;
         self.pass.pipeline(&key(variant), cache).is_some()
@@ -84,14 +120,13 @@ impl RatePipelines {
     }
 
     fn queue(&mut self, key: RateKey, cache: &PipelineCache) {
-        let (variant, tile_size) = &key;
-        let shader = match variant {
+        let shader = match &key.variant {
             RateVariant::Custom(shader) => shader.clone(),
             RateVariant::Adaptive => self.adaptive_shader.clone(),
             _ => self.shader.clone(),
         };
-        let defs = shader_defs(variant, *tile_size);
-        let pass = match variant {
+        let defs = key.shader_defs();
+        let pass = match key.variant {
             RateVariant::Adaptive => &mut self.adaptive,
             _ => &mut self.pass,
         };
@@ -159,7 +194,7 @@ pub(super) fn queue_rate_pipelines(
         if !pipelines.failed.insert(key.clone()) {
             continue;
         }
-        match &key.0 {
+        match &key.variant {
             RateVariant::Custom(shader) => {
                 error!("the shading-rate heuristic {shader:?} failed, so that every trace pixel gets its ray: {error}");
             }
@@ -213,12 +248,24 @@ pub(crate) fn determine_rates(ctx: &mut RenderContext, pipelines: &RatePipelines
         let stand_in = stand_in(&rate.variant).unwrap_or(RateVariant::Uniform);
         [usable.then(|| rate.variant.clone()), Some(stand_in)]
     };
-    let keys = variants.into_iter().flatten().map(|variant| (variant, rate.tile_size));
+    let keys = variants
+        .into_iter()
+        .flatten()
+        .map(|variant| RateKey::new(variant, rate));
     // Without a rate image something must be bound; no shader reads it.
     let image = image.unwrap_or(context.gbuffer.gbuffer);
     let pass = if adaptive { &pipelines.adaptive } else { &pipelines.pass };
-    if let Some(mut pass) = pass.begin(ctx, context, keys, &[image.into_binding()]) {
-        let tiles = context.targets().sizes.tiles();
-        pass.dispatch_workgroups(tiles.x, tiles.y, 1);
+    let key = keys.into_iter().find(|key| pass.pipeline(key, context.cache).is_some());
+    let Some(key) = key else { return };
+    let part = key
+        .clone()
+        .of_part()
+        .filter(|part| pass.pipeline(part, context.cache).is_some());
+    let (key, size) = match (part, context.tiles) {
+        (Some(part), Some(tiles)) => (part, tiles.size()),
+        _ => (key, context.targets().sizes.tiles()),
+    };
+    if let Some(mut pass) = pass.begin(ctx, context, [key], &[image.into_binding()]) {
+        pass.dispatch_workgroups(size.x, size.y, 1);
     }
 }

@@ -1,8 +1,8 @@
 //! Materials that light passes through, and the objects that have them.
 
 use super::gpu_types::{MATERIAL_FADES, MATERIAL_SEE_THROUGH};
-use bevy::{ecs::entity::Entity, pbr::StandardMaterial, prelude::AlphaMode};
-use std::collections::BTreeMap;
+use bevy::{color::LinearRgba, ecs::entity::Entity, pbr::StandardMaterial, prelude::AlphaMode};
+use std::collections::{BTreeMap, BTreeSet};
 
 /// The probability with which a ray stops where alpha is 1; `None` for materials that let no ray through by chance.
 pub(super) fn stop_probability(material: &StandardMaterial) -> Option<f32> {
@@ -36,15 +36,29 @@ pub(super) fn see_through_flags(material: &StandardMaterial) -> u32 {
     }
 }
 
+/// Light that passes has another colour afterwards. Rays know the colour of the material, not that of its texture.
+fn is_tinted(material: &StandardMaterial) -> bool {
+    let color = LinearRgba::from(material.base_color);
+    stop_probability(material).is_some_and(|stopped| stopped < 1.0)
+        && [color.red, color.green, color.blue].iter().any(|&part| !(part >= 1.0))
+}
+
 /// The objects with such surfaces that rays can hit.
 #[derive(Default)]
 pub(crate) struct SeeThroughObjects {
     by_slot: BTreeMap<u32, Entity>,
+    /// Slots of objects that tint the light which they let through.
+    tinted: BTreeSet<u32>,
 }
 
 impl SeeThroughObjects {
     /// Notes which object a slot holds; `material` is `None` where it can't be hit.
     pub(super) fn note(&mut self, slot: u32, entity: Option<Entity>, material: Option<&StandardMaterial>) {
+        if material.is_some_and(is_tinted) {
+            self.tinted.insert(slot);
+        } else {
+            self.tinted.remove(&slot);
+        }
         let is_see_through = material.is_some_and(|material| see_through_flags(material) != 0);
         match entity.filter(|_| is_see_through) {
             Some(entity) => {
@@ -56,6 +70,11 @@ impl SeeThroughObjects {
         }
     }
 
+    /// Returns whether any of them tints the light that it lets through.
+    pub(crate) fn has_tints(&self) -> bool {
+        !self.tinted.is_empty()
+    }
+
     /// Their entities in the main world.
     pub(crate) fn entities(&self) -> impl Iterator<Item = Entity> + '_ {
         self.by_slot.values().copied()
@@ -65,6 +84,7 @@ impl SeeThroughObjects {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use bevy::color::Color;
 
     fn material(alpha_mode: AlphaMode, specular_transmission: f32, unlit: bool) -> StandardMaterial {
         StandardMaterial {
@@ -109,5 +129,26 @@ mod tests {
         objects.note(3, Some(entity), Some(&glass));
         objects.note(3, None, None);
         assert_eq!(objects.entities().count(), 0);
+    }
+
+    #[test]
+    fn glass_of_a_colour_has_tints() {
+        let mut objects = SeeThroughObjects::default();
+        let colored = |base_color: Color, alpha_mode, transmission| StandardMaterial {
+            base_color,
+            ..material(alpha_mode, transmission, false)
+        };
+        for (material, has_tints) in [
+            (colored(Color::srgb(0.2, 0.9, 0.2), AlphaMode::Opaque, 0.5), true),
+            (colored(Color::WHITE, AlphaMode::Opaque, 1.0), false),
+            (colored(Color::srgb(0.2, 0.9, 0.2), AlphaMode::Blend, 0.0), false),
+            (colored(Color::BLACK, AlphaMode::Opaque, 0.0), false),
+        ] {
+            objects.note(3, Some(Entity::from_bits(7)), Some(&material));
+            assert_eq!(objects.has_tints(), has_tints, "{material:?}");
+        }
+        objects.note(4, None, Some(&colored(Color::BLACK, AlphaMode::Opaque, 1.0)));
+        objects.note(4, None, None);
+        assert!(!objects.has_tints());
     }
 }

@@ -4,7 +4,7 @@ use super::{
     blocks::{List, run_list},
     converged::trace_converged,
     pipelines::TracePipelines,
-    variant::TracePass,
+    variant::{TracePass, Variant},
     vrs::VrsPass,
 };
 use crate::{gbuffer::PassContext, settings::ReflectionBackend};
@@ -32,14 +32,10 @@ pub(crate) fn trace_rays(
             // If the raw Vulkan pass gives up, this frame's rays come from the list.
             TracePass::Blocks => {
                 if settings.backend != ReflectionBackend::HardwareVrs || !vrs.trace(ctx, pipelines, context) {
-                    run_list(
-                        ctx,
-                        &pipelines.rays,
-                        pipelines.variant.without_shading().substitutes(),
-                        context,
-                        List::Rays,
-                    );
-                    let variants = variant.shading_substitutes(pipelines.many_lights);
+                    let rays = pipelines.ray_variant(context.cache);
+                    run_list(ctx, &pipelines.rays, rays, context, List::Rays);
+                    let tinted = rays.is_some_and(|rays| rays.tinted);
+                    let variants = Variant { tinted, ..variant }.shading_substitutes(pipelines.many_lights);
                     run_list(ctx, &pipelines.shading, variants, context, List::Rays);
                     watches = settings.max_bounces <= 1 && !pipelines.many_lights;
                 }

@@ -70,6 +70,12 @@ impl TracePipelines {
         self.wanted.extend(TracePass::of(settings).map(|pass| (pass, bounces)));
     }
 
+    /// The variant of the rays of blocks that is compiled. Their hits are shaded with tints only if they have some.
+    pub(super) fn ray_variant(&self, cache: &PipelineCache) -> Option<Variant> {
+        let mut variants = self.variant.without_shading().substitutes().into_iter();
+        variants.find(|variant| self.rays.pipeline(variant, cache).is_some())
+    }
+
     /// The variant that fits the scene and the settings of a view.
     pub(super) fn variant_for(&self, settings: &ClampedSettings) -> Variant {
         self.variant.with(settings)
@@ -114,6 +120,7 @@ impl TracePipelines {
         let defs = |own: &[&'static str]| {
             let mut defs = scene.shader_defs_for(variant.masked);
             defs.extend_from_slice(common);
+            defs.extend(variant.tinted.then(|| "TINTED_GLASS".into()));
             defs.extend(own.iter().map(|&name| ShaderDefVal::from(name)));
             defs
         };
@@ -133,11 +140,8 @@ impl TracePipelines {
                     self.shading.queue(ShadingVariant::Tracing(variant), cache, tracing);
                     return;
                 }
-                let alone = ShadingVariant::Shading {
-                    lightmaps: variant.lightmaps,
-                };
                 self.shading
-                    .queue(alone, cache, || shader(&self.shading_shader, &shading));
+                    .queue(variant.plain(), cache, || shader(&self.shading_shader, &shading));
                 if self.many_lights {
                     self.shading.queue(ShadingVariant::Tracing(variant), cache, tracing);
                 }
@@ -238,10 +242,12 @@ pub(super) fn queue_trace_pipelines(
     pipelines.many_lights = scene.has_many_lights();
     for (pass, bounces) in pipelines.wanted.clone() {
         // The variant that is right for scenes with and without masks comes first.
-        for masked in [true, false] {
+        let tinted = variant.tinted.then_some((true, true));
+        for (masked, tinted) in [(true, false), (false, false)].into_iter().chain(tinted) {
             let variant = Variant {
                 masked,
                 bounces,
+                tinted,
                 ..variant
             };
             pipelines.queue(pass, variant, &scene, &cache);

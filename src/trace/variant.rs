@@ -44,16 +44,15 @@ pub(super) struct Variant {
     pub lightmaps: bool,
     /// Rays are followed beyond their first hit.
     pub bounces: bool,
+    /// Some object tints the light that it lets through.
+    pub tinted: bool,
 }
 
 /// Conditions that the shading of hits is compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum ShadingVariant {
     /// It traces no rays.
-    Shading {
-        /// Some object has a lightmap.
-        lightmaps: bool,
-    },
+    Plain { lightmaps: bool, tinted: bool },
     /// It traces rays itself: in scenes with more lights than the tracing pass has tested (`trace/hit.wesl`), and where rays are
     /// followed beyond their first hit.
     Tracing(Variant),
@@ -67,6 +66,7 @@ impl Variant {
             deep: scene.has_deep_trees(),
             lightmaps: scene.has_lightmaps(),
             bounces: false,
+            tinted: scene.see_through.has_tints(),
         }
     }
 
@@ -93,16 +93,32 @@ impl Variant {
         defs.into_iter().filter_map(|(set, name)| set.then_some(name)).collect()
     }
 
-    /// Itself, the one that is right for all scenes of such trees, and others that are better than nothing while these are
-    /// compiled: they miss hits where the stack is full, or baked light.
-    pub fn substitutes(self) -> [Self; 5] {
-        let masked = Self { masked: true, ..self };
-        let shallow = Self { deep: false, ..masked };
-        let dark = |variant| Self {
+    /// The shading of hits alone.
+    pub fn plain(self) -> ShadingVariant {
+        ShadingVariant::Plain {
+            lightmaps: self.lightmaps,
+            tinted: self.tinted,
+        }
+    }
+
+    fn dark(self) -> Self {
+        Self {
             lightmaps: false,
-            ..variant
-        };
-        [self, masked, shallow, dark(masked), dark(shallow)]
+            ..self
+        }
+    }
+
+    fn clear(self) -> Self {
+        Self { tinted: false, ..self }
+    }
+
+    /// Itself, the one that is right for all scenes of such trees, and others that are better than nothing while these are
+    /// compiled: they leave out baked light or tints, or miss hits where the stack is full.
+    pub fn substitutes(self) -> [Self; 6] {
+        let masked = Self { masked: true, ..self };
+        let plain = masked.dark().clear();
+        let shallow = Self { deep: false, ..plain };
+        [self, masked, masked.dark(), masked.clear(), plain, shallow]
     }
 
     /// The same for the shading of hits: the last ones leave out lights. None leaves out bounces, which a converging picture would
@@ -110,9 +126,9 @@ impl Variant {
     pub fn shading_substitutes(self, many_lights: bool) -> impl Iterator<Item = ShadingVariant> {
         let traces = many_lights || self.bounces;
         let all = traces.then_some(self.substitutes()).into_iter().flatten();
-        let alone = [self.lightmaps, false].map(|lightmaps| ShadingVariant::Shading { lightmaps });
-        let alone = (!self.bounces).then_some(alone).into_iter().flatten();
-        all.map(ShadingVariant::Tracing).chain(alone)
+        let plain = [self, self.dark(), self.clear(), self.clear().dark()].map(Self::plain);
+        let plain = (!self.bounces).then_some(plain).into_iter().flatten();
+        all.map(ShadingVariant::Tracing).chain(plain)
     }
 }
 
@@ -131,8 +147,8 @@ mod tests {
             Variant::default().with(&ClampedSettings::from(&settings))
         };
         assert_eq!(variant(1), Variant::default());
-        let dark = ShadingVariant::Shading { lightmaps: false };
-        assert!(variant(1).shading_substitutes(false).all(|variant| variant == dark));
+        let plain = Variant::default().plain();
+        assert!(variant(1).shading_substitutes(false).all(|variant| variant == plain));
         for many_lights in [false, true] {
             let mut shading = variant(2).shading_substitutes(many_lights);
             assert!(shading.all(|variant| matches!(variant, ShadingVariant::Tracing(variant) if variant.bounces)));
@@ -148,12 +164,31 @@ mod tests {
         };
         assert_eq!(variant.shading_defs(), ["LIGHTMAPS"]);
         assert_eq!(variant.without_shading(), Variant::default());
-        let shading: Vec<_> = variant.shading_substitutes(false).collect();
-        assert_eq!(
-            shading,
-            [true, false].map(|lightmaps| ShadingVariant::Shading { lightmaps })
-        );
+        let mut shading = variant.shading_substitutes(false);
+        assert_eq!(shading.next(), Some(variant.plain()));
+        assert_eq!(shading.last(), Some(Variant::default().plain()));
         let first_dark = variant.substitutes().iter().position(|variant| !variant.lightmaps);
-        assert_eq!(first_dark, Some(3));
+        assert_eq!(first_dark, Some(2));
+    }
+
+    #[test]
+    fn hits_without_tints_are_never_shaded_with_them() {
+        let variants = [
+            Variant::default(),
+            Variant {
+                tinted: true,
+                ..Variant::default()
+            },
+        ];
+        for (variant, many_lights) in variants.into_iter().zip([false, true]) {
+            let clear = Variant {
+                tinted: false,
+                ..variant
+            };
+            for shading in clear.shading_substitutes(many_lights) {
+                let (ShadingVariant::Plain { tinted, .. } | ShadingVariant::Tracing(Variant { tinted, .. })) = shading;
+                assert!(!tinted, "{shading:?}");
+            }
+        }
     }
 }

@@ -19,6 +19,7 @@ pub use textures::ReflectionTextures;
 pub use uniform::GpuReflectionView;
 
 pub(crate) use prepare::{MoreMemory, PreparedView, RefusedViews, Surroundings};
+pub(crate) use uniform::Frame;
 
 use crate::{device::tracing_app, schedule::ReflectionSystems};
 use bevy::{

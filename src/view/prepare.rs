@@ -3,7 +3,7 @@
 use super::{
     culling::ViewCulling,
     textures::ReflectionTextures,
-    uniform::{Frame, VIEW_HAS_IRRADIANCE, VIEW_HAS_SSAO},
+    uniform::{Frame, VIEW_DRAWS_GLASS, VIEW_HAS_IRRADIANCE, VIEW_HAS_SSAO},
 };
 use crate::{
     device::{WritesInPlace, try_allocate},
@@ -20,7 +20,7 @@ use bevy::{
     ecs::{entity::EntityHashMap, prelude::*, query::QueryData, system::SystemParam},
     light::{EnvironmentMapLight, IrradianceVolume},
     math::{UVec2, Vec4Swizzles},
-    pbr::{DistanceFog, RenderViewLightProbes, ScreenSpaceAmbientOcclusionResources},
+    pbr::{DistanceFog, RenderViewLightProbes, ScreenSpaceAmbientOcclusionResources, ScreenSpaceTransmission},
     render::{
         camera::ExtractedCamera,
         renderer::{RenderDevice, RenderQueue},
@@ -46,6 +46,7 @@ pub(crate) struct PreparedView {
     environment: Option<&'static ViewEnvironment>,
     fog: Option<&'static DistanceFog>,
     ssao: Has<ScreenSpaceAmbientOcclusionResources>,
+    transmission: Has<ScreenSpaceTransmission>,
     probes: Has<RenderViewLightProbes<EnvironmentMapLight>>,
     volume: Has<RenderViewLightProbes<IrradianceVolume>>,
 }
@@ -76,10 +77,14 @@ impl PreparedViewItem<'_, '_> {
         if self.probes || self.volume {
             flags |= VIEW_HAS_IRRADIANCE;
         }
+        if self.transmission {
+            flags |= VIEW_DRAWS_GLASS;
+        }
         let environment = surroundings.environments.bind_group(self.entity);
         let mut cameras = surroundings.cameras.iter();
         Frame {
             origin: extracted.viewport.xy(),
+            first_tile: UVec2::ZERO,
             flags,
             fog: self.fog.into(),
             scene: surroundings.scene.version.all,

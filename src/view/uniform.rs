@@ -49,6 +49,8 @@ pub struct GpuReflectionView {
     pub trace_size: UVec2,
     /// Tiles of the view.
     pub tile_count: UVec2,
+    /// Tile that passes over a part of the view begin with.
+    pub first_tile: UVec2,
     /// Pixels per trace pixel in each direction: 1 or 2.
     pub trace_scale: u32,
     /// Trace pixels per tile in each direction: 8 or 16.
@@ -109,10 +111,15 @@ pub const VIEW_SUPPRESS_FIREFLIES: u32 = 32;
 /// Mirror pixels without a ray of their own keep their history.
 pub const VIEW_MIRROR_HISTORY: u32 = 64;
 
+/// Bevy draws transmissive surfaces.
+pub const VIEW_DRAWS_GLASS: u32 = 128;
+
 /// Properties of a view in one frame.
 pub(crate) struct Frame {
     pub origin: UVec2,
-    /// [`VIEW_HAS_SSAO`] and [`VIEW_HAS_IRRADIANCE`].
+    /// Tile that passes over a part of the view begin with.
+    pub first_tile: UVec2,
+    /// [`VIEW_HAS_SSAO`], [`VIEW_HAS_IRRADIANCE`] and [`VIEW_DRAWS_GLASS`].
     pub flags: u32,
     pub fog: Fog,
     /// Counts changes of the scene ...
@@ -136,9 +143,10 @@ pub(crate) struct Frame {
 
 impl Frame {
     /// The same for surfaces of the view that are not in Bevy's G-buffer: ambient occlusion is of what lies behind them, and nobody
-    /// tells which changes their rays meet.
-    pub fn of_other_surfaces(self) -> Self {
+    /// tells which changes their rays meet. They lie in no tile before the first one.
+    pub fn of_other_surfaces(self, first_tile: UVec2) -> Self {
         Self {
+            first_tile,
             flags: self.flags & !VIEW_HAS_SSAO,
             changes_met: None,
             culled: false,
@@ -191,6 +199,7 @@ impl GpuReflectionView {
             fog_scattering: frame.fog.scattering,
             trace_size: sizes.trace(),
             tile_count: sizes.tiles(),
+            first_tile: frame.first_tile,
             trace_scale: sizes.trace_scale,
             tile_size: sizes.tile,
             exposure_ratio: if ratio.is_finite() { ratio } else { 1.0 },

@@ -2,9 +2,9 @@
 
 use crate::{
     pictures::{apps, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, frame, report, spawn_camera, spawn_mesh, unlit},
+    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, frame, report, share_picture, spawn_camera, spawn_mesh, unlit},
 };
-use bevy::prelude::*;
+use bevy::{pbr::ScreenSpaceTransmission, prelude::*};
 use bevy_glint::{NotReflected, RayTracedReflections, ReflectionDenoiser, ReflectionTechnique};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
@@ -187,6 +187,16 @@ fn each_kind_of_material_reflects_as_it_is_blended() {
                 0.16,
             ),
             (
+                "transmissive, to cameras that draw none",
+                StandardMaterial {
+                    base_color: Color::BLACK,
+                    alpha_mode: AlphaMode::Opaque,
+                    specular_transmission: 1.0,
+                    ..pane(STRONG, 0.0)
+                },
+                0.0,
+            ),
+            (
                 "unlit",
                 StandardMaterial {
                     unlit: true,
@@ -205,6 +215,12 @@ fn each_kind_of_material_reflects_as_it_is_blended() {
         ];
         for (name, material, expected) in cases {
             set_material(app, sheet, material);
+            let mut camera = app.world().entity_mut(camera);
+            if name == "transmissive" {
+                camera.insert(ScreenSpaceTransmission::default());
+            } else {
+                camera.remove::<ScreenSpaceTransmission>();
+            }
             app.step(4);
             warm_up(app);
             app.step(4);
@@ -252,6 +268,56 @@ fn the_front_most_surface_reflects() {
         let without = app.capture_linear().unwrap();
         let middle = (SIZE.y / 2 * SIZE.x + SIZE.x / 2) as usize;
         assert_eq!(with[middle], without[middle], "{tracer:?}");
+    }
+}
+
+/// Parallel rays, and parts of a picture, of which each camera has a layer of its own.
+#[test]
+fn orthographic_cameras_and_split_screens_have_layers() {
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        spawn_unreflected(app, BLACK, before(60.0));
+        // It covers the left half.
+        let left = before(3.0).with_translation(before(3.0).translation - 20.0 * Vec3::X);
+        let pane = spawn_mesh(app, sheet(), pane(STRONG, 0.0), left);
+        spawn_behind(app, RED);
+        reflect(app, camera, ReflectionTechnique::Reference);
+        let perspective = app.world().get::<Projection>(camera).unwrap().clone();
+        let parallel = Projection::Orthographic(OrthographicProjection {
+            scale: 0.05,
+            ..OrthographicProjection::default_3d()
+        });
+        for projection in [parallel, perspective] {
+            app.world().entity_mut(camera).insert(projection.clone());
+            app.step(4);
+            let [[left, ..], [right, ..]] = [0.25, 0.75].map(|x| color_at(app, x, 0.5));
+            println!("{tracer:?}: {left:.4} {right:.4}");
+            assert!(
+                (left - 0.16).abs() < 0.02 && right.abs() < 1e-4,
+                "{tracer:?}: {left}, {right}"
+            );
+        }
+        let second = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        reflect(app, second, ReflectionTechnique::Reference);
+        share_picture(app, [camera, second]);
+        app.step(4);
+        warm_up(app);
+        app.step(4);
+        let shown = [0.125, 0.375, 0.625, 0.875].map(|x| color_at(app, x, 0.5)[0]);
+        println!("{tracer:?}: {shown:?}");
+        for (red, expected) in shown.into_iter().zip([0.16, 0.0, 0.16, 0.0]) {
+            assert!((red - expected).abs() < 0.02, "{tracer:?}: {shown:?}");
+        }
+        // What has left a place is no longer seen there.
+        app.world()
+            .entity_mut(pane)
+            .insert(before(3.0).with_translation(before(3.0).translation + 20.0 * Vec3::X));
+        app.step(6);
+        let shown = [0.125, 0.375, 0.625, 0.875].map(|x| color_at(app, x, 0.5)[0]);
+        for (red, expected) in shown.into_iter().zip([0.0, 0.16, 0.0, 0.16]) {
+            assert!((red - expected).abs() < 0.02, "{tracer:?}: {shown:?}");
+        }
     }
 }
 

@@ -11,7 +11,7 @@ use bevy::{
     camera::Exposure,
     image::Image,
     light::NotShadowCaster,
-    pbr::Lightmap,
+    pbr::{Lightmap, ScreenSpaceTransmission},
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat},
 };
@@ -27,7 +27,7 @@ const SUN: Vec3 = Vec3::new(0.5, -0.2, 1.0);
 /// A feature, and what has it.
 type Row = (&'static str, fn(&mut Stage));
 
-const ROWS: [Row; 22] = [
+const ROWS: [Row; 23] = [
     ("unlit", |stage| stage.spawn(StandardMaterial { unlit: true, ..blue() })),
     ("directional light", |stage| stage.light_and_spawn(blue())),
     ("shadow of a directional light", |stage| {
@@ -136,6 +136,16 @@ const ROWS: [Row; 22] = [
             ..blue()
         });
         stage.bake(&image);
+    }),
+    ("coloured glass", |stage| {
+        // Rough glass blurs what lies behind it, and reflects: in Bevy's picture alone.
+        stage.dress(ScreenSpaceTransmission::default());
+        stage.light_and_spawn(StandardMaterial {
+            specular_transmission: 1.0,
+            perceptual_roughness: 0.0,
+            reflectance: 0.0,
+            ..blue()
+        });
     }),
     ("linear fog", |stage| {
         stage.spawn_in_fog(FogFalloff::Linear { start: 2.0, end: 16.0 }, Color::NONE);
@@ -360,7 +370,7 @@ impl<'a> Stage<'a> {
             self.app.world().despawn(entity);
         }
         let mut camera = self.app.world().entity_mut(self.camera);
-        camera.remove::<(DistanceFog, AmbientLight)>();
+        camera.remove::<(DistanceFog, AmbientLight, ScreenSpaceTransmission)>();
         self.material = blue();
         self.fog_color = FOG;
         self.sun = SUN;

@@ -42,17 +42,18 @@ fn a_pane_in_a_mirror_converges_to_the_mean_of_both_sides() {
         let app = &mut app;
         let (camera, pane) = spawn_pane(app);
         reflect(app, camera, ReflectionTechnique::Converged);
+        // Red glass lets no green light through.
         for (alpha, alpha_mode, transmission, expected) in [
-            (0.5, AlphaMode::Blend, 0.0, 0.5),
-            (0.2, AlphaMode::Blend, 0.0, 0.2),
-            (0.8, AlphaMode::Blend, 0.5, 0.4),
-            (0.3, AlphaMode::Opaque, 0.75, 0.25),
-            (1.0, AlphaMode::Opaque, 1.0, 0.0),
-            (0.0, AlphaMode::Blend, 0.0, 0.0),
-            (1.0, AlphaMode::Blend, 0.0, 1.0),
-            (0.5, AlphaMode::Mask(0.4), 0.0, 1.0),
-            (0.5, AlphaMode::Mask(0.6), 0.0, 0.0),
-            (0.5, AlphaMode::Opaque, 0.0, 1.0),
+            (0.5, AlphaMode::Blend, 0.0, [0.5, 0.5]),
+            (0.2, AlphaMode::Blend, 0.0, [0.2, 0.8]),
+            (0.8, AlphaMode::Blend, 0.5, [0.4, 0.2]),
+            (0.3, AlphaMode::Opaque, 0.75, [0.25, 0.0]),
+            (1.0, AlphaMode::Opaque, 1.0, [0.0, 0.0]),
+            (0.0, AlphaMode::Blend, 0.0, [0.0, 1.0]),
+            (1.0, AlphaMode::Blend, 0.0, [1.0, 0.0]),
+            (0.5, AlphaMode::Mask(0.4), 0.0, [1.0, 0.0]),
+            (0.5, AlphaMode::Mask(0.6), 0.0, [0.0, 1.0]),
+            (0.5, AlphaMode::Opaque, 0.0, [1.0, 0.0]),
         ] {
             set_material(app, pane, alpha, alpha_mode, transmission);
             warm_up(app);
@@ -60,10 +61,50 @@ fn a_pane_in_a_mirror_converges_to_the_mean_of_both_sides() {
             app.step(16);
             let [red, green] = shown(app);
             let name = format!("{tracer:?}, {alpha_mode:?}, alpha {alpha}, transmission {transmission}");
-            println!("{name}: red {red:.4}, green {green:.4}, expected {expected}");
-            let off = (red - expected).abs().max((green - (1.0 - expected)).abs());
+            println!("{name}: red {red:.4}, green {green:.4}, expected {expected:?}");
+            let off = (red - expected[0]).abs().max((green - expected[1]).abs());
             // The mirror itself reflects a little less than all.
-            assert!(off < 0.015, "{name}: red {red}, green {green}, expected {expected}");
+            assert!(off < 0.015, "{name}: red {red}, green {green}, expected {expected:?}");
+        }
+    }
+}
+
+/// Glass of a colour tints what lies behind it, however many panes there are, and nothing before it. All passes know of it.
+#[test]
+fn glass_tints_what_is_seen_through_it() {
+    const TINT: [f32; 3] = [0.25, 0.5, 1.0];
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        let behind = |z: f32| Transform::from_xyz(0.0, 0.0, z).looking_to(Vec3::Z, Vec3::Y);
+        spawn_mesh(app, Rectangle::new(80.0, 80.0), unlit([255; 3]), behind(9.0));
+        let [red, green, blue] = TINT;
+        let glass = StandardMaterial {
+            base_color: Color::linear_rgb(red, green, blue),
+            specular_transmission: 1.0,
+            ..default()
+        };
+        for (panes, z) in [(0, 12.0), (1, 6.0), (2, 7.0)] {
+            spawn_mesh(app, Rectangle::new(60.0, 60.0), glass.clone(), behind(z));
+            use ReflectionTechnique::{Converged, Quarter, QuarterInline, Reference};
+            for technique in [Converged, Reference, Quarter, QuarterInline] {
+                reflect(app, camera, technique);
+                app.step(4);
+                let middle = (SIZE.y / 2 * SIZE.x + SIZE.x / 2) as usize;
+                let shown = app.capture_linear().unwrap()[middle];
+                let expected = TINT.map(|part| part.powi(panes));
+                println!("{tracer:?}, {technique:?}, {panes} panes: {shown:?}, expected {expected:?}");
+                let off = shown
+                    .iter()
+                    .zip(expected)
+                    .map(|(a, b)| (a - b).abs())
+                    .fold(0.0, f32::max);
+                assert!(
+                    off < 0.02,
+                    "{tracer:?}, {technique:?}, {panes} panes: {shown:?}, expected {expected:?}"
+                );
+            }
         }
     }
 }

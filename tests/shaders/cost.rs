@@ -37,13 +37,15 @@ const SCENES: [&[&str]; 4] = [
 ];
 
 /// Passes that trace and shade, which are compiled for a scene.
-const SCENE_PASSES: [(&str, &[&str]); 10] = [
+const SCENE_PASSES: [(&str, &[&str]); 12] = [
     ("trace/blocks", &[]),
     ("trace/blocks", &["MIRRORS"]),
     ("trace/blocks", &["MIRRORS", "BOUNCES"]),
     ("trace/shade", &[]),
     ("trace/shade", &["MANY_LIGHTS"]),
     ("trace/shade", &["MANY_LIGHTS", "BOUNCES"]),
+    ("trace/blocks", &["TINTED_GLASS"]),
+    ("trace/shade", &["TINTED_GLASS"]),
     ("trace/converged", &[]),
     ("trace/converged", &["BOUNCES"]),
     ("trace/inline", &[]),
@@ -51,7 +53,7 @@ const SCENE_PASSES: [(&str, &[&str]); 10] = [
 ];
 
 /// All others.
-const PASSES: [(&str, &[&str]); 24] = [
+const PASSES: [(&str, &[&str]); 23] = [
     ("rate/classify", &[]),
     ("rate/classify", &["ROUGHNESS"]),
     ("rate/classify", &["GRAZING", "TILE_ANGLES"]),
@@ -73,7 +75,6 @@ const PASSES: [(&str, &[&str]); 24] = [
     ("composite/resolve", &["IN_PLACE", "TILES"]),
     ("composite/resolve", &["IN_PLACE", "TILES", "FRONT_LAYER"]),
     ("composite/add", &[]),
-    ("front_layer/draw", &[]),
     ("trace/vrs", &[]),
     ("scene/pose/pose", &[]),
     ("scene/pose/refit", &[]),

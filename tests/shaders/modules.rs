@@ -5,7 +5,7 @@ use std::mem::offset_of;
 use crate::wesl::Shaders;
 use bevy_glint::internals::{environment::GpuEnvironment, gpu_types::*};
 
-const COMBINATIONS: [&[&str]; 22] = [
+const COMBINATIONS: [&[&str]; 26] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -28,6 +28,10 @@ const COMBINATIONS: [&[&str]; 22] = [
     &["FRONT_LAYER", "ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
     &["FRONT_LAYER", "IN_PLACE", "TILES"],
     &["FRONT_LAYER", "RAY_QUERY", "IN_PLACE"],
+    &["PART", "TILES_8", "FRONT_LAYER"],
+    &["TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
+    &["TINTED_GLASS", "RAY_QUERY", "BOUNCES", "MANY_LIGHTS"],
+    &["TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
 ];
 
 /// Uses everything that passes call, so that the linker keeps it.

@@ -225,7 +225,7 @@ fn layout_entries(with_past: bool) -> Vec<BindGroupLayoutEntry> {
     let own = [
         uniform,
         uniform,
-        sampled(TextureSampleType::Depth),
+        sampled(TextureSampleType::Float { filterable: false }),
         sampled(TextureSampleType::Uint),
         sampled(TextureSampleType::Float { filterable: false }),
         written(TextureFormat::R32Uint),

@@ -12,6 +12,7 @@ use bevy::{
     },
     image::Image,
     light::{AmbientLight, EnvironmentMapLight, Skybox},
+    pbr::ScreenSpaceTransmission,
 };
 
 /// Options of a scene.
@@ -54,6 +55,8 @@ pub struct Environment {
     pub exposure: Exposure,
     /// Tone curve.
     pub tonemapping: Tonemapping,
+    /// Without it a camera draws no glass.
+    pub transmission: Option<ScreenSpaceTransmission>,
 }
 
 impl Environment {
@@ -65,6 +68,7 @@ impl Environment {
             skybox: Some(skybox),
             exposure: Exposure { ev100 },
             tonemapping: Tonemapping::TonyMcMapface,
+            transmission: None,
         }
     }
 
@@ -85,6 +89,9 @@ impl Environment {
             && let Some(mut camera) = camera.get_mut::<Camera>()
         {
             camera.clear_color = ClearColorConfig::Custom(Color::BLACK);
+        }
+        if let Some(transmission) = self.transmission {
+            camera.insert(transmission);
         }
         if let Some(light) = self.light {
             camera.insert(light);

@@ -11,6 +11,7 @@ mod environment;
 mod file_light;
 mod file_view;
 mod geometry;
+mod glass;
 #[cfg(not(target_arch = "wasm32"))]
 mod gltf;
 #[cfg(not(target_arch = "wasm32"))]

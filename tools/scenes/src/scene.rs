@@ -6,6 +6,7 @@ use crate::{
     camera_path::CameraPath,
     demo,
     environment::{Environment, SceneOptions},
+    glass::{self, Finish},
     shapes,
     sky::Sky,
     small, street, temple,
@@ -45,11 +46,16 @@ pub enum SceneName {
     EmissiveFloor,
     /// Shapes whose normals are hard on reflections, of several roughnesses: dielectrics, metals and clearcoats on a plain ground.
     Shapes,
+    /// Windows, bottles and a pool before coloured things.
+    Glass,
+    /// The same surfaces, opaque and black.
+    #[strum(to_string = "black_glass", serialize = "black-glass")]
+    BlackGlass,
 }
 
 impl SceneName {
     /// Every scene.
-    pub const ALL: [SceneName; 9] = [
+    pub const ALL: [SceneName; 11] = [
         SceneName::Demo,
         SceneName::Atrium,
         SceneName::AtriumSmall,
@@ -59,6 +65,8 @@ impl SceneName {
         SceneName::Furnace,
         SceneName::EmissiveFloor,
         SceneName::Shapes,
+        SceneName::Glass,
+        SceneName::BlackGlass,
     ];
 
     /// The name on the command line.
@@ -102,6 +110,8 @@ pub fn spawn_with(name: SceneName, world: &mut World, options: &SceneOptions) ->
         SceneName::Furnace => small::furnace(world),
         SceneName::EmissiveFloor => small::emissive_floor(world),
         SceneName::Shapes => shapes::spawn(world, &options),
+        SceneName::Glass => glass::spawn(world, &options, Finish::Clear),
+        SceneName::BlackGlass => glass::spawn(world, &options, Finish::Opaque),
     };
     // Things that move start where they are at time zero, with or without the animation.
     for (motion, mut transform) in world.query::<(&Motion, &mut Transform)>().iter_mut(world) {
@@ -123,6 +133,7 @@ impl CameraPath {
             SceneName::Furnace => small::FURNACE_PATH,
             SceneName::EmissiveFloor => small::EMISSIVE_FLOOR_PATH,
             SceneName::Shapes => shapes::PATH,
+            SceneName::Glass | SceneName::BlackGlass => glass::PATH,
         }
     }
 }
@@ -149,6 +160,7 @@ pub fn environment(name: SceneName, world: &mut World) -> Environment {
         SceneName::Temple => temple::environment(world),
         SceneName::Street => street::environment(world),
         SceneName::Shapes => shapes::environment(world),
+        SceneName::Glass | SceneName::BlackGlass => glass::environment(world),
         SceneName::Furnace => small::environment(world, Some(Sky::White)),
         SceneName::MirrorRoom | SceneName::EmissiveFloor => small::environment(world, None),
     }
