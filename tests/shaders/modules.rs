@@ -5,7 +5,8 @@ use std::mem::offset_of;
 use crate::wesl::Shaders;
 use bevy_glint::internals::{environment::GpuEnvironment, gpu_types::*};
 
-const COMBINATIONS: [&[&str]; 22] = [
+/// Definitions, several at a time.
+pub const COMBINATIONS: [&[&str]; 22] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
