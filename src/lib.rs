@@ -1,4 +1,7 @@
 //! Ray-traced reflections for the Bevy game engine.
+#![doc = ""]
+// Within the text, so that it is seen wherever the documentation is. It is `assets/images/demo.png`, smaller.
+#![doc = include_str!("picture.md")]
 //!
 //! Add [`RayTracedReflectionsPlugin`] to the app and [`ReflectionQuality`] to a camera:
 //!

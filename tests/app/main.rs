@@ -14,6 +14,7 @@ mod budget;
 mod convergence;
 mod debug_views;
 mod deferred;
+mod devices;
 mod dynamics;
 mod effects;
 mod events;

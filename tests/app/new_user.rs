@@ -19,7 +19,10 @@ use std::{
 
 const README: &str = include_str!("../../README.md");
 const MANIFEST: &str = include_str!("../../Cargo.toml");
+/// The checkout.
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
+/// Names the folder of the library as it is published, instead of the checkout.
+const PACKAGE: &str = "GLINT_PACKAGE";
 /// The new crate.
 const NAME: &str = "my_game";
 /// A CPU that renders compiles shaders for a while.
@@ -167,11 +170,16 @@ fn section(header: &str) -> String {
     lines.join("\n")
 }
 
+/// The folder of the library.
+fn library() -> String {
+    env::var(PACKAGE).unwrap_or_else(|_| ROOT.to_owned())
+}
+
 /// A line of the README's dependencies, with this checkout in the place of a release, and without Bevy's default features.
 fn dependency(line: &str) -> String {
     let named = line.split_once('=').map(|(name, rest)| (name.trim(), rest.trim()));
     match named {
-        Some(("bevy_glint", _)) => format!("bevy_glint = {{ path = {ROOT:?} }}"),
+        Some(("bevy_glint", _)) => format!("bevy_glint = {{ path = {:?} }}", library()),
         Some(("bevy", rest)) if rest.starts_with('{') => line.replacen('{', "{ default-features = false,", 1),
         Some(("bevy", rest)) => format!("bevy = {{ version = {rest}, default-features = false }}"),
         _ => line.to_owned(),
@@ -222,7 +230,8 @@ fn make(folder: &Path) {
     let others = section("[dev-dependencies]");
     let others: Vec<_> = others.lines().filter(|line| !line.contains("path =")).collect();
     let dependencies = format!(
-        "[dependencies]\nbevy_glint = {{ path = {ROOT:?}, features = {features:?} }}\n{}",
+        "[dependencies]\nbevy_glint = {{ path = {:?}, features = {features:?} }}\n{}",
+        library(),
         others.join("\n")
     );
     write(

@@ -37,7 +37,7 @@ const SCENES: [&[&str]; 4] = [
 ];
 
 /// Passes that trace and shade, which are compiled for a scene.
-const SCENE_PASSES: [(&str, &[&str]); 12] = [
+const SCENE_PASSES: [(&str, &[&str]); 13] = [
     ("trace/blocks", &[]),
     ("trace/blocks", &["MIRRORS"]),
     ("trace/blocks", &["MIRRORS", "BOUNCES"]),
@@ -46,6 +46,7 @@ const SCENE_PASSES: [(&str, &[&str]); 12] = [
     ("trace/shade", &["MANY_LIGHTS", "BOUNCES"]),
     ("trace/blocks", &["TINTED_GLASS"]),
     ("trace/shade", &["TINTED_GLASS"]),
+    ("trace/shade", &["LIGHTMAPS"]),
     ("trace/converged", &[]),
     ("trace/converged", &["BOUNCES"]),
     ("trace/inline", &[]),
@@ -257,15 +258,20 @@ fn cost(module: &naga::Module, info: &ModuleInfo) -> Result<Cost, String> {
     Ok(sum)
 }
 
-/// The costs of the shaders as they are.
-fn measure() -> Costs {
+/// The passes, each with the definitions of a variant.
+pub fn variants() -> impl Iterator<Item = (&'static str, Vec<&'static str>)> {
     let of_scenes = SCENE_PASSES
         .iter()
         .flat_map(|(pass, own)| SCENES.map(|scene| (*pass, [own, scene].concat())));
     let others = PASSES.iter().map(|(pass, defs)| (*pass, defs.to_vec()));
+    of_scenes.chain(others)
+}
+
+/// The costs of the shaders as they are.
+fn measure() -> Costs {
     let mut shaders = Shaders::load();
     let mut costs = Costs::new();
-    for (pass, names) in of_scenes.chain(others) {
+    for (pass, names) in variants() {
         let defs: Vec<ShaderDefVal> = names.iter().map(|name| (*name).into()).collect();
         let (_, module) = shaders.expect(&format!("bevy_glint/{pass}.wesl"), &defs);
         let info = Validator::new(ValidationFlags::all(), Capabilities::all()).validate(&module);

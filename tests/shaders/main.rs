@@ -16,3 +16,4 @@ mod rate;
 mod rays;
 mod sampling;
 mod tracer;
+mod translate;

@@ -5,7 +5,8 @@ use std::mem::offset_of;
 use crate::wesl::Shaders;
 use bevy_glint::internals::{environment::GpuEnvironment, gpu_types::*};
 
-const COMBINATIONS: [&[&str]; 26] = [
+/// Definitions, several at a time.
+pub const COMBINATIONS: [&[&str]; 28] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -32,6 +33,8 @@ const COMBINATIONS: [&[&str]; 26] = [
     &["TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
     &["TINTED_GLASS", "RAY_QUERY", "BOUNCES", "MANY_LIGHTS"],
     &["TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
+    &["LIGHTMAPS", "RAY_QUERY", "BINDLESS_TEXTURES"],
+    &["LIGHTMAPS", "TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
 ];
 
 /// Uses everything that passes call, so that the linker keeps it.

@@ -13,6 +13,9 @@ use crate::environment;
 /// Packages that need the feature `internals` of the library.
 const NEED_INTERNALS: [&str; 3] = ["glint_bench", "glint_evaluate", "glint_stress"];
 
+/// Packages with a workspace of their own, so that what they need doesn't change the features that Bevy is built with.
+pub const APART: [&str; 2] = ["tools/browser", "tools/translate"];
+
 /// The root of the workspace.
 pub fn workspace_root() -> PathBuf {
     // Asked at run time first: clones that share a target directory may share this program too.
@@ -80,6 +83,29 @@ pub fn program(name: &str) -> Result<Command> {
     // Bevy looks for assets beside the program otherwise.
     command.env("BEVY_ASSET_ROOT", workspace_root());
     Ok(command)
+}
+
+/// `cargo <subcommand>` for one of the packages in [`APART`].
+pub fn apart(subcommand: &str, package: &str) -> Command {
+    let mut command = cargo(subcommand);
+    command
+        .arg("--manifest-path")
+        .arg(workspace_root().join(package).join("Cargo.toml"));
+    command
+}
+
+/// Builds the program of one of the packages in [`APART`], and returns its path.
+pub fn program_apart(package: &str) -> Result<PathBuf> {
+    let mut command = apart("build", package);
+    command.arg("--release");
+    if environment::is_ci() {
+        command.arg("--locked");
+    }
+    let mut built = build(&mut command)?;
+    match built.pop() {
+        Some(program) => Ok(program.executable),
+        None => bail!("cargo built no program of {package}"),
+    }
 }
 
 /// A program that cargo built.
@@ -163,6 +189,30 @@ mod tests {
     #[test]
     fn the_root_holds_the_workspace() {
         assert!(workspace_root().join("Cargo.toml").is_file());
+        for package in APART {
+            assert!(workspace_root().join(package).join("Cargo.lock").is_file(), "{package}");
+        }
+    }
+
+    /// The version that a lock file has of a package.
+    fn locked(file: &str, package: &str) -> String {
+        let lock = std::fs::read_to_string(workspace_root().join(file)).unwrap();
+        let start = format!("name = \"{package}\"\nversion = \"");
+        let (_, rest) = lock
+            .split_once(&start)
+            .unwrap_or_else(|| panic!("{file} has no {package}"));
+        rest.split('"').next().unwrap().to_owned()
+    }
+
+    /// Both read or repeat what the workspace's own versions write.
+    #[test]
+    fn packages_apart_follow_the_workspace() {
+        let bindings = locked("tools/browser/Cargo.lock", "wasm-bindgen-cli-support");
+        assert_eq!(bindings, locked("Cargo.lock", "wasm-bindgen"));
+        assert_eq!(
+            locked("tools/translate/Cargo.lock", "naga"),
+            locked("Cargo.lock", "naga")
+        );
     }
 
     /// The sets of features that each package is compiled with. There may be two of one package: procedural macros and build scripts

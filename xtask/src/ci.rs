@@ -13,9 +13,7 @@ use crate::{cargo, file_sizes, test, web};
 pub fn run() -> Result<()> {
     let start = Instant::now();
     let mut checks = Checks::default();
-    checks.run("format", || {
-        cargo::run(cargo::cargo("fmt").args(["--all", "--check"]), "the format check")
-    });
+    checks.run("format", format);
     checks.run("file sizes", file_sizes::check);
     let mut typos = Command::new("typos");
     checks.run_tool("spelling", "typos", typos.current_dir(cargo::workspace_root()));
@@ -25,20 +23,19 @@ pub fn run() -> Result<()> {
     checks.run_tool("dependencies", "cargo-deny", &mut deny);
     checks.run("lints", lints);
     checks.run("without internals", without_internals);
+    checks.run("tests of tools apart", tests_apart);
     checks.run("docs", docs);
     // No windowing feature and no hardware back end: the plugin must build for servers, with what its own manifest asks for.
     checks.run("library alone", || library(&["--no-default-features"]));
     if web::has_target() {
-        checks.run("web", || {
+        checks.run("library for browsers", || {
             library(&["--target", web::TARGET, "--features", "egui,hardware-vrs"])
         });
     } else {
-        checks.skip(
-            "web",
-            &format!("`rustup target add {}` brings what it needs", web::TARGET),
-        );
+        let reason = format!("`rustup target add {}` brings what it needs", web::TARGET);
+        checks.skip("library for browsers", &reason);
     }
-    let tests = test::measure(&test::Options::default(), &mut checks.times);
+    let tests = test::measure(&test::Options::default(), &mut checks.times, None);
     checks.note_failure("tests", tests);
     checks.times.add("in all", start.elapsed(), "");
     progress::result(format_args!("\n{}", checks.times));
@@ -90,10 +87,29 @@ impl Checks {
     }
 }
 
+fn format() -> Result<()> {
+    let mut all = vec![cargo::cargo("fmt")];
+    all.extend(cargo::APART.map(|package| cargo::apart("fmt", package)));
+    all.iter_mut()
+        .try_for_each(|format| cargo::run(format.args(["--all", "--check"]), "the format check"))
+}
+
 fn lints() -> Result<()> {
-    let mut clippy = cargo::workspace("clippy");
-    clippy.args(["--all-targets", "--", "--deny", "warnings"]);
-    cargo::run(&mut clippy, "clippy")
+    let mut all = vec![cargo::workspace("clippy")];
+    all.extend(cargo::APART.map(|package| {
+        let mut clippy = cargo::apart("clippy", package);
+        clippy.arg("--release");
+        clippy
+    }));
+    all.iter_mut()
+        .try_for_each(|clippy| cargo::run(clippy.args(["--all-targets", "--", "--deny", "warnings"]), "clippy"))
+}
+
+/// Tests of packages with a workspace of their own.
+fn tests_apart() -> Result<()> {
+    cargo::APART
+        .iter()
+        .try_for_each(|package| cargo::run(cargo::apart("test", package).arg("--release"), package))
 }
 
 /// Lints of the library as users build it.

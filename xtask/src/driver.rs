@@ -16,6 +16,8 @@ pub enum Need {
     Vulkan,
     /// Ray queries, if the driver is the CPU's. Without them tests of that tracer skip; in CI that is a failure.
     RayQuery,
+    /// Any Vulkan driver, and Chromium.
+    Browser,
 }
 
 /// Makes sure that there is a compiler and a driver.
@@ -30,13 +32,15 @@ pub fn prepare(need: Need) -> Result<()> {
 }
 
 fn script(need: Need, strict: bool, root: &Path) -> Command {
-    let need = match need {
-        Need::Vulkan => "vulkan",
-        Need::RayQuery => "ray-query",
+    let (need, programs) = match need {
+        Need::Vulkan => ("vulkan", ""),
+        // Without the validator a test skips.
+        Need::RayQuery => ("ray-query", if strict { "spirv-val:spirv-tools" } else { "" }),
+        Need::Browser => ("vulkan", "chromium:chromium"),
     };
     let mut command = Command::new("sh");
     command.args(["-c", include_str!("driver.sh"), "driver.sh", need]);
-    command.arg(if strict { "1" } else { "" }).arg(root);
+    command.args([if strict { "1" } else { "" }, programs]).arg(root);
     command.stdin(Stdio::null()).stderr(Stdio::inherit());
     command
 }
@@ -76,7 +80,7 @@ case "${0##*/} $*" in
   *install*) cp $root/release $root/mesa ;;
 esac
 END
-for name in c++ id ldconfig dpkg-query dpkg apt-cache apt-get; do install program bin/$name; done
+for name in c++ id ldconfig dpkg-query dpkg apt-cache apt-get spirv-val chromium; do install program bin/$name; done
 "#;
 
     /// Runs the script once `change` has been made to the machine. Returns its outcome, and what the programs logged.

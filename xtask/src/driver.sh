@@ -2,13 +2,14 @@
 # Makes sure that this Linux machine can build and render: a C++ compiler, the Vulkan loader and a Vulkan driver.
 # On Debian and Ubuntu, as root, it installs what is missing; elsewhere it says what to install.
 #
-# Usage: driver.sh NEED STRICT [ROOT]
-#   NEED    vulkan; or ray-query, if the CPU driver must have ray queries
-#   STRICT  1 if missing ray queries are a failure, else empty
-#   ROOT    prefix of system files, for tests
+# Usage: driver.sh NEED STRICT [PROGRAMS [ROOT]]
+#   NEED      vulkan; or ray-query, if the CPU driver must have ray queries
+#   STRICT    1 if missing ray queries are a failure, else empty
+#   PROGRAMS  other programs that must be there, each with its package: spirv-val:spirv-tools
+#   ROOT      prefix of system files, for tests
 # Progress goes to stderr. On failure, stdout holds the reason.
 set -eu
-need=$1 strict=$2 root=${3-}
+need=$1 strict=$2 programs=${3-} root=${4-}
 ray_query_mesa=24.1 # The first Mesa whose CPU driver has ray queries.
 PATH=$PATH:/usr/sbin:/sbin
 
@@ -83,6 +84,9 @@ done
 gpu= packages=
 if has_gpu; then gpu=1; fi
 if [ -z "${CXX-}" ] && ! command -v c++ >/dev/null; then packages=' g++'; fi
+for program in $programs; do
+  command -v "${program%%:*}" >/dev/null || packages="$packages ${program#*:}"
+done
 if ! has_loader; then packages="$packages libvulkan1"; fi
 if [ -z "$chosen" ] && ! has_driver; then packages="$packages mesa-vulkan-drivers"; fi
 missing=$packages

@@ -33,7 +33,13 @@ const KEPT_MEMORY: [(&str, &str); 2] = [
     ("MALLOC_TRIM_THRESHOLD_", "1073741824"),
 ];
 /// In continuous integration, a test that can't run must not pass for one that did.
-const REQUIRED: [(&str, &str); 2] = [("GLINT_REQUIRE_GPU", "1"), ("GLINT_REQUIRE_RAY_QUERY", "1")];
+const REQUIRED: [(&str, &str); 3] = [
+    ("GLINT_REQUIRE_GPU", "1"),
+    ("GLINT_REQUIRE_RAY_QUERY", "1"),
+    ("GLINT_REQUIRE_TRANSLATIONS", "1"),
+];
+/// Tells the tests of shaders which program translates them.
+const TRANSLATOR: &str = "GLINT_TRANSLATOR";
 
 /// Arguments of `test`.
 #[derive(clap::Args)]
@@ -58,14 +64,15 @@ impl Default for Options {
 /// Builds and runs the tests.
 pub fn run(options: &Options) -> Result<()> {
     let mut times = Times::default();
-    let result = measure(options, &mut times);
+    let result = measure(options, &mut times, None);
     progress::result(format_args!("\n{times}"));
     result
 }
 
-/// The same, with the time of each program written down.
-pub fn measure(options: &Options, times: &mut Times) -> Result<()> {
+/// The same, with the time of each program written down. `beside` is one more program, which runs beside the tests.
+pub fn measure(options: &Options, times: &mut Times, beside: Option<Test>) -> Result<()> {
     driver::prepare(Need::RayQuery)?;
+    let translator = times.step("build of the translator", || cargo::program_apart("tools/translate"))?;
     // Without the examples: a test includes their code, so that to link each of them would prove nothing more.
     let mut built = times.step("build of the tests", || {
         cargo::build(cargo::workspace("test").args(["--no-run", "--tests"]))
@@ -77,11 +84,15 @@ pub fn measure(options: &Options, times: &mut Times) -> Result<()> {
     tests.push(documentation());
     let defaults = defaults();
     for test in &mut tests {
-        test.command.args(&options.arguments).envs(defaults.iter().copied());
+        test.command
+            .args(&options.arguments)
+            .env(TRANSLATOR, &translator)
+            .envs(defaults.iter().copied());
         if io::stdout().is_terminal() {
             test.command.arg("--color=always");
         }
     }
+    tests.splice(..0, beside);
     let start = Instant::now();
     let outcomes = run_all(tests, options.jobs, progress::raw);
     let time = start.elapsed();
@@ -122,9 +133,11 @@ fn defaults() -> Vec<(&'static str, &'static str)> {
 }
 
 /// A test program to run.
-struct Test {
-    name: String,
-    command: Command,
+pub struct Test {
+    /// Its name in the table of times.
+    pub name: String,
+    /// Fails if a test does.
+    pub command: Command,
 }
 
 /// A test program is named after its source file.

@@ -12,27 +12,34 @@ use crate::progress;
 /// The platform of browsers.
 pub const TARGET: &str = "wasm32-unknown-unknown";
 
+/// The folder of the page, unless said otherwise.
+pub const FOLDER: &str = "target/web";
+
 const DEMO: &str = "glint_web";
-/// Packs, serves and checks; a workspace of its own.
-const BROWSER: &str = "glint_browser";
+/// Packs, serves and checks.
+const BROWSER: &str = "tools/browser";
 /// The picture that the check compares with: what its page asks for.
-const EXPECTED: [&str; 9] = [
+const EXPECTED: [&str; 10] = [
     "--headless",
     "--still",
+    "--browser",
     "--size=240x135",
     "--technique=ultra",
     "--tracer=bvh",
     "--backend=compute",
-    "--frames=48",
+    "--frames=64",
     "--path=0",
     "--out",
 ];
+
+/// Has Mesa's CPU driver compute mip levels as others do, instead of approximately.
+const EXACT_TEXTURES: (&str, &str) = ("GALLIVM_PERF", "no_brilinear,no_rho_approx,no_quad_lod,no_aos_sampling");
 
 /// Arguments of `web`.
 #[derive(clap::Args)]
 pub struct Options {
     /// The folder of the page, which any static server can serve.
-    #[arg(long, value_name = "DIR", default_value = "target/web")]
+    #[arg(long, value_name = "DIR", default_value = FOLDER)]
     pub out: PathBuf,
     /// Serve the page on this machine, until the command is stopped.
     #[arg(long)]
@@ -61,64 +68,65 @@ pub fn has_target() -> bool {
 /// # Errors
 /// If something can't be built, or the check finds a difference.
 pub fn run(options: &Options) -> Result<()> {
-    ensure!(
-        has_target(),
-        "the compiler lacks the platform: `rustup target add {TARGET}`"
-    );
     let out = std::env::current_dir()?.join(&options.out);
-    let wasm = progress::step("build the demo for browsers", demo)?;
-    let mut browser = progress::step("build the packer", browser)?;
-    let page = cargo::workspace_root().join("tools/web/page");
-    progress::step("pack the page", || {
-        cargo::run(browser().arg("pack").args([&wasm, &page, &out]), "the packer")
-    })?;
     if options.check {
-        check(&mut browser, &out)?;
+        let mut check = prepare_check(&out)?;
+        progress::step("open the page in Chromium", || {
+            cargo::run(&mut check, "the check of the page")
+        })?;
     }
-    if options.serve {
-        let port = options.port.to_string();
-        cargo::run(browser().arg("serve").arg(&out).args(["--port", &port]), "the server")?;
+    if options.serve || !options.check {
+        let browser = build(&out)?;
+        if options.serve {
+            let mut serve = cargo::command(&browser);
+            serve.arg("serve").arg(&out).args(["--port", &options.port.to_string()]);
+            cargo::run(&mut serve, "the server")?;
+        }
     }
     Ok(())
 }
 
-/// Compares the page with what the native program shows.
-fn check(browser: &mut impl FnMut() -> Command, page: &Path) -> Result<()> {
-    driver::prepare(Need::Vulkan)?;
+/// Builds the page into a folder; returns the program that serves and checks it.
+fn build(out: &Path) -> Result<PathBuf> {
+    ensure!(
+        has_target(),
+        "the compiler lacks the platform: `rustup target add {TARGET}`"
+    );
+    let wasm = progress::step("build the demo for browsers", demo)?;
+    let browser = progress::step("build the packer", || cargo::program_apart(BROWSER))?;
+    let page = cargo::workspace_root().join("tools/web/page");
+    progress::step("pack the page", || {
+        let mut pack = cargo::command(&browser);
+        cargo::run(pack.arg("pack").args([&wasm, &page]).arg(out), "the packer")
+    })?;
+    Ok(browser)
+}
+
+/// Builds the page and renders what the native program shows; returns the command that compares both.
+///
+/// # Errors
+/// If something can't be built or rendered.
+pub fn prepare_check(page: &Path) -> Result<Command> {
+    driver::prepare(Need::Browser)?;
+    let browser = build(page)?;
     let pictures = page.with_extension("check");
     std::fs::create_dir_all(&pictures)?;
     let expected = pictures.join("native.png");
     let mut viewer = progress::step("build glint_viewer", || cargo::program("glint_viewer"))?;
     progress::step("render the native picture", || {
+        viewer.env(EXACT_TEXTURES.0, EXACT_TEXTURES.1);
         cargo::run(viewer.args(EXPECTED).arg(&expected), "glint_viewer")
     })?;
-    progress::step("open the page in Chromium", || {
-        cargo::run(
-            browser().arg("check").args([page, &expected, &pictures]),
-            "the check of the page",
-        )
-    })
+    let mut check = cargo::command(&browser);
+    check.arg("check").args([page, &expected, &pictures]);
+    Ok(check)
 }
 
 /// Builds the demo; returns the program.
 fn demo() -> Result<PathBuf> {
     let mut command = cargo::cargo("build");
     command.args(["--profile=web", "--ignore-rust-version", "--target", TARGET, "-p", DEMO]);
-    program(&mut command, DEMO)
-}
-
-/// Builds the packer; returns what makes commands of it.
-fn browser() -> Result<impl FnMut() -> Command> {
-    let manifest = cargo::workspace_root().join("tools/browser/Cargo.toml");
-    let mut command = cargo::cargo("build");
-    command.arg("--release").arg("--manifest-path").arg(manifest);
-    let program = program(&mut command, BROWSER)?;
-    Ok(move || cargo::command(&program))
-}
-
-fn program(command: &mut Command, name: &str) -> Result<PathBuf> {
-    let built = cargo::build(command)?.into_iter().find(|built| built.name == name);
-    Ok(built
-        .with_context(|| format!("cargo built no program `{name}`"))?
-        .executable)
+    let built = cargo::build(&mut command)?.into_iter().find(|built| built.name == DEMO);
+    let demo = built.with_context(|| format!("cargo built no program `{DEMO}`"))?;
+    Ok(demo.executable)
 }

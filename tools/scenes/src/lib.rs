@@ -42,8 +42,8 @@ pub use geometry::Geometry;
 pub use gltf::write_test_assets;
 #[cfg(not(target_arch = "wasm32"))]
 pub use headless::{
-    HeadlessApp, HeadlessError, HeadlessSettings, LogMessage, Output, ReplacedShader, SystemClock, capture_log,
-    decode_halves, read_buffer, read_image, read_texture, save_picture, take_log,
+    HeadlessApp, HeadlessError, HeadlessSettings, LogMessage, Output, ReplacedShader, SystemClock, browser_device,
+    capture_log, decode_halves, read_buffer, read_image, read_texture, save_picture, take_log,
 };
 pub use image_size::ImageSize;
 #[cfg(not(target_arch = "wasm32"))]
@@ -52,4 +52,4 @@ pub use random::Random;
 pub use scene::{SceneName, UnknownScene, camera, environment, spawn, spawn_with};
 pub use sky::{Sky, sun_direction};
 pub use small::FURNACE_ROUGHNESS;
-pub use texture::{Content, Texel, TextureSet, mip_chain};
+pub use texture::{Content, Texel, TextureSet, drop_anisotropy, mip_chain};

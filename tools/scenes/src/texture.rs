@@ -132,6 +132,15 @@ pub fn texture(size: u32, level_zero: Vec<u8>, content: Content) -> Image {
     image
 }
 
+/// Has all images filtered without anisotropy, which drivers do differently: pictures of two of them can be compared.
+pub fn drop_anisotropy(images: &mut Assets<Image>) {
+    for (_, image) in images.iter_mut() {
+        if let ImageSampler::Descriptor(sampler) = &mut image.sampler {
+            sampler.anisotropy_clamp = 1;
+        }
+    }
+}
+
 /// Appends all mip levels to RGBA8 data; returns the chain and the number of levels. Levels of odd size repeat their last row or column.
 pub fn mip_chain(width: u32, height: u32, level_zero: Vec<u8>, content: Content) -> (Vec<u8>, u32) {
     let (mut width, mut height) = (width.max(1) as usize, height.max(1) as usize);

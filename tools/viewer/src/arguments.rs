@@ -61,6 +61,10 @@ pub struct Arguments {
     /// Stop the clock, so that nothing moves in an image
     #[arg(long, requires = "headless")]
     pub still: bool,
+    /// Render a built-in scene as a browser does: with the features and limits of WebGPU alone; and without anisotropic filtering, which
+    /// drivers do differently
+    #[arg(long, requires = "headless")]
+    pub browser: bool,
     /// Frames to render before the image is taken; converged needs hundreds
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = value_parser!(u32).range(1..))]
     pub frames: u32,

@@ -6,7 +6,7 @@ use bevy::{
     prelude::*,
 };
 use bevy_glint::{RayTracedReflections, ReflectionStatus};
-use glint_scenes::{HeadlessApp, HeadlessSettings, save_picture};
+use glint_scenes::{HeadlessApp, HeadlessSettings, browser_device, drop_anisotropy, save_picture};
 use std::{thread, time::Duration};
 
 /// Frames that loading and compiling may take.
@@ -24,6 +24,9 @@ pub fn write(arguments: &Arguments) -> Result<(), String> {
     };
     let mut app = headless_app(arguments, size)?;
     source.spawn(app.world());
+    if arguments.browser {
+        drop_anisotropy(&mut app.world().resource_mut());
+    }
     let camera = app.spawn_camera(arguments.view);
     source.set_up_camera(camera, arguments.path, app.world());
     let mut image = |method: &Method, is_still, frames| {
@@ -50,11 +53,14 @@ pub fn write(arguments: &Arguments) -> Result<(), String> {
 }
 
 fn headless_app(arguments: &Arguments, size: UVec2) -> Result<HeadlessApp, String> {
-    let settings = HeadlessSettings {
+    let mut settings = HeadlessSettings {
         size,
         log: true,
         ..default()
     };
+    if arguments.browser {
+        settings.device = browser_device();
+    }
     HeadlessApp::with_device(
         settings,
         |app| plugins::add_before_bevy(app, arguments.backend),

@@ -1,27 +1,44 @@
 //! The picture without ray-traced reflections beside the one with them: two cameras, each of which draws its part of one picture.
 
 use bevy::{
-    camera::{SubCameraView, Viewport},
+    camera::{
+        CameraProjection, CameraUpdateSystems, Exposure, Hdr, SubCameraView, Viewport, visibility::VisibilitySystems,
+    },
     camera_controller::free_camera::FreeCamera,
+    core_pipeline::{
+        prepass::{DeferredPrepass, DepthPrepass},
+        tonemapping::{DebandDither, Tonemapping},
+    },
+    light::Skybox,
     math::uvec2,
     prelude::*,
     window::PrimaryWindow,
 };
 use bevy_egui::{EguiContexts, EguiPrimaryContextPass, egui};
-use bevy_glint::RayTracedReflections;
 use std::ops::Range;
 
-/// Adds a bar at the lower edge of the picture, with which visitors compare.
+/// Compares when C is pressed, and adds a bar at the lower edge of the picture that does, too.
 pub struct ComparePlugin {
     pub bar: bool,
 }
 
 impl Plugin for ComparePlugin {
     fn build(&self, app: &mut App) {
-        app.init_resource::<Comparison>().add_systems(
-            PostUpdate,
-            (spawn_twin, divide_picture).chain().before(TransformSystems::Propagate),
-        );
+        app.init_resource::<Comparison>()
+            .add_systems(Update, toggle)
+            .add_systems(
+                PostUpdate,
+                (spawn_twin, divide_picture)
+                    .chain()
+                    .before(CameraUpdateSystems)
+                    .before(TransformSystems::Propagate),
+            )
+            .add_systems(
+                PostUpdate,
+                keep_aspect
+                    .after(CameraUpdateSystems)
+                    .before(VisibilitySystems::UpdateFrusta),
+            );
         if self.bar {
             app.add_systems(EguiPrimaryContextPass, show_bar);
         }
@@ -60,11 +77,17 @@ fn show_bar(mut contexts: EguiContexts, mut comparison: ResMut<Comparison>) -> R
                     if comparison.enabled {
                         ui.add(egui::Slider::new(&mut comparison.position, 0.05..=0.95).show_value(false));
                     }
-                    ui.label("W A S D Q E and the mouse: fly. F2: settings");
+                    ui.label("W A S D Q E and the mouse: fly. C: compare. F2: settings");
                 });
             });
         });
     Ok(())
+}
+
+fn toggle(keys: Res<ButtonInput<KeyCode>>, mut comparison: ResMut<Comparison>) {
+    if keys.just_pressed(KeyCode::KeyC) {
+        comparison.enabled ^= true;
+    }
 }
 
 /// Spawns and despawns the camera without reflections.
@@ -83,8 +106,19 @@ fn spawn_twin(
     if comparison.enabled {
         for camera in &cameras {
             let mut twin = commands.entity(camera);
-            let mut twin = twin.clone_and_spawn_with_opt_out(|builder| {
-                builder.deny::<(FreeCamera, RayTracedReflections)>();
+            // Not the context of the panel, which is on the camera that came first.
+            let mut twin = twin.clone_and_spawn_with_opt_in(|builder| {
+                builder
+                    .allow::<(Camera, Camera3d, Hdr, Msaa, Projection, Transform)>()
+                    .allow::<(DepthPrepass, DeferredPrepass)>()
+                    .allow::<(
+                        AmbientLight,
+                        DebandDither,
+                        EnvironmentMapLight,
+                        Exposure,
+                        Skybox,
+                        Tonemapping,
+                    )>();
             });
             twin.insert(Twin);
         }
@@ -108,6 +142,16 @@ fn divide_picture(
         **twin_pose = **pose;
         set_columns(twin, size, divided.then_some(0..line));
         twin.order = -1;
+    }
+}
+
+/// Culling and shadow maps take the aspect of the whole picture: they know nothing of parts.
+fn keep_aspect(mut cameras: Query<(&Camera, &mut Projection)>) {
+    for (camera, mut projection) in &mut cameras {
+        if let Some(part) = &camera.sub_camera_view {
+            let size = part.full_size.as_vec2();
+            projection.update(size.x, size.y);
+        }
     }
 }
 

@@ -11,9 +11,9 @@ use bevy::{
     light::{DirectionalLightShadowMap, PointLightShadowMap},
     prelude::*,
 };
-use bevy_egui::EguiGlobalSettings;
+use bevy_egui::{EguiContexts, EguiGlobalSettings, EguiPrimaryContextPass};
 use bevy_glint::{RayTracedReflectionsPlugin, named_settings, ui::ReflectionSettingsPanelPlugin};
-use glint_scenes::{SceneAnimationPlugin, SceneName, camera, environment, spawn};
+use glint_scenes::{SceneAnimationPlugin, SceneName, camera, drop_anisotropy, environment, spawn};
 
 /// Settings of a visitor who asks for none.
 const TECHNIQUE: &str = "medium";
@@ -23,11 +23,13 @@ const TECHNIQUE: &str = "medium";
 struct Wishes {
     scene: SceneName,
     technique: String,
+    trilinear: bool,
 }
 
 /// Runs the demo on the page's canvas.
 ///
-/// `scene`, `technique`, `shadows` (texels of a shadow map in each direction), and `panel`, `bar` and `still` (each true or false) of the page's address say what to show.
+/// The page's address says what to show: `scene`, `technique`, `shadows` (texels of a shadow map in each direction), and `panel`,
+/// `bar`, `still` and `trilinear` (textures are filtered without anisotropy), each true or false.
 pub fn run() {
     let address = Address::read();
     let still = address.get("still").unwrap_or(false);
@@ -35,6 +37,7 @@ pub fn run() {
     let wishes = Wishes {
         scene: address.get("scene").unwrap_or(SceneName::Demo),
         technique: address.get("technique").unwrap_or_else(|| TECHNIQUE.to_owned()),
+        trilinear: address.get("trilinear").unwrap_or(false),
     };
     App::new()
         .add_plugins((
@@ -66,6 +69,7 @@ pub fn run() {
         .insert_resource(wishes)
         .insert_resource(DirectionalLightShadowMap { size: shadows })
         .insert_resource(PointLightShadowMap { size: shadows / 2 })
+        .add_systems(EguiPrimaryContextPass, accept_long_clicks)
         .add_systems(
             Startup,
             (spawn_scene, move |mut time: ResMut<Time<Virtual>>| {
@@ -77,9 +81,19 @@ pub fn run() {
         .run();
 }
 
+/// On slow devices a frame may be longer than egui lets a click be.
+fn accept_long_clicks(mut contexts: EguiContexts) -> Result {
+    let context = contexts.ctx_mut()?;
+    context.options_mut(|options| options.input_options.max_click_duration = f64::INFINITY);
+    Ok(())
+}
+
 fn spawn_scene(world: &mut World) {
     let wishes = world.resource::<Wishes>().clone();
     spawn(wishes.scene, world);
+    if wishes.trilinear {
+        drop_anisotropy(&mut world.resource_mut());
+    }
     let settings = named_settings(&wishes.technique).unwrap_or_else(|error| {
         warn!("{error}");
         default()

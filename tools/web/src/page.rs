@@ -6,7 +6,7 @@ use std::str::FromStr;
 use web_sys::HtmlElement;
 
 /// Frames after which a still picture hardly changes any more.
-const FRAMES_TO_REST: u32 = 48;
+const FRAMES_TO_REST: u32 = 64;
 
 /// The part of the address behind the question mark: `name=value&..`.
 pub struct Address(String);

@@ -35,7 +35,7 @@ use bevy::{
         pipelined_rendering::PipelinedRenderingPlugin,
         render_resource::{Extent3d, PipelineCache, TextureDimension, TextureFormat, TextureUsages},
         renderer::RenderDevice,
-        settings::WgpuSettings,
+        settings::{WgpuFeatures, WgpuLimits, WgpuSettings},
         sync_world::RenderEntity,
         view::{Msaa, ViewTarget},
     },
@@ -96,6 +96,21 @@ impl Default for HeadlessSettings {
             device: WgpuSettings::default(),
             synchronous_pipelines: true,
         }
+    }
+}
+
+/// A graphics device without the features that browsers lack, and with the limits of WebGPU but for the storage buffers in a shader stage, of
+/// which most devices have 10. Features of texture formats stay: Bevy takes them from the adapter, whatever the device has.
+#[must_use]
+pub fn browser_device() -> WgpuSettings {
+    let formats = WgpuFeatures::TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES;
+    WgpuSettings {
+        disabled_features: Some(WgpuFeatures::all_native_mask().difference(formats)),
+        constrained_limits: Some(WgpuLimits {
+            max_storage_buffers_per_shader_stage: 10,
+            ..Default::default()
+        }),
+        ..Default::default()
     }
 }
 

@@ -1,0 +1,146 @@
+//! Translates WGSL as wgpu does for Vulkan, DirectX 12 and Metal. The tests of shaders call this program.
+//!
+//! `glint_translate FOLDER` writes a file in each language for each entry point of each `.wgsl` file of the folder, beside it. Each translation
+//! that fails is a line on stdout, and makes the program fail.
+
+use anyhow::{Context, Result, anyhow, bail};
+use naga::back::{PipelineConstants, hlsl, msl, pipeline_constants::process_overrides, spv};
+use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
+use naga::{FastHashMap, Module, ResourceBinding, ShaderStage, TypeInner};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// Translates an entry point.
+type Translate = fn(&Module, &ModuleInfo, ShaderStage, &str) -> Result<Vec<u8>>;
+
+/// Elements of arrays of bindings, which the layout of a pipeline knows.
+const ELEMENTS: u32 = 64;
+
+/// Translations by the end of their files' names.
+const LANGUAGES: [(&str, Translate); 3] = [("spv", spirv), ("hlsl", hlsl), ("metal", metal)];
+
+fn main() -> Result<ExitCode> {
+    let folder = std::env::args_os().nth(1).context("which folder?")?;
+    let mut failures = Vec::new();
+    for entry in fs::read_dir(&folder)? {
+        let path = entry?.path();
+        if path.extension().is_some_and(|end| end == "wgsl") {
+            translate(&path, &mut failures).with_context(|| path.display().to_string())?;
+        }
+    }
+    failures.sort();
+    for failure in &failures {
+        println!("{failure}");
+    }
+    Ok(ExitCode::from(u8::from(!failures.is_empty())))
+}
+
+/// Translates each entry point of a file.
+fn translate(path: &Path, failures: &mut Vec<String>) -> Result<()> {
+    let source = fs::read_to_string(path)?;
+    let module = naga::front::wgsl::parse_str(&source).map_err(|error| anyhow!(error.emit_to_string(&source)))?;
+    let info = Validator::new(ValidationFlags::all(), Capabilities::all()).validate(&module)?;
+    let name = path.file_stem().unwrap_or_default().to_string_lossy();
+    // Any number will do for constants that are known later.
+    let overrides = module.overrides.iter();
+    let constants: PipelineConstants = overrides
+        .filter_map(|(_, constant)| Some((constant.name.clone()?, 4.0)))
+        .collect();
+    for entry in &module.entry_points {
+        let stage = (entry.stage, entry.name.as_str());
+        let (module, info) = process_overrides(&module, &info, Some(stage), &constants)?;
+        for (end, translate) in LANGUAGES {
+            match translate(&module, &info, entry.stage, &entry.name) {
+                Ok(text) => fs::write(target(path, &entry.name, end), text)?,
+                Err(error) => failures.push(format!("{name} {}: {end}: {error:#}", entry.name)),
+            }
+        }
+    }
+    Ok(())
+}
+
+fn target(path: &Path, entry: &str, end: &str) -> PathBuf {
+    path.with_extension(format!("{entry}.{end}"))
+}
+
+/// Arrays of bindings, such as bindless textures.
+fn arrays(module: &Module) -> impl Iterator<Item = ResourceBinding> {
+    let globals = module.global_variables.iter();
+    let arrays = globals.filter(|(_, global)| matches!(module.types[global.ty].inner, TypeInner::BindingArray { .. }));
+    arrays.filter_map(|(_, global)| global.binding)
+}
+
+/// For Vulkan 1.2.
+fn spirv(module: &Module, info: &ModuleInfo, stage: ShaderStage, entry: &str) -> Result<Vec<u8>> {
+    let arrays = arrays(module).map(|binding| {
+        let target = spv::BindingInfo {
+            descriptor_set: binding.group,
+            binding: binding.binding,
+            binding_array_size: Some(ELEMENTS),
+        };
+        (binding, target)
+    });
+    let options = spv::Options {
+        lang_version: (1, 5),
+        binding_map: arrays.collect(),
+        fake_missing_bindings: true,
+        ..spv::Options::default()
+    };
+    let stage = spv::PipelineOptions {
+        shader_stage: stage,
+        entry_point: entry.to_owned(),
+    };
+    let words = spv::write_vec(module, info, &options, Some(&stage))?;
+    Ok(words.into_iter().flat_map(u32::to_le_bytes).collect())
+}
+
+/// For GPUs with ray queries; wgpu has no older shader model for binding arrays, either.
+fn hlsl(module: &Module, info: &ModuleInfo, stage: ShaderStage, entry: &str) -> Result<Vec<u8>> {
+    let arrays = arrays(module).map(|binding| {
+        let target = hlsl::BindTarget {
+            space: binding.group as u8,
+            register: binding.binding,
+            binding_array_size: Some(ELEMENTS),
+            ..hlsl::BindTarget::default()
+        };
+        (binding, target)
+    });
+    let options = hlsl::Options {
+        shader_model: hlsl::ShaderModel::V6_5,
+        binding_map: arrays.collect(),
+        fake_missing_bindings: true,
+        ..hlsl::Options::default()
+    };
+    let pipeline = hlsl::PipelineOptions {
+        entry_point: Some((stage, entry.to_owned())),
+    };
+    let mut text = String::new();
+    let written = hlsl::Writer::new(&mut text, &options, &pipeline).write(module, info, None)?;
+    for name in written.entry_point_names {
+        name?;
+    }
+    Ok(text.into_bytes())
+}
+
+/// For macOS 13 and iOS 16.
+fn metal(module: &Module, info: &ModuleInfo, stage: ShaderStage, entry: &str) -> Result<Vec<u8>> {
+    let options = msl::Options {
+        lang_version: (3, 0),
+        fake_missing_bindings: true,
+        ..msl::Options::default()
+    };
+    let lengths: FastHashMap<_, _> = arrays(module).map(|binding| (binding, ELEMENTS)).collect();
+    let pipeline = msl::PipelineOptions {
+        entry_point: Some((stage, entry.to_owned())),
+        binding_array_length_map: lengths,
+        ..msl::PipelineOptions::default()
+    };
+    let (text, written) = msl::write_string(module, info, &options, &pipeline)?;
+    for name in written.entry_point_names {
+        if let Err(error) = name {
+            bail!("{error}");
+        }
+    }
+    Ok(text.into_bytes())
+}
