@@ -64,6 +64,7 @@ mod front_layer;
 mod gbuffer;
 pub mod manual;
 mod node;
+mod passes;
 mod plugin;
 pub mod prelude;
 mod probe;

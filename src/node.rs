@@ -1,22 +1,19 @@
-//! The order of a view's passes.
+//! When the passes of a view run, and what is read back from them.
 
 use crate::{
     common::{HIT_COUNT, MIRROR_RAY_COUNT, RAY_COUNT, TILE_COUNT, word_offset},
-    composite::{CompositePipelines, Surfaces, composite_reflection},
-    denoise::{DenoisePipelines, denoise},
+    composite::Surfaces,
     device::tracing_app,
-    diagnostics::{TotalTimeOnly, WithoutReflections},
     gbuffer::PassContext,
-    rate::{RatePipelines, determine_rates},
+    passes::PassPipelines,
     schedule::ReflectionSystems,
-    settings::ReflectionTechnique,
-    trace::{PassResources, PassView, VrsPass, trace_rays},
+    trace::{PassResources, PassView, VrsPass},
     view::ViewCulling,
 };
 use bevy::{
     app::{App, Plugin},
     core_pipeline::schedule::Core3d,
-    ecs::{prelude::*, system::SystemParam},
+    ecs::prelude::*,
     render::{
         diagnostic::{DiagnosticsRecorder, RecordDiagnostics},
         renderer::{RenderContext, ViewQuery},
@@ -35,16 +32,6 @@ impl Plugin for NodePlugin {
     }
 }
 
-/// Pipelines of the passes, besides those that trace.
-#[derive(SystemParam)]
-struct PassPipelines<'w> {
-    rate: Option<Res<'w, RatePipelines>>,
-    denoise: Option<Res<'w, DenoisePipelines>>,
-    composite: Option<Res<'w, CompositePipelines>>,
-    total_only: Option<Res<'w, TotalTimeOnly>>,
-    without_reflections: Option<Res<'w, WithoutReflections>>,
-}
-
 /// Rates, rays, denoising and composite of one view. Of a culled view, the rates now and then.
 fn ray_traced_reflections(
     view: ViewQuery<(PassView, &ViewCulling)>,
@@ -55,46 +42,26 @@ fn ray_traced_reflections(
 ) {
     let entity = view.entity();
     let (view, culling) = view.into_inner();
-    let (Some(rate), Some(denoisers), Some(composite), Some(trace), Some(context)) = (
-        &pipelines.rate,
-        &pipelines.denoise,
-        &pipelines.composite,
-        resources.trace.as_deref(),
+    let diagnostics = ctx.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    let (Some(passes), Some(context)) = (
+        pipelines.passes(resources.trace.as_deref(), diagnostics),
         resources.context(entity, &view),
     ) else {
         return;
     };
 
-    let diagnostics = ctx.diagnostic_recorder();
-    let diagnostics = diagnostics.as_deref();
     let total = diagnostics.time_span(ctx.command_encoder(), "glint");
-    let stages = diagnostics.filter(|_| pipelines.total_only.is_none());
     let targets = context.targets();
-    let converged = context.view.settings.technique == ReflectionTechnique::Converged;
     let (probes, culled) = (culling.probes(), culling.is_culled());
     if !culled {
         ctx.command_encoder().clear_buffer(&targets.counters, 0, None);
     }
     if probes {
         ctx.command_encoder().clear_buffer(&targets.indirect_args, 0, None);
-        if !converged {
-            let span = stages.time_span(ctx.command_encoder(), "rate");
-            determine_rates(&mut ctx, rate, &context);
-            span.end(ctx.command_encoder());
-        }
+        passes.rate(&mut ctx, &context);
     }
-    let mut watches = false;
-    if !culled {
-        let span = stages.time_span(ctx.command_encoder(), "trace");
-        watches = trace_rays(&mut ctx, trace, &context, &mut vrs);
-        span.end(ctx.command_encoder());
-        denoise(&mut ctx, denoisers, &context, stages);
-        let span = stages.time_span(ctx.command_encoder(), "composite");
-        if pipelines.without_reflections.is_none() {
-            composite_reflection(&mut ctx, composite, &context, view.target, Surfaces::Opaque);
-        }
-        span.end(ctx.command_encoder());
-    }
+    let watches = !culled && passes.reflect(&mut ctx, &context, &mut vrs, view.target, Surfaces::Opaque);
     if probes {
         culling.report(
             ctx.command_encoder(),

@@ -3,32 +3,19 @@
 
 use super::{find::FindPass, prepare::FrontLayer};
 use crate::{
-    composite::{CompositePipelines, Surfaces, composite_reflection},
-    denoise::{DenoisePipelines, denoise},
-    diagnostics::{TotalTimeOnly, WithoutReflections},
+    composite::Surfaces,
     gbuffer::{GBufferBindings, PassContext},
-    rate::{RatePipelines, determine_rates},
-    settings::ReflectionTechnique,
-    trace::{PassResources, PassView, VrsPass, trace_rays},
+    passes::PassPipelines,
+    trace::{PassResources, PassView, VrsPass},
 };
 use bevy::{
-    ecs::{prelude::*, system::SystemParam},
+    ecs::prelude::*,
     render::{
         diagnostic::RecordDiagnostics,
         renderer::{RenderContext, ViewQuery},
     },
 };
 use core::sync::atomic::Ordering;
-
-/// Pipelines of the passes, besides those that trace.
-#[derive(SystemParam)]
-pub(super) struct LayerPipelines<'w> {
-    rate: Option<Res<'w, RatePipelines>>,
-    denoise: Option<Res<'w, DenoisePipelines>>,
-    composite: Option<Res<'w, CompositePipelines>>,
-    total_only: Option<Res<'w, TotalTimeOnly>>,
-    without_reflections: Option<Res<'w, WithoutReflections>>,
-}
 
 /// The same passes see the layer in the place of Bevy's G-buffer.
 fn context_of<'a>(opaque: &PassContext<'a>, front: &'a FrontLayer) -> Option<PassContext<'a>> {
@@ -84,7 +71,7 @@ pub(super) fn find_front_layers(
 pub(super) fn reflect_on_front_layers(
     view: ViewQuery<(PassView, &FrontLayer)>,
     resources: PassResources,
-    pipelines: LayerPipelines,
+    pipelines: PassPipelines,
     mut vrs: VrsPass,
     mut ctx: RenderContext,
 ) {
@@ -93,39 +80,21 @@ pub(super) fn reflect_on_front_layers(
     if front.rects.is_empty() || !front.is_found.load(Ordering::Relaxed) {
         return;
     }
-    let (Some(rate), Some(denoisers), Some(composite), Some(trace), Some(opaque)) = (
-        &pipelines.rate,
-        &pipelines.denoise,
-        &pipelines.composite,
-        resources.trace.as_deref(),
-        resources.context(entity, &view),
+    let diagnostics = ctx.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    let opaque = resources.context(entity, &view);
+    let (Some(passes), Some(context)) = (
+        pipelines.passes(resources.trace.as_deref(), diagnostics),
+        opaque.and_then(|opaque| context_of(&opaque, front)),
     ) else {
         return;
     };
-    let Some(context) = context_of(&opaque, front) else {
-        return;
-    };
 
-    let diagnostics = ctx.diagnostic_recorder();
-    let diagnostics = diagnostics.as_deref();
     let total = diagnostics.time_span(ctx.command_encoder(), "glint_front_layer");
-    let stages = diagnostics.filter(|_| pipelines.total_only.is_none());
     let targets = context.targets();
     ctx.command_encoder().clear_buffer(&targets.counters, 0, None);
     ctx.command_encoder().clear_buffer(&targets.indirect_args, 0, None);
-    if context.view.settings.technique != ReflectionTechnique::Converged {
-        let span = stages.time_span(ctx.command_encoder(), "rate");
-        determine_rates(&mut ctx, rate, &context);
-        span.end(ctx.command_encoder());
-    }
-    let span = stages.time_span(ctx.command_encoder(), "trace");
-    trace_rays(&mut ctx, trace, &context, &mut vrs);
-    span.end(ctx.command_encoder());
-    denoise(&mut ctx, denoisers, &context, stages);
-    let span = stages.time_span(ctx.command_encoder(), "composite");
-    if pipelines.without_reflections.is_none() {
-        composite_reflection(&mut ctx, composite, &context, view.target, Surfaces::FrontLayer);
-    }
-    span.end(ctx.command_encoder());
+    passes.rate(&mut ctx, &context);
+    passes.reflect(&mut ctx, &context, &mut vrs, view.target, Surfaces::FrontLayer);
     total.end(ctx.command_encoder());
 }

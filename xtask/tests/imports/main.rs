@@ -108,7 +108,7 @@ fn the_code_is_read() {
     for known in [
         // A name of a module's own, one that a folder hands on, and a shader.
         ("src/node.rs", "src/gbuffer.rs"),
-        ("src/node.rs", "src/rate/classify.rs"),
+        ("src/passes.rs", "src/rate/classify.rs"),
         ("src/trace/rays.wesl", "src/scene/shading.wesl"),
     ] {
         let (from, to) = (known.0.to_owned(), known.1.to_owned());
