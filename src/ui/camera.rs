@@ -30,7 +30,7 @@ pub struct CameraSettings {
     pub tile_size: ShadingRateTileSize,
     /// Its budget of GPU time, if it has one.
     pub budget: Option<ReflectionBudget>,
-    /// What the budget leaves of the settings at present. It is shown and never written.
+    /// Part of the settings that the budget leaves at present. It is shown and never written.
     pub effort: ReflectionEffort,
     /// Debug view that is shown instead of the picture.
     pub debug_view: ReflectionDebugView,
