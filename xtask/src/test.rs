@@ -25,7 +25,7 @@ use crate::progress::{self, Elapsed, Times};
 const JOBS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);
 /// Tests of one program that run at a time, unless the environment says otherwise: each GPU test has a device of its own, and the
 /// CPU driver uses every core.
-const THREADS: (&str, &str) = ("RUST_TEST_THREADS", "2");
+const THREADS: (&str, &str) = ("RUST_TEST_THREADS", "3");
 /// The CPU driver allocates and frees megabytes in each frame: glibc keeps them instead of giving them back to the system, which would
 /// clear their pages again. It saves a tenth of the time of tests that draw.
 const KEPT_MEMORY: [(&str, &str); 2] = [

@@ -5,7 +5,7 @@ use crate::{
     harness::Harness,
     invariants::{Problem, ProblemKind},
 };
-use bevy::prelude::*;
+use bevy::{camera::RenderTarget, prelude::*};
 use bevy_glint::{
     RayTracedReflections, ReflectionBackend, ReflectionDebugView, ReflectionTechnique, ShadingRate,
     ShadingRateHeuristic,
@@ -77,6 +77,13 @@ fn copy_both(harness: &Harness, cameras: [Entity; 2], target: Target) -> Option<
 
 /// Restarts cameras in the same frame, so that they draw the same samples, and renders this many frames.
 pub fn restart(harness: &mut Harness, cameras: &[Entity], frames: u32) {
+    // Without a reflecting camera the scene would leave the GPU, and come back when its builds are done.
+    let keeper = harness.world().spawn((
+        Camera3d::default(),
+        RenderTarget::None { size: UVec2::ONE },
+        RayTracedReflections::default(),
+    ));
+    let keeper = keeper.id();
     for (is_active, frames) in [(false, 3), (true, frames)] {
         for camera in cameras {
             if let Some(mut camera) = harness.world().get_mut::<Camera>(*camera) {
@@ -85,6 +92,7 @@ pub fn restart(harness: &mut Harness, cameras: &[Entity], frames: u32) {
         }
         harness.step(frames);
     }
+    harness.world().despawn(keeper);
 }
 
 /// Describes by how much two copies of a target differ, if that is more than tolerated. `exact` tolerates nothing.
