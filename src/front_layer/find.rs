@@ -59,20 +59,26 @@ pub(super) fn init_find_pass(mut commands: Commands, asset_server: Res<AssetServ
     });
 }
 
-/// Has it compiled as soon as a camera wants it in a scene with see-through objects.
-pub(super) fn queue_layer_passes(
+/// Asks for rates of parts of a view as soon as a camera wants the layer in a scene with see-through objects.
+pub(super) fn request_rates(views: Query<&ReflectionView>, mut rate: ResMut<RatePipelines>, scene: Res<SceneBindings>) {
+    if scene.see_through.entities().next().is_none() {
+        return;
+    }
+    for view in views.iter().filter(|view| view.settings.transparent) {
+        rate.request_parts(&view.rate);
+    }
+}
+
+/// Has the pass compiled under the same conditions.
+pub(super) fn queue_find_pass(
     views: Query<&ReflectionView>,
     mut find: ResMut<FindPass>,
-    mut rate: ResMut<RatePipelines>,
     scene: Res<SceneBindings>,
     cache: Res<PipelineCache>,
 ) {
     let is_wanted = views.iter().any(|view| view.settings.transparent);
     if !is_wanted || scene.see_through.entities().next().is_none() {
         return;
-    }
-    for view in views.iter().filter(|view| view.settings.transparent) {
-        rate.request_parts(&view.rate);
     }
     let FindPass { shader, pass, deep } = &mut *find;
     *deep = scene.has_deep_trees();

@@ -31,10 +31,10 @@ use bevy::{
     },
     ecs::schedule::IntoScheduleConfigs,
     pbr::main_transmissive_pass_3d,
-    render::{ExtractSchedule, Render, RenderApp, RenderStartup, init_gpu_resource},
+    render::{ExtractSchedule, Render, RenderApp, RenderStartup, RenderSystems, init_gpu_resource},
 };
 use boxes::{SeeThroughBoxes, extract_boxes};
-use find::{init_find_pass, queue_layer_passes};
+use find::{init_find_pass, queue_find_pass, request_rates};
 use passes::{find_front_layers, reflect_on_front_layers};
 use prepare::prepare_front_layers;
 
@@ -57,7 +57,11 @@ impl Plugin for FrontLayerPlugin {
             .add_systems(
                 Render,
                 (
-                    queue_layer_passes.in_set(ReflectionSystems::QueuePipelines),
+                    request_rates
+                        .after(ReflectionSystems::RequestPipelines)
+                        .before(ReflectionSystems::QueuePipelines)
+                        .in_set(RenderSystems::PrepareResourcesFlush),
+                    queue_find_pass.in_set(ReflectionSystems::QueuePipelines),
                     prepare_front_layers
                         .after(PreparedViews)
                         .in_set(ReflectionSystems::PrepareViews),

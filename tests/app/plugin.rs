@@ -65,9 +65,10 @@ fn no_system_order_is_left_to_chance() {
     let (Some(without), Some(with)) = (without, with) else {
         return;
     };
-    for (schedule, count) in &with {
-        let before = without.get(schedule).copied().unwrap_or(0);
-        assert_eq!(*count, before, "new ambiguities in {schedule:?}");
+    for (schedule, pairs) in &with {
+        let before = without.get(schedule).map_or(&[][..], Vec::as_slice);
+        let new: Vec<_> = pairs.iter().filter(|pair| !before.contains(pair)).collect();
+        assert!(new.is_empty(), "{schedule:?}: {new:#?}");
     }
 }
 
@@ -157,7 +158,8 @@ fn systems_of_an_app_run_before_and_after_those_of_the_plugin() {
     }
 }
 
-fn ambiguities(add: impl FnOnce(&mut App)) -> Option<HashMap<(bool, InternedScheduleLabel), usize>> {
+/// Systems that may run in either order, and the data that both touch, by schedule.
+fn ambiguities(add: impl FnOnce(&mut App)) -> Option<HashMap<(bool, InternedScheduleLabel), Vec<String>>> {
     let mut app = App::new();
     app.add_plugins(
         DefaultPlugins
@@ -188,7 +190,7 @@ fn ambiguities(add: impl FnOnce(&mut App)) -> Option<HashMap<(bool, InternedSche
         println!("skipped: no GPU");
         return None;
     }
-    let mut counts = HashMap::default();
+    let mut pairs = HashMap::default();
     app.sub_app_mut(RenderApp).init_resource::<MainWorld>();
     for in_render_world in [false, true] {
         let sub_app = if in_render_world {
@@ -212,12 +214,23 @@ fn ambiguities(add: impl FnOnce(&mut App)) -> Option<HashMap<(bool, InternedSche
                 .collect()
         };
         for label in labels {
-            let count = sub_app.world_mut().schedule_scope(label, |world, schedule| {
+            let found = sub_app.world_mut().schedule_scope(label, |world, schedule| {
                 schedule.initialize(world).unwrap().unwrap();
-                schedule.graph().conflicting_systems().len()
+                let names: HashMap<_, _> = schedule
+                    .systems()
+                    .unwrap()
+                    .map(|(key, system)| (key, system.name()))
+                    .collect();
+                let conflicts = schedule.graph().conflicting_systems().iter();
+                conflicts
+                    .map(|(a, b, data)| {
+                        let data = data.iter().map(|id| world.components().get_name(*id));
+                        format!("{} and {}: {:?}", names[a], names[b], data.collect::<Vec<_>>())
+                    })
+                    .collect()
             });
-            counts.insert((in_render_world, label), count);
+            pairs.insert((in_render_world, label), found);
         }
     }
-    Some(counts)
+    Some(pairs)
 }
