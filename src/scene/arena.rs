@@ -297,6 +297,31 @@ mod tests {
     use super::*;
     use crate::scene::test_gpu;
     use bevy::render::render_resource::BufferInitDescriptor;
+    use std::sync::mpsc::channel;
+    use wgpu::ErrorFilter;
+
+    /// While memory is asked for, Bevy compiles shaders on other threads, each of them in a scope of its own.
+    #[test]
+    fn error_scopes_of_threads_are_apart() {
+        let Some((device, _)) = test_gpu::device() else {
+            return;
+        };
+        let (begin, begun) = channel();
+        let (end, ended) = channel::<()>();
+        std::thread::scope(|threads| {
+            let scope = device.wgpu_device().push_error_scope(ErrorFilter::OutOfMemory);
+            let device = &device;
+            threads.spawn(move || {
+                let scope = device.wgpu_device().push_error_scope(ErrorFilter::Validation);
+                _ = begin.send(());
+                _ = ended.recv();
+                drop(scope.pop());
+            });
+            _ = begun.recv();
+            drop(scope.pop());
+            _ = end.send(());
+        });
+    }
 
     #[test]
     fn growth_keeps_writes_of_the_same_frame() {
