@@ -11,8 +11,8 @@ use bevy::{
     math::UVec2,
     render::{
         render_resource::{
-            Buffer, BufferDescriptor, BufferUsages, Extent3d, TextureDescriptor, TextureDimension, TextureFormat,
-            TextureUsages, TextureView, TextureViewDescriptor,
+            Buffer, BufferDescriptor, BufferUsages, Extent3d, Texture, TextureDescriptor, TextureDimension,
+            TextureFormat, TextureUsages, TextureView, TextureViewDescriptor,
         },
         renderer::RenderDevice,
     },
@@ -174,6 +174,32 @@ pub struct HistoryTargets {
     pub surface: [TextureView; 2],
 }
 
+/// A texture of one level that shaders read, and its bytes.
+pub(crate) fn create_texture(
+    device: &RenderDevice,
+    size: UVec2,
+    format: TextureFormat,
+    usage: TextureUsages,
+    label: &'static str,
+) -> (Texture, u64) {
+    let texture = device.create_texture(&TextureDescriptor {
+        label: Some(label),
+        size: Extent3d {
+            width: size.x,
+            height: size.y,
+            depth_or_array_layers: 1,
+        },
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: TextureDimension::D2,
+        format,
+        usage: TextureUsages::TEXTURE_BINDING | usage,
+        view_formats: &[],
+    });
+    let texel = format.block_copy_size(None).unwrap_or(16);
+    (texture, u64::from(size.x) * u64::from(size.y) * u64::from(texel))
+}
+
 struct Creator<'a> {
     device: &'a RenderDevice,
     memory: Vec<(&'static str, u64)>,
@@ -182,26 +208,12 @@ struct Creator<'a> {
 impl Creator<'_> {
     fn texture(&mut self, size: UVec2, format: TextureFormat, label: &'static str) -> TextureView {
         let size = size.max(UVec2::ONE);
-        let texel = u64::from(format.block_copy_size(None).unwrap_or(16));
-        self.memory.push((label, u64::from(size.x) * u64::from(size.y) * texel));
-        let mut usage = TextureUsages::TEXTURE_BINDING | TextureUsages::STORAGE_BINDING | TextureUsages::COPY_SRC;
+        let mut usage = TextureUsages::STORAGE_BINDING | TextureUsages::COPY_SRC;
         if matches!(format, RAY_RADIANCE_FORMAT | RAY_SAMPLE_FORMAT) {
             usage |= TextureUsages::RENDER_ATTACHMENT;
         }
-        let texture = self.device.create_texture(&TextureDescriptor {
-            label: Some(label),
-            size: Extent3d {
-                width: size.x,
-                height: size.y,
-                depth_or_array_layers: 1,
-            },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: TextureDimension::D2,
-            format,
-            usage,
-            view_formats: &[],
-        });
+        let (texture, bytes) = create_texture(self.device, size, format, usage, label);
+        self.memory.push((label, bytes));
         texture.create_view(&TextureViewDescriptor {
             label: Some(label),
             ..Default::default()

@@ -1,6 +1,6 @@
 //! The textures of a front layer: a G-buffer of its own.
 
-use crate::gbuffer::PassContext;
+use crate::{gbuffer::PassContext, targets::create_texture};
 use bevy::{
     color::LinearRgba,
     core_pipeline::prepass::NORMAL_PREPASS_FORMAT,
@@ -8,8 +8,7 @@ use bevy::{
     render::{
         render_resource::{
             Buffer, BufferDescriptor, BufferUsages, Extent3d, Origin3d, TexelCopyBufferInfo, TexelCopyBufferLayout,
-            TexelCopyTextureInfo, Texture, TextureAspect, TextureDescriptor, TextureDimension, TextureFormat,
-            TextureUsages, TextureView, TextureViewDescriptor,
+            TexelCopyTextureInfo, TextureAspect, TextureFormat, TextureUsages, TextureView, TextureViewDescriptor,
         },
         renderer::{RenderContext, RenderDevice},
         texture::{CachedTexture, ColorAttachment},
@@ -46,27 +45,12 @@ pub(super) struct LayerTextures {
 impl LayerTextures {
     pub fn new(device: &RenderDevice, size: UVec2) -> Self {
         let mut memory = Vec::new();
-        let mut texture =
-            |format: TextureFormat, usage: TextureUsages, label: &'static str| -> (Texture, TextureView) {
-                let texel = u64::from(format.block_copy_size(None).unwrap_or(NORMAL_BYTES));
-                memory.push((label, u64::from(size.x) * u64::from(size.y) * texel));
-                let texture = device.create_texture(&TextureDescriptor {
-                    label: Some(label),
-                    size: Extent3d {
-                        width: size.x,
-                        height: size.y,
-                        depth_or_array_layers: 1,
-                    },
-                    mip_level_count: 1,
-                    sample_count: 1,
-                    dimension: TextureDimension::D2,
-                    format,
-                    usage: TextureUsages::TEXTURE_BINDING | usage,
-                    view_formats: &[],
-                });
-                let view = texture.create_view(&TextureViewDescriptor::default());
-                (texture, view)
-            };
+        let mut texture = |format: TextureFormat, usage: TextureUsages, label: &'static str| {
+            let (texture, bytes) = create_texture(device, size, format, usage, label);
+            memory.push((label, bytes));
+            let view = texture.create_view(&TextureViewDescriptor::default());
+            (texture, view)
+        };
         let written = TextureUsages::STORAGE_BINDING;
         let (_, words) = texture(WORDS_FORMAT, written, "glint_front_layer");
         let (_, motion) = texture(MOTION_FORMAT, written, "glint_front_layer_motion");

@@ -58,3 +58,75 @@ impl Lightmaps {
         self.images.is_empty()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        device::ReflectionTextureMode,
+        scene::{
+            instances::{InstanceSource, LightmapSource},
+            test_gpu,
+        },
+    };
+    use bevy::{
+        asset::uuid::Uuid,
+        ecs::{entity::Entity, world::FromWorld, world::World},
+        math::Affine3A,
+        pbr::StandardMaterial,
+    };
+
+    fn image(number: u128) -> AssetId<Image> {
+        let uuid = Uuid::from_u128(number);
+        AssetId::Uuid { uuid }
+    }
+
+    #[test]
+    fn a_lightmap_without_room_waits_for_some_and_gives_it_back() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let mut world = World::new();
+        world.insert_resource(device);
+        world.insert_resource(queue);
+        let mut textures = TextureTable::from_world(&mut world);
+        let ReflectionTextureMode::Bindless { textures: room } = textures.mode() else {
+            panic!("test devices have binding arrays");
+        };
+        let others = u128::from(room);
+        assert!((0..others).all(|other| textures.acquire(image(other))));
+
+        let entity = Entity::from_bits(3);
+        let mut instances = SceneInstances::default();
+        instances.set(InstanceSource {
+            entity,
+            mesh: AssetId::default(),
+            material: AssetId::<StandardMaterial>::default().untyped(),
+            world_from_object: Affine3A::IDENTITY,
+            casts_shadow: true,
+            receives_shadow: true,
+            lightmap: Some(Box::new(LightmapSource {
+                image: image(others),
+                rect: [0; 2],
+            })),
+        });
+        let mut lightmaps = Lightmaps::default();
+        let mut follow = |dirty: &[u32], instances: &SceneInstances, textures: &mut TextureTable| {
+            let mut dirty = dirty.to_vec();
+            lightmaps.follow(&mut dirty, false, instances, textures);
+            (dirty, lightmaps.is_empty())
+        };
+        assert_eq!(follow(&[0], &instances, &mut textures), (vec![0], true), "it is full");
+        assert_eq!(follow(&[], &instances, &mut textures), (vec![], true), "it stays full");
+        textures.release(image(0));
+        assert_eq!(
+            follow(&[], &instances, &mut textures),
+            (vec![0], false),
+            "there is room"
+        );
+        assert!(!textures.acquire(image(0)), "it is full again");
+        instances.remove(entity);
+        assert_eq!(follow(&[0], &instances, &mut textures), (vec![0], true), "it is gone");
+        assert!(textures.acquire(image(0)), "it gave its place back");
+    }
+}

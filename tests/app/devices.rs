@@ -2,7 +2,7 @@
 
 use crate::{
     common::app_of,
-    pictures::{COARSE, PATIENCE, assert_flip, dump, flip, use_coarse_shadow_maps, warm_up},
+    pictures::{COARSE, PATIENCE, assert_flip, flip, use_coarse_shadow_maps, warm_up},
     stage::report,
 };
 use bevy::{
@@ -104,7 +104,6 @@ fn lesser_devices_show_the_same_picture() {
         let name = format!("device-without-{}", device.name.replace(' ', "-"));
         let (actual, textures) = picture(&device, true).expect("the full device traces");
         println!("{name}: {textures:?}");
-        dump(&name, SIZE, &expected, &actual);
         assert_flip(&name, SIZE, &expected, &actual, SAME);
         let has_layers = matches!(textures, Some(ReflectionTextureMode::Layers { .. }));
         let lacks_arrays = device.lacks().contains(WgpuFeatures::TEXTURE_BINDING_ARRAY);

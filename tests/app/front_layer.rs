@@ -309,7 +309,7 @@ fn orthographic_cameras_and_split_screens_have_layers() {
         for (red, expected) in shown.into_iter().zip([0.16, 0.0, 0.16, 0.0]) {
             assert!((red - expected).abs() < 0.02, "{tracer:?}: {shown:?}");
         }
-        // What has left a place is no longer seen there.
+        // A pane that moves away is no longer seen at its old place.
         app.world()
             .entity_mut(pane)
             .insert(before(3.0).with_translation(before(3.0).translation + 20.0 * Vec3::X));

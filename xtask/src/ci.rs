@@ -35,7 +35,7 @@ pub fn run() -> Result<()> {
         let reason = format!("`rustup target add {}` brings what it needs", web::TARGET);
         checks.skip("library for browsers", &reason);
     }
-    let tests = test::measure(&test::Options::default(), &mut checks.times, None);
+    let tests = test::measure(&test::Options::default(), &mut checks.times);
     checks.note_failure("tests", tests);
     checks.times.add("in all", start.elapsed(), "");
     progress::result(format_args!("\n{}", checks.times));

@@ -26,8 +26,9 @@ const JOBS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);
 /// Tests of one program that run at a time, unless the environment says otherwise: each GPU test has a device of its own, and the
 /// CPU driver uses every core.
 const THREADS: (&str, &str) = ("RUST_TEST_THREADS", "3");
-/// The CPU driver allocates and frees megabytes in each frame: glibc keeps them instead of giving them back to the system, which would
-/// clear their pages again. It saves a tenth of the time of tests that draw.
+/// Settings of glibc (`mallopt(3)`), in bytes: the size from which blocks come straight from the system, and the free memory above which
+/// some goes back. The CPU driver allocates and frees megabytes in each frame, whose pages the system would clear each time. It saves a
+/// tenth of the CPU time of tests that draw; with more, programs hold more memory that they don't use.
 const KEPT_MEMORY: [(&str, &str); 2] = [
     ("MALLOC_MMAP_THRESHOLD_", "268435456"),
     ("MALLOC_TRIM_THRESHOLD_", "1073741824"),
@@ -64,13 +65,13 @@ impl Default for Options {
 /// Builds and runs the tests.
 pub fn run(options: &Options) -> Result<()> {
     let mut times = Times::default();
-    let result = measure(options, &mut times, None);
+    let result = measure(options, &mut times);
     progress::result(format_args!("\n{times}"));
     result
 }
 
-/// The same, with the time of each program written down. `beside` is one more program, which runs beside the tests.
-pub fn measure(options: &Options, times: &mut Times, beside: Option<Test>) -> Result<()> {
+/// The same, with the time of each program written down.
+pub fn measure(options: &Options, times: &mut Times) -> Result<()> {
     driver::prepare(Need::RayQuery)?;
     let translator = times.step("build of the translator", || cargo::program_apart("tools/translate"))?;
     // Without the examples: a test includes their code, so that to link each of them would prove nothing more.
@@ -92,7 +93,6 @@ pub fn measure(options: &Options, times: &mut Times, beside: Option<Test>) -> Re
             test.command.arg("--color=always");
         }
     }
-    tests.splice(..0, beside);
     let start = Instant::now();
     let outcomes = run_all(tests, options.jobs, progress::raw);
     let time = start.elapsed();
@@ -133,11 +133,9 @@ fn defaults() -> Vec<(&'static str, &'static str)> {
 }
 
 /// A test program to run.
-pub struct Test {
-    /// Its name in the table of times.
-    pub name: String,
-    /// Fails if a test does.
-    pub command: Command,
+struct Test {
+    name: String,
+    command: Command,
 }
 
 /// A test program is named after its source file.
