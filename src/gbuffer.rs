@@ -117,7 +117,7 @@ impl<'a> PassContext<'a> {
 }
 
 /// Finds a texture of a view; `None` where the view has none.
-type FindTexture = for<'a> fn(&PassContext<'a>) -> Option<&'a TextureView>;
+pub(crate) type FindTexture = for<'a> fn(&PassContext<'a>) -> Option<&'a TextureView>;
 /// Finds a buffer of a view; `None` where the view has none.
 type FindBuffer = for<'a> fn(&PassContext<'a>) -> Option<&'a Buffer>;
 

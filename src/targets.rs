@@ -128,8 +128,8 @@ pub struct PipelineTargets {
     pub ray_sample: TextureView,
     /// [`HIT_FORMAT`] (twice as large as trace): exists only where no other texture can hold it, see [`Self::hits`].
     own_hits: Option<TextureView>,
-    /// [`RADIANCE_FORMAT`] (full): the reconstructed radiance; alpha is the relative variance of its mean. The blur writes its
-    /// result here, too, and mirror rays their radiance: see [`Self::mirror_radiance`] and [`Self::blurred`].
+    /// [`RADIANCE_FORMAT`] (full): the reconstructed radiance; alpha is the relative variance of its mean. Mirror rays write their
+    /// radiance here, too: see [`Self::mirror_radiance`].
     pub reconstructed: TextureView,
     /// [`STATS_FORMAT`] (full): `pack2x16float(hit distance, 16 w / (1 + w))`, with the mean weight w of the rays, 1 where it is as
     /// expected; 0 where nothing reflects.
@@ -154,11 +154,6 @@ impl PipelineTargets {
     /// Texture into which mirror rays write their hit distance and the number of their rays.
     pub fn mirror_stats(&self) -> &TextureView {
         &self.reconstructed_stats
-    }
-
-    /// Texture into which the blur writes, once the history has taken over the reconstructed radiance.
-    pub fn blurred(&self) -> &TextureView {
-        &self.reconstructed
     }
 }
 

@@ -14,7 +14,7 @@ mod resolve;
 pub use pipelines::CompositePipelines;
 
 pub(crate) use pipelines::composite_reflection;
-pub(crate) use resolve::{Surfaces, composited_radiance};
+pub(crate) use resolve::{Surfaces, composited_radiance, history, or_gbuffer, shown_bindings};
 
 use crate::{device::tracing_app, schedule::ReflectionSystems};
 use bevy::{

@@ -2,9 +2,10 @@
 
 use super::{
     add::AddPass,
-    resolve::{Resolve, Surfaces},
+    resolve::{Resolve, ResolveVariant, Surfaces},
 };
 use crate::{
+    denoise,
     device::{FRAME_FORMAT, WritesInPlace},
     gbuffer::{GBufferPass, PassContext, PassShader},
     settings::{ClampedSettings, ReflectionTechnique, ReflectionView},
@@ -29,10 +30,10 @@ use bevy::{
 #[derive(Resource)]
 pub struct CompositePipelines {
     shader: Handle<Shader>,
-    resolve: HashMap<Resolve, GBufferPass<Surfaces>>,
+    resolve: HashMap<Resolve, GBufferPass<ResolveVariant>>,
     add: AddPass,
     /// Requested passes, each with the format of its frames.
-    wanted: HashSet<(Resolve, Surfaces, TextureFormat)>,
+    wanted: HashSet<(Resolve, ResolveVariant, TextureFormat)>,
 }
 
 /// The pass that resolves the reflection of a view with these settings.
@@ -48,7 +49,7 @@ impl CompositePipelines {
     pub(crate) fn request(&mut self, settings: &ClampedSettings, format: TextureFormat, in_place: WritesInPlace) {
         let resolve = resolve_of(settings, format, in_place);
         self.wanted
-            .extend(Surfaces::of(settings).map(|surfaces| (resolve, surfaces, format)));
+            .extend(ResolveVariant::of(settings).map(|variant| (resolve, variant, format)));
     }
 
     /// All that the opaque surfaces of a view with frames of this format need can be used.
@@ -60,7 +61,11 @@ impl CompositePipelines {
         in_place: WritesInPlace,
     ) -> bool {
         let resolve = resolve_of(settings, format, in_place);
-        self.resolve[&resolve].pipeline(&Surfaces::Opaque, cache).is_some()
+        let variant = ResolveVariant {
+            surfaces: Surfaces::Opaque,
+            blurs: denoise::blurs(settings),
+        };
+        self.resolve[&resolve].pipeline(&variant, cache).is_some()
             && (resolve != Resolve::Apart || self.add.is_ready(format, cache))
     }
 }
@@ -88,11 +93,11 @@ pub(super) fn queue_composite_pipelines(mut pipelines: ResMut<CompositePipelines
         add,
         wanted,
     } = &mut *pipelines;
-    for &(kind, surfaces, format) in &*wanted {
+    for &(kind, variant, format) in &*wanted {
         if let Some(pass) = resolve.get_mut(&kind) {
-            pass.queue(surfaces, &cache, || PassShader {
+            pass.queue(variant, &cache, || PassShader {
                 shader: shader.clone(),
-                defs: [kind.shader_defs(), surfaces.shader_defs()].concat(),
+                defs: [kind.shader_defs(), variant.shader_defs()].concat(),
                 entry_point: Some("resolve"),
             });
         }

@@ -4,9 +4,9 @@ use crate::{
     common::{TILE_DISPATCH, word_offset},
     denoise,
     device::FRAME_FORMAT,
-    gbuffer::{Binding, GBufferPass, OtherGroups, PassContext},
+    gbuffer::{Binding, FindTexture, GBufferPass, OtherGroups, PassContext},
     settings::ClampedSettings,
-    targets::REFLECTION_FORMAT,
+    targets::{HistoryTargets, REFLECTION_FORMAT},
 };
 use bevy::{
     render::{render_resource::TextureView, renderer::RenderContext},
@@ -32,11 +32,40 @@ impl Surfaces {
             .filter(move |surfaces| transparent || *surfaces == Self::Opaque)
     }
 
-    pub fn shader_defs(self) -> Vec<ShaderDefVal> {
+    fn shader_defs(self) -> Vec<ShaderDefVal> {
         match self {
             Self::Opaque => vec![],
             Self::FrontLayer => vec!["FRONT_LAYER".into()],
         }
+    }
+}
+
+/// A variant of the pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct ResolveVariant {
+    pub surfaces: Surfaces,
+    /// The last filter of the denoiser is part of it.
+    pub blurs: bool,
+}
+
+impl ResolveVariant {
+    /// The variants that a view's settings need: without history nothing is blurred.
+    pub fn of(settings: &ClampedSettings) -> impl Iterator<Item = Self> + use<> {
+        let blurs = denoise::blurs(settings);
+        Surfaces::of(settings).flat_map(move |surfaces| {
+            [false, true]
+                .into_iter()
+                .filter(move |&blur| blurs || !blur)
+                .map(move |blurs| Self { surfaces, blurs })
+        })
+    }
+
+    pub fn shader_defs(self) -> Vec<ShaderDefVal> {
+        let mut defs = self.surfaces.shader_defs();
+        if self.blurs {
+            defs.push("BLUR".into());
+        }
+        defs
     }
 }
 
@@ -71,17 +100,14 @@ impl Resolve {
         }
     }
 
-    pub fn pass(self) -> GBufferPass<Surfaces> {
+    pub fn pass(self) -> GBufferPass<ResolveVariant> {
         let output = match self {
             Self::Apart => Binding::written(REFLECTION_FORMAT, |context| context.targets().reflection.as_ref()),
             Self::InPlace | Self::InPlaceTiles => Binding::read_written(FRAME_FORMAT, |context| Some(context.frame)),
         };
-        let mut bindings = vec![
-            Binding::floats(composited_radiance),
-            // Without SSAO something must be bound; the shader doesn't read it.
-            Binding::floats(|context| context.ssao.or_else(|| composited_radiance(context))),
-            output,
-        ];
+        // Without SSAO something must be bound; the shader doesn't read it.
+        let mut bindings = shown_bindings(|context| context.ssao.or_else(|| composited_radiance(context)));
+        bindings.push(output);
         if self == Self::InPlaceTiles {
             bindings.extend([
                 Binding::words(|context| Some(&context.targets().indirect_args)),
@@ -95,11 +121,13 @@ impl Resolve {
     pub fn run(
         self,
         ctx: &mut RenderContext,
-        pass: &GBufferPass<Surfaces>,
+        pass: &GBufferPass<ResolveVariant>,
         context: &PassContext,
         surfaces: Surfaces,
     ) -> bool {
-        let Some(mut pass) = pass.begin(ctx, context, [surfaces], &[]) else {
+        let blurs = context.history().is_some() && denoise::blurs(&context.view.settings);
+        let variants = [blurs, false].map(|blurs| ResolveVariant { surfaces, blurs });
+        let Some(mut pass) = pass.begin(ctx, context, variants, &[]) else {
             return false;
         };
         if self == Self::InPlaceTiles {
@@ -110,6 +138,29 @@ impl Resolve {
         }
         true
     }
+}
+
+/// Bindings 5 to 9 of the passes that show reflections: what `denoise/blur.wesl` binds, and `second` as binding 6.
+pub(crate) fn shown_bindings(second: FindTexture) -> Vec<Binding> {
+    vec![
+        Binding::floats(composited_radiance),
+        Binding::floats(second),
+        Binding::integers(|context| or_gbuffer(context, context.images().map(|images| &images.rate[context.now()]))),
+        Binding::integers(|context| or_gbuffer(context, history(context).map(|history| &history.stats[context.now()]))),
+        Binding::integers(|context| {
+            or_gbuffer(context, history(context).map(|history| &history.surface[context.now()]))
+        }),
+    ]
+}
+
+/// Textures of the history, if results are accumulated.
+pub(crate) fn history<'a>(context: &PassContext<'a>) -> Option<&'a HistoryTargets> {
+    context.images()?.history.as_ref()
+}
+
+/// Something must be bound in the place of a missing texture of integers; the shader doesn't read it.
+pub(crate) fn or_gbuffer<'a>(context: &PassContext<'a>, texture: Option<&'a TextureView>) -> Option<&'a TextureView> {
+    Some(texture.unwrap_or(context.gbuffer.gbuffer))
 }
 
 /// Radiance of lobes over their albedo, which the composite reads.

@@ -30,7 +30,7 @@ use bevy::{
 pub struct DebugPipelines {
     show_shader: Handle<Shader>,
     count_shader: Handle<Shader>,
-    show: HashMap<ShowPass, GBufferPass>,
+    show: HashMap<ShowPass, GBufferPass<bool>>,
     count: GBufferPass<&'static str>,
     /// Results of the passes of `count.wesl`.
     report: Buffer,
@@ -69,11 +69,14 @@ pub(super) fn queue_debug_pipelines(
             if extracted.target_format == FRAME_FORMAT {
                 let kind = ShowPass::of(shown);
                 if let Some(pass) = pipelines.show.get_mut(&kind) {
-                    pass.queue((), &cache, || PassShader {
-                        shader: pipelines.show_shader.clone(),
-                        defs: kind.shader_defs(),
-                        entry_point: Some("show"),
-                    });
+                    // Without history there is nothing to blur.
+                    for blurs in [false, kind.blurs(&view.settings)] {
+                        pass.queue(blurs, &cache, || PassShader {
+                            shader: pipelines.show_shader.clone(),
+                            defs: kind.shader_defs(blurs),
+                            entry_point: Some("show"),
+                        });
+                    }
                 }
             } else {
                 warn_once!(

@@ -2,11 +2,11 @@
 
 use super::sides::Side;
 use crate::{
-    composite::composited_radiance,
+    composite::{composited_radiance, history, or_gbuffer, shown_bindings},
+    denoise,
     device::FRAME_FORMAT,
     gbuffer::{Binding, GBufferPass, OtherGroups, PassContext},
-    settings::{RATE_LEGEND, ReflectionDebugView},
-    targets::HistoryTargets,
+    settings::{ClampedSettings, RATE_LEGEND, ReflectionDebugView},
 };
 use bevy::{
     render::{
@@ -59,24 +59,29 @@ impl ShowPass {
         }
     }
 
-    pub fn shader_defs(self) -> Vec<ShaderDefVal> {
-        match self {
-            Self::Reflection => vec!["REFLECTION".into()],
-            Self::Intermediate => vec![],
-        }
+    /// Returns whether the pass blurs what the view shows, as the composite does.
+    pub fn blurs(self, settings: &ClampedSettings) -> bool {
+        self == Self::Reflection && denoise::blurs(settings)
     }
 
-    pub fn pass(self) -> GBufferPass {
+    pub fn shader_defs(self, blurs: bool) -> Vec<ShaderDefVal> {
+        let defs = [("REFLECTION", self == Self::Reflection), ("BLUR", blurs)];
+        defs.into_iter()
+            .filter(|(_, holds)| *holds)
+            .map(|(name, _)| name.into())
+            .collect()
+    }
+
+    /// The pass, in variants that blur or don't.
+    pub fn pass(self) -> GBufferPass<bool> {
         let size = NonZeroU64::new(size_of::<GpuDebugSettings>() as u64);
-        let second = match self {
-            Self::Reflection => Binding::floats(|context| or_radiance(context, context.ssao)),
+        let mut bindings = match self {
+            Self::Reflection => shown_bindings(|context| or_radiance(context, context.ssao)),
             Self::Intermediate => {
-                Binding::floats(|context| or_radiance(context, context.images().map(|images| &images.ray_radiance)))
+                shown_bindings(|context| or_radiance(context, context.images().map(|images| &images.ray_radiance)))
             }
         };
-        let mut bindings = vec![
-            Binding::floats(composited_radiance),
-            second,
+        bindings.extend([
             Binding::given(binding_types::texture_2d(TextureSampleType::Float {
                 filterable: false,
             })),
@@ -85,10 +90,7 @@ impl ShowPass {
                 StorageTextureAccess::WriteOnly,
             )),
             Binding::given(binding_types::uniform_buffer_sized(false, size)),
-            Binding::integers(|context| {
-                or_gbuffer(context, context.images().map(|images| &images.rate[context.now()]))
-            }),
-        ];
+        ]);
         if self == Self::Reflection {
             return GBufferPass::new("glint_debug_reflection", bindings, OtherGroups::Environment);
         }
@@ -104,19 +106,9 @@ impl ShowPass {
                     history(context).map(|history| &history.radiance[context.now()]),
                 )
             }),
-            Binding::integers(|context| {
-                or_gbuffer(context, history(context).map(|history| &history.stats[context.now()]))
-            }),
-            Binding::integers(|context| {
-                or_gbuffer(context, history(context).map(|history| &history.surface[context.now()]))
-            }),
         ]);
         GBufferPass::new("glint_debug_intermediate", bindings, OtherGroups::None)
     }
-}
-
-fn history<'a>(context: &PassContext<'a>) -> Option<&'a HistoryTargets> {
-    context.images()?.history.as_ref()
 }
 
 /// Something must be bound in the place of a missing texture; the shader doesn't read it.
@@ -124,20 +116,16 @@ fn or_radiance<'a>(context: &PassContext<'a>, texture: Option<&'a TextureView>) 
     texture.or_else(|| composited_radiance(context))
 }
 
-/// The same for textures of integers.
-fn or_gbuffer<'a>(context: &PassContext<'a>, texture: Option<&'a TextureView>) -> Option<&'a TextureView> {
-    Some(texture.unwrap_or(context.gbuffer.gbuffer))
-}
-
 /// Draws one side of a view, from one texture of the frame into the other.
 pub(super) fn show_side(
     ctx: &mut RenderContext,
-    pass: &GBufferPass,
+    pass: &GBufferPass<bool>,
     context: &PassContext,
     target: &ViewTarget,
     side: &Side,
 ) {
-    if pass.pipeline(&(), context.cache).is_none() {
+    let blurs = context.history().is_some() && ShowPass::of(side.view).blurs(&context.view.settings);
+    if pass.pipeline(&blurs, context.cache).is_none() {
         return;
     }
     let settings = GpuDebugSettings {
@@ -158,7 +146,7 @@ pub(super) fn show_side(
         frame.destination.into_binding(),
         settings.as_entire_binding(),
     ];
-    if let Some(mut compute) = pass.begin(ctx, context, [()], &given) {
+    if let Some(mut compute) = pass.begin(ctx, context, [blurs], &given) {
         let size = target.main_texture().size();
         compute.dispatch_workgroups(size.width.div_ceil(8), size.height.div_ceil(8), 1);
     }

@@ -4,14 +4,12 @@
 //! |---|---|---|
 //! | `reconstruct` | rays of the neighbourhood | radiance at full resolution, its variance, hit distance, number of rays |
 //! | `temporal` | that, and the history of the last frame | the history of this frame |
-//! | `blur` | the history of this frame | what is shown |
 //!
-//! All visit the active tiles of the rate image alone. Shared by them: `tiles.wesl`, which thread works where; `neighbours.wesl`, whose
+//! Both visit the active tiles of the rate image alone. Shared by them: `tiles.wesl`, which thread works where; `neighbours.wesl`, whose
 //! rays a pixel borrows; `lobes.wesl`, what they weigh; `filters.wesl`, which surfaces match and how far history is trusted.
 //!
-//! The blur can't write to what it reads. With temporal accumulation it reads the history, and there alone it runs.
+//! The passes that show the reflection blur it on the way (`blur.wesl`).
 
-mod blur;
 mod pipelines;
 mod reconstruct;
 mod temporal;
@@ -19,7 +17,7 @@ mod tiles;
 
 pub use pipelines::DenoisePipelines;
 
-pub(crate) use pipelines::{denoise, result};
+pub(crate) use pipelines::{blurs, denoise, result};
 
 use crate::{device::tracing_app, schedule::ReflectionSystems};
 use bevy::{
@@ -39,13 +37,13 @@ impl Plugin for DenoisePlugin {
         if app.get_sub_app(RenderApp).is_none() {
             return;
         }
+        load_shader_library!(app, "blur.wesl");
         load_shader_library!(app, "filters.wesl");
         load_shader_library!(app, "lobes.wesl");
         load_shader_library!(app, "neighbours.wesl");
         load_shader_library!(app, "tiles.wesl");
         embedded_asset!(app, "reconstruct.wesl");
         embedded_asset!(app, "temporal.wesl");
-        embedded_asset!(app, "blur.wesl");
     }
 
     fn finish(&self, app: &mut App) {

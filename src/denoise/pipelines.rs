@@ -1,6 +1,6 @@
 //! The passes of the denoiser: which of them a view needs, and how they are compiled and run.
 
-use super::{blur, reconstruct, temporal};
+use super::{reconstruct, temporal, tiles::PassVariant};
 use crate::{
     common::{TILE_DISPATCH, WIDE_TILE_DISPATCH, word_offset},
     gbuffer::{GBufferPass, PassContext, PassShader},
@@ -26,8 +26,6 @@ enum DenoisePass {
     Reconstruct,
     /// Images to their mean over frames.
     Temporal,
-    /// Smooths the noise that is left.
-    Blur,
 }
 
 impl DenoisePass {
@@ -35,19 +33,17 @@ impl DenoisePass {
     fn of(settings: &ClampedSettings) -> impl Iterator<Item = Self> + use<> {
         let rays = settings.technique != ReflectionTechnique::Converged;
         let temporal = rays && settings.denoiser.temporal;
-        let blur = temporal && settings.denoiser.blur_radius > 0.0;
-        [
-            rays.then_some(Self::Reconstruct),
-            temporal.then_some(Self::Temporal),
-            blur.then_some(Self::Blur),
-        ]
-        .into_iter()
-        .flatten()
+        [rays.then_some(Self::Reconstruct), temporal.then_some(Self::Temporal)]
+            .into_iter()
+            .flatten()
     }
 
-    /// Returns whether the pass works on 16x16 pixels at a time, which takes rays that are fewer than pixels.
-    fn is_wide(self, settings: &ClampedSettings) -> bool {
-        self == Self::Reconstruct && settings.technique.trace_scale() > 1
+    /// The variant for a view whose picture is at rest or not. Wide workgroups take rays that are fewer than pixels.
+    fn variant(self, settings: &ClampedSettings, rest: bool) -> PassVariant {
+        PassVariant {
+            wide: self == Self::Reconstruct && settings.technique.trace_scale() > 1,
+            rest,
+        }
     }
 
     /// Entry point, and name of the span of GPU time.
@@ -55,7 +51,6 @@ impl DenoisePass {
         match self {
             Self::Reconstruct => "reconstruct",
             Self::Temporal => "temporal",
-            Self::Blur => "blur",
         }
     }
 }
@@ -63,21 +58,27 @@ impl DenoisePass {
 /// Pipelines of the denoiser.
 #[derive(Resource)]
 pub struct DenoisePipelines {
-    passes: HashMap<DenoisePass, (GBufferPass<bool>, Handle<Shader>)>,
-    /// Passes, and whether their workgroups are wide.
-    wanted: HashSet<(DenoisePass, bool)>,
+    passes: HashMap<DenoisePass, (GBufferPass<PassVariant>, Handle<Shader>)>,
+    wanted: HashSet<(DenoisePass, PassVariant)>,
 }
 
 impl DenoisePipelines {
     /// Asks for the passes of a view; they are compiled from the next frame on.
     pub(crate) fn request(&mut self, settings: &ClampedSettings) {
-        let passes = DenoisePass::of(settings);
-        self.wanted.extend(passes.map(|pass| (pass, pass.is_wide(settings))));
+        for rest in [false, true] {
+            let passes = DenoisePass::of(settings);
+            self.wanted
+                .extend(passes.map(|pass| (pass, pass.variant(settings, rest))));
+        }
     }
 
     /// All that a view's settings need can be used.
     pub(crate) fn is_ready(&self, cache: &PipelineCache, settings: &ClampedSettings) -> bool {
-        DenoisePass::of(settings).all(|pass| self.passes[&pass].0.pipeline(&pass.is_wide(settings), cache).is_some())
+        // The variant that does for all pictures.
+        DenoisePass::of(settings).all(|pass| {
+            let variant = pass.variant(settings, true);
+            self.passes[&pass].0.pipeline(&variant, cache).is_some()
+        })
     }
 }
 
@@ -94,10 +95,6 @@ pub(super) fn init_denoise_pipelines(mut commands: Commands, asset_server: Res<A
                 DenoisePass::Temporal,
                 (temporal::pass(), load_embedded_asset!(assets, "temporal.wesl")),
             ),
-            (
-                DenoisePass::Blur,
-                (blur::pass(), load_embedded_asset!(assets, "blur.wesl")),
-            ),
         ]),
         wanted: HashSet::default(),
     });
@@ -106,11 +103,11 @@ pub(super) fn init_denoise_pipelines(mut commands: Commands, asset_server: Res<A
 /// Queues what cameras asked for.
 pub(super) fn queue_denoise_pipelines(mut pipelines: ResMut<DenoisePipelines>, cache: Res<PipelineCache>) {
     let pipelines = &mut *pipelines;
-    for &(name, wide) in &pipelines.wanted {
+    for &(name, variant) in &pipelines.wanted {
         if let Some((pass, shader)) = pipelines.passes.get_mut(&name) {
-            pass.queue(wide, &cache, || PassShader {
+            pass.queue(variant, &cache, || PassShader {
                 shader: shader.clone(),
-                defs: if wide { vec!["WIDE".into()] } else { vec![] },
+                defs: variant.shader_defs(),
                 entry_point: Some(name.name()),
             });
         }
@@ -138,23 +135,31 @@ pub(crate) fn denoise(
             continue;
         }
         let span = diagnostics.time_span(ctx.command_encoder(), name.name());
-        let wide = name.is_wide(&context.view.settings);
-        let dispatch = if wide { WIDE_TILE_DISPATCH } else { TILE_DISPATCH };
-        if let Some(mut pass) = pipelines.passes[&name].0.begin(ctx, context, [wide], &[]) {
+        let rests = [context.textures.is_at_rest, true];
+        let variants = rests.map(|rest| name.variant(&context.view.settings, rest));
+        let dispatch = if variants[0].wide {
+            WIDE_TILE_DISPATCH
+        } else {
+            TILE_DISPATCH
+        };
+        if let Some(mut pass) = pipelines.passes[&name].0.begin(ctx, context, variants, &[]) {
             pass.dispatch_workgroups_indirect(&context.targets().indirect_args, word_offset(dispatch));
         }
         span.end(ctx.command_encoder());
     }
 }
 
-/// Radiance that the composite shows; `None` for techniques without rays to denoise.
+/// Returns whether what a history holds is blurred where it is shown.
+pub(crate) fn blurs(settings: &ClampedSettings) -> bool {
+    let denoiser = &settings.denoiser;
+    settings.technique != ReflectionTechnique::Converged && denoiser.temporal && denoiser.blur_radius > 0.0
+}
+
+/// Radiance that the composite shows, before the last blur; `None` for techniques without rays to denoise.
 pub(crate) fn result<'a>(context: &PassContext<'a>) -> Option<&'a TextureView> {
     let images = context.images()?;
     match context.history() {
-        Some((history, _)) if context.view.settings.denoiser.blur_radius <= 0.0 => {
-            Some(&history.radiance[context.now()])
-        }
-        Some(_) => Some(images.blurred()),
+        Some((history, _)) => Some(&history.radiance[context.now()]),
         None => Some(&images.reconstructed),
     }
 }

@@ -1,12 +1,12 @@
 //! Bindings of `reconstruct.wesl`.
 
-use super::tiles;
+use super::tiles::{self, PassVariant};
 use crate::{
     gbuffer::{Binding, GBufferPass, OtherGroups},
     targets::{RADIANCE_FORMAT, STATS_FORMAT},
 };
 
-pub(super) fn pass() -> GBufferPass<bool> {
+pub(super) fn pass() -> GBufferPass<PassVariant> {
     let mut bindings = tiles::bindings();
     bindings.extend([
         Binding::integers(|context| Some(&context.images()?.rate[context.now()])),

@@ -1,6 +1,7 @@
-//! Bindings of `tiles.wesl`.
+//! Bindings of `tiles.wesl`, and the variants of the passes that it serves.
 
 use crate::gbuffer::Binding;
+use bevy::shader::ShaderDefVal;
 
 /// The bindings that passes over the active tiles begin with.
 pub(super) fn bindings() -> Vec<Binding> {
@@ -8,4 +9,23 @@ pub(super) fn bindings() -> Vec<Binding> {
         Binding::words(|context| Some(&context.images()?.tile_list)),
         Binding::words(|context| Some(&context.targets().indirect_args)),
     ]
+}
+
+/// A variant of a pass over the active tiles.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub(super) struct PassVariant {
+    /// It works on 16x16 pixels at a time, not on 8x8.
+    pub wide: bool,
+    /// It knows pictures at rest. Those in motion take a variant without, which is faster.
+    pub rest: bool,
+}
+
+impl PassVariant {
+    pub fn shader_defs(self) -> Vec<ShaderDefVal> {
+        let defs = [("WIDE", self.wide), ("REST", self.rest)];
+        defs.into_iter()
+            .filter(|(_, holds)| *holds)
+            .map(|(name, _)| name.into())
+            .collect()
+    }
 }

@@ -42,8 +42,8 @@ pub enum ReflectionDebugView {
     /// Heat of the distance from the surface to what it reflects, as reconstruction found it, by its logarithm: blue 0.1 m, cyan
     /// 1 m, green 10 m, yellow 100 m, red 1,000 m. White is the sky.
     HitDistance,
-    /// Radiance of each pixel's lobe divided by the lobe's albedo after the whole denoiser: what the composite reads. In a white
-    /// furnace it is white.
+    /// Radiance of each pixel's lobe divided by the lobe's albedo, averaged over frames, before the last blur. In a white furnace it is
+    /// white.
     Reconstructed,
     /// Heat of the length of each pixel's history in frames: blue 0, red [`max_history`](crate::ReflectionDenoiser::max_history) and more.
     /// With [`ReflectionTechnique::Converged`](crate::ReflectionTechnique::Converged) the frames that were averaged.

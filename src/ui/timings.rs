@@ -17,7 +17,7 @@ const MIRROR_RAYS: DiagnosticPath = DiagnosticPath::const_new("render/reflection
 const HITS: DiagnosticPath = DiagnosticPath::const_new("render/reflection_hits");
 
 /// Passes in the order in which they run; others follow by name.
-const ORDER: [&str; 6] = ["rate", "trace", "reconstruct", "temporal", "blur", "composite"];
+const ORDER: [&str; 5] = ["rate", "trace", "reconstruct", "temporal", "composite"];
 /// Older measurements say nothing about the present.
 const STALE: Duration = Duration::from_secs(5);
 /// Measurements of one frame have one time; a pass that lags behind by more didn't run.
@@ -264,7 +264,7 @@ mod tests {
             ("render/glint/elapsed_gpu", 1.5, now),
             ("render/glint/trace/elapsed_gpu", 0.75, now),
             ("render/glint/rate/elapsed_gpu", 0.25, now),
-            ("render/glint/blur/elapsed_gpu", 0.5, before),
+            ("render/glint/temporal/elapsed_gpu", 0.5, before),
             ("render/glint/rate/elapsed_cpu", 0.5, now),
             ("render/glint_debug/elapsed_gpu", 0.5, now),
             ("render/reflection_rays", 300.0, now),

@@ -30,6 +30,8 @@ pub struct ReflectionTextures {
     /// Frames whose rays met a change, and changes of which nobody knows whether rays met them.
     met: [u32; 2],
     previous: Option<PreviousFrame>,
+    /// The picture of this frame is at rest, at least in part.
+    pub(crate) is_at_rest: bool,
     static_view: StaticView<ViewFingerprint>,
 }
 
@@ -47,6 +49,7 @@ impl ReflectionTextures {
             scene: 0,
             met: [0; 2],
             previous: None,
+            is_at_rest: false,
             static_view: StaticView::default(),
         }
     }
@@ -86,6 +89,7 @@ impl ReflectionTextures {
             static_frames: self.static_view.count(ViewFingerprint::new(view, frame, self.met)),
             previous: self.previous.replace(now).unwrap_or(now),
         };
+        self.is_at_rest = state.is_at_rest();
         let (sizes, rate) = (self.targets.sizes, &view.rate.thresholds);
         self.origin = frame.origin;
         self.uniform

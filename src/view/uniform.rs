@@ -163,6 +163,16 @@ pub(super) struct FrameState {
     pub previous: PreviousFrame,
 }
 
+/// Frames without a change after which clipping of the history begins to fade; `filters.wesl` has the same number.
+const REST_BEGIN: u32 = 8;
+
+impl FrameState {
+    /// The picture is at rest, at least in part: `rest_of` in `filters.wesl` is above 0.
+    pub fn is_at_rest(&self) -> bool {
+        self.static_frames > REST_BEGIN || (1..=self.static_frames).contains(&self.accumulated)
+    }
+}
+
 /// The camera of the last frame.
 #[derive(Clone, Copy)]
 pub(super) struct PreviousFrame {
@@ -275,5 +285,35 @@ impl From<Option<&DistanceFog>> for Fog {
             light_exponent: fog.directional_light_exponent,
             scattering,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_are_at_rest_after_static_frames() {
+        let is_at_rest = |static_frames, accumulated| {
+            FrameState {
+                sample_index: 0,
+                accumulated,
+                static_frames,
+                previous: PreviousFrame {
+                    clip_from_world: Mat4::IDENTITY,
+                    world_position: Vec3::ZERO,
+                    exposure: 1.0,
+                },
+            }
+            .is_at_rest()
+        };
+        assert!(!is_at_rest(0, 0), "a new view");
+        assert!(!is_at_rest(0, 40) && !is_at_rest(8, 40), "in motion, or just before");
+        assert!(is_at_rest(9, 40), "clipping begins to fade");
+        assert!(
+            is_at_rest(3, 3) && is_at_rest(3, 1),
+            "all that is accumulated is of this picture"
+        );
+        assert!(!is_at_rest(3, 0) && !is_at_rest(3, 4), "nothing or something else is");
     }
 }

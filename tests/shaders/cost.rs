@@ -54,7 +54,7 @@ const SCENE_PASSES: [(&str, &[&str]); 13] = [
 ];
 
 /// All others.
-const PASSES: [(&str, &[&str]); 23] = [
+const PASSES: [(&str, &[&str]); 27] = [
     ("rate/classify", &[]),
     ("rate/classify", &["ROUGHNESS"]),
     ("rate/classify", &["GRAZING", "TILE_ANGLES"]),
@@ -69,12 +69,15 @@ const PASSES: [(&str, &[&str]); 23] = [
     ("rate/classify", &["IMAGE"]),
     ("denoise/reconstruct", &[]),
     ("denoise/reconstruct", &["WIDE"]),
+    ("denoise/reconstruct", &["WIDE", "REST"]),
     ("denoise/temporal", &[]),
-    ("denoise/blur", &[]),
+    ("denoise/temporal", &["REST"]),
     ("composite/resolve", &[]),
     ("composite/resolve", &["IN_PLACE"]),
     ("composite/resolve", &["IN_PLACE", "TILES"]),
+    ("composite/resolve", &["IN_PLACE", "TILES", "BLUR"]),
     ("composite/resolve", &["IN_PLACE", "TILES", "FRONT_LAYER"]),
+    ("composite/resolve", &["IN_PLACE", "TILES", "FRONT_LAYER", "BLUR"]),
     ("composite/add", &[]),
     ("trace/vrs", &[]),
     ("scene/pose/pose", &[]),
@@ -84,6 +87,7 @@ const PASSES: [(&str, &[&str]); 23] = [
     ("debug/count", &[]),
     ("debug/show", &[]),
     ("debug/show", &["REFLECTION"]),
+    ("debug/show", &["REFLECTION", "BLUR"]),
 ];
 
 /// Names of the columns.

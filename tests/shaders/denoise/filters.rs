@@ -12,7 +12,9 @@ use bevy::math::{Quat, Vec3, Vec4, ivec2, uvec2, vec3, vec4};
 use std::collections::{BTreeMap, HashSet};
 
 const PLACES: &str = "
-import package::denoise::neighbours::{gradient_noise, neighbour_offset, neighbour_shift, neighbour_turn};
+import package::denoise::neighbours::{
+    gradient_noise, neighbour_shift, neighbour_sign, neighbour_step, neighbour_steps, neighbour_turn, places_within
+};
 
 @group(0) @binding(0) var<storage, read> inputs: array<vec4<u32>>;
 @group(0) @binding(1) var<storage, read_write> outputs: array<vec4<f32>>;
@@ -22,7 +24,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= arrayLength(&outputs) { return; }
     let i = inputs[id.x];
     if i.w == 0u {
-        outputs[id.x] = vec4(vec2<f32>(neighbour_offset(i.x, i.y)), 0.0, 0.0);
+        let step = neighbour_sign(i.y) * neighbour_step(neighbour_steps(i.y), i.x);
+        outputs[id.x] = vec4(f32(step), f32(places_within(f32(i.z) - 0.5)), f32(places_within(f32(i.z))), 0.0);
     } else {
         let shift = neighbour_shift(i.xy, i.z, vec2(i.w - 1u, 2u));
         outputs[id.x] = vec4(f32(neighbour_turn(i.xy, i.z)), gradient_noise(i.xy, i.z), vec2<f32>(shift));
@@ -33,14 +36,22 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 #[test]
 fn four_sets_cover_the_neighbourhood_once() {
     let Some(gpu) = Gpu::new() else { return };
+    let squared = |index, turn| neighbour_offset(index, turn).length_squared();
     let inputs: Vec<[u32; 4]> = (0..4)
-        .flat_map(|turn| (0..NEIGHBOURS).map(move |index| [index, turn, 0, 0]))
+        .flat_map(|turn| (0..NEIGHBOURS).map(move |index| [index, turn, squared(index, turn) as u32, 0]))
         .collect();
     let outputs: Vec<Vec4> = gpu.run(&flatten(PLACES, &[], &[]), &inputs, &[]);
     let mut taken = HashSet::new();
     for (&[index, turn, ..], output) in inputs.iter().zip(&outputs) {
-        let offset = output.truncate().truncate().as_ivec2();
-        assert_eq!(offset, neighbour_offset(index, turn));
+        let offset = neighbour_offset(index, turn);
+        assert_eq!(output.x as i32, offset.x + ROW * offset.y);
+        let nearer = |least: i32| (0..NEIGHBOURS).filter(|other| squared(*other, turn) < least).count();
+        let within = [nearer(squared(index, turn)), nearer(squared(index, turn) + 1)];
+        assert_eq!(
+            [output.y as usize, output.z as usize],
+            within,
+            "places within that of {index}"
+        );
         if index == 0 {
             assert_eq!(offset, ivec2(0, 0), "the own block comes first");
         } else {

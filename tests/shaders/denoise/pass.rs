@@ -48,9 +48,15 @@ pub struct View {
     pub tile_pixels: u32,
     /// Workgroups take 16x16 pixels, not 8x8.
     pub wide: bool,
+    /// Definitions of the pass besides.
+    pub defs: &'static [&'static str],
     /// In clip space, of all pixels.
     pub depth: f32,
 }
+
+/// Bindings of `tiles.wesl`.
+const TILE_LIST: u32 = 5;
+const INDIRECT_ARGS: u32 = 6;
 
 /// One dispatch over all tiles.
 pub struct Pass<'a> {
@@ -77,8 +83,9 @@ impl<'a> Pass<'a> {
         uniforms: impl Fn(&naga::Module) -> [Vec<u8>; 2],
     ) -> Self {
         let name = format!("bevy_glint/denoise/{entry}.wesl");
-        let wide = ["WIDE".into()];
-        let (wgsl, module) = shaders.expect(&name, if frame.wide { &wide } else { &[] });
+        let wide: &[&str] = if frame.wide { &["WIDE"] } else { &[] };
+        let defs: Vec<_> = wide.iter().chain(frame.defs).map(|name| (*name).into()).collect();
+        let (wgsl, module) = shaders.expect(&name, &defs);
         let [view, settings] = uniforms(&module);
         let tiles = frame.tiles;
         let list: Vec<u32> = (0..tiles.y)
@@ -89,8 +96,8 @@ impl<'a> Pass<'a> {
         let buffers = vec![
             (0, gpu.buffer(&view)),
             (1, gpu.buffer(&settings)),
-            (5, gpu.buffer(&list)),
-            (6, gpu.buffer(&arguments)),
+            (TILE_LIST, gpu.buffer(&list)),
+            (INDIRECT_ARGS, gpu.buffer(&arguments)),
         ];
         let declared = module.global_variables.iter();
         let declared = declared.filter_map(|(_, variable)| variable.binding.as_ref().map(|binding| binding.binding));
@@ -115,7 +122,9 @@ impl<'a> Pass<'a> {
         }
     }
 
+    /// Takes the place of a buffer of the passes over the active tiles, too.
     pub fn texture(&mut self, binding: u32, format: TextureFormat, size: UVec2, texels: &[u8]) {
+        self.buffers.retain(|(taken, _)| *taken != binding);
         let texture = compute::texture(self.gpu, format, size, READ, texels);
         self.textures.push((binding, texture));
     }

@@ -3,6 +3,7 @@ use bevy::math::{IVec2, UVec2, Vec3, ivec2, vec3};
 use core::f32::consts::PI;
 
 pub const NEIGHBOURS: u32 = 16;
+pub const ROW: i32 = 16;
 const PLACES: [u32; 4] = [0xa877_8988, 0x58aa_9669, 0x56b6_7bb7, 0x55c9_748c];
 const FAST_SHARE: f32 = 0.25;
 const FAST_DEVIATION: f32 = 0.378;

@@ -2,7 +2,7 @@
 
 use super::{
     passes::{AS_EXPECTED, gpu, image, lengths, mean},
-    wall::{Wall, half},
+    wall::{Wall, half, unhalf},
 };
 use bevy::math::uvec2;
 
@@ -56,4 +56,59 @@ fn what_has_no_rays_shows_its_history() {
     };
     let replaced = next.accumulate(gpu, &mut shaders, &image(&next, 1.0, 1), &first);
     assert!((mean(&replaced) - 1.0).abs() < 0.01, "{}", mean(&replaced));
+}
+
+/// Largest relative difference of the radiance of both variants of the passes, with a history of `accumulated` frames and `rest` of them
+/// without a change.
+fn difference(accumulated: u32, rest: u32) -> [f32; 2] {
+    let Some((gpu, mut shaders)) = gpu() else {
+        return [0.0; 2];
+    };
+    let wall = |knows_rest| Wall {
+        accumulated,
+        rest,
+        roughness: 40,
+        knows_rest,
+        ..Wall::new(uvec2(64, 48))
+    };
+    let seen = |block: bevy::math::UVec2| [1.0 + (block.x % 7) as f32, 1.0, 0.5, 0.4];
+    let reconstructed = [true, false].map(|rest| wall(rest).reconstruct(gpu, &mut shaders, seen));
+    let histories = [true, false].map(|rest| {
+        let still = Wall {
+            accumulated: 0,
+            rest: 0,
+            ..wall(true)
+        };
+        let first = still.accumulate(gpu, &mut shaders, &image(&still, 1.0, 0), &still.no_history());
+        wall(rest).accumulate(gpu, &mut shaders, &image(&still, 5.0, 1), &first)
+    });
+    let relative = |a: f32, b: f32| (a - b).abs() / a.abs().max(1e-3);
+    let rays = reconstructed[0].iter().zip(&reconstructed[1]);
+    let frames = histories[0].radiance.iter().zip(&histories[1].radiance);
+    [
+        rays.map(|(a, b)| relative(a.radiance[0], b.radiance[0]))
+            .fold(0.0, f32::max),
+        frames
+            .map(|(a, b)| relative(unhalf(a[0]), unhalf(b[0])))
+            .fold(0.0, f32::max),
+    ]
+}
+
+/// Pictures in motion take passes that know nothing of rest.
+#[test]
+fn passes_in_motion_do_without_what_rest_takes() {
+    for (accumulated, rest) in [(3, 0), (40, 8)] {
+        let moving = difference(accumulated, rest);
+        assert!(
+            moving.into_iter().all(|difference| difference < 2e-3),
+            "{accumulated}, {rest}: {moving:?}"
+        );
+    }
+    if gpu().is_some() {
+        let still = difference(40, 30);
+        assert!(
+            still.into_iter().all(|difference| difference > 0.02),
+            "at rest: {still:?}"
+        );
+    }
 }

@@ -14,6 +14,23 @@ pub const VIRTUAL_HISTORY: u32 = 16;
 pub const SUPPRESS_FIREFLIES: u32 = 32;
 pub const RATE_ACTIVE: u32 = 0x100;
 
+/// What the composite shows of each pixel, before albedo.
+const SHOWN: &str = "
+import package::denoise::blur::shown_radiance;
+import package::gbuffer::{load_pixel, reflection_view};
+
+@group(0) @binding(10) var shown_out: texture_storage_2d<rgba16float, write>;
+
+@compute @workgroup_size(8, 8)
+fn shown(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) local: vec3<u32>) {
+    let columns = (reflection_view.size.x + 7u) / 8u;
+    let id = vec2(group.x % columns, group.x / columns) * 8u + local.xy;
+    if all(id < reflection_view.size) {
+        textureStore(shown_out, id, vec4(shown_radiance(id, load_pixel(id)), 0.0));
+    }
+}
+";
+
 /// Metres from the camera to the wall.
 const WALL: f32 = 5.0;
 const NEAR: f32 = 0.1;
@@ -36,6 +53,8 @@ pub struct Wall {
     pub accumulated: u32,
     /// Frames without a change.
     pub rest: u32,
+    /// The passes are those that know pictures at rest.
+    pub knows_rest: bool,
     /// Blocks by their first pixel that had nothing to trace: their records are empty, and what they saw is of another frame.
     pub untraced: fn(UVec2) -> bool,
 }
@@ -122,6 +141,7 @@ impl Wall {
             frame: 0,
             accumulated: 0,
             rest: 0,
+            knows_rest: true,
             untraced: |_| false,
         }
     }
@@ -233,8 +253,15 @@ impl Wall {
         ]
     }
 
-    fn pass<'a>(&self, gpu: &'a Gpu, shaders: &mut Shaders, entry: &'static str) -> Pass<'a> {
+    fn pass<'a>(
+        &self,
+        gpu: &'a Gpu,
+        shaders: &mut Shaders,
+        entry: &'static str,
+        defs: &'static [&'static str],
+    ) -> Pass<'a> {
         let view = View {
+            defs,
             size: self.size,
             tiles: self.tiles(),
             tile_pixels: 16 * self.trace_scale,
@@ -306,7 +333,7 @@ impl Wall {
         static TABLE: LazyLock<DirectionalAlbedo> = LazyLock::new(DirectionalAlbedo::new);
         let table = &*TABLE;
         let side = UVec2::splat(ALBEDO_TABLE_SIZE as u32);
-        let mut pass = self.pass(gpu, shaders, "reconstruct");
+        let mut pass = self.pass(gpu, shaders, "reconstruct", self.rest_defs());
         pass.texture(
             7,
             TextureFormat::R32Uint,
@@ -343,7 +370,7 @@ impl Wall {
         let pairs: Vec<_> = new.iter().map(pair).collect();
         let still = vec![[0f32; 2]; new.len()];
         let (size, tiles) = (self.size, self.tiles());
-        let mut pass = self.pass(gpu, shaders, "temporal");
+        let mut pass = self.pass(gpu, shaders, "temporal", self.rest_defs());
         pass.texture(7, TextureFormat::R32Uint, tiles, bytemuck::cast_slice(&self.rates()));
         pass.texture(8, TextureFormat::R32Uint, tiles, bytemuck::cast_slice(&before.rates));
         pass.texture(9, TextureFormat::Rg32Float, size, bytemuck::cast_slice(&still));
@@ -375,21 +402,23 @@ impl Wall {
     /// The last filter of a history; luminance of each pixel.
     pub fn blur(&self, gpu: &Gpu, shaders: &mut Shaders, history: &History) -> Vec<f32> {
         let (size, tiles) = (self.size, self.tiles());
-        let mut pass = self.pass(gpu, shaders, "blur");
-        pass.texture(7, TextureFormat::R32Uint, tiles, bytemuck::cast_slice(&self.rates()));
+        shaders.add("bevy_glint/denoise/shown.wesl", SHOWN.to_string());
+        let mut pass = self.pass(gpu, shaders, "shown", &["BLUR"]);
         let texels = bytemuck::cast_slice(&history.radiance);
-        pass.texture(8, TextureFormat::Rgba16Float, size, texels);
-        pass.texture(9, TextureFormat::R32Uint, size, bytemuck::cast_slice(&history.pair));
-        pass.texture(
-            10,
-            TextureFormat::Rg32Uint,
-            size,
-            bytemuck::cast_slice(&history.surface),
-        );
-        pass.output(11, TextureFormat::Rgba16Float, 2);
+        pass.texture(5, TextureFormat::Rgba16Float, size, texels);
+        pass.texture(7, TextureFormat::R32Uint, tiles, bytemuck::cast_slice(&self.rates()));
+        pass.texture(8, TextureFormat::R32Uint, size, bytemuck::cast_slice(&history.pair));
+        let surfaces = bytemuck::cast_slice(&history.surface);
+        pass.texture(9, TextureFormat::Rg32Uint, size, surfaces);
+        pass.output(10, TextureFormat::Rgba16Float, 2);
         let written = pass.run();
         let texels = written[0].chunks(2).map(|words| halves4([words[0], words[1]]));
         texels.map(|[red, ..]| unhalf(red)).collect()
+    }
+
+    /// Definitions for pictures at rest: the passes of those in motion lack them.
+    fn rest_defs(&self) -> &'static [&'static str] {
+        if self.knows_rest { &["REST"] } else { &[] }
     }
 
     /// A history that holds nothing.

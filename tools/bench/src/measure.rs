@@ -48,14 +48,16 @@ const KERNELS: [(&str, &str, &str, &str); 3] = [
     ),
 ];
 /// Passes: the word in tables and the diagnostic of their GPU time.
-const PASSES: [(&str, &str); 7] = [
+const PASSES: [(&str, &str); 9] = [
     ("rate", "render/glint/rate/elapsed_gpu"),
     ("trace", "render/glint/trace/elapsed_gpu"),
     ("reconstruct", "render/glint/reconstruct/elapsed_gpu"),
     ("temporal", "render/glint/temporal/elapsed_gpu"),
-    ("blur", "render/glint/blur/elapsed_gpu"),
     ("composite", "render/glint/composite/elapsed_gpu"),
     ("total", TOTAL),
+    ("layer_find", "render/glint_find_front_layer/elapsed_gpu"),
+    ("layer_trace", "render/glint_front_layer/trace/elapsed_gpu"),
+    ("layer_total", "render/glint_front_layer/elapsed_gpu"),
 ];
 const TOTAL: &str = "render/glint/elapsed_gpu";
 const COUNTERS: [(&str, &str); 3] = [

@@ -68,9 +68,7 @@ pub struct Row {
     pub reconstruct_ms: Option<f64>,
     /// Temporal accumulation.
     pub temporal_ms: Option<f64>,
-    /// The last blur.
-    pub blur_ms: Option<f64>,
-    /// Adding the reflection to the frame.
+    /// The last blur, and adding the reflection to the frame.
     pub composite_ms: Option<f64>,
     /// Bevy's deferred lighting, which leaves out what the technique replaces.
     pub lighting_ms: Option<f64>,

@@ -156,7 +156,6 @@ fn times(row: &mut Row, variant: &Variant, rounds: &[Round]) {
         ("trace", &mut row.trace_ms),
         ("reconstruct", &mut row.reconstruct_ms),
         ("temporal", &mut row.temporal_ms),
-        ("blur", &mut row.blur_ms),
         ("composite", &mut row.composite_ms),
     ] {
         *value = median(name);
