@@ -61,6 +61,8 @@ pub struct SceneBindings {
     /// Objects with glass, water and the like.
     pub(crate) see_through: SeeThroughObjects,
     pub(super) lightmaps: Lightmaps,
+    /// Not all reflecting cameras draw the same layers.
+    pub(super) has_render_layers: bool,
     pub(super) acceleration: Option<AccelerationStructures>,
     /// Rays can hit something that needs the alpha test, or it isn't known yet whether they can.
     masked: bool,
@@ -102,6 +104,7 @@ impl FromWorld for SceneBindings {
             poses: Poses::new(world, tracer),
             see_through: SeeThroughObjects::default(),
             lightmaps: Lightmaps::default(),
+            has_render_layers: false,
             acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
             masked: true,
             deep: false,
@@ -149,6 +152,11 @@ impl SceneBindings {
     /// Returns whether objects have lightmaps, which shaders have to know.
     pub(crate) fn has_lightmaps(&self) -> bool {
         !self.lightmaps.is_empty()
+    }
+
+    /// Returns whether reflecting cameras draw different layers, so that shaders have to tell them apart.
+    pub(crate) fn has_render_layers(&self) -> bool {
+        self.has_render_layers
     }
 
     /// Gives back what an idle scene doesn't need.

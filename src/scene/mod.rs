@@ -24,6 +24,7 @@ pub mod meshes;
 mod pose;
 mod prepare;
 pub(crate) mod reflected_material;
+mod render_layers;
 pub(crate) mod see_through;
 #[cfg(test)]
 mod test_gpu;
@@ -60,8 +61,9 @@ use lights::{ExtractedLights, RectLightsEnabled, detect_rect_lights, extract_lig
 use materials::{MaterialAssets, MaterialTable, update_materials};
 use meshes::{SceneMeshes, extract_meshes, keep_render_world_meshes, kept::RenderWorldMeshes, upload::upload_meshes};
 use pose::{ExtractedPoses, extract_poses};
-use prepare::{prepare_instances, prepare_tables};
+use prepare::{note_features, prepare_instances, prepare_tables};
 use reflected_material::add_extraction;
+use render_layers::{SceneLayers, extract_layers};
 use textures::{TextureTable, extract_texture_changes, update_textures};
 use unseen::count_unseen;
 
@@ -107,6 +109,7 @@ impl Plugin for ScenePlugin {
             .init_resource::<RectLightsEnabled>()
             .init_resource::<ExtractedLights>()
             .init_resource::<ExtractedPoses>()
+            .init_resource::<SceneLayers>()
             .init_gpu_resource::<SceneActivity>()
             .init_gpu_resource::<SceneInstances>()
             .init_resource::<LostComponents>()
@@ -126,11 +129,11 @@ impl Plugin for ScenePlugin {
             .add_systems(
                 ExtractSchedule,
                 (
-                    (extract_activity, extract_poses, extract_meshes).chain(),
-                    extract_lights.after(extract_activity),
+                    (extract_activity, extract_layers, extract_poses, extract_meshes).chain(),
+                    extract_lights.after(extract_layers),
                     extract_texture_changes,
                     extract_alpha_images,
-                    extract_environments,
+                    extract_environments.after(extract_layers),
                 )
                     .in_set(ReflectionSystems::ExtractScene),
             )
@@ -144,6 +147,7 @@ impl Plugin for ScenePlugin {
                         (upload_meshes, update_textures),
                         prepare_instances,
                         update_materials,
+                        note_features,
                         prepare_tables,
                         detect_rect_lights,
                     )

@@ -15,6 +15,7 @@ use super::{
     materials::{MaterialAssets, MaterialTable},
     meshes::SceneMeshes,
     pose::PoseInputs,
+    render_layers::SceneLayers,
     textures::TextureTable,
 };
 use crate::{device::ReflectionTracer, status::ReflectionStatus};
@@ -155,6 +156,11 @@ fn report_nothing(status: &ReflectionStatus) {
         report.posed_instances = 0;
         (report.merges_pending, report.micromaps_pending) = (false, false);
     });
+}
+
+/// Notes what cameras ask of shaders.
+pub(super) fn note_features(mut bindings: ResMut<SceneBindings>, layers: Res<SceneLayers>) {
+    bindings.has_render_layers = layers.differ();
 }
 
 /// Uploads materials, lights and counts that changed.

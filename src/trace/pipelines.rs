@@ -120,7 +120,7 @@ impl TracePipelines {
         let defs = |own: &[&'static str]| {
             let mut defs = scene.shader_defs_for(variant.masked);
             defs.extend_from_slice(common);
-            defs.extend(variant.tinted.then(|| "TINTED_GLASS".into()));
+            defs.extend(variant.defs().map(Into::into));
             defs.extend(own.iter().map(|&name| ShaderDefVal::from(name)));
             defs
         };

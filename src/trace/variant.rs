@@ -46,6 +46,8 @@ pub(super) struct Variant {
     pub bounces: bool,
     /// Some object tints the light that it lets through.
     pub tinted: bool,
+    /// Not all cameras see the same objects.
+    pub layers: bool,
 }
 
 /// Conditions that the shading of hits is compiled for.
@@ -67,6 +69,7 @@ impl Variant {
             lightmaps: scene.has_lightmaps(),
             bounces: false,
             tinted: scene.see_through.has_tints(),
+            layers: scene.has_render_layers(),
         }
     }
 
@@ -85,6 +88,12 @@ impl Variant {
             bounces: false,
             ..self
         }
+    }
+
+    /// Definitions for all passes.
+    pub fn defs(self) -> impl Iterator<Item = &'static str> {
+        let defs = [(self.tinted, "TINTED_GLASS"), (self.layers, "RENDER_LAYERS")];
+        defs.into_iter().filter_map(|(set, name)| set.then_some(name))
     }
 
     /// Definitions for passes that shade hits.
@@ -113,11 +122,15 @@ impl Variant {
     }
 
     /// Itself, the one that is right for all scenes of such trees, and others that are better than nothing while these are
-    /// compiled: they leave out baked light or tints, or miss hits where the stack is full.
+    /// compiled: they leave out baked light or tints, or miss hits where the stack is full and show what another camera sees.
     pub fn substitutes(self) -> [Self; 6] {
         let masked = Self { masked: true, ..self };
         let plain = masked.dark().clear();
-        let shallow = Self { deep: false, ..plain };
+        let shallow = Self {
+            deep: false,
+            layers: false,
+            ..plain
+        };
         [self, masked, masked.dark(), masked.clear(), plain, shallow]
     }
 

@@ -8,7 +8,7 @@ use crate::{
 };
 use bevy::{
     asset::RenderAssetUsages,
-    camera::Exposure,
+    camera::{Exposure, visibility::RenderLayers},
     image::Image,
     light::NotShadowCaster,
     pbr::{Lightmap, ScreenSpaceTransmission},
@@ -27,7 +27,7 @@ const SUN: Vec3 = Vec3::new(0.5, -0.2, 1.0);
 /// A feature, and what has it.
 type Row = (&'static str, fn(&mut Stage));
 
-const ROWS: [Row; 23] = [
+const ROWS: [Row; 24] = [
     ("unlit", |stage| stage.spawn(StandardMaterial { unlit: true, ..blue() })),
     ("directional light", |stage| stage.light_and_spawn(blue())),
     ("shadow of a directional light", |stage| {
@@ -179,6 +179,11 @@ const ROWS: [Row; 23] = [
         stage.fog_color = Color::linear_rgba(0.1, 0.3, 0.2, 0.5);
         stage.spawn_in_fog(FogFalloff::Linear { start: 2.0, end: 16.0 }, Color::NONE);
     }),
+    ("render layers of the camera", |stage| {
+        stage.light_and_spawn(blue());
+        stage.dress(RenderLayers::from_layers(&[0, 2]));
+        stage.move_to_layers(&[2, 1]);
+    }),
     ("a material without fog", |stage| {
         stage.material.fog_enabled = false;
         stage.set_fog_before_the_mirror(false);
@@ -306,6 +311,19 @@ impl<'a> Stage<'a> {
         }
     }
 
+    /// Moves the first meshes that were spawned to a layer each.
+    fn move_to_layers(&mut self, layers: &[usize]) {
+        let world = self.app.world();
+        let meshes = self
+            .spawned
+            .iter()
+            .filter(|entity| world.get::<Mesh3d>(**entity).is_some());
+        let meshes: Vec<_> = meshes.copied().collect();
+        for (entity, layer) in meshes.into_iter().zip(layers) {
+            world.entity_mut(entity).insert(RenderLayers::layer(*layer));
+        }
+    }
+
     fn spawn_in_fog(&mut self, falloff: FogFalloff, directional_light_color: Color) {
         self.dress(DistanceFog {
             color: self.fog_color,
@@ -370,7 +388,7 @@ impl<'a> Stage<'a> {
             self.app.world().despawn(entity);
         }
         let mut camera = self.app.world().entity_mut(self.camera);
-        camera.remove::<(DistanceFog, AmbientLight, ScreenSpaceTransmission)>();
+        camera.remove::<(DistanceFog, AmbientLight, ScreenSpaceTransmission, RenderLayers)>();
         self.material = blue();
         self.fog_color = FOG;
         self.sun = SUN;

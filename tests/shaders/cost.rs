@@ -53,8 +53,10 @@ const SCENE_PASSES: [(&str, &[&str]); 13] = [
     ("front_layer/find", &["FRONT_LAYER"]),
 ];
 
-/// All others.
-const PASSES: [(&str, &[&str]); 23] = [
+/// All others, and passes for scenes with what few have.
+const PASSES: [(&str, &[&str]); 25] = [
+    ("trace/blocks", &["RENDER_LAYERS"]),
+    ("trace/blocks", &["RENDER_LAYERS", "RAY_QUERY"]),
     ("rate/classify", &[]),
     ("rate/classify", &["ROUGHNESS"]),
     ("rate/classify", &["GRAZING", "TILE_ANGLES"]),

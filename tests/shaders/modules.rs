@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{environment::GpuEnvironment, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 28] = [
+pub const COMBINATIONS: [&[&str]; 30] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -35,6 +35,8 @@ pub const COMBINATIONS: [&[&str]; 28] = [
     &["TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
     &["LIGHTMAPS", "RAY_QUERY", "BINDLESS_TEXTURES"],
     &["LIGHTMAPS", "TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
+    &["RENDER_LAYERS", "ALPHA_MASKED_GEOMETRY", "FRONT_LAYER"],
+    &["RENDER_LAYERS", "RAY_QUERY", "FRONT_LAYER"],
 ];
 
 /// Uses everything that passes call, so that the linker keeps it.
