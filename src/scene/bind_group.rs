@@ -61,6 +61,8 @@ pub struct SceneBindings {
     /// Objects with glass, water and the like.
     pub(crate) see_through: SeeThroughObjects,
     pub(super) lightmaps: Lightmaps,
+    /// Some material has a clearcoat.
+    pub(super) has_clearcoat: bool,
     /// Not all reflecting cameras draw the same layers.
     pub(super) has_render_layers: bool,
     pub(super) acceleration: Option<AccelerationStructures>,
@@ -104,6 +106,7 @@ impl FromWorld for SceneBindings {
             poses: Poses::new(world, tracer),
             see_through: SeeThroughObjects::default(),
             lightmaps: Lightmaps::default(),
+            has_clearcoat: false,
             has_render_layers: false,
             acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
             masked: true,
@@ -152,6 +155,11 @@ impl SceneBindings {
     /// Returns whether objects have lightmaps, which shaders have to know.
     pub(crate) fn has_lightmaps(&self) -> bool {
         !self.lightmaps.is_empty()
+    }
+
+    /// Returns whether materials have a clearcoat, which shaders have to know.
+    pub(crate) fn has_clearcoat(&self) -> bool {
+        self.has_clearcoat
     }
 
     /// Returns whether reflecting cameras draw different layers, so that shaders have to tell them apart.

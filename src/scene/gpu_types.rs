@@ -124,8 +124,8 @@ pub struct GpuMaterial {
     pub diffuse_share: f32,
     /// Factor of light from lightmaps.
     pub lightmap_exposure: f32,
-    /// Fills up to 112 bytes.
-    pub _padding: f32,
+    /// Clearcoat as in the G-buffer: strength in fifteenths in the low 4 bits, perceptual roughness in thirtieths above.
+    pub clearcoat: u32,
 }
 
 /// A light that shines on hits.

@@ -158,8 +158,13 @@ fn report_nothing(status: &ReflectionStatus) {
     });
 }
 
-/// Notes what cameras ask of shaders.
-pub(super) fn note_features(mut bindings: ResMut<SceneBindings>, layers: Res<SceneLayers>) {
+/// Notes what materials and cameras ask of shaders.
+pub(super) fn note_features(
+    mut bindings: ResMut<SceneBindings>,
+    materials: Res<MaterialTable>,
+    layers: Res<SceneLayers>,
+) {
+    bindings.has_clearcoat = materials.has_clearcoat();
     bindings.has_render_layers = layers.differ();
 }
 

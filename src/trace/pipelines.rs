@@ -105,7 +105,7 @@ impl TracePipelines {
     /// any scene.
     pub(super) fn vrs_request(&self) -> PipelineRequest {
         let mut defs = self.defs_for_any.clone();
-        defs.push("LIGHTMAPS".into());
+        defs.extend(["LIGHTMAPS", "CLEARCOAT"].map(Into::into));
         defs.extend_from_slice(&self.common_defs);
         PipelineRequest {
             shader: self.inline.shader.clone(),

@@ -54,7 +54,9 @@ const SCENE_PASSES: [(&str, &[&str]); 13] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 25] = [
+const PASSES: [(&str, &[&str]); 27] = [
+    ("trace/shade", &["CLEARCOAT"]),
+    ("trace/shade", &["CLEARCOAT", "RAY_QUERY", "BINDLESS_TEXTURES"]),
     ("trace/blocks", &["RENDER_LAYERS"]),
     ("trace/blocks", &["RENDER_LAYERS", "RAY_QUERY"]),
     ("rate/classify", &[]),

@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{environment::GpuEnvironment, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 30] = [
+pub const COMBINATIONS: [&[&str]; 31] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -35,6 +35,7 @@ pub const COMBINATIONS: [&[&str]; 30] = [
     &["TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
     &["LIGHTMAPS", "RAY_QUERY", "BINDLESS_TEXTURES"],
     &["LIGHTMAPS", "TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
+    &["CLEARCOAT", "BOUNCES", "MANY_LIGHTS"],
     &["RENDER_LAYERS", "ALPHA_MASKED_GEOMETRY", "FRONT_LAYER"],
     &["RENDER_LAYERS", "RAY_QUERY", "FRONT_LAYER"],
 ];
@@ -238,7 +239,7 @@ fn instances_and_materials_match_the_cpu() {
             stop_probability,
             diffuse_share,
             lightmap_exposure,
-            _padding
+            clearcoat
         ]
     );
 }
