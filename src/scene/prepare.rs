@@ -205,6 +205,8 @@ pub(super) fn prepare_tables(
         instance_count: bindings.instances.len() as u32,
         material_count: bindings.materials.count() as u32,
         texture_count: textures.texture_count(),
+        reflection_probe_count: bindings.light_probes.reflection_probe_count(),
+        irradiance_volume_count: bindings.light_probes.irradiance_volume_count(),
         ..bindings.uniform_data
     };
     if uniform != bindings.uniform_data || bindings.bind_group.is_none() {

@@ -48,6 +48,8 @@ pub(super) struct Variant {
     pub tinted: bool,
     /// Some material has a clearcoat.
     pub clearcoat: bool,
+    /// There are light probes.
+    pub probes: bool,
     /// Not all cameras see the same objects.
     pub layers: bool,
 }
@@ -60,6 +62,7 @@ pub(super) enum ShadingVariant {
         lightmaps: bool,
         tinted: bool,
         clearcoat: bool,
+        probes: bool,
     },
     /// It traces rays itself: in scenes with more lights than the tracing pass has tested (`trace/hit.wesl`), and where rays are
     /// followed beyond their first hit.
@@ -76,6 +79,7 @@ impl Variant {
             bounces: false,
             tinted: scene.see_through.has_tints(),
             clearcoat: scene.has_clearcoat(),
+            probes: scene.has_light_probes(),
             layers: scene.has_render_layers(),
         }
     }
@@ -100,7 +104,11 @@ impl Variant {
 
     /// Definitions for all passes.
     pub fn defs(self) -> impl Iterator<Item = &'static str> {
-        let defs = [(self.tinted, "TINTED_GLASS"), (self.layers, "RENDER_LAYERS")];
+        let defs = [
+            (self.tinted, "TINTED_GLASS"),
+            (self.probes, "LIGHT_PROBES"),
+            (self.layers, "RENDER_LAYERS"),
+        ];
         defs.into_iter().filter_map(|(set, name)| set.then_some(name))
     }
 
@@ -120,6 +128,7 @@ impl Variant {
             lightmaps: self.lightmaps,
             tinted: self.tinted,
             clearcoat: self.clearcoat,
+            probes: self.probes,
         }
     }
 
@@ -128,6 +137,7 @@ impl Variant {
         Self {
             lightmaps: false,
             clearcoat: false,
+            probes: false,
             ..self
         }
     }
@@ -137,7 +147,8 @@ impl Variant {
     }
 
     /// Itself, the one that is right for all scenes of such trees, and others that are better than nothing while these are
-    /// compiled: they leave out baked light, clearcoats or tints, or miss hits where the stack is full and show what another camera sees.
+    /// compiled: they leave out baked light, clearcoats, light probes or tints, or miss hits where the stack is full and show what another
+    /// camera sees.
     pub fn substitutes(self) -> [Self; 6] {
         let masked = Self { masked: true, ..self };
         let plain = masked.dark().clear();

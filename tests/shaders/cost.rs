@@ -54,9 +54,19 @@ const SCENE_PASSES: [(&str, &[&str]); 13] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 27] = [
+const PASSES: [(&str, &[&str]); 31] = [
     ("trace/shade", &["CLEARCOAT"]),
     ("trace/shade", &["CLEARCOAT", "RAY_QUERY", "BINDLESS_TEXTURES"]),
+    (
+        "trace/shade",
+        &["LIGHT_PROBES", "BINDLESS_TEXTURES", "ALPHA_MASKED_GEOMETRY"],
+    ),
+    ("trace/shade", &["LIGHT_PROBES", "RAY_QUERY", "BINDLESS_TEXTURES"]),
+    (
+        "trace/blocks",
+        &["LIGHT_PROBES", "BINDLESS_TEXTURES", "ALPHA_MASKED_GEOMETRY"],
+    ),
+    ("trace/blocks", &["LIGHT_PROBES", "RAY_QUERY", "BINDLESS_TEXTURES"]),
     ("trace/blocks", &["RENDER_LAYERS"]),
     ("trace/blocks", &["RENDER_LAYERS", "RAY_QUERY"]),
     ("rate/classify", &[]),
