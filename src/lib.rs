@@ -104,9 +104,9 @@ pub use scene::{ReflectedMaterial, ReflectedMaterialPlugin};
 pub use schedule::ReflectionSystems;
 pub use settings::{
     AdaptiveThresholds, CombinedThresholds, GrazingThresholds, NotReflected, RATE_LEGEND, RayTracedReflections,
-    ReflectedMaterial3d, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget, ReflectionBackend, ReflectionBudget,
-    ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionEffort,
-    ReflectionFallback, ReflectionPreset, ReflectionQuality, ReflectionSampling, ReflectionTechnique,
+    ReflectedLayers, ReflectedMaterial3d, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget, ReflectionBackend,
+    ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser,
+    ReflectionEffort, ReflectionFallback, ReflectionPreset, ReflectionQuality, ReflectionSampling, ReflectionTechnique,
     ReflectionTextureMip, ReflectionTracerChoice, ReflectionsOff, RoughnessThresholds, ShadingRate,
     ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
 };

@@ -5,7 +5,7 @@ pub use crate::HardwareVrsPlugin;
 #[cfg(feature = "egui")]
 pub use crate::ReflectionSettingsPanelPlugin;
 pub use crate::{
-    NotReflected, RayTracedReflections, RayTracedReflectionsPlugin, ReflectedMaterial, ReflectedMaterial3d,
-    ReflectedMaterialPlugin, ReflectedMesh3d, ReflectedPose, ReflectionBudget, ReflectionFallback, ReflectionPreset,
-    ReflectionQuality, ReflectionStatus, ReflectionsDeclined, ReflectionsReady, ShadingRateHeuristic,
+    NotReflected, RayTracedReflections, RayTracedReflectionsPlugin, ReflectedLayers, ReflectedMaterial,
+    ReflectedMaterial3d, ReflectedMaterialPlugin, ReflectedMesh3d, ReflectedPose, ReflectionBudget, ReflectionFallback,
+    ReflectionPreset, ReflectionQuality, ReflectionStatus, ReflectionsDeclined, ReflectionsReady, ShadingRateHeuristic,
 };

@@ -27,13 +27,13 @@ use bevy::{
 };
 use core::num::NonZeroU64;
 
-/// The pass, in a variant for trees that need a larger stack and one for those that don't.
+/// The pass, in variants for trees that need a larger stack, and for cameras of different layers.
 #[derive(Resource)]
 pub(super) struct FindPass {
     shader: Handle<Shader>,
-    pass: GBufferPass<bool>,
-    /// The scene's trees need a larger stack.
-    deep: bool,
+    pass: GBufferPass<(bool, bool)>,
+    /// The scene's trees need a larger stack; cameras draw different layers.
+    variant: (bool, bool),
 }
 
 /// Declares what the pass binds.
@@ -55,7 +55,7 @@ pub(super) fn init_find_pass(mut commands: Commands, asset_server: Res<AssetServ
     commands.insert_resource(FindPass {
         shader: load_embedded_asset!(asset_server.as_ref(), "find.wesl"),
         pass: GBufferPass::new("glint_find_front_layer", bindings, groups),
-        deep: false,
+        variant: (false, false),
     });
 }
 
@@ -80,12 +80,13 @@ pub(super) fn queue_find_pass(
     if !is_wanted || scene.see_through.entities().next().is_none() {
         return;
     }
-    let FindPass { shader, pass, deep } = &mut *find;
-    *deep = scene.has_deep_trees();
-    pass.queue(*deep, &cache, || {
+    let FindPass { shader, pass, variant } = &mut *find;
+    *variant = (scene.has_deep_trees(), scene.has_render_layers());
+    pass.queue(*variant, &cache, || {
         // See-through surfaces need the alpha test.
         let mut defs = scene.shader_defs_for(true);
         defs.push("FRONT_LAYER".into());
+        defs.extend(scene.has_render_layers().then(|| "RENDER_LAYERS".into()));
         PassShader {
             shader: shader.clone(),
             defs,
@@ -119,8 +120,14 @@ impl FindPass {
             layer.packed_normals.as_entire_binding(),
             binding,
         ];
-        // A stack that is too small misses some surfaces: better than nothing while the other is compiled.
-        let Some(mut pass) = self.pass.begin(ctx, context, [self.deep, false], &given) else {
+        // A stack that is too small misses some surfaces, and without layers too many are found: better than nothing while the right
+        // variant is compiled.
+        let Some(mut pass) = self.pass.begin(
+            ctx,
+            context,
+            [self.variant, (self.variant.0, false), (false, false)],
+            &given,
+        ) else {
             return false;
         };
         let groups = gpu_rects.get().groups();

@@ -12,7 +12,6 @@ use crate::{
     view::{Frame, MoreMemory, PreparedView, ReflectionTextures, Surroundings},
 };
 use bevy::{
-    camera::visibility::RenderLayers,
     core_pipeline::prepass::ViewPrepassTextures,
     ecs::prelude::*,
     math::{Mat4, URect, UVec2},
@@ -113,12 +112,7 @@ impl FrontLayer {
 
 /// Makes, updates and removes the layers of all views.
 pub(super) fn prepare_front_layers(
-    mut views: Query<(
-        PreparedView,
-        Option<&mut FrontLayer>,
-        Option<&mut ViewPrepassTextures>,
-        Option<&RenderLayers>,
-    )>,
+    mut views: Query<(PreparedView, Option<&mut FrontLayer>, Option<&mut ViewPrepassTextures>)>,
     surroundings: Surroundings,
     boxes: Res<SeeThroughBoxes>,
     in_place: Res<WritesInPlace>,
@@ -131,7 +125,7 @@ pub(super) fn prepare_front_layers(
         *frames -= 1;
         *frames > 0
     });
-    for (view, layer, prepass, layers) in &mut views {
+    for (view, layer, prepass) in &mut views {
         let entity = view.entity;
         let is_wanted = view.view.settings.transparent && !refused.contains_key(&entity);
         let Some(sizes) = view.sizes().filter(|_| is_wanted) else {
@@ -140,13 +134,7 @@ pub(super) fn prepare_front_layers(
             }
             continue;
         };
-        // Rays see objects of the default layer, and what a camera doesn't draw shows no reflection.
-        let draws = layers.is_none_or(|layers| layers.intersects(&RenderLayers::default()));
-        let rects = if draws {
-            screen_rects(&boxes.boxes, &clip_from_world(view.extracted), sizes.full)
-        } else {
-            Vec::new()
-        };
+        let rects = screen_rects(&boxes.boxes, &clip_from_world(view.extracted), sizes.full);
         if rects.is_empty() {
             if let Some(mut layer) = layer {
                 layer.rects.clear();

@@ -31,6 +31,9 @@ pub const MASK_CASTS_SHADOW: u8 = 2;
 /// Cull mask bit of what may let rays pass.
 pub const MASK_HAS_HOLES: u8 = 4;
 
+/// Cull mask bits of the groups of an object's render layers, as they stand in the highest byte of its flags.
+pub const MASK_GROUPS: u8 = 0xf8;
+
 /// Triangles that go into one build command, to bound the driver's scratch memory.
 const TRIANGLES_PER_BUILD: u32 = 4_000_000;
 /// Instances that a TLAS has room for at least, where the device allows as many.
@@ -171,7 +174,7 @@ impl AccelerationStructures {
                 Some(_) => &self.posed.get(&instance.slot)?.blas.blas,
                 None => &self.blas.get(&instance.blas)?.1,
             };
-            let mut mask = MASK_REFLECTED;
+            let mut mask = MASK_REFLECTED | (instance.flags >> 24) as u8 & MASK_GROUPS;
             if instance.flags & INSTANCE_CASTS_SHADOW != 0 {
                 mask |= MASK_CASTS_SHADOW;
             }

@@ -8,7 +8,8 @@ use super::{
     activity::SceneActivity,
     bvh::Item,
     change::{Change, SceneVersion},
-    gpu_types::{GpuInstance, GpuLight, GpuMaterial, GpuSceneCounts},
+    gpu_types::{GpuInstance, GpuLight, GpuLightProbe, GpuMaterial, GpuSceneCounts},
+    light_probes::{self, LightProbes},
     lightmaps::Lightmaps,
     masks::MaskSets,
     merge::StaticMerge,
@@ -24,8 +25,8 @@ use bevy::{
     ecs::{prelude::*, system::SystemParam},
     render::{
         render_resource::{
-            BindGroup, BindGroupEntry, BindGroupLayoutDescriptor, Buffer, BufferDescriptor, BufferUsages,
-            DefaultImageSamplerDescriptor, PipelineCache, ShaderStages, binding_types,
+            BindGroup, BindGroupEntry, BindGroupLayoutDescriptor, BindingResource, Buffer, BufferDescriptor,
+            BufferUsages, DefaultImageSamplerDescriptor, PipelineCache, ShaderStages, binding_types,
         },
         renderer::{RenderDevice, RenderQueue},
     },
@@ -61,6 +62,11 @@ pub struct SceneBindings {
     /// Objects with glass, water and the like.
     pub(crate) see_through: SeeThroughObjects,
     pub(super) lightmaps: Lightmaps,
+    pub(super) light_probes: LightProbes,
+    /// Some material has a clearcoat.
+    pub(super) has_clearcoat: bool,
+    /// Not all reflecting cameras draw the same layers.
+    pub(super) has_render_layers: bool,
     pub(super) acceleration: Option<AccelerationStructures>,
     /// Rays can hit something that needs the alpha test, or it isn't known yet whether they can.
     masked: bool,
@@ -70,7 +76,7 @@ pub struct SceneBindings {
     /// Counts changes.
     pub(crate) version: SceneVersion,
     /// Generations of the resources that the bind group was created from.
-    generations: [u64; 7],
+    generations: [u64; 8],
 }
 
 impl FromWorld for SceneBindings {
@@ -81,7 +87,7 @@ impl FromWorld for SceneBindings {
         let textures = world.resource::<TextureTable>();
         let tracer = meshes.tracer();
         Self {
-            layout: layout(tracer, textures),
+            layout: layout(tracer, textures, device),
             bind_group: None,
             contents: BindGroupContents::default(),
             tracer,
@@ -102,17 +108,20 @@ impl FromWorld for SceneBindings {
             poses: Poses::new(world, tracer),
             see_through: SeeThroughObjects::default(),
             lightmaps: Lightmaps::default(),
+            light_probes: LightProbes::new(textures.mode(), device, queue),
+            has_clearcoat: false,
+            has_render_layers: false,
             acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
             masked: true,
             deep: false,
             defs_version: 0,
             version: SceneVersion::default(),
-            generations: [u64::MAX; 7],
+            generations: [u64::MAX; 8],
         }
     }
 }
 
-fn layout(tracer: ReflectionTracer, textures: &TextureTable) -> BindGroupLayoutDescriptor {
+fn layout(tracer: ReflectionTracer, textures: &TextureTable, device: &RenderDevice) -> BindGroupLayoutDescriptor {
     let stages = ShaderStages::COMPUTE | ShaderStages::FRAGMENT;
     let storage = |size: usize| binding_types::storage_buffer_read_only_sized(false, NonZeroU64::new(size as u64));
     let mut entries = vec![
@@ -128,6 +137,11 @@ fn layout(tracer: ReflectionTracer, textures: &TextureTable) -> BindGroupLayoutD
     }
     entries.push(textures.texture_layout().build(8, stages));
     entries.push(textures.sampler_layout().build(9, stages));
+    if let Some([maps, volumes]) = light_probes::texture_layouts(textures.mode(), device) {
+        entries.push(storage(size_of::<GpuLightProbe>()).build(10, stages));
+        entries.push(maps.build(11, stages));
+        entries.push(volumes.build(12, stages));
+    }
     BindGroupLayoutDescriptor {
         label: "glint_scene_layout".into(),
         entries,
@@ -151,6 +165,26 @@ impl SceneBindings {
         !self.lightmaps.is_empty()
     }
 
+    /// Returns whether materials have a clearcoat, which shaders have to know.
+    pub(crate) fn has_clearcoat(&self) -> bool {
+        self.has_clearcoat
+    }
+
+    /// Returns whether there are light probes, which shaders have to know.
+    pub(crate) fn has_light_probes(&self) -> bool {
+        !self.light_probes.is_empty()
+    }
+
+    /// Returns whether the device has what light probes need.
+    pub(crate) fn can_have_light_probes(&self) -> bool {
+        self.light_probes.textures().is_some()
+    }
+
+    /// Returns whether reflecting cameras draw different layers, so that shaders have to tell them apart.
+    pub(crate) fn has_render_layers(&self) -> bool {
+        self.has_render_layers
+    }
+
     /// Gives back what an idle scene doesn't need.
     pub(super) fn release(&mut self, meshes: &mut SceneMeshes, device: &RenderDevice, queue: &RenderQueue) {
         self.merge.clear(meshes);
@@ -159,6 +193,7 @@ impl SceneBindings {
         self.top_level.clear(meshes);
         self.see_through = SeeThroughObjects::default();
         self.lightmaps = Lightmaps::default();
+        self.light_probes.clear();
         self.set_masked(true);
         self.set_deep(false);
         self.bind_group = None;
@@ -169,11 +204,11 @@ impl SceneBindings {
         self.lights = StorageSlice::new(device, "glint_lights");
         self.acceleration =
             (self.tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue));
-        self.generations = [u64::MAX; 7];
+        self.generations = [u64::MAX; 8];
     }
 
     /// Generations of the resources that a bind group of this frame would be created from.
-    fn current_generations(&self, meshes: &SceneMeshes, textures: &TextureTable) -> [u64; 7] {
+    fn current_generations(&self, meshes: &SceneMeshes, textures: &TextureTable) -> [u64; 8] {
         let acceleration = self.acceleration.as_ref();
         [
             meshes.geometry.generation(),
@@ -183,6 +218,7 @@ impl SceneBindings {
             self.lights.generation(),
             textures.generation(),
             acceleration.map_or(0, |acceleration| acceleration.generation),
+            self.light_probes.generation(),
         ]
     }
 
@@ -254,6 +290,16 @@ pub(super) fn prepare_scene_bind_group(
         binding: 9,
         resource: resources.samplers(),
     });
+    let probe_textures = bindings.light_probes.textures();
+    if let Some(textures) = &probe_textures {
+        entries.push(entry(10, bindings.light_probes.buffer()));
+        for (binding, views) in [(11, &textures.maps), (12, &textures.volumes)] {
+            entries.push(BindGroupEntry {
+                binding,
+                resource: BindingResource::TextureViewArray(views),
+            });
+        }
+    }
     if !current {
         // Other buffers hold what the last ones held, but for changes that are noted already. Images have their contents alone.
         if bindings.bind_group.is_none() || generations[TEXTURES] != bindings.generations[TEXTURES] {

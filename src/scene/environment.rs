@@ -1,13 +1,14 @@
 //! Surroundings of each view: exposure, ambient light, environment map, skybox and background. They are bind group 2 of the
 //! passes that shade hits. `environment.wesl` is the GPU side.
 
+use super::render_layers::SceneLayers;
 use crate::{
-    settings::{ClampedSettings, RayTracedReflections, WantsReflections},
+    settings::{ClampedSettings, RayTracedReflections, ReflectedLayers, WantsReflections},
     vrs::BindGroupContents,
 };
 use bevy::{
     asset::AssetId,
-    camera::{Camera, ClearColor, ClearColorConfig, Exposure},
+    camera::{Camera, ClearColor, ClearColorConfig, Exposure, visibility::RenderLayers},
     color::{Color, LinearRgba},
     ecs::{entity::EntityHashMap, prelude::*},
     image::Image,
@@ -54,7 +55,7 @@ pub struct GpuEnvironment {
     pub exposure: f32,
     /// Linear clear colour; exposed already.
     pub background: [f32; 3],
-    /// `ENVIRONMENT_` flags.
+    /// `ENVIRONMENT_` flags, and the bits of the view's groups (`render_layers.rs`).
     pub flags: u32,
     /// Quaternion from the world to the cube maps.
     pub environment_rotation: [f32; 4],
@@ -147,6 +148,8 @@ type Cameras<'w, 's> = Query<
         Option<&'static AmbientLight>,
         Option<&'static EnvironmentMapLight>,
         Option<&'static Skybox>,
+        Option<&'static RenderLayers>,
+        Option<&'static ReflectedLayers>,
     ),
 >;
 
@@ -156,10 +159,11 @@ pub fn extract_environments(
     cameras: Extract<Cameras>,
     ambient: Extract<Option<Res<GlobalAmbientLight>>>,
     clear_color: Extract<Option<Res<ClearColor>>>,
+    scene_layers: Res<SceneLayers>,
     mut views: Query<(Entity, &mut ViewEnvironment)>,
 ) {
     let mut current = EntityHashMap::default();
-    for (entity, settings, camera, exposure, own_ambient, map, skybox) in &cameras {
+    for (entity, settings, camera, exposure, own_ambient, map, skybox, drawn, reflected) in &cameras {
         if !camera.is_active {
             continue;
         }
@@ -174,17 +178,16 @@ pub fn extract_environments(
             ClearColorConfig::None => None,
         };
         let exposure = exposure.copied().unwrap_or_default().exposure();
-        current.insert(
-            entity,
-            ViewEnvironment::new(
-                &ClampedSettings::from(settings),
-                exposure,
-                ambient,
-                background,
-                map,
-                skybox,
-            ),
+        let mut environment = ViewEnvironment::new(
+            &ClampedSettings::from(settings),
+            exposure,
+            ambient,
+            background,
+            map,
+            skybox,
         );
+        environment.uniform.flags |= scene_layers.groups_of_camera(drawn, reflected);
+        current.insert(entity, environment);
     }
     for (entity, mut view) in &mut views {
         match current.remove(&entity) {

@@ -124,8 +124,8 @@ pub struct GpuMaterial {
     pub diffuse_share: f32,
     /// Factor of light from lightmaps.
     pub lightmap_exposure: f32,
-    /// Fills up to 112 bytes.
-    pub _padding: f32,
+    /// Clearcoat as in the G-buffer: strength in fifteenths in the low 4 bits, perceptual roughness in thirtieths above.
+    pub clearcoat: u32,
 }
 
 /// A light that shines on hits.
@@ -152,6 +152,22 @@ pub struct GpuLight {
     pub shadow_near: f32,
 }
 
+/// A reflection probe or an irradiance volume.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuLightProbe {
+    /// Rows of the 3x4 matrix into a space where the box of its influence reaches from -0.5 to 0.5.
+    pub probe_from_world: [[f32; 4]; 3],
+    /// Part of the box on each axis over which the influence falls off.
+    pub falloff: [f32; 3],
+    /// Factor from texels to cd/m^2.
+    pub intensity: f32,
+    /// Half extents of the box on which its maps lie, in the space of the probe.
+    pub parallax_bounds: [f32; 3],
+    /// 0: its maps are infinitely far away.
+    pub has_parallax: u32,
+}
+
 /// Counts of the scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -168,13 +184,14 @@ pub struct GpuSceneCounts {
     pub material_count: u32,
     /// Textures in the array.
     pub texture_count: u32,
-    /// Not used.
-    pub padding_a: u32,
-    /// Not used.
-    pub padding_b: u32,
+    /// Reflection probes at the beginning of the buffer of light probes.
+    pub reflection_probe_count: u32,
+    /// Irradiance volumes behind them.
+    pub irradiance_volume_count: u32,
 }
 
 const _: () = assert!(size_of::<GpuInstance>() == 128);
 const _: () = assert!(size_of::<GpuMaterial>() == 112);
 const _: () = assert!(size_of::<GpuLight>() == 64);
+const _: () = assert!(size_of::<GpuLightProbe>() == 80);
 const _: () = assert!(size_of::<GpuSceneCounts>() == 32);

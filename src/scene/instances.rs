@@ -19,6 +19,8 @@ pub struct InstanceSource {
     pub material: UntypedAssetId,
     /// Object to world.
     pub world_from_object: Affine3A,
+    /// Groups of its render layers, as bits of its flags: `render_layers.rs`.
+    pub groups: u32,
     /// It blocks shadow rays.
     pub casts_shadow: bool,
     /// Shadows fall on it.
@@ -34,12 +36,13 @@ impl InstanceSource {
             mesh,
             material,
             world_from_object: _,
+            groups,
             casts_shadow,
             receives_shadow,
             lightmap,
         } = self;
         (*entity, *mesh, *material) == (other.entity, other.mesh, other.material)
-            && (*casts_shadow, *receives_shadow) == (other.casts_shadow, other.receives_shadow)
+            && (*groups, *casts_shadow, *receives_shadow) == (other.groups, other.casts_shadow, other.receives_shadow)
             && *lightmap == other.lightmap
     }
 }
@@ -219,6 +222,7 @@ mod tests {
             mesh: AssetId::default(),
             material: AssetId::<StandardMaterial>::default().untyped(),
             world_from_object: Affine3A::IDENTITY,
+            groups: 0,
             casts_shadow: true,
             receives_shadow: true,
             lightmap: None,

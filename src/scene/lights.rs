@@ -4,7 +4,7 @@
 use std::f32::consts::{FRAC_PI_2, PI};
 
 use bevy::{
-    camera::visibility::InheritedVisibility,
+    camera::visibility::{InheritedVisibility, RenderLayers},
     color::{Color, LinearRgba},
     ecs::prelude::*,
     light::{DirectionalLight, PointLight, RectLight, SpotLight},
@@ -19,6 +19,7 @@ use super::{
     activity::SceneActivity,
     change::{Change, RESTLESS_FRAMES},
     gpu_types::*,
+    render_layers::SceneLayers,
 };
 
 /// Most lights in hit shading; `shading.wesl` has the same number.
@@ -157,8 +158,20 @@ fn any_orthogonal(n: Vec3) -> Vec3 {
     Vec3::new(1.0 + s * n.x * n.x * a, s * n.x * n.y * a, -s * n.x)
 }
 
-type Lights<'w, 's, L> =
-    Extract<'w, 's, Query<'static, 'static, (&'static L, &'static GlobalTransform, &'static InheritedVisibility)>>;
+type Lights<'w, 's, L> = Extract<
+    'w,
+    's,
+    Query<
+        'static,
+        'static,
+        (
+            &'static L,
+            &'static GlobalTransform,
+            &'static InheritedVisibility,
+            Option<&'static RenderLayers>,
+        ),
+    >,
+>;
 
 /// Gathers the lights. Belongs in `ExtractSchedule`.
 pub fn extract_lights(
@@ -167,7 +180,7 @@ pub fn extract_lights(
     spots: Lights<SpotLight>,
     rects: Lights<RectLight>,
     rects_enabled: Option<Res<RectLightsEnabled>>,
-    activity: Option<Res<SceneActivity>>,
+    (activity, layers): (Option<Res<SceneActivity>>, Option<Res<SceneLayers>>),
     mut extracted: ResMut<ExtractedLights>,
     mut previous: Local<Vec<GpuLight>>,
 ) {
@@ -185,20 +198,24 @@ pub fn extract_lights(
         return;
     }
     fn visible<L: Component>(
-        (light, transform, visibility): (&L, &GlobalTransform, &InheritedVisibility),
+        (light, transform, visibility, own_layers): (&L, &GlobalTransform, &InheritedVisibility, Option<&RenderLayers>),
+        layers: Option<&SceneLayers>,
         convert: fn(&L, &GlobalTransform) -> Option<GpuLight>,
     ) -> Option<GpuLight> {
-        if visibility.get() {
-            convert(light, transform)
-        } else {
-            None
-        }
+        // Bevy lights a view by the lights on its layers alone.
+        let shines = visibility.get() && layers.is_none_or(|layers| layers.groups_of(own_layers) != 0);
+        shines.then(|| convert(light, transform))?
     }
-    lights.extend(directional.iter().filter_map(|item| visible(item, directional_light)));
-    lights.extend(points.iter().filter_map(|item| visible(item, point_light)));
-    lights.extend(spots.iter().filter_map(|item| visible(item, spot_light)));
+    let layers = layers.as_deref();
+    lights.extend(
+        directional
+            .iter()
+            .filter_map(|item| visible(item, layers, directional_light)),
+    );
+    lights.extend(points.iter().filter_map(|item| visible(item, layers, point_light)));
+    lights.extend(spots.iter().filter_map(|item| visible(item, layers, spot_light)));
     if rects_enabled.is_some_and(|enabled| enabled.0) {
-        lights.extend(rects.iter().filter_map(|item| visible(item, rect_light)));
+        lights.extend(rects.iter().filter_map(|item| visible(item, layers, rect_light)));
     }
     if lights.len() > MAX_LIGHTS {
         warn_once!(

@@ -204,8 +204,15 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
                 None => 1.0 - unit_or(material.specular_transmission, 0.0),
             },
         lightmap_exposure: color(material.lightmap_exposure),
-        _padding: 0.0,
+        clearcoat: packed_clearcoat(material),
     }
+}
+
+/// The clearcoat of a material in the steps of Bevy's G-buffer; 0 without one. Its textures are left out.
+fn packed_clearcoat(material: &StandardMaterial) -> u32 {
+    let strength = (unit_or(material.clearcoat, 0.0) * 15.0).round() as u32;
+    let roughness = (finite_or(material.clearcoat_perceptual_roughness, 0.5).clamp(0.0, 0.5) * 30.0).round() as u32;
+    if strength == 0 { 0 } else { strength | (roughness << 4) }
 }
 
 /// The `MATERIAL_` flags that follow from the formats of a material's textures, as Bevy finds them.
@@ -250,6 +257,7 @@ fn hits_same(a: &GpuMaterial, b: &GpuMaterial) -> bool {
         perceptual_roughness: a.perceptual_roughness,
         reflectance: a.reflectance,
         lightmap_exposure: a.lightmap_exposure,
+        clearcoat: a.clearcoat,
         ..*b
     };
     bytes_of(&with_colors_of_a) == bytes_of(a)
@@ -348,6 +356,8 @@ pub struct MaterialTable {
     change: Change,
     /// Materials that are marked as changed, and the frames for which they stay so.
     restless: HashMap<u32, u32>,
+    /// Number of materials with a clearcoat.
+    coated: usize,
 }
 
 impl Default for MaterialTable {
@@ -365,6 +375,7 @@ impl Default for MaterialTable {
             dirty: 0..1,
             change: Change::Unmarked,
             restless: HashMap::default(),
+            coated: 0,
         }
     }
 }
@@ -404,6 +415,11 @@ impl MaterialTable {
         self.data.get(*self.indices.get(&id)? as usize)
     }
 
+    /// Returns whether any material has a clearcoat, which shaders have to know.
+    pub(crate) fn has_clearcoat(&self) -> bool {
+        self.coated > 0
+    }
+
     /// Materials to store in the materials buffer.
     pub fn materials(&self) -> &[GpuMaterial] {
         &self.data
@@ -426,6 +442,8 @@ impl MaterialTable {
         if bytes_of(&before) == bytes_of(&material) {
             return;
         }
+        self.coated += usize::from(material.clearcoat != 0);
+        self.coated -= usize::from(before.clearcoat != 0);
         *data = material;
         if hits_same(&before, &material) {
             data.flags |= MATERIAL_RESTLESS;
@@ -563,30 +581,4 @@ pub fn update_materials(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use bevy::{asset::Handle, color::Color};
-
-    #[test]
-    fn only_differences_that_rays_see_count_as_changes() {
-        let mut assets = MaterialAssets::default();
-        let id = AssetId::<StandardMaterial>::default().untyped();
-        let changes = |assets: &mut MaterialAssets, material: &StandardMaterial| {
-            assets.set(id, material.clone());
-            !std::mem::take(&mut assets.changed).is_empty()
-        };
-        let mut material = StandardMaterial::default();
-        assert!(changes(&mut assets, &material), "it is new");
-        assert!(!changes(&mut assets, &material), "an extension changed");
-        material.depth_bias = 1.0;
-        assert!(!changes(&mut assets, &material), "rays know no depth bias");
-        material.base_color = Color::BLACK;
-        assert!(changes(&mut assets, &material));
-        material.normal_map_texture = Some(Handle::default());
-        assert!(changes(&mut assets, &material));
-        material.cull_mode = None;
-        assert!(changes(&mut assets, &material));
-        material.alpha_mode = AlphaMode::Blend;
-        assert!(changes(&mut assets, &material));
-    }
-}
+mod tests;

@@ -15,6 +15,7 @@ mod free_slots;
 pub mod geometry;
 pub mod gpu_types;
 pub mod instances;
+mod light_probes;
 mod lightmaps;
 pub mod lights;
 mod masks;
@@ -24,6 +25,7 @@ pub mod meshes;
 mod pose;
 mod prepare;
 pub(crate) mod reflected_material;
+mod render_layers;
 pub(crate) mod see_through;
 #[cfg(test)]
 mod test_gpu;
@@ -56,12 +58,14 @@ use bevy::{
 use bind_group::prepare_scene_bind_group;
 use environment::{EnvironmentBindings, extract_environments, prepare_environments};
 use instances::{SceneInstances, extract::LostComponents};
+use light_probes::{ExtractedLightProbes, extract_light_probes, prepare_light_probes};
 use lights::{ExtractedLights, RectLightsEnabled, detect_rect_lights, extract_lights};
 use materials::{MaterialAssets, MaterialTable, update_materials};
 use meshes::{SceneMeshes, extract_meshes, keep_render_world_meshes, kept::RenderWorldMeshes, upload::upload_meshes};
 use pose::{ExtractedPoses, extract_poses};
-use prepare::{prepare_instances, prepare_tables};
+use prepare::{note_features, prepare_instances, prepare_tables};
 use reflected_material::add_extraction;
+use render_layers::{SceneLayers, extract_layers};
 use textures::{TextureTable, extract_texture_changes, update_textures};
 use unseen::count_unseen;
 
@@ -78,6 +82,7 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "bvh.wesl");
         load_shader_library!(app, "environment.wesl");
         load_shader_library!(app, "geometry.wesl");
+        load_shader_library!(app, "light_probes.wesl");
         load_shader_library!(app, "lights.wesl");
         load_shader_library!(app, "material.wesl");
         load_shader_library!(app, "change.wesl");
@@ -107,6 +112,8 @@ impl Plugin for ScenePlugin {
             .init_resource::<RectLightsEnabled>()
             .init_resource::<ExtractedLights>()
             .init_resource::<ExtractedPoses>()
+            .init_resource::<ExtractedLightProbes>()
+            .init_resource::<SceneLayers>()
             .init_gpu_resource::<SceneActivity>()
             .init_gpu_resource::<SceneInstances>()
             .init_resource::<LostComponents>()
@@ -126,11 +133,12 @@ impl Plugin for ScenePlugin {
             .add_systems(
                 ExtractSchedule,
                 (
-                    (extract_activity, extract_poses, extract_meshes).chain(),
-                    extract_lights.after(extract_activity),
+                    (extract_activity, extract_layers, extract_poses, extract_meshes).chain(),
+                    extract_lights.after(extract_layers),
+                    extract_light_probes.after(extract_activity),
                     extract_texture_changes,
                     extract_alpha_images,
-                    extract_environments,
+                    extract_environments.after(extract_layers),
                 )
                     .in_set(ReflectionSystems::ExtractScene),
             )
@@ -144,6 +152,8 @@ impl Plugin for ScenePlugin {
                         (upload_meshes, update_textures),
                         prepare_instances,
                         update_materials,
+                        prepare_light_probes,
+                        note_features,
                         prepare_tables,
                         detect_rect_lights,
                     )

@@ -15,6 +15,7 @@ use super::{
     materials::{MaterialAssets, MaterialTable},
     meshes::SceneMeshes,
     pose::PoseInputs,
+    render_layers::SceneLayers,
     textures::TextureTable,
 };
 use crate::{device::ReflectionTracer, status::ReflectionStatus};
@@ -157,6 +158,16 @@ fn report_nothing(status: &ReflectionStatus) {
     });
 }
 
+/// Notes what materials and cameras ask of shaders.
+pub(super) fn note_features(
+    mut bindings: ResMut<SceneBindings>,
+    materials: Res<MaterialTable>,
+    layers: Res<SceneLayers>,
+) {
+    bindings.has_clearcoat = materials.has_clearcoat();
+    bindings.has_render_layers = layers.differ();
+}
+
 /// Uploads materials, lights and counts that changed.
 pub(super) fn prepare_tables(
     mut bindings: ResMut<SceneBindings>,
@@ -194,6 +205,8 @@ pub(super) fn prepare_tables(
         instance_count: bindings.instances.len() as u32,
         material_count: bindings.materials.count() as u32,
         texture_count: textures.texture_count(),
+        reflection_probe_count: bindings.light_probes.reflection_probe_count(),
+        irradiance_volume_count: bindings.light_probes.irradiance_volume_count(),
         ..bindings.uniform_data
     };
     if uniform != bindings.uniform_data || bindings.bind_group.is_none() {

@@ -8,6 +8,7 @@ use super::{
     materials::{ReflectedMaterial, extract_materials},
     meshes::extract_meshes,
     pose::extract_poses,
+    render_layers::extract_layers,
 };
 use crate::{device::tracing_app, schedule::ReflectionSystems, settings::ReflectedMaterial3d};
 use bevy::{
@@ -142,7 +143,7 @@ pub(super) fn add_extraction(render_app: &mut SubApp) {
             ExtractObjects::DropLost,
         )
             .chain()
-            .after(extract_activity)
+            .after(extract_layers)
             .before(extract_poses)
             .before(extract_meshes)
             .in_set(ReflectionSystems::ExtractScene),

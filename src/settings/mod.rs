@@ -9,6 +9,7 @@
 //! | `presets.rs` | bundles of settings |
 //! | `quality.rs` | the component that a game saves |
 //! | `budget.rs` | a target for the time of reflections |
+//! | `reflected_layers.rs` | which layers a camera's reflections show |
 //! | `stand_in.rs` | components of objects: what rays see of them |
 //! | `words.rs` | words on command lines and in files |
 //! | `clamped.rs`, `clamped_rate.rs` | the same within its ranges, for shaders |
@@ -23,6 +24,7 @@ mod heuristic;
 mod pose;
 mod presets;
 mod quality;
+mod reflected_layers;
 mod reflections;
 mod shading_rate;
 mod stand_in;
@@ -39,6 +41,7 @@ pub use heuristic::{
 pub use pose::{ReflectedPose, ReflectedPoseBudget};
 pub use presets::{ReflectionPreset, TECHNIQUE_NAMES, named_settings};
 pub use quality::{ReflectionQuality, ReflectionsOff};
+pub use reflected_layers::ReflectedLayers;
 pub use reflections::{
     NotReflected, RayTracedReflections, ReflectionBackend, ReflectionFallback, ReflectionSampling, ReflectionTechnique,
     ReflectionTextureMip, ReflectionTracerChoice,
@@ -78,6 +81,7 @@ impl Plugin for SettingsPlugin {
             .register_type::<ReflectionTextureMip>()
             .register_type::<ReflectionTracerChoice>()
             .register_type::<NotReflected>()
+            .register_type::<ReflectedLayers>()
             .register_type::<ReflectedMesh3d>()
             .register_type::<ReflectedMaterial3d>()
             .register_type::<ReflectedPose>()

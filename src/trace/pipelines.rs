@@ -57,6 +57,8 @@ pub struct TracePipelines {
     common_defs: Vec<ShaderDefVal>,
     /// Definitions that are right for any scene.
     defs_for_any: Vec<ShaderDefVal>,
+    /// The device has what light probes need.
+    can_have_probes: bool,
     /// The variant that fits the scene, without bounces.
     pub(super) variant: Variant,
     /// The scene has more lights than hits have bits for.
@@ -105,7 +107,8 @@ impl TracePipelines {
     /// any scene.
     pub(super) fn vrs_request(&self) -> PipelineRequest {
         let mut defs = self.defs_for_any.clone();
-        defs.push("LIGHTMAPS".into());
+        defs.extend(["LIGHTMAPS", "CLEARCOAT"].map(Into::into));
+        defs.extend(self.can_have_probes.then(|| "LIGHT_PROBES".into()));
         defs.extend_from_slice(&self.common_defs);
         PipelineRequest {
             shader: self.inline.shader.clone(),
@@ -120,7 +123,7 @@ impl TracePipelines {
         let defs = |own: &[&'static str]| {
             let mut defs = scene.shader_defs_for(variant.masked);
             defs.extend_from_slice(common);
-            defs.extend(variant.tinted.then(|| "TINTED_GLASS".into()));
+            defs.extend(variant.defs().map(Into::into));
             defs.extend(own.iter().map(|&name| ShaderDefVal::from(name)));
             defs
         };
@@ -194,6 +197,7 @@ pub(super) fn init_trace_pipelines(
         wanted: HashSet::default(),
         common_defs: count.map(|_| "COUNT_INVOCATIONS".into()).into_iter().collect(),
         defs_for_any: scene.shader_defs_for_any(),
+        can_have_probes: scene.can_have_light_probes(),
         variant: Variant {
             masked: true,
             ..default()

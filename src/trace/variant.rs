@@ -46,13 +46,24 @@ pub(super) struct Variant {
     pub bounces: bool,
     /// Some object tints the light that it lets through.
     pub tinted: bool,
+    /// Some material has a clearcoat.
+    pub clearcoat: bool,
+    /// There are light probes.
+    pub probes: bool,
+    /// Not all cameras see the same objects.
+    pub layers: bool,
 }
 
 /// Conditions that the shading of hits is compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum ShadingVariant {
     /// It traces no rays.
-    Plain { lightmaps: bool, tinted: bool },
+    Plain {
+        lightmaps: bool,
+        tinted: bool,
+        clearcoat: bool,
+        probes: bool,
+    },
     /// It traces rays itself: in scenes with more lights than the tracing pass has tested (`trace/hit.wesl`), and where rays are
     /// followed beyond their first hit.
     Tracing(Variant),
@@ -67,6 +78,9 @@ impl Variant {
             lightmaps: scene.has_lightmaps(),
             bounces: false,
             tinted: scene.see_through.has_tints(),
+            clearcoat: scene.has_clearcoat(),
+            probes: scene.has_light_probes(),
+            layers: scene.has_render_layers(),
         }
     }
 
@@ -82,14 +96,29 @@ impl Variant {
     pub fn without_shading(self) -> Self {
         Self {
             lightmaps: false,
+            clearcoat: false,
             bounces: false,
             ..self
         }
     }
 
+    /// Definitions for all passes.
+    pub fn defs(self) -> impl Iterator<Item = &'static str> {
+        let defs = [
+            (self.tinted, "TINTED_GLASS"),
+            (self.probes, "LIGHT_PROBES"),
+            (self.layers, "RENDER_LAYERS"),
+        ];
+        defs.into_iter().filter_map(|(set, name)| set.then_some(name))
+    }
+
     /// Definitions for passes that shade hits.
     pub fn shading_defs(self) -> Vec<&'static str> {
-        let defs = [(self.lightmaps, "LIGHTMAPS"), (self.bounces, "BOUNCES")];
+        let defs = [
+            (self.lightmaps, "LIGHTMAPS"),
+            (self.clearcoat, "CLEARCOAT"),
+            (self.bounces, "BOUNCES"),
+        ];
         defs.into_iter().filter_map(|(set, name)| set.then_some(name)).collect()
     }
 
@@ -98,12 +127,17 @@ impl Variant {
         ShadingVariant::Plain {
             lightmaps: self.lightmaps,
             tinted: self.tinted,
+            clearcoat: self.clearcoat,
+            probes: self.probes,
         }
     }
 
+    /// Without what only adds to the light of hits.
     fn dark(self) -> Self {
         Self {
             lightmaps: false,
+            clearcoat: false,
+            probes: false,
             ..self
         }
     }
@@ -113,11 +147,16 @@ impl Variant {
     }
 
     /// Itself, the one that is right for all scenes of such trees, and others that are better than nothing while these are
-    /// compiled: they leave out baked light or tints, or miss hits where the stack is full.
+    /// compiled: they leave out baked light, clearcoats, light probes or tints, or miss hits where the stack is full and show what another
+    /// camera sees.
     pub fn substitutes(self) -> [Self; 6] {
         let masked = Self { masked: true, ..self };
         let plain = masked.dark().clear();
-        let shallow = Self { deep: false, ..plain };
+        let shallow = Self {
+            deep: false,
+            layers: false,
+            ..plain
+        };
         [self, masked, masked.dark(), masked.clear(), plain, shallow]
     }
 
@@ -164,6 +203,16 @@ mod tests {
         };
         assert_eq!(variant.shading_defs(), ["LIGHTMAPS"]);
         assert_eq!(variant.without_shading(), Variant::default());
+        let coated = Variant {
+            clearcoat: true,
+            ..variant
+        };
+        assert_eq!(coated.shading_defs(), ["LIGHTMAPS", "CLEARCOAT"]);
+        assert_eq!(coated.without_shading(), Variant::default());
+        assert_eq!(
+            coated.shading_substitutes(false).last(),
+            Some(Variant::default().plain())
+        );
         let mut shading = variant.shading_substitutes(false);
         assert_eq!(shading.next(), Some(variant.plain()));
         assert_eq!(shading.last(), Some(Variant::default().plain()));

@@ -36,6 +36,7 @@ mod plugin;
 mod poses;
 mod quality;
 mod reflect;
+mod render_layers;
 mod robustness;
 mod see_through;
 mod shipped;

@@ -53,8 +53,22 @@ const SCENE_PASSES: [(&str, &[&str]); 13] = [
     ("front_layer/find", &["FRONT_LAYER"]),
 ];
 
-/// All others.
-const PASSES: [(&str, &[&str]); 27] = [
+/// All others, and passes for scenes with what few have.
+const PASSES: [(&str, &[&str]); 35] = [
+    ("trace/shade", &["CLEARCOAT"]),
+    ("trace/shade", &["CLEARCOAT", "RAY_QUERY", "BINDLESS_TEXTURES"]),
+    (
+        "trace/shade",
+        &["LIGHT_PROBES", "BINDLESS_TEXTURES", "ALPHA_MASKED_GEOMETRY"],
+    ),
+    ("trace/shade", &["LIGHT_PROBES", "RAY_QUERY", "BINDLESS_TEXTURES"]),
+    (
+        "trace/blocks",
+        &["LIGHT_PROBES", "BINDLESS_TEXTURES", "ALPHA_MASKED_GEOMETRY"],
+    ),
+    ("trace/blocks", &["LIGHT_PROBES", "RAY_QUERY", "BINDLESS_TEXTURES"]),
+    ("trace/blocks", &["RENDER_LAYERS"]),
+    ("trace/blocks", &["RENDER_LAYERS", "RAY_QUERY"]),
     ("rate/classify", &[]),
     ("rate/classify", &["ROUGHNESS"]),
     ("rate/classify", &["GRAZING", "TILE_ANGLES"]),

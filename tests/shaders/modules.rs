@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{environment::GpuEnvironment, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 28] = [
+pub const COMBINATIONS: [&[&str]; 33] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -35,6 +35,11 @@ pub const COMBINATIONS: [&[&str]; 28] = [
     &["TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
     &["LIGHTMAPS", "RAY_QUERY", "BINDLESS_TEXTURES"],
     &["LIGHTMAPS", "TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
+    &["CLEARCOAT", "BOUNCES", "MANY_LIGHTS"],
+    &["CLEARCOAT", "LIGHT_PROBES", "RAY_QUERY", "BINDLESS_TEXTURES"],
+    &["LIGHT_PROBES", "BINDLESS_TEXTURES", "TINTED_GLASS", "BOUNCES"],
+    &["RENDER_LAYERS", "ALPHA_MASKED_GEOMETRY", "FRONT_LAYER"],
+    &["RENDER_LAYERS", "RAY_QUERY", "FRONT_LAYER"],
 ];
 
 /// Uses everything that passes call, so that the linker keeps it.
@@ -45,6 +50,7 @@ import package::scene::trace::trace_closest;
 import package::scene::surface::load_surface;
 import package::scene::shading::{shade, visible_lights, MAX_LIGHTS};
 import package::scene::environment::sky;
+@if(LIGHT_PROBES) import package::scene::light_probes::probed_sky;
 import package::scene::offset::offset_origin;
 
 @group(0) @binding(0) var<storage, read_write> output: array<vec4<f32>>;
@@ -53,7 +59,10 @@ import package::scene::offset::offset_origin;
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let ray = Ray(vec3<f32>(0.0), 0.0, vec3<f32>(0.0, 0.0, 1.0), 1e20);
     let hit = trace_closest(ray);
+    @if(!LIGHT_PROBES)
     var radiance = sky(ray.direction);
+    @if(LIGHT_PROBES)
+    var radiance = probed_sky(ray.origin, ray.direction);
     if hit.instance != NO_HIT {
         let surface = load_surface(hit, ray, 0.0, 0.001);
         let origin = offset_origin(surface.position, surface.geometric_normal, surface.position_scale);
@@ -70,7 +79,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 
 /// Uses every struct that the CPU has, too.
 const STRUCTS: &str = r#"
-import package::scene::types::{Instance, Material, Light, SceneCounts};
+import package::scene::types::{Instance, Material, Light, LightProbe, SceneCounts};
 import package::scene::environment::EnvironmentUniform;
 
 @group(0) @binding(0) var<storage, read> a: Instance;
@@ -79,10 +88,11 @@ import package::scene::environment::EnvironmentUniform;
 @group(0) @binding(3) var<uniform> d: SceneCounts;
 @group(0) @binding(4) var<uniform> e: EnvironmentUniform;
 @group(0) @binding(5) var<storage, read_write> output: array<u32>;
+@group(0) @binding(6) var<storage, read> f: LightProbe;
 
 @compute @workgroup_size(1)
 fn main() {
-    output[0] = a.id + b.flags + c.flags + d.light_count + e.flags;
+    output[0] = a.id + b.flags + c.flags + d.light_count + e.flags + f.has_parallax;
 }
 "#;
 
@@ -132,7 +142,7 @@ fn hit_shading_compiles_as_a_whole() {
         for (group, binding) in bindings {
             let known = match group {
                 0 => binding == 0,
-                1 => binding <= 9,
+                1 => binding <= 12,
                 2 => binding <= 5,
                 _ => false,
             };
@@ -236,7 +246,7 @@ fn instances_and_materials_match_the_cpu() {
             stop_probability,
             diffuse_share,
             lightmap_exposure,
-            _padding
+            clearcoat
         ]
     );
 }
@@ -262,6 +272,12 @@ fn lights_and_uniforms_match_the_cpu() {
     );
     same_layout!(
         module,
+        "LightProbe",
+        GpuLightProbe,
+        [probe_from_world, falloff, intensity, parallax_bounds, has_parallax]
+    );
+    same_layout!(
+        module,
         "SceneCounts",
         GpuSceneCounts,
         [
@@ -271,8 +287,8 @@ fn lights_and_uniforms_match_the_cpu() {
             instance_count,
             material_count,
             texture_count,
-            padding_a,
-            padding_b
+            reflection_probe_count,
+            irradiance_volume_count
         ]
     );
     same_layout!(

@@ -264,7 +264,7 @@ pub(in crate::scene) fn pack_instance(
     flags: u32,
 ) -> Option<GpuInstance> {
     let matrices = Matrices::of(&source.world_from_object)?;
-    let mut flags = flags;
+    let mut flags = flags | source.groups;
     if matrices.mirrored {
         flags |= INSTANCE_MIRRORED;
     }

@@ -2,7 +2,7 @@
 
 use super::{InstanceSource, LightmapSource, SceneInstances};
 use crate::{
-    scene::activity::SceneActivity,
+    scene::{activity::SceneActivity, render_layers::SceneLayers},
     settings::{NotReflected, ReflectedMaterial3d, ReflectedMesh3d},
 };
 use bevy::{
@@ -145,10 +145,11 @@ pub fn note_lost_materials<C: MaterialComponent>(
     lost.0.extend(removed.read());
 }
 
-/// Mirrors objects whose material comes from `C`: what changed, or everything after reflections were off.
+/// Mirrors objects whose material comes from `C`: what changed, or everything after reflections were off or cameras draw other layers.
 pub fn extract_instances<C: MaterialComponent>(
     all: Extract<Query<InstanceQuery<C>, IsObject<C>>>,
     activity: Res<SceneActivity>,
+    layers: Res<SceneLayers>,
     mut lost: ResMut<LostComponents>,
     mut instances: ResMut<SceneInstances>,
 ) {
@@ -157,18 +158,24 @@ pub fn extract_instances<C: MaterialComponent>(
     }
     if activity.started {
         for item in &all {
-            update(&mut instances, item);
+            update(&mut instances, &layers, item);
         }
         return;
     }
     lost.0.retain(|entity| match all.get(*entity) {
         Ok(item) => {
-            update(&mut instances, item);
+            update(&mut instances, &layers, item);
             false
         }
         Err(_) => true,
     });
-    update_changed(&mut instances, &all);
+    if layers.changed {
+        for item in &all {
+            update(&mut instances, &layers, item);
+        }
+        return;
+    }
+    update_changed(&mut instances, &layers, &all);
 }
 
 /// Forgets the objects that no query has found.
@@ -209,12 +216,16 @@ impl Clock {
 
 /// Mirrors entities of which a component has changed. Queries with filters for changes take ten times as long in large worlds, since they
 /// ask for each entity and component in turn.
-fn update_changed<C: MaterialComponent>(instances: &mut SceneInstances, all: &Query<InstanceQuery<C>, IsObject<C>>) {
+fn update_changed<C: MaterialComponent>(
+    instances: &mut SceneInstances,
+    scene_layers: &SceneLayers,
+    all: &Query<InstanceQuery<C>, IsObject<C>>,
+) {
     let Ok(tables) = all.contiguous_iter() else {
         // All of these components are stored in tables, unless a future version of Bevy stores one elsewhere.
         for item in all {
             if is_changed(&item) {
-                update(instances, item);
+                update(instances, scene_layers, item);
             }
         }
         return;
@@ -272,6 +283,7 @@ fn update_changed<C: MaterialComponent>(instances: &mut SceneInstances, all: &Qu
                 }
                 update_item(
                     instances,
+                    scene_layers,
                     &InstanceItem {
                         entity: entities[row],
                         mesh: meshes.as_ref().map(|meshes| &meshes[row]),
@@ -310,7 +322,7 @@ fn is_changed<C: MaterialComponent>(item: &Item<C>) -> bool {
         || lightmap.as_ref().is_some_and(Ref::is_changed)
 }
 
-fn update<C: MaterialComponent>(instances: &mut SceneInstances, item: Item<C>) {
+fn update<C: MaterialComponent>(instances: &mut SceneInstances, scene_layers: &SceneLayers, item: Item<C>) {
     let (
         entity,
         mesh,
@@ -328,6 +340,7 @@ fn update<C: MaterialComponent>(instances: &mut SceneInstances, item: Item<C>) {
     ) = item;
     update_item(
         instances,
+        scene_layers,
         &InstanceItem {
             entity,
             mesh: mesh.as_deref(),
@@ -346,17 +359,15 @@ fn update<C: MaterialComponent>(instances: &mut SceneInstances, item: Item<C>) {
     );
 }
 
-fn update_item(instances: &mut SceneInstances, item: &InstanceItem) {
-    // Reflections show what an ordinary camera shows: the default layer. Of levels of detail the nearest stands for all.
-    let on_default_layer = item
-        .layers
-        .is_none_or(|layers| layers.intersects(&RenderLayers::default()));
+fn update_item(instances: &mut SceneInstances, layers: &SceneLayers, item: &InstanceItem) {
+    let groups = layers.groups_of(item.layers);
+    // Of levels of detail the nearest stands for all.
     let nearest_detail = item.range.is_none_or(|range| range.start_margin.start <= 0.0);
     let mesh = item
         .stand_in
         .map(|stand_in| stand_in.id())
         .or_else(|| item.mesh.map(|mesh| mesh.id()));
-    let shown = !item.opted_out && item.visibility.get() && on_default_layer && nearest_detail;
+    let shown = !item.opted_out && item.visibility.get() && groups != 0 && nearest_detail;
     let Some(mesh) = mesh.filter(|_| shown) else {
         instances.remove(item.entity);
         return;
@@ -371,7 +382,8 @@ fn update_item(instances: &mut SceneInstances, item: &InstanceItem) {
         mesh,
         material: item.material,
         world_from_object,
-        casts_shadow: !item.no_shadow,
+        groups,
+        casts_shadow: !item.no_shadow && layers.casts_shadow(item.layers),
         receives_shadow: !item.no_shadow_on_it,
         lightmap: item.lightmap.map(|lightmap| Box::new(LightmapSource::from(lightmap))),
     });

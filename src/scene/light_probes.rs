@@ -1,0 +1,402 @@
+//! Light probes as hits need them: Bevy's reflection probes and irradiance volumes, all of the scene, since rays leave what the camera sees.
+//! `light_probes.wesl` is the GPU side.
+
+use super::{
+    activity::SceneActivity, bind_group::SceneBindings, bvh::invert, change::Change, gpu_types::GpuLightProbe,
+    upload::StorageSlice,
+};
+use crate::{device::ReflectionTextureMode, settings::RayTracedReflections};
+use bevy::{
+    asset::AssetId,
+    camera::visibility::InheritedVisibility,
+    ecs::prelude::*,
+    image::Image,
+    light::{EnvironmentMapLight, IrradianceVolume, LightProbe, ParallaxCorrection},
+    math::{Affine3A, Vec3, Vec3A},
+    render::{
+        Extract,
+        render_asset::RenderAssets,
+        render_resource::{
+            BindGroupLayoutEntryBuilder, Buffer, Extent3d, TextureDataOrder, TextureDescriptor, TextureDimension,
+            TextureFormat, TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor, TextureViewDimension,
+            WgpuTextureView,
+            binding_types::{texture_3d, texture_cube},
+        },
+        renderer::{RenderDevice, RenderQueue},
+        texture::GpuImage,
+    },
+    transform::components::GlobalTransform,
+};
+use core::num::NonZero;
+
+/// Most probes of one kind in hit shading; `light_probes.wesl` has the same number. Bevy takes half as many for each view.
+const MAX_PROBES: usize = 16;
+
+/// A probe in the render world, before its images are looked up.
+#[derive(Clone, Debug, PartialEq)]
+struct ProbeSource {
+    data: GpuLightProbe,
+    /// Diffuse and specular map, or the voxels twice.
+    images: [AssetId<Image>; 2],
+}
+
+/// The light probes of the scene in the render world.
+#[derive(Resource, Default, PartialEq)]
+pub struct ExtractedLightProbes {
+    reflection_probes: Vec<ProbeSource>,
+    irradiance_volumes: Vec<ProbeSource>,
+}
+
+/// `None` where the probe gives no light, or has no box.
+fn probe(
+    world_from_probe: Affine3A,
+    probe: &LightProbe,
+    intensity: f32,
+    parallax: Option<&ParallaxCorrection>,
+    images: [AssetId<Image>; 2],
+) -> Option<ProbeSource> {
+    let probe_from_world = bytemuck::cast(invert(&world_from_probe)?.rows);
+    let bounds = match parallax {
+        Some(ParallaxCorrection::Auto) => Some(Vec3::splat(0.5)),
+        Some(ParallaxCorrection::Custom(bounds)) => Some(*bounds).filter(|bounds| bounds.is_finite()),
+        Some(ParallaxCorrection::None) | None => None,
+    };
+    let is_valid = intensity.is_finite() && intensity >= 0.0 && probe.falloff.is_finite();
+    is_valid.then(|| ProbeSource {
+        data: GpuLightProbe {
+            probe_from_world,
+            falloff: probe.falloff.to_array(),
+            intensity,
+            parallax_bounds: bounds.unwrap_or_default().to_array(),
+            has_parallax: u32::from(bounds.is_some()),
+        },
+        images,
+    })
+}
+
+/// Keeps those that are nearest to a camera, if there are too many.
+fn keep_nearest(probes: Vec<(Vec3A, ProbeSource)>, cameras: &[Vec3A]) -> Vec<ProbeSource> {
+    let mut probes = probes;
+    if probes.len() > MAX_PROBES {
+        let distance = |place: Vec3A| {
+            let distances = cameras.iter().map(|camera| camera.distance_squared(place));
+            distances.fold(f32::INFINITY, f32::min)
+        };
+        probes.sort_by(|(a, _), (b, _)| distance(*a).total_cmp(&distance(*b)));
+        probes.truncate(MAX_PROBES);
+    }
+    probes.into_iter().map(|(_, probe)| probe).collect()
+}
+
+type Probes<'w, 's, L> = Query<
+    'w,
+    's,
+    (
+        &'static GlobalTransform,
+        &'static LightProbe,
+        &'static L,
+        &'static InheritedVisibility,
+        Option<&'static ParallaxCorrection>,
+    ),
+>;
+
+/// Gathers the probes. Belongs in `ExtractSchedule`.
+pub(super) fn extract_light_probes(
+    reflection_probes: Extract<Probes<EnvironmentMapLight>>,
+    irradiance_volumes: Extract<Probes<IrradianceVolume>>,
+    cameras: Extract<Query<&GlobalTransform, With<RayTracedReflections>>>,
+    activity: Res<SceneActivity>,
+    mut extracted: ResMut<ExtractedLightProbes>,
+) {
+    let mut current = ExtractedLightProbes::default();
+    if activity.active && !(reflection_probes.is_empty() && irradiance_volumes.is_empty()) {
+        let cameras: Vec<_> = cameras.iter().map(GlobalTransform::translation_vec3a).collect();
+        let found = reflection_probes.iter().filter(|(.., visibility, _)| visibility.get());
+        let found = found.filter_map(|(transform, light_probe, light, _, parallax)| {
+            // As Bevy has it, a probe turns with its maps.
+            let place = transform.affine() * Affine3A::from_quat(light.rotation);
+            let images = [light.diffuse_map.id(), light.specular_map.id()];
+            let source = probe(place, light_probe, light.intensity, parallax, images)?;
+            Some((place.translation, source))
+        });
+        current.reflection_probes = keep_nearest(found.collect(), &cameras);
+        let found = irradiance_volumes.iter().filter(|(.., visibility, _)| visibility.get());
+        let found = found.filter_map(|(transform, light_probe, light, ..)| {
+            let images = [light.voxels.id(); 2];
+            let source = probe(transform.affine(), light_probe, light.intensity, None, images)?;
+            Some((transform.translation_vec3a(), source))
+        });
+        current.irradiance_volumes = keep_nearest(found.collect(), &cameras);
+    }
+    extracted.set_if_neq(current);
+}
+
+/// The probes whose images can be sampled, as shaders see them.
+pub(super) struct LightProbes {
+    buffer: StorageSlice<GpuLightProbe>,
+    data: Vec<GpuLightProbe>,
+    /// Diffuse and specular map of each reflection probe in turn.
+    maps: Vec<TextureView>,
+    /// Voxels of each irradiance volume.
+    volumes: Vec<TextureView>,
+    /// Black textures that fill the arrays; `None` where the device has no arrays of bindings.
+    fillers: Option<[TextureView; 2]>,
+    generation: u64,
+}
+
+/// Textures for bindings 11 and 12 of group 1.
+pub(super) struct ProbeTextures<'a> {
+    pub maps: Vec<&'a WgpuTextureView>,
+    pub volumes: Vec<&'a WgpuTextureView>,
+}
+
+/// Storage buffers of the pass that needs most of them (`device/support.rs`), with that of the probes.
+const STORAGE_BUFFERS: u32 = 10;
+
+/// Layouts of bindings 11 and 12 of group 1. Without arrays of bindings, Bevy lights nothing by reflection probes, either.
+pub(super) fn texture_layouts(
+    mode: ReflectionTextureMode,
+    device: &RenderDevice,
+) -> Option<[BindGroupLayoutEntryBuilder; 2]> {
+    if device.limits().max_storage_buffers_per_shader_stage < STORAGE_BUFFERS {
+        return None;
+    }
+    let float = TextureSampleType::Float { filterable: true };
+    let count = |count: usize| NonZero::new(count as u32);
+    match mode {
+        ReflectionTextureMode::Bindless { .. } => Some([
+            texture_cube(float).count(count(2 * MAX_PROBES)?),
+            texture_3d(float).count(count(MAX_PROBES)?),
+        ]),
+        ReflectionTextureMode::Layers { .. } => None,
+    }
+}
+
+fn black(dimension: TextureDimension, device: &RenderDevice, queue: &RenderQueue) -> TextureView {
+    let (layers, view) = match dimension {
+        TextureDimension::D2 => (6, TextureViewDimension::Cube),
+        _ => (1, TextureViewDimension::D3),
+    };
+    let texture = device.create_texture_with_data(
+        queue,
+        &TextureDescriptor {
+            label: Some("glint_no_light_probe"),
+            size: Extent3d {
+                depth_or_array_layers: layers,
+                ..Default::default()
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension,
+            format: TextureFormat::Rgba8Unorm,
+            usage: TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        },
+        TextureDataOrder::default(),
+        &vec![0; 4 * layers as usize],
+    );
+    texture.create_view(&TextureViewDescriptor {
+        dimension: Some(view),
+        ..Default::default()
+    })
+}
+
+/// The view of an image, if it can be bound as one of this dimension.
+fn view_of(image: &GpuImage, dimension: TextureViewDimension, device: &RenderDevice) -> Option<TextureView> {
+    let own = image.texture_view_descriptor.as_ref().and_then(|view| view.dimension);
+    let is_volume = own.is_none() && image.texture_descriptor.dimension == TextureDimension::D3;
+    let own = own.or(is_volume.then_some(TextureViewDimension::D3));
+    let kind = image.view_format().sample_type(None, Some(device.features()));
+    let can_be_bound = own == Some(dimension)
+        && image.texture_descriptor.usage.contains(TextureUsages::TEXTURE_BINDING)
+        && kind == Some(TextureSampleType::Float { filterable: true });
+    can_be_bound.then(|| image.texture_view.clone())
+}
+
+impl LightProbes {
+    pub fn new(mode: ReflectionTextureMode, device: &RenderDevice, queue: &RenderQueue) -> Self {
+        let dimensions = [TextureDimension::D2, TextureDimension::D3];
+        Self {
+            buffer: StorageSlice::new(device, "glint_light_probes"),
+            data: Vec::new(),
+            maps: Vec::new(),
+            volumes: Vec::new(),
+            fillers: texture_layouts(mode, device).map(|_| dimensions.map(|dimension| black(dimension, device, queue))),
+            generation: 0,
+        }
+    }
+
+    /// Forgets all probes.
+    pub fn clear(&mut self) {
+        self.data.clear();
+        self.maps.clear();
+        self.volumes.clear();
+        self.generation += 1;
+    }
+
+    /// There is none.
+    pub fn is_empty(&self) -> bool {
+        self.data.is_empty()
+    }
+
+    /// For `SceneCounts::reflection_probe_count`.
+    pub fn reflection_probe_count(&self) -> u32 {
+        self.maps.len() as u32 / 2
+    }
+
+    /// For `SceneCounts::irradiance_volume_count`.
+    pub fn irradiance_volume_count(&self) -> u32 {
+        self.volumes.len() as u32
+    }
+
+    /// For binding 10 of group 1.
+    pub fn buffer(&self) -> &Buffer {
+        self.buffer.buffer()
+    }
+
+    /// Changes whenever the bind group has to be made anew.
+    pub fn generation(&self) -> u64 {
+        self.generation + self.buffer.generation()
+    }
+
+    /// `None` where the device has no arrays of bindings.
+    pub fn textures(&self) -> Option<ProbeTextures<'_>> {
+        let [cube, volume] = self.fillers.as_ref()?;
+        // Shaders clamp indices to the whole array, so all of it is filled.
+        Some(ProbeTextures {
+            maps: filled(&self.maps, cube, 2 * MAX_PROBES),
+            volumes: filled(&self.volumes, volume, MAX_PROBES),
+        })
+    }
+
+    /// Takes over the probes whose images are there. Returns whether anything is different.
+    fn update(
+        &mut self,
+        extracted: &ExtractedLightProbes,
+        images: &RenderAssets<GpuImage>,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> bool {
+        if self.fillers.is_none() || (self.is_empty() && *extracted == ExtractedLightProbes::default()) {
+            return false;
+        }
+        let view = |image, dimension| view_of(images.get(image)?, dimension, device);
+        let (mut data, mut maps, mut volumes) = (Vec::new(), Vec::new(), Vec::new());
+        for probe in &extracted.reflection_probes {
+            let [diffuse, specular] = probe.images.map(|image| view(image, TextureViewDimension::Cube));
+            if let (Some(diffuse), Some(specular)) = (diffuse, specular) {
+                data.push(probe.data);
+                maps.extend([diffuse, specular]);
+            }
+        }
+        for probe in &extracted.irradiance_volumes {
+            if let Some(voxels) = view(probe.images[0], TextureViewDimension::D3) {
+                data.push(probe.data);
+                volumes.push(voxels);
+            }
+        }
+        let ids = |views: &[TextureView]| views.iter().map(|view| view.id()).collect::<Vec<_>>();
+        let same_textures = ids(&self.maps) == ids(&maps) && ids(&self.volumes) == ids(&volumes);
+        if !same_textures {
+            (self.maps, self.volumes) = (maps, volumes);
+            self.generation += 1;
+        }
+        let same_data = self.data == data;
+        if !same_data {
+            self.data = data;
+            self.buffer.write(&self.data, 0..self.data.len(), device, queue);
+        }
+        !(same_textures && same_data)
+    }
+}
+
+fn filled<'a>(views: &'a [TextureView], filler: &'a TextureView, count: usize) -> Vec<&'a WgpuTextureView> {
+    let rest = count.saturating_sub(views.len());
+    let all = views.iter().chain(core::iter::repeat_n(filler, rest));
+    all.map(|view| &**view).collect()
+}
+
+/// Brings the probes up to date.
+pub(super) fn prepare_light_probes(
+    mut bindings: ResMut<SceneBindings>,
+    extracted: Res<ExtractedLightProbes>,
+    images: Res<RenderAssets<GpuImage>>,
+    device: Res<RenderDevice>,
+    queue: Res<RenderQueue>,
+) {
+    if bindings.light_probes.update(&extracted, &images, &device, &queue) {
+        bindings.version.note(Change::Unmarked);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn source(place: Affine3A, intensity: f32, parallax: Option<&ParallaxCorrection>) -> Option<ProbeSource> {
+        probe(
+            place,
+            &LightProbe::default(),
+            intensity,
+            parallax,
+            [AssetId::default(); 2],
+        )
+    }
+
+    #[test]
+    fn probes_that_nothing_can_be_told_of_are_left_out() {
+        let place = Affine3A::from_scale(Vec3::new(2.0, 4.0, 8.0));
+        assert!(source(place, 1.0, None).is_some());
+        for intensity in [f32::NAN, f32::INFINITY, -1.0] {
+            assert_eq!(source(place, intensity, None), None, "{intensity}");
+        }
+        assert_eq!(source(Affine3A::from_scale(Vec3::ZERO), 1.0, None), None);
+        let falloff = LightProbe {
+            falloff: Vec3::splat(f32::NAN),
+        };
+        assert_eq!(probe(place, &falloff, 1.0, None, [AssetId::default(); 2]), None);
+    }
+
+    #[test]
+    fn points_come_into_the_space_of_a_probe() {
+        let place = Affine3A::from_scale_rotation_translation(Vec3::new(2.0, 4.0, 8.0), Default::default(), Vec3::X);
+        let rows = source(place, 1.0, None).unwrap().data.probe_from_world;
+        let corner = [2.0, 2.0, 4.0, 1.0];
+        let inside = rows.map(|row| row.iter().zip(corner).map(|(a, b)| a * b).sum::<f32>());
+        assert_eq!(inside, [0.5; 3]);
+    }
+
+    #[test]
+    fn parallax_is_that_of_bevy() {
+        let bounds = |parallax: Option<ParallaxCorrection>| {
+            let data = source(Affine3A::IDENTITY, 1.0, parallax.as_ref()).unwrap().data;
+            (data.has_parallax, data.parallax_bounds)
+        };
+        assert_eq!(bounds(Some(ParallaxCorrection::Auto)), (1, [0.5; 3]));
+        assert_eq!(bounds(Some(ParallaxCorrection::Custom(Vec3::ONE))), (1, [1.0; 3]));
+        assert_eq!(bounds(Some(ParallaxCorrection::Custom(Vec3::NAN))), (0, [0.0; 3]));
+        assert_eq!(bounds(Some(ParallaxCorrection::None)), (0, [0.0; 3]));
+        assert_eq!(bounds(None), (0, [0.0; 3]));
+    }
+
+    #[test]
+    fn the_nearest_probes_are_kept() {
+        let probes = |count: usize| -> Vec<(Vec3A, ProbeSource)> {
+            let probe = |i: usize| {
+                let place = Affine3A::from_translation(Vec3::X * i as f32);
+                Some((place.translation, source(place, i as f32, None)?))
+            };
+            (0..count).rev().filter_map(probe).collect()
+        };
+        let kept = |count, cameras: &[Vec3A]| -> Vec<f32> {
+            let kept = keep_nearest(probes(count), cameras);
+            kept.iter().map(|probe| probe.data.intensity).collect()
+        };
+        assert_eq!(kept(2, &[Vec3A::ZERO]), [1.0, 0.0], "few keep their order");
+        let nearest: Vec<f32> = (0..MAX_PROBES).map(|i| i as f32).collect();
+        assert_eq!(kept(40, &[Vec3A::ZERO]), nearest);
+        let mut both = kept(40, &[Vec3A::ZERO, Vec3A::X * 39.0]);
+        both.sort_by(f32::total_cmp);
+        assert_eq!((both[0], both[7], both[8], both[15]), (0.0, 7.0, 32.0, 39.0));
+    }
+}

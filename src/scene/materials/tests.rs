@@ -1,0 +1,61 @@
+//! Materials as rays see them.
+
+use super::*;
+use bevy::{asset::Handle, color::Color};
+
+#[test]
+fn only_differences_that_rays_see_count_as_changes() {
+    let mut assets = MaterialAssets::default();
+    let id = AssetId::<StandardMaterial>::default().untyped();
+    let changes = |assets: &mut MaterialAssets, material: &StandardMaterial| {
+        assets.set(id, material.clone());
+        !std::mem::take(&mut assets.changed).is_empty()
+    };
+    let mut material = StandardMaterial::default();
+    assert!(changes(&mut assets, &material), "it is new");
+    assert!(!changes(&mut assets, &material), "an extension changed");
+    material.depth_bias = 1.0;
+    assert!(!changes(&mut assets, &material), "rays know no depth bias");
+    material.base_color = Color::BLACK;
+    assert!(changes(&mut assets, &material));
+    material.normal_map_texture = Some(Handle::default());
+    assert!(changes(&mut assets, &material));
+    material.cull_mode = None;
+    assert!(changes(&mut assets, &material));
+    material.alpha_mode = AlphaMode::Blend;
+    assert!(changes(&mut assets, &material));
+}
+
+#[test]
+fn clearcoats_have_the_steps_of_the_g_buffer() {
+    let packed = |clearcoat, clearcoat_perceptual_roughness| {
+        packed_clearcoat(&StandardMaterial {
+            clearcoat,
+            clearcoat_perceptual_roughness,
+            ..Default::default()
+        })
+    };
+    assert_eq!(packed(0.0, 0.3), 0);
+    assert_eq!(packed(f32::NAN, 0.3), 0);
+    assert_eq!(packed(0.02, 0.3), 0, "less than half a step");
+    assert_eq!(packed(1.0, 0.0), 15);
+    assert_eq!(packed(0.2, 0.1), 3 | (3 << 4));
+    assert_eq!(packed(2.0, 0.9), 15 | (15 << 4), "the G-buffer holds no rougher one");
+    assert_eq!(packed(1.0, f32::NAN), 15 | (15 << 4));
+}
+
+#[test]
+fn a_table_knows_whether_any_material_has_a_clearcoat() {
+    let mut table = MaterialTable::default();
+    let index = table.index(AssetId::<StandardMaterial>::default().untyped());
+    assert!(!table.has_clearcoat());
+    let coated = StandardMaterial {
+        clearcoat: 1.0,
+        ..Default::default()
+    };
+    table.write(index, pack_material(&coated));
+    table.write(index, pack_material(&coated));
+    assert!(table.has_clearcoat());
+    table.write(index, pack_material(&StandardMaterial::default()));
+    assert!(!table.has_clearcoat());
+}

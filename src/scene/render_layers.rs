@@ -1,0 +1,178 @@
+//! Render layers: reflections show what their camera draws, or the layers that it names. Each different set of layers is a group; an object
+//! has a bit for each group that it belongs to, and shaders look at the bits only where there are several groups.
+
+use crate::settings::{RayTracedReflections, ReflectedLayers};
+use bevy::{
+    camera::{Camera, visibility::RenderLayers},
+    ecs::prelude::*,
+    light::{DirectionalLight, PointLight, SpotLight},
+    log::warn_once,
+    render::Extract,
+};
+
+/// Groups that can be told apart: bits of a cull mask that nothing else uses.
+pub const MAX_GROUPS: usize = 5;
+/// Bit of the first group, in the flags of instances and of environments: there, of the group that reflections show.
+const FIRST_GROUP: u32 = 27;
+/// By how many bits the group that a camera draws stands below the one that its reflections show.
+const DRAWN_SHIFT: u32 = 5;
+
+/// The layers of reflecting cameras.
+#[derive(Resource, Default)]
+pub struct SceneLayers {
+    /// The layers of each group.
+    groups: Vec<RenderLayers>,
+    /// Layers on which lights cast shadows.
+    lit: RenderLayers,
+    /// Something differs from the last frame.
+    pub changed: bool,
+}
+
+impl SceneLayers {
+    /// The groups of an object on these layers, as bits of flags.
+    pub fn groups_of(&self, layers: Option<&RenderLayers>) -> u32 {
+        let default = RenderLayers::default();
+        let layers = layers.unwrap_or(&default);
+        let groups = (FIRST_GROUP..).zip(&self.groups);
+        groups.fold(0, |bits, (bit, group)| {
+            bits | (u32::from(group.intersects(layers)) << bit)
+        })
+    }
+
+    /// The groups of a camera, as bits of the flags of its environment.
+    pub fn groups_of_camera(&self, drawn: Option<&RenderLayers>, reflected: Option<&ReflectedLayers>) -> u32 {
+        let shown = reflected.map(|layers| &layers.0).or(drawn);
+        self.group_of(shown) | (self.group_of(drawn) >> DRAWN_SHIFT)
+    }
+
+    /// The group of this set of layers.
+    fn group_of(&self, layers: Option<&RenderLayers>) -> u32 {
+        let default = RenderLayers::default();
+        let layers = layers.unwrap_or(&default);
+        let found = self.groups.iter().position(|group| group == layers);
+        // The last group holds the layers of all cameras for which there is none.
+        1 << (FIRST_GROUP + found.unwrap_or(MAX_GROUPS - 1) as u32)
+    }
+
+    /// An object on these layers casts shadows. Lights of other layers than the default one make more objects do so.
+    pub fn casts_shadow(&self, layers: Option<&RenderLayers>) -> bool {
+        layers.is_none_or(|layers| layers.intersects(&self.lit))
+    }
+
+    /// There are several groups.
+    pub fn differ(&self) -> bool {
+        self.groups.len() > 1
+    }
+
+    /// Takes over the layers of this frame's cameras and lights.
+    fn follow<'a>(
+        &mut self,
+        cameras: impl Iterator<Item = Option<&'a RenderLayers>>,
+        lights: impl Iterator<Item = &'a RenderLayers>,
+    ) {
+        let mut groups: Vec<_> = cameras.map(|layers| layers.cloned().unwrap_or_default()).collect();
+        groups.sort_unstable();
+        groups.dedup();
+        if groups.len() > MAX_GROUPS {
+            warn_once!(
+                "reflecting cameras name {} different sets of render layers: beyond {MAX_GROUPS}, reflections show more than their \
+                 camera's",
+                groups.len()
+            );
+            let others = groups.drain(MAX_GROUPS - 1..);
+            let union = others.fold(RenderLayers::none(), |union, layers| union | layers);
+            groups.push(union);
+        }
+        let lit = lights.fold(RenderLayers::default(), |union, layers| union | layers.clone());
+        self.changed = groups != self.groups || lit != self.lit;
+        (self.groups, self.lit) = (groups, lit);
+    }
+}
+
+type Lights<'w, 's> =
+    Query<'w, 's, &'static RenderLayers, Or<(With<DirectionalLight>, With<PointLight>, With<SpotLight>)>>;
+
+/// Follows the layers of cameras and lights.
+pub(super) fn extract_layers(
+    cameras: Extract<Query<(&Camera, Option<&RenderLayers>, Option<&ReflectedLayers>), With<RayTracedReflections>>>,
+    lights: Extract<Lights>,
+    mut layers: ResMut<SceneLayers>,
+) {
+    let active = cameras.iter().filter(|(camera, ..)| camera.is_active);
+    let named = active.flat_map(|(_, drawn, reflected)| {
+        let reflected = reflected.map(|layers| Some(&layers.0));
+        [Some(drawn), reflected].into_iter().flatten()
+    });
+    layers.follow(named, lights.iter());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn followed<const N: usize>(cameras: [Option<RenderLayers>; N]) -> SceneLayers {
+        let mut layers = SceneLayers::default();
+        layers.follow(cameras.iter().map(Option::as_ref), core::iter::empty());
+        layers
+    }
+
+    #[test]
+    fn cameras_of_the_same_layers_are_one_group() {
+        let layers = followed([None, Some(RenderLayers::layer(0)), None]);
+        assert!(!layers.differ());
+        let [default, other] = [0, 1].map(RenderLayers::layer);
+        assert_eq!(layers.group_of(None), 1 << FIRST_GROUP);
+        assert_eq!(layers.groups_of(None), 1 << FIRST_GROUP);
+        assert_eq!(layers.groups_of(Some(&default)), 1 << FIRST_GROUP);
+        assert_eq!(layers.groups_of(Some(&other)), 0);
+    }
+
+    #[test]
+    fn each_group_draws_its_own_objects() {
+        let [first, second] = [RenderLayers::layer(0), RenderLayers::from_layers(&[1, 2])];
+        let layers = followed([Some(second.clone()), Some(first.clone())]);
+        assert!(layers.differ());
+        let [a, b] = [&first, &second].map(|group| layers.group_of(Some(group)));
+        assert_ne!(a, b);
+        assert_eq!(layers.groups_of(None), a);
+        assert_eq!(layers.groups_of(Some(&RenderLayers::layer(2))), b);
+        assert_eq!(layers.groups_of(Some(&RenderLayers::from_layers(&[0, 2]))), a | b);
+        assert_eq!(layers.groups_of(Some(&RenderLayers::layer(3))), 0);
+    }
+
+    #[test]
+    fn reflections_may_show_other_layers_than_their_camera_draws() {
+        let shown = ReflectedLayers(RenderLayers::from_layers(&[0, 1]));
+        let layers = followed([None, Some(shown.0.clone())]);
+        let (drawn, mirrored) = (layers.group_of(None), layers.group_of(Some(&shown.0)));
+        assert_ne!(drawn, mirrored);
+        assert_eq!(layers.groups_of(Some(&RenderLayers::layer(1))), mirrored);
+        assert_eq!(
+            layers.groups_of_camera(None, Some(&shown)),
+            mirrored | (drawn >> DRAWN_SHIFT)
+        );
+        assert_eq!(layers.groups_of_camera(None, None), drawn | (drawn >> DRAWN_SHIFT));
+    }
+
+    #[test]
+    fn too_many_groups_share_the_last_one() {
+        let layers = followed([0, 1, 2, 3, 4, 5, 6].map(|layer| Some(RenderLayers::layer(layer))));
+        let last = 1 << (FIRST_GROUP + MAX_GROUPS as u32 - 1);
+        let in_last = (0..7).filter(|layer| layers.group_of(Some(&RenderLayers::layer(*layer))) == last);
+        assert_eq!(in_last.count(), 3);
+        let shown = (0..7).filter(|layer| layers.groups_of(Some(&RenderLayers::layer(*layer))) == last);
+        assert_eq!(shown.count(), 3);
+    }
+
+    #[test]
+    fn lights_decide_on_which_layers_shadows_are_cast() {
+        let [default, other] = [0, 1].map(RenderLayers::layer);
+        let mut layers = followed([None]);
+        assert!(layers.casts_shadow(None) && layers.casts_shadow(Some(&default)));
+        assert!(!layers.casts_shadow(Some(&other)));
+        layers.follow([None].into_iter(), [&other].into_iter());
+        assert!(layers.changed && layers.casts_shadow(Some(&other)) && layers.casts_shadow(None));
+        layers.follow([None].into_iter(), [&other].into_iter());
+        assert!(!layers.changed);
+    }
+}

@@ -1,0 +1,69 @@
+//! Cameras that draw different render layers, side by side.
+
+use crate::{
+    pictures::{apps, crop, reflect, warm_up},
+    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, metal, share_picture, spawn_camera, spawn_mesh, unlit, wall},
+};
+use bevy::{camera::visibility::RenderLayers, prelude::*};
+use bevy_glint::{ReflectedLayers, ReflectionTechnique};
+use glint_scenes::{HeadlessApp, Output, SceneName};
+
+/// Pixels of the left and the right half that show a colour.
+fn count(app: &mut HeadlessApp, color: [u8; 3]) -> [usize; 2] {
+    warm_up(app);
+    app.step(2);
+    let picture = app.capture().unwrap();
+    let half = SIZE.x as usize / 2;
+    [0..half, half..2 * half].map(|columns| {
+        let shown = crop(&picture, SIZE.x, columns);
+        let is_near = |pixel: &&[u8]| {
+            pixel
+                .iter()
+                .zip(color)
+                .all(|(value, wanted)| value.abs_diff(wanted) < 25)
+        };
+        shown.chunks_exact(4).filter(is_near).count()
+    })
+}
+
+#[test]
+fn each_camera_reflects_what_it_draws() {
+    for (tracer, mut app) in apps(SIZE, Output::Picture) {
+        let app = &mut app;
+        spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+        // The red sheet hides the green one.
+        for (color, distance, layer) in [(RED, 7.0, 1), (GREEN, 8.0, 2)] {
+            let at = Transform::from_xyz(0.0, 0.0, distance).looking_to(Vec3::Z, Vec3::Y);
+            let sheet = spawn_mesh(app, Rectangle::new(60.0, 60.0), unlit(color), at);
+            app.world().entity_mut(sheet).insert(RenderLayers::layer(layer));
+        }
+        let cameras = [1, 2].map(|layer| {
+            let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+            app.world()
+                .entity_mut(camera)
+                .insert(RenderLayers::from_layers(&[0, layer]));
+            camera
+        });
+        share_picture(app, cameras);
+        for camera in cameras {
+            reflect(app, camera, ReflectionTechnique::Reference);
+        }
+        let half = SIZE.element_product() as usize / 2;
+        let (red, green) = (count(app, RED), count(app, GREEN));
+        println!("{tracer}: red {red:?}, green {green:?} of {half}");
+        assert_eq!((red, green), ([half, 0], [0, half]), "{tracer}");
+        // The second camera now draws what the first one does.
+        app.world()
+            .entity_mut(cameras[1])
+            .insert(RenderLayers::from_layers(&[0, 1]));
+        let (red, green) = (count(app, RED), count(app, GREEN));
+        println!("{tracer}, the same layers: red {red:?}, green {green:?}");
+        assert_eq!((red, green), ([half; 2], [0; 2]), "{tracer}");
+        // Its reflections show other layers than it draws itself.
+        let shown = ReflectedLayers(RenderLayers::from_layers(&[0, 2]));
+        app.world().entity_mut(cameras[1]).insert(shown);
+        let (red, green) = (count(app, RED), count(app, GREEN));
+        println!("{tracer}, named layers: red {red:?}, green {green:?}");
+        assert_eq!((red, green), ([half, 0], [0, half]), "{tracer}");
+    }
+}
