@@ -49,6 +49,7 @@
 // A library reports through the log and through types; it neither prints nor panics on what a user gave it.
 #![warn(clippy::print_stdout, clippy::print_stderr, clippy::unwrap_used, clippy::expect_used)]
 
+mod auto_quality;
 mod budget;
 mod common;
 mod composite;
@@ -62,6 +63,7 @@ mod extract;
 mod fallback;
 mod front_layer;
 mod gbuffer;
+mod gpu_time;
 pub mod manual;
 mod node;
 mod passes;
@@ -94,6 +96,7 @@ mod vrs;
 #[path = "no_vrs.rs"]
 mod vrs;
 
+pub use auto_quality::ReflectionQualityChosen;
 #[cfg(feature = "hardware-vrs")]
 pub use device::ShadingRates;
 pub use device::{HardwareVrsSupport, ReflectionTextureMode, ReflectionTracer};
@@ -104,9 +107,9 @@ pub use scene::{ReflectedMaterial, ReflectedMaterialPlugin};
 pub use schedule::ReflectionSystems;
 pub use settings::{
     AdaptiveThresholds, CombinedThresholds, GrazingThresholds, NotReflected, RATE_LEGEND, RayTracedReflections,
-    ReflectedMaterial3d, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget, ReflectionBackend, ReflectionBudget,
-    ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionEffort,
-    ReflectionFallback, ReflectionPreset, ReflectionQuality, ReflectionSampling, ReflectionTechnique,
+    ReflectedMaterial3d, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget, ReflectionAutoQuality, ReflectionBackend,
+    ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser,
+    ReflectionEffort, ReflectionFallback, ReflectionPreset, ReflectionQuality, ReflectionSampling, ReflectionTechnique,
     ReflectionTextureMip, ReflectionTracerChoice, ReflectionsOff, RoughnessThresholds, ShadingRate,
     ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
 };
