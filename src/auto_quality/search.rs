@@ -20,7 +20,7 @@ const ROOM: f32 = 0.75;
 const TOO_SLOW: f32 = 4.0;
 /// Frames of a complete picture without times after which there won't be any. With fewer, a device that is only busy is given up;
 /// more delay the answer.
-const NO_TIMES: u32 = 300;
+const NO_TIMES: u32 = 120;
 /// Time for one trial: for compiling, arriving meshes and measurements. With less, the first guess stays on slow machines; with more,
 /// a camera that shows nothing delays the answer.
 const PATIENCE: Duration = Duration::from_secs(60);

@@ -40,13 +40,21 @@ pub fn pack(wasm: &Path, page: &Path, out: &Path) -> Result<()> {
 }
 
 fn optimize(program: &Path) -> Result<()> {
+    let before = fs::metadata(program)?.len();
     let status = Command::new("wasm-opt")
         .args(["-Os", "--all-features", "-o"])
         .args([program, program])
         .status();
-    match status {
-        Ok(status) => ensure!(status.success(), "wasm-opt failed"),
-        Err(_) => println!("note: with Binaryen's `wasm-opt` the page would be smaller"),
-    }
+    let Ok(status) = status else {
+        println!("note: with Binaryen's `wasm-opt` on the path the page would be smaller");
+        return Ok(());
+    };
+    ensure!(status.success(), "wasm-opt failed");
+    let after = fs::metadata(program)?.len();
+    println!(
+        "wasm-opt: {:.1} MB became {:.1} MB",
+        before as f64 / 1e6,
+        after as f64 / 1e6
+    );
     Ok(())
 }
