@@ -19,6 +19,7 @@ use std::{
 
 const README: &str = include_str!("../../README.md");
 const MANIFEST: &str = include_str!("../../Cargo.toml");
+const UNIFY: &str = include_str!("../../tools/unify/Cargo.toml");
 /// The checkout.
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 /// Names the folder of the library as it is published, instead of the checkout.
@@ -162,9 +163,9 @@ fn block(language: &str, part: &str) -> String {
     panic!("the README lacks a step: it has no block of `{language}` with `{part}`");
 }
 
-/// The lines of a section of this workspace's manifest.
-fn section(header: &str) -> String {
-    let lines = MANIFEST.lines().skip_while(|line| *line != header).skip(1);
+/// The lines of a section of a manifest.
+fn section(manifest: &str, header: &str) -> String {
+    let lines = manifest.lines().skip_while(|line| *line != header).skip(1);
     let lines: Vec<&str> = lines.take_while(|line| !line.starts_with('[')).collect();
     assert!(!lines.is_empty(), "Cargo.toml has no {header}");
     lines.join("\n")
@@ -245,7 +246,11 @@ fn make(folder: &Path) {
     .into_iter()
     .filter_map(|(on, name)| on.then_some(name))
     .collect();
-    let others = section("[dev-dependencies]");
+    let others = [
+        section(MANIFEST, "[dev-dependencies]"),
+        section(UNIFY, "[dependencies]"),
+    ]
+    .join("\n");
     let others: Vec<_> = others.lines().filter(|line| !line.contains("path =")).collect();
     let dependencies = format!(
         "[dependencies]\nbevy_glint = {{ path = {:?}, features = {features:?} }}\n{}",
@@ -260,8 +265,8 @@ fn make(folder: &Path) {
     let workspace = format!(
         "[workspace]\nmembers = [\"{NAME}\", \"like_here\"]\nresolver = \"3\"\n\n[workspace.dependencies]\n{}\n\
          [profile.release]\n{}\n",
-        section("[workspace.dependencies]"),
-        section("[profile.release]")
+        section(MANIFEST, "[workspace.dependencies]"),
+        section(MANIFEST, "[profile.release]")
     );
     write(folder.join("Cargo.toml"), &workspace);
     let lock = fs::read_to_string(Path::new(ROOT).join("Cargo.lock")).expect("the workspace is locked");

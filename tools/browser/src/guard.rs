@@ -5,8 +5,9 @@ use std::process::{Child, Command, Stdio};
 
 /// Waits until one of the processes `needed` is gone, and then ends those of `ended` that are left.
 const SCRIPT: &str = r#"
-alive() { for id; do kill -0 "$id" 2>/dev/null || return 1; done; }
-while alive $1; do sleep 0.5; done
+gone() { ! kill -0 "$1" 2>/dev/null || grep -q '^State:.*Z' "/proc/$1/status" 2>/dev/null; }
+left() { for id; do ! gone "$id" || return 1; done; }
+while left $1; do sleep 0.5; done
 kill $2 2>/dev/null
 "#;
 
@@ -26,7 +27,7 @@ pub fn watch(needed: &[u32], ended: &[u32]) -> Result<Child> {
         .context("the guard of the browser can't be started")
 }
 
-#[cfg(all(test, unix))]
+#[cfg(all(test, target_os = "linux"))]
 mod tests {
     use super::*;
     use std::thread;
@@ -39,14 +40,15 @@ mod tests {
         let mut guard = watch(&[std::process::id(), check.id()], &[check.id(), browser.id()]).unwrap();
         thread::sleep(Duration::from_millis(1200));
         assert!(browser.try_wait().unwrap().is_none(), "everybody is there");
+        // Its end is not asked for before that of the browser: nobody may ever do so.
         check.kill().unwrap();
-        check.wait().unwrap();
         let start = Instant::now();
         while browser.try_wait().unwrap().is_none() {
             assert!(start.elapsed() < Duration::from_secs(20), "the browser is left behind");
             thread::sleep(Duration::from_millis(50));
         }
         guard.wait().unwrap();
+        check.wait().unwrap();
         assert!(other.try_wait().unwrap().is_none());
         other.kill().unwrap();
         other.wait().unwrap();

@@ -41,6 +41,7 @@ pub fn pack(wasm: &Path, page: &Path, out: &Path) -> Result<()> {
 
 fn optimize(program: &Path) -> Result<()> {
     let before = fs::metadata(program)?.len();
+    println!("wasm-opt, if it is on the path, takes minutes");
     let status = Command::new("wasm-opt")
         .args(["-Os", "--all-features", "-o"])
         .args([program, program])
