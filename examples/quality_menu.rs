@@ -3,13 +3,13 @@
 //! `cargo run --release --features egui --example quality_menu`
 //!
 //! [`ReflectionQuality`] is the player's choice: one word that is saved with the game's other settings and inserted on its cameras.
-//! The row is disabled, and says why, on machines that can't trace rays. Escape opens and closes the menu.
+//! At the first start and by the button Auto, the machine is measured. The row is disabled, and says why, where no rays are traced.
 
-use bevy::prelude::*;
+use bevy::{prelude::*, render::diagnostic::RenderDiagnosticsPlugin};
 use bevy_egui::{EguiContexts, EguiPlugin, EguiPrimaryContextPass, egui};
 use bevy_glint::{
     prelude::*,
-    ui::{quality_menu, why_no_reflections},
+    ui::{auto_quality_menu, why_no_reflections},
 };
 use std::{env, fs, io::ErrorKind, path::PathBuf};
 
@@ -20,18 +20,17 @@ fn main() {
 /// Everything that the game adds to Bevy.
 pub fn plugin(app: &mut App) {
     app.add_plugins((RayTracedReflectionsPlugin::default(), EguiPlugin::default()))
-        .insert_resource(GameSettings::default())
+        .add_plugins(RenderDiagnosticsPlugin)
+        .insert_resource(GameSettings {
+            volume: 0.8,
+            reflections: None,
+        })
         .insert_resource(SettingsFile(env::temp_dir().join("bevy_glint_quality_menu.txt")))
         .insert_resource(MenuIsOpen(true))
+        .add_observer(take_over_quality)
         .add_systems(Startup, (load_settings, setup, show_keys))
-        .add_systems(
-            Update,
-            (
-                toggle_menu,
-                apply_settings.run_if(resource_changed::<GameSettings>),
-                save_settings,
-            ),
-        )
+        .add_systems(Update, (toggle_menu, save_settings))
+        .add_systems(Update, apply_settings.run_if(resource_changed::<GameSettings>))
         .add_systems(EguiPrimaryContextPass, show_menu.run_if(|menu: Res<MenuIsOpen>| menu.0));
 }
 
@@ -40,17 +39,8 @@ pub fn plugin(app: &mut App) {
 pub struct GameSettings {
     /// 0 to 1.
     pub volume: f32,
-    /// Quality of the reflections of all cameras.
-    pub reflections: ReflectionQuality,
-}
-
-impl Default for GameSettings {
-    fn default() -> Self {
-        Self {
-            volume: 0.8,
-            reflections: ReflectionQuality::default(),
-        }
-    }
+    /// Quality of the reflections of all cameras; `None` until one is found that suits the machine.
+    pub reflections: Option<ReflectionQuality>,
 }
 
 /// The file that settings are saved in, a line for each: `reflections = high`.
@@ -73,7 +63,7 @@ fn load_settings(file: Res<SettingsFile>, mut settings: ResMut<GameSettings>, mu
     for line in text.lines() {
         let is_known = match line.split_once(" = ") {
             Some(("volume", word)) => word.parse().map(|volume| settings.volume = volume).is_ok(),
-            Some(("reflections", word)) => word.parse().map(|quality| settings.reflections = quality).is_ok(),
+            Some(("reflections", word)) => word.parse().map(|quality| settings.reflections = Some(quality)).is_ok(),
             _ => false,
         };
         if !is_known {
@@ -82,12 +72,15 @@ fn load_settings(file: Res<SettingsFile>, mut settings: ResMut<GameSettings>, mu
     }
 }
 
-fn show_menu(mut contexts: EguiContexts, mut settings: ResMut<GameSettings>, status: Res<ReflectionStatus>) -> Result {
+fn show_menu(
+    mut contexts: EguiContexts,
+    mut settings: ResMut<GameSettings>,
+    status: Res<ReflectionStatus>,
+    efforts: Query<&ReflectionEffort, With<ReflectionBudget>>,
+) -> Result {
     let mut shown = settings.clone();
     egui::Window::new("Options")
         .anchor(egui::Align2::CENTER_TOP, [0.0, 24.0])
-        .collapsible(false)
-        .resizable(false)
         .show(contexts.ctx_mut()?, |ui| {
             egui::Grid::new("options").num_columns(2).show(ui, |ui| {
                 ui.label("Volume");
@@ -95,10 +88,15 @@ fn show_menu(mut contexts: EguiContexts, mut settings: ResMut<GameSettings>, sta
                 ui.end_row();
                 ui.label("Reflections");
                 let reason = why_no_reflections(&status.report());
-                ui.add_enabled_ui(reason.is_none(), |ui| quality_menu(ui, &mut shown.reflections))
+                ui.add_enabled_ui(reason.is_none(), |ui| auto_quality_menu(ui, &mut shown.reflections))
                     .response
                     .on_disabled_hover_text(reason.unwrap_or_default());
                 ui.end_row();
+                for effort in &efforts {
+                    ui.label("Rays left by the budget");
+                    ui.label(format!("{:.0} %", 100.0 * effort.0));
+                    ui.end_row();
+                }
             });
         });
     // Only a real change counts as one.
@@ -109,8 +107,17 @@ fn show_menu(mut contexts: EguiContexts, mut settings: ResMut<GameSettings>, sta
 /// Gives every camera its reflections: after the start, and whenever the player has chosen.
 fn apply_settings(settings: Res<GameSettings>, cameras: Query<Entity, With<Camera3d>>, mut commands: Commands) {
     for camera in &cameras {
-        commands.entity(camera).insert(settings.reflections);
+        let mut camera = commands.entity(camera);
+        match settings.reflections {
+            Some(quality) => camera.remove::<ReflectionAutoQuality>().insert(quality),
+            None => camera.insert(ReflectionAutoQuality::default()),
+        };
     }
+}
+
+/// Keeps the quality that suits the machine, as if the player had chosen it.
+fn take_over_quality(chosen: On<ReflectionQualityChosen>, mut settings: ResMut<GameSettings>) {
+    settings.reflections = Some(chosen.quality);
 }
 
 /// Writes the file once the mouse button is released, since a slider changes settings in every frame.
@@ -126,16 +133,16 @@ fn save_settings(
         return;
     }
     *unsaved = false;
-    let text = format!("volume = {}\nreflections = {}\n", settings.volume, settings.reflections);
+    // Without the second line, the next start measures again.
+    let reflections = settings.reflections.map(|quality| format!("reflections = {quality}\n"));
+    let text = format!("volume = {}\n{}", settings.volume, reflections.unwrap_or_default());
     if let Err(error) = fs::write(&file.0, text) {
         error!("{} can't be written: {error}", file.0.display());
     }
 }
 
 fn toggle_menu(keyboard: Res<ButtonInput<KeyCode>>, mut menu: ResMut<MenuIsOpen>) {
-    if keyboard.just_pressed(KeyCode::Escape) {
-        menu.0 = !menu.0;
-    }
+    menu.0 ^= keyboard.just_pressed(KeyCode::Escape);
 }
 
 fn show_keys(mut window: Single<&mut Window>) {
@@ -183,12 +190,8 @@ fn setup(
         },
         Transform::default().looking_to(Vec3::new(-0.5, -1.0, -0.8), Vec3::Y),
     ));
-    let sky = EnvironmentMapLight::hemispherical_gradient(
-        &mut images,
-        Color::srgb(0.4, 0.5, 0.8),
-        Color::WHITE,
-        Color::BLACK,
-    );
+    let zenith = Color::srgb(0.4, 0.5, 0.8);
+    let sky = EnvironmentMapLight::hemispherical_gradient(&mut images, zenith, Color::WHITE, Color::BLACK);
     commands.spawn((
         Camera3d::default(),
         Transform::from_xyz(0.6, 1.7, 6.0).looking_at(Vec3::new(0.0, 1.0, 0.0), Vec3::Y),

@@ -1,16 +1,16 @@
 //! Moves the effort of cameras with a [`ReflectionBudget`] until their reflections take the time that it allows.
 
-use crate::settings::{ReflectionBudget, ReflectionEffort};
+use crate::{
+    gpu_time::GpuTimes,
+    settings::{ReflectionAutoQuality, ReflectionBudget, ReflectionEffort},
+};
 use bevy::{
     app::{App, Plugin, PreUpdate},
-    diagnostic::{DiagnosticPath, DiagnosticsStore},
+    diagnostic::DiagnosticsStore,
     ecs::prelude::*,
     log::warn_once,
-    platform::time::Instant,
 };
 
-/// Time of all passes of a view.
-const TOTAL: DiagnosticPath = DiagnosticPath::const_new("render/glint/elapsed_gpu");
 /// Measurements of which the median counts: single frames are slow for reasons of others. More ignores longer disturbances, and
 /// answers later.
 const WINDOW: usize = 7;
@@ -101,23 +101,21 @@ impl Controller {
     }
 }
 
+/// Cameras that search for their quality measure it without a budget.
 fn hold_budgets(
-    mut cameras: Query<(Entity, &ReflectionBudget, &mut ReflectionEffort)>,
+    mut cameras: Query<(Entity, &ReflectionBudget, &mut ReflectionEffort), Without<ReflectionAutoQuality>>,
     diagnostics: Option<Res<DiagnosticsStore>>,
     mut controllers: Local<Vec<(Entity, Controller)>>,
-    mut last: Local<Option<Instant>>,
+    mut times: Local<GpuTimes>,
     mut waited: Local<u32>,
 ) {
     if cameras.is_empty() {
         controllers.clear();
         return;
     }
-    let measurement = diagnostics
-        .as_ref()
-        .and_then(|diagnostics| diagnostics.get(&TOTAL)?.measurement());
-    let Some(measurement) = measurement.filter(|measurement| Some(measurement.time) != *last) else {
+    let Some(time) = times.next(diagnostics.as_deref()) else {
         *waited = waited.saturating_add(1);
-        if last.is_none() && *waited == PATIENCE {
+        if !times.exist() && *waited == PATIENCE {
             warn_once!(
                 "a `ReflectionBudget` changes nothing, since there are no GPU times: add Bevy's `RenderDiagnosticsPlugin`; the device \
                  needs timestamps"
@@ -125,7 +123,6 @@ fn hold_budgets(
         }
         return;
     };
-    *last = Some(measurement.time);
     controllers.retain(|(entity, _)| cameras.contains(*entity));
     for (entity, budget, mut effort) in &mut cameras {
         let budget = budget.clamped();
@@ -135,7 +132,7 @@ fn hold_budgets(
             controllers.len() - 1
         });
         let before = effort.clamped().max(budget.least_effort);
-        let after = controllers[index].1.step(budget, before, measurement.value as f32);
+        let after = controllers[index].1.step(budget, before, time);
         effort.set_if_neq(ReflectionEffort(after));
     }
 }

@@ -39,6 +39,16 @@
 //! Vulkan, DirectX 12 and Metal, with ray tracing hardware or without, and WebGPU. Elsewhere and in apps without a renderer the
 //! plugin declines: the log and [`ReflectionStatus`] say why, and the picture is the one without it.
 //!
+//! # Crate features
+//!
+//! | Feature | Brings |
+//! |---|---|
+//! | `egui` | a settings panel and an options menu |
+//! | `serde` | `Serialize` and `Deserialize` for [`ReflectionQuality`] |
+//! | `hardware-vrs` | a back end that has the rasterizer choose shading rates, on Vulkan |
+//!
+//! None is on by default.
+//!
 //! # Diagnostics
 //!
 //! With Bevy's `RenderDiagnosticsPlugin` the passes appear as `render/glint/trace/elapsed_gpu`,
@@ -46,9 +56,12 @@
 //! `render/reflection_rays` and `render/reflection_hits`. Memory of the scene is `glint/scene_bytes`, that of cameras `glint/view_bytes`.
 //! The [list](manual::measurements) has all of them.
 
+// docs.rs marks items with the features that they need.
+#![cfg_attr(docsrs, feature(doc_cfg))]
 // A library reports through the log and through types; it neither prints nor panics on what a user gave it.
 #![warn(clippy::print_stdout, clippy::print_stderr, clippy::unwrap_used, clippy::expect_used)]
 
+mod auto_quality;
 mod budget;
 mod common;
 mod composite;
@@ -62,6 +75,7 @@ mod extract;
 mod fallback;
 mod front_layer;
 mod gbuffer;
+mod gpu_time;
 pub mod manual;
 mod node;
 mod passes;
@@ -94,6 +108,7 @@ mod vrs;
 #[path = "no_vrs.rs"]
 mod vrs;
 
+pub use auto_quality::ReflectionQualityChosen;
 #[cfg(feature = "hardware-vrs")]
 pub use device::ShadingRates;
 pub use device::{HardwareVrsSupport, ReflectionTextureMode, ReflectionTracer};
@@ -104,11 +119,11 @@ pub use scene::{ReflectedMaterial, ReflectedMaterialPlugin};
 pub use schedule::ReflectionSystems;
 pub use settings::{
     AdaptiveThresholds, CombinedThresholds, GrazingThresholds, NotReflected, RATE_LEGEND, RayTracedReflections,
-    ReflectedLayers, ReflectedMaterial3d, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget, ReflectionBackend,
-    ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser,
-    ReflectionEffort, ReflectionFallback, ReflectionPreset, ReflectionQuality, ReflectionSampling, ReflectionTechnique,
-    ReflectionTextureMip, ReflectionTracerChoice, ReflectionsOff, RoughnessThresholds, ShadingRate,
-    ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
+    ReflectedLayers, ReflectedMaterial3d, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget, ReflectionAutoQuality,
+    ReflectionBackend, ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView,
+    ReflectionDenoiser, ReflectionEffort, ReflectionFallback, ReflectionPreset, ReflectionQuality, ReflectionSampling,
+    ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice, ReflectionsOff, RoughnessThresholds,
+    ShadingRate, ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
 };
 pub use status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory};
 #[cfg(feature = "egui")]

@@ -1,6 +1,7 @@
 //! The plugin of the crate: it adds the plugins of all folders.
 
 use crate::{
+    auto_quality::AutoQualityPlugin,
     budget::BudgetPlugin,
     common::CommonPlugin,
     composite::CompositePlugin,
@@ -72,6 +73,7 @@ impl Plugin for RayTracedReflectionsPlugin {
             DevicePlugin,
             StatusPlugin,
             EventsPlugin,
+            AutoQualityPlugin,
             BudgetPlugin,
             ReflectionDiagnosticsPlugin,
             SchedulePlugin,

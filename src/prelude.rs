@@ -6,6 +6,7 @@ pub use crate::HardwareVrsPlugin;
 pub use crate::ReflectionSettingsPanelPlugin;
 pub use crate::{
     NotReflected, RayTracedReflections, RayTracedReflectionsPlugin, ReflectedLayers, ReflectedMaterial,
-    ReflectedMaterial3d, ReflectedMaterialPlugin, ReflectedMesh3d, ReflectedPose, ReflectionBudget, ReflectionFallback,
-    ReflectionPreset, ReflectionQuality, ReflectionStatus, ReflectionsDeclined, ReflectionsReady, ShadingRateHeuristic,
+    ReflectedMaterial3d, ReflectedMaterialPlugin, ReflectedMesh3d, ReflectedPose, ReflectionAutoQuality,
+    ReflectionBudget, ReflectionEffort, ReflectionFallback, ReflectionPreset, ReflectionQuality,
+    ReflectionQualityChosen, ReflectionStatus, ReflectionsDeclined, ReflectionsReady, ShadingRateHeuristic,
 };

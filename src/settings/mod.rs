@@ -8,6 +8,7 @@
 //! | `pose.rs` | skinned and morphed meshes |
 //! | `presets.rs` | bundles of settings |
 //! | `quality.rs` | the component that a game saves |
+//! | `auto_quality.rs` | the search for a quality |
 //! | `budget.rs` | a target for the time of reflections |
 //! | `reflected_layers.rs` | which layers a camera's reflections show |
 //! | `stand_in.rs` | components of objects: what rays see of them |
@@ -15,6 +16,7 @@
 //! | `clamped.rs`, `clamped_rate.rs` | the same within its ranges, for shaders |
 //! | `view.rs` | the same on a view of the render world |
 
+mod auto_quality;
 mod budget;
 mod clamped;
 mod clamped_rate;
@@ -31,6 +33,7 @@ mod stand_in;
 mod view;
 mod words;
 
+pub use auto_quality::ReflectionAutoQuality;
 pub use budget::{ReflectionBudget, ReflectionEffort};
 pub use debug::{RATE_LEGEND, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView};
 pub use denoiser::ReflectionDenoiser;

@@ -26,8 +26,10 @@ use bevy::{
 /// until the quality changes again, and removing the quality leaves them as they are.
 ///
 /// [`Display`](core::fmt::Display) and [`FromStr`](core::str::FromStr) turn it into a word for a settings file and back. With the crate
-/// feature `serde` it is (de)serialized as the same word.
-#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+/// feature `serde` it is (de)serialized as the same word. The better of two qualities is the greater one.
+///
+/// [`ReflectionAutoQuality`](crate::ReflectionAutoQuality) chooses one for the machine.
+#[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[reflect(Component, Default, Debug, Clone, PartialEq, Hash)]
 #[cfg_attr(
     feature = "serde",

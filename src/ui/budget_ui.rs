@@ -1,15 +1,29 @@
-//! The controls of a camera's budget of time.
+//! The controls of a camera's budget of time, and of the search for its quality.
 
 use super::{
     camera::CameraSettings,
     tooltips::{Tooltip, tooltip},
     widgets::{Row, field, flag, label, slider, unit},
 };
-use crate::settings::{ReflectionBudget, ReflectionEffort};
+use crate::settings::{ReflectionAutoQuality, ReflectionBudget, ReflectionEffort};
 use bevy_egui::egui::Ui;
 
 /// Milliseconds at the end of the slider. Others can be typed.
 const MOST_MILLISECONDS: f32 = 10.0;
+
+/// The switch of the search, which goes off by itself.
+pub(super) fn search(ui: &mut Ui, settings: &mut CameraSettings) {
+    let mut searches = settings.auto_quality.is_some();
+    let row = Row::new("Find quality", Tooltip::of::<ReflectionAutoQuality>());
+    flag(ui, row, &mut searches, false);
+    if searches != settings.auto_quality.is_some() {
+        let milliseconds = settings.budget.unwrap_or_default().milliseconds;
+        settings.auto_quality = searches.then_some(ReflectionAutoQuality {
+            milliseconds,
+            ..ReflectionAutoQuality::default()
+        });
+    }
+}
 
 /// The switch of the budget, its target, and how much of the settings it leaves.
 pub(super) fn budget(ui: &mut Ui, settings: &mut CameraSettings) {

@@ -1,8 +1,8 @@
 //! Settings of one camera that the panel edits, whether its reflections are on or off.
 
 use crate::settings::{
-    RayTracedReflections, ReflectionBudget, ReflectionDebugSplit, ReflectionDebugView, ReflectionEffort,
-    ReflectionPreset, ReflectionQuality, ReflectionsOff, ShadingRateHeuristic, ShadingRateTileSize,
+    RayTracedReflections, ReflectionAutoQuality, ReflectionBudget, ReflectionDebugSplit, ReflectionDebugView,
+    ReflectionEffort, ReflectionPreset, ReflectionQuality, ReflectionsOff, ShadingRateHeuristic, ShadingRateTileSize,
 };
 use bevy::{
     ecs::prelude::*,
@@ -28,6 +28,8 @@ pub struct CameraSettings {
     pub heuristic: ShadingRateHeuristic,
     /// The size of the tiles.
     pub tile_size: ShadingRateTileSize,
+    /// The search for its quality, while it lasts.
+    pub auto_quality: Option<ReflectionAutoQuality>,
     /// Its budget of GPU time, if it has one.
     pub budget: Option<ReflectionBudget>,
     /// Part of the settings that the budget leaves at present. It is shown and never written.
@@ -49,6 +51,7 @@ impl CameraSettings {
             reflections: on.or(off).cloned().unwrap_or_default(),
             heuristic: camera.get::<ShadingRateHeuristic>().cloned().unwrap_or_default(),
             tile_size: camera.get::<ShadingRateTileSize>().copied().unwrap_or_default(),
+            auto_quality: camera.get::<ReflectionAutoQuality>().copied(),
             budget: camera.get::<ReflectionBudget>().copied(),
             effort: camera.get::<ReflectionEffort>().copied().unwrap_or_default(),
             debug_view: camera.get::<ReflectionDebugView>().copied().unwrap_or_default(),
@@ -81,6 +84,12 @@ impl CameraSettings {
             match self.budget {
                 Some(budget) => camera.insert(budget),
                 None => camera.remove::<ReflectionBudget>(),
+            };
+        }
+        if self.auto_quality != before.auto_quality {
+            match self.auto_quality {
+                Some(search) => camera.insert(search),
+                None => camera.remove::<ReflectionAutoQuality>(),
             };
         }
         if self.debug_view != before.debug_view {

@@ -4,6 +4,7 @@
 //! - [`reflection_settings_ui`] and [`reflection_measurements_ui`] are its two halves, for a panel of your own, and
 //!   [`camera_settings_ui`] and [`measurements_ui`] the same on plain data.
 //! - [`quality_menu`] is one row for the options menu of a game. It chooses a [`ReflectionQuality`](crate::ReflectionQuality).
+//!   [`auto_quality_menu`] can leave the choice to the machine.
 //!
 //! ```no_run
 //! use bevy::prelude::*;
@@ -42,6 +43,6 @@ pub use camera::{CameraSettings, switch_reflections};
 pub use panel::{
     ReflectionSettingsPanel, ReflectionSettingsPanelPlugin, reflection_measurements_ui, reflection_settings_ui,
 };
-pub use quality::quality_menu;
+pub use quality::{auto_quality_menu, quality_menu};
 pub use settings_ui::{camera_settings_ui, why_no_hardware, why_no_reflections};
 pub use timings::{Measurements, PassTime, measurements_ui};

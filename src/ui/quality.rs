@@ -1,16 +1,35 @@
 //! The row of an options menu.
 
 use super::tooltips::Tooltip;
-use crate::settings::ReflectionQuality;
+use crate::settings::{ReflectionAutoQuality, ReflectionQuality};
 use bevy_egui::egui::{Response, Ui};
 
 /// A row of buttons, one for each quality. [`Response::changed`] says that another one was chosen; it is up to the caller to save it and
 /// to insert it on the cameras of the game.
 pub fn quality_menu(ui: &mut Ui, quality: &mut ReflectionQuality) -> Response {
+    let mut shown = Some(*quality);
+    let response = row(ui, &mut shown, false);
+    *quality = shown.unwrap_or(*quality);
+    response
+}
+
+/// The same row with one more button, for a quality that suits the machine: `None` while a
+/// [`ReflectionAutoQuality`] searches for it. The caller inserts that component in place of a quality, and takes over the quality of the
+/// event [`ReflectionQualityChosen`](crate::ReflectionQualityChosen).
+pub fn auto_quality_menu(ui: &mut Ui, quality: &mut Option<ReflectionQuality>) -> Response {
+    row(ui, quality, true)
+}
+
+fn row(ui: &mut Ui, quality: &mut Option<ReflectionQuality>, has_auto: bool) -> Response {
     let row = ui.horizontal(|ui| {
         let mut changed = false;
+        if has_auto {
+            let response = ui.selectable_value(quality, None, "Auto");
+            changed |= response.changed();
+            Tooltip::of::<ReflectionAutoQuality>().explain(response, None);
+        }
         for choice in ReflectionQuality::ALL {
-            let response = ui.selectable_value(quality, choice, choice.label());
+            let response = ui.selectable_value(quality, Some(choice), choice.label());
             changed |= response.changed();
             tooltip(choice).explain(response, None);
         }

@@ -1,7 +1,7 @@
 //! The controls of one camera's settings.
 
 use super::{
-    budget_ui::budget,
+    budget_ui::{budget, search},
     camera::CameraSettings,
     rates_ui::rates,
     tooltips::{Tooltip, tooltip},
@@ -81,7 +81,10 @@ pub fn camera_settings_ui(ui: &mut Ui, settings: &mut CameraSettings, report: &R
                 }
                 tooltip!(RayTracedReflections.reset).explain(button, None);
             });
-            section(ui, "Budget", false, |ui| budget(ui, settings));
+            section(ui, "Budget", false, |ui| {
+                search(ui, settings);
+                budget(ui, settings);
+            });
             section(ui, "Debug view", false, |ui| debug(ui, settings));
         });
     });

@@ -86,10 +86,10 @@ impl Tooltip {
 mod tests {
     use super::*;
     use crate::settings::{
-        AdaptiveThresholds, CombinedThresholds, GrazingThresholds, RayTracedReflections, ReflectionBackend,
-        ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionPreset, ReflectionSampling,
-        ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice, RoughnessThresholds, ShadingRateHeuristic,
-        ShadingRateTileSize,
+        AdaptiveThresholds, CombinedThresholds, GrazingThresholds, RayTracedReflections, ReflectionAutoQuality,
+        ReflectionBackend, ReflectionBudget, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser,
+        ReflectionPreset, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice,
+        RoughnessThresholds, ShadingRateHeuristic, ShadingRateTileSize,
     };
     use bevy::reflect::TypeInfo;
 
@@ -106,7 +106,9 @@ mod tests {
             CombinedThresholds::type_info(),
             GrazingThresholds::type_info(),
             RayTracedReflections::type_info(),
+            ReflectionAutoQuality::type_info(),
             ReflectionBackend::type_info(),
+            ReflectionBudget::type_info(),
             ReflectionDebugSplit::type_info(),
             ReflectionDebugView::type_info(),
             ReflectionDenoiser::type_info(),

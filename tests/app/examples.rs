@@ -473,13 +473,16 @@ fn quality_menu() {
         return;
     };
     let settings = example.app.world().resource::<GameSettings>();
-    assert_eq!((settings.volume, settings.reflections), (0.5, ReflectionQuality::Ultra));
+    assert_eq!(
+        (settings.volume, settings.reflections),
+        (0.5, Some(ReflectionQuality::Ultra))
+    );
     let open = example.image("open");
     example.press(KeyCode::Escape);
     let closed = example.image("closed");
     example.assert_differs("the menu", &open, &closed, 3.0);
     // As the menu does.
-    example.app.world().resource_mut::<GameSettings>().reflections = ReflectionQuality::Off;
+    example.app.world().resource_mut::<GameSettings>().reflections = Some(ReflectionQuality::Off);
     example.app.step(2);
     assert_eq!(
         fs::read_to_string(&file).expect("it is saved"),
@@ -487,9 +490,20 @@ fn quality_menu() {
     );
     let off = example.image("off");
     example.assert_differs("the quality off", &closed, &off, 2.0);
-    example.app.world().resource_mut::<GameSettings>().reflections = ReflectionQuality::Low;
+    example.app.world().resource_mut::<GameSettings>().reflections = Some(ReflectionQuality::Low);
     example.app.step(2);
     example.assert_reflects(1.0);
+    // As the button Auto does. No target is held on a CPU.
+    example.app.world().resource_mut::<GameSettings>().reflections = None;
+    let mut frames = 0..500;
+    while frames.next().is_some() && example.app.world().resource::<GameSettings>().reflections.is_none() {
+        example.app.step(1);
+    }
+    example.app.step(2);
+    assert_eq!(
+        fs::read_to_string(&file).expect("it is saved"),
+        "volume = 0.5\nreflections = off\n"
+    );
 }
 
 /// Examples are for people to copy: one file each, of few lines, with Bevy and this crate alone.

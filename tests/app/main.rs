@@ -8,6 +8,7 @@ mod stage;
 
 mod adaptive;
 mod arrivals;
+mod auto_quality;
 mod back_ends;
 mod bounces;
 mod budget;

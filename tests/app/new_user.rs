@@ -19,6 +19,7 @@ use std::{
 
 const README: &str = include_str!("../../README.md");
 const MANIFEST: &str = include_str!("../../Cargo.toml");
+const UNIFY: &str = include_str!("../../tools/unify/Cargo.toml");
 /// The checkout.
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 /// Names the folder of the library as it is published, instead of the checkout.
@@ -162,9 +163,9 @@ fn block(language: &str, part: &str) -> String {
     panic!("the README lacks a step: it has no block of `{language}` with `{part}`");
 }
 
-/// The lines of a section of this workspace's manifest.
-fn section(header: &str) -> String {
-    let lines = MANIFEST.lines().skip_while(|line| *line != header).skip(1);
+/// The lines of a section of a manifest.
+fn section(manifest: &str, header: &str) -> String {
+    let lines = manifest.lines().skip_while(|line| *line != header).skip(1);
     let lines: Vec<&str> = lines.take_while(|line| !line.starts_with('[')).collect();
     assert!(!lines.is_empty(), "Cargo.toml has no {header}");
     lines.join("\n")
@@ -206,6 +207,24 @@ fn write(file: PathBuf, text: &str) {
     fs::write(&file, text).unwrap_or_else(|error| panic!("{} can't be written: {error}", file.display()));
 }
 
+/// The README's code without the library.
+fn plain_file() -> String {
+    let code = block("rust", "fn main()");
+    let plain: Vec<_> = code
+        .lines()
+        .filter(|line| !line.contains("bevy_glint") && !line.contains("ReflectionQuality"))
+        .map(|line| {
+            line.replace(
+                "(DefaultPlugins, RayTracedReflectionsPlugin::default())",
+                "DefaultPlugins",
+            )
+        })
+        .collect();
+    let plain = plain.join("\n") + "\n";
+    assert!(!plain.contains("Reflect"), "{plain}");
+    plain
+}
+
 /// Makes what `cargo new` makes, with the README's dependencies and code. Beside it lies a crate that asks for the features which this
 /// test was built with: cargo unites the features of a workspace, and finds all of Bevy built already.
 fn make(folder: &Path) {
@@ -227,7 +246,11 @@ fn make(folder: &Path) {
     .into_iter()
     .filter_map(|(on, name)| on.then_some(name))
     .collect();
-    let others = section("[dev-dependencies]");
+    let others = [
+        section(MANIFEST, "[dev-dependencies]"),
+        section(UNIFY, "[dependencies]"),
+    ]
+    .join("\n");
     let others: Vec<_> = others.lines().filter(|line| !line.contains("path =")).collect();
     let dependencies = format!(
         "[dependencies]\nbevy_glint = {{ path = {:?}, features = {features:?} }}\n{}",
@@ -242,28 +265,33 @@ fn make(folder: &Path) {
     let workspace = format!(
         "[workspace]\nmembers = [\"{NAME}\", \"like_here\"]\nresolver = \"3\"\n\n[workspace.dependencies]\n{}\n\
          [profile.release]\n{}\n",
-        section("[workspace.dependencies]"),
-        section("[profile.release]")
+        section(MANIFEST, "[workspace.dependencies]"),
+        section(MANIFEST, "[profile.release]")
     );
     write(folder.join("Cargo.toml"), &workspace);
     let lock = fs::read_to_string(Path::new(ROOT).join("Cargo.lock")).expect("the workspace is locked");
     write(folder.join("Cargo.lock"), &lock);
 }
 
-/// Builds the app with the objects of this workspace; returns its program.
-fn build(folder: &Path) -> PathBuf {
+/// Builds an app with the objects of this workspace; returns its program, and the seconds of CPU time that the build took.
+fn build(folder: &Path, name: &str) -> (PathBuf, f64) {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR"))
         .parent()
         .expect("the folder for tests lies in that of builds");
     let is_release = !cfg!(debug_assertions);
-    let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    let program = env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let mut cargo = Command::new(if cfg!(unix) { "sh".into() } else { program.clone() });
+    if cfg!(unix) {
+        // The shell knows the time of what it has started.
+        cargo.args(["-c", "\"$@\" && times", "sh"]).arg(program);
+    }
     // Bevy builds with compilers that are older than the one it names.
     cargo
         .args([
             "build",
             "--workspace",
             "--bin",
-            NAME,
+            name,
             "--offline",
             "--ignore-rust-version",
         ])
@@ -280,10 +308,22 @@ fn build(folder: &Path) -> PathBuf {
             cargo.env_remove(&name);
         }
     }
-    let status = cargo.status().expect("cargo starts");
-    assert!(status.success(), "the app doesn't build ({status})");
+    let output = cargo.stderr(Stdio::inherit()).output().expect("cargo starts");
+    let status = output.status;
+    assert!(status.success(), "{name} doesn't build ({status})");
     let profile = if is_release { "release" } else { "debug" };
-    target.join(profile).join(format!("{NAME}{}", env::consts::EXE_SUFFIX))
+    let program = target.join(profile).join(format!("{name}{}", env::consts::EXE_SUFFIX));
+    (program, cpu_seconds(&String::from_utf8_lossy(&output.stdout)))
+}
+
+/// User and system time of children, by the shell's `times`: `0m0.01s 0m0.00s` of its own, then `1m2.50s 0m3.25s` of theirs.
+fn cpu_seconds(times: &str) -> f64 {
+    let seconds = |word: &str| {
+        let (minutes, seconds) = word.trim_end_matches('s').split_once('m')?;
+        Some(60.0 * minutes.parse::<f64>().ok()? + seconds.parse::<f64>().ok()?)
+    };
+    let last = times.lines().last().unwrap_or_default();
+    last.split_whitespace().filter_map(seconds).sum()
 }
 
 /// Runs a program to its end, with all that it says in the file `log`; returns what that was. The test fails if the program does,
@@ -344,11 +384,67 @@ fn the_readme_has_every_step() {
 }
 
 #[test]
+fn the_time_of_children_is_the_last_line() {
+    assert_eq!(cpu_seconds("0m9.00s 0m9.00s\n1m2.50s 0m3.25s\n"), 65.75);
+    assert_eq!(cpu_seconds(""), 0.0);
+}
+
+/// Prints what the library adds to an app: compilation of the library alone, all of its features on, above a Bevy that is compiled
+/// already; and the size of the program.
+#[test]
+#[ignore = "builds crates; run by cargo xtask new-user --measure"]
+fn a_new_app_grows() {
+    const PLAIN: &str = "my_plain_game";
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("new_user_size");
+    make(&folder);
+    write(folder.join(NAME).join("src/main.rs"), &block("rust", "fn main()"));
+    let dependencies: Vec<_> = block("toml", "[dependencies]").lines().map(dependency).collect();
+    let bevy: Vec<_> = dependencies
+        .into_iter()
+        .filter(|line| !line.contains("bevy_glint"))
+        .collect();
+    write(
+        folder.join(PLAIN).join("Cargo.toml"),
+        &manifest_of(PLAIN, &bevy.join("\n")),
+    );
+    write(folder.join(PLAIN).join("src/main.rs"), &plain_file());
+    let workspace = folder.join("Cargo.toml");
+    let members = fs::read_to_string(&workspace).expect("it was written");
+    write(
+        workspace,
+        &members.replace("members = [", &format!("members = [\"{PLAIN}\", ")),
+    );
+
+    let touch = |file: PathBuf| {
+        let file = File::options().append(true).open(&file).expect("there is such a file");
+        file.set_modified(std::time::SystemTime::now())
+            .expect("its time can be set");
+    };
+    let size = |program: PathBuf| fs::metadata(program).expect("it was built").len() as f64 / 1e6;
+    let (plain, _) = build(&folder, PLAIN);
+    build(&folder, NAME);
+    touch(folder.join(NAME).join("src/main.rs"));
+    let (_, app) = build(&folder, NAME);
+    touch(Path::new(&library()).join("src/lib.rs"));
+    let (program, all) = build(&folder, NAME);
+    let (plain, program) = (size(plain), size(program));
+    println!(
+        "compilation: {:.0} s of CPU time for the library, {app:.0} s for the app",
+        all - app
+    );
+    println!(
+        "program: {program:.1} MB, {plain:.1} MB without the library: {:.1} MB more",
+        program - plain
+    );
+    assert!(program > plain && all > app);
+}
+
+#[test]
 #[ignore = "builds a crate; run by cargo xtask new-user"]
 fn a_new_app_reflects() {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("new_user");
     make(&folder);
-    let program = build(&folder);
+    let (program, _) = build(&folder, NAME);
     if app(UVec2::ONE, Output::Picture, ReflectionTracerChoice::Auto).is_none() {
         return;
     }

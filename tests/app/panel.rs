@@ -15,13 +15,13 @@ use bevy::{
 };
 use bevy_egui::{EguiContext, EguiOutput, EguiPlugin, EguiRenderOutput, egui::Ui};
 use bevy_glint::{
-    CombinedThresholds, HardwareVrsSupport, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionBackend,
-    ReflectionBudget, ReflectionDebugView, ReflectionEffort, ReflectionPreset, ReflectionQuality,
+    CombinedThresholds, HardwareVrsSupport, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionAutoQuality,
+    ReflectionBackend, ReflectionBudget, ReflectionDebugView, ReflectionEffort, ReflectionPreset, ReflectionQuality,
     ReflectionSettingsPanel, ReflectionSettingsPanelPlugin, ReflectionStatusReport, ReflectionTechnique,
     ReflectionTracer, ReflectionsOff, ShadingRateHeuristic,
     ui::{
-        CameraSettings, camera_settings_ui, quality_menu, reflection_measurements_ui, reflection_settings_ui,
-        switch_reflections, why_no_hardware, why_no_reflections,
+        CameraSettings, auto_quality_menu, camera_settings_ui, quality_menu, reflection_measurements_ui,
+        reflection_settings_ui, switch_reflections, why_no_hardware, why_no_reflections,
     },
 };
 
@@ -154,6 +154,33 @@ fn a_budget_comes_and_goes() {
     panel.click_beside("Hold GPU time", "on");
     assert_eq!(panel.data().0.get::<ReflectionBudget>(camera), None);
     assert_eq!(panel.data().0.get(camera), Some(&ReflectionEffort::default()));
+}
+
+#[test]
+fn the_search_for_a_quality_is_seen_and_can_be_ended() {
+    let mut world = World::new();
+    let budget = ReflectionBudget {
+        milliseconds: 1.5,
+        ..default()
+    };
+    let camera = world
+        .spawn((Camera3d::default(), RayTracedReflections::default(), budget))
+        .id();
+    let mut panel = Screen::new((world, None::<Entity>), |ui, (world, camera)| {
+        reflection_settings_ui(ui, world, camera);
+    });
+    panel.click_on("Budget");
+    panel.click_beside("Find quality", "off");
+    let search = panel.data().0.get::<ReflectionAutoQuality>(camera);
+    assert_eq!(search.map(|search| search.milliseconds), Some(1.5));
+    panel.find_beside("Find quality", "on");
+    // It ends by itself.
+    let world = &mut panel.0.state_mut().0;
+    world.entity_mut(camera).remove::<ReflectionAutoQuality>();
+    panel.rest();
+    panel.click_beside("Find quality", "off");
+    panel.click_beside("Find quality", "on");
+    assert_eq!(panel.data().0.get::<ReflectionAutoQuality>(camera), None);
 }
 
 #[test]
@@ -312,6 +339,21 @@ fn the_options_menu_chooses_a_quality() {
     assert_eq!(menu.data(), &(ReflectionQuality::High, 1));
     menu.click_on("Off");
     assert_eq!(menu.data(), &(ReflectionQuality::Off, 2));
+}
+
+#[test]
+fn the_options_menu_leaves_the_choice_to_the_machine() {
+    let mut menu = Screen::new((Some(ReflectionQuality::High), 0), |ui, (quality, changes)| {
+        if auto_quality_menu(ui, quality).changed() {
+            *changes += 1;
+        }
+    });
+    menu.click_on("Auto");
+    assert_eq!(menu.data(), &(None, 1));
+    menu.click_on("Auto");
+    assert_eq!(menu.data(), &(None, 1));
+    menu.click_on("Low");
+    assert_eq!(menu.data(), &(Some(ReflectionQuality::Low), 2));
 }
 
 #[test]

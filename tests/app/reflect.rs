@@ -12,17 +12,21 @@ use bevy::{
 };
 use bevy_glint::{
     AdaptiveThresholds, CombinedThresholds, GrazingThresholds, HardwareVrsSupport, NotReflected, RayTracedReflections,
-    RayTracedReflectionsPlugin, ReflectedPose, ReflectedPoseBudget, ReflectionBackend, ReflectionDebugCounters,
-    ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionNonFiniteReport, ReflectionPreset,
-    ReflectionQuality, ReflectionSampling, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique,
-    ReflectionTextureMip, ReflectionTracer, ReflectionTracerChoice, ReflectionViewMemory, ReflectionsDeclined,
-    ReflectionsOff, ReflectionsReady, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
+    RayTracedReflectionsPlugin, ReflectedPose, ReflectedPoseBudget, ReflectionAutoQuality, ReflectionBackend,
+    ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser,
+    ReflectionEffort, ReflectionNonFiniteReport, ReflectionPreset, ReflectionQuality, ReflectionQualityChosen,
+    ReflectionSampling, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique, ReflectionTextureMip,
+    ReflectionTracer, ReflectionTracerChoice, ReflectionViewMemory, ReflectionsDeclined, ReflectionsOff,
+    ReflectionsReady, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
 };
 use core::any::{TypeId, type_name};
 use std::{fs, path::Path};
 
 /// Files with types that an app holds.
-const FILES: [&str; 16] = [
+const FILES: [&str; 19] = [
+    "auto_quality.rs",
+    "settings/auto_quality.rs",
+    "settings/budget.rs",
     "settings/reflections.rs",
     "settings/denoiser.rs",
     "settings/heuristic.rs",
@@ -93,6 +97,9 @@ fn components_are_registered() {
     component::<NotReflected>(&mut app);
     component::<ReflectedPose>(&mut app);
     component::<ReflectionQuality>(&mut app);
+    component::<ReflectionAutoQuality>(&mut app);
+    component::<ReflectionBudget>(&mut app);
+    component::<ReflectionEffort>(&mut app);
     component::<ShadingRateHeuristic>(&mut app);
     component::<ShadingRateTileSize>(&mut app);
     component::<ReflectionDebugView>(&mut app);
@@ -142,6 +149,7 @@ fn reports_are_registered() {
     known::<ReflectionNonFiniteReport>(&types);
     known::<ReflectionsReady>(&types);
     known::<ReflectionsDeclined>(&types);
+    known::<ReflectionQualityChosen>(&types);
     let off = known::<ReflectionsOff>(&types);
     assert!(off.data::<ReflectComponent>().is_some());
 }

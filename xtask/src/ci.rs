@@ -4,10 +4,14 @@ use std::env;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 
-use crate::progress::{self, Times};
+use crate::progress::{self, Elapsed, Times};
 use crate::{cargo, file_sizes, test, web};
+
+/// Time that a run may have taken before the page is built and opened, which takes up to half an hour where nothing is built yet. With
+/// less, machines that have the time skip it; with more, cold ones run into limits of 90 minutes.
+const PAGE_LIMIT: Duration = Duration::from_secs(45 * 60);
 
 /// Runs every check, cheap ones first, and all of them even if one fails. Ends with a table of times.
 pub fn run() -> Result<()> {
@@ -37,6 +41,10 @@ pub fn run() -> Result<()> {
     }
     let tests = test::measure(&test::Options::default(), &mut checks.times);
     checks.note_failure("tests", tests);
+    page(&mut checks, start.elapsed());
+    if checks.skipped > 0 {
+        progress::result(format_args!("skipped steps: {}", checks.skipped));
+    }
     checks.times.add("in all", start.elapsed(), "");
     progress::result(format_args!("\n{}", checks.times));
     if !checks.failed.is_empty() {
@@ -50,6 +58,7 @@ pub fn run() -> Result<()> {
 struct Checks {
     times: Times,
     failed: Vec<&'static str>,
+    skipped: usize,
 }
 
 impl Checks {
@@ -74,6 +83,7 @@ impl Checks {
     }
 
     fn skip(&mut self, name: &str, reason: &str) {
+        self.skipped += 1;
         let remark = format!("skipped: {reason}");
         progress::say(format_args!("==> {name}: {remark}"));
         self.times.add(name, Duration::ZERO, &remark);
@@ -85,6 +95,32 @@ impl Checks {
             self.failed.push(name);
         }
     }
+}
+
+/// Opens the page in a browser, where there is one and time is left for it.
+fn page(checks: &mut Checks, elapsed: Duration) {
+    const NAME: &str = "page in a browser";
+    match time_for_page(elapsed).and_then(|()| web::prepare()) {
+        Ok(()) => checks.run(NAME, || {
+            web::run(&web::Options {
+                out: cargo::workspace_root().join(web::FOLDER),
+                serve: false,
+                port: 0,
+                check: true,
+            })
+        }),
+        Err(reason) => checks.skip(NAME, &format!("{reason:#}")),
+    }
+}
+
+fn time_for_page(elapsed: Duration) -> Result<()> {
+    ensure!(
+        elapsed < PAGE_LIMIT,
+        "the run has taken {} already, of at most {}",
+        Elapsed(elapsed),
+        Elapsed(PAGE_LIMIT)
+    );
+    Ok(())
 }
 
 fn format() -> Result<()> {
@@ -132,4 +168,22 @@ fn library(options: &[&str]) -> Result<()> {
     let mut check = cargo::release("check");
     check.args(["--package", "bevy_glint", "--lib"]).args(options);
     cargo::run(&mut check, &format!("the library with {}", options.join(" ")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_that_is_late_skips_the_page_and_counts_that() {
+        assert!(time_for_page(Duration::from_secs(60)).is_ok());
+        let mut checks = Checks::default();
+        page(&mut checks, Duration::from_secs(46 * 60));
+        assert_eq!((checks.skipped, checks.failed.len()), (1, 0));
+        let table = checks.times.to_string();
+        assert!(
+            table.contains("skipped: the run has taken 46 min 00 s already, of at most 45 min 00 s"),
+            "{table}"
+        );
+    }
 }

@@ -8,6 +8,7 @@ mod driver;
 mod environment;
 mod file_sizes;
 mod new_user;
+mod package;
 mod progress;
 mod publish;
 mod test;
@@ -44,8 +45,10 @@ enum Command {
     Validate,
     /// Build the demo as a page for browsers with WebGPU: `web --serve`, `web --check`.
     Web(web::Options),
-    /// Follow the README in a new crate, as a new user would.
-    NewUser,
+    /// Follow the README in a new crate, as a new user would; `--measure` says what the plugin adds to it.
+    NewUser(new_user::Options),
+    /// Make the package of the library and have cargo check it; nothing is uploaded.
+    Package(package::Options),
     /// Everything that must hold before a change is merged: format, lints, feature sets, docs, tests.
     Ci,
 }
@@ -59,7 +62,8 @@ fn main() -> ExitCode {
         Command::Stress(options) => tools::stress(&options),
         Command::Validate => validate::run(),
         Command::Web(options) => web::run(&options),
-        Command::NewUser => new_user::run(),
+        Command::NewUser(options) => new_user::run(&options),
+        Command::Package(options) => package::run(&options),
         Command::Ci => ci::run(),
     };
     match result {

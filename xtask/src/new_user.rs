@@ -1,21 +1,23 @@
 //! `cargo xtask new-user`: an app that is made as the README says, in a crate of its own.
 
-use std::path::{Path, PathBuf};
-use std::process::Command;
-
-use anyhow::{Result, ensure};
+use anyhow::Result;
 
 use crate::driver::{self, Need};
-use crate::{cargo, environment, progress};
+use crate::{cargo, environment, package, progress};
 
-/// The library.
-const PACKAGE: &str = "bevy_glint";
+/// Arguments of `new-user`.
+#[derive(clap::Args)]
+pub struct Options {
+    /// Measure what the plugin adds to the app's time of compilation and to the size of its program, and run nothing.
+    #[arg(long)]
+    measure: bool,
+}
 
-/// Makes the app, builds it with what is built already, and runs it.
-pub fn run() -> Result<()> {
+/// Makes the app, builds it with what is built already, and runs or measures it.
+pub fn run(options: &Options) -> Result<()> {
     driver::prepare(Need::Vulkan)?;
     let package = progress::step("package the library", || {
-        package(&cargo::workspace_root().join("target/new-user"))
+        package::unpack(&cargo::workspace_root().join("target/new-user"))
     })?;
     progress::step("follow the README in an empty folder", || {
         let mut command = cargo::workspace("test");
@@ -24,36 +26,12 @@ pub fn run() -> Result<()> {
             // Here a test that can't run must not pass for one that did.
             command.env("GLINT_REQUIRE_GPU", "1");
         }
-        command.args(["--", "--ignored", "--nocapture", "new_user::"]);
+        let test = if options.measure {
+            "new_user::a_new_app_grows"
+        } else {
+            "new_user::a_new_app_reflects"
+        };
+        command.args(["--", "--ignored", "--nocapture", test]);
         cargo::run(&mut command, "the new user's app")
     })
-}
-
-/// Packages the library as it would be published, and unpacks it in a folder; returns where it is.
-fn package(folder: &Path) -> Result<PathBuf> {
-    // Only this version is to be found there.
-    _ = std::fs::remove_dir_all(folder);
-    let mut command = cargo::cargo("package");
-    command.args([
-        "--package",
-        PACKAGE,
-        "--no-verify",
-        "--allow-dirty",
-        "--quiet",
-        "--target-dir",
-    ]);
-    cargo::run(command.arg(folder), "cargo package")?;
-    let packages = folder.join("package");
-    let mut files: Vec<PathBuf> = std::fs::read_dir(&packages)?
-        .flatten()
-        .map(|file| file.path())
-        .collect();
-    files.retain(|path| path.extension().is_some_and(|end| end == "crate"));
-    ensure!(files.len() == 1, "cargo packaged {} crates", files.len());
-    let size = std::fs::metadata(&files[0])?.len();
-    progress::note(format_args!("the package has {:.2} MB", size as f64 / 1e6));
-    let mut unpack = Command::new("tar");
-    unpack.arg("-xzf").arg(&files[0]).arg("-C").arg(&packages);
-    cargo::run(&mut unpack, "tar")?;
-    Ok(files[0].with_extension(""))
 }

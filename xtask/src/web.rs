@@ -5,9 +5,8 @@ use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 
-use crate::cargo;
 use crate::driver::{self, Need};
-use crate::progress;
+use crate::{cargo, environment, progress};
 
 /// The platform of browsers.
 pub const TARGET: &str = "wasm32-unknown-unknown";
@@ -61,6 +60,20 @@ pub fn has_target() -> bool {
         let folder = String::from_utf8_lossy(&output.stdout);
         output.status.success() && Path::new(folder.trim()).is_dir()
     })
+}
+
+/// Makes sure that the page can be built and opened: in continuous integration, what is missing is installed where that is possible.
+///
+/// # Errors
+/// If something is missing, which the error names.
+pub fn prepare() -> Result<()> {
+    ensure!(cfg!(target_os = "linux"), "Chromium is looked for on Linux alone");
+    if !has_target() && environment::is_ci() {
+        let mut rustup = Command::new("rustup");
+        cargo::run(rustup.args(["target", "add", TARGET]), "rustup")?;
+    }
+    ensure!(has_target(), "`rustup target add {TARGET}` brings what it needs");
+    driver::prepare(Need::Browser)
 }
 
 /// Builds the page, and serves or checks it.

@@ -1,6 +1,6 @@
 //! Opens the page in headless Chromium, on its software adapter for WebGPU.
 
-use crate::serve;
+use crate::{guard, serve};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use headless_chrome::browser::tab::point::Point;
 use headless_chrome::protocol::cdp::types::Event;
@@ -125,6 +125,11 @@ impl Visit {
             args: FLAGS.iter().map(OsStr::new).collect(),
             ..LaunchOptions::default()
         })?;
+        #[cfg(unix)]
+        if let Some(id) = browser.get_process_id() {
+            let check = std::process::id();
+            guard::watch(&[std::os::unix::process::parent_id(), check], &[check, id])?;
+        }
         let tab = browser.new_tab()?;
         // Pages in the background draw no frames.
         tab.bring_to_front()?;

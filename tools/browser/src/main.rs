@@ -1,6 +1,7 @@
 //! The page of the demo for browsers: packs it, serves it, and checks it in headless Chromium. `cargo xtask web` calls this program.
 
 mod check;
+mod guard;
 mod pack;
 mod serve;
 

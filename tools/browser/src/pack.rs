@@ -8,6 +8,9 @@ use wasm_bindgen_cli_support::Bindgen;
 
 /// Name of the program's files on the page.
 const NAME: &str = "demo";
+/// First version of `wasm-opt` that is used. Version 108, which Debian 12 has, writes a page that ends with an error: it takes the table of
+/// functions for that of JavaScript's objects.
+const OLDEST: u32 = 117;
 /// Stands for the size of the program in the page.
 const BYTES: &str = "{{bytes}}";
 
@@ -40,13 +43,44 @@ pub fn pack(wasm: &Path, page: &Path, out: &Path) -> Result<()> {
 }
 
 fn optimize(program: &Path) -> Result<()> {
+    let Ok(output) = Command::new("wasm-opt").arg("--version").output() else {
+        println!("note: with Binaryen's `wasm-opt` on the path the page would be smaller");
+        return Ok(());
+    };
+    let version = version(&String::from_utf8_lossy(&output.stdout));
+    if version.is_none_or(|version| version < OLDEST) {
+        println!("note: `wasm-opt` is not used, since it is older than version {OLDEST}");
+        return Ok(());
+    }
+    println!("wasm-opt makes the page smaller, which takes minutes");
+    let before = fs::metadata(program)?.len();
     let status = Command::new("wasm-opt")
         .args(["-Os", "--all-features", "-o"])
         .args([program, program])
-        .status();
-    match status {
-        Ok(status) => ensure!(status.success(), "wasm-opt failed"),
-        Err(_) => println!("note: with Binaryen's `wasm-opt` the page would be smaller"),
-    }
+        .status()?;
+    ensure!(status.success(), "wasm-opt failed");
+    let after = fs::metadata(program)?.len();
+    println!(
+        "wasm-opt: {:.1} MB became {:.1} MB",
+        before as f64 / 1e6,
+        after as f64 / 1e6
+    );
     Ok(())
+}
+
+/// The number in `wasm-opt version 117 (version_117)`.
+fn version(text: &str) -> Option<u32> {
+    text.split_whitespace().find_map(|word| word.parse().ok())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn versions_are_numbers() {
+        assert_eq!(version("wasm-opt version 108 (version_108)\n"), Some(108));
+        assert_eq!(version("wasm-opt version 117\n"), Some(117));
+        assert_eq!(version("wasm-opt"), None);
+    }
 }

@@ -1,9 +1,7 @@
 //! The picture without ray-traced reflections beside the one with them: two cameras, each of which draws its part of one picture.
 
 use bevy::{
-    camera::{
-        CameraProjection, CameraUpdateSystems, Exposure, Hdr, SubCameraView, Viewport, visibility::VisibilitySystems,
-    },
+    camera::{CameraUpdateSystems, Exposure, Hdr, SubCameraView, Viewport, visibility::VisibilitySystems},
     camera_controller::free_camera::FreeCamera,
     core_pipeline::{
         prepass::{DeferredPrepass, DepthPrepass},

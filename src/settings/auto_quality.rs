@@ -1,0 +1,72 @@
+//! The search for the quality that suits a machine.
+
+use super::{ReflectionQuality, clamped::number_or};
+use bevy::{
+    ecs::{component::Component, reflect::ReflectComponent},
+    reflect::{Reflect, std_traits::ReflectDefault},
+};
+
+/// Chooses the [`ReflectionQuality`] of a camera for the machine that the game runs on. Insert it at the first start of a game, instead of
+/// a quality.
+///
+/// The adapter gives the first guess: `High` on a discrete GPU with ray queries, `Medium` on one without them, and `Low` on any other. Then
+/// the camera tries one quality after the other: better ones while the median of its GPU times leaves room below the target, and worse ones
+/// while it is above. Its picture is that of the quality on trial.
+///
+/// At the end the component is gone. The camera keeps the [`ReflectionQuality`], has a
+/// [`ReflectionBudget`](crate::ReflectionBudget) of the same time unless it had one before, and gets the event
+/// [`ReflectionQualityChosen`](crate::ReflectionQualityChosen), upon which a game saves the quality. To search again, for instance in a
+/// window of another size, insert the component again. To end the search early, insert another quality or remove the component.
+///
+/// The search is no quality of its own: a game that saved it would measure at every start and look different each time.
+///
+/// Times come from Bevy's `RenderDiagnosticsPlugin`, which the app adds, and from a device with timestamps. Without them the first
+/// guess stays, and a warning says so once. Times of several reflecting cameras can't be told apart: search on one, and copy its quality.
+///
+/// ```no_run
+/// use bevy::{prelude::*, render::diagnostic::RenderDiagnosticsPlugin};
+/// use bevy_glint::prelude::*;
+///
+/// fn main() {
+///     App::new()
+///         .add_plugins((DefaultPlugins, RayTracedReflectionsPlugin::default(), RenderDiagnosticsPlugin))
+///         .add_systems(Startup, |mut commands: Commands| {
+///             commands.spawn((Camera3d::default(), ReflectionAutoQuality::default()));
+///         })
+///         .add_observer(|chosen: On<ReflectionQualityChosen>| info!("save this word: {}", chosen.quality))
+///         .run();
+/// }
+/// ```
+#[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
+#[reflect(Component, Default, Debug, Clone, PartialEq)]
+pub struct ReflectionAutoQuality {
+    /// GPU milliseconds per frame that the reflections may take. More allows better qualities. NaN is the default, and values below 0
+    /// are 0. Default: 2.
+    #[reflect(@0.0..=20.0_f32)]
+    pub milliseconds: f32,
+    /// Worst quality that is chosen. `Off` is chosen only where `Low` takes more than four times the target. Default: `Off`.
+    pub worst: ReflectionQuality,
+    /// Best quality that is chosen. `Ultra` traces a ray for each pixel, of which a budget can't spare any. Default: `High`.
+    pub best: ReflectionQuality,
+}
+
+impl Default for ReflectionAutoQuality {
+    fn default() -> Self {
+        Self {
+            milliseconds: 2.0,
+            worst: ReflectionQuality::Off,
+            best: ReflectionQuality::High,
+        }
+    }
+}
+
+impl ReflectionAutoQuality {
+    /// The same within its ranges.
+    pub(crate) fn clamped(self) -> Self {
+        Self {
+            milliseconds: number_or(self.milliseconds, Self::default().milliseconds).max(0.0),
+            worst: self.worst.min(self.best),
+            best: self.best,
+        }
+    }
+}
