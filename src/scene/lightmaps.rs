@@ -103,6 +103,7 @@ mod tests {
             mesh: AssetId::default(),
             material: AssetId::<StandardMaterial>::default().untyped(),
             world_from_object: Affine3A::IDENTITY,
+            groups: 0,
             casts_shadow: true,
             receives_shadow: true,
             lightmap: Some(Box::new(LightmapSource {

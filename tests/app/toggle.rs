@@ -85,6 +85,19 @@ fn switch_on(app: &mut HeadlessApp, camera: Entity, settings: RayTracedReflectio
     frames(app, 4);
 }
 
+/// An object appears and vanishes, in the last slot of all.
+fn come_and_go(app: &mut HeadlessApp) {
+    let guest = spawn_mesh(
+        app,
+        Sphere::new(0.1).mesh().uv(8, 4),
+        metal(0.5),
+        Transform::from_xyz(0.0, 9.0, 9.0),
+    );
+    frames(app, 2);
+    app.world().despawn(guest);
+    frames(app, 1);
+}
+
 fn switch_off(app: &mut HeadlessApp, camera: Entity) {
     app.world().entity_mut(camera).remove::<RayTracedReflections>();
     frames(app, 3);
@@ -203,6 +216,7 @@ fn off_leaves_nothing_allocated() {
             for settings in variants() {
                 let what = format!("{tracer:?}, {:?}, round {round}", settings.technique);
                 let is_plain = settings == plain();
+                come_and_go(app);
                 switch_on(app, camera, settings);
                 expect_on(app, camera, &what);
                 let picture = app.capture().unwrap();

@@ -110,6 +110,10 @@ impl InstanceTable {
     /// Replaces the object of a slot. Returns false if it is the same as before.
     pub fn set(&mut self, slot: u32, instance: Option<GpuInstance>) -> bool {
         let index = slot as usize;
+        if index >= self.present.len() {
+            // Its object came and went while no camera looked.
+            return false;
+        }
         let before = self.present[index].then(|| GpuInstance {
             flags: self.data[index].flags & !(INSTANCE_MOVING | INSTANCE_RESTLESS),
             ..self.data[index]
