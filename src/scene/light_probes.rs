@@ -1,10 +1,7 @@
 //! Light probes as hits need them: Bevy's reflection probes and irradiance volumes, all of the scene, since rays leave what the camera sees.
 //! `light_probes.wesl` is the GPU side.
 
-use super::{
-    activity::SceneActivity, bind_group::SceneBindings, bvh::invert, change::Change, gpu_types::GpuLightProbe,
-    upload::StorageSlice,
-};
+use super::{activity::SceneActivity, bvh::invert, gpu_types::GpuLightProbe, upload::StorageSlice};
 use crate::{device::ReflectionTextureMode, settings::RayTracedReflections};
 use bevy::{
     asset::AssetId,
@@ -270,7 +267,7 @@ impl LightProbes {
     }
 
     /// Takes over the probes whose images are there. Returns whether anything is different.
-    fn update(
+    pub fn update(
         &mut self,
         extracted: &ExtractedLightProbes,
         images: &RenderAssets<GpuImage>,
@@ -314,19 +311,6 @@ fn filled<'a>(views: &'a [TextureView], filler: &'a TextureView, count: usize) -
     let rest = count.saturating_sub(views.len());
     let all = views.iter().chain(core::iter::repeat_n(filler, rest));
     all.map(|view| &**view).collect()
-}
-
-/// Brings the probes up to date.
-pub(super) fn prepare_light_probes(
-    mut bindings: ResMut<SceneBindings>,
-    extracted: Res<ExtractedLightProbes>,
-    images: Res<RenderAssets<GpuImage>>,
-    device: Res<RenderDevice>,
-    queue: Res<RenderQueue>,
-) {
-    if bindings.light_probes.update(&extracted, &images, &device, &queue) {
-        bindings.version.note(Change::Unmarked);
-    }
 }
 
 #[cfg(test)]

@@ -58,12 +58,12 @@ use bevy::{
 use bind_group::prepare_scene_bind_group;
 use environment::{EnvironmentBindings, extract_environments, prepare_environments};
 use instances::{SceneInstances, extract::LostComponents};
-use light_probes::{ExtractedLightProbes, extract_light_probes, prepare_light_probes};
+use light_probes::{ExtractedLightProbes, extract_light_probes};
 use lights::{ExtractedLights, RectLightsEnabled, detect_rect_lights, extract_lights};
 use materials::{MaterialAssets, MaterialTable, update_materials};
 use meshes::{SceneMeshes, extract_meshes, keep_render_world_meshes, kept::RenderWorldMeshes, upload::upload_meshes};
 use pose::{ExtractedPoses, extract_poses};
-use prepare::{note_features, prepare_instances, prepare_tables};
+use prepare::{note_features, prepare_instances, prepare_light_probes, prepare_tables};
 use reflected_material::add_extraction;
 use render_layers::{SceneLayers, extract_layers};
 use textures::{TextureTable, extract_texture_changes, update_textures};

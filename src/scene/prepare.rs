@@ -10,6 +10,7 @@ use super::{
     change::Change,
     gpu_types::GpuSceneCounts,
     instances::{InstanceSource, SceneInstances},
+    light_probes::ExtractedLightProbes,
     lights::ExtractedLights,
     masks::{Changes, Surroundings},
     materials::{MaterialAssets, MaterialTable},
@@ -24,8 +25,10 @@ use bevy::{
     ecs::{prelude::*, system::SystemParam},
     platform::collections::HashSet,
     render::{
+        render_asset::RenderAssets,
         render_resource::DefaultImageSamplerDescriptor,
         renderer::{RenderDevice, RenderQueue},
+        texture::GpuImage,
     },
 };
 
@@ -166,6 +169,19 @@ pub(super) fn note_features(
 ) {
     bindings.has_clearcoat = materials.has_clearcoat();
     bindings.has_render_layers = layers.differ();
+}
+
+/// Brings light probes up to date.
+pub(super) fn prepare_light_probes(
+    mut bindings: ResMut<SceneBindings>,
+    extracted: Res<ExtractedLightProbes>,
+    images: Res<RenderAssets<GpuImage>>,
+    device: Res<RenderDevice>,
+    queue: Res<RenderQueue>,
+) {
+    if bindings.light_probes.update(&extracted, &images, &device, &queue) {
+        bindings.version.note(Change::Unmarked);
+    }
 }
 
 /// Uploads materials, lights and counts that changed.
