@@ -12,12 +12,12 @@ use bevy::{
 };
 use bevy_glint::{
     AdaptiveThresholds, CombinedThresholds, GrazingThresholds, HardwareVrsSupport, NotReflected, RayTracedReflections,
-    RayTracedReflectionsPlugin, ReflectedPose, ReflectedPoseBudget, ReflectionAutoQuality, ReflectionBackend,
-    ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser,
-    ReflectionEffort, ReflectionNonFiniteReport, ReflectionPreset, ReflectionQuality, ReflectionQualityChosen,
-    ReflectionSampling, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique, ReflectionTextureMip,
-    ReflectionTracer, ReflectionTracerChoice, ReflectionViewMemory, ReflectionsDeclined, ReflectionsOff,
-    ReflectionsReady, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
+    RayTracedReflectionsPlugin, ReflectedLayers, ReflectedPose, ReflectedPoseBudget, ReflectionAutoQuality,
+    ReflectionBackend, ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView,
+    ReflectionDenoiser, ReflectionEffort, ReflectionNonFiniteReport, ReflectionPreset, ReflectionQuality,
+    ReflectionQualityChosen, ReflectionSampling, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique,
+    ReflectionTextureMip, ReflectionTracer, ReflectionTracerChoice, ReflectionViewMemory, ReflectionsDeclined,
+    ReflectionsOff, ReflectionsReady, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
 };
 use core::any::{TypeId, type_name};
 use std::{fs, path::Path};
@@ -96,6 +96,7 @@ fn components_are_registered() {
     component::<RayTracedReflections>(&mut app);
     component::<NotReflected>(&mut app);
     component::<ReflectedPose>(&mut app);
+    component::<ReflectedLayers>(&mut app);
     component::<ReflectionQuality>(&mut app);
     component::<ReflectionAutoQuality>(&mut app);
     component::<ReflectionBudget>(&mut app);

@@ -176,9 +176,18 @@ pub fn images(harness: &mut Harness, scene: &HostileScene, scenario: &Scenario) 
     }
     harness.step(3);
     let moves = scene.events.iter().any(|event| !EventKind::is_static(*event));
-    for (camera, size, mut pixels) in wrong {
-        let Ok(plain) = harness.image(camera) else { continue };
-        let plain = plain.non_finite();
+    let mut plains = plain_pixels(harness, &wrong);
+    if moves {
+        // Some events come in every other frame, and a camera is elsewhere meanwhile.
+        harness.step(1);
+        for (plain, next) in plains.iter_mut().zip(plain_pixels(harness, &wrong)) {
+            if let (Some(plain), Some(next)) = (plain, next) {
+                plain.extend(next);
+            }
+        }
+    }
+    for ((camera, size, mut pixels), plain) in wrong.into_iter().zip(plains) {
+        let Some(plain) = plain else { continue };
         // Moving scenes can't be compared pixel by pixel.
         pixels.retain(|pixel| {
             if moves {
@@ -196,6 +205,12 @@ pub fn images(harness: &mut Harness, scene: &HostileScene, scenario: &Scenario) 
         }
     }
     problems
+}
+
+/// Pixels that are not finite now, for each of these cameras; `None` where a camera can't be read.
+fn plain_pixels<T, U>(harness: &Harness, cameras: &[(Entity, T, U)]) -> Vec<Option<Vec<usize>>> {
+    let image = |(camera, ..): &(Entity, T, U)| harness.image(*camera).ok().map(|image| image.non_finite());
+    cameras.iter().map(image).collect()
 }
 
 /// Nothing in the scene is brighter than the white sky.
