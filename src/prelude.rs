@@ -8,5 +8,6 @@ pub use crate::{
     NotReflected, RayTracedReflections, RayTracedReflectionsPlugin, ReflectedLayers, ReflectedMaterial,
     ReflectedMaterial3d, ReflectedMaterialPlugin, ReflectedMesh3d, ReflectedPose, ReflectionAutoQuality,
     ReflectionBudget, ReflectionEffort, ReflectionFallback, ReflectionPreset, ReflectionQuality,
-    ReflectionQualityChosen, ReflectionStatus, ReflectionsDeclined, ReflectionsReady, ShadingRateHeuristic,
+    ReflectionQualityChosen, ReflectionStatus, ReflectionStatusReport, ReflectionsDeclined, ReflectionsReady,
+    ShadingRateHeuristic,
 };

@@ -5,8 +5,8 @@ use crate::{
     settings::ReflectionBackend,
 };
 use bevy::{
-    app::{App, Plugin},
-    ecs::{entity::Entity, reflect::ReflectResource, resource::Resource},
+    app::{App, First, Plugin},
+    ecs::prelude::*,
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 use core::fmt;
@@ -34,8 +34,12 @@ impl ReflectionViewMemory {
 }
 
 /// A snapshot of what the crate does on this machine.
-#[derive(Reflect, Clone, Debug, Default, PartialEq)]
-#[reflect(Default, Debug, Clone, PartialEq)]
+///
+/// As a resource of the main world it is brought up to date in [`First`], and counts as changed only in frames in which something in it is
+/// another: run conditions such as `resource_changed::<ReflectionStatusReport>` work. Without pipelined rendering it is that of the last
+/// frame, with it that of one of the last two. [`ReflectionStatus::report`] is never older than the resource.
+#[derive(Resource, Reflect, Clone, Debug, Default, PartialEq)]
+#[reflect(Resource, Default, Debug, Clone, PartialEq)]
 pub struct ReflectionStatusReport {
     /// Name and driver of the adapter; empty until the renderer has started.
     pub adapter: String,
@@ -121,7 +125,8 @@ impl fmt::Display for ReflectionStatusReport {
 
 /// The crate's status, readable from any system of the main world. It is written by the render world and may lag by a frame.
 ///
-/// By reflection it is opaque, since it is shared with the render world; what [`report`](Self::report) gives is not.
+/// By reflection it is opaque, since it is shared with the render world. The resource [`ReflectionStatusReport`] is not, and has change
+/// detection.
 #[derive(Resource, Reflect, Clone, Debug, Default)]
 #[reflect(opaque)]
 #[reflect(Resource, Default, Debug, Clone)]
@@ -151,6 +156,46 @@ impl Plugin for StatusPlugin {
         app.register_type::<ReflectionStatus>()
             .register_type::<ReflectionStatusReport>()
             .register_type::<ReflectionViewMemory>()
-            .init_resource::<ReflectionStatus>();
+            .init_resource::<ReflectionStatus>()
+            .init_resource::<ReflectionStatusReport>()
+            .add_systems(First, publish_report);
+    }
+}
+
+fn publish_report(status: Res<ReflectionStatus>, mut published: ResMut<ReflectionStatusReport>) {
+    status.read(|report| {
+        if *report != *published {
+            published.clone_from(report);
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bevy::app::Update;
+
+    #[test]
+    fn the_report_changes_when_the_status_does() {
+        #[derive(Resource, Default)]
+        struct Changes(Vec<bool>);
+        let mut app = App::new();
+        app.add_plugins(StatusPlugin).init_resource::<Changes>();
+        app.add_systems(
+            Update,
+            |report: Res<ReflectionStatusReport>, mut changes: ResMut<Changes>| changes.0.push(report.is_changed()),
+        );
+        app.update();
+        app.update();
+        let status = app.world().resource::<ReflectionStatus>().clone();
+        status.update(|report| report.meshes = 3);
+        app.update();
+        app.update();
+        assert_eq!(app.world().resource::<ReflectionStatusReport>().meshes, 3);
+        assert_eq!(
+            app.world().resource::<Changes>().0,
+            [true, false, true, false],
+            "it is new in the first frame, and another in the third"
+        );
     }
 }

@@ -51,13 +51,12 @@ pub(super) struct ResolveVariant {
 impl ResolveVariant {
     /// The variants that a view's settings need: without history nothing is blurred.
     pub fn of(settings: &ClampedSettings) -> impl Iterator<Item = Self> + use<> {
-        let blurs = denoise::blurs(settings);
-        Surfaces::of(settings).flat_map(move |surfaces| {
-            [false, true]
-                .into_iter()
-                .filter(move |&blur| blurs || !blur)
-                .map(move |blurs| Self { surfaces, blurs })
-        })
+        let blurs: &[bool] = if denoise::blurs(settings) {
+            &[false, true]
+        } else {
+            &[false]
+        };
+        Surfaces::of(settings).flat_map(|surfaces| blurs.iter().map(move |&blurs| Self { surfaces, blurs }))
     }
 
     pub fn shader_defs(self) -> Vec<ShaderDefVal> {

@@ -27,13 +27,22 @@ use bevy::{
 };
 use core::num::NonZeroU64;
 
-/// The pass, in variants for trees that need a larger stack, and for cameras of different layers.
+/// A variant of the pass.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+struct FindVariant {
+    /// The scene's trees need a larger stack.
+    deep_trees: bool,
+    /// Reflecting cameras draw different layers.
+    layers: bool,
+}
+
+/// The pass in all its variants.
 #[derive(Resource)]
 pub(super) struct FindPass {
     shader: Handle<Shader>,
-    pass: GBufferPass<(bool, bool)>,
-    /// The scene's trees need a larger stack; cameras draw different layers.
-    variant: (bool, bool),
+    pass: GBufferPass<FindVariant>,
+    /// The one that the scene needs.
+    variant: FindVariant,
 }
 
 /// Declares what the pass binds.
@@ -55,7 +64,7 @@ pub(super) fn init_find_pass(mut commands: Commands, asset_server: Res<AssetServ
     commands.insert_resource(FindPass {
         shader: load_embedded_asset!(asset_server.as_ref(), "find.wesl"),
         pass: GBufferPass::new("glint_find_front_layer", bindings, groups),
-        variant: (false, false),
+        variant: FindVariant::default(),
     });
 }
 
@@ -81,12 +90,15 @@ pub(super) fn queue_find_pass(
         return;
     }
     let FindPass { shader, pass, variant } = &mut *find;
-    *variant = (scene.has_deep_trees(), scene.has_render_layers());
+    *variant = FindVariant {
+        deep_trees: scene.has_deep_trees(),
+        layers: scene.has_render_layers(),
+    };
     pass.queue(*variant, &cache, || {
         // See-through surfaces need the alpha test.
         let mut defs = scene.shader_defs_for(true);
         defs.push("FRONT_LAYER".into());
-        defs.extend(scene.has_render_layers().then(|| "RENDER_LAYERS".into()));
+        defs.extend(variant.layers.then(|| "RENDER_LAYERS".into()));
         PassShader {
             shader: shader.clone(),
             defs,
@@ -122,12 +134,12 @@ impl FindPass {
         ];
         // A stack that is too small misses some surfaces, and without layers too many are found: better than nothing while the right
         // variant is compiled.
-        let Some(mut pass) = self.pass.begin(
-            ctx,
-            context,
-            [self.variant, (self.variant.0, false), (false, false)],
-            &given,
-        ) else {
+        let without_layers = FindVariant {
+            layers: false,
+            ..self.variant
+        };
+        let variants = [self.variant, without_layers, FindVariant::default()];
+        let Some(mut pass) = self.pass.begin(ctx, context, variants, &given) else {
             return false;
         };
         let groups = gpu_rects.get().groups();

@@ -30,6 +30,21 @@ pub struct InstanceSource {
 }
 
 impl InstanceSource {
+    /// An object without properties of its own.
+    #[cfg(test)]
+    pub(super) fn plain(entity: Entity) -> Self {
+        Self {
+            entity,
+            mesh: AssetId::default(),
+            material: AssetId::<StandardMaterial>::default().untyped(),
+            world_from_object: Affine3A::IDENTITY,
+            groups: 0,
+            casts_shadow: true,
+            receives_shadow: true,
+            lightmap: None,
+        }
+    }
+
     fn is_same_apart_from_place(&self, other: &Self) -> bool {
         let Self {
             entity,
@@ -216,25 +231,12 @@ impl SceneInstances {
 mod tests {
     use super::*;
 
-    fn source(entity: Entity) -> InstanceSource {
-        InstanceSource {
-            entity,
-            mesh: AssetId::default(),
-            material: AssetId::<StandardMaterial>::default().untyped(),
-            world_from_object: Affine3A::IDENTITY,
-            groups: 0,
-            casts_shadow: true,
-            receives_shadow: true,
-            lightmap: None,
-        }
-    }
-
     #[test]
     fn places_of_objects_follow_and_of_others_are_ignored() {
         let mut world = World::new();
         let [a, b] = [(); 2].map(|()| world.spawn_empty().id());
         let mut instances = SceneInstances::default();
-        instances.set(source(a));
+        instances.set(InstanceSource::plain(a));
         instances.take_dirty();
         let place = Affine3A::from_translation(Vec3::X);
         instances.set_place(b, place);
@@ -255,19 +257,19 @@ mod tests {
         let mut world = World::new();
         let [a, b, c] = [(); 3].map(|()| world.spawn_empty().id());
         let mut instances = SceneInstances::default();
-        instances.set(source(a));
-        instances.set(source(b));
+        instances.set(InstanceSource::plain(a));
+        instances.set(InstanceSource::plain(b));
         assert_eq!(instances.take_dirty(), [0, 1]);
-        instances.set(source(a));
+        instances.set(InstanceSource::plain(a));
         assert!(instances.take_dirty().is_empty(), "nothing changed");
         instances.set(InstanceSource {
             world_from_object: Affine3A::from_scale(Vec3::splat(2.0)),
-            ..source(b)
+            ..InstanceSource::plain(b)
         });
         assert!(instances.take_dirty().is_empty());
         assert_eq!(instances.take_moved(), [1]);
         instances.remove(a);
-        instances.set(source(c));
+        instances.set(InstanceSource::plain(c));
         assert_eq!(instances.take_dirty(), [0]);
         assert_eq!(instances.get(0).map(|s| s.entity), Some(c));
         assert_eq!(instances.count, 2);
@@ -279,7 +281,7 @@ mod tests {
         instances.remove(c);
         assert!(instances.slots().is_empty());
         assert!(!instances.shows(mesh), "nobody shows the mesh any more");
-        instances.set(source(a));
+        instances.set(InstanceSource::plain(a));
         assert_eq!(instances.take_new_meshes(), [mesh]);
     }
 }

@@ -9,6 +9,7 @@ use bevy::{
     ecs::prelude::*,
     image::Image,
     light::{EnvironmentMapLight, IrradianceVolume, LightProbe, ParallaxCorrection},
+    log::warn_once,
     math::{Affine3A, Vec3, Vec3A},
     render::{
         Extract,
@@ -27,6 +28,8 @@ use bevy::{
 use core::num::NonZero;
 
 /// Most probes of one kind in hit shading; `light_probes.wesl` has the same number. Bevy takes half as many for each view.
+///
+/// A reflection probe adds two textures and a volume one, and each hit tests which of them it lies in.
 const MAX_PROBES: usize = 16;
 
 /// A probe in the render world, before its images are looked up.
@@ -75,6 +78,10 @@ fn probe(
 fn keep_nearest(probes: Vec<(Vec3A, ProbeSource)>, cameras: &[Vec3A]) -> Vec<ProbeSource> {
     let mut probes = probes;
     if probes.len() > MAX_PROBES {
+        warn_once!(
+            "{} light probes of a kind in the scene: reflections show the {MAX_PROBES} nearest to a camera that reflects",
+            probes.len()
+        );
         let distance = |place: Vec3A| {
             let distances = cameras.iter().map(|camera| camera.distance_squared(place));
             distances.fold(f32::INFINITY, f32::min)

@@ -72,8 +72,6 @@ mod tests {
     use bevy::{
         asset::uuid::Uuid,
         ecs::{entity::Entity, world::FromWorld, world::World},
-        math::Affine3A,
-        pbr::StandardMaterial,
     };
 
     fn image(number: u128) -> AssetId<Image> {
@@ -99,17 +97,11 @@ mod tests {
         let entity = Entity::from_bits(3);
         let mut instances = SceneInstances::default();
         instances.set(InstanceSource {
-            entity,
-            mesh: AssetId::default(),
-            material: AssetId::<StandardMaterial>::default().untyped(),
-            world_from_object: Affine3A::IDENTITY,
-            groups: 0,
-            casts_shadow: true,
-            receives_shadow: true,
             lightmap: Some(Box::new(LightmapSource {
                 image: image(others),
                 rect: [0; 2],
             })),
+            ..InstanceSource::plain(entity)
         });
         let mut lightmaps = Lightmaps::default();
         let mut follow = |dirty: &[u32], instances: &SceneInstances, textures: &mut TextureTable| {

@@ -15,7 +15,7 @@ use bevy::{
 /// Averages are over those pixels of a tile that reflect, all of them in each frame, so that rates don't depend on which pixels
 /// trace. Exact mirrors with rays of their own
 /// ([`full_resolution_mirrors`](crate::RayTracedReflections::full_resolution_mirrors)) count in none of them.
-#[derive(Component, Reflect, Clone, Debug, PartialEq)]
+#[derive(Component, FromTemplate, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum ShadingRateHeuristic {
@@ -29,6 +29,7 @@ pub enum ShadingRateHeuristic {
     Grazing(GrazingThresholds),
     /// By the size of the lobe on the screen, by how much of it can be seen, and by the shape of what is in the tile: more quality
     /// for the same rays. The default.
+    #[default]
     Combined(CombinedThresholds),
     /// By the noise that is left in the accumulated image: tiles get more rays where it is seen or where they have no past, and
     /// rest in every other frame where there is little of it. Without temporal accumulation or motion vectors, `Combined` decides

@@ -27,7 +27,7 @@ use bevy::{
 ///     ));
 /// }
 /// ```
-#[derive(Component, Reflect, Clone, Debug, Default, Deref, DerefMut, PartialEq, Eq)]
+#[derive(Component, FromTemplate, Reflect, Clone, Debug, Default, Deref, DerefMut, PartialEq, Eq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct ReflectedMesh3d(pub Handle<Mesh>);
 
@@ -48,6 +48,6 @@ pub struct ReflectedMesh3d(pub Handle<Mesh>);
 ///     })));
 /// }
 /// ```
-#[derive(Component, Reflect, Clone, Debug, Default, Deref, DerefMut, PartialEq, Eq)]
+#[derive(Component, FromTemplate, Reflect, Clone, Debug, Default, Deref, DerefMut, PartialEq, Eq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct ReflectedMaterial3d(pub Handle<StandardMaterial>);

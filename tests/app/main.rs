@@ -11,6 +11,7 @@ mod arrivals;
 mod auto_quality;
 mod back_ends;
 mod bounces;
+mod bsn;
 mod budget;
 mod convergence;
 mod debug_views;

@@ -12,18 +12,19 @@ use bevy::{
 };
 use bevy_glint::{
     AdaptiveThresholds, CombinedThresholds, GrazingThresholds, HardwareVrsSupport, NotReflected, RayTracedReflections,
-    RayTracedReflectionsPlugin, ReflectedLayers, ReflectedPose, ReflectedPoseBudget, ReflectionAutoQuality,
-    ReflectionBackend, ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView,
-    ReflectionDenoiser, ReflectionEffort, ReflectionNonFiniteReport, ReflectionPreset, ReflectionQuality,
-    ReflectionQualityChosen, ReflectionSampling, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique,
-    ReflectionTextureMip, ReflectionTracer, ReflectionTracerChoice, ReflectionViewMemory, ReflectionsDeclined,
-    ReflectionsOff, ReflectionsReady, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
+    RayTracedReflectionsPlugin, ReflectedLayers, ReflectedMaterial3d, ReflectedMesh3d, ReflectedPose,
+    ReflectedPoseBudget, ReflectionAutoQuality, ReflectionBackend, ReflectionBudget, ReflectionDebugCounters,
+    ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionEffort, ReflectionNonFiniteReport,
+    ReflectionPreset, ReflectionQuality, ReflectionQualityChosen, ReflectionSampling, ReflectionStatus,
+    ReflectionStatusReport, ReflectionTechnique, ReflectionTextureMip, ReflectionTracer, ReflectionTracerChoice,
+    ReflectionViewMemory, ReflectionsDeclined, ReflectionsOff, ReflectionsReady, RoughnessThresholds, ShadingRate,
+    ShadingRateHeuristic, ShadingRateTileSize,
 };
 use core::any::{TypeId, type_name};
 use std::{fs, path::Path};
 
 /// Files with types that an app holds.
-const FILES: [&str; 19] = [
+const FILES: [&str; 20] = [
     "auto_quality.rs",
     "settings/auto_quality.rs",
     "settings/budget.rs",
@@ -35,6 +36,7 @@ const FILES: [&str; 19] = [
     "settings/pose.rs",
     "settings/presets.rs",
     "settings/quality.rs",
+    "settings/stand_in.rs",
     "device/shading_rates.rs",
     "device/texture_mode.rs",
     "device/tracer.rs",
@@ -96,6 +98,8 @@ fn components_are_registered() {
     component::<RayTracedReflections>(&mut app);
     component::<NotReflected>(&mut app);
     component::<ReflectedPose>(&mut app);
+    component::<ReflectedMesh3d>(&mut app);
+    component::<ReflectedMaterial3d>(&mut app);
     component::<ReflectedLayers>(&mut app);
     component::<ReflectionQuality>(&mut app);
     component::<ReflectionAutoQuality>(&mut app);
@@ -115,6 +119,7 @@ fn resources_are_registered() {
     let is_resource = |registration: &TypeRegistration| registration.data::<ReflectResource>().is_some();
     assert!(is_resource(known::<ReflectionStatus>(&types)));
     default::<ReflectionStatus>(&types);
+    assert!(is_resource(known::<ReflectionStatusReport>(&types)));
     assert!(is_resource(known::<ReflectedPoseBudget>(&types)));
     default::<ReflectedPoseBudget>(&types);
     #[cfg(feature = "egui")]

@@ -361,7 +361,7 @@ fn update<C: MaterialComponent>(instances: &mut SceneInstances, scene_layers: &S
 
 fn update_item(instances: &mut SceneInstances, layers: &SceneLayers, item: &InstanceItem) {
     let groups = layers.groups_of(item.layers);
-    // Of levels of detail the nearest stands for all.
+    // The nearest level of detail stands for all.
     let nearest_detail = item.range.is_none_or(|range| range.start_margin.start <= 0.0);
     let mesh = item
         .stand_in

@@ -14,7 +14,7 @@ pub const VIRTUAL_HISTORY: u32 = 16;
 pub const SUPPRESS_FIREFLIES: u32 = 32;
 pub const RATE_ACTIVE: u32 = 0x100;
 
-/// What the composite shows of each pixel, before albedo.
+/// Writes the radiance that the composite shows in each pixel, before albedo.
 const SHOWN: &str = "
 import package::denoise::blur::shown_radiance;
 import package::gbuffer::{load_pixel, reflection_view};
