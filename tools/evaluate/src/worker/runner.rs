@@ -150,6 +150,7 @@ impl<'a> Runner<'a> {
         let mut before = self.report();
         while quiet < QUIET_FRAMES {
             self.step(1);
+            self.app.check().map_err(text)?;
             let report = self.report();
             if report.tracer.is_none() {
                 return Err(format!("rays can't be traced: {}", report.reasons.join(". ")));
@@ -211,6 +212,7 @@ impl<'a> Runner<'a> {
             }
             std::thread::sleep(Duration::from_millis(5));
             self.app.step(1);
+            self.app.check().map_err(text)?;
         }
     }
 

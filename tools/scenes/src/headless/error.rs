@@ -9,6 +9,8 @@ pub enum HeadlessError {
     NoRenderer,
     /// Pipelines or assets did not become ready within the given number of frames.
     NotReady(u32),
+    /// The app has ended by itself, which Bevy has it do after errors of the renderer.
+    Ended,
     /// An asset failed to load.
     Asset(String),
     /// Reading back failed.
@@ -22,6 +24,7 @@ impl fmt::Display for HeadlessError {
         match self {
             Self::NoRenderer => f.write_str("no graphics device was found"),
             Self::NotReady(frames) => write!(f, "pipelines or assets were not ready after {frames} frames"),
+            Self::Ended => f.write_str("the app has ended; the log says why"),
             Self::Asset(reason) => write!(f, "an asset failed to load: {reason}"),
             Self::Readback(reason) => write!(f, "the image could not be read back: {reason}"),
             Self::Write(reason) => write!(f, "the image could not be written: {reason}"),

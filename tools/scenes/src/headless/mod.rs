@@ -213,6 +213,14 @@ impl HeadlessApp {
         readback::resource(self.render_world()?)
     }
 
+    /// `Ended` once the app has asked to exit: nothing is rendered any more.
+    pub fn check(&self) -> Result<(), HeadlessError> {
+        match self.app.should_exit() {
+            Some(_) => Err(HeadlessError::Ended),
+            None => Ok(()),
+        }
+    }
+
     /// Waits until the GPU has done everything that was submitted.
     pub fn wait_until_idle(&self) -> Result<(), HeadlessError> {
         readback::wait_until_idle(self.render_world()?)
@@ -281,6 +289,7 @@ impl HeadlessApp {
                 return Err(HeadlessError::NotReady(limit));
             }
             self.app.update();
+            self.check()?;
             frames += 1;
             if self.assets_ready()? && self.pipelines_ready()? {
                 ready += 1;
@@ -332,6 +341,7 @@ impl HeadlessApp {
 
     /// The bytes of a target as the last frame left them, in rows without padding.
     pub fn read_target(&self, target: &RenderTarget) -> Result<Vec<u8>, HeadlessError> {
+        self.check()?;
         let image = target.as_image();
         let image = image.ok_or_else(|| HeadlessError::Readback("the target is not an image".to_owned()))?;
         read_image(self.render_world()?, image)
@@ -359,6 +369,7 @@ impl HeadlessApp {
     /// Linear radiance, exposed, that a camera's last frame had before tone mapping, whatever the output. Tone mapping must be the last
     /// effect of an HDR camera: it writes into the other one of the two textures that effects take turns on, and leaves its source alone.
     pub fn capture_before_tone_mapping(&mut self, camera: Entity) -> Result<Vec<[f32; 4]>, HeadlessError> {
+        self.check()?;
         let fail = |reason: &str| HeadlessError::Readback(reason.to_owned());
         let world = self.world();
         let tone_mapped = world.get::<Tonemapping>(camera).is_some_and(|curve| curve.is_enabled());
