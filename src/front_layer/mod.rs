@@ -21,7 +21,10 @@ mod textures;
 
 pub use prepare::FrontLayer;
 
-use crate::{device::tracing_app, scene::SceneBindings, schedule::ReflectionSystems, view::PreparedViews};
+use crate::{
+    debug::show_debug_views, device::tracing_app, scene::SceneBindings, schedule::ReflectionSystems,
+    view::PreparedViews,
+};
 use bevy::{
     app::{App, Plugin},
     asset::embedded_asset,
@@ -35,7 +38,7 @@ use bevy::{
 };
 use boxes::{SeeThroughBoxes, extract_boxes};
 use find::{init_find_pass, queue_find_pass, request_rates};
-use passes::{find_front_layers, reflect_on_front_layers};
+use passes::{find_front_layers, reflect_on_front_layers, show_front_layers};
 use prepare::prepare_front_layers;
 
 /// Registers the shader, the pipelines and the systems of this folder.
@@ -76,6 +79,10 @@ impl Plugin for FrontLayerPlugin {
                         .before(main_transparent_pass_3d)
                         .in_set(Core3dSystems::MainPass),
                     reflect_on_front_layers.in_set(ReflectionSystems::FrontLayerPasses),
+                    // Over the dark picture that the other debug views begin with.
+                    show_front_layers
+                        .after(show_debug_views)
+                        .in_set(ReflectionSystems::DebugViews),
                 ),
             );
     }
