@@ -14,6 +14,7 @@ use bevy::{
     ecs::prelude::*,
     render::{
         diagnostic::RecordDiagnostics,
+        globals::GlobalsBuffer,
         renderer::{RenderContext, ViewQuery},
     },
 };
@@ -51,6 +52,7 @@ pub(super) fn find_front_layers(
     view: ViewQuery<(PassView, &FrontLayer)>,
     resources: PassResources,
     find: Option<Res<FindPass>>,
+    globals: Res<GlobalsBuffer>,
     mut ctx: RenderContext,
 ) {
     let entity = view.entity();
@@ -64,7 +66,14 @@ pub(super) fn find_front_layers(
     let diagnostics = ctx.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(ctx.command_encoder(), "glint_find_front_layer");
-    let is_found = find.run(&mut ctx, &context, &front.layer, &front.rects, &front.gpu_rects);
+    let is_found = find.run(
+        &mut ctx,
+        &context,
+        &front.layer,
+        &front.rects,
+        &front.gpu_rects,
+        &globals,
+    );
     front.is_found.store(is_found, Ordering::Relaxed);
     span.end(ctx.command_encoder());
 }

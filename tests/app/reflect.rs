@@ -11,24 +11,26 @@ use bevy::{
     reflect::{ReflectFromReflect, TypeRegistration, TypeRegistry, std_traits::ReflectDefault},
 };
 use bevy_glint::{
-    AdaptiveThresholds, CombinedThresholds, GrazingThresholds, HardwareVrsSupport, NotReflected, RayTracedReflections,
-    RayTracedReflectionsPlugin, ReflectedLayers, ReflectedPose, ReflectedPoseBudget, ReflectionAutoQuality,
-    ReflectionBackend, ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView,
-    ReflectionDenoiser, ReflectionEffort, ReflectionNonFiniteReport, ReflectionPreset, ReflectionQuality,
-    ReflectionQualityChosen, ReflectionSampling, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique,
-    ReflectionTextureMip, ReflectionTracer, ReflectionTracerChoice, ReflectionViewMemory, ReflectionsDeclined,
-    ReflectionsOff, ReflectionsReady, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
+    AdaptiveThresholds, CombinedThresholds, FrontLayerShader, GrazingThresholds, HardwareVrsSupport, NotReflected,
+    RayTracedReflections, RayTracedReflectionsPlugin, ReflectedLayers, ReflectedPose, ReflectedPoseBudget,
+    ReflectionAutoQuality, ReflectionBackend, ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit,
+    ReflectionDebugView, ReflectionDenoiser, ReflectionEffort, ReflectionNonFiniteReport, ReflectionPreset,
+    ReflectionQuality, ReflectionQualityChosen, ReflectionSampling, ReflectionStatus, ReflectionStatusReport,
+    ReflectionTechnique, ReflectionTextureMip, ReflectionTracer, ReflectionTracerChoice, ReflectionViewMemory,
+    ReflectionsDeclined, ReflectionsOff, ReflectionsReady, RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
+    ShadingRateTileSize,
 };
 use core::any::{TypeId, type_name};
 use std::{fs, path::Path};
 
 /// Files with types that an app holds.
-const FILES: [&str; 19] = [
+const FILES: [&str; 20] = [
     "auto_quality.rs",
     "settings/auto_quality.rs",
     "settings/budget.rs",
     "settings/reflections.rs",
     "settings/denoiser.rs",
+    "settings/front_layer.rs",
     "settings/heuristic.rs",
     "settings/shading_rate.rs",
     "settings/debug.rs",
@@ -117,6 +119,8 @@ fn resources_are_registered() {
     default::<ReflectionStatus>(&types);
     assert!(is_resource(known::<ReflectedPoseBudget>(&types)));
     default::<ReflectedPoseBudget>(&types);
+    assert!(is_resource(known::<FrontLayerShader>(&types)));
+    default::<FrontLayerShader>(&types);
     #[cfg(feature = "egui")]
     assert!(is_resource(known::<ReflectionSettingsPanel>(&types)));
 }
