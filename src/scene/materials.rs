@@ -1,5 +1,7 @@
 //! Materials as hits need them: copies of the assets in the render world, packed into the table that shaders read.
 
+mod types;
+
 use core::any::TypeId;
 use std::ops::Range;
 
@@ -30,6 +32,8 @@ use super::{
     waiting_room::WaitingRoom,
 };
 use bytemuck::bytes_of;
+
+pub(super) use types::MaterialTypes;
 
 /// A material type that rays see.
 ///
@@ -263,32 +267,12 @@ fn hits_same(a: &GpuMaterial, b: &GpuMaterial) -> bool {
     bytes_of(&with_colors_of_a) == bytes_of(a)
 }
 
-/// Types of materials that rays know besides `StandardMaterial`, in the order of their plugins.
-#[derive(Resource, Default)]
-pub struct MaterialTypes(Vec<TypeId>);
-
-impl MaterialTypes {
-    /// Gives the next number to a type. Belongs in its plugin.
-    pub fn add<M: ReflectedMaterial>(&mut self) {
-        let id = TypeId::of::<M>();
-        if id != TypeId::of::<StandardMaterial>() && !self.0.contains(&id) {
-            self.0.push(id);
-        }
-    }
-
-    /// Number of a type for shaders: 0 is `StandardMaterial`, and those for which bits lack share the last one.
-    fn number<M: ReflectedMaterial>(&self) -> u32 {
-        let place = self.0.iter().position(|id| *id == TypeId::of::<M>());
-        place.map_or(0, |place| (place as u32 + 1).min(MATERIAL_TYPE_BITS))
-    }
-}
-
 /// Loaded materials of all types that rays know, as rays see them.
 #[derive(Resource, Default)]
 pub struct MaterialAssets {
     materials: HashMap<UntypedAssetId, StandardMaterial>,
-    /// Numbers of types for shaders, where they aren't 0.
-    type_numbers: HashMap<TypeId, u32>,
+    /// The `MATERIAL_TYPE_` bits of each type.
+    type_flags: HashMap<TypeId, u32>,
     changed: HashSet<UntypedAssetId>,
     removed: Vec<UntypedAssetId>,
     /// Types whose assets were copied as a whole; from then on, events tell what changes.
@@ -299,12 +283,6 @@ impl MaterialAssets {
     /// The material, once it is loaded.
     pub fn get(&self, id: UntypedAssetId) -> Option<&StandardMaterial> {
         self.materials.get(&id)
-    }
-
-    /// The `MATERIAL_TYPE_` bits of a material.
-    fn type_flags(&self, id: UntypedAssetId) -> u32 {
-        let number = self.type_numbers.get(&id.type_id()).copied().unwrap_or(0);
-        number << MATERIAL_TYPE_SHIFT
     }
 
     /// Adds a material, or what has become of it.
@@ -346,7 +324,9 @@ pub fn extract_materials<M: ReflectedMaterial>(
         return;
     }
     if copies.filled.insert(TypeId::of::<M>()) {
-        copies.type_numbers.insert(TypeId::of::<M>(), types.number::<M>());
+        copies
+            .type_flags
+            .insert(TypeId::of::<M>(), types.flags(TypeId::of::<M>()));
         // Events from before the first frame may be gone.
         for (id, material) in assets.iter() {
             copies.set(id.untyped(), material.reflected());
@@ -561,7 +541,7 @@ impl MaterialTable {
             let image: &GpuImage = images.get(ids[slot]?)?;
             Some(image.texture_descriptor.format)
         };
-        packed.flags |= assets.type_flags(id);
+        packed.flags |= assets.type_flags.get(&id.type_id()).copied().unwrap_or(0);
         packed.flags |= format_flags(format(TEXTURE_METALLIC_ROUGHNESS), format(TEXTURE_NORMAL));
         self.write(index, packed);
         if ids == wanted {

@@ -72,7 +72,7 @@ impl<M: ReflectedMaterial> Plugin for ReflectedMaterialPlugin<M> {
             return;
         }
         let mut types = render_app.world_mut().get_resource_or_init::<MaterialTypes>();
-        types.add::<M>();
+        types.add(TypeId::of::<M>());
         let order = render_app.world().resource::<SeenMaterials>().0.len();
         render_app.add_systems(
             ExtractSchedule,
