@@ -118,12 +118,13 @@ pub use plugin::RayTracedReflectionsPlugin;
 pub use scene::{ReflectedMaterial, ReflectedMaterialPlugin};
 pub use schedule::ReflectionSystems;
 pub use settings::{
-    AdaptiveThresholds, CombinedThresholds, GrazingThresholds, NotReflected, RATE_LEGEND, RayTracedReflections,
-    ReflectedLayers, ReflectedMaterial3d, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget, ReflectionAutoQuality,
-    ReflectionBackend, ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView,
-    ReflectionDenoiser, ReflectionEffort, ReflectionFallback, ReflectionPreset, ReflectionQuality, ReflectionSampling,
-    ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice, ReflectionsOff, RoughnessThresholds,
-    ShadingRate, ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
+    AdaptiveThresholds, CombinedThresholds, FrontLayerShader, GrazingThresholds, NotReflected, RATE_LEGEND,
+    RayTracedReflections, ReflectedLayers, ReflectedMaterial3d, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget,
+    ReflectionAutoQuality, ReflectionBackend, ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit,
+    ReflectionDebugView, ReflectionDenoiser, ReflectionEffort, ReflectionFallback, ReflectionPreset, ReflectionQuality,
+    ReflectionSampling, ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice, ReflectionsOff,
+    RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName,
+    named_settings,
 };
 pub use status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory};
 #[cfg(feature = "egui")]

@@ -1,11 +1,9 @@
-//! When the passes of a view run, and what is read back from them.
+//! When the passes of a view run.
 
 use crate::{
-    common::{HIT_COUNT, MIRROR_RAY_COUNT, RAY_COUNT, TILE_COUNT, word_offset},
     composite::Surfaces,
     device::tracing_app,
-    gbuffer::PassContext,
-    passes::PassPipelines,
+    passes::{PassPipelines, record_counters},
     schedule::ReflectionSystems,
     trace::{PassResources, PassView, VrsPass},
     view::ViewCulling,
@@ -15,7 +13,7 @@ use bevy::{
     core_pipeline::schedule::Core3d,
     ecs::prelude::*,
     render::{
-        diagnostic::{DiagnosticsRecorder, RecordDiagnostics},
+        diagnostic::RecordDiagnostics,
         renderer::{RenderContext, ViewQuery},
     },
 };
@@ -72,20 +70,6 @@ fn ray_traced_reflections(
     }
     total.end(ctx.command_encoder());
     if probes {
-        record_counters(diagnostics, &mut ctx, &context);
-    }
-}
-
-/// Has the lengths of lists and the number of hits read back.
-fn record_counters(diagnostics: Option<&DiagnosticsRecorder>, ctx: &mut RenderContext, context: &PassContext) {
-    let targets = context.targets();
-    for (buffer, word, name) in [
-        (&targets.indirect_args, RAY_COUNT, "reflection_rays"),
-        (&targets.indirect_args, MIRROR_RAY_COUNT, "reflection_mirror_rays"),
-        (&targets.indirect_args, TILE_COUNT, "reflection_tiles"),
-        (&targets.counters, HIT_COUNT, "reflection_hits"),
-    ] {
-        let bytes = word_offset(word)..word_offset(word + 1);
-        diagnostics.record_u32(ctx.command_encoder(), &buffer.slice(bytes), name);
+        record_counters(diagnostics, &mut ctx, &context, Surfaces::Opaque);
     }
 }

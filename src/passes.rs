@@ -1,6 +1,7 @@
-//! The order of a view's passes, over Bevy's G-buffer or that of its front layer.
+//! The order of a view's passes, over Bevy's G-buffer or that of its front layer, and what is read back from them.
 
 use crate::{
+    common::{HIT_COUNT, MIRROR_RAY_COUNT, RAY_COUNT, TILE_COUNT, word_offset},
     composite::{CompositePipelines, Surfaces, composite_reflection},
     denoise::{DenoisePipelines, denoise},
     diagnostics::{TotalTimeOnly, WithoutReflections},
@@ -86,5 +87,38 @@ impl ViewPasses<'_> {
         }
         span.end(ctx.command_encoder());
         watches
+    }
+}
+
+/// Has the lengths of lists and the number of hits read back.
+pub(crate) fn record_counters(
+    diagnostics: Option<&DiagnosticsRecorder>,
+    ctx: &mut RenderContext,
+    context: &PassContext,
+    surfaces: Surfaces,
+) {
+    let targets = context.targets();
+    let [rays, mirror_rays, tiles, hits] = match surfaces {
+        Surfaces::Opaque => [
+            "reflection_rays",
+            "reflection_mirror_rays",
+            "reflection_tiles",
+            "reflection_hits",
+        ],
+        Surfaces::FrontLayer => [
+            "reflection_front_layer_rays",
+            "reflection_front_layer_mirror_rays",
+            "reflection_front_layer_tiles",
+            "reflection_front_layer_hits",
+        ],
+    };
+    for (buffer, word, name) in [
+        (&targets.indirect_args, RAY_COUNT, rays),
+        (&targets.indirect_args, MIRROR_RAY_COUNT, mirror_rays),
+        (&targets.indirect_args, TILE_COUNT, tiles),
+        (&targets.counters, HIT_COUNT, hits),
+    ] {
+        let bytes = word_offset(word)..word_offset(word + 1);
+        diagnostics.record_u32(ctx.command_encoder(), &buffer.slice(bytes), name);
     }
 }

@@ -23,6 +23,8 @@ pub struct ReflectionViewMemory {
     pub pixels: u64,
     /// Label and bytes of each texture and buffer; what a driver adds for alignment is not counted.
     pub parts: Vec<(&'static str, u64)>,
+    /// Bytes of the parts that reflections on glass and water take; 0 where none have been on the screen lately.
+    pub front_layer_bytes: u64,
 }
 
 impl ReflectionViewMemory {

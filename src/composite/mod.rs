@@ -16,12 +16,12 @@ pub use pipelines::CompositePipelines;
 pub(crate) use pipelines::composite_reflection;
 pub(crate) use resolve::{Surfaces, composited_radiance, history, or_gbuffer, shown_bindings};
 
-use crate::{device::tracing_app, schedule::ReflectionSystems};
+use crate::{device::tracing_app, scene::SceneBindings, schedule::ReflectionSystems};
 use bevy::{
     app::{App, Plugin},
     asset::embedded_asset,
     ecs::schedule::IntoScheduleConfigs,
-    render::{Render, RenderApp, RenderStartup, RenderSystems, view::prepare_view_targets},
+    render::{Render, RenderApp, RenderStartup, RenderSystems, init_gpu_resource, view::prepare_view_targets},
     shader::load_shader_library,
 };
 use pipelines::{allow_writes_in_place, init_composite_pipelines, queue_composite_pipelines};
@@ -43,7 +43,10 @@ impl Plugin for CompositePlugin {
     fn finish(&self, app: &mut App) {
         let Some(render_app) = tracing_app(app) else { return };
         render_app
-            .add_systems(RenderStartup, init_composite_pipelines)
+            .add_systems(
+                RenderStartup,
+                init_composite_pipelines.after(init_gpu_resource::<SceneBindings>),
+            )
             .add_systems(
                 Render,
                 (

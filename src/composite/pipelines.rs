@@ -7,7 +7,8 @@ use super::{
 use crate::{
     denoise,
     device::{FRAME_FORMAT, WritesInPlace},
-    gbuffer::{GBufferPass, PassContext, PassShader},
+    gbuffer::{GBufferPass, OtherGroups, PassContext, PassShader},
+    scene::SceneBindings,
     settings::{ClampedSettings, ReflectionTechnique, ReflectionView},
 };
 use bevy::{
@@ -31,6 +32,9 @@ use bevy::{
 pub struct CompositePipelines {
     shader: Handle<Shader>,
     resolve: HashMap<Resolve, GBufferPass<ResolveVariant>>,
+    /// The same where reflection probes shine on transparent surfaces.
+    probed: HashMap<Resolve, GBufferPass<ResolveVariant>>,
+    has_probes: bool,
     add: AddPass,
     /// Requested passes, each with the format of its frames.
     wanted: HashSet<(Resolve, ResolveVariant, TextureFormat)>,
@@ -75,37 +79,62 @@ pub(super) fn init_composite_pipelines(
     mut commands: Commands,
     asset_server: Res<AssetServer>,
     fullscreen: Res<FullscreenShader>,
+    scene: Res<SceneBindings>,
 ) {
     let assets = asset_server.as_ref();
+    let with_scene = || OtherGroups::SceneAndEnvironment(scene.layout.clone());
     commands.insert_resource(CompositePipelines {
         shader: load_embedded_asset!(assets, "resolve.wesl"),
-        resolve: Resolve::ALL.into_iter().map(|kind| (kind, kind.pass())).collect(),
+        resolve: Resolve::ALL
+            .map(|kind| (kind, kind.pass(OtherGroups::Environment)))
+            .into(),
+        probed: Resolve::ALL.map(|kind| (kind, kind.pass(with_scene()))).into(),
+        has_probes: false,
         add: AddPass::new(assets, &fullscreen),
         wanted: HashSet::default(),
     });
 }
 
 /// Queues what cameras asked for.
-pub(super) fn queue_composite_pipelines(mut pipelines: ResMut<CompositePipelines>, cache: Res<PipelineCache>) {
+pub(super) fn queue_composite_pipelines(
+    mut pipelines: ResMut<CompositePipelines>,
+    scene: Res<SceneBindings>,
+    cache: Res<PipelineCache>,
+) {
     let CompositePipelines {
         shader,
         resolve,
+        probed,
+        has_probes,
         add,
         wanted,
     } = &mut *pipelines;
+    *has_probes = scene.has_light_probes() && scene.see_through.entities().next().is_some();
     for &(kind, variant, format) in &*wanted {
-        if let Some(pass) = resolve.get_mut(&kind) {
-            pass.queue(variant, &cache, || PassShader {
-                shader: shader.clone(),
-                defs: [kind.shader_defs(), variant.shader_defs()].concat(),
-                entry_point: Some("resolve"),
-            });
+        let defs = [kind.shader_defs(), variant.shader_defs()].concat();
+        let queue = |pass: Option<&mut GBufferPass<ResolveVariant>>, defs| {
+            if let Some(pass) = pass {
+                pass.queue(variant, &cache, || PassShader {
+                    shader: shader.clone(),
+                    defs,
+                    entry_point: Some("resolve"),
+                });
+            }
+        };
+        if *has_probes && variant.surfaces == Surfaces::FrontLayer {
+            let of_scene = scene.shader_defs_for(false);
+            queue(
+                probed.get_mut(&kind),
+                [&defs[..], &of_scene, &["LIGHT_PROBES".into()]].concat(),
+            );
         }
+        queue(resolve.get_mut(&kind), defs);
         if kind == Resolve::Apart {
             add.queue(format, &cache);
         }
     }
-    if let Some((_, error)) = resolve.values().find_map(|pass| pass.errors(&cache).next()) {
+    let mut passes = resolve.values().chain(probed.values());
+    if let Some((_, error)) = passes.find_map(|pass| pass.errors(&cache).next()) {
         error_once!("ray-traced reflections stay off, since their composite failed: {error}");
     }
 }
@@ -145,7 +174,9 @@ pub(crate) fn composite_reflection(
     if kind != Resolve::Apart && !target.main_texture().usage().contains(TextureUsages::STORAGE_BINDING) {
         return;
     }
-    let runs = kind.run(ctx, &pipelines.resolve[&kind], context, surfaces);
+    let is_probed = pipelines.has_probes && surfaces == Surfaces::FrontLayer;
+    let runs = is_probed && kind.run(ctx, &pipelines.probed[&kind], context, surfaces)
+        || kind.run(ctx, &pipelines.resolve[&kind], context, surfaces);
     if runs && kind == Resolve::Apart {
         pipelines.add.run(ctx, context, target);
     }

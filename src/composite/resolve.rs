@@ -99,7 +99,8 @@ impl Resolve {
         }
     }
 
-    pub fn pass(self) -> GBufferPass<ResolveVariant> {
+    /// The pass; `others` are the environment, and the scene for those that read light probes.
+    pub fn pass(self, others: OtherGroups) -> GBufferPass<ResolveVariant> {
         let output = match self {
             Self::Apart => Binding::written(REFLECTION_FORMAT, |context| context.targets().reflection.as_ref()),
             Self::InPlace | Self::InPlaceTiles => Binding::read_written(FRAME_FORMAT, |context| Some(context.frame)),
@@ -113,7 +114,7 @@ impl Resolve {
                 Binding::words(|context| Some(&context.images()?.tile_list)),
             ]);
         }
-        GBufferPass::new("glint_resolve", bindings, OtherGroups::Environment)
+        GBufferPass::new("glint_resolve", bindings, others)
     }
 
     /// Resolves the reflection of one view. Returns false where the pass isn't compiled.

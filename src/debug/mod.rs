@@ -12,6 +12,8 @@ mod pipelines;
 mod show;
 mod sides;
 
+pub(crate) use pipelines::{DebugPipelines, show_debug_views, show_front_layer};
+
 use crate::{device::tracing_app, schedule::ReflectionSystems};
 use bevy::{
     app::{App, Plugin},
@@ -21,7 +23,7 @@ use bevy::{
     render::{Render, RenderApp, RenderStartup},
     shader::load_shader_library,
 };
-use pipelines::{init_debug_pipelines, queue_debug_pipelines, show_debug_views};
+use pipelines::{init_debug_pipelines, queue_debug_pipelines};
 
 /// Registers the shaders, pipelines and systems of this folder.
 pub(crate) struct DebugPlugin;

@@ -3,12 +3,13 @@
 use super::{
     count::{self, count_non_finite},
     show::{ShowPass, show_side},
-    sides::sides,
+    sides::{Side, sides},
 };
 use crate::{
+    composite::Surfaces,
     device::FRAME_FORMAT,
-    gbuffer::{GBufferPass, PassShader},
-    settings::ReflectionView,
+    gbuffer::{GBufferPass, PassContext, PassShader},
+    settings::{ReflectionDebugView, ReflectionView},
     trace::{PassResources, PassView},
 };
 use bevy::{
@@ -20,20 +21,40 @@ use bevy::{
         diagnostic::RecordDiagnostics,
         render_resource::{Buffer, PipelineCache, TextureUsages},
         renderer::{RenderContext, RenderDevice, ViewQuery},
-        view::ExtractedView,
+        view::{ExtractedView, ViewTarget},
     },
     shader::Shader,
 };
 
 /// Pipelines of debug views and counters. They are compiled when a camera first asks for them.
 #[derive(Resource)]
-pub struct DebugPipelines {
+pub(crate) struct DebugPipelines {
     show_shader: Handle<Shader>,
     count_shader: Handle<Shader>,
     show: HashMap<ShowPass, GBufferPass<bool>>,
     count: GBufferPass<&'static str>,
     /// Results of the passes of `count.wesl`.
     report: Buffer,
+}
+
+impl DebugPipelines {
+    /// Draws one side of a view where compute shaders can write its frame.
+    fn show_side(
+        &self,
+        ctx: &mut RenderContext,
+        context: &PassContext,
+        surfaces: Surfaces,
+        target: &ViewTarget,
+        side: &Side,
+    ) {
+        let (format, texture) = (target.main_texture_format(), target.main_texture());
+        if format == FRAME_FORMAT
+            && texture.usage().contains(TextureUsages::STORAGE_BINDING)
+            && let Some(pass) = self.show.get(&ShowPass::of(side.view))
+        {
+            show_side(ctx, pass, context, surfaces, target, side);
+        }
+    }
 }
 
 /// Declares what the passes bind.
@@ -89,7 +110,7 @@ pub(super) fn queue_debug_pipelines(
 }
 
 /// Draws the debug views of one camera over its picture, and counts.
-pub(super) fn show_debug_views(
+pub(crate) fn show_debug_views(
     view: ViewQuery<PassView>,
     resources: PassResources,
     pipelines: Option<Res<DebugPipelines>>,
@@ -110,13 +131,22 @@ pub(super) fn show_debug_views(
     if let (true, Some(diagnostics)) = (debug.counters, diagnostics) {
         count_non_finite(&mut ctx, &pipelines.count, &pipelines.report, &context, diagnostics);
     }
-    let (format, texture) = (view.target.main_texture_format(), view.target.main_texture());
-    if format == FRAME_FORMAT && texture.usage().contains(TextureUsages::STORAGE_BINDING) {
-        for side in sides(debug, context.textures.size().x) {
-            if let Some(pass) = pipelines.show.get(&ShowPass::of(side.view)) {
-                show_side(&mut ctx, pass, &context, view.target, &side);
-            }
-        }
+    for side in sides(debug, context.textures.size().x) {
+        pipelines.show_side(&mut ctx, &context, Surfaces::Opaque, view.target, &side);
     }
     span.end(ctx.command_encoder());
+}
+
+/// Draws the view of the front layer of one camera over its picture, which [`show_debug_views`] has made dark. `context` is that of the
+/// layer.
+pub(crate) fn show_front_layer(
+    ctx: &mut RenderContext,
+    pipelines: &DebugPipelines,
+    context: &PassContext,
+    target: &ViewTarget,
+) {
+    let sides = sides(context.view.debug, context.textures.size().x);
+    for side in sides.filter(|side| side.view == ReflectionDebugView::FrontLayer) {
+        pipelines.show_side(ctx, context, Surfaces::FrontLayer, target, &side);
+    }
 }

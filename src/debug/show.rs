@@ -2,7 +2,7 @@
 
 use super::sides::Side;
 use crate::{
-    composite::{composited_radiance, history, or_gbuffer, shown_bindings},
+    composite::{Surfaces, composited_radiance, history, or_gbuffer, shown_bindings},
     denoise,
     device::FRAME_FORMAT,
     gbuffer::{Binding, GBufferPass, OtherGroups, PassContext},
@@ -26,6 +26,8 @@ use core::num::NonZeroU64;
 const HAS_PIPELINE: u32 = 1;
 /// History is bound.
 const HAS_HISTORY: u32 = 2;
+/// The G-buffer of the front layer is bound.
+const IS_FRONT_LAYER: u32 = 4;
 
 /// Settings of a pass that shows one side of a view; `DebugSettings` in `show.wesl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -116,11 +118,12 @@ fn or_radiance<'a>(context: &PassContext<'a>, texture: Option<&'a TextureView>) 
     texture.or_else(|| composited_radiance(context))
 }
 
-/// Draws one side of a view, from one texture of the frame into the other.
+/// Draws one side of a view, from one texture of the frame into the other. `context` is that of `surfaces`.
 pub(super) fn show_side(
     ctx: &mut RenderContext,
     pass: &GBufferPass<bool>,
     context: &PassContext,
+    surfaces: Surfaces,
     target: &ViewTarget,
     side: &Side,
 ) {
@@ -128,10 +131,14 @@ pub(super) fn show_side(
     if pass.pipeline(&blurs, context.cache).is_none() {
         return;
     }
+    let bound = context.images().map_or(0, |_| HAS_PIPELINE) | history(context).map_or(0, |_| HAS_HISTORY);
     let settings = GpuDebugSettings {
         columns: [side.columns.start, side.columns.end, side.line.start, side.line.end],
         view: side.view as u32,
-        flags: context.images().map_or(0, |_| HAS_PIPELINE) | history(context).map_or(0, |_| HAS_HISTORY),
+        flags: match surfaces {
+            Surfaces::Opaque => bound,
+            Surfaces::FrontLayer => bound | IS_FRONT_LAYER,
+        },
         padding: [0; 2],
         legend: RATE_LEGEND.map(|(_, color)| [color.red, color.green, color.blue, color.alpha]),
     };

@@ -9,7 +9,7 @@ use crate::{
     gbuffer::{Binding, GBufferPass, OtherGroups, PassContext, PassShader},
     rate::RatePipelines,
     scene::SceneBindings,
-    settings::ReflectionView,
+    settings::{FrontLayerShader, ReflectionView},
 };
 use bevy::{
     asset::{AssetServer, Handle, load_embedded_asset},
@@ -17,6 +17,8 @@ use bevy::{
     log::error_once,
     math::URect,
     render::{
+        Extract,
+        globals::{GlobalsBuffer, GlobalsUniform},
         render_resource::{
             BindingResource, IntoBinding, PipelineCache, StorageTextureAccess, TextureFormat, UniformBuffer,
             binding_types,
@@ -28,21 +30,49 @@ use bevy::{
 use core::num::NonZeroU64;
 
 /// A variant of the pass.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 struct FindVariant {
     /// The scene's trees need a larger stack.
     deep_trees: bool,
-    /// Reflecting cameras draw different layers.
+    /// Cameras draw different layers.
     layers: bool,
+    /// The app's shader, in place of `find.wesl`.
+    own: Option<Handle<Shader>>,
 }
 
-/// The pass in all its variants.
+impl FindVariant {
+    /// Variants that do until this one is compiled. A stack that is too small misses some surfaces, without layers too many are
+    /// found, and without the app's shader they lack its waves: better than nothing.
+    fn or_simpler(&self) -> [Self; 4] {
+        let library = Self {
+            own: None,
+            ..self.clone()
+        };
+        let without_layers = Self {
+            layers: false,
+            ..library.clone()
+        };
+        [self.clone(), library, without_layers, Self::default()]
+    }
+}
+
+/// The pass in its variants.
 #[derive(Resource)]
 pub(super) struct FindPass {
     shader: Handle<Shader>,
     pass: GBufferPass<FindVariant>,
-    /// The one that the scene needs.
+    /// The one that is wanted.
     variant: FindVariant,
+}
+
+/// Takes the app's shader over.
+pub(super) fn extract_shader(own: Extract<Option<Res<FrontLayerShader>>>, find: Option<ResMut<FindPass>>) {
+    let own = own.as_ref().map(|own| &own.0);
+    if let Some(mut find) = find
+        && find.variant.own.as_ref() != own
+    {
+        find.variant.own = own.cloned();
+    }
 }
 
 /// Declares what the pass binds.
@@ -59,6 +89,7 @@ pub(super) fn init_find_pass(mut commands: Commands, asset_server: Res<AssetServ
         written(DEPTH_FORMAT),
         Binding::given(binding_types::storage_buffer_sized(false, NonZeroU64::new(4))),
         Binding::given(binding_types::uniform_buffer::<GpuRects>(false)),
+        Binding::given(binding_types::uniform_buffer::<GlobalsUniform>(false)),
     ];
     let groups = OtherGroups::SceneAndEnvironment(scene.layout.clone());
     commands.insert_resource(FindPass {
@@ -90,29 +121,44 @@ pub(super) fn queue_find_pass(
         return;
     }
     let FindPass { shader, pass, variant } = &mut *find;
-    *variant = FindVariant {
-        deep_trees: scene.has_deep_trees(),
-        layers: scene.has_render_layers(),
-    };
-    pass.queue(*variant, &cache, || {
-        // See-through surfaces need the alpha test.
-        let mut defs = scene.shader_defs_for(true);
-        defs.push("FRONT_LAYER".into());
-        defs.extend(variant.layers.then(|| "RENDER_LAYERS".into()));
-        PassShader {
-            shader: shader.clone(),
-            defs,
-            entry_point: Some("find"),
+    variant.deep_trees = scene.has_deep_trees();
+    variant.layers = scene.has_render_layers();
+    for own in [variant.own.clone(), None] {
+        let queued = FindVariant {
+            own: own.clone(),
+            ..variant.clone()
+        };
+        pass.queue(queued, &cache, || {
+            // See-through surfaces need the alpha test.
+            let mut defs = scene.shader_defs_for(true);
+            defs.push("FRONT_LAYER".into());
+            defs.extend(variant.layers.then(|| "RENDER_LAYERS".into()));
+            PassShader {
+                entry_point: own.is_none().then_some("find"),
+                shader: own.unwrap_or_else(|| shader.clone()),
+                defs,
+            }
+        });
+    }
+    for (failed, error) in pass.errors(&cache) {
+        if failed.own.is_none() {
+            error_once!(
+                "transparent surfaces show no ray-traced reflections, since the shader that finds them failed: {error}"
+            );
+        } else if failed.own == variant.own {
+            error_once!(
+                "the shader of `FrontLayerShader` failed, so that reflections follow normal maps alone: {error}"
+            );
         }
-    });
-    if let Some((_, error)) = pass.errors(&cache).next() {
-        error_once!(
-            "transparent surfaces show no ray-traced reflections, since the shader that finds them failed: {error}"
-        );
     }
 }
 
 impl FindPass {
+    /// The app changes what is found, and nobody tells when.
+    pub fn is_own(&self) -> bool {
+        self.variant.own.is_some()
+    }
+
     /// Finds the layer of a view, whose context is that of its opaque surfaces. Returns false where the pass isn't compiled.
     pub fn run(
         &self,
@@ -121,25 +167,20 @@ impl FindPass {
         layer: &LayerTextures,
         rects: &[URect],
         gpu_rects: &UniformBuffer<GpuRects>,
+        globals: &GlobalsBuffer,
     ) -> bool {
-        let Some(binding) = gpu_rects.binding() else {
+        let (Some(binding), Some(globals)) = (gpu_rects.binding(), globals.buffer.binding()) else {
             return false;
         };
-        let given: [BindingResource; 5] = [
+        let given: [BindingResource; 6] = [
             layer.words.into_binding(),
             layer.motion.into_binding(),
             layer.depth.into_binding(),
             layer.packed_normals.as_entire_binding(),
             binding,
+            globals,
         ];
-        // A stack that is too small misses some surfaces, and without layers too many are found: better than nothing while the right
-        // variant is compiled.
-        let without_layers = FindVariant {
-            layers: false,
-            ..self.variant
-        };
-        let variants = [self.variant, without_layers, FindVariant::default()];
-        let Some(mut pass) = self.pass.begin(ctx, context, variants, &given) else {
+        let Some(mut pass) = self.pass.begin(ctx, context, self.variant.or_simpler(), &given) else {
             return false;
         };
         let groups = gpu_rects.get().groups();

@@ -8,7 +8,7 @@
 //! | `boxes.rs` | where see-through objects are |
 //! | `rects.rs` | which part of a view they may cover |
 //! | `textures.rs` | the textures of the layer |
-//! | `find` | the rays that find it |
+//! | `find`, `layer.wesl` | the rays that find it, and the library for an app's own |
 //! | `prepare.rs` | when all of this exists |
 //! | `passes.rs` | the passes over it |
 
@@ -21,7 +21,10 @@ mod textures;
 
 pub use prepare::FrontLayer;
 
-use crate::{device::tracing_app, scene::SceneBindings, schedule::ReflectionSystems, view::PreparedViews};
+use crate::{
+    debug::show_debug_views, device::tracing_app, scene::SceneBindings, schedule::ReflectionSystems,
+    view::PreparedViews,
+};
 use bevy::{
     app::{App, Plugin},
     asset::embedded_asset,
@@ -32,18 +35,20 @@ use bevy::{
     ecs::schedule::IntoScheduleConfigs,
     pbr::main_transmissive_pass_3d,
     render::{ExtractSchedule, Render, RenderApp, RenderStartup, RenderSystems, init_gpu_resource},
+    shader::load_shader_library,
 };
 use boxes::{SeeThroughBoxes, extract_boxes};
-use find::{init_find_pass, queue_find_pass, request_rates};
-use passes::{find_front_layers, reflect_on_front_layers};
+use find::{extract_shader, init_find_pass, queue_find_pass, request_rates};
+use passes::{find_front_layers, reflect_on_front_layers, show_front_layers};
 use prepare::prepare_front_layers;
 
-/// Registers the shader, the pipelines and the systems of this folder.
+/// Registers the shaders, the pipelines and the systems of this folder.
 pub(crate) struct FrontLayerPlugin;
 
 impl Plugin for FrontLayerPlugin {
     fn build(&self, app: &mut App) {
         if app.get_sub_app(RenderApp).is_some() {
+            load_shader_library!(app, "layer.wesl");
             embedded_asset!(app, "find.wesl");
         }
     }
@@ -53,7 +58,10 @@ impl Plugin for FrontLayerPlugin {
         render_app
             .init_resource::<SeeThroughBoxes>()
             .add_systems(RenderStartup, init_find_pass.after(init_gpu_resource::<SceneBindings>))
-            .add_systems(ExtractSchedule, extract_boxes.in_set(ReflectionSystems::ExtractScene))
+            .add_systems(
+                ExtractSchedule,
+                (extract_boxes, extract_shader).in_set(ReflectionSystems::ExtractScene),
+            )
             .add_systems(
                 Render,
                 (
@@ -76,6 +84,10 @@ impl Plugin for FrontLayerPlugin {
                         .before(main_transparent_pass_3d)
                         .in_set(Core3dSystems::MainPass),
                     reflect_on_front_layers.in_set(ReflectionSystems::FrontLayerPasses),
+                    // Over the dark picture that the other debug views begin with.
+                    show_front_layers
+                        .after(show_debug_views)
+                        .in_set(ReflectionSystems::DebugViews),
                 ),
             );
     }

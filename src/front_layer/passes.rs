@@ -4,14 +4,17 @@
 use super::{find::FindPass, prepare::FrontLayer};
 use crate::{
     composite::Surfaces,
+    debug::{DebugPipelines, show_front_layer},
     gbuffer::{GBufferBindings, PassContext},
-    passes::PassPipelines,
+    passes::{PassPipelines, record_counters},
+    settings::ReflectionDebugView,
     trace::{PassResources, PassView, VrsPass},
 };
 use bevy::{
     ecs::prelude::*,
     render::{
         diagnostic::RecordDiagnostics,
+        globals::GlobalsBuffer,
         renderer::{RenderContext, ViewQuery},
     },
 };
@@ -49,6 +52,7 @@ pub(super) fn find_front_layers(
     view: ViewQuery<(PassView, &FrontLayer)>,
     resources: PassResources,
     find: Option<Res<FindPass>>,
+    globals: Res<GlobalsBuffer>,
     mut ctx: RenderContext,
 ) {
     let entity = view.entity();
@@ -62,7 +66,14 @@ pub(super) fn find_front_layers(
     let diagnostics = ctx.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(ctx.command_encoder(), "glint_find_front_layer");
-    let is_found = find.run(&mut ctx, &context, &front.layer, &front.rects, &front.gpu_rects);
+    let is_found = find.run(
+        &mut ctx,
+        &context,
+        &front.layer,
+        &front.rects,
+        &front.gpu_rects,
+        &globals,
+    );
     front.is_found.store(is_found, Ordering::Relaxed);
     span.end(ctx.command_encoder());
 }
@@ -97,4 +108,33 @@ pub(super) fn reflect_on_front_layers(
     passes.rate(&mut ctx, &context);
     passes.reflect(&mut ctx, &context, &mut vrs, view.target, Surfaces::FrontLayer);
     total.end(ctx.command_encoder());
+    record_counters(diagnostics, &mut ctx, &context, Surfaces::FrontLayer);
+}
+
+/// Shows what the front layer of a view holds.
+pub(super) fn show_front_layers(
+    view: ViewQuery<(PassView, &FrontLayer)>,
+    resources: PassResources,
+    pipelines: Option<Res<DebugPipelines>>,
+    mut ctx: RenderContext,
+) {
+    let entity = view.entity();
+    let (view, front) = view.into_inner();
+    let is_wanted = view
+        .view
+        .debug
+        .views()
+        .any(|view| view == ReflectionDebugView::FrontLayer);
+    if !is_wanted || front.rects.is_empty() || !front.is_found.load(Ordering::Relaxed) {
+        return;
+    }
+    let opaque = resources.context(entity, &view);
+    let context = opaque.and_then(|opaque| context_of(&opaque, front));
+    if let (Some(pipelines), Some(context)) = (pipelines, context) {
+        let diagnostics = ctx.diagnostic_recorder();
+        let diagnostics = diagnostics.as_deref();
+        let span = diagnostics.time_span(ctx.command_encoder(), "glint_debug_front_layer");
+        show_front_layer(&mut ctx, &pipelines, &context, view.target);
+        span.end(ctx.command_encoder());
+    }
 }

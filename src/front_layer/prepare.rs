@@ -2,6 +2,7 @@
 
 use super::{
     boxes::SeeThroughBoxes,
+    find::FindPass,
     rects::{GpuRects, disjoint, screen_rects},
     textures::LayerTextures,
 };
@@ -91,8 +92,9 @@ impl FrontLayer {
         self.gpu_rects.write_buffer(device, queue);
     }
 
-    /// Takes the settings and properties of the view in a frame, once it has the rectangles.
-    fn begin_frame(&mut self, view: &ReflectionView, frame: Frame) {
+    /// Takes the settings and properties of the view in a frame, once it has the rectangles. `is_own`: a shader of the app's own
+    /// finds it.
+    fn begin_frame(&mut self, view: &ReflectionView, frame: Frame, is_own: bool) {
         self.view = view.clone();
         let settings = &mut self.view.settings;
         // Lists hold its rays, which are few.
@@ -101,7 +103,7 @@ impl FrontLayer {
         }
         // Its history is older than the last frame.
         self.view.reset |= take(&mut self.idle) > 0;
-        let frame = frame.of_other_surfaces(self.tiles.min);
+        let frame = frame.of_other_surfaces(self.tiles.min, is_own);
         self.textures.begin_frame(&self.view, &frame);
     }
 
@@ -114,7 +116,7 @@ impl FrontLayer {
 pub(super) fn prepare_front_layers(
     mut views: Query<(PreparedView, Option<&mut FrontLayer>, Option<&mut ViewPrepassTextures>)>,
     surroundings: Surroundings,
-    boxes: Res<SeeThroughBoxes>,
+    (boxes, find): (Res<SeeThroughBoxes>, Option<Res<FindPass>>),
     in_place: Res<WritesInPlace>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
@@ -164,7 +166,7 @@ pub(super) fn prepare_front_layers(
             }
         };
         front.set_rects(&rects, &device, &queue);
-        front.begin_frame(view.view, frame);
+        front.begin_frame(view.view, frame, find.as_ref().is_some_and(|find| find.is_own()));
         front.textures.uniform.write_buffer(&device, &queue);
         if let Some(normal) = prepass.and_then(|prepass| prepass.into_inner().normal.as_mut()) {
             *normal = front.layer.normal_attachment();

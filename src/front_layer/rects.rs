@@ -6,7 +6,7 @@ use bevy::{
     render::render_resource::ShaderType,
 };
 
-/// Rectangles of a view at most; `find.wesl` has the same number. More objects share the rectangle around all of them. More
+/// Rectangles of a view at most; `layer.wesl` has the same number. More objects share the rectangle around all of them. More
 /// rectangles leave out more of the screen, and each is a test for every pixel in one.
 const MOST_RECTS: usize = 16;
 /// Pixels of a workgroup in each direction. Rectangles begin and end at multiples of it, or at the edge of the view.
@@ -15,7 +15,7 @@ const GROUP_SIZE: u32 = 8;
 /// the camera cover the whole view.
 const NEAREST: f32 = 1e-5;
 
-/// Rectangles as `find.wesl` takes them, which has the same constants.
+/// Rectangles as `layer.wesl` takes them, which has the same constants.
 #[derive(ShaderType, Clone, Default)]
 pub(super) struct GpuRects {
     count: u32,
@@ -181,7 +181,7 @@ mod tests {
 
     #[test]
     fn constants_are_those_of_the_shader() {
-        let shader = include_str!("find.wesl");
+        let shader = include_str!("layer.wesl");
         for (name, value) in [("MOST_RECTS", MOST_RECTS as u32), ("GROUP_SIZE", GROUP_SIZE)] {
             let line = format!("const {name}: u32 = {value}u;");
             assert!(shader.contains(&line), "{line}");

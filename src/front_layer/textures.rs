@@ -24,7 +24,7 @@ pub(super) const DEPTH_FORMAT: TextureFormat = TextureFormat::R32Float;
 
 /// Bytes of a texel of normals.
 const NORMAL_BYTES: u32 = 4;
-/// Texels by a multiple of which the rows of [`LayerTextures::packed_normals`] are apart, as copies want it; `find.wesl` has the same
+/// Texels by a multiple of which the rows of [`LayerTextures::packed_normals`] are apart, as copies want it; `layer.wesl` has the same
 /// number.
 const ROW_STEP: u32 = 64;
 
@@ -131,7 +131,7 @@ mod tests {
 
     #[test]
     fn rows_are_those_of_the_shader() {
-        assert!(include_str!("find.wesl").contains(&format!("const ROW_STEP: u32 = {ROW_STEP}u;")));
+        assert!(include_str!("layer.wesl").contains(&format!("const ROW_STEP: u32 = {ROW_STEP}u;")));
         assert!((ROW_STEP * NORMAL_BYTES).is_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT));
     }
 }

@@ -45,6 +45,10 @@ pub const MATERIAL_FOG: u32 = 128;
 pub const MATERIAL_SEE_THROUGH: u32 = 256;
 /// Alpha scales the light that it reflects.
 pub const MATERIAL_FADES: u32 = 512;
+/// From this bit on, bits hold the number of the material's type: 0 is `StandardMaterial`.
+pub const MATERIAL_TYPE_SHIFT: u32 = 10;
+/// They, shifted to 0.
+pub const MATERIAL_TYPE_BITS: u32 = 15;
 
 /// Slot of [`GpuMaterial::textures`].
 pub const TEXTURE_BASE_COLOR: usize = 0;

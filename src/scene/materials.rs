@@ -1,5 +1,7 @@
 //! Materials as hits need them: copies of the assets in the render world, packed into the table that shaders read.
 
+mod types;
+
 use core::any::TypeId;
 use std::ops::Range;
 
@@ -30,6 +32,8 @@ use super::{
     waiting_room::WaitingRoom,
 };
 use bytemuck::bytes_of;
+
+pub(super) use types::MaterialTypes;
 
 /// A material type that rays see.
 ///
@@ -267,6 +271,8 @@ fn hits_same(a: &GpuMaterial, b: &GpuMaterial) -> bool {
 #[derive(Resource, Default)]
 pub struct MaterialAssets {
     materials: HashMap<UntypedAssetId, StandardMaterial>,
+    /// The `MATERIAL_TYPE_` bits of each type.
+    type_flags: HashMap<TypeId, u32>,
     changed: HashSet<UntypedAssetId>,
     removed: Vec<UntypedAssetId>,
     /// Types whose assets were copied as a whole; from then on, events tell what changes.
@@ -305,6 +311,7 @@ pub fn extract_materials<M: ReflectedMaterial>(
     assets: Extract<Option<Res<Assets<M>>>>,
     mut events: Extract<MessageReader<AssetEvent<M>>>,
     activity: Res<SceneActivity>,
+    types: Res<MaterialTypes>,
     mut copies: ResMut<MaterialAssets>,
 ) {
     let Some(assets) = assets.as_ref() else { return };
@@ -317,6 +324,9 @@ pub fn extract_materials<M: ReflectedMaterial>(
         return;
     }
     if copies.filled.insert(TypeId::of::<M>()) {
+        copies
+            .type_flags
+            .insert(TypeId::of::<M>(), types.flags(TypeId::of::<M>()));
         // Events from before the first frame may be gone.
         for (id, material) in assets.iter() {
             copies.set(id.untyped(), material.reflected());
@@ -506,7 +516,10 @@ impl MaterialTable {
         textures: &mut TextureTable,
         images: &RenderAssets<GpuImage>,
     ) {
-        let Some(material) = self.slots[index as usize].id.and_then(|id| assets.get(id)) else {
+        let Some(id) = self.slots[index as usize].id else {
+            return;
+        };
+        let Some(material) = assets.get(id) else {
             return;
         };
         // New images are taken before old ones are given back, so that those in both keep their place.
@@ -528,6 +541,7 @@ impl MaterialTable {
             let image: &GpuImage = images.get(ids[slot]?)?;
             Some(image.texture_descriptor.format)
         };
+        packed.flags |= assets.type_flags.get(&id.type_id()).copied().unwrap_or(0);
         packed.flags |= format_flags(format(TEXTURE_METALLIC_ROUGHNESS), format(TEXTURE_NORMAL));
         self.write(index, packed);
         if ids == wanted {

@@ -5,7 +5,7 @@ use super::{
     instances::extract::{
         MaterialComponent, begin_extraction, drop_lost_objects, extract_instances, note_lost_materials,
     },
-    materials::{ReflectedMaterial, extract_materials},
+    materials::{MaterialTypes, ReflectedMaterial, extract_materials},
     meshes::extract_meshes,
     pose::extract_poses,
     render_layers::extract_layers,
@@ -71,6 +71,8 @@ impl<M: ReflectedMaterial> Plugin for ReflectedMaterialPlugin<M> {
             // Added twice.
             return;
         }
+        let mut types = render_app.world_mut().get_resource_or_init::<MaterialTypes>();
+        types.add(TypeId::of::<M>());
         let order = render_app.world().resource::<SeenMaterials>().0.len();
         render_app.add_systems(
             ExtractSchedule,

@@ -36,11 +36,12 @@ pub(super) fn see_through_flags(material: &StandardMaterial) -> u32 {
     }
 }
 
-/// Light that passes has another colour afterwards. Rays know the colour of the material, not that of its texture.
+/// Light that passes has another colour afterwards.
 fn is_tinted(material: &StandardMaterial) -> bool {
     let color = LinearRgba::from(material.base_color);
-    stop_probability(material).is_some_and(|stopped| stopped < 1.0)
-        && [color.red, color.green, color.blue].iter().any(|&part| !(part >= 1.0))
+    let is_white =
+        material.base_color_texture.is_none() && [color.red, color.green, color.blue].iter().all(|&part| part >= 1.0);
+    stop_probability(material).is_some_and(|stopped| stopped < 1.0) && !is_white
 }
 
 /// The objects with such surfaces that rays can hit.
@@ -147,6 +148,13 @@ mod tests {
             objects.note(3, Some(Entity::from_bits(7)), Some(&material));
             assert_eq!(objects.has_tints(), has_tints, "{material:?}");
         }
+        let textured = StandardMaterial {
+            base_color_texture: Some(Default::default()),
+            ..colored(Color::WHITE, AlphaMode::Opaque, 1.0)
+        };
+        objects.note(3, Some(Entity::from_bits(7)), Some(&textured));
+        assert!(objects.has_tints());
+        objects.note(3, None, None);
         objects.note(4, None, Some(&colored(Color::BLACK, AlphaMode::Opaque, 1.0)));
         objects.note(4, None, None);
         assert!(!objects.has_tints());

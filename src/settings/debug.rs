@@ -61,6 +61,10 @@ pub enum ReflectionDebugView {
     Rejected,
     /// Magenta where anything that the passes keep of a pixel is not finite; yellow where only the picture itself is not.
     NonFinite,
+    /// Normals of the glass and water that [`transparent`](crate::RayTracedReflections::transparent) found in front of each pixel, with
+    /// their normal maps: 0.5 + 0.5 n of the unit normal n in world space as red, green and blue. Other pixels are the picture, dark
+    /// and grey.
+    FrontLayer,
 }
 
 words!(ReflectionDebugView {
@@ -76,6 +80,7 @@ words!(ReflectionDebugView {
     RayWeight = "ray-weight",
     Rejected = "rejected",
     NonFinite = "non-finite",
+    FrontLayer = "front-layer",
 });
 
 /// Names and colours of [`ReflectionDebugView::ShadingRates`]: rates as width x height of a block in trace pixels, exact mirrors with a ray

@@ -5,6 +5,7 @@
 //! | `reflections.rs`, `denoiser.rs` | the component of a camera |
 //! | `heuristic.rs`, `shading_rate.rs` | how many rays each tile gets |
 //! | `debug.rs` | debug views and counters |
+//! | `front_layer.rs` | a shader of the app's own for glass and water |
 //! | `pose.rs` | skinned and morphed meshes |
 //! | `presets.rs` | bundles of settings |
 //! | `quality.rs` | the component that a game saves |
@@ -22,6 +23,7 @@ mod clamped;
 mod clamped_rate;
 mod debug;
 mod denoiser;
+mod front_layer;
 mod heuristic;
 mod pose;
 mod presets;
@@ -37,6 +39,7 @@ pub use auto_quality::ReflectionAutoQuality;
 pub use budget::{ReflectionBudget, ReflectionEffort};
 pub use debug::{RATE_LEGEND, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView};
 pub use denoiser::ReflectionDenoiser;
+pub use front_layer::FrontLayerShader;
 pub use heuristic::{
     AdaptiveThresholds, CombinedThresholds, GrazingThresholds, RoughnessThresholds, ShadingRateHeuristic,
     ShadingRateTileSize,
@@ -83,6 +86,7 @@ impl Plugin for SettingsPlugin {
             .register_type::<ReflectionDenoiser>()
             .register_type::<ReflectionTextureMip>()
             .register_type::<ReflectionTracerChoice>()
+            .register_type::<FrontLayerShader>()
             .register_type::<NotReflected>()
             .register_type::<ReflectedLayers>()
             .register_type::<ReflectedMesh3d>()

@@ -238,6 +238,10 @@ fn memory_ui(ui: &mut Ui, memory: &ReflectionViewMemory) {
             entry(ui, label, &mebibytes(*bytes as f64));
         }
     });
+    if memory.front_layer_bytes > 0 {
+        let text = mebibytes(memory.front_layer_bytes as f64);
+        entry(ui, "Of it, glass and water", &text);
+    }
 }
 
 fn report(world: &World) -> ReflectionStatusReport {

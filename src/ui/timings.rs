@@ -15,6 +15,15 @@ const TOTAL_CPU: DiagnosticPath = DiagnosticPath::const_new("render/glint/elapse
 const RAYS: DiagnosticPath = DiagnosticPath::const_new("render/reflection_rays");
 const MIRROR_RAYS: DiagnosticPath = DiagnosticPath::const_new("render/reflection_mirror_rays");
 const HITS: DiagnosticPath = DiagnosticPath::const_new("render/reflection_hits");
+/// Finding glass and water, and the reflections on them.
+const FRONT_LAYER: [DiagnosticPath; 2] = [
+    DiagnosticPath::const_new("render/glint_find_front_layer/elapsed_gpu"),
+    DiagnosticPath::const_new("render/glint_front_layer/elapsed_gpu"),
+];
+const FRONT_LAYER_RAYS: [DiagnosticPath; 2] = [
+    DiagnosticPath::const_new("render/reflection_front_layer_rays"),
+    DiagnosticPath::const_new("render/reflection_front_layer_mirror_rays"),
+];
 
 /// Passes in the order in which they run; others follow by name.
 const ORDER: [&str; 5] = ["rate", "trace", "reconstruct", "temporal", "composite"];
@@ -71,6 +80,10 @@ pub struct Measurements {
     pub rays_per_pixel: Option<f64>,
     /// Part of the rays that hit something.
     pub hits: Option<f64>,
+    /// Milliseconds of reflections on glass and water, which `total` leaves out; `None` where there are none in the last frame.
+    pub front_layer: Option<f64>,
+    /// The same for their reflection rays per pixel of the camera.
+    pub front_layer_rays_per_pixel: Option<f64>,
     /// Bytes of the scene that rays hit.
     pub scene_bytes: Option<f64>,
     /// Bytes of the textures and buffers that the reflections of all cameras own.
@@ -94,13 +107,24 @@ impl Measurements {
         let frame = total
             .and_then(Diagnostic::measurement)
             .map(|measurement| measurement.time);
+        let is_of_frame = |diagnostic: &Diagnostic| {
+            let times = frame.zip(diagnostic.measurement());
+            times.is_some_and(|(frame, of)| frame.saturating_duration_since(of.time) < SAME_FRAME)
+        };
+        // The sum; `None` where one of them was not measured in that frame.
+        let layer_sum = |paths: &[DiagnosticPath]| {
+            let parts = paths.iter().map(|path| {
+                let diagnostic = recent(path).filter(|diagnostic| is_of_frame(diagnostic))?;
+                diagnostic.smoothed()
+            });
+            parts.sum::<Option<f64>>()
+        };
         let mut passes: Vec<_> = diagnostics
             .iter()
             .filter_map(|diagnostic| {
                 let path = diagnostic.path().as_str();
                 let name = path.strip_prefix("render/glint/")?.strip_suffix("/elapsed_gpu")?;
-                let lag = frame?.saturating_duration_since(diagnostic.measurement()?.time);
-                (lag < SAME_FRAME).then(|| PassTime::new(name, diagnostic))
+                is_of_frame(diagnostic).then(|| PassTime::new(name, diagnostic))
             })
             .collect();
         let place = |pass: &PassTime| {
@@ -128,6 +152,10 @@ impl Measurements {
                 .filter(|rays| *rays > 0.0)
                 .zip(smoothed(&HITS))
                 .map(|(rays, hits)| hits / rays),
+            front_layer: layer_sum(&FRONT_LAYER),
+            front_layer_rays_per_pixel: layer_sum(&FRONT_LAYER_RAYS)
+                .zip(pixels)
+                .map(|(rays, pixels)| rays / pixels.max(1) as f64),
             scene_bytes: last(&ReflectionDiagnosticsPlugin::SCENE_BYTES),
             view_bytes: last(&ReflectionDiagnosticsPlugin::VIEW_BYTES),
         }
@@ -146,6 +174,9 @@ pub fn measurements_ui(ui: &mut Ui, measurements: &Measurements) {
             let text_color = ui.visuals().text_color();
             time(ui, total, text_color);
         }
+        if let Some(milliseconds) = measurements.front_layer {
+            entry(ui, "glass and water", &format!("{milliseconds:.3} ms"));
+        }
         if let Some(missing) = measurements.missing {
             ui.weak(missing);
         }
@@ -156,6 +187,9 @@ pub fn measurements_ui(ui: &mut Ui, measurements: &Measurements) {
         }
         if let Some(hits) = measurements.hits {
             entry(ui, "Hits", &format!("{:.0} %", 100.0 * hits));
+        }
+        if let Some(rays) = measurements.front_layer_rays_per_pixel {
+            entry(ui, "On glass and water", &format!("{rays:.3}"));
         }
         ui.add_space(4.0);
         ui.strong("Memory of the GPU");
@@ -271,6 +305,10 @@ mod tests {
             ("render/reflection_mirror_rays", 100.0, now),
             ("render/reflection_hits", 200.0, now),
             ("glint/scene_bytes", 1024.0, now),
+            ("render/glint_find_front_layer/elapsed_gpu", 0.25, now),
+            ("render/glint_front_layer/elapsed_gpu", 0.5, now),
+            ("render/reflection_front_layer_rays", 20.0, before),
+            ("render/reflection_front_layer_mirror_rays", 20.0, before),
         ]);
         let measurements = Measurements::read(&store, Some(800));
         let names: Vec<_> = measurements.passes.iter().map(|pass| pass.name.as_str()).collect();
@@ -281,6 +319,8 @@ mod tests {
         assert_eq!(measurements.scene_bytes, Some(1024.0));
         assert_eq!(measurements.view_bytes, None, "nobody measures it");
         assert_eq!(measurements.missing, None);
+        assert_eq!(measurements.front_layer, Some(0.75));
+        assert_eq!(measurements.front_layer_rays_per_pixel, None, "of an older frame");
     }
 
     #[test]

@@ -97,7 +97,7 @@ impl PreparedViewItem<'_, '_> {
             exposure: self.camera.exposure,
             environment: self.environment.cloned(),
             environment_id: environment.map(|group| group.id()),
-            has_screens: cameras.any(|other| is_screen(other, self.camera)),
+            may_move: cameras.any(|other| is_screen(other, self.camera)),
             culled: self.culling.as_ref().is_some_and(|culling| culling.is_culled()),
         }
     }
@@ -179,7 +179,7 @@ fn is_screen(camera: &ExtractedCamera, own: &ExtractedCamera) -> bool {
     matches!(camera.target, Some(NormalizedRenderTarget::Image(_))) && camera.target != own.target
 }
 
-/// Label and bytes of what a view owns besides its [`ReflectionTextures`].
+/// Label and bytes of what a view owns besides its [`ReflectionTextures`]: its front layer.
 #[derive(Component, Clone, Debug, Default)]
 pub(crate) struct MoreMemory(pub Vec<(&'static str, u64)>);
 
@@ -210,6 +210,7 @@ pub(super) fn publish_memory(
         camera: entity.id(),
         pixels: u64::from(textures.size().x) * u64::from(textures.size().y),
         parts: [&textures.targets.memory[..], more.map_or(&[], |more| &more.0)].concat(),
+        front_layer_bytes: more.map_or(0, MoreMemory::bytes),
     });
     status.update(|report| report.view_memory = view_memory.collect());
 }

@@ -39,7 +39,7 @@ impl ViewFingerprint {
     /// `None` for views that never count as static.
     pub fn new(view: &ReflectionView, frame: &Frame, met: [u32; 2]) -> Option<Self> {
         let denoiser = &view.settings.denoiser;
-        let can_be_static = denoiser.temporal && denoiser.converge_static_views && !frame.has_screens;
+        let can_be_static = denoiser.temporal && denoiser.converge_static_views && !frame.may_move;
         can_be_static.then(|| Self {
             unmarked: frame.unmarked,
             met,

@@ -135,20 +135,21 @@ pub(crate) struct Frame {
     pub environment: Option<ViewEnvironment>,
     /// Changes with the images of the environment, one frame late.
     pub environment_id: Option<BindGroupId>,
-    /// Other cameras render into images, which surfaces may show.
-    pub has_screens: bool,
+    /// Something may change unnoticed: other cameras render into images, which surfaces may show, or a shader moves surfaces.
+    pub may_move: bool,
     /// Nothing is kept of it.
     pub culled: bool,
 }
 
 impl Frame {
     /// The same for surfaces of the view that are not in Bevy's G-buffer: ambient occlusion is of what lies behind them, and nobody
-    /// tells which changes their rays meet. They lie in no tile before the first one.
-    pub fn of_other_surfaces(self, first_tile: UVec2) -> Self {
+    /// tells which changes their rays meet. They lie in no tile before the first one, and may move by themselves.
+    pub fn of_other_surfaces(self, first_tile: UVec2, may_move: bool) -> Self {
         Self {
             first_tile,
             flags: self.flags & !VIEW_HAS_SSAO,
             changes_met: None,
+            may_move: self.may_move || may_move,
             culled: false,
             ..self
         }

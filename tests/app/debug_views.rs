@@ -3,9 +3,13 @@
 use crate::{
     common::app_with,
     pictures::{reflect, spawn, use_coarse_shadow_maps, warm_up},
+    stage::{BEFORE_THE_MIRROR, report, spawn_camera, spawn_mesh, unlit},
 };
 use bevy::{
-    core_pipeline::tonemapping::Tonemapping, diagnostic::DiagnosticsStore, math::UVec2, prelude::*,
+    core_pipeline::tonemapping::Tonemapping,
+    diagnostic::{DiagnosticPath, DiagnosticsStore},
+    math::UVec2,
+    prelude::*,
     render::diagnostic::RenderDiagnosticsPlugin,
 };
 use bevy_glint::{
@@ -207,6 +211,60 @@ fn a_reflection_alone_is_what_a_mirror_shows() {
         };
         assert!(pixel.distance(expected) < 1e-3, "pixel {i}: {pixel}, not {expected}");
     }
+}
+
+/// Normals of glass, where nothing opaque is before it; the dark picture elsewhere, and everywhere without glass.
+#[test]
+fn the_front_layer_shows_its_normals() {
+    let Some(mut app) = app() else { return };
+    let app = &mut app;
+    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    let turn = Quat::from_rotation_y(0.5) * Quat::from_rotation_x(-0.3);
+    let glass = StandardMaterial {
+        base_color: Color::NONE,
+        alpha_mode: AlphaMode::Premultiplied,
+        ..default()
+    };
+    let at = Transform::from_rotation(turn);
+    let sheet = spawn_mesh(app, Rectangle::new(40.0, 40.0), glass, at);
+    let before = Transform::from_xyz(0.4, 0.0, 1.8);
+    spawn_mesh(app, Cuboid::from_length(0.5), unlit([255, 128, 0]), before);
+    reflect(app, camera, ReflectionTechnique::Variable);
+    let picture = show(app, camera, ReflectionDebugView::Off);
+    let pixel = |pixels: &[Vec3], x: u32| pixels[(SIZE.y / 2 * SIZE.x + x) as usize];
+    let [left, right] = [SIZE.x / 4, 5 * SIZE.x / 6];
+    let is_grey = |color: Vec3| color.max_element() - color.min_element() < 1e-3;
+
+    let pixels = show(app, camera, ReflectionDebugView::FrontLayer);
+    let expected = 0.5 + 0.5 * (turn * Vec3::Z);
+    let shown = pixel(&pixels, left);
+    assert!(shown.distance(expected) < 0.004, "{shown}, expected {expected}");
+    let shown = pixel(&pixels, right);
+    assert!(is_grey(shown) && (0.01..0.15).contains(&shown.x), "{shown}");
+
+    app.world().entity_mut(camera).insert(ReflectionDebugSplit::default());
+    let divided = show(app, camera, ReflectionDebugView::FrontLayer);
+    assert_eq!(pixel(&divided, left), pixel(&picture, left));
+    assert_eq!(pixel(&divided, right), pixel(&pixels, right));
+    app.world().entity_mut(camera).remove::<ReflectionDebugSplit>();
+
+    let bytes = |app: &mut HeadlessApp| report(app).view_memory[0].front_layer_bytes;
+    assert!(bytes(app) > 0);
+    let rays = DiagnosticPath::const_new("render/reflection_front_layer_rays");
+    let count = |app: &mut HeadlessApp| app.world().resource::<DiagnosticsStore>().get(&rays)?.value();
+    // Results come back some frames later.
+    let counted = (0..1000).any(|_| {
+        app.step(1);
+        std::thread::sleep(std::time::Duration::from_millis(1));
+        count(app).is_some_and(|rays| rays > 100.0)
+    });
+    assert!(counted, "{:?}", count(app));
+
+    app.world().despawn(sheet);
+    let pixels = show(app, camera, ReflectionDebugView::FrontLayer);
+    assert!(pixels.iter().all(|pixel| is_grey(*pixel)));
+    app.step(70);
+    assert_eq!(bytes(app), 0);
 }
 
 #[test]

@@ -42,6 +42,9 @@ mod shading_rates;
 #[path = "../../examples/split_screen.rs"]
 #[expect(dead_code, reason = "`main` opens a window")]
 mod split_screen;
+#[path = "../../examples/water_material.rs"]
+#[expect(dead_code, reason = "`main` opens a window")]
+mod water_material;
 
 use bevy::{
     camera::ShadowLodOrigin,
@@ -425,6 +428,20 @@ fn glass_and_water() {
     example.press(KeyCode::Space);
     let opaque_alone = example.image("opaque-alone");
     example.assert_differs("glass and water without rays", &traced, &opaque_alone, 1.0);
+    example.press(KeyCode::Space);
+    example.assert_reflects(1.0);
+}
+
+#[test]
+fn water_material() {
+    let Some(mut example) = Example::start("water_material", water_material::plugin) else {
+        return;
+    };
+    assert_eq!(example.report().unseen, []);
+    let waves = example.image("waves");
+    example.press(KeyCode::Space);
+    let flat = example.image("flat");
+    example.assert_differs("water without waves", &waves, &flat, 1.0);
     example.press(KeyCode::Space);
     example.assert_reflects(1.0);
 }

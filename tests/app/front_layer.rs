@@ -4,7 +4,16 @@ use crate::{
     pictures::{apps, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, frame, report, share_picture, spawn_camera, spawn_mesh, unlit},
 };
-use bevy::{pbr::ScreenSpaceTransmission, prelude::*};
+use bevy::{
+    asset::RenderAssetUsages,
+    camera::Exposure,
+    image::Image,
+    light::LightProbe,
+    math::Vec3Swizzles,
+    pbr::ScreenSpaceTransmission,
+    prelude::*,
+    render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
+};
 use bevy_glint::{NotReflected, RayTracedReflections, ReflectionDenoiser, ReflectionTechnique};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
@@ -394,5 +403,89 @@ fn rough_panes_converge() {
         assert!(mean(&truth) > 0.01, "{tracer:?}");
         assert!((mean(&shown) / mean(&truth) - 1.0).abs() < 0.02, "{tracer:?}");
         assert!(apart < 0.1 * mean(&truth), "{tracer:?}: {apart}");
+    }
+}
+
+/// A cube map with another colour on each face, none of them red.
+fn faces(app: &mut HeadlessApp) -> Handle<Image> {
+    const COLORS: [[u8; 3]; 6] = [
+        [0, 255, 0],
+        [0, 0, 255],
+        [0, 255, 255],
+        [0, 128, 0],
+        [0, 0, 128],
+        [0, 128, 255],
+    ];
+    let texels = COLORS.into_iter().flat_map(|[r, g, b]| [r, g, b, 255]).collect();
+    let size = Extent3d {
+        depth_or_array_layers: 6,
+        ..default()
+    };
+    let mut image = Image::new(
+        size,
+        TextureDimension::D2,
+        texels,
+        TextureFormat::Rgba8UnormSrgb,
+        RenderAssetUsages::default(),
+    );
+    image.texture_view_descriptor = Some(TextureViewDescriptor {
+        dimension: Some(TextureViewDimension::Cube),
+        ..default()
+    });
+    app.world().resource_mut::<Assets<Image>>().add(image)
+}
+
+/// Over black, a pane in a reflection probe adds what rays see and nothing of the probe, wherever in its box, with the camera's map or
+/// without.
+#[test]
+fn probes_give_way_to_rays() {
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        let surroundings = [SceneName::MirrorRoom, SceneName::Furnace];
+        let cameras = surroundings.map(|name| spawn_camera(app, BEFORE_THE_MIRROR, name));
+        spawn_unreflected(app, BLACK, before(60.0));
+        let sheet = spawn_mesh(app, sheet(), pane(STRONG, 0.0), before(3.0));
+        spawn_behind(app, RED);
+        let map = faces(app);
+        let probe = app.world().spawn((
+            LightProbe {
+                falloff: Vec3::splat(0.5),
+            },
+            EnvironmentMapLight {
+                diffuse_map: map.clone(),
+                specular_map: map,
+                intensity: 2000.0,
+                rotation: Quat::from_rotation_x(0.4),
+                ..default()
+            },
+        ));
+        let probe = probe.id();
+        for (camera, name) in cameras.into_iter().zip(surroundings) {
+            for other in cameras {
+                app.world().entity_mut(other).insert(Exposure::default());
+                app.world().get_mut::<Camera>(other).unwrap().is_active = other == camera;
+            }
+            reflect(app, camera, ReflectionTechnique::Reference);
+            // The pane in the middle of the box, and where the probe fades out.
+            for (x, degrees, roughness) in [(0.0, 0.0f32, 0.0), (0.5, 30.0, 0.0), (6.5, 0.0, 0.0), (6.5, 30.0, 0.3)] {
+                let mut at = before(3.0);
+                at.rotate_y(degrees.to_radians());
+                app.world().entity_mut(sheet).insert(at);
+                set_material(app, sheet, pane(STRONG, roughness));
+                let place = Transform::from_xyz(x, 1.0, 0.0).with_scale(Vec3::splat(20.0));
+                app.world().entity_mut(probe).insert(place);
+                set_transparent(app, camera, false);
+                let bevys = Vec3::from(center(app));
+                set_transparent(app, camera, true);
+                let shown = Vec3::from(center(app));
+                println!("{tracer:?}, {name:?}, {x}, {degrees} degrees, {roughness}: {bevys} without, {shown} with");
+                assert!(bevys.yz().max_element() > 0.05, "{tracer:?}: {bevys}");
+                let expected = fresnel(STRONG, degrees.to_radians().cos());
+                assert!(
+                    (shown.x - expected).abs() < 0.01 && shown.yz().abs().max_element() < 0.004,
+                    "{tracer:?}, {name:?}, {x}, {degrees} degrees, {roughness}: {shown}, expected {expected}"
+                );
+            }
+        }
     }
 }

@@ -44,4 +44,5 @@ mod see_through;
 mod shipped;
 mod static_views;
 mod toggle;
+mod waves;
 mod worlds;

@@ -142,7 +142,9 @@ const ROWS: [Row; 23] = [
     ("coloured glass", |stage| {
         // Rough glass blurs what lies behind it, and reflects: in Bevy's picture alone.
         stage.dress(ScreenSpaceTransmission::default());
+        let base_color_texture = Some(stage.checkers([255, 160, 60, 255], [90, 255, 200, 255], true));
         stage.light_and_spawn(StandardMaterial {
+            base_color_texture,
             specular_transmission: 1.0,
             perceptual_roughness: 0.0,
             reflectance: 0.0,

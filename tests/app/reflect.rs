@@ -11,14 +11,14 @@ use bevy::{
     reflect::{ReflectFromReflect, TypeRegistration, TypeRegistry, std_traits::ReflectDefault},
 };
 use bevy_glint::{
-    AdaptiveThresholds, CombinedThresholds, GrazingThresholds, HardwareVrsSupport, NotReflected, RayTracedReflections,
-    RayTracedReflectionsPlugin, ReflectedLayers, ReflectedMaterial3d, ReflectedMesh3d, ReflectedPose,
-    ReflectedPoseBudget, ReflectionAutoQuality, ReflectionBackend, ReflectionBudget, ReflectionDebugCounters,
-    ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionEffort, ReflectionNonFiniteReport,
-    ReflectionPreset, ReflectionQuality, ReflectionQualityChosen, ReflectionSampling, ReflectionStatus,
-    ReflectionStatusReport, ReflectionTechnique, ReflectionTextureMip, ReflectionTracer, ReflectionTracerChoice,
-    ReflectionViewMemory, ReflectionsDeclined, ReflectionsOff, ReflectionsReady, RoughnessThresholds, ShadingRate,
-    ShadingRateHeuristic, ShadingRateTileSize,
+    AdaptiveThresholds, CombinedThresholds, FrontLayerShader, GrazingThresholds, HardwareVrsSupport, NotReflected,
+    RayTracedReflections, RayTracedReflectionsPlugin, ReflectedLayers, ReflectedMaterial3d, ReflectedMesh3d,
+    ReflectedPose, ReflectedPoseBudget, ReflectionAutoQuality, ReflectionBackend, ReflectionBudget,
+    ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionEffort,
+    ReflectionNonFiniteReport, ReflectionPreset, ReflectionQuality, ReflectionQualityChosen, ReflectionSampling,
+    ReflectionStatus, ReflectionStatusReport, ReflectionTechnique, ReflectionTextureMip, ReflectionTracer,
+    ReflectionTracerChoice, ReflectionViewMemory, ReflectionsDeclined, ReflectionsOff, ReflectionsReady,
+    RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
 };
 use core::any::{TypeId, type_name};
 use std::{fs, path::Path};
@@ -30,6 +30,7 @@ const FILES: [&str; 20] = [
     "settings/budget.rs",
     "settings/reflections.rs",
     "settings/denoiser.rs",
+    "settings/front_layer.rs",
     "settings/heuristic.rs",
     "settings/shading_rate.rs",
     "settings/debug.rs",
@@ -122,6 +123,8 @@ fn resources_are_registered() {
     assert!(is_resource(known::<ReflectionStatusReport>(&types)));
     assert!(is_resource(known::<ReflectedPoseBudget>(&types)));
     default::<ReflectedPoseBudget>(&types);
+    assert!(is_resource(known::<FrontLayerShader>(&types)));
+    default::<FrontLayerShader>(&types);
     #[cfg(feature = "egui")]
     assert!(is_resource(known::<ReflectionSettingsPanel>(&types)));
 }

@@ -5,7 +5,14 @@ use crate::{
     pictures::{BOTH, apps, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, metal, spawn_camera, spawn_mesh, unlit, wall},
 };
-use bevy::prelude::*;
+use bevy::{
+    asset::RenderAssetUsages,
+    image::{ImageAddressMode, ImageSampler, ImageSamplerDescriptor},
+    math::Affine2,
+    mesh::UvChannel,
+    prelude::*,
+    render::render_resource::{Extent3d, TextureDimension, TextureFormat},
+};
 use bevy_glint::{RayTracedReflections, ReflectionDenoiser, ReflectionTechnique};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
@@ -105,6 +112,83 @@ fn glass_tints_what_is_seen_through_it() {
                     "{tracer:?}, {technique:?}, {panes} panes: {shown:?}, expected {expected:?}"
                 );
             }
+        }
+    }
+}
+
+/// Its texture, wherever that lies on it, tints, too.
+#[test]
+fn glass_tints_by_its_texture() {
+    const TINT: [f32; 3] = [0.5, 0.25, 1.0];
+    // Halves of the texture.
+    const HALVES: [[u8; 4]; 2] = [[255, 0, 255, 255], [0, 255, 0, 255]];
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        let behind = |z: f32| Transform::from_xyz(0.0, 0.0, z).looking_to(Vec3::Z, Vec3::Y);
+        spawn_mesh(app, Rectangle::new(80.0, 80.0), unlit([255; 3]), behind(9.0));
+        let texels = (0..64).flat_map(|i| HALVES[i % 8 / 4]).collect();
+        let mut image = Image::new(
+            Extent3d {
+                width: 8,
+                height: 8,
+                ..default()
+            },
+            TextureDimension::D2,
+            texels,
+            TextureFormat::Rgba8UnormSrgb,
+            RenderAssetUsages::default(),
+        );
+        image.sampler = ImageSampler::Descriptor(ImageSamplerDescriptor {
+            address_mode_u: ImageAddressMode::Repeat,
+            ..ImageSamplerDescriptor::linear()
+        });
+        let texture = app.world().resource_mut::<Assets<Image>>().add(image);
+        let [red, green, blue] = TINT;
+        let plain = StandardMaterial {
+            base_color: Color::linear_rgb(red, green, blue),
+            specular_transmission: 1.0,
+            ..default()
+        };
+        let textured = StandardMaterial {
+            base_color_texture: Some(texture),
+            ..plain.clone()
+        };
+        let moved = StandardMaterial {
+            uv_transform: Affine2::from_translation(Vec2::new(0.5, 0.0)),
+            ..textured.clone()
+        };
+        let by_second_uvs = StandardMaterial {
+            base_color_channel: UvChannel::Uv1,
+            ..moved.clone()
+        };
+        let rectangle = || Mesh::from(Rectangle::new(12.0, 12.0));
+        let count = rectangle().count_vertices();
+        let second_half = rectangle().with_inserted_attribute(Mesh::ATTRIBUTE_UV_1, vec![[0.75f32, 0.5]; count]);
+        let no_uvs = rectangle().with_removed_attribute(Mesh::ATTRIBUTE_UV_0);
+        let [first, second] = HALVES.map(|half| [0, 1, 2].map(|i| TINT[i] * f32::from(half[i]) / 255.0));
+        // U runs to the left, seen in the mirror.
+        for (name, mesh, material, expected) in [
+            ("textured", rectangle(), &textured, [second, first]),
+            ("moved", rectangle(), &moved, [first, second]),
+            ("second UVs", second_half.clone(), &by_second_uvs, [second, second]),
+            ("second UVs, not wanted", second_half, &textured, [second, first]),
+            ("second UVs, not there", rectangle(), &by_second_uvs, [first, second]),
+            ("without UVs", no_uvs, &textured, [TINT, TINT]),
+            ("plain", rectangle(), &plain, [TINT, TINT]),
+        ] {
+            let pane = spawn_mesh(app, mesh, material.clone(), behind(6.0));
+            reflect(app, camera, ReflectionTechnique::Reference);
+            app.step(4);
+            let pixels = app.capture_linear().unwrap();
+            for (column, expected) in [SIZE.x / 4, 3 * SIZE.x / 4].into_iter().zip(expected) {
+                let shown = pixels[(SIZE.y / 2 * SIZE.x + column) as usize];
+                println!("{tracer:?}, {name}, column {column}: {shown:?}, expected {expected:?}");
+                let off = (0..3).map(|i| (shown[i] - expected[i]).abs()).fold(0.0, f32::max);
+                assert!(off < 0.02, "{tracer:?}, {name}: {shown:?}, expected {expected:?}");
+            }
+            app.world().despawn(pane);
         }
     }
 }

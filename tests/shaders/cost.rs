@@ -54,7 +54,7 @@ const SCENE_PASSES: [(&str, &[&str]); 13] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 35] = [
+const PASSES: [(&str, &[&str]); 36] = [
     ("trace/shade", &["CLEARCOAT"]),
     ("trace/shade", &["CLEARCOAT", "RAY_QUERY", "BINDLESS_TEXTURES"]),
     (
@@ -92,6 +92,10 @@ const PASSES: [(&str, &[&str]); 35] = [
     ("composite/resolve", &["IN_PLACE", "TILES", "BLUR"]),
     ("composite/resolve", &["IN_PLACE", "TILES", "FRONT_LAYER"]),
     ("composite/resolve", &["IN_PLACE", "TILES", "FRONT_LAYER", "BLUR"]),
+    (
+        "composite/resolve",
+        &["IN_PLACE", "TILES", "FRONT_LAYER", "LIGHT_PROBES", "BINDLESS_TEXTURES"],
+    ),
     ("composite/add", &[]),
     ("trace/vrs", &[]),
     ("scene/pose/pose", &[]),

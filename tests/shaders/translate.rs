@@ -35,7 +35,7 @@ fn sources() -> BTreeMap<String, String> {
     for (module, defs) in passes.chain(combinations) {
         let pass = module.trim_start_matches("bevy_glint/").trim_end_matches(".wesl");
         // Surfaces have alpha in the front layer alone.
-        if pass == "front_layer/find" && !defs.contains(&"FRONT_LAYER") {
+        if pass.starts_with("front_layer/") && !defs.contains(&"FRONT_LAYER") {
             continue;
         }
         let values: Vec<ShaderDefVal> = defs.iter().map(|def| (*def).into()).collect();

@@ -1,0 +1,187 @@
+//! Normals that an app's own shader computes, in reflections on glass and water.
+
+use crate::{
+    common::app_with,
+    pictures::{BOTH, reflect, warm_up},
+    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, spawn_camera, spawn_mesh, unlit},
+};
+use bevy::{
+    asset::uuid_handle,
+    pbr::{ExtendedMaterial, MaterialExtension},
+    prelude::*,
+    render::render_resource::AsBindGroup,
+    shader::Shader,
+};
+use bevy_glint::{
+    FrontLayerShader, NotReflected, ReflectedMaterialPlugin, ReflectionDebugView, ReflectionTechnique,
+    ReflectionTracerChoice,
+};
+use glint_scenes::{HeadlessApp, Output, SceneName};
+
+#[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
+struct Broken {}
+impl MaterialExtension for Broken {}
+
+#[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
+struct Leaning {}
+impl MaterialExtension for Leaning {}
+
+type OfBroken = ExtendedMaterial<StandardMaterial, Broken>;
+type OfLeaning = ExtendedMaterial<StandardMaterial, Leaning>;
+
+const SHADER: Handle<Shader> = uuid_handle!("0d1a3c52-65e8-4a57-9c0b-6d3f5e8a7b21");
+const FAULTY: Handle<Shader> = uuid_handle!("0d1a3c52-65e8-4a57-9c0b-6d3f5e8a7b22");
+const SOURCE: &str = "
+    import bevy_glint::front_layer::layer::{find_surface, layer_pixel, seconds, write_surface};
+
+    @compute @workgroup_size(8, 8, 1)
+    fn find(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) local: vec3<u32>) {
+        let pixel = layer_pixel(group, local);
+        var front = find_surface(pixel);
+        let angle = 0.6 + 0.15 * sin(4.0 * seconds());
+        if front.material_type == 1u {
+            front.surface.normal *= exp2(128.0 + front.share);
+        } else if front.material_type == 2u {
+            front.surface.normal = vec3(sin(angle), 0.0, cos(angle));
+        }
+        write_surface(pixel, front);
+    }
+";
+
+/// Three panes side by side over black, of a `StandardMaterial` and of two other types. Behind the camera it is red, to its right green.
+fn stage(tracer: ReflectionTracerChoice) -> Option<(HeadlessApp, Entity)> {
+    let mut app = app_with(SIZE, Output::Linear, tracer, |app| {
+        app.add_plugins((
+            ReflectedMaterialPlugin::<OfBroken>::default(),
+            ReflectedMaterialPlugin::<StandardMaterial>::default(),
+            ReflectedMaterialPlugin::<OfLeaning>::default(),
+            MaterialPlugin::<OfBroken>::default(),
+            MaterialPlugin::<OfLeaning>::default(),
+        ));
+    })?;
+    let glass = StandardMaterial {
+        base_color: Color::NONE,
+        alpha_mode: AlphaMode::Premultiplied,
+        reflectance: 1.0,
+        perceptual_roughness: 0.0,
+        ..default()
+    };
+    let pane = Rectangle::new(0.7, 3.0);
+    let place = |column: f32| Transform::from_xyz(0.75 * column, 0.0, 0.8);
+    spawn_mesh(&mut app, pane, glass.clone(), place(-1.0));
+    let world = app.world();
+    let mesh = Mesh3d(world.resource_mut::<Assets<Mesh>>().add(pane));
+    let broken = world.resource_mut::<Assets<OfBroken>>().add(OfBroken {
+        base: glass.clone(),
+        extension: Broken {},
+    });
+    let leaning = world.resource_mut::<Assets<OfLeaning>>().add(OfLeaning {
+        base: glass,
+        extension: Leaning {},
+    });
+    world.spawn((mesh.clone(), MeshMaterial3d(broken), place(0.0)));
+    world.spawn((mesh, MeshMaterial3d(leaning), place(1.0)));
+    let back = spawn_mesh(
+        &mut app,
+        Rectangle::new(90.0, 90.0),
+        unlit([0; 3]),
+        Transform::from_xyz(0.0, 0.0, -9.0),
+    );
+    app.world().entity_mut(back).insert(NotReflected);
+    for (color, at) in [
+        (RED, Transform::from_xyz(0.0, 0.0, 9.0).looking_to(Vec3::Z, Vec3::Y)),
+        (GREEN, Transform::from_xyz(8.0, 0.0, 0.0).looking_to(Vec3::X, Vec3::Y)),
+    ] {
+        spawn_mesh(&mut app, Rectangle::new(120.0, 120.0), unlit(color), at);
+    }
+    let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    app.world()
+        .resource_mut::<Assets<Shader>>()
+        .insert(&SHADER, Shader::from_wesl(SOURCE, "tests/leaning.wesl"))
+        .unwrap();
+    reflect(&mut app, camera, ReflectionTechnique::Reference);
+    Some((app, camera))
+}
+
+/// Colours of the middles of the panes, once everything is compiled.
+fn panes(app: &mut HeadlessApp) -> [Vec3; 3] {
+    app.step(2);
+    warm_up(app);
+    app.step(4);
+    let pixels = app.capture_linear().unwrap();
+    [SIZE.x / 6, SIZE.x / 2, 5 * SIZE.x / 6].map(|column| {
+        let [r, g, b, _] = pixels[(SIZE.y / 2 * SIZE.x + column) as usize];
+        Vec3::new(r, g, b)
+    })
+}
+
+/// A shader of the app's turns the normals of its own materials, and of no others; what isn't a number does no harm.
+#[test]
+fn reflections_follow_the_normals_of_the_apps_shader() {
+    for tracer in BOTH {
+        let Some((mut app, camera)) = stage(tracer) else {
+            continue;
+        };
+        let app = &mut app;
+        let is_red = |color: Vec3| color.x > 0.1 && color.y < 0.01;
+        let is_green = |color: Vec3| color.y > 0.1 && color.x < 0.01;
+        let flat = panes(app);
+        assert!(flat.iter().all(|color| is_red(*color)), "{tracer:?}: {flat:?}");
+        app.world().insert_resource(FrontLayerShader(SHADER));
+        let [standard, broken, leaning] = panes(app);
+        assert!(
+            is_red(standard) && is_red(broken) && is_green(leaning),
+            "{tracer:?}: {standard}, {broken}, {leaning}"
+        );
+
+        // The clock moves them.
+        app.world().entity_mut(camera).insert(ReflectionDebugView::FrontLayer);
+        for _ in 0..2 {
+            app.step(8);
+            app.world().resource_mut::<Time<Virtual>>().pause();
+            let [standard, broken, leaning] = panes(app);
+            let seconds = app.world().resource::<Time>().elapsed_secs_wrapped();
+            app.world().resource_mut::<Time<Virtual>>().unpause();
+            let angle = 0.6 + 0.15 * (4.0 * seconds).sin();
+            println!("{tracer:?}, after {seconds} s: {standard}, {broken}, {leaning}");
+            let shown = |normal: Vec3| 0.5 + 0.5 * normal;
+            for (color, normal) in [
+                (standard, Vec3::Z),
+                (broken, Vec3::Z),
+                (leaning, Vec3::new(angle.sin(), 0.0, angle.cos())),
+            ] {
+                let off = color.distance(shown(normal));
+                assert!(
+                    off < 0.004,
+                    "{tracer:?}, after {seconds} s: {color}, expected {}",
+                    shown(normal)
+                );
+            }
+        }
+        app.world().entity_mut(camera).remove::<ReflectionDebugView>();
+        app.world().remove_resource::<FrontLayerShader>();
+        let flat = panes(app);
+        assert!(flat.iter().all(|color| is_red(*color)), "{tracer:?}: {flat:?}");
+    }
+}
+
+/// The library's shader takes the place of one that fails.
+#[test]
+fn a_faulty_shader_leaves_reflections_as_they_are() {
+    let Some((mut app, _)) = stage(BOTH[1]) else { return };
+    let app = &mut app;
+    let before = panes(app);
+    let source = SOURCE.replace("find_surface(pixel)", "no_such_function(pixel)");
+    app.world()
+        .resource_mut::<Assets<Shader>>()
+        .insert(&FAULTY, Shader::from_wesl(source, "tests/faulty.wesl"))
+        .unwrap();
+    app.world().insert_resource(FrontLayerShader(FAULTY));
+    (0..200).for_each(|_| {
+        app.step(1);
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    });
+    let pixels = app.capture_linear().unwrap();
+    let [left, ..] = pixels[(SIZE.y / 2 * SIZE.x + SIZE.x / 6) as usize];
+    assert!((left - before[0].x).abs() < 0.002, "{left}, {before:?}");
+}
