@@ -77,3 +77,34 @@ impl LightTable {
         self.tree = (self.slice.count() == tree.table().len()).then_some(tree);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::test_gpu;
+
+    #[test]
+    fn only_more_lights_than_hits_go_through_have_a_tree() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let lights = vec![
+            GpuLight {
+                kind: 1,
+                ..GpuLight::default()
+            };
+            MAX_LIGHTS + 1
+        ];
+        let mut table = LightTable::new(&device);
+        for (count, leaves, elements) in [
+            (3, 0, 3),
+            (MAX_LIGHTS, 0, MAX_LIGHTS),
+            (MAX_LIGHTS + 1, 512, 769),
+            (9, 0, 9),
+        ] {
+            table.write(&lights[..count], &device, &queue);
+            assert_eq!((table.count(), table.leaf_count()), (count as u32, leaves));
+            assert_eq!(table.slice.count(), elements, "{count} lights");
+        }
+    }
+}

@@ -201,6 +201,23 @@ mod tests {
     }
 
     #[test]
+    fn lights_are_drawn_by_shaders_that_trace_and_only_where_the_scene_asks_for_it() {
+        let variant = Variant {
+            draws_lights: true,
+            ..Variant::default()
+        };
+        assert!(variant.defs().eq(["LIGHT_SAMPLING"]));
+        assert_eq!(Variant::default().defs().count(), 0);
+        // The rays' pass must know that it tests directional lights alone.
+        assert!(variant.without_shading().draws_lights);
+        let mut shading = variant.shading_substitutes(true);
+        assert_eq!(shading.next(), Some(ShadingVariant::Tracing(variant)));
+        assert_eq!(shading.last(), Some(Variant::default().plain()));
+        // The first two leave out nothing, which `TracePipelines::is_complete` counts on.
+        assert!(variant.substitutes()[..2].iter().all(|variant| variant.draws_lights));
+    }
+
+    #[test]
     fn lightmaps_are_left_out_last_and_only_by_shaders_that_shade() {
         let variant = Variant {
             lightmaps: true,

@@ -252,7 +252,10 @@ fn odd_lights_are_harmless() {
     let mut lights = hall(400, true);
     let extremes = [0.0, 1e-38, 1e30, f32::MAX];
     for (index, extreme) in extremes.into_iter().enumerate() {
-        lights[10 + index].color = [extreme; 3];
+        // Above the first hit.
+        let bright = &mut lights[10 + index];
+        (bright.color, bright.inverse_range_squared) = ([extreme; 3], 0.0);
+        bright.position = [50.0, 2.0 + index as f32, 50.0];
         lights[20 + index].inverse_range_squared = extreme;
         lights[30 + index].position = [extreme, -extreme, 1.0];
         lights[40 + index].radius = extreme;
