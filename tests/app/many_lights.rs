@@ -41,7 +41,7 @@ fn spawn_room(app: &mut HeadlessApp, mirror_roughness: f32) -> Entity {
 
 /// Lights of both halves, in turn.
 fn spawn_lights(app: &mut HeadlessApp) -> [Vec<Entity>; 2] {
-    let lights = [0, 1].map(|half| {
+    [0, 1].map(|half| {
         let spawn = |index: usize| {
             let number = (2 * index + half) as f32;
             let place = Vec3::new(
@@ -59,8 +59,7 @@ fn spawn_lights(app: &mut HeadlessApp) -> [Vec<Entity>; 2] {
             app.world().spawn((light, Transform::from_translation(place))).id()
         };
         (0..HALF).map(spawn).collect()
-    });
-    lights
+    })
 }
 
 /// The mirror's light while these halves shine, in linear RGB.
