@@ -10,6 +10,7 @@ use super::{
     change::{Change, SceneVersion},
     gpu_types::{GpuInstance, GpuLight, GpuLightProbe, GpuMaterial, GpuSceneCounts},
     light_probes::{self, LightProbes},
+    light_table::LightTable,
     lightmaps::Lightmaps,
     masks::MaskSets,
     merge::StaticMerge,
@@ -52,7 +53,7 @@ pub struct SceneBindings {
     texture_def: Option<&'static str>,
     pub(super) instances: InstanceTable,
     pub(super) materials: StorageSlice<GpuMaterial>,
-    pub(super) lights: StorageSlice<GpuLight>,
+    pub(super) lights: LightTable,
     pub(super) uniform: Buffer,
     pub(super) uniform_data: GpuSceneCounts,
     pub(super) top_level: TopLevel,
@@ -94,7 +95,7 @@ impl FromWorld for SceneBindings {
             texture_def: textures.mode().shader_def(),
             instances: InstanceTable::new(device),
             materials: StorageSlice::new(device, "glint_materials"),
-            lights: StorageSlice::new(device, "glint_lights"),
+            lights: LightTable::new(device),
             uniform: device.create_buffer(&BufferDescriptor {
                 label: Some("glint_scene"),
                 size: size_of::<GpuSceneCounts>() as u64,
@@ -157,7 +158,12 @@ impl SceneBindings {
 
     /// Returns whether the scene has more lights than a hit has bits for: `SHARED_LIGHTS` of `shading.wesl`.
     pub(crate) fn has_many_lights(&self) -> bool {
-        self.lights.count() > 64
+        self.uniform_data.light_count > 64
+    }
+
+    /// Returns whether hits draw some of the lights, which shaders have to know.
+    pub(crate) fn draws_lights(&self) -> bool {
+        self.uniform_data.light_leaf_count > 0
     }
 
     /// Returns whether objects have lightmaps, which shaders have to know.
@@ -201,7 +207,7 @@ impl SceneBindings {
         self.uniform_data = GpuSceneCounts::default();
         self.instances = InstanceTable::new(device);
         self.materials = StorageSlice::new(device, "glint_materials");
-        self.lights = StorageSlice::new(device, "glint_lights");
+        self.lights = LightTable::new(device);
         self.acceleration =
             (self.tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue));
         self.generations = [u64::MAX; 8];

@@ -176,7 +176,7 @@ pub struct GpuLightProbe {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct GpuSceneCounts {
-    /// Lights in the buffer.
+    /// Lights in the buffer, which the nodes of their tree follow.
     pub light_count: u32,
     /// 0 = nothing to hit. BVH tracer: of the TLAS, as `Tlas::traversal_node_count` gives it.
     pub tlas_node_count: u32,
@@ -192,10 +192,14 @@ pub struct GpuSceneCounts {
     pub reflection_probe_count: u32,
     /// Irradiance volumes behind them.
     pub irradiance_volume_count: u32,
+    /// Directional lights at the beginning of the buffer of lights, where hits draw from the others.
+    pub directional_light_count: u32,
+    /// Nodes of the last level of the tree over the other lights; 0 = none.
+    pub light_leaf_count: u32,
 }
 
 const _: () = assert!(size_of::<GpuInstance>() == 128);
 const _: () = assert!(size_of::<GpuMaterial>() == 112);
 const _: () = assert!(size_of::<GpuLight>() == 64);
 const _: () = assert!(size_of::<GpuLightProbe>() == 80);
-const _: () = assert!(size_of::<GpuSceneCounts>() == 32);
+const _: () = assert!(size_of::<GpuSceneCounts>() == 40);

@@ -22,13 +22,14 @@ use super::{
     render_layers::SceneLayers,
 };
 
-/// Most lights in hit shading; `shading.wesl` has the same number.
+/// Lights that hits go through one by one. Where there are more, they do so with directional ones alone, of which there are at most so
+/// many, and draw from the others. `shading.wesl` has the same number.
 pub const MAX_LIGHTS: usize = 256;
 
 /// The lights of the scene in the render world.
 #[derive(Resource, Default)]
 pub struct ExtractedLights {
-    /// Directional lights first, then points, spots and rectangles; at most [`MAX_LIGHTS`], the strongest.
+    /// Directional lights first, then points, spots and rectangles.
     pub lights: Vec<GpuLight>,
     /// `true` if `lights` differs from the last frame, if only in marks.
     pub changed: bool,
@@ -212,17 +213,17 @@ pub fn extract_lights(
             .iter()
             .filter_map(|item| visible(item, layers, directional_light)),
     );
+    if lights.len() > MAX_LIGHTS {
+        warn_once!(
+            "{} directional lights in the scene: reflections show the {MAX_LIGHTS} strongest of them.",
+            lights.len()
+        );
+        keep_strongest(lights);
+    }
     lights.extend(points.iter().filter_map(|item| visible(item, layers, point_light)));
     lights.extend(spots.iter().filter_map(|item| visible(item, layers, spot_light)));
     if rects_enabled.is_some_and(|enabled| enabled.0) {
         lights.extend(rects.iter().filter_map(|item| visible(item, layers, rect_light)));
-    }
-    if lights.len() > MAX_LIGHTS {
-        warn_once!(
-            "{} lights in the scene: reflections show the {MAX_LIGHTS} strongest of them.",
-            lights.len()
-        );
-        keep_strongest(lights);
     }
     *change = mark_changes(lights, &previous, restless);
     *changed = lights != &*previous;
@@ -259,7 +260,7 @@ fn mark_changes(lights: &mut [GpuLight], previous: &[GpuLight], restless: &mut V
     change
 }
 
-/// Keeps directional lights and the strongest of the others, in their order: a light that comes or goes changes one other at most.
+/// Keeps the strongest lights, in their order: a light that comes or goes changes one other at most.
 fn keep_strongest(lights: &mut Vec<GpuLight>) {
     let mut order: Vec<usize> = (0..lights.len()).collect();
     // Equal ones are told apart by their place.
@@ -270,10 +271,9 @@ fn keep_strongest(lights: &mut Vec<GpuLight>) {
 }
 
 /// How bright a light is from afar.
-fn strength(light: &GpuLight) -> f32 {
+pub fn strength(light: &GpuLight) -> f32 {
     let luminance = Vec3::from(light.color).dot(Vec3::new(0.2126, 0.7152, 0.0722));
     match light.kind {
-        LIGHT_DIRECTIONAL => f32::INFINITY,
         // Its radiance times its area.
         LIGHT_RECT => luminance * 4.0 * light.spot[0] * light.spot[1],
         _ => luminance,
@@ -299,23 +299,15 @@ mod tests {
 
     #[test]
     fn the_strongest_lights_are_kept_in_their_order() {
-        let light = |kind, brightness: f32| GpuLight {
-            kind,
-            color: [brightness; 3],
-            spot: [2.0, 3.0],
+        let sun = |illuminance: f32| GpuLight {
+            color: [illuminance; 3],
             ..Default::default()
         };
-        let mut lights = vec![light(LIGHT_DIRECTIONAL, 0.1)];
-        lights.extend((0..MAX_LIGHTS).map(|index| light(LIGHT_POINT, 10.0 + index as f32)));
-        lights.push(light(LIGHT_SPOT, 1_000.0));
-        // Its radiance times 24: stronger than the three faintest points.
-        lights.push(light(LIGHT_RECT, 0.6));
-        let (sun, points, others) = (
-            lights[0],
-            lights[4..=MAX_LIGHTS].to_vec(),
-            lights[MAX_LIGHTS + 1..].to_vec(),
-        );
+        let mut lights: Vec<_> = (0..MAX_LIGHTS).map(|index| sun(10.0 + index as f32)).collect();
+        lights.insert(100, sun(1_000.0));
+        lights.push(sun(9.0));
+        let kept = [&lights[1..=MAX_LIGHTS]].concat();
         keep_strongest(&mut lights);
-        assert!(lights == [vec![sun], points, others].concat());
+        assert!(lights == kept);
     }
 }

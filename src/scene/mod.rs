@@ -16,6 +16,8 @@ pub mod geometry;
 pub mod gpu_types;
 pub mod instances;
 mod light_probes;
+mod light_table;
+pub mod light_tree;
 mod lightmaps;
 pub mod lights;
 mod masks;
@@ -38,6 +40,7 @@ pub mod upload;
 mod waiting_room;
 
 pub use bind_group::SceneBindings;
+pub(crate) use change::Change;
 pub use materials::ReflectedMaterial;
 pub use reflected_material::ReflectedMaterialPlugin;
 
@@ -83,6 +86,7 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "environment.wesl");
         load_shader_library!(app, "geometry.wesl");
         load_shader_library!(app, "light_probes.wesl");
+        load_shader_library!(app, "light_sampling.wesl");
         load_shader_library!(app, "lights.wesl");
         load_shader_library!(app, "material.wesl");
         load_shader_library!(app, "change.wesl");
@@ -91,6 +95,7 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "pose/job.wesl");
         load_shader_library!(app, "ray_query.wesl");
         load_shader_library!(app, "shading.wesl");
+        load_shader_library!(app, "shadow.wesl");
         load_shader_library!(app, "surface.wesl");
         load_shader_library!(app, "trace.wesl");
         load_shader_library!(app, "transparency.wesl");

@@ -212,12 +212,12 @@ pub(super) fn prepare_tables(
     }
     if lights.changed || bindings.bind_group.is_none() {
         bindings.version.note(lights.change);
-        bindings
-            .lights
-            .write(&lights.lights, 0..lights.lights.len(), &device, &queue);
+        bindings.lights.write(&lights.lights, &device, &queue);
     }
     let uniform = GpuSceneCounts {
-        light_count: bindings.lights.count() as u32,
+        light_count: bindings.lights.count(),
+        directional_light_count: bindings.lights.directional_count(),
+        light_leaf_count: bindings.lights.leaf_count(),
         instance_count: bindings.instances.len() as u32,
         material_count: bindings.materials.count() as u32,
         texture_count: textures.texture_count(),

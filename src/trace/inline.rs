@@ -90,8 +90,21 @@ impl InlinePass {
 
     /// `None` until the variant, or one that stands in for it, is compiled.
     pub fn pipeline<'a>(&self, variant: Variant, cache: &'a PipelineCache) -> Option<&'a RenderPipeline> {
+        self.first(variant.substitutes(), cache)
+    }
+
+    /// Returns whether one of these variants is compiled.
+    pub fn has_any(&self, variants: impl IntoIterator<Item = Variant>, cache: &PipelineCache) -> bool {
+        self.first(variants, cache).is_some()
+    }
+
+    fn first<'a>(
+        &self,
+        variants: impl IntoIterator<Item = Variant>,
+        cache: &'a PipelineCache,
+    ) -> Option<&'a RenderPipeline> {
         let get = |variant| cache.get_render_pipeline(*self.queued.get(&variant)?);
-        variant.substitutes().into_iter().find_map(get)
+        variants.into_iter().find_map(get)
     }
 
     /// The error of a variant that can't be compiled.

@@ -29,9 +29,10 @@ pub(crate) fn trace_rays(
                 let variants = variant.substitutes();
                 run_list(ctx, &pipelines.mirror_rays, variants, context, List::MirrorRays);
             }
-            // If the raw Vulkan pass gives up, this frame's rays come from the list.
+            // If the raw Vulkan pass gives up, this frame's rays come from the list. Its one shader can't draw lights.
             TracePass::Blocks => {
-                if settings.backend != ReflectionBackend::HardwareVrs || !vrs.trace(ctx, pipelines, context) {
+                let by_hardware = settings.backend == ReflectionBackend::HardwareVrs && !variant.draws_lights;
+                if !by_hardware || !vrs.trace(ctx, pipelines, context) {
                     let rays = pipelines.ray_variant(context.cache);
                     run_list(ctx, &pipelines.rays, rays, context, List::Rays);
                     let tinted = rays.is_some_and(|rays| rays.tinted);

@@ -10,7 +10,7 @@ use super::{
 use crate::{
     diagnostics::CountInvocations,
     gbuffer::{GBufferPass, PassShader},
-    scene::SceneBindings,
+    scene::{Change, SceneBindings},
     settings::ClampedSettings,
     vrs::PipelineRequest,
 };
@@ -63,6 +63,8 @@ pub struct TracePipelines {
     pub(super) variant: Variant,
     /// The scene has more lights than hits have bits for.
     pub(super) many_lights: bool,
+    /// No pass leaves anything out that the scene has, since its shader is still being compiled.
+    complete: bool,
 }
 
 impl TracePipelines {
@@ -103,6 +105,38 @@ impl TracePipelines {
             })
     }
 
+    /// All passes that views asked for have shaders with all that the scene has.
+    fn is_complete(&self, cache: &PipelineCache) -> bool {
+        // The first substitutes leave out nothing.
+        let whole = |variant: Variant| variant.substitutes().into_iter().take(2);
+        let compiled = |pass: &GBufferPass<Variant>, variant: Variant| {
+            whole(variant).any(|variant| pass.pipeline(&variant, cache).is_some())
+        };
+        self.wanted.iter().all(|&(pass, bounces)| {
+            let variant = Variant {
+                bounces,
+                ..self.variant
+            };
+            match pass {
+                TracePass::Blocks if self.many_lights || bounces => {
+                    compiled(&self.rays, variant.without_shading())
+                        && whole(variant).any(|variant| {
+                            self.shading
+                                .pipeline(&ShadingVariant::Tracing(variant), cache)
+                                .is_some()
+                        })
+                }
+                TracePass::Blocks => {
+                    compiled(&self.rays, variant.without_shading())
+                        && self.shading.pipeline(&variant.plain(), cache).is_some()
+                }
+                TracePass::Mirrors => compiled(&self.mirror_rays, variant),
+                TracePass::Converged => compiled(&self.converged, variant),
+                TracePass::Inline => self.inline.has_any(whole(variant), cache),
+            }
+        })
+    }
+
     /// Request for the pipeline of the raw Vulkan pass: the shader of [`TracePass::Inline`] with definitions that are right for
     /// any scene.
     pub(super) fn vrs_request(&self) -> PipelineRequest {
@@ -120,7 +154,7 @@ impl TracePipelines {
 
     fn queue(&mut self, pass: TracePass, variant: Variant, scene: &SceneBindings, cache: &PipelineCache) {
         let common = &self.common_defs;
-        let defs = |own: &[&'static str]| {
+        let defs_of = |variant: Variant, own: &[&'static str]| {
             let mut defs = scene.shader_defs_for(variant.masked);
             defs.extend_from_slice(common);
             defs.extend(variant.defs().map(Into::into));
@@ -128,11 +162,12 @@ impl TracePipelines {
             defs
         };
         let shading = variant.shading_defs();
-        let shader = |shader: &Handle<Shader>, own: &[&'static str]| PassShader {
+        let shader_of = |variant: Variant, shader: &Handle<Shader>, own: &[&'static str]| PassShader {
             shader: shader.clone(),
-            defs: defs(own),
+            defs: defs_of(variant, own),
             entry_point: Some("trace"),
         };
+        let shader = |shader: &Handle<Shader>, own: &[&'static str]| shader_of(variant, shader, own);
         match pass {
             TracePass::Blocks => {
                 let first = variant.without_shading();
@@ -143,8 +178,14 @@ impl TracePipelines {
                     self.shading.queue(ShadingVariant::Tracing(variant), cache, tracing);
                     return;
                 }
-                self.shading
-                    .queue(variant.plain(), cache, || shader(&self.shading_shader, &shading));
+                // It traces no shadow rays, so that it can't draw lights.
+                let plain = Variant {
+                    draws_lights: false,
+                    ..variant
+                };
+                self.shading.queue(variant.plain(), cache, || {
+                    shader_of(plain, &self.shading_shader, &shading)
+                });
                 if self.many_lights {
                     self.shading.queue(ShadingVariant::Tracing(variant), cache, tracing);
                 }
@@ -157,7 +198,7 @@ impl TracePipelines {
             TracePass::Converged => self
                 .converged
                 .queue(variant, cache, || shader(&self.converged_shader, &shading)),
-            TracePass::Inline => self.inline.queue(variant, cache, || defs(&shading)),
+            TracePass::Inline => self.inline.queue(variant, cache, || defs_of(variant, &shading)),
         }
     }
 
@@ -203,6 +244,7 @@ pub(super) fn init_trace_pipelines(
             ..default()
         },
         many_lights: false,
+        complete: true,
     });
 }
 
@@ -236,7 +278,7 @@ fn create_albedo_table(device: &RenderDevice, queue: &RenderQueue) -> TextureVie
 pub(super) fn queue_trace_pipelines(
     mut pipelines: ResMut<TracePipelines>,
     cache: Res<PipelineCache>,
-    scene: Res<SceneBindings>,
+    mut scene: ResMut<SceneBindings>,
     noise: Option<Res<Bluenoise>>,
     images: Res<RenderAssets<GpuImage>>,
 ) {
@@ -257,6 +299,12 @@ pub(super) fn queue_trace_pipelines(
             pipelines.queue(pass, variant, &scene, &cache);
         }
     }
+    // What pictures at rest have gathered so far lacks what was left out.
+    let complete = pipelines.is_complete(&cache);
+    if complete && !pipelines.complete {
+        scene.version.note(Change::Unmarked);
+    }
+    pipelines.complete = complete;
     if pipelines.noise.is_none() {
         let image = noise.and_then(|noise| images.get(&noise.texture));
         pipelines.noise = image.map(array_view);

@@ -52,6 +52,8 @@ pub(super) struct Variant {
     pub probes: bool,
     /// Not all cameras see the same objects.
     pub layers: bool,
+    /// Hits draw some of the lights.
+    pub draws_lights: bool,
 }
 
 /// Conditions that the shading of hits is compiled for.
@@ -81,6 +83,7 @@ impl Variant {
             clearcoat: scene.has_clearcoat(),
             probes: scene.has_light_probes(),
             layers: scene.has_render_layers(),
+            draws_lights: scene.draws_lights(),
         }
     }
 
@@ -108,6 +111,7 @@ impl Variant {
             (self.tinted, "TINTED_GLASS"),
             (self.probes, "LIGHT_PROBES"),
             (self.layers, "RENDER_LAYERS"),
+            (self.draws_lights, "LIGHT_SAMPLING"),
         ];
         defs.into_iter().filter_map(|(set, name)| set.then_some(name))
     }
@@ -138,6 +142,7 @@ impl Variant {
             lightmaps: false,
             clearcoat: false,
             probes: false,
+            draws_lights: false,
             ..self
         }
     }
@@ -147,7 +152,7 @@ impl Variant {
     }
 
     /// Itself, the one that is right for all scenes of such trees, and others that are better than nothing while these are
-    /// compiled: they leave out baked light, clearcoats, light probes or tints, or miss hits where the stack is full and show what another
+    /// compiled: they leave out baked light, clearcoats, light probes, lights that are drawn or tints, or miss hits where the stack is full and show what another
     /// camera sees.
     pub fn substitutes(self) -> [Self; 6] {
         let masked = Self { masked: true, ..self };
@@ -193,6 +198,23 @@ mod tests {
             assert!(shading.all(|variant| matches!(variant, ShadingVariant::Tracing(variant) if variant.bounces)));
         }
         assert!(variant(8).substitutes().iter().all(|variant| variant.bounces));
+    }
+
+    #[test]
+    fn lights_are_drawn_by_shaders_that_trace_and_only_where_the_scene_asks_for_it() {
+        let variant = Variant {
+            draws_lights: true,
+            ..Variant::default()
+        };
+        assert!(variant.defs().eq(["LIGHT_SAMPLING"]));
+        assert_eq!(Variant::default().defs().count(), 0);
+        // The rays' pass must know that it tests directional lights alone.
+        assert!(variant.without_shading().draws_lights);
+        let mut shading = variant.shading_substitutes(true);
+        assert_eq!(shading.next(), Some(ShadingVariant::Tracing(variant)));
+        assert_eq!(shading.last(), Some(Variant::default().plain()));
+        // The first two leave out nothing, which `TracePipelines::is_complete` counts on.
+        assert!(variant.substitutes()[..2].iter().all(|variant| variant.draws_lights));
     }
 
     #[test]

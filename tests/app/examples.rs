@@ -19,6 +19,9 @@ mod facing_mirrors;
 #[path = "../../examples/glass_and_water.rs"]
 #[expect(dead_code, reason = "`main` opens a window")]
 mod glass_and_water;
+#[path = "../../examples/many_lights.rs"]
+#[expect(dead_code, reason = "`main` opens a window")]
+mod many_lights;
 #[path = "../../examples/minimal.rs"]
 #[expect(dead_code, reason = "`main` opens a window")]
 mod minimal;
@@ -254,6 +257,22 @@ fn facing_mirrors() {
     example.assert_differs("four instead of two", &two, &four, 0.5);
     example.assert_differs("eight instead of four", &four, &eight, 0.1);
     example.assert_reflects(2.0);
+}
+
+#[test]
+fn many_lights() {
+    let Some(mut example) = Example::start("many_lights", many_lights::plugin) else {
+        return;
+    };
+    example.press(KeyCode::Space);
+    let thousand = example.image("1008-lanterns");
+    example.press(KeyCode::Digit1);
+    let few = example.image("16-lanterns");
+    example.assert_differs("16 lanterns instead of 1,008", &thousand, &few, 1.0);
+    example.press(KeyCode::Digit3);
+    example.image("10000-lanterns");
+    example.press(KeyCode::Digit2);
+    example.assert_reflects(1.0);
 }
 
 #[test]

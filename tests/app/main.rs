@@ -27,6 +27,7 @@ mod ground_truth;
 mod idle;
 mod levels;
 mod lights;
+mod many_lights;
 mod materials;
 mod merging;
 mod mirror_suite;

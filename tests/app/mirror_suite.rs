@@ -206,6 +206,9 @@ struct Stage<'a> {
     spawned: Vec<Entity>,
     material: StandardMaterial,
     fog_color: Color,
+    /// How the picture in the mirror is traced, and in how many frames.
+    technique: ReflectionTechnique,
+    frames: u32,
     /// Direction of the light. Without another it comes from behind the mirror, and doesn't shine on that.
     sun: Vec3,
 }
@@ -223,6 +226,8 @@ impl<'a> Stage<'a> {
             spawned: Vec::new(),
             material: blue(),
             fog_color: FOG,
+            technique: ReflectionTechnique::Reference,
+            frames: 2,
             sun: SUN,
         }
     }
@@ -339,13 +344,13 @@ impl<'a> Stage<'a> {
     }
 
     fn capture(&mut self) -> Vec<u8> {
-        self.app.step(2);
+        self.app.step(self.frames);
         self.app.capture().unwrap()
     }
 
     /// The picture in the mirror.
     fn in_the_mirror(&mut self) -> Vec<u8> {
-        reflect(self.app, self.camera, ReflectionTechnique::Reference);
+        reflect(self.app, self.camera, self.technique);
         self.capture()
     }
 
@@ -412,6 +417,8 @@ impl<'a> Stage<'a> {
         )>();
         self.material = blue();
         self.fog_color = FOG;
+        self.technique = ReflectionTechnique::Reference;
+        self.frames = 2;
         self.sun = SUN;
         self.set_fog_before_the_mirror(true);
     }

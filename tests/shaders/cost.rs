@@ -54,7 +54,7 @@ const SCENE_PASSES: [(&str, &[&str]); 13] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 36] = [
+const PASSES: [(&str, &[&str]); 43] = [
     ("trace/shade", &["CLEARCOAT"]),
     ("trace/shade", &["CLEARCOAT", "RAY_QUERY", "BINDLESS_TEXTURES"]),
     (
@@ -67,6 +67,13 @@ const PASSES: [(&str, &[&str]); 36] = [
         &["LIGHT_PROBES", "BINDLESS_TEXTURES", "ALPHA_MASKED_GEOMETRY"],
     ),
     ("trace/blocks", &["LIGHT_PROBES", "RAY_QUERY", "BINDLESS_TEXTURES"]),
+    ("trace/blocks", &["LIGHT_SAMPLING"]),
+    ("trace/blocks", &["LIGHT_SAMPLING", "MIRRORS"]),
+    ("trace/blocks", &["LIGHT_SAMPLING", "MIRRORS", "RAY_QUERY"]),
+    ("trace/shade", &["LIGHT_SAMPLING", "MANY_LIGHTS"]),
+    ("trace/shade", &["LIGHT_SAMPLING", "MANY_LIGHTS", "RAY_QUERY"]),
+    ("trace/shade", &["LIGHT_SAMPLING", "MANY_LIGHTS", "BOUNCES"]),
+    ("trace/converged", &["LIGHT_SAMPLING"]),
     ("trace/blocks", &["RENDER_LAYERS"]),
     ("trace/blocks", &["RENDER_LAYERS", "RAY_QUERY"]),
     ("rate/classify", &[]),

@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{environment::GpuEnvironment, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 35] = [
+pub const COMBINATIONS: [&[&str]; 39] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -42,6 +42,16 @@ pub const COMBINATIONS: [&[&str]; 35] = [
     &["LIGHT_PROBES", "BINDLESS_TEXTURES", "RAY_QUERY", "FRONT_LAYER", "BLUR"],
     &["RENDER_LAYERS", "ALPHA_MASKED_GEOMETRY", "FRONT_LAYER"],
     &["RENDER_LAYERS", "RAY_QUERY", "FRONT_LAYER"],
+    &["LIGHT_SAMPLING", "MANY_LIGHTS", "ALPHA_MASKED_GEOMETRY"],
+    &["LIGHT_SAMPLING", "MANY_LIGHTS", "RAY_QUERY", "BOUNCES", "CLEARCOAT"],
+    &["LIGHT_SAMPLING", "MANY_LIGHTS", "RAY_QUERY", "MIRRORS"],
+    &[
+        "LIGHT_SAMPLING",
+        "MANY_LIGHTS",
+        "MIRRORS",
+        "BOUNCES",
+        "BINDLESS_TEXTURES",
+    ],
 ];
 
 /// Uses everything that passes call, so that the linker keeps it.
@@ -290,7 +300,9 @@ fn lights_and_uniforms_match_the_cpu() {
             material_count,
             texture_count,
             reflection_probe_count,
-            irradiance_volume_count
+            irradiance_volume_count,
+            directional_light_count,
+            light_leaf_count
         ]
     );
     same_layout!(

@@ -9,8 +9,12 @@ use bevy::{
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
 };
+use bevy_glint::ReflectionTechnique;
 
-pub(super) const ROWS: [Row; 7] = [
+/// In each direction of a block of lights: 1,000.
+const GRID: u32 = 10;
+
+pub(super) const ROWS: [Row; 8] = [
     ("clearcoat", |stage| {
         stage.surround();
         stage.light_and_spawn(lacquer());
@@ -30,6 +34,25 @@ pub(super) const ROWS: [Row; 7] = [
             clearcoat_perceptual_roughness: 0.5,
             ..lacquer()
         });
+    }),
+    ("many lights", |stage| {
+        // Each hit draws some of them.
+        stage.technique = ReflectionTechnique::Converged;
+        stage.frames = 64;
+        for index in 0..GRID * GRID * GRID {
+            let [x, y, z] = [index % GRID, index / GRID % GRID, index / (GRID * GRID)].map(|cell| cell as f32);
+            stage.add((
+                PointLight {
+                    color: Color::hsl(360.0 * (index as f32 * 0.618_034).fract(), 0.9, 0.6),
+                    intensity: 300.0,
+                    range: 2.5,
+                    radius: 0.05,
+                    ..default()
+                },
+                Transform::from_xyz(x - 4.5, y - 4.5, 5.2 + 0.7 * z),
+            ));
+        }
+        stage.spawn(blue());
     }),
     ("reflection probes", |stage| {
         stage.surround();

@@ -1,0 +1,110 @@
+//! The buffer of lights: up to [`MAX_LIGHTS`] as a list that hits go through, more with a tree that they draw from.
+
+use super::{
+    gpu_types::GpuLight,
+    light_tree::{LightTree, Written},
+    lights::MAX_LIGHTS,
+    upload::StorageSlice,
+};
+use bevy::render::{
+    render_resource::Buffer,
+    renderer::{RenderDevice, RenderQueue},
+};
+
+/// Lights on the GPU.
+pub(super) struct LightTable {
+    slice: StorageSlice<GpuLight>,
+    tree: Option<LightTree>,
+    /// Lights that the buffer has, without the nodes of their tree.
+    count: usize,
+}
+
+impl LightTable {
+    pub fn new(device: &RenderDevice) -> Self {
+        Self {
+            slice: StorageSlice::new(device, "glint_lights"),
+            tree: None,
+            count: 0,
+        }
+    }
+
+    /// For binding.
+    pub fn buffer(&self) -> &Buffer {
+        self.slice.buffer()
+    }
+
+    /// Changes when [`Self::buffer`] becomes another object.
+    pub fn generation(&self) -> u64 {
+        self.slice.generation()
+    }
+
+    /// For `SceneCounts::light_count`.
+    pub fn count(&self) -> u32 {
+        self.count as u32
+    }
+
+    /// For `SceneCounts::directional_light_count`.
+    pub fn directional_count(&self) -> u32 {
+        self.tree.as_ref().map_or(0, |tree| tree.directional_count() as u32)
+    }
+
+    /// For `SceneCounts::light_leaf_count`.
+    pub fn leaf_count(&self) -> u32 {
+        self.tree.as_ref().map_or(0, |tree| tree.leaf_count() as u32)
+    }
+
+    /// Takes over the lights of the scene. Where the device has no room for all of them with their tree, hits go through the first ones.
+    pub fn write(&mut self, lights: &[GpuLight], device: &RenderDevice, queue: &RenderQueue) {
+        if lights.len() <= MAX_LIGHTS {
+            self.tree = None;
+            self.slice.write(lights, 0..lights.len(), device, queue);
+            self.count = self.slice.count();
+            return;
+        }
+        let mut tree = self.tree.take().unwrap_or_default();
+        let written = tree.update(lights);
+        match written {
+            Written::All => {
+                let table = tree.table();
+                self.slice.write(table, 0..table.len(), device, queue);
+            }
+            Written::Elements(places) => {
+                let places = places.to_vec();
+                self.slice.write_elements(tree.table(), &places, device, queue);
+            }
+        }
+        self.count = lights.len().min(self.slice.count());
+        self.tree = (self.slice.count() == tree.table().len()).then_some(tree);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::test_gpu;
+
+    #[test]
+    fn only_more_lights_than_hits_go_through_have_a_tree() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let lights = vec![
+            GpuLight {
+                kind: 1,
+                ..GpuLight::default()
+            };
+            MAX_LIGHTS + 1
+        ];
+        let mut table = LightTable::new(&device);
+        for (count, leaves, elements) in [
+            (3, 0, 3),
+            (MAX_LIGHTS, 0, MAX_LIGHTS),
+            (MAX_LIGHTS + 1, 512, 769),
+            (9, 0, 9),
+        ] {
+            table.write(&lights[..count], &device, &queue);
+            assert_eq!((table.count(), table.leaf_count()), (count as u32, leaves));
+            assert_eq!(table.slice.count(), elements, "{count} lights");
+        }
+    }
+}
