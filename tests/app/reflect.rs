@@ -24,7 +24,7 @@ use core::any::{TypeId, type_name};
 use std::{fs, path::Path};
 
 /// Files with types that an app holds.
-const FILES: [&str; 20] = [
+const FILES: [&str; 21] = [
     "auto_quality.rs",
     "settings/auto_quality.rs",
     "settings/budget.rs",
