@@ -164,11 +164,8 @@ fn spawn_houses(
     let asphalt = paint(Color::srgb(0.12, 0.12, 0.13), 0.22);
     let pavement = paint(Color::srgb(0.35, 0.34, 0.33), 0.45);
     let glass = paint(Color::srgb(0.03, 0.035, 0.05), 0.02);
-    let walls = [
-        paint(Color::srgb(0.62, 0.42, 0.32), 0.9),
-        paint(Color::srgb(0.55, 0.55, 0.5), 0.9),
-        paint(Color::srgb(0.7, 0.6, 0.42), 0.9),
-    ];
+    let walls = [[0.62, 0.42, 0.32], [0.55, 0.55, 0.5], [0.7, 0.6, 0.42]];
+    let walls = walls.map(|color| paint(Color::srgb_from_array(color), 0.9));
     let mut place = |material: &Handle<StandardMaterial>, center: Vec3, size: Vec3| {
         commands.spawn((
             Mesh3d(cube.clone()),
@@ -177,16 +174,9 @@ fn spawn_houses(
         ));
     };
     let middle = -LENGTH / 2.0;
-    place(
-        &asphalt,
-        Vec3::new(0.0, -0.1, middle),
-        Vec3::new(7.0, 0.2, LENGTH + 20.0),
-    );
-    place(
-        &walls[1],
-        Vec3::new(0.0, 4.0, -LENGTH - 6.0),
-        Vec3::new(30.0, 10.0, 1.0),
-    );
+    let (ground, end) = (Vec3::new(0.0, -0.1, middle), Vec3::new(0.0, 4.0, -LENGTH - 6.0));
+    place(&asphalt, ground, Vec3::new(7.0, 0.2, LENGTH + 20.0));
+    place(&walls[1], end, Vec3::new(30.0, 10.0, 1.0));
     for side in [-1.0, 1.0] {
         let edge = Vec3::new(side * 4.2, -0.02, middle);
         place(&pavement, edge, Vec3::new(1.4, 0.28, LENGTH + 20.0));

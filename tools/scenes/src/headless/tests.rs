@@ -47,6 +47,7 @@ fn harness() {
     the_same_frame_looks_the_same_on_a_lesser_device();
     unlit_colours_arrive_as_they_were_given();
     files_load_and_missing_ones_are_errors();
+    an_app_that_has_ended_shows_no_picture();
 }
 
 fn the_log_is_captured() {
@@ -141,4 +142,14 @@ fn files_load_and_missing_ones_are_errors() {
         assert!(good || matches!(ready, Err(HeadlessError::Asset(_))));
     }
     std::fs::remove_dir_all(&folder).unwrap();
+}
+
+/// Tools that wait for a picture must not wait for ever.
+fn an_app_that_has_ended_shows_no_picture() {
+    let mut app = HeadlessApp::new(settings(Output::Picture), |_| {}).unwrap();
+    app.step(2);
+    assert!(app.capture().is_ok());
+    app.world().write_message(AppExit::error());
+    assert!(matches!(app.capture(), Err(HeadlessError::Ended)));
+    assert!(matches!(app.warm_up(100), Err(HeadlessError::Ended)));
 }
