@@ -6,7 +6,7 @@ use crate::{
 };
 use bevy::{
     app::{App, First, Plugin},
-    ecs::prelude::*,
+    ecs::{message::MessageUpdateSystems, prelude::*},
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 use core::fmt;
@@ -160,7 +160,7 @@ impl Plugin for StatusPlugin {
             .register_type::<ReflectionViewMemory>()
             .init_resource::<ReflectionStatus>()
             .init_resource::<ReflectionStatusReport>()
-            .add_systems(First, publish_report);
+            .add_systems(First, publish_report.after(MessageUpdateSystems));
     }
 }
 

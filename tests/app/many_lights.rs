@@ -101,8 +101,9 @@ fn drawn_lights_bring_the_light_of_all() {
         for (technique, own_rays, frames, mean_limit, limit) in [
             (ReflectionTechnique::Converged, false, 64, 0.003, 0.04),
             (ReflectionTechnique::QuarterInline, false, 2, 0.02, 1.0),
-            // Mirrors with rays of their own have less noise.
-            (ReflectionTechnique::Reference, true, 2, 0.01, 0.1),
+            (ReflectionTechnique::Reference, false, 2, 0.02, 1.0),
+            // Exact mirrors have rays of their own, and draw more lights.
+            (ReflectionTechnique::Quarter, true, 2, 0.02, 1.0),
         ] {
             if technique != ReflectionTechnique::Converged && tracer == ReflectionTracerChoice::RayQuery {
                 continue;
