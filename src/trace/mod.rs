@@ -78,6 +78,12 @@ impl Plugin for TracePlugin {
                 RenderStartup,
                 init_trace_pipelines.after(init_gpu_resource::<SceneBindings>),
             )
-            .add_systems(Render, queue_trace_pipelines.in_set(ReflectionSystems::QueuePipelines));
+            .add_systems(
+                Render,
+                // Behind the others, which read what it notes in the scene's bindings.
+                queue_trace_pipelines
+                    .after(ReflectionSystems::QueuePipelines)
+                    .before(ReflectionSystems::PrepareViews),
+            );
     }
 }
