@@ -9,6 +9,11 @@
 //! ([`Arena::advance`]). It then replaces the old buffer. Until then, slices that the old buffer doesn't reach are not [in
 //! reach](Arena::is_in_reach): whoever can wait does so, and a write to one has the rest copied at once.
 //!
+//! # Stranded slices
+//!
+//! A slice that was taken while the buffer was full, and outlives the others, would keep the buffer large. The arena never moves it,
+//! but tells its owner ([`Arena::is_stranded`]), who frees it and asks for another one if its content can be made again.
+//!
 //! # Order of writes
 //!
 //! [`Arena::write`] goes through the queue: the bytes land when the next submission starts, before any of its commands. Each part
@@ -36,6 +41,9 @@ const LEAST_PART: u64 = 4 << 20;
 /// Frames that the replacement of a large buffer takes.
 const PARTS: u64 = 32;
 
+/// Frames from one attempt to have a stranded slice moved to the next, doubled with each that fails.
+const STRANDED_FRAMES: u32 = 32;
+
 /// A buffer on its way to replace another one. Nothing is in it alone.
 struct Replacement {
     buffer: Buffer,
@@ -62,6 +70,42 @@ pub struct Arena {
     /// Bytes that the device had no memory for, since a slice was given back last.
     refused: u64,
     generation: u64,
+    stranded: Stranded,
+}
+
+/// The slice that should move in this frame, if there is one.
+struct Stranded {
+    /// Its end.
+    end: Option<u32>,
+    /// Frames until the next attempt, and from there to the one after it.
+    wait: u32,
+    pause: u32,
+}
+
+impl Default for Stranded {
+    fn default() -> Self {
+        Self {
+            end: None,
+            wait: STRANDED_FRAMES,
+            pause: STRANDED_FRAMES,
+        }
+    }
+}
+
+impl Stranded {
+    /// Takes the end that [`SliceAllocator::stranded_end`] has found in this frame.
+    fn advance(&mut self, found: Option<u32>) {
+        self.end = None;
+        if found.is_none() {
+            *self = Self::default();
+        } else if self.wait > 0 {
+            self.wait -= 1;
+        } else {
+            self.end = found;
+            self.pause = self.pause.saturating_mul(2);
+            self.wait = self.pause;
+        }
+    }
 }
 
 impl Arena {
@@ -91,6 +135,7 @@ impl Arena {
             least_part: LEAST_PART,
             refused: u64::MAX,
             generation: next_id(),
+            stranded: Stranded::default(),
         }
     }
 
@@ -152,6 +197,7 @@ impl Arena {
 
     /// Carries on with a replacement of the buffer, once in each frame. Begins one by a smaller buffer where most is free at the end.
     pub fn advance(&mut self, queue: &RenderQueue) {
+        self.stranded.advance(self.allocator.stranded_end());
         if let Some(units) = self.allocator.smaller_capacity() {
             let size = self.allocator.bytes(units);
             let is_growth = |replacement: &mut Replacement| replacement.buffer.size() > self.buffer.size();
@@ -167,6 +213,16 @@ impl Arena {
             let part = part_of(replacement.buffer.size()).max(self.least_part);
             self.carry_on(part, queue);
         }
+    }
+
+    /// Returns whether a slice keeps the buffer large, and should be freed and taken anew in this frame.
+    pub fn is_stranded(&self, slice: &ArenaSlice) -> bool {
+        self.stranded.end == Some(slice.end(self.allocator.unit_words))
+    }
+
+    /// Returns whether [`Self::is_stranded`] is true of a slice in this frame.
+    pub fn has_stranded_slice(&self) -> bool {
+        self.stranded.end.is_some()
     }
 
     /// Returns whether a slice can be written without a copy of a large buffer: if not, that can be done in one of the next frames.
@@ -479,6 +535,36 @@ mod tests {
         let words = test_gpu::read(&device, &queue, arena.buffer());
         assert_eq!(words[first.base() as usize..][..1000], [7; 1000]);
         assert_eq!(words[again.base() as usize..][..1_000_000], [8; 1_000_000]);
+    }
+
+    /// A slice that outlives those in front of it can move to the start, and the buffer shrinks.
+    #[test]
+    fn a_slice_at_the_end_of_an_empty_buffer_is_stranded() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let mut arena = Arena::new(&device, "test arena", BufferUsages::empty(), 4, 64 << 20);
+        let initial = arena.capacity_bytes();
+        let first = arena.allocate(1_000_000).unwrap();
+        let second = arena.allocate(1000).unwrap();
+        arena.write(&queue, &second, &[7; 1000]);
+        let attempts = |arena: &mut Arena, slice: &ArenaSlice, frames: u32| {
+            let attempt = |_: &u32| {
+                arena.advance(&queue);
+                arena.is_stranded(slice)
+            };
+            (0..frames).filter(attempt).collect::<Vec<_>>()
+        };
+        assert!(attempts(&mut arena, &second, 100).is_empty(), "all is in use");
+        arena.free(first);
+        let found = attempts(&mut arena, &second, 200);
+        assert_eq!(found, [32, 97], "attempts become rarer");
+        assert!(arena.capacity_bytes() > initial);
+        arena.free(second);
+        let second = arena.allocate(1000).unwrap();
+        arena.write(&queue, &second, &[7; 1000]);
+        assert!(attempts(&mut arena, &second, 1000).is_empty());
+        assert_eq!(arena.capacity_bytes(), initial);
     }
 
     #[test]

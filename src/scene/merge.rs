@@ -155,6 +155,9 @@ impl StaticMerge {
                 self.scheduler.dissolve_tree(name);
             }
         }
+        if let Some(name) = meshes.stranded_merged() {
+            self.scheduler.dissolve_tree(name);
+        }
         if self.scheduler.is_stale() {
             self.cancel(meshes);
         }

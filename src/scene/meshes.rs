@@ -397,6 +397,15 @@ impl SceneMeshes {
         Some((name, first))
     }
 
+    /// Name of the merged tree that keeps the buffer large, and should be made anew.
+    pub(super) fn stranded_merged(&self) -> Option<u64> {
+        if !self.bvh.has_stranded_slice() {
+            return None;
+        }
+        let mut merged = self.merged.iter();
+        merged.find_map(|(name, slice)| self.bvh.is_stranded(slice).then_some(*name))
+    }
+
     /// Returns whether a merged tree can be written by now, or is lost.
     pub(super) fn is_merged_in_reach(&self, name: u64) -> bool {
         self.merged.get(&name).is_none_or(|slice| self.bvh.is_in_reach(slice))

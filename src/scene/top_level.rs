@@ -218,7 +218,15 @@ impl TopLevel {
                 }
             }
         }
-        if self.next.is_none() && self.frame >= self.next_build {
+        self.moved |= self.moving_tree.leave_stranded(meshes);
+        if self.next.is_some() {
+            return;
+        }
+        let is_stranded = |tree: &&StaticTree| meshes.bvh.is_stranded(&tree.slice);
+        if let Some(tree) = self.static_tree.as_deref().filter(is_stranded) {
+            // The same tree finds a better place.
+            self.next = Some(StaticBuild::start(Some(tree), Vec::new(), self.frame));
+        } else if self.frame >= self.next_build {
             self.plan();
         }
     }

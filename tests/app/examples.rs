@@ -62,11 +62,26 @@ use bevy::{
 };
 use bevy_glint::{RayTracedReflections, ReflectionStatus, ReflectionStatusReport};
 use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, save_picture};
-use std::{fs, ops::Range, path::Path, thread, time::Duration};
+use std::{fs, ops::Range, path::Path, sync::LazyLock, thread, time::Duration};
 
-const SIZE: UVec2 = UVec2::new(160, 90);
-/// Frames after which a history is long enough for a look.
-const FRAMES: u32 = 12;
+/// Size of the images, and frames after which a history is long enough for a look. With the environment variable `GLINT_GALLERY`, images
+/// are as large and as clean as those of README, and have Bevy's own shadow maps.
+static LOOK: LazyLock<(UVec2, u32)> = LazyLock::new(|| {
+    if is_gallery() {
+        (UVec2::new(960, 540), 64)
+    } else {
+        (UVec2::new(160, 90), 12)
+    }
+});
+
+fn is_gallery() -> bool {
+    std::env::var_os("GLINT_GALLERY").is_some()
+}
+
+fn size() -> UVec2 {
+    LOOK.0
+}
+
 /// Frames that compiling and building may take.
 const PATIENCE: u32 = 20_000;
 
@@ -85,15 +100,17 @@ impl Example {
     /// The same; `change` is called before the first frame.
     fn start_with(name: &'static str, plugin: fn(&mut App), change: impl FnOnce(&mut World)) -> Option<Self> {
         let settings = HeadlessSettings {
-            size: SIZE,
+            size: size(),
             ..default()
         };
         let app = HeadlessApp::new(settings, |app| {
             // The harness draws deferred; here that is up to the example.
             app.insert_resource(DefaultOpaqueRendererMethod::forward());
-            // A CPU takes long to draw large shadow maps.
-            app.insert_resource(DirectionalLightShadowMap { size: 256 });
-            app.insert_resource(PointLightShadowMap { size: 128 });
+            if !is_gallery() {
+                // A CPU takes long to draw large shadow maps.
+                app.insert_resource(DirectionalLightShadowMap { size: 256 });
+                app.insert_resource(PointLightShadowMap { size: 128 });
+            }
             app.add_plugins(plugin);
         });
         let mut app = match app {
@@ -170,13 +187,13 @@ impl Example {
         self.wait_for_scene();
         let was_paused = self.clock().is_paused();
         self.clock().pause();
-        self.app.step(FRAMES);
+        self.app.step(LOOK.1);
         if !was_paused {
             self.clock().unpause();
         }
         let image = self.app.capture().unwrap_or_else(|error| panic!("{error}"));
         let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("example-{}-{what}.png", self.name));
-        save_picture(SIZE, image.clone(), &file).unwrap_or_else(|error| panic!("{error}"));
+        save_picture(size(), image.clone(), &file).unwrap_or_else(|error| panic!("{error}"));
         image
     }
 
@@ -205,21 +222,21 @@ impl Example {
         self.assert_same("without reflections", &off, &still);
         self.assert_differs("without reflections", &on, &off, least);
         // Without any light of theirs the image would be darker by far: Bevy's own reflections are gone, too.
-        let [light, light_off] = [&on, &off].map(|image| difference(image, &vec![0; image.len()], 0..SIZE.x));
+        let [light, light_off] = [&on, &off].map(|image| difference(image, &vec![0; image.len()], 0..size().x));
         println!("{}: light {light:.1}, {light_off:.1} without reflections", self.name);
         assert!(light > LEAST_LIGHT * light_off, "{}: {light} of {light_off}", self.name);
     }
 
     #[track_caller]
     fn assert_differs(&self, what: &str, a: &[u8], b: &[u8], least: f32) {
-        let found = difference(a, b, 0..SIZE.x);
+        let found = difference(a, b, 0..size().x);
         println!("{}, {what}: {found:.2}, at least {least}", self.name);
         assert!(found >= least, "{}, {what}: {found} is less than {least}", self.name);
     }
 
     #[track_caller]
     fn assert_same(&self, what: &str, a: &[u8], b: &[u8]) {
-        let found = difference(a, b, 0..SIZE.x);
+        let found = difference(a, b, 0..size().x);
         assert!(found < SAME, "{}, {what}: {found} is not the same", self.name);
     }
 }
@@ -232,10 +249,10 @@ const SAME: f32 = 0.2;
 
 /// Mean absolute difference of two images in some columns, in steps of 8 bits.
 fn difference(a: &[u8], b: &[u8], columns: Range<u32>) -> f32 {
-    assert_eq!((a.len(), b.len()), ((SIZE.x * SIZE.y * 4) as usize, a.len()));
-    let is_inside = |index: &usize| columns.contains(&(*index as u32 / 4 % SIZE.x)) && index % 4 != 3;
+    assert_eq!((a.len(), b.len()), ((size().x * size().y * 4) as usize, a.len()));
+    let is_inside = |index: &usize| columns.contains(&(*index as u32 / 4 % size().x)) && index % 4 != 3;
     let differences = (0..a.len()).filter(is_inside).map(|i| f32::from(a[i].abs_diff(b[i])));
-    let count = columns.len() as f32 * SIZE.y as f32 * 3.0;
+    let count = columns.len() as f32 * size().y as f32 * 3.0;
     differences.sum::<f32>() / count
 }
 
@@ -300,7 +317,7 @@ fn moving_objects() {
     example.app.step(30);
     let later = example.image("later");
     // Nothing but the noise of many small lamps is left.
-    let noise = difference(&stopped, &later, 0..SIZE.x);
+    let noise = difference(&stopped, &later, 0..size().x);
     println!("with the clock stopped: {noise:.2}");
     assert!(noise < 1.5, "with the clock stopped the image changes by {noise}");
     example.assert_reflects(2.0);
@@ -326,7 +343,8 @@ fn character() {
     example.app.step(60);
     let again = example.image("posed-again");
     // The part of the mirror that shows the figure. Some noise is left on the floor.
-    let [change, noise] = [&rigid, &again].map(|image| difference(&posed, image, 57..71));
+    let [change, noise] =
+        [&rigid, &again].map(|image| difference(&posed, image, size().x * 57 / 160..size().x * 71 / 160));
     println!("in its bind pose: {change:.2}, posed again: {noise:.2}");
     assert!(change > 2.0 * noise, "{change} in its bind pose, {noise} posed again");
     example.assert_reflects(2.0);
@@ -350,10 +368,10 @@ fn reflection_methods() {
     example.assert_differs("screen space", &traced, &screen_space, 5.0);
     example.assert_differs("screen space instead of nothing", &off, &screen_space, 1.0);
     let [error, error_off, error_screen_space] =
-        [&traced, &off, &screen_space].map(|image| difference(image, &truth, 0..SIZE.x));
+        [&traced, &off, &screen_space].map(|image| difference(image, &truth, 0..size().x));
     println!("errors: {error:.2} traced, {error_off:.2} off, {error_screen_space:.2} screen space");
     assert!(2.0 * error < error_off && 2.0 * error < error_screen_space);
-    let again = difference(&traced, &traced_again, 0..SIZE.x);
+    let again = difference(&traced, &traced_again, 0..size().x);
     assert!(again < error.max(1.0), "traced once more it differs by {again}");
 }
 
@@ -373,7 +391,7 @@ fn shading_rates() {
     let combined_again = press(KeyCode::Digit4, "combined");
     let heat = press(KeyCode::KeyV, "rays");
     _ = press(KeyCode::KeyV, "on");
-    let right = SIZE.x / 2..SIZE.x;
+    let right = size().x / 2..size().x;
     // Rates are on the right.
     let pairs = [
         ("uniform", &combined, &uniform),
@@ -396,7 +414,7 @@ fn split_screen() {
     let Some(mut example) = Example::start("split_screen", split_screen::plugin) else {
         return;
     };
-    let halves = [0..SIZE.x / 2, SIZE.x / 2..SIZE.x];
+    let halves = [0..size().x / 2, size().x / 2..size().x];
     let both = example.image("both");
     example.press(KeyCode::Digit1);
     let right = example.image("right");
@@ -431,7 +449,7 @@ fn custom_heuristic() {
     let own = press(KeyCode::Digit3, "own");
     _ = press(KeyCode::KeyV, "on");
     for (what, a, b) in [("shader", &shader, &own), ("image", &image, &own)] {
-        let found = difference(a, b, 0..SIZE.x);
+        let found = difference(a, b, 0..size().x);
         println!("{what}: {found:.2}");
         assert!(found > 3.0, "{what}: {found}");
     }

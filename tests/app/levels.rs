@@ -1,7 +1,7 @@
 //! Levels that are loaded and unloaded: room is given back, and is found again.
 
 use crate::{
-    common::app_of,
+    common::{app, app_of},
     pictures::{PATIENCE, apps, red_pixels, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, spawn_camera, spawn_mesh, unlit, wall},
 };
@@ -135,6 +135,8 @@ fn levels_that_go_give_everything_back() {
             }
             app.step(1);
         }
+        // What was in the way of that is merged again.
+        until_there_are(app, 1);
         let after = inventory(app);
         assert_eq!(
             (after.0, after.1[..2].to_vec()),
@@ -148,6 +150,57 @@ fn levels_that_go_give_everything_back() {
             after.1[2]
         );
     }
+}
+
+/// What is merged while a level takes the start of the buffer lies behind it. It must not keep the buffer large once the level is gone.
+#[test]
+fn what_is_merged_behind_a_level_lets_the_buffer_shrink() {
+    // The other tracer merges nothing.
+    let Some(mut app) = app(SIZE / 4, Output::Picture, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let app = &mut app;
+    let object = spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    reflect(app, camera, ReflectionTechnique::Reference);
+    until_there_are(app, 1);
+    let (_, [geometry, bvh, bytes]) = inventory(app);
+    let mut level = spawn_level(app);
+    until_loaded(app);
+    // The object leaves its merged tree, and comes to rest. The level doesn't, and takes the room of that tree.
+    app.world().get_mut::<Transform>(object).unwrap().translation.x += 0.01;
+    for merged in [0, 1] {
+        for _ in 0..PATIENCE {
+            for entity in &level {
+                app.world().get_mut::<Transform>(*entity).unwrap().translation.x += 1e-4;
+            }
+            app.step(1);
+            if report(app).merged_instances == merged {
+                break;
+            }
+        }
+        assert_eq!(report(app).merged_instances, merged);
+        if merged == 0 {
+            let place = Transform::from_xyz(0.0, 0.0, 9.0);
+            level.push(spawn_textured(app, Rectangle::new(0.1, 0.1), [0; 3], place));
+        }
+    }
+    for entity in level {
+        app.world().despawn(entity);
+    }
+    until_there_are(app, 1);
+    let large = inventory(app).1[2];
+    assert!(large > 2 * bytes, "{large} bytes of buffers, {bytes} before");
+    for _ in 0..1_000 {
+        if inventory(app).1[2] <= 2 * bytes {
+            break;
+        }
+        app.step(1);
+    }
+    until_there_are(app, 1);
+    let (_, after) = inventory(app);
+    assert_eq!(after[..2], [geometry, bvh], "bytes in use");
+    assert!(after[2] <= 2 * bytes, "{} bytes of buffers, {bytes} before", after[2]);
 }
 
 /// A texture for which there is no place gets one once another texture goes.

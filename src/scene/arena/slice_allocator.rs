@@ -132,9 +132,23 @@ impl SliceAllocator {
     /// Units of a buffer that isn't much too large; `None` where it isn't.
     pub(super) fn smaller_capacity(&self) -> Option<u32> {
         let last = self.ends.last().copied().unwrap_or_default();
-        let initial_units = (INITIAL_BYTES / 4 / u64::from(self.unit_words)) as u32;
-        let enough = last.saturating_mul(2).max(initial_units).min(self.max_units).max(1);
+        let enough = last
+            .saturating_mul(2)
+            .max(self.initial_units())
+            .min(self.max_units)
+            .max(1);
         (enough <= self.capacity_units / 2).then_some(enough)
+    }
+
+    /// End of the last slice where most is free in front of it, so that it keeps the buffer large.
+    pub(super) fn stranded_end(&self) -> Option<u32> {
+        let last = *self.ends.last()?;
+        let keeps_large = last > self.initial_units();
+        (keeps_large && self.used_units <= last / 4).then_some(last)
+    }
+
+    fn initial_units(&self) -> u32 {
+        (INITIAL_BYTES / 4 / u64::from(self.unit_words)) as u32
     }
 
     pub(super) fn bytes(&self, units: u32) -> u64 {

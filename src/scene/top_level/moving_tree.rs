@@ -115,6 +115,15 @@ impl MovingTree {
         Some(tlas)
     }
 
+    /// Frees the slice where it keeps the buffer large. Returns whether it did: the tree must then be uploaded in this frame.
+    pub fn leave_stranded(&mut self, meshes: &mut SceneMeshes) -> bool {
+        let stranded = self.slice.take_if(|slice| meshes.bvh.is_stranded(slice));
+        stranded.is_some_and(|slice| {
+            meshes.bvh.free(slice);
+            true
+        })
+    }
+
     /// Takes the slice of the buffer.
     pub fn take_slice(&mut self) -> Option<ArenaSlice> {
         self.slice.take()
