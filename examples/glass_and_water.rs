@@ -9,6 +9,7 @@
 use bevy::{
     asset::RenderAssetUsages,
     image::{ImageAddressMode, ImageSampler, ImageSamplerDescriptor, ToExtents},
+    light::Skybox,
     math::Affine2,
     mesh::{Indices, PrimitiveTopology},
     prelude::*,
@@ -24,7 +25,6 @@ fn main() {
 /// Everything that the app adds to Bevy.
 pub fn plugin(app: &mut App) {
     app.add_plugins(RayTracedReflectionsPlugin::default())
-        .insert_resource(ClearColor(Color::srgb(0.55, 0.75, 1.0)))
         .add_systems(Startup, (spawn_terrace, spawn_glass, spawn_camera))
         .add_systems(Update, (move_waves, switch));
 }
@@ -47,8 +47,8 @@ const BOXES: [(u32, [f32; 3], [f32; 3]); 14] = [
     (0xcfc4b0, [1.3, 0.0, -6.5], [1.8, 2.6, -6.2]),
     (0xcfc4b0, [4.4, 0.0, -6.5], [4.9, 2.6, -6.2]),
     (0x4a2a18, [-3.5, 0.0, -8.3], [3.5, 0.5, -7.6]),
-    (0x4a2a18, [1.0, 0.7, 2.6], [2.6, 0.76, 3.5]),
-    (0x4a2a18, [1.6, 0.0, 2.9], [2.0, 0.7, 3.2]),
+    (0x4a2a18, [0.7, 0.7, 2.6], [2.1, 0.76, 3.5]),
+    (0x4a2a18, [1.2, 0.0, 2.9], [1.6, 0.7, 3.2]),
 ];
 
 fn spawn_terrace(
@@ -74,11 +74,12 @@ fn spawn_terrace(
     }
     commands.spawn((
         DirectionalLight {
-            illuminance: 10_000.0,
+            color: Color::srgb(1.0, 0.82, 0.6),
+            illuminance: 14_000.0,
             shadow_maps_enabled: true,
             ..default()
         },
-        Transform::default().looking_to(Vec3::new(0.8, -0.6, -0.5), Vec3::Y),
+        Transform::default().looking_to(Vec3::new(0.8, -0.38, -0.6), Vec3::Y),
     ));
 }
 
@@ -120,18 +121,24 @@ fn spawn_glass(
         commands.spawn((Mesh3d(window.clone()), MeshMaterial3d(pane.clone()), at));
     }
     let bottle = meshes.add(turned(&BOTTLE));
-    for (color, x, z) in [(0x0c4a1c, 1.4, 3.0), (0x6b2408, 1.75, 2.8), (0x0a1f5c, 2.15, 3.1)] {
+    for (color, x, z) in [(0x0c4a1c, 1.0, 3.0), (0x6b2408, 1.35, 2.8), (0x0a1f5c, 1.7, 3.1)] {
         let material = MeshMaterial3d(materials.add(glass(color, 0.6, 0.6, 0.0)));
         commands.spawn((Mesh3d(bottle.clone()), material, Transform::from_xyz(x, 0.76, z)));
     }
 }
 
 fn spawn_camera(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
-    let [top, horizon] = [Color::srgb(0.15, 0.4, 0.95), Color::srgb(0.75, 0.86, 1.0)];
+    let [top, horizon] = [Color::srgb(0.1, 0.35, 0.95), Color::srgb(0.72, 0.84, 1.0)];
     let sky = EnvironmentMapLight::hemispherical_gradient(&mut images, top, horizon, Color::srgb(0.4, 0.34, 0.28));
     commands.spawn((
         Camera3d::default(),
         Transform::from_xyz(-0.6, 1.5, 6.0).looking_at(Vec3::new(0.5, 0.5, -2.0), Vec3::Y),
+        // What rays meet that hit nothing, also behind everything.
+        Skybox {
+            image: Some(sky.specular_map.clone()),
+            brightness: 700.0,
+            ..default()
+        },
         sky.with_intensity(700.0),
         ReflectionQuality::High,
     ));

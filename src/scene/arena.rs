@@ -11,8 +11,8 @@
 //!
 //! # Stranded slices
 //!
-//! A slice that was taken while the buffer was full, and outlives the others, would keep the buffer large. The arena never moves it,
-//! but tells its owner ([`Arena::is_stranded`]), who frees it and asks for another one if its content can be made again.
+//! Slices that were taken while the buffer was full, and outlive the others, would keep the buffer large. The arena never moves them,
+//! but tells their owners ([`Arena::is_stranded`]), who free them and ask for others where the content can be made again.
 //!
 //! # Order of writes
 //!
@@ -41,7 +41,7 @@ const LEAST_PART: u64 = 4 << 20;
 /// Frames that the replacement of a large buffer takes.
 const PARTS: u64 = 32;
 
-/// Frames from one attempt to have a stranded slice moved to the next, doubled with each that fails.
+/// Frames until owners of stranded slices are asked to move them, doubled with each time that this hasn't helped.
 const STRANDED_FRAMES: u32 = 32;
 
 /// A buffer on its way to replace another one. Nothing is in it alone.
@@ -73,10 +73,10 @@ pub struct Arena {
     stranded: Stranded,
 }
 
-/// The slice that should move in this frame, if there is one.
+/// The slices that should move in this frame, if there are any.
 struct Stranded {
-    /// Its end.
-    end: Option<u32>,
+    /// They end behind this unit.
+    from: Option<u32>,
     /// Frames until the next attempt, and from there to the one after it.
     wait: u32,
     pause: u32,
@@ -85,7 +85,7 @@ struct Stranded {
 impl Default for Stranded {
     fn default() -> Self {
         Self {
-            end: None,
+            from: None,
             wait: STRANDED_FRAMES,
             pause: STRANDED_FRAMES,
         }
@@ -93,15 +93,15 @@ impl Default for Stranded {
 }
 
 impl Stranded {
-    /// Takes the end that [`SliceAllocator::stranded_end`] has found in this frame.
+    /// Takes what [`SliceAllocator::stranded_from`] says in this frame.
     fn advance(&mut self, found: Option<u32>) {
-        self.end = None;
+        self.from = None;
         if found.is_none() {
             *self = Self::default();
         } else if self.wait > 0 {
             self.wait -= 1;
         } else {
-            self.end = found;
+            self.from = found;
             self.pause = self.pause.saturating_mul(2);
             self.wait = self.pause;
         }
@@ -197,7 +197,7 @@ impl Arena {
 
     /// Carries on with a replacement of the buffer, once in each frame. Begins one by a smaller buffer where most is free at the end.
     pub fn advance(&mut self, queue: &RenderQueue) {
-        self.stranded.advance(self.allocator.stranded_end());
+        self.stranded.advance(self.allocator.stranded_from());
         if let Some(units) = self.allocator.smaller_capacity() {
             let size = self.allocator.bytes(units);
             let is_growth = |replacement: &mut Replacement| replacement.buffer.size() > self.buffer.size();
@@ -215,14 +215,15 @@ impl Arena {
         }
     }
 
-    /// Returns whether a slice keeps the buffer large, and should be freed and taken anew in this frame.
+    /// Returns whether a slice keeps the buffer large. In this frame, its owner should free it and take another one, or begin to.
     pub fn is_stranded(&self, slice: &ArenaSlice) -> bool {
-        self.stranded.end == Some(slice.end(self.allocator.unit_words))
+        let end = slice.end(self.allocator.unit_words);
+        self.stranded.from.is_some_and(|from| end > from)
     }
 
-    /// Returns whether [`Self::is_stranded`] is true of a slice in this frame.
-    pub fn has_stranded_slice(&self) -> bool {
-        self.stranded.end.is_some()
+    /// Returns whether [`Self::is_stranded`] is true of any slice in this frame.
+    pub fn has_stranded_slices(&self) -> bool {
+        self.stranded.from.is_some()
     }
 
     /// Returns whether a slice can be written without a copy of a large buffer: if not, that can be done in one of the next frames.

@@ -155,7 +155,7 @@ impl StaticMerge {
                 self.scheduler.dissolve_tree(name);
             }
         }
-        if let Some(name) = meshes.stranded_merged() {
+        for name in meshes.stranded_merged() {
             self.scheduler.dissolve_tree(name);
         }
         if self.scheduler.is_stale() {

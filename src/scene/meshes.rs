@@ -397,13 +397,27 @@ impl SceneMeshes {
         Some((name, first))
     }
 
-    /// Name of the merged tree that keeps the buffer large, and should be made anew.
-    pub(super) fn stranded_merged(&self) -> Option<u64> {
-        if !self.bvh.has_stranded_slice() {
-            return None;
+    /// Names of merged trees that keep the buffer large, and should be made anew.
+    pub(super) fn stranded_merged(&self) -> Vec<u64> {
+        if !self.bvh.has_stranded_slices() {
+            return Vec::new();
         }
-        let mut merged = self.merged.iter();
-        merged.find_map(|(name, slice)| self.bvh.is_stranded(slice).then_some(*name))
+        let merged = self.merged.iter();
+        let stranded = merged.filter(|(_, slice)| self.bvh.is_stranded(slice));
+        stranded.map(|(name, _)| *name).collect()
+    }
+
+    /// Meshes that keep a buffer large, and should be built anew.
+    fn stranded_meshes(&self) -> Vec<AssetId<Mesh>> {
+        if !self.bvh.has_stranded_slices() && !self.geometry.has_stranded_slices() {
+            return Vec::new();
+        }
+        let is_stranded = |mesh: &SceneMesh| {
+            let bvh = mesh.bvh.as_ref();
+            self.geometry.is_stranded(&mesh.geometry) || bvh.is_some_and(|bvh| self.bvh.is_stranded(&bvh.slice))
+        };
+        let ready = self.ready.iter();
+        ready.filter(|(_, mesh)| is_stranded(mesh)).map(|(id, _)| *id).collect()
     }
 
     /// Returns whether a merged tree can be written by now, or is lost.
@@ -473,6 +487,7 @@ pub fn extract_meshes(
     let mut stale = core::mem::take(&mut meshes.stale);
     let mut modified = changed.clone();
     modified.extend(stale.extract_if(|id| !meshes.is_on_its_way(*id)));
+    modified.extend(meshes.stranded_meshes());
     meshes.stale = stale;
     for id in modified {
         let waits = meshes.is_on_its_way(id)

@@ -203,6 +203,43 @@ fn what_is_merged_behind_a_level_lets_the_buffer_shrink() {
     assert!(after[2] <= 2 * bytes, "{} bytes of buffers, {bytes} before", after[2]);
 }
 
+/// The next level is loaded before the last one goes, so that it lies behind it. It must not keep the buffers large either.
+#[test]
+fn a_level_that_was_loaded_behind_another_lets_the_buffers_shrink() {
+    const LATE: usize = 3;
+    for (tracer, mut app) in apps(SIZE / 4, Output::Picture) {
+        let app = &mut app;
+        spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        reflect(app, camera, ReflectionTechnique::Reference);
+        until_there_are(app, 1);
+        let bytes = inventory(app).1[2];
+        let most = bytes / 2 * 3;
+        let level = spawn_level(app);
+        until_loaded(app);
+        for x in 0..LATE {
+            let place = Transform::from_xyz(x as f32, 0.0, 9.0);
+            spawn_textured(app, Sphere::new(0.1).mesh().uv(16, 12), [0; 3], place);
+        }
+        until_there_are(app, 1 + OBJECTS + LATE);
+        for entity in level {
+            app.world().despawn(entity);
+        }
+        until_there_are(app, 1 + LATE);
+        let large = inventory(app).1[2];
+        for _ in 0..1_000 {
+            if inventory(app).1[2] < most {
+                break;
+            }
+            app.step(1);
+        }
+        until_there_are(app, 1 + LATE);
+        let after = inventory(app).1[2];
+        println!("{tracer:?}: {bytes} bytes of buffers, {large} with two levels, {after} with the second");
+        assert!(large > most && after < most, "{tracer:?}: {after}");
+    }
+}
+
 /// A texture for which there is no place gets one once another texture goes.
 #[test]
 fn a_texture_without_a_place_gets_one_later() {

@@ -140,11 +140,12 @@ impl SliceAllocator {
         (enough <= self.capacity_units / 2).then_some(enough)
     }
 
-    /// End of the last slice where most is free in front of it, so that it keeps the buffer large.
-    pub(super) fn stranded_end(&self) -> Option<u32> {
+    /// Units behind which slices keep the buffer large, where most is free in front of them.
+    pub(super) fn stranded_from(&self) -> Option<u32> {
         let last = *self.ends.last()?;
         let keeps_large = last > self.initial_units();
-        (keeps_large && self.used_units <= last / 4).then_some(last)
+        let enough = self.used_units.saturating_mul(2).max(self.initial_units() / 2);
+        (keeps_large && self.used_units <= last / 4).then_some(enough)
     }
 
     fn initial_units(&self) -> u32 {
