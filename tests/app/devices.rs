@@ -2,7 +2,7 @@
 
 use crate::{
     common::app_of,
-    pictures::{COARSE, PATIENCE, assert_flip, flip, use_coarse_shadow_maps, warm_up},
+    pictures::{COARSE, PATIENCE, assert_flip, dump, flip, use_coarse_shadow_maps, warm_up},
     stage::report,
 };
 use bevy::{
@@ -105,6 +105,7 @@ fn lesser_devices_show_the_same_picture() {
         let (actual, textures) = picture(&device, true).expect("the full device traces");
         println!("{name}: {textures:?}");
         assert_flip(&name, SIZE, &expected, &actual, SAME);
+        dump(&name, SIZE, &expected, &actual);
         let has_layers = matches!(textures, Some(ReflectionTextureMode::Layers { .. }));
         let lacks_arrays = device.lacks().contains(WgpuFeatures::TEXTURE_BINDING_ARRAY);
         assert_eq!(has_layers, lacks_arrays, "{name}");
