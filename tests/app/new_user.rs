@@ -246,12 +246,15 @@ fn make(folder: &Path) {
     .into_iter()
     .filter_map(|(on, name)| on.then_some(name))
     .collect();
-    let others = [
-        section(MANIFEST, "[dev-dependencies]"),
-        section(UNIFY, "[dependencies]"),
-    ]
-    .join("\n");
-    let others: Vec<_> = others.lines().filter(|line| !line.contains("path =")).collect();
+    // Both lists may ask for features of the same crate, which then needs two names.
+    let rename = |line: &str| match line.split_once(" = { ") {
+        Some((name, rest)) => format!("unified_{name} = {{ package = {name:?}, {rest}"),
+        None => line.to_owned(),
+    };
+    let own = section(MANIFEST, "[dev-dependencies]");
+    let unified = section(UNIFY, "[dependencies]");
+    let others = own.lines().map(str::to_owned).chain(unified.lines().map(rename));
+    let others: Vec<_> = others.filter(|line| !line.contains("path =")).collect();
     let dependencies = format!(
         "[dependencies]\nbevy_glint = {{ path = {:?}, features = {features:?} }}\n{}",
         library(),
@@ -437,6 +440,19 @@ fn a_new_app_grows() {
         program - plain
     );
     assert!(program > plain && all > app);
+}
+
+/// What the two tests that build crates build.
+#[test]
+fn cargo_takes_the_manifests_of_a_new_app() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("new_user_manifests");
+    make(&folder);
+    let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    cargo
+        .args(["metadata", "--offline", "--format-version=1"])
+        .current_dir(&folder);
+    let output = cargo.output().expect("cargo runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
 #[test]
