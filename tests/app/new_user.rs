@@ -449,7 +449,7 @@ fn cargo_takes_the_manifests_of_a_new_app() {
     make(&folder);
     let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     cargo
-        .args(["metadata", "--offline", "--format-version=1"])
+        .args(["metadata", "--no-deps", "--offline", "--format-version=1"])
         .current_dir(&folder);
     let output = cargo.output().expect("cargo runs");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
