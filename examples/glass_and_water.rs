@@ -133,7 +133,7 @@ fn spawn_camera(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
     commands.spawn((
         Camera3d::default(),
         Transform::from_xyz(-0.6, 1.5, 6.0).looking_at(Vec3::new(0.5, 0.5, -2.0), Vec3::Y),
-        // What rays meet that hit nothing, also behind everything.
+        // Rays that hit nothing show the same sky.
         Skybox {
             image: Some(sky.specular_map.clone()),
             brightness: 700.0,

@@ -79,6 +79,15 @@ fn until_loaded(app: &mut HeadlessApp) {
     panic!("{}", report(app));
 }
 
+/// Spawns a mirror and a camera that reflects before it, and waits until rays can hit the mirror.
+fn spawn_mirror(app: &mut HeadlessApp) -> Entity {
+    let mirror = spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    reflect(app, camera, ReflectionTechnique::Reference);
+    until_there_are(app, 1);
+    mirror
+}
+
 /// Lengths of tables, bytes in use, and bytes of buffers.
 fn inventory(app: &mut HeadlessApp) -> ([usize; 4], [u64; 3]) {
     let ReflectionStatusReport {
@@ -103,10 +112,7 @@ fn inventory(app: &mut HeadlessApp) -> ([usize; 4], [u64; 3]) {
 fn levels_that_go_give_everything_back() {
     for (tracer, mut app) in apps(SIZE / 4, Output::Picture) {
         let app = &mut app;
-        spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
-        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
-        reflect(app, camera, ReflectionTechnique::Reference);
-        until_there_are(app, 1);
+        spawn_mirror(app);
         let before = inventory(app);
         let mut loaded = None;
         for round in 0..ROUNDS {
@@ -135,7 +141,7 @@ fn levels_that_go_give_everything_back() {
             }
             app.step(1);
         }
-        // What was in the way of that is merged again.
+        // Trees that were in the way of that are merged again.
         until_there_are(app, 1);
         let after = inventory(app);
         assert_eq!(
@@ -152,18 +158,15 @@ fn levels_that_go_give_everything_back() {
     }
 }
 
-/// What is merged while a level takes the start of the buffer lies behind it. It must not keep the buffer large once the level is gone.
+/// Trees that are merged while a level takes the start of the buffer lie behind it. They must not keep the buffer large once it is gone.
 #[test]
-fn what_is_merged_behind_a_level_lets_the_buffer_shrink() {
+fn a_tree_merged_behind_a_level_lets_the_buffer_shrink() {
     // The other tracer merges nothing.
     let Some(mut app) = app(SIZE / 4, Output::Picture, ReflectionTracerChoice::Bvh) else {
         return;
     };
     let app = &mut app;
-    let object = spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
-    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
-    reflect(app, camera, ReflectionTechnique::Reference);
-    until_there_are(app, 1);
+    let object = spawn_mirror(app);
     let (_, [geometry, bvh, bytes]) = inventory(app);
     let mut level = spawn_level(app);
     until_loaded(app);
@@ -209,10 +212,7 @@ fn a_level_that_was_loaded_behind_another_lets_the_buffers_shrink() {
     const LATE: usize = 3;
     for (tracer, mut app) in apps(SIZE / 4, Output::Picture) {
         let app = &mut app;
-        spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
-        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
-        reflect(app, camera, ReflectionTechnique::Reference);
-        until_there_are(app, 1);
+        spawn_mirror(app);
         let bytes = inventory(app).1[2];
         let most = bytes / 2 * 3;
         let level = spawn_level(app);

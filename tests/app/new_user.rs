@@ -442,7 +442,7 @@ fn a_new_app_grows() {
     assert!(program > plain && all > app);
 }
 
-/// What the two tests that build crates build.
+/// The two tests that build crates are ignored, so nothing else notices a manifest that Cargo refuses.
 #[test]
 fn cargo_takes_the_manifests_of_a_new_app() {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("new_user_manifests");
