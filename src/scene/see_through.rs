@@ -48,6 +48,8 @@ fn is_tinted(material: &StandardMaterial) -> bool {
 #[derive(Default)]
 pub(crate) struct SeeThroughObjects {
     by_slot: BTreeMap<u32, Entity>,
+    /// Slots of objects that let a part of the rays through.
+    partial: BTreeSet<u32>,
     /// Slots of objects that tint the light which they let through.
     tinted: BTreeSet<u32>,
 }
@@ -59,6 +61,11 @@ impl SeeThroughObjects {
             self.tinted.insert(slot);
         } else {
             self.tinted.remove(&slot);
+        }
+        if material.is_some_and(|material| stop_probability(material).is_some()) {
+            self.partial.insert(slot);
+        } else {
+            self.partial.remove(&slot);
         }
         let is_see_through = material.is_some_and(|material| see_through_flags(material) != 0);
         match entity.filter(|_| is_see_through) {
@@ -74,6 +81,11 @@ impl SeeThroughObjects {
     /// Returns whether any of them tints the light that it lets through.
     pub(crate) fn has_tints(&self) -> bool {
         !self.tinted.is_empty()
+    }
+
+    /// Returns whether any object lets a part of the rays through.
+    pub(crate) fn has_partial(&self) -> bool {
+        !self.partial.is_empty()
     }
 
     /// Their entities in the main world.

@@ -26,7 +26,7 @@ pub(crate) fn trace_rays(
             TracePass::Converged => trace_converged(ctx, &pipelines.converged, variant, context),
             TracePass::Inline => pipelines.inline.trace(ctx, variant, context),
             TracePass::Mirrors => {
-                let variants = variant.substitutes();
+                let variants = pipelines.mirror_variant(variant).substitutes();
                 run_list(ctx, &pipelines.mirror_rays, variants, context, List::MirrorRays);
             }
             // If the raw Vulkan pass gives up, this frame's rays come from the list. Its one shader can't draw lights.

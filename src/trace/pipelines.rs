@@ -61,6 +61,8 @@ pub struct TracePipelines {
     can_have_probes: bool,
     /// The variant that fits the scene, without bounces.
     pub(super) variant: Variant,
+    /// Some object lets a part of the rays through.
+    see_through: bool,
     /// The scene has more lights than hits have bits for.
     pub(super) many_lights: bool,
     /// No pass leaves anything out that the scene has, since its shader is still being compiled.
@@ -85,6 +87,14 @@ impl TracePipelines {
         self.variant.with(settings)
     }
 
+    /// The same for the rays of exact mirrors.
+    pub(super) fn mirror_variant(&self, variant: Variant) -> Variant {
+        Variant {
+            layered: self.see_through && variant.masked,
+            ..variant
+        }
+    }
+
     /// All that a view's settings need can be used.
     pub(crate) fn is_ready(&self, cache: &PipelineCache, settings: &ClampedSettings) -> bool {
         let variant = self.variant_for(settings);
@@ -99,7 +109,7 @@ impl TracePipelines {
                     compiled(&self.rays, self.variant.without_shading())
                         && variants.any(|key| self.shading.pipeline(&key, cache).is_some())
                 }
-                TracePass::Mirrors => compiled(&self.mirror_rays, variant),
+                TracePass::Mirrors => compiled(&self.mirror_rays, self.mirror_variant(variant)),
                 TracePass::Converged => compiled(&self.converged, variant),
                 TracePass::Inline => self.inline.pipeline(variant, cache).is_some(),
             })
@@ -130,7 +140,7 @@ impl TracePipelines {
                     compiled(&self.rays, variant.without_shading())
                         && self.shading.pipeline(&variant.plain(), cache).is_some()
                 }
-                TracePass::Mirrors => compiled(&self.mirror_rays, variant),
+                TracePass::Mirrors => compiled(&self.mirror_rays, self.mirror_variant(variant)),
                 TracePass::Converged => compiled(&self.converged, variant),
                 TracePass::Inline => self.inline.has_any(whole(variant), cache),
             }
@@ -192,8 +202,9 @@ impl TracePipelines {
             }
             TracePass::Mirrors => {
                 let own = [&["MIRRORS"], &shading[..]].concat();
+                let variant = self.mirror_variant(variant);
                 self.mirror_rays
-                    .queue(variant, cache, || shader(&self.blocks_shader, &own));
+                    .queue(variant, cache, || shader_of(variant, &self.blocks_shader, &own));
             }
             TracePass::Converged => self
                 .converged
@@ -243,6 +254,7 @@ pub(super) fn init_trace_pipelines(
             masked: true,
             ..default()
         },
+        see_through: false,
         many_lights: false,
         complete: true,
     });
@@ -285,6 +297,7 @@ pub(super) fn queue_trace_pipelines(
     let pipelines = &mut *pipelines;
     let variant = Variant::of(&scene);
     pipelines.variant = variant;
+    pipelines.see_through = scene.see_through.has_partial();
     pipelines.many_lights = scene.has_many_lights();
     for (pass, bounces) in pipelines.wanted.clone() {
         // The variant that is right for scenes with and without masks comes first.

@@ -46,6 +46,8 @@ pub(super) struct Variant {
     pub bounces: bool,
     /// Some object tints the light that it lets through.
     pub tinted: bool,
+    /// Rays of exact mirrors are followed through see-through surfaces without chance.
+    pub layered: bool,
     /// Some material has a clearcoat.
     pub clearcoat: bool,
     /// There are light probes.
@@ -79,6 +81,7 @@ impl Variant {
             deep: scene.has_deep_trees(),
             lightmaps: scene.has_lightmaps(),
             bounces: false,
+            layered: false,
             tinted: scene.see_through.has_tints(),
             clearcoat: scene.has_clearcoat(),
             probes: scene.has_light_probes(),
@@ -109,6 +112,7 @@ impl Variant {
     pub fn defs(self) -> impl Iterator<Item = &'static str> {
         let defs = [
             (self.tinted, "TINTED_GLASS"),
+            (self.layered, "LAYERED_RAYS"),
             (self.probes, "LIGHT_PROBES"),
             (self.layers, "RENDER_LAYERS"),
             (self.draws_lights, "LIGHT_SAMPLING"),
@@ -152,11 +156,14 @@ impl Variant {
     }
 
     /// Itself, the one that is right for all scenes of such trees, and others that are better than nothing while these are
-    /// compiled: they leave out baked light, clearcoats, light probes, lights that are drawn or tints, or miss hits where the stack is full and show what another
-    /// camera sees.
+    /// compiled: they leave out baked light, clearcoats, light probes, lights that are drawn or tints, follow rays through see-through
+    /// surfaces by chance, or miss hits where the stack is full and show what another camera sees.
     pub fn substitutes(self) -> [Self; 6] {
         let masked = Self { masked: true, ..self };
-        let plain = masked.dark().clear();
+        let plain = Self {
+            layered: false,
+            ..masked.dark().clear()
+        };
         let shallow = Self {
             deep: false,
             layers: false,
@@ -213,6 +220,13 @@ mod tests {
         let mut shading = variant.shading_substitutes(true);
         assert_eq!(shading.next(), Some(ShadingVariant::Tracing(variant)));
         assert_eq!(shading.last(), Some(Variant::default().plain()));
+        let layered = Variant {
+            layered: true,
+            ..Variant::default()
+        };
+        assert!(layered.defs().eq(["LAYERED_RAYS"]));
+        assert!(layered.substitutes()[..2].iter().all(|variant| variant.layered));
+        assert!(!layered.substitutes()[4].layered, "it is not compiled while the scene has nothing to see through");
         // The first two leave out nothing, which `TracePipelines::is_complete` counts on.
         assert!(variant.substitutes()[..2].iter().all(|variant| variant.draws_lights));
     }

@@ -3,7 +3,7 @@
 use crate::{
     common::app,
     pictures::{BOTH, apps, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, metal, spawn_camera, spawn_mesh, unlit, wall},
+    stage::{BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, metal, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{
     asset::RenderAssetUsages,
@@ -73,6 +73,57 @@ fn a_pane_in_a_mirror_converges_to_the_mean_of_both_sides() {
             // The mirror itself reflects a little less than all.
             assert!(off < 0.015, "{name}: red {red}, green {green}, expected {expected:?}");
         }
+    }
+}
+
+/// Exact mirrors with rays of their own show panes without chance, in the first frame and in each pixel.
+#[test]
+fn panes_in_an_exact_mirror_have_no_grain() {
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        let (camera, pane) = spawn_pane(app);
+        let second = Transform::from_xyz(0.0, 0.0, 7.0).looking_to(Vec3::Z, Vec3::Y);
+        let second = spawn_mesh(app, Rectangle::new(60.0, 60.0), unlit(BLUE), second);
+        reflect(app, camera, ReflectionTechnique::Quarter);
+        let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
+        settings.full_resolution_mirrors = true;
+        // Alpha and transmission of the red pane, and those of the blue one.
+        for (red, blue, expected) in [
+            ((0.5, 0.0), (0.0, 0.0), [0.5, 0.5, 0.0]),
+            ((0.5, 0.0), (0.5, 0.0), [0.5, 0.25, 0.25]),
+            ((0.2, 0.0), (0.5, 0.5), [0.2, 0.4, 0.2]),
+            ((1.0, 0.75), (0.0, 0.0), [0.25, 0.0, 0.0]),
+            ((1.0, 0.0), (0.5, 0.0), [1.0, 0.0, 0.0]),
+            ((0.0, 0.0), (1.0, 1.0), [0.0, 0.0, 0.0]),
+        ] {
+            for (pane, (alpha, transmission)) in [(pane, red), (second, blue)] {
+                set_material(app, pane, alpha, AlphaMode::Blend, transmission);
+            }
+            warm_up(app);
+            let pixels = app.capture_linear().unwrap();
+            let off = |pixel: &[f32; 4]| (0..3).map(|i| (pixel[i] - expected[i]).abs()).fold(0.0, f32::max);
+            let farthest = pixels.iter().max_by(|a, b| off(a).total_cmp(&off(b))).unwrap();
+            println!("{tracer:?}, red {red:?}, blue {blue:?}: {farthest:?} at most, expected {expected:?}");
+            assert!(off(farthest) < 0.02, "{tracer:?}: {farthest:?}, expected {expected:?}");
+        }
+        // More panes than have a place: the last ones are left to chance, and the mean stays what blending shows.
+        for pane in [pane, second] {
+            app.world().despawn(pane);
+        }
+        let glass = StandardMaterial {
+            base_color: Color::srgba(1.0, 0.0, 0.0, 0.25),
+            alpha_mode: AlphaMode::Blend,
+            ..unlit(RED)
+        };
+        for z in 0..6 {
+            let place = Transform::from_xyz(0.0, 0.0, 6.0 + 0.25 * z as f32).looking_to(Vec3::Z, Vec3::Y);
+            spawn_mesh(app, Rectangle::new(60.0, 60.0), glass.clone(), place);
+        }
+        warm_up(app);
+        let [red, green] = shown(app);
+        let passed = 0.75f32.powi(6);
+        println!("{tracer:?}, six panes: red {red:.4}, green {green:.4}, expected {passed:.4} of green");
+        assert!((green - passed).abs() < 0.01 && (red - 1.0 + passed).abs() < 0.01, "{red}, {green}");
     }
 }
 
@@ -193,7 +244,7 @@ fn glass_tints_by_its_texture() {
     }
 }
 
-/// The denoiser of a static view comes to the same, pixel by pixel. Mirrors with rays of their own pass by it, and are noisy.
+/// The denoiser of a static view comes to the same, pixel by pixel.
 #[test]
 fn a_static_view_shows_a_pane_as_blended() {
     let Some(mut app) = app(SIZE, Output::Linear, BOTH[1]) else {

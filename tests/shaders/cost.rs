@@ -54,7 +54,7 @@ const SCENE_PASSES: [(&str, &[&str]); 13] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 43] = [
+const PASSES: [(&str, &[&str]); 45] = [
     ("trace/shade", &["CLEARCOAT"]),
     ("trace/shade", &["CLEARCOAT", "RAY_QUERY", "BINDLESS_TEXTURES"]),
     (
@@ -74,6 +74,8 @@ const PASSES: [(&str, &[&str]); 43] = [
     ("trace/shade", &["LIGHT_SAMPLING", "MANY_LIGHTS", "RAY_QUERY"]),
     ("trace/shade", &["LIGHT_SAMPLING", "MANY_LIGHTS", "BOUNCES"]),
     ("trace/converged", &["LIGHT_SAMPLING"]),
+    ("trace/blocks", &["MIRRORS", "LAYERED_RAYS", "ALPHA_MASKED_GEOMETRY"]),
+    ("trace/blocks", &["MIRRORS", "LAYERED_RAYS", "RAY_QUERY"]),
     ("trace/blocks", &["RENDER_LAYERS"]),
     ("trace/blocks", &["RENDER_LAYERS", "RAY_QUERY"]),
     ("rate/classify", &[]),

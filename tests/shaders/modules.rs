@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{environment::GpuEnvironment, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 39] = [
+pub const COMBINATIONS: [&[&str]; 41] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -33,6 +33,8 @@ pub const COMBINATIONS: [&[&str]; 39] = [
     &["TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
     &["TINTED_GLASS", "RAY_QUERY", "BOUNCES", "MANY_LIGHTS"],
     &["TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
+    &["LAYERED_RAYS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
+    &["LAYERED_RAYS", "RAY_QUERY", "MIRRORS", "TINTED_GLASS", "BOUNCES"],
     &["LIGHTMAPS", "RAY_QUERY", "BINDLESS_TEXTURES"],
     &["LIGHTMAPS", "TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
     &["CLEARCOAT", "BOUNCES", "MANY_LIGHTS"],
