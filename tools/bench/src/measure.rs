@@ -48,7 +48,7 @@ const KERNELS: [(&str, &str, &str, &str); 3] = [
     ),
 ];
 /// Passes: the word in tables and the diagnostic of their GPU time.
-const PASSES: [(&str, &str); 9] = [
+const PASSES: [(&str, &str); 13] = [
     ("rate", "render/glint/rate/elapsed_gpu"),
     ("trace", "render/glint/trace/elapsed_gpu"),
     ("reconstruct", "render/glint/reconstruct/elapsed_gpu"),
@@ -56,7 +56,14 @@ const PASSES: [(&str, &str); 9] = [
     ("composite", "render/glint/composite/elapsed_gpu"),
     ("total", TOTAL),
     ("layer_find", "render/glint_find_front_layer/elapsed_gpu"),
+    ("layer_rate", "render/glint_front_layer/rate/elapsed_gpu"),
     ("layer_trace", "render/glint_front_layer/trace/elapsed_gpu"),
+    (
+        "layer_reconstruct",
+        "render/glint_front_layer/reconstruct/elapsed_gpu",
+    ),
+    ("layer_temporal", "render/glint_front_layer/temporal/elapsed_gpu"),
+    ("layer_composite", "render/glint_front_layer/composite/elapsed_gpu"),
     ("layer_total", "render/glint_front_layer/elapsed_gpu"),
 ];
 const TOTAL: &str = "render/glint/elapsed_gpu";
