@@ -28,3 +28,22 @@ impl Plugin for CommonPlugin {
         load_shader_library!(app, "radiance.wesl");
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use core::hint::black_box;
+    use std::{env, panic};
+
+    /// Overflows wrap in release mode, so that tests would miss them.
+    #[test]
+    fn tests_of_the_whole_check_for_overflows() {
+        if env::var_os("GLINT_REQUIRE_CHECKS").is_none() {
+            return;
+        }
+        let overflows = panic::catch_unwind(|| black_box(u8::MAX) + black_box(1));
+        assert!(
+            overflows.is_err() && cfg!(debug_assertions),
+            "the profile `bench` lacks checks"
+        );
+    }
+}

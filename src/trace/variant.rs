@@ -226,7 +226,10 @@ mod tests {
         };
         assert!(layered.defs().eq(["LAYERED_RAYS"]));
         assert!(layered.substitutes()[..2].iter().all(|variant| variant.layered));
-        assert!(!layered.substitutes()[4].layered, "it is not compiled while the scene has nothing to see through");
+        assert!(
+            !layered.substitutes()[4].layered,
+            "it is not compiled while the scene has nothing to see through"
+        );
         // The first two leave out nothing, which `TracePipelines::is_complete` counts on.
         assert!(variant.substitutes()[..2].iter().all(|variant| variant.draws_lights));
     }

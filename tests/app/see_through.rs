@@ -123,7 +123,10 @@ fn panes_in_an_exact_mirror_have_no_grain() {
         let [red, green] = shown(app);
         let passed = 0.75f32.powi(6);
         println!("{tracer:?}, six panes: red {red:.4}, green {green:.4}, expected {passed:.4} of green");
-        assert!((green - passed).abs() < 0.01 && (red - 1.0 + passed).abs() < 0.01, "{red}, {green}");
+        assert!(
+            (green - passed).abs() < 0.01 && (red - 1.0 + passed).abs() < 0.01,
+            "{red}, {green}"
+        );
     }
 }
 

@@ -48,9 +48,13 @@ pub fn cargo(subcommand: &str) -> Command {
 
 /// `cargo <subcommand>` for the compilation of something, in release mode.
 pub fn release(subcommand: &str) -> Command {
+    optimized(subcommand, "release")
+}
+
+fn optimized(subcommand: &str, profile: &str) -> Command {
     let mut command = cargo(subcommand);
     // Bevy declares the newest compiler that it is tested with, and builds with older ones too.
-    command.args(["--release", "--ignore-rust-version"]);
+    command.args(["--profile", profile, "--ignore-rust-version"]);
     if environment::is_ci() {
         command.arg("--locked");
     }
@@ -66,7 +70,15 @@ pub fn workspace(subcommand: &str) -> Command {
     command
 }
 
-/// The same without packages that need the feature `internals` of the library, which users build without it.
+/// `cargo test` with the whole workspace selected. The library and its tests are checked for overflows: the profile `bench` of the
+/// manifest shares all other crates with programs.
+pub fn tests() -> Command {
+    let mut command = optimized("test", "bench");
+    command.arg("--workspace");
+    command
+}
+
+/// `cargo <subcommand>` in the workspace without packages that need the feature `internals` of the library, which users build without it.
 pub fn without_internals(subcommand: &str) -> Command {
     let mut command = workspace(subcommand);
     command.args(NEED_INTERNALS.map(|package| format!("--exclude={package}")));

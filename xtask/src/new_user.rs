@@ -20,7 +20,7 @@ pub fn run(options: &Options) -> Result<()> {
         package::unpack(&cargo::workspace_root().join("target/new-user"))
     })?;
     progress::step("follow the README in an empty folder", || {
-        let mut command = cargo::workspace("test");
+        let mut command = cargo::tests();
         command.args(["--test", "app"]).env("GLINT_PACKAGE", &package);
         if environment::is_ci() {
             // Here a test that can't run must not pass for one that did.

@@ -33,6 +33,8 @@ const KEPT_MEMORY: [(&str, &str); 2] = [
     ("MALLOC_MMAP_THRESHOLD_", "268435456"),
     ("MALLOC_TRIM_THRESHOLD_", "1073741824"),
 ];
+/// The profile of these builds checks for overflows, and a test sees to it.
+const CHECKED: (&str, &str) = ("GLINT_REQUIRE_CHECKS", "1");
 /// In continuous integration, a test that can't run must not pass for one that did.
 const REQUIRED: [(&str, &str); 3] = [
     ("GLINT_REQUIRE_GPU", "1"),
@@ -76,7 +78,7 @@ pub fn measure(options: &Options, times: &mut Times) -> Result<()> {
     let translator = times.step("build of the translator", || cargo::program_apart("tools/translate"))?;
     // Without the examples: a test includes their code, so that to link each of them would prove nothing more.
     let mut built = times.step("build of the tests", || {
-        cargo::build(cargo::workspace("test").args(["--no-run", "--tests"]))
+        cargo::build(cargo::tests().args(["--no-run", "--tests"]))
     })?;
     built.retain(|program| program.is_test);
     // Large programs contain a renderer and take longest: they begin first.
@@ -122,7 +124,7 @@ fn summarize(mut outcomes: Vec<Outcome>, time: Duration, times: &mut Times) -> R
 /// The environment variables to set.
 fn defaults() -> Vec<(&'static str, &'static str)> {
     let required = if environment::is_ci() { &REQUIRED[..] } else { &[] };
-    let mut defaults = vec![THREADS];
+    let mut defaults = vec![THREADS, CHECKED];
     defaults.extend(KEPT_MEMORY);
     defaults.extend(required);
     defaults.retain(|(name, _)| env::var_os(name).is_none());
@@ -155,7 +157,7 @@ fn test(program: &Executable) -> Test {
 
 /// Examples in the documentation are compiled and run by rustdoc.
 fn documentation() -> Test {
-    let mut command = cargo::workspace("test");
+    let mut command = cargo::tests();
     command.args(["--doc", "--"]);
     Test {
         name: "documentation".to_owned(),

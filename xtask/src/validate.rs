@@ -77,7 +77,7 @@ pub fn run() -> Result<()> {
 
 fn measure(settings: &Path) -> Result<()> {
     let built = progress::step("build of the tests", || {
-        cargo::build(cargo::workspace("test").args(["--no-run", "--test", "app"]))
+        cargo::build(cargo::tests().args(["--no-run", "--test", "app"]))
     })?;
     let test = built
         .into_iter()

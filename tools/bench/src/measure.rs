@@ -58,10 +58,7 @@ const PASSES: [(&str, &str); 13] = [
     ("layer_find", "render/glint_find_front_layer/elapsed_gpu"),
     ("layer_rate", "render/glint_front_layer/rate/elapsed_gpu"),
     ("layer_trace", "render/glint_front_layer/trace/elapsed_gpu"),
-    (
-        "layer_reconstruct",
-        "render/glint_front_layer/reconstruct/elapsed_gpu",
-    ),
+    ("layer_reconstruct", "render/glint_front_layer/reconstruct/elapsed_gpu"),
     ("layer_temporal", "render/glint_front_layer/temporal/elapsed_gpu"),
     ("layer_composite", "render/glint_front_layer/composite/elapsed_gpu"),
     ("layer_total", "render/glint_front_layer/elapsed_gpu"),
