@@ -214,7 +214,8 @@ fn ten_thousand_lights_take_at_most_twice_the_time_of_ten() {
     let camera = spawn_street(app);
     reflect(app, camera, ReflectionTechnique::Reference);
     let mut least = [f64::INFINITY; 2];
-    for _ in 0..3 {
+    // The least times come down to the true ones, later where something else keeps the device busy.
+    for round in 0..12 {
         for (count, least) in [10, 10_000].into_iter().zip(&mut least) {
             let lamps = spawn_lamps(app, count, false);
             app.step(2);
@@ -227,6 +228,10 @@ fn ten_thousand_lights_take_at_most_twice_the_time_of_ten() {
             for lamp in lamps {
                 app.world().despawn(lamp);
             }
+        }
+        let [ten, many] = least;
+        if round >= 2 && many < 2.0 * ten {
+            break;
         }
     }
     let [ten, many] = least;
