@@ -4,7 +4,10 @@ pub(in crate::scene) mod extract;
 mod lightmap;
 
 use super::free_slots::FreeSlots;
-use bevy::{asset::UntypedAssetId, math::Affine3A, mesh::Mesh, platform::collections::HashMap, prelude::*};
+use bevy::{
+    asset::UntypedAssetId, ecs::entity::EntityGeneration, math::Affine3A, mesh::Mesh, platform::collections::HashMap,
+    prelude::*,
+};
 
 pub use lightmap::LightmapSource;
 
@@ -65,13 +68,28 @@ impl InstanceSource {
 /// In the place of a slot: the entity has none.
 const NO_SLOT: u32 = u32::MAX;
 
+/// The slot of an entity. Others that have had its index before or will have it are of another generation.
+#[derive(Clone, Copy)]
+struct Seat {
+    /// Or [`NO_SLOT`].
+    slot: u32,
+    generation: EntityGeneration,
+}
+
+impl Seat {
+    const EMPTY: Self = Self {
+        slot: NO_SLOT,
+        generation: EntityGeneration::FIRST,
+    };
+}
+
 /// All traced objects in stable slots: a slot is the object's index in the GPU's instance buffer.
 #[derive(Resource, Default)]
 pub struct SceneInstances {
     slots: Vec<Option<InstanceSource>>,
     free: FreeSlots,
-    /// By index of the entity: the slot, or [`NO_SLOT`].
-    by_entity: Vec<u32>,
+    /// By index of the entity. Where an object is can be found without a look at the object.
+    by_entity: Vec<Seat>,
     count: usize,
     /// How many objects show each mesh.
     mesh_users: HashMap<AssetId<Mesh>, u32>,
@@ -90,6 +108,11 @@ impl SceneInstances {
     /// The object in a slot.
     pub fn get(&self, slot: u32) -> Option<&InstanceSource> {
         self.slots.get(slot as usize).and_then(Option::as_ref)
+    }
+
+    /// Place of the object in a slot.
+    pub fn place_of(&self, slot: u32) -> Option<Affine3A> {
+        self.get(slot).map(|source| source.world_from_object)
     }
 
     /// Meshes that objects have begun to show since the last call. Some may be shown no longer.
@@ -127,9 +150,9 @@ impl SceneInstances {
     pub fn set(&mut self, source: InstanceSource) {
         let index = source.entity.index_u32() as usize;
         if index >= self.by_entity.len() {
-            self.by_entity.resize(index + 1, NO_SLOT);
+            self.by_entity.resize(index + 1, Seat::EMPTY);
         }
-        let mut slot = self.by_entity[index];
+        let mut slot = self.by_entity[index].slot;
         if slot == NO_SLOT {
             let slots = &self.slots;
             let free = self.free.take(slots.len(), |slot| slots[slot as usize].is_none());
@@ -137,9 +160,12 @@ impl SceneInstances {
                 self.slots.push(None);
                 self.slots.len() as u32 - 1
             });
-            self.by_entity[index] = slot;
             self.count += 1;
         }
+        self.by_entity[index] = Seat {
+            slot,
+            generation: source.entity.generation(),
+        };
         let place = &mut self.slots[slot as usize];
         if let Some(before) = place
             && before.world_from_object != source.world_from_object
@@ -159,17 +185,20 @@ impl SceneInstances {
         }
     }
 
+    fn slot_of(&self, entity: Entity) -> Option<u32> {
+        let seat = self.by_entity.get(entity.index_u32() as usize)?;
+        (seat.generation == entity.generation() && seat.slot != NO_SLOT).then_some(seat.slot)
+    }
+
     /// The slot of an object and the object, if it is there.
     pub fn find(&self, entity: Entity) -> Option<(u32, &InstanceSource)> {
-        let slot = *self.by_entity.get(entity.index_u32() as usize)?;
-        // Another entity may have the same index by now.
-        let source = self.get(slot).filter(|source| source.entity == entity)?;
-        Some((slot, source))
+        let slot = self.slot_of(entity)?;
+        Some((slot, self.get(slot)?))
     }
 
     /// Moves an object if it is there.
     pub fn set_place(&mut self, entity: Entity, world_from_object: Affine3A) {
-        if let Some((slot, _)) = self.find(entity) {
+        if let Some(slot) = self.slot_of(entity) {
             self.place(slot, world_from_object);
         }
     }
@@ -186,27 +215,18 @@ impl SceneInstances {
 
     /// Removes an object if it is there.
     pub fn remove(&mut self, entity: Entity) {
-        let Some(place) = self.by_entity.get_mut(entity.index_u32() as usize) else {
+        let Some(slot) = self.slot_of(entity) else {
             return;
         };
-        // Another entity may have the same index by now.
-        let slot = *place;
-        if self
-            .slots
-            .get(slot as usize)
-            .and_then(Option::as_ref)
-            .is_some_and(|source| source.entity == entity)
-        {
-            *place = NO_SLOT;
-            self.count -= 1;
-            let removed = self.slots[slot as usize].take();
-            self.free.give(slot);
-            while let Some(None) = self.slots.last() {
-                self.slots.pop();
-            }
-            self.dirty.push(slot);
-            self.release_mesh(removed);
+        self.by_entity[entity.index_u32() as usize] = Seat::EMPTY;
+        self.count -= 1;
+        let removed = self.slots[slot as usize].take();
+        self.free.give(slot);
+        while let Some(None) = self.slots.last() {
+            self.slots.pop();
         }
+        self.dirty.push(slot);
+        self.release_mesh(removed);
     }
 
     fn release_mesh(&mut self, gone: Option<InstanceSource>) {

@@ -71,7 +71,7 @@ mod tests {
     };
     use bevy::{
         asset::uuid::Uuid,
-        ecs::{entity::Entity, world::FromWorld, world::World},
+        ecs::world::{FromWorld, World},
     };
 
     fn image(number: u128) -> AssetId<Image> {
@@ -94,7 +94,7 @@ mod tests {
         let others = u128::from(room);
         assert!((0..others).all(|other| textures.acquire(image(other))));
 
-        let entity = Entity::from_bits(3);
+        let entity = World::new().spawn_empty().id();
         let mut instances = SceneInstances::default();
         instances.set(InstanceSource {
             lightmap: Some(Box::new(LightmapSource {

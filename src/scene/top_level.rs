@@ -194,8 +194,14 @@ impl TopLevel {
     }
 
     /// Carries on with the static tree, once in each frame and after all changes were noted. `merged` tells whether an object is part of a
-    /// merged tree.
-    pub fn advance(&mut self, merged: impl Fn(u32) -> bool, meshes: &mut SceneMeshes, queue: &RenderQueue) {
+    /// merged tree, and `place_of` where it is.
+    pub fn advance(
+        &mut self,
+        merged: impl Fn(u32) -> bool,
+        place_of: impl Fn(u32) -> Option<Affine3A>,
+        meshes: &mut SceneMeshes,
+        queue: &RenderQueue,
+    ) {
         self.frame += 1;
         for _ in 0..LEAVING_PER_FRAME {
             let Some(slot) = self.leaving.pop() else { break };
@@ -227,7 +233,7 @@ impl TopLevel {
             // The same tree finds a better place.
             self.next = Some(StaticBuild::start(Some(tree), Vec::new(), self.frame));
         } else if self.frame >= self.next_build {
-            self.plan();
+            self.plan(place_of);
         }
     }
 
@@ -253,22 +259,21 @@ impl TopLevel {
         self.moved = true;
         for joining in joining {
             match self.site(joining.slot) {
-                Site::Moving(index) if self.moving_tree.movers()[index as usize].changed == joining.changed => {
+                Site::Moving(index) if self.moving_tree.changed()[index as usize] == joining.changed => {
                     self.places[joining.slot as usize].site = Site::Static(joining.member);
                 }
                 _ => tree.empty(joining.member),
             }
         }
-        let movers = self.moving_tree.movers();
         let places = &mut self.places;
         let staying: Vec<u32> = (0..)
-            .zip(movers)
-            .filter(|(_, mover)| matches!(places[mover.slot as usize].site, Site::Moving(_)))
+            .zip(self.moving_tree.slots())
+            .filter(|(_, slot)| matches!(places[**slot as usize].site, Site::Moving(_)))
             .map(|(index, _)| index)
             .collect();
         self.moving_tree.keep(&staying);
-        for (index, mover) in (0..).zip(self.moving_tree.movers()) {
-            places[mover.slot as usize].site = Site::Moving(index);
+        for (index, slot) in (0..).zip(self.moving_tree.slots()) {
+            places[*slot as usize].site = Site::Moving(index);
         }
         for member in dead {
             tree.empty(*member);
@@ -277,13 +282,16 @@ impl TopLevel {
     }
 
     /// Starts to build a static tree if that is worth it.
-    fn plan(&mut self) {
-        let has_settled = |mover: &&Mover| {
-            let place = self.places[mover.slot as usize];
-            self.frame >= mover.changed + place.settling_frames()
-        };
-        let movers = self.moving_tree.movers();
-        let waiting = movers.iter().filter(has_settled).count();
+    fn plan(&mut self, place_of: impl Fn(u32) -> Option<Affine3A>) {
+        let (slots, changed) = (self.moving_tree.slots(), self.moving_tree.changed());
+        let movers = (0..).zip(slots.iter().zip(changed));
+        let settled = movers.filter(|(_, (slot, changed))| {
+            // Most of them have moved in this frame.
+            self.frame >= **changed + SETTLING_FRAMES
+                && self.frame >= **changed + self.places[**slot as usize].settling_frames()
+        });
+        let settled: Vec<u32> = settled.map(|(index, _)| index).collect();
+        let waiting = settled.len();
         let last = self.static_tree.as_deref();
         let (dead, len) = last.map_or((0, 0), |tree| (tree.dead.len(), tree.len()));
         if waiting < WORTH_A_BUILD && (dead < WORTH_A_BUILD || dead < len / 4) {
@@ -291,8 +299,8 @@ impl TopLevel {
             self.next_build = self.frame + SETTLING_FRAMES;
             return;
         }
-        let joining = movers.iter().filter(has_settled).cloned().collect();
-        self.next = Some(StaticBuild::start(last, joining, self.frame));
+        let joining = settled.iter().map(|index| self.moving_tree.mover(*index, &place_of));
+        self.next = Some(StaticBuild::start(last, joining.collect(), self.frame));
     }
 
     /// Returns whether a static tree is on its way.
@@ -305,10 +313,12 @@ impl TopLevel {
         self.moved || self.static_tree.as_ref().is_some_and(|tree| !tree.emptied.is_empty())
     }
 
-    /// Brings the buffer up to date. `trees` are the merged ones. Where there was no room, merged trees may have got lost.
+    /// Brings the buffer up to date. `trees` are the merged ones, and `place_of` tells where the object of a slot is. Where there was no
+    /// room, merged trees may have got lost.
     pub fn upload<'a>(
         &mut self,
         trees: impl Iterator<Item = TlasInstance<'a>>,
+        place_of: impl Fn(u32) -> Option<Affine3A>,
         meshes: &mut SceneMeshes,
         queue: &RenderQueue,
     ) {
@@ -318,7 +328,7 @@ impl TopLevel {
         if !core::mem::take(&mut self.moved) {
             return;
         }
-        let moving = self.moving_tree.upload(trees, meshes, queue);
+        let moving = self.moving_tree.upload(trees, &place_of, meshes, queue);
         let fits = moving.is_some();
         let (node_count, items, stack) = join([self.static_tree.as_ref().map(|tree| &tree.tlas), moving]);
         meshes.write_root(queue, &items);

@@ -12,8 +12,8 @@ use bevy::{
         renderer::{RenderDevice, RenderQueue},
     },
 };
-use bytemuck::{NoUninit, cast_slice};
-use core::{num::NonZeroU64, ops::Range};
+use bytemuck::{NoUninit, bytes_of, cast_slice};
+use core::{marker::PhantomData, num::NonZeroU64, ops::Range};
 
 /// Elements between two changed ones that are rather written again than skipped: a write of its own costs more.
 const GAP: u32 = 64;
@@ -40,8 +40,7 @@ pub struct StorageSlice<T> {
     warned: bool,
     generation: u64,
     scatter: Option<Scatter>,
-    /// Elements on their way to the kernel.
-    gathered: Vec<T>,
+    element: PhantomData<T>,
 }
 
 impl<T: NoUninit> StorageSlice<T> {
@@ -56,7 +55,7 @@ impl<T: NoUninit> StorageSlice<T> {
             warned: false,
             generation: 0,
             scatter: None,
-            gathered: Vec::new(),
+            element: PhantomData,
         }
     }
 
@@ -139,10 +138,10 @@ impl<T: NoUninit> StorageSlice<T> {
         let scatter = self
             .scatter
             .get_or_insert_with(|| Scatter::new(device, size_of::<T>() / 16));
-        self.gathered.clear();
-        self.gathered.extend(places.iter().map(|place| data[*place as usize]));
-        fill(&mut scatter.elements, cast_slice(&self.gathered), device, queue);
-        fill(&mut scatter.places, cast_slice(places), device, queue);
+        let elements = places.iter().map(|place| bytes_of(&data[*place as usize]));
+        fill(&mut scatter.elements, size_of::<T>(), elements, device, queue);
+        let bytes = cast_slice(places);
+        fill(&mut scatter.places, bytes.len(), core::iter::once(bytes), device, queue);
         let part = |buffer, size: usize| {
             BindingResource::Buffer(BufferBinding {
                 buffer,
@@ -151,7 +150,7 @@ impl<T: NoUninit> StorageSlice<T> {
             })
         };
         let entries = [
-            part(&scatter.elements, size_of_val(self.gathered.as_slice())),
+            part(&scatter.elements, places.len() * size_of::<T>()),
             part(&scatter.places, size_of_val(places)),
             self.buffer.as_entire_binding(),
         ];
@@ -225,13 +224,26 @@ impl Scatter {
     }
 }
 
-/// Writes to the start of a buffer, and replaces it where it is too small or much too large.
-fn fill(buffer: &mut Buffer, bytes: &[u8], device: &RenderDevice, queue: &RenderQueue) {
-    let size = (bytes.len() as u64).next_power_of_two();
+/// Writes pieces of the same size to the start of a buffer, and replaces it where it is too small or much too large.
+fn fill<'a>(
+    buffer: &mut Buffer,
+    piece: usize,
+    pieces: impl ExactSizeIterator<Item = &'a [u8]>,
+    device: &RenderDevice,
+    queue: &RenderQueue,
+) {
+    let bytes = (pieces.len() * piece) as u64;
+    let size = bytes.next_power_of_two();
     if !(size..=8 * size).contains(&buffer.size()) {
         *buffer = create(device, SCATTERED, size);
     }
-    queue.write_buffer(buffer, 0, bytes);
+    // Without a copy of all pieces in between.
+    let view = NonZeroU64::new(bytes).and_then(|bytes| queue.write_buffer_with(buffer, 0, bytes));
+    let Some(mut view) = view else { return };
+    let mut all = view.slice(..);
+    for (index, bytes) in pieces.enumerate() {
+        all.slice(index * piece..(index + 1) * piece).copy_from_slice(bytes);
+    }
 }
 
 fn scatter_pipeline(device: &RenderDevice, rows: usize) -> ComputePipeline {

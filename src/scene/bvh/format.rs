@@ -77,14 +77,25 @@ impl Bounds {
     /// Half of the surface area; 0 for an empty box.
     #[inline]
     pub fn half_area(self) -> f32 {
-        let d = (Vec3A::from(self.max) - Vec3A::from(self.min)).max(Vec3A::ZERO);
-        d.x * d.y + d.y * d.z + d.z * d.x
+        half_area(Vec3A::from(self.max) - Vec3A::from(self.min))
     }
 
     /// All corners are finite and in order.
     #[inline]
     pub fn is_valid(self) -> bool {
-        let (min, max) = (Vec3A::from(self.min), Vec3A::from(self.max));
-        min.cmple(max).all() && min.is_finite() && max.is_finite()
+        are_corners(self.min.into(), self.max.into())
     }
+}
+
+/// Half of the surface area of a box with these edges; 0 for an empty one.
+#[inline]
+pub(super) fn half_area(edges: Vec3A) -> f32 {
+    let d = edges.max(Vec3A::ZERO);
+    d.x * d.y + d.y * d.z + d.z * d.x
+}
+
+/// These can be the corners of a box: finite and in order.
+#[inline]
+pub(super) fn are_corners(min: Vec3A, max: Vec3A) -> bool {
+    min.cmple(max).all() && min.is_finite() && max.is_finite()
 }

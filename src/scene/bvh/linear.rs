@@ -27,18 +27,23 @@ const LEAF: u32 = 1 << 31;
 pub struct LinearEntries {
     /// World space; valid.
     bounds: Vec<Bounds>,
+    /// Object space.
+    object_bounds: Vec<Bounds>,
     /// The first row of each entry: owner, first node, and where indices of nodes and of triangles count from.
     words: Vec<[u32; 4]>,
     /// Rows of the inverse matrices.
     matrices: Vec<Item>,
     /// Groups that the instances' trees take on the stack.
     groups: Vec<u32>,
+    /// Entries below this are the same as when the tree was packed last, but for where they are.
+    known: usize,
 }
 
 /// One of [`LinearEntries`].
 #[derive(Clone, Copy, Debug)]
 pub struct LinearEntry {
     bounds: Bounds,
+    object_bounds: Bounds,
     words: [u32; 4],
     matrix: Item,
     groups: u32,
@@ -48,7 +53,8 @@ impl LinearEntry {
     /// `None` where rays can't hit the instance.
     pub fn new(instance: &TlasInstance) -> Option<Self> {
         Some(Self {
-            bounds: world_bounds(&instance.world_from_object, instance.bounds)?,
+            bounds: world_bounds(&instance.world_from_object, &instance.bounds)?,
+            object_bounds: instance.bounds,
             words: [
                 instance.instance,
                 instance.first_node,
@@ -70,6 +76,7 @@ impl LinearEntries {
     /// Adds an instance at the end.
     pub fn push(&mut self, entry: LinearEntry) {
         self.bounds.push(entry.bounds);
+        self.object_bounds.push(entry.object_bounds);
         self.words.push(entry.words);
         self.matrices.push(entry.matrix);
         self.groups.push(entry.groups);
@@ -77,21 +84,23 @@ impl LinearEntries {
 
     /// Puts another instance in the place of one.
     pub fn replace(&mut self, index: usize, entry: LinearEntry) {
+        self.known = self.known.min(index);
         self.bounds[index] = entry.bounds;
+        self.object_bounds[index] = entry.object_bounds;
         self.words[index] = entry.words;
         self.matrices[index] = entry.matrix;
         self.groups[index] = entry.groups;
     }
 
-    /// Moves an instance whose mesh has these bounds. Returns false where rays can't hit it any more.
+    /// Moves an instance. Returns false where rays can't hit it any more.
+    #[inline]
     pub fn set_transform(
         &mut self,
         index: usize,
-        object: Bounds,
         world_from_object: &Affine3A,
         object_from_world: &[[f32; 4]; 3],
     ) -> bool {
-        let Some(bounds) = world_bounds(world_from_object, object) else {
+        let Some(bounds) = world_bounds(world_from_object, &self.object_bounds[index]) else {
             return false;
         };
         self.bounds[index] = bounds;
@@ -101,7 +110,9 @@ impl LinearEntries {
 
     /// Takes an instance out; the last one takes its index.
     pub fn swap_remove(&mut self, index: usize) {
+        self.known = self.known.min(index);
         self.bounds.swap_remove(index);
+        self.object_bounds.swap_remove(index);
         self.words.swap_remove(index);
         self.matrices.swap_remove(index);
         self.groups.swap_remove(index);
@@ -109,9 +120,11 @@ impl LinearEntries {
 
     /// Keeps the instances at these indices, which are sorted, in their order.
     pub fn keep(&mut self, sorted: &[u32]) {
+        self.known = 0;
         for (to, from) in sorted.iter().enumerate() {
             let from = *from as usize;
             self.bounds[to] = self.bounds[from];
+            self.object_bounds[to] = self.object_bounds[from];
             self.words[to] = self.words[from];
             self.matrices[to] = self.matrices[from];
             self.groups[to] = self.groups[from];
@@ -121,7 +134,9 @@ impl LinearEntries {
 
     /// Takes out all instances from an index on.
     pub fn truncate(&mut self, len: usize) {
+        self.known = self.known.min(len);
         self.bounds.truncate(len);
+        self.object_bounds.truncate(len);
         self.words.truncate(len);
         self.matrices.truncate(len);
         self.groups.truncate(len);
@@ -155,6 +170,8 @@ pub struct LinearBuilder {
     tlas: Tlas,
     /// Entries of the nodes.
     len: usize,
+    /// Where the items were packed for, with these nodes.
+    base: Option<u32>,
     /// How often the tree was refitted.
     refits: u32,
     /// Sum of the areas of all nodes' boxes, and what it was when the tree was built.
@@ -164,26 +181,44 @@ pub struct LinearBuilder {
 
 impl LinearBuilder {
     /// Builds the tree over all entries. More than the stack has levels for, 16 million, are left out.
-    pub fn build(&mut self, entries: &LinearEntries) -> &mut Tlas {
-        self.len = entries.count().min(1 << (2 * IN_TLAS.most_groups));
-        self.sort(&entries.bounds[..self.len]);
-        self.divide();
-        self.pack(entries);
-        self.refits = 0;
-        self.area_built = self.area;
-        &mut self.tlas
+    pub fn build(&mut self, entries: &mut LinearEntries) -> &mut Tlas {
+        self.arrange(entries);
+        self.pack(entries, 0)
     }
 
     /// Builds the tree like [`Self::build`], or fits boxes of the last one to where the entries are now: objects that move keep their
     /// neighbours for a few frames. Entries may be others than before; a tree that got worse over it is built anew in the next frame.
-    pub fn update(&mut self, entries: &LinearEntries) -> &mut Tlas {
+    ///
+    /// `place` finds room for so many items, and returns the first of it, from which indices count.
+    pub fn update(
+        &mut self,
+        entries: &mut LinearEntries,
+        place: impl FnOnce(usize) -> Option<u32>,
+    ) -> Option<&mut Tlas> {
         let can_refit = self.len == entries.count() && self.refits < MOST_REFITS;
-        if !can_refit || self.area > MOST_GROWTH * self.area_built {
-            return self.build(entries);
+        if can_refit && self.area <= MOST_GROWTH * self.area_built {
+            self.refits += 1;
+        } else {
+            self.arrange(entries);
         }
-        self.refits += 1;
-        self.pack(entries);
-        &mut self.tlas
+        let base = place(self.item_count())?;
+        Some(self.pack(entries, base))
+    }
+
+    /// Finds out what the nodes of the tree are.
+    fn arrange(&mut self, entries: &LinearEntries) {
+        self.len = entries.count().min(1 << (2 * IN_TLAS.most_groups));
+        self.sort(&entries.bounds[..self.len]);
+        self.divide();
+        self.refits = 0;
+        self.base = None;
+    }
+
+    fn item_count(&self) -> usize {
+        match self.nodes.len() {
+            0 => 0,
+            nodes => nodes + 2 * self.len,
+        }
     }
 
     /// Puts indices of entries behind the codes of their cells, in order.
@@ -308,8 +343,14 @@ impl LinearBuilder {
         from + keys.partition_point(|key| key & bit == 0) as u32
     }
 
-    fn pack(&mut self, entries: &LinearEntries) {
+    /// Writes the items, with indices that count from the start of the buffer, where the first stands at `base`.
+    fn pack(&mut self, entries: &mut LinearEntries, base: u32) -> &mut Tlas {
         let (nodes, len) = (self.nodes.len(), self.len);
+        let is_first = self.base.is_none();
+        // Entries that stand where they stood, and are the same.
+        let known = if self.base == Some(base) { entries.known } else { 0 };
+        self.base = Some(base);
+        entries.known = len;
         self.area = 0.0;
         let tlas = &mut self.tlas;
         let mut items = core::mem::take(&mut tlas.items);
@@ -317,9 +358,9 @@ impl LinearBuilder {
         if nodes == 0 {
             items.clear();
             tlas.items = items;
-            return;
+            return tlas;
         }
-        // Each item is written below, so that those of the last tree may stay until then.
+        // Each item is written below, or is as it was, so that those of the last tree may stay until then.
         let matrices = nodes + len;
         items.resize(matrices + len, Item::default());
         items[matrices..].copy_from_slice(&entries.matrices[..len]);
@@ -332,17 +373,22 @@ impl LinearBuilder {
                     self.exact[*child as usize]
                 } else {
                     let entry = (child & !LEAF) as usize;
-                    let matrix = (matrices + entry) as u32;
-                    items[wide.first_child as usize + slot] =
-                        [entries.words[entry], [matrix, 0, 0, 0], [0, 0, ENTRY, 0]];
+                    if entry >= known {
+                        let matrix = base + (matrices + entry) as u32;
+                        items[wide.first_child as usize + slot] =
+                            [entries.words[entry], [matrix, 0, 0, 0], [0, 0, ENTRY, 0]];
+                    }
                     entries.bounds[entry]
                 });
             }
-            let mut packed = Node::new(wide.first_child, wide.count as usize, 0, [0; WIDTH]);
+            let mut packed = Node::new(base + wide.first_child, wide.count as usize, 0, [0; WIDTH]);
             let exact = node::quantise(&mut packed, &boxes);
             self.area += exact.half_area();
             self.exact[index] = exact;
             items[wide.place as usize] = bytemuck::cast(packed);
+        }
+        if is_first {
+            self.area_built = self.area;
         }
         tlas.items = items;
         tlas.node_count = nodes as u32;
@@ -353,6 +399,7 @@ impl LinearBuilder {
         tlas.groups = if len > 1 { levels } else { 0 };
         let below = entries.groups[..len].iter().copied().max().unwrap_or(0);
         tlas.stack = stack_size(tlas.groups, below);
+        tlas
     }
 }
 

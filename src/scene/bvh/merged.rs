@@ -94,7 +94,7 @@ fn cut_out(triangles: &mut Vec<Triangle>, first: usize, source: &MergeSource) {
 /// the whole object and doesn't bend its triangles.
 pub fn merge_bounds(world_from_object: &Affine3A, object: Bounds, triangle_count: u32) -> Option<Bounds> {
     inverse_rows(world_from_object)?;
-    let world = world_bounds(world_from_object, object)?;
+    let world = world_bounds(world_from_object, &object)?;
     let (min, max) = (Vec3A::from(world.min), Vec3A::from(world.max));
     let farthest = min.abs().max(max.abs()).max_element();
     if !(farthest <= FARTHEST) {

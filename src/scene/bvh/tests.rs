@@ -6,6 +6,7 @@ use super::{
     node::{Child, Node, WIDTH},
     owner,
     stack::{IN_BLAS, IN_TLAS, JOINT_GROUPS},
+    tlas::inverse_rows,
 };
 use crate::scene::gpu_types::{
     INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_MIRRORED, INSTANCE_RECEIVES_SHADOW,
@@ -153,11 +154,27 @@ proptest! {
             entries
         };
         let mut builder = LinearBuilder::default();
-        check_tlas(builder.build(&entries(&instances)), &instances);
+        let mut known = entries(&instances);
+        check_tlas(builder.build(&mut known), &instances);
         for (i, instance) in instances.iter_mut().enumerate() {
             instance.world_from_object.translation.x += (i % 5) as f32;
+            let inverse = inverse_rows(&instance.world_from_object).unwrap();
+            assert!(known.set_transform(i, &instance.world_from_object, &inverse));
         }
-        check_tlas(builder.update(&entries(&instances)), &instances);
+        check_tlas(builder.update(&mut known, |_| Some(0)).unwrap(), &instances);
+        // Another instance at an index is written again, and so is all where the tree stands elsewhere.
+        let second = instances.len() / 2;
+        instances.swap(0, second);
+        for i in [0, second] {
+            instances[i].instance = i as u32;
+            known.replace(i, LinearEntry::new(&instances[i]).unwrap());
+        }
+        check_tlas(builder.update(&mut known, |_| Some(0)).unwrap(), &instances);
+        let mut here = builder.update(&mut known, |_| Some(0)).unwrap().clone();
+        let there = builder.update(&mut known, |_| Some(1_000)).unwrap();
+        assert_ne!(there.items, here.items);
+        here.relocate(1_000);
+        assert_eq!(there.items, here.items);
     }
 }
 

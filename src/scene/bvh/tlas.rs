@@ -2,11 +2,11 @@
 
 use super::{
     blas::{BvhQuality, TopNode, build_tree},
-    format::{Bounds, ENTRY, Item, ONE_ENTRY},
+    format::{Bounds, ENTRY, Item, ONE_ENTRY, are_corners, half_area},
     node::{self, Child, Node, WIDTH},
     stack::{IN_TLAS, JOINT_GROUPS, stack_size},
 };
-use bevy::math::{Affine3A, DMat3, DVec3};
+use bevy::math::{Affine3A, DMat3, DVec3, Vec3A};
 use core::iter::once;
 use std::collections::BinaryHeap;
 
@@ -171,7 +171,7 @@ fn whole_instances<'a>(instances: &'a [TlasInstance<'a>]) -> (Vec<Entry>, Vec<Ke
     let mut entries = Vec::with_capacity(instances.len());
     for (index, instance) in (0..).zip(instances) {
         if let Some(object_from_world) = inverse_rows(&instance.world_from_object)
-            && let Some(bounds) = world_bounds(&instance.world_from_object, instance.bounds)
+            && let Some(bounds) = world_bounds(&instance.world_from_object, &instance.bounds)
         {
             entries.push(Entry {
                 bounds,
@@ -288,7 +288,7 @@ fn open(entries: &mut Vec<Entry>, kept: &[Kept], max_entries: usize) {
         let Kept { instance, .. } = &kept[owner as usize];
         let children: Option<Vec<Entry>> = (node.first_child..node.first_child + node.child_count)
             .map(|top| {
-                let bounds = world_bounds(&instance.world_from_object, instance.top.get(top as usize)?.bounds)?;
+                let bounds = world_bounds(&instance.world_from_object, &instance.top.get(top as usize)?.bounds)?;
                 Some(Entry {
                     bounds,
                     kept: owner,
@@ -327,6 +327,7 @@ pub fn inverse_rows(matrix: &Affine3A) -> Option<[[f32; 4]; 3]> {
 /// The inverse, from `f64`. `None` where the matrix has none that shaders could use.
 ///
 /// Written out, since the compiler calls a function for each closure over an array of rows, and this runs for each object that moves.
+#[inline]
 pub fn invert(matrix: &Affine3A) -> Option<Inverse> {
     let linear: DMat3 = matrix.matrix3.as_dmat3();
     let translation: DVec3 = matrix.translation.as_dvec3();
@@ -353,24 +354,32 @@ pub fn invert(matrix: &Affine3A) -> Option<Inverse> {
 }
 
 /// Box around the transformed box, grown by what rounding in the ray's transform can move a hit.
-pub(super) fn world_bounds(matrix: &Affine3A, object: Bounds) -> Option<Bounds> {
-    if !object.is_valid() {
+///
+/// In registers up to the end: a vector that is loaded from numbers which were stored one by one waits for all of them.
+#[inline]
+pub(super) fn world_bounds(matrix: &Affine3A, object: &Bounds) -> Option<Bounds> {
+    let (min, max) = (Vec3A::from(object.min), Vec3A::from(object.max));
+    if !are_corners(min, max) {
         return None;
     }
     let (mut low, mut high) = (matrix.translation, matrix.translation);
     let mut magnitude = low.abs();
-    let columns = [matrix.matrix3.x_axis, matrix.matrix3.y_axis, matrix.matrix3.z_axis];
-    for (axis, column) in columns.into_iter().enumerate() {
-        let (a, b) = (column * object.min[axis], column * object.max[axis]);
+    let columns = [
+        (matrix.matrix3.x_axis, min.x, max.x),
+        (matrix.matrix3.y_axis, min.y, max.y),
+        (matrix.matrix3.z_axis, min.z, max.z),
+    ];
+    for (column, min, max) in columns {
+        let (a, b) = (column * min, column * max);
         low += a.min(b);
         high += a.max(b);
         magnitude += a.abs().max(b.abs());
     }
     // Half for the rounding of the ray's transform, and half for that of the lines above: a product and four sums.
     let margin = magnitude * (f32::EPSILON * 8.0);
-    let world = Bounds {
-        min: (low - margin).to_array(),
-        max: (high + margin).to_array(),
-    };
-    (world.is_valid() && world.half_area().is_finite()).then_some(world)
+    let (low, high) = (low - margin, high + margin);
+    (are_corners(low, high) && half_area(high - low).is_finite()).then(|| Bounds {
+        min: low.to_array(),
+        max: high.to_array(),
+    })
 }

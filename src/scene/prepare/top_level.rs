@@ -61,7 +61,12 @@ impl SceneBindings {
         let begin = Instant::now();
         self.follow_merging(instances, meshes);
         let merge = &self.merge;
-        self.top_level.advance(|slot| merge.is_merged(slot), meshes, queue);
+        self.top_level.advance(
+            |slot| merge.is_merged(slot),
+            |slot| instances.place_of(slot),
+            meshes,
+            queue,
+        );
         self.follow_lost_trees(instances, meshes);
         if self.top_level.is_changed() {
             self.upload_bvh_top_level(instances, meshes, queue);
@@ -76,9 +81,10 @@ impl SceneBindings {
 
     /// Uploads the trees over instances, and notes what shaders must be compiled with for them.
     fn upload_bvh_top_level(&mut self, instances: &SceneInstances, meshes: &mut SceneMeshes, queue: &RenderQueue) {
-        self.top_level.upload(self.merge.instances(), meshes, queue);
+        let place_of = |slot| instances.place_of(slot);
+        self.top_level.upload(self.merge.instances(), place_of, meshes, queue);
         if self.follow_lost_trees(instances, meshes) {
-            self.top_level.upload(self.merge.instances(), meshes, queue);
+            self.top_level.upload(self.merge.instances(), place_of, meshes, queue);
         }
         self.set_masked(self.instances.masked_count() > 0);
         let head = self.top_level.head();

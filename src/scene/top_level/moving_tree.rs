@@ -14,7 +14,6 @@ const FEW: usize = 64;
 const SMALLEST_ROOM: usize = 1 << 9;
 
 /// An object of the moving tree.
-#[derive(Clone)]
 pub(super) struct Mover {
     pub slot: u32,
     /// Frame of its last change.
@@ -22,11 +21,15 @@ pub(super) struct Mover {
     pub object: Object,
 }
 
-/// The tree in the buffer and its objects.
+/// The tree in the buffer and its objects, by index. What movement touches lies together.
 #[derive(Default)]
 pub(super) struct MovingTree {
-    movers: Vec<Mover>,
-    /// The same in the form that [`LinearBuilder`] takes.
+    slots: Vec<u32>,
+    /// Frames of the last changes.
+    changed: Vec<u64>,
+    /// Where they were when anything else of them changed last.
+    objects: Vec<Object>,
+    /// The same in the form that [`LinearBuilder`] takes, where they are now.
     entries: LinearEntries,
     builder: LinearBuilder,
     /// The last tree that was built with all the care there is.
@@ -35,25 +38,49 @@ pub(super) struct MovingTree {
 }
 
 impl MovingTree {
-    /// Its objects, by index.
-    pub fn movers(&self) -> &[Mover] {
-        &self.movers
+    /// Slots of its objects, by index.
+    pub fn slots(&self) -> &[u32] {
+        &self.slots
+    }
+
+    /// Frames of their last changes, by index.
+    pub fn changed(&self) -> &[u64] {
+        &self.changed
+    }
+
+    /// The object at an index, in its place.
+    pub fn mover(&self, index: u32, place_of: &impl Fn(u32) -> Option<Affine3A>) -> Mover {
+        let index = index as usize;
+        let slot = self.slots[index];
+        let mut object = self.objects[index].clone();
+        object.world_from_object = place_of(slot).unwrap_or(object.world_from_object);
+        Mover {
+            slot,
+            changed: self.changed[index],
+            object,
+        }
     }
 
     /// Adds an object and returns its index. `entry` is the object in the form that [`LinearBuilder`] takes.
     pub fn insert(&mut self, mover: Mover, entry: LinearEntry) -> u32 {
-        self.movers.push(mover);
+        self.slots.push(mover.slot);
+        self.changed.push(mover.changed);
+        self.objects.push(mover.object);
         self.entries.push(entry);
-        self.movers.len() as u32 - 1
+        self.slots.len() as u32 - 1
     }
 
     /// Puts another object in the place of one.
     pub fn replace(&mut self, index: u32, mover: Mover, entry: LinearEntry) {
-        self.movers[index as usize] = mover;
-        self.entries.replace(index as usize, entry);
+        let place = index as usize;
+        self.slots[place] = mover.slot;
+        self.changed[place] = mover.changed;
+        self.objects[place] = mover.object;
+        self.entries.replace(place, entry);
     }
 
     /// Moves an object. Returns false where it can't be in a tree any more.
+    #[inline]
     pub fn set_transform(
         &mut self,
         index: u32,
@@ -61,55 +88,66 @@ impl MovingTree {
         object_from_world: &[[f32; 4]; 3],
         frame: u64,
     ) -> bool {
-        let mover = &mut self.movers[index as usize];
-        mover.object.world_from_object = *world_from_object;
-        mover.changed = frame;
-        let bounds = mover.object.bounds;
+        self.changed[index as usize] = frame;
         self.entries
-            .set_transform(index as usize, bounds, world_from_object, object_from_world)
+            .set_transform(index as usize, world_from_object, object_from_world)
     }
 
     /// Takes an object out. Returns its slot, and that of the object which has the index from now on.
     pub fn remove(&mut self, index: u32) -> (u32, Option<u32>) {
-        let removed = self.movers.swap_remove(index as usize);
-        self.entries.swap_remove(index as usize);
-        (removed.slot, self.movers.get(index as usize).map(|mover| mover.slot))
+        let index = index as usize;
+        let removed = self.slots.swap_remove(index);
+        self.changed.swap_remove(index);
+        self.objects.swap_remove(index);
+        self.entries.swap_remove(index);
+        (removed, self.slots.get(index).copied())
     }
 
     /// Keeps the objects at these indices, which are sorted, in their order: what is updated in the order of slots is then found in the
     /// order of the memory.
     pub fn keep(&mut self, sorted: &[u32]) {
-        for (to, from) in (0..).zip(sorted) {
-            self.movers.swap(to, *from as usize);
+        for (to, from) in sorted.iter().enumerate() {
+            let from = *from as usize;
+            self.slots.swap(to, from);
+            self.changed.swap(to, from);
+            self.objects.swap(to, from);
         }
-        self.movers.truncate(sorted.len());
+        self.slots.truncate(sorted.len());
+        self.changed.truncate(sorted.len());
+        self.objects.truncate(sorted.len());
         self.entries.keep(sorted);
     }
 
     /// Builds the tree over the objects and over merged trees, and uploads it. Returns the tree as it is in the buffer, or `None` if
-    /// there is no room for it. Merged trees may get lost over it.
+    /// there is no room for it. Merged trees may get lost over it. `place_of` tells where the object of a slot is.
     pub fn upload<'a>(
         &mut self,
         merged: impl Iterator<Item = TlasInstance<'a>>,
+        place_of: &impl Fn(u32) -> Option<Affine3A>,
         meshes: &mut SceneMeshes,
         queue: &RenderQueue,
     ) -> Option<&Tlas> {
-        let tlas = if self.movers.len() <= FEW {
-            self.careful.insert(build_carefully(&self.movers, merged))
+        let slice = &mut self.slice;
+        let tlas = if self.slots.len() <= FEW {
+            for (slot, object) in self.slots.iter().zip(&mut self.objects) {
+                object.world_from_object = place_of(*slot).unwrap_or(object.world_from_object);
+            }
+            let tlas = self.careful.insert(build_carefully(&self.objects, merged));
+            let base = first_item(slice, tlas.items.len(), meshes)?;
+            tlas.relocate(base);
+            tlas
         } else {
             let own = self.entries.count();
             merged
                 .filter_map(|tree| LinearEntry::new(&tree))
                 .for_each(|entry| self.entries.push(entry));
-            let tlas = self.builder.update(&self.entries);
+            let builder = &mut self.builder;
+            let tlas = builder.update(&mut self.entries, |items| first_item(slice, items, meshes));
             self.entries.truncate(own);
-            tlas
+            tlas?
         };
-        if !tlas.items.is_empty() {
-            reserve(&mut self.slice, tlas.items.len(), meshes);
-            let slice = self.slice.as_ref()?;
-            tlas.relocate(slice.base() / ITEM_WORDS);
-            let words = tlas.items.as_flattened().as_flattened();
+        let words = tlas.items.as_flattened().as_flattened();
+        if let Some(slice) = self.slice.as_ref().filter(|_| !words.is_empty()) {
             meshes.bvh.write(queue, slice, words);
         }
         Some(tlas)
@@ -131,27 +169,27 @@ impl MovingTree {
 }
 
 #[expect(clippy::map_identity, reason = "the lifetimes of both kinds of instances must meet")]
-fn build_carefully<'a>(movers: &[Mover], merged: impl Iterator<Item = TlasInstance<'a>>) -> Tlas {
-    let mut list: Vec<_> = movers.iter().map(|mover| mover.object.instance()).collect();
+fn build_carefully<'a>(objects: &[Object], merged: impl Iterator<Item = TlasInstance<'a>>) -> Tlas {
+    let mut list: Vec<_> = objects.iter().map(Object::instance).collect();
     list.extend(merged.map(|tree| -> TlasInstance { tree }));
     // A lone tree overlaps with nothing, and rays start in it at once where it is not opened.
     let max_entries = match list.len() {
         0 | 1 => 0,
-        count => opening_budget(movers.len()) + count - movers.len(),
+        count => opening_budget(objects.len()) + count - objects.len(),
     };
     build_tlas(&list, max_entries)
 }
 
-/// Makes room for so many items if there is any. Merged trees may get lost over it.
-fn reserve(slice: &mut Option<ArenaSlice>, items: usize, meshes: &mut SceneMeshes) {
+/// Makes room for so many items, and returns the first of it; `None` where there is none. Merged trees may get lost over it.
+fn first_item(slice: &mut Option<ArenaSlice>, items: usize, meshes: &mut SceneMeshes) -> Option<u32> {
     let has_room = |slice: &ArenaSlice| (slice.words() / ITEM_WORDS) as usize >= items;
-    if slice.as_ref().is_some_and(has_room) {
-        return;
+    if items > 0 && !slice.as_ref().is_some_and(has_room) {
+        if let Some(slice) = slice.take() {
+            meshes.bvh.free(slice);
+        }
+        // Room to grow, so that a slowly growing scene doesn't ask for it in every frame.
+        let roomy = items.next_power_of_two().max(SMALLEST_ROOM);
+        *slice = Some(meshes.allocate_tree(roomy).or_else(|| meshes.allocate_tree(items))?);
     }
-    if let Some(slice) = slice.take() {
-        meshes.bvh.free(slice);
-    }
-    // Room to grow, so that a slowly growing scene doesn't ask for it in every frame.
-    let roomy = items.next_power_of_two().max(SMALLEST_ROOM);
-    *slice = meshes.allocate_tree(roomy).or_else(|| meshes.allocate_tree(items));
+    Some(slice.as_ref().map_or(0, |slice| slice.base() / ITEM_WORDS))
 }

@@ -102,7 +102,7 @@ fn measure_tlas_builds(csv: &mut Csv) -> Result<(), String> {
             ("medium", &mut || {
                 build_tlas_of(BvhQuality::Medium, &instances, opening_budget(count))
             }),
-            ("linear", &mut || linear.build(&entries(&instances)).clone()),
+            ("linear", &mut || linear.build(&mut entries(&instances)).clone()),
         ];
         for (word, build) in &mut builders {
             let mut times = Vec::new();
