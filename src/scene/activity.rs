@@ -1,9 +1,8 @@
 //! Tracks whether any camera wants reflections. Without one, the scene isn't mirrored at all.
 
-use crate::settings::RayTracedReflections;
-use bevy::{camera::Camera, ecs::prelude::*, render::Extract};
+use bevy::ecs::prelude::*;
 
-/// Tracks whether any active camera has [`RayTracedReflections`].
+/// Tracks whether any active camera has [`RayTracedReflections`](crate::RayTracedReflections).
 #[derive(Resource, Default)]
 pub struct SceneActivity {
     /// At least one camera does.
@@ -12,12 +11,10 @@ pub struct SceneActivity {
     pub started: bool,
 }
 
-/// Runs before all other extraction of the scene.
-pub fn extract_activity(
-    cameras: Extract<Query<&Camera, With<RayTracedReflections>>>,
-    mut activity: ResMut<SceneActivity>,
-) {
-    let active = cameras.iter().any(|camera| camera.is_active);
-    activity.started = active && !activity.active;
-    activity.active = active;
+impl SceneActivity {
+    /// Takes over whether any camera wants reflections in this frame.
+    pub fn follow(&mut self, active: bool) {
+        self.started = active && !self.active;
+        self.active = active;
+    }
 }

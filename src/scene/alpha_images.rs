@@ -6,10 +6,7 @@ use bevy::{
     ecs::prelude::*,
     image::Image,
     platform::collections::HashMap,
-    render::{
-        Extract,
-        render_resource::{TextureDimension, TextureFormat, TextureUsages},
-    },
+    render::render_resource::{TextureDimension, TextureFormat, TextureUsages},
 };
 use std::sync::Arc;
 
@@ -64,15 +61,15 @@ impl AlphaImages {
     }
 }
 
-/// Copies a part of what is wanted. Belongs in `ExtractSchedule`.
-pub(super) fn extract_alpha_images(images: Extract<Option<Res<Assets<Image>>>>, mut alphas: ResMut<AlphaImages>) {
+/// Copies a part of what is wanted.
+pub(super) fn extract_alpha_images(images: Option<&Assets<Image>>, alphas: &mut AlphaImages) {
     if alphas.images.is_empty() {
         return;
     }
     let mut texels_left = TEXELS_PER_FRAME;
     for ((id, _), alpha) in &mut alphas.images {
         let AlphaImage::Copying(copy) = alpha else { continue };
-        let image = images.as_ref().and_then(|images| images.get(*id));
+        let image = images.and_then(|images| images.get(*id));
         match image.and_then(readable) {
             Some(source) => copy_rows(&source, copy, &mut texels_left),
             None => *alpha = AlphaImage::Unreadable,

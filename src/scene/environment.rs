@@ -16,7 +16,6 @@ use bevy::{
     math::Quat,
     pbr::DfgLut,
     render::{
-        Extract,
         render_asset::RenderAssets,
         render_resource::{
             BindGroup, BindGroupEntries, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntries, Buffer,
@@ -137,7 +136,8 @@ impl ViewEnvironment {
     }
 }
 
-type Cameras<'w, 's> = Query<
+/// Cameras that reflect, with what surrounds them.
+pub(super) type ReflectingCameras<'w, 's> = Query<
     'w,
     's,
     (
@@ -153,28 +153,28 @@ type Cameras<'w, 's> = Query<
     ),
 >;
 
-/// Gives every reflecting view its [`ViewEnvironment`] and takes it from the others. Belongs in `ExtractSchedule`.
-pub fn extract_environments(
-    mut commands: Commands,
-    cameras: Extract<Cameras>,
-    ambient: Extract<Option<Res<GlobalAmbientLight>>>,
-    clear_color: Extract<Option<Res<ClearColor>>>,
-    scene_layers: Res<SceneLayers>,
-    mut views: Query<(Entity, &mut ViewEnvironment)>,
+/// Gives every reflecting view its [`ViewEnvironment`] and takes it from the others. `scene_layers` are those of this frame.
+pub(super) fn follow_environments(
+    cameras: &ReflectingCameras,
+    ambient: Option<&GlobalAmbientLight>,
+    clear_color: Option<&ClearColor>,
+    scene_layers: &SceneLayers,
+    views: &mut Query<(Entity, &mut ViewEnvironment)>,
+    commands: &mut Commands,
 ) {
-    let mut current = EntityHashMap::default();
-    for (entity, settings, camera, exposure, own_ambient, map, skybox, drawn, reflected) in &cameras {
+    let mut known = 0;
+    for (entity, settings, camera, exposure, own_ambient, map, skybox, drawn, reflected) in cameras {
         if !camera.is_active {
             continue;
         }
-        let ambient = match (own_ambient, ambient.as_ref()) {
+        let ambient = match (own_ambient, ambient) {
             (Some(light), _) => (light.color, light.brightness),
             (None, Some(light)) => (light.color, light.brightness),
             (None, None) => (Color::BLACK, 0.0),
         };
         let background = match camera.clear_color {
             ClearColorConfig::Custom(color) => Some(color),
-            ClearColorConfig::Default => clear_color.as_ref().map(|color| color.0),
+            ClearColorConfig::Default => clear_color.map(|color| color.0),
             ClearColorConfig::None => None,
         };
         let exposure = exposure.copied().unwrap_or_default().exposure();
@@ -187,20 +187,25 @@ pub fn extract_environments(
             skybox,
         );
         environment.uniform.flags |= scene_layers.groups_of_camera(drawn, reflected);
-        current.insert(entity, environment);
-    }
-    for (entity, mut view) in &mut views {
-        match current.remove(&entity) {
-            Some(environment) => {
+        match views.get_mut(entity) {
+            Ok((_, mut view)) => {
+                known += 1;
                 view.set_if_neq(environment);
             }
-            None => {
-                commands.entity(entity).remove::<ViewEnvironment>();
+            Err(_) => {
+                commands.entity(entity).insert(environment);
             }
         }
     }
-    for (entity, environment) in current {
-        commands.entity(entity).insert(environment);
+    if known == views.iter().len() {
+        return;
+    }
+    let is_active = |view: &Entity| {
+        let mut active = cameras.iter().filter(|(_, _, camera, ..)| camera.is_active);
+        active.any(|(entity, ..)| entity == *view)
+    };
+    for (view, _) in views.iter().filter(|(view, _)| !is_active(view)) {
+        commands.entity(view).remove::<ViewEnvironment>();
     }
 }
 

@@ -1,18 +1,17 @@
 //! Light probes as hits need them: Bevy's reflection probes and irradiance volumes, all of the scene, since rays leave what the camera sees.
 //! `light_probes.wesl` is the GPU side.
 
-use super::{activity::SceneActivity, bvh::invert, gpu_types::GpuLightProbe, upload::StorageSlice};
+use super::{bvh::invert, gpu_types::GpuLightProbe, upload::StorageSlice};
 use crate::{device::ReflectionTextureMode, settings::RayTracedReflections};
 use bevy::{
     asset::AssetId,
     camera::visibility::InheritedVisibility,
-    ecs::prelude::*,
+    ecs::{prelude::*, system::SystemParam},
     image::Image,
     light::{EnvironmentMapLight, IrradianceVolume, LightProbe, ParallaxCorrection},
     log::warn_once,
     math::{Affine3A, Vec3, Vec3A},
     render::{
-        Extract,
         render_asset::RenderAssets,
         render_resource::{
             BindGroupLayoutEntryBuilder, Buffer, Extent3d, TextureDataOrder, TextureDescriptor, TextureDimension,
@@ -104,16 +103,23 @@ type Probes<'w, 's, L> = Query<
     ),
 >;
 
-/// Gathers the probes. Belongs in `ExtractSchedule`.
-pub(super) fn extract_light_probes(
-    reflection_probes: Extract<Probes<EnvironmentMapLight>>,
-    irradiance_volumes: Extract<Probes<IrradianceVolume>>,
-    cameras: Extract<Query<&GlobalTransform, With<RayTracedReflections>>>,
-    activity: Res<SceneActivity>,
-    mut extracted: ResMut<ExtractedLightProbes>,
-) {
+/// The light probes of the main world.
+#[derive(SystemParam)]
+pub(super) struct ProbeWorld<'w, 's> {
+    reflection_probes: Probes<'w, 's, EnvironmentMapLight>,
+    irradiance_volumes: Probes<'w, 's, IrradianceVolume>,
+    cameras: Query<'w, 's, &'static GlobalTransform, With<RayTracedReflections>>,
+}
+
+/// Gathers the probes.
+pub(super) fn extract_light_probes(world: &ProbeWorld, active: bool, mut extracted: ResMut<ExtractedLightProbes>) {
+    let ProbeWorld {
+        reflection_probes,
+        irradiance_volumes,
+        cameras,
+    } = world;
     let mut current = ExtractedLightProbes::default();
-    if activity.active && !(reflection_probes.is_empty() && irradiance_volumes.is_empty()) {
+    if active && !(reflection_probes.is_empty() && irradiance_volumes.is_empty()) {
         let cameras: Vec<_> = cameras.iter().map(GlobalTransform::translation_vec3a).collect();
         let found = reflection_probes.iter().filter(|(.., visibility, _)| visibility.get());
         let found = found.filter_map(|(transform, light_probe, light, _, parallax)| {

@@ -3,7 +3,7 @@
 use super::{
     gpu_types::GpuLight,
     light_tree::{LightTree, Written},
-    lights::MAX_LIGHTS,
+    lights::{MAX_LIGHTS, Touched},
     upload::StorageSlice,
 };
 use bevy::render::{
@@ -54,7 +54,8 @@ impl LightTable {
     }
 
     /// Takes over the lights of the scene. Where the device has no room for all of them with their tree, hits go through the first ones.
-    pub fn write(&mut self, lights: &[GpuLight], device: &RenderDevice, queue: &RenderQueue) {
+    /// Lights that aren't `touched` are as they were.
+    pub fn write(&mut self, lights: &[GpuLight], touched: &Touched, device: &RenderDevice, queue: &RenderQueue) {
         if lights.len() <= MAX_LIGHTS {
             self.tree = None;
             self.slice.write(lights, 0..lights.len(), device, queue);
@@ -62,7 +63,10 @@ impl LightTable {
             return;
         }
         let mut tree = self.tree.take().unwrap_or_default();
-        let written = tree.update(lights);
+        let written = match touched {
+            Touched::All => tree.update(lights),
+            Touched::Lights(touched) => tree.update_some(lights, touched.iter().copied()),
+        };
         match written {
             Written::All => {
                 let table = tree.table();
@@ -102,7 +106,7 @@ mod tests {
             (MAX_LIGHTS + 1, 512, 769),
             (9, 0, 9),
         ] {
-            table.write(&lights[..count], &device, &queue);
+            table.write(&lights[..count], &Touched::All, &device, &queue);
             assert_eq!((table.count(), table.leaf_count()), (count as u32, leaves));
             assert_eq!(table.slice.count(), elements, "{count} lights");
         }

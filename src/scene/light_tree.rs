@@ -94,6 +94,10 @@ pub struct LightTree {
     /// Node 0 does not exist, node 1 is the root.
     nodes: Vec<LightNode>,
     table: Vec<GpuLight>,
+    /// By light, its place in the table.
+    places: Vec<u32>,
+    /// Places of lights that may have changed.
+    touched: Vec<u32>,
     written: Vec<u32>,
     /// Nodes of a level that have changed.
     level: Vec<u32>,
@@ -127,6 +131,11 @@ impl LightTree {
 
     /// Takes over the lights, of which directional ones come first.
     pub fn update(&mut self, lights: &[GpuLight]) -> Written<'_> {
+        self.update_some(lights, 0..lights.len() as u32)
+    }
+
+    /// Does the same where only these lights may have changed since the last call, or more have come or gone.
+    pub fn update_some(&mut self, lights: &[GpuLight], touched: impl IntoIterator<Item = u32>) -> Written<'_> {
         let directional = lights.partition_point(|light| light.kind == LIGHT_DIRECTIONAL);
         if directional != self.directional || lights.len() != directional + self.order.len() {
             self.directional = directional;
@@ -136,25 +145,26 @@ impl LightTree {
         self.written.clear();
         self.level.clear();
         self.updates = self.updates.saturating_add(1);
-        for (place, light) in lights[..directional].iter().enumerate() {
-            if self.table[place] != *light {
-                self.table[place] = *light;
-                self.written.push(place as u32);
-            }
-        }
-        for (place, index) in self.order.iter().enumerate() {
-            let light = &lights[*index as usize];
-            let known = &mut self.table[directional + place];
+        self.touched.clear();
+        self.touched
+            .extend(touched.into_iter().map(|light| self.places[light as usize]));
+        self.touched.sort_unstable();
+        for &place in &self.touched {
+            let in_tree = (place as usize).checked_sub(directional);
+            let light = &lights[in_tree.map_or(place, |place| self.order[place]) as usize];
+            let known = &mut self.table[place as usize];
             if *known == *light {
                 continue;
             }
             *known = *light;
-            self.written.push((directional + place) as u32);
-            let leaf = self.nodes.len() / 2 + place;
-            let node = LightNode::of(light);
-            if self.nodes[leaf] != node {
-                self.nodes[leaf] = node;
-                self.level.push(leaf as u32);
+            self.written.push(place);
+            if let Some(place) = in_tree {
+                let leaf = self.nodes.len() / 2 + place;
+                let node = LightNode::of(light);
+                if self.nodes[leaf] != node {
+                    self.nodes[leaf] = node;
+                    self.level.push(leaf as u32);
+                }
             }
         }
         self.refit(lights.len());
@@ -162,7 +172,8 @@ impl LightTree {
             self.sort(lights);
             return Written::All;
         }
-        self.written.sort_unstable();
+        // Each level is in order already, which this sort makes use of.
+        self.written.sort();
         Written::Elements(&self.written)
     }
 
@@ -201,6 +212,13 @@ impl LightTree {
             let light = lights[*index as usize];
             self.table.push(light);
             self.nodes[leaves + place] = LightNode::of(&light);
+        }
+        self.places.resize(lights.len(), 0);
+        for (place, index) in (0..self.directional as u32)
+            .chain(self.order.iter().copied())
+            .enumerate()
+        {
+            self.places[index as usize] = place as u32;
         }
         self.table.push(GpuLight::default());
         for node in (1..leaves).rev() {

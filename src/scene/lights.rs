@@ -1,47 +1,173 @@
 //! Lights as hits need them: all visible ones of the scene, in the units of Bevy's shaders. Bevy's own list leaves out what the camera
-//! does not see.
+//! does not see. `lights/extract.rs` follows their changes.
+
+pub(super) mod extract;
 
 use std::f32::consts::{FRAC_PI_2, PI};
 
 use bevy::{
-    camera::visibility::{InheritedVisibility, RenderLayers},
     color::{Color, LinearRgba},
     ecs::prelude::*,
     light::{DirectionalLight, PointLight, RectLight, SpotLight},
-    log::warn_once,
     math::{Vec3, Vec3A},
     pbr::AreaLightLuts,
-    render::{Extract, render_asset::RenderAssets, texture::GpuImage},
+    render::{render_asset::RenderAssets, texture::GpuImage},
     transform::components::GlobalTransform,
 };
 
 use super::{
-    activity::SceneActivity,
     change::{Change, RESTLESS_FRAMES},
     gpu_types::*,
-    render_layers::SceneLayers,
 };
 
 /// Lights that hits go through one by one. Where there are more, they do so with directional ones alone, of which there are at most so
 /// many, and draw from the others. `shading.wesl` has the same number.
 pub const MAX_LIGHTS: usize = 256;
 
+/// Lights that differ from what they were.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Touched {
+    /// Any, or their number.
+    All,
+    /// These alone. Some may be named twice.
+    Lights(Vec<u32>),
+}
+
+impl Default for Touched {
+    fn default() -> Self {
+        Self::Lights(Vec::new())
+    }
+}
+
+impl Touched {
+    /// There is none.
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+
+    fn add(&mut self, light: u32) {
+        if let Self::Lights(lights) = self {
+            lights.push(light);
+        }
+    }
+}
+
 /// The lights of the scene in the render world.
 #[derive(Resource, Default)]
 pub struct ExtractedLights {
     /// Directional lights first, then points, spots and rectangles.
-    pub lights: Vec<GpuLight>,
-    /// `true` if `lights` differs from the last frame, if only in marks.
-    pub changed: bool,
-    /// How it differs.
-    pub(super) change: Change,
+    lights: Vec<GpuLight>,
+    /// Lights that differ from the last frame, if only in marks, and how they do.
+    touched: Touched,
+    change: Change,
     /// By light, the frames for which it stays marked.
     restless: Vec<u32>,
+    /// Lights with a mark.
+    marked: Vec<u32>,
+    /// Bevy's shaders apply rectangle lights, which they do only with Bevy's cargo feature `area_light_luts`.
+    rects_shine: bool,
 }
 
-/// `true` if Bevy's shaders apply rectangle lights, which they do only with Bevy's cargo feature `area_light_luts`.
-#[derive(Resource, Default, Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RectLightsEnabled(pub bool);
+impl ExtractedLights {
+    /// The lights: directional ones first.
+    pub fn lights(&self) -> &[GpuLight] {
+        &self.lights
+    }
+
+    /// Lights that differ from those of the last call, and how they do.
+    pub(super) fn take_changes(&mut self) -> (Touched, Change) {
+        (core::mem::take(&mut self.touched), core::mem::take(&mut self.change))
+    }
+
+    /// Takes over the lights of a frame, marks those that are others than in the last one, when they may have had marks, or were so lately.
+    fn replace(&mut self, lights: Vec<GpuLight>) {
+        let previous = core::mem::replace(&mut self.lights, lights);
+        if self.lights.len() == previous.len() {
+            for (place, previous) in previous.iter().enumerate() {
+                let light = core::mem::replace(&mut self.lights[place], *previous);
+                self.set(place as u32, light);
+            }
+            self.mark();
+        } else {
+            self.touched = Touched::All;
+            self.change = Change::Unmarked;
+            self.marked.clear();
+            self.restless.clear();
+            self.restless.resize(self.lights.len(), 0);
+        }
+    }
+
+    /// Replaces one light. Belongs before [`Self::mark`].
+    fn set(&mut self, place: u32, light: GpuLight) {
+        let known = &mut self.lights[place as usize];
+        let previous = GpuLight {
+            flags: known.flags & !LIGHT_RESTLESS,
+            ..*known
+        };
+        if light == previous {
+            return;
+        }
+        let in_its_color = GpuLight {
+            color: light.color,
+            ..previous
+        };
+        let restless = &mut self.restless[place as usize];
+        // One that begins to move may no longer shine where it did.
+        let is_marked = *restless > 0 || light == in_its_color;
+        let change = if is_marked { Change::Marked } else { Change::Unmarked };
+        self.change = self.change.max(change);
+        let mark = known.flags & LIGHT_RESTLESS;
+        if mark == 0 {
+            self.marked.push(place);
+        }
+        *restless = RESTLESS_FRAMES;
+        *known = GpuLight {
+            flags: light.flags | mark,
+            ..light
+        };
+        self.touched.add(place);
+    }
+
+    /// Marks lights that have changed lately, and no others: once in each frame.
+    fn mark(&mut self) {
+        let Self {
+            lights,
+            touched,
+            restless,
+            marked,
+            ..
+        } = self;
+        marked.retain(|&place| {
+            let (flags, restless) = (&mut lights[place as usize].flags, &mut restless[place as usize]);
+            let before = *flags;
+            let is_restless = *restless > 0;
+            if is_restless {
+                *restless -= 1;
+                *flags |= LIGHT_RESTLESS;
+            } else {
+                *flags &= !LIGHT_RESTLESS;
+            }
+            if *flags != before {
+                touched.add(place);
+            }
+            is_restless
+        });
+    }
+
+    fn clear(&mut self) {
+        *self = Self {
+            rects_shine: self.rects_shine,
+            ..Self::default()
+        };
+    }
+
+    /// Finds out whether Bevy was built with the tables for rectangular lights, which follow in the next frame.
+    pub(super) fn detect_rects(&mut self, luts: Option<&AreaLightLuts>, images: &RenderAssets<GpuImage>) {
+        // Without the feature there is a placeholder of one texel.
+        let image = luts.and_then(|luts| images.get(&luts.image));
+        self.rects_shine = image.is_some_and(|image| image.texture_descriptor.size.width > 1);
+    }
+}
 
 fn radiance(color: Color, intensity: f32) -> Option<[f32; 3]> {
     let color = LinearRgba::from(color);
@@ -159,107 +285,6 @@ fn any_orthogonal(n: Vec3) -> Vec3 {
     Vec3::new(1.0 + s * n.x * n.x * a, s * n.x * n.y * a, -s * n.x)
 }
 
-type Lights<'w, 's, L> = Extract<
-    'w,
-    's,
-    Query<
-        'static,
-        'static,
-        (
-            &'static L,
-            &'static GlobalTransform,
-            &'static InheritedVisibility,
-            Option<&'static RenderLayers>,
-        ),
-    >,
->;
-
-/// Gathers the lights. Belongs in `ExtractSchedule`.
-pub fn extract_lights(
-    directional: Lights<DirectionalLight>,
-    points: Lights<PointLight>,
-    spots: Lights<SpotLight>,
-    rects: Lights<RectLight>,
-    rects_enabled: Option<Res<RectLightsEnabled>>,
-    (activity, layers): (Option<Res<SceneActivity>>, Option<Res<SceneLayers>>),
-    mut extracted: ResMut<ExtractedLights>,
-    mut previous: Local<Vec<GpuLight>>,
-) {
-    let ExtractedLights {
-        lights,
-        changed,
-        change,
-        restless,
-    } = &mut *extracted;
-    std::mem::swap(lights, &mut *previous);
-    lights.clear();
-    if activity.is_some_and(|activity| !activity.active) {
-        *changed = !previous.is_empty();
-        previous.clear();
-        return;
-    }
-    fn visible<L: Component>(
-        (light, transform, visibility, own_layers): (&L, &GlobalTransform, &InheritedVisibility, Option<&RenderLayers>),
-        layers: Option<&SceneLayers>,
-        convert: fn(&L, &GlobalTransform) -> Option<GpuLight>,
-    ) -> Option<GpuLight> {
-        // Bevy lights a view by the lights on its layers alone.
-        let shines = visibility.get() && layers.is_none_or(|layers| layers.groups_of(own_layers) != 0);
-        shines.then(|| convert(light, transform))?
-    }
-    let layers = layers.as_deref();
-    lights.extend(
-        directional
-            .iter()
-            .filter_map(|item| visible(item, layers, directional_light)),
-    );
-    if lights.len() > MAX_LIGHTS {
-        warn_once!(
-            "{} directional lights in the scene: reflections show the {MAX_LIGHTS} strongest of them.",
-            lights.len()
-        );
-        keep_strongest(lights);
-    }
-    lights.extend(points.iter().filter_map(|item| visible(item, layers, point_light)));
-    lights.extend(spots.iter().filter_map(|item| visible(item, layers, spot_light)));
-    if rects_enabled.is_some_and(|enabled| enabled.0) {
-        lights.extend(rects.iter().filter_map(|item| visible(item, layers, rect_light)));
-    }
-    *change = mark_changes(lights, &previous, restless);
-    *changed = lights != &*previous;
-}
-
-/// Marks the lights that are others than in the last frame, when they may have had marks, or were so lately.
-fn mark_changes(lights: &mut [GpuLight], previous: &[GpuLight], restless: &mut Vec<u32>) -> Change {
-    if lights.len() != previous.len() {
-        restless.clear();
-        return Change::Unmarked;
-    }
-    restless.resize(lights.len(), 0);
-    let mut change = Change::Nothing;
-    for ((light, previous), restless) in lights.iter_mut().zip(previous).zip(restless) {
-        let previous = GpuLight {
-            flags: previous.flags & !LIGHT_RESTLESS,
-            ..*previous
-        };
-        if *light != previous {
-            let in_its_color = GpuLight {
-                color: light.color,
-                ..previous
-            };
-            // One that begins to move may no longer shine where it did.
-            let is_marked = *restless > 0 || *light == in_its_color;
-            change = change.max(if is_marked { Change::Marked } else { Change::Unmarked });
-            *restless = RESTLESS_FRAMES;
-        }
-        if *restless > 0 {
-            *restless -= 1;
-            light.flags |= LIGHT_RESTLESS;
-        }
-    }
-    change
-}
-
 /// Keeps the strongest lights, in their order: a light that comes or goes changes one other at most.
 fn keep_strongest(lights: &mut Vec<GpuLight>) {
     let mut order: Vec<usize> = (0..lights.len()).collect();
@@ -278,19 +303,6 @@ pub fn strength(light: &GpuLight) -> f32 {
         LIGHT_RECT => luminance * 4.0 * light.spot[0] * light.spot[1],
         _ => luminance,
     }
-}
-
-/// Finds out whether Bevy was built with the tables for rectangular lights. Belongs in `RenderSystems::PrepareResources`; lights
-/// follow in the next frame.
-pub fn detect_rect_lights(
-    luts: Option<Res<AreaLightLuts>>,
-    images: Res<RenderAssets<GpuImage>>,
-    mut enabled: ResMut<RectLightsEnabled>,
-) {
-    // Without the feature there is a placeholder of one texel.
-    let image = luts.as_ref().and_then(|luts| images.get(&luts.image));
-    let found = RectLightsEnabled(image.is_some_and(|image| image.texture_descriptor.size.width > 1));
-    enabled.set_if_neq(found);
 }
 
 #[cfg(test)]

@@ -557,14 +557,13 @@ impl MaterialTable {
     }
 }
 
-/// Packs what changed. Belongs in `RenderSystems::PrepareResources`, after [`super::textures::update_textures`].
+/// Packs what changed. Belongs behind [`TextureTable::update`].
 pub fn update_materials(
-    mut assets: ResMut<MaterialAssets>,
-    mut table: ResMut<MaterialTable>,
-    mut textures: ResMut<TextureTable>,
-    images: Res<RenderAssets<GpuImage>>,
+    assets: &mut MaterialAssets,
+    table: &mut MaterialTable,
+    textures: &mut TextureTable,
+    images: &RenderAssets<GpuImage>,
 ) {
-    let (table, textures) = (&mut *table, &mut *textures);
     table.settle();
     for id in std::mem::take(&mut assets.removed) {
         // The same id may be back already.
@@ -589,7 +588,7 @@ pub fn update_materials(
     }
     if !table.waiting.is_empty() {
         for index in table.waiting.iter().copied().collect::<Vec<_>>() {
-            table.pack(index, &assets, textures, &images);
+            table.pack(index, assets, textures, images);
         }
     }
 }

@@ -16,14 +16,13 @@ use super::{
 use crate::device::{ChosenTracer, ReflectionTracer};
 use bevy::{
     asset::{AssetEvent, AssetId, Assets, RenderAssetUsages},
-    ecs::prelude::*,
+    ecs::{prelude::*, system::SystemParam},
     mesh::Mesh,
     platform::{
         collections::{HashMap, HashSet},
         time::Instant,
     },
     render::{
-        Extract,
         mesh::RenderMesh,
         render_asset::ExtractedAssets,
         render_resource::BufferUsages,
@@ -453,20 +452,26 @@ fn words_of(items: usize) -> Option<u32> {
     u32::try_from(items).ok()?.checked_mul(ITEM_WORDS)
 }
 
+/// The mesh assets of the main world.
+#[derive(SystemParam)]
+pub struct MeshWorld<'w, 's> {
+    assets: Res<'w, Assets<Mesh>>,
+    events: MessageReader<'w, 's, AssetEvent<Mesh>>,
+}
+
 /// Reads mesh assets of the main world that traced objects need, and notes which changed or vanished.
 pub fn extract_meshes(
-    assets: Extract<Res<Assets<Mesh>>>,
-    mut events: Extract<MessageReader<AssetEvent<Mesh>>>,
-    mut instances: ResMut<SceneInstances>,
-    activity: Res<SceneActivity>,
-    mut meshes: ResMut<SceneMeshes>,
-    mut render_world: ResMut<RenderWorldMeshes>,
-    device: Res<RenderDevice>,
+    world: &mut MeshWorld,
+    active: bool,
+    instances: &mut SceneInstances,
+    meshes: &mut SceneMeshes,
+    render_world: &mut RenderWorldMeshes,
+    device: &RenderDevice,
 ) {
-    let meshes = &mut *meshes;
+    let assets = &*world.assets;
     meshes.changed.clear();
     let mut changed = HashSet::new();
-    for event in events.read() {
+    for event in world.events.read() {
         match event {
             // Another mesh may be inserted under an id that was removed.
             AssetEvent::Added { id } | AssetEvent::Modified { id } => _ = changed.insert(*id),
@@ -478,8 +483,8 @@ pub fn extract_meshes(
             _ => {}
         }
     }
-    if !activity.active {
-        meshes.clear(&device);
+    if !active {
+        meshes.clear(device);
         return;
     }
     let mut budget = CopyBudget::new(meshes.copied_bytes);
@@ -492,7 +497,7 @@ pub fn extract_meshes(
     for id in modified {
         let waits = meshes.is_on_its_way(id)
             || meshes.is_known(id)
-                && meshes.start_from(id, &mut render_world, &assets, &changed, &mut budget) == Start::Later;
+                && meshes.start_from(id, render_world, assets, &changed, &mut budget) == Start::Later;
         if waits {
             meshes.stale.insert(id);
         }
@@ -507,7 +512,7 @@ pub fn extract_meshes(
         if meshes.is_known(*id) || !instances.shows(*id) {
             return false;
         }
-        let start = meshes.start_from(*id, &mut render_world, &assets, &changed, &mut budget);
+        let start = meshes.start_from(*id, render_world, assets, &changed, &mut budget);
         meshes.waiting += usize::from(start == Start::Later);
         start != Start::Done
     });

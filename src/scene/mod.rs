@@ -10,7 +10,9 @@ pub mod arena;
 mod bind_group;
 pub mod bvh;
 mod change;
+mod change_ticks;
 pub mod environment;
+mod extract;
 mod free_slots;
 pub mod geometry;
 pub mod gpu_types;
@@ -45,8 +47,8 @@ pub use materials::ReflectedMaterial;
 pub use reflected_material::ReflectedMaterialPlugin;
 
 use crate::{device::tracing_app, schedule::ReflectionSystems};
-use activity::{SceneActivity, extract_activity};
-use alpha_images::{AlphaImages, extract_alpha_images};
+use activity::SceneActivity;
+use alpha_images::AlphaImages;
 use bevy::{
     app::{App, Last, Plugin},
     asset::embedded_asset,
@@ -59,17 +61,18 @@ use bevy::{
     shader::load_shader_library,
 };
 use bind_group::prepare_scene_bind_group;
-use environment::{EnvironmentBindings, extract_environments, prepare_environments};
+use environment::{EnvironmentBindings, prepare_environments};
+use extract::{begin_extraction, extract_images, extract_lighting};
 use instances::{SceneInstances, extract::LostComponents};
-use light_probes::{ExtractedLightProbes, extract_light_probes};
-use lights::{ExtractedLights, RectLightsEnabled, detect_rect_lights, extract_lights};
-use materials::{MaterialAssets, MaterialTable, update_materials};
-use meshes::{SceneMeshes, extract_meshes, keep_render_world_meshes, kept::RenderWorldMeshes, upload::upload_meshes};
-use pose::{ExtractedPoses, extract_poses};
-use prepare::{note_features, prepare_instances, prepare_light_probes, prepare_tables};
+use light_probes::ExtractedLightProbes;
+use lights::ExtractedLights;
+use materials::{MaterialAssets, MaterialTable};
+use meshes::{SceneMeshes, keep_render_world_meshes, kept::RenderWorldMeshes};
+use pose::ExtractedPoses;
+use prepare::prepare_scene;
 use reflected_material::add_extraction;
-use render_layers::{SceneLayers, extract_layers};
-use textures::{TextureTable, extract_texture_changes, update_textures};
+use render_layers::SceneLayers;
+use textures::TextureTable;
 use unseen::count_unseen;
 
 /// Registers the shaders and systems of this folder.
@@ -114,7 +117,6 @@ impl Plugin for ScenePlugin {
         add_extraction(render_app);
         render_app
             .init_resource::<RenderWorldMeshes>()
-            .init_resource::<RectLightsEnabled>()
             .init_resource::<ExtractedLights>()
             .init_resource::<ExtractedPoses>()
             .init_resource::<ExtractedLightProbes>()
@@ -137,15 +139,7 @@ impl Plugin for ScenePlugin {
             )
             .add_systems(
                 ExtractSchedule,
-                (
-                    (extract_activity, extract_layers, extract_poses, extract_meshes).chain(),
-                    extract_lights.after(extract_layers),
-                    extract_light_probes.after(extract_activity),
-                    extract_texture_changes,
-                    extract_alpha_images,
-                    extract_environments.after(extract_layers),
-                )
-                    .in_set(ReflectionSystems::ExtractScene),
+                (extract_lighting.after(begin_extraction), extract_images).in_set(ReflectionSystems::ExtractScene),
             )
             .add_systems(
                 Render,
@@ -153,17 +147,7 @@ impl Plugin for ScenePlugin {
                     keep_render_world_meshes
                         .in_set(RenderSystems::PrepareAssets)
                         .before(prepare_assets::<RenderMesh>),
-                    (
-                        (upload_meshes, update_textures),
-                        prepare_instances,
-                        update_materials,
-                        prepare_light_probes,
-                        note_features,
-                        prepare_tables,
-                        detect_rect_lights,
-                    )
-                        .chain()
-                        .in_set(ReflectionSystems::PrepareScene),
+                    prepare_scene.in_set(ReflectionSystems::PrepareScene),
                     (prepare_environments, prepare_scene_bind_group).in_set(ReflectionSystems::PrepareBindGroups),
                 ),
             );

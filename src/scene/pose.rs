@@ -17,5 +17,5 @@ mod poses;
 #[cfg(test)]
 mod tests;
 
-pub(super) use extract::{ExtractedPoses, extract_poses};
+pub(super) use extract::{ExtractedPoses, PoseWorld, extract_poses};
 pub(super) use poses::{PoseInputs, Poses};

@@ -1,14 +1,9 @@
 //! Material types that rays see: `StandardMaterial`, and those that an app adds.
 
 use super::{
-    activity::extract_activity,
-    instances::extract::{
-        MaterialComponent, begin_extraction, drop_lost_objects, extract_instances, note_lost_materials,
-    },
+    extract::{begin_extraction, extract_shapes},
+    instances::extract::{MaterialComponent, extract_instances, note_lost_materials},
     materials::{MaterialTypes, ReflectedMaterial, extract_materials},
-    meshes::extract_meshes,
-    pose::extract_poses,
-    render_layers::extract_layers,
 };
 use crate::{device::tracing_app, schedule::ReflectionSystems, settings::ReflectedMaterial3d};
 use bevy::{
@@ -77,7 +72,7 @@ impl<M: ReflectedMaterial> Plugin for ReflectedMaterialPlugin<M> {
         render_app.add_systems(
             ExtractSchedule,
             extract_materials::<M>
-                .after(extract_activity)
+                .after(begin_extraction)
                 .in_set(ReflectionSystems::ExtractScene),
         );
         extract_objects::<MeshMaterial3d<M>>(render_app, order);
@@ -103,7 +98,7 @@ enum ExtractObjects {
     NoteLostMaterialsOf(usize),
     Update,
     UpdateThoseOf(usize),
-    DropLost,
+    Shapes,
 }
 
 fn extract_objects<C: MaterialComponent>(render_app: &mut SubApp, order: usize) {
@@ -142,19 +137,16 @@ pub(super) fn add_extraction(render_app: &mut SubApp) {
             ExtractObjects::Begin,
             ExtractObjects::NoteLostMaterials,
             ExtractObjects::Update,
-            ExtractObjects::DropLost,
+            ExtractObjects::Shapes,
         )
             .chain()
-            .after(extract_layers)
-            .before(extract_poses)
-            .before(extract_meshes)
             .in_set(ReflectionSystems::ExtractScene),
     );
     render_app.add_systems(
         ExtractSchedule,
         (
             begin_extraction.in_set(ExtractObjects::Begin),
-            drop_lost_objects.in_set(ExtractObjects::DropLost),
+            extract_shapes.in_set(ExtractObjects::Shapes),
         ),
     );
     extract_objects::<ReflectedMaterial3d>(render_app, 0);

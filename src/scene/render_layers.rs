@@ -1,13 +1,12 @@
 //! Render layers: reflections show what their camera draws, or the layers that it names. Each different set of layers is a group; an object
 //! has a bit for each group that it belongs to, and shaders look at the bits only where there are several groups.
 
-use crate::settings::{RayTracedReflections, ReflectedLayers};
+use crate::settings::ReflectedLayers;
 use bevy::{
-    camera::{Camera, visibility::RenderLayers},
+    camera::visibility::RenderLayers,
     ecs::prelude::*,
     light::{DirectionalLight, PointLight, SpotLight},
     log::warn_once,
-    render::Extract,
 };
 
 /// Groups that can be told apart: bits of a cull mask that nothing else uses.
@@ -64,12 +63,16 @@ impl SceneLayers {
         self.groups.len() > 1
     }
 
-    /// Takes over the layers of this frame's cameras and lights.
-    fn follow<'a>(
+    /// Takes over the layers of this frame's cameras, which they draw and which they show in reflections, and of its lights.
+    pub fn follow<'a>(
         &mut self,
-        cameras: impl Iterator<Item = Option<&'a RenderLayers>>,
+        cameras: impl Iterator<Item = (Option<&'a RenderLayers>, Option<&'a ReflectedLayers>)>,
         lights: impl Iterator<Item = &'a RenderLayers>,
     ) {
+        let cameras = cameras.flat_map(|(drawn, reflected)| {
+            let reflected = reflected.map(|layers| Some(&layers.0));
+            [Some(drawn), reflected].into_iter().flatten()
+        });
         let mut groups: Vec<_> = cameras.map(|layers| layers.cloned().unwrap_or_default()).collect();
         groups.sort_unstable();
         groups.dedup();
@@ -89,22 +92,9 @@ impl SceneLayers {
     }
 }
 
-type Lights<'w, 's> =
+/// Layers of lights.
+pub(super) type LightLayers<'w, 's> =
     Query<'w, 's, &'static RenderLayers, Or<(With<DirectionalLight>, With<PointLight>, With<SpotLight>)>>;
-
-/// Follows the layers of cameras and lights.
-pub(super) fn extract_layers(
-    cameras: Extract<Query<(&Camera, Option<&RenderLayers>, Option<&ReflectedLayers>), With<RayTracedReflections>>>,
-    lights: Extract<Lights>,
-    mut layers: ResMut<SceneLayers>,
-) {
-    let active = cameras.iter().filter(|(camera, ..)| camera.is_active);
-    let named = active.flat_map(|(_, drawn, reflected)| {
-        let reflected = reflected.map(|layers| Some(&layers.0));
-        [Some(drawn), reflected].into_iter().flatten()
-    });
-    layers.follow(named, lights.iter());
-}
 
 #[cfg(test)]
 mod tests {
@@ -112,7 +102,10 @@ mod tests {
 
     fn followed<const N: usize>(cameras: [Option<RenderLayers>; N]) -> SceneLayers {
         let mut layers = SceneLayers::default();
-        layers.follow(cameras.iter().map(Option::as_ref), core::iter::empty());
+        layers.follow(
+            cameras.iter().map(|layers| (layers.as_ref(), None)),
+            core::iter::empty(),
+        );
         layers
     }
 
@@ -170,9 +163,9 @@ mod tests {
         let mut layers = followed([None]);
         assert!(layers.casts_shadow(None) && layers.casts_shadow(Some(&default)));
         assert!(!layers.casts_shadow(Some(&other)));
-        layers.follow([None].into_iter(), [&other].into_iter());
+        layers.follow([(None, None)].into_iter(), [&other].into_iter());
         assert!(layers.changed && layers.casts_shadow(Some(&other)) && layers.casts_shadow(None));
-        layers.follow([None].into_iter(), [&other].into_iter());
+        layers.follow([(None, None)].into_iter(), [&other].into_iter());
         assert!(!layers.changed);
     }
 }

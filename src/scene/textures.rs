@@ -6,12 +6,11 @@ mod samplers;
 
 use bevy::{
     asset::{AssetEvent, AssetId, Assets},
-    ecs::{message::MessageReader, prelude::*},
+    ecs::prelude::*,
     image::{Image, ImageSampler},
     log::warn_once,
     platform::collections::HashMap,
     render::{
-        Extract,
         render_asset::RenderAssets,
         render_resource::{
             AddressMode, Extent3d, FilterMode, MipmapFilterMode, PipelineCache, Sampler, SamplerDescriptor,
@@ -301,7 +300,8 @@ impl TextureTable {
     }
 
     /// Takes over what arrived on the GPU.
-    fn update(
+    /// Takes over images that arrived on the GPU.
+    pub(super) fn update(
         &mut self,
         device: &RenderDevice,
         queue: &RenderQueue,
@@ -376,15 +376,13 @@ fn is_usable(device: &RenderDevice, image: &GpuImage) -> bool {
             == Some(TextureSampleType::Float { filterable: true })
 }
 
-/// Learns how images are sampled, which only the main world knows, and which ones changed. Belongs in `ExtractSchedule`.
-pub fn extract_texture_changes(
-    images: Extract<Option<Res<Assets<Image>>>>,
-    mut events: Extract<MessageReader<AssetEvent<Image>>>,
-    mut table: ResMut<TextureTable>,
+/// Learns how images are sampled, which only the main world knows, and which ones changed.
+pub(super) fn extract_texture_changes<'a>(
+    images: &Assets<Image>,
+    events: impl Iterator<Item = &'a AssetEvent<Image>>,
+    table: &mut TextureTable,
 ) {
-    let Some(images) = images.as_ref() else { return };
-    let table = &mut *table;
-    for event in events.read() {
+    for event in events {
         if let AssetEvent::Added { id } | AssetEvent::Modified { id } = event
             && let Some(index) = table.indices.get(id)
         {
@@ -413,15 +411,4 @@ pub fn extract_texture_changes(
             });
         }
     }
-}
-
-/// Takes over images that arrived on the GPU. Belongs in `RenderSystems::PrepareResources`.
-pub fn update_textures(
-    mut table: ResMut<TextureTable>,
-    device: Res<RenderDevice>,
-    queue: Res<RenderQueue>,
-    pipelines: Res<PipelineCache>,
-    images: Res<RenderAssets<GpuImage>>,
-) {
-    table.update(&device, &queue, &pipelines, &images);
 }

@@ -2,23 +2,26 @@
 
 use super::{InstanceSource, LightmapSource, SceneInstances};
 use crate::{
-    scene::{activity::SceneActivity, render_layers::SceneLayers},
+    scene::{
+        activity::SceneActivity,
+        change_ticks::{Clock, blocks},
+        render_layers::SceneLayers,
+    },
     settings::{NotReflected, ReflectedMaterial3d, ReflectedMesh3d},
 };
 use bevy::{
     asset::UntypedAssetId,
     camera::visibility::{RenderLayers, VisibilityRange},
     ecs::{
-        change_detection::Tick,
         entity_disabling::Disabled,
         lifecycle::RemovedComponents,
         prelude::*,
         query::{ArchetypeFilter, QueryData},
-        system::SystemParam,
+        system::{ReadOnlySystemParam, StaticSystemParam, SystemParam, SystemParamItem},
     },
     light::{NotShadowCaster, NotShadowReceiver},
     mesh::{Mesh3d, skinning::SkinnedMesh},
-    pbr::{Lightmap, Material, MeshMaterial3d},
+    pbr::{EntitiesNeedingSpecialization, Lightmap, Material, MeshMaterial3d},
     platform::collections::HashSet,
     prelude::*,
     render::Extract,
@@ -29,23 +32,40 @@ pub trait MaterialComponent: Component {
     /// Entities for which it does.
     type Filter: ArchetypeFilter + 'static;
 
+    /// Where Bevy lists entities whose mesh or material changed.
+    type Changes: ReadOnlySystemParam + 'static;
+
     /// The material.
     fn material(&self) -> UntypedAssetId;
+
+    /// Entities whose mesh or material changed, according to Bevy; `None` where it keeps no list, so that all must be looked at.
+    fn changes<'a>(listed: &'a SystemParamItem<Self::Changes>) -> Option<&'a [Entity]>;
 }
 
 impl<M: Material> MaterialComponent for MeshMaterial3d<M> {
     type Filter = Without<ReflectedMaterial3d>;
+    // Of Bevy's `MaterialPlugin`, made in `PostUpdate` for its own extraction.
+    type Changes = Option<Res<'static, EntitiesNeedingSpecialization<M>>>;
 
     fn material(&self) -> UntypedAssetId {
         self.id().untyped()
+    }
+
+    fn changes<'a>(listed: &'a SystemParamItem<Self::Changes>) -> Option<&'a [Entity]> {
+        listed.as_ref().map(|listed| listed.changed.as_slice())
     }
 }
 
 impl MaterialComponent for ReflectedMaterial3d {
     type Filter = ();
+    type Changes = ();
 
     fn material(&self) -> UntypedAssetId {
         self.id().untyped()
+    }
+
+    fn changes<'a>((): &'a SystemParamItem<Self::Changes>) -> Option<&'a [Entity]> {
+        None
     }
 }
 
@@ -111,29 +131,29 @@ pub struct RemovedFromScene<'w, 's> {
 #[derive(Resource, Default)]
 pub struct LostComponents(HashSet<Entity>);
 
-/// Notes who lost something, and forgets everything where reflections are off or begin.
-pub fn begin_extraction(
-    mut removed: Extract<RemovedFromScene>,
-    activity: Res<SceneActivity>,
-    mut lost: ResMut<LostComponents>,
-    mut instances: ResMut<SceneInstances>,
-) {
-    let removed = &mut *removed;
-    lost.0.clear();
-    lost.0.extend(removed.meshes.read());
-    lost.0.extend(removed.stand_ins.read());
-    lost.0.extend(removed.visibilities.read());
-    lost.0.extend(removed.layers.read());
-    lost.0.extend(removed.ranges.read());
-    lost.0.extend(removed.opt_outs.read());
-    lost.0.extend(removed.casters.read());
-    lost.0.extend(removed.receivers.read());
-    lost.0.extend(removed.lightmaps.read());
-    lost.0.extend(removed.skins.read());
-    lost.0.extend(removed.disabled.read());
-    lost.0.extend(&removed.now_disabled);
-    if (!activity.active || activity.started) && !instances.is_empty() {
-        instances.clear();
+impl LostComponents {
+    /// Notes who lost something in this frame.
+    pub fn follow(&mut self, removed: &mut RemovedFromScene) {
+        self.0.clear();
+        self.0.extend(removed.meshes.read());
+        self.0.extend(removed.stand_ins.read());
+        self.0.extend(removed.visibilities.read());
+        self.0.extend(removed.layers.read());
+        self.0.extend(removed.ranges.read());
+        self.0.extend(removed.opt_outs.read());
+        self.0.extend(removed.casters.read());
+        self.0.extend(removed.receivers.read());
+        self.0.extend(removed.lightmaps.read());
+        self.0.extend(removed.skins.read());
+        self.0.extend(removed.disabled.read());
+        self.0.extend(&removed.now_disabled);
+    }
+
+    /// Forgets the objects that no query has found.
+    pub fn drop_objects(&mut self, instances: &mut SceneInstances) {
+        for entity in self.0.drain() {
+            instances.remove(entity);
+        }
     }
 }
 
@@ -147,7 +167,7 @@ pub fn note_lost_materials<C: MaterialComponent>(
 
 /// Mirrors objects whose material comes from `C`: what changed, or everything after reflections were off or cameras draw other layers.
 pub fn extract_instances<C: MaterialComponent>(
-    all: Extract<Query<InstanceQuery<C>, IsObject<C>>>,
+    world: Extract<(Query<InstanceQuery<C>, IsObject<C>>, StaticSystemParam<C::Changes>)>,
     activity: Res<SceneActivity>,
     layers: Res<SceneLayers>,
     mut lost: ResMut<LostComponents>,
@@ -156,8 +176,9 @@ pub fn extract_instances<C: MaterialComponent>(
     if !activity.active {
         return;
     }
+    let (all, listed) = &*world;
     if activity.started {
-        for item in &all {
+        for item in all {
             update(&mut instances, &layers, item);
         }
         return;
@@ -170,56 +191,25 @@ pub fn extract_instances<C: MaterialComponent>(
         Err(_) => true,
     });
     if layers.changed {
-        for item in &all {
+        for item in all {
             update(&mut instances, &layers, item);
         }
         return;
     }
-    update_changed(&mut instances, &layers, &all);
+    let listed = C::changes(listed);
+    for item in listed.into_iter().flatten().filter_map(|entity| all.get(*entity).ok()) {
+        update(&mut instances, &layers, item);
+    }
+    update_changed(&mut instances, &layers, all, listed.is_some());
 }
 
-/// Forgets the objects that no query has found.
-pub fn drop_lost_objects(mut lost: ResMut<LostComponents>, mut instances: ResMut<SceneInstances>) {
-    for entity in lost.0.drain() {
-        instances.remove(entity);
-    }
-}
-
-/// Entities whose ticks are looked at together. Most worlds are static for the most part, and blocks without a change cost little.
-const BLOCK: usize = 128;
-
-/// Tells which changes came after the last run.
-#[derive(Clone, Copy)]
-struct Clock {
-    this_run: u32,
-    /// Ticks since the last run.
-    since: u32,
-}
-
-impl Clock {
-    fn new(this_run: Tick, last_run: Tick) -> Self {
-        Self {
-            this_run: this_run.get(),
-            since: this_run.get().wrapping_sub(last_run.get()),
-        }
-    }
-
-    fn is_new(&self, tick: Tick) -> bool {
-        self.this_run.wrapping_sub(tick.get()) < self.since
-    }
-
-    /// Without branches, so that many are compared at a time.
-    fn any_is_new(&self, ticks: &[Tick]) -> bool {
-        ticks.iter().fold(0, |any, tick| any | u32::from(self.is_new(*tick))) != 0
-    }
-}
-
-/// Mirrors entities of which a component has changed. Queries with filters for changes take ten times as long in large worlds, since they
-/// ask for each entity and component in turn.
+/// Mirrors entities of which a component has changed, unless that is their mesh or material and Bevy has listed them already: half of all
+/// ticks in a large world.
 fn update_changed<C: MaterialComponent>(
     instances: &mut SceneInstances,
     scene_layers: &SceneLayers,
     all: &Query<InstanceQuery<C>, IsObject<C>>,
+    without_listed: bool,
 ) {
     let Ok(tables) = all.contiguous_iter() else {
         // All of these components are stored in tables, unless a future version of Bevy stores one elsewhere.
@@ -250,8 +240,11 @@ fn update_changed<C: MaterialComponent>(
         let places = transforms.changed_ticks_slice();
         let columns = [
             Some(visibilities.changed_ticks_slice()),
-            Some(materials.changed_ticks_slice()),
-            meshes.as_ref().map(|meshes| meshes.changed_ticks_slice()),
+            (!without_listed).then(|| materials.changed_ticks_slice()),
+            meshes
+                .as_ref()
+                .filter(|_| !without_listed)
+                .map(|meshes| meshes.changed_ticks_slice()),
             stand_ins.as_ref().map(|stand_ins| stand_ins.changed_ticks_slice()),
             layers.as_ref().map(|layers| layers.changed_ticks_slice()),
             ranges.as_ref().map(|ranges| ranges.changed_ticks_slice()),
@@ -260,8 +253,7 @@ fn update_changed<C: MaterialComponent>(
             receiver.as_ref().map(|receiver| receiver.changed_ticks_slice()),
             lightmaps.as_ref().map(|lightmaps| lightmaps.changed_ticks_slice()),
         ];
-        for begin in (0..entities.len()).step_by(BLOCK) {
-            let rows = begin..(begin + BLOCK).min(entities.len());
+        for rows in blocks(entities.len()) {
             let mut ticks = columns.iter().flatten().filter_map(|ticks| ticks.get(rows.clone()));
             let is_changed = ticks.any(|ticks| clock.any_is_new(ticks));
             if !is_changed && !clock.any_is_new(&places[rows.clone()]) {

@@ -7,7 +7,6 @@ use crate::{
 };
 use bevy::{
     asset::AssetId,
-    ecs::prelude::*,
     log::warn,
     mesh::Mesh,
     render::renderer::RenderQueue,
@@ -177,9 +176,8 @@ impl SceneMeshes {
 }
 
 /// Uploads meshes whose build has finished.
-pub fn upload_meshes(mut meshes: ResMut<SceneMeshes>, status: Res<ReflectionStatus>, queue: Res<RenderQueue>) {
-    let meshes = &mut *meshes;
-    let (builds, milliseconds) = meshes.upload(UPLOAD_BYTES_PER_FRAME, &queue);
+pub fn upload_meshes(meshes: &mut SceneMeshes, status: &ReflectionStatus, queue: &RenderQueue) {
+    let (builds, milliseconds) = meshes.upload(UPLOAD_BYTES_PER_FRAME, queue);
     let pending = meshes.pending.len() + usize::from(meshes.uploading.is_some()) + meshes.waiting;
     status.update(|report| {
         report.meshes_pending = pending;

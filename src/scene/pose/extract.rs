@@ -1,7 +1,7 @@
 //! Joints and morph weights of the main world.
 
 use crate::{
-    scene::{acceleration::rows, activity::SceneActivity, instances::SceneInstances, meshes::SceneMeshes},
+    scene::{acceleration::rows, instances::SceneInstances, meshes::SceneMeshes},
     settings::{RayTracedReflections, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget},
 };
 use bevy::{
@@ -15,7 +15,6 @@ use bevy::{
         morph::{MeshMorphWeights, MorphWeights},
         skinning::{SkinnedMesh, SkinnedMeshInverseBindposes},
     },
-    render::Extract,
     transform::components::GlobalTransform,
 };
 use core::ops::Range;
@@ -77,6 +76,7 @@ type WithPose = (
 /// Parts of the main world that poses depend on.
 #[derive(SystemParam)]
 pub struct PoseWorld<'w, 's> {
+    posed: Query<'w, 's, PoseQuery, WithPose>,
     joints: Query<'w, 's, &'static GlobalTransform>,
     weights: Query<'w, 's, &'static MorphWeights>,
     bindposes: Option<Res<'w, Assets<SkinnedMeshInverseBindposes>>>,
@@ -86,12 +86,11 @@ pub struct PoseWorld<'w, 's> {
 
 /// Places skinned objects where their joints are, and mirrors poses. Runs after all objects have been mirrored.
 pub fn extract_poses(
-    posed: Extract<Query<PoseQuery, WithPose>>,
-    world: Extract<PoseWorld>,
-    activity: Res<SceneActivity>,
-    meshes: Res<SceneMeshes>,
-    mut instances: ResMut<SceneInstances>,
-    mut poses: ResMut<ExtractedPoses>,
+    world: &PoseWorld,
+    active: bool,
+    meshes: &SceneMeshes,
+    instances: &mut SceneInstances,
+    poses: &mut ExtractedPoses,
 ) {
     let ExtractedPoses {
         sources,
@@ -100,16 +99,16 @@ pub fn extract_poses(
         cameras,
         vertices_per_frame,
         placed,
-    } = &mut *poses;
+    } = poses;
     let placed_before = core::mem::take(placed);
     sources.clear();
     matrices.clear();
     weights.clear();
     cameras.clear();
-    if !activity.active {
+    if !active {
         return;
     }
-    for (entity, mesh, skin, morph, pose, transform) in &posed {
+    for (entity, mesh, skin, morph, pose, transform) in &world.posed {
         let Some((slot, source)) = instances.find(entity) else {
             continue;
         };

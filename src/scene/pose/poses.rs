@@ -19,12 +19,11 @@ use crate::{
 };
 use bevy::{
     asset::{AssetId, AssetServer},
-    ecs::{entity::Entity, system::SystemParam, world::World},
+    ecs::{entity::Entity, world::World},
     log::warn_once,
     math::Vec3,
     mesh::Mesh,
     platform::collections::{HashMap, hash_map::Entry},
-    prelude::Res,
     render::{
         render_resource::PipelineCache,
         renderer::{RenderDevice, RenderQueue},
@@ -32,10 +31,9 @@ use bevy::{
 };
 
 /// Resources of the render world from which poses follow.
-#[derive(SystemParam)]
-pub(in crate::scene) struct PoseInputs<'w> {
-    extracted: Res<'w, ExtractedPoses>,
-    cache: Res<'w, PipelineCache>,
+pub(in crate::scene) struct PoseInputs<'a> {
+    pub extracted: &'a ExtractedPoses,
+    pub cache: &'a PipelineCache,
 }
 
 /// Slots whose objects a new pose concerns.

@@ -1,0 +1,121 @@
+//! Systems that mirror the main world. There are few, each for several tables: to find a system's queries and resources takes some
+//! microseconds in worlds that leave nothing in the caches of the processor.
+
+use super::{
+    activity::SceneActivity,
+    alpha_images::{AlphaImages, extract_alpha_images},
+    environment::{ReflectingCameras, ViewEnvironment, follow_environments},
+    instances::{
+        SceneInstances,
+        extract::{LostComponents, RemovedFromScene},
+    },
+    light_probes::{ExtractedLightProbes, ProbeWorld, extract_light_probes},
+    lights::{
+        ExtractedLights,
+        extract::{KnownLights, LightWorld, extract_lights},
+    },
+    meshes::{MeshWorld, SceneMeshes, extract_meshes, kept::RenderWorldMeshes},
+    pose::{ExtractedPoses, PoseWorld, extract_poses},
+    render_layers::{LightLayers, SceneLayers},
+    textures::{TextureTable, extract_texture_changes},
+};
+use bevy::{
+    asset::{AssetEvent, Assets},
+    camera::ClearColor,
+    ecs::{prelude::*, system::SystemParam},
+    image::Image,
+    light::GlobalAmbientLight,
+    render::{Extract, renderer::RenderDevice},
+};
+
+/// Parts of the main world that say for whom the scene is mirrored, and what is gone from it.
+#[derive(SystemParam)]
+pub(super) struct Onlookers<'w, 's> {
+    cameras: ReflectingCameras<'w, 's>,
+    light_layers: LightLayers<'w, 's>,
+    ambient: Option<Res<'w, GlobalAmbientLight>>,
+    clear_color: Option<Res<'w, ClearColor>>,
+    removed: RemovedFromScene<'w, 's>,
+}
+
+/// Runs before all other extraction of the scene. Without a reflecting camera the scene isn't mirrored.
+pub(super) fn begin_extraction(
+    mut world: Extract<Onlookers>,
+    mut commands: Commands,
+    mut views: Query<(Entity, &mut ViewEnvironment)>,
+    mut activity: ResMut<SceneActivity>,
+    mut layers: ResMut<SceneLayers>,
+    mut lost: ResMut<LostComponents>,
+    mut instances: ResMut<SceneInstances>,
+) {
+    let active = world.cameras.iter().filter(|(_, _, camera, ..)| camera.is_active);
+    activity.follow(active.clone().next().is_some());
+    layers.follow(
+        active.map(|(.., drawn, reflected)| (drawn, reflected)),
+        world.light_layers.iter(),
+    );
+    follow_environments(
+        &world.cameras,
+        world.ambient.as_deref(),
+        world.clear_color.as_deref(),
+        &layers,
+        &mut views,
+        &mut commands,
+    );
+    lost.follow(&mut world.removed);
+    if (!activity.active || activity.started) && !instances.is_empty() {
+        instances.clear();
+    }
+}
+
+/// Forgets objects that are gone, and mirrors poses and meshes of the others. Runs after all objects have been mirrored.
+pub(super) fn extract_shapes(
+    mut world: Extract<(PoseWorld, MeshWorld)>,
+    activity: Res<SceneActivity>,
+    mut lost: ResMut<LostComponents>,
+    mut instances: ResMut<SceneInstances>,
+    mut meshes: ResMut<SceneMeshes>,
+    mut render_world: ResMut<RenderWorldMeshes>,
+    mut poses: ResMut<ExtractedPoses>,
+    device: Res<RenderDevice>,
+) {
+    let (poses_there, meshes_there) = &mut *world;
+    lost.drop_objects(&mut instances);
+    extract_poses(poses_there, activity.active, &meshes, &mut instances, &mut poses);
+    extract_meshes(
+        meshes_there,
+        activity.active,
+        &mut instances,
+        &mut meshes,
+        &mut render_world,
+        &device,
+    );
+}
+
+/// Mirrors lights and light probes.
+pub(super) fn extract_lighting(
+    world: Extract<(LightWorld, ProbeWorld)>,
+    activity: Res<SceneActivity>,
+    layers: Res<SceneLayers>,
+    mut lights: ResMut<ExtractedLights>,
+    mut known: Local<KnownLights>,
+    probes: ResMut<ExtractedLightProbes>,
+) {
+    let (lights_there, probes_there) = &*world;
+    extract_lights(lights_there, activity.active, &layers, &mut lights, &mut known);
+    extract_light_probes(probes_there, activity.active, probes);
+}
+
+/// Follows images of the main world.
+pub(super) fn extract_images(
+    mut world: Extract<(Option<Res<Assets<Image>>>, MessageReader<AssetEvent<Image>>)>,
+    mut textures: ResMut<TextureTable>,
+    mut alphas: ResMut<AlphaImages>,
+) {
+    let (images, events) = &mut *world;
+    let images = images.as_deref();
+    if let Some(images) = images {
+        extract_texture_changes(images, events.read(), &mut textures);
+    }
+    extract_alpha_images(images, &mut alphas);
+}

@@ -1,0 +1,365 @@
+//! Extraction of lights: those that changed are converted anew, and the others stay as they are.
+
+use super::{ExtractedLights, MAX_LIGHTS, directional_light, keep_strongest, point_light, rect_light, spot_light};
+use crate::scene::{
+    change_ticks::{Clock, blocks},
+    gpu_types::GpuLight,
+    render_layers::SceneLayers,
+};
+use bevy::{
+    camera::visibility::{InheritedVisibility, RenderLayers},
+    ecs::{prelude::*, system::SystemParam},
+    light::{DirectionalLight, PointLight, RectLight, SpotLight},
+    log::warn_once,
+    transform::components::GlobalTransform,
+};
+
+/// Lights of one kind.
+type Lights<'w, 's, L> = Query<
+    'w,
+    's,
+    (
+        Entity,
+        Ref<'static, L>,
+        Ref<'static, GlobalTransform>,
+        Ref<'static, InheritedVisibility>,
+        Option<Ref<'static, RenderLayers>>,
+    ),
+>;
+
+/// The lights of the main world.
+#[derive(SystemParam)]
+pub struct LightWorld<'w, 's> {
+    directional: Lights<'w, 's, DirectionalLight>,
+    points: Lights<'w, 's, PointLight>,
+    spots: Lights<'w, 's, SpotLight>,
+    rects: Lights<'w, 's, RectLight>,
+}
+
+/// In the place of an index: the light gives no light.
+const DARK: u32 = u32::MAX;
+
+/// Lights of one kind as they were found last, in the order of their query.
+#[derive(Default)]
+struct Known {
+    entities: Vec<Entity>,
+    /// By entity, the index of its light, or [`DARK`].
+    lights: Vec<u32>,
+    /// For each table of the world, the number of entities, and whether they have layers of their own.
+    tables: Vec<(usize, bool)>,
+}
+
+impl Known {
+    /// Adds all lights of a kind to a list.
+    fn gather<L: Component>(&mut self, all: &Lights<L>, conversion: &Conversion<L>, lights: &mut Vec<GpuLight>) {
+        self.entities.clear();
+        self.lights.clear();
+        self.tables.clear();
+        let Ok(tables) = all.contiguous_iter() else {
+            // All of these components are stored in tables, unless a future version of Bevy stores one elsewhere.
+            lights.extend(all.iter().filter_map(|(_, light, transform, visibility, layers)| {
+                conversion.of(&light, &transform, *visibility, layers.as_deref())
+            }));
+            return;
+        };
+        for (entities, sources, transforms, visibilities, layers) in tables {
+            self.tables.push((entities.len(), layers.is_some()));
+            self.entities.extend_from_slice(entities);
+            for row in 0..entities.len() {
+                let layers = layers.as_ref().map(|layers| &layers[row]);
+                let light = conversion.of(&sources[row], &transforms[row], visibilities[row], layers);
+                self.lights.push(light.map_or(DARK, |_| lights.len() as u32));
+                lights.extend(light);
+            }
+        }
+    }
+
+    /// Finds those that have changed since the last frame. Returns false where some have come, gone, or begun or ceased to give light.
+    fn find_changes<L: Component>(
+        &self,
+        all: &Lights<L>,
+        conversion: &Conversion<L>,
+        changed: &mut Vec<(u32, GpuLight)>,
+    ) -> bool {
+        let Ok(tables) = all.contiguous_iter() else {
+            return false;
+        };
+        let mut known_tables = self.tables.iter();
+        let mut first = 0;
+        for (entities, sources, transforms, visibilities, layers) in tables {
+            let known = self.entities.get(first..first + entities.len());
+            if known_tables.next() != Some(&(entities.len(), layers.is_some())) || known != Some(entities) {
+                return false;
+            }
+            let clock = Clock::new(transforms.this_run_tick(), transforms.last_run_tick());
+            let columns = [
+                Some(sources.changed_ticks_slice()),
+                Some(transforms.changed_ticks_slice()),
+                Some(visibilities.changed_ticks_slice()),
+                layers.as_ref().map(|layers| layers.changed_ticks_slice()),
+            ];
+            for rows in blocks(entities.len()) {
+                if !columns
+                    .iter()
+                    .flatten()
+                    .any(|ticks| clock.any_is_new(&ticks[rows.clone()]))
+                {
+                    continue;
+                }
+                for row in rows {
+                    if !columns.iter().flatten().any(|ticks| clock.is_new(ticks[row])) {
+                        continue;
+                    }
+                    let layers = layers.as_ref().map(|layers| &layers[row]);
+                    let light = conversion.of(&sources[row], &transforms[row], visibilities[row], layers);
+                    match (self.lights[first + row], light) {
+                        (DARK, None) => {}
+                        (DARK, Some(_)) | (_, None) => return false,
+                        (place, Some(light)) => changed.push((place, light)),
+                    }
+                }
+            }
+            first += entities.len();
+        }
+        first == self.entities.len() && known_tables.next().is_none()
+    }
+}
+
+/// From components to a light.
+struct Conversion<'a, L> {
+    layers: &'a SceneLayers,
+    convert: fn(&L, &GlobalTransform) -> Option<GpuLight>,
+}
+
+impl<L> Conversion<'_, L> {
+    /// `None` for one that gives no light.
+    fn of(
+        &self,
+        light: &L,
+        transform: &GlobalTransform,
+        visibility: InheritedVisibility,
+        own_layers: Option<&RenderLayers>,
+    ) -> Option<GpuLight> {
+        // Bevy lights a view by the lights on its layers alone.
+        let shines = visibility.get() && self.layers.groups_of(own_layers) != 0;
+        shines.then(|| (self.convert)(light, transform))?
+    }
+}
+
+/// All kinds of lights as they were found last.
+#[derive(Default)]
+pub struct KnownLights {
+    directional: Known,
+    points: Known,
+    spots: Known,
+    rects: Known,
+    /// Rectangles are among them.
+    with_rects: bool,
+    changed: Vec<(u32, GpuLight)>,
+}
+
+impl KnownLights {
+    /// Finds lights that have changed. Returns false where all must be gathered anew.
+    fn find_changes(&mut self, world: &LightWorld, layers: &SceneLayers) -> bool {
+        let changed = &mut self.changed;
+        changed.clear();
+        self.directional
+            .find_changes(&world.directional, &of(directional_light, layers), changed)
+            && self
+                .points
+                .find_changes(&world.points, &of(point_light, layers), changed)
+            && self.spots.find_changes(&world.spots, &of(spot_light, layers), changed)
+            && (!self.with_rects || self.rects.find_changes(&world.rects, &of(rect_light, layers), changed))
+    }
+
+    /// Returns all lights.
+    fn gather(&mut self, world: &LightWorld, layers: &SceneLayers) -> Vec<GpuLight> {
+        let mut lights = Vec::new();
+        self.directional
+            .gather(&world.directional, &of(directional_light, layers), &mut lights);
+        if lights.len() > MAX_LIGHTS {
+            warn_once!(
+                "{} directional lights in the scene: reflections show the {MAX_LIGHTS} strongest of them.",
+                lights.len()
+            );
+            keep_strongest(&mut lights);
+            // Another may be among the strongest in the next frame.
+            self.directional = Known::default();
+        }
+        self.points.gather(&world.points, &of(point_light, layers), &mut lights);
+        self.spots.gather(&world.spots, &of(spot_light, layers), &mut lights);
+        if self.with_rects {
+            self.rects.gather(&world.rects, &of(rect_light, layers), &mut lights);
+        }
+        lights
+    }
+}
+
+fn of<L>(convert: fn(&L, &GlobalTransform) -> Option<GpuLight>, layers: &SceneLayers) -> Conversion<'_, L> {
+    Conversion { layers, convert }
+}
+
+/// Follows the lights.
+pub fn extract_lights(
+    world: &LightWorld,
+    active: bool,
+    layers: &SceneLayers,
+    extracted: &mut ExtractedLights,
+    known: &mut KnownLights,
+) {
+    if !active {
+        extracted.clear();
+        // Changes go unseen until a camera reflects again.
+        *known = KnownLights::default();
+        return;
+    }
+    let is_other = known.with_rects != extracted.rects_shine || layers.changed;
+    known.with_rects = extracted.rects_shine;
+    if !is_other && known.find_changes(world, layers) {
+        for (place, light) in &known.changed {
+            extracted.set(*place, *light);
+        }
+        extracted.mark();
+    } else {
+        extracted.replace(known.gather(world, layers));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{
+        change::{Change, RESTLESS_FRAMES},
+        gpu_types::LIGHT_RESTLESS,
+        lights::Touched,
+    };
+    use bevy::{ecs::system::SystemState, math::Vec3};
+
+    fn spawn(world: &mut World, index: usize) -> Entity {
+        let place = GlobalTransform::from_translation(Vec3::splat(index as f32));
+        let mut light = world.spawn((place, InheritedVisibility::VISIBLE));
+        match index % 4 {
+            0 => light.insert(DirectionalLight::default()),
+            1 => light.insert(PointLight::default()),
+            2 => light.insert(SpotLight::default()),
+            _ => light.insert((PointLight::default(), RenderLayers::from_layers(&[0, 1]))),
+        };
+        light.id()
+    }
+
+    /// Changes the world in one of several ways. Returns whether lights stay where they are in the list.
+    fn disturb(world: &mut World, lights: &mut Vec<Entity>, step: usize) -> bool {
+        let light = lights[step * 7 % lights.len()];
+        let mut entity = world.entity_mut(light);
+        let is_on_layers = entity.contains::<RenderLayers>();
+        match step % 8 {
+            0 | 1 => entity.insert(GlobalTransform::from_xyz(step as f32, 1.0, 2.0)),
+            2 if entity.contains::<PointLight>() => entity.insert(PointLight {
+                intensity: step as f32,
+                ..Default::default()
+            }),
+            // It gives no light any more, or does so again.
+            3 => {
+                let was_visible = entity
+                    .get::<InheritedVisibility>()
+                    .is_some_and(|visibility| visibility.get());
+                entity.insert(if was_visible {
+                    InheritedVisibility::HIDDEN
+                } else {
+                    InheritedVisibility::VISIBLE
+                });
+                return false;
+            }
+            4 if is_on_layers => {
+                entity.insert(RenderLayers::layer(1 + step % 2));
+                return false;
+            }
+            5 if is_on_layers => {
+                entity.remove::<RenderLayers>();
+                return false;
+            }
+            6 => {
+                entity.despawn();
+                lights.retain(|other| *other != light);
+                lights.push(spawn(world, step));
+                return false;
+            }
+            _ => return true,
+        };
+        true
+    }
+
+    #[test]
+    fn lights_that_changed_are_converted_and_others_kept() {
+        let mut world = World::new();
+        let mut state = SystemState::<LightWorld>::new(&mut world);
+        let mut layers = SceneLayers::default();
+        layers.follow(core::iter::once((None, None)), core::iter::empty());
+        layers.changed = false;
+        let mut entities: Vec<Entity> = (0..300).map(|index| spawn(&mut world, index)).collect();
+        let (mut extracted, mut known) = (ExtractedLights::default(), KnownLights::default());
+        let mut copy = Vec::new();
+        for step in 0..400 {
+            let stays = step > 0 && disturb(&mut world, &mut entities, step);
+            let lights = state.get(&world).expect("all parameters are there");
+            extract_lights(&lights, true, &layers, &mut extracted, &mut known);
+            let all = KnownLights::default().gather(&lights, &layers);
+            let without_mark = |light: &GpuLight| GpuLight {
+                flags: light.flags & !LIGHT_RESTLESS,
+                ..*light
+            };
+            assert!(extracted.lights().iter().map(without_mark).eq(all), "step {step}");
+            let (touched, _) = extracted.take_changes();
+            assert!(!stays || touched != Touched::All, "step {step}");
+            match touched {
+                Touched::All => copy = extracted.lights().to_vec(),
+                Touched::Lights(touched) => {
+                    for light in touched {
+                        copy[light as usize] = extracted.lights()[light as usize];
+                    }
+                }
+            }
+            assert!(copy == extracted.lights(), "step {step}");
+        }
+    }
+
+    #[test]
+    fn lights_that_changed_keep_a_mark_for_a_while() {
+        let mut world = World::new();
+        let mut state = SystemState::<LightWorld>::new(&mut world);
+        let mut layers = SceneLayers::default();
+        layers.follow(core::iter::once((None, None)), core::iter::empty());
+        layers.changed = false;
+        let lights = [1, 5].map(|index| spawn(&mut world, index));
+        let (mut extracted, mut known) = (ExtractedLights::default(), KnownLights::default());
+        let mut frame = |world: &World| {
+            let lights = state.get(world).expect("all parameters are there");
+            extract_lights(&lights, true, &layers, &mut extracted, &mut known);
+            let marks = extracted.lights().iter().map(|light| light.flags & LIGHT_RESTLESS != 0);
+            let marks: Vec<bool> = marks.collect();
+            (marks, extracted.take_changes())
+        };
+        frame(&world);
+        let shift = |world: &mut World, x: f32| {
+            world
+                .entity_mut(lights[1])
+                .insert(GlobalTransform::from_xyz(x, 0.0, 0.0));
+        };
+        shift(&mut world, 3.0);
+        let moved = Touched::Lights(vec![1]);
+        let (marks, (touched, change)) = frame(&world);
+        assert_eq!(
+            (marks, change),
+            (vec![false, true], Change::Unmarked),
+            "it begins to move"
+        );
+        assert!(!touched.is_empty() && touched != Touched::All);
+        shift(&mut world, 4.0);
+        assert_eq!(frame(&world), (vec![false, true], (moved.clone(), Change::Marked)));
+        for _ in 1..RESTLESS_FRAMES {
+            assert_eq!(frame(&world), (vec![false, true], Default::default()));
+        }
+        assert_eq!(frame(&world), (vec![false, false], (moved, Change::Nothing)));
+        assert_eq!(frame(&world), (vec![false, false], Default::default()));
+    }
+}
