@@ -38,8 +38,10 @@ pub(crate) struct ChosenTracer(pub ReflectionTracer);
 pub(crate) struct FragmentRays(pub Result<(), &'static str>);
 
 impl FragmentRays {
-    /// Mesa's CPU driver (25.0) ends the process: where some lanes of a fragment have no candidate, it reads theirs all the same. Its
-    /// compute shaders are right, and so are fragment shaders that walk the BVH.
+    /// Mesa's CPU driver (25.0) ends the process. In fragment shaders it loses the address of a candidate's instance where one of the last
+    /// four lanes traces nothing or has met no instance, and reads all that it knows of the instance from there: its index and its custom
+    /// data, without which no alpha test can be made. Its compute shaders are right, and so are fragment shaders that walk the BVH.
+    /// `docs/driver-faults.md` has the shader that shows it.
     pub fn new(tracer: ReflectionTracer, device: Option<DeviceType>) -> Self {
         let crashes = tracer == ReflectionTracer::RayQuery && device == Some(DeviceType::Cpu);
         Self(if crashes {
