@@ -33,6 +33,10 @@ use bevy::{
     utils::default,
 };
 
+/// Storage buffers of the pass that shades hits and traces mirror rays: those of the pass over the list of rays (`device/support.rs`), the
+/// other list, and light probes.
+const JOINED_STORAGE_BUFFERS: u32 = 11;
+
 /// Pipelines of the tracing passes.
 #[derive(Resource)]
 pub struct TracePipelines {
@@ -45,6 +49,8 @@ pub struct TracePipelines {
     /// Shades what the rays hit.
     pub(super) shading: GBufferPass<ShadingVariant>,
     pub(super) mirror_rays: GBufferPass<Variant>,
+    /// Both in one dispatch.
+    pub(super) shading_and_mirrors: GBufferPass<Variant>,
     pub(super) converged: GBufferPass<Variant>,
     pub(super) inline: InlinePass,
     /// Table for `albedo.wesl`.
@@ -53,6 +59,10 @@ pub struct TracePipelines {
     pub(super) noise: Option<TextureView>,
     /// Passes that views asked for, and whether with bounces.
     wanted: HashSet<(TracePass, bool)>,
+    /// Some view asked for mirror rays apart from the rays of blocks.
+    wants_mirrors_apart: bool,
+    /// The device has as many storage buffers as both in one dispatch take.
+    can_join_mirrors: bool,
     /// Definitions of all variants.
     common_defs: Vec<ShaderDefVal>,
     /// Definitions that are right for any scene.
@@ -74,6 +84,34 @@ impl TracePipelines {
     pub(crate) fn request(&mut self, settings: &ClampedSettings) {
         let bounces = settings.has_bounces();
         self.wanted.extend(TracePass::of(settings).map(|pass| (pass, bounces)));
+        self.wants_mirrors_apart |= settings.full_resolution_mirrors && !TracePass::may_join_mirrors(settings);
+    }
+
+    /// Returns whether mirror rays lose nothing in the pass that shades the hits of blocks: of a scene that it traces without bits for
+    /// more lights, and where none of them is followed through layers.
+    fn joins_mirrors(&self, variant: Variant) -> bool {
+        self.can_join_mirrors && !self.many_lights && !variant.bounces && !self.mirror_variant(variant).layered
+    }
+
+    /// The variant that traces the mirror rays of a view beside the shading of its blocks' hits, if that is as good as apart, or all that
+    /// there is. `tinted`: the hits have tints.
+    pub(super) fn joined_variant(
+        &self,
+        settings: &ClampedSettings,
+        variant: Variant,
+        tinted: bool,
+        cache: &PipelineCache,
+    ) -> Option<Variant> {
+        if !settings.full_resolution_mirrors || !TracePass::may_join_mirrors(settings) {
+            return None;
+        }
+        let compiled = |pass: &GBufferPass<Variant>, variant: Variant| {
+            let mut variants = variant.substitutes().into_iter();
+            variants.find(|variant| pass.pipeline(variant, cache).is_some())
+        };
+        let joined = compiled(&self.shading_and_mirrors, Variant { tinted, ..variant });
+        let has_apart = || compiled(&self.mirror_rays, self.mirror_variant(variant)).is_some();
+        joined.filter(|_| self.joins_mirrors(variant) || !has_apart())
     }
 
     /// The variant of the rays of blocks that is compiled. Their hits are shaded with tints only if they have some.
@@ -109,7 +147,11 @@ impl TracePipelines {
                     compiled(&self.rays, self.variant.without_shading())
                         && variants.any(|key| self.shading.pipeline(&key, cache).is_some())
                 }
-                TracePass::Mirrors => compiled(&self.mirror_rays, self.mirror_variant(variant)),
+                TracePass::Mirrors => {
+                    let may_join = TracePass::may_join_mirrors(settings);
+                    compiled(&self.mirror_rays, self.mirror_variant(variant))
+                        || (may_join && compiled(&self.shading_and_mirrors, variant))
+                }
                 TracePass::Converged => compiled(&self.converged, variant),
                 TracePass::Inline => self.inline.pipeline(variant, cache).is_some(),
             })
@@ -140,7 +182,12 @@ impl TracePipelines {
                     compiled(&self.rays, variant.without_shading())
                         && self.shading.pipeline(&variant.plain(), cache).is_some()
                 }
-                TracePass::Mirrors => compiled(&self.mirror_rays, self.mirror_variant(variant)),
+                TracePass::Mirrors => {
+                    let joins = self.joins_mirrors(variant);
+                    (!joins || compiled(&self.shading_and_mirrors, variant))
+                        && (joins && !self.wants_mirrors_apart
+                            || compiled(&self.mirror_rays, self.mirror_variant(variant)))
+                }
                 TracePass::Converged => compiled(&self.converged, variant),
                 TracePass::Inline => self.inline.has_any(whole(variant), cache),
             }
@@ -202,9 +249,16 @@ impl TracePipelines {
             }
             TracePass::Mirrors => {
                 let own = [&["MIRRORS"], &shading[..]].concat();
-                let variant = self.mirror_variant(variant);
-                self.mirror_rays
-                    .queue(variant, cache, || shader_of(variant, &self.blocks_shader, &own));
+                let joins = self.joins_mirrors(variant);
+                if joins {
+                    self.shading_and_mirrors
+                        .queue(variant, cache, || shader_of(variant, &self.shading_shader, &own));
+                }
+                if self.wants_mirrors_apart || !joins {
+                    let variant = self.mirror_variant(variant);
+                    self.mirror_rays
+                        .queue(variant, cache, || shader_of(variant, &self.blocks_shader, &own));
+                }
             }
             TracePass::Converged => self
                 .converged
@@ -215,7 +269,13 @@ impl TracePipelines {
 
     /// The first error of a pipeline.
     fn error<'a>(&'a self, cache: &'a PipelineCache) -> Option<&'a ShaderCacheError> {
-        let mut compute = [&self.rays, &self.mirror_rays, &self.converged].into_iter();
+        let mut compute = [
+            &self.rays,
+            &self.mirror_rays,
+            &self.shading_and_mirrors,
+            &self.converged,
+        ]
+        .into_iter();
         compute
             .find_map(|pass| pass.errors(cache).next())
             .map(|(_, error)| error)
@@ -242,11 +302,14 @@ pub(super) fn init_trace_pipelines(
         rays: blocks::ray_pass(&scene.layout),
         shading: blocks::shading_pass(&scene.layout),
         mirror_rays: blocks::mirror_ray_pass(&scene.layout),
+        shading_and_mirrors: blocks::shading_and_mirrors_pass(&scene.layout),
         converged: converged_pass(&scene.layout),
         inline: InlinePass::new(load_embedded_asset!(assets, "inline.wesl"), &scene.layout),
         albedo_table: create_albedo_table(&device, &queue),
         noise: None,
         wanted: HashSet::default(),
+        wants_mirrors_apart: false,
+        can_join_mirrors: device.limits().max_storage_buffers_per_shader_stage >= JOINED_STORAGE_BUFFERS,
         common_defs: count.map(|_| "COUNT_INVOCATIONS".into()).into_iter().collect(),
         defs_for_any: scene.shader_defs_for_any(),
         can_have_probes: scene.can_have_light_probes(),

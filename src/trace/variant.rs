@@ -2,7 +2,7 @@
 
 use crate::{
     scene::SceneBindings,
-    settings::{ClampedSettings, ReflectionTechnique},
+    settings::{ClampedSettings, ReflectionBackend, ReflectionTechnique},
 };
 
 /// A pass that traces rays.
@@ -21,15 +21,25 @@ pub(super) enum TracePass {
 impl TracePass {
     /// The passes that a view's settings need.
     pub fn of(settings: &ClampedSettings) -> impl Iterator<Item = Self> + use<> {
-        let rays = match settings.technique {
+        let mirrors = settings.full_resolution_mirrors.then_some(Self::Mirrors);
+        [Some(Self::of_rays(settings)), mirrors].into_iter().flatten()
+    }
+
+    fn of_rays(settings: &ClampedSettings) -> Self {
+        match settings.technique {
             ReflectionTechnique::Converged => Self::Converged,
             ReflectionTechnique::QuarterInline => Self::Inline,
             ReflectionTechnique::Reference | ReflectionTechnique::Quarter | ReflectionTechnique::Variable => {
                 Self::Blocks
             }
-        };
-        let mirrors = settings.full_resolution_mirrors.then_some(Self::Mirrors);
-        [Some(rays), mirrors].into_iter().flatten()
+        }
+    }
+
+    /// Returns whether mirror rays may be traced beside the shading of blocks' hits.
+    pub fn may_join_mirrors(settings: &ClampedSettings) -> bool {
+        Self::of_rays(settings) == Self::Blocks
+            && settings.backend == ReflectionBackend::Compute
+            && !settings.has_bounces()
     }
 }
 

@@ -37,11 +37,12 @@ const SCENES: [&[&str]; 4] = [
 ];
 
 /// Passes that trace and shade, which are compiled for a scene.
-const SCENE_PASSES: [(&str, &[&str]); 13] = [
+const SCENE_PASSES: [(&str, &[&str]); 14] = [
     ("trace/blocks", &[]),
     ("trace/blocks", &["MIRRORS"]),
     ("trace/blocks", &["MIRRORS", "BOUNCES"]),
     ("trace/shade", &[]),
+    ("trace/shade", &["MIRRORS"]),
     ("trace/shade", &["MANY_LIGHTS"]),
     ("trace/shade", &["MANY_LIGHTS", "BOUNCES"]),
     ("trace/blocks", &["TINTED_GLASS"]),
