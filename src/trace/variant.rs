@@ -35,10 +35,11 @@ impl TracePass {
         }
     }
 
-    /// Returns whether mirror rays may be traced beside the shading of blocks' hits.
+    /// Returns whether a view has mirror rays that may be traced beside the shading of its blocks' hits.
     pub fn may_join_mirrors(settings: &ClampedSettings) -> bool {
-        Self::of_rays(settings) == Self::Blocks
-            && settings.backend == ReflectionBackend::Compute
+        settings.full_resolution_mirrors
+            && Self::of_rays(settings) == Self::Blocks
+            && settings.backend != ReflectionBackend::HardwareVrs
             && !settings.has_bounces()
     }
 }
@@ -215,6 +216,37 @@ mod tests {
             assert!(shading.all(|variant| matches!(variant, ShadingVariant::Tracing(variant) if variant.bounces)));
         }
         assert!(variant(8).substitutes().iter().all(|variant| variant.bounces));
+    }
+
+    #[test]
+    fn mirrors_join_the_shading_of_blocks_alone() {
+        let joins = |settings: RayTracedReflections| TracePass::may_join_mirrors(&ClampedSettings::from(&settings));
+        let default = RayTracedReflections::default();
+        assert!(joins(default));
+        for technique in [ReflectionTechnique::QuarterInline, ReflectionTechnique::Converged] {
+            assert!(!joins(RayTracedReflections { technique, ..default }), "{technique:?}");
+        }
+        for (backend, expected) in [
+            (ReflectionBackend::Auto, true),
+            (ReflectionBackend::Compute, true),
+            (ReflectionBackend::HardwareVrs, false),
+        ] {
+            assert_eq!(
+                joins(RayTracedReflections { backend, ..default }),
+                expected,
+                "{backend:?}"
+            );
+        }
+        let bouncing = RayTracedReflections {
+            max_bounces: 2,
+            ..default
+        };
+        assert!(!joins(bouncing));
+        let without = RayTracedReflections {
+            full_resolution_mirrors: false,
+            ..default
+        };
+        assert!(!joins(without));
     }
 
     #[test]
