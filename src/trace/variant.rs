@@ -221,10 +221,10 @@ mod tests {
     #[test]
     fn mirrors_join_the_shading_of_blocks_alone() {
         let joins = |settings: RayTracedReflections| TracePass::may_join_mirrors(&ClampedSettings::from(&settings));
-        let default = RayTracedReflections::default();
-        assert!(joins(default));
+        let default = RayTracedReflections::default;
+        assert!(joins(default()));
         for technique in [ReflectionTechnique::QuarterInline, ReflectionTechnique::Converged] {
-            assert!(!joins(RayTracedReflections { technique, ..default }), "{technique:?}");
+            assert!(!joins(RayTracedReflections { technique, ..default() }), "{technique:?}");
         }
         for (backend, expected) in [
             (ReflectionBackend::Auto, true),
@@ -232,19 +232,19 @@ mod tests {
             (ReflectionBackend::HardwareVrs, false),
         ] {
             assert_eq!(
-                joins(RayTracedReflections { backend, ..default }),
+                joins(RayTracedReflections { backend, ..default() }),
                 expected,
                 "{backend:?}"
             );
         }
         let bouncing = RayTracedReflections {
             max_bounces: 2,
-            ..default
+            ..default()
         };
         assert!(!joins(bouncing));
         let without = RayTracedReflections {
             full_resolution_mirrors: false,
-            ..default
+            ..default()
         };
         assert!(!joins(without));
     }
