@@ -7,6 +7,7 @@ pub mod acceleration;
 mod activity;
 mod alpha_images;
 pub mod arena;
+pub mod atmosphere;
 mod bind_group;
 pub mod bvh;
 mod change;
@@ -81,6 +82,7 @@ impl Plugin for ScenePlugin {
             return;
         }
         load_shader_library!(app, "alpha.wesl");
+        load_shader_library!(app, "atmosphere.wesl");
         load_shader_library!(app, "bindings.wesl");
         load_shader_library!(app, "bvh.wesl");
         load_shader_library!(app, "environment.wesl");
