@@ -1,8 +1,10 @@
-//! Rows of the mirror suite about skies.
+//! Rows of the mirror suite about skies, and about levels of detail.
 
 use super::{Row, Stage, blue};
+use crate::stage::spawn_mesh;
 use bevy::{
     asset::RenderAssetUsages,
+    camera::visibility::VisibilityRange,
     image::Image,
     light::{
         Atmosphere, AtmosphereEnvironmentMapLight, GeneratedEnvironmentMapLight, Skybox, SunDisk,
@@ -12,6 +14,7 @@ use bevy::{
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
 };
+use std::ops::Range;
 
 /// What rows give the camera.
 pub(super) type Components = (
@@ -24,7 +27,7 @@ pub(super) type Components = (
 /// Direction of light from a low sun behind the mirror.
 const LOW_SUN: Vec3 = Vec3::new(0.4, -0.12, 1.0);
 
-pub(super) const ROWS: [Row; 5] = [
+pub(super) const ROWS: [Row; 6] = [
     ("sunlight through an atmosphere", |stage| {
         stage.breathe(5_000.0);
         stage.spawn(blue());
@@ -67,6 +70,12 @@ pub(super) const ROWS: [Row; 5] = [
         stage.light_and_spawn(blue());
         stage.open();
     }),
+    ("levels of detail", |stage| {
+        stage.light_and_spawn(blue());
+        // Both cameras are farther away than the first level is seen from; one is 2.5 m from the sheets, and the other one 8.5 m.
+        stage.add_level(Color::linear_rgb(0.8, 0.3, 0.1), -0.7, 0.0..2.0);
+        stage.add_level(Color::linear_rgb(0.1, 0.7, 0.2), 0.7, 2.0..50.0);
+    }),
 ];
 
 impl Stage<'_> {
@@ -90,6 +99,19 @@ impl Stage<'_> {
     fn open(&mut self) {
         let wall = self.spawned.pop().expect("something was spawned");
         self.app.world().despawn(wall);
+    }
+
+    /// A sheet before everything else that is seen from distances within a range.
+    fn add_level(&mut self, color: Color, x: f32, range: Range<f32>) {
+        let material = StandardMaterial {
+            base_color: color,
+            ..blue()
+        };
+        let at = Transform::from_xyz(x, 0.0, 5.5).looking_to(Vec3::Z, Vec3::Y);
+        let level = spawn_mesh(self.app, Rectangle::new(1.2, 1.6), material, at);
+        let range = VisibilityRange::abrupt(range.start, range.end);
+        self.app.world().entity_mut(level).insert(range);
+        self.spawned.push(level);
     }
 
     /// A cube map whose faces are smooth gradients of different colours.
