@@ -7,7 +7,7 @@ use bevy::{
     camera::visibility::{InheritedVisibility, RenderLayers},
     color::{Color, LinearRgba},
     ecs::prelude::*,
-    light::{DirectionalLight, PointLight, RectLight, SpotLight},
+    light::{DirectionalLight, PointLight, RectLight, SpotLight, SunDisk},
     log::warn_once,
     math::{Vec3, Vec3A},
     pbr::AreaLightLuts,
@@ -174,9 +174,26 @@ type Lights<'w, 's, L> = Extract<
     >,
 >;
 
+/// Directional lights with their disks.
+type Suns<'w, 's> = Extract<
+    'w,
+    's,
+    Query<
+        'static,
+        'static,
+        (
+            &'static DirectionalLight,
+            &'static GlobalTransform,
+            &'static InheritedVisibility,
+            Option<&'static RenderLayers>,
+            Option<&'static SunDisk>,
+        ),
+    >,
+>;
+
 /// Gathers the lights. Belongs in `ExtractSchedule`.
 pub fn extract_lights(
-    directional: Lights<DirectionalLight>,
+    directional: Suns,
     points: Lights<PointLight>,
     spots: Lights<SpotLight>,
     rects: Lights<RectLight>,
@@ -208,11 +225,11 @@ pub fn extract_lights(
         shines.then(|| convert(light, transform))?
     }
     let layers = layers.as_deref();
-    lights.extend(
-        directional
-            .iter()
-            .filter_map(|item| visible(item, layers, directional_light)),
-    );
+    lights.extend(directional.iter().filter_map(|(light, place, visibility, own, disk)| {
+        let packed = visible((light, place, visibility, own), layers, directional_light)?;
+        let radius = non_negative(disk.unwrap_or_default().angular_size);
+        Some(GpuLight { radius, ..packed })
+    }));
     if lights.len() > MAX_LIGHTS {
         warn_once!(
             "{} directional lights in the scene: reflections show the {MAX_LIGHTS} strongest of them.",

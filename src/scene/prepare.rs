@@ -8,6 +8,7 @@ use super::{
     alpha_images::AlphaImages,
     bind_group::SceneBindings,
     change::Change,
+    environment::ViewEnvironment,
     gpu_types::GpuSceneCounts,
     instances::{InstanceSource, SceneInstances},
     light_probes::ExtractedLightProbes,
@@ -161,12 +162,14 @@ fn report_nothing(status: &ReflectionStatus) {
     });
 }
 
-/// Notes what materials and cameras ask of shaders.
+/// Notes what materials and views ask of shaders.
 pub(super) fn note_features(
     mut bindings: ResMut<SceneBindings>,
     materials: Res<MaterialTable>,
     layers: Res<SceneLayers>,
+    views: Query<&ViewEnvironment>,
 ) {
+    bindings.has_air = views.iter().any(ViewEnvironment::has_air);
     bindings.has_clearcoat = materials.has_clearcoat();
     bindings.has_render_layers = layers.differ();
 }

@@ -2,8 +2,9 @@
 
 use super::{
     activity::extract_activity,
-    instances::extract::{
-        MaterialComponent, begin_extraction, drop_lost_objects, extract_instances, note_lost_materials,
+    instances::{
+        details::extract_details,
+        extract::{MaterialComponent, begin_extraction, drop_lost_objects, extract_instances, note_lost_materials},
     },
     materials::{MaterialTypes, ReflectedMaterial, extract_materials},
     meshes::extract_meshes,
@@ -153,7 +154,9 @@ pub(super) fn add_extraction(render_app: &mut SubApp) {
     render_app.add_systems(
         ExtractSchedule,
         (
-            begin_extraction.in_set(ExtractObjects::Begin),
+            (begin_extraction, extract_details)
+                .chain()
+                .in_set(ExtractObjects::Begin),
             drop_lost_objects.in_set(ExtractObjects::DropLost),
         ),
     );

@@ -67,6 +67,8 @@ pub(super) struct Variant {
     pub layers: bool,
     /// Hits draw some of the lights.
     pub draws_lights: bool,
+    /// Some view lies in an atmosphere.
+    pub air: bool,
 }
 
 /// Conditions that the shading of hits is compiled for.
@@ -78,6 +80,7 @@ pub(super) enum ShadingVariant {
         tinted: bool,
         clearcoat: bool,
         probes: bool,
+        air: bool,
     },
     /// It traces rays itself: in scenes with more lights than the tracing pass has tested (`trace/hit.wesl`), and where rays are
     /// followed beyond their first hit.
@@ -98,6 +101,7 @@ impl Variant {
             probes: scene.has_light_probes(),
             layers: scene.has_render_layers(),
             draws_lights: scene.draws_lights(),
+            air: scene.has_air(),
         }
     }
 
@@ -127,6 +131,7 @@ impl Variant {
             (self.probes, "LIGHT_PROBES"),
             (self.layers, "RENDER_LAYERS"),
             (self.draws_lights, "LIGHT_SAMPLING"),
+            (self.air, "ATMOSPHERIC"),
         ];
         defs.into_iter().filter_map(|(set, name)| set.then_some(name))
     }
@@ -148,6 +153,7 @@ impl Variant {
             tinted: self.tinted,
             clearcoat: self.clearcoat,
             probes: self.probes,
+            air: self.air,
         }
     }
 
@@ -158,6 +164,7 @@ impl Variant {
             clearcoat: false,
             probes: false,
             draws_lights: false,
+            air: false,
             ..self
         }
     }
@@ -167,8 +174,8 @@ impl Variant {
     }
 
     /// Itself, the one that is right for all scenes of such trees, and others that are better than nothing while these are
-    /// compiled: they leave out baked light, clearcoats, light probes, lights that are drawn or tints, follow rays through see-through
-    /// surfaces by chance, or miss hits where the stack is full and show what another camera sees.
+    /// compiled: they leave out baked light, clearcoats, light probes, the atmosphere, lights that are drawn or tints, follow rays
+    /// through see-through surfaces by chance, or miss hits where the stack is full and show what another camera sees.
     pub fn substitutes(self) -> [Self; 6] {
         let masked = Self { masked: true, ..self };
         let plain = Self {
@@ -274,6 +281,22 @@ mod tests {
         );
         // The first two leave out nothing, which `TracePipelines::is_complete` counts on.
         assert!(variant.substitutes()[..2].iter().all(|variant| variant.draws_lights));
+    }
+
+    #[test]
+    fn rays_that_miss_and_hits_know_the_atmosphere() {
+        let variant = Variant {
+            air: true,
+            ..Variant::default()
+        };
+        assert!(variant.defs().eq(["ATMOSPHERIC"]));
+        assert!(variant.without_shading().air);
+        assert_eq!(variant.shading_substitutes(false).next(), Some(variant.plain()));
+        assert_eq!(
+            variant.shading_substitutes(false).last(),
+            Some(Variant::default().plain())
+        );
+        assert!(variant.substitutes()[..2].iter().all(|variant| variant.air));
     }
 
     #[test]

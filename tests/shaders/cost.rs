@@ -55,7 +55,7 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 45] = [
+const PASSES: [(&str, &[&str]); 49] = [
     ("trace/shade", &["CLEARCOAT"]),
     ("trace/shade", &["CLEARCOAT", "RAY_QUERY", "BINDLESS_TEXTURES"]),
     (
@@ -77,6 +77,10 @@ const PASSES: [(&str, &[&str]); 45] = [
     ("trace/converged", &["LIGHT_SAMPLING"]),
     ("trace/blocks", &["MIRRORS", "LAYERED_RAYS", "ALPHA_MASKED_GEOMETRY"]),
     ("trace/blocks", &["MIRRORS", "LAYERED_RAYS", "RAY_QUERY"]),
+    ("trace/blocks", &["ATMOSPHERIC"]),
+    ("trace/blocks", &["ATMOSPHERIC", "MIRRORS", "RAY_QUERY"]),
+    ("trace/shade", &["ATMOSPHERIC"]),
+    ("trace/converged", &["ATMOSPHERIC", "RAY_QUERY"]),
     ("trace/blocks", &["RENDER_LAYERS"]),
     ("trace/blocks", &["RENDER_LAYERS", "RAY_QUERY"]),
     ("rate/classify", &[]),

@@ -26,6 +26,7 @@ use bevy::{
     platform::collections::{HashMap, hash_map::Entry},
     prelude::Res,
     render::{
+        diagnostic::DiagnosticsRecorder,
         render_resource::PipelineCache,
         renderer::{RenderDevice, RenderQueue},
     },
@@ -36,6 +37,7 @@ use bevy::{
 pub(in crate::scene) struct PoseInputs<'w> {
     extracted: Res<'w, ExtractedPoses>,
     cache: Res<'w, PipelineCache>,
+    diagnostics: Option<Res<'w, DiagnosticsRecorder>>,
 }
 
 /// Slots whose objects a new pose concerns.
@@ -219,7 +221,14 @@ impl Poses {
                 }
             }
             let (geometry, bvh) = (meshes.geometry.buffer(), meshes.bvh.buffer());
-            pass.run(&batch, kernels, geometry, bvh, device, queue);
+            pass.run(
+                &batch,
+                kernels,
+                [geometry, bvh],
+                inputs.diagnostics.as_deref(),
+                device,
+                queue,
+            );
         } else {
             warn_once!(
                 "skinned meshes keep their pose in reflections, since the device has no memory left to pose them"
