@@ -3,8 +3,9 @@
 /// Largest number of workgroups in the x direction of a dispatch.
 pub(crate) const MAX_WORKGROUPS: u32 = 65535;
 
-/// Words of the buffer `indirect_args`: four dispatches of three words each, and the lengths of three lists.
-pub(crate) const INDIRECT_ARG_WORDS: u64 = 15;
+/// Words of the buffer `indirect_args`: four dispatches of three words each, the lengths of three lists, and a dispatch over two of them
+/// with the number of its workgroups.
+pub(crate) const INDIRECT_ARG_WORDS: u64 = 19;
 /// First word of the dispatch over the ray list.
 pub(crate) const RAY_DISPATCH: u64 = 0;
 /// First word of the dispatch over the mirror ray list.
@@ -19,6 +20,8 @@ pub(crate) const RAY_COUNT: u64 = 12;
 pub(crate) const MIRROR_RAY_COUNT: u64 = 13;
 /// Word with the length of the tile list.
 pub(crate) const TILE_COUNT: u64 = 14;
+/// First word of the dispatch over both lists of rays.
+pub(crate) const ALL_RAYS_DISPATCH: u64 = 15;
 
 /// Words of the buffer `counters`.
 pub(crate) const COUNTER_WORDS: u64 = 8;
@@ -49,6 +52,7 @@ mod tests {
             ("RAY_COUNT", RAY_COUNT),
             ("MIRROR_RAY_COUNT", MIRROR_RAY_COUNT),
             ("TILE_COUNT", TILE_COUNT),
+            ("ALL_RAYS_DISPATCH", ALL_RAYS_DISPATCH),
             ("COUNTER_WORDS", COUNTER_WORDS),
             ("HIT_COUNT", HIT_COUNT),
             ("CHANGE_COUNT", CHANGE_COUNT),

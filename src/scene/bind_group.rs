@@ -68,6 +68,8 @@ pub struct SceneBindings {
     pub(super) has_clearcoat: bool,
     /// Not all reflecting cameras draw the same layers.
     pub(super) has_render_layers: bool,
+    /// Some reflecting view lies in an atmosphere.
+    pub(super) has_air: bool,
     pub(super) acceleration: Option<AccelerationStructures>,
     /// Rays can hit something that needs the alpha test, or it isn't known yet whether they can.
     masked: bool,
@@ -112,6 +114,7 @@ impl FromWorld for SceneBindings {
             light_probes: LightProbes::new(textures.mode(), device, queue),
             has_clearcoat: false,
             has_render_layers: false,
+            has_air: false,
             acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
             masked: true,
             deep: false,
@@ -189,6 +192,11 @@ impl SceneBindings {
     /// Returns whether reflecting cameras draw different layers, so that shaders have to tell them apart.
     pub(crate) fn has_render_layers(&self) -> bool {
         self.has_render_layers
+    }
+
+    /// Returns whether views lie in an atmosphere, which shaders have to know.
+    pub(crate) fn has_air(&self) -> bool {
+        self.has_air
     }
 
     /// Gives back what an idle scene doesn't need.

@@ -5,10 +5,7 @@ use super::{
     activity::SceneActivity,
     alpha_images::{AlphaImages, extract_alpha_images},
     environment::{ReflectingCameras, ViewEnvironment, follow_environments},
-    instances::{
-        SceneInstances,
-        extract::{LostComponents, RemovedFromScene},
-    },
+    instances::{SceneInstances, extract::RemovedFromScene, lost::LostComponents},
     light_probes::{ExtractedLightProbes, ProbeWorld, extract_light_probes},
     lights::{
         ExtractedLights,
@@ -25,6 +22,7 @@ use bevy::{
     ecs::{prelude::*, system::SystemParam},
     image::Image,
     light::GlobalAmbientLight,
+    pbr::ExtractedAtmosphere,
     render::{Extract, renderer::RenderDevice},
 };
 
@@ -42,6 +40,7 @@ pub(super) struct Onlookers<'w, 's> {
 pub(super) fn begin_extraction(
     mut world: Extract<Onlookers>,
     mut commands: Commands,
+    atmospheres: Query<&ExtractedAtmosphere>,
     mut views: Query<(Entity, &mut ViewEnvironment)>,
     mut activity: ResMut<SceneActivity>,
     mut layers: ResMut<SceneLayers>,
@@ -51,7 +50,7 @@ pub(super) fn begin_extraction(
     let active = world.cameras.iter().filter(|(_, _, camera, ..)| camera.is_active);
     activity.follow(active.clone().next().is_some());
     layers.follow(
-        active.map(|(.., drawn, reflected)| (drawn, reflected)),
+        active.map(|(.., drawn, reflected, _)| (drawn, reflected)),
         world.light_layers.iter(),
     );
     follow_environments(
@@ -59,6 +58,7 @@ pub(super) fn begin_extraction(
         world.ambient.as_deref(),
         world.clear_color.as_deref(),
         &layers,
+        &atmospheres,
         &mut views,
         &mut commands,
     );

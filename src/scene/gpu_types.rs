@@ -146,7 +146,8 @@ pub struct GpuLight {
     pub inverse_range_squared: f32,
     /// To a directional light, or where a spot or rectangle shines.
     pub direction: [f32; 3],
-    /// Radius of a spherical light in metres. Rectangles: angle of the width axis about `direction` in radians.
+    /// Radius of a spherical light in metres. Rectangles: angle of the width axis about `direction` in radians. Directional lights: the
+    /// angle of their disk.
     pub radius: f32,
     /// Spot: scale and offset of the cone's falloff. Rectangles: half width and half height.
     pub spot: [f32; 2],

@@ -1,11 +1,17 @@
 //! The objects that rays can hit, mirrored from the main world; `instances/extract.rs` follows their changes.
 
+pub(in crate::scene) mod details;
 pub(in crate::scene) mod extract;
 mod lightmap;
+pub(in crate::scene) mod lost;
 
 use super::free_slots::FreeSlots;
 use bevy::{
-    asset::UntypedAssetId, ecs::entity::EntityGeneration, math::Affine3A, mesh::Mesh, platform::collections::HashMap,
+    asset::UntypedAssetId,
+    ecs::entity::{EntityGeneration, EntityHashMap},
+    math::Affine3A,
+    mesh::Mesh,
+    platform::collections::HashMap,
     prelude::*,
 };
 
@@ -91,8 +97,10 @@ pub struct SceneInstances {
     /// By index of the entity. Where an object is can be found without a look at the object.
     by_entity: Vec<Seat>,
     count: usize,
-    /// How many objects show each mesh.
+    /// How many objects show each mesh, or wait with it.
     mesh_users: HashMap<AssetId<Mesh>, u32>,
+    /// Objects that are not there but may come at any time, with their meshes: levels of detail.
+    waiting: EntityHashMap<AssetId<Mesh>>,
     /// Meshes that an object shows and none did before.
     new_meshes: Vec<AssetId<Mesh>>,
     dirty: Vec<u32>,
@@ -120,14 +128,14 @@ impl SceneInstances {
         core::mem::take(&mut self.new_meshes)
     }
 
-    /// Returns whether an object shows a mesh.
+    /// Returns whether an object shows a mesh, or waits with it.
     pub fn shows(&self, mesh: AssetId<Mesh>) -> bool {
         self.mesh_users.contains_key(&mesh)
     }
 
-    /// No object at all.
+    /// No object at all, not even one that waits.
     pub fn is_empty(&self) -> bool {
-        self.count == 0
+        self.count == 0 && self.waiting.is_empty()
     }
 
     /// Slots whose objects have moved since the last call, and may have changed otherwise, too; each once.
@@ -174,14 +182,27 @@ impl SceneInstances {
             before.world_from_object = source.world_from_object;
             self.moved.push(slot);
         } else if place.as_ref() != Some(&source) {
-            let users = self.mesh_users.entry(source.mesh).or_default();
-            *users += 1;
-            if *users == 1 {
-                self.new_meshes.push(source.mesh);
-            }
+            let (entity, mesh) = (source.entity, source.mesh);
             let replaced = place.replace(source);
             self.dirty.push(slot);
-            self.release_mesh(replaced);
+            self.use_mesh(mesh);
+            self.release_mesh(replaced.map(|source| source.mesh));
+            self.release(entity);
+        }
+    }
+
+    /// Removes an object if it is there, and keeps its mesh loaded.
+    pub fn set_waiting(&mut self, entity: Entity, mesh: AssetId<Mesh>) {
+        self.use_mesh(mesh);
+        self.remove(entity);
+        self.waiting.insert(entity, mesh);
+    }
+
+    /// Forgets that an object waits.
+    pub fn release(&mut self, entity: Entity) {
+        if !self.waiting.is_empty() {
+            let mesh = self.waiting.remove(&entity);
+            self.release_mesh(mesh);
         }
     }
 
@@ -215,6 +236,7 @@ impl SceneInstances {
 
     /// Removes an object if it is there.
     pub fn remove(&mut self, entity: Entity) {
+        self.release(entity);
         let Some(slot) = self.slot_of(entity) else {
             return;
         };
@@ -226,13 +248,19 @@ impl SceneInstances {
             self.slots.pop();
         }
         self.dirty.push(slot);
-        self.release_mesh(removed);
+        self.release_mesh(removed.map(|source| source.mesh));
     }
 
-    fn release_mesh(&mut self, gone: Option<InstanceSource>) {
-        let Some(mesh) = gone.map(|source| source.mesh) else {
-            return;
-        };
+    fn use_mesh(&mut self, mesh: AssetId<Mesh>) {
+        let users = self.mesh_users.entry(mesh).or_default();
+        *users += 1;
+        if *users == 1 {
+            self.new_meshes.push(mesh);
+        }
+    }
+
+    fn release_mesh(&mut self, gone: Option<AssetId<Mesh>>) {
+        let Some(mesh) = gone else { return };
         if let Some(users) = self.mesh_users.get_mut(&mesh) {
             *users -= 1;
             if *users == 0 {
@@ -270,6 +298,29 @@ mod tests {
         assert_eq!(gone.index(), a.index());
         instances.set_place(gone, Affine3A::IDENTITY);
         assert_eq!(instances.get(0).map(|source| source.world_from_object), Some(place));
+    }
+
+    #[test]
+    fn objects_that_wait_keep_their_meshes() {
+        let mut world = World::new();
+        let [a, b] = [(); 2].map(|()| world.spawn_empty().id());
+        let mesh = AssetId::default();
+        let mut instances = SceneInstances::default();
+        instances.set_waiting(a, mesh);
+        assert!(instances.shows(mesh) && instances.count == 0);
+        assert_eq!(instances.take_new_meshes(), [mesh]);
+        instances.set(InstanceSource::plain(a));
+        instances.set_waiting(a, mesh);
+        instances.set_waiting(a, mesh);
+        assert!(instances.count == 0 && instances.take_new_meshes().is_empty());
+        instances.set(InstanceSource::plain(b));
+        instances.release(a);
+        assert!(instances.shows(mesh));
+        instances.remove(b);
+        assert!(!instances.shows(mesh) && instances.mesh_users.is_empty());
+        instances.set_waiting(a, mesh);
+        instances.remove(a);
+        assert!(instances.is_empty() && !instances.shows(mesh));
     }
 
     #[test]

@@ -7,6 +7,7 @@ pub mod acceleration;
 mod activity;
 mod alpha_images;
 pub mod arena;
+pub mod atmosphere;
 mod bind_group;
 pub mod bvh;
 mod change;
@@ -63,7 +64,7 @@ use bevy::{
 use bind_group::prepare_scene_bind_group;
 use environment::{EnvironmentBindings, prepare_environments};
 use extract::{begin_extraction, extract_images, extract_lighting};
-use instances::{SceneInstances, extract::LostComponents};
+use instances::{SceneInstances, details::LevelsOfDetail, lost::LostComponents};
 use light_probes::ExtractedLightProbes;
 use lights::ExtractedLights;
 use materials::{MaterialAssets, MaterialTable};
@@ -84,6 +85,7 @@ impl Plugin for ScenePlugin {
             return;
         }
         load_shader_library!(app, "alpha.wesl");
+        load_shader_library!(app, "atmosphere.wesl");
         load_shader_library!(app, "bindings.wesl");
         load_shader_library!(app, "bvh.wesl");
         load_shader_library!(app, "environment.wesl");
@@ -124,6 +126,7 @@ impl Plugin for ScenePlugin {
             .init_gpu_resource::<SceneActivity>()
             .init_gpu_resource::<SceneInstances>()
             .init_resource::<LostComponents>()
+            .init_resource::<LevelsOfDetail>()
             .init_gpu_resource::<MaterialAssets>()
             .init_gpu_resource::<MaterialTable>()
             .init_gpu_resource::<AlphaImages>()

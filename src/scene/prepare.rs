@@ -8,6 +8,7 @@ use super::{
     alpha_images::AlphaImages,
     bind_group::SceneBindings,
     change::Change,
+    environment::ViewEnvironment,
     gpu_types::GpuSceneCounts,
     instances::{InstanceSource, SceneInstances},
     light_probes::ExtractedLightProbes,
@@ -26,6 +27,7 @@ use bevy::{
     pbr::AreaLightLuts,
     platform::collections::HashSet,
     render::{
+        diagnostic::DiagnosticsRecorder,
         render_asset::RenderAssets,
         render_resource::{DefaultImageSamplerDescriptor, PipelineCache},
         renderer::{RenderDevice, RenderQueue},
@@ -36,7 +38,7 @@ use bevy::{
 /// All that the scene is kept in and made from, for one system: to find a resource takes about half a microsecond in worlds that leave
 /// nothing in the caches of the processor, and all of this is brought up to date in turn.
 #[derive(SystemParam)]
-pub(super) struct Scene<'w> {
+pub(super) struct Scene<'w, 's> {
     bindings: ResMut<'w, SceneBindings>,
     instances: ResMut<'w, SceneInstances>,
     meshes: ResMut<'w, SceneMeshes>,
@@ -47,6 +49,7 @@ pub(super) struct Scene<'w> {
     lights: ResMut<'w, ExtractedLights>,
     light_probes: Res<'w, ExtractedLightProbes>,
     layers: Res<'w, SceneLayers>,
+    views: Query<'w, 's, &'static ViewEnvironment>,
     /// Materials as the app made them.
     assets: ResMut<'w, MaterialAssets>,
     images: Res<'w, RenderAssets<GpuImage>>,
@@ -54,6 +57,7 @@ pub(super) struct Scene<'w> {
     /// The sampler of images that have none of their own.
     default_sampler: Res<'w, DefaultImageSamplerDescriptor>,
     cache: Res<'w, PipelineCache>,
+    diagnostics: Option<Res<'w, DiagnosticsRecorder>>,
     activity: Res<'w, SceneActivity>,
     status: Res<'w, ReflectionStatus>,
     device: Res<'w, RenderDevice>,
@@ -79,7 +83,7 @@ pub(super) fn prepare_scene(mut scene: Scene, mut changed_materials: Local<HashS
     scene.prepare_tables();
 }
 
-impl Scene<'_> {
+impl Scene<'_, '_> {
     /// Brings instances, merged trees and the top level up to date; does nothing where nothing changed. Runs before materials
     /// are packed, which forgets what changed.
     fn prepare_instances(&mut self, changed_materials: &mut HashSet<UntypedAssetId>) {
@@ -113,6 +117,7 @@ impl Scene<'_> {
         let inputs = PoseInputs {
             extracted: &self.poses,
             cache: &self.cache,
+            diagnostics: self.diagnostics.as_deref(),
         };
         let poses = bindings.poses.follow(&inputs, instances, meshes, device, queue);
         if !poses.switched.is_empty() {
@@ -174,6 +179,7 @@ impl Scene<'_> {
 
     /// Notes what materials and cameras ask of shaders.
     fn note_features(&mut self) {
+        self.bindings.has_air = self.views.iter().any(ViewEnvironment::has_air);
         self.bindings.has_clearcoat = self.materials.has_clearcoat();
         self.bindings.has_render_layers = self.layers.differ();
         self.lights.detect_rects(self.area_lights.as_deref(), &self.images);

@@ -2,7 +2,10 @@
 
 use super::{
     extract::{begin_extraction, extract_shapes},
-    instances::extract::{MaterialComponent, extract_instances, note_lost_materials},
+    instances::{
+        details::extract_details,
+        extract::{MaterialComponent, extract_instances, note_lost_materials},
+    },
     materials::{MaterialTypes, ReflectedMaterial, extract_materials},
 };
 use crate::{device::tracing_app, schedule::ReflectionSystems, settings::ReflectedMaterial3d};
@@ -145,7 +148,9 @@ pub(super) fn add_extraction(render_app: &mut SubApp) {
     render_app.add_systems(
         ExtractSchedule,
         (
-            begin_extraction.in_set(ExtractObjects::Begin),
+            (begin_extraction, extract_details)
+                .chain()
+                .in_set(ExtractObjects::Begin),
             extract_shapes.in_set(ExtractObjects::Shapes),
         ),
     );

@@ -1,8 +1,9 @@
-//! Rays of the lists: one for each block, traced in one pass and shaded in the next, and one for each pixel of an exact mirror.
+//! Rays of the lists: one for each block, traced in one pass and shaded in the next, and one for each pixel of an exact mirror, traced
+//! beside that shading or in a pass of its own.
 
 use super::variant::{ShadingVariant, Variant};
 use crate::{
-    common::{MIRROR_RAY_DISPATCH, RAY_DISPATCH, word_offset},
+    common::{ALL_RAYS_DISPATCH, MIRROR_RAY_DISPATCH, RAY_DISPATCH, word_offset},
     gbuffer::{Binding, GBufferPass, OtherGroups, PassContext},
     targets::{HIT_FORMAT, RADIANCE_FORMAT, RAY_RADIANCE_FORMAT, RAY_SAMPLE_FORMAT, STATS_FORMAT},
 };
@@ -22,16 +23,32 @@ pub(super) fn ray_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<
 
 /// The pass that shades what the rays of the ray list hit.
 pub(super) fn shading_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<ShadingVariant> {
-    let bindings = vec![
+    let groups = OtherGroups::SceneAndEnvironment(scene_layout.clone());
+    GBufferPass::new("glint_shade_hits", shading_bindings(), groups)
+}
+
+/// The same together with the pass over the mirror ray list.
+pub(super) fn shading_and_mirrors_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Variant> {
+    let mut bindings = shading_bindings();
+    bindings.extend([
+        Binding::words(|context| Some(&context.images()?.mirror_ray_list)),
+        Binding::written_words(1, |context| Some(&context.targets().counters)),
+        Binding::written(RADIANCE_FORMAT, |context| Some(context.images()?.mirror_radiance())),
+        Binding::written(STATS_FORMAT, |context| Some(context.images()?.mirror_stats())),
+    ]);
+    let groups = OtherGroups::SceneAndEnvironment(scene_layout.clone());
+    GBufferPass::new("glint_shade_hits_and_mirrors", bindings, groups)
+}
+
+fn shading_bindings() -> Vec<Binding> {
+    vec![
         Binding::words(|context| Some(&context.targets().indirect_args)),
         Binding::words(|context| Some(&context.images()?.ray_list)),
         Binding::integers(|context| Some(&context.images()?.ray_sample)),
         Binding::integers(|context| context.images()?.hits(context.now())),
         Binding::written(RAY_RADIANCE_FORMAT, |context| Some(&context.images()?.ray_radiance)),
         Binding::floats(|context| Some(context.albedo_table)),
-    ];
-    let groups = OtherGroups::SceneAndEnvironment(scene_layout.clone());
-    GBufferPass::new("glint_shade_hits", bindings, groups)
+    ]
 }
 
 /// The pass over the mirror ray list.
@@ -73,6 +90,8 @@ pub(super) fn run_list<K: Clone + Eq + Hash>(
 pub(super) enum List {
     Rays,
     MirrorRays,
+    /// Mirror rays, and behind them the others.
+    AllRays,
 }
 
 impl List {
@@ -80,6 +99,7 @@ impl List {
         match self {
             Self::Rays => RAY_DISPATCH,
             Self::MirrorRays => MIRROR_RAY_DISPATCH,
+            Self::AllRays => ALL_RAYS_DISPATCH,
         }
     }
 }

@@ -21,10 +21,12 @@ pub(crate) fn trace_rays(
     let settings = &context.view.settings;
     let variant = pipelines.variant_for(settings);
     let mut watches = false;
+    let mut has_mirrors = false;
     for pass in TracePass::of(settings) {
         match pass {
             TracePass::Converged => trace_converged(ctx, &pipelines.converged, variant, context),
             TracePass::Inline => pipelines.inline.trace(ctx, variant, context),
+            TracePass::Mirrors if has_mirrors => {}
             TracePass::Mirrors => {
                 let variants = pipelines.mirror_variant(variant).substitutes();
                 run_list(ctx, &pipelines.mirror_rays, variants, context, List::MirrorRays);
@@ -36,8 +38,13 @@ pub(crate) fn trace_rays(
                     let rays = pipelines.ray_variant(context.cache);
                     run_list(ctx, &pipelines.rays, rays, context, List::Rays);
                     let tinted = rays.is_some_and(|rays| rays.tinted);
-                    let variants = Variant { tinted, ..variant }.shading_substitutes(pipelines.many_lights);
-                    run_list(ctx, &pipelines.shading, variants, context, List::Rays);
+                    if let Some(joined) = pipelines.joined_variant(settings, variant, tinted, context.cache) {
+                        run_list(ctx, &pipelines.shading_and_mirrors, [joined], context, List::AllRays);
+                        has_mirrors = true;
+                    } else {
+                        let variants = Variant { tinted, ..variant }.shading_substitutes(pipelines.many_lights);
+                        run_list(ctx, &pipelines.shading, variants, context, List::Rays);
+                    }
                     watches = settings.max_bounces <= 1 && !pipelines.many_lights;
                 }
             }

@@ -33,6 +33,10 @@ use bevy::{
     utils::default,
 };
 
+/// Storage buffers of the pass that shades hits and traces mirror rays: those of the pass over the list of rays (`device/support.rs`), the
+/// other list, and light probes.
+const JOINED_STORAGE_BUFFERS: u32 = 11;
+
 /// Pipelines of the tracing passes.
 #[derive(Resource)]
 pub struct TracePipelines {
@@ -45,6 +49,8 @@ pub struct TracePipelines {
     /// Shades what the rays hit.
     pub(super) shading: GBufferPass<ShadingVariant>,
     pub(super) mirror_rays: GBufferPass<Variant>,
+    /// Both in one dispatch.
+    pub(super) shading_and_mirrors: GBufferPass<Variant>,
     pub(super) converged: GBufferPass<Variant>,
     pub(super) inline: InlinePass,
     /// Table for `albedo.wesl`.
@@ -53,6 +59,10 @@ pub struct TracePipelines {
     pub(super) noise: Option<TextureView>,
     /// Passes that views asked for, and whether with bounces.
     wanted: HashSet<(TracePass, bool)>,
+    /// Some view asked for rays of blocks or of mirrors, but not for both in one dispatch.
+    wants_apart: bool,
+    /// The device has as many storage buffers as both in one dispatch take.
+    can_join_mirrors: bool,
     /// Definitions of all variants.
     common_defs: Vec<ShaderDefVal>,
     /// Definitions that are right for any scene.
@@ -74,6 +84,47 @@ impl TracePipelines {
     pub(crate) fn request(&mut self, settings: &ClampedSettings) {
         let bounces = settings.has_bounces();
         self.wanted.extend(TracePass::of(settings).map(|pass| (pass, bounces)));
+        let mut passes = TracePass::of(settings);
+        self.wants_apart |= passes.any(|pass| matches!(pass, TracePass::Blocks | TracePass::Mirrors))
+            && !TracePass::may_join_mirrors(settings);
+    }
+
+    /// Returns whether mirror rays lose nothing in the pass that shades the hits of blocks: of a scene that it traces without bits for
+    /// more lights, and where none of them is followed through layers.
+    fn joins_mirrors(&self, variant: Variant) -> bool {
+        self.can_join_mirrors && !self.many_lights && !variant.bounces && !self.mirror_variant(variant).layered
+    }
+
+    /// Returns whether some view takes the passes that trace rays of mirrors, or shade hits of blocks, alone.
+    fn keeps_apart(&self, variant: Variant) -> bool {
+        self.wants_apart || !self.joins_mirrors(variant)
+    }
+
+    /// The variant that traces the mirror rays of a view beside the shading of its blocks' hits, if that is as good as apart, or all that
+    /// there is. `tinted`: the hits have tints.
+    pub(super) fn joined_variant(
+        &self,
+        settings: &ClampedSettings,
+        variant: Variant,
+        tinted: bool,
+        cache: &PipelineCache,
+    ) -> Option<Variant> {
+        if !TracePass::may_join_mirrors(settings) {
+            return None;
+        }
+        let variant = Variant { tinted, ..variant };
+        let has_apart = || {
+            compiled(&self.mirror_rays, self.mirror_variant(variant), cache).is_some()
+                && self.has_shading(variant, cache)
+        };
+        let joined = compiled(&self.shading_and_mirrors, variant, cache);
+        joined.filter(|_| self.joins_mirrors(variant) || !has_apart())
+    }
+
+    /// Hits can be shaded by the pass that does nothing else.
+    fn has_shading(&self, variant: Variant, cache: &PipelineCache) -> bool {
+        let mut variants = variant.shading_substitutes(self.many_lights);
+        variants.any(|key| self.shading.pipeline(&key, cache).is_some())
     }
 
     /// The variant of the rays of blocks that is compiled. Their hits are shaded with tints only if they have some.
@@ -98,18 +149,14 @@ impl TracePipelines {
     /// All that a view's settings need can be used.
     pub(crate) fn is_ready(&self, cache: &PipelineCache, settings: &ClampedSettings) -> bool {
         let variant = self.variant_for(settings);
-        let compiled = |pass: &GBufferPass<Variant>, variant: Variant| {
-            let mut variants = variant.substitutes().into_iter();
-            variants.any(|variant| pass.pipeline(&variant, cache).is_some())
-        };
+        let compiled = |pass: &GBufferPass<Variant>, variant: Variant| compiled(pass, variant, cache).is_some();
+        let joined = TracePass::may_join_mirrors(settings) && compiled(&self.shading_and_mirrors, variant);
         self.noise.is_some()
             && TracePass::of(settings).all(|pass| match pass {
                 TracePass::Blocks => {
-                    let mut variants = variant.shading_substitutes(self.many_lights);
-                    compiled(&self.rays, self.variant.without_shading())
-                        && variants.any(|key| self.shading.pipeline(&key, cache).is_some())
+                    compiled(&self.rays, self.variant.without_shading()) && (joined || self.has_shading(variant, cache))
                 }
-                TracePass::Mirrors => compiled(&self.mirror_rays, self.mirror_variant(variant)),
+                TracePass::Mirrors => joined || compiled(&self.mirror_rays, self.mirror_variant(variant)),
                 TracePass::Converged => compiled(&self.converged, variant),
                 TracePass::Inline => self.inline.pipeline(variant, cache).is_some(),
             })
@@ -138,9 +185,12 @@ impl TracePipelines {
                 }
                 TracePass::Blocks => {
                     compiled(&self.rays, variant.without_shading())
-                        && self.shading.pipeline(&variant.plain(), cache).is_some()
+                        && (!self.keeps_apart(variant) || self.shading.pipeline(&variant.plain(), cache).is_some())
                 }
-                TracePass::Mirrors => compiled(&self.mirror_rays, self.mirror_variant(variant)),
+                TracePass::Mirrors => {
+                    (!self.joins_mirrors(variant) || compiled(&self.shading_and_mirrors, variant))
+                        && (!self.keeps_apart(variant) || compiled(&self.mirror_rays, self.mirror_variant(variant)))
+                }
                 TracePass::Converged => compiled(&self.converged, variant),
                 TracePass::Inline => self.inline.has_any(whole(variant), cache),
             }
@@ -151,7 +201,7 @@ impl TracePipelines {
     /// any scene.
     pub(super) fn vrs_request(&self) -> PipelineRequest {
         let mut defs = self.defs_for_any.clone();
-        defs.extend(["LIGHTMAPS", "CLEARCOAT"].map(Into::into));
+        defs.extend(["LIGHTMAPS", "CLEARCOAT", "ATMOSPHERIC"].map(Into::into));
         defs.extend(self.can_have_probes.then(|| "LIGHT_PROBES".into()));
         defs.extend_from_slice(&self.common_defs);
         PipelineRequest {
@@ -188,6 +238,9 @@ impl TracePipelines {
                     self.shading.queue(ShadingVariant::Tracing(variant), cache, tracing);
                     return;
                 }
+                if !self.keeps_apart(variant) {
+                    return;
+                }
                 // It traces no shadow rays, so that it can't draw lights.
                 let plain = Variant {
                     draws_lights: false,
@@ -202,9 +255,15 @@ impl TracePipelines {
             }
             TracePass::Mirrors => {
                 let own = [&["MIRRORS"], &shading[..]].concat();
-                let variant = self.mirror_variant(variant);
-                self.mirror_rays
-                    .queue(variant, cache, || shader_of(variant, &self.blocks_shader, &own));
+                if self.joins_mirrors(variant) {
+                    self.shading_and_mirrors
+                        .queue(variant, cache, || shader_of(variant, &self.shading_shader, &own));
+                }
+                if self.keeps_apart(variant) {
+                    let variant = self.mirror_variant(variant);
+                    self.mirror_rays
+                        .queue(variant, cache, || shader_of(variant, &self.blocks_shader, &own));
+                }
             }
             TracePass::Converged => self
                 .converged
@@ -215,13 +274,25 @@ impl TracePipelines {
 
     /// The first error of a pipeline.
     fn error<'a>(&'a self, cache: &'a PipelineCache) -> Option<&'a ShaderCacheError> {
-        let mut compute = [&self.rays, &self.mirror_rays, &self.converged].into_iter();
+        let mut compute = [
+            &self.rays,
+            &self.mirror_rays,
+            &self.shading_and_mirrors,
+            &self.converged,
+        ]
+        .into_iter();
         compute
             .find_map(|pass| pass.errors(cache).next())
             .map(|(_, error)| error)
             .or_else(|| self.shading.errors(cache).next().map(|(_, error)| error))
             .or_else(|| self.inline.error(cache))
     }
+}
+
+/// The first of a variant and its substitutes that is compiled.
+fn compiled(pass: &GBufferPass<Variant>, variant: Variant, cache: &PipelineCache) -> Option<Variant> {
+    let mut variants = variant.substitutes().into_iter();
+    variants.find(|variant| pass.pipeline(variant, cache).is_some())
 }
 
 /// Makes layouts and the albedo table.
@@ -242,11 +313,14 @@ pub(super) fn init_trace_pipelines(
         rays: blocks::ray_pass(&scene.layout),
         shading: blocks::shading_pass(&scene.layout),
         mirror_rays: blocks::mirror_ray_pass(&scene.layout),
+        shading_and_mirrors: blocks::shading_and_mirrors_pass(&scene.layout),
         converged: converged_pass(&scene.layout),
         inline: InlinePass::new(load_embedded_asset!(assets, "inline.wesl"), &scene.layout),
         albedo_table: create_albedo_table(&device, &queue),
         noise: None,
         wanted: HashSet::default(),
+        wants_apart: false,
+        can_join_mirrors: device.limits().max_storage_buffers_per_shader_stage >= JOINED_STORAGE_BUFFERS,
         common_defs: count.map(|_| "COUNT_INVOCATIONS".into()).into_iter().collect(),
         defs_for_any: scene.shader_defs_for_any(),
         can_have_probes: scene.can_have_light_probes(),

@@ -2,7 +2,7 @@
 
 use crate::{
     scene::SceneBindings,
-    settings::{ClampedSettings, ReflectionTechnique},
+    settings::{ClampedSettings, ReflectionBackend, ReflectionTechnique},
 };
 
 /// A pass that traces rays.
@@ -21,15 +21,26 @@ pub(super) enum TracePass {
 impl TracePass {
     /// The passes that a view's settings need.
     pub fn of(settings: &ClampedSettings) -> impl Iterator<Item = Self> + use<> {
-        let rays = match settings.technique {
+        let mirrors = settings.full_resolution_mirrors.then_some(Self::Mirrors);
+        [Some(Self::of_rays(settings)), mirrors].into_iter().flatten()
+    }
+
+    fn of_rays(settings: &ClampedSettings) -> Self {
+        match settings.technique {
             ReflectionTechnique::Converged => Self::Converged,
             ReflectionTechnique::QuarterInline => Self::Inline,
             ReflectionTechnique::Reference | ReflectionTechnique::Quarter | ReflectionTechnique::Variable => {
                 Self::Blocks
             }
-        };
-        let mirrors = settings.full_resolution_mirrors.then_some(Self::Mirrors);
-        [Some(rays), mirrors].into_iter().flatten()
+        }
+    }
+
+    /// Returns whether a view has mirror rays that may be traced beside the shading of its blocks' hits.
+    pub fn may_join_mirrors(settings: &ClampedSettings) -> bool {
+        settings.full_resolution_mirrors
+            && Self::of_rays(settings) == Self::Blocks
+            && settings.backend != ReflectionBackend::HardwareVrs
+            && !settings.has_bounces()
     }
 }
 
@@ -56,6 +67,8 @@ pub(super) struct Variant {
     pub layers: bool,
     /// Hits draw some of the lights.
     pub draws_lights: bool,
+    /// Some view lies in an atmosphere.
+    pub air: bool,
 }
 
 /// Conditions that the shading of hits is compiled for.
@@ -67,6 +80,7 @@ pub(super) enum ShadingVariant {
         tinted: bool,
         clearcoat: bool,
         probes: bool,
+        air: bool,
     },
     /// It traces rays itself: in scenes with more lights than the tracing pass has tested (`trace/hit.wesl`), and where rays are
     /// followed beyond their first hit.
@@ -87,6 +101,7 @@ impl Variant {
             probes: scene.has_light_probes(),
             layers: scene.has_render_layers(),
             draws_lights: scene.draws_lights(),
+            air: scene.has_air(),
         }
     }
 
@@ -116,6 +131,7 @@ impl Variant {
             (self.probes, "LIGHT_PROBES"),
             (self.layers, "RENDER_LAYERS"),
             (self.draws_lights, "LIGHT_SAMPLING"),
+            (self.air, "ATMOSPHERIC"),
         ];
         defs.into_iter().filter_map(|(set, name)| set.then_some(name))
     }
@@ -137,6 +153,7 @@ impl Variant {
             tinted: self.tinted,
             clearcoat: self.clearcoat,
             probes: self.probes,
+            air: self.air,
         }
     }
 
@@ -147,6 +164,7 @@ impl Variant {
             clearcoat: false,
             probes: false,
             draws_lights: false,
+            air: false,
             ..self
         }
     }
@@ -156,8 +174,8 @@ impl Variant {
     }
 
     /// Itself, the one that is right for all scenes of such trees, and others that are better than nothing while these are
-    /// compiled: they leave out baked light, clearcoats, light probes, lights that are drawn or tints, follow rays through see-through
-    /// surfaces by chance, or miss hits where the stack is full and show what another camera sees.
+    /// compiled: they leave out baked light, clearcoats, light probes, the atmosphere, lights that are drawn or tints, follow rays
+    /// through see-through surfaces by chance, or miss hits where the stack is full and show what another camera sees.
     pub fn substitutes(self) -> [Self; 6] {
         let masked = Self { masked: true, ..self };
         let plain = Self {
@@ -208,6 +226,37 @@ mod tests {
     }
 
     #[test]
+    fn mirrors_join_the_shading_of_blocks_alone() {
+        let joins = |settings: RayTracedReflections| TracePass::may_join_mirrors(&ClampedSettings::from(&settings));
+        let default = RayTracedReflections::default;
+        assert!(joins(default()));
+        for technique in [ReflectionTechnique::QuarterInline, ReflectionTechnique::Converged] {
+            assert!(!joins(RayTracedReflections { technique, ..default() }), "{technique:?}");
+        }
+        for (backend, expected) in [
+            (ReflectionBackend::Auto, true),
+            (ReflectionBackend::Compute, true),
+            (ReflectionBackend::HardwareVrs, false),
+        ] {
+            assert_eq!(
+                joins(RayTracedReflections { backend, ..default() }),
+                expected,
+                "{backend:?}"
+            );
+        }
+        let bouncing = RayTracedReflections {
+            max_bounces: 2,
+            ..default()
+        };
+        assert!(!joins(bouncing));
+        let without = RayTracedReflections {
+            full_resolution_mirrors: false,
+            ..default()
+        };
+        assert!(!joins(without));
+    }
+
+    #[test]
     fn lights_are_drawn_by_shaders_that_trace_and_only_where_the_scene_asks_for_it() {
         let variant = Variant {
             draws_lights: true,
@@ -232,6 +281,22 @@ mod tests {
         );
         // The first two leave out nothing, which `TracePipelines::is_complete` counts on.
         assert!(variant.substitutes()[..2].iter().all(|variant| variant.draws_lights));
+    }
+
+    #[test]
+    fn rays_that_miss_and_hits_know_the_atmosphere() {
+        let variant = Variant {
+            air: true,
+            ..Variant::default()
+        };
+        assert!(variant.defs().eq(["ATMOSPHERIC"]));
+        assert!(variant.without_shading().air);
+        assert_eq!(variant.shading_substitutes(false).next(), Some(variant.plain()));
+        assert_eq!(
+            variant.shading_substitutes(false).last(),
+            Some(Variant::default().plain())
+        );
+        assert!(variant.substitutes()[..2].iter().all(|variant| variant.air));
     }
 
     #[test]

@@ -16,6 +16,7 @@ mod budget;
 mod convergence;
 mod debug_views;
 mod deferred;
+mod details;
 mod devices;
 mod dynamics;
 mod effects;

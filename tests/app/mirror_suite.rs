@@ -2,6 +2,7 @@
 //! of what is reflected (`src/manual/interactions.md`) has a line for each row.
 
 mod light;
+mod sky;
 
 use crate::{
     common::app,
@@ -20,8 +21,12 @@ use bevy::{
 use bevy_glint::{RayTracedReflections, ReflectionTechnique};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
-/// Mean FLIP up to which both pictures are the same.
+/// Mean FLIP up to which both pictures are the same ...
 const LIMIT: f32 = 0.01;
+/// ... and so many levels: FLIP sees single ones of 255 in smooth skies and on walls in coloured light, where rounding decides on them ...
+const LEVELS: u8 = 3;
+/// ... but for so many pixels, on edges.
+const EDGES: usize = 4;
 
 const FOG: Color = Color::linear_rgb(0.1, 0.3, 0.2);
 const SUN: Vec3 = Vec3::new(0.5, -0.2, 1.0);
@@ -415,6 +420,7 @@ impl<'a> Stage<'a> {
             EnvironmentMapLight,
             RenderLayers,
         )>();
+        camera.remove::<sky::Components>();
         self.material = blue();
         self.fog_color = FOG;
         self.technique = ReflectionTechnique::Reference;
@@ -432,7 +438,7 @@ fn a_scene_in_a_mirror_looks_like_itself() {
         };
         let mut stage = Stage::new(&mut app);
         let mut failures = Vec::new();
-        for (name, spawn) in ROWS.into_iter().chain(light::ROWS) {
+        for (name, spawn) in ROWS.into_iter().chain(light::ROWS).chain(sky::ROWS) {
             spawn(&mut stage);
             let actual = stage.in_the_mirror();
             let expected = stage.by_the_mirrored_camera();
@@ -441,11 +447,12 @@ fn a_scene_in_a_mirror_looks_like_itself() {
                 .chunks_exact(4)
                 .filter(|pixel| pixel[..3] != expected[..3])
                 .count();
-            println!("{tracer}, {name}: FLIP {error:.4}, {shown} pixels");
-            if !(error <= LIMIT && shown > 200) {
+            let apart = differing_pixels(&expected, &actual, LEVELS);
+            println!("{tracer}, {name}: FLIP {error:.4}, {apart} of {shown} pixels apart");
+            if !((error <= LIMIT || apart <= EDGES) && shown > 200) {
                 let folder = dump(&format!("mirror {name}"), SIZE, &expected, &actual);
                 failures.push(format!(
-                    "{name}: FLIP {error:.4}, {shown} pixels show anything; see {}",
+                    "{name}: FLIP {error:.4}, {apart} pixels apart, {shown} show anything; see {}",
                     folder.display()
                 ));
             }

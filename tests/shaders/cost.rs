@@ -37,11 +37,12 @@ const SCENES: [&[&str]; 4] = [
 ];
 
 /// Passes that trace and shade, which are compiled for a scene.
-const SCENE_PASSES: [(&str, &[&str]); 13] = [
+const SCENE_PASSES: [(&str, &[&str]); 14] = [
     ("trace/blocks", &[]),
     ("trace/blocks", &["MIRRORS"]),
     ("trace/blocks", &["MIRRORS", "BOUNCES"]),
     ("trace/shade", &[]),
+    ("trace/shade", &["MIRRORS"]),
     ("trace/shade", &["MANY_LIGHTS"]),
     ("trace/shade", &["MANY_LIGHTS", "BOUNCES"]),
     ("trace/blocks", &["TINTED_GLASS"]),
@@ -54,7 +55,7 @@ const SCENE_PASSES: [(&str, &[&str]); 13] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 45] = [
+const PASSES: [(&str, &[&str]); 49] = [
     ("trace/shade", &["CLEARCOAT"]),
     ("trace/shade", &["CLEARCOAT", "RAY_QUERY", "BINDLESS_TEXTURES"]),
     (
@@ -76,6 +77,10 @@ const PASSES: [(&str, &[&str]); 45] = [
     ("trace/converged", &["LIGHT_SAMPLING"]),
     ("trace/blocks", &["MIRRORS", "LAYERED_RAYS", "ALPHA_MASKED_GEOMETRY"]),
     ("trace/blocks", &["MIRRORS", "LAYERED_RAYS", "RAY_QUERY"]),
+    ("trace/blocks", &["ATMOSPHERIC"]),
+    ("trace/blocks", &["ATMOSPHERIC", "MIRRORS", "RAY_QUERY"]),
+    ("trace/shade", &["ATMOSPHERIC"]),
+    ("trace/converged", &["ATMOSPHERIC", "RAY_QUERY"]),
     ("trace/blocks", &["RENDER_LAYERS"]),
     ("trace/blocks", &["RENDER_LAYERS", "RAY_QUERY"]),
     ("rate/classify", &[]),

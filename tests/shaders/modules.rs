@@ -3,10 +3,10 @@
 use std::mem::offset_of;
 
 use crate::wesl::Shaders;
-use bevy_glint::internals::{environment::GpuEnvironment, gpu_types::*};
+use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 41] = [
+pub const COMBINATIONS: [&[&str]; 44] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -53,6 +53,15 @@ pub const COMBINATIONS: [&[&str]; 41] = [
         "MIRRORS",
         "BOUNCES",
         "BINDLESS_TEXTURES",
+    ],
+    &["ATMOSPHERIC"],
+    &["ATMOSPHERIC", "RAY_QUERY", "BOUNCES", "MANY_LIGHTS", "CLEARCOAT"],
+    &[
+        "ATMOSPHERIC",
+        "LIGHT_PROBES",
+        "BINDLESS_TEXTURES",
+        "LIGHT_SAMPLING",
+        "MIRRORS",
     ],
 ];
 
@@ -157,7 +166,7 @@ fn hit_shading_compiles_as_a_whole() {
             let known = match group {
                 0 => binding == 0,
                 1 => binding <= 12,
-                2 => binding <= 5,
+                2 => binding <= 7,
                 _ => false,
             };
             assert!(known, "unknown binding {group}.{binding} with {defs:?}");
@@ -321,7 +330,21 @@ fn lights_and_uniforms_match_the_cpu() {
             environment_intensity,
             skybox_brightness,
             smallest_specular_mip,
-            fixed_texture_level
+            fixed_texture_level,
+            air
+        ]
+    );
+    same_layout!(
+        module,
+        "Air",
+        GpuAir,
+        [
+            air_from_world,
+            sky_from_world,
+            inner_radius,
+            outer_radius,
+            viewer_radius,
+            unused
         ]
     );
 }

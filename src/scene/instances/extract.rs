@@ -1,6 +1,6 @@
 //! Extraction of objects, for each component that says which material rays see.
 
-use super::{InstanceSource, LightmapSource, SceneInstances};
+use super::{InstanceSource, LightmapSource, SceneInstances, details::LevelsOfDetail, lost::LostComponents};
 use crate::{
     scene::{
         activity::SceneActivity,
@@ -22,7 +22,6 @@ use bevy::{
     light::{NotShadowCaster, NotShadowReceiver},
     mesh::{Mesh3d, skinning::SkinnedMesh},
     pbr::{EntitiesNeedingSpecialization, Lightmap, Material, MeshMaterial3d},
-    platform::collections::HashSet,
     prelude::*,
     render::Extract,
 };
@@ -127,9 +126,12 @@ pub struct RemovedFromScene<'w, 's> {
     now_disabled: Query<'w, 's, Entity, Added<Disabled>>,
 }
 
-/// Entities that lost a component since the last frame. Those that no query finds any more are objects no longer.
-#[derive(Resource, Default)]
-pub struct LostComponents(HashSet<Entity>);
+/// What decides on the objects that reflections show, beside their own components.
+#[derive(SystemParam)]
+pub struct Shown<'w> {
+    layers: Res<'w, SceneLayers>,
+    details: Res<'w, LevelsOfDetail>,
+}
 
 impl LostComponents {
     /// Notes who lost something in this frame.
@@ -169,7 +171,7 @@ pub fn note_lost_materials<C: MaterialComponent>(
 pub fn extract_instances<C: MaterialComponent>(
     world: Extract<(Query<InstanceQuery<C>, IsObject<C>>, StaticSystemParam<C::Changes>)>,
     activity: Res<SceneActivity>,
-    layers: Res<SceneLayers>,
+    shown: Shown,
     mut lost: ResMut<LostComponents>,
     mut instances: ResMut<SceneInstances>,
 ) {
@@ -179,35 +181,35 @@ pub fn extract_instances<C: MaterialComponent>(
     let (all, listed) = &*world;
     if activity.started {
         for item in all {
-            update(&mut instances, &layers, item);
+            update(&mut instances, &shown, item);
         }
         return;
     }
     lost.0.retain(|entity| match all.get(*entity) {
         Ok(item) => {
-            update(&mut instances, &layers, item);
+            update(&mut instances, &shown, item);
             false
         }
         Err(_) => true,
     });
-    if layers.changed {
+    if shown.layers.changed {
         for item in all {
-            update(&mut instances, &layers, item);
+            update(&mut instances, &shown, item);
         }
         return;
     }
     let listed = C::changes(listed);
     for item in listed.into_iter().flatten().filter_map(|entity| all.get(*entity).ok()) {
-        update(&mut instances, &layers, item);
+        update(&mut instances, &shown, item);
     }
-    update_changed(&mut instances, &layers, all, listed.is_some());
+    update_changed(&mut instances, &shown, all, listed.is_some());
 }
 
 /// Mirrors entities of which a component has changed, unless that is their mesh or material and Bevy has listed them already: half of all
 /// ticks in a large world.
 fn update_changed<C: MaterialComponent>(
     instances: &mut SceneInstances,
-    scene_layers: &SceneLayers,
+    shown: &Shown,
     all: &Query<InstanceQuery<C>, IsObject<C>>,
     without_listed: bool,
 ) {
@@ -215,7 +217,7 @@ fn update_changed<C: MaterialComponent>(
         // All of these components are stored in tables, unless a future version of Bevy stores one elsewhere.
         for item in all {
             if is_changed(&item) {
-                update(instances, scene_layers, item);
+                update(instances, shown, item);
             }
         }
         return;
@@ -275,7 +277,7 @@ fn update_changed<C: MaterialComponent>(
                 }
                 update_item(
                     instances,
-                    scene_layers,
+                    shown,
                     &InstanceItem {
                         entity: entities[row],
                         mesh: meshes.as_ref().map(|meshes| &meshes[row]),
@@ -314,7 +316,7 @@ fn is_changed<C: MaterialComponent>(item: &Item<C>) -> bool {
         || lightmap.as_ref().is_some_and(Ref::is_changed)
 }
 
-fn update<C: MaterialComponent>(instances: &mut SceneInstances, scene_layers: &SceneLayers, item: Item<C>) {
+fn update<C: MaterialComponent>(instances: &mut SceneInstances, shown: &Shown, item: Item<C>) {
     let (
         entity,
         mesh,
@@ -332,7 +334,7 @@ fn update<C: MaterialComponent>(instances: &mut SceneInstances, scene_layers: &S
     ) = item;
     update_item(
         instances,
-        scene_layers,
+        shown,
         &InstanceItem {
             entity,
             mesh: mesh.as_deref(),
@@ -351,19 +353,23 @@ fn update<C: MaterialComponent>(instances: &mut SceneInstances, scene_layers: &S
     );
 }
 
-fn update_item(instances: &mut SceneInstances, layers: &SceneLayers, item: &InstanceItem) {
+fn update_item(instances: &mut SceneInstances, shown: &Shown, item: &InstanceItem) {
+    let layers = &shown.layers;
     let groups = layers.groups_of(item.layers);
-    // The nearest level of detail stands for all.
-    let nearest_detail = item.range.is_none_or(|range| range.start_margin.start <= 0.0);
     let mesh = item
         .stand_in
         .map(|stand_in| stand_in.id())
         .or_else(|| item.mesh.map(|mesh| mesh.id()));
-    let shown = !item.opted_out && item.visibility.get() && groups != 0 && nearest_detail;
-    let Some(mesh) = mesh.filter(|_| shown) else {
+    let is_shown = !item.opted_out && item.visibility.get() && groups != 0;
+    let Some(mesh) = mesh.filter(|_| is_shown) else {
         instances.remove(item.entity);
         return;
     };
+    if item.range.is_some() && !shown.details.shows(item.entity) {
+        // Its mesh stays loaded: once it is in its range, reflections show it at once.
+        instances.set_waiting(item.entity, mesh);
+        return;
+    }
     let own = item.transform.affine();
     // Joints place a skinned mesh, which `pose/extract.rs` follows; a stand-in has none.
     let skinned = item.skinned && item.stand_in.is_none();

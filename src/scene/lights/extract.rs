@@ -1,6 +1,8 @@
 //! Extraction of lights: those that changed are converted anew, and the others stay as they are.
 
-use super::{ExtractedLights, MAX_LIGHTS, directional_light, keep_strongest, point_light, rect_light, spot_light};
+use super::{
+    ExtractedLights, MAX_LIGHTS, directional_light, keep_strongest, non_negative, point_light, rect_light, spot_light,
+};
 use crate::scene::{
     change_ticks::{Clock, blocks},
     gpu_types::GpuLight,
@@ -9,7 +11,7 @@ use crate::scene::{
 use bevy::{
     camera::visibility::{InheritedVisibility, RenderLayers},
     ecs::{prelude::*, system::SystemParam},
-    light::{DirectionalLight, PointLight, RectLight, SpotLight},
+    light::{DirectionalLight, PointLight, RectLight, SpotLight, SunDisk},
     log::warn_once,
     transform::components::GlobalTransform,
 };
@@ -31,6 +33,7 @@ type Lights<'w, 's, L> = Query<
 #[derive(SystemParam)]
 pub struct LightWorld<'w, 's> {
     directional: Lights<'w, 's, DirectionalLight>,
+    disks: Query<'w, 's, &'static SunDisk>,
     points: Lights<'w, 's, PointLight>,
     spots: Lights<'w, 's, SpotLight>,
     rects: Lights<'w, 's, RectLight>,
@@ -125,6 +128,26 @@ impl Known {
     }
 }
 
+impl Known {
+    /// Radians across the disk of the directional light in a place of the list.
+    fn disk_of(&self, place: u32, world: &LightWorld) -> f32 {
+        let row = self.lights.iter().position(|light| *light == place);
+        let entity = row.and_then(|row| self.entities.get(row));
+        let disk = entity.and_then(|entity| world.disks.get(*entity).ok());
+        non_negative(disk.unwrap_or_default().angular_size)
+    }
+
+    /// Returns whether all directional lights have the disks that are in the list.
+    fn have_disks(&self, lights: &[GpuLight], world: &LightWorld) -> bool {
+        let rows = self.entities.iter().zip(&self.lights);
+        rows.filter_map(|(entity, light)| Some((entity, lights.get(*light as usize)?)))
+            .all(|(entity, light)| {
+                let disk = world.disks.get(*entity).ok();
+                light.radius == non_negative(disk.unwrap_or_default().angular_size)
+            })
+    }
+}
+
 /// From components to a light.
 struct Conversion<'a, L> {
     layers: &'a SceneLayers,
@@ -163,11 +186,17 @@ impl KnownLights {
     fn find_changes(&mut self, world: &LightWorld, layers: &SceneLayers) -> bool {
         let changed = &mut self.changed;
         changed.clear();
-        self.directional
+        if !self
+            .directional
             .find_changes(&world.directional, &of(directional_light, layers), changed)
-            && self
-                .points
-                .find_changes(&world.points, &of(point_light, layers), changed)
+        {
+            return false;
+        }
+        for (place, light) in &mut *changed {
+            light.radius = self.directional.disk_of(*place, world);
+        }
+        self.points
+            .find_changes(&world.points, &of(point_light, layers), changed)
             && self.spots.find_changes(&world.spots, &of(spot_light, layers), changed)
             && (!self.with_rects || self.rects.find_changes(&world.rects, &of(rect_light, layers), changed))
     }
@@ -177,6 +206,9 @@ impl KnownLights {
         let mut lights = Vec::new();
         self.directional
             .gather(&world.directional, &of(directional_light, layers), &mut lights);
+        for (place, light) in (0..).zip(&mut lights) {
+            light.radius = self.directional.disk_of(place, world);
+        }
         if lights.len() > MAX_LIGHTS {
             warn_once!(
                 "{} directional lights in the scene: reflections show the {MAX_LIGHTS} strongest of them.",
@@ -215,7 +247,7 @@ pub fn extract_lights(
     }
     let is_other = known.with_rects != extracted.rects_shine || layers.changed;
     known.with_rects = extracted.rects_shine;
-    if !is_other && known.find_changes(world, layers) {
+    if !is_other && known.directional.have_disks(extracted.lights(), world) && known.find_changes(world, layers) {
         for (place, light) in &known.changed {
             extracted.set(*place, *light);
         }

@@ -5,6 +5,7 @@ use crate::{device::ReflectionTracer, scene::upload::StorageSlice};
 use bevy::{
     asset::{AssetServer, Handle, load_embedded_asset},
     render::{
+        diagnostic::{DiagnosticsRecorder, RecordDiagnostics},
         render_resource::{
             BindGroup, BindGroupEntries, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntries, Buffer,
             BufferBinding, BufferInitDescriptor, BufferUsages, CachedComputePipelineId, CommandEncoderDescriptor,
@@ -178,8 +179,8 @@ impl PosePass {
         &mut self,
         batch: &Batch,
         kernels: &Kernels,
-        geometry: &Buffer,
-        bvh: &Buffer,
+        [geometry, bvh]: [&Buffer; 2],
+        diagnostics: Option<&DiagnosticsRecorder>,
         device: &RenderDevice,
         queue: &RenderQueue,
     ) {
@@ -189,6 +190,7 @@ impl PosePass {
         let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor {
             label: Some("glint_pose"),
         });
+        let span = diagnostics.time_span(&mut encoder, "glint_pose");
         {
             let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor {
                 label: Some("glint_pose"),
@@ -216,6 +218,7 @@ impl PosePass {
                 self.refit(&mut pass, batch, kernels, &bind_group);
             }
         }
+        span.end(&mut encoder);
         queue.submit([encoder.finish()]);
     }
 

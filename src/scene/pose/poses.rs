@@ -25,6 +25,7 @@ use bevy::{
     mesh::Mesh,
     platform::collections::{HashMap, hash_map::Entry},
     render::{
+        diagnostic::DiagnosticsRecorder,
         render_resource::PipelineCache,
         renderer::{RenderDevice, RenderQueue},
     },
@@ -34,6 +35,7 @@ use bevy::{
 pub(in crate::scene) struct PoseInputs<'a> {
     pub extracted: &'a ExtractedPoses,
     pub cache: &'a PipelineCache,
+    pub diagnostics: Option<&'a DiagnosticsRecorder>,
 }
 
 /// Slots whose objects a new pose concerns.
@@ -217,7 +219,7 @@ impl Poses {
                 }
             }
             let (geometry, bvh) = (meshes.geometry.buffer(), meshes.bvh.buffer());
-            pass.run(&batch, kernels, geometry, bvh, device, queue);
+            pass.run(&batch, kernels, [geometry, bvh], inputs.diagnostics, device, queue);
         } else {
             warn_once!(
                 "skinned meshes keep their pose in reflections, since the device has no memory left to pose them"

@@ -394,7 +394,14 @@ fn vertices_and_trees_follow_the_pose() {
     let mut pass = PosePass::new(&device);
     assert!(pass.reserve(&batch, &device));
     let [posed_geometry, trees] = &buffers;
-    pass.run(&batch, &kernels(&device), posed_geometry, trees, &device, &queue);
+    pass.run(
+        &batch,
+        &kernels(&device),
+        [posed_geometry, trees],
+        None,
+        &device,
+        &queue,
+    );
     let words = test_gpu::read(&device, &queue, posed_geometry);
     let items = test_gpu::read(&device, &queue, trees);
     let items: &[Item] = bytemuck::cast_slice(&items);

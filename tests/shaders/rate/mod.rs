@@ -147,6 +147,11 @@ fn check_arguments(case: &Case, arguments: &[u32]) {
         assert!(workgroups <= 65535);
         assert_eq!(arguments[3 * list..3 * list + 3], wanted, "list {list}");
     }
+    // Both lists of rays, in rows of eight.
+    let own_mirrors = case.flags & FULL_RESOLUTION_MIRRORS != 0;
+    let rays = if own_mirrors { workgroups[0] + workgroups[1] } else { 0 };
+    let rows = if rays == 0 { [0; 3] } else { [8, rays.div_ceil(8), 1] };
+    assert_eq!(arguments[15..], [rows[0], rows[1], rows[2], rays], "all rays");
 }
 
 /// Views at the border, of odd sizes and offset in their target, at both scales, with both sizes of tiles and both kinds of cameras.

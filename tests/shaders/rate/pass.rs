@@ -75,7 +75,7 @@ impl Resources {
             blocks: gpu.buffer(&untouched(trace, 1)),
             mirrors: gpu.buffer(&untouched(case.size, 1)),
             tiles: gpu.buffer(&untouched(tiles, 1)),
-            arguments: gpu.buffer(&[0u32; 15]),
+            arguments: gpu.buffer(&[0u32; 19]),
             records: written(TextureFormat::Rgba32Uint, trace, 4),
             image: read(TextureFormat::R32Uint, case.image_size, &case.image),
             past: case.past.as_ref().map(past).unwrap_or_default(),

@@ -1,6 +1,6 @@
 //! The command line, and the measurements that it asks for on a machine.
 
-use crate::{kernels, machine::Machine};
+use crate::{crowds::Crowds, kernels, machine::Machine};
 use bevy::math::UVec2;
 use bevy_glint::{
     RayTracedReflections, ReflectionBackend, ReflectionTracerChoice, ShadingRateHeuristic, named_settings,
@@ -66,8 +66,14 @@ pub struct Arguments {
     /// Rounds of `--worlds`, for the intervals; arrivals have fewer
     #[arg(long, value_name = "N", default_value_t = 12, value_parser = value_parser!(u32).range(2..))]
     pub rounds: u32,
-    /// Measure only those cases of `--worlds` whose names contain this
-    #[arg(long, value_name = "WORD", requires = "worlds")]
+    /// Measure only what characters that are posed in each frame take, and trace many lamps beside few: tables in Markdown
+    #[arg(long, conflicts_with = "worlds")]
+    pub crowds: bool,
+    /// Characters of `--crowds`, of 20 thousand triangles each
+    #[arg(long, value_name = "N", default_value_t = 50, requires = "crowds")]
+    characters: usize,
+    /// Measure only those cases of `--worlds` or `--crowds` whose names contain this
+    #[arg(long, value_name = "WORD")]
     pub only: Option<String>,
     /// Write all values as CSV
     #[arg(long, value_name = "FILE")]
@@ -103,6 +109,16 @@ impl Arguments {
         match self.tracer {
             Tracers::One(tracer) => tracer,
             Tracers::All => ReflectionTracerChoice::Auto,
+        }
+    }
+
+    /// How large crowds are.
+    pub fn crowds(&self, plan: &Plan) -> Crowds {
+        Crowds {
+            characters: self.characters,
+            size: plan.size,
+            frames: plan.frames,
+            only: self.only.clone(),
         }
     }
 

@@ -2,6 +2,7 @@
 //!
 //! `cargo xtask bench -- --scene atrium --csv bench.csv`
 //! `cargo xtask bench --worlds`
+//! `cargo xtask bench --crowds`
 //!
 //! Rays are timed alone: one kernel writes them into a buffer, tile by tile, and the timed kernel only reads, traces and stores
 //! their hits. All times on the GPU come from its own clock.
@@ -9,6 +10,7 @@
 mod arguments;
 mod arrivals;
 mod bvh_builds;
+mod crowds;
 mod kernels;
 mod machine;
 mod measure;
@@ -17,6 +19,7 @@ mod table;
 mod worlds;
 
 use arguments::Arguments;
+use bevy::math::UVec2;
 use clap::Parser;
 use machine::Machine;
 use std::process::ExitCode;
@@ -46,6 +49,15 @@ fn run(arguments: &Arguments) -> Result<(), String> {
         arrivals::measure(arguments.arrival_tracer(), arguments.only.as_deref(), &mut csv)?;
         return match &arguments.csv {
             Some(path) => csv.save(path, "CPU", &size_word),
+            None => Ok(()),
+        };
+    }
+    if arguments.crowds {
+        let plan = arguments.plan(&Machine::probe()?);
+        let UVec2 { x, y } = plan.size;
+        crowds::measure(&plan.tracers, &arguments.crowds(&plan), &mut csv)?;
+        return match &arguments.csv {
+            Some(path) => csv.save(path, &adapter, &format!("{x}x{y}")),
             None => Ok(()),
         };
     }

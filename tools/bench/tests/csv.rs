@@ -1,4 +1,4 @@
-//! A short measurement of a small scene.
+//! Short measurements of a small scene and of a small crowd.
 
 use std::{collections::HashMap, env, path::Path, process::Command};
 
@@ -54,4 +54,48 @@ fn a_small_scene_is_measured() {
     ] {
         assert!(values[time] > 0.0, "{time}: {values:?}");
     }
+}
+
+#[test]
+fn a_small_crowd_is_measured() {
+    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("crowd.csv");
+    let output = Command::new(env!("CARGO_BIN_EXE_glint_bench"))
+        .args([
+            "--crowds",
+            "--characters",
+            "1",
+            "--only",
+            "characters",
+            "--tracer",
+            "bvh",
+        ])
+        .args(["--size", "32x18", "--frames", "2", "--csv"])
+        .arg(&file)
+        .env_remove("RUST_LOG")
+        .env("NO_COLOR", "1")
+        .output()
+        .expect("the program starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    if said.contains("no graphics device was found") {
+        assert!(
+            env::var_os("GLINT_REQUIRE_GPU").is_none(),
+            "a GPU is required, but: {said}"
+        );
+        println!("skipped");
+        return;
+    }
+    assert!(output.status.success(), "{}:\n{said}", output.status);
+    let mut values = HashMap::new();
+    for record in csv::Reader::from_path(&file).expect("there is a table").records() {
+        let record = record.expect("it is well-formed");
+        let value: f64 = record[5].parse().expect("values are numbers");
+        values.insert(format!("{} {}", &record[2], &record[4]), value);
+    }
+    // Those that stand are posed once, before.
+    assert!(values["1 characters, walking crowds_pose_gpu"] > 0.0, "{values:?}");
+    assert!(
+        !values.contains_key("1 characters, standing crowds_pose_gpu"),
+        "{values:?}"
+    );
+    assert!(values["1 characters, rigid crowds_plugin_cpu"] > 0.0, "{values:?}");
 }

@@ -1,0 +1,286 @@
+//! Bind group 2 of each view.
+
+use super::{ENVIRONMENT_HAS_DFG_LUT, ENVIRONMENT_HAS_MAP, ENVIRONMENT_HAS_SKYBOX, GpuEnvironment, ViewEnvironment};
+use crate::{scene::atmosphere::GpuAir, settings::WantsReflections, vrs::BindGroupContents};
+use bevy::{
+    asset::AssetId,
+    ecs::{entity::EntityHashMap, prelude::*},
+    image::Image,
+    pbr::{DfgLut, resources::AtmosphereTextures},
+    render::{
+        render_asset::RenderAssets,
+        render_resource::{
+            BindGroup, BindGroupEntries, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntries, Buffer,
+            BufferDescriptor, BufferUsages, Extent3d, FilterMode, MipmapFilterMode, PipelineCache, Sampler,
+            SamplerBindingType, SamplerDescriptor, ShaderStages, TextureDataOrder, TextureDescriptor, TextureDimension,
+            TextureFormat, TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor, TextureViewDimension,
+            TextureViewId,
+            binding_types::{sampler, texture_2d, texture_cube, uniform_buffer_sized},
+        },
+        renderer::{RenderDevice, RenderQueue},
+        texture::GpuImage,
+    },
+};
+
+struct ViewBindings {
+    buffer: Buffer,
+    bind_group: BindGroup,
+    contents: BindGroupContents,
+    written: GpuEnvironment,
+    views: [TextureViewId; 6],
+}
+
+/// The bind groups of all views, by render-world entity. A GPU resource: make it with `init_gpu_resource`.
+#[derive(Resource)]
+pub struct EnvironmentBindings {
+    layout: BindGroupLayoutDescriptor,
+    black: TextureView,
+    /// The first face of the black cube, for a missing table.
+    black_face: TextureView,
+    sampler: Sampler,
+    views: EntityHashMap<ViewBindings>,
+}
+
+fn environment_sampler() -> SamplerDescriptor<'static> {
+    SamplerDescriptor {
+        label: Some("glint_environment_sampler"),
+        mag_filter: FilterMode::Linear,
+        min_filter: FilterMode::Linear,
+        mipmap_filter: MipmapFilterMode::Linear,
+        ..Default::default()
+    }
+}
+
+impl FromWorld for EnvironmentBindings {
+    fn from_world(world: &mut World) -> Self {
+        let device = world.resource::<RenderDevice>();
+        let black = device.create_texture_with_data(
+            world.resource::<RenderQueue>(),
+            &TextureDescriptor {
+                label: Some("glint_black_cube"),
+                size: Extent3d {
+                    depth_or_array_layers: 6,
+                    ..Default::default()
+                },
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: TextureDimension::D2,
+                format: TextureFormat::Rgba8Unorm,
+                usage: TextureUsages::TEXTURE_BINDING,
+                view_formats: &[],
+            },
+            TextureDataOrder::default(),
+            &[0; 24],
+        );
+        let black_face = black.create_view(&TextureViewDescriptor {
+            dimension: Some(TextureViewDimension::D2),
+            array_layer_count: Some(1),
+            ..Default::default()
+        });
+        Self {
+            layout: layout_descriptor(),
+            black_face,
+            black: black.create_view(&TextureViewDescriptor {
+                dimension: Some(TextureViewDimension::Cube),
+                ..Default::default()
+            }),
+            sampler: device.create_sampler(&environment_sampler()),
+            views: EntityHashMap::default(),
+        }
+    }
+}
+
+/// The layout of group 2, for compute and fragment passes alike.
+pub fn layout_descriptor() -> BindGroupLayoutDescriptor {
+    let cube = || texture_cube(TextureSampleType::Float { filterable: true });
+    let table = || texture_2d(TextureSampleType::Float { filterable: true });
+    BindGroupLayoutDescriptor::new(
+        "glint_environment",
+        &BindGroupLayoutEntries::sequential(
+            ShaderStages::COMPUTE | ShaderStages::FRAGMENT,
+            (
+                uniform_buffer_sized(false, std::num::NonZero::new(size_of::<GpuEnvironment>() as u64)),
+                cube(),
+                cube(),
+                cube(),
+                sampler(SamplerBindingType::Filtering),
+                table(),
+                table(),
+                table(),
+            ),
+        ),
+    )
+}
+
+impl EnvironmentBindings {
+    /// Group 2 of a view.
+    pub fn bind_group(&self, view: Entity) -> Option<&BindGroup> {
+        self.views.get(&view).map(|bindings| &bindings.bind_group)
+    }
+
+    /// Returns the contents of a view's bind group 2 while the view uses variable rate shading.
+    pub(crate) fn contents(&self, view: Entity) -> Option<&BindGroupContents> {
+        self.views.get(&view).map(|bindings| &bindings.contents)
+    }
+}
+
+/// A cube map that can be bound, if the image is one.
+fn cube(image: &GpuImage, device: &RenderDevice) -> bool {
+    let dimension = image.texture_view_descriptor.as_ref().and_then(|view| view.dimension);
+    dimension == Some(TextureViewDimension::Cube)
+        && image.texture_descriptor.usage.contains(TextureUsages::TEXTURE_BINDING)
+        && image.view_format().sample_type(None, Some(device.features()))
+            == Some(TextureSampleType::Float { filterable: true })
+}
+
+/// The resources of a view's bind group, besides its uniform.
+struct ViewMaps<'a> {
+    diffuse: &'a TextureView,
+    specular: &'a TextureView,
+    skybox: &'a TextureView,
+    table: &'a TextureView,
+    /// Bevy's tables of the atmosphere: of its transmittance, and of the sky.
+    air: [&'a TextureView; 2],
+    sampler: &'a Sampler,
+}
+
+impl<'a> ViewMaps<'a> {
+    /// The images of a view that can be bound, black ones in place of the others, and the uniform that says which is which. `table` is
+    /// Bevy's table of the environment's BRDF.
+    fn new(
+        view: &ViewEnvironment,
+        images: &'a RenderAssets<GpuImage>,
+        table: Option<&'a GpuImage>,
+        air: Option<&'a AtmosphereTextures>,
+        bindings: &'a EnvironmentBindings,
+        device: &RenderDevice,
+    ) -> (Self, GpuEnvironment) {
+        let image = |id: AssetId<Image>| images.get(id).filter(|image| cube(image, device));
+        let mut uniform = view.uniform;
+        let mut maps = Self {
+            diffuse: &bindings.black,
+            specular: &bindings.black,
+            skybox: &bindings.black,
+            table: &bindings.black_face,
+            air: [&bindings.black_face; 2],
+            sampler: &bindings.sampler,
+        };
+        if let Some((diffuse, specular)) = view.maps
+            && let (Some(diffuse), Some(specular)) = (image(diffuse), image(specular))
+        {
+            (maps.diffuse, maps.specular) = (&diffuse.texture_view, &specular.texture_view);
+            uniform.flags |= ENVIRONMENT_HAS_MAP;
+            uniform.smallest_specular_mip = specular.texture_descriptor.mip_level_count.saturating_sub(1) as f32;
+        }
+        if let Some(image) = view.skybox.and_then(image) {
+            maps.skybox = &image.texture_view;
+            uniform.flags |= ENVIRONMENT_HAS_SKYBOX;
+        }
+        if let Some(image) = table {
+            maps.table = &image.texture_view;
+            uniform.flags |= ENVIRONMENT_HAS_DFG_LUT;
+        }
+        match air {
+            Some(air) => maps.air = [&air.transmittance_lut, &air.sky_view_lut].map(|table| &table.default_view),
+            None => uniform.air = GpuAir::default(),
+        }
+        (maps, uniform)
+    }
+
+    fn ids(&self) -> [TextureViewId; 6] {
+        let [transmittance, sky] = self.air;
+        [self.diffuse, self.specular, self.skybox, self.table, transmittance, sky].map(|view| view.id())
+    }
+
+    fn entries(&self, buffer: &'a Buffer) -> BindGroupEntries<'a, 8> {
+        BindGroupEntries::sequential((
+            buffer.as_entire_binding(),
+            self.diffuse,
+            self.specular,
+            self.skybox,
+            self.sampler,
+            self.table,
+            self.air[0],
+            self.air[1],
+        ))
+    }
+
+    /// Copies what a bind group was made of, for the pass with variable rate shading.
+    fn fill(&self, contents: &mut BindGroupContents, buffer: &Buffer, bind_group: &BindGroup, device: &RenderDevice) {
+        let samplers = [(&**self.sampler, environment_sampler())];
+        contents.fill(device, bind_group, &self.entries(buffer), &samplers);
+    }
+}
+
+impl ViewBindings {
+    fn new(
+        maps: &ViewMaps,
+        uniform: GpuEnvironment,
+        layout: &BindGroupLayout,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> Self {
+        let buffer = device.create_buffer(&BufferDescriptor {
+            label: Some("glint_environment"),
+            size: size_of::<GpuEnvironment>() as u64,
+            usage: BufferUsages::UNIFORM | BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        queue.write_buffer(&buffer, 0, bytemuck::bytes_of(&uniform));
+        let bind_group = device.create_bind_group("glint_environment", layout, &maps.entries(&buffer));
+        Self {
+            buffer,
+            bind_group,
+            contents: BindGroupContents::default(),
+            written: uniform,
+            views: maps.ids(),
+        }
+    }
+
+    fn write(&mut self, uniform: GpuEnvironment, queue: &RenderQueue) {
+        if self.written != uniform {
+            queue.write_buffer(&self.buffer, 0, bytemuck::bytes_of(&uniform));
+            self.written = uniform;
+        }
+    }
+}
+
+/// Writes the uniforms and makes the bind groups. Belongs in `RenderSystems::PrepareBindGroups`.
+pub fn prepare_environments(
+    mut bindings: ResMut<EnvironmentBindings>,
+    views: Query<(
+        Entity,
+        &ViewEnvironment,
+        Option<&WantsReflections>,
+        Option<&AtmosphereTextures>,
+    )>,
+    images: Res<RenderAssets<GpuImage>>,
+    dfg: Option<Res<DfgLut>>,
+    device: Res<RenderDevice>,
+    queue: Res<RenderQueue>,
+    pipelines: Res<PipelineCache>,
+) {
+    // Without Bevy's feature there is no image, or one of a single texel.
+    let table = dfg
+        .as_ref()
+        .and_then(|dfg| images.get(&dfg.texture))
+        .filter(|image| image.texture_descriptor.size.width > 1);
+    let mut known = core::mem::take(&mut bindings.views);
+    known.retain(|entity, _| views.contains(*entity));
+    for (entity, view, wants, air) in &views {
+        let (maps, uniform) = ViewMaps::new(view, &images, table, air, &bindings, &device);
+        let current = known.remove(&entity).filter(|view| view.views == maps.ids());
+        let mut current = current.unwrap_or_else(|| {
+            let layout = pipelines.get_bind_group_layout(&bindings.layout);
+            ViewBindings::new(&maps, uniform, &layout, &device, &queue)
+        });
+        current.write(uniform, &queue);
+        if !wants.is_some_and(WantsReflections::uses_vrs) {
+            current.contents.clear();
+        } else if current.contents.is_missing() {
+            maps.fill(&mut current.contents, &current.buffer, &current.bind_group, &device);
+        }
+        known.insert(entity, current);
+    }
+    bindings.views = known;
+}

@@ -1,0 +1,148 @@
+//! Rows of the mirror suite about skies, and about levels of detail.
+
+use super::{Row, Stage, blue};
+use crate::stage::spawn_mesh;
+use bevy::{
+    asset::RenderAssetUsages,
+    camera::visibility::VisibilityRange,
+    image::Image,
+    light::{
+        Atmosphere, AtmosphereEnvironmentMapLight, GeneratedEnvironmentMapLight, Skybox, SunDisk,
+        atmosphere::ScatteringMedium,
+    },
+    pbr::AtmosphereSettings,
+    prelude::*,
+    render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
+};
+use std::ops::Range;
+
+/// What rows give the camera.
+pub(super) type Components = (
+    AtmosphereSettings,
+    AtmosphereEnvironmentMapLight,
+    GeneratedEnvironmentMapLight,
+    Skybox,
+);
+
+/// Direction of light from a low sun behind the mirror.
+const LOW_SUN: Vec3 = Vec3::new(0.4, -0.12, 1.0);
+
+pub(super) const ROWS: [Row; 6] = [
+    ("sunlight through an atmosphere", |stage| {
+        stage.breathe(5_000.0);
+        stage.spawn(blue());
+    }),
+    ("the sky of an atmosphere", |stage| {
+        stage.breathe(6_000.0);
+        stage.spawn(blue());
+        stage.open();
+    }),
+    ("an atmosphere's environment map", |stage| {
+        stage.breathe(5_000.0);
+        stage.dress(AtmosphereEnvironmentMapLight {
+            size: UVec2::splat(64),
+            ..default()
+        });
+        stage.spawn(StandardMaterial {
+            metallic: 0.6,
+            ..blue()
+        });
+    }),
+    ("a generated environment map", |stage| {
+        let environment_map = stage.colored_cube(64);
+        stage.dress(GeneratedEnvironmentMapLight {
+            environment_map,
+            intensity: 700.0,
+            ..default()
+        });
+        stage.spawn(StandardMaterial {
+            metallic: 0.6,
+            ..blue()
+        });
+    }),
+    ("a skybox", |stage| {
+        let image = Some(stage.colored_cube(64));
+        stage.dress(Skybox {
+            image,
+            brightness: 700.0,
+            rotation: Quat::from_rotation_y(0.5),
+        });
+        stage.light_and_spawn(blue());
+        stage.open();
+    }),
+    ("levels of detail", |stage| {
+        stage.light_and_spawn(blue());
+        // Both cameras are farther away than the first level is seen from; one is 2.5 m from the sheets, and the other one 8.5 m.
+        stage.add_level(Color::linear_rgb(0.8, 0.3, 0.1), -0.7, 0.0..2.0);
+        stage.add_level(Color::linear_rgb(0.1, 0.7, 0.2), 0.7, 2.0..50.0);
+    }),
+];
+
+impl Stage<'_> {
+    /// Surrounds everything with air, and lights it by a low sun.
+    fn breathe(&mut self, illuminance: f32) {
+        let medium = ScatteringMedium::earth(64, 64);
+        let medium = self.app.world().resource_mut::<Assets<ScatteringMedium>>().add(medium);
+        self.add(Atmosphere::earth(medium));
+        self.add((
+            DirectionalLight {
+                illuminance,
+                ..default()
+            },
+            SunDisk::OFF,
+            Transform::default().looking_to(LOW_SUN, Vec3::Y),
+        ));
+        self.dress(AtmosphereSettings::default());
+    }
+
+    /// Removes the wall behind what was spawned.
+    fn open(&mut self) {
+        let wall = self.spawned.pop().expect("something was spawned");
+        self.app.world().despawn(wall);
+    }
+
+    /// A sheet before everything else that is seen from distances within a range.
+    fn add_level(&mut self, color: Color, x: f32, range: Range<f32>) {
+        let material = StandardMaterial {
+            base_color: color,
+            ..blue()
+        };
+        let at = Transform::from_xyz(x, 0.0, 5.5).looking_to(Vec3::Z, Vec3::Y);
+        let level = spawn_mesh(self.app, Rectangle::new(1.2, 1.6), material, at);
+        let range = VisibilityRange::abrupt(range.start, range.end);
+        self.app.world().entity_mut(level).insert(range);
+        self.spawned.push(level);
+    }
+
+    /// A cube map whose faces are smooth gradients of different colours.
+    fn colored_cube(&mut self, size: u32) -> Handle<Image> {
+        let shade = |place: u32| (255 * place / (size - 1)) as u8;
+        let texel = |i: u32| {
+            let (x, y, face) = (
+                shade(i % size),
+                shade(i / size % size),
+                (40 * (i / (size * size))) as u8,
+            );
+            [face, x / 2 + 60, 255 - y / 2, 255]
+        };
+        let extent = Extent3d {
+            width: size,
+            height: size,
+            depth_or_array_layers: 6,
+        };
+        let texels = (0..6 * size * size).flat_map(texel).collect();
+        let format = TextureFormat::Rgba8UnormSrgb;
+        let mut image = Image::new(
+            extent,
+            TextureDimension::D2,
+            texels,
+            format,
+            RenderAssetUsages::default(),
+        );
+        image.texture_view_descriptor = Some(TextureViewDescriptor {
+            dimension: Some(TextureViewDimension::Cube),
+            ..default()
+        });
+        self.app.world().resource_mut::<Assets<Image>>().add(image)
+    }
+}

@@ -1,0 +1,349 @@
+//! Time that crowds take: of characters, which are posed on the GPU in each frame, and of lamps, of which each hit draws some.
+
+use crate::{
+    table::{Csv, number, quantile},
+    worlds::interval,
+};
+use bevy::{
+    asset::RenderAssetUsages,
+    diagnostic::{DiagnosticPath, DiagnosticsStore},
+    math::UVec2,
+    mesh::{
+        VertexAttributeValues,
+        skinning::{SkinnedMesh, SkinnedMeshInverseBindposes},
+    },
+    prelude::*,
+    render::diagnostic::RenderDiagnosticsPlugin,
+};
+use bevy_glint::{
+    RayTracedReflections, RayTracedReflectionsPlugin, ReflectedPose, ReflectionStatus, ReflectionStatusReport,
+    ReflectionTechnique, ReflectionTracer, ReflectionTracerChoice,
+};
+use glint_scenes::{HeadlessApp, HeadlessSettings, SystemClock};
+
+/// Lamps of the street.
+const LAMPS: [usize; 2] = [10, 10_000];
+/// Triangles around a character, and along it: 20,000 in all.
+const AROUND: u32 = 100;
+const ALONG: u32 = 100;
+const JOINTS: usize = 8;
+const FRAME_LIMIT: u32 = 20_000;
+/// Frames before those that count.
+const WARM_UP_FRAMES: u32 = 10;
+
+/// How large crowds are.
+pub struct Crowds {
+    pub characters: usize,
+    pub size: UVec2,
+    pub frames: u32,
+    pub only: Option<String>,
+}
+
+/// Measures and prints.
+///
+/// # Errors
+///
+/// If rays can't be traced, or a world isn't ready in time.
+pub fn measure(tracers: &[ReflectionTracerChoice], crowds: &Crowds, csv: &mut Csv) -> Result<(), String> {
+    let wants = |name: &str| crowds.only.as_deref().is_none_or(|word| name.contains(word));
+    for &tracer in tracers {
+        let mut setup = Setup::new(tracer, crowds.size)?;
+        let report = setup.report();
+        let word = match report.tracer {
+            Some(ReflectionTracer::RayQuery) => "ray-query",
+            Some(ReflectionTracer::Bvh) => "bvh",
+            None => return Err(format!("rays can't be traced: {}", report.reasons.join(". "))),
+        };
+        if tracer == ReflectionTracerChoice::RayQuery && word != "ray-query" {
+            println!("{}.", report.reasons.join(". "));
+            continue;
+        }
+        let UVec2 { x, y } = crowds.size;
+        println!(
+            "\nTracer {word} on {}, {x}x{y}, {} frames.\n",
+            report.adapter, crowds.frames
+        );
+        println!("| case | posed | pose GPU ms | trace GPU ms | CPU ms of the plugin | 95 % interval |");
+        println!("| --- | ---: | ---: | ---: | ---: | ---: |");
+        if wants("characters") {
+            setup.spawn_characters(crowds.characters);
+            for (name, pose, walks) in [
+                ("characters, rigid", ReflectedPose::Rigid, true),
+                ("characters, standing", ReflectedPose::Posed, false),
+                ("characters, walking", ReflectedPose::Posed, true),
+            ] {
+                setup.set_pose(pose);
+                let measured = setup.measure(crowds.frames, walks)?;
+                measured.print(&format!("{} {name}", crowds.characters), word, csv);
+            }
+        }
+        if wants("lamps") {
+            // The characters would be lit.
+            let mut setup = Setup::new(tracer, crowds.size)?;
+            setup.spawn_street();
+            for count in LAMPS {
+                let lamps = setup.spawn_lamps(count);
+                let measured = setup.measure(crowds.frames, false)?;
+                measured.print(&format!("{count} lamps"), word, csv);
+                for lamp in lamps {
+                    setup.app.world().despawn(lamp);
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Milliseconds of each frame.
+#[derive(Default)]
+struct Measured {
+    posed: usize,
+    pose: Vec<f64>,
+    trace: Vec<f64>,
+    systems: Vec<f64>,
+}
+
+impl Measured {
+    fn print(&self, case: &str, tracer: &str, csv: &mut Csv) {
+        let [pose, trace] = [&self.pose, &self.trace].map(|times| quantile(times, 0.5));
+        let (mean, half) = interval(&self.systems);
+        println!(
+            "| {case} | {} | {} | {} | {mean:.3} | {:.3} to {:.3} |",
+            self.posed,
+            number(pose, 4),
+            number(trace, 4),
+            mean - half,
+            mean + half,
+        );
+        for (measure, value) in [("pose_gpu", pose), ("trace_gpu", trace), ("plugin_cpu", Some(mean))] {
+            if let Some(value) = value {
+                csv.add(case, tracer, &format!("crowds_{measure}"), value, "ms");
+            }
+        }
+    }
+}
+
+/// An app with a crowd.
+struct Setup {
+    app: HeadlessApp,
+    clock: SystemClock,
+    camera: Entity,
+    characters: Vec<Entity>,
+    joints: Vec<Entity>,
+    frame: u32,
+}
+
+impl Setup {
+    fn new(tracer: ReflectionTracerChoice, size: UVec2) -> Result<Self, String> {
+        let settings = HeadlessSettings { size, ..default() };
+        let clock = SystemClock::default();
+        let mut app = HeadlessApp::new(settings, |app| {
+            app.add_plugins(RenderDiagnosticsPlugin);
+            clock.add_plugin(app, RayTracedReflectionsPlugin { tracer, ..default() });
+        })
+        .map_err(|error| error.to_string())?;
+        let eye = Transform::from_xyz(0.0, 1.7, 3.0).looking_at(Vec3::new(0.0, 1.0, -10.0), Vec3::Y);
+        let reflections = RayTracedReflections {
+            technique: ReflectionTechnique::Reference,
+            roughness_cutoff: 1.0,
+            roughness_fade: 0.0,
+            ..default()
+        };
+        let camera = app.spawn_camera((eye, reflections));
+        Ok(Self {
+            app,
+            clock,
+            camera,
+            characters: Vec::new(),
+            joints: Vec::new(),
+            frame: 0,
+        })
+    }
+
+    fn report(&mut self) -> ReflectionStatusReport {
+        self.app.world().resource::<ReflectionStatus>().report()
+    }
+
+    fn spawn(&mut self, mesh: impl Into<Mesh>, color: Color, perceptual_roughness: f32, at: Transform) -> Entity {
+        let world = self.app.world();
+        let mesh = world.resource_mut::<Assets<Mesh>>().add(mesh);
+        let material = world.resource_mut::<Assets<StandardMaterial>>().add(StandardMaterial {
+            base_color: color,
+            perceptual_roughness,
+            ..default()
+        });
+        world.spawn((Mesh3d(mesh), MeshMaterial3d(material), at)).id()
+    }
+
+    /// Characters on polished ground.
+    fn spawn_characters(&mut self, count: usize) {
+        self.spawn(
+            Plane3d::new(Vec3::Y, Vec2::splat(60.0)),
+            Color::srgb(0.3, 0.3, 0.3),
+            0.1,
+            Transform::IDENTITY,
+        );
+        let sun = DirectionalLight::default();
+        let world = self.app.world();
+        world.spawn((
+            sun,
+            Transform::default().looking_to(Vec3::new(0.3, -1.0, -0.4), Vec3::Y),
+        ));
+        let mesh = world.resource_mut::<Assets<Mesh>>().add(character());
+        let material = world
+            .resource_mut::<Assets<StandardMaterial>>()
+            .add(Color::srgb(0.7, 0.5, 0.4));
+        let bind = |joint: usize| Mat4::from_translation(Vec3::Y * -joint_height(joint));
+        let poses: Vec<Mat4> = (0..JOINTS).map(bind).collect();
+        let mut all_poses = world.resource_mut::<Assets<SkinnedMeshInverseBindposes>>();
+        let inverse_bindposes = all_poses.add(SkinnedMeshInverseBindposes::from(poses));
+        for index in 0..count {
+            let place = Vec3::new(1.2 * (index % 10) as f32 - 5.4, 0.0, -2.0 - 1.5 * (index / 10) as f32);
+            let joints: Vec<Entity> = (0..JOINTS)
+                .map(|joint| {
+                    let at = if joint == 0 {
+                        Transform::from_translation(place)
+                    } else {
+                        Transform::from_xyz(0.0, joint_height(1), 0.0)
+                    };
+                    world.spawn((at, Visibility::default())).id()
+                })
+                .collect();
+            for pair in joints.windows(2) {
+                world.entity_mut(pair[0]).add_child(pair[1]);
+            }
+            let skin = SkinnedMesh {
+                inverse_bindposes: inverse_bindposes.clone(),
+                joints: joints.clone(),
+            };
+            let parts = (Mesh3d(mesh.clone()), MeshMaterial3d(material.clone()), skin);
+            self.characters.push(world.spawn(parts).id());
+            self.joints.extend(&joints[1..]);
+        }
+    }
+
+    fn set_pose(&mut self, pose: ReflectedPose) {
+        for character in &self.characters {
+            self.app.world().entity_mut(*character).insert(pose);
+        }
+    }
+
+    /// Wet ground between houses.
+    fn spawn_street(&mut self) {
+        let at = Transform::from_xyz(0.0, -0.1, -35.0);
+        self.spawn(Cuboid::new(9.0, 0.2, 90.0), Color::srgb(0.2, 0.2, 0.2), 0.25, at);
+        for index in 0..20u32 {
+            let side = if index.is_multiple_of(2) { -1.0 } else { 1.0 };
+            let at = Transform::from_xyz(side * 6.5, 4.0, -8.0 * (index / 2) as f32);
+            let size = Cuboid::new(4.0 + 0.2 * (index % 3) as f32, 8.0, 7.5);
+            self.spawn(size, Color::srgb(0.6, 0.5, 0.4), 0.8, at);
+        }
+    }
+
+    /// So many lamps along the street, which share their light.
+    fn spawn_lamps(&mut self, count: usize) -> Vec<Entity> {
+        let spawn = |index: usize| {
+            let part = (index as f32 + 0.5) / count as f32;
+            let at = Vec3::new(
+                8.0 * (part * 617.0).fract() - 4.0,
+                4.0 + (part * 1_237.0).fract(),
+                -75.0 * part,
+            );
+            let lamp = PointLight {
+                intensity: 3e6 / count as f32,
+                range: if count > 100 { 6.0 } else { 20.0 },
+                ..default()
+            };
+            self.app.world().spawn((lamp, Transform::from_translation(at))).id()
+        };
+        (0..count).map(spawn).collect()
+    }
+
+    /// Turns the camera by a little, to one side and back, since a view at rest takes other work, and the joints of those who walk.
+    fn shift(&mut self, walks: bool) {
+        self.frame += 1;
+        let turn = if self.frame.is_multiple_of(2) { 1e-4 } else { -1e-4 };
+        let world = self.app.world();
+        if let Some(mut transform) = world.get_mut::<Transform>(self.camera) {
+            transform.rotate_y(turn);
+        }
+        if !walks {
+            return;
+        }
+        for (index, joint) in self.joints.iter().enumerate() {
+            if let Some(mut transform) = world.get_mut::<Transform>(*joint) {
+                transform.rotation = Quat::from_rotation_x(0.15 * (0.2 * self.frame as f32 + index as f32).sin());
+            }
+        }
+    }
+
+    fn measure(&mut self, frames: u32, walks: bool) -> Result<Measured, String> {
+        self.app.step(2);
+        self.app.warm_up(FRAME_LIMIT).map_err(|error| error.to_string())?;
+        let mut waited = 0;
+        loop {
+            let report = self.report();
+            if report.ready && report.meshes_pending == 0 && !report.merges_pending {
+                break;
+            }
+            waited += 1;
+            if waited > FRAME_LIMIT {
+                return Err(format!("not ready after {FRAME_LIMIT} frames: {report}"));
+            }
+            std::thread::sleep(std::time::Duration::from_millis(1));
+            self.app.step(1);
+        }
+        let mut measured = Measured::default();
+        for frame in 0..WARM_UP_FRAMES + frames {
+            self.shift(walks);
+            self.clock.take();
+            self.app.step(1);
+            let systems: f64 = self.clock.take().iter().map(|(_, milliseconds)| milliseconds).sum();
+            self.app.wait_until_idle().map_err(|error| error.to_string())?;
+            if frame < WARM_UP_FRAMES {
+                continue;
+            }
+            measured.systems.push(systems);
+            let store = self.app.world().resource::<DiagnosticsStore>();
+            let latest = |path: &'static str| store.get(&DiagnosticPath::const_new(path))?.value();
+            measured.trace.extend(latest("render/glint/trace/elapsed_gpu"));
+            if walks {
+                measured.pose.extend(latest("render/glint_pose/elapsed_gpu"));
+            }
+        }
+        measured.posed = self.report().posed_instances;
+        if measured.posed == 0 {
+            measured.pose.clear();
+        }
+        Ok(measured)
+    }
+}
+
+fn joint_height(joint: usize) -> f32 {
+    1.8 * joint as f32 / JOINTS as f32
+}
+
+/// A cylinder of 20,000 triangles and its caps, whose joints stand above each other.
+fn character() -> Mesh {
+    let mut mesh = Cylinder::new(0.3, 1.8)
+        .mesh()
+        .resolution(AROUND)
+        .segments(ALONG)
+        .build();
+    mesh.asset_usage = RenderAssetUsages::default();
+    mesh.translate_by(Vec3::Y * 0.9);
+    let Some(VertexAttributeValues::Float32x3(places)) = mesh.attribute(Mesh::ATTRIBUTE_POSITION) else {
+        return mesh;
+    };
+    let (mut joints, mut weights) = (Vec::new(), Vec::new());
+    for [_, y, _] in places {
+        let along = (y / joint_height(1)).clamp(0.0, (JOINTS - 1) as f32);
+        let first = (along.floor() as u16).min(JOINTS as u16 - 2);
+        let share = along - f32::from(first);
+        joints.push([first, first + 1, 0, 0]);
+        weights.push([1.0 - share, share, 0.0, 0.0]);
+    }
+    mesh.insert_attribute(Mesh::ATTRIBUTE_JOINT_INDEX, VertexAttributeValues::Uint16x4(joints));
+    mesh.insert_attribute(Mesh::ATTRIBUTE_JOINT_WEIGHT, weights);
+    mesh
+}
