@@ -29,7 +29,7 @@ fn app(has_times: bool) -> Option<(HeadlessApp, Entity)> {
     };
     let mut app = app_with(SIZE, Output::Linear, ReflectionTracerChoice::Auto, plugin)?;
     use_coarse_shadow_maps(&mut app);
-    let camera = app.spawn_scene(SceneName::Demo, &COARSE);
+    let camera = app.spawn_scene(SceneName::EmissiveFloor, &COARSE);
     Some((app, camera))
 }
 

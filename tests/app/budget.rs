@@ -9,8 +9,8 @@ use bevy_glint::{ReflectionBudget, ReflectionEffort, ReflectionTechnique, Reflec
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
 const SIZE: UVec2 = UVec2::new(96, 54);
-/// Frames in which the least effort is reached, with room: a step is a quarter, and takes eleven frames.
-const FRAMES: u32 = 110;
+/// Frames in which the least effort is reached, with room: a step is a quarter, and takes eleven frames, or more if times come late.
+const FRAMES: u32 = 330;
 
 fn rays(app: &mut HeadlessApp) -> f64 {
     app.step(4);
@@ -28,7 +28,7 @@ fn a_budget_takes_rays_and_gives_them_back() {
         return;
     };
     use_coarse_shadow_maps(&mut app);
-    let camera = spawn(&mut app, SceneName::Demo, ReflectionTechnique::Variable);
+    let camera = spawn(&mut app, SceneName::EmissiveFloor, ReflectionTechnique::Variable);
     warm_up(&mut app);
     let all = rays(&mut app);
 
@@ -38,7 +38,14 @@ fn a_budget_takes_rays_and_gives_them_back() {
             milliseconds,
             ..default()
         });
-        app.step(FRAMES);
+        let reached = (0..FRAMES).any(|_| {
+            app.step(1);
+            app.world().get(camera) == Some(&ReflectionEffort(effort))
+        });
+        let found = app.world().get::<ReflectionEffort>(camera).copied();
+        assert!(reached, "{milliseconds} ms: {found:?}, not {effort}");
+        // And it stays.
+        app.step(24);
         assert_eq!(
             app.world().get(camera),
             Some(&ReflectionEffort(effort)),

@@ -4,6 +4,7 @@ use super::{BRASS, CHROME, COPPER, GOLD, sun};
 use crate::{
     animation::Motion,
     builder::SceneBuilder,
+    geometry::segments,
     materials::{gloss, glow, metal},
     props,
 };
@@ -16,14 +17,14 @@ use bevy::{
 use std::f32::consts::PI;
 
 /// The glowing ring and tubes with the lights that they stand for.
-pub fn neon(scene: &mut SceneBuilder) {
-    let ring = scene.shape(|g| g.torus(0.95, 0.032, 96, 16));
-    let inner = scene.shape(|g| g.torus(0.74, 0.02, 96, 12));
+pub fn neon(scene: &mut SceneBuilder, fine: f32) {
+    let ring = scene.shape(|g| g.torus(0.95, 0.032, segments(96, fine), segments(16, fine)));
+    let inner = scene.shape(|g| g.torus(0.74, 0.02, segments(96, fine), segments(12, fine)));
     let magenta = scene.material(glow(LinearRgba::rgb(7.0, 0.55, 3.2)));
     let cyan = scene.material(glow(LinearRgba::rgb(0.35, 4.2, 6.0)));
     scene.place(&ring, &magenta, Transform::from_xyz(-1.0, 2.78, -3.93));
     scene.place(&inner, &cyan, Transform::from_xyz(-1.0, 2.78, -3.93));
-    let tube = scene.shape(|g| g.tube(&[vec3(0.0, 0.35, 0.0), vec3(0.0, 3.2, 0.0)], 0.026, 16));
+    let tube = scene.shape(|g| g.tube(&[vec3(0.0, 0.35, 0.0), vec3(0.0, 3.2, 0.0)], 0.026, segments(16, fine)));
     for (x, material) in [(-4.9, &cyan), (2.45, &cyan), (2.6, &magenta)] {
         scene.place(&tube, material, Transform::from_xyz(x, 0.0, -3.95));
     }
@@ -37,11 +38,11 @@ pub fn neon(scene: &mut SceneBuilder) {
 }
 
 /// Nested rings that turn around a glowing core, on a turned pedestal.
-pub fn gyroscope(scene: &mut SceneBuilder) {
+pub fn gyroscope(scene: &mut SceneBuilder, fine: f32) {
     let place = vec3(2.75, 0.0, 2.1);
     let middle = place + Vec3::Y * 1.02;
     let dark = scene.material(gloss(Color::srgb(0.05, 0.05, 0.06), 0.12));
-    let pedestal = scene.shape(|g| props::pedestal(g, 0.42, 0.2, 48));
+    let pedestal = scene.shape(|g| props::pedestal(g, 0.42, 0.2, segments(48, fine)));
     scene.place(&pedestal, &dark, Transform::from_translation(place));
     let finishes: [(Color, f32, f32, Vec3, Quat); 3] = [
         (GOLD, 0.12, 0.48, Vec3::Y, Quat::from_rotation_x(0.5)),
@@ -55,7 +56,7 @@ pub fn gyroscope(scene: &mut SceneBuilder) {
         ),
     ];
     for (i, (color, roughness, radius, axis, start)) in finishes.into_iter().enumerate() {
-        let ring = scene.shape(|g| g.torus(radius, 0.026, 72, 16));
+        let ring = scene.shape(|g| g.torus(radius, 0.026, segments(72, fine), segments(16, fine)));
         let material = scene.material(metal(color, roughness));
         let entity = scene.place(&ring, &material, Transform::from_translation(middle));
         scene.world.entity_mut(entity).insert(Motion::Spin {
@@ -64,7 +65,7 @@ pub fn gyroscope(scene: &mut SceneBuilder) {
             rate: [0.11, -0.17, 0.23][i],
         });
     }
-    let core = scene.shape(|g| g.sphere(Vec3::ZERO, 0.11, 32, Vec2::ONE));
+    let core = scene.shape(|g| g.sphere(Vec3::ZERO, 0.11, segments(32, fine), Vec2::ONE));
     let warm = scene.material(glow(LinearRgba::rgb(9.0, 5.2, 1.9)));
     scene.place(&core, &warm, Transform::from_translation(middle));
     scene.lamp(middle, Color::srgb(1.0, 0.78, 0.5), 26_000.0, 7.0, 0.11);

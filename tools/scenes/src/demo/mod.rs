@@ -7,7 +7,7 @@ use crate::{
     builder::SceneBuilder,
     camera_path::CameraPath,
     environment::{Environment, SceneOptions},
-    geometry::turned,
+    geometry::{segments, turned},
     materials::{both_sides, dielectric, dyed, gloss, metal},
     patterns, props,
     sky::{Sky, sun_direction},
@@ -34,13 +34,16 @@ pub fn environment(world: &mut World) -> Environment {
 
 pub fn spawn(world: &mut World, options: &SceneOptions) -> Entity {
     let mut scene = SceneBuilder::new(world);
-    room(&mut scene, options.texture_size);
-    screens(&mut scene, options.texture_size);
-    gallery_of_spheres(&mut scene, options.texture_size);
-    floor_objects(&mut scene, options.texture_size);
-    plants(&mut scene, options.texture_size);
-    glowing::neon(&mut scene);
-    glowing::gyroscope(&mut scene);
+    let size = options.texture_size;
+    // Both directions of a surface get finer, so each by the square root.
+    let fine = options.detail.sqrt();
+    room(&mut scene, size, fine);
+    screens(&mut scene, size, fine);
+    gallery_of_spheres(&mut scene, size, fine);
+    floor_objects(&mut scene, size, fine);
+    plants(&mut scene, size, fine);
+    glowing::neon(&mut scene, fine);
+    glowing::gyroscope(&mut scene, fine);
     glowing::lights(&mut scene);
     scene.finish()
 }
@@ -51,7 +54,7 @@ const COPPER: Color = Color::srgb(0.96, 0.66, 0.52);
 const GOLD: Color = Color::srgb(1.0, 0.82, 0.42);
 
 /// Floor and walls.
-fn room(scene: &mut SceneBuilder, size: u32) {
+fn room(scene: &mut SceneBuilder, size: u32, fine: f32) {
     let tiles = scene.textures(2 * size, patterns::polished_tiles).material();
     let tiles = scene.material(StandardMaterial {
         reflectance: 0.6,
@@ -90,14 +93,14 @@ fn room(scene: &mut SceneBuilder, size: u32) {
     scene.place(&long, &stone, Transform::from_xyz(-1.4, 3.66, -4.2));
     scene.place(&short, &stone, Transform::from_xyz(5.3, 3.66, -0.6));
     scene.place(&skirting, &stone, Transform::from_xyz(-1.4, 0.1, -4.0));
-    let column = scene.shape(|g| props::column(g, 3.6, 0.24, 32));
+    let column = scene.shape(|g| props::column(g, 3.6, 0.24, segments(32, fine)));
     for x in [2.95, 4.85] {
         scene.place(&column, &stone, Transform::from_xyz(x, 0.0, -4.2));
     }
 }
 
 /// The carved screens on the sun's side, and the curtain in the opening of the back wall.
-fn screens(scene: &mut SceneBuilder, size: u32) {
+fn screens(scene: &mut SceneBuilder, size: u32, fine: f32) {
     let lattice = scene.textures(size, patterns::lattice).material();
     let lattice = scene.material(StandardMaterial {
         alpha_mode: AlphaMode::Mask(0.5),
@@ -136,15 +139,21 @@ fn screens(scene: &mut SceneBuilder, size: u32) {
 
     let weave = scene.textures(size, patterns::cloth).material();
     let red = scene.material(both_sides(dielectric(dyed(&weave, Color::srgb(0.80, 0.09, 0.10)))));
-    let curtain = scene.shape(|g| props::curtain(g, 1.35, 3.0, 6.0, 72, 24));
+    let curtain = scene.shape(|g| props::curtain(g, 1.35, 3.0, 6.0, segments(72, fine), segments(24, fine)));
     scene.place(&curtain, &red, Transform::from_xyz(3.9, 0.25, -4.15));
     let brass = scene.material(metal(BRASS, 0.25));
-    let rod = scene.shape(|g| g.tube(&[vec3(2.9, 3.28, -4.15), vec3(4.9, 3.28, -4.15)], 0.025, 16));
+    let rod = scene.shape(|g| {
+        g.tube(
+            &[vec3(2.9, 3.28, -4.15), vec3(4.9, 3.28, -4.15)],
+            0.025,
+            segments(16, fine),
+        )
+    });
     scene.place(&rod, &brass, Transform::IDENTITY);
 }
 
 /// Three steps with rows of spheres: metal, coloured dielectric, gold; roughness grows to the right.
-fn gallery_of_spheres(scene: &mut SceneBuilder, size: u32) {
+fn gallery_of_spheres(scene: &mut SceneBuilder, size: u32, fine: f32) {
     let stone = scene.textures(size, patterns::plaster).material();
     let step_stone = scene.material(StandardMaterial {
         base_color: Color::srgb(0.30, 0.32, 0.36),
@@ -152,7 +161,7 @@ fn gallery_of_spheres(scene: &mut SceneBuilder, size: u32) {
         ..stone
     });
     let trim = scene.material(metal(BRASS, 0.22));
-    let sphere = scene.shape(|g| g.sphere(Vec3::ZERO, 0.38, 72, vec2(2.0, 1.0)));
+    let sphere = scene.shape(|g| g.sphere(Vec3::ZERO, 0.38, segments(72, fine), vec2(2.0, 1.0)));
     for (row, (height, z)) in [(0.22, 0.35), (0.72, -0.75), (1.22, -1.85)].into_iter().enumerate() {
         let step = scene.shape(|g| g.rounded_box(vec3(0.0, height * 0.5, 0.0), vec3(6.5, height, 1.1), 0.03, 3, 0.5));
         let edge =
@@ -177,7 +186,7 @@ fn gallery_of_spheres(scene: &mut SceneBuilder, size: u32) {
 }
 
 /// Boxes, a mirror and a big ball on the floor, and a ball that rolls through the air.
-fn floor_objects(scene: &mut SceneBuilder, size: u32) {
+fn floor_objects(scene: &mut SceneBuilder, size: u32, fine: f32) {
     let block = scene.shape(|g| g.rounded_box(vec3(0.0, 0.5, 0.0), Vec3::ONE, 0.05, 4, 1.0));
     let blue = gloss(Color::srgb(0.03, 0.22, 0.50), 0.08);
     let amber = gloss(Color::srgb(0.92, 0.50, 0.06), 0.35);
@@ -208,7 +217,7 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
     scene.place(&slab, &mirror, stand);
     scene.place(&surround, &bronze, stand);
 
-    let ball = scene.shape(|g| g.sphere(Vec3::ZERO, 1.0, 96, vec2(4.0, 2.0)));
+    let ball = scene.shape(|g| g.sphere(Vec3::ZERO, 1.0, segments(96, fine), vec2(4.0, 2.0)));
     let vermilion = scene.material(gloss(Color::srgb(0.72, 0.05, 0.03), 0.06));
     let at = Transform::from_xyz(3.85, 0.55, 1.0).with_scale(Vec3::splat(0.55));
     scene.place(&ball, &vermilion, at);
@@ -222,12 +231,12 @@ fn floor_objects(scene: &mut SceneBuilder, size: u32) {
 }
 
 /// Two plants in pots.
-fn plants(scene: &mut SceneBuilder, size: u32) {
+fn plants(scene: &mut SceneBuilder, size: u32, fine: f32) {
     let clay = scene.textures(size / 2, patterns::limestone).material();
     let clay = scene.material(dielectric(dyed(&clay, Color::srgb(0.75, 0.42, 0.28))));
     let leaves = scene.textures(size / 2, patterns::leaf).material();
     let leaves = scene.material(props::leaf_material(leaves));
-    let pot = scene.shape(|g| props::pot(g, 0.5, 0.3, 40));
+    let pot = scene.shape(|g| props::pot(g, 0.5, 0.3, segments(40, fine)));
     let plant = scene.shape(|g| props::plant(g, 46, 1.0, 6, 3));
     for (position, scale, angle) in [
         (vec3(-3.75, 0.0, -2.9), 1.35, 0.0),

@@ -129,6 +129,16 @@ fn detail_makes_the_atrium_finer() {
     assert!((10_000..150_000).contains(&coarse.triangles), "{coarse:?}");
 }
 
+/// Tests draw it coarse: a CPU takes longer for its triangles than for rays.
+#[test]
+fn detail_makes_the_demo_coarser() {
+    let (_, plain) = spawned(SceneName::Demo, &SMALL);
+    let coarse = SceneOptions { detail: 0.25, ..SMALL };
+    let (_, coarse) = spawned(SceneName::Demo, &coarse);
+    assert_eq!(plain.instances, coarse.instances);
+    assert!(plain.triangles > 2 * coarse.triangles, "{plain:?} {coarse:?}");
+}
+
 #[test]
 fn the_path_is_smooth_and_inside() {
     let path = CameraPath::of(SceneName::Atrium);
