@@ -1,5 +1,5 @@
-//! Systems that mirror the main world. There are few, each for several tables: to find a system's queries and resources takes some
-//! microseconds in worlds that leave nothing in the caches of the processor.
+//! Systems that mirror the main world. There are few, each for several tables: each looks its queries and resources up anew, which takes
+//! longest in worlds that leave nothing in the caches of the processor.
 
 use super::{
     activity::SceneActivity,

@@ -35,8 +35,8 @@ use bevy::{
     },
 };
 
-/// All that the scene is kept in and made from, for one system: to find a resource takes about half a microsecond in worlds that leave
-/// nothing in the caches of the processor, and all of this is brought up to date in turn.
+/// All that the scene is kept in and made from, for one system: each system looks its resources up anew, which takes longest in worlds that
+/// leave nothing in the caches of the processor, and all of this is brought up to date in turn.
 #[derive(SystemParam)]
 pub(super) struct Scene<'w, 's> {
     bindings: ResMut<'w, SceneBindings>,

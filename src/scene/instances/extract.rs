@@ -240,13 +240,11 @@ fn update_changed<C: MaterialComponent>(
         ) = table;
         let clock = Clock::new(transforms.this_run_tick(), transforms.last_run_tick());
         let places = transforms.changed_ticks_slice();
+        let own_meshes = meshes.as_ref().filter(|_| !without_listed);
         let columns = [
             Some(visibilities.changed_ticks_slice()),
             (!without_listed).then(|| materials.changed_ticks_slice()),
-            meshes
-                .as_ref()
-                .filter(|_| !without_listed)
-                .map(|meshes| meshes.changed_ticks_slice()),
+            own_meshes.map(|meshes| meshes.changed_ticks_slice()),
             stand_ins.as_ref().map(|stand_ins| stand_ins.changed_ticks_slice()),
             layers.as_ref().map(|layers| layers.changed_ticks_slice()),
             ranges.as_ref().map(|ranges| ranges.changed_ticks_slice()),

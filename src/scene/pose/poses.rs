@@ -166,7 +166,7 @@ impl Poses {
         device: &RenderDevice,
         queue: &RenderQueue,
     ) -> PoseChanges {
-        let extracted = &*inputs.extracted;
+        let extracted = inputs.extracted;
         let mut changes = PoseChanges::default();
         if extracted.sources.is_empty() && self.posed.is_empty() {
             return changes;
@@ -185,7 +185,7 @@ impl Poses {
         if candidates.is_empty() {
             return changes;
         }
-        let Some(kernels) = self.kernels.get(&inputs.cache) else {
+        let Some(kernels) = self.kernels.get(inputs.cache) else {
             return changes;
         };
         select(&mut candidates, extracted.vertices_per_frame);

@@ -147,7 +147,7 @@ fn screens(scene: &mut SceneBuilder, size: u32, fine: f32) {
             &[vec3(2.9, 3.28, -4.15), vec3(4.9, 3.28, -4.15)],
             0.025,
             segments(16, fine),
-        )
+        );
     });
     scene.place(&rod, &brass, Transform::IDENTITY);
 }
