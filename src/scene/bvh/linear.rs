@@ -181,13 +181,15 @@ pub struct LinearBuilder {
 
 impl LinearBuilder {
     /// Builds the tree over all entries. More than the stack has levels for, 16 million, are left out.
+    #[cfg(any(test, feature = "internals"))]
     pub fn build(&mut self, entries: &mut LinearEntries) -> &mut Tlas {
         self.arrange(entries);
         self.pack(entries, 0)
     }
 
-    /// Builds the tree like [`Self::build`], or fits boxes of the last one to where the entries are now: objects that move keep their
-    /// neighbours for a few frames. Entries may be others than before; a tree that got worse over it is built anew in the next frame.
+    /// Builds the tree over all entries, of which those beyond 16 million are left out, or fits boxes of the last one to where the entries
+    /// are now: objects that move keep their neighbours for a few frames. Entries may be others than before; a tree that got worse over
+    /// it is built anew in the next frame.
     ///
     /// `place` finds room for so many items, and returns the first of it, from which indices count.
     pub fn update(
