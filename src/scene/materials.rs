@@ -557,7 +557,7 @@ impl MaterialTable {
     }
 }
 
-/// Packs what changed. Belongs behind [`TextureTable::update`].
+/// Packs what changed. Runs after the update of textures.
 pub fn update_materials(
     assets: &mut MaterialAssets,
     table: &mut MaterialTable,

@@ -41,7 +41,7 @@ enum Site {
     /// Neither tree.
     #[default]
     Absent,
-    /// Index in [`MovingTree::movers`].
+    /// Index in [`MovingTree::slots`].
     Moving(u32),
     /// Index in [`StaticTree::members`].
     Static(u32),
