@@ -170,7 +170,7 @@ pub struct LinearBuilder {
     tlas: Tlas,
     /// Entries of the nodes.
     len: usize,
-    /// Where the items were packed for, with these nodes.
+    /// Place that the items were packed for, with these nodes.
     base: Option<u32>,
     /// How often the tree was refitted.
     refits: u32,

@@ -126,7 +126,7 @@ pub struct RemovedFromScene<'w, 's> {
     now_disabled: Query<'w, 's, Entity, Added<Disabled>>,
 }
 
-/// What decides on the objects that reflections show, beside their own components.
+/// Resources that decide on the objects that reflections show, beside their own components.
 #[derive(SystemParam)]
 pub struct Shown<'w> {
     layers: Res<'w, SceneLayers>,

@@ -27,7 +27,7 @@ pub(super) struct MovingTree {
     slots: Vec<u32>,
     /// Frames of the last changes.
     changed: Vec<u64>,
-    /// Where they were when anything else of them changed last.
+    /// Their places when anything else of them changed last.
     objects: Vec<Object>,
     /// The same in the form that [`LinearBuilder`] takes, where they are now.
     entries: LinearEntries,

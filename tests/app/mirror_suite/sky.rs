@@ -16,7 +16,7 @@ use bevy::{
 };
 use std::ops::Range;
 
-/// What rows give the camera.
+/// Components that rows give the camera.
 pub(super) type Components = (
     AtmosphereSettings,
     AtmosphereEnvironmentMapLight,

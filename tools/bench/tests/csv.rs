@@ -91,7 +91,7 @@ fn a_small_crowd_is_measured() {
         let value: f64 = record[5].parse().expect("values are numbers");
         values.insert(format!("{} {}", &record[2], &record[4]), value);
     }
-    // Those that stand are posed once, before.
+    // Characters that stand are posed once, before.
     assert!(values["1 characters, walking crowds_pose_gpu"] > 0.0, "{values:?}");
     assert!(
         !values.contains_key("1 characters, standing crowds_pose_gpu"),
