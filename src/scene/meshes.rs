@@ -239,6 +239,12 @@ impl SceneMeshes {
         self.pending.contains_key(&id) || self.uploading.as_ref().is_some_and(|upload| upload.id == id)
     }
 
+    /// The number of meshes whose present data rays can't hit yet, but soon.
+    fn on_their_way(&self) -> usize {
+        let stale = self.stale.iter().filter(|id| !self.is_on_its_way(**id));
+        self.pending.len() + usize::from(self.uploading.is_some()) + self.waiting + stale.count()
+    }
+
     fn used_bytes(&self) -> u64 {
         self.geometry.used_bytes() + self.bvh.used_bytes()
     }
@@ -559,8 +565,13 @@ pub fn keep_render_world_meshes(
             continue;
         }
         kept.keep(*id, mesh);
-        if activity.active && meshes.is_known(*id) {
+        if !activity.active {
+            continue;
+        }
+        if meshes.is_known(*id) {
             meshes.stale.insert(*id);
         }
+        // Nothing could be read when meshes were extracted, so it isn't counted yet.
+        meshes.waiting += usize::from(meshes.wanted.contains(id));
     }
 }

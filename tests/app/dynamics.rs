@@ -283,6 +283,12 @@ fn expect_changes_of_a_mesh(app: &mut HeadlessApp, subject: Entity, size: usize)
     mesh.asset_usage = RenderAssetUsages::RENDER_WORLD;
     let mesh = app.world().resource_mut::<Assets<Mesh>>().add(mesh);
     app.world().entity_mut(subject).insert(Mesh3d(mesh.clone()));
+    app.step(1);
+    assert_eq!(
+        report(app).meshes_pending,
+        1,
+        "a mesh counts from the frame that brings its data"
+    );
     expect(app, "a mesh of the render world", GREEN, [true, false]);
     let mut meshes = app.world().resource_mut::<Assets<Mesh>>();
     meshes.insert(mesh.id(), cube(1.0)).unwrap();

@@ -178,9 +178,8 @@ impl SceneMeshes {
 /// Uploads meshes whose build has finished.
 pub fn upload_meshes(meshes: &mut SceneMeshes, status: &ReflectionStatus, queue: &RenderQueue) {
     let (builds, milliseconds) = meshes.upload(UPLOAD_BYTES_PER_FRAME, queue);
-    let pending = meshes.pending.len() + usize::from(meshes.uploading.is_some()) + meshes.waiting;
     status.update(|report| {
-        report.meshes_pending = pending;
+        report.meshes_pending = meshes.on_their_way();
         report.meshes_without_room = meshes.without_room.len();
         report.meshes = meshes.ready.len();
         report.triangles = meshes.triangles;
