@@ -50,6 +50,9 @@ pub const MATERIAL_TYPE_SHIFT: u32 = 10;
 /// They, shifted to 0.
 pub const MATERIAL_TYPE_BITS: u32 = 15;
 
+/// Optical depth behind which nothing is seen.
+pub const OPAQUE_DEPTH: f32 = 16.0;
+
 /// Slot of [`GpuMaterial::textures`].
 pub const TEXTURE_BASE_COLOR: usize = 0;
 /// Slot of [`GpuMaterial::textures`].
@@ -130,6 +133,12 @@ pub struct GpuMaterial {
     pub lightmap_exposure: f32,
     /// Clearcoat as in the G-buffer: strength in fifteenths in the low 4 bits, perceptual roughness in thirtieths above.
     pub clearcoat: u32,
+    /// Glass that refracts: metres. 0 for all else.
+    pub thickness: f32,
+    /// Its index of refraction, above 1.
+    pub ior: f32,
+    /// Optical depth of its volume for red, green and blue: parts of [`OPAQUE_DEPTH`], 16 bits each.
+    pub optical_depth: [u32; 2],
 }
 
 /// A light that shines on hits.
@@ -200,7 +209,7 @@ pub struct GpuSceneCounts {
 }
 
 const _: () = assert!(size_of::<GpuInstance>() == 128);
-const _: () = assert!(size_of::<GpuMaterial>() == 112);
+const _: () = assert!(size_of::<GpuMaterial>() == 128);
 const _: () = assert!(size_of::<GpuLight>() == 64);
 const _: () = assert!(size_of::<GpuLightProbe>() == 80);
 const _: () = assert!(size_of::<GpuSceneCounts>() == 40);

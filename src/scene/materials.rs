@@ -27,7 +27,7 @@ use super::{
     change::{Change, RESTLESS_FRAMES},
     free_slots::FreeSlots,
     gpu_types::*,
-    see_through::{see_through_flags, stop_probability},
+    see_through::{optical_depth, refraction, see_through_flags, stop_probability},
     textures::TextureTable,
     waiting_room::WaitingRoom,
 };
@@ -166,6 +166,7 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
     }
 
     let color = |value: f32| finite_or(value, 0.0).max(0.0);
+    let [thickness, ior] = refraction(material);
     let transform = material.uv_transform;
     let transform = if transform.is_finite() {
         transform
@@ -209,6 +210,9 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
             },
         lightmap_exposure: color(material.lightmap_exposure),
         clearcoat: packed_clearcoat(material),
+        thickness,
+        ior,
+        optical_depth: optical_depth(material),
     }
 }
 

@@ -1,12 +1,16 @@
 //! Materials that light passes through, and the objects that have them.
 
-use super::gpu_types::{MATERIAL_FADES, MATERIAL_SEE_THROUGH};
+use super::gpu_types::{MATERIAL_FADES, MATERIAL_SEE_THROUGH, OPAQUE_DEPTH};
 use bevy::{color::LinearRgba, ecs::entity::Entity, pbr::StandardMaterial, prelude::AlphaMode};
 use std::collections::{BTreeMap, BTreeSet};
 
+/// Probability with which a ray stops at least at glass that refracts: where rays stop always, they must find it. Light doesn't show it.
+const LEAST_STOPPED: f32 = 1.0 / 512.0;
+
 /// The probability with which a ray stops where alpha is 1; `None` for materials that let no ray through by chance.
 pub(super) fn stop_probability(material: &StandardMaterial) -> Option<f32> {
-    let stopped = 1.0 - transmission(material);
+    let least = if refracts(material) { LEAST_STOPPED } else { 0.0 };
+    let stopped = (1.0 - transmission(material)).max(least);
     match material.alpha_mode {
         AlphaMode::Mask(_) => None,
         AlphaMode::Opaque => (stopped < 1.0).then_some(stopped),
@@ -21,6 +25,39 @@ fn transmission(material: &StandardMaterial) -> f32 {
     } else {
         0.0
     }
+}
+
+/// Light passes at another place, or in another direction, than it would without the material.
+fn refracts(material: &StandardMaterial) -> bool {
+    transmission(material) > 0.0
+        && !matches!(material.alpha_mode, AlphaMode::Mask(_))
+        && (material.thickness > 0.0 && material.thickness.is_finite())
+        && (material.ior > 1.0 && material.ior.is_finite())
+}
+
+/// Thickness in metres and index of refraction; zeros where light isn't refracted.
+pub(super) fn refraction(material: &StandardMaterial) -> [f32; 2] {
+    if refracts(material) {
+        [material.thickness, material.ior]
+    } else {
+        [0.0; 2]
+    }
+}
+
+/// Optical depth of the volume that light passes, for red, green and blue: Beer's law with the attenuation of the material.
+pub(super) fn optical_depth(material: &StandardMaterial) -> [u32; 2] {
+    let color = LinearRgba::from(material.attenuation_color);
+    let lengths = material.thickness / material.attenuation_distance;
+    if !(lengths > 0.0 && lengths.is_finite()) || transmission(material) == 0.0 {
+        return [0; 2];
+    }
+    let [red, green, blue] = [color.red, color.green, color.blue].map(|part| {
+        let depth = -part.ln() * lengths;
+        // A colour that is not a number takes nothing.
+        let depth = if depth > 0.0 { depth.min(OPAQUE_DEPTH) } else { 0.0 };
+        (depth / OPAQUE_DEPTH * f32::from(u16::MAX)).round() as u32
+    });
+    [red | (green << 16), blue]
 }
 
 /// The `MATERIAL_` flags of surfaces that are drawn over the opaque picture and reflect. Rays meet no others of that kind, and
@@ -41,7 +78,8 @@ fn is_tinted(material: &StandardMaterial) -> bool {
     let color = LinearRgba::from(material.base_color);
     let is_white =
         material.base_color_texture.is_none() && [color.red, color.green, color.blue].iter().all(|&part| part >= 1.0);
-    stop_probability(material).is_some_and(|stopped| stopped < 1.0) && !is_white
+    let is_clear = is_white && optical_depth(material) == [0; 2];
+    stop_probability(material).is_some_and(|stopped| stopped < 1.0) && !is_clear
 }
 
 /// The objects with such surfaces that rays can hit.
@@ -52,20 +90,24 @@ pub(crate) struct SeeThroughObjects {
     partial: BTreeSet<u32>,
     /// Slots of objects that tint the light which they let through.
     tinted: BTreeSet<u32>,
+    /// Slots of objects that refract it.
+    refracting: BTreeSet<u32>,
 }
 
 impl SeeThroughObjects {
     /// Notes which object a slot holds; `material` is `None` where it can't be hit.
     pub(super) fn note(&mut self, slot: u32, entity: Option<Entity>, material: Option<&StandardMaterial>) {
-        if material.is_some_and(is_tinted) {
-            self.tinted.insert(slot);
-        } else {
-            self.tinted.remove(&slot);
-        }
-        if material.is_some_and(|material| stop_probability(material).is_some()) {
-            self.partial.insert(slot);
-        } else {
-            self.partial.remove(&slot);
+        let lets_through = |material| stop_probability(material).is_some();
+        for (slots, holds) in [
+            (&mut self.tinted, material.is_some_and(is_tinted)),
+            (&mut self.partial, material.is_some_and(lets_through)),
+            (&mut self.refracting, material.is_some_and(refracts)),
+        ] {
+            if holds {
+                slots.insert(slot);
+            } else {
+                slots.remove(&slot);
+            }
         }
         let is_see_through = material.is_some_and(|material| see_through_flags(material) != 0);
         match entity.filter(|_| is_see_through) {
@@ -86,6 +128,11 @@ impl SeeThroughObjects {
     /// Returns whether any object lets a part of the rays through.
     pub(crate) fn has_partial(&self) -> bool {
         !self.partial.is_empty()
+    }
+
+    /// Returns whether any object refracts the light that it lets through.
+    pub(crate) fn has_refraction(&self) -> bool {
+        !self.refracting.is_empty()
     }
 
     /// Their entities in the main world.
@@ -127,6 +174,45 @@ mod tests {
         ] {
             assert_eq!(flags(alpha_mode, transmission, unlit), 0, "{alpha_mode:?}");
         }
+    }
+
+    #[test]
+    fn thick_glass_refracts_and_absorbs() {
+        let glass = |thickness, ior, attenuation_distance| StandardMaterial {
+            thickness,
+            ior,
+            attenuation_distance,
+            attenuation_color: Color::linear_rgb(0.5, 1.0, 0.0),
+            ..material(AlphaMode::Opaque, 1.0, false)
+        };
+        let thick = glass(0.2, 1.5, 0.4);
+        assert_eq!(refraction(&thick), [0.2, 1.5]);
+        assert!(stop_probability(&thick).is_some_and(|stopped| stopped > 0.0 && stopped < 0.01));
+        let [red_green, blue] = optical_depth(&thick);
+        let depth = |bits: u32| bits as f32 / f32::from(u16::MAX) * OPAQUE_DEPTH;
+        assert!((depth(red_green & 0xffff) - 0.5 * 2.0_f32.ln()).abs() < 1e-3);
+        assert_eq!((red_green >> 16, depth(blue)), (0, OPAQUE_DEPTH));
+        for (thin, absorbs) in [
+            (glass(0.0, 1.5, 0.4), false),
+            (glass(0.2, 1.0, 0.4), true),
+            (glass(f32::NAN, 1.5, 0.4), false),
+            (glass(0.2, f32::INFINITY, 0.0), false),
+            (glass(-1.0, 1.5, 1.0), false),
+        ] {
+            assert_eq!(refraction(&thin), [0.0; 2], "{thin:?}");
+            assert_eq!(stop_probability(&thin), Some(0.0), "{thin:?}");
+            assert_eq!(optical_depth(&thin) != [0; 2], absorbs, "{thin:?}");
+        }
+        let stone = StandardMaterial {
+            specular_transmission: 0.0,
+            ..thick.clone()
+        };
+        assert_eq!((refraction(&stone), optical_depth(&stone)), ([0.0; 2], [0; 2]));
+        let mut objects = SeeThroughObjects::default();
+        objects.note(3, Some(Entity::from_bits(7)), Some(&thick));
+        assert!(objects.has_refraction() && objects.has_tints());
+        objects.note(3, Some(Entity::from_bits(7)), Some(&stone));
+        assert!(!objects.has_refraction() && !objects.has_tints());
     }
 
     #[test]

@@ -24,7 +24,10 @@ pub(crate) fn trace_rays(
     let mut has_mirrors = false;
     for pass in TracePass::of(settings) {
         match pass {
-            TracePass::Converged => trace_converged(ctx, &pipelines.converged, variant, context),
+            TracePass::Converged => {
+                let variant = pipelines.converged_variant(variant);
+                trace_converged(ctx, &pipelines.converged, variant, context);
+            }
             TracePass::Inline => pipelines.inline.trace(ctx, variant, context),
             TracePass::Mirrors if has_mirrors => {}
             TracePass::Mirrors => {

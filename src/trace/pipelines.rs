@@ -73,6 +73,8 @@ pub struct TracePipelines {
     pub(super) variant: Variant,
     /// Some object lets a part of the rays through.
     see_through: bool,
+    /// Some object refracts them.
+    refracts: bool,
     /// The scene has more lights than hits have bits for.
     pub(super) many_lights: bool,
     /// No pass leaves anything out that the scene has, since its shader is still being compiled.
@@ -142,6 +144,17 @@ impl TracePipelines {
     pub(super) fn mirror_variant(&self, variant: Variant) -> Variant {
         Variant {
             layered: self.see_through && variant.masked,
+            refracts: self.refracts && variant.masked,
+            ..variant
+        }
+    }
+
+    /// The same for the ground truth. Rays that are refracted can't be followed by chance.
+    pub(super) fn converged_variant(&self, variant: Variant) -> Variant {
+        let layered = self.refracts && variant.masked;
+        Variant {
+            layered,
+            refracts: layered,
             ..variant
         }
     }
@@ -157,7 +170,7 @@ impl TracePipelines {
                     compiled(&self.rays, self.variant.without_shading()) && (joined || self.has_shading(variant, cache))
                 }
                 TracePass::Mirrors => joined || compiled(&self.mirror_rays, self.mirror_variant(variant)),
-                TracePass::Converged => compiled(&self.converged, variant),
+                TracePass::Converged => compiled(&self.converged, self.converged_variant(variant)),
                 TracePass::Inline => self.inline.pipeline(variant, cache).is_some(),
             })
     }
@@ -191,7 +204,7 @@ impl TracePipelines {
                     (!self.joins_mirrors(variant) || compiled(&self.shading_and_mirrors, variant))
                         && (!self.keeps_apart(variant) || compiled(&self.mirror_rays, self.mirror_variant(variant)))
                 }
-                TracePass::Converged => compiled(&self.converged, variant),
+                TracePass::Converged => compiled(&self.converged, self.converged_variant(variant)),
                 TracePass::Inline => self.inline.has_any(whole(variant), cache),
             }
         })
@@ -265,9 +278,11 @@ impl TracePipelines {
                         .queue(variant, cache, || shader_of(variant, &self.blocks_shader, &own));
                 }
             }
-            TracePass::Converged => self
-                .converged
-                .queue(variant, cache, || shader(&self.converged_shader, &shading)),
+            TracePass::Converged => {
+                let variant = self.converged_variant(variant);
+                self.converged
+                    .queue(variant, cache, || shader_of(variant, &self.converged_shader, &shading));
+            }
             TracePass::Inline => self.inline.queue(variant, cache, || defs_of(variant, &shading)),
         }
     }
@@ -329,6 +344,7 @@ pub(super) fn init_trace_pipelines(
             ..default()
         },
         see_through: false,
+        refracts: false,
         many_lights: false,
         complete: true,
     });
@@ -372,6 +388,7 @@ pub(super) fn queue_trace_pipelines(
     let variant = Variant::of(&scene);
     pipelines.variant = variant;
     pipelines.see_through = scene.see_through.has_partial();
+    pipelines.refracts = scene.see_through.has_refraction();
     pipelines.many_lights = scene.has_many_lights();
     for (pass, bounces) in pipelines.wanted.clone() {
         // The variant that is right for scenes with and without masks comes first.

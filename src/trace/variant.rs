@@ -59,6 +59,8 @@ pub(super) struct Variant {
     pub tinted: bool,
     /// Rays of exact mirrors are followed through see-through surfaces without chance.
     pub layered: bool,
+    /// These are refracted by glass.
+    pub refracts: bool,
     /// Some material has a clearcoat.
     pub clearcoat: bool,
     /// There are light probes.
@@ -96,6 +98,7 @@ impl Variant {
             lightmaps: scene.has_lightmaps(),
             bounces: false,
             layered: false,
+            refracts: false,
             tinted: scene.see_through.has_tints(),
             clearcoat: scene.has_clearcoat(),
             probes: scene.has_light_probes(),
@@ -128,6 +131,7 @@ impl Variant {
         let defs = [
             (self.tinted, "TINTED_GLASS"),
             (self.layered, "LAYERED_RAYS"),
+            (self.refracts, "REFRACTION"),
             (self.probes, "LIGHT_PROBES"),
             (self.layers, "RENDER_LAYERS"),
             (self.draws_lights, "LIGHT_SAMPLING"),
@@ -180,6 +184,7 @@ impl Variant {
         let masked = Self { masked: true, ..self };
         let plain = Self {
             layered: false,
+            refracts: false,
             ..masked.dark().clear()
         };
         let shallow = Self {

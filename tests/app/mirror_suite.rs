@@ -6,7 +6,7 @@ mod sky;
 
 use crate::{
     common::app,
-    pictures::{BOTH, PATIENCE, differing_pixels, dump, flip, reflect},
+    pictures::{BOTH, PATIENCE, differing_pixels, dump, flip, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, SIZE, metal, spawn_camera, spawn_mesh, wall},
 };
 use bevy::{
@@ -34,7 +34,7 @@ const SUN: Vec3 = Vec3::new(0.5, -0.2, 1.0);
 /// A feature, and what has it.
 type Row = (&'static str, fn(&mut Stage));
 
-const ROWS: [Row; 23] = [
+const ROWS: [Row; 25] = [
     ("unlit", |stage| stage.spawn(StandardMaterial { unlit: true, ..blue() })),
     ("directional light", |stage| stage.light_and_spawn(blue())),
     ("shadow of a directional light", |stage| {
@@ -156,6 +156,17 @@ const ROWS: [Row; 23] = [
             ..blue()
         });
     }),
+    ("glass with thickness, index and absorption", |stage| {
+        // Only at lower resolutions do mirrors have rays of their own.
+        stage.technique = ReflectionTechnique::Quarter;
+        stage.own_rays = true;
+        stage.spawn_thick_glass();
+    }),
+    ("the same glass, at rest", |stage| {
+        stage.technique = ReflectionTechnique::Converged;
+        stage.frames = 16;
+        stage.spawn_thick_glass();
+    }),
     ("linear fog", |stage| {
         stage.spawn_in_fog(FogFalloff::Linear { start: 2.0, end: 16.0 }, Color::NONE);
     }),
@@ -213,6 +224,8 @@ struct Stage<'a> {
     fog_color: Color,
     /// How the picture in the mirror is traced, and in how many frames.
     technique: ReflectionTechnique,
+    /// Exact mirrors have rays of their own.
+    own_rays: bool,
     frames: u32,
     /// Direction of the light. Without another it comes from behind the mirror, and doesn't shine on that.
     sun: Vec3,
@@ -232,6 +245,7 @@ impl<'a> Stage<'a> {
             material: blue(),
             fog_color: FOG,
             technique: ReflectionTechnique::Reference,
+            own_rays: false,
             frames: 2,
             sun: SUN,
         }
@@ -295,6 +309,46 @@ impl<'a> Stage<'a> {
         self.spawn(material);
     }
 
+    /// A sphere and a block twice as wide as deep, before two colours.
+    fn spawn_thick_glass(&mut self) {
+        self.dress(ScreenSpaceTransmission::default());
+        let material = StandardMaterial {
+            base_color: Color::WHITE,
+            specular_transmission: 1.0,
+            thickness: 0.8,
+            ior: 1.4,
+            attenuation_distance: 1.0,
+            attenuation_color: Color::srgb(0.4, 0.9, 0.8),
+            perceptual_roughness: 0.0,
+            reflectance: 0.0,
+            ..blue()
+        };
+        let checkered = StandardMaterial {
+            base_color_texture: Some(self.checkers([230, 160, 60, 255], [120, 180, 230, 255], true)),
+            unlit: true,
+            ..default()
+        };
+        let behind = Transform::from_xyz(0.0, 0.0, 12.0).looking_to(Vec3::Z, Vec3::Y);
+        let block = Transform::from_xyz(2.0, -0.6, 8.5).with_rotation(Quat::from_rotation_y(0.6));
+        let things: [(Mesh, _, _); 3] = [
+            (
+                Sphere::new(1.2).mesh().uv(64, 36),
+                &material,
+                Transform::from_xyz(-1.2, 0.4, 7.0),
+            ),
+            (
+                Cuboid::from_length(1.0).into(),
+                &material,
+                block.with_scale(Vec3::new(2.0, 2.0, 1.0)),
+            ),
+            (Rectangle::new(24.0, 20.0).into(), &checkered, behind),
+        ];
+        for (mesh, material, at) in things {
+            let entity = spawn_mesh(self.app, mesh, material.clone(), at);
+            self.spawned.push(entity);
+        }
+    }
+
     /// A sheet that turns its back to the mirror; without tangents, with which Bevy would not turn its normals.
     fn turn_a_back(&mut self, material: StandardMaterial) {
         let at = Transform::from_xyz(0.6, 1.6, 7.5).with_rotation(Quat::from_rotation_y(0.3));
@@ -356,6 +410,12 @@ impl<'a> Stage<'a> {
     /// The picture in the mirror.
     fn in_the_mirror(&mut self) -> Vec<u8> {
         reflect(self.app, self.camera, self.technique);
+        if self.own_rays {
+            let world = self.app.world();
+            let mut settings = world.get_mut::<RayTracedReflections>(self.camera).unwrap();
+            settings.full_resolution_mirrors = true;
+            warm_up(self.app);
+        }
         self.capture()
     }
 
@@ -424,6 +484,7 @@ impl<'a> Stage<'a> {
         self.material = blue();
         self.fog_color = FOG;
         self.technique = ReflectionTechnique::Reference;
+        self.own_rays = false;
         self.frames = 2;
         self.sun = SUN;
         self.set_fog_before_the_mirror(true);

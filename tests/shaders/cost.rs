@@ -55,7 +55,7 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 49] = [
+const PASSES: [(&str, &[&str]); 51] = [
     ("trace/shade", &["CLEARCOAT"]),
     ("trace/shade", &["CLEARCOAT", "RAY_QUERY", "BINDLESS_TEXTURES"]),
     (
@@ -77,6 +77,14 @@ const PASSES: [(&str, &[&str]); 49] = [
     ("trace/converged", &["LIGHT_SAMPLING"]),
     ("trace/blocks", &["MIRRORS", "LAYERED_RAYS", "ALPHA_MASKED_GEOMETRY"]),
     ("trace/blocks", &["MIRRORS", "LAYERED_RAYS", "RAY_QUERY"]),
+    (
+        "trace/blocks",
+        &["MIRRORS", "LAYERED_RAYS", "REFRACTION", "ALPHA_MASKED_GEOMETRY"],
+    ),
+    (
+        "trace/converged",
+        &["LAYERED_RAYS", "REFRACTION", "RAY_QUERY", "TINTED_GLASS"],
+    ),
     ("trace/blocks", &["ATMOSPHERIC"]),
     ("trace/blocks", &["ATMOSPHERIC", "MIRRORS", "RAY_QUERY"]),
     ("trace/shade", &["ATMOSPHERIC"]),

@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 44] = [
+pub const COMBINATIONS: [&[&str]; 46] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -35,6 +35,8 @@ pub const COMBINATIONS: [&[&str]; 44] = [
     &["TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
     &["LAYERED_RAYS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
     &["LAYERED_RAYS", "RAY_QUERY", "MIRRORS", "TINTED_GLASS", "BOUNCES"],
+    &["LAYERED_RAYS", "REFRACTION", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
+    &["LAYERED_RAYS", "REFRACTION", "RAY_QUERY", "TINTED_GLASS", "BOUNCES"],
     &["LIGHTMAPS", "RAY_QUERY", "BINDLESS_TEXTURES"],
     &["LIGHTMAPS", "TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
     &["CLEARCOAT", "BOUNCES", "MANY_LIGHTS"],
@@ -269,7 +271,10 @@ fn instances_and_materials_match_the_cpu() {
             stop_probability,
             diffuse_share,
             lightmap_exposure,
-            clearcoat
+            clearcoat,
+            thickness,
+            ior,
+            optical_depth
         ]
     );
 }

@@ -262,7 +262,7 @@ mod tests {
     use super::*;
     use crate::scene::{
         change::{Change, RESTLESS_FRAMES},
-        gpu_types::LIGHT_RESTLESS,
+        gpu_types::{LIGHT_DIRECTIONAL, LIGHT_RESTLESS},
         lights::Touched,
     };
     use bevy::{ecs::system::SystemState, math::Vec3};
@@ -353,6 +353,47 @@ mod tests {
             }
             assert!(copy == extracted.lights(), "step {step}");
         }
+    }
+
+    #[test]
+    fn the_disk_of_a_sun_is_followed() {
+        let mut world = World::new();
+        let mut state = SystemState::<LightWorld>::new(&mut world);
+        let mut layers = SceneLayers::default();
+        layers.follow(core::iter::once((None, None)), core::iter::empty());
+        layers.changed = false;
+        // The second light is no sun, so that places and rows differ.
+        let [_, _, sun] = [0, 1, 0].map(|index| spawn(&mut world, index));
+        let (mut extracted, mut known) = (ExtractedLights::default(), KnownLights::default());
+        let mut disks = |world: &World| {
+            let lights = state.get(world).expect("all parameters are there");
+            extract_lights(&lights, true, &layers, &mut extracted, &mut known);
+            let suns = extracted
+                .lights()
+                .iter()
+                .filter(|light| light.kind == LIGHT_DIRECTIONAL);
+            let mut disks: Vec<f32> = suns.map(|light| light.radius).collect();
+            disks.sort_by(f32::total_cmp);
+            disks
+        };
+        let usual = SunDisk::default().angular_size;
+        assert_eq!(disks(&world), [usual; 2]);
+        let set = |world: &mut World, angular_size| {
+            world.entity_mut(sun).insert(SunDisk {
+                angular_size,
+                ..Default::default()
+            });
+        };
+        set(&mut world, 0.5);
+        assert_eq!(disks(&world), [usual, 0.5], "one comes");
+        set(&mut world, 0.7);
+        // Something else that changes in the same frame hides nothing.
+        world.entity_mut(sun).insert(GlobalTransform::from_xyz(1.0, 0.0, 0.0));
+        assert_eq!(disks(&world), [usual, 0.7], "it changes");
+        set(&mut world, f32::NAN);
+        assert_eq!(disks(&world), [0.0, usual], "it is not a number");
+        world.entity_mut(sun).remove::<SunDisk>();
+        assert_eq!(disks(&world), [usual; 2], "it goes");
     }
 
     #[test]

@@ -80,14 +80,22 @@ pub enum MaterialKind {
     NanUvTransform,
     /// Without fog.
     NoFog,
+    /// Glass that refracts and absorbs.
+    ThickGlass,
+    /// Glass whose thickness and index are huge, in reflections alone: Bevy draws it with values that are not finite.
+    HugeGlass,
+    /// Glass of which nothing is a number, in reflections alone.
+    NanGlass,
 }
 
 /// Adds objects of such a material.
 pub fn add(kind: MaterialKind, builder: &mut Builder) {
     let plain = builder.plain();
-    let mut material = material(kind, plain);
+    let mut material = material(kind, plain.clone());
     let seen = builder.spot();
-    builder.object(Cuboid::from_length(0.5), material.clone(), seen);
+    let is_odd_glass = matches!(kind, MaterialKind::HugeGlass | MaterialKind::NanGlass);
+    let drawn = if is_odd_glass { plain } else { material.clone() };
+    builder.object(Cuboid::from_length(0.5), drawn, seen);
     // The other one is visible in reflections only.
     if kind == MaterialKind::Masks {
         material.alpha_mode = AlphaMode::Mask(2.0);
@@ -149,6 +157,20 @@ fn material(kind: MaterialKind, plain: StandardMaterial) -> StandardMaterial {
         MaterialKind::Forward => made.opaque_render_method = OpaqueRendererMethod::Forward,
         MaterialKind::NanUvTransform => made.uv_transform = Affine2::from_translation(Vec2::splat(nan)),
         MaterialKind::NoFog => made.fog_enabled = false,
+        MaterialKind::ThickGlass => set_glass(&mut made, 0.4, 1.5, 0.3),
+        MaterialKind::HugeGlass => set_glass(&mut made, f32::MAX, f32::MAX, f32::MIN_POSITIVE),
+        MaterialKind::NanGlass => {
+            set_glass(&mut made, nan, nan, nan);
+            made.attenuation_color = Color::linear_rgb(nan, -1.0, f32::INFINITY);
+        }
     }
     made
+}
+
+fn set_glass(material: &mut StandardMaterial, thickness: f32, ior: f32, attenuation_distance: f32) {
+    material.specular_transmission = 0.9;
+    material.thickness = thickness;
+    material.ior = ior;
+    material.attenuation_distance = attenuation_distance;
+    material.attenuation_color = Color::linear_rgb(0.3, 0.9, 0.6);
 }
