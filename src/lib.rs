@@ -121,11 +121,11 @@ pub use schedule::ReflectionSystems;
 pub use settings::{
     AdaptiveThresholds, CombinedThresholds, FrontLayerShader, GrazingThresholds, NotReflected, RATE_LEGEND,
     RayTracedReflections, ReflectedLayers, ReflectedMaterial3d, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget,
-    ReflectionAutoQuality, ReflectionBackend, ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit,
-    ReflectionDebugView, ReflectionDenoiser, ReflectionEffort, ReflectionFallback, ReflectionPreset, ReflectionQuality,
-    ReflectionSampling, ReflectionTechnique, ReflectionTextureMip, ReflectionTracerChoice, ReflectionsOff,
-    RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName,
-    named_settings,
+    ReflectedSurfaceShader, ReflectionAutoQuality, ReflectionBackend, ReflectionBudget, ReflectionDebugCounters,
+    ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionEffort, ReflectionFallback,
+    ReflectionPreset, ReflectionQuality, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip,
+    ReflectionTracerChoice, ReflectionsOff, RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
+    ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
 };
 pub use status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory};
 #[cfg(feature = "egui")]

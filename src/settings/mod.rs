@@ -32,6 +32,7 @@ mod reflected_layers;
 mod reflections;
 mod shading_rate;
 mod stand_in;
+mod surface_shader;
 mod view;
 mod words;
 
@@ -56,6 +57,7 @@ pub use shading_rate::ShadingRate;
 #[cfg(feature = "internals")]
 pub use shading_rate::{RATE_ACTIVE, RATE_CODE_MASK};
 pub use stand_in::{ReflectedMaterial3d, ReflectedMesh3d};
+pub use surface_shader::ReflectedSurfaceShader;
 pub use view::{ReflectionView, WantsReflections};
 pub use words::UnknownName;
 
@@ -87,6 +89,7 @@ impl Plugin for SettingsPlugin {
             .register_type::<ReflectionTextureMip>()
             .register_type::<ReflectionTracerChoice>()
             .register_type::<FrontLayerShader>()
+            .register_type::<ReflectedSurfaceShader>()
             .register_type::<NotReflected>()
             .register_type::<ReflectedLayers>()
             .register_type::<ReflectedMesh3d>()

@@ -107,10 +107,10 @@ impl InlinePass {
         variants.into_iter().find_map(get)
     }
 
-    /// The error of a variant that can't be compiled.
-    pub fn error<'a>(&self, cache: &'a PipelineCache) -> Option<&'a ShaderCacheError> {
-        let mut states = self.queued.values().map(|&id| cache.get_render_pipeline_state(id));
-        states.find_map(lasting_error)
+    /// Variants that can't be compiled.
+    pub fn errors<'a>(&'a self, cache: &'a PipelineCache) -> impl Iterator<Item = (&'a Variant, &'a ShaderCacheError)> {
+        let queued = self.queued.iter();
+        queued.filter_map(|(variant, &id)| Some((variant, lasting_error(cache.get_render_pipeline_state(id))?)))
     }
 
     /// Traces a ray for each fragment.

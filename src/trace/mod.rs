@@ -8,6 +8,7 @@
 //! | `resources.rs` | what they need of the render world |
 //! | `fallback.rs` | which back end a camera gets, and what is said where it isn't the one that was asked for |
 //! | `shade.wesl`, `hit.wesl` | shading of what the rays of `blocks.wesl` hit, and what it is handed |
+//! | `hit_surface.wesl`, `surface_shader.rs`, `surface_point.wesl` | the surface that is shaded, and the app's shader that changes it |
 //! | `rays.wesl` | one ray: from a pixel of the G-buffer to the radiance that comes back |
 //! | `bounce.wesl` | reflections within reflections: the rays that go on from a hit |
 //! | `wide_ray.wesl` | a ray and its width |
@@ -24,6 +25,7 @@ mod inline;
 mod passes;
 mod pipelines;
 mod resources;
+mod surface_shader;
 mod variant;
 mod vrs;
 
@@ -39,10 +41,11 @@ use bevy::{
     app::{App, Plugin},
     asset::embedded_asset,
     ecs::schedule::IntoScheduleConfigs,
-    render::{Render, RenderApp, RenderStartup, init_gpu_resource},
+    render::{ExtractSchedule, Render, RenderApp, RenderStartup, init_gpu_resource},
     shader::load_shader_library,
 };
 use pipelines::{init_trace_pipelines, queue_trace_pipelines};
+use surface_shader::extract_surface_shader;
 
 /// Registers the shaders and pipelines of this folder.
 pub(crate) struct TracePlugin;
@@ -57,12 +60,14 @@ impl Plugin for TracePlugin {
         load_shader_library!(app, "brdf.wesl");
         load_shader_library!(app, "fog.wesl");
         load_shader_library!(app, "hit.wesl");
+        load_shader_library!(app, "hit_surface.wesl");
         load_shader_library!(app, "lobe.wesl");
         load_shader_library!(app, "noise.wesl");
         load_shader_library!(app, "rays.wesl");
         load_shader_library!(app, "record.wesl");
         load_shader_library!(app, "sampling.wesl");
         load_shader_library!(app, "selection.wesl");
+        load_shader_library!(app, "surface_point.wesl");
         load_shader_library!(app, "wide_ray.wesl");
         embedded_asset!(app, "blocks.wesl");
         embedded_asset!(app, "converged.wesl");
@@ -78,6 +83,7 @@ impl Plugin for TracePlugin {
                 RenderStartup,
                 init_trace_pipelines.after(init_gpu_resource::<SceneBindings>),
             )
+            .add_systems(ExtractSchedule, extract_surface_shader)
             .add_systems(
                 Render,
                 // Behind the others, which read what it notes in the scene's bindings.

@@ -34,9 +34,12 @@ pub(crate) fn trace_rays(
                 let variants = pipelines.mirror_variant(variant).substitutes();
                 run_list(ctx, &pipelines.mirror_rays, variants, context, List::MirrorRays);
             }
-            // If the raw Vulkan pass gives up, this frame's rays come from the list. Its one shader can't draw lights.
+            // If the raw Vulkan pass gives up, this frame's rays come from the list. Its one shader can't draw lights, nor
+            // run the app's.
             TracePass::Blocks => {
-                let by_hardware = settings.backend == ReflectionBackend::HardwareVrs && !variant.draws_lights;
+                let by_hardware = settings.backend == ReflectionBackend::HardwareVrs
+                    && !variant.draws_lights
+                    && !variant.own_surfaces;
                 if !by_hardware || !vrs.trace(ctx, pipelines, context) {
                     let rays = pipelines.ray_variant(context.cache);
                     run_list(ctx, &pipelines.rays, rays, context, List::Rays);

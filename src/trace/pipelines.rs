@@ -5,6 +5,7 @@ use super::{
     converged::converged_pass,
     directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo},
     inline::InlinePass,
+    surface_shader::SurfaceShader,
     variant::{ShadingVariant, TracePass, Variant},
 };
 use crate::{
@@ -75,6 +76,8 @@ pub struct TracePipelines {
     see_through: bool,
     /// Some object refracts them.
     refracts: bool,
+    /// The app's own shader.
+    pub(super) surface_shader: SurfaceShader,
     /// The scene has more lights than hits have bits for.
     pub(super) many_lights: bool,
     /// No pass leaves anything out that the scene has, since its shader is still being compiled.
@@ -287,9 +290,9 @@ impl TracePipelines {
         }
     }
 
-    /// The first error of a pipeline.
-    fn error<'a>(&'a self, cache: &'a PipelineCache) -> Option<&'a ShaderCacheError> {
-        let mut compute = [
+    /// The first error of a pipeline, of those with the app's shader or of those without.
+    fn error<'a>(&'a self, cache: &'a PipelineCache, own_surfaces: bool) -> Option<&'a ShaderCacheError> {
+        let compute = [
             &self.rays,
             &self.mirror_rays,
             &self.shading_and_mirrors,
@@ -297,10 +300,20 @@ impl TracePipelines {
         ]
         .into_iter();
         compute
-            .find_map(|pass| pass.errors(cache).next())
+            .flat_map(|pass| pass.errors(cache))
+            .map(|(variant, error)| (variant.own_surfaces, error))
+            .chain(
+                self.shading
+                    .errors(cache)
+                    .map(|(variant, error)| (variant.has_own_surfaces(), error)),
+            )
+            .chain(
+                self.inline
+                    .errors(cache)
+                    .map(|(variant, error)| (variant.own_surfaces, error)),
+            )
+            .find(|(own, _)| *own == own_surfaces)
             .map(|(_, error)| error)
-            .or_else(|| self.shading.errors(cache).next().map(|(_, error)| error))
-            .or_else(|| self.inline.error(cache))
     }
 }
 
@@ -345,6 +358,7 @@ pub(super) fn init_trace_pipelines(
         },
         see_through: false,
         refracts: false,
+        surface_shader: SurfaceShader::default(),
         many_lights: false,
         complete: true,
     });
@@ -385,8 +399,14 @@ pub(super) fn queue_trace_pipelines(
     images: Res<RenderAssets<GpuImage>>,
 ) {
     let pipelines = &mut *pipelines;
-    let variant = Variant::of(&scene);
+    let variant = Variant {
+        own_surfaces: pipelines.surface_shader.is_there(),
+        ..Variant::of(&scene)
+    };
     pipelines.variant = variant;
+    if pipelines.surface_shader.take_change() {
+        scene.version.note(Change::Unmarked);
+    }
     pipelines.see_through = scene.see_through.has_partial();
     pipelines.refracts = scene.see_through.has_refraction();
     pipelines.many_lights = scene.has_many_lights();
@@ -398,9 +418,13 @@ pub(super) fn queue_trace_pipelines(
                 masked,
                 bounces,
                 tinted,
+                own_surfaces: false,
                 ..variant
             };
             pipelines.queue(pass, variant, &scene, &cache);
+        }
+        if variant.own_surfaces {
+            pipelines.queue(pass, Variant { bounces, ..variant }, &scene, &cache);
         }
     }
     // What pictures at rest have gathered so far lacks what was left out.
@@ -413,8 +437,15 @@ pub(super) fn queue_trace_pipelines(
         let image = noise.and_then(|noise| images.get(&noise.texture));
         pipelines.noise = image.map(array_view);
     }
-    if let Some(error) = pipelines.error(&cache) {
+    if let Some(error) = pipelines.error(&cache, false) {
         error_once!("ray-traced reflections stay off, since their shader failed: {error}");
+    }
+    if variant.own_surfaces
+        && let Some(error) = pipelines.error(&cache, true)
+    {
+        error_once!(
+            "the shader of `ReflectedSurfaceShader` failed, so that reflections show materials without it: {error}"
+        );
     }
 }
 

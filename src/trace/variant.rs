@@ -71,6 +71,8 @@ pub(super) struct Variant {
     pub draws_lights: bool,
     /// Some view lies in an atmosphere.
     pub air: bool,
+    /// The app's shader changes the surfaces of hits.
+    pub own_surfaces: bool,
 }
 
 /// Conditions that the shading of hits is compiled for.
@@ -83,6 +85,7 @@ pub(super) enum ShadingVariant {
         clearcoat: bool,
         probes: bool,
         air: bool,
+        own_surfaces: bool,
     },
     /// It traces rays itself: in scenes with more lights than the tracing pass has tested (`trace/hit.wesl`), and where rays are
     /// followed beyond their first hit.
@@ -105,6 +108,7 @@ impl Variant {
             layers: scene.has_render_layers(),
             draws_lights: scene.draws_lights(),
             air: scene.has_air(),
+            own_surfaces: false,
         }
     }
 
@@ -121,6 +125,7 @@ impl Variant {
         Self {
             lightmaps: false,
             clearcoat: false,
+            own_surfaces: false,
             bounces: false,
             ..self
         }
@@ -146,6 +151,7 @@ impl Variant {
             (self.lightmaps, "LIGHTMAPS"),
             (self.clearcoat, "CLEARCOAT"),
             (self.bounces, "BOUNCES"),
+            (self.own_surfaces, "SURFACE_SHADER"),
         ];
         defs.into_iter().filter_map(|(set, name)| set.then_some(name)).collect()
     }
@@ -158,10 +164,11 @@ impl Variant {
             clearcoat: self.clearcoat,
             probes: self.probes,
             air: self.air,
+            own_surfaces: self.own_surfaces,
         }
     }
 
-    /// Without what only adds to the light of hits.
+    /// Without what only adds to the light of hits, and without the app's shader.
     fn dark(self) -> Self {
         Self {
             lightmaps: false,
@@ -169,6 +176,7 @@ impl Variant {
             probes: false,
             draws_lights: false,
             air: false,
+            own_surfaces: false,
             ..self
         }
     }
@@ -178,7 +186,7 @@ impl Variant {
     }
 
     /// Itself, the one that is right for all scenes of such trees, and others that are better than nothing while these are
-    /// compiled: they leave out baked light, clearcoats, light probes, the atmosphere, lights that are drawn or tints, follow rays
+    /// compiled: they leave out the app's shader, baked light, clearcoats, light probes, the atmosphere, lights that are drawn or tints, follow rays
     /// through see-through surfaces by chance, or miss hits where the stack is full and show what another camera sees.
     pub fn substitutes(self) -> [Self; 6] {
         let masked = Self { masked: true, ..self };
@@ -203,6 +211,14 @@ impl Variant {
         let plain = [self, self.dark(), self.clear(), self.clear().dark()].map(Self::plain);
         let plain = (!self.bounces).then_some(plain).into_iter().flatten();
         all.map(ShadingVariant::Tracing).chain(plain)
+    }
+}
+
+impl ShadingVariant {
+    /// The app's shader changes the surfaces of hits.
+    pub fn has_own_surfaces(self) -> bool {
+        let (Self::Plain { own_surfaces, .. } | Self::Tracing(Variant { own_surfaces, .. })) = self;
+        own_surfaces
     }
 }
 
@@ -327,6 +343,25 @@ mod tests {
         assert_eq!(shading.last(), Some(Variant::default().plain()));
         let first_dark = variant.substitutes().iter().position(|variant| !variant.lightmaps);
         assert_eq!(first_dark, Some(2));
+    }
+
+    #[test]
+    fn the_apps_shader_runs_where_hits_are_shaded_and_can_be_left_out() {
+        let variant = Variant {
+            own_surfaces: true,
+            ..Variant::default()
+        };
+        assert_eq!(variant.shading_defs(), ["SURFACE_SHADER"]);
+        assert_eq!(variant.without_shading(), Variant::default());
+        for many_lights in [false, true] {
+            let own: Vec<bool> = variant
+                .shading_substitutes(many_lights)
+                .map(ShadingVariant::has_own_surfaces)
+                .collect();
+            assert!(own[0] && !own[own.len() - 1], "{own:?}");
+        }
+        assert!(variant.substitutes()[..2].iter().all(|variant| variant.own_surfaces));
+        assert!(!variant.substitutes()[2].own_surfaces);
     }
 
     #[test]

@@ -27,6 +27,7 @@ use bevy::{
         sync_world::MainEntity,
         view::ExtractedView,
     },
+    time::Time,
 };
 
 /// Frames after which memory for the textures of a view is asked for once more.
@@ -57,6 +58,7 @@ pub(crate) struct Surroundings<'w, 's> {
     cameras: Query<'w, 's, &'static ExtractedCamera>,
     scene: Res<'w, SceneBindings>,
     environments: Res<'w, EnvironmentBindings>,
+    time: Res<'w, Time>,
 }
 
 impl PreparedViewItem<'_, '_> {
@@ -87,6 +89,7 @@ impl PreparedViewItem<'_, '_> {
             first_tile: UVec2::ZERO,
             flags,
             fog: self.fog.into(),
+            seconds: surroundings.time.elapsed_secs_wrapped(),
             scene: surroundings.scene.version.all,
             unmarked: surroundings.scene.version.unmarked,
             changes_met: self.culling.as_ref().and_then(|culling| culling.changes_met()),

@@ -93,6 +93,8 @@ pub struct GpuReflectionView {
     pub max_bounces: u32,
     /// Perceptual roughness up to which a hit reflects another ray.
     pub bounce_cutoff: f32,
+    /// Since the start of the app: Bevy's `globals.time`.
+    pub seconds: f32,
 }
 
 /// Screen-space ambient occlusion is bound.
@@ -122,6 +124,8 @@ pub(crate) struct Frame {
     /// [`VIEW_HAS_SSAO`], [`VIEW_HAS_IRRADIANCE`] and [`VIEW_DRAWS_GLASS`].
     pub flags: u32,
     pub fog: Fog,
+    /// Since the start of the app.
+    pub seconds: f32,
     /// Counts changes of the scene ...
     pub scene: u32,
     /// ... those that concern all views ...
@@ -232,6 +236,7 @@ impl GpuReflectionView {
             rate_error_target: rate.error_target,
             max_bounces: settings.max_bounces,
             bounce_cutoff: settings.bounce_cutoff,
+            seconds: frame.seconds,
         }
     }
 }

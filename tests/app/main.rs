@@ -45,6 +45,7 @@ mod robustness;
 mod see_through;
 mod shipped;
 mod static_views;
+mod surface_shader;
 mod toggle;
 mod waves;
 mod worlds;

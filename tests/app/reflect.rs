@@ -13,12 +13,12 @@ use bevy::{
 use bevy_glint::{
     AdaptiveThresholds, CombinedThresholds, FrontLayerShader, GrazingThresholds, HardwareVrsSupport, NotReflected,
     RayTracedReflections, RayTracedReflectionsPlugin, ReflectedLayers, ReflectedMaterial3d, ReflectedMesh3d,
-    ReflectedPose, ReflectedPoseBudget, ReflectionAutoQuality, ReflectionBackend, ReflectionBudget,
-    ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionEffort,
-    ReflectionNonFiniteReport, ReflectionPreset, ReflectionQuality, ReflectionQualityChosen, ReflectionSampling,
-    ReflectionStatus, ReflectionStatusReport, ReflectionTechnique, ReflectionTextureMip, ReflectionTracer,
-    ReflectionTracerChoice, ReflectionViewMemory, ReflectionsDeclined, ReflectionsOff, ReflectionsReady,
-    RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
+    ReflectedPose, ReflectedPoseBudget, ReflectedSurfaceShader, ReflectionAutoQuality, ReflectionBackend,
+    ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser,
+    ReflectionEffort, ReflectionNonFiniteReport, ReflectionPreset, ReflectionQuality, ReflectionQualityChosen,
+    ReflectionSampling, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique, ReflectionTextureMip,
+    ReflectionTracer, ReflectionTracerChoice, ReflectionViewMemory, ReflectionsDeclined, ReflectionsOff,
+    ReflectionsReady, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
 };
 use core::any::{TypeId, type_name};
 use std::{fs, path::Path};
@@ -125,6 +125,8 @@ fn resources_are_registered() {
     default::<ReflectedPoseBudget>(&types);
     assert!(is_resource(known::<FrontLayerShader>(&types)));
     default::<FrontLayerShader>(&types);
+    assert!(is_resource(known::<ReflectedSurfaceShader>(&types)));
+    default::<ReflectedSurfaceShader>(&types);
     #[cfg(feature = "egui")]
     assert!(is_resource(known::<ReflectionSettingsPanel>(&types)));
 }

@@ -55,7 +55,7 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 51] = [
+const PASSES: [(&str, &[&str]); 52] = [
     ("trace/shade", &["CLEARCOAT"]),
     ("trace/shade", &["CLEARCOAT", "RAY_QUERY", "BINDLESS_TEXTURES"]),
     (
@@ -85,6 +85,7 @@ const PASSES: [(&str, &[&str]); 51] = [
         "trace/converged",
         &["LAYERED_RAYS", "REFRACTION", "RAY_QUERY", "TINTED_GLASS"],
     ),
+    ("trace/shade", &["SURFACE_SHADER"]),
     ("trace/blocks", &["ATMOSPHERIC"]),
     ("trace/blocks", &["ATMOSPHERIC", "MIRRORS", "RAY_QUERY"]),
     ("trace/shade", &["ATMOSPHERIC"]),

@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 46] = [
+pub const COMBINATIONS: [&[&str]; 48] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -36,6 +36,8 @@ pub const COMBINATIONS: [&[&str]; 46] = [
     &["LAYERED_RAYS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
     &["LAYERED_RAYS", "RAY_QUERY", "MIRRORS", "TINTED_GLASS", "BOUNCES"],
     &["LAYERED_RAYS", "REFRACTION", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
+    &["SURFACE_SHADER"],
+    &["SURFACE_SHADER", "RAY_QUERY", "BOUNCES", "MANY_LIGHTS", "LAYERED_RAYS"],
     &["LAYERED_RAYS", "REFRACTION", "RAY_QUERY", "TINTED_GLASS", "BOUNCES"],
     &["LIGHTMAPS", "RAY_QUERY", "BINDLESS_TEXTURES"],
     &["LIGHTMAPS", "TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],

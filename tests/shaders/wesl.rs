@@ -14,6 +14,18 @@ use bevy::{
 /// Bevy crates whose shaders ours may import.
 const BEVY_CRATES: [&str; 3] = ["bevy_render", "bevy_pbr", "bevy_core_pipeline"];
 
+/// An app's module in the place where the renderer puts it.
+const APP_SURFACE: &str = "
+    import package::scene::surface::Surface;
+    import package::trace::surface_point::SurfacePoint;
+
+    fn reflected_surface(surface: Surface, at: SurfacePoint) -> Surface {
+        var changed = surface;
+        changed.base_color *= fract(at.uv.x + at.seconds) * at.to_viewer.y * f32(at.material_type);
+        return changed;
+    }
+";
+
 /// All shader modules of this crate and of Bevy.
 pub struct Shaders {
     cache: ShaderCache<String, ()>,
@@ -35,6 +47,7 @@ impl Shaders {
             validated: BTreeMap::new(),
         };
         shaders.add_folder("bevy_glint", &root.join("src"));
+        shaders.add("bevy_glint/trace/app_surface.wesl", APP_SURFACE.to_owned());
         for name in BEVY_CRATES {
             shaders.add_folder(name, &bevy_source(root, name));
         }

@@ -1,0 +1,80 @@
+//! The shader of the app's own that changes the surfaces which rays hit.
+
+use super::TracePipelines;
+use crate::settings::ReflectedSurfaceShader;
+use bevy::{
+    asset::{AssetEvent, AssetId, Assets, uuid::Uuid},
+    ecs::prelude::*,
+    log::warn_once,
+    render::{Extract, render_resource::PipelineCache},
+    shader::{Shader, Source},
+};
+
+/// The module that `hit_surface.wesl` imports.
+const MODULE: &str = "embedded://bevy_glint/trace/app_surface.wesl";
+const MODULE_ID: AssetId<Shader> = AssetId::Uuid {
+    uuid: Uuid::from_u128(0x6b1d_9a3e_52c7_4f08_8e64_1f7a_30d9_c25b),
+};
+
+/// The app's shader, as far as the renderer has it.
+#[derive(Default)]
+pub(super) struct SurfaceShader {
+    /// The one whose source is that of the module.
+    loaded: Option<AssetId<Shader>>,
+    /// Surfaces change by themselves.
+    animated: bool,
+    /// Surfaces have changed since it was asked for last.
+    changed: bool,
+}
+
+impl SurfaceShader {
+    /// Returns whether there is one.
+    pub fn is_there(&self) -> bool {
+        self.loaded.is_some()
+    }
+
+    /// Returns whether surfaces may look different from those of the last call.
+    pub fn take_change(&mut self) -> bool {
+        core::mem::take(&mut self.changed) || self.animated && self.is_there()
+    }
+}
+
+/// Hands the app's shader to the renderer under the name by which the library's shaders import it.
+pub(super) fn extract_surface_shader(
+    own: Extract<Option<Res<ReflectedSurfaceShader>>>,
+    shaders: Extract<Res<Assets<Shader>>>,
+    mut events: Extract<MessageReader<AssetEvent<Shader>>>,
+    pipelines: Option<ResMut<TracePipelines>>,
+    mut cache: ResMut<PipelineCache>,
+) {
+    let Some(mut pipelines) = pipelines else { return };
+    if own.is_none() && !pipelines.surface_shader.is_there() {
+        events.clear();
+        return;
+    }
+    let wanted = own.as_ref().map(|own| own.shader.id());
+    let is_new = |event: &AssetEvent<Shader>| wanted.is_some_and(|id| event.is_added(id) || event.is_modified(id));
+    // All of them are read, so that none is seen twice.
+    let is_new = events.read().filter(|event| is_new(event)).count() > 0;
+    let state = &mut pipelines.surface_shader;
+    state.animated = own.as_ref().is_some_and(|own| own.animated);
+    if state.loaded == wanted && !is_new {
+        return;
+    }
+    let source = wanted.and_then(|id| Some((id, shaders.get(id)?)));
+    let loaded = source.and_then(|(id, shader)| {
+        let Source::Wesl(source) = &shader.source else {
+            warn_once!(
+                "`ReflectedSurfaceShader` is left out, since {} is not a WESL module: give its file the extension `wesl`",
+                shader.path
+            );
+            return None;
+        };
+        let mut module = Shader::from_wesl(source.clone(), MODULE);
+        module.shader_defs.clone_from(&shader.shader_defs);
+        cache.set_shader(MODULE_ID, module);
+        Some(id)
+    });
+    state.changed |= loaded.is_some() || state.is_there();
+    state.loaded = loaded;
+}

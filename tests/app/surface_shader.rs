@@ -1,0 +1,179 @@
+//! A shader of the app's that changes the surfaces which rays hit.
+
+use crate::{
+    common::app_with,
+    pictures::{BOTH, reflect, warm_up},
+    stage::{BEFORE_THE_MIRROR, BLUE, SIZE, metal, spawn_camera, spawn_mesh, unlit, wall},
+};
+use bevy::{
+    asset::uuid_handle,
+    pbr::{ExtendedMaterial, MaterialExtension},
+    prelude::*,
+    render::render_resource::AsBindGroup,
+    shader::Shader,
+};
+use bevy_glint::{
+    RayTracedReflections, ReflectedMaterialPlugin, ReflectedSurfaceShader, ReflectionTechnique, ReflectionTracerChoice,
+};
+use glint_scenes::{HeadlessApp, Output, SceneName};
+
+#[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
+struct Striped {}
+impl MaterialExtension for Striped {}
+
+type OfStripes = ExtendedMaterial<StandardMaterial, Striped>;
+
+const SHADER: Handle<Shader> = uuid_handle!("3b8f4f1e-0d5c-4d0c-9c39-4a1c5b6a7e01");
+/// The right half of a mesh pulses; on the left one nothing is a number but the colour.
+const SOURCE: &str = "
+    import bevy_glint::scene::surface::Surface;
+    import bevy_glint::trace::surface_point::SurfacePoint;
+
+    fn reflected_surface(surface: Surface, at: SurfacePoint) -> Surface {
+        var changed = surface;
+        if at.material_type == 1u {
+            let infinite = exp2(128.0 + at.uv.x);
+            let pulse = 0.5 + 0.4 * sin(4.0 * at.seconds);
+            changed.base_color = select(vec3(1.0, 0.0, 0.0), vec3(0.0, pulse, 0.0), at.uv.x > 0.5);
+            changed.normal *= select(infinite, 1.0, at.uv.x > 0.5);
+            changed.perceptual_roughness = select(infinite - infinite, 0.5, at.uv.x > 0.5);
+            changed.position += at.to_viewer * infinite;
+        }
+        return changed;
+    }
+";
+
+/// Behind the camera, a board of another type than `StandardMaterial`, whose image is in the middle, and a blue one to its right.
+fn stage(tracer: ReflectionTracerChoice) -> Option<(HeadlessApp, Entity)> {
+    let mut app = app_with(SIZE, Output::Linear, tracer, |app| {
+        app.add_plugins((
+            ReflectedMaterialPlugin::<OfStripes>::default(),
+            MaterialPlugin::<OfStripes>::default(),
+        ));
+    })?;
+    spawn_mesh(&mut app, wall(), metal(0.0), Transform::IDENTITY);
+    let place = |x: f32| Transform::from_xyz(x, 0.0, 8.0).looking_to(Vec3::Z, Vec3::Y);
+    let board = Rectangle::new(4.0, 4.0);
+    spawn_mesh(&mut app, board, unlit(BLUE), place(4.5));
+    let world = app.world();
+    let mesh = Mesh3d(world.resource_mut::<Assets<Mesh>>().add(board));
+    let striped = world.resource_mut::<Assets<OfStripes>>().add(OfStripes {
+        base: unlit(BLUE),
+        extension: Striped {},
+    });
+    world.spawn((mesh, MeshMaterial3d(striped), place(0.0)));
+    let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    set_source(&mut app, SOURCE.into());
+    Some((app, camera))
+}
+
+fn set_source(app: &mut HeadlessApp, source: String) {
+    let mut shaders = app.world().resource_mut::<Assets<Shader>>();
+    shaders
+        .insert(&SHADER, Shader::from_wesl(source, "tests/stripes.wesl"))
+        .unwrap();
+}
+
+fn insert_shader(app: &mut HeadlessApp, animated: bool) {
+    app.world().insert_resource(ReflectedSurfaceShader {
+        shader: SHADER,
+        animated,
+    });
+}
+
+/// Colours of the left and the right half of the board, and of the blue one, once everything is compiled.
+fn shown(app: &mut HeadlessApp) -> [Vec3; 3] {
+    app.step(2);
+    warm_up(app);
+    app.step(4);
+    let pixels = app.capture_linear().unwrap();
+    for pixel in &pixels {
+        assert!(pixel.iter().all(|value| value.is_finite()), "{pixel:?}");
+    }
+    [41, 55, 79].map(|column| {
+        let [r, g, b, _] = pixels[(SIZE.y / 2 * SIZE.x + column) as usize];
+        Vec3::new(r, g, b)
+    })
+}
+
+const PLAIN: Vec3 = Vec3::Z;
+
+/// The mesh is seen from its front, turned about: its left half, where u is small, is on the right.
+#[track_caller]
+fn expect(app: &mut HeadlessApp, what: &str, striped: bool) {
+    let [left, right, blue] = shown(app);
+    let pulse = 0.5 + 0.4 * (4.0 * app.world().resource::<Time>().elapsed_secs_wrapped()).sin();
+    let expected = if striped {
+        [Vec3::Y * pulse, Vec3::X]
+    } else {
+        [PLAIN; 2]
+    };
+    println!("{what}: {left}, {right}, {blue}; expected {expected:?}");
+    for (color, expected) in [left, right, blue].into_iter().zip(expected.into_iter().chain([PLAIN])) {
+        assert!(color.distance(expected) < 0.02, "{what}: {color}, expected {expected}");
+    }
+}
+
+#[test]
+fn reflections_show_the_surfaces_of_the_apps_shader() {
+    for tracer in BOTH {
+        let Some((mut app, camera)) = stage(tracer) else {
+            continue;
+        };
+        let app = &mut app;
+        // The passes that shade hits; each takes seconds to compile.
+        let techniques: &[_] = match tracer {
+            ReflectionTracerChoice::RayQuery => &[(ReflectionTechnique::Converged, false)],
+            _ => &[
+                (ReflectionTechnique::Reference, false),
+                (ReflectionTechnique::Quarter, true),
+                (ReflectionTechnique::QuarterInline, false),
+            ],
+        };
+        for &(technique, own_rays) in techniques {
+            reflect(app, camera, technique);
+            let settings = app.world().get_mut::<RayTracedReflections>(camera);
+            settings.unwrap().full_resolution_mirrors = own_rays;
+            let name = |what: &str| format!("{tracer:?}, {technique:?}, {what}");
+            expect(app, &name("without"), false);
+            app.world().resource_mut::<Time<Virtual>>().pause();
+            insert_shader(app, true);
+            expect(app, &name("with"), true);
+            app.world().resource_mut::<Time<Virtual>>().unpause();
+            app.step(5);
+            app.world().resource_mut::<Time<Virtual>>().pause();
+            app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
+            expect(app, &name("later"), true);
+            app.world().remove_resource::<ReflectedSurfaceShader>();
+            expect(app, &name("without it again"), false);
+            app.world().resource_mut::<Time<Virtual>>().unpause();
+        }
+    }
+}
+
+/// A shader that is edited is followed, and one that fails is left out.
+#[test]
+fn an_edited_surface_shader_is_followed() {
+    let Some((mut app, camera)) = stage(ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let app = &mut app;
+    app.world().resource_mut::<Time<Virtual>>().pause();
+    reflect(app, camera, ReflectionTechnique::Converged);
+    insert_shader(app, false);
+    expect(app, "at first", true);
+    // Enough for a mean that hides what comes.
+    app.step(30);
+    set_source(app, SOURCE.replace("vec3(1.0, 0.0, 0.0)", "vec3(0.25, 0.5, 0.0)"));
+    let [_, right, _] = shown(app);
+    assert!(right.distance(Vec3::new(0.25, 0.5, 0.0)) < 0.02, "edited: {right}");
+    set_source(app, SOURCE.replace("return changed", "return no_such_thing"));
+    app.step(4);
+    (0..40).for_each(|_| {
+        app.step(1);
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    });
+    expect(app, "a faulty one", false);
+    set_source(app, SOURCE.into());
+    expect(app, "mended", true);
+}
