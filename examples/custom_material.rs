@@ -1,7 +1,8 @@
 //! Custom materials in reflections: what rays see of them, and stand-ins for single objects.
 //!
 //! Three objects turn before a mirror. The first has an extended material, which rays see as its base. The second has a material of the
-//! app's own, which tells what rays see of it by `ReflectedMaterial`. The third is a dense mesh that reflections replace by a coarse one.
+//! app's own, which tells what rays see of it by `ReflectedMaterial`, and a `ReflectedSurfaceShader` draws its bands in the mirror, too. The
+//! third is a dense mesh that reflections replace by a coarse one.
 //!
 //! | Key | Does |
 //! | --- | --- |
@@ -14,7 +15,7 @@ use bevy::{
     render::render_resource::AsBindGroup,
     shader::{Shader, ShaderRef},
 };
-use bevy_glint::prelude::*;
+use bevy_glint::{ReflectedSurfaceShader, prelude::*};
 
 fn main() {
     App::new().add_plugins((DefaultPlugins, plugin)).run();
@@ -30,18 +31,19 @@ pub fn plugin(app: &mut App) {
         ReflectedMaterialPlugin::<Enamel>::default(),
         ReflectedMaterialPlugin::<Lava>::default(),
     ))
-    .add_systems(Startup, (add_shader, setup))
+    .insert_resource(ReflectedSurfaceShader {
+        shader: REFLECTED_SHADER,
+        animated: true,
+    })
+    .add_systems(Startup, (add_shaders, setup))
     .add_systems(Update, (turn, glow, swap_meshes));
 }
 
-/// A `StandardMaterial` with data of the app's own. A real one would bring a shader along.
+/// A `StandardMaterial` with an extension. A real one would bring data and a shader along.
 type Enamel = ExtendedMaterial<StandardMaterial, Wear>;
 
 #[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
-struct Wear {
-    #[uniform(100)]
-    scratches: Vec4,
-}
+struct Wear {}
 
 impl MaterialExtension for Wear {}
 
@@ -53,6 +55,33 @@ struct Lava {
 }
 
 const LAVA_SHADER: Handle<Shader> = uuid_handle!("5a2b3c1e-7c0d-4b8e-9a61-0f7d2f0c6b11");
+const REFLECTED_SHADER: Handle<Shader> = uuid_handle!("5a2b3c1e-7c0d-4b8e-9a61-0f7d2f0c6b12");
+
+/// Dark bands that rise, for the material's own shader and for reflections. Imports come first.
+const BANDS: &str = "
+    fn bands(uv: vec2<f32>, seconds: f32) -> f32 {
+        return 0.15 + 0.85 * smoothstep(0.3, 0.5, abs(2.0 * fract(4.0 * uv.y + 0.1 * sin(9.0 * uv.x) + 0.2 * seconds) - 1.0));
+    }
+";
+const LAVA: &str = "
+    import bevy_pbr::render::forward_io::VertexOutput;
+    import bevy_pbr::render::mesh_view_bindings::globals;
+    @group(constants::MATERIAL_BIND_GROUP) @binding(0) var<uniform> heat: vec4<f32>;
+    @fragment
+    fn fragment(in: VertexOutput) -> @location(0) vec4<f32> {
+        return vec4(heat.rgb * bands(in.uv, globals.time), 1.0);
+    }
+";
+const REFLECTED: &str = "
+    import bevy_glint::scene::surface::Surface;
+    import bevy_glint::trace::surface_point::SurfacePoint;
+    fn reflected_surface(surface: Surface, at: SurfacePoint) -> Surface {
+        var changed = surface;
+        // The second `ReflectedMaterialPlugin`.
+        changed.base_color *= select(1.0, bands(at.uv, at.seconds), at.material_type == 2u);
+        return changed;
+    }
+";
 
 impl Material for Lava {
     fn fragment_shader() -> ShaderRef {
@@ -70,16 +99,12 @@ impl ReflectedMaterial for Lava {
     }
 }
 
-fn add_shader(mut shaders: ResMut<Assets<Shader>>) {
-    let source = "
-        @group(constants::MATERIAL_BIND_GROUP) @binding(0) var<uniform> heat: vec4<f32>;
-
-        @fragment
-        fn fragment() -> @location(0) vec4<f32> {
-            return vec4<f32>(heat.rgb, 1.0);
-        }
-    ";
-    _ = shaders.insert(&LAVA_SHADER, Shader::from_wesl(source, "lava.wesl"));
+fn add_shaders(mut shaders: ResMut<Assets<Shader>>) {
+    let mut add = |id: Handle<Shader>, source: &str, name: &str| {
+        _ = shaders.insert(&id, Shader::from_wesl([source, BANDS].concat(), name));
+    };
+    add(LAVA_SHADER, LAVA, "lava.wesl");
+    add(REFLECTED_SHADER, REFLECTED, "lava_in_reflections.wesl");
 }
 
 /// Turns about its own axis.
@@ -94,9 +119,10 @@ fn setup(
     mut lava: ResMut<Assets<Lava>>,
     mut images: ResMut<Assets<Image>>,
 ) {
+    let (metallic, perceptual_roughness) = (1.0, 0.0);
     let mirror = standard.add(StandardMaterial {
-        metallic: 1.0,
-        perceptual_roughness: 0.0,
+        metallic,
+        perceptual_roughness,
         ..default()
     });
     commands.spawn((
@@ -114,12 +140,8 @@ fn setup(
         Turning,
         Mesh3d(cube.clone()),
         MeshMaterial3d(enamel.add(Enamel {
-            base: StandardMaterial {
-                base_color: Color::srgb(0.05, 0.25, 0.7),
-                perceptual_roughness: 0.3,
-                ..default()
-            },
-            extension: Wear::default(),
+            base: Color::srgb(0.05, 0.25, 0.7).into(),
+            extension: Wear {},
         })),
         Transform::from_xyz(-2.3, 0.9, 0.6),
     ));
@@ -147,12 +169,8 @@ fn setup(
         },
         Transform::default().looking_to(Vec3::new(-0.5, -1.0, -0.9), Vec3::Y),
     ));
-    let sky = EnvironmentMapLight::hemispherical_gradient(
-        &mut images,
-        Color::srgb(0.35, 0.55, 0.95),
-        Color::srgb(0.85, 0.88, 0.9),
-        Color::srgb(0.2, 0.2, 0.2),
-    );
+    let [top, horizon] = [Color::srgb(0.35, 0.55, 0.95), Color::srgb(0.85, 0.88, 0.9)];
+    let sky = EnvironmentMapLight::hemispherical_gradient(&mut images, top, horizon, Color::srgb(0.2, 0.2, 0.2));
     commands.spawn((
         Camera3d::default(),
         Transform::from_xyz(1.2, 2.6, 6.5).looking_at(Vec3::new(0.0, 1.1, 0.0), Vec3::Y),
@@ -167,7 +185,6 @@ fn turn(mut objects: Query<&mut Transform, With<Turning>>, time: Res<Time>) {
     }
 }
 
-/// A changed material is seen at once, in the mirror, too.
 fn glow(mut materials: ResMut<Assets<Lava>>, time: Res<Time>) {
     for (_, lava) in materials.iter_mut() {
         lava.heat.green = 0.6 + 0.4 * (2.0 * time.elapsed_secs()).sin();

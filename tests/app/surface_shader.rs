@@ -151,29 +151,37 @@ fn reflections_show_the_surfaces_of_the_apps_shader() {
     }
 }
 
-/// A shader that is edited is followed, and one that fails is left out.
+/// A shader that is edited is followed, even by a picture at rest, and one that fails is left out.
 #[test]
 fn an_edited_surface_shader_is_followed() {
     let Some((mut app, camera)) = stage(ReflectionTracerChoice::Bvh) else {
         return;
     };
     let app = &mut app;
-    app.world().resource_mut::<Time<Virtual>>().pause();
+    let still = SOURCE.replace("4.0 * at.seconds", "0.0");
+    set_source(app, still.clone());
     reflect(app, camera, ReflectionTechnique::Converged);
     insert_shader(app, false);
-    expect(app, "at first", true);
-    // Enough for a mean that hides what comes.
-    app.step(30);
-    set_source(app, SOURCE.replace("vec3(1.0, 0.0, 0.0)", "vec3(0.25, 0.5, 0.0)"));
-    let [_, right, _] = shown(app);
-    assert!(right.distance(Vec3::new(0.25, 0.5, 0.0)) < 0.02, "edited: {right}");
-    set_source(app, SOURCE.replace("return changed", "return no_such_thing"));
-    app.step(4);
-    (0..40).for_each(|_| {
-        app.step(1);
-        std::thread::sleep(std::time::Duration::from_millis(5));
-    });
-    expect(app, "a faulty one", false);
-    set_source(app, SOURCE.into());
-    expect(app, "mended", true);
+    let expect = |app: &mut HeadlessApp, what: &str, source: Option<String>, expected: [Vec3; 2]| {
+        source.into_iter().for_each(|source| set_source(app, source));
+        // Failures come late.
+        for _ in 0..20 {
+            app.step(1);
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        let [left, right, blue] = shown(app);
+        println!("{what}: {left}, {right}, {blue}");
+        for (color, expected) in [left, right, blue].into_iter().zip(expected.into_iter().chain([PLAIN])) {
+            assert!(color.distance(expected) < 0.02, "{what}: {color}, expected {expected}");
+        }
+    };
+    let as_it_was = [0.5 * Vec3::Y, Vec3::X];
+    expect(app, "at first", None, as_it_was);
+    let orange = still.replace("vec3(1.0, 0.0, 0.0)", "vec3(1.0, 0.5, 0.0)");
+    expect(app, "edited", Some(orange), [0.5 * Vec3::Y, Vec3::new(1.0, 0.5, 0.0)]);
+    let faulty = still.replace("return changed", "return no_such_thing");
+    expect(app, "a faulty one", Some(faulty), [PLAIN; 2]);
+    expect(app, "mended", Some(still), as_it_was);
+    app.world().remove_resource::<ReflectedSurfaceShader>();
+    expect(app, "removed", None, [PLAIN; 2]);
 }
