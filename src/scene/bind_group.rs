@@ -70,6 +70,8 @@ pub struct SceneBindings {
     pub(super) has_render_layers: bool,
     /// Some reflecting view lies in an atmosphere.
     pub(super) has_air: bool,
+    /// There are rectangular lights.
+    pub(super) has_rect_lights: bool,
     pub(super) acceleration: Option<AccelerationStructures>,
     /// Rays can hit something that needs the alpha test, or it isn't known yet whether they can.
     masked: bool,
@@ -115,6 +117,7 @@ impl FromWorld for SceneBindings {
             has_clearcoat: false,
             has_render_layers: false,
             has_air: false,
+            has_rect_lights: false,
             acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
             masked: true,
             deep: false,
@@ -197,6 +200,11 @@ impl SceneBindings {
     /// Returns whether views lie in an atmosphere, which shaders have to know.
     pub(crate) fn has_air(&self) -> bool {
         self.has_air
+    }
+
+    /// Returns whether there are rectangular lights, which shaders have to know.
+    pub(crate) fn has_rect_lights(&self) -> bool {
+        self.has_rect_lights
     }
 
     /// Gives back what an idle scene doesn't need.

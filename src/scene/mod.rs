@@ -99,6 +99,7 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "opacity.wesl");
         load_shader_library!(app, "pose/job.wesl");
         load_shader_library!(app, "ray_query.wesl");
+        load_shader_library!(app, "rect_lights.wesl");
         load_shader_library!(app, "shading.wesl");
         load_shader_library!(app, "shadow.wesl");
         load_shader_library!(app, "surface.wesl");

@@ -69,6 +69,8 @@ pub(super) struct Variant {
     pub draws_lights: bool,
     /// Some view lies in an atmosphere.
     pub air: bool,
+    /// There are rectangular lights.
+    pub rects: bool,
 }
 
 /// Conditions that the shading of hits is compiled for.
@@ -81,6 +83,7 @@ pub(super) enum ShadingVariant {
         clearcoat: bool,
         probes: bool,
         air: bool,
+        rects: bool,
     },
     /// It traces rays itself: in scenes with more lights than the tracing pass has tested (`trace/hit.wesl`), and where rays are
     /// followed beyond their first hit.
@@ -102,6 +105,7 @@ impl Variant {
             layers: scene.has_render_layers(),
             draws_lights: scene.draws_lights(),
             air: scene.has_air(),
+            rects: scene.has_rect_lights(),
         }
     }
 
@@ -118,6 +122,7 @@ impl Variant {
         Self {
             lightmaps: false,
             clearcoat: false,
+            rects: false,
             bounces: false,
             ..self
         }
@@ -141,6 +146,7 @@ impl Variant {
         let defs = [
             (self.lightmaps, "LIGHTMAPS"),
             (self.clearcoat, "CLEARCOAT"),
+            (self.rects, "RECT_LIGHTS"),
             (self.bounces, "BOUNCES"),
         ];
         defs.into_iter().filter_map(|(set, name)| set.then_some(name)).collect()
@@ -154,6 +160,7 @@ impl Variant {
             clearcoat: self.clearcoat,
             probes: self.probes,
             air: self.air,
+            rects: self.rects,
         }
     }
 
@@ -165,6 +172,7 @@ impl Variant {
             probes: false,
             draws_lights: false,
             air: false,
+            rects: false,
             ..self
         }
     }
@@ -174,8 +182,8 @@ impl Variant {
     }
 
     /// Itself, the one that is right for all scenes of such trees, and others that are better than nothing while these are
-    /// compiled: they leave out baked light, clearcoats, light probes, the atmosphere, lights that are drawn or tints, follow rays
-    /// through see-through surfaces by chance, or miss hits where the stack is full and show what another camera sees.
+    /// compiled: they leave out baked light, clearcoats, light probes, the atmosphere, rectangular lights, lights that are drawn or
+    /// tints, follow rays through see-through surfaces by chance, or miss hits where the stack is full and show what another camera sees.
     pub fn substitutes(self) -> [Self; 6] {
         let masked = Self { masked: true, ..self };
         let plain = Self {
@@ -312,6 +320,12 @@ mod tests {
             ..variant
         };
         assert_eq!(coated.shading_defs(), ["LIGHTMAPS", "CLEARCOAT"]);
+        let in_rectangles = Variant {
+            rects: true,
+            ..Variant::default()
+        };
+        assert_eq!(in_rectangles.shading_defs(), ["RECT_LIGHTS"]);
+        assert_eq!(in_rectangles.without_shading(), Variant::default());
         assert_eq!(coated.without_shading(), Variant::default());
         assert_eq!(
             coated.shading_substitutes(false).last(),

@@ -55,7 +55,12 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 49] = [
+const PASSES: [(&str, &[&str]); 51] = [
+    ("trace/shade", &["RECT_LIGHTS"]),
+    (
+        "trace/shade",
+        &["RECT_LIGHTS", "CLEARCOAT", "RAY_QUERY", "BINDLESS_TEXTURES"],
+    ),
     ("trace/shade", &["CLEARCOAT"]),
     ("trace/shade", &["CLEARCOAT", "RAY_QUERY", "BINDLESS_TEXTURES"]),
     (
