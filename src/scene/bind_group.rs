@@ -66,6 +66,8 @@ pub struct SceneBindings {
     pub(super) light_probes: LightProbes,
     /// Some material has a clearcoat.
     pub(super) has_clearcoat: bool,
+    /// Diffuse light comes through some material.
+    pub(super) has_diffuse_transmission: bool,
     /// Not all reflecting cameras draw the same layers.
     pub(super) has_render_layers: bool,
     /// Some reflecting view lies in an atmosphere.
@@ -115,6 +117,7 @@ impl FromWorld for SceneBindings {
             lightmaps: Lightmaps::default(),
             light_probes: LightProbes::new(textures.mode(), device, queue),
             has_clearcoat: false,
+            has_diffuse_transmission: false,
             has_render_layers: false,
             has_air: false,
             has_rect_lights: false,
@@ -180,6 +183,11 @@ impl SceneBindings {
     /// Returns whether materials have a clearcoat, which shaders have to know.
     pub(crate) fn has_clearcoat(&self) -> bool {
         self.has_clearcoat
+    }
+
+    /// Returns whether diffuse light comes through materials, which shaders have to know.
+    pub(crate) fn has_diffuse_transmission(&self) -> bool {
+        self.has_diffuse_transmission
     }
 
     /// Returns whether there are light probes, which shaders have to know.

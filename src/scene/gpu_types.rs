@@ -21,6 +21,8 @@ pub const INSTANCE_RECEIVES_SHADOW: u32 = 32;
 pub const INSTANCE_MOVING: u32 = 64;
 /// The instance has moved lately.
 pub const INSTANCE_RESTLESS: u32 = 128;
+/// Shadows of lights fall on the light that comes through the instance.
+pub const INSTANCE_RECEIVES_TRANSMITTED_SHADOW: u32 = 256;
 
 /// The material is not lit.
 pub const MATERIAL_UNLIT: u32 = 1;
@@ -49,6 +51,9 @@ pub const MATERIAL_FADES: u32 = 512;
 pub const MATERIAL_TYPE_SHIFT: u32 = 10;
 /// They, shifted to 0.
 pub const MATERIAL_TYPE_BITS: u32 = 15;
+
+/// The part of [`GpuMaterial::clearcoat`] that is the clearcoat.
+pub const CLEARCOAT_BITS: u32 = 0xff;
 
 /// Slot of [`GpuMaterial::textures`].
 pub const TEXTURE_BASE_COLOR: usize = 0;
@@ -104,7 +109,7 @@ pub struct GpuInstance {
 pub struct GpuMaterial {
     /// Linear.
     pub base_color: [f32; 4],
-    /// Linear.
+    /// Linear; the last one is the share of diffuse light that comes through.
     pub emissive: [f32; 4],
     /// Texture index in the low 20 bits, sampler index in the high 12 bits, or [`NO_TEXTURE`].
     pub textures: [u32; 5],
@@ -128,7 +133,8 @@ pub struct GpuMaterial {
     pub diffuse_share: f32,
     /// Factor of light from lightmaps.
     pub lightmap_exposure: f32,
-    /// Clearcoat as in the G-buffer: strength in fifteenths in the low 4 bits, perceptual roughness in thirtieths above.
+    /// Clearcoat as in the G-buffer: strength in fifteenths in the low 4 bits, perceptual roughness in thirtieths above. The
+    /// other 24 bits are those of the thickness for diffuse transmission, a float without its lowest bits in metres.
     pub clearcoat: u32,
 }
 

@@ -10,6 +10,7 @@ use bevy::{
     color::LinearRgba,
     ecs::{message::MessageReader, prelude::*},
     image::Image,
+    material::OpaqueRendererMethod,
     mesh::UvChannel,
     pbr::{ExtendedMaterial, Material, MaterialExtension, StandardMaterial},
     platform::collections::{HashMap, HashSet},
@@ -186,7 +187,7 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
             color(material.emissive.red),
             color(material.emissive.green),
             color(material.emissive.blue),
-            0.0,
+            transmitted_share(material),
         ],
         textures: [NO_TEXTURE; 5],
         flags,
@@ -201,15 +202,35 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
             _ => BLENDED_SHADOW_CUTOFF,
         },
         stop_probability: stopped.unwrap_or(-1.0),
-        diffuse_share: (1.0 - unit_or(material.diffuse_transmission, 0.0))
-            * match stopped {
-                // Light that passes through belongs to the rays that do.
-                Some(_) => 1.0,
-                None => 1.0 - unit_or(material.specular_transmission, 0.0),
-            },
+        diffuse_share: (1.0 - unit_or(material.diffuse_transmission, 0.0)) * stopped_share(material),
         lightmap_exposure: color(material.lightmap_exposure),
-        clearcoat: packed_clearcoat(material),
+        clearcoat: packed_clearcoat(material) | packed_thickness(material),
     }
+}
+
+/// Share of the light that stops at a surface which doesn't pass through by specular transmission.
+fn stopped_share(material: &StandardMaterial) -> f32 {
+    match stop_probability(material) {
+        // Light that passes through belongs to the rays that do.
+        Some(_) => 1.0,
+        None => 1.0 - unit_or(material.specular_transmission, 0.0),
+    }
+}
+
+/// Share of diffuse light that comes through the material. Bevy's deferred renderer has none.
+fn transmitted_share(material: &StandardMaterial) -> f32 {
+    if material.unlit || material.opaque_render_method == OpaqueRendererMethod::Deferred {
+        return 0.0;
+    }
+    unit_or(material.diffuse_transmission, 0.0) * stopped_share(material)
+}
+
+/// How far behind a surface the light is taken that comes through it, above [`CLEARCOAT_BITS`].
+fn packed_thickness(material: &StandardMaterial) -> u32 {
+    if transmitted_share(material) == 0.0 {
+        return 0;
+    }
+    finite_or(material.thickness, 0.0).max(0.0).to_bits() & !CLEARCOAT_BITS
 }
 
 /// The clearcoat of a material in the steps of Bevy's G-buffer; 0 without one. Its textures are left out.
@@ -368,6 +389,12 @@ pub struct MaterialTable {
     restless: HashMap<u32, u32>,
     /// Number of materials with a clearcoat.
     coated: usize,
+    /// Number of materials through which diffuse light comes.
+    translucent: usize,
+}
+
+fn is_coated(material: &GpuMaterial) -> bool {
+    material.clearcoat & CLEARCOAT_BITS != 0
 }
 
 impl Default for MaterialTable {
@@ -386,6 +413,7 @@ impl Default for MaterialTable {
             change: Change::Unmarked,
             restless: HashMap::default(),
             coated: 0,
+            translucent: 0,
         }
     }
 }
@@ -430,6 +458,11 @@ impl MaterialTable {
         self.coated > 0
     }
 
+    /// Returns whether diffuse light comes through any material, which shaders have to know.
+    pub(crate) fn has_diffuse_transmission(&self) -> bool {
+        self.translucent > 0
+    }
+
     /// Materials to store in the materials buffer.
     pub fn materials(&self) -> &[GpuMaterial] {
         &self.data
@@ -452,8 +485,10 @@ impl MaterialTable {
         if bytes_of(&before) == bytes_of(&material) {
             return;
         }
-        self.coated += usize::from(material.clearcoat != 0);
-        self.coated -= usize::from(before.clearcoat != 0);
+        self.coated += usize::from(is_coated(&material));
+        self.coated -= usize::from(is_coated(&before));
+        self.translucent += usize::from(material.emissive[3] > 0.0);
+        self.translucent -= usize::from(before.emissive[3] > 0.0);
         *data = material;
         if hits_same(&before, &material) {
             data.flags |= MATERIAL_RESTLESS;

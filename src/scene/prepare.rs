@@ -182,6 +182,7 @@ impl Scene<'_, '_> {
         self.bindings.has_air = self.views.iter().any(ViewEnvironment::has_air);
         self.bindings.has_clearcoat = self.materials.has_clearcoat();
         self.bindings.has_render_layers = self.layers.differ();
+        self.bindings.has_diffuse_transmission = self.materials.has_diffuse_transmission();
         self.bindings.has_rect_lights = self.lights.has_rects();
         self.lights.detect_rects(self.area_lights.as_deref(), &self.images);
     }

@@ -201,7 +201,16 @@ impl TracePipelines {
     /// any scene.
     pub(super) fn vrs_request(&self) -> PipelineRequest {
         let mut defs = self.defs_for_any.clone();
-        defs.extend(["LIGHTMAPS", "CLEARCOAT", "ATMOSPHERIC", "RECT_LIGHTS"].map(Into::into));
+        defs.extend(
+            [
+                "LIGHTMAPS",
+                "CLEARCOAT",
+                "ATMOSPHERIC",
+                "RECT_LIGHTS",
+                "DIFFUSE_TRANSMISSION",
+            ]
+            .map(Into::into),
+        );
         defs.extend(self.can_have_probes.then(|| "LIGHT_PROBES".into()));
         defs.extend_from_slice(&self.common_defs);
         PipelineRequest {

@@ -71,6 +71,8 @@ pub(super) struct Variant {
     pub air: bool,
     /// There are rectangular lights.
     pub rects: bool,
+    /// Diffuse light comes through some material.
+    pub translucent: bool,
 }
 
 /// Conditions that the shading of hits is compiled for.
@@ -84,6 +86,7 @@ pub(super) enum ShadingVariant {
         probes: bool,
         air: bool,
         rects: bool,
+        translucent: bool,
     },
     /// It traces rays itself: in scenes with more lights than the tracing pass has tested (`trace/hit.wesl`), and where rays are
     /// followed beyond their first hit.
@@ -106,6 +109,7 @@ impl Variant {
             draws_lights: scene.draws_lights(),
             air: scene.has_air(),
             rects: scene.has_rect_lights(),
+            translucent: scene.has_diffuse_transmission(),
         }
     }
 
@@ -137,6 +141,7 @@ impl Variant {
             (self.layers, "RENDER_LAYERS"),
             (self.draws_lights, "LIGHT_SAMPLING"),
             (self.air, "ATMOSPHERIC"),
+            (self.translucent, "DIFFUSE_TRANSMISSION"),
         ];
         defs.into_iter().filter_map(|(set, name)| set.then_some(name))
     }
@@ -161,6 +166,7 @@ impl Variant {
             probes: self.probes,
             air: self.air,
             rects: self.rects,
+            translucent: self.translucent,
         }
     }
 
@@ -173,6 +179,7 @@ impl Variant {
             draws_lights: false,
             air: false,
             rects: false,
+            translucent: false,
             ..self
         }
     }
@@ -182,8 +189,8 @@ impl Variant {
     }
 
     /// Itself, the one that is right for all scenes of such trees, and others that are better than nothing while these are
-    /// compiled: they leave out baked light, clearcoats, light probes, the atmosphere, rectangular lights, lights that are drawn or
-    /// tints, follow rays through see-through surfaces by chance, or miss hits where the stack is full and show what another camera sees.
+    /// compiled: they leave out baked light, clearcoats, light probes, the atmosphere, rectangular lights, light that comes
+    /// through, lights that are drawn or tints, follow rays through see-through surfaces by chance, or miss hits where the stack is full and show what another camera sees.
     pub fn substitutes(self) -> [Self; 6] {
         let masked = Self { masked: true, ..self };
         let plain = Self {
@@ -305,6 +312,18 @@ mod tests {
             Some(Variant::default().plain())
         );
         assert!(variant.substitutes()[..2].iter().all(|variant| variant.air));
+    }
+
+    #[test]
+    fn light_that_comes_through_is_known_to_rays_that_test_lights() {
+        let variant = Variant {
+            translucent: true,
+            ..Variant::default()
+        };
+        assert!(variant.defs().eq(["DIFFUSE_TRANSMISSION"]));
+        assert!(variant.without_shading().translucent);
+        assert_eq!(variant.shading_substitutes(false).next(), Some(variant.plain()));
+        assert!(variant.substitutes()[..2].iter().all(|variant| variant.translucent));
     }
 
     #[test]

@@ -55,7 +55,9 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 51] = [
+const PASSES: [(&str, &[&str]); 53] = [
+    ("trace/blocks", &["DIFFUSE_TRANSMISSION"]),
+    ("trace/shade", &["DIFFUSE_TRANSMISSION"]),
     ("trace/shade", &["RECT_LIGHTS"]),
     (
         "trace/shade",

@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 46] = [
+pub const COMBINATIONS: [&[&str]; 48] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -62,6 +62,21 @@ pub const COMBINATIONS: [&[&str]; 46] = [
         "BINDLESS_TEXTURES",
         "LIGHT_SAMPLING",
         "MIRRORS",
+    ],
+    &[
+        "DIFFUSE_TRANSMISSION",
+        "LIGHT_SAMPLING",
+        "MANY_LIGHTS",
+        "RAY_QUERY",
+        "MIRRORS",
+    ],
+    &[
+        "DIFFUSE_TRANSMISSION",
+        "RECT_LIGHTS",
+        "CLEARCOAT",
+        "LIGHT_PROBES",
+        "BINDLESS_TEXTURES",
+        "BOUNCES",
     ],
     &["RECT_LIGHTS", "ALPHA_MASKED_GEOMETRY", "LIGHT_SAMPLING", "MANY_LIGHTS"],
     &[
