@@ -46,5 +46,6 @@ mod see_through;
 mod shipped;
 mod static_views;
 mod toggle;
+mod walk;
 mod waves;
 mod worlds;
