@@ -72,6 +72,8 @@ pub struct SceneBindings {
     pub(super) has_render_layers: bool,
     /// Some reflecting view lies in an atmosphere.
     pub(super) has_air: bool,
+    /// Some reflecting view shows volumes of fog.
+    pub(super) has_fog_volumes: bool,
     /// There are rectangular lights.
     pub(super) has_rect_lights: bool,
     pub(super) acceleration: Option<AccelerationStructures>,
@@ -120,6 +122,7 @@ impl FromWorld for SceneBindings {
             has_diffuse_transmission: false,
             has_render_layers: false,
             has_air: false,
+            has_fog_volumes: false,
             has_rect_lights: false,
             acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
             masked: true,
@@ -208,6 +211,11 @@ impl SceneBindings {
     /// Returns whether views lie in an atmosphere, which shaders have to know.
     pub(crate) fn has_air(&self) -> bool {
         self.has_air
+    }
+
+    /// Returns whether views show volumes of fog, which shaders have to know.
+    pub(crate) fn has_fog_volumes(&self) -> bool {
+        self.has_fog_volumes
     }
 
     /// Returns whether there are rectangular lights, which shaders have to know.

@@ -78,6 +78,8 @@ pub const LIGHT_RECT: u32 = 3;
 pub const LIGHT_CASTS_SHADOW: u32 = 1;
 /// Flag of [`GpuLight`]: it has changed lately.
 pub const LIGHT_RESTLESS: u32 = 2;
+/// Flag of [`GpuLight`]: volumes of fog show it.
+pub const LIGHT_VOLUMETRIC: u32 = 4;
 
 /// One object that rays can hit. Matrices are rows of 3x4.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -157,7 +159,7 @@ pub struct GpuLight {
     pub radius: f32,
     /// Spot: scale and offset of the cone's falloff. Rectangles: half width and half height.
     pub spot: [f32; 2],
-    /// [`LIGHT_CASTS_SHADOW`] and [`LIGHT_RESTLESS`].
+    /// [`LIGHT_CASTS_SHADOW`], [`LIGHT_RESTLESS`] and [`LIGHT_VOLUMETRIC`].
     pub flags: u32,
     /// Point and spot lights: what is nearer to the light than this casts no shadow, in metres.
     pub shadow_near: f32,

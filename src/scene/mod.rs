@@ -14,6 +14,7 @@ mod change;
 mod change_ticks;
 pub mod environment;
 mod extract;
+pub mod fog_volumes;
 mod free_slots;
 pub mod geometry;
 pub mod gpu_types;

@@ -63,6 +63,7 @@ impl Plugin for TracePlugin {
         load_shader_library!(app, "record.wesl");
         load_shader_library!(app, "sampling.wesl");
         load_shader_library!(app, "selection.wesl");
+        load_shader_library!(app, "volumes.wesl");
         load_shader_library!(app, "wide_ray.wesl");
         embedded_asset!(app, "blocks.wesl");
         embedded_asset!(app, "converged.wesl");

@@ -250,9 +250,10 @@ impl TracePipelines {
                 if !self.keeps_apart(variant) {
                     return;
                 }
-                // It traces no shadow rays, so that it can't draw lights.
+                // It traces no shadow rays, so that it can neither draw lights nor light fog.
                 let plain = Variant {
                     draws_lights: false,
+                    volumes: false,
                     ..variant
                 };
                 self.shading.queue(variant.plain(), cache, || {
@@ -381,7 +382,7 @@ pub(super) fn queue_trace_pipelines(
     let variant = Variant::of(&scene);
     pipelines.variant = variant;
     pipelines.see_through = scene.see_through.has_partial();
-    pipelines.many_lights = scene.has_many_lights();
+    pipelines.many_lights = scene.has_many_lights() || scene.has_fog_volumes();
     for (pass, bounces) in pipelines.wanted.clone() {
         // The variant that is right for scenes with and without masks comes first.
         let tinted = variant.tinted.then_some((true, true));

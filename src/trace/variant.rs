@@ -73,6 +73,8 @@ pub(super) struct Variant {
     pub rects: bool,
     /// Diffuse light comes through some material.
     pub translucent: bool,
+    /// Some view shows volumes of fog.
+    pub volumes: bool,
 }
 
 /// Conditions that the shading of hits is compiled for.
@@ -110,6 +112,7 @@ impl Variant {
             air: scene.has_air(),
             rects: scene.has_rect_lights(),
             translucent: scene.has_diffuse_transmission(),
+            volumes: scene.has_fog_volumes(),
         }
     }
 
@@ -142,6 +145,7 @@ impl Variant {
             (self.draws_lights, "LIGHT_SAMPLING"),
             (self.air, "ATMOSPHERIC"),
             (self.translucent, "DIFFUSE_TRANSMISSION"),
+            (self.volumes, "VOLUMETRIC_FOG"),
         ];
         defs.into_iter().filter_map(|(set, name)| set.then_some(name))
     }
@@ -180,6 +184,7 @@ impl Variant {
             air: false,
             rects: false,
             translucent: false,
+            volumes: false,
             ..self
         }
     }
@@ -190,7 +195,7 @@ impl Variant {
 
     /// Itself, the one that is right for all scenes of such trees, and others that are better than nothing while these are
     /// compiled: they leave out baked light, clearcoats, light probes, the atmosphere, rectangular lights, light that comes
-    /// through, lights that are drawn or tints, follow rays through see-through surfaces by chance, or miss hits where the stack is full and show what another camera sees.
+    /// through, volumes of fog, lights that are drawn or tints, follow rays through see-through surfaces by chance, or miss hits where the stack is full and show what another camera sees.
     pub fn substitutes(self) -> [Self; 6] {
         let masked = Self { masked: true, ..self };
         let plain = Self {

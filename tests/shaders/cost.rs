@@ -55,7 +55,9 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 53] = [
+const PASSES: [(&str, &[&str]); 55] = [
+    ("trace/shade", &["VOLUMETRIC_FOG", "MANY_LIGHTS"]),
+    ("trace/blocks", &["VOLUMETRIC_FOG", "MIRRORS", "RAY_QUERY"]),
     ("trace/blocks", &["DIFFUSE_TRANSMISSION"]),
     ("trace/shade", &["DIFFUSE_TRANSMISSION"]),
     ("trace/shade", &["RECT_LIGHTS"]),
