@@ -141,8 +141,8 @@ pub mod internals {
         diagnostics::{CountInvocations, TotalTimeOnly, WithoutReflections},
         readback::{Copied, Target},
         scene::{
-            SceneBindings, acceleration, arena, atmosphere, bvh, environment, geometry, gpu_types, instances,
-            light_tree, lights, materials, meshes, textures, upload,
+            SceneBindings, acceleration, arena, atmosphere, bvh, environment, fog_volumes, geometry, gpu_types,
+            instances, light_tree, lights, materials, meshes, textures, upload,
         },
         settings::{RATE_ACTIVE, RATE_CODE_MASK},
         trace::directional_albedo,

@@ -66,10 +66,16 @@ pub struct SceneBindings {
     pub(super) light_probes: LightProbes,
     /// Some material has a clearcoat.
     pub(super) has_clearcoat: bool,
+    /// Diffuse light comes through some material.
+    pub(super) has_diffuse_transmission: bool,
     /// Not all reflecting cameras draw the same layers.
     pub(super) has_render_layers: bool,
     /// Some reflecting view lies in an atmosphere.
     pub(super) has_air: bool,
+    /// Some reflecting view shows volumes of fog.
+    pub(super) has_fog_volumes: bool,
+    /// There are rectangular lights.
+    pub(super) has_rect_lights: bool,
     pub(super) acceleration: Option<AccelerationStructures>,
     /// Rays can hit something that needs the alpha test, or it isn't known yet whether they can.
     masked: bool,
@@ -113,8 +119,11 @@ impl FromWorld for SceneBindings {
             lightmaps: Lightmaps::default(),
             light_probes: LightProbes::new(textures.mode(), device, queue),
             has_clearcoat: false,
+            has_diffuse_transmission: false,
             has_render_layers: false,
             has_air: false,
+            has_fog_volumes: false,
+            has_rect_lights: false,
             acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
             masked: true,
             deep: false,
@@ -179,6 +188,11 @@ impl SceneBindings {
         self.has_clearcoat
     }
 
+    /// Returns whether diffuse light comes through materials, which shaders have to know.
+    pub(crate) fn has_diffuse_transmission(&self) -> bool {
+        self.has_diffuse_transmission
+    }
+
     /// Returns whether there are light probes, which shaders have to know.
     pub(crate) fn has_light_probes(&self) -> bool {
         !self.light_probes.is_empty()
@@ -197,6 +211,16 @@ impl SceneBindings {
     /// Returns whether views lie in an atmosphere, which shaders have to know.
     pub(crate) fn has_air(&self) -> bool {
         self.has_air
+    }
+
+    /// Returns whether views show volumes of fog, which shaders have to know.
+    pub(crate) fn has_fog_volumes(&self) -> bool {
+        self.has_fog_volumes
+    }
+
+    /// Returns whether there are rectangular lights, which shaders have to know.
+    pub(crate) fn has_rect_lights(&self) -> bool {
+        self.has_rect_lights
     }
 
     /// Gives back what an idle scene doesn't need.

@@ -3,7 +3,11 @@
 
 mod bindings;
 
-use super::{atmosphere::GpuAir, render_layers::SceneLayers};
+use super::{
+    atmosphere::GpuAir,
+    fog_volumes::{FogVolumes, GpuFogVolume, MAX_FOG_VOLUMES, nearest_fog_volumes},
+    render_layers::SceneLayers,
+};
 use crate::settings::{ClampedSettings, RayTracedReflections, ReflectedLayers};
 use bevy::{
     asset::AssetId,
@@ -11,7 +15,7 @@ use bevy::{
     color::{Color, LinearRgba},
     ecs::prelude::*,
     image::Image,
-    light::{AmbientLight, EnvironmentMapLight, GlobalAmbientLight, Skybox},
+    light::{AmbientLight, EnvironmentMapLight, GlobalAmbientLight, Skybox, VolumetricFog},
     math::Quat,
     pbr::ExtractedAtmosphere,
     render::sync_world::RenderEntity,
@@ -59,9 +63,15 @@ pub struct GpuEnvironment {
     pub fixed_texture_level: f32,
     /// The atmosphere around the viewer; zeros without one.
     pub air: GpuAir,
+    /// Fog that the camera draws.
+    pub fog_volumes: [GpuFogVolume; MAX_FOG_VOLUMES],
+    /// Volumes that are there, at the beginning.
+    pub fog_volume_count: u32,
+    /// Brings it to a multiple of 16 bytes.
+    pub unused: [u32; 3],
 }
 
-const _: () = assert!(size_of::<GpuEnvironment>() == 192);
+const _: () = assert!(size_of::<GpuEnvironment>() == 528);
 
 /// A view's environment in the render world, before its images are looked up.
 #[derive(Component, Clone, Debug, PartialEq)]
@@ -95,6 +105,11 @@ impl ViewEnvironment {
     /// The view lies in an atmosphere.
     pub(super) fn has_air(&self) -> bool {
         self.uniform.air != GpuAir::default()
+    }
+
+    /// The view shows volumes of fog.
+    pub(super) fn has_fog_volumes(&self) -> bool {
+        self.uniform.fog_volume_count > 0
     }
 
     /// Gathers what surrounds a camera. `background` is its clear colour and `ambient` its ambient colour with brightness.
@@ -146,6 +161,7 @@ pub(super) type ReflectingCameras<'w, 's> = Query<
         Option<&'static Skybox>,
         Option<&'static RenderLayers>,
         Option<&'static ReflectedLayers>,
+        Has<VolumetricFog>,
         &'static GlobalTransform,
     ),
 >;
@@ -157,11 +173,12 @@ pub(super) fn follow_environments(
     clear_color: Option<&ClearColor>,
     scene_layers: &SceneLayers,
     atmospheres: &Query<&ExtractedAtmosphere>,
+    fog_volumes: &FogVolumes,
     views: &mut Query<(Entity, &mut ViewEnvironment)>,
     commands: &mut Commands,
 ) {
     let mut known = 0;
-    for (entity, settings, camera, exposure, own_ambient, map, skybox, drawn, reflected, place) in cameras {
+    for (entity, settings, camera, exposure, own_ambient, map, skybox, drawn, reflected, in_fog, place) in cameras {
         if !camera.is_active {
             continue;
         }
@@ -189,6 +206,10 @@ pub(super) fn follow_environments(
         let air = atmospheres.get(entity).ok();
         let air = air.and_then(|atmosphere| GpuAir::new(atmosphere, place.translation()));
         environment.uniform.air = air.unwrap_or_default();
+        if in_fog {
+            let (volumes, count) = nearest_fog_volumes(fog_volumes, place.translation());
+            (environment.uniform.fog_volumes, environment.uniform.fog_volume_count) = (volumes, count);
+        }
         match views.get_mut(entity) {
             Ok((_, mut view)) => {
                 known += 1;

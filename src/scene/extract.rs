@@ -5,6 +5,7 @@ use super::{
     activity::SceneActivity,
     alpha_images::{AlphaImages, extract_alpha_images},
     environment::{ReflectingCameras, ViewEnvironment, follow_environments},
+    fog_volumes::FogVolumes,
     instances::{SceneInstances, extract::RemovedFromScene, lost::LostComponents},
     light_probes::{ExtractedLightProbes, ProbeWorld, extract_light_probes},
     lights::{
@@ -33,6 +34,7 @@ pub(super) struct Onlookers<'w, 's> {
     light_layers: LightLayers<'w, 's>,
     ambient: Option<Res<'w, GlobalAmbientLight>>,
     clear_color: Option<Res<'w, ClearColor>>,
+    fog_volumes: FogVolumes<'w, 's>,
     removed: RemovedFromScene<'w, 's>,
 }
 
@@ -50,7 +52,7 @@ pub(super) fn begin_extraction(
     let active = world.cameras.iter().filter(|(_, _, camera, ..)| camera.is_active);
     activity.follow(active.clone().next().is_some());
     layers.follow(
-        active.map(|(.., drawn, reflected, _)| (drawn, reflected)),
+        active.map(|(.., drawn, reflected, _, _)| (drawn, reflected)),
         world.light_layers.iter(),
     );
     follow_environments(
@@ -59,6 +61,7 @@ pub(super) fn begin_extraction(
         world.clear_color.as_deref(),
         &layers,
         &atmospheres,
+        &world.fog_volumes,
         &mut views,
         &mut commands,
     );

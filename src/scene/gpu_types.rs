@@ -21,6 +21,8 @@ pub const INSTANCE_RECEIVES_SHADOW: u32 = 32;
 pub const INSTANCE_MOVING: u32 = 64;
 /// The instance has moved lately.
 pub const INSTANCE_RESTLESS: u32 = 128;
+/// Shadows of lights fall on the light that comes through the instance.
+pub const INSTANCE_RECEIVES_TRANSMITTED_SHADOW: u32 = 256;
 
 /// The material is not lit.
 pub const MATERIAL_UNLIT: u32 = 1;
@@ -76,6 +78,8 @@ pub const LIGHT_RECT: u32 = 3;
 pub const LIGHT_CASTS_SHADOW: u32 = 1;
 /// Flag of [`GpuLight`]: it has changed lately.
 pub const LIGHT_RESTLESS: u32 = 2;
+/// Flag of [`GpuLight`]: volumes of fog show it.
+pub const LIGHT_VOLUMETRIC: u32 = 4;
 
 /// One object that rays can hit. Matrices are rows of 3x4.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -107,7 +111,7 @@ pub struct GpuInstance {
 pub struct GpuMaterial {
     /// Linear.
     pub base_color: [f32; 4],
-    /// Linear.
+    /// Linear; the last one is the share of diffuse light that comes through.
     pub emissive: [f32; 4],
     /// Texture index in the low 20 bits, sampler index in the high 12 bits, or [`NO_TEXTURE`].
     pub textures: [u32; 5],
@@ -133,11 +137,11 @@ pub struct GpuMaterial {
     pub lightmap_exposure: f32,
     /// Clearcoat as in the G-buffer: strength in fifteenths in the low 4 bits, perceptual roughness in thirtieths above.
     pub clearcoat: u32,
-    /// Glass that refracts: metres. 0 for all else.
+    /// Metres between where light enters and where it leaves again, for refraction and diffuse transmission; 0 for all else.
     pub thickness: f32,
-    /// Its index of refraction, above 1.
+    /// Index of refraction of glass with a thickness, above 1; 0 for all else.
     pub ior: f32,
-    /// Optical depth of its volume for red, green and blue: parts of [`OPAQUE_DEPTH`], 16 bits each.
+    /// Optical depth of the volume for red, green and blue: parts of [`OPAQUE_DEPTH`], 16 bits each.
     pub optical_depth: [u32; 2],
 }
 
@@ -160,7 +164,7 @@ pub struct GpuLight {
     pub radius: f32,
     /// Spot: scale and offset of the cone's falloff. Rectangles: half width and half height.
     pub spot: [f32; 2],
-    /// [`LIGHT_CASTS_SHADOW`] and [`LIGHT_RESTLESS`].
+    /// [`LIGHT_CASTS_SHADOW`], [`LIGHT_RESTLESS`] and [`LIGHT_VOLUMETRIC`].
     pub flags: u32,
     /// Point and spot lights: what is nearer to the light than this casts no shadow, in metres.
     pub shadow_near: f32,

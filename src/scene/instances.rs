@@ -34,6 +34,8 @@ pub struct InstanceSource {
     pub casts_shadow: bool,
     /// Shadows fall on it.
     pub receives_shadow: bool,
+    /// Shadows fall on the light that comes through it, too.
+    pub receives_transmitted_shadow: bool,
     /// Light that was baked for it. Few objects have some: so others pay for a pointer alone.
     pub lightmap: Option<Box<LightmapSource>>,
 }
@@ -50,6 +52,7 @@ impl InstanceSource {
             groups: 0,
             casts_shadow: true,
             receives_shadow: true,
+            receives_transmitted_shadow: false,
             lightmap: None,
         }
     }
@@ -63,10 +66,12 @@ impl InstanceSource {
             groups,
             casts_shadow,
             receives_shadow,
+            receives_transmitted_shadow,
             lightmap,
         } = self;
         (*entity, *mesh, *material) == (other.entity, other.mesh, other.material)
             && (*groups, *casts_shadow, *receives_shadow) == (other.groups, other.casts_shadow, other.receives_shadow)
+            && *receives_transmitted_shadow == other.receives_transmitted_shadow
             && *lightmap == other.lightmap
     }
 }

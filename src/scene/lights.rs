@@ -74,6 +74,11 @@ impl ExtractedLights {
         &self.lights
     }
 
+    /// Returns whether there are rectangular lights, which are the last ones.
+    pub(super) fn has_rects(&self) -> bool {
+        self.lights.last().is_some_and(|light| light.kind == LIGHT_RECT)
+    }
+
     /// Lights that differ from those of the last call, and how they do.
     pub(super) fn take_changes(&mut self) -> (Touched, Change) {
         (core::mem::take(&mut self.touched), core::mem::take(&mut self.change))

@@ -10,6 +10,7 @@ use bevy::{
     color::LinearRgba,
     ecs::{message::MessageReader, prelude::*},
     image::Image,
+    material::OpaqueRendererMethod,
     mesh::UvChannel,
     pbr::{ExtendedMaterial, Material, MaterialExtension, StandardMaterial},
     platform::collections::{HashMap, HashSet},
@@ -27,7 +28,7 @@ use super::{
     change::{Change, RESTLESS_FRAMES},
     free_slots::FreeSlots,
     gpu_types::*,
-    see_through::{optical_depth, refraction, see_through_flags, stop_probability},
+    see_through::{index_of_refraction, optical_depth, refracts, see_through_flags, stop_probability},
     textures::TextureTable,
     waiting_room::WaitingRoom,
 };
@@ -166,7 +167,6 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
     }
 
     let color = |value: f32| finite_or(value, 0.0).max(0.0);
-    let [thickness, ior] = refraction(material);
     let transform = material.uv_transform;
     let transform = if transform.is_finite() {
         transform
@@ -187,7 +187,7 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
             color(material.emissive.red),
             color(material.emissive.green),
             color(material.emissive.blue),
-            0.0,
+            transmitted_share(material),
         ],
         textures: [NO_TEXTURE; 5],
         flags,
@@ -202,18 +202,38 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
             _ => BLENDED_SHADOW_CUTOFF,
         },
         stop_probability: stopped.unwrap_or(-1.0),
-        diffuse_share: (1.0 - unit_or(material.diffuse_transmission, 0.0))
-            * match stopped {
-                // Light that passes through belongs to the rays that do.
-                Some(_) => 1.0,
-                None => 1.0 - unit_or(material.specular_transmission, 0.0),
-            },
+        diffuse_share: (1.0 - unit_or(material.diffuse_transmission, 0.0)) * stopped_share(material),
         lightmap_exposure: color(material.lightmap_exposure),
         clearcoat: packed_clearcoat(material),
-        thickness,
-        ior,
+        thickness: light_thickness(material),
+        ior: index_of_refraction(material),
         optical_depth: optical_depth(material),
     }
+}
+
+/// Share of the light that stops at a surface which doesn't pass through by specular transmission.
+fn stopped_share(material: &StandardMaterial) -> f32 {
+    match stop_probability(material) {
+        // Light that passes through belongs to the rays that do.
+        Some(_) => 1.0,
+        None => 1.0 - unit_or(material.specular_transmission, 0.0),
+    }
+}
+
+/// Share of diffuse light that comes through the material. Bevy's deferred renderer has none.
+fn transmitted_share(material: &StandardMaterial) -> f32 {
+    if material.unlit || material.opaque_render_method == OpaqueRendererMethod::Deferred {
+        return 0.0;
+    }
+    unit_or(material.diffuse_transmission, 0.0) * stopped_share(material)
+}
+
+/// The thickness of materials through which light comes that makes use of it.
+fn light_thickness(material: &StandardMaterial) -> f32 {
+    if transmitted_share(material) == 0.0 && !refracts(material) {
+        return 0.0;
+    }
+    finite_or(material.thickness, 0.0).max(0.0)
 }
 
 /// The clearcoat of a material in the steps of Bevy's G-buffer; 0 without one. Its textures are left out.
@@ -372,6 +392,12 @@ pub struct MaterialTable {
     restless: HashMap<u32, u32>,
     /// Number of materials with a clearcoat.
     coated: usize,
+    /// Number of materials through which diffuse light comes.
+    translucent: usize,
+}
+
+fn is_coated(material: &GpuMaterial) -> bool {
+    material.clearcoat != 0
 }
 
 impl Default for MaterialTable {
@@ -390,6 +416,7 @@ impl Default for MaterialTable {
             change: Change::Unmarked,
             restless: HashMap::default(),
             coated: 0,
+            translucent: 0,
         }
     }
 }
@@ -434,6 +461,11 @@ impl MaterialTable {
         self.coated > 0
     }
 
+    /// Returns whether diffuse light comes through any material, which shaders have to know.
+    pub(crate) fn has_diffuse_transmission(&self) -> bool {
+        self.translucent > 0
+    }
+
     /// Materials to store in the materials buffer.
     pub fn materials(&self) -> &[GpuMaterial] {
         &self.data
@@ -456,8 +488,10 @@ impl MaterialTable {
         if bytes_of(&before) == bytes_of(&material) {
             return;
         }
-        self.coated += usize::from(material.clearcoat != 0);
-        self.coated -= usize::from(before.clearcoat != 0);
+        self.coated += usize::from(is_coated(&material));
+        self.coated -= usize::from(is_coated(&before));
+        self.translucent += usize::from(material.emissive[3] > 0.0);
+        self.translucent -= usize::from(before.emissive[3] > 0.0);
         *data = material;
         if hits_same(&before, &material) {
             data.flags |= MATERIAL_RESTLESS;

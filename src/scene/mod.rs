@@ -14,6 +14,7 @@ mod change;
 mod change_ticks;
 pub mod environment;
 mod extract;
+pub mod fog_volumes;
 mod free_slots;
 pub mod geometry;
 pub mod gpu_types;
@@ -99,6 +100,7 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "opacity.wesl");
         load_shader_library!(app, "pose/job.wesl");
         load_shader_library!(app, "ray_query.wesl");
+        load_shader_library!(app, "rect_lights.wesl");
         load_shader_library!(app, "shading.wesl");
         load_shader_library!(app, "shadow.wesl");
         load_shader_library!(app, "surface.wesl");

@@ -180,8 +180,11 @@ impl Scene<'_, '_> {
     /// Notes what materials and cameras ask of shaders.
     fn note_features(&mut self) {
         self.bindings.has_air = self.views.iter().any(ViewEnvironment::has_air);
+        self.bindings.has_fog_volumes = self.views.iter().any(ViewEnvironment::has_fog_volumes);
         self.bindings.has_clearcoat = self.materials.has_clearcoat();
         self.bindings.has_render_layers = self.layers.differ();
+        self.bindings.has_diffuse_transmission = self.materials.has_diffuse_transmission();
+        self.bindings.has_rect_lights = self.lights.has_rects();
         self.lights.detect_rects(self.area_lights.as_deref(), &self.images);
     }
 

@@ -28,20 +28,16 @@ fn transmission(material: &StandardMaterial) -> f32 {
 }
 
 /// Light passes at another place, or in another direction, than it would without the material.
-fn refracts(material: &StandardMaterial) -> bool {
+pub(super) fn refracts(material: &StandardMaterial) -> bool {
     transmission(material) > 0.0
         && !matches!(material.alpha_mode, AlphaMode::Mask(_))
         && (material.thickness > 0.0 && material.thickness.is_finite())
         && (material.ior > 1.0 && material.ior.is_finite())
 }
 
-/// Thickness in metres and index of refraction; zeros where light isn't refracted.
-pub(super) fn refraction(material: &StandardMaterial) -> [f32; 2] {
-    if refracts(material) {
-        [material.thickness, material.ior]
-    } else {
-        [0.0; 2]
-    }
+/// Index of refraction; 0 where light isn't refracted.
+pub(super) fn index_of_refraction(material: &StandardMaterial) -> f32 {
+    if refracts(material) { material.ior } else { 0.0 }
 }
 
 /// Optical depth of the volume that light passes, for red, green and blue: Beer's law with the attenuation of the material.
@@ -186,7 +182,7 @@ mod tests {
             ..material(AlphaMode::Opaque, 1.0, false)
         };
         let thick = glass(0.2, 1.5, 0.4);
-        assert_eq!(refraction(&thick), [0.2, 1.5]);
+        assert_eq!(index_of_refraction(&thick), 1.5);
         assert!(stop_probability(&thick).is_some_and(|stopped| stopped > 0.0 && stopped < 0.01));
         let [red_green, blue] = optical_depth(&thick);
         let depth = |bits: u32| bits as f32 / f32::from(u16::MAX) * OPAQUE_DEPTH;
@@ -199,7 +195,7 @@ mod tests {
             (glass(0.2, f32::INFINITY, 0.0), false),
             (glass(-1.0, 1.5, 1.0), false),
         ] {
-            assert_eq!(refraction(&thin), [0.0; 2], "{thin:?}");
+            assert_eq!(index_of_refraction(&thin), 0.0, "{thin:?}");
             assert_eq!(stop_probability(&thin), Some(0.0), "{thin:?}");
             assert_eq!(optical_depth(&thin) != [0; 2], absorbs, "{thin:?}");
         }
@@ -207,7 +203,7 @@ mod tests {
             specular_transmission: 0.0,
             ..thick.clone()
         };
-        assert_eq!((refraction(&stone), optical_depth(&stone)), ([0.0; 2], [0; 2]));
+        assert_eq!((index_of_refraction(&stone), optical_depth(&stone)), (0.0, [0; 2]));
         let mut objects = SeeThroughObjects::default();
         objects.note(3, Some(Entity::from_bits(7)), Some(&thick));
         assert!(objects.has_refraction() && objects.has_tints());

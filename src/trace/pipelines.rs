@@ -217,7 +217,16 @@ impl TracePipelines {
     /// any scene.
     pub(super) fn vrs_request(&self) -> PipelineRequest {
         let mut defs = self.defs_for_any.clone();
-        defs.extend(["LIGHTMAPS", "CLEARCOAT", "ATMOSPHERIC"].map(Into::into));
+        defs.extend(
+            [
+                "LIGHTMAPS",
+                "CLEARCOAT",
+                "ATMOSPHERIC",
+                "RECT_LIGHTS",
+                "DIFFUSE_TRANSMISSION",
+            ]
+            .map(Into::into),
+        );
         defs.extend(self.can_have_probes.then(|| "LIGHT_PROBES".into()));
         defs.extend_from_slice(&self.common_defs);
         PipelineRequest {
@@ -257,9 +266,10 @@ impl TracePipelines {
                 if !self.keeps_apart(variant) {
                     return;
                 }
-                // It traces no shadow rays, so that it can't draw lights.
+                // It traces no shadow rays, so that it can neither draw lights nor light fog.
                 let plain = Variant {
                     draws_lights: false,
+                    volumes: false,
                     ..variant
                 };
                 self.shading.queue(variant.plain(), cache, || {
@@ -409,7 +419,7 @@ pub(super) fn queue_trace_pipelines(
     }
     pipelines.see_through = scene.see_through.has_partial();
     pipelines.refracts = scene.see_through.has_refraction();
-    pipelines.many_lights = scene.has_many_lights();
+    pipelines.many_lights = scene.has_many_lights() || scene.has_fog_volumes();
     for (pass, bounces) in pipelines.wanted.clone() {
         // The variant that is right for scenes with and without masks comes first.
         let tinted = variant.tinted.then_some((true, true));

@@ -73,6 +73,12 @@ pub(super) struct Variant {
     pub air: bool,
     /// The app's shader changes the surfaces of hits.
     pub own_surfaces: bool,
+    /// There are rectangular lights.
+    pub rects: bool,
+    /// Diffuse light comes through some material.
+    pub translucent: bool,
+    /// Some view shows volumes of fog.
+    pub volumes: bool,
 }
 
 /// Conditions that the shading of hits is compiled for.
@@ -86,6 +92,8 @@ pub(super) enum ShadingVariant {
         probes: bool,
         air: bool,
         own_surfaces: bool,
+        rects: bool,
+        translucent: bool,
     },
     /// It traces rays itself: in scenes with more lights than the tracing pass has tested (`trace/hit.wesl`), and where rays are
     /// followed beyond their first hit.
@@ -109,6 +117,9 @@ impl Variant {
             draws_lights: scene.draws_lights(),
             air: scene.has_air(),
             own_surfaces: false,
+            rects: scene.has_rect_lights(),
+            translucent: scene.has_diffuse_transmission(),
+            volumes: scene.has_fog_volumes(),
         }
     }
 
@@ -126,6 +137,7 @@ impl Variant {
             lightmaps: false,
             clearcoat: false,
             own_surfaces: false,
+            rects: false,
             bounces: false,
             ..self
         }
@@ -141,6 +153,8 @@ impl Variant {
             (self.layers, "RENDER_LAYERS"),
             (self.draws_lights, "LIGHT_SAMPLING"),
             (self.air, "ATMOSPHERIC"),
+            (self.translucent, "DIFFUSE_TRANSMISSION"),
+            (self.volumes, "VOLUMETRIC_FOG"),
         ];
         defs.into_iter().filter_map(|(set, name)| set.then_some(name))
     }
@@ -150,6 +164,7 @@ impl Variant {
         let defs = [
             (self.lightmaps, "LIGHTMAPS"),
             (self.clearcoat, "CLEARCOAT"),
+            (self.rects, "RECT_LIGHTS"),
             (self.bounces, "BOUNCES"),
             (self.own_surfaces, "SURFACE_SHADER"),
         ];
@@ -165,6 +180,8 @@ impl Variant {
             probes: self.probes,
             air: self.air,
             own_surfaces: self.own_surfaces,
+            rects: self.rects,
+            translucent: self.translucent,
         }
     }
 
@@ -177,6 +194,9 @@ impl Variant {
             draws_lights: false,
             air: false,
             own_surfaces: false,
+            rects: false,
+            translucent: false,
+            volumes: false,
             ..self
         }
     }
@@ -186,10 +206,15 @@ impl Variant {
     }
 
     /// Itself, the one that is right for all scenes of such trees, and others that are better than nothing while these are
-    /// compiled: they leave out the app's shader, baked light, clearcoats, light probes, the atmosphere, lights that are drawn or tints, follow rays
-    /// through see-through surfaces by chance, or miss hits where the stack is full and show what another camera sees.
-    pub fn substitutes(self) -> [Self; 6] {
+    /// compiled: they leave out the app's shader, baked light, clearcoats, light probes, the atmosphere, rectangular lights, light
+    /// that comes through, volumes of fog, lights that are drawn or tints, follow rays through see-through surfaces by chance, or
+    /// miss hits where the stack is full and show what another camera sees.
+    pub fn substitutes(self) -> [Self; 8] {
         let masked = Self { masked: true, ..self };
+        let known = |variant: Self| Self {
+            own_surfaces: false,
+            ..variant
+        };
         let plain = Self {
             layered: false,
             refracts: false,
@@ -200,7 +225,16 @@ impl Variant {
             layers: false,
             ..plain
         };
-        [self, masked, masked.dark(), masked.clear(), plain, shallow]
+        [
+            self,
+            masked,
+            known(self),
+            known(masked),
+            masked.dark(),
+            known(masked.clear()),
+            plain,
+            shallow,
+        ]
     }
 
     /// The same for the shading of hits: the last ones leave out lights. None leaves out bounces, which a converging picture would
@@ -208,7 +242,11 @@ impl Variant {
     pub fn shading_substitutes(self, many_lights: bool) -> impl Iterator<Item = ShadingVariant> {
         let traces = many_lights || self.bounces;
         let all = traces.then_some(self.substitutes()).into_iter().flatten();
-        let plain = [self, self.dark(), self.clear(), self.clear().dark()].map(Self::plain);
+        let known = Self {
+            own_surfaces: false,
+            ..self
+        };
+        let plain = [self, known, known.dark(), known.clear(), known.clear().dark()].map(Self::plain);
         let plain = (!self.bounces).then_some(plain).into_iter().flatten();
         all.map(ShadingVariant::Tracing).chain(plain)
     }
@@ -297,7 +335,7 @@ mod tests {
         assert!(layered.defs().eq(["LAYERED_RAYS"]));
         assert!(layered.substitutes()[..2].iter().all(|variant| variant.layered));
         assert!(
-            !layered.substitutes()[4].layered,
+            !layered.substitutes()[6].layered,
             "it is not compiled while the scene has nothing to see through"
         );
         // The first two leave out nothing, which `TracePipelines::is_complete` counts on.
@@ -321,6 +359,18 @@ mod tests {
     }
 
     #[test]
+    fn light_that_comes_through_is_known_to_rays_that_test_lights() {
+        let variant = Variant {
+            translucent: true,
+            ..Variant::default()
+        };
+        assert!(variant.defs().eq(["DIFFUSE_TRANSMISSION"]));
+        assert!(variant.without_shading().translucent);
+        assert_eq!(variant.shading_substitutes(false).next(), Some(variant.plain()));
+        assert!(variant.substitutes()[..2].iter().all(|variant| variant.translucent));
+    }
+
+    #[test]
     fn lightmaps_are_left_out_last_and_only_by_shaders_that_shade() {
         let variant = Variant {
             lightmaps: true,
@@ -333,6 +383,12 @@ mod tests {
             ..variant
         };
         assert_eq!(coated.shading_defs(), ["LIGHTMAPS", "CLEARCOAT"]);
+        let in_rectangles = Variant {
+            rects: true,
+            ..Variant::default()
+        };
+        assert_eq!(in_rectangles.shading_defs(), ["RECT_LIGHTS"]);
+        assert_eq!(in_rectangles.without_shading(), Variant::default());
         assert_eq!(coated.without_shading(), Variant::default());
         assert_eq!(
             coated.shading_substitutes(false).last(),
@@ -342,7 +398,7 @@ mod tests {
         assert_eq!(shading.next(), Some(variant.plain()));
         assert_eq!(shading.last(), Some(Variant::default().plain()));
         let first_dark = variant.substitutes().iter().position(|variant| !variant.lightmaps);
-        assert_eq!(first_dark, Some(2));
+        assert_eq!(first_dark, Some(4));
     }
 
     #[test]
@@ -361,7 +417,19 @@ mod tests {
             assert!(own[0] && !own[own.len() - 1], "{own:?}");
         }
         assert!(variant.substitutes()[..2].iter().all(|variant| variant.own_surfaces));
-        assert!(!variant.substitutes()[2].own_surfaces);
+        // A scene with more than the least shows the rest where the app's shader fails.
+        let bright = Variant {
+            rects: true,
+            lightmaps: true,
+            ..variant
+        };
+        assert_eq!(
+            bright.substitutes()[2],
+            Variant {
+                own_surfaces: false,
+                ..bright
+            }
+        );
     }
 
     #[test]

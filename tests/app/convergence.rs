@@ -23,7 +23,7 @@ const MOST_ERROR_IN_MOTION: f32 = 0.03;
 const TRUE_FRAMES: u32 = 384;
 const TRUE_FRAMES_UNDER_A_SKY: u32 = 192;
 const FRAMES: u32 = 64;
-const TECHNIQUES: [&str; 9] = [
+pub const TECHNIQUES: [&str; 9] = [
     "reference",
     "quarter",
     "quarter-inline",
@@ -38,7 +38,7 @@ const TECHNIQUES: [&str; 9] = [
 const LIT_TECHNIQUES: [&str; 4] = ["reference", "quarter", "vrs-combined", "vrs-adaptive"];
 
 /// Switches to a technique without a cut-off and with its history empty.
-fn switch(app: &mut HeadlessApp, camera: Entity, name: &str) {
+pub fn switch(app: &mut HeadlessApp, camera: Entity, name: &str) {
     let (mut settings, heuristic) = named_settings(name).unwrap();
     settings.roughness_cutoff = 1.0;
     settings.roughness_fade = 0.0;
@@ -71,7 +71,7 @@ fn truth(app: &mut HeadlessApp, camera: Entity, name: SceneName) -> &'static [f3
 }
 
 /// Luminance of each pixel; fails where one is not finite.
-fn capture(app: &mut HeadlessApp, what: &str) -> Vec<f32> {
+pub fn capture(app: &mut HeadlessApp, what: &str) -> Vec<f32> {
     let pixels = app.capture_linear().unwrap();
     for (index, pixel) in pixels.iter().enumerate() {
         assert!(

@@ -47,5 +47,6 @@ mod shipped;
 mod static_views;
 mod surface_shader;
 mod toggle;
+mod walk;
 mod waves;
 mod worlds;

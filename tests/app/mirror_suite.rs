@@ -3,6 +3,7 @@
 
 mod light;
 mod sky;
+mod transmission;
 
 use crate::{
     common::app,
@@ -499,7 +500,8 @@ fn a_scene_in_a_mirror_looks_like_itself() {
         };
         let mut stage = Stage::new(&mut app);
         let mut failures = Vec::new();
-        for (name, spawn) in ROWS.into_iter().chain(light::ROWS).chain(sky::ROWS) {
+        let others = light::ROWS.into_iter().chain(sky::ROWS).chain(transmission::ROWS);
+        for (name, spawn) in ROWS.into_iter().chain(others) {
             spawn(&mut stage);
             let actual = stage.in_the_mirror();
             let expected = stage.by_the_mirrored_camera();

@@ -36,7 +36,7 @@ const SIDES: usize = 16;
 const RINGS: usize = 20;
 const LENGTH: f32 = 4.0;
 /// The place at which the two bones of an arm meet, half of the arm up.
-const ELBOW: Vec3 = Vec3::new(0.0, 0.5 * LENGTH, 0.0);
+pub const ELBOW: Vec3 = Vec3::new(0.0, 0.5 * LENGTH, 0.0);
 
 /// A tube along Y, and of each vertex how far up it is.
 fn tube() -> (Vec<Vec3>, Vec<Vec3>, Vec<u32>) {
@@ -73,7 +73,7 @@ fn upper_share(position: &Vec3) -> f32 {
 }
 
 /// A tube of two bones.
-fn arm() -> Mesh {
+pub fn arm() -> Mesh {
     let (positions, normals, indices) = tube();
     let weights: Vec<[f32; 4]> = positions
         .iter()
@@ -138,9 +138,9 @@ fn paint() -> StandardMaterial {
 }
 
 /// The two joints of an arm that is spawned with its mesh far from where they are.
-struct Arm {
-    mesh: Entity,
-    joints: [Entity; 2],
+pub struct Arm {
+    pub mesh: Entity,
+    pub joints: [Entity; 2],
 }
 
 /// Behind the camera, where only the mirror shows it.
@@ -156,7 +156,7 @@ fn inverse_bindposes() -> Vec<Mat4> {
     vec![Mat4::IDENTITY, Mat4::from_translation(-ELBOW)]
 }
 
-fn spawn_arm(app: &mut HeadlessApp, mesh: Mesh, material: StandardMaterial) -> Arm {
+pub fn spawn_arm(app: &mut HeadlessApp, mesh: Mesh, material: StandardMaterial) -> Arm {
     let far = Transform::from_xyz(40.0, 3.0, -7.0).with_scale(Vec3::splat(0.3));
     let mesh = spawn_mesh(app, mesh, material, far);
     let world = app.world();

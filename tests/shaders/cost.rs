@@ -55,7 +55,16 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 52] = [
+const PASSES: [(&str, &[&str]); 58] = [
+    ("trace/shade", &["VOLUMETRIC_FOG", "MANY_LIGHTS"]),
+    ("trace/blocks", &["VOLUMETRIC_FOG", "MIRRORS", "RAY_QUERY"]),
+    ("trace/blocks", &["DIFFUSE_TRANSMISSION"]),
+    ("trace/shade", &["DIFFUSE_TRANSMISSION"]),
+    ("trace/shade", &["RECT_LIGHTS"]),
+    (
+        "trace/shade",
+        &["RECT_LIGHTS", "CLEARCOAT", "RAY_QUERY", "BINDLESS_TEXTURES"],
+    ),
     ("trace/shade", &["CLEARCOAT"]),
     ("trace/shade", &["CLEARCOAT", "RAY_QUERY", "BINDLESS_TEXTURES"]),
     (

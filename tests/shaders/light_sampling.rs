@@ -54,7 +54,11 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 /// Shadows without a scene: stripes over the lights, of which a part is hidden.
 const STRIPES: &str = "
 import package::scene::surface::Surface;
-import package::scene::types::Light;
+import package::scene::types::{Light, LIGHT_CASTS_SHADOW};
+
+fn can_be_shadowed(surface: Surface, light: Light) -> bool {
+    return (light.flags & LIGHT_CASTS_SHADOW) != 0u;
+}
 
 fn receives_shadows(surface: Surface) -> bool {
     return surface.instance == 0u;

@@ -3,10 +3,10 @@
 use std::mem::offset_of;
 
 use crate::wesl::Shaders;
-use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, gpu_types::*};
+use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, fog_volumes::GpuFogVolume, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 48] = [
+pub const COMBINATIONS: [&[&str]; 55] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -66,6 +66,39 @@ pub const COMBINATIONS: [&[&str]; 48] = [
         "BINDLESS_TEXTURES",
         "LIGHT_SAMPLING",
         "MIRRORS",
+    ],
+    &["VOLUMETRIC_FOG", "ALPHA_MASKED_GEOMETRY", "MANY_LIGHTS"],
+    &["VOLUMETRIC_FOG", "ATMOSPHERIC", "RAY_QUERY", "MIRRORS"],
+    &[
+        "VOLUMETRIC_FOG",
+        "RAY_QUERY",
+        "BOUNCES",
+        "MANY_LIGHTS",
+        "LIGHT_PROBES",
+        "BINDLESS_TEXTURES",
+    ],
+    &[
+        "DIFFUSE_TRANSMISSION",
+        "LIGHT_SAMPLING",
+        "MANY_LIGHTS",
+        "RAY_QUERY",
+        "MIRRORS",
+    ],
+    &[
+        "DIFFUSE_TRANSMISSION",
+        "RECT_LIGHTS",
+        "CLEARCOAT",
+        "LIGHT_PROBES",
+        "BINDLESS_TEXTURES",
+        "BOUNCES",
+    ],
+    &["RECT_LIGHTS", "ALPHA_MASKED_GEOMETRY", "LIGHT_SAMPLING", "MANY_LIGHTS"],
+    &[
+        "RECT_LIGHTS",
+        "CLEARCOAT",
+        "ATMOSPHERIC",
+        "RAY_QUERY",
+        "BINDLESS_TEXTURES",
     ],
 ];
 
@@ -170,7 +203,7 @@ fn hit_shading_compiles_as_a_whole() {
             let known = match group {
                 0 => binding == 0,
                 1 => binding <= 12,
-                2 => binding <= 7,
+                2 => binding <= 8,
                 _ => false,
             };
             assert!(known, "unknown binding {group}.{binding} with {defs:?}");
@@ -338,8 +371,16 @@ fn lights_and_uniforms_match_the_cpu() {
             skybox_brightness,
             smallest_specular_mip,
             fixed_texture_level,
-            air
+            air,
+            fog_volumes,
+            fog_volume_count
         ]
+    );
+    same_layout!(
+        module,
+        "FogVolume",
+        GpuFogVolume,
+        [volume_from_world, scattered, extinction, asymmetry]
     );
     same_layout!(
         module,

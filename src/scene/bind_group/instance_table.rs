@@ -6,7 +6,7 @@ use crate::scene::{
     change::{Change, RESTLESS_FRAMES},
     gpu_types::{
         GpuInstance, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_MIRRORED, INSTANCE_MOVING,
-        INSTANCE_RECEIVES_SHADOW, INSTANCE_RESTLESS, NO_TEXTURE,
+        INSTANCE_RECEIVES_SHADOW, INSTANCE_RECEIVES_TRANSMITTED_SHADOW, INSTANCE_RESTLESS, NO_TEXTURE,
     },
     instances::InstanceSource,
     meshes::SceneMesh,
@@ -277,6 +277,9 @@ pub(in crate::scene) fn pack_instance(
     }
     if source.receives_shadow {
         flags |= INSTANCE_RECEIVES_SHADOW;
+    }
+    if source.receives_transmitted_shadow {
+        flags |= INSTANCE_RECEIVES_TRANSMITTED_SHADOW;
     }
     Some(GpuInstance {
         world_from_object: matrices.world_from_object,

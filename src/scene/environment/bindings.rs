@@ -4,9 +4,9 @@ use super::{ENVIRONMENT_HAS_DFG_LUT, ENVIRONMENT_HAS_MAP, ENVIRONMENT_HAS_SKYBOX
 use crate::{scene::atmosphere::GpuAir, settings::WantsReflections, vrs::BindGroupContents};
 use bevy::{
     asset::AssetId,
-    ecs::{entity::EntityHashMap, prelude::*},
+    ecs::{entity::EntityHashMap, prelude::*, system::SystemParam},
     image::Image,
-    pbr::{DfgLut, resources::AtmosphereTextures},
+    pbr::{AreaLightLuts, DfgLut, resources::AtmosphereTextures},
     render::{
         render_asset::RenderAssets,
         render_resource::{
@@ -15,7 +15,7 @@ use bevy::{
             SamplerBindingType, SamplerDescriptor, ShaderStages, TextureDataOrder, TextureDescriptor, TextureDimension,
             TextureFormat, TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor, TextureViewDimension,
             TextureViewId,
-            binding_types::{sampler, texture_2d, texture_cube, uniform_buffer_sized},
+            binding_types::{sampler, texture_2d, texture_2d_array, texture_cube, uniform_buffer_sized},
         },
         renderer::{RenderDevice, RenderQueue},
         texture::GpuImage,
@@ -27,7 +27,7 @@ struct ViewBindings {
     bind_group: BindGroup,
     contents: BindGroupContents,
     written: GpuEnvironment,
-    views: [TextureViewId; 6],
+    views: [TextureViewId; 7],
 }
 
 /// The bind groups of all views, by render-world entity. A GPU resource: make it with `init_gpu_resource`.
@@ -37,6 +37,8 @@ pub struct EnvironmentBindings {
     black: TextureView,
     /// The first face of the black cube, for a missing table.
     black_face: TextureView,
+    /// All of its faces, for a missing table in layers.
+    black_layers: TextureView,
     sampler: Sampler,
     views: EntityHashMap<ViewBindings>,
 }
@@ -80,6 +82,10 @@ impl FromWorld for EnvironmentBindings {
         Self {
             layout: layout_descriptor(),
             black_face,
+            black_layers: black.create_view(&TextureViewDescriptor {
+                dimension: Some(TextureViewDimension::D2Array),
+                ..Default::default()
+            }),
             black: black.create_view(&TextureViewDescriptor {
                 dimension: Some(TextureViewDimension::Cube),
                 ..Default::default()
@@ -107,6 +113,7 @@ pub fn layout_descriptor() -> BindGroupLayoutDescriptor {
                 table(),
                 table(),
                 table(),
+                texture_2d_array(TextureSampleType::Float { filterable: true }),
             ),
         ),
     )
@@ -133,6 +140,25 @@ fn cube(image: &GpuImage, device: &RenderDevice) -> bool {
             == Some(TextureSampleType::Float { filterable: true })
 }
 
+/// Bevy's tables that are the same for all views. Without its cargo features they are missing, or have a single texel.
+#[derive(SystemParam)]
+pub struct Tables<'w> {
+    split_sum: Option<Res<'w, DfgLut>>,
+    area_lights: Option<Res<'w, AreaLightLuts>>,
+}
+
+impl Tables<'_> {
+    fn split_sum<'a>(&self, images: &'a RenderAssets<GpuImage>) -> Option<&'a GpuImage> {
+        let image = images.get(&self.split_sum.as_ref()?.texture)?;
+        (image.texture_descriptor.size.width > 1).then_some(image)
+    }
+
+    fn area_lights<'a>(&self, images: &'a RenderAssets<GpuImage>) -> Option<&'a GpuImage> {
+        let image = images.get(&self.area_lights.as_ref()?.image)?;
+        (image.texture_descriptor.size.width > 1).then_some(image)
+    }
+}
+
 /// The resources of a view's bind group, besides its uniform.
 struct ViewMaps<'a> {
     diffuse: &'a TextureView,
@@ -141,16 +167,17 @@ struct ViewMaps<'a> {
     table: &'a TextureView,
     /// Bevy's tables of the atmosphere: of its transmittance, and of the sky.
     air: [&'a TextureView; 2],
+    /// Bevy's table for rectangular lights.
+    area_lights: &'a TextureView,
     sampler: &'a Sampler,
 }
 
 impl<'a> ViewMaps<'a> {
-    /// The images of a view that can be bound, black ones in place of the others, and the uniform that says which is which. `table` is
-    /// Bevy's table of the environment's BRDF.
+    /// The images of a view that can be bound, black ones in place of the others, and the uniform that says which is which.
     fn new(
         view: &ViewEnvironment,
         images: &'a RenderAssets<GpuImage>,
-        table: Option<&'a GpuImage>,
+        tables: &Tables,
         air: Option<&'a AtmosphereTextures>,
         bindings: &'a EnvironmentBindings,
         device: &RenderDevice,
@@ -163,6 +190,7 @@ impl<'a> ViewMaps<'a> {
             skybox: &bindings.black,
             table: &bindings.black_face,
             air: [&bindings.black_face; 2],
+            area_lights: &bindings.black_layers,
             sampler: &bindings.sampler,
         };
         if let Some((diffuse, specular)) = view.maps
@@ -176,9 +204,12 @@ impl<'a> ViewMaps<'a> {
             maps.skybox = &image.texture_view;
             uniform.flags |= ENVIRONMENT_HAS_SKYBOX;
         }
-        if let Some(image) = table {
+        if let Some(image) = tables.split_sum(images) {
             maps.table = &image.texture_view;
             uniform.flags |= ENVIRONMENT_HAS_DFG_LUT;
+        }
+        if let Some(image) = tables.area_lights(images) {
+            maps.area_lights = &image.texture_view;
         }
         match air {
             Some(air) => maps.air = [&air.transmittance_lut, &air.sky_view_lut].map(|table| &table.default_view),
@@ -187,12 +218,21 @@ impl<'a> ViewMaps<'a> {
         (maps, uniform)
     }
 
-    fn ids(&self) -> [TextureViewId; 6] {
+    fn ids(&self) -> [TextureViewId; 7] {
         let [transmittance, sky] = self.air;
-        [self.diffuse, self.specular, self.skybox, self.table, transmittance, sky].map(|view| view.id())
+        let views = [
+            self.diffuse,
+            self.specular,
+            self.skybox,
+            self.table,
+            transmittance,
+            sky,
+            self.area_lights,
+        ];
+        views.map(|view| view.id())
     }
 
-    fn entries(&self, buffer: &'a Buffer) -> BindGroupEntries<'a, 8> {
+    fn entries(&self, buffer: &'a Buffer) -> BindGroupEntries<'a, 9> {
         BindGroupEntries::sequential((
             buffer.as_entire_binding(),
             self.diffuse,
@@ -202,6 +242,7 @@ impl<'a> ViewMaps<'a> {
             self.table,
             self.air[0],
             self.air[1],
+            self.area_lights,
         ))
     }
 
@@ -255,20 +296,15 @@ pub fn prepare_environments(
         Option<&AtmosphereTextures>,
     )>,
     images: Res<RenderAssets<GpuImage>>,
-    dfg: Option<Res<DfgLut>>,
+    tables: Tables,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
     pipelines: Res<PipelineCache>,
 ) {
-    // Without Bevy's feature there is no image, or one of a single texel.
-    let table = dfg
-        .as_ref()
-        .and_then(|dfg| images.get(&dfg.texture))
-        .filter(|image| image.texture_descriptor.size.width > 1);
     let mut known = core::mem::take(&mut bindings.views);
     known.retain(|entity, _| views.contains(*entity));
     for (entity, view, wants, air) in &views {
-        let (maps, uniform) = ViewMaps::new(view, &images, table, air, &bindings, &device);
+        let (maps, uniform) = ViewMaps::new(view, &images, &tables, air, &bindings, &device);
         let current = known.remove(&entity).filter(|view| view.views == maps.ids());
         let mut current = current.unwrap_or_else(|| {
             let layout = pipelines.get_bind_group_layout(&bindings.layout);

@@ -19,7 +19,7 @@ use bevy::{
         query::{ArchetypeFilter, QueryData},
         system::{ReadOnlySystemParam, StaticSystemParam, SystemParam, SystemParamItem},
     },
-    light::{NotShadowCaster, NotShadowReceiver},
+    light::{NotShadowCaster, NotShadowReceiver, TransmittedShadowReceiver},
     mesh::{Mesh3d, skinning::SkinnedMesh},
     pbr::{EntitiesNeedingSpecialization, Lightmap, Material, MeshMaterial3d},
     prelude::*,
@@ -87,6 +87,7 @@ type InstanceQuery<C> = (
     Option<Ref<'static, NotReflected>>,
     Option<Ref<'static, NotShadowCaster>>,
     Option<Ref<'static, NotShadowReceiver>>,
+    Option<Ref<'static, TransmittedShadowReceiver>>,
     Option<Ref<'static, Lightmap>>,
     Has<SkinnedMesh>,
 );
@@ -104,6 +105,7 @@ struct InstanceItem<'a> {
     opted_out: bool,
     no_shadow: bool,
     no_shadow_on_it: bool,
+    shadow_through_it: bool,
     lightmap: Option<&'a Lightmap>,
     skinned: bool,
 }
@@ -119,6 +121,7 @@ pub struct RemovedFromScene<'w, 's> {
     opt_outs: RemovedComponents<'w, 's, NotReflected>,
     casters: RemovedComponents<'w, 's, NotShadowCaster>,
     receivers: RemovedComponents<'w, 's, NotShadowReceiver>,
+    transmitted: RemovedComponents<'w, 's, TransmittedShadowReceiver>,
     lightmaps: RemovedComponents<'w, 's, Lightmap>,
     skins: RemovedComponents<'w, 's, SkinnedMesh>,
     disabled: RemovedComponents<'w, 's, Disabled>,
@@ -145,6 +148,7 @@ impl LostComponents {
         self.0.extend(removed.opt_outs.read());
         self.0.extend(removed.casters.read());
         self.0.extend(removed.receivers.read());
+        self.0.extend(removed.transmitted.read());
         self.0.extend(removed.lightmaps.read());
         self.0.extend(removed.skins.read());
         self.0.extend(removed.disabled.read());
@@ -235,6 +239,7 @@ fn update_changed<C: MaterialComponent>(
             out,
             caster,
             receiver,
+            through,
             lightmaps,
             skin,
         ) = table;
@@ -251,6 +256,7 @@ fn update_changed<C: MaterialComponent>(
             out.as_ref().map(|out| out.changed_ticks_slice()),
             caster.as_ref().map(|caster| caster.changed_ticks_slice()),
             receiver.as_ref().map(|receiver| receiver.changed_ticks_slice()),
+            through.as_ref().map(|through| through.changed_ticks_slice()),
             lightmaps.as_ref().map(|lightmaps| lightmaps.changed_ticks_slice()),
         ];
         for rows in blocks(entities.len()) {
@@ -260,11 +266,8 @@ fn update_changed<C: MaterialComponent>(
                 continue;
             }
             for row in rows {
-                let is_changed = is_changed
-                    && columns
-                        .iter()
-                        .flatten()
-                        .any(|ticks| ticks.get(row).is_some_and(|tick| clock.is_new(*tick)));
+                let mut row_ticks = columns.iter().flatten().filter_map(|ticks| ticks.get(row));
+                let is_changed = is_changed && row_ticks.any(|tick| clock.is_new(*tick));
                 if !is_changed {
                     // Joints place a skinned mesh.
                     let is_placed = skin && stand_ins.is_none();
@@ -288,6 +291,7 @@ fn update_changed<C: MaterialComponent>(
                         opted_out: out.is_some(),
                         no_shadow: caster.is_some(),
                         no_shadow_on_it: receiver.is_some(),
+                        shadow_through_it: through.is_some(),
                         lightmap: lightmaps.as_ref().map(|lightmaps| &lightmaps[row]),
                         skinned: skin,
                     },
@@ -300,7 +304,22 @@ fn update_changed<C: MaterialComponent>(
 type Item<'w, 's, C> = <InstanceQuery<C> as QueryData>::Item<'w, 's>;
 
 fn is_changed<C: MaterialComponent>(item: &Item<C>) -> bool {
-    let (_, mesh, stand_in, material, transform, visibility, layers, range, out, caster, receiver, lightmap, _) = item;
+    let (
+        _,
+        mesh,
+        stand_in,
+        material,
+        transform,
+        visibility,
+        layers,
+        range,
+        out,
+        caster,
+        receiver,
+        transmitted,
+        lightmap,
+        _,
+    ) = item;
     material.is_changed()
         || transform.is_changed()
         || visibility.is_changed()
@@ -311,6 +330,7 @@ fn is_changed<C: MaterialComponent>(item: &Item<C>) -> bool {
         || out.as_ref().is_some_and(Ref::is_changed)
         || caster.as_ref().is_some_and(Ref::is_changed)
         || receiver.as_ref().is_some_and(Ref::is_changed)
+        || transmitted.as_ref().is_some_and(Ref::is_changed)
         || lightmap.as_ref().is_some_and(Ref::is_changed)
 }
 
@@ -327,6 +347,7 @@ fn update<C: MaterialComponent>(instances: &mut SceneInstances, shown: &Shown, i
         out,
         caster,
         receiver,
+        transmitted,
         lightmap,
         skinned,
     ) = item;
@@ -345,6 +366,7 @@ fn update<C: MaterialComponent>(instances: &mut SceneInstances, shown: &Shown, i
             opted_out: out.is_some(),
             no_shadow: caster.is_some(),
             no_shadow_on_it: receiver.is_some(),
+            shadow_through_it: transmitted.is_some(),
             lightmap: lightmap.as_deref(),
             skinned,
         },
@@ -381,6 +403,7 @@ fn update_item(instances: &mut SceneInstances, shown: &Shown, item: &InstanceIte
         groups,
         casts_shadow: !item.no_shadow && layers.casts_shadow(item.layers),
         receives_shadow: !item.no_shadow_on_it,
+        receives_transmitted_shadow: item.shadow_through_it,
         lightmap: item.lightmap.map(|lightmap| Box::new(LightmapSource::from(lightmap))),
     });
 }

@@ -5,13 +5,13 @@ use super::{
 };
 use crate::scene::{
     change_ticks::{Clock, blocks},
-    gpu_types::GpuLight,
+    gpu_types::{GpuLight, LIGHT_CASTS_SHADOW, LIGHT_VOLUMETRIC},
     render_layers::SceneLayers,
 };
 use bevy::{
     camera::visibility::{InheritedVisibility, RenderLayers},
     ecs::{prelude::*, system::SystemParam},
-    light::{DirectionalLight, PointLight, RectLight, SpotLight, SunDisk},
+    light::{DirectionalLight, PointLight, RectLight, SpotLight, SunDisk, VolumetricLight},
     log::warn_once,
     transform::components::GlobalTransform,
 };
@@ -34,6 +34,7 @@ type Lights<'w, 's, L> = Query<
 pub struct LightWorld<'w, 's> {
     directional: Lights<'w, 's, DirectionalLight>,
     disks: Query<'w, 's, &'static SunDisk>,
+    volumetric: Query<'w, 's, (), With<VolumetricLight>>,
     points: Lights<'w, 's, PointLight>,
     spots: Lights<'w, 's, SpotLight>,
     rects: Lights<'w, 's, RectLight>,
@@ -129,22 +130,30 @@ impl Known {
 }
 
 impl Known {
-    /// Radians across the disk of the directional light in a place of the list.
-    fn disk_of(&self, place: u32, world: &LightWorld) -> f32 {
+    /// Gives a directional light in a place of the list what other components say of it.
+    fn dress(&self, place: u32, light: &mut GpuLight, world: &LightWorld) {
         let row = self.lights.iter().position(|light| *light == place);
-        let entity = row.and_then(|row| self.entities.get(row));
-        let disk = entity.and_then(|entity| world.disks.get(*entity).ok());
-        non_negative(disk.unwrap_or_default().angular_size)
+        if let Some(entity) = row.and_then(|row| self.entities.get(row)) {
+            *light = dressed(*light, *entity, world);
+        }
     }
 
-    /// Returns whether all directional lights have the disks that are in the list.
-    fn have_disks(&self, lights: &[GpuLight], world: &LightWorld) -> bool {
+    /// Returns whether all directional lights are dressed as they are in the list.
+    fn are_dressed(&self, lights: &[GpuLight], world: &LightWorld) -> bool {
         let rows = self.entities.iter().zip(&self.lights);
         rows.filter_map(|(entity, light)| Some((entity, lights.get(*light as usize)?)))
-            .all(|(entity, light)| {
-                let disk = world.disks.get(*entity).ok();
-                light.radius == non_negative(disk.unwrap_or_default().angular_size)
-            })
+            .all(|(entity, light)| *light == dressed(*light, *entity, world))
+    }
+}
+
+/// A directional light with the radians across its disk, and whether fog shows it: in Bevy, only with a shadow map.
+fn dressed(light: GpuLight, entity: Entity, world: &LightWorld) -> GpuLight {
+    let disk = world.disks.get(entity).ok();
+    let is_volumetric = light.flags & LIGHT_CASTS_SHADOW != 0 && world.volumetric.contains(entity);
+    GpuLight {
+        radius: non_negative(disk.unwrap_or_default().angular_size),
+        flags: light.flags & !LIGHT_VOLUMETRIC | if is_volumetric { LIGHT_VOLUMETRIC } else { 0 },
+        ..light
     }
 }
 
@@ -193,7 +202,7 @@ impl KnownLights {
             return false;
         }
         for (place, light) in &mut *changed {
-            light.radius = self.directional.disk_of(*place, world);
+            self.directional.dress(*place, light, world);
         }
         self.points
             .find_changes(&world.points, &of(point_light, layers), changed)
@@ -207,7 +216,7 @@ impl KnownLights {
         self.directional
             .gather(&world.directional, &of(directional_light, layers), &mut lights);
         for (place, light) in (0..).zip(&mut lights) {
-            light.radius = self.directional.disk_of(place, world);
+            self.directional.dress(place, light, world);
         }
         if lights.len() > MAX_LIGHTS {
             warn_once!(
@@ -247,7 +256,7 @@ pub fn extract_lights(
     }
     let is_other = known.with_rects != extracted.rects_shine || layers.changed;
     known.with_rects = extracted.rects_shine;
-    if !is_other && known.directional.have_disks(extracted.lights(), world) && known.find_changes(world, layers) {
+    if !is_other && known.directional.are_dressed(extracted.lights(), world) && known.find_changes(world, layers) {
         for (place, light) in &known.changed {
             extracted.set(*place, *light);
         }

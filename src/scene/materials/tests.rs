@@ -59,3 +59,26 @@ fn a_table_knows_whether_any_material_has_a_clearcoat() {
     table.write(index, pack_material(&StandardMaterial::default()));
     assert!(!table.has_clearcoat());
 }
+
+#[test]
+fn a_table_knows_whether_light_comes_through_any_material() {
+    let mut table = MaterialTable::default();
+    let index = table.index(AssetId::<StandardMaterial>::default().untyped());
+    assert!(!table.has_diffuse_transmission());
+    let leaf = StandardMaterial {
+        diffuse_transmission: 0.75,
+        thickness: 0.5,
+        ..Default::default()
+    };
+    let packed = pack_material(&leaf);
+    assert_eq!((packed.emissive[3], packed.diffuse_share), (0.75, 0.25));
+    assert_eq!((packed.thickness, packed.ior), (0.5, 0.0));
+    table.write(index, packed);
+    assert!(table.has_diffuse_transmission() && !table.has_clearcoat());
+    let deferred = StandardMaterial {
+        opaque_render_method: OpaqueRendererMethod::Deferred,
+        ..leaf
+    };
+    table.write(index, pack_material(&deferred));
+    assert!(!table.has_diffuse_transmission(), "Bevy draws it without");
+}

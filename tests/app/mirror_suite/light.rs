@@ -5,7 +5,7 @@ use bevy::{
     asset::RenderAssetUsages,
     camera::visibility::RenderLayers,
     image::Image,
-    light::{IrradianceVolume, LightProbe, ParallaxCorrection},
+    light::{IrradianceVolume, LightProbe, ParallaxCorrection, RectLight},
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
 };
@@ -14,7 +14,7 @@ use bevy_glint::ReflectionTechnique;
 /// In each direction of a block of lights: 1,000.
 const GRID: u32 = 10;
 
-pub(super) const ROWS: [Row; 8] = [
+pub(super) const ROWS: [Row; 10] = [
     ("clearcoat", |stage| {
         stage.surround();
         stage.light_and_spawn(lacquer());
@@ -32,6 +32,17 @@ pub(super) const ROWS: [Row; 8] = [
         stage.spawn(StandardMaterial {
             base_color: Color::BLACK,
             clearcoat_perceptual_roughness: 0.5,
+            ..lacquer()
+        });
+    }),
+    ("rectangular light", |stage| {
+        stage.light_by_a_rectangle(40_000.0);
+        stage.spawn(polished());
+    }),
+    ("rectangular light on clearcoat", |stage| {
+        stage.light_by_a_rectangle(250_000.0);
+        stage.spawn(StandardMaterial {
+            base_color: Color::BLACK,
             ..lacquer()
         });
     }),
@@ -131,6 +142,20 @@ fn color(number: usize) -> [u8; 4] {
 }
 
 impl Stage<'_> {
+    /// A wide lamp between the mirror and what was spawned, on which it shines.
+    fn light_by_a_rectangle(&mut self, intensity: f32) {
+        self.add((
+            RectLight {
+                color: Color::linear_rgb(1.0, 0.8, 0.5),
+                intensity,
+                range: 14.0,
+                width: 2.4,
+                height: 0.8,
+            },
+            Transform::from_xyz(0.6, 1.4, 4.8).looking_to(Vec3::new(-0.2, -0.4, 1.0), Vec3::new(0.3, 1.0, 0.0)),
+        ));
+    }
+
     /// Light from the sky and from the ground.
     pub(super) fn surround(&mut self) {
         let mut images = self.app.world().resource_mut::<Assets<Image>>();

@@ -7,13 +7,14 @@ use bevy::{
     camera::visibility::VisibilityRange,
     image::Image,
     light::{
-        Atmosphere, AtmosphereEnvironmentMapLight, GeneratedEnvironmentMapLight, Skybox, SunDisk,
-        atmosphere::ScatteringMedium,
+        Atmosphere, AtmosphereEnvironmentMapLight, FogVolume, GeneratedEnvironmentMapLight, NotShadowReceiver, Skybox,
+        SunDisk, VolumetricFog, VolumetricLight, atmosphere::ScatteringMedium,
     },
     pbr::AtmosphereSettings,
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
 };
+use bevy_glint::ReflectionTechnique;
 use std::ops::Range;
 
 /// Components that rows give the camera.
@@ -22,18 +23,34 @@ pub(super) type Components = (
     AtmosphereEnvironmentMapLight,
     GeneratedEnvironmentMapLight,
     Skybox,
+    VolumetricFog,
 );
 
 /// Direction of light from a low sun behind the mirror.
 const LOW_SUN: Vec3 = Vec3::new(0.4, -0.12, 1.0);
 
-pub(super) const ROWS: [Row; 6] = [
+pub(super) const ROWS: [Row; 8] = [
     ("sunlight through an atmosphere", |stage| {
         stage.breathe(5_000.0);
         stage.spawn(blue());
     }),
     ("the sky of an atmosphere", |stage| {
         stage.breathe(6_000.0);
+        stage.spawn(blue());
+        stage.open();
+    }),
+    ("a volume of fog", |stage| {
+        stage.add_fog_volume();
+        stage.spawn(blue());
+        // Edges of shadow maps aren't what is compared.
+        for entity in stage.spawned.clone() {
+            stage.app.world().entity_mut(entity).insert(NotShadowReceiver);
+        }
+    }),
+    ("volumetric fog under the sky of an atmosphere", |stage| {
+        // Bevy's fog is dark where another directional light shines.
+        stage.add_air();
+        stage.add_fog_volume();
         stage.spawn(blue());
         stage.open();
     }),
@@ -79,11 +96,17 @@ pub(super) const ROWS: [Row; 6] = [
 ];
 
 impl Stage<'_> {
-    /// Surrounds everything with air, and lights it by a low sun.
-    fn breathe(&mut self, illuminance: f32) {
+    /// Surrounds everything with air.
+    fn add_air(&mut self) {
         let medium = ScatteringMedium::earth(64, 64);
         let medium = self.app.world().resource_mut::<Assets<ScatteringMedium>>().add(medium);
         self.add(Atmosphere::earth(medium));
+        self.dress(AtmosphereSettings::default());
+    }
+
+    /// The same, and lights it by a low sun.
+    fn breathe(&mut self, illuminance: f32) {
+        self.add_air();
         self.add((
             DirectionalLight {
                 illuminance,
@@ -92,7 +115,38 @@ impl Stage<'_> {
             SunDisk::OFF,
             Transform::default().looking_to(LOW_SUN, Vec3::Y),
         ));
-        self.dress(AtmosphereSettings::default());
+    }
+
+    /// Fog between the camera and the wall behind it, and light that it shows.
+    fn add_fog_volume(&mut self) {
+        // Points in fog whose shadows are tested are drawn, as are those of a mirror that the denoiser smooths.
+        self.technique = ReflectionTechnique::Converged;
+        self.frames = 64;
+        self.dress(VolumetricFog {
+            ambient_intensity: 0.0,
+            ..default()
+        });
+        self.add((
+            FogVolume {
+                density_factor: 0.4,
+                light_tint: Color::linear_rgb(1.0, 0.7, 0.4),
+                light_intensity: 3.0,
+                ..default()
+            },
+            // Beyond the camera that looks into the mirror, and beyond the mirrored one.
+            Transform::from_xyz(0.0, 0.0, 8.0)
+                .with_rotation(Quat::from_rotation_y(0.1))
+                .with_scale(Vec3::new(9.0, 7.0, 6.0)),
+        ));
+        self.add((
+            DirectionalLight {
+                illuminance: 2000.0,
+                shadow_maps_enabled: true,
+                ..default()
+            },
+            VolumetricLight,
+            Transform::default().looking_to(Vec3::new(1.0, -0.35, 0.9), Vec3::Y),
+        ));
     }
 
     /// Removes the wall behind what was spawned.
