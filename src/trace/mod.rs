@@ -41,11 +41,11 @@ use bevy::{
     app::{App, Plugin},
     asset::embedded_asset,
     ecs::schedule::IntoScheduleConfigs,
-    render::{ExtractSchedule, Render, RenderApp, RenderStartup, init_gpu_resource},
+    render::{ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderStartup, init_gpu_resource},
     shader::load_shader_library,
 };
 use pipelines::{init_trace_pipelines, queue_trace_pipelines};
-use surface_shader::extract_surface_shader;
+use surface_shader::{SurfaceShader, extract_surface_shader};
 
 /// Registers the shaders and pipelines of this folder.
 pub(crate) struct TracePlugin;
@@ -80,6 +80,7 @@ impl Plugin for TracePlugin {
     fn finish(&self, app: &mut App) {
         let Some(render_app) = tracing_app(app) else { return };
         render_app
+            .init_gpu_resource::<SurfaceShader>()
             .add_systems(
                 RenderStartup,
                 init_trace_pipelines.after(init_gpu_resource::<SceneBindings>),

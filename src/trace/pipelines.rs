@@ -76,8 +76,6 @@ pub struct TracePipelines {
     see_through: bool,
     /// Some object refracts them.
     refracts: bool,
-    /// The app's own shader.
-    pub(super) surface_shader: SurfaceShader,
     /// The scene has more lights than hits have bits for.
     pub(super) many_lights: bool,
     /// No pass leaves anything out that the scene has, since its shader is still being compiled.
@@ -368,7 +366,6 @@ pub(super) fn init_trace_pipelines(
         },
         see_through: false,
         refracts: false,
-        surface_shader: SurfaceShader::default(),
         many_lights: false,
         complete: true,
     });
@@ -405,16 +402,17 @@ pub(super) fn queue_trace_pipelines(
     mut pipelines: ResMut<TracePipelines>,
     cache: Res<PipelineCache>,
     mut scene: ResMut<SceneBindings>,
+    mut surface_shader: ResMut<SurfaceShader>,
     noise: Option<Res<Bluenoise>>,
     images: Res<RenderAssets<GpuImage>>,
 ) {
     let pipelines = &mut *pipelines;
     let variant = Variant {
-        own_surfaces: pipelines.surface_shader.is_there(),
+        own_surfaces: surface_shader.is_there(),
         ..Variant::of(&scene)
     };
     pipelines.variant = variant;
-    if pipelines.surface_shader.take_change() {
+    if surface_shader.take_change() {
         scene.version.note(Change::Unmarked);
     }
     pipelines.see_through = scene.see_through.has_partial();

@@ -1,6 +1,5 @@
 //! The shader of the app's own that changes the surfaces which rays hit.
 
-use super::TracePipelines;
 use crate::settings::ReflectedSurfaceShader;
 use bevy::{
     asset::{AssetEvent, AssetId, Assets, uuid::Uuid},
@@ -16,8 +15,8 @@ const MODULE_ID: AssetId<Shader> = AssetId::Uuid {
     uuid: Uuid::from_u128(0x6b1d_9a3e_52c7_4f08_8e64_1f7a_30d9_c25b),
 };
 
-/// The app's shader, as far as the renderer has it.
-#[derive(Default)]
+/// The app's shader, as far as the renderer has it. A GPU resource: it is told anew to the pipeline cache of a new device.
+#[derive(Resource, Default)]
 pub(super) struct SurfaceShader {
     /// The one whose source is that of the module.
     loaded: Option<AssetId<Shader>>,
@@ -44,11 +43,11 @@ pub(super) fn extract_surface_shader(
     own: Extract<Option<Res<ReflectedSurfaceShader>>>,
     shaders: Extract<Res<Assets<Shader>>>,
     mut events: Extract<MessageReader<AssetEvent<Shader>>>,
-    pipelines: Option<ResMut<TracePipelines>>,
+    state: Option<ResMut<SurfaceShader>>,
     mut cache: ResMut<PipelineCache>,
 ) {
-    let Some(mut pipelines) = pipelines else { return };
-    if own.is_none() && !pipelines.surface_shader.is_there() {
+    let Some(mut state) = state else { return };
+    if own.is_none() && !state.is_there() {
         events.clear();
         return;
     }
@@ -56,7 +55,6 @@ pub(super) fn extract_surface_shader(
     let is_new = |event: &AssetEvent<Shader>| wanted.is_some_and(|id| event.is_added(id) || event.is_modified(id));
     // All of them are read, so that none is seen twice.
     let is_new = events.read().filter(|event| is_new(event)).count() > 0;
-    let state = &mut pipelines.surface_shader;
     state.animated = own.as_ref().is_some_and(|own| own.animated);
     if state.loaded == wanted && !is_new {
         return;
