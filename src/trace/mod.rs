@@ -85,7 +85,8 @@ impl Plugin for TracePlugin {
                 RenderStartup,
                 init_trace_pipelines.after(init_gpu_resource::<SceneBindings>),
             )
-            .add_systems(ExtractSchedule, extract_surface_shader)
+            // Bevy hands its shaders to the pipeline cache, too: others, so that the order is all the same.
+            .add_systems(ExtractSchedule, extract_surface_shader.ambiguous_with_all())
             .add_systems(
                 Render,
                 // Behind the others, which read what it notes in the scene's bindings.
