@@ -52,7 +52,7 @@ pub const MATERIAL_TYPE_SHIFT: u32 = 10;
 /// They, shifted to 0.
 pub const MATERIAL_TYPE_BITS: u32 = 15;
 
-/// Optical depth behind which nothing is seen.
+/// Optical depth behind which nothing is seen: 1e-7 of the light is left. More makes the steps of [`GpuMaterial::optical_depth`] coarser.
 pub const OPAQUE_DEPTH: f32 = 16.0;
 
 /// Slot of [`GpuMaterial::textures`].

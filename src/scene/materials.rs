@@ -1,5 +1,6 @@
 //! Materials as hits need them: copies of the assets in the render world, packed into the table that shaders read.
 
+mod pack;
 mod types;
 
 use core::any::TypeId;
@@ -7,20 +8,11 @@ use std::ops::Range;
 
 use bevy::{
     asset::{AssetEvent, AssetId, Assets, UntypedAssetId},
-    color::LinearRgba,
     ecs::{message::MessageReader, prelude::*},
     image::Image,
-    material::OpaqueRendererMethod,
-    mesh::UvChannel,
     pbr::{ExtendedMaterial, Material, MaterialExtension, StandardMaterial},
     platform::collections::{HashMap, HashSet},
-    prelude::AlphaMode,
-    render::{
-        Extract,
-        render_asset::RenderAssets,
-        render_resource::{AstcChannel, Face, TextureChannel, TextureFormat},
-        texture::GpuImage,
-    },
+    render::{Extract, render_asset::RenderAssets, texture::GpuImage},
 };
 
 use super::{
@@ -28,13 +20,15 @@ use super::{
     change::{Change, RESTLESS_FRAMES},
     free_slots::FreeSlots,
     gpu_types::*,
-    see_through::{index_of_refraction, optical_depth, refracts, see_through_flags, stop_probability},
     textures::TextureTable,
     waiting_room::WaitingRoom,
 };
 use bytemuck::bytes_of;
 
+pub use pack::{format_flags, instance_flags, is_traced, pack_material, texture_ids};
 pub(super) use types::MaterialTypes;
+
+use pack::{hits_same, looks_same};
 
 /// A material type that rays see.
 ///
@@ -88,208 +82,6 @@ impl<E: MaterialExtension> ReflectedMaterial for ExtendedMaterial<StandardMateri
 
 /// Index of the material that stands in for those that are not loaded yet: `StandardMaterial::default()`.
 pub const DEFAULT_MATERIAL: u32 = 0;
-
-/// Returns whether rays can hit this material. Materials that only add to or multiply what lies behind them are transparent to
-/// rays.
-pub fn is_traced(material: &StandardMaterial) -> bool {
-    !matches!(material.alpha_mode, AlphaMode::Add | AlphaMode::Multiply)
-}
-
-/// The `INSTANCE_` flags that come from an instance's material: face culling and the alpha test.
-pub fn instance_flags(material: &StandardMaterial) -> u32 {
-    let culling = match material.cull_mode {
-        Some(Face::Back) => INSTANCE_CULL_BACK,
-        Some(Face::Front) => INSTANCE_CULL_FRONT,
-        None => 0,
-    };
-    let is_opaque = material.alpha_mode == AlphaMode::Opaque && stop_probability(material).is_none();
-    culling | if is_opaque { 0 } else { INSTANCE_ALPHA_MASKED }
-}
-
-/// Alpha below which blended surfaces cast no shadow in Bevy's shadow maps.
-const BLENDED_SHADOW_CUTOFF: f32 = 0.05;
-
-/// The images of a material in the order of the `TEXTURE_` constants.
-pub fn texture_ids(material: &StandardMaterial) -> [Option<AssetId<Image>>; 5] {
-    let mut ids = [None; 5];
-    for (slot, handle) in [
-        (TEXTURE_BASE_COLOR, &material.base_color_texture),
-        (TEXTURE_EMISSIVE, &material.emissive_texture),
-        (TEXTURE_METALLIC_ROUGHNESS, &material.metallic_roughness_texture),
-        (TEXTURE_NORMAL, &material.normal_map_texture),
-        (TEXTURE_OCCLUSION, &material.occlusion_texture),
-    ] {
-        ids[slot] = handle.as_ref().map(|handle| handle.id());
-    }
-    ids
-}
-
-fn finite_or(value: f32, fallback: f32) -> f32 {
-    if value.is_finite() { value } else { fallback }
-}
-
-fn unit_or(value: f32, fallback: f32) -> f32 {
-    finite_or(value, fallback).clamp(0.0, 1.0)
-}
-
-/// Packs a material without textures: every slot is [`NO_TEXTURE`]. Values are brought into their ranges, and what is not a number
-/// becomes the value of `StandardMaterial::default()` or zero.
-pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
-    let base_color = LinearRgba::from(material.base_color);
-    let tint = LinearRgba::from(material.specular_tint);
-    // The G-buffer keeps the Rec. 709 luminance of reflectance times tint.
-    let tint_luminance = 0.2126 * tint.red + 0.7152 * tint.green + 0.0722 * tint.blue;
-
-    let stopped = stop_probability(material);
-    let mut flags = see_through_flags(material);
-    for (flag, set) in [
-        (MATERIAL_UNLIT, material.unlit),
-        (MATERIAL_FOG, material.fog_enabled),
-        (MATERIAL_DOUBLE_SIDED, material.double_sided),
-        (MATERIAL_FLIP_NORMAL_MAP_Y, material.flip_normal_map_y),
-        (
-            MATERIAL_SOLID_TEXTURE,
-            material.alpha_mode == AlphaMode::Opaque && stopped.is_some(),
-        ),
-    ] {
-        flags |= if set { flag } else { 0 };
-    }
-    for (slot, channel) in [
-        (TEXTURE_BASE_COLOR, &material.base_color_channel),
-        (TEXTURE_EMISSIVE, &material.emissive_channel),
-        (TEXTURE_METALLIC_ROUGHNESS, &material.metallic_roughness_channel),
-        (TEXTURE_NORMAL, &material.normal_map_channel),
-        (TEXTURE_OCCLUSION, &material.occlusion_channel),
-    ] {
-        if *channel == UvChannel::Uv1 {
-            flags |= 1 << (MATERIAL_UV1_SHIFT + slot as u32);
-        }
-    }
-
-    let color = |value: f32| finite_or(value, 0.0).max(0.0);
-    let transform = material.uv_transform;
-    let transform = if transform.is_finite() {
-        transform
-    } else {
-        Default::default()
-    };
-    GpuMaterial {
-        base_color: [
-            color(base_color.red),
-            color(base_color.green),
-            color(base_color.blue),
-            match material.alpha_mode {
-                AlphaMode::Opaque => 1.0,
-                _ => unit_or(base_color.alpha, 1.0),
-            },
-        ],
-        emissive: [
-            color(material.emissive.red),
-            color(material.emissive.green),
-            color(material.emissive.blue),
-            transmitted_share(material),
-        ],
-        textures: [NO_TEXTURE; 5],
-        flags,
-        metallic: finite_or(material.metallic, 0.0).clamp(0.0, 1.0),
-        perceptual_roughness: finite_or(material.perceptual_roughness, 0.5).clamp(0.0, 1.0),
-        uv_transform: transform.matrix2.to_cols_array(),
-        uv_offset: transform.translation.to_array(),
-        reflectance: finite_or(material.reflectance * tint_luminance, 0.5).clamp(0.0, 1.0),
-        alpha_cutoff: match material.alpha_mode {
-            AlphaMode::Opaque => 0.0,
-            AlphaMode::Mask(cutoff) => finite_or(cutoff, 0.5),
-            _ => BLENDED_SHADOW_CUTOFF,
-        },
-        stop_probability: stopped.unwrap_or(-1.0),
-        diffuse_share: (1.0 - unit_or(material.diffuse_transmission, 0.0)) * stopped_share(material),
-        lightmap_exposure: color(material.lightmap_exposure),
-        clearcoat: packed_clearcoat(material),
-        thickness: light_thickness(material),
-        ior: index_of_refraction(material),
-        optical_depth: optical_depth(material),
-    }
-}
-
-/// Share of the light that stops at a surface which doesn't pass through by specular transmission.
-fn stopped_share(material: &StandardMaterial) -> f32 {
-    match stop_probability(material) {
-        // Light that passes through belongs to the rays that do.
-        Some(_) => 1.0,
-        None => 1.0 - unit_or(material.specular_transmission, 0.0),
-    }
-}
-
-/// Share of diffuse light that comes through the material. Bevy's deferred renderer has none.
-fn transmitted_share(material: &StandardMaterial) -> f32 {
-    if material.unlit || material.opaque_render_method == OpaqueRendererMethod::Deferred {
-        return 0.0;
-    }
-    unit_or(material.diffuse_transmission, 0.0) * stopped_share(material)
-}
-
-/// The thickness of materials through which light comes that makes use of it.
-fn light_thickness(material: &StandardMaterial) -> f32 {
-    if transmitted_share(material) == 0.0 && !refracts(material) {
-        return 0.0;
-    }
-    finite_or(material.thickness, 0.0).max(0.0)
-}
-
-/// The clearcoat of a material in the steps of Bevy's G-buffer; 0 without one. Its textures are left out.
-fn packed_clearcoat(material: &StandardMaterial) -> u32 {
-    let strength = (unit_or(material.clearcoat, 0.0) * 15.0).round() as u32;
-    let roughness = (finite_or(material.clearcoat_perceptual_roughness, 0.5).clamp(0.0, 0.5) * 30.0).round() as u32;
-    if strength == 0 { 0 } else { strength | (roughness << 4) }
-}
-
-/// The `MATERIAL_` flags that follow from the formats of a material's textures, as Bevy finds them.
-pub fn format_flags(metallic_roughness: Option<TextureFormat>, normal_map: Option<TextureFormat>) -> u32 {
-    let mut flags = 0;
-    if metallic_roughness.is_some_and(|format| format.channels() == TextureChannel::RG) {
-        flags |= MATERIAL_METALLIC_ROUGHNESS_RG;
-    }
-    if matches!(
-        normal_map,
-        Some(
-            TextureFormat::Rg8Unorm
-                | TextureFormat::Rg16Unorm
-                | TextureFormat::Bc5RgUnorm
-                | TextureFormat::EacRg11Unorm
-                | TextureFormat::Astc {
-                    channel: AstcChannel::Unorm,
-                    ..
-                }
-        )
-    ) {
-        flags |= MATERIAL_TWO_COMPONENT_NORMAL_MAP;
-    }
-    flags
-}
-
-/// Returns whether rays see no difference. An extension that is animated leaves its base as it is.
-fn looks_same(a: &StandardMaterial, b: &StandardMaterial) -> bool {
-    bytes_of(&pack_material(a)) == bytes_of(&pack_material(b))
-        && texture_ids(a) == texture_ids(b)
-        && a.alpha_mode == b.alpha_mode
-        && a.cull_mode == b.cull_mode
-}
-
-/// Returns whether materials differ in colours and the like alone, so that rays meet one where they met the other.
-fn hits_same(a: &GpuMaterial, b: &GpuMaterial) -> bool {
-    let [red, green, blue, _] = a.base_color;
-    let with_colors_of_a = GpuMaterial {
-        base_color: [red, green, blue, b.base_color[3]],
-        emissive: a.emissive,
-        metallic: a.metallic,
-        perceptual_roughness: a.perceptual_roughness,
-        reflectance: a.reflectance,
-        lightmap_exposure: a.lightmap_exposure,
-        clearcoat: a.clearcoat,
-        ..*b
-    };
-    bytes_of(&with_colors_of_a) == bytes_of(a)
-}
 
 /// Loaded materials of all types that rays know, as rays see them.
 #[derive(Resource, Default)]

@@ -4,7 +4,8 @@ use super::gpu_types::{MATERIAL_FADES, MATERIAL_SEE_THROUGH, OPAQUE_DEPTH};
 use bevy::{color::LinearRgba, ecs::entity::Entity, pbr::StandardMaterial, prelude::AlphaMode};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Probability with which a ray stops at least at glass that refracts: where rays stop always, they must find it. Light doesn't show it.
+/// Probability with which a ray stops at least at glass that refracts. Rays that are followed through layers stop at what has more than
+/// `LEAST_SHARE` of `transparency.wesl`, and must find it; rays by chance lose so much of the light behind it.
 const LEAST_STOPPED: f32 = 1.0 / 512.0;
 
 /// The probability with which a ray stops where alpha is 1; `None` for materials that let no ray through by chance.

@@ -7,7 +7,7 @@ use bevy::{
     shader::Shader,
 };
 
-/// Shader that changes the surfaces which reflections show, for what a material's own shader computes: stripes, dissolving edges,
+/// Shader that changes the surfaces which reflections show, for what a material's own shader computes: stripes, frost,
 /// colours that pulse. It belongs to the whole app; without it, reflections show materials as
 /// [`ReflectedMaterial`](crate::ReflectedMaterial) describes them.
 ///
@@ -28,10 +28,10 @@ use bevy::{
 /// }
 /// ```
 ///
-/// [`Surface`](https://docs.rs/crate/bevy_glint/latest/source/src/scene/surface.wesl) has place, normal, base colour, metallic,
-/// roughness, reflectance, emission and whether it is lit. The point says which material type it is (0 for `StandardMaterial`, and from 1
+/// A `Surface` (`src/scene/surface.wesl`) has place, normal, base colour, metallic, roughness, reflectance, emission and whether it is lit. The
+/// point says which material type it is (0 for `StandardMaterial`, and from 1
 /// on other types in the order of their [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin)s), where on the mesh, and when.
-/// What the function returns is brought into range; alpha, and which triangles rays hit, stay as they are.
+/// The result is brought into range; place, alpha, and which triangles rays hit, stay as they are.
 ///
 /// The module is compiled as a part of the library: it may import modules of `bevy_glint`, of Bevy, and those that a crate embeds
 /// (`embedded_asset!`, by the crate's name), but no other files of the asset folder. It follows changes of its file. Until it is

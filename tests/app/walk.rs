@@ -81,7 +81,7 @@ fn mean_difference(a: &[f32], b: &[f32], within: &[bool], without: &[bool]) -> f
     differences.iter().sum::<f32>() / differences.len() as f32
 }
 
-/// What is known of a frame, from converged pictures.
+/// A frame as converged pictures show it.
 struct Instant {
     frame: u32,
     truth: Vec<f32>,
@@ -100,7 +100,7 @@ impl Instant {
     }
 }
 
-/// What a technique shows of an instant without a past.
+/// Picture of an instant by a technique without a past.
 fn fresh(app: &mut HeadlessApp, camera: Entity, name: &str) -> Vec<f32> {
     let mut sum = vec![0.0; (SIZE.x * SIZE.y) as usize];
     for _ in 0..FRESH {

@@ -288,6 +288,14 @@ mod tests {
         light.id()
     }
 
+    /// Layers of a camera that draws the usual one.
+    fn usual_layers() -> SceneLayers {
+        let mut layers = SceneLayers::default();
+        layers.follow(core::iter::once((None, None)), core::iter::empty());
+        layers.changed = false;
+        layers
+    }
+
     /// Changes the world in one of several ways. Returns whether lights stay where they are in the list.
     fn disturb(world: &mut World, lights: &mut Vec<Entity>, step: usize) -> bool {
         let light = lights[step * 7 % lights.len()];
@@ -334,9 +342,7 @@ mod tests {
     fn lights_that_changed_are_converted_and_others_kept() {
         let mut world = World::new();
         let mut state = SystemState::<LightWorld>::new(&mut world);
-        let mut layers = SceneLayers::default();
-        layers.follow(core::iter::once((None, None)), core::iter::empty());
-        layers.changed = false;
+        let layers = usual_layers();
         let mut entities: Vec<Entity> = (0..300).map(|index| spawn(&mut world, index)).collect();
         let (mut extracted, mut known) = (ExtractedLights::default(), KnownLights::default());
         let mut copy = Vec::new();
@@ -368,9 +374,7 @@ mod tests {
     fn the_disk_of_a_sun_is_followed() {
         let mut world = World::new();
         let mut state = SystemState::<LightWorld>::new(&mut world);
-        let mut layers = SceneLayers::default();
-        layers.follow(core::iter::once((None, None)), core::iter::empty());
-        layers.changed = false;
+        let layers = usual_layers();
         // The second light is no sun, so that places and rows differ.
         let [_, _, sun] = [0, 1, 0].map(|index| spawn(&mut world, index));
         let (mut extracted, mut known) = (ExtractedLights::default(), KnownLights::default());
@@ -409,9 +413,7 @@ mod tests {
     fn lights_that_changed_keep_a_mark_for_a_while() {
         let mut world = World::new();
         let mut state = SystemState::<LightWorld>::new(&mut world);
-        let mut layers = SceneLayers::default();
-        layers.follow(core::iter::once((None, None)), core::iter::empty());
-        layers.changed = false;
+        let layers = usual_layers();
         let lights = [1, 5].map(|index| spawn(&mut world, index));
         let (mut extracted, mut known) = (ExtractedLights::default(), KnownLights::default());
         let mut frame = |world: &World| {

@@ -1,7 +1,7 @@
 //! Materials as rays see them.
 
-use super::*;
-use bevy::{asset::Handle, color::Color};
+use super::{pack::packed_clearcoat, *};
+use bevy::{asset::Handle, color::Color, material::OpaqueRendererMethod, prelude::AlphaMode};
 
 #[test]
 fn only_differences_that_rays_see_count_as_changes() {

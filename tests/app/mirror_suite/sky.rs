@@ -29,7 +29,7 @@ pub(super) type Components = (
 /// Direction of light from a low sun behind the mirror.
 const LOW_SUN: Vec3 = Vec3::new(0.4, -0.12, 1.0);
 
-pub(super) const ROWS: [Row; 8] = [
+pub(super) const ROWS: [Row; 9] = [
     ("sunlight through an atmosphere", |stage| {
         stage.breathe(5_000.0);
         stage.spawn(blue());
@@ -46,6 +46,17 @@ pub(super) const ROWS: [Row; 8] = [
         for entity in stage.spawned.clone() {
             stage.app.world().entity_mut(entity).insert(NotShadowReceiver);
         }
+    }),
+    ("a shadow in a volume of fog", |stage| {
+        stage.add_fog_volume();
+        stage.spawn(blue());
+        for entity in stage.spawned.clone() {
+            stage.app.world().entity_mut(entity).insert(NotShadowReceiver);
+        }
+        // Before the light, beside what both cameras see.
+        let block = Transform::from_xyz(-7.6, 2.4, 2.0);
+        let block = spawn_mesh(stage.app, Cuboid::new(4.0, 6.0, 4.0), blue(), block);
+        stage.spawned.push(block);
     }),
     ("volumetric fog under the sky of an atmosphere", |stage| {
         // Bevy's fog is dark where another directional light shines.
