@@ -65,10 +65,10 @@ pub struct GpuEnvironment {
     pub air: GpuAir,
     /// Fog that the camera draws.
     pub fog_volumes: [GpuFogVolume; MAX_FOG_VOLUMES],
+    /// Linear colour times intensity of the ambient light in that fog; exposed already.
+    pub fog_ambient: [f32; 3],
     /// Volumes that are there, at the beginning.
     pub fog_volume_count: u32,
-    /// Brings it to a multiple of 16 bytes.
-    pub unused: [u32; 3],
 }
 
 const _: () = assert!(size_of::<GpuEnvironment>() == 528);
@@ -161,7 +161,7 @@ pub(super) type ReflectingCameras<'w, 's> = Query<
         Option<&'static Skybox>,
         Option<&'static RenderLayers>,
         Option<&'static ReflectedLayers>,
-        Has<VolumetricFog>,
+        Option<&'static VolumetricFog>,
         &'static GlobalTransform,
     ),
 >;
@@ -178,7 +178,7 @@ pub(super) fn follow_environments(
     commands: &mut Commands,
 ) {
     let mut known = 0;
-    for (entity, settings, camera, exposure, own_ambient, map, skybox, drawn, reflected, in_fog, place) in cameras {
+    for (entity, settings, camera, exposure, own_ambient, map, skybox, drawn, reflected, fog, place) in cameras {
         if !camera.is_active {
             continue;
         }
@@ -206,8 +206,10 @@ pub(super) fn follow_environments(
         let air = atmospheres.get(entity).ok();
         let air = air.and_then(|atmosphere| GpuAir::new(atmosphere, place.translation()));
         environment.uniform.air = air.unwrap_or_default();
-        if in_fog {
+        if let Some(fog) = fog {
             let (volumes, count) = nearest_fog_volumes(fog_volumes, place.translation());
+            environment.uniform.fog_ambient =
+                rgb(fog.ambient_color).map(|channel| finite(channel * finite(fog.ambient_intensity)));
             (environment.uniform.fog_volumes, environment.uniform.fog_volume_count) = (volumes, count);
         }
         match views.get_mut(entity) {

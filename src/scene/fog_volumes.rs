@@ -25,8 +25,10 @@ pub struct GpuFogVolume {
     pub extinction: f32,
     /// Asymmetry of the Henyey-Greenstein phase function: -1 (back to the light) to 1 (away from it).
     pub asymmetry: f32,
+    /// Part of ambient light that is lost in a metre, as an exponent: Bevy takes the density for 1 there.
+    pub ambient_extinction: f32,
     /// Brings it to a multiple of 16 bytes.
-    pub unused: [f32; 3],
+    pub unused: [f32; 2],
 }
 
 const _: () = assert!(size_of::<GpuFogVolume>() == 80);
@@ -91,7 +93,8 @@ fn pack_fog_volume(volume: &FogVolume, place: &GlobalTransform) -> Option<GpuFog
         } else {
             0.0
         },
-        unused: [0.0; 3],
+        ambient_extinction: absorption + scattering,
+        unused: [0.0; 2],
     })
 }
 

@@ -373,6 +373,7 @@ fn lights_and_uniforms_match_the_cpu() {
             fixed_texture_level,
             air,
             fog_volumes,
+            fog_ambient,
             fog_volume_count
         ]
     );
@@ -380,7 +381,7 @@ fn lights_and_uniforms_match_the_cpu() {
         module,
         "FogVolume",
         GpuFogVolume,
-        [volume_from_world, scattered, extinction, asymmetry]
+        [volume_from_world, scattered, extinction, asymmetry, ambient_extinction]
     );
     same_layout!(
         module,

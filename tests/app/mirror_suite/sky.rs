@@ -134,7 +134,8 @@ impl Stage<'_> {
         self.technique = ReflectionTechnique::Converged;
         self.frames = 64;
         self.dress(VolumetricFog {
-            ambient_intensity: 0.0,
+            ambient_color: Color::linear_rgb(0.2, 0.5, 1.0),
+            ambient_intensity: 0.05,
             ..default()
         });
         self.add((
