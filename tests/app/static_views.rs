@@ -27,6 +27,7 @@ enum Change {
     Nothing,
     Place,
     Color,
+    Uv,
     Lamp,
 }
 
@@ -71,6 +72,10 @@ impl Restless {
             Change::Color => {
                 let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
                 materials.get_mut(&self.material).unwrap().base_color = Color::linear_rgb(0.5 + 0.4 * wave, 0.1, 0.9);
+            }
+            Change::Uv => {
+                let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
+                materials.get_mut(&self.material).unwrap().uv_transform.translation = Vec2::splat(wave);
             }
             Change::Lamp => world.get_mut::<PointLight>(self.lamp).unwrap().intensity = 60_000.0 + 40_000.0 * wave,
         }
@@ -128,7 +133,7 @@ fn what_no_ray_meets_keeps_no_view_from_converging() {
     // Until objects are merged, too.
     begin_anew(app, camera);
     (0..150).for_each(|_| frame(app));
-    let noise = [Change::Nothing, Change::Place, Change::Color, Change::Lamp].map(|change| {
+    let noise = [Change::Nothing, Change::Place, Change::Color, Change::Uv, Change::Lamp].map(|change| {
         // The beginning of a movement is a change for all views: histories are as long in all cases.
         (0..40).for_each(|_| frame(app));
         app.world().get_mut::<Transform>(restless.object).unwrap().translation.y += 0.1;

@@ -202,9 +202,12 @@ pub(super) fn looks_same(a: &StandardMaterial, b: &StandardMaterial) -> bool {
         && a.cull_mode == b.cull_mode
 }
 
-/// Returns whether materials differ in colours and the like alone, so that rays meet one where they met the other.
+/// Returns whether materials differ in colours and the like alone, so that rays meet one where they met the other. Where textures lie
+/// makes no difference to rays if none of them lets rays through.
 pub(super) fn hits_same(a: &GpuMaterial, b: &GpuMaterial) -> bool {
     let [red, green, blue, _] = a.base_color;
+    let is_solid = a.alpha_cutoff == 0.0 && a.stop_probability < 0.0;
+    let placed = if is_solid { a } else { b };
     let with_colors_of_a = GpuMaterial {
         base_color: [red, green, blue, b.base_color[3]],
         emissive: a.emissive,
@@ -213,6 +216,8 @@ pub(super) fn hits_same(a: &GpuMaterial, b: &GpuMaterial) -> bool {
         reflectance: a.reflectance,
         lightmap_exposure: a.lightmap_exposure,
         clearcoat: a.clearcoat,
+        uv_transform: placed.uv_transform,
+        uv_offset: placed.uv_offset,
         ..*b
     };
     bytes_of(&with_colors_of_a) == bytes_of(a)
