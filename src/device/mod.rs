@@ -13,6 +13,8 @@ pub use shading_rates::ShadingRates;
 pub use texture_mode::ReflectionTextureMode;
 pub use tracer::ReflectionTracer;
 
+#[cfg(test)]
+pub(crate) use memory::REFUSES;
 pub(crate) use memory::try_allocate;
 pub(crate) use support::{adapter_name, unsupported};
 pub(crate) use texture_mode::{MAX_SAMPLERS, texture_mode};

@@ -4,7 +4,7 @@ use super::{
     gpu_types::{
         INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
     },
-    meshes::SceneMeshes,
+    meshes::{SceneMesh, SceneMeshes},
 };
 use crate::device::try_allocate;
 use bevy::{
@@ -17,7 +17,7 @@ use bevy::{
         render_resource::{
             AccelerationStructureFlags, AccelerationStructureGeometryFlags, AccelerationStructureUpdateMode, Blas,
             BlasBuildEntry, BlasGeometries, BlasGeometrySizeDescriptors, BlasTriangleGeometry,
-            BlasTriangleGeometrySizeDescriptor, Buffer, BufferInitDescriptor, BufferUsages, CommandEncoderDescriptor,
+            BlasTriangleGeometrySizeDescriptor, Buffer, BufferDescriptor, BufferUsages, CommandEncoderDescriptor,
             CreateBlasDescriptor, CreateTlasDescriptor, IndexFormat, Tlas, TlasInstance, VertexFormat,
         },
         renderer::{RenderDevice, RenderQueue},
@@ -40,6 +40,8 @@ const TRIANGLES_PER_BUILD: u32 = 4_000_000;
 const SMALLEST_TLAS: u32 = 64;
 /// Rays tell instances apart by 24 bits.
 const MOST_INSTANCES: u32 = 1 << 24;
+/// Frames until the device is asked again for memory that it refused.
+const REFUSED_FRAMES: u32 = 300;
 
 /// Which faces of a mesh stand in a BLAS. Closest-hit rays always cull back faces in hardware, so that a surface that is seen
 /// from behind needs triangles of the opposite winding: wgpu has no culling switch for single instances.
@@ -108,6 +110,10 @@ pub struct AccelerationStructures {
     blas: HashMap<BlasKey, (u64, Blas)>,
     /// Structures of objects with a pose, by slot.
     posed: HashMap<u32, PosedBlas>,
+    /// Variants that can't be built, with the mesh's version.
+    refused: HashMap<BlasKey, u64>,
+    /// Frames until what lacked memory is tried again; 0 where nothing did.
+    retry_in: u32,
     tlas: Tlas,
     capacity: u32,
     /// Changes when [`Self::tlas`] becomes another object.
@@ -124,6 +130,8 @@ impl AccelerationStructures {
         Self {
             blas: HashMap::default(),
             posed: HashMap::default(),
+            refused: HashMap::default(),
+            retry_in: 0,
             tlas,
             capacity,
             generation: 0,
@@ -135,7 +143,18 @@ impl AccelerationStructures {
         &self.tlas
     }
 
-    /// Builds missing BLASes and the TLAS. Returns how many BLASes were built.
+    /// Counts a frame. Returns true once what lacked memory should be tried again by another [`Self::build`].
+    pub fn is_retry_due(&mut self) -> bool {
+        let waited = self.retry_in > 0;
+        self.retry_in = self.retry_in.saturating_sub(1);
+        let is_due = waited && self.retry_in == 0;
+        if is_due {
+            self.refused.clear();
+        }
+        is_due
+    }
+
+    /// Builds missing BLASes and the TLAS. Returns how many BLASes were built. What the device has no memory for is left out for a while.
     pub fn build(
         &mut self,
         instances: &[RayQueryInstance],
@@ -157,12 +176,12 @@ impl AccelerationStructures {
             );
         }
         let count = used.len() as u32;
+        let mut next = None;
         if count > self.capacity || (count < self.capacity / 4 && self.capacity > SMALLEST_TLAS) {
             let capacity = tlas_capacity(count, limit);
-            if let Some(tlas) = try_allocate(device, || create_tlas(device, capacity)) {
-                (self.tlas, self.capacity) = (tlas, capacity);
-                self.generation += 1;
-            } else {
+            next = try_allocate(device, || create_tlas(device, capacity)).map(|tlas| (tlas, capacity));
+            if next.is_none() {
+                self.retry_in = REFUSED_FRAMES;
                 warn_once!(
                     "only {} of {count} objects can be reflected, since the device has no memory for more",
                     self.capacity
@@ -189,13 +208,23 @@ impl AccelerationStructures {
             ))
         });
         let entries: Vec<_> = entries.collect();
-        if let Some(places) = self.tlas.get_mut_slice(0..self.capacity as usize) {
+        let (tlas, capacity) = match &mut next {
+            Some((tlas, capacity)) => (tlas, *capacity),
+            None => (&mut self.tlas, self.capacity),
+        };
+        if let Some(places) = tlas.get_mut_slice(0..capacity as usize) {
             let mut entries = entries.into_iter();
             for place in places {
                 *place = entries.next();
             }
         }
-        submit_builds("glint_tlas_build", &[], Some(&self.tlas), device, queue);
+        // A structure that was never built may not be bound.
+        if !submit_builds("glint_tlas_build", &[], Some(tlas), device, queue) {
+            self.retry_in = REFUSED_FRAMES;
+        } else if let Some(next) = next {
+            (self.tlas, self.capacity) = next;
+            self.generation += 1;
+        }
         built
     }
 
@@ -211,7 +240,11 @@ impl AccelerationStructures {
         self.blas.retain(|key, (version, _)| {
             meshes.get(key.mesh).is_some_and(|mesh| mesh.version == *version) && used.contains(key)
         });
-        let mut missing: Vec<_> = used.into_iter().filter(|key| !self.blas.contains_key(key)).collect();
+        self.refused.retain(|key, version| {
+            meshes.get(key.mesh).is_some_and(|mesh| mesh.version == *version) && used.contains(key)
+        });
+        let is_missing = |key: &BlasKey| !self.blas.contains_key(key) && !self.refused.contains_key(key);
+        let mut missing: Vec<_> = used.into_iter().filter(is_missing).collect();
         let mut built = 0;
         while !missing.is_empty() {
             let mut triangles = 0;
@@ -219,25 +252,36 @@ impl AccelerationStructures {
             while triangles < TRIANGLES_PER_BUILD
                 && let Some(key) = missing.pop()
             {
-                if let Some(mesh) = meshes.get(key.mesh) {
-                    triangles += mesh.triangle_count;
-                    batch.extend(PendingBlas::new(
-                        key,
-                        AccelerationStructureFlags::PREFER_FAST_TRACE,
-                        meshes,
-                        device,
-                    ));
+                let Some(mesh) = meshes.get(key.mesh) else {
+                    continue;
+                };
+                triangles += mesh.triangle_count;
+                let flags = AccelerationStructureFlags::PREFER_FAST_TRACE;
+                match PendingBlas::new(key, mesh, flags, device, queue) {
+                    Ok(pending) => batch.push(pending),
+                    Err(refusal) => {
+                        self.refused.insert(key, mesh.version);
+                        if refusal == Refusal::NoMemory {
+                            self.retry_in = REFUSED_FRAMES;
+                        }
+                    }
                 }
             }
             let entries: Vec<_> = batch.iter().map(|pending| pending.entry(meshes)).collect();
             if entries.is_empty() {
                 continue;
             }
-            submit_builds("glint_blas_build", &entries, None, device, queue);
+            let is_built = submit_builds("glint_blas_build", &entries, None, device, queue);
             drop(entries);
-            built += batch.len() as u64;
-            for pending in batch {
-                self.blas.insert(pending.key, (pending.version, pending.blas));
+            if is_built {
+                built += batch.len() as u64;
+                let ready = batch.into_iter();
+                self.blas
+                    .extend(ready.map(|pending| (pending.key, (pending.version, pending.blas))));
+            } else {
+                self.refused
+                    .extend(batch.iter().map(|pending| (pending.key, pending.version)));
+                self.retry_in = REFUSED_FRAMES;
             }
         }
         built
@@ -270,14 +314,12 @@ impl AccelerationStructures {
         let mut stale = Vec::new();
         for (instance, vertices) in posed() {
             if !self.posed.contains_key(&instance.slot)
-                && let Some(blas) = PendingBlas::new(
-                    instance.blas,
-                    AccelerationStructureFlags::PREFER_FAST_BUILD,
-                    meshes,
-                    device,
-                )
+                && let Some(mesh) = meshes.get(instance.blas.mesh)
             {
-                self.posed.insert(instance.slot, PosedBlas { blas, revision: 0 });
+                let flags = AccelerationStructureFlags::PREFER_FAST_BUILD;
+                if let Ok(blas) = PendingBlas::new(instance.blas, mesh, flags, device, queue) {
+                    self.posed.insert(instance.slot, PosedBlas { blas, revision: 0 });
+                }
             }
             if let Some(posed) = self.posed.get_mut(&instance.slot)
                 && posed.revision != vertices.revision
@@ -304,23 +346,45 @@ impl AccelerationStructures {
             rest = others;
             let posed = batch.iter().filter_map(|slot| self.posed.get(slot));
             let entries: Vec<_> = posed.map(|posed| posed.blas.entry(meshes)).collect();
-            submit_builds("glint_posed_blas_build", &entries, None, device, queue);
+            let is_built = submit_builds("glint_posed_blas_build", &entries, None, device, queue);
+            drop(entries);
+            if !is_built {
+                // They are tried again with their next pose.
+                self.posed.retain(|slot, _| !batch.contains(slot));
+            }
         }
         stale.len() as u64
     }
 }
 
-/// Has the driver build these structures.
+/// Has the driver build these structures. Returns false, and leaves all as it was, where it has no memory to do that.
 fn submit_builds<'a>(
     label: &'static str,
     blas: &'a [BlasBuildEntry<'a>],
     tlas: Option<&'a Tlas>,
     device: &RenderDevice,
     queue: &RenderQueue,
-) {
-    let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor { label: Some(label) });
-    encoder.build_acceleration_structures(blas, tlas);
-    queue.submit([encoder.finish()]);
+) -> bool {
+    let commands = try_allocate(device, || {
+        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor { label: Some(label) });
+        encoder.build_acceleration_structures(blas, tlas);
+        encoder.finish()
+    });
+    if commands.is_none() {
+        warn_once!(
+            "objects are missing from reflections, since the device has no memory to build acceleration structures; use \
+             fewer or smaller meshes, or keep some out with `NotReflected`"
+        );
+    }
+    commands.map(|commands| queue.submit([commands])).is_some()
+}
+
+/// Why a BLAS can't be built.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Refusal {
+    /// The mesh has more triangles than the device allows.
+    TooLarge,
+    NoMemory,
 }
 
 /// The BLAS of an object with a pose.
@@ -344,11 +408,11 @@ struct PendingBlas {
 impl PendingBlas {
     fn new(
         key: BlasKey,
+        mesh: &SceneMesh,
         flags: AccelerationStructureFlags,
-        meshes: &SceneMeshes,
         device: &RenderDevice,
-    ) -> Option<Self> {
-        let mesh = meshes.get(key.mesh)?;
+        queue: &RenderQueue,
+    ) -> Result<Self, Refusal> {
         let indices = rewound(&mesh.indices, key.winding);
         let index_count = indices.as_ref().map_or(mesh.indices.len(), Vec::len) as u32;
         let limit = device.limits().max_blas_primitive_count;
@@ -359,7 +423,7 @@ impl PendingBlas {
                 "a mesh of {triangles} triangles is missing from reflections: the device's limit is {limit}; split \
                  the mesh, or keep it out with `NotReflected`"
             );
-            return None;
+            return Err(Refusal::TooLarge);
         }
         let size = BlasTriangleGeometrySizeDescriptor {
             vertex_format: VertexFormat::Float32x3,
@@ -372,8 +436,8 @@ impl PendingBlas {
                 AccelerationStructureGeometryFlags::empty()
             },
         };
-        let blas = try_allocate(device, || {
-            device.wgpu_device().create_blas(
+        let created = try_allocate(device, || {
+            let blas = device.wgpu_device().create_blas(
                 &CreateBlasDescriptor {
                     label: Some("glint_blas"),
                     flags,
@@ -382,34 +446,44 @@ impl PendingBlas {
                 BlasGeometrySizeDescriptors::Triangles {
                     descriptors: vec![size.clone()],
                 },
-            )
+            );
+            let buffer = indices.as_ref().map(|indices| {
+                device.create_buffer(&BufferDescriptor {
+                    label: Some("glint_blas_indices"),
+                    size: 4 * indices.len() as u64,
+                    usage: BufferUsages::BLAS_INPUT | BufferUsages::COPY_DST,
+                    mapped_at_creation: false,
+                })
+            });
+            (blas, buffer)
         });
-        let Some(blas) = blas else {
+        // Its staging memory may be refused, too.
+        let written = created.filter(|(_, buffer)| {
+            let (Some(buffer), Some(indices)) = (buffer, &indices) else {
+                return true;
+            };
+            try_allocate(device, || queue.write_buffer(buffer, 0, bytemuck::cast_slice(indices))).is_some()
+        });
+        let Some((blas, buffer)) = written else {
             warn_once!(
                 "a mesh of {triangles} triangles is missing from reflections, since the device has no memory for its \
                  acceleration structure; use fewer or smaller meshes, or keep some out with `NotReflected`"
             );
-            return None;
+            return Err(Refusal::NoMemory);
         };
         let base = mesh.geometry.base();
-        Some(Self {
+        Ok(Self {
             key,
             version: mesh.version,
             blas,
             size,
             first_vertex: (base + mesh.offsets.positions) / 3,
-            first_index: if indices.is_some() {
+            first_index: if buffer.is_some() {
                 0
             } else {
                 base + mesh.offsets.indices
             },
-            indices: indices.map(|indices| {
-                device.create_buffer_with_data(&BufferInitDescriptor {
-                    label: Some("glint_blas_indices"),
-                    contents: bytemuck::cast_slice(&indices),
-                    usage: BufferUsages::BLAS_INPUT,
-                })
-            }),
+            indices: buffer,
         })
     }
 
@@ -475,6 +549,55 @@ pub fn rows(affine: &Affine3A) -> [f32; 12] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{
+        device::{REFUSES, ReflectionTracer},
+        scene::test_gpu,
+    };
+    use bevy::{asset::uuid::Uuid, prelude::Sphere};
+
+    const MESH: AssetId<Mesh> = AssetId::Uuid {
+        uuid: Uuid::from_u128(1),
+    };
+
+    fn instances(count: u32) -> Vec<RayQueryInstance> {
+        let instance = |slot| RayQueryInstance {
+            slot,
+            // Both faces, so that indices are written, too.
+            blas: BlasKey::new(MESH, 0),
+            posed: None,
+            world_from_object: Affine3A::IDENTITY,
+            flags: 0,
+        };
+        (0..count).map(instance).collect()
+    }
+
+    #[test]
+    fn what_the_device_has_no_memory_for_is_built_later() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        if device.limits().max_blas_primitive_count == 0 {
+            let is_required = std::env::var_os("GLINT_REQUIRE_RAY_QUERY").is_some();
+            assert!(!is_required, "the device has no ray queries");
+            return;
+        }
+        let mut meshes = SceneMeshes::new(&device, ReflectionTracer::RayQuery);
+        meshes.load(MESH, Sphere::default().into(), &queue);
+        let mut structures = AccelerationStructures::new(&device, &queue);
+        // More than the first structure has room for.
+        let instances = instances(4 * SMALLEST_TLAS);
+        let build = |structures: &mut AccelerationStructures| structures.build(&instances, &meshes, &device, &queue);
+        REFUSES.set(true);
+        assert_eq!(build(&mut structures), 0);
+        assert_eq!((structures.refused.len(), structures.capacity), (1, SMALLEST_TLAS));
+        REFUSES.set(false);
+        assert_eq!(build(&mut structures), 0, "it isn't asked for again at once");
+        let due = (1..=REFUSED_FRAMES).find(|_| structures.is_retry_due());
+        assert_eq!(due, Some(REFUSED_FRAMES));
+        assert_eq!(build(&mut structures), 1);
+        assert_eq!((structures.refused.len(), structures.capacity), (0, 4 * SMALLEST_TLAS));
+        assert!(!structures.is_retry_due() && structures.retry_in == 0);
+    }
 
     #[test]
     fn winding_follows_culling_and_mirroring() {

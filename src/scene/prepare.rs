@@ -142,7 +142,7 @@ impl Scene<'_, '_> {
                 bindings.top_level.touch();
             }
             bindings.update_bvh_top_level(instances, meshes, queue, status);
-        } else if changed {
+        } else if bindings.is_retry_due() || changed {
             bindings.build_ray_query_top_level(instances, meshes, device, queue, status);
         }
     }

@@ -37,7 +37,7 @@ fn open(settings: &WgpuSettings) -> Option<(RenderDevice, RenderQueue)> {
     Some((device, queue))
 }
 
-/// A device that refuses large buffers, since nearly all memory that it may take is in use; `None`, with a message, if there is no adapter.
+/// A device that refuses large buffers, since nearly all memory that it may take is in use; otherwise as [`device`].
 pub fn device_of_little_memory() -> Option<(RenderDevice, RenderQueue)> {
     // Percents of all memory. Some of it is in use already, and a device takes a little.
     let device = (1..=100).step_by(2).find_map(|percents| {
@@ -49,7 +49,14 @@ pub fn device_of_little_memory() -> Option<(RenderDevice, RenderQueue)> {
             ..Default::default()
         })
     });
+    require(device)
+}
+
+/// The device, if there is any; otherwise a message, or a failure where the environment says that a GPU is required.
+fn require(device: Option<(RenderDevice, RenderQueue)>) -> Option<(RenderDevice, RenderQueue)> {
     if device.is_none() {
+        let is_required = std::env::var_os("GLINT_REQUIRE_GPU").is_some();
+        assert!(!is_required, "a GPU is required, but there is no graphics adapter");
         eprintln!("skipped: no graphics adapter");
     }
     device
@@ -58,13 +65,7 @@ pub fn device_of_little_memory() -> Option<(RenderDevice, RenderQueue)> {
 /// The machine's first adapter. Without one `None`, with a message, or a failure where the environment says that a GPU is required.
 pub fn device() -> Option<(RenderDevice, RenderQueue)> {
     static DEVICE: OnceLock<Option<(RenderDevice, RenderQueue)>> = OnceLock::new();
-    let device = DEVICE.get_or_init(|| open(&WgpuSettings::default()));
-    if device.is_none() {
-        let is_required = std::env::var_os("GLINT_REQUIRE_GPU").is_some();
-        assert!(!is_required, "a GPU is required, but there is no graphics adapter");
-        eprintln!("skipped: no graphics adapter");
-    }
-    device.clone()
+    require(DEVICE.get_or_init(|| open(&WgpuSettings::default())).clone())
 }
 
 /// The words of a buffer with the usage `COPY_SRC`, after everything that was queued so far.

@@ -1,5 +1,6 @@
 //! Small copies of material textures in the layers of one array texture, for devices that cannot index bindings freely.
 
+use crate::device::try_allocate;
 use bevy::{
     asset::{AssetServer, load_embedded_asset},
     ecs::world::World,
@@ -132,14 +133,18 @@ impl TextureLayers {
         self.ready
     }
 
-    /// Makes `layer` a copy of `source` at the next [`Self::flush`].
-    pub fn copy(&mut self, device: &RenderDevice, layer: u32, source: &TextureView) {
+    /// Makes `layer` a copy of `source` at the next [`Self::flush`]. Returns false where the device has no memory for so many layers.
+    pub fn copy(&mut self, device: &RenderDevice, layer: u32, source: &TextureView) -> bool {
         if layer >= self.limit {
-            return;
+            return false;
         }
         if layer >= self.layers {
-            self.layers = (layer + 1).next_power_of_two().min(self.limit);
-            (self.texture, self.view) = create_texture(device, self.layers);
+            let layers = (layer + 1).next_power_of_two().min(self.limit);
+            let Some(created) = try_allocate(device, || create_texture(device, layers)) else {
+                return false;
+            };
+            self.layers = layers;
+            (self.texture, self.view) = created;
             let filled = self.sources.iter().enumerate().filter(|(_, source)| source.is_some());
             self.outdated.extend(filled.map(|(layer, _)| layer as u32));
         }
@@ -149,6 +154,7 @@ impl TextureLayers {
         }
         self.sources[place] = Some(source.clone());
         self.outdated.insert(layer);
+        true
     }
 
     /// Lets go of all copies and of what they are copies of.

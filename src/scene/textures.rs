@@ -27,13 +27,15 @@ use crate::device::{MAX_SAMPLERS, ReflectionTextureMode, texture_mode};
 use samplers::Place;
 
 const SAMPLER_SHIFT: u32 = 20;
+/// Updates until the device is asked again for memory that it refused.
+const REFUSED_FRAMES: u32 = 300;
 
 enum State {
     /// Not on the GPU yet.
     Loading,
     /// Can be sampled.
     Ready(TextureView),
-    /// No two-dimensional texture of filterable colours.
+    /// No two-dimensional texture of filterable colours, or one without memory for a copy.
     Unusable,
 }
 
@@ -60,6 +62,10 @@ pub struct TextureTable {
     layers: Option<TextureLayers>,
     /// Entries to look at in the next update.
     pending: Vec<u32>,
+    /// Entries whose copy the device had no memory for.
+    refused: Vec<u32>,
+    /// Frames until these are looked at again.
+    retry_in: u32,
     resettled: Vec<AssetId<Image>>,
     /// Position of the walk over all entries that finds replaced images.
     cursor: usize,
@@ -102,6 +108,8 @@ impl FromWorld for TextureTable {
             white: white.create_view(&TextureViewDescriptor::default()),
             layers,
             pending: Vec::new(),
+            refused: Vec::new(),
+            retry_in: 0,
             resettled: Vec::new(),
             cursor: 0,
             generation: 0,
@@ -162,6 +170,7 @@ impl TextureTable {
         self.free.clear();
         self.samplers.truncate(1);
         self.pending.clear();
+        self.refused.clear();
         self.resettled.clear();
         self.cursor = 0;
         self.generation += 1;
@@ -299,7 +308,6 @@ impl TextureTable {
         self.pending.extend(without.map(|(index, _)| index));
     }
 
-    /// Takes over what arrived on the GPU.
     /// Takes over images that arrived on the GPU.
     pub(super) fn update(
         &mut self,
@@ -327,6 +335,10 @@ impl TextureTable {
         if self.layers.as_mut().is_some_and(|layers| !layers.is_ready(pipelines)) {
             return;
         }
+        self.retry_in = self.retry_in.saturating_sub(1);
+        if self.retry_in == 0 {
+            self.pending.append(&mut self.refused);
+        }
         for index in std::mem::take(&mut self.pending) {
             let Some(entry) = self.entries[index as usize].as_ref() else {
                 continue;
@@ -340,15 +352,27 @@ impl TextureTable {
             let state = if !is_usable(device, image) {
                 State::Unusable
             } else if let Some(layers) = &mut self.layers {
-                layers.copy(device, index, &image.texture_view);
-                State::Ready(image.texture_view.clone())
+                if layers.copy(device, index, &image.texture_view) {
+                    State::Ready(image.texture_view.clone())
+                } else {
+                    warn_once!(
+                        "textures in reflections show as plain colours, since the device has no memory for their copies; \
+                         use fewer textures"
+                    );
+                    self.refused.push(index);
+                    self.retry_in = REFUSED_FRAMES;
+                    State::Unusable
+                }
             } else {
                 sampler = self.sampler_for(device, &sampling, image);
                 State::Ready(image.texture_view.clone())
             };
             if let Some(entry) = self.entries[index as usize].as_mut() {
                 entry.state = state;
-                entry.sampler = sampler;
+                let last = core::mem::replace(&mut entry.sampler, sampler);
+                if last != sampler {
+                    self.give_sampler_back(last);
+                }
             }
             self.resettled.push(id);
             self.touched = true;

@@ -17,6 +17,16 @@ use bevy::{
 const UPLOAD_BYTES_PER_FRAME: u64 = 2 << 20;
 
 impl SceneMeshes {
+    /// Builds and uploads a mesh at once.
+    #[cfg(test)]
+    pub(in crate::scene) fn load(&mut self, id: AssetId<Mesh>, mesh: Mesh, queue: &RenderQueue) {
+        self.start(id, super::MeshSource::Copy(Box::new(mesh)), 1);
+        while self.get(id).is_none() {
+            self.upload(u64::MAX, queue);
+            std::thread::yield_now();
+        }
+    }
+
     /// Uploads so many bytes of meshes whose build has finished, at most. Returns the builds that have finished, and how long they took.
     fn upload(&mut self, mut bytes: u64, queue: &RenderQueue) -> (u64, f32) {
         self.geometry.advance(queue);

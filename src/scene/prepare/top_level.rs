@@ -2,7 +2,7 @@
 
 use crate::{
     scene::{
-        acceleration::{BlasKey, RayQueryInstance},
+        acceleration::{AccelerationStructures, BlasKey, RayQueryInstance},
         bind_group::SceneBindings,
         instances::SceneInstances,
         meshes::SceneMeshes,
@@ -16,6 +16,13 @@ use bevy::{
 };
 
 impl SceneBindings {
+    /// Returns true in the frame in which structures that lacked memory should be built again.
+    pub(super) fn is_retry_due(&mut self) -> bool {
+        self.acceleration
+            .as_mut()
+            .is_some_and(AccelerationStructures::is_retry_due)
+    }
+
     /// Builds the structure of the driver over all objects that can be hit.
     pub(super) fn build_ray_query_top_level(
         &mut self,
