@@ -28,7 +28,7 @@ use bytemuck::bytes_of;
 pub use pack::{format_flags, instance_flags, is_traced, pack_material, texture_ids};
 pub(super) use types::MaterialTypes;
 
-use pack::{hits_same, looks_same};
+use pack::{hits_same, instances_same, looks_same};
 
 /// A material type that rays see.
 ///
@@ -90,6 +90,8 @@ pub struct MaterialAssets {
     /// The `MATERIAL_TYPE_` bits of each type.
     type_flags: HashMap<TypeId, u32>,
     changed: HashSet<UntypedAssetId>,
+    /// Those of the changed materials whose instances may be others than before.
+    reshaped: HashSet<UntypedAssetId>,
     removed: Vec<UntypedAssetId>,
     /// Types whose assets were copied as a whole; from then on, events tell what changes.
     filled: HashSet<TypeId>,
@@ -104,10 +106,14 @@ impl MaterialAssets {
     /// Adds a material, or what has become of it.
     fn set(&mut self, id: UntypedAssetId, material: StandardMaterial) {
         let before = self.materials.get(&id);
-        if before.is_none_or(|before| !looks_same(before, &material)) {
-            self.materials.insert(id, material);
-            self.changed.insert(id);
+        if before.is_some_and(|before| looks_same(before, &material)) {
+            return;
         }
+        if before.is_none_or(|before| !instances_same(before, &material)) {
+            self.reshaped.insert(id);
+        }
+        self.materials.insert(id, material);
+        self.changed.insert(id);
     }
 
     fn remove(&mut self, id: UntypedAssetId) {
@@ -116,9 +122,14 @@ impl MaterialAssets {
         self.removed.push(id);
     }
 
-    /// Materials that came, changed or went since [`update_materials`] ran last; instances with them may need new flags.
+    /// Materials that came, changed or went since [`update_materials`] ran last.
     pub fn changed(&self) -> impl Iterator<Item = UntypedAssetId> + '_ {
         self.changed.iter().chain(&self.removed).copied()
+    }
+
+    /// Those of them whose instances may need new flags: no other colour makes an instance another one.
+    pub fn reshaped(&self) -> impl Iterator<Item = UntypedAssetId> + '_ {
+        self.reshaped.iter().chain(&self.removed).copied()
     }
 }
 
@@ -403,6 +414,7 @@ pub fn update_materials(
     }
     let with_room = table.without_room.take(textures.used());
     table.waiting.extend(with_room);
+    assets.reshaped.clear();
     for id in std::mem::take(&mut assets.changed) {
         if let Some(index) = table.indices.get(&id) {
             table.waiting.insert(*index);

@@ -93,7 +93,7 @@ impl Scene<'_, '_> {
         }
         changed_materials.clear();
         changed_materials.extend(self.assets.changed());
-        let mut dirty = self.take_dirty(changed_materials);
+        let mut dirty = self.take_dirty();
         let moved = self.instances.take_moved();
         let changes = Changes {
             images: self.textures.take_touched(),
@@ -160,12 +160,13 @@ impl Scene<'_, '_> {
     }
 
     /// Slots of objects that changed, or whose mesh or material did.
-    fn take_dirty(&mut self, changed_materials: &HashSet<UntypedAssetId>) -> Vec<u32> {
+    fn take_dirty(&mut self) -> Vec<u32> {
         let mut dirty = self.instances.take_dirty();
         let changed_meshes = &self.meshes.changed;
-        if !changed_meshes.is_empty() || !changed_materials.is_empty() {
+        let reshaped: HashSet<UntypedAssetId> = self.assets.reshaped().collect();
+        if !changed_meshes.is_empty() || !reshaped.is_empty() {
             let touched = |instance: &InstanceSource| {
-                changed_meshes.contains(&instance.mesh) || changed_materials.contains(&instance.material)
+                changed_meshes.contains(&instance.mesh) || reshaped.contains(&instance.material)
             };
             let slots = (0..).zip(self.instances.slots());
             dirty.extend(

@@ -68,6 +68,9 @@ impl MaterialComponent for ReflectedMaterial3d {
     }
 }
 
+/// Entities that Bevy lists as changed which are looked at one by one.
+const MOST_LISTED: usize = 256;
+
 /// Entities that have a mesh for rays, and take their material from `C`.
 type IsObject<C> = (
     Or<(With<Mesh3d>, With<ReflectedMesh3d>)>,
@@ -202,7 +205,8 @@ pub fn extract_instances<C: MaterialComponent>(
         }
         return;
     }
-    let listed = C::changes(listed);
+    // A material that changes lists all objects that have it, although these are as they were: then ticks tell more cheaply.
+    let listed = C::changes(listed).filter(|listed| listed.len() <= MOST_LISTED);
     for item in listed.into_iter().flatten().filter_map(|entity| all.get(*entity).ok()) {
         update(&mut instances, &shown, item);
     }

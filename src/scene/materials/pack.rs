@@ -202,6 +202,12 @@ pub(super) fn looks_same(a: &StandardMaterial, b: &StandardMaterial) -> bool {
         && a.cull_mode == b.cull_mode
 }
 
+/// Returns whether an instance is the same with either material: none of them lets rays through, and they cull the same faces.
+pub(super) fn instances_same(a: &StandardMaterial, b: &StandardMaterial) -> bool {
+    let flags = instance_flags(a);
+    flags & INSTANCE_ALPHA_MASKED == 0 && flags == instance_flags(b)
+}
+
 /// Returns whether materials differ in colours and the like alone, so that rays meet one where they met the other. Where textures lie
 /// makes no difference to rays if none of them lets rays through.
 pub(super) fn hits_same(a: &GpuMaterial, b: &GpuMaterial) -> bool {

@@ -1,7 +1,12 @@
 //! Materials as rays see them.
 
 use super::{pack::packed_clearcoat, *};
-use bevy::{asset::Handle, color::Color, material::OpaqueRendererMethod, prelude::AlphaMode};
+use bevy::{
+    asset::Handle,
+    color::{Alpha, Color},
+    material::OpaqueRendererMethod,
+    prelude::AlphaMode,
+};
 
 #[test]
 fn only_differences_that_rays_see_count_as_changes() {
@@ -24,6 +29,38 @@ fn only_differences_that_rays_see_count_as_changes() {
     assert!(changes(&mut assets, &material));
     material.alpha_mode = AlphaMode::Blend;
     assert!(changes(&mut assets, &material));
+}
+
+/// Objects aren't looked at when their colour changes, however many share the material.
+#[test]
+fn instances_follow_what_makes_them_others() {
+    let mut assets = MaterialAssets::default();
+    let id = AssetId::<StandardMaterial>::default().untyped();
+    let mut reshapes = |change: fn(&mut StandardMaterial)| {
+        let mut material = assets.get(id).cloned().unwrap_or_default();
+        change(&mut material);
+        assets.set(id, material);
+        !core::mem::take(&mut assets.reshaped).is_empty()
+    };
+    assert!(reshapes(|_| ()), "it is new");
+    assert!(!reshapes(|material| material.base_color = Color::BLACK));
+    assert!(!reshapes(|material| material.emissive.red = 3.0));
+    assert!(reshapes(|material| material.cull_mode = None));
+    assert!(reshapes(|material| material.specular_transmission = 0.5));
+    assert!(
+        reshapes(|material| material.base_color = Color::WHITE),
+        "it tints light"
+    );
+    assert!(reshapes(|material| material.specular_transmission = 0.0));
+    assert!(reshapes(|material| material.alpha_mode = AlphaMode::Mask(0.5)));
+    assert!(
+        reshapes(|material| material.base_color = Color::BLACK.with_alpha(0.4)),
+        "masks"
+    );
+    assert!(reshapes(|material| material.alpha_mode = AlphaMode::Opaque));
+    assert!(!reshapes(|material| material.base_color = Color::WHITE));
+    assets.remove(id);
+    assert_eq!(assets.reshaped().collect::<Vec<_>>(), [id]);
 }
 
 #[test]

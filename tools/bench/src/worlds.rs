@@ -56,11 +56,13 @@ enum Change {
     Objects(usize),
     /// The same ones in each frame.
     Lights(usize),
+    /// A material that many objects share.
+    Material,
     /// An object that was static so far, in each round another one.
     Touch,
 }
 
-const CASES: [Case; 6] = [
+const CASES: [Case; 7] = [
     Case {
         name: "one static instance",
         world: World::Spheres(1, FINE),
@@ -84,6 +86,12 @@ const CASES: [Case; 6] = [
         world: World::Spheres(INSTANCES, FINE),
         change: Change::Objects(MOVERS),
         limit: Some(2.5),
+    },
+    Case {
+        name: "the material of 6,250 of 100,000 changes",
+        world: World::Spheres(INSTANCES, FINE),
+        change: Change::Material,
+        limit: None,
     },
     Case {
         name: "first touch of an object in a chunk of 1 M triangles",
@@ -222,6 +230,7 @@ struct Setup {
     app: HeadlessApp,
     clock: SystemClock,
     objects: Vec<Entity>,
+    materials: Vec<Handle<StandardMaterial>>,
     lights: Vec<Entity>,
     frame: u32,
 }
@@ -243,6 +252,7 @@ impl Setup {
             app,
             clock,
             objects: Vec::new(),
+            materials: Vec::new(),
             lights: Vec::new(),
             frame: 0,
         };
@@ -276,6 +286,7 @@ impl Setup {
                 )
             })
             .collect();
+        self.materials = kinds.iter().map(|(_, material)| material.0.clone()).collect();
         let edge = (count as f64).cbrt().ceil() as usize;
         for index in 0..count {
             let cell = [index % edge, index / edge % edge, index / (edge * edge)].map(|cell| 3.0 * cell as f32);
@@ -332,6 +343,16 @@ impl Setup {
     fn shift(&mut self, change: Change) {
         let (list, count) = match change {
             Change::Nothing | Change::Touch => return,
+            Change::Material => {
+                let roughness = 0.5 + 0.001 * (self.frame % 100) as f32;
+                let mut materials = self.app.world().resource_mut::<Assets<StandardMaterial>>();
+                for material in self.materials.iter().take(1) {
+                    if let Some(mut material) = materials.get_mut(material) {
+                        material.perceptual_roughness = roughness;
+                    }
+                }
+                return;
+            }
             Change::Objects(count) => (&self.objects, count),
             Change::Lights(count) => (&self.lights, count),
         };
