@@ -1,28 +1,27 @@
 //! The driver's acceleration structures, for the ray-query tracer.
 
+mod blas;
+
 use super::{
-    gpu_types::{
-        INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
-    },
-    meshes::{SceneMesh, SceneMeshes},
+    gpu_types::{INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW},
+    meshes::SceneMeshes,
 };
 use crate::device::try_allocate;
 use bevy::{
-    asset::AssetId,
     log::warn_once,
     math::Affine3A,
-    mesh::Mesh,
     platform::collections::{HashMap, HashSet},
     render::{
         render_resource::{
-            AccelerationStructureFlags, AccelerationStructureGeometryFlags, AccelerationStructureUpdateMode, Blas,
-            BlasBuildEntry, BlasGeometries, BlasGeometrySizeDescriptors, BlasTriangleGeometry,
-            BlasTriangleGeometrySizeDescriptor, Buffer, BufferDescriptor, BufferUsages, CommandEncoderDescriptor,
-            CreateBlasDescriptor, CreateTlasDescriptor, IndexFormat, Tlas, TlasInstance, VertexFormat,
+            AccelerationStructureFlags, AccelerationStructureUpdateMode, Blas, BlasBuildEntry,
+            CommandEncoderDescriptor, CreateTlasDescriptor, Tlas, TlasInstance,
         },
         renderer::{RenderDevice, RenderQueue},
     },
 };
+use blas::{PendingBlas, Refusal};
+
+pub use blas::BlasKey;
 
 /// Cull mask bit of everything that reflection rays see.
 pub const MASK_REFLECTED: u8 = 1;
@@ -42,45 +41,6 @@ const SMALLEST_TLAS: u32 = 64;
 const MOST_INSTANCES: u32 = 1 << 24;
 /// Frames until the device is asked again for memory that it refused.
 const REFUSED_FRAMES: u32 = 300;
-
-/// Which faces of a mesh stand in a BLAS. Closest-hit rays always cull back faces in hardware, so that a surface that is seen
-/// from behind needs triangles of the opposite winding: wgpu has no culling switch for single instances.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Winding {
-    /// Front faces as the mesh has them.
-    AsIs,
-    /// Every triangle flipped: (a, c, b).
-    Flipped,
-    /// As they are, then all flipped: twice the triangles.
-    Both,
-}
-
-/// The variants of a mesh's BLAS.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct BlasKey {
-    mesh: AssetId<Mesh>,
-    winding: Winding,
-    opaque: bool,
-}
-
-impl BlasKey {
-    /// The variant that an instance with these flags needs.
-    pub fn new(mesh: AssetId<Mesh>, flags: u32) -> Self {
-        let mirrored = flags & INSTANCE_MIRRORED != 0;
-        let winding = if flags & INSTANCE_CULL_BACK != 0 {
-            if mirrored { Winding::Flipped } else { Winding::AsIs }
-        } else if flags & INSTANCE_CULL_FRONT != 0 {
-            if mirrored { Winding::AsIs } else { Winding::Flipped }
-        } else {
-            Winding::Both
-        };
-        Self {
-            mesh,
-            winding,
-            opaque: flags & INSTANCE_ALPHA_MASKED == 0,
-        }
-    }
-}
 
 /// Vertices of an object that has its own, in a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -154,6 +114,13 @@ impl AccelerationStructures {
         is_due
     }
 
+    /// Something lacked memory. Later failures don't put off what waits already.
+    fn try_again_later(&mut self) {
+        if self.retry_in == 0 {
+            self.retry_in = REFUSED_FRAMES;
+        }
+    }
+
     /// Builds missing BLASes and the TLAS. Returns how many BLASes were built. What the device has no memory for is left out for a while.
     pub fn build(
         &mut self,
@@ -181,7 +148,7 @@ impl AccelerationStructures {
             let capacity = tlas_capacity(count, limit);
             next = try_allocate(device, || create_tlas(device, capacity)).map(|tlas| (tlas, capacity));
             if next.is_none() {
-                self.retry_in = REFUSED_FRAMES;
+                self.try_again_later();
                 warn_once!(
                     "only {} of {count} objects can be reflected, since the device has no memory for more",
                     self.capacity
@@ -220,7 +187,7 @@ impl AccelerationStructures {
         }
         // A structure that was never built may not be bound.
         if !submit_builds("glint_tlas_build", &[], Some(tlas), device, queue) {
-            self.retry_in = REFUSED_FRAMES;
+            self.try_again_later();
         } else if let Some(next) = next {
             (self.tlas, self.capacity) = next;
             self.generation += 1;
@@ -262,7 +229,7 @@ impl AccelerationStructures {
                     Err(refusal) => {
                         self.refused.insert(key, mesh.version);
                         if refusal == Refusal::NoMemory {
-                            self.retry_in = REFUSED_FRAMES;
+                            self.try_again_later();
                         }
                     }
                 }
@@ -281,7 +248,7 @@ impl AccelerationStructures {
             } else {
                 self.refused
                     .extend(batch.iter().map(|pending| (pending.key, pending.version)));
-                self.retry_in = REFUSED_FRAMES;
+                self.try_again_later();
             }
         }
         built
@@ -312,13 +279,17 @@ impl AccelerationStructures {
                     .is_some_and(|mesh| mesh.version == posed.blas.version)
         });
         let mut stale = Vec::new();
+        let mut lacking = false;
         for (instance, vertices) in posed() {
             if !self.posed.contains_key(&instance.slot)
                 && let Some(mesh) = meshes.get(instance.blas.mesh)
             {
                 let flags = AccelerationStructureFlags::PREFER_FAST_BUILD;
-                if let Ok(blas) = PendingBlas::new(instance.blas, mesh, flags, device, queue) {
-                    self.posed.insert(instance.slot, PosedBlas { blas, revision: 0 });
+                match PendingBlas::new(instance.blas, mesh, flags, device, queue) {
+                    Ok(blas) => {
+                        self.posed.insert(instance.slot, PosedBlas { blas, revision: 0 });
+                    }
+                    Err(refusal) => lacking |= refusal == Refusal::NoMemory,
                 }
             }
             if let Some(posed) = self.posed.get_mut(&instance.slot)
@@ -349,9 +320,13 @@ impl AccelerationStructures {
             let is_built = submit_builds("glint_posed_blas_build", &entries, None, device, queue);
             drop(entries);
             if !is_built {
-                // They are tried again with their next pose.
+                // Those that keep their pose from now on have no other build to wait for.
+                lacking = true;
                 self.posed.retain(|slot, _| !batch.contains(slot));
             }
+        }
+        if lacking {
+            self.try_again_later();
         }
         stale.len() as u64
     }
@@ -379,141 +354,11 @@ fn submit_builds<'a>(
     commands.map(|commands| queue.submit([commands])).is_some()
 }
 
-/// Why a BLAS can't be built.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Refusal {
-    /// The mesh has more triangles than the device allows.
-    TooLarge,
-    NoMemory,
-}
-
 /// The BLAS of an object with a pose.
 struct PosedBlas {
     blas: PendingBlas,
     /// As of the last build.
     revision: u64,
-}
-
-struct PendingBlas {
-    key: BlasKey,
-    version: u64,
-    blas: Blas,
-    size: BlasTriangleGeometrySizeDescriptor,
-    /// Indices of another winding than the mesh's own.
-    indices: Option<Buffer>,
-    first_vertex: u32,
-    first_index: u32,
-}
-
-impl PendingBlas {
-    fn new(
-        key: BlasKey,
-        mesh: &SceneMesh,
-        flags: AccelerationStructureFlags,
-        device: &RenderDevice,
-        queue: &RenderQueue,
-    ) -> Result<Self, Refusal> {
-        let indices = rewound(&mesh.indices, key.winding);
-        let index_count = indices.as_ref().map_or(mesh.indices.len(), Vec::len) as u32;
-        let limit = device.limits().max_blas_primitive_count;
-        let triangles = index_count / 3;
-        // The limit counts triangles, but wgpu holds vertices against it.
-        if triangles.max(mesh.vertex_count) > limit {
-            warn_once!(
-                "a mesh of {triangles} triangles is missing from reflections: the device's limit is {limit}; split \
-                 the mesh, or keep it out with `NotReflected`"
-            );
-            return Err(Refusal::TooLarge);
-        }
-        let size = BlasTriangleGeometrySizeDescriptor {
-            vertex_format: VertexFormat::Float32x3,
-            vertex_count: mesh.vertex_count,
-            index_format: Some(IndexFormat::Uint32),
-            index_count: Some(index_count),
-            flags: if key.opaque {
-                AccelerationStructureGeometryFlags::OPAQUE
-            } else {
-                AccelerationStructureGeometryFlags::empty()
-            },
-        };
-        let created = try_allocate(device, || {
-            let blas = device.wgpu_device().create_blas(
-                &CreateBlasDescriptor {
-                    label: Some("glint_blas"),
-                    flags,
-                    update_mode: AccelerationStructureUpdateMode::Build,
-                },
-                BlasGeometrySizeDescriptors::Triangles {
-                    descriptors: vec![size.clone()],
-                },
-            );
-            let buffer = indices.as_ref().map(|indices| {
-                device.create_buffer(&BufferDescriptor {
-                    label: Some("glint_blas_indices"),
-                    size: 4 * indices.len() as u64,
-                    usage: BufferUsages::BLAS_INPUT | BufferUsages::COPY_DST,
-                    mapped_at_creation: false,
-                })
-            });
-            (blas, buffer)
-        });
-        // Its staging memory may be refused, too.
-        let written = created.filter(|(_, buffer)| {
-            let (Some(buffer), Some(indices)) = (buffer, &indices) else {
-                return true;
-            };
-            try_allocate(device, || queue.write_buffer(buffer, 0, bytemuck::cast_slice(indices))).is_some()
-        });
-        let Some((blas, buffer)) = written else {
-            warn_once!(
-                "a mesh of {triangles} triangles is missing from reflections, since the device has no memory for its \
-                 acceleration structure; use fewer or smaller meshes, or keep some out with `NotReflected`"
-            );
-            return Err(Refusal::NoMemory);
-        };
-        let base = mesh.geometry.base();
-        Ok(Self {
-            key,
-            version: mesh.version,
-            blas,
-            size,
-            first_vertex: (base + mesh.offsets.positions) / 3,
-            first_index: if buffer.is_some() {
-                0
-            } else {
-                base + mesh.offsets.indices
-            },
-            indices: buffer,
-        })
-    }
-
-    fn entry<'a>(&'a self, meshes: &'a SceneMeshes) -> BlasBuildEntry<'a> {
-        BlasBuildEntry {
-            blas: &self.blas,
-            geometry: BlasGeometries::TriangleGeometries(vec![BlasTriangleGeometry {
-                size: &self.size,
-                vertex_buffer: meshes.geometry.buffer(),
-                first_vertex: self.first_vertex,
-                vertex_stride: 12,
-                index_buffer: Some(self.indices.as_ref().unwrap_or(meshes.geometry.buffer())),
-                first_index: Some(self.first_index),
-                transform_buffer: None,
-                transform_buffer_offset: None,
-            }]),
-        }
-    }
-}
-
-/// Indices of another winding than the mesh's own, or `None`.
-fn rewound(indices: &[u32], winding: Winding) -> Option<Vec<u32>> {
-    let flipped = indices
-        .chunks_exact(3)
-        .flat_map(|triangle| [triangle[0], triangle[2], triangle[1]]);
-    match winding {
-        Winding::AsIs => None,
-        Winding::Flipped => Some(flipped.collect()),
-        Winding::Both => Some(indices.iter().copied().chain(flipped).collect()),
-    }
 }
 
 /// Instances that a TLAS of this device may hold.
@@ -553,7 +398,11 @@ mod tests {
         device::{REFUSES, ReflectionTracer},
         scene::test_gpu,
     };
-    use bevy::{asset::uuid::Uuid, prelude::Sphere};
+    use bevy::{
+        asset::{AssetId, uuid::Uuid},
+        mesh::Mesh,
+        prelude::Sphere,
+    };
 
     const MESH: AssetId<Mesh> = AssetId::Uuid {
         uuid: Uuid::from_u128(1),
@@ -597,17 +446,6 @@ mod tests {
         assert_eq!(build(&mut structures), 1);
         assert_eq!((structures.refused.len(), structures.capacity), (0, 4 * SMALLEST_TLAS));
         assert!(!structures.is_retry_due() && structures.retry_in == 0);
-    }
-
-    #[test]
-    fn winding_follows_culling_and_mirroring() {
-        let winding = |flags| BlasKey::new(AssetId::default(), flags).winding;
-        assert_eq!(winding(INSTANCE_CULL_BACK), Winding::AsIs);
-        assert_eq!(winding(INSTANCE_CULL_BACK | INSTANCE_MIRRORED), Winding::Flipped);
-        assert_eq!(winding(INSTANCE_CULL_FRONT), Winding::Flipped);
-        assert_eq!(winding(INSTANCE_CULL_FRONT | INSTANCE_MIRRORED), Winding::AsIs);
-        assert_eq!(winding(INSTANCE_MIRRORED), Winding::Both);
-        assert_eq!(rewound(&[0, 1, 2], Winding::Both), Some(vec![0, 1, 2, 0, 2, 1]));
     }
 
     #[test]

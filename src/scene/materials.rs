@@ -90,7 +90,7 @@ pub struct MaterialAssets {
     /// The `MATERIAL_TYPE_` bits of each type.
     type_flags: HashMap<TypeId, u32>,
     changed: HashSet<UntypedAssetId>,
-    /// Those of the changed materials whose instances may be others than before.
+    /// Changed materials whose instances may be others than before.
     reshaped: HashSet<UntypedAssetId>,
     removed: Vec<UntypedAssetId>,
     /// Types whose assets were copied as a whole; from then on, events tell what changes.
@@ -127,7 +127,7 @@ impl MaterialAssets {
         self.changed.iter().chain(&self.removed).copied()
     }
 
-    /// Those of them whose instances may need new flags: no other colour makes an instance another one.
+    /// Changed materials whose instances may need new flags: no other colour makes an instance another one.
     pub fn reshaped(&self) -> impl Iterator<Item = UntypedAssetId> + '_ {
         self.reshaped.iter().chain(&self.removed).copied()
     }

@@ -359,8 +359,10 @@ impl TextureTable {
                         "textures in reflections show as plain colours, since the device has no memory for their copies; \
                          use fewer textures"
                     );
+                    if self.refused.is_empty() {
+                        self.retry_in = REFUSED_FRAMES;
+                    }
                     self.refused.push(index);
-                    self.retry_in = REFUSED_FRAMES;
                     State::Unusable
                 }
             } else {

@@ -68,7 +68,7 @@ impl MaterialComponent for ReflectedMaterial3d {
     }
 }
 
-/// Entities that Bevy lists as changed which are looked at one by one.
+/// The longest list of changed entities that is gone through. Longer ones cost more than the ticks of all objects, which take their place.
 const MOST_LISTED: usize = 256;
 
 /// Entities that have a mesh for rays, and take their material from `C`.
