@@ -1,27 +1,27 @@
 //! The driver's acceleration structures, for the ray-query tracer.
+//!
+//! wgpu builds a TLAS anew from all of its instances, on the CPU, too. So where there are many objects those that move stand in one of
+//! their own: a movement then costs what moves, not what exists. Rays look into both.
 
 mod blas;
+mod level;
 
-use super::{
-    gpu_types::{INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW},
-    meshes::SceneMeshes,
-};
+use super::{gpu_types::INSTANCE_RESTLESS, meshes::SceneMeshes};
 use crate::device::try_allocate;
 use bevy::{
     log::warn_once,
     math::Affine3A,
     platform::collections::{HashMap, HashSet},
     render::{
-        render_resource::{
-            AccelerationStructureFlags, AccelerationStructureUpdateMode, Blas, BlasBuildEntry,
-            CommandEncoderDescriptor, CreateTlasDescriptor, Tlas, TlasInstance,
-        },
+        render_resource::{AccelerationStructureFlags, Blas, BlasBuildEntry, CommandEncoderDescriptor, Tlas},
         renderer::{RenderDevice, RenderQueue},
     },
 };
 use blas::{PendingBlas, Refusal};
+use level::{Level, LevelBuild};
 
 pub use blas::BlasKey;
+pub use level::rows;
 
 /// Cull mask bit of everything that reflection rays see.
 pub const MASK_REFLECTED: u8 = 1;
@@ -35,12 +35,15 @@ pub const MASK_GROUPS: u8 = 0xf8;
 
 /// Triangles that go into one build command, to bound the driver's scratch memory.
 const TRIANGLES_PER_BUILD: u32 = 4_000_000;
-/// Instances that a TLAS has room for at least, where the device allows as many.
-const SMALLEST_TLAS: u32 = 64;
-/// Rays tell instances apart by 24 bits.
-const MOST_INSTANCES: u32 = 1 << 24;
 /// Frames until the device is asked again for memory that it refused.
 const REFUSED_FRAMES: u32 = 300;
+/// Objects from which on those that move have a TLAS of their own. More saves rays a second search in smaller scenes; less saves the CPU
+/// time of building one over all of them.
+const MANY_OBJECTS: usize = 1024;
+/// Objects that may stand among those that move although they don't.
+const MOST_IDLE: usize = 256;
+/// Frames until more of them go back to the others, which takes a build over all objects.
+const IDLE_FRAMES: u32 = 60;
 
 /// Vertices of an object that has its own, in a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,7 +68,28 @@ pub struct RayQueryInstance {
     pub flags: u32,
 }
 
-/// BLASes of all meshes in use and the TLAS over them.
+impl RayQueryInstance {
+    /// It moved lately, or changes its shape.
+    fn is_moving(&self) -> bool {
+        self.posed.is_some() || self.flags & INSTANCE_RESTLESS != 0
+    }
+}
+
+/// The objects of a frame.
+pub struct RayQueryObjects<'a> {
+    /// Objects that rays can hit.
+    pub count: usize,
+    /// Slots that may hold objects: those below.
+    pub slots: u32,
+    /// Slots whose objects came, went, moved or changed otherwise.
+    pub changed: &'a [u32],
+    /// The object of a slot, where there is one that rays can hit.
+    pub get: &'a dyn Fn(u32) -> Option<RayQueryInstance>,
+    /// Those that move may have a TLAS of their own.
+    pub may_split: bool,
+}
+
+/// BLASes of all meshes in use and the TLASes over them.
 pub struct AccelerationStructures {
     blas: HashMap<BlasKey, (u64, Blas)>,
     /// Structures of objects with a pose, by slot.
@@ -74,42 +98,64 @@ pub struct AccelerationStructures {
     refused: HashMap<BlasKey, u64>,
     /// Frames until what lacked memory is tried again; 0 where nothing did.
     retry_in: u32,
-    tlas: Tlas,
-    capacity: u32,
-    /// Changes when [`Self::tlas`] becomes another object.
+    /// Over all objects, but for those of `moving`.
+    still: Level,
+    /// By slot, whether `still` was built with the object.
+    is_still: Vec<bool>,
+    /// BLASes that `still` was built with.
+    still_blas: HashSet<BlasKey>,
+    moving: Option<Level>,
+    /// Slots of the objects in `moving`.
+    movers: HashSet<u32>,
+    /// Frames since the last build over all objects.
+    age: u32,
+    /// Changes when one of [`Self::tlas`] becomes another object.
     pub generation: u64,
 }
 
 impl AccelerationStructures {
     /// An empty TLAS.
     pub fn new(device: &RenderDevice, queue: &RenderQueue) -> Self {
-        let capacity = tlas_capacity(0, instance_limit(device));
-        let tlas = create_tlas(device, capacity);
-        // A structure that was never built may not be bound.
-        submit_builds("glint_tlas_build", &[], Some(&tlas), device, queue);
         Self {
             blas: HashMap::default(),
             posed: HashMap::default(),
             refused: HashMap::default(),
             retry_in: 0,
-            tlas,
-            capacity,
+            still: Level::new(device, queue),
+            is_still: Vec::new(),
+            still_blas: HashSet::default(),
+            moving: None,
+            movers: HashSet::default(),
+            age: 0,
             generation: 0,
         }
     }
 
-    /// The TLAS for binding.
-    pub fn tlas(&self) -> &Tlas {
-        &self.tlas
+    /// The TLASes for binding. The second one is the first again where no objects have one of their own.
+    pub fn tlas(&self) -> [&Tlas; 2] {
+        [&self.still.tlas, &self.moving.as_ref().unwrap_or(&self.still).tlas]
+    }
+
+    /// Returns whether objects that move have a TLAS of their own.
+    pub fn is_split(&self) -> bool {
+        self.moving.is_some()
+    }
+
+    /// Number of objects in the second TLAS.
+    pub fn moving_count(&self) -> usize {
+        self.movers.len()
     }
 
     /// Counts a frame. Returns true once what lacked memory should be tried again by another [`Self::build`].
     pub fn is_retry_due(&mut self) -> bool {
+        self.age = self.age.saturating_add(1);
         let waited = self.retry_in > 0;
         self.retry_in = self.retry_in.saturating_sub(1);
         let is_due = waited && self.retry_in == 0;
         if is_due {
             self.refused.clear();
+            // What waits may be anywhere.
+            self.is_still.clear();
         }
         is_due
     }
@@ -121,96 +167,135 @@ impl AccelerationStructures {
         }
     }
 
-    /// Builds missing BLASes and the TLAS. Returns how many BLASes were built. What the device has no memory for is left out for a while.
+    /// Builds missing BLASes and a TLAS. Returns how many BLASes were built. What the device has no memory for is left out for a while.
     pub fn build(
         &mut self,
-        instances: &[RayQueryInstance],
+        objects: &RayQueryObjects,
         meshes: &SceneMeshes,
         device: &RenderDevice,
         queue: &RenderQueue,
     ) -> u64 {
-        let built =
-            self.build_missing(instances, meshes, device, queue) + self.build_posed(instances, meshes, device, queue);
-        let limit = instance_limit(device);
-        // Slots are given out from the lowest on, so that few are ever left out for their number.
-        let tellable = instances.iter().filter(|instance| instance.slot < MOST_INSTANCES);
-        let used: Vec<_> = tellable.take(limit as usize).collect();
-        if used.len() < instances.len() {
-            warn_once!(
-                "{} objects can be reflected, but the device's limit is {limit}: the others are missing; use fewer \
-                 objects, or keep some out with `NotReflected`",
-                instances.len()
-            );
-        }
-        let count = used.len() as u32;
-        let mut next = None;
-        if count > self.capacity || (count < self.capacity / 4 && self.capacity > SMALLEST_TLAS) {
-            let capacity = tlas_capacity(count, limit);
-            next = try_allocate(device, || create_tlas(device, capacity)).map(|tlas| (tlas, capacity));
-            if next.is_none() {
-                self.try_again_later();
-                warn_once!(
-                    "only {} of {count} objects can be reflected, since the device has no memory for more",
-                    self.capacity
-                );
-            }
-        }
-        let entries = used.into_iter().filter_map(|instance| {
-            let blas = match instance.posed {
-                Some(_) => &self.posed.get(&instance.slot)?.blas.blas,
-                None => &self.blas.get(&instance.blas)?.1,
-            };
-            let mut mask = MASK_REFLECTED | (instance.flags >> 24) as u8 & MASK_GROUPS;
-            if instance.flags & INSTANCE_CASTS_SHADOW != 0 {
-                mask |= MASK_CASTS_SHADOW;
-            }
-            if instance.flags & INSTANCE_ALPHA_MASKED != 0 {
-                mask |= MASK_HAS_HOLES;
-            }
-            Some(TlasInstance::new(
-                blas,
-                rows(&instance.world_from_object),
-                instance.slot,
-                mask,
-            ))
-        });
-        let entries: Vec<_> = entries.collect();
-        let (tlas, capacity) = match &mut next {
-            Some((tlas, capacity)) => (tlas, *capacity),
-            None => (&mut self.tlas, self.capacity),
+        let is_split = objects.may_split && objects.count > MANY_OBJECTS;
+        let built = if is_split && self.are_movers(objects) {
+            self.build_moving(objects, meshes, device, queue)
+        } else {
+            None
         };
-        if let Some(places) = tlas.get_mut_slice(0..capacity as usize) {
-            let mut entries = entries.into_iter();
-            for place in places {
-                *place = entries.next();
-            }
+        built.unwrap_or_else(|| self.build_all(objects, is_split, meshes, device, queue))
+    }
+
+    /// Returns whether all that changed is in the TLAS of objects that move, or new: then it is in it from now on.
+    fn are_movers(&mut self, objects: &RayQueryObjects) -> bool {
+        let is_still = |slot: &u32| self.is_still.get(*slot as usize) == Some(&true);
+        if self.moving.is_none() || self.is_still.is_empty() || objects.changed.iter().any(is_still) {
+            return false;
         }
-        // A structure that was never built may not be bound.
-        if !submit_builds("glint_tlas_build", &[], Some(tlas), device, queue) {
-            self.try_again_later();
-        } else if let Some(next) = next {
-            (self.tlas, self.capacity) = next;
+        self.movers.extend(objects.changed);
+        true
+    }
+
+    /// Builds the TLAS of objects that move. Returns `None` where it is time for a build over all objects.
+    fn build_moving(
+        &mut self,
+        objects: &RayQueryObjects,
+        meshes: &SceneMeshes,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> Option<u64> {
+        let mut moving = Vec::with_capacity(self.movers.len());
+        self.movers.retain(|slot| {
+            let object = (objects.get)(*slot);
+            let is_there = object.is_some();
+            moving.extend(object);
+            is_there
+        });
+        let idle = moving.iter().filter(|object| !object.is_moving()).count();
+        if idle > MOST_IDLE && self.age >= IDLE_FRAMES {
+            return None;
+        }
+        let used = blas_keys(&moving);
+        let still_blas = core::mem::take(&mut self.still_blas);
+        let others = used.iter().filter(|key| !still_blas.contains(*key)).count();
+        if self.blas.len() + self.refused.len() > still_blas.len() + others {
+            self.drop_unused(|key| still_blas.contains(key) || used.contains(key), meshes);
+        }
+        self.still_blas = still_blas;
+        let built = self.build_missing(used, meshes, device, queue) + self.build_posed(&moving, meshes, device, queue);
+        let moving: Vec<_> = moving.iter().collect();
+        let outcome =
+            (self.moving.as_mut()).map(|level| level.build(&moving, blas_in(&self.blas, &self.posed), device, queue));
+        self.follow(outcome);
+        Some(built)
+    }
+
+    /// Builds all TLASes.
+    fn build_all(
+        &mut self,
+        objects: &RayQueryObjects,
+        is_split: bool,
+        meshes: &SceneMeshes,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> u64 {
+        let all: Vec<_> = (0..objects.slots).filter_map(objects.get).collect();
+        let used = blas_keys(&all);
+        self.drop_unused(|key| used.contains(key), meshes);
+        let built = self.build_missing(used, meshes, device, queue) + self.build_posed(&all, meshes, device, queue);
+        let (moving, still): (Vec<_>, Vec<_>) = all.iter().partition(|object| is_split && object.is_moving());
+        self.age = 0;
+        self.movers = moving.iter().map(|object| object.slot).collect();
+        self.is_still.clear();
+        self.is_still.resize(objects.slots as usize, false);
+        for object in &still {
+            self.is_still[object.slot as usize] = true;
+        }
+        self.still_blas = still.iter().map(|object| object.blas).collect();
+        if self.moving.is_some() != is_split {
+            self.moving = is_split.then(|| Level::new(device, queue));
             self.generation += 1;
+        }
+        let blas_of = blas_in(&self.blas, &self.posed);
+        let outcomes = [
+            Some(self.still.build(&still, blas_of, device, queue)),
+            (self.moving.as_mut()).map(|level| level.build(&moving, blas_of, device, queue)),
+        ];
+        for outcome in outcomes {
+            self.follow(outcome);
         }
         built
     }
 
+    fn follow(&mut self, outcome: Option<LevelBuild>) {
+        let Some(LevelBuild { replaced, lacking }) = outcome else {
+            return;
+        };
+        self.generation += u64::from(replaced);
+        if lacking {
+            self.try_again_later();
+        }
+    }
+
+    /// Drops BLASes of meshes that are gone or replaced, or that nothing uses.
+    fn drop_unused(&mut self, is_used: impl Fn(&BlasKey) -> bool, meshes: &SceneMeshes) {
+        let is_current = |key: &BlasKey, version: u64| {
+            meshes.get(key.mesh).is_some_and(|mesh| mesh.version == version) && is_used(key)
+        };
+        self.blas.retain(|key, (version, _)| is_current(key, *version));
+        self.refused.retain(|key, version| is_current(key, *version));
+    }
+
     fn build_missing(
         &mut self,
-        instances: &[RayQueryInstance],
+        used: HashSet<BlasKey>,
         meshes: &SceneMeshes,
         device: &RenderDevice,
         queue: &RenderQueue,
     ) -> u64 {
-        let whole = instances.iter().filter(|instance| instance.posed.is_none());
-        let used: HashSet<BlasKey> = whole.map(|instance| instance.blas).collect();
-        self.blas.retain(|key, (version, _)| {
-            meshes.get(key.mesh).is_some_and(|mesh| mesh.version == *version) && used.contains(key)
-        });
-        self.refused.retain(|key, version| {
-            meshes.get(key.mesh).is_some_and(|mesh| mesh.version == *version) && used.contains(key)
-        });
-        let is_missing = |key: &BlasKey| !self.blas.contains_key(key) && !self.refused.contains_key(key);
+        let is_missing = |key: &BlasKey| {
+            let version = meshes.get(key.mesh).map(|mesh| mesh.version);
+            let built = self.blas.get(key).map(|(version, _)| *version);
+            version.is_some() && version != built && version.as_ref() != self.refused.get(key)
+        };
         let mut missing: Vec<_> = used.into_iter().filter(is_missing).collect();
         let mut built = 0;
         while !missing.is_empty() {
@@ -361,34 +446,21 @@ struct PosedBlas {
     revision: u64,
 }
 
-/// Instances that a TLAS of this device may hold.
-fn instance_limit(device: &RenderDevice) -> u32 {
-    device.limits().max_tlas_instance_count.min(MOST_INSTANCES)
+/// BLASes of objects without a pose.
+fn blas_keys(objects: &[RayQueryInstance]) -> HashSet<BlasKey> {
+    let whole = objects.iter().filter(|object| object.posed.is_none());
+    whole.map(|object| object.blas).collect()
 }
 
-/// Instances to make room for, where `count` are there.
-fn tlas_capacity(count: u32, limit: u32) -> u32 {
-    count.next_power_of_two().max(SMALLEST_TLAS).min(limit)
-}
-
-fn create_tlas(device: &RenderDevice, capacity: u32) -> Tlas {
-    device.wgpu_device().create_tlas(&CreateTlasDescriptor {
-        label: Some("glint_tlas"),
-        max_instances: capacity,
-        flags: AccelerationStructureFlags::PREFER_FAST_TRACE,
-        update_mode: AccelerationStructureUpdateMode::Build,
-    })
-}
-
-/// The row-major 3x4 matrix that wgpu and our shaders take.
-pub fn rows(affine: &Affine3A) -> [f32; 12] {
-    let m = affine.matrix3;
-    let t = affine.translation;
-    [
-        m.x_axis.x, m.y_axis.x, m.z_axis.x, t.x, //
-        m.x_axis.y, m.y_axis.y, m.z_axis.y, t.y, //
-        m.x_axis.z, m.y_axis.z, m.z_axis.z, t.z,
-    ]
+/// Finds the BLAS of an object, if it is built.
+fn blas_in<'a>(
+    blas: &'a HashMap<BlasKey, (u64, Blas)>,
+    posed: &'a HashMap<u32, PosedBlas>,
+) -> impl Fn(&RayQueryInstance) -> Option<&'a Blas> + Copy {
+    move |object| match object.posed {
+        Some(_) => Some(&posed.get(&object.slot)?.blas.blas),
+        None => Some(&blas.get(&object.blas)?.1),
+    }
 }
 
 #[cfg(test)]
@@ -403,58 +475,133 @@ mod tests {
         mesh::Mesh,
         prelude::Sphere,
     };
+    use level::SMALLEST_TLAS;
 
     const MESH: AssetId<Mesh> = AssetId::Uuid {
         uuid: Uuid::from_u128(1),
     };
 
-    fn instances(count: u32) -> Vec<RayQueryInstance> {
-        let instance = |slot| RayQueryInstance {
+    /// A device with ray queries, and a mesh on it.
+    fn with_mesh() -> Option<(RenderDevice, RenderQueue, SceneMeshes)> {
+        let (device, queue) = test_gpu::device()?;
+        if device.limits().max_blas_primitive_count == 0 {
+            let is_required = std::env::var_os("GLINT_REQUIRE_RAY_QUERY").is_some();
+            assert!(!is_required, "the device has no ray queries");
+            return None;
+        }
+        let mut meshes = SceneMeshes::new(&device, ReflectionTracer::RayQuery);
+        meshes.load(MESH, Sphere::default().into(), &queue);
+        Some((device, queue, meshes))
+    }
+
+    fn instance(slot: u32, flags: u32) -> RayQueryInstance {
+        RayQueryInstance {
             slot,
             // Both faces, so that indices are written, too.
             blas: BlasKey::new(MESH, 0),
             posed: None,
             world_from_object: Affine3A::IDENTITY,
-            flags: 0,
-        };
-        (0..count).map(instance).collect()
+            flags,
+        }
     }
 
     #[test]
     fn what_the_device_has_no_memory_for_is_built_later() {
-        let Some((device, queue)) = test_gpu::device() else {
+        let Some((device, queue, meshes)) = with_mesh() else {
             return;
         };
-        if device.limits().max_blas_primitive_count == 0 {
-            let is_required = std::env::var_os("GLINT_REQUIRE_RAY_QUERY").is_some();
-            assert!(!is_required, "the device has no ray queries");
-            return;
-        }
-        let mut meshes = SceneMeshes::new(&device, ReflectionTracer::RayQuery);
-        meshes.load(MESH, Sphere::default().into(), &queue);
         let mut structures = AccelerationStructures::new(&device, &queue);
         // More than the first structure has room for.
-        let instances = instances(4 * SMALLEST_TLAS);
-        let build = |structures: &mut AccelerationStructures| structures.build(&instances, &meshes, &device, &queue);
+        let count = 4 * SMALLEST_TLAS;
+        let objects = RayQueryObjects {
+            count: count as usize,
+            slots: count,
+            changed: &[],
+            get: &|slot| Some(instance(slot, 0)),
+            may_split: true,
+        };
+        let build = |structures: &mut AccelerationStructures| structures.build(&objects, &meshes, &device, &queue);
         REFUSES.set(true);
         assert_eq!(build(&mut structures), 0);
-        assert_eq!((structures.refused.len(), structures.capacity), (1, SMALLEST_TLAS));
+        assert_eq!(
+            (structures.refused.len(), structures.still.capacity),
+            (1, SMALLEST_TLAS)
+        );
         REFUSES.set(false);
         assert_eq!(build(&mut structures), 0, "it isn't asked for again at once");
         let due = (1..=REFUSED_FRAMES).find(|_| structures.is_retry_due());
         assert_eq!(due, Some(REFUSED_FRAMES));
         assert_eq!(build(&mut structures), 1);
-        assert_eq!((structures.refused.len(), structures.capacity), (0, 4 * SMALLEST_TLAS));
+        assert_eq!((structures.refused.len(), structures.still.capacity), (0, count));
         assert!(!structures.is_retry_due() && structures.retry_in == 0);
     }
 
     #[test]
-    fn no_more_room_is_asked_for_than_the_device_has() {
-        assert_eq!(tlas_capacity(0, MOST_INSTANCES), SMALLEST_TLAS);
-        assert_eq!(tlas_capacity(65, MOST_INSTANCES), 128);
-        assert_eq!(tlas_capacity(0, 10), 10);
-        assert_eq!(tlas_capacity(10, 10), 10);
-        assert_eq!(tlas_capacity(100, 100), 100);
-        assert_eq!(tlas_capacity(MOST_INSTANCES, MOST_INSTANCES), MOST_INSTANCES);
+    fn movements_build_what_moves_alone() {
+        let Some((device, queue, meshes)) = with_mesh() else {
+            return;
+        };
+        let mut structures = AccelerationStructures::new(&device, &queue);
+        // Returns the objects that the second structure was built with if the first one stays, and whether all were built.
+        let mut frame = |slots: u32, gone: &[u32], restless: &[u32], changed: &[u32], may_split: bool| {
+            let get = |slot| {
+                let flags = if restless.contains(&slot) { INSTANCE_RESTLESS } else { 0 };
+                (!gone.contains(&slot)).then(|| instance(slot, flags))
+            };
+            let objects = RayQueryObjects {
+                count: slots as usize - gone.len(),
+                slots,
+                changed,
+                get: &get,
+                may_split,
+            };
+            structures.is_retry_due();
+            structures.build(&objects, &meshes, &device, &queue);
+            let mut movers: Vec<_> = structures.movers.iter().copied().collect();
+            movers.sort_unstable();
+            (structures.age == 0, structures.is_split(), movers)
+        };
+        let many = MANY_OBJECTS as u32;
+        assert_eq!(
+            frame(many, &[], &[3], &[3], true),
+            (true, false, vec![]),
+            "few objects share one"
+        );
+        let all = many + 10;
+        assert_eq!(frame(all, &[], &[3], &[3], true), (true, true, vec![3]));
+        assert_eq!(frame(all, &[], &[3], &[3], true), (false, true, vec![3]));
+        assert_eq!(
+            frame(all, &[], &[3, 7], &[3, 7], true),
+            (true, true, vec![3, 7]),
+            "7 stood still"
+        );
+        assert_eq!(
+            frame(all, &[3], &[3, 7], &[3], true),
+            (false, true, vec![7]),
+            "3 is gone"
+        );
+        assert_eq!(
+            frame(all + 1, &[3], &[7], &[all], true),
+            (false, true, vec![7, all]),
+            "one came"
+        );
+        assert_eq!(
+            frame(all + 1, &[3, 9], &[7], &[9], true),
+            (true, true, vec![7]),
+            "9 stood still"
+        );
+        assert_eq!(
+            frame(all + 1, &[], &[7], &[3, 9], false),
+            (true, false, vec![]),
+            "no second one is allowed"
+        );
+        assert_eq!(frame(all, &[], &[], &[], true), (true, true, vec![]));
+        // Objects that come and stay.
+        let idle = MOST_IDLE as u32 + 1;
+        let new: Vec<_> = (all..all + idle).collect();
+        assert_eq!(frame(all + idle, &[], &[], &new, true), (false, true, new.clone()));
+        let due = (2..).find(|_| frame(all + idle, &[], &[5], &[all], true).0);
+        assert_eq!(due, Some(IDLE_FRAMES));
+        assert_eq!(frame(all + idle, &[], &[5], &[5], true), (false, true, vec![5]));
     }
 }

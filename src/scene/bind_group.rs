@@ -77,6 +77,8 @@ pub struct SceneBindings {
     /// There are rectangular lights.
     pub(super) has_rect_lights: bool,
     pub(super) acceleration: Option<AccelerationStructures>,
+    /// All back ends in use know of two acceleration structures.
+    pub(super) may_split: bool,
     /// Rays can hit something that needs the alpha test, or it isn't known yet whether they can.
     masked: bool,
     /// The scene's trees need a larger stack than usual.
@@ -125,6 +127,7 @@ impl FromWorld for SceneBindings {
             has_fog_volumes: false,
             has_rect_lights: false,
             acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
+            may_split: true,
             masked: true,
             deep: false,
             defs_version: 0,
@@ -145,7 +148,9 @@ fn layout(tracer: ReflectionTracer, textures: &TextureTable, device: &RenderDevi
         storage(size_of::<GpuSceneCounts>()).build(4, stages),
     ];
     match tracer {
-        ReflectionTracer::RayQuery => entries.push(binding_types::acceleration_structure().build(5, stages)),
+        ReflectionTracer::RayQuery => {
+            entries.extend([5, 7].map(|binding| binding_types::acceleration_structure().build(binding, stages)));
+        }
         ReflectionTracer::Bvh => entries.push(storage(size_of::<Item>()).build(6, stages)),
     }
     entries.push(textures.texture_layout().build(8, stages));
@@ -313,10 +318,11 @@ pub(super) fn prepare_scene_bind_group(
     ];
     match &bindings.acceleration {
         Some(acceleration) => {
-            entries.push(BindGroupEntry {
-                binding: 5,
-                resource: acceleration.tlas().as_binding(),
-            });
+            let structures = [5, 7].into_iter().zip(acceleration.tlas());
+            entries.extend(structures.map(|(binding, tlas)| BindGroupEntry {
+                binding,
+                resource: tlas.as_binding(),
+            }));
         }
         None => entries.push(entry(6, meshes.bvh.buffer())),
     }

@@ -196,6 +196,8 @@ pub struct GpuSceneCounts {
     pub tlas_node_count: u32,
     /// BVH tracer: where the TLAS's root stands.
     pub tlas_root: u32,
+    /// Ray queries: objects in the TLAS of those that move.
+    pub moving_count: u32,
     /// Instances in the buffer.
     pub instance_count: u32,
     /// Materials in the buffer.
@@ -216,4 +218,4 @@ const _: () = assert!(size_of::<GpuInstance>() == 128);
 const _: () = assert!(size_of::<GpuMaterial>() == 128);
 const _: () = assert!(size_of::<GpuLight>() == 64);
 const _: () = assert!(size_of::<GpuLightProbe>() == 80);
-const _: () = assert!(size_of::<GpuSceneCounts>() == 40);
+const _: () = assert!(size_of::<GpuSceneCounts>() == 44);

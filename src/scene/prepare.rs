@@ -20,7 +20,7 @@ use super::{
     render_layers::SceneLayers,
     textures::TextureTable,
 };
-use crate::{device::ReflectionTracer, status::ReflectionStatus};
+use crate::{device::ReflectionTracer, settings::WantsReflections, status::ReflectionStatus};
 use bevy::{
     asset::UntypedAssetId,
     ecs::{prelude::*, system::SystemParam},
@@ -50,6 +50,7 @@ pub(super) struct Scene<'w, 's> {
     light_probes: Res<'w, ExtractedLightProbes>,
     layers: Res<'w, SceneLayers>,
     views: Query<'w, 's, &'static ViewEnvironment>,
+    wanted: Query<'w, 's, &'static WantsReflections>,
     /// Materials as the app made them.
     assets: ResMut<'w, MaterialAssets>,
     images: Res<'w, RenderAssets<GpuImage>>,
@@ -142,8 +143,9 @@ impl Scene<'_, '_> {
                 bindings.top_level.touch();
             }
             bindings.update_bvh_top_level(instances, meshes, queue, status);
-        } else if bindings.is_retry_due() || changed {
-            bindings.build_ray_query_top_level(instances, meshes, device, queue, status);
+        } else if bindings.must_build_again(!self.wanted.iter().any(WantsReflections::uses_vrs)) || changed {
+            let changed = [dirty, moved, poses.posed].concat();
+            bindings.build_ray_query_top_level(&changed, instances, meshes, device, queue, status);
         }
     }
 

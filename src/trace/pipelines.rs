@@ -222,6 +222,8 @@ impl TracePipelines {
                 "ATMOSPHERIC",
                 "RECT_LIGHTS",
                 "DIFFUSE_TRANSMISSION",
+                // Its address takes the place of a binding.
+                "ONE_TLAS",
             ]
             .map(Into::into),
         );

@@ -16,7 +16,7 @@ pub(super) struct GroupContents {
     pub(super) bindings: Vec<(u32, Content)>,
     /// wgpu doesn't give its samplers away: what they were made of.
     pub(super) samplers: Vec<vk::SamplerCreateInfo<'static>>,
-    /// Address of the acceleration structure, if the group has one.
+    /// Address of the first acceleration structure, if the group has one: all objects are in it while a view uses this pass.
     pub(super) acceleration_structure: Option<u64>,
 }
 
@@ -115,7 +115,9 @@ impl GroupContents {
                     Content::Samplers(list.collect::<Result<_, &str>>()?)
                 }
                 BindingResource::AccelerationStructure(tlas) => {
-                    contents.acceleration_structure = Some(acceleration_structure_address(device, tlas)?);
+                    if contents.acceleration_structure.is_none() {
+                        contents.acceleration_structure = Some(acceleration_structure_address(device, tlas)?);
+                    }
                     continue;
                 }
                 _ => return Err(format!("binding {binding} is of a kind that can't be bound")),

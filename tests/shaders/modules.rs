@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, fog_volumes::GpuFogVolume, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 55] = [
+pub const COMBINATIONS: [&[&str]; 56] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -17,6 +17,7 @@ pub const COMBINATIONS: [&[&str]; 55] = [
     &["RAY_QUERY"],
     &["BINDLESS_TEXTURES"],
     &["RAY_QUERY", "BINDLESS_TEXTURES"],
+    &["RAY_QUERY", "ONE_TLAS"],
     &["MIRRORS", "IN_PLACE", "COUNT_INVOCATIONS"],
     &["IN_PLACE", "TILES"],
     &["REFLECTION"],
@@ -347,6 +348,7 @@ fn lights_and_uniforms_match_the_cpu() {
             light_count,
             tlas_node_count,
             tlas_root,
+            moving_count,
             instance_count,
             material_count,
             texture_count,

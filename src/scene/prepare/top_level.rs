@@ -2,7 +2,7 @@
 
 use crate::{
     scene::{
-        acceleration::{AccelerationStructures, BlasKey, RayQueryInstance},
+        acceleration::{BlasKey, RayQueryInstance, RayQueryObjects},
         bind_group::SceneBindings,
         instances::SceneInstances,
         meshes::SceneMeshes,
@@ -16,16 +16,20 @@ use bevy::{
 };
 
 impl SceneBindings {
-    /// Returns true in the frame in which structures that lacked memory should be built again.
-    pub(super) fn is_retry_due(&mut self) -> bool {
+    /// Counts a frame for the driver's structures. Returns true where they must be built although no object has changed: what lacked memory
+    /// is tried again, or a view begins to use a back end that knows of one structure.
+    pub(super) fn must_build_again(&mut self, may_split: bool) -> bool {
+        let joins = self.may_split && !may_split;
+        self.may_split = may_split;
         self.acceleration
             .as_mut()
-            .is_some_and(AccelerationStructures::is_retry_due)
+            .is_some_and(|acceleration| acceleration.is_retry_due() || (joins && acceleration.is_split()))
     }
 
-    /// Builds the structure of the driver over all objects that can be hit.
+    /// Builds the driver's structures over the objects that can be hit, of which those in `changed` may be others than before.
     pub(super) fn build_ray_query_top_level(
         &mut self,
+        changed: &[u32],
         instances: &SceneInstances,
         meshes: &SceneMeshes,
         device: &RenderDevice,
@@ -36,24 +40,29 @@ impl SceneBindings {
         let Some(acceleration) = &mut self.acceleration else {
             return;
         };
-        let present = (0..).zip(instances.slots()).filter_map(|(slot, source)| {
-            let source = source.as_ref().filter(|_| self.instances.can_be_hit(slot))?;
-            meshes.get(source.mesh).map(|_| (slot, source))
-        });
-        let list: Vec<_> = present
-            .map(|(slot, source)| {
-                let flags = self.instances.flags(slot);
-                RayQueryInstance {
-                    slot,
-                    blas: BlasKey::new(source.mesh, flags),
-                    posed: self.poses.vertices(slot),
-                    world_from_object: source.world_from_object,
-                    flags,
-                }
+        let (table, poses) = (&self.instances, &self.poses);
+        let get = |slot: u32| {
+            let source = instances.get(slot).filter(|_| table.can_be_hit(slot))?;
+            meshes.get(source.mesh)?;
+            let flags = table.flags(slot);
+            Some(RayQueryInstance {
+                slot,
+                blas: BlasKey::new(source.mesh, flags),
+                posed: poses.vertices(slot),
+                world_from_object: source.world_from_object,
+                flags,
             })
-            .collect();
-        let blas_builds = acceleration.build(&list, meshes, device, queue);
-        self.uniform_data.tlas_node_count = list.len() as u32;
+        };
+        let objects = RayQueryObjects {
+            count: table.present_count(),
+            slots: instances.slots().len() as u32,
+            changed,
+            get: &get,
+            may_split: self.may_split,
+        };
+        let blas_builds = acceleration.build(&objects, meshes, device, queue);
+        self.uniform_data.tlas_node_count = table.present_count() as u32;
+        self.uniform_data.moving_count = acceleration.moving_count() as u32;
         self.report_top_level(begin, blas_builds, status);
     }
 

@@ -1,0 +1,165 @@
+//! Top-level structures.
+
+use super::{MASK_CASTS_SHADOW, MASK_GROUPS, MASK_HAS_HOLES, MASK_REFLECTED, RayQueryInstance, submit_builds};
+use crate::{
+    device::try_allocate,
+    scene::gpu_types::{INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW},
+};
+use bevy::{
+    log::warn_once,
+    math::Affine3A,
+    render::{
+        render_resource::{
+            AccelerationStructureFlags, AccelerationStructureUpdateMode, Blas, CreateTlasDescriptor, Tlas, TlasInstance,
+        },
+        renderer::{RenderDevice, RenderQueue},
+    },
+};
+
+/// Instances that a TLAS has room for at least, where the device allows as many.
+pub(super) const SMALLEST_TLAS: u32 = 64;
+/// Rays tell instances apart by 24 bits.
+const MOST_INSTANCES: u32 = 1 << 24;
+
+/// A TLAS that grows and shrinks with its objects.
+pub(super) struct Level {
+    pub tlas: Tlas,
+    pub capacity: u32,
+}
+
+/// What became of a build.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) struct LevelBuild {
+    /// The TLAS is another object.
+    pub replaced: bool,
+    /// Something lacked memory.
+    pub lacking: bool,
+}
+
+impl Level {
+    /// An empty TLAS.
+    pub fn new(device: &RenderDevice, queue: &RenderQueue) -> Self {
+        let level = Self::with_capacity(tlas_capacity(0, instance_limit(device)), device);
+        // A structure that was never built may not be bound.
+        submit_builds("glint_tlas_build", &[], Some(&level.tlas), device, queue);
+        level
+    }
+
+    fn with_capacity(capacity: u32, device: &RenderDevice) -> Self {
+        let tlas = device.wgpu_device().create_tlas(&CreateTlasDescriptor {
+            label: Some("glint_tlas"),
+            max_instances: capacity,
+            flags: AccelerationStructureFlags::PREFER_FAST_TRACE,
+            update_mode: AccelerationStructureUpdateMode::Build,
+        });
+        Self { tlas, capacity }
+    }
+
+    /// Builds the TLAS over these instances. Those without a BLAS are left out.
+    pub fn build<'a>(
+        &mut self,
+        instances: &[&RayQueryInstance],
+        blas_of: impl Fn(&RayQueryInstance) -> Option<&'a Blas>,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> LevelBuild {
+        let mut outcome = LevelBuild {
+            replaced: false,
+            lacking: false,
+        };
+        let limit = instance_limit(device);
+        // Slots are given out from the lowest on, so that few are ever left out for their number.
+        let tellable = instances.iter().filter(|instance| instance.slot < MOST_INSTANCES);
+        let used: Vec<_> = tellable.take(limit as usize).collect();
+        if used.len() < instances.len() {
+            warn_once!(
+                "{} objects can be reflected, but the device's limit is {limit}: the others are missing; use fewer \
+                 objects, or keep some out with `NotReflected`",
+                instances.len()
+            );
+        }
+        let count = used.len() as u32;
+        let mut next = None;
+        if count > self.capacity || (count < self.capacity / 4 && self.capacity > SMALLEST_TLAS) {
+            next = try_allocate(device, || Self::with_capacity(tlas_capacity(count, limit), device));
+            if next.is_none() {
+                outcome.lacking = true;
+                warn_once!(
+                    "only {} of {count} objects can be reflected, since the device has no memory for more",
+                    self.capacity
+                );
+            }
+        }
+        let mut entries = used.into_iter().filter_map(|instance| {
+            Some(TlasInstance::new(
+                blas_of(instance)?,
+                rows(&instance.world_from_object),
+                instance.slot,
+                cull_mask(instance.flags),
+            ))
+        });
+        let level = next.as_mut().unwrap_or(self);
+        if let Some(places) = level.tlas.get_mut_slice(0..level.capacity as usize) {
+            for place in places {
+                *place = entries.next();
+            }
+        }
+        drop(entries);
+        // A structure that was never built may not be bound.
+        if !submit_builds("glint_tlas_build", &[], Some(&level.tlas), device, queue) {
+            outcome.lacking = true;
+        } else if let Some(next) = next {
+            *self = next;
+            outcome.replaced = true;
+        }
+        outcome
+    }
+}
+
+/// Kinds of rays that see an object with these flags.
+fn cull_mask(flags: u32) -> u8 {
+    let mut mask = MASK_REFLECTED | (flags >> 24) as u8 & MASK_GROUPS;
+    if flags & INSTANCE_CASTS_SHADOW != 0 {
+        mask |= MASK_CASTS_SHADOW;
+    }
+    if flags & INSTANCE_ALPHA_MASKED != 0 {
+        mask |= MASK_HAS_HOLES;
+    }
+    mask
+}
+
+/// Instances that a TLAS of this device may hold.
+fn instance_limit(device: &RenderDevice) -> u32 {
+    device.limits().max_tlas_instance_count.min(MOST_INSTANCES)
+}
+
+/// Instances to make room for, where `count` are there.
+fn tlas_capacity(count: u32, limit: u32) -> u32 {
+    count.next_power_of_two().max(SMALLEST_TLAS).min(limit)
+}
+
+/// The row-major 3x4 matrix that wgpu and our shaders take.
+pub fn rows(affine: &Affine3A) -> [f32; 12] {
+    let m = affine.matrix3;
+    let t = affine.translation;
+    [
+        m.x_axis.x, m.y_axis.x, m.z_axis.x, t.x, //
+        m.x_axis.y, m.y_axis.y, m.z_axis.y, t.y, //
+        m.x_axis.z, m.y_axis.z, m.z_axis.z, t.z,
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_more_room_is_asked_for_than_the_device_has() {
+        assert_eq!(tlas_capacity(0, MOST_INSTANCES), SMALLEST_TLAS);
+        assert_eq!(tlas_capacity(65, MOST_INSTANCES), 128);
+        assert_eq!(tlas_capacity(0, 10), 10);
+        assert_eq!(tlas_capacity(10, 10), 10);
+        assert_eq!(tlas_capacity(100, 100), 100);
+        assert_eq!(tlas_capacity(MOST_INSTANCES, MOST_INSTANCES), MOST_INSTANCES);
+    }
+}
