@@ -105,8 +105,10 @@ pub struct AccelerationStructures {
     /// BLASes that `still` was built with.
     still_blas: HashSet<BlasKey>,
     moving: Option<Level>,
-    /// Slots of the objects in `moving`.
-    movers: HashSet<u32>,
+    /// Slots of the objects in `moving`, in order: so their objects are read as they lie in memory.
+    movers: Vec<u32>,
+    /// By slot, whether the object is in `moving`.
+    is_mover: Vec<bool>,
     /// Frames since the last build over all objects.
     age: u32,
     /// Changes when one of [`Self::tlas`] becomes another object.
@@ -125,7 +127,8 @@ impl AccelerationStructures {
             is_still: Vec::new(),
             still_blas: HashSet::default(),
             moving: None,
-            movers: HashSet::default(),
+            movers: Vec::new(),
+            is_mover: Vec::new(),
             age: 0,
             generation: 0,
         }
@@ -190,7 +193,19 @@ impl AccelerationStructures {
         if self.moving.is_none() || self.is_still.is_empty() || objects.changed.iter().any(is_still) {
             return false;
         }
-        self.movers.extend(objects.changed);
+        self.is_mover.resize(objects.slots as usize, false);
+        let before = self.movers.len();
+        for &slot in objects.changed {
+            // Slots at the end may be gone.
+            if let Some(is_mover) = self.is_mover.get_mut(slot as usize)
+                && !core::mem::replace(is_mover, true)
+            {
+                self.movers.push(slot);
+            }
+        }
+        if self.movers.len() > before {
+            self.movers.sort_unstable();
+        }
         true
     }
 
@@ -207,6 +222,9 @@ impl AccelerationStructures {
             let object = (objects.get)(*slot);
             let is_there = object.is_some();
             moving.extend(object);
+            if let Some(is_mover) = self.is_mover.get_mut(*slot as usize) {
+                *is_mover = is_there;
+            }
             is_there
         });
         let idle = moving.iter().filter(|object| !object.is_moving()).count();
@@ -244,11 +262,8 @@ impl AccelerationStructures {
         let (moving, still): (Vec<_>, Vec<_>) = all.iter().partition(|object| is_split && object.is_moving());
         self.age = 0;
         self.movers = moving.iter().map(|object| object.slot).collect();
-        self.is_still.clear();
-        self.is_still.resize(objects.slots as usize, false);
-        for object in &still {
-            self.is_still[object.slot as usize] = true;
-        }
+        self.is_still = flags_of(&still, objects.slots);
+        self.is_mover = flags_of(&moving, objects.slots);
         self.still_blas = still.iter().map(|object| object.blas).collect();
         if self.moving.is_some() != is_split {
             self.moving = is_split.then(|| Level::new(device, queue));
@@ -256,7 +271,7 @@ impl AccelerationStructures {
         }
         let blas_of = blas_in(&self.blas, &self.posed);
         let outcomes = [
-            Some(self.still.build(&still, blas_of, device, queue)),
+            Some(self.still.build(&still, blas_of.clone(), device, queue)),
             (self.moving.as_mut()).map(|level| level.build(&moving, blas_of, device, queue)),
         ];
         for outcome in outcomes {
@@ -446,20 +461,46 @@ struct PosedBlas {
     revision: u64,
 }
 
+/// By slot, whether it is that of one of these objects.
+fn flags_of(objects: &[&RayQueryInstance], slots: u32) -> Vec<bool> {
+    let mut flags = vec![false; slots as usize];
+    for object in objects {
+        flags[object.slot as usize] = true;
+    }
+    flags
+}
+
 /// BLASes of objects without a pose.
 fn blas_keys(objects: &[RayQueryInstance]) -> HashSet<BlasKey> {
-    let whole = objects.iter().filter(|object| object.posed.is_none());
-    whole.map(|object| object.blas).collect()
+    let mut keys = HashSet::default();
+    // Neighbours often show the same mesh.
+    let mut last = None;
+    for object in objects.iter().filter(|object| object.posed.is_none()) {
+        if last.replace(object.blas) != Some(object.blas) {
+            keys.insert(object.blas);
+        }
+    }
+    keys
 }
 
 /// Finds the BLAS of an object, if it is built.
 fn blas_in<'a>(
     blas: &'a HashMap<BlasKey, (u64, Blas)>,
     posed: &'a HashMap<u32, PosedBlas>,
-) -> impl Fn(&RayQueryInstance) -> Option<&'a Blas> + Copy {
-    move |object| match object.posed {
-        Some(_) => Some(&posed.get(&object.slot)?.blas.blas),
-        None => Some(&blas.get(&object.blas)?.1),
+) -> impl FnMut(&RayQueryInstance) -> Option<&'a Blas> + Clone {
+    let mut last = None;
+    move |object| {
+        if object.posed.is_some() {
+            return Some(&posed.get(&object.slot)?.blas.blas);
+        }
+        match last {
+            Some((key, found)) if key == object.blas => found,
+            _ => {
+                let found = blas.get(&object.blas).map(|(_, blas)| blas);
+                last = Some((object.blas, found));
+                found
+            }
+        }
     }
 }
 
@@ -557,9 +598,7 @@ mod tests {
             };
             structures.is_retry_due();
             structures.build(&objects, &meshes, &device, &queue);
-            let mut movers: Vec<_> = structures.movers.iter().copied().collect();
-            movers.sort_unstable();
-            (structures.age == 0, structures.is_split(), movers)
+            (structures.age == 0, structures.is_split(), structures.movers.clone())
         };
         let many = MANY_OBJECTS as u32;
         assert_eq!(

@@ -1,18 +1,24 @@
 //! Worlds that change: what doesn't change costs nothing.
 
+use crate::{
+    pictures::{BOTH, apps, assert_flip, differing_pixels, reflect, warm_up},
+    stage::{metal, spawn_camera, spawn_mesh, unlit},
+};
 use bevy::{math::UVec2, prelude::*};
-use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, ReflectionTracerChoice};
-use glint_scenes::{HeadlessApp, HeadlessSettings, SystemClock};
+use bevy_glint::{
+    RayTracedReflections, RayTracedReflectionsPlugin, ReflectionStatus, ReflectionTechnique, ReflectionTracer,
+    ReflectionTracerChoice,
+};
+use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName, SystemClock};
 
 /// Milliseconds that the plugin takes of a frame in a world of so many objects of which one moves, where a quarter of all frames takes
 /// less: what else runs on the machine counts little.
-fn cost(instances: usize) -> Option<f64> {
+fn cost(tracer: ReflectionTracerChoice, instances: usize) -> Option<f64> {
     let clock = SystemClock::default();
     let settings = HeadlessSettings {
         size: UVec2::splat(16),
         ..default()
     };
-    let tracer = ReflectionTracerChoice::Bvh;
     let mut app = match HeadlessApp::new(settings, |app| {
         clock.add_plugin(app, RayTracedReflectionsPlugin { tracer, ..default() });
     }) {
@@ -64,12 +70,107 @@ fn cost(instances: usize) -> Option<f64> {
 
 #[test]
 fn one_mover_costs_as_much_in_a_large_world_as_in_a_small_one() {
-    let (Some(small), Some(large)) = (cost(2_000), cost(40_000)) else {
-        return;
-    };
-    println!("{small} ms among 2,000 objects, {large} ms among 40,000");
-    assert!(
-        large < 1.5 * small + 0.15,
-        "{small} ms among 2,000 objects, {large} ms among 40,000"
+    for tracer in BOTH {
+        let (Some(small), Some(large)) = (cost(tracer, 2_000), cost(tracer, 40_000)) else {
+            return;
+        };
+        println!("{tracer:?}: {small} ms among 2,000 objects, {large} ms among 40,000");
+        assert!(
+            large < 1.5 * small + 0.15,
+            "{tracer:?}: {small} ms among 2,000 objects, {large} ms among 40,000"
+        );
+    }
+}
+
+const SIZE: UVec2 = UVec2::new(128, 96);
+
+/// A mirror before a wall of so many tiles that objects which move have a structure of their own with ray queries, and a ball.
+fn spawn_tiles(app: &mut HeadlessApp) -> (Entity, Entity) {
+    let floor = Transform::from_translation(Vec3::new(0.0, -0.05, 0.0));
+    spawn_mesh(app, Cuboid::new(12.0, 0.1, 12.0), metal(0.0), floor);
+    let world = app.world();
+    let mesh = world
+        .resource_mut::<Assets<Mesh>>()
+        .add(Cuboid::from_size(Vec3::splat(0.2)));
+    let paints = [[40, 60, 90], [90, 80, 40]].map(|color| {
+        let material = unlit(color);
+        world.resource_mut::<Assets<StandardMaterial>>().add(material)
+    });
+    for index in 0..1_200 {
+        let (column, row) = (index % 48, index / 48);
+        let place = Vec3::new(0.25 * (column as f32 - 24.0), 0.25 * row as f32 + 0.15, -6.0);
+        let material = MeshMaterial3d(paints[(column + row) % 2].clone());
+        world.spawn((Mesh3d(mesh.clone()), material, Transform::from_translation(place)));
+    }
+    let ball = spawn_mesh(
+        app,
+        Sphere::new(0.8),
+        unlit([220, 30, 30]),
+        Transform::from_xyz(-2.0, 1.5, -2.0),
     );
+    let view = Transform::from_xyz(0.0, 2.5, 5.0).looking_at(Vec3::new(0.0, 0.5, -2.0), Vec3::Y);
+    (spawn_camera(app, view, SceneName::Demo), ball)
+}
+
+/// What happens to the ball, and to others like it, one after the other.
+fn pictures_of_movements(app: &mut HeadlessApp) -> Vec<(&'static str, Vec<u8>)> {
+    let (camera, ball) = spawn_tiles(app);
+    reflect(app, camera, ReflectionTechnique::Reference);
+    let capture = |app: &mut HeadlessApp| app.capture().unwrap_or_else(|error| panic!("{error}"));
+    let mut pictures = vec![("standing", capture(app))];
+    for step in 1..=4 {
+        let mut transform = app.world().get_mut::<Transform>(ball).unwrap();
+        transform.translation.x = -2.0 + step as f32;
+        app.step(1);
+    }
+    pictures.push(("moving", capture(app)));
+    let second = spawn_mesh(
+        app,
+        Sphere::new(0.5),
+        unlit([30, 220, 30]),
+        Transform::from_xyz(-2.0, 1.0, -2.0),
+    );
+    warm_up(app);
+    pictures.push(("one that came", capture(app)));
+    app.world().despawn(ball);
+    app.step(2);
+    pictures.push(("one that went", capture(app)));
+    app.world().despawn(second);
+    app.step(2);
+    pictures.push(("none", capture(app)));
+    pictures
+}
+
+/// Reflections show what moves among many objects, what joins them and what leaves them, whatever structures it stands in.
+#[test]
+fn what_moves_among_many_objects_is_seen() {
+    let mut pictures = Vec::new();
+    for (choice, mut app) in apps(SIZE, Output::Picture) {
+        let found = pictures_of_movements(&mut app);
+        let report = app.world().resource::<ReflectionStatus>().report();
+        let traced = match choice {
+            ReflectionTracerChoice::RayQuery => ReflectionTracer::RayQuery,
+            _ => ReflectionTracer::Bvh,
+        };
+        assert_eq!(report.tracer, Some(traced));
+        pictures.push(found);
+    }
+    for found in &pictures {
+        for pair in found.windows(2) {
+            let apart = differing_pixels(&pair[0].1, &pair[1].1, 40);
+            println!("{} and {}: {apart} pixels differ", pair[0].0, pair[1].0);
+            assert!(apart > 150, "{} and {}: {apart} pixels", pair[0].0, pair[1].0);
+        }
+    }
+    if let [ray_query, bvh] = pictures.as_slice() {
+        for ((name, expected), (_, actual)) in bvh.iter().zip(ray_query) {
+            assert_flip(
+                &format!("movement-{}", name.replace(' ', "-")),
+                SIZE,
+                expected,
+                actual,
+                0.002,
+            );
+        }
+    }
 }

@@ -59,7 +59,7 @@ impl Level {
     pub fn build<'a>(
         &mut self,
         instances: &[&RayQueryInstance],
-        blas_of: impl Fn(&RayQueryInstance) -> Option<&'a Blas>,
+        mut blas_of: impl FnMut(&RayQueryInstance) -> Option<&'a Blas>,
         device: &RenderDevice,
         queue: &RenderQueue,
     ) -> LevelBuild {

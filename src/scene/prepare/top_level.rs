@@ -43,7 +43,6 @@ impl SceneBindings {
         let (table, poses) = (&self.instances, &self.poses);
         let get = |slot: u32| {
             let source = instances.get(slot).filter(|_| table.can_be_hit(slot))?;
-            meshes.get(source.mesh)?;
             let flags = table.flags(slot);
             Some(RayQueryInstance {
                 slot,

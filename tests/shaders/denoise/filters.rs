@@ -361,7 +361,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         vec4(rest_of(u32(40.0 * a.x), u32(40.0 * a.y)), moving_age(0.3 * d.x, a.z),
             rest_history(32.0 * a.z, 64.0 * b.z, u32(600.0 * a.w), d.x), rest_firefly(100.0 * c.z, d.x)),
         vec4(pack_frame_weight(20.0 * a.x), unpack_frame_weight(pack_frame_weight(20.0 * a.y)),
-            image_angle(0.002, 10.0 * b.x, 0.01 + 10.0 * b.y, d.x > 0.5), reconnection_jacobian((0.01 + a.z) * (0.01 + a.z), b.z)),
+            image_angle(0.002, 10.0 * b.x, 0.01 + 10.0 * b.y, d.x > 0.5), reconnection_jacobian((0.01 + a.z) * (0.01 + a.z), 1.0 / b.z)),
         vec4(place_weight(8.0 * a.x, 1.0), place_weight(32.0 * a.x, 1.0 + 3.0 * a.y), normal_weight(0.7 + 0.3 * a.z, 0.1 + a.w),
             select(0.0, 1.0, is_sharp(b.x, 0.1 * b.y, 8.0 * b.z))),
     );
