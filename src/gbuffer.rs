@@ -75,6 +75,8 @@ pub(crate) struct PassContext<'a> {
     pub noise: &'a TextureView,
     /// The lit frame.
     pub frame: &'a TextureView,
+    /// What the camera showed, for rays that reuse it: [`Targets::screen`] of the opaque surfaces' textures.
+    pub screen: Option<&'a TextureView>,
     /// Tiles outside of which the view holds no surface of these passes; `None` where it may hold some anywhere.
     pub tiles: Option<URect>,
 }
@@ -121,6 +123,7 @@ pub(crate) type FindTexture = for<'a> fn(&PassContext<'a>) -> Option<&'a Texture
 /// Finds a buffer of a view; `None` where the view has none.
 type FindBuffer = for<'a> fn(&PassContext<'a>) -> Option<&'a Buffer>;
 
+#[derive(Clone, Copy)]
 enum Resource {
     Texture(FindTexture),
     Buffer(FindBuffer),
@@ -129,6 +132,7 @@ enum Resource {
 }
 
 /// A binding of group 0, behind those of `gbuffer.wesl`.
+#[derive(Clone)]
 pub(crate) struct Binding {
     layout: BindGroupLayoutEntryBuilder,
     resource: Resource,
@@ -205,9 +209,14 @@ pub(crate) fn integers() -> BindGroupLayoutEntryBuilder {
     binding_types::texture_2d(TextureSampleType::Uint)
 }
 
+/// Number of the screen's binding in all variants that read it: `trace/screen.wesl`.
+const SCREEN_BINDING: u32 = 15;
+
 /// Group 0 of a pass over the G-buffer.
 pub(crate) struct Group0 {
     bindings: Vec<Binding>,
+    /// Binding [`SCREEN_BINDING`] is the screen.
+    has_screen: bool,
     pub layout: BindGroupLayoutDescriptor,
 }
 
@@ -229,7 +238,20 @@ impl Group0 {
             .fold(gbuffer, |entries, binding| entries.extend_sequential((binding.layout,)));
         Self {
             layout: BindGroupLayoutDescriptor::new(format!("{label}_layout"), &entries),
+            has_screen: false,
             bindings,
+        }
+    }
+
+    /// The same group of a compute pass, and the screen.
+    fn with_screen(&self) -> Self {
+        let mut layout = self.layout.clone();
+        let screen = binding_types::texture_2d(TextureSampleType::Float { filterable: false });
+        layout.entries.push(screen.build(SCREEN_BINDING, ShaderStages::COMPUTE));
+        Self {
+            bindings: self.bindings.clone(),
+            has_screen: true,
+            layout,
         }
     }
 
@@ -257,6 +279,9 @@ impl Group0 {
                 Resource::Given => given.next()?.clone(),
             };
             entries = entries.extend_sequential((resource,));
+        }
+        if self.has_screen {
+            entries = entries.extend_with_indices(((SCREEN_BINDING, context.screen?),));
         }
         Some(entries)
     }
@@ -311,6 +336,8 @@ pub(crate) struct GBufferPass<K = ()> {
     /// Label of the bind group, the pipelines and the pass.
     label: &'static str,
     group_0: Group0,
+    /// The group of those variants that read the screen, and which these are.
+    with_screen: Option<(Group0, fn(&K) -> bool)>,
     others: OtherGroups,
     queued: HashMap<K, CachedComputePipelineId>,
 }
@@ -321,36 +348,44 @@ impl<K: Clone + Eq + Hash> GBufferPass<K> {
         Self {
             label,
             group_0: Group0::new(label, ShaderStages::COMPUTE, bindings),
+            with_screen: None,
             others,
             queued: HashMap::default(),
         }
     }
 
+    /// Binds the screen in those variants that read it.
+    pub fn with_screen(mut self, reads: fn(&K) -> bool) -> Self {
+        self.with_screen = Some((self.group_0.with_screen(), reads));
+        self
+    }
+
+    fn group_0_of(&self, key: &K) -> &Group0 {
+        let with_screen = self.with_screen.as_ref().filter(|(_, reads)| reads(key));
+        with_screen.map_or(&self.group_0, |(group, _)| group)
+    }
+
     /// Has a variant compiled, unless it already was.
     pub fn queue(&mut self, key: K, cache: &PipelineCache, shader: impl FnOnce() -> PassShader) {
-        let Self {
-            label,
-            group_0,
-            others,
-            queued,
-        } = self;
-        queued.entry(key).or_insert_with(|| {
-            let PassShader {
-                shader,
-                defs,
-                entry_point,
-            } = shader();
-            let mut layout = vec![group_0.layout.clone()];
-            layout.extend(others.layouts());
-            cache.queue_compute_pipeline(ComputePipelineDescriptor {
-                label: Some((*label).into()),
-                layout,
-                shader,
-                shader_defs: defs,
-                entry_point: entry_point.map(Into::into),
-                ..default()
-            })
+        if self.queued.contains_key(&key) {
+            return;
+        }
+        let PassShader {
+            shader,
+            defs,
+            entry_point,
+        } = shader();
+        let mut layout = vec![self.group_0_of(&key).layout.clone()];
+        layout.extend(self.others.layouts());
+        let id = cache.queue_compute_pipeline(ComputePipelineDescriptor {
+            label: Some(self.label.into()),
+            layout,
+            shader,
+            shader_defs: defs,
+            entry_point: entry_point.map(Into::into),
+            ..default()
         });
+        self.queued.insert(key, id);
     }
 
     /// `None` until the variant is compiled.
@@ -374,10 +409,12 @@ impl<K: Clone + Eq + Hash> GBufferPass<K> {
         keys: impl IntoIterator<Item = K>,
         given: &[BindingResource],
     ) -> Option<ComputePass<'a>> {
-        let pipeline = keys.into_iter().find_map(|key| self.pipeline(&key, context.cache))?;
+        let mut variants = keys.into_iter();
+        let (pipeline, group_0) =
+            variants.find_map(|key| Some((self.pipeline(&key, context.cache)?, self.group_0_of(&key))))?;
         let label = Some(self.label);
         let device = ctx.render_device();
-        let group_0 = self.group_0.bind_group(label, device, context, given)?;
+        let group_0 = group_0.bind_group(label, device, context, given)?;
         let empty = matches!(self.others, OtherGroups::Environment).then(|| {
             let layout = context.cache.get_bind_group_layout(&empty_layout());
             device.create_bind_group("glint_empty", &layout, &[])

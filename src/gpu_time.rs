@@ -8,8 +8,9 @@ use core::time::Duration;
 
 /// Time of all passes of a view over its opaque surfaces.
 const TOTAL: DiagnosticPath = DiagnosticPath::const_new("render/glint/elapsed_gpu");
-/// Times of glass and water, which only some frames have.
-const FRONT_LAYER: [DiagnosticPath; 2] = [
+/// Times of glass and water, and of the screens that rays take light from, which only some frames have.
+const MORE: [DiagnosticPath; 3] = [
+    DiagnosticPath::const_new("render/glint_keep_screen/elapsed_gpu"),
     DiagnosticPath::const_new("render/glint_find_front_layer/elapsed_gpu"),
     DiagnosticPath::const_new("render/glint_front_layer/elapsed_gpu"),
 ];
@@ -31,12 +32,12 @@ impl GpuTimes {
             return None;
         }
         self.last = Some(measurement.time);
-        let of_layer = FRONT_LAYER.into_iter().filter_map(|path| {
-            let layer = diagnostics.get(&path)?.measurement()?;
-            let lag = measurement.time.saturating_duration_since(layer.time);
-            (lag < SAME_FRAME).then_some(layer.value)
+        let more = MORE.into_iter().filter_map(|path| {
+            let other = diagnostics.get(&path)?.measurement()?;
+            let lag = measurement.time.saturating_duration_since(other.time);
+            (lag < SAME_FRAME).then_some(other.value)
         });
-        Some((measurement.value + of_layer.sum::<f64>()) as f32)
+        Some((measurement.value + more.sum::<f64>()) as f32)
     }
 
     /// Returns whether there has ever been a measurement.
@@ -54,18 +55,19 @@ mod tests {
     fn glass_and_water_count_in_the_frames_that_have_them() {
         let now = Instant::now();
         let mut store = DiagnosticsStore::default();
-        let [find, layer] = FRONT_LAYER;
+        let [screen, find, layer] = MORE;
         for (path, value, time) in [
             (TOTAL, 1.0, now),
             (find, 0.25, now - Duration::from_secs(1)),
             (layer, 0.5, now),
+            (screen, 0.125, now),
         ] {
             let mut diagnostic = Diagnostic::new(path);
             diagnostic.add_measurement(DiagnosticMeasurement { time, value });
             store.add(diagnostic);
         }
         let mut times = GpuTimes::default();
-        assert_eq!(times.next(Some(&store)), Some(1.5));
+        assert_eq!(times.next(Some(&store)), Some(1.625));
         assert_eq!(times.next(Some(&store)), None, "nothing new");
     }
 }

@@ -124,7 +124,7 @@ pub use settings::{
     ReflectedSurfaceShader, ReflectionAutoQuality, ReflectionBackend, ReflectionBudget, ReflectionDebugCounters,
     ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionEffort, ReflectionFallback,
     ReflectionPreset, ReflectionQuality, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip,
-    ReflectionTracerChoice, ReflectionsOff, RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
+    ReflectionTracerChoice, ReflectionsOff, RoughnessThresholds, ScreenTraces, ShadingRate, ShadingRateHeuristic,
     ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
 };
 pub use status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory};

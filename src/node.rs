@@ -1,7 +1,7 @@
 //! When the passes of a view run.
 
 use crate::{
-    composite::Surfaces,
+    composite::{CompositePipelines, Surfaces, keep_screen},
     device::tracing_app,
     passes::{PassPipelines, record_counters},
     schedule::ReflectionSystems,
@@ -26,7 +26,13 @@ impl Plugin for NodePlugin {
 
     fn finish(&self, app: &mut App) {
         let Some(render_app) = tracing_app(app) else { return };
-        render_app.add_systems(Core3d, ray_traced_reflections.in_set(ReflectionSystems::Passes));
+        render_app.add_systems(
+            Core3d,
+            (
+                ray_traced_reflections.in_set(ReflectionSystems::Passes),
+                keep_screens.in_set(ReflectionSystems::KeepScreens),
+            ),
+        );
     }
 }
 
@@ -72,4 +78,27 @@ fn ray_traced_reflections(
     if probes {
         record_counters(diagnostics, &mut ctx, &context, Surfaces::Opaque);
     }
+}
+
+/// Keeps what a view shows of opaque surfaces, if its rays take light from it.
+fn keep_screens(
+    view: ViewQuery<(PassView, &ViewCulling)>,
+    resources: PassResources,
+    pipelines: Option<Res<CompositePipelines>>,
+    mut ctx: RenderContext,
+) {
+    let entity = view.entity();
+    let (view, culling) = view.into_inner();
+    // No ray of a culled view will look at it.
+    if view.textures.targets.screen.is_none() || culling.is_culled() {
+        return;
+    }
+    let (Some(pipelines), Some(context)) = (pipelines, resources.context(entity, &view)) else {
+        return;
+    };
+    let diagnostics = ctx.diagnostic_recorder();
+    let diagnostics = diagnostics.as_deref();
+    let span = diagnostics.time_span(ctx.command_encoder(), "glint_keep_screen");
+    keep_screen(&mut ctx, &pipelines, &context);
+    span.end(ctx.command_encoder());
 }

@@ -3,11 +3,11 @@
 use bevy::{
     app::{App, Plugin},
     core_pipeline::{
-        core_3d::main_opaque_pass_3d,
+        core_3d::{main_opaque_pass_3d, main_transparent_pass_3d},
         schedule::{Core3d, Core3dSystems},
     },
     ecs::prelude::*,
-    pbr::{deferred::deferred_lighting, wireframe::wireframe_3d},
+    pbr::{deferred::deferred_lighting, main_transmissive_pass_3d, wireframe::wireframe_3d},
     render::{ExtractSchedule, Render, RenderApp, RenderSystems},
 };
 
@@ -46,7 +46,11 @@ pub enum ReflectionSystems {
     /// In `Core3d`, within [`MainPass`](Core3dSystems::MainPass), after deferred lighting and before the opaque forward pass: traces,
     /// denoises, and adds reflections to the frame.
     Passes,
-    /// In `Core3d`, after [`MainPass`](Core3dSystems::MainPass), before wireframes and post-processing: the same for transparent surfaces.
+    /// In `Core3d`, within [`MainPass`](Core3dSystems::MainPass), after the opaque forward pass and before transmissive and transparent
+    /// ones: keeps what cameras with [`ScreenTraces::Reuse`](crate::ScreenTraces::Reuse) show.
+    KeepScreens,
+    /// In `Core3d`, after [`MainPass`](Core3dSystems::MainPass), before wireframes and post-processing: the same as
+    /// [`Passes`](Self::Passes) for transparent surfaces.
     FrontLayerPasses,
     /// In `Core3d`, after [`FrontLayerPasses`](Self::FrontLayerPasses), before wireframes and post-processing: draws debug views.
     DebugViews,
@@ -89,6 +93,12 @@ impl Plugin for SchedulePlugin {
                     ReflectionSystems::Passes
                         .after(deferred_lighting)
                         .before(main_opaque_pass_3d)
+                        .in_set(Core3dSystems::MainPass),
+                    // What is blended over opaque surfaces isn't where they are.
+                    ReflectionSystems::KeepScreens
+                        .after(main_opaque_pass_3d)
+                        .before(main_transmissive_pass_3d)
+                        .before(main_transparent_pass_3d)
                         .in_set(Core3dSystems::MainPass),
                     // Over all that is drawn, and under wireframes.
                     (ReflectionSystems::FrontLayerPasses, ReflectionSystems::DebugViews)

@@ -37,6 +37,8 @@ pub const HIT_FORMAT: TextureFormat = HISTORY_SURFACE_FORMAT;
 pub const ACCUMULATION_FORMAT: TextureFormat = TextureFormat::Rgba32Float;
 /// Radiance that the composite adds to the lit frame.
 pub const REFLECTION_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
+/// What the camera showed: exposed light, and the distance from the viewer in metres (at most 60,000; 0 is the sky).
+pub const SCREEN_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 
 /// Trace pixels of a view in each direction, at most: a block of the ray list has so many bits for its place.
 pub const LARGEST_TRACE_SIZE: u32 = 1 << 13;
@@ -77,6 +79,7 @@ pub struct Needs {
     pub temporal: bool,
     pub mirrors: bool,
     pub reflection: bool,
+    pub screen: bool,
 }
 
 impl Needs {
@@ -89,6 +92,7 @@ impl Needs {
             pipeline: !accumulation,
             temporal: !accumulation && settings.denoiser.temporal,
             mirrors: !accumulation && settings.full_resolution_mirrors,
+            screen: settings.reuses_screen(),
         }
     }
 }
@@ -108,6 +112,9 @@ pub struct Targets {
     pub reflection: Option<TextureView>,
     /// Ping-pong pair (full), only for the technique `Converged`.
     pub accumulation: Option<[TextureView; 2]>,
+    /// [`SCREEN_FORMAT`] (full), only for [`ScreenTraces::Reuse`](crate::ScreenTraces::Reuse): what the camera showed in the last frame,
+    /// and from the opaque pass on, in this one.
+    pub screen: Option<TextureView>,
     /// Everything between the rate image and the composite.
     pub pipeline: Option<PipelineTargets>,
 }
@@ -283,6 +290,9 @@ impl Targets {
         let reflection = needs
             .reflection
             .then(|| create.texture(full, REFLECTION_FORMAT, "glint_reflection"));
+        let screen = needs
+            .screen
+            .then(|| create.texture(full, SCREEN_FORMAT, "glint_screen"));
         Self {
             sizes,
             needs,
@@ -291,6 +301,7 @@ impl Targets {
             counters,
             reflection,
             accumulation,
+            screen,
             pipeline,
         }
     }

@@ -5,15 +5,17 @@
 //! | `resolve`, `resolved.wesl` | light that the reflection adds to each pixel |
 //! | `front_layer.wesl` | the same for transparent surfaces |
 //! | `add` | the addition where compute shaders can't write the frame |
-//! | `pipelines.rs` | which of the two passes run |
+//! | `screen` | the copy of the lit frame for rays that take light from it |
+//! | `pipelines.rs` | which of the passes run |
 
 mod add;
 mod pipelines;
 mod resolve;
+mod screen;
 
 pub use pipelines::CompositePipelines;
 
-pub(crate) use pipelines::composite_reflection;
+pub(crate) use pipelines::{composite_reflection, keep_screen};
 pub(crate) use resolve::{Surfaces, composited_radiance, history, or_gbuffer, shown_bindings};
 
 use crate::{device::tracing_app, scene::SceneBindings, schedule::ReflectionSystems};
@@ -38,6 +40,7 @@ impl Plugin for CompositePlugin {
         load_shader_library!(app, "resolved.wesl");
         embedded_asset!(app, "resolve.wesl");
         embedded_asset!(app, "add.wesl");
+        embedded_asset!(app, "screen.wesl");
     }
 
     fn finish(&self, app: &mut App) {

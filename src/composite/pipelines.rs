@@ -3,6 +3,7 @@
 use super::{
     add::AddPass,
     resolve::{Resolve, ResolveVariant, Surfaces},
+    screen::{self, screen_pass},
 };
 use crate::{
     denoise,
@@ -36,6 +37,10 @@ pub struct CompositePipelines {
     probed: HashMap<Resolve, GBufferPass<ResolveVariant>>,
     has_probes: bool,
     add: AddPass,
+    screen_shader: Handle<Shader>,
+    screen: GBufferPass,
+    /// Some view asked for it.
+    keeps_screen: bool,
     /// Requested passes, each with the format of its frames.
     wanted: HashSet<(Resolve, ResolveVariant, TextureFormat)>,
 }
@@ -52,6 +57,7 @@ impl CompositePipelines {
     /// Asks for the passes of a view with frames of this format; they are compiled from the next frame on.
     pub(crate) fn request(&mut self, settings: &ClampedSettings, format: TextureFormat, in_place: WritesInPlace) {
         let resolve = resolve_of(settings, format, in_place);
+        self.keeps_screen |= settings.reuses_screen();
         self.wanted
             .extend(ResolveVariant::of(settings).map(|variant| (resolve, variant, format)));
     }
@@ -71,6 +77,7 @@ impl CompositePipelines {
         };
         self.resolve[&resolve].pipeline(&variant, cache).is_some()
             && (resolve != Resolve::Apart || self.add.is_ready(format, cache))
+            && (!settings.reuses_screen() || self.screen.pipeline(&(), cache).is_some())
     }
 }
 
@@ -91,6 +98,9 @@ pub(super) fn init_composite_pipelines(
         probed: Resolve::ALL.map(|kind| (kind, kind.pass(with_scene()))).into(),
         has_probes: false,
         add: AddPass::new(assets, &fullscreen),
+        screen_shader: load_embedded_asset!(assets, "screen.wesl"),
+        screen: screen_pass(),
+        keeps_screen: false,
         wanted: HashSet::default(),
     });
 }
@@ -107,6 +117,9 @@ pub(super) fn queue_composite_pipelines(
         probed,
         has_probes,
         add,
+        screen_shader,
+        screen,
+        keeps_screen,
         wanted,
     } = &mut *pipelines;
     *has_probes = scene.has_light_probes() && scene.see_through.entities().next().is_some();
@@ -133,8 +146,17 @@ pub(super) fn queue_composite_pipelines(
             add.queue(format, &cache);
         }
     }
+    if *keeps_screen {
+        screen.queue((), &cache, || PassShader {
+            shader: screen_shader.clone(),
+            defs: vec![],
+            entry_point: None,
+        });
+    }
+    let screen_error = screen.errors(&cache).next().map(|(_, error)| error);
     let mut passes = resolve.values().chain(probed.values());
-    if let Some((_, error)) = passes.find_map(|pass| pass.errors(&cache).next()) {
+    let error = passes.find_map(|pass| pass.errors(&cache).next());
+    if let Some(error) = error.map(|(_, error)| error).or(screen_error) {
         error_once!("ray-traced reflections stay off, since their composite failed: {error}");
     }
 }
@@ -160,6 +182,11 @@ pub(super) fn allow_writes_in_place(
             usages.0 |= TextureUsages::STORAGE_BINDING;
         }
     }
+}
+
+/// Keeps what the camera shows, for views whose rays take light from it.
+pub(crate) fn keep_screen(ctx: &mut RenderContext, pipelines: &CompositePipelines, context: &PassContext) {
+    screen::run(ctx, &pipelines.screen, context);
 }
 
 /// Adds the reflection of some surfaces to the lit frame.

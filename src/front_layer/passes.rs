@@ -43,6 +43,7 @@ fn context_of<'a>(opaque: &PassContext<'a>, front: &'a FrontLayer) -> Option<Pas
         albedo_table: opaque.albedo_table,
         noise: opaque.noise,
         frame: opaque.frame,
+        screen: opaque.screen,
         tiles: Some(front.tiles),
     })
 }

@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     device::{WritesInPlace, try_allocate},
-    settings::{ReflectionBackend, ReflectionView},
+    settings::{ReflectionBackend, ReflectionView, ScreenTraces},
     targets::{Needs, Sizes},
     view::{Frame, MoreMemory, PreparedView, ReflectionTextures, Surroundings},
 };
@@ -97,9 +97,10 @@ impl FrontLayer {
     fn begin_frame(&mut self, view: &ReflectionView, frame: Frame, is_own: bool) {
         self.view = view.clone();
         let settings = &mut self.view.settings;
-        // Lists hold its rays, which are few.
+        // Lists hold its rays, which are few. The view keeps no screen for them.
         if settings.backend == ReflectionBackend::HardwareVrs {
             settings.backend = ReflectionBackend::Compute;
+            settings.screen_traces = ScreenTraces::Off;
         }
         // Its history is older than the last frame.
         self.view.reset |= take(&mut self.idle) > 0;
@@ -147,7 +148,11 @@ pub(super) fn prepare_front_layers(
             }
             continue;
         }
-        let needs = Needs::new(&view.view.settings, in_place.allows(view.extracted.target_format));
+        let needs = Needs {
+            // It sees that of the view.
+            screen: false,
+            ..Needs::new(&view.view.settings, in_place.allows(view.extracted.target_format))
+        };
         let Some(extent) = view.camera.physical_target_size else {
             continue;
         };

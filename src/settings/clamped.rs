@@ -2,7 +2,7 @@
 
 use super::{
     RayTracedReflections, ReflectionBackend, ReflectionDenoiser, ReflectionSampling, ReflectionTechnique,
-    ReflectionTextureMip, reflections::PAPER_LEVEL,
+    ReflectionTextureMip, ScreenTraces, reflections::PAPER_LEVEL,
 };
 
 /// Bound of the loop over bounces; `trace/bounce.wesl` has the same number.
@@ -22,6 +22,7 @@ pub(crate) struct ClampedSettings {
     pub max_ray_length: f32,
     pub max_bounces: u32,
     pub bounce_cutoff: f32,
+    pub screen_traces: ScreenTraces,
     pub shadow_rays: bool,
     /// `None` for ray cones.
     pub fixed_mip: Option<f32>,
@@ -43,6 +44,16 @@ impl ClampedSettings {
     pub fn has_bounces(&self) -> bool {
         self.max_bounces > 1
     }
+
+    /// Hits take light from the last frame. The ground truth shades all of them, and so do rays from fragment shaders: few cameras have
+    /// them.
+    pub fn reuses_screen(&self) -> bool {
+        let has_lists = match self.technique {
+            ReflectionTechnique::Reference | ReflectionTechnique::Quarter | ReflectionTechnique::Variable => true,
+            ReflectionTechnique::QuarterInline | ReflectionTechnique::Converged => false,
+        };
+        self.screen_traces == ScreenTraces::Reuse && has_lists && self.backend != ReflectionBackend::HardwareVrs
+    }
 }
 
 impl From<&RayTracedReflections> for ClampedSettings {
@@ -61,6 +72,7 @@ impl From<&RayTracedReflections> for ClampedSettings {
             max_ray_length: number_or(settings.max_ray_length, default.max_ray_length).clamp(0.0, 1.0e9),
             max_bounces: settings.max_bounces.clamp(1, MAX_BOUNCES),
             bounce_cutoff: number_or(settings.bounce_roughness_cutoff, default.bounce_roughness_cutoff).clamp(0.0, 1.0),
+            screen_traces: settings.screen_traces,
             shadow_rays: settings.shadow_rays,
             fixed_mip: match settings.texture_mip {
                 ReflectionTextureMip::RayCone => None,
@@ -110,6 +122,28 @@ mod tests {
         });
         assert_eq!((many.max_bounces, many.bounce_cutoff), (8, 1.0));
         assert!(many.has_bounces());
+    }
+
+    #[test]
+    fn only_rays_of_lists_reuse_the_screen() {
+        let reuses = |technique, backend| {
+            ClampedSettings::from(&RayTracedReflections {
+                technique,
+                backend,
+                screen_traces: ScreenTraces::Reuse,
+                ..Default::default()
+            })
+            .reuses_screen()
+        };
+        for technique in ReflectionTechnique::ALL {
+            let expected = !matches!(
+                technique,
+                ReflectionTechnique::QuarterInline | ReflectionTechnique::Converged
+            );
+            assert_eq!(reuses(technique, ReflectionBackend::Compute), expected, "{technique}");
+            assert!(!reuses(technique, ReflectionBackend::HardwareVrs), "{technique}");
+        }
+        assert!(!ClampedSettings::from(&RayTracedReflections::default()).reuses_screen());
     }
 
     #[test]

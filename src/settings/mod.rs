@@ -51,7 +51,7 @@ pub use quality::{ReflectionQuality, ReflectionsOff};
 pub use reflected_layers::ReflectedLayers;
 pub use reflections::{
     NotReflected, RayTracedReflections, ReflectionBackend, ReflectionFallback, ReflectionSampling, ReflectionTechnique,
-    ReflectionTextureMip, ReflectionTracerChoice,
+    ReflectionTextureMip, ReflectionTracerChoice, ScreenTraces,
 };
 pub use shading_rate::ShadingRate;
 #[cfg(feature = "internals")]
@@ -84,6 +84,7 @@ impl Plugin for SettingsPlugin {
             .register_type::<ReflectionTechnique>()
             .register_type::<ReflectionBackend>()
             .register_type::<ReflectionSampling>()
+            .register_type::<ScreenTraces>()
             .register_type::<ReflectionFallback>()
             .register_type::<ReflectionDenoiser>()
             .register_type::<ReflectionTextureMip>()

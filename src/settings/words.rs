@@ -58,7 +58,7 @@ pub(crate) use words;
 mod tests {
     use crate::settings::{
         ReflectionBackend, ReflectionDebugView, ReflectionPreset, ReflectionQuality, ReflectionSampling,
-        ReflectionTechnique, ReflectionTracerChoice, ShadingRate, ShadingRateTileSize,
+        ReflectionTechnique, ReflectionTracerChoice, ScreenTraces, ShadingRate, ShadingRateTileSize,
     };
     use core::{
         fmt::{Debug, Display},
@@ -82,6 +82,7 @@ mod tests {
         all_are_read_back(&ReflectionBackend::ALL);
         all_are_read_back(&ReflectionSampling::ALL);
         all_are_read_back(&ReflectionTracerChoice::ALL);
+        all_are_read_back(&ScreenTraces::ALL);
         all_are_read_back(&ReflectionPreset::ALL);
         all_are_read_back(&ReflectionQuality::ALL);
         all_are_read_back(&ReflectionDebugView::ALL);

@@ -37,7 +37,7 @@ pub(super) fn shading_and_mirrors_pass(scene_layout: &BindGroupLayoutDescriptor)
         Binding::written(STATS_FORMAT, |context| Some(context.images()?.mirror_stats())),
     ]);
     let groups = OtherGroups::SceneAndEnvironment(scene_layout.clone());
-    GBufferPass::new("glint_shade_hits_and_mirrors", bindings, groups)
+    GBufferPass::new("glint_shade_hits_and_mirrors", bindings, groups).with_screen(reads_screen)
 }
 
 fn shading_bindings() -> Vec<Binding> {
@@ -69,7 +69,12 @@ fn list_pass(label: &'static str, own: Vec<Binding>, scene_layout: &BindGroupLay
         Binding::written_words(1, |context| Some(&context.targets().counters)),
     ];
     bindings.extend(own);
-    GBufferPass::new(label, bindings, OtherGroups::SceneAndEnvironment(scene_layout.clone()))
+    let groups = OtherGroups::SceneAndEnvironment(scene_layout.clone());
+    GBufferPass::new(label, bindings, groups).with_screen(reads_screen)
+}
+
+fn reads_screen(variant: &Variant) -> bool {
+    variant.reuses_screen
 }
 
 /// Traces or shades the rays of one list, by the first of the variants that is compiled.

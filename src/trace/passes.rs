@@ -11,7 +11,7 @@ use crate::{gbuffer::PassContext, settings::ReflectionBackend};
 use bevy::render::renderer::RenderContext;
 
 /// Traces the rays of one view. Returns whether they count what has changed lately where they meet it: what the passes of later bounces
-/// and of many lights meet is not counted.
+/// and of many lights meet is not counted, and neither are lights on hits that are not shaded.
 pub(crate) fn trace_rays(
     ctx: &mut RenderContext,
     pipelines: &TracePipelines,
@@ -41,7 +41,7 @@ pub(crate) fn trace_rays(
                     && !variant.draws_lights
                     && !variant.own_surfaces;
                 if !by_hardware || !vrs.trace(ctx, pipelines, context) {
-                    let rays = pipelines.ray_variant(context.cache);
+                    let rays = pipelines.ray_variant(variant, context.cache);
                     run_list(ctx, &pipelines.rays, rays, context, List::Rays);
                     let tinted = rays.is_some_and(|rays| rays.tinted);
                     if let Some(joined) = pipelines.joined_variant(settings, variant, tinted, context.cache) {
@@ -51,7 +51,7 @@ pub(crate) fn trace_rays(
                         let variants = Variant { tinted, ..variant }.shading_substitutes(pipelines.many_lights);
                         run_list(ctx, &pipelines.shading, variants, context, List::Rays);
                     }
-                    watches = settings.max_bounces <= 1 && !pipelines.many_lights;
+                    watches = settings.max_bounces <= 1 && !pipelines.many_lights && !variant.reuses_screen;
                 }
             }
         }

@@ -6,7 +6,7 @@ use super::{
     directional_albedo::{ALBEDO_TABLE_SIZE, DirectionalAlbedo},
     inline::InlinePass,
     surface_shader::SurfaceShader,
-    variant::{ShadingVariant, TracePass, Variant},
+    variant::{Asked, ShadingVariant, TracePass, Variant},
 };
 use crate::{
     diagnostics::CountInvocations,
@@ -58,8 +58,8 @@ pub struct TracePipelines {
     pub(super) albedo_table: TextureView,
     /// Spatio-temporal blue noise, once its image is loaded.
     pub(super) noise: Option<TextureView>,
-    /// Passes that views asked for, and whether with bounces.
-    wanted: HashSet<(TracePass, bool)>,
+    /// Passes that views asked for, and with what.
+    wanted: HashSet<(TracePass, Asked)>,
     /// Some view asked for rays of blocks or of mirrors, but not for both in one dispatch.
     wants_apart: bool,
     /// The device has as many storage buffers as both in one dispatch take.
@@ -70,7 +70,7 @@ pub struct TracePipelines {
     defs_for_any: Vec<ShaderDefVal>,
     /// The device has what light probes need.
     can_have_probes: bool,
-    /// The variant that fits the scene, without bounces.
+    /// The variant that fits the scene, without what views ask for.
     pub(super) variant: Variant,
     /// Some object lets a part of the rays through.
     see_through: bool,
@@ -85,8 +85,8 @@ pub struct TracePipelines {
 impl TracePipelines {
     /// Asks for the passes of a view; they are compiled from the next frame on.
     pub(crate) fn request(&mut self, settings: &ClampedSettings) {
-        let bounces = settings.has_bounces();
-        self.wanted.extend(TracePass::of(settings).map(|pass| (pass, bounces)));
+        let asked = Asked::by(settings);
+        self.wanted.extend(TracePass::of(settings).map(|pass| (pass, asked)));
         let mut passes = TracePass::of(settings);
         self.wants_apart |= passes.any(|pass| matches!(pass, TracePass::Blocks | TracePass::Mirrors))
             && !TracePass::may_join_mirrors(settings);
@@ -131,14 +131,14 @@ impl TracePipelines {
     }
 
     /// The variant of the rays of blocks that is compiled. Their hits are shaded with tints only if they have some.
-    pub(super) fn ray_variant(&self, cache: &PipelineCache) -> Option<Variant> {
-        let mut variants = self.variant.without_shading().substitutes().into_iter();
+    pub(super) fn ray_variant(&self, variant: Variant, cache: &PipelineCache) -> Option<Variant> {
+        let mut variants = variant.without_shading().substitutes().into_iter();
         variants.find(|variant| self.rays.pipeline(variant, cache).is_some())
     }
 
     /// The variant that fits the scene and the settings of a view.
     pub(super) fn variant_for(&self, settings: &ClampedSettings) -> Variant {
-        self.variant.with(settings)
+        self.variant.with(Asked::by(settings))
     }
 
     /// The same for the rays of exact mirrors.
@@ -168,7 +168,7 @@ impl TracePipelines {
         self.noise.is_some()
             && TracePass::of(settings).all(|pass| match pass {
                 TracePass::Blocks => {
-                    compiled(&self.rays, self.variant.without_shading()) && (joined || self.has_shading(variant, cache))
+                    compiled(&self.rays, variant.without_shading()) && (joined || self.has_shading(variant, cache))
                 }
                 TracePass::Mirrors => joined || compiled(&self.mirror_rays, self.mirror_variant(variant)),
                 TracePass::Converged => compiled(&self.converged, self.converged_variant(variant)),
@@ -183,15 +183,12 @@ impl TracePipelines {
         let compiled = |pass: &GBufferPass<Variant>, variant: Variant| {
             whole(variant).any(|variant| pass.pipeline(&variant, cache).is_some())
         };
-        self.wanted.iter().all(|&(pass, bounces)| {
-            let variant = Variant {
-                bounces,
-                ..self.variant
-            };
+        self.wanted.iter().all(|&(pass, asked)| {
+            let variant = self.variant.with(asked);
             match pass {
-                TracePass::Blocks if self.many_lights || bounces => {
+                TracePass::Blocks if self.many_lights || variant.bounces => {
                     compiled(&self.rays, variant.without_shading())
-                        && whole(variant).any(|variant| {
+                        && whole(variant.without_screen()).any(|variant| {
                             self.shading
                                 .pipeline(&ShadingVariant::Tracing(variant), cache)
                                 .is_some()
@@ -247,6 +244,7 @@ impl TracePipelines {
             defs
         };
         let shading = variant.shading_defs();
+        let shaded = variant.without_screen();
         let shader_of = |variant: Variant, shader: &Handle<Shader>, own: &[&'static str]| PassShader {
             shader: shader.clone(),
             defs: defs_of(variant, own),
@@ -258,9 +256,9 @@ impl TracePipelines {
                 let first = variant.without_shading();
                 self.rays.queue(first, cache, || shader(&self.blocks_shader, &[]));
                 let own = [&shading[..], &["MANY_LIGHTS"]].concat();
-                let tracing = || shader(&self.shading_shader, &own);
+                let tracing = || shader_of(shaded, &self.shading_shader, &own);
                 if variant.bounces {
-                    self.shading.queue(ShadingVariant::Tracing(variant), cache, tracing);
+                    self.shading.queue(ShadingVariant::Tracing(shaded), cache, tracing);
                     return;
                 }
                 if !self.keeps_apart(variant) {
@@ -270,13 +268,13 @@ impl TracePipelines {
                 let plain = Variant {
                     draws_lights: false,
                     volumes: false,
-                    ..variant
+                    ..shaded
                 };
                 self.shading.queue(variant.plain(), cache, || {
                     shader_of(plain, &self.shading_shader, &shading)
                 });
                 if self.many_lights {
-                    self.shading.queue(ShadingVariant::Tracing(variant), cache, tracing);
+                    self.shading.queue(ShadingVariant::Tracing(shaded), cache, tracing);
                 }
             }
             TracePass::Mirrors => {
@@ -420,13 +418,13 @@ pub(super) fn queue_trace_pipelines(
     pipelines.see_through = scene.see_through.has_partial();
     pipelines.refracts = scene.see_through.has_refraction();
     pipelines.many_lights = scene.has_many_lights() || scene.has_fog_volumes();
-    for (pass, bounces) in pipelines.wanted.clone() {
+    for (pass, asked) in pipelines.wanted.clone() {
+        let variant = variant.with(asked);
         // The variant that is right for scenes with and without masks comes first.
         let tinted = variant.tinted.then_some((true, true));
         for (masked, tinted) in [(true, false), (false, false)].into_iter().chain(tinted) {
             let variant = Variant {
                 masked,
-                bounces,
                 tinted,
                 own_surfaces: false,
                 ..variant
@@ -434,7 +432,7 @@ pub(super) fn queue_trace_pipelines(
             pipelines.queue(pass, variant, &scene, &cache);
         }
         if variant.own_surfaces {
-            pipelines.queue(pass, Variant { bounces, ..variant }, &scene, &cache);
+            pipelines.queue(pass, variant, &scene, &cache);
         }
     }
     // What pictures at rest have gathered so far lacks what was left out.

@@ -74,6 +74,7 @@ impl PassResources<'_> {
             albedo_table: &pipelines.albedo_table,
             noise: pipelines.noise.as_ref()?,
             frame: view.target.main_texture_view(),
+            screen: view.textures.targets.screen.as_ref(),
             tiles: None,
         })
     }

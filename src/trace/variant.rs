@@ -44,6 +44,24 @@ impl TracePass {
     }
 }
 
+/// What a view's settings ask of the shaders of its passes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub(super) struct Asked {
+    /// Rays are followed beyond their first hit.
+    bounces: bool,
+    /// Hits take light from what the camera showed.
+    reuses_screen: bool,
+}
+
+impl Asked {
+    pub fn by(settings: &ClampedSettings) -> Self {
+        Self {
+            bounces: settings.has_bounces(),
+            reuses_screen: settings.reuses_screen(),
+        }
+    }
+}
+
 /// Conditions that shaders are compiled for: properties of the scene, and of the view's settings.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Variant {
@@ -55,6 +73,8 @@ pub(super) struct Variant {
     pub lightmaps: bool,
     /// Rays are followed beyond their first hit.
     pub bounces: bool,
+    /// Hits take light from what the camera showed.
+    pub reuses_screen: bool,
     /// Some object tints the light that it lets through.
     pub tinted: bool,
     /// Rays of exact mirrors are followed through see-through surfaces without chance.
@@ -108,6 +128,7 @@ impl Variant {
             deep: scene.has_deep_trees(),
             lightmaps: scene.has_lightmaps(),
             bounces: false,
+            reuses_screen: false,
             layered: false,
             refracts: false,
             tinted: scene.see_through.has_tints(),
@@ -123,10 +144,11 @@ impl Variant {
         }
     }
 
-    /// The same for the settings of a view.
-    pub fn with(self, settings: &ClampedSettings) -> Self {
+    /// The same for what a view asks for.
+    pub fn with(self, Asked { bounces, reuses_screen }: Asked) -> Self {
         Self {
-            bounces: settings.has_bounces(),
+            bounces,
+            reuses_screen,
             ..self
         }
     }
@@ -155,6 +177,7 @@ impl Variant {
             (self.air, "ATMOSPHERIC"),
             (self.translucent, "DIFFUSE_TRANSMISSION"),
             (self.volumes, "VOLUMETRIC_FOG"),
+            (self.reuses_screen, "SCREEN_TRACES"),
         ];
         defs.into_iter().filter_map(|(set, name)| set.then_some(name))
     }
@@ -169,6 +192,14 @@ impl Variant {
             (self.own_surfaces, "SURFACE_SHADER"),
         ];
         defs.into_iter().filter_map(|(set, name)| set.then_some(name)).collect()
+    }
+
+    /// The same for the shading of hits for which the pass that traced them found no light on the screen.
+    pub fn without_screen(self) -> Self {
+        Self {
+            reuses_screen: false,
+            ..self
+        }
     }
 
     /// The shading of hits alone.
@@ -241,12 +272,13 @@ impl Variant {
     /// keep.
     pub fn shading_substitutes(self, many_lights: bool) -> impl Iterator<Item = ShadingVariant> {
         let traces = many_lights || self.bounces;
-        let all = traces.then_some(self.substitutes()).into_iter().flatten();
+        let whole = self.without_screen();
+        let all = traces.then_some(whole.substitutes()).into_iter().flatten();
         let known = Self {
             own_surfaces: false,
-            ..self
+            ..whole
         };
-        let plain = [self, known, known.dark(), known.clear(), known.clear().dark()].map(Self::plain);
+        let plain = [whole, known, known.dark(), known.clear(), known.clear().dark()].map(Self::plain);
         let plain = (!self.bounces).then_some(plain).into_iter().flatten();
         all.map(ShadingVariant::Tracing).chain(plain)
     }
@@ -263,7 +295,7 @@ impl ShadingVariant {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::RayTracedReflections;
+    use crate::settings::{RayTracedReflections, ScreenTraces};
 
     #[test]
     fn one_bounce_gets_the_shaders_without_bounces() {
@@ -272,7 +304,7 @@ mod tests {
                 max_bounces,
                 ..Default::default()
             };
-            Variant::default().with(&ClampedSettings::from(&settings))
+            Variant::default().with(Asked::by(&ClampedSettings::from(&settings)))
         };
         assert_eq!(variant(1), Variant::default());
         let plain = Variant::default().plain();
@@ -340,6 +372,24 @@ mod tests {
         );
         // The first two leave out nothing, which `TracePipelines::is_complete` counts on.
         assert!(variant.substitutes()[..2].iter().all(|variant| variant.draws_lights));
+    }
+
+    #[test]
+    fn passes_that_trace_first_hits_know_the_screen() {
+        let settings = RayTracedReflections {
+            screen_traces: ScreenTraces::Reuse,
+            ..Default::default()
+        };
+        let variant = Variant::default().with(Asked::by(&ClampedSettings::from(&settings)));
+        assert!(variant.defs().eq(["SCREEN_TRACES"]));
+        assert_eq!(variant.shading_defs().len(), 0);
+        assert!(variant.without_shading().reuses_screen);
+        // Its bindings are others, so that none without stands in.
+        assert!(variant.substitutes().iter().all(|variant| variant.reuses_screen));
+        let plain = Variant::default().plain();
+        assert!(variant.shading_substitutes(false).all(|variant| variant == plain));
+        let mut shading = variant.shading_substitutes(true);
+        assert_eq!(shading.next(), Some(ShadingVariant::Tracing(Variant::default())));
     }
 
     #[test]

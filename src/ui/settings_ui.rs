@@ -12,7 +12,7 @@ use crate::{
     settings::{
         PAPER_LEVEL, RayTracedReflections, ReflectionBackend, ReflectionDebugSplit, ReflectionDebugView,
         ReflectionDenoiser, ReflectionPreset, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip,
-        ReflectionTracerChoice,
+        ReflectionTracerChoice, ScreenTraces,
     },
     status::ReflectionStatusReport,
 };
@@ -22,6 +22,7 @@ use bevy_egui::egui::Ui;
 const ONLY_TEMPORAL: &str = "Only while results are accumulated over frames.";
 const NO_DENOISER: &str = "The technique Converged averages frames instead of denoising them.";
 const NO_MIRRORS: &str = "With this technique every pixel has a ray of its own.";
+const NO_SCREEN: &str = "With this technique, and with the hardware back end, every hit is shaded.";
 const ONE_BOUNCE: &str = "Only with more than one bounce.";
 const FIXED_TRACER: &str = "It can't be changed while the app runs.";
 
@@ -240,6 +241,7 @@ fn reach(ui: &mut Ui, settings: &mut RayTracedReflections) {
         &mut settings.bounce_roughness_cutoff,
         default.bounce_roughness_cutoff,
     );
+    screen_traces(ui, settings);
     flag(
         ui,
         Row::new("Shadow rays", tooltip!(RayTracedReflections.shadow_rays)),
@@ -253,6 +255,25 @@ fn reach(ui: &mut Ui, settings: &mut RayTracedReflections) {
         default.transparent,
     );
     texture_mip(ui, &mut settings.texture_mip);
+}
+
+fn screen_traces(ui: &mut Ui, settings: &mut RayTracedReflections) {
+    let choices = [
+        Choice::variant(ScreenTraces::Off, "Off"),
+        Choice::variant(ScreenTraces::Reuse, "Reuse"),
+    ];
+    let shades_all = matches!(
+        settings.technique,
+        ReflectionTechnique::QuarterInline | ReflectionTechnique::Converged
+    ) || settings.backend == ReflectionBackend::HardwareVrs;
+    let row = Row::new("Screen traces", tooltip!(RayTracedReflections.screen_traces));
+    field(
+        ui,
+        row.unless(shades_all.then_some(NO_SCREEN)),
+        &mut settings.screen_traces,
+        ScreenTraces::default(),
+        |ui, value| pick(ui, value, &choices),
+    );
 }
 
 fn texture_mip(ui: &mut Ui, mip: &mut ReflectionTextureMip) {

@@ -3,7 +3,7 @@
 use super::{
     culling::ViewCulling,
     textures::ReflectionTextures,
-    uniform::{Frame, VIEW_DRAWS_GLASS, VIEW_HAS_IRRADIANCE, VIEW_HAS_SSAO},
+    uniform::{Frame, Screen, VIEW_DRAWS_GLASS, VIEW_HAS_IRRADIANCE, VIEW_HAS_SSAO},
 };
 use crate::{
     device::{WritesInPlace, try_allocate},
@@ -102,6 +102,7 @@ impl PreparedViewItem<'_, '_> {
             environment_id: environment.map(|group| group.id()),
             may_move: cameras.any(|other| is_screen(other, self.camera)),
             culled: self.culling.as_ref().is_some_and(|culling| culling.is_culled()),
+            screen: Screen::Last,
         }
     }
 }

@@ -116,6 +116,22 @@ pub const VIEW_MIRROR_HISTORY: u32 = 64;
 /// Bevy draws transmissive surfaces.
 pub const VIEW_DRAWS_GLASS: u32 = 128;
 
+/// Hits take light from what the camera showed ...
+pub const VIEW_REUSES_SCREEN: u32 = 256;
+/// ... in this frame, and not in the last one.
+pub const VIEW_SCREEN_IS_NEW: u32 = 512;
+
+/// Which frame [`Targets::screen`](crate::targets::Targets::screen) shows to the rays of a view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Screen {
+    /// The last one, if it was drawn.
+    Last,
+    /// This one: its opaque surfaces are drawn before the rays are traced.
+    This,
+    /// None.
+    Missing,
+}
+
 /// Properties of a view in one frame.
 pub(crate) struct Frame {
     pub origin: UVec2,
@@ -143,6 +159,7 @@ pub(crate) struct Frame {
     pub may_move: bool,
     /// Nothing is kept of it.
     pub culled: bool,
+    pub screen: Screen,
 }
 
 impl Frame {
@@ -155,6 +172,7 @@ impl Frame {
             changes_met: None,
             may_move: self.may_move || may_move,
             culled: false,
+            screen: if self.culled { Screen::Missing } else { Screen::This },
             ..self
         }
     }
@@ -202,7 +220,7 @@ impl GpuReflectionView {
             max_ray_length: settings.max_ray_length,
             sample_index: state.sample_index,
             accumulated: state.accumulated,
-            flags: frame.flags | flags(settings, rate),
+            flags: frame.flags | flags(settings, rate) | screen_flags(settings, frame.screen, state),
             origin: frame.origin,
             size: sizes.full,
             fog_mode: frame.fog.mode,
@@ -254,6 +272,18 @@ fn flags(settings: &ClampedSettings, rate: &RateThresholds) -> u32 {
         .fold(0, |flags, (flag, is_set)| if is_set { flags | flag } else { flags })
 }
 
+/// The flags that say what rays may take from the screen: nothing in pictures at rest, which converge to the truth.
+fn screen_flags(settings: &ClampedSettings, screen: Screen, state: &FrameState) -> u32 {
+    if !settings.reuses_screen() || state.is_at_rest() {
+        return 0;
+    }
+    match screen {
+        Screen::Last if state.accumulated > 0 => VIEW_REUSES_SCREEN,
+        Screen::This => VIEW_REUSES_SCREEN | VIEW_SCREEN_IS_NEW,
+        Screen::Last | Screen::Missing => 0,
+    }
+}
+
 /// Distance fog as shaders take it. Bevy fogs the lit frame before reflections are added to it: they are dimmed by the same
 /// transmittance, and rays add the fog between the surface and what it reflects (`trace/fog.wesl`).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -297,22 +327,45 @@ impl From<Option<&DistanceFog>> for Fog {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::settings::{RayTracedReflections, ScreenTraces};
+
+    fn state(static_frames: u32, accumulated: u32) -> FrameState {
+        FrameState {
+            sample_index: 0,
+            accumulated,
+            static_frames,
+            previous: PreviousFrame {
+                clip_from_world: Mat4::IDENTITY,
+                world_position: Vec3::ZERO,
+                exposure: 1.0,
+            },
+        }
+    }
+
+    #[test]
+    fn screens_are_reused_in_motion_where_there_is_one() {
+        let flags = |screen_traces, screen, state: FrameState| {
+            let settings = RayTracedReflections {
+                screen_traces,
+                ..Default::default()
+            };
+            screen_flags(&ClampedSettings::from(&settings), screen, &state)
+        };
+        let reuse = ScreenTraces::Reuse;
+        let both = VIEW_REUSES_SCREEN | VIEW_SCREEN_IS_NEW;
+        assert_eq!(flags(reuse, Screen::Last, state(0, 1)), VIEW_REUSES_SCREEN);
+        assert_eq!(flags(reuse, Screen::Last, state(0, 0)), 0, "a new view, or a cut");
+        assert_eq!(flags(reuse, Screen::This, state(0, 0)), both);
+        assert_eq!(flags(reuse, Screen::Missing, state(0, 9)), 0);
+        for screen in [Screen::Last, Screen::This] {
+            assert_eq!(flags(reuse, screen, state(9, 40)), 0, "at rest");
+            assert_eq!(flags(ScreenTraces::Off, screen, state(0, 9)), 0);
+        }
+    }
 
     #[test]
     fn pictures_are_at_rest_after_static_frames() {
-        let is_at_rest = |static_frames, accumulated| {
-            FrameState {
-                sample_index: 0,
-                accumulated,
-                static_frames,
-                previous: PreviousFrame {
-                    clip_from_world: Mat4::IDENTITY,
-                    world_position: Vec3::ZERO,
-                    exposure: 1.0,
-                },
-            }
-            .is_at_rest()
-        };
+        let is_at_rest = |static_frames, accumulated| state(static_frames, accumulated).is_at_rest();
         assert!(!is_at_rest(0, 0), "a new view");
         assert!(!is_at_rest(0, 40) && !is_at_rest(8, 40), "in motion, or just before");
         assert!(is_at_rest(9, 40), "clipping begins to fade");

@@ -18,7 +18,7 @@ use bevy_glint::{
     ReflectionEffort, ReflectionNonFiniteReport, ReflectionPreset, ReflectionQuality, ReflectionQualityChosen,
     ReflectionSampling, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique, ReflectionTextureMip,
     ReflectionTracer, ReflectionTracerChoice, ReflectionViewMemory, ReflectionsDeclined, ReflectionsOff,
-    ReflectionsReady, RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
+    ReflectionsReady, RoughnessThresholds, ScreenTraces, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
 };
 use core::any::{TypeId, type_name};
 use std::{fs, path::Path};
@@ -140,6 +140,7 @@ fn settings_are_registered() {
     default::<ReflectionSampling>(&types);
     default::<ReflectionDenoiser>(&types);
     default::<ReflectionTextureMip>(&types);
+    default::<ScreenTraces>(&types);
     default::<ReflectionTracerChoice>(&types);
     default::<ReflectionPreset>(&types);
     default::<ShadingRate>(&types);

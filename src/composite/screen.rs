@@ -1,0 +1,24 @@
+//! What the camera shows, kept for rays that take light from it.
+
+use crate::{
+    gbuffer::{Binding, GBufferPass, OtherGroups, PassContext},
+    targets::SCREEN_FORMAT,
+};
+use bevy::render::renderer::RenderContext;
+
+/// The pass; views without a screen have no target for it.
+pub(super) fn screen_pass() -> GBufferPass {
+    let bindings = vec![
+        Binding::floats(|context| Some(context.frame)),
+        Binding::written(SCREEN_FORMAT, |context| context.screen),
+    ];
+    GBufferPass::new("glint_keep_screen", bindings, OtherGroups::None)
+}
+
+/// Keeps what the camera shows now.
+pub(super) fn run(ctx: &mut RenderContext, pass: &GBufferPass, context: &PassContext) {
+    if let Some(mut pass) = pass.begin(ctx, context, [()], &[]) {
+        let size = context.textures.size();
+        pass.dispatch_workgroups(size.x.div_ceil(8), size.y.div_ceil(8), 1);
+    }
+}
