@@ -6,7 +6,7 @@ use crate::{
     passes::{PassPipelines, record_counters},
     schedule::ReflectionSystems,
     trace::{PassResources, PassView, VrsPass},
-    view::ViewCulling,
+    view::{MoreMemory, ViewCulling},
 };
 use bevy::{
     app::{App, Plugin},
@@ -82,15 +82,15 @@ fn ray_traced_reflections(
 
 /// Keeps what a view shows of opaque surfaces, if its rays take light from it.
 fn keep_screens(
-    view: ViewQuery<(PassView, &ViewCulling)>,
+    view: ViewQuery<(PassView, &ViewCulling, Has<MoreMemory>)>,
     resources: PassResources,
     pipelines: Option<Res<CompositePipelines>>,
     mut ctx: RenderContext,
 ) {
     let entity = view.entity();
-    let (view, culling) = view.into_inner();
-    // No ray of a culled view will look at it.
-    if view.textures.targets.screen.is_none() || culling.is_culled() {
+    let (view, culling, has_front_layer) = view.into_inner();
+    // No ray of a culled view will look at it, but those of its front layer.
+    if view.textures.targets.screen.is_none() || (culling.is_culled() && !has_front_layer) {
         return;
     }
     let (Some(pipelines), Some(context)) = (pipelines, resources.context(entity, &view)) else {

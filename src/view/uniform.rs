@@ -128,8 +128,6 @@ pub(crate) enum Screen {
     Last,
     /// This one: its opaque surfaces are drawn before the rays are traced.
     This,
-    /// None.
-    Missing,
 }
 
 /// Properties of a view in one frame.
@@ -172,7 +170,7 @@ impl Frame {
             changes_met: None,
             may_move: self.may_move || may_move,
             culled: false,
-            screen: if self.culled { Screen::Missing } else { Screen::This },
+            screen: Screen::This,
             ..self
         }
     }
@@ -280,7 +278,7 @@ fn screen_flags(settings: &ClampedSettings, screen: Screen, state: &FrameState) 
     match screen {
         Screen::Last if state.accumulated > 0 => VIEW_REUSES_SCREEN,
         Screen::This => VIEW_REUSES_SCREEN | VIEW_SCREEN_IS_NEW,
-        Screen::Last | Screen::Missing => 0,
+        Screen::Last => 0,
     }
 }
 
@@ -356,7 +354,6 @@ mod tests {
         assert_eq!(flags(reuse, Screen::Last, state(0, 1)), VIEW_REUSES_SCREEN);
         assert_eq!(flags(reuse, Screen::Last, state(0, 0)), 0, "a new view, or a cut");
         assert_eq!(flags(reuse, Screen::This, state(0, 0)), both);
-        assert_eq!(flags(reuse, Screen::Missing, state(0, 9)), 0);
         for screen in [Screen::Last, Screen::This] {
             assert_eq!(flags(reuse, screen, state(9, 40)), 0, "at rest");
             assert_eq!(flags(ScreenTraces::Off, screen, state(0, 9)), 0);

@@ -42,6 +42,7 @@ mod quality;
 mod reflect;
 mod render_layers;
 mod robustness;
+mod screen_traces;
 mod see_through;
 mod shipped;
 mod static_views;

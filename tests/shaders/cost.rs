@@ -55,7 +55,7 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 58] = [
+const PASSES: [(&str, &[&str]); 63] = [
     ("trace/shade", &["VOLUMETRIC_FOG", "MANY_LIGHTS"]),
     ("trace/blocks", &["VOLUMETRIC_FOG", "MIRRORS", "RAY_QUERY"]),
     ("trace/blocks", &["DIFFUSE_TRANSMISSION"]),
@@ -101,6 +101,11 @@ const PASSES: [(&str, &[&str]); 58] = [
     ("trace/converged", &["ATMOSPHERIC", "RAY_QUERY"]),
     ("trace/blocks", &["RENDER_LAYERS"]),
     ("trace/blocks", &["RENDER_LAYERS", "RAY_QUERY"]),
+    ("trace/blocks", &["SCREEN_TRACES"]),
+    ("trace/blocks", &["SCREEN_TRACES", "RAY_QUERY"]),
+    ("trace/blocks", &["SCREEN_TRACES", "MIRRORS", "RAY_QUERY"]),
+    ("trace/shade", &["SCREEN_TRACES", "MIRRORS"]),
+    ("composite/screen", &[]),
     ("rate/classify", &[]),
     ("rate/classify", &["ROUGHNESS"]),
     ("rate/classify", &["GRAZING", "TILE_ANGLES"]),

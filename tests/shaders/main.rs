@@ -16,5 +16,6 @@ mod packing;
 mod rate;
 mod rays;
 mod sampling;
+mod screen;
 mod tracer;
 mod translate;

@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, fog_volumes::GpuFogVolume, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 56] = [
+pub const COMBINATIONS: [&[&str]; 61] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -94,6 +94,19 @@ pub const COMBINATIONS: [&[&str]; 56] = [
         "BOUNCES",
     ],
     &["RECT_LIGHTS", "ALPHA_MASKED_GEOMETRY", "LIGHT_SAMPLING", "MANY_LIGHTS"],
+    &["SCREEN_TRACES", "ALPHA_MASKED_GEOMETRY", "COUNT_INVOCATIONS"],
+    &["SCREEN_TRACES", "MIRRORS"],
+    &["SCREEN_TRACES", "RAY_QUERY", "MIRRORS", "BOUNCES", "LAYERED_RAYS"],
+    &["SCREEN_TRACES", "VOLUMETRIC_FOG", "TINTED_GLASS"],
+    &[
+        "SCREEN_TRACES",
+        "VOLUMETRIC_FOG",
+        "TINTED_GLASS",
+        "RAY_QUERY",
+        "BINDLESS_TEXTURES",
+        "MIRRORS",
+        "LIGHT_SAMPLING",
+    ],
     &[
         "RECT_LIGHTS",
         "CLEARCOAT",
@@ -231,6 +244,24 @@ fn bounces_are_linked_on_request() {
             };
             assert_eq!(has_bounces(&[]), [false; 2], "{pass}");
             assert_eq!(has_bounces(&["BOUNCES"]), [true; 2], "{pass}");
+        }
+    }
+}
+
+/// Shading every hit costs nothing: its shaders neither bind the screen nor look for hits on it.
+#[test]
+fn the_screen_is_linked_on_request() {
+    let mut shaders = Shaders::load();
+    let passes: [(&str, &[&str]); 3] = [("blocks", &[]), ("blocks", &["MIRRORS"]), ("shade", &["MIRRORS"])];
+    for (pass, own) in passes {
+        for tracer in [&[][..], &["RAY_QUERY"]] {
+            let mut has_screen = |more: &[&'static str]| {
+                let defs: Vec<_> = [own, tracer, more].concat().iter().map(|&def| def.into()).collect();
+                let (wgsl, _) = shaders.expect(&format!("bevy_glint/trace/{pass}.wesl"), &defs);
+                ["shown_light", "screen_place", "@binding(15)"].map(|name| wgsl.contains(name))
+            };
+            assert_eq!(has_screen(&[]), [false; 3], "{pass}");
+            assert_eq!(has_screen(&["SCREEN_TRACES"]), [true; 3], "{pass}");
         }
     }
 }

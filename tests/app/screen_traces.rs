@@ -1,0 +1,349 @@
+//! Light that the last frame showed, in place of shading.
+
+use crate::{
+    common::app_with,
+    pictures::{
+        BOTH, apps, assert_flip, differing_pixels, dump, flip, reflect, spawn, use_coarse_shadow_maps, warm_up,
+    },
+    stage::{BLUE, SIZE, metal, report, spawn_camera, spawn_mesh, unlit},
+};
+use bevy::{
+    asset::uuid_handle,
+    prelude::*,
+    render::render_resource::AsBindGroup,
+    shader::{Shader, ShaderRef},
+};
+use bevy_glint::{
+    RayTracedReflections, ReflectedMaterial, ReflectedMaterialPlugin, ReflectionDenoiser, ReflectionTechnique,
+    ReflectionTracerChoice, ScreenTraces,
+};
+use glint_scenes::{HeadlessApp, Output, SceneName};
+
+/// Bytes of what a camera showed, per pixel.
+const BYTES_PER_PIXEL: u64 = 8;
+/// Mean FLIP of a reflection with the custom shader and what a camera would show in its place.
+const SAME: f32 = 0.02;
+/// What it is without, at least.
+const OTHER: f32 = 0.1;
+
+const SHADER: Handle<Shader> = uuid_handle!("9d0f3a52-7c1e-4f7b-8f0d-1d0f6a2b7c33");
+/// Rays know nothing of these stripes.
+const SOURCE: &str = "
+    import bevy_pbr::render::forward_io::VertexOutput;
+    @fragment
+    fn fragment(in: VertexOutput) -> @location(0) vec4<f32> {
+        return select(vec4(1.0, 0.1, 0.0, 1.0), vec4(0.0, 0.8, 0.1, 1.0), fract(2.5 * in.uv.x) > 0.5);
+    }
+";
+
+/// A material with a shader of its own.
+#[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
+struct Stripes {}
+
+impl Material for Stripes {
+    fn fragment_shader() -> ShaderRef {
+        SHADER.into()
+    }
+}
+
+impl ReflectedMaterial for Stripes {
+    fn reflected(&self) -> StandardMaterial {
+        unlit(BLUE)
+    }
+}
+
+/// The camera sees a striped board on a mirroring floor.
+struct Stage {
+    app: HeadlessApp,
+    camera: Entity,
+    floor: Entity,
+    board: Entity,
+}
+
+const EYE: Vec3 = Vec3::new(0.0, 1.2, 4.0);
+
+/// Across the view, above the floor or mirrored in it.
+fn place(height: f32) -> Transform {
+    Transform::from_xyz(0.1, height, 0.0)
+}
+
+fn view_from(eye: Vec3) -> Transform {
+    Transform::from_translation(eye).looking_at(Vec3::ZERO, Vec3::Y)
+}
+
+impl Stage {
+    fn new(tracer: ReflectionTracerChoice, floor: StandardMaterial) -> Option<Self> {
+        let mut app = app_with(SIZE, Output::Picture, tracer, |app| {
+            app.add_plugins((
+                ReflectedMaterialPlugin::<Stripes>::default(),
+                MaterialPlugin::<Stripes>::default(),
+            ));
+        })?;
+        let mut shaders = app.world().resource_mut::<Assets<Shader>>();
+        shaders
+            .insert(&SHADER, Shader::from_wesl(SOURCE, "tests/stripes_of_screen.wesl"))
+            .unwrap();
+        let lying = Transform::default().looking_to(Vec3::NEG_Y, Vec3::NEG_Z);
+        let floor = spawn_mesh(&mut app, Rectangle::new(30.0, 30.0), floor, lying);
+        let board = spawn_board(&mut app, place(0.7));
+        let camera = spawn_camera(&mut app, view_from(EYE), SceneName::MirrorRoom);
+        Some(Self {
+            app,
+            camera,
+            floor,
+            board,
+        })
+    }
+
+    fn set(&mut self, change: impl FnOnce(&mut RayTracedReflections)) {
+        let settings = self.app.world().get_mut::<RayTracedReflections>(self.camera);
+        change(&mut settings.unwrap());
+        // The report is that of the frame before.
+        self.app.step(2);
+        warm_up(&mut self.app);
+    }
+
+    /// The picture, of frames since all history was forgotten.
+    fn capture(&mut self, screen_traces: ScreenTraces) -> Vec<u8> {
+        self.set(|settings| settings.screen_traces = screen_traces);
+        self.set(|settings| settings.reset = true);
+        self.app.step(3);
+        self.app.capture().unwrap()
+    }
+
+    /// What the mirror is to show: a second board under the floor, which is away.
+    fn expected(&mut self) -> Vec<u8> {
+        let twin = spawn_board(&mut self.app, place(-0.7));
+        *self.app.world().get_mut::<Visibility>(self.floor).unwrap() = Visibility::Hidden;
+        warm_up(&mut self.app);
+        self.app.step(2);
+        let expected = self.app.capture().unwrap();
+        self.app.world().despawn(twin);
+        *self.app.world().get_mut::<Visibility>(self.floor).unwrap() = Visibility::Inherited;
+        self.app.step(2);
+        expected
+    }
+
+    /// Bytes of what the camera showed, and of all that it owns.
+    fn bytes(&mut self) -> (u64, u64) {
+        let memory = report(&mut self.app).view_memory;
+        let parts = || memory.iter().flat_map(|view| &view.parts);
+        let screen = parts().filter(|(label, _)| *label == "glint_screen");
+        (
+            screen.map(|(_, bytes)| bytes).sum(),
+            parts().map(|(_, bytes)| bytes).sum(),
+        )
+    }
+}
+
+fn spawn_board(app: &mut HeadlessApp, at: Transform) -> Entity {
+    let world = app.world();
+    let mesh = world.resource_mut::<Assets<Mesh>>().add(Rectangle::new(2.0, 1.0));
+    let material = world.resource_mut::<Assets<Stripes>>().add(Stripes {});
+    world.spawn((Mesh3d(mesh), MeshMaterial3d(material), at)).id()
+}
+
+/// The lower half of a picture, where the floor is.
+fn lower(picture: &[u8]) -> &[u8] {
+    &picture[picture.len() / 2..]
+}
+
+const LOWER: UVec2 = UVec2::new(SIZE.x, SIZE.y / 2);
+
+#[test]
+fn reflections_show_the_shaders_of_the_screen() {
+    for tracer in BOTH {
+        let Some(mut stage) = Stage::new(tracer, metal(0.0)) else {
+            continue;
+        };
+        reflect(&mut stage.app, stage.camera, ReflectionTechnique::Reference);
+        let expected = stage.expected();
+        for (technique, own_rays, max_bounces) in [
+            // Rays of blocks, beside the shading of their hits, alone, and before they bounce.
+            (ReflectionTechnique::Reference, false, 1),
+            (ReflectionTechnique::Variable, true, 1),
+            (ReflectionTechnique::Quarter, true, 3),
+        ] {
+            let name = format!("screen-{tracer:?}-{technique:?}-{max_bounces}");
+            stage.set(|settings| {
+                settings.technique = technique;
+                settings.full_resolution_mirrors = own_rays;
+                settings.max_bounces = max_bounces;
+            });
+            let without = stage.capture(ScreenTraces::Off);
+            let with = stage.capture(ScreenTraces::Reuse);
+            dump(&name, SIZE, &expected, &with);
+            dump(&format!("{name}-off"), SIZE, &expected, &without);
+            assert_flip(&name, LOWER, lower(&expected), lower(&with), SAME);
+            let other = flip(LOWER, lower(&expected), lower(&without)).0;
+            println!("{name}: without, {other}");
+            assert!(other > OTHER, "{name}: rays see the stripes by themselves: {other}");
+        }
+        only_what_lists_trace_takes_part(&mut stage);
+        objects_that_move_are_shaded(&mut stage);
+    }
+}
+
+/// These show what rays see, with a warning for none.
+fn only_what_lists_trace_takes_part(stage: &mut Stage) {
+    for technique in [ReflectionTechnique::Converged, ReflectionTechnique::QuarterInline] {
+        stage.set(|settings| {
+            settings.technique = technique;
+            settings.max_bounces = 1;
+        });
+        let without = stage.capture(ScreenTraces::Off);
+        let with = stage.capture(ScreenTraces::Reuse);
+        assert_eq!(stage.bytes().0, 0, "{technique:?}");
+        assert_eq!(differing_pixels(&without, &with, 0), 0, "{technique:?}");
+    }
+    stage.set(|settings| settings.technique = ReflectionTechnique::Reference);
+}
+
+/// Where they were a frame ago, nothing is known of the light that they have now.
+fn objects_that_move_are_shaded(stage: &mut Stage) {
+    let move_on = |stage: &mut Stage, screen_traces| {
+        stage.capture(screen_traces);
+        let mut at = stage.app.world().get_mut::<Transform>(stage.board).unwrap();
+        at.translation.x += 0.3;
+        stage.app.step(1);
+        let moved = stage.app.capture().unwrap();
+        *stage.app.world().get_mut::<Transform>(stage.board).unwrap() = place(0.7);
+        moved
+    };
+    let without = move_on(stage, ScreenTraces::Off);
+    let with = move_on(stage, ScreenTraces::Reuse);
+    assert_eq!(differing_pixels(&without, &with, 0), 0);
+}
+
+#[test]
+fn reflections_on_glass_show_this_frame() {
+    let glass = StandardMaterial {
+        base_color: Color::NONE,
+        alpha_mode: AlphaMode::Premultiplied,
+        reflectance: 1.0,
+        perceptual_roughness: 0.0,
+        ..default()
+    };
+    let Some(mut stage) = Stage::new(ReflectionTracerChoice::Bvh, glass) else {
+        return;
+    };
+    reflect(&mut stage.app, stage.camera, ReflectionTechnique::Reference);
+    let without = stage.capture(ScreenTraces::Off);
+    let with = stage.capture(ScreenTraces::Reuse);
+    let folder = dump("screen-glass", SIZE, &without, &with);
+    println!("pictures in {}", folder.display());
+    // Blue becomes red or green.
+    let sums = |picture: &[u8]| {
+        let mut sums = [0u32; 3];
+        for pixel in lower(picture).chunks_exact(4) {
+            (0..3).for_each(|channel| sums[channel] += u32::from(pixel[channel]));
+        }
+        sums
+    };
+    let ([red, _, blue], [shown_red, shown_green, shown_blue]) = (sums(&without), sums(&with));
+    println!("{red} {blue}; {shown_red} {shown_green} {shown_blue}");
+    assert!(blue > 10 * red.max(1));
+    assert!(shown_red > shown_blue && shown_green > shown_blue);
+}
+
+#[test]
+fn switched_off_it_leaves_nothing() {
+    let Some(mut stage) = Stage::new(ReflectionTracerChoice::Bvh, metal(0.0)) else {
+        return;
+    };
+    reflect(&mut stage.app, stage.camera, ReflectionTechnique::Reference);
+    let before = stage.capture(ScreenTraces::Off);
+    let (screen, all) = stage.bytes();
+    assert_eq!(screen, 0);
+    let with = stage.capture(ScreenTraces::Reuse);
+    let pixels = u64::from(SIZE.x * SIZE.y);
+    let (more, more_in_all) = stage.bytes();
+    assert_eq!(
+        (more, more_in_all - all),
+        (BYTES_PER_PIXEL * pixels, BYTES_PER_PIXEL * pixels)
+    );
+    assert!(differing_pixels(&before, &with, 8) > 20, "it shows nothing");
+    let after = stage.capture(ScreenTraces::Off);
+    assert_eq!(stage.bytes(), (0, all));
+    assert_eq!(differing_pixels(&before, &after, 0), 0);
+}
+
+/// The first frame after a cut knows no other, and one that comes unannounced shows nothing that isn't there.
+#[test]
+fn cuts_leave_no_ghosts() {
+    let Some(mut stage) = Stage::new(ReflectionTracerChoice::Bvh, metal(0.0)) else {
+        return;
+    };
+    let there = view_from(Vec3::new(1.5, 0.9, 3.0));
+    reflect(&mut stage.app, stage.camera, ReflectionTechnique::Reference);
+    let mut cut = |screen_traces, announced, frames| {
+        stage.app.world().entity_mut(stage.camera).insert(view_from(EYE));
+        stage.capture(screen_traces);
+        stage.app.world().entity_mut(stage.camera).insert(there);
+        let settings = stage.app.world().get_mut::<RayTracedReflections>(stage.camera);
+        settings.unwrap().reset = announced;
+        stage.app.step(frames);
+        stage.app.capture().unwrap()
+    };
+    let shaded = cut(ScreenTraces::Off, true, 1);
+    let first = cut(ScreenTraces::Reuse, true, 1);
+    assert_eq!(differing_pixels(&shaded, &first, 0), 0, "the first frame shades all");
+    let settled = cut(ScreenTraces::Reuse, true, 4);
+    let unannounced = cut(ScreenTraces::Reuse, false, 1);
+    // Stripes where the board was seen before, too, and the colour of its rays elsewhere.
+    dump("screen-cut", SIZE, &settled, &unannounced);
+    let is_either = |i: usize| {
+        let near = |other: &[u8]| (0..3).all(|channel| unannounced[i + channel].abs_diff(other[i + channel]) < 12);
+        near(&settled) || near(&shaded)
+    };
+    let others = (0..unannounced.len()).step_by(4).filter(|&i| !is_either(i)).count();
+    println!("{others} pixels show something else after a cut");
+    assert!(others <= 30, "{others}");
+}
+
+/// How much farther from the truth pictures may be with the light of the last frame: mean FLIP.
+const MORE: f32 = 0.002;
+
+/// What the last frame shows has met several surfaces, as light in the truth has.
+#[test]
+fn standard_scenes_stay_near_the_truth() {
+    let Some((tracer, mut app)) = apps(SIZE, Output::Picture).next() else {
+        return;
+    };
+    use_coarse_shadow_maps(&mut app);
+    let camera = spawn(&mut app, SceneName::Demo, ReflectionTechnique::Converged);
+    let mut picture = |settings: RayTracedReflections, frames| {
+        app.world().entity_mut(camera).insert(settings);
+        app.step(2);
+        warm_up(&mut app);
+        app.world().resource_mut::<Time<Virtual>>().pause();
+        app.step(frames);
+        app.capture().unwrap()
+    };
+    let mut truth = |max_bounces| {
+        let settings = RayTracedReflections {
+            technique: ReflectionTechnique::Converged,
+            max_bounces,
+            bounce_roughness_cutoff: 1.0,
+            ..default()
+        };
+        picture(settings, 128)
+    };
+    let truths = [1, 4].map(&mut truth);
+    let mut errors = |screen_traces| {
+        let settings = RayTracedReflections {
+            screen_traces,
+            denoiser: ReflectionDenoiser {
+                converge_static_views: false,
+                ..default()
+            },
+            ..default()
+        };
+        let picture = picture(settings, 32);
+        dump(&format!("screen-demo-{screen_traces}"), SIZE, &truths[1], &picture);
+        truths.each_ref().map(|truth| flip(SIZE, truth, &picture).0)
+    };
+    let [without, with] = [ScreenTraces::Off, ScreenTraces::Reuse].map(&mut errors);
+    println!("{tracer:?}: mean FLIP to truths of 1 and 4 bounces {without:.5?} without, {with:.5?} with");
+    assert!(with[1] < without[1] + MORE, "{with:?} is far above {without:?}");
+}
