@@ -200,6 +200,7 @@ mod tests {
                 "bounce_roughness_cutoff",
                 reflections.bounce_roughness_cutoff.to_string(),
             ),
+            ("screen_traces", format!("`{:?}`", reflections.screen_traces)),
             ("shadow_rays", reflections.shadow_rays.to_string()),
             ("texture_mip", format!("`{:?}`", reflections.texture_mip)),
             ("reset", reflections.reset.to_string()),

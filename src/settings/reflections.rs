@@ -72,8 +72,9 @@ pub struct RayTracedReflections {
     /// Less takes less time. Without effect at a single bounce. Default: 0.3.
     #[reflect(@0.0..=1.0f32)]
     pub bounce_roughness_cutoff: f32,
-    /// Takes the light of what rays hit from the last frame, where that showed it, in place of shading it: custom shaders and decals are
-    /// seen in reflections, and hits cost less. Views at rest and the ground truth shade every hit. Default: [`ScreenTraces::Off`].
+    /// Takes the light of what rays hit from the last frame, where that showed it, in place of shading it: custom shaders and clustered
+    /// decals are seen in reflections, and hits cost less. Views at rest and the ground truth shade every hit. Default:
+    /// [`ScreenTraces::Off`].
     pub screen_traces: ScreenTraces,
     /// Traces shadow rays from what reflections see to the lights that cast shadows: one more ray for each light and hit.
     /// Without, light leaks through walls in reflections. Default: true.
@@ -202,22 +203,25 @@ pub enum ScreenTraces {
     /// Every hit is shaded. Nothing is stored.
     #[default]
     Off,
-    /// A hit that the last frame showed has the colour that it had there, scaled by the change of exposure. It needs no light, no shadow
-    /// ray and no texture but that of its roughness. The camera keeps a copy of its lit picture: 8 bytes per pixel, and a pass that writes it.
+    /// A hit that the last frame showed has the colour that it had there, times the change of exposure. It needs neither lights nor
+    /// shadow rays. The camera keeps a copy of its lit picture: 8 bytes per pixel, and a pass that writes it.
     ///
-    /// The picture is that of opaque surfaces, with their reflections, ambient occlusion and decals of Bevy's lighting; of what is blended
-    /// over them it holds nothing. These hits are shaded:
+    /// The picture is that of opaque surfaces, with their reflections, ambient occlusion and clustered decals. What is blended over them is
+    /// not in it. These hits are shaded:
     ///
     /// - what lay outside of the view or behind something, or turned its back on the viewer;
-    /// - objects that have moved since the last frame, and see-through surfaces;
-    /// - surfaces whose light depends on the direction it is seen from: with a perceptual roughness below 0.3, of metals below 0.7;
+    /// - objects that have moved or changed their pose since the last frame, and see-through surfaces;
+    /// - surfaces whose light depends on the side that they are seen from: those with a perceptual roughness below 0.3, and metals below
+    ///   0.7;
     /// - surfaces in distance fog, which the last frame shows from elsewhere;
     /// - what rays hit after their first [bounce](RayTracedReflections::max_bounces).
     ///
-    /// Views at rest shade all hits, too, so that they converge to the truth that rays see: where custom shaders are to stay in still
-    /// pictures, switch [`converge_static_views`](ReflectionDenoiser::converge_static_views) off. So do the frame after a
-    /// [`reset`](RayTracedReflections::reset), [`Converged`](ReflectionTechnique::Converged), [`QuarterInline`](ReflectionTechnique::QuarterInline) and
-    /// [`HardwareVrs`](ReflectionBackend::HardwareVrs). Shadows and lights on reused hits are a frame late.
+    /// Views at rest shade every hit, so that they converge to what rays see. To keep custom shaders in still pictures, switch
+    /// [`converge_static_views`](ReflectionDenoiser::converge_static_views) off. The first frame after a
+    /// [`reset`](RayTracedReflections::reset) shades every hit, and so do [`Converged`](ReflectionTechnique::Converged),
+    /// [`QuarterInline`](ReflectionTechnique::QuarterInline) and [`HardwareVrs`](ReflectionBackend::HardwareVrs).
+    ///
+    /// On reused hits, lights and shadows are a frame late, and their light has met as many surfaces as it has in the picture.
     Reuse,
 }
 

@@ -1,23 +1,21 @@
 //! Light that the last frame showed, in place of shading.
 
 use crate::{
-    common::app_with,
-    pictures::{
-        BOTH, apps, assert_flip, differing_pixels, dump, flip, reflect, spawn, use_coarse_shadow_maps, warm_up,
-    },
+    common::app_of,
+    pictures::{BOTH, apps, differing_pixels, dump, flip, reflect, spawn, use_coarse_shadow_maps, warm_up},
     stage::{BLUE, SIZE, metal, report, spawn_camera, spawn_mesh, unlit},
 };
 use bevy::{
     asset::uuid_handle,
     prelude::*,
-    render::render_resource::AsBindGroup,
+    render::{render_resource::AsBindGroup, settings::WgpuSettings},
     shader::{Shader, ShaderRef},
 };
 use bevy_glint::{
     RayTracedReflections, ReflectedMaterial, ReflectedMaterialPlugin, ReflectionDenoiser, ReflectionTechnique,
     ReflectionTracerChoice, ScreenTraces,
 };
-use glint_scenes::{HeadlessApp, Output, SceneName};
+use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName, browser_device};
 
 /// Bytes of what a camera showed, per pixel.
 const BYTES_PER_PIXEL: u64 = 8;
@@ -73,12 +71,22 @@ fn view_from(eye: Vec3) -> Transform {
 
 impl Stage {
     fn new(tracer: ReflectionTracerChoice, floor: StandardMaterial) -> Option<Self> {
-        let mut app = app_with(SIZE, Output::Picture, tracer, |app| {
+        Self::on(default(), tracer, floor)
+    }
+
+    fn on(device: WgpuSettings, tracer: ReflectionTracerChoice, floor: StandardMaterial) -> Option<Self> {
+        let settings = HeadlessSettings {
+            size: SIZE,
+            device,
+            ..default()
+        };
+        let add = |app: &mut App| {
             app.add_plugins((
                 ReflectedMaterialPlugin::<Stripes>::default(),
                 MaterialPlugin::<Stripes>::default(),
             ));
-        })?;
+        };
+        let mut app = app_of(settings, tracer, |_| {}, add)?;
         let mut shaders = app.world().resource_mut::<Assets<Shader>>();
         shaders
             .insert(&SHADER, Shader::from_wesl(SOURCE, "tests/stripes_of_screen.wesl"))
@@ -122,6 +130,20 @@ impl Stage {
         *self.app.world().get_mut::<Visibility>(self.floor).unwrap() = Visibility::Inherited;
         self.app.step(2);
         expected
+    }
+
+    /// Asserts that the mirror shows the stripes by their light on the screen alone.
+    #[track_caller]
+    fn assert_shows(&mut self, name: &str, expected: &[u8]) {
+        let without = self.capture(ScreenTraces::Off);
+        let with = self.capture(ScreenTraces::Reuse);
+        dump(&format!("{name}-off"), SIZE, expected, &without);
+        dump(&format!("{name}-reuse"), SIZE, expected, &with);
+        let same = flip(LOWER, lower(expected), lower(&with)).0;
+        let other = flip(LOWER, lower(expected), lower(&without)).0;
+        println!("{name}: mean FLIP {same} with, {other} without");
+        assert!(same < SAME, "{name}: the mirror lacks the stripes: {same}");
+        assert!(other > OTHER, "{name}: rays see the stripes by themselves: {other}");
     }
 
     /// Bytes of what the camera showed, and of all that it owns.
@@ -170,21 +192,26 @@ fn reflections_show_the_shaders_of_the_screen() {
                 settings.full_resolution_mirrors = own_rays;
                 settings.max_bounces = max_bounces;
             });
-            let without = stage.capture(ScreenTraces::Off);
-            let with = stage.capture(ScreenTraces::Reuse);
-            dump(&name, SIZE, &expected, &with);
-            dump(&format!("{name}-off"), SIZE, &expected, &without);
-            assert_flip(&name, LOWER, lower(&expected), lower(&with), SAME);
-            let other = flip(LOWER, lower(&expected), lower(&without)).0;
-            println!("{name}: without, {other}");
-            assert!(other > OTHER, "{name}: rays see the stripes by themselves: {other}");
+            stage.assert_shows(&name, &expected);
         }
         only_what_lists_trace_takes_part(&mut stage);
         objects_that_move_are_shaded(&mut stage);
     }
 }
 
-/// These show what rays see, with a warning for none.
+/// All that the passes bind fits into the limits of WebGPU.
+#[test]
+fn browsers_have_room_for_the_screen() {
+    let Some(mut stage) = Stage::on(browser_device(), ReflectionTracerChoice::Bvh, metal(0.0)) else {
+        return;
+    };
+    reflect(&mut stage.app, stage.camera, ReflectionTechnique::Quarter);
+    let expected = stage.expected();
+    stage.set(|settings| settings.full_resolution_mirrors = true);
+    stage.assert_shows("screen-browser", &expected);
+}
+
+/// Techniques without lists of rays show what rays see.
 fn only_what_lists_trace_takes_part(stage: &mut Stage) {
     for technique in [ReflectionTechnique::Converged, ReflectionTechnique::QuarterInline] {
         stage.set(|settings| {

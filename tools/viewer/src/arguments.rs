@@ -2,7 +2,7 @@
 
 use crate::{method::Method, source::Source};
 use bevy::math::UVec2;
-use bevy_glint::{ReflectionBackend, ReflectionDebugView, ReflectionTracerChoice};
+use bevy_glint::{ReflectionBackend, ReflectionDebugView, ReflectionTracerChoice, ScreenTraces};
 use clap::{Parser, value_parser};
 use glint_scenes::{ImageSize, SceneName, SceneOptions};
 use std::{path::PathBuf, str::FromStr};
@@ -46,6 +46,9 @@ pub struct Arguments {
     /// auto, ray-query or bvh
     #[arg(long, value_name = "NAME", default_value = "auto")]
     pub tracer: ReflectionTracerChoice,
+    /// off, or reuse: what rays hit takes its light from the last frame, where that showed it
+    #[arg(long, value_name = "NAME", default_value = "off")]
+    pub screen_traces: ScreenTraces,
     /// A debug view, such as shading-rates or rays-per-pixel, in place of the image
     #[arg(long, value_name = "NAME", default_value = "off")]
     pub view: ReflectionDebugView,
@@ -84,7 +87,11 @@ impl Arguments {
     /// Reflections of the camera.
     pub fn method(&self) -> Result<Method, String> {
         let preset = if self.headless { IMAGE_PRESET } else { WINDOW_PRESET };
-        self.technique.clone().map_or_else(|| Method::from_str(preset), Ok)
+        let mut method = self.technique.clone().map_or_else(|| Method::from_str(preset), Ok)?;
+        if let Method::Traced { settings, .. } = &mut method {
+            settings.0.screen_traces = self.screen_traces;
+        }
+        Ok(method)
     }
 
     /// Size of the window or image.

@@ -5,7 +5,7 @@ use bevy::{prelude::*, render::render_resource::TextureFormat};
 use bevy_glint::{
     CombinedThresholds, GrazingThresholds, ReflectionBackend, ReflectionDebugSplit, ReflectionDebugView,
     ReflectionDenoiser, ReflectionPreset, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip,
-    RoughnessThresholds, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
+    RoughnessThresholds, ScreenTraces, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
 };
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};
@@ -37,6 +37,8 @@ pub enum SettingsKind {
     NoMirrors,
     /// The paper's sampling sequence.
     Halton,
+    /// Light of hits from the last frame.
+    ScreenTraces,
     /// NaN in every number.
     NanNumbers,
     /// Zero in every number.
@@ -103,6 +105,7 @@ pub fn add(kind: SettingsKind, builder: &mut Builder) {
         SettingsKind::NoHistory => reflections.denoiser.temporal = false,
         SettingsKind::NoMirrors => reflections.full_resolution_mirrors = false,
         SettingsKind::Halton => reflections.sampling = ReflectionSampling::Halton,
+        SettingsKind::ScreenTraces => reflections.screen_traces = ScreenTraces::Reuse,
         _ => {}
     }
 }
