@@ -221,7 +221,8 @@ pub enum ScreenTraces {
     /// [`reset`](RayTracedReflections::reset) shades every hit, and so do [`Converged`](ReflectionTechnique::Converged),
     /// [`QuarterInline`](ReflectionTechnique::QuarterInline) and [`HardwareVrs`](ReflectionBackend::HardwareVrs).
     ///
-    /// On reused hits, lights and shadows are a frame late, and their light has met as many surfaces as it has in the picture.
+    /// Reused light is that of the picture: it is a frame late, its shadows come from shadow maps, and it has met as many surfaces as it
+    /// has there.
     Reuse,
 }
 

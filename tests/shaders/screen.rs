@@ -19,15 +19,16 @@ struct Output { place: vec2<f32>, valid: u32, padding: u32, distance: f32, toler
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= arrayLength(&outputs) { return; }
     let i = inputs[id.x];
-    let seen_by = ScreenView(i.clip_from_world, i.viewer, i.back, i.orthographic != 0u, i.size, i.spread);
-    let place = screen_place(i.position, i.normal, seen_by);
+    let seen_by = ScreenView(i.viewer, i.back, i.orthographic != 0u, i.size, i.spread);
+    let place = screen_place(i.clip_from_world * vec4(i.position, 1.0), i.position, i.normal, seen_by);
     outputs[id.x] = Output(place.place, u32(place.valid), 0u, place.distance, place.tolerance, vec2(0u));
 }
 ";
 
 const SIZE: UVec2 = uvec2(96, 64);
 const LEAST_COSINE: f32 = 0.1;
-const DISTANCE_TOLERANCE: f32 = 0.01;
+const DISTANCE_TOLERANCE: f32 = 0.005;
+const REACH: f32 = 1.5;
 
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
 #[repr(C)]
@@ -70,12 +71,13 @@ fn twin(input: &Input) -> (Output, f32) {
     let cosine = input.normal.dot(towards);
     let inside = clip.w > 0.0 && uv.cmpge(Vec2::ZERO).all() && uv.cmplt(Vec2::ONE).all();
     let width = input.spread * if input.orthographic == 0 { distance } else { 1.0 };
+    let slope = (1.0 - cosine * cosine).max(0.0).sqrt() / cosine.max(LEAST_COSINE);
     let borders = uv.abs().min((uv - 1.0).abs()).min_element();
     let output = Output {
         place: uv * SIZE.as_vec2(),
         valid: u32::from(inside && cosine >= LEAST_COSINE),
         distance,
-        tolerance: DISTANCE_TOLERANCE * distance + width / cosine.max(LEAST_COSINE),
+        tolerance: DISTANCE_TOLERANCE * distance + REACH * width * slope,
         ..Default::default()
     };
     (output, borders.min((cosine - LEAST_COSINE).abs()).min(clip.w.abs()))
@@ -152,7 +154,7 @@ fn hits_are_found_where_the_viewer_saw_them() {
         if expected.valid != 0 {
             valid += 1;
             assert!(output.place.distance(expected.place) < 0.01, "{input:?}");
-            assert!((output.tolerance - expected.tolerance).abs() < 1e-3 * expected.tolerance);
+            assert!((output.tolerance - expected.tolerance).abs() < 1e-4 * expected.distance);
         }
     }
     println!("{valid} of {} places are valid", inputs.len());
