@@ -214,7 +214,7 @@ fn what_is_no_number_is_seen_nowhere() {
                 ..plain
             },
             Input {
-                normal: vec3(0.0, 0.0, value * -1.0),
+                normal: vec3(0.0, 0.0, -value),
                 ..plain
             },
             Input {
