@@ -93,6 +93,10 @@ fn keep_screens(
     if view.textures.targets.screen.is_none() || (culling.is_culled() && !has_front_layer) {
         return;
     }
+    // At rest none looks but those of a front layer, and the picture that is kept stays that of the last frame.
+    if view.textures.is_at_rest && !has_front_layer {
+        return;
+    }
     let (Some(pipelines), Some(context)) = (pipelines, resources.context(entity, &view)) else {
         return;
     };

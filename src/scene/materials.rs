@@ -420,13 +420,11 @@ pub fn update_materials(
             table.waiting.insert(*index);
         }
     }
-    for image in textures.take_resettled() {
-        let users = table
-            .slots
-            .iter()
-            .enumerate()
-            .filter(|(_, slot)| slot.textures.contains(&Some(image)));
-        table.waiting.extend(users.map(|(index, _)| index as u32));
+    let resettled: HashSet<_> = textures.take_resettled().into_iter().collect();
+    if !resettled.is_empty() {
+        let uses = |slot: &Slot| slot.textures.iter().flatten().any(|image| resettled.contains(image));
+        let users = (0..).zip(&table.slots).filter(|(_, slot)| uses(slot));
+        table.waiting.extend(users.map(|(index, _)| index));
     }
     if !table.waiting.is_empty() {
         for index in table.waiting.iter().copied().collect::<Vec<_>>() {

@@ -48,12 +48,17 @@ impl ClampedSettings {
     /// Hits take light from the last frame. The ground truth shades all of them, and so do rays from fragment shaders: few cameras have
     /// them.
     pub fn reuses_screen(&self) -> bool {
-        let has_lists = match self.technique {
-            ReflectionTechnique::Reference | ReflectionTechnique::Quarter | ReflectionTechnique::Variable => true,
-            ReflectionTechnique::QuarterInline | ReflectionTechnique::Converged => false,
-        };
-        self.screen_traces == ScreenTraces::Reuse && has_lists && self.backend != ReflectionBackend::HardwareVrs
+        self.screen_traces == ScreenTraces::Reuse && can_reuse_screen(self.technique, self.backend)
     }
+}
+
+/// Returns whether rays of this technique and back end can take light from the screen.
+pub(crate) fn can_reuse_screen(technique: ReflectionTechnique, backend: ReflectionBackend) -> bool {
+    let has_lists = match technique {
+        ReflectionTechnique::Reference | ReflectionTechnique::Quarter | ReflectionTechnique::Variable => true,
+        ReflectionTechnique::QuarterInline | ReflectionTechnique::Converged => false,
+    };
+    has_lists && backend != ReflectionBackend::HardwareVrs
 }
 
 impl From<&RayTracedReflections> for ClampedSettings {

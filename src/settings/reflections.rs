@@ -207,22 +207,22 @@ pub enum ScreenTraces {
     /// shadow rays. The camera keeps a copy of its lit picture: 8 bytes per pixel, and a pass that writes it.
     ///
     /// The picture is that of opaque surfaces, with their reflections, ambient occlusion and clustered decals. What is blended over them is
-    /// not in it. These hits are shaded:
+    /// not in it. Materials that draw no prepass lend their colour to what lies behind them, and objects that rays don't see lend theirs to
+    /// a surface right behind them. These hits are shaded:
     ///
-    /// - what lay outside of the view or behind something, or turned its back on the viewer;
+    /// - what lay outside of the view or behind something, faced away from the viewer, or was seen at a grazing angle;
     /// - objects that have moved or changed their pose since the last frame, and see-through surfaces;
-    /// - surfaces whose light depends on the side that they are seen from: those with a perceptual roughness below 0.3, and metals below
-    ///   0.7;
-    /// - surfaces in distance fog, which the last frame shows from elsewhere;
+    /// - surfaces whose look depends on the viewing angle: those with a clearcoat or a perceptual roughness below 0.3, and metals below 0.7;
+    /// - surfaces in distance fog or in an atmosphere, which the last frame shows from elsewhere;
     /// - what rays hit after their first [bounce](RayTracedReflections::max_bounces).
     ///
-    /// Views at rest shade every hit, so that they converge to what rays see. To keep custom shaders in still pictures, switch
-    /// [`converge_static_views`](ReflectionDenoiser::converge_static_views) off. The first frame after a
-    /// [`reset`](RayTracedReflections::reset) shades every hit, and so do [`Converged`](ReflectionTechnique::Converged),
-    /// [`QuarterInline`](ReflectionTechnique::QuarterInline) and [`HardwareVrs`](ReflectionBackend::HardwareVrs).
+    /// Views at rest shade every hit, so that they converge to what rays see: a look that only the picture has goes when a view comes to
+    /// rest. To keep it in still pictures, switch [`converge_static_views`](ReflectionDenoiser::converge_static_views) off. On opaque
+    /// surfaces, the first frame after a [`reset`](RayTracedReflections::reset) shades every hit. So do [`Converged`](ReflectionTechnique::Converged),
+    /// [`QuarterInline`](ReflectionTechnique::QuarterInline) and [`HardwareVrs`](ReflectionBackend::HardwareVrs), always.
     ///
-    /// Reused light is that of the picture: it is a frame late, its shadows come from shadow maps, and it has met as many surfaces as it
-    /// has there.
+    /// Reused light is that of the picture: it is a frame late, its shadows come from shadow maps, and it contains as many bounces as the
+    /// picture does.
     Reuse,
 }
 

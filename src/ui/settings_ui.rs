@@ -12,7 +12,7 @@ use crate::{
     settings::{
         PAPER_LEVEL, RayTracedReflections, ReflectionBackend, ReflectionDebugSplit, ReflectionDebugView,
         ReflectionDenoiser, ReflectionPreset, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip,
-        ReflectionTracerChoice, ScreenTraces,
+        ReflectionTracerChoice, ScreenTraces, can_reuse_screen,
     },
     status::ReflectionStatusReport,
 };
@@ -262,10 +262,7 @@ fn screen_traces(ui: &mut Ui, settings: &mut RayTracedReflections) {
         Choice::variant(ScreenTraces::Off, "Off"),
         Choice::variant(ScreenTraces::Reuse, "Reuse"),
     ];
-    let shades_all = matches!(
-        settings.technique,
-        ReflectionTechnique::QuarterInline | ReflectionTechnique::Converged
-    ) || settings.backend == ReflectionBackend::HardwareVrs;
+    let shades_all = !can_reuse_screen(settings.technique, settings.backend);
     let row = Row::new("Screen traces", tooltip!(RayTracedReflections.screen_traces));
     field(
         ui,

@@ -28,6 +28,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 const SIZE: UVec2 = uvec2(96, 64);
 const LEAST_COSINE: f32 = 0.1;
 const DISTANCE_TOLERANCE: f32 = 0.005;
+const MOST_PIXELS: f32 = 8.0;
+const DISTANCE_ROUNDING: f32 = 0.0005;
 const REACH: f32 = 1.5;
 
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
@@ -69,18 +71,23 @@ fn twin(input: &Input) -> (Output, f32) {
         input.back
     };
     let cosine = input.normal.dot(towards);
-    let inside = clip.w > 0.0 && uv.cmpge(Vec2::ZERO).all() && uv.cmplt(Vec2::ONE).all();
+    let before = clip.w > 0.0 && (0.0..=clip.w).contains(&clip.z);
+    let inside = before && uv.cmpge(Vec2::ZERO).all() && uv.cmplt(Vec2::ONE).all();
     let width = input.spread * if input.orthographic == 0 { distance } else { 1.0 };
     let slope = (1.0 - cosine * cosine).max(0.0).sqrt() / cosine.max(LEAST_COSINE);
+    let apart = (DISTANCE_TOLERANCE * distance)
+        .min(MOST_PIXELS * width)
+        .max(DISTANCE_ROUNDING * distance);
     let borders = uv.abs().min((uv - 1.0).abs()).min_element();
     let output = Output {
         place: uv * SIZE.as_vec2(),
         valid: u32::from(inside && cosine >= LEAST_COSINE),
         distance,
-        tolerance: DISTANCE_TOLERANCE * distance + REACH * width * slope,
+        tolerance: apart + REACH * width * slope,
         ..Default::default()
     };
-    (output, borders.min((cosine - LEAST_COSINE).abs()).min(clip.w.abs()))
+    let depths = clip.w.abs().min(clip.z.abs()).min((clip.w - clip.z).abs());
+    (output, borders.min((cosine - LEAST_COSINE).abs()).min(depths))
 }
 
 /// Numbers from -1 to 1, the same in every run.
