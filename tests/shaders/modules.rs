@@ -347,7 +347,7 @@ fn instances_and_materials_match_the_cpu() {
 }
 
 #[test]
-fn lights_and_uniforms_match_the_cpu() {
+fn lights_and_counts_match_the_cpu() {
     let module = structs();
     same_layout!(
         module,
@@ -389,6 +389,11 @@ fn lights_and_uniforms_match_the_cpu() {
             light_leaf_count
         ]
     );
+}
+
+#[test]
+fn surroundings_match_the_cpu() {
+    let module = structs();
     same_layout!(
         module,
         "EnvironmentUniform",
