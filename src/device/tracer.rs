@@ -64,8 +64,8 @@ pub(crate) fn choose_tracer(
     limits: &WgpuLimits,
 ) -> (ReflectionTracer, Vec<String>) {
     let mut missing = ray_query_features().difference(features);
-    // Limits of acceleration structures are zero unless they were asked for.
-    if limits.max_acceleration_structures_per_shader_stage == 0
+    // Limits of acceleration structures are zero unless they were asked for. Objects that move may have one of their own.
+    if limits.max_acceleration_structures_per_shader_stage < 2
         || limits.max_tlas_instance_count == 0
         || limits.max_blas_primitive_count == 0
         || limits.max_blas_geometry_count == 0
@@ -113,7 +113,7 @@ mod tests {
         let all = ray_query_features();
         let none = WgpuFeatures::empty();
         let limits = WgpuLimits {
-            max_acceleration_structures_per_shader_stage: 1,
+            max_acceleration_structures_per_shader_stage: 2,
             max_tlas_instance_count: 1000,
             max_blas_primitive_count: 1000,
             max_blas_geometry_count: 1,
@@ -132,13 +132,21 @@ mod tests {
         let (tracer, reasons) = choose_tracer(ReflectionTracerChoice::RayQuery, none);
         assert_eq!(tracer, ReflectionTracer::Bvh);
         assert!(reasons[0].contains("RAY_QUERY"), "{reasons:?}");
-        let limits = WgpuLimits {
-            max_blas_geometry_count: 0,
-            ..limits
-        };
-        assert_eq!(
-            choose_tracer_of(ReflectionTracerChoice::Auto, all, &limits).0,
-            ReflectionTracer::Bvh
-        );
+        let fewer = [
+            WgpuLimits {
+                max_blas_geometry_count: 0,
+                ..limits.clone()
+            },
+            WgpuLimits {
+                max_acceleration_structures_per_shader_stage: 1,
+                ..limits
+            },
+        ];
+        for limits in fewer {
+            assert_eq!(
+                choose_tracer_of(ReflectionTracerChoice::Auto, all, &limits).0,
+                ReflectionTracer::Bvh
+            );
+        }
     }
 }

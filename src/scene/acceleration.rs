@@ -5,33 +5,24 @@
 
 mod blas;
 mod level;
+mod object;
+mod submit;
 
-use super::{gpu_types::INSTANCE_RESTLESS, meshes::SceneMeshes};
-use crate::device::try_allocate;
+use super::meshes::SceneMeshes;
 use bevy::{
-    log::warn_once,
-    math::Affine3A,
     platform::collections::{HashMap, HashSet},
     render::{
-        render_resource::{AccelerationStructureFlags, Blas, BlasBuildEntry, CommandEncoderDescriptor, Tlas},
+        render_resource::{AccelerationStructureFlags, Blas, Tlas},
         renderer::{RenderDevice, RenderQueue},
     },
 };
 use blas::{PendingBlas, Refusal};
 use level::{Level, LevelBuild};
+use submit::submit_builds;
 
 pub use blas::BlasKey;
 pub use level::rows;
-
-/// Cull mask bit of everything that reflection rays see.
-pub const MASK_REFLECTED: u8 = 1;
-/// Cull mask bit of what blocks shadow rays.
-pub const MASK_CASTS_SHADOW: u8 = 2;
-/// Cull mask bit of what may let rays pass.
-pub const MASK_HAS_HOLES: u8 = 4;
-
-/// Cull mask bits of the groups of an object's render layers, as they stand in the highest byte of its flags.
-pub const MASK_GROUPS: u8 = 0xf8;
+pub use object::{PosedVertices, RayQueryInstance};
 
 /// Triangles that go into one build command, to bound the driver's scratch memory.
 const TRIANGLES_PER_BUILD: u32 = 4_000_000;
@@ -44,36 +35,6 @@ const MANY_OBJECTS: usize = 1024;
 const MOST_IDLE: usize = 256;
 /// Frames until more of them go back to the others, which takes a build over all objects.
 const IDLE_FRAMES: u32 = 60;
-
-/// Vertices of an object that has its own, in a pose.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PosedVertices {
-    /// In the geometry buffer, counted in vertices.
-    pub first_vertex: u32,
-    /// Changes with each pose, and is unlike that of any other object.
-    pub revision: u64,
-}
-
-/// One instance of the TLAS to build.
-pub struct RayQueryInstance {
-    /// Index in the instance buffer.
-    pub slot: u32,
-    /// Its BLAS, or the variant that is made of its own vertices.
-    pub blas: BlasKey,
-    /// Its own vertices, if it has any.
-    pub posed: Option<PosedVertices>,
-    /// Object to world.
-    pub world_from_object: Affine3A,
-    /// `INSTANCE_` flags.
-    pub flags: u32,
-}
-
-impl RayQueryInstance {
-    /// It moved lately, or changes its shape.
-    fn is_moving(&self) -> bool {
-        self.posed.is_some() || self.flags & INSTANCE_RESTLESS != 0
-    }
-}
 
 /// The objects of a frame.
 pub struct RayQueryObjects<'a> {
@@ -432,28 +393,6 @@ impl AccelerationStructures {
     }
 }
 
-/// Has the driver build these structures. Returns false, and leaves all as it was, where it has no memory to do that.
-fn submit_builds<'a>(
-    label: &'static str,
-    blas: &'a [BlasBuildEntry<'a>],
-    tlas: Option<&'a Tlas>,
-    device: &RenderDevice,
-    queue: &RenderQueue,
-) -> bool {
-    let commands = try_allocate(device, || {
-        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor { label: Some(label) });
-        encoder.build_acceleration_structures(blas, tlas);
-        encoder.finish()
-    });
-    if commands.is_none() {
-        warn_once!(
-            "objects are missing from reflections, since the device has no memory to build acceleration structures; use \
-             fewer or smaller meshes, or keep some out with `NotReflected`"
-        );
-    }
-    commands.map(|commands| queue.submit([commands])).is_some()
-}
-
 /// The BLAS of an object with a pose.
 struct PosedBlas {
     blas: PendingBlas,
@@ -509,10 +448,11 @@ mod tests {
     use super::*;
     use crate::{
         device::{REFUSES, ReflectionTracer},
-        scene::test_gpu,
+        scene::{gpu_types::INSTANCE_RESTLESS, test_gpu},
     };
     use bevy::{
         asset::{AssetId, uuid::Uuid},
+        math::Affine3A,
         mesh::Mesh,
         prelude::Sphere,
     };

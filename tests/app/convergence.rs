@@ -262,3 +262,35 @@ fn history_follows_reflected_images() {
         "{with} with a history of images, {without} without one"
     );
 }
+
+/// Mean difference between neighbours in a row: noise, where the surface is one and the same.
+fn grain(pixels: &[[f32; 4]], width: usize) -> f32 {
+    let level = pixels.iter().map(|pixel| pixel[1]).sum::<f32>() / pixels.len() as f32;
+    let rows = pixels.chunks_exact(width);
+    let apart = rows.flat_map(|row| row.windows(2).map(|pair| (pair[0][1] - pair[1][1]).abs()));
+    apart.sum::<f32>() / (pixels.len() as f32 * level)
+}
+
+/// Young pictures are blurred where they have noise, in the pass that shows them.
+#[test]
+fn young_pictures_are_blurred() {
+    let size = UVec2::new(96, 64);
+    let Some(mut app) = app(size, Output::Linear, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let app = &mut app;
+    spawn_mesh(app, wall(), metal(0.6), Transform::IDENTITY);
+    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Demo);
+    let grains = [0.0, 3.0].map(|radius| {
+        switch(app, camera, "quarter");
+        let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
+        settings.denoiser.blur_radius = radius;
+        settings.denoiser.converge_static_views = false;
+        warm_up(app);
+        app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
+        app.step(3);
+        grain(&app.capture_linear().unwrap(), size.x as usize)
+    });
+    println!("grain {} without the blur, {} with it", grains[0], grains[1]);
+    assert!(grains[0] > 0.005 && grains[1] < 0.8 * grains[0], "{grains:?}");
+}

@@ -1,6 +1,9 @@
 //! Top-level structures.
 
-use super::{MASK_CASTS_SHADOW, MASK_GROUPS, MASK_HAS_HOLES, MASK_REFLECTED, RayQueryInstance, submit_builds};
+use super::{
+    object::{MASK_CASTS_SHADOW, MASK_GROUPS, MASK_HAS_HOLES, MASK_REFLECTED, RayQueryInstance},
+    submit::submit_builds,
+};
 use crate::{
     device::try_allocate,
     scene::gpu_types::{INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW},
