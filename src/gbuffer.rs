@@ -75,7 +75,7 @@ pub(crate) struct PassContext<'a> {
     pub noise: &'a TextureView,
     /// The lit frame.
     pub frame: &'a TextureView,
-    /// What the camera showed, for rays that reuse it: [`Targets::screen`] of the opaque surfaces' textures.
+    /// The picture that rays reuse: [`Targets::screen`] of the opaque surfaces' textures.
     pub screen: Option<&'a TextureView>,
     /// Tiles outside of which the view holds no surface of these passes; `None` where it may hold some anywhere.
     pub tiles: Option<URect>,

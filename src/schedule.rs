@@ -94,7 +94,7 @@ impl Plugin for SchedulePlugin {
                         .after(deferred_lighting)
                         .before(main_opaque_pass_3d)
                         .in_set(Core3dSystems::MainPass),
-                    // What is blended over opaque surfaces isn't where they are.
+                    // Surfaces that are blended over opaque ones aren't where those are.
                     ReflectionSystems::KeepScreens
                         .after(main_opaque_pass_3d)
                         .before(main_transmissive_pass_3d)

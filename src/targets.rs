@@ -37,7 +37,7 @@ pub const HIT_FORMAT: TextureFormat = HISTORY_SURFACE_FORMAT;
 pub const ACCUMULATION_FORMAT: TextureFormat = TextureFormat::Rgba32Float;
 /// Radiance that the composite adds to the lit frame.
 pub const REFLECTION_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
-/// What the camera showed: exposed light, and the distance from the viewer in metres (at most 60,000; 0 is the sky).
+/// The picture for rays that reuse it: exposed light, and the distance from the viewer in metres (at most 60,000; 0 is the sky).
 pub const SCREEN_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 
 /// Trace pixels of a view in each direction, at most: a block of the ray list has so many bits for its place.

@@ -1,4 +1,4 @@
-//! What the camera shows, kept for rays that take light from it.
+//! The copy of the lit frame for rays that take light from it.
 
 use crate::{
     gbuffer::{Binding, GBufferPass, OtherGroups, PassContext},

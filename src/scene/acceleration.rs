@@ -4,9 +4,9 @@
 //! their own: a movement then costs what moves, not what exists. Rays look into both.
 
 mod blas;
-mod level;
 mod object;
 mod submit;
+mod tlas;
 
 use super::meshes::SceneMeshes;
 use bevy::{
@@ -17,12 +17,12 @@ use bevy::{
     },
 };
 use blas::{PendingBlas, Refusal};
-use level::{Level, LevelBuild};
 use submit::submit_builds;
+use tlas::{ResizableTlas, TlasBuild};
 
 pub use blas::BlasKey;
-pub use level::rows;
 pub use object::{PosedVertices, RayQueryInstance};
+pub use tlas::rows;
 
 /// Triangles that go into one build command, to bound the driver's scratch memory.
 const TRIANGLES_PER_BUILD: u32 = 4_000_000;
@@ -31,9 +31,10 @@ const REFUSED_FRAMES: u32 = 300;
 /// Objects from which on those that move have a TLAS of their own. More saves rays a second search in smaller scenes; less saves the CPU
 /// time of building one over all of them.
 const MANY_OBJECTS: usize = 1024;
-/// Objects that may stand among those that move although they don't.
+/// Objects that may stand among those that move although they don't. More makes each movement cost more; fewer builds all more often.
 const MOST_IDLE: usize = 256;
-/// Frames until more of them go back to the others, which takes a build over all objects.
+/// Frames until more of them go back to the others, which takes a build over all objects. More makes movements expensive for longer; fewer
+/// makes frames that take long more frequent while objects stream in.
 const IDLE_FRAMES: u32 = 60;
 
 /// The objects of a frame.
@@ -46,7 +47,7 @@ pub struct RayQueryObjects<'a> {
     pub changed: &'a [u32],
     /// The object of a slot, where there is one that rays can hit.
     pub get: &'a dyn Fn(u32) -> Option<RayQueryInstance>,
-    /// Those that move may have a TLAS of their own.
+    /// A TLAS of their own is allowed to objects that move.
     pub may_split: bool,
 }
 
@@ -60,12 +61,12 @@ pub struct AccelerationStructures {
     /// Frames until what lacked memory is tried again; 0 where nothing did.
     retry_in: u32,
     /// Over all objects, but for those of `moving`.
-    still: Level,
+    still: ResizableTlas,
     /// By slot, whether `still` was built with the object.
     is_still: Vec<bool>,
     /// BLASes that `still` was built with.
     still_blas: HashSet<BlasKey>,
-    moving: Option<Level>,
+    moving: Option<ResizableTlas>,
     /// Slots of the objects in `moving`, in order: so their objects are read as they lie in memory.
     movers: Vec<u32>,
     /// By slot, whether the object is in `moving`.
@@ -84,7 +85,7 @@ impl AccelerationStructures {
             posed: HashMap::default(),
             refused: HashMap::default(),
             retry_in: 0,
-            still: Level::new(device, queue),
+            still: ResizableTlas::new(device, queue),
             is_still: Vec::new(),
             still_blas: HashSet::default(),
             moving: None,
@@ -118,7 +119,7 @@ impl AccelerationStructures {
         let is_due = waited && self.retry_in == 0;
         if is_due {
             self.refused.clear();
-            // What waits may be anywhere.
+            // Objects that wait may belong to either structure.
             self.is_still.clear();
         }
         is_due
@@ -227,7 +228,7 @@ impl AccelerationStructures {
         self.is_mover = flags_of(&moving, objects.slots);
         self.still_blas = still.iter().map(|object| object.blas).collect();
         if self.moving.is_some() != is_split {
-            self.moving = is_split.then(|| Level::new(device, queue));
+            self.moving = is_split.then(|| ResizableTlas::new(device, queue));
             self.generation += 1;
         }
         let blas_of = blas_in(&self.blas, &self.posed);
@@ -241,8 +242,8 @@ impl AccelerationStructures {
         built
     }
 
-    fn follow(&mut self, outcome: Option<LevelBuild>) {
-        let Some(LevelBuild { replaced, lacking }) = outcome else {
+    fn follow(&mut self, outcome: Option<TlasBuild>) {
+        let Some(TlasBuild { replaced, lacking }) = outcome else {
             return;
         };
         self.generation += u64::from(replaced);
@@ -456,7 +457,7 @@ mod tests {
         mesh::Mesh,
         prelude::Sphere,
     };
-    use level::SMALLEST_TLAS;
+    use tlas::SMALLEST_TLAS;
 
     const MESH: AssetId<Mesh> = AssetId::Uuid {
         uuid: Uuid::from_u128(1),
@@ -523,7 +524,7 @@ mod tests {
             return;
         };
         let mut structures = AccelerationStructures::new(&device, &queue);
-        // Returns the objects that the second structure was built with if the first one stays, and whether all were built.
+        // Returns whether all were built, whether there are two structures, and the objects in the second.
         let mut frame = |slots: u32, gone: &[u32], restless: &[u32], changed: &[u32], may_split: bool| {
             let get = |slot| {
                 let flags = if restless.contains(&slot) { INSTANCE_RESTLESS } else { 0 };

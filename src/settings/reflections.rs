@@ -195,7 +195,7 @@ words!(ReflectionSampling {
     Halton = "halton",
 });
 
-/// Whether the last frame lights what rays hit. The tracer finds hits in either case.
+/// Use of the last frame as the light of what rays hit. The tracer finds hits in either case.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]

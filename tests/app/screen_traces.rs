@@ -3,7 +3,7 @@
 use crate::{
     common::app_of,
     pictures::{BOTH, apps, differing_pixels, dump, flip, reflect, warm_up},
-    stage::{BLUE, SIZE, metal, report, spawn_camera, spawn_mesh, unlit, until_at_rest},
+    stage::{BLUE, SIZE, clear_glass, metal, report, spawn_camera, spawn_mesh, unlit, until_at_rest},
 };
 use bevy::{
     asset::uuid_handle,
@@ -277,13 +277,7 @@ fn views_in_motion_find_what_they_saw(stage: &mut Stage, expected: &[u8]) {
 
 #[test]
 fn reflections_on_glass_show_this_frame() {
-    let glass = StandardMaterial {
-        base_color: Color::NONE,
-        alpha_mode: AlphaMode::Premultiplied,
-        reflectance: 1.0,
-        perceptual_roughness: 0.0,
-        ..default()
-    };
+    let glass = clear_glass();
     let Some(mut stage) = Stage::new(ReflectionTracerChoice::Bvh, glass) else {
         return;
     };

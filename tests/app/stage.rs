@@ -34,6 +34,17 @@ pub fn metal(perceptual_roughness: f32) -> StandardMaterial {
     }
 }
 
+/// Smooth glass without a colour of its own, of which nothing is seen but reflections.
+pub fn clear_glass() -> StandardMaterial {
+    StandardMaterial {
+        base_color: Color::NONE,
+        alpha_mode: AlphaMode::Premultiplied,
+        reflectance: 1.0,
+        perceptual_roughness: 0.0,
+        ..default()
+    }
+}
+
 /// Fills the picture of a camera before the mirror.
 pub fn wall() -> Rectangle {
     Rectangle::new(12.0, 12.0)

@@ -3,7 +3,7 @@
 use crate::{
     common::app_with,
     pictures::{BOTH, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, spawn_camera, spawn_mesh, unlit},
+    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, clear_glass, spawn_camera, spawn_mesh, unlit},
 };
 use bevy::{
     asset::uuid_handle,
@@ -59,13 +59,7 @@ fn stage(tracer: ReflectionTracerChoice) -> Option<(HeadlessApp, Entity)> {
             MaterialPlugin::<OfLeaning>::default(),
         ));
     })?;
-    let glass = StandardMaterial {
-        base_color: Color::NONE,
-        alpha_mode: AlphaMode::Premultiplied,
-        reflectance: 1.0,
-        perceptual_roughness: 0.0,
-        ..default()
-    };
+    let glass = clear_glass();
     let pane = Rectangle::new(0.7, 3.0);
     let place = |column: f32| Transform::from_xyz(0.75 * column, 0.0, 0.8);
     spawn_mesh(&mut app, pane, glass.clone(), place(-1.0));

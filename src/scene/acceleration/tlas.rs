@@ -25,21 +25,21 @@ pub(super) const SMALLEST_TLAS: u32 = 64;
 const MOST_INSTANCES: u32 = 1 << 24;
 
 /// A TLAS that grows and shrinks with its objects.
-pub(super) struct Level {
+pub(super) struct ResizableTlas {
     pub tlas: Tlas,
     pub capacity: u32,
 }
 
-/// What became of a build.
+/// Result of a build.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) struct LevelBuild {
+pub(super) struct TlasBuild {
     /// The TLAS is another object.
     pub replaced: bool,
     /// Something lacked memory.
     pub lacking: bool,
 }
 
-impl Level {
+impl ResizableTlas {
     /// An empty TLAS.
     pub fn new(device: &RenderDevice, queue: &RenderQueue) -> Self {
         let level = Self::with_capacity(tlas_capacity(0, instance_limit(device)), device);
@@ -65,8 +65,8 @@ impl Level {
         mut blas_of: impl FnMut(&RayQueryInstance) -> Option<&'a Blas>,
         device: &RenderDevice,
         queue: &RenderQueue,
-    ) -> LevelBuild {
-        let mut outcome = LevelBuild {
+    ) -> TlasBuild {
+        let mut outcome = TlasBuild {
             replaced: false,
             lacking: false,
         };
