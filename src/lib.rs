@@ -138,6 +138,7 @@ pub use vrs::{HardwareVrs, HardwareVrsPlugin};
 #[doc(hidden)]
 pub mod internals {
     pub use crate::{
+        device::refuse_memory,
         diagnostics::{CountInvocations, TotalTimeOnly, WithoutReflections},
         readback::{Copied, Target},
         scene::{

@@ -66,7 +66,7 @@ pub struct ReflectionStatusReport {
     /// Meshes whose acceleration structure is being built; they are absent from reflections until then.
     pub meshes_pending: usize,
     /// Meshes that are absent from reflections, since the device has no room for them: all meshes share the largest buffer that it can
-    /// bind (`max_storage_buffer_binding_size`). They appear once others are gone.
+    /// bind (`max_storage_buffer_binding_size`). They appear once others are gone. One that has outgrown its room shows its last version.
     pub meshes_without_room: usize,
     /// Meshes that rays can hit.
     pub meshes: usize,

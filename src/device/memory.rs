@@ -1,4 +1,4 @@
-//! Allocations that the device may refuse.
+//! Allocations that the device may refuse, and when it is asked again.
 
 use bevy::{
     render::renderer::RenderDevice,
@@ -6,22 +6,96 @@ use bevy::{
 };
 use wgpu::ErrorFilter;
 
+/// Frames until the device is asked again for memory that it refused. Less asks a device that is full again and again; with more,
+/// reflections come back later.
+pub(crate) const REFUSED_FRAMES: u32 = 300;
+
 #[cfg(test)]
 thread_local! {
     /// Tests have all that this thread asks for refused.
     pub(crate) static REFUSES: core::cell::Cell<bool> = const { core::cell::Cell::new(false) };
 }
 
+/// Devices that refuse all memory that reflections ask for.
+#[cfg(feature = "internals")]
+static REFUSING: std::sync::Mutex<Vec<wgpu::Device>> = std::sync::Mutex::new(Vec::new());
+
+/// Has a device refuse all memory that reflections ask for, or no longer.
+#[cfg(feature = "internals")]
+pub fn refuse_memory(device: &RenderDevice, refuses: bool) {
+    let mut refusing = REFUSING.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    refusing.retain(|other| other != device.wgpu_device());
+    if refuses {
+        refusing.push(device.wgpu_device().clone());
+    }
+}
+
+/// Returns whether a test has the device refuse.
+fn refuses(_device: &RenderDevice) -> bool {
+    #[cfg(test)]
+    if REFUSES.get() {
+        return true;
+    }
+    #[cfg(feature = "internals")]
+    if let Ok(refusing) = REFUSING.lock()
+        && refusing.contains(_device.wgpu_device())
+    {
+        return true;
+    }
+    false
+}
+
 /// Makes something that takes memory of the device; `None` where there isn't enough. Otherwise the error would end most apps.
 ///
 /// Browsers answer later than this function: there, too little memory is an error of the device as ever.
 pub(crate) fn try_allocate<T>(device: &RenderDevice, create: impl FnOnce() -> T) -> Option<T> {
-    #[cfg(test)]
-    if REFUSES.get() {
+    if refuses(device) {
         return None;
     }
     let scope = device.wgpu_device().push_error_scope(ErrorFilter::OutOfMemory);
     let created = create();
     let error = block_on(poll_once(scope.pop())).flatten();
     error.is_none().then_some(created)
+}
+
+/// When the device is asked again for memory that it refused. Others may have had it, so that no count of ours tells when it is free.
+#[derive(Debug, Default)]
+pub(crate) struct MemoryRetry {
+    /// Frames until then; 0 where nothing was refused.
+    frames: u32,
+}
+
+impl MemoryRetry {
+    /// Memory was refused. Later refusals don't put off what waits already.
+    pub fn begin(&mut self) {
+        if self.frames == 0 {
+            self.frames = REFUSED_FRAMES;
+        }
+    }
+
+    /// A frame goes by. Returns whether the device is to be asked again now.
+    pub fn is_due(&mut self) -> bool {
+        let waited = self.frames > 0;
+        self.frames = self.frames.saturating_sub(1);
+        waited && self.frames == 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_device_is_asked_again_once_and_refusals_do_not_put_it_off() {
+        let mut retry = MemoryRetry::default();
+        assert!(!retry.is_due(), "nothing was refused");
+        retry.begin();
+        assert!((1..REFUSED_FRAMES).all(|_| {
+            retry.begin();
+            !retry.is_due()
+        }));
+        assert!(retry.is_due() && !retry.is_due());
+        retry.begin();
+        assert_eq!((1..=REFUSED_FRAMES).find(|_| retry.is_due()), Some(REFUSED_FRAMES));
+    }
 }

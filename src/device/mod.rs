@@ -13,9 +13,11 @@ pub use shading_rates::ShadingRates;
 pub use texture_mode::ReflectionTextureMode;
 pub use tracer::ReflectionTracer;
 
+#[cfg(feature = "internals")]
+pub use memory::refuse_memory;
+pub(crate) use memory::{MemoryRetry, try_allocate};
 #[cfg(test)]
-pub(crate) use memory::REFUSES;
-pub(crate) use memory::try_allocate;
+pub(crate) use memory::{REFUSED_FRAMES, REFUSES};
 pub(crate) use support::{adapter_name, unsupported};
 pub(crate) use texture_mode::{MAX_SAMPLERS, texture_mode};
 pub(crate) use tracer::{ChosenTracer, FragmentRays, choose_tracer};

@@ -7,7 +7,7 @@ use super::{
     textures::LayerTextures,
 };
 use crate::{
-    device::{WritesInPlace, try_allocate},
+    device::{MemoryRetry, WritesInPlace, try_allocate},
     settings::{ReflectionBackend, ReflectionView, ScreenTraces},
     targets::{Needs, Sizes},
     view::{Frame, MoreMemory, PreparedView, ReflectionTextures, Surroundings},
@@ -31,9 +31,6 @@ use core::{
 /// Frames without anything see-through on the screen after which the layer of a view is given back. Less allocates
 /// it again whenever a window passes by, more holds memory that nothing uses.
 const IDLE_FRAMES: u32 = 60;
-/// Frames after which memory for the layer of a view is asked for once more. Less asks a device that is full again and again, with
-/// more the layer comes back later.
-const REFUSED_FRAMES: u32 = 300;
 
 /// The front layer of a view.
 #[derive(Component)]
@@ -121,13 +118,10 @@ pub(super) fn prepare_front_layers(
     in_place: Res<WritesInPlace>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
-    mut refused: Local<HashMap<Entity, u32>>,
+    mut refused: Local<HashMap<Entity, MemoryRetry>>,
     mut commands: Commands,
 ) {
-    refused.retain(|_, frames| {
-        *frames -= 1;
-        *frames > 0
-    });
+    refused.retain(|_, retry| !retry.is_due());
     for (view, layer, prepass) in &mut views {
         let entity = view.entity;
         let is_wanted = view.view.settings.transparent && !refused.contains_key(&entity);
@@ -164,7 +158,7 @@ pub(super) fn prepare_front_layers(
                 let Some(new) = try_allocate(&device, || FrontLayer::new(&device, view.view, extent, sizes, needs))
                 else {
                     commands.entity(entity).remove::<(FrontLayer, MoreMemory)>();
-                    refused.insert(entity, REFUSED_FRAMES);
+                    refused.entry(entity).or_default().begin();
                     continue;
                 };
                 created.insert(new)

@@ -24,7 +24,7 @@
 
 mod slice_allocator;
 
-use crate::device::try_allocate;
+use crate::device::{MemoryRetry, try_allocate};
 use bevy::render::{
     render_resource::{Buffer, BufferDescriptor, BufferUsages, CommandEncoderDescriptor},
     renderer::{RenderDevice, RenderQueue},
@@ -70,6 +70,10 @@ pub struct Arena {
     least_part: u64,
     /// Bytes that the device had no memory for, since a slice was given back last.
     refused: u64,
+    /// When it is asked for them again.
+    retry: MemoryRetry,
+    /// It may be asked in this frame.
+    may_ask_again: bool,
     generation: u64,
     stranded: Stranded,
 }
@@ -135,6 +139,8 @@ impl Arena {
             replacement: None,
             least_part: LEAST_PART,
             refused: u64::MAX,
+            retry: MemoryRetry::default(),
+            may_ask_again: false,
             generation: next_id(),
             stranded: Stranded::default(),
         }
@@ -171,9 +177,14 @@ impl Arena {
                 self.allocator.capacity_units = units;
                 return true;
             }
-            self.refused = size;
+            self.refuse(size);
         }
         false
+    }
+
+    fn refuse(&mut self, size: u64) {
+        self.refused = size;
+        self.retry.begin();
     }
 
     fn begin_replacement(&mut self, size: u64) -> bool {
@@ -198,6 +209,10 @@ impl Arena {
 
     /// Carries on with a replacement of the buffer, once in each frame. Begins one by a smaller buffer where most is free at the end.
     pub fn advance(&mut self, queue: &RenderQueue) {
+        self.may_ask_again = self.retry.is_due();
+        if self.may_ask_again {
+            self.refused = u64::MAX;
+        }
         self.stranded.advance(self.allocator.stranded_from());
         if let Some(units) = self.allocator.smaller_capacity() {
             let size = self.allocator.bytes(units);
@@ -206,14 +221,25 @@ impl Arena {
                 // It isn't needed any more.
                 self.allocator.capacity_units = (self.buffer.size() / self.allocator.bytes(1)) as u32;
             }
-            if size < self.buffer.size() && self.replacement.is_none() {
-                self.begin_replacement(size);
+            let is_wanted = size < self.buffer.size() && size < self.refused && self.replacement.is_none();
+            if is_wanted && !self.begin_replacement(size) {
+                self.refuse(size);
             }
         }
         if let Some(replacement) = &self.replacement {
             let part = part_of(replacement.buffer.size()).max(self.least_part);
             self.carry_on(part, queue);
         }
+    }
+
+    /// Returns whether the device, which had no memory for something, may have it again since this frame.
+    pub fn may_ask_again(&self) -> bool {
+        self.may_ask_again
+    }
+
+    /// Returns whether the device has lately had no memory for a larger buffer.
+    pub fn lacks_memory(&self) -> bool {
+        self.refused != u64::MAX
     }
 
     /// Returns whether a slice keeps the buffer large. In this frame, its owner should free it and take another one, or begin to.
@@ -362,7 +388,10 @@ fn create_buffer(device: &RenderDevice, label: &str, usage: BufferUsages, size: 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::test_gpu;
+    use crate::{
+        device::{REFUSED_FRAMES, REFUSES},
+        scene::test_gpu,
+    };
     use bevy::render::render_resource::BufferInitDescriptor;
     use std::sync::mpsc::channel;
     use wgpu::ErrorFilter;
@@ -485,8 +514,10 @@ mod tests {
         let first = arena.allocate(1000).unwrap();
         arena.write(&queue, &first, &[7; 1000]);
         let (used, capacity) = (arena.used_bytes(), arena.capacity_bytes());
-        arena.refused = capacity + 1;
+        REFUSES.set(true);
         assert!(arena.allocate(1_000_000).is_none());
+        REFUSES.set(false);
+        assert!(arena.allocate(1_000_000).is_none(), "it isn't asked again at once");
         assert_eq!(arena.allocator.bytes(arena.allocator.capacity_units), capacity);
         assert_eq!((arena.used_bytes(), arena.capacity_bytes()), (used, capacity));
         let small = arena.allocate(1000).expect("this much is there");
@@ -496,6 +527,17 @@ mod tests {
         let words = test_gpu::read(&device, &queue, arena.buffer());
         assert_eq!(words[first.base() as usize..][..1000], [7; 1000]);
         assert_eq!(words[large.base() as usize..][..1_000_000], [9; 1_000_000]);
+        REFUSES.set(true);
+        assert!(arena.allocate(9_000_000).is_none());
+        REFUSES.set(false);
+        let again = (1..=REFUSED_FRAMES).find(|_| {
+            arena.advance(&queue);
+            arena.may_ask_again()
+        });
+        assert_eq!(again, Some(REFUSED_FRAMES), "whoever had the memory");
+        assert!(arena.allocate(9_000_000).is_some());
+        arena.advance(&queue);
+        assert!(!arena.may_ask_again());
     }
 
     #[test]

@@ -312,7 +312,7 @@ impl LightProbes {
             self.generation += 1;
         }
         let same_data = self.data == data;
-        if !same_data {
+        if !same_data || self.buffer.waits_for_memory() {
             self.data = data;
             self.buffer.write(&self.data, 0..self.data.len(), device, queue);
         }

@@ -53,6 +53,11 @@ impl LightTable {
         self.tree.as_ref().map_or(0, |tree| tree.leaf_count() as u32)
     }
 
+    /// Returns whether [`Self::write`] is due although no light changed: the device may have the memory that it hadn't.
+    pub fn waits_for_memory(&self) -> bool {
+        self.slice.waits_for_memory()
+    }
+
     /// Takes over the lights of the scene. Where the device has no room for all of them with their tree, hits go through the first ones.
     /// Lights that aren't `touched` are as they were.
     pub fn write(&mut self, lights: &[GpuLight], touched: &Touched, device: &RenderDevice, queue: &RenderQueue) {

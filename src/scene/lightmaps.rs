@@ -23,7 +23,7 @@ impl Lightmaps {
         instances: &SceneInstances,
         textures: &mut TextureTable,
     ) {
-        dirty.extend(self.without_room.take(textures.used()));
+        dirty.extend(self.without_room.take(textures.used(), false));
         for &slot in &*dirty {
             let source = instances.get(slot).and_then(|source| source.lightmap.as_ref());
             let wanted = source.map(|lightmap| lightmap.image);

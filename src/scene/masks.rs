@@ -118,7 +118,9 @@ impl MaskSets {
         queue: &RenderQueue,
     ) -> Vec<u32> {
         self.frame += 1;
-        let mut slots = self.without_room.take(meshes.bvh.used_bytes());
+        let mut slots = self
+            .without_room
+            .take(meshes.bvh.used_bytes(), meshes.bvh.may_ask_again());
         let changed = changes.images || !changes.materials.is_empty();
         if !changed && !self.unfinished {
             return slots;

@@ -412,7 +412,7 @@ pub fn update_materials(
             table.remove(id, textures);
         }
     }
-    let with_room = table.without_room.take(textures.used());
+    let with_room = table.without_room.take(textures.used(), false);
     table.waiting.extend(with_room);
     assets.reshaped.clear();
     for id in std::mem::take(&mut assets.changed) {

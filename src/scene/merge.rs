@@ -161,7 +161,8 @@ impl StaticMerge {
         if self.scheduler.is_stale() {
             self.cancel(meshes);
         }
-        self.scheduler.note_used(meshes.bvh.used_bytes());
+        self.scheduler
+            .note_used(meshes.bvh.used_bytes(), meshes.bvh.may_ask_again());
         self.scheduler
             .advance(place_of, |_, placement| extent(meshes, placement));
         self.carry_on(meshes, queue, status);

@@ -249,6 +249,15 @@ impl SceneMeshes {
         self.geometry.used_bytes() + self.bvh.used_bytes()
     }
 
+    /// Takes meshes that may find room now, as `used` bytes are in use. Those that show their last version meanwhile become stale.
+    fn take_ready_to_try(&mut self, used: u64) -> Vec<AssetId<Mesh>> {
+        let again = self.geometry.may_ask_again() || self.bvh.may_ask_again();
+        let mut ids = self.without_room.take(used, again);
+        let shown = ids.extract_if(.., |id| self.ready.contains_key(id));
+        self.stale.extend(shown);
+        ids
+    }
+
     /// Starts the build of a mesh if its data can be read somewhere and rays may see it, and takes what is copied for it off the budget.
     /// `changed` are meshes that changed in this frame.
     fn start_from(
@@ -512,7 +521,7 @@ pub fn extract_meshes(
     wanted.extend(instances.take_new_meshes());
     // They are no longer known, so that they are built again.
     let used = meshes.used_bytes();
-    wanted.extend(meshes.without_room.take(used));
+    wanted.extend(meshes.take_ready_to_try(used));
     meshes.waiting = 0;
     wanted.retain(|id| {
         if meshes.is_known(*id) || !instances.shows(*id) {

@@ -213,16 +213,32 @@ impl Scene<'_, '_> {
                 .masks
                 .write_headers(changed, &self.materials, &mut self.meshes, queue);
         }
-        if let Some(changed) = changed_materials {
+        if changed_materials.is_some() {
             bindings.version.note(self.materials.take_change());
+        }
+        let waited = [
+            bindings.materials.waits_for_memory(),
+            bindings.lights.waits_for_memory(),
+        ];
+        if changed_materials.is_some() || waited[0] {
+            let changed = changed_materials.unwrap_or_default();
             bindings
                 .materials
                 .write(self.materials.materials(), changed, device, queue);
         }
         let (touched, change) = self.lights.take_changes();
-        if !touched.is_empty() || bindings.bind_group.is_none() {
+        if !touched.is_empty() || bindings.bind_group.is_none() || waited[1] {
             bindings.version.note(change);
             bindings.lights.write(self.lights.lights(), &touched, device, queue);
+        }
+        if waited
+            != [
+                bindings.materials.waits_for_memory(),
+                bindings.lights.waits_for_memory(),
+            ]
+        {
+            // Tables may hold what they lacked.
+            bindings.version.note(Change::Unmarked);
         }
         let uniform = GpuSceneCounts {
             light_count: bindings.lights.count(),

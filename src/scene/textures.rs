@@ -23,12 +23,10 @@ use bevy::{
 };
 
 use super::{free_slots::FreeSlots, texture_layers::TextureLayers};
-use crate::device::{MAX_SAMPLERS, ReflectionTextureMode, texture_mode};
+use crate::device::{MAX_SAMPLERS, MemoryRetry, ReflectionTextureMode, texture_mode};
 use samplers::Place;
 
 const SAMPLER_SHIFT: u32 = 20;
-/// Updates until the device is asked again for memory that it refused.
-const REFUSED_FRAMES: u32 = 300;
 
 enum State {
     /// Not on the GPU yet.
@@ -64,8 +62,8 @@ pub struct TextureTable {
     pending: Vec<u32>,
     /// Entries whose copy the device had no memory for.
     refused: Vec<u32>,
-    /// Frames until these are looked at again.
-    retry_in: u32,
+    /// When these are looked at again.
+    retry: MemoryRetry,
     resettled: Vec<AssetId<Image>>,
     /// Position of the walk over all entries that finds replaced images.
     cursor: usize,
@@ -109,7 +107,7 @@ impl FromWorld for TextureTable {
             layers,
             pending: Vec::new(),
             refused: Vec::new(),
-            retry_in: 0,
+            retry: MemoryRetry::default(),
             resettled: Vec::new(),
             cursor: 0,
             generation: 0,
@@ -335,8 +333,7 @@ impl TextureTable {
         if self.layers.as_mut().is_some_and(|layers| !layers.is_ready(pipelines)) {
             return;
         }
-        self.retry_in = self.retry_in.saturating_sub(1);
-        if self.retry_in == 0 {
+        if self.retry.is_due() {
             self.pending.append(&mut self.refused);
         }
         for index in std::mem::take(&mut self.pending) {
@@ -359,9 +356,7 @@ impl TextureTable {
                         "textures in reflections show as plain colours, since the device has no memory for their copies; \
                          use fewer textures"
                     );
-                    if self.refused.is_empty() {
-                        self.retry_in = REFUSED_FRAMES;
-                    }
+                    self.retry.begin();
                     self.refused.push(index);
                     State::Unusable
                 }

@@ -1,6 +1,6 @@
 //! A storage buffer that holds a copy of a slice.
 
-use crate::device::try_allocate;
+use crate::device::{MemoryRetry, try_allocate};
 use bevy::{
     log::warn,
     render::{
@@ -35,6 +35,8 @@ pub struct StorageSlice<T> {
     len: usize,
     /// Elements that the device had no memory for.
     refused: Option<usize>,
+    /// When it is asked for them again.
+    retry: MemoryRetry,
     /// The buffer was replaced, and holds nothing yet.
     is_empty: bool,
     warned: bool,
@@ -51,6 +53,7 @@ impl<T: NoUninit> StorageSlice<T> {
             label,
             len: 0,
             refused: None,
+            retry: MemoryRetry::default(),
             is_empty: false,
             warned: false,
             generation: 0,
@@ -80,6 +83,12 @@ impl<T: NoUninit> StorageSlice<T> {
         self.len
     }
 
+    /// Returns whether the device had no memory for a buffer of another size. It is asked again after some calls of [`Self::reserve`] or
+    /// of one that writes: make one in each frame, also without changes.
+    pub fn waits_for_memory(&self) -> bool {
+        self.refused.is_some()
+    }
+
     /// Makes room for so many elements, or as many as there can be, and returns for how many there is room. What was in the buffer may be
     /// gone until the next write.
     pub fn reserve(&mut self, wanted: usize, device: &RenderDevice) -> usize {
@@ -91,8 +100,11 @@ impl<T: NoUninit> StorageSlice<T> {
         let room = (self.buffer.size() / size) as usize;
         let wanted = wanted.min(limit);
         let needed = wanted.next_power_of_two().max(SMALLEST_ROOM).min(limit);
+        if self.retry.is_due() {
+            self.refused = None;
+        }
         let is_too_large = room > SMALLEST_ROOM && 4 * wanted < room && needed < room;
-        if (wanted > room && self.refused != Some(wanted)) || is_too_large {
+        if (wanted > room || is_too_large) && self.refused != Some(wanted) {
             self.refused = None;
             match try_allocate(device, || create(device, self.label, needed as u64 * size)) {
                 Some(buffer) => {
@@ -101,7 +113,10 @@ impl<T: NoUninit> StorageSlice<T> {
                     self.is_empty = true;
                     return needed;
                 }
-                None => self.refused = Some(wanted),
+                None => {
+                    self.refused = Some(wanted);
+                    self.retry.begin();
+                }
             }
         }
         room.min(limit)
@@ -124,8 +139,8 @@ impl<T: NoUninit> StorageSlice<T> {
         let changed = sorted.len() as u64 * size;
         let written = runs(sorted, GAP).map(|run| run.len() as u64).sum::<u64>() * size;
         let workgroups = (changed / 16).div_ceil(u64::from(THREADS));
-        if written > (4 * changed).max(CHEAP_BYTES) && workgroups <= u64::from(MOST_WORKGROUPS) {
-            self.scatter(data, sorted, workgroups as u32, device, queue);
+        let is_scattered = written > (4 * changed).max(CHEAP_BYTES) && workgroups <= u64::from(MOST_WORKGROUPS);
+        if is_scattered && self.scatter(data, sorted, workgroups as u32, device, queue) {
             return;
         }
         for run in runs(sorted, GAP) {
@@ -133,15 +148,25 @@ impl<T: NoUninit> StorageSlice<T> {
         }
     }
 
-    /// Writes the elements in one piece, and has a kernel put them where they belong.
-    fn scatter(&mut self, data: &[T], places: &[u32], workgroups: u32, device: &RenderDevice, queue: &RenderQueue) {
+    /// Writes the elements in one piece, and has a kernel put them where they belong. Returns false where the device has no memory for that.
+    fn scatter(
+        &mut self,
+        data: &[T],
+        places: &[u32],
+        workgroups: u32,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) -> bool {
         let scatter = self
             .scatter
             .get_or_insert_with(|| Scatter::new(device, size_of::<T>() / 16));
         let elements = places.iter().map(|place| bytes_of(&data[*place as usize]));
-        fill(&mut scatter.elements, size_of::<T>(), elements, device, queue);
         let bytes = cast_slice(places);
-        fill(&mut scatter.places, bytes.len(), core::iter::once(bytes), device, queue);
+        let is_filled = fill(&mut scatter.elements, size_of::<T>(), elements, device, queue)
+            && fill(&mut scatter.places, bytes.len(), core::iter::once(bytes), device, queue);
+        if !is_filled {
+            return false;
+        }
         let part = |buffer, size: usize| {
             BindingResource::Buffer(BufferBinding {
                 buffer,
@@ -174,6 +199,7 @@ impl<T: NoUninit> StorageSlice<T> {
         }
         // At once, in the order of all other writes.
         queue.submit([encoder.finish()]);
+        true
     }
 
     fn write_within(
@@ -224,26 +250,31 @@ impl Scatter {
     }
 }
 
-/// Writes pieces of the same size to the start of a buffer, and replaces it where it is too small or much too large.
+/// Writes pieces of the same size to the start of a buffer, and replaces it where it is too small or much too large. Returns false where
+/// the device has no memory for another one.
 fn fill<'a>(
     buffer: &mut Buffer,
     piece: usize,
     pieces: impl ExactSizeIterator<Item = &'a [u8]>,
     device: &RenderDevice,
     queue: &RenderQueue,
-) {
+) -> bool {
     let bytes = (pieces.len() * piece) as u64;
     let size = bytes.next_power_of_two();
     if !(size..=8 * size).contains(&buffer.size()) {
-        *buffer = create(device, SCATTERED, size);
+        let Some(other) = try_allocate(device, || create(device, SCATTERED, size)) else {
+            return false;
+        };
+        *buffer = other;
     }
     // Without a copy of all pieces in between.
     let view = NonZeroU64::new(bytes).and_then(|bytes| queue.write_buffer_with(buffer, 0, bytes));
-    let Some(mut view) = view else { return };
+    let Some(mut view) = view else { return false };
     let mut all = view.slice(..);
     for (index, bytes) in pieces.enumerate() {
         all.slice(index * piece..(index + 1) * piece).copy_from_slice(bytes);
     }
+    true
 }
 
 fn scatter_pipeline(device: &RenderDevice, rows: usize) -> ComputePipeline {
@@ -282,7 +313,10 @@ fn create(device: &RenderDevice, label: &'static str, size: u64) -> Buffer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::test_gpu;
+    use crate::{
+        device::{REFUSED_FRAMES, REFUSES},
+        scene::test_gpu,
+    };
 
     #[test]
     fn near_indices_share_a_range() {
@@ -316,6 +350,14 @@ mod tests {
             slice.write_elements(&data, &sorted, &device, &queue);
         }
         assert!(slice.scatter.is_some(), "one in nine is written by a kernel");
+        // Without memory for the kernel they are written one by one.
+        let sorted: Vec<u32> = (5..COUNT as u32).step_by(8).collect();
+        for index in &sorted {
+            data[*index as usize] = [3 * index; 8];
+        }
+        REFUSES.set(true);
+        slice.write_elements(&data, &sorted, &device, &queue);
+        REFUSES.set(false);
         let words = test_gpu::read(&device, &queue, &slice.buffer);
         assert_eq!(words, data.as_flattened());
     }
@@ -343,12 +385,27 @@ mod tests {
             return;
         };
         let mut slice = StorageSlice::<u32>::new(&device, "glint_numbers");
-        slice.refused = Some(100);
         let data: Vec<u32> = (0..100).collect();
-        slice.write(&data, 0..100, &device, &queue);
-        assert_eq!((slice.count(), slice.buffer().size()), (16, 64));
+        let write = |slice: &mut StorageSlice<u32>| {
+            slice.write(&data, 0..0, &device, &queue);
+            slice.count()
+        };
+        REFUSES.set(true);
+        assert_eq!(write(&mut slice), 16);
+        REFUSES.set(false);
+        assert_eq!(
+            (write(&mut slice), slice.waits_for_memory()),
+            (16, true),
+            "it isn't asked at once"
+        );
+        // Without any change, and whoever had the memory.
+        let frames = (1..=REFUSED_FRAMES).find(|_| write(&mut slice) == 100);
+        assert!(frames.is_some() && !slice.waits_for_memory());
         // Another length is worth another try.
-        assert_eq!(slice.reserve(99, &device), 128);
+        REFUSES.set(true);
+        assert_eq!(slice.reserve(1000, &device), 128);
+        REFUSES.set(false);
+        assert_eq!(slice.reserve(999, &device), 1024);
     }
 
     #[test]

@@ -3,8 +3,8 @@
 use bevy::platform::collections::HashMap;
 use core::hash::Hash;
 
-/// Things that found no room in a table or buffer, each with how much was in use then. A try costs time, and only what something else gave
-/// back makes room: so each is tried again once less is in use than at its last try, and not before.
+/// Things that found no room in a table or buffer, each with how much was in use then. A try costs time, and what something else gave
+/// back makes room: so each is tried again once less is in use than at its last try. Where the device had no memory, time makes room, too.
 pub(super) struct WaitingRoom<K>(HashMap<K, u64>);
 
 impl<K> Default for WaitingRoom<K> {
@@ -19,9 +19,9 @@ impl<K: Copy + Eq + Hash> WaitingRoom<K> {
         self.0.insert(key, used);
     }
 
-    /// Takes those that may find room while so much is in use.
-    pub fn take(&mut self, used: u64) -> Vec<K> {
-        let ready = self.0.extract_if(|_, before| used < *before);
+    /// Takes those that may find room while so much is in use. `again`: the device may have memory again, so all may.
+    pub fn take(&mut self, used: u64, again: bool) -> Vec<K> {
+        let ready = self.0.extract_if(|_, before| again || used < *before);
         ready.map(|(key, _)| key).collect()
     }
 
@@ -55,14 +55,16 @@ mod tests {
         let mut waiting = WaitingRoom::default();
         waiting.wait('a', 100);
         waiting.wait('b', 80);
-        assert!(waiting.take(100).is_empty(), "nothing was given back");
-        assert!(waiting.take(120).is_empty());
-        assert_eq!(waiting.take(90), ['a']);
-        assert!(waiting.take(90).is_empty(), "each is taken once");
+        assert!(waiting.take(100, false).is_empty(), "nothing was given back");
+        assert!(waiting.take(120, false).is_empty());
+        assert_eq!(waiting.take(90, false), ['a']);
+        assert!(waiting.take(90, false).is_empty(), "each is taken once");
         waiting.wait('a', 90);
         assert!(waiting.contains(&'a') && waiting.contains(&'b'));
         waiting.remove(&'b');
-        assert_eq!(waiting.take(0), ['a']);
+        assert_eq!(waiting.take(0, false), ['a']);
         assert!(waiting.is_empty());
+        waiting.wait('c', 10);
+        assert_eq!(waiting.take(20, true), ['c'], "the device may have memory again");
     }
 }

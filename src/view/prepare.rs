@@ -6,7 +6,7 @@ use super::{
     uniform::{Frame, Screen, VIEW_DRAWS_GLASS, VIEW_HAS_IRRADIANCE, VIEW_HAS_SSAO},
 };
 use crate::{
-    device::{WritesInPlace, try_allocate},
+    device::{MemoryRetry, WritesInPlace, try_allocate},
     scene::{
         SceneBindings,
         environment::{EnvironmentBindings, ViewEnvironment},
@@ -29,9 +29,6 @@ use bevy::{
     },
     time::Time,
 };
-
-/// Frames after which memory for the textures of a view is asked for once more.
-const REFUSED_FRAMES: u32 = 300;
 
 /// A reflecting view, with all that its frame depends on.
 #[derive(QueryData)]
@@ -107,18 +104,17 @@ impl PreparedViewItem<'_, '_> {
     }
 }
 
-/// Views for whose textures the device had no memory, with the frames for which they are left alone.
+/// Views for whose textures the device had no memory, with when they are tried again.
 #[derive(Resource, Default)]
-pub(crate) struct RefusedViews(EntityHashMap<u32>);
+pub(crate) struct RefusedViews(EntityHashMap<MemoryRetry>);
 
 impl RefusedViews {
     /// Returns whether a view must do without reflections in this frame. Call it once a frame.
     pub fn refuse(&mut self, view: Entity) -> bool {
-        let Some(frames) = self.0.get_mut(&view) else {
+        let Some(retry) = self.0.get_mut(&view) else {
             return false;
         };
-        *frames -= 1;
-        if *frames == 0 {
+        if retry.is_due() {
             self.0.remove(&view);
         }
         true
@@ -160,7 +156,7 @@ pub(super) fn prepare_views(
                 let Some(mut textures) = try_allocate(&device, create) else {
                     // Textures of other sizes or settings are of no use.
                     commands.entity(entity).remove::<ReflectionTextures>();
-                    refused.0.insert(entity, REFUSED_FRAMES);
+                    refused.0.entry(entity).or_default().begin();
                     continue;
                 };
                 textures.begin_frame(view, &frame);

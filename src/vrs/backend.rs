@@ -13,6 +13,7 @@ use super::{
     shader::{Linker, Target, link, linker, translate},
     states::StateSetter,
 };
+use crate::device::try_allocate;
 use bevy::{
     asset::Assets,
     ecs::{entity::EntityHashMap, prelude::*},
@@ -250,9 +251,12 @@ impl VrsBackend {
             size: pass.sizes.trace(),
             tile: pass.sizes.tile,
         };
-        let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor {
-            label: Some("glint_hardware_vrs"),
-        });
+        let create = || {
+            device.create_command_encoder(&CommandEncoderDescriptor {
+                label: Some("glint_hardware_vrs"),
+            })
+        };
+        let mut encoder = try_allocate(&device, create).ok_or("the device has no memory for commands")?;
         // SAFETY: this encoder is used for nothing else; the pass ends what it begins; what it uses is kept below.
         let recorded = unsafe {
             encoder

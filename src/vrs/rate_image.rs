@@ -1,6 +1,7 @@
 //! The shading-rate attachment of a view: an image that wgpu can't make, with the buffer that it is filled from.
 
 use super::device::{Vulkan, failed, raw_buffer};
+use crate::device::try_allocate;
 use ash::vk;
 use bevy::{
     math::UVec2,
@@ -68,12 +69,15 @@ pub(super) struct RateImage {
 impl RateImage {
     pub fn new(vulkan: &Arc<Vulkan>, device: &RenderDevice, tiles: UVec2) -> Result<Self, String> {
         let tiles = tiles.max(UVec2::ONE);
-        let words = device.create_buffer(&BufferDescriptor {
-            label: Some("glint_vrs_rates"),
-            size: 4 * u64::from(RateRows::new(tiles).total_words()),
-            usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC,
-            mapped_at_creation: false,
-        });
+        let create = || {
+            device.create_buffer(&BufferDescriptor {
+                label: Some("glint_vrs_rates"),
+                size: 4 * u64::from(RateRows::new(tiles).total_words()),
+                usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC,
+                mapped_at_creation: false,
+            })
+        };
+        let words = try_allocate(device, create).ok_or("the device has no memory for shading-rate attachments")?;
         let mut image = Self {
             vulkan: Arc::clone(vulkan),
             image: vk::Image::null(),

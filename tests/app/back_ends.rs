@@ -16,7 +16,7 @@ use bevy::{
     },
 };
 #[cfg(feature = "hardware-vrs")]
-use bevy_glint::{CombinedThresholds, HardwareVrs, HardwareVrsPlugin};
+use bevy_glint::{CombinedThresholds, HardwareVrs, HardwareVrsPlugin, internals::refuse_memory};
 use bevy_glint::{
     HardwareVrsSupport, RayTracedReflections, ReflectionBackend, ReflectionStatusReport, ReflectionTechnique,
     ReflectionTracerChoice, ShadingRate, ShadingRateHeuristic,
@@ -410,6 +410,48 @@ fn the_raw_pass_traces_the_rays_of_the_others() {
             return;
         }
     }
+}
+
+/// After an error, compute shaders trace until the pass is tried again.
+#[cfg(feature = "hardware-vrs")]
+#[test]
+fn the_raw_pass_is_taken_up_again_after_an_error() {
+    let before = |app: &mut App| {
+        app.add_plugins(HardwareVrsPlugin { allow_full_rate: true });
+    };
+    let Some(mut app) = app(ReflectionTracerChoice::Bvh, before) else {
+        return;
+    };
+    if let HardwareVrsSupport::Missing(reason) = report(&mut app).hardware_vrs {
+        println!("skipped: {reason}");
+        return;
+    }
+    let one = ShadingRateHeuristic::Uniform(ShadingRate::R1x1);
+    let viewer = add(
+        &mut app,
+        ReflectionTechnique::Variable,
+        ReflectionBackend::HardwareVrs,
+        &one,
+    );
+    render_together(&mut app, std::slice::from_ref(&viewer));
+    let device = app.device().unwrap().clone();
+    let active = |app: &mut HeadlessApp| active_backend(app, &viewer);
+    assert_eq!(active(&mut app), Some(ReflectionBackend::HardwareVrs));
+    refuse_memory(&device, true);
+    app.step(3);
+    refuse_memory(&device, false);
+    assert_eq!(active(&mut app), Some(ReflectionBackend::Compute));
+    // Not drawn meanwhile: the picture takes the time.
+    app.world().get_mut::<Camera>(viewer.camera).unwrap().is_active = false;
+    app.step(580);
+    app.world().get_mut::<Camera>(viewer.camera).unwrap().is_active = true;
+    app.step(3);
+    assert_eq!(active(&mut app), Some(ReflectionBackend::Compute), "it is too early");
+    let frames = (1..60).find(|_| {
+        app.step(1);
+        active(&mut app) == Some(ReflectionBackend::HardwareVrs)
+    });
+    assert!(frames.is_some(), "{:?}", report(&mut app));
 }
 
 /// With shading rates, the rasterizer starts as many invocations as the list has blocks.

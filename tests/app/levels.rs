@@ -17,7 +17,9 @@ use bevy::{
 };
 use bevy_glint::{
     ReflectionStatusReport, ReflectionTechnique, ReflectionTextureMode, ReflectionTracerChoice,
-    internals::{instances::SceneInstances, materials::MaterialTable, meshes::SceneMeshes, textures::TextureTable},
+    internals::{
+        instances::SceneInstances, materials::MaterialTable, meshes::SceneMeshes, refuse_memory, textures::TextureTable,
+    },
 };
 use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName};
 
@@ -240,11 +242,8 @@ fn a_level_that_was_loaded_behind_another_lets_the_buffers_shrink() {
     }
 }
 
-/// A texture for which there is no place gets one once another texture goes.
-#[test]
-fn a_texture_without_a_place_gets_one_later() {
-    // Copies in layers, of which a device has so many at least.
-    const PLACES: usize = 256;
+/// An app on a device that has textures in layers only.
+fn app_with_layers() -> Option<HeadlessApp> {
     let device = WgpuSettings {
         disabled_features: Some(WgpuFeatures::TEXTURE_BINDING_ARRAY),
         ..default()
@@ -254,9 +253,41 @@ fn a_texture_without_a_place_gets_one_later() {
         device,
         ..default()
     };
-    let Some(mut app) = app_of(settings, ReflectionTracerChoice::Bvh, |_| {}, |_| {}) else {
-        return;
-    };
+    app_of(settings, ReflectionTracerChoice::Bvh, |_| {}, |_| {})
+}
+
+/// Layers without memory show plain colours, and are asked for again.
+#[test]
+fn textures_without_memory_get_some_later() {
+    let Some(mut app) = app_with_layers() else { return };
+    let app = &mut app;
+    let device = app.device().unwrap().clone();
+    spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    reflect(app, camera, ReflectionTechnique::Reference);
+    refuse_memory(&device, true);
+    for index in 0..20 {
+        let far = Transform::from_xyz(index as f32, 0.0, 90.0);
+        spawn_textured(app, Rectangle::new(0.1, 0.1), [0, 255, 0], far);
+    }
+    spawn_textured(app, Cuboid::from_length(3.0), RED, Transform::from_xyz(0.0, 0.0, 6.0));
+    (0..20).for_each(|_| frame(app));
+    let red = |app: &HeadlessApp| red_pixels(&app.capture().unwrap());
+    assert_eq!(red(app), 0, "there is no memory for its texture");
+    refuse_memory(&device, false);
+    let found = (0..400).any(|_| {
+        frame(app);
+        red(app) > 100
+    });
+    assert!(found, "the texture never came");
+}
+
+/// A texture for which there is no place gets one once another texture goes.
+#[test]
+fn a_texture_without_a_place_gets_one_later() {
+    // Copies in layers, of which a device has so many at least.
+    const PLACES: usize = 256;
+    let Some(mut app) = app_with_layers() else { return };
     let app = &mut app;
     spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
     let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);

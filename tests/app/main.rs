@@ -30,6 +30,7 @@ mod levels;
 mod lights;
 mod many_lights;
 mod materials;
+mod memory;
 mod merging;
 mod mirror_suite;
 mod mirrored;

@@ -382,10 +382,10 @@ impl MergeScheduler {
         self.pause();
     }
 
-    /// So many bytes are in use now.
-    pub fn note_used(&mut self, used: u64) {
+    /// So many bytes are in use now. `again`: the device may have memory that it hadn't.
+    pub fn note_used(&mut self, used: u64, again: bool) {
         if !self.without_room.is_empty() {
-            self.without_room.take(used);
+            self.without_room.take(used, again);
         }
     }
 

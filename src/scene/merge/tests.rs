@@ -373,7 +373,7 @@ fn trees_without_room_are_built_once_something_gave_it_back() {
     scene.scheduler.refuse(1_000);
     let run = |scene: &mut Scene, used: u64, frames: u64| {
         for _ in 0..frames {
-            scene.scheduler.note_used(used);
+            scene.scheduler.note_used(used, false);
             scene.run(1);
         }
     };

@@ -2,7 +2,11 @@
 
 use super::{BuiltMesh, MeshUpload, SceneBlas, SceneMesh, SceneMeshes};
 use crate::{
-    scene::{arena::ArenaSlice, bvh::ITEM_WORDS, tree_builds},
+    scene::{
+        arena::{Arena, ArenaSlice},
+        bvh::ITEM_WORDS,
+        tree_builds,
+    },
     status::ReflectionStatus,
 };
 use bevy::{
@@ -76,6 +80,9 @@ impl SceneMeshes {
         let words = built.packed.words.len() as u32;
         let items = built.blas.as_ref().map(|blas| blas.items.len());
         let room = self.allocate_mesh(words, items).or_else(|| {
+            if !self.may_fit_in_place_of(id, words, items) {
+                return None;
+            }
             self.remove(id);
             self.allocate_mesh(words, items)
         });
@@ -88,6 +95,20 @@ impl SceneMeshes {
             done: 0,
         });
         true
+    }
+
+    /// Returns whether a mesh may find room once its last version is gone. That one is better than none.
+    fn may_fit_in_place_of(&self, id: AssetId<Mesh>, words: u32, items: Option<usize>) -> bool {
+        let Some(last) = self.ready.get(&id) else {
+            return false;
+        };
+        let fits = |arena: &Arena, last: Option<&ArenaSlice>, words: u64| {
+            let freed = last.map_or(0, |slice| 4 * u64::from(slice.words()));
+            !arena.lacks_memory() && 4 * words <= arena.max_bytes() - arena.used_bytes() + freed
+        };
+        let tree_words = items.map_or(0, |items| items as u64 * u64::from(ITEM_WORDS));
+        fits(&self.geometry, Some(&last.geometry), words.into())
+            && fits(&self.bvh, last.bvh.as_ref().map(|bvh| &bvh.slice), tree_words)
     }
 
     fn allocate_mesh(&mut self, words: u32, items: Option<usize>) -> Option<(ArenaSlice, Option<ArenaSlice>)> {
@@ -221,6 +242,10 @@ mod tests {
         uuid: Uuid::from_u128(1),
     };
 
+    const OTHER: AssetId<Mesh> = AssetId::Uuid {
+        uuid: Uuid::from_u128(2),
+    };
+
     fn start(meshes: &mut SceneMeshes, mesh: impl Into<Mesh>) {
         meshes.start(ID, MeshSource::Copy(Box::new(mesh.into())), 1);
     }
@@ -298,21 +323,51 @@ mod tests {
         assert_eq!(Arc::strong_count(&packed), 2);
     }
 
+    /// Leaves room for one and a half spheres.
+    fn limit_geometry(meshes: &mut SceneMeshes, device: &RenderDevice, queue: &RenderQueue) {
+        start(meshes, Sphere::default());
+        upload(meshes, u64::MAX, queue);
+        let size = 4 * u64::from(meshes.get(ID).unwrap().geometry.words());
+        meshes.remove(ID);
+        let usages = BufferUsages::STORAGE;
+        meshes.geometry = Arena::new(device, "glint_geometry", usages, BASE_ALIGNMENT, size * 3 / 2);
+    }
+
     #[test]
-    fn a_mesh_without_room_is_built_once_there_is_some() {
-        const OTHER: AssetId<Mesh> = AssetId::Uuid {
-            uuid: Uuid::from_u128(2),
-        };
+    fn a_mesh_that_outgrows_its_room_keeps_its_last_version() {
         let Some((device, queue)) = test_gpu::device() else {
             return;
         };
         let mut meshes = SceneMeshes::new(&device, ReflectionTracer::Bvh);
+        limit_geometry(&mut meshes, &device, &queue);
+        meshes.start(OTHER, MeshSource::Copy(Box::new(Sphere::default().into())), 1);
+        start(&mut meshes, Cuboid::default());
+        for _ in 0..2 {
+            upload(&mut meshes, u64::MAX, &queue);
+        }
         start(&mut meshes, Sphere::default());
         upload(&mut meshes, u64::MAX, &queue);
-        let size = 4 * u64::from(meshes.get(ID).unwrap().geometry.words());
-        meshes.remove(ID);
-        let usages = BufferUsages::STORAGE;
-        meshes.geometry = Arena::new(&device, "glint_geometry", usages, BASE_ALIGNMENT, size * 3 / 2);
+        assert_eq!(meshes.get(ID).map(|mesh| mesh.triangle_count), Some(12));
+        let used = meshes.used_bytes();
+        assert!(meshes.take_ready_to_try(used).is_empty() && meshes.without_room.contains(&ID));
+        meshes.remove(OTHER);
+        let used = meshes.used_bytes();
+        assert!(
+            meshes.take_ready_to_try(used).is_empty() && meshes.stale.contains(&ID),
+            "it is built again"
+        );
+        start(&mut meshes, Sphere::default());
+        upload(&mut meshes, u64::MAX, &queue);
+        assert!(meshes.get(ID).is_some_and(|mesh| mesh.triangle_count > 12));
+    }
+
+    #[test]
+    fn a_mesh_without_room_is_built_once_there_is_some() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let mut meshes = SceneMeshes::new(&device, ReflectionTracer::Bvh);
+        limit_geometry(&mut meshes, &device, &queue);
         start(&mut meshes, Sphere::default());
         upload(&mut meshes, u64::MAX, &queue);
         meshes.start(OTHER, MeshSource::Copy(Box::new(Sphere::default().into())), 1);
@@ -320,11 +375,11 @@ mod tests {
         assert!(meshes.get(ID).is_some() && meshes.get(OTHER).is_none());
         // Known, so that it isn't built in each frame, until something is given back.
         let used = meshes.used_bytes();
-        meshes.without_room.take(used);
+        assert!(meshes.take_ready_to_try(used).is_empty());
         assert!(meshes.is_known(OTHER));
         meshes.remove(ID);
         let used = meshes.used_bytes();
-        meshes.without_room.take(used);
+        assert_eq!(meshes.take_ready_to_try(used), [OTHER]);
         assert!(!meshes.is_known(OTHER), "it is built again");
     }
 
