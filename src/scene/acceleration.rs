@@ -9,6 +9,7 @@ mod submit;
 mod tlas;
 
 use super::meshes::SceneMeshes;
+use crate::device::MemoryRetry;
 use bevy::{
     platform::collections::{HashMap, HashSet},
     render::{
@@ -26,13 +27,14 @@ pub use tlas::rows;
 
 /// Triangles that go into one build command, to bound the driver's scratch memory.
 const TRIANGLES_PER_BUILD: u32 = 4_000_000;
-/// Frames until the device is asked again for memory that it refused.
-const REFUSED_FRAMES: u32 = 300;
 /// Objects from which on those that move have a TLAS of their own. More saves rays a second search in smaller scenes; less saves the CPU
 /// time of building one over all of them.
 const MANY_OBJECTS: usize = 1024;
 /// Objects that may stand among those that move although they don't. More makes each movement cost more; fewer builds all more often.
 const MOST_IDLE: usize = 256;
+/// Objects that the TLAS of those at rest may hold although they have moved or gone. Each that a ray meets there costs it a search from
+/// behind it. More makes rays slower; fewer builds all more often.
+const MOST_LEFT: usize = 256;
 /// Frames until more of them go back to the others, which takes a build over all objects. More makes movements expensive for longer; fewer
 /// makes frames that take long more frequent while objects stream in.
 const IDLE_FRAMES: u32 = 60;
@@ -58,8 +60,8 @@ pub struct AccelerationStructures {
     posed: HashMap<u32, PosedBlas>,
     /// Variants that can't be built, with the mesh's version.
     refused: HashMap<BlasKey, u64>,
-    /// Frames until what lacked memory is tried again; 0 where nothing did.
-    retry_in: u32,
+    /// When it is tried again, as is a TLAS that lacked memory.
+    retry: MemoryRetry,
     /// Over all objects, but for those of `moving`.
     still: ResizableTlas,
     /// By slot, whether `still` was built with the object.
@@ -71,6 +73,10 @@ pub struct AccelerationStructures {
     movers: Vec<u32>,
     /// By slot, whether the object is in `moving`.
     is_mover: Vec<bool>,
+    /// Slots whose objects `still` was built with, and that have moved or gone since. Rays don't see them there.
+    left: Vec<u32>,
+    /// They are others than at the last call of [`Self::take_left`].
+    left_changed: bool,
     /// Frames since the last build over all objects.
     age: u32,
     /// Changes when one of [`Self::tlas`] becomes another object.
@@ -84,13 +90,15 @@ impl AccelerationStructures {
             blas: HashMap::default(),
             posed: HashMap::default(),
             refused: HashMap::default(),
-            retry_in: 0,
+            retry: MemoryRetry::default(),
             still: ResizableTlas::new(device, queue),
             is_still: Vec::new(),
             still_blas: HashSet::default(),
             moving: None,
             movers: Vec::new(),
             is_mover: Vec::new(),
+            left: Vec::new(),
+            left_changed: false,
             age: 0,
             generation: 0,
         }
@@ -111,25 +119,26 @@ impl AccelerationStructures {
         self.movers.len()
     }
 
+    /// Slots that rays must not see in the first TLAS, where they changed since the last call.
+    pub fn take_left(&mut self) -> Option<&[u32]> {
+        core::mem::take(&mut self.left_changed).then_some(self.left.as_slice())
+    }
+
+    /// Number of these slots.
+    pub fn left_count(&self) -> usize {
+        self.left.len()
+    }
+
     /// Counts a frame. Returns true once what lacked memory should be tried again by another [`Self::build`].
     pub fn is_retry_due(&mut self) -> bool {
         self.age = self.age.saturating_add(1);
-        let waited = self.retry_in > 0;
-        self.retry_in = self.retry_in.saturating_sub(1);
-        let is_due = waited && self.retry_in == 0;
+        let is_due = self.retry.is_due();
         if is_due {
             self.refused.clear();
             // Objects that wait may belong to either structure.
             self.is_still.clear();
         }
         is_due
-    }
-
-    /// Something lacked memory. Later failures don't put off what waits already.
-    fn try_again_later(&mut self) {
-        if self.retry_in == 0 {
-            self.retry_in = REFUSED_FRAMES;
-        }
     }
 
     /// Builds missing BLASes and a TLAS. Returns how many BLASes were built. What the device has no memory for is left out for a while.
@@ -141,7 +150,7 @@ impl AccelerationStructures {
         queue: &RenderQueue,
     ) -> u64 {
         let is_split = objects.may_split && objects.count > MANY_OBJECTS;
-        let built = if is_split && self.are_movers(objects) {
+        let built = if is_split && self.follow_changes(objects) {
             self.build_moving(objects, meshes, device, queue)
         } else {
             None
@@ -149,10 +158,21 @@ impl AccelerationStructures {
         built.unwrap_or_else(|| self.build_all(objects, is_split, meshes, device, queue))
     }
 
-    /// Returns whether all that changed is in the TLAS of objects that move, or new: then it is in it from now on.
-    fn are_movers(&mut self, objects: &RayQueryObjects) -> bool {
-        let is_still = |slot: &u32| self.is_still.get(*slot as usize) == Some(&true);
-        if self.moving.is_none() || self.is_still.is_empty() || objects.changed.iter().any(is_still) {
+    /// Has all that changed in the TLAS of objects that move from now on. Returns false where all must be built.
+    fn follow_changes(&mut self, objects: &RayQueryObjects) -> bool {
+        if self.moving.is_none() || self.is_still.is_empty() {
+            return false;
+        }
+        let before = self.left.len();
+        for &slot in objects.changed {
+            if let Some(is_still) = self.is_still.get_mut(slot as usize)
+                && core::mem::take(is_still)
+            {
+                self.left.push(slot);
+            }
+        }
+        self.left_changed |= self.left.len() > before;
+        if self.left.len() > MOST_LEFT {
             return false;
         }
         self.is_mover.resize(objects.slots as usize, false);
@@ -226,6 +246,8 @@ impl AccelerationStructures {
         self.movers = moving.iter().map(|object| object.slot).collect();
         self.is_still = flags_of(&still, objects.slots);
         self.is_mover = flags_of(&moving, objects.slots);
+        self.left_changed |= !self.left.is_empty();
+        self.left.clear();
         self.still_blas = still.iter().map(|object| object.blas).collect();
         if self.moving.is_some() != is_split {
             self.moving = is_split.then(|| ResizableTlas::new(device, queue));
@@ -248,7 +270,7 @@ impl AccelerationStructures {
         };
         self.generation += u64::from(replaced);
         if lacking {
-            self.try_again_later();
+            self.retry.begin();
         }
     }
 
@@ -291,7 +313,7 @@ impl AccelerationStructures {
                     Err(refusal) => {
                         self.refused.insert(key, mesh.version);
                         if refusal == Refusal::NoMemory {
-                            self.try_again_later();
+                            self.retry.begin();
                         }
                     }
                 }
@@ -310,7 +332,7 @@ impl AccelerationStructures {
             } else {
                 self.refused
                     .extend(batch.iter().map(|pending| (pending.key, pending.version)));
-                self.try_again_later();
+                self.retry.begin();
             }
         }
         built
@@ -388,7 +410,7 @@ impl AccelerationStructures {
             }
         }
         if lacking {
-            self.try_again_later();
+            self.retry.begin();
         }
         stale.len() as u64
     }
@@ -448,7 +470,7 @@ fn blas_in<'a>(
 mod tests {
     use super::*;
     use crate::{
-        device::{REFUSES, ReflectionTracer},
+        device::{REFUSED_FRAMES, REFUSES, ReflectionTracer},
         scene::{gpu_types::INSTANCE_RESTLESS, test_gpu},
     };
     use bevy::{
@@ -515,7 +537,28 @@ mod tests {
         assert_eq!(due, Some(REFUSED_FRAMES));
         assert_eq!(build(&mut structures), 1);
         assert_eq!((structures.refused.len(), structures.still.capacity), (0, count));
-        assert!(!structures.is_retry_due() && structures.retry_in == 0);
+        assert!((0..=REFUSED_FRAMES).all(|_| !structures.is_retry_due()));
+    }
+
+    /// Result of a frame.
+    #[derive(Debug, PartialEq)]
+    struct Frame {
+        /// All was built.
+        all: bool,
+        split: bool,
+        /// Objects in the second structure.
+        movers: Vec<u32>,
+        /// Objects that are not to be seen in the first one any more.
+        left: Vec<u32>,
+    }
+
+    fn expect(all: bool, split: bool, movers: &[u32], left: &[u32]) -> Frame {
+        Frame {
+            all,
+            split,
+            movers: movers.to_vec(),
+            left: left.to_vec(),
+        }
     }
 
     #[test]
@@ -524,7 +567,7 @@ mod tests {
             return;
         };
         let mut structures = AccelerationStructures::new(&device, &queue);
-        // Returns whether all were built, whether there are two structures, and the objects in the second.
+        let mut told = Vec::new();
         let mut frame = |slots: u32, gone: &[u32], restless: &[u32], changed: &[u32], may_split: bool| {
             let get = |slot| {
                 let flags = if restless.contains(&slot) { INSTANCE_RESTLESS } else { 0 };
@@ -539,49 +582,76 @@ mod tests {
             };
             structures.is_retry_due();
             structures.build(&objects, &meshes, &device, &queue);
-            (structures.age == 0, structures.is_split(), structures.movers.clone())
+            if let Some(left) = structures.take_left() {
+                told = left.to_vec();
+            }
+            assert_eq!(structures.left_count(), told.len());
+            Frame {
+                all: structures.age == 0,
+                split: structures.is_split(),
+                movers: structures.movers.clone(),
+                left: told.clone(),
+            }
         };
         let many = MANY_OBJECTS as u32;
         assert_eq!(
             frame(many, &[], &[3], &[3], true),
-            (true, false, vec![]),
+            expect(true, false, &[], &[]),
             "few objects share one"
         );
         let all = many + 10;
-        assert_eq!(frame(all, &[], &[3], &[3], true), (true, true, vec![3]));
-        assert_eq!(frame(all, &[], &[3], &[3], true), (false, true, vec![3]));
+        assert_eq!(frame(all, &[], &[3], &[3], true), expect(true, true, &[3], &[]));
+        assert_eq!(frame(all, &[], &[3], &[3], true), expect(false, true, &[3], &[]));
         assert_eq!(
             frame(all, &[], &[3, 7], &[3, 7], true),
-            (true, true, vec![3, 7]),
+            expect(false, true, &[3, 7], &[7]),
             "7 stood still"
         );
         assert_eq!(
             frame(all, &[3], &[3, 7], &[3], true),
-            (false, true, vec![7]),
+            expect(false, true, &[7], &[7]),
             "3 is gone"
         );
         assert_eq!(
             frame(all + 1, &[3], &[7], &[all], true),
-            (false, true, vec![7, all]),
+            expect(false, true, &[7, all], &[7]),
             "one came"
         );
         assert_eq!(
             frame(all + 1, &[3, 9], &[7], &[9], true),
-            (true, true, vec![7]),
-            "9 stood still"
+            expect(false, true, &[7, all], &[7, 9]),
+            "9 stood still and is gone"
+        );
+        assert_eq!(
+            frame(all + 1, &[3], &[7], &[9], true),
+            expect(false, true, &[7, 9, all], &[7, 9]),
+            "another one took its slot"
         );
         assert_eq!(
             frame(all + 1, &[], &[7], &[3, 9], false),
-            (true, false, vec![]),
+            expect(true, false, &[], &[]),
             "no second one is allowed"
         );
-        assert_eq!(frame(all, &[], &[], &[], true), (true, true, vec![]));
+        assert_eq!(frame(all, &[], &[], &[], true), expect(true, true, &[], &[]));
+        // So many that rays would meet them too often.
+        let most: Vec<_> = (0..MOST_LEFT as u32).collect();
+        let all = all + MOST_LEFT as u32;
+        assert_eq!(frame(all, &[], &[], &[0], false), expect(true, false, &[], &[]));
+        assert_eq!(frame(all, &[], &[], &[0], true), expect(true, true, &[], &[]));
+        assert_eq!(frame(all, &most, &[], &most, true), expect(false, true, &[], &most));
+        assert_eq!(frame(all, &most, &[], &[700], true), expect(true, true, &[], &[]));
         // Objects that come and stay.
         let idle = MOST_IDLE as u32 + 1;
         let new: Vec<_> = (all..all + idle).collect();
-        assert_eq!(frame(all + idle, &[], &[], &new, true), (false, true, new.clone()));
-        let due = (2..).find(|_| frame(all + idle, &[], &[5], &[all], true).0);
+        assert_eq!(
+            frame(all + idle, &most, &[], &new, true),
+            expect(false, true, &new, &[])
+        );
+        let due = (2..).find(|_| frame(all + idle, &most, &[5], &[all], true).all);
         assert_eq!(due, Some(IDLE_FRAMES));
-        assert_eq!(frame(all + idle, &[], &[5], &[5], true), (false, true, vec![5]));
+        assert_eq!(
+            frame(all + idle, &most, &[700], &[700], true),
+            expect(false, true, &[700], &[700])
+        );
     }
 }

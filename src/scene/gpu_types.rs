@@ -23,6 +23,8 @@ pub const INSTANCE_MOVING: u32 = 64;
 pub const INSTANCE_RESTLESS: u32 = 128;
 /// Shadows of lights fall on the light that comes through the instance.
 pub const INSTANCE_RECEIVES_TRANSMITTED_SHADOW: u32 = 256;
+/// Ray queries: the TLAS of objects at rest still has what stood in this slot, which is elsewhere now or gone.
+pub const INSTANCE_LEFT: u32 = 512;
 
 /// The material is not lit.
 pub const MATERIAL_UNLIT: u32 = 1;
@@ -212,10 +214,12 @@ pub struct GpuSceneCounts {
     pub directional_light_count: u32,
     /// Nodes of the last level of the tree over the other lights; 0 = none.
     pub light_leaf_count: u32,
+    /// Ray queries: slots that `INSTANCE_LEFT` is true of, also behind the last instance.
+    pub left_count: u32,
 }
 
 const _: () = assert!(size_of::<GpuInstance>() == 128);
 const _: () = assert!(size_of::<GpuMaterial>() == 128);
 const _: () = assert!(size_of::<GpuLight>() == 64);
 const _: () = assert!(size_of::<GpuLightProbe>() == 80);
-const _: () = assert!(size_of::<GpuSceneCounts>() == 44);
+const _: () = assert!(size_of::<GpuSceneCounts>() == 48);

@@ -84,8 +84,9 @@ fn one_mover_costs_as_much_in_a_large_world_as_in_a_small_one() {
 
 const SIZE: UVec2 = UVec2::new(128, 96);
 
-/// A mirror before a wall of so many tiles that objects which move have a structure of their own with ray queries, and a ball.
-fn spawn_tiles(app: &mut HeadlessApp) -> (Entity, Entity) {
+/// A mirror before a wall of so many tiles that objects which move have a structure of their own with ray queries, and a ball. Returns the camera, the ball, and a group of
+/// tiles.
+fn spawn_tiles(app: &mut HeadlessApp) -> (Entity, Entity, Vec<Entity>) {
     let floor = Transform::from_translation(Vec3::new(0.0, -0.05, 0.0));
     spawn_mesh(app, Cuboid::new(12.0, 0.1, 12.0), metal(0.0), floor);
     let world = app.world();
@@ -96,11 +97,15 @@ fn spawn_tiles(app: &mut HeadlessApp) -> (Entity, Entity) {
         let material = unlit(color);
         world.resource_mut::<Assets<StandardMaterial>>().add(material)
     });
+    let mut group = Vec::new();
     for index in 0..1_200 {
         let (column, row) = (index % 48, index / 48);
         let place = Vec3::new(0.25 * (column as f32 - 24.0), 0.25 * row as f32 + 0.15, -6.0);
         let material = MeshMaterial3d(paints[(column + row) % 2].clone());
-        world.spawn((Mesh3d(mesh.clone()), material, Transform::from_translation(place)));
+        let tile = world.spawn((Mesh3d(mesh.clone()), material, Transform::from_translation(place)));
+        if (27..37).contains(&column) && row < 8 {
+            group.push(tile.id());
+        }
     }
     let ball = spawn_mesh(
         app,
@@ -108,13 +113,26 @@ fn spawn_tiles(app: &mut HeadlessApp) -> (Entity, Entity) {
         unlit([220, 30, 30]),
         Transform::from_xyz(-2.0, 1.5, -2.0),
     );
+    // Shadows fall on it, past what stands in their way or doesn't any more.
+    let board = StandardMaterial {
+        perceptual_roughness: 1.0,
+        ..default()
+    };
+    let at = Transform::from_xyz(-2.0, 1.5, -4.5);
+    spawn_mesh(app, Rectangle::new(5.0, 3.0), board, at);
+    let lamp = PointLight {
+        intensity: 400_000.0,
+        shadow_maps_enabled: true,
+        ..default()
+    };
+    app.world().spawn((lamp, Transform::from_xyz(-1.0, 2.0, 2.0)));
     let view = Transform::from_xyz(0.0, 2.5, 5.0).looking_at(Vec3::new(0.0, 0.5, -2.0), Vec3::Y);
-    (spawn_camera(app, view, SceneName::Demo), ball)
+    (spawn_camera(app, view, SceneName::Demo), ball, group)
 }
 
 /// What happens to the ball, and to others like it, one after the other.
 fn pictures_of_movements(app: &mut HeadlessApp) -> Vec<(&'static str, Vec<u8>)> {
-    let (camera, ball) = spawn_tiles(app);
+    let (camera, ball, tiles) = spawn_tiles(app);
     reflect(app, camera, ReflectionTechnique::Reference);
     let capture = |app: &mut HeadlessApp| app.capture().unwrap_or_else(|error| panic!("{error}"));
     let mut pictures = vec![("standing", capture(app))];
@@ -138,6 +156,16 @@ fn pictures_of_movements(app: &mut HeadlessApp) -> Vec<(&'static str, Vec<u8>)> 
     app.world().despawn(second);
     app.step(2);
     pictures.push(("none", capture(app)));
+    // Some that have stood since the beginning go, and another object takes the place of one in the table.
+    for tile in tiles {
+        app.world().despawn(tile);
+    }
+    app.step(2);
+    pictures.push(("tiles that went", capture(app)));
+    let third = Transform::from_xyz(1.5, 1.0, -2.0);
+    spawn_mesh(app, Sphere::new(0.5), unlit([30, 30, 220]), third);
+    warm_up(app);
+    pictures.push(("another in their place", capture(app)));
     pictures
 }
 

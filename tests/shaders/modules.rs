@@ -386,7 +386,8 @@ fn lights_and_counts_match_the_cpu() {
             reflection_probe_count,
             irradiance_volume_count,
             directional_light_count,
-            light_leaf_count
+            light_leaf_count,
+            left_count
         ]
     );
 }

@@ -5,7 +5,7 @@ use crate::scene::{
     bvh::{Inverse, MAX_INSTANCES, invert},
     change::{Change, RESTLESS_FRAMES},
     gpu_types::{
-        GpuInstance, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_MIRRORED, INSTANCE_MOVING,
+        GpuInstance, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_LEFT, INSTANCE_MIRRORED, INSTANCE_MOVING,
         INSTANCE_RECEIVES_SHADOW, INSTANCE_RECEIVES_TRANSMITTED_SHADOW, INSTANCE_RESTLESS, NO_TEXTURE,
     },
     instances::InstanceSource,
@@ -40,6 +40,8 @@ pub(in crate::scene) struct InstanceTable {
     restless: Vec<u32>,
     /// By slot, the frame in which the object moved last.
     moved: Vec<u32>,
+    /// Slots with [`INSTANCE_LEFT`].
+    left: Vec<u32>,
     frame: u32,
 }
 
@@ -57,6 +59,7 @@ impl InstanceTable {
             moved_before: Vec::new(),
             restless: Vec::new(),
             moved: Vec::new(),
+            left: Vec::new(),
             frame: 1,
         }
     }
@@ -64,8 +67,14 @@ impl InstanceTable {
     /// Makes room for so many slots, as far as the device has memory. Slots that are gone stay until [`truncate`](Self::truncate).
     /// Returns those that had no room before and have some now.
     pub fn reserve(&mut self, slots: usize, device: &RenderDevice) -> Range<u32> {
-        let len = slots.max(self.present.len());
+        let before = self.present.len();
+        let len = slots.max(before);
         self.data.resize(len, GpuInstance::default());
+        for &slot in self.left.iter().filter(|slot| **slot as usize >= before) {
+            if let Some(data) = self.data.get_mut(slot as usize) {
+                data.flags |= INSTANCE_LEFT;
+            }
+        }
         self.present.resize(len, false);
         self.moved.resize(len, 0);
         let limit = self.slice.reserve(len, device).min(MAX_INSTANCES);
@@ -115,7 +124,7 @@ impl InstanceTable {
             return false;
         }
         let before = self.present[index].then(|| GpuInstance {
-            flags: self.data[index].flags & !(INSTANCE_MOVING | INSTANCE_RESTLESS),
+            flags: self.data[index].flags & !(INSTANCE_MOVING | INSTANCE_RESTLESS | INSTANCE_LEFT),
             ..self.data[index]
         });
         if before == instance {
@@ -131,10 +140,32 @@ impl InstanceTable {
         }
         self.present[index] = instance.is_some();
         if let Some(instance) = instance {
-            self.data[index] = instance;
+            let left = self.data[index].flags & INSTANCE_LEFT;
+            self.data[index] = GpuInstance {
+                flags: instance.flags | left,
+                ..instance
+            };
             self.changed.push(slot);
         }
         true
+    }
+
+    /// Marks slots, and no others, as having left the TLAS of objects at rest.
+    pub fn mark_left(&mut self, left: &[u32]) {
+        for slot in core::mem::take(&mut self.left) {
+            self.set_flag(slot, INSTANCE_LEFT, false);
+        }
+        for &slot in left {
+            self.set_flag(slot, INSTANCE_LEFT, true);
+        }
+        self.left.extend_from_slice(left);
+    }
+
+    fn set_flag(&mut self, slot: u32, flag: u32, value: bool) {
+        if let Some(data) = self.data.get_mut(slot as usize) {
+            data.flags = (data.flags & !flag) | if value { flag } else { 0 };
+            self.changed.push(slot);
+        }
     }
 
     /// Ends a frame, after all movements: what moved in the last one and not in this one stands.

@@ -62,6 +62,11 @@ impl SceneBindings {
         let blas_builds = acceleration.build(&objects, meshes, device, queue);
         self.uniform_data.tlas_node_count = table.present_count() as u32;
         self.uniform_data.moving_count = acceleration.moving_count() as u32;
+        self.uniform_data.left_count = acceleration.left_count() as u32;
+        if let Some(left) = acceleration.take_left() {
+            self.instances.mark_left(left);
+            self.instances.upload(device, queue);
+        }
         self.report_top_level(begin, blas_builds, status);
     }
 
