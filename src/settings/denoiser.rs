@@ -47,7 +47,7 @@ impl ReflectionDenoiser {
         converge_static_views: false,
         blur_radius: 0.0,
     };
-    /// The paper's recipe (section 4.1.2).
+    /// The steps of the paper (section 4.1.2). It gives no numbers for them: those of frames, samples, sigma and pixels are of this crate.
     pub const PAPER: Self = Self {
         samples: 8,
         temporal: true,

@@ -14,9 +14,9 @@ use bevy::reflect::{Reflect, std_traits::ReflectDefault};
 #[reflect(Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum ReflectionPreset {
-    /// The paper's recipe step by step: a quarter of the resolution, rates from average roughness (table 1), GGX normals from a
-    /// Halton sequence, mip level 2 at hits, one history that follows surfaces, no cut-off, and none of the additions that can be switched
-    /// off. 1/16 to 1/4 ray per pixel.
+    /// The paper's recipe: a quarter of the resolution, rates from average roughness (table 1), GGX normals from a Halton sequence, mip
+    /// level 2 at hits, a history that follows surfaces, no cut-off, and none of the additions that can be switched off. [How it
+    /// works](crate::manual::how_it_works) lists in which steps it differs. 1/16 to 1/4 ray per pixel.
     Paper,
     /// Rates from average roughness, with the paper's thresholds, half the samples, and no rays of their own for mirrors. 1/16 to 1/4
     /// ray per pixel.

@@ -142,10 +142,13 @@ pub fn all_targets(harness: &mut Harness, scene: &HostileScene) -> Vec<Problem> 
     problems
 }
 
+/// A camera, the size of its picture, and the pixels that are not finite.
+type WrongPixels = (Entity, UVec2, Vec<usize>);
+
 /// Checks the images of all cameras. Pixels that are not finite even without reflections don't count.
 pub fn images(harness: &mut Harness, scene: &HostileScene, scenario: &Scenario) -> Vec<Problem> {
     let mut problems = Vec::new();
-    let mut wrong = Vec::new();
+    let mut wrong: Vec<WrongPixels> = Vec::new();
     let limit = if is_brightness_known(scene, scenario) {
         WHITE
     } else {
@@ -167,6 +170,9 @@ pub fn images(harness: &mut Harness, scene: &HostileScene, scenario: &Scenario) 
                 problems.push(Problem::new(ProblemKind::Image, text));
             }
         }
+    }
+    if !wrong.is_empty() && matches!(scene.camera.camera.clear_color, ClearColorConfig::None) {
+        wrong = wrong_after_clearing(harness, &wrong);
     }
     if wrong.is_empty() {
         return problems;
@@ -205,6 +211,23 @@ pub fn images(harness: &mut Harness, scene: &HostileScene, scenario: &Scenario) 
         }
     }
     problems
+}
+
+/// Cameras that clear nothing still show what was in earlier frames. Has these clear their pictures, and returns the pixels that are not
+/// finite even then.
+fn wrong_after_clearing(harness: &mut Harness, cameras: &[WrongPixels]) -> Vec<WrongPixels> {
+    for (camera, ..) in cameras {
+        if let Some(mut camera) = harness.world().get_mut::<Camera>(*camera) {
+            camera.clear_color = ClearColorConfig::Custom(Color::BLACK);
+        }
+    }
+    // Both textures that post-processing goes back and forth between.
+    harness.step(3);
+    let pixels = plain_pixels(harness, cameras);
+    let found = cameras.iter().zip(pixels);
+    found
+        .filter_map(|((camera, size, _), pixels)| Some((*camera, *size, pixels.filter(|pixels| !pixels.is_empty())?)))
+        .collect()
 }
 
 /// Pixels that are not finite now, for each of these cameras; `None` where a camera can't be read.

@@ -188,7 +188,7 @@ mod tests {
     #[test]
     fn coarse_techniques_are_recognised() {
         let coarse = TECHNIQUES.iter().filter(|name| is_coarse(name));
-        assert_eq!(coarse.count(), 5);
+        assert_eq!(coarse.count(), 6);
         assert!(!is_coarse(FULL) && !is_coarse("paper") && !is_coarse("ultra"));
     }
 }

@@ -13,15 +13,18 @@ use glint_scenes::{Random, SceneName, environment};
 /// Most frames to wait for assets, pipelines and meshes.
 const PATIENCE: u32 = 5000;
 
-/// Techniques to measure: those that share one denoiser, the finest first, then presets.
-pub const TECHNIQUES: [&str; 8] = [
+/// Techniques to measure: those that share one denoiser, the finest first, then presets. The preset `medium` is `vrs-combined`.
+pub const TECHNIQUES: [&str; 11] = [
     "reference",
     "vrs-combined",
     "vrs-roughness",
     "vrs-grazing",
+    "vrs-adaptive",
     "quarter",
     "quarter-inline",
     "paper",
+    "low",
+    "high",
     "ultra",
 ];
 
