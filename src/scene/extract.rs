@@ -69,6 +69,7 @@ pub(super) fn begin_extraction(
     if (!activity.active || activity.started) && !instances.is_empty() {
         instances.clear();
     }
+    instances.compact();
 }
 
 /// Forgets objects that are gone, and mirrors poses and meshes of the others. Runs after all objects have been mirrored.

@@ -33,6 +33,13 @@ impl FreeSlots {
     }
 }
 
+/// Gives back most of the memory that a table doesn't use, once it is much shorter than it was.
+pub(super) fn shrink<T>(table: &mut Vec<T>) {
+    if table.capacity() > 64 && table.capacity() / 4 > table.len() {
+        table.shrink_to(2 * table.len());
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -48,6 +55,17 @@ mod tests {
             taken.push(index);
         }
         assert_eq!(taken, [1, 3, 4]);
+    }
+
+    #[test]
+    fn short_tables_take_little_memory() {
+        let mut table = Vec::with_capacity(1_000);
+        table.resize(250, 0);
+        shrink(&mut table);
+        assert!(table.capacity() >= 1_000, "a quarter is in use");
+        table.truncate(200);
+        shrink(&mut table);
+        assert!((400..1_000).contains(&table.capacity()));
     }
 
     #[test]

@@ -5,7 +5,7 @@ pub(in crate::scene) mod extract;
 mod lightmap;
 pub(in crate::scene) mod lost;
 
-use super::free_slots::FreeSlots;
+use super::free_slots::{FreeSlots, shrink};
 use bevy::{
     asset::UntypedAssetId,
     ecs::entity::{EntityGeneration, EntityHashMap},
@@ -76,6 +76,11 @@ impl InstanceSource {
     }
 }
 
+/// Objects that get another slot in one frame: to everybody they look like ones that went and others that came.
+const MOVES_PER_FRAME: usize = 256;
+/// A table of so many slots isn't worth that.
+const SHORT: usize = 64;
+
 /// In the place of a slot: the entity has none.
 const NO_SLOT: u32 = u32::MAX;
 
@@ -110,6 +115,8 @@ pub struct SceneInstances {
     new_meshes: Vec<AssetId<Mesh>>,
     dirty: Vec<u32>,
     moved: Vec<u32>,
+    /// Slots from which objects went to other slots.
+    relocated: Vec<[u32; 2]>,
 }
 
 impl SceneInstances {
@@ -157,6 +164,11 @@ impl SceneInstances {
         dirty.sort_unstable();
         dirty.dedup();
         dirty
+    }
+
+    /// Slots from which objects went to others since the last call, in this order, and where they went. Both count as changed.
+    pub fn take_relocated(&mut self) -> Vec<[u32; 2]> {
+        core::mem::take(&mut self.relocated)
     }
 
     /// Adds or replaces an object; nothing happens where it equals what is there.
@@ -249,11 +261,42 @@ impl SceneInstances {
         self.count -= 1;
         let removed = self.slots[slot as usize].take();
         self.free.give(slot);
+        self.cut();
+        self.dirty.push(slot);
+        self.release_mesh(removed.map(|source| source.mesh));
+    }
+
+    /// Moves some objects from the end of the table to free slots, if three quarters of it are free. Belongs before extraction, so that
+    /// nobody has asked for a slot of this frame yet.
+    pub(super) fn compact(&mut self) {
+        for _ in 0..MOVES_PER_FRAME {
+            let len = self.slots.len();
+            if len <= SHORT || self.count > len / 4 {
+                break;
+            }
+            let slots = &self.slots;
+            let Some(slot) = self.free.take(len, |slot| slots[slot as usize].is_none()) else {
+                break;
+            };
+            // The last slot is never free.
+            let Some(source) = self.slots.pop().flatten() else {
+                break;
+            };
+            self.by_entity[source.entity.index_u32() as usize].slot = slot;
+            self.slots[slot as usize] = Some(source);
+            let last = len as u32 - 1;
+            self.dirty.extend([slot, last]);
+            self.relocated.push([last, slot]);
+            self.cut();
+        }
+        shrink(&mut self.slots);
+    }
+
+    /// Ends the table behind the last object.
+    fn cut(&mut self) {
         while let Some(None) = self.slots.last() {
             self.slots.pop();
         }
-        self.dirty.push(slot);
-        self.release_mesh(removed.map(|source| source.mesh));
     }
 
     fn use_mesh(&mut self, mesh: AssetId<Mesh>) {
@@ -326,6 +369,43 @@ mod tests {
         instances.set_waiting(a, mesh);
         instances.remove(a);
         assert!(instances.is_empty() && !instances.shows(mesh));
+    }
+
+    #[test]
+    fn a_table_that_is_nearly_empty_becomes_short() {
+        const CROWD: usize = 10_000;
+        let mut world = World::new();
+        let entities: Vec<_> = (0..CROWD).map(|_| world.spawn_empty().id()).collect();
+        let mut instances = SceneInstances::default();
+        for entity in &entities {
+            instances.set(InstanceSource::plain(*entity));
+        }
+        let (gone, rest) = entities.split_at(CROWD - 1_000);
+        let (going, last) = rest.split_at(999);
+        gone.iter().for_each(|entity| instances.remove(*entity));
+        instances.take_dirty();
+        instances.compact();
+        let dirty = instances.take_dirty();
+        assert_eq!(dirty.len(), 2 * MOVES_PER_FRAME, "only so many in one frame");
+        let relocated = instances.take_relocated();
+        assert!(relocated.iter().flatten().all(|slot| dirty.contains(slot)));
+        assert_eq!(relocated.len(), MOVES_PER_FRAME);
+        assert!(dirty.iter().all(|slot| {
+            let object = instances.get(*slot);
+            object.is_none_or(|object| instances.slot_of(object.entity) == Some(*slot))
+        }));
+        (0..100).for_each(|_| instances.compact());
+        assert!(instances.slots().len() <= 4_000, "{} slots", instances.slots().len());
+        going.iter().for_each(|entity| instances.remove(*entity));
+        instances.compact();
+        assert!(instances.slots().len() <= SHORT && instances.slots.capacity() <= 4 * SHORT);
+        let slot = instances.slot_of(last[0]).unwrap();
+        assert_eq!(instances.get(slot).map(|object| object.entity), Some(last[0]));
+        assert_eq!((instances.count, instances.shows(AssetId::default())), (1, true));
+        for entity in &entities[..100] {
+            instances.set(InstanceSource::plain(*entity));
+        }
+        assert_eq!(instances.slots().len(), 101, "no slot is used twice");
     }
 
     #[test]

@@ -110,6 +110,11 @@ impl StaticMerge {
         self.scheduler.observe(slot, placement);
     }
 
+    /// There are so many slots, and no object in those behind them.
+    pub fn truncate(&mut self, slots: usize) {
+        self.scheduler.truncate(slots);
+    }
+
     /// Notes that the object of a slot has moved, and nothing else.
     pub fn observe_move(&mut self, slot: u32, world_from_object: &Affine3A) {
         self.scheduler.observe_move(slot, world_from_object);

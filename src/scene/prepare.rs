@@ -96,6 +96,7 @@ impl Scene<'_, '_> {
         changed_materials.extend(self.assets.changed());
         let mut dirty = self.take_dirty();
         let moved = self.instances.take_moved();
+        let relocated = self.instances.take_relocated();
         let changes = Changes {
             images: self.textures.take_touched(),
             materials: changed_materials,
@@ -117,6 +118,7 @@ impl Scene<'_, '_> {
         }
         let inputs = PoseInputs {
             extracted: &self.poses,
+            relocated: &relocated,
             cache: &self.cache,
             diagnostics: self.diagnostics.as_deref(),
         };
@@ -139,6 +141,7 @@ impl Scene<'_, '_> {
         // Rays see no difference between an object and its copy in a merged tree, so this is no change of the scene.
         if bindings.tracer == ReflectionTracer::Bvh {
             let place_of = |slot| instances.place_of(slot);
+            bindings.merge.truncate(slots);
             if bindings.merge.update(place_of, &bindings.masks, meshes, queue, status) || changed {
                 bindings.top_level.touch();
             }

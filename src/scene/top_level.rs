@@ -13,6 +13,7 @@ mod static_tree;
 
 use super::{
     bvh::{LinearEntry, TlasInstance, USUAL_STACK, join},
+    free_slots::shrink,
     meshes::SceneMeshes,
     tree_builds,
 };
@@ -191,6 +192,14 @@ impl TopLevel {
         if let Some(tree) = &mut self.static_tree {
             tree.empty(member);
         }
+    }
+
+    /// There are so many slots, and nothing to be hit in those behind them.
+    pub fn truncate(&mut self, slots: usize) {
+        while self.places.len() > slots && self.places.last().is_some_and(|place| place.site == Site::Absent) {
+            self.places.pop();
+        }
+        shrink(&mut self.places);
     }
 
     /// Carries on with the static tree, once in each frame and after all changes were noted. `merged` tells whether an object is part of a

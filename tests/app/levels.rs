@@ -160,6 +160,55 @@ fn levels_that_go_give_everything_back() {
     }
 }
 
+/// Most objects of a crowd go, and the one that came last stays. No table remains as long as the crowd was.
+#[test]
+fn the_last_of_many_objects_keeps_no_table_long() {
+    const CROWD: usize = 10_000;
+    for (tracer, mut app) in apps(SIZE, Output::Picture) {
+        let app = &mut app;
+        spawn_mirror(app);
+        let ([before, ..], [.., bytes]) = inventory(app);
+        let world = app.world();
+        let mesh = world.resource_mut::<Assets<Mesh>>().add(Cuboid::from_length(0.1));
+        let material = world.resource_mut::<Assets<StandardMaterial>>().add(unlit([0, 255, 0]));
+        let far = (0..CROWD).map(|i| Transform::from_xyz((i % 100) as f32 - 50.0, (i / 100) as f32 - 50.0, 90.0));
+        let crowd = far.map(|place| (Mesh3d(mesh.clone()), MeshMaterial3d(material.clone()), place));
+        let crowd: Vec<_> = crowd.collect();
+        let crowd: Vec<Entity> = world.spawn_batch(crowd).collect();
+        app.step(3);
+        let survivor = Transform::from_xyz(0.0, 0.0, 6.0);
+        spawn_mesh(app, Cuboid::from_length(1.5), unlit(RED), survivor);
+        warm_up(app);
+        let [long, ..] = inventory(app).0;
+        assert_eq!(long, before + CROWD + 1, "{tracer:?}");
+        let red = red_pixels(&app.capture().unwrap());
+        assert!(red > 100, "{tracer:?}: {red} pixels show the last one");
+        for entity in crowd {
+            app.world().despawn(entity);
+        }
+        warm_up(app);
+        let ([after, ..], _) = inventory(app);
+        assert!(after < 64, "{tracer:?}: {after} slots for two objects");
+        let after = red_pixels(&app.capture().unwrap());
+        assert_eq!(after, red, "{tracer:?}: pixels that show the last one");
+        let large = inventory(app).1[2];
+        for _ in 0..1_000 {
+            if inventory(app).1[2] <= 2 * bytes {
+                break;
+            }
+            app.step(1);
+        }
+        let small = inventory(app).1[2];
+        println!("{tracer:?}: {bytes} bytes of buffers, {large} when the crowd has gone, then {small}");
+        assert!(
+            small <= 2 * bytes,
+            "{tracer:?}: {small} bytes of buffers, {bytes} before"
+        );
+        let later = red_pixels(&app.capture().unwrap());
+        assert_eq!(later, red, "{tracer:?}: pixels that show the last one");
+    }
+}
+
 /// Trees that are merged while a level takes the start of the buffer lie behind it. They must not keep the buffer large once it is gone.
 #[test]
 fn a_tree_merged_behind_a_level_lets_the_buffer_shrink() {

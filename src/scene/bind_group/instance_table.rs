@@ -4,6 +4,7 @@ use crate::scene::{
     acceleration::rows,
     bvh::{Inverse, MAX_INSTANCES, invert},
     change::{Change, RESTLESS_FRAMES},
+    free_slots::shrink,
     gpu_types::{
         GpuInstance, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_LEFT, INSTANCE_MIRRORED, INSTANCE_MOVING,
         INSTANCE_RECEIVES_SHADOW, INSTANCE_RECEIVES_TRANSMITTED_SHADOW, INSTANCE_RESTLESS, NO_TEXTURE,
@@ -89,6 +90,9 @@ impl InstanceTable {
         self.data.truncate(slots);
         self.present.truncate(slots);
         self.moved.truncate(slots);
+        shrink(&mut self.data);
+        shrink(&mut self.present);
+        shrink(&mut self.moved);
     }
 
     /// Returns whether the buffer has room for a slot.

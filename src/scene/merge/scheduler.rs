@@ -10,7 +10,7 @@
 
 mod plan;
 
-use crate::scene::{bvh::Bounds, waiting_room::WaitingRoom};
+use crate::scene::{bvh::Bounds, free_slots::shrink, waiting_room::WaitingRoom};
 use bevy::{
     asset::AssetId,
     ecs::entity::Entity,
@@ -270,6 +270,27 @@ impl MergeScheduler {
         self.observe(slot, Some(placement));
     }
 
+    /// There are so many slots, and no object in those behind them.
+    pub fn truncate(&mut self, slots: usize) {
+        while self.slots.len() > slots
+            && self
+                .slots
+                .last()
+                .is_some_and(|slot| slot.placement.is_none() && !slot.building)
+        {
+            self.slots.pop();
+        }
+        self.moved.truncate(self.slots.len());
+        shrink(&mut self.slots);
+        shrink(&mut self.moved);
+    }
+
+    /// The length of its tables.
+    #[cfg(test)]
+    pub fn len(&self) -> usize {
+        self.slots.len()
+    }
+
     /// A frame goes by. `place_of` tells where the object of a slot is, and `measure` what merging it would cost, and `None` where it must
     /// stay an instance.
     pub fn advance(
@@ -283,8 +304,14 @@ impl MergeScheduler {
                 break;
             }
             self.settling.pop();
-            let place = &mut self.slots[slot as usize];
-            let moved = &mut self.moved[slot as usize];
+            let (Some(place), Some(moved)) = (self.slots.get_mut(slot as usize), self.moved.get_mut(slot as usize))
+            else {
+                continue;
+            };
+            // The slot was cut off, and another has come, which may wait by itself.
+            if !place.queued {
+                continue;
+            }
             if *moved > place.changed {
                 place.changed = *moved;
                 place.due = *moved + waiting_time(self.limits.quiet_frames, place.disturbances);
@@ -427,8 +454,9 @@ impl MergeScheduler {
     /// Returns whether more will be merged if nothing else changes.
     pub fn is_pending(&self) -> bool {
         let still = |slot: u32| {
-            let moved = self.moved[slot as usize];
-            let place = &self.slots[slot as usize];
+            let (Some(&moved), Some(place)) = (self.moved.get(slot as usize), self.slots.get(slot as usize)) else {
+                return false;
+            };
             // The frame of the last change, if there is one, without a look at the larger table.
             let changed = if moved > 0 { moved } else { place.changed };
             (moved > 0 || place.placement.is_some()) && changed + 1 < self.frame

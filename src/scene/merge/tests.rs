@@ -107,6 +107,41 @@ impl Scene {
     }
 }
 
+/// Objects that came late, and went while they waited for rest or were about to be merged.
+#[test]
+fn tables_end_behind_the_last_object() {
+    let mut scene = Scene::new(&[10; 4]);
+    scene.run(3 * QUIET);
+    for slot in [0, 3] {
+        scene.scheduler.observe(slot, at(slot, 9.0));
+    }
+    (1..4).for_each(|slot| scene.scheduler.observe(slot, None));
+    scene.scheduler.truncate(1);
+    assert_eq!(scene.scheduler.len(), 1);
+    // Another object comes while the slot of the last one is due.
+    scene.scheduler.observe(3, at(8, 0.0));
+    scene.run(200 * QUIET);
+    assert!(scene.merged().contains(&3) && !scene.scheduler.is_pending());
+    assert!(scene.plan().is_none());
+
+    scene.scheduler.observe(3, at(8, 5.0));
+    let planned = (0..200 * QUIET).any(|_| {
+        let plan = scene.plan();
+        if plan.as_ref().is_some_and(|members| !members.contains(&3)) {
+            scene.finish();
+        }
+        plan.is_some_and(|members| members.contains(&3))
+    });
+    assert!(planned, "it is merged again");
+    scene.scheduler.observe(3, None);
+    scene.scheduler.truncate(1);
+    assert_eq!(scene.scheduler.len(), 4, "a build knows the slot");
+    scene.scheduler.abandon();
+    scene.scheduler.truncate(1);
+    assert_eq!(scene.scheduler.len(), 1);
+    scene.run(QUIET);
+}
+
 #[test]
 fn an_object_that_moved_rests_where_it_is_by_then() {
     let mut scheduler = MergeScheduler::new(LIMITS);

@@ -34,6 +34,8 @@ use bevy::{
 /// Resources of the render world from which poses follow.
 pub(in crate::scene) struct PoseInputs<'a> {
     pub extracted: &'a ExtractedPoses,
+    /// Slots from which objects went to others, and where they went.
+    pub relocated: &'a [[u32; 2]],
     pub cache: &'a PipelineCache,
     pub diagnostics: Option<&'a DiagnosticsRecorder>,
 }
@@ -167,6 +169,12 @@ impl Poses {
         queue: &RenderQueue,
     ) -> PoseChanges {
         let extracted = inputs.extracted;
+        for [from, to] in inputs.relocated {
+            // It keeps its pose.
+            if let Some(posed) = self.posed.remove(from) {
+                self.posed.insert(*to, posed);
+            }
+        }
         let mut changes = PoseChanges::default();
         if extracted.sources.is_empty() && self.posed.is_empty() {
             return changes;

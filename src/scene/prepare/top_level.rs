@@ -81,6 +81,7 @@ impl SceneBindings {
         let begin = Instant::now();
         self.follow_merging(instances, meshes);
         let merge = &self.merge;
+        self.top_level.truncate(instances.slots().len());
         self.top_level.advance(
             |slot| merge.is_merged(slot),
             |slot| instances.place_of(slot),

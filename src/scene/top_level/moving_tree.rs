@@ -182,14 +182,20 @@ fn build_carefully<'a>(objects: &[Object], merged: impl Iterator<Item = TlasInst
 
 /// Makes room for so many items, and returns the first of it; `None` where there is none. Merged trees may get lost over it.
 fn first_item(slice: &mut Option<ArenaSlice>, items: usize, meshes: &mut SceneMeshes) -> Option<u32> {
-    let has_room = |slice: &ArenaSlice| (slice.words() / ITEM_WORDS) as usize >= items;
-    if items > 0 && !slice.as_ref().is_some_and(has_room) {
+    // A crowd that has gone leaves its room behind.
+    let fits = |slice: &ArenaSlice| {
+        let room = (slice.words() / ITEM_WORDS) as usize;
+        room >= items && (room <= SMALLEST_ROOM || room / 8 <= items)
+    };
+    if !slice.as_ref().is_some_and(fits) {
         if let Some(slice) = slice.take() {
             meshes.bvh.free(slice);
         }
-        // Room to grow, so that a slowly growing scene doesn't ask for it in every frame.
-        let roomy = items.next_power_of_two().max(SMALLEST_ROOM);
-        *slice = Some(meshes.allocate_tree(roomy).or_else(|| meshes.allocate_tree(items))?);
+        if items > 0 {
+            // Room to grow, so that a slowly growing scene doesn't ask for it in every frame.
+            let roomy = items.next_power_of_two().max(SMALLEST_ROOM);
+            *slice = Some(meshes.allocate_tree(roomy).or_else(|| meshes.allocate_tree(items))?);
+        }
     }
     Some(slice.as_ref().map_or(0, |slice| slice.base() / ITEM_WORDS))
 }
