@@ -37,9 +37,6 @@ use instance_table::InstanceTable;
 
 pub(super) use instance_table::{Matrices, pack_instance};
 
-/// Place of the textures among the generations.
-const TEXTURES: usize = 5;
-
 /// The scene's buffers and bind group (group 1 of `bindings.wesl`).
 #[derive(Resource)]
 pub struct SceneBindings {
@@ -345,8 +342,8 @@ pub(super) fn prepare_scene_bind_group(
         }
     }
     if !current {
-        // Other buffers hold what the last ones held, but for changes that are noted already. Images have their contents alone.
-        if bindings.bind_group.is_none() || generations[TEXTURES] != bindings.generations[TEXTURES] {
+        // Other buffers and textures hold what the last ones held, but for changes that are noted already.
+        if bindings.bind_group.is_none() {
             bindings.version.note(Change::Unmarked);
         }
         bindings.generations = generations;

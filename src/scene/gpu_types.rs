@@ -216,10 +216,12 @@ pub struct GpuSceneCounts {
     pub light_leaf_count: u32,
     /// Ray queries: slots that `INSTANCE_LEFT` is true of, also behind the last instance.
     pub left_count: u32,
+    /// A bit for each light probe in the buffer that has changed lately.
+    pub restless_probes: u32,
 }
 
 const _: () = assert!(size_of::<GpuInstance>() == 128);
 const _: () = assert!(size_of::<GpuMaterial>() == 128);
 const _: () = assert!(size_of::<GpuLight>() == 64);
 const _: () = assert!(size_of::<GpuLightProbe>() == 80);
-const _: () = assert!(size_of::<GpuSceneCounts>() == 48);
+const _: () = assert!(size_of::<GpuSceneCounts>() == 52);

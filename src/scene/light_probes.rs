@@ -1,7 +1,9 @@
 //! Light probes as hits need them: Bevy's reflection probes and irradiance volumes, all of the scene, since rays leave what the camera sees.
 //! `light_probes.wesl` is the GPU side.
 
-use super::{bvh::invert, gpu_types::GpuLightProbe, upload::StorageSlice};
+mod marks;
+
+use super::{bvh::invert, change::Change, gpu_types::GpuLightProbe, upload::StorageSlice};
 use crate::{device::ReflectionTextureMode, settings::RayTracedReflections};
 use bevy::{
     asset::AssetId,
@@ -25,6 +27,7 @@ use bevy::{
     transform::components::GlobalTransform,
 };
 use core::num::NonZero;
+use marks::Marks;
 
 /// Most probes of one kind in hit shading; `light_probes.wesl` has the same number. Bevy takes half as many for each view.
 ///
@@ -141,6 +144,8 @@ pub(super) fn extract_light_probes(world: &ProbeWorld, active: bool, mut extract
     extracted.set_if_neq(current);
 }
 
+const _: () = assert!(2 * MAX_PROBES <= u32::BITS as usize);
+
 /// The probes whose images can be sampled, as shaders see them.
 pub(super) struct LightProbes {
     buffer: StorageSlice<GpuLightProbe>,
@@ -151,6 +156,7 @@ pub(super) struct LightProbes {
     volumes: Vec<TextureView>,
     /// Black textures that fill the arrays; `None` where the device has no arrays of bindings.
     fillers: Option<[TextureView; 2]>,
+    marks: Marks,
     generation: u64,
 }
 
@@ -232,6 +238,7 @@ impl LightProbes {
             maps: Vec::new(),
             volumes: Vec::new(),
             fillers: texture_layouts(mode, device).map(|_| dimensions.map(|dimension| black(dimension, device, queue))),
+            marks: Marks::default(),
             generation: 0,
         }
     }
@@ -241,6 +248,7 @@ impl LightProbes {
         self.data.clear();
         self.maps.clear();
         self.volumes.clear();
+        self.marks = Marks::default();
         self.generation += 1;
     }
 
@@ -257,6 +265,11 @@ impl LightProbes {
     /// For `SceneCounts::irradiance_volume_count`.
     pub fn irradiance_volume_count(&self) -> u32 {
         self.volumes.len() as u32
+    }
+
+    /// For `SceneCounts::restless_probes`.
+    pub fn restless(&self) -> u32 {
+        self.marks.bits()
     }
 
     /// For binding 10 of group 1.
@@ -279,16 +292,16 @@ impl LightProbes {
         })
     }
 
-    /// Takes over the probes whose images are there. Returns whether anything is different.
+    /// Takes over the probes whose images are there. Returns the change for rays.
     pub fn update(
         &mut self,
         extracted: &ExtractedLightProbes,
         images: &RenderAssets<GpuImage>,
         device: &RenderDevice,
         queue: &RenderQueue,
-    ) -> bool {
+    ) -> Change {
         if self.fillers.is_none() || (self.is_empty() && *extracted == ExtractedLightProbes::default()) {
-            return false;
+            return Change::Nothing;
         }
         let view = |image, dimension| view_of(images.get(image)?, dimension, device);
         let (mut data, mut maps, mut volumes) = (Vec::new(), Vec::new(), Vec::new());
@@ -306,17 +319,19 @@ impl LightProbes {
             }
         }
         let ids = |views: &[TextureView]| views.iter().map(|view| view.id()).collect::<Vec<_>>();
-        let same_textures = ids(&self.maps) == ids(&maps) && ids(&self.volumes) == ids(&volumes);
-        if !same_textures {
+        let (map_ids, volume_ids) = (ids(&maps), ids(&volumes));
+        if (&map_ids, &volume_ids) != (&ids(&self.maps), &ids(&self.volumes)) {
             (self.maps, self.volumes) = (maps, volumes);
             self.generation += 1;
         }
-        let same_data = self.data == data;
-        if !same_data || self.buffer.waits_for_memory() {
+        if self.data != data || self.buffer.waits_for_memory() {
             self.data = data;
             self.buffer.write(&self.data, 0..self.data.len(), device, queue);
         }
-        !(same_textures && same_data)
+        let of_maps = map_ids.chunks_exact(2).map(|pair| [pair[0], pair[1]]);
+        let images = of_maps.chain(volume_ids.iter().map(|voxels| [*voxels; 2]));
+        let probes = self.data.iter().copied().zip(images).collect();
+        self.marks.follow(map_ids.len() / 2, probes)
     }
 }
 

@@ -1,7 +1,7 @@
 //! Lightmaps: light that was baked for an object. Hits show it as Bevy's deferred renderer does, beside all other light.
 
 use super::{gpu_types::NO_TEXTURE, instances::SceneInstances, textures::TextureTable, waiting_room::WaitingRoom};
-use bevy::{asset::AssetId, image::Image};
+use bevy::{asset::AssetId, image::Image, platform::collections::HashSet};
 use std::collections::BTreeMap;
 
 /// The objects' lightmaps in the table of textures.
@@ -15,14 +15,14 @@ pub(super) struct Lightmaps {
 
 impl Lightmaps {
     /// Takes places for the lightmaps of objects in `dirty` slots, and gives back those that they no longer need. Adds slots to
-    /// `dirty` whose lightmap may be found now: all of them if images have `changed`.
+    /// `dirty` whose lightmap may be found now. Returns those whose lightmap is among the `changed` images.
     pub fn follow(
         &mut self,
         dirty: &mut Vec<u32>,
-        changed: bool,
+        changed: &HashSet<AssetId<Image>>,
         instances: &SceneInstances,
         textures: &mut TextureTable,
-    ) {
+    ) -> Vec<u32> {
         dirty.extend(self.without_room.take(textures.used(), false));
         for &slot in &*dirty {
             let source = instances.get(slot).and_then(|source| source.lightmap.as_ref());
@@ -42,9 +42,13 @@ impl Lightmaps {
                 self.without_room.wait(slot, textures.used());
             }
         }
-        if changed {
-            dirty.extend(self.images.keys());
+        if changed.is_empty() {
+            return Vec::new();
         }
+        let lit = self.images.iter().filter(|(_, image)| changed.contains(*image));
+        let lit: Vec<u32> = lit.map(|(slot, _)| *slot).collect();
+        dirty.extend(&lit);
+        lit
     }
 
     /// The word for shaders; [`NO_TEXTURE`] until the image of the object in a slot can be sampled.
@@ -106,7 +110,7 @@ mod tests {
         let mut lightmaps = Lightmaps::default();
         let mut follow = |dirty: &[u32], instances: &SceneInstances, textures: &mut TextureTable| {
             let mut dirty = dirty.to_vec();
-            lightmaps.follow(&mut dirty, false, instances, textures);
+            lightmaps.follow(&mut dirty, &HashSet::default(), instances, textures);
             (dirty, lightmaps.is_empty())
         };
         assert_eq!(follow(&[0], &instances, &mut textures), (vec![0], true), "it is full");

@@ -2,6 +2,7 @@
 
 mod pack;
 mod types;
+mod users;
 
 use core::any::TypeId;
 use std::ops::Range;
@@ -28,7 +29,8 @@ use bytemuck::bytes_of;
 pub use pack::{format_flags, instance_flags, is_traced, pack_material, texture_ids};
 pub(super) use types::MaterialTypes;
 
-use pack::{hits_same, instances_same, looks_same};
+use pack::{hits_same, instances_same, is_solid, looks_same};
+use users::{ImageUsers, Images};
 
 /// A material type that rays see.
 ///
@@ -174,7 +176,7 @@ pub fn extract_materials<M: ReflectedMaterial>(
 
 struct Slot {
     id: Option<UntypedAssetId>,
-    textures: [Option<AssetId<Image>>; 5],
+    textures: Images,
 }
 
 /// The packed materials, at indices that stay the same while a material exists. Index 0 is [`DEFAULT_MATERIAL`].
@@ -184,8 +186,10 @@ pub struct MaterialTable {
     slots: Vec<Slot>,
     data: Vec<GpuMaterial>,
     free: FreeSlots,
-    /// Materials to pack again: new ones, and those whose images are still on their way.
+    /// Materials to pack again: new ones, and those that changed.
     waiting: HashSet<u32>,
+    /// Images with the materials that use them or wait for them.
+    users: ImageUsers,
     /// Materials whose images found no place in the table of textures.
     without_room: WaitingRoom<u32>,
     dirty: Range<usize>,
@@ -197,6 +201,9 @@ pub struct MaterialTable {
     coated: usize,
     /// Number of materials through which diffuse light comes.
     translucent: usize,
+    /// How often a material was packed.
+    #[cfg(test)]
+    packs: usize,
 }
 
 fn is_coated(material: &GpuMaterial) -> bool {
@@ -214,12 +221,15 @@ impl Default for MaterialTable {
             data: vec![pack_material(&StandardMaterial::default())],
             free: FreeSlots::default(),
             waiting: HashSet::default(),
+            users: ImageUsers::default(),
             without_room: WaitingRoom::default(),
             dirty: 0..1,
             change: Change::Unmarked,
             restless: HashMap::default(),
             coated: 0,
             translucent: 0,
+            #[cfg(test)]
+            packs: 0,
         }
     }
 }
@@ -287,7 +297,7 @@ impl MaterialTable {
             flags: data.flags & !MATERIAL_RESTLESS,
             ..*data
         };
-        // A material whose image never arrives is packed in each frame; only a difference may end the rest of static views.
+        // Only a difference may end the rest of static views.
         if bytes_of(&before) == bytes_of(&material) {
             return;
         }
@@ -296,15 +306,57 @@ impl MaterialTable {
         self.translucent += usize::from(material.emissive[3] > 0.0);
         self.translucent -= usize::from(before.emissive[3] > 0.0);
         *data = material;
-        if hits_same(&before, &material) {
-            data.flags |= MATERIAL_RESTLESS;
-            self.restless.insert(index, RESTLESS_FRAMES);
-            self.change = self.change.max(Change::Marked);
+        let is_marked = hits_same(&before, &material);
+        let place = index as usize;
+        self.dirty = self.dirty.start.min(place)..self.dirty.end.max(place + 1);
+        if is_marked {
+            self.mark(index);
         } else {
             self.change = Change::Unmarked;
         }
-        let index = index as usize;
-        self.dirty = self.dirty.start.min(index)..self.dirty.end.max(index + 1);
+    }
+
+    /// A material looks different at places where rays met it before.
+    fn mark(&mut self, index: u32) {
+        let place = index as usize;
+        let flags = &mut self.data[place].flags;
+        if *flags & MATERIAL_RESTLESS == 0 {
+            *flags |= MATERIAL_RESTLESS;
+            self.dirty = self.dirty.start.min(place)..self.dirty.end.max(place + 1);
+        }
+        self.restless.insert(index, RESTLESS_FRAMES);
+        self.change = self.change.max(Change::Marked);
+    }
+
+    /// Notes that objects of a material look different, although it is the same.
+    pub(super) fn note_relit(&mut self, id: UntypedAssetId) {
+        if let Some(index) = self.indices.get(&id) {
+            self.mark(*index);
+        }
+    }
+
+    /// Notes that images have arrived, or have other content.
+    fn follow_images(&mut self, images: &HashSet<AssetId<Image>>) {
+        for image in images {
+            let users: Vec<u32> = self.users.of(*image).collect();
+            self.waiting.extend(&users);
+            for index in users {
+                let (slot, data) = (&self.slots[index as usize], &self.data[index as usize]);
+                // Rays that went through holes of the last one can't tell.
+                if is_solid(data) || slot.textures[TEXTURE_BASE_COLOR] != Some(*image) {
+                    self.mark(index);
+                } else {
+                    self.change = Change::Unmarked;
+                }
+            }
+        }
+    }
+
+    /// Replaces the images of a material, which have a place in the table of textures. Returns the last ones.
+    fn set_textures(&mut self, index: u32, textures: Images) -> Images {
+        let last = core::mem::replace(&mut self.slots[index as usize].textures, textures);
+        self.users.replace(index, last, textures);
+        last
     }
 
     /// A frame goes by: takes marks from materials that have been the same for a while.
@@ -332,14 +384,10 @@ impl MaterialTable {
 
     fn remove(&mut self, id: UntypedAssetId, textures: &mut TextureTable) {
         let Some(index) = self.indices.remove(&id) else { return };
-        let slot = &mut self.slots[index as usize];
-        for image in slot.textures.into_iter().flatten() {
+        for image in self.set_textures(index, [None; 5]).into_iter().flatten() {
             textures.release(image);
         }
-        *slot = Slot {
-            id: None,
-            textures: [None; 5],
-        };
+        self.slots[index as usize].id = None;
         self.waiting.remove(&index);
         self.without_room.remove(&index);
         self.write(index, self.data[DEFAULT_MATERIAL as usize]);
@@ -350,6 +398,7 @@ impl MaterialTable {
         }
     }
 
+    /// Packs a material once it is loaded.
     fn pack(
         &mut self,
         index: u32,
@@ -363,20 +412,21 @@ impl MaterialTable {
         let Some(material) = assets.get(id) else {
             return;
         };
+        #[cfg(test)]
+        {
+            self.packs += 1;
+        }
         // New images are taken before old ones are given back, so that those in both keep their place.
         let wanted = texture_ids(material);
         let ids = wanted.map(|image| image.filter(|image| textures.acquire(*image)));
-        for image in self.slots[index as usize].textures.into_iter().flatten() {
+        for image in self.set_textures(index, ids).into_iter().flatten() {
             textures.release(image);
         }
-        self.slots[index as usize].textures = ids;
 
         let mut packed = pack_material(material);
-        let mut complete = true;
         for (slot, image) in ids.into_iter().enumerate() {
-            let Some(image) = image else { continue };
-            complete &= textures.is_settled(image);
-            packed.textures[slot] = textures.packed(image).unwrap_or(NO_TEXTURE);
+            let word = image.and_then(|image| textures.packed(image));
+            packed.textures[slot] = word.unwrap_or(NO_TEXTURE);
         }
         let format = |slot: usize| {
             let image: &GpuImage = images.get(ids[slot]?)?;
@@ -390,20 +440,16 @@ impl MaterialTable {
         } else {
             self.without_room.wait(index, textures.used());
         }
-        if complete {
-            self.waiting.remove(&index);
-        } else {
-            self.waiting.insert(index);
-        }
     }
 }
 
-/// Packs what changed. Runs after the update of textures.
+/// Packs what changed: materials, or images that arrived or have other content. Runs after the update of textures.
 pub fn update_materials(
     assets: &mut MaterialAssets,
     table: &mut MaterialTable,
     textures: &mut TextureTable,
     images: &RenderAssets<GpuImage>,
+    resettled: &HashSet<AssetId<Image>>,
 ) {
     table.settle();
     for id in std::mem::take(&mut assets.removed) {
@@ -420,16 +466,10 @@ pub fn update_materials(
             table.waiting.insert(*index);
         }
     }
-    let resettled: HashSet<_> = textures.take_resettled().into_iter().collect();
-    if !resettled.is_empty() {
-        let uses = |slot: &Slot| slot.textures.iter().flatten().any(|image| resettled.contains(image));
-        let users = (0..).zip(&table.slots).filter(|(_, slot)| uses(slot));
-        table.waiting.extend(users.map(|(index, _)| index));
-    }
-    if !table.waiting.is_empty() {
-        for index in table.waiting.iter().copied().collect::<Vec<_>>() {
-            table.pack(index, assets, textures, images);
-        }
+    table.follow_images(resettled);
+    // One that isn't loaded yet comes back once it is.
+    for index in core::mem::take(&mut table.waiting) {
+        table.pack(index, assets, textures, images);
     }
 }
 

@@ -22,8 +22,9 @@ use super::{
 };
 use crate::{device::ReflectionTracer, settings::WantsReflections, status::ReflectionStatus};
 use bevy::{
-    asset::UntypedAssetId,
+    asset::{AssetId, UntypedAssetId},
     ecs::{prelude::*, system::SystemParam},
+    image::Image,
     pbr::AreaLightLuts,
     platform::collections::HashSet,
     render::{
@@ -72,12 +73,14 @@ pub(super) fn prepare_scene(mut scene: Scene, mut changed_materials: Local<HashS
     scene
         .textures
         .update(&scene.device, &scene.queue, &scene.cache, &scene.images);
-    scene.prepare_instances(&mut changed_materials);
+    let resettled = scene.textures.take_resettled();
+    scene.prepare_instances(&mut changed_materials, &resettled);
     update_materials(
         &mut scene.assets,
         &mut scene.materials,
         &mut scene.textures,
         &scene.images,
+        &resettled,
     );
     scene.prepare_light_probes();
     scene.note_features();
@@ -86,8 +89,12 @@ pub(super) fn prepare_scene(mut scene: Scene, mut changed_materials: Local<HashS
 
 impl Scene<'_, '_> {
     /// Brings instances, merged trees and the top level up to date; does nothing where nothing changed. Runs before materials
-    /// are packed, which forgets what changed.
-    fn prepare_instances(&mut self, changed_materials: &mut HashSet<UntypedAssetId>) {
+    /// are packed, which forgets what changed. `resettled` are images that arrived or have other content.
+    fn prepare_instances(
+        &mut self,
+        changed_materials: &mut HashSet<UntypedAssetId>,
+        resettled: &HashSet<AssetId<Image>>,
+    ) {
         if !self.activity.active {
             self.release();
             return;
@@ -102,9 +109,12 @@ impl Scene<'_, '_> {
             materials: changed_materials,
         };
         let bindings = &mut *self.bindings;
-        bindings
+        let relit = bindings
             .lightmaps
-            .follow(&mut dirty, changes.images, &self.instances, &mut self.textures);
+            .follow(&mut dirty, resettled, &self.instances, &mut self.textures);
+        for source in relit.iter().filter_map(|slot| self.instances.get(*slot)) {
+            self.materials.note_relit(source.material);
+        }
         let surroundings = Surroundings {
             materials: &self.assets,
             textures: &self.textures,
@@ -197,9 +207,8 @@ impl Scene<'_, '_> {
     /// Brings light probes up to date.
     fn prepare_light_probes(&mut self) {
         let probes = &mut self.bindings.light_probes;
-        if probes.update(&self.light_probes, &self.images, &self.device, &self.queue) {
-            self.bindings.version.note(Change::Unmarked);
-        }
+        let change = probes.update(&self.light_probes, &self.images, &self.device, &self.queue);
+        self.bindings.version.note(change);
     }
 
     /// Uploads materials, lights and counts that changed.
@@ -252,6 +261,7 @@ impl Scene<'_, '_> {
             texture_count: self.textures.texture_count(),
             reflection_probe_count: bindings.light_probes.reflection_probe_count(),
             irradiance_volume_count: bindings.light_probes.irradiance_volume_count(),
+            restless_probes: bindings.light_probes.restless(),
             ..bindings.uniform_data
         };
         if uniform != bindings.uniform_data || bindings.bind_group.is_none() {

@@ -2,6 +2,7 @@
 //! else small copies in the layers of one array texture (`texture_layers.rs`).
 
 mod bindings;
+mod entry;
 mod samplers;
 
 use bevy::{
@@ -9,7 +10,7 @@ use bevy::{
     ecs::prelude::*,
     image::{Image, ImageSampler},
     log::warn_once,
-    platform::collections::HashMap,
+    platform::collections::{HashMap, HashSet},
     render::{
         render_asset::RenderAssets,
         render_resource::{
@@ -24,29 +25,10 @@ use bevy::{
 
 use super::{free_slots::FreeSlots, texture_layers::TextureLayers};
 use crate::device::{MAX_SAMPLERS, MemoryRetry, ReflectionTextureMode, texture_mode};
+use entry::{Entry, State};
 use samplers::Place;
 
 const SAMPLER_SHIFT: u32 = 20;
-
-enum State {
-    /// Not on the GPU yet.
-    Loading,
-    /// Can be sampled.
-    Ready(TextureView),
-    /// No two-dimensional texture of filterable colours, or one without memory for a copy.
-    Unusable,
-}
-
-struct Entry {
-    id: AssetId<Image>,
-    users: u32,
-    /// How the image wants to be sampled; `None` until it is known.
-    sampling: Option<ImageSampler>,
-    sampler: u32,
-    state: State,
-    /// Another one for each content of the image; see [`TextureTable::finest_level`].
-    version: u64,
-}
 
 /// The textures in use, at indices that stay the same while some material uses them.
 #[derive(Resource)]
@@ -64,7 +46,7 @@ pub struct TextureTable {
     refused: Vec<u32>,
     /// When these are looked at again.
     retry: MemoryRetry,
-    resettled: Vec<AssetId<Image>>,
+    resettled: HashSet<AssetId<Image>>,
     /// Position of the walk over all entries that finds replaced images.
     cursor: usize,
     generation: u64,
@@ -108,7 +90,7 @@ impl FromWorld for TextureTable {
             pending: Vec::new(),
             refused: Vec::new(),
             retry: MemoryRetry::default(),
-            resettled: Vec::new(),
+            resettled: HashSet::default(),
             cursor: 0,
             generation: 0,
             next_version: 0,
@@ -192,6 +174,7 @@ impl TextureTable {
             sampler: 0,
             state: State::Loading,
             version: self.next_version,
+            outdated: false,
         });
         let entries = &self.entries;
         let free = self.free.take(entries.len(), |index| entries[index as usize].is_none());
@@ -241,12 +224,6 @@ impl TextureTable {
         Some((index, self.entries[index as usize].as_ref()?))
     }
 
-    /// False while an image may still become usable.
-    pub(super) fn is_settled(&self, id: AssetId<Image>) -> bool {
-        self.entry(id)
-            .is_none_or(|(_, entry)| !matches!(entry.state, State::Loading))
-    }
-
     /// The word for [`super::gpu_types::GpuMaterial::textures`] of an image that can be sampled.
     pub(super) fn packed(&self, id: AssetId<Image>) -> Option<u32> {
         let (index, entry) = self.entry(id)?;
@@ -258,8 +235,8 @@ impl TextureTable {
         std::mem::take(&mut self.touched)
     }
 
-    /// Images whose word changed since the last call.
-    pub(super) fn take_resettled(&mut self) -> Vec<AssetId<Image>> {
+    /// Images whose word or whose content changed since the last call.
+    pub(super) fn take_resettled(&mut self) -> HashSet<AssetId<Image>> {
         std::mem::take(&mut self.resettled)
     }
 
@@ -364,16 +341,19 @@ impl TextureTable {
                 sampler = self.sampler_for(device, &sampling, image);
                 State::Ready(image.texture_view.clone())
             };
-            if let Some(entry) = self.entries[index as usize].as_mut() {
-                entry.state = state;
-                let last = core::mem::replace(&mut entry.sampler, sampler);
-                if last != sampler {
-                    self.give_sampler_back(last);
-                }
+            let Some(entry) = self.entries[index as usize].as_mut() else {
+                continue;
+            };
+            let last = entry.sampler;
+            let differs = entry.settle(state, sampler);
+            if last != sampler {
+                self.give_sampler_back(last);
             }
-            self.resettled.push(id);
             self.touched = true;
-            self.generation += 1;
+            if differs {
+                self.resettled.insert(id);
+                self.generation += 1;
+            }
         }
 
         if let Some(layers) = &mut self.layers {
@@ -414,6 +394,7 @@ pub(super) fn extract_texture_changes<'a>(
                 entry.sampling = None;
                 table.next_version += 1;
                 entry.version = table.next_version;
+                entry.outdated = true;
                 table.touched = true;
             }
         }

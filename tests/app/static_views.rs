@@ -5,7 +5,13 @@ use crate::{
     pictures::{use_coarse_shadow_maps, warm_up},
     stage::{BEFORE_THE_MIRROR, SIZE, frame, metal, spawn_camera, spawn_mesh, wall},
 };
-use bevy::prelude::*;
+use bevy::{
+    asset::RenderAssetUsages,
+    image::Image,
+    light::LightProbe,
+    prelude::*,
+    render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
+};
 use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
@@ -14,12 +20,17 @@ const UNSEEN: Vec3 = Vec3::new(0.0, 0.0, -6.0);
 /// Before it, and behind the camera.
 const SEEN: Vec3 = Vec3::new(0.5, 0.0, 5.5);
 
-/// An object, its material and a lamp beside it, any of which may change.
+/// cd/m^2 of the light probe around the object.
+const PROBE: f32 = 2_500.0;
+
+/// An object, its material and its texture, a lamp beside it and a light probe around it, any of which may change.
 struct Restless {
     at: Vec3,
     object: Entity,
     material: Handle<StandardMaterial>,
+    texture: Handle<Image>,
     lamp: Entity,
+    probe: Entity,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,13 +40,61 @@ enum Change {
     Color,
     Uv,
     Lamp,
+    Image,
+    Probe,
+}
+
+fn white(size: Extent3d) -> Image {
+    let texels = [255; 4];
+    let mut image = Image::new_fill(
+        size,
+        TextureDimension::D2,
+        &texels,
+        TextureFormat::Rgba8UnormSrgb,
+        RenderAssetUsages::default(),
+    );
+    if size.depth_or_array_layers == 6 {
+        image.texture_view_descriptor = Some(TextureViewDescriptor {
+            dimension: Some(TextureViewDimension::Cube),
+            ..default()
+        });
+    }
+    image
+}
+
+/// A light probe, whose box is large enough for what stands around.
+fn spawn_probe(app: &mut HeadlessApp, at: Vec3) -> Entity {
+    let faces = Extent3d {
+        depth_or_array_layers: 6,
+        ..default()
+    };
+    let map = app.world().resource_mut::<Assets<Image>>().add(white(faces));
+    let probe = LightProbe {
+        falloff: Vec3::splat(0.1),
+    };
+    let light = EnvironmentMapLight {
+        diffuse_map: map.clone(),
+        specular_map: map,
+        intensity: PROBE,
+        ..default()
+    };
+    let place = Transform::from_translation(at).with_scale(Vec3::splat(3.0));
+    app.world().spawn((probe, light, place)).id()
 }
 
 impl Restless {
     fn spawn(app: &mut HeadlessApp, at: Vec3) -> Self {
         let object = Cuboid::new(0.6, 0.6, 0.1);
         let place = Transform::from_translation(at);
-        let object = spawn_mesh(app, object, StandardMaterial::from(Color::WHITE), place);
+        let texture = app
+            .world()
+            .resource_mut::<Assets<Image>>()
+            .add(white(Extent3d::default()));
+        let material = StandardMaterial {
+            base_color_texture: Some(texture.clone()),
+            ..default()
+        };
+        let object = spawn_mesh(app, object, material, place);
         let lamp = PointLight {
             intensity: 60_000.0,
             range: 5.0,
@@ -50,7 +109,9 @@ impl Restless {
             at,
             object,
             material,
+            texture,
             lamp,
+            probe: spawn_probe(app, at),
         }
     }
 
@@ -60,6 +121,18 @@ impl Restless {
         world.get_mut::<PointLight>(self.lamp).unwrap().intensity = 60_000.0;
         let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
         materials.get_mut(&self.material).unwrap().base_color = Color::WHITE;
+        self.paint(app, [255; 4]);
+        self.set_probe(app, PROBE);
+    }
+
+    fn paint(&self, app: &mut HeadlessApp, texel: [u8; 4]) {
+        let mut images = app.world().resource_mut::<Assets<Image>>();
+        images.get_mut(&self.texture).unwrap().data = Some(texel.into());
+    }
+
+    fn set_probe(&self, app: &mut HeadlessApp, intensity: f32) {
+        let mut light = app.world().get_mut::<EnvironmentMapLight>(self.probe).unwrap();
+        light.intensity = intensity;
     }
 
     /// `step` counts frames.
@@ -78,6 +151,8 @@ impl Restless {
                 materials.get_mut(&self.material).unwrap().uv_transform.translation = Vec2::splat(wave);
             }
             Change::Lamp => world.get_mut::<PointLight>(self.lamp).unwrap().intensity = 60_000.0 + 40_000.0 * wave,
+            Change::Image => self.paint(app, [(128.0 + 100.0 * wave) as u8, 20, 230, 255]),
+            Change::Probe => self.set_probe(app, PROBE * (1.0 + 0.9 * wave)),
         }
     }
 }
@@ -133,7 +208,16 @@ fn what_no_ray_meets_keeps_no_view_from_converging() {
     // Until objects are merged, too.
     begin_anew(app, camera);
     (0..150).for_each(|_| frame(app));
-    let noise = [Change::Nothing, Change::Place, Change::Color, Change::Uv, Change::Lamp].map(|change| {
+    let changes = [
+        Change::Nothing,
+        Change::Place,
+        Change::Color,
+        Change::Uv,
+        Change::Lamp,
+        Change::Image,
+        Change::Probe,
+    ];
+    let noise = changes.map(|change| {
         // The beginning of a movement is a change for all views: histories are as long in all cases.
         (0..40).for_each(|_| frame(app));
         app.world().get_mut::<Transform>(restless.object).unwrap().translation.y += 0.1;
@@ -172,7 +256,7 @@ fn what_rays_meet_is_followed() {
     let unseen = Restless::spawn(app, UNSEEN);
     let seen = Restless::spawn(app, SEEN);
     let camera = room(app, 0.2);
-    for change in [Change::Place, Change::Color, Change::Lamp] {
+    for change in [Change::Place, Change::Color, Change::Lamp, Change::Image, Change::Probe] {
         let [without, with] = [false, true].map(|converges| {
             seen.restore(app);
             let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();

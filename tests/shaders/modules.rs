@@ -387,7 +387,8 @@ fn lights_and_counts_match_the_cpu() {
             irradiance_volume_count,
             directional_light_count,
             light_leaf_count,
-            left_count
+            left_count,
+            restless_probes
         ]
     );
 }

@@ -208,15 +208,27 @@ pub(super) fn instances_same(a: &StandardMaterial, b: &StandardMaterial) -> bool
     flags & INSTANCE_ALPHA_MASKED == 0 && flags == instance_flags(b)
 }
 
-/// Returns whether materials differ in colours and the like alone, so that rays meet one where they met the other. Where textures lie
-/// makes no difference to rays if none of them lets rays through.
+/// Returns whether a material lets no ray through, whatever its textures are.
+pub(super) fn is_solid(material: &GpuMaterial) -> bool {
+    material.alpha_cutoff == 0.0 && material.stop_probability < 0.0
+}
+
+/// Flags that say how textures are read.
+const TEXTURE_FLAGS: u32 =
+    MATERIAL_METALLIC_ROUGHNESS_RG | MATERIAL_TWO_COMPONENT_NORMAL_MAP | MATERIAL_FLIP_NORMAL_MAP_Y;
+
+/// Returns whether materials differ in colours and the like alone, so that rays meet one where they met the other. The texture of the base
+/// colour and where textures lie make no difference to rays if none of them lets rays through.
 pub(super) fn hits_same(a: &GpuMaterial, b: &GpuMaterial) -> bool {
     let [red, green, blue, _] = a.base_color;
-    let is_solid = a.alpha_cutoff == 0.0 && a.stop_probability < 0.0;
-    let placed = if is_solid { a } else { b };
+    let placed = if is_solid(a) { a } else { b };
+    let mut textures = a.textures;
+    textures[TEXTURE_BASE_COLOR] = placed.textures[TEXTURE_BASE_COLOR];
     let with_colors_of_a = GpuMaterial {
         base_color: [red, green, blue, b.base_color[3]],
         emissive: a.emissive,
+        textures,
+        flags: (a.flags & TEXTURE_FLAGS) | (b.flags & !TEXTURE_FLAGS),
         metallic: a.metallic,
         perceptual_roughness: a.perceptual_roughness,
         reflectance: a.reflectance,

@@ -1,8 +1,9 @@
 //! Materials as rays see them.
 
 use super::{pack::packed_clearcoat, *};
+use crate::scene::test_gpu;
 use bevy::{
-    asset::Handle,
+    asset::{Handle, uuid::Uuid},
     color::{Alpha, Color},
     material::OpaqueRendererMethod,
     prelude::AlphaMode,
@@ -118,4 +119,129 @@ fn a_table_knows_whether_light_comes_through_any_material() {
     };
     table.write(index, pack_material(&deferred));
     assert!(!table.has_diffuse_transmission(), "Bevy draws it without");
+}
+
+/// Materials and the images that they wait for.
+struct Tables {
+    assets: MaterialAssets,
+    table: MaterialTable,
+    textures: TextureTable,
+    images: RenderAssets<GpuImage>,
+}
+
+fn uuid(number: usize) -> Uuid {
+    Uuid::from_u128(number as u128)
+}
+
+fn image(number: usize) -> AssetId<Image> {
+    AssetId::Uuid { uuid: uuid(number) }
+}
+
+fn image_handle(number: usize) -> Option<Handle<Image>> {
+    Some(Handle::Uuid(uuid(number), core::marker::PhantomData))
+}
+
+impl Tables {
+    /// `None` without a device.
+    fn new() -> Option<Self> {
+        let (device, queue) = test_gpu::device()?;
+        let mut world = World::new();
+        world.insert_resource(device);
+        world.insert_resource(queue);
+        Some(Self {
+            assets: MaterialAssets::default(),
+            table: MaterialTable::default(),
+            textures: TextureTable::from_world(&mut world),
+            images: RenderAssets::default(),
+        })
+    }
+
+    /// Adds an object's material. Returns its index.
+    fn add(&mut self, number: usize, material: Option<StandardMaterial>) -> u32 {
+        let id = AssetId::<StandardMaterial>::Uuid { uuid: uuid(number) }.untyped();
+        if let Some(material) = material {
+            self.assets.set(id, material);
+        }
+        self.table.index(id)
+    }
+
+    /// A frame in which images have arrived or changed. Returns the number of materials that were packed, and the change for rays.
+    fn update(&mut self, resettled: &[AssetId<Image>]) -> (usize, Change) {
+        let resettled = resettled.iter().copied().collect();
+        update_materials(
+            &mut self.assets,
+            &mut self.table,
+            &mut self.textures,
+            &self.images,
+            &resettled,
+        );
+        (core::mem::take(&mut self.table.packs), self.table.take_change())
+    }
+}
+
+/// However many images never arrive, and however many materials there are.
+#[test]
+fn a_material_is_packed_when_it_or_its_image_changes_and_then_no_more() {
+    const MATERIALS: usize = 100;
+    let Some(mut tables) = Tables::new() else { return };
+    for number in 0..MATERIALS {
+        let material = StandardMaterial {
+            base_color_texture: image_handle(number),
+            ..Default::default()
+        };
+        tables.add(number, Some(material));
+    }
+    // One that isn't loaded.
+    tables.add(MATERIALS, None);
+    let mut packs = |arrived: &[AssetId<Image>]| tables.update(arrived).0;
+    assert_eq!(packs(&[]), MATERIALS, "they are new");
+    assert_eq!(packs(&[]), 0, "nothing has changed");
+    assert_eq!(packs(&[image(0)]), 1, "its image has arrived");
+    assert_eq!(packs(&[image(MATERIALS)]), 0, "nobody's image has arrived");
+    assert_eq!(packs(&[]), 0);
+}
+
+#[test]
+fn images_that_change_mark_the_materials_that_show_them() {
+    let Some(mut tables) = Tables::new() else { return };
+    let textured = |number: usize, alpha_mode: AlphaMode| StandardMaterial {
+        base_color_texture: image_handle(number),
+        normal_map_texture: image_handle(10),
+        alpha_mode,
+        ..Default::default()
+    };
+    let solid = tables.add(1, Some(textured(1, AlphaMode::Opaque)));
+    let masked = tables.add(2, Some(textured(2, AlphaMode::Mask(0.5))));
+    tables.update(&[]);
+    let is_marked = |tables: &Tables, index: u32| tables.table.data[index as usize].flags & MATERIAL_RESTLESS != 0;
+    let settle = |tables: &mut Tables| {
+        for _ in 0..RESTLESS_FRAMES {
+            tables.update(&[]);
+        }
+        assert!(!is_marked(tables, solid) && !is_marked(tables, masked));
+        assert_eq!(tables.update(&[]), (0, Change::Nothing));
+        tables.table.take_dirty();
+    };
+    settle(&mut tables);
+    assert_eq!(tables.update(&[image(1)]).1, Change::Marked);
+    assert!(is_marked(&tables, solid) && !is_marked(&tables, masked));
+    assert_eq!(
+        tables.table.take_dirty(),
+        Some(solid as usize..solid as usize + 1),
+        "shaders see the mark"
+    );
+    settle(&mut tables);
+    assert_eq!(
+        tables.update(&[image(10)]).1,
+        Change::Marked,
+        "no hole moves with a normal map"
+    );
+    assert!(is_marked(&tables, solid) && is_marked(&tables, masked));
+    settle(&mut tables);
+    assert_eq!(
+        tables.update(&[image(2)]).1,
+        Change::Unmarked,
+        "its holes may have moved"
+    );
+    assert_eq!(tables.update(&[image(3)]).1, Change::Nothing, "nobody shows it");
 }

@@ -1,6 +1,10 @@
 //! Bindings 8 and 9 of group 1: layouts, textures and samplers.
 
-use super::{Entry, State, TextureTable, repeating};
+use super::{
+    TextureTable,
+    entry::{Entry, State},
+    repeating,
+};
 use crate::{
     device::{MAX_SAMPLERS, ReflectionTextureMode},
     scene::bvh::Wrap,

@@ -1,0 +1,73 @@
+//! An image of the table of textures.
+
+use bevy::{
+    asset::AssetId,
+    image::{Image, ImageSampler},
+    render::render_resource::TextureView,
+};
+
+/// State of an image on its way to the shaders.
+pub(super) enum State {
+    /// Not on the GPU yet.
+    Loading,
+    /// Can be sampled.
+    Ready(TextureView),
+    /// No two-dimensional texture of filterable colours, or one without memory for a copy.
+    Unusable,
+}
+
+/// An image in the table of textures.
+pub(super) struct Entry {
+    /// The image.
+    pub id: AssetId<Image>,
+    /// How many materials and lightmaps show it.
+    pub users: u32,
+    /// How the image wants to be sampled; `None` until it is known.
+    pub sampling: Option<ImageSampler>,
+    /// Place of its sampler.
+    pub sampler: u32,
+    /// Its state.
+    pub state: State,
+    /// Another one for each content of the image; see `TextureTable::finest_level`.
+    pub version: u64,
+    /// Rays still see older content.
+    pub outdated: bool,
+}
+
+impl Entry {
+    /// Takes over what has become of the image. Returns whether rays may see a difference.
+    pub fn settle(&mut self, state: State, sampler: u32) -> bool {
+        let is_same = match (&self.state, &state) {
+            (State::Ready(before), State::Ready(now)) => before.id() == now.id(),
+            (State::Unusable, State::Unusable) => true,
+            _ => false,
+        };
+        let differs = !is_same || self.sampler != sampler || self.outdated;
+        (self.state, self.sampler, self.outdated) = (state, sampler, false);
+        differs
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_other_contents_and_samplers_are_seen_by_rays() {
+        let mut entry = Entry {
+            id: AssetId::default(),
+            users: 1,
+            sampling: None,
+            sampler: 0,
+            state: State::Loading,
+            version: 1,
+            outdated: false,
+        };
+        assert!(entry.settle(State::Unusable, 0), "it was on its way");
+        assert!(!entry.settle(State::Unusable, 0));
+        assert!(entry.settle(State::Unusable, 3), "its sampler is another");
+        entry.outdated = true;
+        assert!(entry.settle(State::Unusable, 3), "it was changed");
+        assert!(!entry.settle(State::Unusable, 3));
+    }
+}
