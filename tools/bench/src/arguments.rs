@@ -1,6 +1,11 @@
 //! The command line, and the measurements that it asks for on a machine.
 
-use crate::{crowds::Crowds, kernels, machine::Machine};
+use crate::{
+    crowds::Crowds,
+    kernels,
+    machine::Machine,
+    subject::{CameraPlace, Subject},
+};
 use bevy::math::UVec2;
 use bevy_glint::{
     RayTracedReflections, ReflectionBackend, ReflectionTracerChoice, ShadingRateHeuristic, named_settings,
@@ -13,6 +18,7 @@ const TECHNIQUES: &str = "reference,quarter,quarter-inline,vrs-roughness,vrs-gra
     vrs-grazing@hardware,paper,low,medium,high,ultra,idle";
 /// Mesa's CPU driver crashes on ray queries in fragment shaders.
 const CPU_TECHNIQUES: &str = "reference,quarter,vrs-roughness,vrs-grazing,vrs-combined,paper,idle";
+const GROWTH_TECHNIQUES: &str = "vrs-combined,quarter";
 const DEFAULT_SCENES: [SceneName; 3] = [SceneName::Demo, SceneName::AtriumSmall, SceneName::Atrium];
 const GPU_SIZE: UVec2 = UVec2::new(1920, 1080);
 const CPU_SIZE: UVec2 = UVec2::new(480, 270);
@@ -31,6 +37,12 @@ fn scene_help() -> String {
 pub struct Arguments {
     #[arg(long, value_name = "NAME", help = scene_help())]
     scene: Vec<SceneName>,
+    /// A glTF file (.gltf or .glb), in place of or beside built-in scenes; may be given several times
+    #[arg(long, value_name = "FILE")]
+    gltf: Vec<PathBuf>,
+    /// Place of the camera in the files, and what it looks at, in metres (default: their first camera, or one that sees everything)
+    #[arg(long, value_name = "X,Y,Z,TX,TY,TZ", allow_hyphen_values = true, requires = "gltf")]
+    camera: Option<CameraPlace>,
     /// auto, ray-query, bvh or all
     #[arg(long, value_name = "NAME", default_value = "all")]
     tracer: Tracers,
@@ -72,7 +84,10 @@ pub struct Arguments {
     /// Characters of `--crowds`, of 20 thousand triangles each
     #[arg(long, value_name = "N", default_value_t = 50, requires = "crowds")]
     characters: usize,
-    /// Measure only those cases of `--worlds` or `--crowds` whose names contain this
+    /// Measure only how times grow with the picture (of the first scene) and with triangles, and what a small object takes: tables
+    #[arg(long, conflicts_with_all = ["worlds", "crowds"])]
+    pub growth: bool,
+    /// Measure only those cases of `--worlds`, `--crowds` or `--growth` whose names contain this
     #[arg(long, value_name = "WORD")]
     pub only: Option<String>,
     /// Write all values as CSV
@@ -81,9 +96,10 @@ pub struct Arguments {
 }
 
 /// Rays and passes to measure.
+#[derive(Clone)]
 pub struct Plan {
     /// Scenes.
-    pub scenes: Vec<SceneName>,
+    pub subjects: Vec<Subject>,
     /// Tracers, each in an app of its own.
     pub tracers: Vec<ReflectionTracerChoice>,
     /// Techniques whose passes are timed.
@@ -129,13 +145,19 @@ impl Arguments {
         } else {
             (GPU_SIZE, GPU_FRAMES, TECHNIQUES)
         };
+        let techniques = if self.growth { GROWTH_TECHNIQUES } else { techniques };
         let default_techniques = || techniques.split(',').filter_map(|word| word.parse().ok()).collect();
         let scenes = match self.scene.as_slice() {
-            [] => DEFAULT_SCENES.to_vec(),
-            chosen => chosen.to_vec(),
+            [] if self.gltf.is_empty() => &DEFAULT_SCENES,
+            chosen => chosen,
         };
+        let files = self.gltf.iter().map(|path| Subject::File {
+            // Bevy takes relative paths for places in the folder of assets.
+            path: std::path::absolute(path).unwrap_or_else(|_| path.clone()),
+            camera: self.camera,
+        });
         Plan {
-            scenes,
+            subjects: scenes.iter().copied().map(Subject::BuiltIn).chain(files).collect(),
             tracers: self.tracers(),
             techniques: match self.techniques.as_slice() {
                 [] => default_techniques(),

@@ -3,6 +3,7 @@
 //! `cargo xtask bench -- --scene atrium --csv bench.csv`
 //! `cargo xtask bench --worlds`
 //! `cargo xtask bench --crowds`
+//! `cargo xtask bench --growth`
 //!
 //! Rays are timed alone: one kernel writes them into a buffer, tile by tile, and the timed kernel only reads, traces and stores
 //! their hits. All times on the GPU come from its own clock.
@@ -11,10 +12,12 @@ mod arguments;
 mod arrivals;
 mod bvh_builds;
 mod crowds;
+mod growth;
 mod kernels;
 mod machine;
 mod measure;
 mod scenes;
+mod subject;
 mod table;
 mod worlds;
 
@@ -71,9 +74,13 @@ fn run(arguments: &Arguments) -> Result<(), String> {
             println!("This adapter is a CPU: its times can't be compared with those of GPUs.");
         }
         adapter = machine.name;
-        scenes::measure(&plan, &mut csv)?;
+        if arguments.growth {
+            growth::measure(&plan, arguments.only.as_deref(), &mut csv)?;
+        } else {
+            scenes::measure(&plan, &mut csv)?;
+        }
     }
-    if !arguments.skip_build {
+    if !arguments.skip_build && !arguments.growth {
         bvh_builds::measure(arguments.triangles, &mut csv)?;
     }
     match &arguments.csv {

@@ -3,6 +3,7 @@
 use crate::{
     arguments::{Plan, TimedTechnique},
     kernels,
+    subject::Subject,
     table::{Csv, Table, mebibytes, number, quantile},
 };
 use bevy::{
@@ -15,14 +16,15 @@ use bevy_glint::{
     RayTracedReflectionsPlugin, ReflectionBackend, ReflectionStatus, ReflectionStatusReport, ReflectionTracerChoice,
     internals::TotalTimeOnly,
 };
-use glint_scenes::{HeadlessApp, HeadlessSettings, ReplacedShader, SceneName, SceneOptions, SceneStatistics};
+use glint_scenes::{HeadlessApp, HeadlessSettings, ReplacedShader, SceneStatistics};
 use std::{path::Path, time::Duration};
 
 /// Frames that are rendered before measuring starts.
 const WARM_UP_FRAMES: u32 = 8;
 /// Frames in a row in which nothing was built: then the scene is complete.
 const QUIET_FRAMES: u32 = 8;
-const FRAME_LIMIT: u32 = 4000;
+/// Frames that building may take: minutes for ten million triangles.
+const FRAME_LIMIT: u32 = 40_000;
 /// Frames after which a camera that sees nothing to reflect on rests at the latest.
 const REST_FRAMES: u32 = 60;
 
@@ -120,7 +122,7 @@ fn open_device(app: &mut App, backend: ReflectionBackend) {
 
 impl Bench {
     /// Spawns the scene.
-    pub fn new(scene: SceneName, tracer: ReflectionTracerChoice, plan: &Plan) -> Result<Self, String> {
+    pub fn new(subject: &Subject, tracer: ReflectionTracerChoice, plan: &Plan) -> Result<Self, String> {
         let settings = HeadlessSettings {
             size: plan.size,
             ..default()
@@ -139,8 +141,7 @@ impl Bench {
             },
         )
         .map_err(|error| error.to_string())?;
-        let detail = plan.detail;
-        let camera = app.spawn_scene(scene, &SceneOptions { detail, ..default() });
+        let camera = subject.spawn(&mut app, plan.detail)?;
         let kernels = KERNELS.iter().flat_map(|&(_, rays, hits, time)| [rays, hits, time]);
         let passes = PASSES.iter().map(|&(_, time)| time);
         let samples = kernels
@@ -219,7 +220,7 @@ impl Bench {
     /// Triangles, build times and memory.
     pub fn describe(
         &mut self,
-        scene: SceneName,
+        scene: &Subject,
         tracer: &str,
         report: &ReflectionStatusReport,
         table: &mut Table,
@@ -249,12 +250,12 @@ impl Bench {
             ("top_level_build", report.tlas_build_ms.into(), "ms"),
             ("scene_bytes", report.scene_bytes as f64, "B"),
         ] {
-            csv.add(scene.as_str(), tracer, measure, value, unit);
+            csv.add(&scene.to_string(), tracer, measure, value, unit);
         }
     }
 
     /// Memory of the camera's textures and buffers, per pixel of the view.
-    pub fn memory(&mut self, scene: SceneName, technique: &str, table: &mut Table, csv: &mut Csv) {
+    pub fn memory(&mut self, scene: &Subject, technique: &str, table: &mut Table, csv: &mut Csv) {
         let report = self.report();
         for view in report.view_memory {
             let pixels = view.pixels as f64;
@@ -275,7 +276,7 @@ impl Bench {
                 number(Some(per_pixel), 2),
             ]);
             csv.add(
-                scene.as_str(),
+                &scene.to_string(),
                 "-",
                 &format!("{technique}_memory"),
                 per_pixel,
@@ -371,8 +372,19 @@ impl Bench {
         }
     }
 
+    /// Median GPU time of a pass in milliseconds, by its word in tables.
+    pub fn pass(&self, word: &str) -> Option<f64> {
+        let (_, path) = PASSES.iter().find(|(name, _)| *name == word)?;
+        self.value(path, 0.5)
+    }
+
+    /// Bytes that the camera owns.
+    pub fn view_bytes(&mut self) -> u64 {
+        self.report().view_memory.iter().map(|view| view.bytes()).sum()
+    }
+
     /// Closest hits alone.
-    pub fn kernels(&self, scene: SceneName, tracer: &str, table: &mut Table, csv: &mut Csv) {
+    pub fn kernels(&self, scene: &Subject, tracer: &str, table: &mut Table, csv: &mut Csv) {
         for (word, rays, hits, time) in KERNELS {
             let (rays, hits) = (self.value(rays, 0.5), self.value(hits, 0.5));
             if rays.is_none() {
@@ -402,21 +414,21 @@ impl Bench {
                 ("rate", rate, "Mrays/s"),
             ] {
                 if let Some(value) = value {
-                    csv.add(scene.as_str(), tracer, &format!("{word}_{measure}"), value, unit);
+                    csv.add(&scene.to_string(), tracer, &format!("{word}_{measure}"), value, unit);
                 }
             }
         }
     }
 
     /// The crate's own passes.
-    pub fn passes(&self, scene: SceneName, tracer: &str, technique: &str, table: &mut Table, csv: &mut Csv) {
+    pub fn passes(&self, scene: &Subject, tracer: &str, technique: &str, table: &mut Table, csv: &mut Csv) {
         let mut row = vec![scene.to_string(), tracer.to_owned(), technique.to_owned()];
         for (word, time) in PASSES {
             row.push(number(self.value(time, 0.5), 4));
             for (measure, share) in [("median", 0.5), ("p95", 0.95)] {
                 if let Some(value) = self.value(time, share) {
                     csv.add(
-                        scene.as_str(),
+                        &scene.to_string(),
                         tracer,
                         &format!("{technique}_{word}_{measure}"),
                         value,
@@ -429,7 +441,7 @@ impl Bench {
             let value = self.value(counter, 0.5);
             row.push(number(value, 0));
             if let Some(value) = value {
-                csv.add(scene.as_str(), tracer, &format!("{technique}_{word}"), value, "");
+                csv.add(&scene.to_string(), tracer, &format!("{technique}_{word}"), value, "");
             }
         }
         table.row(row);

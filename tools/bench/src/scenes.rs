@@ -15,7 +15,7 @@ use bevy_glint::{ReflectionTracer, ReflectionTracerChoice};
 pub fn measure(plan: &Plan, csv: &mut Csv) -> Result<(), String> {
     let mut tables = tables();
     let mut memory_known = false;
-    for &scene in &plan.scenes {
+    for scene in &plan.subjects {
         for &choice in &plan.tracers {
             let mut bench = Bench::new(scene, choice, plan)?;
             let report = bench.report();

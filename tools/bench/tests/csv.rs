@@ -99,3 +99,59 @@ fn a_small_crowd_is_measured() {
     );
     assert!(values["1 characters, rigid crowds_plugin_cpu"] > 0.0, "{values:?}");
 }
+
+/// Runs the program; `None` without a graphics device, where none is required.
+fn bench(arguments: &[&str]) -> Option<(bool, String)> {
+    let output = Command::new(env!("CARGO_BIN_EXE_glint_bench"))
+        .args(arguments)
+        .env_remove("RUST_LOG")
+        .env("NO_COLOR", "1")
+        .output()
+        .expect("the program starts");
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    if said.contains("no graphics device was found") {
+        let is_required = env::var_os("GLINT_REQUIRE_GPU").is_some();
+        assert!(!is_required, "a GPU is required, but: {said}");
+        println!("skipped");
+        return None;
+    }
+    Some((output.status.success(), said))
+}
+
+#[test]
+fn a_file_is_measured_from_a_place() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("bench_files");
+    std::fs::create_dir_all(&folder).expect("a folder can be made");
+    let [_, file] = glint_scenes::write_test_assets(&folder).expect("files can be written");
+    let csv = folder.join("bench.csv");
+    let (file, csv) = (file.to_string_lossy(), csv.to_string_lossy());
+    let small = [
+        "--tracer",
+        "bvh",
+        "--techniques",
+        "quarter",
+        "--size",
+        "32x18",
+        "--frames",
+        "1",
+        "--skip-build",
+    ];
+    let of = |camera| [&small[..], &["--gltf", &file, "--csv", &csv, "--camera", camera]].concat();
+    let Some((succeeded, said)) = bench(&of("0,2,4,0,0,0")) else {
+        return;
+    };
+    assert!(succeeded, "{said}");
+    let table = std::fs::read_to_string(&*csv).expect("there is a table");
+    assert!(table.lines().any(|line| line.contains("quarter_rays")), "{table}");
+    for wrong in [
+        "",
+        "1,2,3",
+        "1,2,3,4,5,6,7",
+        "1,2,3,a,5,6",
+        "1,2,3,NaN,5,6",
+        "1,2,3,1,2,3",
+    ] {
+        let (succeeded, said) = bench(&of(wrong)).expect("there is a device");
+        assert!(!succeeded && said.contains("--camera"), "{wrong}: {said}");
+    }
+}

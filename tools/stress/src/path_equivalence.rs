@@ -136,11 +136,11 @@ fn differing(pair: &[Copied; 2], rates: &Copied, records: &[Copied; 2], target: 
     // Tiles of the rate image and texels of this target cover the same view.
     let tile = tile_side(a.size, rates.size);
     let is_active = |pixel: UVec2| rates.at((pixel / tile).min(rates.size - 1))[0] & RATE_ACTIVE != 0;
+    let is_full = matches!(target, Target::Reconstructed | Target::HistoryRadiance);
     // Without a ray, the texel may hold an older value.
-    let has_ray = |pixel: UVec2| {
-        let is_full = matches!(target, Target::Reconstructed | Target::HistoryRadiance);
-        is_full || records.iter().any(|record| record.at(pixel)[1] & RECORD_VALID != 0)
-    };
+    let has_ray = |pixel: UVec2| is_full || records.iter().any(|record| record.at(pixel)[1] & RECORD_VALID != 0);
+    // On a GPU, the order in which surfaces in the same place are drawn may differ from one camera to the other.
+    let same_surface = |pixel: UVec2| exact || records[0].at(pixel)[3] == records[1].at(pixel)[3];
     let differs = |pixel: UVec2| {
         let (a, b) = (a.at(pixel), b.at(pixel));
         match target {
@@ -151,7 +151,7 @@ fn differing(pair: &[Copied; 2], rates: &Copied, records: &[Copied; 2], target: 
         }
     };
     pixels
-        .filter(|pixel| is_active(*pixel) && has_ray(*pixel) && differs(*pixel))
+        .filter(|pixel| is_active(*pixel) && has_ray(*pixel) && differs(*pixel) && (same_surface(*pixel) || is_full))
         .collect()
 }
 

@@ -1,0 +1,141 @@
+//! How times grow: of each pass with the picture, of rays with the triangles, and what an object costs that covers little of the picture.
+
+use crate::{
+    arguments::{Plan, TimedTechnique},
+    measure::Bench,
+    subject::Subject,
+    table::{Csv, Table, mebibytes, number},
+};
+use bevy::math::UVec2;
+use bevy_glint::ReflectionTracerChoice;
+
+/// Sizes, in parts of the plan's: it is 1920x1080 on a GPU.
+const SIZES: [UVec2; 5] = [
+    UVec2::new(960, 540),
+    UVec2::new(1280, 720),
+    UVec2::new(1920, 1080),
+    UVec2::new(2560, 1440),
+    UVec2::new(3840, 2160),
+];
+const TRIANGLES: [u32; 5] = [66_000, 250_000, 1_000_000, 4_000_000, 10_000_000];
+const PASSES: [&str; 6] = ["rate", "trace", "reconstruct", "temporal", "composite", "total"];
+
+type Case = fn(&Plan, ReflectionTracerChoice, &mut Csv) -> Result<Table, String>;
+
+/// Measures and prints those of the cases `sizes`, `small object` and `triangles` whose names contain a word.
+///
+/// # Errors
+///
+/// If rays can't be traced, or a scene doesn't become ready.
+pub fn measure(plan: &Plan, only: Option<&str>, csv: &mut Csv) -> Result<(), String> {
+    let cases: [(&str, Case); 3] = [
+        ("sizes", sizes),
+        ("small object", small_object),
+        ("triangles", triangles),
+    ];
+    for &tracer in &plan.tracers {
+        println!("\n# {tracer:?}");
+        for (name, case) in cases {
+            if only.is_none_or(|word| name.contains(word)) {
+                case(plan, tracer, csv)?.print();
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Renders a subject with a technique.
+fn time(bench: &mut Bench, technique: &TimedTechnique, frames: u32) -> Result<(), String> {
+    bench.set_technique(technique);
+    bench.wait_for_scene()?;
+    bench.measure(frames)
+}
+
+/// A row of all passes behind some cells.
+fn row(bench: &Bench, cells: Vec<String>) -> Vec<String> {
+    let times = PASSES.iter().map(|pass| number(bench.pass(pass), 4));
+    cells.into_iter().chain(times).collect()
+}
+
+fn sizes(plan: &Plan, tracer: ReflectionTracerChoice, csv: &mut Csv) -> Result<Table, String> {
+    let mut columns = vec!["size", "technique"];
+    columns.extend(PASSES);
+    columns.extend(["ns per pixel", "MB", "B/pixel"]);
+    let title = "Passes by size of the picture (median ms of the GPU), and memory of the camera";
+    let mut table = Table::new(title, &columns);
+    for subject in plan.subjects.iter().take(1) {
+        for size in SIZES {
+            let size = size * plan.size / SIZES[2];
+            let plan = Plan { size, ..plan.clone() };
+            let mut bench = Bench::new(subject, tracer, &plan)?;
+            for technique in &plan.techniques {
+                time(&mut bench, technique, plan.frames)?;
+                let pixels = f64::from(size.x * size.y);
+                let bytes = bench.view_bytes();
+                let word = format!("{}x{}", size.x, size.y);
+                let mut cells = row(&bench, vec![word.clone(), technique.to_string()]);
+                let total = bench.pass("total");
+                cells.push(number(total.map(|total| total * 1e6 / pixels), 3));
+                cells.push(number(Some(bytes as f64 * 1e-6), 1));
+                cells.push(number(Some(bytes as f64 / pixels), 1));
+                table.row(cells);
+                for pass in PASSES {
+                    if let Some(value) = bench.pass(pass) {
+                        csv.add(&subject.to_string(), &word, &format!("{technique}_{pass}"), value, "ms");
+                    }
+                }
+            }
+        }
+    }
+    Ok(table)
+}
+
+fn triangles(plan: &Plan, tracer: ReflectionTracerChoice, csv: &mut Csv) -> Result<Table, String> {
+    let mut columns = vec!["triangles", "technique"];
+    columns.extend(PASSES);
+    columns.push("MiB");
+    let title =
+        "Passes by triangles of the scene, which is the same picture (median ms of the GPU), and memory of the scene";
+    let mut table = Table::new(title, &columns);
+    for count in TRIANGLES {
+        let subject = Subject::Spheres(count);
+        let mut bench = Bench::new(&subject, tracer, plan)?;
+        for technique in &plan.techniques {
+            time(&mut bench, technique, plan.frames)?;
+            let report = bench.report();
+            let mut cells = row(&bench, vec![report.triangles.to_string(), technique.to_string()]);
+            cells.push(number(Some(mebibytes(report.scene_bytes)), 1));
+            table.row(cells);
+            if let Some(value) = bench.pass("trace") {
+                csv.add(&subject.to_string(), "-", &format!("{technique}_trace"), value, "ms");
+            }
+        }
+    }
+    Ok(table)
+}
+
+fn small_object(plan: &Plan, tracer: ReflectionTracerChoice, csv: &mut Csv) -> Result<Table, String> {
+    let mut columns = vec!["an object of 64x64 pixels", "roughness cut-off"];
+    columns.extend(PASSES);
+    let title = "A small object before a wall that is cut off, and that isn't (median ms of the GPU)";
+    let mut table = Table::new(title, &columns);
+    let mut bench = Bench::new(&Subject::SmallObject, tracer, plan)?;
+    for technique in &plan.techniques {
+        for cutoff in [0.6, 1.0] {
+            let mut technique = technique.clone();
+            technique.reflections.roughness_cutoff = cutoff;
+            time(&mut bench, &technique, plan.frames)?;
+            table.row(row(&bench, vec![technique.to_string(), number(Some(cutoff.into()), 1)]));
+            if let Some(value) = bench.pass("total") {
+                csv.add(
+                    "small object",
+                    &format!("cut-off {cutoff}"),
+                    &format!("{technique}_total"),
+                    value,
+                    "ms",
+                );
+            }
+        }
+    }
+    Ok(table)
+}

@@ -1,0 +1,174 @@
+//! Scenes to measure: built-in ones, a glTF file, and two that grow.
+
+use bevy::{asset::AssetPath, camera::primitives::Aabb, prelude::*, world_serialization::WorldAssetRoot};
+use glint_scenes::{FileView, HeadlessApp, SceneName, SceneOptions, file_environment, file_sun};
+use std::{fmt, path::PathBuf, str::FromStr};
+
+/// Frames that a file may take to load.
+const FRAME_LIMIT: u32 = 20_000;
+/// Spheres of [`Subject::Spheres`], in each direction.
+const SPHERES: u32 = 4;
+
+/// A scene with its camera.
+#[derive(Clone, Debug)]
+pub enum Subject {
+    /// One of the built-in scenes.
+    BuiltIn(SceneName),
+    /// A glTF file.
+    File {
+        /// The file.
+        path: PathBuf,
+        /// Place of the camera; without one, that of the file's first camera, or one from which everything is seen.
+        camera: Option<CameraPlace>,
+    },
+    /// Spheres of so many triangles in all over a glossy floor: the same picture, however many there are.
+    Spheres(u32),
+    /// A chrome sphere of about 64x64 pixels of a picture of 1080 lines, before a matt wall.
+    SmallObject,
+}
+
+impl fmt::Display for Subject {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::BuiltIn(name) => f.write_str(name.as_str()),
+            Self::File { path, .. } => f.write_str(&path.file_stem().unwrap_or_default().to_string_lossy()),
+            Self::Spheres(triangles) => write!(f, "{triangles} triangles"),
+            Self::SmallObject => f.write_str("small object"),
+        }
+    }
+}
+
+/// Where a camera stands, and what it looks at: `X,Y,Z,TX,TY,TZ` in metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraPlace {
+    eye: Vec3,
+    target: Vec3,
+}
+
+impl FromStr for CameraPlace {
+    type Err = String;
+
+    fn from_str(word: &str) -> Result<Self, String> {
+        let numbers: Vec<f32> = word.split(',').map_while(|number| number.trim().parse().ok()).collect();
+        match numbers[..] {
+            [x, y, z, tx, ty, tz]
+                if word.split(',').count() == 6 && numbers.iter().all(|number| number.is_finite()) =>
+            {
+                let (eye, target) = (Vec3::new(x, y, z), Vec3::new(tx, ty, tz));
+                if eye == target {
+                    return Err("the camera stands where it looks".into());
+                }
+                Ok(Self { eye, target })
+            }
+            _ => Err("expected six numbers: X,Y,Z,TX,TY,TZ".into()),
+        }
+    }
+}
+
+impl CameraPlace {
+    fn transform(self) -> Transform {
+        let up = if (self.target - self.eye).normalize().y.abs() > 0.999 {
+            Vec3::Z
+        } else {
+            Vec3::Y
+        };
+        Transform::from_translation(self.eye).looking_at(self.target, up)
+    }
+}
+
+impl Subject {
+    /// Spawns the scene and its camera, which is returned.
+    ///
+    /// # Errors
+    ///
+    /// If a file can't be loaded, or nothing is in it.
+    pub fn spawn(&self, app: &mut HeadlessApp, detail: f32) -> Result<Entity, String> {
+        match self {
+            Self::BuiltIn(name) => Ok(app.spawn_scene(*name, &SceneOptions { detail, ..default() })),
+            Self::File { path, camera } => spawn_file(app, path.clone(), *camera),
+            Self::Spheres(triangles) => Ok(spawn_spheres(app, *triangles)),
+            Self::SmallObject => Ok(spawn_small_object(app)),
+        }
+    }
+}
+
+fn spawn_file(app: &mut HeadlessApp, path: PathBuf, place: Option<CameraPlace>) -> Result<Entity, String> {
+    let ours = app.spawn_camera(());
+    let world = app.world();
+    let name = path.display().to_string();
+    let asset = GltfAssetLabel::Scene(0).from_asset(AssetPath::from_path_buf(path));
+    let scene = world.resource::<AssetServer>().load(asset);
+    world.spawn(WorldAssetRoot(scene));
+    file_environment(world).insert(&mut world.entity_mut(ours));
+    app.warm_up(FRAME_LIMIT).map_err(|error| format!("{name}: {error}"))?;
+    app.step(2);
+    let world = app.world();
+    let mut objects = world.query_filtered::<(&Aabb, &GlobalTransform), With<Mesh3d>>();
+    let view = FileView::of(objects.iter(world)).ok_or_else(|| format!("{name}: there is nothing in it to look at"))?;
+    let mut found = None;
+    let mut cameras = world.query::<(Entity, &GlobalTransform, &Projection, &mut Camera)>();
+    for (entity, transform, projection, mut camera) in cameras.iter_mut(world) {
+        if entity != ours {
+            // The file's own cameras don't draw.
+            camera.is_active = false;
+            found.get_or_insert((transform.compute_transform(), projection.clone()));
+        }
+    }
+    let whole = (view.transform, Projection::from(view.projection.clone()));
+    let seen = match place {
+        Some(place) => (place.transform(), Projection::from(view.projection)),
+        None => found.unwrap_or(whole),
+    };
+    world.entity_mut(ours).insert(seen);
+    let mut lights = world.query_filtered::<(), Or<(With<DirectionalLight>, With<PointLight>, With<SpotLight>)>>();
+    if lights.iter(world).next().is_none() {
+        world.spawn(file_sun(view.radius, view.distance));
+    }
+    Ok(ours)
+}
+
+fn spawn_mesh(app: &mut HeadlessApp, mesh: impl Into<Mesh>, roughness: f32, metallic: f32, at: Transform) {
+    let world = app.world();
+    let mesh = world.resource_mut::<Assets<Mesh>>().add(mesh);
+    let material = world.resource_mut::<Assets<StandardMaterial>>().add(StandardMaterial {
+        perceptual_roughness: roughness,
+        metallic,
+        ..default()
+    });
+    world.spawn((Mesh3d(mesh), MeshMaterial3d(material), at));
+}
+
+fn spawn_view(app: &mut HeadlessApp, eye: Vec3, target: Vec3) -> Entity {
+    let camera = app.spawn_camera(Transform::from_translation(eye).looking_at(target, Vec3::Y));
+    let world = app.world();
+    file_environment(world).insert(&mut world.entity_mut(camera));
+    world.spawn(file_sun(10.0, 20.0));
+    camera
+}
+
+fn spawn_spheres(app: &mut HeadlessApp, triangles: u32) -> Entity {
+    let floor = Transform::from_xyz(0.0, -0.05, 0.0);
+    spawn_mesh(app, Cuboid::new(24.0, 0.1, 24.0), 0.3, 0.0, floor);
+    // A sphere of n sectors and half as many stacks has about n^2 triangles.
+    let sectors = (f64::from(triangles) / f64::from(SPHERES * SPHERES)).sqrt().round() as u32;
+    for index in 0..SPHERES * SPHERES {
+        let (column, row) = ((index % SPHERES) as f32, (index / SPHERES) as f32);
+        let middle = 0.5 * (SPHERES - 1) as f32;
+        // Meshes of their own, so that no tree is shared.
+        let radius = 0.9 + 0.002 * index as f32;
+        let at = Transform::from_xyz(2.2 * (column - middle), 1.0, 2.2 * (row - middle));
+        let mesh = Sphere::new(radius).mesh().uv(sectors.max(3), (sectors / 2).max(2));
+        spawn_mesh(app, mesh, 0.5, 0.0, at);
+    }
+    spawn_view(app, Vec3::new(0.0, 4.0, 9.0), Vec3::new(0.0, 0.5, 0.0))
+}
+
+fn spawn_small_object(app: &mut HeadlessApp) -> Entity {
+    // Rough surfaces reflect, too, unless there is a cut-off below them.
+    let wall = Transform::from_xyz(0.0, 0.0, -2.0);
+    spawn_mesh(app, Rectangle::new(40.0, 40.0), 1.0, 0.0, wall);
+    // 64 of 1080 lines at a distance of 5 m, for a field of view of 45 degrees.
+    let radius = 5.0 * (0.5 * 45f32.to_radians()).tan() * 64.0 / 1080.0;
+    spawn_mesh(app, Sphere::new(radius), 0.2, 1.0, Transform::IDENTITY);
+    spawn_view(app, Vec3::new(0.0, 0.0, 5.0), Vec3::ZERO)
+}
