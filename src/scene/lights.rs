@@ -18,6 +18,7 @@ use bevy::{
 use super::{
     change::{Change, RESTLESS_FRAMES},
     gpu_types::*,
+    light_textures::LightTexture,
 };
 
 /// Lights that hits go through one by one. Where there are more, they do so with directional ones alone, of which there are at most so
@@ -57,6 +58,8 @@ impl Touched {
 pub struct ExtractedLights {
     /// Directional lights first, then points, spots and rectangles.
     lights: Vec<GpuLight>,
+    /// Textures of lights, each with the index of its light.
+    textures: Vec<(u32, LightTexture)>,
     /// Lights that differ from the last frame, if only in marks, and how they do.
     touched: Touched,
     change: Change,
@@ -77,6 +80,11 @@ impl ExtractedLights {
     /// Returns whether there are rectangular lights, which are the last ones.
     pub(super) fn has_rects(&self) -> bool {
         self.lights.last().is_some_and(|light| light.kind == LIGHT_RECT)
+    }
+
+    /// Textures of lights, each with the index of its light.
+    pub(super) fn textures(&self) -> &[(u32, LightTexture)] {
+        &self.textures
     }
 
     /// Lights that differ from those of the last call, and how they do.

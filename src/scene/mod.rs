@@ -21,6 +21,7 @@ pub mod gpu_types;
 pub mod instances;
 mod light_probes;
 mod light_table;
+mod light_textures;
 pub mod light_tree;
 mod lightmaps;
 pub mod lights;
@@ -100,6 +101,7 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "opacity.wesl");
         load_shader_library!(app, "pose/job.wesl");
         load_shader_library!(app, "ray_query.wesl");
+        load_shader_library!(app, "light_textures.wesl");
         load_shader_library!(app, "rect_lights.wesl");
         load_shader_library!(app, "shading.wesl");
         load_shader_library!(app, "shadow.wesl");

@@ -95,6 +95,8 @@ pub(super) struct Variant {
     pub own_surfaces: bool,
     /// There are rectangular lights.
     pub rects: bool,
+    /// Some light has a texture.
+    pub light_textures: bool,
     /// Diffuse light comes through some material.
     pub translucent: bool,
     /// Some view shows volumes of fog.
@@ -113,6 +115,7 @@ pub(super) enum ShadingVariant {
         air: bool,
         own_surfaces: bool,
         rects: bool,
+        light_textures: bool,
         translucent: bool,
     },
     /// It traces rays itself: in scenes with more lights than the tracing pass has tested (`trace/hit.wesl`), and where rays are
@@ -139,6 +142,7 @@ impl Variant {
             air: scene.has_air(),
             own_surfaces: false,
             rects: scene.has_rect_lights(),
+            light_textures: scene.has_light_textures(),
             translucent: scene.has_diffuse_transmission(),
             volumes: scene.has_fog_volumes(),
         }
@@ -160,6 +164,7 @@ impl Variant {
             clearcoat: false,
             own_surfaces: false,
             rects: false,
+            light_textures: false,
             bounces: false,
             ..self
         }
@@ -188,6 +193,7 @@ impl Variant {
             (self.lightmaps, "LIGHTMAPS"),
             (self.clearcoat, "CLEARCOAT"),
             (self.rects, "RECT_LIGHTS"),
+            (self.light_textures, "LIGHT_TEXTURES"),
             (self.bounces, "BOUNCES"),
             (self.own_surfaces, "SURFACE_SHADER"),
         ];
@@ -212,6 +218,7 @@ impl Variant {
             air: self.air,
             own_surfaces: self.own_surfaces,
             rects: self.rects,
+            light_textures: self.light_textures,
             translucent: self.translucent,
         }
     }
@@ -226,6 +233,7 @@ impl Variant {
             air: false,
             own_surfaces: false,
             rects: false,
+            light_textures: false,
             translucent: false,
             volumes: false,
             ..self
@@ -237,8 +245,8 @@ impl Variant {
     }
 
     /// Itself, the one that is right for all scenes of such trees, and others that are better than nothing while these are
-    /// compiled: they leave out the app's shader, baked light, clearcoats, light probes, the atmosphere, rectangular lights, light
-    /// that comes through, volumes of fog, lights that are drawn or tints, follow rays through see-through surfaces by chance, or
+    /// compiled: they leave out the app's shader, baked light, clearcoats, light probes, the atmosphere, rectangular lights, textures
+    /// of lights, light that comes through, volumes of fog, lights that are drawn or tints, follow rays through see-through surfaces by chance, or
     /// miss hits where the stack is full and show what another camera sees.
     pub fn substitutes(self) -> [Self; 8] {
         let masked = Self { masked: true, ..self };
@@ -439,6 +447,12 @@ mod tests {
         };
         assert_eq!(in_rectangles.shading_defs(), ["RECT_LIGHTS"]);
         assert_eq!(in_rectangles.without_shading(), Variant::default());
+        let in_textures = Variant {
+            light_textures: true,
+            ..Variant::default()
+        };
+        assert_eq!(in_textures.shading_defs(), ["LIGHT_TEXTURES"]);
+        assert_eq!(in_textures.without_shading(), Variant::default());
         assert_eq!(coated.without_shading(), Variant::default());
         assert_eq!(
             coated.shading_substitutes(false).last(),

@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, fog_volumes::GpuFogVolume, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 61] = [
+pub const COMBINATIONS: [&[&str]; 63] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -94,6 +94,15 @@ pub const COMBINATIONS: [&[&str]; 61] = [
         "BOUNCES",
     ],
     &["RECT_LIGHTS", "ALPHA_MASKED_GEOMETRY", "LIGHT_SAMPLING", "MANY_LIGHTS"],
+    &["LIGHT_TEXTURES", "ATMOSPHERIC", "LIGHT_SAMPLING", "MANY_LIGHTS"],
+    &[
+        "LIGHT_TEXTURES",
+        "RECT_LIGHTS",
+        "DIFFUSE_TRANSMISSION",
+        "RAY_QUERY",
+        "BINDLESS_TEXTURES",
+        "BOUNCES",
+    ],
     &["SCREEN_TRACES", "ALPHA_MASKED_GEOMETRY", "COUNT_INVOCATIONS"],
     &["SCREEN_TRACES", "MIRRORS"],
     &["SCREEN_TRACES", "RAY_QUERY", "MIRRORS", "BOUNCES", "LAYERED_RAYS"],
@@ -386,7 +395,9 @@ fn lights_and_counts_match_the_cpu() {
             reflection_probe_count,
             irradiance_volume_count,
             directional_light_count,
-            light_leaf_count
+            light_leaf_count,
+            light_texture_count,
+            first_light_texture
         ]
     );
 }
