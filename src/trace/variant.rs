@@ -51,6 +51,8 @@ pub(super) struct Asked {
     bounces: bool,
     /// Hits take light from what the camera showed.
     reuses_screen: bool,
+    /// Rays find more there than they hit.
+    marches: bool,
 }
 
 impl Asked {
@@ -58,6 +60,7 @@ impl Asked {
         Self {
             bounces: settings.has_bounces(),
             reuses_screen: settings.reuses_screen(),
+            marches: settings.marches_screen(),
         }
     }
 }
@@ -75,6 +78,8 @@ pub(super) struct Variant {
     pub bounces: bool,
     /// Hits take light from what the camera showed.
     pub reuses_screen: bool,
+    /// Rays find more there than they hit.
+    pub marches: bool,
     /// Some object tints the light that it lets through.
     pub tinted: bool,
     /// Rays of exact mirrors are followed through see-through surfaces without chance.
@@ -132,6 +137,7 @@ impl Variant {
             lightmaps: scene.has_lightmaps(),
             bounces: false,
             reuses_screen: false,
+            marches: false,
             layered: false,
             refracts: false,
             tinted: scene.see_through.has_tints(),
@@ -149,10 +155,11 @@ impl Variant {
     }
 
     /// The same for what a view asks for.
-    pub fn with(self, Asked { bounces, reuses_screen }: Asked) -> Self {
+    pub fn with(self, asked: Asked) -> Self {
         Self {
-            bounces,
-            reuses_screen,
+            bounces: asked.bounces,
+            reuses_screen: asked.reuses_screen,
+            marches: asked.marches,
             ..self
         }
     }
@@ -183,6 +190,7 @@ impl Variant {
             (self.translucent, "DIFFUSE_TRANSMISSION"),
             (self.volumes, "VOLUMETRIC_FOG"),
             (self.reuses_screen, "SCREEN_TRACES"),
+            (self.marches, "SCREEN_MARCH"),
         ];
         defs.into_iter().filter_map(|(set, name)| set.then_some(name))
     }
@@ -204,6 +212,7 @@ impl Variant {
     pub fn without_screen(self) -> Self {
         Self {
             reuses_screen: false,
+            marches: false,
             ..self
         }
     }
@@ -398,6 +407,14 @@ mod tests {
         assert!(variant.shading_substitutes(false).all(|variant| variant == plain));
         let mut shading = variant.shading_substitutes(true);
         assert_eq!(shading.next(), Some(ShadingVariant::Tracing(Variant::default())));
+        let settings = RayTracedReflections {
+            screen_traces: ScreenTraces::March,
+            ..settings
+        };
+        let marching = Variant::default().with(Asked::by(&ClampedSettings::from(&settings)));
+        assert!(marching.defs().eq(["SCREEN_TRACES", "SCREEN_MARCH"]));
+        assert!(marching.substitutes().iter().all(|variant| variant.marches));
+        assert_eq!(marching.without_screen(), Variant::default());
     }
 
     #[test]

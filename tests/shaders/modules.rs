@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, fog_volumes::GpuFogVolume, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 63] = [
+pub const COMBINATIONS: [&[&str]; 65] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -106,6 +106,15 @@ pub const COMBINATIONS: [&[&str]; 63] = [
     &["SCREEN_TRACES", "ALPHA_MASKED_GEOMETRY", "COUNT_INVOCATIONS"],
     &["SCREEN_TRACES", "MIRRORS"],
     &["SCREEN_TRACES", "RAY_QUERY", "MIRRORS", "BOUNCES", "LAYERED_RAYS"],
+    &["SCREEN_TRACES", "SCREEN_MARCH", "VOLUMETRIC_FOG", "TINTED_GLASS"],
+    &[
+        "SCREEN_TRACES",
+        "SCREEN_MARCH",
+        "RAY_QUERY",
+        "MIRRORS",
+        "LAYERED_RAYS",
+        "TINTED_GLASS",
+    ],
     &["SCREEN_TRACES", "VOLUMETRIC_FOG", "TINTED_GLASS"],
     &[
         "SCREEN_TRACES",
