@@ -33,23 +33,27 @@ pub(super) const ROWS: [Row; 5] = [
         stage.spawn_under_a_cube_map(CubemapLayout::SequenceHorizontal, 24, 4);
     }),
     ("texture of a directional light", |stage| {
-        stage.spawn_under_a_textured_sun(false, 1.0);
+        stage.spawn_under_a_textured_sun(false);
     }),
     ("repeated texture of a directional light", |stage| {
-        // Few edges, on which pixels may differ.
-        stage.spawn_under_a_textured_sun(true, 2.0);
+        stage.spawn_under_a_textured_sun(true);
     }),
 ];
 
 impl Stage<'_> {
-    /// An image of so many texels, no part of which is like another.
+    /// An image of so many texels, no part of which is like another. Its borders meet: where images repeat, edges would differ in single pixels.
     fn pattern(&mut self, width: u32, height: u32) -> Handle<Image> {
         let size = Extent3d {
             width,
             height,
             ..default()
         };
-        let texel = |i: u32| [40 + (i * 53 % 216) as u8, 0, 0, 255];
+        let texel = |i: u32| {
+            let (x, y) = (i % width, i / width);
+            let is_border = x == 0 || y == 0 || x == width - 1 || y == height - 1;
+            let value = if is_border { 120 } else { 40 + (i * 53 % 216) as u8 };
+            [value, 0, 0, 255]
+        };
         let texels = (0..width * height).flat_map(texel).collect();
         let format = TextureFormat::Rgba8Unorm;
         let image = Image::new(size, TextureDimension::D2, texels, format, RenderAssetUsages::default());
@@ -71,7 +75,7 @@ impl Stage<'_> {
         self.spawn(blue());
     }
 
-    fn spawn_under_a_textured_sun(&mut self, tiled: bool, size: f32) {
+    fn spawn_under_a_textured_sun(&mut self, tiled: bool) {
         let image = self.pattern(8, 8);
         self.add((
             DirectionalLight {
@@ -81,7 +85,7 @@ impl Stage<'_> {
             DirectionalLightTexture { image, tiled },
             Transform::from_xyz(0.3, 0.2, 6.0)
                 .looking_to(SUN, Vec3::new(0.2, 1.0, 0.0))
-                .with_scale(Vec3::new(3.0 * size, 2.0 * size, 1.0)),
+                .with_scale(Vec3::new(3.0, 2.0, 1.0)),
         ));
         self.spawn(blue());
     }
