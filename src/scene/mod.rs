@@ -29,6 +29,7 @@ mod masks;
 pub mod materials;
 mod merge;
 pub mod meshes;
+pub mod pack_lights;
 mod pose;
 mod prepare;
 pub(crate) mod reflected_material;

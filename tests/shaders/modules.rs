@@ -432,7 +432,9 @@ fn surroundings_match_the_cpu() {
             air,
             fog_volumes,
             fog_ambient,
-            fog_volume_count
+            fog_volume_count,
+            fog_lamps,
+            fog_lamp_count
         ]
     );
     same_layout!(

@@ -1,12 +1,11 @@
 //! Extraction of lights: those that changed are converted anew, and the others stay as they are.
 
-use super::{
-    ExtractedLights, MAX_LIGHTS, directional_light, keep_strongest, non_negative, point_light, rect_light, spot_light,
-};
+use super::{ExtractedLights, MAX_LIGHTS, keep_strongest};
 use crate::scene::{
     change_ticks::{Clock, blocks},
     gpu_types::{GpuLight, LIGHT_CASTS_SHADOW, LIGHT_VOLUMETRIC},
     light_textures::{LightTexture, LightTextureWorld},
+    pack_lights::{directional_light, non_negative, point_light, rect_light, spot_light},
     render_layers::SceneLayers,
 };
 use bevy::{
