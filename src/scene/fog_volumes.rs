@@ -41,7 +41,7 @@ pub struct GpuFogVolume {
 
 const _: () = assert!(size_of::<GpuFogVolume>() == 80);
 
-/// The first of a list of those, by their distance, and how many they are.
+/// The nearest items, and how many they are.
 pub type Nearest<T, const MOST: usize> = ([T; MOST], u32);
 
 /// The fog volumes of the main world.
@@ -108,7 +108,7 @@ fn lamps<L: Component>(
         .filter(|(_, lamp)| lamp.flags & LIGHT_CASTS_SHADOW != 0)
 }
 
-/// Those that are nearest to a viewer, the nearest first.
+/// The items that are nearest to a viewer, the nearest first.
 fn nearest<T: Copy + Default, const MOST: usize>(
     all: impl Iterator<Item = (Vec3, T)>,
     viewer: Vec3,

@@ -19,7 +19,7 @@ pub(super) struct LightTable {
     tree: Option<LightTree>,
     /// Lights that the buffer has, without the nodes of their tree.
     count: usize,
-    /// Where textures of lights stand in the buffer, and how many they are.
+    /// Place of the textures of lights in the buffer, and their number.
     textures: (usize, usize),
 }
 

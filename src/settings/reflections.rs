@@ -229,15 +229,15 @@ pub enum ScreenTraces {
     /// [`NotReflected`](crate::NotReflected). Each ray is first traced, and its way up to the hit is then looked at on the screen of the last
     /// frame, in 64 steps at most. If it enters a surface there, it brings that one's light. It costs a walk over the screen for each ray.
     ///
-    /// - Only what the last frame showed is found, and only if it was drawn in the prepasses: materials with `enable_prepass` of `false` and
-    ///   blended particles are not.
+    /// - Only surfaces that the last frame showed are found, and only if they were drawn in the prepasses: blended particles are not, nor
+    ///   materials whose prepass is switched off.
     /// - Seen are the sides that face the viewer. A mirror shows nothing of their backs.
-    /// - What is narrower than a step may be missed: one is two pixels long, and longer where the way is longer than 128 pixels.
+    /// - Surfaces narrower than a step may be missed: one is two pixels long, and longer where the way is longer than 128 pixels.
     /// - Distance fog and the atmosphere lie over what is found as the viewer sees it.
-    /// - What moves is seen where it was a frame ago.
+    /// - Moving objects are seen at their place of a frame ago.
     ///
-    /// Views with it are never at rest, since nobody knows when such surfaces change: they don't converge further than views in motion. The first
-    /// frame after a [`reset`](RayTracedReflections::reset) shows none of them, and so do `Converged`, `QuarterInline` and `HardwareVrs`, always.
+    /// Views with it are never at rest, since nobody knows when such surfaces change: they converge no further than views in motion. The
+    /// first frame after a [`reset`](RayTracedReflections::reset) shows none of them, and so do `Converged`, `QuarterInline` and `HardwareVrs`, always.
     March,
 }
 

@@ -45,7 +45,7 @@ struct Input {
     viewer: Vec4,
 }
 
-/// What stands on a floor before a wall: spheres, by their centre and radius.
+/// Spheres on a floor before a wall, by their centre and radius.
 const SPHERES: [(Vec3, f32); 3] = [
     (vec3(-1.0, 0.7, 0.0), 0.6),
     (vec3(0.9, 1.0, 0.8), 0.5),
@@ -111,7 +111,7 @@ fn tolerance(seen: &[f32], place: Vec2, far: f32, spread: f32) -> f32 {
     apart + 1.5 * (change(Vec2::X) + change(Vec2::Y))
 }
 
-/// What the shader decides: metres along the ray, if it enters a surface on the screen.
+/// The decision of the shader: metres along the ray, if it enters a surface on the screen.
 fn twin(input: &Input, seen: &[f32]) -> Option<f32> {
     let start = input.clip_from_world * input.origin.extend(1.0);
     let along = input.clip_from_world * input.direction.extend(0.0);

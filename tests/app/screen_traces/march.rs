@@ -1,4 +1,4 @@
-//! What rays don't see at all, found on the screen: `ScreenTraces::March`.
+//! Surfaces that rays don't see at all, found on the screen: `ScreenTraces::March`.
 
 use super::{LOWER, Stage, lower};
 use crate::{
@@ -11,7 +11,7 @@ use bevy_glint::{NotReflected, ReflectionDenoiser, ReflectionTechnique, Reflecti
 /// Mean FLIP of the board in the mirror and what a camera would show in its place: its outline is known to a pixel, of which a small picture
 /// has few.
 const SAME: f32 = 0.15;
-/// What it is without the board, at least.
+/// The same without the board, at least.
 const OTHER: f32 = 0.25;
 
 /// Mean FLIP of the lower half of two pictures.
@@ -105,7 +105,7 @@ fn reflections_on_glass_show_what_rays_do_not_see() {
     assert!(with > 2 * without.max(1));
 }
 
-/// Where rays see all that the screen shows, nothing is found before their hits.
+/// Nothing is found before hits if rays see all that the screen shows.
 #[test]
 fn what_rays_see_is_theirs() {
     let Some(mut stage) = Stage::new(ReflectionTracerChoice::Bvh, metal(0.0)) else {
