@@ -29,7 +29,7 @@ pub(super) type Components = (
 /// Direction of light from a low sun behind the mirror.
 const LOW_SUN: Vec3 = Vec3::new(0.4, -0.12, 1.0);
 
-pub(super) const ROWS: [Row; 11] = [
+pub(super) const ROWS: [Row; 10] = [
     ("sunlight through an atmosphere", |stage| {
         stage.breathe(5_000.0);
         stage.spawn(blue());
@@ -57,24 +57,6 @@ pub(super) const ROWS: [Row; 11] = [
         let block = Transform::from_xyz(-7.6, 2.4, 2.0);
         let block = spawn_mesh(stage.app, Cuboid::new(4.0, 6.0, 4.0), blue(), block);
         stage.spawned.push(block);
-    }),
-    ("a point light with shadows in a volume of fog", |stage| {
-        stage.add_dark_fog();
-        stage.add((
-            PointLight {
-                color: Color::linear_rgb(1.0, 0.6, 0.3),
-                intensity: 40_000.0,
-                range: 5.0,
-                shadow_maps_enabled: true,
-                ..default()
-            },
-            VolumetricLight,
-            Transform::from_xyz(-0.4, 1.2, 7.5),
-        ));
-        stage.spawn(blue());
-        for entity in stage.spawned.clone() {
-            stage.app.world().entity_mut(entity).insert(NotShadowReceiver);
-        }
     }),
     ("a spot light with shadows in a volume of fog", |stage| {
         stage.add_dark_fog();
