@@ -47,7 +47,7 @@ pub enum ReflectionSystems {
     /// denoises, and adds reflections to the frame.
     Passes,
     /// In `Core3d`, within [`MainPass`](Core3dSystems::MainPass), after the opaque forward pass and before transmissive and transparent
-    /// ones: keeps what cameras with [`ScreenTraces::Reuse`](crate::ScreenTraces::Reuse) show.
+    /// ones: keeps what cameras with [`ScreenTraces`](crate::ScreenTraces) show.
     KeepScreens,
     /// In `Core3d`, after [`MainPass`](Core3dSystems::MainPass), before wireframes and post-processing: the same as
     /// [`Passes`](Self::Passes) for transparent surfaces.

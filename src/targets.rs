@@ -112,7 +112,7 @@ pub struct Targets {
     pub reflection: Option<TextureView>,
     /// Ping-pong pair (full), only for the technique `Converged`.
     pub accumulation: Option<[TextureView; 2]>,
-    /// [`SCREEN_FORMAT`] (full), only for [`ScreenTraces::Reuse`](crate::ScreenTraces::Reuse): what the camera showed in the last frame,
+    /// [`SCREEN_FORMAT`] (full), only with [`ScreenTraces`](crate::ScreenTraces): what the camera showed in the last frame,
     /// and from the opaque pass on, in this one.
     pub screen: Option<TextureView>,
     /// Everything between the rate image and the composite.

@@ -11,6 +11,7 @@ use super::{
     gpu_types::{GpuInstance, GpuLight, GpuLightProbe, GpuMaterial, GpuSceneCounts},
     light_probes::{self, LightProbes},
     light_table::LightTable,
+    light_textures::LightTextures,
     lightmaps::Lightmaps,
     masks::MaskSets,
     merge::StaticMerge,
@@ -51,6 +52,7 @@ pub struct SceneBindings {
     pub(super) instances: InstanceTable,
     pub(super) materials: StorageSlice<GpuMaterial>,
     pub(super) lights: LightTable,
+    pub(super) light_textures: LightTextures,
     pub(super) uniform: Buffer,
     pub(super) uniform_data: GpuSceneCounts,
     pub(super) top_level: TopLevel,
@@ -103,6 +105,7 @@ impl FromWorld for SceneBindings {
             instances: InstanceTable::new(device),
             materials: StorageSlice::new(device, "glint_materials"),
             lights: LightTable::new(device),
+            light_textures: LightTextures::default(),
             uniform: device.create_buffer(&BufferDescriptor {
                 label: Some("glint_scene"),
                 size: size_of::<GpuSceneCounts>() as u64,
@@ -225,6 +228,11 @@ impl SceneBindings {
         self.has_rect_lights
     }
 
+    /// Returns whether some light has a texture, which shaders have to know.
+    pub(crate) fn has_light_textures(&self) -> bool {
+        !self.light_textures.is_empty()
+    }
+
     /// Gives back what an idle scene doesn't need.
     pub(super) fn release(&mut self, meshes: &mut SceneMeshes, device: &RenderDevice, queue: &RenderQueue) {
         self.merge.clear(meshes);
@@ -233,6 +241,7 @@ impl SceneBindings {
         self.top_level.clear(meshes);
         self.see_through = SeeThroughObjects::default();
         self.lightmaps = Lightmaps::default();
+        self.light_textures = LightTextures::default();
         self.light_probes.clear();
         self.set_masked(true);
         self.set_deep(false);

@@ -5,7 +5,8 @@ mod bindings;
 
 use super::{
     atmosphere::GpuAir,
-    fog_volumes::{FogVolumes, GpuFogVolume, MAX_FOG_VOLUMES, nearest_fog_volumes},
+    fog_volumes::{FogWorld, GpuFogVolume, MAX_FOG_LAMPS, MAX_FOG_VOLUMES},
+    gpu_types::GpuLight,
     render_layers::SceneLayers,
 };
 use crate::settings::{ClampedSettings, RayTracedReflections, ReflectedLayers};
@@ -69,9 +70,15 @@ pub struct GpuEnvironment {
     pub fog_ambient: [f32; 3],
     /// Volumes that are there, at the beginning.
     pub fog_volume_count: u32,
+    /// Point and spot lights that shine into that fog.
+    pub fog_lamps: [GpuLight; MAX_FOG_LAMPS],
+    /// Lamps that are there, at the beginning.
+    pub fog_lamp_count: u32,
+    /// Brings it to a multiple of 16 bytes.
+    pub unused: [u32; 3],
 }
 
-const _: () = assert!(size_of::<GpuEnvironment>() == 528);
+const _: () = assert!(size_of::<GpuEnvironment>() == 1056);
 
 /// A view's environment in the render world, before its images are looked up.
 #[derive(Component, Clone, Debug, PartialEq)]
@@ -173,7 +180,7 @@ pub(super) fn follow_environments(
     clear_color: Option<&ClearColor>,
     scene_layers: &SceneLayers,
     atmospheres: &Query<&ExtractedAtmosphere>,
-    fog_volumes: &FogVolumes,
+    fog_world: &FogWorld,
     views: &mut Query<(Entity, &mut ViewEnvironment)>,
     commands: &mut Commands,
 ) {
@@ -207,10 +214,13 @@ pub(super) fn follow_environments(
         let air = air.and_then(|atmosphere| GpuAir::new(atmosphere, place.translation()));
         environment.uniform.air = air.unwrap_or_default();
         if let Some(fog) = fog {
-            let (volumes, count) = nearest_fog_volumes(fog_volumes, place.translation());
-            environment.uniform.fog_ambient =
-                rgb(fog.ambient_color).map(|channel| finite(channel * finite(fog.ambient_intensity)));
-            (environment.uniform.fog_volumes, environment.uniform.fog_volume_count) = (volumes, count);
+            let uniform = &mut environment.uniform;
+            uniform.fog_ambient = rgb(fog.ambient_color).map(|channel| finite(channel * finite(fog.ambient_intensity)));
+            (uniform.fog_volumes, uniform.fog_volume_count) = fog_world.nearest_volumes(place.translation());
+            if uniform.fog_volume_count > 0 {
+                (uniform.fog_lamps, uniform.fog_lamp_count) =
+                    fog_world.nearest_lamps(place.translation(), scene_layers);
+            }
         }
         match views.get_mut(entity) {
             Ok((_, mut view)) => {

@@ -5,7 +5,7 @@ use super::{
     activity::SceneActivity,
     alpha_images::{AlphaImages, extract_alpha_images},
     environment::{ReflectingCameras, ViewEnvironment, follow_environments},
-    fog_volumes::FogVolumes,
+    fog_volumes::FogWorld,
     instances::{SceneInstances, extract::RemovedFromScene, lost::LostComponents},
     light_probes::{ExtractedLightProbes, ProbeWorld, extract_light_probes},
     lights::{
@@ -34,7 +34,7 @@ pub(super) struct Onlookers<'w, 's> {
     light_layers: LightLayers<'w, 's>,
     ambient: Option<Res<'w, GlobalAmbientLight>>,
     clear_color: Option<Res<'w, ClearColor>>,
-    fog_volumes: FogVolumes<'w, 's>,
+    fog: FogWorld<'w, 's>,
     removed: RemovedFromScene<'w, 's>,
 }
 
@@ -61,7 +61,7 @@ pub(super) fn begin_extraction(
         world.clear_color.as_deref(),
         &layers,
         &atmospheres,
-        &world.fog_volumes,
+        &world.fog,
         &mut views,
         &mut commands,
     );

@@ -1,10 +1,16 @@
-//! Volumes of fog (`FogVolume`) as rays see them: those that lie nearest to a camera which draws them. `trace/volumes.wesl` is the GPU side.
+//! Volumes of fog (`FogVolume`) as rays see them, and lamps that shine into them (`VolumetricLight`): those that lie nearest to a camera which
+//! draws them. `trace/volumes.wesl` is the GPU side.
 
+use super::{
+    gpu_types::{GpuLight, LIGHT_CASTS_SHADOW},
+    pack_lights::{non_negative, point_light, spot_light},
+    render_layers::SceneLayers,
+};
 use bevy::{
-    camera::visibility::InheritedVisibility,
+    camera::visibility::{InheritedVisibility, RenderLayers},
     color::ColorToComponents,
-    ecs::prelude::*,
-    light::FogVolume,
+    ecs::{prelude::*, system::SystemParam},
+    light::{FogVolume, PointLight, SpotLight, VolumetricLight},
     math::{Vec3, Vec3A},
     transform::components::GlobalTransform,
 };
@@ -12,6 +18,8 @@ use bytemuck::{Pod, Zeroable};
 
 /// Volumes that rays of a camera know; `environment.wesl` has the same number.
 pub const MAX_FOG_VOLUMES: usize = 4;
+/// Lamps in fog that rays of a camera know; `environment.wesl` has the same number.
+pub const MAX_FOG_LAMPS: usize = 8;
 
 /// `FogVolume` of `environment.wesl`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -33,6 +41,9 @@ pub struct GpuFogVolume {
 
 const _: () = assert!(size_of::<GpuFogVolume>() == 80);
 
+/// The nearest items, and how many they are.
+pub type Nearest<T, const MOST: usize> = ([T; MOST], u32);
+
 /// The fog volumes of the main world.
 pub type FogVolumes<'w, 's> = Query<
     'w,
@@ -44,23 +55,74 @@ pub type FogVolumes<'w, 's> = Query<
     ),
 >;
 
-/// The volumes that are nearest to a viewer, and how many they are.
-pub fn nearest_fog_volumes(volumes: &FogVolumes, viewer: Vec3) -> ([GpuFogVolume; MAX_FOG_VOLUMES], u32) {
-    let mut nearest: Vec<(f32, GpuFogVolume)> = volumes
-        .iter()
-        .filter(|(_, _, visibility)| visibility.get())
-        .filter_map(|(volume, place, _)| {
-            let packed = pack_fog_volume(volume, place)?;
-            Some((place.translation().distance_squared(viewer), packed))
-        })
-        .collect();
-    nearest.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut packed = [GpuFogVolume::default(); MAX_FOG_VOLUMES];
-    let count = nearest.len().min(MAX_FOG_VOLUMES);
-    for (volume, (_, nearest)) in packed.iter_mut().zip(nearest) {
-        *volume = nearest;
+/// Lamps of one kind that shine into fog.
+type Lamps<'w, 's, L> = Query<
+    'w,
+    's,
+    (
+        &'static L,
+        &'static GlobalTransform,
+        &'static InheritedVisibility,
+        Option<&'static RenderLayers>,
+    ),
+    With<VolumetricLight>,
+>;
+
+/// Fog of the main world, and lamps that shine into it.
+#[derive(SystemParam)]
+pub struct FogWorld<'w, 's> {
+    volumes: FogVolumes<'w, 's>,
+    points: Lamps<'w, 's, PointLight>,
+    spots: Lamps<'w, 's, SpotLight>,
+}
+
+impl FogWorld<'_, '_> {
+    /// The volumes that are nearest to a viewer.
+    pub fn nearest_volumes(&self, viewer: Vec3) -> Nearest<GpuFogVolume, MAX_FOG_VOLUMES> {
+        let visible = self.volumes.iter().filter(|(_, _, visibility)| visibility.get());
+        nearest(
+            visible.filter_map(|(volume, place, _)| Some((place.translation(), pack_fog_volume(volume, place)?))),
+            viewer,
+        )
     }
-    (packed, count as u32)
+
+    /// The lamps that are nearest to a viewer.
+    pub fn nearest_lamps(&self, viewer: Vec3, layers: &SceneLayers) -> Nearest<GpuLight, MAX_FOG_LAMPS> {
+        nearest(
+            lamps(&self.points, point_light, layers).chain(lamps(&self.spots, spot_light, layers)),
+            viewer,
+        )
+    }
+}
+
+/// Lamps of one kind that shine into fog, and where they are: in Bevy, only those with shadow maps do.
+fn lamps<L: Component>(
+    lamps: &Lamps<L>,
+    convert: fn(&L, &GlobalTransform) -> Option<GpuLight>,
+    layers: &SceneLayers,
+) -> impl Iterator<Item = (Vec3, GpuLight)> {
+    lamps
+        .iter()
+        .filter(|(_, _, visibility, own)| visibility.get() && layers.groups_of(*own) != 0)
+        .filter_map(move |(lamp, place, ..)| Some((place.translation(), convert(lamp, place)?)))
+        .filter(|(_, lamp)| lamp.flags & LIGHT_CASTS_SHADOW != 0)
+}
+
+/// The items that are nearest to a viewer, the nearest first.
+fn nearest<T: Copy + Default, const MOST: usize>(
+    all: impl Iterator<Item = (Vec3, T)>,
+    viewer: Vec3,
+) -> Nearest<T, MOST> {
+    let mut all: Vec<(f32, T)> = all
+        .map(|(place, item)| (place.distance_squared(viewer), item))
+        .collect();
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut nearest = [T::default(); MOST];
+    let count = all.len().min(MOST);
+    for (place, (_, item)) in nearest.iter_mut().zip(all) {
+        *place = item;
+    }
+    (nearest, count as u32)
 }
 
 /// `None` for what can't be seen, and for fog whose density is a texture.
@@ -98,10 +160,6 @@ fn pack_fog_volume(volume: &FogVolume, place: &GlobalTransform) -> Option<GpuFog
     })
 }
 
-fn non_negative(value: f32) -> f32 {
-    if value.is_finite() { value.max(0.0) } else { 0.0 }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -123,14 +181,62 @@ mod tests {
             ..Default::default()
         };
         spawn(0.0, InheritedVisibility::VISIBLE, clear);
-        let mut state = SystemState::<FogVolumes>::new(&mut world);
-        let volumes = state.get(&world).expect("all parameters are there");
-        let (packed, count) = nearest_fog_volumes(&volumes, Vec3::ZERO);
+        let mut state = SystemState::<FogWorld>::new(&mut world);
+        let fog = state.get(&world).expect("all parameters are there");
+        let (packed, count) = fog.nearest_volumes(Vec3::ZERO);
         assert_eq!(count, 4);
         assert_eq!(
             packed.map(|volume| volume.volume_from_world[0][3]),
             [-0.5, -1.5, -2.5, -3.5]
         );
         assert!((packed[0].extinction - 0.06).abs() < 1e-6);
+    }
+
+    #[test]
+    fn rays_know_the_nearest_lamps_that_shine_into_fog() {
+        let mut world = World::new();
+        let mut spawn = |x: f32, visibility, is_point: bool, is_volumetric: bool| {
+            let mut entity = world.spawn((GlobalTransform::from_xyz(x, 0.0, 0.0), visibility));
+            if is_point {
+                entity.insert(PointLight {
+                    shadow_maps_enabled: true,
+                    ..Default::default()
+                });
+            } else {
+                entity.insert(SpotLight {
+                    shadow_maps_enabled: true,
+                    ..Default::default()
+                });
+            }
+            if is_volumetric {
+                entity.insert(VolumetricLight);
+            }
+            entity.id()
+        };
+        for number in 0..12 {
+            spawn(
+                12.0 - number as f32,
+                InheritedVisibility::VISIBLE,
+                number % 2 == 0,
+                true,
+            );
+        }
+        spawn(0.5, InheritedVisibility::HIDDEN, true, true);
+        spawn(0.5, InheritedVisibility::VISIBLE, true, false);
+        let shadowless = spawn(0.5, InheritedVisibility::VISIBLE, true, true);
+        let elsewhere = spawn(0.5, InheritedVisibility::VISIBLE, false, true);
+        world.entity_mut(shadowless).insert(PointLight::default());
+        world.entity_mut(elsewhere).insert(RenderLayers::layer(3));
+        let mut layers = SceneLayers::default();
+        layers.follow(core::iter::once((None, None)), core::iter::empty());
+        let mut state = SystemState::<FogWorld>::new(&mut world);
+        let fog = state.get(&world).expect("all parameters are there");
+        let (lamps, count) = fog.nearest_lamps(Vec3::ZERO, &layers);
+        assert_eq!(count, 8);
+        assert!(
+            (1..)
+                .zip(&lamps)
+                .all(|(distance, lamp)| lamp.position == [distance as f32, 0.0, 0.0])
+        );
     }
 }

@@ -82,6 +82,8 @@ pub const LIGHT_CASTS_SHADOW: u32 = 1;
 pub const LIGHT_RESTLESS: u32 = 2;
 /// Flag of [`GpuLight`]: volumes of fog show it.
 pub const LIGHT_VOLUMETRIC: u32 = 4;
+/// From this bit on, bits of [`GpuLight::flags`] hold the number of the light's texture, from 1 on; 0 is none.
+pub const LIGHT_TEXTURE_SHIFT: u32 = 8;
 
 /// One object that rays can hit. Matrices are rows of 3x4.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -166,10 +168,26 @@ pub struct GpuLight {
     pub radius: f32,
     /// Spot: scale and offset of the cone's falloff. Rectangles: half width and half height.
     pub spot: [f32; 2],
-    /// [`LIGHT_CASTS_SHADOW`], [`LIGHT_RESTLESS`] and [`LIGHT_VOLUMETRIC`].
+    /// [`LIGHT_CASTS_SHADOW`], [`LIGHT_RESTLESS`], [`LIGHT_VOLUMETRIC`], and the number of a texture.
     pub flags: u32,
     /// Point and spot lights: what is nearer to the light than this casts no shadow, in metres.
     pub shadow_near: f32,
+}
+
+/// The texture of a light. It takes the place of a light in the buffer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct GpuLightTexture {
+    /// Rows of the 3x4 matrix into the light's own space.
+    pub light_from_world: [[f32; 4]; 3],
+    /// Point lights: the layout of a cube map. Spots: tangent of the cone's half angle. Directional lights: 1 if the texture repeats.
+    pub projection: f32,
+    /// In the place of another part of a light.
+    pub unused: f32,
+    /// A word as in [`GpuMaterial::textures`].
+    pub texture: u32,
+    /// Brings it to the size of a light.
+    pub padding: f32,
 }
 
 /// A reflection probe or an irradiance volume.
@@ -218,10 +236,15 @@ pub struct GpuSceneCounts {
     pub left_count: u32,
     /// A bit for each light probe in the buffer that has changed lately.
     pub restless_probes: u32,
+    /// Textures of lights.
+    pub light_texture_count: u32,
+    /// Index in the buffer of lights from which on they stand.
+    pub first_light_texture: u32,
 }
 
 const _: () = assert!(size_of::<GpuInstance>() == 128);
 const _: () = assert!(size_of::<GpuMaterial>() == 128);
 const _: () = assert!(size_of::<GpuLight>() == 64);
+const _: () = assert!(size_of::<GpuLightTexture>() == size_of::<GpuLight>());
 const _: () = assert!(size_of::<GpuLightProbe>() == 80);
-const _: () = assert!(size_of::<GpuSceneCounts>() == 52);
+const _: () = assert!(size_of::<GpuSceneCounts>() == 60);

@@ -1,7 +1,9 @@
-//! The buffer of lights: up to [`MAX_LIGHTS`] as a list that hits go through, more with a tree that they draw from.
+//! The buffer of lights: up to [`MAX_LIGHTS`] as a list that hits go through, more with a tree that they draw from. Textures of lights stand
+//! behind them.
 
 use super::{
     gpu_types::GpuLight,
+    light_textures::LightTextures,
     light_tree::{LightTree, Written},
     lights::{MAX_LIGHTS, Touched},
     upload::StorageSlice,
@@ -17,6 +19,8 @@ pub(super) struct LightTable {
     tree: Option<LightTree>,
     /// Lights that the buffer has, without the nodes of their tree.
     count: usize,
+    /// Place of the textures of lights in the buffer, and their number.
+    textures: (usize, usize),
 }
 
 impl LightTable {
@@ -25,6 +29,7 @@ impl LightTable {
             slice: StorageSlice::new(device, "glint_lights"),
             tree: None,
             count: 0,
+            textures: (0, 0),
         }
     }
 
@@ -56,6 +61,48 @@ impl LightTable {
     /// Returns whether [`Self::write`] is due although no light changed: the device may have the memory that it hadn't.
     pub fn waits_for_memory(&self) -> bool {
         self.slice.waits_for_memory()
+    }
+
+    /// For `SceneCounts::first_light_texture` and `SceneCounts::light_texture_count`.
+    pub fn textures(&self) -> [u32; 2] {
+        [self.textures.0 as u32, self.textures.1 as u32]
+    }
+
+    /// Does the same as [`Self::write`], and has lights refer to their textures, which follow them. While lights have textures, all are
+    /// written anew.
+    pub fn write_with_textures(
+        &mut self,
+        lights: &[GpuLight],
+        touched: &Touched,
+        textures: &LightTextures,
+        device: &RenderDevice,
+        queue: &RenderQueue,
+    ) {
+        let had_textures = self.textures.1 > 0;
+        self.textures = (0, 0);
+        if textures.is_empty() {
+            let touched = if had_textures { &Touched::All } else { touched };
+            if had_textures {
+                // What the tree has written is no longer what the buffer holds.
+                self.tree = None;
+            }
+            self.write(lights, touched, device, queue);
+            return;
+        }
+        let mut tree = (lights.len() > MAX_LIGHTS).then(LightTree::default);
+        if let Some(tree) = &mut tree {
+            tree.update(lights);
+        }
+        let mut table = tree.as_ref().map_or(lights, |tree| tree.table()).to_vec();
+        let first = table.len();
+        textures.append_to(&mut table, |light| {
+            tree.as_ref().map_or(light as usize, |tree| tree.place_of(light))
+        });
+        self.slice.write(&table, 0..table.len(), device, queue);
+        let room = self.slice.count();
+        self.count = lights.len().min(room);
+        self.tree = tree.filter(|_| room >= first);
+        self.textures = (first, if room == table.len() { textures.len() } else { 0 });
     }
 
     /// Takes over the lights of the scene. Where the device has no room for all of them with their tree, hits go through the first ones.
@@ -113,6 +160,34 @@ mod tests {
         ] {
             table.write(&lights[..count], &Touched::All, &device, &queue);
             assert_eq!((table.count(), table.leaf_count()), (count as u32, leaves));
+            assert_eq!(table.slice.count(), elements, "{count} lights");
+        }
+    }
+
+    #[test]
+    fn textures_stand_behind_lights_and_their_tree() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let lights = vec![
+            GpuLight {
+                kind: 1,
+                ..GpuLight::default()
+            };
+            MAX_LIGHTS + 1
+        ];
+        let textures = LightTextures::with_records(2);
+        let none = LightTextures::default();
+        let mut table = LightTable::new(&device);
+        for (count, textures, places, elements) in [
+            (3, &textures, [3, 2], 5),
+            (MAX_LIGHTS + 1, &textures, [769, 2], 771),
+            (MAX_LIGHTS + 1, &none, [0, 0], 769),
+            (3, &none, [0, 0], 3),
+        ] {
+            let touched = Touched::default();
+            table.write_with_textures(&lights[..count], &touched, textures, &device, &queue);
+            assert_eq!((table.count(), table.textures()), (count as u32, places));
             assert_eq!(table.slice.count(), elements, "{count} lights");
         }
     }

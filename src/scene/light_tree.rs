@@ -123,6 +123,11 @@ impl LightTree {
         self.nodes.len() / 2
     }
 
+    /// The place of a light in the table.
+    pub fn place_of(&self, light: u32) -> usize {
+        self.places[light as usize] as usize
+    }
+
     /// All nodes, for tests.
     #[cfg(any(test, feature = "internals"))]
     pub fn nodes(&self) -> &[LightNode] {

@@ -25,7 +25,7 @@ use bevy::{
     asset::{AssetId, UntypedAssetId},
     ecs::{prelude::*, system::SystemParam},
     image::Image,
-    pbr::AreaLightLuts,
+    pbr::{AreaLightLuts, deferred::DeferredLightingLayout},
     platform::collections::HashSet,
     render::{
         diagnostic::DiagnosticsRecorder,
@@ -56,6 +56,7 @@ pub(super) struct Scene<'w, 's> {
     assets: ResMut<'w, MaterialAssets>,
     images: Res<'w, RenderAssets<GpuImage>>,
     area_lights: Option<Res<'w, AreaLightLuts>>,
+    lighting: Option<Res<'w, DeferredLightingLayout>>,
     /// The sampler of images that have none of their own.
     default_sampler: Res<'w, DefaultImageSamplerDescriptor>,
     cache: Res<'w, PipelineCache>,
@@ -84,7 +85,7 @@ pub(super) fn prepare_scene(mut scene: Scene, mut changed_materials: Local<HashS
     );
     scene.prepare_light_probes();
     scene.note_features();
-    scene.prepare_tables();
+    scene.prepare_tables(&resettled);
 }
 
 impl Scene<'_, '_> {
@@ -202,6 +203,9 @@ impl Scene<'_, '_> {
         self.bindings.has_diffuse_transmission = self.materials.has_diffuse_transmission();
         self.bindings.has_rect_lights = self.lights.has_rects();
         self.lights.detect_rects(self.area_lights.as_deref(), &self.images);
+        if !self.lights.textures().is_empty() {
+            self.bindings.light_textures.detect(self.lighting.as_deref());
+        }
     }
 
     /// Brings light probes up to date.
@@ -212,7 +216,7 @@ impl Scene<'_, '_> {
     }
 
     /// Uploads materials, lights and counts that changed.
-    fn prepare_tables(&mut self) {
+    fn prepare_tables(&mut self, resettled: &HashSet<AssetId<Image>>) {
         if !self.activity.active {
             return;
         }
@@ -238,10 +242,20 @@ impl Scene<'_, '_> {
                 .materials
                 .write(self.materials.materials(), changed, device, queue);
         }
-        let (touched, change) = self.lights.take_changes();
-        if !touched.is_empty() || bindings.bind_group.is_none() || waited[1] {
+        let (touched, mut change) = self.lights.take_changes();
+        let retextured = bindings
+            .light_textures
+            .follow(self.lights.textures(), resettled, &mut self.textures);
+        if retextured {
+            // Lights carry no mark for it.
+            change = Change::Unmarked;
+        }
+        if !touched.is_empty() || retextured || bindings.bind_group.is_none() || waited[1] {
             bindings.version.note(change);
-            bindings.lights.write(self.lights.lights(), &touched, device, queue);
+            let (lights, textures) = (self.lights.lights(), &bindings.light_textures);
+            bindings
+                .lights
+                .write_with_textures(lights, &touched, textures, device, queue);
         }
         if waited
             != [
@@ -252,10 +266,13 @@ impl Scene<'_, '_> {
             // Tables may hold what they lacked.
             bindings.version.note(Change::Unmarked);
         }
+        let [first_light_texture, light_texture_count] = bindings.lights.textures();
         let uniform = GpuSceneCounts {
             light_count: bindings.lights.count(),
             directional_light_count: bindings.lights.directional_count(),
             light_leaf_count: bindings.lights.leaf_count(),
+            light_texture_count,
+            first_light_texture,
             instance_count: bindings.instances.len() as u32,
             material_count: bindings.materials.count() as u32,
             texture_count: self.textures.texture_count(),

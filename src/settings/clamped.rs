@@ -48,7 +48,12 @@ impl ClampedSettings {
     /// Hits take light from the last frame. The ground truth shades all of them, and so do rays from fragment shaders: few cameras have
     /// them.
     pub fn reuses_screen(&self) -> bool {
-        self.screen_traces == ScreenTraces::Reuse && can_reuse_screen(self.technique, self.backend)
+        self.screen_traces != ScreenTraces::Off && can_reuse_screen(self.technique, self.backend)
+    }
+
+    /// Rays find what only the last frame shows.
+    pub fn marches_screen(&self) -> bool {
+        self.screen_traces == ScreenTraces::March && self.reuses_screen()
     }
 }
 
@@ -149,6 +154,21 @@ mod tests {
             assert!(!reuses(technique, ReflectionBackend::HardwareVrs), "{technique}");
         }
         assert!(!ClampedSettings::from(&RayTracedReflections::default()).reuses_screen());
+        let marches = |screen_traces, technique| {
+            let settings = ClampedSettings::from(&RayTracedReflections {
+                technique,
+                screen_traces,
+                ..Default::default()
+            });
+            (settings.reuses_screen(), settings.marches_screen())
+        };
+        let technique = ReflectionTechnique::Variable;
+        assert_eq!(marches(ScreenTraces::Reuse, technique), (true, false));
+        assert_eq!(marches(ScreenTraces::March, technique), (true, true));
+        assert_eq!(
+            marches(ScreenTraces::March, ReflectionTechnique::Converged),
+            (false, false)
+        );
     }
 
     #[test]

@@ -224,11 +224,27 @@ pub enum ScreenTraces {
     /// Reused light is that of the picture: it is a frame late, its shadows come from shadow maps, and it contains as many bounces as the
     /// picture does.
     Reuse,
+    /// As `Reuse`, and surfaces that rays don't see are found on the screen, too: objects whose material has no
+    /// [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin), vertices that a shader moves, objects with a
+    /// [`NotReflected`](crate::NotReflected). Each ray is first traced, and its way up to the hit is then looked at on the screen of the last
+    /// frame, in 64 steps at most. If it enters a surface there, it brings that one's light. It costs a walk over the screen for each ray.
+    ///
+    /// - Only surfaces that the last frame showed are found, and only if they were drawn in the prepasses: blended particles are not, nor
+    ///   materials whose prepass is switched off.
+    /// - Seen are the sides that face the viewer. A mirror shows nothing of their backs.
+    /// - Surfaces narrower than a step may be missed: one is two pixels long, and longer where the way is longer than 128 pixels.
+    /// - Distance fog and the atmosphere lie over what is found as the viewer sees it.
+    /// - Moving objects are seen at their place of a frame ago.
+    ///
+    /// Views with it are never at rest, since nobody knows when such surfaces change: they converge no further than views in motion. The
+    /// first frame after a [`reset`](RayTracedReflections::reset) shows none of them, and so do `Converged`, `QuarterInline` and `HardwareVrs`, always.
+    March,
 }
 
 words!(ScreenTraces {
     Off = "off",
     Reuse = "reuse",
+    March = "march",
 });
 
 /// Which mip level of a texture is read where a ray hits.
@@ -286,7 +302,7 @@ pub enum ReflectionFallback {
 }
 
 /// Keeps an entity out of all reflections and out of the shadows that are seen in them. `Mesh::enable_raytracing` does so for all
-/// entities with a mesh.
+/// entities with a mesh. [`ScreenTraces::March`] shows it nevertheless while it is on the screen.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct NotReflected;

@@ -11,6 +11,7 @@
 //! | `hit_surface.wesl`, `surface_shader.rs`, `surface_point.wesl` | the surface that is shaded, and the app's shader that changes it |
 //! | `rays.wesl` | one ray: from a pixel of the G-buffer to the radiance that comes back |
 //! | `screen.wesl` | light that the camera showed, in place of shading |
+//! | `march.wesl` | what the camera showed on the way of a ray, before its hit |
 //! | `bounce.wesl` | reflections within reflections: the rays that go on from a hit |
 //! | `wide_ray.wesl` | a ray and its width |
 //! | `selection.wesl`, `noise.wesl` | which pixel of a block traces, and in which direction |
@@ -68,6 +69,7 @@ impl Plugin for TracePlugin {
         load_shader_library!(app, "record.wesl");
         load_shader_library!(app, "sampling.wesl");
         load_shader_library!(app, "screen.wesl");
+        load_shader_library!(app, "march.wesl");
         load_shader_library!(app, "selection.wesl");
         load_shader_library!(app, "surface_point.wesl");
         load_shader_library!(app, "volumes.wesl");

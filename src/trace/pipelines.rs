@@ -218,6 +218,7 @@ impl TracePipelines {
                 "CLEARCOAT",
                 "ATMOSPHERIC",
                 "RECT_LIGHTS",
+                "LIGHT_TEXTURES",
                 "DIFFUSE_TRANSMISSION",
                 // Its address takes the place of a binding.
                 "ONE_TLAS",

@@ -51,6 +51,8 @@ pub(super) struct Asked {
     bounces: bool,
     /// Hits take light from what the camera showed.
     reuses_screen: bool,
+    /// Rays find more there than they hit.
+    marches: bool,
 }
 
 impl Asked {
@@ -58,6 +60,7 @@ impl Asked {
         Self {
             bounces: settings.has_bounces(),
             reuses_screen: settings.reuses_screen(),
+            marches: settings.marches_screen(),
         }
     }
 }
@@ -75,6 +78,8 @@ pub(super) struct Variant {
     pub bounces: bool,
     /// Hits take light from what the camera showed.
     pub reuses_screen: bool,
+    /// Rays find more there than they hit.
+    pub marches: bool,
     /// Some object tints the light that it lets through.
     pub tinted: bool,
     /// Rays of exact mirrors are followed through see-through surfaces without chance.
@@ -95,6 +100,8 @@ pub(super) struct Variant {
     pub own_surfaces: bool,
     /// There are rectangular lights.
     pub rects: bool,
+    /// Some light has a texture.
+    pub light_textures: bool,
     /// Diffuse light comes through some material.
     pub translucent: bool,
     /// Some view shows volumes of fog.
@@ -113,6 +120,7 @@ pub(super) enum ShadingVariant {
         air: bool,
         own_surfaces: bool,
         rects: bool,
+        light_textures: bool,
         translucent: bool,
     },
     /// It traces rays itself: in scenes with more lights than the tracing pass has tested (`trace/hit.wesl`), and where rays are
@@ -129,6 +137,7 @@ impl Variant {
             lightmaps: scene.has_lightmaps(),
             bounces: false,
             reuses_screen: false,
+            marches: false,
             layered: false,
             refracts: false,
             tinted: scene.see_through.has_tints(),
@@ -139,16 +148,18 @@ impl Variant {
             air: scene.has_air(),
             own_surfaces: false,
             rects: scene.has_rect_lights(),
+            light_textures: scene.has_light_textures(),
             translucent: scene.has_diffuse_transmission(),
             volumes: scene.has_fog_volumes(),
         }
     }
 
     /// The same for what a view asks for.
-    pub fn with(self, Asked { bounces, reuses_screen }: Asked) -> Self {
+    pub fn with(self, asked: Asked) -> Self {
         Self {
-            bounces,
-            reuses_screen,
+            bounces: asked.bounces,
+            reuses_screen: asked.reuses_screen,
+            marches: asked.marches,
             ..self
         }
     }
@@ -160,6 +171,7 @@ impl Variant {
             clearcoat: false,
             own_surfaces: false,
             rects: false,
+            light_textures: false,
             bounces: false,
             ..self
         }
@@ -178,6 +190,7 @@ impl Variant {
             (self.translucent, "DIFFUSE_TRANSMISSION"),
             (self.volumes, "VOLUMETRIC_FOG"),
             (self.reuses_screen, "SCREEN_TRACES"),
+            (self.marches, "SCREEN_MARCH"),
         ];
         defs.into_iter().filter_map(|(set, name)| set.then_some(name))
     }
@@ -188,6 +201,7 @@ impl Variant {
             (self.lightmaps, "LIGHTMAPS"),
             (self.clearcoat, "CLEARCOAT"),
             (self.rects, "RECT_LIGHTS"),
+            (self.light_textures, "LIGHT_TEXTURES"),
             (self.bounces, "BOUNCES"),
             (self.own_surfaces, "SURFACE_SHADER"),
         ];
@@ -198,6 +212,7 @@ impl Variant {
     pub fn without_screen(self) -> Self {
         Self {
             reuses_screen: false,
+            marches: false,
             ..self
         }
     }
@@ -212,6 +227,7 @@ impl Variant {
             air: self.air,
             own_surfaces: self.own_surfaces,
             rects: self.rects,
+            light_textures: self.light_textures,
             translucent: self.translucent,
         }
     }
@@ -226,6 +242,7 @@ impl Variant {
             air: false,
             own_surfaces: false,
             rects: false,
+            light_textures: false,
             translucent: false,
             volumes: false,
             ..self
@@ -237,8 +254,8 @@ impl Variant {
     }
 
     /// Itself, the one that is right for all scenes of such trees, and others that are better than nothing while these are
-    /// compiled: they leave out the app's shader, baked light, clearcoats, light probes, the atmosphere, rectangular lights, light
-    /// that comes through, volumes of fog, lights that are drawn or tints, follow rays through see-through surfaces by chance, or
+    /// compiled: they leave out the app's shader, baked light, clearcoats, light probes, the atmosphere, rectangular lights, textures
+    /// of lights, light that comes through, volumes of fog, lights that are drawn or tints, follow rays through see-through surfaces by chance, or
     /// miss hits where the stack is full and show what another camera sees.
     pub fn substitutes(self) -> [Self; 8] {
         let masked = Self { masked: true, ..self };
@@ -390,6 +407,14 @@ mod tests {
         assert!(variant.shading_substitutes(false).all(|variant| variant == plain));
         let mut shading = variant.shading_substitutes(true);
         assert_eq!(shading.next(), Some(ShadingVariant::Tracing(Variant::default())));
+        let settings = RayTracedReflections {
+            screen_traces: ScreenTraces::March,
+            ..settings
+        };
+        let marching = Variant::default().with(Asked::by(&ClampedSettings::from(&settings)));
+        assert!(marching.defs().eq(["SCREEN_TRACES", "SCREEN_MARCH"]));
+        assert!(marching.substitutes().iter().all(|variant| variant.marches));
+        assert_eq!(marching.without_screen(), Variant::default());
     }
 
     #[test]
@@ -439,6 +464,12 @@ mod tests {
         };
         assert_eq!(in_rectangles.shading_defs(), ["RECT_LIGHTS"]);
         assert_eq!(in_rectangles.without_shading(), Variant::default());
+        let in_textures = Variant {
+            light_textures: true,
+            ..Variant::default()
+        };
+        assert_eq!(in_textures.shading_defs(), ["LIGHT_TEXTURES"]);
+        assert_eq!(in_textures.without_shading(), Variant::default());
         assert_eq!(coated.without_shading(), Variant::default());
         assert_eq!(
             coated.shading_substitutes(false).last(),

@@ -261,6 +261,7 @@ fn screen_traces(ui: &mut Ui, settings: &mut RayTracedReflections) {
     let choices = [
         Choice::variant(ScreenTraces::Off, "Off"),
         Choice::variant(ScreenTraces::Reuse, "Reuse"),
+        Choice::variant(ScreenTraces::March, "March"),
     ];
     let shades_all = !can_reuse_screen(settings.technique, settings.backend);
     let row = Row::new("Screen traces", tooltip!(RayTracedReflections.screen_traces));

@@ -97,7 +97,7 @@ impl PreparedViewItem<'_, '_> {
             exposure: self.camera.exposure,
             environment: self.environment.cloned(),
             environment_id: environment.map(|group| group.id()),
-            may_move: cameras.any(|other| is_screen(other, self.camera)),
+            may_move: self.view.settings.marches_screen() || cameras.any(|other| is_screen(other, self.camera)),
             culled: self.culling.as_ref().is_some_and(|culling| culling.is_culled()),
             screen: Screen::Last,
         }

@@ -153,7 +153,8 @@ pub(crate) struct Frame {
     pub environment: Option<ViewEnvironment>,
     /// Changes with the images of the environment, one frame late.
     pub environment_id: Option<BindGroupId>,
-    /// Something may change unnoticed: other cameras render into images, which surfaces may show, or a shader moves surfaces.
+    /// Something may change unnoticed: other cameras render into images, which surfaces may show, a shader moves surfaces, or
+    /// rays find on the screen what the scene doesn't have.
     pub may_move: bool,
     /// Nothing is kept of it.
     pub culled: bool,

@@ -2,6 +2,7 @@
 //! of what is reflected (`src/manual/interactions.md`) has a line for each row.
 
 mod light;
+mod light_textures;
 mod sky;
 mod transmission;
 
@@ -500,7 +501,8 @@ fn a_scene_in_a_mirror_looks_like_itself() {
         };
         let mut stage = Stage::new(&mut app);
         let mut failures = Vec::new();
-        let others = light::ROWS.into_iter().chain(sky::ROWS).chain(transmission::ROWS);
+        let lights = light::ROWS.into_iter().chain(light_textures::ROWS);
+        let others = lights.chain(sky::ROWS).chain(transmission::ROWS);
         for (name, spawn) in ROWS.into_iter().chain(others) {
             spawn(&mut stage);
             let actual = stage.in_the_mirror();

@@ -55,7 +55,7 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 63] = [
+const PASSES: [(&str, &[&str]); 67] = [
     ("trace/shade", &["VOLUMETRIC_FOG", "MANY_LIGHTS"]),
     ("trace/blocks", &["VOLUMETRIC_FOG", "MIRRORS", "RAY_QUERY"]),
     ("trace/blocks", &["DIFFUSE_TRANSMISSION"]),
@@ -65,6 +65,8 @@ const PASSES: [(&str, &[&str]); 63] = [
         "trace/shade",
         &["RECT_LIGHTS", "CLEARCOAT", "RAY_QUERY", "BINDLESS_TEXTURES"],
     ),
+    ("trace/shade", &["LIGHT_TEXTURES"]),
+    ("trace/shade", &["LIGHT_TEXTURES", "RAY_QUERY", "BINDLESS_TEXTURES"]),
     ("trace/shade", &["CLEARCOAT"]),
     ("trace/shade", &["CLEARCOAT", "RAY_QUERY", "BINDLESS_TEXTURES"]),
     (
@@ -105,6 +107,11 @@ const PASSES: [(&str, &[&str]); 63] = [
     ("trace/blocks", &["SCREEN_TRACES", "RAY_QUERY"]),
     ("trace/blocks", &["SCREEN_TRACES", "MIRRORS", "RAY_QUERY"]),
     ("trace/shade", &["SCREEN_TRACES", "MIRRORS"]),
+    ("trace/blocks", &["SCREEN_TRACES", "SCREEN_MARCH"]),
+    (
+        "trace/blocks",
+        &["SCREEN_TRACES", "SCREEN_MARCH", "MIRRORS", "RAY_QUERY"],
+    ),
     ("composite/screen", &[]),
     ("rate/classify", &[]),
     ("rate/classify", &["ROUGHNESS"]),

@@ -50,6 +50,21 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 }
 ";
 
+const PLACES: &str = "
+import package::scene::light_textures::light_texture_place;
+
+@group(0) @binding(0) var<storage, read> inputs: array<array<vec4<f32>, 2>>;
+@group(0) @binding(1) var<storage, read_write> outputs: array<vec4<f32>>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= arrayLength(&outputs) { return; }
+    let i = inputs[id.x];
+    let place = light_texture_place(u32(i[1].x), i[0].xyz, i[0].w);
+    outputs[id.x] = vec4(place.uv, place.outside, select(0.0, 1.0, place.inside));
+}
+";
+
 #[derive(Clone, Copy, Pod, Zeroable)]
 #[repr(C)]
 struct Lit {
@@ -259,4 +274,73 @@ fn rectangles_give_the_light_of_their_area() {
         assert!(output.y == 0.5 * output.x && output.z == 0.0, "{output}");
         assert_eq!(output.w, 1.0, "{:?} is in reach", input.light);
     }
+}
+
+/// The place in the texture of a light: x and y, the share of light outside of it, and 1 inside.
+fn texture_place(kind: u32, point: Vec3, projection: f32) -> Vec4 {
+    let centred = |x: f32, y: f32| [0.5 - 0.5 * x, 0.5 + 0.5 * y];
+    match kind {
+        LIGHT_DIRECTIONAL => {
+            let [x, y] = centred(point.x, point.y);
+            let inside = projection > 0.0 || point.x.abs().max(point.y.abs()) <= 1.0;
+            Vec4::new(x - x.floor(), y - y.floor(), 0.0, f32::from(u8::from(inside)))
+        }
+        LIGHT_SPOT => {
+            let reach = point.z * projection;
+            let [x, y] = centred(point.x / reach, point.y / reach);
+            Vec4::new(x, y, 1.0, f32::from(u8::from(point.z < 0.0)))
+        }
+        _ => {
+            // Faces one below the other: +X, -X, +Y, -Y, -Z, +Z.
+            let size = point.abs().max_element();
+            let [face, x, y] = if point.x.abs() == size {
+                let side = point.x.signum();
+                [if side > 0.0 { 0.0 } else { 1.0 }, side * point.z, -point.y]
+            } else if point.y.abs() == size {
+                let side = point.y.signum();
+                [if side > 0.0 { 2.0 } else { 3.0 }, point.x, -side * point.z]
+            } else {
+                let side = point.z.signum();
+                [if side > 0.0 { 5.0 } else { 4.0 }, point.x, side * point.y]
+            };
+            let [x, y] = [x, y].map(|along| 0.5 + 0.5 * along / size);
+            Vec4::new(x, (face + y) / 6.0, 1.0, 1.0)
+        }
+    }
+}
+
+#[test]
+fn textures_lie_before_their_lights() {
+    const IN_A_COLUMN: f32 = 2.0;
+    let Some(gpu) = Gpu::new() else { return };
+    let mut random = Random(11);
+    let (mut inputs, mut expected) = (Vec::new(), Vec::new());
+    for kind in [LIGHT_DIRECTIONAL, LIGHT_SPOT, LIGHT_POINT] {
+        for number in 0..600 {
+            let point = direction(&mut random) * 3.0 * random.next();
+            let projection = match kind {
+                LIGHT_DIRECTIONAL => f32::from(u8::from(number % 2 == 0)),
+                LIGHT_SPOT => 0.1 + random.next(),
+                _ => IN_A_COLUMN,
+            };
+            // Rounding decides on borders.
+            if point.z.abs() < 1e-3 || (point.x.abs().max(point.y.abs()) - 1.0).abs() < 1e-3 {
+                continue;
+            }
+            inputs.push([point.extend(projection), Vec4::splat(kind as f32)]);
+            expected.push(texture_place(kind, point, projection));
+        }
+    }
+    let outputs: Vec<Vec4> = gpu.run(&flatten(PLACES, &[], &["LIGHT_TEXTURES".into()]), &inputs, &[]);
+    let mut outside = 0;
+    for ((input, output), expected) in inputs.iter().zip(&outputs).zip(expected) {
+        assert_eq!((output.z, output.w), (expected.z, expected.w), "{input:?}");
+        outside += u32::from(output.w == 0.0);
+        let apart = (*output - expected).abs().max_element();
+        assert!(
+            output.w == 0.0 || apart < 1e-4 * (1.0 + expected.abs().max_element()),
+            "{input:?}: {output}, not {expected}"
+        );
+    }
+    assert!((100..900).contains(&outside), "{outside}");
 }

@@ -11,6 +11,7 @@ mod wesl;
 mod denoise;
 mod light_sampling;
 mod lights;
+mod march;
 mod modules;
 mod packing;
 mod rate;

@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, fog_volumes::GpuFogVolume, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 61] = [
+pub const COMBINATIONS: [&[&str]; 65] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -94,9 +94,27 @@ pub const COMBINATIONS: [&[&str]; 61] = [
         "BOUNCES",
     ],
     &["RECT_LIGHTS", "ALPHA_MASKED_GEOMETRY", "LIGHT_SAMPLING", "MANY_LIGHTS"],
+    &["LIGHT_TEXTURES", "ATMOSPHERIC", "LIGHT_SAMPLING", "MANY_LIGHTS"],
+    &[
+        "LIGHT_TEXTURES",
+        "RECT_LIGHTS",
+        "DIFFUSE_TRANSMISSION",
+        "RAY_QUERY",
+        "BINDLESS_TEXTURES",
+        "BOUNCES",
+    ],
     &["SCREEN_TRACES", "ALPHA_MASKED_GEOMETRY", "COUNT_INVOCATIONS"],
     &["SCREEN_TRACES", "MIRRORS"],
     &["SCREEN_TRACES", "RAY_QUERY", "MIRRORS", "BOUNCES", "LAYERED_RAYS"],
+    &["SCREEN_TRACES", "SCREEN_MARCH", "VOLUMETRIC_FOG", "TINTED_GLASS"],
+    &[
+        "SCREEN_TRACES",
+        "SCREEN_MARCH",
+        "RAY_QUERY",
+        "MIRRORS",
+        "LAYERED_RAYS",
+        "TINTED_GLASS",
+    ],
     &["SCREEN_TRACES", "VOLUMETRIC_FOG", "TINTED_GLASS"],
     &[
         "SCREEN_TRACES",
@@ -388,7 +406,9 @@ fn lights_and_counts_match_the_cpu() {
             directional_light_count,
             light_leaf_count,
             left_count,
-            restless_probes
+            restless_probes,
+            light_texture_count,
+            first_light_texture
         ]
     );
 }
@@ -414,7 +434,9 @@ fn surroundings_match_the_cpu() {
             air,
             fog_volumes,
             fog_ambient,
-            fog_volume_count
+            fog_volume_count,
+            fog_lamps,
+            fog_lamp_count
         ]
     );
     same_layout!(

@@ -11,7 +11,7 @@ use bevy::{
     prelude::{AlphaMode, GlobalTransform, LinearRgba, Transform},
     render::render_resource::{Face, TextureFormat},
 };
-use bevy_glint::internals::{gpu_types::*, lights::*, materials::*};
+use bevy_glint::internals::{gpu_types::*, materials::*, pack_lights::*};
 
 #[test]
 fn defaults_keep_their_values() {

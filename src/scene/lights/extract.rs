@@ -1,11 +1,11 @@
 //! Extraction of lights: those that changed are converted anew, and the others stay as they are.
 
-use super::{
-    ExtractedLights, MAX_LIGHTS, directional_light, keep_strongest, non_negative, point_light, rect_light, spot_light,
-};
+use super::{ExtractedLights, MAX_LIGHTS, keep_strongest};
 use crate::scene::{
     change_ticks::{Clock, blocks},
     gpu_types::{GpuLight, LIGHT_CASTS_SHADOW, LIGHT_VOLUMETRIC},
+    light_textures::{LightTexture, LightTextureWorld},
+    pack_lights::{directional_light, non_negative, point_light, rect_light, spot_light},
     render_layers::SceneLayers,
 };
 use bevy::{
@@ -38,6 +38,7 @@ pub struct LightWorld<'w, 's> {
     points: Lights<'w, 's, PointLight>,
     spots: Lights<'w, 's, SpotLight>,
     rects: Lights<'w, 's, RectLight>,
+    textures: LightTextureWorld<'w, 's>,
 }
 
 /// In the place of an index: the light gives no light.
@@ -130,6 +131,12 @@ impl Known {
 }
 
 impl Known {
+    /// Finds textures of lights, each with the index of its light.
+    fn textures(&self, of: impl Fn(Entity) -> Option<LightTexture>) -> impl Iterator<Item = (u32, LightTexture)> {
+        let lights = self.entities.iter().zip(&self.lights);
+        lights.filter_map(move |(entity, light)| (*light != DARK).then(|| Some((*light, of(*entity)?)))?)
+    }
+
     /// Gives a directional light in a place of the list what other components say of it.
     fn dress(&self, place: u32, light: &mut GpuLight, world: &LightWorld) {
         let row = self.lights.iter().position(|light| *light == place);
@@ -236,6 +243,17 @@ impl KnownLights {
     }
 }
 
+/// All textures of lights.
+fn textures(known: &KnownLights, world: &LightTextureWorld) -> Vec<(u32, LightTexture)> {
+    if world.is_empty() {
+        return Vec::new();
+    }
+    let directional = known.directional.textures(|light| world.of_directional(light));
+    let points = known.points.textures(|light| world.of_point(light));
+    let spots = known.spots.textures(|light| world.of_spot(light));
+    directional.chain(points).chain(spots).collect()
+}
+
 fn of<L>(convert: fn(&L, &GlobalTransform) -> Option<GpuLight>, layers: &SceneLayers) -> Conversion<'_, L> {
     Conversion { layers, convert }
 }
@@ -264,6 +282,7 @@ pub fn extract_lights(
     } else {
         extracted.replace(known.gather(world, layers));
     }
+    extracted.textures = textures(known, &world.textures);
 }
 
 #[cfg(test)]

@@ -225,7 +225,6 @@ mod tests {
     use crate::{
         device::ReflectionTracer,
         scene::{
-            arena::Arena,
             geometry::{BASE_ALIGNMENT, pack_mesh},
             meshes::{COPIED_BYTES_PER_FRAME, CopyBudget, MOST_COPIED_BYTES, MeshSource},
             test_gpu,
@@ -234,7 +233,7 @@ mod tests {
     use bevy::{
         asset::uuid::Uuid,
         prelude::{Cuboid, Sphere},
-        render::render_resource::BufferUsages,
+        render::{render_resource::BufferUsages, renderer::RenderDevice},
     };
     use std::sync::Arc;
 

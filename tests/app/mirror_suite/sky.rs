@@ -29,7 +29,7 @@ pub(super) type Components = (
 /// Direction of light from a low sun behind the mirror.
 const LOW_SUN: Vec3 = Vec3::new(0.4, -0.12, 1.0);
 
-pub(super) const ROWS: [Row; 9] = [
+pub(super) const ROWS: [Row; 10] = [
     ("sunlight through an atmosphere", |stage| {
         stage.breathe(5_000.0);
         stage.spawn(blue());
@@ -57,6 +57,25 @@ pub(super) const ROWS: [Row; 9] = [
         let block = Transform::from_xyz(-7.6, 2.4, 2.0);
         let block = spawn_mesh(stage.app, Cuboid::new(4.0, 6.0, 4.0), blue(), block);
         stage.spawned.push(block);
+    }),
+    ("a spot light with shadows in a volume of fog", |stage| {
+        stage.add_dark_fog();
+        stage.add((
+            SpotLight {
+                intensity: 150_000.0,
+                range: 12.0,
+                outer_angle: 0.5,
+                inner_angle: 0.2,
+                shadow_maps_enabled: true,
+                ..default()
+            },
+            VolumetricLight,
+            Transform::from_xyz(-4.0, 2.5, 6.5).looking_to(Vec3::new(1.0, -0.45, 0.2), Vec3::Y),
+        ));
+        stage.spawn(blue());
+        for entity in stage.spawned.clone() {
+            stage.app.world().entity_mut(entity).insert(NotShadowReceiver);
+        }
     }),
     ("volumetric fog under the sky of an atmosphere", |stage| {
         // Bevy's fog is dark where another directional light shines.
@@ -128,8 +147,8 @@ impl Stage<'_> {
         ));
     }
 
-    /// Fog between the camera and the wall behind it, and light that it shows.
-    fn add_fog_volume(&mut self) {
+    /// Fog between the camera and the wall behind it.
+    fn add_dark_fog(&mut self) {
         // Points in fog whose shadows are tested are drawn, as are those of a mirror that the denoiser smooths.
         self.technique = ReflectionTechnique::Converged;
         self.frames = 64;
@@ -150,6 +169,11 @@ impl Stage<'_> {
                 .with_rotation(Quat::from_rotation_y(0.1))
                 .with_scale(Vec3::new(9.0, 7.0, 6.0)),
         ));
+    }
+
+    /// The same, and light that it shows.
+    fn add_fog_volume(&mut self) {
+        self.add_dark_fog();
         self.add((
             DirectionalLight {
                 illuminance: 2000.0,

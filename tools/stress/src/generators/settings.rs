@@ -39,6 +39,8 @@ pub enum SettingsKind {
     Halton,
     /// Light of hits from the last frame.
     ScreenTraces,
+    /// Surfaces from the last frame.
+    ScreenMarch,
     /// NaN in every number.
     NanNumbers,
     /// Zero in every number.
@@ -106,6 +108,7 @@ pub fn add(kind: SettingsKind, builder: &mut Builder) {
         SettingsKind::NoMirrors => reflections.full_resolution_mirrors = false,
         SettingsKind::Halton => reflections.sampling = ReflectionSampling::Halton,
         SettingsKind::ScreenTraces => reflections.screen_traces = ScreenTraces::Reuse,
+        SettingsKind::ScreenMarch => reflections.screen_traces = ScreenTraces::March,
         _ => {}
     }
 }
