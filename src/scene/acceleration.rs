@@ -561,14 +561,29 @@ mod tests {
         }
     }
 
-    #[test]
-    fn movements_build_what_moves_alone() {
-        let Some((device, queue, meshes)) = with_mesh() else {
-            return;
-        };
-        let mut structures = AccelerationStructures::new(&device, &queue);
-        let mut told = Vec::new();
-        let mut frame = |slots: u32, gone: &[u32], restless: &[u32], changed: &[u32], may_split: bool| {
+    /// Structures from frame to frame.
+    struct Frames {
+        structures: AccelerationStructures,
+        left: Vec<u32>,
+        meshes: SceneMeshes,
+        device: RenderDevice,
+        queue: RenderQueue,
+    }
+
+    impl Frames {
+        fn new() -> Option<Self> {
+            let (device, queue, meshes) = with_mesh()?;
+            Some(Self {
+                structures: AccelerationStructures::new(&device, &queue),
+                left: Vec::new(),
+                meshes,
+                device,
+                queue,
+            })
+        }
+
+        /// Renders a frame of so many slots, of which these are `gone`, and these objects move or `changed`.
+        fn next(&mut self, slots: u32, gone: &[u32], restless: &[u32], changed: &[u32], may_split: bool) -> Frame {
             let get = |slot| {
                 let flags = if restless.contains(&slot) { INSTANCE_RESTLESS } else { 0 };
                 (!gone.contains(&slot)).then(|| instance(slot, flags))
@@ -580,78 +595,77 @@ mod tests {
                 get: &get,
                 may_split,
             };
+            let structures = &mut self.structures;
             structures.is_retry_due();
-            structures.build(&objects, &meshes, &device, &queue);
+            structures.build(&objects, &self.meshes, &self.device, &self.queue);
             if let Some(left) = structures.take_left() {
-                told = left.to_vec();
+                self.left = left.to_vec();
             }
-            assert_eq!(structures.left_count(), told.len());
+            assert_eq!(structures.left_count(), self.left.len());
             Frame {
                 all: structures.age == 0,
                 split: structures.is_split(),
                 movers: structures.movers.clone(),
-                left: told.clone(),
+                left: self.left.clone(),
             }
-        };
-        let many = MANY_OBJECTS as u32;
+        }
+    }
+
+    const MANY: u32 = MANY_OBJECTS as u32;
+
+    #[test]
+    fn movements_build_what_moves_alone() {
+        let Some(mut frames) = Frames::new() else { return };
+        let few = frames.next(MANY, &[], &[3], &[3], true);
+        assert_eq!(few, expect(true, false, &[], &[]), "few objects share one");
+        let all = MANY + 10;
+        let mut frame =
+            |gone: &[u32], restless: &[u32], changed: &[u32]| frames.next(all, gone, restless, changed, true);
+        assert_eq!(frame(&[], &[3], &[3]), expect(true, true, &[3], &[]));
+        assert_eq!(frame(&[], &[3], &[3]), expect(false, true, &[3], &[]));
+        let began = frame(&[], &[3, 7], &[3, 7]);
+        assert_eq!(began, expect(false, true, &[3, 7], &[7]), "7 stood still");
+        let went = frame(&[3], &[3, 7], &[3]);
+        assert_eq!(went, expect(false, true, &[7], &[7]), "3 is gone");
+        let came = frames.next(all + 1, &[3], &[7], &[all], true);
+        assert_eq!(came, expect(false, true, &[7, all], &[7]), "one came");
+        let mut frame = |gone: &[u32], changed: &[u32]| frames.next(all + 1, gone, &[7], changed, true);
+        let went = frame(&[3, 9], &[9]);
         assert_eq!(
-            frame(many, &[], &[3], &[3], true),
-            expect(true, false, &[], &[]),
-            "few objects share one"
-        );
-        let all = many + 10;
-        assert_eq!(frame(all, &[], &[3], &[3], true), expect(true, true, &[3], &[]));
-        assert_eq!(frame(all, &[], &[3], &[3], true), expect(false, true, &[3], &[]));
-        assert_eq!(
-            frame(all, &[], &[3, 7], &[3, 7], true),
-            expect(false, true, &[3, 7], &[7]),
-            "7 stood still"
-        );
-        assert_eq!(
-            frame(all, &[3], &[3, 7], &[3], true),
-            expect(false, true, &[7], &[7]),
-            "3 is gone"
-        );
-        assert_eq!(
-            frame(all + 1, &[3], &[7], &[all], true),
-            expect(false, true, &[7, all], &[7]),
-            "one came"
-        );
-        assert_eq!(
-            frame(all + 1, &[3, 9], &[7], &[9], true),
+            went,
             expect(false, true, &[7, all], &[7, 9]),
             "9 stood still and is gone"
         );
+        let reused = frame(&[3], &[9]);
         assert_eq!(
-            frame(all + 1, &[3], &[7], &[9], true),
+            reused,
             expect(false, true, &[7, 9, all], &[7, 9]),
             "another one took its slot"
         );
-        assert_eq!(
-            frame(all + 1, &[], &[7], &[3, 9], false),
-            expect(true, false, &[], &[]),
-            "no second one is allowed"
-        );
-        assert_eq!(frame(all, &[], &[], &[], true), expect(true, true, &[], &[]));
+        let joined = frames.next(all + 1, &[], &[7], &[3, 9], false);
+        assert_eq!(joined, expect(true, false, &[], &[]), "no second one is allowed");
+        assert_eq!(frames.next(all, &[], &[], &[], true), expect(true, true, &[], &[]));
+    }
+
+    #[test]
+    fn all_is_built_once_many_left_or_stay() {
+        let Some(mut frames) = Frames::new() else { return };
+        let all = MANY + MOST_LEFT as u32 + 10;
+        assert_eq!(frames.next(all, &[], &[], &[0], true), expect(true, true, &[], &[]));
         // So many that rays would meet them too often.
         let most: Vec<_> = (0..MOST_LEFT as u32).collect();
-        let all = all + MOST_LEFT as u32;
-        assert_eq!(frame(all, &[], &[], &[0], false), expect(true, false, &[], &[]));
-        assert_eq!(frame(all, &[], &[], &[0], true), expect(true, true, &[], &[]));
-        assert_eq!(frame(all, &most, &[], &most, true), expect(false, true, &[], &most));
-        assert_eq!(frame(all, &most, &[], &[700], true), expect(true, true, &[], &[]));
+        assert_eq!(
+            frames.next(all, &most, &[], &most, true),
+            expect(false, true, &[], &most)
+        );
+        assert_eq!(frames.next(all, &most, &[], &[700], true), expect(true, true, &[], &[]));
         // Objects that come and stay.
         let idle = MOST_IDLE as u32 + 1;
         let new: Vec<_> = (all..all + idle).collect();
-        assert_eq!(
-            frame(all + idle, &most, &[], &new, true),
-            expect(false, true, &new, &[])
-        );
-        let due = (2..).find(|_| frame(all + idle, &most, &[5], &[all], true).all);
+        let mut frame = |restless: &[u32], changed: &[u32]| frames.next(all + idle, &most, restless, changed, true);
+        assert_eq!(frame(&[], &new), expect(false, true, &new, &[]));
+        let due = (2..).find(|_| frame(&[5], &[all]).all);
         assert_eq!(due, Some(IDLE_FRAMES));
-        assert_eq!(
-            frame(all + idle, &most, &[700], &[700], true),
-            expect(false, true, &[700], &[700])
-        );
+        assert_eq!(frame(&[700], &[700]), expect(false, true, &[700], &[700]));
     }
 }
