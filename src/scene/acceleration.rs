@@ -135,6 +135,10 @@ impl AccelerationStructures {
         let is_due = self.retry.is_due();
         if is_due {
             self.refused.clear();
+            self.still.ask_again();
+            if let Some(moving) = &mut self.moving {
+                moving.ask_again();
+            }
             // Objects that wait may belong to either structure.
             self.is_still.clear();
         }
@@ -244,10 +248,8 @@ impl AccelerationStructures {
         let (moving, still): (Vec<_>, Vec<_>) = all.iter().partition(|object| is_split && object.is_moving());
         self.age = 0;
         self.movers = moving.iter().map(|object| object.slot).collect();
-        self.is_still = flags_of(&still, objects.slots);
+        let is_still = flags_of(&still, objects.slots);
         self.is_mover = flags_of(&moving, objects.slots);
-        self.left_changed |= !self.left.is_empty();
-        self.left.clear();
         self.still_blas = still.iter().map(|object| object.blas).collect();
         if self.moving.is_some() != is_split {
             self.moving = is_split.then(|| ResizableTlas::new(device, queue));
@@ -258,6 +260,12 @@ impl AccelerationStructures {
             Some(self.still.build(&still, blas_of.clone(), device, queue)),
             (self.moving.as_mut()).map(|level| level.build(&moving, blas_of, device, queue)),
         ];
+        // Otherwise the last one stays, with all that has left it.
+        if outcomes[0].is_some_and(|outcome| outcome.built) {
+            self.is_still = is_still;
+            self.left_changed |= !self.left.is_empty();
+            self.left.clear();
+        }
         for outcome in outcomes {
             self.follow(outcome);
         }
@@ -265,7 +273,7 @@ impl AccelerationStructures {
     }
 
     fn follow(&mut self, outcome: Option<TlasBuild>) {
-        let Some(TlasBuild { replaced, lacking }) = outcome else {
+        let Some(TlasBuild { replaced, lacking, .. }) = outcome else {
             return;
         };
         self.generation += u64::from(replaced);

@@ -109,6 +109,12 @@ fn into_image(rotation: Quat) -> [f32; 4] {
 }
 
 impl ViewEnvironment {
+    /// Returns whether rays that miss, or rough surfaces, see an image.
+    pub(super) fn shows(&self, image: AssetId<Image>) -> bool {
+        let maps = self.maps.map(|(diffuse, specular)| [diffuse, specular]);
+        self.skybox == Some(image) || maps.is_some_and(|maps| maps.contains(&image))
+    }
+
     /// The view lies in an atmosphere.
     pub(super) fn has_air(&self) -> bool {
         self.uniform.air != GpuAir::default()

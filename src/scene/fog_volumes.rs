@@ -86,12 +86,19 @@ impl FogWorld<'_, '_> {
         )
     }
 
-    /// The lamps that are nearest to a viewer.
+    /// The lamps that reach a volume and are nearest to a viewer.
     pub fn nearest_lamps(&self, viewer: Vec3, layers: &SceneLayers) -> Nearest<GpuLight, MAX_FOG_LAMPS> {
-        nearest(
-            lamps(&self.points, point_light, layers).chain(lamps(&self.spots, spot_light, layers)),
-            viewer,
-        )
+        let visible = self.volumes.iter().filter(|(_, _, visibility)| visibility.get());
+        let bounds: Vec<(Vec3, f32)> = visible
+            .map(|(_, place, _)| (place.translation(), bounding_radius(place)))
+            .collect();
+        let reaches = |(place, lamp): &(Vec3, GpuLight)| {
+            let range = lamp.inverse_range_squared.max(1e-20).sqrt().recip();
+            let mut volumes = bounds.iter();
+            volumes.any(|(center, radius)| place.distance(*center) <= range + radius)
+        };
+        let all = lamps(&self.points, point_light, layers).chain(lamps(&self.spots, spot_light, layers));
+        nearest(all.filter(reaches), viewer)
     }
 }
 
@@ -125,6 +132,11 @@ fn nearest<T: Copy + Default, const MOST: usize>(
     (nearest, count as u32)
 }
 
+/// Of the sphere that Bevy takes for a volume.
+fn bounding_radius(place: &GlobalTransform) -> f32 {
+    (place.affine().matrix3 * Vec3A::splat(0.5)).length()
+}
+
 /// `None` for what can't be seen, and for fog whose density is a texture.
 fn pack_fog_volume(volume: &FogVolume, place: &GlobalTransform) -> Option<GpuFogVolume> {
     let inverse = place.affine().inverse();
@@ -132,7 +144,7 @@ fn pack_fog_volume(volume: &FogVolume, place: &GlobalTransform) -> Option<GpuFog
     let (absorption, scattering) = (non_negative(volume.absorption), non_negative(volume.scattering));
     let extinction = density * (absorption + scattering);
     // Bevy dims the light on its way into the volume as if that were a sphere around it.
-    let radius = (place.affine().matrix3 * Vec3A::splat(0.5)).length();
+    let radius = bounding_radius(place);
     let color = volume.fog_color.to_linear().to_vec3() * volume.light_tint.to_linear().to_vec3();
     let scattered =
         color * (non_negative(volume.light_intensity) * scattering * density * (-extinction * radius).exp());

@@ -49,6 +49,14 @@ pub struct ExtractedLightProbes {
     irradiance_volumes: Vec<ProbeSource>,
 }
 
+impl ExtractedLightProbes {
+    /// Returns whether a probe has its light from an image.
+    pub(super) fn shows(&self, image: AssetId<Image>) -> bool {
+        let mut probes = self.reflection_probes.iter().chain(&self.irradiance_volumes);
+        probes.any(|probe| probe.images.contains(&image))
+    }
+}
+
 /// `None` where the probe gives no light, or has no box.
 fn probe(
     world_from_probe: Affine3A,
@@ -324,7 +332,7 @@ impl LightProbes {
             (self.maps, self.volumes) = (maps, volumes);
             self.generation += 1;
         }
-        if self.data != data || self.buffer.waits_for_memory() {
+        if self.buffer.may_ask_again() || self.data != data {
             self.data = data;
             self.buffer.write(&self.data, 0..self.data.len(), device, queue);
         }

@@ -58,9 +58,9 @@ impl LightTable {
         self.tree.as_ref().map_or(0, |tree| tree.leaf_count() as u32)
     }
 
-    /// Returns whether [`Self::write`] is due although no light changed: the device may have the memory that it hadn't.
-    pub fn waits_for_memory(&self) -> bool {
-        self.slice.waits_for_memory()
+    /// Counts a frame. Returns whether [`Self::write`] is due although no light changed: the device may have the memory that it hadn't.
+    pub fn may_ask_again(&mut self) -> bool {
+        self.slice.may_ask_again()
     }
 
     /// For `SceneCounts::first_light_texture` and `SceneCounts::light_texture_count`.
@@ -89,9 +89,13 @@ impl LightTable {
             self.write(lights, touched, device, queue);
             return;
         }
-        let mut tree = (lights.len() > MAX_LIGHTS).then(LightTree::default);
+        let mut tree = (lights.len() > MAX_LIGHTS).then(|| self.tree.take().unwrap_or_default());
         if let Some(tree) = &mut tree {
-            tree.update(lights);
+            // Its own table has no numbers of textures.
+            match touched {
+                Touched::All => tree.update(lights),
+                Touched::Lights(touched) => tree.update_some(lights, touched.iter().copied()),
+            };
         }
         let mut table = tree.as_ref().map_or(lights, |tree| tree.table()).to_vec();
         let first = table.len();

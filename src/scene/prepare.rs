@@ -84,6 +84,7 @@ pub(super) fn prepare_scene(mut scene: Scene, mut changed_materials: Local<HashS
         &resettled,
     );
     scene.prepare_light_probes();
+    scene.note_repainted();
     scene.note_features();
     scene.prepare_tables(&resettled);
 }
@@ -215,6 +216,17 @@ impl Scene<'_, '_> {
         self.bindings.version.note(change);
     }
 
+    /// Notes environments and light probes whose images have other content: Bevy often keeps their textures then.
+    fn note_repainted(&mut self) {
+        let repainted = self.textures.take_repainted();
+        let is_seen = |image: &AssetId<Image>| {
+            self.views.iter().any(|view| view.shows(*image)) || self.light_probes.shows(*image)
+        };
+        if repainted.iter().any(is_seen) {
+            self.bindings.version.note(Change::Unmarked);
+        }
+    }
+
     /// Uploads materials, lights and counts that changed.
     fn prepare_tables(&mut self, resettled: &HashSet<AssetId<Image>>) {
         if !self.activity.active {
@@ -229,14 +241,10 @@ impl Scene<'_, '_> {
                 .masks
                 .write_headers(changed, &self.materials, &mut self.meshes, queue);
         }
-        if changed_materials.is_some() {
-            bindings.version.note(self.materials.take_change());
-        }
-        let waited = [
-            bindings.materials.waits_for_memory(),
-            bindings.lights.waits_for_memory(),
-        ];
-        if changed_materials.is_some() || waited[0] {
+        // What is marked already writes nothing, and is a change nevertheless.
+        bindings.version.note(self.materials.take_change());
+        let again = [bindings.materials.may_ask_again(), bindings.lights.may_ask_again()];
+        if changed_materials.is_some() || again[0] {
             let changed = changed_materials.unwrap_or_default();
             bindings
                 .materials
@@ -250,19 +258,14 @@ impl Scene<'_, '_> {
             // Lights carry no mark for it.
             change = Change::Unmarked;
         }
-        if !touched.is_empty() || retextured || bindings.bind_group.is_none() || waited[1] {
+        if !touched.is_empty() || retextured || bindings.bind_group.is_none() || again[1] {
             bindings.version.note(change);
             let (lights, textures) = (self.lights.lights(), &bindings.light_textures);
             bindings
                 .lights
                 .write_with_textures(lights, &touched, textures, device, queue);
         }
-        if waited
-            != [
-                bindings.materials.waits_for_memory(),
-                bindings.lights.waits_for_memory(),
-            ]
-        {
+        if again.contains(&true) {
             // Tables may hold what they lacked.
             bindings.version.note(Change::Unmarked);
         }

@@ -47,6 +47,8 @@ pub struct TextureTable {
     /// When these are looked at again.
     retry: MemoryRetry,
     resettled: HashSet<AssetId<Image>>,
+    /// All images that changed lately, also others.
+    repainted: HashSet<AssetId<Image>>,
     /// Position of the walk over all entries that finds replaced images.
     cursor: usize,
     generation: u64,
@@ -91,6 +93,7 @@ impl FromWorld for TextureTable {
             refused: Vec::new(),
             retry: MemoryRetry::default(),
             resettled: HashSet::default(),
+            repainted: HashSet::default(),
             cursor: 0,
             generation: 0,
             next_version: 0,
@@ -235,6 +238,11 @@ impl TextureTable {
         std::mem::take(&mut self.touched)
     }
 
+    /// Images, of whatever use, whose content changed since the last call.
+    pub(super) fn take_repainted(&mut self) -> HashSet<AssetId<Image>> {
+        std::mem::take(&mut self.repainted)
+    }
+
     /// Images whose word or whose content changed since the last call.
     pub(super) fn take_resettled(&mut self) -> HashSet<AssetId<Image>> {
         std::mem::take(&mut self.resettled)
@@ -334,7 +342,9 @@ impl TextureTable {
                          use fewer textures"
                     );
                     self.retry.begin();
-                    self.refused.push(index);
+                    if !self.refused.contains(&index) {
+                        self.refused.push(index);
+                    }
                     State::Unusable
                 }
             } else {
@@ -384,6 +394,9 @@ pub(super) fn extract_texture_changes<'a>(
     table: &mut TextureTable,
 ) {
     for event in events {
+        if let AssetEvent::Modified { id } = event {
+            table.repainted.insert(*id);
+        }
         if let AssetEvent::Added { id } | AssetEvent::Modified { id } = event
             && let Some(index) = table.indices.get(id)
         {

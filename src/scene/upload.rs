@@ -83,10 +83,13 @@ impl<T: NoUninit> StorageSlice<T> {
         self.len
     }
 
-    /// Returns whether the device had no memory for a buffer of another size. It is asked again after some calls of [`Self::reserve`] or
-    /// of one that writes: make one in each frame, also without changes.
-    pub fn waits_for_memory(&self) -> bool {
-        self.refused.is_some()
+    /// Counts a frame. Returns true once the device, which had no memory for a buffer of another size, may have it: write something then.
+    pub fn may_ask_again(&mut self) -> bool {
+        let again = self.retry.is_due();
+        if again {
+            self.refused = None;
+        }
+        again
     }
 
     /// Makes room for so many elements, or as many as there can be, and returns for how many there is room. What was in the buffer may be
@@ -100,11 +103,10 @@ impl<T: NoUninit> StorageSlice<T> {
         let room = (self.buffer.size() / size) as usize;
         let wanted = wanted.min(limit);
         let needed = wanted.next_power_of_two().max(SMALLEST_ROOM).min(limit);
-        if self.retry.is_due() {
-            self.refused = None;
-        }
         let is_too_large = room > SMALLEST_ROOM && 4 * wanted < room && needed < room;
-        if (wanted > room || is_too_large) && self.refused != Some(wanted) {
+        // As much and more is refused, too.
+        let is_refused = self.refused.is_some_and(|refused| wanted >= refused || is_too_large);
+        if (wanted > room || is_too_large) && !is_refused {
             self.refused = None;
             match try_allocate(device, || create(device, self.label, needed as u64 * size)) {
                 Some(buffer) => {
@@ -393,15 +395,11 @@ mod tests {
         REFUSES.set(true);
         assert_eq!(write(&mut slice), 16);
         REFUSES.set(false);
-        assert_eq!(
-            (write(&mut slice), slice.waits_for_memory()),
-            (16, true),
-            "it isn't asked at once"
-        );
+        assert_eq!(write(&mut slice), 16, "it isn't asked at once");
         // Without any change, and whoever had the memory.
-        let frames = (1..=REFUSED_FRAMES).find(|_| write(&mut slice) == 100);
-        assert!(frames.is_some() && !slice.waits_for_memory());
-        // Another length is worth another try.
+        let frames = (1..=REFUSED_FRAMES).find(|_| slice.may_ask_again());
+        assert_eq!((frames, write(&mut slice)), (Some(REFUSED_FRAMES), 100));
+        // A smaller one is worth another try.
         REFUSES.set(true);
         assert_eq!(slice.reserve(1000, &device), 128);
         REFUSES.set(false);

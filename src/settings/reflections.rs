@@ -226,7 +226,7 @@ pub enum ScreenTraces {
     Reuse,
     /// As `Reuse`, and surfaces that rays don't see are found on the screen, too: objects whose material has no
     /// [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin), vertices that a shader moves, objects with a
-    /// [`NotReflected`](crate::NotReflected). Each ray is first traced, and its way up to the hit is then looked at on the screen of the last
+    /// [`NotReflected`]. Each ray is first traced, and its way up to the hit is then looked at on the screen of the last
     /// frame, in 64 steps at most. If it enters a surface there, it brings that one's light. It costs a walk over the screen for each ray.
     ///
     /// - Only surfaces that the last frame showed are found, and only if they were drawn in the prepasses: blended particles are not, nor
@@ -234,7 +234,7 @@ pub enum ScreenTraces {
     /// - Seen are the sides that face the viewer. A mirror shows nothing of their backs.
     /// - Surfaces narrower than a step may be missed: one is two pixels long, and longer where the way is longer than 128 pixels.
     /// - Distance fog and the atmosphere lie over what is found as the viewer sees it.
-    /// - Moving objects are seen at their place of a frame ago.
+    /// - Moving objects, also those that rays see, are seen at their place of a frame ago, too.
     ///
     /// Views with it are never at rest, since nobody knows when such surfaces change: they converge no further than views in motion. The
     /// first frame after a [`reset`](RayTracedReflections::reset) shows none of them, and so do `Converged`, `QuarterInline` and `HardwareVrs`, always.

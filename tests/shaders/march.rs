@@ -100,15 +100,20 @@ fn kept(seen: &[f32], pixel: Vec2) -> f32 {
     if kept > 0.0 { kept } else { 2.0 * FAR }
 }
 
-/// Metres by which a surface may be missed.
-fn tolerance(seen: &[f32], place: Vec2, far: f32, spread: f32) -> f32 {
+/// Metres by which a surface changes from pixel to pixel.
+fn change(seen: &[f32], place: Vec2, far: f32, spread: f32) -> f32 {
     let pixel = place.floor();
     let change = |side: Vec2| {
         let [before, here, after] = [-1.0, 0.0, 1.0].map(|step| kept(seen, pixel + step * side));
         (before - here).abs().min((after - here).abs())
     };
+    (change(Vec2::X) + change(Vec2::Y)).min(spread * far / 0.1)
+}
+
+/// Metres by which a surface may be missed.
+fn tolerance(seen: &[f32], place: Vec2, far: f32, spread: f32) -> f32 {
     let apart = (0.005 * far).min(8.0 * spread * far).max(ROUNDING * far);
-    apart + 1.5 * (change(Vec2::X) + change(Vec2::Y))
+    apart + 1.5 * change(seen, place, far, spread)
 }
 
 /// The decision of the shader: metres along the ray, if it enters a surface on the screen.
@@ -146,26 +151,32 @@ fn twin(input: &Input, seen: &[f32]) -> Option<f32> {
     };
     let first = 2.0 / pixels;
     let steps = ((pixels - 2.0) / 2.0).ceil().clamp(1.0, 64.0);
-    let mut before = metres(first);
-    let (behind, far) = depth(before);
+    let mut before = first;
+    let (behind, far) = depth(metres(before));
     let mut was_behind = behind > ROUNDING * far;
     for step in 1..=steps as u32 {
-        let after = metres(first + (1.0 - first) * step as f32 / steps);
-        let (behind, far) = depth(after);
-        let is_behind = behind > ROUNDING * far;
+        let after = first + (1.0 - first) * step as f32 / steps;
+        let t = metres(after);
+        let (behind, far) = depth(t);
+        let mut is_behind = behind > ROUNDING * far;
+        if is_behind && !was_behind {
+            let place = pixels_of(start + along * t);
+            is_behind = behind > ROUNDING * far + 0.5 * change(seen, place, far, input.spread);
+        }
         if is_behind && !was_behind {
             let (mut low, mut high) = (before, after);
             for _ in 0..7 {
                 let middle = 0.5 * (low + high);
-                *(if depth(middle).0 > ROUNDING * far {
+                *(if depth(metres(middle)).0 > ROUNDING * far {
                     &mut high
                 } else {
                     &mut low
                 }) = middle;
             }
-            let (behind, far) = depth(high);
-            if behind <= tolerance(seen, pixels_of(start + along * high), far, input.spread) {
-                return Some(high);
+            let end = metres(high);
+            let (behind, far) = depth(end);
+            if behind <= tolerance(seen, pixels_of(start + along * end), far, input.spread) {
+                return Some(end);
             }
         }
         (before, was_behind) = (after, is_behind);
@@ -239,6 +250,28 @@ fn rays_find_what_the_screen_shows_of_their_way() {
     assert!(apart * 200 < count as u32, "{apart} of {count} are not as their twins");
     assert!(found > 1000 && wrong * 15 < found, "{wrong} of {found} are wrong");
     assert!(ends > 100, "{ends}");
+}
+
+/// Wires of one pixel before the sky: rays that pass behind them don't touch them.
+#[test]
+fn rays_pass_behind_what_is_thin() {
+    let Some(gpu) = Gpu::new() else { return };
+    let world_from_clip = clip_from_world().inverse();
+    let pixels = (0..SIZE.y).flat_map(|_| 0..SIZE.x);
+    let seen: Vec<f32> = pixels.map(|x| if x % 4 == 0 { 2.0 } else { 0.0 }).collect();
+    let inputs: Vec<Input> = rays(world_from_clip)
+        .into_iter()
+        .filter(|input| input.origin.distance(EYE) > 4.0)
+        .map(|input| Input {
+            direction: vec3(input.direction.x, input.direction.y, -input.direction.z.abs()),
+            ..input
+        })
+        .collect();
+    let shader = flatten(ENTRY, &[], &["SCREEN_TRACES".into(), "SCREEN_MARCH".into()]);
+    let outputs: Vec<Vec2> = gpu.run(&shader, &inputs, &[(SCREEN_BINDING, screen(gpu, &seen))]);
+    let found = outputs.iter().filter(|output| output.x > 0.0).count();
+    println!("{found} of {} rays find a wire", inputs.len());
+    assert!(inputs.len() > 1000 && found == 0, "{found} of {}", inputs.len());
 }
 
 #[test]

@@ -28,6 +28,8 @@ const MOST_INSTANCES: u32 = 1 << 24;
 pub(super) struct ResizableTlas {
     pub tlas: Tlas,
     pub capacity: u32,
+    /// The device had no memory for another capacity.
+    refused: bool,
 }
 
 /// Result of a build.
@@ -37,6 +39,8 @@ pub(super) struct TlasBuild {
     pub replaced: bool,
     /// Something lacked memory.
     pub lacking: bool,
+    /// It is built over these instances.
+    pub built: bool,
 }
 
 impl ResizableTlas {
@@ -55,7 +59,16 @@ impl ResizableTlas {
             flags: AccelerationStructureFlags::PREFER_FAST_TRACE,
             update_mode: AccelerationStructureUpdateMode::Build,
         });
-        Self { tlas, capacity }
+        Self {
+            tlas,
+            capacity,
+            refused: false,
+        }
+    }
+
+    /// The device may have the memory that it hadn't.
+    pub fn ask_again(&mut self) {
+        self.refused = false;
     }
 
     /// Builds the TLAS over these instances. Those without a BLAS are left out.
@@ -69,6 +82,7 @@ impl ResizableTlas {
         let mut outcome = TlasBuild {
             replaced: false,
             lacking: false,
+            built: true,
         };
         let limit = instance_limit(device);
         // Slots are given out from the lowest on, so that few are ever left out for their number.
@@ -83,10 +97,14 @@ impl ResizableTlas {
         }
         let count = used.len() as u32;
         let mut next = None;
-        if count > self.capacity || (count < self.capacity / 4 && self.capacity > SMALLEST_TLAS) {
+        let is_full = count > self.capacity;
+        if self.refused {
+            outcome.lacking = is_full;
+        } else if is_full || (count < self.capacity / 4 && self.capacity > SMALLEST_TLAS) {
             next = try_allocate(device, || Self::with_capacity(tlas_capacity(count, limit), device));
-            if next.is_none() {
-                outcome.lacking = true;
+            self.refused = next.is_none();
+            outcome.lacking = self.refused;
+            if self.refused && is_full {
                 warn_once!(
                     "only {} of {count} objects can be reflected, since the device has no memory for more",
                     self.capacity
@@ -110,7 +128,7 @@ impl ResizableTlas {
         drop(entries);
         // A structure that was never built may not be bound.
         if !submit_builds("glint_tlas_build", &[], Some(&level.tlas), device, queue) {
-            outcome.lacking = true;
+            (outcome.lacking, outcome.built) = (true, false);
         } else if let Some(next) = next {
             *self = next;
             outcome.replaced = true;

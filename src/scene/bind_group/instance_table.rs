@@ -74,10 +74,13 @@ impl InstanceTable {
         for &slot in self.left.iter().filter(|slot| **slot as usize >= before) {
             if let Some(data) = self.data.get_mut(slot as usize) {
                 data.flags |= INSTANCE_LEFT;
+                // The buffer may still have the object of then.
+                self.changed.push(slot);
             }
         }
         self.present.resize(len, false);
         self.moved.resize(len, 0);
+        self.slice.may_ask_again();
         let limit = self.slice.reserve(len, device).min(MAX_INSTANCES);
         let found = self.limit.min(len)..limit.min(len).max(self.limit.min(len));
         self.present[found.clone()].fill(false);

@@ -51,7 +51,7 @@ impl SceneMeshes {
                     builds += 1;
                     milliseconds += built.milliseconds;
                     if built.packed.triangle_count == 0 {
-                        self.remove(id);
+                        self.remove_for_next(id);
                         self.failed.insert(id);
                     } else if !self.begin_upload(id, built) {
                         let used = self.used_bytes();
@@ -66,7 +66,7 @@ impl SceneMeshes {
                 }
                 Some(Err(error)) => {
                     warn!("mesh {id} is missing from reflections: {error}");
-                    self.remove(id);
+                    self.remove_for_next(id);
                     self.failed.insert(id);
                 }
                 None => {}
@@ -83,7 +83,7 @@ impl SceneMeshes {
             if !self.may_fit_in_place_of(id, words, items) {
                 return None;
             }
-            self.remove(id);
+            self.remove_for_next(id);
             self.allocate_mesh(words, items)
         });
         let Some((geometry, bvh)) = room else { return false };
@@ -97,7 +97,17 @@ impl SceneMeshes {
         true
     }
 
-    /// Returns whether a mesh may find room once its last version is gone. That one is better than none.
+    /// Removes a mesh that may have changed since its build began: then another one is due.
+    fn remove_for_next(&mut self, id: AssetId<Mesh>) {
+        let is_stale = self.stale.contains(&id);
+        self.remove(id);
+        if is_stale {
+            self.stale.insert(id);
+        }
+    }
+
+    /// Returns whether a mesh may find room once its last version is gone, by the bytes: where room is in pieces, none may be found. The last
+    /// version is better than none.
     fn may_fit_in_place_of(&self, id: AssetId<Mesh>, words: u32, items: Option<usize>) -> bool {
         let Some(last) = self.ready.get(&id) else {
             return false;
@@ -167,12 +177,7 @@ impl SceneMeshes {
             ..
         } = upload;
         let packed = built.packed;
-        // Another build of it may be on its way.
-        let is_stale = self.stale.contains(&id);
-        self.remove(id);
-        if is_stale {
-            self.stale.insert(id);
-        }
+        self.remove_for_next(id);
         let bvh = bvh.zip(built.blas).map(|(slice, mut blas)| {
             let levels = packed.deformation.as_ref().map(|_| blas.levels());
             tree_builds::discard(core::mem::take(&mut blas.items));

@@ -169,6 +169,9 @@ impl PosePass {
     /// Makes room for a batch. Returns false where the device has none.
     pub fn reserve(&mut self, batch: &Batch, device: &RenderDevice) -> bool {
         let boxes = 2 * batch.boxes as usize;
+        self.jobs.may_ask_again();
+        self.values.may_ask_again();
+        self.boxes.may_ask_again();
         self.jobs.reserve(batch.jobs.len(), device) >= batch.jobs.len()
             && self.values.reserve(batch.values.len(), device) >= batch.values.len()
             && self.boxes.reserve(boxes, device) >= boxes

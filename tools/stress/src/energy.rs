@@ -14,7 +14,7 @@ pub const MOST_GAIN: f64 = 0.02;
 /// Largest relative loss: fireflies are suppressed.
 pub const MOST_LOSS: f64 = 0.06;
 /// The same of the paper's recipe: where few frames see a small lamp, its light is clipped away. It is kept as it is.
-const MOST_LOSS_OF_THE_PAPER: f64 = 0.6;
+const MOST_LOSS_OF_THE_PAPER: f64 = 0.45;
 /// Standard errors from the middle of an interval to its ends.
 pub const SIGMAS: f64 = 3.0;
 /// A pixel is a firefly above this multiple of the brightest nearby pixel of the ground truth, plus [`FIREFLY_FLOOR`].

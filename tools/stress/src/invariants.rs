@@ -192,6 +192,11 @@ pub fn images(harness: &mut Harness, scene: &HostileScene, scenario: &Scenario) 
             }
         }
     }
+    for (camera, ..) in &wrong {
+        if let Some(mut camera) = harness.world().get_mut::<Camera>(*camera) {
+            camera.clear_color = scene.camera.camera.clear_color;
+        }
+    }
     for ((camera, size, mut pixels), plain) in wrong.into_iter().zip(plains) {
         let Some(plain) = plain else { continue };
         // Moving scenes can't be compared pixel by pixel.

@@ -105,6 +105,10 @@ pub fn describe_difference(
     exact: bool,
 ) -> Option<String> {
     let total = pair[0].words.len() / pair[0].texel.max(1);
+    let apart = other_surfaces(rates, records);
+    if target == Target::RaySample && apart > total / 2 {
+        return Some(format!("{apart} of {total} rays start on another surface"));
+    }
     let pixels = differing(pair, rates, records, target, exact);
     let first = *pixels.first()?;
     if pixels.len() <= tolerated(total, exact) {
@@ -118,6 +122,22 @@ pub fn describe_difference(
         String::new()
     };
     Some(format!("{count} of {total} texels differ{example}"))
+}
+
+/// Number of rays that start on another surface in the other path.
+fn other_surfaces(rates: &Copied, records: &[Copied; 2]) -> usize {
+    let [a, b] = records;
+    if a.size != b.size {
+        return 0;
+    }
+    let tile = tile_side(a.size, rates.size);
+    let pixels = (0..a.size.y).flat_map(|y| (0..a.size.x).map(move |x| UVec2::new(x, y)));
+    let is_apart = |pixel: &UVec2| {
+        let is_active = rates.at((*pixel / tile).min(rates.size - 1))[0] & RATE_ACTIVE != 0;
+        let has_ray = [a, b].iter().all(|record| record.at(*pixel)[1] & RECORD_VALID != 0);
+        is_active && has_ray && a.at(*pixel)[3] != b.at(*pixel)[3]
+    };
+    pixels.filter(is_apart).count()
 }
 
 /// Number of texels that may differ.
