@@ -61,7 +61,9 @@ pub use surface_shader::ReflectedSurfaceShader;
 pub use view::{ReflectionView, WantsReflections};
 pub use words::UnknownName;
 
-pub(crate) use clamped::{ClampedSettings, can_reuse_screen};
+pub(crate) use clamped::ClampedSettings;
+#[cfg(feature = "egui")]
+pub(crate) use clamped::can_reuse_screen;
 pub(crate) use clamped_rate::{RateSettings, RateThresholds, RateVariant};
 pub(crate) use debug::ViewDebug;
 pub(crate) use quality::apply_qualities;

@@ -135,7 +135,7 @@ fn other_surfaces(rates: &Copied, records: &[Copied; 2]) -> usize {
     let is_apart = |pixel: &UVec2| {
         let is_active = rates.at((*pixel / tile).min(rates.size - 1))[0] & RATE_ACTIVE != 0;
         let has_ray = [a, b].iter().all(|record| record.at(*pixel)[1] & RECORD_VALID != 0);
-        is_active && has_ray && a.at(*pixel)[3] != b.at(*pixel)[3]
+        is_active && has_ray && a.at(*pixel).get(3) != b.at(*pixel).get(3)
     };
     pixels.filter(is_apart).count()
 }
@@ -160,7 +160,7 @@ fn differing(pair: &[Copied; 2], rates: &Copied, records: &[Copied; 2], target: 
     // Without a ray, the texel may hold an older value.
     let has_ray = |pixel: UVec2| is_full || records.iter().any(|record| record.at(pixel)[1] & RECORD_VALID != 0);
     // On a GPU, the order in which surfaces in the same place are drawn may differ from one camera to the other.
-    let same_surface = |pixel: UVec2| exact || records[0].at(pixel)[3] == records[1].at(pixel)[3];
+    let same_surface = |pixel: UVec2| exact || records[0].at(pixel).get(3) == records[1].at(pixel).get(3);
     let differs = |pixel: UVec2| {
         let (a, b) = (a.at(pixel), b.at(pixel));
         match target {
