@@ -237,6 +237,17 @@ mod tests {
         spawn(0.5, InheritedVisibility::VISIBLE, true, false);
         let shadowless = spawn(0.5, InheritedVisibility::VISIBLE, true, true);
         let elsewhere = spawn(0.5, InheritedVisibility::VISIBLE, false, true);
+        let out_of_reach = spawn(0.5, InheritedVisibility::VISIBLE, true, true);
+        world.entity_mut(out_of_reach).insert(PointLight {
+            range: 1.0,
+            shadow_maps_enabled: true,
+            ..Default::default()
+        });
+        world.spawn((
+            FogVolume::default(),
+            GlobalTransform::from_xyz(14.0, 0.0, 0.0),
+            InheritedVisibility::VISIBLE,
+        ));
         world.entity_mut(shadowless).insert(PointLight::default());
         world.entity_mut(elsewhere).insert(RenderLayers::layer(3));
         let mut layers = SceneLayers::default();
