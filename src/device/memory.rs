@@ -20,7 +20,7 @@ thread_local! {
 #[cfg(feature = "internals")]
 static REFUSING: std::sync::Mutex<Vec<wgpu::Device>> = std::sync::Mutex::new(Vec::new());
 
-/// Has a device refuse all memory that reflections ask for, or no longer.
+/// Has a device refuse all memory that reflections ask for, or no longer. Devices of other instances of wgpu may be taken for it.
 #[cfg(feature = "internals")]
 pub fn refuse_memory(device: &RenderDevice, refuses: bool) {
     let mut refusing = REFUSING.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
