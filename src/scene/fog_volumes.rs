@@ -132,7 +132,7 @@ fn nearest<T: Copy + Default, const MOST: usize>(
     (nearest, count as u32)
 }
 
-/// Of the sphere that Bevy takes for a volume.
+/// Radius of the sphere that Bevy takes for a volume, in metres.
 fn bounding_radius(place: &GlobalTransform) -> f32 {
     (place.affine().matrix3 * Vec3A::splat(0.5)).length()
 }

@@ -83,7 +83,7 @@ impl LightTable {
         if textures.is_empty() {
             let touched = if had_textures { &Touched::All } else { touched };
             if had_textures {
-                // What the tree has written is no longer what the buffer holds.
+                // The buffer no longer holds the tree.
                 self.tree = None;
             }
             self.write(lights, touched, device, queue);
@@ -92,10 +92,7 @@ impl LightTable {
         let mut tree = (lights.len() > MAX_LIGHTS).then(|| self.tree.take().unwrap_or_default());
         if let Some(tree) = &mut tree {
             // Its own table has no numbers of textures.
-            match touched {
-                Touched::All => tree.update(lights),
-                Touched::Lights(touched) => tree.update_some(lights, touched.iter().copied()),
-            };
+            update(tree, lights, touched);
         }
         let mut table = tree.as_ref().map_or(lights, |tree| tree.table()).to_vec();
         let first = table.len();
@@ -119,11 +116,7 @@ impl LightTable {
             return;
         }
         let mut tree = self.tree.take().unwrap_or_default();
-        let written = match touched {
-            Touched::All => tree.update(lights),
-            Touched::Lights(touched) => tree.update_some(lights, touched.iter().copied()),
-        };
-        match written {
+        match update(&mut tree, lights, touched) {
             Written::All => {
                 let table = tree.table();
                 self.slice.write(table, 0..table.len(), device, queue);
@@ -135,6 +128,13 @@ impl LightTable {
         }
         self.count = lights.len().min(self.slice.count());
         self.tree = (self.slice.count() == tree.table().len()).then_some(tree);
+    }
+}
+
+fn update<'a>(tree: &'a mut LightTree, lights: &[GpuLight], touched: &Touched) -> Written<'a> {
+    match touched {
+        Touched::All => tree.update(lights),
+        Touched::Lights(touched) => tree.update_some(lights, touched.iter().copied()),
     }
 }
 

@@ -59,9 +59,13 @@ pub struct LightTextureWorld<'w, 's> {
 }
 
 impl LightTextureWorld<'_, '_> {
-    /// No light has a texture.
-    pub fn is_empty(&self) -> bool {
-        self.directional.is_empty() && self.points.is_empty() && self.spots.is_empty()
+    /// Returns whether directional, point and spot lights have textures.
+    pub fn kinds(&self) -> [bool; 3] {
+        [
+            !self.directional.is_empty(),
+            !self.points.is_empty(),
+            !self.spots.is_empty(),
+        ]
     }
 
     /// The texture of a directional light.
@@ -90,6 +94,8 @@ impl LightTextureWorld<'_, '_> {
 pub(super) struct LightTextures {
     /// Bevy's shaders read textures of lights; `None` until that is known.
     shine: Option<bool>,
+    /// The textures of the last call, each with its light.
+    wanted: Vec<(u32, LightTexture)>,
     /// By texture, its image if that has a place in the table.
     images: Vec<Option<AssetId<Image>>>,
     /// By texture, its light.
@@ -116,9 +122,11 @@ impl LightTextures {
         table: &mut TextureTable,
     ) -> bool {
         let wanted = if self.shine == Some(true) { wanted } else { &[] };
-        if wanted.is_empty() && self.records.is_empty() {
+        let is_same = self.wanted == wanted && self.images.iter().all(Option::is_some);
+        if is_same && !wanted.iter().any(|(_, texture)| resettled.contains(&texture.image)) {
             return false;
         }
+        self.wanted = wanted.to_vec();
         // New images come first: those that stay keep their place.
         let acquired = wanted.iter().map(|(_, texture)| texture.image);
         let images = acquired.map(|image| table.acquire(image).then_some(image)).collect();
@@ -245,7 +253,7 @@ mod tests {
         let bad = world.spawn((spot, flat)).id();
         let mut state = bevy::ecs::system::SystemState::<LightTextureWorld>::new(&mut world);
         let textures = state.get(&world).expect("all parameters are there");
-        assert!(!textures.is_empty());
+        assert!(textures.kinds().contains(&true));
         let angle = SpotLight::default().outer_angle;
         let found = textures.of_spot(good).expect("it has a texture");
         assert!((found.projection - angle.tan()).abs() < 1e-6);

@@ -241,7 +241,7 @@ impl Scene<'_, '_> {
                 .masks
                 .write_headers(changed, &self.materials, &mut self.meshes, queue);
         }
-        // What is marked already writes nothing, and is a change nevertheless.
+        // A material that is marked already writes nothing, and is a change nevertheless.
         bindings.version.note(self.materials.take_change());
         let again = [bindings.materials.may_ask_again(), bindings.lights.may_ask_again()];
         if changed_materials.is_some() || again[0] {

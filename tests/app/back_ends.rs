@@ -1,5 +1,7 @@
 //! The back ends against each other: the same rays, whoever starts them.
 
+#[cfg(feature = "hardware-vrs")]
+use crate::alone;
 use crate::{
     common::app_on_device,
     pictures::{BOTH, COARSE, assert_flip, use_coarse_shadow_maps, warm_up},
@@ -415,8 +417,10 @@ fn the_raw_pass_traces_the_rays_of_the_others() {
 /// After an error, compute shaders trace until the pass is tried again.
 #[cfg(feature = "hardware-vrs")]
 #[test]
-#[ignore = "all apps of this process may lack memory meanwhile: run it alone, with --ignored"]
 fn the_raw_pass_is_taken_up_again_after_an_error() {
+    if !alone::is_alone("back_ends::the_raw_pass_is_taken_up_again_after_an_error") {
+        return;
+    }
     let before = |app: &mut App| {
         app.add_plugins(HardwareVrsPlugin { allow_full_rate: true });
     };

@@ -1,6 +1,7 @@
 //! Levels that are loaded and unloaded: room is given back, and is found again.
 
 use crate::{
+    alone,
     common::{app, app_of},
     pictures::{PATIENCE, apps, red_pixels, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, spawn_camera, spawn_mesh, unlit, wall},
@@ -307,8 +308,10 @@ fn app_with_layers() -> Option<HeadlessApp> {
 
 /// Layers without memory show plain colours, and are asked for again.
 #[test]
-#[ignore = "all apps of this process may lack memory meanwhile: run it alone, with --ignored"]
 fn textures_without_memory_get_some_later() {
+    if !alone::is_alone("levels::textures_without_memory_get_some_later") {
+        return;
+    }
     let Some(mut app) = app_with_layers() else { return };
     let app = &mut app;
     let device = app.device().unwrap().clone();

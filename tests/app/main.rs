@@ -7,6 +7,7 @@ mod pictures;
 mod stage;
 
 mod adaptive;
+mod alone;
 mod arrivals;
 mod auto_quality;
 mod back_ends;

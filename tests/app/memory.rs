@@ -1,6 +1,7 @@
 //! Memory that the device refuses for a while: reflections lack something meanwhile, and get it once others have given it back.
 
 use crate::{
+    alone,
     pictures::{apps, red_pixels, reflect},
     stage::{BEFORE_THE_MIRROR, RED, SIZE, clear_glass, frame, metal, report, spawn_camera, spawn_mesh, unlit, wall},
 };
@@ -42,8 +43,10 @@ fn spawn_crowd(app: &mut HeadlessApp) {
 }
 
 #[test]
-#[ignore = "all apps of this process may lack memory meanwhile: run it alone, with --ignored"]
 fn what_the_device_had_no_memory_for_comes_once_it_has_some() {
+    if !alone::is_alone("memory::what_the_device_had_no_memory_for_comes_once_it_has_some") {
+        return;
+    }
     for (tracer, mut app) in apps(SIZE, Output::Picture) {
         let app = &mut app;
         let device: RenderDevice = app.device().unwrap().clone();

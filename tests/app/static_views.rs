@@ -31,6 +31,7 @@ struct Restless {
     texture: Handle<Image>,
     lamp: Entity,
     probe: Entity,
+    map: Handle<Image>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,6 +43,8 @@ enum Change {
     Lamp,
     Image,
     Probe,
+    /// Of the probe's map, whose texture stays the same.
+    Repaint,
 }
 
 fn white(size: Extent3d) -> Image {
@@ -63,7 +66,7 @@ fn white(size: Extent3d) -> Image {
 }
 
 /// A light probe, whose box is large enough for what stands around.
-fn spawn_probe(app: &mut HeadlessApp, at: Vec3) -> Entity {
+fn spawn_probe(app: &mut HeadlessApp, at: Vec3) -> (Entity, Handle<Image>) {
     let faces = Extent3d {
         depth_or_array_layers: 6,
         ..default()
@@ -74,12 +77,12 @@ fn spawn_probe(app: &mut HeadlessApp, at: Vec3) -> Entity {
     };
     let light = EnvironmentMapLight {
         diffuse_map: map.clone(),
-        specular_map: map,
+        specular_map: map.clone(),
         intensity: PROBE,
         ..default()
     };
     let place = Transform::from_translation(at).with_scale(Vec3::splat(3.0));
-    app.world().spawn((probe, light, place)).id()
+    (app.world().spawn((probe, light, place)).id(), map)
 }
 
 impl Restless {
@@ -105,13 +108,15 @@ impl Restless {
         let lamp = lamp.id();
         let material = app.world().get::<MeshMaterial3d<StandardMaterial>>(object).unwrap();
         let material = material.0.clone();
+        let (probe, map) = spawn_probe(app, at);
         Self {
             at,
             object,
             material,
             texture,
             lamp,
-            probe: spawn_probe(app, at),
+            probe,
+            map,
         }
     }
 
@@ -122,12 +127,18 @@ impl Restless {
         let mut materials = world.resource_mut::<Assets<StandardMaterial>>();
         materials.get_mut(&self.material).unwrap().base_color = Color::WHITE;
         self.paint(app, [255; 4]);
+        self.paint_map(app, 255);
         self.set_probe(app, PROBE);
     }
 
     fn paint(&self, app: &mut HeadlessApp, texel: [u8; 4]) {
         let mut images = app.world().resource_mut::<Assets<Image>>();
         images.get_mut(&self.texture).unwrap().data = Some(texel.into());
+    }
+
+    fn paint_map(&self, app: &mut HeadlessApp, level: u8) {
+        let mut images = app.world().resource_mut::<Assets<Image>>();
+        images.get_mut(&self.map).unwrap().data = Some([level, level, level, 255].repeat(6));
     }
 
     fn set_probe(&self, app: &mut HeadlessApp, intensity: f32) {
@@ -152,6 +163,7 @@ impl Restless {
             }
             Change::Lamp => world.get_mut::<PointLight>(self.lamp).unwrap().intensity = 60_000.0 + 40_000.0 * wave,
             Change::Image => self.paint(app, [(128.0 + 100.0 * wave) as u8, 20, 230, 255]),
+            Change::Repaint => self.paint_map(app, (128.0 + 100.0 * wave) as u8),
             Change::Probe => self.set_probe(app, PROBE * (1.0 + 0.9 * wave)),
         }
     }
@@ -257,7 +269,15 @@ fn what_rays_meet_is_followed() {
     let seen = Restless::spawn(app, SEEN);
     let camera = room(app, 0.2);
     // Over several bounces, nobody knows what rays meet.
-    let once = [Change::Place, Change::Color, Change::Lamp, Change::Image, Change::Probe].map(|change| (change, 1));
+    let once = [
+        Change::Place,
+        Change::Color,
+        Change::Lamp,
+        Change::Image,
+        Change::Probe,
+        Change::Repaint,
+    ]
+    .map(|change| (change, 1));
     for (change, bounces) in once.into_iter().chain([(Change::Image, 2)]) {
         let [without, with] = [false, true].map(|converges| {
             seen.restore(app);

@@ -84,9 +84,17 @@ fn one_mover_costs_as_much_in_a_large_world_as_in_a_small_one() {
 
 const SIZE: UVec2 = UVec2::new(128, 96);
 
-/// A mirror before a wall of so many tiles that objects which move have a structure of their own with ray queries, and a ball. Returns the camera, the ball, and a group of
-/// tiles.
-fn spawn_tiles(app: &mut HeadlessApp) -> (Entity, Entity, Vec<Entity>) {
+/// Entities of a scene.
+struct Tiles {
+    camera: Entity,
+    ball: Entity,
+    board: Entity,
+    /// Some of the tiles.
+    group: Vec<Entity>,
+}
+
+/// A mirror before a wall of so many tiles that objects which move have a structure of their own with ray queries, a ball, and a lit board.
+fn spawn_tiles(app: &mut HeadlessApp) -> Tiles {
     let floor = Transform::from_translation(Vec3::new(0.0, -0.05, 0.0));
     spawn_mesh(app, Cuboid::new(12.0, 0.1, 12.0), metal(0.0), floor);
     let world = app.world();
@@ -119,7 +127,7 @@ fn spawn_tiles(app: &mut HeadlessApp) -> (Entity, Entity, Vec<Entity>) {
         ..default()
     };
     let at = Transform::from_xyz(-2.0, 1.5, -4.5);
-    spawn_mesh(app, Rectangle::new(5.0, 3.0), board, at);
+    let board = spawn_mesh(app, Rectangle::new(5.0, 3.0), board, at);
     let lamp = PointLight {
         intensity: 400_000.0,
         shadow_maps_enabled: true,
@@ -127,13 +135,19 @@ fn spawn_tiles(app: &mut HeadlessApp) -> (Entity, Entity, Vec<Entity>) {
     };
     app.world().spawn((lamp, Transform::from_xyz(-1.0, 2.0, 2.0)));
     let view = Transform::from_xyz(0.0, 2.5, 5.0).looking_at(Vec3::new(0.0, 0.5, -2.0), Vec3::Y);
-    (spawn_camera(app, view, SceneName::Demo), ball, group)
+    Tiles {
+        camera: spawn_camera(app, view, SceneName::Demo),
+        ball,
+        board,
+        group,
+    }
 }
 
 /// What happens to the ball, and to others like it, one after the other.
 fn pictures_of_movements(app: &mut HeadlessApp) -> Vec<(&'static str, Vec<u8>)> {
-    let (camera, ball, tiles) = spawn_tiles(app);
-    reflect(app, camera, ReflectionTechnique::Reference);
+    let scene = spawn_tiles(app);
+    let ball = scene.ball;
+    reflect(app, scene.camera, ReflectionTechnique::Reference);
     let capture = |app: &mut HeadlessApp| app.capture().unwrap_or_else(|error| panic!("{error}"));
     let mut pictures = vec![("standing", capture(app))];
     for step in 1..=4 {
@@ -156,8 +170,20 @@ fn pictures_of_movements(app: &mut HeadlessApp) -> Vec<(&'static str, Vec<u8>)> 
     app.world().despawn(second);
     app.step(2);
     pictures.push(("none", capture(app)));
+    // The last of the table goes, and its place is taken by what rays never see.
+    app.world().despawn(scene.board);
+    app.step(2);
+    for _ in 0..3 {
+        let added = StandardMaterial {
+            alpha_mode: AlphaMode::Add,
+            ..default()
+        };
+        spawn_mesh(app, Sphere::new(0.5), added, Transform::from_xyz(0.0, 0.0, 20.0));
+    }
+    app.step(4);
+    pictures.push(("the board that went", capture(app)));
     // Some that have stood since the beginning go, and another object takes the place of one in the table.
-    for tile in tiles {
+    for tile in scene.group {
         app.world().despawn(tile);
     }
     app.step(2);

@@ -245,13 +245,19 @@ impl KnownLights {
 
 /// All textures of lights.
 fn textures(known: &KnownLights, world: &LightTextureWorld) -> Vec<(u32, LightTexture)> {
-    if world.is_empty() {
-        return Vec::new();
+    // Lights of a kind that has no textures aren't walked.
+    let [directional, points, spots] = world.kinds();
+    let mut textures = Vec::new();
+    if directional {
+        textures.extend(known.directional.textures(|light| world.of_directional(light)));
     }
-    let directional = known.directional.textures(|light| world.of_directional(light));
-    let points = known.points.textures(|light| world.of_point(light));
-    let spots = known.spots.textures(|light| world.of_spot(light));
-    directional.chain(points).chain(spots).collect()
+    if points {
+        textures.extend(known.points.textures(|light| world.of_point(light)));
+    }
+    if spots {
+        textures.extend(known.spots.textures(|light| world.of_spot(light)));
+    }
+    textures
 }
 
 fn of<L>(convert: fn(&L, &GlobalTransform) -> Option<GpuLight>, layers: &SceneLayers) -> Conversion<'_, L> {

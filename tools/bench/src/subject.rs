@@ -1,8 +1,12 @@
 //! Scenes to measure: built-in ones, a glTF file, and two that grow.
 
-use bevy::{asset::AssetPath, camera::primitives::Aabb, prelude::*, world_serialization::WorldAssetRoot};
-use glint_scenes::{FileView, HeadlessApp, SceneName, SceneOptions, file_environment, file_sun};
-use std::{fmt, path::PathBuf, str::FromStr};
+use bevy::prelude::*;
+use glint_scenes::{HeadlessApp, SceneName, SceneOptions, arrange_file, file_environment, file_sun, load_file};
+use std::{
+    fmt,
+    path::{Path, PathBuf},
+    str::FromStr,
+};
 
 /// Frames that a file may take to load.
 const FRAME_LIMIT: u32 = 20_000;
@@ -38,7 +42,7 @@ impl fmt::Display for Subject {
     }
 }
 
-/// Where a camera stands, and what it looks at: `X,Y,Z,TX,TY,TZ` in metres.
+/// Place of a camera, and what it looks at: `X,Y,Z,TX,TY,TZ` in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraPlace {
     eye: Vec3,
@@ -85,46 +89,21 @@ impl Subject {
     pub fn spawn(&self, app: &mut HeadlessApp, detail: f32) -> Result<Entity, String> {
         match self {
             Self::BuiltIn(name) => Ok(app.spawn_scene(*name, &SceneOptions { detail, ..default() })),
-            Self::File { path, camera } => spawn_file(app, path.clone(), *camera),
+            Self::File { path, camera } => spawn_file(app, path, *camera),
             Self::Spheres(triangles) => Ok(spawn_spheres(app, *triangles)),
             Self::SmallObject => Ok(spawn_small_object(app)),
         }
     }
 }
 
-fn spawn_file(app: &mut HeadlessApp, path: PathBuf, place: Option<CameraPlace>) -> Result<Entity, String> {
-    let ours = app.spawn_camera(());
-    let world = app.world();
-    let name = path.display().to_string();
-    let asset = GltfAssetLabel::Scene(0).from_asset(AssetPath::from_path_buf(path));
-    let scene = world.resource::<AssetServer>().load(asset);
-    world.spawn(WorldAssetRoot(scene));
-    file_environment(world).insert(&mut world.entity_mut(ours));
+fn spawn_file(app: &mut HeadlessApp, path: &Path, place: Option<CameraPlace>) -> Result<Entity, String> {
+    let name = path.display();
+    let camera = load_file(app, path);
     app.warm_up(FRAME_LIMIT).map_err(|error| format!("{name}: {error}"))?;
     app.step(2);
-    let world = app.world();
-    let mut objects = world.query_filtered::<(&Aabb, &GlobalTransform), With<Mesh3d>>();
-    let view = FileView::of(objects.iter(world)).ok_or_else(|| format!("{name}: there is nothing in it to look at"))?;
-    let mut found = None;
-    let mut cameras = world.query::<(Entity, &GlobalTransform, &Projection, &mut Camera)>();
-    for (entity, transform, projection, mut camera) in cameras.iter_mut(world) {
-        if entity != ours {
-            // The file's own cameras don't draw.
-            camera.is_active = false;
-            found.get_or_insert((transform.compute_transform(), projection.clone()));
-        }
-    }
-    let whole = (view.transform, Projection::from(view.projection.clone()));
-    let seen = match place {
-        Some(place) => (place.transform(), Projection::from(view.projection)),
-        None => found.unwrap_or(whole),
-    };
-    world.entity_mut(ours).insert(seen);
-    let mut lights = world.query_filtered::<(), Or<(With<DirectionalLight>, With<PointLight>, With<SpotLight>)>>();
-    if lights.iter(world).next().is_none() {
-        world.spawn(file_sun(view.radius, view.distance));
-    }
-    Ok(ours)
+    arrange_file(app.world(), camera, place.map(CameraPlace::transform))
+        .ok_or_else(|| format!("{name}: there is nothing in it to look at"))?;
+    Ok(camera)
 }
 
 fn spawn_mesh(app: &mut HeadlessApp, mesh: impl Into<Mesh>, roughness: f32, metallic: f32, at: Transform) {

@@ -9,6 +9,8 @@ mod camera_path;
 mod demo;
 mod environment;
 mod file_light;
+#[cfg(not(target_arch = "wasm32"))]
+mod file_scene;
 mod file_view;
 mod geometry;
 mod glass;
@@ -36,6 +38,8 @@ pub use builder::{SceneBuilder, SceneMesh, SceneStatistics};
 pub use camera_path::CameraPath;
 pub use environment::{Environment, SceneOptions};
 pub use file_light::{file_environment, file_sun};
+#[cfg(not(target_arch = "wasm32"))]
+pub use file_scene::{arrange_file, load_file};
 pub use file_view::FileView;
 pub use geometry::Geometry;
 #[cfg(not(target_arch = "wasm32"))]

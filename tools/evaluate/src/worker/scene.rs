@@ -2,17 +2,17 @@
 
 use crate::{job::SceneSource, protocol::Protocol};
 use bevy::{
-    asset::AssetPath,
-    camera::primitives::Aabb,
     light::{CascadeShadowConfig, DirectionalLightShadowMap, PointLightShadowMap},
     math::ops,
     prelude::*,
 };
-use glint_scenes::{CameraPath, FileView, HeadlessApp, SceneName, SceneOptions, file_environment, file_sun};
+use glint_scenes::{CameraPath, HeadlessApp, SceneName, SceneOptions, arrange_file, load_file};
 use std::{f32::consts::TAU, fs, path::Path};
 
 /// Seconds that the camera takes for a loop in a glTF file.
 const LOOP_SECONDS: f32 = 24.0;
+/// Part of the scene's radius that the camera moves to each side in a glTF file: little, so that it stays in rooms.
+const REACH: f32 = 0.03;
 /// Files that are looked at around a glTF file to see whether it has changed.
 const MAX_FILES: usize = 4096;
 
@@ -67,7 +67,7 @@ impl MeasuredScene {
     /// Spawns the scene and its camera; returns the camera.
     pub fn spawn(&self, app: &mut HeadlessApp) -> Entity {
         let camera = match (&self.source, &self.route) {
-            (SceneSource::File(file), _) => load(app, file),
+            (SceneSource::File(file), _) => load_file(app, file),
             (SceneSource::BuiltIn(_), Route::BuiltIn(name, _)) => app.spawn_scene(*name, &self.options),
             (SceneSource::BuiltIn(_), Route::Loop(..)) => app.spawn_camera(()),
         };
@@ -92,9 +92,9 @@ impl MeasuredScene {
     /// Places the camera of a glTF file, once it is loaded, and lights it if it has no lights.
     pub fn arrange(&mut self, app: &mut HeadlessApp, camera: Entity) -> Result<(), String> {
         if let SceneSource::File(file) = &self.source {
-            let (transform, reach) = arrange(app.world(), camera)
+            let (transform, radius) = arrange_file(app.world(), camera, None)
                 .ok_or_else(|| format!("{} holds nothing that can be seen", file.display()))?;
-            self.route = Route::Loop(transform, reach);
+            self.route = Route::Loop(transform, REACH * radius);
             self.limit_shadows(app.world());
         }
         Ok(())
@@ -174,42 +174,6 @@ fn around(base: Transform, reach: f32, t: f32) -> Transform {
         rotation: Quat::from_rotation_y(0.12 * ops::sin(angle)) * base.rotation,
         ..base
     }
-}
-
-/// Starts loading a file and gives the camera a sky.
-fn load(app: &mut HeadlessApp, file: &Path) -> Entity {
-    let camera = app.spawn_camera(());
-    let world = app.world();
-    let path = GltfAssetLabel::Scene(0).from_asset(AssetPath::from_path_buf(file.to_owned()));
-    let scene = world.resource::<AssetServer>().load(path);
-    world.spawn(WorldAssetRoot(scene));
-    let environment = file_environment(world);
-    environment.insert(&mut world.entity_mut(camera));
-    camera
-}
-
-/// Finds a place for the camera, and how far it may move: the file's first camera, else one from which everything is seen.
-fn arrange(world: &mut World, ours: Entity) -> Option<(Transform, f32)> {
-    let mut objects = world.query_filtered::<(&Aabb, &GlobalTransform), With<Mesh3d>>();
-    let view = FileView::of(objects.iter(world))?;
-
-    // The file's own cameras don't draw.
-    let mut found = None;
-    let mut cameras = world.query::<(Entity, &GlobalTransform, &Projection, &mut Camera)>();
-    for (entity, transform, projection, mut camera) in cameras.iter_mut(world) {
-        if entity != ours {
-            camera.is_active = false;
-            found.get_or_insert((transform.compute_transform(), projection.clone()));
-        }
-    }
-    let (transform, projection) = found.unwrap_or_else(|| (view.transform, Projection::from(view.projection)));
-    world.entity_mut(ours).insert((transform, projection));
-
-    let mut lights = world.query_filtered::<(), Or<(With<DirectionalLight>, With<PointLight>, With<SpotLight>)>>();
-    if lights.iter(world).next().is_none() {
-        world.spawn(file_sun(view.radius, view.distance));
-    }
-    Some((transform, 0.03 * view.radius))
 }
 
 #[cfg(test)]
