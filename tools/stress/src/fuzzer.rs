@@ -1,11 +1,12 @@
 //! Renders scenarios, catches failures, attributes them to the library or to Bevy, and simplifies scenarios that fail.
 
 use crate::{
+    budget::Meter,
     events,
     harness::{Harness, HarnessSettings},
     invariants::{self, Problem, ProblemKind},
     log_capture::{self, catch_panic, drop_quietly},
-    path_equivalence,
+    oracle, path_equivalence,
     scenario::Scenario,
     tally::Tally,
     verdict::Verdict,
@@ -32,6 +33,8 @@ pub struct Fuzzer {
     tally: Tally,
     /// The simplest scenario that fails as the last one did; `None` if the last one needs the scenes before it.
     pub simplest: Option<Scenario>,
+    /// Rays are compared with brute force in each scene, not only in some.
+    pub compares_all: bool,
 }
 
 impl Fuzzer {
@@ -44,6 +47,7 @@ impl Fuzzer {
             scenes_on_harness: 0,
             tally: Tally::default(),
             simplest: None,
+            compares_all: false,
         }
     }
 
@@ -64,6 +68,12 @@ impl Fuzzer {
         let start = Instant::now();
         self.simplest = None;
         let again = self.problems(scenario);
+        if again.is_empty() && first.iter().all(|problem| problem.kind == ProblemKind::Budget) {
+            return Verdict::Undecided(format!(
+                "too much once, but not in a new app: {}",
+                texts(first).join("; ")
+            ));
+        }
         if again.is_empty() {
             let mut problems = texts(first);
             problems.push("it passes in a new app: scenes before it are needed, too".to_owned());
@@ -132,7 +142,8 @@ impl Fuzzer {
         };
         _ = harness.take_errors();
         self.scenes_on_harness += 1;
-        let problems = catch_panic(|| render(&mut harness, scenario))
+        let compares = self.compares_all || oracle::is_compared(scenario.seed);
+        let problems = catch_panic(|| render(&mut harness, scenario, compares))
             .unwrap_or_else(|panic| vec![Problem::new(ProblemKind::Panic, panic)]);
         self.tally += harness.take_tally();
         self.harness = Some(harness);
@@ -160,8 +171,8 @@ fn texts(problems: Vec<Problem>) -> Vec<String> {
         .collect()
 }
 
-/// Builds the scene, renders its frames, and checks invariants.
-fn render(harness: &mut Harness, scenario: &Scenario) -> Vec<Problem> {
+/// Builds the scene, renders its frames, and checks invariants, in some scenes those of rays.
+fn render(harness: &mut Harness, scenario: &Scenario, compares_rays: bool) -> Vec<Problem> {
     harness.reset_clocks();
     let mut scene = scenario.build(harness);
     harness.wait_for_files(&scene.files, FILE_PATIENCE);
@@ -169,11 +180,13 @@ fn render(harness: &mut Harness, scenario: &Scenario) -> Vec<Problem> {
     let mut problems = Vec::new();
     let size = scene.camera.size;
     let is_small = size.x * size.y <= SMALL;
+    let mut meter = Meter::new(harness, &scene.events);
     for frame in 0..scenario.frames {
         for event in scene.events.clone() {
             events::before_frame(event, harness, &mut scene, frame, scenario.frames);
         }
         harness.step(1);
+        meter.frame(harness);
         let is_checked = frame < EARLY || frame.is_multiple_of(EARLY);
         if is_small && is_checked && problems.is_empty() {
             problems.extend(invariants::all_targets(harness, &scene));
@@ -182,7 +195,11 @@ fn render(harness: &mut Harness, scenario: &Scenario) -> Vec<Problem> {
     if problems.is_empty() {
         problems.extend(invariants::all_targets(harness, &scene));
     }
+    problems.extend(meter.finish(harness));
     problems.extend(path_equivalence::compare(harness, &scene, PATIENCE));
+    if compares_rays {
+        problems.extend(oracle::compare(harness, &scene, scenario.seed, PATIENCE));
+    }
     problems.extend(invariants::images(harness, &scene, scenario));
     scene.remove(harness);
     // Errors of the last frames are known two frames later.

@@ -24,7 +24,8 @@ use bevy_glint::{
     internals::{Copied, Target, readback},
 };
 use glint_scenes::{
-    HeadlessApp, HeadlessSettings, Output, SceneName, SceneOptions, camera, decode_halves, environment, spawn_with,
+    HeadlessApp, HeadlessSettings, Output, SceneName, SceneOptions, SystemClock, camera, decode_halves, environment,
+    spawn_with,
 };
 use std::time::Duration;
 
@@ -40,7 +41,7 @@ pub struct HarnessSettings {
     pub device: WgpuSettings,
     /// Leaves the plugin out. Failures without it are Bevy's own.
     pub without_reflections: bool,
-    /// Measures passes, which the counters of non-finite values need.
+    /// Measures passes, which the counters of non-finite values need, and the plugin's systems.
     pub diagnostics: bool,
     /// Opens the hardware back end, if it was built in.
     pub hardware: bool,
@@ -90,6 +91,7 @@ fn check_shaders(mut shaders: ResMut<Assets<Shader>>) {
 /// An app on a device.
 pub struct Harness {
     app: HeadlessApp,
+    clock: SystemClock,
     tally: Tally,
 }
 
@@ -135,9 +137,11 @@ impl Harness {
             #[cfg(not(target_os = "linux"))]
             let _ = app;
         };
-        let app = HeadlessApp::with_device(headless, before, |app| add_plugins(app, settings));
+        let clock = SystemClock::default();
+        let app = HeadlessApp::with_device(headless, before, |app| add_plugins(app, settings, &clock));
         Ok(Self {
             app: app.map_err(|error| error.to_string())?,
+            clock,
             tally: Tally::default(),
         })
     }
@@ -196,6 +200,17 @@ impl Harness {
     #[must_use]
     pub fn copy(&self, camera: Entity, target: Target) -> Option<Copied> {
         readback::copy(self.app.app_ref(), camera, target)
+    }
+
+    /// CPU milliseconds that the plugin's systems took in the render app since the last call; 0 without diagnostics.
+    #[must_use]
+    pub fn take_time(&self) -> f64 {
+        self.clock.take().iter().map(|(_, milliseconds)| milliseconds).sum()
+    }
+
+    /// Counts work that isn't frames.
+    pub fn count(&mut self, tally: Tally) {
+        self.tally += tally;
     }
 
     /// Frames that were rendered, and pixels of active cameras in them, since the last call.
@@ -262,7 +277,7 @@ impl Harness {
     }
 }
 
-fn add_plugins(app: &mut App, settings: &HarnessSettings) {
+fn add_plugins(app: &mut App, settings: &HarnessSettings, clock: &SystemClock) {
     // Small, since images are small, too.
     app.insert_resource(DirectionalLightShadowMap { size: 128 })
         .insert_resource(PointLightShadowMap { size: 64 })
@@ -273,10 +288,15 @@ fn add_plugins(app: &mut App, settings: &HarnessSettings) {
         app.add_plugins(RenderDiagnosticsPlugin);
     }
     if !settings.without_reflections {
-        app.add_plugins(RayTracedReflectionsPlugin {
+        let plugin = RayTracedReflectionsPlugin {
             tracer: settings.tracer,
             ..default()
-        });
+        };
+        if settings.diagnostics {
+            clock.add_plugin(app, plugin);
+        } else {
+            app.add_plugins(plugin);
+        }
     }
     if settings.checked {
         app.add_systems(Last, check_shaders);

@@ -7,7 +7,7 @@ use crate::{
 };
 use bevy::prelude::*;
 use bevy_glint::{
-    RayTracedReflections, ReflectionDebugView, ShadingRate,
+    RayTracedReflections, ReflectionDebugView, ReflectionViewMemory, ShadingRate,
     internals::{Copied, RATE_ACTIVE, RATE_CODE_MASK, Target},
 };
 use core::ops::RangeInclusive;
@@ -52,6 +52,10 @@ pub enum ProblemKind {
     Energy,
     /// Two paths that trace the same rays differ.
     Paths,
+    /// Rays hit something else than brute force finds.
+    Hits,
+    /// More time or memory than the scene may take.
+    Budget,
     /// Something was not freed.
     Leak,
 }
@@ -261,6 +265,10 @@ pub fn leftovers(harness: &Harness) -> Vec<Problem> {
         ("triangles", status.triangles),
         ("bytes", status.scene_bytes),
         ("merged objects", status.merged_instances as u64),
+        (
+            "bytes of cameras",
+            status.view_memory.iter().map(ReflectionViewMemory::bytes).sum(),
+        ),
     ];
     let problem = |(what, count): &(&str, u64)| {
         let text = format!("{count} {what} are left of a scene that was despawned");

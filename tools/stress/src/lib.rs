@@ -14,6 +14,7 @@
 //! | [`bounds`] | runtime checks in shaders must not change a frame |
 //! | [`fuzzer`] | renders scenarios, attributes failures to the library or to Bevy, simplifies scenarios that fail |
 //! | [`energy`], [`furnace`], [`stability`], [`long_run`] | properties of known scenes: light, flicker, time |
+//! | `oracle` | rays through a scene against brute force |
 //! | [`invariants`], [`path_equivalence`] | properties of every scene |
 //! | `events` | applies events between frames |
 //! | [`scenario`] | a hostile scene as data: a seed and a list of generators |
@@ -26,6 +27,7 @@
 //! Everything random follows from a seed. Each failure is printed with the options that repeat it.
 
 pub mod bounds;
+mod budget;
 pub mod campaign;
 pub mod energy;
 mod events;
@@ -42,6 +44,7 @@ pub mod invariants;
 pub mod log_capture;
 pub mod long_run;
 pub mod options;
+mod oracle;
 pub mod path_equivalence;
 pub mod process;
 pub mod protocol;

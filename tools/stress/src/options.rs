@@ -45,6 +45,10 @@ pub struct Options {
     /// Compile all shaders with runtime checks [default: in every other process that renders scenes].
     #[arg(long)]
     pub checked: bool,
+    /// Compare rays with brute force in each scene [default: in one of ten, and in recipes that failed].
+    #[arg(long)]
+    #[serde(default)]
+    pub rays: bool,
     /// The program `glint_viewer` [default: the one that cargo built beside this program].
     #[arg(long, value_name = "PATH")]
     pub viewer: Option<PathBuf>,
@@ -79,7 +83,8 @@ impl fmt::Display for Options {
         f.write_str(&option(self.count.map(|count| format!(" --count {count}"))))?;
         f.write_str(&option(self.frames.map(|frames| format!(" --frames {frames}"))))?;
         f.write_str(&option(self.keep.as_ref().map(|keep| format!(" --keep {keep}"))))?;
-        f.write_str(if self.checked { " --checked" } else { "" })
+        f.write_str(if self.checked { " --checked" } else { "" })?;
+        f.write_str(if self.rays { " --rays" } else { "" })
     }
 }
 
@@ -182,7 +187,7 @@ pub(crate) mod tests {
     fn printed_options_are_read_back() {
         for text in [
             "",
-            "--tracer bvh --only scenes --seed 41 --keep 0,3 --frames 2 --size 1x1 --checked",
+            "--tracer bvh --only scenes --seed 41 --keep 0,3 --frames 2 --size 1x1 --checked --rays",
             "--tracer ray-query --only mesh-needles --seed 18446744073709551615 --count 7",
             "--keep none --only device-lost",
         ] {

@@ -270,7 +270,9 @@ impl Runner<'_> {
     fn repeat_recipes(&mut self, selection: Selection) {
         for recipe in self.campaign.as_ref().map(Campaign::recipes).unwrap_or_default() {
             let known = self.results.failures.len();
-            let ended = self.process(&Job::new(selection, &recipe, EXAMINE_SECONDS));
+            let mut job = Job::new(selection, &recipe, EXAMINE_SECONDS);
+            job.options.rays = true;
+            let ended = self.process(&job);
             let passes = ended.crash.is_none() && self.results.failures.len() == known;
             ended.crash.into_iter().for_each(|crash| self.fail(crash));
             if let Some(campaign) = self.campaign.as_mut().filter(|_| passes) {

@@ -3,6 +3,11 @@
 use crate::{process::Results, protocol::Progress};
 use core::{fmt, time::Duration};
 
+/// Answers of the tracer that can't be judged, at most one in so many: more than that leave too little to compare.
+const EXCUSED_SHARE: u64 = 4;
+/// Fewer answers tell little of their share: a single scene may be full of glass.
+const LEAST_RAYS: u64 = 100_000;
+
 /// The result of a section.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SectionSummary {
@@ -44,7 +49,12 @@ impl Summary {
     #[must_use]
     pub fn is_good(&self) -> bool {
         let tally = &self.results.tally;
-        self.results.failures.is_empty() && tally.frames + tally.files > 0
+        self.results.failures.is_empty() && tally.frames + tally.files > 0 && !self.excuses_too_much()
+    }
+
+    fn excuses_too_much(&self) -> bool {
+        let tally = &self.results.tally;
+        tally.rays >= LEAST_RAYS && tally.excused * EXCUSED_SHARE > tally.rays
     }
 }
 
@@ -71,6 +81,11 @@ impl fmt::Display for Summary {
         if !failures.is_empty() {
             let failures: Vec<_> = failures.iter().map(ToString::to_string).collect();
             write!(f, "==> {} failed:\n{}", failures.len(), failures.join("\n"))
+        } else if self.excuses_too_much() {
+            write!(
+                f,
+                "==> FAILED: more than one in {EXCUSED_SHARE} answers of the tracer can't be judged"
+            )
         } else if !self.is_good() {
             f.write_str("==> FAILED: nothing could be tried on this machine")
         } else if unfinished > 0 || !undecided.is_empty() {
@@ -101,6 +116,19 @@ mod tests {
         assert_eq!(section(None).to_string(), "energy: nothing in 7 s, UNFINISHED");
         let skipped = section(Some(Progress::skipped()));
         assert_eq!(skipped.to_string(), "energy: (skipped: this machine can't) in 7 s");
+    }
+
+    #[test]
+    fn excuses_are_limited() {
+        let mut summary = Summary::default();
+        let tally = &mut summary.results.tally;
+        (tally.frames, tally.rays, tally.excused) = (100, 4 * LEAST_RAYS, LEAST_RAYS);
+        assert!(summary.is_good());
+        summary.results.tally.excused += 1;
+        assert!(
+            !summary.is_good() && summary.to_string().ends_with("can't be judged"),
+            "{summary}"
+        );
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use core::{fmt, ops::AddAssign};
 use serde::{Deserialize, Serialize};
 
-/// Amounts of work.
+/// Amounts of work, and the largest shares of budgets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Tally {
     /// Scenes that were built.
@@ -12,6 +12,16 @@ pub struct Tally {
     pub frames: u64,
     /// Pixels of their cameras.
     pub pixels: u64,
+    /// Answers of the tracer that were compared with brute force.
+    pub rays: u64,
+    /// Those that nobody can judge: they depend on masks, glass, or objects that may be anywhere.
+    pub excused: u64,
+    /// Those that differ by rounding.
+    pub borders: u64,
+    /// Thousandths of its time that a scene has taken at most.
+    pub time: u64,
+    /// Thousandths of its bytes that a scene has taken at most.
+    pub bytes: u64,
     /// Faults of the device that were simulated.
     pub faults: u64,
     /// Files that were opened in the viewer.
@@ -29,6 +39,11 @@ impl AddAssign for Tally {
         self.scenes += other.scenes;
         self.frames += other.frames;
         self.pixels += other.pixels;
+        self.rays += other.rays;
+        self.excused += other.excused;
+        self.borders += other.borders;
+        self.time = self.time.max(other.time);
+        self.bytes = self.bytes.max(other.bytes);
         self.faults += other.faults;
         self.files += other.files;
         self.skipped += other.skipped;
@@ -44,6 +59,22 @@ impl fmt::Display for Tally {
             "{} scenes, {} frames, {} pixels, {} faults and {} files were tried",
             self.scenes, self.frames, self.pixels, self.faults, self.files
         )?;
+        if self.rays > 0 {
+            let Self {
+                rays, excused, borders, ..
+            } = self;
+            write!(
+                f,
+                "; {rays} answers of the tracer were compared with brute force, {excused} can't be judged, {borders} differ by rounding"
+            )?;
+        }
+        if self.time > 0 {
+            let [time, bytes] = [self.time, self.bytes].map(|share| share as f64 / 10.0);
+            write!(
+                f,
+                "; scenes took up to {time} % of the time and {bytes} % of the bytes that they may"
+            )?;
+        }
         for (count, text) in [
             (self.crashes, "processes crashed or hung"),
             (self.skipped, "cases can't be tried on this machine"),
@@ -75,5 +106,21 @@ mod tests {
         assert_eq!(tally.to_string(), text);
         tally.crashes = 1;
         assert_eq!(tally.to_string(), format!("{text}; 1 processes crashed or hung"));
+        let mut shares = Tally {
+            time: 250,
+            bytes: 40,
+            ..Tally::default()
+        };
+        shares += Tally {
+            time: 90,
+            bytes: 305,
+            ..Tally::default()
+        };
+        assert_eq!((shares.time, shares.bytes), (250, 305), "the largest");
+        assert!(
+            shares
+                .to_string()
+                .ends_with("up to 25 % of the time and 30.5 % of the bytes that they may")
+        );
     }
 }

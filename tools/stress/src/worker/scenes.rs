@@ -28,6 +28,8 @@ impl Worker {
             checked: options.checked,
             ..HarnessSettings::default()
         });
+        // Recipes that failed are looked at more closely.
+        fuzzer.compares_all = options.rays || options.keep.is_some();
         let most = match options.keep {
             Some(_) => 1,
             None => options.count.unwrap_or(u64::MAX),

@@ -1,0 +1,419 @@
+//! Brute force in `f64`: all triangles along a ray, and the answers that a tracer in single precision may give.
+
+use super::kernel::Answer;
+use bevy::{
+    math::{Affine3A, DMat3, DVec3},
+    prelude::Entity,
+    render::render_resource::Face,
+};
+use bevy_glint::internals::bvh::TraceRay;
+
+/// Margins below this are within rounding: twice what the tracer's triangle test adds to a triangle at most.
+const DOUBT: f64 = 6e-6;
+/// Relative error of distances.
+const TOLERANCE: f64 = 1e-3;
+/// Absolute error of distances, relative to the coordinates of the origin.
+const FLOOR: f64 = 1e-5;
+/// Triangles whose margin is below this in their object are not looked at in the world.
+const FAR: f64 = -1e-3;
+/// Normals below this may vanish in single precision.
+const LEAST_NORMAL: f64 = 1e-30;
+
+/// An object whose triangles are known.
+pub struct Object {
+    /// Its entity.
+    pub entity: Entity,
+    /// Object space.
+    pub triangles: Vec<[DVec3; 3]>,
+    /// Rays may pass: it has a mask, or light goes through it.
+    pub see_through: bool,
+    /// The face that rays don't see.
+    pub culled: Option<Face>,
+    /// It blocks shadow rays.
+    pub casts_shadow: bool,
+    linear: DMat3,
+    inverse: DMat3,
+    translation: DVec3,
+}
+
+impl Object {
+    /// An object that is opaque, seen from both sides, and casts shadows. `None` where no ray can be brought into its space.
+    pub fn new(entity: Entity, place: &Affine3A, triangles: Vec<[DVec3; 3]>) -> Option<Self> {
+        let linear = place.matrix3.as_dmat3();
+        let (inverse, translation) = (linear.inverse(), place.translation.as_dvec3());
+        (inverse.is_finite() && translation.is_finite()).then_some(Self {
+            entity,
+            triangles,
+            see_through: false,
+            culled: None,
+            casts_shadow: true,
+            linear,
+            inverse,
+            translation,
+        })
+    }
+
+    /// A point in the world.
+    pub fn world(&self, point: DVec3) -> DVec3 {
+        self.linear * point + self.translation
+    }
+
+    /// The largest coordinate in the world.
+    pub fn reach(&self) -> f64 {
+        let corners = self.triangles.iter().flatten();
+        corners.fold(0.0, |most, corner| most.max(self.world(*corner).abs().max_element()))
+    }
+
+    /// By how much rounding grows from the space of the object to the world, or back.
+    pub fn condition(&self) -> f64 {
+        let largest = |m: &DMat3| {
+            m.to_cols_array()
+                .into_iter()
+                .fold(0.0, |most: f64, x| most.max(x.abs()))
+        };
+        largest(&self.linear) * largest(&self.inverse)
+    }
+}
+
+/// Objects in a scene.
+#[derive(Default)]
+pub struct Objects {
+    /// Those whose triangles are known.
+    pub known: Vec<Object>,
+    /// Those that may be anywhere, or nowhere.
+    pub unknown: Vec<Entity>,
+}
+
+/// How an answer compares with the exact one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Judgement {
+    /// It is the exact one.
+    Exact,
+    /// It is as good in single precision.
+    Border,
+    /// Nobody knows: it depends on a mask, on glass, or on an object that may be anywhere.
+    Excused,
+    /// It is wrong.
+    Wrong,
+}
+
+/// A triangle that the ray hits, or misses by a little.
+struct Candidate {
+    object: usize,
+    t: f64,
+    /// By how much the ray hits the triangle, negative outside: the least and the most in the space of the object and in the world, in
+    /// one of which the tracer holds it. Below [`DOUBT`], single precision may see the ray on either side.
+    margins: [f64; 2],
+    /// Bound of the error of `t` in single precision.
+    error: f64,
+    /// Closest hits see this face; `None` where rounding decides.
+    seen: Option<bool>,
+}
+
+/// The point at which a ray meets the plane of a triangle.
+struct Met {
+    t: f64,
+    margin: f64,
+    error: f64,
+    /// Between the ray and the normal; negative where the front is seen.
+    cosine: f64,
+    /// Bound of the error of `cosine` in single precision.
+    tilt: f64,
+}
+
+/// The ray in some space.
+struct LocalRay {
+    origin: DVec3,
+    /// Has any length, so that t is the same as in the world.
+    direction: DVec3,
+    /// Length of the coordinates that single precision has to add up for the origin.
+    reach: f64,
+}
+
+impl LocalRay {
+    fn new(ray: &TraceRay, object: &Object) -> Self {
+        let (origin, inverse) = (ray.origin.as_dvec3(), object.inverse);
+        let sizes = DMat3::from_cols(inverse.x_axis.abs(), inverse.y_axis.abs(), inverse.z_axis.abs());
+        Self {
+            origin: inverse * (origin - object.translation),
+            direction: inverse * ray.direction.as_dvec3(),
+            reach: (sizes * (origin.abs() + object.translation.abs())).length(),
+        }
+    }
+
+    fn in_world(ray: &TraceRay) -> Self {
+        let origin = ray.origin.as_dvec3();
+        Self {
+            origin,
+            direction: ray.direction.as_dvec3(),
+            reach: origin.length(),
+        }
+    }
+
+    /// `None` far outside or parallel.
+    fn meet(&self, [a, b, c]: &[DVec3; 3], least: f64) -> Option<Met> {
+        let normal = (b - a).cross(c - a);
+        let speed = self.direction.length();
+        let slope = normal.dot(self.direction);
+        let cosine = slope / (normal.length() * speed);
+        if !(cosine.abs() > 0.0) {
+            return None;
+        }
+        let t = normal.dot(a - self.origin) / slope;
+        let at = self.origin + self.direction * t;
+        let longest = (b - a).length().max((c - a).length()).max((c - b).length());
+        let inside = |p: &DVec3, q: &DVec3| (p - at).cross(q - at).dot(normal) / (normal.length() * longest);
+        let smallest = inside(b, c).min(inside(c, a)).min(inside(a, b));
+        let size = t.abs() * speed + self.reach + a.length().max(b.length()).max(c.length());
+        let margin = smallest * cosine.abs() / size;
+        let tilt = 4.0 * f64::from(f32::EPSILON) * size * longest / normal.length();
+        (margin > least).then(|| Met {
+            t,
+            margin: if normal.abs().max_element() < LEAST_NORMAL {
+                margin.min(0.0)
+            } else {
+                margin
+            },
+            error: tilt * longest / (cosine.abs() * speed),
+            cosine,
+            tilt,
+        })
+    }
+}
+
+/// All triangles near a ray.
+pub struct Exact<'a> {
+    objects: &'a Objects,
+    candidates: Vec<Candidate>,
+    floor: f64,
+}
+
+impl Objects {
+    /// Looks at every triangle.
+    pub fn along(&self, ray: &TraceRay) -> Exact<'_> {
+        let mut candidates = Vec::new();
+        let in_world = LocalRay::in_world(ray);
+        for (index, object) in self.known.iter().enumerate() {
+            let local = LocalRay::new(ray, object);
+            let turned = object.linear.determinant() < 0.0;
+            for triangle in &object.triangles {
+                let Some(inner) = local.meet(triangle, FAR) else {
+                    continue;
+                };
+                let Some(outer) = in_world.meet(&triangle.map(|corner| object.world(corner)), 2.0 * FAR) else {
+                    continue;
+                };
+                let margins = [inner.margin.min(outer.margin), inner.margin.max(outer.margin)];
+                let error = inner.error.max(outer.error);
+                if margins[1] <= -DOUBT || !(inner.t > -error - self.floor(ray)) {
+                    continue;
+                }
+                let is_front = (inner.cosine < 0.0) != turned;
+                let on_edge = inner.cosine.abs() < inner.tilt || outer.cosine.abs() < outer.tilt;
+                let seen = match object.culled {
+                    None => Some(true),
+                    Some(_) if on_edge => None,
+                    Some(face) => Some((face == Face::Back) == is_front),
+                };
+                candidates.push(Candidate {
+                    object: index,
+                    t: inner.t,
+                    margins,
+                    error,
+                    seen,
+                });
+            }
+        }
+        Exact {
+            objects: self,
+            candidates,
+            floor: self.floor(ray),
+        }
+    }
+
+    fn floor(&self, ray: &TraceRay) -> f64 {
+        FLOOR * (1.0 + ray.origin.as_dvec3().abs().max_element())
+    }
+}
+
+impl Exact<'_> {
+    fn object(&self, candidate: &Candidate) -> &Object {
+        &self.objects.known[candidate.object]
+    }
+
+    fn slack(&self, candidate: &Candidate) -> f64 {
+        candidate.t.abs() * TOLERANCE + self.floor + candidate.error
+    }
+
+    /// Every tracer must find it, unless something stands in front of it.
+    fn is_sure(&self, candidate: &Candidate) -> bool {
+        !self.object(candidate).see_through && candidate.margins[0] > DOUBT && candidate.t > self.slack(candidate)
+    }
+
+    /// Distance of the closest hit: infinite where there is none.
+    pub fn distance(&self) -> f64 {
+        let hits = self.candidates.iter().filter(|candidate| {
+            candidate.margins[0] >= 0.0
+                && candidate.t > 0.0
+                && candidate.seen == Some(true)
+                && !self.object(candidate).see_through
+        });
+        hits.map(|candidate| candidate.t).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Judges the closest hit: it must lie on a candidate, and no triangle that the ray surely hits may lie in front of it.
+    pub fn judge_closest(&self, answer: &Answer) -> Judgement {
+        let sure = || {
+            let candidates = self.candidates.iter();
+            candidates.filter(|candidate| candidate.seen == Some(true) && self.is_sure(candidate))
+        };
+        // Glass and masks in front of a distance.
+        let is_veiled = |distance: f64| {
+            let mut candidates = self.candidates.iter();
+            candidates.any(|c| self.object(c).see_through && c.t <= distance + self.slack(c))
+        };
+        let Some((t, entity)) = answer.hit else {
+            return match sure().next() {
+                Some(_) => Judgement::Wrong,
+                None if is_veiled(f64::INFINITY) => Judgement::Excused,
+                None if self.distance().is_finite() => Judgement::Border,
+                None => Judgement::Exact,
+            };
+        };
+        let t = f64::from(t);
+        let Some(entity) = entity.filter(|_| t.is_finite()) else {
+            return Judgement::Wrong;
+        };
+        if sure().any(|nearer| t > nearer.t + self.slack(nearer) + nearer.error) {
+            return Judgement::Wrong;
+        }
+        if self.objects.unknown.contains(&entity) {
+            return Judgement::Excused;
+        }
+        let is_there = self
+            .candidates
+            .iter()
+            .any(|c| self.object(c).entity == entity && c.seen != Some(false) && (c.t - t).abs() <= self.slack(c));
+        match () {
+            () if !is_there => Judgement::Wrong,
+            () if is_veiled(t) => Judgement::Excused,
+            () if (t - self.distance()).abs() <= t * TOLERANCE + self.floor => Judgement::Exact,
+            () => Judgement::Border,
+        }
+    }
+
+    /// Judges whether something that casts shadows is in the way. Shadow rays see both faces.
+    pub fn judge_shadow(&self, answer: &Answer) -> Judgement {
+        let casts = |candidate: &&Candidate| self.object(candidate).casts_shadow;
+        let mut casters = self.candidates.iter().filter(casts);
+        let is_sure = casters.clone().any(|candidate| self.is_sure(candidate));
+        let is_veiled = casters.clone().any(|candidate| self.object(candidate).see_through);
+        match answer.blocked {
+            true if is_sure => Judgement::Exact,
+            true if is_veiled => Judgement::Excused,
+            true if casters.next().is_some() => Judgement::Border,
+            true if self.objects.unknown.is_empty() => Judgement::Wrong,
+            true => Judgement::Excused,
+            false if is_sure => Judgement::Wrong,
+            false if is_veiled => Judgement::Excused,
+            false if casters.any(|candidate| candidate.margins[0] >= 0.0 && candidate.t > 0.0) => Judgement::Border,
+            false => Judgement::Exact,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bevy::{math::Vec3, prelude::Transform};
+
+    const FRONT: Entity = Entity::from_raw_u32(1).unwrap();
+    const BACK: Entity = Entity::from_raw_u32(2).unwrap();
+    const ELSEWHERE: Entity = Entity::from_raw_u32(3).unwrap();
+
+    /// A triangle that looks at the viewer from a distance.
+    fn object(entity: Entity, distance: f32) -> Object {
+        let place = Transform::from_xyz(0.0, 0.0, -distance).compute_affine();
+        let corners = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]].map(DVec3::from);
+        Object::new(entity, &place, vec![corners]).unwrap()
+    }
+
+    fn scene() -> Objects {
+        Objects {
+            known: vec![object(FRONT, 2.0), object(BACK, 5.0)],
+            unknown: vec![ELSEWHERE],
+        }
+    }
+
+    fn ray(x: f32) -> TraceRay {
+        TraceRay {
+            origin: Vec3::new(x, 0.0, 0.0),
+            direction: Vec3::NEG_Z,
+            t_min: 0.0,
+            t_max: f32::MAX,
+        }
+    }
+
+    fn closest(objects: &Objects, x: f32, hit: Option<(f32, Entity)>) -> Judgement {
+        let hit = hit.map(|(t, entity)| (t, Some(entity)));
+        objects.along(&ray(x)).judge_closest(&Answer { hit, blocked: false })
+    }
+
+    #[test]
+    fn closest_hits_are_judged() {
+        let mut objects = scene();
+        assert_eq!(closest(&objects, 0.0, Some((2.0, FRONT))), Judgement::Exact);
+        assert_eq!(closest(&objects, 0.9, None), Judgement::Exact);
+        for wrong in [
+            None,
+            Some((5.0, BACK)),
+            Some((2.1, FRONT)),
+            Some((2.0, BACK)),
+            Some((5.0, ELSEWHERE)),
+        ] {
+            assert_eq!(closest(&objects, 0.0, wrong), Judgement::Wrong, "{wrong:?}");
+        }
+        assert_eq!(closest(&objects, 0.9, Some((2.0, FRONT))), Judgement::Wrong, "past it");
+        // The edge on the right.
+        for hit in [Some((2.0, FRONT)), Some((5.0, BACK)), None] {
+            assert_ne!(closest(&objects, 0.5, hit), Judgement::Wrong, "{hit:?}");
+        }
+        assert_eq!(closest(&objects, 0.0, Some((1.0, ELSEWHERE))), Judgement::Excused);
+        objects.known[0].see_through = true;
+        for hit in [(2.0, FRONT), (5.0, BACK)] {
+            assert_eq!(closest(&objects, 0.0, Some(hit)), Judgement::Excused, "{hit:?}");
+        }
+        assert_eq!(closest(&objects, 0.0, None), Judgement::Wrong, "the other one is solid");
+    }
+
+    #[test]
+    fn faces_that_are_culled_let_rays_pass() {
+        let mut objects = scene();
+        objects.known[0].culled = Some(Face::Back);
+        assert_eq!(closest(&objects, 0.0, Some((2.0, FRONT))), Judgement::Exact);
+        objects.known[0].culled = Some(Face::Front);
+        assert_eq!(closest(&objects, 0.0, Some((5.0, BACK))), Judgement::Exact);
+        assert_eq!(closest(&objects, 0.0, Some((2.0, FRONT))), Judgement::Wrong);
+    }
+
+    #[test]
+    fn shadows_are_judged() {
+        let shadow = |objects: &Objects, x: f32, blocked: bool| {
+            let answer = Answer { hit: None, blocked };
+            objects.along(&ray(x)).judge_shadow(&answer)
+        };
+        let mut objects = scene();
+        assert_eq!(shadow(&objects, 0.0, true), Judgement::Exact);
+        assert_eq!(shadow(&objects, 0.0, false), Judgement::Wrong);
+        assert_eq!(shadow(&objects, 0.9, false), Judgement::Exact);
+        assert_eq!(
+            shadow(&objects, 0.9, true),
+            Judgement::Excused,
+            "by the one that may be anywhere"
+        );
+        objects.unknown.clear();
+        assert_eq!(shadow(&objects, 0.9, true), Judgement::Wrong);
+        objects.known.iter_mut().for_each(|object| object.casts_shadow = false);
+        assert_eq!(shadow(&objects, 0.0, true), Judgement::Wrong);
+    }
+}

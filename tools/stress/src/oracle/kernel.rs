@@ -1,0 +1,198 @@
+//! Has the app's own tracer answer a list of rays, in the scene that it holds at present.
+
+use crate::harness::Harness;
+use bevy::{
+    prelude::*,
+    render::{
+        render_resource::{
+            BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries, BufferDescriptor,
+            BufferInitDescriptor, BufferUsages, CachedComputePipelineId, CachedPipelineState, CommandEncoderDescriptor,
+            ComputePassDescriptor, ComputePipelineDescriptor, MapMode, PipelineCache, PollType, ShaderStages,
+            binding_types,
+        },
+        renderer::{RenderDevice, RenderQueue},
+        sync_world::RenderEntity,
+    },
+    shader::{Shader, ShaderDefVal},
+};
+use bevy_glint::internals::{
+    SceneBindings,
+    bvh::TraceRay,
+    environment::{EnvironmentBindings, layout_descriptor},
+    instances::SceneInstances,
+};
+use bytemuck::{Pod, Zeroable};
+use core::num::NonZeroU64;
+
+const NO_HIT: u32 = u32::MAX;
+/// Rays of a workgroup.
+const GROUP: u32 = 64;
+
+/// `Answer` of `oracle.wesl`.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct GpuAnswer {
+    t: f32,
+    instance: u32,
+    blocked: u32,
+    _padding: u32,
+}
+
+/// The tracer's answer for a ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Answer {
+    /// Distance and object of the closest hit; no object where its slot is empty.
+    pub hit: Option<(f32, Option<Entity>)>,
+    /// Something that casts shadows is in the way.
+    pub blocked: bool,
+}
+
+/// The kernel, compiled once for each set of definitions that a scene asks for.
+#[derive(Resource)]
+struct OracleKernel {
+    shader: Handle<Shader>,
+    pipelines: Vec<(Vec<ShaderDefVal>, CachedComputePipelineId)>,
+}
+
+fn lists_layout() -> BindGroupLayoutDescriptor {
+    let item = |size: usize| NonZeroU64::new(size as u64);
+    BindGroupLayoutDescriptor::new(
+        "oracle_layout",
+        &BindGroupLayoutEntries::sequential(
+            ShaderStages::COMPUTE,
+            (
+                binding_types::storage_buffer_read_only_sized(false, item(size_of::<[f32; 8]>())),
+                binding_types::storage_buffer_sized(false, item(size_of::<GpuAnswer>())),
+            ),
+        ),
+    )
+}
+
+/// Answers for rays, in their order. The camera reflects, and decides on the layers that rays see.
+///
+/// # Errors
+///
+/// If the scene is not on the GPU, or the kernel can't be compiled.
+pub fn trace(harness: &mut Harness, camera: Entity, rays: &[TraceRay], patience: u32) -> Result<Vec<Answer>, String> {
+    let id = pipeline(harness, patience)?;
+    let view = harness.world().get::<RenderEntity>(camera).map(RenderEntity::id);
+    dispatch(harness, view, id, rays).ok_or_else(|| "the scene is not on the GPU".to_owned())
+}
+
+fn pipeline(harness: &mut Harness, patience: u32) -> Result<CachedComputePipelineId, String> {
+    let id = queue(harness).ok_or("there is no scene on the GPU")?;
+    for _ in 0..patience {
+        let cache = harness
+            .render_resource::<PipelineCache>()
+            .ok_or("there is no renderer")?;
+        match cache.get_compute_pipeline_state(id) {
+            CachedPipelineState::Ok(_) => return Ok(id),
+            CachedPipelineState::Err(error) if !error.to_string().contains("not loaded") => {
+                return Err(format!("the kernel of the oracle can't be compiled: {error}"));
+            }
+            _ => harness.step(1),
+        }
+    }
+    Err("the kernel of the oracle is not compiled in time".to_owned())
+}
+
+/// The pipeline for the scene as it is. `None` without a scene.
+fn queue(harness: &mut Harness) -> Option<CachedComputePipelineId> {
+    let defs = harness.render_resource::<SceneBindings>()?.shader_defs();
+    let world = harness.world();
+    if !world.contains_resource::<OracleKernel>() {
+        let shader = Shader::from_wesl(include_str!("oracle.wesl"), "embedded://glint_stress/oracle.wesl");
+        let shader = world.resource_mut::<Assets<Shader>>().add(shader);
+        let pipelines = Vec::new();
+        world.insert_resource(OracleKernel { shader, pipelines });
+    }
+    let kernel = world.resource::<OracleKernel>();
+    if let Some((_, id)) = kernel.pipelines.iter().find(|(known, _)| *known == defs) {
+        return Some(*id);
+    }
+    let shader = kernel.shader.clone();
+    let scene = harness.render_resource::<SceneBindings>()?;
+    let cache = harness.render_resource::<PipelineCache>()?;
+    let id = cache.queue_compute_pipeline(ComputePipelineDescriptor {
+        label: Some("oracle".into()),
+        layout: vec![lists_layout(), scene.layout.clone(), layout_descriptor()],
+        shader,
+        shader_defs: defs.clone(),
+        entry_point: Some("trace_rays".into()),
+        ..default()
+    });
+    harness
+        .world()
+        .resource_mut::<OracleKernel>()
+        .pipelines
+        .push((defs, id));
+    Some(id)
+}
+
+fn dispatch(
+    harness: &Harness,
+    view: Option<Entity>,
+    id: CachedComputePipelineId,
+    rays: &[TraceRay],
+) -> Option<Vec<Answer>> {
+    let device = harness.render_resource::<RenderDevice>()?;
+    let cache = harness.render_resource::<PipelineCache>()?;
+    let scene = harness.render_resource::<SceneBindings>()?.bind_group.as_ref()?;
+    let environment = harness.render_resource::<EnvironmentBindings>()?.bind_group(view?)?;
+    let list: Vec<[f32; 8]> = rays
+        .iter()
+        .map(|ray| {
+            let (o, d) = (ray.origin, ray.direction);
+            [o.x, o.y, o.z, ray.t_min, d.x, d.y, d.z, ray.t_max]
+        })
+        .collect();
+    let input = device.create_buffer_with_data(&BufferInitDescriptor {
+        label: Some("oracle_rays"),
+        contents: bytemuck::cast_slice(&list),
+        usage: BufferUsages::STORAGE,
+    });
+    let size = (rays.len() * size_of::<GpuAnswer>()) as u64;
+    let buffer = |usage| {
+        device.create_buffer(&BufferDescriptor {
+            label: Some("oracle_answers"),
+            size,
+            usage,
+            mapped_at_creation: false,
+        })
+    };
+    let output = buffer(BufferUsages::STORAGE | BufferUsages::COPY_SRC);
+    let staging = buffer(BufferUsages::COPY_DST | BufferUsages::MAP_READ);
+    let lists = device.create_bind_group(
+        "oracle",
+        &cache.get_bind_group_layout(&lists_layout()),
+        &BindGroupEntries::sequential((input.as_entire_binding(), output.as_entire_binding())),
+    );
+    let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor { label: Some("oracle") });
+    {
+        let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor {
+            label: Some("oracle"),
+            timestamp_writes: None,
+        });
+        pass.set_pipeline(cache.get_compute_pipeline(id)?);
+        pass.set_bind_group(0, &lists, &[]);
+        pass.set_bind_group(1, scene, &[]);
+        pass.set_bind_group(2, environment, &[]);
+        pass.dispatch_workgroups((rays.len() as u32).div_ceil(GROUP), 1, 1);
+    }
+    encoder.copy_buffer_to_buffer(&output, 0, &staging, 0, size);
+    harness.render_resource::<RenderQueue>()?.submit([encoder.finish()]);
+    let slice = staging.slice(..);
+    slice.map_async(MapMode::Read, |_| {});
+    let wait = PollType::Wait {
+        submission_index: None,
+        timeout: None,
+    };
+    device.poll(wait).ok()?;
+    let bytes = slice.get_mapped_range().ok()?.to_vec();
+    let slots = harness.render_resource::<SceneInstances>()?;
+    let answer = |answer: GpuAnswer| Answer {
+        hit: (answer.instance != NO_HIT).then(|| (answer.t, slots.get(answer.instance).map(|source| source.entity))),
+        blocked: answer.blocked != 0,
+    };
+    Some(bytemuck::pod_collect_to_vec(&bytes).into_iter().map(answer).collect())
+}
