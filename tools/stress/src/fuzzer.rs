@@ -142,7 +142,8 @@ impl Fuzzer {
         };
         _ = harness.take_errors();
         self.scenes_on_harness += 1;
-        let compares = self.compares_all || oracle::is_compared(scenario.seed);
+        let is_chosen = self.compares_all || oracle::is_compared(scenario.seed);
+        let compares = is_chosen && !self.settings.without_reflections;
         let problems = catch_panic(|| render(&mut harness, scenario, compares))
             .unwrap_or_else(|panic| vec![Problem::new(ProblemKind::Panic, panic)]);
         self.tally += harness.take_tally();

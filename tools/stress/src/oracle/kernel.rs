@@ -23,8 +23,11 @@ use bevy_glint::internals::{
 };
 use bytemuck::{Pod, Zeroable};
 use core::num::NonZeroU64;
+use std::{thread, time::Duration};
 
 const NO_HIT: u32 = u32::MAX;
+/// Leaves processor time to the threads that compile.
+const NAP: Duration = Duration::from_millis(1);
 /// Rays of a workgroup.
 const GROUP: u32 = 64;
 
@@ -72,7 +75,7 @@ fn lists_layout() -> BindGroupLayoutDescriptor {
 ///
 /// # Errors
 ///
-/// If the scene is not on the GPU, or the kernel can't be compiled.
+/// If the scene is not on the GPU, or the kernel isn't compiled after so many frames. The log has the error of one that can't be.
 pub fn trace(harness: &mut Harness, camera: Entity, rays: &[TraceRay], patience: u32) -> Result<Vec<Answer>, String> {
     let id = pipeline(harness, patience)?;
     let view = harness.world().get::<RenderEntity>(camera).map(RenderEntity::id);
@@ -80,20 +83,17 @@ pub fn trace(harness: &mut Harness, camera: Entity, rays: &[TraceRay], patience:
 }
 
 fn pipeline(harness: &mut Harness, patience: u32) -> Result<CachedComputePipelineId, String> {
-    let id = queue(harness).ok_or("there is no scene on the GPU")?;
     for _ in 0..patience {
-        let cache = harness
-            .render_resource::<PipelineCache>()
-            .ok_or("there is no renderer")?;
-        match cache.get_compute_pipeline_state(id) {
-            CachedPipelineState::Ok(_) => return Ok(id),
-            CachedPipelineState::Err(error) if !error.to_string().contains("not loaded") => {
-                return Err(format!("the kernel of the oracle can't be compiled: {error}"));
-            }
-            _ => harness.step(1),
+        if let Some(id) = queue(harness)
+            && let Some(cache) = harness.render_resource::<PipelineCache>()
+            && matches!(cache.get_compute_pipeline_state(id), CachedPipelineState::Ok(_))
+        {
+            return Ok(id);
         }
+        harness.step(1);
+        thread::sleep(NAP);
     }
-    Err("the kernel of the oracle is not compiled in time".to_owned())
+    Err("there is no scene on the GPU, or the kernel is not compiled in time".to_owned())
 }
 
 /// The pipeline for the scene as it is. `None` without a scene.
