@@ -133,13 +133,6 @@ fn is_failure(message: &str) -> bool {
     message.starts_with("bevy_glint") || FAILURES.iter().any(|failure| message.contains(failure))
 }
 
-/// Messages and panics are those of the whole process: tests that look at them run one at a time.
-#[cfg(test)]
-pub fn alone() -> MutexGuard<'static, ()> {
-    static ALONE: Mutex<()> = Mutex::new(());
-    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -167,7 +160,6 @@ mod tests {
 
     #[test]
     fn panics_become_errors() {
-        let _alone = alone();
         assert_eq!(catch_panic(|| 3), Ok(3));
         let error = catch_panic(|| panic!("no {}", "way")).unwrap_err();
         assert!(error.contains("no way"), "{error}");

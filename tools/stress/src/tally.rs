@@ -14,9 +14,9 @@ pub struct Tally {
     pub pixels: u64,
     /// Answers of the tracer that were compared with brute force.
     pub rays: u64,
-    /// Those that nobody can judge: they depend on masks, glass, or objects that may be anywhere, or didn't come in time.
+    /// Answers that nobody can judge: they depend on masks, glass, or objects that may be anywhere, or didn't come in time.
     pub excused: u64,
-    /// Those that differ by rounding.
+    /// Answers that differ by rounding.
     pub borders: u64,
     /// Thousandths of its time that a scene has taken at most.
     pub time: u64,

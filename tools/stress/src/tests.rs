@@ -8,7 +8,6 @@ use crate::{
     furnace,
     fuzzer::Fuzzer,
     harness::{Harness, HarnessSettings},
-    log_capture::alone,
     long_run,
     scenario::Scenario,
     static_scene::StaticScene,
@@ -17,7 +16,11 @@ use crate::{
 use bevy::math::UVec2;
 use bevy_glint::ReflectionTracerChoice;
 use glint_scenes::SceneName;
-use std::time::{Duration, Instant};
+use std::{
+    env,
+    process::{Command, Stdio},
+    time::{Duration, Instant},
+};
 
 const SIZE: UVec2 = UVec2::new(48, 32);
 /// Frames of each scene of those that together hold all generators.
@@ -33,6 +36,32 @@ const SCENE: StaticScene = StaticScene::BuiltIn(SceneName::EmissiveFloor);
 /// Techniques that known scenes are measured with: the plain path, and the one with all steps.
 static TECHNIQUES: [&str; 2] = ["reference", "vrs-combined"];
 
+/// Says to the program that it was started for one test.
+const ALONE: &str = "GLINT_TEST_IS_ALONE";
+
+/// Returns whether this test runs in a process of its own. Otherwise it is run in one, and fails here if it fails there.
+///
+/// Messages and panics are those of a whole process. In one of their own tests that look at them need not wait for each other, while each
+/// leaves most processors idle: drivers compile one shader at a time.
+#[track_caller]
+fn is_alone(name: &str) -> bool {
+    if env::var_os(ALONE).is_some() {
+        return true;
+    }
+    let program = env::current_exe().unwrap_or_else(|error| panic!("{error}"));
+    let output = Command::new(program)
+        .args([&format!("tests::{name}"), "--exact", "--nocapture"])
+        .env(ALONE, "1")
+        .stdin(Stdio::null())
+        .output()
+        .unwrap_or_else(|error| panic!("{error}"));
+    let said = String::from_utf8_lossy(&output.stdout);
+    println!("{said}");
+    let has_passed = output.status.success() && said.contains("1 passed");
+    assert!(has_passed, "{name}: {}", String::from_utf8_lossy(&output.stderr));
+    false
+}
+
 /// Fails instead of skipping where the environment says so.
 fn skip(reason: &str) {
     let name = if reason.contains("ray queries") {
@@ -40,12 +69,11 @@ fn skip(reason: &str) {
     } else {
         "GLINT_REQUIRE_GPU"
     };
-    assert!(std::env::var_os(name).is_none(), "it is required, but: {reason}");
+    assert!(env::var_os(name).is_none(), "it is required, but: {reason}");
     println!("skipped: {reason}");
 }
 
 fn survive(tracer: ReflectionTracerChoice, scenarios: impl Iterator<Item = Scenario>) {
-    let _alone = alone();
     let mut fuzzer = Fuzzer::new(HarnessSettings {
         tracer,
         diagnostics: true,
@@ -83,14 +111,34 @@ fn random_scenes() -> impl Iterator<Item = Scenario> {
     })
 }
 
+/// So many processes share the scenes, which take longest.
+const PARTS: usize = 2;
+
+fn survive_a_part(part: usize) {
+    let cover = Scenario::cover(1, SIZE, FRAMES).into_iter();
+    let scenarios = cover.chain(random_scenes()).skip(part).step_by(PARTS);
+    survive(ReflectionTracerChoice::Bvh, scenarios);
+}
+
 #[test]
 fn hostile_scenes_are_survived_with_the_bvh() {
-    let cover = Scenario::cover(1, SIZE, FRAMES).into_iter();
-    survive(ReflectionTracerChoice::Bvh, cover.chain(random_scenes()));
+    if is_alone("hostile_scenes_are_survived_with_the_bvh") {
+        survive_a_part(0);
+    }
+}
+
+#[test]
+fn other_hostile_scenes_are_survived_with_the_bvh() {
+    if is_alone("other_hostile_scenes_are_survived_with_the_bvh") {
+        survive_a_part(1);
+    }
 }
 
 #[test]
 fn hostile_scenes_are_survived_with_ray_queries() {
+    if !is_alone("hostile_scenes_are_survived_with_ray_queries") {
+        return;
+    }
     // A part of another seed's scenarios is enough: most generators don't depend on the tracer.
     let cover = Scenario::cover(2, SIZE, FRAMES).into_iter().step_by(3);
     survive(ReflectionTracerChoice::RayQuery, cover.chain(random_scenes()));
@@ -98,7 +146,9 @@ fn hostile_scenes_are_survived_with_ray_queries() {
 
 #[test]
 fn known_scenes_keep_their_light() {
-    let _alone = alone();
+    if !is_alone("known_scenes_keep_their_light") {
+        return;
+    }
     let settings = HarnessSettings {
         tracer: ReflectionTracerChoice::Bvh,
         ..HarnessSettings::default()
@@ -149,7 +199,9 @@ fn known_scenes_keep_their_light() {
 
 #[test]
 fn faults_are_reported_and_the_app_keeps_running() {
-    let _alone = alone();
+    if !is_alone("faults_are_reported_and_the_app_keeps_running") {
+        return;
+    }
     let mut failures = Vec::new();
     for fault in [
         Fault::WebGpuMinimum,
@@ -170,16 +222,24 @@ fn faults_are_reported_and_the_app_keeps_running() {
 
 #[test]
 fn runtime_checks_change_nothing() {
-    let _alone = alone();
+    if !is_alone("runtime_checks_change_nothing") {
+        return;
+    }
     let mut bounds = match Bounds::new(ReflectionTracerChoice::Bvh, SIZE) {
         Ok(bounds) => bounds,
         Err(error) => return skip(&error),
     };
     let mut failures = Vec::new();
-    // A scene by all steps of the denoiser, and two hostile ones.
+    // A scene by all steps of the denoiser, and a hostile one with the ingredients of two: compiling takes longest.
     let known = Case::Static(SCENE, "vrs-combined");
-    let hostile = Case::all(1, SIZE).into_iter().rev().take(2);
-    for case in [known].into_iter().chain(hostile) {
+    let cases = Case::all(1, SIZE).into_iter().rev().take(2);
+    let ingredients = cases.filter_map(|case| match case {
+        Case::Hostile(scenario) => Some(scenario.generators),
+        Case::Static(..) => None,
+    });
+    let generators = ingredients.flatten().map(|(_, generator)| generator).collect();
+    let hostile = Case::Hostile(Scenario::new(9, SIZE, FRAMES, generators));
+    for case in [known, hostile] {
         let verdict = bounds.compare(&case);
         println!("{}: {verdict:?}", case.describe());
         if let Verdict::Failed(problems) = verdict {

@@ -78,9 +78,9 @@ impl Object {
 /// Objects in a scene.
 #[derive(Default)]
 pub struct Objects {
-    /// Those whose triangles are known.
+    /// Objects whose triangles are known.
     pub known: Vec<Object>,
-    /// Those that may be anywhere, or nowhere.
+    /// Objects that may be anywhere, or nowhere.
     pub unknown: Vec<Entity>,
 }
 

@@ -43,7 +43,7 @@ pub fn is_compared(seed: u64) -> bool {
 pub fn compare(harness: &mut Harness, scene: &HostileScene, seed: u64, patience: u32) -> Vec<Problem> {
     let mut tally = Tally::default();
     let random = &mut Random::of_part(seed, usize::MAX - 2);
-    // Whatever has happened to the cameras of the scene, this one reflects, and looks away from everything.
+    // Events may have taken the scene's cameras away. This one reflects, and looks away from everything.
     let away = Transform::from_xyz(0.0, 0.0, 1e5).looking_to(Vec3::Z, Vec3::Y);
     let camera = harness.spawn_camera(UVec2::splat(8), (RayTracedReflections::default(), away));
     harness.wait_until_idle(patience);
