@@ -18,8 +18,9 @@ use bevy::{
     },
 };
 use blas::{PendingBlas, Refusal};
-use submit::submit_builds;
-use tlas::{ResizableTlas, TlasBuild};
+use submit::{record_builds, submit_builds};
+use tlas::ResizableTlas;
+use wgpu::CommandBuffer;
 
 pub use blas::BlasKey;
 pub use object::{PosedVertices, RayQueryInstance};
@@ -81,6 +82,8 @@ pub struct AccelerationStructures {
     age: u32,
     /// Changes when one of [`Self::tlas`] becomes another object.
     pub generation: u64,
+    /// Builds that wait for the commands by which objects are posed.
+    commands: Vec<CommandBuffer>,
 }
 
 impl AccelerationStructures {
@@ -101,6 +104,7 @@ impl AccelerationStructures {
             left_changed: false,
             age: 0,
             generation: 0,
+            commands: Vec::new(),
         }
     }
 
@@ -145,7 +149,7 @@ impl AccelerationStructures {
         is_due
     }
 
-    /// Builds missing BLASes and a TLAS. Returns how many BLASes were built. What the device has no memory for is left out for a while.
+    /// Builds missing BLASes, and has [`Self::take_commands`] build those of posed objects and a TLAS. Returns how many BLASes are built. What the device has no memory for is left out for a while.
     pub fn build(
         &mut self,
         objects: &RayQueryObjects,
@@ -160,6 +164,11 @@ impl AccelerationStructures {
             None
         };
         built.unwrap_or_else(|| self.build_all(objects, is_split, meshes, device, queue))
+    }
+
+    /// Commands that are left to be submitted, after those that pose objects.
+    pub fn take_commands(&mut self) -> Vec<CommandBuffer> {
+        core::mem::take(&mut self.commands)
     }
 
     /// Has all that changed in the TLAS of objects that move from now on. Returns false where all must be built.
@@ -224,12 +233,11 @@ impl AccelerationStructures {
             self.drop_unused(|key| still_blas.contains(key) || used.contains(key), meshes);
         }
         self.still_blas = still_blas;
-        let built = self.build_missing(used, meshes, device, queue) + self.build_posed(&moving, meshes, device, queue);
+        let built = self.build_missing(used, meshes, device, queue);
+        let posed = self.build_posed(&moving, meshes, device, queue);
         let moving: Vec<_> = moving.iter().collect();
-        let outcome =
-            (self.moving.as_mut()).map(|level| level.build(&moving, blas_in(&self.blas, &self.posed), device, queue));
-        self.follow(outcome);
-        Some(built)
+        self.build_level(Level::Moving, &moving, &posed.last, meshes, device);
+        Some(built + posed.count)
     }
 
     /// Builds all TLASes.
@@ -244,7 +252,8 @@ impl AccelerationStructures {
         let all: Vec<_> = (0..objects.slots).filter_map(objects.get).collect();
         let used = blas_keys(&all);
         self.drop_unused(|key| used.contains(key), meshes);
-        let built = self.build_missing(used, meshes, device, queue) + self.build_posed(&all, meshes, device, queue);
+        let built = self.build_missing(used, meshes, device, queue);
+        let posed = self.build_posed(&all, meshes, device, queue);
         let (moving, still): (Vec<_>, Vec<_>) = all.iter().partition(|object| is_split && object.is_moving());
         self.age = 0;
         self.movers = moving.iter().map(|object| object.slot).collect();
@@ -255,31 +264,57 @@ impl AccelerationStructures {
             self.moving = is_split.then(|| ResizableTlas::new(device, queue));
             self.generation += 1;
         }
-        let blas_of = blas_in(&self.blas, &self.posed);
-        let outcomes = [
-            Some(self.still.build(&still, blas_of.clone(), device, queue)),
-            (self.moving.as_mut()).map(|level| level.build(&moving, blas_of, device, queue)),
-        ];
+        // Objects with a pose count as moving.
+        let (with_still, with_moving): (&[u32], _) = if is_split {
+            (&[], &*posed.last)
+        } else {
+            (&posed.last, [].as_slice())
+        };
         // Otherwise the last one stays, with all that has left it.
-        if outcomes[0].is_some_and(|outcome| outcome.built) {
+        if self.build_level(Level::Still, &still, with_still, meshes, device) {
             self.is_still = is_still;
             self.left_changed |= !self.left.is_empty();
             self.left.clear();
         }
-        for outcome in outcomes {
-            self.follow(outcome);
+        if is_split {
+            self.build_level(Level::Moving, &moving, with_moving, meshes, device);
         }
-        built
+        built + posed.count
     }
 
-    fn follow(&mut self, outcome: Option<TlasBuild>) {
-        let Some(TlasBuild { replaced, lacking, .. }) = outcome else {
-            return;
+    /// Has commands build the BLASes of these posed objects, then a TLAS. Returns false where that stays as it was.
+    fn build_level(
+        &mut self,
+        level: Level,
+        instances: &[&RayQueryInstance],
+        posed: &[u32],
+        meshes: &SceneMeshes,
+        device: &RenderDevice,
+    ) -> bool {
+        let Some(level) = (match level {
+            Level::Still => Some(&mut self.still),
+            Level::Moving => self.moving.as_mut(),
+        }) else {
+            return false;
         };
-        self.generation += u64::from(replaced);
-        if lacking {
+        let entries: Vec<_> = (posed.iter().filter_map(|slot| self.posed.get(slot)))
+            .map(|posed| posed.blas.entry(meshes))
+            .collect();
+        let mut outcome = level.build(instances, &entries, blas_in(&self.blas, &self.posed), device);
+        drop(entries);
+        if outcome.commands.is_none() && !posed.is_empty() {
+            // Others may have room. Those that keep their pose from now on have no other build to wait for.
+            self.posed.retain(|slot, _| !posed.contains(slot));
+            outcome = level.build(instances, &[], blas_in(&self.blas, &self.posed), device);
+            outcome.lacking = true;
+        }
+        self.generation += u64::from(outcome.replaced);
+        if outcome.lacking {
             self.retry.begin();
         }
+        let is_built = outcome.commands.is_some();
+        self.commands.extend(outcome.commands);
+        is_built
     }
 
     /// Drops BLASes of meshes that are gone or replaced, or that nothing uses.
@@ -346,22 +381,22 @@ impl AccelerationStructures {
         built
     }
 
-    /// Builds the BLASes of objects whose pose has changed, and drops those of objects that are gone. wgpu has no updates, so they are
-    /// built from the start, as fast as the driver can.
+    /// Builds the BLASes of objects whose pose has changed, but for a last part, and drops those of objects that are gone. wgpu has no updates,
+    /// so they are built from the start, as fast as the driver can.
     fn build_posed(
         &mut self,
         instances: &[RayQueryInstance],
         meshes: &SceneMeshes,
         device: &RenderDevice,
         queue: &RenderQueue,
-    ) -> u64 {
+    ) -> PosedBuilds {
         let posed = || {
             instances
                 .iter()
                 .filter_map(|instance| Some((instance, instance.posed?)))
         };
         if self.posed.is_empty() && posed().next().is_none() {
-            return 0;
+            return PosedBuilds::default();
         }
         let present: HashMap<u32, BlasKey> = posed().map(|(instance, _)| (instance.slot, instance.blas)).collect();
         self.posed.retain(|slot, posed| {
@@ -394,7 +429,7 @@ impl AccelerationStructures {
         }
         // In parts, since the driver's scratch memory grows with what is built at a time.
         let mut rest = stale.as_slice();
-        while !rest.is_empty() {
+        let last = loop {
             let mut triangles = 0;
             let fits = |slot: &&u32| {
                 let fits = triangles < TRIANGLES_PER_BUILD;
@@ -405,23 +440,45 @@ impl AccelerationStructures {
                 triangles += size;
                 fits
             };
-            let (batch, others) = rest.split_at(rest.iter().take_while(fits).count().max(1));
+            let (batch, others) = rest.split_at(rest.iter().take_while(fits).count().max(1).min(rest.len()));
+            if others.is_empty() {
+                break batch.to_vec();
+            }
             rest = others;
             let posed = batch.iter().filter_map(|slot| self.posed.get(slot));
             let entries: Vec<_> = posed.map(|posed| posed.blas.entry(meshes)).collect();
-            let is_built = submit_builds("glint_posed_blas_build", &entries, None, device, queue);
+            let commands = record_builds("glint_posed_blas_build", &entries, None, device);
             drop(entries);
-            if !is_built {
+            if commands.is_none() {
                 // Those that keep their pose from now on have no other build to wait for.
                 lacking = true;
                 self.posed.retain(|slot, _| !batch.contains(slot));
             }
-        }
+            self.commands.extend(commands);
+        };
         if lacking {
             self.retry.begin();
         }
-        stale.len() as u64
+        PosedBuilds {
+            count: stale.len() as u64,
+            last,
+        }
     }
+}
+
+/// One of the TLASes.
+#[derive(Clone, Copy)]
+enum Level {
+    Still,
+    Moving,
+}
+
+/// BLASes of posed objects to build.
+#[derive(Default)]
+struct PosedBuilds {
+    count: u64,
+    /// Slots of those that are built with the TLAS over them: a build of their own takes twice the CPU time.
+    last: Vec<u32>,
 }
 
 /// The BLAS of an object with a pose.

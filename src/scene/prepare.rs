@@ -31,7 +31,7 @@ use bevy::{
         diagnostic::DiagnosticsRecorder,
         render_asset::RenderAssets,
         render_resource::{DefaultImageSamplerDescriptor, PipelineCache},
-        renderer::{RenderDevice, RenderQueue},
+        renderer::{PendingCommandBuffers, RenderDevice, RenderQueue},
         texture::GpuImage,
     },
 };
@@ -65,6 +65,8 @@ pub(super) struct Scene<'w, 's> {
     status: Res<'w, ReflectionStatus>,
     device: Res<'w, RenderDevice>,
     queue: Res<'w, RenderQueue>,
+    /// Commands of the frame, which are handed in together.
+    commands: ResMut<'w, PendingCommandBuffers>,
 }
 
 /// Brings all of the scene up to date that rays can hit.
@@ -134,7 +136,8 @@ impl Scene<'_, '_> {
             cache: &self.cache,
             diagnostics: self.diagnostics.as_deref(),
         };
-        let poses = bindings.poses.follow(&inputs, instances, meshes, device, queue);
+        let commands = &mut *self.commands;
+        let poses = (bindings.poses).follow(&inputs, instances, meshes, (device, queue), commands);
         if !poses.switched.is_empty() {
             status.update(|report| report.posed_instances = bindings.poses.count());
         }
@@ -160,7 +163,9 @@ impl Scene<'_, '_> {
             bindings.update_bvh_top_level(instances, meshes, queue, status);
         } else if bindings.must_build_again(!self.wanted.iter().any(WantsReflections::uses_vrs)) || changed {
             let changed = [dirty, moved, poses.posed].concat();
-            bindings.build_ray_query_top_level(&changed, instances, meshes, device, queue, status);
+            let builds = bindings.build_ray_query_top_level(&changed, instances, meshes, device, queue, status);
+            // After those that pose what is built.
+            commands.push(builds);
         }
     }
 

@@ -8,6 +8,7 @@ use bevy::{
         renderer::{RenderDevice, RenderQueue},
     },
 };
+use wgpu::CommandBuffer;
 
 /// Has the driver build these structures. Returns false, and leaves all as it was, where it has no memory to do that.
 pub(super) fn submit_builds<'a>(
@@ -17,6 +18,17 @@ pub(super) fn submit_builds<'a>(
     device: &RenderDevice,
     queue: &RenderQueue,
 ) -> bool {
+    let commands = record_builds(label, blas, tlas, device);
+    commands.map(|commands| queue.submit([commands])).is_some()
+}
+
+/// Commands that build these structures; `None` where the driver has no memory to do that.
+pub(super) fn record_builds<'a>(
+    label: &'static str,
+    blas: &'a [BlasBuildEntry<'a>],
+    tlas: Option<&'a Tlas>,
+    device: &RenderDevice,
+) -> Option<CommandBuffer> {
     let commands = try_allocate(device, || {
         let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor { label: Some(label) });
         encoder.build_acceleration_structures(blas, tlas);
@@ -28,5 +40,5 @@ pub(super) fn submit_builds<'a>(
              fewer or smaller meshes, or keep some out with `NotReflected`"
         );
     }
-    commands.map(|commands| queue.submit([commands])).is_some()
+    commands
 }

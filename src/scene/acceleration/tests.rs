@@ -130,6 +130,7 @@ impl Frames {
         let structures = &mut self.structures;
         structures.is_retry_due();
         structures.build(&objects, &self.meshes, &self.device, &self.queue);
+        self.queue.submit(structures.take_commands());
         if let Some(left) = structures.take_left() {
             self.left = left.to_vec();
         }

@@ -2,7 +2,7 @@
 
 use super::{
     object::{MASK_CASTS_SHADOW, MASK_GROUPS, MASK_HAS_HOLES, MASK_REFLECTED, RayQueryInstance},
-    submit::submit_builds,
+    submit::{record_builds, submit_builds},
 };
 use crate::{
     device::try_allocate,
@@ -13,11 +13,13 @@ use bevy::{
     math::Affine3A,
     render::{
         render_resource::{
-            AccelerationStructureFlags, AccelerationStructureUpdateMode, Blas, CreateTlasDescriptor, Tlas, TlasInstance,
+            AccelerationStructureFlags, AccelerationStructureUpdateMode, Blas, BlasBuildEntry, CreateTlasDescriptor,
+            Tlas, TlasInstance,
         },
         renderer::{RenderDevice, RenderQueue},
     },
 };
+use wgpu::CommandBuffer;
 
 /// Instances that a TLAS has room for at least, where the device allows as many.
 pub(super) const SMALLEST_TLAS: u32 = 64;
@@ -33,14 +35,13 @@ pub(super) struct ResizableTlas {
 }
 
 /// Result of a build.
-#[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) struct TlasBuild {
     /// The TLAS is another object.
     pub replaced: bool,
     /// Something lacked memory.
     pub lacking: bool,
-    /// It is built over these instances.
-    pub built: bool,
+    /// They build it over these instances; `None` where it stays as it was.
+    pub commands: Option<CommandBuffer>,
 }
 
 impl ResizableTlas {
@@ -71,18 +72,18 @@ impl ResizableTlas {
         self.refused = false;
     }
 
-    /// Builds the TLAS over these instances. Those without a BLAS are left out.
+    /// Has commands build these BLASes, then the TLAS over these instances. Those without a BLAS are left out.
     pub fn build<'a>(
         &mut self,
         instances: &[&RayQueryInstance],
+        blas: &[BlasBuildEntry],
         mut blas_of: impl FnMut(&RayQueryInstance) -> Option<&'a Blas>,
         device: &RenderDevice,
-        queue: &RenderQueue,
     ) -> TlasBuild {
         let mut outcome = TlasBuild {
             replaced: false,
             lacking: false,
-            built: true,
+            commands: None,
         };
         let limit = instance_limit(device);
         // Slots are given out from the lowest on, so that few are ever left out for their number.
@@ -127,8 +128,9 @@ impl ResizableTlas {
         }
         drop(entries);
         // A structure that was never built may not be bound.
-        if !submit_builds("glint_tlas_build", &[], Some(&level.tlas), device, queue) {
-            (outcome.lacking, outcome.built) = (true, false);
+        outcome.commands = record_builds("glint_tlas_build", blas, Some(&level.tlas), device);
+        if outcome.commands.is_none() {
+            outcome.lacking = true;
         } else if let Some(next) = next {
             *self = next;
             outcome.replaced = true;

@@ -8,9 +8,9 @@ use bevy::{
         diagnostic::{DiagnosticsRecorder, RecordDiagnostics},
         render_resource::{
             BindGroup, BindGroupEntries, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntries, Buffer,
-            BufferBinding, BufferInitDescriptor, BufferUsages, CachedComputePipelineId, CommandEncoderDescriptor,
-            ComputePass, ComputePassDescriptor, ComputePipeline, ComputePipelineDescriptor, PipelineCache,
-            ShaderStages,
+            BufferBinding, BufferId, BufferInitDescriptor, BufferUsages, CachedComputePipelineId, CommandEncoder,
+            CommandEncoderDescriptor, ComputePass, ComputePassDescriptor, ComputePipeline, ComputePipelineDescriptor,
+            PipelineCache, ShaderStages,
             binding_types::{storage_buffer_read_only_sized, storage_buffer_sized, uniform_buffer_sized},
         },
         renderer::{RenderDevice, RenderQueue},
@@ -149,6 +149,15 @@ pub(super) struct PosePass {
     boxes: StorageSlice<[f32; 4]>,
     /// One for each level of the deepest tree so far.
     levels: Vec<BindGroup>,
+    bound: Option<Bound>,
+}
+
+/// Bind groups of the passes, which last as long as these buffers.
+struct Bound {
+    buffers: [BufferId; 5],
+    pose: BindGroup,
+    /// Only for the BVH tracer.
+    refit: Option<BindGroup>,
 }
 
 impl PosePass {
@@ -158,6 +167,7 @@ impl PosePass {
             values: StorageSlice::new(device, "glint_pose_values"),
             boxes: StorageSlice::new(device, "glint_pose_boxes"),
             levels: Vec::new(),
+            bound: None,
         }
     }
 
@@ -177,52 +187,66 @@ impl PosePass {
             && self.boxes.reserve(boxes, device) >= boxes
     }
 
-    /// Poses all meshes of a batch that there is room for, in the order of all other writes.
-    pub fn run(
+    /// Records how all meshes of a batch are posed that there is room for.
+    pub fn record(
         &mut self,
         batch: &Batch,
         kernels: &Kernels,
-        [geometry, bvh]: [&Buffer; 2],
+        buffers: [&Buffer; 2],
         diagnostics: Option<&DiagnosticsRecorder>,
         device: &RenderDevice,
         queue: &RenderQueue,
-    ) {
+    ) -> CommandEncoder {
         self.jobs.write(&batch.jobs, 0..batch.jobs.len(), device, queue);
         self.values.write(&batch.values, 0..batch.values.len(), device, queue);
-        let (jobs, values) = (self.jobs.buffer(), self.values.buffer());
+        if let Some(kernels) = &kernels.refit {
+            self.levels_up_to(batch, kernels, device);
+        }
+        self.bind(kernels, buffers, device);
         let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor {
             label: Some("glint_pose"),
         });
         let span = diagnostics.time_span(&mut encoder, "glint_pose");
-        {
+        if let Some(bound) = &self.bound {
             let mut pass = encoder.begin_compute_pass(&ComputePassDescriptor {
                 label: Some("glint_pose"),
                 timestamp_writes: None,
             });
+            pass.set_pipeline(&kernels.pose);
+            pass.set_bind_group(0, &bound.pose, &[]);
+            dispatch(&mut pass, batch, |job| job.vertex_count);
+            if let (Some(kernels), Some(bind_group)) = (&kernels.refit, &bound.refit) {
+                self.refit(&mut pass, batch, kernels, bind_group);
+            }
+        }
+        span.end(&mut encoder);
+        encoder
+    }
+
+    /// Makes bind groups, unless there are some of the same buffers.
+    fn bind(&mut self, kernels: &Kernels, [geometry, bvh]: [&Buffer; 2], device: &RenderDevice) {
+        let [jobs, values, boxes] = [self.jobs.buffer(), self.values.buffer(), self.boxes.buffer()];
+        let buffers = [jobs, values, geometry, bvh, boxes].map(Buffer::id);
+        if self.bound.as_ref().is_some_and(|bound| bound.buffers == buffers) {
+            return;
+        }
+        let entries = BindGroupEntries::sequential((
+            jobs.as_entire_binding(),
+            values.as_entire_binding(),
+            geometry.as_entire_binding(),
+        ));
+        let pose = device.create_bind_group("glint_pose", &kernels.pose_layout, &entries);
+        let refit = kernels.refit.as_ref().map(|kernels| {
             let entries = BindGroupEntries::sequential((
                 jobs.as_entire_binding(),
                 values.as_entire_binding(),
                 geometry.as_entire_binding(),
+                bvh.as_entire_binding(),
+                boxes.as_entire_binding(),
             ));
-            let bind_group = device.create_bind_group("glint_pose", &kernels.pose_layout, &entries);
-            pass.set_pipeline(&kernels.pose);
-            pass.set_bind_group(0, &bind_group, &[]);
-            dispatch(&mut pass, batch, |job| job.vertex_count);
-            if let Some(kernels) = &kernels.refit {
-                self.levels_up_to(batch, kernels, device);
-                let entries = BindGroupEntries::sequential((
-                    self.jobs.buffer().as_entire_binding(),
-                    self.values.buffer().as_entire_binding(),
-                    geometry.as_entire_binding(),
-                    bvh.as_entire_binding(),
-                    self.boxes.buffer().as_entire_binding(),
-                ));
-                let bind_group = device.create_bind_group("glint_refit", &kernels.layout, &entries);
-                self.refit(&mut pass, batch, kernels, &bind_group);
-            }
-        }
-        span.end(&mut encoder);
-        queue.submit([encoder.finish()]);
+            device.create_bind_group("glint_refit", &kernels.layout, &entries)
+        });
+        self.bound = Some(Bound { buffers, pose, refit });
     }
 
     fn refit(&self, pass: &mut ComputePass, batch: &Batch, kernels: &RefitKernels, bind_group: &BindGroup) {

@@ -27,7 +27,7 @@ use bevy::{
     render::{
         diagnostic::DiagnosticsRecorder,
         render_resource::PipelineCache,
-        renderer::{RenderDevice, RenderQueue},
+        renderer::{PendingCommandBuffers, RenderDevice, RenderQueue},
     },
 };
 
@@ -159,14 +159,14 @@ impl Poses {
         self.posed.get(&slot)?.room.as_ref()
     }
 
-    /// Poses what has changed, within the budget. Objects that are gone or can't be posed give back what they took.
+    /// Has `commands` pose what has changed, within the budget. Objects that are gone or can't be posed give back what they took.
     pub fn follow(
         &mut self,
         inputs: &PoseInputs,
         instances: &SceneInstances,
         meshes: &mut SceneMeshes,
-        device: &RenderDevice,
-        queue: &RenderQueue,
+        (device, queue): (&RenderDevice, &RenderQueue),
+        commands: &mut PendingCommandBuffers,
     ) -> PoseChanges {
         let extracted = inputs.extracted;
         for [from, to] in inputs.relocated {
@@ -227,7 +227,9 @@ impl Poses {
                 }
             }
             let (geometry, bvh) = (meshes.geometry.buffer(), meshes.bvh.buffer());
-            pass.run(&batch, kernels, [geometry, bvh], inputs.diagnostics, device, queue);
+            // With the commands of the frame, since a submission of their own takes as long as all else.
+            let encoder = pass.record(&batch, kernels, [geometry, bvh], inputs.diagnostics, device, queue);
+            commands.push_encoder(encoder, "glint_pose");
         } else {
             warn_once!(
                 "skinned meshes keep their pose in reflections, since the device has no memory left to pose them"

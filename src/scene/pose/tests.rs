@@ -394,7 +394,7 @@ fn vertices_and_trees_follow_the_pose() {
     let mut pass = PosePass::new(&device);
     assert!(pass.reserve(&batch, &device));
     let [posed_geometry, trees] = &buffers;
-    pass.run(
+    let encoder = pass.record(
         &batch,
         &kernels(&device),
         [posed_geometry, trees],
@@ -402,6 +402,7 @@ fn vertices_and_trees_follow_the_pose() {
         &device,
         &queue,
     );
+    queue.submit([encoder.finish()]);
     let words = test_gpu::read(&device, &queue, posed_geometry);
     let items = test_gpu::read(&device, &queue, trees);
     let items: &[Item] = bytemuck::cast_slice(&items);

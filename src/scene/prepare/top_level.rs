@@ -14,6 +14,7 @@ use bevy::{
     platform::time::Instant,
     render::renderer::{RenderDevice, RenderQueue},
 };
+use wgpu::CommandBuffer;
 
 impl SceneBindings {
     /// Counts a frame for the driver's structures. Returns true where they must be built although no object has changed: what lacked memory
@@ -26,7 +27,8 @@ impl SceneBindings {
             .is_some_and(|acceleration| acceleration.is_retry_due() || (joins && acceleration.is_split()))
     }
 
-    /// Builds the driver's structures over the objects that can be hit, of which those in `changed` may be others than before.
+    /// Builds the driver's structures over the objects that can be hit, of which those in `changed` may be others than before. Returns commands
+    /// that are left to be submitted.
     pub(super) fn build_ray_query_top_level(
         &mut self,
         changed: &[u32],
@@ -35,10 +37,10 @@ impl SceneBindings {
         device: &RenderDevice,
         queue: &RenderQueue,
         status: &ReflectionStatus,
-    ) {
+    ) -> Vec<CommandBuffer> {
         let begin = Instant::now();
         let Some(acceleration) = &mut self.acceleration else {
-            return;
+            return Vec::new();
         };
         let (table, poses) = (&self.instances, &self.poses);
         let get = |slot: u32| {
@@ -60,6 +62,7 @@ impl SceneBindings {
             may_split: self.may_split,
         };
         let blas_builds = acceleration.build(&objects, meshes, device, queue);
+        let commands = acceleration.take_commands();
         self.uniform_data.tlas_node_count = table.present_count() as u32;
         self.uniform_data.moving_count = acceleration.moving_count() as u32;
         self.uniform_data.left_count = acceleration.left_count() as u32;
@@ -68,6 +71,7 @@ impl SceneBindings {
             self.instances.upload(device, queue);
         }
         self.report_top_level(begin, blas_builds, status);
+        commands
     }
 
     /// Carries on with the BVH tracer's trees over instances, brings them up to date, and notes what is pending.
