@@ -9,6 +9,7 @@ mod gpu;
 mod wesl;
 
 mod denoise;
+mod fog;
 mod light_sampling;
 mod lights;
 mod march;

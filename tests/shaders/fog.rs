@@ -1,0 +1,295 @@
+//! Light of lamps in volumes of fog along a ray, against sums over many steps of Bevy's formula.
+
+use crate::{
+    gpu::{Checks, Gpu},
+    sampling::reference::Random,
+    wesl::flatten,
+};
+use bevy::math::{DVec3, Vec3, Vec4, vec3};
+use bevy_glint::internals::{
+    environment::GpuEnvironment,
+    fog_volumes::GpuFogVolume,
+    gpu_types::{GpuLight, LIGHT_POINT, LIGHT_SPOT},
+};
+use bytemuck::{Pod, Zeroable};
+
+/// Nothing casts a shadow ...
+const NO_SHADOWS: (&str, &str) = (
+    "scene/trace.wesl",
+    "
+import package::scene::types::{NO_HIT, Ray};
+fn trace_any(ray: Ray) -> u32 { return NO_HIT; }
+",
+);
+/// ... and lamps are the only lights.
+const NO_SUNS: (&str, &str) = (
+    "scene/bindings.wesl",
+    "
+import package::scene::types::{Light, SceneCounts};
+var<private> scene: SceneCounts;
+var<private> lights: array<Light, 1>;
+",
+);
+const VIEW: (&str, &str) = (
+    "gbuffer.wesl",
+    "
+struct View { world_from_view: mat4x4<f32>, world_position: vec3<f32> }
+struct ReflectionView { sample_index: u32 }
+var<private> view: View;
+var<private> reflection_view: ReflectionView;
+fn is_orthographic() -> bool { return true; }
+",
+);
+
+const LAMPS: &str = "
+import package::scene::environment::environment;
+import package::trace::volumes::lamps_in_fog;
+
+fn output(i: Input) -> vec4<f32> {
+    return vec4(lamps_in_fog(environment.fog_volumes[0], i.origin, i.direction, i.length, i.offset), 0.0);
+}
+";
+const WHOLE: &str = "
+import package::trace::volumes::volume_fog;
+
+fn output(i: Input) -> vec4<f32> {
+    let fog = volume_fog(i.origin, i.direction, i.length, vec2(0u));
+    return vec4(fog.added, fog.kept.x);
+}
+";
+/// What follows either of them.
+const MAIN: &str = "
+struct Input { origin: vec3<f32>, offset: f32, direction: vec3<f32>, length: f32 }
+@group(0) @binding(0) var<storage, read> inputs: array<Input>;
+@group(0) @binding(1) var<storage, read_write> outputs: array<vec4<f32>>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x < arrayLength(&outputs) {
+        outputs[id.x] = output(inputs[id.x]);
+    }
+}
+";
+
+/// Points of the sum.
+const STEPS: u32 = 20_000;
+
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+struct Input {
+    origin: Vec3,
+    offset: f32,
+    direction: Vec3,
+    length: f32,
+}
+
+fn direction(random: &mut Random) -> Vec3 {
+    let mut number = || random.next() * 2.0 - 1.0;
+    vec3(number(), number(), number()).normalize_or(Vec3::Z)
+}
+
+/// A lamp around the origin.
+fn lamp(kind: u32, random: &mut Random) -> GpuLight {
+    let range = 3.0 + 5.0 * random.next();
+    let (outer, inner) = (0.3 + 0.4 * random.next(), 0.8 + 0.1 * random.next());
+    let scale = 1.0 / (inner - outer);
+    GpuLight {
+        color: [1.0 + random.next(), 1.0 + random.next(), 1.0 + random.next()],
+        kind,
+        position: (2.0 * direction(random)).to_array(),
+        inverse_range_squared: 1.0 / (range * range),
+        direction: direction(random).to_array(),
+        spot: [scale, -outer * scale],
+        ..Default::default()
+    }
+}
+
+/// A box from -4 to 4 and lamps in and around it.
+fn environment(lamps: &[GpuLight]) -> GpuEnvironment {
+    let mut environment = GpuEnvironment {
+        exposure: 0.7,
+        fog_volume_count: 1,
+        fog_lamp_count: lamps.len() as u32,
+        fog_ambient: [0.02, 0.04, 0.03],
+        ..Default::default()
+    };
+    environment.fog_lamps[..lamps.len()].copy_from_slice(lamps);
+    environment.fog_volumes[0] = GpuFogVolume {
+        volume_from_world: [0, 1, 2].map(|row| core::array::from_fn(|column| if column == row { 0.125 } else { 0.0 })),
+        scattered: [0.3, 0.2, 0.1],
+        extinction: 0.15,
+        asymmetry: 0.6,
+        ambient_extinction: 0.4,
+        ..Default::default()
+    };
+    environment
+}
+
+/// Light of a lamp at a place in fog, as Bevy has it: by the window over the inverse square, and in a cone by the square of its falloff.
+fn light_at(lamp: &GpuLight, place: DVec3) -> f64 {
+    let to_lamp = Vec3::from(lamp.position).as_dvec3() - place;
+    let squared = to_lamp.length_squared();
+    let window = (1.0 - (squared * f64::from(lamp.inverse_range_squared)).powi(2)).clamp(0.0, 1.0);
+    let mut light = window * window / squared;
+    if lamp.kind == LIGHT_SPOT {
+        let cosine = -Vec3::from(lamp.direction).as_dvec3().dot(to_lamp) / squared.sqrt();
+        let [scale, offset] = lamp.spot.map(f64::from);
+        light *= (cosine * scale + offset).clamp(0.0, 1.0).powi(2);
+    }
+    light
+}
+
+/// The light that lamps send into the fog of a ray from its start on, weighed by what is left of it on the way back.
+fn sum(lamps: &[GpuLight], extinction: f32, start: Vec3, direction: Vec3, length: f64) -> DVec3 {
+    let step = length / f64::from(STEPS);
+    let mut all = DVec3::ZERO;
+    for i in 0..STEPS {
+        let t = (f64::from(i) + 0.5) * step;
+        let place = start.as_dvec3() + direction.as_dvec3() * t;
+        let left = (-f64::from(extinction) * t).exp() * step;
+        for lamp in lamps {
+            all += Vec3::from(lamp.color).as_dvec3() * (light_at(lamp, place) * left);
+        }
+    }
+    all
+}
+
+fn run(gpu: &Gpu, entry: &str, defs: &[&'static str], environment: &GpuEnvironment, inputs: &[Input]) -> Vec<Vec4> {
+    let defs: Vec<_> = defs.iter().map(|def| (*def).into()).collect();
+    let shader = flatten(&format!("{entry}{MAIN}"), &[NO_SHADOWS, NO_SUNS, VIEW], &defs);
+    let pipeline = gpu.pipeline(&shader, "main", Checks::Off);
+    let (input, output) = (gpu.buffer(inputs), gpu.buffer(&vec![Vec4::ZERO; inputs.len()]));
+    let surroundings = gpu.buffer(core::slice::from_ref(environment));
+    let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
+    let of_view = vec![entry(0, surroundings.as_entire_binding())];
+    let own = [
+        entry(0, input.as_entire_binding()),
+        entry(1, output.as_entire_binding()),
+    ];
+    let groups: Vec<_> = (0..)
+        .zip([own.as_slice(), &[], &of_view])
+        .map(|(index, entries)| {
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: None,
+                layout: &pipeline.get_bind_group_layout(index),
+                entries,
+            })
+        })
+        .collect();
+    let mut encoder = gpu.device.create_command_encoder(&Default::default());
+    {
+        let mut pass = encoder.begin_compute_pass(&Default::default());
+        pass.set_pipeline(&pipeline);
+        for (index, group) in (0..).zip(&groups) {
+            pass.set_bind_group(index, group, &[]);
+        }
+        pass.dispatch_workgroups(inputs.len().div_ceil(64) as u32, 1, 1);
+    }
+    gpu.queue.submit([encoder.finish()]);
+    gpu.read(&output)
+}
+
+fn relative(actual: DVec3, expected: DVec3, least: f64) -> f64 {
+    ((actual - expected) / expected.max(DVec3::splat(least)))
+        .abs()
+        .max_element()
+}
+
+#[test]
+fn lamps_send_as_much_light_into_fog_as_a_sum_over_the_ray() {
+    const RAYS: usize = 24;
+    const OFFSETS: usize = 256;
+    let Some(gpu) = Gpu::new() else { return };
+    for (kind, name) in [(LIGHT_POINT, "point"), (LIGHT_SPOT, "spot")] {
+        let mut random = Random(3);
+        let lamps = [(); 3].map(|()| lamp(kind, &mut random));
+        let surroundings = environment(&lamps);
+        let rays: Vec<(Vec3, Vec3, f32)> = (0..RAYS)
+            .map(|_| {
+                let start = 3.0 * direction(&mut random);
+                let towards = (direction(&mut random) - start).normalize();
+                (start, towards, 1.0 + 6.0 * random.next())
+            })
+            .collect();
+        // Three points are drawn at a time: the mean over all places that they may have is what the denoiser makes of them.
+        let inputs: Vec<Input> = rays
+            .iter()
+            .flat_map(|&(origin, direction, length)| {
+                (0..OFFSETS).map(move |i| Input {
+                    origin,
+                    offset: (i as f32 + 0.5) / OFFSETS as f32,
+                    direction,
+                    length,
+                })
+            })
+            .collect();
+        let outputs = run(gpu, LAMPS, &[], &surroundings, &inputs);
+        let (mut lit, mut worst) = (0, 0.0_f64);
+        for (&(start, towards, length), outputs) in rays.iter().zip(outputs.chunks_exact(OFFSETS)) {
+            let actual = outputs.iter().map(|output| output.truncate().as_dvec3()).sum::<DVec3>() / OFFSETS as f64;
+            let expected = sum(
+                &lamps,
+                surroundings.fog_volumes[0].extinction,
+                start,
+                towards,
+                length.into(),
+            );
+            lit += usize::from(expected.x > 1e-3);
+            worst = worst.max(relative(actual, expected, 1e-3));
+        }
+        println!("{name}: {lit} of {RAYS} rays are lit, and differ by {worst:.1e} at most");
+        assert!(2 * lit > RAYS, "{name}: {lit} rays are lit");
+        assert!(worst < 1e-3, "{name}: {worst}");
+    }
+}
+
+/// Some begin before the volume, and some end in it.
+fn whole_rays(random: &mut Random) -> Vec<Input> {
+    (0..24)
+        .map(|i| {
+            let origin = 7.5 * direction(random);
+            Input {
+                origin,
+                offset: 0.0,
+                direction: (direction(random) - origin).normalize(),
+                length: if i % 2 == 0 { 30.0 } else { 8.0 },
+            }
+        })
+        .collect()
+}
+
+/// Start and length of a ray's way through the volume.
+fn within(input: &Input) -> (Vec3, f32) {
+    let rate = input.direction.recip();
+    let (a, b) = ((-4.0 - input.origin) * rate, (4.0 - input.origin) * rate);
+    let entry = a.min(b).max_element().max(0.0);
+    let length = (a.max(b).min_element().min(input.length) - entry).max(0.0);
+    (input.origin + input.direction * entry, length)
+}
+
+#[test]
+fn fog_of_a_volume_shows_its_lamps_and_ambient_light() {
+    let Some(gpu) = Gpu::new() else { return };
+    let mut random = Random(9);
+    let lamps = [LIGHT_POINT, LIGHT_SPOT].map(|kind| lamp(kind, &mut random));
+    let surroundings = environment(&lamps);
+    let volume = &surroundings.fog_volumes[0];
+    let inputs = whole_rays(&mut random);
+    let outputs = run(gpu, WHOLE, &["MIRRORS"], &surroundings, &inputs);
+    for (input, output) in inputs.iter().zip(outputs) {
+        let (start, length) = within(input);
+        let light = sum(&lamps, volume.extinction, start, input.direction, length.into());
+        let scattered = light * Vec3::from(volume.scattered).as_dvec3() * f64::from(surroundings.exposure);
+        let ambient = Vec3::from(surroundings.fog_ambient) * (-volume.ambient_extinction * length).exp();
+        let expected = scattered + ambient.as_dvec3() * f64::from(u8::from(length > 0.0));
+        let apart = relative(output.truncate().as_dvec3(), expected, 1e-3);
+        // Mirrors take sixteen points, always the same.
+        assert!(apart < 0.02, "{input:?}: {output} for {expected}");
+        let kept = (-volume.extinction * length).exp();
+        assert!(
+            (output.w - kept).abs() < 1e-4,
+            "{input:?}: {} of {kept} is left",
+            output.w
+        );
+    }
+}
