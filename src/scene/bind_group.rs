@@ -73,6 +73,8 @@ pub struct SceneBindings {
     pub(super) has_air: bool,
     /// Some reflecting view shows volumes of fog.
     pub(super) has_fog_volumes: bool,
+    /// Some of them have a texture of their density.
+    pub(super) has_fog_density: bool,
     /// There are rectangular lights.
     pub(super) has_rect_lights: bool,
     pub(super) acceleration: Option<AccelerationStructures>,
@@ -125,6 +127,7 @@ impl FromWorld for SceneBindings {
             has_render_layers: false,
             has_air: false,
             has_fog_volumes: false,
+            has_fog_density: false,
             has_rect_lights: false,
             acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
             may_split: true,
@@ -221,6 +224,11 @@ impl SceneBindings {
     /// Returns whether views show volumes of fog, which shaders have to know.
     pub(crate) fn has_fog_volumes(&self) -> bool {
         self.has_fog_volumes
+    }
+
+    /// Returns whether some of them have a texture of their density, which shaders have to know.
+    pub(crate) fn has_fog_density(&self) -> bool {
+        self.has_fog_density
     }
 
     /// Returns whether there are rectangular lights, which shaders have to know.

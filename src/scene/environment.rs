@@ -78,7 +78,7 @@ pub struct GpuEnvironment {
     pub unused: [u32; 3],
 }
 
-const _: () = assert!(size_of::<GpuEnvironment>() == 1056);
+const _: () = assert!(size_of::<GpuEnvironment>() == 1120);
 
 /// A view's environment in the render world, before its images are looked up.
 #[derive(Component, Clone, Debug, PartialEq)]
@@ -87,6 +87,8 @@ pub struct ViewEnvironment {
     /// Diffuse and specular cube map.
     maps: Option<(AssetId<Image>, AssetId<Image>)>,
     skybox: Option<AssetId<Image>>,
+    /// The texture of the density of fog.
+    fog_density: Option<AssetId<Image>>,
 }
 
 fn finite(value: f32) -> f32 {
@@ -112,12 +114,17 @@ impl ViewEnvironment {
     /// Returns whether rays that miss, or rough surfaces, see an image.
     pub(super) fn shows(&self, image: AssetId<Image>) -> bool {
         let maps = self.maps.map(|(diffuse, specular)| [diffuse, specular]);
-        self.skybox == Some(image) || maps.is_some_and(|maps| maps.contains(&image))
+        self.skybox == Some(image) || self.fog_density == Some(image) || maps.is_some_and(|maps| maps.contains(&image))
     }
 
     /// The view lies in an atmosphere.
     pub(super) fn has_air(&self) -> bool {
         self.uniform.air != GpuAir::default()
+    }
+
+    /// The view shows volumes of fog with a texture of their density.
+    pub(super) fn has_fog_density(&self) -> bool {
+        self.fog_density.is_some()
     }
 
     /// The view shows volumes of fog.
@@ -156,6 +163,7 @@ impl ViewEnvironment {
             uniform,
             maps: map.map(|map| (map.diffuse_map.id(), map.specular_map.id())),
             skybox: skybox.and_then(|skybox| skybox.image.as_ref()).map(|image| image.id()),
+            fog_density: None,
         }
     }
 }
@@ -226,6 +234,8 @@ pub(super) fn follow_environments(
             if uniform.fog_volume_count > 0 {
                 (uniform.fog_lamps, uniform.fog_lamp_count) =
                     fog_world.nearest_lamps(place.translation(), scene_layers);
+                let is_textured = uniform.fog_volumes.iter().any(|volume| volume.textured != 0);
+                environment.fog_density = fog_world.density_texture(place.translation()).filter(|_| is_textured);
             }
         }
         match views.get_mut(entity) {

@@ -1,5 +1,5 @@
 //! Volumes of fog (`FogVolume`) as rays see them, and lamps that shine into them (`VolumetricLight`): those that lie nearest to a camera which
-//! draws them. `trace/volumes.wesl` is the GPU side.
+//! draws them. `trace/volumes.wesl` is the GPU side, and `trace/fog_density.wesl` that of textures of their density.
 
 use super::{
     gpu_types::{GpuLight, LIGHT_CASTS_SHADOW},
@@ -7,10 +7,13 @@ use super::{
     render_layers::SceneLayers,
 };
 use bevy::{
+    asset::{AssetId, Handle},
     camera::visibility::{InheritedVisibility, RenderLayers},
     color::ColorToComponents,
     ecs::{prelude::*, system::SystemParam},
+    image::Image,
     light::{FogVolume, PointLight, SpotLight, VolumetricLight},
+    log::warn_once,
     math::{Vec3, Vec3A},
     transform::components::GlobalTransform,
 };
@@ -35,11 +38,17 @@ pub struct GpuFogVolume {
     pub asymmetry: f32,
     /// Part of ambient light that is lost in a metre, as an exponent: Bevy takes the density for 1 there.
     pub ambient_extinction: f32,
+    /// Radius of the sphere that Bevy takes it for, in metres.
+    pub radius: f32,
+    /// 1: the view's texture scales its density.
+    pub textured: u32,
+    /// Shift of that texture in its own coordinates.
+    pub texture_offset: [f32; 3],
     /// Brings it to a multiple of 16 bytes.
-    pub unused: [f32; 2],
+    pub unused: f32,
 }
 
-const _: () = assert!(size_of::<GpuFogVolume>() == 80);
+const _: () = assert!(size_of::<GpuFogVolume>() == 96);
 
 /// The nearest items, and how many they are.
 pub type Nearest<T, const MOST: usize> = ([T; MOST], u32);
@@ -79,11 +88,33 @@ pub struct FogWorld<'w, 's> {
 impl FogWorld<'_, '_> {
     /// The volumes that are nearest to a viewer.
     pub fn nearest_volumes(&self, viewer: Vec3) -> Nearest<GpuFogVolume, MAX_FOG_VOLUMES> {
+        let texture = self.density_texture(viewer);
         let visible = self.volumes.iter().filter(|(_, _, visibility)| visibility.get());
+        let known = visible.filter(|(volume, ..)| texture_of(volume).is_none_or(|own| Some(own) == texture));
         nearest(
-            visible.filter_map(|(volume, place, _)| Some((place.translation(), pack_fog_volume(volume, place)?))),
+            known.filter_map(|(volume, place, _)| Some((place.translation(), pack_fog_volume(volume, place)?))),
             viewer,
         )
+    }
+
+    /// The texture of densities that rays of a camera know: that of the nearest volume which has one.
+    pub fn density_texture(&self, viewer: Vec3) -> Option<AssetId<Image>> {
+        let visible = self.volumes.iter().filter(|(_, _, visibility)| visibility.get());
+        let mut textured = visible
+            .filter_map(|(volume, place, _)| Some((place.translation().distance_squared(viewer), texture_of(volume)?)));
+        let mut nearest = textured.next()?;
+        for other in textured {
+            if other.1 != nearest.1 {
+                warn_once!(
+                    "volumes of fog have several density textures: reflections show only those with the texture of the nearest one, and \
+                     those without any; share a texture among them"
+                );
+            }
+            if other.0 < nearest.0 {
+                nearest = other;
+            }
+        }
+        Some(nearest.1)
     }
 
     /// The lamps that reach a volume and are nearest to a viewer.
@@ -137,7 +168,11 @@ fn bounding_radius(place: &GlobalTransform) -> f32 {
     (place.affine().matrix3 * Vec3A::splat(0.5)).length()
 }
 
-/// `None` for what can't be seen, and for fog whose density is a texture.
+fn texture_of(volume: &FogVolume) -> Option<AssetId<Image>> {
+    volume.density_texture.as_ref().map(Handle::id)
+}
+
+/// `None` for what can't be seen.
 fn pack_fog_volume(volume: &FogVolume, place: &GlobalTransform) -> Option<GpuFogVolume> {
     let inverse = place.affine().inverse();
     let density = non_negative(volume.density_factor);
@@ -146,9 +181,12 @@ fn pack_fog_volume(volume: &FogVolume, place: &GlobalTransform) -> Option<GpuFog
     // Bevy dims the light on its way into the volume as if that were a sphere around it.
     let radius = bounding_radius(place);
     let color = volume.fog_color.to_linear().to_vec3() * volume.light_tint.to_linear().to_vec3();
-    let scattered =
-        color * (non_negative(volume.light_intensity) * scattering * density * (-extinction * radius).exp());
-    let is_seen = inverse.is_finite() && scattered.is_finite() && extinction > 0.0 && volume.density_texture.is_none();
+    let is_textured = volume.density_texture.is_some();
+    // With a texture it is another everywhere, so that the shader does it.
+    let dimmed = if is_textured { 1.0 } else { (-extinction * radius).exp() };
+    let scattered = color * (non_negative(volume.light_intensity) * scattering * density * dimmed);
+    let offset = volume.density_texture_offset;
+    let is_seen = inverse.is_finite() && scattered.is_finite() && extinction > 0.0 && radius.is_finite();
     is_seen.then(|| GpuFogVolume {
         volume_from_world: [0, 1, 2].map(|row| {
             let axes = inverse.matrix3;
@@ -168,14 +206,21 @@ fn pack_fog_volume(volume: &FogVolume, place: &GlobalTransform) -> Option<GpuFog
             0.0
         },
         ambient_extinction: absorption + scattering,
-        unused: [0.0; 2],
+        radius,
+        textured: u32::from(is_textured),
+        texture_offset: if offset.is_finite() {
+            offset.to_array()
+        } else {
+            [0.0; 3]
+        },
+        unused: 0.0,
     })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bevy::{ecs::system::SystemState, transform::components::Transform};
+    use bevy::{asset::uuid::Uuid, ecs::system::SystemState, transform::components::Transform};
 
     #[test]
     fn rays_know_the_nearest_volumes_that_are_seen() {
@@ -202,6 +247,42 @@ mod tests {
             [-0.5, -1.5, -2.5, -3.5]
         );
         assert!((packed[0].extinction - 0.06).abs() < 1e-6);
+    }
+
+    #[test]
+    fn rays_know_the_density_texture_of_the_nearest_volume_that_has_one() {
+        let mut world = World::new();
+        let [near, far] = [1, 2].map(|number| Handle::Uuid(Uuid::from_u128(number), core::marker::PhantomData));
+        let volumes = [
+            (1.0, None),
+            (5.0, Some(&far)),
+            (3.0, Some(&near)),
+            (9.0, Some(&near)),
+            (0.5, Some(&far)),
+        ];
+        for (x, texture) in volumes {
+            let is_seen = x >= 1.0;
+            let volume = FogVolume {
+                density_texture: texture.cloned(),
+                density_texture_offset: Vec3::X * x,
+                ..Default::default()
+            };
+            let visibility = if is_seen {
+                InheritedVisibility::VISIBLE
+            } else {
+                InheritedVisibility::HIDDEN
+            };
+            world.spawn((volume, GlobalTransform::from_xyz(x, 0.0, 0.0), visibility));
+        }
+        let mut state = SystemState::<FogWorld>::new(&mut world);
+        let fog = state.get(&world).expect("all parameters are there");
+        assert_eq!(fog.density_texture(Vec3::ZERO), Some(near.id()));
+        let (packed, count) = fog.nearest_volumes(Vec3::ZERO);
+        assert_eq!(count, 3, "the one with another texture is left out");
+        let known = packed.map(|volume| (volume.textured, volume.texture_offset[0]));
+        assert_eq!(known[..3], [(0, 1.0), (1, 3.0), (1, 9.0)]);
+        // Light is dimmed by the density at its place.
+        assert!(packed[1].scattered[0] > packed[0].scattered[0]);
     }
 
     #[test]

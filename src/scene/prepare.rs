@@ -204,6 +204,7 @@ impl Scene<'_, '_> {
     fn note_features(&mut self) {
         self.bindings.has_air = self.views.iter().any(ViewEnvironment::has_air);
         self.bindings.has_fog_volumes = self.views.iter().any(ViewEnvironment::has_fog_volumes);
+        self.bindings.has_fog_density = self.views.iter().any(ViewEnvironment::has_fog_density);
         self.bindings.has_clearcoat = self.materials.has_clearcoat();
         self.bindings.has_render_layers = self.layers.differ();
         self.bindings.has_diffuse_transmission = self.materials.has_diffuse_transmission();

@@ -72,6 +72,7 @@ impl Plugin for TracePlugin {
         load_shader_library!(app, "march.wesl");
         load_shader_library!(app, "selection.wesl");
         load_shader_library!(app, "surface_point.wesl");
+        load_shader_library!(app, "fog_density.wesl");
         load_shader_library!(app, "volumes.wesl");
         load_shader_library!(app, "wide_ray.wesl");
         embedded_asset!(app, "blocks.wesl");

@@ -269,6 +269,7 @@ impl TracePipelines {
                 let plain = Variant {
                     draws_lights: false,
                     volumes: false,
+                    fog_density: false,
                     ..shaded
                 };
                 self.shading.queue(variant.plain(), cache, || {

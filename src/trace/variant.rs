@@ -106,6 +106,8 @@ pub(super) struct Variant {
     pub translucent: bool,
     /// Some view shows volumes of fog.
     pub volumes: bool,
+    /// Some of them have a texture of their density.
+    pub fog_density: bool,
 }
 
 /// Conditions that the shading of hits is compiled for.
@@ -151,6 +153,7 @@ impl Variant {
             light_textures: scene.has_light_textures(),
             translucent: scene.has_diffuse_transmission(),
             volumes: scene.has_fog_volumes(),
+            fog_density: scene.has_fog_density(),
         }
     }
 
@@ -189,6 +192,7 @@ impl Variant {
             (self.air, "ATMOSPHERIC"),
             (self.translucent, "DIFFUSE_TRANSMISSION"),
             (self.volumes, "VOLUMETRIC_FOG"),
+            (self.fog_density, "FOG_DENSITY"),
             (self.reuses_screen, "SCREEN_TRACES"),
             (self.marches, "SCREEN_MARCH"),
         ];
@@ -245,6 +249,7 @@ impl Variant {
             light_textures: false,
             translucent: false,
             volumes: false,
+            fog_density: false,
             ..self
         }
     }

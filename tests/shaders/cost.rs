@@ -55,7 +55,12 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 67] = [
+const PASSES: [(&str, &[&str]); 69] = [
+    ("trace/shade", &["VOLUMETRIC_FOG", "FOG_DENSITY", "MANY_LIGHTS"]),
+    (
+        "trace/blocks",
+        &["VOLUMETRIC_FOG", "FOG_DENSITY", "MIRRORS", "RAY_QUERY"],
+    ),
     ("trace/shade", &["VOLUMETRIC_FOG", "MANY_LIGHTS"]),
     ("trace/blocks", &["VOLUMETRIC_FOG", "MIRRORS", "RAY_QUERY"]),
     ("trace/blocks", &["DIFFUSE_TRANSMISSION"]),

@@ -5,13 +5,15 @@ use crate::{
     sampling::reference::Random,
     wesl::flatten,
 };
-use bevy::math::{DVec3, Vec3, Vec4, vec3};
+use bevy::math::{DVec3, IVec3, Vec3, Vec4, ivec3, vec3};
 use bevy_glint::internals::{
     environment::GpuEnvironment,
     fog_volumes::GpuFogVolume,
     gpu_types::{GpuLight, LIGHT_POINT, LIGHT_SPOT},
 };
 use bytemuck::{Pod, Zeroable};
+use std::f32::consts::TAU;
+use wgpu::util::DeviceExt;
 
 /// Nothing casts a shadow ...
 const NO_SHADOWS: (&str, &str) = (
@@ -154,14 +156,26 @@ fn sum(lamps: &[GpuLight], extinction: f32, start: Vec3, direction: Vec3, length
     all
 }
 
-fn run(gpu: &Gpu, entry: &str, defs: &[&'static str], environment: &GpuEnvironment, inputs: &[Input]) -> Vec<Vec4> {
+fn run(
+    gpu: &Gpu,
+    entry: &str,
+    defs: &[&'static str],
+    environment: &GpuEnvironment,
+    density: Option<&Density>,
+    inputs: &[Input],
+) -> Vec<Vec4> {
     let defs: Vec<_> = defs.iter().map(|def| (*def).into()).collect();
     let shader = flatten(&format!("{entry}{MAIN}"), &[NO_SHADOWS, NO_SUNS, VIEW], &defs);
     let pipeline = gpu.pipeline(&shader, "main", Checks::Off);
     let (input, output) = (gpu.buffer(inputs), gpu.buffer(&vec![Vec4::ZERO; inputs.len()]));
     let surroundings = gpu.buffer(core::slice::from_ref(environment));
+    let texture = density.map(|density| density.upload(gpu));
     let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
-    let of_view = vec![entry(0, surroundings.as_entire_binding())];
+    let mut of_view = vec![entry(0, surroundings.as_entire_binding())];
+    if let Some((view, sampler)) = &texture {
+        of_view.push(entry(9, wgpu::BindingResource::TextureView(view)));
+        of_view.push(entry(10, wgpu::BindingResource::Sampler(sampler)));
+    }
     let own = [
         entry(0, input.as_entire_binding()),
         entry(1, output.as_entire_binding()),
@@ -187,6 +201,69 @@ fn run(gpu: &Gpu, entry: &str, defs: &[&'static str], environment: &GpuEnvironme
     }
     gpu.queue.submit([encoder.finish()]);
     gpu.read(&output)
+}
+
+/// A texture of density that repeats.
+struct Density(Vec<u8>);
+
+impl Density {
+    const SIZE: i32 = 8;
+
+    /// Dense and thin in turn along each axis.
+    fn new() -> Self {
+        let texel = |i: i32| {
+            let places = [
+                i % Self::SIZE,
+                i / Self::SIZE % Self::SIZE,
+                i / (Self::SIZE * Self::SIZE),
+            ];
+            let [x, y, z] = places.map(|place| place as f32 * TAU / Self::SIZE as f32);
+            (255.0 * (0.45 + 0.15 * (x.sin() + (y + 0.5).sin() + (z + 2.0).sin()))) as u8
+        };
+        Self((0..Self::SIZE.pow(3)).map(texel).collect())
+    }
+
+    fn upload(&self, gpu: &Gpu) -> (wgpu::TextureView, wgpu::Sampler) {
+        let side = Self::SIZE as u32;
+        let descriptor = wgpu::TextureDescriptor {
+            label: None,
+            size: wgpu::Extent3d {
+                width: side,
+                height: side,
+                depth_or_array_layers: side,
+            },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D3,
+            format: wgpu::TextureFormat::R8Unorm,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        };
+        let texture = (gpu.device).create_texture_with_data(&gpu.queue, &descriptor, Default::default(), &self.0);
+        let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+            address_mode_u: wgpu::AddressMode::Repeat,
+            address_mode_v: wgpu::AddressMode::Repeat,
+            address_mode_w: wgpu::AddressMode::Repeat,
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            ..Default::default()
+        });
+        (texture.create_view(&Default::default()), sampler)
+    }
+
+    fn at(&self, uvw: DVec3) -> f64 {
+        let place = uvw * f64::from(Self::SIZE) - 0.5;
+        let (first, share) = (place.floor().as_ivec3(), place - place.floor());
+        let corners = (0..8).map(|corner| ivec3(corner & 1, corner >> 1 & 1, corner >> 2));
+        corners
+            .map(|corner| {
+                let texel = (first + corner).rem_euclid(IVec3::splat(Self::SIZE));
+                let index = texel.x + Self::SIZE * (texel.y + Self::SIZE * texel.z);
+                let weights = DVec3::select(corner.cmpeq(IVec3::ONE), share, 1.0 - share);
+                weights.element_product() * f64::from(self.0[index as usize]) / 255.0
+            })
+            .sum()
+    }
 }
 
 fn relative(actual: DVec3, expected: DVec3, least: f64) -> f64 {
@@ -223,7 +300,7 @@ fn lamps_send_as_much_light_into_fog_as_a_sum_over_the_ray() {
                 })
             })
             .collect();
-        let outputs = run(gpu, LAMPS, &[], &surroundings, &inputs);
+        let outputs = run(gpu, LAMPS, &[], &surroundings, None, &inputs);
         let (mut lit, mut worst) = (0, 0.0_f64);
         for (&(start, towards, length), outputs) in rays.iter().zip(outputs.chunks_exact(OFFSETS)) {
             let actual = outputs.iter().map(|output| output.truncate().as_dvec3()).sum::<DVec3>() / OFFSETS as f64;
@@ -275,7 +352,7 @@ fn fog_of_a_volume_shows_its_lamps_and_ambient_light() {
     let surroundings = environment(&lamps);
     let volume = &surroundings.fog_volumes[0];
     let inputs = whole_rays(&mut random);
-    let outputs = run(gpu, WHOLE, &["MIRRORS"], &surroundings, &inputs);
+    let outputs = run(gpu, WHOLE, &["MIRRORS"], &surroundings, None, &inputs);
     for (input, output) in inputs.iter().zip(outputs) {
         let (start, length) = within(input);
         let light = sum(&lamps, volume.extinction, start, input.direction, length.into());
@@ -288,6 +365,49 @@ fn fog_of_a_volume_shows_its_lamps_and_ambient_light() {
         let kept = (-volume.extinction * length).exp();
         assert!(
             (output.w - kept).abs() < 1e-4,
+            "{input:?}: {} of {kept} is left",
+            output.w
+        );
+    }
+}
+
+#[test]
+fn a_texture_makes_fog_uneven() {
+    let Some(gpu) = Gpu::new() else { return };
+    let mut random = Random(9);
+    let lamps = [LIGHT_POINT, LIGHT_SPOT].map(|kind| lamp(kind, &mut random));
+    let mut surroundings = environment(&lamps);
+    let volume = &mut surroundings.fog_volumes[0];
+    (volume.textured, volume.radius, volume.texture_offset) = (1, 3.0, [0.3, 0.1, 0.7]);
+    let volume = *volume;
+    let density = Density::new();
+    let inputs = whole_rays(&mut random);
+    let defs = ["MIRRORS", "FOG_DENSITY"];
+    let outputs = run(gpu, WHOLE, &defs, &surroundings, Some(&density), &inputs);
+    let offset = Vec3::from(volume.texture_offset).as_dvec3();
+    let extinction = f64::from(volume.extinction);
+    for (input, output) in inputs.iter().zip(outputs) {
+        let (start, length) = within(input);
+        let step = f64::from(length) / f64::from(STEPS);
+        let (mut light, mut depth) = (DVec3::ZERO, 0.0_f64);
+        for i in 0..STEPS {
+            let place = start.as_dvec3() + input.direction.as_dvec3() * ((f64::from(i) + 0.5) * step);
+            let part = density.at(place / 8.0 + 0.5 + offset);
+            let returned = part * (-extinction * part * f64::from(volume.radius)).exp() * (-depth).exp() * step;
+            for lamp in &lamps {
+                light += Vec3::from(lamp.color).as_dvec3() * (light_at(lamp, place) * returned);
+            }
+            depth += extinction * part * step;
+        }
+        let scattered = light * Vec3::from(volume.scattered).as_dvec3() * f64::from(surroundings.exposure);
+        let ambient = Vec3::from(surroundings.fog_ambient) * (-volume.ambient_extinction * length).exp();
+        let expected = scattered + ambient.as_dvec3() * f64::from(u8::from(length > 0.0));
+        let apart = relative(output.truncate().as_dvec3(), expected, 1e-3);
+        // By steps, and by the sixteen points that mirrors take.
+        assert!(apart < 0.03, "{input:?}: {output} for {expected}");
+        let kept = (-depth).exp();
+        assert!(
+            (f64::from(output.w) - kept).abs() < 1e-3,
             "{input:?}: {} of {kept} is left",
             output.w
         );

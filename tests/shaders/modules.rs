@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, fog_volumes::GpuFogVolume, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 65] = [
+pub const COMBINATIONS: [&[&str]; 67] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -69,6 +69,8 @@ pub const COMBINATIONS: [&[&str]; 65] = [
         "MIRRORS",
     ],
     &["VOLUMETRIC_FOG", "ALPHA_MASKED_GEOMETRY", "MANY_LIGHTS"],
+    &["VOLUMETRIC_FOG", "FOG_DENSITY", "MANY_LIGHTS"],
+    &["VOLUMETRIC_FOG", "FOG_DENSITY", "RAY_QUERY", "MIRRORS", "ATMOSPHERIC"],
     &["VOLUMETRIC_FOG", "ATMOSPHERIC", "RAY_QUERY", "MIRRORS"],
     &[
         "VOLUMETRIC_FOG",
@@ -443,7 +445,16 @@ fn surroundings_match_the_cpu() {
         module,
         "FogVolume",
         GpuFogVolume,
-        [volume_from_world, scattered, extinction, asymmetry, ambient_extinction]
+        [
+            volume_from_world,
+            scattered,
+            extinction,
+            asymmetry,
+            ambient_extinction,
+            radius,
+            textured,
+            texture_offset
+        ]
     );
     same_layout!(
         module,

@@ -15,7 +15,7 @@ use bevy::{
             SamplerBindingType, SamplerDescriptor, ShaderStages, TextureDataOrder, TextureDescriptor, TextureDimension,
             TextureFormat, TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor, TextureViewDimension,
             TextureViewId,
-            binding_types::{sampler, texture_2d, texture_2d_array, texture_cube, uniform_buffer_sized},
+            binding_types::{sampler, texture_2d, texture_2d_array, texture_3d, texture_cube, uniform_buffer_sized},
         },
         renderer::{RenderDevice, RenderQueue},
         texture::GpuImage,
@@ -27,7 +27,7 @@ struct ViewBindings {
     bind_group: BindGroup,
     contents: BindGroupContents,
     written: GpuEnvironment,
-    views: [TextureViewId; 7],
+    views: [TextureViewId; 8],
 }
 
 /// The bind groups of all views, by render-world entity. A GPU resource: make it with `init_gpu_resource`.
@@ -39,6 +39,8 @@ pub struct EnvironmentBindings {
     black_face: TextureView,
     /// All of its faces, for a missing table in layers.
     black_layers: TextureView,
+    /// A white texel, for a missing density of fog.
+    even: TextureView,
     sampler: Sampler,
     views: EntityHashMap<ViewBindings>,
 }
@@ -79,8 +81,24 @@ impl FromWorld for EnvironmentBindings {
             array_layer_count: Some(1),
             ..Default::default()
         });
+        let even = device.create_texture_with_data(
+            world.resource::<RenderQueue>(),
+            &TextureDescriptor {
+                label: Some("glint_even_density"),
+                size: Extent3d::default(),
+                mip_level_count: 1,
+                sample_count: 1,
+                dimension: TextureDimension::D3,
+                format: TextureFormat::R8Unorm,
+                usage: TextureUsages::TEXTURE_BINDING,
+                view_formats: &[],
+            },
+            TextureDataOrder::default(),
+            &[255],
+        );
         Self {
             layout: layout_descriptor(),
+            even: even.create_view(&TextureViewDescriptor::default()),
             black_face,
             black_layers: black.create_view(&TextureViewDescriptor {
                 dimension: Some(TextureViewDimension::D2Array),
@@ -114,6 +132,8 @@ pub fn layout_descriptor() -> BindGroupLayoutDescriptor {
                 table(),
                 table(),
                 texture_2d_array(TextureSampleType::Float { filterable: true }),
+                texture_3d(TextureSampleType::Float { filterable: true }),
+                sampler(SamplerBindingType::Filtering),
             ),
         ),
     )
@@ -135,6 +155,14 @@ impl EnvironmentBindings {
 fn cube(image: &GpuImage, device: &RenderDevice) -> bool {
     let dimension = image.texture_view_descriptor.as_ref().and_then(|view| view.dimension);
     dimension == Some(TextureViewDimension::Cube)
+        && image.texture_descriptor.usage.contains(TextureUsages::TEXTURE_BINDING)
+        && image.view_format().sample_type(None, Some(device.features()))
+            == Some(TextureSampleType::Float { filterable: true })
+}
+
+/// A texture of densities that can be bound.
+fn solid(image: &GpuImage, device: &RenderDevice) -> bool {
+    image.texture_descriptor.dimension == TextureDimension::D3
         && image.texture_descriptor.usage.contains(TextureUsages::TEXTURE_BINDING)
         && image.view_format().sample_type(None, Some(device.features()))
             == Some(TextureSampleType::Float { filterable: true })
@@ -169,6 +197,7 @@ struct ViewMaps<'a> {
     air: [&'a TextureView; 2],
     /// Bevy's table for rectangular lights.
     area_lights: &'a TextureView,
+    fog_density: (&'a TextureView, &'a Sampler),
     sampler: &'a Sampler,
 }
 
@@ -191,6 +220,7 @@ impl<'a> ViewMaps<'a> {
             table: &bindings.black_face,
             air: [&bindings.black_face; 2],
             area_lights: &bindings.black_layers,
+            fog_density: (&bindings.even, &bindings.sampler),
             sampler: &bindings.sampler,
         };
         if let Some((diffuse, specular)) = view.maps
@@ -203,6 +233,10 @@ impl<'a> ViewMaps<'a> {
         if let Some(image) = view.skybox.and_then(image) {
             maps.skybox = &image.texture_view;
             uniform.flags |= ENVIRONMENT_HAS_SKYBOX;
+        }
+        let density = view.fog_density.and_then(|id| images.get(id));
+        if let Some(image) = density.filter(|image| solid(image, device)) {
+            maps.fog_density = (&image.texture_view, &image.sampler);
         }
         if let Some(image) = tables.split_sum(images) {
             maps.table = &image.texture_view;
@@ -218,7 +252,7 @@ impl<'a> ViewMaps<'a> {
         (maps, uniform)
     }
 
-    fn ids(&self) -> [TextureViewId; 7] {
+    fn ids(&self) -> [TextureViewId; 8] {
         let [transmittance, sky] = self.air;
         let views = [
             self.diffuse,
@@ -228,11 +262,12 @@ impl<'a> ViewMaps<'a> {
             transmittance,
             sky,
             self.area_lights,
+            self.fog_density.0,
         ];
         views.map(|view| view.id())
     }
 
-    fn entries(&self, buffer: &'a Buffer) -> BindGroupEntries<'a, 9> {
+    fn entries(&self, buffer: &'a Buffer) -> BindGroupEntries<'a, 11> {
         BindGroupEntries::sequential((
             buffer.as_entire_binding(),
             self.diffuse,
@@ -243,12 +278,15 @@ impl<'a> ViewMaps<'a> {
             self.air[0],
             self.air[1],
             self.area_lights,
+            self.fog_density.0,
+            self.fog_density.1,
         ))
     }
 
     /// Copies what a bind group was made of, for the pass with variable rate shading.
     fn fill(&self, contents: &mut BindGroupContents, buffer: &Buffer, bind_group: &BindGroup, device: &RenderDevice) {
-        let samplers = [(&**self.sampler, environment_sampler())];
+        // Shaders of that pass don't read the density of fog.
+        let samplers = [self.sampler, self.fog_density.1].map(|sampler| (&**sampler, environment_sampler()));
         contents.fill(device, bind_group, &self.entries(buffer), &samplers);
     }
 }

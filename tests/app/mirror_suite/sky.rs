@@ -5,17 +5,17 @@ use crate::stage::spawn_mesh;
 use bevy::{
     asset::RenderAssetUsages,
     camera::visibility::VisibilityRange,
-    image::Image,
+    image::{Image, ImageAddressMode, ImageSampler, ImageSamplerDescriptor},
     light::{
-        Atmosphere, AtmosphereEnvironmentMapLight, FogVolume, GeneratedEnvironmentMapLight, NotShadowReceiver, Skybox,
-        SunDisk, VolumetricFog, VolumetricLight, atmosphere::ScatteringMedium,
+        Atmosphere, AtmosphereEnvironmentMapLight, FogVolume, GeneratedEnvironmentMapLight, NotShadowCaster,
+        NotShadowReceiver, Skybox, SunDisk, VolumetricFog, VolumetricLight, atmosphere::ScatteringMedium,
     },
     pbr::AtmosphereSettings,
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
 };
 use bevy_glint::ReflectionTechnique;
-use std::ops::Range;
+use std::{f32::consts::TAU, ops::Range};
 
 /// Components that rows give the camera.
 pub(super) type Components = (
@@ -29,7 +29,7 @@ pub(super) type Components = (
 /// Direction of light from a low sun behind the mirror.
 const LOW_SUN: Vec3 = Vec3::new(0.4, -0.12, 1.0);
 
-pub(super) const ROWS: [Row; 10] = [
+pub(super) const ROWS: [Row; 12] = [
     ("sunlight through an atmosphere", |stage| {
         stage.breathe(5_000.0);
         stage.spawn(blue());
@@ -72,6 +72,38 @@ pub(super) const ROWS: [Row; 10] = [
             VolumetricLight,
             Transform::from_xyz(-4.0, 2.5, 6.5).looking_to(Vec3::new(1.0, -0.45, 0.2), Vec3::Y),
         ));
+        stage.spawn(blue());
+        for entity in stage.spawned.clone() {
+            stage.app.world().entity_mut(entity).insert(NotShadowReceiver);
+        }
+    }),
+    ("a point light in a volume of fog", |stage| {
+        stage.add_dark_fog();
+        // Near the lamp its light is more uneven than Bevy's usual steps tell.
+        stage.dress(VolumetricFog {
+            ambient_intensity: 0.0,
+            step_count: 1024,
+            ..default()
+        });
+        stage.add((
+            PointLight {
+                intensity: 60_000.0,
+                range: 6.0,
+                shadow_maps_enabled: true,
+                ..default()
+            },
+            VolumetricLight,
+            Transform::from_xyz(-2.4, 1.6, 7.0),
+        ));
+        stage.spawn(blue());
+        for entity in stage.spawned.clone() {
+            let mut entity = stage.app.world().entity_mut(entity);
+            entity.insert((NotShadowCaster, NotShadowReceiver));
+        }
+    }),
+    ("a texture of the density of fog", |stage| {
+        stage.add_fog_volume();
+        stage.texture_fog();
         stage.spawn(blue());
         for entity in stage.spawned.clone() {
             stage.app.world().entity_mut(entity).insert(NotShadowReceiver);
@@ -183,6 +215,38 @@ impl Stage<'_> {
             VolumetricLight,
             Transform::default().looking_to(Vec3::new(1.0, -0.35, 0.9), Vec3::Y),
         ));
+    }
+
+    /// Gives the fog a texture of its density, which is dense and thin in turn along each axis.
+    fn texture_fog(&mut self) {
+        const SIZE: u32 = 8;
+        let texel = |i: u32| {
+            let [x, y, z] =
+                [i % SIZE, i / SIZE % SIZE, i / (SIZE * SIZE)].map(|place| place as f32 * TAU / SIZE as f32);
+            (255.0 * (0.4 + 0.2 * (x.sin() + (y + 0.5).sin() + (2.0 * z).cos()))).clamp(0.0, 255.0) as u8
+        };
+        let size = Extent3d {
+            width: SIZE,
+            height: SIZE,
+            depth_or_array_layers: SIZE,
+        };
+        let texels = (0..SIZE * SIZE * SIZE).map(texel).collect();
+        let format = TextureFormat::R8Unorm;
+        let mut image = Image::new(size, TextureDimension::D3, texels, format, RenderAssetUsages::default());
+        image.sampler = ImageSampler::Descriptor(ImageSamplerDescriptor {
+            address_mode_u: ImageAddressMode::Repeat,
+            address_mode_v: ImageAddressMode::Repeat,
+            address_mode_w: ImageAddressMode::Repeat,
+            ..ImageSamplerDescriptor::linear()
+        });
+        let world = self.app.world();
+        let image = world.resource_mut::<Assets<Image>>().add(image);
+        for entity in &self.spawned {
+            if let Some(mut volume) = world.get_mut::<FogVolume>(*entity) {
+                volume.density_texture = Some(image.clone());
+                volume.density_texture_offset = Vec3::new(0.3, 0.1, 0.7);
+            }
+        }
     }
 
     /// Removes the wall behind what was spawned.
