@@ -303,7 +303,7 @@ impl AccelerationStructures {
         let mut outcome = level.build(instances, &entries, blas_in(&self.blas, &self.posed), device);
         drop(entries);
         if outcome.commands.is_none() && !posed.is_empty() {
-            // Others may have room. Those that keep their pose from now on have no other build to wait for.
+            // Others may have room. Objects that keep their pose from now on have no other build to wait for.
             self.posed.retain(|slot, _| !posed.contains(slot));
             outcome = level.build(instances, &[], blas_in(&self.blas, &self.posed), device);
             outcome.lacking = true;
@@ -450,7 +450,7 @@ impl AccelerationStructures {
             let commands = record_builds("glint_posed_blas_build", &entries, None, device);
             drop(entries);
             if commands.is_none() {
-                // Those that keep their pose from now on have no other build to wait for.
+                // Objects that keep their pose from now on have no other build to wait for.
                 lacking = true;
                 self.posed.retain(|slot, _| !batch.contains(slot));
             }

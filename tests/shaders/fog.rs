@@ -59,7 +59,7 @@ fn output(i: Input) -> vec4<f32> {
     return vec4(fog.added, fog.kept.x);
 }
 ";
-/// What follows either of them.
+/// Follows either of them.
 const MAIN: &str = "
 struct Input { origin: vec3<f32>, offset: f32, direction: vec3<f32>, length: f32 }
 @group(0) @binding(0) var<storage, read> inputs: array<Input>;
