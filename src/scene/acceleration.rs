@@ -149,7 +149,8 @@ impl AccelerationStructures {
         is_due
     }
 
-    /// Builds missing BLASes, and has [`Self::take_commands`] build those of posed objects and a TLAS. Returns how many BLASes are built. What the device has no memory for is left out for a while.
+    /// Builds missing BLASes, and has [`Self::take_commands`] build those of posed objects and a TLAS. Returns how many BLASes are
+    /// built. Leaves out for a while what the device has no memory for.
     pub fn build(
         &mut self,
         objects: &RayQueryObjects,

@@ -72,7 +72,7 @@ impl ResizableTlas {
         self.refused = false;
     }
 
-    /// Has commands build these BLASes, then the TLAS over these instances. Those without a BLAS are left out.
+    /// Has commands build these BLASes, then the TLAS over these instances. Instances without a BLAS are left out.
     pub fn build<'a>(
         &mut self,
         instances: &[&RayQueryInstance],
