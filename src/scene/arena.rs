@@ -291,7 +291,8 @@ impl Arena {
         }
     }
 
-    /// Notes that commands which follow at once write to a slice. [`Self::buffer`] reaches it from then on.
+    /// Notes that commands of this frame write to a slice, and that nothing asks for other room before they are submitted.
+    /// [`Self::buffer`] reaches it from then on.
     pub fn begin_gpu_write(&mut self, queue: &RenderQueue, slice: &ArenaSlice) {
         self.make_resident(queue, slice);
         if let Some(replacement) = &mut self.replacement {

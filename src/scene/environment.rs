@@ -24,6 +24,8 @@ use bevy::{
 };
 use bytemuck::{Pod, Zeroable};
 
+use bindings::BINDS_DENSITY;
+
 pub use bindings::{EnvironmentBindings, layout_descriptor, prepare_environments};
 
 /// Flag of [`GpuEnvironment`].
@@ -235,7 +237,9 @@ pub(super) fn follow_environments(
                 (uniform.fog_lamps, uniform.fog_lamp_count) =
                     fog_world.nearest_lamps(place.translation(), scene_layers);
                 let is_textured = uniform.fog_volumes.iter().any(|volume| volume.textured != 0);
-                environment.fog_density = fog_world.density_texture(place.translation()).filter(|_| is_textured);
+                environment.fog_density = fog_world
+                    .density_texture(place.translation())
+                    .filter(|_| is_textured && BINDS_DENSITY);
             }
         }
         match views.get_mut(entity) {

@@ -100,8 +100,12 @@ impl FogWorld<'_, '_> {
     /// The texture of densities that rays of a camera know: that of the nearest volume which has one.
     pub fn density_texture(&self, viewer: Vec3) -> Option<AssetId<Image>> {
         let visible = self.volumes.iter().filter(|(_, _, visibility)| visibility.get());
-        let mut textured = visible
-            .filter_map(|(volume, place, _)| Some((place.translation().distance_squared(viewer), texture_of(volume)?)));
+        let mut textured = visible.filter_map(|(volume, place, _)| {
+            let texture = texture_of(volume)?;
+            // Fog that isn't seen decides nothing.
+            pack_fog_volume(volume, place)?;
+            Some((place.translation().distance_squared(viewer), texture))
+        });
         let mut nearest = textured.next()?;
         for other in textured {
             if other.1 != nearest.1 {
@@ -258,13 +262,16 @@ mod tests {
             (5.0, Some(&far)),
             (3.0, Some(&near)),
             (9.0, Some(&near)),
+            // Hidden, and without any fog.
             (0.5, Some(&far)),
+            (0.7, Some(&far)),
         ];
         for (x, texture) in volumes {
-            let is_seen = x >= 1.0;
+            let is_seen = x > 0.6;
             let volume = FogVolume {
                 density_texture: texture.cloned(),
                 density_texture_offset: Vec3::X * x,
+                density_factor: if (0.6..1.0).contains(&x) { 0.0 } else { 0.1 },
                 ..Default::default()
             };
             let visibility = if is_seen {

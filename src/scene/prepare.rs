@@ -136,8 +136,7 @@ impl Scene<'_, '_> {
             cache: &self.cache,
             diagnostics: self.diagnostics.as_deref(),
         };
-        let commands = &mut *self.commands;
-        let poses = (bindings.poses).follow(&inputs, instances, meshes, (device, queue), commands);
+        let poses = bindings.poses.follow(&inputs, instances, meshes, (device, queue));
         if !poses.switched.is_empty() {
             status.update(|report| report.posed_instances = bindings.poses.count());
         }
@@ -154,14 +153,20 @@ impl Scene<'_, '_> {
         bindings.instances.upload(device, queue);
         bindings.version.note(change);
         // Rays see no difference between an object and its copy in a merged tree, so this is no change of the scene.
-        if bindings.tracer == ReflectionTracer::Bvh {
+        let is_bvh = bindings.tracer == ReflectionTracer::Bvh;
+        if is_bvh {
             let place_of = |slot| instances.place_of(slot);
             bindings.merge.truncate(slots);
             if bindings.merge.update(place_of, &bindings.masks, meshes, queue, status) || changed {
                 bindings.top_level.touch();
             }
             bindings.update_bvh_top_level(instances, meshes, queue, status);
-        } else if bindings.must_build_again(!self.wanted.iter().any(WantsReflections::uses_vrs)) || changed {
+        }
+        // The buffers stay as they are from here on.
+        let commands = &mut *self.commands;
+        (bindings.poses).record(&poses.posed, &inputs, meshes, (device, queue), commands);
+        let may_split = !self.wanted.iter().any(WantsReflections::uses_vrs);
+        if !is_bvh && (bindings.must_build_again(may_split) || changed) {
             let changed = [dirty, moved, poses.posed].concat();
             let builds = bindings.build_ray_query_top_level(&changed, instances, meshes, device, queue, status);
             // After those that pose what is built.

@@ -262,7 +262,7 @@ impl Variant {
     /// compiled: they leave out the app's shader, baked light, clearcoats, light probes, the atmosphere, rectangular lights, textures
     /// of lights, light that comes through, volumes of fog, lights that are drawn or tints, follow rays through see-through surfaces by chance, or
     /// miss hits where the stack is full and show what another camera sees.
-    pub fn substitutes(self) -> [Self; 8] {
+    pub fn substitutes(self) -> [Self; 9] {
         let masked = Self { masked: true, ..self };
         let known = |variant: Self| Self {
             own_surfaces: false,
@@ -283,6 +283,10 @@ impl Variant {
             masked,
             known(self),
             known(masked),
+            Self {
+                fog_density: false,
+                ..masked
+            },
             masked.dark(),
             known(masked.clear()),
             plain,
@@ -300,7 +304,11 @@ impl Variant {
             own_surfaces: false,
             ..whole
         };
-        let plain = [whole, known, known.dark(), known.clear(), known.clear().dark()].map(Self::plain);
+        let even = Self {
+            fog_density: false,
+            ..known
+        };
+        let plain = [whole, known, even, known.dark(), known.clear(), known.clear().dark()].map(Self::plain);
         let plain = (!self.bounces).then_some(plain).into_iter().flatten();
         all.map(ShadingVariant::Tracing).chain(plain)
     }

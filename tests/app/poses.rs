@@ -233,6 +233,7 @@ fn a_mirror_shows_poses() {
         a_bent_arm_looks_like_one_that_was_baked,
         morph_targets_look_like_a_mesh_that_was_baked,
         what_is_gone_leaves_nothing,
+        a_pose_stays_where_buffers_grow,
         holes_stay_where_they_are_on_the_surface,
         bad_skeletons_leave_a_picture,
     ]);
@@ -334,6 +335,32 @@ fn what_is_gone_leaves_nothing(app: &mut HeadlessApp, tracer: ReflectionTracerCh
         let picture = shown(app, 0);
         assert_eq!(used_bytes(app), before, "{tracer}, round {round}");
         assert_flip(&format!("no-arms-{tracer}"), SIZE, &empty, &picture, SAME);
+    }
+}
+
+/// An arm bends in the frame in which a crowd arrives, whose trees need more room than the buffers have.
+fn a_pose_stays_where_buffers_grow(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    const BEHIND_THE_MIRROR: Vec3 = Vec3::new(0.0, 0.0, -50.0);
+    stage(app);
+    let expected = shown_baked(app, baked([0.0; 2], Some(bones(bend()))), paint(), Transform::IDENTITY);
+    let arm = spawn_arm(app, arm(), paint());
+    *app.world().get_mut::<Transform>(arm.joints[1]).unwrap() = Transform::from_translation(ELBOW);
+    let place = Transform::from_translation(BEHIND_THE_MIRROR);
+    let first = spawn_mesh(app, Cuboid::from_length(0.1), paint(), place);
+    shown(app, 1);
+    let world = app.world();
+    let mesh = world.get::<Mesh3d>(first).unwrap().clone();
+    let material = world.get::<MeshMaterial3d<StandardMaterial>>(first).unwrap().clone();
+    let crowd = (0..20_000u16).map(|i| {
+        let place = BEHIND_THE_MIRROR + 0.2 * Vec3::new(f32::from(i % 200), f32::from(i / 200), 0.0);
+        (mesh.clone(), material.clone(), Transform::from_translation(place))
+    });
+    let crowd: Vec<Entity> = world.spawn_batch(crowd.collect::<Vec<_>>()).collect();
+    *world.get_mut::<Transform>(arm.joints[1]).unwrap() = bend();
+    let actual = shown(app, 1);
+    assert_flip(&format!("arm-among-a-crowd-{tracer}"), SIZE, &expected, &actual, SAME);
+    for object in crowd {
+        app.world().despawn(object);
     }
 }
 

@@ -12,9 +12,9 @@ use bevy::{
         render_resource::{
             BindGroup, BindGroupEntries, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntries, Buffer,
             BufferDescriptor, BufferUsages, Extent3d, FilterMode, MipmapFilterMode, PipelineCache, Sampler,
-            SamplerBindingType, SamplerDescriptor, ShaderStages, TextureDataOrder, TextureDescriptor, TextureDimension,
-            TextureFormat, TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor, TextureViewDimension,
-            TextureViewId,
+            SamplerBindingType, SamplerDescriptor, SamplerId, ShaderStages, TextureDataOrder, TextureDescriptor,
+            TextureDimension, TextureFormat, TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor,
+            TextureViewDimension, TextureViewId,
             binding_types::{sampler, texture_2d, texture_2d_array, texture_3d, texture_cube, uniform_buffer_sized},
         },
         renderer::{RenderDevice, RenderQueue},
@@ -22,12 +22,18 @@ use bevy::{
     },
 };
 
+/// The density of fog is bound. Not in browsers, which allow 16 textures in a pass: some have as many without it.
+pub(super) const BINDS_DENSITY: bool = !cfg!(target_arch = "wasm32");
+/// Bindings of the group, of which the last two are that texture and its sampler.
+const BINDINGS: usize = if BINDS_DENSITY { 11 } else { 9 };
+
 struct ViewBindings {
     buffer: Buffer,
     bind_group: BindGroup,
     contents: BindGroupContents,
     written: GpuEnvironment,
     views: [TextureViewId; 8],
+    density_sampler: SamplerId,
 }
 
 /// The bind groups of all views, by render-world entity. A GPU resource: make it with `init_gpu_resource`.
@@ -118,25 +124,23 @@ impl FromWorld for EnvironmentBindings {
 pub fn layout_descriptor() -> BindGroupLayoutDescriptor {
     let cube = || texture_cube(TextureSampleType::Float { filterable: true });
     let table = || texture_2d(TextureSampleType::Float { filterable: true });
-    BindGroupLayoutDescriptor::new(
-        "glint_environment",
-        &BindGroupLayoutEntries::sequential(
-            ShaderStages::COMPUTE | ShaderStages::FRAGMENT,
-            (
-                uniform_buffer_sized(false, std::num::NonZero::new(size_of::<GpuEnvironment>() as u64)),
-                cube(),
-                cube(),
-                cube(),
-                sampler(SamplerBindingType::Filtering),
-                table(),
-                table(),
-                table(),
-                texture_2d_array(TextureSampleType::Float { filterable: true }),
-                texture_3d(TextureSampleType::Float { filterable: true }),
-                sampler(SamplerBindingType::Filtering),
-            ),
+    let entries = BindGroupLayoutEntries::sequential(
+        ShaderStages::COMPUTE | ShaderStages::FRAGMENT,
+        (
+            uniform_buffer_sized(false, std::num::NonZero::new(size_of::<GpuEnvironment>() as u64)),
+            cube(),
+            cube(),
+            cube(),
+            sampler(SamplerBindingType::Filtering),
+            table(),
+            table(),
+            table(),
+            texture_2d_array(TextureSampleType::Float { filterable: true }),
+            texture_3d(TextureSampleType::Float { filterable: true }),
+            sampler(SamplerBindingType::Filtering),
         ),
-    )
+    );
+    BindGroupLayoutDescriptor::new("glint_environment", &entries[..BINDINGS])
 }
 
 impl EnvironmentBindings {
@@ -306,13 +310,14 @@ impl ViewBindings {
             mapped_at_creation: false,
         });
         queue.write_buffer(&buffer, 0, bytemuck::bytes_of(&uniform));
-        let bind_group = device.create_bind_group("glint_environment", layout, &maps.entries(&buffer));
+        let bind_group = device.create_bind_group("glint_environment", layout, &maps.entries(&buffer)[..BINDINGS]);
         Self {
             buffer,
             bind_group,
             contents: BindGroupContents::default(),
             written: uniform,
             views: maps.ids(),
+            density_sampler: maps.fog_density.1.id(),
         }
     }
 
@@ -343,7 +348,11 @@ pub fn prepare_environments(
     known.retain(|entity, _| views.contains(*entity));
     for (entity, view, wants, air) in &views {
         let (maps, uniform) = ViewMaps::new(view, &images, &tables, air, &bindings, &device);
-        let current = known.remove(&entity).filter(|view| view.views == maps.ids());
+        let is_current = |view: &ViewBindings| {
+            // An image may get another sampler and keep its texture.
+            view.views == maps.ids() && view.density_sampler == maps.fog_density.1.id()
+        };
+        let current = known.remove(&entity).filter(is_current);
         let mut current = current.unwrap_or_else(|| {
             let layout = pipelines.get_bind_group_layout(&bindings.layout);
             ViewBindings::new(&maps, uniform, &layout, &device, &queue)

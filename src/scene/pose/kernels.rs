@@ -171,6 +171,12 @@ impl PosePass {
         }
     }
 
+    /// Lets go of buffers of meshes that others have replaced.
+    pub fn forget_others(&mut self, [geometry, bvh]: [&Buffer; 2]) {
+        let current = [geometry, bvh].map(Buffer::id);
+        self.bound.take_if(|bound| bound.buffers[2..4] != current);
+    }
+
     /// Bytes of the buffers.
     pub fn bytes(&self) -> u64 {
         self.jobs.buffer().size() + self.values.buffer().size() + self.boxes.buffer().size()

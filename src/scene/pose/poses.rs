@@ -97,6 +97,8 @@ struct Candidate {
 pub(in crate::scene) struct Poses {
     kernels: KernelCache,
     pass: Option<PosePass>,
+    /// Chosen by [`Self::follow`], and not yet recorded.
+    batch: Batch,
     /// By slot.
     posed: HashMap<u32, Posed>,
     frame: u64,
@@ -108,6 +110,7 @@ impl Poses {
         Self {
             kernels: KernelCache::new(world.resource::<AssetServer>(), tracer),
             pass: None,
+            batch: Batch::default(),
             posed: HashMap::default(),
             frame: 0,
             next_revision: 0,
@@ -120,6 +123,7 @@ impl Poses {
             release(posed.room, meshes);
         }
         self.pass = None;
+        self.batch = Batch::default();
     }
 
     /// Bytes besides those in the buffers that all meshes share.
@@ -159,14 +163,14 @@ impl Poses {
         self.posed.get(&slot)?.room.as_ref()
     }
 
-    /// Has `commands` pose what has changed, within the budget. Objects that are gone or can't be posed give back what they took.
+    /// Chooses what is posed in this frame, of what has changed and within the budget. Objects that are gone or can't be posed give back
+    /// what they took.
     pub fn follow(
         &mut self,
         inputs: &PoseInputs,
         instances: &SceneInstances,
         meshes: &mut SceneMeshes,
         (device, queue): (&RenderDevice, &RenderQueue),
-        commands: &mut PendingCommandBuffers,
     ) -> PoseChanges {
         let extracted = inputs.extracted;
         for [from, to] in inputs.relocated {
@@ -190,12 +194,15 @@ impl Poses {
             }));
         }
         self.release_unseen(meshes, &mut changes);
+        if let Some(pass) = &mut self.pass {
+            pass.forget_others([meshes.geometry.buffer(), meshes.bvh.buffer()]);
+        }
         if candidates.is_empty() {
             return changes;
         }
-        let Some(kernels) = self.kernels.get(inputs.cache) else {
+        if self.kernels.get(inputs.cache).is_none() {
             return changes;
-        };
+        }
         select(&mut candidates, extracted.vertices_per_frame);
         let mut batch = Batch::default();
         let pass = self.pass.get_or_insert_with(|| PosePass::new(device));
@@ -216,20 +223,7 @@ impl Poses {
         }
         // The header of new copies is written, so that they can be hit by now, whatever becomes of their vertices.
         if pass.reserve(&batch, device) {
-            let rooms = changes
-                .posed
-                .iter()
-                .filter_map(|slot| self.posed.get(slot)?.room.as_ref());
-            for room in rooms {
-                meshes.geometry.begin_gpu_write(queue, &room.geometry);
-                if let Some((tree, _)) = &room.tree {
-                    meshes.bvh.begin_gpu_write(queue, tree);
-                }
-            }
-            let (geometry, bvh) = (meshes.geometry.buffer(), meshes.bvh.buffer());
-            // With the commands of the frame, since a submission of their own takes as long as all else.
-            let encoder = pass.record(&batch, kernels, [geometry, bvh], inputs.diagnostics, device, queue);
-            commands.push_encoder(encoder, "glint_pose");
+            self.batch = batch;
         } else {
             warn_once!(
                 "skinned meshes keep their pose in reflections, since the device has no memory left to pose them"
@@ -242,6 +236,34 @@ impl Poses {
             }
         }
         changes
+    }
+
+    /// Has `commands` pose what [`Self::follow`] chose, which returned the slots. They are submitted with the frame, since a submission of
+    /// their own takes as long as all else: from here on, no buffer of meshes may be replaced before that.
+    pub fn record(
+        &mut self,
+        posed: &[u32],
+        inputs: &PoseInputs,
+        meshes: &mut SceneMeshes,
+        (device, queue): (&RenderDevice, &RenderQueue),
+        commands: &mut PendingCommandBuffers,
+    ) {
+        let batch = core::mem::take(&mut self.batch);
+        let (Some(pass), Some(kernels)) = (&mut self.pass, self.kernels.get(inputs.cache)) else {
+            return;
+        };
+        if batch.jobs.is_empty() {
+            return;
+        }
+        for room in posed.iter().filter_map(|slot| self.posed.get(slot)?.room.as_ref()) {
+            meshes.geometry.begin_gpu_write(queue, &room.geometry);
+            if let Some((tree, _)) = &room.tree {
+                meshes.bvh.begin_gpu_write(queue, tree);
+            }
+        }
+        let buffers = [meshes.geometry.buffer(), meshes.bvh.buffer()];
+        let encoder = pass.record(&batch, kernels, buffers, inputs.diagnostics, device, queue);
+        commands.push_encoder(encoder, "glint_pose");
     }
 
     /// Notes that an object is there. Returns the number of its vertices and its rank if it isn't in its pose.
