@@ -397,7 +397,7 @@ mod tests {
         assert!(layered.defs().eq(["LAYERED_RAYS"]));
         assert!(layered.substitutes()[..2].iter().all(|variant| variant.layered));
         assert!(
-            !layered.substitutes()[6].layered,
+            !layered.substitutes()[7].layered,
             "it is not compiled while the scene has nothing to see through"
         );
         // The first two leave out nothing, which `TracePipelines::is_complete` counts on.
@@ -492,7 +492,7 @@ mod tests {
         assert_eq!(shading.next(), Some(variant.plain()));
         assert_eq!(shading.last(), Some(Variant::default().plain()));
         let first_dark = variant.substitutes().iter().position(|variant| !variant.lightmaps);
-        assert_eq!(first_dark, Some(4));
+        assert_eq!(first_dark, Some(5));
     }
 
     #[test]
