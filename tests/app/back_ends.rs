@@ -1,7 +1,5 @@
 //! The back ends against each other: the same rays, whoever starts them.
 
-#[cfg(feature = "hardware-vrs")]
-use crate::alone;
 use crate::{
     common::app_on_device,
     pictures::{BOTH, COARSE, assert_flip, use_coarse_shadow_maps, warm_up},
@@ -24,6 +22,8 @@ use bevy_glint::{
     ReflectionTracerChoice, ShadingRate, ShadingRateHeuristic,
     internals::{Copied, CountInvocations, RATE_ACTIVE, Target, readback},
 };
+#[cfg(feature = "hardware-vrs")]
+use glint_scenes::is_alone;
 use glint_scenes::{HeadlessApp, Output, SceneName, camera, environment, read_image};
 
 const SCENE: SceneName = SceneName::Demo;
@@ -418,7 +418,7 @@ fn the_raw_pass_traces_the_rays_of_the_others() {
 #[cfg(feature = "hardware-vrs")]
 #[test]
 fn the_raw_pass_is_taken_up_again_after_an_error() {
-    if !alone::is_alone("back_ends::the_raw_pass_is_taken_up_again_after_an_error") {
+    if !is_alone("back_ends::the_raw_pass_is_taken_up_again_after_an_error") {
         return;
     }
     let before = |app: &mut App| {

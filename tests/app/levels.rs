@@ -1,7 +1,6 @@
 //! Levels that are loaded and unloaded: room is given back, and is found again.
 
 use crate::{
-    alone,
     common::{app, app_of},
     pictures::{PATIENCE, apps, red_pixels, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, spawn_camera, spawn_mesh, unlit, wall},
@@ -22,7 +21,7 @@ use bevy_glint::{
         instances::SceneInstances, materials::MaterialTable, meshes::SceneMeshes, refuse_memory, textures::TextureTable,
     },
 };
-use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName};
+use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName, is_alone};
 
 /// Objects of a level, each with a mesh, a material and an image of its own.
 const OBJECTS: usize = 40;
@@ -309,7 +308,7 @@ fn app_with_layers() -> Option<HeadlessApp> {
 /// Layers without memory show plain colours, and are asked for again.
 #[test]
 fn textures_without_memory_get_some_later() {
-    if !alone::is_alone("levels::textures_without_memory_get_some_later") {
+    if !is_alone("levels::textures_without_memory_get_some_later") {
         return;
     }
     let Some(mut app) = app_with_layers() else { return };

@@ -7,7 +7,6 @@ mod pictures;
 mod stage;
 
 mod adaptive;
-mod alone;
 mod arrivals;
 mod auto_quality;
 mod back_ends;

@@ -1,13 +1,12 @@
 //! Memory that the device refuses for a while: reflections lack something meanwhile, and get it once others have given it back.
 
 use crate::{
-    alone,
     pictures::{apps, red_pixels, reflect},
     stage::{BEFORE_THE_MIRROR, RED, SIZE, clear_glass, frame, metal, report, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{prelude::*, render::renderer::RenderDevice};
 use bevy_glint::{RayTracedReflections, ReflectionTechnique, internals::refuse_memory};
-use glint_scenes::{HeadlessApp, Output, SceneName};
+use glint_scenes::{HeadlessApp, Output, SceneName, is_alone};
 
 /// Frames until the device is asked again, and some for copies and builds.
 const FRAMES: u32 = 400;
@@ -44,7 +43,7 @@ fn spawn_crowd(app: &mut HeadlessApp) {
 
 #[test]
 fn what_the_device_had_no_memory_for_comes_once_it_has_some() {
-    if !alone::is_alone("memory::what_the_device_had_no_memory_for_comes_once_it_has_some") {
+    if !is_alone("memory::what_the_device_had_no_memory_for_comes_once_it_has_some") {
         return;
     }
     for (tracer, mut app) in apps(SIZE, Output::Picture) {

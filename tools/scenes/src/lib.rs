@@ -2,6 +2,8 @@
 //!
 //! Units are metres, lumens, lux and cd/m², as in Bevy. Nothing here depends on the reflections: every scene renders with plain Bevy.
 
+#[cfg(not(target_arch = "wasm32"))]
+mod alone;
 mod animation;
 mod atrium;
 mod builder;
@@ -33,6 +35,8 @@ mod street;
 mod temple;
 mod texture;
 
+#[cfg(not(target_arch = "wasm32"))]
+pub use alone::is_alone;
 pub use animation::{Motion, SceneAnimationPlugin};
 pub use builder::{SceneBuilder, SceneMesh, SceneStatistics};
 pub use camera_path::CameraPath;

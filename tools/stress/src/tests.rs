@@ -15,10 +15,9 @@ use crate::{
 };
 use bevy::math::UVec2;
 use bevy_glint::ReflectionTracerChoice;
-use glint_scenes::SceneName;
+use glint_scenes::{SceneName, is_alone};
 use std::{
     env,
-    process::{Command, Stdio},
     time::{Duration, Instant},
 };
 
@@ -35,32 +34,6 @@ const SIMPLIFY: Duration = Duration::from_secs(60);
 const SCENE: StaticScene = StaticScene::BuiltIn(SceneName::EmissiveFloor);
 /// Techniques that known scenes are measured with: the plain path, and the one with all steps.
 static TECHNIQUES: [&str; 2] = ["reference", "vrs-combined"];
-
-/// Says to the program that it was started for one test.
-const ALONE: &str = "GLINT_TEST_IS_ALONE";
-
-/// Returns whether this test runs in a process of its own. Otherwise it is run in one, and fails here if it fails there.
-///
-/// Messages and panics are those of a whole process. In one of their own tests that look at them need not wait for each other, while each
-/// leaves most processors idle: drivers compile one shader at a time.
-#[track_caller]
-fn is_alone(name: &str) -> bool {
-    if env::var_os(ALONE).is_some() {
-        return true;
-    }
-    let program = env::current_exe().unwrap_or_else(|error| panic!("{error}"));
-    let output = Command::new(program)
-        .args([&format!("tests::{name}"), "--exact", "--nocapture"])
-        .env(ALONE, "1")
-        .stdin(Stdio::null())
-        .output()
-        .unwrap_or_else(|error| panic!("{error}"));
-    let said = String::from_utf8_lossy(&output.stdout);
-    println!("{said}");
-    let has_passed = output.status.success() && said.contains("1 passed");
-    assert!(has_passed, "{name}: {}", String::from_utf8_lossy(&output.stderr));
-    false
-}
 
 /// Fails instead of skipping where the environment says so.
 fn skip(reason: &str) {
@@ -122,21 +95,21 @@ fn survive_a_part(part: usize) {
 
 #[test]
 fn hostile_scenes_are_survived_with_the_bvh() {
-    if is_alone("hostile_scenes_are_survived_with_the_bvh") {
+    if is_alone("tests::hostile_scenes_are_survived_with_the_bvh") {
         survive_a_part(0);
     }
 }
 
 #[test]
 fn other_hostile_scenes_are_survived_with_the_bvh() {
-    if is_alone("other_hostile_scenes_are_survived_with_the_bvh") {
+    if is_alone("tests::other_hostile_scenes_are_survived_with_the_bvh") {
         survive_a_part(1);
     }
 }
 
 #[test]
 fn hostile_scenes_are_survived_with_ray_queries() {
-    if !is_alone("hostile_scenes_are_survived_with_ray_queries") {
+    if !is_alone("tests::hostile_scenes_are_survived_with_ray_queries") {
         return;
     }
     // A part of another seed's scenarios is enough: most generators don't depend on the tracer.
@@ -146,7 +119,7 @@ fn hostile_scenes_are_survived_with_ray_queries() {
 
 #[test]
 fn known_scenes_keep_their_light() {
-    if !is_alone("known_scenes_keep_their_light") {
+    if !is_alone("tests::known_scenes_keep_their_light") {
         return;
     }
     let settings = HarnessSettings {
@@ -199,7 +172,7 @@ fn known_scenes_keep_their_light() {
 
 #[test]
 fn faults_are_reported_and_the_app_keeps_running() {
-    if !is_alone("faults_are_reported_and_the_app_keeps_running") {
+    if !is_alone("tests::faults_are_reported_and_the_app_keeps_running") {
         return;
     }
     let mut failures = Vec::new();
@@ -222,7 +195,7 @@ fn faults_are_reported_and_the_app_keeps_running() {
 
 #[test]
 fn runtime_checks_change_nothing() {
-    if !is_alone("runtime_checks_change_nothing") {
+    if !is_alone("tests::runtime_checks_change_nothing") {
         return;
     }
     let mut bounds = match Bounds::new(ReflectionTracerChoice::Bvh, SIZE) {
