@@ -82,25 +82,27 @@ impl Content {
     fn check(&self, cost: &Cost) -> (Vec<Problem>, Tally) {
         let usual = self.usual();
         let mut problems = Vec::new();
-        let mut share = |what: &str, cost: f64, usual: f64| {
+        let mut share = |kind: ProblemKind, what: &str, cost: f64, usual: f64| {
             let limit = MARGIN * usual;
             if cost > limit {
                 let text = format!("{what} {cost:.3}, of {limit:.3} that are allowed to {self:?}");
-                problems.push(Problem::new(ProblemKind::Budget, text));
+                problems.push(Problem::new(kind, text));
             }
             if limit > 0.0 { (1e3 * cost / limit) as u64 } else { 0 }
         };
+        let time = [
+            ("CPU milliseconds of a frame on average", cost.frame, usual.frame),
+            ("CPU milliseconds of a frame", cost.longest, usual.longest),
+        ]
+        .map(|(what, cost, usual)| share(ProblemKind::Time, what, cost, usual));
+        let bytes = [
+            ("bytes of the scene", cost.scene, usual.scene),
+            ("bytes of the cameras", cost.views, usual.views),
+        ]
+        .map(|(what, cost, usual)| share(ProblemKind::Memory, what, cost, usual));
         let tally = Tally {
-            time: share("CPU milliseconds of a frame on average", cost.frame, usual.frame).max(share(
-                "CPU milliseconds of a frame",
-                cost.longest,
-                usual.longest,
-            )),
-            bytes: share("bytes of the scene", cost.scene, usual.scene).max(share(
-                "bytes of the cameras",
-                cost.views,
-                usual.views,
-            )),
+            time: time[0].max(time[1]),
+            bytes: bytes[0].max(bytes[1]),
             ..Tally::default()
         };
         (problems, tally)
@@ -189,14 +191,15 @@ mod tests {
             "{tally:?}"
         );
         let wasteful = [
-            Cost { frame: 7.0, ..cost },
-            Cost { longest: 13.0, ..cost },
-            Cost { scene: 4e6, ..cost },
-            Cost { views: 1.2e6, ..cost },
+            (ProblemKind::Time, Cost { frame: 7.0, ..cost }),
+            (ProblemKind::Time, Cost { longest: 13.0, ..cost }),
+            (ProblemKind::Memory, Cost { scene: 4e6, ..cost }),
+            (ProblemKind::Memory, Cost { views: 1.2e6, ..cost }),
         ];
-        for cost in wasteful {
+        for (kind, cost) in wasteful {
             let (problems, tally) = small.check(&cost);
-            assert_eq!(problems.len(), 1, "{cost:?}");
+            let kinds: Vec<_> = problems.iter().map(|problem| problem.kind).collect();
+            assert_eq!(kinds, [kind], "{cost:?}");
             assert!(tally.time.max(tally.bytes) > 1000);
         }
         // A hundred thousand objects at rest cost next to nothing, but they take memory.

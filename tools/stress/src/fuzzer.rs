@@ -68,9 +68,9 @@ impl Fuzzer {
         let start = Instant::now();
         self.simplest = None;
         let again = self.problems(scenario);
-        if again.is_empty() && first.iter().all(|problem| problem.kind == ProblemKind::Budget) {
+        if again.is_empty() && may_be_chance(&first) {
             return Verdict::Undecided(format!(
-                "too much once, but not in a new app: {}",
+                "too slow once, but not in a new app: {}",
                 texts(first).join("; ")
             ));
         }
@@ -165,6 +165,11 @@ fn has_kind(problems: &[Problem], kind: ProblemKind) -> bool {
     problems.iter().any(|problem| problem.kind == kind)
 }
 
+/// Returns whether other programs may be to blame: they take time, but neither memory nor pixels.
+fn may_be_chance(problems: &[Problem]) -> bool {
+    problems.iter().all(|problem| problem.kind == ProblemKind::Time)
+}
+
 fn texts(problems: Vec<Problem>) -> Vec<String> {
     problems
         .into_iter()
@@ -213,4 +218,17 @@ fn render(harness: &mut Harness, scenario: &Scenario, compares_rays: bool) -> Ve
     let own = panics.filter(|panic| log_capture::is_own(panic));
     problems.extend(own.map(|panic| Problem::new(ProblemKind::Panic, panic)));
     problems
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn time_alone_may_be_chance() {
+        let problems = |kinds: &[ProblemKind]| kinds.iter().map(|kind| Problem::new(*kind, "")).collect::<Vec<_>>();
+        assert!(may_be_chance(&problems(&[ProblemKind::Time, ProblemKind::Time])));
+        assert!(!may_be_chance(&problems(&[ProblemKind::Memory])));
+        assert!(!may_be_chance(&problems(&[ProblemKind::Time, ProblemKind::Memory])));
+    }
 }

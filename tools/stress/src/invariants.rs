@@ -54,8 +54,10 @@ pub enum ProblemKind {
     Paths,
     /// Rays hit something else than brute force finds.
     Hits,
-    /// More time or memory than the scene may take.
-    Budget,
+    /// More time than the scene may take.
+    Time,
+    /// More memory than the scene may take.
+    Memory,
     /// Something was not freed.
     Leak,
 }

@@ -15,6 +15,7 @@
 //! | [`fuzzer`] | renders scenarios, attributes failures to the library or to Bevy, simplifies scenarios that fail |
 //! | [`energy`], [`furnace`], [`stability`], [`long_run`] | properties of known scenes: light, flicker, time |
 //! | `oracle` | rays through a scene against brute force |
+//! | `budget` | time and memory that a scene may take |
 //! | [`invariants`], [`path_equivalence`] | properties of every scene |
 //! | `events` | applies events between frames |
 //! | [`scenario`] | a hostile scene as data: a seed and a list of generators |
