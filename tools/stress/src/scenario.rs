@@ -114,6 +114,13 @@ impl Scenario {
         self
     }
 
+    /// An event changes objects or their meshes.
+    #[must_use]
+    pub fn changes_objects(&self) -> bool {
+        let mut generators = self.generators.iter();
+        generators.any(|(_, generator)| matches!(generator, Generator::Event(event) if event.changes_objects()))
+    }
+
     /// Simpler scenarios, the simplest first: half of the generators, all but one, fewer frames, a smaller image.
     #[must_use]
     pub fn shrink(&self) -> Vec<Self> {

@@ -14,8 +14,10 @@ pub struct Tally {
     pub pixels: u64,
     /// Answers of the tracer that were compared with brute force.
     pub rays: u64,
-    /// Answers that nobody can judge: they depend on masks, glass, or objects that may be anywhere, or didn't come in time.
+    /// Answers that nobody can judge: they depend on masks, glass, or objects that may be anywhere.
     pub excused: u64,
+    /// Times that a scene, or the kernel that traces in it, wasn't ready in time, so that rays got no answers.
+    pub unanswered: u64,
     /// Answers that differ by rounding.
     pub borders: u64,
     /// Thousandths of its time that a scene has taken at most.
@@ -41,6 +43,7 @@ impl AddAssign for Tally {
         self.pixels += other.pixels;
         self.rays += other.rays;
         self.excused += other.excused;
+        self.unanswered += other.unanswered;
         self.borders += other.borders;
         self.time = self.time.max(other.time);
         self.bytes = self.bytes.max(other.bytes);
@@ -76,6 +79,7 @@ impl fmt::Display for Tally {
             )?;
         }
         for (count, text) in [
+            (self.unanswered, "times the tracer gave no answer in time"),
             (self.crashes, "processes crashed or hung"),
             (self.skipped, "cases can't be tried on this machine"),
             (self.upstream, "cases fail in Bevy without reflections, too"),

@@ -77,6 +77,26 @@ pub enum EventKind {
 }
 
 impl EventKind {
+    /// Objects come, go, move or are hidden, or their meshes change.
+    #[must_use]
+    pub fn changes_objects(self) -> bool {
+        matches!(
+            self,
+            Self::DespawnAll
+                | Self::DespawnObjects
+                | Self::Respawn
+                | Self::MoveObjects
+                | Self::NanObjectOnce
+                | Self::ChangeMeshes
+                | Self::ToggleVisibility
+                | Self::ReplaceMeshes
+                | Self::ChangeUsage
+                | Self::ToggleDisabled
+                | Self::LoadLevels
+                | Self::MoveCrowd
+        )
+    }
+
     /// Scene, camera and settings don't change.
     #[must_use]
     pub fn is_static(self) -> bool {

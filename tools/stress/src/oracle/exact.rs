@@ -2,6 +2,7 @@
 
 use super::kernel::Answer;
 use bevy::{
+    ecs::entity::EntityHashSet,
     math::{Affine3A, DMat3, DVec3},
     prelude::Entity,
     render::render_resource::Face,
@@ -66,13 +67,18 @@ impl Object {
 
     /// By how much rounding grows from the space of the object to the world, or back.
     pub fn condition(&self) -> f64 {
-        let largest = |m: &DMat3| {
-            m.to_cols_array()
-                .into_iter()
-                .fold(0.0, |most: f64, x| most.max(x.abs()))
-        };
-        largest(&self.linear) * largest(&self.inverse)
+        largest(&self.linear) * self.shrinking()
     }
+
+    /// By how much its matrix makes it smaller: the largest entry of the inverse.
+    pub fn shrinking(&self) -> f64 {
+        largest(&self.inverse)
+    }
+}
+
+fn largest(matrix: &DMat3) -> f64 {
+    let entries = matrix.to_cols_array().into_iter();
+    entries.fold(0.0, |most, entry| most.max(entry.abs()))
 }
 
 /// Objects in a scene.
@@ -81,7 +87,7 @@ pub struct Objects {
     /// Objects whose triangles are known.
     pub known: Vec<Object>,
     /// Objects that may be anywhere, or nowhere.
-    pub unknown: Vec<Entity>,
+    pub unknown: EntityHashSet,
 }
 
 /// How an answer compares with the exact one.
@@ -302,22 +308,30 @@ impl Exact<'_> {
         }
     }
 
-    /// Judges whether something that casts shadows is in the way. Shadow rays see both faces.
+    /// Judges whether an object that casts shadows is in the way, and is the one that the answer names. Shadow rays see both faces.
     pub fn judge_shadow(&self, answer: &Answer) -> Judgement {
-        let casts = |candidate: &&Candidate| self.object(candidate).casts_shadow;
-        let mut casters = self.candidates.iter().filter(casts);
-        let is_sure = casters.clone().any(|candidate| self.is_sure(candidate));
-        let is_veiled = casters.clone().any(|candidate| self.object(candidate).see_through);
-        match answer.blocked {
-            true if is_sure => Judgement::Exact,
-            true if is_veiled => Judgement::Excused,
-            true if casters.next().is_some() => Judgement::Border,
-            true if self.objects.unknown.is_empty() => Judgement::Wrong,
-            true => Judgement::Excused,
-            false if is_sure => Judgement::Wrong,
-            false if is_veiled => Judgement::Excused,
-            false if casters.any(|candidate| candidate.margins[0] >= 0.0 && candidate.t > 0.0) => Judgement::Border,
-            false => Judgement::Exact,
+        let casters = || self.candidates.iter().filter(|c| self.object(c).casts_shadow);
+        let is_sure = casters().any(|c| self.is_sure(c));
+        let Some(blocker) = answer.blocked else {
+            return match () {
+                () if is_sure => Judgement::Wrong,
+                () if casters().any(|c| self.object(c).see_through) => Judgement::Excused,
+                () if casters().any(|c| c.margins[0] >= 0.0 && c.t > 0.0) => Judgement::Border,
+                () => Judgement::Exact,
+            };
+        };
+        let Some(entity) = blocker else {
+            return Judgement::Wrong;
+        };
+        if self.objects.unknown.contains(&entity) {
+            return Judgement::Excused;
+        }
+        let own = || casters().filter(|c| self.object(c).entity == entity);
+        match () {
+            () if own().next().is_none() => Judgement::Wrong,
+            () if is_sure => Judgement::Exact,
+            () if own().all(|c| self.object(c).see_through) => Judgement::Excused,
+            () => Judgement::Border,
         }
     }
 }
@@ -341,7 +355,7 @@ mod tests {
     fn scene() -> Objects {
         Objects {
             known: vec![object(FRONT, 2.0), object(BACK, 5.0)],
-            unknown: vec![ELSEWHERE],
+            unknown: [ELSEWHERE].into_iter().collect(),
         }
     }
 
@@ -356,7 +370,7 @@ mod tests {
 
     fn closest(objects: &Objects, x: f32, hit: Option<(f32, Entity)>) -> Judgement {
         let hit = hit.map(|(t, entity)| (t, Some(entity)));
-        objects.along(&ray(x)).judge_closest(&Answer { hit, blocked: false })
+        objects.along(&ray(x)).judge_closest(&Answer { hit, blocked: None })
     }
 
     #[test]
@@ -398,22 +412,36 @@ mod tests {
 
     #[test]
     fn shadows_are_judged() {
-        let shadow = |objects: &Objects, x: f32, blocked: bool| {
-            let answer = Answer { hit: None, blocked };
-            objects.along(&ray(x)).judge_shadow(&answer)
+        let by = |objects: &Objects, x: f32, blocked: Option<Option<Entity>>| {
+            objects.along(&ray(x)).judge_shadow(&Answer { hit: None, blocked })
         };
         let mut objects = scene();
-        assert_eq!(shadow(&objects, 0.0, true), Judgement::Exact);
-        assert_eq!(shadow(&objects, 0.0, false), Judgement::Wrong);
-        assert_eq!(shadow(&objects, 0.9, false), Judgement::Exact);
+        for any in [FRONT, BACK] {
+            assert_eq!(by(&objects, 0.0, Some(Some(any))), Judgement::Exact, "{any}");
+            assert_eq!(by(&objects, 0.9, Some(Some(any))), Judgement::Wrong, "{any}");
+        }
+        assert_eq!(by(&objects, 0.0, None), Judgement::Wrong);
+        assert_eq!(by(&objects, 0.9, None), Judgement::Exact);
+        for x in [0.0, 0.9] {
+            assert_eq!(by(&objects, x, Some(Some(ELSEWHERE))), Judgement::Excused);
+            assert_eq!(
+                by(&objects, x, Some(Entity::from_raw_u32(4))),
+                Judgement::Wrong,
+                "unheard of"
+            );
+            assert_eq!(by(&objects, x, Some(None)), Judgement::Wrong, "an empty slot");
+        }
+        objects.known[0].see_through = true;
         assert_eq!(
-            shadow(&objects, 0.9, true),
-            Judgement::Excused,
-            "by the one that may be anywhere"
+            by(&objects, 0.0, Some(Some(FRONT))),
+            Judgement::Exact,
+            "the other one is solid"
         );
-        objects.unknown.clear();
-        assert_eq!(shadow(&objects, 0.9, true), Judgement::Wrong);
-        objects.known.iter_mut().for_each(|object| object.casts_shadow = false);
-        assert_eq!(shadow(&objects, 0.0, true), Judgement::Wrong);
+        objects.known[1].see_through = true;
+        for blocker in [Some(Some(FRONT)), None] {
+            assert_eq!(by(&objects, 0.0, blocker), Judgement::Excused, "{blocker:?}");
+        }
+        objects.known[0].casts_shadow = false;
+        assert_eq!(by(&objects, 0.0, Some(Some(FRONT))), Judgement::Wrong);
     }
 }

@@ -28,6 +28,8 @@ use std::{thread, time::Duration};
 const NO_HIT: u32 = u32::MAX;
 /// Leaves processor time to the threads that compile.
 const NAP: Duration = Duration::from_millis(1);
+/// Times that definitions may change while the kernel is compiled for others.
+const ATTEMPTS: u32 = 4;
 /// Rays of a workgroup.
 const GROUP: u32 = 64;
 
@@ -46,8 +48,8 @@ struct GpuAnswer {
 pub struct Answer {
     /// Distance and object of the closest hit; no object where its slot is empty.
     pub hit: Option<(f32, Option<Entity>)>,
-    /// Something that casts shadows is in the way.
-    pub blocked: bool,
+    /// An object that casts shadows is in the way; none where its slot is empty.
+    pub blocked: Option<Option<Entity>>,
 }
 
 /// The kernel, compiled once for each set of definitions that a scene asks for.
@@ -71,29 +73,43 @@ fn lists_layout() -> BindGroupLayoutDescriptor {
     )
 }
 
-/// Answers for rays, in their order. The camera reflects, and decides on the layers that rays see.
-///
-/// # Errors
-///
-/// If the scene is not on the GPU, or the kernel isn't compiled after so many frames. The log has the error of one that can't be.
-pub fn trace(harness: &mut Harness, camera: Entity, rays: &[TraceRay], patience: u32) -> Result<Vec<Answer>, String> {
-    let id = pipeline(harness, patience)?;
-    let view = harness.world().get::<RenderEntity>(camera).map(RenderEntity::id);
-    dispatch(harness, view, id, rays).ok_or_else(|| "the scene is not on the GPU".to_owned())
+/// Renders until the scene is at rest and the kernel compiled for it; false if that takes too many frames. The log has the error of a
+/// kernel that can't be compiled.
+pub fn prepare(harness: &mut Harness, patience: u32) -> bool {
+    for _ in 0..ATTEMPTS {
+        if !harness.wait_until_idle(patience) {
+            return false;
+        }
+        // The scene stays at rest while no frame is rendered, and with it the definitions.
+        if compiled(harness).is_some() {
+            return true;
+        }
+        let mut frames = 0;
+        while compiled(harness).is_none() {
+            if frames == patience {
+                return false;
+            }
+            frames += 1;
+            harness.step(1);
+            thread::sleep(NAP);
+        }
+    }
+    false
 }
 
-fn pipeline(harness: &mut Harness, patience: u32) -> Result<CachedComputePipelineId, String> {
-    for _ in 0..patience {
-        if let Some(id) = queue(harness)
-            && let Some(cache) = harness.render_resource::<PipelineCache>()
-            && matches!(cache.get_compute_pipeline_state(id), CachedPipelineState::Ok(_))
-        {
-            return Ok(id);
-        }
-        harness.step(1);
-        thread::sleep(NAP);
-    }
-    Err("there is no scene on the GPU, or the kernel is not compiled in time".to_owned())
+/// Answers for rays, in their order, in the scene of the last frame. The camera reflects, and decides on the layers that rays see. `None`
+/// if the scene is not on the GPU, or the kernel isn't compiled for it.
+pub fn trace(harness: &mut Harness, camera: Entity, rays: &[TraceRay]) -> Option<Vec<Answer>> {
+    let id = compiled(harness)?;
+    let view = harness.world().get::<RenderEntity>(camera).map(RenderEntity::id);
+    dispatch(harness, view, id, rays)
+}
+
+/// The pipeline for the scene as it is, once it is compiled.
+fn compiled(harness: &mut Harness) -> Option<CachedComputePipelineId> {
+    let id = queue(harness)?;
+    let cache = harness.render_resource::<PipelineCache>()?;
+    matches!(cache.get_compute_pipeline_state(id), CachedPipelineState::Ok(_)).then_some(id)
 }
 
 /// The pipeline for the scene as it is. `None` without a scene.
@@ -190,9 +206,10 @@ fn dispatch(
     device.poll(wait).ok()?;
     let bytes = slice.get_mapped_range().ok()?.to_vec();
     let slots = harness.render_resource::<SceneInstances>()?;
+    let entity = |slot: u32| (slot != NO_HIT).then(|| slots.get(slot).map(|source| source.entity));
     let answer = |answer: GpuAnswer| Answer {
-        hit: (answer.instance != NO_HIT).then(|| (answer.t, slots.get(answer.instance).map(|source| source.entity))),
-        blocked: answer.blocked != 0,
+        hit: entity(answer.instance).map(|entity| (answer.t, entity)),
+        blocked: entity(answer.blocked),
     };
     Some(bytemuck::pod_collect_to_vec(&bytes).into_iter().map(answer).collect())
 }

@@ -4,14 +4,16 @@ use super::exact::{Object, Objects};
 use bevy::{
     camera::visibility::{RenderLayers, VisibilityRange},
     light::NotShadowCaster,
-    math::DVec3,
+    math::{Affine3A, DVec3},
     mesh::{PrimitiveTopology, VertexAttributeValues, morph::MeshMorphWeights, skinning::SkinnedMesh},
     prelude::*,
 };
 use bevy_glint::{NotReflected, ReflectedMaterial3d, ReflectedMesh3d};
 
-/// Objects beyond these coordinates, or as finely scaled, are lost in single precision.
+/// Objects beyond these coordinates are lost in single precision.
 const MOST: f32 = 1e12;
+/// So are those that a matrix shrinks by more, of which rays see nothing: the largest entry of its inverse.
+const MOST_SHRUNK: f64 = 1e12;
 /// The same for objects that a matrix distorts by so much.
 const MOST_DISTORTED: f64 = 1e5;
 
@@ -52,7 +54,7 @@ pub fn collect(world: &mut World) -> Objects {
             continue;
         }
         let (Some(material), Some(mesh)) = (materials.get(material), meshes.get(mesh)) else {
-            objects.unknown.push(entity);
+            objects.unknown.insert(entity);
             continue;
         };
         // They add to what lies behind them, or multiply it: rays don't see them.
@@ -63,23 +65,26 @@ pub fn collect(world: &mut World) -> Objects {
         if !place.is_finite() {
             continue;
         }
-        let is_far = place.translation.abs().max_element() > MOST;
-        let object = triangles(mesh).filter(|_| !is_far).and_then(|triangles| {
-            let object = Object::new(entity, &place, triangles)?;
-            let reach = MOST * f32::EPSILON * f32::EPSILON;
-            let is_tiny = place.matrix3.determinant().abs() < reach.powi(3);
-            (object.condition() < MOST_DISTORTED && !is_tiny && object.reach() < MOST.into()).then_some(object)
-        });
-        match object {
+        match triangles(mesh).and_then(|triangles| object(entity, &place, triangles)) {
             Some(mut object) => {
                 object.see_through = material.alpha_mode != AlphaMode::Opaque || material.specular_transmission != 0.0;
                 (object.culled, object.casts_shadow) = (material.cull_mode, !no_shadow);
                 objects.known.push(object);
             }
-            None => objects.unknown.push(entity),
+            None => {
+                objects.unknown.insert(entity);
+            }
         }
     }
     objects
+}
+
+/// The object at its place. `None` where single precision loses it.
+fn object(entity: Entity, place: &Affine3A, triangles: Vec<[DVec3; 3]>) -> Option<Object> {
+    let is_invertible = place.matrix3.determinant().is_normal() && place.translation.abs().max_element() <= MOST;
+    let object = Object::new(entity, place, triangles).filter(|_| is_invertible)?;
+    let is_kept = object.shrinking() <= MOST_SHRUNK && object.condition() < MOST_DISTORTED;
+    (is_kept && object.reach() < MOST.into()).then_some(object)
 }
 
 /// Triangles of a mesh whose corners exist and are finite. `None` where the vertices can't be read, or are not those of a list.
@@ -109,4 +114,24 @@ fn triangles(mesh: &Mesh) -> Option<Vec<[DVec3; 3]>> {
             .filter_map(|[a, b, c]| Some([corner(*a)?, corner(*b)?, corner(*c)?]))
             .collect(),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_objects_are_known() {
+        let is_known = |scale: Vec3| {
+            let place = Transform::from_xyz(1.0, -2.0, 3.0).with_scale(scale).compute_affine();
+            object(Entity::PLACEHOLDER, &place, vec![[DVec3::X, DVec3::Y, DVec3::Z]]).is_some()
+        };
+        for scale in [1.0, 1e-2, 1e-4, 1e-10, 1e10] {
+            assert!(is_known(Vec3::splat(scale)), "{scale}");
+        }
+        for scale in [0.0, 1e-13, 1e13, f32::NAN] {
+            assert!(!is_known(Vec3::splat(scale)), "{scale}");
+        }
+        assert!(is_known(Vec3::new(1e-3, 1.0, 10.0)) && !is_known(Vec3::new(1e-6, 1.0, 1.0)));
+    }
 }
