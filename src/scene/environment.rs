@@ -24,9 +24,10 @@ use bevy::{
 };
 use bytemuck::{Pod, Zeroable};
 
-use bindings::BINDS_DENSITY;
-
 pub use bindings::{EnvironmentBindings, layout_descriptor, prepare_environments};
+
+/// Fog may have a texture of its density. Not in browsers, which allow 16 textures in a pass: some passes have as many without it.
+const BINDS_DENSITY: bool = !cfg!(target_arch = "wasm32");
 
 /// Flag of [`GpuEnvironment`].
 pub const ENVIRONMENT_HAS_MAP: u32 = 1;

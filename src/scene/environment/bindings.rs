@@ -1,6 +1,9 @@
 //! Bind group 2 of each view.
 
-use super::{ENVIRONMENT_HAS_DFG_LUT, ENVIRONMENT_HAS_MAP, ENVIRONMENT_HAS_SKYBOX, GpuEnvironment, ViewEnvironment};
+use super::{
+    BINDS_DENSITY, ENVIRONMENT_HAS_DFG_LUT, ENVIRONMENT_HAS_MAP, ENVIRONMENT_HAS_SKYBOX, GpuEnvironment,
+    ViewEnvironment,
+};
 use crate::{scene::atmosphere::GpuAir, settings::WantsReflections, vrs::BindGroupContents};
 use bevy::{
     asset::AssetId,
@@ -22,9 +25,7 @@ use bevy::{
     },
 };
 
-/// The density of fog is bound. Not in browsers, which allow 16 textures in a pass: some have as many without it.
-pub(super) const BINDS_DENSITY: bool = !cfg!(target_arch = "wasm32");
-/// Bindings of the group, of which the last two are that texture and its sampler.
+/// Bindings of the group, of which the last two are the density of fog and its sampler.
 const BINDINGS: usize = if BINDS_DENSITY { 11 } else { 9 };
 
 struct ViewBindings {
