@@ -43,7 +43,7 @@ enum Change {
     Lamp,
     Image,
     Probe,
-    /// Of the probe's map, whose texture stays the same.
+    /// The probe's map is painted anew; its texture stays the same.
     Repaint,
 }
 
@@ -268,7 +268,7 @@ fn what_rays_meet_is_followed() {
     let unseen = Restless::spawn(app, UNSEEN);
     let seen = Restless::spawn(app, SEEN);
     let camera = room(app, 0.2);
-    // Over several bounces, nobody knows what rays meet.
+    // The last row is traced by the shaders of several bounces.
     let once = [
         Change::Place,
         Change::Color,

@@ -12,9 +12,9 @@ use crate::{
 use bevy::prelude::*;
 use bevy_glint::ReflectionViewMemory;
 
-/// A scene may take so many times what is usual.
+/// A scene may take so many times what is usual. More lets waste pass, less raises alarms on slow or busy machines.
 const MARGIN: f64 = 4.0;
-/// A single frame may take so many times what frames may take on average.
+/// A single frame may take so many times what frames may take on average. More lets hitches pass.
 const PEAK: f64 = 2.0;
 /// Events that take reflecting cameras away.
 const RESTARTS: [EventKind; 3] = [

@@ -12,6 +12,7 @@ use bevy::{
     render::{
         diagnostic::RenderDiagnosticsPlugin,
         error_handler::{ErrorType, RenderError, RenderErrorHandler, RenderErrorPolicy},
+        render_resource::Buffer,
         renderer::{RenderAdapterInfo, RenderDevice},
         settings::{WgpuFeatures, WgpuLimits, WgpuSettings},
     },
@@ -25,7 +26,7 @@ use bevy_glint::{
 };
 use glint_scenes::{
     HeadlessApp, HeadlessSettings, Output, SceneName, SceneOptions, SystemClock, camera, decode_halves, environment,
-    spawn_with,
+    read_buffer, spawn_with,
 };
 use std::time::Duration;
 
@@ -160,6 +161,12 @@ impl Harness {
     #[must_use]
     pub fn render_resource<R: Resource>(&self) -> Option<&R> {
         self.app.render_world().ok()?.get_resource()
+    }
+
+    /// The bytes of a buffer with the usage `COPY_SRC`.
+    #[must_use]
+    pub fn read_buffer(&self, buffer: &Buffer) -> Option<Vec<u8>> {
+        read_buffer(self.app.render_world().ok()?, buffer).ok()
     }
 
     /// Features of the open device.

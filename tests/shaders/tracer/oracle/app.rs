@@ -16,8 +16,7 @@ use bevy::{
         render_resource::{
             BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries, BufferDescriptor,
             BufferInitDescriptor, BufferUsages, CachedComputePipelineId, CommandEncoderDescriptor,
-            ComputePassDescriptor, ComputePipelineDescriptor, MapMode, PipelineCache, PollType, ShaderStages,
-            binding_types,
+            ComputePassDescriptor, ComputePipelineDescriptor, PipelineCache, ShaderStages, binding_types,
         },
         renderer::{RenderDevice, RenderQueue},
     },
@@ -30,7 +29,7 @@ use bevy_glint::{
 };
 use bytemuck::{Pod, Zeroable};
 use core::num::NonZeroU64;
-use glint_scenes::{HeadlessApp, Output};
+use glint_scenes::{HeadlessApp, Output, read_buffer};
 use std::{collections::HashMap, time::Duration};
 
 /// Frames that compiling, building and merging may take.
@@ -292,17 +291,12 @@ impl OracleApp {
             contents: bytemuck::cast_slice(&list),
             usage: BufferUsages::STORAGE,
         });
-        let size = (rays.len() * size_of::<GpuAnswer>()) as u64;
-        let buffer = |usage| {
-            device.create_buffer(&BufferDescriptor {
-                label: Some("oracle_answers"),
-                size,
-                usage,
-                mapped_at_creation: false,
-            })
-        };
-        let output = buffer(BufferUsages::STORAGE | BufferUsages::COPY_SRC);
-        let staging = buffer(BufferUsages::COPY_DST | BufferUsages::MAP_READ);
+        let output = device.create_buffer(&BufferDescriptor {
+            label: Some("oracle_answers"),
+            size: (rays.len() * size_of::<GpuAnswer>()) as u64,
+            usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        });
         let lists = device.create_bind_group(
             "oracle",
             &cache.get_bind_group_layout(&self.layout),
@@ -321,16 +315,8 @@ impl OracleApp {
             pass.set_bind_group(1, scene.bind_group.as_ref().expect("a camera reflects"), &[]);
             pass.dispatch_workgroups(rays.len().div_ceil(64) as u32, 1, 1);
         }
-        encoder.copy_buffer_to_buffer(&output, 0, &staging, 0, size);
         queue.submit([encoder.finish()]);
-        let slice = staging.slice(..);
-        slice.map_async(MapMode::Read, |_| {});
-        let wait = PollType::Wait {
-            submission_index: None,
-            timeout: None,
-        };
-        device.poll(wait).expect("the device answers");
-        let bytes = slice.get_mapped_range().expect("the answers can be read").to_vec();
+        let bytes = read_buffer(world, &output).expect("the answers can be read");
         let answers: Vec<GpuAnswer> = bytemuck::pod_collect_to_vec(&bytes);
 
         let slots = world.resource::<SceneInstances>().slots();

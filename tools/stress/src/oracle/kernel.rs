@@ -7,8 +7,7 @@ use bevy::{
         render_resource::{
             BindGroupEntries, BindGroupLayoutDescriptor, BindGroupLayoutEntries, BufferDescriptor,
             BufferInitDescriptor, BufferUsages, CachedComputePipelineId, CachedPipelineState, CommandEncoderDescriptor,
-            ComputePassDescriptor, ComputePipelineDescriptor, MapMode, PipelineCache, PollType, ShaderStages,
-            binding_types,
+            ComputePassDescriptor, ComputePipelineDescriptor, PipelineCache, ShaderStages, binding_types,
         },
         renderer::{RenderDevice, RenderQueue},
         sync_world::RenderEntity,
@@ -167,17 +166,12 @@ fn dispatch(
         contents: bytemuck::cast_slice(&list),
         usage: BufferUsages::STORAGE,
     });
-    let size = (rays.len() * size_of::<GpuAnswer>()) as u64;
-    let buffer = |usage| {
-        device.create_buffer(&BufferDescriptor {
-            label: Some("oracle_answers"),
-            size,
-            usage,
-            mapped_at_creation: false,
-        })
-    };
-    let output = buffer(BufferUsages::STORAGE | BufferUsages::COPY_SRC);
-    let staging = buffer(BufferUsages::COPY_DST | BufferUsages::MAP_READ);
+    let output = device.create_buffer(&BufferDescriptor {
+        label: Some("oracle_answers"),
+        size: (rays.len() * size_of::<GpuAnswer>()) as u64,
+        usage: BufferUsages::STORAGE | BufferUsages::COPY_SRC,
+        mapped_at_creation: false,
+    });
     let lists = device.create_bind_group(
         "oracle",
         &cache.get_bind_group_layout(&lists_layout()),
@@ -195,16 +189,8 @@ fn dispatch(
         pass.set_bind_group(2, environment, &[]);
         pass.dispatch_workgroups((rays.len() as u32).div_ceil(GROUP), 1, 1);
     }
-    encoder.copy_buffer_to_buffer(&output, 0, &staging, 0, size);
     harness.render_resource::<RenderQueue>()?.submit([encoder.finish()]);
-    let slice = staging.slice(..);
-    slice.map_async(MapMode::Read, |_| {});
-    let wait = PollType::Wait {
-        submission_index: None,
-        timeout: None,
-    };
-    device.poll(wait).ok()?;
-    let bytes = slice.get_mapped_range().ok()?.to_vec();
+    let bytes = harness.read_buffer(&output)?;
     let slots = harness.render_resource::<SceneInstances>()?;
     let entity = |slot: u32| (slot != NO_HIT).then(|| slots.get(slot).map(|source| source.entity));
     let answer = |answer: GpuAnswer| Answer {
