@@ -36,6 +36,8 @@ pub enum Target {
     ReconstructedStats,
     /// Accumulated radiance.
     HistoryRadiance,
+    /// Hit distance and variance of the same.
+    HistoryStats,
     /// Sizes of dispatches and lists.
     IndirectArgs,
     /// Counters of the passes.
@@ -107,9 +109,10 @@ pub fn copy(app: &App, camera: Entity, target: Target) -> Option<Copied> {
         Target::Rate => copy_texture(world, &images.rate[now]),
         Target::RayRadiance => copy_texture(world, &images.ray_radiance),
         Target::RaySample => copy_texture(world, &images.ray_sample),
-        Target::Reconstructed => copy_texture(world, &images.reconstructed),
-        Target::ReconstructedStats => copy_texture(world, &images.reconstructed_stats),
+        Target::Reconstructed => copy_texture(world, images.reconstructed.as_ref()?),
+        Target::ReconstructedStats => copy_texture(world, images.reconstructed_stats.as_ref()?),
         Target::HistoryRadiance => copy_texture(world, &images.history.as_ref()?.radiance[now]),
+        Target::HistoryStats => copy_texture(world, &images.history.as_ref()?.stats[now]),
         Target::IndirectArgs => copy_buffer(world, &targets.indirect_args),
         Target::Counters => copy_buffer(world, &targets.counters),
         Target::RayList => copy_buffer(world, &images.ray_list),

@@ -53,7 +53,7 @@ impl Plugin for ReadyPlugin {
 }
 
 /// Settings that decide which pipelines a view needs.
-pub(crate) type PipelineKey = (ReflectionTechnique, [bool; 7], RateVariant, Option<AssetId<Image>>, u32);
+pub(crate) type PipelineKey = (ReflectionTechnique, [bool; 8], RateVariant, Option<AssetId<Image>>, u32);
 
 /// The key of a view's pipelines; other settings can change without a new compilation.
 pub(crate) fn pipeline_key(settings: &ClampedSettings, rate: &RateSettings) -> PipelineKey {
@@ -66,6 +66,7 @@ pub(crate) fn pipeline_key(settings: &ClampedSettings, rate: &RateSettings) -> P
         settings.has_bounces(),
         settings.reuses_screen(),
         settings.marches_screen(),
+        settings.denoises_in_one_pass(),
     ];
     let image = rate.image.as_ref().map(|image| image.id());
     (settings.technique, flags, rate.variant.clone(), image, rate.tile_size)

@@ -78,6 +78,8 @@ pub struct Needs {
     pub pipeline: bool,
     pub temporal: bool,
     pub mirrors: bool,
+    /// Of mirrors' own rays, or of a reconstruction that is a pass of its own.
+    pub reconstructed: bool,
     pub reflection: bool,
     pub screen: bool,
 }
@@ -92,6 +94,7 @@ impl Needs {
             pipeline: !accumulation,
             temporal: !accumulation && settings.denoiser.temporal,
             mirrors: !accumulation && settings.full_resolution_mirrors,
+            reconstructed: !accumulation && (settings.full_resolution_mirrors || !settings.denoises_in_one_pass()),
             screen: settings.reuses_screen(),
         }
     }
@@ -136,11 +139,11 @@ pub struct PipelineTargets {
     /// [`HIT_FORMAT`] (twice as large as trace): exists only where no other texture can hold it, see [`Self::hits`].
     own_hits: Option<TextureView>,
     /// [`RADIANCE_FORMAT`] (full): the reconstructed radiance; alpha is the relative variance of its mean. Mirror rays write their
-    /// radiance here, too: see [`Self::mirror_radiance`].
-    pub reconstructed: TextureView,
+    /// radiance here, too: see [`Self::mirror_radiance`]. Absent where neither is written.
+    pub reconstructed: Option<TextureView>,
     /// [`STATS_FORMAT`] (full): `pack2x16float(hit distance, 16 w / (1 + w))`, with the mean weight w of the rays, 1 where it is as
     /// expected; 0 where nothing reflects.
-    pub reconstructed_stats: TextureView,
+    pub reconstructed_stats: Option<TextureView>,
     /// Textures that outlive the frame; absent without temporal accumulation.
     pub history: Option<HistoryTargets>,
 }
@@ -154,13 +157,13 @@ impl PipelineTargets {
     }
 
     /// Texture into which mirror rays write their radiance. They bypass the denoiser: its passes leave their pixels unchanged.
-    pub fn mirror_radiance(&self) -> &TextureView {
-        &self.reconstructed
+    pub fn mirror_radiance(&self) -> Option<&TextureView> {
+        self.reconstructed.as_ref()
     }
 
     /// Texture into which mirror rays write their hit distance and the number of their rays.
-    pub fn mirror_stats(&self) -> &TextureView {
-        &self.reconstructed_stats
+    pub fn mirror_stats(&self) -> Option<&TextureView> {
+        self.reconstructed_stats.as_ref()
     }
 }
 
@@ -270,8 +273,12 @@ impl Targets {
             ray_sample: create.texture(trace, RAY_SAMPLE_FORMAT, "glint_ray_sample"),
             own_hits: (!needs.temporal || full != 2 * trace)
                 .then(|| create.texture(2 * trace, HIT_FORMAT, "glint_hits")),
-            reconstructed: create.texture(full, RADIANCE_FORMAT, "glint_reconstructed"),
-            reconstructed_stats: create.texture(full, STATS_FORMAT, "glint_reconstructed_stats"),
+            reconstructed: needs
+                .reconstructed
+                .then(|| create.texture(full, RADIANCE_FORMAT, "glint_reconstructed")),
+            reconstructed_stats: needs
+                .reconstructed
+                .then(|| create.texture(full, STATS_FORMAT, "glint_reconstructed_stats")),
             history: needs.temporal.then(|| HistoryTargets {
                 radiance: create.pair(
                     full,

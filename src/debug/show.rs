@@ -98,9 +98,17 @@ impl ShowPass {
         }
         bindings.extend([
             Binding::integers(|context| or_gbuffer(context, context.images().map(|images| &images.ray_sample))),
-            Binding::floats(|context| or_radiance(context, context.images().map(|images| &images.reconstructed))),
+            Binding::floats(|context| {
+                or_radiance(
+                    context,
+                    context.images().and_then(|images| images.reconstructed.as_ref()),
+                )
+            }),
             Binding::integers(|context| {
-                or_gbuffer(context, context.images().map(|images| &images.reconstructed_stats))
+                or_gbuffer(
+                    context,
+                    context.images().and_then(|images| images.reconstructed_stats.as_ref()),
+                )
             }),
             Binding::floats(|context| {
                 or_radiance(

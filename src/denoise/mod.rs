@@ -5,11 +5,15 @@
 //! | `reconstruct` | rays of the neighbourhood | radiance at full resolution, its variance, hit distance, number of rays |
 //! | `temporal` | that, and the history of the last frame | the history of this frame |
 //!
-//! Both visit the active tiles of the rate image alone. Shared by them: `tiles.wesl`, which thread works where; `neighbours.wesl`, whose
-//! rays a pixel borrows; `lobes.wesl`, what they weigh; `filters.wesl`, which surfaces match and how far history is trusted.
+//! Where blocks of 2x2 pixels share a ray, `one_pass.wesl` is both, unless somebody looks at what is between them.
+//!
+//! They visit the active tiles of the rate image alone. `tiles.wesl` says which thread works where; `cells.wesl` holds the rays around a
+//! workgroup, `neighbours.wesl` says whose rays a pixel borrows, and `lobes.wesl` what they weigh; `history.wesl` finds the past;
+//! `filters.wesl` decides which surfaces match and how far history is trusted.
 //!
 //! The passes that show the reflection blur it on the way (`blur.wesl`).
 
+mod one_pass;
 mod pipelines;
 mod reconstruct;
 mod temporal;
@@ -38,10 +42,13 @@ impl Plugin for DenoisePlugin {
             return;
         }
         load_shader_library!(app, "blur.wesl");
+        load_shader_library!(app, "cells.wesl");
         load_shader_library!(app, "filters.wesl");
+        load_shader_library!(app, "history.wesl");
         load_shader_library!(app, "lobes.wesl");
         load_shader_library!(app, "neighbours.wesl");
         load_shader_library!(app, "tiles.wesl");
+        embedded_asset!(app, "one_pass.wesl");
         embedded_asset!(app, "reconstruct.wesl");
         embedded_asset!(app, "temporal.wesl");
     }

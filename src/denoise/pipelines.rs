@@ -1,6 +1,6 @@
 //! The passes of the denoiser: which of them a view needs, and how they are compiled and run.
 
-use super::{reconstruct, temporal, tiles::PassVariant};
+use super::{one_pass, reconstruct, temporal, tiles::PassVariant};
 use crate::{
     common::{TILE_DISPATCH, WIDE_TILE_DISPATCH, word_offset},
     gbuffer::{GBufferPass, PassContext, PassShader},
@@ -26,22 +26,28 @@ enum DenoisePass {
     Reconstruct,
     /// Images to their mean over frames.
     Temporal,
+    /// Both at once.
+    OnePass,
 }
 
 impl DenoisePass {
     /// The passes that a view's settings need, in order.
-    fn of(settings: &ClampedSettings) -> impl Iterator<Item = Self> + use<> {
-        let rays = settings.technique != ReflectionTechnique::Converged;
-        let temporal = rays && settings.denoiser.temporal;
-        [rays.then_some(Self::Reconstruct), temporal.then_some(Self::Temporal)]
-            .into_iter()
-            .flatten()
+    fn of(settings: &ClampedSettings) -> &'static [Self] {
+        if settings.technique == ReflectionTechnique::Converged {
+            &[]
+        } else if settings.denoises_in_one_pass() {
+            &[Self::OnePass]
+        } else if settings.denoiser.temporal {
+            &[Self::Reconstruct, Self::Temporal]
+        } else {
+            &[Self::Reconstruct]
+        }
     }
 
     /// The variant for a view whose picture is at rest or not. Wide workgroups take rays that are fewer than pixels.
     fn variant(self, settings: &ClampedSettings, rest: bool) -> PassVariant {
         PassVariant {
-            wide: self == Self::Reconstruct && settings.technique.trace_scale() > 1,
+            wide: self != Self::Temporal && settings.technique.trace_scale() > 1,
             rest,
         }
     }
@@ -51,6 +57,7 @@ impl DenoisePass {
         match self {
             Self::Reconstruct => "reconstruct",
             Self::Temporal => "temporal",
+            Self::OnePass => "denoise",
         }
     }
 }
@@ -66,18 +73,18 @@ impl DenoisePipelines {
     /// Asks for the passes of a view; they are compiled from the next frame on.
     pub(crate) fn request(&mut self, settings: &ClampedSettings) {
         for rest in [false, true] {
-            let passes = DenoisePass::of(settings);
+            let passes = DenoisePass::of(settings).iter();
             self.wanted
-                .extend(passes.map(|pass| (pass, pass.variant(settings, rest))));
+                .extend(passes.map(|&pass| (pass, pass.variant(settings, rest))));
         }
     }
 
     /// All that a view's settings need can be used.
     pub(crate) fn is_ready(&self, cache: &PipelineCache, settings: &ClampedSettings) -> bool {
         // The variant that does for all pictures.
-        DenoisePass::of(settings).all(|pass| {
+        DenoisePass::of(settings).iter().all(|pass| {
             let variant = pass.variant(settings, true);
-            self.passes[&pass].0.pipeline(&variant, cache).is_some()
+            self.passes[pass].0.pipeline(&variant, cache).is_some()
         })
     }
 }
@@ -94,6 +101,10 @@ pub(super) fn init_denoise_pipelines(mut commands: Commands, asset_server: Res<A
             (
                 DenoisePass::Temporal,
                 (temporal::pass(), load_embedded_asset!(assets, "temporal.wesl")),
+            ),
+            (
+                DenoisePass::OnePass,
+                (one_pass::pass(), load_embedded_asset!(assets, "one_pass.wesl")),
             ),
         ]),
         wanted: HashSet::default(),
@@ -129,7 +140,7 @@ pub(crate) fn denoise(
     diagnostics: Option<&DiagnosticsRecorder>,
 ) {
     let temporal = context.history().is_some();
-    for name in DenoisePass::of(&context.view.settings) {
+    for &name in DenoisePass::of(&context.view.settings) {
         // Without history, only this pass has what it needs.
         if !temporal && name != DenoisePass::Reconstruct {
             continue;
@@ -160,6 +171,6 @@ pub(crate) fn result<'a>(context: &PassContext<'a>) -> Option<&'a TextureView> {
     let images = context.images()?;
     match context.history() {
         Some((history, _)) => Some(&history.radiance[context.now()]),
-        None => Some(&images.reconstructed),
+        None => images.reconstructed.as_ref(),
     }
 }

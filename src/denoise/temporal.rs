@@ -1,19 +1,36 @@
 //! Bindings of `temporal.wesl`.
 
-use super::tiles::{self, PassVariant};
+use super::{
+    reconstruct::ray_bindings,
+    tiles::{self, PassVariant},
+};
 use crate::{
     gbuffer::{Binding, GBufferPass, OtherGroups},
     targets::{HISTORY_SURFACE_FORMAT, RADIANCE_FORMAT, STATS_FORMAT},
 };
 
 pub(super) fn pass() -> GBufferPass<PassVariant> {
+    GBufferPass::new("glint_temporal", bindings(), OtherGroups::None)
+}
+
+/// The bindings of this pass, and of one pass with the reconstruction.
+///
+/// The former doesn't read the rays, and the latter takes what mirrors' own rays brought from where the former finds the reconstruction. Where
+/// there are no such rays, other textures of the same kind are bound and not read.
+pub(super) fn bindings() -> Vec<Binding> {
     let mut bindings = tiles::bindings();
+    bindings.extend(ray_bindings());
     bindings.extend([
-        Binding::integers(|context| Some(&context.images()?.rate[context.now()])),
+        Binding::floats(|context| {
+            let images = context.images()?;
+            Some(images.reconstructed.as_ref().unwrap_or(&images.ray_radiance))
+        }),
+        Binding::integers(|context| {
+            let images = context.images()?;
+            Some(images.reconstructed_stats.as_ref().unwrap_or(&images.ray_sample))
+        }),
         Binding::integers(|context| Some(&context.images()?.rate[context.before()])),
         Binding::floats(|context| context.motion),
-        Binding::floats(|context| Some(&context.images()?.reconstructed)),
-        Binding::integers(|context| Some(&context.images()?.reconstructed_stats)),
         Binding::floats(|context| Some(&context.history()?.0.radiance[context.before()])),
         Binding::integers(|context| Some(&context.history()?.0.stats[context.before()])),
         Binding::integers(|context| Some(&context.history()?.0.surface[context.before()])),
@@ -25,5 +42,5 @@ pub(super) fn pass() -> GBufferPass<PassVariant> {
             Some(&context.history()?.0.surface[context.now()])
         }),
     ]);
-    GBufferPass::new("glint_temporal", bindings, OtherGroups::None)
+    bindings
 }

@@ -20,7 +20,7 @@ use crate::{
 };
 use bevy::{
     camera::{Camera, Hdr, MainPassResolutionOverride},
-    core_pipeline::prepass::{DeferredPrepass, DepthPrepass, NormalPrepass},
+    core_pipeline::prepass::{DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass},
     ecs::{
         entity::{EntityHashMap, EntityHashSet},
         name::NameOrEntity,
@@ -51,6 +51,7 @@ pub(super) struct CameraQuery {
     depth: Has<DepthPrepass>,
     deferred: Has<DeferredPrepass>,
     normal: Has<NormalPrepass>,
+    motion: Has<MotionVectorPrepass>,
     screen_space: Has<ScreenSpaceReflections>,
     msaa: Option<&'static Msaa>,
     debug_view: Option<&'static ReflectionDebugView>,
@@ -74,6 +75,10 @@ impl CameraQueryItem<'_, '_> {
             (Problem::NoMemory, limits.refused.refuse(self.render_entity)),
             (Problem::Forward, forward),
         ]
+    }
+
+    fn debug(&self) -> ViewDebug {
+        ViewDebug::new(self.debug_view, self.debug_split, self.debug_counters)
     }
 
     /// Pixels that are rendered; zero where that isn't known yet.
@@ -168,6 +173,7 @@ impl Request {
         if camera.tile_size.is_some() || settings.backend == ReflectionBackend::HardwareVrs {
             rate.tile_size = tile_size;
         }
+        settings.separate_denoiser = camera.debug().views().any(|view| view.is_of_passes()) || !camera.motion;
         if let Some(effort) = camera.effort {
             effort.apply(&mut settings, &mut rate);
         }
@@ -211,7 +217,7 @@ impl Extraction<'_, '_, '_> {
         } else {
             active.map(|view| &view.settings)
         };
-        let debug = ViewDebug::new(camera.debug_view, camera.debug_split, camera.debug_counters);
+        let debug = camera.debug();
         // Earlier frames don't tell what this one sees, or somebody looks at what all passes write.
         let invalid = reset
             || debug != ViewDebug::default()

@@ -27,6 +27,8 @@ pub(crate) struct ClampedSettings {
     /// `None` for ray cones.
     pub fixed_mip: Option<f32>,
     pub transparent: bool,
+    /// Reconstruction and accumulation take a pass each: somebody looks at what is between them, or there is nothing to accumulate by.
+    pub separate_denoiser: bool,
 }
 
 /// The border between the last step of 1/255 that `cutoff` includes and the next: Bevy's lighting and ours must agree on each pixel.
@@ -49,6 +51,14 @@ impl ClampedSettings {
     /// them.
     pub fn reuses_screen(&self) -> bool {
         self.screen_traces != ScreenTraces::Off && can_reuse_screen(self.technique, self.backend)
+    }
+
+    /// Reconstruction and accumulation are one pass, which leaves nothing in between.
+    pub fn denoises_in_one_pass(&self) -> bool {
+        self.denoiser.temporal
+            && self.technique != ReflectionTechnique::Converged
+            && self.technique.trace_scale() > 1
+            && !self.separate_denoiser
     }
 
     /// Rays find what only the last frame shows.
@@ -89,6 +99,7 @@ impl From<&RayTracedReflections> for ClampedSettings {
                 ReflectionTextureMip::Fixed(level) => Some(number_or(level, PAPER_LEVEL).clamp(0.0, 16.0)),
             },
             transparent: settings.transparent,
+            separate_denoiser: false,
         }
     }
 }

@@ -67,6 +67,13 @@ pub enum ReflectionDebugView {
     FrontLayer,
 }
 
+impl ReflectionDebugView {
+    /// It shows what passes before the composite wrote, and not what the camera shows anyway.
+    pub(crate) fn is_of_passes(self) -> bool {
+        !matches!(self, Self::Off | Self::Reflection | Self::FrontLayer)
+    }
+}
+
 words!(ReflectionDebugView {
     Off = "off",
     Reflection = "reflection",

@@ -26,7 +26,7 @@ const FRONT_LAYER_RAYS: [DiagnosticPath; 2] = [
 ];
 
 /// Passes in the order in which they run; others follow by name.
-const ORDER: [&str; 5] = ["rate", "trace", "reconstruct", "temporal", "composite"];
+const ORDER: [&str; 6] = ["rate", "trace", "reconstruct", "temporal", "denoise", "composite"];
 /// Older measurements say nothing about the present.
 const STALE: Duration = Duration::from_secs(5);
 /// Measurements of one frame have one time; a pass that lags behind by more didn't run.

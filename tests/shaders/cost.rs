@@ -55,7 +55,7 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 69] = [
+const PASSES: [(&str, &[&str]); 71] = [
     ("trace/shade", &["VOLUMETRIC_FOG", "FOG_DENSITY", "MANY_LIGHTS"]),
     (
         "trace/blocks",
@@ -135,6 +135,8 @@ const PASSES: [(&str, &[&str]); 69] = [
     ("denoise/reconstruct", &["WIDE", "REST"]),
     ("denoise/temporal", &[]),
     ("denoise/temporal", &["REST"]),
+    ("denoise/one_pass", &["WIDE"]),
+    ("denoise/one_pass", &["WIDE", "REST"]),
     ("composite/resolve", &[]),
     ("composite/resolve", &["IN_PLACE"]),
     ("composite/resolve", &["IN_PLACE", "TILES"]),

@@ -5,5 +5,6 @@ mod reference;
 pub mod wall;
 
 mod filters;
+mod one_pass;
 mod passes;
 mod resting;

@@ -78,11 +78,12 @@ impl<'a> Pass<'a> {
     pub fn new(
         gpu: &'a Gpu,
         shaders: &mut Shaders,
-        entry: &'static str,
+        module: &'static str,
         frame: &View,
         uniforms: impl Fn(&naga::Module) -> [Vec<u8>; 2],
     ) -> Self {
-        let name = format!("bevy_glint/denoise/{entry}.wesl");
+        let name = format!("bevy_glint/denoise/{module}.wesl");
+        let entry = if module == "one_pass" { "denoise" } else { module };
         let wide: &[&str] = if frame.wide { &["WIDE"] } else { &[] };
         let defs: Vec<_> = wide.iter().chain(frame.defs).map(|name| (*name).into()).collect();
         let (wgsl, module) = shaders.expect(&name, &defs);

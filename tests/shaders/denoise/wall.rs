@@ -257,7 +257,7 @@ impl Wall {
         &self,
         gpu: &'a Gpu,
         shaders: &mut Shaders,
-        entry: &'static str,
+        module: &'static str,
         defs: &'static [&'static str],
     ) -> Pass<'a> {
         let view = View {
@@ -265,11 +265,11 @@ impl Wall {
             size: self.size,
             tiles: self.tiles(),
             tile_pixels: 16 * self.trace_scale,
-            wide: entry == "reconstruct" && self.trace_scale == 2,
+            wide: ["reconstruct", "one_pass"].contains(&module) && self.trace_scale == 2,
             depth: NEAR / WALL,
         };
         let uniforms = |module: &naga::Module| [self.view_uniform(module), self.settings_uniform(module)];
-        let mut pass = Pass::new(gpu, shaders, entry, &view, uniforms);
+        let mut pass = Pass::new(gpu, shaders, module, &view, uniforms);
         let facing = vec![[128u8, 128, 255, 255]; (self.size.x * self.size.y) as usize];
         pass.texture(
             3,
@@ -320,29 +320,8 @@ impl Wall {
         shaders: &mut Shaders,
         radiance: impl Fn(&Ray) -> [f32; 4],
     ) -> Vec<Reconstructed> {
-        let trace = self.trace_size();
-        let mut seen = Vec::new();
-        let mut records = Vec::new();
-        for y in 0..trace.y {
-            for x in 0..trace.x {
-                let ray = self.ray(uvec2(x, y));
-                seen.push(radiance(&ray).map(half));
-                records.push(self.record(&ray));
-            }
-        }
-        static TABLE: LazyLock<DirectionalAlbedo> = LazyLock::new(DirectionalAlbedo::new);
-        let table = &*TABLE;
-        let side = UVec2::splat(ALBEDO_TABLE_SIZE as u32);
         let mut pass = self.pass(gpu, shaders, "reconstruct", self.rest_defs());
-        pass.texture(
-            7,
-            TextureFormat::R32Uint,
-            self.tiles(),
-            bytemuck::cast_slice(&self.rates()),
-        );
-        pass.texture(8, TextureFormat::Rgba16Float, trace, bytemuck::cast_slice(&seen));
-        pass.texture(9, TextureFormat::Rgba32Uint, trace, bytemuck::cast_slice(&records));
-        pass.texture(10, TextureFormat::Rg32Float, side, bytemuck::cast_slice(table.texels()));
+        self.bind_rays(&mut pass, radiance);
         pass.output(11, TextureFormat::Rgba16Float, 2);
         pass.output(12, TextureFormat::R32Uint, 1);
         let written = pass.run();
@@ -358,8 +337,55 @@ impl Wall {
         written[0].chunks(2).zip(&written[1]).map(texel).collect()
     }
 
+    /// Binds rates, rays, and the table for their weights.
+    fn bind_rays(&self, pass: &mut Pass, radiance: impl Fn(&Ray) -> [f32; 4]) {
+        let trace = self.trace_size();
+        let mut seen = Vec::new();
+        let mut records = Vec::new();
+        for y in 0..trace.y {
+            for x in 0..trace.x {
+                let ray = self.ray(uvec2(x, y));
+                seen.push(radiance(&ray).map(half));
+                records.push(self.record(&ray));
+            }
+        }
+        static TABLE: LazyLock<DirectionalAlbedo> = LazyLock::new(DirectionalAlbedo::new);
+        let (table, side) = (TABLE.texels(), UVec2::splat(ALBEDO_TABLE_SIZE as u32));
+        let (rates, tiles) = (self.rates(), self.tiles());
+        pass.texture(7, TextureFormat::R32Uint, tiles, bytemuck::cast_slice(&rates));
+        pass.texture(8, TextureFormat::Rgba16Float, trace, bytemuck::cast_slice(&seen));
+        pass.texture(9, TextureFormat::Rgba32Uint, trace, bytemuck::cast_slice(&records));
+        pass.texture(10, TextureFormat::Rg32Float, side, bytemuck::cast_slice(table));
+    }
+
+    /// Reconstruction and accumulation in one pass; nothing has moved. `own` is what mirrors' own rays brought.
+    pub fn denoise(
+        &self,
+        gpu: &Gpu,
+        shaders: &mut Shaders,
+        radiance: impl Fn(&Ray) -> [f32; 4],
+        own: &[Reconstructed],
+        before: &History,
+    ) -> History {
+        let mut pass = self.pass(gpu, shaders, "one_pass", self.rest_defs());
+        self.bind_rays(&mut pass, radiance);
+        self.history_of(pass, own, before)
+    }
+
     /// One frame of accumulation; nothing has moved.
     pub fn accumulate(&self, gpu: &Gpu, shaders: &mut Shaders, new: &[Reconstructed], before: &History) -> History {
+        let mut pass = self.pass(gpu, shaders, "temporal", self.rest_defs());
+        pass.texture(
+            7,
+            TextureFormat::R32Uint,
+            self.tiles(),
+            bytemuck::cast_slice(&self.rates()),
+        );
+        self.history_of(pass, new, before)
+    }
+
+    /// Binds what a frame adds to a history, and runs the pass.
+    fn history_of(&self, mut pass: Pass, new: &[Reconstructed], before: &History) -> History {
         let color = |texel: &Reconstructed| {
             let [r, g, b] = texel.radiance;
             [r, g, b, texel.variance].map(half)
@@ -370,23 +396,21 @@ impl Wall {
         let pairs: Vec<_> = new.iter().map(pair).collect();
         let still = vec![[0f32; 2]; new.len()];
         let (size, tiles) = (self.size, self.tiles());
-        let mut pass = self.pass(gpu, shaders, "temporal", self.rest_defs());
-        pass.texture(7, TextureFormat::R32Uint, tiles, bytemuck::cast_slice(&self.rates()));
-        pass.texture(8, TextureFormat::R32Uint, tiles, bytemuck::cast_slice(&before.rates));
-        pass.texture(9, TextureFormat::Rg32Float, size, bytemuck::cast_slice(&still));
-        pass.texture(10, TextureFormat::Rgba16Float, size, bytemuck::cast_slice(&colors));
-        pass.texture(11, TextureFormat::R32Uint, size, bytemuck::cast_slice(&pairs));
+        pass.texture(13, TextureFormat::R32Uint, tiles, bytemuck::cast_slice(&before.rates));
+        pass.texture(14, TextureFormat::Rg32Float, size, bytemuck::cast_slice(&still));
+        pass.texture(11, TextureFormat::Rgba16Float, size, bytemuck::cast_slice(&colors));
+        pass.texture(12, TextureFormat::R32Uint, size, bytemuck::cast_slice(&pairs));
         pass.texture(
-            12,
+            15,
             TextureFormat::Rgba16Float,
             size,
             bytemuck::cast_slice(&before.radiance),
         );
-        pass.texture(13, TextureFormat::R32Uint, size, bytemuck::cast_slice(&before.pair));
-        pass.texture(14, TextureFormat::Rg32Uint, size, bytemuck::cast_slice(&before.surface));
-        pass.output(15, TextureFormat::Rgba16Float, 2);
-        pass.output(16, TextureFormat::R32Uint, 1);
-        pass.output(17, TextureFormat::Rg32Uint, 2);
+        pass.texture(16, TextureFormat::R32Uint, size, bytemuck::cast_slice(&before.pair));
+        pass.texture(17, TextureFormat::Rg32Uint, size, bytemuck::cast_slice(&before.surface));
+        pass.output(18, TextureFormat::Rgba16Float, 2);
+        pass.output(19, TextureFormat::R32Uint, 1);
+        pass.output(20, TextureFormat::Rg32Uint, 2);
         let mut written = pass.run();
         History {
             radiance: written[0]

@@ -18,7 +18,7 @@ const SIZES: [UVec2; 5] = [
     UVec2::new(3840, 2160),
 ];
 const TRIANGLES: [u32; 5] = [66_000, 250_000, 1_000_000, 4_000_000, 10_000_000];
-const PASSES: [&str; 6] = ["rate", "trace", "reconstruct", "temporal", "composite", "total"];
+const PASSES: [&str; 5] = ["rate", "trace", "denoise", "composite", "total"];
 
 type Case = fn(&Plan, ReflectionTracerChoice, &mut Csv) -> Result<Table, String>;
 

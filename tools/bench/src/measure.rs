@@ -50,11 +50,12 @@ const KERNELS: [(&str, &str, &str, &str); 3] = [
     ),
 ];
 /// Passes: the word in tables and the diagnostic of their GPU time.
-const PASSES: [(&str, &str); 13] = [
+const PASSES: [(&str, &str); 15] = [
     ("rate", "render/glint/rate/elapsed_gpu"),
     ("trace", "render/glint/trace/elapsed_gpu"),
     ("reconstruct", "render/glint/reconstruct/elapsed_gpu"),
     ("temporal", "render/glint/temporal/elapsed_gpu"),
+    ("denoise", "render/glint/denoise/elapsed_gpu"),
     ("composite", "render/glint/composite/elapsed_gpu"),
     ("total", TOTAL),
     ("layer_find", "render/glint_find_front_layer/elapsed_gpu"),
@@ -62,6 +63,7 @@ const PASSES: [(&str, &str); 13] = [
     ("layer_trace", "render/glint_front_layer/trace/elapsed_gpu"),
     ("layer_reconstruct", "render/glint_front_layer/reconstruct/elapsed_gpu"),
     ("layer_temporal", "render/glint_front_layer/temporal/elapsed_gpu"),
+    ("layer_denoise", "render/glint_front_layer/denoise/elapsed_gpu"),
     ("layer_composite", "render/glint_front_layer/composite/elapsed_gpu"),
     ("layer_total", "render/glint_front_layer/elapsed_gpu"),
 ];

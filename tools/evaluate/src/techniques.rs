@@ -141,11 +141,12 @@ pub fn total_spans(variant: &Variant) -> &'static [&'static str] {
 }
 
 /// Stages and their diagnostics.
-pub const STAGES: [(&str, &str); 5] = [
+pub const STAGES: [(&str, &str); 6] = [
     ("rate", "render/glint/rate/elapsed_gpu"),
     ("trace", "render/glint/trace/elapsed_gpu"),
     ("reconstruct", "render/glint/reconstruct/elapsed_gpu"),
     ("temporal", "render/glint/temporal/elapsed_gpu"),
+    ("denoise", "render/glint/denoise/elapsed_gpu"),
     ("composite", "render/glint/composite/elapsed_gpu"),
 ];
 /// The diagnostic of Bevy's deferred lighting.

@@ -24,11 +24,12 @@ const RAYS: RangeInclusive<f32> = 0.0..=16.1;
 /// Range of the length of a history.
 const HISTORY: RangeInclusive<f32> = 0.0..=255.0;
 /// Ranges of the half floats of each target.
-const RANGES: [(Target, &[RangeInclusive<f32>]); 4] = [
+const RANGES: [(Target, &[RangeInclusive<f32>]); 5] = [
     (Target::RayRadiance, &[RADIANCE, RADIANCE, RADIANCE, DISTANCE]),
     (Target::Reconstructed, &[RADIANCE, RADIANCE, RADIANCE, VARIANCE]),
     (Target::HistoryRadiance, &[RADIANCE, RADIANCE, RADIANCE, HISTORY]),
     (Target::ReconstructedStats, &[DISTANCE, RAYS]),
+    (Target::HistoryStats, &[DISTANCE, VARIANCE]),
 ];
 /// Largest mean of an image in which nothing adds to a white sky of radiance 1.
 const WHITE: f64 = 1.05;

@@ -64,10 +64,12 @@ pub struct Row {
     pub rate_ms: Option<f64>,
     /// The rays.
     pub trace_ms: Option<f64>,
-    /// Spatial reconstruction.
+    /// Spatial reconstruction, in a pass of its own.
     pub reconstruct_ms: Option<f64>,
-    /// Temporal accumulation.
+    /// Temporal accumulation, in a pass of its own.
     pub temporal_ms: Option<f64>,
+    /// Both in one pass.
+    pub denoise_ms: Option<f64>,
     /// The last blur, and adding the reflection to the frame.
     pub composite_ms: Option<f64>,
     /// Bevy's deferred lighting, which leaves out what the technique replaces.

@@ -156,6 +156,7 @@ fn times(row: &mut Row, variant: &Variant, rounds: &[Round]) {
         ("trace", &mut row.trace_ms),
         ("reconstruct", &mut row.reconstruct_ms),
         ("temporal", &mut row.temporal_ms),
+        ("denoise", &mut row.denoise_ms),
         ("composite", &mut row.composite_ms),
     ] {
         *value = median(name);

@@ -1,0 +1,119 @@
+//! Reconstruction and accumulation in one pass find what two passes find.
+
+use super::{
+    passes::gpu,
+    wall::{History, Ray, Reconstructed, VIRTUAL_HISTORY, Wall, unhalf},
+};
+use bevy::math::{UVec2, uvec2};
+
+/// Pixels of a workgroup in each direction.
+const GROUP: u32 = 16;
+/// `VIEW_FULL_RESOLUTION_MIRRORS`.
+const OWN_RAYS: u32 = 4;
+const FRAMES: u32 = 6;
+/// Largest relative difference: halves are rounded in another place, at random, and clipping follows their neighbours.
+const MOST_DIFFERENCE: f32 = 0.02;
+/// The same on the mean of the pixels at borders of workgroups, which know other neighbours.
+const MOST_DIFFERENCE_AT_BORDERS: f32 = 0.1;
+
+fn nothing(wall: &Wall) -> Vec<Reconstructed> {
+    let texel = Reconstructed {
+        radiance: [0.0; 3],
+        variance: 0.0,
+        distance: 0.0,
+        packed_weight: 0.0,
+    };
+    vec![texel; (wall.size.x * wall.size.y) as usize]
+}
+
+/// Bright blots that move from frame to frame over a dim wall.
+fn seen(frame: u32, ray: &Ray) -> [f32; 4] {
+    let place = ray.block.as_vec2() * 0.31 + frame as f32;
+    let blot = (place.x.sin() * place.y.cos()).max(0.0).powi(4);
+    [0.2 + 3.0 * blot, 0.3 + blot, 0.1, 2.0 + 3.0 * blot]
+}
+
+fn difference(a: &History, b: &History, index: usize) -> f32 {
+    let channels = 0..3;
+    let values = channels.map(|channel| [a, b].map(|history| unhalf(history.radiance[index][channel])));
+    values
+        .map(|[a, b]| (a - b).abs() / (a.abs().max(b.abs()) + 0.02))
+        .fold(0.0, f32::max)
+}
+
+fn is_at_border(pixel: UVec2, size: UVec2) -> bool {
+    let place = pixel % GROUP;
+    place.min_element() == 0 || place.max_element() == GROUP - 1 || (pixel + 1).cmpge(size).any()
+}
+
+/// Frames by one pass and by two, each with a history of its own.
+#[test]
+fn one_pass_finds_what_two_find() {
+    let Some((gpu, mut shaders)) = gpu() else { return };
+    for (roughness, rate, knows_rest, untraced) in [
+        (77, 0, true, (|_| false) as fn(UVec2) -> bool),
+        (77, 5, false, |_| false),
+        (128, 10, false, |_| false),
+        (20, 0, false, |_| false),
+        (51, 0, true, |block| (block.x / 8 + block.y / 8).is_multiple_of(3)),
+    ] {
+        let mut wall = Wall {
+            roughness,
+            rate,
+            knows_rest,
+            untraced,
+            ..Wall::new(uvec2(104, 72))
+        };
+        let own = nothing(&wall);
+        let mut histories = [wall.no_history(), wall.no_history()];
+        for frame in 0..FRAMES {
+            wall.frame = frame;
+            wall.accumulated = frame;
+            let new = wall.reconstruct_rays(gpu, &mut shaders, |ray| seen(frame, ray));
+            let [one, two] = &mut histories;
+            *one = wall.denoise(gpu, &mut shaders, |ray| seen(frame, ray), &own, one);
+            *two = wall.accumulate(gpu, &mut shaders, &new, two);
+        }
+        let [one, two] = &histories;
+        let case = format!("roughness {roughness}, rate {rate}");
+        let mut at_borders = Vec::new();
+        for (index, pixel) in wall.pixels().enumerate() {
+            let difference = difference(one, two, index);
+            if is_at_border(pixel, wall.size) {
+                at_borders.push(difference);
+            } else {
+                assert!(difference <= MOST_DIFFERENCE, "{case} at {pixel}: {difference}");
+            }
+        }
+        let mean = at_borders.iter().sum::<f32>() / at_borders.len() as f32;
+        println!("{case}: pixels at borders differ by {mean}");
+        assert!(mean <= MOST_DIFFERENCE_AT_BORDERS, "{case}: {mean}");
+    }
+}
+
+/// Mirrors show what their own rays brought, also in tiles whose blocks have none.
+#[test]
+fn own_rays_pass_by() {
+    let Some((gpu, mut shaders)) = gpu() else { return };
+    let wall = Wall {
+        roughness: 0,
+        flags: VIRTUAL_HISTORY | OWN_RAYS,
+        ..Wall::new(uvec2(40, 24))
+    };
+    let mut own = nothing(&wall);
+    for (index, texel) in own.iter_mut().enumerate() {
+        texel.radiance = [index as f32 / 256.0, 0.5, 1.0];
+        texel.distance = 3.0;
+        texel.packed_weight = 1.0;
+    }
+    let history = wall.denoise(gpu, &mut shaders, |_| [9.0; 4], &own, &wall.no_history());
+    for (index, texel) in own.iter().enumerate() {
+        let [red, green, blue, length] = history.radiance[index].map(unhalf);
+        let expected = texel.radiance;
+        assert!(
+            (red - expected[0]).abs() <= 0.002 * expected[0] + 1e-4,
+            "{index}: {red}"
+        );
+        assert_eq!([green, blue, length], [0.5, 1.0, 1.0], "{index}");
+    }
+}
