@@ -78,7 +78,7 @@ pub struct Needs {
     pub pipeline: bool,
     pub temporal: bool,
     pub mirrors: bool,
-    /// Of mirrors' own rays, or of a reconstruction that is a pass of its own.
+    /// The reconstruction is a pass of its own.
     pub reconstructed: bool,
     pub reflection: bool,
     pub screen: bool,
@@ -94,7 +94,7 @@ impl Needs {
             pipeline: !accumulation,
             temporal: !accumulation && settings.denoiser.temporal,
             mirrors: !accumulation && settings.full_resolution_mirrors,
-            reconstructed: !accumulation && (settings.full_resolution_mirrors || !settings.denoises_in_one_pass()),
+            reconstructed: !accumulation && !settings.denoises_in_one_pass(),
             screen: settings.reuses_screen(),
         }
     }
@@ -139,7 +139,7 @@ pub struct PipelineTargets {
     /// [`HIT_FORMAT`] (twice as large as trace): exists only where no other texture can hold it, see [`Self::hits`].
     own_hits: Option<TextureView>,
     /// [`RADIANCE_FORMAT`] (full): the reconstructed radiance; alpha is the relative variance of its mean. Mirror rays write their
-    /// radiance here, too: see [`Self::mirror_radiance`]. Absent where neither is written.
+    /// radiance here, too: see [`Self::mirror_radiance`]. Absent where one pass reconstructs and accumulates.
     pub reconstructed: Option<TextureView>,
     /// [`STATS_FORMAT`] (full): `pack2x16float(hit distance, 16 w / (1 + w))`, with the mean weight w of the rays, 1 where it is as
     /// expected; 0 where nothing reflects.
@@ -156,14 +156,17 @@ impl PipelineTargets {
         self.own_hits.as_ref().or_else(unused)
     }
 
-    /// Texture into which mirror rays write their radiance. They bypass the denoiser: its passes leave their pixels unchanged.
-    pub fn mirror_radiance(&self) -> Option<&TextureView> {
-        self.reconstructed.as_ref()
+    /// Texture into which mirror rays write their radiance: the reconstruction, or the history of this frame where there is none. They bypass
+    /// the denoiser, whose passes leave their pixels unchanged.
+    pub fn mirror_radiance(&self, write_index: usize) -> Option<&TextureView> {
+        let history = || self.history.as_ref().map(|history| &history.radiance[write_index]);
+        self.reconstructed.as_ref().or_else(history)
     }
 
-    /// Texture into which mirror rays write their hit distance and the number of their rays.
-    pub fn mirror_stats(&self) -> Option<&TextureView> {
-        self.reconstructed_stats.as_ref()
+    /// Texture into which mirror rays write their hit distance, and the number of their rays or their variance.
+    pub fn mirror_stats(&self, write_index: usize) -> Option<&TextureView> {
+        let history = || self.history.as_ref().map(|history| &history.stats[write_index]);
+        self.reconstructed_stats.as_ref().or_else(history)
     }
 }
 

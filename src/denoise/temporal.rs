@@ -13,10 +13,8 @@ pub(super) fn pass() -> GBufferPass<PassVariant> {
     GBufferPass::new("glint_temporal", bindings(), OtherGroups::None)
 }
 
-/// The bindings of this pass, and of one pass with the reconstruction.
-///
-/// The former doesn't read the rays, and the latter takes what mirrors' own rays brought from where the former finds the reconstruction. Where
-/// there are no such rays, other textures of the same kind are bound and not read.
+/// The bindings of this pass, and of one pass with the reconstruction: the former doesn't read the rays. The latter doesn't read the
+/// reconstruction, in whose place other textures of the same kind are bound where there is none.
 pub(super) fn bindings() -> Vec<Binding> {
     let mut bindings = tiles::bindings();
     bindings.extend(ray_bindings());

@@ -33,8 +33,10 @@ pub(super) fn shading_and_mirrors_pass(scene_layout: &BindGroupLayoutDescriptor)
     bindings.extend([
         Binding::words(|context| Some(&context.images()?.mirror_ray_list)),
         Binding::written_words(1, |context| Some(&context.targets().counters)),
-        Binding::written(RADIANCE_FORMAT, |context| context.images()?.mirror_radiance()),
-        Binding::written(STATS_FORMAT, |context| context.images()?.mirror_stats()),
+        Binding::written(RADIANCE_FORMAT, |context| {
+            context.images()?.mirror_radiance(context.now())
+        }),
+        Binding::written(STATS_FORMAT, |context| context.images()?.mirror_stats(context.now())),
     ]);
     let groups = OtherGroups::SceneAndEnvironment(scene_layout.clone());
     GBufferPass::new("glint_shade_hits_and_mirrors", bindings, groups).with_screen(reads_screen)
@@ -55,8 +57,10 @@ fn shading_bindings() -> Vec<Binding> {
 pub(super) fn mirror_ray_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Variant> {
     let own = vec![
         Binding::words(|context| Some(&context.images()?.mirror_ray_list)),
-        Binding::written(RADIANCE_FORMAT, |context| context.images()?.mirror_radiance()),
-        Binding::written(STATS_FORMAT, |context| context.images()?.mirror_stats()),
+        Binding::written(RADIANCE_FORMAT, |context| {
+            context.images()?.mirror_radiance(context.now())
+        }),
+        Binding::written(STATS_FORMAT, |context| context.images()?.mirror_stats(context.now())),
     ];
     list_pass("glint_trace_mirror_rays", own, scene_layout)
 }

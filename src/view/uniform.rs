@@ -116,6 +116,9 @@ pub const VIEW_MIRROR_HISTORY: u32 = 64;
 /// Bevy draws transmissive surfaces.
 pub const VIEW_DRAWS_GLASS: u32 = 128;
 
+/// One pass reconstructs and accumulates.
+pub const VIEW_ONE_PASS: u32 = 1024;
+
 /// Hits take light from what the camera showed ...
 pub const VIEW_REUSES_SCREEN: u32 = 256;
 /// ... in this frame, and not in the last one.
@@ -266,6 +269,7 @@ fn flags(settings: &ClampedSettings, rate: &RateThresholds) -> u32 {
         (VIEW_VIRTUAL_HISTORY, settings.denoiser.virtual_history),
         (VIEW_SUPPRESS_FIREFLIES, settings.denoiser.suppress_fireflies),
         (VIEW_MIRROR_HISTORY, rate.keeps_mirrors),
+        (VIEW_ONE_PASS, settings.denoises_in_one_pass()),
     ];
     set.into_iter()
         .fold(0, |flags, (flag, is_set)| if is_set { flags | flag } else { flags })

@@ -358,18 +358,17 @@ impl Wall {
         pass.texture(10, TextureFormat::Rg32Float, side, bytemuck::cast_slice(table));
     }
 
-    /// Reconstruction and accumulation in one pass; nothing has moved. `own` is what mirrors' own rays brought.
+    /// Reconstruction and accumulation in one pass; nothing has moved.
     pub fn denoise(
         &self,
         gpu: &Gpu,
         shaders: &mut Shaders,
         radiance: impl Fn(&Ray) -> [f32; 4],
-        own: &[Reconstructed],
         before: &History,
     ) -> History {
         let mut pass = self.pass(gpu, shaders, "one_pass", self.rest_defs());
         self.bind_rays(&mut pass, radiance);
-        self.history_of(pass, own, before)
+        self.history_of(pass, &[], before)
     }
 
     /// One frame of accumulation; nothing has moved.
@@ -394,12 +393,14 @@ impl Wall {
             |texel: &Reconstructed| u32::from(half(texel.distance)) | (u32::from(half(texel.packed_weight)) << 16);
         let colors: Vec<_> = new.iter().map(color).collect();
         let pairs: Vec<_> = new.iter().map(pair).collect();
-        let still = vec![[0f32; 2]; new.len()];
         let (size, tiles) = (self.size, self.tiles());
+        let still = vec![[0f32; 2]; (size.x * size.y) as usize];
         pass.texture(13, TextureFormat::R32Uint, tiles, bytemuck::cast_slice(&before.rates));
         pass.texture(14, TextureFormat::Rg32Float, size, bytemuck::cast_slice(&still));
-        pass.texture(11, TextureFormat::Rgba16Float, size, bytemuck::cast_slice(&colors));
-        pass.texture(12, TextureFormat::R32Uint, size, bytemuck::cast_slice(&pairs));
+        if !new.is_empty() {
+            pass.texture(11, TextureFormat::Rgba16Float, size, bytemuck::cast_slice(&colors));
+            pass.texture(12, TextureFormat::R32Uint, size, bytemuck::cast_slice(&pairs));
+        }
         pass.texture(
             15,
             TextureFormat::Rgba16Float,
