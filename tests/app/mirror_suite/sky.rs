@@ -52,8 +52,12 @@ pub(super) const ROWS: [Row; 16] = [
         stage.bounces = 2;
         stage.lie_in_haze(marched(), 0.001);
         // Bevy has no reflections in them.
-        stage.spawn(StandardMaterial { unlit: true, ..blue() });
+        let unlit = StandardMaterial { unlit: true, ..blue() };
+        stage.spawn(unlit.clone());
         stage.open();
+        let behind = Transform::from_xyz(0.0, 0.0, 12.0).looking_to(Vec3::Z, Vec3::Y);
+        let behind = spawn_mesh(stage.app, Rectangle::new(60.0, 60.0), unlit, behind);
+        stage.spawned.push(behind);
     }),
     ("blended surfaces, which have no haze", |stage| {
         stage.technique = ReflectionTechnique::Quarter;
