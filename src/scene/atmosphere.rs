@@ -2,7 +2,7 @@
 
 use bevy::{
     math::{Mat4, Vec3, Vec3A},
-    pbr::ExtractedAtmosphere,
+    pbr::{AtmosphereMode, ExtractedAtmosphere, GpuAtmosphereSettings},
 };
 use bytemuck::{Pod, Zeroable};
 
@@ -50,6 +50,39 @@ impl GpuAir {
     }
 }
 
+/// How Bevy lays the haze of an atmosphere over what a view shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AerialView {
+    /// Metres up to which a table of it reaches; 0 where Bevy marches along each ray in its place.
+    pub distance: f32,
+    /// Layers of that table.
+    pub layers: u32,
+    /// Points of a ray in each layer, or on all of its way.
+    pub samples: u32,
+}
+
+impl AerialView {
+    /// The view's settings; `None` where they give no haze.
+    pub fn new(settings: &GpuAtmosphereSettings) -> Option<Self> {
+        let marched = Self {
+            distance: 0.0,
+            layers: 1,
+            samples: settings.sky_max_samples,
+        };
+        let looked_up = Self {
+            distance: settings.aerial_view_lut_max_distance,
+            layers: settings.aerial_view_lut_size.z,
+            samples: settings.aerial_view_lut_samples,
+        };
+        if settings.rendering_method == AtmosphereMode::Raymarched as u32 {
+            Some(marched).filter(|view| view.samples > 0)
+        } else {
+            let reaches = looked_up.distance.is_finite() && looked_up.distance > 0.0;
+            Some(looked_up).filter(|view| reaches && view.layers > 0 && view.samples > 0)
+        }
+    }
+}
+
 fn rows(matrix: Mat4) -> [[f32; 4]; 3] {
     [0, 1, 2].map(|row| matrix.row(row).to_array())
 }
@@ -65,7 +98,7 @@ fn axes(place: Vec3A) -> [Vec3A; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bevy::asset::AssetId;
+    use bevy::{asset::AssetId, pbr::AtmosphereSettings};
 
     fn earth(world_to_atmosphere: Mat4) -> ExtractedAtmosphere {
         ExtractedAtmosphere {
@@ -101,6 +134,43 @@ mod tests {
             }
             assert!(x.cross(y).dot(z) > 0.999);
         }
+    }
+
+    #[test]
+    fn haze_follows_the_settings_of_the_view() {
+        let haze = |settings: AtmosphereSettings| AerialView::new(&settings.into());
+        let default = AtmosphereSettings::default;
+        let looked_up = AerialView {
+            distance: 32_000.0,
+            layers: 32,
+            samples: 10,
+        };
+        assert_eq!(haze(default()), Some(looked_up));
+        let rendering_method = AtmosphereMode::Raymarched;
+        let marched = AtmosphereSettings {
+            rendering_method,
+            sky_max_samples: 24,
+            ..default()
+        };
+        assert_eq!(
+            haze(marched.clone()).map(|view| (view.distance, view.samples)),
+            Some((0.0, 24))
+        );
+        let nothing = [
+            AtmosphereSettings {
+                sky_max_samples: 0,
+                ..marched
+            },
+            AtmosphereSettings {
+                aerial_view_lut_max_distance: f32::NAN,
+                ..default()
+            },
+            AtmosphereSettings {
+                aerial_view_lut_samples: 0,
+                ..default()
+            },
+        ];
+        assert!(nothing.into_iter().all(|settings| haze(settings).is_none()));
     }
 
     #[test]

@@ -71,6 +71,8 @@ pub struct SceneBindings {
     pub(super) has_render_layers: bool,
     /// Some reflecting view lies in an atmosphere.
     pub(super) has_air: bool,
+    /// Haze of an atmosphere lies before what some reflecting view shows.
+    pub(super) has_haze: bool,
     /// Some reflecting view shows volumes of fog.
     pub(super) has_fog_volumes: bool,
     /// Some of them have a texture of their density.
@@ -126,6 +128,7 @@ impl FromWorld for SceneBindings {
             has_diffuse_transmission: false,
             has_render_layers: false,
             has_air: false,
+            has_haze: false,
             has_fog_volumes: false,
             has_fog_density: false,
             has_rect_lights: false,
@@ -219,6 +222,11 @@ impl SceneBindings {
     /// Returns whether views lie in an atmosphere, which shaders have to know.
     pub(crate) fn has_air(&self) -> bool {
         self.has_air
+    }
+
+    /// Returns whether haze of an atmosphere lies before what they show, which shaders have to know.
+    pub(crate) fn has_haze(&self) -> bool {
+        self.has_haze
     }
 
     /// Returns whether views show volumes of fog, which shaders have to know.

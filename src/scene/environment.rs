@@ -4,7 +4,7 @@
 mod bindings;
 
 use super::{
-    atmosphere::GpuAir,
+    atmosphere::{AerialView, GpuAir},
     fog_volumes::{FogWorld, GpuFogVolume, MAX_FOG_LAMPS, MAX_FOG_VOLUMES},
     gpu_types::GpuLight,
     render_layers::SceneLayers,
@@ -16,9 +16,11 @@ use bevy::{
     color::{Color, LinearRgba},
     ecs::prelude::*,
     image::Image,
-    light::{AmbientLight, EnvironmentMapLight, GlobalAmbientLight, Skybox, VolumetricFog},
-    math::Quat,
-    pbr::ExtractedAtmosphere,
+    light::{
+        AmbientLight, EnvironmentMapLight, GlobalAmbientLight, Skybox, VolumetricFog, atmosphere::ScatteringMedium,
+    },
+    math::{Quat, Vec3},
+    pbr::{ExtractedAtmosphere, GpuAtmosphereSettings},
     render::sync_world::RenderEntity,
     transform::components::GlobalTransform,
 };
@@ -26,8 +28,9 @@ use bytemuck::{Pod, Zeroable};
 
 pub use bindings::{EnvironmentBindings, layout_descriptor, prepare_environments};
 
-/// Fog may have a texture of its density. Not in browsers, which allow 16 textures in a pass: some passes have as many without it.
-const BINDS_DENSITY: bool = !cfg!(target_arch = "wasm32");
+/// Fog may have a texture of its density, and rays know the medium of an atmosphere. Not in browsers, which allow 16 textures in a pass:
+/// some passes have as many without them.
+const MANY_TEXTURES: bool = !cfg!(target_arch = "wasm32");
 
 /// Flag of [`GpuEnvironment`].
 pub const ENVIRONMENT_HAS_MAP: u32 = 1;
@@ -77,8 +80,12 @@ pub struct GpuEnvironment {
     pub fog_lamps: [GpuLight; MAX_FOG_LAMPS],
     /// Lamps that are there, at the beginning.
     pub fog_lamp_count: u32,
-    /// Brings it to a multiple of 16 bytes.
-    pub unused: [u32; 3],
+    /// [`AerialView::distance`].
+    pub aerial_distance: f32,
+    /// [`AerialView::layers`].
+    pub aerial_layers: u32,
+    /// [`AerialView::samples`]; 0 without haze.
+    pub aerial_samples: u32,
 }
 
 const _: () = assert!(size_of::<GpuEnvironment>() == 1120);
@@ -92,6 +99,8 @@ pub struct ViewEnvironment {
     skybox: Option<AssetId<Image>>,
     /// The texture of the density of fog.
     fog_density: Option<AssetId<Image>>,
+    /// The medium of the atmosphere whose haze lies before what rays hit.
+    medium: Option<AssetId<ScatteringMedium>>,
 }
 
 fn finite(value: f32) -> f32 {
@@ -123,6 +132,11 @@ impl ViewEnvironment {
     /// The view lies in an atmosphere.
     pub(super) fn has_air(&self) -> bool {
         self.uniform.air != GpuAir::default()
+    }
+
+    /// Haze of the atmosphere lies before what rays hit.
+    pub(super) fn has_haze(&self) -> bool {
+        self.medium.is_some()
     }
 
     /// The view shows volumes of fog with a texture of their density.
@@ -167,6 +181,21 @@ impl ViewEnvironment {
             maps: map.map(|map| (map.diffuse_map.id(), map.specular_map.id())),
             skybox: skybox.and_then(|skybox| skybox.image.as_ref()).map(|image| image.id()),
             fog_density: None,
+            medium: None,
+        }
+    }
+
+    /// Surrounds the viewer with an atmosphere.
+    fn breathe(&mut self, atmosphere: &ExtractedAtmosphere, settings: &GpuAtmosphereSettings, viewer: Vec3) {
+        let Some(air) = GpuAir::new(atmosphere, viewer) else {
+            return;
+        };
+        self.uniform.air = air;
+        if let Some(haze) = AerialView::new(settings).filter(|_| MANY_TEXTURES) {
+            self.medium = Some(atmosphere.medium);
+            self.uniform.aerial_distance = haze.distance;
+            self.uniform.aerial_layers = haze.layers;
+            self.uniform.aerial_samples = haze.samples;
         }
     }
 }
@@ -190,13 +219,16 @@ pub(super) type ReflectingCameras<'w, 's> = Query<
     ),
 >;
 
+/// Bevy's atmospheres, as views see them.
+pub(super) type Atmospheres<'w, 's> = Query<'w, 's, (&'static ExtractedAtmosphere, &'static GpuAtmosphereSettings)>;
+
 /// Gives every reflecting view its [`ViewEnvironment`] and takes it from the others. `scene_layers` are those of this frame.
 pub(super) fn follow_environments(
     cameras: &ReflectingCameras,
     ambient: Option<&GlobalAmbientLight>,
     clear_color: Option<&ClearColor>,
     scene_layers: &SceneLayers,
-    atmospheres: &Query<&ExtractedAtmosphere>,
+    atmospheres: &Atmospheres,
     fog_world: &FogWorld,
     views: &mut Query<(Entity, &mut ViewEnvironment)>,
     commands: &mut Commands,
@@ -227,9 +259,9 @@ pub(super) fn follow_environments(
         );
         environment.uniform.flags |= scene_layers.groups_of_camera(drawn, reflected);
         // Bevy extracts atmospheres in the same schedule: this is that of the last frame.
-        let air = atmospheres.get(entity).ok();
-        let air = air.and_then(|atmosphere| GpuAir::new(atmosphere, place.translation()));
-        environment.uniform.air = air.unwrap_or_default();
+        if let Ok((atmosphere, settings)) = atmospheres.get(entity) {
+            environment.breathe(atmosphere, settings, place.translation());
+        }
         if let Some(fog) = fog {
             let uniform = &mut environment.uniform;
             uniform.fog_ambient = rgb(fog.ambient_color).map(|channel| finite(channel * finite(fog.ambient_intensity)));
@@ -240,7 +272,7 @@ pub(super) fn follow_environments(
                 let is_textured = uniform.fog_volumes.iter().any(|volume| volume.textured != 0);
                 environment.fog_density = fog_world
                     .density_texture(place.translation())
-                    .filter(|_| is_textured && BINDS_DENSITY);
+                    .filter(|_| is_textured && MANY_TEXTURES);
             }
         }
         match views.get_mut(entity) {

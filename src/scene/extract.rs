@@ -4,7 +4,7 @@
 use super::{
     activity::SceneActivity,
     alpha_images::{AlphaImages, extract_alpha_images},
-    environment::{ReflectingCameras, ViewEnvironment, follow_environments},
+    environment::{Atmospheres, ReflectingCameras, ViewEnvironment, follow_environments},
     fog_volumes::FogWorld,
     instances::{SceneInstances, extract::RemovedFromScene, lost::LostComponents},
     light_probes::{ExtractedLightProbes, ProbeWorld, extract_light_probes},
@@ -23,7 +23,6 @@ use bevy::{
     ecs::{prelude::*, system::SystemParam},
     image::Image,
     light::GlobalAmbientLight,
-    pbr::ExtractedAtmosphere,
     render::{Extract, renderer::RenderDevice},
 };
 
@@ -42,7 +41,7 @@ pub(super) struct Onlookers<'w, 's> {
 pub(super) fn begin_extraction(
     mut world: Extract<Onlookers>,
     mut commands: Commands,
-    atmospheres: Query<&ExtractedAtmosphere>,
+    atmospheres: Atmospheres,
     mut views: Query<(Entity, &mut ViewEnvironment)>,
     mut activity: ResMut<SceneActivity>,
     mut layers: ResMut<SceneLayers>,

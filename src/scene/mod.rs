@@ -97,6 +97,7 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "light_sampling.wesl");
         load_shader_library!(app, "lights.wesl");
         load_shader_library!(app, "material.wesl");
+        load_shader_library!(app, "medium.wesl");
         load_shader_library!(app, "change.wesl");
         load_shader_library!(app, "offset.wesl");
         load_shader_library!(app, "opacity.wesl");

@@ -57,6 +57,7 @@ impl Plugin for TracePlugin {
         if app.get_sub_app(RenderApp).is_none() {
             return;
         }
+        load_shader_library!(app, "aerial_perspective.wesl");
         load_shader_library!(app, "albedo.wesl");
         load_shader_library!(app, "bounce.wesl");
         load_shader_library!(app, "brdf.wesl");

@@ -96,6 +96,8 @@ pub(super) struct Variant {
     pub draws_lights: bool,
     /// Some view lies in an atmosphere.
     pub air: bool,
+    /// Its haze lies before what rays hit.
+    pub haze: bool,
     /// The app's shader changes the surfaces of hits.
     pub own_surfaces: bool,
     /// There are rectangular lights.
@@ -120,6 +122,7 @@ pub(super) enum ShadingVariant {
         clearcoat: bool,
         probes: bool,
         air: bool,
+        haze: bool,
         own_surfaces: bool,
         rects: bool,
         light_textures: bool,
@@ -148,6 +151,7 @@ impl Variant {
             layers: scene.has_render_layers(),
             draws_lights: scene.draws_lights(),
             air: scene.has_air(),
+            haze: scene.has_haze(),
             own_surfaces: false,
             rects: scene.has_rect_lights(),
             light_textures: scene.has_light_textures(),
@@ -172,6 +176,7 @@ impl Variant {
         Self {
             lightmaps: false,
             clearcoat: false,
+            haze: false,
             own_surfaces: false,
             rects: false,
             light_textures: false,
@@ -204,6 +209,7 @@ impl Variant {
         let defs = [
             (self.lightmaps, "LIGHTMAPS"),
             (self.clearcoat, "CLEARCOAT"),
+            (self.haze, "AERIAL_PERSPECTIVE"),
             (self.rects, "RECT_LIGHTS"),
             (self.light_textures, "LIGHT_TEXTURES"),
             (self.bounces, "BOUNCES"),
@@ -229,6 +235,7 @@ impl Variant {
             clearcoat: self.clearcoat,
             probes: self.probes,
             air: self.air,
+            haze: self.haze,
             own_surfaces: self.own_surfaces,
             rects: self.rects,
             light_textures: self.light_textures,
@@ -244,6 +251,7 @@ impl Variant {
             probes: false,
             draws_lights: false,
             air: false,
+            haze: false,
             own_surfaces: false,
             rects: false,
             light_textures: false,
@@ -444,6 +452,21 @@ mod tests {
             Some(Variant::default().plain())
         );
         assert!(variant.substitutes()[..2].iter().all(|variant| variant.air));
+    }
+
+    #[test]
+    fn haze_is_known_where_hits_are_shaded() {
+        let variant = Variant {
+            air: true,
+            haze: true,
+            ..Variant::default()
+        };
+        assert!(variant.defs().eq(["ATMOSPHERIC"]));
+        assert_eq!(variant.shading_defs(), ["AERIAL_PERSPECTIVE"]);
+        let rays = variant.without_shading();
+        assert!(rays.air && !rays.haze);
+        assert_eq!(variant.shading_substitutes(false).next(), Some(variant.plain()));
+        assert!(variant.substitutes()[..2].iter().all(|variant| variant.haze));
     }
 
     #[test]

@@ -228,6 +228,8 @@ struct Stage<'a> {
     technique: ReflectionTechnique,
     /// Exact mirrors have rays of their own.
     own_rays: bool,
+    /// Hits of a ray, with what each reflects.
+    bounces: u32,
     frames: u32,
     /// Direction of the light. Without another it comes from behind the mirror, and doesn't shine on that.
     sun: Vec3,
@@ -248,6 +250,7 @@ impl<'a> Stage<'a> {
             fog_color: FOG,
             technique: ReflectionTechnique::Reference,
             own_rays: false,
+            bounces: 1,
             frames: 2,
             sun: SUN,
         }
@@ -412,10 +415,11 @@ impl<'a> Stage<'a> {
     /// The picture in the mirror.
     fn in_the_mirror(&mut self) -> Vec<u8> {
         reflect(self.app, self.camera, self.technique);
-        if self.own_rays {
+        if self.own_rays || self.bounces > 1 {
             let world = self.app.world();
             let mut settings = world.get_mut::<RayTracedReflections>(self.camera).unwrap();
-            settings.full_resolution_mirrors = true;
+            settings.full_resolution_mirrors = self.own_rays;
+            settings.max_bounces = self.bounces;
             warm_up(self.app);
         }
         self.capture()
@@ -487,6 +491,7 @@ impl<'a> Stage<'a> {
         self.fog_color = FOG;
         self.technique = ReflectionTechnique::Reference;
         self.own_rays = false;
+        self.bounces = 1;
         self.frames = 2;
         self.sun = SUN;
         self.set_fog_before_the_mirror(true);

@@ -55,7 +55,7 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 71] = [
+const PASSES: [(&str, &[&str]); 74] = [
     ("trace/shade", &["VOLUMETRIC_FOG", "FOG_DENSITY", "MANY_LIGHTS"]),
     (
         "trace/blocks",
@@ -106,6 +106,12 @@ const PASSES: [(&str, &[&str]); 71] = [
     ("trace/blocks", &["ATMOSPHERIC", "MIRRORS", "RAY_QUERY"]),
     ("trace/shade", &["ATMOSPHERIC"]),
     ("trace/converged", &["ATMOSPHERIC", "RAY_QUERY"]),
+    ("trace/shade", &["ATMOSPHERIC", "AERIAL_PERSPECTIVE"]),
+    (
+        "trace/blocks",
+        &["ATMOSPHERIC", "AERIAL_PERSPECTIVE", "MIRRORS", "RAY_QUERY"],
+    ),
+    ("trace/converged", &["ATMOSPHERIC", "AERIAL_PERSPECTIVE", "RAY_QUERY"]),
     ("trace/blocks", &["RENDER_LAYERS"]),
     ("trace/blocks", &["RENDER_LAYERS", "RAY_QUERY"]),
     ("trace/blocks", &["SCREEN_TRACES"]),

@@ -10,6 +10,7 @@ mod wesl;
 
 mod denoise;
 mod fog;
+mod haze;
 mod light_sampling;
 mod lights;
 mod march;

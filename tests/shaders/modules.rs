@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, fog_volumes::GpuFogVolume, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 67] = [
+pub const COMBINATIONS: [&[&str]; 70] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -67,6 +67,24 @@ pub const COMBINATIONS: [&[&str]; 67] = [
         "BINDLESS_TEXTURES",
         "LIGHT_SAMPLING",
         "MIRRORS",
+    ],
+    &["ATMOSPHERIC", "AERIAL_PERSPECTIVE"],
+    &[
+        "ATMOSPHERIC",
+        "AERIAL_PERSPECTIVE",
+        "RAY_QUERY",
+        "BOUNCES",
+        "MANY_LIGHTS",
+        "LIGHT_SAMPLING",
+    ],
+    &[
+        "ATMOSPHERIC",
+        "AERIAL_PERSPECTIVE",
+        "VOLUMETRIC_FOG",
+        "MIRRORS",
+        "LAYERED_RAYS",
+        "TINTED_GLASS",
+        "BINDLESS_TEXTURES",
     ],
     &["VOLUMETRIC_FOG", "ALPHA_MASKED_GEOMETRY", "MANY_LIGHTS"],
     &["VOLUMETRIC_FOG", "FOG_DENSITY", "MANY_LIGHTS"],
@@ -286,6 +304,29 @@ fn the_screen_is_linked_on_request() {
     }
 }
 
+/// Scenes without an atmosphere pay nothing for haze: their shaders neither bind its medium nor hold its code, and no ray is looked at that
+/// another pass shades.
+#[test]
+fn haze_is_linked_on_request() {
+    let mut shaders = Shaders::load();
+    let passes: [(&str, &[&str], bool); 4] = [
+        ("shade", &[], true),
+        ("blocks", &["MIRRORS"], true),
+        ("converged", &[], true),
+        ("blocks", &[], false),
+    ];
+    for (pass, own, shades) in passes {
+        let mut has_haze = |more: &[&'static str]| {
+            let defs: Vec<_> = [own, more].concat().iter().map(|&def| def.into()).collect();
+            let (wgsl, _) = shaders.expect(&format!("bevy_glint/trace/{pass}.wesl"), &defs);
+            ["ray_haze", "density_table", "multiscattering_table"].map(|name| wgsl.contains(name))
+        };
+        assert_eq!(has_haze(&[]), [false; 3], "{pass}");
+        assert_eq!(has_haze(&["ATMOSPHERIC"]), [false; 3], "{pass}");
+        assert_eq!(has_haze(&["ATMOSPHERIC", "AERIAL_PERSPECTIVE"]), [shades; 3], "{pass}");
+    }
+}
+
 /// Size of a struct of the shaders and offsets of its members.
 fn layout(module: &naga::Module, name: &str) -> (u32, Vec<(String, u32)>) {
     for (_, ty) in module.types.iter() {
@@ -438,7 +479,10 @@ fn surroundings_match_the_cpu() {
             fog_ambient,
             fog_volume_count,
             fog_lamps,
-            fog_lamp_count
+            fog_lamp_count,
+            aerial_distance,
+            aerial_layers,
+            aerial_samples
         ]
     );
     same_layout!(

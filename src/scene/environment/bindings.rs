@@ -1,7 +1,7 @@
 //! Bind group 2 of each view.
 
 use super::{
-    BINDS_DENSITY, ENVIRONMENT_HAS_DFG_LUT, ENVIRONMENT_HAS_MAP, ENVIRONMENT_HAS_SKYBOX, GpuEnvironment,
+    ENVIRONMENT_HAS_DFG_LUT, ENVIRONMENT_HAS_MAP, ENVIRONMENT_HAS_SKYBOX, GpuEnvironment, MANY_TEXTURES,
     ViewEnvironment,
 };
 use crate::{scene::atmosphere::GpuAir, settings::WantsReflections, vrs::BindGroupContents};
@@ -9,15 +9,15 @@ use bevy::{
     asset::AssetId,
     ecs::{entity::EntityHashMap, prelude::*, system::SystemParam},
     image::Image,
-    pbr::{AreaLightLuts, DfgLut, resources::AtmosphereTextures},
+    pbr::{AreaLightLuts, DfgLut, GpuScatteringMedium, resources::AtmosphereTextures},
     render::{
         render_asset::RenderAssets,
         render_resource::{
             BindGroup, BindGroupEntries, BindGroupLayout, BindGroupLayoutDescriptor, BindGroupLayoutEntries, Buffer,
             BufferDescriptor, BufferUsages, Extent3d, FilterMode, MipmapFilterMode, PipelineCache, Sampler,
-            SamplerBindingType, SamplerDescriptor, SamplerId, ShaderStages, TextureDataOrder, TextureDescriptor,
-            TextureDimension, TextureFormat, TextureSampleType, TextureUsages, TextureView, TextureViewDescriptor,
-            TextureViewDimension, TextureViewId,
+            SamplerBindingType, SamplerDescriptor, SamplerId, ShaderStages, Texture, TextureDataOrder,
+            TextureDescriptor, TextureDimension, TextureFormat, TextureSampleType, TextureUsages, TextureView,
+            TextureViewDescriptor, TextureViewDimension, TextureViewId,
             binding_types::{sampler, texture_2d, texture_2d_array, texture_3d, texture_cube, uniform_buffer_sized},
         },
         renderer::{RenderDevice, RenderQueue},
@@ -25,15 +25,15 @@ use bevy::{
     },
 };
 
-/// Bindings of the group, of which the last two are the density of fog and its sampler.
-const BINDINGS: usize = if BINDS_DENSITY { 11 } else { 9 };
+/// Bindings of the group, of which the last ones are the density of fog, its sampler, and the tables of the medium of the air.
+const BINDINGS: usize = if MANY_TEXTURES { 14 } else { 9 };
 
 struct ViewBindings {
     buffer: Buffer,
     bind_group: BindGroup,
     contents: BindGroupContents,
     written: GpuEnvironment,
-    views: [TextureViewId; 8],
+    views: [TextureViewId; 11],
     density_sampler: SamplerId,
 }
 
@@ -139,6 +139,9 @@ pub fn layout_descriptor() -> BindGroupLayoutDescriptor {
             texture_2d_array(TextureSampleType::Float { filterable: true }),
             texture_3d(TextureSampleType::Float { filterable: true }),
             sampler(SamplerBindingType::Filtering),
+            table(),
+            table(),
+            table(),
         ),
     );
     BindGroupLayoutDescriptor::new("glint_environment", &entries[..BINDINGS])
@@ -173,14 +176,26 @@ fn solid(image: &GpuImage, device: &RenderDevice) -> bool {
             == Some(TextureSampleType::Float { filterable: true })
 }
 
-/// Bevy's tables that are the same for all views. Without its cargo features they are missing, or have a single texel.
+/// Bevy's tables that are the same for all views, and its media of atmospheres. Without its cargo features tables are missing, or have a
+/// single texel.
 #[derive(SystemParam)]
 pub struct Tables<'w> {
     split_sum: Option<Res<'w, DfgLut>>,
     area_lights: Option<Res<'w, AreaLightLuts>>,
+    media: Option<Res<'w, RenderAssets<GpuScatteringMedium>>>,
 }
 
 impl Tables<'_> {
+    /// The medium of a view's air, if it can be bound.
+    fn medium(&self, view: &ViewEnvironment, device: &RenderDevice) -> Option<&GpuScatteringMedium> {
+        let medium = self.media.as_ref()?.get(view.medium?)?;
+        let is_filterable = |texture: &Texture| {
+            let sampled = texture.format().sample_type(None, Some(device.features()));
+            sampled == Some(TextureSampleType::Float { filterable: true })
+        };
+        (is_filterable(&medium.density_lut) && is_filterable(&medium.scattering_lut)).then_some(medium)
+    }
+
     fn split_sum<'a>(&self, images: &'a RenderAssets<GpuImage>) -> Option<&'a GpuImage> {
         let image = images.get(&self.split_sum.as_ref()?.texture)?;
         (image.texture_descriptor.size.width > 1).then_some(image)
@@ -200,6 +215,8 @@ struct ViewMaps<'a> {
     table: &'a TextureView,
     /// Bevy's tables of the atmosphere: of its transmittance, and of the sky.
     air: [&'a TextureView; 2],
+    /// Its tables of the medium: of light that was scattered more than once, of density, and of scattering.
+    medium: [&'a TextureView; 3],
     /// Bevy's table for rectangular lights.
     area_lights: &'a TextureView,
     fog_density: (&'a TextureView, &'a Sampler),
@@ -211,7 +228,7 @@ impl<'a> ViewMaps<'a> {
     fn new(
         view: &ViewEnvironment,
         images: &'a RenderAssets<GpuImage>,
-        tables: &Tables,
+        tables: &'a Tables,
         air: Option<&'a AtmosphereTextures>,
         bindings: &'a EnvironmentBindings,
         device: &RenderDevice,
@@ -224,6 +241,7 @@ impl<'a> ViewMaps<'a> {
             skybox: &bindings.black,
             table: &bindings.black_face,
             air: [&bindings.black_face; 2],
+            medium: [&bindings.black_face; 3],
             area_lights: &bindings.black_layers,
             fog_density: (&bindings.even, &bindings.sampler),
             sampler: &bindings.sampler,
@@ -254,11 +272,19 @@ impl<'a> ViewMaps<'a> {
             Some(air) => maps.air = [&air.transmittance_lut, &air.sky_view_lut].map(|table| &table.default_view),
             None => uniform.air = GpuAir::default(),
         }
+        match (air, tables.medium(view, device)) {
+            (Some(air), Some(medium)) => {
+                let scattered_often = &air.multiscattering_lut.default_view;
+                maps.medium = [scattered_often, &medium.density_lut_view, &medium.scattering_lut_view];
+            }
+            _ => uniform.aerial_samples = 0,
+        }
         (maps, uniform)
     }
 
-    fn ids(&self) -> [TextureViewId; 8] {
+    fn ids(&self) -> [TextureViewId; 11] {
         let [transmittance, sky] = self.air;
+        let [scattered_often, density, scattering] = self.medium;
         let views = [
             self.diffuse,
             self.specular,
@@ -268,11 +294,14 @@ impl<'a> ViewMaps<'a> {
             sky,
             self.area_lights,
             self.fog_density.0,
+            scattered_often,
+            density,
+            scattering,
         ];
         views.map(|view| view.id())
     }
 
-    fn entries(&self, buffer: &'a Buffer) -> BindGroupEntries<'a, 11> {
+    fn entries(&self, buffer: &'a Buffer) -> BindGroupEntries<'a, 14> {
         BindGroupEntries::sequential((
             buffer.as_entire_binding(),
             self.diffuse,
@@ -285,12 +314,15 @@ impl<'a> ViewMaps<'a> {
             self.area_lights,
             self.fog_density.0,
             self.fog_density.1,
+            self.medium[0],
+            self.medium[1],
+            self.medium[2],
         ))
     }
 
     /// Copies what a bind group was made of, for the pass with variable rate shading.
     fn fill(&self, contents: &mut BindGroupContents, buffer: &Buffer, bind_group: &BindGroup, device: &RenderDevice) {
-        // Shaders of that pass don't read the density of fog.
+        // Shaders of that pass read neither the density of fog nor the medium of the air.
         let samplers = [self.sampler, self.fog_density.1].map(|sampler| (&**sampler, environment_sampler()));
         contents.fill(device, bind_group, &self.entries(buffer), &samplers);
     }

@@ -100,7 +100,8 @@ impl Default for HeadlessSettings {
 }
 
 /// A graphics device without the features that browsers lack, and with the limits of WebGPU but for the storage buffers in a shader stage, of
-/// which most devices have 10, and for one sampled texture: native builds have Bevy's table of rectangular lights, pages have not.
+/// which most devices have 10, and for four sampled textures: native builds have Bevy's table of rectangular lights and those of the medium
+/// of an atmosphere, pages have not.
 /// Features of texture formats stay: Bevy takes them from the adapter, whatever the device has.
 #[must_use]
 pub fn browser_device() -> WgpuSettings {
@@ -109,7 +110,7 @@ pub fn browser_device() -> WgpuSettings {
         disabled_features: Some(WgpuFeatures::all_native_mask().difference(formats)),
         constrained_limits: Some(WgpuLimits {
             max_storage_buffers_per_shader_stage: 10,
-            max_sampled_textures_per_shader_stage: WgpuLimits::default().max_sampled_textures_per_shader_stage + 1,
+            max_sampled_textures_per_shader_stage: WgpuLimits::default().max_sampled_textures_per_shader_stage + 4,
             ..Default::default()
         }),
         ..Default::default()
