@@ -22,7 +22,7 @@ use bevy::{
 use bytemuck::{Pod, Zeroable};
 use core::num::NonZeroU64;
 
-/// Rates, rays and reconstruction are bound.
+/// Rates and rays are bound.
 const HAS_PIPELINE: u32 = 1;
 /// History is bound.
 const HAS_HISTORY: u32 = 2;

@@ -171,6 +171,10 @@ pub(crate) fn result<'a>(context: &PassContext<'a>) -> Option<&'a TextureView> {
     let images = context.images()?;
     match context.history() {
         Some((history, _)) => Some(&history.radiance[context.now()]),
-        None => images.reconstructed.as_ref(),
+        // While the passes for a camera that has lost its motion vectors are compiled, the last frame is better than none.
+        None => images.reconstructed.as_ref().or_else(|| {
+            let history = images.history.as_ref();
+            history.map(|history| &history.radiance[context.before()])
+        }),
     }
 }

@@ -11,6 +11,9 @@ pub(crate) fn adapter_name(info: &RenderAdapterInfo) -> String {
     )
 }
 
+/// Sampled textures of the pass that binds most: a debug view. Browsers promise no more than 16, and have fewer features.
+const SAMPLED_TEXTURES: u32 = if cfg!(target_arch = "wasm32") { 16 } else { 20 };
+
 /// Why nothing can be traced on this device by this tracer, or `None`.
 pub(crate) fn unsupported(backend: Backends, limits: &WgpuLimits, tracer: ReflectionTracer) -> Option<String> {
     if !(Backends::VULKAN | Backends::DX12 | Backends::METAL | Backends::BROWSER_WEBGPU).contains(backend) {
@@ -29,6 +32,13 @@ pub(crate) fn unsupported(backend: Backends, limits: &WgpuLimits, tracer: Reflec
         ReflectionTracer::RayQuery => 8,
         ReflectionTracer::Bvh => 9,
     };
+    let offered = limits.max_sampled_textures_per_shader_stage;
+    if offered < SAMPLED_TEXTURES {
+        return Some(format!(
+            "the device offers {offered} textures in a shader stage and {SAMPLED_TEXTURES} are needed: leave the limits of \
+             `WgpuSettings` at those of the adapter"
+        ));
+    }
     let offered = limits.max_storage_buffers_per_shader_stage;
     (offered < needed || limits.max_compute_workgroups_per_dimension == 0).then(|| {
         format!(
@@ -46,6 +56,7 @@ mod tests {
     fn what_cannot_trace_is_declined() {
         let limits = |buffers| WgpuLimits {
             max_storage_buffers_per_shader_stage: buffers,
+            max_sampled_textures_per_shader_stage: SAMPLED_TEXTURES,
             ..Default::default()
         };
         for backend in [
@@ -68,6 +79,12 @@ mod tests {
             assert!(reason.is_some_and(|reason| reason.contains("9 are needed")));
             assert!(unsupported(backend, &limits(7), ReflectionTracer::RayQuery).is_some());
         }
+        let few_textures = WgpuLimits {
+            max_sampled_textures_per_shader_stage: SAMPLED_TEXTURES - 1,
+            ..limits(9)
+        };
+        let reason = unsupported(Backends::VULKAN, &few_textures, ReflectionTracer::Bvh);
+        assert!(reason.is_some_and(|reason| reason.contains("textures in a shader stage")));
         for backend in [Backends::GL, Backends::NOOP] {
             assert!(
                 unsupported(backend, &limits(100), ReflectionTracer::Bvh).is_some(),

@@ -173,7 +173,7 @@ impl Request {
         if camera.tile_size.is_some() || settings.backend == ReflectionBackend::HardwareVrs {
             rate.tile_size = tile_size;
         }
-        settings.separate_denoiser = camera.debug().views().any(|view| view.is_of_passes()) || !camera.motion;
+        settings.separate_denoiser = camera.debug().views().any(|view| view.shows_reconstruction()) || !camera.motion;
         if let Some(effort) = camera.effort {
             effort.apply(&mut settings, &mut rate);
         }

@@ -101,6 +101,8 @@ pub struct ViewEnvironment {
     fog_density: Option<AssetId<Image>>,
     /// The medium of the atmosphere whose haze lies before what rays hit.
     medium: Option<AssetId<ScatteringMedium>>,
+    /// The rest of what Bevy's tables of the atmosphere hold: the ground's colour, and how finely they are summed up.
+    air_tables: Option<(Vec3, [u32; 4])>,
 }
 
 fn finite(value: f32) -> f32 {
@@ -182,6 +184,7 @@ impl ViewEnvironment {
             skybox: skybox.and_then(|skybox| skybox.image.as_ref()).map(|image| image.id()),
             fog_density: None,
             medium: None,
+            air_tables: None,
         }
     }
 
@@ -191,6 +194,13 @@ impl ViewEnvironment {
             return;
         };
         self.uniform.air = air;
+        let samples = [
+            settings.transmittance_lut_samples,
+            settings.multiscattering_lut_dirs,
+            settings.multiscattering_lut_samples,
+            settings.sky_view_lut_samples,
+        ];
+        self.air_tables = Some((atmosphere.ground_albedo, samples));
         if let Some(haze) = AerialView::new(settings).filter(|_| MANY_TEXTURES) {
             self.medium = Some(atmosphere.medium);
             self.uniform.aerial_distance = haze.distance;

@@ -49,6 +49,8 @@ pub const MATERIAL_FOG: u32 = 128;
 pub const MATERIAL_SEE_THROUGH: u32 = 256;
 /// Alpha scales the light that it reflects.
 pub const MATERIAL_FADES: u32 = 512;
+/// The surface covers samples by its alpha, and is drawn with the opaque ones.
+pub const MATERIAL_COVERAGE: u32 = 16384;
 /// From this bit on, bits hold the number of the material's type: 0 is `StandardMaterial`.
 pub const MATERIAL_TYPE_SHIFT: u32 = 10;
 /// They, shifted to 0.

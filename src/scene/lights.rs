@@ -87,6 +87,15 @@ impl ExtractedLights {
         (core::mem::take(&mut self.touched), core::mem::take(&mut self.change))
     }
 
+    /// Returns whether a directional light is among those that were touched.
+    pub(super) fn touches_sun(&self, touched: &Touched) -> bool {
+        let is_sun = |light: &GpuLight| light.kind == LIGHT_DIRECTIONAL;
+        match touched {
+            Touched::All => self.lights.iter().any(is_sun),
+            Touched::Lights(places) => places.iter().any(|&place| is_sun(&self.lights[place as usize])),
+        }
+    }
+
     /// Takes over the lights of a frame, marks those that are others than in the last one, when they may have had marks, or were so lately.
     fn replace(&mut self, lights: Vec<GpuLight>) {
         let previous = core::mem::replace(&mut self.lights, lights);
@@ -213,5 +222,21 @@ mod tests {
         let kept = [&lights[1..=MAX_LIGHTS]].concat();
         keep_strongest(&mut lights);
         assert!(lights == kept);
+    }
+
+    #[test]
+    fn suns_are_told_from_lamps() {
+        let lights = [LIGHT_DIRECTIONAL, LIGHT_POINT, LIGHT_SPOT].map(|kind| GpuLight {
+            kind,
+            ..Default::default()
+        });
+        let all = ExtractedLights {
+            lights: lights.to_vec(),
+            ..Default::default()
+        };
+        assert!(all.touches_sun(&Touched::All));
+        assert!(all.touches_sun(&Touched::Lights(vec![2, 0])));
+        assert!(!all.touches_sun(&Touched::Lights(vec![2, 1])));
+        assert!(!all.touches_sun(&Touched::default()));
     }
 }

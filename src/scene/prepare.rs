@@ -263,6 +263,10 @@ impl Scene<'_, '_> {
                 .write(self.materials.materials(), changed, device, queue);
         }
         let (touched, mut change) = self.lights.take_changes();
+        if bindings.has_air && self.lights.touches_sun(&touched) {
+            // Sky and haze are lit by it where rays hit nothing that carries a mark.
+            change = Change::Unmarked;
+        }
         let retextured = bindings
             .light_textures
             .follow(self.lights.textures(), resettled, &mut self.textures);

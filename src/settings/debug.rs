@@ -68,9 +68,9 @@ pub enum ReflectionDebugView {
 }
 
 impl ReflectionDebugView {
-    /// It shows what passes before the composite wrote, and not what the camera shows anyway.
-    pub(crate) fn is_of_passes(self) -> bool {
-        !matches!(self, Self::Off | Self::Reflection | Self::FrontLayer)
+    /// It shows what the reconstruction leaves to the accumulation, which one pass for both doesn't write.
+    pub(crate) fn shows_reconstruction(self) -> bool {
+        matches!(self, Self::HitDistance | Self::RayWeight | Self::NonFinite)
     }
 }
 

@@ -74,6 +74,7 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
         (MATERIAL_FOG, material.fog_enabled),
         (MATERIAL_DOUBLE_SIDED, material.double_sided),
         (MATERIAL_FLIP_NORMAL_MAP_Y, material.flip_normal_map_y),
+        (MATERIAL_COVERAGE, material.alpha_mode == AlphaMode::AlphaToCoverage),
         (
             MATERIAL_SOLID_TEXTURE,
             material.alpha_mode == AlphaMode::Opaque && stopped.is_some(),

@@ -131,7 +131,9 @@ impl<'a> Pass<'a> {
     }
 
     pub fn output(&mut self, binding: u32, format: TextureFormat, words: u32) {
-        let texture = empty_texture(self.gpu, format, self.size, WRITTEN);
+        // A pattern, so that what a pass leaves alone can be told from what it clears.
+        let texels = vec![0x42u8; (4 * self.size.x * self.size.y * words) as usize];
+        let texture = compute::texture(self.gpu, format, self.size, WRITTEN, &texels);
         self.outputs.push((binding, texture, words));
     }
 

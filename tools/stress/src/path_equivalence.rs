@@ -53,12 +53,7 @@ pub fn compare(harness: &mut Harness, scene: &HostileScene, patience: u32) -> Ve
             problems.push(Problem::new(ProblemKind::Paths, "the rates of both paths differ"));
         }
         let exact = harness.is_cpu();
-        for target in [
-            Target::RaySample,
-            Target::RayRadiance,
-            Target::Reconstructed,
-            Target::HistoryRadiance,
-        ] {
+        for target in [Target::RaySample, Target::RayRadiance, Target::HistoryRadiance] {
             let Some(pair) = copy_both(harness, cameras, target) else {
                 continue;
             };

@@ -100,8 +100,8 @@ impl Default for HeadlessSettings {
 }
 
 /// A graphics device without the features that browsers lack, and with the limits of WebGPU but for the storage buffers in a shader stage, of
-/// which most devices have 10, and for four sampled textures: native builds have Bevy's table of rectangular lights and those of the medium
-/// of an atmosphere, pages have not.
+/// which most devices have 10, and for four sampled textures: native builds bind the density of fog and the tables of the
+/// medium of an atmosphere, pages don't.
 /// Features of texture formats stay: Bevy takes them from the adapter, whatever the device has.
 #[must_use]
 pub fn browser_device() -> WgpuSettings {
