@@ -13,7 +13,7 @@ use bevy_glint::internals::bvh::TraceRay;
 const DOUBT: f64 = 6e-6;
 /// Relative error of distances.
 const TOLERANCE: f64 = 1e-3;
-/// Absolute error of distances, relative to the coordinates of the origin.
+/// Absolute error of distances, relative to the coordinates of the origin, and to the size of what is smaller than a metre.
 const FLOOR: f64 = 1e-5;
 /// Triangles whose margin is below this in their object are not looked at in the world.
 const FAR: f64 = -1e-3;
@@ -114,6 +114,8 @@ struct Candidate {
     margins: [f64; 2],
     /// Bound of the error of `t` in single precision.
     error: f64,
+    /// Error of distances however small they are.
+    floor: f64,
     /// Closest hits see this face; `None` where rounding decides.
     seen: Option<bool>,
     /// Too thin, or too small from there, for most rays to hit it surely. Says nothing of the place at which this ray meets it.
@@ -129,6 +131,8 @@ struct Met {
     cosine: f64,
     /// Bound of the error of `cosine` in single precision.
     tilt: f64,
+    /// Length of the coordinates that single precision adds up.
+    size: f64,
     /// The margin of a ray that meets the middle of the triangle at right angles, from as far away as this one.
     widest: f64,
 }
@@ -177,6 +181,7 @@ impl LocalRay {
             error: f64::INFINITY,
             cosine: 0.0,
             tilt: f64::INFINITY,
+            size,
             widest: widest(normal, start.distance(*end), size),
         })
     }
@@ -204,6 +209,7 @@ impl LocalRay {
             error: tilt * longest / (cosine.abs() * speed),
             cosine,
             tilt,
+            size,
             widest: widest(&normal, longest, size),
         })
     }
@@ -226,7 +232,6 @@ fn widest(normal: &DVec3, longest: f64, size: f64) -> f64 {
 pub struct Exact<'a> {
     objects: &'a Objects,
     candidates: Vec<Candidate>,
-    floor: f64,
 }
 
 impl Objects {
@@ -261,6 +266,7 @@ impl Objects {
                     t: inner.t,
                     margins,
                     error,
+                    floor: self.floor(ray).min(FLOOR * outer.size),
                     seen,
                     is_hair: inner.widest.min(outer.widest) < HAIR * DOUBT,
                 });
@@ -269,7 +275,6 @@ impl Objects {
         Exact {
             objects: self,
             candidates,
-            floor: self.floor(ray),
         }
     }
 
@@ -284,7 +289,7 @@ impl Exact<'_> {
     }
 
     fn slack(&self, candidate: &Candidate) -> f64 {
-        candidate.t.abs() * TOLERANCE + self.floor + candidate.error
+        candidate.t.abs() * TOLERANCE + candidate.floor + candidate.error
     }
 
     /// Every tracer must find it, unless something stands in front of it.
@@ -302,9 +307,13 @@ impl Exact<'_> {
         })
     }
 
+    fn nearest(&self) -> Option<&Candidate> {
+        self.hits().min_by(|a, b| a.t.total_cmp(&b.t))
+    }
+
     /// Distance of the closest hit: infinite where there is none.
     pub fn distance(&self) -> f64 {
-        self.hits().map(|candidate| candidate.t).fold(f64::INFINITY, f64::min)
+        self.nearest().map_or(f64::INFINITY, |candidate| candidate.t)
     }
 
     /// Judges the closest hit: it must lie on a candidate, and no triangle that the ray surely hits may lie in front of it.
@@ -322,7 +331,7 @@ impl Exact<'_> {
             return match sure().next() {
                 Some(_) => Judgement::Wrong,
                 None if is_veiled(f64::INFINITY) => Judgement::Excused,
-                None if self.distance().is_finite() => by_rounding(self.hits()),
+                None if self.nearest().is_some() => by_rounding(self.hits()),
                 None => Judgement::Exact,
             };
         };
@@ -341,13 +350,16 @@ impl Exact<'_> {
                 self.object(c).entity == entity && c.seen != Some(false) && (c.t - t).abs() <= self.slack(c)
             })
         };
-        let is_near = |distance: f64| (t - distance).abs() <= t * TOLERANCE + self.floor;
+        let is_near = |c: &Candidate| (t - c.t).abs() <= t * TOLERANCE + c.floor;
+        let nearest = self.nearest();
         match () {
             () if there().next().is_none() => Judgement::Wrong,
             () if is_veiled(t) => Judgement::Excused,
-            () if is_near(self.distance()) => Judgement::Exact,
+            () if nearest.is_some_and(is_near) => Judgement::Exact,
             // It went through what is nearer.
-            () if t > self.distance() => by_rounding(self.hits().filter(|c| c.t < t && !is_near(c.t))),
+            () if nearest.is_some_and(|nearest| t > nearest.t) => {
+                by_rounding(self.hits().filter(|c| c.t < t && !is_near(c)))
+            }
             () => by_rounding(there()),
         }
     }

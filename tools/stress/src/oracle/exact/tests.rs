@@ -159,3 +159,28 @@ fn hairs_are_not_counted_as_edges() {
         assert_eq!(shadow(blocked), Judgement::Border, "{blocked:?}");
     }
 }
+
+#[test]
+fn distances_in_a_small_scene_are_small() {
+    let place = Transform::from_scale(Vec3::splat(1e-4)).compute_affine();
+    let corners = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]].map(DVec3::from);
+    let objects = Objects {
+        known: vec![Object::new(FRONT, &place, vec![corners]).unwrap()],
+        ..Objects::default()
+    };
+    let near = TraceRay {
+        origin: Vec3::Z * 1e-6,
+        ..ray(0.0)
+    };
+    let exact = objects.along(&near);
+    let judge = |hit, blocked| {
+        let answer = Answer { hit, blocked };
+        [exact.judge_closest(&answer), exact.judge_shadow(&answer)]
+    };
+    assert_eq!(
+        judge(Some((1e-6, Some(FRONT))), Some(Some(FRONT))),
+        [Judgement::Exact; 2]
+    );
+    assert_eq!(judge(None, None), [Judgement::Wrong; 2]);
+    assert_eq!(judge(Some((2e-6, Some(FRONT))), None)[0], Judgement::Wrong);
+}
