@@ -13,8 +13,8 @@ use bevy::{
     render::{RenderApp, renderer::RenderDevice},
 };
 use bevy_glint::{
-    RayTracedReflections, ReflectionDenoiser, ReflectionDiagnosticsPlugin, ReflectionTechnique, ReflectionTextureMode,
-    internals::readback,
+    NotReflected, RayTracedReflections, ReflectionDenoiser, ReflectionDiagnosticsPlugin, ReflectionTechnique,
+    ReflectionTextureMode, internals::readback,
 };
 use glint_scenes::{HeadlessApp, Output, SceneName};
 use std::collections::BTreeMap;
@@ -31,11 +31,12 @@ const PADDING: u64 = 256;
 /// Bytes of GPU memory by label.
 type Memory = BTreeMap<String, u64>;
 
-/// A mirror that fills the picture of a camera three metres before it, and behind the camera what it shows.
-fn spawn_scene(app: &mut HeadlessApp) {
+/// A mirror that fills the picture of a camera three metres before it, and behind the camera what it shows: a cube, which is returned,
+/// and balls.
+fn spawn_scene(app: &mut HeadlessApp) -> Entity {
     spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
     let behind = Transform::from_xyz(-2.5, 0.0, 6.0);
-    spawn_mesh(app, Cuboid::from_length(2.0), unlit(RED), behind);
+    let cube = spawn_mesh(app, Cuboid::from_length(2.0), unlit(RED), behind);
     for number in 0..MANY {
         let part = number as f32 / MANY as f32;
         let material = StandardMaterial {
@@ -52,6 +53,7 @@ fn spawn_scene(app: &mut HeadlessApp) {
         app.world()
             .spawn((light, place.with_translation(place.translation + Vec3::Y)));
     }
+    cube
 }
 
 /// Without noise, so that pictures can be compared.
@@ -196,7 +198,7 @@ fn expect_off(app: &mut HeadlessApp, camera: Entity, before: Option<&Memory>, wh
 fn off_leaves_nothing_allocated() {
     for (tracer, mut app) in apps(SIZE, Output::Picture) {
         let app = &mut app;
-        spawn_scene(app);
+        let cube = spawn_scene(app);
         let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
         app.warm_up(20_000).unwrap();
         frames(app, 2);
@@ -211,12 +213,16 @@ fn off_leaves_nothing_allocated() {
                 "{tracer:?}: {bytes} bytes before anything reflects: {memory:?}"
             );
         }
+        app.world().entity_mut(cube).insert(NotReflected);
+        frames(app, 1);
         let mut first = None;
         for round in 1..=2 {
             for settings in variants() {
                 let what = format!("{tracer:?}, {:?}, round {round}", settings.technique);
                 let is_plain = settings == plain();
                 come_and_go(app);
+                // It joins reflections in the frame in which they begin.
+                app.world().entity_mut(cube).remove::<NotReflected>();
                 switch_on(app, camera, settings);
                 expect_on(app, camera, &what);
                 let picture = app.capture().unwrap();
@@ -226,6 +232,8 @@ fn off_leaves_nothing_allocated() {
                     assert_flip(&format!("toggle-{tracer:?}-{round}"), SIZE, first, &picture, 0.01);
                 }
                 switch_off(app, camera);
+                app.world().entity_mut(cube).insert(NotReflected);
+                frames(app, 1);
                 expect_off(app, camera, before.as_ref(), &what);
                 let differing = differing_pixels(&without, &app.capture().unwrap(), 1);
                 assert_eq!(

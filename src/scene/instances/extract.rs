@@ -186,12 +186,7 @@ pub fn extract_instances<C: MaterialComponent>(
         return;
     }
     let (all, listed) = &*world;
-    if activity.started {
-        for item in all {
-            update(&mut instances, &shown, item);
-        }
-        return;
-    }
+    // In any frame: `drop_objects` removes whoever is left among the lost.
     lost.0.retain(|entity| match all.get(*entity) {
         Ok(item) => {
             update(&mut instances, &shown, item);
@@ -199,7 +194,7 @@ pub fn extract_instances<C: MaterialComponent>(
         }
         Err(_) => true,
     });
-    if shown.layers.changed {
+    if activity.started || shown.layers.changed {
         for item in all {
             update(&mut instances, &shown, item);
         }
@@ -411,3 +406,6 @@ fn update_item(instances: &mut SceneInstances, shown: &Shown, item: &InstanceIte
         lightmap: item.lightmap.map(|lightmap| Box::new(LightmapSource::from(lightmap))),
     });
 }
+
+#[cfg(test)]
+mod tests;

@@ -13,12 +13,14 @@ use bevy_glint::internals::bvh::TraceRay;
 const DOUBT: f64 = 6e-6;
 /// Relative error of distances.
 const TOLERANCE: f64 = 1e-3;
-/// Absolute error of distances, relative to the coordinates of the origin.
+/// Absolute error of distances, relative to the coordinates of the origin, and to the size of what is smaller than a metre.
 const FLOOR: f64 = 1e-5;
 /// Triangles whose margin is below this in their object are not looked at in the world.
 const FAR: f64 = -1e-3;
 /// Normals below this may vanish in single precision.
 const LEAST_NORMAL: f64 = 1e-30;
+/// A triangle is a hair where no ray has more than so many times [`DOUBT`] for a margin: rounding then decides on half of its area.
+const HAIR: f64 = 3.5;
 
 /// An object whose triangles are known.
 pub struct Object {
@@ -97,7 +99,7 @@ pub enum Judgement {
     Exact,
     /// It is as good in single precision.
     Border,
-    /// Nobody knows: it depends on a mask, on glass, or on an object that may be anywhere.
+    /// Nobody knows: it depends on a mask, on glass, on an object that may be anywhere, or on triangles that are hairs from there.
     Excused,
     /// It is wrong.
     Wrong,
@@ -112,8 +114,12 @@ struct Candidate {
     margins: [f64; 2],
     /// Bound of the error of `t` in single precision.
     error: f64,
+    /// Error of distances however small they are.
+    floor: f64,
     /// Closest hits see this face; `None` where rounding decides.
     seen: Option<bool>,
+    /// Too thin, or too small from there, for most rays to hit it surely. Says nothing of the place at which this ray meets it.
+    is_hair: bool,
 }
 
 /// The point at which a ray meets the plane of a triangle.
@@ -125,6 +131,10 @@ struct Met {
     cosine: f64,
     /// Bound of the error of `cosine` in single precision.
     tilt: f64,
+    /// Length of the coordinates that single precision adds up.
+    size: f64,
+    /// The margin of a ray that meets the middle of the triangle at right angles, from as far away as this one.
+    widest: f64,
 }
 
 /// The ray in some space.
@@ -157,7 +167,7 @@ impl LocalRay {
     }
 
     /// A triangle without area, or along the ray: drivers may see its longest edge, at any distance.
-    fn graze(&self, [a, b, c]: [&DVec3; 3]) -> Option<Met> {
+    fn graze(&self, [a, b, c]: [&DVec3; 3], normal: &DVec3) -> Option<Met> {
         let longest = |p: &[&DVec3; 2], q: &[&DVec3; 2]| p[0].distance(*p[1]).total_cmp(&q[0].distance(*q[1]));
         let [start, end] = [[a, b], [b, c], [c, a]].into_iter().max_by(longest)?;
         let along = self.direction.normalize();
@@ -171,6 +181,8 @@ impl LocalRay {
             error: f64::INFINITY,
             cosine: 0.0,
             tilt: f64::INFINITY,
+            size,
+            widest: widest(normal, start.distance(*end), size),
         })
     }
 
@@ -181,7 +193,7 @@ impl LocalRay {
         let slope = normal.dot(self.direction);
         let cosine = slope / (normal.length() * speed);
         if !(cosine.abs() > 0.0) {
-            return self.graze([a, b, c]).filter(|met| met.margin > least);
+            return self.graze([a, b, c], &normal).filter(|met| met.margin > least);
         }
         let t = normal.dot(a - self.origin) / slope;
         let at = self.origin + self.direction * t;
@@ -193,15 +205,26 @@ impl LocalRay {
         let tilt = 4.0 * f64::from(f32::EPSILON) * size * longest / normal.length();
         (margin > least).then(|| Met {
             t,
-            margin: if normal.abs().max_element() < LEAST_NORMAL {
-                margin.min(0.0)
-            } else {
-                margin
-            },
+            margin: if may_vanish(&normal) { margin.min(0.0) } else { margin },
             error: tilt * longest / (cosine.abs() * speed),
             cosine,
             tilt,
+            size,
+            widest: widest(&normal, longest, size),
         })
+    }
+}
+
+fn may_vanish(normal: &DVec3) -> bool {
+    normal.abs().max_element() < LEAST_NORMAL
+}
+
+/// The largest margin of a triangle whose coordinates are added up to this size.
+fn widest(normal: &DVec3, longest: f64, size: f64) -> f64 {
+    if may_vanish(normal) {
+        0.0
+    } else {
+        normal.length() / (3.0 * longest * size)
     }
 }
 
@@ -209,7 +232,6 @@ impl LocalRay {
 pub struct Exact<'a> {
     objects: &'a Objects,
     candidates: Vec<Candidate>,
-    floor: f64,
 }
 
 impl Objects {
@@ -244,14 +266,15 @@ impl Objects {
                     t: inner.t,
                     margins,
                     error,
+                    floor: self.floor(ray).min(FLOOR * outer.size),
                     seen,
+                    is_hair: inner.widest.min(outer.widest) < HAIR * DOUBT,
                 });
             }
         }
         Exact {
             objects: self,
             candidates,
-            floor: self.floor(ray),
         }
     }
 
@@ -266,7 +289,7 @@ impl Exact<'_> {
     }
 
     fn slack(&self, candidate: &Candidate) -> f64 {
-        candidate.t.abs() * TOLERANCE + self.floor + candidate.error
+        candidate.t.abs() * TOLERANCE + candidate.floor + candidate.error
     }
 
     /// Every tracer must find it, unless something stands in front of it.
@@ -274,15 +297,23 @@ impl Exact<'_> {
         !self.object(candidate).see_through && candidate.margins[0] > DOUBT && candidate.t > self.slack(candidate)
     }
 
-    /// Distance of the closest hit: infinite where there is none.
-    pub fn distance(&self) -> f64 {
-        let hits = self.candidates.iter().filter(|candidate| {
+    /// Triangles that closest hits see, whichever side of an edge rounding takes.
+    fn hits(&self) -> impl Iterator<Item = &Candidate> {
+        self.candidates.iter().filter(|candidate| {
             candidate.margins[0] >= 0.0
                 && candidate.t > 0.0
                 && candidate.seen == Some(true)
                 && !self.object(candidate).see_through
-        });
-        hits.map(|candidate| candidate.t).fold(f64::INFINITY, f64::min)
+        })
+    }
+
+    fn nearest(&self) -> Option<&Candidate> {
+        self.hits().min_by(|a, b| a.t.total_cmp(&b.t))
+    }
+
+    /// Distance of the closest hit: infinite where there is none.
+    pub fn distance(&self) -> f64 {
+        self.nearest().map_or(f64::INFINITY, |candidate| candidate.t)
     }
 
     /// Judges the closest hit: it must lie on a candidate, and no triangle that the ray surely hits may lie in front of it.
@@ -300,7 +331,7 @@ impl Exact<'_> {
             return match sure().next() {
                 Some(_) => Judgement::Wrong,
                 None if is_veiled(f64::INFINITY) => Judgement::Excused,
-                None if self.distance().is_finite() => Judgement::Border,
+                None if self.nearest().is_some() => by_rounding(self.hits()),
                 None => Judgement::Exact,
             };
         };
@@ -314,27 +345,35 @@ impl Exact<'_> {
         if self.objects.unknown.contains(&entity) {
             return Judgement::Excused;
         }
-        let is_there = self
-            .candidates
-            .iter()
-            .any(|c| self.object(c).entity == entity && c.seen != Some(false) && (c.t - t).abs() <= self.slack(c));
+        let there = || {
+            self.candidates.iter().filter(|c| {
+                self.object(c).entity == entity && c.seen != Some(false) && (c.t - t).abs() <= self.slack(c)
+            })
+        };
+        let is_near = |c: &Candidate| (t - c.t).abs() <= t * TOLERANCE + c.floor;
+        let nearest = self.nearest();
         match () {
-            () if !is_there => Judgement::Wrong,
+            () if there().next().is_none() => Judgement::Wrong,
             () if is_veiled(t) => Judgement::Excused,
-            () if (t - self.distance()).abs() <= t * TOLERANCE + self.floor => Judgement::Exact,
-            () => Judgement::Border,
+            () if nearest.is_some_and(is_near) => Judgement::Exact,
+            // It went through what is nearer.
+            () if nearest.is_some_and(|nearest| t > nearest.t) => {
+                by_rounding(self.hits().filter(|c| c.t < t && !is_near(c)))
+            }
+            () => by_rounding(there()),
         }
     }
 
     /// Judges whether an object that casts shadows is in the way, and is the one that the answer names. Shadow rays see both faces.
     pub fn judge_shadow(&self, answer: &Answer) -> Judgement {
         let casters = || self.candidates.iter().filter(|c| self.object(c).casts_shadow);
+        let blockers = || casters().filter(|c| c.margins[0] >= 0.0 && c.t > 0.0);
         let is_sure = casters().any(|c| self.is_sure(c));
         let Some(blocker) = answer.blocked else {
             return match () {
                 () if is_sure => Judgement::Wrong,
                 () if casters().any(|c| self.object(c).see_through) => Judgement::Excused,
-                () if casters().any(|c| c.margins[0] >= 0.0 && c.t > 0.0) => Judgement::Border,
+                () if blockers().next().is_some() => by_rounding(blockers()),
                 () => Judgement::Exact,
             };
         };
@@ -349,8 +388,17 @@ impl Exact<'_> {
             () if own().next().is_none() => Judgement::Wrong,
             () if is_sure => Judgement::Exact,
             () if own().all(|c| self.object(c).see_through) => Judgement::Excused,
-            () => Judgement::Border,
+            () => by_rounding(own()),
         }
+    }
+}
+
+/// Judges an answer that hangs on these triangles, on none of which a ray can be sure. Hairs are never seen well.
+fn by_rounding<'a>(mut triangles: impl Iterator<Item = &'a Candidate>) -> Judgement {
+    if triangles.all(|triangle| triangle.is_hair) {
+        Judgement::Excused
+    } else {
+        Judgement::Border
     }
 }
 

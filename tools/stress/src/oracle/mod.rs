@@ -30,6 +30,8 @@ const OFFSET: f32 = 1e-2;
 const FARTHEST: f64 = 1e4;
 /// The same of what is smaller than this, relative to its coordinates.
 const SMALLEST: f64 = 1e-2;
+/// Rays through the corners of a picture must differ by so many radians. Else all of its rays are one that is asked again and again.
+const LEAST_FIELD: f32 = 1e-3;
 /// One in so many answers may be of a ray that passes an edge or meets a face so closely that rounding decides.
 const BORDER_SHARE: usize = 100;
 /// Answers that may be beyond that share, of which few rays tell little.
@@ -159,8 +161,8 @@ fn rays(
         let (origin, direction) = match index % 3 {
             0 if !eyes.is_empty() => {
                 let (eye, world_from_clip) = random.pick(&eyes);
-                let pixel = Vec3::new(random.range(-1.0, 1.0), random.range(-1.0, 1.0), 0.5);
-                (eye, world_from_clip.project_point3(pixel) - eye)
+                let pixel = Vec2::new(random.range(-1.0, 1.0), random.range(-1.0, 1.0));
+                (eye, through(pixel, eye, &world_from_clip))
             }
             1 => {
                 // Off the surface, on which a ray that starts there hits itself or doesn't.
@@ -199,7 +201,21 @@ fn is_target(object: &Object) -> bool {
     })
 }
 
-/// Position and projection of each camera that isn't too far out.
+/// From an eye through a point of its picture.
+fn through(pixel: Vec2, eye: Vec3, world_from_clip: &Mat4) -> Vec3 {
+    world_from_clip.project_point3(pixel.extend(0.5)) - eye
+}
+
+/// Rays through the picture go different ways, unlike those of a camera without a size or a field.
+fn has_field(eye: Vec3, world_from_clip: &Mat4) -> bool {
+    let [first, second] =
+        [Vec2::NEG_ONE, Vec2::ONE].map(|corner| through(corner, eye, world_from_clip).try_normalize());
+    first
+        .zip(second)
+        .is_some_and(|(first, second)| first.distance(second) > LEAST_FIELD)
+}
+
+/// Position and projection of each camera that has a field and isn't too far out.
 fn eyes(harness: &mut Harness, scene: &HostileScene) -> Vec<(Vec3, Mat4)> {
     let cameras = scene.drawing_cameras(harness);
     let world = harness.world();
@@ -208,7 +224,8 @@ fn eyes(harness: &mut Harness, scene: &HostileScene) -> Vec<(Vec3, Mat4)> {
         let projection = world.get::<Camera>(camera)?.clip_from_view();
         let world_from_clip = place.to_matrix() * projection.inverse();
         let is_near = place.translation().as_dvec3().abs().max_element() < FARTHEST;
-        (is_near && world_from_clip.is_finite()).then(|| (place.translation(), world_from_clip))
+        let has_field = world_from_clip.is_finite() && has_field(place.translation(), &world_from_clip);
+        (is_near && has_field).then(|| (place.translation(), world_from_clip))
     };
     cameras.into_iter().filter_map(eye).collect()
 }
@@ -216,6 +233,24 @@ fn eyes(harness: &mut Harness, scene: &HostileScene) -> Vec<(Vec3, Mat4)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn cameras_ask_different_questions() {
+        let has_field_of = |fov: f32, scale: Vec3| {
+            let place = Transform::from_xyz(0.0, 1.0, 3.0).with_scale(scale);
+            let projection = PerspectiveProjection { fov, ..default() };
+            let clip_from_view = Projection::from(projection).get_clip_from_view();
+            has_field(place.translation, &(place.to_matrix() * clip_from_view.inverse()))
+        };
+        for fov in [1e-3, 0.8, 3.1] {
+            assert!(
+                has_field_of(fov, Vec3::ONE) && has_field_of(fov, Vec3::new(-1.0, 1.0, 1.0)),
+                "{fov}"
+            );
+        }
+        assert!(!has_field_of(0.8, Vec3::ZERO), "a flat camera");
+        assert!(!has_field_of(1e-5, Vec3::ONE));
+    }
 
     #[test]
     fn rounding_may_decide_on_few_answers() {

@@ -54,6 +54,9 @@ fn closest_hits_are_judged() {
     for hit in [Some((2.0, FRONT)), Some((5.0, BACK)), None] {
         assert_ne!(closest(&objects, 0.5, hit), Judgement::Wrong, "{hit:?}");
     }
+    for hit in [Some((5.0, BACK)), None] {
+        assert_eq!(closest(&objects, 0.5, hit), Judgement::Border, "{hit:?}");
+    }
     assert_eq!(closest(&objects, 0.0, Some((1.0, ELSEWHERE))), Judgement::Excused);
     objects.known[0].see_through = true;
     for hit in [(2.0, FRONT), (5.0, BACK)] {
@@ -113,10 +116,71 @@ fn triangles_without_area_may_be_seen() {
     let corners = [DVec3::NEG_X, DVec3::X, DVec3::ZERO];
     objects.known[0].triangles = vec![corners];
     assert_eq!(closest(&objects, 0.0, Some((5.0, BACK))), Judgement::Exact);
-    assert_eq!(closest(&objects, 0.0, Some((2.0, FRONT))), Judgement::Border);
+    assert_eq!(closest(&objects, 0.0, Some((2.0, FRONT))), Judgement::Excused);
     assert_eq!(
         closest(&objects, 1.1, Some((2.0, FRONT))),
         Judgement::Wrong,
         "past its end"
     );
+}
+
+#[test]
+fn hairs_are_not_counted_as_edges() {
+    // Long and thin, and small on all sides.
+    for size in [[1.0, 1e-5], [3e-5; 2]] {
+        let mut objects = scene();
+        let [x, y] = size;
+        objects.known[0].triangles = vec![[[-x, -y, 0.0], [x, -y, 0.0], [0.0, y, 0.0]].map(DVec3::from)];
+        assert_eq!(closest(&objects, 0.0, Some((2.0, FRONT))), Judgement::Exact, "{size:?}");
+        assert_eq!(
+            closest(&objects, 0.0, Some((5.0, BACK))),
+            Judgement::Excused,
+            "{size:?}"
+        );
+        // The one behind it is wide.
+        assert_eq!(closest(&objects, 0.0, None), Judgement::Wrong, "{size:?}");
+        objects.known.truncate(1);
+        let shadow = |blocked| objects.along(&ray(0.0)).judge_shadow(&Answer { hit: None, blocked });
+        for blocked in [None, Some(Some(FRONT))] {
+            assert_eq!(shadow(blocked), Judgement::Excused, "{size:?}, {blocked:?}");
+        }
+        assert_eq!(closest(&objects, 0.0, None), Judgement::Excused, "{size:?}");
+        assert_eq!(
+            closest(&objects, 0.0, Some((2.5, FRONT))),
+            Judgement::Wrong,
+            "behind it"
+        );
+    }
+    // A wide one stays what it is, however the ray meets it.
+    let mut objects = scene();
+    objects.known.truncate(1);
+    let shadow = |blocked| objects.along(&ray(0.5)).judge_shadow(&Answer { hit: None, blocked });
+    for blocked in [None, Some(Some(FRONT))] {
+        assert_eq!(shadow(blocked), Judgement::Border, "{blocked:?}");
+    }
+}
+
+#[test]
+fn distances_in_a_small_scene_are_small() {
+    let place = Transform::from_scale(Vec3::splat(1e-4)).compute_affine();
+    let corners = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [0.0, 1.0, 0.0]].map(DVec3::from);
+    let objects = Objects {
+        known: vec![Object::new(FRONT, &place, vec![corners]).unwrap()],
+        ..Objects::default()
+    };
+    let near = TraceRay {
+        origin: Vec3::Z * 1e-6,
+        ..ray(0.0)
+    };
+    let exact = objects.along(&near);
+    let judge = |hit, blocked| {
+        let answer = Answer { hit, blocked };
+        [exact.judge_closest(&answer), exact.judge_shadow(&answer)]
+    };
+    assert_eq!(
+        judge(Some((1e-6, Some(FRONT))), Some(Some(FRONT))),
+        [Judgement::Exact; 2]
+    );
+    assert_eq!(judge(None, None), [Judgement::Wrong; 2]);
+    assert_eq!(judge(Some((2e-6, Some(FRONT))), None)[0], Judgement::Wrong);
 }
