@@ -32,18 +32,18 @@ pub(crate) fn unsupported(backend: Backends, limits: &WgpuLimits, tracer: Reflec
         ReflectionTracer::RayQuery => 8,
         ReflectionTracer::Bvh => 9,
     };
-    let offered = limits.max_sampled_textures_per_shader_stage;
-    if offered < SAMPLED_TEXTURES {
-        return Some(format!(
-            "the device offers {offered} textures in a shader stage and {SAMPLED_TEXTURES} are needed: leave the limits of \
-             `WgpuSettings` at those of the adapter"
-        ));
-    }
     let offered = limits.max_storage_buffers_per_shader_stage;
-    (offered < needed || limits.max_compute_workgroups_per_dimension == 0).then(|| {
-        format!(
+    if offered < needed || limits.max_compute_workgroups_per_dimension == 0 {
+        return Some(format!(
             "the device offers {offered} storage buffers in a shader stage and {needed} are needed (compute shaders are \
              needed, too): leave the limits of `WgpuSettings` at those of the adapter"
+        ));
+    }
+    let offered = limits.max_sampled_textures_per_shader_stage;
+    (offered < SAMPLED_TEXTURES).then(|| {
+        format!(
+            "the device offers {offered} textures in a shader stage and {SAMPLED_TEXTURES} are needed: leave the limits of \
+             `WgpuSettings` at those of the adapter"
         )
     })
 }
