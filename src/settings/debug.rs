@@ -20,6 +20,9 @@ use bevy::{
 /// techniques without such a texture) heat lies on the picture, dark and grey, and radiance on black.
 ///
 /// Textures hold values *of this frame*. Radiance is exposed, as in Bevy's HDR frames.
+///
+/// `HitDistance`, `RayWeight` and `NonFinite` have reconstruction and accumulation run as two passes, so that what is between them can be
+/// shown: the history begins anew as they are switched on and off.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
