@@ -5,7 +5,7 @@
 //! | `reconstruct` | rays of the neighbourhood | radiance at full resolution, its variance, hit distance, number of rays |
 //! | `temporal` | that, and the history of the last frame | the history of this frame |
 //!
-//! Where blocks of 2x2 pixels share a ray, `one_pass.wesl` is both, unless somebody looks at what is between them.
+//! `one_pass.wesl` is both, if blocks of 2x2 pixels share a ray and nobody looks at what is between the two.
 //!
 //! They visit the active tiles of the rate image alone. `tiles.wesl` says which thread works where; `cells.wesl` holds the rays around a
 //! workgroup, `neighbours.wesl` says whose rays a pixel borrows, and `lobes.wesl` what they weigh; `history.wesl` finds the past;

@@ -57,17 +57,32 @@ fn extent(size: UVec2) -> wgpu::Extent3d {
 
 /// Runs a pipeline that has one bind group.
 pub fn dispatch(gpu: &Gpu, pipeline: &wgpu::ComputePipeline, entries: &[wgpu::BindGroupEntry], groups: UVec2) {
-    let bind_group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-        label: None,
-        layout: &pipeline.get_bind_group_layout(0),
-        entries,
-    });
+    dispatch_with(gpu, pipeline, &[entries], groups);
+}
+
+/// The same with several bind groups.
+pub fn dispatch_with(
+    gpu: &Gpu,
+    pipeline: &wgpu::ComputePipeline,
+    entries: &[&[wgpu::BindGroupEntry]],
+    workgroups: UVec2,
+) {
+    let bind_group = |(index, entries): (u32, &&[wgpu::BindGroupEntry])| {
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: None,
+            layout: &pipeline.get_bind_group_layout(index),
+            entries,
+        })
+    };
+    let bind_groups: Vec<_> = (0..).zip(entries).map(bind_group).collect();
     let mut encoder = gpu.device.create_command_encoder(&Default::default());
     {
         let mut pass = encoder.begin_compute_pass(&Default::default());
         pass.set_pipeline(pipeline);
-        pass.set_bind_group(0, &bind_group, &[]);
-        pass.dispatch_workgroups(groups.x, groups.y, 1);
+        for (index, group) in (0..).zip(&bind_groups) {
+            pass.set_bind_group(index, group, &[]);
+        }
+        pass.dispatch_workgroups(workgroups.x, workgroups.y, 1);
     }
     gpu.queue.submit([encoder.finish()]);
 }

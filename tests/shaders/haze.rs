@@ -1,11 +1,12 @@
 //! Haze of the atmosphere along a ray, against sums over many steps.
 
 use crate::{
+    compute::dispatch_with,
     gpu::{Checks, Gpu},
     sampling::reference::Random,
     wesl::flatten,
 };
-use bevy::math::{DVec3, Vec3, Vec4, vec3};
+use bevy::math::{DVec3, Vec3, Vec4, uvec2, vec3};
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment};
 use bytemuck::{Pod, Zeroable};
 use std::f64::consts::PI;
@@ -248,26 +249,8 @@ fn run(gpu: &Gpu, environment: &GpuEnvironment, inputs: &[Input]) -> Vec<Output>
     ];
     let bound = [6, 11, 12, 13].into_iter().zip(&tables);
     of_view.extend(bound.map(|(binding, view)| entry(binding, wgpu::BindingResource::TextureView(view))));
-    let groups: Vec<_> = (0..)
-        .zip([own.as_slice(), &[], &of_view])
-        .map(|(index, entries)| {
-            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: None,
-                layout: &pipeline.get_bind_group_layout(index),
-                entries,
-            })
-        })
-        .collect();
-    let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    {
-        let mut pass = encoder.begin_compute_pass(&Default::default());
-        pass.set_pipeline(&pipeline);
-        for (index, group) in (0..).zip(&groups) {
-            pass.set_bind_group(index, group, &[]);
-        }
-        pass.dispatch_workgroups(inputs.len().div_ceil(64) as u32, 1, 1);
-    }
-    gpu.queue.submit([encoder.finish()]);
+    let workgroups = uvec2(inputs.len().div_ceil(64) as u32, 1);
+    dispatch_with(gpu, &pipeline, &[&own, &[], &of_view], workgroups);
     gpu.read(&output)
 }
 
