@@ -143,7 +143,7 @@ pub mod internals {
         readback::{Copied, Target},
         scene::{
             SceneBindings, acceleration, arena, atmosphere, bvh, environment, fog_volumes, geometry, gpu_types,
-            instances, light_tree, lights, materials, meshes, pack_lights, textures, upload,
+            instances, light_tree, lights, materials, meshes, motion, pack_lights, textures, upload,
         },
         settings::{RATE_ACTIVE, RATE_CODE_MASK},
         trace::directional_albedo,

@@ -25,6 +25,7 @@ impl Plugin for CommonPlugin {
         load_shader_library!(app, "lists.wesl");
         load_shader_library!(app, "numeric.wesl");
         load_shader_library!(app, "octahedral.wesl");
+        load_shader_library!(app, "packed_vector.wesl");
         load_shader_library!(app, "radiance.wesl");
     }
 }

@@ -8,8 +8,8 @@
 //! `one_pass.wesl` is both, if blocks of 2x2 pixels share a ray and nobody looks at what is between the two.
 //!
 //! They visit the active tiles of the rate image alone. `tiles.wesl` says which thread works where; `cells.wesl` holds the rays around a
-//! workgroup, `neighbours.wesl` says whose rays a pixel borrows, and `lobes.wesl` what they weigh; `history.wesl` finds the past;
-//! `filters.wesl` decides which surfaces match and how far history is trusted.
+//! workgroup, `neighbours.wesl` says whose rays a pixel borrows, and `lobes.wesl` what they weigh; `history.wesl` finds the past, and
+//! `hit_motion.wesl` how what is reflected has moved since; `filters.wesl` decides which surfaces match and how far history is trusted.
 //!
 //! The passes that show the reflection blur it on the way (`blur.wesl`).
 
@@ -45,6 +45,7 @@ impl Plugin for DenoisePlugin {
         load_shader_library!(app, "cells.wesl");
         load_shader_library!(app, "filters.wesl");
         load_shader_library!(app, "history.wesl");
+        load_shader_library!(app, "hit_motion.wesl");
         load_shader_library!(app, "lobes.wesl");
         load_shader_library!(app, "neighbours.wesl");
         load_shader_library!(app, "tiles.wesl");

@@ -4,6 +4,7 @@ use super::{one_pass, reconstruct, temporal, tiles::PassVariant};
 use crate::{
     common::{TILE_DISPATCH, WIDE_TILE_DISPATCH, word_offset},
     gbuffer::{GBufferPass, PassContext, PassShader},
+    scene::SceneBindings,
     settings::{ClampedSettings, ReflectionTechnique},
 };
 use bevy::{
@@ -49,6 +50,15 @@ impl DenoisePass {
         PassVariant {
             wide: self != Self::Temporal && settings.technique.trace_scale() > 1,
             rest,
+            hit_motion: false,
+        }
+    }
+
+    /// The variant that follows images of moving objects. Where the pass reads no history, and at rest, it is the same.
+    fn following(self, variant: PassVariant) -> PassVariant {
+        PassVariant {
+            hit_motion: self != Self::Reconstruct && !variant.rest,
+            ..variant
         }
     }
 
@@ -67,6 +77,8 @@ impl DenoisePass {
 pub struct DenoisePipelines {
     passes: HashMap<DenoisePass, (GBufferPass<PassVariant>, Handle<Shader>)>,
     wanted: HashSet<(DenoisePass, PassVariant)>,
+    /// Objects move in this frame.
+    something_moves: bool,
 }
 
 impl DenoisePipelines {
@@ -108,14 +120,24 @@ pub(super) fn init_denoise_pipelines(mut commands: Commands, asset_server: Res<A
             ),
         ]),
         wanted: HashSet::default(),
+        something_moves: false,
     });
 }
 
 /// Queues what cameras asked for.
-pub(super) fn queue_denoise_pipelines(mut pipelines: ResMut<DenoisePipelines>, cache: Res<PipelineCache>) {
+pub(super) fn queue_denoise_pipelines(
+    mut pipelines: ResMut<DenoisePipelines>,
+    cache: Res<PipelineCache>,
+    scene: Res<SceneBindings>,
+) {
     let pipelines = &mut *pipelines;
+    pipelines.something_moves = scene.something_moves();
     for &(name, variant) in &pipelines.wanted {
-        if let Some((pass, shader)) = pipelines.passes.get_mut(&name) {
+        let Some((pass, shader)) = pipelines.passes.get_mut(&name) else {
+            continue;
+        };
+        let following = Some(name.following(variant)).filter(|_| pipelines.something_moves);
+        for variant in [Some(variant), following].into_iter().flatten() {
             pass.queue(variant, &cache, || PassShader {
                 shader: shader.clone(),
                 defs: variant.shader_defs(),
@@ -147,8 +169,14 @@ pub(crate) fn denoise(
         }
         let span = diagnostics.time_span(ctx.command_encoder(), name.name());
         let rests = [context.textures.is_at_rest, true];
-        let variants = rests.map(|rest| name.variant(&context.view.settings, rest));
-        let dispatch = if variants[0].wide {
+        let [variant, stand_in] = rests.map(|rest| name.variant(&context.view.settings, rest));
+        let following = if pipelines.something_moves {
+            name.following(variant)
+        } else {
+            variant
+        };
+        let variants = [following, variant, stand_in];
+        let dispatch = if variant.wide {
             WIDE_TILE_DISPATCH
         } else {
             TILE_DISPATCH

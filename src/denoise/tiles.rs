@@ -19,11 +19,17 @@ pub(super) struct PassVariant {
     pub wide: bool,
     /// It knows pictures at rest. Those in motion take a variant without, which is faster.
     pub rest: bool,
+    /// Some object moves whose image it follows. Others take a variant without, which is faster.
+    pub hit_motion: bool,
 }
 
 impl PassVariant {
     pub fn shader_defs(self) -> Vec<ShaderDefVal> {
-        let defs = [("WIDE", self.wide), ("REST", self.rest)];
+        let defs = [
+            ("WIDE", self.wide),
+            ("REST", self.rest),
+            ("HIT_MOTION", self.hit_motion),
+        ];
         defs.into_iter()
             .filter(|(_, holds)| *holds)
             .map(|(name, _)| name.into())

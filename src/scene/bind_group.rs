@@ -189,6 +189,11 @@ impl SceneBindings {
         self.uniform_data.light_leaf_count > 0
     }
 
+    /// Returns whether objects have moved since the last frame.
+    pub(crate) fn something_moves(&self) -> bool {
+        self.instances.something_moves()
+    }
+
     /// Returns whether objects have lightmaps, which shaders have to know.
     pub(crate) fn has_lightmaps(&self) -> bool {
         !self.lightmaps.is_empty()

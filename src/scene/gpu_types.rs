@@ -107,8 +107,9 @@ pub struct GpuInstance {
     pub masks: u32,
     /// Lightmap: a word as in [`GpuMaterial::textures`].
     pub lightmap: u32,
-    /// Corners of its part of the lightmap, 16 bits each: u, then v in the upper half.
-    pub lightmap_rect: [u32; 2],
+    /// Corners of its part of the lightmap, 16 bits each: u, then v in the upper half. Without one, its motion while [`INSTANCE_MOVING`]
+    /// is true: `motion.rs`.
+    pub lightmap_rect_or_motion: [u32; 2],
 }
 
 /// The part of a `StandardMaterial` that hits need.

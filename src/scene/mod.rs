@@ -29,6 +29,7 @@ mod masks;
 pub mod materials;
 mod merge;
 pub mod meshes;
+pub mod motion;
 pub mod pack_lights;
 mod pose;
 mod prepare;
@@ -98,6 +99,7 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "lights.wesl");
         load_shader_library!(app, "material.wesl");
         load_shader_library!(app, "medium.wesl");
+        load_shader_library!(app, "motion.wesl");
         load_shader_library!(app, "change.wesl");
         load_shader_library!(app, "offset.wesl");
         load_shader_library!(app, "opacity.wesl");

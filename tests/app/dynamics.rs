@@ -2,7 +2,7 @@
 
 use crate::{
     common::app,
-    pictures::{assert_flip, crop, differing_pixels, dump, flip, reflect, warm_up},
+    pictures::{assert_flip, crop, differing_pixels, flip, reflect, warm_up},
     stage::{
         BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, metal, report, share_app, spawn_camera, spawn_mesh, unlit,
         until_at_rest, wall,
@@ -93,56 +93,6 @@ fn a_mirror_that_spins_is_as_sharp_as_one_that_stands() {
     }
     let spinning = app.capture().unwrap();
     assert_flip("spinning-mirror", SIZE, &standing, &spinning, 0.02);
-}
-
-/// A lamp that crosses a glossy floor under a still camera.
-#[test]
-fn what_moves_leaves_no_trail_in_a_glossy_floor() {
-    for (technique, name) in [
-        (ReflectionTechnique::Reference, "reference"),
-        (ReflectionTechnique::Quarter, "quarter"),
-    ] {
-        let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
-            return;
-        };
-        let floor = Plane3d::default().mesh().size(30.0, 30.0);
-        spawn_mesh(&mut app, floor, metal(0.15), Transform::from_xyz(0.0, -1.0, 0.0));
-        let start = Vec3::new(-1.2, -0.3, -1.0);
-        let lamp = spawn_mesh(
-            &mut app,
-            Sphere::new(0.35),
-            unlit(RED),
-            Transform::from_translation(start),
-        );
-        spawn_mesh(&mut app, cube(0.5), unlit(GREEN), Transform::from_xyz(0.2, -0.3, -2.5));
-        let view = Transform::from_xyz(0.0, 0.4, 3.0).looking_at(Vec3::new(0.0, -1.0, -1.0), Vec3::Y);
-        let camera = spawn_camera(&mut app, view, SceneName::MirrorRoom);
-        reflect(&mut app, camera, technique);
-        let mut settings = RayTracedReflections { technique, ..default() };
-        settings.denoiser.converge_static_views = false;
-        app.world().entity_mut(camera).insert(settings.clone());
-        warm_up(&mut app);
-        for _ in 0..24 {
-            app.world().get_mut::<Transform>(lamp).unwrap().translation.x += 0.06;
-            app.step(1);
-        }
-        let moving = app.capture().unwrap();
-        app.step(24);
-        let still = app.capture().unwrap();
-        settings.technique = ReflectionTechnique::Converged;
-        app.world().entity_mut(camera).insert(settings);
-        warm_up(&mut app);
-        app.step(128);
-        let truth = app.capture().unwrap();
-        let [error, least] = [&moving, &still].map(|picture| flip(SIZE, &truth, picture).0);
-        println!(
-            "{name}: FLIP {error:.4} in motion, {least:.4} at rest: {:.2} times",
-            error / least
-        );
-        dump(&format!("trail-{name}"), SIZE, &truth, &moving);
-        // 1.69 and more with the whole history.
-        assert!(error < 1.65 * least, "{name}: {error} and {least}");
-    }
 }
 
 /// Pixels of a colour in the left and in the right half of the picture.

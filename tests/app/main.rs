@@ -49,6 +49,7 @@ mod shipped;
 mod static_views;
 mod surface_shader;
 mod toggle;
+mod trails;
 mod walk;
 mod waves;
 mod worlds;

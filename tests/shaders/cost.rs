@@ -55,7 +55,7 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 74] = [
+const PASSES: [(&str, &[&str]); 76] = [
     ("trace/shade", &["VOLUMETRIC_FOG", "FOG_DENSITY", "MANY_LIGHTS"]),
     (
         "trace/blocks",
@@ -141,8 +141,10 @@ const PASSES: [(&str, &[&str]); 74] = [
     ("denoise/reconstruct", &["WIDE", "REST"]),
     ("denoise/temporal", &[]),
     ("denoise/temporal", &["REST"]),
+    ("denoise/temporal", &["HIT_MOTION"]),
     ("denoise/one_pass", &["WIDE"]),
     ("denoise/one_pass", &["WIDE", "REST"]),
+    ("denoise/one_pass", &["WIDE", "HIT_MOTION"]),
     ("composite/resolve", &[]),
     ("composite/resolve", &["IN_PLACE"]),
     ("composite/resolve", &["IN_PLACE", "TILES"]),

@@ -378,7 +378,7 @@ fn instances_and_materials_match_the_cpu() {
             id,
             masks,
             lightmap,
-            lightmap_rect
+            lightmap_rect_or_motion
         ]
     );
     same_layout!(

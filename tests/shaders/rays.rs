@@ -1,7 +1,8 @@
 //! Which pixel of a block traces, and what is kept of its ray, on a GPU or a CPU driver.
 
 use crate::{gpu::Gpu, wesl::flatten};
-use bevy::math::{UVec2, Vec3, uvec2, vec3};
+use bevy::math::{UVec2, Vec3, Vec4, uvec2, vec3};
+use bevy_glint::internals::motion;
 use bytemuck::{Pod, Zeroable};
 use std::collections::HashSet;
 
@@ -155,5 +156,48 @@ fn records_keep_what_they_are_given() {
         );
         let ratio = output.inverse_pdf / input.inverse_pdf;
         assert!((ratio - 1.0).abs() < 5e-4, "{input:?} {output:?}");
+    }
+}
+
+const VECTORS: &str = "
+import package::common::packed_vector::{pack_vector, unpack_vector};
+
+@group(0) @binding(0) var<storage, read> inputs: array<vec4<u32>>;
+@group(0) @binding(1) var<storage, read_write> outputs: array<vec4<f32>>;
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= arrayLength(&outputs) { return; }
+    let input = inputs[id.x];
+    // The CPU's word, and the vector that the GPU packs by itself.
+    if input.w != 0u {
+        outputs[id.x] = vec4(unpack_vector(input.x), 0.0);
+    } else {
+        outputs[id.x] = vec4(unpack_vector(pack_vector(bitcast<vec3<f32>>(input.xyz))), 0.0);
+    }
+}
+";
+
+#[test]
+fn vectors_in_a_word_are_the_same_on_both_sides() {
+    let Some(gpu) = Gpu::new() else { return };
+    let vectors: Vec<_> = (0..512)
+        .map(|i| {
+            let (sin, cos) = (i as f32).sin_cos();
+            vec3(sin, 0.3 * cos, sin * cos) * 2f32.powf(i as f32 / 20.0 - 12.0)
+        })
+        .chain([Vec3::ZERO, Vec3::X, Vec3::NEG_Y])
+        .collect();
+    let mut inputs: Vec<_> = vectors
+        .iter()
+        .flat_map(|v| [v.to_array().map(f32::to_bits), [motion::pack_vector(*v), 0, 0]].map(|[x, y, z]| [x, y, z, 0]))
+        .collect();
+    inputs.iter_mut().skip(1).step_by(2).for_each(|word| word[3] = 1);
+    let outputs: Vec<Vec4> = gpu.run(&flatten(VECTORS, &[], &[]), &inputs, &[]);
+    for (v, both) in vectors.iter().zip(outputs.chunks_exact(2)) {
+        let limit = v.abs().max_element() / 255.0;
+        for unpacked in both {
+            assert!((unpacked.truncate() - v).abs().max_element() <= limit, "{v} {both:?}");
+        }
     }
 }

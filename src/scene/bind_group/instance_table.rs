@@ -11,6 +11,7 @@ use crate::scene::{
     },
     instances::InstanceSource,
     meshes::SceneMesh,
+    motion::{UNKNOWN_MOTION, pack_motion},
     upload::StorageSlice,
 };
 use bevy::{
@@ -130,9 +131,17 @@ impl InstanceTable {
             // Its object came and went while no camera looked.
             return false;
         }
-        let before = self.present[index].then(|| GpuInstance {
-            flags: self.data[index].flags & !(INSTANCE_MOVING | INSTANCE_RESTLESS | INSTANCE_LEFT),
-            ..self.data[index]
+        let before = self.present[index].then(|| {
+            let data = &self.data[index];
+            let has_lightmap = data.lightmap != NO_TEXTURE;
+            let rect = instance
+                .filter(|_| !has_lightmap)
+                .map(|instance| instance.lightmap_rect_or_motion);
+            GpuInstance {
+                flags: data.flags & !(INSTANCE_MOVING | INSTANCE_RESTLESS | INSTANCE_LEFT),
+                lightmap_rect_or_motion: rect.unwrap_or(data.lightmap_rect_or_motion),
+                ..*data
+            }
         });
         if before == instance {
             return false;
@@ -191,6 +200,11 @@ impl InstanceTable {
         self.frame = frame.wrapping_add(1);
     }
 
+    /// Returns whether an object has moved in the frame that has ended last.
+    pub fn something_moves(&self) -> bool {
+        !self.moved_before.is_empty()
+    }
+
     /// Takes marks from objects that have not moved for a while.
     fn calm(&mut self) {
         let Self {
@@ -223,19 +237,34 @@ impl InstanceTable {
         if matrices.mirrored != (data.flags & INSTANCE_MIRRORED != 0) {
             return None;
         }
+        let motion = pack_motion(
+            &matrices.world_from_object,
+            &data.world_from_object,
+            &matrices.object_from_world,
+        );
         data.world_from_object = matrices.world_from_object;
         data.object_from_world = matrices.object_from_world;
-        Some(self.mark_moving(slot))
+        Some(self.mark_moving(slot, motion))
+    }
+
+    /// The shape of the object moves in this frame, in a way that nobody knows of its points.
+    pub fn mark_posed(&mut self, slot: u32) -> Change {
+        self.mark_moving(slot, [UNKNOWN_MOTION, 0])
     }
 
     /// The object moves in this frame. If it didn't lately, views may have seen it where it was without a mark.
-    pub fn mark_moving(&mut self, slot: u32) -> Change {
-        let flags = &mut self.data[slot as usize].flags;
-        let was_restless = *flags & INSTANCE_RESTLESS != 0;
-        *flags |= INSTANCE_MOVING | INSTANCE_RESTLESS;
+    fn mark_moving(&mut self, slot: u32, motion: [u32; 2]) -> Change {
+        let data = &mut self.data[slot as usize];
+        let was_restless = data.flags & INSTANCE_RESTLESS != 0;
+        data.flags |= INSTANCE_MOVING | INSTANCE_RESTLESS;
         self.changed.push(slot);
-        if core::mem::replace(&mut self.moved[slot as usize], self.frame) != self.frame {
+        let is_first = core::mem::replace(&mut self.moved[slot as usize], self.frame) != self.frame;
+        if is_first {
             self.moving.push(slot);
+        }
+        if data.lightmap == NO_TEXTURE {
+            // Of two motions in a frame, none is that since the last frame.
+            data.lightmap_rect_or_motion = if is_first { motion } else { [UNKNOWN_MOTION, 0] };
         }
         if was_restless {
             return Change::Marked;
@@ -328,6 +357,6 @@ pub(in crate::scene) fn pack_instance(
         id: source.entity.index_u32(),
         masks: 0,
         lightmap: NO_TEXTURE,
-        lightmap_rect: source.lightmap.as_ref().map_or([0; 2], |lightmap| lightmap.rect),
+        lightmap_rect_or_motion: source.lightmap.as_ref().map_or([0; 2], |lightmap| lightmap.rect),
     })
 }

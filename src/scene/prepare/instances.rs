@@ -173,7 +173,7 @@ impl SceneBindings {
             let Some(source) = instances.get(slot).filter(|_| self.instances.can_be_hit(slot)) else {
                 continue;
             };
-            change = change.max(self.instances.mark_moving(slot));
+            change = change.max(self.instances.mark_posed(slot));
             if self.tracer == ReflectionTracer::Bvh
                 && let Some(object) = self.object(source, slot, self.instances.flags(slot), meshes)
             {

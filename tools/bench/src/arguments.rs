@@ -19,6 +19,9 @@ const TECHNIQUES: &str = "reference,quarter,quarter-inline,vrs-roughness,vrs-gra
 /// Mesa's CPU driver crashes on ray queries in fragment shaders.
 const CPU_TECHNIQUES: &str = "reference,quarter,vrs-roughness,vrs-grazing,vrs-combined,paper,idle";
 const GROWTH_TECHNIQUES: &str = "vrs-combined,quarter";
+const BUDGET_TECHNIQUES: &str = "vrs-combined";
+/// Frames of the way under a budget.
+const WAY_FRAMES: u32 = 1200;
 const DEFAULT_SCENES: [SceneName; 3] = [SceneName::Demo, SceneName::AtriumSmall, SceneName::Atrium];
 const GPU_SIZE: UVec2 = UVec2::new(1920, 1080);
 const CPU_SIZE: UVec2 = UVec2::new(480, 270);
@@ -87,6 +90,13 @@ pub struct Arguments {
     /// Measure only how times grow with the picture (of the first scene) and with triangles, and what a small object takes: tables
     #[arg(long, conflicts_with_all = ["worlds", "crowds"])]
     pub growth: bool,
+    /// Measure only how well a budget holds its time on the camera's way through the scenes, in so many frames, and after its target has
+    /// changed: tables
+    #[arg(long, conflicts_with_all = ["worlds", "crowds", "growth"])]
+    pub budget: bool,
+    /// Folder in which `--budget` writes a chart for each scene and technique
+    #[arg(long, value_name = "DIR", requires = "budget")]
+    pub out: Option<PathBuf>,
     /// Measure only those cases of `--worlds`, `--crowds` or `--growth` whose names contain this
     #[arg(long, value_name = "WORD")]
     pub only: Option<String>,
@@ -145,7 +155,18 @@ impl Arguments {
         } else {
             (GPU_SIZE, GPU_FRAMES, TECHNIQUES)
         };
-        let techniques = if self.growth { GROWTH_TECHNIQUES } else { techniques };
+        let techniques = if self.growth {
+            GROWTH_TECHNIQUES
+        } else if self.budget {
+            BUDGET_TECHNIQUES
+        } else {
+            techniques
+        };
+        let frames = if self.budget && !machine.is_cpu {
+            WAY_FRAMES
+        } else {
+            frames
+        };
         let default_techniques = || techniques.split(',').filter_map(|word| word.parse().ok()).collect();
         let scenes = match self.scene.as_slice() {
             [] if self.gltf.is_empty() => &DEFAULT_SCENES,

@@ -4,12 +4,15 @@
 //! `cargo xtask bench --worlds`
 //! `cargo xtask bench --crowds`
 //! `cargo xtask bench --growth`
+//! `cargo xtask bench --budget --out DIR`
 //!
 //! Rays are timed alone: one kernel writes them into a buffer, tile by tile, and the timed kernel only reads, traces and stores
 //! their hits. All times on the GPU come from its own clock.
 
 mod arguments;
 mod arrivals;
+mod budget;
+mod budget_chart;
 mod bvh_builds;
 mod crowds;
 mod growth;
@@ -76,11 +79,13 @@ fn run(arguments: &Arguments) -> Result<(), String> {
         adapter = machine.name;
         if arguments.growth {
             growth::measure(&plan, arguments.only.as_deref(), &mut csv)?;
+        } else if arguments.budget {
+            budget::measure(&plan, arguments.out.as_deref(), &mut csv)?;
         } else {
             scenes::measure(&plan, &mut csv)?;
         }
     }
-    if !arguments.skip_build && !arguments.growth {
+    if !arguments.skip_build && !arguments.growth && !arguments.budget {
         bvh_builds::measure(arguments.triangles, &mut csv)?;
     }
     match &arguments.csv {

@@ -13,8 +13,8 @@ use bevy::{
     render::{RenderApp, diagnostic::RenderDiagnosticsPlugin, render_resource::PollType, renderer::RenderDevice},
 };
 use bevy_glint::{
-    RayTracedReflectionsPlugin, ReflectionBackend, ReflectionStatus, ReflectionStatusReport, ReflectionTracerChoice,
-    internals::TotalTimeOnly,
+    RayTracedReflectionsPlugin, ReflectionBackend, ReflectionBudget, ReflectionEffort, ReflectionStatus,
+    ReflectionStatusReport, ReflectionTracerChoice, internals::TotalTimeOnly,
 };
 use glint_scenes::{HeadlessApp, HeadlessSettings, ReplacedShader, SceneStatistics};
 use std::{path::Path, time::Duration};
@@ -319,6 +319,32 @@ impl Bench {
         }
         self.time_stages(true)?;
         self.measure_frames(frames)
+    }
+
+    /// Sets the camera's budget; without one, its effort.
+    pub fn set_budget(&mut self, budget: Option<ReflectionBudget>, effort: f32) {
+        let mut camera = self.app.world().entity_mut(self.camera);
+        match budget {
+            Some(budget) => camera.insert(budget),
+            None => camera.remove::<ReflectionBudget>().insert(ReflectionEffort(effort)),
+        };
+    }
+
+    /// Milliseconds of all passes in each of so many frames, with the camera where `pose` says.
+    pub fn timed_frames(&mut self, frames: usize, pose: impl Fn(usize) -> Transform) -> Result<Vec<f64>, String> {
+        self.time_stages(false)?;
+        self.collect();
+        self.samples.iter_mut().for_each(|samples| samples.values.clear());
+        // Results arrive a frame late.
+        for frame in 0..=frames {
+            if let Some(mut transform) = self.app.world().get_mut::<Transform>(self.camera) {
+                *transform = pose(frame.min(frames - 1));
+            }
+            self.frame()?;
+            self.collect();
+        }
+        let times = self.values(TOTAL);
+        Ok(times[times.len().saturating_sub(frames)..].to_vec())
     }
 
     /// Gives each pass timers of its own, or takes them away.

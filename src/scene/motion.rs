@@ -1,0 +1,98 @@
+//! How an object has moved since the last frame, in two words: `motion.wesl` reads them.
+
+use bevy::math::{Mat3, Vec3, ops};
+
+/// In the place of the first word: the motion isn't known. No vector is packed so.
+pub const UNKNOWN_MOTION: u32 = 0x100;
+
+/// Largest number of a component, and the exponent of the smallest step.
+const LARGEST_COMPONENT: f32 = 255.0;
+const LEAST_EXPONENT: f32 = -24.0;
+
+/// The motion of an object between two places, whose matrices are given by rows: metres that its origin has moved, and how far it has turned
+/// about that, in radians along the axis. What it has grown is left out.
+pub fn pack_motion(
+    world_from_object: &[[f32; 4]; 3],
+    before: &[[f32; 4]; 3],
+    object_from_world: &[[f32; 4]; 3],
+) -> [u32; 2] {
+    let origin = |rows: &[[f32; 4]; 3]| Vec3::from_array(rows.map(|row| row[3]));
+    let linear = |rows: &[[f32; 4]; 3]| {
+        let [x, y, z] = rows.map(|[x, y, z, _]| Vec3::new(x, y, z));
+        Mat3::from_cols(x, y, z).transpose()
+    };
+    let translation = origin(world_from_object) - origin(before);
+    // A point at p from the origin was at `earlier * p`; a small turn by w has moved it by w x p.
+    let earlier = linear(before) * linear(object_from_world);
+    let moved = Mat3::IDENTITY - earlier;
+    let turn = 0.5
+        * Vec3::new(
+            moved.y_axis.z - moved.z_axis.y,
+            moved.z_axis.x - moved.x_axis.z,
+            moved.x_axis.y - moved.y_axis.x,
+        );
+    if translation.is_finite() && turn.is_finite() {
+        [pack_vector(translation), pack_vector(turn)]
+    } else {
+        [UNKNOWN_MOTION, 0]
+    }
+}
+
+/// A vector as three signed numbers of 9 bits with one exponent.
+pub fn pack_vector(v: Vec3) -> u32 {
+    let largest = v.abs().max_element().max(1e-30);
+    let exponent = ops::log2(largest / LARGEST_COMPONENT)
+        .ceil()
+        .clamp(LEAST_EXPONENT, LEAST_EXPONENT + 31.0);
+    let limit = Vec3::splat(LARGEST_COMPONENT);
+    let steps = (v * ops::exp2(-exponent)).clamp(-limit, limit).round();
+    let [x, y, z] = steps.to_array().map(|step| step as i32 as u32 & 0x1ff);
+    x | y << 9 | z << 18 | ((exponent - LEAST_EXPONENT) as u32) << 27
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{acceleration::rows, bvh::invert};
+    use bevy::math::{Affine3A, EulerRot, Quat};
+
+    fn unpack_vector(word: u32) -> Vec3 {
+        let step = |shift: u32| ((word << (23 - shift)) as i32 >> 23) as f32;
+        Vec3::new(step(0), step(9), step(18)) * ops::exp2((word >> 27) as f32 + LEAST_EXPONENT)
+    }
+
+    #[test]
+    fn vectors_keep_eight_digits() {
+        for exponent in -12..10 {
+            for v in [Vec3::new(1.0, -0.3, 0.004), Vec3::new(-0.77, 0.0, 0.5), Vec3::NEG_Z] {
+                let v = v * ops::exp2(exponent as f32);
+                let packed = pack_vector(v);
+                let error = (unpack_vector(packed) - v).abs().max_element() / v.abs().max_element();
+                assert!(error <= 1.0 / 255.0 && packed != UNKNOWN_MOTION, "{v} {error}");
+            }
+        }
+        assert_eq!(unpack_vector(pack_vector(Vec3::ZERO)), Vec3::ZERO);
+        assert_eq!(unpack_vector(UNKNOWN_MOTION).x, -256.0 * ops::exp2(LEAST_EXPONENT));
+    }
+
+    #[test]
+    fn points_of_an_object_have_moved_by_its_motion() {
+        let place = |translation: Vec3, angle: f32| {
+            let turn = Quat::from_euler(EulerRot::YXZ, angle, 0.5 * angle, 0.3);
+            Affine3A::from_scale_rotation_translation(Vec3::new(2.0, 0.5, 1.0), turn, translation)
+        };
+        let before = place(Vec3::new(3.0, 1.0, -2.0), 0.7);
+        let now = place(Vec3::new(3.1, 1.0, -2.05), 0.74);
+        let matrix = |place: &Affine3A| bytemuck::cast::<_, [[f32; 4]; 3]>(rows(place));
+        let inverse = invert(&now).unwrap().rows;
+        let [translation, turn] = pack_motion(&matrix(&now), &matrix(&before), &inverse).map(unpack_vector);
+        for corner in [Vec3::ONE, Vec3::new(-1.0, 1.0, -1.0), Vec3::X] {
+            let point = now.transform_point3(corner);
+            let exact = point - before.transform_point3(corner);
+            let told = translation + turn.cross(point - Vec3::from(now.translation));
+            assert!((told - exact).length() < 0.05 * exact.length(), "{told} and {exact}");
+        }
+        let endless = [[f32::INFINITY; 4]; 3];
+        assert_eq!(pack_motion(&endless, &matrix(&before), &inverse)[0], UNKNOWN_MOTION);
+    }
+}
