@@ -58,6 +58,16 @@ impl<'w> SceneBuilder<'w> {
         }
     }
 
+    /// Goes on with a scene that was finished.
+    pub fn resume(world: &'w mut World, root: Entity) -> Self {
+        let statistics = world.get(root).copied().unwrap_or_default();
+        Self {
+            world,
+            root,
+            statistics,
+        }
+    }
+
     /// Adds a mesh asset.
     pub fn mesh(&mut self, geometry: Geometry) -> SceneMesh {
         let triangles = geometry.triangles();

@@ -24,6 +24,7 @@ mod image_size;
 mod materials;
 #[cfg(not(target_arch = "wasm32"))]
 mod missing_images;
+mod moving;
 mod patterns;
 mod props;
 mod random;
@@ -37,7 +38,7 @@ mod texture;
 
 #[cfg(not(target_arch = "wasm32"))]
 pub use alone::is_alone;
-pub use animation::{Motion, SceneAnimationPlugin};
+pub use animation::{SceneAnimationPlugin, set_time};
 pub use builder::{SceneBuilder, SceneMesh, SceneStatistics};
 pub use camera_path::CameraPath;
 pub use environment::{Environment, SceneOptions};

@@ -1,13 +1,13 @@
 //! The scenes by name.
 
 use crate::{
-    animation::Motion,
+    animation::set_time,
     atrium::{self, Richness},
     camera_path::CameraPath,
     demo,
     environment::{Environment, SceneOptions},
     glass::{self, Finish},
-    shapes,
+    moving, shapes,
     sky::Sky,
     small, street, temple,
 };
@@ -36,6 +36,15 @@ pub enum SceneName {
     Temple,
     /// A street after rain, full of windows and small things: millions of triangles by instancing.
     Street,
+    /// The courtyard with people, a door, a swinging lamp, a flickering light and a rolling ball.
+    #[strum(to_string = "atrium_moving", serialize = "atrium-moving")]
+    AtriumMoving,
+    /// The temple with the same.
+    #[strum(to_string = "temple_moving", serialize = "temple-moving")]
+    TempleMoving,
+    /// The street with the same, and with traffic.
+    #[strum(to_string = "street_moving", serialize = "street-moving")]
+    StreetMoving,
     /// A mirror floor below asymmetric unlit objects: its reflection is known exactly.
     #[strum(to_string = "mirror_room", serialize = "mirror-room")]
     MirrorRoom,
@@ -55,12 +64,15 @@ pub enum SceneName {
 
 impl SceneName {
     /// Every scene.
-    pub const ALL: [SceneName; 11] = [
+    pub const ALL: [SceneName; 14] = [
         SceneName::Demo,
         SceneName::Atrium,
         SceneName::AtriumSmall,
         SceneName::Temple,
         SceneName::Street,
+        SceneName::AtriumMoving,
+        SceneName::TempleMoving,
+        SceneName::StreetMoving,
         SceneName::MirrorRoom,
         SceneName::Furnace,
         SceneName::EmissiveFloor,
@@ -106,6 +118,15 @@ pub fn spawn_with(name: SceneName, world: &mut World, options: &SceneOptions) ->
         SceneName::AtriumSmall => atrium::spawn(world, &options, Richness::Plain),
         SceneName::Temple => temple::spawn(world, &options),
         SceneName::Street => street::spawn(world, &options),
+        SceneName::AtriumMoving | SceneName::TempleMoving | SceneName::StreetMoving => {
+            let (place, cast) = match name {
+                SceneName::TempleMoving => (SceneName::Temple, &moving::TEMPLE),
+                SceneName::StreetMoving => (SceneName::Street, &moving::STREET),
+                _ => (SceneName::Atrium, &moving::ATRIUM),
+            };
+            let root = spawn_with(place, world, &options);
+            moving::add(world, root, cast, &options)
+        }
         SceneName::MirrorRoom => small::mirror_room(world),
         SceneName::Furnace => small::furnace(world),
         SceneName::EmissiveFloor => small::emissive_floor(world),
@@ -114,9 +135,7 @@ pub fn spawn_with(name: SceneName, world: &mut World, options: &SceneOptions) ->
         SceneName::BlackGlass => glass::spawn(world, &options, Finish::Opaque),
     };
     // Things that move start where they are at time zero, with or without the animation.
-    for (motion, mut transform) in world.query::<(&Motion, &mut Transform)>().iter_mut(world) {
-        motion.apply(0.0, &mut transform);
-    }
+    set_time(world, 0.0);
     root
 }
 
@@ -126,9 +145,9 @@ impl CameraPath {
     pub const fn of(scene: SceneName) -> Self {
         match scene {
             SceneName::Demo => demo::PATH,
-            SceneName::Atrium | SceneName::AtriumSmall => atrium::PATH,
-            SceneName::Temple => temple::PATH,
-            SceneName::Street => street::PATH,
+            SceneName::Atrium | SceneName::AtriumSmall | SceneName::AtriumMoving => atrium::PATH,
+            SceneName::Temple | SceneName::TempleMoving => temple::PATH,
+            SceneName::Street | SceneName::StreetMoving => street::PATH,
             SceneName::MirrorRoom => small::MIRROR_ROOM_PATH,
             SceneName::Furnace => small::FURNACE_PATH,
             SceneName::EmissiveFloor => small::EMISSIVE_FLOOR_PATH,
@@ -156,9 +175,9 @@ pub fn camera(name: SceneName) -> (Transform, PerspectiveProjection) {
 pub fn environment(name: SceneName, world: &mut World) -> Environment {
     match name {
         SceneName::Demo => demo::environment(world),
-        SceneName::Atrium | SceneName::AtriumSmall => atrium::environment(world),
-        SceneName::Temple => temple::environment(world),
-        SceneName::Street => street::environment(world),
+        SceneName::Atrium | SceneName::AtriumSmall | SceneName::AtriumMoving => atrium::environment(world),
+        SceneName::Temple | SceneName::TempleMoving => temple::environment(world),
+        SceneName::Street | SceneName::StreetMoving => street::environment(world),
         SceneName::Shapes => shapes::environment(world),
         SceneName::Glass | SceneName::BlackGlass => glass::environment(world),
         SceneName::Furnace => small::environment(world, Some(Sky::White)),

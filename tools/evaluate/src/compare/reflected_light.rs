@@ -144,6 +144,12 @@ impl TrueLight {
         write_planes(file, &[&self.without, &objects, first, second])
     }
 
+    /// All light but what reflections add.
+    #[cfg(test)]
+    pub fn without(&self) -> &[f32] {
+        &self.without
+    }
+
     fn counts(&self, index: usize) -> bool {
         self.cells[index] > 0
     }

@@ -267,10 +267,11 @@ impl Runner<'_> {
 
     /// Moves the camera to a view. The first run starts as if nothing had happened before. In further ones the technique stays
     /// switched on, so that its sequence of samples goes on and they differ from the first in their noise alone.
-    fn move_to_view(&mut self, view: u32, variant: &Variant, run: u32) -> Result<(), String> {
+    pub fn move_to_view(&mut self, view: u32, variant: &Variant, run: u32) -> Result<(), String> {
         let frames = self.job.protocol.motion_frames;
         let seconds = self.scene.view(view);
-        let start = (seconds - frames as f32 * TIME_STEP).max(0.0);
+        let before = |frames: u32| (seconds - frames as f32 * TIME_STEP).max(0.0);
+        let start = before(frames);
         if run == 0 {
             self.clear(start)?;
             self.switch(variant)?;
@@ -280,15 +281,16 @@ impl Runner<'_> {
             self.step(CLEAR_FRAMES);
             techniques::reset(&mut self.camera());
         }
-        for frame in 1..=frames {
-            let share = frame as f32 / frames as f32;
-            self.pose(start + (seconds - start) * share);
+        // The last frame shows just the instant of the ground truth.
+        for left in (0..frames).rev() {
+            self.pose(before(left));
             self.step(1);
         }
         Ok(())
     }
 
-    /// A camera cut to a view, recovery from it, the noise that stays, and the light of static frames.
+    /// A camera cut to a view, recovery from it, the noise that stays, and the light of static frames. All the while the clock of the
+    /// scene stands at the instant of the ground truth.
     fn still_images(
         &mut self,
         view: u32,
@@ -299,7 +301,7 @@ impl Runner<'_> {
         let protocol = &self.job.protocol;
         let seconds = self.scene.view(view);
         let elsewhere = self.scene.view((view + 1) % protocol.views);
-        self.pose(if protocol.views > 1 { elsewhere } else { 0.0 });
+        self.pose_apart(if protocol.views > 1 { elsewhere } else { 0.0 }, seconds);
         self.step(LEAD_FRAMES);
         self.pose(seconds);
         techniques::reset(&mut self.camera());

@@ -2,6 +2,8 @@
 
 mod ground_truth;
 mod images;
+#[cfg(test)]
+mod instant;
 mod objects;
 mod runner;
 mod scene;

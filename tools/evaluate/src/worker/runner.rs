@@ -25,7 +25,7 @@ use bevy_glint::{
     RayTracedReflectionsPlugin, ReflectionBackend, ReflectionStatus, ReflectionStatusReport, ReflectionTracer,
 };
 use glint_scenes::{
-    HeadlessApp, HeadlessError, HeadlessSettings, MissingImages, MissingImagesPlugin, Motion, Output, SceneStatistics,
+    HeadlessApp, HeadlessError, HeadlessSettings, MissingImages, MissingImagesPlugin, Output, SceneStatistics, set_time,
 };
 use half::f16;
 use image::RgbImage;
@@ -41,7 +41,7 @@ const PATIENCE: Duration = Duration::from_secs(600);
 /// Frames in a row in which nothing was built: then the scene is complete.
 const QUIET_FRAMES: u32 = 8;
 /// Seconds from frame to frame.
-pub const TIME_STEP: f32 = 0.016_666;
+pub const TIME_STEP: f32 = 1.0 / 60.0;
 
 /// The app, and what is known of it.
 pub struct Runner<'a> {
@@ -50,8 +50,8 @@ pub struct Runner<'a> {
     pub app: HeadlessApp,
     pub scene: MeasuredScene,
     pub camera: Entity,
-    /// Time that decides where the camera and moving objects are.
-    seconds: Option<f32>,
+    /// Times that decide where the camera is, and all that moves by itself.
+    seconds: Option<(f32, f32)>,
     /// Techniques whose pipelines are compiled.
     compiled: BTreeSet<String>,
     /// A target of floating-point values.
@@ -222,21 +222,26 @@ impl<'a> Runner<'a> {
         Message::Frames(frames.into()).send();
     }
 
-    /// Puts the camera and everything that moves where they are after some seconds.
+    /// Puts the camera and everything that moves where they are after some seconds. Until the next call, time stands still.
     pub fn pose(&mut self, seconds: f32) {
-        let seconds = seconds.max(0.0);
-        if self.seconds == Some(seconds) {
+        self.pose_apart(seconds, seconds);
+    }
+
+    /// Puts the camera where it is after some seconds, and everything that moves where it is at another time.
+    pub fn pose_apart(&mut self, camera_seconds: f32, seconds: f32) {
+        let times = (camera_seconds.max(0.0), seconds.max(0.0));
+        let before = self.seconds.replace(times);
+        if before == Some(times) {
             return;
         }
-        self.seconds = Some(seconds);
-        let pose = self.scene.pose(seconds);
+        let pose = self.scene.pose(times.0);
         let world = self.app.world();
         if let Some(mut transform) = world.get_mut::<Transform>(self.camera) {
             *transform = pose;
         }
-        let mut moving = world.query::<(&Motion, &mut Transform)>();
-        for (motion, mut transform) in moving.iter_mut(world) {
-            motion.apply(seconds, &mut transform);
+        // A scene at rest must not look as if it changed.
+        if before.is_none_or(|before| before.1 != times.1) {
+            set_time(world, times.1);
         }
     }
 

@@ -1,8 +1,8 @@
 //! The scenes without a renderer: complete, valid and the same every time.
 
 use crate::{
-    CameraPath, SceneName, SceneOptions, SceneStatistics, UnknownScene, camera, environment, spawn_with,
-    write_test_assets,
+    CameraPath, SceneName, SceneOptions, SceneStatistics, UnknownScene, animation::Motion, camera, environment,
+    set_time, spawn_with, write_test_assets,
 };
 use bevy::{
     mesh::{Indices, VertexAttributeValues},
@@ -28,6 +28,7 @@ fn names_round_trip() {
     }
     assert_eq!("Emissive-Floor".parse(), Ok(SceneName::EmissiveFloor));
     assert_eq!("atrium-small".parse(), Ok(SceneName::AtriumSmall));
+    assert_eq!("street-moving".parse(), Ok(SceneName::StreetMoving));
     let error: Result<SceneName, UnknownScene> = "sponza".parse();
     assert!(error.unwrap_err().to_string().contains("atrium"));
 }
@@ -201,6 +202,70 @@ fn cameras_and_skies_exist() {
         let _ = environment(name, &mut world);
         assert_eq!(world.resource::<Assets<Image>>().len(), count, "a sky is baked once");
     }
+}
+
+const MOVING: [(SceneName, SceneName); 3] = [
+    (SceneName::Atrium, SceneName::AtriumMoving),
+    (SceneName::Temple, SceneName::TempleMoving),
+    (SceneName::Street, SceneName::StreetMoving),
+];
+
+/// Places of all that moves through a scene; limbs and lamps on cords are where their owners are.
+fn movers(world: &mut World) -> Vec<Vec3> {
+    let mut query = world.query::<(Entity, &Motion, &Transform, Option<&ChildOf>)>();
+    let all: Vec<(Entity, Vec3, Option<Entity>)> = query
+        .iter(world)
+        .map(|(entity, _, transform, parent)| (entity, transform.translation, parent.map(ChildOf::parent)))
+        .collect();
+    let moves = |of: &Option<Entity>| all.iter().any(|(entity, ..)| Some(*entity) == *of);
+    all.iter()
+        .filter(|(.., parent)| !moves(parent))
+        .map(|(_, at, _)| *at)
+        .collect()
+}
+
+#[test]
+fn views_show_what_moves_and_nothing_runs_into_the_camera() {
+    const STEPS: usize = 200;
+    let coarse = SceneOptions { detail: 0.25, ..SMALL };
+    let mut wrong = Vec::new();
+    for (still, name) in MOVING {
+        let (mut world, with) = spawned(name, &coarse);
+        let (_, without) = spawned(still, &coarse);
+        assert!(with.instances > without.instances + 10, "{name}: {with:?}");
+        let path = CameraPath::of(name);
+        let up = (0.5 * path.vertical_degrees).to_radians().tan();
+        for step in 0..=STEPS {
+            let seconds = path.seconds * step as f32 / STEPS as f32;
+            let pose = path.pose(seconds);
+            set_time(&mut world, seconds);
+            let places = movers(&mut world);
+            // Things are lower than a camera that looks down on them.
+            let above = Vec3::Y * (pose.translation.y - 2.0).max(0.0);
+            let nearest = places
+                .iter()
+                .map(|at| at.with_y(0.0).distance(pose.translation.with_y(0.0) + above))
+                .fold(f32::INFINITY, f32::min);
+            if nearest < 0.7 {
+                wrong.push(format!("{name}: {nearest} m from the camera after {seconds} s"));
+            }
+            let is_seen = |at: &&Vec3| {
+                let point = pose.rotation.inverse() * (**at + Vec3::Y - pose.translation);
+                point.z > -30.0 && point.y.abs() < up * -point.z && point.x.abs() < up * 16.0 / 9.0 * -point.z
+            };
+            if places.iter().filter(is_seen).count() == 0 {
+                wrong.push(format!("{name}: nothing moves in view after {seconds} s"));
+            }
+        }
+        let at = |world: &mut World, seconds| {
+            set_time(world, seconds);
+            movers(world)
+        };
+        let (first, later) = (at(&mut world, 3.0), at(&mut world, 11.0));
+        assert_ne!(first, later, "{name}");
+        assert_eq!(at(&mut world, 3.0), first, "{name}: a pure function of time");
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 fn positions_and_normals(mesh: &Mesh) -> Vec<(Vec3, Vec3)> {

@@ -1,0 +1,68 @@
+//! Tests that a frame after some motion and its ground truth show the same instant.
+
+use super::runner::{Runner, TIME_STEP};
+use crate::{
+    compare::reflected_light::TrueLight,
+    job::{Job, SceneSource, TracerName, Variant},
+    protocol::Protocol,
+    techniques,
+};
+
+/// Share of pixels that differ by more than rounding.
+fn differing(a: &[f32], b: &[f32]) -> f32 {
+    assert_eq!(a.len(), b.len());
+    let pairs = a.iter().zip(b);
+    let differ = pairs.filter(|(a, b)| (**a - **b).abs() > 2e-3 * a.abs().max(b.abs()) + 1e-5);
+    differ.count() as f32 / a.len() as f32
+}
+
+fn start(job: &Job) -> Option<Runner<'_>> {
+    match Runner::start(job) {
+        Err(reason) if reason.contains("no graphics device") => {
+            let required = std::env::var_os("GLINT_REQUIRE_GPU").is_some();
+            assert!(!required, "a GPU is required, but: {reason}");
+            println!("skipped: {reason}");
+            None
+        }
+        runner => Some(runner.unwrap()),
+    }
+}
+
+#[test]
+fn frame_and_truth_show_the_same_instant() {
+    let out = tempfile::tempdir().unwrap();
+    let job = Job::example(out.path(), &["reference"]);
+    let protocol = Protocol {
+        samples: 2,
+        motion_frames: 8,
+        ..job.protocol.clone()
+    };
+    let job = Job {
+        scene: SceneSource::BuiltIn("temple_moving".into()),
+        tracer: TracerName::Bvh,
+        protocol,
+        ..job
+    };
+    let Some(mut runner) = start(&job) else { return };
+    runner.ground_truths().unwrap();
+    let (width, height) = (job.protocol.width, job.protocol.height);
+    let truth = TrueLight::read(&job.true_light(0), width, height).unwrap();
+    let variant = Variant::new("reference");
+    techniques::show_reflections(&mut runner.app, false);
+    runner.prepare(&variant).unwrap();
+    // Further runs start from a scene that stood at the instant, and not from nothing.
+    for run in 0..2 {
+        runner.move_to_view(0, &variant, run).unwrap();
+        let frame = runner.capture_luminance().unwrap();
+        assert_eq!(differing(&frame, truth.without()), 0.0, "run {run}");
+    }
+    // Time stands still until it is moved.
+    runner.step(3);
+    assert_eq!(differing(&runner.capture_luminance().unwrap(), truth.without()), 0.0);
+    // One frame more of the things that move, and the same camera: that must show.
+    let seconds = runner.scene.view(0);
+    runner.pose_apart(seconds, seconds + TIME_STEP);
+    runner.step(1);
+    let later = differing(&runner.capture_luminance().unwrap(), truth.without());
+    assert!(later > 0.01, "{later} of all pixels differ a frame later");
+}
