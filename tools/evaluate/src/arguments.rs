@@ -3,7 +3,7 @@
 use crate::{
     job::{self, Job, SCENES, SceneSource, TECHNIQUES, TracerName, Variant},
     machine::Machine,
-    protocol::Protocol,
+    protocol::{DECOMPOSING_RUNS, Protocol},
     techniques,
 };
 use clap::{Parser, ValueEnum};
@@ -38,6 +38,10 @@ pub struct Arguments {
     /// Runs that differ in their noise alone, for the interval of the reflected light's bias.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub runs: Option<u32>,
+    /// Split the error of each technique's reflected light into noise (differs from run to run) and bias (doesn't: lag, blur, ghosts);
+    /// takes at least 4 runs.
+    #[arg(long)]
+    pub decompose: bool,
     /// The back end, which turns the rate image into fewer rays.
     #[arg(long, value_enum, value_name = "NAME", default_value_t = BackendWord::Auto)]
     pub backend: BackendWord,
@@ -132,7 +136,7 @@ impl Arguments {
         };
         let out = absolute(self.out.clone().ok_or("--out is missing")?)?;
         let cache = absolute(self.cache.clone().unwrap_or_else(|| PathBuf::from("target/evaluate")))?;
-        let mut protocol = self.protocol(machine);
+        let mut protocol = self.protocol(machine)?;
         protocol.shaders = self.shaders.clone().map(absolute).transpose()?;
         let names = self.names()?;
         let backends = self.backends(machine)?;
@@ -194,7 +198,7 @@ impl Arguments {
         both.collect()
     }
 
-    fn protocol(&self, machine: &Machine) -> Protocol {
+    fn protocol(&self, machine: &Machine) -> Result<Protocol, String> {
         let mut protocol = Protocol::new(self.quick, machine.is_cpu);
         if let Some(size) = self.size {
             (protocol.width, protocol.height) = size.0.into();
@@ -210,7 +214,16 @@ impl Arguments {
         }
         protocol.samples = self.samples.unwrap_or(protocol.samples);
         protocol.runs = self.runs.unwrap_or(protocol.runs);
-        protocol
+        if self.decompose {
+            if self.runs.is_some_and(|runs| runs < DECOMPOSING_RUNS) {
+                return Err(format!(
+                    "--decompose takes at least {DECOMPOSING_RUNS} runs: leave --runs out, or raise it"
+                ));
+            }
+            protocol.decompose = true;
+            protocol.runs = protocol.runs.max(DECOMPOSING_RUNS);
+        }
+        Ok(protocol)
     }
 
     /// The techniques, in the order of tables.
@@ -280,133 +293,4 @@ fn no_solari(machine: &Machine) -> Option<&'static str> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn machine(ray_query: bool, hardware_vrs: bool) -> Machine {
-        Machine {
-            adapter: "GPU".into(),
-            ray_query,
-            hardware_vrs,
-            ..Machine::default()
-        }
-    }
-
-    fn arguments(words: &[&str]) -> Arguments {
-        let start = ["glint_evaluate", "--out", "out"];
-        Arguments::try_parse_from(start.iter().chain(words)).unwrap()
-    }
-
-    #[test]
-    fn the_command_line_is_well_formed() {
-        use clap::CommandFactory;
-        Arguments::command().debug_assert();
-        assert!(Arguments::try_parse_from(["glint_evaluate", "--quick"]).is_err());
-        assert!(Arguments::try_parse_from(["glint_evaluate", "--out", "a", "--size", "8x16"]).is_err());
-        assert!(Arguments::try_parse_from(["glint_evaluate", "--probe"]).is_ok());
-    }
-
-    #[test]
-    fn everything_is_measured_by_default() {
-        let plan = arguments(&[]).plan(&machine(true, true)).unwrap();
-        // Three scenes, each with one job of its own and one for Solari, if that is built in.
-        let scenes = plan.jobs.iter().filter(|job| job.first).count();
-        assert_eq!(scenes, 3);
-        let ids: Vec<String> = plan.jobs[0].variants.iter().map(Variant::id).collect();
-        assert!(ids.contains(&"vrs-roughness".into()) && ids.contains(&"vrs-roughness.hardware".into()));
-        assert!(!ids.contains(&"reference.hardware".into()) && !ids.contains(&"solari".into()));
-        assert_eq!(plan.jobs.len() + plan.skipped.len(), 6);
-    }
-
-    #[test]
-    fn what_a_machine_lacks_is_skipped_or_refused() {
-        let plan = arguments(&["--scene", "atrium"]).plan(&machine(false, false)).unwrap();
-        assert_eq!((plan.jobs.len(), plan.skipped.len()), (1, 1));
-        assert_eq!(plan.jobs[0].tracer, TracerName::Bvh);
-        assert!(
-            arguments(&["--tracer", "ray-query"])
-                .plan(&machine(false, false))
-                .is_err()
-        );
-        assert!(
-            arguments(&["--backend", "hardware"])
-                .plan(&machine(false, false))
-                .is_err()
-        );
-    }
-
-    #[test]
-    fn a_quick_run_on_a_cpu_has_solari_beside_the_bvh() {
-        let cpu = Machine {
-            is_cpu: true,
-            ..machine(true, false)
-        };
-        let plan = arguments(&["--quick", "--scene", "atrium"]).plan(&cpu).unwrap();
-        assert_eq!(plan.jobs[0].tracer, TracerName::Bvh);
-        let names: Vec<String> = plan.jobs[0].variants.iter().map(Variant::id).collect();
-        assert_eq!(
-            names,
-            [
-                "off",
-                "ssr",
-                "reference",
-                "quarter",
-                "vrs-roughness",
-                "vrs-grazing",
-                "vrs-combined",
-                "vrs-adaptive",
-                "paper",
-                "medium"
-            ]
-        );
-        assert_eq!(plan.jobs[1].tracer, TracerName::RayQuery);
-        assert_eq!(plan.jobs[1].variants, [Variant::new("solari")]);
-        let asked = arguments(&["--quick", "--tracer", "ray-query"]).plan(&cpu).unwrap();
-        assert_eq!(asked.jobs[0].tracer, TracerName::RayQuery);
-        let full = arguments(&[]).plan(&cpu).unwrap();
-        assert_eq!(full.jobs[0].tracer, TracerName::RayQuery);
-    }
-
-    #[test]
-    fn a_second_tracer_leaves_out_what_does_not_trace() {
-        let words = [
-            "--tracer",
-            "all",
-            "--scene",
-            "atrium,street",
-            "--techniques",
-            "off,ssr,quarter",
-        ];
-        let plan = arguments(&words).plan(&machine(true, false)).unwrap();
-        let counts: Vec<usize> = plan.jobs.iter().map(|job| job.variants.len()).collect();
-        assert_eq!(counts, [3, 1, 3, 1]);
-        assert_eq!(plan.jobs[1].id(), "atrium.bvh");
-    }
-
-    #[test]
-    fn numbers_change_the_protocol() {
-        let words = [
-            "--quick",
-            "--size",
-            "64x32",
-            "--frames",
-            "7",
-            "--views",
-            "1",
-            "--samples",
-            "3",
-        ];
-        let protocol = arguments(&words).plan(&machine(false, false)).unwrap().protocol;
-        assert_eq!((protocol.width, protocol.height, protocol.samples), (64, 32, 3));
-        assert_eq!((protocol.views, protocol.still_views), (1, 1));
-        assert!(protocol.rounds() * protocol.block >= 7 && protocol.rounds() >= 4);
-    }
-
-    #[test]
-    fn wrong_names_are_named() {
-        let error = |words: &[&str]| arguments(words).plan(&machine(true, true)).unwrap_err();
-        assert!(error(&["--techniques", "magic"]).contains("magic"));
-        assert!(error(&["--scene", "atrium,atrium"]).contains("atrium"));
-        assert!(error(&["--gltf", "/no/such.glb"]).contains("/no/such.glb"));
-    }
-}
+mod tests;

@@ -17,6 +17,9 @@ pub const STATIC_FRAMES: u32 = 64;
 /// what reflections add, and in fog.
 pub const SHARED_FRAMES: u32 = 4 * LEAD_FRAMES;
 
+/// The least runs that tell noise from bias.
+pub const DECOMPOSING_RUNS: u32 = 4;
+
 /// How much is measured. Everything that changes a result is in here.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Protocol {
@@ -50,6 +53,9 @@ pub struct Protocol {
     pub shadow_size: u32,
     /// The most shadow maps that a directional light has.
     pub cascades: u32,
+    /// Splits the error of reflected light into noise and bias.
+    #[serde(default)]
+    pub decompose: bool,
     /// A folder of shader modules that techniques take in place of the crate's. The ground truth keeps those of the crate.
     #[serde(default)]
     pub shaders: Option<PathBuf>,
@@ -75,6 +81,7 @@ impl Protocol {
             // The engine's and the scenes' own.
             shadow_size: 2048,
             cascades: 4,
+            decompose: false,
             shaders: None,
         };
         match (quick, is_cpu) {
@@ -126,6 +133,7 @@ impl Protocol {
                 texture_size: 64,
                 shadow_size: 512,
                 cascades: 1,
+                decompose: false,
                 shaders: None,
             },
         }

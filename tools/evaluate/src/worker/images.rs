@@ -7,6 +7,7 @@ use super::{
 };
 use crate::{
     compare::{
+        decomposition::decompose,
         image::{not_finite, save},
         reflected_light::{Surroundings, TrueLight},
     },
@@ -14,7 +15,7 @@ use crate::{
     job::{ImageKind, Variant, image_file},
     message::Message,
     protocol::{CLEAR_FRAMES, FLOAT_FRAMES, LEAD_FRAMES, Protocol, RECOVERY_FRAMES, SHARED_FRAMES, STATIC_FRAMES},
-    state::{Captured, ShownSums, Store},
+    state::{Captured, ShownSums, Store, ViewSplit},
     techniques,
 };
 use bevy::{camera::Exposure, core_pipeline::tonemapping::Tonemapping, prelude::*};
@@ -233,7 +234,7 @@ impl Runner<'_> {
     fn images_of(&mut self, variant: &Variant) -> Result<Captured, String> {
         let protocol = &self.job.protocol;
         let writer = ImageWriter::start();
-        let (mut nonfinite, mut light) = (0, Vec::new());
+        let (mut nonfinite, mut light, mut splits) = (0, Vec::new(), Vec::new());
         self.prepare(variant)?;
         for view in 0..protocol.views {
             let mut shown = LightFrames::default();
@@ -245,6 +246,9 @@ impl Runner<'_> {
             }
             for run in 1..protocol.runs {
                 self.move_to_view(view, variant, run)?;
+                if !self.job.solari {
+                    writer.save(self.file(view, variant, ImageKind::Run(run)), self.capture()?);
+                }
                 shown.motion.push(self.capture_luminance()?);
             }
             if view < protocol.float_views() {
@@ -252,7 +256,11 @@ impl Runner<'_> {
             }
             // Solari lights everything in its own way: its difference to our frame without reflections is more than reflections.
             if !self.job.solari {
-                light.push(self.measure_light(view, variant, &shown, &writer)?);
+                let truth = self.read_true_light(view)?;
+                light.push(self.measure_light(view, variant, &truth, &shown, &writer));
+                if protocol.decompose {
+                    splits.push(self.split(view, variant, &truth, &shown, &writer));
+                }
             }
         }
         let flicker = writer.finish()?;
@@ -262,6 +270,7 @@ impl Runner<'_> {
             flicker,
             nonfinite,
             light,
+            splits,
         })
     }
 
@@ -330,18 +339,21 @@ impl Runner<'_> {
         Ok(())
     }
 
+    fn read_true_light(&self, view: u32) -> Result<TrueLight, String> {
+        let Protocol { width, height, .. } = self.job.protocol;
+        let file = self.job.true_light(view);
+        TrueLight::read(&file, width, height).ok_or_else(|| format!("{} can't be read", file.display()))
+    }
+
     /// Sums and maps of the reflected light that a technique shows in a view.
     fn measure_light(
         &self,
         view: u32,
         variant: &Variant,
+        truth: &TrueLight,
         shown: &LightFrames,
         writer: &ImageWriter,
-    ) -> Result<ShownSums, String> {
-        let job = self.job;
-        let Protocol { width, height, .. } = job.protocol;
-        let file = job.true_light(view);
-        let truth = TrueLight::read(&file, width, height).ok_or_else(|| format!("{} can't be read", file.display()))?;
+    ) -> ShownSums {
         for (frames, kind) in [
             (&shown.motion, ImageKind::LightInMotion),
             (&shown.still, ImageKind::StaticLight),
@@ -351,10 +363,31 @@ impl Runner<'_> {
             }
         }
         let sums = |frames: &[Vec<f32>]| frames.iter().map(|frame| truth.shown(frame)).collect();
-        Ok(ShownSums {
+        ShownSums {
             motion: sums(&shown.motion),
             still: sums(&shown.still),
-        })
+        }
+    }
+
+    /// Noise and bias of the reflected light that a technique shows in a view, with maps of those in motion.
+    fn split(
+        &self,
+        view: u32,
+        variant: &Variant,
+        truth: &TrueLight,
+        shown: &LightFrames,
+        writer: &ImageWriter,
+    ) -> ViewSplit {
+        let motion = decompose(truth, &shown.motion);
+        let motion = motion.map(|found| {
+            writer.save(self.file(view, variant, ImageKind::Noise), found.noise);
+            writer.save(self.file(view, variant, ImageKind::Bias), found.bias);
+            found.split
+        });
+        ViewSplit {
+            motion,
+            still: decompose(truth, &shown.still).map(|found| found.split),
+        }
     }
 
     /// The number of broken pixels of the frame that are not broken without reflections.
