@@ -3,11 +3,11 @@
 use crate::{
     job::{self, Job, SCENES, SceneSource, TECHNIQUES, TracerName, Variant},
     machine::Machine,
-    protocol::{DECOMPOSING_RUNS, Protocol},
+    protocol::{DECOMPOSING_RUNS, PathFile, Protocol},
     techniques,
 };
 use clap::{Parser, ValueEnum};
-use glint_scenes::ImageSize;
+use glint_scenes::{CameraPlace, ImageSize, RecordedPath};
 use std::path::{self, PathBuf};
 
 /// Measure what each technique costs and how far its image is from the truth.
@@ -20,9 +20,17 @@ pub struct Arguments {
     /// Built-in scenes, separated by commas (default: atrium, temple and street).
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub scene: Vec<String>,
-    /// A glTF file (.gltf or .glb), in place of or beside built-in scenes; may be given several times.
+    /// A glTF file (.gltf or .glb), in place of or beside built-in scenes; may be given several times. Its own cameras are the views,
+    /// unless others are given.
     #[arg(long, value_name = "FILE")]
     pub gltf: Vec<PathBuf>,
+    /// Place of the camera and what it looks at, in metres, in place of the scene's path; may be given several times, each is a view. One
+    /// scene or file alone.
+    #[arg(long, value_name = "X,Y,Z,TX,TY,TZ", allow_hyphen_values = true)]
+    pub camera: Vec<CameraPlace>,
+    /// A camera path that the viewer has recorded (its key F9), in place of the scene's. One scene or file alone.
+    #[arg(long, value_name = "FILE", conflicts_with = "camera")]
+    pub path: Option<PathBuf>,
     /// Size of the image, such as 1920x1080 (default: that on a GPU, less on a CPU or if quick).
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub size: Option<ImageSize>,
@@ -138,11 +146,15 @@ impl Arguments {
         let cache = absolute(self.cache.clone().unwrap_or_else(|| PathBuf::from("target/evaluate")))?;
         let mut protocol = self.protocol(machine)?;
         protocol.shaders = self.shaders.clone().map(absolute).transpose()?;
+        let scenes = self.scenes()?;
+        if scenes.len() > 1 && (self.path.is_some() || !self.camera.is_empty()) {
+            return Err("--camera and --path belong to one scene: choose it by --scene NAME or --gltf FILE".to_owned());
+        }
         let names = self.names()?;
         let backends = self.backends(machine)?;
         let tracers = self.tracers(machine)?;
         let (mut jobs, mut skipped) = (Vec::new(), Vec::new());
-        for scene in self.scenes()? {
+        for scene in scenes {
             let job = |tracer, solari, first| Job {
                 scene: scene.clone(),
                 tracer,
@@ -212,6 +224,12 @@ impl Arguments {
             protocol.views = views;
             protocol.still_views = protocol.still_views.min(views);
         }
+        if let Some(file) = &self.path {
+            // A file that is no path is better declined now than in a process for each scene.
+            RecordedPath::load(file)?;
+            protocol.path = Some(PathFile::new(file)?);
+        }
+        self.place_cameras(&mut protocol)?;
         protocol.samples = self.samples.unwrap_or(protocol.samples);
         protocol.runs = self.runs.unwrap_or(protocol.runs);
         if self.decompose {
@@ -224,6 +242,25 @@ impl Arguments {
             protocol.runs = protocol.runs.max(DECOMPOSING_RUNS);
         }
         Ok(protocol)
+    }
+
+    /// Makes each camera a view.
+    fn place_cameras(&self, protocol: &mut Protocol) -> Result<(), String> {
+        let count = self.camera.len() as u32;
+        if count == 0 {
+            return Ok(());
+        }
+        if self.views.is_some_and(|views| views < count) {
+            return Err(format!(
+                "{count} cameras are {count} views at least: leave --views out, or raise it"
+            ));
+        }
+        if self.views.is_none() {
+            protocol.views = count;
+        }
+        protocol.still_views = protocol.still_views.min(protocol.views);
+        protocol.cameras = self.camera.iter().map(CameraPlace::to_string).collect();
+        Ok(())
     }
 
     /// The techniques, in the order of tables.

@@ -55,6 +55,23 @@ fn what_a_machine_lacks_is_skipped_or_refused() {
 }
 
 #[test]
+fn cameras_are_views_of_one_scene() {
+    let cameras = ["--camera", "0,1,2,0,0,0", "--camera=-1,1,2,0,0,0", "--scene", "atrium"];
+    let plan = arguments(&cameras).plan(&machine(true, false)).unwrap();
+    assert_eq!((plan.protocol.views, plan.protocol.still_views), (2, 2));
+    assert_eq!(plan.protocol.cameras, ["0,1,2,0,0,0", "-1,1,2,0,0,0"]);
+    let fails = |words: &[&str]| arguments(words).plan(&machine(true, false)).unwrap_err();
+    assert!(fails(&[&cameras[..], &["--views", "1"]].concat()).contains("2 cameras are 2 views"));
+    assert!(fails(&cameras[..3]).contains("belong to one scene"));
+    assert!(Arguments::try_parse_from(["glint_evaluate", "--out", "a", "--camera", "1,2,3"]).is_err());
+    let error = fails(&["--scene", "atrium", "--path", "/no/such/path.txt"]);
+    assert!(
+        error.contains("/no/such/path.txt can't be read") && error.lines().count() == 1,
+        "{error}"
+    );
+}
+
+#[test]
 fn decomposing_takes_runs() {
     let plan = arguments(&["--decompose", "--quick"])
         .plan(&machine(true, false))

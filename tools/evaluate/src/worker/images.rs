@@ -62,7 +62,8 @@ impl Runner<'_> {
                 Message::Skipped(job.protocol.truth_frames() + u64::from(SHARED_FRAMES - LEAD_FRAMES)).send();
                 continue;
             }
-            let place = format!("{:?} after {seconds} s", self.scene.pose(seconds));
+            let (pose, projection) = (self.scene.pose(seconds), self.scene.projection(seconds));
+            let place = format!("{pose:?} {projection:?} after {seconds} s");
             let truth = GroundTruth::new(job, &self.scene.key(), &place, &self.adapter);
             let converged = if let Some(converged) = truth.load() {
                 Message::Skipped(job.protocol.truth_frames()).send();
@@ -279,7 +280,8 @@ impl Runner<'_> {
     pub fn move_to_view(&mut self, view: u32, variant: &Variant, run: u32) -> Result<(), String> {
         let frames = self.job.protocol.motion_frames;
         let seconds = self.scene.view(view);
-        let before = |frames: u32| (seconds - frames as f32 * TIME_STEP).max(0.0);
+        let earliest = self.scene.earliest(view);
+        let before = |frames: u32| (seconds - frames as f32 * TIME_STEP).max(earliest);
         let start = before(frames);
         if run == 0 {
             self.clear(start)?;
@@ -310,7 +312,8 @@ impl Runner<'_> {
         let protocol = &self.job.protocol;
         let seconds = self.scene.view(view);
         let elsewhere = self.scene.view((view + 1) % protocol.views);
-        self.pose_apart(if protocol.views > 1 { elsewhere } else { 0.0 }, seconds);
+        let start = self.scene.start();
+        self.pose_apart(if protocol.views > 1 { elsewhere } else { start }, seconds);
         self.step(LEAD_FRAMES);
         self.pose(seconds);
         techniques::reset(&mut self.camera());
