@@ -1,17 +1,12 @@
 //! The command line, and the measurements that it asks for on a machine.
 
-use crate::{
-    crowds::Crowds,
-    kernels,
-    machine::Machine,
-    subject::{CameraPlace, Subject},
-};
+use crate::{crowds::Crowds, kernels, machine::Machine, subject::Subject};
 use bevy::math::UVec2;
 use bevy_glint::{
     RayTracedReflections, ReflectionBackend, ReflectionTracerChoice, ShadingRateHeuristic, named_settings,
 };
 use clap::{Parser, value_parser};
-use glint_scenes::{ImageSize, SceneName};
+use glint_scenes::{CameraPlace, ImageSize, SceneName};
 use std::{fmt, path::PathBuf, str::FromStr};
 
 const TECHNIQUES: &str = "reference,quarter,quarter-inline,vrs-roughness,vrs-grazing,vrs-combined,vrs-adaptive,vrs-roughness@hardware,\

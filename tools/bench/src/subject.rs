@@ -1,11 +1,12 @@
 //! Scenes to measure: built-in ones, a glTF file, and two that grow.
 
 use bevy::prelude::*;
-use glint_scenes::{HeadlessApp, SceneName, SceneOptions, arrange_file, file_environment, file_sun, load_file};
+use glint_scenes::{
+    CameraPlace, HeadlessApp, SceneName, SceneOptions, arrange_file, file_environment, file_sun, load_file,
+};
 use std::{
     fmt,
     path::{Path, PathBuf},
-    str::FromStr,
 };
 
 /// Frames that a file may take to load.
@@ -39,44 +40,6 @@ impl fmt::Display for Subject {
             Self::Spheres(triangles) => write!(f, "{triangles} triangles"),
             Self::SmallObject => f.write_str("small object"),
         }
-    }
-}
-
-/// Place of a camera, and what it looks at: `X,Y,Z,TX,TY,TZ` in metres.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CameraPlace {
-    eye: Vec3,
-    target: Vec3,
-}
-
-impl FromStr for CameraPlace {
-    type Err = String;
-
-    fn from_str(word: &str) -> Result<Self, String> {
-        let numbers: Vec<f32> = word.split(',').map_while(|number| number.trim().parse().ok()).collect();
-        match numbers[..] {
-            [x, y, z, tx, ty, tz]
-                if word.split(',').count() == 6 && numbers.iter().all(|number| number.is_finite()) =>
-            {
-                let (eye, target) = (Vec3::new(x, y, z), Vec3::new(tx, ty, tz));
-                if eye == target {
-                    return Err("the camera stands where it looks".into());
-                }
-                Ok(Self { eye, target })
-            }
-            _ => Err("expected six numbers: X,Y,Z,TX,TY,TZ".into()),
-        }
-    }
-}
-
-impl CameraPlace {
-    fn transform(self) -> Transform {
-        let up = if (self.target - self.eye).normalize().y.abs() > 0.999 {
-            Vec3::Z
-        } else {
-            Vec3::Y
-        };
-        Transform::from_translation(self.eye).looking_at(self.target, up)
     }
 }
 

@@ -3,11 +3,11 @@
 use crate::{
     job::{self, Job, SCENES, SceneSource, TECHNIQUES, TracerName, Variant},
     machine::Machine,
-    protocol::Protocol,
+    protocol::{DECOMPOSING_RUNS, PathFile, Protocol},
     techniques,
 };
 use clap::{Parser, ValueEnum};
-use glint_scenes::ImageSize;
+use glint_scenes::{CameraPlace, ImageSize, RecordedPath};
 use std::path::{self, PathBuf};
 
 /// Measure what each technique costs and how far its image is from the truth.
@@ -20,9 +20,17 @@ pub struct Arguments {
     /// Built-in scenes, separated by commas (default: atrium, temple and street).
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub scene: Vec<String>,
-    /// A glTF file (.gltf or .glb), in place of or beside built-in scenes; may be given several times.
+    /// A glTF file (.gltf or .glb), in place of or beside built-in scenes; may be given several times. Its own cameras are the views,
+    /// unless others are given.
     #[arg(long, value_name = "FILE")]
     pub gltf: Vec<PathBuf>,
+    /// Place of the camera and what it looks at, in metres, in place of the scene's path; may be given several times, each is a view. One
+    /// scene or file alone.
+    #[arg(long, value_name = "X,Y,Z,TX,TY,TZ", allow_hyphen_values = true)]
+    pub camera: Vec<CameraPlace>,
+    /// A camera path that the viewer has recorded (its key F9), in place of the scene's. One scene or file alone.
+    #[arg(long, value_name = "FILE", conflicts_with = "camera")]
+    pub path: Option<PathBuf>,
     /// Size of the image, such as 1920x1080 (default: that on a GPU, less on a CPU or if quick).
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub size: Option<ImageSize>,
@@ -38,6 +46,10 @@ pub struct Arguments {
     /// Runs that differ in their noise alone, for the interval of the reflected light's bias.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub runs: Option<u32>,
+    /// Split the error of each technique's reflected light into noise (differs from run to run) and bias (doesn't: lag, blur, ghosts);
+    /// takes at least 4 runs.
+    #[arg(long)]
+    pub decompose: bool,
     /// The back end, which turns the rate image into fewer rays.
     #[arg(long, value_enum, value_name = "NAME", default_value_t = BackendWord::Auto)]
     pub backend: BackendWord,
@@ -132,13 +144,17 @@ impl Arguments {
         };
         let out = absolute(self.out.clone().ok_or("--out is missing")?)?;
         let cache = absolute(self.cache.clone().unwrap_or_else(|| PathBuf::from("target/evaluate")))?;
-        let mut protocol = self.protocol(machine);
+        let mut protocol = self.protocol(machine)?;
         protocol.shaders = self.shaders.clone().map(absolute).transpose()?;
+        let scenes = self.scenes()?;
+        if scenes.len() > 1 && (self.path.is_some() || !self.camera.is_empty()) {
+            return Err("--camera and --path belong to one scene: choose it by --scene NAME or --gltf FILE".to_owned());
+        }
         let names = self.names()?;
         let backends = self.backends(machine)?;
         let tracers = self.tracers(machine)?;
         let (mut jobs, mut skipped) = (Vec::new(), Vec::new());
-        for scene in self.scenes()? {
+        for scene in scenes {
             let job = |tracer, solari, first| Job {
                 scene: scene.clone(),
                 tracer,
@@ -194,7 +210,7 @@ impl Arguments {
         both.collect()
     }
 
-    fn protocol(&self, machine: &Machine) -> Protocol {
+    fn protocol(&self, machine: &Machine) -> Result<Protocol, String> {
         let mut protocol = Protocol::new(self.quick, machine.is_cpu);
         if let Some(size) = self.size {
             (protocol.width, protocol.height) = size.0.into();
@@ -208,9 +224,43 @@ impl Arguments {
             protocol.views = views;
             protocol.still_views = protocol.still_views.min(views);
         }
+        if let Some(file) = &self.path {
+            // A file that is no path is better declined now than in a process for each scene.
+            RecordedPath::load(file)?;
+            protocol.path = Some(PathFile::new(file)?);
+        }
+        self.place_cameras(&mut protocol)?;
         protocol.samples = self.samples.unwrap_or(protocol.samples);
         protocol.runs = self.runs.unwrap_or(protocol.runs);
-        protocol
+        if self.decompose {
+            if self.runs.is_some_and(|runs| runs < DECOMPOSING_RUNS) {
+                return Err(format!(
+                    "--decompose takes at least {DECOMPOSING_RUNS} runs: leave --runs out, or raise it"
+                ));
+            }
+            protocol.decompose = true;
+            protocol.runs = protocol.runs.max(DECOMPOSING_RUNS);
+        }
+        Ok(protocol)
+    }
+
+    /// Makes each camera a view.
+    fn place_cameras(&self, protocol: &mut Protocol) -> Result<(), String> {
+        let count = self.camera.len() as u32;
+        if count == 0 {
+            return Ok(());
+        }
+        if self.views.is_some_and(|views| views < count) {
+            return Err(format!(
+                "{count} cameras are {count} views at least: leave --views out, or raise it"
+            ));
+        }
+        if self.views.is_none() {
+            protocol.views = count;
+        }
+        protocol.still_views = protocol.still_views.min(protocol.views);
+        protocol.cameras = self.camera.iter().map(CameraPlace::to_string).collect();
+        Ok(())
     }
 
     /// The techniques, in the order of tables.
@@ -280,133 +330,4 @@ fn no_solari(machine: &Machine) -> Option<&'static str> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn machine(ray_query: bool, hardware_vrs: bool) -> Machine {
-        Machine {
-            adapter: "GPU".into(),
-            ray_query,
-            hardware_vrs,
-            ..Machine::default()
-        }
-    }
-
-    fn arguments(words: &[&str]) -> Arguments {
-        let start = ["glint_evaluate", "--out", "out"];
-        Arguments::try_parse_from(start.iter().chain(words)).unwrap()
-    }
-
-    #[test]
-    fn the_command_line_is_well_formed() {
-        use clap::CommandFactory;
-        Arguments::command().debug_assert();
-        assert!(Arguments::try_parse_from(["glint_evaluate", "--quick"]).is_err());
-        assert!(Arguments::try_parse_from(["glint_evaluate", "--out", "a", "--size", "8x16"]).is_err());
-        assert!(Arguments::try_parse_from(["glint_evaluate", "--probe"]).is_ok());
-    }
-
-    #[test]
-    fn everything_is_measured_by_default() {
-        let plan = arguments(&[]).plan(&machine(true, true)).unwrap();
-        // Three scenes, each with one job of its own and one for Solari, if that is built in.
-        let scenes = plan.jobs.iter().filter(|job| job.first).count();
-        assert_eq!(scenes, 3);
-        let ids: Vec<String> = plan.jobs[0].variants.iter().map(Variant::id).collect();
-        assert!(ids.contains(&"vrs-roughness".into()) && ids.contains(&"vrs-roughness.hardware".into()));
-        assert!(!ids.contains(&"reference.hardware".into()) && !ids.contains(&"solari".into()));
-        assert_eq!(plan.jobs.len() + plan.skipped.len(), 6);
-    }
-
-    #[test]
-    fn what_a_machine_lacks_is_skipped_or_refused() {
-        let plan = arguments(&["--scene", "atrium"]).plan(&machine(false, false)).unwrap();
-        assert_eq!((plan.jobs.len(), plan.skipped.len()), (1, 1));
-        assert_eq!(plan.jobs[0].tracer, TracerName::Bvh);
-        assert!(
-            arguments(&["--tracer", "ray-query"])
-                .plan(&machine(false, false))
-                .is_err()
-        );
-        assert!(
-            arguments(&["--backend", "hardware"])
-                .plan(&machine(false, false))
-                .is_err()
-        );
-    }
-
-    #[test]
-    fn a_quick_run_on_a_cpu_has_solari_beside_the_bvh() {
-        let cpu = Machine {
-            is_cpu: true,
-            ..machine(true, false)
-        };
-        let plan = arguments(&["--quick", "--scene", "atrium"]).plan(&cpu).unwrap();
-        assert_eq!(plan.jobs[0].tracer, TracerName::Bvh);
-        let names: Vec<String> = plan.jobs[0].variants.iter().map(Variant::id).collect();
-        assert_eq!(
-            names,
-            [
-                "off",
-                "ssr",
-                "reference",
-                "quarter",
-                "vrs-roughness",
-                "vrs-grazing",
-                "vrs-combined",
-                "vrs-adaptive",
-                "paper",
-                "medium"
-            ]
-        );
-        assert_eq!(plan.jobs[1].tracer, TracerName::RayQuery);
-        assert_eq!(plan.jobs[1].variants, [Variant::new("solari")]);
-        let asked = arguments(&["--quick", "--tracer", "ray-query"]).plan(&cpu).unwrap();
-        assert_eq!(asked.jobs[0].tracer, TracerName::RayQuery);
-        let full = arguments(&[]).plan(&cpu).unwrap();
-        assert_eq!(full.jobs[0].tracer, TracerName::RayQuery);
-    }
-
-    #[test]
-    fn a_second_tracer_leaves_out_what_does_not_trace() {
-        let words = [
-            "--tracer",
-            "all",
-            "--scene",
-            "atrium,street",
-            "--techniques",
-            "off,ssr,quarter",
-        ];
-        let plan = arguments(&words).plan(&machine(true, false)).unwrap();
-        let counts: Vec<usize> = plan.jobs.iter().map(|job| job.variants.len()).collect();
-        assert_eq!(counts, [3, 1, 3, 1]);
-        assert_eq!(plan.jobs[1].id(), "atrium.bvh");
-    }
-
-    #[test]
-    fn numbers_change_the_protocol() {
-        let words = [
-            "--quick",
-            "--size",
-            "64x32",
-            "--frames",
-            "7",
-            "--views",
-            "1",
-            "--samples",
-            "3",
-        ];
-        let protocol = arguments(&words).plan(&machine(false, false)).unwrap().protocol;
-        assert_eq!((protocol.width, protocol.height, protocol.samples), (64, 32, 3));
-        assert_eq!((protocol.views, protocol.still_views), (1, 1));
-        assert!(protocol.rounds() * protocol.block >= 7 && protocol.rounds() >= 4);
-    }
-
-    #[test]
-    fn wrong_names_are_named() {
-        let error = |words: &[&str]| arguments(words).plan(&machine(true, true)).unwrap_err();
-        assert!(error(&["--techniques", "magic"]).contains("magic"));
-        assert!(error(&["--scene", "atrium,atrium"]).contains("atrium"));
-        assert!(error(&["--gltf", "/no/such.glb"]).contains("/no/such.glb"));
-    }
-}
+mod tests;

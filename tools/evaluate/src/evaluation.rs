@@ -10,12 +10,7 @@ use crate::{
     machine::Machine,
     process::{self, Notice},
     progress::{Progress, say},
-    report::{
-        objects::{self, ObjectRow},
-        output::Results,
-        rows::{Row, merge},
-        table,
-    },
+    report::{output::Results, table, tables::Tables},
 };
 use indicatif::HumanDuration;
 use std::{
@@ -31,8 +26,8 @@ const SHARE_WHILE_TIMING: f64 = 0.5;
 pub struct Evaluation<'a> {
     plan: &'a MeasurementPlan,
     machine: &'a Machine,
-    /// Rows of earlier runs into the same folder, and those about objects.
-    before: (Vec<Row>, Vec<ObjectRow>),
+    /// Tables of earlier runs into the same folder.
+    before: Tables,
     log: Arc<ComparisonLog>,
     pool: ComparisonPool,
     progress: Progress,
@@ -41,12 +36,8 @@ pub struct Evaluation<'a> {
 }
 
 impl<'a> Evaluation<'a> {
-    /// Gets ready. `before` are the rows of earlier runs into the same folder.
-    pub fn new(
-        plan: &'a MeasurementPlan,
-        machine: &'a Machine,
-        before: (Vec<Row>, Vec<ObjectRow>),
-    ) -> Result<Self, String> {
+    /// Gets ready. `before` are the tables of earlier runs into the same folder.
+    pub fn new(plan: &'a MeasurementPlan, machine: &'a Machine, before: Tables) -> Result<Self, String> {
         let log = Arc::new(ComparisonLog::open(ComparisonLog::file_in(&plan.out)));
         Ok(Self {
             plan,
@@ -59,8 +50,8 @@ impl<'a> Evaluation<'a> {
         })
     }
 
-    /// Measures what isn't measured yet; results are written after each scene. Returns all rows.
-    pub fn run(mut self) -> Result<Vec<Row>, String> {
+    /// Measures what isn't measured yet; results are written after each scene. Returns all tables.
+    pub fn run(mut self) -> Result<Tables, String> {
         let plan = self.plan;
         let mut jobs = plan.jobs.iter().peekable();
         while let Some(job) = jobs.next() {
@@ -68,15 +59,14 @@ impl<'a> Evaluation<'a> {
             let scene = job.scene.name();
             if jobs.peek().is_none_or(|next| next.scene != job.scene) {
                 self.finish(&scene);
-                let (rows, objects) = self.rows();
-                self.results(&rows, &objects).write()?;
+                self.results(&self.tables()).write()?;
                 self.progress.note(format_args!("{scene}: results are written"));
             }
         }
         self.progress.finish();
-        let (rows, objects) = self.rows();
-        self.results(&rows, &objects).print();
-        Ok(rows)
+        let tables = self.tables();
+        self.results(&tables).print();
+        Ok(tables)
     }
 
     /// Runs one job, while images are compared.
@@ -120,35 +110,33 @@ impl<'a> Evaluation<'a> {
     }
 
     /// All rows that there are: of jobs that are over, of what this machine can't do, and of earlier runs.
-    fn rows(&self) -> (Vec<Row>, Vec<ObjectRow>) {
+    fn tables(&self) -> Tables {
         let problems = self.pool.problems();
-        let (mut new, mut new_objects) = (Vec::new(), Vec::new());
+        let mut new = Tables::default();
         let mut scenes = BTreeSet::new();
         for job in &self.plan.jobs {
             if let Some(failure) = self.over.get(&job.id()) {
                 scenes.insert(job.scene.name());
                 let rows = table::rows(job, self.machine, &self.log, failure.as_deref(), &problems);
-                new_objects.extend(table::objects(job, &rows));
-                new.extend(rows);
+                new.objects.extend(table::objects(job, &rows));
+                new.splits.extend(table::splits(job, &rows));
+                new.rows.extend(rows);
             }
         }
         for (job, variant, reason) in &self.plan.skipped {
             if scenes.contains(&job.scene.name()) {
-                new.push(table::skipped(job, variant, self.machine, reason));
+                new.rows.push(table::skipped(job, variant, self.machine, reason));
             }
         }
-        let (rows, objects) = self.before.clone();
-        let objects = objects::merge(objects, &new, new_objects);
-        (merge(rows, new), objects)
+        self.before.clone().merge(new)
     }
 
-    fn results<'b>(&'b self, rows: &'b [Row], objects: &'b [ObjectRow]) -> Results<'b> {
+    fn results<'b>(&'b self, tables: &'b Tables) -> Results<'b> {
         Results {
             out: &self.plan.out,
             machine: self.machine,
             protocol: &self.plan.protocol,
-            rows,
-            objects,
+            tables,
         }
     }
 }

@@ -210,11 +210,14 @@ fn view_name(view: u32) -> String {
 pub fn image_file(folder: &Path, id: &str, kind: ImageKind) -> PathBuf {
     folder.join(match kind {
         ImageKind::Final => format!("{id}.png"),
+        ImageKind::Run(run) => format!("{id}.run-{run:02}.png"),
         ImageKind::FlipFinal => format!("{id}.flip.png"),
         ImageKind::FlipReflection => format!("{id}.reflection-flip.png"),
         ImageKind::Recovery(frame) => format!("{id}.cut-{frame:02}.png"),
         ImageKind::LightInMotion => format!("{id}.light-in-motion.png"),
         ImageKind::StaticLight => format!("{id}.static-light.png"),
+        ImageKind::Noise => format!("{id}.noise.png"),
+        ImageKind::Bias => format!("{id}.bias.png"),
     })
 }
 
@@ -223,6 +226,8 @@ pub fn image_file(folder: &Path, id: &str, kind: ImageKind) -> PathBuf {
 pub enum ImageKind {
     /// The frame after some frames of motion.
     Final,
+    /// The same of a further run, which differs in its noise alone.
+    Run(u32),
     /// The error of that against the ground truth.
     FlipFinal,
     /// The error of the reflection alone against `reference`.
@@ -233,6 +238,10 @@ pub enum ImageKind {
     LightInMotion,
     /// The error of the reflected light after a number of static frames.
     StaticLight,
+    /// The part of the reflected light's error in motion that differs from run to run.
+    Noise,
+    /// The part of it that doesn't.
+    Bias,
 }
 
 /// The order in which techniques take turns in a round: another one goes first each time, and every other round runs backwards,

@@ -41,10 +41,10 @@ use machine::Machine;
 use message::Message;
 use protocol::Protocol;
 use report::{
-    objects::ObjectRow,
-    output::{OBJECTS, Results},
+    output::Results,
     regressions::compare,
     rows::{self, Row},
+    tables::{ROWS, Tables},
 };
 use std::{
     fs,
@@ -107,28 +107,16 @@ fn rewrite(arguments: &Arguments) -> Result<ExitCode, String> {
     let out = arguments.out.as_deref().ok_or("--out is missing")?;
     let file = out.join("results.json");
     let measured: Measured = read_json(&file).ok_or_else(|| format!("{} holds no results", file.display()))?;
-    let rows = rows::load(&out.join("results.csv"))?;
-    let objects = load_objects(out)?;
+    let tables = Tables::load(out)?;
     let results = Results {
         out,
         machine: &measured.machine,
         protocol: &measured.protocol,
-        rows: &rows,
-        objects: &objects,
+        tables: &tables,
     };
     results.write()?;
     results.print();
     Ok(ExitCode::SUCCESS)
-}
-
-/// The rows about named objects in a folder of results, if it has any.
-fn load_objects(out: &Path) -> Result<Vec<ObjectRow>, String> {
-    let file = out.join(OBJECTS);
-    if file.exists() {
-        rows::load(&file)
-    } else {
-        Ok(Vec::new())
-    }
 }
 
 fn evaluate(arguments: &Arguments) -> Result<ExitCode, String> {
@@ -137,7 +125,7 @@ fn evaluate(arguments: &Arguments) -> Result<ExitCode, String> {
     let plan = arguments.plan(&machine)?;
     let before = prepare_folder(arguments, &plan, &machine)?;
     evaluation::announce(&plan, &machine);
-    let all = Evaluation::new(&plan, &machine, before)?.run()?;
+    let all = Evaluation::new(&plan, &machine, before)?.run()?.rows;
     if !all.iter().any(Row::is_ok) {
         return Err(format!(
             "nothing could be measured; see {}",
@@ -158,16 +146,11 @@ fn evaluate(arguments: &Arguments) -> Result<ExitCode, String> {
     })
 }
 
-/// Makes sure that the folder's results were measured with the same settings, by the same code, on this machine; returns their
-/// rows and those about objects.
-fn prepare_folder(
-    arguments: &Arguments,
-    plan: &MeasurementPlan,
-    machine: &Machine,
-) -> Result<(Vec<Row>, Vec<ObjectRow>), String> {
+/// Makes sure that the folder's results were measured with the same settings, by the same code, on this machine; returns them.
+fn prepare_folder(arguments: &Arguments, plan: &MeasurementPlan, machine: &Machine) -> Result<Tables, String> {
     let state = plan.out.join("state");
     let file = state.join("settings.json");
-    let table = plan.out.join("results.csv");
+    let table = plan.out.join(ROWS);
     let settings = serde_json::json!({ "protocol": plan.protocol, "machine": machine });
     if arguments.fresh && file.exists() {
         // Only what this tool wrote, and only where it did.
@@ -185,7 +168,7 @@ fn prepare_folder(
              --fresh",
             plan.out.display()
         )),
-        Some(_) if table.exists() => Ok((rows::load(&table)?, load_objects(&plan.out)?)),
+        Some(_) if table.exists() => Tables::load(&plan.out),
         Some(_) => Ok(Default::default()),
         None => write_json(&file, &settings).map(|()| Default::default()),
     }

@@ -1,7 +1,10 @@
 //! How much is measured.
 
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::{
+    fs,
+    path::{self, Path, PathBuf},
+};
 
 /// Frames after a camera cut whose error is measured.
 pub const RECOVERY_FRAMES: [u32; 3] = [1, 4, 16];
@@ -16,6 +19,9 @@ pub const STATIC_FRAMES: u32 = 64;
 /// Frames of a view's images that all techniques share, besides the ground truth: without any reflection, in a white environment, without
 /// what reflections add, and in fog.
 pub const SHARED_FRAMES: u32 = 4 * LEAD_FRAMES;
+
+/// The least runs that tell noise from bias.
+pub const DECOMPOSING_RUNS: u32 = 4;
 
 /// How much is measured. Everything that changes a result is in here.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -50,9 +56,38 @@ pub struct Protocol {
     pub shadow_size: u32,
     /// The most shadow maps that a directional light has.
     pub cascades: u32,
+    /// Places of the camera, `X,Y,Z,TX,TY,TZ`, in place of the scene's path.
+    #[serde(default)]
+    pub cameras: Vec<String>,
+    /// A recorded path of the camera, in place of the scene's.
+    #[serde(default)]
+    pub path: Option<PathFile>,
+    /// Splits the error of reflected light into noise and bias.
+    #[serde(default)]
+    pub decompose: bool,
     /// A folder of shader modules that techniques take in place of the crate's. The ground truth keeps those of the crate.
     #[serde(default)]
     pub shaders: Option<PathBuf>,
+}
+
+/// A file with a recorded path, and a hash of what is in it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PathFile {
+    /// The file.
+    pub file: PathBuf,
+    /// Its hash: results of another path can't be mixed with these.
+    pub hash: String,
+}
+
+impl PathFile {
+    /// A file that can be read.
+    pub fn new(file: &Path) -> Result<Self, String> {
+        let fail = |error: std::io::Error| format!("{} can't be read: {error}", file.display());
+        Ok(Self {
+            file: path::absolute(file).map_err(fail)?,
+            hash: blake3::hash(&fs::read(file).map_err(fail)?).to_string(),
+        })
+    }
 }
 
 impl Protocol {
@@ -75,6 +110,9 @@ impl Protocol {
             // The engine's and the scenes' own.
             shadow_size: 2048,
             cascades: 4,
+            cameras: Vec::new(),
+            path: None,
+            decompose: false,
             shaders: None,
         };
         match (quick, is_cpu) {
@@ -126,6 +164,9 @@ impl Protocol {
                 texture_size: 64,
                 shadow_size: 512,
                 cascades: 1,
+                cameras: Vec::new(),
+                path: None,
+                decompose: false,
                 shaders: None,
             },
         }

@@ -51,6 +51,35 @@ pub struct Captured {
     pub nonfinite: u64,
     /// Reflected light of each view; empty if the technique lights more than reflections.
     pub light: Vec<ShownSums>,
+    /// Noise and bias of each view; empty unless the error is split.
+    pub splits: Vec<ViewSplit>,
+}
+
+/// Noise and bias of the reflected light in a view.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct ViewSplit {
+    /// After some frames of motion.
+    pub motion: Option<Split>,
+    /// After a number of static frames.
+    pub still: Option<Split>,
+}
+
+/// Mean squares of linear luminance over the pixels of a view. Noise and bias add up to the error.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Split {
+    /// The light that reflections add by the ground truth; a mean, not a square.
+    pub light: f64,
+    /// Variance between runs.
+    pub noise: f64,
+    /// Square of the runs' mean against the truth, without the noise of both; may be below 0 by chance.
+    pub bias: f64,
+    /// The same noise, of pixels relative to their luminance (half of it that of the truth, half that of the runs) and that of the whole
+    /// picture: few bright pixels can't outweigh all others.
+    pub contrast_noise: f64,
+    /// The same of the bias.
+    pub contrast_bias: f64,
 }
 
 /// Reflected light of a view in truth.

@@ -15,6 +15,16 @@ pub fn load_file(app: &mut HeadlessApp, file: &Path) -> Entity {
     camera
 }
 
+/// Places and projections of a file's own cameras, once it is loaded; the first one is that of [`arrange_file`].
+pub fn file_cameras(world: &mut World, ours: Entity) -> Vec<(Transform, Projection)> {
+    let mut cameras = world.query_filtered::<(Entity, &GlobalTransform, &Projection), With<Camera>>();
+    cameras
+        .iter(world)
+        .filter(|(entity, ..)| *entity != ours)
+        .map(|(_, transform, projection)| (transform.compute_transform(), projection.clone()))
+        .collect()
+}
+
 /// Gives the camera of a file that is loaded its place: this one, else that of the file's first camera, else one from which everything is
 /// seen. Adds a sun if there is no light. Returns the place, and half of the diagonal of the box around all objects, in metres; `None` if
 /// there is nothing to look at.

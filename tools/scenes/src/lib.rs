@@ -8,6 +8,7 @@ mod animation;
 mod atrium;
 mod builder;
 mod camera_path;
+mod camera_place;
 mod demo;
 mod environment;
 mod file_light;
@@ -28,6 +29,8 @@ mod moving;
 mod patterns;
 mod props;
 mod random;
+#[cfg(not(target_arch = "wasm32"))]
+mod recorded_path;
 mod scene;
 mod shapes;
 mod sky;
@@ -41,10 +44,11 @@ pub use alone::is_alone;
 pub use animation::{SceneAnimationPlugin, set_time};
 pub use builder::{SceneBuilder, SceneMesh, SceneStatistics};
 pub use camera_path::CameraPath;
+pub use camera_place::CameraPlace;
 pub use environment::{Environment, SceneOptions};
 pub use file_light::{file_environment, file_sun};
 #[cfg(not(target_arch = "wasm32"))]
-pub use file_scene::{arrange_file, load_file};
+pub use file_scene::{arrange_file, file_cameras, load_file};
 pub use file_view::FileView;
 pub use geometry::Geometry;
 #[cfg(not(target_arch = "wasm32"))]
@@ -58,6 +62,8 @@ pub use image_size::ImageSize;
 #[cfg(not(target_arch = "wasm32"))]
 pub use missing_images::{MissingImages, MissingImagesPlugin};
 pub use random::Random;
+#[cfg(not(target_arch = "wasm32"))]
+pub use recorded_path::RecordedPath;
 pub use scene::{SceneName, UnknownScene, camera, environment, spawn, spawn_with};
 pub use sky::{Sky, sun_direction};
 pub use small::FURNACE_ROUGHNESS;

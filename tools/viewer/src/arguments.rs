@@ -78,6 +78,14 @@ pub struct Arguments {
     /// Frames to render for the ground truth of --compare
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = value_parser!(u32).range(1..))]
     pub truth_frames: u32,
+    /// File of the camera path that the key F9 records in a window, for `cargo xtask evaluate --path`
+    #[arg(
+        long,
+        value_name = "FILE",
+        default_value = "camera-path.txt",
+        conflicts_with = "headless"
+    )]
+    pub record: PathBuf,
     /// The image file (default: named after the scene)
     #[arg(long, value_name = "FILE.png")]
     out: Option<PathBuf>,

@@ -7,6 +7,7 @@ mod gltf;
 mod image;
 mod method;
 mod plugins;
+mod record;
 mod source;
 mod window;
 

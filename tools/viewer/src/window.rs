@@ -1,6 +1,13 @@
 //! Shows the scene in a window. The title explains the keys.
 
-use crate::{arguments::Arguments, gltf, method::Method, plugins, source::Source};
+use crate::{
+    arguments::Arguments,
+    gltf,
+    method::Method,
+    plugins,
+    record::{self, Recorder},
+    source::Source,
+};
 use bevy::{
     asset::UnapprovedPathMode,
     camera::Hdr,
@@ -61,7 +68,9 @@ pub fn open(arguments: &Arguments) -> Result<(), String> {
         ..default()
     })
     .insert_resource(viewer(&source, method, arguments))
-    .add_systems(Update, (press_keys, write_title, gltf::exit_on_failure));
+    .insert_resource(Recorder::new(arguments.record.clone()))
+    .add_systems(Update, (press_keys, write_title, gltf::exit_on_failure))
+    .add_systems(Last, record::record);
     plugins::add_after_bevy(&mut app, arguments);
     let title = source.title();
     let (path, view) = (arguments.path, arguments.view);
@@ -125,14 +134,24 @@ fn press_keys(
     }
 }
 
-fn write_title(viewer: Res<Viewer>, view: Single<Ref<ReflectionDebugView>>, mut window: Single<&mut Window>) {
-    if !viewer.is_changed() && !view.is_changed() {
+fn write_title(
+    viewer: Res<Viewer>,
+    recorder: Res<Recorder>,
+    view: Single<Ref<ReflectionDebugView>>,
+    mut window: Single<&mut Window>,
+) {
+    if !viewer.is_changed() && !view.is_changed() && !recorder.is_changed() {
         return;
     }
     let [off, screen_space, traced, truth] = &viewer.methods;
     window.title = format!(
-        "bevy_glint: {}: {}, view {} | 1: {off}, 2: {screen_space}, 3: {traced}, 4: {truth}, V: next view, W A S D Q E and the \
-         right mouse button: fly",
+        "{}bevy_glint: {}: {}, view {} | 1: {off}, 2: {screen_space}, 3: {traced}, 4: {truth}, V: next view, F9: record a path, \
+         W A S D Q E and the right mouse button: fly",
+        if recorder.is_recording() {
+            "RECORDING (F9: end) | "
+        } else {
+            ""
+        },
         viewer.title,
         viewer.method,
         view.name(),

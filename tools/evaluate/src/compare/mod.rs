@@ -1,5 +1,6 @@
 //! Errors of images: FLIP and others, computed beside the renderer and written down at once.
 
+pub mod decomposition;
 #[cfg(test)]
 mod degradations;
 pub mod image;

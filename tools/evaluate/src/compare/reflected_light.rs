@@ -144,8 +144,17 @@ impl TrueLight {
         write_planes(file, &[&self.without, &objects, first, second])
     }
 
+    /// Width of the image in pixels.
+    pub fn width(&self) -> u32 {
+        self.width as u32
+    }
+
+    /// The ground truth by each half of the samples.
+    pub fn halves(&self) -> &[Vec<f32>; 2] {
+        &self.halves
+    }
+
     /// All light but what reflections add.
-    #[cfg(test)]
     pub fn without(&self) -> &[f32] {
         &self.without
     }

@@ -23,6 +23,8 @@ pub struct ViewErrors {
     pub final_reference: Option<f64>,
     /// FLIP of the reflection alone against the ground truth.
     pub reflection_converged: Option<f64>,
+    /// The same of each run that differs in its noise alone, the first one included.
+    pub reflection_runs: Vec<f64>,
     /// FLIP of the image against the ground truth.
     pub final_converged: Option<f64>,
     /// PSNR of the image against the ground truth.
@@ -107,7 +109,15 @@ pub fn score(job: &Job, variant: &Variant, view: u32, reference: Option<&Referen
         let dark = load(&shared.join("dark.png"))?;
         let alone = |of: &RgbImage| reflection_alone(of, &dark);
         let reflection = alone(&image)?;
-        errors.reflection_converged = Some(flip(&alone(&truth)?, &reflection)?.mean);
+        let true_reflection = alone(&truth)?;
+        let first = flip(&true_reflection, &reflection)?.mean;
+        errors.reflection_converged = Some(first);
+        errors.reflection_runs.push(first);
+        for run in 1..job.protocol.runs {
+            let image = load(&file(ImageKind::Run(run)))?;
+            let error = flip(&true_reflection, &alone(&image)?)?.mean;
+            errors.reflection_runs.push(error);
+        }
         if let Some(reference) = &reference {
             let map = flip(&alone(reference)?, &reflection)?;
             save_map(&map, &file(ImageKind::FlipReflection))?;

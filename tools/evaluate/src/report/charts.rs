@@ -82,10 +82,12 @@ pub struct Point {
     pub time_range: Option<(f64, f64)>,
     /// The error, at least 0.
     pub error: f64,
-    /// The error in the best and in the worst view.
+    /// The error in the best and in the worst view, or its confidence interval.
     pub error_range: Option<(f64, f64)>,
     /// Its kind.
     pub family: Family,
+    /// Another one is both faster and closer to the truth, beyond the intervals.
+    pub dominated: bool,
 }
 
 /// A chart.
@@ -131,6 +133,7 @@ pub fn chart(
                 error: value,
                 error_range: error_range(row),
                 family: Family::of(&row.technique),
+                dominated: row.is_dominated(),
             }),
             _ if row.technique == "off" => chart.levels.push((row.label(), value)),
             _ => {}
@@ -274,6 +277,9 @@ fn points<'a>(plot: &mut Plot<'a>, frame: &Frame, chart: &Chart) -> Drawn {
             vec![inside, Circle::new((time, error), 6, color.stroke_width(2))]
         };
         plot.draw_series(circles)?;
+        if point.dominated {
+            plot.draw_series([Cross::new((time, error), 10, color.stroke_width(2))])?;
+        }
     }
     Ok(())
 }
@@ -343,7 +349,13 @@ fn legend(area: &Area<'_>, chart: &Chart) -> Drawn {
     }
     area.draw(&PathElement::new([(x, Y), (x + 26, Y)], FRONT.stroke_width(2)))?;
     let text = "Pareto front (filled): nothing is both faster and closer";
-    area.draw_text(text, &style, (x + 34, Y))
+    area.draw_text(text, &style, (x + 34, Y))?;
+    if chart.points.iter().any(|point| point.dominated) {
+        x += 80 + area.estimate_text_size(text, &style)?.0 as i32;
+        area.draw(&Cross::new((x, Y), 6, GRAY.stroke_width(2)))?;
+        area.draw_text("dominated beyond the intervals", &style, (x + 12, Y))?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]

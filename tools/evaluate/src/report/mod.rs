@@ -2,8 +2,10 @@
 
 mod analysis;
 mod charts;
+mod decomposition;
+mod dominance;
 mod light_bias;
-pub mod objects;
+mod objects;
 pub mod output;
 mod paper;
 mod pareto;
@@ -13,3 +15,4 @@ pub mod rows;
 mod stats;
 mod summary;
 pub mod table;
+pub mod tables;

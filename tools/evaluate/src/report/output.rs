@@ -1,12 +1,12 @@
 //! Writes the results.
 
 use super::{
-    charts::{chart, svg},
-    objects::ObjectRow,
+    charts::{Chart, chart, svg},
     readme,
     rows::{Row, number, to_csv},
     summary::Summary,
     table,
+    tables::{OBJECTS, ROWS, SPLITS, Tables},
 };
 use crate::{
     files::{write_json, write_text},
@@ -18,9 +18,6 @@ use std::{
     io::{self, Write},
     path::Path,
 };
-
-/// The table of named objects, in the folder of results.
-pub const OBJECTS: &str = "objects.csv";
 
 /// A title and a path from the folder of results.
 type ChartFile = (String, String);
@@ -34,52 +31,50 @@ pub struct Results<'a> {
     /// How much was measured.
     pub protocol: &'a Protocol,
     /// All rows.
-    pub rows: &'a [Row],
-    /// Rows about named objects.
-    pub objects: &'a [ObjectRow],
+    pub tables: &'a Tables,
 }
 
 impl Results<'_> {
     /// Writes tables, charts and the summary.
     pub fn write(&self) -> Result<(), String> {
-        write_text(&self.out.join("results.csv"), &to_csv(self.rows)?)?;
-        if !self.objects.is_empty() {
-            write_text(&self.out.join(OBJECTS), &to_csv(self.objects)?)?;
+        let Tables { rows, objects, splits } = self.tables;
+        write_text(&self.out.join(ROWS), &to_csv(rows)?)?;
+        if !objects.is_empty() {
+            write_text(&self.out.join(OBJECTS), &to_csv(objects)?)?;
         }
-        let facts = table::facts(self.out, self.rows);
+        if !splits.is_empty() {
+            write_text(&self.out.join(SPLITS), &to_csv(splits)?)?;
+        }
+        let facts = table::facts(self.out, rows);
         let json = serde_json::json!({
             "machine": self.machine,
             "protocol": self.protocol,
             "scenes": facts,
-            "rows": self.rows,
+            "rows": rows,
         });
         write_json(&self.out.join("results.json"), &json)?;
         let charts = self.charts()?;
         let summary = Summary {
             machine: self.machine,
             protocol: self.protocol,
-            rows: self.rows,
-            objects: self.objects,
+            tables: self.tables,
             facts: &facts,
             charts: &charts,
         };
         write_text(&self.out.join("summary.md"), &summary.to_markdown())?;
-        let fragment = readme::fragment(self.machine, self.protocol, self.rows, &charts);
+        let fragment = readme::fragment(self.machine, self.protocol, rows, &charts);
         write_text(&self.out.join("readme.md"), &fragment)
     }
 
     /// Draws two charts per scene: of the picture and of the reflection alone.
     fn charts(&self) -> Result<BTreeMap<String, Vec<ChartFile>>, String> {
         let mut charts: BTreeMap<String, Vec<ChartFile>> = BTreeMap::new();
-        let scenes: BTreeSet<&str> = self.rows.iter().map(|row| row.scene.as_str()).collect();
+        let scenes: BTreeSet<&str> = self.tables.rows.iter().map(|row| row.scene.as_str()).collect();
         let Protocol { width, height, .. } = self.protocol;
         let subtitle = format!("{width}x{height}, {}", self.machine.adapter);
         for scene in scenes {
-            let rows: Vec<&Row> = self
-                .rows
-                .iter()
-                .filter(|row| row.scene == scene && row.is_ok())
-                .collect();
+            let rows = self.tables.rows.iter();
+            let rows: Vec<&Row> = rows.filter(|row| row.scene == scene && row.is_ok()).collect();
             let picture = chart(
                 &format!("{scene}: error of the picture against GPU time"),
                 &subtitle,
@@ -94,8 +89,14 @@ impl Results<'_> {
                 "mean FLIP of the reflection alone against the ground truth",
                 &rows,
                 |row| row.flip_reflection_converged,
-                |_| None,
+                Row::reflection_interval,
             );
+            // Techniques are dominated by the error of the reflection.
+            let unmarked = |mut chart: Chart| {
+                chart.points.iter_mut().for_each(|point| point.dominated = false);
+                chart
+            };
+            let picture = picture.map(unmarked);
             for (kind, chart) in [("picture", picture), ("reflection", reflection)] {
                 let Some(chart) = chart else {
                     continue;
@@ -115,14 +116,15 @@ impl Results<'_> {
     }
 
     fn print_to(&self, out: &mut impl Write) -> io::Result<()> {
-        let scene = self.rows.iter().map(|row| row.scene.len()).max().unwrap_or(0).max(5);
-        let name = self.rows.iter().map(|row| row.label().len()).max().unwrap_or(0).max(9);
+        let rows = &self.tables.rows;
+        let scene = rows.iter().map(|row| row.scene.len()).max().unwrap_or(0).max(5);
+        let name = rows.iter().map(|row| row.label().len()).max().unwrap_or(0).max(9);
         writeln!(
             out,
             "{:scene$}  {:name$}  {:9}  {:>9}  {:>9}  {:>11}  {:>11}  {:>7}  {:>8}",
             "scene", "technique", "tracer", "ms", "rays/px", "FLIP final", "FLIP refl.", "light %", "static %"
         )?;
-        for row in self.rows {
+        for row in rows {
             write!(out, "{:scene$}  {:name$}  {:9}  ", row.scene, row.label(), row.tracer)?;
             if row.is_ok() {
                 writeln!(
@@ -163,8 +165,10 @@ mod tests {
             out,
             machine: &Machine::default(),
             protocol: &Protocol::new(true, true),
-            rows: &rows,
-            objects: &[],
+            tables: &Tables {
+                rows: rows.to_vec(),
+                ..Tables::default()
+            },
         };
         results.write().unwrap();
         let table = std::fs::read_to_string(out.join("results.csv")).unwrap();

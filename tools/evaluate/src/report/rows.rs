@@ -86,6 +86,20 @@ pub struct Row {
     pub flip_final_reference: Option<f64>,
     /// Mean FLIP of the reflection alone against the ground truth.
     pub flip_reflection_converged: Option<f64>,
+    /// Lower end of its 95 % confidence interval over views and runs.
+    pub flip_reflection_low: Option<f64>,
+    /// Upper end of it.
+    pub flip_reflection_high: Option<f64>,
+    /// The same error over that of `quarter`, paired by view.
+    pub flip_reflection_ratio: Option<f64>,
+    /// Lower end of the 95 % confidence interval of the ratio.
+    pub flip_reflection_ratio_low: Option<f64>,
+    /// Upper end of it.
+    pub flip_reflection_ratio_high: Option<f64>,
+    /// The same error of each run in each view: views are parted by `|`, runs by spaces.
+    pub flip_reflection_runs: String,
+    /// Techniques that are both faster and closer to the truth, beyond the intervals.
+    pub dominated_by: String,
     /// Mean FLIP of the image against the ground truth.
     pub flip_final_converged: Option<f64>,
     /// The view with the least of it.
@@ -166,6 +180,16 @@ impl Row {
     pub fn noise(&self) -> Option<f64> {
         let (ratio, low, high) = (self.ratio?, self.ratio_low?, self.ratio_high?);
         (ratio > 0.0).then(|| (high - low) / (2.0 * ratio))
+    }
+
+    /// The interval of the reflection's error.
+    pub fn reflection_interval(&self) -> Option<(f64, f64)> {
+        self.flip_reflection_low.zip(self.flip_reflection_high)
+    }
+
+    /// True if another technique is both faster and closer to the truth.
+    pub fn is_dominated(&self) -> bool {
+        !self.dominated_by.is_empty()
     }
 
     /// The interval of the reflected light's bias in motion.

@@ -1,12 +1,11 @@
 //! `summary.md`: the results for people.
 
 use super::{
-    analysis,
-    objects::{self, ObjectRow},
-    paper,
+    analysis, decomposition, dominance, objects, paper,
     pareto::on_front,
     rows::{Outcome, Row, number, of_scene, scenes},
     stats,
+    tables::Tables,
 };
 use crate::{
     compare::reflected_light::MARGIN, machine::Machine, protocol::Protocol, state::SceneFacts, techniques::TRUTH_CUTOFF,
@@ -23,9 +22,7 @@ pub struct Summary<'a> {
     /// How much was measured.
     pub protocol: &'a Protocol,
     /// All rows.
-    pub rows: &'a [Row],
-    /// Rows about named objects.
-    pub objects: &'a [ObjectRow],
+    pub tables: &'a Tables,
     /// Facts about each scene.
     pub facts: &'a BTreeMap<String, SceneFacts>,
     /// Charts of each scene: a title, and a path from the folder of results.
@@ -39,6 +36,22 @@ fn range(low: Option<f64>, high: Option<f64>, decimals: usize) -> String {
     }
 }
 
+/// Error of the reflection over that of `quarter` in percent, with its interval.
+fn ratio(row: &Row) -> String {
+    let percent = |value: Option<f64>| value.map(|value| 100.0 * value);
+    let Some(ratio) = percent(row.flip_reflection_ratio) else {
+        return "-".to_owned();
+    };
+    match range(
+        percent(row.flip_reflection_ratio_low),
+        percent(row.flip_reflection_ratio_high),
+        0,
+    ) {
+        interval if interval == "-" => format!("{ratio:.0} %"),
+        interval => format!("{ratio:.0} % ({interval})"),
+    }
+}
+
 fn signed(percent: Option<f64>) -> String {
     percent.map_or_else(|| "-".to_owned(), |percent| format!("{percent:+.2}"))
 }
@@ -49,12 +62,15 @@ impl Summary<'_> {
         let mut text = "# Cost of each technique and its distance from the ground truth\n\n".to_owned();
         self.machine(&mut text);
         self.noise(&mut text);
-        text.push_str(&analysis::sections(self.rows, self.protocol));
-        text.push_str(&objects::section(self.rows, self.objects));
-        for scene in scenes(self.rows) {
+        let Tables { rows, objects, splits } = self.tables;
+        text.push_str(&analysis::sections(rows, self.protocol));
+        text.push_str(&dominance::section(rows));
+        text.push_str(&decomposition::section(rows, splits));
+        text.push_str(&objects::section(rows, objects));
+        for scene in scenes(rows) {
             self.scene(&mut text, scene);
         }
-        text.push_str(&paper::tables(self.rows));
+        text.push_str(&paper::tables(rows));
         self.absent(&mut text);
         self.explanation(&mut text);
         text
@@ -105,10 +121,8 @@ impl Summary<'_> {
         text.push_str("## Can these times decide?\n\n");
         let name = |row: &Row| format!("{} in {}", row.label(), row.scene);
         let measured = || {
-            let rows = self
-                .rows
-                .iter()
-                .filter(|row| row.is_ok() && row.technique != "reference");
+            let rows = self.tables.rows.iter();
+            let rows = rows.filter(|row| row.is_ok() && row.technique != "reference");
             rows.filter_map(|row| Some((row, row.noise()?)))
         };
         let noisy: Vec<String> = measured()
@@ -165,22 +179,23 @@ impl Summary<'_> {
                 facts.tracer
             );
         }
-        let rows = of_scene(self.rows, scene);
+        let rows = of_scene(&self.tables.rows, scene);
         if rows.is_empty() {
             text.push_str("Nothing was measured.\n\n");
             return;
         }
         text.push_str(
             "| technique | tracer | ms | 95 % sure | p95 | of `reference` | 95 % sure | rays per pixel | FLIP picture | FLIP \
-             reflection | PSNR dB | bias, % | bias of reflected light, %: in motion, static | flicker | frame 1, 4, 16 after a cut | broken pixels |\n\
-             |---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
+             reflection | 95 % sure | of `quarter`'s | PSNR dB | bias, % | bias of reflected light, %: in motion, static | flicker | frame 1, 4, 16 after a cut | broken pixels |\n\
+             |---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
         );
         for (row, front) in rows.iter().zip(on_front(&rows, |row| row.flip_final_converged)) {
             let star = if front { " ★" } else { "" };
+            let mark = if row.is_dominated() { " ▽" } else { "" };
             let percent = |value: Option<f64>| number(value.map(|value| 100.0 * value), 1);
             let _ = writeln!(
                 text,
-                "| {}{star} | {} | {} | {} | {} | {} % | {} | {} | {} | {} | {} | {} | {}, {} | {} | {}, {}, {} | {} |",
+                "| {}{star}{mark} | {} | {} | {} | {} | {} % | {} | {} | {} | {} | {} | {} | {} | {} | {}, {} | {} | {}, {}, {} | {} |",
                 row.label(),
                 row.tracer,
                 number(row.total_ms, 3),
@@ -195,6 +210,8 @@ impl Summary<'_> {
                 number(row.rays_per_pixel, 3),
                 number(row.flip_final_converged, 4),
                 number(row.flip_reflection_converged, 4),
+                range(row.flip_reflection_low, row.flip_reflection_high, 4),
+                ratio(row),
                 number(row.psnr_db, 1),
                 signed(row.bias_percent),
                 signed(row.light_bias_percent),
@@ -206,14 +223,23 @@ impl Summary<'_> {
                 row.nonfinite.map_or_else(|| "-".to_owned(), |count| count.to_string()),
             );
         }
-        text.push_str("\nErrors are against the ground truth. ★: nothing is both faster and closer to it.\n\n");
+        // Results of older versions have no intervals.
+        let marks = if rows.iter().any(|row| row.flip_reflection_low.is_some()) {
+            " ▽: dominated, another one is both faster and closer to it by the reflection alone, beyond the intervals."
+        } else {
+            ""
+        };
+        let _ = writeln!(
+            text,
+            "\nErrors are against the ground truth. ★: nothing is both faster and closer to it.{marks}\n"
+        );
         for (title, file) in self.charts.get(scene).into_iter().flatten() {
             let _ = writeln!(text, "![{title}]({file})\n");
         }
     }
 
     fn absent(&self, text: &mut String) {
-        let rows: Vec<&Row> = self.rows.iter().filter(|row| !row.is_ok()).collect();
+        let rows: Vec<&Row> = self.tables.rows.iter().filter(|row| !row.is_ok()).collect();
         if rows.is_empty() {
             return;
         }
@@ -241,7 +267,9 @@ impl Summary<'_> {
              column `lighting_ms` of `results.csv` holds the time of that lighting for every technique.\n\
              - **FLIP** is the difference that a person sees between alternating pictures, 0 to 1, at 55.4 pixels per degree, of \
              tone-mapped pictures of 8 bits. *Picture* is what the camera shows, *reflection* what reflections add to it on the \
-             display: the difference to a picture without any reflection of the environment.\n\
+             display: the difference to a picture without any reflection of the environment. The error of the reflection is \
+             a mean over views and over {} runs that differ in their noise alone; its interval is Student's over the means of views, \
+             and that of the ratio to `quarter` is paired by view. A single view has the intervals of its runs.\n\
              - The **ground truth** averages {} frames of a still camera, each with one ray per pixel, without denoiser and up to a \
              roughness of {TRUTH_CUTOFF}. Techniques trace up to the same roughness; presets have cut-offs of their own, and what they \
              leave to the environment map counts as error.\n\
@@ -255,7 +283,7 @@ impl Summary<'_> {
              missing, with full colour at 10 %. **Flicker** is the mean change of luminance from \
              frame to frame in a still view.\n\
              - **Broken pixels** are infinite or no number, and are not so without reflections. There must be none.\n",
-            self.protocol.samples, self.protocol.runs
+            self.protocol.runs, self.protocol.samples, self.protocol.runs
         );
     }
 }
@@ -281,8 +309,10 @@ mod tests {
         Summary {
             machine: &Machine::default(),
             protocol: &Protocol::new(true, true),
-            rows,
-            objects: &[],
+            tables: &Tables {
+                rows: rows.to_vec(),
+                ..Tables::default()
+            },
             facts: &BTreeMap::new(),
             charts: &charts,
         }

@@ -1,6 +1,8 @@
 //! Makes rows from the state of jobs.
 
 use super::{
+    decomposition::{self, SplitRow},
+    dominance::{mean_error, to_text},
     light_bias::{light_bias, light_floor},
     objects::{self, ObjectRow},
     rows::{Outcome, Row, significant},
@@ -79,6 +81,19 @@ pub fn objects(job: &Job, rows: &[Row]) -> Vec<ObjectRow> {
     let pairs = job.variants.iter().zip(rows);
     pairs
         .filter_map(|(variant, row)| Some(objects::rows(row, &truth, &store.load_captured(variant)?.light)))
+        .flatten()
+        .collect()
+}
+
+/// For each row of a job its noise and bias.
+pub fn splits(job: &Job, rows: &[Row]) -> Vec<SplitRow> {
+    let store = Store::new(job);
+    let pairs = job.variants.iter().zip(rows);
+    pairs
+        .filter_map(|(variant, row)| {
+            let views = store.load_captured(variant)?.splits;
+            Some(decomposition::rows(row, &views, job.protocol.runs))
+        })
         .flatten()
         .collect()
 }
@@ -172,6 +187,11 @@ fn scores(row: &mut Row, errors: &Errors) {
     row.flip_reflection_reference = over_views(|view| view.reflection_reference);
     row.flip_final_reference = over_views(|view| view.final_reference);
     row.flip_reflection_converged = over_views(|view| view.reflection_converged);
+    let runs: Vec<Vec<f64>> = errors.views.iter().map(|view| view.reflection_runs.clone()).collect();
+    if !runs.is_empty() && runs.iter().all(|runs| !runs.is_empty()) {
+        row.flip_reflection_converged = mean_error(&runs).map(|(error, _)| digits(error));
+        row.flip_reflection_runs = to_text(&runs);
+    }
     row.flip_final_converged = over_views(|view| view.final_converged);
     let all = errors.values(|view| view.final_converged);
     row.flip_final_converged_min = quantile(&all, 0.0).map(digits);

@@ -7,6 +7,7 @@ use super::{
 };
 use crate::{
     compare::{
+        decomposition::decompose,
         image::{not_finite, save},
         reflected_light::{Surroundings, TrueLight},
     },
@@ -14,7 +15,7 @@ use crate::{
     job::{ImageKind, Variant, image_file},
     message::Message,
     protocol::{CLEAR_FRAMES, FLOAT_FRAMES, LEAD_FRAMES, Protocol, RECOVERY_FRAMES, SHARED_FRAMES, STATIC_FRAMES},
-    state::{Captured, ShownSums, Store},
+    state::{Captured, ShownSums, Store, ViewSplit},
     techniques,
 };
 use bevy::{camera::Exposure, core_pipeline::tonemapping::Tonemapping, prelude::*};
@@ -61,7 +62,8 @@ impl Runner<'_> {
                 Message::Skipped(job.protocol.truth_frames() + u64::from(SHARED_FRAMES - LEAD_FRAMES)).send();
                 continue;
             }
-            let place = format!("{:?} after {seconds} s", self.scene.pose(seconds));
+            let (pose, projection) = (self.scene.pose(seconds), self.scene.projection(seconds));
+            let place = format!("{pose:?} {projection:?} after {seconds} s");
             let truth = GroundTruth::new(job, &self.scene.key(), &place, &self.adapter);
             let converged = if let Some(converged) = truth.load() {
                 Message::Skipped(job.protocol.truth_frames()).send();
@@ -233,7 +235,7 @@ impl Runner<'_> {
     fn images_of(&mut self, variant: &Variant) -> Result<Captured, String> {
         let protocol = &self.job.protocol;
         let writer = ImageWriter::start();
-        let (mut nonfinite, mut light) = (0, Vec::new());
+        let (mut nonfinite, mut light, mut splits) = (0, Vec::new(), Vec::new());
         self.prepare(variant)?;
         for view in 0..protocol.views {
             let mut shown = LightFrames::default();
@@ -245,6 +247,9 @@ impl Runner<'_> {
             }
             for run in 1..protocol.runs {
                 self.move_to_view(view, variant, run)?;
+                if !self.job.solari {
+                    writer.save(self.file(view, variant, ImageKind::Run(run)), self.capture()?);
+                }
                 shown.motion.push(self.capture_luminance()?);
             }
             if view < protocol.float_views() {
@@ -252,7 +257,11 @@ impl Runner<'_> {
             }
             // Solari lights everything in its own way: its difference to our frame without reflections is more than reflections.
             if !self.job.solari {
-                light.push(self.measure_light(view, variant, &shown, &writer)?);
+                let truth = self.read_true_light(view)?;
+                light.push(self.measure_light(view, variant, &truth, &shown, &writer));
+                if protocol.decompose {
+                    splits.push(self.split(view, variant, &truth, &shown, &writer));
+                }
             }
         }
         let flicker = writer.finish()?;
@@ -262,6 +271,7 @@ impl Runner<'_> {
             flicker,
             nonfinite,
             light,
+            splits,
         })
     }
 
@@ -270,7 +280,8 @@ impl Runner<'_> {
     pub fn move_to_view(&mut self, view: u32, variant: &Variant, run: u32) -> Result<(), String> {
         let frames = self.job.protocol.motion_frames;
         let seconds = self.scene.view(view);
-        let before = |frames: u32| (seconds - frames as f32 * TIME_STEP).max(0.0);
+        let earliest = self.scene.earliest(view);
+        let before = |frames: u32| (seconds - frames as f32 * TIME_STEP).max(earliest);
         let start = before(frames);
         if run == 0 {
             self.clear(start)?;
@@ -301,7 +312,8 @@ impl Runner<'_> {
         let protocol = &self.job.protocol;
         let seconds = self.scene.view(view);
         let elsewhere = self.scene.view((view + 1) % protocol.views);
-        self.pose_apart(if protocol.views > 1 { elsewhere } else { 0.0 }, seconds);
+        let start = self.scene.start();
+        self.pose_apart(if protocol.views > 1 { elsewhere } else { start }, seconds);
         self.step(LEAD_FRAMES);
         self.pose(seconds);
         techniques::reset(&mut self.camera());
@@ -330,18 +342,21 @@ impl Runner<'_> {
         Ok(())
     }
 
+    fn read_true_light(&self, view: u32) -> Result<TrueLight, String> {
+        let Protocol { width, height, .. } = self.job.protocol;
+        let file = self.job.true_light(view);
+        TrueLight::read(&file, width, height).ok_or_else(|| format!("{} can't be read", file.display()))
+    }
+
     /// Sums and maps of the reflected light that a technique shows in a view.
     fn measure_light(
         &self,
         view: u32,
         variant: &Variant,
+        truth: &TrueLight,
         shown: &LightFrames,
         writer: &ImageWriter,
-    ) -> Result<ShownSums, String> {
-        let job = self.job;
-        let Protocol { width, height, .. } = job.protocol;
-        let file = job.true_light(view);
-        let truth = TrueLight::read(&file, width, height).ok_or_else(|| format!("{} can't be read", file.display()))?;
+    ) -> ShownSums {
         for (frames, kind) in [
             (&shown.motion, ImageKind::LightInMotion),
             (&shown.still, ImageKind::StaticLight),
@@ -351,10 +366,31 @@ impl Runner<'_> {
             }
         }
         let sums = |frames: &[Vec<f32>]| frames.iter().map(|frame| truth.shown(frame)).collect();
-        Ok(ShownSums {
+        ShownSums {
             motion: sums(&shown.motion),
             still: sums(&shown.still),
-        })
+        }
+    }
+
+    /// Noise and bias of the reflected light that a technique shows in a view, with maps of those in motion.
+    fn split(
+        &self,
+        view: u32,
+        variant: &Variant,
+        truth: &TrueLight,
+        shown: &LightFrames,
+        writer: &ImageWriter,
+    ) -> ViewSplit {
+        let motion = decompose(truth, &shown.motion);
+        let motion = motion.map(|found| {
+            writer.save(self.file(view, variant, ImageKind::Noise), found.noise);
+            writer.save(self.file(view, variant, ImageKind::Bias), found.bias);
+            found.split
+        });
+        ViewSplit {
+            motion,
+            still: decompose(truth, &shown.still).map(|found| found.split),
+        }
     }
 
     /// The number of broken pixels of the frame that are not broken without reflections.

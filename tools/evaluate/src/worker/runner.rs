@@ -105,7 +105,9 @@ impl<'a> Runner<'a> {
         for warning in app.world().resource::<MissingImages>().warnings() {
             Message::Warning(warning).send();
         }
-        scene.arrange(&mut app, camera)?;
+        if let Some(warning) = scene.arrange(&mut app, camera)? {
+            Message::Warning(warning).send();
+        }
         if solari {
             techniques::solari::prepare_scene(app.world(), camera);
         }
@@ -127,7 +129,7 @@ impl<'a> Runner<'a> {
             adapter: String::new(),
             broken: BTreeMap::new(),
         };
-        runner.pose(0.0);
+        runner.pose(runner.scene.start());
         if solari {
             runner.step(QUIET_FRAMES);
         } else {
@@ -229,15 +231,20 @@ impl<'a> Runner<'a> {
 
     /// Puts the camera where it is after some seconds, and everything that moves where it is at another time.
     pub fn pose_apart(&mut self, camera_seconds: f32, seconds: f32) {
-        let times = (camera_seconds.max(0.0), seconds.max(0.0));
+        let start = self.scene.start();
+        let times = (camera_seconds.max(start), seconds.max(start));
         let before = self.seconds.replace(times);
         if before == Some(times) {
             return;
         }
         let pose = self.scene.pose(times.0);
+        let projection = self.scene.projection(times.0).cloned();
         let world = self.app.world();
         if let Some(mut transform) = world.get_mut::<Transform>(self.camera) {
             *transform = pose;
+        }
+        if let Some(projection) = projection {
+            world.entity_mut(self.camera).insert(projection);
         }
         // A scene at rest must not look as if it changed.
         if before.is_none_or(|before| before.1 != times.1) {

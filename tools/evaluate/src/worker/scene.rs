@@ -6,27 +6,45 @@ use bevy::{
     math::ops,
     prelude::*,
 };
-use glint_scenes::{CameraPath, HeadlessApp, SceneName, SceneOptions, arrange_file, load_file};
+use glint_scenes::{
+    CameraPath, CameraPlace, HeadlessApp, RecordedPath, SceneName, SceneOptions, arrange_file, file_cameras, load_file,
+};
 use std::{f32::consts::TAU, fs, path::Path};
 
 /// Seconds that the camera takes for a loop in a glTF file.
 const LOOP_SECONDS: f32 = 24.0;
+/// Seconds that it takes for a loop through each of several places.
+const PLACE_SECONDS: f32 = 8.0;
 /// Part of the scene's radius that the camera moves to each side in a glTF file: little, so that it stays in rooms.
 const REACH: f32 = 0.03;
+/// Metres that the camera moves to each side of a place in a built-in scene.
+const BUILT_IN_REACH: f32 = 0.5;
 /// Files that are looked at around a glTF file to see whether it has changed.
 const MAX_FILES: usize = 4096;
+
+/// A place of the camera, with a projection of its own if it has one.
+type Place = (Transform, Option<Projection>);
 
 /// The camera's route.
 enum Route {
     /// The path of a built-in scene.
-    BuiltIn(SceneName, CameraPath),
-    /// A small loop around a place, with its size in metres.
-    Loop(Transform, f32),
+    BuiltIn(CameraPath),
+    /// A small loop around each of some places, in metres and seconds. Views take turns on the places; in the middle of its loop the
+    /// camera passes through the place.
+    Loops {
+        places: Vec<Place>,
+        reach: f32,
+        seconds: f32,
+    },
+    /// The path in a file.
+    Recorded(RecordedPath),
 }
 
 /// A scene and the camera's route through it.
 pub struct MeasuredScene {
     source: SceneSource,
+    /// The built-in scene.
+    name: Option<SceneName>,
     options: SceneOptions,
     route: Route,
     views: u32,
@@ -39,25 +57,24 @@ pub struct MeasuredScene {
 impl MeasuredScene {
     /// Finds a scene.
     pub fn new(source: &SceneSource, protocol: &Protocol) -> Result<Self, String> {
-        let route = match source {
+        let name = match source {
             SceneSource::BuiltIn(name) => {
-                let name: SceneName = name
-                    .parse()
-                    .map_err(|error: glint_scenes::UnknownScene| error.to_string())?;
-                Route::BuiltIn(name, CameraPath::of(name))
+                let name = name.parse();
+                Some(name.map_err(|error: glint_scenes::UnknownScene| error.to_string())?)
             }
             SceneSource::File(file) => {
                 fs::metadata(file).map_err(|error| format!("{} can't be opened: {error}", file.display()))?;
-                Route::Loop(Transform::IDENTITY, 0.0)
+                None
             }
         };
         Ok(Self {
             source: source.clone(),
+            name,
             options: SceneOptions {
                 detail: protocol.detail,
                 texture_size: protocol.texture_size,
             },
-            route,
+            route: route(name, protocol)?,
             views: protocol.views.max(1),
             shadow_size: protocol.shadow_size,
             cascades: protocol.cascades.max(1),
@@ -66,10 +83,10 @@ impl MeasuredScene {
 
     /// Spawns the scene and its camera; returns the camera.
     pub fn spawn(&self, app: &mut HeadlessApp) -> Entity {
-        let camera = match (&self.source, &self.route) {
+        let camera = match (&self.source, self.name) {
             (SceneSource::File(file), _) => load_file(app, file),
-            (SceneSource::BuiltIn(_), Route::BuiltIn(name, _)) => app.spawn_scene(*name, &self.options),
-            (SceneSource::BuiltIn(_), Route::Loop(..)) => app.spawn_camera(()),
+            (SceneSource::BuiltIn(_), Some(name)) => app.spawn_scene(name, &self.options),
+            (SceneSource::BuiltIn(_), None) => app.spawn_camera(()),
         };
         self.limit_shadows(app.world());
         camera
@@ -89,36 +106,109 @@ impl MeasuredScene {
         }
     }
 
-    /// Places the camera of a glTF file, once it is loaded, and lights it if it has no lights.
-    pub fn arrange(&mut self, app: &mut HeadlessApp, camera: Entity) -> Result<(), String> {
-        if let SceneSource::File(file) = &self.source {
-            let (transform, radius) = arrange_file(app.world(), camera, None)
-                .ok_or_else(|| format!("{} holds nothing that can be seen", file.display()))?;
-            self.route = Route::Loop(transform, REACH * radius);
-            self.limit_shadows(app.world());
+    /// Places the camera of a glTF file, once it is loaded, and lights it if it has no lights. Without a place or a path, the file's own
+    /// cameras are places; returns what to know about that, if anything.
+    pub fn arrange(&mut self, app: &mut HeadlessApp, camera: Entity) -> Result<Option<String>, String> {
+        let SceneSource::File(file) = &self.source else {
+            return Ok(None);
+        };
+        let own = file_cameras(app.world(), camera);
+        let known = match &self.route {
+            Route::Loops { places, .. } if places.is_empty() => None,
+            _ => Some(self.pose(self.start())),
+        };
+        let (transform, radius) = arrange_file(app.world(), camera, known)
+            .ok_or_else(|| format!("{} holds nothing that can be seen", file.display()))?;
+        self.limit_shadows(app.world());
+        let Route::Loops { places, reach, seconds } = &mut self.route else {
+            return Ok(None);
+        };
+        *reach = REACH * radius;
+        if !places.is_empty() {
+            return Ok(None);
         }
-        Ok(())
+        if own.len() < 2 {
+            places.push((transform, None));
+            *seconds = LOOP_SECONDS;
+            return Ok(None);
+        }
+        let count = own.len();
+        places.extend(
+            own.into_iter()
+                .map(|(transform, projection)| (transform, Some(projection))),
+        );
+        let left_out = count > self.views as usize;
+        Ok(left_out.then(|| {
+            format!(
+                "the file has more cameras ({count}) than there are views ({}): --views {count} has all of them",
+                self.views
+            )
+        }))
     }
 
-    /// Length of the path in seconds.
+    /// Time at which the route begins.
+    pub fn start(&self) -> f32 {
+        match &self.route {
+            Route::Recorded(path) => path.start(),
+            Route::BuiltIn(_) | Route::Loops { .. } => 0.0,
+        }
+    }
+
+    /// Length of the route in seconds.
     pub fn seconds(&self) -> f32 {
         match &self.route {
-            Route::BuiltIn(_, path) => path.seconds,
-            Route::Loop(..) => LOOP_SECONDS,
+            Route::BuiltIn(path) => path.seconds,
+            Route::Loops { places, seconds, .. } => places.len().max(1) as f32 * seconds,
+            Route::Recorded(path) => path.end() - path.start(),
         }
     }
 
-    /// Pose of the camera after some seconds.
-    pub fn pose(&self, seconds: f32) -> Transform {
+    /// Pose of the camera at a time.
+    pub fn pose(&self, time: f32) -> Transform {
         match &self.route {
-            Route::BuiltIn(_, path) => path.pose(seconds),
-            Route::Loop(base, reach) => around(*base, *reach, (seconds / LOOP_SECONDS).clamp(0.0, 1.0)),
+            Route::BuiltIn(path) => path.pose(time),
+            Route::Loops { places, reach, seconds } => {
+                let (index, share) = loop_at(places.len(), time / seconds);
+                places
+                    .get(index)
+                    .map_or(Transform::IDENTITY, |(place, _)| around(*place, *reach, share))
+            }
+            Route::Recorded(path) => path.pose(time),
         }
     }
 
-    /// Seconds along the path of a view.
+    /// The camera's projection at a time, where it isn't the same for the whole route.
+    pub fn projection(&self, time: f32) -> Option<&Projection> {
+        let Route::Loops { places, seconds, .. } = &self.route else {
+            return None;
+        };
+        let (index, _) = loop_at(places.len(), time / seconds);
+        places.get(index)?.1.as_ref()
+    }
+
+    /// Time of a view.
     pub fn view(&self, index: u32) -> f32 {
-        (index as f32 + 0.5) / self.views as f32 * self.seconds()
+        let whole = |index: u32, views: u32| (index as f32 + 0.5) / views as f32;
+        match &self.route {
+            // Views take turns on the places, and those of one place are spread over its loop.
+            Route::Loops { places, seconds, .. } if places.len() > 1 => {
+                let count = places.len() as u32;
+                let (place, turn) = (index % count, index / count);
+                let turns = self.views.saturating_sub(place).div_ceil(count).max(1);
+                (place as f32 + whole(turn, turns)) * seconds
+            }
+            _ => self.start() + whole(index, self.views) * self.seconds(),
+        }
+    }
+
+    /// The earliest time from which the camera moves to a view without a jump.
+    pub fn earliest(&self, index: u32) -> f32 {
+        match &self.route {
+            Route::Loops { places, seconds, .. } => {
+                (loop_at(places.len(), self.view(index) / seconds).0 as f32) * seconds
+            }
+            Route::BuiltIn(_) | Route::Recorded(_) => self.start(),
+        }
     }
 
     /// Everything that an image of the scene depends on besides the code: the key of the cache of ground truths.
@@ -140,6 +230,34 @@ impl MeasuredScene {
             }
         }
     }
+}
+
+/// The route that a protocol asks for. Places of a glTF file may be unknown until it is loaded.
+fn route(name: Option<SceneName>, protocol: &Protocol) -> Result<Route, String> {
+    if let Some(recorded) = &protocol.path {
+        return RecordedPath::load(&recorded.file).map(Route::Recorded);
+    }
+    let places: Result<Vec<Place>, String> = protocol
+        .cameras
+        .iter()
+        .map(|word| Ok((word.parse::<CameraPlace>()?.transform(), None)))
+        .collect();
+    let places = places?;
+    Ok(match name {
+        Some(name) if places.is_empty() => Route::BuiltIn(CameraPath::of(name)),
+        _ => Route::Loops {
+            places,
+            reach: BUILT_IN_REACH,
+            seconds: PLACE_SECONDS,
+        },
+    })
+}
+
+/// Index of a loop and the part of it that is over, after so many loops of as many places; the last one ends the route.
+fn loop_at(places: usize, loops: f32) -> (usize, f32) {
+    let loops = if loops.is_nan() { 0.0 } else { loops.max(0.0) };
+    let index = (loops as usize).min(places.saturating_sub(1));
+    (index, (loops - index as f32).min(1.0))
 }
 
 /// Sizes and dates of all files below a folder: buffers and textures lie beside a glTF file.
@@ -177,85 +295,4 @@ fn around(base: Transform, reach: f32, t: f32) -> Transform {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use bevy::light::CascadeShadowConfigBuilder;
-
-    fn scene(name: &str) -> Result<MeasuredScene, String> {
-        MeasuredScene::new(&SceneSource::BuiltIn(name.into()), &Protocol::new(false, true))
-    }
-
-    #[test]
-    fn views_lie_on_the_path() {
-        for name in ["atrium", "atrium_small", "temple", "street", "demo"] {
-            let scene = scene(name).unwrap();
-            let times: Vec<f32> = (0..2).map(|view| scene.view(view)).collect();
-            assert!(times.windows(2).all(|pair| pair[0] < pair[1]));
-            assert!(times.iter().all(|time| (0.0..=scene.seconds()).contains(time)));
-            assert_ne!(scene.pose(times[0]), scene.pose(times[1]), "{name}");
-            // The camera moves smoothly.
-            let middle = 0.45 * scene.seconds();
-            let step = scene
-                .pose(middle)
-                .translation
-                .distance(scene.pose(middle + 1.0 / 60.0).translation);
-            assert!(0.0 < step && step < 0.2, "{name}: {step}");
-        }
-    }
-
-    #[test]
-    fn unknown_scenes_are_named() {
-        assert!(scene("moon").err().unwrap().contains("moon"));
-        let missing = SceneSource::File("/no/such/file.glb".into());
-        let error = MeasuredScene::new(&missing, &Protocol::new(true, true)).err().unwrap();
-        assert!(error.contains("/no/such/file.glb"), "{error}");
-    }
-
-    #[test]
-    fn the_key_knows_what_matters() {
-        let protocol = Protocol::new(true, true);
-        let scene = SceneSource::BuiltIn("atrium".into());
-        let key = |protocol: &Protocol| MeasuredScene::new(&scene, protocol).unwrap().key();
-        let finer = Protocol {
-            detail: 2.0,
-            ..protocol.clone()
-        };
-        let softer = Protocol {
-            shadow_size: 256,
-            ..protocol.clone()
-        };
-        assert_eq!(key(&protocol), key(&protocol));
-        assert_ne!(key(&protocol), key(&finer));
-        assert_ne!(key(&protocol), key(&softer));
-    }
-
-    #[test]
-    fn the_farthest_shadow_map_stays() {
-        let mut world = World::new();
-        let config = CascadeShadowConfigBuilder {
-            num_cascades: 3,
-            first_cascade_far_bound: 8.0,
-            maximum_distance: 40.0,
-            ..default()
-        };
-        let light = world.spawn(config.build()).id();
-        let bounds = |world: &World| {
-            let config = world.get::<CascadeShadowConfig>(light);
-            config.map(|config| config.bounds.clone()).unwrap_or_default()
-        };
-        let before = bounds(&world);
-        let with = |cascades| {
-            let protocol = Protocol {
-                cascades,
-                ..Protocol::new(false, true)
-            };
-            MeasuredScene::new(&SceneSource::BuiltIn("atrium".into()), &protocol).unwrap()
-        };
-        with(4).limit_shadows(&mut world);
-        assert_eq!(bounds(&world), before);
-        with(1).limit_shadows(&mut world);
-        assert_eq!(bounds(&world), before[2..]);
-        let size = world.resource::<DirectionalLightShadowMap>().size;
-        assert_eq!(size, Protocol::new(false, true).shadow_size as usize);
-    }
-}
+mod tests;

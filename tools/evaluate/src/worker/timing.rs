@@ -77,7 +77,8 @@ impl Runner<'_> {
                 self.begin(variant, format!("times of {variant}, round {} of {rounds}", round + 1))?;
                 // Each round has its own stretch, spread over the path.
                 let length = turn as f32 * TIME_STEP;
-                let start = (self.scene.seconds() - length).max(0.0) * (round as f32 / rounds as f32);
+                let way = (self.scene.seconds() - length).max(0.0) * (round as f32 / rounds as f32);
+                let start = self.scene.start() + way;
                 match self.turn(variant, start) {
                     Ok(values) => {
                         times.insert(variant.id(), values);

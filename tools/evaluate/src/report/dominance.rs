@@ -1,0 +1,324 @@
+//! Intervals of the reflection's error over views and runs, and which techniques others dominate beyond them.
+
+use super::{
+    rows::{Row, significant},
+    stats::{Interval, mean, t_quantile},
+};
+use std::fmt::Write;
+
+const DIGITS: i32 = 4;
+
+/// The technique that errors are related to.
+const BASE: &str = "quarter";
+
+/// Errors of the runs of each view, as text: views are parted by `|`, runs by spaces.
+pub fn to_text(views: &[Vec<f64>]) -> String {
+    let view = |runs: &Vec<f64>| {
+        let runs = runs.iter().map(|error| significant(*error, DIGITS).to_string());
+        runs.collect::<Vec<String>>().join(" ")
+    };
+    views.iter().map(view).collect::<Vec<String>>().join("|")
+}
+
+/// The errors in such a text; empty if it is none.
+fn from_text(text: &str) -> Vec<Vec<f64>> {
+    let view = |runs: &str| -> Option<Vec<f64>> {
+        let runs = runs.split_whitespace().map(|error| error.parse().ok());
+        runs.collect::<Option<Vec<f64>>>().filter(|runs| !runs.is_empty())
+    };
+    text.split('|').map(view).collect::<Option<_>>().unwrap_or_default()
+}
+
+/// Mean, and the variance of that mean with its degrees of freedom; `None` of a single value.
+fn mean_with_variance(values: &[f64]) -> Option<(f64, Option<(f64, f64)>)> {
+    let center = mean(values)?;
+    let freedom = values.len() as f64 - 1.0;
+    let squares: f64 = values.iter().map(|value| (value - center).powi(2)).sum();
+    let variance = (freedom > 0.0).then(|| (squares / freedom / values.len() as f64, freedom));
+    Some((center, variance))
+}
+
+fn around(center: f64, variance: f64, freedom: f64) -> Interval {
+    let half = t_quantile(freedom) * variance.sqrt();
+    Interval {
+        low: center - half,
+        high: center + half,
+    }
+}
+
+/// The mean error over views and its 95 % interval. Several views are a sample of those that the scene has: their means, each over
+/// its runs, differ by place and by noise, and Student's distribution takes both. A single view has the interval of its runs.
+pub fn mean_error(views: &[Vec<f64>]) -> Option<(f64, Option<Interval>)> {
+    let means: Vec<f64> = views.iter().filter_map(|runs| mean(runs)).collect();
+    let sample = if let [runs] = views { runs } else { &means };
+    let (center, variance) = mean_with_variance(sample)?;
+    Some((
+        center,
+        variance.map(|(variance, freedom)| around(center, variance, freedom)),
+    ))
+}
+
+/// The ratio of two techniques' errors and its 95 % interval. Views are paired, so that places where reflections are hard for both
+/// cancel out; the estimate is the geometric mean. A single view has the interval of both techniques' runs.
+fn error_ratio(a: &[Vec<f64>], b: &[Vec<f64>]) -> Option<(f64, Option<Interval>)> {
+    if a.len() != b.len() {
+        return None;
+    }
+    let both = a.iter().zip(b).map(|(a, b)| Some((mean(a)?, mean(b)?)));
+    let both: Option<Vec<(f64, f64)>> = both.collect();
+    let both = both.filter(|pairs| pairs.iter().all(|(a, b)| *a > 0.0 && *b > 0.0))?;
+    let logs: Vec<f64> = both.iter().map(|(a, b)| (a / b).ln()).collect();
+    let (center, variance) = mean_with_variance(&logs)?;
+    let interval = match (variance, a, b) {
+        (Some((variance, freedom)), ..) => Some(around(center, variance, freedom)),
+        // The variance of a logarithm is that of the value over its square; degrees of freedom by Welch and Satterthwaite.
+        (None, [a], [b]) => {
+            let of = |runs: &[f64]| {
+                let (center, variance) = mean_with_variance(runs)?;
+                let (variance, freedom) = variance?;
+                Some((variance / (center * center), freedom))
+            };
+            of(a).zip(of(b)).map(|((a, freedom_a), (b, freedom_b))| {
+                let squares = a * a / freedom_a + b * b / freedom_b;
+                let freedom = if squares > 0.0 { (a + b).powi(2) / squares } else { 1.0 };
+                around(center, a + b, freedom)
+            })
+        }
+        _ => None,
+    };
+    let interval = interval.map(|interval| Interval {
+        low: interval.low.exp(),
+        high: interval.high.exp(),
+    });
+    Some((center.exp(), interval))
+}
+
+/// True if the time of a row is shorter than that of another one beyond the intervals of both.
+fn is_faster(row: &Row, other: &Row) -> bool {
+    // Nothing takes no time, and has no interval.
+    if row.total_ms == Some(0.0) {
+        return other.total_ms.is_some_and(|time| time > 0.0);
+    }
+    let ends = match (row.ratio_high, other.ratio_low) {
+        (Some(high), Some(low)) => Some((high, low)),
+        _ => row.total_high_ms.zip(other.total_low_ms),
+    };
+    ends.is_some_and(|(high, low)| high < low)
+}
+
+/// True if rows can be compared: of one scene, by one tracer, or without any.
+fn is_comparable(row: &Row, other: &Row) -> bool {
+    let same_tracer = row.tracer == other.tracer || row.tracer == "-" || other.tracer == "-";
+    row.is_ok() && other.is_ok() && row.scene == other.scene && same_tracer
+}
+
+/// Fills in what follows from the errors of views and runs: the interval of the reflection's error, its ratio to that of `quarter`, and
+/// which techniques are both faster and closer to the truth. Rows of older versions have no such errors, and stay as they are.
+pub fn fill(rows: &mut [Row]) {
+    let samples: Vec<Vec<Vec<f64>>> = rows.iter().map(|row| from_text(&row.flip_reflection_runs)).collect();
+    let digits = |value: f64| significant(value, DIGITS);
+    for index in 0..rows.len() {
+        if samples[index].is_empty() {
+            continue;
+        }
+        let interval = mean_error(&samples[index]).and_then(|(_, interval)| interval);
+        let base = (0..rows.len()).find(|&other| {
+            rows[other].technique == BASE && is_comparable(&rows[index], &rows[other]) && !samples[other].is_empty()
+        });
+        let ratio = base.and_then(|base| error_ratio(&samples[index], &samples[base]));
+        let is_base = base == Some(index);
+        let better: Vec<String> = (0..rows.len())
+            .filter(|&other| {
+                is_comparable(&rows[index], &rows[other])
+                    && is_faster(&rows[other], &rows[index])
+                    && error_ratio(&samples[other], &samples[index])
+                        .and_then(|(_, interval)| interval)
+                        .is_some_and(|interval| interval.high < 1.0)
+            })
+            .map(|other| rows[other].label())
+            .collect();
+        let row = &mut rows[index];
+        row.flip_reflection_low = interval.map(|interval| digits(interval.low));
+        row.flip_reflection_high = interval.map(|interval| digits(interval.high));
+        row.flip_reflection_ratio = ratio.map(|(ratio, _)| digits(ratio));
+        let interval = ratio.and_then(|(_, interval)| interval).filter(|_| !is_base);
+        row.flip_reflection_ratio_low = interval.map(|interval| digits(interval.low));
+        row.flip_reflection_ratio_high = interval.map(|interval| digits(interval.high));
+        row.dominated_by = better.join(", ");
+    }
+}
+
+/// The section of the summary; empty for results of older versions.
+pub fn section(rows: &[Row]) -> String {
+    let known = rows.iter().any(|row| row.is_ok() && row.flip_reflection_low.is_some());
+    if !known {
+        return String::new();
+    }
+    let mut text = "## Which techniques are dominated?\n\nAnother one is both faster and closer to the truth: by the 95 % intervals of both \
+                    times, and of the ratio of their FLIP of the reflection, which is paired by view. Intervals are Student's over the \
+                    means of views; with fewer than three views they are wide, and few techniques can be marked.\n\n"
+        .to_owned();
+    let dominated: Vec<&Row> = rows.iter().filter(|row| !row.dominated_by.is_empty()).collect();
+    if dominated.is_empty() {
+        text.push_str("None is, as far as these views and runs can tell.\n\n");
+        return text;
+    }
+    text.push_str("| scene | technique | tracer | dominated by |\n|---|---|---|---|\n");
+    for row in dominated {
+        let _ = writeln!(
+            text,
+            "| {} | {} | {} | {} |",
+            row.scene,
+            row.label(),
+            row.tracer,
+            row.dominated_by
+        );
+    }
+    text.push('\n');
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glint_scenes::Random;
+
+    /// About normal, with a variance of 1.
+    fn normal(random: &mut Random) -> f64 {
+        (0..12).map(|_| f64::from(random.unit())).sum::<f64>() - 6.0
+    }
+
+    /// Errors of a technique in views that are hard by themselves.
+    fn views(random: &mut Random, places: &[f64], factor: f64, noise: f64) -> Vec<Vec<f64>> {
+        let mut run = |place: f64| place * factor * (1.0 + noise * normal(random));
+        places
+            .iter()
+            .map(|place| (0..4).map(|_| run(*place)).collect())
+            .collect()
+    }
+
+    fn row(technique: &str, time: f64, views: &[Vec<f64>]) -> Row {
+        Row {
+            flip_reflection_runs: to_text(views),
+            total_low_ms: Some(0.99 * time),
+            total_high_ms: Some(1.01 * time),
+            ..Row::example("street", technique, time, 0.02)
+        }
+    }
+
+    #[test]
+    fn errors_survive_the_way_to_text_and_back() {
+        let views = vec![vec![0.0123, 0.5], vec![0.25, 1e-5]];
+        let text = to_text(&views);
+        assert_eq!(text, "0.0123 0.5|0.25 0.00001");
+        assert_eq!(from_text(&text), views);
+        assert!(from_text("").is_empty() && from_text("0.1|").is_empty() && from_text("a b").is_empty());
+    }
+
+    #[test]
+    fn intervals_hold_the_mean_as_often_as_they_say() {
+        let mut random = Random::new(21);
+        let trials = 2000;
+        let (mut held, mut held_ratio, mut held_runs) = (0, 0, 0);
+        for _ in 0..trials {
+            let places: Vec<f64> = (0..5).map(|_| 0.05 + 0.01 * normal(&mut random)).collect();
+            let (a, b) = (
+                views(&mut random, &places, 0.8, 0.05),
+                views(&mut random, &places, 1.0, 0.05),
+            );
+            let holds = |found: Option<(f64, Option<Interval>)>, value: f64| {
+                let interval = found.unwrap().1.unwrap();
+                u32::from((interval.low..=interval.high).contains(&value))
+            };
+            held += holds(mean_error(&b), 0.05);
+            held_ratio += holds(error_ratio(&a, &b), 0.8);
+            let (a, b) = (
+                views(&mut random, &[0.05], 0.8, 0.05),
+                views(&mut random, &[0.05], 1.0, 0.05),
+            );
+            held_runs += holds(error_ratio(&a, &b), 0.8);
+        }
+        for held in [held, held_ratio, held_runs] {
+            let share = f64::from(held) / f64::from(trials);
+            assert!((0.93..0.98).contains(&share), "{share}");
+        }
+    }
+
+    #[test]
+    fn pairing_sees_through_hard_places() {
+        let mut random = Random::new(4);
+        let places = [0.02, 0.05, 0.09, 0.03, 0.07];
+        let (a, b) = (
+            views(&mut random, &places, 0.9, 0.01),
+            views(&mut random, &places, 1.0, 0.01),
+        );
+        let (ratio, interval) = error_ratio(&a, &b).unwrap();
+        let interval = interval.unwrap();
+        assert!(
+            (ratio - 0.9).abs() < 0.02 && interval.high < 0.95 && interval.low > 0.85,
+            "{interval:?}"
+        );
+        let unpaired = mean_error(&a).unwrap().1.unwrap();
+        assert!(unpaired.high - unpaired.low > 0.05, "{unpaired:?}");
+        assert_eq!(error_ratio(&a, &b[1..]), None);
+        assert_eq!(mean_error(&[vec![0.1]]), Some((0.1, None)), "of one run");
+    }
+
+    #[test]
+    fn what_is_beaten_beyond_the_intervals_is_dominated() {
+        let mut random = Random::new(8);
+        let places = [0.02, 0.05, 0.09, 0.03, 0.07];
+        let mut of =
+            |technique: &str, time: f64, factor: f64| row(technique, time, &views(&mut random, &places, factor, 0.01));
+        let mut rows = vec![
+            of("off", 0.0, 2.0),
+            of("reference", 2.0, 0.8),
+            of("quarter", 1.0, 1.0),
+            // Slower and worse, faster but worse, slower and hardly worse.
+            of("vrs-grazing", 1.4, 1.3),
+            of("vrs-roughness", 0.7, 1.2),
+            of("low", 1.2, 1.003),
+            of("ssr", 0.5, 3.0),
+        ];
+        rows[0].ratio_low = None;
+        rows[0].ratio_high = None;
+        fill(&mut rows);
+        let marks: Vec<&str> = rows.iter().map(|row| &*row.dominated_by).collect();
+        assert_eq!(marks, ["", "", "", "quarter, vrs-roughness, low", "", "", "off"]);
+        let grazing = &rows[3];
+        assert!(
+            (grazing.flip_reflection_ratio.unwrap() - 1.3).abs() < 0.03,
+            "{grazing:?}"
+        );
+        assert!(
+            grazing.flip_reflection_ratio_low.unwrap() > 1.2
+                && grazing.flip_reflection_high > grazing.flip_reflection_low
+        );
+        assert_eq!(
+            (rows[2].flip_reflection_ratio, rows[2].flip_reflection_ratio_low),
+            (Some(1.0), None)
+        );
+        let text = section(&rows);
+        assert!(
+            text.contains("| street | vrs-grazing | bvh | quarter, vrs-roughness, low |"),
+            "{text}"
+        );
+        // By another tracer, or in another scene, nothing is dominated.
+        rows[3].tracer = "ray-query".into();
+        fill(&mut rows);
+        assert_eq!(rows[3].dominated_by, "");
+        assert!(section(&rows[1..3]).contains("None is"));
+    }
+
+    #[test]
+    fn rows_of_older_versions_stay_as_they_are() {
+        let mut rows = vec![
+            Row::example("street", "quarter", 1.0, 0.02),
+            Row::example("street", "low", 2.0, 0.04),
+        ];
+        let before = rows.clone();
+        fill(&mut rows);
+        assert_eq!(rows, before);
+        assert_eq!(section(&rows), "");
+    }
+}

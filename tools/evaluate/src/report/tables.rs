@@ -1,0 +1,59 @@
+//! All tables of a folder of results.
+
+use super::{
+    decomposition::{self, SplitRow},
+    dominance,
+    objects::{self, ObjectRow},
+    rows::{self, Row},
+};
+use serde::de::DeserializeOwned;
+use std::path::Path;
+
+/// The table of techniques, in the folder of results.
+pub const ROWS: &str = "results.csv";
+/// The table of named objects.
+pub const OBJECTS: &str = "objects.csv";
+/// The table of noise and bias.
+pub const SPLITS: &str = "decomposition.csv";
+
+/// The tables.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Tables {
+    /// One row per technique.
+    pub rows: Vec<Row>,
+    /// Rows about named objects.
+    pub objects: Vec<ObjectRow>,
+    /// Rows about noise and bias.
+    pub splits: Vec<SplitRow>,
+}
+
+impl Tables {
+    /// Reads the tables of a folder. Only that of techniques must be there.
+    pub fn load(out: &Path) -> Result<Self, String> {
+        let mut rows = rows::load(&out.join(ROWS))?;
+        dominance::fill(&mut rows);
+        Ok(Self {
+            rows,
+            objects: load_if_any(&out.join(OBJECTS))?,
+            splits: load_if_any(&out.join(SPLITS))?,
+        })
+    }
+
+    /// These tables with newer rows in the place of older ones about the same.
+    pub fn merge(self, new: Tables) -> Self {
+        let objects = objects::merge(self.objects, &new.rows, new.objects);
+        let splits = decomposition::merge(self.splits, &new.rows, new.splits);
+        let mut rows = rows::merge(self.rows, new.rows);
+        // Other rows may be faster and closer than these.
+        dominance::fill(&mut rows);
+        Self { rows, objects, splits }
+    }
+}
+
+fn load_if_any<T: DeserializeOwned>(file: &Path) -> Result<Vec<T>, String> {
+    if file.exists() {
+        rows::load(file)
+    } else {
+        Ok(Vec::new())
+    }
+}
