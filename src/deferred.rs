@@ -5,21 +5,36 @@
 //! of a mini map would vanish when the main camera begins to reflect. A camera without reflections pays for the G-buffer. The
 //! alternative, to make materials deferred only while a camera reflects, would prepare all materials anew at each switch, and other
 //! cameras would lose their objects meanwhile.
+//!
+//! An extended material with a fragment shader of its own may have none for the G-buffer: Bevy would draw it there as its base alone.
+//! Such materials stay forward.
 
 use crate::{device::tracing_app, settings::ReflectionFallback};
 use bevy::{
     app::{App, Plugin, PostUpdate},
+    asset::{AssetId, AssetServer, Handle},
     camera::Camera3d,
     core_pipeline::{
         core_3d::check_msaa,
         prepass::{DeferredPrepass, DepthPrepass},
     },
     ecs::{change_detection::Tick, prelude::*},
-    log::debug,
-    pbr::{DefaultOpaqueRendererMethod, deferred::insert_deferred_lighting_pass_id_component},
+    log::{debug, info},
+    material::OpaqueRendererMethod,
+    pbr::{
+        DefaultOpaqueRendererMethod, DeferredFragmentShader, Material, MaterialFragmentShader, PreparedMaterial,
+        StandardMaterial, deferred::insert_deferred_lighting_pass_id_component,
+    },
+    platform::collections::HashMap,
     reflect::PartialReflect,
-    render::{RenderApp, sync_world::SyncToRenderWorld, view::Msaa},
+    render::{
+        Render, RenderApp, RenderSystems, erased_render_asset::ErasedRenderAssets, sync_world::SyncToRenderWorld,
+        view::Msaa,
+    },
+    shader::{Shader, ShaderRef},
 };
+use core::any::TypeId;
+use std::sync::Arc;
 
 /// Makes opaque materials deferred unless the app says otherwise after it, or nothing reflects, since nothing can be traced.
 ///
@@ -76,6 +91,15 @@ impl Plugin for DeferredPlugin {
                 .before(check_msaa)
                 .before(insert_deferred_lighting_pass_id_component),
         );
+        if let Some(render_app) = app.get_sub_app_mut(RenderApp) {
+            render_app.add_systems(
+                Render,
+                keep_own_shaders
+                    .run_if(|method: Option<Res<DefaultOpaqueRendererMethod>>| method.is_some_and(|m| is_deferred(&m)))
+                    .after(RenderSystems::PrepareAssets)
+                    .before(RenderSystems::Specialize),
+            );
+        }
     }
 }
 
@@ -108,5 +132,74 @@ fn add_prepass(cameras: Query<Entity, Lacking>, mut commands: Commands) {
             .entity(camera)
             .insert((DepthPrepass, DeferredPrepass))
             .insert_if_new(Msaa::Off);
+    }
+}
+
+/// Whether the materials of a type would lose their own fragment shader in the G-buffer.
+type Losses = HashMap<TypeId, bool>;
+
+/// Draws materials forward that the G-buffer would show as their base alone. Shaders belong to a type, so that one look at each type tells.
+fn keep_own_shaders(
+    mut materials: ResMut<ErasedRenderAssets<PreparedMaterial>>,
+    server: Res<AssetServer>,
+    mut losses: Local<Losses>,
+) {
+    if !materials.is_changed() {
+        return;
+    }
+    for (id, material) in materials.bypass_change_detection().iter_mut() {
+        let loses = *losses.entry(id.type_id()).or_insert_with(|| {
+            let own = material.properties.get_shader(MaterialFragmentShader);
+            let deferred = material.properties.get_shader(DeferredFragmentShader);
+            let base = base_shader(&server);
+            let loses = loses_its_shader(own.as_ref().map(Handle::id), deferred.as_ref().map(Handle::id), base.id());
+            if loses {
+                info!(
+                    "materials with a fragment shader of their own and no `deferred_fragment_shader` are drawn forward, and show no \
+                     ray-traced reflections; write one to have them reflect"
+                );
+            }
+            loses
+        });
+        // A material that was prepared just now belongs to nobody else.
+        if loses && let Some(properties) = Arc::get_mut(&mut material.properties) {
+            properties.render_method = OpaqueRendererMethod::Forward;
+        }
+    }
+}
+
+/// The shader by which `StandardMaterial`s, and extensions that don't say otherwise, are drawn into the G-buffer.
+fn base_shader(server: &AssetServer) -> Handle<Shader> {
+    match StandardMaterial::deferred_fragment_shader() {
+        ShaderRef::Default => Handle::default(),
+        ShaderRef::Handle(handle) => handle,
+        ShaderRef::Path(path) => server.load(path),
+    }
+}
+
+/// `base` also draws `StandardMaterial`s forward.
+fn loses_its_shader(own: Option<AssetId<Shader>>, deferred: Option<AssetId<Shader>>, base: AssetId<Shader>) -> bool {
+    own.is_some_and(|own| own != base) && deferred.is_none_or(|deferred| deferred == base)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bevy::asset::uuid::Uuid;
+
+    #[test]
+    fn own_shaders_are_lost_where_the_g_buffer_has_none_of_them() {
+        let [base, own, other] = [1, 2, 3].map(|number| AssetId::from(Uuid::from_u128(number)));
+        assert!(loses_its_shader(Some(own), Some(base), base));
+        assert!(loses_its_shader(Some(own), None, base));
+        for (forward, deferred) in [
+            (Some(base), Some(base)),
+            (Some(own), Some(own)),
+            (Some(own), Some(other)),
+            (Some(base), Some(other)),
+            (None, None),
+        ] {
+            assert!(!loses_its_shader(forward, deferred, base), "{forward:?}, {deferred:?}");
+        }
     }
 }

@@ -48,6 +48,10 @@ pub struct RayTracedReflectionsPlugin {
     /// it, with the `DepthPrepass` and [`Msaa::Off`](bevy::render::view::Msaa), so that cameras without reflections go on showing
     /// everything. They pay for the G-buffer and lose multisampling.
     ///
+    /// An extended material with a fragment shader of its own and no
+    /// [`deferred_fragment_shader`](bevy::pbr::MaterialExtension::deferred_fragment_shader) stays forward, since the G-buffer would show
+    /// its base alone.
+    ///
     /// With false, neither materials nor other cameras change. A material reflects if its
     /// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method) is `Deferred`, and each camera that is to show such
     /// a material needs these components from the app.

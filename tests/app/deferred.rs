@@ -5,15 +5,20 @@ use crate::{
     stage::{BEFORE_THE_MIRROR, RED, SIZE, metal, report, spawn_mesh, unlit, wall},
 };
 use bevy::{
+    asset::uuid_handle,
     camera::{RenderTarget, ShadowLodOrigin},
     core_pipeline::{
         prepass::{DeferredPrepass, DepthPrepass, NormalPrepass},
         tonemapping::{DebandDither, Tonemapping},
     },
-    pbr::{DefaultOpaqueRendererMethod, ScreenSpaceReflections},
+    pbr::{DefaultOpaqueRendererMethod, ExtendedMaterial, MaterialExtension, ScreenSpaceReflections},
     prelude::*,
     reflect::PartialReflect,
-    render::settings::{WgpuLimits, WgpuSettings},
+    render::{
+        render_resource::AsBindGroup,
+        settings::{WgpuLimits, WgpuSettings},
+    },
+    shader::{Shader, ShaderRef},
 };
 use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectionFallback};
 use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, Output};
@@ -136,6 +141,56 @@ fn cameras_without_reflections_show_everything() {
         let found = red_pixels(&app.read_target(target).unwrap());
         assert_eq!(found, expected, "red pixels of camera {index}");
     }
+}
+
+const RED_SHADER: Handle<Shader> = uuid_handle!("0d5a1c52-6f0e-4a57-9a35-3a9f4d0a7c21");
+
+/// An extension as apps write it that draw forward: red, and nothing is said about deferred rendering.
+#[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
+struct Reddening {}
+
+impl MaterialExtension for Reddening {
+    fn fragment_shader() -> ShaderRef {
+        RED_SHADER.into()
+    }
+}
+
+type Reddened = ExtendedMaterial<StandardMaterial, Reddening>;
+
+/// The G-buffer would show their base alone.
+#[test]
+fn extended_materials_keep_a_shader_of_their_own() {
+    let Some(mut app) = start_with_plugin(|app| {
+        app.add_plugins(MaterialPlugin::<Reddened>::default());
+    }) else {
+        return;
+    };
+    let source = "
+        import bevy_pbr::render::forward_io::VertexOutput;
+        @fragment
+        fn fragment(in: VertexOutput) -> @location(0) vec4<f32> { return vec4(1.0, 0.0, 0.0, 1.0); }
+    ";
+    let target = app.target();
+    let world = app.world();
+    let shader = Shader::from_wesl(source, "red.wesl");
+    _ = world.resource_mut::<Assets<Shader>>().insert(&RED_SHADER, shader);
+    let mesh = world.resource_mut::<Assets<Mesh>>().add(wall());
+    let base = Color::srgb_u8(0, 255, 0).into();
+    let extension = Reddening {};
+    let material = world
+        .resource_mut::<Assets<Reddened>>()
+        .add(Reddened { base, extension });
+    world.spawn((Mesh3d(mesh), MeshMaterial3d(material.clone())));
+    world.spawn((camera(target, 0), RayTracedReflections::default()));
+    app.warm_up(20_000).unwrap();
+    app.step(4);
+    let all = (SIZE.x * SIZE.y) as usize;
+    assert_eq!(red_pixels(&app.capture().unwrap()), all, "red pixels");
+    // A change has it prepared anew.
+    let mut materials = app.world().resource_mut::<Assets<Reddened>>();
+    materials.get_mut(&material).unwrap().base.metallic = 1.0;
+    app.step(4);
+    assert_eq!(red_pixels(&app.capture().unwrap()), all, "red pixels after a change");
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! Reflections against what is known: mirrored geometry, a white furnace, a path tracer, and the other tracer.
 
+mod close_lamp;
 mod reflected_light;
 
 use crate::{

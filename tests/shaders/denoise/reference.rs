@@ -188,7 +188,7 @@ pub fn image_angle(spread: f32, distance: f32, hit: f32, orthographic: bool) -> 
 }
 
 pub fn reconnection_jacobian(hit: f32, squared: f32) -> f32 {
-    (hit * hit / squared).clamp(0.25, 4.0)
+    (hit * hit / squared).clamp(1e-6, 4.0)
 }
 
 pub fn is_sharp(alpha: f32, angle: f32, spacing: f32) -> bool {
