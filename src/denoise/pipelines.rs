@@ -5,7 +5,7 @@ use crate::{
     common::{TILE_DISPATCH, WIDE_TILE_DISPATCH, word_offset},
     gbuffer::{GBufferPass, PassContext, PassShader},
     scene::SceneBindings,
-    settings::{ClampedSettings, ReflectionTechnique},
+    settings::{ClampedSettings, ReflectionBackend, ReflectionTechnique},
 };
 use bevy::{
     asset::{AssetServer, Handle, load_embedded_asset},
@@ -62,6 +62,11 @@ impl DenoisePass {
         }
     }
 
+    /// Returns whether rays of a view have motions: those of lists.
+    fn has_motions(settings: &ClampedSettings) -> bool {
+        settings.backend == ReflectionBackend::Compute && settings.technique != ReflectionTechnique::QuarterInline
+    }
+
     /// Entry point, and name of the span of GPU time.
     const fn name(self) -> &'static str {
         match self {
@@ -77,8 +82,8 @@ impl DenoisePass {
 pub struct DenoisePipelines {
     passes: HashMap<DenoisePass, (GBufferPass<PassVariant>, Handle<Shader>)>,
     wanted: HashSet<(DenoisePass, PassVariant)>,
-    /// Objects move in this frame.
-    something_moves: bool,
+    /// Objects move in this frame by a motion that is known.
+    knows_motions: bool,
 }
 
 impl DenoisePipelines {
@@ -120,7 +125,7 @@ pub(super) fn init_denoise_pipelines(mut commands: Commands, asset_server: Res<A
             ),
         ]),
         wanted: HashSet::default(),
-        something_moves: false,
+        knows_motions: false,
     });
 }
 
@@ -131,12 +136,12 @@ pub(super) fn queue_denoise_pipelines(
     scene: Res<SceneBindings>,
 ) {
     let pipelines = &mut *pipelines;
-    pipelines.something_moves = scene.something_moves();
+    pipelines.knows_motions = scene.knows_motions();
     for &(name, variant) in &pipelines.wanted {
         let Some((pass, shader)) = pipelines.passes.get_mut(&name) else {
             continue;
         };
-        let following = Some(name.following(variant)).filter(|_| pipelines.something_moves);
+        let following = Some(name.following(variant)).filter(|_| pipelines.knows_motions);
         for variant in [Some(variant), following].into_iter().flatten() {
             pass.queue(variant, &cache, || PassShader {
                 shader: shader.clone(),
@@ -170,7 +175,7 @@ pub(crate) fn denoise(
         let span = diagnostics.time_span(ctx.command_encoder(), name.name());
         let rests = [context.textures.is_at_rest, true];
         let [variant, stand_in] = rests.map(|rest| name.variant(&context.view.settings, rest));
-        let following = if pipelines.something_moves {
+        let following = if pipelines.knows_motions && DenoisePass::has_motions(&context.view.settings) {
             name.following(variant)
         } else {
             variant

@@ -189,9 +189,9 @@ impl SceneBindings {
         self.uniform_data.light_leaf_count > 0
     }
 
-    /// Returns whether objects have moved since the last frame.
-    pub(crate) fn something_moves(&self) -> bool {
-        self.instances.something_moves()
+    /// Returns whether objects have moved since the last frame, by a motion that is known.
+    pub(crate) fn knows_motions(&self) -> bool {
+        self.instances.knows_motions()
     }
 
     /// Returns whether objects have lightmaps, which shaders have to know.

@@ -5,12 +5,17 @@ use bevy::math::{Mat3, Vec3, ops};
 /// In the place of the first word: the motion isn't known. No vector is packed so.
 pub const UNKNOWN_MOTION: u32 = 0x100;
 
-/// Largest number of a component, and the exponent of the smallest step.
+/// Largest number of a component.
 const LARGEST_COMPONENT: f32 = 255.0;
+/// Exponent of the smallest step.
 const LEAST_EXPONENT: f32 = -24.0;
+/// Part of the distance from the origin by which a point may have moved otherwise than by the motion: objects that grow, or turn by more
+/// than ten degrees in a frame. More follows images to places where they weren't.
+const LARGEST_REST: f32 = 0.02;
 
 /// The motion of an object between two places, whose matrices are given by rows: metres that its origin has moved, and how far it has turned
-/// about that, in radians along the axis. What it has grown is left out.
+/// about that, in radians along the axis. Of an object that has grown, or has turned far, the motion isn't known. Meshes that lie far from
+/// their origin lose digits where they turn.
 pub fn pack_motion(
     world_from_object: &[[f32; 4]; 3],
     before: &[[f32; 4]; 3],
@@ -31,7 +36,15 @@ pub fn pack_motion(
             moved.z_axis.x - moved.x_axis.z,
             moved.x_axis.y - moved.y_axis.x,
         );
-    if translation.is_finite() && turn.is_finite() {
+    // `turn` as a matrix.
+    let turned = Mat3::from_cols(turn.cross(Vec3::X), turn.cross(Vec3::Y), turn.cross(Vec3::Z));
+    let rest = (moved - turned)
+        .to_cols_array()
+        .map(f32::abs)
+        .into_iter()
+        .fold(0.0, f32::max);
+    // Also false for NaN, which `fold` leaves out.
+    if translation.is_finite() && moved.is_finite() && rest <= LARGEST_REST {
         [pack_vector(translation), pack_vector(turn)]
     } else {
         [UNKNOWN_MOTION, 0]
@@ -62,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn vectors_keep_eight_digits() {
+    fn vectors_keep_eight_bits() {
         for exponent in -12..10 {
             for v in [Vec3::new(1.0, -0.3, 0.004), Vec3::new(-0.77, 0.0, 0.5), Vec3::NEG_Z] {
                 let v = v * ops::exp2(exponent as f32);
@@ -92,6 +105,14 @@ mod tests {
             let told = translation + turn.cross(point - Vec3::from(now.translation));
             assert!((told - exact).length() < 0.05 * exact.length(), "{told} and {exact}");
         }
+        let motion_of = |now: Affine3A| pack_motion(&matrix(&now), &matrix(&before), &invert(&now).unwrap().rows)[0];
+        assert_eq!(
+            motion_of(place(Vec3::new(3.0, 1.0, -2.0), 1.2)),
+            UNKNOWN_MOTION,
+            "half a radian"
+        );
+        let grown = before * Affine3A::from_scale(Vec3::splat(1.05));
+        assert_eq!(motion_of(grown), UNKNOWN_MOTION);
         let endless = [[f32::INFINITY; 4]; 3];
         assert_eq!(pack_motion(&endless, &matrix(&before), &inverse)[0], UNKNOWN_MOTION);
     }

@@ -30,10 +30,12 @@ fn scene(app: &mut HeadlessApp, subject: impl Into<Mesh>, material: StandardMate
     Scene { camera, subject }
 }
 
-/// 24 frames of a movement end where the scene stands as it was built. The error of the last of them, and after 24 more at rest.
+/// 24 frames of a movement end where the scene stands as it was built. The error of the last of them, and after 24 more at rest. `images`:
+/// histories follow images in smooth surfaces, too.
 fn errors(
     name: &str,
     technique: ReflectionTechnique,
+    images: bool,
     build: fn(&mut HeadlessApp) -> Scene,
     step: fn(&mut HeadlessApp, &Scene, f32),
 ) -> Option<[f32; 2]> {
@@ -43,6 +45,7 @@ fn errors(
     let mut settings = RayTracedReflections { technique, ..default() };
     // At rest with the noise of motion.
     settings.denoiser.converge_static_views = false;
+    settings.denoiser.virtual_history = images;
     app.world().entity_mut(scene.camera).insert(settings.clone());
     step(&mut app, &scene, -24.0);
     warm_up(&mut app);
@@ -62,20 +65,25 @@ fn errors(
     let errors = [&moving, &still].map(|picture| flip(SIZE, &truth, picture).0);
     let [error, least] = errors;
     println!(
-        "{name}, {technique:?}: FLIP {error:.4} in motion, {least:.4} at rest: {:.2} times",
+        "{name}, {technique:?}, {images}: FLIP {error:.4} in motion, {least:.4} at rest: {:.2} times",
         error / least
     );
     Some(errors)
 }
 
-/// The error in motion is at most so many times that at rest, by techniques with a ray for each pixel and for four.
+/// The error in motion is at most so many times that at rest, by techniques with a ray for each pixel and for four. It is more where
+/// histories don't follow images.
 #[track_caller]
 fn expect(name: &str, limit: f32, build: fn(&mut HeadlessApp) -> Scene, step: fn(&mut HeadlessApp, &Scene, f32)) {
     for technique in [ReflectionTechnique::Reference, ReflectionTechnique::Quarter] {
-        let Some([error, least]) = errors(name, technique, build, step) else {
+        let Some([error, least]) = errors(name, technique, true, build, step) else {
             return;
         };
         assert!(error < limit * least, "{name}, {technique:?}: {error} and {least}");
+        if technique == ReflectionTechnique::Reference {
+            let [without, _] = errors(name, technique, false, build, step).unwrap();
+            assert!(error < 0.9 * without, "{name}: {error}, and {without} without");
+        }
     }
 }
 
@@ -85,7 +93,6 @@ fn place<'a>(app: &'a mut HeadlessApp, entity: Entity) -> Mut<'a, Transform> {
 
 #[test]
 fn a_lamp_that_crosses_a_glossy_floor_leaves_no_trail() {
-    // With a history that begins anew: 1.60 and 1.31 times; with the whole history of the surface: 1.69 and more.
     expect(
         "crossing",
         1.5,

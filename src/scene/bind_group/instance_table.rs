@@ -200,9 +200,12 @@ impl InstanceTable {
         self.frame = frame.wrapping_add(1);
     }
 
-    /// Returns whether an object has moved in the frame that has ended last.
-    pub fn something_moves(&self) -> bool {
-        !self.moved_before.is_empty()
+    /// Returns whether an object whose motion is known has moved in the frame that has ended last.
+    pub fn knows_motions(&self) -> bool {
+        self.moved_before
+            .iter()
+            .filter_map(|slot| self.data.get(*slot as usize))
+            .any(|data| data.lightmap == NO_TEXTURE && data.lightmap_rect_or_motion[0] != UNKNOWN_MOTION)
     }
 
     /// Takes marks from objects that have not moved for a while.
@@ -237,11 +240,12 @@ impl InstanceTable {
         if matrices.mirrored != (data.flags & INSTANCE_MIRRORED != 0) {
             return None;
         }
-        let motion = pack_motion(
-            &matrices.world_from_object,
-            &data.world_from_object,
-            &matrices.object_from_world,
-        );
+        let motion = if data.lightmap == NO_TEXTURE {
+            let [now, before] = [&matrices.world_from_object, &data.world_from_object];
+            pack_motion(now, before, &matrices.object_from_world)
+        } else {
+            [UNKNOWN_MOTION, 0]
+        };
         data.world_from_object = matrices.world_from_object;
         data.object_from_world = matrices.object_from_world;
         Some(self.mark_moving(slot, motion))
@@ -359,4 +363,67 @@ pub(in crate::scene) fn pack_instance(
         lightmap: NO_TEXTURE,
         lightmap_rect_or_motion: source.lightmap.as_ref().map_or([0; 2], |lightmap| lightmap.rect),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::test_gpu;
+    use bevy::math::Vec3;
+
+    fn at(x: f32) -> Matrices {
+        Matrices::of(&Affine3A::from_translation(Vec3::X * x)).unwrap()
+    }
+
+    fn object(x: f32, lightmap: u32, rect: [u32; 2]) -> Option<GpuInstance> {
+        let Matrices {
+            world_from_object,
+            object_from_world,
+            ..
+        } = at(x);
+        Some(GpuInstance {
+            world_from_object,
+            object_from_world,
+            lightmap,
+            lightmap_rect_or_motion: rect,
+            ..Default::default()
+        })
+    }
+
+    #[test]
+    fn motions_are_those_of_one_frame_and_leave_lightmaps_alone() {
+        let Some((device, _)) = test_gpu::device() else {
+            return;
+        };
+        let mut table = InstanceTable::new(&device);
+        table.reserve(2, &device);
+        let rect = [7, 8];
+        assert!(table.set(0, object(0.0, NO_TEXTURE, [0; 2])) && table.set(1, object(0.0, 3, rect)));
+        table.settle();
+        assert!(!table.knows_motions());
+        for slot in [0, 1] {
+            table.set_matrices(slot, &at(1.0));
+        }
+        table.settle();
+        let motion = |table: &InstanceTable, slot: usize| table.data[slot].lightmap_rect_or_motion;
+        assert!(table.knows_motions() && motion(&table, 0)[0] != UNKNOWN_MOTION);
+        assert_eq!(motion(&table, 1), rect, "its part of the lightmap");
+        // A motion is no change of the object.
+        assert!(!table.set(0, object(1.0, NO_TEXTURE, [0; 2])));
+        assert!(!table.set(1, object(1.0, 3, rect)));
+        table.settle();
+        assert!(
+            !table.knows_motions() && table.flags(0) & INSTANCE_MOVING == 0,
+            "at rest"
+        );
+        // Posed and moved in one frame, in both orders.
+        table.mark_posed(0);
+        table.set_matrices(0, &at(2.0));
+        table.settle();
+        assert_eq!(motion(&table, 0)[0], UNKNOWN_MOTION);
+        table.set_matrices(0, &at(3.0));
+        table.mark_posed(0);
+        table.settle();
+        assert!(motion(&table, 0)[0] == UNKNOWN_MOTION && !table.knows_motions());
+    }
 }
