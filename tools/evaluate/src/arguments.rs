@@ -43,7 +43,7 @@ pub struct Arguments {
     /// Samples per pixel of the ground truth; its two halves tell its noise.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=1_000_000))]
     pub samples: Option<u32>,
-    /// Runs that differ in their noise alone, for the interval of the reflected light's bias.
+    /// Runs that differ in their noise alone, for the intervals of errors.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub runs: Option<u32>,
     /// Split the error of each technique's reflected light into noise (differs from run to run) and bias (doesn't: lag, blur, ghosts);

@@ -351,9 +351,9 @@ fn legend(area: &Area<'_>, chart: &Chart) -> Drawn {
     let text = "Pareto front (filled): nothing is both faster and closer";
     area.draw_text(text, &style, (x + 34, Y))?;
     if chart.points.iter().any(|point| point.dominated) {
-        x += 80 + area.estimate_text_size(text, &style)?.0 as i32;
+        x += 52 + area.estimate_text_size(text, &style)?.0 as i32;
         area.draw(&Cross::new((x, Y), 6, GRAY.stroke_width(2)))?;
-        area.draw_text("dominated beyond the intervals", &style, (x + 12, Y))?;
+        area.draw_text("dominated", &style, (x + 12, Y))?;
     }
     Ok(())
 }

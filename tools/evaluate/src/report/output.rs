@@ -181,4 +181,32 @@ mod tests {
         results.print_to(&mut printed).unwrap();
         assert!(String::from_utf8(printed).unwrap().contains("quarter"));
     }
+
+    #[test]
+    fn dominated_techniques_are_marked_in_the_chart_of_the_reflection() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path();
+        let row = |technique: &str, time: f64, error: f64, by: &str| Row {
+            flip_reflection_converged: Some(error),
+            dominated_by: by.into(),
+            ..Row::example("atrium", technique, time, error)
+        };
+        let results = Results {
+            out,
+            machine: &Machine::default(),
+            protocol: &Protocol::new(true, true),
+            tables: &Tables {
+                rows: vec![row("quarter", 1.0, 0.02, ""), row("low", 2.0, 0.04, "quarter")],
+                ..Tables::default()
+            },
+        };
+        results.write().unwrap();
+        let chart = |kind: &str| std::fs::read_to_string(out.join(format!("charts/atrium.{kind}.svg"))).unwrap();
+        assert!(chart("reflection").contains("dominated") && !chart("picture").contains("dominated"));
+        let summary = std::fs::read_to_string(out.join("summary.md")).unwrap();
+        assert!(
+            summary.contains("| low ▽ |") && summary.contains("| quarter ★ |"),
+            "{summary}"
+        );
+    }
 }
