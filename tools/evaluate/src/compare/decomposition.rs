@@ -53,8 +53,9 @@ pub fn decompose(truth: &TrueLight, runs: &[Vec<f32>]) -> Option<Decomposition> 
         split.light += expected - f64::from(truth.without()[index]);
         split.noise += variance;
         split.bias += bias;
-        // A highlight that is ten times as bright may be ten times as wrong before anybody sees it, be it in the truth or in the runs.
-        let scale = (0.5 * (expected + mean.max(0.0)) + frame_mean).max(1e-9);
+        // A highlight that is ten times as bright may be ten times as wrong before anybody sees it. The truth alone says what is bright:
+        // weights that followed the runs would follow their noise, and its rare bright values would look like bias.
+        let scale = (expected.max(0.0) + frame_mean).max(1e-9);
         split.contrast_noise += variance / scale.powi(2);
         split.contrast_bias += bias / scale.powi(2);
         let (x, y) = (index as u32 % width, index as u32 / width);
@@ -165,6 +166,21 @@ mod tests {
             .split;
         // The noise of the mean alone would be a square of 0.0025, that of the truth 0.00125.
         assert!(found.bias.abs() < 1e-4, "{found:?}");
+    }
+
+    #[test]
+    fn sparse_bright_noise_is_no_bias() {
+        let mut random = Random::new(7);
+        let truth = truth(&mut random);
+        let (bright, share) = (10.0, 0.01);
+        let frame = |random: &mut Random| {
+            plane(|_| WITHOUT + LIGHT - bright * share + if random.unit() < share { bright } else { 0.0 })
+        };
+        let runs: Vec<Vec<f32>> = (0..RUNS).map(|_| frame(&mut random)).collect();
+        let found = decompose(&truth, &runs).unwrap().split;
+        // A variance of 0.99, relative to a pixel and a frame of 0.7 each.
+        assert!((found.contrast_noise - 0.505).abs() < 0.05, "{found:?}");
+        assert!(found.contrast_bias.abs() < 0.01, "{found:?}");
     }
 
     #[test]
