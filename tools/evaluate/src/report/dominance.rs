@@ -52,10 +52,15 @@ pub fn mean_error(views: &[Vec<f64>]) -> Option<(f64, Option<Interval>)> {
     let means: Vec<f64> = views.iter().filter_map(|runs| mean(runs)).collect();
     let sample = if let [runs] = views { runs } else { &means };
     let (center, variance) = mean_with_variance(sample)?;
-    Some((
-        center,
-        variance.map(|(variance, freedom)| around(center, variance, freedom)),
-    ))
+    let interval = variance.map(|(variance, freedom)| {
+        let Interval { low, high } = around(center, variance, freedom);
+        // No error is below zero.
+        Interval {
+            low: low.max(0.0),
+            high,
+        }
+    });
+    Some((center, interval))
 }
 
 /// The ratio of two techniques' errors and its 95 % interval. Views are paired, so that places where reflections are hard for both
@@ -99,8 +104,9 @@ fn is_faster(row: &Row, other: &Row) -> bool {
     if row.total_ms == Some(0.0) {
         return other.total_ms.is_some_and(|time| time > 0.0);
     }
+    // Ratios relate to the reference by the row's own tracer; without one, to that of whichever was measured first.
     let ends = match (row.ratio_high, other.ratio_low) {
-        (Some(high), Some(low)) => Some((high, low)),
+        (Some(high), Some(low)) if row.tracer == other.tracer => Some((high, low)),
         _ => row.total_high_ms.zip(other.total_low_ms),
     };
     ends.is_some_and(|(high, low)| high < low)
@@ -113,7 +119,8 @@ fn is_comparable(row: &Row, other: &Row) -> bool {
 }
 
 /// Fills in what follows from the errors of views and runs: the interval of the reflection's error, its ratio to that of `quarter`, and
-/// which techniques are both faster and closer to the truth. Rows of older versions have no such errors, and stay as they are.
+/// which techniques are both faster and closer to the truth. The intervals of a single view hold its noise alone, so that it decides
+/// nothing. Rows of older versions have no such errors, and stay as they are.
 pub fn fill(rows: &mut [Row]) {
     let samples: Vec<Vec<Vec<f64>>> = rows.iter().map(|row| from_text(&row.flip_reflection_runs)).collect();
     let digits = |value: f64| significant(value, DIGITS);
@@ -129,7 +136,8 @@ pub fn fill(rows: &mut [Row]) {
         let is_base = base == Some(index);
         let better: Vec<String> = (0..rows.len())
             .filter(|&other| {
-                is_comparable(&rows[index], &rows[other])
+                samples[index].len() > 1
+                    && is_comparable(&rows[index], &rows[other])
                     && is_faster(&rows[other], &rows[index])
                     && error_ratio(&samples[other], &samples[index])
                         .and_then(|(_, interval)| interval)
@@ -155,8 +163,9 @@ pub fn section(rows: &[Row]) -> String {
         return String::new();
     }
     let mut text = "## Which techniques are dominated?\n\nAnother one is both faster and closer to the truth: by the 95 % intervals of both \
-                    times, and of the ratio of their FLIP of the reflection, which is paired by view. Intervals are Student's over the \
-                    means of views; with fewer than three views they are wide, and few techniques can be marked.\n\n"
+                    times, and of the ratio of their FLIP of the reflection: the geometric mean of the ratios in each view. Intervals are \
+                    Student's over the means of views; with fewer than three views they are wide, and few techniques can be marked. A \
+                    single view marks none: its intervals are those of noise alone.\n\n"
         .to_owned();
     let dominated: Vec<&Row> = rows.iter().filter(|row| !row.dominated_by.is_empty()).collect();
     if dominated.is_empty() {
@@ -308,6 +317,45 @@ mod tests {
         fill(&mut rows);
         assert_eq!(rows[3].dominated_by, "");
         assert!(section(&rows[1..3]).contains("None is"));
+    }
+
+    #[test]
+    fn ratios_to_different_references_are_not_compared() {
+        let mut random = Random::new(9);
+        let places = [0.02, 0.05, 0.09, 0.03, 0.07];
+        let mut of = |technique: &str, tracer: &str, time: f64, reference: f64, factor: f64| Row {
+            tracer: tracer.into(),
+            ratio_low: Some(0.99 * time / reference),
+            ratio_high: Some(1.01 * time / reference),
+            ..row(technique, time, &views(&mut random, &places, factor, 0.01))
+        };
+        // The reference takes 2 ms by one tracer, and 0.4 ms by the other.
+        let mut rows = [
+            of("ssr", "-", 0.5, 2.0, 0.8),
+            of("low", "bvh", 1.5, 2.0, 1.0),
+            of("low", "ray-query", 0.3, 0.4, 1.0),
+        ];
+        fill(&mut rows);
+        let marks: Vec<&str> = rows.iter().map(|row| &*row.dominated_by).collect();
+        assert_eq!(marks, ["", "ssr", ""]);
+    }
+
+    #[test]
+    fn one_view_decides_nothing() {
+        let mut random = Random::new(10);
+        let mut of =
+            |technique: &str, time: f64, factor: f64| row(technique, time, &views(&mut random, &[0.05], factor, 0.01));
+        let mut rows = vec![of("quarter", 1.0, 1.0), of("low", 2.0, 1.5)];
+        fill(&mut rows);
+        assert_eq!(rows[1].dominated_by, "");
+        assert!(rows[1].flip_reflection_ratio_low.unwrap() > 1.0, "{:?}", rows[1]);
+        assert!(section(&rows).contains("single view"), "{}", section(&rows));
+    }
+
+    #[test]
+    fn errors_are_not_below_zero() {
+        let interval = mean_error(&[vec![0.01], vec![0.2]]).unwrap().1.unwrap();
+        assert!(interval.low == 0.0 && interval.high > 1.0, "{interval:?}");
     }
 
     #[test]

@@ -90,7 +90,7 @@ pub struct Row {
     pub flip_reflection_low: Option<f64>,
     /// Upper end of it.
     pub flip_reflection_high: Option<f64>,
-    /// The same error over that of `quarter`, paired by view.
+    /// The same error over that of `quarter`: the geometric mean of the ratios in each view.
     pub flip_reflection_ratio: Option<f64>,
     /// Lower end of the 95 % confidence interval of the ratio.
     pub flip_reflection_ratio_low: Option<f64>,

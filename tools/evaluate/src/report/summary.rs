@@ -268,8 +268,9 @@ impl Summary<'_> {
              - **FLIP** is the difference that a person sees between alternating pictures, 0 to 1, at 55.4 pixels per degree, of \
              tone-mapped pictures of 8 bits. *Picture* is what the camera shows, *reflection* what reflections add to it on the \
              display: the difference to a picture without any reflection of the environment. The error of the reflection is \
-             a mean over views and over {} runs that differ in their noise alone; its interval is Student's over the means of views, \
-             and that of the ratio to `quarter` is paired by view. A single view has the intervals of its runs.\n\
+             a mean over views and over {} runs that differ in their noise alone; its interval is Student's over the means of views. \
+             Its ratio to `quarter` is the geometric mean of the ratios in each view, with the interval of these. A single view has the \
+             intervals of its runs, which hold noise alone, and nothing is marked by it.\n\
              - The **ground truth** averages {} frames of a still camera, each with one ray per pixel, without denoiser and up to a \
              roughness of {TRUTH_CUTOFF}. Techniques trace up to the same roughness; presets have cut-offs of their own, and what they \
              leave to the environment map counts as error.\n\
