@@ -13,8 +13,10 @@ use crate::{
     machine::Machine,
     protocol::Protocol,
 };
+use serde::Serialize;
 use std::{
     collections::{BTreeMap, BTreeSet},
+    fs,
     io::{self, Write},
     path::Path,
 };
@@ -39,12 +41,8 @@ impl Results<'_> {
     pub fn write(&self) -> Result<(), String> {
         let Tables { rows, objects, splits } = self.tables;
         write_text(&self.out.join(ROWS), &to_csv(rows)?)?;
-        if !objects.is_empty() {
-            write_text(&self.out.join(OBJECTS), &to_csv(objects)?)?;
-        }
-        if !splits.is_empty() {
-            write_text(&self.out.join(SPLITS), &to_csv(splits)?)?;
-        }
+        self.write_or_remove(OBJECTS, objects)?;
+        self.write_or_remove(SPLITS, splits)?;
         let facts = table::facts(self.out, rows);
         let json = serde_json::json!({
             "machine": self.machine,
@@ -64,6 +62,21 @@ impl Results<'_> {
         write_text(&self.out.join("summary.md"), &summary.to_markdown())?;
         let fragment = readme::fragment(self.machine, self.protocol, rows, &charts);
         write_text(&self.out.join("readme.md"), &fragment)
+    }
+
+    /// Writes a table; an empty one has no file, not even that of an earlier measurement.
+    fn write_or_remove<T: Serialize>(&self, name: &str, rows: &[T]) -> Result<(), String> {
+        let file = self.out.join(name);
+        if !rows.is_empty() {
+            return write_text(&file, &to_csv(rows)?);
+        }
+        match fs::remove_file(&file) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(format!(
+                "{} is out of date and can't be removed: {error}",
+                file.display()
+            )),
+            _ => Ok(()),
+        }
     }
 
     /// Draws two charts per scene: of the picture and of the reflection alone.
@@ -171,7 +184,7 @@ mod tests {
             },
         };
         results.write().unwrap();
-        let table = std::fs::read_to_string(out.join("results.csv")).unwrap();
+        let table = fs::read_to_string(out.join("results.csv")).unwrap();
         assert_eq!(from_csv::<Row>(&table).unwrap(), rows);
         for file in ["results.json", "summary.md", "readme.md", "charts/atrium.picture.svg"] {
             assert!(out.join(file).metadata().unwrap().len() > 100, "{file}");
@@ -180,6 +193,27 @@ mod tests {
         let mut printed = Vec::new();
         results.print_to(&mut printed).unwrap();
         assert!(String::from_utf8(printed).unwrap().contains("quarter"));
+    }
+
+    #[test]
+    fn tables_of_earlier_runs_do_not_survive() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path();
+        for file in [OBJECTS, SPLITS] {
+            fs::write(out.join(file), "scene,technique\natrium,quarter\n").unwrap();
+        }
+        let tables = Tables {
+            rows: vec![Row::example("atrium", "quarter", 1.0, 0.02)],
+            ..Tables::default()
+        };
+        let results = Results {
+            out,
+            machine: &Machine::default(),
+            protocol: &Protocol::new(true, true),
+            tables: &tables,
+        };
+        results.write().unwrap();
+        assert_eq!(Tables::load(out).unwrap(), tables);
     }
 
     #[test]
@@ -201,9 +235,9 @@ mod tests {
             },
         };
         results.write().unwrap();
-        let chart = |kind: &str| std::fs::read_to_string(out.join(format!("charts/atrium.{kind}.svg"))).unwrap();
+        let chart = |kind: &str| fs::read_to_string(out.join(format!("charts/atrium.{kind}.svg"))).unwrap();
         assert!(chart("reflection").contains("dominated") && !chart("picture").contains("dominated"));
-        let summary = std::fs::read_to_string(out.join("summary.md")).unwrap();
+        let summary = fs::read_to_string(out.join("summary.md")).unwrap();
         assert!(
             summary.contains("| low ▽ |") && summary.contains("| quarter ★ |"),
             "{summary}"
