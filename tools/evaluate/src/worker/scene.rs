@@ -132,16 +132,11 @@ impl MeasuredScene {
             *seconds = LOOP_SECONDS;
             return Ok(None);
         }
-        let count = own.len();
-        places.extend(
-            own.into_iter()
-                .map(|(transform, projection)| (transform, Some(projection))),
-        );
-        let left_out = count > self.views as usize;
-        Ok(left_out.then(|| {
+        let (views, count) = (self.views as usize, own.len());
+        places.extend(places_of(own, views));
+        Ok((count > views).then(|| {
             format!(
-                "the file has more cameras ({count}) than there are views ({}): --views {count} has all of them",
-                self.views
+                "the file has more cameras ({count}) than there are views ({views}): --views {count} has all of them"
             )
         }))
     }
@@ -251,6 +246,12 @@ fn route(name: Option<SceneName>, protocol: &Protocol) -> Result<Route, String> 
             seconds: PLACE_SECONDS,
         },
     })
+}
+
+/// A place for each view, or for each camera of a file if they are fewer: places without a view must not be timed.
+fn places_of(cameras: Vec<(Transform, Projection)>, views: usize) -> impl Iterator<Item = Place> {
+    let cameras = cameras.into_iter().take(views);
+    cameras.map(|(transform, projection)| (transform, Some(projection)))
 }
 
 /// Index of a loop and the part of it that is over, after so many loops of as many places; the last one ends the route.

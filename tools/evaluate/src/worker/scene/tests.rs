@@ -68,6 +68,18 @@ fn views_take_turns_on_places() {
 }
 
 #[test]
+fn cameras_without_a_view_are_no_places() {
+    let cameras: Vec<(Transform, Projection)> = (0..5)
+        .map(|index| (Transform::from_xyz(index as f32, 0.0, 0.0), Projection::default()))
+        .collect();
+    for (views, places) in [(1, 1), (2, 2), (5, 5), (9, 5)] {
+        let found: Vec<Transform> = places_of(cameras.clone(), views).map(|(place, _)| place).collect();
+        let expected: Vec<Transform> = cameras[..places].iter().map(|(place, _)| *place).collect();
+        assert_eq!(found, expected, "{views} views");
+    }
+}
+
+#[test]
 fn a_recorded_path_keeps_its_times() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("path.txt");
