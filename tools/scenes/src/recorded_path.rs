@@ -10,6 +10,10 @@ const HEADER: &str =
     "# Camera path of bevy_glint. Each line: seconds, position (x y z, metres), rotation (quaternion, x y z w).";
 /// Seconds between two poses that are recorded, at least: every other frame of 60 a second.
 const INTERVAL: f32 = 0.03;
+/// The latest time in seconds: beyond it, frames are too close for `f32`.
+const MAX_SECONDS: f32 = 10_000.0;
+/// Seconds that a path lasts at least: those of the 32 frames of motion before a picture that is compared with the truth.
+const MIN_LENGTH: f32 = 32.0 / 60.0;
 
 /// Poses at times that grow. Seconds are those of the clock that moves the scene.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -122,13 +126,25 @@ impl FromStr for RecordedPath {
             if seconds < 0.0 || poses.last().is_some_and(|(last, _)| seconds <= *last) {
                 return Err(format!("the time in line {number} is not later than the one before it"));
             }
+            if seconds > MAX_SECONDS {
+                return Err(format!(
+                    "the time in line {number} is above {MAX_SECONDS} seconds: record soon after the start"
+                ));
+            }
             let pose = Transform::from_xyz(x, y, z).with_rotation(rotation.normalize());
             poses.push((seconds, pose));
         }
         if poses.len() < 2 {
             return Err("it holds fewer than two poses".to_owned());
         }
-        Ok(Self { poses })
+        let path = Self { poses };
+        let length = path.end() - path.start();
+        if length < MIN_LENGTH {
+            return Err(format!(
+                "it lasts {length:.2} seconds, at least {MIN_LENGTH:.2} are needed: record for longer"
+            ));
+        }
+        Ok(path)
     }
 }
 
@@ -191,6 +207,8 @@ mod tests {
             ("0 0 0 0 0 0 0 0\n1 0 0 0 0 0 0 1", "no unit quaternion"),
             ("1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1", "not later"),
             ("-1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1", "not later"),
+            ("0 0 0 0 0 0 0 1\n1e30 0 0 0 0 0 0 1", "line 2 is above 10000"),
+            ("9 0 0 0 0 0 0 1\n9.5 0 0 0 0 0 0 1", "0.50 seconds"),
         ] {
             let error = text.parse::<RecordedPath>().unwrap_err();
             assert!(
