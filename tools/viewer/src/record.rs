@@ -1,5 +1,6 @@
 //! Records the way of the camera into a file, from one press of a key to the next.
 
+use crate::source::Source;
 use bevy::{camera_controller::free_camera::FreeCamera, prelude::*};
 use glint_scenes::RecordedPath;
 use std::{mem, path::PathBuf};
@@ -10,13 +11,19 @@ const KEY: KeyCode = KeyCode::F9;
 #[derive(Resource)]
 pub struct Recorder {
     file: PathBuf,
+    /// The option of `cargo xtask evaluate` for what is shown.
+    scene: String,
     path: Option<RecordedPath>,
 }
 
 impl Recorder {
     /// Records into a file, once it is told to.
-    pub fn new(file: PathBuf) -> Self {
-        Self { file, path: None }
+    pub fn new(file: PathBuf, source: &Source) -> Self {
+        Self {
+            file,
+            scene: source.evaluate_option(),
+            path: None,
+        }
     }
 
     /// True from the first press of the key to the second.
@@ -24,13 +31,23 @@ impl Recorder {
         self.path.is_some()
     }
 
+    /// The command that measures along the path.
+    fn command(&self) -> String {
+        format!(
+            "cargo xtask evaluate {} --path '{}' --out results/path",
+            self.scene,
+            self.file.display()
+        )
+    }
+
     fn end(&mut self) {
         let Some(path) = mem::take(&mut self.path) else { return };
         match path.save(&self.file) {
             Ok(()) => info!(
-                "{} holds a camera path of {:.1} seconds: cargo xtask evaluate --path {0}",
+                "{} holds a camera path of {:.1} seconds: {}",
                 self.file.display(),
-                path.end() - path.start()
+                path.end() - path.start(),
+                self.command()
             ),
             Err(reason) => error!("{reason}"),
         }
@@ -58,5 +75,24 @@ pub fn record(
     }
     if exits.read().next().is_some() && recorder.is_recording() {
         recorder.end();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glint_scenes::{SceneName, SceneOptions};
+
+    #[test]
+    fn the_command_is_complete() {
+        let command = |source: &Source| Recorder::new("camera-path.txt".into(), source).command();
+        assert_eq!(
+            command(&Source::BuiltIn(SceneName::Temple, SceneOptions::default())),
+            "cargo xtask evaluate --scene temple --path 'camera-path.txt' --out results/path"
+        );
+        assert_eq!(
+            command(&Source::File("/models/my house.glb".into())),
+            "cargo xtask evaluate --gltf '/models/my house.glb' --path 'camera-path.txt' --out results/path"
+        );
     }
 }

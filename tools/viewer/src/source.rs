@@ -44,6 +44,14 @@ impl Source {
         }
     }
 
+    /// The option by which `cargo xtask evaluate` measures it.
+    pub fn evaluate_option(&self) -> String {
+        match self {
+            Self::BuiltIn(scene, _) => format!("--scene {scene}"),
+            Self::File(path) => format!("--gltf '{}'", path.display()),
+        }
+    }
+
     /// Name of its image, without the ending. Files share one name, so that no image replaces a texture beside a file.
     pub fn file_stem(&self) -> &'static str {
         match self {

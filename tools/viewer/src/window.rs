@@ -68,7 +68,7 @@ pub fn open(arguments: &Arguments) -> Result<(), String> {
         ..default()
     })
     .insert_resource(viewer(&source, method, arguments))
-    .insert_resource(Recorder::new(arguments.record.clone()))
+    .insert_resource(Recorder::new(arguments.record.clone(), &source))
     .add_systems(Update, (press_keys, write_title, gltf::exit_on_failure))
     .add_systems(Last, record::record);
     plugins::add_after_bevy(&mut app, arguments);
