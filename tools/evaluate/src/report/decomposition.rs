@@ -1,7 +1,10 @@
 //! Noise and bias of the reflected light: which part of an error changes with the random numbers, and which doesn't.
 
 use super::rows::{Row, scenes, significant};
-use crate::state::{Split, ViewSplit};
+use crate::{
+    protocol::STATIC_FRAMES,
+    state::{Split, ViewSplit},
+};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
@@ -35,7 +38,7 @@ pub struct SplitRow {
     pub bias_percent: f64,
     /// Both together: the root of the mean square error of a single frame.
     pub error_percent: f64,
-    /// The same noise as a contrast, in percent: each pixel relative to its luminance and that of the whole picture.
+    /// The same noise as a contrast, in percent: each pixel relative to its true luminance and that of the whole picture.
     pub noise_contrast: f64,
     /// The bias as a contrast.
     pub bias_contrast: f64,
@@ -160,8 +163,10 @@ pub fn section(rows: &[Row], splits: &[SplitRow]) -> String {
          whose squares add up: *noise* is the standard deviation between runs that differ in their random numbers alone, *bias* is how \
          far the mean of these runs is from the ground truth (lag, blur, ghosts, light that is missing), after the noise of the mean and \
          of the truth was taken off. Roots of mean squares of linear luminance before tone mapping, over all pixels and views. FLIP \
-         can't be split that way: its parts don't add up. Errors are contrasts: each pixel counts relative to its own luminance and that \
-         of the whole picture, so that few bright pixels don't outweigh all others. In the last two columns they may: those are \
+         can't be split that way: its parts don't add up. Runs are stretches of one low-discrepancy sequence, in still views {STATIC_FRAMES} \
+         frames apart, so that their noise is not quite independent: their mean may have less noise than is taken off, and the bias \
+         then comes out a little too small, above all after static frames. Errors are contrasts: each pixel counts relative to its own luminance and that \
+         of the whole picture in the ground truth, so that few bright pixels don't outweigh all others. In the last two columns they may: those are \
          absolute, in percent of the mean light that reflections add. `decomposition.csv` has each view, and the images `*.noise.png` \
          and `*.bias.png` (red is too bright, blue too dark) show where it is in motion, with full colour at a contrast of 10 %.\n\n\
          | scene | technique | tracer | noise in motion | bias in motion | both | noise, static | bias, static | absolute noise in motion | \
