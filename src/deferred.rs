@@ -135,7 +135,7 @@ fn add_prepass(cameras: Query<Entity, Lacking>, mut commands: Commands) {
     }
 }
 
-/// Whether the materials of a type would lose their own fragment shader in the G-buffer.
+/// By type of material: true if the G-buffer would lose its own fragment shader.
 type Losses = HashMap<TypeId, bool>;
 
 /// Draws materials forward that the G-buffer would show as their base alone. Shaders belong to a type, so that one look at each type tells.

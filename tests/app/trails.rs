@@ -1,4 +1,4 @@
-//! What moves in glossy surfaces, or is passed by, is nearly as exact as what rests.
+//! Moving things in glossy surfaces, and things that the camera passes, are nearly as exact as resting ones.
 
 use crate::{
     common::app,
@@ -15,7 +15,7 @@ const SIZE: UVec2 = UVec2::new(240, 160);
 /// Times the error at rest that the error in motion may be.
 const LIMIT: f32 = 1.55;
 
-/// What there is before a camera, on a glossy floor.
+/// A camera before a glossy floor, and things that stand on it.
 struct Scene {
     camera: Entity,
     /// Stands in the air.

@@ -267,7 +267,7 @@ impl InstanceTable {
             self.moving.push(slot);
         }
         if data.lightmap == NO_TEXTURE {
-            // Of two motions in a frame, none is that since the last frame.
+            // Neither of two motions in a frame is the one since the last frame.
             data.lightmap_rect_or_motion = if is_first { motion } else { [UNKNOWN_MOTION, 0] };
         }
         if was_restless {
