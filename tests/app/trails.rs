@@ -15,10 +15,10 @@ const SIZE: UVec2 = UVec2::new(240, 160);
 /// Times the error at rest that the error in motion may be.
 const LIMIT: f32 = 1.55;
 
-/// A camera before a glossy floor, and things that stand on it.
+/// A camera before a glossy floor, and a thing above it.
 struct Scene {
     camera: Entity,
-    /// Stands in the air.
+    /// The thing that moves, or is passed by.
     subject: Entity,
 }
 

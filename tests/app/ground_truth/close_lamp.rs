@@ -15,8 +15,8 @@ use glint_scenes::Output;
 const SIZE: UVec2 = UVec2::new(128, 72);
 const GROUND_TRUTH_FRAMES: u32 = 512;
 const FRAMES: u32 = 48;
-/// Most light of the floor before the lamp, in parts of the truth. It is 3, since records hold no normal of what a ray hit, and was 6.5 with a limit to how
-/// little a neighbour's ray counts.
+/// Most light of the floor before the lamp, in parts of the truth. It is 3, since records hold no normal of what a ray hit, and was 6.5
+/// with a limit to how little a neighbour's ray counts.
 const MOST_LIGHT: f32 = 4.5;
 
 #[test]
