@@ -6,13 +6,13 @@
 //! alternative, to make materials deferred only while a camera reflects, would prepare all materials anew at each switch, and other
 //! cameras would lose their objects meanwhile.
 //!
-//! An extended material with a fragment shader of its own may have none for the G-buffer: Bevy would draw it there as its base alone.
-//! Such materials stay forward.
+//! An extended material with a shader of its own may have none for the G-buffer: Bevy would draw it there as its base alone. One without a
+//! prepass wouldn't be drawn at all. Such materials stay forward.
 
 use crate::{device::tracing_app, settings::ReflectionFallback};
 use bevy::{
     app::{App, Plugin, PostUpdate},
-    asset::{AssetId, AssetServer, Handle},
+    asset::{AssetId, AssetServer, Handle, UntypedAssetId},
     camera::Camera3d,
     core_pipeline::{
         core_3d::check_msaa,
@@ -20,12 +20,12 @@ use bevy::{
     },
     ecs::{change_detection::Tick, prelude::*},
     log::{debug, info},
-    material::OpaqueRendererMethod,
+    material::{AlphaMode, MaterialProperties, OpaqueRendererMethod},
     pbr::{
-        DefaultOpaqueRendererMethod, DeferredFragmentShader, Material, MaterialFragmentShader, PreparedMaterial,
-        StandardMaterial, deferred::insert_deferred_lighting_pass_id_component,
+        DefaultOpaqueRendererMethod, DeferredFragmentShader, DeferredVertexShader, Material, MaterialFragmentShader,
+        MaterialVertexShader, PreparedMaterial, StandardMaterial, deferred::insert_deferred_lighting_pass_id_component,
     },
-    platform::collections::HashMap,
+    platform::collections::{HashMap, HashSet},
     reflect::PartialReflect,
     render::{
         Render, RenderApp, RenderSystems, erased_render_asset::ErasedRenderAssets, sync_world::SyncToRenderWorld,
@@ -94,10 +94,10 @@ impl Plugin for DeferredPlugin {
         if let Some(render_app) = app.get_sub_app_mut(RenderApp) {
             render_app.add_systems(
                 Render,
+                // The prepass is specialized among the first that follow.
                 keep_own_shaders
-                    .run_if(|method: Option<Res<DefaultOpaqueRendererMethod>>| method.is_some_and(|m| is_deferred(&m)))
                     .after(RenderSystems::PrepareAssets)
-                    .before(RenderSystems::Specialize),
+                    .before(RenderSystems::PrepareMeshes),
             );
         }
     }
@@ -135,37 +135,79 @@ fn add_prepass(cameras: Query<Entity, Lacking>, mut commands: Commands) {
     }
 }
 
-/// By type of material: true if the G-buffer would lose its own fragment shader.
-type Losses = HashMap<TypeId, bool>;
+/// Materials whose own shaders the G-buffer would lose.
+#[derive(Default)]
+struct Lossy {
+    /// By type of material. Shaders belong to a type, so that one look at each tells.
+    types: HashMap<TypeId, bool>,
+    /// Addresses of their properties: a material that is prepared anew has others.
+    known: HashMap<UntypedAssetId, usize>,
+    /// Types that the log has told of.
+    told: HashSet<TypeId>,
+}
 
-/// Draws materials forward that the G-buffer would show as their base alone. Shaders belong to a type, so that one look at each type tells.
+/// Draws materials forward that the G-buffer would not show as they are. Those that were prepared before the app chose deferred rendering
+/// stay as they are, as all others do in Bevy.
 fn keep_own_shaders(
     mut materials: ResMut<ErasedRenderAssets<PreparedMaterial>>,
+    method: Option<Res<DefaultOpaqueRendererMethod>>,
     server: Res<AssetServer>,
-    mut losses: Local<Losses>,
+    mut lossy: Local<Lossy>,
 ) {
     if !materials.is_changed() {
         return;
     }
+    let Lossy { types, known, told } = &mut *lossy;
+    let is_deferred = method.is_some_and(|method| is_deferred(&method));
+    // Most materials are of one type.
+    let mut last = None;
     for (id, material) in materials.bypass_change_detection().iter_mut() {
-        let loses = *losses.entry(id.type_id()).or_insert_with(|| {
-            let own = material.properties.get_shader(MaterialFragmentShader);
-            let deferred = material.properties.get_shader(DeferredFragmentShader);
-            let base = base_shader(&server);
-            let loses = loses_its_shader(own.as_ref().map(Handle::id), deferred.as_ref().map(Handle::id), base.id());
-            if loses {
+        let kind = id.type_id();
+        let loses = match last {
+            Some((last, loses)) if last == kind => loses,
+            _ => *types
+                .entry(kind)
+                .or_insert_with(|| is_lost(&material.properties, &server)),
+        };
+        last = Some((kind, loses));
+        if !loses {
+            continue;
+        }
+        let address = Arc::as_ptr(&material.properties).addr();
+        let is_known = known.insert(id, address) == Some(address);
+        let is_drawn_deferred = material.properties.render_method == OpaqueRendererMethod::Deferred
+            && matches!(material.properties.alpha_mode, AlphaMode::Opaque | AlphaMode::Mask(_));
+        if is_known || !is_deferred || !is_drawn_deferred {
+            continue;
+        }
+        // A material that was prepared just now belongs to nobody else.
+        if let Some(properties) = Arc::get_mut(&mut material.properties) {
+            properties.render_method = OpaqueRendererMethod::Forward;
+            if told.insert(kind) {
                 info!(
-                    "materials with a fragment shader of their own and no `deferred_fragment_shader` are drawn forward, and show no \
+                    "materials with shaders of their own and no `deferred_fragment_shader`, or without a prepass, are drawn forward, and show no \
                      ray-traced reflections; write one to have them reflect"
                 );
             }
-            loses
-        });
-        // A material that was prepared just now belongs to nobody else.
-        if loses && let Some(properties) = Arc::get_mut(&mut material.properties) {
-            properties.render_method = OpaqueRendererMethod::Forward;
         }
     }
+    known.retain(|id, _| materials.get(*id).is_some());
+}
+
+/// Returns whether the G-buffer lacks what a material's own shaders do, or the material as a whole.
+fn is_lost(properties: &MaterialProperties, server: &AssetServer) -> bool {
+    let base = base_shader(server);
+    let own = properties.get_shader(MaterialFragmentShader);
+    let deferred = properties.get_shader(DeferredFragmentShader);
+    // Bevy's own vertex shader is no material's.
+    let moves_vertices = properties.get_shader(MaterialVertexShader).is_some();
+    !properties.prepass_enabled
+        || loses_its_shader(
+            own.as_ref().map(Handle::id),
+            deferred.as_ref().map(Handle::id),
+            base.id(),
+        )
+        || (moves_vertices && properties.get_shader(DeferredVertexShader).is_none())
 }
 
 /// The shader by which `StandardMaterial`s, and extensions that don't say otherwise, are drawn into the G-buffer.

@@ -157,6 +157,46 @@ impl MaterialExtension for Reddening {
 
 type Reddened = ExtendedMaterial<StandardMaterial, Reddening>;
 
+/// An extension that no prepass draws.
+#[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
+struct WithoutPrepass {}
+
+impl MaterialExtension for WithoutPrepass {
+    fn enable_prepass() -> bool {
+        false
+    }
+}
+
+type Unprepared = ExtendedMaterial<StandardMaterial, WithoutPrepass>;
+
+/// In the G-buffer they would be missing.
+#[test]
+fn materials_without_a_prepass_are_drawn() {
+    let Some(mut app) = start_with_plugin(|app| {
+        app.add_plugins(MaterialPlugin::<Unprepared>::default());
+    }) else {
+        return;
+    };
+    let target = app.target();
+    let world = app.world();
+    let mesh = world.resource_mut::<Assets<Mesh>>().add(wall());
+    let base = StandardMaterial {
+        base_color: Color::srgb_u8(255, 0, 0),
+        unlit: true,
+        ..default()
+    };
+    let extension = WithoutPrepass {};
+    let material = world
+        .resource_mut::<Assets<Unprepared>>()
+        .add(Unprepared { base, extension });
+    world.spawn((Mesh3d(mesh), MeshMaterial3d(material)));
+    world.spawn((camera(target, 0), RayTracedReflections::default()));
+    app.warm_up(20_000).unwrap();
+    app.step(4);
+    let all = (SIZE.x * SIZE.y) as usize;
+    assert_eq!(red_pixels(&app.capture().unwrap()), all, "red pixels");
+}
+
 /// The G-buffer would show their base alone.
 #[test]
 fn extended_materials_keep_a_shader_of_their_own() {
