@@ -322,10 +322,10 @@ const FILTERS: &str = "
 import package::denoise::filters::{
     blur_radius, clip_to_box, expected_spread, firefly_limit, frame_share, hit_confidence, is_neighbour, is_same_surface,
     likely_history, longest_history, mean_variance, moving_age, pack_frame_weight, pack_surface, rest_firefly, rest_history, rest_of,
-    rgb_of_ycocg, same_roughness, unpack_frame_weight, unpack_surface, virtual_distance, virtual_share, ycocg,
+    rgb_of_ycocg, same_roughness, settled_of, unpack_frame_weight, unpack_surface, virtual_distance, virtual_share, ycocg,
 };
 import package::common::radiance::luminance;
-import package::denoise::lobes::{image_angle, is_sharp, normal_weight, place_weight, reconnection_jacobian};
+import package::denoise::lobes::{image_angle, is_sharp, normal_weight, place_weight, place_width, reconnection_jacobian};
 
 @group(0) @binding(0) var<storage, read> inputs: array<array<vec4<f32>, 4>>;
 @group(0) @binding(1) var<storage, read_write> outputs: array<array<vec4<f32>, 12>>;
@@ -362,7 +362,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             rest_history(32.0 * a.z, 64.0 * b.z, u32(600.0 * a.w), d.x), rest_firefly(100.0 * c.z, d.x)),
         vec4(pack_frame_weight(20.0 * a.x), unpack_frame_weight(pack_frame_weight(20.0 * a.y)),
             image_angle(0.002, 10.0 * b.x, 0.01 + 10.0 * b.y, d.x > 0.5), reconnection_jacobian((0.01 + a.z) * (0.01 + a.z), 1.0 / b.z)),
-        vec4(place_weight(8.0 * a.x, 1.0), place_weight(32.0 * a.x, 1.0 + 3.0 * a.y), normal_weight(0.7 + 0.3 * a.z, 0.1 + a.w),
+        vec4(place_weight(8.0 * a.x, 1.0), place_weight(32.0 * a.x, place_width(0.5 + 3.0 * a.y, b.z, 0.05 + b.x, settled_of(u32(48.0 * b.w)))), normal_weight(0.7 + 0.3 * a.z, 0.1 + a.w),
             select(0.0, 1.0, is_sharp(b.x, 0.1 * b.y, 8.0 * b.z))),
     );
 }
@@ -418,7 +418,7 @@ fn filters_twin([a, b, c, d]: [Vec4; 4]) -> [Vec4; 12] {
         ),
         vec4(
             place_weight(8.0 * a.x, 1.0),
-            place_weight(32.0 * a.x, 1.0 + 3.0 * a.y),
+            place_weight(32.0 * a.x, place_width(0.5 + 3.0 * a.y, b.z, 0.05 + b.x, settled_of((48.0 * b.w) as u32))),
             normal_weight(0.7 + 0.3 * a.z, 0.1 + a.w),
             f32::from(u8::from(is_sharp(b.x, 0.1 * b.y, 8.0 * b.z))),
         ),
