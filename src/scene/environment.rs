@@ -21,7 +21,7 @@ use bevy::{
     },
     math::{Quat, Vec3},
     pbr::{ExtractedAtmosphere, GpuAtmosphereSettings},
-    render::sync_world::RenderEntity,
+    render::{settings::WgpuFeatures, sync_world::RenderEntity},
     transform::components::GlobalTransform,
 };
 use bytemuck::{Pod, Zeroable};
@@ -136,9 +136,9 @@ impl ViewEnvironment {
         self.uniform.air != GpuAir::default()
     }
 
-    /// Haze of the atmosphere lies before what rays hit.
-    pub(super) fn has_haze(&self) -> bool {
-        self.medium.is_some()
+    /// Haze of the atmosphere lies before what rays hit. Bevy's tables of a medium are filtered, and hold 32-bit floats.
+    pub(super) fn has_haze(&self, features: WgpuFeatures) -> bool {
+        self.medium.is_some() && features.contains(WgpuFeatures::FLOAT32_FILTERABLE)
     }
 
     /// The view shows volumes of fog with a texture of their density.
@@ -304,5 +304,29 @@ pub(super) fn follow_environments(
     };
     for (view, _) in views.iter().filter(|(view, _)| !is_active(view)) {
         commands.entity(view).remove::<ViewEnvironment>();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bevy::{math::Mat4, pbr::AtmosphereSettings};
+
+    #[test]
+    fn haze_is_known_in_an_atmosphere_and_where_its_tables_can_be_filtered() {
+        let settings = ClampedSettings::from(&RayTracedReflections::default());
+        let mut view = ViewEnvironment::new(&settings, 1.0, (Color::BLACK, 0.0), None, None, None);
+        let able = WgpuFeatures::FLOAT32_FILTERABLE;
+        assert!(!view.has_haze(able) && !view.has_air());
+        let earth = ExtractedAtmosphere {
+            inner_radius: 6_360_000.0,
+            outer_radius: 6_460_000.0,
+            ground_albedo: Vec3::ZERO,
+            medium: AssetId::default(),
+            world_to_atmosphere: Mat4::from_translation(Vec3::Y * 6_360_000.0),
+        };
+        view.breathe(&earth, &AtmosphereSettings::default().into(), Vec3::ZERO);
+        assert!(view.has_air() && view.has_haze(able) && view.has_haze(able | WgpuFeatures::TIMESTAMP_QUERY));
+        assert!(!view.has_haze(WgpuFeatures::empty()) && !view.has_haze(WgpuFeatures::TIMESTAMP_QUERY));
     }
 }

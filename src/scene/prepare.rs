@@ -208,7 +208,8 @@ impl Scene<'_, '_> {
     /// Notes what materials and cameras ask of shaders.
     fn note_features(&mut self) {
         self.bindings.has_air = self.views.iter().any(ViewEnvironment::has_air);
-        self.bindings.has_haze = self.views.iter().any(ViewEnvironment::has_haze);
+        let features = self.device.features();
+        self.bindings.has_haze = self.views.iter().any(|view| view.has_haze(features));
         self.bindings.has_fog_volumes = self.views.iter().any(ViewEnvironment::has_fog_volumes);
         self.bindings.has_fog_density = self.views.iter().any(ViewEnvironment::has_fog_density);
         self.bindings.has_clearcoat = self.materials.has_clearcoat();
