@@ -7,8 +7,10 @@ use crate::{
 };
 use bevy::{
     asset::RenderAssetUsages,
+    camera::Exposure,
     image::Image,
-    light::LightProbe,
+    light::{Atmosphere, LightProbe, SunDisk, atmosphere::ScatteringMedium},
+    pbr::AtmosphereSettings,
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
 };
@@ -333,5 +335,64 @@ fn what_rays_meet_is_followed() {
                 }
             });
         }
+    }
+}
+
+/// Units of a metre: the haze of kilometres lies between things that are near.
+const METRE: f32 = 0.001;
+
+/// Air around a rough mirror, which shows the sky and a thing that no sun lights: nothing that rays meet carries the sun's mark.
+fn spawn_in_air(app: &mut HeadlessApp) -> (Entity, Entity) {
+    spawn_mesh(app, wall(), metal(0.2), Transform::IDENTITY);
+    let thing = StandardMaterial {
+        base_color: Color::linear_rgb(0.1, 0.3, 0.8),
+        unlit: true,
+        ..default()
+    };
+    spawn_mesh(app, Sphere::new(1.5), thing, Transform::from_xyz(-1.0, 0.0, 8.0));
+    let medium = ScatteringMedium::earth(64, 64);
+    let medium = app.world().resource_mut::<Assets<ScatteringMedium>>().add(medium);
+    let atmosphere = Atmosphere::earth(medium);
+    let depth = (atmosphere.inner_radius + 1_500.0) * METRE;
+    let place = Transform::from_xyz(0.0, -depth, 0.0).with_scale(Vec3::splat(METRE));
+    app.world().spawn((atmosphere, place));
+    let sun = app
+        .world()
+        .spawn((DirectionalLight::default(), SunDisk::OFF, Transform::default()));
+    let sun = sun.id();
+    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+    app.world().entity_mut(camera).insert((
+        AtmosphereSettings::default(),
+        Exposure::default(),
+        RayTracedReflections {
+            technique: ReflectionTechnique::Reference,
+            roughness_cutoff: 1.0,
+            ..default()
+        },
+    ));
+    (camera, sun)
+}
+
+#[test]
+fn the_sun_of_an_atmosphere_is_followed() {
+    const NOON: Vec3 = Vec3::new(1.0, -2.0, 0.5);
+    const EVENING: Vec3 = Vec3::new(1.0, -0.05, 0.5);
+    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let app = &mut app;
+    let (camera, sun) = spawn_in_air(app);
+    let shine = |app: &mut HeadlessApp, illuminance: f32, direction: Vec3| {
+        let mut sun = app.world().entity_mut(sun);
+        sun.get_mut::<DirectionalLight>().unwrap().illuminance = illuminance;
+        *sun.get_mut::<Transform>().unwrap() = Transform::default().looking_to(direction, Vec3::Y);
+    };
+    let morning = |app: &mut HeadlessApp| shine(app, 6_000.0, NOON);
+    for (name, illuminance, direction) in [("illuminance", 2_000.0, NOON), ("direction", 6_000.0, EVENING)] {
+        assert_followed(app, camera, name, morning, |app, step, happens| {
+            if happens && step == 0 {
+                shine(app, illuminance, direction);
+            }
+        });
     }
 }
