@@ -18,7 +18,12 @@ use bevy::{
         core_3d::check_msaa,
         prepass::{DeferredPrepass, DepthPrepass},
     },
-    ecs::{change_detection::Tick, prelude::*},
+    ecs::{
+        archetype::{ArchetypeGeneration, Archetypes},
+        change_detection::Tick,
+        component::Components,
+        prelude::*,
+    },
     log::{debug, info},
     material::{AlphaMode, MaterialProperties, OpaqueRendererMethod},
     pbr::{
@@ -26,10 +31,10 @@ use bevy::{
         MaterialVertexShader, PreparedMaterial, StandardMaterial, deferred::insert_deferred_lighting_pass_id_component,
     },
     platform::collections::{HashMap, HashSet},
-    reflect::PartialReflect,
+    reflect::{GenericInfo, PartialReflect, TypeRegistry},
     render::{
-        Render, RenderApp, RenderSystems, erased_render_asset::ErasedRenderAssets, sync_world::SyncToRenderWorld,
-        view::Msaa,
+        Extract, ExtractSchedule, Render, RenderApp, RenderSystems, erased_render_asset::ErasedRenderAssets,
+        sync_world::SyncToRenderWorld, view::Msaa,
     },
     shader::{Shader, ShaderRef},
 };
@@ -92,6 +97,9 @@ impl Plugin for DeferredPlugin {
                 .before(insert_deferred_lighting_pass_id_component),
         );
         if let Some(render_app) = app.get_sub_app_mut(RenderApp) {
+            render_app
+                .init_resource::<UsedMaterials>()
+                .add_systems(ExtractSchedule, find_used_materials);
             render_app.add_systems(
                 Render,
                 // The prepass is specialized among the first that follow.
@@ -135,6 +143,52 @@ fn add_prepass(cameras: Query<Entity, Lacking>, mut commands: Commands) {
     }
 }
 
+/// Every component that draws a `Mesh3d` with a material has this name.
+const MATERIAL_COMPONENT: &str = "MeshMaterial3d";
+
+/// Types of materials that entities of the main world have or had, with their names.
+#[derive(Resource, Default)]
+struct UsedMaterials {
+    looked_at: Option<ArchetypeGeneration>,
+    names: HashMap<TypeId, &'static str>,
+}
+
+/// Finds types of materials. Nothing is walked but archetypes, each once when it is new.
+fn find_used_materials(
+    archetypes: Extract<&Archetypes>,
+    components: Extract<&Components>,
+    registry: Extract<Res<AppTypeRegistry>>,
+    mut used: ResMut<UsedMaterials>,
+) {
+    let generation = archetypes.generation();
+    if used.looked_at == Some(generation) {
+        return;
+    }
+    let before = used.bypass_change_detection().looked_at.replace(generation);
+    let registry = registry.read();
+    for archetype in &archetypes[before.unwrap_or_else(ArchetypeGeneration::initial)..] {
+        let types = archetype.components().iter();
+        let types = types.filter_map(|id| components.get_info(*id)?.type_id());
+        for (material, name) in types.filter_map(|of| material_of(of, &registry)) {
+            if !used.names.contains_key(&material) {
+                used.names.insert(material, name);
+            }
+        }
+    }
+}
+
+/// The type of material, with its name, of entities with such a component.
+fn material_of(component: TypeId, registry: &TypeRegistry) -> Option<(TypeId, &'static str)> {
+    let info = registry.get(component)?.type_info();
+    if info.type_path_table().ident() != Some(MATERIAL_COMPONENT) {
+        return None;
+    }
+    match info.generics().first()? {
+        GenericInfo::Type(material) => Some((material.ty().id(), material.ty().short_path())),
+        GenericInfo::Const(_) => None,
+    }
+}
+
 /// Materials whose own shaders the G-buffer would lose.
 #[derive(Default)]
 struct Lossy {
@@ -150,14 +204,19 @@ struct Lossy {
 /// stay as they are, as all others do in Bevy.
 fn keep_own_shaders(
     mut materials: ResMut<ErasedRenderAssets<PreparedMaterial>>,
+    used: Res<UsedMaterials>,
     method: Option<Res<DefaultOpaqueRendererMethod>>,
     server: Res<AssetServer>,
     mut lossy: Local<Lossy>,
 ) {
-    if !materials.is_changed() {
+    if !materials.is_changed() && !used.is_changed() {
         return;
     }
     let Lossy { types, known, told } = &mut *lossy;
+    // Bevy doesn't tell which materials it has prepared, and worlds have thousands: they are walked only if one may lose its shader.
+    if used.names.keys().all(|kind| types.get(kind) == Some(&false)) {
+        return;
+    }
     let is_deferred = method.is_some_and(|method| is_deferred(&method));
     // Most materials are of one type.
     let mut last = None;
@@ -184,9 +243,10 @@ fn keep_own_shaders(
         if let Some(properties) = Arc::get_mut(&mut material.properties) {
             properties.render_method = OpaqueRendererMethod::Forward;
             if told.insert(kind) {
+                let name = used.names.get(&kind).copied().unwrap_or("unknown");
                 info!(
-                    "materials with shaders of their own and no `deferred_fragment_shader`, or without a prepass, are drawn forward, and show no \
-                     ray-traced reflections; write one to have them reflect"
+                    "materials of the type `{name}` are drawn forward, and show no ray-traced reflections: they have shaders of their own and \
+                     no `deferred_fragment_shader`, or no prepass; write one to have them reflect"
                 );
             }
         }
@@ -227,7 +287,18 @@ fn loses_its_shader(own: Option<AssetId<Shader>>, deferred: Option<AssetId<Shade
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bevy::asset::uuid::Uuid;
+    use bevy::{asset::uuid::Uuid, camera::visibility::Visibility, pbr::MeshMaterial3d};
+
+    #[test]
+    fn components_tell_their_material() {
+        let mut registry = TypeRegistry::new();
+        registry.register::<MeshMaterial3d<StandardMaterial>>();
+        registry.register::<Visibility>();
+        let of = material_of(TypeId::of::<MeshMaterial3d<StandardMaterial>>(), &registry);
+        assert_eq!(of, Some((TypeId::of::<StandardMaterial>(), "StandardMaterial")));
+        assert_eq!(material_of(TypeId::of::<Visibility>(), &registry), None);
+        assert_eq!(material_of(TypeId::of::<StandardMaterial>(), &registry), None);
+    }
 
     #[test]
     fn own_shaders_are_lost_where_the_g_buffer_has_none_of_them() {

@@ -220,10 +220,12 @@ fn extended_materials_keep_a_shader_of_their_own() {
     let material = world
         .resource_mut::<Assets<Reddened>>()
         .add(Reddened { base, extension });
-    world.spawn((Mesh3d(mesh), MeshMaterial3d(material.clone())));
     world.spawn((camera(target, 0), RayTracedReflections::default()));
     app.warm_up(20_000).unwrap();
+    // The material is there before any object has it.
+    app.world().spawn((Mesh3d(mesh), MeshMaterial3d(material.clone())));
     app.step(4);
+    app.warm_up(20_000).unwrap();
     let all = (SIZE.x * SIZE.y) as usize;
     assert_eq!(red_pixels(&app.capture().unwrap()), all, "red pixels");
     // A change has it prepared anew.

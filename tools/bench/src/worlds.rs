@@ -17,6 +17,7 @@ const INSTANCES: usize = 100_000;
 const MOVERS: usize = 10_000;
 const LIGHTS: usize = 1_000;
 const MOVING_LIGHTS: usize = 100;
+const MATERIALS: usize = 10_000;
 /// Meshes and materials that objects share.
 const KINDS: usize = 16;
 /// Subdivisions of the spheres of large worlds: 320 triangles each, of which merged trees have room for a small part.
@@ -45,6 +46,8 @@ struct Case {
 enum World {
     /// So many spheres with so many subdivisions.
     Spheres(usize, u32),
+    /// So many of them, each with a material of its own.
+    Materials(usize),
     /// With a few spheres.
     Lights,
 }
@@ -56,13 +59,13 @@ enum Change {
     Objects(usize),
     /// The same ones in each frame.
     Lights(usize),
-    /// A material that many objects share.
+    /// The first material, which many objects may share.
     Material,
     /// An object that was static so far, in each round another one.
     Touch,
 }
 
-const CASES: [Case; 7] = [
+const CASES: [Case; 8] = [
     Case {
         name: "one static instance",
         world: World::Spheres(1, FINE),
@@ -90,6 +93,12 @@ const CASES: [Case; 7] = [
     Case {
         name: "the material of 6,250 of 100,000 changes",
         world: World::Spheres(INSTANCES, FINE),
+        change: Change::Material,
+        limit: None,
+    },
+    Case {
+        name: "one of 10,000 materials changes",
+        world: World::Materials(MATERIALS),
         change: Change::Material,
         limit: None,
     },
@@ -257,9 +266,10 @@ impl Setup {
             frame: 0,
         };
         match world {
-            World::Spheres(count, subdivisions) => setup.spawn(count, subdivisions),
+            World::Spheres(count, subdivisions) => setup.spawn(count, subdivisions, KINDS),
+            World::Materials(count) => setup.spawn(count, COARSE, count),
             World::Lights => {
-                setup.spawn(100, FINE);
+                setup.spawn(100, FINE, KINDS);
                 setup.spawn_lights();
             }
         }
@@ -271,27 +281,29 @@ impl Setup {
         self.app.world().resource::<ReflectionStatus>().report()
     }
 
-    /// Spheres on a grid of cells of three metres.
-    fn spawn(&mut self, count: usize, subdivisions: u32) {
+    /// Spheres on a grid of cells of three metres, which share so many materials.
+    fn spawn(&mut self, count: usize, subdivisions: u32, materials: usize) {
         let world = self.app.world();
-        let kinds: Vec<_> = (0..KINDS)
+        let meshes: Vec<_> = (0..KINDS)
             .map(|kind| {
                 let radius = 0.5 + kind as f32 / KINDS as f32;
                 let builder = Sphere::new(radius).mesh();
                 let mesh = builder.ico(subdivisions).unwrap_or_else(|_| Sphere::new(radius).into());
-                let color = Color::hsl(360.0 * kind as f32 / KINDS as f32, 0.5, 0.5);
-                (
-                    Mesh3d(world.resource_mut::<Assets<Mesh>>().add(mesh)),
-                    MeshMaterial3d(world.resource_mut::<Assets<StandardMaterial>>().add(color)),
-                )
+                Mesh3d(world.resource_mut::<Assets<Mesh>>().add(mesh))
             })
             .collect();
-        self.materials = kinds.iter().map(|(_, material)| material.0.clone()).collect();
+        self.materials = (0..materials)
+            .map(|kind| {
+                let color = Color::hsl(360.0 * kind as f32 / materials as f32, 0.5, 0.5);
+                world.resource_mut::<Assets<StandardMaterial>>().add(color)
+            })
+            .collect();
         let edge = (count as f64).cbrt().ceil() as usize;
         for index in 0..count {
             let cell = [index % edge, index / edge % edge, index / (edge * edge)].map(|cell| 3.0 * cell as f32);
             let place = Vec3::from(cell) + Vec3::new(0.0, 0.0, 10.0);
-            let (mesh, material) = kinds[index * 7 % KINDS].clone();
+            let mesh = meshes[index * 7 % KINDS].clone();
+            let material = MeshMaterial3d(self.materials[index * 7 % materials].clone());
             let object = world.spawn((mesh, material, Transform::from_translation(place)));
             self.objects.push(object.id());
         }
