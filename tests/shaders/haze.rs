@@ -24,6 +24,16 @@ fn load_material(index: u32) -> Material {
 }
 ",
 );
+/// The view has nothing but its flags ...
+const VIEW: (&str, &str) = (
+    "gbuffer.wesl",
+    "
+import bevy_render::view::View;
+import package::view::uniform::ReflectionView;
+var<private> view: View;
+var<private> reflection_view: ReflectionView;
+",
+);
 /// ... and there are two suns.
 const SUNS: (&str, &str) = (
     "scene/bindings.wesl",
@@ -228,7 +238,7 @@ fn environment(distance: f32, layers: u32, samples: u32) -> GpuEnvironment {
 
 fn run(gpu: &Gpu, environment: &GpuEnvironment, inputs: &[Input]) -> Vec<Output> {
     let defs = ["ATMOSPHERIC", "AERIAL_PERSPECTIVE"].map(Into::into);
-    let pipeline = gpu.pipeline(&flatten(HAZE, &[OPAQUE, SUNS], &defs), "main", Checks::Off);
+    let pipeline = gpu.pipeline(&flatten(HAZE, &[OPAQUE, VIEW, SUNS], &defs), "main", Checks::Off);
     let (input, output) = (gpu.buffer(inputs), gpu.buffer(&vec![Output::zeroed(); inputs.len()]));
     let (surroundings, suns) = (gpu.buffer(core::slice::from_ref(environment)), gpu.buffer(&suns()));
     let tables = tables(gpu);

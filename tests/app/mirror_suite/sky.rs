@@ -10,7 +10,8 @@ use bevy::{
         Atmosphere, AtmosphereEnvironmentMapLight, FogVolume, GeneratedEnvironmentMapLight, NotShadowCaster,
         NotShadowReceiver, Skybox, SunDisk, VolumetricFog, VolumetricLight, atmosphere::ScatteringMedium,
     },
-    pbr::{AtmosphereMode, AtmosphereSettings},
+    material::OpaqueRendererMethod,
+    pbr::{AtmosphereMode, AtmosphereSettings, ScreenSpaceTransmission},
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
 };
@@ -29,7 +30,7 @@ pub(super) type Components = (
 /// Direction of light from a low sun behind the mirror.
 const LOW_SUN: Vec3 = Vec3::new(0.4, -0.12, 1.0);
 
-pub(super) const ROWS: [Row; 16] = [
+pub(super) const ROWS: [Row; 18] = [
     ("sunlight through an atmosphere", |stage| {
         stage.breathe(5_000.0);
         stage.spawn(blue());
@@ -71,6 +72,13 @@ pub(super) const ROWS: [Row; 16] = [
             ..blue()
         });
         stage.enlarge(500.0);
+    }),
+    ("glass, which has no haze", |stage| {
+        stage.dress(ScreenSpaceTransmission::default());
+        stage.hang_glass_in_haze();
+    }),
+    ("glass that is drawn as if it were opaque, in haze", |stage| {
+        stage.hang_glass_in_haze();
     }),
     ("a volume of fog", |stage| {
         stage.add_fog_volume();
@@ -221,6 +229,18 @@ impl Stage<'_> {
             SunDisk::OFF,
             Transform::default().looking_to(Vec3::new(1.0, -0.4, 0.0), Vec3::Y),
         ));
+    }
+
+    /// Glass that lets so little through that what lies behind isn't seen. Only forward is it drawn by cameras without a pass for it.
+    fn hang_glass_in_haze(&mut self) {
+        self.lie_in_haze(AtmosphereSettings::default(), 1.0);
+        self.spawn(StandardMaterial {
+            specular_transmission: 0.001,
+            opaque_render_method: OpaqueRendererMethod::Forward,
+            unlit: true,
+            ..blue()
+        });
+        self.enlarge(500.0);
     }
 
     /// Makes what was spawned so many times larger and farther away.
