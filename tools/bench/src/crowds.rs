@@ -20,6 +20,7 @@ use bevy_glint::{
     ReflectionTechnique, ReflectionTracer, ReflectionTracerChoice,
 };
 use glint_scenes::{HeadlessApp, HeadlessSettings, SystemClock};
+use std::collections::BTreeMap;
 
 /// Lamps of the street.
 const LAMPS: [usize; 2] = [10, 10_000];
@@ -63,8 +64,8 @@ pub fn measure(tracers: &[ReflectionTracerChoice], crowds: &Crowds, csv: &mut Cs
             "\nTracer {word} on {}, {x}x{y}, {} frames.\n",
             report.adapter, crowds.frames
         );
-        println!("| case | posed | pose GPU ms | trace GPU ms | CPU ms of the plugin | 95 % interval |");
-        println!("| --- | ---: | ---: | ---: | ---: | ---: |");
+        println!("| case | posed | pose GPU ms | trace GPU ms | CPU ms of the plugin | 95 % interval | most of it |");
+        println!("| --- | ---: | ---: | ---: | ---: | ---: | --- |");
         if wants("characters") {
             setup.spawn_characters(crowds.characters);
             for (name, pose, walks) in [
@@ -101,19 +102,31 @@ struct Measured {
     pose: Vec<f64>,
     trace: Vec<f64>,
     systems: Vec<f64>,
+    /// Milliseconds of all frames by system.
+    by_system: BTreeMap<String, f64>,
 }
 
 impl Measured {
     fn print(&self, case: &str, tracer: &str, csv: &mut Csv) {
         let [pose, trace] = [&self.pose, &self.trace].map(|times| quantile(times, 0.5));
         let (mean, half) = interval(&self.systems);
+        let mut systems: Vec<_> = self.by_system.iter().collect();
+        systems.sort_by(|a, b| b.1.total_cmp(a.1));
+        let frames = self.systems.len() as f64;
+        let short = |name: &str| name.rsplit("::").next().unwrap_or(name).to_owned();
+        let most: Vec<String> = systems
+            .iter()
+            .take(6)
+            .map(|(name, sum)| format!("{} {:.3}", short(name), *sum / frames))
+            .collect();
         println!(
-            "| {case} | {} | {} | {} | {mean:.3} | {:.3} to {:.3} |",
+            "| {case} | {} | {} | {} | {mean:.3} | {:.3} to {:.3} | {} |",
             self.posed,
             number(pose, 4),
             number(trace, 4),
             mean - half,
             mean + half,
+            most.join(", "),
         );
         for (measure, value) in [("pose_gpu", pose), ("trace_gpu", trace), ("plugin_cpu", Some(mean))] {
             if let Some(value) = value {
@@ -298,12 +311,17 @@ impl Setup {
             self.shift(walks);
             self.clock.take();
             self.app.step(1);
-            let systems: f64 = self.clock.take().iter().map(|(_, milliseconds)| milliseconds).sum();
+            let systems = self.clock.take();
             self.app.wait_until_idle().map_err(|error| error.to_string())?;
             if frame < WARM_UP_FRAMES {
                 continue;
             }
-            measured.systems.push(systems);
+            measured
+                .systems
+                .push(systems.iter().map(|(_, milliseconds)| milliseconds).sum());
+            for (name, milliseconds) in systems {
+                *measured.by_system.entry(name).or_default() += milliseconds;
+            }
             let store = self.app.world().resource::<DiagnosticsStore>();
             let latest = |path: &'static str| store.get(&DiagnosticPath::const_new(path))?.value();
             measured.trace.extend(latest("render/glint/trace/elapsed_gpu"));
