@@ -8,6 +8,7 @@ use super::{
     activity::SceneActivity,
     bvh::Item,
     change::{Change, SceneVersion},
+    forward::ForwardObjects,
     gpu_types::{GpuInstance, GpuLight, GpuLightProbe, GpuMaterial, GpuSceneCounts},
     light_probes::{self, LightProbes},
     light_table::LightTable,
@@ -61,6 +62,8 @@ pub struct SceneBindings {
     pub(super) poses: Poses,
     /// Objects with glass, water and the like.
     pub(crate) see_through: SeeThroughObjects,
+    /// Opaque objects without pixels in Bevy's G-buffer.
+    pub(crate) forward: ForwardObjects,
     pub(super) lightmaps: Lightmaps,
     pub(super) light_probes: LightProbes,
     /// Some material has a clearcoat.
@@ -122,6 +125,7 @@ impl FromWorld for SceneBindings {
             masks: MaskSets::default(),
             poses: Poses::new(world, tracer),
             see_through: SeeThroughObjects::default(),
+            forward: ForwardObjects::default(),
             lightmaps: Lightmaps::default(),
             light_probes: LightProbes::new(textures.mode(), device, queue),
             has_clearcoat: false,
@@ -214,6 +218,11 @@ impl SceneBindings {
         !self.light_probes.is_empty()
     }
 
+    /// Returns whether there is anything that Bevy may draw in front of its G-buffer and that can reflect.
+    pub(crate) fn has_layer_surfaces(&self) -> bool {
+        self.see_through.entities().next().is_some() || self.forward.count() > 0
+    }
+
     /// Returns whether the device has what light probes need.
     pub(crate) fn can_have_light_probes(&self) -> bool {
         self.light_probes.textures().is_some()
@@ -261,6 +270,7 @@ impl SceneBindings {
         self.poses.clear(meshes);
         self.top_level.clear(meshes);
         self.see_through = SeeThroughObjects::default();
+        self.forward = ForwardObjects::default();
         self.lightmaps = Lightmaps::default();
         self.light_textures = LightTextures::default();
         self.light_probes.clear();

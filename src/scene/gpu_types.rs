@@ -51,6 +51,8 @@ pub const MATERIAL_SEE_THROUGH: u32 = 256;
 pub const MATERIAL_FADES: u32 = 512;
 /// The surface covers samples by its alpha, and is drawn with the opaque ones.
 pub const MATERIAL_COVERAGE: u32 = 16384;
+/// Drawn forward, opaque and lit: it has no pixel in Bevy's G-buffer.
+pub const MATERIAL_FORWARD: u32 = 32768;
 /// From this bit on, bits hold the number of the material's type: 0 is `StandardMaterial`.
 pub const MATERIAL_TYPE_SHIFT: u32 = 10;
 /// They, shifted to 0.

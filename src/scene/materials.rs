@@ -1,5 +1,6 @@
 //! Materials as hits need them: copies of the assets in the render world, packed into the table that shaders read.
 
+mod forward;
 mod pack;
 mod types;
 mod users;
@@ -64,15 +65,31 @@ use users::{ImageUsers, Images};
 pub trait ReflectedMaterial: Material {
     /// The material that rays see. Called once for each change of the asset.
     fn reflected(&self) -> StandardMaterial;
+
+    /// Returns whether the material's own shader adds the specular light of the environment as Bevy does for a [`StandardMaterial`] like
+    /// [`reflected`](Self::reflected). Then traced reflections take its place where the material is drawn forward
+    /// ([`forward`](crate::RayTracedReflections::forward)). Default: false.
+    #[must_use]
+    fn shows_environment() -> bool {
+        false
+    }
 }
 
 impl ReflectedMaterial for StandardMaterial {
+    fn shows_environment() -> bool {
+        true
+    }
+
     fn reflected(&self) -> StandardMaterial {
         self.clone()
     }
 }
 
 impl<E: MaterialExtension> ReflectedMaterial for ExtendedMaterial<StandardMaterial, E> {
+    fn shows_environment() -> bool {
+        true
+    }
+
     fn reflected(&self) -> StandardMaterial {
         let mut base = self.base.clone();
         if let Some(alpha_mode) = E::alpha_mode() {
@@ -91,6 +108,10 @@ pub struct MaterialAssets {
     materials: HashMap<UntypedAssetId, StandardMaterial>,
     /// The `MATERIAL_TYPE_` bits of each type.
     type_flags: HashMap<TypeId, u32>,
+    /// Types whose shaders show the environment.
+    mirroring: HashSet<TypeId>,
+    /// Opaque materials that Bevy draws forward; `None` while nobody has looked.
+    forward: Option<HashSet<UntypedAssetId>>,
     changed: HashSet<UntypedAssetId>,
     /// Changed materials whose instances may be others than before.
     reshaped: HashSet<UntypedAssetId>,
@@ -156,6 +177,9 @@ pub fn extract_materials<M: ReflectedMaterial>(
         copies
             .type_flags
             .insert(TypeId::of::<M>(), types.flags(TypeId::of::<M>()));
+        if M::shows_environment() {
+            copies.mirroring.insert(TypeId::of::<M>());
+        }
         // Events from before the first frame may be gone.
         for (id, material) in assets.iter() {
             copies.set(id.untyped(), material.reflected());
@@ -434,6 +458,9 @@ impl MaterialTable {
         };
         packed.flags |= assets.type_flags.get(&id.type_id()).copied().unwrap_or(0);
         packed.flags |= format_flags(format(TEXTURE_METALLIC_ROUGHNESS), format(TEXTURE_NORMAL));
+        if assets.reflects_forward(id) {
+            packed.flags |= MATERIAL_FORWARD;
+        }
         self.write(index, packed);
         if ids == wanted {
             self.without_room.remove(&index);

@@ -15,6 +15,7 @@ mod change_ticks;
 pub mod environment;
 mod extract;
 pub mod fog_volumes;
+pub(crate) mod forward;
 mod free_slots;
 pub mod geometry;
 pub mod gpu_types;

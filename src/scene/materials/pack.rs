@@ -203,10 +203,19 @@ pub(super) fn looks_same(a: &StandardMaterial, b: &StandardMaterial) -> bool {
         && a.cull_mode == b.cull_mode
 }
 
-/// Returns whether an instance is the same with either material: none of them lets rays through, and they cull the same faces.
+/// Returns whether Bevy's forward lighting adds the environment's specular light by a formula that is known here. On cameras with a normal
+/// prepass, it lights clearcoats of forward materials with a normal of zero.
+pub(super) fn shows_known_environment(material: &StandardMaterial) -> bool {
+    !material.unlit && packed_clearcoat(material) == 0
+}
+
+/// Returns whether an instance is the same with either material: none of them lets rays through, they cull the same faces, and both or none
+/// may reflect where they are drawn forward.
 pub(super) fn instances_same(a: &StandardMaterial, b: &StandardMaterial) -> bool {
     let flags = instance_flags(a);
-    flags & INSTANCE_ALPHA_MASKED == 0 && flags == instance_flags(b)
+    flags & INSTANCE_ALPHA_MASKED == 0
+        && flags == instance_flags(b)
+        && shows_known_environment(a) == shows_known_environment(b)
 }
 
 /// Returns whether a material lets no ray through, whatever its textures are.

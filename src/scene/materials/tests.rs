@@ -64,6 +64,43 @@ fn instances_follow_what_makes_them_others() {
     assert_eq!(assets.reshaped().collect::<Vec<_>>(), [id]);
 }
 
+/// Objects are looked at where a material begins or ceases to reflect.
+#[test]
+fn forward_materials_reflect_where_their_environment_is_known() {
+    let mut assets = MaterialAssets::default();
+    let id = AssetId::<StandardMaterial>::default().untyped();
+    assets.set(id, StandardMaterial::default());
+    assets.mirroring.insert(id.type_id());
+    assert!(assets.forward().is_none() && !assets.reflects_forward(id));
+    let mut reshapes = |change: &dyn Fn(&mut MaterialAssets)| {
+        assets.reshaped.clear();
+        change(&mut assets);
+        (!assets.reshaped.is_empty(), assets.reflects_forward(id))
+    };
+    let set = |change: fn(&mut StandardMaterial)| {
+        move |assets: &mut MaterialAssets| {
+            let mut material = StandardMaterial::default();
+            change(&mut material);
+            assets.set(id, material);
+        }
+    };
+    assert_eq!(reshapes(&|assets| assets.set_forward([id].into())), (true, true));
+    assert_eq!(reshapes(&|assets| assets.set_forward([id].into())), (false, true));
+    assert_eq!(reshapes(&set(|material| material.unlit = true)), (true, false));
+    assert_eq!(reshapes(&set(|_| ())), (true, true));
+    assert_eq!(reshapes(&set(|material| material.clearcoat = 1.0)), (true, false));
+    assert_eq!(reshapes(&set(|_| ())), (true, true));
+    assert_eq!(
+        reshapes(&|assets| assets.mirroring.clear()),
+        (false, false),
+        "own shaders"
+    );
+    assert_eq!(
+        reshapes(&|assets| assets.set_forward(HashSet::default())),
+        (true, false)
+    );
+}
+
 #[test]
 fn clearcoats_have_the_steps_of_the_g_buffer() {
     let packed = |clearcoat, clearcoat_perceptual_roughness| {

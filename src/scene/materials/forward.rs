@@ -1,0 +1,28 @@
+//! Which materials Bevy draws forward, and which of them may show reflections.
+
+use super::{MaterialAssets, pack::shows_known_environment};
+use bevy::{asset::UntypedAssetId, platform::collections::HashSet};
+
+impl MaterialAssets {
+    /// Opaque materials that Bevy draws forward; `None` while nobody has looked.
+    pub fn forward(&self) -> Option<&HashSet<UntypedAssetId>> {
+        self.forward.as_ref()
+    }
+
+    /// Takes the opaque materials that Bevy draws forward.
+    pub fn set_forward(&mut self, forward: HashSet<UntypedAssetId>) {
+        let before = self.forward.take().unwrap_or_default();
+        for &id in before.symmetric_difference(&forward) {
+            self.changed.insert(id);
+            self.reshaped.insert(id);
+        }
+        self.forward = Some(forward);
+    }
+
+    /// Returns whether a material is drawn forward and opaque, and shows the environment as Bevy does.
+    pub fn reflects_forward(&self, id: UntypedAssetId) -> bool {
+        self.forward.as_ref().is_some_and(|forward| forward.contains(&id))
+            && self.mirroring.contains(&id.type_id())
+            && self.get(id).is_some_and(shows_known_environment)
+    }
+}
