@@ -1,7 +1,7 @@
 //! Makes opaque materials deferred, and every 3D camera able to draw them.
 //!
-//! Rays start from Bevy's G-buffer, which deferred materials alone write. Bevy draws these on no camera without a `DeferredPrepass`,
-//! and panics over one that has other prepasses. Hence all 3D cameras get it, whether they reflect or not: else the objects
+//! Rays start from Bevy's G-buffer, which deferred materials alone write; for others, rays fill a second one (`front_layer/`), which costs
+//! more. Bevy draws deferred materials on no camera without a `DeferredPrepass`, and panics over one that has other prepasses. Hence all 3D cameras get it, whether they reflect or not: else the objects
 //! of a mini map would vanish when the main camera begins to reflect. A camera without reflections pays for the G-buffer. The
 //! alternative, to make materials deferred only while a camera reflects, would prepare all materials anew at each switch, and other
 //! cameras would lose their objects meanwhile.
@@ -245,8 +245,9 @@ fn keep_own_shaders(
             if told.insert(kind) {
                 let name = used.names.get(&kind).copied().unwrap_or("unknown");
                 info!(
-                    "materials of the type `{name}` are drawn forward, and show no ray-traced reflections: they have shaders of their own and \
-                     no `deferred_fragment_shader`, or no prepass; write one to have them reflect"
+                    "materials of the type `{name}` are drawn forward, since they have shaders of their own and no \
+                     `deferred_fragment_shader`, or no prepass: with a prepass, they reflect as rays know them after a \
+                     `ReflectedMaterialPlugin` for their type; write such a shader to have them reflect as they are drawn"
                 );
             }
         }

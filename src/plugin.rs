@@ -37,7 +37,7 @@ use bevy::app::{App, Plugin};
 pub struct RayTracedReflectionsPlugin {
     /// Tracer that finds the surfaces that rays hit; fixed for the life of the app. Default: [`ReflectionTracerChoice::Auto`].
     pub tracer: ReflectionTracerChoice,
-    /// Makes opaque materials deferred, since deferred surfaces alone reflect. Default: true.
+    /// Makes opaque materials deferred, since reflections on deferred surfaces cost the least. Default: true.
     ///
     /// The plugin inserts
     /// [`DefaultOpaqueRendererMethod::deferred()`](bevy::pbr::DefaultOpaqueRendererMethod). The same resource inserted after the plugin
@@ -52,8 +52,9 @@ pub struct RayTracedReflectionsPlugin {
     /// [`deferred_fragment_shader`](bevy::pbr::MaterialExtension::deferred_fragment_shader) stays forward, since the G-buffer would show
     /// its base alone.
     ///
-    /// With false, neither materials nor other cameras change. A material reflects if its
-    /// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method) is `Deferred`, and each camera that is to show such
+    /// With false, neither materials nor other cameras change. Materials that are drawn forward reflect by
+    /// [`forward`](crate::RayTracedReflections::forward). Others have an
+    /// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method) of `Deferred`, and each camera that is to show such
     /// a material needs these components from the app.
     pub deferred_by_default: bool,
     /// Reflections on a device that can't trace. Default: [`ReflectionFallback::None`].

@@ -122,7 +122,7 @@ pub(super) fn queue_composite_pipelines(
         keeps_screen,
         wanted,
     } = &mut *pipelines;
-    *has_probes = scene.has_light_probes() && scene.see_through.entities().next().is_some();
+    *has_probes = scene.has_light_probes() && scene.has_layer_surfaces();
     for &(kind, variant, format) in &*wanted {
         let defs = [kind.shader_defs(), variant.shader_defs()].concat();
         let queue = |pass: Option<&mut GBufferPass<ResolveVariant>>, defs| {

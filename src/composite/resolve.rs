@@ -26,10 +26,10 @@ impl Surfaces {
     const ALL: [Self; 2] = [Self::Opaque, Self::FrontLayer];
 
     pub fn of(settings: &ClampedSettings) -> impl Iterator<Item = Self> + use<> {
-        let transparent = settings.transparent;
+        let has_layer = settings.has_front_layer();
         Self::ALL
             .into_iter()
-            .filter(move |surfaces| transparent || *surfaces == Self::Opaque)
+            .filter(move |surfaces| has_layer || *surfaces == Self::Opaque)
     }
 
     fn shader_defs(self) -> Vec<ShaderDefVal> {

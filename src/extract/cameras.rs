@@ -73,7 +73,7 @@ impl CameraQueryItem<'_, '_> {
                 !fits(self.size(), reflections.technique, limits.most_texels()),
             ),
             (Problem::NoMemory, limits.refused.refuse(self.render_entity)),
-            (Problem::Forward, forward),
+            (Problem::Forward, forward && !reflections.forward),
         ]
     }
 

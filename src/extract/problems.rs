@@ -54,8 +54,9 @@ impl Problem {
                  smaller image, or a technique with a ray for four pixels, such as `ReflectionTechnique::Quarter`"
             }
             Self::Forward => {
-                "only materials whose `opaque_render_method` is `Deferred` reflect: for all opaque materials, leave the plugin's \
-                 `deferred_by_default` on and the resource `DefaultOpaqueRendererMethod` alone"
+                "only opaque materials whose `opaque_render_method` is `Deferred` reflect: for all of them, leave the plugin's \
+                 `deferred_by_default` on and the resource `DefaultOpaqueRendererMethod` alone, or switch \
+                 `RayTracedReflections::forward` on"
             }
         }
     }

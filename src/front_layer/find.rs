@@ -36,14 +36,16 @@ struct FindVariant {
     deep_trees: bool,
     /// Cameras draw different layers.
     layers: bool,
+    /// Some view wants opaque surfaces that are drawn forward, and the scene has some.
+    forward: bool,
     /// The app's shader, in place of `find.wesl`.
     own: Option<Handle<Shader>>,
 }
 
 impl FindVariant {
     /// Variants that do until this one is compiled. A stack that is too small misses some surfaces, without layers too many are
-    /// found, and without the app's shader they lack its waves: better than nothing.
-    fn or_simpler(&self) -> [Self; 4] {
+    /// found, without the app's shader they lack its waves, and without forward surfaces those of glass are there: better than nothing.
+    fn or_simpler(&self) -> [Self; 5] {
         let library = Self {
             own: None,
             ..self.clone()
@@ -52,7 +54,11 @@ impl FindVariant {
             layers: false,
             ..library.clone()
         };
-        [self.clone(), library, without_layers, Self::default()]
+        let without_forward = Self {
+            forward: false,
+            ..self.clone()
+        };
+        [self.clone(), library, without_forward, without_layers, Self::default()]
     }
 }
 
@@ -90,6 +96,8 @@ pub(super) fn init_find_pass(mut commands: Commands, asset_server: Res<AssetServ
         Binding::given(binding_types::storage_buffer_sized(false, NonZeroU64::new(4))),
         Binding::given(binding_types::uniform_buffer::<GpuRects>(false)),
         Binding::given(binding_types::uniform_buffer::<GlobalsUniform>(false)),
+        // Without motion vectors nothing is accumulated, and nobody reads what the pass writes of them.
+        Binding::floats(|context| context.motion.or(Some(context.gbuffer.normals))),
     ];
     let groups = OtherGroups::SceneAndEnvironment(scene.layout.clone());
     commands.insert_resource(FindPass {
@@ -99,12 +107,19 @@ pub(super) fn init_find_pass(mut commands: Commands, asset_server: Res<AssetServ
     });
 }
 
-/// Asks for rates of parts of a view as soon as a camera wants the layer in a scene with see-through objects.
+/// Returns whether a view wants a layer of what the scene has.
+fn wants_layer(view: &ReflectionView, scene: &SceneBindings) -> bool {
+    let has_glass = scene.see_through.entities().next().is_some();
+    (view.settings.transparent && has_glass) || wants_forward(view, scene)
+}
+
+fn wants_forward(view: &ReflectionView, scene: &SceneBindings) -> bool {
+    view.settings.forward && scene.forward.count() > 0
+}
+
+/// Asks for rates of parts of a view as soon as a camera wants the layer in a scene with such objects.
 pub(super) fn request_rates(views: Query<&ReflectionView>, mut rate: ResMut<RatePipelines>, scene: Res<SceneBindings>) {
-    if scene.see_through.entities().next().is_none() {
-        return;
-    }
-    for view in views.iter().filter(|view| view.settings.transparent) {
+    for view in views.iter().filter(|view| wants_layer(view, &scene)) {
         rate.request_parts(&view.rate);
     }
 }
@@ -116,13 +131,13 @@ pub(super) fn queue_find_pass(
     scene: Res<SceneBindings>,
     cache: Res<PipelineCache>,
 ) {
-    let is_wanted = views.iter().any(|view| view.settings.transparent);
-    if !is_wanted || scene.see_through.entities().next().is_none() {
+    if !views.iter().any(|view| wants_layer(view, &scene)) {
         return;
     }
     let FindPass { shader, pass, variant } = &mut *find;
     variant.deep_trees = scene.has_deep_trees();
     variant.layers = scene.has_render_layers();
+    variant.forward = views.iter().any(|view| wants_forward(view, &scene));
     for own in [variant.own.clone(), None] {
         let queued = FindVariant {
             own: own.clone(),
@@ -133,6 +148,7 @@ pub(super) fn queue_find_pass(
             let mut defs = scene.shader_defs_for(true);
             defs.push("FRONT_LAYER".into());
             defs.extend(variant.layers.then(|| "RENDER_LAYERS".into()));
+            defs.extend(variant.forward.then(|| "FORWARD_SURFACES".into()));
             PassShader {
                 entry_point: own.is_none().then_some("find"),
                 shader: own.unwrap_or_else(|| shader.clone()),
@@ -143,7 +159,7 @@ pub(super) fn queue_find_pass(
     for (failed, error) in pass.errors(&cache) {
         if failed.own.is_none() {
             error_once!(
-                "transparent surfaces show no ray-traced reflections, since the shader that finds them failed: {error}"
+                "transparent and forward surfaces show no ray-traced reflections, since the shader that finds them failed: {error}"
             );
         } else if failed.own == variant.own {
             error_once!(

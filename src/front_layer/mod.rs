@@ -1,11 +1,13 @@
-//! Reflections on glass, water and the like: what is drawn over the opaque picture.
+//! Reflections on surfaces that Bevy draws forward: on glass, water and the like, which are drawn over the opaque picture, and on opaque
+//! surfaces that have no pixel in its G-buffer.
 //!
 //! The front-most of these surfaces in each pixel are the *front layer*. A ray from the viewer finds them, and writes what it finds in the
-//! formats of Bevy's G-buffer. So the same passes that trace and denoise the reflections of opaque surfaces run over it.
+//! formats of Bevy's G-buffer. So the same passes that trace and denoise the reflections of deferred surfaces run over it.
 //!
 //! | file | holds |
 //! |---|---|
-//! | `boxes.rs` | where see-through objects are |
+//! | `forward.rs` | which opaque materials are drawn forward |
+//! | `boxes.rs` | where see-through and forward objects are |
 //! | `rects.rs` | which part of a view they may cover |
 //! | `textures.rs` | the textures of the layer |
 //! | `find`, `layer.wesl` | the rays that find it, and the library for an app's own |
@@ -14,6 +16,7 @@
 
 mod boxes;
 mod find;
+mod forward;
 mod passes;
 mod prepare;
 mod rects;
@@ -37,9 +40,10 @@ use bevy::{
     render::{ExtractSchedule, Render, RenderApp, RenderStartup, RenderSystems, init_gpu_resource},
     shader::load_shader_library,
 };
-use boxes::{SeeThroughBoxes, extract_boxes};
+use boxes::{LayerBoxes, extract_boxes};
 use find::{extract_shader, init_find_pass, queue_find_pass, request_rates};
-use passes::{find_front_layers, reflect_on_front_layers, show_front_layers};
+use forward::note_forward_materials;
+use passes::{find_front_layers, reflect_on_front_layers, reflect_on_opaque_layers, show_front_layers};
 use prepare::prepare_front_layers;
 
 /// Registers the shaders, the pipelines and the systems of this folder.
@@ -56,7 +60,7 @@ impl Plugin for FrontLayerPlugin {
     fn finish(&self, app: &mut App) {
         let Some(render_app) = tracing_app(app) else { return };
         render_app
-            .init_resource::<SeeThroughBoxes>()
+            .init_resource::<LayerBoxes>()
             .add_systems(RenderStartup, init_find_pass.after(init_gpu_resource::<SceneBindings>))
             .add_systems(
                 ExtractSchedule,
@@ -65,6 +69,10 @@ impl Plugin for FrontLayerPlugin {
             .add_systems(
                 Render,
                 (
+                    // After `deferred.rs` has decided.
+                    note_forward_materials
+                        .after(RenderSystems::PrepareMeshes)
+                        .before(ReflectionSystems::PrepareScene),
                     request_rates
                         .after(ReflectionSystems::RequestPipelines)
                         .before(ReflectionSystems::QueuePipelines)
@@ -80,6 +88,12 @@ impl Plugin for FrontLayerPlugin {
                 (
                     find_front_layers
                         .after(main_opaque_pass_3d)
+                        .before(main_transmissive_pass_3d)
+                        .before(main_transparent_pass_3d)
+                        .in_set(Core3dSystems::MainPass),
+                    reflect_on_opaque_layers
+                        .after(find_front_layers)
+                        .after(ReflectionSystems::KeepScreens)
                         .before(main_transmissive_pass_3d)
                         .before(main_transparent_pass_3d)
                         .in_set(Core3dSystems::MainPass),

@@ -1,5 +1,6 @@
-//! The passes over the front layer of a view. It is found before Bevy draws anything transparent, which takes its normals, and its
-//! reflections are added after that.
+//! The passes over the front layer of a view. It is found before Bevy draws anything transparent, which takes its normals. Reflections on
+//! glass and the like are added after that, and with them those on opaque surfaces. While all of the layer is opaque, they are added
+//! before, so that particles and the like are drawn over them.
 
 use super::{find::FindPass, prepare::FrontLayer};
 use crate::{
@@ -39,7 +40,7 @@ fn context_of<'a>(opaque: &PassContext<'a>, front: &'a FrontLayer) -> Option<Pas
         scene: opaque.scene,
         environment: opaque.environment,
         contents: opaque.contents,
-        ssao: None,
+        ssao: opaque.ssao,
         albedo_table: opaque.albedo_table,
         noise: opaque.noise,
         frame: opaque.frame,
@@ -79,8 +80,32 @@ pub(super) fn find_front_layers(
     span.end(ctx.command_encoder());
 }
 
-/// Traces and denoises the reflections of the front layer of a view, and adds them to the frame.
+/// Reflections of views whose layer is opaque.
+pub(super) fn reflect_on_opaque_layers(
+    view: ViewQuery<(PassView, &FrontLayer)>,
+    resources: PassResources,
+    pipelines: PassPipelines,
+    vrs: VrsPass,
+    ctx: RenderContext,
+) {
+    reflect_on_layer(false, view, resources, pipelines, vrs, ctx);
+}
+
+/// Reflections of all others.
 pub(super) fn reflect_on_front_layers(
+    view: ViewQuery<(PassView, &FrontLayer)>,
+    resources: PassResources,
+    pipelines: PassPipelines,
+    vrs: VrsPass,
+    ctx: RenderContext,
+) {
+    reflect_on_layer(true, view, resources, pipelines, vrs, ctx);
+}
+
+/// Traces and denoises the reflections of the front layer of a view, and adds them to the frame. `see_through`: of layers that hold
+/// something see-through, else of all others.
+fn reflect_on_layer(
+    see_through: bool,
     view: ViewQuery<(PassView, &FrontLayer)>,
     resources: PassResources,
     pipelines: PassPipelines,
@@ -89,7 +114,8 @@ pub(super) fn reflect_on_front_layers(
 ) {
     let entity = view.entity();
     let (view, front) = view.into_inner();
-    if front.rects.is_empty() || !front.is_found.load(Ordering::Relaxed) {
+    let is_its_turn = front.has_see_through == see_through;
+    if !is_its_turn || front.rects.is_empty() || !front.is_found.load(Ordering::Relaxed) {
         return;
     }
     let diagnostics = ctx.diagnostic_recorder();

@@ -1,7 +1,7 @@
-//! Makes the front layers of views in which something see-through is on the screen, and gives them back afterwards.
+//! Makes the front layers of views in which something for them is on the screen, and gives them back afterwards.
 
 use super::{
-    boxes::SeeThroughBoxes,
+    boxes::LayerBoxes,
     find::FindPass,
     rects::{GpuRects, disjoint, screen_rects},
     textures::LayerTextures,
@@ -28,7 +28,7 @@ use core::{
     sync::atomic::{AtomicBool, Ordering},
 };
 
-/// Frames without anything see-through on the screen after which the layer of a view is given back. Less allocates
+/// Frames without anything of the kind on the screen after which the layer of a view is given back. Less allocates
 /// it again whenever a window passes by, more holds memory that nothing uses.
 const IDLE_FRAMES: u32 = 60;
 
@@ -41,6 +41,8 @@ pub struct FrontLayer {
     pub(super) view: ReflectionView,
     /// Rectangles of the view that it is written in; none: nothing of it is on the screen in this frame.
     pub(super) rects: Vec<URect>,
+    /// Something see-through is on the screen; else all of the layer is opaque.
+    pub(super) has_see_through: bool,
     /// Tiles of the view that it lies in, or did in the last frames: those that the pair of rate images may hold.
     pub(super) tiles: URect,
     /// Rectangles that it lay in one frame and two frames ago.
@@ -60,6 +62,7 @@ impl FrontLayer {
             textures: ReflectionTextures::new(device, sizes, needs, None),
             view: view.clone(),
             rects: Vec::new(),
+            has_see_through: false,
             tiles: URect::default(),
             before: Default::default(),
             gpu_rects: UniformBuffer::default(),
@@ -114,7 +117,7 @@ impl FrontLayer {
 pub(super) fn prepare_front_layers(
     mut views: Query<(PreparedView, Option<&mut FrontLayer>, Option<&mut ViewPrepassTextures>)>,
     surroundings: Surroundings,
-    (boxes, find): (Res<SeeThroughBoxes>, Option<Res<FindPass>>),
+    (boxes, find): (Res<LayerBoxes>, Option<Res<FindPass>>),
     in_place: Res<WritesInPlace>,
     device: Res<RenderDevice>,
     queue: Res<RenderQueue>,
@@ -124,14 +127,20 @@ pub(super) fn prepare_front_layers(
     refused.retain(|_, retry| !retry.is_due());
     for (view, layer, prepass) in &mut views {
         let entity = view.entity;
-        let is_wanted = view.view.settings.transparent && !refused.contains_key(&entity);
+        let settings = &view.view.settings;
+        let is_wanted = settings.transparent || !boxes.opaque(settings).is_empty();
+        let is_wanted = is_wanted && !refused.contains_key(&entity);
         let Some(sizes) = view.sizes().filter(|_| is_wanted) else {
             if layer.is_some() {
                 commands.entity(entity).remove::<(FrontLayer, MoreMemory)>();
             }
             continue;
         };
-        let rects = screen_rects(&boxes.boxes, &clip_from_world(view.extracted), sizes.full);
+        let clip_from_world = clip_from_world(view.extracted);
+        let [see_through, opaque] = [boxes.see_through(settings), boxes.opaque(settings)]
+            .map(|boxes| screen_rects(boxes, &clip_from_world, sizes.full));
+        let has_see_through = !see_through.is_empty();
+        let rects = disjoint([see_through, opaque].concat());
         if rects.is_empty() {
             if let Some(mut layer) = layer {
                 layer.rects.clear();
@@ -164,6 +173,7 @@ pub(super) fn prepare_front_layers(
                 created.insert(new)
             }
         };
+        front.has_see_through = has_see_through;
         front.set_rects(&rects, &device, &queue);
         front.begin_frame(view.view, frame, find.as_ref().is_some_and(|find| find.is_own()));
         front.textures.uniform.write_buffer(&device, &queue);

@@ -1,4 +1,4 @@
-//! Rectangles of a view that see-through objects may cover.
+//! Rectangles of a view that some objects may cover.
 
 use super::boxes::ObjectBox;
 use bevy::{

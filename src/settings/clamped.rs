@@ -27,6 +27,7 @@ pub(crate) struct ClampedSettings {
     /// `None` for ray cones.
     pub fixed_mip: Option<f32>,
     pub transparent: bool,
+    pub forward: bool,
     /// Reconstruction and accumulation take a pass each: somebody looks at what is between them, or there is nothing to accumulate by.
     pub separate_denoiser: bool,
 }
@@ -45,6 +46,11 @@ impl ClampedSettings {
     /// Rays are followed beyond their first hit.
     pub fn has_bounces(&self) -> bool {
         self.max_bounces > 1
+    }
+
+    /// Surfaces that Bevy draws forward reflect.
+    pub fn has_front_layer(&self) -> bool {
+        self.transparent || self.forward
     }
 
     /// Hits take light from the last frame. The ground truth shades all of them, and so do rays from fragment shaders: few cameras have
@@ -99,6 +105,7 @@ impl From<&RayTracedReflections> for ClampedSettings {
                 ReflectionTextureMip::Fixed(level) => Some(number_or(level, PAPER_LEVEL).clamp(0.0, 16.0)),
             },
             transparent: settings.transparent,
+            forward: settings.forward,
             separate_denoiser: false,
         }
     }

@@ -64,7 +64,8 @@ pub enum ReflectionDebugView {
     Rejected,
     /// Magenta where anything that the passes keep of a pixel is not finite; yellow where only the picture itself is not.
     NonFinite,
-    /// Normals of the glass and water that [`transparent`](crate::RayTracedReflections::transparent) found in front of each pixel, with
+    /// Normals of the glass and water that [`transparent`](crate::RayTracedReflections::transparent) found in front of each pixel, and of the
+    /// opaque surfaces that [`forward`](crate::RayTracedReflections::forward) found there, with
     /// their normal maps: 0.5 + 0.5 n of the unit normal n in world space as red, green and blue. Other pixels are the picture, dark
     /// and grey.
     FrontLayer,

@@ -16,11 +16,11 @@ use bevy::{
 /// and stay on the camera, since others may use them, too. Don't take them with `remove_with_requires`: that includes
 /// `SyncToRenderWorld`, without which Bevy draws the camera no more.
 ///
-/// Opaque surfaces reflect if they are rendered *deferred*: the plugin makes opaque materials so
+/// Opaque surfaces reflect at the least cost if they are rendered *deferred*: the plugin makes opaque materials so
 /// ([`deferred_by_default`](crate::RayTracedReflectionsPlugin::deferred_by_default)), unless a material's
-/// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method) says otherwise. Everything with a `Mesh3d` and a
-/// `MeshMaterial3d<StandardMaterial>` *is reflected*, unless it carries [`NotReflected`]; other material types with a
-/// [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin).
+/// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method) says otherwise ([`forward`](Self::forward)). Everything
+/// with a `Mesh3d` and a `MeshMaterial3d<StandardMaterial>` *is reflected*, unless it carries [`NotReflected`]; other material types with
+/// a [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin).
 ///
 /// A traced reflection replaces the specular part of the camera's environment map. Rays that hit nothing see that environment
 /// map, else the skybox, else the clear colour.
@@ -85,6 +85,11 @@ pub struct RayTracedReflections {
     /// transmissive, as long as rays see its object. While none is on the screen, nothing runs and no memory is taken. While
     /// one is, the camera has a second G-buffer and a second set of textures, and rays for such surfaces. Default: true.
     pub transparent: bool,
+    /// Opaque surfaces that are drawn *forward* show traced reflections, too, where no glass that reflects stands before them. Rays must know
+    /// their material, which has a prepass, no clearcoat, and a shader that adds the environment's specular light as Bevy does: the
+    /// reflections replace it. They share textures and passes with those of [`transparent`](Self::transparent), and cost nothing while no
+    /// such object is on the screen. Default: true.
+    pub forward: bool,
     /// Forgets all history in the next frame: set it when the camera jumps. It clears itself. Default: true, so that a new
     /// component starts clean.
     pub reset: bool,
@@ -107,6 +112,7 @@ impl Default for RayTracedReflections {
             shadow_rays: true,
             texture_mip: ReflectionTextureMip::default(),
             transparent: true,
+            forward: true,
             reset: true,
         }
     }

@@ -254,6 +254,12 @@ fn reach(ui: &mut Ui, settings: &mut RayTracedReflections) {
         &mut settings.transparent,
         default.transparent,
     );
+    flag(
+        ui,
+        Row::new("Forward surfaces", tooltip!(RayTracedReflections.forward)),
+        &mut settings.forward,
+        default.forward,
+    );
     texture_mip(ui, &mut settings.texture_mip);
 }
 

@@ -3,7 +3,9 @@
 use super::{
     culling::ViewCulling,
     textures::ReflectionTextures,
-    uniform::{Frame, Screen, VIEW_DRAWS_GLASS, VIEW_HAS_IRRADIANCE, VIEW_HAS_SSAO},
+    uniform::{
+        Frame, Screen, VIEW_DRAWS_GLASS, VIEW_HAS_IRRADIANCE, VIEW_HAS_SSAO, VIEW_REFLECTS_FORWARD, VIEW_REFLECTS_GLASS,
+    },
 };
 use crate::{
     device::{MemoryRetry, WritesInPlace, try_allocate},
@@ -76,8 +78,12 @@ impl PreparedViewItem<'_, '_> {
         if self.probes || self.volume {
             flags |= VIEW_HAS_IRRADIANCE;
         }
-        if self.transmission {
-            flags |= VIEW_DRAWS_GLASS;
+        for (flag, is_set) in [
+            (VIEW_DRAWS_GLASS, self.transmission),
+            (VIEW_REFLECTS_GLASS, self.view.settings.transparent),
+            (VIEW_REFLECTS_FORWARD, self.view.settings.forward),
+        ] {
+            flags |= if is_set { flag } else { 0 };
         }
         let environment = surroundings.environments.bind_group(self.entity);
         let mut cameras = surroundings.cameras.iter();

@@ -116,6 +116,11 @@ pub const VIEW_MIRROR_HISTORY: u32 = 64;
 /// Bevy draws transmissive surfaces.
 pub const VIEW_DRAWS_GLASS: u32 = 128;
 
+/// The view has a front layer of see-through surfaces ...
+pub const VIEW_REFLECTS_GLASS: u32 = 2048;
+/// ... and of opaque ones that are drawn forward.
+pub const VIEW_REFLECTS_FORWARD: u32 = 4096;
+
 /// One pass reconstructs and accumulates.
 pub const VIEW_ONE_PASS: u32 = 1024;
 
@@ -138,7 +143,7 @@ pub(crate) struct Frame {
     pub origin: UVec2,
     /// Tile that passes over a part of the view begin with.
     pub first_tile: UVec2,
-    /// [`VIEW_HAS_SSAO`], [`VIEW_HAS_IRRADIANCE`] and [`VIEW_DRAWS_GLASS`].
+    /// [`VIEW_HAS_SSAO`], [`VIEW_HAS_IRRADIANCE`], [`VIEW_DRAWS_GLASS`], [`VIEW_REFLECTS_GLASS`] and [`VIEW_REFLECTS_FORWARD`].
     pub flags: u32,
     pub fog: Fog,
     /// Since the start of the app.
@@ -165,12 +170,11 @@ pub(crate) struct Frame {
 }
 
 impl Frame {
-    /// The same for surfaces of the view that are not in Bevy's G-buffer: ambient occlusion is of what lies behind them, and nobody
-    /// tells which changes their rays meet. They lie in no tile before the first one, and may move by themselves.
+    /// The same for surfaces of the view that are not in Bevy's G-buffer: nobody tells which changes their rays meet. They lie in no tile
+    /// before the first one, and may move by themselves.
     pub fn of_other_surfaces(self, first_tile: UVec2, may_move: bool) -> Self {
         Self {
             first_tile,
-            flags: self.flags & !VIEW_HAS_SSAO,
             changes_met: None,
             may_move: self.may_move || may_move,
             culled: false,

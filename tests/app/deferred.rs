@@ -20,7 +20,7 @@ use bevy::{
     },
     shader::{Shader, ShaderRef},
 };
-use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectionFallback};
+use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectedMaterialPlugin, ReflectionFallback};
 use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, Output};
 
 /// An app as Bevy's default plugins leave it, with what `add` adds; `None` (with the reason printed) where this machine can't render.
@@ -233,6 +233,44 @@ fn extended_materials_keep_a_shader_of_their_own() {
     materials.get_mut(&material).unwrap().base.metallic = 1.0;
     app.step(4);
     assert_eq!(red_pixels(&app.capture().unwrap()), all, "red pixels after a change");
+}
+
+/// What the plugin keeps forward reflects nevertheless.
+#[test]
+fn extended_materials_that_stay_forward_reflect() {
+    let Some(mut app) = start_with_plugin(|app| {
+        app.add_plugins((
+            MaterialPlugin::<Reddened>::default(),
+            ReflectedMaterialPlugin::<Reddened>::default(),
+        ));
+    }) else {
+        return;
+    };
+    let source = "
+        import bevy_pbr::render::forward_io::VertexOutput;
+        @fragment
+        fn fragment(in: VertexOutput) -> @location(0) vec4<f32> { return vec4(0.0, 0.0, 0.0, 1.0); }
+    ";
+    let target = app.target();
+    let world = app.world();
+    let shader = Shader::from_wesl(source, "black.wesl");
+    _ = world.resource_mut::<Assets<Shader>>().insert(&RED_SHADER, shader);
+    let mesh = world.resource_mut::<Assets<Mesh>>().add(wall());
+    let (base, extension) = (metal(0.0), Reddening {});
+    let material = world
+        .resource_mut::<Assets<Reddened>>()
+        .add(Reddened { base, extension });
+    world.spawn((Mesh3d(mesh), MeshMaterial3d(material)));
+    let behind = Transform::from_xyz(0.0, 0.0, 6.0);
+    spawn_mesh(&mut app, Cuboid::from_length(2.0), unlit(RED), behind);
+    let camera = (camera(target, 0), RayTracedReflections::default());
+    let camera = app.world().spawn(camera).id();
+    wait(&mut app);
+    let on = red_pixels(&app.capture().unwrap());
+    app.world().get_mut::<RayTracedReflections>(camera).unwrap().forward = false;
+    wait(&mut app);
+    let off = red_pixels(&app.capture().unwrap());
+    assert!(on > 100 && off == 0, "red pixels: {on} with reflections, {off} without");
 }
 
 #[test]

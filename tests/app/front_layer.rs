@@ -2,7 +2,7 @@
 
 use crate::{
     pictures::{apps, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, frame, report, share_picture, spawn_camera, spawn_mesh, unlit},
+    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, frame, layer_bytes, share_picture, spawn_camera, spawn_mesh, unlit},
 };
 use bevy::{
     asset::RenderAssetUsages,
@@ -75,16 +75,6 @@ fn set_transparent(app: &mut HeadlessApp, camera: Entity, transparent: bool) {
     app.step(2);
     warm_up(app);
     app.step(4);
-}
-
-/// Bytes of the textures that front layers have.
-fn layer_bytes(app: &mut HeadlessApp) -> u64 {
-    let memory = report(app).view_memory;
-    let parts = memory.iter().flat_map(|view| &view.parts);
-    parts
-        .filter(|(label, _)| label.starts_with("glint_front_layer"))
-        .map(|(_, bytes)| bytes)
-        .sum()
 }
 
 /// Pixels that aren't the same bit for bit.

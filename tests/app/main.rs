@@ -23,6 +23,7 @@ mod effects;
 mod events;
 mod examples;
 mod floating_origin;
+mod forward;
 mod front_layer;
 mod ground_truth;
 mod idle;

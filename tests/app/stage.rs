@@ -79,7 +79,7 @@ pub fn share_app(cases: &[Case]) {
 }
 
 /// Removes everything that was spawned.
-fn clear(app: &mut HeadlessApp) {
+pub fn clear(app: &mut HeadlessApp) {
     let world = app.world();
     let mut placed = world.query_filtered::<Entity, With<Transform>>();
     let placed: Vec<Entity> = placed.iter(world).collect();
@@ -109,6 +109,16 @@ pub fn share_picture(app: &mut HeadlessApp, cameras: [Entity; 2]) {
 
 pub fn report(app: &mut HeadlessApp) -> ReflectionStatusReport {
     app.world().resource::<ReflectionStatus>().report()
+}
+
+/// Bytes of the textures that front layers have.
+pub fn layer_bytes(app: &mut HeadlessApp) -> u64 {
+    let memory = report(app).view_memory;
+    let parts = memory.iter().flat_map(|view| &view.parts);
+    parts
+        .filter(|(label, _)| label.starts_with("glint_front_layer"))
+        .map(|(_, bytes)| bytes)
+        .sum()
 }
 
 /// Frames that merging may take.

@@ -1,16 +1,17 @@
-//! Normals that an app's own shader computes, in reflections on glass and water.
+//! Normals that an app's own shader computes, in reflections on glass and water and on opaque surfaces that are drawn forward.
 
 use crate::{
     common::app_with,
     pictures::{BOTH, reflect, warm_up},
-    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, clear_glass, spawn_camera, spawn_mesh, unlit},
+    stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, clear_glass, metal, spawn_camera, spawn_mesh, unlit},
 };
 use bevy::{
     asset::uuid_handle,
+    material::OpaqueRendererMethod,
     pbr::{ExtendedMaterial, MaterialExtension},
     prelude::*,
     render::render_resource::AsBindGroup,
-    shader::Shader,
+    shader::{Shader, ShaderRef},
 };
 use bevy_glint::{
     FrontLayerShader, NotReflected, ReflectedMaterialPlugin, ReflectionDebugView, ReflectionTechnique,
@@ -178,4 +179,88 @@ fn a_faulty_shader_leaves_reflections_as_they_are() {
     let pixels = app.capture_linear().unwrap();
     let [left, ..] = pixels[(SIZE.y / 2 * SIZE.x + SIZE.x / 6) as usize];
     assert!((left - before[0].x).abs() < 0.002, "{left}, {before:?}");
+}
+
+const OWN: Handle<Shader> = uuid_handle!("7c1f3a52-65e8-4a57-9c0b-6d3f5e8a7b31");
+const FORWARD_LAYER: Handle<Shader> = uuid_handle!("7c1f3a52-65e8-4a57-9c0b-6d3f5e8a7b32");
+
+/// An extension with a shader of its own.
+#[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
+struct Polished {}
+
+impl MaterialExtension for Polished {
+    fn fragment_shader() -> ShaderRef {
+        OWN.into()
+    }
+}
+
+type OfPolished = ExtendedMaterial<StandardMaterial, Polished>;
+
+/// An extended material reflects as its base, and with the normals that the app's shader gives it.
+#[test]
+fn extended_materials_with_their_own_shaders_reflect() {
+    for tracer in BOTH {
+        let Some(mut app) = app_with(SIZE, Output::Linear, tracer, |app| {
+            app.add_plugins((
+                ReflectedMaterialPlugin::<OfPolished>::default(),
+                MaterialPlugin::<OfPolished>::default(),
+            ));
+        }) else {
+            continue;
+        };
+        let app = &mut app;
+        let own = "
+            import bevy_pbr::render::forward_io::{FragmentOutput, VertexOutput};
+            import bevy_pbr::render::pbr_fragment::pbr_input_from_standard_material;
+            import bevy_pbr::render::pbr_functions::apply_pbr_lighting;
+            @fragment
+            fn fragment(in: VertexOutput, @builtin(front_facing) is_front: bool) -> FragmentOutput {
+                var out: FragmentOutput;
+                out.color = apply_pbr_lighting(pbr_input_from_standard_material(in, is_front));
+                return out;
+            }
+        ";
+        let layer = "
+            import bevy_glint::front_layer::layer::{find_surface, layer_pixel, write_surface};
+            @compute @workgroup_size(8, 8, 1)
+            fn find(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_id) local: vec3<u32>) {
+                let pixel = layer_pixel(group, local);
+                var front = find_surface(pixel);
+                if front.material_type == 1u {
+                    front.surface.normal = vec3(sin(0.7), 0.0, cos(0.7));
+                }
+                write_surface(pixel, front);
+            }
+        ";
+        let world = app.world();
+        let mut shaders = world.resource_mut::<Assets<Shader>>();
+        _ = shaders.insert(&OWN, Shader::from_wesl(own, "tests/own.wesl"));
+        _ = shaders.insert(&FORWARD_LAYER, Shader::from_wesl(layer, "tests/own_layer.wesl"));
+        let mesh = world.resource_mut::<Assets<Mesh>>().add(Rectangle::new(40.0, 40.0));
+        let material = world.resource_mut::<Assets<OfPolished>>().add(OfPolished {
+            base: StandardMaterial {
+                opaque_render_method: OpaqueRendererMethod::Forward,
+                ..metal(0.0)
+            },
+            extension: Polished {},
+        });
+        world.spawn((
+            Mesh3d(mesh),
+            MeshMaterial3d(material),
+            Transform::from_xyz(0.0, 0.0, -1.0),
+        ));
+        for (color, at) in [
+            (RED, Transform::from_xyz(0.0, 0.0, 9.0).looking_to(Vec3::Z, Vec3::Y)),
+            (GREEN, Transform::from_xyz(30.0, 0.0, 0.0).looking_to(Vec3::X, Vec3::Y)),
+        ] {
+            spawn_mesh(app, Rectangle::new(60.0, 60.0), unlit(color), at);
+        }
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        reflect(app, camera, ReflectionTechnique::Reference);
+        let [_, flat, _] = panes(app);
+        assert!(flat.x > 0.9 && flat.y < 0.05, "{tracer:?}: {flat}");
+        app.world().insert_resource(FrontLayerShader(FORWARD_LAYER));
+        let [_, leaning, _] = panes(app);
+        assert!(leaning.y > 0.9 && leaning.x < 0.05, "{tracer:?}: {leaning}");
+    }
 }

@@ -55,7 +55,12 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 76] = [
+const PASSES: [(&str, &[&str]); 78] = [
+    (
+        "front_layer/find",
+        &["FRONT_LAYER", "FORWARD_SURFACES", "ALPHA_MASKED_GEOMETRY"],
+    ),
+    ("front_layer/find", &["FRONT_LAYER", "FORWARD_SURFACES", "RAY_QUERY"]),
     ("trace/shade", &["VOLUMETRIC_FOG", "FOG_DENSITY", "MANY_LIGHTS"]),
     (
         "trace/blocks",

@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, fog_volumes::GpuFogVolume, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 70] = [
+pub const COMBINATIONS: [&[&str]; 74] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -31,6 +31,20 @@ pub const COMBINATIONS: [&[&str]; 70] = [
     &["FRONT_LAYER", "IN_PLACE", "TILES"],
     &["FRONT_LAYER", "RAY_QUERY", "IN_PLACE"],
     &["PART", "TILES_8", "FRONT_LAYER"],
+    &[
+        "FORWARD_SURFACES",
+        "FRONT_LAYER",
+        "ALPHA_MASKED_GEOMETRY",
+        "BINDLESS_TEXTURES",
+    ],
+    &["FORWARD_SURFACES", "FRONT_LAYER", "RAY_QUERY"],
+    &[
+        "FORWARD_SURFACES",
+        "FRONT_LAYER",
+        "RENDER_LAYERS",
+        "ALPHA_MASKED_GEOMETRY",
+    ],
+    &["FORWARD_SURFACES", "FRONT_LAYER", "RENDER_LAYERS", "RAY_QUERY"],
     &["TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
     &["TINTED_GLASS", "RAY_QUERY", "BOUNCES", "MANY_LIGHTS"],
     &["TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],

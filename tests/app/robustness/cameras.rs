@@ -70,6 +70,7 @@ fn pixels_that_must_not_reflect_are_left_alone() {
         app.world().entity_mut(camera).insert(RayTracedReflections {
             roughness_cutoff: 0.6,
             transparent: false,
+            forward: false,
             ..default()
         });
         warm_up(&mut app);

@@ -1,0 +1,40 @@
+//! Which opaque materials Bevy draws forward.
+
+use crate::{scene::materials::MaterialAssets, settings::ReflectionView};
+use bevy::{
+    asset::UntypedAssetId,
+    ecs::prelude::*,
+    material::{MaterialProperties, OpaqueRendererMethod, RenderPhaseType},
+    pbr::PreparedMaterial,
+    platform::collections::HashSet,
+    render::erased_render_asset::ErasedRenderAssets,
+};
+
+/// Tells the scene which materials are drawn forward, as soon as a view wants to know.
+pub(super) fn note_forward_materials(
+    views: Query<&ReflectionView>,
+    prepared: Res<ErasedRenderAssets<PreparedMaterial>>,
+    mut materials: ResMut<MaterialAssets>,
+) {
+    if !views.iter().any(|view| view.settings.forward) || (materials.forward().is_some() && !prepared.is_changed()) {
+        return;
+    }
+    let forward: HashSet<UntypedAssetId> = prepared
+        .iter()
+        .filter(|(_, material)| is_drawn_forward(&material.properties))
+        .map(|(id, _)| id)
+        .collect();
+    if materials.forward() != Some(&forward) {
+        materials.set_forward(forward);
+    }
+}
+
+/// Without a prepass, the depth of a surface isn't known when its reflection is traced.
+fn is_drawn_forward(properties: &MaterialProperties) -> bool {
+    properties.render_method == OpaqueRendererMethod::Forward
+        && properties.prepass_enabled
+        && matches!(
+            properties.render_phase_type,
+            RenderPhaseType::Opaque | RenderPhaseType::AlphaMask
+        )
+}

@@ -1,0 +1,373 @@
+//! Reflections on opaque surfaces that Bevy draws forward.
+
+use crate::{
+    common::app_with,
+    pictures::{BOTH, apps, reflect, warm_up},
+    stage::{
+        BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, clear, clear_glass, frame, layer_bytes, metal, spawn_camera,
+        spawn_mesh, unlit,
+    },
+};
+use bevy::{
+    camera::visibility::RenderLayers,
+    light::LightProbe,
+    material::OpaqueRendererMethod,
+    pbr::{DefaultOpaqueRendererMethod, ScreenSpaceAmbientOcclusion},
+    prelude::*,
+};
+use bevy_glint::{NotReflected, RayTracedReflections, ReflectionTechnique};
+use glint_scenes::{HeadlessApp, Output, SceneName};
+
+type Picture = Vec<[f32; 4]>;
+
+/// A red wall behind the camera, a green one to its right and a blue cube to its left.
+fn spawn_surroundings(app: &mut HeadlessApp, around: Transform) {
+    for (color, at) in [
+        (RED, Transform::from_xyz(0.0, 0.0, 9.0).looking_to(Vec3::Z, Vec3::Y)),
+        (GREEN, Transform::from_xyz(8.0, 0.0, 0.0).looking_to(Vec3::X, Vec3::Y)),
+    ] {
+        spawn_mesh(app, Rectangle::new(12.0, 12.0), unlit(color), around * at);
+    }
+    let at = around * Transform::from_xyz(-3.0, 0.5, 1.0);
+    spawn_mesh(app, Cuboid::from_length(1.5), unlit(BLUE), at);
+}
+
+fn change(app: &mut HeadlessApp, object: Entity, change: impl FnOnce(&mut StandardMaterial)) {
+    let world = app.world();
+    let id = world.get::<MeshMaterial3d<StandardMaterial>>(object).unwrap().id();
+    change(&mut world.resource_mut::<Assets<StandardMaterial>>().get_mut(id).unwrap());
+}
+
+fn settle(app: &mut HeadlessApp, camera: Entity, frames: u32) -> Picture {
+    app.step(2);
+    warm_up(app);
+    app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
+    app.step(frames);
+    app.capture_linear().unwrap()
+}
+
+fn set_forward(app: &mut HeadlessApp, camera: Entity, forward: bool) {
+    app.world().get_mut::<RayTracedReflections>(camera).unwrap().forward = forward;
+}
+
+/// Mean difference of two pictures, and the share of pixels that differ by more than a twentieth.
+fn apart(a: &Picture, b: &Picture) -> (f32, f32) {
+    let differences = a.iter().zip(b).map(|(a, b)| {
+        let [x, y] = [a, b].map(|pixel| Vec3::from_slice(pixel));
+        (x - y).abs().max_element()
+    });
+    let differences: Vec<f32> = differences.collect();
+    let count = differences.len() as f32;
+    let far = differences.iter().filter(|difference| **difference > 0.05).count();
+    (differences.iter().sum::<f32>() / count, far as f32 / count)
+}
+
+/// Pictures of the same object drawn deferred, drawn forward, and drawn forward without traced reflections.
+fn compare(app: &mut HeadlessApp, camera: Entity, object: Entity, frames: u32) -> [Picture; 3] {
+    change(app, object, |material| {
+        material.opaque_render_method = OpaqueRendererMethod::Deferred
+    });
+    let deferred = settle(app, camera, frames);
+    change(app, object, |material| {
+        material.opaque_render_method = OpaqueRendererMethod::Forward
+    });
+    let forward = settle(app, camera, frames);
+    set_forward(app, camera, false);
+    let without = settle(app, camera, frames);
+    set_forward(app, camera, true);
+    [deferred, forward, without]
+}
+
+/// One material drawn in both ways looks the same.
+#[test]
+fn forward_surfaces_reflect_as_deferred_ones() {
+    use ReflectionTechnique::{Converged, Reference, Variable};
+    let base = Color::srgb(0.9, 0.7, 0.4);
+    let gold = |perceptual_roughness| StandardMaterial {
+        base_color: base,
+        ..metal(perceptual_roughness)
+    };
+    let plastic = StandardMaterial {
+        base_color: Color::srgb(0.1, 0.1, 0.1),
+        perceptual_roughness: 0.2,
+        reflectance: 0.9,
+        ..default()
+    };
+    let masked = StandardMaterial {
+        alpha_mode: AlphaMode::Mask(0.5),
+        ..gold(0.0)
+    };
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        for (surroundings, technique, material, frames, limit) in [
+            (SceneName::MirrorRoom, Reference, gold(0.0), 4, 0.002),
+            (SceneName::Furnace, Reference, gold(0.0), 4, 0.002),
+            (SceneName::Furnace, Variable, gold(0.0), 4, 0.002),
+            (SceneName::Furnace, Reference, masked.clone(), 4, 0.002),
+            (SceneName::Furnace, Converged, gold(0.5), 128, 0.002),
+            (SceneName::Furnace, Converged, plastic.clone(), 128, 0.002),
+        ] {
+            let camera = spawn_camera(app, BEFORE_THE_MIRROR, surroundings);
+            spawn_surroundings(app, Transform::IDENTITY);
+            let object = spawn_mesh(app, Sphere::new(1.0), material.clone(), Transform::IDENTITY);
+            reflect(app, camera, technique);
+            // Rays that pixels share are drawn anew in each layer.
+            app.world()
+                .get_mut::<RayTracedReflections>(camera)
+                .unwrap()
+                .full_resolution_mirrors = true;
+            let [deferred, forward, without] = compare(app, camera, object, frames);
+            let (mean, far) = apart(&deferred, &forward);
+            let (blank, _) = apart(&deferred, &without);
+            println!("{tracer:?}, {surroundings:?}, {technique:?}: {mean:.5}, {far:.4} far; {blank:.5} without");
+            let roughness = material.perceptual_roughness;
+            assert!(blank > 4.0 * limit, "{tracer:?}, {technique:?}, {roughness}: {blank}");
+            assert!(
+                mean < limit && far < 0.02,
+                "{tracer:?}, {technique:?}, {roughness}: {mean}, {far}"
+            );
+            clear(app);
+        }
+    }
+}
+
+/// Places and cameras at which depth and hits differ most.
+#[test]
+fn depth_and_hits_agree_far_away_and_in_parallel() {
+    let parallel = Projection::Orthographic(OrthographicProjection {
+        scale: 0.05,
+        ..OrthographicProjection::default_3d()
+    });
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        for (name, around, scale, projection) in [
+            ("at 5 km", Vec3::new(5000.0, -3000.0, 4000.0), 1.0, None),
+            ("large", Vec3::ZERO, 300.0, None),
+            ("parallel", Vec3::ZERO, 1.0, Some(parallel.clone())),
+        ] {
+            let mut at = BEFORE_THE_MIRROR;
+            at.translation = around + Vec3::new(0.0, 0.0, 3.0 * scale);
+            let camera = spawn_camera(app, at, SceneName::MirrorRoom);
+            app.world()
+                .entity_mut(camera)
+                .insert(ScreenSpaceAmbientOcclusion::default());
+            if let Some(projection) = projection {
+                app.world().entity_mut(camera).insert(projection);
+            }
+            let place = Transform::from_translation(around).with_scale(Vec3::splat(scale));
+            spawn_surroundings(app, place);
+            let object = spawn_mesh(app, Sphere::new(1.0), metal(0.0), place);
+            // Seen at grazing angles, with something to reflect.
+            let sheet = place * Transform::from_xyz(0.0, 0.0, -6.0);
+            spawn_mesh(app, Rectangle::new(12.0, 12.0), unlit(BLUE), sheet);
+            let mesh = Plane3d::default().mesh().size(40.0, 40.0);
+            let floor = spawn_mesh(app, mesh, metal(0.0), place * Transform::from_xyz(0.0, -1.0, 0.0));
+            reflect(app, camera, ReflectionTechnique::Reference);
+            for (part, object) in [("sphere", object), ("floor", floor)] {
+                let [deferred, forward, without] = compare(app, camera, object, 4);
+                let (mean, far) = apart(&deferred, &forward);
+                let (blank, _) = apart(&deferred, &without);
+                println!("{tracer:?}, {name}, {part}: {mean:.5}, {far:.4} far; {blank:.5} without");
+                assert!(blank > 0.01, "{tracer:?}, {name}, {part}: {blank}");
+                assert!(mean < 0.004 && far < 0.02, "{tracer:?}, {name}, {part}: {mean}, {far}");
+            }
+            clear(app);
+        }
+    }
+}
+
+/// A surface that moves keeps its history, as a deferred one does.
+#[test]
+fn moving_forward_surfaces_have_no_more_noise() {
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        spawn_surroundings(app, Transform::IDENTITY);
+        let object = spawn_mesh(app, Sphere::new(1.0), metal(0.4), Transform::IDENTITY);
+        reflect(app, camera, ReflectionTechnique::Converged);
+        let truth = settle(app, camera, 256);
+        let error = |app: &mut HeadlessApp, method| {
+            change(app, object, |material| material.opaque_render_method = method);
+            reflect(app, camera, ReflectionTechnique::Variable);
+            app.world().get_mut::<RayTracedReflections>(camera).unwrap().denoiser = default();
+            settle(app, camera, 4);
+            for step in (0..=24).rev() {
+                let at = Transform::from_xyz(0.01 * step as f32, 0.0, 0.0);
+                app.world().entity_mut(object).insert(at);
+                app.step(1);
+            }
+            apart(&truth, &app.capture_linear().unwrap()).0
+        };
+        let deferred = error(app, OpaqueRendererMethod::Deferred);
+        let forward = error(app, OpaqueRendererMethod::Forward);
+        println!("{tracer:?}: {deferred:.5} deferred, {forward:.5} forward");
+        assert!(
+            deferred > 0.0 && forward < 1.2 * deferred,
+            "{tracer:?}: {deferred}, {forward}"
+        );
+    }
+}
+
+fn center(app: &HeadlessApp) -> Vec3 {
+    let size = app.size();
+    let middle = (size.y / 2 * size.x + size.x / 2) as usize;
+    Vec3::from_slice(&app.capture_linear().unwrap()[middle])
+}
+
+fn sheet() -> Rectangle {
+    Rectangle::new(40.0, 40.0)
+}
+
+fn before(distance: f32) -> Transform {
+    Transform::from_xyz(0.0, 0.0, BEFORE_THE_MIRROR.translation.z - distance)
+}
+
+fn forward(material: StandardMaterial) -> StandardMaterial {
+    StandardMaterial {
+        opaque_render_method: OpaqueRendererMethod::Forward,
+        ..material
+    }
+}
+
+/// Glass before it wins, something deferred hides it, and what rays don't see gets nothing of what lies behind.
+#[test]
+fn what_stands_before_a_forward_surface_comes_first() {
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        spawn_mesh(app, sheet(), forward(metal(0.0)), before(4.0));
+        let at = Transform::from_xyz(0.0, 0.0, 6.0).looking_to(Vec3::Z, Vec3::Y);
+        spawn_mesh(app, Rectangle::new(400.0, 400.0), unlit(RED), at);
+        reflect(app, camera, ReflectionTechnique::Reference);
+        let on = |app: &mut HeadlessApp| {
+            settle(app, camera, 4);
+            center(app)
+        };
+        let alone = on(app);
+        assert!(alone.x > 0.95 && alone.y < 0.05, "{tracer:?}: {alone}");
+
+        let pane = spawn_mesh(app, sheet(), clear_glass(), before(2.0));
+        let with_pane = on(app);
+        set_forward(app, camera, false);
+        let pane_alone = on(app);
+        assert_eq!(with_pane, pane_alone, "{tracer:?}");
+        assert!((pane_alone.x - 0.16).abs() < 0.01, "{tracer:?}: {pane_alone}");
+        // Without reflections of its own, it is drawn over those of the metal.
+        set_forward(app, camera, true);
+        app.world().get_mut::<RayTracedReflections>(camera).unwrap().transparent = false;
+        let under = on(app);
+        assert!((under - alone).abs().max_element() < 1e-3, "{tracer:?}: {under}");
+        app.world().get_mut::<RayTracedReflections>(camera).unwrap().transparent = true;
+        app.world().despawn(pane);
+        assert!((on(app) - alone).abs().max_element() < 1e-3, "{tracer:?}");
+
+        // Smoke that has no place in the layer dims them.
+        let smoke = StandardMaterial {
+            base_color: Color::BLACK.with_alpha(0.75),
+            unlit: true,
+            alpha_mode: AlphaMode::Blend,
+            ..default()
+        };
+        let smoke = spawn_mesh(app, sheet(), smoke, before(2.0));
+        let through = on(app);
+        assert!((through.x / alone.x - 0.25).abs() < 0.01, "{tracer:?}: {through}");
+        app.world().despawn(smoke);
+
+        for (name, material, is_known) in [
+            ("deferred, unlit", unlit(GREEN), true),
+            ("forward, unlit", forward(unlit(GREEN)), true),
+            ("forward, unlit, unknown to rays", forward(unlit(GREEN)), false),
+        ] {
+            // 20 mm off the surface, which is 4 m away.
+            let object = spawn_mesh(app, Rectangle::new(2.0, 2.0), material, before(3.98));
+            if !is_known {
+                app.world().entity_mut(object).insert(NotReflected);
+            }
+            let shown = on(app);
+            assert!(shown.x < 1e-3 && shown.y > 0.99, "{tracer:?}, {name}: {shown}");
+            app.world().despawn(object);
+        }
+        // A camera that doesn't draw it, and one that does.
+        let world = app.world();
+        world.entity_mut(camera).insert(RenderLayers::from_layers(&[0, 1]));
+        let at = before(3.0);
+        let object = spawn_mesh(app, sheet(), forward(metal(0.0)), at);
+        app.world().entity_mut(object).insert(RenderLayers::layer(1));
+        assert!(on(app).x > 0.95, "{tracer:?}");
+        app.world().entity_mut(camera).insert(RenderLayers::layer(0));
+        assert!(on(app).x > 0.95, "{tracer:?}");
+    }
+}
+
+/// Switched off, the picture is the one without reflections, bit for bit; without forward objects on the screen, nothing is held.
+#[test]
+fn without_forward_surfaces_nothing_is_held() {
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
+        let sheet = spawn_mesh(app, sheet(), metal(0.0), before(4.0));
+        spawn_surroundings(app, Transform::IDENTITY);
+        reflect(app, camera, ReflectionTechnique::Reference);
+        settle(app, camera, 4);
+        assert_eq!(layer_bytes(app), 0, "{tracer:?}");
+        change(app, sheet, |material| {
+            material.opaque_render_method = OpaqueRendererMethod::Forward
+        });
+        let on = settle(app, camera, 4);
+        assert!(layer_bytes(app) > 0, "{tracer:?}");
+        set_forward(app, camera, false);
+        (0..70).for_each(|_| frame(app));
+        assert_eq!(layer_bytes(app), 0, "{tracer:?}");
+        let off = settle(app, camera, 4);
+        app.world().entity_mut(camera).remove::<RayTracedReflections>();
+        app.step(4);
+        let plain = app.capture_linear().unwrap();
+        assert!(off == plain, "{tracer:?}: {:?}", apart(&off, &plain));
+        assert!(apart(&on, &plain).0 > 0.1, "{tracer:?}");
+
+        reflect(app, camera, ReflectionTechnique::Reference);
+        settle(app, camera, 4);
+        assert!(layer_bytes(app) > 0, "{tracer:?}");
+        app.world().entity_mut(sheet).insert(before(-100.0));
+        (0..70).for_each(|_| frame(app));
+        assert_eq!(layer_bytes(app), 0, "{tracer:?}: out of sight");
+        app.world().entity_mut(sheet).insert(before(4.0));
+        assert!(settle(app, camera, 4) == on, "{tracer:?}");
+        assert!(layer_bytes(app) > 0, "{tracer:?}");
+        change(app, sheet, |material| material.unlit = true);
+        (0..70).for_each(|_| frame(app));
+        assert_eq!(layer_bytes(app), 0, "{tracer:?}: unlit");
+    }
+}
+
+/// `deferred_by_default` isn't needed, and probes give way to rays.
+#[test]
+fn an_app_that_draws_everything_forward_has_reflections() {
+    for tracer in BOTH {
+        let Some(mut app) = app_with(SIZE, Output::Linear, tracer, |_| {}) else {
+            continue;
+        };
+        let app = &mut app;
+        app.world().insert_resource(DefaultOpaqueRendererMethod::forward());
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
+        spawn_mesh(app, sheet(), metal(0.0), before(4.0));
+        let at = Transform::from_xyz(0.0, 0.0, 6.0).looking_to(Vec3::Z, Vec3::Y);
+        spawn_mesh(app, Rectangle::new(400.0, 400.0), unlit(RED), at);
+        reflect(app, camera, ReflectionTechnique::Variable);
+        settle(app, camera, 4);
+        let shown = center(app);
+        assert!(shown.x > 0.9 && shown.yz().max_element() < 0.05, "{tracer:?}: {shown}");
+        let map = app.world().get::<EnvironmentMapLight>(camera).unwrap().clone();
+        app.world().spawn((
+            LightProbe { falloff: Vec3::ZERO },
+            EnvironmentMapLight {
+                intensity: 2000.0,
+                ..map
+            },
+            Transform::from_scale(Vec3::splat(30.0)),
+        ));
+        settle(app, camera, 4);
+        let shown = center(app);
+        assert!(shown.x > 0.9 && shown.yz().max_element() < 0.05, "{tracer:?}: {shown}");
+    }
+}
