@@ -47,7 +47,7 @@ struct Wear {}
 
 impl MaterialExtension for Wear {}
 
-/// A material with a shader of its own. It is drawn forward, and so shows no reflections itself.
+/// A material with a shader of its own. It is drawn forward and adds no light of the environment, and so shows no reflections itself.
 #[derive(Asset, AsBindGroup, Reflect, Clone)]
 struct Lava {
     #[uniform(0)]
