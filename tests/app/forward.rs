@@ -65,11 +65,11 @@ fn apart(a: &Picture, b: &Picture) -> (f32, f32) {
 /// Pictures of the same object drawn deferred, drawn forward, and drawn forward without traced reflections.
 fn compare(app: &mut HeadlessApp, camera: Entity, object: Entity, frames: u32) -> [Picture; 3] {
     change(app, object, |material| {
-        material.opaque_render_method = OpaqueRendererMethod::Deferred
+        material.opaque_render_method = OpaqueRendererMethod::Deferred;
     });
     let deferred = settle(app, camera, frames);
     change(app, object, |material| {
-        material.opaque_render_method = OpaqueRendererMethod::Forward
+        material.opaque_render_method = OpaqueRendererMethod::Forward;
     });
     let forward = settle(app, camera, frames);
     set_forward(app, camera, false);
@@ -311,7 +311,7 @@ fn without_forward_surfaces_nothing_is_held() {
         settle(app, camera, 4);
         assert_eq!(layer_bytes(app), 0, "{tracer:?}");
         change(app, sheet, |material| {
-            material.opaque_render_method = OpaqueRendererMethod::Forward
+            material.opaque_render_method = OpaqueRendererMethod::Forward;
         });
         let on = settle(app, camera, 4);
         assert!(layer_bytes(app) > 0, "{tracer:?}");
