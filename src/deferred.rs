@@ -39,7 +39,7 @@ use bevy::{
     shader::{Shader, ShaderRef},
 };
 use core::any::TypeId;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
 /// Makes opaque materials deferred unless the app says otherwise after it, or nothing reflects, since nothing can be traced.
 ///
@@ -194,8 +194,8 @@ fn material_of(component: TypeId, registry: &TypeRegistry) -> Option<(TypeId, &'
 struct Lossy {
     /// By type of material. Shaders belong to a type, so that one look at each tells.
     types: HashMap<TypeId, bool>,
-    /// Addresses of their properties: a material that is prepared anew has others.
-    known: HashMap<UntypedAssetId, usize>,
+    /// Their properties: a material that is prepared anew has others. Held weakly, since the next ones could get the same address otherwise.
+    known: HashMap<UntypedAssetId, Weak<MaterialProperties>>,
     /// Types that the log has told of.
     told: HashSet<TypeId>,
 }
@@ -220,6 +220,7 @@ fn keep_own_shaders(
     let is_deferred = method.is_some_and(|method| is_deferred(&method));
     // Most materials are of one type.
     let mut last = None;
+    let mut has_changed = false;
     for (id, material) in materials.bypass_change_detection().iter_mut() {
         let kind = id.type_id();
         let loses = match last {
@@ -232,27 +233,40 @@ fn keep_own_shaders(
         if !loses {
             continue;
         }
-        let address = Arc::as_ptr(&material.properties).addr();
-        let is_known = known.insert(id, address) == Some(address);
-        let is_drawn_deferred = material.properties.render_method == OpaqueRendererMethod::Deferred
-            && matches!(material.properties.alpha_mode, AlphaMode::Opaque | AlphaMode::Mask(_));
-        if is_known || !is_deferred || !is_drawn_deferred {
+        let properties = &mut material.properties;
+        if known
+            .get(&id)
+            .is_some_and(|known| known.as_ptr() == Arc::as_ptr(properties))
+        {
             continue;
         }
+        let is_drawn_deferred = properties.render_method == OpaqueRendererMethod::Deferred
+            && matches!(properties.alpha_mode, AlphaMode::Opaque | AlphaMode::Mask(_));
         // A material that was prepared just now belongs to nobody else.
-        if let Some(properties) = Arc::get_mut(&mut material.properties) {
+        if is_deferred
+            && is_drawn_deferred
+            && let Some(properties) = Arc::get_mut(properties)
+        {
             properties.render_method = OpaqueRendererMethod::Forward;
+            has_changed = true;
             if told.insert(kind) {
-                let name = used.names.get(&kind).copied().unwrap_or("unknown");
-                info!(
-                    "materials of the type `{name}` are drawn forward, since they have shaders of their own and no \
-                     `deferred_fragment_shader`, or no prepass: with a prepass, they reflect as rays know them after a \
-                     `ReflectedMaterialPlugin` for their type; write such a shader to have them reflect as they are drawn"
-                );
+                tell_of(used.names.get(&kind).copied().unwrap_or("unknown"));
             }
         }
+        known.insert(id, Arc::downgrade(properties));
     }
     known.retain(|id, _| materials.get(*id).is_some());
+    if has_changed {
+        materials.set_changed();
+    }
+}
+
+fn tell_of(name: &str) {
+    info!(
+        "materials of the type `{name}` are drawn forward, since they have shaders of their own and no `deferred_fragment_shader`, or no \
+         prepass: with a prepass, a `ReflectedMaterialPlugin` for their type and `RayTracedReflections::forward` they reflect as rays know \
+         them; write such a shader to have them reflect as they are drawn"
+    );
 }
 
 /// Returns whether the G-buffer lacks what a material's own shaders do, or the material as a whole.

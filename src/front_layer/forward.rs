@@ -15,13 +15,17 @@ pub(super) fn note_forward_materials(
     views: Query<&ReflectionView>,
     prepared: Res<ErasedRenderAssets<PreparedMaterial>>,
     mut materials: ResMut<MaterialAssets>,
+    mut missed: Local<bool>,
 ) {
-    if !views.iter().any(|view| view.settings.forward) || (materials.forward().is_some() && !prepared.is_changed()) {
+    // Nobody else is told of what changes while no view wants to know.
+    *missed |= prepared.is_changed();
+    if !views.iter().any(|view| view.settings.forward) || (materials.forward().is_some() && !*missed) {
         return;
     }
+    *missed = false;
     let forward: HashSet<UntypedAssetId> = prepared
         .iter()
-        .filter(|(_, material)| is_drawn_forward(&material.properties))
+        .filter(|(id, material)| materials.may_mirror(id.type_id()) && is_drawn_forward(&material.properties))
         .map(|(id, _)| id)
         .collect();
     if materials.forward() != Some(&forward) {

@@ -69,9 +69,9 @@ impl Plugin for FrontLayerPlugin {
             .add_systems(
                 Render,
                 (
-                    // After `deferred.rs` has decided.
+                    // `deferred.rs` has decided before.
                     note_forward_materials
-                        .after(RenderSystems::PrepareMeshes)
+                        .after(RenderSystems::Specialize)
                         .before(ReflectionSystems::PrepareScene),
                     request_rates
                         .after(ReflectionSystems::RequestPipelines)

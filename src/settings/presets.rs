@@ -43,7 +43,6 @@ impl ReflectionPreset {
                     denoiser: ReflectionDenoiser::PAPER,
                     texture_mip: ReflectionTextureMip::PAPER,
                     transparent: false,
-                    forward: false,
                     ..default
                 },
                 ShadingRateHeuristic::PAPER_ROUGHNESS,

@@ -87,8 +87,9 @@ pub struct RayTracedReflections {
     pub transparent: bool,
     /// Opaque surfaces that are drawn *forward* show traced reflections, too, where no glass that reflects stands before them. Rays must know
     /// their material, which has a prepass, no clearcoat, and a shader that adds the environment's specular light as Bevy does: the
-    /// reflections replace it. They share textures and passes with those of [`transparent`](Self::transparent), and cost nothing while no
-    /// such object is on the screen. Default: true.
+    /// reflections replace it. A form that stands in for an object must show that light, too. They share textures and passes with those of
+    /// [`transparent`](Self::transparent), and cost nothing while no such object is on the screen; more than 1,024 of them count as one that
+    /// fills it. What has no prepass and covers them shows their reflections, too. Default: false, since deferred surfaces take less.
     pub forward: bool,
     /// Forgets all history in the next frame: set it when the camera jumps. It clears itself. Default: true, so that a new
     /// component starts clean.
@@ -112,7 +113,7 @@ impl Default for RayTracedReflections {
             shadow_rays: true,
             texture_mip: ReflectionTextureMip::default(),
             transparent: true,
-            forward: true,
+            forward: false,
             reset: true,
         }
     }

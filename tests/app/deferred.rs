@@ -263,7 +263,11 @@ fn extended_materials_that_stay_forward_reflect() {
     world.spawn((Mesh3d(mesh), MeshMaterial3d(material)));
     let behind = Transform::from_xyz(0.0, 0.0, 6.0);
     spawn_mesh(&mut app, Cuboid::from_length(2.0), unlit(RED), behind);
-    let camera = (camera(target, 0), RayTracedReflections::default());
+    let settings = RayTracedReflections {
+        forward: true,
+        ..default()
+    };
+    let camera = (camera(target, 0), settings);
     let camera = app.world().spawn(camera).id();
     wait(&mut app);
     let on = red_pixels(&app.capture().unwrap());

@@ -64,6 +64,7 @@ pub fn reflect(app: &mut HeadlessApp, camera: Entity, technique: ReflectionTechn
         full_resolution_mirrors: false,
         roughness_cutoff: 1.0,
         roughness_fade: 0.0,
+        forward: true,
         ..default()
     };
     app.world().entity_mut(camera).insert(settings);

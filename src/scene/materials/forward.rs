@@ -2,11 +2,17 @@
 
 use super::{MaterialAssets, pack::shows_known_environment};
 use bevy::{asset::UntypedAssetId, platform::collections::HashSet};
+use core::any::TypeId;
 
 impl MaterialAssets {
     /// Opaque materials that Bevy draws forward; `None` while nobody has looked.
     pub fn forward(&self) -> Option<&HashSet<UntypedAssetId>> {
         self.forward.as_ref()
+    }
+
+    /// Returns whether objects of a type of material may show reflections if they are drawn forward.
+    pub fn may_mirror(&self, kind: TypeId) -> bool {
+        self.mirroring.contains(&kind)
     }
 
     /// Takes the opaque materials that Bevy draws forward.
@@ -22,7 +28,7 @@ impl MaterialAssets {
     /// Returns whether a material is drawn forward and opaque, and shows the environment as Bevy does.
     pub fn reflects_forward(&self, id: UntypedAssetId) -> bool {
         self.forward.as_ref().is_some_and(|forward| forward.contains(&id))
-            && self.mirroring.contains(&id.type_id())
+            && self.may_mirror(id.type_id())
             && self.get(id).is_some_and(shows_known_environment)
     }
 }

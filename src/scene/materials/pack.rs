@@ -6,7 +6,7 @@ use crate::scene::{
 };
 use bevy::{
     asset::AssetId,
-    color::LinearRgba,
+    color::{Color, LinearRgba},
     image::Image,
     material::OpaqueRendererMethod,
     mesh::UvChannel,
@@ -204,9 +204,12 @@ pub(super) fn looks_same(a: &StandardMaterial, b: &StandardMaterial) -> bool {
 }
 
 /// Returns whether Bevy's forward lighting adds the environment's specular light by a formula that is known here. On cameras with a normal
-/// prepass, it lights clearcoats of forward materials with a normal of zero.
+/// prepass, it lights clearcoats of forward materials with a normal of zero. It bends normals where a highlight is anisotropic, and tints it.
 pub(super) fn shows_known_environment(material: &StandardMaterial) -> bool {
-    !material.unlit && packed_clearcoat(material) == 0
+    !material.unlit
+        && packed_clearcoat(material) == 0
+        && material.anisotropy_strength == 0.0
+        && material.specular_tint == Color::WHITE
 }
 
 /// Returns whether an instance is the same with either material: none of them lets rays through, they cull the same faces, and both or none

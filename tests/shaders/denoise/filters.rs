@@ -362,7 +362,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             rest_history(32.0 * a.z, 64.0 * b.z, u32(600.0 * a.w), d.x), rest_firefly(100.0 * c.z, d.x)),
         vec4(pack_frame_weight(20.0 * a.x), unpack_frame_weight(pack_frame_weight(20.0 * a.y)),
             image_angle(0.002, 10.0 * b.x, 0.01 + 10.0 * b.y, d.x > 0.5), reconnection_jacobian((0.01 + a.z) * (0.01 + a.z), 1.0 / b.z)),
-        vec4(place_weight(8.0 * a.x, 1.0), place_weight(32.0 * a.x, place_width(0.5 + 3.0 * a.y, b.z, 0.05 + b.x, settled_of(u32(48.0 * b.w)))), normal_weight(0.7 + 0.3 * a.z, 0.1 + a.w),
+        vec4(place_weight(8.0 * a.x, 1.0), place_weight(32.0 * a.x, place_width(0.5 + 3.0 * a.y, b.z, 0.05 + b.x, settled_of(u32(80.0 * b.w)))), normal_weight(0.7 + 0.3 * a.z, 0.1 + a.w),
             select(0.0, 1.0, is_sharp(b.x, 0.1 * b.y, 8.0 * b.z))),
     );
 }
@@ -418,7 +418,10 @@ fn filters_twin([a, b, c, d]: [Vec4; 4]) -> [Vec4; 12] {
         ),
         vec4(
             place_weight(8.0 * a.x, 1.0),
-            place_weight(32.0 * a.x, place_width(0.5 + 3.0 * a.y, b.z, 0.05 + b.x, settled_of((48.0 * b.w) as u32))),
+            place_weight(
+                32.0 * a.x,
+                place_width(0.5 + 3.0 * a.y, b.z, 0.05 + b.x, settled_of((80.0 * b.w) as u32)),
+            ),
             normal_weight(0.7 + 0.3 * a.z, 0.1 + a.w),
             f32::from(u8::from(is_sharp(b.x, 0.1 * b.y, 8.0 * b.z))),
         ),

@@ -196,7 +196,7 @@ pub fn is_sharp(alpha: f32, angle: f32, spacing: f32) -> bool {
 }
 
 pub fn settled_of(rest_frames: u32) -> f32 {
-    let part = ((rest_frames as f32 - 8.0) / 24.0).clamp(0.0, 1.0);
+    let part = ((rest_frames as f32 - 8.0) / 56.0).clamp(0.0, 1.0);
     part * part * (3.0 - 2.0 * part)
 }
 
@@ -204,7 +204,7 @@ pub fn place_width(spacing: f32, alpha: f32, angle: f32, settled: f32) -> f32 {
     if spacing <= 1.0 {
         0.5
     } else {
-        let narrow = (0.5 * alpha / angle).clamp(0.5, spacing);
+        let narrow = (1.5 * alpha / angle).clamp(0.5, spacing);
         spacing + settled * (narrow - spacing)
     }
 }
