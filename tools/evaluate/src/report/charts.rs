@@ -82,7 +82,7 @@ pub struct Point {
     pub time_range: Option<(f64, f64)>,
     /// The error, at least 0.
     pub error: f64,
-    /// The error in the best and in the worst view, or its confidence interval.
+    /// The error in the best and in the worst view, or the confidence interval of a single one.
     pub error_range: Option<(f64, f64)>,
     /// Its kind.
     pub family: Family,

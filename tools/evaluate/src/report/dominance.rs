@@ -63,6 +63,20 @@ pub fn mean_error(views: &[Vec<f64>]) -> Option<(f64, Option<Interval>)> {
     Some((center, interval))
 }
 
+/// The reflection's error in the best and in the worst view, or the interval of a single one. The interval over few views is far wider than
+/// what charts show: it takes them for a sample of all views, while techniques are compared in the same ones.
+pub fn range_of_views(row: &Row) -> Option<(f64, f64)> {
+    let views = from_text(&row.flip_reflection_runs);
+    if views.len() < 2 {
+        return row.reflection_interval();
+    }
+    let means = views.iter().filter_map(|runs| mean(runs));
+    means.fold(None, |range, view| {
+        let (low, high) = range.unwrap_or((view, view));
+        Some((low.min(view), high.max(view)))
+    })
+}
+
 /// The ratio of two techniques' errors and its 95 % interval. Views are paired, so that places where reflections are hard for both
 /// cancel out; the estimate is the geometric mean. A single view has the interval of both techniques' runs.
 fn error_ratio(a: &[Vec<f64>], b: &[Vec<f64>]) -> Option<(f64, Option<Interval>)> {
@@ -213,6 +227,21 @@ mod tests {
             total_high_ms: Some(1.01 * time),
             ..Row::example("street", technique, time, 0.02)
         }
+    }
+
+    #[test]
+    fn charts_show_the_best_and_the_worst_view() {
+        let of = |views: &[Vec<f64>]| {
+            let row = row("quarter", 1.0, views);
+            range_of_views(&Row {
+                flip_reflection_low: Some(0.01),
+                flip_reflection_high: Some(0.06),
+                ..row
+            })
+        };
+        let [first, second, third] = [vec![0.02, 0.04], vec![0.05], vec![0.01]];
+        assert_eq!(of(&[first.clone(), second, third]), Some((0.01, 0.05)));
+        assert_eq!(of(&[first]), Some((0.01, 0.06)), "a single view has its interval");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use super::{
     charts::{Chart, chart, svg},
+    dominance::range_of_views,
     readme,
     rows::{Row, number, to_csv},
     summary::Summary,
@@ -102,7 +103,7 @@ impl Results<'_> {
                 "mean FLIP of the reflection alone against the ground truth",
                 &rows,
                 |row| row.flip_reflection_converged,
-                Row::reflection_interval,
+                range_of_views,
             );
             // Techniques are dominated by the error of the reflection.
             let unmarked = |mut chart: Chart| {
