@@ -95,6 +95,28 @@ fn facing_mirrors_show_powers_of_their_reflectance() {
     }
 }
 
+/// Ambient light stands for what comes from all around: where a ray goes on, it brings that itself.
+#[test]
+fn rays_that_go_on_take_the_place_of_ambient_light() {
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        let (camera, _) = spawn_mirrors(app, [0.5; 3], 0.0);
+        let ambient = AmbientLight {
+            brightness: 1.0,
+            ..default()
+        };
+        app.world().entity_mut(camera).insert(ambient);
+        reflect(app, camera, ReflectionTechnique::Converged);
+        // The last hit alone shows it.
+        let light = [1, 8].map(|bounces| {
+            set_bounces(app, camera, bounces, 0.3);
+            middle(app)[1]
+        });
+        println!("{tracer:?}: {light:.4?} after 1 and 8 bounces");
+        assert!(light[0] > 0.4 && light[1] < 0.02, "{tracer:?}: {light:?}");
+    }
+}
+
 /// White walls can't be told from white surroundings, however often light goes back and forth between them.
 #[test]
 fn white_walls_stay_white() {
