@@ -196,8 +196,11 @@ pub fn is_sharp(alpha: f32, angle: f32, spacing: f32) -> bool {
 }
 
 pub fn settled_of(rest_frames: u32) -> f32 {
-    let part = ((rest_frames as f32 - 8.0) / 56.0).clamp(0.0, 1.0);
-    part * part * (3.0 - 2.0 * part)
+    if rest_frames <= 16 {
+        0.0
+    } else {
+        1.0 - (16.0 / rest_frames as f32).sqrt()
+    }
 }
 
 pub fn place_width(spacing: f32, alpha: f32, angle: f32, settled: f32) -> f32 {
