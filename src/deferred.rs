@@ -1,7 +1,8 @@
 //! Makes opaque materials deferred, and every 3D camera able to draw them.
 //!
 //! Rays start from Bevy's G-buffer, which deferred materials alone write; for others, rays fill a second one (`front_layer/`), which costs
-//! more. Bevy draws deferred materials on no camera without a `DeferredPrepass`, and panics over one that has other prepasses. Hence all 3D cameras get it, whether they reflect or not: else the objects
+//! more and has to be asked for. Bevy draws deferred materials on no camera without a `DeferredPrepass`, and panics over one that has other
+//! prepasses. Hence all 3D cameras get it, whether they reflect or not: else the objects
 //! of a mini map would vanish when the main camera begins to reflect. A camera without reflections pays for the G-buffer. The
 //! alternative, to make materials deferred only while a camera reflects, would prepare all materials anew at each switch, and other
 //! cameras would lose their objects meanwhile.

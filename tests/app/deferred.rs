@@ -235,7 +235,7 @@ fn extended_materials_keep_a_shader_of_their_own() {
     assert_eq!(red_pixels(&app.capture().unwrap()), all, "red pixels after a change");
 }
 
-/// What the plugin keeps forward reflects nevertheless.
+/// Materials that the plugin keeps forward reflect if the camera asks for it.
 #[test]
 fn extended_materials_that_stay_forward_reflect() {
     let Some(mut app) = start_with_plugin(|app| {
