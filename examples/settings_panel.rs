@@ -2,8 +2,9 @@
 //!
 //! `cargo run --release --features egui --example settings_panel`
 //!
-//! The front row is plastic, the back row metal; roughness grows to the right. Things to try: raise the roughness cut-off until the
-//! rightmost spheres reflect, switch the denoiser's passes off one by one, choose a debug view. F2 opens and closes the panel.
+//! The front row is plastic, the back row metal; roughness grows to the right. Things to try: lower the roughness cut-off until the
+//! rightmost spheres show the environment map, switch the denoiser's passes off one by one, choose a debug view. F2 opens and closes the
+//! panel.
 //!
 //! The camera flies by Bevy's feature `free_camera`.
 

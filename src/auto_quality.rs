@@ -58,7 +58,7 @@ impl Plugin for AutoQualityPlugin {
 fn is_complete(camera: Entity, report: &ReflectionStatusReport) -> bool {
     report.ready
         && report.meshes_pending == 0
-        && report.culled_views < report.active_backends.len()
+        && !report.traces_nothing()
         && report.active_backends.iter().any(|(active, _)| *active == camera)
 }
 
@@ -91,6 +91,7 @@ fn choose_qualities(
     let tracer = status.read(|report| report.tracer);
     searches.retain(|camera, _| cameras.contains(*camera));
     for (camera, settings, quality, effort) in &mut cameras {
+        let mut lacks_times = false;
         let decision = match searches.get_mut(&camera) {
             Some(search) if !settings.is_changed() => {
                 if quality != Some(&search.quality) {
@@ -99,11 +100,13 @@ fn choose_qualities(
                     continue;
                 }
                 let is_complete = status.read(|report| is_complete(camera, report));
-                search.step(&Frame {
+                let decision = search.step(&Frame {
                     is_complete,
                     time,
                     delta,
-                })
+                });
+                lacks_times = search.lacks_times();
+                decision
             }
             _ => {
                 if let Some(mut effort) = effort {
@@ -124,7 +127,7 @@ fn choose_qualities(
                 commands.entity(camera).try_insert(quality);
             }
             Decision::Choose(quality, milliseconds) => {
-                if milliseconds.is_none() && tracer.is_some() && !times.exist() {
+                if lacks_times {
                     warn_once!(
                         "a `ReflectionAutoQuality` keeps its first guess, since there are no GPU times: add Bevy's \
                          `RenderDiagnosticsPlugin`; the device needs timestamps"

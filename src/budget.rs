@@ -3,6 +3,7 @@
 use crate::{
     gpu_time::GpuTimes,
     settings::{ReflectionAutoQuality, ReflectionBudget, ReflectionEffort},
+    status::{ReflectionStatus, ReflectionStatusReport},
 };
 use bevy::{
     app::{App, Plugin, PreUpdate},
@@ -105,6 +106,7 @@ impl Controller {
 fn hold_budgets(
     mut cameras: Query<(Entity, &ReflectionBudget, &mut ReflectionEffort), Without<ReflectionAutoQuality>>,
     diagnostics: Option<Res<DiagnosticsStore>>,
+    status: Option<Res<ReflectionStatus>>,
     mut controllers: Local<Vec<(Entity, Controller)>>,
     mut times: Local<GpuTimes>,
     mut waited: Local<u32>,
@@ -123,6 +125,10 @@ fn hold_budgets(
         }
         return;
     };
+    // Views that see nothing reflective take no time, whatever the effort is.
+    if status.is_some_and(|status| status.read(ReflectionStatusReport::traces_nothing)) {
+        return;
+    }
     controllers.retain(|(entity, _)| cameras.contains(*entity));
     for (entity, budget, mut effort) in &mut cameras {
         let budget = budget.clamped();

@@ -19,12 +19,12 @@
 //! }
 //! ```
 //!
-//! The plugin makes opaque materials deferred, and every `Camera3d` able to draw them
+//! The plugin makes opaque materials deferred, and gives every `Camera3d` the prepasses that draw them
 //! ([`deferred_by_default`](RayTracedReflectionsPlugin::deferred_by_default) says why, and how to keep them forward). The quality writes
 //! [`RayTracedReflections`], the component with all settings, which can be inserted instead.
 //!
 //! The [manual] says how it works, which settings to choose, what they cost, what each message of the log means, and how reflections
-//! get on with the rest of Bevy's renderer.
+//! combine with the rest of Bevy's renderer.
 //!
 //! # The path of one pixel
 //!
@@ -46,7 +46,7 @@
 //! |---|---|
 //! | `egui` | a settings panel and an options menu |
 //! | `serde` | `Serialize` and `Deserialize` for [`ReflectionQuality`] |
-//! | `hardware-vrs` | a back end that has the rasterizer choose shading rates, on Vulkan |
+//! | `hardware-vrs` | a back end that hands shading rates to the rasterizer, on Vulkan |
 //!
 //! None is on by default.
 //!

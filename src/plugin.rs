@@ -29,7 +29,7 @@ use crate::{
 };
 use bevy::app::{App, Plugin};
 
-/// Makes [`RayTracedReflections`](crate::RayTracedReflections) work on cameras.
+/// Traces reflections for cameras with [`RayTracedReflections`](crate::RayTracedReflections).
 ///
 /// Add it after `DefaultPlugins`. In an app without a renderer it does nothing. On a device that can't trace, cameras get the
 /// [`fallback`](Self::fallback), and the reason is in [`ReflectionStatus`](crate::ReflectionStatus).

@@ -107,6 +107,13 @@ pub struct ReflectionStatusReport {
     pub ready: bool,
 }
 
+impl ReflectionStatusReport {
+    /// No rays are in any picture: what is on the screen doesn't reflect.
+    pub(crate) fn traces_nothing(&self) -> bool {
+        self.culled_views >= self.active_backends.len()
+    }
+}
+
 impl fmt::Display for ReflectionStatusReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let tracer = match self.tracer {

@@ -24,6 +24,8 @@ const NO_TIMES: u32 = 120;
 /// Time for one trial: for compiling, arriving meshes and measurements. With less, the first guess stays on slow machines; with more,
 /// a camera that shows nothing delays the answer.
 const PATIENCE: Duration = Duration::from_secs(60);
+/// Most that a frame counts. Longer ones are those of an app in the background, or of a machine that slept.
+const LONGEST_FRAME: Duration = Duration::from_secs(5);
 
 /// The quality to begin with. Too low a guess costs a trial, and too high a one costs slow frames.
 pub(super) fn guess(adapter: Option<DeviceType>, tracer: Option<ReflectionTracer>) -> ReflectionQuality {
@@ -95,7 +97,7 @@ impl Search {
         if self.quality == ReflectionQuality::Off {
             return Decision::Choose(self.quality, None);
         }
-        self.elapsed += frame.delta;
+        self.elapsed += frame.delta.min(LONGEST_FRAME);
         if !frame.is_complete {
             self.skip = LATENCY;
             self.times.clear();
@@ -107,7 +109,7 @@ impl Search {
         } else {
             self.without_time += 1;
         }
-        let ends = self.elapsed >= PATIENCE || self.without_time >= NO_TIMES;
+        let ends = self.elapsed >= PATIENCE || self.lacks_times();
         if self.times.len() < WINDOW && !ends {
             return Decision::Wait;
         }
@@ -118,6 +120,11 @@ impl Search {
                 None => Decision::Choose(self.quality, None),
             },
         }
+    }
+
+    /// Frames that should have had times had none.
+    pub fn lacks_times(&self) -> bool {
+        self.without_time >= NO_TIMES
     }
 
     fn median(&mut self) -> Option<f32> {
@@ -304,6 +311,9 @@ mod tests {
         frame.time = Some(0.1);
         frame.delta = PATIENCE / 100;
         assert_eq!(after(100, &frame), Decision::Choose(Medium, None));
+        // A laptop that slept hasn't searched meanwhile.
+        frame.delta = Duration::from_secs(3600);
+        assert_eq!(after(1, &frame), Decision::Wait);
         // On a slow machine fewer measurements have to do.
         frame.is_complete = true;
         frame.time = Some(1.8);

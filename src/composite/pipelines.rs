@@ -157,7 +157,9 @@ pub(super) fn queue_composite_pipelines(
     let mut passes = resolve.values().chain(probed.values());
     let error = passes.find_map(|pass| pass.errors(&cache).next());
     if let Some(error) = error.map(|(_, error)| error).or(screen_error) {
-        error_once!("ray-traced reflections stay off, since their composite failed: {error}");
+        error_once!(
+            "a composite of ray-traced reflections failed; cameras that need it get simpler reflections, or none: {error}"
+        );
     }
 }
 

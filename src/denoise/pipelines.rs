@@ -155,7 +155,9 @@ pub(super) fn queue_denoise_pipelines(
         .values()
         .find_map(|(pass, _)| pass.errors(&cache).next());
     if let Some((_, error)) = error {
-        error_once!("ray-traced reflections stay off, since their denoiser failed: {error}");
+        error_once!(
+            "a denoiser of ray-traced reflections failed; cameras that need it get simpler reflections, or none: {error}"
+        );
     }
 }
 

@@ -7,7 +7,6 @@ use super::{
 use crate::{
     deferred::is_deferred,
     ready::{Readiness, pipeline_key},
-    scene::environment::ViewEnvironment,
     settings::{
         ClampedSettings, RateSettings, RayTracedReflections, ReflectionBackend, ReflectionDebugCounters,
         ReflectionDebugSplit, ReflectionDebugView, ReflectionEffort, ReflectionTechnique, ReflectionView,
@@ -22,16 +21,15 @@ use bevy::{
     camera::{Camera, Hdr, MainPassResolutionOverride},
     core_pipeline::prepass::{DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass},
     ecs::{
-        entity::{EntityHashMap, EntityHashSet},
+        entity::EntityHashSet,
         name::NameOrEntity,
         prelude::*,
         query::{QueryData, QueryState},
         system::SystemParam,
     },
-    math::{Mat4, UVec2},
+    math::UVec2,
     pbr::ScreenSpaceReflections,
     render::{MainWorld, renderer::RenderDevice, sync_world::RenderEntity, view::Msaa},
-    transform::components::GlobalTransform,
 };
 
 /// The components of a camera that extraction reads.
@@ -46,7 +44,6 @@ pub(super) struct CameraQuery {
     heuristic: Option<&'static ShadingRateHeuristic>,
     tile_size: Option<&'static ShadingRateTileSize>,
     effort: Option<&'static ReflectionEffort>,
-    transform: &'static GlobalTransform,
     hdr: Has<Hdr>,
     depth: Has<DepthPrepass>,
     deferred: Has<DeferredPrepass>,
@@ -118,26 +115,15 @@ fn fits(size: UVec2, technique: ReflectionTechnique, most_texels: u32) -> bool {
 pub(super) struct ExistingView {
     entity: Entity,
     active: Option<&'static ReflectionView>,
-    environment: Option<&'static ViewEnvironment>,
     culling: Option<&'static mut ViewCulling>,
 }
 
 type IsOurs = Or<(With<ReflectionView>, With<WantsReflections>)>;
 
-/// Inputs of a camera's accumulation in the last frame.
-#[derive(Clone, PartialEq)]
-struct CameraState {
-    world_from_view: Mat4,
-    clip_from_view: Mat4,
-    settings: ClampedSettings,
-    environment: Option<ViewEnvironment>,
-}
-
 /// State that extraction keeps from frame to frame.
 #[derive(Default)]
 pub(super) struct ExtractionState {
     query: Option<QueryState<CameraQuery>>,
-    cameras: EntityHashMap<CameraState>,
     warnings: Warnings,
     fallbacks: Fallbacks,
 }
@@ -190,14 +176,13 @@ impl Request {
 }
 
 /// The extraction of one frame.
-struct Extraction<'a, 'w, 's> {
+struct Extraction<'w, 's> {
     readiness: Readiness<'w>,
     commands: Commands<'w, 's>,
-    cameras: &'a mut EntityHashMap<CameraState>,
     found: Findings,
 }
 
-impl Extraction<'_, '_, '_> {
+impl Extraction<'_, '_> {
     /// Hands the settings of a camera to its view. Returns whether the view uses them in this frame: a new view keeps Bevy's
     /// environment map until its pipelines are compiled, and an active one its old settings.
     fn update_view(
@@ -207,9 +192,7 @@ impl Extraction<'_, '_, '_> {
         reset: bool,
         existing: Option<ExistingViewItem>,
     ) -> bool {
-        let (active, environment, culling) = existing.map_or((None, None, None), |view| {
-            (view.active, view.environment.cloned(), view.culling)
-        });
+        let (active, culling) = existing.map_or((None, None), |view| (view.active, view.culling));
         let key = pipeline_key(&request.settings, &request.rate);
         let ready = self.readiness.is_ready(camera.render_entity, &key, active.is_some());
         let shown = if ready {
@@ -238,35 +221,14 @@ impl Extraction<'_, '_, '_> {
         if !ready {
             return false;
         }
-        let changed = self.note_state(camera, &request.settings, environment);
         let Request { settings, rate } = request;
         self.commands.entity(camera.render_entity).insert(ReflectionView {
-            reset: reset || (changed && settings.technique == ReflectionTechnique::Converged),
+            reset,
             settings,
             rate,
             debug,
         });
         true
-    }
-
-    /// Returns whether anything is another one than in the last frame.
-    fn note_state(
-        &mut self,
-        camera: &CameraQueryItem,
-        settings: &ClampedSettings,
-        environment: Option<ViewEnvironment>,
-    ) -> bool {
-        let state = CameraState {
-            world_from_view: camera.transform.to_matrix(),
-            clip_from_view: camera.camera.clip_from_view(),
-            settings: *settings,
-            environment,
-        };
-        let changed = self.cameras.get(&camera.entity) != Some(&state);
-        if changed {
-            self.cameras.insert(camera.entity, state);
-        }
-        changed
     }
 
     /// Takes reflections from views whose cameras don't want them any more.
@@ -298,7 +260,6 @@ pub(super) fn extract_cameras(
 ) {
     let ExtractionState {
         query,
-        cameras,
         warnings,
         fallbacks,
     } = &mut *state;
@@ -307,7 +268,6 @@ pub(super) fn extract_cameras(
     let mut extraction = Extraction {
         readiness,
         commands,
-        cameras,
         found: Findings::default(),
     };
     for mut camera in query.iter_mut(&mut main_world) {
@@ -328,7 +288,7 @@ pub(super) fn extract_cameras(
             if camera.screen_space && existing.contains(camera.render_entity) {
                 // The uniform on the view is Bevy's own now.
                 let mut view = extraction.commands.entity(camera.render_entity);
-                view.remove::<OursOfAView>();
+                view.remove::<(OursOfAView, WantsReflections)>();
                 extraction.found.wanting.insert(camera.render_entity);
             }
             continue;
@@ -359,7 +319,6 @@ pub(super) fn extract_cameras(
         report.culled_views = culled_views;
     });
     fallbacks.publish(&present, &status);
-    cameras.retain(|entity, _| present.contains(entity));
     warnings.retain(&present);
 }
 

@@ -62,7 +62,9 @@ pub(super) fn extract_boxes(
             half_extents: aabb.half_extents,
         }))
     };
-    see_through.extend(scene.see_through.entities().filter_map(box_of));
+    if views.iter().any(|view| view.settings.transparent) {
+        see_through.extend(scene.see_through.entities().filter_map(box_of));
+    }
     if scene.forward.count() > MOST_FORWARD {
         opaque.push(None);
     } else if views.iter().any(|view| view.settings.forward) {

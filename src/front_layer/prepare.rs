@@ -56,10 +56,17 @@ pub struct FrontLayer {
 }
 
 impl FrontLayer {
-    fn new(device: &RenderDevice, view: &ReflectionView, extent: UVec2, sizes: Sizes, needs: Needs) -> Self {
+    /// `old` is the layer of the view in another size or for other settings, whose samples it goes on with.
+    fn new(
+        device: &RenderDevice,
+        view: &ReflectionView,
+        extent: UVec2,
+        (sizes, needs): (Sizes, Needs),
+        old: Option<&Self>,
+    ) -> Self {
         Self {
             layer: LayerTextures::new(device, extent),
-            textures: ReflectionTextures::new(device, sizes, needs, None),
+            textures: ReflectionTextures::new(device, sizes, needs, old.map(|old| &old.textures)),
             view: view.clone(),
             rects: Vec::new(),
             has_see_through: false,
@@ -163,9 +170,10 @@ pub(super) fn prepare_front_layers(
         let mut created = None;
         let front = match layer {
             Some(layer) if layer.fits(sizes, needs, extent) => layer.into_inner(),
-            _ => {
-                let Some(new) = try_allocate(&device, || FrontLayer::new(&device, view.view, extent, sizes, needs))
-                else {
+            old => {
+                let old = old.as_deref();
+                let make = || FrontLayer::new(&device, view.view, extent, (sizes, needs), old);
+                let Some(new) = try_allocate(&device, make) else {
                     commands.entity(entity).remove::<(FrontLayer, MoreMemory)>();
                     refused.entry(entity).or_default().begin();
                     continue;

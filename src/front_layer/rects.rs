@@ -9,6 +9,8 @@ use bevy::{
 /// Rectangles of a view at most; `layer.wesl` has the same number. More objects share the rectangle around all of them. More
 /// rectangles leave out more of the screen, and each is a test for every pixel in one.
 const MOST_RECTS: usize = 16;
+/// Rectangles that are held apart while more objects may join them. Each object is compared with all of them.
+const MOST_JOINED: usize = 4 * MOST_RECTS;
 /// Pixels of a workgroup in each direction. Rectangles begin and end at multiples of it, or at the edge of the view.
 const GROUP_SIZE: u32 = 8;
 /// Corners that lie nearer than this in clip space may cover anything. Less divides by nearly nothing, more lets objects close to
@@ -58,6 +60,7 @@ pub(super) fn screen_rects(boxes: &[Option<ObjectBox>], clip_from_world: &Mat4, 
 
 /// Rectangles that don't overlap and hold all of some others.
 pub(super) fn disjoint(parts: impl IntoIterator<Item = URect>) -> Vec<URect> {
+    let around_all = |rects: &[URect]| rects.iter().copied().reduce(|a, b| a.union(b));
     let mut rects: Vec<URect> = Vec::new();
     for mut rect in parts.into_iter().filter(|rect| !rect.is_empty()) {
         // One that has grown may overlap others.
@@ -65,10 +68,12 @@ pub(super) fn disjoint(parts: impl IntoIterator<Item = URect>) -> Vec<URect> {
             rect = rect.union(rects.swap_remove(index));
         }
         rects.push(rect);
+        if rects.len() > MOST_JOINED {
+            rects = around_all(&rects).into_iter().collect();
+        }
     }
     if rects.len() > MOST_RECTS {
-        let all = rects.iter().copied().reduce(|a, b| a.union(b));
-        return all.into_iter().collect();
+        rects = around_all(&rects).into_iter().collect();
     }
     rects
 }
@@ -164,9 +169,25 @@ mod tests {
         assert_eq!(apart.len(), 2);
         let near = rects(&[at(-2.0, 0.0, -5.0), at(-1.9, 0.1, -5.0), at(2.0, 0.0, -5.0)]);
         assert_eq!(near.len(), 2);
-        let many: Vec<_> = (0..40).map(|i| at(-4.0 + 0.2 * i as f32, 0.0, -5.0)).collect();
-        let held = rects(&many);
-        assert!(held.len() <= MOST_RECTS, "{}", held.len());
+        let overlap = |rects: &[URect]| {
+            let pairs = rects
+                .iter()
+                .enumerate()
+                .flat_map(|(i, a)| rects[..i].iter().map(move |b| a.intersect(*b)));
+            pairs.filter(|common| !common.is_empty()).count()
+        };
+        assert_eq!((overlap(&apart), overlap(&near)), (0, 0));
+        // Small and far apart: more than there is room for, and more than are held while they are joined.
+        for (columns, rows) in [(8, 4), (11, 9)] {
+            let cells = (0..columns * rows).map(|i| {
+                URect::from_center_size(
+                    UVec2::new(8 + 16 * (i % columns), 4 + 10 * (i / columns)),
+                    UVec2::splat(4),
+                )
+            });
+            let around = URect::new(6, 2, 10 + 16 * (columns - 1), 6 + 10 * (rows - 1));
+            assert_eq!(disjoint(cells), [around]);
+        }
     }
 
     #[test]

@@ -198,7 +198,9 @@ pub(super) fn queue_rate_pipelines(
             RateVariant::Custom(shader) => {
                 error!("the shading-rate heuristic {shader:?} failed, so that every trace pixel gets its ray: {error}");
             }
-            _ => error!("ray-traced reflections stay off, since their shading-rate shader failed: {error}"),
+            _ => error!(
+                "a shading-rate shader of ray-traced reflections failed; cameras that need it get simpler rates, or no reflections: {error}"
+            ),
         }
     }
     pipelines.images.clear();

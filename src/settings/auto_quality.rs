@@ -13,10 +13,10 @@ use bevy::{
 /// the camera tries one quality after the other: better ones while the median of its GPU times leaves room below the target, and worse ones
 /// while it is above. Its picture is that of the quality on trial.
 ///
-/// At the end the component is gone. The camera keeps the [`ReflectionQuality`], has a
-/// [`ReflectionBudget`](crate::ReflectionBudget) of the same time unless it had one before, and gets the event
-/// [`ReflectionQualityChosen`](crate::ReflectionQualityChosen), upon which a game saves the quality. To search again, for instance in a
-/// window of another size, insert the component again. To end the search early, insert another quality or remove the component.
+/// At the end the component is gone. The camera keeps the [`ReflectionQuality`], has a [`ReflectionBudget`](crate::ReflectionBudget) of the
+/// same time unless it had one before, and gets the event [`ReflectionQualityChosen`](crate::ReflectionQualityChosen), in whose observer a
+/// game saves the quality. To search again, for instance in a window of another size, insert the component again. To end the search early,
+/// insert another quality or remove the component.
 ///
 /// The search is no quality of its own: a game that saved it would measure at every start and look different each time.
 ///

@@ -10,8 +10,8 @@ use bevy::{
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-/// Holds the GPU time of a camera's reflections near a target. Insert it beside
-/// [`RayTracedReflections`](crate::RayTracedReflections), whose settings are then the most that is done.
+/// Holds the GPU time of a camera's reflections near a target. Insert it beside [`RayTracedReflections`](crate::RayTracedReflections),
+/// whose settings are then the upper limit.
 ///
 /// Times come from Bevy's `RenderDiagnosticsPlugin`, which the app adds, and from a device with timestamps; without them nothing is spared,
 /// and a warning says so once. Times of several reflecting cameras can't be told apart: each takes the last that was measured. Settings
@@ -81,10 +81,10 @@ const FADE: f32 = 0.1;
 
 /// Part of a camera's settings that its [`ReflectionBudget`] leaves: 1 is all of them.
 ///
-/// Less has thresholds of [`ShadingRateHeuristic`](crate::ShadingRateHeuristic) reached sooner, so that more pixels share a ray, and
-/// pixels reconstructed from fewer rays; below 0.5 the [`roughness_cutoff`](crate::RayTracedReflections::roughness_cutoff) falls, too.
-/// Uniform rates, images of rates and heuristics of the app's own stay as they are, and so does
-/// [`ReflectionTechnique::Converged`]. The budget writes it; without one, the app may.
+/// At a lower effort, thresholds of [`ShadingRateHeuristic`](crate::ShadingRateHeuristic) are reached sooner, so that more pixels share a
+/// ray, and pixels reconstructed from fewer rays; below 0.5 the [`roughness_cutoff`](crate::RayTracedReflections::roughness_cutoff) falls,
+/// too. Uniform rates, images of rates and heuristics of the app's own stay as they are, and so does [`ReflectionTechnique::Converged`].
+/// The budget writes it; without one, the app may.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct ReflectionEffort(pub f32);

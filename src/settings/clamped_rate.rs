@@ -207,7 +207,7 @@ mod tests {
         let settings = RateSettings::new(&heuristic, ReflectionTechnique::Variable);
         assert_eq!(settings.thresholds.uniform_code, ShadingRate::R4x4.code());
         let settings = RateSettings::new(&ShadingRateHeuristic::default(), ReflectionTechnique::Variable);
-        assert_eq!(settings.variant, RateVariant::Combined);
+        assert_eq!(settings.variant, RateVariant::Adaptive);
     }
 
     #[test]
@@ -261,7 +261,8 @@ mod tests {
         };
         let settings = adaptive(0.0);
         assert_eq!((settings.variant, settings.tile_size), (RateVariant::Adaptive, 8));
-        let combined = RateSettings::new(&ShadingRateHeuristic::default(), ReflectionTechnique::Variable);
+        let combined = ShadingRateHeuristic::Combined(CombinedThresholds::default());
+        let combined = RateSettings::new(&combined, ReflectionTechnique::Variable);
         let expected = RateThresholds {
             error_target: SMALLEST_TARGET,
             keeps_mirrors: true,

@@ -19,7 +19,7 @@ use bevy::{
 /// that aren't finite are magenta. Where a view has nothing to say (sky, rough or unlit surfaces, tiles without reflections,
 /// techniques without such a texture) heat lies on the picture, dark and grey, and radiance on black.
 ///
-/// Textures hold values *of this frame*. Radiance is exposed, as in Bevy's HDR frames.
+/// Views show the textures *of this frame*. Radiance is exposed, as in Bevy's HDR frames.
 ///
 /// `HitDistance`, `RayWeight` and `NonFinite` have reconstruction and accumulation run as two passes, so that what is between them can be
 /// shown: the history begins anew as they are switched on and off.
@@ -33,8 +33,8 @@ pub enum ReflectionDebugView {
     /// The reflection alone: exactly what is added to the lit frame, on black. It is negative where ambient light that Bevy added
     /// is taken back.
     Reflection,
-    /// The colour of each tile's rate after [`RATE_LEGEND`] over the brightness of the picture; darker where nothing reflects.
-    /// Exact mirrors with rays of their own have a colour of theirs.
+    /// The colour of each tile's rate after [`RATE_LEGEND`] over the brightness of the picture; darker where nothing reflects. Exact
+    /// mirrors with rays of their own have their own colour.
     ShadingRates,
     /// Heat of the reflection rays per pixel of the view, by its logarithm: blue 1/64, cyan 1/23, green 1/8, yellow 1/3, red 1. The
     /// ray of a block counts in equal parts for its pixels.

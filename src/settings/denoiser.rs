@@ -19,7 +19,7 @@ pub struct ReflectionDenoiser {
     /// Keeps a second history that follows the reflected image, not the surface: glossy surfaces stay sharp under a moving
     /// camera. The paper has only the history of the surface. Default: true.
     pub virtual_history: bool,
-    /// Standard deviations of the neighbourhood that history may differ by, 0.5 to 10; less has less ghosting and more noise.
+    /// Standard deviations of the neighbourhood that history may differ by, 0.5 to 10; a lower value means less ghosting and more noise.
     /// Default: 1.5.
     #[reflect(@0.5..=10.0f32)]
     pub clip_sigma: f32,

@@ -21,19 +21,18 @@ use bevy::{
 pub enum ShadingRateHeuristic {
     /// The same rate everywhere.
     Uniform(ShadingRate),
-    /// By the average roughness of a tile: what is blurred needs fewer rays (the paper's section 4.1). With the default cut-off and
-    /// thresholds no tile is rough enough for 2x2.
+    /// By the average roughness of a tile: what is blurred needs fewer rays (the paper's section 4.1).
     Roughness(RoughnessThresholds),
     /// By the average angle of a tile's surfaces to the viewer: surfaces seen head-on reflect less than grazing ones (the paper's
     /// section 4.1).
     Grazing(GrazingThresholds),
     /// By the size of the lobe on the screen, by how much of it can be seen, and by the shape of what is in the tile: more quality
-    /// for the same rays. The default.
-    #[default]
+    /// for the same rays than the paper's heuristics.
     Combined(CombinedThresholds),
     /// By the noise that is left in the accumulated image: tiles get more rays where it is seen or where they have no past, and
     /// rest in every other frame where there is little of it. Without temporal accumulation or motion vectors, `Combined` decides
-    /// by its defaults.
+    /// by its defaults. The default.
+    #[default]
     Adaptive(AdaptiveThresholds),
     /// A heuristic of your own: a WESL module with one compute entry point, built on `bevy_glint::rate::tile` (`src/rate/tile.wesl`
     /// says how). Until it is compiled, and where it fails, which is logged, every trace pixel gets its ray.
@@ -49,15 +48,15 @@ pub enum ShadingRateHeuristic {
     /// }
     /// ```
     Custom(Handle<Shader>),
-    /// A rate image of your own, for foveated rendering or experiments: one texel per tile from the top left, each a
-    /// [`ShadingRate::code`], in the format `R8Uint` or `R32Uint`. Tiles beyond its size take the nearest texel. Until it is loaded
-    /// every trace pixel gets its ray; so it does with any other format, and a warning says so once.
+    /// A rate image of your own, for foveated rendering or experiments: one texel per tile from the top left, each a [`ShadingRate::code`],
+    /// in the format `R8Uint` or `R32Uint`. Tiles beyond its size take the nearest texel. Until it is loaded, and with any other format,
+    /// every trace pixel gets its ray; a warning tells of the format once.
     Image(Handle<Image>),
 }
 
 impl Default for ShadingRateHeuristic {
     fn default() -> Self {
-        Self::Combined(CombinedThresholds::default())
+        Self::Adaptive(AdaptiveThresholds::default())
     }
 }
 
@@ -237,14 +236,14 @@ impl Default for CombinedThresholds {
 #[reflect(Default, Debug, Clone, PartialEq)]
 pub struct AdaptiveThresholds {
     /// Noise that may be left in a tile, relative to the light of its pixels (above 0; 0.0001 is the least). Less takes more rays. Default:
-    /// 0.015.
-    #[reflect(@0.002..=0.2f32)]
+    /// 0.04.
+    #[reflect(@0.005..=0.5f32)]
     pub error_target: f32,
 }
 
 impl Default for AdaptiveThresholds {
     fn default() -> Self {
-        Self { error_target: 0.015 }
+        Self { error_target: 0.04 }
     }
 }
 

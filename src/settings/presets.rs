@@ -1,8 +1,8 @@
 //! Bundles of settings: the paper's recipe, ours from low to ultra, and the techniques that measurements compare.
 
 use super::{
-    AdaptiveThresholds, RayTracedReflections, ReflectionDenoiser, ReflectionSampling, ReflectionTechnique,
-    ReflectionTextureMip, ShadingRateHeuristic, UnknownName, words::words,
+    AdaptiveThresholds, CombinedThresholds, RayTracedReflections, ReflectionDenoiser, ReflectionSampling,
+    ReflectionTechnique, ReflectionTextureMip, ShadingRateHeuristic, UnknownName, words::words,
 };
 use bevy::reflect::{Reflect, std_traits::ReflectDefault};
 
@@ -18,13 +18,13 @@ pub enum ReflectionPreset {
     /// level 2 at hits, a history that follows surfaces, no cut-off, and none of the additions that can be switched off. [How it
     /// works](crate::manual::how_it_works) lists in which steps it differs. 1/16 to 1/4 ray per pixel.
     Paper,
-    /// Rates from average roughness, with the paper's thresholds, half the samples, and no rays of their own for mirrors. 1/16 to 1/4
-    /// ray per pixel.
+    /// Four times the noise of the default, half the samples, and no rays of their own for mirrors. 1/32 to 1/4 ray per pixel.
     Low,
-    /// The default of [`RayTracedReflections`]. 1/16 to 1/4 ray per pixel.
+    /// The default of [`RayTracedReflections`] and of [`ShadingRateHeuristic`]. 1/32 to 1/4 ray per pixel.
     #[default]
     Medium,
-    /// Twice the samples of the default. 1/16 to 1/4 ray per pixel.
+    /// Rays in each frame, by the size of the lobe on the screen ([`ShadingRateHeuristic::Combined`]), and twice the samples. 1/16 to 1/4
+    /// ray per pixel.
     High,
     /// Every pixel gets its ray. 1 ray per pixel.
     Ultra,
@@ -56,7 +56,7 @@ impl ReflectionPreset {
                     },
                     ..default
                 },
-                ShadingRateHeuristic::PAPER_ROUGHNESS,
+                ShadingRateHeuristic::Adaptive(AdaptiveThresholds { error_target: 0.16 }),
             ),
             Self::Medium => (default, ShadingRateHeuristic::default()),
             Self::High => (
@@ -67,7 +67,7 @@ impl ReflectionPreset {
                     },
                     ..default
                 },
-                ShadingRateHeuristic::default(),
+                ShadingRateHeuristic::Combined(CombinedThresholds::default()),
             ),
             Self::Ultra => (
                 RayTracedReflections {
@@ -116,11 +116,11 @@ pub fn named_settings(name: &str) -> Result<(RayTracedReflections, ShadingRateHe
             with(ReflectionTechnique::Variable, false),
             ShadingRateHeuristic::PAPER_GRAZING,
         ),
-        "vrs-combined" => (with(ReflectionTechnique::Variable, true), heuristic),
-        "vrs-adaptive" => (
-            with(ReflectionTechnique::Variable, false),
-            ShadingRateHeuristic::Adaptive(AdaptiveThresholds::default()),
+        "vrs-combined" => (
+            with(ReflectionTechnique::Variable, true),
+            ShadingRateHeuristic::Combined(CombinedThresholds::default()),
         ),
+        "vrs-adaptive" => (with(ReflectionTechnique::Variable, false), heuristic),
         "converged" => (with(ReflectionTechnique::Converged, false), heuristic),
         _ => name
             .parse::<ReflectionPreset>()

@@ -8,7 +8,7 @@ use bevy::{
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-/// How good the reflections of a camera are: what a player chooses.
+/// Quality of a camera's reflections, as a player chooses it.
 ///
 /// As a component of a `Camera3d` it is all that the camera needs:
 ///

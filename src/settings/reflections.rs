@@ -11,10 +11,10 @@ use bevy::{
 
 /// Adds ray-traced reflections to a 3D camera.
 ///
-/// Insert it on a `Camera3d` to switch reflections on, remove it to switch them off and to free what they used. All that it
-/// needs of the camera comes with it: HDR, the depth, deferred, normal and motion vector prepasses, and MSAA off. These are Bevy's
-/// and stay on the camera, since others may use them, too. Don't take them with `remove_with_requires`: that includes
-/// `SyncToRenderWorld`, without which Bevy draws the camera no more.
+/// Insert it on a `Camera3d` to switch reflections on, remove it to switch them off and to free what they used. All that it needs of the
+/// camera comes with it: HDR, the depth, deferred, normal and motion vector prepasses, and MSAA off. These are Bevy's and stay on the
+/// camera, since others may use them, too. Don't remove the component by `remove_with_requires`: that also removes `SyncToRenderWorld`,
+/// without which Bevy no longer draws the camera.
 ///
 /// Opaque surfaces reflect at the least cost if they are rendered *deferred*: the plugin makes opaque materials so
 /// ([`deferred_by_default`](crate::RayTracedReflectionsPlugin::deferred_by_default)), unless a material's
@@ -47,10 +47,10 @@ pub struct RayTracedReflections {
     pub full_resolution_mirrors: bool,
     /// How samples become an image. Default: [`ReflectionDenoiser::default`].
     pub denoiser: ReflectionDenoiser,
-    /// Perceptual roughness (0 to 1) above which a surface gets no ray and keeps the environment map, which shines through walls. Less
-    /// takes less time where rough surfaces fill the picture. The G-buffer stores 8 bits, so that the border is exact to 1/255.
-    /// Default: 1, everything reflects. Thresholds of a [`ShadingRateHeuristic`](crate::ShadingRateHeuristic) above it are never
-    /// reached: at 0.6, [`Roughness`](crate::ShadingRateHeuristic::Roughness) goes no further than 2x1.
+    /// Perceptual roughness (0 to 1) above which a surface gets no ray and keeps the environment map, which knows no walls. A lower value
+    /// takes less time where rough surfaces fill the picture. The G-buffer stores 8 bits, so that the border is exact to 1/255. Default: 1,
+    /// everything reflects. Thresholds of a [`ShadingRateHeuristic`](crate::ShadingRateHeuristic) above it are never reached: at 0.6,
+    /// [`Roughness`](crate::ShadingRateHeuristic::Roughness) goes no further than 2x1.
     #[reflect(@0.0..=1.0f32)]
     pub roughness_cutoff: f32,
     /// Width of the band of perceptual roughness below [`roughness_cutoff`](Self::roughness_cutoff) in which the traced
@@ -72,7 +72,7 @@ pub struct RayTracedReflections {
     /// Less takes less time. Without effect at a single bounce. Default: 0.3.
     #[reflect(@0.0..=1.0f32)]
     pub bounce_roughness_cutoff: f32,
-    /// Takes the light of what rays hit from the last frame, where that showed it, in place of shading it: custom shaders and clustered
+    /// Takes the light of what rays hit from the last frame, where that showed it, instead of shading it: custom shaders and clustered
     /// decals are seen in reflections, and hits cost less. Views at rest and the ground truth shade every hit. Default:
     /// [`ScreenTraces::Off`].
     pub screen_traces: ScreenTraces,
@@ -85,11 +85,12 @@ pub struct RayTracedReflections {
     /// transmissive, as long as rays see its object. While none is on the screen, nothing runs and no memory is taken. While
     /// one is, the camera has a second G-buffer and a second set of textures, and rays for such surfaces. Default: true.
     pub transparent: bool,
-    /// Opaque surfaces that are drawn *forward* show traced reflections, too, where no glass that reflects stands before them. Rays must know
-    /// their material, which has a prepass, no clearcoat, and a shader that adds the environment's specular light as Bevy does: the
-    /// reflections replace it. A form that stands in for an object must show that light, too. They share textures and passes with those of
-    /// [`transparent`](Self::transparent), and cost nothing while no such object is on the screen; more than 1,024 of them count as one that
-    /// fills it. What has no prepass and covers them shows their reflections, too. Default: false, since deferred surfaces take less.
+    /// Opaque surfaces that are drawn *forward* show traced reflections, too, where no glass that reflects stands before them. Rays must
+    /// know their material, which has a prepass, no clearcoat, and a shader that adds the environment's specular light as Bevy does: the
+    /// reflections replace it. A `ReflectedMaterial3d` must show that light, too. They share textures and passes with those of
+    /// [`transparent`](Self::transparent), and cost nothing while no such object is on the screen; more than 1,024 such objects count as
+    /// one that fills the screen. Objects without a prepass that cover them show their reflections on top. Default: false, since deferred
+    /// surfaces take less.
     pub forward: bool,
     /// Forgets all history in the next frame: set it when the camera jumps. It clears itself. Default: true, so that a new
     /// component starts clean.
@@ -171,11 +172,10 @@ pub enum ReflectionBackend {
     Auto,
     /// A list of rays and an indirect dispatch.
     Compute,
-    /// A full-screen pass with a shading-rate attachment: Vulkan with `VK_KHR_fragment_shading_rate`, the crate feature
-    /// `hardware-vrs`, and `HardwareVrsPlugin` before `DefaultPlugins`. Falls back to compute, with a warning, where one of that is
-    /// missing ([`ReflectionStatusReport::active_backends`](crate::ReflectionStatusReport::active_backends)). Rates that the GPU
-    /// lacks are replaced by finer ones. Only for [`ReflectionTechnique::Variable`]; the others don't vary their rate, and only
-    /// for a single bounce.
+    /// A full-screen pass with a shading-rate attachment: Vulkan with `VK_KHR_fragment_shading_rate`, the crate feature `hardware-vrs`, and
+    /// `HardwareVrsPlugin` before `DefaultPlugins`. Falls back to compute, with a warning, if one of these is missing
+    /// ([`ReflectionStatusReport::active_backends`](crate::ReflectionStatusReport::active_backends)). Rates that the GPU lacks are replaced
+    /// by finer ones. Only for [`ReflectionTechnique::Variable`]; the others don't vary their rate, and only for a single bounce.
     HardwareVrs,
 }
 
@@ -213,9 +213,9 @@ pub enum ScreenTraces {
     /// A hit that the last frame showed has the colour that it had there, times the change of exposure. It needs neither lights nor
     /// shadow rays. The camera keeps a copy of its lit picture: 8 bytes per pixel, and a pass that writes it.
     ///
-    /// The picture is that of opaque surfaces, with their reflections, ambient occlusion and clustered decals. What is blended over them is
-    /// not in it. Materials that draw no prepass lend their colour to what lies behind them, and objects that rays don't see lend theirs to
-    /// a surface right behind them. These hits are shaded:
+    /// The picture is that of opaque surfaces, with their reflections, ambient occlusion and clustered decals. Blended surfaces are not in
+    /// it. Materials that draw no prepass lend their colour to what lies behind them, and objects that rays don't see lend theirs to a
+    /// surface right behind them. These hits are shaded:
     ///
     /// - what lay outside of the view or behind something, faced away from the viewer, or was seen at a grazing angle;
     /// - objects that have moved or changed their pose since the last frame, and see-through surfaces;
@@ -232,9 +232,9 @@ pub enum ScreenTraces {
     /// picture does.
     Reuse,
     /// As `Reuse`, and surfaces that rays don't see are found on the screen, too: objects whose material has no
-    /// [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin), vertices that a shader moves, objects with a
-    /// [`NotReflected`]. Each ray is first traced, and its way up to the hit is then looked at on the screen of the last
-    /// frame, in 64 steps at most. If it enters a surface there, it brings that one's light. It costs a walk over the screen for each ray.
+    /// [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin), vertices that a shader moves, objects with a [`NotReflected`]. Each ray
+    /// is first traced, and its way up to the hit is then looked at on the screen of the last frame, in 64 steps at most. If the walk
+    /// enters a surface, the ray takes that surface's light. Each ray costs such a walk.
     ///
     /// - Only surfaces that the last frame showed are found, and only if they were drawn in the prepasses: blended particles are not, nor
     ///   materials whose prepass is switched off.

@@ -57,7 +57,7 @@ pub struct ReflectedSurfaceShader {
     pub shader: Handle<Shader>,
     /// Surfaces change by themselves, such as with `seconds`: pictures never count as static then
     /// ([`converge_static_views`](crate::ReflectionDenoiser::converge_static_views)), and
-    /// [`Converged`](crate::ReflectionTechnique::Converged) averages over what moves. Default: true, which is never wrong.
+    /// [`Converged`](crate::ReflectionTechnique::Converged) averages over what moves. Default: true, which is safe for every shader.
     pub animated: bool,
 }
 

@@ -3,7 +3,7 @@
 use super::uniform::{Fog, Frame};
 use crate::{
     scene::environment::ViewEnvironment,
-    settings::{ClampedSettings, RateSettings, ReflectionView},
+    settings::{ClampedSettings, RateSettings, RateThresholds, ReflectionDenoiser, ReflectionView},
 };
 use bevy::{
     math::{Mat4, UVec2, Vec3},
@@ -43,6 +43,15 @@ impl ViewFingerprint {
         can_be_static.then(|| Self {
             unmarked: frame.unmarked,
             met,
+            ..Self::of_truth(view, frame)
+        })
+    }
+
+    /// All but the scene, whose version the ground truth compares.
+    pub fn of_truth(view: &ReflectionView, frame: &Frame) -> Self {
+        Self {
+            unmarked: 0,
+            met: [0; 2],
             environment: frame.environment.clone(),
             environment_id: frame.environment_id,
             clip_from_world: frame.clip_from_world,
@@ -51,9 +60,23 @@ impl ViewFingerprint {
             origin: frame.origin,
             flags: frame.flags,
             fog: frame.fog,
-            settings: view.settings,
-            rate: view.rate.clone(),
-        })
+            settings: without_effort(view.settings),
+            rate: RateSettings {
+                thresholds: RateThresholds::default(),
+                ..view.rate.clone()
+            },
+        }
+    }
+}
+
+/// Settings without those that decide on noise alone: a budget that moves them estimates the same image, which must come to rest.
+fn without_effort(settings: ClampedSettings) -> ClampedSettings {
+    ClampedSettings {
+        denoiser: ReflectionDenoiser {
+            samples: 0,
+            ..settings.denoiser
+        },
+        ..settings
     }
 }
 

@@ -68,15 +68,21 @@ impl ReflectionTextures {
     pub(crate) fn begin_frame(&mut self, view: &ReflectionView, frame: &Frame) {
         let converged = view.settings.technique == ReflectionTechnique::Converged;
         let scene_changed = core::mem::replace(&mut self.scene, frame.scene) != frame.scene;
-        if view.reset || (scene_changed && converged) {
+        match frame.changes_met {
+            Some(met) => self.met[0] = met,
+            None => self.met[1] = self.met[1].wrapping_add(u32::from(scene_changed)),
+        }
+        let fingerprint = if converged {
+            Some(ViewFingerprint::of_truth(view, frame))
+        } else {
+            ViewFingerprint::new(view, frame, self.met)
+        };
+        let static_frames = self.static_view.count(fingerprint);
+        if view.reset || (converged && (scene_changed || static_frames == 0)) {
             self.accumulated = 0;
             if converged {
                 self.sample_index = 0;
             }
-        }
-        match frame.changes_met {
-            Some(met) => self.met[0] = met,
-            None => self.met[1] = self.met[1].wrapping_add(u32::from(scene_changed)),
         }
         let now = PreviousFrame {
             clip_from_world: frame.clip_from_world,
@@ -86,7 +92,7 @@ impl ReflectionTextures {
         let state = FrameState {
             sample_index: self.sample_index,
             accumulated: self.accumulated,
-            static_frames: self.static_view.count(ViewFingerprint::new(view, frame, self.met)),
+            static_frames: if converged { 0 } else { static_frames },
             previous: self.previous.replace(now).unwrap_or(now),
         };
         self.is_at_rest = state.is_at_rest();

@@ -1,11 +1,13 @@
 //! Budgets of time: what they leave of a camera's rays.
 
 use crate::{
-    common::app_with,
+    common::{app, app_with},
     pictures::{spawn, use_coarse_shadow_maps, warm_up},
 };
 use bevy::{diagnostic::DiagnosticsStore, math::UVec2, prelude::*, render::diagnostic::RenderDiagnosticsPlugin};
-use bevy_glint::{ReflectionBudget, ReflectionEffort, ReflectionTechnique, ReflectionTracerChoice};
+use bevy_glint::{
+    RayTracedReflections, ReflectionBudget, ReflectionEffort, ReflectionTechnique, ReflectionTracerChoice,
+};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
 const SIZE: UVec2 = UVec2::new(96, 54);
@@ -55,4 +57,32 @@ fn a_budget_takes_rays_and_gives_them_back() {
         println!("{milliseconds} ms: {share:.3} of the rays");
         assert!(least < share && share < most, "{milliseconds} ms: {share} of the rays");
     }
+}
+
+/// A budget moves the effort again and again; all of its frames estimate one image.
+#[test]
+fn pictures_come_to_rest_under_a_budget() {
+    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    use_coarse_shadow_maps(&mut app);
+    let camera = spawn(&mut app, SceneName::EmissiveFloor, ReflectionTechnique::Quarter);
+    let noise = [[1.0, 1.0], [1.0, 0.8]].map(|efforts| {
+        warm_up(&mut app);
+        app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
+        let mut images = Vec::new();
+        for step in 0..72 {
+            app.world()
+                .entity_mut(camera)
+                .insert(ReflectionEffort(efforts[step % 2]));
+            app.step(1);
+            if step >= 68 {
+                images.push(app.capture_linear().unwrap());
+            }
+        }
+        let differences = images.windows(2).flat_map(|pair| pair[0].iter().zip(&pair[1]));
+        differences.map(|(a, b)| (a[1] - b[1]).abs()).sum::<f32>()
+    });
+    println!("from frame to frame: {noise:?}");
+    assert!(noise[0] > 0.0 && noise[1] < 1.5 * noise[0], "{noise:?}");
 }

@@ -396,3 +396,32 @@ fn the_sun_of_an_atmosphere_is_followed() {
         });
     }
 }
+
+/// Fog is a component of the camera, and nothing that rays hit.
+#[test]
+fn the_ground_truth_begins_anew_with_the_fog() {
+    const FRAMES: u32 = 24;
+    let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
+        return;
+    };
+    let app = &mut app;
+    let camera = room(app, 0.2);
+    let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
+    settings.technique = ReflectionTechnique::Converged;
+    begin_anew(app, camera);
+    (0..FRAMES).for_each(|_| frame(app));
+    let clear = capture(app);
+    app.world().entity_mut(camera).insert(DistanceFog {
+        color: Color::linear_rgb(0.1, 2.0, 0.1),
+        falloff: FogFalloff::Linear { start: 6.0, end: 9.0 },
+        ..default()
+    });
+    (0..FRAMES).for_each(|_| frame(app));
+    let foggy = capture(app);
+    begin_anew(app, camera);
+    (0..FRAMES).for_each(|_| frame(app));
+    let truth = capture(app);
+    let (changed, left) = (difference(&truth, &clear), difference(&truth, &foggy));
+    println!("fog changes the picture by {changed:.3}, of which {left:.4} are left");
+    assert!(changed > 0.1 && left < 0.1 * changed, "{changed}, {left}");
+}

@@ -46,7 +46,7 @@ pub struct Arguments {
     /// auto, ray-query or bvh
     #[arg(long, value_name = "NAME", default_value = "auto")]
     pub tracer: ReflectionTracerChoice,
-    /// off, or reuse: what rays hit takes its light from the last frame, where that showed it
+    /// off, reuse or march: what rays hit takes its light from the last frame, where that showed it
     #[arg(long, value_name = "NAME", default_value = "off")]
     pub screen_traces: ScreenTraces,
     /// A debug view, such as shading-rates or rays-per-pixel, in place of the image
