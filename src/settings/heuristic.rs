@@ -281,7 +281,8 @@ mod tests {
 
     #[test]
     fn names_stand_for_default_thresholds() {
-        assert_eq!("combined".parse(), Ok(ShadingRateHeuristic::default()));
+        assert_eq!("adaptive".parse(), Ok(ShadingRateHeuristic::default()));
+        assert!(matches!("combined".parse(), Ok(ShadingRateHeuristic::Combined(_))));
         assert_eq!("uniform".parse(), Ok(ShadingRateHeuristic::Uniform(ShadingRate::R1x1)));
         assert!(matches!("roughness".parse(), Ok(ShadingRateHeuristic::Roughness(_))));
         assert!(matches!("grazing".parse(), Ok(ShadingRateHeuristic::Grazing(_))));

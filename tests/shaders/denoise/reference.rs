@@ -199,7 +199,7 @@ pub fn settled_of(rest_frames: u32) -> f32 {
     if rest_frames <= 16 {
         0.0
     } else {
-        1.0 - (16.0 / rest_frames as f32).sqrt()
+        1.0 - 16.0 / rest_frames as f32
     }
 }
 

@@ -176,7 +176,8 @@ fn pcg(input: u32) -> u32 {
 fn decide(case: &Case, past: &Past, tile: UVec2, target: f32) -> (u32, bool) {
     let seen = look_back(case, past, tile);
     let count = seen.count.max(1.0);
-    let (young, sharp) = (seen.young >= 0.1 * count, seen.sharp >= 0.2 * count);
+    let unknown = seen.count == 0.0 && case.tile(tile).pixels > 0;
+    let (young, sharp) = (unknown || seen.young >= 0.1 * count, seen.sharp >= 0.2 * count);
     let relative = (seen.noise / count).sqrt() / target;
     let before = past.rates[(tile.y * case.tile_count().x + tile.x) as usize] >> STEP_SHIFT;
     let mut close = false;

@@ -381,7 +381,7 @@ fn the_papers_table_is_reproduced() {
 fn combined_blocks_lie_along_the_stretch() {
     let Some(gpu) = Gpu::new() else { return };
     let mut shaders = Shaders::load();
-    let combined = ShadingRateHeuristic::default();
+    let combined = ShadingRateHeuristic::Combined(CombinedThresholds::default());
     let tilted = |normal: Vec3| Surface {
         normal: normal.normalize(),
         ..Surface::new(140)
@@ -442,7 +442,8 @@ fn a_mirror_and_an_edge_keep_their_tile_fine() {
     assert_eq!(rates(ShadingRateHeuristic::PAPER_ROUGHNESS), [wide, wide, wide]);
     let guarded = ShadingRateHeuristic::Roughness(RoughnessThresholds::default());
     assert_eq!(rates(guarded), [one, wide, wide]);
-    assert_eq!(rates(ShadingRateHeuristic::default()), [one, wide, four]);
+    let combined = ShadingRateHeuristic::Combined(CombinedThresholds::default());
+    assert_eq!(rates(combined), [one, wide, four]);
 }
 
 #[test]
@@ -450,7 +451,8 @@ fn broken_cameras_break_no_lists() {
     let Some(gpu) = Gpu::new() else { return };
     let mut shaders = Shaders::load();
     for broken in [f32::NAN, f32::INFINITY, 0.0, 1e38] {
-        for heuristic in [ShadingRateHeuristic::PAPER_GRAZING, ShadingRateHeuristic::default()] {
+        let combined = ShadingRateHeuristic::Combined(CombinedThresholds::default());
+        for heuristic in [ShadingRateHeuristic::PAPER_GRAZING, combined] {
             let mut case = cases(&heuristic).remove(0);
             case.broken = Some(broken);
             let output = determine_rates(gpu, &mut shaders, BUILT_IN, &case.defs(), &case);
