@@ -17,26 +17,26 @@ use std::f32::consts::{PI, TAU};
 
 /// The parent of each bone, and where it begins in bind pose. Bones point down, but for the hips, the spine and the head.
 const BONES: [(usize, Vec3); 11] = [
-    (0, Vec3::new(0.0, 0.8, 0.0)),
-    (0, Vec3::new(0.0, 1.1, 0.0)),
-    (1, Vec3::new(0.0, 1.5, 0.0)),
-    (1, Vec3::new(-0.27, 1.45, 0.0)),
-    (3, Vec3::new(-0.27, 1.15, 0.0)),
-    (1, Vec3::new(0.27, 1.45, 0.0)),
-    (5, Vec3::new(0.27, 1.15, 0.0)),
-    (0, Vec3::new(-0.12, 0.95, 0.0)),
-    (7, Vec3::new(-0.12, 0.5, 0.0)),
-    (0, Vec3::new(0.12, 0.95, 0.0)),
-    (9, Vec3::new(0.12, 0.5, 0.0)),
+    (0, Vec3::new(0.0, 0.8, 0.0)),    // Hips.
+    (0, Vec3::new(0.0, 1.1, 0.0)),    // Spine.
+    (1, Vec3::new(0.0, 1.5, 0.0)),    // Head.
+    (1, Vec3::new(-0.27, 1.45, 0.0)), // Right upper arm.
+    (3, Vec3::new(-0.27, 1.15, 0.0)), // Right forearm.
+    (1, Vec3::new(0.27, 1.45, 0.0)),  // Left upper arm.
+    (5, Vec3::new(0.27, 1.15, 0.0)),  // Left forearm.
+    (0, Vec3::new(-0.12, 0.95, 0.0)), // Right thigh.
+    (7, Vec3::new(-0.12, 0.5, 0.0)),  // Right shin.
+    (0, Vec3::new(0.12, 0.95, 0.0)),  // Left thigh.
+    (9, Vec3::new(0.12, 0.5, 0.0)),   // Left shin.
 ];
 /// Two bones, the place where the first one begins, the length in metres along Y, and the radius: the second bone takes over halfway.
 const LIMBS: [([u16; 2], f32, f32); 6] = [
-    ([0, 1], 0.75, 0.2),
-    ([2, 2], 0.34, 0.12),
-    ([3, 4], -0.62, 0.07),
-    ([5, 6], -0.62, 0.07),
-    ([7, 8], -0.93, 0.095),
-    ([9, 10], -0.93, 0.095),
+    ([0, 1], 0.75, 0.2),     // Trunk.
+    ([2, 2], 0.34, 0.12),    // Head.
+    ([3, 4], -0.62, 0.07),   // Right arm.
+    ([5, 6], -0.62, 0.07),   // Left arm.
+    ([7, 8], -0.93, 0.095),  // Right leg.
+    ([9, 10], -0.93, 0.095), // Left leg.
 ];
 
 fn main() {
@@ -86,12 +86,12 @@ fn walk(time: Res<Time>, mut bones: Query<(&Bone, &mut Transform)>) {
                 transform.translation = Vec3::new(cos(heading), 0.78 + 0.03 * cos(2.0 * step), sin(heading));
                 Quat::from_rotation_y(-heading)
             }
-            1 => Quat::from_euler(EulerRot::YXZ, 0.15 * sin(step), 0.05, 0.0),
-            3 => Quat::from_rotation_x(-0.6 * sin(step)),
-            5 => Quat::from_rotation_x(0.6 * sin(step)),
-            4 | 6 => Quat::from_rotation_x(-0.7),
-            7 | 9 => Quat::from_rotation_x(0.6 * sin(leg)),
-            8 | 10 => Quat::from_rotation_x(0.6 - 0.5 * cos(leg + 0.6)),
+            1 => Quat::from_euler(EulerRot::YXZ, 0.15 * sin(step), 0.05, 0.0), // Spine.
+            3 => Quat::from_rotation_x(-0.6 * sin(step)),                      // Right upper arm.
+            5 => Quat::from_rotation_x(0.6 * sin(step)),                       // Left upper arm.
+            4 | 6 => Quat::from_rotation_x(-0.7),                              // Forearms.
+            7 | 9 => Quat::from_rotation_x(0.6 * sin(leg)),                    // Thighs.
+            8 | 10 => Quat::from_rotation_x(0.6 - 0.5 * cos(leg + 0.6)),       // Shins.
             _ => Quat::IDENTITY,
         };
     }
@@ -156,6 +156,7 @@ fn setup_figure(
             inverse_bindposes: bindposes.add(to_bones.to_vec()),
             joints,
         },
+        // The default, named here so that the key P can change it.
         ReflectedPose::Posed,
     ));
 }

@@ -35,6 +35,7 @@ struct Heuristics {
 }
 
 fn setup_heuristics(asset_server: Res<AssetServer>, mut images: ResMut<Assets<Image>>, mut commands: Commands) {
+    // Replaced in the first frame, by an image of the window's size.
     let size = UVec2::new(1280, 720);
     commands.insert_resource(Heuristics {
         shader: asset_server.load("shaders/foveated.wesl"),
@@ -94,7 +95,10 @@ fn press_keys(
     }
 }
 
-/// Makes the image anew whenever the mouse is over another tile or the window has another size.
+/// Pixels of the mouse's way from image to image: half a tile.
+const STEP: u32 = 16;
+
+/// Makes the image anew whenever the mouse is a step away or the window has another size.
 fn follow_mouse(
     window: Single<&Window>,
     heuristics: Res<Heuristics>,
@@ -103,7 +107,7 @@ fn follow_mouse(
 ) {
     let size = window.physical_size().max(UVec2::ONE);
     let cursor = window.physical_cursor_position();
-    let fovea = cursor.map_or(size / 2, |cursor| cursor.as_uvec2() / 16 * 16);
+    let fovea = cursor.map_or(size / 2, |cursor| cursor.as_uvec2() / STEP * STEP);
     if *made_for != (size, fovea)
         && let Some(mut image) = images.get_mut(&heuristics.image)
     {

@@ -1,12 +1,9 @@
 //! Custom materials in reflections: what rays see of them, and stand-ins for single objects.
 //!
-//! Three objects turn before a mirror. The first has an extended material, which rays see as its base. The second has a material of the
-//! app's own, which tells what rays see of it by `ReflectedMaterial`, and a `ReflectedSurfaceShader` draws its bands in the mirror, too. The
-//! third is a dense mesh that reflections replace by a coarse one.
-//!
-//! | Key | Does |
-//! | --- | --- |
-//! | Space | shows the coarse mesh in place of the dense one, too |
+//! Three objects turn before a mirror. The first has an extended material, which rays see as its base. The second has a
+//! material of the app's own, which tells what rays see of it by `ReflectedMaterial`, and a `ReflectedSurfaceShader`
+//! draws its bands in the mirror, too. The third is a dense mesh that reflections replace by a coarse one. The Space
+//! key shows the coarse mesh outside of the mirror, too, for good.
 
 use bevy::{
     asset::uuid_handle,
@@ -27,7 +24,7 @@ pub fn plugin(app: &mut App) {
         RayTracedReflectionsPlugin::default(),
         MaterialPlugin::<Enamel>::default(),
         MaterialPlugin::<Lava>::default(),
-        // These lines have rays see both.
+        // These lines have rays see both. Shaders know them as types 1 and 2.
         ReflectedMaterialPlugin::<Enamel>::default(),
         ReflectedMaterialPlugin::<Lava>::default(),
     ))
@@ -35,13 +32,14 @@ pub fn plugin(app: &mut App) {
         shader: REFLECTED_SHADER,
         animated: true,
     })
-    .add_systems(Startup, (add_shaders, setup))
+    .add_systems(Startup, (add_shaders, setup, show_keys))
     .add_systems(Update, (turn, glow, swap_meshes));
 }
 
-/// A `StandardMaterial` with an extension. A real one would bring data and a shader along.
+/// A `StandardMaterial` with an extension.
 type Enamel = ExtendedMaterial<StandardMaterial, Wear>;
 
+/// A real extension has fields and a shader.
 #[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
 struct Wear {}
 
@@ -57,7 +55,7 @@ struct Lava {
 const LAVA_SHADER: Handle<Shader> = uuid_handle!("5a2b3c1e-7c0d-4b8e-9a61-0f7d2f0c6b11");
 const REFLECTED_SHADER: Handle<Shader> = uuid_handle!("5a2b3c1e-7c0d-4b8e-9a61-0f7d2f0c6b12");
 
-/// Dark bands that rise, for the material's own shader and for reflections. Imports come first.
+/// Dark bands that rise. Appended to both sources: imports must come first.
 const BANDS: &str = "
     fn bands(uv: vec2<f32>, seconds: f32) -> f32 {
         return 0.15 + 0.85 * smoothstep(0.3, 0.5, abs(2.0 * fract(4.0 * uv.y + 0.1 * sin(9.0 * uv.x) + 0.2 * seconds) - 1.0));
@@ -77,7 +75,7 @@ const REFLECTED: &str = "
     import bevy_glint::trace::surface_point::SurfacePoint;
     fn reflected_surface(surface: Surface, at: SurfacePoint) -> Surface {
         var changed = surface;
-        // The second `ReflectedMaterialPlugin`.
+        // 2: the second `ReflectedMaterialPlugin` that `plugin` adds.
         changed.base_color *= select(1.0, bands(at.uv, at.seconds), at.material_type == 2u);
         return changed;
     }
@@ -119,10 +117,9 @@ fn setup(
     mut lava: ResMut<Assets<Lava>>,
     mut images: ResMut<Assets<Image>>,
 ) {
-    let (metallic, perceptual_roughness) = (1.0, 0.0);
     let mirror = standard.add(StandardMaterial {
-        metallic,
-        perceptual_roughness,
+        metallic: 1.0,
+        perceptual_roughness: 0.0,
         ..default()
     });
     commands.spawn((
@@ -134,7 +131,6 @@ fn setup(
         Mesh3d(meshes.add(Plane3d::default().mesh().size(14.0, 14.0))),
         MeshMaterial3d(standard.add(Color::srgb(0.25, 0.27, 0.3))),
     ));
-
     let cube = meshes.add(Cuboid::from_length(1.1));
     commands.spawn((
         Turning,
@@ -160,7 +156,6 @@ fn setup(
         MeshMaterial3d(standard.add(Color::srgb(0.8, 0.7, 0.2))),
         Transform::from_xyz(2.3, 1.0, 0.6).with_rotation(Quat::from_rotation_x(1.2)),
     ));
-
     commands.spawn((
         DirectionalLight {
             illuminance: 6_000.0,
@@ -189,6 +184,10 @@ fn glow(mut materials: ResMut<Assets<Lava>>, time: Res<Time>) {
     for (_, lava) in materials.iter_mut() {
         lava.heat.green = 0.6 + 0.4 * (2.0 * time.elapsed_secs()).sin();
     }
+}
+
+fn show_keys(mut window: Single<&mut Window>) {
+    window.title = "Space: show the coarse mesh outside of the mirror, too".to_owned();
 }
 
 fn swap_meshes(mut objects: Query<(&mut Mesh3d, &ReflectedMesh3d)>, keys: Res<ButtonInput<KeyCode>>) {

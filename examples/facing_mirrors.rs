@@ -3,7 +3,7 @@
 //! [`RayTracedReflections::max_bounces`] says how many mirrors light may come by. With 1, the mirror in the mirror shows the
 //! environment map. Keys: 1, 2, 3 and 4 choose 1, 2, 4 and 8 bounces.
 
-use bevy::prelude::*;
+use bevy::{light::NotShadowCaster, prelude::*};
 use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin};
 
 fn main() {
@@ -170,7 +170,7 @@ fn spawn_guests(
         MeshMaterial3d(globe),
         Transform::from_xyz(0.0, 2.6, 0.0).with_scale(Vec3::splat(0.6)),
         // It would shadow its own light.
-        bevy::light::NotShadowCaster,
+        NotShadowCaster,
     ));
     commands.spawn((
         PointLight {

@@ -1,10 +1,7 @@
 //! Glass and water: a pool with waves, windows, and bottles on a table show what is around them, on the screen or not.
 //!
-//! Blended, premultiplied and transmissive materials reflect without further ado. The waves are a normal map that moves over the water.
-//!
-//! | Key | Does |
-//! | --- | --- |
-//! | Space | switches reflections on transparent surfaces off and on |
+//! Blended, premultiplied and transmissive materials reflect without further ado. The waves are a normal map that moves
+//! over the water. The Space key switches reflections on transparent surfaces off and on.
 
 use bevy::{
     asset::RenderAssetUsages,
@@ -25,7 +22,7 @@ fn main() {
 /// Everything that the app adds to Bevy.
 pub fn plugin(app: &mut App) {
     app.add_plugins(RayTracedReflectionsPlugin::default())
-        .add_systems(Startup, (spawn_terrace, spawn_glass, spawn_camera))
+        .add_systems(Startup, (spawn_terrace, spawn_glass, spawn_camera, show_keys))
         .add_systems(Update, (move_waves, switch));
 }
 
@@ -174,8 +171,7 @@ fn waves() -> Image {
         let normal = (-0.06 * slopes).extend(1.0).normalize() * 127.5 + 127.5;
         [normal.x as u8, normal.y as u8, normal.z as u8, 255]
     };
-    let size = UVec2::splat(SIZE).to_extents();
-    let usages = RenderAssetUsages::default();
+    let (size, usages) = (UVec2::splat(SIZE).to_extents(), RenderAssetUsages::default());
     let texels = (0..SIZE * SIZE).flat_map(texel).collect();
     let mut image = Image::new(size, TextureDimension::D2, texels, TextureFormat::Rgba8Unorm, usages);
     let mut sampler = ImageSamplerDescriptor::linear();
@@ -189,6 +185,10 @@ fn move_waves(water: Res<Water>, mut materials: ResMut<Assets<StandardMaterial>>
         material.uv_transform = Affine2::from_scale(Vec2::splat(2.0));
         material.uv_transform.translation = time.elapsed_secs_wrapped() * Vec2::new(0.05, 0.08);
     }
+}
+
+fn show_keys(mut window: Single<&mut Window>) {
+    window.title = "Space: reflections on transparent surfaces on or off".to_owned();
 }
 
 fn switch(mut cameras: Query<&mut RayTracedReflections>, keys: Res<ButtonInput<KeyCode>>) {

@@ -1,7 +1,8 @@
 //! A street at night under up to 10,000 lanterns, all of which shine on what its wet ground reflects.
 //!
-//! Hits go through up to 256 lights one by one. Where there are more, each hit draws a few of them by how much they may bring, and the
-//! denoiser makes one picture of many hits. Keys: 1, 2 and 3 hang up 16, 1,008 and 10,000 lanterns; Space stops and starts the wind.
+//! Hits go through up to 256 lights one by one. If there are more, each hit draws a few of them by how much they may
+//! bring, and the denoiser makes one picture of many hits. Keys: 1, 2 and 3 hang up 16, 1,008 and 10,000 lanterns;
+//! Space stops and starts the wind.
 
 use bevy::{light::NotShadowCaster, prelude::*};
 use bevy_glint::prelude::*;
@@ -23,7 +24,7 @@ pub fn plugin(app: &mut App) {
         .add_systems(Update, (press_keys, hang_up_lanterns, sway, show_state).chain());
 }
 
-/// What the keys choose.
+/// Settings that the keys choose.
 #[derive(Resource, Clone, Copy, PartialEq)]
 struct Street {
     /// Strings of lanterns across the street.
@@ -126,7 +127,7 @@ fn hang_up_lanterns(
     }
 }
 
-/// Moves one lantern in ten in the wind.
+/// Moves one lantern in ten in the wind. Any tenth will do.
 fn sway(time: Res<Time>, street: Res<Street>, mut lanterns: Query<(&Lantern, &mut Transform)>) {
     if street.wind {
         for (lantern, mut transform) in lanterns.iter_mut().step_by(10) {

@@ -1,4 +1,4 @@
-//! The smallest complete app: a polished metal ball and a box on a glossy floor, with ray-traced reflections.
+//! A small complete app: a polished metal ball and a box on a glossy floor, with ray-traced reflections.
 //!
 //! It takes two things: the plugin, and [`ReflectionQuality`] on the camera. The ball shows the box's far side and the floor behind
 //! the camera, which the screen doesn't.

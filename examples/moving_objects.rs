@@ -84,6 +84,7 @@ fn spawn_ball(
     let (angle, radius) = (2.4 * *count, 0.8 + 2.2 * (0.618 * *count).fract());
     commands.spawn((
         Mesh3d(mesh.0.clone()),
+        // Each ball has its own colour, and so its own material, which comes and goes with it.
         MeshMaterial3d(materials.add(Color::hsl(137.5 * *count % 360.0, 0.8, 0.5))),
         Transform::from_xyz(radius * ops::cos(angle), BALL_RADIUS, radius * ops::sin(angle)),
         Ball(time.elapsed_secs()),

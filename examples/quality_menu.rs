@@ -43,7 +43,7 @@ pub struct GameSettings {
     pub reflections: Option<ReflectionQuality>,
 }
 
-/// The file that settings are saved in, a line for each: `reflections = high`.
+/// The file that settings are saved in, a line for each: `reflections = high`. A game has a folder of its own for it.
 #[derive(Resource)]
 pub struct SettingsFile(pub PathBuf);
 

@@ -83,7 +83,7 @@ fn spawn_spheres(
         commands.spawn((
             Mesh3d(sphere.clone()),
             MeshMaterial3d(metal),
-            Transform::from_xyz(x, 1.0, -0.6).with_scale(Vec3::splat(2.0 * 0.55)),
+            Transform::from_xyz(x, 1.0, -0.6).with_scale(Vec3::splat(1.1)),
         ));
     }
 }

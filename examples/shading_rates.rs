@@ -2,7 +2,7 @@
 //!
 //! A `ShadingRateHeuristic` component chooses the rate of each tile of the screen. The left half shows the image, the right half its
 //! rates in colours: red for a ray in each pixel of the traced image, then orange, yellow, green and blue for coarser and coarser
-//! blocks, pink for exact mirrors, grey where nothing is traced. Keys 1 to 4 choose the heuristic, V the view.
+//! blocks, pink for exact mirrors, grey where nothing is traced. Keys 1 to 5 choose the heuristic, V the view.
 //!
 //! The camera flies by Bevy's feature `free_camera`.
 
@@ -11,8 +11,8 @@ use bevy::{
     prelude::*,
 };
 use bevy_glint::{
-    CombinedThresholds, GrazingThresholds, RayTracedReflections, RayTracedReflectionsPlugin, ReflectionDebugSplit,
-    ReflectionDebugView, RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
+    AdaptiveThresholds, CombinedThresholds, GrazingThresholds, RayTracedReflections, RayTracedReflectionsPlugin,
+    ReflectionDebugSplit, ReflectionDebugView, RoughnessThresholds, ShadingRate, ShadingRateHeuristic,
 };
 
 fn main() {
@@ -31,7 +31,8 @@ fn choose_heuristic(keyboard: Res<ButtonInput<KeyCode>>, mut heuristic: Single<&
         // The same everywhere: 1x1, 2x1, 1x2, up to 4x4.
         ShadingRateHeuristic::Uniform(ShadingRate::R2x2)
     } else if keyboard.just_pressed(KeyCode::Digit2) {
-        // Rough surfaces blur what they reflect.
+        // Rough surfaces blur what they reflect. Thresholds are lower than the paper's, since these strips end at a
+        // roughness of 0.56.
         ShadingRateHeuristic::Roughness(RoughnessThresholds {
             half: 0.2,
             quarter: 0.4,
@@ -41,8 +42,11 @@ fn choose_heuristic(keyboard: Res<ButtonInput<KeyCode>>, mut heuristic: Single<&
         // Surfaces seen head-on reflect little.
         ShadingRateHeuristic::Grazing(GrazingThresholds::default())
     } else if keyboard.just_pressed(KeyCode::Digit4) {
-        // The default: size of the lobe on the screen, visibility and geometry.
+        // Size of the lobe on the screen, visibility and geometry.
         ShadingRateHeuristic::Combined(CombinedThresholds::default())
+    } else if keyboard.just_pressed(KeyCode::Digit5) {
+        // The default: noise that is left in the image.
+        ShadingRateHeuristic::Adaptive(AdaptiveThresholds::default())
     } else {
         return;
     };
@@ -65,10 +69,14 @@ fn show_state(camera: Single<(&ShadingRateHeuristic, &ReflectionDebugView)>, mut
         ShadingRateHeuristic::Uniform(_) => "uniform",
         ShadingRateHeuristic::Roughness(_) => "roughness",
         ShadingRateHeuristic::Grazing(_) => "grazing",
-        _ => "combined",
+        ShadingRateHeuristic::Combined(_) => "combined",
+        ShadingRateHeuristic::Adaptive(_) => "adaptive",
+        ShadingRateHeuristic::Custom(_) => "custom",
+        ShadingRateHeuristic::Image(_) => "image",
+        _ => "unknown",
     };
     let title = format!(
-        "heuristic: {name}, view: {} | 1: uniform, 2: roughness, 3: grazing, 4: combined, V: next view",
+        "heuristic: {name}, view: {} | 1: uniform, 2: roughness, 3: grazing, 4: combined, 5: adaptive, V: next view",
         view.name()
     );
     if window.title != title {

@@ -6,7 +6,7 @@
 //!
 //! | Key | Does |
 //! | --- | --- |
-//! | Space | leaves the second shader out: the water reflects as if it were flat; and back |
+//! | Space | switches the second shader off and on; without it the water reflects as if it were flat |
 
 use bevy::{
     pbr::{ExtendedMaterial, MaterialExtension},
@@ -29,7 +29,7 @@ pub fn plugin(app: &mut App) {
         ReflectedMaterialPlugin::<Water>::default(),
     ))
     .insert_resource(ClearColor(Color::srgb(0.98, 0.72, 0.5)))
-    .add_systems(Startup, (spawn_water, spawn_pier, spawn_camera))
+    .add_systems(Startup, (spawn_water, spawn_pier, spawn_camera, show_keys))
     .add_systems(Update, switch);
 }
 
@@ -128,6 +128,10 @@ fn spawn_camera(mut commands: Commands, mut images: ResMut<Assets<Image>>) {
         sky.with_intensity(900.0),
         ReflectionQuality::High,
     ));
+}
+
+fn show_keys(mut window: Single<&mut Window>) {
+    window.title = "Space: waves in reflections on or off".to_owned();
 }
 
 fn switch(

@@ -201,8 +201,8 @@ struct Lossy {
     told: HashSet<TypeId>,
 }
 
-/// Draws materials forward that the G-buffer would not show as they are. Those that were prepared before the app chose deferred rendering
-/// stay as they are, as all others do in Bevy.
+/// Draws materials forward that the G-buffer would not show as they are. Materials that were prepared before the app
+/// chose deferred rendering stay as they are, as all others do in Bevy.
 fn keep_own_shaders(
     mut materials: ResMut<ErasedRenderAssets<PreparedMaterial>>,
     used: Res<UsedMaterials>,

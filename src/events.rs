@@ -24,8 +24,8 @@ pub struct ReflectionsReady {
 
 /// A camera has [`RayTracedReflections`] and shows none: its picture is the one without them.
 ///
-/// It comes once for each reason. Where something of the camera is the reason, such as screen-space reflections beside ours,
-/// [`ReflectionsReady`] follows once that is remedied.
+/// It comes once for each reason. If something of the camera is the reason, such as screen-space reflections beside
+/// ours, [`ReflectionsReady`] follows once that is remedied.
 ///
 /// ```no_run
 /// use bevy::{pbr::ScreenSpaceReflections, prelude::*};

@@ -37,8 +37,9 @@
 //!
 //! # Platforms
 //!
-//! Vulkan, DirectX 12 and Metal, with ray tracing hardware or without, and WebGPU. Elsewhere and in apps without a renderer the
-//! plugin declines: the log and [`ReflectionStatus`] say why, and the picture is the one without it.
+//! Vulkan, DirectX 12 and Metal, with ray tracing hardware or without, and WebGPU. Elsewhere and in apps
+//! without a renderer the plugin declines: the log and [`ReflectionStatus`] say why, and the picture is the one without
+//! it. Tried so far are Linux with Vulkan, and Chromium with WebGPU on a software adapter.
 //!
 //! # Crate features
 //!

@@ -45,8 +45,8 @@ mod tests {
         flowing(&CHAPTERS.join("\n"))
     }
 
-    /// Name and text of all files whose messages reach the log or the status, without their tests. What the panel says stands
-    /// on the screen.
+    /// Name and text of all files whose messages reach the log or the status, without their tests. Messages of the
+    /// panel stand on the screen.
     fn sources(folder: &Path, found: &mut Vec<(String, String)>) {
         for entry in fs::read_dir(folder).unwrap() {
             let path = entry.unwrap().path();

@@ -1,5 +1,5 @@
 //! Takes the place of `vrs/` where the crate is compiled without its feature `hardware-vrs`, or for a platform on which wgpu has no
-//! Vulkan. What an app names compiles everywhere; [`VrsBackend`] never exists.
+//! Vulkan. Items that an app names compile everywhere; [`VrsBackend`] never exists.
 
 #[expect(dead_code, reason = "nothing reads what a draw needs")]
 #[path = "vrs/draw.rs"]

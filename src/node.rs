@@ -36,7 +36,7 @@ impl Plugin for NodePlugin {
     }
 }
 
-/// Rates, rays, denoising and composite of one view. Of a culled view, the rates now and then.
+/// Rates, rays, denoising and composite of one view. A culled view gets its rates alone, now and then.
 fn ray_traced_reflections(
     view: ViewQuery<(PassView, &ViewCulling)>,
     resources: PassResources,

@@ -15,7 +15,7 @@ use bevy::{
     },
 };
 
-/// Chooses the tracer. Where nothing can be traced it says so, and the other plugins add no systems.
+/// Chooses the tracer. If nothing can be traced, it says so, and the other plugins add no systems.
 ///
 /// It has to be added before all plugins that add systems, since plugins finish in the order in which they were added.
 pub(crate) struct ProbePlugin {

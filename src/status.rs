@@ -54,8 +54,8 @@ pub struct ReflectionStatusReport {
     /// Cameras that reflect, each with its active back end: [`ReflectionBackend::HardwareVrs`], or [`ReflectionBackend::Compute`]
     /// for all else.
     pub active_backends: Vec<(Entity, ReflectionBackend)>,
-    /// Cameras that ask for reflections and get none, each with the reason and its remedy. Where nothing can be traced at all, `tracer` is
-    /// `None`, and [`reasons`](Self::reasons) says why.
+    /// Cameras that ask for reflections and get none, each with the reason and its remedy. If nothing can be traced at
+    /// all, `tracer` is `None`, and [`reasons`](Self::reasons) says why.
     pub declined: Vec<(Entity, &'static str)>,
     /// Cameras that see nothing to reflect on: only their rate pass runs, in every second frame.
     pub culled_views: usize,

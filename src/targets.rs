@@ -25,7 +25,8 @@ pub const RATE_FORMAT: TextureFormat = TextureFormat::R32Uint;
 pub const RAY_RADIANCE_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 /// How the ray was drawn: direction, inverse pdf, chosen pixel; see `trace/record.wesl`.
 pub const RAY_SAMPLE_FORMAT: TextureFormat = TextureFormat::Rgba32Uint;
-/// Exposed radiance of the lobe divided by the lobe's albedo. What alpha holds is said where the texture is declared.
+/// Exposed radiance of the lobe divided by the lobe's albedo. The meaning of alpha is said where the texture is
+/// declared.
 pub const RADIANCE_FORMAT: TextureFormat = TextureFormat::Rgba16Float;
 /// Two halves: see where the texture is declared.
 pub const STATS_FORMAT: TextureFormat = TextureFormat::R32Uint;

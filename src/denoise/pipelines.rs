@@ -54,7 +54,8 @@ impl DenoisePass {
         }
     }
 
-    /// The variant that follows images of moving objects. Where the pass reads no history, and at rest, it is the same.
+    /// The variant that follows images of moving objects. If the pass reads no history, or the picture is at rest, it
+    /// is the same.
     fn following(self, variant: PassVariant) -> PassVariant {
         PassVariant {
             hit_motion: self != Self::Reconstruct && !variant.rest,

@@ -17,7 +17,7 @@ pub(super) fn bindings() -> Vec<Binding> {
 pub(super) struct PassVariant {
     /// It works on 16x16 pixels at a time, not on 8x8.
     pub wide: bool,
-    /// It knows pictures at rest. Those in motion take a variant without, which is faster.
+    /// It knows pictures at rest. Pictures in motion take a variant without, which is faster.
     pub rest: bool,
     /// Some object moves whose image it follows. Others take a variant without, which is faster.
     pub hit_motion: bool,

@@ -136,7 +136,7 @@ pub struct GpuMaterial {
     pub uv_offset: [f32; 2],
     /// Luminance of reflectance times specular tint.
     pub reflectance: f32,
-    /// Alpha below this lets rays through. Of blended and transmissive materials: shadow rays alone.
+    /// Alpha below this lets rays through: shadow rays alone at blended and transmissive materials.
     pub alpha_cutoff: f32,
     /// Probability with which a ray stops where alpha is 1; negative for materials that let no ray through by chance.
     pub stop_probability: f32,

@@ -105,7 +105,7 @@ impl Seat {
 pub struct SceneInstances {
     slots: Vec<Option<InstanceSource>>,
     free: FreeSlots,
-    /// By index of the entity. Where an object is can be found without a look at the object.
+    /// By index of the entity: the slot of an object is found without a look at the object.
     by_entity: Vec<Seat>,
     count: usize,
     /// How many objects show each mesh, or wait with it.

@@ -106,8 +106,8 @@ impl LightTable {
         self.textures = (first, if room == table.len() { textures.len() } else { 0 });
     }
 
-    /// Takes over the lights of the scene. Where the device has no room for all of them with their tree, hits go through the first ones.
-    /// Lights that aren't `touched` are as they were.
+    /// Takes over the lights of the scene. If the device has no room for all of them with their tree, hits go through
+    /// the first ones. Lights that aren't `touched` are as they were.
     pub fn write(&mut self, lights: &[GpuLight], touched: &Touched, device: &RenderDevice, queue: &RenderQueue) {
         if lights.len() <= MAX_LIGHTS {
             self.tree = None;

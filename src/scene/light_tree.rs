@@ -75,7 +75,7 @@ impl LightNode {
     }
 }
 
-/// What an update has written.
+/// The part of the table that an update has written.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Written<'a> {
     /// The whole table.

@@ -16,8 +16,8 @@ use super::{
     light_textures::LightTexture,
 };
 
-/// Lights that hits go through one by one. Where there are more, they do so with directional ones alone, of which there are at most so
-/// many, and draw from the others. `shading.wesl` has the same number.
+/// Lights that hits go through one by one. If there are more, they do so with directional ones alone, of which there
+/// are at most so many, and draw from the others. `shading.wesl` has the same number.
 pub const MAX_LIGHTS: usize = 256;
 
 /// Lights that differ from what they were.

@@ -249,7 +249,8 @@ impl SceneMeshes {
         self.geometry.used_bytes() + self.bvh.used_bytes()
     }
 
-    /// Takes meshes that may find room now, as `used` bytes are in use. Those that show their last version meanwhile become stale.
+    /// Takes meshes that may find room now, as `used` bytes are in use. Meshes that show their last version meanwhile
+    /// become stale.
     fn take_ready_to_try(&mut self, used: u64) -> Vec<AssetId<Mesh>> {
         let again = self.geometry.may_ask_again() || self.bvh.may_ask_again();
         let mut ids = self.without_room.take(used, again);

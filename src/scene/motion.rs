@@ -14,8 +14,8 @@ const LEAST_EXPONENT: f32 = -24.0;
 const LARGEST_REST: f32 = 0.02;
 
 /// The motion of an object between two places, whose matrices are given by rows: metres that its origin has moved, and how far it has turned
-/// about that, in radians along the axis. Of an object that has grown, or has turned far, the motion isn't known. Meshes that lie far from
-/// their origin lose digits where they turn.
+/// about that, in radians along the axis. The motion of an object that has grown, or has turned far, isn't known.
+/// Meshes that lie far from their origin lose digits where they turn.
 pub fn pack_motion(
     world_from_object: &[[f32; 4]; 3],
     before: &[[f32; 4]; 3],

@@ -322,8 +322,8 @@ impl TopLevel {
         self.moved || self.static_tree.as_ref().is_some_and(|tree| !tree.emptied.is_empty())
     }
 
-    /// Brings the buffer up to date. `trees` are the merged ones, and `place_of` tells where the object of a slot is. Where there was no
-    /// room, merged trees may have got lost.
+    /// Brings the buffer up to date. `trees` are the merged ones, and `place_of` tells where the object of a slot is.
+    /// If there was no room, merged trees may have got lost.
     pub fn upload<'a>(
         &mut self,
         trees: impl Iterator<Item = TlasInstance<'a>>,

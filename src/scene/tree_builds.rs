@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 
 static POOL: OnceLock<TaskPool> = OnceLock::new();
 
-/// Starts a build. Where there are no threads, it runs between frames.
+/// Starts a build. On platforms without threads it runs between frames.
 pub(super) fn spawn<T: Send + 'static>(build: impl Future<Output = T> + Send + 'static) -> Task<T> {
     let new_pool = || {
         TaskPoolBuilder::new()

@@ -92,8 +92,8 @@ impl<T: NoUninit> StorageSlice<T> {
         again
     }
 
-    /// Makes room for so many elements, or as many as there can be, and returns for how many there is room. What was in the buffer may be
-    /// gone until the next write.
+    /// Makes room for so many elements, or as many as there can be, and returns for how many there is room. The
+    /// contents of the buffer may be gone until the next write.
     pub fn reserve(&mut self, wanted: usize, device: &RenderDevice) -> usize {
         self.reserve_within(Self::limit(device), wanted, device)
     }

@@ -4,7 +4,8 @@ use bevy::platform::collections::HashMap;
 use core::hash::Hash;
 
 /// Things that found no room in a table or buffer, each with how much was in use then. A try costs time, and what something else gave
-/// back makes room: so each is tried again once less is in use than at its last try. Where the device had no memory, time makes room, too.
+/// back makes room: so each is tried again once less is in use than at its last try. If the device had no memory, time
+/// makes room, too.
 pub(super) struct WaitingRoom<K>(HashMap<K, u64>);
 
 impl<K> Default for WaitingRoom<K> {

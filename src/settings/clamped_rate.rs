@@ -91,8 +91,8 @@ impl RateSettings {
         }
     }
 
-    /// Puts finer rates in place of those that the device lacks. What images and custom heuristics say stays: there the hardware
-    /// takes a smaller fragment, and all fragments of a block trace the block's ray.
+    /// Puts finer rates in place of those that the device lacks. Rates of images and custom heuristics stay: there the
+    /// hardware takes a smaller fragment, and all fragments of a block trace the block's ray.
     pub fn limit(&mut self, supports: impl Fn(u32) -> bool) {
         let thresholds = &mut self.thresholds;
         match self.variant {

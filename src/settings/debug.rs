@@ -16,8 +16,9 @@ use bevy::{
 /// picture, with a warning.
 ///
 /// *Heat* is a scale of five colours in equal steps: blue, cyan, green, yellow, red. Values beyond an end have its colour, those
-/// that aren't finite are magenta. Where a view has nothing to say (sky, rough or unlit surfaces, tiles without reflections,
-/// techniques without such a texture) heat lies on the picture, dark and grey, and radiance on black.
+/// that aren't finite are magenta. Pixels of which a view has nothing to say (sky, rough or unlit surfaces, tiles
+/// without reflections, techniques without such a texture) show the picture, dark and grey, in heat, and black in
+/// radiance.
 ///
 /// Views show the textures *of this frame*. Radiance is exposed, as in Bevy's HDR frames.
 ///

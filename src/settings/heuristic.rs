@@ -168,11 +168,11 @@ impl Default for GrazingThresholds {
 ///   street are tall. So the long side of a block follows from the roughness ([`half`](Self::half)), the short side from the roughness
 ///   times the root of the cosine ([`quarter`](Self::quarter)), and the long side lies in the direction of the stretch: 1x2 on floors
 ///   and ceilings, 2x1 on walls at the side.
-/// - **What can be seen.** Roughness is averaged with weights: a ribbon of metal on a rough curtain counts more than the curtain.
-///   Where no pixel's reflection is more than a small part of its light
+/// - **What can be seen.** Roughness is averaged with weights: a ribbon of metal on a rough curtain counts more than
+///   the curtain. If no pixel's reflection is more than a small part of its light
 ///   ([`visibility_threshold`](Self::visibility_threshold)), as on bright walls seen head-on, the tile goes a step up.
-/// - **Shape.** Where normals in the tile differ, at edges and on small round things, neighbours reflect different things and a
-///   denoiser can't share their rays: a step down ([`edge`](Self::edge)).
+/// - **Shape.** If normals in the tile differ, at edges and on small round things, neighbours reflect different things
+///   and a denoiser can't share their rays: a step down ([`edge`](Self::edge)).
 /// - **Mirrors.** With anything nearly a mirror in the tile: 1x1 ([`min_roughness`](Self::min_roughness)).
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]

@@ -437,7 +437,7 @@ pub(super) fn queue_trace_pipelines(
             pipelines.queue(pass, variant, &scene, &cache);
         }
     }
-    // What pictures at rest have gathered so far lacks what was left out.
+    // Pictures at rest begin anew: the frames that they have gathered lack what was left out.
     let complete = pipelines.is_complete(&cache);
     if complete && !pipelines.complete {
         scene.version.note(Change::Unmarked);

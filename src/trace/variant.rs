@@ -44,7 +44,7 @@ impl TracePass {
     }
 }
 
-/// What a view's settings ask of the shaders of its passes.
+/// Features that a view's settings ask of the shaders of its passes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Asked {
     /// Rays are followed beyond their first hit.

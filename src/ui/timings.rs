@@ -65,8 +65,9 @@ impl PassTime {
     }
 }
 
-/// The crate's part of Bevy's diagnostics. Times, rays and hits are measured with Bevy's `RenderDiagnosticsPlugin` alone. Of several
-/// reflecting cameras each adds its measurements to the same diagnostics, and these are of one after the other.
+/// The crate's part of Bevy's diagnostics. Times, rays and hits are measured with Bevy's `RenderDiagnosticsPlugin`
+/// alone. If several cameras reflect, each adds its measurements to the same diagnostics, and these are of one after
+/// the other.
 #[derive(Reflect, Clone, Debug, Default, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 pub struct Measurements {

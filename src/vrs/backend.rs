@@ -201,7 +201,8 @@ impl VrsBackend {
     }
 
     /// Records the pass of a view: into the context's encoder what brings all that it uses into the right states, and the
-    /// pass itself as a command buffer behind. What comes later may use the targets as if wgpu had drawn to them.
+    /// pass itself as a command buffer behind. Commands that come later may use the targets as if wgpu had drawn to
+    /// them.
     ///
     /// # Errors
     /// The reason why nothing was drawn.

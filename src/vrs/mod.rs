@@ -9,10 +9,10 @@
 //! 2. The raw command buffer copies the bytes into the attachment and draws (`pass.rs`) with a pipeline that is made of the
 //!    same WESL as wgpu's (`shader.rs`, `pipeline.rs`) and descriptor sets with the contents of wgpu's bind groups
 //!    (`contents.rs`, `descriptors.rs`).
-//! 3. What the command buffer uses is kept until wgpu reports that the GPU is done with it.
+//! 3. Everything that the command buffer uses is kept until wgpu reports that the GPU is done with it.
 //!
-//! This module knows neither rays nor views. `trace/vrs.rs` says what is drawn. Where this module isn't compiled, `no_vrs.rs` takes
-//! its place.
+//! This module knows neither rays nor views. `trace/vrs.rs` says what is drawn. If this module isn't compiled,
+//! `no_vrs.rs` takes its place.
 
 #![expect(
     unsafe_code,

@@ -382,11 +382,12 @@ fn shading_rates() {
     let Some(mut example) = Example::start("shading_rates", shading_rates::plugin) else {
         return;
     };
-    let combined = example.image("combined");
     let mut press = |key, what| {
         example.press(key);
         example.image(what)
     };
+    _ = press(KeyCode::Digit5, "adaptive");
+    let combined = press(KeyCode::Digit4, "combined");
     let uniform = press(KeyCode::Digit1, "uniform");
     let roughness = press(KeyCode::Digit2, "roughness");
     let grazing = press(KeyCode::Digit3, "grazing");

@@ -92,7 +92,7 @@ pub fn warm_up(app: &mut HeadlessApp) {
     panic!("not ready: {}", app.world().resource::<ReflectionStatus>().report());
 }
 
-/// Mean FLIP of two RGBA pictures. Where it is above `limit`, both and the error map are written and the test fails.
+/// Mean FLIP of two RGBA pictures. If it is above `limit`, both and the error map are written and the test fails.
 pub fn assert_flip(name: &str, size: UVec2, expected: &[u8], actual: &[u8], limit: f32) -> f32 {
     let mean = flip(size, expected, actual).0;
     println!("{name}: mean FLIP {mean:.5}, at most {limit}");

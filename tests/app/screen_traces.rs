@@ -26,7 +26,7 @@ const BYTES_PER_PIXEL: u64 = 8;
 /// Mean FLIP of a reflection with the custom shader and what a camera would show in its place: the edges of stripes are as wide as pixels of
 /// the last frame.
 const SAME: f32 = 0.045;
-/// What it is without, at least.
+/// The least mean FLIP to a reflection without the custom shader.
 const OTHER: f32 = 0.1;
 
 const SHADER: Handle<Shader> = uuid_handle!("9d0f3a52-7c1e-4f7b-8f0d-1d0f6a2b7c33");
@@ -124,7 +124,7 @@ impl Stage {
         self.app.capture().unwrap()
     }
 
-    /// What the mirror is to show: a second board under the floor, which is away.
+    /// The picture that the mirror is to show: a second board under the floor, which is away.
     fn expected(&mut self) -> Vec<u8> {
         let twin = spawn_board(&mut self.app, place(-0.7));
         *self.app.world().get_mut::<Visibility>(self.floor).unwrap() = Visibility::Hidden;
@@ -241,7 +241,7 @@ fn the_ground_truth_shades_all(stage: &mut Stage) {
     stage.set(|settings| settings.technique = ReflectionTechnique::Reference);
 }
 
-/// Where they were a frame ago, nothing is known of the light that they have now.
+/// The last frame knows nothing of the light that objects have in their new places.
 fn objects_that_move_are_shaded(stage: &mut Stage) {
     let move_on = |stage: &mut Stage, screen_traces| {
         stage.capture(screen_traces);
@@ -412,7 +412,7 @@ fn spawn_standard_scene(app: &mut HeadlessApp) -> Entity {
     camera
 }
 
-/// What the last frame shows has met several surfaces, as light in the truth of several bounces has.
+/// Light of the last frame has met several surfaces, as light in the truth of several bounces has.
 #[test]
 fn standard_scenes_stay_near_the_truth() {
     let size = STANDARD;

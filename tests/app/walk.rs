@@ -23,8 +23,9 @@ const BEFORE: u32 = 5;
 const TRUE_FRAMES: u32 = 64;
 /// Pictures without a past, whose mean has little noise.
 const FRESH: u16 = 8;
-/// Light that the past may leave where the character was, relative to the light of the character. Of pictures of a single ray, in a mirror
-/// that the denoiser smooths, histories of two frames are a part. Without marks on what was posed it is 0.13 to 0.3 while it waves.
+/// Light that the past may leave where the character was, relative to the light of the character. Histories of two
+/// frames are a part of pictures of a single ray, in a mirror that the denoiser smooths. Without marks on what was
+/// posed it is 0.13 to 0.3 while it waves.
 const MOST_LEFT: f32 = 0.15;
 /// The same for a technique that has few rays in all of the mirror.
 const MOST_LEFT_BY_COARSE_RATES: f32 = 0.2;
@@ -121,7 +122,7 @@ fn truth(app: &mut HeadlessApp, camera: Entity, legs: &[Arm; 2], frame: u32) -> 
     capture(app, "converged")
 }
 
-/// What the past leaves and takes away once the character has gone to where it is in a frame.
+/// Light that the past leaves and takes away once the character has gone to its place in a frame.
 fn walk_to(app: &mut HeadlessApp, camera: Entity, legs: &[Arm; 2], name: &str, instant: &Instant) -> [f32; 2] {
     pose(app, legs, instant.frame - WALK);
     switch(app, camera, name);

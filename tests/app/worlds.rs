@@ -143,7 +143,7 @@ fn spawn_tiles(app: &mut HeadlessApp) -> Tiles {
     }
 }
 
-/// What happens to the ball, and to others like it, one after the other.
+/// Pictures of all that happens to the ball, and to others like it, one after the other.
 fn pictures_of_movements(app: &mut HeadlessApp) -> Vec<(&'static str, Vec<u8>)> {
     let scene = spawn_tiles(app);
     let ball = scene.ball;

@@ -1,4 +1,4 @@
-//! Where a hit was seen on the screen of the last frame, against a twin in Rust.
+//! The place of a hit on the screen of the last frame, against a twin in Rust.
 
 use crate::{gpu::Gpu, wesl::flatten};
 use bevy::math::{Mat4, UVec2, Vec2, Vec3, Vec4, Vec4Swizzles, uvec2, vec2, vec3};
@@ -59,7 +59,7 @@ struct Output {
     more_padding: UVec2,
 }
 
-/// What the shader decides, and by how much the closest decision was made of whether the place is valid.
+/// The shader's decision, and the margin of the closest test of whether the place is valid.
 fn twin(input: &Input) -> (Output, f32) {
     let clip = input.clip_from_world * input.position.extend(1.0);
     let uv = clip.xy() / clip.w * vec2(0.5, -0.5) + 0.5;
@@ -188,7 +188,7 @@ fn tolerances_hold_a_pixel_of_a_plane() {
             let center = direction(pixel.as_vec2() + 0.5);
             let distance = 2.5 + 2.0 * numbers.next();
             view.normal = (numbers.vector() - 1.5 * center).normalize();
-            // Where another place of the pixel sees the same plane.
+            // The point at which another place of the pixel sees the same plane.
             let other = direction(pixel.as_vec2() + 0.5 + 0.49 * vec2(numbers.next(), numbers.next()));
             let plane = view.normal.dot(center) * distance;
             view.position = eye + other * (plane / view.normal.dot(other));

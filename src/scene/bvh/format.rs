@@ -9,9 +9,9 @@ use bevy::math::Vec3A;
 ///
 /// - A node.
 /// - A triangle: its corners, and in their fourth words the triangle's index in the mesh, its [`owner`] (0 where the TLAS entry
-///   names it), and a quarter of the summed lengths of the edges at the first corner, as `f32`. Those of merged objects that need
-///   the alpha test name their mask instead of the index in the mesh.
-/// - What stands in front of the masks of a mesh and material: the material's base-colour texture, alpha and cut-off.
+///   names it), and a quarter of the summed lengths of the edges at the first corner, as `f32`. Triangles of merged
+///   objects that need the alpha test name their mask instead of the index in the mesh.
+/// - The item in front of the masks of a mesh and material: the material's base-colour texture, alpha and cut-off.
 /// - A mask, for the alpha test: UV coordinates of the vertices, the triangle's index in the mesh, the alpha of the vertices in
 ///   three bytes, and in the third row a [`Micromap`](super::opacity::Micromap).
 /// - An entry of a TLAS, with [`ENTRY`] in the third word of its third row: [`owner`], first node, and where indices of nodes and

@@ -31,8 +31,8 @@ pub fn mask_header(texture: u32, alpha: f32, cutoff: f32, stop_probability: f32)
     [[texture, numbers[0], numbers[1], numbers[2]], [0; 4], [0; 4]]
 }
 
-/// The masks of all triangles, in their order, with opacity micromaps if there is a baker. What is out of range counts as zero,
-/// and as opaque.
+/// The masks of all triangles, in their order, with opacity micromaps if there is a baker. Vertices out of range have
+/// UV coordinates of zero, and are opaque.
 pub fn masks(source: &MaskSource, baker: Option<&OpacityBaker>) -> Vec<Item> {
     let triangles = source.indices.as_chunks::<3>().0;
     (0..)

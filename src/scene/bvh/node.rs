@@ -28,8 +28,8 @@ pub(super) struct Node {
     /// Index of the first child that stands on the stack, in 28 bits, below the number of such children. In a BLAS, these are
     /// inner nodes alone.
     next: u32,
-    /// Index of the first primitive in 28 bits, below the upper bits of [`Self::leaves`]. Those of all leaves follow each
-    /// other.
+    /// Index of the first primitive in 28 bits, below the upper bits of [`Self::leaves`]. Primitives of all leaves
+    /// follow each other.
     first_primitive: u32,
 }
 

@@ -31,8 +31,8 @@ const ALPHA_ROOM: f32 = 0.003;
 const TEXEL_ROOM: f64 = 0.02;
 /// Rounding of coordinates on their way to the sampler, relative to the largest one.
 const ROUNDING: f64 = 2e-6;
-/// Rows of texels that are looked at for the triangles of a mesh, a fraction of a second on a slow machine. What is left after
-/// them stays unknown.
+/// Rows of texels that are looked at for the triangles of a mesh, a fraction of a second on a slow machine. Triangles
+/// that are left after them stay unknown.
 const ROW_BUDGET: u64 = 1 << 25;
 
 /// Address mode for coordinates outside of a texture.

@@ -165,7 +165,7 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
     build_tlas_of(quality, instances, max_entries)
 }
 
-/// One entry for each instance, and the instances. Those are left out whose place or bounds can't be traced.
+/// One entry for each instance, and the instances. Instances whose place or bounds can't be traced are left out.
 fn whole_instances<'a>(instances: &'a [TlasInstance<'a>]) -> (Vec<Entry>, Vec<Kept<'a>>) {
     let mut kept = Vec::with_capacity(instances.len());
     let mut entries = Vec::with_capacity(instances.len());

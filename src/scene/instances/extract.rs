@@ -31,7 +31,7 @@ pub trait MaterialComponent: Component {
     /// Entities for which it does.
     type Filter: ArchetypeFilter + 'static;
 
-    /// Where Bevy lists entities whose mesh or material changed.
+    /// Bevy's list of entities whose mesh or material changed.
     type Changes: ReadOnlySystemParam + 'static;
 
     /// The material.
@@ -43,7 +43,7 @@ pub trait MaterialComponent: Component {
 
 impl<M: Material> MaterialComponent for MeshMaterial3d<M> {
     type Filter = Without<ReflectedMaterial3d>;
-    // Of Bevy's `MaterialPlugin`, made in `PostUpdate` for its own extraction.
+    // Bevy's `MaterialPlugin` makes it in `PostUpdate`, for its own extraction.
     type Changes = Option<Res<'static, EntitiesNeedingSpecialization<M>>>;
 
     fn material(&self) -> UntypedAssetId {

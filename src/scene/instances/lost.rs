@@ -2,8 +2,8 @@
 
 use bevy::{ecs::prelude::*, platform::collections::HashSet};
 
-/// Entities that lost a component since the last frame, or are to be looked at for another reason. Those that no query finds any more are
-/// objects no longer.
+/// Entities that lost a component since the last frame, or are to be looked at for another reason. Entities that no
+/// query finds any more are objects no longer.
 #[derive(Resource, Default)]
 pub struct LostComponents(pub(super) HashSet<Entity>);
 

@@ -346,7 +346,7 @@ impl MergeScheduler {
         self.building.as_ref().is_some_and(|building| building.stale)
     }
 
-    /// The planned tree stands in its room. Where it went stale in the meantime, the room is released.
+    /// The planned tree stands in its room. If it went stale in the meantime, the room is released.
     pub fn finish(&mut self, tree: Tree) {
         if self.is_stale() || self.building.is_none() {
             self.released.push(tree.name);

@@ -203,7 +203,7 @@ fn is_sound(matrix: &Affine3A) -> bool {
 }
 
 /// The space that an object is posed in, and the way there from the world: that of the first joint, in which a figure that moves as a
-/// whole keeps its pose. Where this joint is flat, it can't be.
+/// whole keeps its pose. If this joint is flat, the space is only moved to it.
 fn place_of(root: Affine3A) -> (Affine3A, Affine3A) {
     let inverse: Affine3A = root.inverse();
     if root.matrix3.determinant() != 0.0 && is_sound(&inverse) {

@@ -90,7 +90,7 @@ impl SceneBindings {
         change
     }
 
-    /// Gives an alpha-masked instance its masks. Where there is no room for them, it is opaque.
+    /// Gives an alpha-masked instance its masks. If there is no room for them, it is opaque.
     fn assign_masks(
         &mut self,
         slot: u32,

@@ -21,7 +21,7 @@ pub(super) struct Mover {
     pub object: Object,
 }
 
-/// The tree in the buffer and its objects, by index. What movement touches lies together.
+/// The tree in the buffer and its objects, by index. Data that movement touches lies together.
 #[derive(Default)]
 pub(super) struct MovingTree {
     slots: Vec<u32>,

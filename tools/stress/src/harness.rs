@@ -243,7 +243,7 @@ impl Harness {
         }
     }
 
-    /// Errors of wgpu and of the library since the last call. Those of a frame are known two frames later.
+    /// Errors of wgpu and of the library since the last call. Errors of a frame are known two frames later.
     pub fn take_errors(&mut self) -> Vec<String> {
         let mut errors = log_capture::take_errors();
         if let Some(mut caught) = self.world().get_resource_mut::<CaughtErrors>() {

@@ -1,5 +1,5 @@
-//! The program as its users start it. Where images can be rendered, those with traced reflections must be closer to the ground truth
-//! than those without.
+//! The program as its users start it. On machines that can render, images with traced reflections must be closer to the
+//! ground truth than images without.
 
 use image::{RgbImage, imageops};
 use std::{

@@ -80,7 +80,7 @@ impl MergeScheduler {
     }
 
     /// Keeps the objects on one side of a plane, with about half of the triangles: the first half along the axis on which
-    /// the objects are spread widest. Of two objects or more, one at least stays and one goes.
+    /// the objects are spread widest. If there are two objects or more, one at least stays and one goes.
     fn halve(&self, group: &mut Vec<u32>) {
         let extent = |slot: &u32| self.slots[*slot as usize].extent;
         let (mut min, mut max) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);

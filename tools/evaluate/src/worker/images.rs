@@ -133,8 +133,8 @@ impl Runner<'_> {
         let in_fog = self.in_fog();
         techniques::show_reflections(&mut self.app, true);
         let (without, in_fog) = (without?, in_fog?);
-        // Fog takes the place of a share of the light that grows with the distance. Of what has no fog, such as the sky, the inverse is not
-        // finite, and it doesn't reflect.
+        // Fog takes the place of a share of the light that grows with the distance. Pixels without fog, such as the
+        // sky, have no finite inverse, and don't reflect.
         let pairs = without.iter().zip(&in_fog);
         let shares: Vec<f32> = pairs.map(|(without, fog)| (fog - without) / (FOG - without)).collect();
         let far = self.far();
