@@ -87,7 +87,7 @@ pub struct RayTracedReflections {
     pub transparent: bool,
     /// Opaque surfaces that are drawn *forward* show traced reflections, too, where no glass that reflects stands before them. Rays must know
     /// their material, which has a prepass, no clearcoat, and a shader that adds the environment's specular light as Bevy does: the
-    /// reflections replace it. A form that stands in for an object must show that light, too. They share textures and passes with those of
+    /// reflections replace it. Objects with a [`ReflectedMaterial3d`](crate::ReflectedMaterial3d) show none. They share textures and passes with those of
     /// [`transparent`](Self::transparent), and cost nothing while no such object is on the screen; more than 1,024 of them count as one that
     /// fills it. What has no prepass and covers them shows their reflections, too. Default: false, since deferred surfaces take less.
     pub forward: bool,
