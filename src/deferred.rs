@@ -310,9 +310,15 @@ mod tests {
         let mut registry = TypeRegistry::new();
         registry.register::<MeshMaterial3d<StandardMaterial>>();
         registry.register::<Visibility>();
+        registry.register::<Option<Visibility>>();
         let of = material_of(TypeId::of::<MeshMaterial3d<StandardMaterial>>(), &registry);
         assert_eq!(of, Some((TypeId::of::<StandardMaterial>(), "StandardMaterial")));
         assert_eq!(material_of(TypeId::of::<Visibility>(), &registry), None);
+        assert_eq!(
+            material_of(TypeId::of::<Option<Visibility>>(), &registry),
+            None,
+            "it is of no material, although generic"
+        );
         assert_eq!(material_of(TypeId::of::<StandardMaterial>(), &registry), None);
     }
 

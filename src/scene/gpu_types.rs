@@ -25,6 +25,8 @@ pub const INSTANCE_RESTLESS: u32 = 128;
 pub const INSTANCE_RECEIVES_TRANSMITTED_SHADOW: u32 = 256;
 /// Ray queries: the TLAS of objects at rest still has what stood in this slot, which is elsewhere now or gone.
 pub const INSTANCE_LEFT: u32 = 512;
+/// The instance is drawn with another material than that of its hits.
+pub const INSTANCE_STAND_IN: u32 = 1024;
 
 /// The material is not lit.
 pub const MATERIAL_UNLIT: u32 = 1;

@@ -26,6 +26,8 @@ pub struct InstanceSource {
     pub mesh: AssetId<Mesh>,
     /// Its material, of any type that rays see.
     pub material: UntypedAssetId,
+    /// The material stands in for another one.
+    pub is_stand_in: bool,
     /// Object to world.
     pub world_from_object: Affine3A,
     /// Groups of its render layers, as bits of its flags: `render_layers.rs`.
@@ -48,6 +50,7 @@ impl InstanceSource {
             entity,
             mesh: AssetId::default(),
             material: AssetId::<StandardMaterial>::default().untyped(),
+            is_stand_in: false,
             world_from_object: Affine3A::IDENTITY,
             groups: 0,
             casts_shadow: true,
@@ -62,6 +65,7 @@ impl InstanceSource {
             entity,
             mesh,
             material,
+            is_stand_in,
             world_from_object: _,
             groups,
             casts_shadow,
@@ -70,6 +74,7 @@ impl InstanceSource {
             lightmap,
         } = self;
         (*entity, *mesh, *material) == (other.entity, other.mesh, other.material)
+            && *is_stand_in == other.is_stand_in
             && (*groups, *casts_shadow, *receives_shadow) == (other.groups, other.casts_shadow, other.receives_shadow)
             && *receives_transmitted_shadow == other.receives_transmitted_shadow
             && *lightmap == other.lightmap

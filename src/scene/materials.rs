@@ -68,7 +68,8 @@ pub trait ReflectedMaterial: Material {
 
     /// Returns whether the material's own shader adds the specular light of the environment as Bevy does for a [`StandardMaterial`] like
     /// [`reflected`](Self::reflected). Then traced reflections take its place where the material is drawn forward
-    /// ([`forward`](crate::RayTracedReflections::forward)). Default: false.
+    /// ([`forward`](crate::RayTracedReflections::forward)). Default: false, and true of extended materials, for which
+    /// [`ReflectedMaterialPlugin::without_environment`](crate::ReflectedMaterialPlugin::without_environment) says otherwise.
     #[must_use]
     fn shows_environment() -> bool {
         false
@@ -177,7 +178,7 @@ pub fn extract_materials<M: ReflectedMaterial>(
         copies
             .type_flags
             .insert(TypeId::of::<M>(), types.flags(TypeId::of::<M>()));
-        if M::shows_environment() {
+        if types.shows_environment(TypeId::of::<M>()) {
             copies.mirroring.insert(TypeId::of::<M>());
         }
         // Events from before the first frame may be gone.

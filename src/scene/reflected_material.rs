@@ -39,11 +39,47 @@ use core::{any::TypeId, marker::PhantomData};
 ///     ReflectedMaterialPlugin::<ExtendedMaterial<StandardMaterial, Water>>::default(),
 /// ));
 /// ```
-pub struct ReflectedMaterialPlugin<M: ReflectedMaterial>(PhantomData<fn() -> M>);
+pub struct ReflectedMaterialPlugin<M: ReflectedMaterial> {
+    shows_environment: bool,
+    _material: PhantomData<fn() -> M>,
+}
 
 impl<M: ReflectedMaterial> Default for ReflectedMaterialPlugin<M> {
     fn default() -> Self {
-        Self(PhantomData)
+        Self {
+            shows_environment: M::shows_environment(),
+            _material: PhantomData,
+        }
+    }
+}
+
+impl<M: ReflectedMaterial> ReflectedMaterialPlugin<M> {
+    /// For a type whose own shader adds no specular light of the environment: one that draws in flat colours, such as a toon shader.
+    ///
+    /// Traced reflections take the place of that light where a material is drawn forward
+    /// ([`forward`](crate::RayTracedReflections::forward)). Without it, there is nothing for them to replace, and objects of this type keep the
+    /// look that their shader gives them. They are seen in reflections of others as by default.
+    ///
+    /// [`ReflectedMaterial::shows_environment`] says the same of a type for which the app implements that trait. All extended materials
+    /// have an implementation already, which takes them for lit as their base: this is how to say otherwise.
+    ///
+    /// # Examples
+    ///
+    /// ```no_run
+    /// # use bevy::{pbr::{ExtendedMaterial, MaterialExtension}, prelude::*, render::render_resource::AsBindGroup};
+    /// # use bevy_glint::prelude::*;
+    /// # #[derive(Asset, AsBindGroup, Reflect, Clone)]
+    /// # struct Toon {}
+    /// # impl MaterialExtension for Toon {}
+    /// # let mut app = App::new();
+    /// app.add_plugins(ReflectedMaterialPlugin::<ExtendedMaterial<StandardMaterial, Toon>>::without_environment());
+    /// ```
+    #[must_use]
+    pub fn without_environment() -> Self {
+        Self {
+            shows_environment: false,
+            ..Self::default()
+        }
     }
 }
 
@@ -65,6 +101,10 @@ impl<M: ReflectedMaterial> Plugin for ReflectedMaterialPlugin<M> {
 
     fn finish(&self, app: &mut App) {
         let Some(render_app) = tracing_app(app) else { return };
+        if !self.shows_environment {
+            let mut types = render_app.world_mut().get_resource_or_init::<MaterialTypes>();
+            types.deny_environment(TypeId::of::<M>());
+        }
         if !see::<M>(render_app.world_mut()) {
             // Added twice.
             return;

@@ -87,10 +87,9 @@ pub struct RayTracedReflections {
     pub transparent: bool,
     /// Opaque surfaces that are drawn *forward* show traced reflections, too, where no glass that reflects stands before them. Rays must
     /// know their material, which has a prepass, no clearcoat, and a shader that adds the environment's specular light as Bevy does: the
-    /// reflections replace it. A `ReflectedMaterial3d` must show that light, too. They share textures and passes with those of
-    /// [`transparent`](Self::transparent), and cost nothing while no such object is on the screen; more than 1,024 such objects count as
-    /// one that fills the screen. Objects without a prepass that cover them show their reflections on top. Default: false, since deferred
-    /// surfaces take less.
+    /// reflections replace it. Objects with a [`ReflectedMaterial3d`](crate::ReflectedMaterial3d) show none. They share textures and passes
+    /// with those of [`transparent`](Self::transparent), and cost nothing while no such object is on the screen; more than 1,024 such
+    /// objects count as one that fills the screen. Default: false, since deferred surfaces take less.
     pub forward: bool,
     /// Forgets all history in the next frame: set it when the camera jumps. It clears itself. Default: true, so that a new
     /// component starts clean.

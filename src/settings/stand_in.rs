@@ -36,6 +36,9 @@ pub struct ReflectedMesh3d(pub Handle<Mesh>);
 /// For materials that rays don't know, and for those that should look simpler in reflections. To have all entities with a material
 /// type seen, see [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin).
 ///
+/// An object that is drawn forward shows no traced reflections while it has one: they would replace the environment's light, of which
+/// the material that it is drawn with may add another amount, or none. Reflections on deferred objects come from the G-buffer, and stay.
+///
 /// # Examples
 ///
 /// ```

@@ -12,10 +12,13 @@ use bevy::{
     camera::visibility::RenderLayers,
     light::LightProbe,
     material::OpaqueRendererMethod,
-    pbr::{DefaultOpaqueRendererMethod, ScreenSpaceAmbientOcclusion},
+    pbr::{DefaultOpaqueRendererMethod, ExtendedMaterial, MaterialExtension, ScreenSpaceAmbientOcclusion},
     prelude::*,
+    render::render_resource::AsBindGroup,
 };
-use bevy_glint::{NotReflected, RayTracedReflections, ReflectionTechnique};
+use bevy_glint::{
+    NotReflected, RayTracedReflections, ReflectedMaterial3d, ReflectedMaterialPlugin, ReflectionTechnique,
+};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
 type Picture = Vec<[f32; 4]>;
@@ -369,5 +372,103 @@ fn an_app_that_draws_everything_forward_has_reflections() {
         settle(app, camera, 4);
         let shown = center(app);
         assert!(shown.x > 0.9 && shown.yz().max_element() < 0.05, "{tracer:?}: {shown}");
+    }
+}
+
+/// An extension whose plugin says nothing.
+#[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
+struct Lacquer {
+    #[uniform(100)]
+    depth: Vec4,
+}
+
+impl MaterialExtension for Lacquer {}
+
+/// One whose plugin says that it shows no environment.
+#[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
+struct Toon {
+    #[uniform(100)]
+    tones: Vec4,
+}
+
+impl MaterialExtension for Toon {}
+
+type Extended<E> = ExtendedMaterial<StandardMaterial, E>;
+
+/// A sheet that hides the right half of the one behind it.
+fn spawn_half<M: Material>(app: &mut HeadlessApp, material: M) -> Entity {
+    let world = app.world();
+    let mesh = world.resource_mut::<Assets<Mesh>>().add(Rectangle::new(20.0, 40.0));
+    let material = world.resource_mut::<Assets<M>>().add(material);
+    let at = before(3.5) * Transform::from_xyz(10.0, 0.0, 0.0);
+    world.spawn((Mesh3d(mesh), MeshMaterial3d(material), at)).id()
+}
+
+/// Light in the middle of the left and of the right half.
+fn halves(app: &HeadlessApp) -> [Vec3; 2] {
+    let size = app.size();
+    let picture = app.capture_linear().unwrap();
+    [1, 3].map(|quarter| Vec3::from_slice(&picture[(size.y / 2 * size.x + quarter * size.x / 4) as usize]))
+}
+
+/// Rays bring nothing for materials that show no environment, or whose own look isn't known: stand-ins tell of rays alone.
+#[test]
+fn materials_without_environment_and_stand_ins_look_as_ever() {
+    for tracer in BOTH {
+        let Some(mut app) = app_with(SIZE, Output::Linear, tracer, |app| {
+            app.add_plugins((
+                MaterialPlugin::<Extended<Lacquer>>::default(),
+                MaterialPlugin::<Extended<Toon>>::default(),
+                ReflectedMaterialPlugin::<Extended<Lacquer>>::default(),
+                ReflectedMaterialPlugin::<Extended<Toon>>::without_environment(),
+                // Once more changes nothing.
+                ReflectedMaterialPlugin::<Extended<Toon>>::default(),
+            ));
+        }) else {
+            continue;
+        };
+        let app = &mut app;
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
+        let at = Transform::from_xyz(0.0, 0.0, 6.0).looking_to(Vec3::Z, Vec3::Y);
+        spawn_mesh(app, Rectangle::new(400.0, 400.0), unlit(RED), at);
+        let base = forward(metal(0.0));
+        spawn_mesh(app, sheet(), base.clone(), before(4.0));
+        reflect(app, camera, ReflectionTechnique::Reference);
+        let is_red = |light: Vec3| light.x > 0.9 && light.yz().max_element() < 0.05;
+        let shown = |app: &mut HeadlessApp, name: &str| {
+            set_forward(app, camera, true);
+            settle(app, camera, 4);
+            let [left, right] = halves(app);
+            assert!(is_red(left), "{tracer:?}, beside {name}: {left}");
+            set_forward(app, camera, false);
+            settle(app, camera, 4);
+            let [dull, plain] = halves(app);
+            assert!(!is_red(dull) && !is_red(plain), "{tracer:?}, {name}: {dull}, {plain}");
+            (right, plain)
+        };
+
+        let extension = Lacquer::default();
+        let lacquer = Extended {
+            base: base.clone(),
+            extension,
+        };
+        let lacquer = spawn_half(app, lacquer);
+        let (light, _) = shown(app, "lacquer");
+        assert!(is_red(light), "{tracer:?}: {light}");
+        let world = app.world();
+        let stand_in = world.resource_mut::<Assets<StandardMaterial>>().add(base.clone());
+        world.entity_mut(lacquer).insert(ReflectedMaterial3d(stand_in));
+        let (light, plain) = shown(app, "a stand-in");
+        assert_eq!(light, plain, "{tracer:?}: a stand-in");
+        app.world().entity_mut(lacquer).remove::<ReflectedMaterial3d>();
+        let (light, _) = shown(app, "lacquer again");
+        assert!(is_red(light), "{tracer:?}: {light}");
+        app.world().despawn(lacquer);
+
+        let extension = Toon::default();
+        let toon = Extended { base, extension };
+        spawn_half(app, toon);
+        let (light, plain) = shown(app, "toon");
+        assert_eq!(light, plain, "{tracer:?}: toon");
     }
 }

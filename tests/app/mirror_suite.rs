@@ -1,6 +1,7 @@
 //! The mirror suite: a scene in a perfect mirror looks like the same scene to the mirrored camera, whatever is in it. The manual's table
 //! of what is reflected (`src/manual/interactions.md`) has a line for each row.
 
+mod haze;
 mod light;
 mod light_textures;
 mod sky;
@@ -230,6 +231,8 @@ struct Stage<'a> {
     own_rays: bool,
     /// Hits of a ray, with what each reflects.
     bounces: u32,
+    /// A second mirror, in which the first one shows what it does.
+    second: Option<Entity>,
     frames: u32,
     /// Direction of the light. Without another it comes from behind the mirror, and doesn't shine on that.
     sun: Vec3,
@@ -251,6 +254,7 @@ impl<'a> Stage<'a> {
             technique: ReflectionTechnique::Reference,
             own_rays: false,
             bounces: 1,
+            second: None,
             frames: 2,
             sun: SUN,
         }
@@ -425,18 +429,27 @@ impl<'a> Stage<'a> {
         self.capture()
     }
 
-    /// The picture of the mirrored camera, mirrored back.
+    /// The picture of the mirrored camera, mirrored back unless two mirrors did that.
     fn by_the_mirrored_camera(&mut self) -> Vec<u8> {
         let behind = Transform::from_translation(-BEFORE_THE_MIRROR.translation).looking_to(Vec3::Z, Vec3::Y);
-        self.dress(behind);
+        self.dress(if self.second.is_some() {
+            haze::BEHIND_BOTH
+        } else {
+            behind
+        });
         let world = self.app.world();
         world.entity_mut(self.camera).remove::<RayTracedReflections>();
-        world.entity_mut(self.mirror).insert(Visibility::Hidden);
+        for mirror in [Some(self.mirror), self.second].into_iter().flatten() {
+            world.entity_mut(mirror).insert(Visibility::Hidden);
+        }
         // Nothing reflects, so that only Bevy's own pipelines and textures are awaited.
         self.app.warm_up(PATIENCE).unwrap();
         let picture = self.capture();
         self.app.world().entity_mut(self.mirror).insert(Visibility::Visible);
         self.dress(BEFORE_THE_MIRROR);
+        if self.second.is_some() {
+            return picture;
+        }
         let lines = picture.chunks_exact(4 * SIZE.x as usize);
         lines
             .flat_map(|line| line.chunks_exact(4).rev())
@@ -492,6 +505,7 @@ impl<'a> Stage<'a> {
         self.technique = ReflectionTechnique::Reference;
         self.own_rays = false;
         self.bounces = 1;
+        self.second = None;
         self.frames = 2;
         self.sun = SUN;
         self.set_fog_before_the_mirror(true);
@@ -508,7 +522,7 @@ fn a_scene_in_a_mirror_looks_like_itself() {
         let mut failures = Vec::new();
         let lights = light::ROWS.into_iter().chain(light_textures::ROWS);
         let others = lights.chain(sky::ROWS).chain(transmission::ROWS);
-        for (name, spawn) in ROWS.into_iter().chain(others) {
+        for (name, spawn) in ROWS.into_iter().chain(others).chain(haze::ROWS) {
             spawn(&mut stage);
             let actual = stage.in_the_mirror();
             let expected = stage.by_the_mirrored_camera();

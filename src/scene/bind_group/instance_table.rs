@@ -7,7 +7,8 @@ use crate::scene::{
     free_slots::shrink,
     gpu_types::{
         GpuInstance, INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_LEFT, INSTANCE_MIRRORED, INSTANCE_MOVING,
-        INSTANCE_RECEIVES_SHADOW, INSTANCE_RECEIVES_TRANSMITTED_SHADOW, INSTANCE_RESTLESS, NO_TEXTURE,
+        INSTANCE_RECEIVES_SHADOW, INSTANCE_RECEIVES_TRANSMITTED_SHADOW, INSTANCE_RESTLESS, INSTANCE_STAND_IN,
+        NO_TEXTURE,
     },
     instances::InstanceSource,
     meshes::SceneMesh,
@@ -351,6 +352,9 @@ pub(in crate::scene) fn pack_instance(
     }
     if source.receives_transmitted_shadow {
         flags |= INSTANCE_RECEIVES_TRANSMITTED_SHADOW;
+    }
+    if source.is_stand_in {
+        flags |= INSTANCE_STAND_IN;
     }
     Some(GpuInstance {
         world_from_object: matrices.world_from_object,

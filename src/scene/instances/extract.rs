@@ -34,6 +34,9 @@ pub trait MaterialComponent: Component {
     /// Bevy's list of entities whose mesh or material changed.
     type Changes: ReadOnlySystemParam + 'static;
 
+    /// Their material is not what they are drawn with.
+    const IS_STAND_IN: bool;
+
     /// The material.
     fn material(&self) -> UntypedAssetId;
 
@@ -45,6 +48,7 @@ impl<M: Material> MaterialComponent for MeshMaterial3d<M> {
     type Filter = Without<ReflectedMaterial3d>;
     // Bevy's `MaterialPlugin` makes it in `PostUpdate`, for its own extraction.
     type Changes = Option<Res<'static, EntitiesNeedingSpecialization<M>>>;
+    const IS_STAND_IN: bool = false;
 
     fn material(&self) -> UntypedAssetId {
         self.id().untyped()
@@ -58,6 +62,7 @@ impl<M: Material> MaterialComponent for MeshMaterial3d<M> {
 impl MaterialComponent for ReflectedMaterial3d {
     type Filter = ();
     type Changes = ();
+    const IS_STAND_IN: bool = true;
 
     fn material(&self) -> UntypedAssetId {
         self.id().untyped()
@@ -101,6 +106,7 @@ struct InstanceItem<'a> {
     mesh: Option<&'a Mesh3d>,
     stand_in: Option<&'a ReflectedMesh3d>,
     material: UntypedAssetId,
+    is_stand_in: bool,
     transform: &'a GlobalTransform,
     visibility: &'a InheritedVisibility,
     layers: Option<&'a RenderLayers>,
@@ -283,6 +289,7 @@ fn update_changed<C: MaterialComponent>(
                         mesh: meshes.as_ref().map(|meshes| &meshes[row]),
                         stand_in: stand_ins.as_ref().map(|stand_ins| &stand_ins[row]),
                         material: materials[row].material(),
+                        is_stand_in: C::IS_STAND_IN,
                         transform: &transforms[row],
                         visibility: &visibilities[row],
                         layers: layers.as_ref().map(|layers| &layers[row]),
@@ -358,6 +365,7 @@ fn update<C: MaterialComponent>(instances: &mut SceneInstances, shown: &Shown, i
             mesh: mesh.as_deref(),
             stand_in: stand_in.as_deref(),
             material: material.material(),
+            is_stand_in: C::IS_STAND_IN,
             transform: &transform,
             visibility: &visibility,
             layers: layers.as_deref(),
@@ -398,6 +406,7 @@ fn update_item(instances: &mut SceneInstances, shown: &Shown, item: &InstanceIte
         entity: item.entity,
         mesh,
         material: item.material,
+        is_stand_in: item.is_stand_in,
         world_from_object,
         groups,
         casts_shadow: !item.no_shadow && layers.casts_shadow(item.layers),

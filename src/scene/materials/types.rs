@@ -1,24 +1,39 @@
-//! Numbers by which shaders of an app tell material types apart.
+//! Material types that rays know: the numbers by which shaders of an app tell them apart, and which of them show no environment.
 
 use crate::scene::gpu_types::{MATERIAL_TYPE_BITS, MATERIAL_TYPE_SHIFT};
-use bevy::{ecs::resource::Resource, pbr::StandardMaterial};
+use bevy::{ecs::resource::Resource, pbr::StandardMaterial, platform::collections::HashSet};
 use core::any::TypeId;
 
-/// Types of materials that rays know besides `StandardMaterial`, in the order of their plugins.
+/// Types of materials that rays know.
 #[derive(Resource, Default)]
-pub struct MaterialTypes(Vec<TypeId>);
+pub struct MaterialTypes {
+    /// Those besides `StandardMaterial`, in the order of their plugins.
+    numbered: Vec<TypeId>,
+    /// Those whose plugin says that their shader adds no specular light of the environment.
+    without_environment: HashSet<TypeId>,
+}
 
 impl MaterialTypes {
     /// Gives the next number to a type of materials. Belongs in its plugin.
     pub fn add(&mut self, id: TypeId) {
-        if id != TypeId::of::<StandardMaterial>() && !self.0.contains(&id) {
-            self.0.push(id);
+        if id != TypeId::of::<StandardMaterial>() && !self.numbered.contains(&id) {
+            self.numbered.push(id);
         }
+    }
+
+    /// Notes that the shader of a type shows no environment. Of several plugins, one that says so is enough.
+    pub fn deny_environment(&mut self, id: TypeId) {
+        self.without_environment.insert(id);
+    }
+
+    /// Returns whether the shader of a type shows the environment, as far as its plugin knows.
+    pub fn shows_environment(&self, id: TypeId) -> bool {
+        !self.without_environment.contains(&id)
     }
 
     /// The `MATERIAL_TYPE_` bits of a type. Types for which bits lack share the last number.
     pub fn flags(&self, id: TypeId) -> u32 {
-        let place = self.0.iter().position(|added| *added == id);
+        let place = self.numbered.iter().position(|added| *added == id);
         place.map_or(0, |place| (place as u32 + 1).min(MATERIAL_TYPE_BITS)) << MATERIAL_TYPE_SHIFT
     }
 }
@@ -36,5 +51,15 @@ mod tests {
         }
         let numbers = [TypeId::of::<StandardMaterial>(), c, b, a].map(|id| types.flags(id) >> MATERIAL_TYPE_SHIFT);
         assert_eq!(numbers, [0, 0, 1, 2]);
+    }
+
+    #[test]
+    fn one_word_against_the_environment_is_enough() {
+        let mut types = MaterialTypes::default();
+        let [a, b] = [TypeId::of::<u8>(), TypeId::of::<u16>()];
+        types.deny_environment(a);
+        types.add(a);
+        types.add(b);
+        assert_eq!([a, b].map(|id| types.shows_environment(id)), [false, true]);
     }
 }

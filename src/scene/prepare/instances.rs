@@ -73,7 +73,8 @@ impl SceneBindings {
             let seen = source.filter(|_| packed.is_some());
             let material = seen.and_then(|source| surroundings.materials.get(source.material));
             self.see_through.note(slot, seen.map(|source| source.entity), material);
-            let forward = seen.filter(|source| surroundings.materials.reflects_forward(source.material));
+            let own = seen.filter(|source| !source.is_stand_in);
+            let forward = own.filter(|source| surroundings.materials.reflects_forward(source.material));
             self.forward.note(slot, forward.map(|source| source.entity));
             if self.tracer == ReflectionTracer::Bvh {
                 self.assign_masks(slot, packed.as_mut().zip(source), surroundings, meshes, queue);

@@ -10,8 +10,7 @@ use bevy::{
         Atmosphere, AtmosphereEnvironmentMapLight, FogVolume, GeneratedEnvironmentMapLight, NotShadowCaster,
         NotShadowReceiver, Skybox, SunDisk, VolumetricFog, VolumetricLight, atmosphere::ScatteringMedium,
     },
-    material::OpaqueRendererMethod,
-    pbr::{AtmosphereMode, AtmosphereSettings, ScreenSpaceTransmission},
+    pbr::AtmosphereSettings,
     prelude::*,
     render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
 };
@@ -30,7 +29,7 @@ pub(super) type Components = (
 /// Direction of light from a low sun behind the mirror.
 const LOW_SUN: Vec3 = Vec3::new(0.4, -0.12, 1.0);
 
-pub(super) const ROWS: [Row; 18] = [
+pub(super) const ROWS: [Row; 12] = [
     ("sunlight through an atmosphere", |stage| {
         stage.breathe(5_000.0);
         stage.spawn(blue());
@@ -39,46 +38,6 @@ pub(super) const ROWS: [Row; 18] = [
         stage.breathe(6_000.0);
         stage.spawn(blue());
         stage.open();
-    }),
-    ("haze of an atmosphere", |stage| {
-        stage.lie_in_haze(AtmosphereSettings::default(), 1.0);
-        stage.spawn(blue());
-        stage.enlarge(500.0);
-    }),
-    ("haze that is marched, in kilometres", |stage| {
-        stage.lie_in_haze(marched(), 0.001);
-        stage.spawn(blue());
-    }),
-    ("haze along rays of two bounces", |stage| {
-        stage.bounces = 2;
-        stage.lie_in_haze(marched(), 0.001);
-        // Bevy has no reflections in them.
-        let unlit = StandardMaterial { unlit: true, ..blue() };
-        stage.spawn(unlit.clone());
-        stage.open();
-        let behind = Transform::from_xyz(0.0, 0.0, 12.0).looking_to(Vec3::Z, Vec3::Y);
-        let behind = spawn_mesh(stage.app, Rectangle::new(60.0, 60.0), unlit, behind);
-        stage.spawned.push(behind);
-    }),
-    ("blended surfaces, which have no haze", |stage| {
-        stage.technique = ReflectionTechnique::Quarter;
-        stage.own_rays = true;
-        stage.lie_in_haze(AtmosphereSettings::default(), 1.0);
-        // Bevy would light them by the normals of what lies behind.
-        stage.spawn(StandardMaterial {
-            base_color: Color::linear_rgba(0.1, 0.3, 0.8, 0.6),
-            alpha_mode: AlphaMode::Blend,
-            unlit: true,
-            ..blue()
-        });
-        stage.enlarge(500.0);
-    }),
-    ("glass, which has no haze", |stage| {
-        stage.dress(ScreenSpaceTransmission::default());
-        stage.hang_glass_in_haze();
-    }),
-    ("glass that is drawn as if it were opaque, in haze", |stage| {
-        stage.hang_glass_in_haze();
     }),
     ("a volume of fog", |stage| {
         stage.add_fog_volume();
@@ -198,63 +157,7 @@ pub(super) const ROWS: [Row; 18] = [
     }),
 ];
 
-/// Height of the ground of haze above the sea, in metres.
-const GROUND: f32 = 1_500.0;
-
-fn marched() -> AtmosphereSettings {
-    AtmosphereSettings {
-        rendering_method: AtmosphereMode::Raymarched,
-        ..default()
-    }
-}
-
 impl Stage<'_> {
-    /// Surrounds everything with air, of which a metre is `metre` units, and lights it from the side: air on the way to the mirror is as bright
-    /// as behind it.
-    fn lie_in_haze(&mut self, settings: AtmosphereSettings, metre: f32) {
-        let medium = ScatteringMedium::earth(64, 64);
-        let medium = self.app.world().resource_mut::<Assets<ScatteringMedium>>().add(medium);
-        let atmosphere = Atmosphere::earth(medium);
-        let depth = (atmosphere.inner_radius + GROUND) * metre;
-        self.add((
-            atmosphere,
-            Transform::from_xyz(0.0, -depth, 0.0).with_scale(Vec3::splat(metre)),
-        ));
-        self.dress(settings);
-        self.add((
-            DirectionalLight {
-                illuminance: 6_000.0,
-                ..default()
-            },
-            SunDisk::OFF,
-            Transform::default().looking_to(Vec3::new(1.0, -0.4, 0.0), Vec3::Y),
-        ));
-    }
-
-    /// Glass that lets so little through that what lies behind isn't seen. Only forward is it drawn by cameras without a pass for it.
-    fn hang_glass_in_haze(&mut self) {
-        self.lie_in_haze(AtmosphereSettings::default(), 1.0);
-        self.spawn(StandardMaterial {
-            specular_transmission: 0.001,
-            opaque_render_method: OpaqueRendererMethod::Forward,
-            unlit: true,
-            ..blue()
-        });
-        self.enlarge(500.0);
-    }
-
-    /// Makes what was spawned so many times larger and farther away.
-    fn enlarge(&mut self, scale: f32) {
-        for entity in self.spawned.clone() {
-            let mut entity = self.app.world().entity_mut(entity);
-            if entity.contains::<Mesh3d>() {
-                let mut at = entity.get_mut::<Transform>().unwrap();
-                at.translation *= scale;
-                at.scale *= scale;
-            }
-        }
-    }
-
     /// Surrounds everything with air.
     fn add_air(&mut self) {
         let medium = ScatteringMedium::earth(64, 64);
@@ -347,7 +250,7 @@ impl Stage<'_> {
     }
 
     /// Removes the wall behind what was spawned.
-    fn open(&mut self) {
+    pub(super) fn open(&mut self) {
         let wall = self.spawned.pop().expect("something was spawned");
         self.app.world().despawn(wall);
     }
