@@ -55,7 +55,7 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 78] = [
+const PASSES: [(&str, &[&str]); 79] = [
     (
         "front_layer/find",
         &["FRONT_LAYER", "FORWARD_SURFACES", "ALPHA_MASKED_GEOMETRY"],
@@ -159,6 +159,10 @@ const PASSES: [(&str, &[&str]); 78] = [
     (
         "composite/resolve",
         &["IN_PLACE", "TILES", "FRONT_LAYER", "LIGHT_PROBES", "BINDLESS_TEXTURES"],
+    ),
+    (
+        "composite/resolve",
+        &["IN_PLACE", "TILES", "FRONT_LAYER", "FORWARD_SURFACES"],
     ),
     ("composite/add", &[]),
     ("trace/vrs", &[]),
