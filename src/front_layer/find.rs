@@ -13,18 +13,19 @@ use crate::{
 };
 use bevy::{
     asset::{AssetServer, Handle, load_embedded_asset},
+    camera::Camera3d,
     ecs::prelude::*,
     log::error_once,
-    math::URect,
     platform::collections::HashSet,
     render::{
         Extract,
         globals::{GlobalsBuffer, GlobalsUniform},
         render_resource::{
-            BindingResource, IntoBinding, PipelineCache, StorageTextureAccess, TextureFormat, UniformBuffer,
-            binding_types,
+            BindingResource, IntoBinding, PipelineCache, StorageTextureAccess, TextureFormat, TextureSampleType,
+            TextureUsages, TextureView, UniformBuffer, binding_types,
         },
         renderer::RenderContext,
+        view::ViewDepthStencilTexture,
     },
     shader::Shader,
 };
@@ -104,6 +105,9 @@ pub(super) fn init_find_pass(mut commands: Commands, asset_server: Res<AssetServ
         Binding::given(binding_types::uniform_buffer::<GlobalsUniform>(false)),
         // Without motion vectors nothing is accumulated, and nobody reads what the pass writes of them.
         Binding::floats(|context| context.motion.or(Some(context.gbuffer.normals))),
+        Binding::given(binding_types::texture_2d(TextureSampleType::Float {
+            filterable: false,
+        })),
     ];
     let groups = OtherGroups::SceneAndEnvironment(scene.layout.clone());
     commands.insert_resource(FindPass {
@@ -125,6 +129,24 @@ pub(super) fn request_rates(views: Query<&ReflectionView>, mut rate: ResMut<Rate
     for view in views.iter().filter(|view| wants_layer(view, &scene)) {
         rate.request_parts(&view.rate);
     }
+}
+
+/// Lets shaders read the depth of views in whose layer opaque surfaces may lie: objects without a prepass cover some.
+pub(super) fn keep_depth_readable(mut views: Query<(&ReflectionView, &mut Camera3d)>, scene: Res<SceneBindings>) {
+    if !scene.has_forward_surfaces() {
+        return;
+    }
+    for (_, mut camera) in views.iter_mut().filter(|(view, _)| view.settings.forward) {
+        camera.depth_texture_usages.0 |= TextureUsages::TEXTURE_BINDING.bits();
+    }
+}
+
+/// Depth of all opaque surfaces of a view, if shaders can read it.
+fn readable_depth(depth: Option<&ViewDepthStencilTexture>) -> Option<&TextureView> {
+    let texture = &depth?.attachment.texture;
+    let is_readable =
+        texture.texture.usage().contains(TextureUsages::TEXTURE_BINDING) && texture.texture.sample_count() == 1;
+    is_readable.then_some(&texture.default_view)
 }
 
 /// Has the pass compiled under the same conditions.
@@ -195,26 +217,28 @@ impl FindPass {
         self.variant.own.is_some()
     }
 
-    /// Finds the layer of a view, whose context is that of its opaque surfaces. Returns false where the pass isn't compiled.
+    /// Finds the layer of a view, whose context is that of its opaque surfaces and whose main passes draw `depth`. Returns false where
+    /// the pass isn't compiled.
     pub fn run(
         &self,
         ctx: &mut RenderContext,
         context: &PassContext,
         layer: &LayerTextures,
-        rects: &[URect],
         gpu_rects: &UniformBuffer<GpuRects>,
         globals: &GlobalsBuffer,
+        depth: Option<&ViewDepthStencilTexture>,
     ) -> bool {
         let (Some(binding), Some(globals)) = (gpu_rects.binding(), globals.buffer.binding()) else {
             return false;
         };
-        let given: [BindingResource; 6] = [
+        let given: [BindingResource; 7] = [
             layer.words.into_binding(),
             layer.motion.into_binding(),
             layer.depth.into_binding(),
             layer.packed_normals.as_entire_binding(),
             binding,
             globals,
+            readable_depth(depth).unwrap_or(context.gbuffer.depth).into_binding(),
         ];
         let settings = &context.view.settings;
         let variants = self.variant_of(settings).or_simpler(settings.transparent);
@@ -223,8 +247,6 @@ impl FindPass {
         };
         let groups = gpu_rects.get().groups();
         pass.dispatch_workgroups(groups.min(MAX_WORKGROUPS), groups.div_ceil(MAX_WORKGROUPS), 1);
-        drop(pass);
-        layer.copy_normals(ctx, context, rects);
         true
     }
 }
