@@ -121,6 +121,9 @@ impl Resolve {
         // Without SSAO something must be bound; the shader doesn't read it.
         let mut bindings = shown_bindings(|context| context.ssao.or_else(|| composited_radiance(context)));
         bindings.push(output);
+        if self == Self::Apart {
+            bindings.push(Binding::floats(|context| Some(context.frame)));
+        }
         if self == Self::InPlaceTiles {
             bindings.extend([
                 Binding::words(|context| Some(&context.targets().indirect_args)),
