@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, fog_volumes::GpuFogVolume, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 75] = [
+pub const COMBINATIONS: [&[&str]; 77] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -54,6 +54,16 @@ pub const COMBINATIONS: [&[&str]; 75] = [
     &["SURFACE_SHADER"],
     &["SURFACE_SHADER", "RAY_QUERY", "BOUNCES", "MANY_LIGHTS", "LAYERED_RAYS"],
     &["LAYERED_RAYS", "REFRACTION", "RAY_QUERY", "TINTED_GLASS", "BOUNCES"],
+    &["REFRACTION", "ALPHA_MASKED_GEOMETRY", "SCREEN_TRACES", "SCREEN_MARCH"],
+    &[
+        "REFRACTION",
+        "RAY_QUERY",
+        "TINTED_GLASS",
+        "BOUNCES",
+        "SURFACE_SHADER",
+        "SCREEN_TRACES",
+        "SCREEN_MARCH",
+    ],
     &["LIGHTMAPS", "RAY_QUERY", "BINDLESS_TEXTURES"],
     &["LIGHTMAPS", "TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
     &["CLEARCOAT", "BOUNCES", "MANY_LIGHTS"],
