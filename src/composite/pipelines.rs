@@ -36,6 +36,8 @@ pub struct CompositePipelines {
     /// The same where reflection probes shine on transparent surfaces.
     probed: HashMap<Resolve, GBufferPass<ResolveVariant>>,
     has_probes: bool,
+    /// The scene has opaque surfaces that are drawn forward.
+    has_forward: bool,
     add: AddPass,
     screen_shader: Handle<Shader>,
     screen: GBufferPass,
@@ -74,6 +76,7 @@ impl CompositePipelines {
         let variant = ResolveVariant {
             surfaces: Surfaces::Opaque,
             blurs: denoise::blurs(settings),
+            forward: false,
         };
         self.resolve[&resolve].pipeline(&variant, cache).is_some()
             && (resolve != Resolve::Apart || self.add.is_ready(format, cache))
@@ -97,6 +100,7 @@ pub(super) fn init_composite_pipelines(
             .into(),
         probed: Resolve::ALL.map(|kind| (kind, kind.pass(with_scene()))).into(),
         has_probes: false,
+        has_forward: false,
         add: AddPass::new(assets, &fullscreen),
         screen_shader: load_embedded_asset!(assets, "screen.wesl"),
         screen: screen_pass(),
@@ -116,6 +120,7 @@ pub(super) fn queue_composite_pipelines(
         resolve,
         probed,
         has_probes,
+        has_forward,
         add,
         screen_shader,
         screen,
@@ -123,7 +128,12 @@ pub(super) fn queue_composite_pipelines(
         wanted,
     } = &mut *pipelines;
     *has_probes = scene.has_light_probes() && scene.has_layer_surfaces();
+    *has_forward = scene.has_forward_surfaces();
     for &(kind, variant, format) in &*wanted {
+        let variant = ResolveVariant {
+            forward: variant.forward && *has_forward,
+            ..variant
+        };
         let defs = [kind.shader_defs(), variant.shader_defs()].concat();
         let queue = |pass: Option<&mut GBufferPass<ResolveVariant>>, defs| {
             if let Some(pass) = pass {
@@ -204,8 +214,9 @@ pub(crate) fn composite_reflection(
         return;
     }
     let is_probed = pipelines.has_probes && surfaces == Surfaces::FrontLayer;
-    let runs = is_probed && kind.run(ctx, &pipelines.probed[&kind], context, surfaces)
-        || kind.run(ctx, &pipelines.resolve[&kind], context, surfaces);
+    let forward = pipelines.has_forward;
+    let runs = is_probed && kind.run(ctx, &pipelines.probed[&kind], context, surfaces, forward)
+        || kind.run(ctx, &pipelines.resolve[&kind], context, surfaces, forward);
     if runs && kind == Resolve::Apart {
         pipelines.add.run(ctx, context, target);
     }

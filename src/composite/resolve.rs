@@ -46,23 +46,36 @@ pub(super) struct ResolveVariant {
     pub surfaces: Surfaces,
     /// The last filter of the denoiser is part of it.
     pub blurs: bool,
+    /// The front layer may hold opaque surfaces, which are lit in another way than glass.
+    pub forward: bool,
 }
 
 impl ResolveVariant {
     /// The variants that a view's settings need: without history nothing is blurred.
     pub fn of(settings: &ClampedSettings) -> impl Iterator<Item = Self> + use<> {
+        let wants_forward = settings.forward;
         let blurs: &[bool] = if denoise::blurs(settings) {
             &[false, true]
         } else {
             &[false]
         };
-        Surfaces::of(settings).flat_map(|surfaces| blurs.iter().map(move |&blurs| Self { surfaces, blurs }))
+        Surfaces::of(settings).flat_map(move |surfaces| {
+            let forward = wants_forward && surfaces == Surfaces::FrontLayer;
+            blurs.iter().map(move |&blurs| Self {
+                surfaces,
+                blurs,
+                forward,
+            })
+        })
     }
 
     pub fn shader_defs(self) -> Vec<ShaderDefVal> {
         let mut defs = self.surfaces.shader_defs();
         if self.blurs {
             defs.push("BLUR".into());
+        }
+        if self.forward {
+            defs.push("FORWARD_SURFACES".into());
         }
         defs
     }
@@ -108,6 +121,9 @@ impl Resolve {
         // Without SSAO something must be bound; the shader doesn't read it.
         let mut bindings = shown_bindings(|context| context.ssao.or_else(|| composited_radiance(context)));
         bindings.push(output);
+        if self == Self::Apart {
+            bindings.push(Binding::floats(|context| Some(context.frame)));
+        }
         if self == Self::InPlaceTiles {
             bindings.extend([
                 Binding::words(|context| Some(&context.targets().indirect_args)),
@@ -117,16 +133,26 @@ impl Resolve {
         GBufferPass::new("glint_resolve", bindings, others)
     }
 
-    /// Resolves the reflection of one view. Returns false where the pass isn't compiled.
+    /// Resolves the reflection of one view. Returns false where the pass isn't compiled. `has_forward`: the scene has opaque surfaces that
+    /// are drawn forward.
     pub fn run(
         self,
         ctx: &mut RenderContext,
         pass: &GBufferPass<ResolveVariant>,
         context: &PassContext,
         surfaces: Surfaces,
+        has_forward: bool,
     ) -> bool {
-        let blurs = context.history().is_some() && denoise::blurs(&context.view.settings);
-        let variants = [blurs, false].map(|blurs| ResolveVariant { surfaces, blurs });
+        let settings = &context.view.settings;
+        let blurs = context.history().is_some() && denoise::blurs(settings);
+        let forward = has_forward && settings.forward && surfaces == Surfaces::FrontLayer;
+        // Either of the layer's variants takes the place of the other until that is compiled: some ambient occlusion is missing, if anything.
+        let variants = [(blurs, forward), (false, forward), (blurs, !forward), (false, !forward)];
+        let variants = variants.map(|(blurs, forward)| ResolveVariant {
+            surfaces,
+            blurs,
+            forward,
+        });
         let Some(mut pass) = pass.begin(ctx, context, variants, &[]) else {
             return false;
         };

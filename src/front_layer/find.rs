@@ -9,21 +9,23 @@ use crate::{
     gbuffer::{Binding, GBufferPass, OtherGroups, PassContext, PassShader},
     rate::RatePipelines,
     scene::SceneBindings,
-    settings::{FrontLayerShader, ReflectionView},
+    settings::{ClampedSettings, FrontLayerShader, ReflectionView},
 };
 use bevy::{
     asset::{AssetServer, Handle, load_embedded_asset},
+    camera::Camera3d,
     ecs::prelude::*,
     log::error_once,
-    math::URect,
+    platform::collections::HashSet,
     render::{
         Extract,
         globals::{GlobalsBuffer, GlobalsUniform},
         render_resource::{
-            BindingResource, IntoBinding, PipelineCache, StorageTextureAccess, TextureFormat, UniformBuffer,
-            binding_types,
+            BindingResource, IntoBinding, PipelineCache, StorageTextureAccess, TextureFormat, TextureSampleType,
+            TextureUsages, TextureView, UniformBuffer, binding_types,
         },
         renderer::RenderContext,
+        view::ViewDepthStencilTexture,
     },
     shader::Shader,
 };
@@ -36,7 +38,7 @@ struct FindVariant {
     deep_trees: bool,
     /// Cameras draw different layers.
     layers: bool,
-    /// Some view wants opaque surfaces that are drawn forward, and the scene has some.
+    /// The view wants opaque surfaces that are drawn forward, and the scene has some.
     forward: bool,
     /// The app's shader, in place of `find.wesl`.
     own: Option<Handle<Shader>>,
@@ -44,8 +46,9 @@ struct FindVariant {
 
 impl FindVariant {
     /// Variants that do until this one is compiled. A stack that is too small misses some surfaces, without layers too many are
-    /// found, without the app's shader they lack its waves, and without forward surfaces those of glass are there: better than nothing.
-    fn or_simpler(&self) -> [Self; 5] {
+    /// found, without the app's shader they lack its waves, and without forward surfaces those of glass are there: better than nothing,
+    /// if the view wants glass.
+    fn or_simpler(&self, wants_glass: bool) -> impl Iterator<Item = Self> + use<> {
         let library = Self {
             own: None,
             ..self.clone()
@@ -59,6 +62,8 @@ impl FindVariant {
             ..self.clone()
         };
         [self.clone(), library, without_forward, without_layers, Self::default()]
+            .into_iter()
+            .filter(move |variant| variant.forward || wants_glass)
     }
 }
 
@@ -67,8 +72,10 @@ impl FindVariant {
 pub(super) struct FindPass {
     shader: Handle<Shader>,
     pass: GBufferPass<FindVariant>,
-    /// The one that is wanted.
+    /// The one that views want without forward surfaces.
     variant: FindVariant,
+    /// The scene has forward surfaces.
+    has_forward: bool,
 }
 
 /// Takes the app's shader over.
@@ -98,23 +105,23 @@ pub(super) fn init_find_pass(mut commands: Commands, asset_server: Res<AssetServ
         Binding::given(binding_types::uniform_buffer::<GlobalsUniform>(false)),
         // Without motion vectors nothing is accumulated, and nobody reads what the pass writes of them.
         Binding::floats(|context| context.motion.or(Some(context.gbuffer.normals))),
+        Binding::given(binding_types::texture_2d(TextureSampleType::Float {
+            filterable: false,
+        })),
     ];
     let groups = OtherGroups::SceneAndEnvironment(scene.layout.clone());
     commands.insert_resource(FindPass {
         shader: load_embedded_asset!(asset_server.as_ref(), "find.wesl"),
         pass: GBufferPass::new("glint_find_front_layer", bindings, groups),
         variant: FindVariant::default(),
+        has_forward: false,
     });
 }
 
 /// Returns whether a view wants a layer of what the scene has.
 fn wants_layer(view: &ReflectionView, scene: &SceneBindings) -> bool {
     let has_glass = scene.see_through.entities().next().is_some();
-    (view.settings.transparent && has_glass) || wants_forward(view, scene)
-}
-
-fn wants_forward(view: &ReflectionView, scene: &SceneBindings) -> bool {
-    view.settings.forward && scene.forward.count() > 0
+    (view.settings.transparent && has_glass) || (view.settings.forward && scene.has_forward_surfaces())
 }
 
 /// Asks for rates of parts of a view as soon as a camera wants the layer in a scene with such objects.
@@ -124,6 +131,24 @@ pub(super) fn request_rates(views: Query<&ReflectionView>, mut rate: ResMut<Rate
     }
 }
 
+/// Lets shaders read the depth of views in whose layer opaque surfaces may lie: objects without a prepass cover some.
+pub(super) fn keep_depth_readable(mut views: Query<(&ReflectionView, &mut Camera3d)>, scene: Res<SceneBindings>) {
+    if !scene.has_forward_surfaces() {
+        return;
+    }
+    for (_, mut camera) in views.iter_mut().filter(|(view, _)| view.settings.forward) {
+        camera.depth_texture_usages.0 |= TextureUsages::TEXTURE_BINDING.bits();
+    }
+}
+
+/// Depth of all opaque surfaces of a view, if shaders can read it.
+fn readable_depth(depth: Option<&ViewDepthStencilTexture>) -> Option<&TextureView> {
+    let texture = &depth?.attachment.texture;
+    let is_readable =
+        texture.texture.usage().contains(TextureUsages::TEXTURE_BINDING) && texture.texture.sample_count() == 1;
+    is_readable.then_some(&texture.default_view)
+}
+
 /// Has the pass compiled under the same conditions.
 pub(super) fn queue_find_pass(
     views: Query<&ReflectionView>,
@@ -131,24 +156,33 @@ pub(super) fn queue_find_pass(
     scene: Res<SceneBindings>,
     cache: Res<PipelineCache>,
 ) {
-    if !views.iter().any(|view| wants_layer(view, &scene)) {
-        return;
-    }
-    let FindPass { shader, pass, variant } = &mut *find;
-    variant.deep_trees = scene.has_deep_trees();
-    variant.layers = scene.has_render_layers();
-    variant.forward = views.iter().any(|view| wants_forward(view, &scene));
-    for own in [variant.own.clone(), None] {
-        let queued = FindVariant {
-            own: own.clone(),
-            ..variant.clone()
-        };
-        pass.queue(queued, &cache, || {
+    find.has_forward = scene.has_forward_surfaces();
+    find.variant.deep_trees = scene.has_deep_trees();
+    find.variant.layers = scene.has_render_layers();
+    let views = views.iter().filter(|view| wants_layer(view, &scene));
+    let wanted: HashSet<_> = views
+        .flat_map(|view| {
+            let variant = find.variant_of(&view.settings);
+            let library = FindVariant {
+                own: None,
+                ..variant.clone()
+            };
+            [variant, library]
+        })
+        .collect();
+    let FindPass {
+        shader, pass, variant, ..
+    } = &mut *find;
+    for wanted in wanted {
+        let FindVariant {
+            layers, forward, own, ..
+        } = wanted.clone();
+        pass.queue(wanted, &cache, || {
             // See-through surfaces need the alpha test.
             let mut defs = scene.shader_defs_for(true);
             defs.push("FRONT_LAYER".into());
-            defs.extend(variant.layers.then(|| "RENDER_LAYERS".into()));
-            defs.extend(variant.forward.then(|| "FORWARD_SURFACES".into()));
+            defs.extend(layers.then(|| "RENDER_LAYERS".into()));
+            defs.extend(forward.then(|| "FORWARD_SURFACES".into()));
             PassShader {
                 entry_point: own.is_none().then_some("find"),
                 shader: own.unwrap_or_else(|| shader.clone()),
@@ -170,39 +204,49 @@ pub(super) fn queue_find_pass(
 }
 
 impl FindPass {
+    /// The variant that a view with these settings wants.
+    fn variant_of(&self, settings: &ClampedSettings) -> FindVariant {
+        FindVariant {
+            forward: settings.forward && self.has_forward,
+            ..self.variant.clone()
+        }
+    }
+
     /// The app changes what is found, and nobody tells when.
     pub fn is_own(&self) -> bool {
         self.variant.own.is_some()
     }
 
-    /// Finds the layer of a view, whose context is that of its opaque surfaces. Returns false where the pass isn't compiled.
+    /// Finds the layer of a view, whose context is that of its opaque surfaces and whose main passes draw `depth`. Returns false where
+    /// the pass isn't compiled.
     pub fn run(
         &self,
         ctx: &mut RenderContext,
         context: &PassContext,
         layer: &LayerTextures,
-        rects: &[URect],
         gpu_rects: &UniformBuffer<GpuRects>,
         globals: &GlobalsBuffer,
+        depth: Option<&ViewDepthStencilTexture>,
     ) -> bool {
         let (Some(binding), Some(globals)) = (gpu_rects.binding(), globals.buffer.binding()) else {
             return false;
         };
-        let given: [BindingResource; 6] = [
+        let given: [BindingResource; 7] = [
             layer.words.into_binding(),
             layer.motion.into_binding(),
             layer.depth.into_binding(),
             layer.packed_normals.as_entire_binding(),
             binding,
             globals,
+            readable_depth(depth).unwrap_or(context.gbuffer.depth).into_binding(),
         ];
-        let Some(mut pass) = self.pass.begin(ctx, context, self.variant.or_simpler(), &given) else {
+        let settings = &context.view.settings;
+        let variants = self.variant_of(settings).or_simpler(settings.transparent);
+        let Some(mut pass) = self.pass.begin(ctx, context, variants, &given) else {
             return false;
         };
         let groups = gpu_rects.get().groups();
         pass.dispatch_workgroups(groups.min(MAX_WORKGROUPS), groups.div_ceil(MAX_WORKGROUPS), 1);
-        drop(pass);
-        layer.copy_normals(ctx, context, rects);
         true
     }
 }

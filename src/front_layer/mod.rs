@@ -41,7 +41,7 @@ use bevy::{
     shader::load_shader_library,
 };
 use boxes::{LayerBoxes, extract_boxes};
-use find::{extract_shader, init_find_pass, queue_find_pass, request_rates};
+use find::{extract_shader, init_find_pass, keep_depth_readable, queue_find_pass, request_rates};
 use forward::note_forward_materials;
 use passes::{find_front_layers, reflect_on_front_layers, reflect_on_opaque_layers, show_front_layers};
 use prepare::prepare_front_layers;
@@ -78,6 +78,9 @@ impl Plugin for FrontLayerPlugin {
                         .before(ReflectionSystems::QueuePipelines)
                         .in_set(RenderSystems::PrepareResourcesFlush),
                     queue_find_pass.in_set(ReflectionSystems::QueuePipelines),
+                    keep_depth_readable
+                        .in_set(RenderSystems::PrepareViews)
+                        .ambiguous_with(RenderSystems::PrepareViews),
                     prepare_front_layers
                         .after(PreparedViews)
                         .in_set(ReflectionSystems::PrepareViews),

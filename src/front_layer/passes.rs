@@ -17,6 +17,7 @@ use bevy::{
         diagnostic::RecordDiagnostics,
         globals::GlobalsBuffer,
         renderer::{RenderContext, ViewQuery},
+        view::ViewDepthStencilTexture,
     },
 };
 use core::sync::atomic::Ordering;
@@ -51,14 +52,14 @@ fn context_of<'a>(opaque: &PassContext<'a>, front: &'a FrontLayer) -> Option<Pas
 
 /// Finds the front layer of a view.
 pub(super) fn find_front_layers(
-    view: ViewQuery<(PassView, &FrontLayer)>,
+    view: ViewQuery<(PassView, &FrontLayer, Option<&ViewDepthStencilTexture>)>,
     resources: PassResources,
     find: Option<Res<FindPass>>,
     globals: Res<GlobalsBuffer>,
     mut ctx: RenderContext,
 ) {
     let entity = view.entity();
-    let (view, front) = view.into_inner();
+    let (view, front, depth) = view.into_inner();
     if front.rects.is_empty() {
         return;
     }
@@ -68,14 +69,10 @@ pub(super) fn find_front_layers(
     let diagnostics = ctx.diagnostic_recorder();
     let diagnostics = diagnostics.as_deref();
     let span = diagnostics.time_span(ctx.command_encoder(), "glint_find_front_layer");
-    let is_found = find.run(
-        &mut ctx,
-        &context,
-        &front.layer,
-        &front.rects,
-        &front.gpu_rects,
-        &globals,
-    );
+    let is_found = find.run(&mut ctx, &context, &front.layer, &front.gpu_rects, &globals, depth);
+    if is_found {
+        front.layer.copy_normals(&mut ctx, &context, &front.rects);
+    }
     front.is_found.store(is_found, Ordering::Relaxed);
     span.end(ctx.command_encoder());
 }

@@ -84,7 +84,7 @@ impl FrontLayer {
         targets.sizes == sizes && targets.needs == needs && self.layer.size == extent
     }
 
-    /// Takes the rectangles of a frame. Of earlier ones, what was written is to be overwritten.
+    /// Takes the rectangles of a frame, once it is known what they hold. Of earlier ones, what was written is to be overwritten.
     fn set_rects(&mut self, now: &[URect], device: &RenderDevice, queue: &RenderQueue) {
         let sizes = self.textures.targets.sizes;
         if !self.is_found.swap(false, Ordering::Relaxed) {
@@ -95,7 +95,7 @@ impl FrontLayer {
         self.tiles = tiles_of(now.iter().chain(last).chain(earlier), sizes);
         self.before.swap(0, 1);
         self.before[0] = now.to_vec();
-        self.gpu_rects.set(GpuRects::from(&self.rects[..]));
+        self.gpu_rects.set(GpuRects::new(&self.rects, self.has_see_through));
         self.gpu_rects.write_buffer(device, queue);
     }
 

@@ -21,22 +21,26 @@ const NEAREST: f32 = 1e-5;
 #[derive(ShaderType, Clone, Default)]
 pub(super) struct GpuRects {
     count: u32,
+    /// 1 where some of them hold something see-through that the view wants to reflect.
+    have_glass: u32,
     /// First pixel, and the one behind the last.
     corners: [UVec4; MOST_RECTS],
 }
 
-impl From<&[URect]> for GpuRects {
-    fn from(rects: &[URect]) -> Self {
-        let mut gpu = Self::default();
+impl GpuRects {
+    /// `have_glass`: some of them hold something see-through that the view wants to reflect.
+    pub fn new(rects: &[URect], have_glass: bool) -> Self {
+        let mut gpu = Self {
+            have_glass: have_glass.into(),
+            ..Self::default()
+        };
         for (corners, rect) in gpu.corners.iter_mut().zip(rects) {
             *corners = UVec4::new(rect.min.x, rect.min.y, rect.max.x, rect.max.y);
             gpu.count += 1;
         }
         gpu
     }
-}
 
-impl GpuRects {
     /// Workgroups that take all of their pixels.
     pub fn groups(&self) -> u32 {
         let rects = self.corners.iter().take(self.count as usize);
@@ -197,7 +201,7 @@ mod tests {
             URect::new(16, 0, 24, 8),
             URect::new(192, 96, 200, 100),
         ];
-        assert_eq!(GpuRects::from(&rects[..]).groups(), 4);
+        assert_eq!(GpuRects::new(&rects, false).groups(), 4);
     }
 
     #[test]

@@ -220,7 +220,12 @@ impl SceneBindings {
 
     /// Returns whether there is anything that Bevy may draw in front of its G-buffer and that can reflect.
     pub(crate) fn has_layer_surfaces(&self) -> bool {
-        self.see_through.entities().next().is_some() || self.forward.count() > 0
+        self.see_through.entities().next().is_some() || self.has_forward_surfaces()
+    }
+
+    /// Returns whether there is anything opaque that Bevy draws forward and that can reflect.
+    pub(crate) fn has_forward_surfaces(&self) -> bool {
+        self.forward.count() > 0
     }
 
     /// Returns whether the device has what light probes need.

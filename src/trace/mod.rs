@@ -68,6 +68,7 @@ impl Plugin for TracePlugin {
         load_shader_library!(app, "noise.wesl");
         load_shader_library!(app, "rays.wesl");
         load_shader_library!(app, "record.wesl");
+        load_shader_library!(app, "refraction.wesl");
         load_shader_library!(app, "sampling.wesl");
         load_shader_library!(app, "screen.wesl");
         load_shader_library!(app, "march.wesl");

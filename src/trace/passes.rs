@@ -28,7 +28,7 @@ pub(crate) fn trace_rays(
                 let variant = pipelines.converged_variant(variant);
                 trace_converged(ctx, &pipelines.converged, variant, context);
             }
-            TracePass::Inline => pipelines.inline.trace(ctx, variant, context),
+            TracePass::Inline => pipelines.inline.trace(ctx, pipelines.first_rays(variant), context),
             TracePass::Mirrors if has_mirrors => {}
             TracePass::Mirrors => {
                 let variants = pipelines.mirror_variant(variant).substitutes();

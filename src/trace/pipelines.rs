@@ -132,8 +132,16 @@ impl TracePipelines {
 
     /// The variant of the rays of blocks that is compiled. Their hits are shaded with tints only if they have some.
     pub(super) fn ray_variant(&self, variant: Variant, cache: &PipelineCache) -> Option<Variant> {
-        let mut variants = variant.without_shading().substitutes().into_iter();
+        let mut variants = self.first_rays(variant.without_shading()).substitutes().into_iter();
         variants.find(|variant| self.rays.pipeline(variant, cache).is_some())
+    }
+
+    /// The variant of passes that trace first rays by chance: those of blocks, and those that are shaded at once.
+    pub(super) fn first_rays(&self, variant: Variant) -> Variant {
+        Variant {
+            refracts: self.refracts && variant.masked,
+            ..variant
+        }
     }
 
     /// The variant that fits the scene and the settings of a view.
@@ -150,7 +158,7 @@ impl TracePipelines {
         }
     }
 
-    /// The same for the ground truth. Rays that are refracted can't be followed by chance.
+    /// The same for the ground truth, which follows rays that are refracted without chance, and with less noise.
     pub(super) fn converged_variant(&self, variant: Variant) -> Variant {
         let layered = self.refracts && variant.masked;
         Variant {
@@ -168,11 +176,12 @@ impl TracePipelines {
         self.noise.is_some()
             && TracePass::of(settings).all(|pass| match pass {
                 TracePass::Blocks => {
-                    compiled(&self.rays, variant.without_shading()) && (joined || self.has_shading(variant, cache))
+                    compiled(&self.rays, self.first_rays(variant.without_shading()))
+                        && (joined || self.has_shading(variant, cache))
                 }
                 TracePass::Mirrors => joined || compiled(&self.mirror_rays, self.mirror_variant(variant)),
                 TracePass::Converged => compiled(&self.converged, self.converged_variant(variant)),
-                TracePass::Inline => self.inline.pipeline(variant, cache).is_some(),
+                TracePass::Inline => self.inline.pipeline(self.first_rays(variant), cache).is_some(),
             })
     }
 
@@ -187,7 +196,7 @@ impl TracePipelines {
             let variant = self.variant.with(asked);
             match pass {
                 TracePass::Blocks if self.many_lights || variant.bounces => {
-                    compiled(&self.rays, variant.without_shading())
+                    compiled(&self.rays, self.first_rays(variant.without_shading()))
                         && whole(variant.without_screen()).any(|variant| {
                             self.shading
                                 .pipeline(&ShadingVariant::Tracing(variant), cache)
@@ -195,7 +204,7 @@ impl TracePipelines {
                         })
                 }
                 TracePass::Blocks => {
-                    compiled(&self.rays, variant.without_shading())
+                    compiled(&self.rays, self.first_rays(variant.without_shading()))
                         && (!self.keeps_apart(variant) || self.shading.pipeline(&variant.plain(), cache).is_some())
                 }
                 TracePass::Mirrors => {
@@ -203,7 +212,7 @@ impl TracePipelines {
                         && (!self.keeps_apart(variant) || compiled(&self.mirror_rays, self.mirror_variant(variant)))
                 }
                 TracePass::Converged => compiled(&self.converged, self.converged_variant(variant)),
-                TracePass::Inline => self.inline.has_any(whole(variant), cache),
+                TracePass::Inline => self.inline.has_any(whole(self.first_rays(variant)), cache),
             }
         })
     }
@@ -251,11 +260,11 @@ impl TracePipelines {
             defs: defs_of(variant, own),
             entry_point: Some("trace"),
         };
-        let shader = |shader: &Handle<Shader>, own: &[&'static str]| shader_of(variant, shader, own);
         match pass {
             TracePass::Blocks => {
-                let first = variant.without_shading();
-                self.rays.queue(first, cache, || shader(&self.blocks_shader, &[]));
+                let first = self.first_rays(variant.without_shading());
+                self.rays
+                    .queue(first, cache, || shader_of(first, &self.blocks_shader, &[]));
                 let own = [&shading[..], &["MANY_LIGHTS"]].concat();
                 let tracing = || shader_of(shaded, &self.shading_shader, &own);
                 if variant.bounces {
@@ -296,7 +305,10 @@ impl TracePipelines {
                 self.converged
                     .queue(variant, cache, || shader_of(variant, &self.converged_shader, &shading));
             }
-            TracePass::Inline => self.inline.queue(variant, cache, || defs_of(variant, &shading)),
+            TracePass::Inline => {
+                let variant = self.first_rays(variant);
+                self.inline.queue(variant, cache, || defs_of(variant, &shading));
+            }
         }
     }
 

@@ -84,7 +84,7 @@ pub(super) struct Variant {
     pub tinted: bool,
     /// Rays of exact mirrors are followed through see-through surfaces without chance.
     pub layered: bool,
-    /// These are refracted by glass.
+    /// First rays are refracted by glass.
     pub refracts: bool,
     /// Some material has a clearcoat.
     pub clearcoat: bool,
@@ -266,11 +266,18 @@ impl Variant {
         Self { tinted: false, ..self }
     }
 
+    fn straight(self) -> Self {
+        Self {
+            refracts: false,
+            ..self
+        }
+    }
+
     /// Itself, the one that is right for all scenes of such trees, and others that are better than nothing while these are
     /// compiled: they leave out the app's shader, baked light, clearcoats, light probes, the atmosphere, rectangular lights, textures
-    /// of lights, light that comes through, volumes of fog, lights that are drawn or tints, follow rays through see-through surfaces by chance, or
-    /// miss hits where the stack is full and show what another camera sees.
-    pub fn substitutes(self) -> [Self; 9] {
+    /// of lights, light that comes through, volumes of fog, lights that are drawn, tints or refraction, follow rays through see-through
+    /// surfaces by chance, or miss hits where the stack is full and show what another camera sees.
+    pub fn substitutes(self) -> [Self; 10] {
         let masked = Self { masked: true, ..self };
         let known = |variant: Self| Self {
             own_surfaces: false,
@@ -297,6 +304,7 @@ impl Variant {
             },
             masked.dark(),
             known(masked.clear()),
+            known(masked.clear().straight()),
             plain,
             shallow,
         ]
@@ -405,9 +413,16 @@ mod tests {
         assert!(layered.defs().eq(["LAYERED_RAYS"]));
         assert!(layered.substitutes()[..2].iter().all(|variant| variant.layered));
         assert!(
-            !layered.substitutes()[7].layered,
+            !layered.substitutes()[8].layered,
             "it is not compiled while the scene has nothing to see through"
         );
+        let refracting = Variant {
+            refracts: true,
+            ..Variant::default()
+        };
+        assert!(refracting.defs().eq(["REFRACTION"]));
+        assert!(refracting.substitutes()[..2].iter().all(|variant| variant.refracts));
+        assert!(refracting.substitutes()[7..].iter().all(|variant| !variant.refracts));
         // The first two leave out nothing, which `TracePipelines::is_complete` counts on.
         assert!(variant.substitutes()[..2].iter().all(|variant| variant.draws_lights));
     }

@@ -3,9 +3,7 @@
 use super::{
     culling::ViewCulling,
     textures::ReflectionTextures,
-    uniform::{
-        Frame, Screen, VIEW_DRAWS_GLASS, VIEW_HAS_IRRADIANCE, VIEW_HAS_SSAO, VIEW_REFLECTS_FORWARD, VIEW_REFLECTS_GLASS,
-    },
+    uniform::{Frame, Screen, VIEW_DRAWS_GLASS, VIEW_HAS_IRRADIANCE, VIEW_HAS_SSAO},
 };
 use crate::{
     device::{MemoryRetry, WritesInPlace, try_allocate},
@@ -78,12 +76,8 @@ impl PreparedViewItem<'_, '_> {
         if self.probes || self.volume {
             flags |= VIEW_HAS_IRRADIANCE;
         }
-        for (flag, is_set) in [
-            (VIEW_DRAWS_GLASS, self.transmission),
-            (VIEW_REFLECTS_GLASS, self.view.settings.transparent),
-            (VIEW_REFLECTS_FORWARD, self.view.settings.forward),
-        ] {
-            flags |= if is_set { flag } else { 0 };
+        if self.transmission {
+            flags |= VIEW_DRAWS_GLASS;
         }
         let environment = surroundings.environments.bind_group(self.entity);
         let mut cameras = surroundings.cameras.iter();

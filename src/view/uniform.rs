@@ -116,11 +116,6 @@ pub const VIEW_MIRROR_HISTORY: u32 = 64;
 /// Bevy draws transmissive surfaces.
 pub const VIEW_DRAWS_GLASS: u32 = 128;
 
-/// The view has a front layer of see-through surfaces ...
-pub const VIEW_REFLECTS_GLASS: u32 = 2048;
-/// ... and of opaque ones that are drawn forward.
-pub const VIEW_REFLECTS_FORWARD: u32 = 4096;
-
 /// One pass reconstructs and accumulates.
 pub const VIEW_ONE_PASS: u32 = 1024;
 
@@ -143,7 +138,7 @@ pub(crate) struct Frame {
     pub origin: UVec2,
     /// Tile that passes over a part of the view begin with.
     pub first_tile: UVec2,
-    /// [`VIEW_HAS_SSAO`], [`VIEW_HAS_IRRADIANCE`], [`VIEW_DRAWS_GLASS`], [`VIEW_REFLECTS_GLASS`] and [`VIEW_REFLECTS_FORWARD`].
+    /// [`VIEW_HAS_SSAO`], [`VIEW_HAS_IRRADIANCE`] and [`VIEW_DRAWS_GLASS`].
     pub flags: u32,
     pub fog: Fog,
     /// Since the start of the app.

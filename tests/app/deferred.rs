@@ -2,7 +2,7 @@
 
 use crate::{
     pictures::red_pixels,
-    stage::{BEFORE_THE_MIRROR, RED, SIZE, metal, report, spawn_mesh, unlit, wall},
+    stage::{BEFORE_THE_MIRROR, RED, SIZE, Unprepared, WithoutPrepass, metal, report, spawn_mesh, unlit, wall},
 };
 use bevy::{
     asset::uuid_handle,
@@ -156,18 +156,6 @@ impl MaterialExtension for Reddening {
 }
 
 type Reddened = ExtendedMaterial<StandardMaterial, Reddening>;
-
-/// An extension that no prepass draws.
-#[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
-struct WithoutPrepass {}
-
-impl MaterialExtension for WithoutPrepass {
-    fn enable_prepass() -> bool {
-        false
-    }
-}
-
-type Unprepared = ExtendedMaterial<StandardMaterial, WithoutPrepass>;
 
 /// In the G-buffer they would be missing.
 #[test]

@@ -4,8 +4,8 @@ use crate::{
     common::app_with,
     pictures::{BOTH, apps, reflect, warm_up},
     stage::{
-        BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, clear, clear_glass, frame, layer_bytes, metal, spawn_camera,
-        spawn_mesh, unlit,
+        BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, Unprepared, WithoutPrepass, clear, clear_glass, frame, layer_bytes,
+        metal, spawn_camera, spawn_mesh, unlit,
     },
 };
 use bevy::{
@@ -299,6 +299,47 @@ fn what_stands_before_a_forward_surface_comes_first() {
         assert!(on(app).x > 0.95, "{tracer:?}");
         app.world().entity_mut(camera).insert(RenderLayers::layer(0));
         assert!(on(app).x > 0.95, "{tracer:?}");
+    }
+}
+
+/// The depth of the prepass doesn't know what has none, but it hides what lies behind it.
+#[test]
+fn objects_without_a_prepass_cover_reflections() {
+    for tracer in BOTH {
+        let Some(mut app) = app_with(SIZE, Output::Linear, tracer, |app| {
+            app.add_plugins(MaterialPlugin::<Unprepared>::default());
+        }) else {
+            continue;
+        };
+        let app = &mut app;
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        spawn_mesh(app, sheet(), forward(metal(0.0)), before(4.0));
+        let at = Transform::from_xyz(0.0, 0.0, 6.0).looking_to(Vec3::Z, Vec3::Y);
+        spawn_mesh(app, Rectangle::new(400.0, 400.0), unlit(RED), at);
+        let world = app.world();
+        let mesh = world.resource_mut::<Assets<Mesh>>().add(Rectangle::new(1.5, 1.5));
+        let (base, extension) = (forward(unlit(GREEN)), WithoutPrepass {});
+        let mut materials = world.resource_mut::<Assets<Unprepared>>();
+        let material = materials.add(Unprepared { base, extension });
+        let object = world.spawn((Mesh3d(mesh), MeshMaterial3d(material))).id();
+        reflect(app, camera, ReflectionTechnique::Reference);
+        let mut on = |distance: f32| {
+            app.world().entity_mut(object).insert(before(distance));
+            let picture = settle(app, camera, 4);
+            let colors = picture.iter().map(|pixel| Vec3::from_slice(pixel));
+            let count = |test: fn(&Vec3) -> bool| colors.clone().filter(test).count();
+            let red = count(|color| color.x > 0.95 && color.y < 0.05);
+            let green = count(|color| color.x < 1e-3 && color.y > 0.99);
+            println!("{tracer:?}, at {distance} m: {red} red pixels, {green} green");
+            (red, green)
+        };
+        let all = (SIZE.x * SIZE.y) as usize;
+        assert_eq!(on(5.0), (all, 0), "{tracer:?}: behind the wall");
+        for distance in [3.0, 3.99] {
+            let (red, green) = on(distance);
+            assert!(green > 200 && red > 200, "{tracer:?}: {red}, {green}");
+            assert_eq!(red + green, all, "{tracer:?}: red shines through green");
+        }
     }
 }
 

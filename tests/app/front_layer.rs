@@ -1,6 +1,7 @@
 //! Reflections on glass and water: what is drawn over the opaque picture.
 
 use crate::{
+    common::app_of,
     pictures::{apps, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, frame, layer_bytes, share_picture, spawn_camera, spawn_mesh, unlit},
 };
@@ -12,10 +13,13 @@ use bevy::{
     math::Vec3Swizzles,
     pbr::ScreenSpaceTransmission,
     prelude::*,
-    render::render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
+    render::{
+        render_resource::{Extent3d, TextureDimension, TextureFormat, TextureViewDescriptor, TextureViewDimension},
+        settings::{WgpuFeatures, WgpuSettings},
+    },
 };
-use bevy_glint::{NotReflected, RayTracedReflections, ReflectionDenoiser, ReflectionTechnique};
-use glint_scenes::{HeadlessApp, Output, SceneName};
+use bevy_glint::{NotReflected, RayTracedReflections, ReflectionDenoiser, ReflectionTechnique, ReflectionTracerChoice};
+use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName};
 
 const BLACK: [u8; 3] = [0; 3];
 /// F0 of 0.04.
@@ -153,6 +157,51 @@ fn a_pane_shows_what_is_before_it_in_place_of_the_environment() {
                 "{tracer:?}: {off} without, {on} with"
             );
         }
+    }
+}
+
+/// Smoke over glass dims the environment's light on it, which is then not there to be taken away.
+#[test]
+fn no_light_is_negative_where_glass_is_covered() {
+    let apart = WgpuSettings {
+        disabled_features: Some(WgpuFeatures::TEXTURE_ADAPTER_SPECIFIC_FORMAT_FEATURES),
+        ..default()
+    };
+    for (name, device) in [("in place", WgpuSettings::default()), ("blended", apart)] {
+        let settings = HeadlessSettings {
+            size: SIZE,
+            output: Output::Linear,
+            device,
+            ..default()
+        };
+        let Some(mut app) = app_of(settings, ReflectionTracerChoice::Bvh, |_| {}, |_| {}) else {
+            return;
+        };
+        let app = &mut app;
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
+        spawn_unreflected(app, BLACK, before(10.0));
+        spawn_mesh(app, sheet(), pane(STRONG, 0.0), before(3.0));
+        spawn_behind(app, BLACK);
+        let smoke = StandardMaterial {
+            base_color: Color::BLACK.with_alpha(0.75),
+            alpha_mode: AlphaMode::Blend,
+            ..unlit(BLACK)
+        };
+        let smoke = spawn_mesh(app, Rectangle::new(1.0, 1.0), smoke, before(2.0));
+        app.world().entity_mut(smoke).insert(NotReflected);
+        reflect(app, camera, ReflectionTechnique::Reference);
+        app.step(8);
+        let picture = app.capture_linear().unwrap();
+        let channels = picture.iter().flat_map(|pixel| &pixel[..3]);
+        let (least, most) = channels.fold((f32::MAX, f32::MIN), |(least, most), &channel| {
+            (least.min(channel), most.max(channel))
+        });
+        println!("{name}: from {least} to {most}");
+        assert!(least >= 0.0 && most < 0.002, "{name}: from {least} to {most}");
+        // The smoke is there.
+        set_transparent(app, camera, false);
+        let ([dimmed, ..], [open, ..]) = (center(app), color_at(app, 0.05, 0.05));
+        assert!((dimmed / open - 0.25).abs() < 0.02, "{name}: {dimmed}, {open}");
     }
 }
 

@@ -37,7 +37,7 @@ const SUN: Vec3 = Vec3::new(0.5, -0.2, 1.0);
 /// A feature, and what has it.
 type Row = (&'static str, fn(&mut Stage));
 
-const ROWS: [Row; 25] = [
+const ROWS: [Row; 26] = [
     ("unlit", |stage| stage.spawn(StandardMaterial { unlit: true, ..blue() })),
     ("directional light", |stage| stage.light_and_spawn(blue())),
     ("shadow of a directional light", |stage| {
@@ -165,6 +165,7 @@ const ROWS: [Row; 25] = [
         stage.own_rays = true;
         stage.spawn_thick_glass();
     }),
+    ("the same glass, by chance", |stage| stage.spawn_thick_glass()),
     ("the same glass, at rest", |stage| {
         stage.technique = ReflectionTechnique::Converged;
         stage.frames = 16;

@@ -247,6 +247,49 @@ fn glass_tints_by_its_texture() {
     }
 }
 
+/// Thick glass shows the edge of two colours elsewhere, in rough surfaces, too, and however rays are traced.
+#[test]
+fn thick_glass_refracts_in_rough_reflections() {
+    use ReflectionTechnique::{Converged, Quarter, QuarterInline, Reference};
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        spawn_mesh(app, wall(), metal(0.15), Transform::IDENTITY);
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        let behind = |x: f32, z: f32| Transform::from_xyz(x, 0.0, z).looking_to(Vec3::Z, Vec3::Y);
+        spawn_mesh(app, Rectangle::new(80.0, 80.0), unlit(GREEN), behind(0.0, 9.0));
+        spawn_mesh(app, Rectangle::new(40.0, 80.0), unlit(RED), behind(20.0, 8.99));
+        let glass = StandardMaterial {
+            base_color: Color::linear_rgb(1.0, 0.8, 1.0),
+            specular_transmission: 1.0,
+            ior: 1.5,
+            ..default()
+        };
+        let at = behind(0.0, 5.0) * Transform::from_rotation(Quat::from_rotation_y(0.7));
+        let pane = spawn_mesh(app, Rectangle::new(60.0, 60.0), glass, at);
+        let mut red_by = |technique, thickness| {
+            let id = app.world().get::<MeshMaterial3d<StandardMaterial>>(pane).unwrap().id();
+            let mut materials = app.world().resource_mut::<Assets<StandardMaterial>>();
+            materials.get_mut(id).unwrap().thickness = thickness;
+            app.step(2);
+            reflect(app, camera, technique);
+            let frames = if technique == Converged { 32 } else { 1 };
+            app.step(frames);
+            let [red, green] = shown(app);
+            println!("{tracer:?}, {technique:?}, {thickness} m thick: red {red:.4}, green {green:.4}");
+            red
+        };
+        let (straight, truth) = (red_by(Converged, 0.0), red_by(Converged, 2.0));
+        assert!((straight - truth).abs() > 0.04, "{tracer:?}: {straight}, {truth}");
+        for technique in [Reference, Quarter, QuarterInline] {
+            let refracted = red_by(technique, 2.0);
+            assert!(
+                (refracted - truth).abs() < 0.2 * (straight - truth).abs(),
+                "{tracer:?}, {technique:?}: {refracted}, expected {truth}, straight {straight}"
+            );
+        }
+    }
+}
+
 /// The denoiser of a static view comes to the same, pixel by pixel.
 #[test]
 fn a_static_view_shows_a_pane_as_blended() {

@@ -4,8 +4,13 @@ use crate::pictures::apps;
 use bevy::{
     camera::{ClearColorConfig, Viewport},
     math::UVec2,
+    pbr::{ExtendedMaterial, MaterialExtension},
     prelude::*,
-    render::{RenderApp, render_resource::PollType, renderer::RenderDevice},
+    render::{
+        RenderApp,
+        render_resource::{AsBindGroup, PollType},
+        renderer::RenderDevice,
+    },
 };
 use bevy_glint::{ReflectionStatus, ReflectionStatusReport, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName, environment};
@@ -44,6 +49,18 @@ pub fn clear_glass() -> StandardMaterial {
         ..default()
     }
 }
+
+/// An extension that no prepass draws.
+#[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
+pub struct WithoutPrepass {}
+
+impl MaterialExtension for WithoutPrepass {
+    fn enable_prepass() -> bool {
+        false
+    }
+}
+
+pub type Unprepared = ExtendedMaterial<StandardMaterial, WithoutPrepass>;
 
 /// Fills the picture of a camera before the mirror.
 pub fn wall() -> Rectangle {

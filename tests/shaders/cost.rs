@@ -55,7 +55,7 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
 ];
 
 /// All others, and passes for scenes with what few have.
-const PASSES: [(&str, &[&str]); 78] = [
+const PASSES: [(&str, &[&str]); 82] = [
     (
         "front_layer/find",
         &["FRONT_LAYER", "FORWARD_SURFACES", "ALPHA_MASKED_GEOMETRY"],
@@ -106,6 +106,9 @@ const PASSES: [(&str, &[&str]); 78] = [
         "trace/converged",
         &["LAYERED_RAYS", "REFRACTION", "RAY_QUERY", "TINTED_GLASS"],
     ),
+    ("trace/blocks", &["REFRACTION", "ALPHA_MASKED_GEOMETRY"]),
+    ("trace/blocks", &["REFRACTION", "RAY_QUERY", "TINTED_GLASS"]),
+    ("trace/inline", &["REFRACTION", "RAY_QUERY", "TINTED_GLASS"]),
     ("trace/shade", &["SURFACE_SHADER"]),
     ("trace/blocks", &["ATMOSPHERIC"]),
     ("trace/blocks", &["ATMOSPHERIC", "MIRRORS", "RAY_QUERY"]),
@@ -159,6 +162,10 @@ const PASSES: [(&str, &[&str]); 78] = [
     (
         "composite/resolve",
         &["IN_PLACE", "TILES", "FRONT_LAYER", "LIGHT_PROBES", "BINDLESS_TEXTURES"],
+    ),
+    (
+        "composite/resolve",
+        &["IN_PLACE", "TILES", "FRONT_LAYER", "FORWARD_SURFACES"],
     ),
     ("composite/add", &[]),
     ("trace/vrs", &[]),

@@ -6,7 +6,7 @@ use crate::wesl::Shaders;
 use bevy_glint::internals::{atmosphere::GpuAir, environment::GpuEnvironment, fog_volumes::GpuFogVolume, gpu_types::*};
 
 /// Definitions, several at a time.
-pub const COMBINATIONS: [&[&str]; 74] = [
+pub const COMBINATIONS: [&[&str]; 77] = [
     &[],
     &["ALPHA_MASKED_GEOMETRY"],
     &["ALPHA_MASKED_GEOMETRY", "BINDLESS_TEXTURES"],
@@ -37,7 +37,7 @@ pub const COMBINATIONS: [&[&str]; 74] = [
         "ALPHA_MASKED_GEOMETRY",
         "BINDLESS_TEXTURES",
     ],
-    &["FORWARD_SURFACES", "FRONT_LAYER", "RAY_QUERY"],
+    &["FORWARD_SURFACES", "FRONT_LAYER", "RAY_QUERY", "IN_PLACE", "TILES"],
     &[
         "FORWARD_SURFACES",
         "FRONT_LAYER",
@@ -54,6 +54,16 @@ pub const COMBINATIONS: [&[&str]; 74] = [
     &["SURFACE_SHADER"],
     &["SURFACE_SHADER", "RAY_QUERY", "BOUNCES", "MANY_LIGHTS", "LAYERED_RAYS"],
     &["LAYERED_RAYS", "REFRACTION", "RAY_QUERY", "TINTED_GLASS", "BOUNCES"],
+    &["REFRACTION", "ALPHA_MASKED_GEOMETRY", "SCREEN_TRACES", "SCREEN_MARCH"],
+    &[
+        "REFRACTION",
+        "RAY_QUERY",
+        "TINTED_GLASS",
+        "BOUNCES",
+        "SURFACE_SHADER",
+        "SCREEN_TRACES",
+        "SCREEN_MARCH",
+    ],
     &["LIGHTMAPS", "RAY_QUERY", "BINDLESS_TEXTURES"],
     &["LIGHTMAPS", "TINTED_GLASS", "ALPHA_MASKED_GEOMETRY", "MIRRORS"],
     &["CLEARCOAT", "BOUNCES", "MANY_LIGHTS"],
@@ -61,6 +71,15 @@ pub const COMBINATIONS: [&[&str]; 74] = [
     &["LIGHT_PROBES", "BINDLESS_TEXTURES", "TINTED_GLASS", "BOUNCES"],
     &["LIGHT_PROBES", "BINDLESS_TEXTURES", "FRONT_LAYER", "IN_PLACE", "TILES"],
     &["LIGHT_PROBES", "BINDLESS_TEXTURES", "RAY_QUERY", "FRONT_LAYER", "BLUR"],
+    &[
+        "LIGHT_PROBES",
+        "BINDLESS_TEXTURES",
+        "FORWARD_SURFACES",
+        "FRONT_LAYER",
+        "IN_PLACE",
+        "TILES",
+        "BLUR",
+    ],
     &["RENDER_LAYERS", "ALPHA_MASKED_GEOMETRY", "FRONT_LAYER"],
     &["RENDER_LAYERS", "RAY_QUERY", "FRONT_LAYER"],
     &["LIGHT_SAMPLING", "MANY_LIGHTS", "ALPHA_MASKED_GEOMETRY"],
