@@ -275,8 +275,7 @@ fn update_changed<C: MaterialComponent>(
                 let is_changed = is_changed && row_ticks.any(|tick| clock.is_new(*tick));
                 if !is_changed {
                     // Joints place a skinned mesh.
-                    let is_placed = skin && stand_ins.is_none();
-                    if !is_placed && clock.is_new(places[row]) {
+                    if !(skin && stand_ins.is_none()) && clock.is_new(places[row]) {
                         instances.set_place(entities[row], transforms[row].affine());
                     }
                     continue;
