@@ -129,7 +129,7 @@ fn a_click_chooses_and_a_click_resets() {
     panel.click_beside("Shadow rays", RESET);
     assert_eq!(panel.data().0, on());
 
-    panel.choose("Heuristic", "Combined", "Grazing");
+    panel.choose("Heuristic", "Adaptive", "Grazing");
     assert!(matches!(panel.data().0.heuristic, ShadingRateHeuristic::Grazing(_)));
     panel.choose("Size of tiles", "16x16", "8x8");
     panel.click_on("Debug view");
