@@ -58,7 +58,7 @@ impl Fault {
             Self::NoRayQueries => &["ray queries were asked for, but the device lacks"],
             Self::NoStorageFormats => &["cameras keep their picture instead of a `ReflectionDebugView`"],
             Self::FewStorageBuffers => &["storage buffers in a shader stage and"],
-            Self::BrokenPass => &["ray-traced reflections stay off, since their denoiser failed"],
+            Self::BrokenPass => &["a denoiser of ray-traced reflections failed"],
             Self::BrokenHeuristic => &["failed, so that every trace pixel gets its ray"],
             Self::MissingHeuristic => &["there_is_no_such_file.wesl"],
             Self::FewInstances => &["objects can be reflected, but the device's limit is"],
@@ -81,7 +81,7 @@ impl Fault {
         match self {
             Self::DeviceLost => error.contains("DeviceLost") || error.contains("lost"),
             Self::BrokenPass | Self::BrokenHeuristic => {
-                error.contains("shader") || error.contains("stay off") || error.contains("heuristic")
+                error.contains("shader") || error.contains("reflections failed") || error.contains("heuristic")
             }
             Self::MissingHeuristic => error.contains("heuristic"),
             _ => false,
