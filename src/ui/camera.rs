@@ -1,8 +1,9 @@
 //! Settings of one camera that the panel edits, whether its reflections are on or off.
 
 use crate::settings::{
-    RayTracedReflections, ReflectionAutoQuality, ReflectionBudget, ReflectionDebugSplit, ReflectionDebugView,
-    ReflectionEffort, ReflectionPreset, ReflectionQuality, ReflectionsOff, ShadingRateHeuristic, ShadingRateTileSize,
+    RayTracedReflections, ReflectionAutoQuality, ReflectionBackend, ReflectionBudget, ReflectionDebugSplit,
+    ReflectionDebugView, ReflectionEffort, ReflectionPreset, ReflectionQuality, ReflectionsOff, ShadingRateHeuristic,
+    ShadingRateTileSize,
 };
 use bevy::{
     ecs::prelude::*,
@@ -40,17 +41,33 @@ pub struct CameraSettings {
     pub debug_split: Option<ReflectionDebugSplit>,
 }
 
+/// The size of tiles of a camera without a [`ShadingRateTileSize`].
+pub(super) fn default_tile_size(
+    reflections: &RayTracedReflections,
+    heuristic: &ShadingRateHeuristic,
+) -> ShadingRateTileSize {
+    match heuristic {
+        ShadingRateHeuristic::Adaptive(_) if reflections.backend != ReflectionBackend::HardwareVrs => {
+            ShadingRateTileSize::Tiles8
+        }
+        _ => ShadingRateTileSize::Tiles16,
+    }
+}
+
 impl CameraSettings {
     /// The settings of a camera; defaults stand for components that it lacks.
     #[must_use]
     pub fn read(camera: EntityRef) -> Self {
         let on = camera.get::<RayTracedReflections>();
         let off = camera.get::<ReflectionsOff>().map(|off| &off.0);
+        let reflections = on.or(off).cloned().unwrap_or_default();
+        let heuristic = camera.get::<ShadingRateHeuristic>().cloned().unwrap_or_default();
+        let tile_size = camera.get::<ShadingRateTileSize>().copied();
         Self {
             on: on.is_some(),
-            reflections: on.or(off).cloned().unwrap_or_default(),
-            heuristic: camera.get::<ShadingRateHeuristic>().cloned().unwrap_or_default(),
-            tile_size: camera.get::<ShadingRateTileSize>().copied().unwrap_or_default(),
+            tile_size: tile_size.unwrap_or_else(|| default_tile_size(&reflections, &heuristic)),
+            reflections,
+            heuristic,
             auto_quality: camera.get::<ReflectionAutoQuality>().copied(),
             budget: camera.get::<ReflectionBudget>().copied(),
             effort: camera.get::<ReflectionEffort>().copied().unwrap_or_default(),
@@ -128,5 +145,35 @@ impl CameraSettings {
         let backend = self.reflections.backend;
         (self.reflections, self.heuristic) = preset.settings();
         self.reflections.backend = backend;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::CombinedThresholds;
+
+    #[test]
+    fn tiles_have_the_size_that_is_used() {
+        let mut world = World::new();
+        let mut camera = world.spawn(RayTracedReflections::default());
+        for (heuristic, size) in [
+            (ShadingRateHeuristic::default(), ShadingRateTileSize::Tiles8),
+            (
+                ShadingRateHeuristic::Combined(CombinedThresholds::default()),
+                ShadingRateTileSize::Tiles16,
+            ),
+        ] {
+            camera.insert(heuristic);
+            let shown = CameraSettings::read(camera.as_readonly());
+            assert_eq!(shown.tile_size, size);
+            shown.write(&shown, &mut camera);
+            assert!(!camera.contains::<ShadingRateTileSize>());
+        }
+        camera.insert((ShadingRateHeuristic::default(), ShadingRateTileSize::Tiles16));
+        assert_eq!(
+            CameraSettings::read(camera.as_readonly()).tile_size,
+            ShadingRateTileSize::Tiles16
+        );
     }
 }

@@ -1,7 +1,7 @@
 //! The controls of what decides the rates.
 
 use super::{
-    camera::CameraSettings,
+    camera::{CameraSettings, default_tile_size},
     tooltips::{Tooltip, tooltip},
     widgets::{Choice, Row, choose, field, only_variable, optional_unit, pick, slider, unit},
 };
@@ -94,13 +94,10 @@ pub(super) fn rates(ui: &mut Ui, settings: &mut CameraSettings) {
         Choice::variant(ShadingRateTileSize::Tiles8, "8x8"),
     ];
     let row = Row::new("Size of tiles", Tooltip::of::<ShadingRateTileSize>()).unless(reason);
-    field(
-        ui,
-        row,
-        &mut settings.tile_size,
-        ShadingRateTileSize::default(),
-        |ui, value| pick(ui, value, &tiles),
-    );
+    let default = default_tile_size(&settings.reflections, &settings.heuristic);
+    field(ui, row, &mut settings.tile_size, default, |ui, value| {
+        pick(ui, value, &tiles)
+    });
 }
 
 fn all_rates(tooltip: Tooltip) -> [Choice<ShadingRate>; 9] {
