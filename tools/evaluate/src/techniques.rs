@@ -136,7 +136,12 @@ pub fn total_spans(variant: &Variant) -> &'static [&'static str] {
             "render/solari_lighting/world_cache/elapsed_gpu",
             "render/solari_lighting/lighting/elapsed_gpu",
         ],
-        _ => &["render/glint/elapsed_gpu"],
+        // Glass and water have passes of their own, where they are on the screen.
+        _ => &[
+            "render/glint/elapsed_gpu",
+            "render/glint_find_front_layer/elapsed_gpu",
+            "render/glint_front_layer/elapsed_gpu",
+        ],
     }
 }
 
@@ -151,8 +156,13 @@ pub const STAGES: [(&str, &str); 6] = [
 ];
 /// The diagnostic of Bevy's deferred lighting.
 pub const LIGHTING: &str = "render/deferred_lighting/elapsed_gpu";
-/// The counters of reflection rays: of blocks, and of mirrors that have their own.
-pub const RAYS: [&str; 2] = ["render/reflection_rays", "render/reflection_mirror_rays"];
+/// The counters of reflection rays: of blocks, and of mirrors that have their own; of glass and water the same.
+pub const RAYS: [&str; 4] = [
+    "render/reflection_rays",
+    "render/reflection_mirror_rays",
+    "render/reflection_front_layer_rays",
+    "render/reflection_front_layer_mirror_rays",
+];
 
 /// Bevy Solari.
 pub mod solari {
