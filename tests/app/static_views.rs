@@ -172,7 +172,7 @@ impl Restless {
 }
 
 /// A rough wall of metal, which reflects a lit room behind the camera.
-fn room(app: &mut HeadlessApp, roughness: f32) -> Entity {
+pub fn room(app: &mut HeadlessApp, roughness: f32) -> Entity {
     use_coarse_shadow_maps(app);
     spawn_mesh(app, wall(), metal(roughness), Transform::IDENTITY);
     let back = Transform::from_xyz(0.0, 0.0, 7.0).looking_to(Vec3::Z, Vec3::Y);
@@ -195,18 +195,18 @@ fn room(app: &mut HeadlessApp, roughness: f32) -> Entity {
     camera
 }
 
-fn begin_anew(app: &mut HeadlessApp, camera: Entity) {
+pub fn begin_anew(app: &mut HeadlessApp, camera: Entity) {
     warm_up(app);
     app.world().get_mut::<RayTracedReflections>(camera).unwrap().reset = true;
 }
 
-fn capture(app: &mut HeadlessApp) -> Vec<f32> {
+pub fn capture(app: &mut HeadlessApp) -> Vec<f32> {
     let pixels = app.capture_linear().unwrap();
     pixels.into_iter().map(|[_, green, ..]| green).collect()
 }
 
 /// Mean difference relative to the mean of the first image.
-fn difference(a: &[f32], b: &[f32]) -> f32 {
+pub fn difference(a: &[f32], b: &[f32]) -> f32 {
     let sum: f32 = a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum();
     sum / a.iter().sum::<f32>()
 }
