@@ -36,9 +36,6 @@ fn choose_method(keyboard: Res<ButtonInput<KeyCode>>, camera: Single<Entity, Wit
     } else if keyboard.just_pressed(KeyCode::Digit4) {
         camera.remove::<ScreenSpaceReflections>().insert(RayTracedReflections {
             technique: ReflectionTechnique::Converged,
-            // Rough surfaces reflect, too.
-            roughness_cutoff: 1.0,
-            roughness_fade: 0.0,
             ..default()
         });
     }

@@ -31,9 +31,9 @@
 //! After Bevy's deferred lighting, a compute pass looks at the G-buffer and decides how many rays each tile of the screen deserves.
 //! Another draws a direction from the specular lobe of one pixel of each block and traces a ray against the scene: by ray queries
 //! where the adapter has them, else through a BVH of the crate's own. The surface it hits is shaded with its material, all lights,
-//! shadow rays and the environment. Two passes turn the samples into an image: one lets pixels share rays, the other accumulates
-//! frames. The last one blurs the noise that is left, multiplies the result with the albedo of the lobe, and adds it to the lit frame in
-//! place of the environment map's specular term.
+//! shadow rays and the environment. The denoiser lets pixels share rays and accumulates frames. The composite blurs the noise
+//! that is left, multiplies the result with the albedo of the lobe, and adds it to the lit frame in place of the environment map's
+//! specular term.
 //!
 //! # Platforms
 //!

@@ -23,12 +23,13 @@ pub struct ReflectionDenoiser {
     /// Default: 1.5.
     #[reflect(@0.5..=10.0f32)]
     pub clip_sigma: f32,
-    /// Dims rays far brighter than their neighbours before they enter the history; a small loss of energy for no
-    /// fireflies. Default: true. The paper has no such step.
+    /// Dims rays far brighter than their neighbours before they enter the history. There are no fireflies then, and pictures in motion
+    /// lose light: the more, the fewer rays carry it, such as those that meet a small lamp by chance. Default: true. The paper has no
+    /// such step.
     pub suppress_fireflies: bool,
-    /// Lets static views converge: while neither the camera nor the scene changes, all frames sample the same, so that history is
-    /// neither clipped nor dimmed and spans up to eight times `max_history`, 240 frames at most. Off, a still
-    /// picture keeps the small losses of a moving one. Default: true. The paper has no such step.
+    /// Lets static views converge: while neither the camera nor the scene changes, all frames estimate the same image. History is
+    /// no longer clipped and hardly dimmed, and grows to eight times `max_history`, 240 frames at most. Off, a still picture keeps the
+    /// losses of a moving one. Default: true. The paper has no such step.
     pub converge_static_views: bool,
     /// Radius in pixels of the last blur where the variance is highest, 0 (off) to 8. Default: 3.
     #[reflect(@0.0..=8.0f32)]

@@ -9,9 +9,10 @@ use bevy::{
 
 /// Render layers that the reflections of a camera show, in place of those that the camera draws; layer 0 by default.
 ///
-/// For what is seen in mirrors alone, such as the player's body before the player's own eyes. Without this component, reflections
-/// show what their camera draws. Lights shine in reflections if they are on one of these layers. Reflecting cameras may name up to 5
-/// different sets of layers, here and as `RenderLayers`; beyond that, reflections show more than they should.
+/// For what is seen in mirrors alone, such as the player's body before the player's own eyes. Without this component,
+/// reflections show what their camera draws. Lights shine in reflections if they are on a layer that some reflecting camera
+/// draws or shows. Reflecting cameras may name up to 5 different sets of layers, here and as `RenderLayers`; beyond that,
+/// reflections show more than they should.
 ///
 /// # Examples
 ///

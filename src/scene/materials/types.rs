@@ -7,9 +7,9 @@ use core::any::TypeId;
 /// Types of materials that rays know.
 #[derive(Resource, Default)]
 pub struct MaterialTypes {
-    /// Those besides `StandardMaterial`, in the order of their plugins.
+    /// Types besides `StandardMaterial`, in the order of their plugins.
     numbered: Vec<TypeId>,
-    /// Those whose plugin says that their shader adds no specular light of the environment.
+    /// Types whose plugin says that their shader adds no specular light of the environment.
     without_environment: HashSet<TypeId>,
 }
 
