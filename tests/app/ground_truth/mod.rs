@@ -1,6 +1,7 @@
 //! Reflections against what is known: mirrored geometry, a white furnace, a path tracer, and the other tracer.
 
 mod close_lamp;
+mod rare_light;
 mod reflected_light;
 
 use crate::{

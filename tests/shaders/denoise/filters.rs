@@ -320,15 +320,16 @@ fn rounding_keeps_the_mean() {
 
 const FILTERS: &str = "
 import package::denoise::filters::{
-    blur_radius, clip_to_box, expected_spread, firefly_limit, frame_share, hit_confidence, is_neighbour, is_same_surface,
-    likely_history, longest_history, mean_variance, moving_age, pack_frame_weight, pack_surface, rest_firefly, rest_history, rest_of,
-    rgb_of_ycocg, same_roughness, settled_of, unpack_frame_weight, unpack_surface, virtual_distance, virtual_share, ycocg,
+    blur_radius, clip_to_box, expected_spread, firefly_limit, frame_share, frame_variance, hit_confidence,
+    is_neighbour, is_same_surface, likely_history, longest_history, mean_variance, moving_age, noise_part, pack_frame_weight,
+    pack_surface, rest_firefly, rest_history, rest_of, rgb_of_ycocg, same_roughness, settled_of, unpack_frame_weight, unpack_surface,
+    virtual_distance, virtual_share, ycocg,
 };
 import package::common::radiance::luminance;
 import package::denoise::lobes::{image_angle, is_sharp, normal_weight, place_weight, place_width, reconnection_jacobian};
 
 @group(0) @binding(0) var<storage, read> inputs: array<array<vec4<f32>, 4>>;
-@group(0) @binding(1) var<storage, read_write> outputs: array<array<vec4<f32>, 12>>;
+@group(0) @binding(1) var<storage, read_write> outputs: array<array<vec4<f32>, 13>>;
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -348,7 +349,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     );
     outputs[id.x] = array(
         vec4(ycocg(a.xyz), luminance(a.xyz)),
-        vec4(rgb_of_ycocg(ycocg(a.xyz)), expected_spread(a.x, a.y, a.w, d.y, d.z)),
+        vec4(rgb_of_ycocg(ycocg(a.xyz)), expected_spread(a.x, a.y, a.w, d.y, d.z, d.x)),
         vec4(clipped.color, clipped.keep),
         vec4(likely.middle.x, likely.extent.x, likely.fast, likely.keep),
         vec4(longest_history(d.x, 255.0 * d.y), frame_share(16.0 * b.x, 64.0 * b.y, vec2<u32>(c.xy * 2.99)),
@@ -364,15 +365,16 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             image_angle(0.002, 10.0 * b.x, 0.01 + 10.0 * b.y, d.x > 0.5), reconnection_jacobian((0.01 + a.z) * (0.01 + a.z), 1.0 / b.z)),
         vec4(place_weight(8.0 * a.x, 1.0), place_weight(32.0 * a.x, place_width(0.5 + 3.0 * a.y, b.z, 0.05 + b.x, settled_of(u32(80.0 * b.w)))), normal_weight(0.7 + 0.3 * a.z, 0.1 + a.w),
             select(0.0, 1.0, is_sharp(b.x, 0.1 * b.y, 8.0 * b.z))),
+        vec4(frame_variance(a.x, 4.0 * a.y, a.w, d.z, b.x), noise_part(d.x), 0.0, 0.0),
     );
 }
 ";
 
-fn filters(gpu: &Gpu, inputs: &[[Vec4; 4]]) -> Vec<[Vec4; 12]> {
+fn filters(gpu: &Gpu, inputs: &[[Vec4; 4]]) -> Vec<[Vec4; 13]> {
     gpu.run(&flatten(FILTERS, &[], &[]), inputs, &[])
 }
 
-fn filters_twin([a, b, c, d]: [Vec4; 4]) -> [Vec4; 12] {
+fn filters_twin([a, b, c, d]: [Vec4; 4]) -> [Vec4; 13] {
     let [color, mean, third] = [a, b, c].map(Vec4::truncate);
     let log2_size = uvec2((c.x * 2.99) as u32, (c.y * 2.99) as u32);
     let (clipped, keep) = clip_to_box(color, mean, third);
@@ -386,7 +388,7 @@ fn filters_twin([a, b, c, d]: [Vec4; 4]) -> [Vec4; 12] {
     ];
     [
         ycocg(color).extend(luminance(color)),
-        color.extend(expected_spread(a.x, a.y, a.w, d.y, d.z)),
+        color.extend(expected_spread(a.x, a.y, a.w, d.y, d.z, d.x)),
         clipped.extend(keep),
         vec4(likely.middle.x, likely.extent.x, likely.fast, likely.keep),
         vec4(
@@ -425,6 +427,12 @@ fn filters_twin([a, b, c, d]: [Vec4; 4]) -> [Vec4; 12] {
             normal_weight(0.7 + 0.3 * a.z, 0.1 + a.w),
             f32::from(u8::from(is_sharp(b.x, 0.1 * b.y, 8.0 * b.z))),
         ),
+        vec4(
+            frame_variance(a.x, 4.0 * a.y, a.w, d.z, b.x),
+            (5.0 * d.x).min(1.0),
+            0.0,
+            0.0,
+        ),
     ]
 }
 
@@ -438,7 +446,7 @@ fn filters_are_those_of_the_twin() {
     let mut edge = 0;
     for (input, output) in inputs.iter().zip(&outputs) {
         let twin = filters_twin(*input);
-        for row in 0..12 {
+        for row in 0..13 {
             for column in 0..4 {
                 let (found, expected) = (output[row][column], twin[row][column]);
                 match row {

@@ -119,10 +119,16 @@ pub fn clip_to_box(color: Vec3, middle: Vec3, extent: Vec3) -> (Vec3, f32) {
     (middle + offset / scale, (2.0 / scale).min(1.0))
 }
 
-pub fn expected_spread(before: f32, now: f32, relative_variance: f32, own: f32, own_variance: f32) -> f32 {
+pub fn expected_spread(before: f32, now: f32, relative_variance: f32, own: f32, own_variance: f32, wide: f32) -> f32 {
     let high = before.max(now);
-    let known = relative_variance.max(0.0) * high * before.min(now).max(0.1 * high);
+    let least = 0.1 + 0.2 * wide;
+    let known = relative_variance.max(0.0) * high * before.min(now).max(least * high);
     known.max(own_variance.max(0.0) * own * own).sqrt()
+}
+
+pub fn frame_variance(deviation: f32, shown: f32, known: f32, own: f32, square: f32) -> f32 {
+    let shown = shown * shown + 1e-4;
+    (deviation / shown).min(4.0 * known + 0.01 + own * square / shown)
 }
 
 pub struct Likely {
