@@ -24,8 +24,8 @@ pub struct ReflectionDenoiser {
     #[reflect(@0.5..=10.0f32)]
     pub clip_sigma: f32,
     /// Dims rays far brighter than their neighbours before they enter the history. There are no fireflies then, and pictures in motion
-    /// lose light: the more, the fewer rays carry it, such as those that meet a small lamp by chance. Default: true. The paper has no
-    /// such step.
+    /// lose a little light: the more, the fewer rays carry it, such as those that meet a small lamp by chance. Default: true. The paper
+    /// has no such step.
     pub suppress_fireflies: bool,
     /// Lets static views converge: while neither the camera nor the scene changes, all frames estimate the same image. History is
     /// no longer clipped and hardly dimmed, and grows to eight times `max_history`, 240 frames at most. Off, a still picture keeps the
