@@ -175,6 +175,8 @@ pub enum ReflectionBackend {
     /// `HardwareVrsPlugin` before `DefaultPlugins`. Falls back to compute, with a warning, if one of these is missing
     /// ([`ReflectionStatusReport::active_backends`](crate::ReflectionStatusReport::active_backends)). Rates that the GPU lacks are replaced
     /// by finer ones. Only for [`ReflectionTechnique::Variable`]; the others don't vary their rate, and only for a single bounce.
+    /// Scenes with more than 256 lights, and apps with a [`ReflectedSurfaceShader`](crate::ReflectedSurfaceShader), are traced by compute: the
+    /// fragment shader can neither draw lights nor run shaders of the app.
     HardwareVrs,
 }
 
