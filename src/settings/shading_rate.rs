@@ -76,7 +76,7 @@ impl ShadingRate {
         (size.x.trailing_zeros() << 2) | size.y.trailing_zeros()
     }
 
-    /// The rate of a texel of a rate image. Bits other than those of [`RATE_CODE_MASK`] are ignored; codes that no rate has count as
+    /// The rate of a texel of a rate image. Bits other than the lowest four are ignored; codes that no rate has count as
     /// [`R1x1`](Self::R1x1).
     #[must_use]
     pub fn from_code(texel: u32) -> Self {
