@@ -5,6 +5,9 @@
 #[doc = include_str!("manual/how_it_works.md")]
 pub mod how_it_works {}
 
+#[doc = include_str!("manual/requirements.md")]
+pub mod requirements {}
+
 #[doc = include_str!("manual/settings.md")]
 pub mod settings {}
 
@@ -13,6 +16,9 @@ pub mod performance {}
 
 #[doc = include_str!("manual/interactions.md")]
 pub mod interactions {}
+
+#[doc = include_str!("manual/limitations.md")]
+pub mod limitations {}
 
 #[doc = include_str!("manual/troubleshooting.md")]
 pub mod troubleshooting {}

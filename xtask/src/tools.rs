@@ -25,7 +25,7 @@ pub struct EvaluateOptions {
     /// The folder of results.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Measure nothing: put the results of the folder into README.md and docs/evaluation.
+    /// Measure nothing: put the results of the folder into README.md, docs/performance.md and docs/evaluation.
     #[arg(long, requires = "out")]
     pub readme: bool,
     #[command(flatten)]
@@ -56,7 +56,7 @@ pub fn evaluate(options: EvaluateOptions) -> Result<()> {
     let mut arguments = options.program.arguments;
     if let Some(out) = options.out {
         if options.readme {
-            return progress::step("put results into the README", || {
+            return progress::step("put results into the pages of the repository", || {
                 publish::publish(&out, &cargo::workspace_root())
             });
         }

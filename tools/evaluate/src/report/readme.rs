@@ -1,4 +1,5 @@
-//! `readme.md`: the part of the README that this tool writes. `cargo xtask evaluate --out DIR --readme` puts it there.
+//! `readme.md`: the tables of `docs/performance.md`. `cargo xtask evaluate --out DIR --readme` copies them to that page, and the presets to
+//! the README.
 
 use super::{
     analysis::sentences,
@@ -8,10 +9,10 @@ use super::{
 use crate::{job::TECHNIQUES, machine::Machine, protocol::Protocol};
 use std::{collections::BTreeMap, fmt::Write};
 
-/// The folder of the repository in which the README finds charts and the summary.
-pub const FOLDER: &str = "docs/evaluation";
+/// The folder with charts and the summary, from `docs/`.
+pub const FOLDER: &str = "evaluation";
 
-/// The text between the README's markers. `charts` holds, for each scene, titles and paths from the folder of results.
+/// The text between the page's markers. `charts` holds, for each scene, titles and paths from the folder of results.
 pub fn fragment(
     machine: &Machine,
     protocol: &Protocol,
@@ -136,7 +137,7 @@ mod tests {
             "{text}"
         );
         assert!(text.contains("| `low` | - | - | 1.500 | 0.0400 ★ |"), "{text}");
-        assert!(text.contains("![atrium: chart](docs/evaluation/charts/atrium.picture.svg)"));
+        assert!(text.contains("![atrium: chart](evaluation/charts/atrium.picture.svg)"));
         assert!(text.contains("1920x1080") && text.contains("1024 samples"));
     }
 
