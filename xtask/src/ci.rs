@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail, ensure};
 
 use crate::progress::{self, Elapsed, Times};
-use crate::{cargo, file_sizes, test, web};
+use crate::{cargo, file_sizes, test, web, words};
 
 /// Time that a run may have taken before the page is built and opened, which takes up to half an hour where nothing is built yet. With
 /// less, machines that have the time skip it; with more, cold ones run into limits of 90 minutes.
@@ -19,6 +19,8 @@ pub fn run() -> Result<()> {
     let mut checks = Checks::default();
     checks.run("format", format);
     checks.run("file sizes", file_sizes::check);
+    // A report: it never fails.
+    checks.run("words", || words::run(&words::Options::default()));
     let mut typos = Command::new("typos");
     checks.run_tool("spelling", "typos", typos.current_dir(cargo::workspace_root()));
     // Without the network there is no advisory database; the other checks need none.

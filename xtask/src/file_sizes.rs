@@ -17,8 +17,13 @@ const EXTENSIONS: [&str; 2] = ["rs", "wesl"];
 /// Checks every source file of the workspace.
 pub fn check() -> Result<()> {
     let root = cargo::workspace_root();
-    let mut files = Vec::new();
-    collect(&root, &mut files);
+    let mut files: Vec<(PathBuf, usize)> = sources(&root)
+        .into_iter()
+        .map(|file| {
+            let lines = fs::read(&file).map_or(0, |bytes| bytes.iter().filter(|byte| **byte == b'\n').count());
+            (file, lines)
+        })
+        .collect();
     files.sort_unstable_by_key(|(_, lines)| std::cmp::Reverse(*lines));
     for (file, lines) in files.iter().take_while(|(_, lines)| *lines > SOFT_LIMIT) {
         let file = file.strip_prefix(&root).unwrap_or(file).display();
@@ -31,8 +36,15 @@ pub fn check() -> Result<()> {
     Ok(())
 }
 
-/// Collects source files with their line counts, skipping hidden folders and cargo's caches.
-fn collect(folder: &Path, files: &mut Vec<(PathBuf, usize)>) {
+/// The source files of a folder, in order, without hidden folders and cargo's caches.
+pub fn sources(folder: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    collect(folder, &mut files);
+    files.sort_unstable();
+    files
+}
+
+fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
     let Ok(entries) = fs::read_dir(folder) else {
         return;
     };
@@ -49,8 +61,7 @@ fn collect(folder: &Path, files: &mut Vec<(PathBuf, usize)>) {
                 .extension()
                 .is_some_and(|end| EXTENSIONS.iter().any(|kind| end == *kind))
         {
-            let lines = fs::read(&path).map_or(0, |bytes| bytes.iter().filter(|byte| **byte == b'\n').count());
-            files.push((path, lines));
+            files.push(path);
         }
     }
 }

@@ -15,6 +15,7 @@ mod test;
 mod tools;
 mod validate;
 mod web;
+mod words;
 
 use std::process::ExitCode;
 
@@ -49,6 +50,8 @@ enum Command {
     NewUser(new_user::Options),
     /// Make the package of the library and have cargo check it; nothing is uploaded.
     Package(package::Options),
+    /// Count habits of speech in comments: `words --list may src/denoise`.
+    Words(words::Options),
     /// Everything that must hold before a change is merged: format, lints, feature sets, docs, tests.
     Ci,
 }
@@ -64,6 +67,7 @@ fn main() -> ExitCode {
         Command::Web(options) => web::run(&options),
         Command::NewUser(options) => new_user::run(&options),
         Command::Package(options) => package::run(&options),
+        Command::Words(options) => words::run(&options),
         Command::Ci => ci::run(),
     };
     match result {
