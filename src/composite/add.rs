@@ -1,4 +1,4 @@
-//! Adds what was resolved apart to the lit frame by blending.
+//! Adds the resolved reflection to the lit frame by blending.
 
 use crate::gbuffer::PassContext;
 use bevy::{

@@ -15,7 +15,7 @@ pub(super) fn screen_pass() -> GBufferPass {
     GBufferPass::new("glint_keep_screen", bindings, OtherGroups::None)
 }
 
-/// Keeps what the camera shows now.
+/// Copies the light that the camera shows now.
 pub(super) fn run(ctx: &mut RenderContext, pass: &GBufferPass, context: &PassContext) {
     if let Some(mut pass) = pass.begin(ctx, context, [()], &[]) {
         let size = context.textures.size();

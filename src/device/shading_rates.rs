@@ -10,7 +10,7 @@ use bevy::reflect::{Reflect, std_traits::ReflectDefault};
 #[reflect(Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum HardwareVrsSupport {
-    /// Nobody asked: the app lacks `HardwareVrsPlugin`, or was built without the crate feature `hardware-vrs`.
+    /// Not requested: the app lacks `HardwareVrsPlugin`, or was built without the crate feature `hardware-vrs`.
     #[default]
     NotAsked,
     /// The device or its driver can't; the reason why, as the end of a sentence.

@@ -61,7 +61,7 @@ fn texture_mode_of(features: WgpuFeatures, limits: &WgpuLimits) -> ReflectionTex
     let needed = WgpuFeatures::TEXTURE_BINDING_ARRAY
         | WgpuFeatures::SAMPLED_TEXTURE_AND_STORAGE_BUFFER_ARRAY_NON_UNIFORM_INDEXING
         | WgpuFeatures::PARTIALLY_BOUND_BINDING_ARRAY;
-    // Half of what a stage may have: passes bind other things too.
+    // Half of a stage's limit, because passes bind other resources too.
     let textures = MAX_TEXTURES.min(limits.max_binding_array_elements_per_shader_stage / 2);
     let samplers = limits.max_binding_array_sampler_elements_per_shader_stage;
     if features.contains(needed) && textures >= MIN_TEXTURES && samplers >= MAX_SAMPLERS {

@@ -9,14 +9,15 @@ use bevy::{
 /// Chooses the [`ReflectionQuality`] of a camera for the machine that the game runs on. Insert it at the first start of a game, instead of
 /// a quality.
 ///
-/// The adapter gives the first guess: `High` on a discrete GPU with ray queries, `Medium` on one without them, and `Low` on any other. Then
-/// the camera tries one quality after the other: better ones while the median of its GPU times leaves room below the target, and worse ones
-/// while it is above. Its picture is that of the quality on trial.
+/// The adapter gives the first guess: `High` on a discrete GPU with ray queries, `Medium` on one without them, and `Low` on any other.
+/// The camera then tries one quality after another: better ones while the median of its GPU times leaves room below the target, and worse
+/// ones while it is above. The camera renders with the quality being tried.
 ///
-/// At the end the component is gone. The camera keeps the [`ReflectionQuality`], has a [`ReflectionBudget`](crate::ReflectionBudget) of the
-/// same time unless it had one before, and gets the event [`ReflectionQualityChosen`](crate::ReflectionQualityChosen), in whose observer a
-/// game saves the quality. To search again, for instance in a window of another size, insert the component again. To end the search early,
-/// insert another quality or remove the component.
+/// At the end, the component removes itself. The camera keeps the [`ReflectionQuality`], has a
+/// [`ReflectionBudget`](crate::ReflectionBudget) with the same time unless it already had one, and gets the event
+/// [`ReflectionQualityChosen`](crate::ReflectionQualityChosen). Save the quality in an observer of that event. To search again, for
+/// instance in a window of another size, insert the component again. To end the search early, insert another quality or remove the
+/// component.
 ///
 /// The search is no quality of its own: a game that saved it would measure at every start and look different each time.
 ///
@@ -40,13 +41,14 @@ use bevy::{
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct ReflectionAutoQuality {
-    /// GPU milliseconds per frame that the reflections may take. More allows better qualities. NaN is the default, and values below 0
-    /// are 0. Default: 2.
+    /// GPU milliseconds per frame that reflections can take. More allows better qualities. NaN is the default, and values below 0 are 0.
+    /// Default: 2.
     #[reflect(@0.0..=20.0_f32)]
     pub milliseconds: f32,
     /// Worst quality that is chosen. `Off` is chosen only where `Low` takes more than four times the target. Default: `Off`.
     pub worst: ReflectionQuality,
-    /// Best quality that is chosen. `Ultra` traces a ray for each pixel, of which a budget can't spare any. Default: `High`.
+    /// Best quality that the search can choose. `Ultra` traces a ray for each pixel, and a budget can't save any of them. Default:
+    /// `High`.
     pub best: ReflectionQuality,
 }
 
@@ -61,7 +63,7 @@ impl Default for ReflectionAutoQuality {
 }
 
 impl ReflectionAutoQuality {
-    /// The same within its ranges.
+    /// Returns a copy with all values clamped to their ranges.
     pub(crate) fn clamped(self) -> Self {
         Self {
             milliseconds: number_or(self.milliseconds, Self::default().milliseconds).max(0.0),

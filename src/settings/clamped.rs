@@ -1,4 +1,4 @@
-//! Settings of a camera after clamping to what the shaders can take.
+//! Settings of a camera, clamped to the ranges that the shaders support.
 
 use super::{
     RayTracedReflections, ReflectionBackend, ReflectionDenoiser, ReflectionSampling, ReflectionTechnique,
@@ -28,7 +28,7 @@ pub(crate) struct ClampedSettings {
     pub fixed_mip: Option<f32>,
     pub transparent: bool,
     pub forward: bool,
-    /// Reconstruction and accumulation take a pass each: somebody looks at what is between them, or there is nothing to accumulate by.
+    /// Reconstruction and accumulation take a pass each: a debug view shows the data between them, or nothing is accumulated.
     pub separate_denoiser: bool,
 }
 
@@ -67,7 +67,7 @@ impl ClampedSettings {
             && !self.separate_denoiser
     }
 
-    /// Rays find what only the last frame shows.
+    /// Rays also march the last frame's screen.
     pub fn marches_screen(&self) -> bool {
         self.screen_traces == ScreenTraces::March && self.reuses_screen()
     }

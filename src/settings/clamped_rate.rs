@@ -23,9 +23,9 @@ pub(crate) enum RateVariant {
 pub(crate) struct RateThresholds {
     /// Roughness or cosine from which two trace pixels share a ray.
     pub half: f32,
-    /// The same for four.
+    /// Threshold for four pixels per ray.
     pub quarter: f32,
-    /// The same for eight and sixteen.
+    /// Threshold for eight and sixteen pixels per ray.
     pub eighth: f32,
     /// Least roughness in a tile below which it keeps 1x1; negative for none.
     pub min_roughness: f32,
@@ -35,7 +35,7 @@ pub(crate) struct RateThresholds {
     pub visibility_threshold: f32,
     /// Highest step of the ladder of [`ShadingRateHeuristic::Combined`].
     pub max_level: u32,
-    /// Code of the rate for [`RateVariant::Uniform`], also where that stands in for another variant.
+    /// Rate code of [`RateVariant::Uniform`], also where that replaces another variant.
     pub uniform_code: u32,
     /// Noise that [`RateVariant::Adaptive`] aims at.
     pub error_target: f32,
@@ -43,7 +43,7 @@ pub(crate) struct RateThresholds {
     pub keeps_mirrors: bool,
 }
 
-/// A camera's heuristic in the render world, after clamping to what the shaders can take.
+/// A camera's heuristic in the render world, clamped to the ranges that the shaders support.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct RateSettings {
     pub variant: RateVariant,
@@ -91,8 +91,8 @@ impl RateSettings {
         }
     }
 
-    /// Puts finer rates in place of those that the device lacks. Rates of images and custom heuristics stay: there the
-    /// hardware takes a smaller fragment, and all fragments of a block trace the block's ray.
+    /// Replaces rates that the device lacks by finer ones. Rates of images and custom heuristics stay: the hardware uses a smaller
+    /// fragment, and all fragments of a block trace the block's ray.
     pub fn limit(&mut self, supports: impl Fn(u32) -> bool) {
         let thresholds = &mut self.thresholds;
         match self.variant {

@@ -7,35 +7,34 @@ use bevy::{
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-/// Debug view that a reflecting camera shows instead of its picture. Insert it beside
+/// Debug view that a reflecting camera shows in place of its normal output. Insert it next to
 /// [`RayTracedReflections`](crate::RayTracedReflections); it can change at any time.
 ///
-/// A view is drawn after everything opaque and transparent, and before post-processing and tone mapping: for exact colours set
-/// [`Tonemapping::None`](bevy::core_pipeline::tonemapping::Tonemapping::None) and leave out bloom; temporal anti-aliasing
-/// averages it over frames. It is written by a compute shader, which takes an [`Hdr`](bevy::camera::Hdr) camera; others keep their
-/// picture, with a warning.
+/// A view is drawn after all opaque and transparent surfaces, and before post-processing and tone mapping. For exact colours, set
+/// [`Tonemapping::None`](bevy::core_pipeline::tonemapping::Tonemapping::None) and remove bloom. Temporal anti-aliasing averages the view
+/// over frames. A compute shader writes it, which requires an [`Hdr`](bevy::camera::Hdr) camera; other cameras keep their normal output,
+/// with a warning.
 ///
-/// *Heat* is a scale of five colours in equal steps: blue, cyan, green, yellow, red. Values beyond an end have its colour, those
-/// that aren't finite are magenta. Pixels of which a view has nothing to say (sky, rough or unlit surfaces, tiles
-/// without reflections, techniques without such a texture) show the picture, dark and grey, in heat, and black in
-/// radiance.
+/// *Heat* is a scale of five colours in equal steps: blue, cyan, green, yellow, red. Values beyond an end have the colour of that end,
+/// and values that aren't finite are magenta. Pixels without data (sky, rough or unlit surfaces, tiles without reflections, techniques
+/// without such a texture) are dark grey versions of the frame in heat views, and black in radiance views.
 ///
 /// Views show the textures *of this frame*. Radiance is exposed, as in Bevy's HDR frames.
 ///
-/// `HitDistance`, `RayWeight` and `NonFinite` have reconstruction and accumulation run as two passes, so that what is between them can be
-/// shown: the history begins anew as they are switched on and off.
+/// `HitDistance`, `RayWeight` and `NonFinite` run reconstruction and accumulation as two passes, to show the data between them. Switching
+/// them on or off restarts the history.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum ReflectionDebugView {
-    /// The picture.
+    /// The normal frame.
     #[default]
     Off,
-    /// The reflection alone: exactly what is added to the lit frame, on black. It is negative where ambient light that Bevy added
-    /// is taken back.
+    /// The reflection alone: exactly the light that is added to the frame, on black. It is negative where it removes ambient light that
+    /// Bevy added.
     Reflection,
-    /// The colour of each tile's rate after [`RATE_LEGEND`] over the brightness of the picture; darker where nothing reflects. Exact
-    /// mirrors with rays of their own have their own colour.
+    /// The colour of each tile's rate according to [`RATE_LEGEND`], over the brightness of the frame; darker where nothing reflects.
+    /// Exact mirrors with rays of their own have their own colour.
     ShadingRates,
     /// Heat of the reflection rays per pixel of the view, by its logarithm: blue 1/64, cyan 1/23, green 1/8, yellow 1/3, red 1. The
     /// ray of a block counts in equal parts for its pixels.
@@ -43,8 +42,8 @@ pub enum ReflectionDebugView {
     /// Radiance that rays brought, before any weight: a block of pixels shows the one ray that it shares. Exact mirrors with rays
     /// of their own are not in it.
     RawRays,
-    /// Heat of the distance from the surface to what it reflects, as reconstruction found it, by its logarithm: blue 0.1 m, cyan
-    /// 1 m, green 10 m, yellow 100 m, red 1,000 m. White is the sky.
+    /// Heat of the distance from the surface to the reflected object, on a logarithmic scale, as reconstruction found it: blue 0.1 m,
+    /// cyan 1 m, green 10 m, yellow 100 m, red 1,000 m. White is the sky.
     HitDistance,
     /// Radiance of each pixel's lobe divided by the lobe's albedo, averaged over frames, before the last blur. In a white furnace it is
     /// white.
@@ -63,17 +62,16 @@ pub enum ReflectionDebugView {
     /// Red where a pixel's history holds at most one frame: it is new, or its past was rejected. Not exact mirrors with rays of
     /// their own, which have no history.
     Rejected,
-    /// Magenta where anything that the passes keep of a pixel is not finite; yellow where only the picture itself is not.
+    /// Magenta where any value that the passes keep for a pixel is not finite; yellow where only the frame itself is not.
     NonFinite,
-    /// Normals of the glass and water that [`transparent`](crate::RayTracedReflections::transparent) found in front of each pixel, and of the
-    /// opaque surfaces that [`forward`](crate::RayTracedReflections::forward) found there, with
-    /// their normal maps: 0.5 + 0.5 n of the unit normal n in world space as red, green and blue. Other pixels are the picture, dark
-    /// and grey.
+    /// Normals of the glass and water that [`transparent`](crate::RayTracedReflections::transparent) found in front of each pixel, and of
+    /// the opaque surfaces that [`forward`](crate::RayTracedReflections::forward) found there, with their normal maps: 0.5 + 0.5 n of the
+    /// unit normal n in world space as red, green and blue. Other pixels are a dark grey version of the frame.
     FrontLayer,
 }
 
 impl ReflectionDebugView {
-    /// It shows what the reconstruction leaves to the accumulation, which one pass for both doesn't write.
+    /// Shows data between reconstruction and accumulation, which the joint pass doesn't write.
     pub(crate) fn shows_reconstruction(self) -> bool {
         matches!(self, Self::HitDistance | Self::RayWeight | Self::NonFinite)
     }
@@ -113,14 +111,14 @@ pub const RATE_LEGEND: [(&str, LinearRgba); 11] = [
     ("skipped", LinearRgba::rgb(0.3, 0.3, 0.3)),
 ];
 
-/// Divides the picture of a camera: its [`ReflectionDebugView`] is shown right of a thin white line.
+/// Splits the output of a camera: its [`ReflectionDebugView`] is shown to the right of a thin white line.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct ReflectionDebugSplit {
     /// Position of the line: 0 is the left edge of the view, 1 the right one; clamped, and NaN is the middle. Default: 0.5.
     #[reflect(@0.0..=1.0f32)]
     pub position: f32,
-    /// View that is shown left of the line. Default: [`ReflectionDebugView::Off`], the picture.
+    /// View to the left of the line. Default: [`ReflectionDebugView::Off`], the normal frame.
     pub left: ReflectionDebugView,
 }
 
@@ -134,8 +132,8 @@ impl Default for ReflectionDebugSplit {
 }
 
 /// On a reflecting camera: counts the pixels that are not finite and finds the worst one, for
-/// [`ReflectionNonFiniteReport`](crate::ReflectionNonFiniteReport). It costs three passes over the picture. Without Bevy's
-/// `RenderDiagnosticsPlugin` nothing is counted; of several cameras each adds its own measurements to the same diagnostics.
+/// [`ReflectionNonFiniteReport`](crate::ReflectionNonFiniteReport). It costs three passes over the frame. Nothing is counted without
+/// Bevy's `RenderDiagnosticsPlugin`. Several cameras add their measurements to the same diagnostics.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct ReflectionDebugCounters;
@@ -168,7 +166,7 @@ impl ViewDebug {
         }
     }
 
-    /// Views other than the picture.
+    /// All views except `Off`.
     pub fn views(self) -> impl Iterator<Item = ReflectionDebugView> {
         [self.left, self.right]
             .into_iter()

@@ -12,24 +12,24 @@ pub struct ReflectionDenoiser {
     pub samples: u32,
     /// Accumulates results over frames. Default: true.
     pub temporal: bool,
-    /// Frames that a rough surface accumulates at most, 1 to 255. Smoother surfaces keep fewer. More is less noise and
-    /// slower change of what is reflected. Default: 32.
+    /// Number of frames that a rough surface accumulates, 1 to 255. Smoother surfaces accumulate fewer. More means less noise and a
+    /// slower response to changes. Default: 32.
     #[reflect(@1.0..=255.0f32)]
     pub max_history: f32,
     /// Keeps a second history that follows the reflected image, not the surface: glossy surfaces stay sharp under a moving
     /// camera. The paper has only the history of the surface. Default: true.
     pub virtual_history: bool,
-    /// Standard deviations of the neighbourhood that history may differ by, 0.5 to 10; a lower value means less ghosting and more noise.
+    /// Standard deviations of the neighbourhood by which history can differ, 0.5 to 10. A lower value means less ghosting and more noise.
     /// Default: 1.5.
     #[reflect(@0.5..=10.0f32)]
     pub clip_sigma: f32,
-    /// Dims rays far brighter than their neighbours before they enter the history. There are no fireflies then, and pictures in motion
-    /// lose a little light: the more, the fewer rays carry it, such as those that meet a small lamp by chance. Default: true. The paper
+    /// Dims rays far brighter than their neighbours before they enter the history. This removes fireflies, and loses a little light in
+    /// motion: the fewer rays carry the light, the more is lost, such as that of a small lamp that few rays hit. Default: true. The paper
     /// has no such step.
     pub suppress_fireflies: bool,
-    /// Lets static views converge: while neither the camera nor the scene changes, all frames estimate the same image. History is
-    /// no longer clipped and hardly dimmed, and grows to eight times `max_history`, 240 frames at most. Off, a still picture keeps the
-    /// losses of a moving one. Default: true. The paper has no such step.
+    /// Lets static views converge: while neither the camera nor the scene changes, all frames estimate the same image. History is then no
+    /// longer clipped and hardly dimmed, and grows to eight times `max_history`, up to 240 frames. If off, a static image loses as much
+    /// light as a moving one. Default: true. The paper has no such step.
     pub converge_static_views: bool,
     /// Radius in pixels of the last blur where the variance is highest, 0 (off) to 8. Default: 3.
     #[reflect(@0.0..=8.0f32)]
@@ -48,7 +48,7 @@ impl ReflectionDenoiser {
         converge_static_views: false,
         blur_radius: 0.0,
     };
-    /// The steps of the paper (section 4.1.2). It gives no numbers for them: those of frames, samples, sigma and pixels are of this crate.
+    /// The steps of the paper (section 4.1.2). The numbers of frames, samples, sigma and pixels are from this crate; the paper has none.
     pub const PAPER: Self = Self {
         samples: 8,
         temporal: true,

@@ -16,9 +16,9 @@ use bevy::{
 /// from the same function, and *sets* its normal: with a normal prepass, Bevy hands it the one that reflections have. Rays that
 /// meet the material on their way see its [`reflected`](crate::ReflectedMaterial::reflected) form, without waves.
 ///
-/// Until the shader is compiled, and where it fails, the library's takes its place; the log says why. Views with such a surface never count
-/// as static ([`converge_static_views`](crate::ReflectionDenoiser::converge_static_views)): the library can't know when waves are at rest.
-/// [`Converged`](crate::ReflectionTechnique::Converged) averages over waves that move.
+/// The library's shader is used until this one is compiled, and if it fails; the log says why. Views with such a surface never count as
+/// static ([`converge_static_views`](crate::ReflectionDenoiser::converge_static_views)), because the library can't detect when waves
+/// stop. [`Converged`](crate::ReflectionTechnique::Converged) averages over moving waves.
 ///
 /// # Examples
 ///

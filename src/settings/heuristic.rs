@@ -19,15 +19,15 @@ use bevy::{
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum ShadingRateHeuristic {
-    /// The same rate everywhere.
+    /// One rate for all tiles.
     Uniform(ShadingRate),
-    /// By the average roughness of a tile: what is blurred needs fewer rays (the paper's section 4.1).
+    /// By the average roughness of a tile: blurred reflections need fewer rays (the paper's section 4.1).
     Roughness(RoughnessThresholds),
     /// By the average angle of a tile's surfaces to the viewer: surfaces seen head-on reflect less than grazing ones (the paper's
     /// section 4.1).
     Grazing(GrazingThresholds),
-    /// By the size of the lobe on the screen, by how much of it can be seen, and by the shape of what is in the tile: more quality
-    /// for the same rays than the paper's heuristics.
+    /// By the size of the lobe on screen, its share of the pixel's light, and the shapes in the tile: more quality for the same rays than
+    /// the paper's heuristics.
     Combined(CombinedThresholds),
     /// By the noise that is left in the accumulated image: tiles get more rays where it is seen or where they have no past, and
     /// rest in every other frame where there is little of it. Without temporal accumulation or motion vectors, `Combined` decides
@@ -86,11 +86,11 @@ impl core::str::FromStr for ShadingRateHeuristic {
     }
 }
 
-/// Perceptual roughness below which a surface is so close to a mirror that coarse blocks would be seen: its lobe is about 10 pixels
-/// of a 1080p screen wide where what it reflects is far, and sharper where it is near.
+/// Perceptual roughness below which a surface is so close to a mirror that coarse blocks would be visible: its lobe is about 10 pixels
+/// wide on a 1080p screen for distant objects, and sharper for near ones.
 pub(super) const MIN_ROUGHNESS: f32 = 0.1;
 
-/// Thresholds of [`ShadingRateHeuristic::Roughness`], in perceptual roughness (0 to 1). NaN stands for the default.
+/// Thresholds of [`ShadingRateHeuristic::Roughness`], in perceptual roughness (0 to 1). NaN means the default.
 ///
 /// Nothing above the camera's [`roughness_cutoff`](crate::RayTracedReflections::roughness_cutoff) reflects, so that thresholds above
 /// it are never reached.
@@ -127,7 +127,7 @@ impl Default for RoughnessThresholds {
 }
 
 /// Thresholds of [`ShadingRateHeuristic::Grazing`]: cosines between the geometric normal and the direction to the viewer, from 0
-/// (grazing) to 1 (head-on). NaN stands for the default.
+/// (grazing) to 1 (head-on). NaN means the default.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 pub struct GrazingThresholds {
@@ -159,21 +159,21 @@ impl Default for GrazingThresholds {
     }
 }
 
-/// Thresholds of [`ShadingRateHeuristic::Combined`]. NaN stands for the default.
+/// Thresholds of [`ShadingRateHeuristic::Combined`]. NaN means the default.
 ///
 /// The rate climbs a ladder of five steps: 1x1, 2x1 or 1x2, 2x2, 4x2 or 2x4, 4x4.
 ///
-/// - **Size of the lobe.** A ray can stand for as many pixels as its lobe blurs together. A lobe is wider the rougher the surface;
-///   with the cosine to the viewer it shrinks *across* the plane of incidence, but not along it, which is why reflections in a wet
-///   street are tall. So the long side of a block follows from the roughness ([`half`](Self::half)), the short side from the roughness
-///   times the root of the cosine ([`quarter`](Self::quarter)), and the long side lies in the direction of the stretch: 1x2 on floors
-///   and ceilings, 2x1 on walls at the side.
-/// - **What can be seen.** Roughness is averaged with weights: a ribbon of metal on a rough curtain counts more than
-///   the curtain. If no pixel's reflection is more than a small part of its light
-///   ([`visibility_threshold`](Self::visibility_threshold)), as on bright walls seen head-on, the tile goes a step up.
-/// - **Shape.** If normals in the tile differ, at edges and on small round things, neighbours reflect different things
-///   and a denoiser can't share their rays: a step down ([`edge`](Self::edge)).
-/// - **Mirrors.** With anything nearly a mirror in the tile: 1x1 ([`min_roughness`](Self::min_roughness)).
+/// - **Size of the lobe.** A ray can serve as many pixels as its lobe blurs together. A rougher surface has a wider lobe. A smaller
+///   cosine to the viewer shrinks the lobe *across* the plane of incidence, but not along it, which makes reflections in a wet street
+///   tall. The long side of a block therefore follows from the roughness ([`half`](Self::half)), and the short side from the roughness
+///   times the root of the cosine ([`quarter`](Self::quarter)). The long side lies along the stretch: 1x2 on floors and ceilings, 2x1 on
+///   side walls.
+/// - **Visibility.** The average roughness is weighted: a ribbon of metal on a rough curtain counts more than the curtain. If the
+///   reflection is at most a small part of the light of every pixel ([`visibility_threshold`](Self::visibility_threshold)), as on bright
+///   walls seen head-on, the tile gets the next coarser rate.
+/// - **Shape.** If normals in the tile differ, at edges and on small round objects, neighbours reflect different objects and a denoiser
+///   can't share their rays: the tile gets the next finer rate ([`edge`](Self::edge)).
+/// - **Mirrors.** A tile with a near mirror gets 1x1 ([`min_roughness`](Self::min_roughness)).
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 pub struct CombinedThresholds {
@@ -190,15 +190,15 @@ pub struct CombinedThresholds {
     pub eighth: f32,
     /// Least roughness in a tile below which it keeps 1x1; `None` leaves this out. Default: 0.1.
     pub min_roughness: Option<f32>,
-    /// Share of the reflection in what a pixel shows under even light (0 to 1) below which it is faint. 0 leaves this out. Default:
-    /// 0.1.
+    /// Share of the reflection in a pixel's light under even lighting (0 to 1) below which the reflection counts as faint. 0 disables the
+    /// test. Default: 0.1.
     #[reflect(@0.0..=1.0f32)]
     pub visibility_threshold: f32,
     /// Deviation of the normals in a tile, as an angle in radians (root of the mean square), above which the tile counts as an edge.
     /// Infinity leaves this out. Default: 0.25.
     pub edge: f32,
-    /// No tile gets a coarser rate; a wide rate stands for the tall one, too. Default: 2x2. Above that, what touches a rough
-    /// surface can lose its contact reflection, since distances of hits aren't known beforehand.
+    /// Coarsest rate of a tile; a wide rate also allows the tall one. Default: 2x2. Coarser rates can lose contact reflections on rough
+    /// surfaces, because hit distances aren't known in advance.
     pub coarsest: ShadingRate,
 }
 
@@ -216,27 +216,27 @@ impl Default for CombinedThresholds {
     }
 }
 
-/// Thresholds of [`ShadingRateHeuristic::Adaptive`]. NaN stands for the default.
+/// Thresholds of [`ShadingRateHeuristic::Adaptive`]. NaN means the default.
 ///
 /// The last frames decide: how much the results of single ones differ, how many of them are averaged, how bright the
 /// reflection is, and how much of the light of a pixel it is.
 ///
-/// - **Noise.** A tile with more of it than [`error_target`](Self::error_target) traces 1x1 in each frame. With less it gets rays in every
-///   other frame: 1x1, below half of the target 2x1 or 1x2, below a quarter 2x2. One tile in eight gets a step more at random, to find what
-///   few rays miss.
-/// - **No past.** Tiles in which something appears get all rays at once.
-/// - **Images.** So do smooth surfaces whose reflection is an image, and surfaces that touch what they reflect.
-/// - **Neighbours.** A pixel borrows twice as many rays as [`samples`](crate::ReflectionDenoiser::samples) says, up to 16: time
-///   that resting tiles save.
+/// - **Noise.** A tile with more noise than [`error_target`](Self::error_target) traces 1x1 in each frame. With less noise it gets rays
+///   in every other frame: 1x1, below half of the target 2x1 or 1x2, below a quarter 2x2. One tile in eight gets the next finer rate at
+///   random, to find light that few rays hit.
+/// - **No history.** Tiles in which something appears get all rays at once.
+/// - **Images.** Smooth surfaces with a sharp reflection and surfaces that touch the reflected object get all rays, too.
+/// - **Neighbours.** A pixel borrows twice as many rays as [`samples`](crate::ReflectionDenoiser::samples) says, up to 16: resting tiles
+///   save the time for that.
 /// - **Mirrors.** Without rays of their own ([`full_resolution_mirrors`](crate::RayTracedReflections::full_resolution_mirrors)), exact
-///   mirrors show each of their rays at the pixel that it started from, and the history at others: sharp, a few frames late.
+///   mirrors show each of their rays at the pixel from which it started, and the history at others: sharp, a few frames late.
 ///
 /// Tiles have 8x8 trace pixels, unless the camera has a [`ShadingRateTileSize`] or the hardware back end.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 pub struct AdaptiveThresholds {
-    /// Noise that may be left in a tile, relative to the light of its pixels (above 0; 0.0001 is the least). Less takes more rays. Default:
-    /// 0.04.
+    /// Noise that can remain in a tile, relative to the light of its pixels (above 0; 0.0001 is the minimum). Less takes more rays.
+    /// Default: 0.04.
     #[reflect(@0.005..=0.5f32)]
     pub error_target: f32,
 }
@@ -255,7 +255,7 @@ pub enum ShadingRateTileSize {
     /// 16x16 trace pixels, as in the paper.
     #[default]
     Tiles16,
-    /// 8x8 trace pixels: rates follow the picture more closely, for a little more time.
+    /// 8x8 trace pixels: rates follow the image more closely, for a little more time.
     Tiles8,
 }
 

@@ -17,8 +17,8 @@ pub enum ReflectedPose {
     /// structure of its mesh once more.
     #[default]
     Posed,
-    /// In its bind pose and without morph targets, carried along by the first joint. It costs no more than a mesh without a skin: for
-    /// crowds and for what is far away.
+    /// In its bind pose and without morph targets, moved by the first joint. Costs no more than a mesh without a skin: for crowds and
+    /// distant characters.
     Rigid,
 }
 

@@ -92,7 +92,7 @@ words!(ReflectionPreset {
 pub const TECHNIQUE_NAMES: &str = "reference, quarter, quarter-inline, vrs-roughness, vrs-grazing, vrs-combined, vrs-adaptive, converged, paper, \
      low, medium, high, ultra";
 
-/// The components that a word on a command line stands for: a technique of the measurements, or a preset.
+/// Returns the components for a name on a command line: a technique of the measurements, or a preset.
 ///
 /// `reference`, `quarter` and `quarter-inline` trace a fixed rate. `vrs-roughness` and `vrs-grazing` are the paper's heuristics
 /// with its thresholds, `vrs-combined` and `vrs-adaptive` are ours. All of these share one denoiser, so that they differ in their

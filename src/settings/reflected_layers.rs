@@ -7,12 +7,11 @@ use bevy::{
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-/// Render layers that the reflections of a camera show, in place of those that the camera draws; layer 0 by default.
+/// Render layers that the reflections of a camera show, instead of the camera's own layers; layer 0 by default.
 ///
-/// For what is seen in mirrors alone, such as the player's body before the player's own eyes. Without this component,
-/// reflections show what their camera draws. Lights shine in reflections if they are on a layer that some reflecting camera
-/// draws or shows. Reflecting cameras may name up to 5 different sets of layers, here and as `RenderLayers`; beyond that,
-/// reflections show more than they should.
+/// For objects that only mirrors show, such as the body of a first-person player. Without this component, reflections show the layers of
+/// their camera. Lights shine in reflections if they are on a layer that some reflecting camera draws or shows. Reflecting cameras can
+/// use up to 5 different sets of layers, here and as `RenderLayers`; beyond that, reflections show more than they should.
 ///
 /// # Examples
 ///

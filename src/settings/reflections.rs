@@ -11,9 +11,9 @@ use bevy::{
 
 /// Adds ray-traced reflections to a 3D camera.
 ///
-/// Insert it on a `Camera3d` to switch reflections on, remove it to switch them off and to free what they used. All that it needs of the
-/// camera comes with it: HDR, the depth, deferred, normal and motion vector prepasses, and MSAA off. These are Bevy's and stay on the
-/// camera, since others may use them, too. Don't remove the component by `remove_with_requires`: that also removes `SyncToRenderWorld`,
+/// Insert it on a `Camera3d` to switch reflections on, remove it to switch them off and to free their memory. It requires HDR, the depth,
+/// deferred, normal and motion vector prepasses, and MSAA off, and adds them to the camera. These are Bevy's and stay on the camera,
+/// since other code might use them, too. Don't remove the component by `remove_with_requires`: that also removes `SyncToRenderWorld`,
 /// without which Bevy no longer draws the camera.
 ///
 /// Opaque surfaces reflect at the least cost if they are rendered *deferred*: the plugin makes opaque materials so
@@ -35,7 +35,7 @@ use bevy::{
     Msaa = Msaa::Off
 )]
 pub struct RayTracedReflections {
-    /// How many rays are traced and what becomes of them. Default: [`ReflectionTechnique::Variable`].
+    /// Number of rays and how they are combined. Default: [`ReflectionTechnique::Variable`].
     pub technique: ReflectionTechnique,
     /// Back end that turns the rate image into fewer rays. Default: [`ReflectionBackend::Auto`].
     pub backend: ReflectionBackend,
@@ -47,8 +47,8 @@ pub struct RayTracedReflections {
     pub full_resolution_mirrors: bool,
     /// How samples become an image. Default: [`ReflectionDenoiser::default`].
     pub denoiser: ReflectionDenoiser,
-    /// Perceptual roughness (0 to 1) above which a surface gets no ray and keeps the environment map, which knows no walls. A lower value
-    /// takes less time where rough surfaces fill the picture. The G-buffer stores 8 bits, so that the border is exact to 1/255. Default: 1,
+    /// Perceptual roughness (0 to 1) above which a surface gets no ray and keeps the environment map, which ignores walls. A lower value
+    /// takes less time where rough surfaces fill the frame. The G-buffer stores 8 bits, so that the border is exact to 1/255. Default: 1,
     /// everything reflects. Thresholds of a [`ShadingRateHeuristic`](crate::ShadingRateHeuristic) above it are never reached: at 0.6,
     /// [`Roughness`](crate::ShadingRateHeuristic::Roughness) goes no further than 2x1.
     #[reflect(@0.0..=1.0f32)]
@@ -58,26 +58,27 @@ pub struct RayTracedReflections {
     /// Default: 0.1.
     #[reflect(@0.0..=1.0f32)]
     pub roughness_fade: f32,
-    /// Length of a reflection ray in metres. Longer rays see more and cost more; what lies behind their end is replaced by the
-    /// environment. Default: 10,000.
+    /// Length of a reflection ray in metres. Longer rays see more and cost more; the environment replaces everything beyond their end.
+    /// Default: 10,000.
     pub max_ray_length: f32,
-    /// Reflections within reflections: how many surfaces a ray may see one after the other, 1 to 8. With 1, a mirror that is seen in a
-    /// mirror shows the environment map. Each further bounce traces and lights up to one more hit for each ray. Default: 1.
+    /// Reflections within reflections: number of surfaces that a ray can hit in a row, 1 to 8. With 1, a mirror that is seen in a mirror
+    /// shows the environment map. Each further bounce traces and lights up to one more hit for each ray. Default: 1.
     ///
-    /// Every technique counts alike, [`Converged`](ReflectionTechnique::Converged) included: it is the truth for these settings. Only
-    /// [`full_resolution_mirrors`](Self::full_resolution_mirrors) show what glossy surfaces reflect sharper than it is, and free of noise.
+    /// Every technique counts bounces the same way, including [`Converged`](ReflectionTechnique::Converged), which is the ground truth
+    /// for these settings. Only [`full_resolution_mirrors`](Self::full_resolution_mirrors) show reflections of glossy surfaces sharper
+    /// than they are, and without noise.
     #[reflect(@1..=8u32)]
     pub max_bounces: u32,
     /// Perceptual roughness (0 to 1) up to which a surface that a ray hits reflects another ray; rougher ones show the environment map.
     /// Less takes less time. Without effect at a single bounce. Default: 0.3.
     #[reflect(@0.0..=1.0f32)]
     pub bounce_roughness_cutoff: f32,
-    /// Takes the light of what rays hit from the last frame, where that showed it, instead of shading it: custom shaders and clustered
-    /// decals are seen in reflections, and hits cost less. Views at rest and the ground truth shade every hit. Default:
+    /// Takes the light of hits from the last frame if they were visible there, instead of shading them: reflections then show custom
+    /// shaders and clustered decals, and hits cost less. Static views and the ground truth shade every hit. Default:
     /// [`ScreenTraces::Off`].
     pub screen_traces: ScreenTraces,
-    /// Traces shadow rays from what reflections see to the lights that cast shadows: one more ray for each light and hit.
-    /// Without, light leaks through walls in reflections. Default: true.
+    /// Traces shadow rays from hits to the lights that cast shadows: one more ray for each light and hit. Without them, light leaks
+    /// through walls in reflections. Default: true.
     pub shadow_rays: bool,
     /// Which mip level of a texture is read where a ray hits. Default: [`ReflectionTextureMip::RayCone`].
     pub texture_mip: ReflectionTextureMip,
@@ -85,11 +86,11 @@ pub struct RayTracedReflections {
     /// transmissive, as long as rays see its object. While none is on the screen, nothing runs and no memory is taken. While
     /// one is, the camera has a second G-buffer and a second set of textures, and rays for such surfaces. Default: true.
     pub transparent: bool,
-    /// Opaque surfaces that are drawn *forward* show traced reflections, too, where no glass that reflects stands before them. Rays must
-    /// know their material, which has a prepass, no clearcoat, and a shader that adds the environment's specular light as Bevy does: the
-    /// reflections replace it. Objects with a [`ReflectedMaterial3d`](crate::ReflectedMaterial3d) show none. They share textures and passes
-    /// with those of [`transparent`](Self::transparent), and cost nothing while no such object is on the screen; more than 1,024 such
-    /// objects count as one that fills the screen. Default: false, since deferred surfaces take less.
+    /// Opaque surfaces that are drawn *forward* show traced reflections, too, unless reflecting glass is in front of them. Rays must know
+    /// the material, and it needs a prepass, no clearcoat, and a shader that adds the environment's specular light as Bevy does: the
+    /// reflections replace that light. Objects with a [`ReflectedMaterial3d`](crate::ReflectedMaterial3d) show no reflections. Forward
+    /// surfaces share textures and passes with [`transparent`](Self::transparent) ones, and cost nothing while no such object is on
+    /// screen; more than 1,024 such objects count as one that fills the screen. Default: false, since deferred surfaces take less time.
     pub forward: bool,
     /// Forgets all history in the next frame: set it when the camera jumps. It clears itself. Default: true, so that a new
     /// component starts clean.
@@ -119,9 +120,9 @@ impl Default for RayTracedReflections {
     }
 }
 
-/// How many rays are traced and what becomes of them.
+/// Number of rays and how they are combined.
 ///
-/// A trace pixel is one ray's place: one pixel of the view, or a quad of 2x2 of them of which each frame chooses another pixel.
+/// A trace pixel is the place of one ray: one pixel of the view, or a quad of 2x2 pixels from which each frame selects another one.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -203,7 +204,7 @@ words!(ReflectionSampling {
     Halton = "halton",
 });
 
-/// Use of the last frame as the light of what rays hit. The tracer finds hits in either case.
+/// Use of the last frame as the light of hits. The tracer finds hits in either case.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -211,41 +212,42 @@ pub enum ScreenTraces {
     /// Every hit is shaded. Nothing is stored.
     #[default]
     Off,
-    /// A hit that the last frame showed has the colour that it had there, times the change of exposure. It needs neither lights nor
-    /// shadow rays. The camera keeps a copy of its lit picture: 8 bytes per pixel, and a pass that writes it.
+    /// A hit that was visible in the last frame has its colour from there, times the change of exposure. It needs neither lights nor
+    /// shadow rays. The camera keeps a copy of its lit frame: 8 bytes per pixel, and a pass that writes it.
     ///
-    /// The picture is that of opaque surfaces, with their reflections, ambient occlusion and clustered decals. Blended surfaces are not in
-    /// it. Materials that draw no prepass lend their colour to what lies behind them, and objects that rays don't see lend theirs to a
-    /// surface right behind them. These hits are shaded:
+    /// The copy contains opaque surfaces, with their reflections, ambient occlusion and clustered decals, but no blended surfaces.
+    /// Materials without a prepass give their colour to the surfaces behind them, and objects that rays don't see give theirs to surfaces
+    /// right behind them. These hits are shaded:
     ///
-    /// - what lay outside of the view or behind something, faced away from the viewer, or was seen at a grazing angle;
-    /// - objects that have moved or changed their pose since the last frame, and see-through surfaces;
-    /// - surfaces whose look depends on the viewing angle: those with a clearcoat or a perceptual roughness below 0.3, and metals below 0.7;
-    /// - surfaces in distance fog or in an atmosphere, which the last frame shows from elsewhere;
-    /// - what rays hit after their first [bounce](RayTracedReflections::max_bounces).
+    /// - hits outside the view or behind another surface, facing away from the viewer, or seen at a grazing angle;
+    /// - objects that moved or changed their pose since the last frame, and see-through surfaces;
+    /// - surfaces with a look that depends on the viewing angle: a clearcoat, a perceptual roughness below 0.3, or below 0.7 for metals;
+    /// - surfaces in distance fog or in an atmosphere, which the last frame shows from another position;
+    /// - hits after the first [bounce](RayTracedReflections::max_bounces).
     ///
-    /// Views at rest shade every hit, so that they converge to what rays see: a look that only the picture has goes when a view comes to
-    /// rest. To keep it in still pictures, switch [`converge_static_views`](ReflectionDenoiser::converge_static_views) off. On opaque
-    /// surfaces, the first frame after a [`reset`](RayTracedReflections::reset) shades every hit. So do [`Converged`](ReflectionTechnique::Converged),
-    /// [`QuarterInline`](ReflectionTechnique::QuarterInline) and [`HardwareVrs`](ReflectionBackend::HardwareVrs), always.
+    /// Static views shade every hit, so that they converge to the scene as rays see it: a look that only the frame has disappears once a
+    /// view is static. To keep it in still images, switch [`converge_static_views`](ReflectionDenoiser::converge_static_views) off. On
+    /// opaque surfaces, the first frame after a [`reset`](RayTracedReflections::reset) shades every hit.
+    /// [`Converged`](ReflectionTechnique::Converged), [`QuarterInline`](ReflectionTechnique::QuarterInline) and
+    /// [`HardwareVrs`](ReflectionBackend::HardwareVrs) always do.
     ///
-    /// Reused light is that of the picture: it is a frame late, its shadows come from shadow maps, and it contains as many bounces as the
-    /// picture does.
+    /// Reused light is a frame late, has the shadows of shadow maps, and contains as many bounces as the frame.
     Reuse,
-    /// As `Reuse`, and surfaces that rays don't see are found on the screen, too: objects whose material has no
-    /// [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin), vertices that a shader moves, objects with a [`NotReflected`]. Each ray
-    /// is first traced, and its way up to the hit is then looked at on the screen of the last frame, in 64 steps at most. If the walk
-    /// enters a surface, the ray takes that surface's light. Each ray costs such a walk.
+    /// Like `Reuse`, and also finds surfaces on screen that rays don't see: objects with a material without a
+    /// [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin), vertices that a shader moves, objects with a [`NotReflected`]. Each
+    /// ray is traced first. Its path to the hit is then marched over the screen of the last frame, in up to 64 steps. If the march enters
+    /// a surface, the ray takes that surface's light. Each ray costs such a march.
     ///
-    /// - Only surfaces that the last frame showed are found, and only if they were drawn in the prepasses: blended particles are not, nor
-    ///   materials whose prepass is switched off.
-    /// - Seen are the sides that face the viewer. A mirror shows nothing of their backs.
-    /// - Surfaces narrower than a step may be missed: one is two pixels long, and longer where the way is longer than 128 pixels.
-    /// - Distance fog and the atmosphere lie over what is found as the viewer sees it.
-    /// - Moving objects, also those that rays see, are seen at their place of a frame ago, too.
+    /// - It only finds surfaces that the last frame showed and that were drawn in the prepasses: no blended particles, and no materials
+    ///   with their prepass switched off.
+    /// - It finds the sides that face the viewer. A mirror shows nothing of their backs.
+    /// - It can miss surfaces narrower than a step: one is two pixels long, and longer if the path is longer than 128 pixels.
+    /// - Its surfaces have the distance fog and atmosphere of the viewer's position.
+    /// - Moving objects, including those that rays see, also appear at their position of the last frame.
     ///
-    /// Views with it are never at rest, since nobody knows when such surfaces change: they converge no further than views in motion. The
-    /// first frame after a [`reset`](RayTracedReflections::reset) shows none of them, and so do `Converged`, `QuarterInline` and `HardwareVrs`, always.
+    /// Views with it are never static, because changes of such surfaces can't be detected: they converge no further than views in motion.
+    /// The first frame after a [`reset`](RayTracedReflections::reset) shows none of these surfaces. `Converged`, `QuarterInline` and
+    /// `HardwareVrs` never show them.
     March,
 }
 
@@ -301,11 +303,11 @@ words!(ReflectionTracerChoice {
 #[reflect(Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum ReflectionFallback {
-    /// Nothing: the picture is the one without the component. The default.
+    /// Nothing: the camera renders as if it didn't have the component. The default.
     #[default]
     None,
     /// Bevy's [`ScreenSpaceReflections`](bevy::pbr::ScreenSpaceReflections) with their default settings, as long as the camera has
-    /// [`RayTracedReflections`]. They show what is on the screen. Opaque materials become deferred as they do where rays are traced.
+    /// [`RayTracedReflections`]. They show objects on screen. Opaque materials become deferred, as they do on devices that can trace.
     ScreenSpace,
 }
 

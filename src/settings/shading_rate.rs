@@ -69,7 +69,7 @@ impl ShadingRate {
         }
     }
 
-    /// The number that stands for it in rate images: log2(width) * 4 + log2(height), as Vulkan's shading-rate attachments have it.
+    /// Number of the rate in rate images: log2(width) * 4 + log2(height), as in Vulkan's shading-rate attachments.
     #[must_use]
     pub const fn code(self) -> u32 {
         let size = self.size();

@@ -1,4 +1,4 @@
-//! Stand-ins: what rays see of an entity in place of what is drawn.
+//! Stand-ins: the mesh or material that rays see instead of the one that is drawn.
 
 use bevy::{
     asset::Handle,
@@ -33,11 +33,11 @@ pub struct ReflectedMesh3d(pub Handle<Mesh>);
 
 /// The material that rays see on the entity, whatever it is drawn with.
 ///
-/// For materials that rays don't know, and for those that should look simpler in reflections. To have all entities with a material
-/// type seen, see [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin).
+/// For materials that rays don't know, and for materials that should look simpler in reflections. To include all entities with a material
+/// type, see [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin).
 ///
-/// An object that is drawn forward shows no traced reflections while it has one: they would replace the environment's light, of which
-/// the material that it is drawn with may add another amount, or none. Reflections on deferred objects come from the G-buffer, and stay.
+/// A forward object with this component shows no traced reflections: they would replace the environment's light, and its own material
+/// might add a different amount, or none. Reflections on deferred objects come from the G-buffer and stay.
 ///
 /// # Examples
 ///

@@ -7,9 +7,8 @@ use bevy::{
     shader::Shader,
 };
 
-/// Shader that changes the surfaces which reflections show, for what a material's own shader computes: stripes, frost,
-/// colours that pulse. It belongs to the whole app; without it, reflections show materials as
-/// [`ReflectedMaterial`](crate::ReflectedMaterial) describes them.
+/// Shader that changes surfaces in reflections, for effects of a material's own shader: stripes, frost, pulsing colours. It applies to
+/// the whole app. Without it, reflections show materials as [`ReflectedMaterial`](crate::ReflectedMaterial) describes them.
 ///
 /// The shader is a WESL module with a function `reflected_surface`, which is handed each surface that a ray hits, as the library knows it,
 /// and returns it changed:
@@ -33,10 +32,10 @@ use bevy::{
 /// on other types in the order of their [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin)s), where on the mesh, and when.
 /// The result is brought into range; place, alpha, and which triangles rays hit, stay as they are.
 ///
-/// The module is compiled as a part of the library: it may import modules of `bevy_glint`, of Bevy, and those that a crate embeds
+/// The module is compiled as a part of the library: it can import modules of `bevy_glint`, of Bevy, and those that a crate embeds
 /// (`embedded_asset!`, by the crate's name), but no other files of the asset folder. It follows changes of its file. Until it is
-/// compiled, and where it fails, reflections show materials without it; the log says why. While there is one, compute shaders take the
-/// place of hardware rates.
+/// compiled, and if it fails, reflections show materials without it; the log says why. While there is such a shader, compute shaders
+/// replace hardware rates.
 ///
 /// # Examples
 ///
@@ -55,9 +54,9 @@ use bevy::{
 pub struct ReflectedSurfaceShader {
     /// The module.
     pub shader: Handle<Shader>,
-    /// Surfaces change by themselves, such as with `seconds`: pictures never count as static then
+    /// Surfaces change by themselves, for example with `seconds`. Views then never count as static
     /// ([`converge_static_views`](crate::ReflectionDenoiser::converge_static_views)), and
-    /// [`Converged`](crate::ReflectionTechnique::Converged) averages over what moves. Default: true, which is safe for every shader.
+    /// [`Converged`](crate::ReflectionTechnique::Converged) averages over the changes. Default: true, which is safe for every shader.
     pub animated: bool,
 }
 

@@ -23,7 +23,7 @@ pub fn switch_reflections(camera: &mut EntityWorldMut, on: bool) {
 pub struct CameraSettings {
     /// `true` if the camera has [`RayTracedReflections`].
     pub on: bool,
-    /// Its settings, or those that it will have when it is switched on.
+    /// Current settings, or the settings that the camera will have when reflections are switched on.
     pub reflections: RayTracedReflections,
     /// How the rays of each tile are chosen.
     pub heuristic: ShadingRateHeuristic,
@@ -35,9 +35,9 @@ pub struct CameraSettings {
     pub budget: Option<ReflectionBudget>,
     /// Part of the settings that the budget leaves at present. It is shown and never written.
     pub effort: ReflectionEffort,
-    /// Debug view that is shown instead of the picture.
+    /// Debug view of the camera.
     pub debug_view: ReflectionDebugView,
-    /// Dividing line of the picture, if there is one.
+    /// Dividing line of the debug view, if there is one.
     pub debug_split: Option<ReflectionDebugSplit>,
 }
 
@@ -55,7 +55,7 @@ pub(super) fn default_tile_size(
 }
 
 impl CameraSettings {
-    /// The settings of a camera; defaults stand for components that it lacks.
+    /// Reads the settings of a camera; missing components count as their defaults.
     #[must_use]
     pub fn read(camera: EntityRef) -> Self {
         let on = camera.get::<RayTracedReflections>();
@@ -76,8 +76,8 @@ impl CameraSettings {
         }
     }
 
-    /// Gives the camera what differs from `before`, which [`read`](Self::read) returned. Its [`ReflectionQuality`], if it has one, follows
-    /// where the new settings are those of a quality.
+    /// Writes all settings that differ from `before`, which [`read`](Self::read) returned. If the camera has a [`ReflectionQuality`],
+    /// that changes too when the new settings match a quality.
     pub fn write(&self, before: &Self, camera: &mut EntityWorldMut) {
         if self.on != before.on || self.reflections != before.reflections {
             let mut reflections = self.reflections.clone();

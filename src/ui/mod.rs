@@ -19,12 +19,12 @@
 //!     .run();
 //! ```
 //!
-//! | file | holds |
+//! | file | contents |
 //! |---|---|
 //! | `panel.rs` | the plugin, its window and the two halves |
 //! | `camera.rs` | the settings of a camera as plain data |
 //! | `settings_ui.rs`, `rates_ui.rs`, `budget_ui.rs` | a row for each setting |
-//! | `widgets.rs` | what rows are made of |
+//! | `widgets.rs` | parts of rows |
 //! | `tooltips.rs` | tooltips from the documentation of settings |
 //! | `timings.rs` | measurements |
 //! | `quality.rs` | the options menu |

@@ -36,7 +36,7 @@ const MEASUREMENTS_WIDTH: f32 = 240.0;
 const WINDOW_WIDTH: f32 = SETTINGS_WIDTH + MEASUREMENTS_WIDTH + 30.0;
 const WINDOW_HEIGHT: f32 = 640.0;
 
-/// Shows a window with the settings of each camera and with what they cost, on the primary context of `bevy_egui`.
+/// Shows a window with the settings of each camera and their cost, on the primary context of `bevy_egui`.
 ///
 /// Add it after `DefaultPlugins`, and after [`EguiPlugin`] if the app adds that itself; otherwise this plugin does, so that it gets on
 /// with others that draw with egui. In an app without a renderer it does nothing. For times and rays add Bevy's
@@ -115,7 +115,7 @@ fn show_panel(world: &mut World, contexts: &mut QueryState<&'static mut EguiCont
     if !before.open {
         return;
     }
-    // A handle, so that the world is free for what the window shows.
+    // A handle, so that the world isn't borrowed while the window is drawn.
     let Some(context) = contexts
         .iter_mut(world)
         .next()

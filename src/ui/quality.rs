@@ -13,9 +13,9 @@ pub fn quality_menu(ui: &mut Ui, quality: &mut ReflectionQuality) -> Response {
     response
 }
 
-/// The same row with one more button, for a quality that suits the machine: `None` while a
-/// [`ReflectionAutoQuality`] searches for it. The caller inserts that component in place of a quality, and takes over the quality of the
-/// event [`ReflectionQualityChosen`](crate::ReflectionQualityChosen).
+/// Like the other row, with one more button for a quality that suits the machine: `None` while a [`ReflectionAutoQuality`] searches for
+/// it. The caller inserts that component in place of a quality, and applies the quality of the event
+/// [`ReflectionQualityChosen`](crate::ReflectionQualityChosen).
 pub fn auto_quality_menu(ui: &mut Ui, quality: &mut Option<ReflectionQuality>) -> Response {
     row(ui, quality, true)
 }

@@ -1,4 +1,4 @@
-//! The controls of what decides the rates.
+//! Controls for the shading rates.
 
 use super::{
     camera::{CameraSettings, default_tile_size},
@@ -38,7 +38,7 @@ impl Kind {
         }
     }
 
-    /// The heuristic with its default thresholds; `None` for those that need an asset.
+    /// The heuristic with its default thresholds; `None` for heuristics that need an asset.
     fn heuristic(self) -> Option<ShadingRateHeuristic> {
         match self {
             Self::Uniform => Some(ShadingRateHeuristic::Uniform(ShadingRate::default())),

@@ -48,8 +48,8 @@ pub fn why_no_hardware(report: &ReflectionStatusReport) -> Option<String> {
     }
 }
 
-/// Controls for all settings of a camera. It needs no world: `report` says what can't be chosen, and which back end `camera` uses
-/// now. A copy from before tells what was changed.
+/// Controls for all settings of a camera. It needs no world: `report` lists unavailable choices and the current back end of `camera`.
+/// Compare with an earlier copy to find changes.
 pub fn camera_settings_ui(ui: &mut Ui, settings: &mut CameraSettings, report: &ReflectionStatusReport, camera: Entity) {
     let cannot = why_no_reflections(report);
     ui.vertical(|ui| {
@@ -193,7 +193,7 @@ fn sampling(ui: &mut Ui, settings: &mut RayTracedReflections) {
     });
 }
 
-/// The surfaces that rays start from, how far they go, and what they read there.
+/// The surfaces from which rays start, the length of rays, and their texture reads.
 fn reach(ui: &mut Ui, settings: &mut RayTracedReflections) {
     let default = RayTracedReflections::default();
     let row = Row::new(

@@ -83,7 +83,7 @@ pub struct Measurements {
     pub hits: Option<f64>,
     /// Milliseconds of reflections on glass and water, which `total` leaves out; `None` where there are none in the last frame.
     pub front_layer: Option<f64>,
-    /// The same for their reflection rays per pixel of the camera.
+    /// Reflection rays per pixel of the camera.
     pub front_layer_rays_per_pixel: Option<f64>,
     /// Bytes of the scene that rays hit.
     pub scene_bytes: Option<f64>,
@@ -92,7 +92,7 @@ pub struct Measurements {
 }
 
 impl Measurements {
-    /// The measurements of the last frames. `pixels` are those of the camera that reflects, where they are known.
+    /// The measurements of the last frames. `pixels` is the size of the reflecting camera, if known.
     #[must_use]
     pub fn read(diagnostics: &DiagnosticsStore, pixels: Option<u64>) -> Self {
         let now = Instant::now();
@@ -209,7 +209,7 @@ pub(super) fn mebibytes(bytes: f64) -> String {
     format!("{:.1} MiB", bytes / 1_048_576.0)
 }
 
-/// A line with a name and what it stands for.
+/// A line with a name and a value.
 pub(super) fn entry(ui: &mut Ui, name: &str, text: &str) -> Response {
     let line = ui.horizontal(|ui| {
         label(ui, name);
@@ -250,7 +250,7 @@ fn plot(ui: &mut Ui, total: &PassTime, passes: &[PassTime]) {
     response.on_hover_text("Milliseconds of the last frames.");
 }
 
-/// The line of a history, the newest value at the right edge; what isn't finite lies at the bottom.
+/// The line of a history, with the newest value at the right edge. Values that aren't finite are drawn at the bottom.
 fn points(history: &[f32], area: Rect, top: f32) -> Vec<Pos2> {
     let last = history.len().saturating_sub(1).max(1) as f32;
     history

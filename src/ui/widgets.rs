@@ -129,7 +129,7 @@ impl<T: Typed + Enum> Choice<T> {
     }
 }
 
-/// A list to choose from, and what was chosen in this frame. `other` is shown while the value is none of the list.
+/// A list of choices; returns the one selected in this frame. `other` is shown while the value is not in the list.
 pub(super) fn choose<T: Copy + PartialEq>(
     ui: &mut Ui,
     value: Option<T>,
