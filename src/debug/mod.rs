@@ -1,4 +1,4 @@
-//! Views of what the passes of a camera wrote, in place of its picture, and counters of values that must not occur.
+//! Debug views of the passes of a camera, and counters of values that must not occur.
 //!
 //! | file | holds |
 //! |---|---|

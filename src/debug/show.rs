@@ -1,4 +1,4 @@
-//! Draws the debug views over a picture.
+//! Draws the debug views over a frame.
 
 use super::sides::Side;
 use crate::{
@@ -44,7 +44,7 @@ struct GpuDebugSettings {
 /// A variant of `show.wesl`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum ShowPass {
-    /// Shows what the composite adds.
+    /// Shows the light that the composite adds.
     Reflection,
     /// Shows a texture before the composite.
     Intermediate,
@@ -61,7 +61,7 @@ impl ShowPass {
         }
     }
 
-    /// Returns whether the pass blurs what the view shows, as the composite does.
+    /// Returns whether the pass blurs its input, as the composite does.
     pub fn blurs(self, settings: &ClampedSettings) -> bool {
         self == Self::Reflection && denoise::blurs(settings)
     }

@@ -3,7 +3,7 @@
 use crate::settings::{ReflectionDebugView, ViewDebug};
 use core::ops::Range;
 
-/// Columns of a view that show something other than the picture.
+/// Columns of a view that show a debug view.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Side {
     pub view: ReflectionDebugView,
@@ -12,7 +12,7 @@ pub(super) struct Side {
     pub line: Range<u32>,
 }
 
-/// The sides of a picture of this width. The right side draws the line; without a view there, the left one does.
+/// The two sides of a frame of this width. The right side draws the line; without a view there, the left one does.
 pub(super) fn sides(debug: ViewDebug, width: u32) -> impl Iterator<Item = Side> {
     let divider = ((debug.position * width as f32).round() as u32).min(width);
     let line = if divider == 0 || divider == width {

@@ -5,11 +5,11 @@
 //! | `reconstruct` | rays of the neighbourhood | radiance at full resolution, its variance, hit distance, number of rays |
 //! | `temporal` | that, and the history of the last frame | the history of this frame |
 //!
-//! `one_pass.wesl` is both, if blocks of 2x2 pixels share a ray and nobody looks at what is between the two.
+//! `one_pass.wesl` does both, if blocks of 2x2 pixels share a ray and no debug view shows the data between the two.
 //!
-//! They visit the active tiles of the rate image alone. `tiles.wesl` says which thread works where; `cells.wesl` holds the rays around a
-//! workgroup, `neighbours.wesl` says whose rays a pixel borrows, and `lobes.wesl` what they weigh; `history.wesl` finds the past, and
-//! `hit_motion.wesl` how what is reflected has moved since; `filters.wesl` decides which surfaces match and how far history is trusted.
+//! They only visit the active tiles of the rate image. `tiles.wesl` maps threads to pixels; `cells.wesl` stores the rays around a
+//! workgroup, `neighbours.wesl` selects the rays that a pixel borrows, and `lobes.wesl` weighs them; `history.wesl` reprojects, and
+//! `hit_motion.wesl` finds the motion of reflected objects; `filters.wesl` decides which surfaces match and how far history is trusted.
 //!
 //! The passes that show the reflection blur it on the way (`blur.wesl`).
 

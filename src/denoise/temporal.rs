@@ -13,8 +13,8 @@ pub(super) fn pass() -> GBufferPass<PassVariant> {
     GBufferPass::new("glint_temporal", bindings(), OtherGroups::None)
 }
 
-/// The bindings of this pass, and of one pass with the reconstruction: the former doesn't read the rays. The latter doesn't read the
-/// reconstruction, in whose place other textures of the same kind are bound where there is none.
+/// The bindings of this pass, and of the joint pass with the reconstruction. This pass doesn't read the rays. The joint pass doesn't read
+/// the reconstruction; if there is none, other textures of the same kind are bound in its place.
 pub(super) fn bindings() -> Vec<Binding> {
     let mut bindings = tiles::bindings();
     bindings.extend(ray_bindings());

@@ -17,9 +17,9 @@ pub(super) fn bindings() -> Vec<Binding> {
 pub(super) struct PassVariant {
     /// It works on 16x16 pixels at a time, not on 8x8.
     pub wide: bool,
-    /// It knows pictures at rest. Pictures in motion take a variant without, which is faster.
+    /// The variant for static views. Views in motion use a faster variant without it.
     pub rest: bool,
-    /// Some object moves whose image it follows. Others take a variant without, which is faster.
+    /// The variant that follows the images of moving objects. Other frames use a faster variant without it.
     pub hit_motion: bool,
 }
 

@@ -4,12 +4,12 @@
 //! [`ShadingRateHeuristic`](crate::ShadingRateHeuristic). From the rates follow the lists of rays: one for each *block* of trace
 //! pixels in which something reflects. Tiles without anything that reflects are skipped by all later passes.
 //!
-//! | file | holds |
+//! | file | contents |
 //! |---|---|
 //! | `classify` | the pass, and the built-in heuristics |
 //! | `adaptive.wesl` | the heuristic that reads the history |
-//! | `tile.wesl` | the library that every heuristic is built on: statistics of a tile, lists of rays |
-//! | `pixel.wesl` | what one pixel adds to the statistics |
+//! | `tile.wesl` | the library for all heuristics: statistics of a tile, lists of rays |
+//! | `pixel.wesl` | a pixel's contribution to the statistics |
 //! | `codes.wesl` | bits of the rate image and of the ray list |
 
 mod classify;

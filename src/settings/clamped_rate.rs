@@ -23,9 +23,9 @@ pub(crate) enum RateVariant {
 pub(crate) struct RateThresholds {
     /// Roughness or cosine from which two trace pixels share a ray.
     pub half: f32,
-    /// Threshold for four pixels per ray.
+    /// Roughness or cosine from which four trace pixels share a ray.
     pub quarter: f32,
-    /// Threshold for eight and sixteen pixels per ray.
+    /// Roughness from which eight and sixteen trace pixels share a ray.
     pub eighth: f32,
     /// Least roughness in a tile below which it keeps 1x1; negative for none.
     pub min_roughness: f32,

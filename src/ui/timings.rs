@@ -83,7 +83,7 @@ pub struct Measurements {
     pub hits: Option<f64>,
     /// Milliseconds of reflections on glass and water, which `total` leaves out; `None` where there are none in the last frame.
     pub front_layer: Option<f64>,
-    /// Reflection rays per pixel of the camera.
+    /// Rays per pixel of the camera for reflections on glass and water; `None` where there are none in the last frame.
     pub front_layer_rays_per_pixel: Option<f64>,
     /// Bytes of the scene that rays hit.
     pub scene_bytes: Option<f64>,

@@ -36,13 +36,13 @@ use core::num::NonZeroU64;
 use std::sync::Arc;
 use wgpu::hal::api::Vulkan as VulkanApi;
 
-/// Frames after which what no view uses is let go.
+/// Frames after which unused resources are released.
 const KEPT_FRAMES: u32 = 2;
 /// Frames between two attempts to link the shader.
 const LINK_INTERVAL: u32 = 20;
 
 enum PipelineState {
-    /// Nobody has asked for it.
+    /// Not requested.
     Unwanted,
     /// Its shader is linked after this many frames.
     Waiting(u32),
@@ -200,9 +200,8 @@ impl VrsBackend {
         }));
     }
 
-    /// Records the pass of a view: into the context's encoder what brings all that it uses into the right states, and the
-    /// pass itself as a command buffer behind. Commands that come later may use the targets as if wgpu had drawn to
-    /// them.
+    /// Records the pass of a view. Transitions of all resources go into the context's encoder; the pass itself is a command buffer behind
+    /// it. Later commands can use the targets as if wgpu had drawn to them.
     ///
     /// # Errors
     /// The reason why nothing was drawn.
@@ -258,7 +257,7 @@ impl VrsBackend {
             })
         };
         let mut encoder = try_allocate(&device, create).ok_or("the device has no memory for commands")?;
-        // SAFETY: this encoder is used for nothing else; the pass ends what it begins; what it uses is kept below.
+        // SAFETY: this encoder has no other use; the pass ends everything that it begins; its resources are kept alive below.
         let recorded = unsafe {
             encoder
                 .as_hal_mut::<VulkanApi, _, _>(|encoder| encoder.map(|encoder| commands.record(encoder.raw_handle())))
@@ -322,7 +321,7 @@ impl VrsBackend {
     }
 }
 
-/// Makes the pass for each device that has what it needs.
+/// Creates the pass for each device that has its requirements.
 pub(super) fn init_backend(mut commands: Commands, support: Res<HardwareVrs>, device: Res<RenderDevice>) {
     commands.remove_resource::<VrsBackend>();
     match VrsBackend::new(&support, &device) {
@@ -341,7 +340,7 @@ pub(super) fn collect_shaders(backend: Option<ResMut<VrsBackend>>, shaders: Extr
     }
 }
 
-/// Lets go of what no view has used for a while, and takes up again what failed a while ago.
+/// Releases resources that no view has used for a while, and retries failed passes.
 pub(super) fn evict_unused(backend: Option<ResMut<VrsBackend>>) {
     let Some(mut backend) = backend else { return };
     let backend = &mut *backend;

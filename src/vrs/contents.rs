@@ -14,7 +14,7 @@ use bevy::render::{
 pub(super) struct GroupContents {
     pub(super) bind_group: BindGroup,
     pub(super) bindings: Vec<(u32, Content)>,
-    /// wgpu doesn't give its samplers away: what they were made of.
+    /// Descriptors of samplers, because wgpu doesn't expose its samplers.
     pub(super) samplers: Vec<vk::SamplerCreateInfo<'static>>,
     /// Address of the first acceleration structure, if the group has one: all objects are in it while a view uses this pass.
     pub(super) acceleration_structure: Option<u64>,
@@ -32,8 +32,8 @@ pub(super) struct View {
     pub is_depth: bool,
 }
 
-/// The contents of a bind group, for those that outlive the frame kept beside it while a view uses variable rate shading.
-/// Empty until it is [filled](Self::fill).
+/// The contents of a bind group that outlives the frame, kept beside it while a view uses variable rate shading. Empty until it is
+/// [filled](Self::fill).
 #[derive(Default)]
 pub(crate) struct BindGroupContents(Option<Result<GroupContents, String>>);
 
@@ -42,12 +42,12 @@ impl BindGroupContents {
         self.0.is_none()
     }
 
-    /// To be called whenever the bind group is made anew or nobody uses the contents.
+    /// Call it whenever the bind group is created again or its contents are no longer used.
     pub(crate) fn clear(&mut self) {
         self.0 = None;
     }
 
-    /// `entries` are those of the bind group; `samplers` has all samplers among them with what they were made of.
+    /// `entries` are those of the bind group; `samplers` contains all samplers among them with their descriptors.
     pub(crate) fn fill(
         &mut self,
         device: &RenderDevice,
@@ -68,8 +68,7 @@ impl BindGroupContents {
 }
 
 impl GroupContents {
-    /// `entries` are those that the bind group was made of; `samplers` has all samplers among them with the descriptors that they
-    /// were made of.
+    /// `entries` are those from which the bind group was created; `samplers` contains all samplers among them with their descriptors.
     ///
     /// # Errors
     /// The reason why the group can't be bound, as the end of a sentence: the renderer doesn't use Vulkan, something was

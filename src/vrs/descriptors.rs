@@ -16,7 +16,7 @@ pub(super) struct SetLayout {
     vulkan: Arc<Vulkan>,
     pub raw: vk::DescriptorSetLayout,
     bindings: Vec<(BindGroupLayoutEntry, vk::DescriptorType)>,
-    /// Arrays are updated after binding, as wgpu's are: only so may they be as long as its limits say.
+    /// Arrays are updated after binding, as wgpu's are: otherwise they can't be as long as its limits allow.
     has_arrays: bool,
 }
 
@@ -61,7 +61,7 @@ impl SetLayout {
                 .flags(vk::DescriptorSetLayoutCreateFlags::UPDATE_AFTER_BIND_POOL)
                 .push_next(&mut flags);
         }
-        // SAFETY: wgpu has enabled what arrays of bindings need, since it made a layout of the same entries.
+        // SAFETY: wgpu has enabled the features that binding arrays need, since it created a layout of the same entries.
         let raw = unsafe { vulkan.raw.create_descriptor_set_layout(&info, None) }
             .map_err(failed("making a descriptor set layout"))?;
         Ok(Self {
@@ -122,7 +122,7 @@ pub(super) struct DescriptorSet {
     samplers: Vec<vk::Sampler>,
     /// Address of the acceleration structure, if the group has one.
     pub acceleration_structure: Option<u64>,
-    /// Keeps alive what the set names.
+    /// Keeps the resources of the set alive.
     _bind_group: BindGroup,
 }
 
@@ -221,7 +221,7 @@ impl DescriptorSet {
 
 impl Drop for DescriptorSet {
     fn drop(&mut self) {
-        // SAFETY: command buffers keep what they use until they are done; null handles are ignored.
+        // SAFETY: command buffers keep their resources until they are done; null handles are ignored.
         unsafe {
             self.vulkan.raw.destroy_descriptor_pool(self.pool, None);
             for &sampler in &self.samplers {

@@ -8,7 +8,7 @@ use bevy::render::{
 };
 use wgpu::hal::{Device as _, api::Vulkan as VulkanApi};
 
-/// The device, with what it was opened with.
+/// The device, with the features and extensions with which it was opened.
 pub(super) struct Vulkan {
     pub raw: ash::Device,
     pub anisotropy: bool,

@@ -1,4 +1,4 @@
-//! Opens the Vulkan device with variable rate shading, and remembers what it can do or why it can't.
+//! Opens the Vulkan device with variable rate shading, and records its capabilities, or why it has none.
 
 use crate::device::{HardwareVrsSupport, ShadingRates};
 use ash::{khr, vk};
@@ -291,7 +291,7 @@ fn probe_codes(adapter: &Adapter) -> u16 {
     })
 }
 
-/// Adds to the device what `judge` found. Fails, and adds nothing, where another callback has set the same features up.
+/// Adds the features that `judge` found to the device. Fails, and adds nothing, if another callback has set the same features.
 fn enable(args: &mut CreateDeviceCallbackArgs<'_, '_, '_>, capabilities: &Capabilities) -> Result<(), String> {
     let taken = [
         vk::StructureType::PHYSICAL_DEVICE_FRAGMENT_SHADING_RATE_FEATURES_KHR,

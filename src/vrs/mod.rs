@@ -1,8 +1,8 @@
 //! Variable rate shading of the rasterizer: a full-screen fragment pass with a shading-rate attachment
 //! (`VK_KHR_fragment_shading_rate`), so that the GPU starts one invocation for each block.
 //!
-//! wgpu knows no such attachments. The device is opened with the extension by [`HardwareVrsPlugin`]; the pass is a raw Vulkan
-//! pass in a command buffer of its own, between those that wgpu records:
+//! wgpu has no such attachments. [`HardwareVrsPlugin`] opens the device with the extension; the pass is a raw Vulkan pass in a command
+//! buffer of its own, between those that wgpu records:
 //!
 //! 1. A shader packs the rate image into bytes, and an empty dispatch with the pass's bind groups makes wgpu bring all that they
 //!    name into the states in which shaders read it (`states.rs`).
@@ -11,8 +11,7 @@
 //!    (`contents.rs`, `descriptors.rs`).
 //! 3. Everything that the command buffer uses is kept until wgpu reports that the GPU is done with it.
 //!
-//! This module knows neither rays nor views. `trace/vrs.rs` says what is drawn. If this module isn't compiled,
-//! `no_vrs.rs` takes its place.
+//! This module doesn't depend on rays or views. `trace/vrs.rs` provides the draw. `no_vrs.rs` replaces this module if it isn't compiled.
 
 #![expect(
     unsafe_code,

@@ -59,7 +59,7 @@ impl PassCommands<'_> {
             .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
             .image(rates.image)
             .subresource_range(WHOLE);
-        // The last frame has read it; what it holds is forgotten.
+        // The last frame has read it; its contents can be discarded.
         let before = image
             .dst_access_mask(vk::AccessFlags::TRANSFER_WRITE)
             .old_layout(vk::ImageLayout::UNDEFINED)

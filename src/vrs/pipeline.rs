@@ -86,7 +86,7 @@ impl RawPipeline {
 
     fn module(&self, words: &[u32]) -> Result<vk::ShaderModule, String> {
         let info = vk::ShaderModuleCreateInfo::default().code(words);
-        // SAFETY: naga has validated what the words were made of, and uses only what the device has enabled.
+        // SAFETY: naga has validated the module of these words, and uses only features that the device has enabled.
         unsafe { self.vulkan.raw.create_shader_module(&info, None) }.map_err(failed("making a shader module"))
     }
 
@@ -119,7 +119,7 @@ impl RawPipeline {
         let multisample =
             vk::PipelineMultisampleStateCreateInfo::default().rasterization_samples(vk::SampleCountFlags::TYPE_1);
         let depth_stencil = vk::PipelineDepthStencilStateCreateInfo::default();
-        // The same for both: devices without independent blending want that.
+        // The same state for both attachments, for devices without independent blending.
         let blend = vk::PipelineColorBlendAttachmentState::default().color_write_mask(vk::ColorComponentFlags::RGBA);
         let blends = [blend; 2];
         let blending = vk::PipelineColorBlendStateCreateInfo::default().attachments(&blends);
@@ -150,7 +150,7 @@ impl RawPipeline {
                 .flags(vk::PipelineCreateFlags::RENDERING_FRAGMENT_SHADING_RATE_ATTACHMENT_KHR)
                 .push_next(&mut rate);
         }
-        // SAFETY: the stages fit the layout and the formats; what the flags need is enabled (`init.rs`).
+        // SAFETY: the stages match the layout and the formats; the features for the flags are enabled (`init.rs`).
         let made = unsafe {
             self.vulkan
                 .raw
@@ -165,7 +165,7 @@ impl RawPipeline {
 
 impl Drop for RawPipeline {
     fn drop(&mut self) {
-        // SAFETY: command buffers keep what they use until they are done; null handles are ignored.
+        // SAFETY: command buffers keep their resources until they are done; null handles are ignored.
         unsafe {
             self.vulkan.raw.destroy_pipeline(self.raw, None);
             self.vulkan.raw.destroy_pipeline_layout(self.layout, None);

@@ -148,7 +148,7 @@ pub(super) const WHOLE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
 impl Drop for RateImage {
     fn drop(&mut self) {
         let raw = &self.vulkan.raw;
-        // SAFETY: command buffers keep what they use until they are done; null handles are ignored.
+        // SAFETY: command buffers keep their resources until they are done; null handles are ignored.
         unsafe {
             raw.destroy_image_view(self.view, None);
             raw.destroy_image(self.image, None);

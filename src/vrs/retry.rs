@@ -4,8 +4,7 @@
 const FRAMES: u32 = 600;
 const MOST_DOUBLINGS: u32 = 6;
 
-/// A failure may be a lack of memory that is over soon, or an error of the driver's that stays: the pass is tried again, but each
-/// time later.
+/// A failure can be a brief lack of memory, or a lasting driver error: the pass is retried, but after a longer wait each time.
 #[derive(Debug, Default)]
 pub(super) struct Retry {
     /// Failures since the pass was last recorded.

@@ -51,7 +51,7 @@ pub(super) fn link(
     }
 }
 
-/// Vulkan version and features that SPIR-V may use.
+/// Vulkan version and features that SPIR-V can use.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Target {
     /// Version of Vulkan.

@@ -20,7 +20,7 @@ use core::num::NonZeroU32;
 const TEXTURES: NonZeroU32 = NonZeroU32::new(64).unwrap();
 const SAMPLERS: NonZeroU32 = NonZeroU32::new(32).unwrap();
 
-/// Binds what the tracing shader binds, in a few lines.
+/// Binds the resources of the tracing shader, in a few lines.
 const TEXTURED: &str = "
 enable wgpu_binding_array;
 
