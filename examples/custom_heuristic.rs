@@ -1,8 +1,8 @@
 //! Shading-rate heuristics of your own: foveated rendering, with many rays around a place and few far away from it, in two ways.
 //!
-//! - A shader decides for each tile of the screen, from its place and from what the library knows of it. It is built on
-//!   `bevy_glint::rate::tile`; this one is `assets/shaders/foveated.wesl`.
-//! - An image holds the rate of each tile. Here it is made by the CPU and follows the mouse.
+//! - A shader decides for each tile of the screen, from its position and its statistics. It is built on `bevy_glint::rate::tile`; this
+//!   one is `assets/shaders/foveated.wesl`.
+//! - An image stores the rate of each tile. Here the CPU writes it, and it follows the mouse.
 //!
 //! Keys: 1 takes the shader, 2 the image, 3 the library's own heuristic, and V switches between rates in colours and the image.
 

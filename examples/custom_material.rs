@@ -1,9 +1,8 @@
-//! Custom materials in reflections: what rays see of them, and stand-ins for single objects.
+//! Custom materials in reflections: their look for rays, and stand-ins for single objects.
 //!
-//! Three objects turn before a mirror. The first has an extended material, which rays see as its base. The second has a
-//! material of the app's own, which tells what rays see of it by `ReflectedMaterial`, and a `ReflectedSurfaceShader`
-//! draws its bands in the mirror, too. The third is a dense mesh that reflections replace by a coarse one. The Space
-//! key shows the coarse mesh outside of the mirror, too, for good.
+//! Three objects turn in front of a mirror. The first has an extended material, which rays see as its base. The second has a material of
+//! the app's own, described for rays by `ReflectedMaterial`, and a `ReflectedSurfaceShader` draws its bands in the mirror, too. The third
+//! is a dense mesh that reflections replace by a coarse one. The Space key also shows the coarse mesh outside of the mirror, permanently.
 
 use bevy::{
     asset::uuid_handle,

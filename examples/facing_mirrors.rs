@@ -1,7 +1,7 @@
 //! A room between two mirrors that face each other: a row of rooms.
 //!
-//! [`RayTracedReflections::max_bounces`] says how many mirrors light may come by. With 1, the mirror in the mirror shows the
-//! environment map. Keys: 1, 2, 3 and 4 choose 1, 2, 4 and 8 bounces.
+//! [`RayTracedReflections::max_bounces`] limits the number of mirrors on the path of light. With 1, the mirror in the mirror shows the
+//! environment map. Keys: 1, 2, 3 and 4 select 1, 2, 4 and 8 bounces.
 
 use bevy::{light::NotShadowCaster, prelude::*};
 use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin};
@@ -17,7 +17,7 @@ pub fn plugin(app: &mut App) {
         .add_systems(Update, (press_keys, show_state));
 }
 
-/// Keys and what they choose.
+/// Keys and their settings.
 const BOUNCES: [(KeyCode, u32); 4] = [
     (KeyCode::Digit1, 1),
     (KeyCode::Digit2, 2),

@@ -1,4 +1,4 @@
-//! Glass and water: a pool with waves, windows, and bottles on a table show what is around them, on the screen or not.
+//! Glass and water: a pool with waves, windows, and bottles on a table reflect their surroundings, on screen or not.
 //!
 //! Blended, premultiplied and transmissive materials reflect without further ado. The waves are a normal map that moves
 //! over the water. The Space key switches reflections on transparent surfaces off and on.
@@ -85,7 +85,7 @@ const BOTTLE: [f32; 16] = [
     0.0, 0.0, 0.1, 0.0, 0.11, 0.03, 0.11, 0.3, 0.09, 0.38, 0.035, 0.46, 0.035, 0.6, 0.0, 0.6,
 ];
 
-/// Premultiplied: the less alpha, the less it hides of what lies behind it, and it reflects as much.
+/// Premultiplied: a lower alpha hides less of the background, and the reflection stays.
 fn glass(color: u32, alpha: f32, reflectance: f32, perceptual_roughness: f32) -> StandardMaterial {
     let [_, r, g, b] = color.to_be_bytes();
     StandardMaterial {

@@ -1,8 +1,7 @@
-//! A street at night under up to 10,000 lanterns, all of which shine on what its wet ground reflects.
+//! A street at night under up to 10,000 lanterns, all of which light the reflections on its wet ground.
 //!
-//! Hits go through up to 256 lights one by one. If there are more, each hit draws a few of them by how much they may
-//! bring, and the denoiser makes one picture of many hits. Keys: 1, 2 and 3 hang up 16, 1,008 and 10,000 lanterns;
-//! Space stops and starts the wind.
+//! Hits evaluate up to 256 lights one by one. With more, each hit samples a few of them by their possible contribution, and the denoiser
+//! averages many hits. Keys: 1, 2 and 3 use 16, 1,008 and 10,000 lanterns; Space stops and starts the wind.
 
 use bevy::{light::NotShadowCaster, prelude::*};
 use bevy_glint::prelude::*;

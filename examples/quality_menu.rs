@@ -56,7 +56,7 @@ fn load_settings(file: Res<SettingsFile>, mut settings: ResMut<GameSettings>, mu
         Err(error) if error.kind() == ErrorKind::NotFound => return,
         Err(error) => {
             error!("{} can't be read: {error}", file.0.display());
-            // It may hold settings all the same: never write over them.
+            // The file might still contain settings: never write over them.
             return commands.remove_resource::<SettingsFile>();
         }
     };

@@ -1,8 +1,8 @@
-//! The same scene with four kinds of reflections, to see what ray tracing adds.
+//! One scene with four kinds of reflections, to see the difference that ray tracing makes.
 //!
 //! - 1: the environment map alone. The mirror shows a sky that can't be seen from inside the room.
-//! - 2: Bevy's screen-space reflections. The mirror has only what the screen shows anyway, and holes behind it.
-//! - 3: ray-traced reflections. The mirror shows the backs of things, and those that are not on the screen at all.
+//! - 2: Bevy's screen-space reflections. The mirror only has the content of the screen, with holes behind it.
+//! - 3: ray-traced reflections. The mirror shows the backs of objects, and objects off screen.
 //! - 4: the ground truth for ray tracing: the same rays for every pixel, averaged over frames for as long as nothing moves.
 //!
 //! A camera can't have screen-space and ray-traced reflections at a time.
@@ -57,7 +57,7 @@ fn show_state(
     }
 }
 
-/// A room with a mirror on its far wall. Some of what the mirror shows is behind the camera.
+/// A room with a mirror on its far wall. Part of its reflection is behind the camera.
 fn setup(
     mut commands: Commands,
     mut meshes: ResMut<Assets<Mesh>>,

@@ -1,4 +1,4 @@
-//! The rate at which rays are traced: one ray for each pixel where reflections are sharp, few where nobody would see a difference.
+//! Shading rates of rays: one ray per pixel where reflections are sharp, few where the difference is invisible.
 //!
 //! A `ShadingRateHeuristic` component chooses the rate of each tile of the screen. The left half shows the image, the right half its
 //! rates in colours: red for a ray in each pixel of the traced image, then orange, yellow, green and blue for coarser and coarser
@@ -28,11 +28,10 @@ pub fn plugin(app: &mut App) {
 
 fn choose_heuristic(keyboard: Res<ButtonInput<KeyCode>>, mut heuristic: Single<&mut ShadingRateHeuristic>) {
     let chosen = if keyboard.just_pressed(KeyCode::Digit1) {
-        // The same everywhere: 1x1, 2x1, 1x2, up to 4x4.
+        // One rate for all tiles: 1x1, 2x1, 1x2, up to 4x4.
         ShadingRateHeuristic::Uniform(ShadingRate::R2x2)
     } else if keyboard.just_pressed(KeyCode::Digit2) {
-        // Rough surfaces blur what they reflect. Thresholds are lower than the paper's, since these strips end at a
-        // roughness of 0.56.
+        // Rough surfaces blur their reflections. Thresholds are lower than the paper's, since these strips end at a roughness of 0.56.
         ShadingRateHeuristic::Roughness(RoughnessThresholds {
             half: 0.2,
             quarter: 0.4,

@@ -1,7 +1,7 @@
 //! Water with a shader of its own: waves that a material computes move its reflections.
 //!
-//! The material is a `StandardMaterial` with an extension, whose fragment shader sets the normal (`assets/shaders/water.wesl`). Rays don't
-//! run it. So a second shader, which finds the water for its reflections, sets the normal by the same function
+//! The material is a `StandardMaterial` with an extension. Its fragment shader sets the normal (`assets/shaders/water.wesl`), but doesn't
+//! run for rays. A second shader, which finds the water for its reflections, sets the normal with the same function
 //! (`assets/shaders/water_layer.wesl`).
 //!
 //! | Key | Does |

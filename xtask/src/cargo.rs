@@ -13,12 +13,12 @@ use crate::environment;
 /// Packages that need the feature `internals` of the library.
 const NEED_INTERNALS: [&str; 3] = ["glint_bench", "glint_evaluate", "glint_stress"];
 
-/// Packages with a workspace of their own, so that what they need doesn't change the features that Bevy is built with.
+/// Packages with a workspace of their own, so that their dependencies don't change the features of Bevy.
 pub const APART: [&str; 2] = ["tools/browser", "tools/translate"];
 
 /// The root of the workspace.
 pub fn workspace_root() -> PathBuf {
-    // Asked at run time first: clones that share a target directory may share this program too.
+    // Asked at run time first: clones with a shared target directory can share this program too.
     let manifest_directory =
         env::var_os("CARGO_MANIFEST_DIR").map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")), PathBuf::from);
     manifest_directory
@@ -61,7 +61,7 @@ fn optimized(subcommand: &str, profile: &str) -> Command {
     command
 }
 
-/// The same with the whole workspace selected: this is how every program and test is built.
+/// Variant with the whole workspace selected: this is how every program and test is built.
 ///
 /// Cargo then unifies features over all packages, so that Bevy is compiled once; `tools/unify` has the details.
 pub fn workspace(subcommand: &str) -> Command {
@@ -216,7 +216,7 @@ mod tests {
         rest.split('"').next().unwrap().to_owned()
     }
 
-    /// Both read or repeat what the workspace's own versions write.
+    /// Both read or repeat the output of the workspace's own versions.
     #[test]
     fn packages_apart_follow_the_workspace() {
         let bindings = locked("tools/browser/Cargo.lock", "wasm-bindgen-cli-support");
@@ -227,8 +227,8 @@ mod tests {
         );
     }
 
-    /// The sets of features that each package is compiled with. There may be two of one package: procedural macros and build scripts
-    /// have dependencies of their own.
+    /// The sets of features that each package is compiled with. One package can have two: procedural macros and build scripts have
+    /// dependencies of their own.
     fn features(options: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
         let mut tree = cargo("tree");
         tree.args(["--workspace", "--locked", "--prefix=none", "--format={p}|{f}"]);

@@ -9,8 +9,8 @@ use anyhow::{Result, bail, ensure};
 use crate::progress::{self, Elapsed, Times};
 use crate::{cargo, file_sizes, test, web, words};
 
-/// Time that a run may have taken before the page is built and opened, which takes up to half an hour where nothing is built yet. With
-/// less, machines that have the time skip it; with more, cold ones run into limits of 90 minutes.
+/// Limit of a run's time before the page is built and opened, which takes up to half an hour in a cold build. With less, machines that
+/// have the time skip it; with more, cold ones run into limits of 90 minutes.
 const PAGE_LIMIT: Duration = Duration::from_secs(45 * 60);
 
 /// Runs every check, cheap ones first, and all of them even if one fails. Ends with a table of times.
@@ -31,7 +31,7 @@ pub fn run() -> Result<()> {
     checks.run("without internals", without_internals);
     checks.run("tests of tools apart", tests_apart);
     checks.run("docs", docs);
-    // No windowing feature and no hardware back end: the plugin must build for servers, with what its own manifest asks for.
+    // No windowing feature and no hardware back end: the plugin must build for servers, with the features of its own manifest.
     checks.run("library alone", || library(&["--no-default-features"]));
     if web::has_target() {
         checks.run("library for browsers", || {
@@ -165,7 +165,7 @@ fn docs() -> Result<()> {
     cargo::run(&mut doc, "cargo doc")
 }
 
-/// Checks the library with features of its own, instead of those of the whole workspace.
+/// Checks the library with these features, instead of those of the whole workspace.
 fn library(options: &[&str]) -> Result<()> {
     let mut check = cargo::release("check");
     check.args(["--package", "bevy_glint", "--lib"]).args(options);

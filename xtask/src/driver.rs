@@ -83,7 +83,7 @@ END
 for name in c++ id ldconfig dpkg-query dpkg apt-cache apt-get spirv-val chromium; do install program bin/$name; done
 "#;
 
-    /// Runs the script once `change` has been made to the machine. Returns its outcome, and what the programs logged.
+    /// Runs the script after `change` was made to the machine. Returns its outcome, and the log of the programs.
     fn outcome(need: Need, strict: bool, change: &str) -> (Result<(), String>, String) {
         let machine = tempfile::tempdir().unwrap();
         let root = machine.path();

@@ -46,7 +46,7 @@ enum Command {
     Validate,
     /// Build the demo as a page for browsers with WebGPU: `web --serve`, `web --check`.
     Web(web::Options),
-    /// Follow the README in a new crate, as a new user would; `--measure` says what the plugin adds to it.
+    /// Follow the README in a new crate, as a new user would; `--measure` reports the plugin's compile time and size.
     NewUser(new_user::Options),
     /// Make the package of the library and have cargo check it; nothing is uploaded.
     Package(package::Options),

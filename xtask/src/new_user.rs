@@ -8,12 +8,12 @@ use crate::{cargo, environment, package, progress};
 /// Arguments of `new-user`.
 #[derive(clap::Args)]
 pub struct Options {
-    /// Measure what the plugin adds to the app's time of compilation and to the size of its program, and run nothing.
+    /// Measure the plugin's share of the app's compile time and size, and run nothing.
     #[arg(long)]
     measure: bool,
 }
 
-/// Makes the app, builds it with what is built already, and runs or measures it.
+/// Creates the app, builds it with the existing build, and runs or measures it.
 pub fn run(options: &Options) -> Result<()> {
     driver::prepare(Need::Vulkan)?;
     let package = progress::step("package the library", || {

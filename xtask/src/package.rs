@@ -1,7 +1,7 @@
 //! `cargo xtask package`: the library as it would be published.
 //!
-//! The address of the repository is one setting: `repository` in `Cargo.toml`, or the option of the same name. With it, links and
-//! pictures of the packaged README are absolute, so that they are found wherever it is shown.
+//! The address of the repository is one setting: `repository` in `Cargo.toml`, or the option of the same name. With it, links and images
+//! of the packaged README are absolute, so that they work on any site.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -34,7 +34,7 @@ pub struct Options {
 /// If cargo refuses the package.
 pub fn run(options: &Options) -> Result<()> {
     let target = cargo::workspace_root().join("target/upload");
-    // Cargo takes what lies in a folder of this name for no part of the workspace around it.
+    // Cargo doesn't count a folder of this name as part of the workspace around it.
     let folder = progress::step("package the library", || unpack(&target.join("target")))?;
     let repository = match &options.repository {
         Some(repository) => Some(repository.clone()),

@@ -27,8 +27,8 @@ const JOBS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1);
 /// CPU driver uses every core.
 const THREADS: (&str, &str) = ("RUST_TEST_THREADS", "3");
 /// Settings of glibc (`mallopt(3)`), in bytes: the size from which blocks come straight from the system, and the free memory above which
-/// some goes back. The CPU driver allocates and frees megabytes in each frame, whose pages the system would clear each time. It saves a
-/// tenth of the CPU time of tests that draw; with more, programs hold more memory that they don't use.
+/// some goes back. The CPU driver allocates and frees megabytes in each frame, and the system would clear their pages each time. It saves
+/// a tenth of the CPU time of tests that draw; with more, programs hold more memory that they don't use.
 const KEPT_MEMORY: [(&str, &str); 2] = [
     ("MALLOC_MMAP_THRESHOLD_", "268435456"),
     ("MALLOC_TRIM_THRESHOLD_", "1073741824"),
@@ -72,7 +72,7 @@ pub fn run(options: &Options) -> Result<()> {
     result
 }
 
-/// The same, with the time of each program written down.
+/// Builds and runs the tests, and records the time of each program.
 pub fn measure(options: &Options, times: &mut Times) -> Result<()> {
     driver::prepare(Need::RayQuery)?;
     let translator = times.step("build of the translator", || cargo::program_apart("tools/translate"))?;
@@ -219,7 +219,7 @@ fn run_one(mut test: Test, is_alone: bool, show: fn(&[u8])) -> Outcome {
     }
 }
 
-/// Runs a command and hands over what it says on stdout and stderr. Returns whether it succeeded.
+/// Runs a command and passes its stdout and stderr on. Returns whether it succeeded.
 fn capture(command: &mut Command, mut receive: impl FnMut(&[u8])) -> io::Result<bool> {
     let (mut reader, writer) = io::pipe()?;
     let mut child = command

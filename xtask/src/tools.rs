@@ -1,6 +1,6 @@
 //! The commands that build a program of this workspace and run it: `demo`, `bench`, `evaluate` and `stress`.
 //!
-//! The programs parse their own options, so all that is known here is what they need to run.
+//! The programs parse their own options, so this file only knows their requirements.
 
 use std::env;
 use std::ffi::OsString;
@@ -51,7 +51,7 @@ pub fn bench(options: &Options) -> Result<()> {
     run("glint_bench", &options.arguments)
 }
 
-/// Measures the cost and the error of each technique, or publishes what was measured.
+/// Measures the cost and the error of each technique, or publishes results.
 pub fn evaluate(options: EvaluateOptions) -> Result<()> {
     let mut arguments = options.program.arguments;
     if let Some(out) = options.out {

@@ -1,6 +1,6 @@
 //! `cargo xtask validate`: each technique and the raw Vulkan pass under Vulkan's validation layers, with synchronisation validation.
 //!
-//! Drivers that render on the CPU do one thing after the other, so that a missing barrier shows in no picture of theirs.
+//! CPU drivers do one thing after the other, so a missing barrier shows in none of their images.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -125,8 +125,8 @@ impl Messages {
         Ok(())
     }
 
-    /// Lines such as `UNASSIGNED-x(ERROR / SPEC): msgNum: 1 - Validation Error: [ UNASSIGNED-x ] Object 0: ... | MessageID = 0x1 | text`. The first
-    /// of a test stands behind the test's name.
+    /// Lines such as `UNASSIGNED-x(ERROR / SPEC): msgNum: 1 - Validation Error: [ UNASSIGNED-x ] Object 0: ... | MessageID = 0x1 | text`.
+    /// The first one of a test follows the test's name.
     fn read(&mut self, said: &str) {
         for line in said.lines().filter(|line| line.contains(" msgNum: ")) {
             let name = line.split('(').next().and_then(|before| before.rfind(' '));
@@ -173,7 +173,7 @@ mod tests {
         assert_eq!(judge(&format!("{explained}\n    Objects: 1\n{explained}")), Ok(()));
         assert_eq!(judge(&format!("test a ... {explained}")), Ok(()));
         assert!(judge(&format!("{explained}\n{hazard}\n{hazard}")).is_err_and(|error| error.contains("1 kind")));
-        // The same name with other words.
+        // One name with different texts.
         assert!(judge(&explained.replace("supported", "allowed")).is_err());
     }
 }

@@ -17,7 +17,7 @@ pub const FOLDER: &str = "target/web";
 const DEMO: &str = "glint_web";
 /// Packs, serves and checks.
 const BROWSER: &str = "tools/browser";
-/// The picture that the check compares with: what its page asks for.
+/// The image that the check compares with: the settings of its page.
 const EXPECTED: [&str; 10] = [
     "--headless",
     "--still",
@@ -46,7 +46,7 @@ pub struct Options {
     /// Port of --serve.
     #[arg(long, value_name = "N", default_value_t = 8080)]
     pub port: u16,
-    /// Open the page in headless Chromium on its software adapter, compare it with the native picture, and click its panel.
+    /// Open the page in headless Chromium on its software adapter, compare it with the native image, and click its panel.
     #[arg(long)]
     pub check: bool,
 }
@@ -62,7 +62,7 @@ pub fn has_target() -> bool {
     })
 }
 
-/// Makes sure that the page can be built and opened: in continuous integration, what is missing is installed where that is possible.
+/// Makes sure that the page can be built and opened: in continuous integration, missing tools are installed if possible.
 ///
 /// # Errors
 /// If something is missing, which the error names.
@@ -115,7 +115,7 @@ fn build(out: &Path) -> Result<PathBuf> {
     Ok(browser)
 }
 
-/// Builds the page and renders what the native program shows; returns the command that compares both.
+/// Builds the page and renders the native image; returns the command that compares both.
 ///
 /// # Errors
 /// If something can't be built or rendered.

@@ -35,10 +35,10 @@ fn scene_help() -> String {
 pub struct Arguments {
     #[arg(long, value_name = "NAME", help = scene_help())]
     scene: Vec<SceneName>,
-    /// A glTF file (.gltf or .glb), in place of or beside built-in scenes; may be given several times
+    /// A glTF file (.gltf or .glb), in place of or beside built-in scenes; can be given several times
     #[arg(long, value_name = "FILE")]
     gltf: Vec<PathBuf>,
-    /// Place of the camera in the files, and what it looks at, in metres (default: their first camera, or one that sees everything)
+    /// Position of the camera in the files and its target, in metres (default: their first camera, or one that sees everything)
     #[arg(long, value_name = "X,Y,Z,TX,TY,TZ", allow_hyphen_values = true, requires = "gltf")]
     camera: Option<CameraPlace>,
     /// auto, ray-query, bvh or all
@@ -50,18 +50,18 @@ pub struct Arguments {
     /// Frames to measure (default: 60; 5 on a CPU)
     #[arg(long, value_name = "N", value_parser = value_parser!(u32).range(1..))]
     frames: Option<u32>,
-    /// Techniques whose passes are timed, separated by commas; `@hardware` behind one chooses that back end, and `idle` is a
-    /// camera that sees nothing reflective (default: all but the slow ones on a CPU)
+    /// Techniques with passes to time, separated by commas; `@hardware` after one selects that back end, and `idle` is a camera that sees
+    /// nothing reflective (default: all but the slow ones on a CPU)
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     techniques: Vec<TimedTechnique>,
     /// Fineness of curved parts, 0.25 to 8
     #[arg(long, value_name = "X", default_value_t = 1.0)]
     detail: f32,
-    /// Triangles of the generated mesh whose BVH is built
+    /// Triangles of the generated mesh for BVH builds
     #[arg(long, value_name = "N", default_value_t = 1_000_000)]
     pub triangles: u32,
-    /// Measure the techniques once more with the WESL files of this folder in the place of the crate's modules of the same path
-    /// below src; may be given several times
+    /// Measure the techniques once more with the WESL files of this folder in the place of the crate's modules of the same path below
+    /// src; can be given several times
     #[arg(long, value_name = "DIR")]
     shaders: Vec<PathBuf>,
     /// Leave out the rays
@@ -70,29 +70,30 @@ pub struct Arguments {
     /// Leave out building on the CPU
     #[arg(long)]
     pub skip_build: bool,
-    /// Measure only what worlds that are large or change take of the CPU, and the longest frame while meshes arrive: tables in Markdown
+    /// Measure only the CPU time of worlds that are large or change, and the longest frame while meshes arrive: tables in Markdown
     #[arg(long)]
     pub worlds: bool,
     /// Rounds of `--worlds`, for the intervals; arrivals have fewer
     #[arg(long, value_name = "N", default_value_t = 12, value_parser = value_parser!(u32).range(2..))]
     pub rounds: u32,
-    /// Measure only what characters that are posed in each frame take, and trace many lamps beside few: tables in Markdown
+    /// Measure only characters that are posed in each frame, and many lamps against few: tables in Markdown
     #[arg(long, conflicts_with = "worlds")]
     pub crowds: bool,
     /// Characters of `--crowds`, of 20 thousand triangles each
     #[arg(long, value_name = "N", default_value_t = 50, requires = "crowds")]
     characters: usize,
-    /// Measure only how times grow with the picture (of the first scene) and with triangles, and what a small object takes: tables
+    /// Measure only the growth of times with the resolution (of the first scene) and with triangles, and the cost of a small object:
+    /// tables
     #[arg(long, conflicts_with_all = ["worlds", "crowds"])]
     pub growth: bool,
-    /// Measure only how well a budget holds its time on the camera's way through the scenes, in so many frames, and after its target has
-    /// changed: tables
+    /// Measure only how well a budget holds its time along the camera's path through the scenes, over this number of frames, and after a
+    /// new target: tables
     #[arg(long, conflicts_with_all = ["worlds", "crowds", "growth"])]
     pub budget: bool,
     /// Folder in which `--budget` writes a chart for each scene and technique
     #[arg(long, value_name = "DIR", requires = "budget")]
     pub out: Option<PathBuf>,
-    /// Measure only those cases of `--worlds`, `--crowds` or `--growth` whose names contain this
+    /// Measure only the cases of `--worlds`, `--crowds` or `--growth` with this in their names
     #[arg(long, value_name = "WORD")]
     pub only: Option<String>,
     /// Write all values as CSV
@@ -107,7 +108,7 @@ pub struct Plan {
     pub subjects: Vec<Subject>,
     /// Tracers, each in an app of its own.
     pub tracers: Vec<ReflectionTracerChoice>,
-    /// Techniques whose passes are timed.
+    /// Techniques with passes to time.
     pub techniques: Vec<TimedTechnique>,
     /// Size of the view.
     pub size: UVec2,

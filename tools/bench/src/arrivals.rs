@@ -14,7 +14,7 @@ use std::time::Instant;
 
 /// Sectors and stacks of a sphere of 65,000 triangles.
 const SPHERE: [u32; 2] = [256, 128];
-/// So many of these, each a mesh of its own, and how often that is measured.
+/// Number of these meshes, and number of measurements.
 const CASES: [(&str, usize, usize); 2] = [("3 M triangles arrive", 46, 4), ("10 M triangles arrive", 154, 4)];
 /// Milliseconds.
 const LIMIT: f64 = 8.0;
@@ -39,7 +39,7 @@ struct Arrival {
     left_out: usize,
 }
 
-/// Measures and prints. `only` leaves out the cases whose names don't contain it.
+/// Measures and prints the cases with `only` in their names.
 ///
 /// # Errors
 ///
@@ -61,7 +61,7 @@ pub fn measure(tracer: ReflectionTracerChoice, only: Option<&str>, csv: &mut Csv
             println!("| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |");
         }
         let (mut with, mut without) = (Vec::new(), Vec::new());
-        // In turn, so that what else the machine does counts for both.
+        // In turn, so that other load on the machine counts for both.
         for _ in 0..*rounds {
             without.push(arrive(None, *meshes)?);
             with.push(arrive(Some(tracer), *meshes)?);
@@ -104,8 +104,8 @@ fn print_row(name: &str, without: &[Arrival], with: &[Arrival], csv: &mut Csv) {
     }
 }
 
-/// Touches memory. A virtual machine may get a page from its host only when it is first used, which takes so long (up to 2 ms a megabyte
-/// was seen) that the app which needs more memory would be the one with the longest frame.
+/// Touches memory. A virtual machine can get a page from its host at its first use, which takes so long (up to 2 ms per megabyte was
+/// seen) that the app with the larger growth would always have the longest frame.
 fn warm_memory() {
     let mut memory = vec![0_u8; WARM_BYTES];
     for byte in memory.iter_mut().step_by(PAGE) {

@@ -1,4 +1,4 @@
-//! The chart of times under a budget whose target changes.
+//! The chart of times under a budget with a changing target.
 
 use plotters::prelude::*;
 

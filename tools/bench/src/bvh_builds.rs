@@ -23,9 +23,9 @@ const QUALITIES: [(&str, BvhQuality); 3] = [
     ("high", BvhQuality::High),
 ];
 const INSTANCE_COUNTS: [usize; 3] = [1_000, 10_000, 100_000];
-/// A TLAS build is short: the median of so many is reported.
+/// A TLAS build is short: the median of this number is reported.
 const TLAS_REPEATS: usize = 5;
-/// Rays whose visits are counted.
+/// Rays with counted visits.
 const RAYS: u32 = 4_000;
 
 /// A triangle list.
@@ -202,7 +202,7 @@ fn merged(scene: SceneName) -> Soup {
     soup
 }
 
-/// A square of a wavy surface with about so many triangles.
+/// A square of a wavy surface with about this number of triangles.
 fn waves(triangles: u32) -> Soup {
     let edge = f64::from(triangles.max(2) / 2).sqrt().round().max(1.0) as u32;
     let mut soup = Soup::default();

@@ -1,4 +1,4 @@
-//! Time that crowds take: of characters, which are posed on the GPU in each frame, and of lamps, of which each hit draws some.
+//! Cost of crowds: of characters, which are posed on the GPU in each frame, and of lamps, which hits sample.
 
 use crate::{
     table::{Csv, number, quantile},
@@ -29,7 +29,7 @@ const AROUND: u32 = 100;
 const ALONG: u32 = 100;
 const JOINTS: usize = 8;
 const FRAME_LIMIT: u32 = 20_000;
-/// Frames before those that count.
+/// Warm-up frames.
 const WARM_UP_FRAMES: u32 = 10;
 
 /// How large crowds are.
@@ -253,7 +253,7 @@ impl Setup {
         }
     }
 
-    /// So many lamps along the street, which share their light.
+    /// This number of lamps along the street, which share their light.
     fn spawn_lamps(&mut self, count: usize) -> Vec<Entity> {
         let spawn = |index: usize| {
             let part = (index as f32 + 0.5) / count as f32;
@@ -272,7 +272,7 @@ impl Setup {
         (0..count).map(spawn).collect()
     }
 
-    /// Turns the camera by a little, to one side and back, since a view at rest takes other work, and the joints of those who walk.
+    /// Turns the camera a little to one side and back, since a static view does other work, and moves the joints of the walkers.
     fn shift(&mut self, walks: bool) {
         self.frame += 1;
         let turn = if self.frame.is_multiple_of(2) { 1e-4 } else { -1e-4 };
@@ -341,7 +341,7 @@ fn joint_height(joint: usize) -> f32 {
     1.8 * joint as f32 / JOINTS as f32
 }
 
-/// A cylinder of 20,000 triangles and its caps, whose joints stand above each other.
+/// A cylinder of 20,000 triangles and its caps, with joints above each other.
 fn character() -> Mesh {
     let mut mesh = Cylinder::new(0.3, 1.8)
         .mesh()

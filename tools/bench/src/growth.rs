@@ -1,4 +1,4 @@
-//! How times grow: of each pass with the picture, of rays with the triangles, and what an object costs that covers little of the picture.
+//! Growth of times: of each pass with the resolution, of rays with the triangles, and the cost of an object that covers few pixels.
 
 use crate::{
     arguments::{Plan, TimedTechnique},
@@ -22,7 +22,7 @@ const PASSES: [&str; 5] = ["rate", "trace", "denoise", "composite", "total"];
 
 type Case = fn(&Plan, ReflectionTracerChoice, &mut Csv) -> Result<Table, String>;
 
-/// Measures and prints those of the cases `sizes`, `small object` and `triangles` whose names contain a word.
+/// Measures and prints the cases among `sizes`, `small object` and `triangles` with a word in their names.
 ///
 /// # Errors
 ///

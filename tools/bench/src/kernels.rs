@@ -48,7 +48,7 @@ struct RaySet {
     collect: usize,
     /// Pixels along each axis that share a ray.
     stride: u32,
-    /// Alpha-masked objects count as solid, but for what merged trees leave out.
+    /// Alpha-masked objects count as solid, except for the parts that merged trees omit.
     solid: bool,
     span: &'static str,
     rays: &'static str,

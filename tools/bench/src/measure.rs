@@ -1,4 +1,4 @@
-//! One scene with one tracer: waits for it, renders frames and gathers what diagnostics say.
+//! One scene with one tracer: waits for it, renders frames and collects diagnostics.
 
 use crate::{
     arguments::{Plan, TimedTechnique},
@@ -23,7 +23,7 @@ use std::{path::Path, time::Duration};
 const WARM_UP_FRAMES: u32 = 8;
 /// Frames in a row in which nothing was built: then the scene is complete.
 const QUIET_FRAMES: u32 = 8;
-/// Frames that building may take: minutes for ten million triangles.
+/// Limit of frames for building: minutes for ten million triangles.
 const FRAME_LIMIT: u32 = 40_000;
 /// Frames after which a camera that sees nothing to reflect on rests at the latest.
 const REST_FRAMES: u32 = 60;
@@ -117,7 +117,7 @@ fn open_device(app: &mut App, backend: ReflectionBackend) {
     if backend == ReflectionBackend::HardwareVrs {
         app.add_plugins(bevy_glint::HardwareVrsPlugin::default());
     }
-    // Elsewhere the camera's own warning says what is missing.
+    // Elsewhere the camera's own warning names the missing component.
     #[cfg(not(target_os = "linux"))]
     let _ = (app, backend);
 }
@@ -307,13 +307,13 @@ impl Bench {
         Ok(())
     }
 
-    /// Takes the measurements of so many frames: first of all passes together, then of each.
+    /// Takes the measurements of this number of frames: first of all passes together, then of each.
     pub fn measure(&mut self, frames: u32) -> Result<(), String> {
         self.time_stages(false)?;
         self.measure_frames(frames)?;
         self.totals = self.values(TOTAL).to_vec();
         if self.is_idle && !self.totals.is_empty() {
-            // Passes run in every other frame: what counts is the mean.
+            // Passes run in every other frame, so the mean is used.
             let mean = self.totals.iter().sum::<f64>() / self.totals.len() as f64;
             self.totals.fill(mean);
         }
@@ -330,7 +330,7 @@ impl Bench {
         };
     }
 
-    /// Milliseconds of all passes in each of so many frames, with the camera where `pose` says.
+    /// Milliseconds of all passes in each of this number of frames, with the camera at `pose`.
     pub fn timed_frames(&mut self, frames: usize, pose: impl Fn(usize) -> Transform) -> Result<Vec<f64>, String> {
         self.time_stages(false)?;
         self.collect();

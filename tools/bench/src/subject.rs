@@ -9,7 +9,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Frames that a file may take to load.
+/// Frames within which a file must load.
 const FRAME_LIMIT: u32 = 20_000;
 /// Spheres of [`Subject::Spheres`], in each direction.
 const SPHERES: u32 = 4;
@@ -26,9 +26,9 @@ pub enum Subject {
         /// Place of the camera; without one, that of the file's first camera, or one from which everything is seen.
         camera: Option<CameraPlace>,
     },
-    /// Spheres of so many triangles in all over a glossy floor: the same picture, however many there are.
+    /// Spheres with this number of triangles in total over a glossy floor: the image doesn't depend on the number.
     Spheres(u32),
-    /// A chrome sphere of about 64x64 pixels of a picture of 1080 lines, before a matt wall.
+    /// A chrome sphere of about 64x64 pixels in an image of 1080 lines, in front of a matt wall.
     SmallObject,
 }
 

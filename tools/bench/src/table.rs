@@ -50,7 +50,7 @@ impl Csv {
     }
 }
 
-/// A table of which all columns but the first are aligned to the right.
+/// A table with its first column aligned to the left and all others to the right.
 pub struct Table {
     title: String,
     rows: Vec<Vec<String>>,

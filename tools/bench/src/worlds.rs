@@ -1,7 +1,7 @@
 //! Time that the plugin takes of the render thread and of extraction, in worlds that are large or change.
 //!
-//! Each system that the plugin adds is timed for itself, so that neither Bevy's own work nor the GPU's is counted. Pictures are tiny,
-//! and the GPU is idle when a frame begins, so that a driver that renders on the CPU leaves it to the frame.
+//! Each system of the plugin is timed separately, so that neither Bevy's own work nor the GPU's is counted. Images are tiny, and the GPU
+//! is idle when a frame begins, so that a CPU driver doesn't render during the measurement.
 
 use crate::table::{Csv, number};
 use bevy::{math::UVec2, prelude::*};
@@ -20,9 +20,9 @@ const MOVING_LIGHTS: usize = 100;
 const MATERIALS: usize = 10_000;
 /// Meshes and materials that objects share.
 const KINDS: usize = 16;
-/// Subdivisions of the spheres of large worlds: 320 triangles each, of which merged trees have room for a small part.
+/// Subdivisions of the spheres of large worlds: 320 triangles each. Merged trees have room for a small part of them.
 const FINE: u32 = 3;
-/// Subdivisions of those that fill one merged tree: 80 triangles each.
+/// Subdivisions of the spheres that fill one merged tree: 80 triangles each.
 const COARSE: u32 = 1;
 const IN_A_CHUNK: usize = 13_100;
 /// Frames of a round. The rounds' means are as good as independent.
@@ -44,9 +44,9 @@ struct Case {
 
 #[derive(Clone, Copy, PartialEq)]
 enum World {
-    /// So many spheres with so many subdivisions.
+    /// This number of spheres with this number of subdivisions.
     Spheres(usize, u32),
-    /// So many of them, each with a material of its own.
+    /// This number of spheres, each with a material of its own.
     Materials(usize),
     /// With a few spheres.
     Lights,
@@ -55,11 +55,11 @@ enum World {
 #[derive(Clone, Copy, PartialEq)]
 enum Change {
     Nothing,
-    /// The same ones in each frame.
+    /// This number of objects, the same in each frame.
     Objects(usize),
-    /// The same ones in each frame.
+    /// This number of lights, the same in each frame.
     Lights(usize),
-    /// The first material, which many objects may share.
+    /// The first material, which many objects can share.
     Material,
     /// An object that was static so far, in each round another one.
     Touch,
@@ -116,7 +116,7 @@ const CASES: [Case; 8] = [
     },
 ];
 
-/// Measures and prints. `only` leaves out the cases whose names don't contain it.
+/// Measures and prints the cases with `only` in their names.
 ///
 /// # Errors
 ///
@@ -227,7 +227,7 @@ pub fn interval(values: &[f64]) -> (f64, f64) {
 struct Round {
     /// Systems that mirror the world and keep its trees.
     scene: f64,
-    /// All systems of the plugin: those of a camera's passes, too.
+    /// All systems of the plugin, including those of a camera's passes.
     all: f64,
     /// The frame that took longest.
     worst: f64,
@@ -281,7 +281,7 @@ impl Setup {
         self.app.world().resource::<ReflectionStatus>().report()
     }
 
-    /// Spheres on a grid of cells of three metres, which share so many materials.
+    /// Spheres on a grid of cells of three metres, which share this number of materials.
     fn spawn(&mut self, count: usize, subdivisions: u32, materials: usize) {
         let world = self.app.world();
         let meshes: Vec<_> = (0..KINDS)
@@ -340,7 +340,7 @@ impl Setup {
         ))
     }
 
-    /// One frame, and what the plugin took of it.
+    /// One frame, and the plugin's part of it.
     fn step(&mut self) -> Vec<(String, f64)> {
         self.clock.take();
         self.app.step(1);

@@ -38,7 +38,7 @@ fn a_small_scene_is_measured() {
         let value: f64 = record[5].parse().expect("values are numbers");
         values.insert(record[4].to_owned(), value);
     }
-    // A ray for each pixel, of which the mirror below fills a part.
+    // A ray for each pixel; the mirror below fills part of the image.
     let primary = values["primary_rays"];
     assert!((primary - 64.0 * 36.0).abs() < 0.5, "{primary} rays");
     let hits = values["primary_hits"];
@@ -91,7 +91,7 @@ fn a_small_crowd_is_measured() {
         let value: f64 = record[5].parse().expect("values are numbers");
         values.insert(format!("{} {}", &record[2], &record[4]), value);
     }
-    // Characters that stand are posed once, before.
+    // Static characters are posed once, before.
     assert!(values["1 characters, walking crowds_pose_gpu"] > 0.0, "{values:?}");
     assert!(
         !values.contains_key("1 characters, standing crowds_pose_gpu"),

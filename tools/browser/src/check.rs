@@ -15,13 +15,13 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// The page as the native picture has it; the native program draws small pictures with small shadow maps.
+/// The page and the native image must agree; the native program draws small images with small shadow maps.
 const QUERY: &str = "still=true&trilinear=true&panel=false&bar=false&technique=ultra&shadows=512";
-/// Mean FLIP up to which the page shows what the native program shows.
+/// Limit of the mean FLIP between the page and the native program.
 const LIMIT: f32 = 0.03;
 /// Mean difference, in steps of 8 bits, that reflections make at least.
 const CHANGE: f32 = 1.0;
-/// Share of this difference that may be left between two pictures without them: the clock stands still.
+/// Share of this difference that can remain between two images without reflections: the clock is stopped.
 const REST: f32 = 0.4;
 /// Place of the panel's first check box, which switches reflections off.
 const SWITCH: Point = Point { x: 14.0, y: 49.0 };
@@ -31,7 +31,7 @@ const PANEL: &str = "F2";
 /// The adapter of a CPU compiles shaders for minutes.
 const PATIENCE: Duration = Duration::from_secs(15 * 60);
 const PAUSE: Duration = Duration::from_millis(500);
-/// Frames after which the page has taken an event and shows its effect: it is drawn ahead of what is presented.
+/// Frames until the page shows the effect of an event: frames are drawn ahead of presentation.
 const FRAMES: u32 = 4;
 const BROWSERS: [&str; 4] = [
     "/usr/bin/chromium",
@@ -54,12 +54,12 @@ const FLAGS: [&str; 10] = [
     "--use-angle=swiftshader",
 ];
 
-/// Compares the page at rest with the picture, divides it into one with reflections and one without, and has a click in its panel
-/// switch them off.
+/// Compares the static page with the image, splits it into one half with reflections and one without, and clicks its panel to switch them
+/// off.
 ///
 /// # Errors
 ///
-/// If a picture differs, or the page writes an error to the console.
+/// Fails if an image differs, or the page writes an error to the console.
 pub fn check(folder: &Path, expected: &Path, out: &Path) -> Result<()> {
     fs::create_dir_all(out)?;
     let expected = image::open(expected)
@@ -104,7 +104,7 @@ pub fn check(folder: &Path, expected: &Path, out: &Path) -> Result<()> {
 /// A browser with the page.
 struct Visit {
     address: String,
-    /// Folder for pictures.
+    /// Folder for images.
     out: PathBuf,
     /// Keeps the browser open.
     _browser: Browser,
@@ -168,7 +168,7 @@ impl Visit {
         })
     }
 
-    /// Opens the page and waits until its picture is at rest.
+    /// Opens the page and waits until its image is static.
     fn open(&self, query: &str) -> Result<()> {
         let start = Instant::now();
         let mut known = String::new();
@@ -256,7 +256,7 @@ impl Visit {
         Ok(())
     }
 
-    /// The picture of the page, once it is as asked for.
+    /// The image of the page, once it meets the condition.
     fn changed(&self, name: &str, is_expected: impl Fn(&RgbImage) -> bool) -> Result<RgbImage> {
         let start = Instant::now();
         loop {
@@ -279,7 +279,7 @@ impl Visit {
         self.out.join(name).with_extension("png")
     }
 
-    /// Takes a picture of the page, and keeps it.
+    /// Takes and stores an image of the page.
     fn picture(&self, name: &str) -> Result<RgbImage> {
         let format = Page::CaptureScreenshotFormatOption::Png;
         let png = self.tab.capture_screenshot(format, None, None, true)?;
@@ -334,7 +334,7 @@ fn flip(expected: &RgbImage, actual: &RgbImage) -> f32 {
     nv_flip::FlipPool::from_image(&map).mean()
 }
 
-/// Mean difference of two pictures in some columns, in steps of 8 bits.
+/// Mean difference of two images in some columns, in steps of 8 bits.
 fn difference(a: &RgbImage, b: &RgbImage, columns: Range<u32>) -> f32 {
     if a.dimensions() != b.dimensions() {
         return f32::INFINITY;

@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use std::process::{Child, Command, Stdio};
 
-/// Waits until one of the processes `needed` is gone, and then ends those of `ended` that are left.
+/// Waits until one of the processes `needed` is gone, and then ends the remaining ones of `ended`.
 const SCRIPT: &str = r#"
 gone() { ! kill -0 "$1" 2>/dev/null || grep -q '^State:.*Z' "/proc/$1/status" 2>/dev/null; }
 left() { for id; do ! gone "$id" || return 1; done; }
@@ -18,7 +18,7 @@ pub fn watch(needed: &[u32], ended: &[u32]) -> Result<Child> {
     let list = |ids: &[u32]| ids.iter().map(u32::to_string).collect::<Vec<_>>().join(" ");
     Command::new("sh")
         .args(["-c", SCRIPT, "guard", &list(needed), &list(ended)])
-        // Outlives what ends the group of this program.
+        // Outlives signals that end the group of this program.
         .process_group(0)
         .stdin(Stdio::null())
         .stdout(Stdio::null())
@@ -40,7 +40,7 @@ mod tests {
         let mut guard = watch(&[std::process::id(), check.id()], &[check.id(), browser.id()]).unwrap();
         thread::sleep(Duration::from_millis(1200));
         assert!(browser.try_wait().unwrap().is_none(), "everybody is there");
-        // Its end is not asked for before that of the browser: nobody may ever do so.
+        // Its end is not requested before that of the browser, which might never come.
         check.kill().unwrap();
         let start = Instant::now();
         while browser.try_wait().unwrap().is_none() {

@@ -33,13 +33,13 @@ enum Command {
         #[arg(long, default_value_t = 8080)]
         port: u16,
     },
-    /// Open the page in headless Chromium, compare it with a picture, and click its panel.
+    /// Open the page in headless Chromium, compare it with an image, and click its panel.
     Check {
         /// The folder that `pack` wrote
         folder: PathBuf,
-        /// The picture that the page should show, by `glint_viewer` with the settings of the page
+        /// The expected image of the page, by `glint_viewer` with the settings of the page
         expected: PathBuf,
-        /// Folder for pictures of the page
+        /// Folder for images of the page
         out: PathBuf,
     },
 }

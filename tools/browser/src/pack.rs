@@ -11,7 +11,7 @@ const NAME: &str = "demo";
 /// First version of `wasm-opt` that is used. Version 108, which Debian 12 has, writes a page that ends with an error: it takes the table of
 /// functions for that of JavaScript's objects.
 const OLDEST: u32 = 117;
-/// Stands for the size of the program in the page.
+/// Placeholder for the size of the program in the page.
 const BYTES: &str = "{{bytes}}";
 
 /// Writes the bindings and the files around them; makes the program smaller if Binaryen's `wasm-opt` is installed.
@@ -34,7 +34,7 @@ pub fn pack(wasm: &Path, page: &Path, out: &Path) -> Result<()> {
         let target = out.join(entry.file_name());
         match fs::read_to_string(entry.path()) {
             Ok(text) => fs::write(target, text.replace(BYTES, &bytes.to_string()))?,
-            // Pictures are no text.
+            // Images are not text.
             Err(_) => drop(fs::copy(entry.path(), target)?),
         }
     }

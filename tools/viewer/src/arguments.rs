@@ -25,7 +25,7 @@ pub struct Arguments {
     /// A .gltf or .glb file to show instead of a built-in scene
     #[arg(value_name = "FILE")]
     file: Option<PathBuf>,
-    /// The same as FILE
+    /// Same as FILE
     #[arg(long, value_name = "FILE", conflicts_with = "file")]
     gltf: Option<PathBuf>,
     #[arg(long, value_name = "NAME", default_value_t = SceneName::Demo, conflicts_with_all = ["file", "gltf"], help = scene_help())]
@@ -46,7 +46,7 @@ pub struct Arguments {
     /// auto, ray-query or bvh
     #[arg(long, value_name = "NAME", default_value = "auto")]
     pub tracer: ReflectionTracerChoice,
-    /// off, reuse or march: what rays hit takes its light from the last frame, where that showed it
+    /// off, reuse or march: hits take their light from the last frame if they were visible there
     #[arg(long, value_name = "NAME", default_value = "off")]
     pub screen_traces: ScreenTraces,
     /// A debug view, such as shading-rates or rays-per-pixel, in place of the image

@@ -39,7 +39,7 @@ pub fn load(world: &mut World, file: &Path) {
     world.spawn(WorldAssetRoot(scene)).observe(loaded);
 }
 
-/// Ends an app whose file turns out to be broken.
+/// Ends the app if its file turns out to be broken.
 pub fn exit_on_failure(roots: Query<&WorldAssetRoot>, server: Res<AssetServer>, mut exit: MessageWriter<AppExit>) {
     for root in &roots {
         if let Some(LoadState::Failed(_)) = server.get_load_state(root.0.id()) {

@@ -9,10 +9,10 @@ use bevy_glint::{RayTracedReflections, ReflectionStatus};
 use glint_scenes::{HeadlessApp, HeadlessSettings, browser_device, drop_anisotropy, save_picture};
 use std::{thread, time::Duration};
 
-/// Frames that loading and compiling may take.
+/// Frames within which loading and compiling must finish.
 const FRAME_LIMIT: u32 = 20_000;
 
-/// Renders what the command line asks for and writes it.
+/// Renders the image of the command line and writes it.
 pub fn write(arguments: &Arguments) -> Result<(), String> {
     let source = arguments.source()?;
     let method = arguments.method()?;

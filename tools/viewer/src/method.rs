@@ -45,7 +45,7 @@ impl Method {
         matches!(self, Self::Traced { settings, .. } if settings.0.technique == ReflectionTechnique::Converged)
     }
 
-    /// Gives the camera these reflections instead of those that it has.
+    /// Replaces the reflections of the camera by these.
     pub fn apply(&self, camera: &mut EntityWorldMut, backend: ReflectionBackend) {
         // A camera can't have both at a time.
         camera.remove::<(RayTracedReflections, ScreenSpaceReflections)>();

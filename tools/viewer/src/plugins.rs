@@ -11,12 +11,12 @@ pub fn add_before_bevy(app: &mut App, backend: ReflectionBackend) {
     if backend == ReflectionBackend::HardwareVrs {
         app.add_plugins(bevy_glint::HardwareVrsPlugin::default());
     }
-    // Elsewhere the camera's own warning says what is missing.
+    // Elsewhere the camera's own warning names the missing component.
     #[cfg(not(target_os = "linux"))]
     let _ = (app, backend);
 }
 
-/// Adds the reflections, what moves scenes and places cameras, and the settings panel.
+/// Adds the reflections, the motion of scenes and cameras, and the settings panel.
 pub fn add_after_bevy(app: &mut App, arguments: &Arguments) {
     app.add_plugins((
         SceneAnimationPlugin,

@@ -11,7 +11,7 @@ const KEY: KeyCode = KeyCode::F9;
 #[derive(Resource)]
 pub struct Recorder {
     file: PathBuf,
-    /// The option of `cargo xtask evaluate` for what is shown.
+    /// The option of `cargo xtask evaluate` for the current scene.
     scene: String,
     path: Option<RecordedPath>,
 }
@@ -54,7 +54,7 @@ impl Recorder {
     }
 }
 
-/// Begins and ends by the key, and ends with the app. The times are those of the clock that moves the scene.
+/// The key starts and ends it, and the end of the app ends it. The times are those of the clock that moves the scene.
 pub fn record(
     keyboard: Res<ButtonInput<KeyCode>>,
     time: Res<Time>,

@@ -56,7 +56,7 @@ pub fn open(arguments: &Arguments) -> Result<(), String> {
                 ..default()
             })
             .set(AssetPlugin {
-                // Files may be anywhere.
+                // Files can be anywhere.
                 unapproved_path_mode: UnapprovedPathMode::Allow,
                 ..default()
             }),

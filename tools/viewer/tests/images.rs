@@ -98,7 +98,7 @@ fn file() {
     compare("file", &[file.to_str().expect("the path is text")], 2.0);
 }
 
-/// A file whose image is missing or cut short is shown without it; a file without its buffer is declined.
+/// A file with a missing or truncated image is shown without it; a file without its buffer is declined.
 #[test]
 fn incomplete_files() {
     let folder = Path::new(FOLDER);
@@ -171,7 +171,7 @@ fn wrong_arguments_are_named() {
     }
 }
 
-/// A mirror on the ground and a red wall behind it, which may have a texture.
+/// A mirror on the ground and a red wall behind it, which can have a texture.
 fn write_gltf(name: &str, image: Option<&str>) -> PathBuf {
     const CORNERS: [[f32; 3]; 8] = [
         [-2.0, 0.0, 2.0],

@@ -1,4 +1,4 @@
-//! The picture without ray-traced reflections beside the one with them: two cameras, each of which draws its part of one picture.
+//! The frame with and without ray-traced reflections, side by side: two cameras, each of which draws its part.
 
 use bevy::{
     camera::{CameraUpdateSystems, Exposure, Hdr, SubCameraView, Viewport, visibility::VisibilitySystems},
@@ -15,7 +15,7 @@ use bevy::{
 use bevy_egui::{EguiContexts, EguiPrimaryContextPass, egui};
 use std::ops::Range;
 
-/// Compares when C is pressed, and adds a bar at the lower edge of the picture that does, too.
+/// Compares when C is pressed, and adds a bar at the lower edge of the frame that does the same.
 pub struct ComparePlugin {
     pub bar: bool,
 }
@@ -123,7 +123,7 @@ fn spawn_twin(
     }
 }
 
-/// Gives each camera its columns of the picture, and the twin the pose of the other.
+/// Gives each camera its columns of the frame, and the twin the pose of the other.
 fn divide_picture(
     comparison: Res<Comparison>,
     window: Single<&Window, With<PrimaryWindow>>,
@@ -143,7 +143,7 @@ fn divide_picture(
     }
 }
 
-/// Culling and shadow maps take the aspect of the whole picture: they know nothing of parts.
+/// Culling and shadow maps use the aspect of the whole frame: they don't support parts.
 fn keep_aspect(mut cameras: Query<(&Camera, &mut Projection)>) {
     for (camera, mut projection) in &mut cameras {
         if let Some(part) = &camera.sub_camera_view {

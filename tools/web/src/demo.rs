@@ -28,8 +28,8 @@ struct Wishes {
 
 /// Runs the demo on the page's canvas.
 ///
-/// The page's address says what to show: `scene`, `technique`, `shadows` (texels of a shadow map in each direction), and `panel`,
-/// `bar`, `still` and `trilinear` (textures are filtered without anisotropy), each true or false.
+/// The page's address has the options: `scene`, `technique`, `shadows` (texels of a shadow map in each direction), and `panel`, `bar`,
+/// `still` and `trilinear` (textures are filtered without anisotropy), each true or false.
 pub fn run() {
     let address = Address::read();
     let still = address.get("still").unwrap_or(false);
@@ -81,7 +81,7 @@ pub fn run() {
         .run();
 }
 
-/// On slow devices a frame may be longer than egui lets a click be.
+/// On slow devices a frame can be longer than egui allows for a click.
 fn accept_long_clicks(mut contexts: EguiContexts) -> Result {
     let context = contexts.ctx_mut()?;
     context.options_mut(|options| options.input_options.max_click_duration = f64::INFINITY);

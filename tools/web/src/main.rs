@@ -1,10 +1,10 @@
 //! The demo for browsers with WebGPU: `cargo xtask web` builds its page.
 //!
-//! | file | holds |
+//! | file | contents |
 //! |---|---|
-//! | `page.rs` | what the page asks for, and what it is told |
+//! | `page.rs` | input from the page, and output to it |
 //! | `demo.rs` | scene, camera and panel |
-//! | `compare.rs` | the picture with and without ray-traced reflections, side by side |
+//! | `compare.rs` | the frame with and without ray-traced reflections, side by side |
 
 #[cfg(target_arch = "wasm32")]
 mod compare;

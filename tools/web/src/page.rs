@@ -1,11 +1,11 @@
-//! The page around the demo: its address says what to show, and its body carries the state of the demo for the page's own script.
+//! The page around the demo: its address has the options, and its body the state of the demo for the page's own script.
 
 use bevy::prelude::*;
 use bevy_glint::{RayTracedReflections, ReflectionStatus};
 use std::str::FromStr;
 use web_sys::HtmlElement;
 
-/// Frames after which a still picture hardly changes any more.
+/// Frames after which a static image hardly changes any more.
 const FRAMES_TO_REST: u32 = 64;
 
 /// The part of the address behind the question mark: `name=value&..`.
@@ -29,7 +29,7 @@ impl Address {
 /// Tells the page how far the demo is: `data-state` of its body is `preparing`, `ready`, `rest` or `declined`, and then
 /// `data-reason` says why.
 pub struct PagePlugin {
-    /// The clock stands still, so that the picture comes to rest.
+    /// The clock is stopped, so that the image converges.
     pub still: bool,
 }
 
@@ -52,7 +52,7 @@ struct Progress {
 enum State {
     /// The scene arrives, and shaders are compiled.
     Preparing,
-    /// The picture has been complete for so many frames.
+    /// The image has been complete for this number of frames.
     Ready(u32),
     /// Nothing is left to report.
     Done,
@@ -92,7 +92,7 @@ fn tell_page(state: &str, reason: &str) {
     let body: Option<HtmlElement> = web_sys::window()
         .and_then(|window| window.document())
         .and_then(|document| document.body());
-    // Without a page nobody asks.
+    // Without a page there are no requests.
     if let Some(body) = body {
         _ = body.dataset().set("reason", reason);
         _ = body.dataset().set("state", state);

@@ -1,7 +1,7 @@
 //! Imports run one way: no circle between files or folders, and no import from a lower floor to a higher one.
 //!
-//! The arrows are read from the code's own paths: `crate::..`, `super::..` and `use` in Rust, `import package::..` in WESL. Test
-//! modules don't count, and neither do re-exports of a module's own children. The floors are those of `docs/architecture.md`.
+//! The arrows are read from the code's own paths: `crate::..`, `super::..` and `use` in Rust, `import package::..` in WESL. Test modules
+//! don't count, and neither do re-exports of a module's own children. The floors are those of `docs/architecture.md`.
 
 mod floors;
 mod graph;
@@ -29,7 +29,7 @@ fn arrows(folder: &Path) -> Arrows {
     arrows
 }
 
-/// Folders of the crates whose imports are looked at, from the workspace's root.
+/// Folders of the checked crates, from the workspace's root.
 const CRATES: [&str; 7] = [
     ".",
     "tools/bench",

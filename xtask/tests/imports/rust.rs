@@ -37,7 +37,7 @@ struct Source {
     contents: Contents,
 }
 
-/// A module may be one of several files, by the platform.
+/// A module can be one of several files, by the platform.
 type Modules = BTreeMap<ModulePath, Vec<Source>>;
 
 /// Arrows of the library and the programs of a crate.
@@ -193,7 +193,7 @@ fn after_item(tokens: &[Token], start: usize) -> usize {
 /// The files that an import leads to.
 fn targets(modules: &Modules, from: &ModulePath, import: &Import) -> BTreeSet<String> {
     let ends = resolve(modules, from, &import.path, 0).into_iter();
-    // Handing on what a child has is no use of it.
+    // Re-exporting an item of a child is no use of it.
     let is_child = |module: &ModulePath| module.len() > from.len() && module.starts_with(from);
     ends.filter(|end| !(import.is_public && is_child(&end.module)))
         .map(|end| end.file)
@@ -218,7 +218,7 @@ fn ends_of_module(modules: &Modules, module: &ModulePath) -> Vec<End> {
     sources.map(end).collect()
 }
 
-/// The ends of a path that stands in a module; none for paths to other crates.
+/// The ends of a path in a module; none for paths to other crates.
 fn resolve(modules: &Modules, from: &ModulePath, path: &[String], depth: usize) -> Vec<End> {
     let mut module = from.clone();
     let ups = path.iter().take_while(|segment| *segment == "super").count();
@@ -274,7 +274,7 @@ fn child(module: &ModulePath, name: &str) -> ModulePath {
     child
 }
 
-/// The files that an item of a file comes from, its own or another whose item it hands on. An item of unknown origin counts as its own.
+/// The files that an item of a file comes from, its own or another one that re-exports it. An item of unknown origin counts as its own.
 fn item(modules: &Modules, module: &ModulePath, source: &Source, name: &str, depth: usize) -> Vec<End> {
     let own = End {
         module: module.clone(),
