@@ -16,7 +16,7 @@ const SIZE: UVec2 = UVec2::new(208, 117);
 /// Word of the indirect arguments with the number of rays of blocks.
 const RAY_COUNT: usize = 12;
 
-/// Most tiles whose step changes from one frame to the next, of those that reflect: in a still picture, and behind a moving camera.
+/// Largest share of reflecting tiles with a changed step between two frames: in a static view, and behind a moving camera.
 const MOST_CHANGES: f32 = 0.05;
 const MOST_CHANGES_IN_MOTION: f32 = 0.12;
 
@@ -24,7 +24,7 @@ fn words(app: &mut HeadlessApp, camera: Entity, target: Target) -> Vec<u32> {
     readback::copy(app.app(), camera, target).unwrap().words
 }
 
-/// Renders frames; returns the mean share of tiles whose step changed, and the mean number of rays.
+/// Renders frames; returns the mean share of tiles with a changed step, and the mean number of rays.
 fn watch(
     app: &mut HeadlessApp,
     camera: Entity,

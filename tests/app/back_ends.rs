@@ -1,4 +1,4 @@
-//! The back ends against each other: the same rays, whoever starts them.
+//! Compares the back ends: the same rays, regardless of the pass that starts them.
 
 use crate::{
     common::app_on_device,
@@ -36,7 +36,7 @@ const TILE: u32 = 16;
 const RECORD_VALID: u32 = 0x40 << 16;
 /// The third word is a motion: rays of lists alone have some.
 const RECORD_MOTION: u32 = 0x100 << 16;
-/// Steps of 16 bits that a direction or a pdf may be off where two compilers have translated the same shader.
+/// Tolerance of a direction or a pdf in steps of 16 bits, for two compilers that translated the same shader.
 const RECORD_STEPS: u32 = 2;
 /// Steps of a half float of the radiance.
 const RADIANCE_STEPS: u32 = 4;
@@ -249,7 +249,7 @@ fn assert_same_rays(app: &mut HeadlessApp, name: &str, a: &Viewer, b: &Viewer) {
     assert!(found.far_radiance * 100 <= found.rays, "{name}");
 }
 
-/// Techniques and back ends that share an app, whose start takes longer than most of this.
+/// Techniques and back ends that share an app, because its start takes most of the time.
 #[test]
 fn compute_passes_trace_the_same_rays() {
     for tracer in BOTH {
@@ -298,7 +298,7 @@ fn assert_techniques_agree(app: &mut HeadlessApp, tracer: ReflectionTracerChoice
         assert_same_rays(app, &name, first, other);
         assert_eq!(counted(app, other), rays, "{name}");
         let actual = picture(app, other);
-        // Histories of inline rays don't follow what moves.
+        // Histories of inline rays don't follow moving objects.
         let limit = match technique {
             _ if !is_exact(app) => 0.01,
             ReflectionTechnique::QuarterInline => 0.0005,

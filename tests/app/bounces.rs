@@ -95,7 +95,7 @@ fn facing_mirrors_show_powers_of_their_reflectance() {
     }
 }
 
-/// Ambient light stands for what comes from all around: where a ray goes on, it brings that itself.
+/// Ambient light represents light from all directions: where a ray goes on, the ray replaces it.
 #[test]
 fn rays_that_go_on_take_the_place_of_ambient_light() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
@@ -144,7 +144,7 @@ fn white_walls_stay_white() {
     }
 }
 
-/// Above the cut-off a hit shows its surroundings, however many bounces there may be.
+/// Above the cut-off a hit shows its environment, regardless of the number of bounces.
 #[test]
 fn rough_hits_end_the_path() {
     let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {

@@ -1,4 +1,4 @@
-//! Budgets of time: what they leave of a camera's rays.
+//! Budgets of time, and their effect on a camera's rays.
 
 use crate::{
     common::{app, app_with},

@@ -1,4 +1,4 @@
-//! The whole chain over frames: a still camera's picture comes to rest at the truth, and what moved leaves no ghost.
+//! The whole chain over frames: the image of a static camera converges to the ground truth, and moving objects leave no ghost.
 
 use crate::{
     common::app,
@@ -11,10 +11,9 @@ use glint_scenes::{HeadlessApp, Output, SceneName};
 use std::sync::OnceLock;
 
 const SIZE: UVec2 = UVec2::new(208, 117);
-/// Size for the scene whose hits take long to shade.
+/// Size for the scene with slow shading.
 const LIT_SIZE: UVec2 = UVec2::new(96, 54);
-/// By how much the mean of a still picture may differ from that of the truth, relative to it. The paper's recipe goes on clipping
-/// history where nothing moves.
+/// Tolerance of the mean of a static image, relative to the ground truth. The paper's recipe keeps clipping history in static views.
 const MOST_BIAS: f32 = 0.01;
 const MOST_BIAS_OF_THE_PAPER: f32 = 0.05;
 /// Error of still pictures, as a display shows it: smooth surfaces are sharp.
@@ -92,7 +91,7 @@ pub fn capture(app: &mut HeadlessApp, what: &str) -> Vec<f32> {
 fn errors(truth: &[f32], picture: &[f32]) -> (f32, f32) {
     let count = truth.len() as f32;
     let mean = truth.iter().sum::<f32>() / count;
-    // Otherwise few bright pixels would decide, of which the truth knows little itself.
+    // Otherwise few bright pixels would decide, which are noisy in the ground truth, too.
     let shown = |light: f32| (light / (1.0 + light)).powf(1.0 / 2.2);
     let square: f32 = picture
         .iter()
@@ -103,7 +102,7 @@ fn errors(truth: &[f32], picture: &[f32]) -> (f32, f32) {
     ((square / count).sqrt(), bias / count / mean)
 }
 
-/// Compares techniques with the truth of a scene; returns what is wrong.
+/// Compares techniques with the ground truth of a scene; returns the failures.
 fn compare_with_truth(name: SceneName, size: UVec2, techniques: &[&str]) -> Vec<String> {
     let mut wrong = Vec::new();
     let Some(mut app) = app(size, Output::Linear, ReflectionTracerChoice::Bvh) else {
@@ -152,7 +151,7 @@ fn a_still_picture_under_a_sky_comes_to_rest_at_the_truth() {
     assert!(wrong.is_empty(), "{}", wrong.join("; "));
 }
 
-/// An object that is gone must be gone from reflections within 8 frames, and a cut must leave nothing of what was before.
+/// A removed object must be gone from reflections within 8 frames, and a cut must leave nothing of the last scene.
 #[test]
 fn what_is_gone_leaves_no_ghost() {
     let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {

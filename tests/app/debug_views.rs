@@ -181,7 +181,7 @@ fn a_past_that_is_forgotten_is_rejected(app: &mut HeadlessApp, camera: Entity) {
 #[test]
 fn a_reflection_alone_is_what_a_mirror_shows() {
     let Some(mut app) = app() else { return };
-    // Unlit things over a mirror that no light falls on: its picture is the reflection alone.
+    // Unlit objects over a mirror without light: its image is the reflection alone.
     let camera = spawn(&mut app, SceneName::MirrorRoom, ReflectionTechnique::Reference);
     let picture = show(&mut app, camera, ReflectionDebugView::Off);
     let reflection = show(&mut app, camera, ReflectionDebugView::Reflection);

@@ -23,7 +23,7 @@ use bevy::{
 use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectedMaterialPlugin, ReflectionFallback};
 use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, Output};
 
-/// An app as Bevy's default plugins leave it, with what `add` adds; `None` (with the reason printed) where this machine can't render.
+/// An app with Bevy's default plugins, and the plugins of `add`; `None` (with the reason printed) if this machine can't render.
 fn start(device: WgpuSettings, add: impl FnOnce(&mut App)) -> Option<HeadlessApp> {
     let settings = HeadlessSettings {
         size: SIZE,
@@ -288,7 +288,7 @@ fn an_app_can_keep_its_own_method() {
         assert!(!app.world().entity(plain).contains::<DeferredPrepass>(), "{what}");
         assert_ne!(app.world().get::<Msaa>(plain), Some(&Msaa::Off), "{what}");
     }
-    // It may change its mind.
+    // It can change its mind.
     other.world().insert_resource(DefaultOpaqueRendererMethod::deferred());
     other.step(1);
     let mut plain = other.world().query_filtered::<Has<DeferredPrepass>, With<Camera3d>>();

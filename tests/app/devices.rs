@@ -20,7 +20,7 @@ const FRAMES: u32 = 24;
 const SAME: f32 = 0.02;
 const OFF: f32 = 2.0;
 
-/// A device that lacks features, by what they are called.
+/// A device without some features, with its name.
 struct Device {
     name: &'static str,
     settings: WgpuSettings,
@@ -64,7 +64,7 @@ fn devices() -> [Device; 5] {
     ]
 }
 
-/// The picture of a device, and how it reads textures; `None` where the machine can't trace.
+/// The image of a device, and its texture mode; `None` if the machine can't trace.
 fn picture(device: &Device, reflects: bool) -> Option<(Vec<u8>, Option<ReflectionTextureMode>)> {
     let settings = HeadlessSettings {
         size: SIZE,

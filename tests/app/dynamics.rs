@@ -1,4 +1,4 @@
-//! Scenes that change between frames: what the mirror shows follows, and nothing is built that need not be.
+//! Scenes that change between frames: the mirror follows, and nothing is built without need.
 
 use crate::{
     common::app,
@@ -176,7 +176,7 @@ fn entities_that_change_are_followed(app: &mut HeadlessApp, _: ReflectionTracerC
     expect(app, "hidden by its parent", BLUE, [false, false]);
 }
 
-/// A cube gets a texture, whose texels change; at last it is green and has none.
+/// A cube gets a texture with changing texels; at last it is green and has none.
 fn expect_changes_of_a_texture(app: &mut HeadlessApp, subject: Entity) {
     let texels = |color: [u8; 3]| [color[0], color[1], color[2], 255].repeat(16);
     let extent = Extent3d {

@@ -232,7 +232,7 @@ fn forward(material: StandardMaterial) -> StandardMaterial {
     }
 }
 
-/// Glass before it wins, something deferred hides it, and what rays don't see gets nothing of what lies behind.
+/// Glass in front of it wins, a deferred object hides it, and objects that rays don't see get nothing of the surfaces behind them.
 #[test]
 fn what_stands_before_a_forward_surface_comes_first() {
     for (tracer, mut app) in apps(SIZE, Output::Linear) {
@@ -302,7 +302,7 @@ fn what_stands_before_a_forward_surface_comes_first() {
     }
 }
 
-/// The depth of the prepass doesn't know what has none, but it hides what lies behind it.
+/// The depth of the prepass lacks objects without a prepass, but such an object hides the surfaces behind it.
 #[test]
 fn objects_without_a_prepass_cover_reflections() {
     for tracer in BOTH {
@@ -416,7 +416,7 @@ fn an_app_that_draws_everything_forward_has_reflections() {
     }
 }
 
-/// An extension whose plugin says nothing.
+/// An extension with a plugin without settings.
 #[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
 struct Lacquer {
     #[uniform(100)]
@@ -425,7 +425,7 @@ struct Lacquer {
 
 impl MaterialExtension for Lacquer {}
 
-/// One whose plugin says that it shows no environment.
+/// An extension with a plugin that declares it to show no environment.
 #[derive(Asset, AsBindGroup, Reflect, Clone, Default)]
 struct Toon {
     #[uniform(100)]
@@ -452,7 +452,7 @@ fn halves(app: &HeadlessApp) -> [Vec3; 2] {
     [1, 3].map(|quarter| Vec3::from_slice(&picture[(size.y / 2 * size.x + quarter * size.x / 4) as usize]))
 }
 
-/// Rays bring nothing for materials that show no environment, or whose own look isn't known: stand-ins tell of rays alone.
+/// Rays add nothing for materials that show no environment, or with an unknown look of their own: stand-ins only describe rays.
 #[test]
 fn materials_without_environment_and_stand_ins_look_as_ever() {
     for tracer in BOTH {

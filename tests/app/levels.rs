@@ -337,7 +337,7 @@ fn textures_without_memory_get_some_later() {
 /// A texture for which there is no place gets one once another texture goes.
 #[test]
 fn a_texture_without_a_place_gets_one_later() {
-    // Copies in layers, of which a device has so many at least.
+    // Copies in layers; a device has at least this number of them.
     const PLACES: usize = 256;
     let Some(mut app) = app_with_layers() else { return };
     let app = &mut app;

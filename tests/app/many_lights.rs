@@ -14,7 +14,7 @@ use bevy::{
 use bevy_glint::{RayTracedReflections, ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
-/// Halves of the lights, each of which hits still go through.
+/// Halves of the lights, each of which hits still evaluate one by one.
 const HALF: usize = 240;
 const COLORS: [Color; 3] = [
     Color::linear_rgb(1.0, 0.2, 0.1),

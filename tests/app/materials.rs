@@ -1,4 +1,4 @@
-//! Materials of other types than `StandardMaterial`, and stand-ins: what a mirror shows of a wall behind the camera.
+//! Materials of other types than `StandardMaterial`, and stand-ins: the wall behind the camera in a mirror.
 
 use crate::{
     common::app_with,
@@ -128,7 +128,7 @@ fn materials_of_known_types_are_seen(app: &mut HeadlessApp) {
         .unwrap()
         .base = unlit(BLUE);
     assert_shows(app, "water whose base changed", Some(BLUE));
-    // In one frame, the new material's system may run before the old one's.
+    // In one frame, the new material's system can run before the old one's.
     let lava = add(app, Lava::default());
     let swap = |app: &mut HeadlessApp| {
         let mut object = app.world().entity_mut(object);
@@ -183,7 +183,7 @@ fn rays_hit_stand_ins(app: &mut HeadlessApp) {
     app.world().despawn(object);
 }
 
-/// Mean red, green and blue of what the mirror shows.
+/// Mean red, green and blue of the mirror.
 fn mean_light(app: &mut HeadlessApp) -> [f32; 3] {
     warm_up(app);
     app.step(4);

@@ -1,4 +1,4 @@
-//! Objects at rest are merged into trees in world space: nothing of that may be seen.
+//! Static objects are merged into trees in world space, which must not be visible.
 
 use crate::{
     common::app,
@@ -121,7 +121,7 @@ fn picture(width: u32, height: u32, texels: Vec<u8>) -> Image {
     Image::new(size, TextureDimension::D2, texels, format, RenderAssetUsages::default())
 }
 
-/// An unlit object of the mirror room, whose texture is solid where its first UV coordinates point, and cut out at the second ones.
+/// An unlit object of the mirror room. Its texture is solid at its first UV coordinates, and cut out at the second ones.
 struct Subject {
     entity: Entity,
     mesh: AssetId<Mesh>,
@@ -190,7 +190,7 @@ impl Subject {
     }
 }
 
-/// Micromaps, and trees without what is cut out, show what the texture alone shows.
+/// Micromaps, and trees without cut-out triangles, show the same as the texture alone.
 #[test]
 fn micromaps_are_not_seen() {
     let Some(mut app) = app(SIZE, Output::Picture, ReflectionTracerChoice::Bvh) else {
@@ -219,7 +219,7 @@ fn micromaps_are_not_seen() {
     assert_eq!(rested.merged_instances, rested.instances);
     assert_flip("micromaps", SIZE, &expected, &app.capture().unwrap(), 0.0005);
 
-    // Another picture in the same image: what was known of the first one is forgotten.
+    // Another image in the same asset: data of the first one is dropped.
     let mut images = app.world().resource_mut::<Assets<Image>>();
     images.get_mut(&image).expect("the image stays").data = Some(disc(true));
     warm_up(&mut app);

@@ -1,8 +1,8 @@
 //! The README as a new user follows it: an empty folder, the dependencies and the code that it gives, and nothing else.
 //!
-//! Two things differ from what a user does, so that a test can do it. Bevy comes with the features of this workspace instead of its
-//! default ones, since all of it would be compiled anew otherwise; and `DefaultPlugins` becomes the same plugins without a
-//! window, with a mirror before the camera and a red cube behind it. Only traced reflections can show that cube.
+//! Two differences from a real user make it a test. Bevy comes with the features of this workspace instead of its default ones, since all
+//! of it would be compiled again otherwise; and `DefaultPlugins` becomes the same plugins without a window, with a mirror in front of the
+//! camera and a red cube behind it. Only traced reflections can show that cube.
 
 use crate::common::app;
 use bevy::math::UVec2;
@@ -29,7 +29,7 @@ const NAME: &str = "my_game";
 /// A CPU that renders compiles shaders for a while.
 const PATIENCE: Duration = Duration::from_secs(1200);
 
-/// The plugins that take the place of `DefaultPlugins`, and what is looked at.
+/// The plugins that replace `DefaultPlugins`, and the scene for the check.
 const CHECK: &str = r#"//! Bevy's plugins without a window, and a picture of a mirror.
 
 use bevy::{
@@ -225,8 +225,8 @@ fn plain_file() -> String {
     plain
 }
 
-/// Makes what `cargo new` makes, with the README's dependencies and code. Beside it lies a crate that asks for the features which this
-/// test was built with: cargo unites the features of a workspace, and finds all of Bevy built already.
+/// Creates a crate as `cargo new` does, with the README's dependencies and code. Next to it is a crate that requests the features of this
+/// test: cargo unites the features of a workspace, and finds all of Bevy built already.
 fn make(folder: &Path) {
     _ = fs::remove_dir_all(folder);
     let dependencies: Vec<_> = block("toml", "[dependencies]").lines().map(dependency).collect();
@@ -246,7 +246,7 @@ fn make(folder: &Path) {
     .into_iter()
     .filter_map(|(on, name)| on.then_some(name))
     .collect();
-    // Both lists may ask for features of the same crate, which then needs two names.
+    // Both lists can request features of the same crate, which then needs two names.
     let rename = |line: &str| match line.split_once(" = { ") {
         Some((name, rest)) => format!("unified_{name} = {{ package = {name:?}, {rest}"),
         None => line.to_owned(),
@@ -286,7 +286,7 @@ fn build(folder: &Path, name: &str) -> (PathBuf, f64) {
     let program = env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let mut cargo = Command::new(if cfg!(unix) { "sh".into() } else { program.clone() });
     if cfg!(unix) {
-        // The shell knows the time of what it has started.
+        // The shell measures the time of its child.
         cargo.args(["-c", "\"$@\" && times", "sh"]).arg(program);
     }
     // Bevy builds with compilers that are older than the one it names.
@@ -330,8 +330,8 @@ fn cpu_seconds(times: &str) -> f64 {
     last.split_whitespace().filter_map(seconds).sum()
 }
 
-/// Runs a program to its end, with all that it says in the file `log`; returns what that was. The test fails if the program does,
-/// or if it takes too long; `what` begins the sentence.
+/// Runs a program to its end, with its output in the file `log`; returns the output. The test fails if the program does, or if it takes
+/// too long; `what` begins the sentence.
 #[track_caller]
 fn run(what: &str, command: &mut Command, log: &Path) -> String {
     let output = File::create(log).expect("a log can be written");
@@ -370,7 +370,7 @@ fn the_readme_has_every_step() {
     }
     let code = main_file();
     assert!(code.contains("check::plugins()") && !code.contains("DefaultPlugins"));
-    // The plugin and one component: the rest is what the plugin is for.
+    // The plugin and one component are enough: the plugin does the rest.
     for word in ["DefaultOpaqueRendererMethod", "Prepass", "Msaa", "Hdr"] {
         assert!(
             !code.contains(&format!("{word}::")),
@@ -393,8 +393,8 @@ fn the_time_of_children_is_the_last_line() {
     assert_eq!(cpu_seconds(""), 0.0);
 }
 
-/// Prints what the library adds to an app: compilation of the library alone, all of its features on, above a Bevy that is compiled
-/// already; and the size of the program.
+/// Prints the library's share of an app: compilation of the library alone, all of its features on, above a Bevy that is compiled already;
+/// and the size of the program.
 #[test]
 #[ignore = "builds crates; run by cargo xtask new-user --measure"]
 fn a_new_app_grows() {

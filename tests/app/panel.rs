@@ -1,4 +1,4 @@
-//! The settings panel and the options menu, used as a person does: by clicking on what can be read. No window, no GPU.
+//! The settings panel and the options menu, used like a person by clicking on labels. No window, no GPU.
 
 use bevy::{
     input::{
@@ -461,7 +461,7 @@ impl Game {
         }
     }
 
-    /// The middle of what shows a text.
+    /// The middle of the widget with a text.
     fn find(&self, text: &str) -> Option<Vec2> {
         let output = self.app.world().get::<EguiOutput>(self.camera)?;
         let nodes = &output.platform_output.accesskit_update.as_ref()?.nodes;

@@ -15,7 +15,7 @@ use std::{ops::Range, path::PathBuf};
 /// Pixels per degree of the paper's display: 2,560 pixels over 0.5 m at 0.62 m.
 pub const PIXELS_PER_DEGREE: f32 = 55.4;
 
-/// Frames that loading, compiling and building may take.
+/// Limit of frames for loading, compiling and building.
 pub const PATIENCE: u32 = 20_000;
 
 /// Few triangles and texels, for tests that compare a scene with itself: a CPU takes longer to bake and to draw fine ones than to
@@ -49,7 +49,7 @@ pub fn use_coarse_shadow_maps(app: &mut HeadlessApp) {
     );
 }
 
-/// Spawns a scene whose camera reflects everything, and waits until all of it can be hit.
+/// Spawns a scene with a camera that reflects everything, and waits until rays can hit all of it.
 pub fn spawn(app: &mut HeadlessApp, scene: SceneName, technique: ReflectionTechnique) -> Entity {
     let camera = app.spawn_scene(scene, &COARSE);
     reflect(app, camera, technique);
@@ -134,7 +134,7 @@ pub fn dump(name: &str, size: UVec2, expected: &[u8], actual: &[u8]) -> PathBuf 
     folder
 }
 
-/// Pixels of which a channel differs by more than `tolerance`.
+/// Pixels with a channel that differs by more than `tolerance`.
 pub fn differing_pixels(a: &[u8], b: &[u8], tolerance: u8) -> usize {
     let apart = |(a, b): &(&[u8], &[u8])| a.iter().zip(*b).any(|(a, b)| a.abs_diff(*b) > tolerance);
     a.chunks_exact(4).zip(b.chunks_exact(4)).filter(apart).count()

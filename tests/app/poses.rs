@@ -323,7 +323,7 @@ fn what_is_gone_leaves_nothing(app: &mut HeadlessApp, tracer: ReflectionTracerCh
             match round {
                 0 => world.entity_mut(arm.mesh).despawn(),
                 1 => drop(world.entity_mut(arm.mesh).insert(NotReflected)),
-                // The skeleton goes before what it moves.
+                // The skeleton is removed before the mesh that it moves.
                 _ => world.entity_mut(arm.joints[0]).despawn(),
             }
         }
@@ -338,7 +338,7 @@ fn what_is_gone_leaves_nothing(app: &mut HeadlessApp, tracer: ReflectionTracerCh
     }
 }
 
-/// An arm bends in the frame in which a crowd arrives, whose trees need more room than the buffers have.
+/// An arm bends in the frame in which a crowd arrives with trees that don't fit into the buffers.
 fn a_pose_stays_where_buffers_grow(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
     const BEHIND_THE_MIRROR: Vec3 = Vec3::new(0.0, 0.0, -50.0);
     stage(app);

@@ -52,7 +52,7 @@ fn each_camera_reflects_what_it_draws() {
         let (red, green) = (count(app, RED), count(app, GREEN));
         println!("{tracer}: red {red:?}, green {green:?} of {half}");
         assert_eq!((red, green), ([half, 0], [0, half]), "{tracer}");
-        // The second camera now draws what the first one does.
+        // The second camera now draws the layers of the first one.
         app.world()
             .entity_mut(cameras[1])
             .insert(RenderLayers::from_layers(&[0, 1]));

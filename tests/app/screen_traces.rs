@@ -21,9 +21,9 @@ use bevy_glint::{
 };
 use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName, browser_device};
 
-/// Bytes of what a camera showed, per pixel.
+/// Bytes of the copied screen, per pixel.
 const BYTES_PER_PIXEL: u64 = 8;
-/// Mean FLIP of a reflection with the custom shader and what a camera would show in its place: the edges of stripes are as wide as pixels of
+/// Mean FLIP of a reflection with the custom shader and the image of a camera in its place: the edges of stripes are as wide as pixels of
 /// the last frame.
 const SAME: f32 = 0.045;
 /// The least mean FLIP to a reflection without the custom shader.
@@ -162,7 +162,7 @@ impl Stage {
         self.app.capture().unwrap()
     }
 
-    /// Bytes of what the camera showed, and of all that it owns.
+    /// Bytes of the copied screen, and of all that the camera owns.
     fn bytes(&mut self) -> (u64, u64) {
         let memory = report(&mut self.app).view_memory;
         let parts = || memory.iter().flat_map(|view| &view.parts);
@@ -361,7 +361,7 @@ fn cuts_leave_no_ghosts() {
     assert!(other > OTHER, "the cut shows the same: {other}");
 }
 
-/// How much farther from the truth pictures may be with the light of the last frame: mean FLIP.
+/// Allowed increase of the error with the light of the last frame: mean FLIP.
 const MORE: f32 = 0.01;
 const STANDARD: UVec2 = UVec2::new(144, 96);
 

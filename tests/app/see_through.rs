@@ -1,4 +1,4 @@
-//! Blended and transmissive surfaces in a mirror: rays pass through them by chance, and the mean is what blending shows.
+//! Blended and transmissive surfaces in a mirror: rays pass through them stochastically, and the mean equals blending.
 
 use crate::{
     common::app,
@@ -106,7 +106,7 @@ fn panes_in_an_exact_mirror_have_no_grain() {
             println!("{tracer:?}, red {red:?}, blue {blue:?}: {farthest:?} at most, expected {expected:?}");
             assert!(off(farthest) < 0.02, "{tracer:?}: {farthest:?}, expected {expected:?}");
         }
-        // More panes than have a place: the last ones are left to chance, and the mean stays what blending shows.
+        // More panes than exact layers: the last ones are stochastic, and the mean still equals blending.
         for pane in [pane, second] {
             app.world().despawn(pane);
         }
@@ -130,7 +130,7 @@ fn panes_in_an_exact_mirror_have_no_grain() {
     }
 }
 
-/// Glass of a colour tints what lies behind it, however many panes there are, and nothing before it. All passes know of it.
+/// Coloured glass tints the surfaces behind it, regardless of the number of panes, and nothing in front of it. All passes do this.
 #[test]
 fn glass_tints_what_is_seen_through_it() {
     const TINT: [f32; 3] = [0.25, 0.5, 1.0];

@@ -137,7 +137,7 @@ fn an_app_as_it_ships_reflects_what_moves() {
             if count > 60 {
                 return;
             }
-            // The cube may come later than what passes.
+            // The cube can arrive after the objects that pass.
             picture = None;
         }
         std::thread::sleep(Duration::from_millis(1));

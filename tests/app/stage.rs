@@ -39,7 +39,7 @@ pub fn metal(perceptual_roughness: f32) -> StandardMaterial {
     }
 }
 
-/// Smooth glass without a colour of its own, of which nothing is seen but reflections.
+/// Smooth colourless glass, of which only the reflections are visible.
 pub fn clear_glass() -> StandardMaterial {
     StandardMaterial {
         base_color: Color::NONE,
@@ -101,7 +101,7 @@ pub fn clear(app: &mut HeadlessApp) {
     let mut placed = world.query_filtered::<Entity, With<Transform>>();
     let placed: Vec<Entity> = placed.iter(world).collect();
     for entity in placed {
-        // Its parent may have taken it along.
+        // Its parent might have removed it.
         _ = world.try_despawn(entity);
     }
     app.step(2);
@@ -138,7 +138,7 @@ pub fn layer_bytes(app: &mut HeadlessApp) -> u64 {
         .sum()
 }
 
-/// Frames that merging may take.
+/// Limit of frames for merging.
 const PATIENCE: u32 = 20_000;
 
 /// Waits until nothing is left to be merged, and masked objects have their micromaps.

@@ -1,4 +1,4 @@
-//! Views in which nothing changes converge, whatever goes on elsewhere; what they see is followed at once.
+//! Views without a change converge, regardless of changes elsewhere; visible changes are followed at once.
 
 use crate::{
     common::app,
@@ -25,7 +25,7 @@ const SEEN: Vec3 = Vec3::new(0.5, 0.0, 5.5);
 /// cd/m^2 of the light probe around the object.
 const PROBE: f32 = 2_500.0;
 
-/// An object, its material and its texture, a lamp beside it and a light probe around it, any of which may change.
+/// An object, its material and its texture, a lamp beside it and a light probe around it, any of which can change.
 struct Restless {
     at: Vec3,
     object: Entity,
@@ -67,7 +67,7 @@ fn white(size: Extent3d) -> Image {
     image
 }
 
-/// A light probe, whose box is large enough for what stands around.
+/// A light probe with a box large enough for the objects around it.
 fn spawn_probe(app: &mut HeadlessApp, at: Vec3) -> (Entity, Handle<Image>) {
     let faces = Extent3d {
         depth_or_array_layers: 6,
@@ -319,7 +319,7 @@ fn what_rays_meet_is_followed() {
         let only_images = tracer == ReflectionTracerChoice::RayQuery;
         let once = if only_images { &[Change::Image][..] } else { &all };
         let once = once.iter().map(|change| (*change, 1));
-        // Over several bounces all that moves is a change for all views: there, nothing else may keep them from converging.
+        // Over several bounces every motion is a change for all views: nothing else can keep them from converging there.
         for (change, bounces) in once.chain([(Change::Image, 2)]) {
             let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
             settings.max_bounces = bounces;

@@ -12,7 +12,7 @@ use glint_scenes::{HeadlessApp, Output, SceneName};
 /// In fewer pixels, histories that are sampled between them blur more than the floor does.
 const SIZE: UVec2 = UVec2::new(240, 160);
 
-/// Times the error at rest that the error in motion may be.
+/// Factor on the static error that the error in motion can reach.
 const LIMIT: f32 = 1.55;
 
 /// A camera before a glossy floor, and a thing above it.
@@ -33,8 +33,8 @@ fn scene(app: &mut HeadlessApp, roughness: f32, subject: impl Into<Mesh>, materi
     Scene { camera, subject }
 }
 
-/// 24 frames of a movement end where the scene stands as it was built. The error of the last of them, and after 24 more at rest. `images`:
-/// histories follow images in smooth surfaces, too.
+/// 24 frames of a movement that ends with the scene as it was built. The error of the last of them, and after 24 more static frames.
+/// `images`: histories follow images in smooth surfaces, too.
 fn errors(
     name: &str,
     technique: ReflectionTechnique,
@@ -77,7 +77,7 @@ fn errors(
 type Build = fn(&mut HeadlessApp) -> Scene;
 type Step = fn(&mut HeadlessApp, &Scene, f32);
 
-/// The error in motion is little more than that at rest, and at most such a part of what it is where histories don't follow images: for
+/// The error in motion is little more than the static one, and at most this part of the error without histories that follow images: for
 /// techniques with a ray for each pixel and for four. A part above 1 only keeps images that are followed from being much worse.
 #[track_caller]
 fn expect(name: &str, part: f32, build: Build, step: Step) {

@@ -1,5 +1,5 @@
-//! A character that walks along a mirror, and then stands and waves: what each technique shows of an instant is what it shows without a
-//! past, without a ghost where the character was. Converged pictures say where it is and where it was.
+//! A character that walks along a mirror, and then stops and waves: each technique shows an instant as it does without history, with no
+//! ghost at the character's old position. Converged images give its old and new position.
 
 use crate::{
     common::app,
@@ -11,7 +11,7 @@ use bevy::prelude::*;
 use bevy_glint::{RayTracedReflections, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
-/// The frame from which on the character stands and waves.
+/// The frame from which on the character stops and waves.
 const STANDS: u32 = 20;
 /// Frames that are looked at: on the way, and while it waves.
 const SEEN: [u32; 4] = [13, 18, 33, 36];
@@ -21,15 +21,15 @@ const WALK: u32 = 12;
 const BEFORE: u32 = 5;
 /// Frames of the truth.
 const TRUE_FRAMES: u32 = 64;
-/// Pictures without a past, whose mean has little noise.
+/// Images without history; their mean has little noise.
 const FRESH: u16 = 8;
-/// Light that the past may leave where the character was, relative to the light of the character. Histories of two
-/// frames are a part of pictures of a single ray, in a mirror that the denoiser smooths. Without marks on what was
-/// posed it is 0.13 to 0.3 while it waves.
+/// Light that the history can leave at the character's old position, relative to the light of the character. Histories of two frames are
+/// a part of images of a single ray, in a mirror that the denoiser smooths. Without marks on posed objects it is 0.13 to 0.3 while it
+/// waves.
 const MOST_LEFT: f32 = 0.15;
 /// The same for a technique that has few rays in all of the mirror.
 const MOST_LEFT_BY_COARSE_RATES: f32 = 0.2;
-/// Light that the past may take away where the character has come to. Without marks it is up to 0.6.
+/// Light that the history can remove at the character's new position. Without marks it is up to 0.6.
 const MOST_MISSING: f32 = 0.35;
 const LEAST_PIXELS: usize = 10;
 
@@ -39,7 +39,7 @@ fn pose(app: &mut HeadlessApp, legs: &[Arm; 2], frame: u32) {
     for (leg, side) in legs.iter().zip([1.0, -1.0]) {
         let swing = (0.35 * frame as f32).sin() * side;
         let waves = frame > STANDS;
-        // Who stands moves nothing but the upper bones: the objects stay where they are.
+        // A waving character only moves its upper bones: the objects don't move.
         let hip = Transform::from_xyz(walked - 3.0 + 0.4 * side, -2.0, 6.5)
             .with_rotation(Quat::from_rotation_z(if waves { 0.0 } else { 0.3 * swing }));
         let bend = if waves {

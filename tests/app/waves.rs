@@ -110,7 +110,7 @@ fn panes(app: &mut HeadlessApp) -> [Vec3; 3] {
     })
 }
 
-/// A shader of the app's turns the normals of its own materials, and of no others; what isn't a number does no harm.
+/// An app's shader turns the normals of its own materials, and of no others; NaN does no harm.
 #[test]
 fn reflections_follow_the_normals_of_the_apps_shader() {
     for tracer in BOTH {

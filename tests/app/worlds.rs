@@ -1,4 +1,4 @@
-//! Worlds that change: what doesn't change costs nothing.
+//! Worlds that change: unchanged objects cost nothing.
 
 use crate::{
     pictures::{BOTH, apps, assert_flip, differing_pixels, reflect, warm_up},
@@ -11,8 +11,8 @@ use bevy_glint::{
 };
 use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName, SystemClock};
 
-/// Milliseconds that the plugin takes of a frame in a world of so many objects of which one moves, where a quarter of all frames takes
-/// less: what else runs on the machine counts little.
+/// Milliseconds of the plugin per frame in a world with this number of objects, one of them moving. It is the lower quartile of all
+/// frames, so that other load on the machine counts little.
 fn cost(tracer: ReflectionTracerChoice, instances: usize) -> Option<f64> {
     let clock = SystemClock::default();
     let settings = HeadlessSettings {
@@ -121,7 +121,7 @@ fn spawn_tiles(app: &mut HeadlessApp) -> Tiles {
         unlit([220, 30, 30]),
         Transform::from_xyz(-2.0, 1.5, -2.0),
     );
-    // Shadows fall on it, past what stands in their way or doesn't any more.
+    // Shadows fall on it, past objects that are in the way or no longer are.
     let board = StandardMaterial {
         perceptual_roughness: 1.0,
         ..default()
@@ -170,7 +170,7 @@ fn pictures_of_movements(app: &mut HeadlessApp) -> Vec<(&'static str, Vec<u8>)> 
     app.world().despawn(second);
     app.step(2);
     pictures.push(("none", capture(app)));
-    // The last of the table goes, and its place is taken by what rays never see.
+    // The last of the table is removed, and an object that rays never see replaces it.
     app.world().despawn(scene.board);
     app.step(2);
     for _ in 0..3 {
@@ -182,7 +182,7 @@ fn pictures_of_movements(app: &mut HeadlessApp) -> Vec<(&'static str, Vec<u8>)> 
     }
     app.step(4);
     pictures.push(("the board that went", capture(app)));
-    // Some that have stood since the beginning go, and another object takes the place of one in the table.
+    // Some objects from the beginning are removed, and another object replaces one in the table.
     for tile in scene.group {
         app.world().despawn(tile);
     }
@@ -195,7 +195,7 @@ fn pictures_of_movements(app: &mut HeadlessApp) -> Vec<(&'static str, Vec<u8>)> 
     pictures
 }
 
-/// Reflections show what moves among many objects, what joins them and what leaves them, whatever structures it stands in.
+/// Reflections show objects that move among many others, that join them and that leave them, in any structure.
 #[test]
 fn what_moves_among_many_objects_is_seen() {
     let mut pictures = Vec::new();

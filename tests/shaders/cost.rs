@@ -1,6 +1,6 @@
 //! The cost of each pass as compiled, against a budget in `cost.txt`: a shader that grows is seen without a GPU.
 //!
-//! Counted are the SPIR-V of an entry point with all calls inlined, and what its variables take. Loops count once.
+//! Counts the SPIR-V of an entry point with all calls inlined, and the memory of its variables. Loops count once.
 
 use crate::wesl::Shaders;
 use bevy::shader::ShaderDefVal;
@@ -25,7 +25,7 @@ use std::{
 const FILE: &str = "tests/shaders/cost.txt";
 /// Writes the file anew.
 const ACCEPT: &str = "GLINT_ACCEPT_SHADER_COST";
-/// By how much a cost may differ from its budget, in percent.
+/// Tolerance of a cost in percent of its budget.
 const TOLERANCE: f64 = 3.0;
 
 /// Definitions for scenes: the tracer, how textures are bound, and holes.
@@ -54,7 +54,7 @@ const SCENE_PASSES: [(&str, &[&str]); 14] = [
     ("front_layer/find", &["FRONT_LAYER"]),
 ];
 
-/// All others, and passes for scenes with what few have.
+/// All others, and passes for scenes with rare features.
 const PASSES: [(&str, &[&str]); 82] = [
     (
         "front_layer/find",
@@ -245,7 +245,7 @@ fn inlined(id: u32, functions: &HashMap<u32, Function>) -> Cost {
 /// Cost of the functions of SPIR-V, by name.
 fn functions(words: &[u32]) -> HashMap<u32, Function> {
     let mut functions = HashMap::<u32, Function>::new();
-    // Storage classes of pointer types, and types of what instructions result in.
+    // Storage classes of pointer types, and result types of instructions.
     let (mut classes, mut types) = (HashMap::new(), HashMap::new());
     let mut current = None;
     let mut rest = &words[5..];

@@ -142,7 +142,7 @@ fn light_at(lamp: &GpuLight, place: DVec3) -> f64 {
     light
 }
 
-/// The light that lamps send into the fog of a ray from its start on, weighed by what is left of it on the way back.
+/// The light that lamps send into the fog of a ray from its start on, weighed by the transmittance on the way back.
 fn sum(lamps: &[GpuLight], extinction: f32, start: Vec3, direction: Vec3, length: f64) -> DVec3 {
     let step = length / f64::from(STEPS);
     let mut all = DVec3::ZERO;
@@ -271,7 +271,7 @@ fn lamps_send_as_much_light_into_fog_as_a_sum_over_the_ray() {
                 (start, towards, 1.0 + 6.0 * random.next())
             })
             .collect();
-        // Three points are drawn at a time: the mean over all places that they may have is what the denoiser makes of them.
+        // Three points are sampled at a time: the denoiser averages over all their positions.
         let inputs: Vec<Input> = rays
             .iter()
             .flat_map(|&(origin, direction, length)| {

@@ -51,7 +51,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 }
 ";
 
-/// Shadows without a scene: stripes over the lights, of which a part is hidden.
+/// Shadows without a scene: stripes over the lights, which hide a part of them.
 const STRIPES: &str = "
 import package::scene::surface::Surface;
 import package::scene::types::{Light, LIGHT_CASTS_SHADOW};
@@ -146,7 +146,7 @@ fn hits() -> Vec<Input> {
     ]
 }
 
-/// Sums of all lights, and what `samples` samples of each hit make of them.
+/// Sums of all lights, and the estimate from `samples` samples per hit.
 fn measure(gpu: &Gpu, lights: &[GpuLight], defs: &[&'static str], samples: u32) -> Vec<[Vec3; 2]> {
     let mut tree = LightTree::default();
     tree.update(lights);

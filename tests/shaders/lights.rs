@@ -152,7 +152,7 @@ fn what_is_out_of_reach_gets_no_light() {
         }
         println!("{name}: {lit} of {COUNT} are lit, {spared} out of reach");
         assert!(lit * 20 > COUNT, "{name}: {lit} are lit");
-        // Most of those that get no light are told beforehand.
+        // Most unlit surfaces are recognised by the cheap test.
         assert!(
             (COUNT - lit) * 2 < spared * 3,
             "{name}: {spared} of {} are spared",

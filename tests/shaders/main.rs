@@ -1,4 +1,4 @@
-//! Shaders without an app: their modules, functions and passes against mirrors on the CPU, and these mirrors against what is known.
+//! Shaders without an app: compares their modules, functions and passes with twins on the CPU, and these twins with known results.
 
 #[path = "../common/mod.rs"]
 mod common;

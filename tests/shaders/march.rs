@@ -93,7 +93,7 @@ fn pixels_of(clip: Vec4) -> Vec2 {
     (clip.xy() / clip.w * vec2(0.5, -0.5) + 0.5) * SIZE.as_vec2()
 }
 
-/// Metres from the viewer to what was seen in a pixel.
+/// Metres from the viewer to the visible surface of a pixel.
 fn kept(seen: &[f32], pixel: Vec2) -> f32 {
     let pixel = pixel.clamp(Vec2::ZERO, SIZE.as_vec2() - 1.0).as_uvec2();
     let kept = seen[(pixel.y * SIZE.x + pixel.x) as usize];
@@ -110,7 +110,7 @@ fn change(seen: &[f32], place: Vec2, far: f32, spread: f32) -> f32 {
     (change(Vec2::X) + change(Vec2::Y)).min(spread * far / 0.1)
 }
 
-/// Metres by which a surface may be missed.
+/// Tolerance in metres for a surface.
 fn tolerance(seen: &[f32], place: Vec2, far: f32, spread: f32) -> f32 {
     let apart = (0.005 * far).min(8.0 * spread * far).max(ROUNDING * far);
     apart + 1.5 * change(seen, place, far, spread)

@@ -1,4 +1,4 @@
-//! Which pixel of a block traces, and what is kept of its ray, on a GPU or a CPU driver.
+//! The pixel of a block that traces, and the record of its ray, on a GPU or a CPU driver.
 
 use crate::{gpu::Gpu, wesl::flatten};
 use bevy::math::{UVec2, Vec3, Vec4, uvec2, vec3};

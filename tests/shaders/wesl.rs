@@ -11,7 +11,7 @@ use bevy::{
     shader::{Shader, ShaderCache, ShaderCacheSource, ShaderDefVal},
 };
 
-/// Bevy crates whose shaders ours may import.
+/// Bevy crates with shaders that ours can import.
 const BEVY_CRATES: [&str; 3] = ["bevy_render", "bevy_pbr", "bevy_core_pipeline"];
 
 /// An app's module in the place where the renderer puts it.
@@ -158,8 +158,8 @@ fn bevy_source(root: &Path, name: &str) -> PathBuf {
         .unwrap_or_else(|| panic!("the sources of {folder} are not in cargo's registry"))
 }
 
-/// The WGSL of `entry`, a module that may import `package::...`. `replaced` puts other sources in the place of files of the crate, by
-/// path under `src`: `("scene/alpha.wesl", "...")`. Errors end the test with the compiler's message.
+/// The WGSL of `entry`, a module that can import `package::...`. `replaced` replaces files of the crate, by path under `src`:
+/// `("scene/alpha.wesl", "...")`. Errors end the test with the compiler's message.
 pub fn flatten(entry: &str, replaced: &[(&str, &str)], defs: &[ShaderDefVal]) -> String {
     let mut shaders = Shaders::load();
     for (path, source) in replaced {

@@ -1,7 +1,7 @@
 //! A lamp that lies close to a floor lights no more of it than in the ground truth.
 //!
-//! Rays from beside the lamp hit its underside close by. From some pixels farther away it is seen on edge, and hardly at all: what neighbours
-//! borrow must not count there.
+//! Rays from beside the lamp hit its underside close by. From some pixels farther away it is seen on edge, and hardly at all: rays
+//! borrowed from there must not count.
 
 use crate::{
     common::app,
@@ -15,8 +15,8 @@ use glint_scenes::Output;
 const SIZE: UVec2 = UVec2::new(128, 72);
 const GROUND_TRUTH_FRAMES: u32 = 512;
 const FRAMES: u32 = 48;
-/// Most light of the floor before the lamp, in parts of the truth. It is 3, since records hold no normal of what a ray hit, and was 6.5
-/// with a limit to how little a neighbour's ray counts.
+/// Light of the floor in front of the lamp, as a multiple of the ground truth. It is 3, since records have no normal of the hit, and was
+/// 6.5 with a lower limit on the weight of a neighbour's ray.
 const MOST_LIGHT: f32 = 4.5;
 
 #[test]

@@ -1,4 +1,4 @@
-//! Reflections against what is known: mirrored geometry, a white furnace, a path tracer, and the other tracer.
+//! Compares reflections with references: mirrored geometry, a white furnace, a path tracer, and the other tracer.
 
 mod close_lamp;
 mod rare_light;
@@ -22,7 +22,7 @@ use bevy_solari::{
 };
 use glint_scenes::{FURNACE_ROUGHNESS, HeadlessApp, Output, SceneName};
 
-/// A mirror floor shows what a camera sees that is mirrored at the floor.
+/// A mirror floor shows the image of a camera mirrored at the floor.
 #[test]
 fn a_mirror_shows_the_mirrored_geometry() {
     mirror(false);
@@ -75,7 +75,7 @@ fn mirror(lit: bool) {
         if wrong * 100 > compared * 3 {
             dump(&format!("mirror-{lit}-{tracer:?}"), size, &below, &reflected);
         }
-        // Edges may be a pixel off, since the G-buffer's normals have 12 bits.
+        // Edges can be a pixel off, since the G-buffer's normals have 12 bits.
         assert!(wrong * 100 <= compared * 3, "{wrong} of {compared} pixels differ");
     }
 }
@@ -138,7 +138,7 @@ fn hide_floor(app: &mut HeadlessApp) {
     }
 }
 
-/// The part of the picture in which nothing stands before the floor.
+/// The part of the image with nothing in front of the floor.
 fn on_floor(x: usize, y: usize, size: UVec2) -> bool {
     let (x, y) = (x as f32 / size.x as f32, y as f32 / size.y as f32);
     (0.25..0.75).contains(&x) && (0.72..0.95).contains(&y)
@@ -173,7 +173,7 @@ fn assert_white(app: &HeadlessApp, name: &str) {
         (background - 1.0).abs() < 0.01,
         "the environment has a radiance of 1, not {background}"
     );
-    // Spheres stand on a grid of one metre, seen from 7 m with a vertical field of view of 32 degrees.
+    // Spheres on a grid of one metre, seen from 7 m with a vertical field of view of 32 degrees.
     let pixels_per_metre = size.y as f32 / (2.0 * 7.0 * 16f32.to_radians().tan());
     for (row, kind) in [(-0.5, "dielectric"), (0.5, "metal")] {
         for (column, roughness) in FURNACE_ROUGHNESS.into_iter().enumerate() {

@@ -14,7 +14,7 @@ use glint_scenes::Output;
 const SIZE: UVec2 = UVec2::new(160, 90);
 const GROUND_TRUTH_FRAMES: u32 = 512;
 const MOVING_FRAMES: u32 = 64;
-/// Histories that are begun anew, whose mean is compared.
+/// Number of restarted histories for the mean.
 const HISTORIES: u32 = 3;
 /// In parts of the true light: it is 0.02. It was -0.60 when a frame told of little more variance than was known.
 const MOST_BIAS: f32 = 0.1;

@@ -22,13 +22,13 @@ const STATIC_FRAMES: u32 = 48;
 const MOVING_FRAMES: u32 = 20;
 /// Pixels this close to an outline don't count.
 const OUTLINE: i32 = 3;
-/// Histories that are begun anew, whose mean is compared: one history is 0.3 % off by its noise at rest, 0.5 % in motion.
+/// Number of restarted histories for the mean: one history is 0.3 % off by its noise in a static view, 0.5 % in motion.
 const HISTORIES: u32 = 3;
 /// In percent. Records without the density of turned rays made it -13 to +12; `quarter` has 0.9, since it divides by sums of weights.
 const MOST_BIAS_STATIC: f32 = 1.5;
 const MOST_BIAS_MOVING: f32 = 2.5;
 
-/// A box whose normals are those of a sphere.
+/// A box with the normals of a sphere.
 fn rounded_box(size: Vec3, quads: u32) -> Mesh {
     let (mut positions, mut normals, mut indices) = (Vec::new(), Vec::new(), Vec::new());
     for (axis, sign) in (0..3).flat_map(|axis| [(axis, -1.0), (axis, 1.0)]) {

@@ -49,7 +49,7 @@ pub(super) const ROWS: [Row; 7] = [
         stage.technique = ReflectionTechnique::Quarter;
         stage.own_rays = true;
         stage.lie_in_haze(AtmosphereSettings::default(), 1.0);
-        // Bevy would light them by the normals of what lies behind.
+        // Bevy would light them with the normals of the surfaces behind.
         stage.spawn(StandardMaterial {
             base_color: Color::linear_rgba(0.1, 0.3, 0.8, 0.6),
             alpha_mode: AlphaMode::Blend,
@@ -100,7 +100,7 @@ impl Stage<'_> {
         ));
     }
 
-    /// Glass that lets so little through that what lies behind isn't seen. Only forward is it drawn by cameras without a pass for it.
+    /// Glass that transmits so little that nothing is visible behind it. Only forward is it drawn by cameras without a pass for it.
     fn hang_glass_in_haze(&mut self) {
         self.lie_in_haze(AtmosphereSettings::default(), 1.0);
         self.spawn(StandardMaterial {
@@ -112,7 +112,7 @@ impl Stage<'_> {
         self.enlarge(500.0);
     }
 
-    /// Makes what was spawned so many times larger and farther away.
+    /// Scales the spawned objects and their distance by this factor.
     fn enlarge(&mut self, scale: f32) {
         for entity in self.spawned.clone() {
             let mut entity = self.app.world().entity_mut(entity);
@@ -131,7 +131,7 @@ impl Stage<'_> {
         self.app.world().entity_mut(sun).insert(down);
     }
 
-    /// Things to the right of a second mirror, which stands behind the camera at an angle of 45 degrees. The first one shows them in that alone,
+    /// Objects to the right of a second mirror, behind the camera at an angle of 45 degrees. The first mirror shows them in that alone,
     /// and is too far from it to be seen there.
     fn spawn_beside(&mut self) {
         let unlit = StandardMaterial { unlit: true, ..blue() };

@@ -1,4 +1,4 @@
-//! Rows of the mirror suite about the light around things: light probes, clearcoats and what they reflect, and render layers.
+//! Rows of the mirror suite about environment light: light probes, clearcoats and their reflections, and render layers.
 
 use super::{Row, Stage, blue};
 use bevy::{
@@ -142,7 +142,7 @@ fn color(number: usize) -> [u8; 4] {
 }
 
 impl Stage<'_> {
-    /// A wide lamp between the mirror and what was spawned, on which it shines.
+    /// A wide lamp between the mirror and the spawned objects, which it lights.
     fn light_by_a_rectangle(&mut self, intensity: f32) {
         self.add((
             RectLight {
@@ -224,7 +224,7 @@ impl Stage<'_> {
         ));
     }
 
-    /// Gives what was spawned last a component.
+    /// Gives the last spawned entity a component.
     fn dress_last(&mut self, bundle: impl Bundle) {
         if let Some(&last) = self.spawned.last() {
             self.app.world().entity_mut(last).insert(bundle);

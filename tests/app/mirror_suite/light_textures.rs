@@ -53,8 +53,8 @@ impl Stage<'_> {
         })
     }
 
-    /// An image of so many texels, no part of which is like another. Its borders meet: where images repeat, edges would differ in single pixels.
-    /// `texel` makes bytes of a value.
+    /// An image with this number of texels and no repeated part. Its borders match: where images repeat, edges would differ in single
+    /// pixels. `texel` makes bytes of a value.
     fn pattern_of(&mut self, format: TextureFormat, size: UVec2, texel: impl Fn(u8) -> Vec<u8>) -> Handle<Image> {
         let texels = (0..size.element_product()).flat_map(|i| {
             let place = UVec2::new(i % size.x, i / size.x);

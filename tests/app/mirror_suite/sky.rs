@@ -42,7 +42,7 @@ pub(super) const ROWS: [Row; 12] = [
     ("a volume of fog", |stage| {
         stage.add_fog_volume();
         stage.spawn(blue());
-        // Edges of shadow maps aren't what is compared.
+        // Edges of shadow maps aren't compared.
         for entity in stage.spawned.clone() {
             stage.app.world().entity_mut(entity).insert(NotShadowReceiver);
         }
@@ -53,7 +53,7 @@ pub(super) const ROWS: [Row; 12] = [
         for entity in stage.spawned.clone() {
             stage.app.world().entity_mut(entity).insert(NotShadowReceiver);
         }
-        // Before the light, beside what both cameras see.
+        // In front of the light, beside the objects that both cameras see.
         let block = Transform::from_xyz(-7.6, 2.4, 2.0);
         let block = spawn_mesh(stage.app, Cuboid::new(4.0, 6.0, 4.0), blue(), block);
         stage.spawned.push(block);
@@ -203,7 +203,7 @@ impl Stage<'_> {
         ));
     }
 
-    /// The same, and light that it shows.
+    /// Adds light that it shows, too.
     fn add_fog_volume(&mut self) {
         self.add_dark_fog();
         self.add((
@@ -249,7 +249,7 @@ impl Stage<'_> {
         }
     }
 
-    /// Removes the wall behind what was spawned.
+    /// Removes the wall behind the spawned objects.
     pub(super) fn open(&mut self) {
         let wall = self.spawned.pop().expect("something was spawned");
         self.app.world().despawn(wall);
@@ -268,7 +268,7 @@ impl Stage<'_> {
         self.spawned.push(level);
     }
 
-    /// A cube map whose faces are smooth gradients of different colours.
+    /// A cube map with smooth gradients of different colours on its faces.
     fn colored_cube(&mut self, size: u32) -> Handle<Image> {
         let shade = |place: u32| (255 * place / (size - 1)) as u8;
         let texel = |i: u32| {

@@ -7,7 +7,7 @@ use bevy::{
     prelude::*,
 };
 
-/// Direction of light from behind what was spawned. It grazes the mirror, which shows next to none of it.
+/// Direction of light from behind the spawned objects. It grazes the mirror, which shows next to none of it.
 const FROM_BEHIND: Vec3 = Vec3::new(-1.0, -0.5, -0.15);
 
 pub(super) const ROWS: [Row; 4] = [
@@ -67,7 +67,7 @@ fn leaf() -> StandardMaterial {
 }
 
 impl Stage<'_> {
-    /// The sun behind what is spawned, and a lamp.
+    /// The sun behind the spawned objects, and a lamp.
     fn light_from_behind(&mut self) {
         self.add((
             DirectionalLight {
@@ -88,7 +88,7 @@ impl Stage<'_> {
         ));
     }
 
-    /// A thin sheet before what was spawned: shadows of that fall on its back.
+    /// A thin sheet in front of the spawned objects, which casts shadows on their backs.
     fn hang_sheet(&mut self) {
         let material = StandardMaterial {
             thickness: 0.02,

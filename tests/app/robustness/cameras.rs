@@ -279,7 +279,7 @@ fn every_pixel_is_a_number() {
     }
 }
 
-/// Pictures that are wider than what a technique can trace are declined, and keep the app alive.
+/// Images that are wider than a technique can trace are declined, and keep the app alive.
 #[test]
 fn wide_pictures_are_declined() {
     let size = UVec2::new(8_320, 8);

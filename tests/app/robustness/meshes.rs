@@ -15,7 +15,7 @@ use bevy::{
 use bevy_glint::{ReflectionTechnique, ReflectionTracerChoice};
 use glint_scenes::{HeadlessApp, Output, SceneName};
 
-/// Positions of the quantised mesh and its normals differ a little: so many pixels at edges may.
+/// Positions of the quantised mesh and its normals differ a little: this number of pixels at edges can differ.
 const EDGE_PIXELS: usize = 10;
 
 /// With a mirror that fills its picture.
@@ -98,7 +98,7 @@ fn formats(base: &Mesh) -> [(&'static str, Mesh); 7] {
     ]
 }
 
-/// Objects that look like a cuboid of a plain material. `textured` is a material whose texture they can't show.
+/// Objects that look like a cuboid of a plain material. `textured` is a material with a texture that they can't show.
 fn plain_lookalikes(
     base: &Mesh,
     plain: &StandardMaterial,

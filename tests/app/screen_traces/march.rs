@@ -8,8 +8,8 @@ use crate::{
 use bevy::prelude::*;
 use bevy_glint::{NotReflected, ReflectionDenoiser, ReflectionTechnique, ReflectionTracerChoice, ScreenTraces};
 
-/// Mean FLIP of the board in the mirror and what a camera would show in its place: its outline is known to a pixel, of which a small picture
-/// has few.
+/// Mean FLIP of the board in the mirror and the image of a camera in its place: its outline is known to a pixel, and a small image has
+/// few of these.
 const SAME: f32 = 0.15;
 /// The same without the board, at least.
 const OTHER: f32 = 0.25;

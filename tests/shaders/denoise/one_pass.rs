@@ -1,4 +1,4 @@
-//! Reconstruction and accumulation in one pass find what two passes find.
+//! Reconstruction and accumulation in one pass equal two passes.
 
 use super::{
     passes::gpu,

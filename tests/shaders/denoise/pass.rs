@@ -63,7 +63,7 @@ pub struct Pass<'a> {
     gpu: &'a Gpu,
     entry: &'static str,
     wgsl: String,
-    /// Bindings of the flattened shader, which has what the entry point uses and no more.
+    /// Bindings of the flattened shader, which contains only the bindings of the entry point.
     declared: Vec<u32>,
     buffers: Vec<(u32, wgpu::Buffer)>,
     textures: Vec<(u32, wgpu::Texture)>,
@@ -131,7 +131,7 @@ impl<'a> Pass<'a> {
     }
 
     pub fn output(&mut self, binding: u32, format: TextureFormat, words: u32) {
-        // A pattern, so that what a pass leaves alone can be told from what it clears.
+        // A pattern that distinguishes untouched texels from cleared ones.
         let texels = vec![0x42u8; (4 * self.size.x * self.size.y * words) as usize];
         let texture = compute::texture(self.gpu, format, self.size, WRITTEN, &texels);
         self.outputs.push((binding, texture, words));

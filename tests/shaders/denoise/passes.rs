@@ -82,7 +82,7 @@ fn a_single_ray_is_weighed_as_the_sampler_weighs_it() {
             let f0 = Wall::f0();
             let mut throughput = reflection_throughput(&ray.sample, f0, specular_f90(f0), albedo, Vec3::ONE);
             if let Some(other) = wall.other(&ray) {
-                // Two drawn directions lead where this ray leads, and it stands for both.
+                // Two sampled directions lead where this ray leads, and it represents both.
                 let directions = [ray.sample.direction, other];
                 let density: f32 = directions
                     .iter()
@@ -130,7 +130,7 @@ fn lamp(wall: &Wall, ray: &Ray) -> [f32; 4] {
     }
 }
 
-/// Mean green of what all rays of a frame see of the lamp, each weighed on its own.
+/// Mean green of the lamp over all rays of a frame, each weighed on its own.
 fn lamp_light(wall: &Wall, table: &DirectionalAlbedo) -> f32 {
     let (size, f0) = (wall.trace_size(), Wall::f0());
     let pixels = (0..size.y).flat_map(|y| (0..size.x).map(move |x| uvec2(x, y)));
@@ -403,7 +403,7 @@ fn what_changes_is_forgotten_in_eight_frames() {
     }
 }
 
-/// A change that nobody knows of is taken for noise, unless the surface is shaded in another way in each frame.
+/// An undetected change is treated as noise, unless the surface is shaded differently in each frame.
 #[test]
 fn what_is_shaded_anew_is_not_at_rest() {
     let Some((gpu, mut shaders)) = gpu() else { return };
@@ -416,7 +416,7 @@ fn what_is_shaded_anew_is_not_at_rest() {
     assert!(still > 0.5 && shaded < 0.05, "{still}, {shaded}");
 }
 
-/// Mean of a history at rest after 64 frames of what `texel` says of each pixel and frame.
+/// Mean of a static history after 64 frames of `texel` for each pixel and frame.
 fn mean_at_rest(texel: impl Fn(UVec2, u32) -> Reconstructed) -> Option<f32> {
     let (gpu, mut shaders) = gpu()?;
     let mut wall = Wall {
@@ -478,7 +478,7 @@ fn static_views_keep_light_that_few_rays_find() {
             accumulated: rest,
             ..Wall::new(uvec2(96, 64))
         };
-        // Every 64th ray finds a lamp 3,000 times brighter than what the others see.
+        // Every 64th ray finds a lamp 3,000 times brighter than the hits of the others.
         let seen = |block: UVec2| {
             let finds_lamp = (block / 2 % 8) == uvec2(3, 5);
             let light = if finds_lamp { 3000.0 } else { 1.0 };
@@ -491,7 +491,7 @@ fn static_views_keep_light_that_few_rays_find() {
     assert!(rest > 2.0 * moving, "{rest} at rest, {moving} in motion");
 }
 
-/// A young history of light from `seen`, of which nobody knows how noisy it is.
+/// A young history of light from `seen`, with unknown noise.
 fn noisy_history(wall: &Wall, gpu: &Gpu, shaders: &mut Shaders, seen: impl Fn(UVec2) -> f32) -> History {
     let texel = |pixel| Reconstructed {
         radiance: [seen(pixel); 3],

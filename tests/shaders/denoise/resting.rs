@@ -37,7 +37,7 @@ fn what_has_no_rays_shows_its_history() {
         let kept = after.accumulate(gpu, &mut shaders, &other, &first);
         assert!((mean(&kept) - mean(&first)).abs() < 0.01, "{name}: {}", mean(&kept));
         assert!(lengths(&kept).iter().all(|length| *length == 1.0), "{name}");
-        // Without history, a tile that rests shows what was there, and counts it for nothing.
+        // Without history, a resting tile shows its old content, and gives it no weight.
         let mut strange = first.clone();
         strange
             .surface
@@ -94,7 +94,7 @@ fn difference(accumulated: u32, rest: u32) -> [f32; 2] {
     ]
 }
 
-/// Pictures in motion take passes that know nothing of rest.
+/// Views in motion use passes without code for static views.
 #[test]
 fn passes_in_motion_do_without_what_rest_takes() {
     for (accumulated, rest) in [(3, 0), (40, 8)] {

@@ -1,4 +1,4 @@
-//! A wall that faces the camera, its rays, and what the passes of the denoiser make of them.
+//! A wall that faces the camera, its rays, and the results of the denoiser's passes.
 use super::pass::{Pass, Uniform, View};
 use crate::{
     gpu::Gpu,
@@ -55,7 +55,7 @@ pub struct Wall {
     pub rest: u32,
     /// The passes are those that know pictures at rest.
     pub knows_rest: bool,
-    /// Blocks by their first pixel that had nothing to trace: their records are empty, and what they saw is of another frame.
+    /// Blocks by their first pixel with nothing to trace: their records are empty, and their radiance is of another frame.
     pub untraced: fn(UVec2) -> bool,
 }
 
@@ -313,7 +313,7 @@ impl Wall {
         self.reconstruct_rays(gpu, shaders, |ray| radiance(ray.block))
     }
 
-    /// The same from rays that see what `radiance` says of them.
+    /// The result of rays that see `radiance`.
     pub fn reconstruct_rays(
         &self,
         gpu: &Gpu,
@@ -383,7 +383,7 @@ impl Wall {
         self.history_of(pass, new, before)
     }
 
-    /// Binds what a frame adds to a history, and runs the pass.
+    /// Binds the inputs of a frame's accumulation, and runs the pass.
     fn history_of(&self, mut pass: Pass, new: &[Reconstructed], before: &History) -> History {
         let color = |texel: &Reconstructed| {
             let [r, g, b] = texel.radiance;

@@ -172,7 +172,7 @@ fn pcg(input: u32) -> u32 {
     (word >> 22) ^ word
 }
 
-/// The texel of a tile, and whether rounding may decide otherwise.
+/// The texel of a tile, and whether rounding can change the decision.
 fn decide(case: &Case, past: &Past, tile: UVec2, target: f32) -> (u32, bool) {
     let seen = look_back(case, past, tile);
     let count = seen.count.max(1.0);
@@ -206,7 +206,7 @@ fn decide(case: &Case, past: &Past, tile: UVec2, target: f32) -> (u32, bool) {
     (rate.code() | RATE_ACTIVE | bits, close)
 }
 
-/// Compares everything. Returns the number of tiles by what they do.
+/// Compares everything. Returns the number of tiles by their kind.
 fn check(case: &Case, target: f32, output: &Output) -> BTreeMap<String, usize> {
     let (past, tiles) = (case.past.as_ref().unwrap(), case.tile_count());
     let blocks = by_tile(

@@ -42,7 +42,7 @@ fn unpack_block(word: u32) -> ([u32; 2], UVec2) {
     )
 }
 
-/// Entries of a list by tile; no entry may occur twice.
+/// Entries of a list by tile; no entry can occur twice.
 fn by_tile<T: Ord + Copy>(
     entries: impl Iterator<Item = T>,
     tile_of: impl Fn(T) -> [u32; 2],
@@ -393,7 +393,7 @@ fn combined_blocks_lie_along_the_stretch() {
     assert_eq!(rate(tilted(Vec3::new(1.0, 0.0, 0.4))), ShadingRate::R2x1);
     assert_eq!(rate(tilted(Vec3::new(-1.0, 0.0, 0.4))), ShadingRate::R2x1);
     assert_eq!(rate(tilted(Vec3::Z)), ShadingRate::R2x2);
-    // Smooth metal, and what is nearly a mirror.
+    // Smooth metal, and near mirrors.
     assert_eq!(rate(Surface::new(60)), ShadingRate::R1x1);
     assert_eq!(rate(Surface::new(20)), ShadingRate::R1x1);
     // A bright wall reflects little where it is seen head-on.

@@ -46,7 +46,7 @@ struct Resources {
 }
 
 impl Resources {
-    /// The inputs of a case; outputs are [`UNTOUCHED`]. `module` is the shader, whose structs say how uniforms are laid out.
+    /// The inputs of a case; outputs are [`UNTOUCHED`]. `module` is the shader; its structs define the layout of uniforms.
     fn new(gpu: &Gpu, case: &Case, module: &naga::Module) -> Self {
         let (trace, tiles) = (case.trace_size(), case.tile_count());
         let untouched = |size: UVec2, words: u32| vec![UNTOUCHED; (size.x * size.y * words) as usize];
@@ -120,7 +120,7 @@ impl Resources {
             .collect()
     }
 
-    /// Reads what the pass has written, and checks that it wrote nothing behind the ends of its lists.
+    /// Reads the results of the pass, and checks that it wrote nothing behind the ends of its lists.
     fn read(&self, gpu: &Gpu, case: &Case) -> Output {
         let arguments: Vec<u32> = gpu.read(&self.arguments);
         let list = |buffer: &Buffer, count: u32| {

@@ -234,7 +234,7 @@ pub struct Looks {
     angle: f32,
     normal: Vec3,
     stretch: Vec2,
-    /// Share of the reflection in what the pixel shows, in 1/255.
+    /// Share of the reflection in the pixel's light, in 1/255.
     share: u32,
 }
 
@@ -260,7 +260,7 @@ impl Case {
         self.world_from_view.w_axis.xyz()
     }
 
-    /// Roughness of what reflects in 1/510, of which both layers' steps are multiples, and whether it is an exact mirror.
+    /// Roughness of a reflecting pixel in 1/510, a common unit of both layers' steps, and whether it is an exact mirror.
     pub fn reflecting(&self, words: [u32; 4]) -> Option<(u32, bool)> {
         let [.., rough] = words[0].to_le_bytes();
         let [.., clearcoat] = words[2].to_le_bytes();
@@ -303,7 +303,7 @@ impl Case {
                 result.pixels += 1;
                 steps += roughness;
                 least = least.min(roughness);
-                // The first pixel of a trace pixel stands for the geometry and the colours of all.
+                // The first pixel of a trace pixel represents the geometry and the colours of all.
                 let trace_pixel = [x / self.trace_scale, y / self.trace_scale];
                 let looks = *result
                     .sharing
@@ -334,7 +334,7 @@ impl Case {
         result
     }
 
-    /// The rate of a tile, and whether rounding may decide otherwise.
+    /// The rate of a tile, and whether rounding can change the decision.
     pub fn decide(&self, place: UVec2, tile: &Tile) -> (ShadingRate, bool) {
         let mut close = false;
         let mut at_least = |value: f32, threshold: f32, slack: f32| {

@@ -51,8 +51,8 @@ fn expected_bins(view: Vec3, alpha: f32, pdf: Pdf) -> Vec<f64> {
     let mut bins = vec![0.0; BINS];
     for i in 0..RINGS * STEPS {
         for j in 0..SECTORS * STEPS {
-            // Points of different sectors stand at different places of the step, so that the horizon, where densities end,
-            // is not rounded the same way everywhere.
+            // Points of different sectors are at different parts of the step, so that the horizon, where densities end, is not rounded
+            // the same way everywhere.
             let x = (i as f64 + (j as f64 * 0.618_033_988_75).fract()) / (RINGS * STEPS) as f64;
             // tan^2 of half vectors = alpha^2 (1 / rest^2 - 1): smooth for the density of visible normals up to the last ring.
             let rest = 1.0 - x;

@@ -148,7 +148,7 @@ proptest! {
     }
 }
 
-/// The TLAS may be a tree, a single entry, where rays start at once, or empty; masked triangles may be nearer than solid ones.
+/// The TLAS can be a tree, a single entry, where rays start at once, or empty; masked triangles can be nearer than solid ones.
 #[test]
 fn the_tlas_may_be_one_entry_or_empty() {
     let mut random = Random(31);
@@ -198,7 +198,7 @@ fn merging_changes_no_hit() {
     });
     assert_eq!((merged.tlas.entry_count, merged.view().tlas_node_count), (1, ONE_ENTRY));
     let rays = single.rays(20_000, 8.0, Vec3::ZERO, &mut random);
-    // Rays at edges may hit or miss.
+    // Rays at edges can hit or miss.
     let rays: Vec<_> = rays
         .iter()
         .enumerate()
@@ -226,7 +226,7 @@ fn merging_changes_no_hit() {
         }
     }
     assert!(hits * 4 > rays.len(), "{hits}");
-    // Slivers that are hardly wider than what vertices are rounded by.
+    // Slivers that are hardly wider than the rounding error of vertices.
     assert!(different * 100 <= rays.len(), "{different} of {}", rays.len());
     assert!(work[1].nodes < work[0].nodes, "merging spares nodes: {work:?}");
     assert_eq!(work[1].entries, rays.len() as u64);
@@ -267,7 +267,7 @@ fn merged_edges_have_no_cracks() {
     assert_no_cracks(&scene, 100_000, &mut random);
 }
 
-/// Whatever its size and wherever it stands, however flat its triangles are.
+/// For any size and position, and for flat triangles.
 #[test]
 fn closed_surfaces_let_no_ray_out() {
     let mut random = Random(8);

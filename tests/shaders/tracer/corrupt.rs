@@ -11,13 +11,13 @@ use bevy_glint::internals::{
     gpu_types::{GpuInstance, GpuSceneCounts},
 };
 
-/// Trees for the shader, which may be none.
+/// Trees for the shader, which can be none.
 struct Trees {
     items: Vec<Item>,
     counts: GpuSceneCounts,
 }
 
-/// Whatever stands in the buffer, a traversal comes to its end, drops what its stack has no room for, and answers with numbers.
+/// With any content of the buffer, a traversal ends, drops entries beyond its stack, and returns numbers.
 #[test]
 fn traversals_of_corrupt_trees_end() {
     const CIRCLE: &str = "a circle";
@@ -44,7 +44,7 @@ fn traversals_of_corrupt_trees_end() {
     }
     let instances = [GpuInstance::default()];
     let mut cases = Vec::new();
-    // The children of all nodes are the first ones, without end. All indices are in range: it may run without checks, too.
+    // The children of all nodes are the first ones, without end. All indices are in range: it can run without checks, too.
     let mut circle = intact();
     for node in 0..nodes {
         circle.items[node as usize][2][2] &= 0xf << 28;

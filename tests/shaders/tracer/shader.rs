@@ -60,7 +60,7 @@ pub fn counts(scene: &Packed) -> GpuSceneCounts {
     }
 }
 
-/// Traces trees that may be none.
+/// Traces trees that can be none.
 pub fn trace_items(
     gpu: &Gpu,
     wgsl: &str,
@@ -92,7 +92,7 @@ pub fn trace_items(
     gpu.read(&answers)
 }
 
-/// Ids may differ where another triangle is as near, hits where the ray grazes an edge.
+/// Ids can differ if another triangle is as near, hits if the ray grazes an edge.
 fn agrees(answer: &Answer, mirror: Option<TraceHit>, tolerance: f32) -> bool {
     match mirror {
         None => answer.instance == NO_HIT,
@@ -103,7 +103,7 @@ fn agrees(answer: &Answer, mirror: Option<TraceHit>, tolerance: f32) -> bool {
 fn compare(gpu: &Gpu, scene: &Packed, rays: &[TraceRay], tolerance: f64, floor: f64) {
     let masked = scene.flags.iter().any(|flags| flags & INSTANCE_ALPHA_MASKED != 0);
     let wgsl = shader(scene.stack_size, masked);
-    // With all instances shadow casters of which no face is culled, whatever is hit is in the way.
+    // With all instances as shadow casters without culled faces, every hit blocks.
     let same_for_shadows = scene
         .flags
         .iter()
@@ -245,7 +245,7 @@ fn masked_instances_match_the_mirror_and_brute_force() {
     }
 }
 
-/// Drivers may contract products and sums, and divide with less accuracy than CPUs.
+/// Drivers can contract products and sums, and divide with less accuracy than CPUs.
 #[test]
 fn closed_surfaces_let_no_ray_out() {
     let Some(gpu) = Gpu::new() else { return };

@@ -16,7 +16,7 @@ use oracle::{Candidate, LocalRay, intersect};
 pub use shapes::{Mesh, Random, SOUPS, Soup, closed_surface, mesh, placement};
 use std::collections::BTreeMap;
 
-/// Stands in for the alpha test of materials: every other triangle is cut out.
+/// Replaces the alpha test of materials: every other triangle is cut out.
 pub fn alpha_test(_instance: u32, primitive: u32, _barycentrics: [f32; 2]) -> bool {
     primitive.is_multiple_of(2)
 }
@@ -316,7 +316,7 @@ impl Packed {
                 // In the space of a mirrored object the winding is turned.
                 let turned = flags & INSTANCE_MIRRORED != 0 && !self.merged[*instance as usize];
                 let seen = if (found.cosine < 0.0) != turned { front } else { back };
-                // Single precision may take either face of a triangle seen on edge.
+                // Single precision can take either face of a triangle seen on edge.
                 let doubtful = found.cosine.abs() < found.tilt && front != back;
                 if !seen && !doubtful {
                     continue;

@@ -32,7 +32,7 @@ use core::num::NonZeroU64;
 use glint_scenes::{HeadlessApp, Output, read_buffer};
 use std::{collections::HashMap, time::Duration};
 
-/// Frames that compiling, building and merging may take.
+/// Limit of frames for compiling, building and merging.
 const PATIENCE: u32 = 20_000;
 const NO_HIT: u32 = u32::MAX;
 
@@ -72,7 +72,7 @@ pub struct OracleApp {
     app: HeadlessApp,
     layout: BindGroupLayoutDescriptor,
     shader: Handle<Shader>,
-    /// By what they were compiled with.
+    /// By their definitions.
     pipelines: Vec<(Vec<ShaderDefVal>, CachedComputePipelineId)>,
     /// Entities without a parent.
     roots: Vec<Entity>,
@@ -174,7 +174,7 @@ impl OracleApp {
         self.app.world().resource::<ReflectionStatus>().report()
     }
 
-    /// Puts a scene in the place of what is there, and waits until all of it can be hit.
+    /// Replaces the current scene, and waits until rays can hit all of it.
     pub fn place(&mut self, scene: &Scene) {
         let world = self.app.world();
         for root in self.roots.drain(..) {
@@ -233,7 +233,7 @@ impl OracleApp {
         &mut self.objects
     }
 
-    /// Waits until what can be merged is merged.
+    /// Waits until all possible objects are merged.
     pub fn rest(&mut self) -> ReflectionStatusReport {
         self.app.step(3);
         self.wait("merging goes on", |oracle| {

@@ -1,4 +1,4 @@
-//! Changing worlds: rays hit what is there at present.
+//! Changing worlds: rays hit the current objects.
 
 use super::{
     super::soup::Random,
@@ -11,7 +11,7 @@ use bevy_glint::ReflectionTracerChoice;
 /// More than the trees of moving objects hold, and than a chunk that is cheap to build anew.
 const CROWD: usize = 350;
 
-/// Every ray hits what the entities of the app are at present.
+/// Every ray hits the current entities of the app.
 fn judge(app: &mut OracleApp, scene: &Scene, random: &mut Random, step: u32) {
     let packed = app.packed_as(scene, false);
     let rays = rays_into(&packed, 400, scene.spread, random);

@@ -1,4 +1,4 @@
-//! Both tracers against a brute-force search, through the plugin: rays hit what the entities of an app are.
+//! Compares both tracers with a brute-force search, through the plugin: rays hit the entities of an app.
 
 mod app;
 mod changes;
@@ -12,7 +12,7 @@ use scenes::{Scene, corners, rays_from_within, rays_into};
 
 /// Relative error of distances.
 const TOLERANCE: f64 = 1e-3;
-/// One in so many rays that are not aimed at edges may pass an edge or meet a face so closely that rounding decides.
+/// Of this number of rays that are not aimed at edges, one can pass an edge or meet a face so closely that rounding decides.
 const BORDER_SHARE: usize = 200;
 
 /// How the answers compare with the exact ones.
@@ -83,7 +83,7 @@ fn assert_on_triangle(name: &str, packed: &Packed, ray: &TraceRay, hit: &Hit, cl
     }
 }
 
-/// Tries a scene as it stands in the app.
+/// Tries the current scene of the app.
 fn compare(app: &mut OracleApp, scene: &Scene, random: &mut Random) {
     let packed = app.packed(scene);
     let rays = rays_into(&packed, 3000, scene.spread, random);
@@ -96,10 +96,10 @@ fn compare(app: &mut OracleApp, scene: &Scene, random: &mut Random) {
     judge(scene.name, &packed, scene.scale, &rays, &app.trace(&rays));
 }
 
-/// No ray may slip out.
+/// No ray must slip out.
 fn compare_closed(app: &mut OracleApp, scene: &Scene, tracer: ReflectionTracerChoice, random: &mut Random) {
     let packed = app.packed(scene);
-    // Drivers are only asked to be watertight, and their boxes may cut off what lies on the corners of triangles.
+    // Drivers are only required to be watertight, and their boxes can cut off points at the corners of triangles.
     let at_corners = tracer == ReflectionTracerChoice::Bvh;
     let rays = rays_from_within(&packed, 2000, at_corners, random);
     let tally = judge(scene.name, &packed, scene.scale, &rays, &app.trace(&rays));

@@ -153,7 +153,7 @@ impl Scene {
         }
     }
 
-    /// Surfaces without a hole, whose insides can be hit.
+    /// Closed surfaces with insides that can be hit.
     pub fn closed(random: &mut Random) -> Self {
         let mesh = soup::closed_surface(20, 30, random);
         let volume: f32 = (0..mesh.triangle_count())
@@ -207,7 +207,7 @@ fn all_soups(triangles: usize, scale: f32, random: &mut Random) -> Vec<soup::Mes
     meshes
 }
 
-/// Points, lines and what rounding makes of lines, between triangles that can be hit.
+/// Points, lines and lines after rounding, between triangles that can be hit.
 fn without_area(triangles: usize, scale: f32, random: &mut Random) -> soup::Mesh {
     let mut mesh = soup::Mesh::default();
     while mesh.triangle_count() < triangles {

@@ -1,17 +1,16 @@
-//! Answers that a tracer in single precision may give.
+//! Valid answers of a tracer in single precision.
 
 use bevy::math::{Affine3A, DMat3, DVec3};
 use bevy_glint::internals::bvh::TraceRay;
 
-/// Margins below this are within rounding: twice what the tracer's triangle test adds to a triangle at most.
+/// Margins below this are within rounding: twice the largest margin of the tracer's triangle test.
 const DOUBT: f64 = 6e-6;
 
 /// A triangle that the ray hits, or misses by a little.
 pub struct Candidate {
     pub t: f64,
-    /// By how much the ray hits the triangle, negative outside: the distance between the ray and an edge relative to the
-    /// coordinates, times the length of the edge relative to the longest one. Below [`DOUBT`], single precision may see the
-    /// ray on either side.
+    /// Margin of a ray's hit on the triangle, negative outside: the distance between the ray and an edge relative to the coordinates,
+    /// times the length of the edge relative to the longest one. Below [`DOUBT`], single precision can see the ray on either side.
     pub margin: f64,
     /// Bound of the error of `t` in single precision: rounding shifts and tilts the plane, which moves the point where a
     /// grazing ray meets it.
@@ -27,7 +26,7 @@ pub struct Oracle {
 }
 
 impl Oracle {
-    /// Returns whether a tracer in single precision may find that something, or nothing, is in the way.
+    /// Returns whether a tracer in single precision can find that a triangle, or none, is in the way.
     pub fn accepts_any(&self, blocked: bool, tolerance: f64, floor: f64) -> bool {
         if blocked {
             self.candidates
@@ -42,8 +41,8 @@ impl Oracle {
         candidate.t.abs() * tolerance + floor + candidate.error
     }
 
-    /// Returns whether a tracer in single precision may answer `hit`: it must lie on a candidate, and no triangle that the ray
-    /// surely hits may lie in front of it. `tolerance` is relative to t, `floor` absolute.
+    /// Returns whether a tracer in single precision can answer `hit`: it must lie on a candidate, and no triangle that the ray surely
+    /// hits can lie in front of it. `tolerance` is relative to t, `floor` absolute.
     pub fn accepts(&self, hit: Option<(f32, u32, u32)>, tolerance: f64, floor: f64) -> bool {
         let slack = |c: &Candidate| self.slack(c, tolerance, floor);
         let sure = || self.candidates.iter().filter(|c| c.margin > DOUBT && c.t > slack(c));

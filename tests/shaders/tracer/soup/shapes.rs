@@ -1,4 +1,4 @@
-//! Meshes that break trees or triangle tests, and where they stand, from a seed.
+//! Meshes that break trees or triangle tests, and their transforms, from a seed.
 
 use bevy::math::{Affine3A, EulerRot, Quat, Vec3};
 
@@ -70,8 +70,7 @@ pub enum Soup {
 pub const SOUPS: [Soup; 5] = [Soup::Random, Soup::Needles, Soup::Grid, Soup::Duplicates, Soup::Nested];
 
 impl Soup {
-    /// Relative error of t that single precision may cause: rounding tilts the plane of a needle by its ratio of length to
-    /// width.
+    /// Relative error of t that single precision can cause: rounding tilts the plane of a needle by its ratio of length to width.
     pub fn tolerance(self) -> f64 {
         if self == Soup::Needles { 3e-3 } else { 1e-4 }
     }
