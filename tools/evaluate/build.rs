@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Folders whose code has no part in the ground truth, which is neither traced at a variable rate nor denoised.
+/// Folders with code that takes no part in the ground truth, which has no variable rate and no denoiser.
 const NO_PART: [&str; 2] = ["denoise", "rate"];
 
 fn main() {

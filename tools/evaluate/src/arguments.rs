@@ -1,4 +1,4 @@
-//! The command line, and what it asks for on this machine.
+//! The command line, and its jobs on this machine.
 
 use crate::{
     job::{self, Job, SCENES, SceneSource, TECHNIQUES, TracerName, Variant},
@@ -10,7 +10,7 @@ use clap::{Parser, ValueEnum};
 use glint_scenes::{CameraPlace, ImageSize, RecordedPath};
 use std::path::{self, PathBuf};
 
-/// Measure what each technique costs and how far its image is from the truth.
+/// Measure the cost of each technique and the error of its image.
 #[derive(Parser, Clone, Debug, Default)]
 #[command(name = "glint_evaluate")]
 pub struct Arguments {
@@ -20,11 +20,11 @@ pub struct Arguments {
     /// Built-in scenes, separated by commas (default: atrium, temple and street).
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub scene: Vec<String>,
-    /// A glTF file (.gltf or .glb), in place of or beside built-in scenes; may be given several times. Its own cameras are the views,
+    /// A glTF file (.gltf or .glb), in place of or beside built-in scenes; can be given several times. Its own cameras are the views,
     /// unless others are given.
     #[arg(long, value_name = "FILE")]
     pub gltf: Vec<PathBuf>,
-    /// Place of the camera and what it looks at, in metres, in place of the scene's path; may be given several times, each is a view. One
+    /// Position of the camera and its target, in metres, in place of the scene's path; can be given several times, each is a view. One
     /// scene or file alone.
     #[arg(long, value_name = "X,Y,Z,TX,TY,TZ", allow_hyphen_values = true)]
     pub camera: Vec<CameraPlace>,
@@ -37,7 +37,7 @@ pub struct Arguments {
     /// Timed frames per technique (default: 5000 on a GPU, less on a CPU or if quick).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub frames: Option<u32>,
-    /// Views along the path whose images are compared.
+    /// Views along the path to compare.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub views: Option<u32>,
     /// Samples per pixel of the ground truth; its two halves tell its noise.
@@ -65,14 +65,14 @@ pub struct Arguments {
     /// The folder in which ground truths are kept from run to run (default: target/evaluate).
     #[arg(long, value_name = "DIR")]
     pub cache: Option<PathBuf>,
-    /// An older results.csv: shows what changed beyond noise, and ends with status 3 if anything got slower or worse.
+    /// An older results.csv: lists changes beyond noise, and ends with status 3 if anything got slower or worse.
     #[arg(long, value_name = "FILE.csv")]
     pub compare: Option<PathBuf>,
     /// Shader modules in place of the crate's of the same path, to compare versions without building anew. The ground truth keeps the
     /// crate's.
     #[arg(long, value_name = "DIR")]
     pub shaders: Option<PathBuf>,
-    /// Forget what was measured before in the folder of results.
+    /// Forget earlier measurements in the folder of results.
     #[arg(long)]
     pub fresh: bool,
     /// Measure a job. Used by the tool itself.
@@ -191,7 +191,8 @@ impl Arguments {
         })
     }
 
-    /// Techniques with their back ends, of which compute and hardware are measured if so; `traced_only` leaves out those that don't trace.
+    /// Techniques with their back ends, including compute and hardware if both are measured; `traced_only` omits techniques that don't
+    /// trace.
     fn variants(&self, names: &[&str], (compute, hardware): (bool, bool), traced_only: bool) -> Vec<Variant> {
         let ours = names.iter().filter(|name| **name != "solari");
         let wanted = ours

@@ -50,7 +50,7 @@ impl<'a> Evaluation<'a> {
         })
     }
 
-    /// Measures what isn't measured yet; results are written after each scene. Returns all tables.
+    /// Measures everything that is missing; results are written after each scene. Returns all tables.
     pub fn run(mut self) -> Result<Tables, String> {
         let plan = self.plan;
         let mut jobs = plan.jobs.iter().peekable();
@@ -109,7 +109,7 @@ impl<'a> Evaluation<'a> {
         });
     }
 
-    /// All rows that there are: of jobs that are over, of what this machine can't do, and of earlier runs.
+    /// All rows: of finished jobs, of jobs that this machine can't do, and of earlier runs.
     fn tables(&self) -> Tables {
         let problems = self.pool.problems();
         let mut new = Tables::default();

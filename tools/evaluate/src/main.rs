@@ -4,18 +4,18 @@
 //! another one that renders, so that a driver that crashes costs one technique and not the run. Everything that is measured is stored in
 //! files at once: a run that was interrupted goes on where it stopped, and scenes can be measured one after the other into one folder.
 //!
-//! From the top down; a file imports only what stands below it:
+//! From the top down; a file only imports files below it:
 //!
 //! | module | duty |
 //! |---|---|
 //! | `evaluation` | a whole run |
-//! | `arguments` | the command line, and which jobs it asks for |
+//! | `arguments` | the command line, and its jobs |
 //! | `report` | rows, statistics, charts, summary, comparison of two runs |
-//! | `process`, `worker` | the processes that render: how they are started, what they do |
+//! | `process`, `worker` | the processes that render |
 //! | `compare` | errors of images, on all cores |
-//! | `message`, `progress`, `state` | the way between processes, and what is done already |
-//! | `machine`, `techniques` | the library: nothing else but `worker` knows it |
-//! | `job`, `protocol`, `files` | what is measured, how much of it, and where it is stored |
+//! | `message`, `progress`, `state` | communication between processes, and finished work |
+//! | `machine`, `techniques` | the library: only `worker` also uses it |
+//! | `job`, `protocol`, `files` | the measurements, their extent, and their files |
 
 mod arguments;
 mod compare;
@@ -153,7 +153,7 @@ fn prepare_folder(arguments: &Arguments, plan: &MeasurementPlan, machine: &Machi
     let table = plan.out.join(ROWS);
     let settings = serde_json::json!({ "protocol": plan.protocol, "machine": machine });
     if arguments.fresh && file.exists() {
-        // Only what this tool wrote, and only where it did.
+        // Only files that this tool wrote, and only where it did.
         for folder in [&state, &plan.out.join("images")] {
             if let Err(error) = fs::remove_dir_all(folder)
                 && error.kind() != ErrorKind::NotFound

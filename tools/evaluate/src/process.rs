@@ -149,7 +149,7 @@ fn listen(
     }
 }
 
-/// Asks a process of its own what this machine can do, since a driver may crash; fails without a GPU that can trace.
+/// Queries this machine's capabilities in a separate process, since a driver can crash; fails without a GPU that can trace.
 pub fn probe() -> Result<Machine, String> {
     let output = this_program()?.arg("--probe").stderr(Stdio::piped()).output();
     let output = output.map_err(|error| format!("the GPU can't be looked at: {error}"))?;

@@ -69,7 +69,7 @@ impl Progress {
         self.bar.finish_and_clear();
     }
 
-    /// Stands in for the bar where there is no terminal.
+    /// Replaces the bar where there is no terminal.
     fn show(&mut self) {
         let is_due = self.line.is_none_or(|line| line.elapsed() >= LINE_INTERVAL);
         if is_due && !io::stderr().is_terminal() {

@@ -6,18 +6,18 @@ use std::{
     path::{self, Path, PathBuf},
 };
 
-/// Frames after a camera cut whose error is measured.
+/// Frames after a camera cut before the error is measured.
 pub const RECOVERY_FRAMES: [u32; 3] = [1, 4, 16];
 /// Frames before a camera cut, so that there is a history to be thrown away.
 pub const LEAD_FRAMES: u32 = 4;
 /// Frames without a technique before the first one of a motion.
 pub const CLEAR_FRAMES: u32 = 2;
-/// Frames whose floating-point values are looked at.
+/// Frames with recorded floating-point values.
 pub const FLOAT_FRAMES: u32 = 2;
 /// Static frames after which reflected light is measured.
 pub const STATIC_FRAMES: u32 = 64;
 /// Frames of a view's images that all techniques share, besides the ground truth: without any reflection, in a white environment, without
-/// what reflections add, and in fog.
+/// the light of reflections, and in fog.
 pub const SHARED_FRAMES: u32 = 4 * LEAD_FRAMES;
 
 /// The least runs that tell noise from bias.
@@ -36,7 +36,7 @@ pub struct Protocol {
     pub block: u32,
     /// Frames after a switch of techniques that aren't.
     pub discard: u32,
-    /// Views whose images are compared.
+    /// Views to compare.
     pub views: u32,
     /// Views in which still frames are taken, too: recovery and flicker.
     pub still_views: u32,
@@ -70,7 +70,7 @@ pub struct Protocol {
     pub shaders: Option<PathBuf>,
 }
 
-/// A file with a recorded path, and a hash of what is in it.
+/// A file with a recorded path, and a hash of its content.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PathFile {
     /// The file.

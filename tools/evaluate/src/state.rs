@@ -1,4 +1,4 @@
-//! Files that remember what is done, so that an interrupted run goes on where it stopped.
+//! Files that record finished work, so that an interrupted run continues.
 
 use crate::{
     files::{read_json, write_json},
@@ -31,7 +31,7 @@ pub struct SceneFacts {
     pub triangles: u64,
     /// Objects that rays can hit.
     pub instances: u64,
-    /// Bytes of GPU memory of what rays hit.
+    /// Bytes of GPU memory of the scene for rays.
     pub scene_bytes: u64,
     /// The active tracer.
     pub tracer: String,
@@ -73,7 +73,7 @@ pub struct Split {
     pub light: f64,
     /// Variance between runs.
     pub noise: f64,
-    /// Square of the runs' mean against the truth, without the noise of both; may be below 0 by chance.
+    /// Square of the runs' mean against the truth, without the noise of both; can be below 0 by chance.
     pub bias: f64,
     /// The same noise, of pixels relative to their luminance (half of it that of the truth, half that of the runs) and that of the whole
     /// picture: few bright pixels can't outweigh all others.

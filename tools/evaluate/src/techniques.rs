@@ -37,7 +37,7 @@ pub fn has_hardware_rates(report: &ReflectionStatusReport) -> bool {
     report.hardware_vrs == HardwareVrsSupport::Available
 }
 
-/// True if a technique has a choice of back ends: those whose rate varies.
+/// True if a technique has a choice of back ends, as with a variable rate.
 pub fn has_backends(technique: &str) -> bool {
     technique.starts_with("vrs-") && is_variable(technique)
 }
@@ -60,9 +60,9 @@ pub fn prepare_camera(camera: &mut EntityWorldMut) {
 
 /// Switches a technique on and the one before off. Its history starts empty.
 ///
-/// `off` and `ssr` keep our component on the camera, since the library lets go of the whole scene when no camera has it, and
-/// mirroring the scene again would disturb what is measured next. It is kept from running by what it can't work with: without
-/// the normal prepass, or beside screen-space reflections.
+/// `off` and `ssr` keep our component on the camera, since the library frees the whole scene when no camera has it, and extracting the
+/// scene again would disturb the next measurement. A missing requirement keeps it from running: there is no normal prepass, or the camera
+/// has screen-space reflections.
 pub fn apply(camera: &mut EntityWorldMut, variant: &Variant) -> Result<(), String> {
     match variant.technique.as_str() {
         "off" => {
@@ -115,7 +115,7 @@ pub fn reset(camera: &mut EntityWorldMut) {
     solari::reset(camera);
 }
 
-/// Shows what reflections add to the frame, or all other light alone.
+/// Shows only the light of reflections, or all other light.
 pub fn show_reflections(app: &mut HeadlessApp, shown: bool) {
     if let Some(render_app) = app.app().get_sub_app_mut(RenderApp) {
         if shown {
@@ -126,7 +126,7 @@ pub fn show_reflections(app: &mut HeadlessApp, shown: bool) {
     }
 }
 
-/// The diagnostics whose sum is the GPU time of a technique.
+/// The diagnostics with the GPU times of a technique, to be summed.
 pub fn total_spans(variant: &Variant) -> &'static [&'static str] {
     match variant.technique.as_str() {
         "off" => &[],
@@ -177,7 +177,7 @@ pub mod solari {
         app.add_plugins(SolariPlugins);
     }
 
-    /// Lets rays hit everything, and the camera's picture be written in place.
+    /// Lets rays hit everything, and the camera's frame be written in place.
     pub fn prepare_scene(world: &mut World, camera: Entity) {
         let meshes: Vec<_> = world
             .query::<(Entity, &Mesh3d)>()

@@ -1,9 +1,9 @@
 //! The same frames with and without runtime checks in the library's shaders.
 //!
-//! Bevy compiles shaders without checks, and an access out of bounds may then read anything. With checks it reads something harmless.
-//! Frames that differ tell of accesses out of bounds in arrays of fixed size and binding arrays, of loops without an end, and of integer
-//! divisions by zero. They tell nothing of buffers and images where the driver itself checks those, as the CPU driver does: wgpu then
-//! leaves both to it.
+//! Bevy compiles shaders without checks, and an access out of bounds can then read anything. With checks it reads something harmless.
+//! Different frames indicate accesses out of bounds in arrays of fixed size and binding arrays, loops without an end, and integer
+//! divisions by zero. They don't cover buffers and images if the driver itself checks those, as the CPU driver does: wgpu then leaves
+//! both to it.
 
 use crate::{
     generators::Generator,
@@ -33,7 +33,7 @@ const TECHNIQUES: [&str; 3] = ["vrs-combined", "reference", "paper"];
 const HOSTILE: u64 = 9;
 /// Generators of each.
 const GENERATORS: usize = 8;
-/// Largest relative difference of pixels on a GPU, whose compiler translates checked code differently.
+/// Largest relative difference of pixels on a GPU with a compiler that translates checked code differently.
 const MOST_DIFFERENCE: f32 = 0.02;
 /// Targets to compare, besides rates and the image.
 const TARGETS: [Target; 4] = [
@@ -79,7 +79,7 @@ impl Case {
     }
 }
 
-/// A scenario of generators whose data shaders look up by index, without changes from frame to frame.
+/// A scenario of generators with data that shaders look up by index, without changes from frame to frame.
 fn hostile(seed: u64, size: UVec2) -> Scenario {
     let is_wanted = |generator: &Generator| {
         let changes = matches!(

@@ -1,4 +1,4 @@
-//! Time and memory that a scene may take, by what is in it.
+//! Limits of a scene's time and memory, by its content.
 //!
 //! Time is that of the plugin's systems in the render app, extraction included, on their threads: Bevy's own work, the GPU's, and other
 //! programs count as little as possible. Bytes are those of the status. `Content::usual` follows the largest of some hundred scenes.
@@ -12,9 +12,9 @@ use crate::{
 use bevy::prelude::*;
 use bevy_glint::ReflectionViewMemory;
 
-/// A scene may take so many times what is usual. More lets waste pass, less raises alarms on slow or busy machines.
+/// Limit as a multiple of the usual cost. More lets waste pass, less raises alarms on slow or busy machines.
 const MARGIN: f64 = 4.0;
-/// A single frame may take so many times what frames may take on average. More lets hitches pass.
+/// Limit of a single frame as a multiple of the limit of the average. More lets hitches pass.
 const PEAK: f64 = 2.0;
 /// Events that take reflecting cameras away.
 const RESTARTS: [EventKind; 3] = [
@@ -36,7 +36,7 @@ struct Content {
     triangles: u64,
     /// Lights.
     lights: usize,
-    /// Objects may change in each frame.
+    /// Objects can change in each frame.
     changes: bool,
     /// Reflecting cameras go or come, and the whole scene goes and comes with them.
     restarts: bool,
@@ -152,7 +152,7 @@ impl Meter {
         self.cost.views = self.cost.views.max(bytes as f64);
     }
 
-    /// Compares what the scene took with what it may take.
+    /// Compares a scene's cost with its limits.
     pub fn finish(&self, harness: &mut Harness) -> Vec<Problem> {
         let (problems, tally) = self.content.check(&self.cost);
         harness.count(tally);
@@ -202,7 +202,7 @@ mod tests {
             assert_eq!(kinds, [kind], "{cost:?}");
             assert!(tally.time.max(tally.bytes) > 1000);
         }
-        // A hundred thousand objects at rest cost next to nothing, but they take memory.
+        // A hundred thousand static objects cost next to nothing, but they take memory.
         let crowd = Content {
             instances: 100_000,
             ..small

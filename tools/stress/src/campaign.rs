@@ -1,5 +1,5 @@
-//! A campaign: many thousands of scenes in any number of sittings. A folder keeps which of them were tried and what failed, and the
-//! pairs of ingredients that have met are counted.
+//! A campaign: many thousands of scenes in any number of runs. A folder stores the tried scenes and the failures, and the pairs of
+//! ingredients that occurred together are counted.
 
 use crate::{
     generators::Generator,
@@ -40,7 +40,7 @@ impl Campaign {
     ///
     /// # Errors
     ///
-    /// If the folder can't be made, or what is in it can't be read.
+    /// If the folder can't be created, or its content can't be read.
     pub fn open(folder: &Path, count: u64) -> io::Result<Self> {
         fs::create_dir_all(folder)?;
         let state = match fs::read_to_string(folder.join(STATE)) {
@@ -83,7 +83,7 @@ impl Campaign {
         self.state.failures.retain(|_, failure| failure.repeat != *recipe);
     }
 
-    /// Notes that the scenes of these seeds were tried, and what failed among them; writes it down.
+    /// Records that the scenes of these seeds were tried, and their failures; writes it down.
     ///
     /// # Errors
     ///

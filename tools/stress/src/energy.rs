@@ -48,7 +48,7 @@ pub struct Measurements {
     pub lines: Vec<String>,
     /// Lines of those beyond their limit.
     pub problems: Vec<String>,
-    /// Lines of those that noise left undecided.
+    /// Lines of undecided results.
     pub undecided: Vec<String>,
     /// Number of techniques that were measured.
     pub count: usize,
@@ -76,7 +76,7 @@ impl Measurements {
         Ok(measurements)
     }
 
-    /// Adds a line, which may describe a problem.
+    /// Adds a line, which can describe a problem.
     pub fn add(&mut self, line: String, is_problem: bool) {
         if is_problem {
             self.problems.push(line.clone());
@@ -216,7 +216,7 @@ impl Comparison<'_> {
     }
 }
 
-/// Light may be neither gained nor lost.
+/// Light must be neither gained nor lost.
 fn check_light(gain: f64, margin: f64, most_loss: f64) -> LimitCheck {
     match (
         check_limit(gain, margin, MOST_GAIN),

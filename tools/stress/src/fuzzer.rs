@@ -165,7 +165,7 @@ fn has_kind(problems: &[Problem], kind: ProblemKind) -> bool {
     problems.iter().any(|problem| problem.kind == kind)
 }
 
-/// Returns whether other programs may be to blame: they take time, but neither memory nor pixels.
+/// Returns whether other programs can be the cause: they take time, but neither memory nor pixels.
 fn may_be_chance(problems: &[Problem]) -> bool {
     problems.iter().all(|problem| problem.kind == ProblemKind::Time)
 }

@@ -1,5 +1,5 @@
-//! An app without a window that may be opened on a limited device, survives errors of wgpu and the loss of its device, and counts what
-//! it renders.
+//! An app without a window that can be opened on a limited device, survives errors of wgpu and the loss of its device, and counts its
+//! frames.
 
 use crate::{heartbeat, image::LinearImage, log_capture, tally::Tally};
 use bevy::{
@@ -312,7 +312,7 @@ fn add_plugins(app: &mut App, settings: &HarnessSettings, clock: &SystemClock) {
 
 /// Cameras and their images.
 impl Harness {
-    /// Spawns a camera with a target of its own: half floats, without a tone curve. `extra` may override all of that.
+    /// Spawns a camera with a target of its own: half floats, without a tone curve. `extra` can override all of that.
     pub fn spawn_camera(&mut self, size: UVec2, extra: impl Bundle) -> Entity {
         let target = self.app.add_target(size, Output::Linear);
         let camera = self.app.spawn_camera((target, Tonemapping::None));

@@ -55,9 +55,9 @@ pub enum ProblemKind {
     Paths,
     /// Rays hit something else than brute force finds.
     Hits,
-    /// More time than the scene may take.
+    /// More time than the scene is allowed.
     Time,
-    /// More memory than the scene may take.
+    /// More memory than the scene is allowed.
     Memory,
     /// Something was not freed.
     Leak,
@@ -225,8 +225,8 @@ pub fn images(harness: &mut Harness, scene: &HostileScene, scenario: &Scenario) 
     problems
 }
 
-/// Cameras that clear nothing still show what was in earlier frames. Has these clear their pictures, and returns the pixels that are not
-/// finite even then.
+/// Cameras that clear nothing still show earlier frames. Makes these clear their targets, and returns the pixels that are not finite even
+/// then.
 fn wrong_after_clearing(harness: &mut Harness, cameras: &[WrongPixels]) -> Vec<WrongPixels> {
     for (camera, ..) in cameras {
         if let Some(mut camera) = harness.world().get_mut::<Camera>(*camera) {

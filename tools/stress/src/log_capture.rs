@@ -11,7 +11,7 @@ use std::{
 /// Most messages of each kind that are kept, or a long run would fill the memory.
 const MOST: usize = 4096;
 
-/// Errors that are failures. Other errors of Bevy, such as a missing file, may be intended by a scene.
+/// Errors that are failures. A scene can cause other errors of Bevy, such as a missing file, on purpose.
 const FAILURES: [&str; 4] = [
     "Caught rendering error",
     "Caught DeviceLost",
@@ -95,7 +95,7 @@ pub fn was_logged(text: &str) -> bool {
     captured().logged.iter().any(|message| message.contains(text))
 }
 
-/// Runs something that may panic.
+/// Runs something that can panic.
 ///
 /// # Errors
 ///
@@ -112,7 +112,7 @@ pub fn catch_panic<T>(body: impl FnOnce() -> T) -> Result<T, String> {
     })
 }
 
-/// Drops something. An app that is broken may panic once more.
+/// Drops something. A broken app can panic once more.
 pub fn drop_quietly<T>(value: T) {
     _ = panic::catch_unwind(AssertUnwindSafe(|| drop(value)));
 }

@@ -12,10 +12,10 @@ use bevy_glint::{
     internals::{Copied, RATE_ACTIVE, Target},
 };
 
-/// Largest difference in steps of half floats. A GPU's compiler may translate the same code twice, and with ray queries the CPU
+/// Largest difference in steps of half floats. A GPU's compiler can translate the same code in two ways, and with ray queries the CPU
 /// driver varies in the last bits from run to run, even between two cameras of the same path.
 const MOST_STEPS: u32 = 4;
-/// One in this many texels may differ by more on a GPU, since a last bit can lead past an edge.
+/// One in this many texels can differ by more on a GPU, since a last bit can lead past an edge.
 const OUTLIERS: usize = 50;
 /// Bit of a record's second word.
 const RECORD_VALID: u32 = 0x40 << 16;
@@ -140,7 +140,7 @@ fn other_surfaces(rates: &Copied, records: &[Copied; 2]) -> usize {
     pixels.filter(is_apart).count()
 }
 
-/// Number of texels that may differ.
+/// Number of texels that can differ.
 #[must_use]
 pub fn tolerated(total: usize, exact: bool) -> usize {
     if exact { 0 } else { total / OUTLIERS + 1 }
@@ -157,9 +157,9 @@ fn differing(pair: &[Copied; 2], rates: &Copied, records: &[Copied; 2], target: 
     let tile = tile_side(a.size, rates.size);
     let is_active = |pixel: UVec2| rates.at((pixel / tile).min(rates.size - 1))[0] & RATE_ACTIVE != 0;
     let is_full = matches!(target, Target::Reconstructed | Target::HistoryRadiance);
-    // Without a ray, the texel may hold an older value.
+    // Without a ray, the texel can contain an older value.
     let has_ray = |pixel: UVec2| is_full || records.iter().any(|record| record.at(pixel)[1] & RECORD_VALID != 0);
-    // On a GPU, the order in which surfaces in the same place are drawn may differ from one camera to the other.
+    // On a GPU, the drawing order of surfaces in the same place can differ from one camera to the other.
     let same_surface = |pixel: UVec2| exact || records[0].at(pixel).get(3) == records[1].at(pixel).get(3);
     let differs = |pixel: UVec2| {
         let (a, b) = (a.at(pixel), b.at(pixel));

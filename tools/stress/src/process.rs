@@ -23,7 +23,7 @@ const DISPLAY_INTERVAL: Duration = Duration::from_secs(30);
 pub struct Limits {
     /// A process that sends nothing for this long hangs.
     pub silence: Duration,
-    /// Time that a process may take beyond that of its job.
+    /// Time limit of a process beyond that of its job.
     pub grace: Duration,
 }
 
@@ -124,7 +124,7 @@ fn watch(mut child: Child, job: &Job, limits: Limits, results: &mut Results, say
         (None, Err(error)) => format!("its process is lost: {error}"),
         (Some(hang), _) => hang,
     };
-    // It may have ended in the meantime; then there is nothing to kill.
+    // It can have ended in the meantime; then there is nothing to kill.
     _ = child.kill();
     _ = child.wait();
     let MessageReceiver {

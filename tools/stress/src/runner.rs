@@ -20,7 +20,7 @@ use std::{
 
 /// Most seconds of scenes in one process.
 const BATCH_SECONDS: u64 = 240;
-/// The same in a campaign, whose processes stay warm for longer.
+/// The limit in a campaign, with processes that stay warm for longer.
 const CAMPAIGN_SECONDS: u64 = 1200;
 /// Fewest seconds of scenes in one process: a CPU compiles shaders for a while before the first scene.
 const LEAST_BATCH_SECONDS: u64 = 75;
@@ -30,7 +30,7 @@ const LEAST_SECONDS: u64 = 10;
 const SILENCE: [Duration; 2] = [Duration::from_secs(120), Duration::from_secs(300)];
 /// Time for a process to finish its current case, and to simplify a failing scene.
 const GRACE: Duration = Duration::from_secs(180);
-/// The same in a campaign, which may leave most of the machine to others.
+/// The limit in a campaign, which can leave most of the machine to others.
 const CAMPAIGN_GRACE: Duration = Duration::from_secs(900);
 /// Processes in a row that start no case before their section is given up.
 const MOST_IDLE: u32 = 3;
@@ -41,7 +41,7 @@ const EXAMINE_SECONDS: u64 = 120;
 /// Runs of a crashing fault without reflections: Bevy does not crash every time.
 const FAULT_CONTROLS: u32 = 3;
 
-/// Runs the selected sections; `say` gets every line that people may want to read.
+/// Runs the selected sections; `say` gets every line of the output.
 ///
 /// # Errors
 ///

@@ -219,7 +219,7 @@ impl Average {
     }
 
     /// Mean flicker of some pixels: standard deviation from frame to frame over mean. The mean of a dark pixel is replaced by the
-    /// fraction `dark` of the mean of all, since nobody sees its flicker.
+    /// fraction `dark` of the mean of all, since its flicker is invisible.
     #[must_use]
     pub fn flicker(&self, pixels: &[bool], dark: f64) -> f64 {
         let frames = self.frames();

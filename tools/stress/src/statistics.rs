@@ -1,9 +1,9 @@
-//! Comparison of noisy values with limits. A value whose noise leaves the answer open is neither a failure nor a success.
+//! Comparison of noisy values with limits. A value with too much noise for a decision is neither a failure nor a success.
 
 /// The result of comparing a value with a limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LimitCheck {
-    /// The value may be within the limit, and its margin is no wider than the limit.
+    /// The value can be within the limit, and its margin is no wider than the limit.
     Within,
     /// Even the lower end of the interval is beyond the limit.
     Exceeded,

@@ -5,7 +5,7 @@ use core::{fmt, time::Duration};
 
 /// Answers of the tracer that can't be judged, at most one in so many: more than that leave too little to compare.
 pub const EXCUSED_SHARE: u64 = 4;
-/// Fewer answers tell little of their share: a single scene may be full of glass.
+/// Fewer answers don't determine their share: a single scene can be full of glass.
 const LEAST_RAYS: u64 = 100_000;
 
 /// The result of a section.

@@ -14,7 +14,7 @@ pub struct Tally {
     pub pixels: u64,
     /// Answers of the tracer that were compared with brute force.
     pub rays: u64,
-    /// Answers that nobody can judge: they depend on masks, glass, or objects that may be anywhere.
+    /// Answers that can't be judged: they depend on masks, glass, or objects that can be anywhere.
     pub excused: u64,
     /// Times that a scene, or the kernel that traces in it, wasn't ready in time, so that rays got no answers.
     pub unanswered: u64,

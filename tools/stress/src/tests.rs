@@ -23,7 +23,7 @@ use std::{
 };
 
 const SIZE: UVec2 = UVec2::new(48, 32);
-/// Frames of each scene of those that together hold all generators.
+/// Frames of each of the scenes that together contain all generators.
 const FRAMES: u32 = 3;
 /// Seeds of random scenes, which differ in everything.
 const SEEDS: core::ops::Range<u64> = 100..106;
@@ -33,7 +33,7 @@ const LAPS: u32 = 7;
 const SIMPLIFY: Duration = Duration::from_secs(60);
 /// A scene in which few frames tell how much light there is.
 const SCENE: StaticScene = StaticScene::BuiltIn(SceneName::EmissiveFloor);
-/// Rays are compared with brute force in one of so many scenes, and in those whose objects or meshes change.
+/// Rays are compared with brute force in one of this number of scenes, and in those with objects or meshes that change.
 const SHARE: u64 = 3;
 /// Techniques that known scenes are measured with: the plain path, and the one with all steps.
 static TECHNIQUES: [&str; 2] = ["reference", "vrs-combined"];
@@ -145,7 +145,7 @@ fn known_scenes_keep_their_light() {
         average: 16,
         rounds: 8,
     };
-    // So few pixels of small lamps stay too noisy to judge, however many rounds there are; what is plainly wrong fails in the first.
+    // With this few pixels, small lamps stay too noisy to judge, in any number of rounds; obvious faults fail in the first.
     let of_lamps = Lengths { rounds: 2, ..lengths };
     let measured = [
         furnace::measure(harness, UVec2::new(72, 36), lengths, &TECHNIQUES, deadline),

@@ -3,7 +3,7 @@
 /// The result of a case.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Verdict {
-    /// Everything is as it should be; a remark, which may be empty.
+    /// Everything is correct; a remark, which can be empty.
     Passed(String),
     /// Something is not as it should be.
     Failed(Vec<String>),

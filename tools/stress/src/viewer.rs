@@ -78,7 +78,7 @@ impl Viewer {
         };
         let is_crash = |status: Option<ExitStatus>| status.is_some_and(|status| status.code().is_none());
         match evaluate(&ended) {
-            // A crash without a message may be Bevy's own.
+            // A crash without a message can be Bevy's own.
             Verdict::Failed(problems) if is_crash(ended.status) => match self.run(&file, "off") {
                 Ok(plain) if plain.status.is_none() || is_crash(plain.status) => Verdict::Upstream(problems),
                 _ => Verdict::Failed(problems),

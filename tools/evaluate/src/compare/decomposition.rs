@@ -53,8 +53,9 @@ pub fn decompose(truth: &TrueLight, runs: &[Vec<f32>]) -> Option<Decomposition> 
         split.light += expected - f64::from(truth.without()[index]);
         split.noise += variance;
         split.bias += bias;
-        // A highlight that is ten times as bright may be ten times as wrong before anybody sees it. The truth alone says what is bright:
-        // weights that followed the runs would follow their noise, and its rare bright values would look like bias.
+        // A highlight that is ten times as bright can be ten times as wrong before the difference is visible. The ground truth alone
+        // decides how bright a pixel is: weights that followed the runs would follow their noise, and its rare bright values would look
+        // like bias.
         let scale = (expected.max(0.0) + frame_mean).max(1e-9);
         split.contrast_noise += variance / scale.powi(2);
         split.contrast_bias += bias / scale.powi(2);
@@ -122,7 +123,7 @@ mod tests {
         TrueLight::new(WIDTH, surroundings, halves)
     }
 
-    /// Runs of a technique whose columns are too bright and too dark by turns.
+    /// Runs of a technique with columns that are too bright and too dark in turn.
     fn runs(random: &mut Random, bias: f32, noise: f32) -> Vec<Vec<f32>> {
         let frame = |random: &mut Random| {
             plane(|index| {

@@ -1,4 +1,4 @@
-//! Images of 8 bits in sRGB, and what happens to them on the way to a metric.
+//! Images of 8 bits in sRGB, and their preparation for a metric.
 
 use crate::files::write_file;
 use bevy::color::Srgba;
@@ -73,7 +73,7 @@ pub fn reflection_alone(image: &RgbImage, without: &RgbImage) -> Result<RgbImage
     Ok(alone)
 }
 
-/// Flags of pixels, given as four half floats each, whose red, green or blue is infinite or NaN.
+/// Flags of pixels, given as four half floats each, with an infinite or NaN red, green or blue.
 pub fn not_finite(halves: &[u8]) -> Vec<bool> {
     let broken = |half: &[u8]| !f16::from_le_bytes([half[0], half[1]]).is_finite();
     let pixels = halves.chunks_exact(8);

@@ -37,7 +37,7 @@ pub type Problems = BTreeMap<(String, String), String>;
 struct Progress {
     /// Tasks that are queued or being worked on.
     pending: BTreeSet<Key>,
-    /// Threads that may work.
+    /// Maximum number of threads.
     limit: usize,
     /// Threads that do.
     busy: usize,
@@ -261,7 +261,7 @@ mod tests {
         assert!(map.exists());
         drop(pool);
 
-        // Another run knows all of that, and compares what is new alone.
+        // Another run knows all of that, and compares only new images.
         fs::remove_file(&map).unwrap();
         let pool = ComparisonPool::start(1, open(&job)).unwrap();
         pool.submit(&job, true);

@@ -38,13 +38,13 @@ pub fn luminance(texels: &[[f32; 4]]) -> Vec<f32> {
 
 /// Frames that tell which pixels count. None of them has noise, so that the choice doesn't depend on that of the truth.
 pub struct Surroundings {
-    /// Luminance of all light but what reflections add.
+    /// Luminance of all light except reflections.
     pub without: Vec<f32>,
     /// The same by Bevy's own lighting in a white environment: pixels that reflect are brighter.
     pub in_white: Vec<f32>,
-    /// Distance of what each pixel shows.
+    /// Distance of each pixel's surface.
     pub distance: Vec<f32>,
-    /// Objects that each pixel may show.
+    /// Possible objects of each pixel.
     pub objects: Objects,
 }
 
@@ -62,7 +62,7 @@ pub struct Objects {
 pub struct TrueLight {
     /// Width of the image in pixels.
     width: usize,
-    /// All light but what reflections add.
+    /// All light except reflections.
     without: Vec<f32>,
     /// Pixels that count, those that reflect away from outlines: one more than the index of their cell. 0 for those that don't.
     cells: Vec<u32>,
@@ -75,7 +75,7 @@ pub struct TrueLight {
 }
 
 impl TrueLight {
-    /// The light of an image, whose planes have `width` pixels in a row.
+    /// The light of an image with planes of `width` pixels per row.
     pub fn new(width: u32, surroundings: Surroundings, halves: [Vec<f32>; 2]) -> Self {
         let width = width as usize;
         let counted = counted(width, &surroundings);
@@ -154,7 +154,7 @@ impl TrueLight {
         &self.halves
     }
 
-    /// All light but what reflections add.
+    /// All light except reflections.
     pub fn without(&self) -> &[f32] {
         &self.without
     }
@@ -268,7 +268,7 @@ pub fn write_planes(file: &Path, planes: &[&[f32]]) -> Result<(), String> {
     write_file(file, |file| file.write_all(&bytes))
 }
 
-/// Reads planes of so many numbers; `None` without the file, or if it has a part of a plane.
+/// Reads planes of this number of values; `None` without the file, or if it has a part of a plane.
 pub fn read_planes(file: &Path, pixels: usize) -> Option<Vec<Vec<f32>>> {
     let bytes = fs::read(file).ok()?;
     if pixels == 0 || bytes.len() % (4 * pixels) != 0 {
@@ -336,7 +336,7 @@ mod tests {
     fn reflected_light_is_what_exceeds_the_frame_without_it() {
         let light = light();
         let sums = light.sums();
-        // The left one of two blocks shows an object and what has no name.
+        // The left one of two blocks shows a named and an unnamed object.
         assert_eq!(sums.objects, [0, 1, 1]);
         assert_eq!(sums.halves[0].len(), 3);
         let total = |sums: &[f64]| sums.iter().sum::<f64>();

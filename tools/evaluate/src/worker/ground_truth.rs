@@ -54,7 +54,7 @@ impl GroundTruth {
 
     /// The ground truth, if it is in the cache.
     pub fn load(&self) -> Option<Converged> {
-        // The key is written last: files without it may be of an interrupted run.
+        // The key is written last: files without it can be of an interrupted run.
         let key = fs::read_to_string(self.file("txt")).ok()?;
         if key != self.key {
             return None;

@@ -185,7 +185,7 @@ impl Runner<'_> {
         let first = self.capture_luminance()?;
         self.accumulate(samples - samples / 2);
         let all = self.capture_luminance()?;
-        // The mean of all samples holds that of the first half, and what is left is the second half.
+        // The mean of all samples contains that of the first half, and the rest is the second half.
         let share = (samples / 2) as f32 / samples as f32;
         let pairs = all.iter().zip(&first);
         let second = pairs
@@ -300,8 +300,8 @@ impl Runner<'_> {
         Ok(())
     }
 
-    /// A camera cut to a view, recovery from it, the noise that stays, and the light of static frames. All the while the clock of the
-    /// scene stands at the instant of the ground truth.
+    /// A camera cut to a view, recovery from it, the remaining noise, and the light of static frames. All the while the clock of the
+    /// scene is stopped at the time of the ground truth.
     fn still_images(
         &mut self,
         view: u32,

@@ -60,13 +60,13 @@ fn frame_and_truth_show_the_same_instant() {
     let variant = Variant::new("reference");
     techniques::show_reflections(&mut runner.app, false);
     runner.prepare(&variant).unwrap();
-    // Further runs start from a scene that stood at the instant, and not from nothing.
+    // Further runs start from a scene that was stopped at that time, and not from nothing.
     for run in 0..2 {
         runner.move_to_view(0, &variant, run).unwrap();
         let frame = runner.capture_luminance().unwrap();
         assert_eq!(differing(&frame, truth.without()), 0.0, "run {run}");
     }
-    // Time stands still until it is moved.
+    // Time is stopped until it is moved.
     runner.step(3);
     assert_eq!(differing(&runner.capture_luminance().unwrap(), truth.without()), 0.0);
     // One frame more of the things that move, and the same camera: that must show.

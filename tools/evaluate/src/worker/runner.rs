@@ -34,16 +34,16 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Frames that loading and compiling may take.
+/// Limit of frames for loading and compiling.
 const FRAME_LIMIT: u32 = 20_000;
-/// Time that building a scene, or compiling a technique, may take.
+/// Limit of time for building a scene, or compiling a technique.
 const PATIENCE: Duration = Duration::from_secs(600);
 /// Frames in a row in which nothing was built: then the scene is complete.
 const QUIET_FRAMES: u32 = 8;
 /// Seconds from frame to frame.
 pub const TIME_STEP: f32 = 1.0 / 60.0;
 
-/// The app, and what is known of it.
+/// The app, and its state.
 pub struct Runner<'a> {
     pub job: &'a Job,
     pub store: Store,
@@ -52,7 +52,7 @@ pub struct Runner<'a> {
     pub camera: Entity,
     /// Times that decide where the camera is, and all that moves by itself.
     seconds: Option<(f32, f32)>,
-    /// Techniques whose pipelines are compiled.
+    /// Techniques with compiled pipelines.
     compiled: BTreeSet<String>,
     /// A target of floating-point values.
     pub float_target: RenderTarget,
@@ -224,7 +224,7 @@ impl<'a> Runner<'a> {
         Message::Frames(frames.into()).send();
     }
 
-    /// Puts the camera and everything that moves where they are after some seconds. Until the next call, time stands still.
+    /// Moves the camera and everything else to their positions at a time in seconds. Time is stopped until the next call.
     pub fn pose(&mut self, seconds: f32) {
         self.pose_apart(seconds, seconds);
     }
@@ -246,7 +246,7 @@ impl<'a> Runner<'a> {
         if let Some(projection) = projection {
             world.entity_mut(self.camera).insert(projection);
         }
-        // A scene at rest must not look as if it changed.
+        // A static scene must not look as if it changed.
         if before.is_none_or(|before| before.1 != times.1) {
             set_time(world, times.1);
         }

@@ -106,8 +106,8 @@ impl MeasuredScene {
         }
     }
 
-    /// Places the camera of a glTF file, once it is loaded, and lights it if it has no lights. Without a place or a path, the file's own
-    /// cameras are places; returns what to know about that, if anything.
+    /// Places the camera of a glTF file, once it is loaded, and lights it if it has no lights. Without a position or a path, it uses the
+    /// file's own cameras; returns a remark about that, if any.
     pub fn arrange(&mut self, app: &mut HeadlessApp, camera: Entity) -> Result<Option<String>, String> {
         let SceneSource::File(file) = &self.source else {
             return Ok(None);
@@ -227,7 +227,7 @@ impl MeasuredScene {
     }
 }
 
-/// The route that a protocol asks for. Places of a glTF file may be unknown until it is loaded.
+/// The route of a protocol. Places of a glTF file can be unknown until it is loaded.
 fn route(name: Option<SceneName>, protocol: &Protocol) -> Result<Route, String> {
     if let Some(recorded) = &protocol.path {
         return RecordedPath::load(&recorded.file).map(Route::Recorded);

@@ -31,7 +31,7 @@ impl Probe {
         }
     }
 
-    /// The sum of what is new since the last call; `None` if nothing is.
+    /// The sum of new values since the last call; `None` if there are none.
     fn take(&mut self, store: &DiagnosticsStore) -> Option<f64> {
         let mut sum = None;
         for (path, last) in &mut self.spans {

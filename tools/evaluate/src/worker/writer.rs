@@ -8,7 +8,7 @@ use std::{
     thread::{self, JoinHandle},
 };
 
-/// Images, or bundles of them, that may wait: then the renderer waits, too.
+/// Limit of waiting images, or bundles of them: beyond it, the renderer waits, too.
 const QUEUE: usize = 4;
 
 enum Work {

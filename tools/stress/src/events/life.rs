@@ -19,7 +19,7 @@ use bevy::{
 const OBJECTS_OF_A_LEVEL: u32 = 12;
 /// Characters of a crowd.
 const CROWD: usize = 6;
-/// Frames in which a crowd moves, and in which it stands, in turn.
+/// Frames in which a crowd moves, and in which it doesn't, in turn.
 const STRIDE: u32 = 3;
 
 /// Applies an event to each object before a frame.
@@ -69,7 +69,7 @@ fn replace_mesh(world: &mut World, id: Option<AssetId<Mesh>>, size: f32, usage: 
     mesh.asset_usage = usage;
     let mut meshes = world.resource_mut::<Assets<Mesh>>();
     meshes.remove(id);
-    // Fails where nobody holds the id any more.
+    // Fails if the id is no longer in use.
     _ = meshes.insert(id, mesh);
 }
 
@@ -138,7 +138,7 @@ pub(super) fn load_level(harness: &mut Harness, scene: &mut HostileScene) {
     }
 }
 
-/// Has a crowd of characters, which is spawned at first, bend for some frames and stand for others.
+/// A crowd of characters, which is spawned at first, bends for some frames and rests for others.
 pub(super) fn move_crowd(harness: &mut Harness, scene: &mut HostileScene, frame: u32) {
     if harness.world().get_entity(scene.root).is_err() {
         return;
@@ -157,7 +157,7 @@ pub(super) fn move_crowd(harness: &mut Harness, scene: &mut HostileScene, frame:
     }
 }
 
-/// A box whose upper half follows a joint, which is returned.
+/// A box with its upper half bound to a joint, which is returned.
 fn spawn_character(harness: &mut Harness, root: Entity, index: usize) -> Entity {
     let mut mesh = Mesh::from(Cuboid::new(0.2, 0.8, 0.2));
     let upper = match mesh.attribute(Mesh::ATTRIBUTE_POSITION) {

@@ -15,7 +15,7 @@ use bevy_glint::{
 };
 use std::{thread, time::Duration};
 
-/// A pass of the library whose shader is replaced by text that doesn't compile.
+/// A pass of the library with its shader replaced by text that doesn't compile.
 const PASS: &str = "embedded://bevy_glint/denoise/reconstruct.wesl";
 /// Most frames to open and fill a new device.
 const RECOVERY: u32 = 300;

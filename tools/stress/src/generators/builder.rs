@@ -21,7 +21,7 @@ pub struct HostileScene {
     pub cameras: Vec<Entity>,
     /// The setup of the first camera.
     pub camera: CameraSetup,
-    /// Objects that events may move, change or remove.
+    /// Objects that events can move, change or remove.
     pub objects: Vec<Entity>,
     /// Files that are being loaded.
     pub files: Vec<UntypedAssetId>,
@@ -141,7 +141,7 @@ impl<'a> Builder<'a> {
         self.world().resource_mut::<Assets<Image>>().add(image)
     }
 
-    /// Adds an image of one layer whose texels are all equal.
+    /// Adds an image of one layer with equal texels.
     pub fn plain_image(&mut self, size: UVec2, texel: &[u8], format: TextureFormat) -> Handle<Image> {
         let usage = RenderAssetUsages::default();
         self.image(Image::new_fill(
@@ -159,14 +159,14 @@ impl<'a> Builder<'a> {
         self.world().spawn((bundle, ChildOf(root))).id()
     }
 
-    /// Spawns an object that events may change.
+    /// Spawns an object that events can change.
     pub fn object(&mut self, mesh: impl Into<Mesh>, material: StandardMaterial, transform: Transform) -> Entity {
         let entity = self.harness.spawn_objects(self.root, mesh, material, [transform])[0];
         self.objects.push(entity);
         entity
     }
 
-    /// Spawns a cube of a random material that events may change.
+    /// Spawns a cube of a random material that events can change.
     pub fn cube(&mut self, length: f32, transform: Transform) -> Entity {
         let material = self.plain();
         self.object(Cuboid::from_length(length), material, transform)

@@ -56,7 +56,7 @@ pub enum LightKind {
     InfiniteDirectional,
     /// A sun without a direction.
     CollapsedDirectional,
-    /// A rectangle without area, and one whose width is NaN.
+    /// A rectangle without area, and one with a width of NaN.
     OddRectangles,
     /// More lamps than shaders support.
     ManyPoints,

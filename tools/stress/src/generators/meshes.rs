@@ -23,7 +23,7 @@ pub enum MeshKind {
     TinyCoordinates,
     /// Coordinates of about 1e6.
     HugeCoordinates,
-    /// Coordinates whose squares overflow.
+    /// Coordinates with squares that overflow.
     OverflowingCoordinates,
     /// Triangles with three equal corners.
     Points,

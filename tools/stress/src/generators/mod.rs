@@ -1,4 +1,4 @@
-//! Generators of everything that a hostile scene may hold.
+//! Generators of everything that a hostile scene can contain.
 //!
 //! Each scene begins with an ordinary one: a mirror for a floor, some boxes, a ball, a white sky. Generators add to it, or change the
 //! camera that renders it.
@@ -109,7 +109,7 @@ impl Generator {
         )
     }
 
-    /// With it, the image may be brighter than the white sky.
+    /// With it, the image can be brighter than the white sky.
     #[must_use]
     pub fn adds_light(self) -> bool {
         !matches!(

@@ -16,7 +16,7 @@ pub enum PlacementKind {
     ZeroScale,
     /// A scale of 0 along one axis.
     FlatScale,
-    /// A scale along one axis whose inverse overflows.
+    /// A scale along one axis with an inverse that overflows.
     NearlyFlatScale,
     /// A scale of 1e-4.
     TinyScale,

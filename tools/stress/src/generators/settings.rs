@@ -53,7 +53,7 @@ pub enum SettingsKind {
     UniformRate,
     /// The coarsest uniform rate.
     CoarsestRate,
-    /// The coarsest rates that a heuristic may choose.
+    /// The coarsest rates of a heuristic.
     CoarseCombined,
     /// Thresholds that are NaN.
     NanThresholds,

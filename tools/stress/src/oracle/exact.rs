@@ -1,4 +1,4 @@
-//! Brute force in `f64`: all triangles along a ray, and the answers that a tracer in single precision may give.
+//! Brute force in `f64`: all triangles along a ray, and the valid answers of a tracer in single precision.
 
 use super::kernel::Answer;
 use bevy::{
@@ -9,26 +9,26 @@ use bevy::{
 };
 use bevy_glint::internals::bvh::TraceRay;
 
-/// Margins below this are within rounding: twice what the tracer's triangle test adds to a triangle at most.
+/// Margins below this are within rounding: twice the largest margin of the tracer's triangle test.
 const DOUBT: f64 = 6e-6;
 /// Relative error of distances.
 const TOLERANCE: f64 = 1e-3;
 /// Absolute error of distances, relative to the coordinates of the origin, and to the size of what is smaller than a metre.
 const FLOOR: f64 = 1e-5;
-/// Triangles whose margin is below this in their object are not looked at in the world.
+/// Triangles with a smaller margin in their object are not tested in the world.
 const FAR: f64 = -1e-3;
-/// Normals below this may vanish in single precision.
+/// Normals below this can vanish in single precision.
 const LEAST_NORMAL: f64 = 1e-30;
 /// A triangle is a hair where no ray has more than so many times [`DOUBT`] for a margin: rounding then decides on half of its area.
 const HAIR: f64 = 3.5;
 
-/// An object whose triangles are known.
+/// An object with known triangles.
 pub struct Object {
     /// Its entity.
     pub entity: Entity,
     /// Object space.
     pub triangles: Vec<[DVec3; 3]>,
-    /// Rays may pass: it has a mask, or light goes through it.
+    /// Rays can pass: it has a mask, or light goes through it.
     pub see_through: bool,
     /// The face that rays don't see.
     pub culled: Option<Face>,
@@ -86,9 +86,9 @@ fn largest(matrix: &DMat3) -> f64 {
 /// Objects in a scene.
 #[derive(Default)]
 pub struct Objects {
-    /// Objects whose triangles are known.
+    /// Objects with known triangles.
     pub known: Vec<Object>,
-    /// Objects that may be anywhere, or nowhere.
+    /// Objects that can be anywhere, or nowhere.
     pub unknown: EntityHashSet,
 }
 
@@ -99,7 +99,7 @@ pub enum Judgement {
     Exact,
     /// It is as good in single precision.
     Border,
-    /// Nobody knows: it depends on a mask, on glass, on an object that may be anywhere, or on triangles that are hairs from there.
+    /// Unknown: it depends on a mask, on glass, on an object that can be anywhere, or on triangles that are hairs from there.
     Excused,
     /// It is wrong.
     Wrong,
@@ -109,8 +109,8 @@ pub enum Judgement {
 struct Candidate {
     object: usize,
     t: f64,
-    /// By how much the ray hits the triangle, negative outside: the least and the most in the space of the object and in the world, in
-    /// one of which the tracer holds it. Below [`DOUBT`], single precision may see the ray on either side.
+    /// Margin of the ray's hit on the triangle, negative outside: the least and the most in the space of the object and in the world, one
+    /// of which the tracer uses. Below [`DOUBT`], single precision can see the ray on either side.
     margins: [f64; 2],
     /// Bound of the error of `t` in single precision.
     error: f64,
@@ -166,7 +166,7 @@ impl LocalRay {
         }
     }
 
-    /// A triangle without area, or along the ray: drivers may see its longest edge, at any distance.
+    /// A triangle without area, or along the ray: drivers can see its longest edge, at any distance.
     fn graze(&self, [a, b, c]: [&DVec3; 3], normal: &DVec3) -> Option<Met> {
         let longest = |p: &[&DVec3; 2], q: &[&DVec3; 2]| p[0].distance(*p[1]).total_cmp(&q[0].distance(*q[1]));
         let [start, end] = [[a, b], [b, c], [c, a]].into_iter().max_by(longest)?;
@@ -219,7 +219,7 @@ fn may_vanish(normal: &DVec3) -> bool {
     normal.abs().max_element() < LEAST_NORMAL
 }
 
-/// The largest margin of a triangle whose coordinates are added up to this size.
+/// The largest margin of a triangle with coordinates that sum to this size.
 fn widest(normal: &DVec3, longest: f64, size: f64) -> f64 {
     if may_vanish(normal) {
         0.0
@@ -292,7 +292,7 @@ impl Exact<'_> {
         candidate.t.abs() * TOLERANCE + candidate.floor + candidate.error
     }
 
-    /// Every tracer must find it, unless something stands in front of it.
+    /// Every tracer must find it, unless something is in front of it.
     fn is_sure(&self, candidate: &Candidate) -> bool {
         !self.object(candidate).see_through && candidate.margins[0] > DOUBT && candidate.t > self.slack(candidate)
     }
@@ -316,7 +316,7 @@ impl Exact<'_> {
         self.nearest().map_or(f64::INFINITY, |candidate| candidate.t)
     }
 
-    /// Judges the closest hit: it must lie on a candidate, and no triangle that the ray surely hits may lie in front of it.
+    /// Judges the closest hit: it must lie on a candidate, and no triangle that the ray surely hits can lie in front of it.
     pub fn judge_closest(&self, answer: &Answer) -> Judgement {
         let sure = || {
             let candidates = self.candidates.iter();
@@ -356,7 +356,7 @@ impl Exact<'_> {
             () if there().next().is_none() => Judgement::Wrong,
             () if is_veiled(t) => Judgement::Excused,
             () if nearest.is_some_and(is_near) => Judgement::Exact,
-            // It went through what is nearer.
+            // It passed everything that is nearer.
             () if nearest.is_some_and(|nearest| t > nearest.t) => {
                 by_rounding(self.hits().filter(|c| c.t < t && !is_near(c)))
             }
@@ -393,7 +393,7 @@ impl Exact<'_> {
     }
 }
 
-/// Judges an answer that hangs on these triangles, on none of which a ray can be sure. Hairs are never seen well.
+/// Judges an answer that depends on these triangles, none of which the ray hits surely. Hairs are never seen well.
 fn by_rounding<'a>(mut triangles: impl Iterator<Item = &'a Candidate>) -> Judgement {
     if triangles.all(|triangle| triangle.is_hair) {
         Judgement::Excused

@@ -27,7 +27,7 @@ use std::{thread, time::Duration};
 const NO_HIT: u32 = u32::MAX;
 /// Leaves processor time to the threads that compile.
 const NAP: Duration = Duration::from_millis(1);
-/// Times that definitions may change while the kernel is compiled for others.
+/// Limit of changes of the definitions while the kernel is compiled for others.
 const ATTEMPTS: u32 = 4;
 /// Rays of a workgroup.
 const GROUP: u32 = 64;
@@ -72,14 +72,14 @@ fn lists_layout() -> BindGroupLayoutDescriptor {
     )
 }
 
-/// Renders until the scene is at rest and the kernel compiled for it; false if that takes too many frames. The log has the error of a
+/// Renders until the scene is static and the kernel compiled for it; false if that takes too many frames. The log has the error of a
 /// kernel that can't be compiled.
 pub fn prepare(harness: &mut Harness, patience: u32) -> bool {
     for _ in 0..ATTEMPTS {
         if !harness.wait_until_idle(patience) {
             return false;
         }
-        // The scene stays at rest while no frame is rendered, and with it the definitions.
+        // The scene stays static while no frame is rendered, and with it the definitions.
         if compiled(harness).is_some() {
             return true;
         }

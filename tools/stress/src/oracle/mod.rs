@@ -1,7 +1,7 @@
 //! Rays through a hostile scene: those that the app's tracer hits are compared with brute force over all triangles.
 //!
-//! An answer may differ where single precision decides, and where only a shader knows: behind masks and glass, and at objects that
-//! are posed or lost in rounding. Answers of both kinds are counted, and limited.
+//! An answer can differ if single precision decides, and if only a shader knows: behind masks and glass, and at objects that are posed or
+//! lost in rounding. Answers of both kinds are counted, and limited.
 
 mod exact;
 mod kernel;
@@ -22,19 +22,19 @@ use glint_scenes::Random;
 const SHARE: u64 = 10;
 /// Rays of a scene, and fewer in one of very many triangles.
 const RAYS: [usize; 2] = [128, 1024];
-/// Tests of triangles that a scene may take, about a second.
+/// Limit of triangle tests per scene, about a second.
 const TESTS: usize = 40_000_000;
 /// Distance from a surface at which rays from it start, relative to its coordinates.
 const OFFSET: f32 = 1e-2;
-/// Rays are neither aimed at what is beyond these coordinates nor start there, of which single precision sees too little.
+/// Rays neither start nor aim beyond these coordinates, where single precision is too coarse.
 const FARTHEST: f64 = 1e4;
-/// The same of what is smaller than this, relative to its coordinates.
+/// Limit for objects smaller than this, relative to their coordinates.
 const SMALLEST: f64 = 1e-2;
 /// Rays through the corners of a picture must differ by so many radians. Else all of its rays are one that is asked again and again.
 const LEAST_FIELD: f32 = 1e-3;
-/// One in so many answers may be of a ray that passes an edge or meets a face so closely that rounding decides.
+/// Of this number of answers, one can be of a ray that passes an edge or meets a face so closely that rounding decides.
 const BORDER_SHARE: usize = 100;
-/// Answers that may be beyond that share, of which few rays tell little.
+/// Additional answers that are allowed beyond that share, for few rays.
 const LEAST_BORDERS: usize = 8;
 
 /// Rays are traced in this scene of a campaign.
@@ -43,11 +43,11 @@ pub fn is_compared(seed: u64) -> bool {
     seed.is_multiple_of(SHARE)
 }
 
-/// Compares rays through the scene as it stands, object by object, and once more when what rests is merged.
+/// Compares rays through the current scene, object by object, and once more with static objects merged.
 pub fn compare(harness: &mut Harness, scene: &HostileScene, seed: u64, patience: u32) -> Vec<Problem> {
     let mut tally = Tally::default();
     let random = &mut Random::of_part(seed, usize::MAX - 2);
-    // Events may have taken the scene's cameras away. This one reflects, and looks away from everything.
+    // Events might have removed the scene's cameras. This one reflects, and looks away from everything.
     let away = Transform::from_xyz(0.0, 0.0, 1e5).looking_to(Vec3::Z, Vec3::Y);
     let camera = harness.spawn_camera(UVec2::splat(8), (RayTracedReflections::default(), away));
     let mut problems = compare_once(harness, scene, camera, random, patience, &mut tally);
@@ -123,7 +123,7 @@ fn compare_once(
     Vec::new()
 }
 
-/// Returns whether rounding decides on more of the answers than it may.
+/// Returns whether rounding decides on more of the answers than allowed.
 fn are_too_many(borders: usize, answers: usize) -> bool {
     borders > LEAST_BORDERS + answers / BORDER_SHARE
 }

@@ -12,12 +12,12 @@ use bevy_glint::{NotReflected, ReflectedMaterial3d, ReflectedMesh3d};
 
 /// Objects beyond these coordinates are lost in single precision.
 const MOST: f32 = 1e12;
-/// So are those that a matrix shrinks by more, of which rays see nothing: the largest entry of its inverse.
+/// So are objects that a matrix shrinks by more, which rays don't see: the largest entry of its inverse.
 const MOST_SHRUNK: f64 = 1e12;
 /// The same for objects that a matrix distorts by so much.
 const MOST_DISTORTED: f64 = 1e5;
 
-/// Entities with a mesh that reflections may show.
+/// Entities with a mesh that reflections can show.
 type Candidates<'a> = (
     Entity,
     &'a Mesh3d,
@@ -57,7 +57,7 @@ pub fn collect(world: &mut World) -> Objects {
             objects.unknown.insert(entity);
             continue;
         };
-        // They add to what lies behind them, or multiply it: rays don't see them.
+        // They add to the surfaces behind them, or multiply them: rays don't see them.
         if matches!(material.alpha_mode, AlphaMode::Add | AlphaMode::Multiply) {
             continue;
         }
@@ -87,7 +87,7 @@ fn object(entity: Entity, place: &Affine3A, triangles: Vec<[DVec3; 3]>) -> Optio
     (is_kept && object.reach() < MOST.into()).then_some(object)
 }
 
-/// Triangles of a mesh whose corners exist and are finite. `None` where the vertices can't be read, or are not those of a list.
+/// Triangles of a mesh with existing and finite corners. `None` if the vertices can't be read, or are not those of a list.
 fn triangles(mesh: &Mesh) -> Option<Vec<[DVec3; 3]>> {
     if mesh.primitive_topology() != PrimitiveTopology::TriangleList {
         return None;

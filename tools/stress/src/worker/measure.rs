@@ -185,7 +185,7 @@ impl Worker {
     }
 }
 
-/// Frames of a long run: all on a GPU; on a CPU those that a run of so many minutes has time for.
+/// Frames of a long run: all on a GPU; on a CPU as many as fit into the run's minutes.
 fn affordable_frames(is_cpu: bool, minutes: f64) -> u32 {
     if !is_cpu || minutes >= WHOLE_MINUTES {
         return long_run::FRAMES;

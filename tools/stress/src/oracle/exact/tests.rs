@@ -151,7 +151,7 @@ fn hairs_are_not_counted_as_edges() {
             "behind it"
         );
     }
-    // A wide one stays what it is, however the ray meets it.
+    // A wide one stays wide for every ray.
     let mut objects = scene();
     objects.known.truncate(1);
     let shadow = |blocked| objects.along(&ray(0.5)).judge_shadow(&Answer { hit: None, blocked });
