@@ -16,7 +16,7 @@ const README: &str = "README.md";
 /// The presets of the README, with their rays per pixel.
 const PRESETS: [(&str, &str); 4] = [
     ("low", "1/32 to 1/4"),
-    ("medium", "1/32 to 1/4"),
+    ("medium", "1/32 to 1/4, the default"),
     ("high", "1/16 to 1/4"),
     ("ultra", "1"),
 ];
