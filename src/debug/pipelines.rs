@@ -101,8 +101,8 @@ pub(super) fn queue_debug_pipelines(
                 }
             } else {
                 warn_once!(
-                    "cameras keep their picture instead of a `ReflectionDebugView`, which is written by a compute shader: that takes \
-                     an `Hdr` camera with frames of the format Rgba16Float"
+                    "a `ReflectionDebugView` is ignored, since a compute shader can't write the frame: use an `Hdr` camera with \
+                     frames of the format Rgba16Float"
                 );
             }
         }

@@ -364,7 +364,7 @@ fn denoiser(ui: &mut Ui, denoiser: &mut ReflectionDenoiser, reason: Option<&str>
 
 fn debug(ui: &mut Ui, settings: &mut CameraSettings) {
     let views = ReflectionDebugView::ALL.map(|view| Choice::variant(view, view.name().replace('-', " ")));
-    let row = Row::new("View", "Debug view that the camera shows instead of its picture.");
+    let row = Row::new("View", "Debug view of the camera, in place of its normal output.");
     field(
         ui,
         row,

@@ -21,7 +21,7 @@ impl FromStr for CameraPlace {
             {
                 let (eye, target) = (Vec3::new(x, y, z), Vec3::new(tx, ty, tz));
                 if eye == target {
-                    return Err("the camera stands where it looks".into());
+                    return Err("the camera is at its target".into());
                 }
                 Ok(Self { eye, target })
             }
@@ -69,7 +69,7 @@ mod tests {
             ("1,2,3", "six numbers"),
             ("1,2,3,4,5,six", "six numbers"),
             ("1,2,3,4,5,inf", "six numbers"),
-            ("1,2,3,1,2,3", "stands where it looks"),
+            ("1,2,3,1,2,3", "is at its target"),
         ] {
             let error = word.parse::<CameraPlace>().unwrap_err();
             assert!(error.contains(reason), "{word}: {error}");

@@ -1,8 +1,8 @@
-//! Conclusions from the rows: are the goals met, where does a variable rate win, and which heuristic suits which scene.
+//! Sections of the summary that compare all rows: error against the paper, bias of the frame and of the reflected light.
 
 use super::{
-    paper, pareto,
-    rows::{Row, number, of_scene, scenes},
+    paper,
+    rows::{Row, number},
 };
 use crate::{
     compare::reflected_light::MARGIN,
@@ -15,37 +15,18 @@ use std::fmt::Write;
 const MOST_LIGHT_BIAS: f64 = 1.0;
 const MOST_STATIC_LIGHT_BIAS: f64 = 0.5;
 
-/// The heuristics that decide where rays are spared.
+/// The techniques with a rate per tile.
 pub const HEURISTICS: [&str; 4] = ["vrs-roughness", "vrs-grazing", "vrs-combined", "vrs-adaptive"];
 
 /// Size of the paper's pictures.
 const PAPER_SIZE: (u32, u32) = (1920, 1080);
 
-/// The row that speaks for a technique: of the first tracer, and compute before hardware.
-fn usual<'a>(rows: &[&'a Row], technique: &str) -> Option<&'a Row> {
-    let named = || rows.iter().copied().filter(move |row| row.technique == technique);
-    named().find(|row| row.backend != "hardware").or_else(|| named().next())
-}
-
-/// All conclusions, as Markdown.
+/// All of these sections, as Markdown.
 pub fn sections(rows: &[Row], protocol: &Protocol) -> String {
     let mut text = String::new();
     against_paper(rows, protocol, &mut text);
-    pareto::section(rows, &mut text);
     bias(rows, &mut text);
     light_bias(rows, &mut text);
-    let sentences = sentences(rows);
-    if !sentences.is_empty() {
-        text.push_str(
-            "## Is a variable rate worth its error?\n\nAgainst `quarter`. A rate is worth its error where it is faster beyond noise and its \
-             error grows by less than its time shrinks. The error is the mean FLIP of the reflection alone against the ground \
-             truth.\n\n",
-        );
-        for sentence in sentences {
-            let _ = writeln!(text, "- {sentence}");
-        }
-        text.push('\n');
-    }
     text
 }
 
@@ -211,105 +192,6 @@ fn light_bias(rows: &[Row], text: &mut String) {
     };
 }
 
-/// Gain and loss of a heuristic against `quarter`.
-struct Gain {
-    name: &'static str,
-    /// Its time as a share of that of `quarter`.
-    time: f64,
-    /// Noise of that share.
-    noise: f64,
-    /// Its error as a share of that of `quarter`.
-    error: f64,
-}
-
-impl Gain {
-    fn of(rows: &[&Row], name: &'static str) -> Option<Self> {
-        let (row, quarter) = (usual(rows, name)?, usual(rows, "quarter")?);
-        let (time, base) = (row.total_ms?, quarter.total_ms.filter(|time| *time > 0.0)?);
-        let (error, base_error) = (row.flip_reflection_converged?, quarter.flip_reflection_converged?);
-        // The ratios to `reference` are formed within rounds; without them there are the times.
-        let time = match (row.ratio, quarter.ratio.filter(|ratio| *ratio > 0.0)) {
-            (Some(ratio), Some(base)) => ratio / base,
-            _ => time / base,
-        };
-        Some(Self {
-            name,
-            time,
-            noise: row.noise().unwrap_or(0.0) + quarter.noise().unwrap_or(0.0),
-            error: error / base_error.max(1e-9),
-        })
-    }
-
-    /// Time times error: both count in proportion.
-    fn cost(&self) -> f64 {
-        self.time * self.error
-    }
-
-    fn verdict(&self) -> &'static str {
-        if self.time + self.noise < 1.0 && self.cost() < 1.0 {
-            "worth it"
-        } else if self.time - self.noise < 1.0 && self.cost() < 1.0 {
-            "undecided"
-        } else {
-            "not worth it"
-        }
-    }
-
-    fn sentence(&self) -> String {
-        let speed = if self.time < 1.0 { "faster" } else { "slower" };
-        let error = if self.error < 1.0 { "less" } else { "more" };
-        format!(
-            "`{}` {:.0} % {speed}, {:.0} % {error} error ({})",
-            self.name,
-            100.0 * (self.time - 1.0).abs(),
-            100.0 * (self.error - 1.0).abs(),
-            self.verdict()
-        )
-    }
-}
-
-/// Sentences about each scene, and about which heuristic suits which.
-pub fn sentences(rows: &[Row]) -> Vec<String> {
-    let mut text = Vec::new();
-    let mut suited: Vec<(&str, Vec<&str>)> = HEURISTICS.iter().map(|name| (*name, Vec::new())).collect();
-    for scene in scenes(rows) {
-        let rows = of_scene(rows, scene);
-        let gains: Vec<Gain> = HEURISTICS.iter().filter_map(|name| Gain::of(&rows, name)).collect();
-        let least = |value: fn(&Gain) -> f64| gains.iter().min_by(|a, b| value(a).total_cmp(&value(b)));
-        let (Some(fastest), Some(closest), Some(best)) =
-            (least(|gain| gain.time), least(|gain| gain.error), least(Gain::cost))
-        else {
-            continue;
-        };
-        let parts: Vec<String> = gains.iter().map(Gain::sentence).collect();
-        let ends = if fastest.name == closest.name {
-            format!("`{}` is both the fastest and the closest to the truth", fastest.name)
-        } else {
-            format!(
-                "`{}` is the fastest, `{}` the closest to the truth",
-                fastest.name, closest.name
-            )
-        };
-        text.push(format!(
-            "**{scene}**: {}. {ends}; by time times error `{}` suits this scene best.",
-            parts.join(", "),
-            best.name
-        ));
-        for (_, scenes) in suited.iter_mut().filter(|(name, _)| *name == best.name) {
-            scenes.push(scene);
-        }
-    }
-    suited.retain(|(_, scenes)| !scenes.is_empty());
-    if !suited.is_empty() {
-        let parts: Vec<String> = suited
-            .iter()
-            .map(|(name, scenes)| format!("`{name}` in {}", scenes.join(", ")))
-            .collect();
-        text.push(format!("**Which heuristic suits which scene**: {}.", parts.join("; ")));
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -404,39 +286,5 @@ mod tests {
         let expected = "quarter in atrium (-1.5 % in motion), quarter in atrium (+0.6 % static).";
         assert!(loud.contains(expected), "{loud}");
         assert!(!text(&rows()).contains("How much reflected light"));
-    }
-
-    #[test]
-    fn sentences_say_what_is_worth_its_error() {
-        let found = sentences(&rows());
-        assert_eq!(found.len(), 2);
-        assert!(
-            found[0].contains("`vrs-roughness` 30 % faster, 20 % more error (worth it)"),
-            "{}",
-            found[0]
-        );
-        let verdict = |sentences: &[String], name: &str| {
-            let rest = sentences[0]
-                .split(&format!("`{name}` "))
-                .nth(1)
-                .unwrap_or_default()
-                .to_owned();
-            rest.split(['(', ')']).nth(1).unwrap_or_default().to_owned()
-        };
-        assert_eq!(verdict(&found, "vrs-grazing"), "not worth it");
-        assert_eq!(verdict(&found, "vrs-combined"), "worth it");
-        assert!(found[0].contains("`vrs-roughness` is the fastest, `vrs-combined` the closest"));
-        assert!(
-            found[0].contains("`vrs-combined` suits this scene best"),
-            "{}",
-            found[0]
-        );
-        assert!(found[1].ends_with("`vrs-combined` in atrium."), "{}", found[1]);
-        // Within noise nothing is claimed.
-        let mut noisy = rows();
-        noisy[4].ratio_low = Some(0.1);
-        noisy[4].ratio_high = Some(1.0);
-        assert_eq!(verdict(&sentences(&noisy), "vrs-combined"), "undecided");
-        assert!(sentences(&rows()[..2]).is_empty());
     }
 }

@@ -132,9 +132,9 @@ fn is_comparable(row: &Row, other: &Row) -> bool {
     row.is_ok() && other.is_ok() && row.scene == other.scene && same_tracer
 }
 
-/// Fills in what follows from the errors of views and runs: the interval of the reflection's error, its ratio to that of `quarter`, and
-/// which techniques are both faster and closer to the truth. The intervals of a single view hold its noise alone, so that it decides
-/// nothing. Rows of older versions have no such errors, and stay as they are.
+/// Fills in the results from the errors of views and runs: the interval of the reflection's error, its ratio to that of `quarter`, and
+/// the techniques that are both faster and closer to the truth. The intervals of a single view contain only its noise, so that it decides
+/// nothing. Rows of older versions have no such errors, and don't change.
 pub fn fill(rows: &mut [Row]) {
     let samples: Vec<Vec<Vec<f64>>> = rows.iter().map(|row| from_text(&row.flip_reflection_runs)).collect();
     let digits = |value: f64| significant(value, DIGITS);

@@ -45,10 +45,10 @@ impl Variance {
 
 /// The bias over all views together, so that a dark view doesn't weigh more than a bright one; `None` where nothing reflects.
 ///
-/// The interval says how far noise may have moved the bias of just these views: it comes from runs that differ in their noise
-/// alone, not from the spread of the bias over places, which is no noise. Within a block of pixels noise is correlated, between
-/// blocks it hardly is: so each block of each view is a part whose variance follows from the runs, and two runs of a hundred
-/// blocks have a hundred degrees of freedom. The noise of the ground truth is part of it, by the difference of its halves.
+/// The interval covers the effect of noise on the bias of just these views: it comes from runs that differ in their noise alone, not from
+/// the spread of the bias over positions, which is no noise. Noise is correlated within a block of pixels, and hardly between blocks.
+/// Each block of each view is therefore a part with a variance from the runs, and two runs of a hundred blocks have a hundred degrees of
+/// freedom. The noise of the ground truth is part of it, by the difference of its halves.
 pub fn light_bias(views: &[View]) -> Option<LightBias> {
     let truth: f64 = views
         .iter()

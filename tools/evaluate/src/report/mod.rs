@@ -1,4 +1,4 @@
-//! Results: rows and statistics from what was measured, and the tables, charts and texts made of them.
+//! Results: rows and statistics of the measurements, and the tables, charts and texts made of them.
 
 mod analysis;
 mod charts;

@@ -119,7 +119,7 @@ pub fn merge(mut old: Vec<ObjectRow>, measured: &[Row], new: Vec<ObjectRow>) -> 
     old
 }
 
-/// A section of the summary: a table for each scene whose objects have names, with a column for each technique.
+/// A section of the summary: a table for each scene with named objects, with a column for each technique.
 pub fn section(rows: &[Row], objects: &[ObjectRow]) -> String {
     let mut text = String::new();
     for scene in scenes(rows) {

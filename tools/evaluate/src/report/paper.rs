@@ -13,7 +13,7 @@ pub struct PaperTechnique {
     pub errors: Option<[[f64; 3]; 2]>,
 }
 
-/// The paper's scenes and ours that stand for them.
+/// The paper's scenes and our matching ones.
 pub const SCENES: [(&str, &str); 3] = [("Sponza", "atrium"), ("Sun Temple", "temple"), ("Bistro", "street")];
 
 /// The stages of the paper's table 2.

@@ -2,7 +2,6 @@
 //! the README.
 
 use super::{
-    analysis::sentences,
     pareto::on_front,
     rows::{Row, number, of_scene, scenes},
 };
@@ -23,18 +22,11 @@ pub fn fragment(
     let frames = protocol.rounds() * protocol.block;
     let mut text = format!(
         "`cargo xtask evaluate --out DIR` measured this on {} at {width}x{height}: {frames} timed frames per technique, {} views, ground \
-         truth of {} samples per pixel. Milliseconds of GPU time, and mean FLIP of the picture against the ground truth:\n\n",
+         truth of {} samples per pixel. Milliseconds of GPU time, and mean FLIP of the frame against the ground truth:\n\n",
         machine.adapter, protocol.views, protocol.samples
     );
     table(rows, &mut text);
-    text.push_str(
-        "\n★: in that scene nothing is both faster and closer to the ground truth.\n\nAgainst `quarter`, by the mean FLIP of the \
-         reflection alone, unlike in the table; times are compared within each round:\n\n",
-    );
-    for sentence in sentences(rows) {
-        let _ = writeln!(text, "- {sentence}");
-    }
-    text.push('\n');
+    text.push_str("\n★: no technique is both faster and closer to the ground truth in that scene.\n\n");
     for scene in scenes(rows) {
         if let Some((title, file)) = charts.get(scene).and_then(|charts| charts.first()) {
             let _ = writeln!(text, "![{title}]({FOLDER}/{file})\n");

@@ -1,4 +1,4 @@
-//! Compares two tables of results: finds what got faster, slower, better or worse beyond noise.
+//! Compares two tables of results: finds rows that got faster, slower, better or worse beyond noise.
 
 use super::rows::{Outcome, Row};
 use std::fmt::Write;
@@ -56,7 +56,7 @@ pub struct Comparison {
     pub compared: usize,
     /// Ratios of times to `reference`, with intervals in both runs on one machine.
     pub timed: usize,
-    /// Timed rows whose intervals overlap: in two runs of the same code, nearly all.
+    /// Timed rows with overlapping intervals: in two runs of the same code, nearly all.
     pub agreeing: usize,
     /// Sentences about rows that weren't compared.
     pub notes: Vec<String>,
@@ -191,7 +191,7 @@ fn compare_rows(before: &Row, after: &Row, comparison: &mut Comparison) {
         let (Some(old), Some(new)) = (get(before), get(after)) else {
             continue;
         };
-        // Decibels are no quantity of which shares make sense.
+        // Shares of decibels make no sense.
         let share = if name == "psnr_db" { 0.0 } else { MIN_ERROR_CHANGE };
         if (new - old).abs() > floor.max(share * old.abs()) {
             let better = (new > old) == rising;

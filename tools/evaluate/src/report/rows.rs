@@ -17,8 +17,7 @@ pub enum Outcome {
     Skipped,
 }
 
-/// One technique in one scene. Times are GPU milliseconds per frame, medians unless they say otherwise; what wasn't measured is
-/// empty.
+/// One technique in one scene. Times are GPU milliseconds per frame, medians unless they say otherwise; missing measurements are empty.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Row {
@@ -32,7 +31,7 @@ pub struct Row {
     pub tracer: String,
     /// Tells if there are results.
     pub outcome: Outcome,
-    /// Why not, or what to know about them.
+    /// The reason for a missing result, or a remark.
     pub note: String,
     /// The GPU and its driver.
     pub adapter: String,
@@ -72,7 +71,7 @@ pub struct Row {
     pub denoise_ms: Option<f64>,
     /// The last blur, and adding the reflection to the frame.
     pub composite_ms: Option<f64>,
-    /// Bevy's deferred lighting, which leaves out what the technique replaces.
+    /// Bevy's deferred lighting, without the light that the technique replaces.
     pub lighting_ms: Option<f64>,
     /// A whole frame by the clock of the CPU, until the GPU is idle.
     pub frame_ms: Option<f64>,
@@ -208,7 +207,7 @@ pub fn merge(mut old: Vec<Row>, new: Vec<Row>) -> Vec<Row> {
     old.retain(|row| new.iter().all(|other| other.key() != row.key()));
     old.extend(new);
     let place = |names: &[&str], name: &str| names.iter().position(|other| *other == name).unwrap_or(names.len());
-    // Ray queries stand before the BVH.
+    // Ray queries come before the BVH.
     old.sort_by_cached_key(|row| {
         (
             place(&SCENES, &row.scene),

@@ -71,9 +71,9 @@ fn outer_rank(n: usize) -> usize {
 
 /// The ratio `a / b` of two quantities that were measured in the same rounds, and its 95 % interval.
 ///
-/// Each round gives one ratio, so that what changes from round to round for both (the place on the path, the clock of a warm
-/// GPU) cancels out. The estimate is the geometric mean; the interval comes from resampling the rounds, always with the same
-/// random numbers. `None` without a common round; without an interval if there is only one.
+/// Each round gives one ratio, so that changes between rounds that affect both (the position on the path, the clock of a warm GPU) cancel
+/// out. The estimate is the geometric mean; the interval comes from resampling the rounds, always with the same random numbers. `None`
+/// without a common round; without an interval if there is only one.
 pub fn paired_ratio(a: &[Option<f64>], b: &[Option<f64>]) -> Option<(f64, Option<Interval>)> {
     const RESAMPLES: usize = 2000;
     let usable = |value: &Option<f64>| value.filter(|value| value.is_finite() && *value > 0.0);

@@ -12,7 +12,7 @@ use crate::{
 };
 use std::{collections::BTreeMap, fmt::Write};
 
-/// A ratio whose interval is wider than this share of it, to either side, decides little.
+/// A ratio with an interval wider than this share of it, to either side, decides little.
 pub const MAX_NOISE: f64 = 0.05;
 
 /// Contents of the summary.
@@ -172,7 +172,7 @@ impl Summary<'_> {
         if let Some(facts) = self.facts.get(scene) {
             let _ = writeln!(
                 text,
-                "{} triangles in {} objects, {:.1} MiB of what rays hit, tracer {}.\n",
+                "{} triangles in {} objects, {:.1} MiB of data for rays, tracer {}.\n",
                 facts.triangles,
                 facts.instances,
                 facts.scene_bytes as f64 / f64::from(1 << 20),
@@ -336,7 +336,7 @@ mod tests {
         assert!(text.contains("## Is the error of a variable rate at most the paper's?"));
         assert!(text.contains("3 timed frames per technique in 3 rounds"), "{text}");
         assert!(!text.contains("Bistro"), "scenes that weren't measured have no column");
-        // The front: everything but what is both slower and worse.
+        // The front: everything except rows that are both slower and worse.
         assert!(text.contains("| reference ★ |") && text.contains("| vrs-roughness ★ |") && text.contains("| ssr |"));
         // All lines of a table have the same number of cells.
         let cells = |line: &str| line.matches('|').count();

@@ -44,7 +44,7 @@ impl Tables {
         let objects = objects::merge(self.objects, &new.rows, new.objects);
         let splits = decomposition::merge(self.splits, &new.rows, new.splits);
         let mut rows = rows::merge(self.rows, new.rows);
-        // Other rows may be faster and closer than these.
+        // Other rows can be faster and closer than these.
         dominance::fill(&mut rows);
         Self { rows, objects, splits }
     }

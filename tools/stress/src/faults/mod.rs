@@ -31,13 +31,13 @@ pub enum Fault {
     BrokenPass,
     /// A user's heuristic that doesn't compile.
     BrokenHeuristic,
-    /// A user's heuristic whose file doesn't exist.
+    /// A user's heuristic with a file that doesn't exist.
     MissingHeuristic,
     /// Not enough instances in the driver's top level.
     FewInstances,
-    /// A mesh larger than the driver's structures may be.
+    /// A mesh above the limit of the driver's structures.
     LargeMesh,
-    /// A mesh larger than any buffer may be.
+    /// A mesh above the limit of any buffer.
     FullBuffers,
 }
 
@@ -47,7 +47,7 @@ impl Fault {
         matches!(self, Self::FewInstances | Self::LargeMesh)
     }
 
-    /// Texts of which one must be reported, in the status or in the log. None if everything works as usual.
+    /// Texts, one of which must be reported in the status or in the log. None if everything works as usual.
     fn messages(self) -> &'static [&'static str] {
         match self {
             Self::DeviceLost => &["Caught DeviceLost"],
@@ -56,7 +56,7 @@ impl Fault {
             // Either the minimum suffices, or reflections are declined.
             Self::WebGpuMinimum => &["are copies of 256x256 texels", "storage buffers in a shader stage and"],
             Self::NoRayQueries => &["ray queries were asked for, but the device lacks"],
-            Self::NoStorageFormats => &["cameras keep their picture instead of a `ReflectionDebugView`"],
+            Self::NoStorageFormats => &["a `ReflectionDebugView` is ignored"],
             Self::FewStorageBuffers => &["storage buffers in a shader stage and"],
             Self::BrokenPass => &["a denoiser of ray-traced reflections failed"],
             Self::BrokenHeuristic => &["failed, so that every trace pixel gets its ray"],
