@@ -7,7 +7,7 @@
 //! alternative, to make materials deferred only while a camera reflects, would prepare all materials anew at each switch, and other
 //! cameras would lose their objects meanwhile.
 //!
-//! An extended material with a shader of its own may have none for the G-buffer: Bevy would draw it there as its base alone. One without a
+//! An extended material with a shader of its own can lack one for the G-buffer: Bevy would draw only its base there. One without a
 //! prepass wouldn't be drawn at all. Such materials stay forward.
 
 use crate::{device::tracing_app, settings::ReflectionFallback};
@@ -64,7 +64,7 @@ impl Plugin for DeferredPlugin {
         }
         let world = app.world_mut();
         let method = world.get_resource::<DefaultOpaqueRendererMethod>().cloned();
-        // A tick of its own tells this change from those of the app.
+        // The tick distinguishes this change from those of the app.
         world.increment_change_tick();
         world.insert_resource(DefaultOpaqueRendererMethod::deferred());
         let at = world.increment_change_tick();
@@ -130,11 +130,11 @@ fn require_prepass(world: &mut World) {
     }
 }
 
-/// Cameras that Bevy draws without what deferred materials take. `remove_with_requires` takes `SyncToRenderWorld`, too: then Bevy draws
-/// the camera no more, and panics if something brings that component back.
+/// Cameras that Bevy draws without the prepasses of deferred materials. `remove_with_requires` also removes `SyncToRenderWorld`: Bevy
+/// then no longer draws the camera, and panics if the component is added again.
 type Lacking = (With<Camera3d>, With<SyncToRenderWorld>, Without<DeferredPrepass>);
 
-/// The same for cameras that were there before, and for those that lost it.
+/// Cameras that existed before, and cameras that lost the component.
 fn add_prepass(cameras: Query<Entity, Lacking>, mut commands: Commands) {
     for camera in &cameras {
         commands
@@ -190,7 +190,7 @@ fn material_of(component: TypeId, registry: &TypeRegistry) -> Option<(TypeId, &'
     }
 }
 
-/// Materials whose own shaders the G-buffer would lose.
+/// Materials with shaders that the G-buffer would lose.
 #[derive(Default)]
 struct Lossy {
     /// By type of material. Shaders belong to a type, so that one look at each tells.
@@ -214,7 +214,8 @@ fn keep_own_shaders(
         return;
     }
     let Lossy { types, known, told } = &mut *lossy;
-    // Bevy doesn't tell which materials it has prepared, and worlds have thousands: they are walked only if one may lose its shader.
+    // Bevy doesn't report the materials that it has prepared, and worlds have thousands: they are only visited if one could lose its
+    // shader.
     if used.names.keys().all(|kind| types.get(kind) == Some(&false)) {
         return;
     }
@@ -243,7 +244,7 @@ fn keep_own_shaders(
         }
         let is_drawn_deferred = properties.render_method == OpaqueRendererMethod::Deferred
             && matches!(properties.alpha_mode, AlphaMode::Opaque | AlphaMode::Mask(_));
-        // A material that was prepared just now belongs to nobody else.
+        // No other code uses a material that was prepared just now.
         if is_deferred
             && is_drawn_deferred
             && let Some(properties) = Arc::get_mut(properties)
@@ -270,7 +271,7 @@ fn tell_of(name: &str) {
     );
 }
 
-/// Returns whether the G-buffer lacks what a material's own shaders do, or the material as a whole.
+/// Returns whether the G-buffer lacks effects of a material's own shaders, or the whole material.
 fn is_lost(properties: &MaterialProperties, server: &AssetServer) -> bool {
     let base = base_shader(server);
     let own = properties.get_shader(MaterialFragmentShader);

@@ -17,8 +17,8 @@ pub struct CountInvocations;
 #[derive(Resource, Clone, Copy, Debug, Default)]
 pub struct TotalTimeOnly;
 
-/// In the render world: reflections are traced and denoised as ever, and not added to the frame, which then holds all light but what
-/// reflections add to it. Without the camera's component, Bevy's lighting would add the environment's specular light instead.
+/// In the render world: reflections are traced and denoised as usual, but not added to the frame, which then contains all other light.
+/// Without the camera's component, Bevy's lighting would add the environment's specular light instead.
 #[derive(Resource, Clone, Copy, Debug, Default)]
 pub struct WithoutReflections;
 

@@ -1,4 +1,4 @@
-//! Events on cameras: their reflections are in the picture, or they get none.
+//! Events on cameras: their reflections begin, or they get none.
 
 use crate::{
     settings::RayTracedReflections,
@@ -10,7 +10,7 @@ use bevy::{
     reflect::Reflect,
 };
 
-/// The reflections of a camera are in its picture from this frame on: all passes are compiled.
+/// The frames of a camera contain reflections from now on: all passes are compiled.
 ///
 /// It comes once whenever a camera begins to reflect. Meshes that are still being built
 /// ([`meshes_pending`](ReflectionStatusReport::meshes_pending)) are missing from reflections.
@@ -22,7 +22,7 @@ pub struct ReflectionsReady {
     pub camera: Entity,
 }
 
-/// A camera has [`RayTracedReflections`] and shows none: its picture is the one without them.
+/// A camera has [`RayTracedReflections`] but shows none.
 ///
 /// It comes once for each reason. If something of the camera is the reason, such as screen-space reflections beside
 /// ours, [`ReflectionsReady`] follows once that is remedied.

@@ -80,7 +80,7 @@ fn ray_traced_reflections(
     }
 }
 
-/// Keeps what a view shows of opaque surfaces, if its rays take light from it.
+/// Copies the light of a view's opaque surfaces, if its rays use it.
 fn keep_screens(
     view: ViewQuery<(PassView, &ViewCulling, Has<MoreMemory>)>,
     resources: PassResources,
@@ -89,11 +89,11 @@ fn keep_screens(
 ) {
     let entity = view.entity();
     let (view, culling, has_front_layer) = view.into_inner();
-    // No ray of a culled view will look at it, but those of its front layer.
+    // No ray of a culled view reads it, except those of its front layer.
     if view.textures.targets.screen.is_none() || (culling.is_culled() && !has_front_layer) {
         return;
     }
-    // At rest none looks but those of a front layer, and the picture that is kept stays that of the last frame.
+    // In a static view, only the rays of a front layer read it, and the copy of the last frame is still valid.
     if view.textures.is_at_rest && !has_front_layer {
         return;
     }

@@ -1,4 +1,4 @@
-//! The order of a view's passes, over Bevy's G-buffer or that of its front layer, and what is read back from them.
+//! The order of a view's passes, over Bevy's G-buffer or that of its front layer, and the results that are read back.
 
 use crate::{
     common::{HIT_COUNT, MIRROR_RAY_COUNT, RAY_COUNT, TILE_COUNT, word_offset},
@@ -19,7 +19,7 @@ use bevy::{
     },
 };
 
-/// Pipelines of the passes, besides those that trace.
+/// Pipelines of all passes except tracing.
 #[derive(SystemParam)]
 pub(crate) struct PassPipelines<'w> {
     rate: Option<Res<'w, RatePipelines>>,

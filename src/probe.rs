@@ -1,4 +1,4 @@
-//! Asks the device at the start what it can do, and reports what was chosen and why.
+//! Queries the capabilities of the device at the start, and reports the choices with their reasons.
 
 use crate::{
     device::{ChosenTracer, FragmentRays, WritesInPlace, adapter_name, choose_tracer, texture_mode, unsupported},

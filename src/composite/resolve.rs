@@ -13,7 +13,7 @@ use bevy::{
     shader::ShaderDefVal,
 };
 
-/// Surfaces whose reflection is added to the frame.
+/// Surfaces with a reflection to add to the frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Surfaces {
     /// Surfaces in Bevy's G-buffer.
@@ -46,7 +46,7 @@ pub(super) struct ResolveVariant {
     pub surfaces: Surfaces,
     /// The last filter of the denoiser is part of it.
     pub blurs: bool,
-    /// The front layer may hold opaque surfaces, which are lit in another way than glass.
+    /// The front layer can contain opaque surfaces, which are lit differently from glass.
     pub forward: bool,
 }
 
@@ -86,7 +86,7 @@ impl ResolveVariant {
 pub(super) enum Resolve {
     /// Every pixel of [`PassContext::area`], into a texture of its own.
     Apart,
-    /// The same pixels of the frame.
+    /// Reads and writes the same pixels of the frame.
     InPlace,
     /// The active tiles of the frame.
     InPlaceTiles,
@@ -112,7 +112,7 @@ impl Resolve {
         }
     }
 
-    /// The pass; `others` are the environment, and the scene for those that read light probes.
+    /// The pass. `others` are the environment, and the scene for passes that read light probes.
     pub fn pass(self, others: OtherGroups) -> GBufferPass<ResolveVariant> {
         let output = match self {
             Self::Apart => Binding::written(REFLECTION_FORMAT, |context| context.targets().reflection.as_ref()),
@@ -166,7 +166,7 @@ impl Resolve {
     }
 }
 
-/// Bindings 5 to 9 of the passes that show reflections: what `denoise/blur.wesl` binds, and `second` as binding 6.
+/// Bindings 5 to 9 of the passes that show reflections: the bindings of `denoise/blur.wesl`, and `second` as binding 6.
 pub(crate) fn shown_bindings(second: FindTexture) -> Vec<Binding> {
     vec![
         Binding::floats(composited_radiance),

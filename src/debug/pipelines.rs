@@ -57,7 +57,7 @@ impl DebugPipelines {
     }
 }
 
-/// Declares what the passes bind.
+/// Declares the bindings of the passes.
 pub(super) fn init_debug_pipelines(mut commands: Commands, asset_server: Res<AssetServer>, device: Res<RenderDevice>) {
     let assets = asset_server.as_ref();
     commands.insert_resource(DebugPipelines {
@@ -69,7 +69,7 @@ pub(super) fn init_debug_pipelines(mut commands: Commands, asset_server: Res<Ass
     });
 }
 
-/// Queues what cameras ask for.
+/// Queues the pipelines that cameras request.
 pub(super) fn queue_debug_pipelines(
     views: Query<(&ReflectionView, &ExtractedView)>,
     mut pipelines: ResMut<DebugPipelines>,
@@ -109,7 +109,7 @@ pub(super) fn queue_debug_pipelines(
     }
 }
 
-/// Draws the debug views of one camera over its picture, and counts.
+/// Draws the debug views of one camera over its frame, and counts.
 pub(crate) fn show_debug_views(
     view: ViewQuery<PassView>,
     resources: PassResources,
@@ -137,8 +137,7 @@ pub(crate) fn show_debug_views(
     span.end(ctx.command_encoder());
 }
 
-/// Draws the view of the front layer of one camera over its picture, which [`show_debug_views`] has made dark. `context` is that of the
-/// layer.
+/// Draws the front layer's view of one camera over its frame, which [`show_debug_views`] has darkened. `context` is that of the layer.
 pub(crate) fn show_front_layer(
     ctx: &mut RenderContext,
     pipelines: &DebugPipelines,

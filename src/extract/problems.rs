@@ -1,4 +1,4 @@
-//! Reasons why a camera shows no reflections, and what the log says about them.
+//! Reasons why a camera shows no reflections, and their log messages.
 
 use bevy::{
     ecs::{

@@ -17,7 +17,7 @@ pub(super) fn note_forward_materials(
     mut materials: ResMut<MaterialAssets>,
     mut missed: Local<bool>,
 ) {
-    // Nobody else is told of what changes while no view wants to know.
+    // Changes aren't tracked while no view needs them.
     *missed |= prepared.is_changed();
     if !views.iter().any(|view| view.settings.forward) || (materials.forward().is_some() && !*missed) {
         return;

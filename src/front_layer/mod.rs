@@ -1,14 +1,14 @@
-//! Reflections on surfaces that Bevy draws forward: on glass, water and the like, which are drawn over the opaque picture, and on opaque
-//! surfaces that have no pixel in its G-buffer.
+//! Reflections on surfaces that Bevy draws forward: on transparent surfaces such as glass and water, which are drawn over the opaque
+//! frame, and on opaque surfaces without a pixel in its G-buffer.
 //!
-//! The front-most of these surfaces in each pixel are the *front layer*. A ray from the viewer finds them, and writes what it finds in the
-//! formats of Bevy's G-buffer. So the same passes that trace and denoise the reflections of deferred surfaces run over it.
+//! The front-most of these surfaces in each pixel form the *front layer*. A ray from the viewer finds each of them and writes it in the
+//! formats of Bevy's G-buffer, so that the passes for deferred surfaces also trace and denoise the reflections of the layer.
 //!
-//! | file | holds |
+//! | file | contents |
 //! |---|---|
-//! | `forward.rs` | which opaque materials are drawn forward |
-//! | `boxes.rs` | where see-through and forward objects are |
-//! | `rects.rs` | which part of a view they may cover |
+//! | `forward.rs` | opaque materials that are drawn forward |
+//! | `boxes.rs` | bounds of see-through and forward objects |
+//! | `rects.rs` | parts of a view that they can cover |
 //! | `textures.rs` | the textures of the layer |
 //! | `find`, `layer.wesl` | the rays that find it, and the library for an app's own |
 //! | `prepare.rs` | when all of this exists |
@@ -101,7 +101,7 @@ impl Plugin for FrontLayerPlugin {
                         .before(main_transparent_pass_3d)
                         .in_set(Core3dSystems::MainPass),
                     reflect_on_front_layers.in_set(ReflectionSystems::FrontLayerPasses),
-                    // Over the dark picture that the other debug views begin with.
+                    // Drawn over the dark frame with which the other debug views begin.
                     show_front_layers
                         .after(show_debug_views)
                         .in_set(ReflectionSystems::DebugViews),

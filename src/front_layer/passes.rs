@@ -22,7 +22,7 @@ use bevy::{
 };
 use core::sync::atomic::Ordering;
 
-/// The same passes see the layer in the place of Bevy's G-buffer.
+/// The context of the passes with the layer in place of Bevy's G-buffer.
 fn context_of<'a>(opaque: &PassContext<'a>, front: &'a FrontLayer) -> Option<PassContext<'a>> {
     Some(PassContext {
         entity: opaque.entity,
@@ -77,7 +77,7 @@ pub(super) fn find_front_layers(
     span.end(ctx.command_encoder());
 }
 
-/// Reflections of views whose layer is opaque.
+/// Reflections of views with an opaque layer.
 pub(super) fn reflect_on_opaque_layers(
     view: ViewQuery<(PassView, &FrontLayer)>,
     resources: PassResources,
@@ -135,7 +135,7 @@ fn reflect_on_layer(
     record_counters(diagnostics, &mut ctx, &context, Surfaces::FrontLayer);
 }
 
-/// Shows what the front layer of a view holds.
+/// Shows the front layer of a view.
 pub(super) fn show_front_layers(
     view: ViewQuery<(PassView, &FrontLayer)>,
     resources: PassResources,

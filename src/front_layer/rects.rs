@@ -1,4 +1,4 @@
-//! Rectangles of a view that some objects may cover.
+//! Rectangles of a view that objects can cover.
 
 use super::boxes::ObjectBox;
 use bevy::{
@@ -9,12 +9,12 @@ use bevy::{
 /// Rectangles of a view at most; `layer.wesl` has the same number. More objects share the rectangle around all of them. More
 /// rectangles leave out more of the screen, and each is a test for every pixel in one.
 const MOST_RECTS: usize = 16;
-/// Rectangles that are held apart while more objects may join them. Each object is compared with all of them.
+/// Maximum number of separate rectangles while objects are added. Each object is compared with all of them.
 const MOST_JOINED: usize = 4 * MOST_RECTS;
 /// Pixels of a workgroup in each direction. Rectangles begin and end at multiples of it, or at the edge of the view.
 const GROUP_SIZE: u32 = 8;
-/// Corners that lie nearer than this in clip space may cover anything. Less divides by nearly nothing, more lets objects close to
-/// the camera cover the whole view.
+/// Boxes with corners nearer than this in clip space can cover anything. Less divides by almost zero, more lets objects close to the
+/// camera cover the whole view.
 const NEAREST: f32 = 1e-5;
 
 /// Rectangles as `layer.wesl` takes them, which has the same constants.
@@ -53,7 +53,7 @@ impl GpuRects {
     }
 }
 
-/// Rectangles that don't overlap and hold every pixel of the boxes. `None` among these is a box that may be anywhere.
+/// Rectangles that don't overlap and contain every pixel of the boxes. `None` among the boxes is one that can be anywhere.
 pub(super) fn screen_rects(boxes: &[Option<ObjectBox>], clip_from_world: &Mat4, size: UVec2) -> Vec<URect> {
     let whole = URect::from_corners(UVec2::ZERO, size);
     disjoint(boxes.iter().filter_map(|found| match found {
@@ -67,7 +67,7 @@ pub(super) fn disjoint(parts: impl IntoIterator<Item = URect>) -> Vec<URect> {
     let around_all = |rects: &[URect]| rects.iter().copied().reduce(|a, b| a.union(b));
     let mut rects: Vec<URect> = Vec::new();
     for mut rect in parts.into_iter().filter(|rect| !rect.is_empty()) {
-        // One that has grown may overlap others.
+        // A rectangle that grew can overlap others.
         while let Some(index) = rects.iter().position(|other| !other.intersect(rect).is_empty()) {
             rect = rect.union(rects.swap_remove(index));
         }
@@ -82,7 +82,7 @@ pub(super) fn disjoint(parts: impl IntoIterator<Item = URect>) -> Vec<URect> {
     rects
 }
 
-/// Pixels that a box may cover; `None` for one out of sight.
+/// Pixels that a box can cover; `None` if it is out of sight.
 fn box_rect(found: &ObjectBox, clip_from_world: &Mat4, size: UVec2) -> Option<URect> {
     let whole = URect::from_corners(UVec2::ZERO, size);
     let corners: [Vec4; 8] = core::array::from_fn(|index| {

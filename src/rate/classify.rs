@@ -41,7 +41,7 @@ impl RateKey {
         }
     }
 
-    /// The same for a part of the tiles. Shaders of users know nothing of it.
+    /// Variant for a part of the tiles. Shaders of users don't see it.
     fn of_part(self) -> Option<Self> {
         let is_own = !matches!(self.variant, RateVariant::Custom(_));
         is_own.then_some(Self { part: true, ..self })
@@ -69,15 +69,15 @@ pub struct RatePipelines {
     shader: Handle<Shader>,
     adaptive_shader: Handle<Shader>,
     pass: GBufferPass<RateKey>,
-    /// The same with the history, for [`RateVariant::Adaptive`].
+    /// Variant with the history, for [`RateVariant::Adaptive`].
     adaptive: GBufferPass<RateKey>,
-    /// Whose error has been logged.
+    /// Shaders with an error that has been logged.
     failed: HashSet<RateKey>,
     /// Pipelines requested since pipelines were last queued.
     wanted: HashSet<RateKey>,
     wanted_images: HashSet<AssetId<Image>>,
     images: HashMap<AssetId<Image>, TextureView>,
-    /// Images that can't be used, of which the log knows.
+    /// Unusable images that have been logged.
     refused: HashSet<AssetId<Image>>,
 }
 
@@ -110,7 +110,7 @@ impl RatePipelines {
         self.wanted.extend(keys_of(rate).filter_map(RateKey::of_part));
     }
 
-    /// Rates can be determined, if not yet by what a user brought along.
+    /// Returns whether rates can be determined, even if a user's own shader or image isn't ready.
     pub(crate) fn is_ready(&self, cache: &PipelineCache, rate: &RateSettings) -> bool {
         let key = |variant| RateKey::new(variant, rate);
         let variant = stand_in(&rate.variant).unwrap_or_else(|| rate.variant.clone());
@@ -163,7 +163,7 @@ fn history_bindings() -> [Binding; 5] {
     ]
 }
 
-/// Declares what the passes bind.
+/// Declares the bindings of the passes.
 pub(super) fn init_rate_pipelines(mut commands: Commands, asset_server: Res<AssetServer>) {
     let adaptive = bindings().into_iter().chain(history_bindings()).collect();
     commands.insert_resource(RatePipelines {
@@ -179,7 +179,7 @@ pub(super) fn init_rate_pipelines(mut commands: Commands, asset_server: Res<Asse
     });
 }
 
-/// Queues what cameras asked for, looks up their rate images, and logs what is wrong with either.
+/// Queues the pipelines that cameras requested, looks up their rate images, and logs problems of either.
 pub(super) fn queue_rate_pipelines(
     mut pipelines: ResMut<RatePipelines>,
     cache: Res<PipelineCache>,

@@ -1,7 +1,7 @@
 //! The driver's acceleration structures, for the ray-query tracer.
 //!
-//! wgpu builds a TLAS anew from all of its instances, on the CPU, too. So where there are many objects those that move stand in one of
-//! their own: a movement then costs what moves, not what exists. Rays look into both.
+//! wgpu rebuilds a TLAS from all of its instances, and also processes them on the CPU. With many objects, the moving ones are therefore
+//! in a TLAS of their own: the cost then follows the number of moving objects. Rays search both.
 
 mod blas;
 mod object;
@@ -28,13 +28,13 @@ pub use tlas::rows;
 
 /// Triangles that go into one build command, to bound the driver's scratch memory.
 const TRIANGLES_PER_BUILD: u32 = 4_000_000;
-/// Objects from which on those that move have a TLAS of their own. More saves rays a second search in smaller scenes; less saves the CPU
-/// time of building one over all of them.
+/// Number of objects from which moving ones have a TLAS of their own. More saves rays a second search in smaller scenes; less saves the
+/// CPU time of building one over all of them.
 const MANY_OBJECTS: usize = 1024;
-/// Objects that may stand among those that move although they don't. More makes each movement cost more; fewer builds all more often.
+/// Number of objects in the moving TLAS that no longer move. More makes each movement cost more; fewer rebuilds all more often.
 const MOST_IDLE: usize = 256;
-/// Objects that the TLAS of those at rest may hold although they have moved or gone. Each that a ray meets there costs it a search from
-/// behind it. More makes rays slower; fewer builds all more often.
+/// Number of objects in the static TLAS that have moved or gone. A ray that hits one of them there is traced again from behind it. More
+/// makes rays slower; fewer rebuilds all more often.
 const MOST_LEFT: usize = 256;
 /// Frames until more of them go back to the others, which takes a build over all objects. More makes movements expensive for longer; fewer
 /// makes frames that take long more frequent while objects stream in.
@@ -44,9 +44,9 @@ const IDLE_FRAMES: u32 = 60;
 pub struct RayQueryObjects<'a> {
     /// Objects that rays can hit.
     pub count: usize,
-    /// Slots that may hold objects: those below.
+    /// Slots below this can have objects.
     pub slots: u32,
-    /// Slots whose objects came, went, moved or changed otherwise.
+    /// Slots with objects that appeared, disappeared, moved or changed otherwise.
     pub changed: &'a [u32],
     /// The object of a slot, where there is one that rays can hit.
     pub get: &'a dyn Fn(u32) -> Option<RayQueryInstance>,
@@ -63,7 +63,7 @@ pub struct AccelerationStructures {
     refused: HashMap<BlasKey, u64>,
     /// When it is tried again, as is a TLAS that lacked memory.
     retry: MemoryRetry,
-    /// Over all objects, but for those of `moving`.
+    /// All objects, except those of `moving`.
     still: ResizableTlas,
     /// By slot, whether `still` was built with the object.
     is_still: Vec<bool>,
@@ -74,7 +74,7 @@ pub struct AccelerationStructures {
     movers: Vec<u32>,
     /// By slot, whether the object is in `moving`.
     is_mover: Vec<bool>,
-    /// Slots whose objects `still` was built with, and that have moved or gone since. Rays don't see them there.
+    /// Slots that `still` was built with, and with objects that have moved or gone since. Rays don't see them there.
     left: Vec<u32>,
     /// They are others than at the last call of [`Self::take_left`].
     left_changed: bool,
@@ -133,7 +133,7 @@ impl AccelerationStructures {
         self.left.len()
     }
 
-    /// Counts a frame. Returns true once what lacked memory should be tried again by another [`Self::build`].
+    /// Counts a frame. Returns true when [`Self::build`] should retry allocations that failed.
     pub fn is_retry_due(&mut self) -> bool {
         self.age = self.age.saturating_add(1);
         let is_due = self.retry.is_due();
@@ -143,14 +143,14 @@ impl AccelerationStructures {
             if let Some(moving) = &mut self.moving {
                 moving.ask_again();
             }
-            // Objects that wait may belong to either structure.
+            // Waiting objects can belong to either structure.
             self.is_still.clear();
         }
         is_due
     }
 
-    /// Builds missing BLASes, and has [`Self::take_commands`] build those of posed objects and a TLAS. Returns how many BLASes are
-    /// built. Leaves out for a while what the device has no memory for.
+    /// Builds missing BLASes, and lets [`Self::take_commands`] build those of posed objects and a TLAS. Returns the number of BLASes
+    /// built. Structures that don't fit into the device's memory are skipped for a while.
     pub fn build(
         &mut self,
         objects: &RayQueryObjects,
@@ -167,7 +167,7 @@ impl AccelerationStructures {
         built.unwrap_or_else(|| self.build_all(objects, is_split, meshes, device, queue))
     }
 
-    /// Commands that are left to be submitted, after those that pose objects.
+    /// Remaining commands to submit, after those that pose objects.
     pub fn take_commands(&mut self) -> Vec<CommandBuffer> {
         core::mem::take(&mut self.commands)
     }
@@ -192,7 +192,7 @@ impl AccelerationStructures {
         self.is_mover.resize(objects.slots as usize, false);
         let before = self.movers.len();
         for &slot in objects.changed {
-            // Slots at the end may be gone.
+            // Slots at the end can be gone.
             if let Some(is_mover) = self.is_mover.get_mut(slot as usize)
                 && !core::mem::replace(is_mover, true)
             {
@@ -304,7 +304,7 @@ impl AccelerationStructures {
         let mut outcome = level.build(instances, &entries, blas_in(&self.blas, &self.posed), device);
         drop(entries);
         if outcome.commands.is_none() && !posed.is_empty() {
-            // Others may have room. Objects that keep their pose from now on have no other build to wait for.
+            // Others might fit. Objects that keep their pose from now on have no other build to wait for.
             self.posed.retain(|slot, _| !posed.contains(slot));
             outcome = level.build(instances, &[], blas_in(&self.blas, &self.posed), device);
             outcome.lacking = true;
@@ -382,8 +382,8 @@ impl AccelerationStructures {
         built
     }
 
-    /// Builds the BLASes of objects whose pose has changed, but for a last part, and drops those of objects that are gone. wgpu has no updates,
-    /// so they are built from the start, as fast as the driver can.
+    /// Builds the BLASes of objects with a changed pose, except for a last part, and drops those of removed objects. wgpu has no updates,
+    /// so they are rebuilt as fast as the driver can.
     fn build_posed(
         &mut self,
         instances: &[RayQueryInstance],
@@ -428,7 +428,7 @@ impl AccelerationStructures {
                 stale.push(instance.slot);
             }
         }
-        // In parts, since the driver's scratch memory grows with what is built at a time.
+        // In parts, since the driver's scratch memory grows with the size of a build.
         let mut rest = stale.as_slice();
         let last = loop {
             let mut triangles = 0;
@@ -478,7 +478,7 @@ enum Level {
 #[derive(Default)]
 struct PosedBuilds {
     count: u64,
-    /// Slots of those that are built with the TLAS over them: a build of their own takes twice the CPU time.
+    /// Slots that are built together with the TLAS: a separate build takes twice the CPU time.
     last: Vec<u32>,
 }
 

@@ -61,7 +61,7 @@ impl AlphaImages {
     }
 }
 
-/// Copies a part of what is wanted.
+/// Copies a part of the requested images.
 pub(super) fn extract_alpha_images(images: Option<&Assets<Image>>, alphas: &mut AlphaImages) {
     if alphas.images.is_empty() {
         return;
@@ -86,7 +86,7 @@ pub(super) fn extract_alpha_images(images: Option<&Assets<Image>>, alphas: &mut 
     }
 }
 
-/// Texels of four bytes, the last of which is alpha.
+/// Texels of four bytes, with alpha last.
 struct Source<'a> {
     width: u32,
     height: u32,
@@ -109,7 +109,7 @@ fn readable(image: &Image) -> Option<Source<'_>> {
     let is_written = texture
         .usage
         .intersects(TextureUsages::RENDER_ATTACHMENT | TextureUsages::STORAGE_BINDING);
-    // Views may start at another level, or read the bytes differently.
+    // Views can start at another level, or interpret the bytes differently.
     if !four_bytes
         || !flat
         || is_written

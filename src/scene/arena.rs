@@ -5,9 +5,9 @@
 //!
 //! # Growth
 //!
-//! A larger buffer is filled in parts, one in each frame, so that no frame waits for the copy of a large one
-//! ([`Arena::advance`]). It then replaces the old buffer. Until then, slices that the old buffer doesn't reach are not [in
-//! reach](Arena::is_in_reach): whoever can wait does so, and a write to one has the rest copied at once.
+//! A larger buffer is filled in parts, one in each frame, so that no frame waits for the copy of a large one ([`Arena::advance`]). It
+//! then replaces the old buffer. Until then, slices beyond the end of the old buffer are not [in reach](Arena::is_in_reach): callers wait
+//! if they can, and a write to such a slice copies the rest at once.
 //!
 //! # Stranded slices
 //!
@@ -16,11 +16,10 @@
 //!
 //! # Order of writes
 //!
-//! [`Arena::write`] goes through the queue: the bytes land when the next submission starts, before any of its commands. Each part
-//! of a copy is submitted at once. So writes made before a part is copied reach the old buffer ahead of the copy and travel along
-//! with it, and later writes go to both buffers. Commands recorded in the same frame with a bind group of the old buffer still
-//! see valid content. A slice that is freed may be handed out and overwritten in the same frame: whatever refers to it has to be
-//! updated in that frame too.
+//! [`Arena::write`] goes through the queue: the bytes land when the next submission starts, before any of its commands. Each part of a
+//! copy is submitted at once. Writes before a part is copied therefore reach the old buffer ahead of the copy and are copied with it, and
+//! later writes go to both buffers. Commands recorded in the same frame with a bind group of the old buffer still see valid content. A
+//! freed slice can be reused and overwritten in the same frame: all references to it must be updated in that frame too.
 
 mod slice_allocator;
 
@@ -41,8 +40,8 @@ const LEAST_PART: u64 = 4 << 20;
 /// Frames that the replacement of a large buffer takes.
 const PARTS: u64 = 32;
 
-/// Frames until owners of stranded slices are asked to move them, doubled each time that this hasn't helped. More keep the buffer large
-/// for longer; fewer move what the next level would have freed anyway. Half a second at 60 Hz, not tuned.
+/// Frames until owners of stranded slices are asked to move them, doubled each time that this didn't help. More keeps the buffer large
+/// for longer; fewer moves slices that the next level would have freed anyway. Half a second at 60 Hz, not tuned.
 const STRANDED_FRAMES: u32 = 32;
 
 /// A buffer on its way to replace another one. Nothing is in it alone.
@@ -72,7 +71,7 @@ pub struct Arena {
     refused: u64,
     /// When it is asked for them again.
     retry: MemoryRetry,
-    /// It may be asked in this frame.
+    /// The device can be asked in this frame.
     may_ask_again: bool,
     generation: u64,
     stranded: Stranded,
@@ -98,7 +97,7 @@ impl Default for Stranded {
 }
 
 impl Stranded {
-    /// Takes what [`SliceAllocator::stranded_from`] says in this frame.
+    /// Takes the result of [`SliceAllocator::stranded_from`] in this frame.
     fn advance(&mut self, found: Option<u32>) {
         self.from = None;
         if found.is_none() {
@@ -114,8 +113,8 @@ impl Stranded {
 }
 
 impl Arena {
-    /// An arena whose slices start at multiples of `unit_words` words and whose buffer takes at most `max_bytes` and what the
-    /// device's limits allow. `usages` are added to `STORAGE | COPY_SRC | COPY_DST`.
+    /// An arena with slices at multiples of `unit_words` words, and a buffer of up to `max_bytes`, within the device's limits. `usages`
+    /// are added to `STORAGE | COPY_SRC | COPY_DST`.
     pub fn new(
         device: &RenderDevice,
         label: &'static str,
@@ -232,7 +231,7 @@ impl Arena {
         }
     }
 
-    /// Returns whether the device, which had no memory for something, may have it again since this frame.
+    /// Returns whether it is time to retry an allocation that the device refused.
     pub fn may_ask_again(&self) -> bool {
         self.may_ask_again
     }
@@ -269,7 +268,7 @@ impl Arena {
         self.write_from(queue, slice, 0, words);
     }
 
-    /// The same from the given word of the slice on.
+    /// Writes from the given word of the slice on.
     pub fn write_from(&mut self, queue: &RenderQueue, slice: &ArenaSlice, first: usize, words: &[u32]) {
         let room = (slice.words as usize).saturating_sub(first);
         debug_assert!(slice.arena == self.allocator.id && words.len() <= room);
@@ -308,7 +307,7 @@ impl Arena {
         }
     }
 
-    /// Copies so many bytes to the replacement, which takes the place of the buffer after the last of them.
+    /// Copies this number of bytes to the replacement, which replaces the buffer after the last of them.
     fn carry_on(&mut self, bytes: u64, queue: &RenderQueue) {
         let Some(mut replacement) = self.replacement.take() else {
             return;

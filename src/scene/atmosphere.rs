@@ -12,7 +12,7 @@ use bytemuck::{Pod, Zeroable};
 pub struct GpuAir {
     /// Rows of the 3x4 matrix from the world to metres from the planet's centre.
     pub air_from_world: [[f32; 4]; 3],
-    /// Rows of the rotation from the world to the table of the sky, whose second axis points up where the viewer is.
+    /// Rows of the rotation from the world to the table of the sky. Its second axis points up at the viewer's position.
     pub sky_from_world: [[f32; 4]; 3],
     /// Radius of the planet in metres; 0 without an atmosphere.
     pub inner_radius: f32,
@@ -50,7 +50,7 @@ impl GpuAir {
     }
 }
 
-/// How Bevy lays the haze of an atmosphere over what a view shows.
+/// The way in which Bevy adds the haze of an atmosphere to a view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AerialView {
     /// Metres up to which a table of it reaches; 0 where Bevy marches along each ray in its place.

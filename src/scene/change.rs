@@ -1,7 +1,7 @@
-//! Changes of the scene, by what views make of them that converge while nothing changes.
+//! Changes of the scene, by their effect on views that converge while nothing changes.
 
-/// Frames for which an object that has changed stays marked: rays are few, and objects may move in some frames only. More keeps views from
-/// converging for longer after a change; less misses changes that few rays meet.
+/// Frames for which a changed object stays marked: rays are few, and objects can move in some frames only. More keeps views from
+/// converging for longer after a change; less misses changes that few rays hit.
 pub const RESTLESS_FRAMES: u32 = 16;
 
 /// A change of the scene.

@@ -4,10 +4,10 @@
 use bevy::ecs::change_detection::Tick;
 use core::ops::Range;
 
-/// Entities whose ticks are looked at together. Most worlds are static for the most part, and blocks without a change cost little.
+/// Entities per block of ticks. Most of a typical world is static, and blocks without a change cost little.
 const BLOCK: usize = 128;
 
-/// Blocks of so many entities, in order.
+/// Blocks of this number of entities, in order.
 pub(super) fn blocks(entities: usize) -> impl Iterator<Item = Range<usize>> {
     (0..entities)
         .step_by(BLOCK)

@@ -1,5 +1,5 @@
-//! Volumes of fog (`FogVolume`) as rays see them, and lamps that shine into them (`VolumetricLight`): those that lie nearest to a camera which
-//! draws them. `trace/volumes.wesl` is the GPU side, and `trace/fog_density.wesl` that of textures of their density.
+//! Volumes of fog (`FogVolume`) as rays see them, and lamps that shine into them (`VolumetricLight`): those nearest to a camera that
+//! draws them. `trace/volumes.wesl` is the GPU side, and `trace/fog_density.wesl` for density textures.
 
 use super::{
     gpu_types::{GpuLight, LIGHT_CASTS_SHADOW},
@@ -176,7 +176,7 @@ fn texture_of(volume: &FogVolume) -> Option<AssetId<Image>> {
     volume.density_texture.as_ref().map(Handle::id)
 }
 
-/// `None` for what can't be seen.
+/// `None` for invisible volumes.
 fn pack_fog_volume(volume: &FogVolume, place: &GlobalTransform) -> Option<GpuFogVolume> {
     let inverse = place.affine().inverse();
     let density = non_negative(volume.density_factor);

@@ -1,4 +1,4 @@
-//! Free places of a table whose entries keep their indices.
+//! Free indices of a table with stable indices.
 
 use core::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -13,8 +13,8 @@ impl FreeSlots {
         self.0.push(Reverse(index));
     }
 
-    /// Takes the lowest free index. The end of the table may have been cut off, and grown again, since an index was given: `is_free`
-    /// tells whether there is nothing at an index below `len`, the present length.
+    /// Takes the lowest free index. The end of the table can have been cut off, and grown again, since an index was given: `is_free`
+    /// checks whether an index below `len`, the current length, is empty.
     pub fn take(&mut self, len: usize, is_free: impl Fn(u32) -> bool) -> Option<u32> {
         while let Some(Reverse(index)) = self.0.pop() {
             if index as usize >= len {

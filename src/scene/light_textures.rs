@@ -1,5 +1,5 @@
-//! Textures of lights (`PointLightTexture`, `SpotLightTexture` and `DirectionalLightTexture`): images that dim a light by direction or place.
-//! Their records stand behind the lights in one buffer, and `light_textures.wesl` is the GPU side.
+//! Textures of lights (`PointLightTexture`, `SpotLightTexture` and `DirectionalLightTexture`): images that dim a light by direction or
+//! position. Their records follow the lights in one buffer, and `light_textures.wesl` is the GPU side.
 
 use super::{
     gpu_types::{GpuLight, GpuLightTexture, LIGHT_TEXTURE_SHIFT, NO_TEXTURE},
@@ -127,7 +127,7 @@ impl LightTextures {
             return false;
         }
         self.wanted = wanted.to_vec();
-        // New images come first: those that stay keep their place.
+        // New images come first: images that stay keep their index.
         let acquired = wanted.iter().map(|(_, texture)| texture.image);
         let images = acquired.map(|image| table.acquire(image).then_some(image)).collect();
         let old: Vec<_> = core::mem::replace(&mut self.images, images);
@@ -153,7 +153,7 @@ impl LightTextures {
         self.records.is_empty()
     }
 
-    /// Has lights in a buffer refer to their textures, whose records follow them. `place_of` says where a light stands.
+    /// Points lights in a buffer to their textures, with records after the lights. `place_of` returns the index of a light.
     pub fn append_to(&self, table: &mut Vec<GpuLight>, place_of: impl Fn(u32) -> usize) {
         for (number, light) in (1..).zip(&self.lights) {
             if let Some(light) = table.get_mut(place_of(*light)) {
@@ -163,7 +163,7 @@ impl LightTextures {
         table.extend(self.records.iter().map(|record| bytemuck::cast::<_, GpuLight>(*record)));
     }
 
-    /// So many records of the first lights, for tests.
+    /// Records of this number of lights, for tests.
     #[cfg(test)]
     pub fn with_records(count: u32) -> Self {
         Self {

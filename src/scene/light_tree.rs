@@ -26,7 +26,7 @@ const SORTING_PAUSE: u32 = 16;
 pub struct LightNode {
     /// Corner of the box around the lights with their radii.
     pub low: [f32; 3],
-    /// Sum of the lights' strengths; negative if a light may shine on surfaces that it lies below, 0 without a light.
+    /// Sum of the lights' strengths; negative if a light can shine on surfaces that it lies below, 0 without a light.
     pub power: f32,
     /// The opposite corner.
     pub high: [f32; 3],
@@ -96,7 +96,7 @@ pub struct LightTree {
     table: Vec<GpuLight>,
     /// By light, its place in the table.
     places: Vec<u32>,
-    /// Places of lights that may have changed.
+    /// Indices of lights that might have changed.
     touched: Vec<u32>,
     written: Vec<u32>,
     /// Nodes of a level that have changed.
@@ -108,7 +108,7 @@ pub struct LightTree {
 }
 
 impl LightTree {
-    /// Elements for the buffer. That of the pair of children of node `i` stands `i` places behind the last light.
+    /// Elements for the buffer. The pair of children of node `i` is stored `i` places after the last light.
     pub fn table(&self) -> &[GpuLight] {
         &self.table
     }
@@ -134,12 +134,12 @@ impl LightTree {
         &self.nodes
     }
 
-    /// Takes over the lights, of which directional ones come first.
+    /// Updates the tree to the lights; directional ones come first.
     pub fn update(&mut self, lights: &[GpuLight]) -> Written<'_> {
         self.update_some(lights, 0..lights.len() as u32)
     }
 
-    /// Does the same where only these lights may have changed since the last call, or more have come or gone.
+    /// Variant for the case that only these lights might have changed since the last call, or that their number changed.
     pub fn update_some(&mut self, lights: &[GpuLight], touched: impl IntoIterator<Item = u32>) -> Written<'_> {
         let directional = lights.partition_point(|light| light.kind == LIGHT_DIRECTIONAL);
         if directional != self.directional || lights.len() != directional + self.order.len() {
@@ -182,7 +182,7 @@ impl LightTree {
         Written::Elements(&self.written)
     }
 
-    /// Brings the nodes above those of `level` up to date, a level at a time.
+    /// Updates the nodes above those of `level`, one level at a time.
     fn refit(&mut self, first_pair: usize) {
         while self.level.first().is_some_and(|node| *node > 1) {
             self.level.iter_mut().for_each(|node| *node /= 2);
@@ -238,7 +238,7 @@ impl LightTree {
     }
 }
 
-/// Sorts lights into a tree with room for so many: of each node, the first half goes to its first child. Halves differ in range, or else
+/// Sorts lights into a tree with this capacity: the first half of each node goes to its first child. Halves differ in range, or else
 /// along the longest side of the box.
 fn divide(mut order: &mut [u32], mut room: usize, lights: &[GpuLight]) {
     while order.len() > 1 {
@@ -258,7 +258,7 @@ fn divide(mut order: &mut [u32], mut room: usize, lights: &[GpuLight]) {
         if classes[0] < classes[1] {
             order.select_nth_unstable_by_key(room, |index| range_class(&lights[*index as usize]));
         } else {
-            // Halves, since the whole may be too long for a float.
+            // Halves, since the whole can be too long for a float.
             let axis = (0.5 * high - 0.5 * low).max_position();
             let place = |index: &u32| lights[*index as usize].position[axis];
             order.select_nth_unstable_by(room, |a, b| place(a).total_cmp(&place(b)));

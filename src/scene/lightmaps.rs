@@ -9,13 +9,13 @@ use std::collections::BTreeMap;
 pub(super) struct Lightmaps {
     /// By slot of the object, the image that has a place for it.
     images: BTreeMap<u32, AssetId<Image>>,
-    /// Slots whose image found no place.
+    /// Slots with an image for which there was no place.
     without_room: WaitingRoom<u32>,
 }
 
 impl Lightmaps {
-    /// Takes places for the lightmaps of objects in `dirty` slots, and gives back those that they no longer need. Adds slots to
-    /// `dirty` whose lightmap may be found now. Returns those whose lightmap is among the `changed` images.
+    /// Allocates the lightmaps of objects in `dirty` slots, and frees those that they no longer need. Adds slots to `dirty` that can get
+    /// their lightmap now. Returns those with a lightmap among the `changed` images.
     pub fn follow(
         &mut self,
         dirty: &mut Vec<u32>,

@@ -1,5 +1,5 @@
-//! Lights as hits need them: all visible ones of the scene. Bevy's own list leaves out what the camera
-//! does not see. `lights/extract.rs` follows their changes.
+//! Lights for hits: all visible ones of the scene. Bevy's own list omits lights that the camera does not see. `lights/extract.rs` follows
+//! their changes.
 
 pub(super) mod extract;
 
@@ -16,16 +16,16 @@ use super::{
     light_textures::LightTexture,
 };
 
-/// Lights that hits go through one by one. If there are more, they do so with directional ones alone, of which there
-/// are at most so many, and draw from the others. `shading.wesl` has the same number.
+/// Number of lights that hits evaluate one by one. With more, they evaluate only the directional ones, up to the same number, and sample
+/// the others. `shading.wesl` has the same number.
 pub const MAX_LIGHTS: usize = 256;
 
-/// Lights that differ from what they were.
+/// Lights that changed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Touched {
     /// Any, or their number.
     All,
-    /// These alone. Some may be named twice.
+    /// Only these lights. Some can be named twice.
     Lights(Vec<u32>),
 }
 
@@ -82,12 +82,12 @@ impl ExtractedLights {
         &self.textures
     }
 
-    /// Lights that differ from those of the last call, and how they do.
+    /// Lights that differ from those of the last call, and the kind of difference.
     pub(super) fn take_changes(&mut self) -> (Touched, Change) {
         (core::mem::take(&mut self.touched), core::mem::take(&mut self.change))
     }
 
-    /// Returns whether a directional light is among those that were touched.
+    /// Returns whether a directional light is among the changed ones.
     pub(super) fn touches_sun(&self, touched: &Touched) -> bool {
         let is_sun = |light: &GpuLight| light.kind == LIGHT_DIRECTIONAL;
         match touched {
@@ -96,7 +96,7 @@ impl ExtractedLights {
         }
     }
 
-    /// Takes over the lights of a frame, marks those that are others than in the last one, when they may have had marks, or were so lately.
+    /// Takes the lights of a frame, and marks those that changed since the last one, if any can have marks or had them recently.
     fn replace(&mut self, lights: Vec<GpuLight>) {
         let previous = core::mem::replace(&mut self.lights, lights);
         if self.lights.len() == previous.len() {
@@ -129,7 +129,7 @@ impl ExtractedLights {
             ..previous
         };
         let restless = &mut self.restless[place as usize];
-        // One that begins to move may no longer shine where it did.
+        // A light that begins to move might no longer shine at its old place.
         let is_marked = *restless > 0 || light == in_its_color;
         let change = if is_marked { Change::Marked } else { Change::Unmarked };
         self.change = self.change.max(change);

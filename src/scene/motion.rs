@@ -9,13 +9,13 @@ pub const UNKNOWN_MOTION: u32 = 0x100;
 const LARGEST_COMPONENT: f32 = 255.0;
 /// Exponent of the smallest step.
 const LEAST_EXPONENT: f32 = -24.0;
-/// Part of the distance from the origin by which a point may have moved otherwise than by the motion: objects that grow, or turn by more
-/// than ten degrees in a frame. More follows images to places where they weren't.
+/// Tolerance of a point's motion, as a part of its distance from the origin: for objects that grow, or turn by more than ten degrees in a
+/// frame. More follows images to wrong places.
 const LARGEST_REST: f32 = 0.02;
 
-/// The motion of an object between two places, whose matrices are given by rows: metres that its origin has moved, and how far it has turned
-/// about that, in radians along the axis. The motion of an object that has grown, or has turned far, isn't known.
-/// Meshes that lie far from their origin lose digits where they turn.
+/// The motion of an object between two matrices, given by rows: displacement of its origin in metres, and rotation about it in radians
+/// along the axis. The motion of an object that has grown, or has turned far, isn't known. Meshes far from their origin lose digits when
+/// they turn.
 pub fn pack_motion(
     world_from_object: &[[f32; 4]; 3],
     before: &[[f32; 4]; 3],

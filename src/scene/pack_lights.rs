@@ -114,12 +114,12 @@ pub fn rect_light(light: &RectLight, transform: &GlobalTransform) -> Option<GpuL
     .filter(|light| light.inverse_range_squared.is_finite() && light.radius.is_finite())
 }
 
-/// 0 in place of what is negative or no number.
+/// Returns 0 for negative numbers and NaN.
 pub fn non_negative(value: f32) -> f32 {
     if value.is_finite() { value.max(0.0) } else { 0.0 }
 }
 
-/// The same as in `numeric.wesl`: a unit vector at a right angle to `n`.
+/// Twin of the function in `numeric.wesl`: a unit vector at a right angle to `n`.
 fn any_orthogonal(n: Vec3) -> Vec3 {
     let s = if n.z >= 0.0 { 1.0 } else { -1.0 };
     let a = -1.0 / (s + n.z);

@@ -20,9 +20,9 @@ use core::{any::TypeId, marker::PhantomData};
 
 /// Makes rays see the objects with a material of type `M`. `StandardMaterial` needs no plugin.
 ///
-/// It may be added before or after [`RayTracedReflectionsPlugin`](crate::RayTracedReflectionsPlugin), beside the `MaterialPlugin` of the
-/// same type. Objects with materials of other types are missing from reflections; the log tells how many there are of each, and so does
-/// [`ReflectionStatusReport::unseen`](crate::ReflectionStatusReport::unseen).
+/// Add it before or after [`RayTracedReflectionsPlugin`](crate::RayTracedReflectionsPlugin), next to the `MaterialPlugin` of the same
+/// type. Objects with materials of other types are missing from reflections; the log and
+/// [`ReflectionStatusReport::unseen`](crate::ReflectionStatusReport::unseen) have their number per type.
 ///
 /// # Examples
 ///
@@ -54,7 +54,7 @@ impl<M: ReflectedMaterial> Default for ReflectedMaterialPlugin<M> {
 }
 
 impl<M: ReflectedMaterial> ReflectedMaterialPlugin<M> {
-    /// For a type whose own shader adds no specular light of the environment: one that draws in flat colours, such as a toon shader.
+    /// For a type with a shader that adds no specular light of the environment, such as a toon shader with flat colours.
     ///
     /// Traced reflections take the place of that light where a material is drawn forward
     /// ([`forward`](crate::RayTracedReflections::forward)). Without it, there is nothing for them to replace, and objects of this type keep the
@@ -172,7 +172,7 @@ fn extract_objects<C: MaterialComponent>(render_app: &mut SubApp, order: usize) 
         );
 }
 
-/// Adds the extraction of objects, and of those whose material is a stand-in.
+/// Adds the extraction of objects with the material, and of those that use it as a stand-in.
 pub(super) fn add_extraction(render_app: &mut SubApp) {
     render_app.configure_sets(
         ExtractSchedule,

@@ -37,7 +37,7 @@ fn open(settings: &WgpuSettings) -> Option<(RenderDevice, RenderQueue)> {
     Some((device, queue))
 }
 
-/// A device that refuses large buffers, since nearly all memory that it may take is in use; otherwise as [`device`].
+/// A device that refuses large buffers, because nearly all of its allowed memory is in use; otherwise like [`device`].
 pub fn device_of_little_memory() -> Option<(RenderDevice, RenderQueue)> {
     // Percents of all memory. Some of it is in use already, and a device takes a little.
     let device = (1..=100).step_by(2).find_map(|percents| {

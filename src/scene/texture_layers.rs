@@ -133,7 +133,7 @@ impl TextureLayers {
         self.ready
     }
 
-    /// Makes `layer` a copy of `source` at the next [`Self::flush`]. Returns false where the device has no memory for so many layers.
+    /// Makes `layer` a copy of `source` at the next [`Self::flush`]. Returns false if the device has no memory for that number of layers.
     pub fn copy(&mut self, device: &RenderDevice, layer: u32, source: &TextureView) -> bool {
         if layer >= self.limit {
             return false;
@@ -157,7 +157,7 @@ impl TextureLayers {
         true
     }
 
-    /// Lets go of all copies and of what they are copies of.
+    /// Releases all copies and their sources.
     pub fn clear(&mut self, device: &RenderDevice) {
         self.sources.clear();
         self.outdated.clear();
@@ -168,7 +168,7 @@ impl TextureLayers {
         }
     }
 
-    /// Copies what is outdated.
+    /// Copies outdated layers.
     pub fn flush(&mut self, device: &RenderDevice, queue: &RenderQueue, pipelines: &PipelineCache) {
         if self.outdated.is_empty() {
             return;

@@ -79,7 +79,7 @@ impl UnseenTypes {
         changed
     }
 
-    /// Types of which there are objects, with their number.
+    /// Types with objects, and their number.
     fn report(&self) -> Vec<(String, usize)> {
         let there = self.types.iter().filter(|unseen| unseen.objects > 0);
         there.map(|unseen| (unseen.name.clone(), unseen.objects)).collect()

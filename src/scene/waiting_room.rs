@@ -3,9 +3,9 @@
 use bevy::platform::collections::HashMap;
 use core::hash::Hash;
 
-/// Things that found no room in a table or buffer, each with how much was in use then. A try costs time, and what something else gave
-/// back makes room: so each is tried again once less is in use than at its last try. If the device had no memory, time
-/// makes room, too.
+/// Allocations that failed in a table or buffer, each with the amount in use at that time. A retry costs time, and can only succeed once
+/// something else was freed: each is retried once less is in use than at its last try. If the device had no memory, it is also retried
+/// after some time.
 pub(super) struct WaitingRoom<K>(HashMap<K, u64>);
 
 impl<K> Default for WaitingRoom<K> {
@@ -20,7 +20,7 @@ impl<K: Copy + Eq + Hash> WaitingRoom<K> {
         self.0.insert(key, used);
     }
 
-    /// Takes those that may find room while so much is in use. `again`: the device may have memory again, so all may.
+    /// Takes the allocations to retry at the given amount in use. `again`: the device might have memory again, so all are retried.
     pub fn take(&mut self, used: u64, again: bool) -> Vec<K> {
         let ready = self.0.extract_if(|_, before| again || used < *before);
         ready.map(|(key, _)| key).collect()

@@ -1,8 +1,8 @@
 //! Directional albedo of the GGX reflection lobe: how much of a white furnace it reflects towards the viewer.
 //!
-//! With Schlick's Fresnel term the albedo is `F0 * A + F90 * B`, where A and B depend on alpha and n.v alone. Bevy's own
-//! split-sum factors are approximations that differ from the lobe by several percent; dividing by the exact albedo makes
-//! traced reflections agree with whichever approximation Bevy lights the rest of the picture with.
+//! With Schlick's Fresnel term the albedo is `F0 * A + F90 * B`, with A and B depending on alpha and n.v only. Bevy's own split-sum
+//! factors are approximations that differ from the lobe by several percent; dividing by the exact albedo makes traced reflections agree
+//! with the approximation that Bevy uses for the rest of the frame.
 //!
 //! Bilinear lookups need functions without sharp bends, so the table holds, in two channels:
 //! - `A + B` over `x = sqrt(c (1 + alpha) / (c + alpha))`, with c = n.v: near the horizon the masking of Smith depends on

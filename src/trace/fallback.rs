@@ -1,4 +1,4 @@
-//! Which pass turns a camera's rates into rays, and what is said where it isn't the one that was asked for.
+//! Chooses the pass that turns a camera's rates into rays, and reports when it isn't the requested one.
 
 use crate::{
     settings::{ClampedSettings, ReflectionBackend, ReflectionTechnique},
@@ -12,9 +12,9 @@ use bevy::{
     log::warn,
 };
 
-/// Puts the pass in place that the device has: [`ReflectionBackend::Compute`] or [`ReflectionBackend::HardwareVrs`], and compute shaders
-/// for the technique of fragment shaders where those can't trace rays. Returns why it isn't what was asked for. Only rates that vary have
-/// a choice of back ends.
+/// Replaces a requested pass by one that the device supports: [`ReflectionBackend::Compute`] or [`ReflectionBackend::HardwareVrs`], and
+/// compute shaders for the fragment-shader technique if fragment shaders can't trace rays. Returns the reason for a replacement. Only
+/// variable rates have a choice of back ends.
 pub(crate) fn choose(
     settings: &mut ClampedSettings,
     fragment_rays: Result<(), &'static str>,
@@ -53,7 +53,7 @@ pub(crate) fn choose(
 #[derive(Default)]
 pub(crate) struct Fallbacks {
     reasons: EntityHashMap<String>,
-    /// The same as they are in the status.
+    /// The reasons as sentences for the status.
     sentences: Vec<String>,
 }
 

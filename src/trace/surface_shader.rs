@@ -18,7 +18,7 @@ const MODULE_ID: AssetId<Shader> = AssetId::Uuid {
 /// The app's shader, as far as the renderer has it. A GPU resource: it is told anew to the pipeline cache of a new device.
 #[derive(Resource, Default)]
 pub(super) struct SurfaceShader {
-    /// The one whose source is that of the module.
+    /// The shader asset with the source of the module.
     loaded: Option<AssetId<Shader>>,
     /// Surfaces change by themselves.
     animated: bool,
@@ -32,7 +32,7 @@ impl SurfaceShader {
         self.loaded.is_some()
     }
 
-    /// Returns whether surfaces may look different from those of the last call.
+    /// Returns whether surfaces can look different from those of the last call.
     pub fn take_change(&mut self) -> bool {
         core::mem::take(&mut self.changed) || self.animated && self.is_there()
     }

@@ -47,7 +47,7 @@ impl VrsPass<'_> {
         vrs::supports(self.support.as_deref(), code)
     }
 
-    /// Brings forward what the settings need; true once a view with them can be traced.
+    /// Prepares the resources for the settings; true once a view with them can be traced.
     pub(crate) fn is_ready(
         &mut self,
         settings: &ClampedSettings,

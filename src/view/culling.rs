@@ -1,9 +1,9 @@
 //! Culling of empty views: of a view that sees nothing to reflect on, only the rate pass runs, in every second frame.
 //!
-//! A pass takes time even where it has nothing to do, since it waits for the one before it. So the GPU reports the lengths of the
-//! lists that the rate pass makes, and a view whose lists were empty for some frames leaves out all other passes. Meanwhile its
-//! surfaces keep the specular light of Bevy's environment map. A surface that comes into view therefore shows the environment map
-//! for a few frames, until the report arrives. Its reflection then starts without history.
+//! A pass takes time even with nothing to do, since it waits for the one before it. So the GPU reports the lengths of the lists of the
+//! rate pass, and a view with empty lists for some frames skips all other passes. Meanwhile its surfaces keep the specular light of
+//! Bevy's environment map. A surface that comes into view therefore shows the environment map for a few frames, until the report arrives.
+//! Its reflection then starts without history.
 //!
 //! If reports don't arrive, no view is culled.
 
@@ -34,7 +34,7 @@ const REPORT_BYTES: u64 = 16;
 struct CullingState {
     /// Reports of empty lists since the last invalidation.
     empty: u32,
-    /// Number of invalidations. Reports of frames before the last one say nothing about what is seen now.
+    /// Number of invalidations. Reports of frames before the last one are outdated.
     generation: u32,
     /// Frames since the last report.
     silent: u32,
@@ -77,7 +77,7 @@ impl CullingState {
     }
 }
 
-/// The GPU may write to it.
+/// The GPU can write to it.
 const FREE: u8 = 0;
 /// A frame on its way writes to it.
 const WAITING: u8 = 1;
@@ -94,19 +94,19 @@ struct Seen {
     change: bool,
 }
 
-/// The lengths of one frame's lists, and what its rays met, on their way to the CPU.
+/// The lengths of one frame's lists, and the changes that its rays hit, on their way to the CPU.
 struct Report {
     buffer: Buffer,
     /// [`FREE`] and so on; set by the callback of the mapping, too.
     state: Arc<AtomicU8>,
     /// [`CullingState::generation`] in that frame.
     generation: AtomicU32,
-    /// The passes of that frame counted what met a change.
+    /// The passes of that frame counted hits on changes.
     watches: AtomicBool,
 }
 
 impl Report {
-    /// Returns what was seen once that can be read. The buffer is free again then.
+    /// Returns the report once it can be read. The buffer is free again then.
     fn take(&self) -> Option<Seen> {
         if self.state.load(Ordering::Acquire) != READABLE {
             return None;
@@ -163,8 +163,7 @@ impl ViewCulling {
         }
     }
 
-    /// Takes in what was reported and returns whether the view is culled in this frame. With `invalid`, earlier reports say nothing
-    /// about what the view sees, and it isn't.
+    /// Takes a report and returns whether the view is culled in this frame. With `invalid`, earlier reports are outdated, and it isn't.
     pub(crate) fn begin_frame(&mut self, invalid: bool) -> bool {
         for report in &self.reports {
             if let Some(seen) = report.take() {
@@ -192,7 +191,7 @@ impl ViewCulling {
         self.state.probes()
     }
 
-    /// Counts frames, a few ago, whose rays met something that changed; `None` where nobody knows.
+    /// Number of frames, as of a few frames ago, with rays that hit a change; `None` if unknown.
     pub(crate) fn changes_met(&self) -> Option<u32> {
         (self.watches && self.state.silent <= PATIENCE).then_some(self.changes_met)
     }
@@ -230,7 +229,7 @@ mod tests {
     use super::*;
     use std::collections::VecDeque;
 
-    /// A view whose reports arrive three frames later.
+    /// A view with reports that arrive three frames later.
     #[derive(Default)]
     struct View {
         state: CullingState,

@@ -19,9 +19,9 @@ pub(super) const MOST_FRAMES: u32 = 1 << 22;
 /// Images that change on the GPU alone are not in it, unless a camera renders into them.
 #[derive(PartialEq)]
 pub(super) struct ViewFingerprint {
-    /// Counts changes of instances, meshes, materials, their images, and lights: those that concern all views ...
+    /// Counts changes of instances, meshes, materials, their images, and lights: those that affect all views ...
     unmarked: u32,
-    /// ... and those that this one's rays met, or may have met.
+    /// ... and those that this view's rays hit, or might have hit.
     met: [u32; 2],
     environment: Option<ViewEnvironment>,
     environment_id: Option<BindGroupId>,
@@ -47,7 +47,7 @@ impl ViewFingerprint {
         })
     }
 
-    /// All but the scene, whose version the ground truth compares.
+    /// All except the scene; the ground truth compares the version of the scene.
     pub fn of_truth(view: &ReflectionView, frame: &Frame) -> Self {
         Self {
             unmarked: 0,
@@ -69,7 +69,7 @@ impl ViewFingerprint {
     }
 }
 
-/// Settings without those that decide on noise alone: a budget that moves them estimates the same image, which must come to rest.
+/// Settings without those that only affect noise: a budget that changes them estimates the same image, which must converge.
 fn without_effort(settings: ClampedSettings) -> ClampedSettings {
     ClampedSettings {
         denoiser: ReflectionDenoiser {

@@ -1,4 +1,4 @@
-//! Bottom-level structures: which variants of a mesh there are, and what their builds read.
+//! Bottom-level structures: variants of a mesh, and the inputs of their builds.
 
 use crate::{
     device::try_allocate,
@@ -22,8 +22,8 @@ use bevy::{
     },
 };
 
-/// Which faces of a mesh stand in a BLAS. Closest-hit rays always cull back faces in hardware, so that a surface that is seen
-/// from behind needs triangles of the opposite winding: wgpu has no culling switch for single instances.
+/// Faces of a mesh that are part of a BLAS. Closest-hit rays always cull back faces in hardware, so a surface that is seen from behind
+/// needs triangles of the opposite winding: wgpu has no culling switch per instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Winding {
     /// Front faces as the mesh has them.
@@ -69,7 +69,7 @@ pub(super) enum Refusal {
     NoMemory,
 }
 
-/// A BLAS with what its build reads.
+/// A BLAS with the inputs of its build.
 pub(super) struct PendingBlas {
     pub key: BlasKey,
     pub version: u64,
@@ -133,7 +133,7 @@ impl PendingBlas {
             });
             (blas, buffer)
         });
-        // Its staging memory may be refused, too.
+        // Its staging memory can be refused, too.
         let written = created.filter(|(_, buffer)| {
             let (Some(buffer), Some(indices)) = (buffer, &indices) else {
                 return true;

@@ -6,12 +6,12 @@ use bevy::math::Affine3A;
 
 /// Cull mask bit of everything that reflection rays see.
 pub const MASK_REFLECTED: u8 = 1;
-/// Cull mask bit of what blocks shadow rays.
+/// Cull mask bit of objects that block shadow rays.
 pub const MASK_CASTS_SHADOW: u8 = 2;
-/// Cull mask bit of what may let rays pass.
+/// Cull mask bit of objects that can let rays pass.
 pub const MASK_HAS_HOLES: u8 = 4;
 
-/// Cull mask bits of the groups of an object's render layers, as they stand in the highest byte of its flags.
+/// Cull mask bits of the groups of an object's render layers, in the same order as in the highest byte of its flags.
 pub const MASK_GROUPS: u8 = 0xf8;
 
 /// Vertices of an object that has its own, in a pose.

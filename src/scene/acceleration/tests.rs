@@ -114,7 +114,7 @@ impl Frames {
         })
     }
 
-    /// Renders a frame of so many slots, of which these are `gone`, and these objects move or `changed`.
+    /// Renders a frame with this number of slots, of which these are `gone`, and these objects move or `changed`.
     fn next(&mut self, slots: u32, gone: &[u32], restless: &[u32], changed: &[u32], may_split: bool) -> Frame {
         let get = |slot| {
             let flags = if restless.contains(&slot) { INSTANCE_RESTLESS } else { 0 };
@@ -184,7 +184,7 @@ fn all_is_built_once_many_left_or_stay() {
     let Some(mut frames) = Frames::new() else { return };
     let all = MANY + MOST_LEFT as u32 + 10;
     assert_eq!(frames.next(all, &[], &[], &[0], true), expect(true, true, &[], &[]));
-    // So many that rays would meet them too often.
+    // Enough that rays would hit them too often.
     let most: Vec<_> = (0..MOST_LEFT as u32).collect();
     assert_eq!(
         frames.next(all, &most, &[], &most, true),

@@ -48,7 +48,7 @@ impl ResizableTlas {
     /// An empty TLAS.
     pub fn new(device: &RenderDevice, queue: &RenderQueue) -> Self {
         let level = Self::with_capacity(tlas_capacity(0, instance_limit(device)), device);
-        // A structure that was never built may not be bound.
+        // A structure that was never built can't be bound.
         submit_builds("glint_tlas_build", &[], Some(&level.tlas), device, queue);
         level
     }
@@ -67,7 +67,7 @@ impl ResizableTlas {
         }
     }
 
-    /// The device may have the memory that it hadn't.
+    /// The device might have the memory now.
     pub fn ask_again(&mut self) {
         self.refused = false;
     }
@@ -91,7 +91,7 @@ impl ResizableTlas {
         let used: Vec<_> = tellable.take(limit as usize).collect();
         if used.len() < instances.len() {
             warn_once!(
-                "{} objects can be reflected, but the device's limit is {limit}: the others are missing; use fewer \
+                "{} objects can be reflected, but the device's limit is {limit}: only that many are traced; use fewer \
                  objects, or keep some out with `NotReflected`",
                 instances.len()
             );
@@ -151,7 +151,7 @@ fn cull_mask(flags: u32) -> u8 {
     mask
 }
 
-/// Instances that a TLAS of this device may hold.
+/// Maximum number of instances in a TLAS on this device.
 fn instance_limit(device: &RenderDevice) -> u32 {
     device.limits().max_tlas_instance_count.min(MOST_INSTANCES)
 }

@@ -13,7 +13,7 @@ pub(super) const INITIAL_BYTES: u64 = 256 * 1024;
 /// Shaders address words with a `u32`; half its range leaves room for offsets.
 const MAX_WORDS: u64 = (1 << 31) - 1;
 
-/// Names that no two arenas or buffers share, so that what belongs to a lost device is never taken for its successor.
+/// Identifiers that are unique across arenas and buffers, so that slices of a lost device are never mistaken for those of its successor.
 pub(super) fn next_id() -> u64 {
     static NEXT: AtomicU64 = AtomicU64::new(1);
     NEXT.fetch_add(1, Ordering::Relaxed)
@@ -64,7 +64,7 @@ pub(super) struct SliceAllocator {
     pub(super) id: u64,
     allocator: Allocator,
     pub(super) unit_words: u32,
-    /// Units that the buffer may grow to.
+    /// Units to which the buffer can grow.
     pub(super) max_units: u32,
     /// Units that the buffer must have.
     pub(super) capacity_units: u32,

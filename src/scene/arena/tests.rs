@@ -1,4 +1,4 @@
-//! Slices, growth, and what a device refuses.
+//! Slices, growth, and refused memory.
 
 use super::*;
 use crate::{
@@ -61,7 +61,7 @@ fn growth_keeps_writes_of_the_same_frame() {
     assert_eq!(slice(&second), late);
 }
 
-/// Slices keep what was written before, during and behind the copy, by either side.
+/// Slices keep the data that was written before, during and behind the copy, by either side.
 #[test]
 fn a_large_buffer_is_replaced_in_parts() {
     let Some((device, queue)) = test_gpu::device() else {
@@ -117,7 +117,7 @@ fn a_large_buffer_is_replaced_in_parts() {
     );
 }
 
-/// Memory that isn't there is refused, and what was in the buffer stays.
+/// A request that exceeds the memory is refused, and the buffer keeps its content.
 #[test]
 fn what_the_device_has_no_memory_for_is_refused() {
     let Some((device, queue)) = test_gpu::device() else {

@@ -12,7 +12,7 @@ use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 
 /// Binary trees deeper than this are not optimised further: the optimiser keeps a stack of fixed size.
 const MAX_BINARY_DEPTH: u32 = 200;
-/// Top nodes that a BLAS offers to the TLAS, which may start rays at them.
+/// Number of top nodes that a BLAS offers to the TLAS as starting points of rays.
 const MAX_TOP_NODES: usize = 73;
 
 /// How much time a BLAS build spends on the tree.
@@ -23,11 +23,11 @@ pub enum BvhQuality {
     /// The default.
     #[default]
     Medium,
-    /// For what stays: large triangles are entered piece by piece, and the tree is optimised longer.
+    /// For lasting trees: large triangles are split, and the tree is optimised longer.
     High,
 }
 
-/// An inner node near the root of a BLAS, as a place where rays may start.
+/// An inner node near the root of a BLAS, at which rays can start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TopNode {
     /// Object space.
@@ -57,12 +57,12 @@ pub struct Blas {
     pub bounds: Bounds,
     /// Groups on the stack of the traversal in the worst case; see `stack_size`.
     pub groups: u32,
-    /// The root and nodes below it, breadth first: what [`super::build_tlas`] may start rays at.
+    /// The root and nodes below it, breadth first, at which [`super::build_tlas`] can start rays.
     pub top: Vec<TopNode>,
 }
 
 impl Blas {
-    /// The first node of each level that the root leads to, and behind them the end of the last one. Nodes stand breadth first.
+    /// The first node of each level below the root, followed by the end of the last one. Nodes are stored breadth first.
     pub fn levels(&self) -> Vec<u32> {
         let nodes: &[Node] = bytemuck::cast_slice(&self.items[..self.node_count as usize]);
         let mut levels = vec![0, 1];
@@ -93,7 +93,7 @@ pub fn build_blas(positions: &[[f32; 3]], indices: &[u32], quality: BvhQuality) 
     build(triangles, quality)
 }
 
-/// The same for a mesh that will be posed: triangles without area are kept, since they may gain some.
+/// Variant for a mesh that will be posed: triangles without area are kept, since posing can give them some.
 pub fn build_posable_blas(positions: &[[f32; 3]], indices: &[u32], quality: BvhQuality) -> Option<Blas> {
     let mut triangles = Vec::with_capacity(indices.len() / 3);
     add_triangles(&mut triangles, positions, indices, 0, 0);

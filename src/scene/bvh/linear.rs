@@ -22,7 +22,7 @@ const MOST_GROWTH: f32 = 1.2;
 /// Marks a child that is an entry.
 const LEAF: u32 = 1 << 31;
 
-/// Instances in the form in which the tree takes them: what is read together lies together.
+/// Instances in the layout of the builder: data that is read together is stored together.
 #[derive(Clone, Debug, Default)]
 pub struct LinearEntries {
     /// World space; valid.
@@ -174,7 +174,7 @@ pub struct LinearBuilder {
     base: Option<u32>,
     /// How often the tree was refitted.
     refits: u32,
-    /// Sum of the areas of all nodes' boxes, and what it was when the tree was built.
+    /// Sum of the areas of all nodes' boxes, and the sum when the tree was built.
     area: f32,
     area_built: f32,
 }
@@ -187,11 +187,11 @@ impl LinearBuilder {
         self.pack(entries, 0)
     }
 
-    /// Builds the tree over all entries, of which those beyond 16 million are left out, or fits boxes of the last one to where the entries
-    /// are now: objects that move keep their neighbours for a few frames. Entries may be others than before; a tree that got worse over
-    /// it is built anew in the next frame.
+    /// Builds the tree over all entries, without those beyond 16 million, or refits the boxes of the last tree to the entries' current
+    /// positions: moving objects keep their neighbours for a few frames. Entries can differ from before; a tree that got worse is rebuilt
+    /// in the next frame.
     ///
-    /// `place` finds room for so many items, and returns the first of it, from which indices count.
+    /// `place` allocates room for this number of items and returns the index of the first one, which is the base of all indices.
     pub fn update(
         &mut self,
         entries: &mut LinearEntries,
@@ -207,7 +207,7 @@ impl LinearBuilder {
         Some(self.pack(entries, base))
     }
 
-    /// Finds out what the nodes of the tree are.
+    /// Determines the nodes of the tree.
     fn arrange(&mut self, entries: &LinearEntries) {
         self.len = entries.count().min(1 << (2 * IN_TLAS.most_groups));
         self.sort(&entries.bounds[..self.len]);
@@ -334,7 +334,7 @@ impl LinearBuilder {
         (self.keys[from as usize] ^ self.keys[to as usize - 1]) >> INDEX_BITS
     }
 
-    /// Returns the first entry of the range whose key has a 1 in the highest bit that differs.
+    /// Returns the first entry of the range with a 1 in the highest differing bit of its key.
     fn split(&self, from: u32, to: u32) -> u32 {
         let difference = self.difference(from, to);
         if difference == 0 {
@@ -345,11 +345,11 @@ impl LinearBuilder {
         from + keys.partition_point(|key| key & bit == 0) as u32
     }
 
-    /// Writes the items, with indices that count from the start of the buffer, where the first stands at `base`.
+    /// Writes the items, with indices from the start of the buffer; the first item is at `base`.
     fn pack(&mut self, entries: &mut LinearEntries, base: u32) -> &mut Tlas {
         let (nodes, len) = (self.nodes.len(), self.len);
         let is_first = self.base.is_none();
-        // Entries that stand where they stood, and are the same.
+        // Entries that are unchanged, at an unchanged index.
         let known = if self.base == Some(base) { entries.known } else { 0 };
         self.base = Some(base);
         entries.known = len;
@@ -362,7 +362,7 @@ impl LinearBuilder {
             tlas.items = items;
             return tlas;
         }
-        // Each item is written below, or is as it was, so that those of the last tree may stay until then.
+        // Each item is written below or unchanged, so the items of the last tree can stay until then.
         let matrices = nodes + len;
         items.resize(matrices + len, Item::default());
         items[matrices..].copy_from_slice(&entries.matrices[..len]);

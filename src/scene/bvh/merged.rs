@@ -14,7 +14,7 @@ use bevy::math::{Affine3A, DVec3, Vec3A};
 const FARTHEST: f32 = 1e12;
 /// Typical triangles smaller than this (metres) might vanish among the products that a build needs.
 const SMALLEST_TRIANGLE: f32 = 1e-12;
-/// Largest distance that rounding may move a vertex, relative to the size of a typical triangle.
+/// Largest distance by which rounding can move a vertex, relative to the size of a typical triangle.
 const MAX_ROUNDING: f32 = 1.0 / 256.0;
 
 /// An object for [`build_merged`].
@@ -37,8 +37,8 @@ pub struct MergeSource<'a> {
     pub micromaps: &'a [Micromap],
 }
 
-/// Builds the tree over the triangles of all sources, like [`super::build_blas`]. Hits name the instance and the triangle of
-/// its mesh, as those of the single objects do.
+/// Builds the tree over the triangles of all sources, like [`super::build_blas`]. Hits name the instance and the triangle of its mesh, as
+/// those of the single objects do.
 pub fn build_merged(sources: &[MergeSource], quality: BvhQuality) -> Option<Blas> {
     let count = sources.iter().map(|source| source.indices.len() / 3).sum();
     let mut triangles = Vec::with_capacity(count);
@@ -54,7 +54,7 @@ pub fn build_merged(sources: &[MergeSource], quality: BvhQuality) -> Option<Blas
                 (linear * object + translation).as_vec3().to_array()
             })
             .collect();
-        // A mirroring matrix has turned the winding of the corners: what is left to do for mirrored instances is done.
+        // A mirroring matrix has already reversed the winding of the corners, so mirrored instances need nothing else.
         let owner = owner(source.instance, source.flags & !INSTANCE_MIRRORED);
         let is_masked = source.flags & INSTANCE_ALPHA_MASKED != 0;
         let first_name = if is_masked { source.masks } else { 0 };
@@ -85,8 +85,8 @@ fn cut_out(triangles: &mut Vec<Triangle>, first: usize, source: &MergeSource) {
     }));
 }
 
-/// The world-space box of an object that may be merged; `None` for one that must stay an instance: that has no place in the
-/// TLAS anyway, that is extremely large or small, or that is so far out that its vertices would be rounded visibly.
+/// The world-space box of an object that can be merged. `None` for one that must stay an instance: it has no place in the TLAS anyway, is
+/// extremely large or small, or is so far out that its vertices would be rounded visibly.
 ///
 /// A vertex in world space is rounded to `f32`, by up to 2^-24 of its largest coordinate. That moves hits and barycentrics
 /// by as much, so it is held against the size of the object's typical triangle: a surface of n triangles across an extent e

@@ -1,20 +1,20 @@
 //! Bounding volume hierarchies for adapters without ray queries: one per mesh (BLAS), and one over the instances (TLAS).
 //!
-//! Both levels are trees of four children per node with quantised boxes, after the compressed wide trees of Ylitie, Karras and
-//! Laine (2017). Whatever stands in their buffer takes one [`Item`] of 48 bytes, so that `bvh.wesl` finds all of it in the same way.
-//! The shader runs without bounds checks, so the builders keep every index in range and every box conservative.
+//! Both levels are trees of four children per node with quantised boxes, after the compressed wide trees of Ylitie, Karras and Laine
+//! (2017). All data in their buffer has the form of [`Item`]s of 48 bytes, so that `bvh.wesl` reads all of it in the same way. The shader
+//! runs without bounds checks, so the builders keep every index in range and every box conservative.
 //!
 //! # Merged trees
 //!
-//! Objects that overlap cost rays dearly: each is entered for itself, with a transform and nodes of its own. Objects at rest
-//! are therefore also built into one tree over their triangles in world space ([`build_merged`]). It enters the TLAS like a
-//! BLAS of its own, and where nothing else is in the scene, rays start in it at once.
+//! Overlapping objects are expensive: a ray enters each of them separately, with a transform and nodes of its own. Static objects are
+//! therefore also built into one tree over their triangles in world space ([`build_merged`]). The TLAS treats it like a BLAS, and if the
+//! scene has nothing else, rays start in it at once.
 //!
 //! # Owners
 //!
-//! Whose triangle was hit is one word, [`owner`]: the instance and those of its flags that decide whether a triangle counts.
-//! It stands in the TLAS entry of an instance, and in each triangle of a merged tree; the other of the two is 0, so that
-//! the shader takes both with an "or" and reads no instance while it looks for hits.
+//! A single word identifies the owner of a hit triangle, [`owner`]: the instance and those of its flags that decide whether a triangle
+//! counts. It is stored in the TLAS entry of an instance, and in each triangle of a merged tree. The other of the two is 0, so that the
+//! shader combines both with an "or" and reads no instance during traversal.
 
 mod blas;
 mod collapse;

@@ -12,8 +12,8 @@ const LOWER: u32 = (1 << UPPER_SHIFT) - 1;
 /// Bits of [`Node::leaves`] for each child.
 const LEAF_BITS: usize = 3;
 
-/// A node as `bvh.wesl` reads it: inner children first, then leaves. The fields stand such that the shader comes by with few
-/// instructions, which is what its speed depends on.
+/// A node as `bvh.wesl` reads it: inner children first, then leaves. The order of the fields keeps the number of instructions in the
+/// shader low, on which its speed depends.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Node {
@@ -25,8 +25,8 @@ pub(super) struct Node {
     leaves_low: u8,
     /// By axis: the lower plane of each child, and the lower one with the upper one in an exclusive or.
     planes: [[[u8; WIDTH]; 2]; 3],
-    /// Index of the first child that stands on the stack, in 28 bits, below the number of such children. In a BLAS, these are
-    /// inner nodes alone.
+    /// Index of the first child that goes on the stack, in 28 bits, below the number of such children. In a BLAS, these are only inner
+    /// nodes.
     next: u32,
     /// Index of the first primitive in 28 bits, below the upper bits of [`Self::leaves`]. Primitives of all leaves
     /// follow each other.
@@ -43,14 +43,14 @@ pub(super) enum Child {
     Leaf(u32, u32),
 }
 
-/// Nodes whose boxes are still to be filled in, children behind their parents, and the order of the primitives.
+/// Nodes with boxes that are not filled in yet, children after their parents, and the order of the primitives.
 pub(super) struct Tree {
     pub nodes: Vec<Node>,
     pub primitives: Vec<u32>,
 }
 
 impl Node {
-    /// A node without boxes; `counts` are the primitives of its leaves, whose places follow those of its inner children.
+    /// A node without boxes; `counts` are the primitives of its leaves, which are stored after its inner children.
     pub fn new(first_inner: u32, inner: usize, first_primitive: u32, counts: [usize; WIDTH]) -> Self {
         let leaves = (0..WIDTH).fold(0, |bits, slot| bits | ((1 << counts[slot]) - 1) << (LEAF_BITS * slot));
         Self {
@@ -103,7 +103,7 @@ impl Node {
         Self { next: 0, ..self }
     }
 
-    /// The node in a TLAS, where all children stand side by side from an index on, leaves behind inner nodes.
+    /// The node in a TLAS, with all children in consecutive items: leaves after inner nodes.
     pub fn in_tlas(self, first_child: u32) -> Self {
         Self {
             leaves_low: 0,
@@ -153,7 +153,7 @@ pub(super) fn quantise(node: &mut Node, children: &[Option<Bounds>; WIDTH]) -> B
     if !total.is_valid() {
         return total;
     }
-    // By axis. Absent children keep empty boxes at the origin, whose planes are 0. Loops, since the compiler calls a function for each
+    // By axis. Absent children keep empty boxes at the origin, with planes of 0. Loops, because the compiler calls a function for each
     // closure over arrays of this size.
     let (mut lower, mut upper) = ([[0.0; WIDTH]; 3], [[0.0; WIDTH]; 3]);
     let mut largest = 0.0_f32;
@@ -247,7 +247,7 @@ fn quantise_double(lower: [f32; WIDTH], upper: [f32; WIDTH], origin: f32, expone
     planes
 }
 
-/// The same in single precision, for four children at a time.
+/// Single-precision variant for four children at a time.
 fn quantise_single(lower: [f32; WIDTH], upper: [f32; WIDTH], origin: f32, exponent: u8) -> [[u8; WIDTH]; 2] {
     // Added to a number below 2^22, leaves it rounded to an integer, in the lower bits.
     const ROUNDING: Vec4 = Vec4::splat(8_388_608.0);
@@ -266,7 +266,7 @@ fn quantise_single(lower: [f32; WIDTH], upper: [f32; WIDTH], origin: f32, expone
     let floor = rounded - one_where(rounded.cmpgt(low));
     let first = (floor - one_where(floor.cmpeq(low) & low_error.cmplt(Vec4::ZERO))).max(Vec4::ZERO);
     let (distance, high_error) = difference(Vec4::from_array(upper));
-    // Tiny numbers may become 0 here, but stay in front of the plane that follows.
+    // Tiny numbers can become 0 here, but stay in front of the plane that follows.
     let high = distance * inverse;
     let rounded = (high + ROUNDING) - ROUNDING;
     let ceiling = rounded + one_where(rounded.cmplt(high));
@@ -290,8 +290,8 @@ fn exact_difference(a: f32, b: f32) -> (f64, f64) {
     (sum, (a - (sum - virtual_b)) + (b - virtual_b))
 }
 
-/// Groups that the traversal keeps on its stack in the worst case: one for each node of a path from the root that has several
-/// children which wait for each other. Leaves of a BLAS don't wait. Children must stand behind their parents.
+/// Groups on the traversal stack in the worst case: one for each node of a path from the root with several waiting children. Leaves of a
+/// BLAS don't wait. Children must be stored after their parents.
 pub(super) fn most_groups(nodes: &[Node], leaves_wait: bool) -> u32 {
     let keeps = |node: &Node| {
         let waiting = if leaves_wait {

@@ -1,9 +1,8 @@
-//! Opacity micromaps: what the alpha test says of the parts of a triangle, found beforehand, so that most candidates of a
-//! traversal cost one word instead of a material and a texture.
+//! Opacity micromaps: precomputed results of the alpha test for parts of a triangle, so that most candidates of a traversal cost one word
+//! instead of a material and a texture.
 //!
-//! After Gruen, Benthin and Woop, "Sub-triangle opacity masks for faster ray tracing of transparent objects" (2020). A triangle
-//! has 64 micro-triangles with one of three states each. A part of which anything is uncertain is [`UNKNOWN`] and left to the
-//! alpha test, so pictures stay as they are.
+//! After Gruen, Benthin and Woop, "Sub-triangle opacity masks for faster ray tracing of transparent objects" (2020). A triangle has 64
+//! micro-triangles with one of three states each. An uncertain part is [`UNKNOWN`] and left to the alpha test, so images don't change.
 
 #[cfg(test)]
 mod tests;
@@ -25,9 +24,9 @@ pub type Micromap = [u32; 4];
 
 /// Micro-triangles along each edge; `opacity.wesl` has the same number.
 const ROWS: u32 = 8;
-/// The alpha of a sample may be off by this: filters weigh texels with 8 bits.
+/// Error bound of a sample's alpha: filters weigh texels with 8 bits.
 const ALPHA_ROOM: f32 = 0.003;
-/// Texels by which a sample may be off, besides the rounding of its coordinates: samplers round them to 1/256.
+/// Error bound of a sample's position in texels, besides the rounding of its coordinates: samplers round them to 1/256.
 const TEXEL_ROOM: f64 = 0.02;
 /// Rounding of coordinates on their way to the sampler, relative to the largest one.
 const ROUNDING: f64 = 2e-6;
@@ -89,7 +88,7 @@ pub fn common_state(map: &Micromap) -> Option<u32> {
     (*map == uniform(state)).then_some(state)
 }
 
-/// The box around what rays may hit of a triangle; `None` where they pass through all of it.
+/// The box around the parts of a triangle that rays can hit; `None` if they pass through all of it.
 pub fn solid_bounds(map: &Micromap, corners: &[[f32; 3]; 3]) -> Option<Bounds> {
     let [a, b, c] = corners.map(Vec3A::from);
     let mut bounds: Option<(Vec3A, Vec3A)> = None;
@@ -194,7 +193,7 @@ impl<'a> OpacityBaker<'a> {
     }
 }
 
-/// The state of what has this alpha, give or take [`ALPHA_ROOM`].
+/// The state for an alpha, with the tolerance [`ALPHA_ROOM`].
 fn decide(alpha: f32, cutoff: f32) -> u32 {
     if alpha >= cutoff + ALPHA_ROOM {
         OPAQUE

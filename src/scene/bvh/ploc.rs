@@ -36,8 +36,8 @@ impl Cluster {
     }
 }
 
-/// A binary tree with one box per leaf. `RADIUS` is the number of neighbours to either side that a cluster may merge with.
-/// Costs and areas are those of boxes scaled to a unit extent, so that no product overflows or vanishes.
+/// A binary tree with one box per leaf. `RADIUS` is the number of neighbours on either side with which a cluster can merge. Costs and
+/// areas are those of boxes scaled to a unit extent, so that no product overflows or vanishes.
 pub(super) fn build<const RADIUS: usize>(boxes: &[Bounds]) -> Bvh2 {
     cluster::<RADIUS>(boxes, false)
 }
@@ -179,7 +179,7 @@ fn morton(p: Vec3A) -> u64 {
     spread(p.x) << 2 | spread(p.y) << 1 | spread(p.z)
 }
 
-/// Levels of the tree: 1 for a single leaf. Children may stand before their parents.
+/// Levels of the tree: 1 for a single leaf. Children can be stored before their parents.
 pub(super) fn depth(bvh: &Bvh2) -> u32 {
     let mut deepest = 0;
     let mut stack = vec![(0u32, 1u32)];

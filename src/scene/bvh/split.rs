@@ -6,11 +6,11 @@ use obvhs::{aabb::Aabb, splits::split_aabbs_preset, triangle};
 
 /// Parts of all triangles together, relative to the number of triangles: beyond this, none is split.
 const MOST_PARTS: usize = 2;
-/// Largest amount that rounding may cut off a part, relative to its coordinates.
+/// Largest amount that rounding can cut off a part, relative to its coordinates.
 const ROUNDING: f32 = 1e-6;
 
-/// Splits the boxes of large triangles; returns the triangle of each box. Parts touch each other and together cover the
-/// triangle, whose rows are stored once for each of them.
+/// Splits the boxes of large triangles; returns the triangle of each box. Parts touch each other and together cover the triangle, and
+/// each of them stores its own copy of the triangle's rows.
 pub(super) fn split_large(triangles: &[Triangle], boxes: &mut Vec<Bounds>) -> Vec<u32> {
     let count = triangles.len();
     let mut references: Vec<u32> = (0..count as u32).collect();
@@ -44,7 +44,7 @@ pub(super) fn split_large(triangles: &[Triangle], boxes: &mut Vec<Bounds>) -> Ve
     references
 }
 
-/// A part with room for what rounding cut off, within the box of what rays can hit of its triangle.
+/// A part, grown by the rounding error, within the box of the visible part of its triangle.
 fn widen(part: &Aabb, whole: Bounds, triangle: &Triangle) -> Bounds {
     let (low, high) = (Vec3A::from(whole.min), Vec3A::from(whole.max));
     let [a, b, c] = triangle.corners.map(|corner| Vec3A::from(corner).abs());

@@ -1,13 +1,12 @@
-//! Limits on how much of the traversal stack trees may use.
+//! Limits on the traversal stack of trees.
 
 /// Properties of the trees of a level.
 pub(super) struct Level {
     /// Primitives of a leaf, at most; 1 to 3.
     pub leaf_size: u32,
-    /// Leaves stand on the stack of the traversal, too.
+    /// Leaves also go on the traversal stack.
     pub leaves_wait: bool,
-    /// Most groups that the optimised tree may take on the traversal stack. If it takes more, it is replaced by a balanced tree,
-    /// which is slower to trace.
+    /// Stack limit of the optimised tree, in groups. A tree above it is replaced by a balanced tree, which is slower to trace.
     pub most_groups: u32,
 }
 
@@ -27,11 +26,11 @@ pub(super) const IN_TLAS: Level = Level {
 pub(super) const JOINT_GROUPS: u32 = 1;
 /// Groups that the stack of `bvh.wesl` has room for as it is ...
 pub const USUAL_STACK: u32 = 20;
-/// ... and how many trees may take at most. Shaders get it as `BVH_STACK_SIZE`.
+/// ... and the largest number that trees can take. Shaders get it as `BVH_STACK_SIZE`.
 pub const LARGEST_STACK: u32 = stack_size(JOINT_GROUPS + IN_TLAS.most_groups, IN_BLAS.most_groups);
 
-/// Groups that the stack of the traversal must have room for: those of the TLAS ([`Tlas::groups`](super::Tlas::groups)) wait while
-/// the ray is in a BLAS, which takes [`Blas::groups`](super::Blas::groups) at most. Never 0, since an array must have a length.
+/// Required size of the traversal stack in groups: those of the TLAS ([`Tlas::groups`](super::Tlas::groups)) wait while the ray is in a
+/// BLAS, which takes up to [`Blas::groups`](super::Blas::groups). Never 0, since an array must have a length.
 pub const fn stack_size(tlas_groups: u32, blas_groups: u32) -> u32 {
     let groups = tlas_groups + blas_groups;
     if groups == 0 { 1 } else { groups }

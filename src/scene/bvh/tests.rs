@@ -34,7 +34,7 @@ fn contains(outer: &([f64; 3], [f64; 3]), inner: &Bounds) -> bool {
     (0..3).all(|a| outer.0[a] <= f64::from(inner.min[a]) && f64::from(inner.max[a]) <= outer.1[a])
 }
 
-/// Every decoded box holds what lies below it; returns the box of the node.
+/// Checks that every decoded box contains all boxes below it; returns the box of the node.
 fn check(nodes: &[Node], index: usize, leaf: &dyn Fn(&Node, usize) -> Bounds) -> Bounds {
     let parent = &nodes[index];
     let mut total = Bounds::EMPTY;
@@ -162,7 +162,7 @@ proptest! {
             assert!(known.set_transform(i, &instance.world_from_object, &inverse));
         }
         check_tlas(builder.update(&mut known, |_| Some(0)).unwrap(), &instances);
-        // Another instance at an index is written again, and so is all where the tree stands elsewhere.
+        // Another instance at an index is written again, and so is everything if the tree is at another place.
         let second = instances.len() / 2;
         instances.swap(0, second);
         for i in [0, second] {
@@ -189,7 +189,7 @@ fn check_tlas(tlas: &Tlas, instances: &[TlasInstance]) {
         let parent: Node = bytemuck::cast(tlas.items[i]);
         visited += 1;
         for slot in 0..WIDTH {
-            // Entries stand among the nodes, and no child is a leaf.
+            // Entries are stored among the nodes, and no child is a leaf.
             let place = match parent.child(slot) {
                 Child::Empty => continue,
                 Child::Inner(place) => place as usize,

@@ -22,7 +22,7 @@ pub struct TlasInstance<'a> {
     pub world_from_object: Affine3A,
     /// Bounds of the mesh in object space.
     pub bounds: Bounds,
-    /// [`super::owner`] of the triangles; 0 for a merged tree, which lies in world space and whose triangles name theirs.
+    /// [`super::owner`] of the triangles; 0 for a merged tree, which is in world space and stores an owner per triangle.
     pub instance: u32,
     /// The BLAS's first node in the buffer.
     pub first_node: u32,
@@ -34,8 +34,8 @@ pub struct TlasInstance<'a> {
     pub groups: u32,
 }
 
-/// The packed tree over the instances. It may stand anywhere in the buffer that holds the BLASes, whose places its entries
-/// give; indices in its nodes, and those of matrices, are relative to it.
+/// The packed tree over the instances. It can be anywhere in the buffer of BLASes, to which its entries point; indices in its nodes, and
+/// those of matrices, are relative to it.
 #[derive(Clone, Debug)]
 pub struct Tlas {
     /// Nodes and entries, the root first, then inverse matrices. Empty when nothing can be hit.
@@ -47,9 +47,9 @@ pub struct Tlas {
     /// Instances left out because their matrix or bounds are not finite, or the matrix has no inverse.
     #[cfg_attr(not(any(test, feature = "internals")), expect(dead_code, reason = "tests read it"))]
     pub dropped: u32,
-    /// Groups on the stack of the traversal in the worst case, those of the BLASes aside.
+    /// Groups on the traversal stack in the worst case, without those of the BLASes.
     pub groups: u32,
-    /// Groups that the traversal stack must have room for, those of the BLASes included.
+    /// Required size of the traversal stack in groups, including the BLASes.
     pub stack: u32,
     /// World space.
     pub bounds: Bounds,
@@ -83,7 +83,7 @@ impl Tlas {
         }
     }
 
-    /// Has indices count from the start of the buffer, where the tree's first item stands at `base`.
+    /// Makes indices relative to the start of the buffer; the tree's first item is at `base`.
     pub fn relocate(&mut self, base: u32) {
         let places = (self.node_count + self.entry_count) as usize;
         for item in self.items.iter_mut().take(places) {
@@ -147,8 +147,8 @@ struct Kept<'a> {
     object_from_world: [[f32; 4]; 3],
 }
 
-/// Entries worth having for so many instances: four times as many where they are few, hardly more where they are many,
-/// since every entry costs build time.
+/// Useful number of entries for this number of instances: four times as many for few, hardly more for many, because every entry costs
+/// build time.
 pub fn opening_budget(instances: usize) -> usize {
     instances + (3 * instances).min(4096)
 }
@@ -165,7 +165,7 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
     build_tlas_of(quality, instances, max_entries)
 }
 
-/// One entry for each instance, and the instances. Instances whose place or bounds can't be traced are left out.
+/// One entry for each instance, and the instances. Instances with an untraceable transform or bounds are left out.
 fn whole_instances<'a>(instances: &'a [TlasInstance<'a>]) -> (Vec<Entry>, Vec<Kept<'a>>) {
     let mut kept = Vec::with_capacity(instances.len());
     let mut entries = Vec::with_capacity(instances.len());
@@ -188,7 +188,7 @@ fn whole_instances<'a>(instances: &'a [TlasInstance<'a>]) -> (Vec<Entry>, Vec<Ke
     (entries, kept)
 }
 
-/// The same with a quality of choice.
+/// Variant with a choice of quality.
 pub fn build_tlas_of(quality: BvhQuality, instances: &[TlasInstance], max_entries: usize) -> Tlas {
     let (mut entries, kept) = whole_instances(instances);
     let dropped = (instances.len() - kept.len()) as u32;
@@ -208,7 +208,7 @@ pub fn build_tlas_of(quality: BvhQuality, instances: &[TlasInstance], max_entrie
     let ordered: Vec<Bounds> = tree.primitives.iter().map(|i| boxes[*i as usize]).collect();
     let exact = node::fit(&mut tree, &ordered);
 
-    // All children of a node stand side by side, entries behind nodes.
+    // All children of a node are consecutive, entries after nodes.
     let node_count = tree.nodes.len();
     let matrices = node_count + entries.len();
     let mut items = vec![Item::default(); matrices];
@@ -353,7 +353,7 @@ pub fn invert(matrix: &Affine3A) -> Option<Inverse> {
     })
 }
 
-/// Box around the transformed box, grown by what rounding in the ray's transform can move a hit.
+/// Box around the transformed box, grown by the error that rounding in the ray's transform can cause.
 ///
 /// In registers up to the end: a vector that is loaded from numbers which were stored one by one waits for all of them.
 #[inline]

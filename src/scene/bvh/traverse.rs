@@ -228,8 +228,7 @@ fn meet_triangle(
     (refused == 0 && is_solid).then_some(met)
 }
 
-/// The second word of the group of children that the ray meets and that stand on the stack, and three bits for each child that
-/// it meets.
+/// The second word of the group of hit children that go on the stack, and three bits for each child that the ray hits.
 fn intersect_node(node: &Item, ray: &LocalRay, t_min: f32, t_max: f32) -> (u32, u32) {
     let [exponent_x, exponent_y, exponent_z, _] = node[0][3].to_le_bytes();
     let exponents = [exponent_x, exponent_y, exponent_z];
@@ -281,7 +280,7 @@ fn intersect_node(node: &Item, ray: &LocalRay, t_min: f32, t_max: f32) -> (u32, 
     (distance | children, met)
 }
 
-/// Möller and Trumbore's test, widened by what rounding may do; `bvh.wesl` explains it.
+/// Möller and Trumbore's test, widened by the rounding error; `bvh.wesl` explains it.
 fn intersect_triangle(rows: &Item, ray: &LocalRay) -> Option<TraceHit> {
     let corners = rows.map(|r| Vec3::new(f32::from_bits(r[0]), f32::from_bits(r[1]), f32::from_bits(r[2])));
     let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);

@@ -17,7 +17,7 @@ pub(super) struct Triangle {
     pub part: Option<Bounds>,
 }
 
-/// Adds the triangles of a mesh, less those whose indices are out of range. Names count from `first_name`.
+/// Adds the triangles of a mesh, without those with indices out of range. Names count from `first_name`.
 pub(super) fn add_triangles(
     triangles: &mut Vec<Triangle>,
     positions: &[[f32; 3]],
@@ -61,7 +61,7 @@ pub(super) fn triangle_bounds(corners: &[[f32; 3]; 3]) -> Option<Bounds> {
     let bounds = corner_bounds(corners)?;
     let [a, b, c] = corners.map(|c| DVec3::new(c[0].into(), c[1].into(), c[2].into()));
     let normal = (b - a).cross(c - a);
-    // A normal whose components vanish in f32 cannot be intersected there.
+    // A normal with components that vanish in f32 cannot be intersected there.
     (normal.abs().max_element() > 1e-37).then_some(bounds)
 }
 

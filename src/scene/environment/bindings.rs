@@ -25,7 +25,7 @@ use bevy::{
     },
 };
 
-/// Bindings of the group, of which the last ones are the density of fog, its sampler, and the tables of the medium of the air.
+/// Bindings of the group. The last ones are the density of fog, its sampler, and the tables of the medium of the air.
 const BINDINGS: usize = if MANY_TEXTURES { 14 } else { 9 };
 
 struct ViewBindings {
@@ -320,7 +320,7 @@ impl<'a> ViewMaps<'a> {
         ))
     }
 
-    /// Copies what a bind group was made of, for the pass with variable rate shading.
+    /// Copies the inputs of a bind group, for the pass with variable rate shading.
     fn fill(&self, contents: &mut BindGroupContents, buffer: &Buffer, bind_group: &BindGroup, device: &RenderDevice) {
         // Shaders of that pass read neither the density of fog nor the medium of the air.
         let samplers = [self.sampler, self.fog_density.1].map(|sampler| (&**sampler, environment_sampler()));
@@ -382,7 +382,7 @@ pub fn prepare_environments(
     for (entity, view, wants, air) in &views {
         let (maps, uniform) = ViewMaps::new(view, &images, &tables, air, &bindings, &device);
         let is_current = |view: &ViewBindings| {
-            // An image may get another sampler and keep its texture.
+            // An image can get another sampler and keep its texture.
             view.views == maps.ids() && view.density_sampler == maps.fog_density.1.id()
         };
         let current = known.remove(&entity).filter(is_current);

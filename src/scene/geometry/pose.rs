@@ -1,4 +1,4 @@
-//! Packing of what poses a mesh: joints of vertices, and morph targets.
+//! Packing of data for posing: joints of vertices, and morph targets.
 
 use super::{
     decode,
@@ -51,7 +51,7 @@ impl<'a> Pose<'a> {
         joints + 9 * self.target_count as u64
     }
 
-    /// Appends joints and morph targets to a mesh whose other attributes are packed already.
+    /// Appends joints and morph targets to a mesh with its other attributes packed already.
     pub fn pack(&self, packed: &mut PackedMesh) {
         let mut deformation = Deformation::default();
         if let Some((indices, weights)) = self.joints {

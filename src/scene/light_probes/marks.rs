@@ -20,7 +20,7 @@ pub(super) struct Marks {
 }
 
 impl Marks {
-    /// Takes over the probes of a frame, once in each, and compares them with those of the last one.
+    /// Takes the probes of a frame, once per frame, and compares them with those of the last one.
     pub fn follow(&mut self, reflection_probes: usize, probes: Vec<Shining>) -> Change {
         for frames in &mut self.restless {
             *frames = frames.saturating_sub(1);
@@ -37,7 +37,7 @@ impl Marks {
                 continue;
             }
             let box_of = |probe: &GpuLightProbe| (probe.probe_from_world, probe.falloff);
-            // One that begins to move may no longer shine where it did.
+            // A probe that begins to move might no longer shine at its old place.
             let is_marked = *restless > 0 || box_of(&before.0) == box_of(&now.0);
             change = change.max(if is_marked { Change::Marked } else { Change::Unmarked });
             *restless = RESTLESS_FRAMES;

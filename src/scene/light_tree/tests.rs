@@ -34,7 +34,7 @@ fn lights(directional: usize, others: usize, random: &mut Random) -> Vec<GpuLigh
     (0..directional + others).map(light).collect()
 }
 
-/// Checks that the tree holds each light once, and each node what lies below it.
+/// Checks that the tree contains each light once, and that each node contains the nodes below it.
 #[track_caller]
 fn assert_complete(tree: &LightTree, lights: &[GpuLight]) {
     let (directional, leaves) = (tree.directional_count(), tree.leaf_count());

@@ -1,16 +1,16 @@
-//! Which materials Bevy draws forward, and which of them may show reflections.
+//! Materials that Bevy draws forward, and those among them that can show reflections.
 
 use super::{MaterialAssets, pack::shows_known_environment};
 use bevy::{asset::UntypedAssetId, platform::collections::HashSet};
 use core::any::TypeId;
 
 impl MaterialAssets {
-    /// Opaque materials that Bevy draws forward; `None` while nobody has looked.
+    /// Opaque materials rendered in the forward pass. `None` until first queried.
     pub fn forward(&self) -> Option<&HashSet<UntypedAssetId>> {
         self.forward.as_ref()
     }
 
-    /// Returns whether objects of a type of material may show reflections if they are drawn forward.
+    /// Returns whether forward objects with a type of material can show reflections.
     pub fn may_mirror(&self, kind: TypeId) -> bool {
         self.mirroring.contains(&kind)
     }

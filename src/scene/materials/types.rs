@@ -9,7 +9,7 @@ use core::any::TypeId;
 pub struct MaterialTypes {
     /// Types besides `StandardMaterial`, in the order of their plugins.
     numbered: Vec<TypeId>,
-    /// Types whose plugin says that their shader adds no specular light of the environment.
+    /// Types with a plugin that declares their shader to add no specular light of the environment.
     without_environment: HashSet<TypeId>,
 }
 

@@ -168,8 +168,8 @@ pub fn extract_poses(
 }
 
 impl PoseWorld<'_, '_> {
-    /// Adds the matrices of a skin, unless it is rigid, and returns the space that they lead to: that of the first joint. `None` if they
-    /// are not known, and some may have been added.
+    /// Adds the matrices of a skin, unless it is rigid, and returns their target space: that of the first joint. `None` if they are
+    /// unknown; some might have been added already.
     fn pose(&self, skin: &SkinnedMesh, is_rigid: bool, matrices: &mut Vec<Rows>) -> Option<Affine3A> {
         let bindposes = self.bindposes.as_ref()?.get(&skin.inverse_bindposes)?;
         let matrix = |joint: Entity, bindpose: &Mat4| {

@@ -8,10 +8,10 @@ use bytemuck::{Pod, Zeroable};
 pub(super) struct PoseJob {
     /// The posed mesh lies within, in its own space.
     pub bounds_min: [f32; 3],
-    /// Word of the geometry buffer where the header of the mesh in bind pose stands.
+    /// Index in the geometry buffer of the header of the mesh in bind pose, in words.
     pub source: u32,
     pub bounds_max: [f32; 3],
-    /// The same of the posed mesh.
+    /// Index of the header of the posed mesh.
     pub posed: u32,
     /// Word of [`Batch::values`] where the matrices begin.
     pub matrices: u32,

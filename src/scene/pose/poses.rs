@@ -40,7 +40,7 @@ pub(in crate::scene) struct PoseInputs<'a> {
     pub diagnostics: Option<&'a DiagnosticsRecorder>,
 }
 
-/// Slots whose objects a new pose concerns.
+/// Slots of objects with a new pose.
 #[derive(Default)]
 pub(in crate::scene) struct PoseChanges {
     /// They have another mesh now: their own, or that of the asset again.
@@ -136,7 +136,7 @@ impl Poses {
         self.posed.values().filter(|posed| posed.room.is_some()).count()
     }
 
-    /// Word of the geometry buffer where the header of a posed object stands.
+    /// Index in the geometry buffer of the header of a posed object, in words.
     pub fn geometry_base(&self, slot: u32) -> Option<u32> {
         Some(self.room(slot)?.geometry.base())
     }
@@ -163,8 +163,8 @@ impl Poses {
         self.posed.get(&slot)?.room.as_ref()
     }
 
-    /// Chooses what is posed in this frame, of what has changed and within the budget. Objects that are gone or can't be posed give back
-    /// what they took.
+    /// Chooses the objects to pose in this frame, among those that changed and within the budget. Objects that are gone or can't be posed
+    /// free their memory.
     pub fn follow(
         &mut self,
         inputs: &PoseInputs,
@@ -238,8 +238,9 @@ impl Poses {
         changes
     }
 
-    /// Has `commands` pose what [`Self::follow`] chose, which returned the slots. They are submitted with the frame, since a submission of
-    /// their own takes as long as all else: from here on, no buffer of meshes may be replaced before that.
+    /// Records into `commands` the posing of the objects that [`Self::follow`] chose; it returned their slots. They are submitted with
+    /// the frame, since a submission of their own takes as long as all else: from here on, no buffer of meshes can be replaced before
+    /// that.
     pub fn record(
         &mut self,
         posed: &[u32],
@@ -449,7 +450,7 @@ fn release(room: Option<Room>, meshes: &mut SceneMeshes) -> bool {
     true
 }
 
-/// Room for the vertices of a posed mesh, and for its tree. The header stands there already.
+/// Allocates the vertices of a posed mesh, and its tree. The header is written already.
 fn take_room(mesh: AssetId<Mesh>, meshes: &mut SceneMeshes, queue: &RenderQueue) -> Option<Room> {
     let mesh = meshes.get(mesh)?;
     let (source, offsets) = (mesh.geometry.base(), mesh.offsets);

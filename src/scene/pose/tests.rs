@@ -129,7 +129,7 @@ fn comb() -> Mesh {
         .with_morph_targets(unmoved)
 }
 
-/// A mesh in a pose, and where it stands in both buffers.
+/// A posed mesh, and its position in both buffers.
 struct Subject {
     packed: PackedMesh,
     blas: Blas,
@@ -289,7 +289,7 @@ impl Subject {
         );
     }
 
-    /// Every box holds what lies below it, and little more. Returns the exact one of the node.
+    /// Checks that every box contains all boxes below it, and little more. Returns the exact box of the node.
     fn check_node(&self, nodes: &[Item], triangles: &[Item], index: usize) -> Bounds {
         let (node, source) = (nodes[index], self.blas.items[index]);
         assert_eq!(

@@ -42,7 +42,7 @@ impl TextureTable {
         }
     }
 
-    /// The samplers among [`Self::resources`] with what they were made of. `default` is that of images which name none.
+    /// The samplers among [`Self::resources`] with their descriptors. `default` is for images without one.
     pub(crate) fn sampler_descriptors<'a>(
         &'a self,
         default: &'a ImageSamplerDescriptor,
@@ -58,8 +58,8 @@ impl TextureTable {
         self.samplers.iter().enumerate().map(descriptor).collect()
     }
 
-    /// Names the content of an image that can be sampled, and tells how it goes on beyond its edges; `None` where alpha tests read
-    /// other levels than the finest one, or what no texel holds. No two contents have the same name.
+    /// Identifies the content of an image that can be sampled, and its address mode. `None` if alpha tests read other levels than the
+    /// finest one, or a border colour. No two contents have the same name.
     pub(crate) fn finest_level(
         &self,
         id: AssetId<Image>,

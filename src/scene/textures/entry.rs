@@ -35,7 +35,7 @@ pub(super) struct Entry {
 }
 
 impl Entry {
-    /// Takes over what has become of the image. Returns whether rays may see a difference.
+    /// Updates the entry to the current state of the image. Returns whether rays can see a difference.
     pub fn settle(&mut self, state: State, sampler: u32) -> bool {
         let is_same = match (&self.state, &state) {
             (State::Ready(before), State::Ready(now)) => before.id() == now.id(),

@@ -14,8 +14,7 @@ pub(super) enum Place {
     Full,
 }
 
-/// Finds the place of a kind of sampler among those of the table. The first is shared by all images that find no place for their own, and
-/// belongs to none.
+/// Finds the index of a kind of sampler in the table. All images without an index of their own share the first one.
 pub(super) fn place_of<S>(
     samplers: &[(ImageSampler, S)],
     wanted: &ImageSampler,

@@ -8,7 +8,7 @@ use crate::scene::{
 };
 use bevy::{math::Affine3A, render::renderer::RenderQueue};
 
-/// Up to so many moving objects get a tree with all the care there is: it takes a tenth of a millisecond.
+/// Up to this number of moving objects get a carefully built tree, which takes a tenth of a millisecond.
 const FEW: usize = 64;
 /// Items that the tree has room for at least.
 const SMALLEST_ROOM: usize = 1 << 9;
@@ -29,7 +29,7 @@ pub(super) struct MovingTree {
     changed: Vec<u64>,
     /// Their places when anything else of them changed last.
     objects: Vec<Object>,
-    /// The same in the form that [`LinearBuilder`] takes, where they are now.
+    /// Their current placement in the form of [`LinearBuilder`].
     entries: LinearEntries,
     builder: LinearBuilder,
     /// The last tree that was built with all the care there is.
@@ -103,8 +103,7 @@ impl MovingTree {
         (removed, self.slots.get(index).copied())
     }
 
-    /// Keeps the objects at these indices, which are sorted, in their order: what is updated in the order of slots is then found in the
-    /// order of the memory.
+    /// Keeps the objects at these sorted indices in order: memory order then follows the order of slots, in which they are updated.
     pub fn keep(&mut self, sorted: &[u32]) {
         for (to, from) in sorted.iter().enumerate() {
             let from = *from as usize;
@@ -119,7 +118,7 @@ impl MovingTree {
     }
 
     /// Builds the tree over the objects and over merged trees, and uploads it. Returns the tree as it is in the buffer, or `None` if
-    /// there is no room for it. Merged trees may get lost over it. `place_of` tells where the object of a slot is.
+    /// there is no room for it. Merged trees can get lost in the process. `place_of` returns the transform of a slot's object.
     pub fn upload<'a>(
         &mut self,
         merged: impl Iterator<Item = TlasInstance<'a>>,
@@ -180,7 +179,7 @@ fn build_carefully<'a>(objects: &[Object], merged: impl Iterator<Item = TlasInst
     build_tlas(&list, max_entries)
 }
 
-/// Makes room for so many items, and returns the first of it; `None` where there is none. Merged trees may get lost over it.
+/// Allocates this number of items, and returns the first one; `None` if there is no room. Merged trees can get lost in the process.
 fn first_item(slice: &mut Option<ArenaSlice>, items: usize, meshes: &mut SceneMeshes) -> Option<u32> {
     // A crowd that has gone leaves its room behind.
     let fits = |slice: &ArenaSlice| {

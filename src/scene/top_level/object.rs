@@ -21,7 +21,7 @@ pub(in crate::scene) struct Object {
     pub first_node: u32,
     /// The first triangle of its tree in the buffer.
     pub first_triangle: u32,
-    /// Nodes of its tree that rays may start at.
+    /// Nodes of its tree at which rays can start.
     pub top: Arc<[TopNode]>,
     /// [`crate::scene::bvh::Blas::groups`].
     pub groups: u32,
@@ -42,7 +42,7 @@ impl Object {
         })
     }
 
-    /// The same in the form that builders take.
+    /// The object in the form of the builders.
     pub(super) fn instance(&self) -> TlasInstance<'_> {
         TlasInstance {
             world_from_object: self.world_from_object,
