@@ -53,13 +53,9 @@ impl Plugin for AutoQualityPlugin {
     }
 }
 
-/// Returns whether rays of a camera are in its picture, with all objects. A view that sees nothing to reflect on takes no time, whatever
-/// its quality.
-fn is_complete(camera: Entity, report: &ReflectionStatusReport) -> bool {
-    report.ready
-        && report.meshes_pending == 0
-        && !report.traces_nothing()
-        && report.active_backends.iter().any(|(active, _)| *active == camera)
+/// Returns whether rays of a camera are in its picture. A view that sees nothing to reflect on takes no time, whatever its quality.
+fn reflects(camera: Entity, report: &ReflectionStatusReport) -> bool {
+    report.ready && !report.traces_nothing() && report.active_backends.iter().any(|(active, _)| *active == camera)
 }
 
 type Searching = (
@@ -99,9 +95,11 @@ fn choose_qualities(
                     commands.entity(camera).try_remove::<ReflectionAutoQuality>();
                     continue;
                 }
-                let is_complete = status.read(|report| is_complete(camera, report));
+                let (reflects, has_meshes) =
+                    status.read(|report| (reflects(camera, report), report.meshes_pending == 0));
                 let decision = search.step(&Frame {
-                    is_complete,
+                    reflects,
+                    has_meshes,
                     time,
                     delta,
                 });

@@ -126,11 +126,24 @@ fn hold_budgets(
         return;
     };
     // Views that see nothing reflective take no time, whatever the effort is.
-    if status.is_some_and(|status| status.read(ReflectionStatusReport::traces_nothing)) {
+    if status
+        .as_deref()
+        .is_some_and(|status| status.read(ReflectionStatusReport::traces_nothing))
+    {
         return;
     }
     controllers.retain(|(entity, _)| cameras.contains(*entity));
+    let draws = |camera: Entity| {
+        status.as_deref().is_none_or(|status| {
+            status.read(|report| report.active_backends.iter().any(|(active, _)| *active == camera))
+        })
+    };
+    let active = cameras.iter().filter(|(camera, ..)| draws(*camera));
+    let all: f32 = active.map(|(_, budget, _)| budget.clamped().milliseconds).sum();
     for (entity, budget, mut effort) in &mut cameras {
+        if !draws(entity) {
+            continue;
+        }
         let budget = budget.clamped();
         let index = controllers.iter().position(|(known, _)| *known == entity);
         let index = index.unwrap_or_else(|| {
@@ -138,8 +151,18 @@ fn hold_budgets(
             controllers.len() - 1
         });
         let before = effort.clamped().max(budget.least_effort);
-        let after = controllers[index].1.step(budget, before, time);
+        let after = controllers[index].1.step(budget, before, share(budget, all, time));
         effort.set_if_neq(ReflectionEffort(after));
+    }
+}
+
+/// The share of a camera in the time of all of them, `time`, as its budget is one of `all` milliseconds. Times of cameras can't be told
+/// apart: so all are spared until their sum is that of the budgets.
+fn share(budget: ReflectionBudget, all: f32, time: f32) -> f32 {
+    if all > 0.0 {
+        time * budget.milliseconds / all
+    } else {
+        time
     }
 }
 
@@ -242,6 +265,28 @@ mod tests {
     fn targets_out_of_reach_keep_the_bounds() {
         assert_eq!(Model::new(0.4, 1.6).run(9.0, 100), 1.0);
         assert_eq!(Model::new(0.4, 1.6).run(0.0, 200), 0.25);
+    }
+
+    #[test]
+    fn the_time_of_all_cameras_comes_to_the_sum_of_their_budgets() {
+        // One looks at a wall, the other one at a lake.
+        for costs in [[0.2, 6.0], [6.0, 0.2]] {
+            let budgets = [1.0, 3.0].map(|milliseconds| ReflectionBudget {
+                milliseconds,
+                ..ReflectionBudget::default()
+            });
+            let mut efforts = [1.0; 2];
+            let mut controllers = [(); 2].map(|()| Controller::default());
+            let sum = |efforts: &[f32; 2]| efforts[0] * costs[0] + efforts[1] * costs[1];
+            for _ in 0..400 {
+                let time = sum(&efforts);
+                for ((controller, effort), budget) in controllers.iter_mut().zip(&mut efforts).zip(budgets) {
+                    *effort = controller.step(budget, *effort, share(budget, 4.0, time));
+                }
+            }
+            let time = sum(&efforts);
+            assert!((time - 4.0).abs() <= 0.4, "{costs:?}: {time} ms at {efforts:?}");
+        }
     }
 
     #[test]

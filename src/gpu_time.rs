@@ -1,7 +1,7 @@
 //! The GPU time of reflections, as Bevy's `RenderDiagnosticsPlugin` measures it.
 
 use bevy::{
-    diagnostic::{DiagnosticPath, DiagnosticsStore},
+    diagnostic::{Diagnostic, DiagnosticPath, DiagnosticsStore},
     platform::time::Instant,
 };
 use core::time::Duration;
@@ -24,20 +24,21 @@ pub(crate) struct GpuTimes {
 }
 
 impl GpuTimes {
-    /// Milliseconds of a measurement that has come since the last call.
+    /// Milliseconds that the reflections of all cameras took in a frame whose measurement has come since the last call. No pass takes no
+    /// time at all: devices that say so can't measure it.
     pub fn next(&mut self, diagnostics: Option<&DiagnosticsStore>) -> Option<f32> {
         let diagnostics = diagnostics?;
-        let measurement = diagnostics.get(&TOTAL)?.measurement()?;
-        if self.last == Some(measurement.time) {
+        let (time, total) = last_frame(diagnostics.get(&TOTAL)?)?;
+        if self.last == Some(time) || !(total > 0.0 && total.is_finite()) {
             return None;
         }
-        self.last = Some(measurement.time);
+        self.last = Some(time);
         let more = MORE.into_iter().filter_map(|path| {
-            let other = diagnostics.get(&path)?.measurement()?;
-            let lag = measurement.time.saturating_duration_since(other.time);
-            (lag < SAME_FRAME).then_some(other.value)
+            let (other, milliseconds) = last_frame(diagnostics.get(&path)?)?;
+            let lag = time.saturating_duration_since(other);
+            (lag < SAME_FRAME).then_some(milliseconds)
         });
-        Some((measurement.value + more.sum::<f64>()) as f32)
+        Some((total + more.sum::<f64>()) as f32)
     }
 
     /// Returns whether there has ever been a measurement.
@@ -46,10 +47,17 @@ impl GpuTimes {
     }
 }
 
+/// When a pass was measured last, and its time in that frame: each camera adds a measurement.
+fn last_frame(pass: &Diagnostic) -> Option<(Instant, f64)> {
+    let time = pass.measurement()?.time;
+    let cameras = pass.measurements().filter(|measured| measured.time == time);
+    Some((time, cameras.map(|measured| measured.value).sum()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bevy::diagnostic::{Diagnostic, DiagnosticMeasurement};
+    use bevy::diagnostic::DiagnosticMeasurement;
 
     #[test]
     fn glass_and_water_count_in_the_frames_that_have_them() {
@@ -69,5 +77,35 @@ mod tests {
         let mut times = GpuTimes::default();
         assert_eq!(times.next(Some(&store)), Some(1.625));
         assert_eq!(times.next(Some(&store)), None, "nothing new");
+    }
+    /// The times of one frame of some cameras.
+    fn measured(frames: &[&[f64]]) -> DiagnosticsStore {
+        let mut diagnostic = Diagnostic::new(TOTAL);
+        for (index, cameras) in (0..).zip(frames) {
+            let time = Instant::now() + Duration::from_millis(index);
+            for &value in *cameras {
+                diagnostic.add_measurement(DiagnosticMeasurement { time, value });
+            }
+        }
+        let mut store = DiagnosticsStore::default();
+        store.add(diagnostic);
+        store
+    }
+
+    #[test]
+    fn all_cameras_of_a_frame_count() {
+        let time = |frames: &[&[f64]]| GpuTimes::default().next(Some(&measured(frames)));
+        assert_eq!(time(&[&[9.0, 9.0], &[6.0, 0.25]]), Some(6.25));
+        assert_eq!(time(&[&[9.0, 9.0], &[0.25, 6.0]]), Some(6.25), "in any order");
+        assert_eq!(time(&[&[9.0], &[0.0, 6.0]]), Some(6.0), "one of them sees nothing");
+    }
+
+    #[test]
+    fn a_device_that_measures_nothing_has_no_times() {
+        for nothing in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let mut times = GpuTimes::default();
+            assert_eq!(times.next(Some(&measured(&[&[nothing]]))), None, "{nothing}");
+            assert!(!times.exist(), "{nothing}");
+        }
     }
 }

@@ -124,9 +124,9 @@ pub use settings::{
     RayTracedReflections, ReflectedLayers, ReflectedMaterial3d, ReflectedMesh3d, ReflectedPose, ReflectedPoseBudget,
     ReflectedSurfaceShader, ReflectionAutoQuality, ReflectionBackend, ReflectionBudget, ReflectionDebugCounters,
     ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionEffort, ReflectionFallback,
-    ReflectionPreset, ReflectionQuality, ReflectionSampling, ReflectionTechnique, ReflectionTextureMip,
-    ReflectionTracerChoice, ReflectionsOff, RoughnessThresholds, ScreenTraces, ShadingRate, ShadingRateHeuristic,
-    ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
+    ReflectionPreset, ReflectionQuality, ReflectionRetention, ReflectionSampling, ReflectionTechnique,
+    ReflectionTextureMip, ReflectionTracerChoice, ReflectionsOff, RoughnessThresholds, ScreenTraces, ShadingRate,
+    ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
 };
 pub use status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory};
 #[cfg(feature = "egui")]

@@ -9,7 +9,7 @@ use bevy::{
     app::App,
     ecs::prelude::*,
     math::UVec2,
-    pbr::{ScreenSpaceReflectionsPipelineId, ScreenSpaceReflectionsUniform, ViewScreenSpaceReflectionsUniformOffset},
+    pbr::{ScreenSpaceReflectionsPipelineId, ViewKeyCache},
     render::{
         RenderApp,
         render_resource::{
@@ -18,6 +18,7 @@ use bevy::{
         },
         renderer::{RenderDevice, RenderQueue},
         sync_world::RenderEntity,
+        view::ExtractedView,
     },
 };
 
@@ -76,8 +77,6 @@ pub fn render_world_components(app: &App, camera: Entity) -> Vec<&'static str> {
     };
     let bindings = world.get_resource::<EnvironmentBindings>();
     let bind_group = bindings.and_then(|bindings| bindings.bind_group(view));
-    // The last three are Bevy's, borrowed from its screen-space reflections.
-    let offset = world.get::<ViewScreenSpaceReflectionsUniformOffset>(view);
     let all = [
         ("settings", world.get::<ReflectionView>(view).is_some()),
         ("request", world.get::<WantsReflections>(view).is_some()),
@@ -85,8 +84,7 @@ pub fn render_world_components(app: &App, camera: Entity) -> Vec<&'static str> {
         ("reports", world.get::<ViewCulling>(view).is_some()),
         ("environment", world.get::<ViewEnvironment>(view).is_some()),
         ("bind group", bind_group.is_some()),
-        ("uniform", world.get::<ScreenSpaceReflectionsUniform>(view).is_some()),
-        ("offset", offset.is_some()),
+        // Views that could reflect have the rest of the hook in Bevy's lighting all the time.
         (
             "pipeline",
             world.get::<ScreenSpaceReflectionsPipelineId>(view).is_some(),
@@ -95,6 +93,16 @@ pub fn render_world_components(app: &App, camera: Entity) -> Vec<&'static str> {
     all.into_iter()
         .filter_map(|(name, exists)| exists.then_some(name))
         .collect()
+}
+
+/// The bits by which Bevy chooses pipelines for all that a camera draws; `None` if it draws nothing.
+#[must_use]
+pub fn view_key(app: &App, camera: Entity) -> Option<u64> {
+    let view = app.world().get::<RenderEntity>(camera)?.id();
+    let world = app.get_sub_app(RenderApp)?.world();
+    let view = world.get::<ExtractedView>(view)?;
+    let keys = world.get_resource::<ViewKeyCache>()?;
+    keys.get(&view.retained_view_entity).map(|key| key.bits())
 }
 
 /// Returns the contents of a camera's target after the last frame; `None` if there is no such target or it can't be read.

@@ -1,35 +1,34 @@
-//! Which views have all that they need compiled: a view switches over in one frame, and never too early.
+//! Which settings have all that they need compiled: a view switches over in one frame, and never too early.
 
 use crate::{
     composite::CompositePipelines,
     denoise::DenoisePipelines,
-    device::{WritesInPlace, tracing_app},
+    device::{RealTime, WritesInPlace, tracing_app},
     rate::RatePipelines,
     schedule::ReflectionSystems,
-    settings::{ClampedSettings, RateSettings, RateVariant, ReflectionBackend, ReflectionTechnique, WantsReflections},
+    settings::{
+        ClampedSettings, RateSettings, RateVariant, ReflectionBackend, ReflectionTechnique, ReflectionView,
+        WantsReflections,
+    },
     trace::{TracePipelines, VrsPass},
 };
 use bevy::{
     app::{App, Plugin},
-    asset::AssetId,
-    ecs::{
-        entity::{EntityHashMap, EntityHashSet},
-        prelude::*,
-        system::SystemParam,
-    },
-    image::Image,
-    pbr::{
-        MeshPipelineKey, ViewKeyCache,
-        deferred::{DeferredLightingLayout, prepare_deferred_lighting_pipelines},
-    },
+    ecs::{prelude::*, system::SystemParam},
+    platform::collections::HashMap,
     render::{
-        Render, RenderSystems,
-        render_resource::{PipelineCache, SpecializedRenderPipelines},
+        Render,
+        render_resource::{PipelineCache, TextureFormat},
         view::ExtractedView,
     },
 };
+use core::time::Duration;
 
-/// Adds the systems that ask for pipelines.
+/// Time for which pipelines of settings that no camera has any more are followed. With less, a camera that is replaced by
+/// another one waits; more follows settings that were tried out.
+const REMEMBERED: Duration = Duration::from_secs(10);
+
+/// Adds the system that asks for pipelines.
 pub(crate) struct ReadyPlugin;
 
 impl Plugin for ReadyPlugin {
@@ -38,22 +37,13 @@ impl Plugin for ReadyPlugin {
     fn finish(&self, app: &mut App) {
         let Some(render_app) = tracing_app(app) else { return };
         render_app
-            .init_resource::<WarmLighting>()
-            .init_resource::<ReadyViews>()
-            .add_systems(
-                Render,
-                (
-                    request_pipelines.in_set(ReflectionSystems::RequestPipelines),
-                    warm_lighting
-                        .after(prepare_deferred_lighting_pipelines)
-                        .in_set(RenderSystems::Prepare),
-                ),
-            );
+            .init_resource::<KnownSettings>()
+            .add_systems(Render, request_pipelines.in_set(ReflectionSystems::RequestPipelines));
     }
 }
 
 /// Settings that decide which pipelines a view needs.
-pub(crate) type PipelineKey = (ReflectionTechnique, [bool; 8], RateVariant, Option<AssetId<Image>>, u32);
+pub(crate) type PipelineKey = (ReflectionTechnique, [bool; 8], RateVariant, u32);
 
 /// The key of a view's pipelines; other settings can change without a new compilation.
 pub(crate) fn pipeline_key(settings: &ClampedSettings, rate: &RateSettings) -> PipelineKey {
@@ -68,30 +58,49 @@ pub(crate) fn pipeline_key(settings: &ClampedSettings, rate: &RateSettings) -> P
         settings.marches_screen(),
         settings.denoises_in_one_pass(),
     ];
-    let image = rate.image.as_ref().map(|image| image.id());
-    (settings.technique, flags, rate.variant.clone(), image, rate.tile_size)
+    (settings.technique, flags, rate.variant.clone(), rate.tile_size)
 }
 
-/// Views for which everything is compiled, and for which settings.
-#[derive(Resource, Default)]
-struct ReadyViews(EntityHashMap<PipelineKey>);
+/// Settings that cameras have or had lately, and the format that they draw in.
+struct Known {
+    settings: ClampedSettings,
+    rate: RateSettings,
+    format: TextureFormat,
+    /// Everything is compiled.
+    is_ready: bool,
+    /// Time since a camera had them.
+    unused: Duration,
+}
 
-/// Views for which Bevy has compiled the lighting that leaves out environment specular. Switching a view over earlier would
-/// leave it unlit until the compiler is done.
+/// All such settings, whichever view they belong to: the first frame of a camera shows reflections if another one has shown them.
 #[derive(Resource, Default)]
-struct WarmLighting(EntityHashSet);
+struct KnownSettings(HashMap<PipelineKey, Known>);
 
-/// Tells which views can start.
+impl KnownSettings {
+    fn note(&mut self, settings: &ClampedSettings, rate: &RateSettings, format: Option<TextureFormat>) {
+        let known = self.0.entry(pipeline_key(settings, rate));
+        let known = known.or_insert_with(|| Known {
+            settings: *settings,
+            rate: rate.clone(),
+            // All cameras that reflect have `Hdr`.
+            format: TextureFormat::Rgba16Float,
+            is_ready: false,
+            unused: Duration::ZERO,
+        });
+        known.unused = Duration::ZERO;
+        known.format = format.unwrap_or(known.format);
+    }
+}
+
+/// Tells which settings views can start with.
 #[derive(SystemParam)]
-pub struct Readiness<'w> {
-    views: Res<'w, ReadyViews>,
-    warm: Res<'w, WarmLighting>,
-}
+pub struct Readiness<'w>(Res<'w, KnownSettings>);
 
 impl Readiness<'_> {
-    /// A view can be traced with such settings. `active`: it is traced already, perhaps with others.
-    pub(crate) fn is_ready(&self, view: Entity, key: &PipelineKey, active: bool) -> bool {
-        self.views.0.get(&view) == Some(key) && (active || self.warm.0.contains(&view))
+    /// All pipelines for such settings were compiled when they were last asked for.
+    pub(crate) fn is_ready(&self, settings: &ClampedSettings, rate: &RateSettings) -> bool {
+        let known = self.0.0.get(&pipeline_key(settings, rate));
+        known.is_some_and(|known| known.is_ready)
     }
 }
 
@@ -109,9 +118,11 @@ struct AllPipelines<'w> {
 
 impl AllPipelines<'_> {
     /// Asks for what a view needs. Returns whether all of that is compiled.
-    fn request(&mut self, wants: &WantsReflections, view: &ExtractedView) -> bool {
-        let WantsReflections { settings, rate } = wants;
-        let (format, in_place) = (view.target_format, *self.in_place);
+    fn request(&mut self, known: &Known) -> bool {
+        let Known {
+            settings, rate, format, ..
+        } = known;
+        let (format, in_place) = (*format, *self.in_place);
         let vrs_is_ready = self.vrs.is_ready(settings, &self.trace, &self.cache);
         self.trace.request(settings);
         self.rates.request(rate);
@@ -125,38 +136,32 @@ impl AllPipelines<'_> {
     }
 }
 
-/// Asks for the pipelines of all views and notes which of them can start.
+/// Asks for the pipelines of all settings and notes which of them views can start with.
 fn request_pipelines(
-    views: Query<(Entity, &WantsReflections, &ExtractedView)>,
+    wanting: Query<(&WantsReflections, Option<&ExtractedView>)>,
+    active: Query<(&ReflectionView, &ExtractedView)>,
+    time: Res<RealTime>,
     mut pipelines: AllPipelines,
-    mut ready: ResMut<ReadyViews>,
+    mut known: ResMut<KnownSettings>,
 ) {
-    ready.0.clear();
-    for (entity, wants, view) in &views {
-        if pipelines.request(wants, view) {
-            ready.0.insert(entity, pipeline_key(&wants.settings, &wants.rate));
-        }
+    if wanting.iter().all(|(_, view)| view.is_none()) {
+        return;
     }
-}
-
-/// Has Bevy compile the lighting without environment specular before a view switches over to it.
-fn warm_lighting(
-    views: Query<(Entity, &ExtractedView), With<WantsReflections>>,
-    keys: Res<ViewKeyCache>,
-    layout: Res<DeferredLightingLayout>,
-    mut pipelines: ResMut<SpecializedRenderPipelines<DeferredLightingLayout>>,
-    cache: Res<PipelineCache>,
-    mut warm: ResMut<WarmLighting>,
-) {
-    warm.0.clear();
-    for (entity, view) in &views {
-        let Some(&key) = keys.get(&view.retained_view_entity) else {
-            continue;
-        };
-        let key = key | MeshPipelineKey::SCREEN_SPACE_REFLECTIONS;
-        let pipeline = pipelines.specialize(&cache, &layout, key);
-        if cache.get_render_pipeline(pipeline).is_some() {
-            warm.0.insert(entity);
-        }
+    for (wants, view) in &wanting {
+        known.note(&wants.settings, &wants.rate, view.map(|view| view.target_format));
+        pipelines.rates.request(&wants.rate);
+    }
+    // While other settings are compiled, views keep theirs.
+    for (active, view) in &active {
+        known.note(&active.settings, &active.rate, Some(view.target_format));
+        pipelines.rates.request(&active.rate);
+    }
+    known.0.retain(|_, known| {
+        let is_used = known.unused <= REMEMBERED;
+        known.unused += time.delta();
+        is_used
+    });
+    for known in known.0.values_mut() {
+        known.is_ready = pipelines.request(known);
     }
 }

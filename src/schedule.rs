@@ -4,6 +4,7 @@ use bevy::{
     app::{App, Plugin},
     core_pipeline::{
         core_3d::{main_opaque_pass_3d, main_transparent_pass_3d},
+        oit::resolve::node::oit_resolve,
         schedule::{Core3d, Core3dSystems},
     },
     ecs::prelude::*,
@@ -49,10 +50,10 @@ pub enum ReflectionSystems {
     /// In `Core3d`, within [`MainPass`](Core3dSystems::MainPass), after the opaque forward pass and before transmissive and transparent
     /// ones: keeps what cameras with [`ScreenTraces`](crate::ScreenTraces) show.
     KeepScreens,
-    /// In `Core3d`, after [`MainPass`](Core3dSystems::MainPass), before wireframes and post-processing: the same as
-    /// [`Passes`](Self::Passes) for transparent surfaces.
+    /// In `Core3d`, within [`MainPass`](Core3dSystems::MainPass), after the transparent pass and before volumetric fog, wireframes and
+    /// post-processing: the same as [`Passes`](Self::Passes) for transparent surfaces.
     FrontLayerPasses,
-    /// In `Core3d`, after [`FrontLayerPasses`](Self::FrontLayerPasses), before wireframes and post-processing: draws debug views.
+    /// In `Core3d`, after [`MainPass`](Core3dSystems::MainPass), before wireframes and post-processing: draws debug views.
     DebugViews,
 }
 
@@ -100,9 +101,14 @@ impl Plugin for SchedulePlugin {
                         .before(main_transmissive_pass_3d)
                         .before(main_transparent_pass_3d)
                         .in_set(Core3dSystems::MainPass),
-                    // Over all that is drawn, and under wireframes.
-                    (ReflectionSystems::FrontLayerPasses, ReflectionSystems::DebugViews)
-                        .chain()
+                    // Over all that the main pass draws, and under volumetric fog, which comes after it: reflections are fogged as
+                    // their surfaces are.
+                    ReflectionSystems::FrontLayerPasses
+                        .after(main_transparent_pass_3d)
+                        .after(oit_resolve)
+                        .in_set(Core3dSystems::MainPass),
+                    // Under wireframes.
+                    ReflectionSystems::DebugViews
                         .after(Core3dSystems::MainPass)
                         .before(wireframe_3d)
                         .before(Core3dSystems::EarlyPostProcess),

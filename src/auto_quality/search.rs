@@ -24,6 +24,9 @@ const NO_TIMES: u32 = 120;
 /// Time for one trial: for compiling, arriving meshes and measurements. With less, the first guess stays on slow machines; with more,
 /// a camera that shows nothing delays the answer.
 const PATIENCE: Duration = Duration::from_secs(60);
+/// Time after which meshes that are still on their way no longer put measurements off: in a world that streams, or with a mesh
+/// that changes in each frame, some always are. With less, a level that loads is measured too early; more delays the answer there.
+const ARRIVAL: Duration = Duration::from_secs(5);
 /// Most that a frame counts. Longer ones are those of an app in the background, or of a machine that slept.
 const LONGEST_FRAME: Duration = Duration::from_secs(5);
 
@@ -39,8 +42,10 @@ pub(super) fn guess(adapter: Option<DeviceType>, tracer: Option<ReflectionTracer
 
 /// A frame of a search.
 pub(super) struct Frame {
-    /// The reflections of the camera are in its picture, with all that they show.
-    pub is_complete: bool,
+    /// The reflections of the camera are in its picture.
+    pub reflects: bool,
+    /// All meshes are there.
+    pub has_meshes: bool,
     /// A new measurement in milliseconds.
     pub time: Option<f32>,
     /// Time since the last frame.
@@ -72,6 +77,8 @@ pub(super) struct Search {
     without_time: u32,
     /// Time of the trial.
     elapsed: Duration,
+    /// Time for which meshes have been on their way, in all.
+    arriving: Duration,
 }
 
 impl Search {
@@ -89,6 +96,7 @@ impl Search {
             skip: LATENCY,
             without_time: 0,
             elapsed: Duration::ZERO,
+            arriving: Duration::ZERO,
         }
     }
 
@@ -97,8 +105,12 @@ impl Search {
         if self.quality == ReflectionQuality::Off {
             return Decision::Choose(self.quality, None);
         }
-        self.elapsed += frame.delta.min(LONGEST_FRAME);
-        if !frame.is_complete {
+        let delta = frame.delta.min(LONGEST_FRAME);
+        self.elapsed += delta;
+        if !frame.has_meshes {
+            self.arriving += delta;
+        }
+        if !frame.reflects || (!frame.has_meshes && self.arriving < ARRIVAL) {
             self.skip = LATENCY;
             self.times.clear();
         } else if self.skip > 0 {
@@ -193,7 +205,8 @@ mod tests {
             let noise = if frame.is_multiple_of(5) { 8.0 } else { 1.0 };
             let time = times[(search.quality as usize).saturating_sub(1)] * noise;
             match search.step(&Frame {
-                is_complete: true,
+                reflects: true,
+                has_meshes: true,
                 time: Some(time),
                 delta: Duration::from_millis(16),
             }) {
@@ -301,13 +314,14 @@ mod tests {
     #[test]
     fn without_times_the_guess_stays() {
         let mut frame = Frame {
-            is_complete: true,
+            reflects: true,
+            has_meshes: true,
             time: None,
             delta: Duration::from_millis(1),
         };
         assert_eq!(after(LATENCY + NO_TIMES, &frame), Decision::Choose(Medium, None));
         // Nothing is ever ready.
-        frame.is_complete = false;
+        frame.reflects = false;
         frame.time = Some(0.1);
         frame.delta = PATIENCE / 100;
         assert_eq!(after(100, &frame), Decision::Choose(Medium, None));
@@ -315,7 +329,7 @@ mod tests {
         frame.delta = Duration::from_secs(3600);
         assert_eq!(after(1, &frame), Decision::Wait);
         // On a slow machine fewer measurements have to do.
-        frame.is_complete = true;
+        frame.reflects = true;
         frame.time = Some(1.8);
         frame.delta = PATIENCE / 20;
         assert_eq!(after(20, &frame), Decision::Choose(Medium, Some(1.8)));
@@ -324,8 +338,9 @@ mod tests {
     #[test]
     fn times_of_the_quality_before_do_not_count() {
         let mut search = Search::new(ReflectionAutoQuality::default(), Medium);
-        let frame = |is_complete, time| Frame {
-            is_complete,
+        let frame = |reflects, time| Frame {
+            reflects,
+            has_meshes: true,
             time: Some(time),
             delta: Duration::ZERO,
         };
@@ -339,5 +354,22 @@ mod tests {
             assert_eq!(search.step(&frame(true, 1.9)), Decision::Wait);
         }
         assert_eq!(search.step(&frame(true, 1.9)), Decision::Choose(Medium, Some(1.9)));
+    }
+
+    #[test]
+    fn meshes_that_never_end_to_arrive_put_nothing_off_for_long() {
+        let mut search = Search::new(ReflectionAutoQuality::default(), Medium);
+        let frame = Frame {
+            reflects: true,
+            has_meshes: false,
+            time: Some(1.8),
+            delta: Duration::from_millis(20),
+        };
+        let mut frames = 0;
+        while search.step(&frame) == Decision::Wait {
+            frames += 1;
+        }
+        let waited = Duration::from_millis(20) * frames;
+        assert!(waited >= ARRIVAL && waited < 2 * ARRIVAL, "{waited:?}");
     }
 }

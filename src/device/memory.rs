@@ -1,13 +1,21 @@
 //! Allocations that the device may refuse, and when it is asked again.
 
+#[cfg(not(test))]
+use super::real_time::LONGEST_FRAME;
 use bevy::{
+    platform::time::Instant,
     render::renderer::RenderDevice,
     tasks::{block_on, poll_once},
 };
+use core::time::Duration;
 use wgpu::ErrorFilter;
 
-/// Frames until the device is asked again for memory that it refused. Less asks a device that is full again and again; with more,
+/// Time until the device is asked again for memory that it refused. Less asks a device that is full again and again; with more,
 /// reflections come back later.
+const REFUSED: Duration = Duration::from_secs(5);
+
+/// Frames of that time in tests.
+#[cfg(test)]
 pub(crate) const REFUSED_FRAMES: u32 = 300;
 
 #[cfg(test)]
@@ -61,23 +69,32 @@ pub(crate) fn try_allocate<T>(device: &RenderDevice, create: impl FnOnce() -> T)
 /// When the device is asked again for memory that it refused. Others may have had it, so that no count of ours tells when it is free.
 #[derive(Debug, Default)]
 pub(crate) struct MemoryRetry {
-    /// Frames until then; 0 where nothing was refused.
-    frames: u32,
+    /// Time until then, and when it was looked at; `None` where nothing was refused.
+    waits: Option<(Duration, Instant)>,
 }
 
 impl MemoryRetry {
     /// Memory was refused. Later refusals don't put off what waits already.
     pub fn begin(&mut self) {
-        if self.frames == 0 {
-            self.frames = REFUSED_FRAMES;
-        }
+        self.waits.get_or_insert_with(|| (REFUSED, Instant::now()));
     }
 
     /// A frame goes by. Returns whether the device is to be asked again now.
     pub fn is_due(&mut self) -> bool {
-        let waited = self.frames > 0;
-        self.frames = self.frames.saturating_sub(1);
-        waited && self.frames == 0
+        let Some((time, last)) = &mut self.waits else {
+            return false;
+        };
+        let now = Instant::now();
+        #[cfg(test)]
+        let frame = REFUSED / REFUSED_FRAMES;
+        #[cfg(not(test))]
+        let frame = now.saturating_duration_since(*last).min(LONGEST_FRAME);
+        (*time, *last) = (time.saturating_sub(frame), now);
+        let is_due = time.is_zero();
+        if is_due {
+            self.waits = None;
+        }
+        is_due
     }
 }
 

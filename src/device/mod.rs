@@ -1,6 +1,7 @@
 //! Device capabilities that the crate asks for: which tracer, which form of the texture table, which shading rates.
 
 mod memory;
+mod real_time;
 mod shading_rates;
 mod support;
 mod texture_mode;
@@ -18,6 +19,7 @@ pub use memory::refuse_memory;
 pub(crate) use memory::{MemoryRetry, try_allocate};
 #[cfg(test)]
 pub(crate) use memory::{REFUSED_FRAMES, REFUSES};
+pub(crate) use real_time::{RealTime, tick_real_time};
 pub(crate) use support::{adapter_name, unsupported};
 pub(crate) use texture_mode::{MAX_SAMPLERS, texture_mode};
 pub(crate) use tracer::{ChosenTracer, FragmentRays, choose_tracer};

@@ -1,27 +1,28 @@
 //! Reads the settings of cameras and decides which views may trace.
 
 use super::{
-    hook::{AllOfAView, OursOfAView, left_out},
+    hook::{HookOfAView, OursOfAView, left_out},
     problems::{Problem, Warnings},
 };
 use crate::{
     deferred::is_deferred,
-    ready::{Readiness, pipeline_key},
+    device::RealTime,
+    ready::Readiness,
     settings::{
-        ClampedSettings, RateSettings, RayTracedReflections, ReflectionBackend, ReflectionDebugCounters,
-        ReflectionDebugSplit, ReflectionDebugView, ReflectionEffort, ReflectionTechnique, ReflectionView,
-        ShadingRateHeuristic, ShadingRateTileSize, ViewDebug, WantsReflections,
+        ClampedSettings, LightingHook, RateSettings, RayTracedReflections, ReflectionBackend, ReflectionDebugCounters,
+        ReflectionDebugSplit, ReflectionDebugView, ReflectionEffort, ReflectionRetention, ReflectionTechnique,
+        ReflectionView, ShadingRateHeuristic, ShadingRateTileSize, ViewDebug, WantsReflections,
     },
     status::ReflectionStatus,
     targets::LARGEST_TRACE_SIZE,
     trace::{Fallbacks, VrsPass, choose},
-    view::{RefusedViews, ViewCulling},
+    view::{ReflectionTextures, RefusedViews, ViewCulling},
 };
 use bevy::{
     camera::{Camera, Hdr, MainPassResolutionOverride},
     core_pipeline::prepass::{DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass},
     ecs::{
-        entity::EntityHashSet,
+        entity::{EntityHashMap, EntityHashSet},
         name::NameOrEntity,
         prelude::*,
         query::{QueryData, QueryState},
@@ -31,6 +32,7 @@ use bevy::{
     pbr::ScreenSpaceReflections,
     render::{MainWorld, renderer::RenderDevice, sync_world::RenderEntity, view::Msaa},
 };
+use core::time::Duration;
 
 /// The components of a camera that extraction reads.
 #[derive(QueryData)]
@@ -58,6 +60,12 @@ pub(super) struct CameraQuery {
 }
 
 impl CameraQueryItem<'_, '_> {
+    /// Its view has all that the hook in Bevy's lighting takes, whether it reflects or not.
+    fn can_have_hook(&self) -> bool {
+        let has_prepasses = self.depth && self.deferred && self.normal;
+        has_prepasses && self.hdr && !self.screen_space && self.msaa.is_none_or(|msaa| *msaa == Msaa::Off)
+    }
+
     /// All problems, each with whether the camera has it.
     fn problems(&self, forward: bool, reflections: &RayTracedReflections, limits: &mut Limits) -> [(Problem, bool); 7] {
         [
@@ -69,7 +77,7 @@ impl CameraQueryItem<'_, '_> {
                 Problem::TooLarge,
                 !fits(self.size(), reflections.technique, limits.most_texels()),
             ),
-            (Problem::NoMemory, limits.refused.refuse(self.render_entity)),
+            (Problem::NoMemory, limits.refused.contains(self.render_entity)),
             (Problem::Forward, forward && !reflections.forward),
         ]
     }
@@ -86,11 +94,13 @@ impl CameraQueryItem<'_, '_> {
     }
 }
 
-/// Limits of the device.
+/// Limits of the device, and how long what isn't used is kept on it.
 #[derive(SystemParam)]
 pub(super) struct Limits<'w> {
     device: Res<'w, RenderDevice>,
     refused: ResMut<'w, RefusedViews>,
+    time: Res<'w, RealTime>,
+    retention: ResMut<'w, ReflectionRetention>,
 }
 
 impl Limits<'_> {
@@ -114,11 +124,19 @@ fn fits(size: UVec2, technique: ReflectionTechnique, most_texels: u32) -> bool {
 #[query_data(mutable)]
 pub(super) struct ExistingView {
     entity: Entity,
-    active: Option<&'static ReflectionView>,
+    active: Option<&'static mut ReflectionView>,
     culling: Option<&'static mut ViewCulling>,
+    wants: Has<WantsReflections>,
+    has_textures: Has<ReflectionTextures>,
+    has_hook: Has<LightingHook>,
 }
 
-type IsOurs = Or<(With<ReflectionView>, With<WantsReflections>)>;
+type IsOurs = Or<(
+    With<ReflectionView>,
+    With<WantsReflections>,
+    With<ReflectionTextures>,
+    With<LightingHook>,
+)>;
 
 /// State that extraction keeps from frame to frame.
 #[derive(Default)]
@@ -126,6 +144,8 @@ pub(super) struct ExtractionState {
     query: Option<QueryState<CameraQuery>>,
     warnings: Warnings,
     fallbacks: Fallbacks,
+    /// Views of cameras that aren't active now, with the time since they were.
+    idle: EntityHashMap<Duration>,
 }
 
 /// Findings about all cameras of one frame.
@@ -133,6 +153,12 @@ pub(super) struct ExtractionState {
 struct Findings {
     /// Views of the render world that may reflect.
     wanting: EntityHashSet,
+    /// Views of the render world that carry the hook, or may keep it since nothing is drawn into them.
+    hooked: EntityHashSet,
+    /// Views that have screen-space reflections, to which all of the hook belongs but our own component.
+    screen_space: EntityHashSet,
+    /// Views of cameras that aren't active.
+    idle: EntityHashSet,
     /// Cameras of the main world with the component.
     present: EntityHashSet,
     waiting: usize,
@@ -183,7 +209,14 @@ struct Extraction<'w, 's> {
 }
 
 impl Extraction<'_, '_> {
-    /// Hands the settings of a camera to its view. Returns whether the view uses them in this frame: a new view keeps Bevy's
+    /// Has the lighting of a view leave out what some settings replace.
+    fn hook(&mut self, view: Entity, shown: Option<&ClampedSettings>) {
+        self.found.hooked.insert(view);
+        let hook = (LightingHook::default(), left_out(shown));
+        self.commands.entity(view).insert(hook);
+    }
+
+    /// Hands the settings of a camera to its view. Returns whether the view traces in this frame: a new view keeps Bevy's
     /// environment map until its pipelines are compiled, and an active one its old settings.
     fn update_view(
         &mut self,
@@ -192,55 +225,80 @@ impl Extraction<'_, '_> {
         reset: bool,
         existing: Option<ExistingViewItem>,
     ) -> bool {
-        let (active, culling) = existing.map_or((None, None), |view| (view.active, view.culling));
-        let key = pipeline_key(&request.settings, &request.rate);
-        let ready = self.readiness.is_ready(camera.render_entity, &key, active.is_some());
+        let (mut active, culling) = existing.map_or((None, None), |view| (view.active, view.culling));
+        let ready = self.readiness.is_ready(&request.settings, &request.rate);
         let shown = if ready {
-            Some(&request.settings)
+            Some(request.settings)
         } else {
-            active.map(|view| &view.settings)
+            active.as_ref().map(|view| view.settings)
         };
         let debug = camera.debug();
         // Earlier frames don't tell what this one sees, or somebody looks at what all passes write.
         let invalid = reset
             || debug != ViewDebug::default()
             || request.settings.technique == ReflectionTechnique::Converged
-            || request.differs_from(active);
+            || request.differs_from(active.as_deref());
         let culled = culling.is_some_and(|mut culling| culling.begin_frame(invalid));
 
         self.found.culled_views += usize::from(culled);
         self.found.waiting += usize::from(!ready);
-        let backends = shown.map(|settings| (camera.entity, settings.backend));
+        let backends = shown.as_ref().map(|settings| (camera.entity, settings.backend));
         self.found.active_backends.extend(backends);
+        self.hook(camera.render_entity, shown.as_ref().filter(|_| !culled));
         let Request { settings, rate } = request.clone();
         let mut view = self.commands.entity(camera.render_entity);
         view.insert(WantsReflections { settings, rate });
-        if let Some(shown) = shown {
-            view.insert(left_out(shown, culled));
+        if ready {
+            let Request { settings, rate } = request;
+            view.insert(ReflectionView {
+                reset,
+                settings,
+                rate,
+                debug,
+            });
+        } else if let Some(active) = &mut active {
+            (active.reset, active.debug) = (reset, debug);
         }
-        if !ready {
-            return false;
-        }
-        let Request { settings, rate } = request;
-        self.commands.entity(camera.render_entity).insert(ReflectionView {
-            reset,
-            settings,
-            rate,
-            debug,
-        });
-        true
+        ready || active.is_some()
     }
 
-    /// Takes reflections from views whose cameras don't want them any more.
-    fn retire_views(&mut self, existing: &Query<ExistingView, IsOurs>) {
+    /// Takes reflections from views whose cameras don't want them any more. Those of cameras that aren't active keep their textures for
+    /// a time, unless memory is short.
+    fn retire_views(
+        &mut self,
+        existing: &Query<ExistingView, IsOurs>,
+        idle: &mut EntityHashMap<Duration>,
+        (delta, kept): (Duration, Duration),
+        refused: &mut RefusedViews,
+    ) {
+        let found = &self.found;
+        idle.retain(|view, _| found.idle.contains(view));
+        let is_short = refused.take_shortage();
         for view in existing {
-            if self.found.wanting.contains(&view.entity) {
+            let mut commands = self.commands.entity(view.entity);
+            if view.has_hook && !found.hooked.contains(&view.entity) {
+                if found.screen_space.contains(&view.entity) {
+                    commands.remove::<LightingHook>();
+                } else {
+                    commands.remove::<HookOfAView>();
+                }
+            }
+            if found.wanting.contains(&view.entity) {
                 continue;
             }
-            let mut commands = self.commands.entity(view.entity);
-            commands.remove::<WantsReflections>();
-            if view.active.is_some() {
-                commands.remove::<AllOfAView>();
+            if !found.idle.contains(&view.entity) {
+                if view.wants || view.has_textures || view.active.is_some() {
+                    commands.remove::<(OursOfAView, WantsReflections)>();
+                }
+                continue;
+            }
+            let unused = idle.entry(view.entity).or_default();
+            *unused = unused.saturating_add(delta);
+            if *unused < kept && !is_short {
+                commands.remove::<ReflectionView>();
+            } else if view.has_textures || view.active.is_some() {
+                commands.remove::<OursOfAView>();
+                refused.retry();
             }
         }
     }
@@ -262,7 +320,10 @@ pub(super) fn extract_cameras(
         query,
         warnings,
         fallbacks,
+        idle,
     } = &mut *state;
+    let retention = main_world.get_resource::<ReflectionRetention>().copied();
+    limits.retention.set_if_neq(retention.unwrap_or_default());
     let forward = !main_world.get_resource().is_some_and(is_deferred);
     let query = query.get_or_insert_with(|| main_world.query::<CameraQuery>());
     let mut extraction = Extraction {
@@ -270,14 +331,27 @@ pub(super) fn extract_cameras(
         commands,
         found: Findings::default(),
     };
+    limits.refused.begin_frame();
     for mut camera in query.iter_mut(&mut main_world) {
-        let Some(mut reflections) = camera.reflections.take() else {
-            continue;
-        };
-        extraction.found.present.insert(camera.entity);
+        let found = &mut extraction.found;
+        if camera.screen_space {
+            found.screen_space.insert(camera.render_entity);
+        }
+        let reflections = camera.reflections.take();
+        if reflections.is_some() {
+            found.present.insert(camera.entity);
+        }
         if !camera.camera.is_active {
+            found.hooked.insert(camera.render_entity);
+            if reflections.is_some() {
+                found.idle.insert(camera.render_entity);
+            }
             continue;
         }
+        if camera.can_have_hook() {
+            extraction.hook(camera.render_entity, None);
+        }
+        let Some(mut reflections) = reflections else { continue };
         let problems = camera.problems(forward, &reflections, &mut limits);
         warnings.note(&camera.label, &problems);
         let fatal = problems
@@ -285,12 +359,6 @@ pub(super) fn extract_cameras(
             .find(|(problem, is_present)| *is_present && problem.is_fatal());
         if let Some((problem, _)) = fatal {
             extraction.found.declined.push((camera.entity, problem.remedy()));
-            if camera.screen_space && existing.contains(camera.render_entity) {
-                // The uniform on the view is Bevy's own now.
-                let mut view = extraction.commands.entity(camera.render_entity);
-                view.remove::<(OursOfAView, WantsReflections)>();
-                extraction.found.wanting.insert(camera.render_entity);
-            }
             continue;
         }
         extraction.found.wanting.insert(camera.render_entity);
@@ -302,7 +370,8 @@ pub(super) fn extract_cameras(
             reflections.bypass_change_detection().reset = false;
         }
     }
-    extraction.retire_views(&existing);
+    let times = (limits.time.delta(), limits.retention.0);
+    extraction.retire_views(&existing, idle, times, &mut limits.refused);
     let Findings {
         wanting,
         present,
@@ -310,6 +379,7 @@ pub(super) fn extract_cameras(
         active_backends,
         declined,
         culled_views,
+        ..
     } = extraction.found;
     status.update(|report| {
         report.ready = waiting == 0 && !wanting.is_empty();

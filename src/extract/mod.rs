@@ -10,7 +10,11 @@ mod cameras;
 mod hook;
 mod problems;
 
-use crate::{device::tracing_app, schedule::ReflectionSystems};
+use crate::{
+    device::{RealTime, tick_real_time, tracing_app},
+    schedule::ReflectionSystems,
+    settings::ReflectionRetention,
+};
 use bevy::{
     app::{App, Plugin},
     ecs::schedule::IntoScheduleConfigs,
@@ -18,7 +22,7 @@ use bevy::{
     render::{ExtractSchedule, Render, RenderStartup, RenderSystems},
 };
 use cameras::extract_cameras;
-use hook::{drop_ssr_pass, forget_views};
+use hook::{drop_ssr_pass, forget_views, settle_hooks};
 
 /// Adds the systems of this folder.
 pub(crate) struct ExtractPlugin;
@@ -29,6 +33,8 @@ impl Plugin for ExtractPlugin {
     fn finish(&self, app: &mut App) {
         let Some(render_app) = tracing_app(app) else { return };
         render_app
+            .init_resource::<RealTime>()
+            .init_resource::<ReflectionRetention>()
             .add_systems(RenderStartup, forget_views.ambiguous_with_all())
             .add_systems(
                 ExtractSchedule,
@@ -36,9 +42,15 @@ impl Plugin for ExtractPlugin {
             )
             .add_systems(
                 Render,
-                drop_ssr_pass
-                    .after(prepare_ssr_pipelines)
-                    .in_set(RenderSystems::PrepareBindGroups),
+                (
+                    settle_hooks
+                        .after(ReflectionSystems::PrepareViews)
+                        .in_set(RenderSystems::PrepareResourcesFlush),
+                    drop_ssr_pass
+                        .after(prepare_ssr_pipelines)
+                        .in_set(RenderSystems::PrepareBindGroups),
+                    tick_real_time.in_set(RenderSystems::Cleanup),
+                ),
             );
     }
 }

@@ -7,10 +7,10 @@ use super::{
     textures::LayerTextures,
 };
 use crate::{
-    device::{MemoryRetry, WritesInPlace, try_allocate},
-    settings::{ReflectionBackend, ReflectionView, ScreenTraces},
+    device::{MemoryRetry, RealTime, WritesInPlace, try_allocate},
+    settings::{ReflectionBackend, ReflectionRetention, ReflectionView, ScreenTraces},
     targets::{Needs, Sizes},
-    view::{Frame, MoreMemory, PreparedView, ReflectionTextures, Surroundings},
+    view::{Frame, MoreMemory, PreparedView, ReflectionTextures, RefusedViews, Surroundings},
 };
 use bevy::{
     core_pipeline::prepass::ViewPrepassTextures,
@@ -26,11 +26,8 @@ use bevy::{
 use core::{
     mem::take,
     sync::atomic::{AtomicBool, Ordering},
+    time::Duration,
 };
-
-/// Frames without anything of the kind on the screen after which the layer of a view is given back. Less allocates
-/// it again whenever a window passes by, more holds memory that nothing uses.
-const IDLE_FRAMES: u32 = 60;
 
 /// The front layer of a view.
 #[derive(Component)]
@@ -51,8 +48,10 @@ pub struct FrontLayer {
     pub(super) gpu_rects: UniformBuffer<GpuRects>,
     /// It holds the layer of this frame; before that is found, of the last one.
     pub(super) is_found: AtomicBool,
-    /// Frames since then in which nothing of it was on the screen.
-    idle: u32,
+    /// It wasn't found in the last frame.
+    is_new: bool,
+    /// Time since something of it was on the screen.
+    unused: Duration,
 }
 
 impl FrontLayer {
@@ -65,7 +64,7 @@ impl FrontLayer {
         old: Option<&Self>,
     ) -> Self {
         Self {
-            layer: LayerTextures::new(device, extent),
+            layer: LayerTextures::new(device, sizes.full, extent),
             textures: ReflectionTextures::new(device, sizes, needs, old.map(|old| &old.textures)),
             view: view.clone(),
             rects: Vec::new(),
@@ -75,13 +74,14 @@ impl FrontLayer {
             gpu_rects: UniformBuffer::default(),
             // There is nothing to overwrite in new textures.
             is_found: AtomicBool::new(true),
-            idle: IDLE_FRAMES,
+            is_new: true,
+            unused: Duration::ZERO,
         }
     }
 
     fn fits(&self, sizes: Sizes, needs: Needs, extent: UVec2) -> bool {
         let targets = &self.textures.targets;
-        targets.sizes == sizes && targets.needs == needs && self.layer.size == extent
+        targets.sizes == sizes && targets.needs == needs && self.layer.extent == extent
     }
 
     /// Takes the rectangles of a frame, once it is known what they hold. Of earlier ones, what was written is to be overwritten.
@@ -110,7 +110,8 @@ impl FrontLayer {
             settings.screen_traces = ScreenTraces::Off;
         }
         // Its history is older than the last frame.
-        self.view.reset |= take(&mut self.idle) > 0;
+        self.view.reset |= take(&mut self.is_new);
+        self.unused = Duration::ZERO;
         let frame = frame.of_other_surfaces(self.tiles.min, is_own);
         self.textures.begin_frame(&self.view, &frame);
     }
@@ -125,10 +126,10 @@ pub(super) fn prepare_front_layers(
     mut views: Query<(PreparedView, Option<&mut FrontLayer>, Option<&mut ViewPrepassTextures>)>,
     surroundings: Surroundings,
     (boxes, find): (Res<LayerBoxes>, Option<Res<FindPass>>),
-    in_place: Res<WritesInPlace>,
-    device: Res<RenderDevice>,
-    queue: Res<RenderQueue>,
+    (in_place, device, queue): (Res<WritesInPlace>, Res<RenderDevice>, Res<RenderQueue>),
     mut refused: Local<HashMap<Entity, MemoryRetry>>,
+    mut shortage: ResMut<RefusedViews>,
+    (time, retention): (Res<RealTime>, Res<ReflectionRetention>),
     mut commands: Commands,
 ) {
     refused.retain(|_, retry| !retry.is_due());
@@ -151,9 +152,11 @@ pub(super) fn prepare_front_layers(
         if rects.is_empty() {
             if let Some(mut layer) = layer {
                 layer.rects.clear();
-                layer.idle += 1;
-                if layer.idle > IDLE_FRAMES {
+                layer.is_new = true;
+                layer.unused += time.delta();
+                if layer.unused > retention.0 || shortage.is_short() {
                     commands.entity(entity).remove::<(FrontLayer, MoreMemory)>();
+                    shortage.retry();
                 }
             }
             continue;
@@ -176,6 +179,7 @@ pub(super) fn prepare_front_layers(
                 let Some(new) = try_allocate(&device, make) else {
                     commands.entity(entity).remove::<(FrontLayer, MoreMemory)>();
                     refused.entry(entity).or_default().begin();
+                    shortage.note_shortage();
                     continue;
                 };
                 created.insert(new)

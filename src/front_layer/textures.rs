@@ -28,35 +28,38 @@ const NORMAL_BYTES: u32 = 4;
 /// number.
 const ROW_STEP: u32 = 64;
 
-/// The textures of a front layer, as large as the target of its view.
+/// The textures of a front layer, as large as its view.
 pub(super) struct LayerTextures {
-    pub size: UVec2,
+    size: UVec2,
+    /// Size of the view's target.
+    pub extent: UVec2,
     pub words: TextureView,
     pub motion: TextureView,
     pub depth: TextureView,
     /// Normals of the layer, and of opaque surfaces around it, as texels on their way into [`Self::normals`].
     pub packed_normals: Buffer,
-    /// Takes the place of Bevy's normals, into which nothing but raster passes can write.
+    /// Takes the place of Bevy's normals, into which nothing but raster passes can write, and is as large as they are.
     normals: CachedTexture,
     /// The label of each texture, and its bytes.
     pub memory: Vec<(&'static str, u64)>,
 }
 
 impl LayerTextures {
-    pub fn new(device: &RenderDevice, size: UVec2) -> Self {
+    /// For a view of a size in a target of the size `extent`.
+    pub fn new(device: &RenderDevice, size: UVec2, extent: UVec2) -> Self {
         let mut memory = Vec::new();
-        let mut texture = |format: TextureFormat, usage: TextureUsages, label: &'static str| {
+        let mut texture = |size: UVec2, format: TextureFormat, usage: TextureUsages, label: &'static str| {
             let (texture, bytes) = create_texture(device, size, format, usage, label);
             memory.push((label, bytes));
             let view = texture.create_view(&TextureViewDescriptor::default());
             (texture, view)
         };
         let written = TextureUsages::STORAGE_BINDING;
-        let (_, words) = texture(WORDS_FORMAT, written, "glint_front_layer");
-        let (_, motion) = texture(MOTION_FORMAT, written, "glint_front_layer_motion");
-        let (_, depth) = texture(DEPTH_FORMAT, written, "glint_front_layer_depth");
+        let (_, words) = texture(size, WORDS_FORMAT, written, "glint_front_layer");
+        let (_, motion) = texture(size, MOTION_FORMAT, written, "glint_front_layer_motion");
+        let (_, depth) = texture(size, DEPTH_FORMAT, written, "glint_front_layer_depth");
         let drawn = TextureUsages::RENDER_ATTACHMENT | TextureUsages::COPY_DST;
-        let (normals, normal_view) = texture(NORMAL_PREPASS_FORMAT, drawn, "glint_front_layer_normals");
+        let (normals, normal_view) = texture(extent, NORMAL_PREPASS_FORMAT, drawn, "glint_front_layer_normals");
         let bytes = u64::from(row_bytes(size)) * u64::from(size.y);
         let label = "glint_front_layer_packed_normals";
         memory.push((label, bytes));
@@ -68,6 +71,7 @@ impl LayerTextures {
         });
         Self {
             size,
+            extent,
             words,
             motion,
             depth,
@@ -91,7 +95,7 @@ impl LayerTextures {
         let bytes_per_row = row_bytes(self.size);
         for rect in rects {
             let origin = context.textures.origin + rect.min;
-            let offset = u64::from(origin.y) * u64::from(bytes_per_row) + u64::from(origin.x * NORMAL_BYTES);
+            let offset = u64::from(rect.min.y) * u64::from(bytes_per_row) + u64::from(rect.min.x * NORMAL_BYTES);
             ctx.command_encoder().copy_buffer_to_texture(
                 TexelCopyBufferInfo {
                     buffer: &self.packed_normals,

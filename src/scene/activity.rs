@@ -1,20 +1,57 @@
-//! Tracks whether any camera wants reflections. Without one, the scene isn't mirrored at all.
+//! Tracks whether any camera wants reflections. Some time after the last one did, the scene isn't mirrored any more.
 
 use bevy::ecs::prelude::*;
+use core::time::Duration;
 
 /// Tracks whether any active camera has [`RayTracedReflections`](crate::RayTracedReflections).
 #[derive(Resource, Default)]
 pub struct SceneActivity {
-    /// At least one camera does.
+    /// The scene is mirrored: at least one camera does, or did a short time ago.
     pub active: bool,
     /// This is the first such frame since there was none (or since the device was recovered): everything must be mirrored anew.
     pub started: bool,
+    /// At least one camera does now. Otherwise all stays as the last ones saw it.
+    pub watched: bool,
+    /// Time since then.
+    unwatched: Duration,
 }
 
 impl SceneActivity {
-    /// Takes over whether any camera wants reflections in this frame.
-    pub fn follow(&mut self, active: bool) {
+    /// Takes over whether any camera wants reflections in this frame, `delta` after the last one. The scene is kept for a time.
+    pub fn follow(&mut self, watched: bool, delta: Duration, kept: Duration) {
+        self.unwatched = if watched {
+            Duration::ZERO
+        } else {
+            self.unwatched.saturating_add(delta)
+        };
+        let active = watched || (self.active && self.unwatched < kept);
         self.started = active && !self.active;
-        self.active = active;
+        (self.active, self.watched) = (active, watched);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_scene_outlives_cameras_for_a_time() {
+        let frame = Duration::from_millis(100);
+        let kept = 5 * frame;
+        let mut activity = SceneActivity::default();
+        let mut follow = |watched, kept| {
+            activity.follow(watched, frame, kept);
+            (activity.active, activity.started)
+        };
+        assert_eq!(follow(false, kept), (false, false), "nothing was mirrored yet");
+        assert_eq!(follow(true, kept), (true, true));
+        for _ in 0..3 {
+            assert!((1..5).all(|_| follow(false, kept) == (true, false)));
+            assert_eq!(follow(true, kept), (true, false), "within the time nothing is new");
+        }
+        assert_eq!((1..9).find(|_| !follow(false, kept).0), Some(5));
+        assert_eq!(follow(false, kept), (false, false), "and so it stays");
+        assert_eq!(follow(true, kept), (true, true));
+        assert_eq!(follow(false, Duration::ZERO), (false, false));
     }
 }

@@ -17,6 +17,7 @@ use super::{
     render_layers::{LightLayers, SceneLayers},
     textures::{TextureTable, extract_texture_changes},
 };
+use crate::{device::RealTime, settings::ReflectionRetention};
 use bevy::{
     asset::{AssetEvent, Assets},
     camera::ClearColor,
@@ -34,14 +35,15 @@ pub(super) struct Onlookers<'w, 's> {
     ambient: Option<Res<'w, GlobalAmbientLight>>,
     clear_color: Option<Res<'w, ClearColor>>,
     fog: FogWorld<'w, 's>,
+    retention: Option<Res<'w, ReflectionRetention>>,
     removed: RemovedFromScene<'w, 's>,
 }
 
-/// Runs before all other extraction of the scene. Without a reflecting camera the scene isn't mirrored.
+/// Runs before all other extraction of the scene. Some time after the last camera reflected, the scene isn't mirrored any more.
 pub(super) fn begin_extraction(
     mut world: Extract<Onlookers>,
     mut commands: Commands,
-    atmospheres: Atmospheres,
+    (time, atmospheres): (Res<RealTime>, Atmospheres),
     mut views: Query<(Entity, &mut ViewEnvironment)>,
     mut activity: ResMut<SceneActivity>,
     mut layers: ResMut<SceneLayers>,
@@ -49,21 +51,27 @@ pub(super) fn begin_extraction(
     mut instances: ResMut<SceneInstances>,
 ) {
     let active = world.cameras.iter().filter(|(_, _, camera, ..)| camera.is_active);
-    activity.follow(active.clone().next().is_some());
-    layers.follow(
-        active.map(|(.., drawn, reflected, _, _)| (drawn, reflected)),
-        world.light_layers.iter(),
-    );
-    follow_environments(
-        &world.cameras,
-        world.ambient.as_deref(),
-        world.clear_color.as_deref(),
-        &layers,
-        &atmospheres,
-        &world.fog,
-        &mut views,
-        &mut commands,
-    );
+    let kept = world.retention.as_deref().copied().unwrap_or_default().0;
+    activity.follow(active.clone().next().is_some(), time.delta(), kept);
+    let stays = activity.active && !activity.watched;
+    if stays {
+        layers.follow_lights(world.light_layers.iter());
+    } else {
+        layers.follow(
+            active.map(|(.., drawn, reflected, _, _)| (drawn, reflected)),
+            world.light_layers.iter(),
+        );
+        follow_environments(
+            &world.cameras,
+            world.ambient.as_deref(),
+            world.clear_color.as_deref(),
+            &layers,
+            &atmospheres,
+            &world.fog,
+            &mut views,
+            &mut commands,
+        );
+    }
     lost.follow(&mut world.removed);
     if (!activity.active || activity.started) && !instances.is_empty() {
         instances.clear();
@@ -106,7 +114,9 @@ pub(super) fn extract_lighting(
 ) {
     let (lights_there, probes_there) = &*world;
     extract_lights(lights_there, activity.active, &layers, &mut lights, &mut known);
-    extract_light_probes(probes_there, activity.active, probes);
+    if activity.watched || !activity.active {
+        extract_light_probes(probes_there, activity.active, probes);
+    }
 }
 
 /// Follows images of the main world.

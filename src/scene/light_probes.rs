@@ -7,7 +7,7 @@ use super::{bvh::invert, change::Change, gpu_types::GpuLightProbe, upload::Stora
 use crate::{device::ReflectionTextureMode, settings::RayTracedReflections};
 use bevy::{
     asset::AssetId,
-    camera::visibility::InheritedVisibility,
+    camera::{Camera, visibility::InheritedVisibility},
     ecs::{prelude::*, system::SystemParam},
     image::Image,
     light::{EnvironmentMapLight, IrradianceVolume, LightProbe, ParallaxCorrection},
@@ -119,7 +119,7 @@ type Probes<'w, 's, L> = Query<
 pub(super) struct ProbeWorld<'w, 's> {
     reflection_probes: Probes<'w, 's, EnvironmentMapLight>,
     irradiance_volumes: Probes<'w, 's, IrradianceVolume>,
-    cameras: Query<'w, 's, &'static GlobalTransform, With<RayTracedReflections>>,
+    cameras: Query<'w, 's, (&'static Camera, &'static GlobalTransform), With<RayTracedReflections>>,
 }
 
 /// Gathers the probes.
@@ -131,7 +131,8 @@ pub(super) fn extract_light_probes(world: &ProbeWorld, active: bool, mut extract
     } = world;
     let mut current = ExtractedLightProbes::default();
     if active && !(reflection_probes.is_empty() && irradiance_volumes.is_empty()) {
-        let cameras: Vec<_> = cameras.iter().map(GlobalTransform::translation_vec3a).collect();
+        let cameras = cameras.iter().filter(|(camera, _)| camera.is_active);
+        let cameras: Vec<_> = cameras.map(|(_, place)| place.translation_vec3a()).collect();
         let found = reflection_probes.iter().filter(|(.., visibility, _)| visibility.get());
         let found = found.filter_map(|(transform, light_probe, light, _, parallax)| {
             // As Bevy has it, a probe turns with its maps.

@@ -23,7 +23,6 @@ use bevy::{
     math::{Affine3A, Vec3A},
     platform::{collections::HashMap, time::Instant},
     render::renderer::RenderQueue,
-    tasks::{Task, block_on, poll_once},
 };
 use scheduler::{Extent, Limits, MergeScheduler, Tree};
 
@@ -80,7 +79,7 @@ struct BuiltTree {
 }
 
 enum Work {
-    Building(Task<BuiltTree>),
+    Building(tree_builds::Build<BuiltTree>),
     Uploading(Upload),
 }
 
@@ -246,7 +245,7 @@ impl StaticMerge {
         if let Some(Work::Building(task)) = &mut self.work
             && task.is_finished()
         {
-            let built = block_on(poll_once(task));
+            let built = task.take();
             self.work = None;
             if let Some(built) = &built {
                 status.update(|report| {
@@ -319,7 +318,11 @@ fn extent(meshes: &SceneMeshes, placement: &Placement) -> Option<Extent> {
 }
 
 /// Starts to build a tree; `None` if a mesh is missing.
-fn start(members: &[(u32, Placement)], masks: &MaskSets, meshes: &SceneMeshes) -> Option<Task<BuiltTree>> {
+fn start(
+    members: &[(u32, Placement)],
+    masks: &MaskSets,
+    meshes: &SceneMeshes,
+) -> Option<tree_builds::Build<BuiltTree>> {
     let objects: Option<Vec<(Arc<MeshTriangles>, Option<Arc<[Micromap]>>, u32, Placement)>> = members
         .iter()
         .map(|(slot, placement)| {

@@ -28,7 +28,6 @@ use bevy::{
         render_resource::BufferUsages,
         renderer::{RenderDevice, RenderQueue},
     },
-    tasks::Task,
 };
 use kept::{Found, RenderWorldMeshes};
 use std::sync::Arc;
@@ -79,7 +78,7 @@ pub struct BuiltMesh {
 
 /// A mesh that is being built.
 struct MeshBuild {
-    task: Task<Result<BuiltMesh, GeometryError>>,
+    task: tree_builds::Build<Result<BuiltMesh, GeometryError>>,
     /// Size of the copy of the asset.
     copied_bytes: u64,
 }

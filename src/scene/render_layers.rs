@@ -86,9 +86,16 @@ impl SceneLayers {
             let union = others.fold(RenderLayers::none(), |union, layers| union | layers);
             groups.push(union);
         }
+        self.follow_lights(lights);
+        self.changed |= groups != self.groups;
+        self.groups = groups;
+    }
+
+    /// Takes over the layers of this frame's lights alone.
+    pub fn follow_lights<'a>(&mut self, lights: impl Iterator<Item = &'a RenderLayers>) {
         let lit = lights.fold(RenderLayers::default(), |union, layers| union | layers.clone());
-        self.changed = groups != self.groups || lit != self.lit;
-        (self.groups, self.lit) = (groups, lit);
+        self.changed = lit != self.lit;
+        self.lit = lit;
     }
 }
 

@@ -3,13 +3,39 @@
 //! They are the crate's own. Bevy compiles pipelines and loads assets on its `AsyncComputeTaskPool`, which has one thread on
 //! small machines, and a build can't be interrupted: a level's meshes would keep new materials from appearing for seconds.
 
-use bevy::tasks::{Task, TaskPool, TaskPoolBuilder, available_parallelism};
+use bevy::{
+    log::error,
+    tasks::{Task, TaskPool, TaskPoolBuilder, available_parallelism, block_on, futures_lite::FutureExt, poll_once},
+};
+use core::panic::AssertUnwindSafe;
 use std::sync::OnceLock;
 
 static POOL: OnceLock<TaskPool> = OnceLock::new();
 
-/// Starts a build. On platforms without threads it runs between frames.
-pub(super) fn spawn<T: Send + 'static>(build: impl Future<Output = T> + Send + 'static) -> Task<T> {
+/// A build that goes on in the background.
+pub(super) struct Build<T>(Task<Option<T>>);
+
+impl<T> Build<T> {
+    pub fn is_finished(&self) -> bool {
+        self.0.is_finished()
+    }
+
+    /// What was built; `None` if the build isn't finished, or has panicked.
+    pub fn take(&mut self) -> Option<T> {
+        block_on(poll_once(&mut self.0)).flatten()
+    }
+}
+
+/// Starts a build. On platforms without threads it runs between frames. One that panics ends without a result: an odd mesh costs its
+/// reflection, and not the app.
+pub(super) fn spawn<T: Send + 'static>(build: impl Future<Output = T> + Send + 'static) -> Build<T> {
+    let build = async {
+        let built = AssertUnwindSafe(build).catch_unwind().await;
+        if built.is_err() {
+            error!("a build for reflections has failed, so that an object is missing from them or slower to trace");
+        }
+        built.ok()
+    };
     let new_pool = || {
         TaskPoolBuilder::new()
             // As many as Bevy takes for work of several frames.
@@ -17,18 +43,18 @@ pub(super) fn spawn<T: Send + 'static>(build: impl Future<Output = T> + Send + '
             .thread_name("Glint Builds".to_owned())
             .build()
     };
-    POOL.get_or_init(new_pool).spawn(build)
+    Build(POOL.get_or_init(new_pool).spawn(build))
 }
 
 /// Drops something large on one of these threads: giving many pages back takes milliseconds.
 pub(super) fn discard<T: Send + 'static>(value: T) {
-    spawn(async move { drop(value) }).detach();
+    spawn(async move { drop(value) }).0.detach();
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bevy::tasks::{AsyncComputeTaskPool, block_on};
+    use bevy::tasks::AsyncComputeTaskPool;
     use std::{sync::mpsc, time::Duration};
 
     #[test]
@@ -41,7 +67,16 @@ mod tests {
         let compiled = told.recv_timeout(Duration::from_secs(10));
         // The build would wait for longer.
         finish.send(()).unwrap();
-        assert!(block_on(build));
+        assert_eq!(block_on(build.0), Some(true));
         assert!(compiled.is_ok(), "a build holds up what is compiled");
+    }
+
+    #[test]
+    fn a_build_that_panics_ends_without_a_result() {
+        let mut build = spawn(async { [0_u32; 3][core::hint::black_box(3)] });
+        while !build.is_finished() {
+            std::thread::yield_now();
+        }
+        assert_eq!(build.take(), None);
     }
 }

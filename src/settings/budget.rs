@@ -14,7 +14,8 @@ use bevy::{
 /// whose settings are then the upper limit.
 ///
 /// Times come from Bevy's `RenderDiagnosticsPlugin`, which the app adds, and from a device with timestamps; without them nothing is spared,
-/// and a warning says so once. Times of several reflecting cameras can't be told apart: each takes the last that was measured. Settings
+/// and a warning says so once. Times of several cameras can't be told apart: what is measured is the sum of all that reflect, and the sum
+/// of their budgets is held; each spares as much as the others. Cameras without a budget spare nothing, and their time counts. Settings
 /// stay as the app has set them; [`ReflectionEffort`] says how much of them is left. Without the budget it is all of them again.
 ///
 /// ```no_run

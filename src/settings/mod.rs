@@ -7,6 +7,7 @@
 //! | `debug.rs` | debug views and counters |
 //! | `front_layer.rs` | a shader of the app's own for glass and water |
 //! | `pose.rs` | skinned and morphed meshes |
+//! | `retention.rs` | how long reflections outlive their cameras |
 //! | `presets.rs` | bundles of settings |
 //! | `quality.rs` | the component that a game saves |
 //! | `auto_quality.rs` | the search for a quality |
@@ -30,6 +31,7 @@ mod presets;
 mod quality;
 mod reflected_layers;
 mod reflections;
+mod retention;
 mod shading_rate;
 mod stand_in;
 mod surface_shader;
@@ -53,12 +55,13 @@ pub use reflections::{
     NotReflected, RayTracedReflections, ReflectionBackend, ReflectionFallback, ReflectionSampling, ReflectionTechnique,
     ReflectionTextureMip, ReflectionTracerChoice, ScreenTraces,
 };
+pub use retention::ReflectionRetention;
 pub use shading_rate::ShadingRate;
 #[cfg(feature = "internals")]
 pub use shading_rate::{RATE_ACTIVE, RATE_CODE_MASK};
 pub use stand_in::{ReflectedMaterial3d, ReflectedMesh3d};
 pub use surface_shader::ReflectedSurfaceShader;
-pub use view::{ReflectionView, WantsReflections};
+pub use view::{LightingHook, ReflectionView, WantsReflections};
 pub use words::UnknownName;
 
 pub(crate) use clamped::ClampedSettings;
@@ -100,6 +103,8 @@ impl Plugin for SettingsPlugin {
             .register_type::<ReflectedPose>()
             .register_type::<ReflectedPoseBudget>()
             .init_resource::<ReflectedPoseBudget>()
+            .register_type::<ReflectionRetention>()
+            .init_resource::<ReflectionRetention>()
             .register_type::<ShadingRateHeuristic>()
             .register_type::<ShadingRate>()
             .register_type::<ShadingRateTileSize>()

@@ -4,8 +4,11 @@ use super::{RayTracedReflections, ReflectionPreset, ShadingRateHeuristic, words:
 #[cfg(feature = "serde")]
 use bevy::reflect::{ReflectDeserialize, ReflectSerialize};
 use bevy::{
+    camera::Hdr,
+    core_pipeline::prepass::{DeferredPrepass, DepthPrepass, MotionVectorPrepass, NormalPrepass},
     ecs::prelude::*,
     reflect::{Reflect, std_traits::ReflectDefault},
+    render::view::Msaa,
 };
 
 /// Quality of a camera's reflections, as a player chooses it.
@@ -28,6 +31,9 @@ use bevy::{
 /// [`Display`](core::fmt::Display) and [`FromStr`](core::str::FromStr) turn it into a word for a settings file and back. With the crate
 /// feature `serde` it is (de)serialized as the same word. The better of two qualities is the greater one.
 ///
+/// HDR and the prepasses of [`RayTracedReflections`] come with every quality and stay with [`Off`](Self::Off). So nothing disappears when
+/// reflections are switched on: a prepass that comes to a camera has Bevy compile the pipelines of all that the camera sees anew.
+///
 /// [`ReflectionAutoQuality`](crate::ReflectionAutoQuality) chooses one for the machine.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[reflect(Component, Default, Debug, Clone, PartialEq, Hash)]
@@ -37,8 +43,16 @@ use bevy::{
     serde(rename_all = "lowercase"),
     reflect(Serialize, Deserialize)
 )]
+#[require(
+    Hdr,
+    DepthPrepass,
+    DeferredPrepass,
+    NormalPrepass,
+    MotionVectorPrepass,
+    Msaa = Msaa::Off
+)]
 pub enum ReflectionQuality {
-    /// No rays: reflections come from the environment map alone, and the crate costs nothing.
+    /// No rays: reflections come from the environment map alone, and nothing is left of the crate's costs but the prepasses.
     ///
     /// The camera loses its [`RayTracedReflections`]; [`ReflectionsOff`] keeps what they were.
     Off,

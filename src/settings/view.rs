@@ -13,6 +13,13 @@ pub struct ReflectionView {
     pub(crate) debug: ViewDebug,
 }
 
+/// A view that can reflect: its lighting goes by a uniform of ours, which says what reflections replace.
+#[derive(Component, Debug, Default)]
+pub struct LightingHook {
+    /// The passes of the view run in this frame, and its lighting leaves out what they add.
+    pub(crate) passes_run: bool,
+}
+
 /// A view whose camera asks for reflections. It may not be ready to trace them.
 #[derive(Component)]
 pub struct WantsReflections {

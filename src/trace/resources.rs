@@ -4,13 +4,13 @@ use super::pipelines::TracePipelines;
 use crate::{
     gbuffer::{GBufferBindings, PassContext},
     scene::{SceneBindings, environment::EnvironmentBindings},
-    settings::ReflectionView,
+    settings::{LightingHook, ReflectionView},
     view::ReflectionTextures,
 };
 use bevy::{
     core_pipeline::prepass::ViewPrepassTextures,
     ecs::{prelude::*, query::QueryData, system::SystemParam},
-    pbr::{ScreenSpaceAmbientOcclusionResources, ViewScreenSpaceReflectionsUniformOffset},
+    pbr::ScreenSpaceAmbientOcclusionResources,
     render::{
         render_resource::PipelineCache,
         view::{ViewTarget, ViewUniformOffset, ViewUniforms},
@@ -26,8 +26,7 @@ pub struct PassView {
     prepass: &'static ViewPrepassTextures,
     offset: &'static ViewUniformOffset,
     ssao: Option<&'static ScreenSpaceAmbientOcclusionResources>,
-    /// Bevy's lighting has left out what the passes add.
-    _hook: &'static ViewScreenSpaceReflectionsUniformOffset,
+    hook: &'static LightingHook,
 }
 
 /// Resources that the passes of all views share.
@@ -47,10 +46,10 @@ impl PassResources<'_> {
         entity: Entity,
         view: &PassViewItem<'v, '_>,
     ) -> Option<PassContext<'a>> {
-        let pipelines = self.trace.as_deref()?;
-        if !pipelines.is_ready(&self.cache, &view.view.settings) {
+        if !view.hook.passes_run {
             return None;
         }
+        let pipelines = self.trace.as_deref()?;
         let scene = self.scene.as_deref()?;
         let ssao = view.ssao;
         Some(PassContext {

@@ -83,6 +83,7 @@ impl PreparedViewItem<'_, '_> {
         let mut cameras = surroundings.cameras.iter();
         Frame {
             origin: extracted.viewport.xy(),
+            gbuffer_origin: extracted.viewport.xy(),
             first_tile: UVec2::ZERO,
             flags,
             fog: self.fog.into(),
@@ -106,18 +107,46 @@ impl PreparedViewItem<'_, '_> {
 
 /// Views for whose textures the device had no memory, with when they are tried again.
 #[derive(Resource, Default)]
-pub(crate) struct RefusedViews(EntityHashMap<MemoryRetry>);
+pub(crate) struct RefusedViews {
+    views: EntityHashMap<MemoryRetry>,
+    /// Something was refused since this was last asked for.
+    is_short: bool,
+}
 
 impl RefusedViews {
-    /// Returns whether a view must do without reflections in this frame. Call it once a frame.
-    pub fn refuse(&mut self, view: Entity) -> bool {
-        let Some(retry) = self.0.get_mut(&view) else {
-            return false;
-        };
-        if retry.is_due() {
-            self.0.remove(&view);
-        }
-        true
+    /// A frame begins.
+    pub fn begin_frame(&mut self) {
+        self.views.retain(|_, retry| !retry.is_due());
+    }
+
+    /// Returns whether a view must do without reflections in this frame.
+    pub fn contains(&self, view: Entity) -> bool {
+        self.views.contains_key(&view)
+    }
+
+    fn note(&mut self, view: Entity) {
+        self.views.entry(view).or_default().begin();
+        self.is_short = true;
+    }
+
+    /// The device had no memory for something that a view has besides its textures.
+    pub fn note_shortage(&mut self) {
+        self.is_short = true;
+    }
+
+    /// The device has refused something in this frame.
+    pub fn is_short(&self) -> bool {
+        self.is_short
+    }
+
+    /// Returns whether the device has refused something since the last call.
+    pub fn take_shortage(&mut self) -> bool {
+        core::mem::take(&mut self.is_short)
+    }
+
+    /// Memory was given back.
+    pub fn retry(&mut self) {
+        self.views.clear();
     }
 }
 
@@ -156,7 +185,7 @@ pub(super) fn prepare_views(
                 let Some(mut textures) = try_allocate(&device, create) else {
                     // Textures of other sizes or settings are of no use.
                     commands.entity(entity).remove::<ReflectionTextures>();
-                    refused.0.entry(entity).or_default().begin();
+                    refused.note(entity);
                     continue;
                 };
                 textures.begin_frame(view, &frame);
@@ -193,19 +222,16 @@ impl MoreMemory {
 pub(super) fn publish_memory(
     views: Query<(&MainEntity, &ReflectionTextures, Option<&MoreMemory>)>,
     status: Res<ReflectionStatus>,
-    mut published: Local<(usize, u64)>,
+    mut published: Local<Vec<(Entity, u64)>>,
 ) {
-    let mut present = (0, 0);
-    for (_, textures, more) in &views {
-        present = (
-            present.0 + 1,
-            present.1 + textures.bytes() + more.map_or(0, MoreMemory::bytes),
-        );
-    }
-    if present == *published {
+    let present = views.iter().map(|(camera, textures, more)| {
+        let bytes = textures.bytes() + more.map_or(0, MoreMemory::bytes);
+        (camera.id(), bytes)
+    });
+    if present.clone().eq(published.iter().copied()) {
         return;
     }
-    *published = present;
+    *published = present.collect();
     let view_memory = views.iter().map(|(entity, textures, more)| ReflectionViewMemory {
         camera: entity.id(),
         pixels: u64::from(textures.size().x) * u64::from(textures.size().y),

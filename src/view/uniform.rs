@@ -27,8 +27,11 @@ pub struct GpuReflectionView {
     pub accumulated: u32,
     /// `VIEW_` flags.
     pub flags: u32,
-    /// First pixel of the view in the G-buffer.
+    /// First pixel of the view in its target, and in textures as large as that.
     pub origin: UVec2,
+    /// First texel of its surfaces in the words, the depth and the motion vectors of the G-buffer: a front layer is as large as the
+    /// view.
+    pub gbuffer_origin: UVec2,
     /// Pixels that are traced.
     pub size: UVec2,
     /// 0 off, 1 linear, 2 exponential, 3 exponential squared, 4 atmospheric: as in Bevy.
@@ -136,6 +139,8 @@ pub(crate) enum Screen {
 /// Properties of a view in one frame.
 pub(crate) struct Frame {
     pub origin: UVec2,
+    /// [`GpuReflectionView::gbuffer_origin`].
+    pub gbuffer_origin: UVec2,
     /// Tile that passes over a part of the view begin with.
     pub first_tile: UVec2,
     /// [`VIEW_HAS_SSAO`], [`VIEW_HAS_IRRADIANCE`] and [`VIEW_DRAWS_GLASS`].
@@ -165,10 +170,11 @@ pub(crate) struct Frame {
 }
 
 impl Frame {
-    /// The same for surfaces of the view that are not in Bevy's G-buffer: nobody tells which changes their rays meet. They lie in no tile
+    /// The same for surfaces of the view that are in a G-buffer of its size, and not in Bevy's: nobody tells which changes their rays meet. They lie in no tile
     /// before the first one, and may move by themselves.
     pub fn of_other_surfaces(self, first_tile: UVec2, may_move: bool) -> Self {
         Self {
+            gbuffer_origin: UVec2::ZERO,
             first_tile,
             changes_met: None,
             may_move: self.may_move || may_move,
@@ -223,6 +229,7 @@ impl GpuReflectionView {
             accumulated: state.accumulated,
             flags: frame.flags | flags(settings, rate) | screen_flags(settings, frame.screen, state),
             origin: frame.origin,
+            gbuffer_origin: frame.gbuffer_origin,
             size: sizes.full,
             fog_mode: frame.fog.mode,
             fog_alpha: frame.fog.alpha,

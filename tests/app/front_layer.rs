@@ -7,7 +7,7 @@ use crate::{
 };
 use bevy::{
     asset::RenderAssetUsages,
-    camera::Exposure,
+    camera::{Exposure, Viewport},
     image::Image,
     light::LightProbe,
     math::Vec3Swizzles,
@@ -526,5 +526,30 @@ fn probes_give_way_to_rays() {
                 );
             }
         }
+    }
+}
+
+/// A quarter of the picture takes a quarter of the memory, but for the normals, which Bevy's prepass shares.
+#[test]
+fn a_layer_is_as_large_as_its_viewport() {
+    for (tracer, mut app) in apps(SIZE, Output::Linear) {
+        let app = &mut app;
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
+        spawn_mesh(app, sheet(), pane(STRONG, 0.0), before(3.0));
+        reflect(app, camera, ReflectionTechnique::Reference);
+        app.step(4);
+        let whole = layer_bytes(app);
+        app.world().get_mut::<Camera>(camera).unwrap().viewport = Some(Viewport {
+            physical_position: SIZE / 2,
+            physical_size: SIZE / 2,
+            ..default()
+        });
+        app.step(4);
+        let quarter = layer_bytes(app);
+        println!("{tracer:?}: {whole} and {quarter} bytes");
+        assert!(
+            quarter > 0 && 5 * quarter < 2 * whole,
+            "{tracer:?}: {quarter} of {whole} bytes"
+        );
     }
 }

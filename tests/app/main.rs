@@ -29,6 +29,7 @@ mod ground_truth;
 mod idle;
 mod levels;
 mod lights;
+mod lives;
 mod many_lights;
 mod materials;
 mod memory;

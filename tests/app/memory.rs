@@ -5,11 +5,13 @@ use crate::{
     stage::{BEFORE_THE_MIRROR, RED, SIZE, clear_glass, frame, metal, report, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{prelude::*, render::renderer::RenderDevice};
-use bevy_glint::{RayTracedReflections, ReflectionTechnique, internals::refuse_memory};
+use bevy_glint::{RayTracedReflections, ReflectionRetention, ReflectionTechnique, internals::refuse_memory};
+use core::time::Duration;
 use glint_scenes::{HeadlessApp, Output, SceneName, is_alone};
+use std::time::Instant;
 
-/// Frames until the device is asked again, and some for copies and builds.
-const FRAMES: u32 = 400;
+/// Longer than until the device is asked again, with some time for copies and builds.
+const PATIENCE: Duration = Duration::from_secs(30);
 
 fn is_red(app: &mut HeadlessApp) -> bool {
     red_pixels(&app.capture().unwrap()) > 500
@@ -22,13 +24,14 @@ fn front_layer_bytes(app: &mut HeadlessApp) -> u64 {
 /// Renders until something is true; panics where it never is.
 #[track_caller]
 fn until(app: &mut HeadlessApp, what: &str, mut is: impl FnMut(&mut HeadlessApp) -> bool) {
-    for _ in 0..FRAMES {
+    let begin = Instant::now();
+    while begin.elapsed() < PATIENCE {
         frame(app);
         if is(app) {
             return;
         }
     }
-    panic!("{what}, after {FRAMES} frames: {}", report(app));
+    panic!("{what}, after {PATIENCE:?}: {}", report(app));
 }
 
 /// More objects, triangles and materials than the buffers have room for, all but one far away.
@@ -91,5 +94,79 @@ fn what_the_device_had_no_memory_for_comes_once_it_has_some() {
         assert!(is_red(app), "{tracer:?}: the rest of the picture is as it was");
         refuse_memory(&device, false);
         until(app, "the front layer is missing", |app| front_layer_bytes(app) > 0);
+    }
+}
+
+/// The least brightness of any channel in the middle of the picture.
+fn darkest(app: &mut HeadlessApp) -> u8 {
+    let middle = 4 * (SIZE.y / 2 * SIZE.x + SIZE.x / 2) as usize;
+    app.capture().unwrap()[middle..middle + 3]
+        .iter()
+        .copied()
+        .min()
+        .unwrap()
+}
+
+#[test]
+fn a_view_without_memory_keeps_the_environment_map() {
+    if !is_alone("memory::a_view_without_memory_keeps_the_environment_map") {
+        return;
+    }
+    for (tracer, mut app) in apps(SIZE, Output::Picture) {
+        let app = &mut app;
+        app.world().insert_resource(ReflectionRetention(Duration::MAX));
+        let device: RenderDevice = app.device().unwrap().clone();
+        // White surroundings: a metal without reflections and without its environment's light would be black.
+        spawn_mesh(app, wall(), metal(0.3), Transform::IDENTITY);
+        let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
+        reflect(app, camera, ReflectionTechnique::Reference);
+        let bright = darkest(app);
+        assert!(bright > 100, "{tracer:?}: {bright}");
+        refuse_memory(&device, true);
+        app.world().get_mut::<RayTracedReflections>(camera).unwrap().technique = ReflectionTechnique::Quarter;
+        // Long enough for the device to be asked again.
+        let begin = Instant::now();
+        let (mut frames, mut refused) = (0, 0);
+        while begin.elapsed() < Duration::from_secs(7) {
+            frame(app);
+            frames += 1;
+            refused += u32::from(!report(app).declined.is_empty());
+            let now = darkest(app);
+            assert!(
+                now >= bright - bright / 8,
+                "{tracer:?}: {now} of {bright} in frame {frames}"
+            );
+        }
+        assert!(
+            refused > 0 && refused < frames,
+            "{tracer:?}: refused in {refused} of {frames} frames"
+        );
+        refuse_memory(&device, false);
+        until(app, "the view is missing", |app| report(app).ready);
+    }
+}
+
+#[test]
+fn cameras_that_are_away_make_room_for_others() {
+    if !is_alone("memory::cameras_that_are_away_make_room_for_others") {
+        return;
+    }
+    for (tracer, mut app) in apps(SIZE, Output::Picture) {
+        let app = &mut app;
+        app.world().insert_resource(ReflectionRetention(Duration::MAX));
+        let device: RenderDevice = app.device().unwrap().clone();
+        spawn_mesh(app, wall(), metal(0.3), Transform::IDENTITY);
+        let [away, here] = [(); 2].map(|()| spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace));
+        reflect(app, away, ReflectionTechnique::Reference);
+        app.world().get_mut::<Camera>(away).unwrap().is_active = false;
+        (0..5).for_each(|_| frame(app));
+        assert_eq!(report(app).view_memory.len(), 1, "{tracer:?}: it may come back");
+        refuse_memory(&device, true);
+        app.world().entity_mut(here).insert(RayTracedReflections::default());
+        (0..9).for_each(|_| frame(app));
+        assert!(report(app).view_memory.is_empty(), "{tracer:?}: {}", report(app));
+        refuse_memory(&device, false);
+        until(app, "the other view is missing", |app| report(app).ready);
+        assert_eq!(report(app).view_memory[0].camera, here, "{tracer:?}");
     }
 }

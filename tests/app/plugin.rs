@@ -2,7 +2,7 @@
 
 use crate::common;
 use bevy::{
-    core_pipeline::schedule::Core3d,
+    core_pipeline::schedule::{Core3d, Core3dSystems},
     ecs::schedule::{InternedScheduleLabel, LogLevel, ScheduleBuildSettings, ScheduleLabel, SystemSet},
     platform::collections::HashMap,
     prelude::*,
@@ -70,6 +70,37 @@ fn no_system_order_is_left_to_chance() {
         let new: Vec<_> = pairs.iter().filter(|pair| !before.contains(pair)).collect();
         assert!(new.is_empty(), "{schedule:?}: {new:#?}");
     }
+}
+
+/// What passes draw into. Bevy's ambiguities don't know of it, since passes only record commands.
+#[derive(Resource)]
+struct Frame;
+
+/// Systems that stand where passes do, and say that they draw.
+#[test]
+fn passes_run_in_an_order_that_is_declared() {
+    let found = ambiguities(|app| {
+        app.add_plugins(RayTracedReflectionsPlugin::default());
+        let Some(render_app) = app.get_sub_app_mut(RenderApp) else {
+            return;
+        };
+        let [ours, fog] = [(); 2].map(|()| |_: ResMut<Frame>| {});
+        render_app.insert_resource(Frame).add_systems(
+            Core3d,
+            (
+                ours.in_set(ReflectionSystems::FrontLayerPasses),
+                // As Bevy has volumetric fog.
+                fog.after(Core3dSystems::MainPass)
+                    .before(Core3dSystems::EarlyPostProcess),
+            ),
+        );
+    });
+    let pairs = found.into_iter().flatten().flat_map(|(_, pairs)| pairs);
+    let drawn: Vec<_> = pairs.filter(|pair| pair.contains("Frame\"")).collect();
+    assert!(
+        drawn.is_empty(),
+        "fog over reflections on water is left to chance: {drawn:#?}"
+    );
 }
 
 /// Sets of the plugin in the order in which they run, by schedule.

@@ -16,15 +16,16 @@ use bevy_glint::{
     ReflectedPose, ReflectedPoseBudget, ReflectedSurfaceShader, ReflectionAutoQuality, ReflectionBackend,
     ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser,
     ReflectionEffort, ReflectionNonFiniteReport, ReflectionPreset, ReflectionQuality, ReflectionQualityChosen,
-    ReflectionSampling, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique, ReflectionTextureMip,
-    ReflectionTracer, ReflectionTracerChoice, ReflectionViewMemory, ReflectionsDeclined, ReflectionsOff,
-    ReflectionsReady, RoughnessThresholds, ScreenTraces, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
+    ReflectionRetention, ReflectionSampling, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique,
+    ReflectionTextureMip, ReflectionTracer, ReflectionTracerChoice, ReflectionViewMemory, ReflectionsDeclined,
+    ReflectionsOff, ReflectionsReady, RoughnessThresholds, ScreenTraces, ShadingRate, ShadingRateHeuristic,
+    ShadingRateTileSize,
 };
 use core::any::{TypeId, type_name};
 use std::{fs, path::Path};
 
 /// Files with types that an app holds.
-const FILES: [&str; 21] = [
+const FILES: [&str; 22] = [
     "auto_quality.rs",
     "settings/auto_quality.rs",
     "settings/budget.rs",
@@ -37,6 +38,7 @@ const FILES: [&str; 21] = [
     "settings/pose.rs",
     "settings/presets.rs",
     "settings/quality.rs",
+    "settings/retention.rs",
     "settings/stand_in.rs",
     "device/shading_rates.rs",
     "device/texture_mode.rs",
@@ -123,6 +125,8 @@ fn resources_are_registered() {
     assert!(is_resource(known::<ReflectionStatusReport>(&types)));
     assert!(is_resource(known::<ReflectedPoseBudget>(&types)));
     default::<ReflectedPoseBudget>(&types);
+    assert!(is_resource(known::<ReflectionRetention>(&types)));
+    default::<ReflectionRetention>(&types);
     assert!(is_resource(known::<FrontLayerShader>(&types)));
     default::<FrontLayerShader>(&types);
     assert!(is_resource(known::<ReflectedSurfaceShader>(&types)));

@@ -184,7 +184,10 @@ fn expect_off(app: &mut HeadlessApp, camera: Entity, before: Option<&Memory>, wh
         assert_eq!(measured(app, &path), Some(0.0), "{what}: {}", path.as_str());
     }
     let held = readback::render_world_components(app.app(), camera);
-    assert!(held.is_empty(), "{what}: the render world still has {held:?}");
+    // Pipelines of cameras that may be active again are compiled meanwhile.
+    let has_component = app.world().get::<RayTracedReflections>(camera).is_some();
+    let expected: &[&str] = if has_component { &["request"] } else { &[] };
+    assert_eq!(held, expected, "{what}: what the render world still has");
     if let (Some(before), Some(after)) = (before, allocated(app)) {
         let alike = before.len() == after.len()
             && before

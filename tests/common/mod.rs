@@ -1,7 +1,10 @@
 //! Apps without a window, for all test programs.
 
 use bevy::{math::UVec2, prelude::*};
-use bevy_glint::{RayTracedReflectionsPlugin, ReflectionStatus, ReflectionTracer, ReflectionTracerChoice};
+use bevy_glint::{
+    RayTracedReflectionsPlugin, ReflectionRetention, ReflectionStatus, ReflectionTracer, ReflectionTracerChoice,
+};
+use core::time::Duration;
 use glint_scenes::{HeadlessApp, HeadlessError, HeadlessSettings, Output, SceneAnimationPlugin};
 
 /// An app that traces, or `None` (with the reason printed) where this machine can't.
@@ -49,7 +52,9 @@ pub fn app_of(
             deferred_by_default: false,
             ..default()
         };
-        app.add_plugins((SceneAnimationPlugin, reflections));
+        app.add_plugins((SceneAnimationPlugin, reflections))
+            // No test depends on the clock on the wall but those that say so.
+            .insert_resource(ReflectionRetention(Duration::ZERO));
         add(app);
     });
     let mut app = match result {

@@ -71,8 +71,10 @@ pub fn extract_details(
     }
     let cameras = queries.cameras.iter().filter(|(camera, _)| camera.is_active);
     let viewers: Vec<_> = cameras.map(|(_, place)| place.translation_vec3a()).collect();
-    let has_moved = viewers != details.viewers;
-    details.viewers = viewers;
+    let has_moved = activity.watched && viewers != details.viewers;
+    if has_moved {
+        details.viewers = viewers;
+    }
     let mut look = |(entity, range, transform, bounds): (Entity, &VisibilityRange, &GlobalTransform, Option<&Aabb>)| {
         let place = match bounds.filter(|_| range.use_aabb) {
             Some(bounds) => transform.affine().transform_point3a(bounds.center),

@@ -19,7 +19,6 @@ use bevy::{
     image::{Image, ImageSamplerDescriptor},
     math::{Affine2, Mat2, Vec2},
     mesh::Mesh,
-    tasks::{Task, block_on, poll_once},
 };
 use std::sync::Arc;
 
@@ -70,7 +69,7 @@ struct Test {
 enum BakeState {
     /// Since this frame.
     Waiting(u64),
-    Baking(Task<Vec<Item>>),
+    Baking(tree_builds::Build<Vec<Item>>),
     /// There is no more to be done.
     Done,
 }
@@ -188,7 +187,7 @@ impl Micromaps {
                 None
             }
             BakeState::Baking(task) if task.is_finished() => {
-                let items = block_on(poll_once(task));
+                let items = task.take();
                 self.state = BakeState::Done;
                 *next_name += 1;
                 let mergeable = items.as_ref().filter(|_| !triangles.positions().is_empty());

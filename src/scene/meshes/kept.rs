@@ -4,20 +4,13 @@ use crate::scene::{
     geometry::{GeometryError, PackedMesh, pack_mesh},
     tree_builds,
 };
-use bevy::{
-    asset::AssetId,
-    ecs::prelude::*,
-    log::warn,
-    mesh::Mesh,
-    platform::collections::HashMap,
-    tasks::{Task, block_on, poll_once},
-};
+use bevy::{asset::AssetId, ecs::prelude::*, log::warn, mesh::Mesh, platform::collections::HashMap};
 use std::sync::Arc;
 
 /// The part of a mesh that is kept, since its data can't be read twice: all that rays need of it, packed. Merged trees and masks
 /// use the same.
 enum KeptMesh {
-    Packing(Task<Result<PackedMesh, GeometryError>>),
+    Packing(tree_builds::Build<Result<PackedMesh, GeometryError>>),
     Packed(Arc<PackedMesh>),
     /// Rays must not see it (`Mesh::enable_raytracing`), or can't hit it.
     Unseen,
@@ -63,8 +56,11 @@ impl RenderWorldMeshes {
             return Found::Nowhere;
         };
         if let KeptMesh::Packing(task) = kept {
-            match block_on(poll_once(task)) {
-                None => return Found::Later,
+            if !task.is_finished() {
+                return Found::Later;
+            }
+            match task.take() {
+                None => *kept = KeptMesh::Unseen,
                 Some(Ok(packed)) => *kept = KeptMesh::Packed(Arc::new(packed)),
                 Some(Err(error)) => {
                     warn!("mesh {id} is missing from reflections: {error}");

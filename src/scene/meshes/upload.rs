@@ -9,13 +9,7 @@ use crate::{
     },
     status::ReflectionStatus,
 };
-use bevy::{
-    asset::AssetId,
-    log::warn,
-    mesh::Mesh,
-    render::renderer::RenderQueue,
-    tasks::{block_on, poll_once},
-};
+use bevy::{asset::AssetId, log::warn, mesh::Mesh, render::renderer::RenderQueue};
 
 /// Bytes of geometry and trees that are uploaded in one frame, however large a mesh is: a millisecond or two. A thread builds less.
 const UPLOAD_BYTES_PER_FRAME: u64 = 2 << 20;
@@ -46,7 +40,7 @@ impl SceneMeshes {
                 break;
             };
             self.copied_bytes -= build.copied_bytes;
-            match block_on(poll_once(&mut build.task)) {
+            match build.task.take() {
                 Some(Ok(built)) => {
                     builds += 1;
                     milliseconds += built.milliseconds;
@@ -69,7 +63,10 @@ impl SceneMeshes {
                     self.remove_for_next(id);
                     self.failed.insert(id);
                 }
-                None => {}
+                None => {
+                    self.remove_for_next(id);
+                    self.failed.insert(id);
+                }
             }
         }
         (builds, milliseconds)

@@ -11,10 +11,7 @@ use crate::scene::{
     meshes::SceneMeshes,
     tree_builds,
 };
-use bevy::{
-    render::renderer::RenderQueue,
-    tasks::{Task, block_on, poll_once},
-};
+use bevy::render::renderer::RenderQueue;
 use std::sync::Arc;
 
 /// Items that are uploaded in one frame: a megabyte.
@@ -39,7 +36,7 @@ struct Built {
 }
 
 enum Stage {
-    Building(Task<Built>),
+    Building(tree_builds::Build<Built>),
     Uploading {
         built: Box<Built>,
         slice: ArenaSlice,
@@ -118,7 +115,7 @@ impl StaticBuild {
                 return Progress::Unfinished(self);
             }
             Stage::Building(mut task) => {
-                let Some(mut built) = block_on(poll_once(&mut task)).map(Box::new) else {
+                let Some(mut built) = task.take().map(Box::new) else {
                     return Progress::Failed;
                 };
                 let Some(slice) = meshes.allocate_tree(built.tlas.items.len()) else {

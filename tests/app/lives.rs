@@ -1,0 +1,270 @@
+//! Cameras that come and go: reflections are there in their first frame, and outlive a frame without any camera.
+
+use crate::{
+    pictures::{differing_pixels, red_pixels, warm_up},
+    stage::{
+        BEFORE_THE_MIRROR, RED, frame, metal, report, share_app, spawn_camera, spawn_mesh, unlit, until_at_rest, wall,
+    },
+};
+use bevy::prelude::*;
+use bevy_glint::{
+    RayTracedReflections, ReflectionDenoiser, ReflectionRetention, ReflectionTechnique, ReflectionTracerChoice,
+    ShadingRateHeuristic, internals::readback,
+};
+use core::time::Duration;
+use glint_scenes::{HeadlessApp, SceneName};
+
+/// Longer than any test.
+const FOREVER: ReflectionRetention = ReflectionRetention(Duration::from_secs(1_000_000));
+
+/// Without noise, so that frames can be compared.
+fn plain() -> RayTracedReflections {
+    RayTracedReflections {
+        technique: ReflectionTechnique::Reference,
+        denoiser: ReflectionDenoiser::OFF,
+        full_resolution_mirrors: false,
+        ..default()
+    }
+}
+
+/// A mirror, and behind the camera a red cube among others that are merged.
+fn spawn_scene(app: &mut HeadlessApp) {
+    spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+    for index in 0..9 {
+        let at = Transform::from_xyz(index as f32 - 4.0, 0.0, 6.0);
+        spawn_mesh(app, Cuboid::from_length(0.9), unlit(RED), at);
+    }
+}
+
+/// In white surroundings, which a mirror shows without reflections.
+fn spawn_reflecting(app: &mut HeadlessApp) -> Entity {
+    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
+    app.world().entity_mut(camera).insert(plain());
+    camera
+}
+
+fn activate(app: &mut HeadlessApp, camera: Entity, active: bool) {
+    app.world().get_mut::<Camera>(camera).unwrap().is_active = active;
+}
+
+fn retain(app: &mut HeadlessApp, retention: ReflectionRetention) {
+    app.world().insert_resource(retention);
+}
+
+fn red(app: &mut HeadlessApp) -> usize {
+    red_pixels(&app.capture().unwrap())
+}
+
+#[test]
+fn cameras_come_and_go() {
+    share_app(&[
+        a_camera_that_draws_every_other_frame_reflects,
+        a_cut_shows_reflections_in_its_first_frame,
+        a_frame_without_a_camera_loses_nothing,
+        after_a_time_without_a_camera_all_is_freed,
+        a_reset_is_not_put_off_by_pipelines,
+        images_of_rates_can_take_turns,
+        cameras_that_reflect_later_have_the_hook_already,
+    ]);
+}
+
+fn a_camera_that_draws_every_other_frame_reflects(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    for retention in [FOREVER, ReflectionRetention(Duration::ZERO)] {
+        retain(app, retention);
+        spawn_scene(app);
+        let monitor = spawn_reflecting(app);
+        // Another one, which sees nothing, keeps the scene.
+        let away = BEFORE_THE_MIRROR.with_translation(Vec3::new(0.0, 500.0, 0.0));
+        let main = spawn_camera(app, away, SceneName::Furnace);
+        app.world().entity_mut(main).insert(plain());
+        app.world().get_mut::<Camera>(main).unwrap().order = -1;
+        activate(app, monitor, false);
+        warm_up(app);
+        let mut shown = Vec::new();
+        for index in 0..12 {
+            activate(app, monitor, index % 2 == 0);
+            frame(app);
+            if index % 2 == 0 {
+                shown.push(red(app));
+            }
+        }
+        assert!(
+            shown.iter().all(|red| *red > 100),
+            "{tracer:?}, {retention:?}: {shown:?} red pixels"
+        );
+        crate::stage::clear(app);
+    }
+}
+
+fn a_cut_shows_reflections_in_its_first_frame(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    spawn_scene(app);
+    let cameras = [(); 2].map(|()| spawn_reflecting(app));
+    activate(app, cameras[1], false);
+    warm_up(app);
+    let expected = red(app);
+    assert!(expected > 100, "{tracer:?}: {expected} red pixels");
+    for cut in 0..4 {
+        activate(app, cameras[cut % 2], false);
+        activate(app, cameras[1 - cut % 2], true);
+        frame(app);
+        assert_eq!(red(app), expected, "{tracer:?}: cut {cut}");
+        frame(app);
+    }
+    // A new camera in place of one that is gone, too.
+    app.world().despawn(cameras[0]);
+    spawn_reflecting(app);
+    frame(app);
+    assert_eq!(red(app), expected, "{tracer:?}: a new camera");
+}
+
+fn a_frame_without_a_camera_loses_nothing(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    retain(app, FOREVER);
+    spawn_scene(app);
+    let camera = spawn_reflecting(app);
+    warm_up(app);
+    until_at_rest(app);
+    frame(app);
+    let (before, picture) = (report(app), app.capture().unwrap());
+    let held = readback::render_world_components(app.app(), camera);
+    for frames in [1, 5] {
+        activate(app, camera, false);
+        (0..frames).for_each(|_| frame(app));
+        let away = report(app);
+        assert!(away.active_backends.is_empty() && !away.ready, "{tracer:?}: {away}");
+        assert_eq!(away.view_memory, before.view_memory, "{tracer:?}");
+        activate(app, camera, true);
+        frame(app);
+        let after = report(app);
+        let parts = |report: &bevy_glint::ReflectionStatusReport| {
+            (
+                (
+                    report.meshes,
+                    report.instances,
+                    report.merged_instances,
+                    report.scene_bytes,
+                ),
+                (
+                    report.blas_builds,
+                    report.merge_builds,
+                    report.meshes_pending,
+                    report.merges_pending,
+                ),
+            )
+        };
+        assert_eq!(parts(&after), parts(&before), "{tracer:?}: {frames} frames");
+        assert_eq!(readback::render_world_components(app.app(), camera), held);
+        let differing = differing_pixels(&picture, &app.capture().unwrap(), 1);
+        assert_eq!(differing, 0, "{tracer:?}: after {frames} frames");
+    }
+    // What changes meanwhile is seen in the first frame.
+    activate(app, camera, false);
+    frame(app);
+    let added = spawn_mesh(
+        app,
+        Cuboid::from_length(3.0),
+        unlit(RED),
+        Transform::from_xyz(0.0, 2.0, 5.5),
+    );
+    (0..20).for_each(|_| frame(app));
+    activate(app, camera, true);
+    frame(app);
+    assert!(
+        differing_pixels(&picture, &app.capture().unwrap(), 1) > 50,
+        "{tracer:?}"
+    );
+    app.world().despawn(added);
+}
+
+fn after_a_time_without_a_camera_all_is_freed(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    spawn_scene(app);
+    let camera = spawn_reflecting(app);
+    warm_up(app);
+    for retention in [Duration::ZERO, Duration::from_millis(200)] {
+        retain(app, ReflectionRetention(retention));
+        activate(app, camera, true);
+        warm_up(app);
+        activate(app, camera, false);
+        frame(app);
+        let is_freed = |app: &mut HeadlessApp| {
+            let report = report(app);
+            report.meshes == 0 && report.scene_bytes == 0 && report.view_memory.is_empty()
+        };
+        frame(app);
+        assert_eq!(
+            is_freed(app),
+            retention.is_zero(),
+            "{tracer:?}, {retention:?}: {}",
+            report(app)
+        );
+        std::thread::sleep(2 * retention);
+        (0..3).for_each(|_| frame(app));
+        assert!(is_freed(app), "{tracer:?}, {retention:?}: {}", report(app));
+    }
+}
+
+fn a_reset_is_not_put_off_by_pipelines(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    spawn_scene(app);
+    let camera = spawn_reflecting(app);
+    warm_up(app);
+    let mut settings = app.world().get_mut::<RayTracedReflections>(camera).unwrap();
+    settings.technique = ReflectionTechnique::QuarterInline;
+    settings.reset = true;
+    app.step(1);
+    assert!(!report(app).ready, "{tracer:?}: pipelines that nothing has used yet");
+    let settings = app.world().get::<RayTracedReflections>(camera).unwrap();
+    assert!(
+        !settings.reset,
+        "{tracer:?}: the view forgets its history in this frame"
+    );
+}
+
+fn images_of_rates_can_take_turns(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    spawn_scene(app);
+    let camera = spawn_reflecting(app);
+    let images = [(); 2].map(|()| app.world().resource_mut::<Assets<Image>>().add(Image::default()));
+    app.world().get_mut::<RayTracedReflections>(camera).unwrap().technique = ReflectionTechnique::Variable;
+    let turn = |app: &mut HeadlessApp, index: usize| {
+        let image = ShadingRateHeuristic::Image(images[index % 2].clone());
+        app.world().entity_mut(camera).insert(image);
+        frame(app);
+    };
+    turn(app, 0);
+    warm_up(app);
+    (0..4).for_each(|index| turn(app, index));
+    let ready = report(app).ready;
+    assert!(
+        ready && red(app) > 50,
+        "{tracer:?}: ready {ready}, {} red pixels",
+        red(app)
+    );
+    app.world()
+        .get_mut::<RayTracedReflections>(camera)
+        .unwrap()
+        .roughness_cutoff = 0.0;
+    (4..8).for_each(|index| turn(app, index));
+    assert_eq!(red(app), 0, "{tracer:?}: settings are followed");
+}
+
+fn cameras_that_reflect_later_have_the_hook_already(app: &mut HeadlessApp, tracer: ReflectionTracerChoice) {
+    // Both pictures come from the same pipelines of Bevy's: nothing has to be compiled anew when reflections come or go.
+    spawn_scene(app);
+    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Furnace);
+    app.world()
+        .entity_mut(camera)
+        .insert(bevy_glint::ReflectionQuality::Off);
+    app.step(3);
+    let keys = readback::view_key(app.app(), camera);
+    assert!(keys.is_some(), "{tracer:?}");
+    for _ in 0..2 {
+        app.world().entity_mut(camera).insert(plain());
+        for _ in 0..4 {
+            app.step(1);
+            assert_eq!(readback::view_key(app.app(), camera), keys, "{tracer:?}: on");
+        }
+        app.world().entity_mut(camera).remove::<RayTracedReflections>();
+        for _ in 0..4 {
+            app.step(1);
+            assert_eq!(readback::view_key(app.app(), camera), keys, "{tracer:?}: off");
+        }
+    }
+}
