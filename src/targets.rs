@@ -5,7 +5,7 @@
 
 use crate::{
     common::{COUNTER_WORDS, INDIRECT_ARG_WORDS, word_offset},
-    settings::{ClampedSettings, ReflectionTechnique},
+    settings::{ClampedSettings, ReflectionBackend, ReflectionTechnique},
 };
 use bevy::{
     math::UVec2,
@@ -83,13 +83,18 @@ pub struct Needs {
     pub reconstructed: bool,
     pub reflection: bool,
     pub screen: bool,
+    /// A view may lie in a part of them: none is drawn into, and all that outlives a frame is a history that is reprojected.
+    pub in_parts: bool,
 }
 
 impl Needs {
     /// `in_place`: the composite writes into the frame itself.
     pub fn new(settings: &ClampedSettings, in_place: bool) -> Self {
         let accumulation = settings.technique == ReflectionTechnique::Converged;
+        let is_drawn = settings.technique == ReflectionTechnique::QuarterInline
+            || settings.backend == ReflectionBackend::HardwareVrs;
         Self {
+            in_parts: in_place && !accumulation && !is_drawn,
             reflection: !in_place,
             accumulation,
             pipeline: !accumulation,
@@ -101,9 +106,11 @@ impl Needs {
     }
 }
 
-/// GPU resources of a view. They are kept as long as the view reflects and its needs and sizes stay the same.
+/// GPU resources of a view. They are kept as long as the view reflects, its needs stay the same and they have room for its size.
 pub struct Targets {
     pub sizes: Sizes,
+    /// Pixels for which there is room.
+    capacity: UVec2,
     pub needs: Needs,
     /// All that was created: the label of each texture or buffer, and its bytes.
     pub memory: Vec<(&'static str, u64)>,
@@ -244,13 +251,42 @@ impl Creator<'_> {
     }
 }
 
+/// Sizes of the textures of a view that may have up to `capacity` pixels later.
+fn room_for(sizes: Sizes, capacity: UVec2, needs: Needs) -> Sizes {
+    let full = if needs.in_parts {
+        // Then all trace pixels are whole.
+        sizes.trace_scale
+            * capacity
+                .max(sizes.full)
+                .map(|pixels| pixels.div_ceil(sizes.trace_scale))
+    } else {
+        sizes.full
+    };
+    Sizes { full, ..sizes }
+}
+
 impl Targets {
-    pub fn new(device: &RenderDevice, sizes: Sizes, needs: Needs) -> Self {
+    /// Pixels for which there is room.
+    pub fn capacity(&self) -> UVec2 {
+        self.capacity
+    }
+
+    /// Returns whether a view of another size may take them: if they have room for it, and it leaves less than three quarters of them
+    /// unused.
+    pub fn can_hold(&self, sizes: Sizes) -> bool {
+        let is_same_kind = (sizes.trace_scale, sizes.tile) == (self.sizes.trace_scale, self.sizes.tile);
+        let fits = sizes.full.cmple(self.capacity).all() && (2 * sizes.full).cmpge(self.capacity).all();
+        sizes == self.sizes || (self.needs.in_parts && is_same_kind && fits)
+    }
+
+    /// For a view that may have up to `capacity` pixels later, if it may lie in a part of them.
+    pub fn new(device: &RenderDevice, sizes: Sizes, capacity: UVec2, needs: Needs) -> Self {
+        let room = room_for(sizes, capacity, needs);
         let create = &mut Creator {
             device,
             memory: Vec::new(),
         };
-        let (full, trace, tiles) = (sizes.full, sizes.trace(), sizes.tiles());
+        let (full, trace, tiles) = (room.full, room.trace(), room.tiles());
         let words = |size: UVec2| 4 * u64::from(size.x) * u64::from(size.y);
         let indirect_args = create.buffer(
             word_offset(INDIRECT_ARG_WORDS),
@@ -306,6 +342,7 @@ impl Targets {
             .then(|| create.texture(full, SCREEN_FORMAT, "glint_screen"));
         Self {
             sizes,
+            capacity: room.full,
             needs,
             memory: take(&mut create.memory),
             indirect_args,

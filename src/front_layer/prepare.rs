@@ -60,12 +60,13 @@ impl FrontLayer {
         device: &RenderDevice,
         view: &ReflectionView,
         extent: UVec2,
-        (sizes, needs): (Sizes, Needs),
+        (sizes, needs): ((Sizes, UVec2), Needs),
         old: Option<&Self>,
     ) -> Self {
+        let textures = ReflectionTextures::new(device, sizes, needs, old.map(|old| &old.textures));
         Self {
-            layer: LayerTextures::new(device, sizes.full, extent),
-            textures: ReflectionTextures::new(device, sizes, needs, old.map(|old| &old.textures)),
+            layer: LayerTextures::new(device, textures.targets.capacity(), extent),
+            textures,
             view: view.clone(),
             rects: Vec::new(),
             has_see_through: false,
@@ -79,9 +80,16 @@ impl FrontLayer {
         }
     }
 
-    fn fits(&self, sizes: Sizes, needs: Needs, extent: UVec2) -> bool {
-        let targets = &self.textures.targets;
-        targets.sizes == sizes && targets.needs == needs && self.layer.extent == extent
+    /// Takes another size of the view if there is room for it. Returns whether everything fits.
+    fn fit(&mut self, sizes: Sizes, needs: Needs, extent: UVec2) -> bool {
+        let before = self.textures.targets.sizes;
+        let fits = self.layer.extent == extent && self.textures.fit(sizes, needs);
+        if before != sizes {
+            // All that was written elsewhere is to be overwritten.
+            self.is_found.store(false, Ordering::Relaxed);
+            self.before = Default::default();
+        }
+        fits
     }
 
     /// Takes the rectangles of a frame, once it is known what they hold. Of earlier ones, what was written is to be overwritten.
@@ -133,7 +141,7 @@ pub(super) fn prepare_front_layers(
     mut commands: Commands,
 ) {
     refused.retain(|_, retry| !retry.is_due());
-    for (view, layer, prepass) in &mut views {
+    for (view, mut layer, prepass) in &mut views {
         let entity = view.entity;
         let settings = &view.view.settings;
         let is_wanted = settings.transparent || !boxes.opaque(settings).is_empty();
@@ -169,13 +177,14 @@ pub(super) fn prepare_front_layers(
         let Some(extent) = view.camera.physical_target_size else {
             continue;
         };
-        let frame = view.frame(&surroundings);
+        let (capacity, frame) = (view.room(), view.frame(&surroundings));
+        let fits = layer.as_mut().is_some_and(|layer| layer.fit(sizes, needs, extent));
         let mut created = None;
         let front = match layer {
-            Some(layer) if layer.fits(sizes, needs, extent) => layer.into_inner(),
+            Some(layer) if fits => layer.into_inner(),
             old => {
                 let old = old.as_deref();
-                let make = || FrontLayer::new(&device, view.view, extent, (sizes, needs), old);
+                let make = || FrontLayer::new(&device, view.view, extent, ((sizes, capacity), needs), old);
                 let Some(new) = try_allocate(&device, make) else {
                     commands.entity(entity).remove::<(FrontLayer, MoreMemory)>();
                     refused.entry(entity).or_default().begin();

@@ -70,6 +70,26 @@ impl PreparedViewItem<'_, '_> {
         })
     }
 
+    /// Pixels for which new textures are to have room. A view that grows has a quarter more than it needs, as far as it can grow: it may do
+    /// so again in the next frame.
+    fn capacity(&self, full: UVec2) -> UVec2 {
+        let grows = |textures: &ReflectionTextures| full.cmpgt(textures.targets.capacity()).any();
+        if !self.textures.as_deref().is_some_and(grows) {
+            return full;
+        }
+        let largest = match self.resolution {
+            Some(_) => self.camera.physical_viewport_size,
+            None => self.camera.physical_target_size,
+        };
+        (full + full / 4).min(largest.unwrap_or(full)).max(full)
+    }
+
+    /// Pixels for which its textures have room.
+    pub fn room(&self) -> UVec2 {
+        let room = self.textures.as_ref().map(|textures| textures.targets.capacity());
+        room.or(self.camera.physical_viewport_size).unwrap_or_default()
+    }
+
     pub fn frame(&self, surroundings: &Surroundings) -> Frame {
         let extracted = self.extracted;
         let mut flags = if self.ssao { VIEW_HAS_SSAO } else { 0 };
@@ -163,21 +183,24 @@ pub(super) fn prepare_views(
     for view in &mut views {
         let Some(sizes) = view.sizes() else { continue };
         let needs = Needs::new(&view.view.settings, in_place.allows(view.extracted.target_format));
+        let capacity = view.capacity(sizes.full);
         let frame = view.frame(&surroundings);
         let PreparedViewItem {
             entity,
             view,
-            textures,
+            mut textures,
             culling,
             ..
         } = view;
+        let fits = textures.as_mut().is_some_and(|textures| textures.fit(sizes, needs));
         match textures {
-            Some(mut textures) if textures.targets.sizes == sizes && textures.targets.needs == needs => {
+            Some(mut textures) if fits => {
                 textures.begin_frame(view, &frame);
                 textures.uniform.write_buffer(&device, &queue);
             }
             old => {
                 let create = || {
+                    let sizes = (sizes, capacity);
                     let mut textures = ReflectionTextures::new(&device, sizes, needs, old.as_deref());
                     textures.targets.memory.push(ViewCulling::MEMORY);
                     textures

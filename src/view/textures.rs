@@ -36,12 +36,17 @@ pub struct ReflectionTextures {
 }
 
 impl ReflectionTextures {
-    /// `old` are the textures of the view in another size or for other settings. The sequence of samples goes on from theirs: else a
+    /// `capacity` is the largest size that they have room for. `old` are the textures of the view in another size or for other settings. The sequence of samples goes on from theirs: else a
     /// view that is resized in each frame would see one sample for ever.
-    pub(crate) fn new(device: &RenderDevice, sizes: Sizes, needs: Needs, old: Option<&Self>) -> Self {
+    pub(crate) fn new(
+        device: &RenderDevice,
+        (sizes, capacity): (Sizes, UVec2),
+        needs: Needs,
+        old: Option<&Self>,
+    ) -> Self {
         Self {
             origin: UVec2::ZERO,
-            targets: Targets::new(device, sizes, needs),
+            targets: Targets::new(device, sizes, capacity, needs),
             uniform: UniformBuffer::default(),
             write_index: 0,
             accumulated: 0,
@@ -52,6 +57,18 @@ impl ReflectionTextures {
             is_at_rest: false,
             static_view: StaticView::default(),
         }
+    }
+
+    /// Takes another size of the view if the textures have room for it: then the history goes on. Returns whether they fit.
+    pub(crate) fn fit(&mut self, sizes: Sizes, needs: Needs) -> bool {
+        if self.targets.needs != needs || !self.targets.can_hold(sizes) {
+            return false;
+        }
+        if self.targets.sizes != sizes {
+            self.targets.sizes = sizes;
+            self.static_view = StaticView::default();
+        }
+        true
     }
 
     /// Bytes of all textures and buffers.
@@ -88,6 +105,7 @@ impl ReflectionTextures {
             clip_from_world: frame.clip_from_world,
             world_position: frame.world_position,
             exposure: frame.exposure,
+            size: self.targets.sizes.full,
         };
         let state = FrameState {
             sample_index: self.sample_index,

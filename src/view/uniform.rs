@@ -34,6 +34,8 @@ pub struct GpuReflectionView {
     pub gbuffer_origin: UVec2,
     /// Pixels that are traced.
     pub size: UVec2,
+    /// The same in the last frame.
+    pub previous_size: UVec2,
     /// 0 off, 1 linear, 2 exponential, 3 exponential squared, 4 atmospheric: as in Bevy.
     pub fog_mode: u32,
     /// Opacity of the fog's colour.
@@ -210,6 +212,8 @@ pub(super) struct PreviousFrame {
     pub clip_from_world: Mat4,
     pub world_position: Vec3,
     pub exposure: f32,
+    /// Pixels.
+    pub size: UVec2,
 }
 
 impl GpuReflectionView {
@@ -231,6 +235,7 @@ impl GpuReflectionView {
             origin: frame.origin,
             gbuffer_origin: frame.gbuffer_origin,
             size: sizes.full,
+            previous_size: state.previous.size,
             fog_mode: frame.fog.mode,
             fog_alpha: frame.fog.alpha,
             fog_parameters: frame.fog.parameters,
@@ -347,6 +352,7 @@ mod tests {
                 clip_from_world: Mat4::IDENTITY,
                 world_position: Vec3::ZERO,
                 exposure: 1.0,
+                size: UVec2::ONE,
             },
         }
     }

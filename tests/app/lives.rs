@@ -240,7 +240,7 @@ fn images_of_rates_can_take_turns(app: &mut HeadlessApp, tracer: ReflectionTrace
     app.world()
         .get_mut::<RayTracedReflections>(camera)
         .unwrap()
-        .roughness_cutoff = 0.0;
+        .max_ray_length = 1.0;
     (4..8).for_each(|index| turn(app, index));
     assert_eq!(red(app), 0, "{tracer:?}: settings are followed");
 }

@@ -44,6 +44,7 @@ mod poses;
 mod quality;
 mod reflect;
 mod render_layers;
+mod resolution;
 mod robustness;
 mod screen_traces;
 mod see_through;
