@@ -1,4 +1,4 @@
-//! Allocations that the device may refuse, and when it is asked again.
+//! Allocations that the device can refuse, and when to retry them.
 
 #[cfg(not(test))]
 use super::real_time::LONGEST_FRAME;
@@ -28,7 +28,8 @@ thread_local! {
 #[cfg(feature = "internals")]
 static REFUSING: std::sync::Mutex<Vec<wgpu::Device>> = std::sync::Mutex::new(Vec::new());
 
-/// Has a device refuse all memory that reflections ask for, or no longer. Devices of other instances of wgpu may be taken for it.
+/// Makes a device refuse all memory requests of reflections, or accept them again. The identity of a device is not unique across
+/// instances of wgpu.
 #[cfg(feature = "internals")]
 pub fn refuse_memory(device: &RenderDevice, refuses: bool) {
     let mut refusing = REFUSING.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
@@ -66,7 +67,7 @@ pub(crate) fn try_allocate<T>(device: &RenderDevice, create: impl FnOnce() -> T)
     error.is_none().then_some(created)
 }
 
-/// When the device is asked again for memory that it refused. Others may have had it, so that no count of ours tells when it is free.
+/// When to ask the device again for memory that it refused. Other programs might hold it, so our own counts can't tell when it is free.
 #[derive(Debug, Default)]
 pub(crate) struct MemoryRetry {
     /// Time until then, and when it was looked at; `None` where nothing was refused.
@@ -74,7 +75,7 @@ pub(crate) struct MemoryRetry {
 }
 
 impl MemoryRetry {
-    /// Memory was refused. Later refusals don't put off what waits already.
+    /// Records a refusal. Later refusals don't delay requests that already wait.
     pub fn begin(&mut self) {
         self.waits.get_or_insert_with(|| (REFUSED, Instant::now()));
     }

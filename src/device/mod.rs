@@ -30,7 +30,7 @@ use bevy::{
     render::RenderApp,
 };
 
-/// Registers what reports say of the device.
+/// Registers the device's part of the status report.
 pub(crate) struct DevicePlugin;
 
 impl Plugin for DevicePlugin {

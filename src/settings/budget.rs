@@ -1,4 +1,4 @@
-//! A target for the time that reflections take, and what is spared to keep it.
+//! A target for the GPU time of reflections, and the effort that holds it.
 
 use super::{
     ReflectionTechnique,
@@ -10,8 +10,8 @@ use bevy::{
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-/// Holds the GPU time of a camera's reflections near a target. Insert it beside [`RayTracedReflections`](crate::RayTracedReflections),
-/// whose settings are then the upper limit.
+/// Holds the GPU time of a camera's reflections near a target. Insert it next to [`RayTracedReflections`](crate::RayTracedReflections),
+/// which then sets the upper limit of the quality.
 ///
 /// Times come from Bevy's `RenderDiagnosticsPlugin`, which the app adds, and from a device with timestamps; without them nothing is spared,
 /// and a warning says so once. Times of several cameras can't be told apart: what is measured is the sum of all that reflect, and the sum
@@ -55,7 +55,7 @@ impl Default for ReflectionBudget {
 }
 
 impl ReflectionBudget {
-    /// The same within its ranges.
+    /// Returns a copy with all values clamped to their ranges.
     pub(crate) fn clamped(self) -> Self {
         let default = Self::default();
         Self {
@@ -71,7 +71,7 @@ fn end_sparing(mut world: DeferredWorld, context: HookContext) {
     }
 }
 
-/// Least share of the settings that a budget may leave.
+/// Lowest effort that a budget can set.
 const LEAST_EFFORT: f32 = 0.1;
 /// Effort below which the roughness cut-off falls, too: until then rays are only shared by more pixels.
 const EFFORT_FOR_CUTOFF: f32 = 0.5;
@@ -82,10 +82,10 @@ const FADE: f32 = 0.1;
 
 /// Part of a camera's settings that its [`ReflectionBudget`] leaves: 1 is all of them.
 ///
-/// At a lower effort, thresholds of [`ShadingRateHeuristic`](crate::ShadingRateHeuristic) are reached sooner, so that more pixels share a
-/// ray, and pixels reconstructed from fewer rays; below 0.5 the [`roughness_cutoff`](crate::RayTracedReflections::roughness_cutoff) falls,
-/// too. Uniform rates, images of rates and heuristics of the app's own stay as they are, and so does [`ReflectionTechnique::Converged`].
-/// The budget writes it; without one, the app may.
+/// A lower effort makes pixels reach the thresholds of [`ShadingRateHeuristic`](crate::ShadingRateHeuristic) sooner, so that more of them
+/// share a ray, and reconstructs pixels from fewer rays. Below 0.5, the
+/// [`roughness_cutoff`](crate::RayTracedReflections::roughness_cutoff) falls too. Uniform rates, rate images, custom heuristics and
+/// [`ReflectionTechnique::Converged`] don't change. The budget writes this component; without a budget, the app can.
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct ReflectionEffort(pub f32);
@@ -97,12 +97,12 @@ impl Default for ReflectionEffort {
 }
 
 impl ReflectionEffort {
-    /// The same within its range.
+    /// Returns a copy clamped to its range.
     pub(crate) fn clamped(self) -> f32 {
         number_or(self.0, 1.0).clamp(LEAST_EFFORT, 1.0)
     }
 
-    /// Takes from the settings what is spared.
+    /// Scales the settings down to the effort.
     pub(crate) fn apply(self, settings: &mut ClampedSettings, rate: &mut RateSettings) {
         let effort = self.clamped();
         if effort >= 1.0 || settings.technique == ReflectionTechnique::Converged {

@@ -1,4 +1,4 @@
-//! How good the reflections of a camera are, in one word: what a player chooses and a game saves.
+//! The quality of a camera's reflections in one word: the setting that a player chooses and a game saves.
 
 use super::{RayTracedReflections, ReflectionPreset, ShadingRateHeuristic, words::words};
 #[cfg(feature = "serde")]
@@ -54,7 +54,7 @@ use bevy::{
 pub enum ReflectionQuality {
     /// No rays: reflections come from the environment map alone, and nothing is left of the crate's costs but the prepasses.
     ///
-    /// The camera loses its [`RayTracedReflections`]; [`ReflectionsOff`] keeps what they were.
+    /// The camera loses its [`RayTracedReflections`]; [`ReflectionsOff`] stores them.
     Off,
     /// [`ReflectionPreset::Low`].
     Low,
@@ -106,8 +106,7 @@ impl ReflectionQuality {
         self.preset().map(ReflectionPreset::settings)
     }
 
-    /// The quality that the settings of a camera amount to now; `None` if they are those of no quality. The back end makes no
-    /// difference.
+    /// The quality that matches the settings of a camera; `None` if no quality does. The back end is ignored.
     #[must_use]
     pub fn of(camera: EntityRef) -> Option<Self> {
         let Some(reflections) = camera.get::<RayTracedReflections>() else {
@@ -142,8 +141,8 @@ impl ReflectionQuality {
     }
 }
 
-/// On a camera whose reflections were switched off by its [`ReflectionQuality`] or in the settings panel: what its
-/// [`RayTracedReflections`] were. Nothing else reads it; without that component reflections cost nothing.
+/// Stores the [`RayTracedReflections`] of a camera that its [`ReflectionQuality`] or the settings panel switched off. Nothing else reads
+/// it; reflections cost nothing without `RayTracedReflections`.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Debug, Clone, PartialEq)]
 pub struct ReflectionsOff(pub RayTracedReflections);

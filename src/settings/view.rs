@@ -20,7 +20,7 @@ pub struct LightingHook {
     pub(crate) passes_run: bool,
 }
 
-/// A view whose camera asks for reflections. It may not be ready to trace them.
+/// A view of a camera with reflections. It might not be ready to trace them.
 #[derive(Component)]
 pub struct WantsReflections {
     pub(crate) settings: ClampedSettings,
