@@ -21,7 +21,7 @@ use super::{
     see_through::SeeThroughObjects,
     textures::TextureTable,
     top_level::TopLevel,
-    upload::StorageSlice,
+    upload::{ScatterKernels, StorageSlice},
 };
 use crate::{device::ReflectionTracer, settings::WantsReflections, status::ReflectionStatus, vrs::BindGroupContents};
 use bevy::{
@@ -50,6 +50,7 @@ pub struct SceneBindings {
     pub(crate) contents: BindGroupContents,
     pub(super) tracer: ReflectionTracer,
     texture_def: Option<&'static str>,
+    scatter_kernels: ScatterKernels,
     pub(super) instances: InstanceTable,
     pub(super) materials: StorageSlice<GpuMaterial>,
     pub(super) lights: LightTable,
@@ -109,6 +110,7 @@ impl FromWorld for SceneBindings {
             contents: BindGroupContents::default(),
             tracer,
             texture_def: textures.mode().shader_def(),
+            scatter_kernels: ScatterKernels::new(world, [size_of::<GpuInstance>(), size_of::<GpuLight>()]),
             instances: InstanceTable::new(device),
             materials: StorageSlice::new(device, "glint_materials"),
             lights: LightTable::new(device),
@@ -266,6 +268,12 @@ impl SceneBindings {
     /// Returns whether some light has a texture, which shaders have to know.
     pub(crate) fn has_light_textures(&self) -> bool {
         !self.light_textures.is_empty()
+    }
+
+    /// Has tables write many changes by kernels, once these are compiled.
+    pub(super) fn follow_kernels(&mut self, cache: &PipelineCache) {
+        self.instances.follow_kernel(&self.scatter_kernels, cache);
+        self.lights.follow_kernel(&self.scatter_kernels, cache);
     }
 
     /// Gives back what an idle scene doesn't need.

@@ -6,10 +6,10 @@ use super::{
     light_textures::LightTextures,
     light_tree::{LightTree, Written},
     lights::{MAX_LIGHTS, Touched},
-    upload::StorageSlice,
+    upload::{ScatterKernels, StorageSlice},
 };
 use bevy::render::{
-    render_resource::Buffer,
+    render_resource::{Buffer, PipelineCache},
     renderer::{RenderDevice, RenderQueue},
 };
 
@@ -41,6 +41,11 @@ impl LightTable {
     /// Changes when [`Self::buffer`] becomes another object.
     pub fn generation(&self) -> u64 {
         self.slice.generation()
+    }
+
+    /// Takes the kernel over that writes many changes.
+    pub fn follow_kernel(&mut self, kernels: &ScatterKernels, cache: &PipelineCache) {
+        self.slice.follow_kernel(kernels, cache);
     }
 
     /// For `SceneCounts::light_count`.

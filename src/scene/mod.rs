@@ -116,6 +116,7 @@ impl Plugin for ScenePlugin {
         load_shader_library!(app, "types.wesl");
         embedded_asset!(app, "pose/pose.wesl");
         embedded_asset!(app, "pose/refit.wesl");
+        embedded_asset!(app, "scatter.wesl");
         embedded_asset!(app, "texture_layers.wesl");
         app.add_plugins(ReflectedMaterialPlugin::<StandardMaterial>::default());
     }

@@ -2,12 +2,15 @@
 
 use crate::device::{MemoryRetry, try_allocate};
 use bevy::{
+    asset::{AssetServer, load_embedded_asset},
+    ecs::world::World,
     log::warn,
     render::{
         render_resource::{
-            BindGroupEntry, BindingResource, Buffer, BufferBinding, BufferDescriptor, BufferUsages,
-            CommandEncoderDescriptor, ComputePassDescriptor, ComputePipeline, PipelineCompilationOptions,
-            RawComputePipelineDescriptor, ShaderModuleDescriptor, ShaderSource,
+            BindGroupEntry, BindGroupLayoutDescriptor, BindGroupLayoutEntries, BindingResource, Buffer, BufferBinding,
+            BufferDescriptor, BufferUsages, CachedComputePipelineId, CommandEncoderDescriptor, ComputePassDescriptor,
+            ComputePipeline, ComputePipelineDescriptor, PipelineCache, ShaderStages,
+            binding_types::{storage_buffer_read_only_sized, storage_buffer_sized},
         },
         renderer::{RenderDevice, RenderQueue},
     },
@@ -41,7 +44,9 @@ pub struct StorageSlice<T> {
     is_empty: bool,
     warned: bool,
     generation: u64,
-    scatter: Option<Scatter>,
+    /// The kernel of `scatter.wesl`, once it is compiled.
+    kernel: Option<ComputePipeline>,
+    scattered: Option<Scattered>,
     element: PhantomData<T>,
 }
 
@@ -57,7 +62,8 @@ impl<T: NoUninit> StorageSlice<T> {
             is_empty: false,
             warned: false,
             generation: 0,
-            scatter: None,
+            kernel: None,
+            scattered: None,
             element: PhantomData,
         }
     }
@@ -81,6 +87,13 @@ impl<T: NoUninit> StorageSlice<T> {
     /// Elements that the buffer holds: shaders must not read beyond.
     pub fn count(&self) -> usize {
         self.len
+    }
+
+    /// Takes its kernel over, once that is compiled. Until then, elements are written one by one.
+    pub fn follow_kernel(&mut self, kernels: &ScatterKernels, cache: &PipelineCache) {
+        if self.kernel.is_none() {
+            self.kernel = kernels.get(size_of::<T>(), cache).cloned();
+        }
     }
 
     /// Counts a frame. Returns true once the device, which had no memory for a buffer of another size, may have it: write something then.
@@ -150,7 +163,8 @@ impl<T: NoUninit> StorageSlice<T> {
         }
     }
 
-    /// Writes the elements in one piece, and has a kernel put them where they belong. Returns false where the device has no memory for that.
+    /// Writes the elements in one piece, and has a kernel put them where they belong. Returns false while that is compiled, and where the
+    /// device has no memory for that.
     fn scatter(
         &mut self,
         data: &[T],
@@ -159,9 +173,8 @@ impl<T: NoUninit> StorageSlice<T> {
         device: &RenderDevice,
         queue: &RenderQueue,
     ) -> bool {
-        let scatter = self
-            .scatter
-            .get_or_insert_with(|| Scatter::new(device, size_of::<T>() / 16));
+        let Some(kernel) = &self.kernel else { return false };
+        let scatter = self.scattered.get_or_insert_with(|| Scattered::new(device));
         let elements = places.iter().map(|place| bytes_of(&data[*place as usize]));
         let bytes = cast_slice(places);
         let is_filled = fill(&mut scatter.elements, size_of::<T>(), elements, device, queue)
@@ -185,7 +198,7 @@ impl<T: NoUninit> StorageSlice<T> {
             .zip(entries)
             .map(|(binding, resource)| BindGroupEntry { binding, resource })
             .collect();
-        let layout = scatter.pipeline.get_bind_group_layout(0).into();
+        let layout = kernel.get_bind_group_layout(0).into();
         let bind_group = device.create_bind_group("glint_scatter", &layout, &entries);
         let mut encoder = device.create_command_encoder(&CommandEncoderDescriptor {
             label: Some("glint_scatter"),
@@ -195,7 +208,7 @@ impl<T: NoUninit> StorageSlice<T> {
                 label: Some("glint_scatter"),
                 timestamp_writes: None,
             });
-            pass.set_pipeline(&scatter.pipeline);
+            pass.set_pipeline(kernel);
             pass.set_bind_group(0, &bind_group, &[]);
             pass.dispatch_workgroups(workgroups, 1, 1);
         }
@@ -235,17 +248,54 @@ impl<T: NoUninit> StorageSlice<T> {
     }
 }
 
-/// The kernel that puts elements at their places, with its buffers, which are there from one frame to the next.
-struct Scatter {
-    pipeline: ComputePipeline,
+/// Kernels that put elements at their places, by the bytes of an element. They are compiled from the start, so that the first frame in which
+/// much moves doesn't wait for them.
+pub struct ScatterKernels(Vec<(usize, CachedComputePipelineId)>);
+
+impl ScatterKernels {
+    /// For elements of these sizes in bytes, which are multiples of 16.
+    pub fn new<const N: usize>(world: &World, sizes: [usize; N]) -> Self {
+        let shader = load_embedded_asset!(world.resource::<AssetServer>(), "scatter.wesl");
+        let entries = BindGroupLayoutEntries::sequential(
+            ShaderStages::COMPUTE,
+            (
+                storage_buffer_read_only_sized(false, None),
+                storage_buffer_read_only_sized(false, None),
+                storage_buffer_sized(false, None),
+            ),
+        );
+        let layout = BindGroupLayoutDescriptor::new("glint_scatter", &entries);
+        let kernel = |size: usize| {
+            let id = world
+                .resource::<PipelineCache>()
+                .queue_compute_pipeline(ComputePipelineDescriptor {
+                    label: Some("glint_scatter".into()),
+                    layout: vec![layout.clone()],
+                    shader: shader.clone(),
+                    entry_point: Some("scatter".into()),
+                    constants: vec![("ROWS".into(), (size / 16) as f64)],
+                    ..Default::default()
+                });
+            (size, id)
+        };
+        Self(sizes.map(kernel).into())
+    }
+
+    fn get<'a>(&self, size: usize, cache: &'a PipelineCache) -> Option<&'a ComputePipeline> {
+        let (_, id) = self.0.iter().find(|(of, _)| *of == size)?;
+        cache.get_compute_pipeline(*id)
+    }
+}
+
+/// What is on its way to a kernel. The buffers are there from one frame to the next.
+struct Scattered {
     elements: Buffer,
     places: Buffer,
 }
 
-impl Scatter {
-    fn new(device: &RenderDevice, rows: usize) -> Self {
+impl Scattered {
+    fn new(device: &RenderDevice) -> Self {
         Self {
-            pipeline: scatter_pipeline(device, rows),
             elements: create(device, SCATTERED, 4),
             places: create(device, SCATTERED, 4),
         }
@@ -279,24 +329,6 @@ fn fill<'a>(
     true
 }
 
-fn scatter_pipeline(device: &RenderDevice, rows: usize) -> ComputePipeline {
-    let module = device.create_and_validate_shader_module(ShaderModuleDescriptor {
-        label: Some("glint_scatter"),
-        source: ShaderSource::Wgsl(include_str!("scatter.wesl").into()),
-    });
-    device.create_compute_pipeline(&RawComputePipelineDescriptor {
-        label: Some("glint_scatter"),
-        layout: None,
-        module: &module,
-        entry_point: Some("scatter"),
-        compilation_options: PipelineCompilationOptions {
-            constants: &[("ROWS", rows as f64)],
-            ..Default::default()
-        },
-        cache: None,
-    })
-}
-
 /// Ranges that hold all of these sorted indices, and up to `gap` others between two of them.
 pub fn runs(sorted: &[u32], gap: u32) -> impl Iterator<Item = Range<usize>> + '_ {
     let chunks = sorted.chunk_by(move |a, b| b.saturating_sub(*a) <= gap.saturating_add(1));
@@ -319,6 +351,28 @@ mod tests {
         device::{REFUSED_FRAMES, REFUSES},
         scene::test_gpu,
     };
+    use bevy::render::render_resource::{
+        PipelineCompilationOptions, RawComputePipelineDescriptor, ShaderModuleDescriptor, ShaderSource,
+    };
+
+    /// The kernel for elements of two rows.
+    fn scatter_pipeline(device: &RenderDevice) -> ComputePipeline {
+        let module = device.create_and_validate_shader_module(ShaderModuleDescriptor {
+            label: Some("glint_scatter"),
+            source: ShaderSource::Wgsl(include_str!("scatter.wesl").into()),
+        });
+        device.create_compute_pipeline(&RawComputePipelineDescriptor {
+            label: Some("glint_scatter"),
+            layout: None,
+            module: &module,
+            entry_point: Some("scatter"),
+            compilation_options: PipelineCompilationOptions {
+                constants: &[("ROWS", 2.0)],
+                ..Default::default()
+            },
+            cache: None,
+        })
+    }
 
     #[test]
     fn near_indices_share_a_range() {
@@ -344,14 +398,17 @@ mod tests {
         });
         let mut data: Vec<[u32; 8]> = (0..COUNT as u32).map(|i| [i; 8]).collect();
         slice.write(&data, 0..COUNT, &device, &queue);
-        for step in [9, 300] {
+        for (step, kernel) in [(9, None), (9, Some(scatter_pipeline(&device))), (300, None)] {
+            // While the kernel is compiled, elements are written one by one.
+            assert!(slice.kernel.is_some() || slice.scattered.is_none());
+            slice.kernel = slice.kernel.take().or(kernel);
             let sorted: Vec<u32> = (3..COUNT as u32).step_by(step).collect();
             for index in &sorted {
                 data[*index as usize] = core::array::from_fn(|i| 7 * index + i as u32 + step as u32);
             }
             slice.write_elements(&data, &sorted, &device, &queue);
         }
-        assert!(slice.scatter.is_some(), "one in nine is written by a kernel");
+        assert!(slice.scattered.is_some(), "one in nine is written by a kernel");
         // Without memory for the kernel they are written one by one.
         let sorted: Vec<u32> = (5..COUNT as u32).step_by(8).collect();
         for index in &sorted {

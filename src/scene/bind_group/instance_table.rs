@@ -13,12 +13,12 @@ use crate::scene::{
     instances::InstanceSource,
     meshes::SceneMesh,
     motion::{UNKNOWN_MOTION, pack_motion},
-    upload::StorageSlice,
+    upload::{ScatterKernels, StorageSlice},
 };
 use bevy::{
     math::Affine3A,
     render::{
-        render_resource::Buffer,
+        render_resource::{Buffer, PipelineCache},
         renderer::{RenderDevice, RenderQueue},
     },
 };
@@ -284,6 +284,11 @@ impl InstanceTable {
         if flags & INSTANCE_ALPHA_MASKED != 0 {
             self.masked_count = add(self.masked_count);
         }
+    }
+
+    /// Takes the kernel over that writes many changes.
+    pub fn follow_kernel(&mut self, kernels: &ScatterKernels, cache: &PipelineCache) {
+        self.slice.follow_kernel(kernels, cache);
     }
 
     /// Writes all changes to the buffer.
