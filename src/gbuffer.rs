@@ -393,6 +393,12 @@ impl<K: Clone + Eq + Hash> GBufferPass<K> {
         cache.get_compute_pipeline(*self.queued.get(key)?)
     }
 
+    /// Variants that are compiled.
+    pub fn compiled<'a>(&'a self, cache: &'a PipelineCache) -> impl Iterator<Item = &'a K> {
+        let ids = self.queued.iter();
+        ids.filter_map(|(key, &id)| cache.get_compute_pipeline(id).map(|_| key))
+    }
+
     /// Variants that can't be compiled, other than those whose modules are still being loaded.
     pub fn errors<'a>(&'a self, cache: &'a PipelineCache) -> impl Iterator<Item = (&'a K, &'a ShaderCacheError)> {
         self.queued

@@ -94,12 +94,20 @@ impl KnownSettings {
 
 /// Tells which settings views can start with.
 #[derive(SystemParam)]
-pub struct Readiness<'w>(Res<'w, KnownSettings>);
+pub struct Readiness<'w> {
+    known: Res<'w, KnownSettings>,
+    trace: Option<Res<'w, TracePipelines>>,
+}
 
 impl Readiness<'_> {
+    /// Reflections lack nothing because its shader is still being compiled.
+    pub(crate) fn is_complete(&self) -> bool {
+        self.trace.as_ref().is_none_or(|trace| trace.is_complete())
+    }
+
     /// All pipelines for such settings were compiled when they were last asked for.
     pub(crate) fn is_ready(&self, settings: &ClampedSettings, rate: &RateSettings) -> bool {
-        let known = self.0.0.get(&pipeline_key(settings, rate));
+        let known = self.known.0.get(&pipeline_key(settings, rate));
         known.is_some_and(|known| known.is_ready)
     }
 }

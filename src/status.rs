@@ -103,7 +103,8 @@ pub struct ReflectionStatusReport {
     pub tlas_build_ms: f32,
     /// CPU milliseconds (summed over threads) that all mesh builds took.
     pub blas_build_ms: f32,
-    /// The pipelines of all techniques in use are compiled.
+    /// The pipelines of all techniques in use are compiled, for all features that the scene has (light probes, lightmaps, fog, ...). While
+    /// the shader of a new feature is compiled, reflections go on without that feature, and this is false.
     pub ready: bool,
 }
 

@@ -9,7 +9,7 @@ use crate::{
     denoise,
     device::{FRAME_FORMAT, WritesInPlace},
     gbuffer::{GBufferPass, OtherGroups, PassContext, PassShader},
-    scene::SceneBindings,
+    scene::{Features, SceneBindings},
     settings::{ClampedSettings, ReflectionTechnique, ReflectionView},
 };
 use bevy::{
@@ -41,9 +41,9 @@ pub struct CompositePipelines {
     add: AddPass,
     screen_shader: Handle<Shader>,
     screen: GBufferPass,
-    /// Some view asked for it.
+    /// Some view asked for it since pipelines were last queued.
     keeps_screen: bool,
-    /// Requested passes, each with the format of its frames.
+    /// Passes requested since then, each with the format of its frames.
     wanted: HashSet<(Resolve, ResolveVariant, TextureFormat)>,
 }
 
@@ -56,7 +56,7 @@ fn resolve_of(settings: &ClampedSettings, format: TextureFormat, in_place: Write
 }
 
 impl CompositePipelines {
-    /// Asks for the passes of a view with frames of this format; they are compiled from the next frame on.
+    /// Asks for the passes of a view with frames of this format. To be called in each frame.
     pub(crate) fn request(&mut self, settings: &ClampedSettings, format: TextureFormat, in_place: WritesInPlace) {
         let resolve = resolve_of(settings, format, in_place);
         self.keeps_screen |= settings.reuses_screen();
@@ -127,9 +127,10 @@ pub(super) fn queue_composite_pipelines(
         keeps_screen,
         wanted,
     } = &mut *pipelines;
-    *has_probes = scene.has_light_probes() && scene.has_layer_surfaces();
-    *has_forward = scene.has_forward_surfaces();
-    for &(kind, variant, format) in &*wanted {
+    let features = scene.features();
+    *has_probes = features.contains(Features::LIGHT_PROBES) && scene.has_layer_surfaces();
+    *has_forward = features.contains(Features::FORWARD_SURFACES);
+    for (kind, variant, format) in core::mem::take(wanted) {
         let variant = ResolveVariant {
             forward: variant.forward && *has_forward,
             ..variant
@@ -145,18 +146,15 @@ pub(super) fn queue_composite_pipelines(
             }
         };
         if *has_probes && variant.surfaces == Surfaces::FrontLayer {
-            let of_scene = scene.shader_defs_for(false);
-            queue(
-                probed.get_mut(&kind),
-                [&defs[..], &of_scene, &["LIGHT_PROBES".into()]].concat(),
-            );
+            let of_scene = scene.definitions(Features::LIGHT_PROBES);
+            queue(probed.get_mut(&kind), [&defs[..], &of_scene].concat());
         }
         queue(resolve.get_mut(&kind), defs);
         if kind == Resolve::Apart {
             add.queue(format, &cache);
         }
     }
-    if *keeps_screen {
+    if core::mem::take(keeps_screen) {
         screen.queue((), &cache, || PassShader {
             shader: screen_shader.clone(),
             defs: vec![],

@@ -82,13 +82,14 @@ impl DenoisePass {
 #[derive(Resource)]
 pub struct DenoisePipelines {
     passes: HashMap<DenoisePass, (GBufferPass<PassVariant>, Handle<Shader>)>,
+    /// Passes requested since pipelines were last queued.
     wanted: HashSet<(DenoisePass, PassVariant)>,
     /// Objects move in this frame by a motion that is known.
     knows_motions: bool,
 }
 
 impl DenoisePipelines {
-    /// Asks for the passes of a view; they are compiled from the next frame on.
+    /// Asks for the passes of a view. To be called in each frame.
     pub(crate) fn request(&mut self, settings: &ClampedSettings) {
         for rest in [false, true] {
             let passes = DenoisePass::of(settings).iter();
@@ -138,7 +139,7 @@ pub(super) fn queue_denoise_pipelines(
 ) {
     let pipelines = &mut *pipelines;
     pipelines.knows_motions = scene.knows_motions();
-    for &(name, variant) in &pipelines.wanted {
+    for (name, variant) in core::mem::take(&mut pipelines.wanted) {
         let Some((pass, shader)) = pipelines.passes.get_mut(&name) else {
             continue;
         };

@@ -372,6 +372,7 @@ pub(super) fn extract_cameras(
     }
     let times = (limits.time.delta(), limits.retention.0);
     extraction.retire_views(&existing, idle, times, &mut limits.refused);
+    let is_complete = extraction.readiness.is_complete();
     let Findings {
         wanting,
         present,
@@ -382,7 +383,7 @@ pub(super) fn extract_cameras(
         ..
     } = extraction.found;
     status.update(|report| {
-        report.ready = waiting == 0 && !wanting.is_empty();
+        report.ready = waiting == 0 && !wanting.is_empty() && is_complete;
         report.hardware_vrs = vrs.status();
         report.active_backends = active_backends;
         report.declined = declined;

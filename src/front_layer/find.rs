@@ -8,7 +8,7 @@ use crate::{
     common::MAX_WORKGROUPS,
     gbuffer::{Binding, GBufferPass, OtherGroups, PassContext, PassShader},
     rate::RatePipelines,
-    scene::SceneBindings,
+    scene::{Features, Passes, SceneBindings},
     settings::{ClampedSettings, FrontLayerShader, ReflectionView},
 };
 use bevy::{
@@ -32,39 +32,12 @@ use bevy::{
 use core::num::NonZeroU64;
 
 /// A variant of the pass.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct FindVariant {
-    /// The scene's trees need a larger stack.
-    deep_trees: bool,
-    /// Cameras draw different layers.
-    layers: bool,
-    /// The view wants opaque surfaces that are drawn forward, and the scene has some.
-    forward: bool,
+    /// `FORWARD_SURFACES`: the view wants them, and the scene has some.
+    features: Features,
     /// The app's shader, in place of `find.wesl`.
     own: Option<Handle<Shader>>,
-}
-
-impl FindVariant {
-    /// Variants that do until this one is compiled. A stack that is too small misses some surfaces, without layers too many are
-    /// found, without the app's shader they lack its waves, and without forward surfaces those of glass are there: better than nothing,
-    /// if the view wants glass.
-    fn or_simpler(&self, wants_glass: bool) -> impl Iterator<Item = Self> + use<> {
-        let library = Self {
-            own: None,
-            ..self.clone()
-        };
-        let without_layers = Self {
-            layers: false,
-            ..library.clone()
-        };
-        let without_forward = Self {
-            forward: false,
-            ..self.clone()
-        };
-        [self.clone(), library, without_forward, without_layers, Self::default()]
-            .into_iter()
-            .filter(move |variant| variant.forward || wants_glass)
-    }
 }
 
 /// The pass in its variants.
@@ -72,19 +45,19 @@ impl FindVariant {
 pub(super) struct FindPass {
     shader: Handle<Shader>,
     pass: GBufferPass<FindVariant>,
-    /// The one that views want without forward surfaces.
-    variant: FindVariant,
-    /// The scene has forward surfaces.
-    has_forward: bool,
+    /// Features of the scene.
+    features: Features,
+    /// The app's shader.
+    own: Option<Handle<Shader>>,
 }
 
 /// Takes the app's shader over.
 pub(super) fn extract_shader(own: Extract<Option<Res<FrontLayerShader>>>, find: Option<ResMut<FindPass>>) {
     let own = own.as_ref().map(|own| &own.0);
     if let Some(mut find) = find
-        && find.variant.own.as_ref() != own
+        && find.own.as_ref() != own
     {
-        find.variant.own = own.cloned();
+        find.own = own.cloned();
     }
 }
 
@@ -113,8 +86,8 @@ pub(super) fn init_find_pass(mut commands: Commands, asset_server: Res<AssetServ
     commands.insert_resource(FindPass {
         shader: load_embedded_asset!(asset_server.as_ref(), "find.wesl"),
         pass: GBufferPass::new("glint_find_front_layer", bindings, groups),
-        variant: FindVariant::default(),
-        has_forward: false,
+        features: Features::empty(),
+        own: None,
     });
 }
 
@@ -156,33 +129,25 @@ pub(super) fn queue_find_pass(
     scene: Res<SceneBindings>,
     cache: Res<PipelineCache>,
 ) {
-    find.has_forward = scene.has_forward_surfaces();
-    find.variant.deep_trees = scene.has_deep_trees();
-    find.variant.layers = scene.has_render_layers();
+    find.features = scene.features();
     let views = views.iter().filter(|view| wants_layer(view, &scene));
     let wanted: HashSet<_> = views
         .flat_map(|view| {
-            let variant = find.variant_of(&view.settings);
-            let library = FindVariant {
-                own: None,
-                ..variant.clone()
-            };
-            [variant, library]
+            let features = find.features_of(&view.settings);
+            [find.own.clone(), None].map(|own| FindVariant { features, own })
         })
         .collect();
     let FindPass {
-        shader, pass, variant, ..
+        shader,
+        pass,
+        own: current,
+        ..
     } = &mut *find;
     for wanted in wanted {
-        let FindVariant {
-            layers, forward, own, ..
-        } = wanted.clone();
+        let FindVariant { features, own } = wanted.clone();
         pass.queue(wanted, &cache, || {
-            // See-through surfaces need the alpha test.
-            let mut defs = scene.shader_defs_for(true);
+            let mut defs = scene.definitions(features);
             defs.push("FRONT_LAYER".into());
-            defs.extend(layers.then(|| "RENDER_LAYERS".into()));
-            defs.extend(forward.then(|| "FORWARD_SURFACES".into()));
             PassShader {
                 entry_point: own.is_none().then_some("find"),
                 shader: own.unwrap_or_else(|| shader.clone()),
@@ -195,7 +160,7 @@ pub(super) fn queue_find_pass(
             error_once!(
                 "transparent and forward surfaces show no ray-traced reflections, since the shader that finds them failed: {error}"
             );
-        } else if failed.own == variant.own {
+        } else if failed.own == *current {
             error_once!(
                 "the shader of `FrontLayerShader` failed, so that reflections follow normal maps alone: {error}"
             );
@@ -204,17 +169,40 @@ pub(super) fn queue_find_pass(
 }
 
 impl FindPass {
-    /// The variant that a view with these settings wants.
-    fn variant_of(&self, settings: &ClampedSettings) -> FindVariant {
-        FindVariant {
-            forward: settings.forward && self.has_forward,
-            ..self.variant.clone()
+    /// The features that a view with these settings wants.
+    fn features_of(&self, settings: &ClampedSettings) -> Features {
+        // See-through surfaces need the alpha test.
+        let mut features = self.features.seen_by(Passes::FRONT_LAYER) | Features::MASKED;
+        if !settings.forward {
+            features -= Features::FORWARD_SURFACES;
         }
+        features
+    }
+
+    /// The compiled variant that leaves out least of what a view wants: the app's shader if that is compiled, and forward surfaces only for
+    /// views that want glass. A stack that is too small misses some surfaces, and without layers too many are found: better than nothing.
+    fn variant_of(&self, settings: &ClampedSettings, cache: &PipelineCache) -> Option<FindVariant> {
+        let wanted = self.features_of(settings);
+        // Of a view that wants no forward surfaces, the pass must find none.
+        let mut spare = Features::HARMLESS;
+        spare.set(Features::FORWARD_SURFACES, settings.forward);
+        let variants = [self.own.as_ref(), None].into_iter().filter_map(|own| {
+            let compiled = self.pass.compiled(cache).filter(|variant| variant.own.as_ref() == own);
+            let compiled = compiled.map(|variant| variant.features);
+            let fit = wanted.best_of(compiled, spare)?;
+            Some((fit, own))
+        });
+        let (fit, own) = variants.min_by_key(|(fit, _)| fit.loss())?;
+        let finds = settings.transparent || fit.features.contains(Features::FORWARD_SURFACES);
+        finds.then(|| FindVariant {
+            features: fit.features,
+            own: own.cloned(),
+        })
     }
 
     /// The app changes what is found, and nobody tells when.
     pub fn is_own(&self) -> bool {
-        self.variant.own.is_some()
+        self.own.is_some()
     }
 
     /// Finds the layer of a view, whose context is that of its opaque surfaces and whose main passes draw `depth`. Returns false where
@@ -241,8 +229,8 @@ impl FindPass {
             readable_depth(depth).unwrap_or(context.gbuffer.depth).into_binding(),
         ];
         let settings = &context.view.settings;
-        let variants = self.variant_of(settings).or_simpler(settings.transparent);
-        let Some(mut pass) = self.pass.begin(ctx, context, variants, &given) else {
+        let variant = self.variant_of(settings, context.cache);
+        let Some(mut pass) = self.pass.begin(ctx, context, variant, &given) else {
             return false;
         };
         let groups = gpu_rects.get().groups();

@@ -8,6 +8,7 @@ use super::{
     activity::SceneActivity,
     bvh::Item,
     change::{Change, SceneVersion},
+    features::Features,
     forward::ForwardObjects,
     gpu_types::{GpuInstance, GpuLight, GpuLightProbe, GpuMaterial, GpuSceneCounts},
     light_probes::{self, LightProbes},
@@ -67,29 +68,11 @@ pub struct SceneBindings {
     pub(crate) forward: ForwardObjects,
     pub(super) lightmaps: Lightmaps,
     pub(super) light_probes: LightProbes,
-    /// Some material has a clearcoat.
-    pub(super) has_clearcoat: bool,
-    /// Diffuse light comes through some material.
-    pub(super) has_diffuse_transmission: bool,
-    /// Not all reflecting cameras draw the same layers.
-    pub(super) has_render_layers: bool,
-    /// Some reflecting view lies in an atmosphere.
-    pub(super) has_air: bool,
-    /// Haze of an atmosphere lies before what some reflecting view shows.
-    pub(super) has_haze: bool,
-    /// Some reflecting view shows volumes of fog.
-    pub(super) has_fog_volumes: bool,
-    /// Some of them have a texture of their density.
-    pub(super) has_fog_density: bool,
-    /// There are rectangular lights.
-    pub(super) has_rect_lights: bool,
+    /// Features that tables have noted; [`Self::features`] has all of them.
+    pub(super) features: Features,
     pub(super) acceleration: Option<AccelerationStructures>,
     /// All back ends in use know of two acceleration structures.
     pub(super) may_split: bool,
-    /// Rays can hit something that needs the alpha test, or it isn't known yet whether they can.
-    masked: bool,
-    /// The scene's trees need a larger stack than usual.
-    deep: bool,
     defs_version: u32,
     /// Counts changes.
     pub(crate) version: SceneVersion,
@@ -130,18 +113,9 @@ impl FromWorld for SceneBindings {
             forward: ForwardObjects::default(),
             lightmaps: Lightmaps::default(),
             light_probes: LightProbes::new(textures.mode(), device, queue),
-            has_clearcoat: false,
-            has_diffuse_transmission: false,
-            has_render_layers: false,
-            has_air: false,
-            has_haze: false,
-            has_fog_volumes: false,
-            has_fog_density: false,
-            has_rect_lights: false,
+            features: Features::MASKED,
             acceleration: (tracer == ReflectionTracer::RayQuery).then(|| AccelerationStructures::new(device, queue)),
             may_split: true,
-            masked: true,
-            deep: false,
             defs_version: 0,
             version: SceneVersion::default(),
             generations: [u64::MAX; 8],
@@ -186,38 +160,13 @@ impl SceneBindings {
     }
 
     /// Returns whether the scene has more lights than a hit has bits for: `SHARED_LIGHTS` of `shading.wesl`.
-    pub(crate) fn has_many_lights(&self) -> bool {
+    fn has_many_lights(&self) -> bool {
         self.uniform_data.light_count > 64
-    }
-
-    /// Returns whether hits draw some of the lights, which shaders have to know.
-    pub(crate) fn draws_lights(&self) -> bool {
-        self.uniform_data.light_leaf_count > 0
     }
 
     /// Returns whether objects have moved since the last frame, by a motion that is known.
     pub(crate) fn knows_motions(&self) -> bool {
         self.instances.knows_motions()
-    }
-
-    /// Returns whether objects have lightmaps, which shaders have to know.
-    pub(crate) fn has_lightmaps(&self) -> bool {
-        !self.lightmaps.is_empty()
-    }
-
-    /// Returns whether materials have a clearcoat, which shaders have to know.
-    pub(crate) fn has_clearcoat(&self) -> bool {
-        self.has_clearcoat
-    }
-
-    /// Returns whether diffuse light comes through materials, which shaders have to know.
-    pub(crate) fn has_diffuse_transmission(&self) -> bool {
-        self.has_diffuse_transmission
-    }
-
-    /// Returns whether there are light probes, which shaders have to know.
-    pub(crate) fn has_light_probes(&self) -> bool {
-        !self.light_probes.is_empty()
     }
 
     /// Returns whether there is anything that Bevy may draw in front of its G-buffer and that can reflect.
@@ -233,41 +182,6 @@ impl SceneBindings {
     /// Returns whether the device has what light probes need.
     pub(crate) fn can_have_light_probes(&self) -> bool {
         self.light_probes.textures().is_some()
-    }
-
-    /// Returns whether reflecting cameras draw different layers, so that shaders have to tell them apart.
-    pub(crate) fn has_render_layers(&self) -> bool {
-        self.has_render_layers
-    }
-
-    /// Returns whether views lie in an atmosphere, which shaders have to know.
-    pub(crate) fn has_air(&self) -> bool {
-        self.has_air
-    }
-
-    /// Returns whether haze of an atmosphere lies before what they show, which shaders have to know.
-    pub(crate) fn has_haze(&self) -> bool {
-        self.has_haze
-    }
-
-    /// Returns whether views show volumes of fog, which shaders have to know.
-    pub(crate) fn has_fog_volumes(&self) -> bool {
-        self.has_fog_volumes
-    }
-
-    /// Returns whether some of them have a texture of their density, which shaders have to know.
-    pub(crate) fn has_fog_density(&self) -> bool {
-        self.has_fog_density
-    }
-
-    /// Returns whether there are rectangular lights, which shaders have to know.
-    pub(crate) fn has_rect_lights(&self) -> bool {
-        self.has_rect_lights
-    }
-
-    /// Returns whether some light has a texture, which shaders have to know.
-    pub(crate) fn has_light_textures(&self) -> bool {
-        !self.light_textures.is_empty()
     }
 
     /// Has tables write many changes by kernels, once these are compiled.
@@ -287,8 +201,7 @@ impl SceneBindings {
         self.lightmaps = Lightmaps::default();
         self.light_textures = LightTextures::default();
         self.light_probes.clear();
-        self.set_masked(true);
-        self.set_deep(false);
+        self.set_tree_features(true, false);
         self.bind_group = None;
         self.contents.clear();
         self.uniform_data = GpuSceneCounts::default();

@@ -14,6 +14,7 @@ mod change;
 mod change_ticks;
 pub mod environment;
 mod extract;
+mod features;
 pub mod fog_volumes;
 pub(crate) mod forward;
 mod free_slots;
@@ -49,6 +50,7 @@ mod waiting_room;
 
 pub use bind_group::SceneBindings;
 pub(crate) use change::Change;
+pub(crate) use features::{Features, Fit, Passes};
 pub use materials::ReflectedMaterial;
 pub use reflected_material::ReflectedMaterialPlugin;
 

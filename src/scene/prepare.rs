@@ -9,6 +9,7 @@ use super::{
     bind_group::SceneBindings,
     change::Change,
     environment::ViewEnvironment,
+    features::Features,
     gpu_types::GpuSceneCounts,
     instances::{InstanceSource, SceneInstances},
     light_probes::ExtractedLightProbes,
@@ -208,15 +209,24 @@ impl Scene<'_, '_> {
 
     /// Notes what materials and cameras ask of shaders.
     fn note_features(&mut self) {
-        self.bindings.has_air = self.views.iter().any(ViewEnvironment::has_air);
-        let features = self.device.features();
-        self.bindings.has_haze = self.views.iter().any(|view| view.has_haze(features));
-        self.bindings.has_fog_volumes = self.views.iter().any(ViewEnvironment::has_fog_volumes);
-        self.bindings.has_fog_density = self.views.iter().any(ViewEnvironment::has_fog_density);
-        self.bindings.has_clearcoat = self.materials.has_clearcoat();
-        self.bindings.has_render_layers = self.layers.differ();
-        self.bindings.has_diffuse_transmission = self.materials.has_diffuse_transmission();
-        self.bindings.has_rect_lights = self.lights.has_rects();
+        let able = self.device.features();
+        let any = |has: &dyn Fn(&ViewEnvironment) -> bool| self.views.iter().any(has);
+        let noted = [
+            (Features::ATMOSPHERE, any(&ViewEnvironment::has_air)),
+            (Features::HAZE, any(&|view| view.has_haze(able))),
+            (Features::FOG_VOLUMES, any(&ViewEnvironment::has_fog_volumes)),
+            (Features::FOG_DENSITY, any(&ViewEnvironment::has_fog_density)),
+            (Features::CLEARCOAT, self.materials.has_clearcoat()),
+            (
+                Features::DIFFUSE_TRANSMISSION,
+                self.materials.has_diffuse_transmission(),
+            ),
+            (Features::RENDER_LAYERS, self.layers.differ()),
+            (Features::RECT_LIGHTS, self.lights.has_rects()),
+        ];
+        for (feature, is_there) in noted {
+            self.bindings.features.set(feature, is_there);
+        }
         self.lights.detect_rects(self.area_lights.as_deref(), &self.images);
         if !self.lights.textures().is_empty() {
             self.bindings.light_textures.detect(self.lighting.as_deref());
@@ -265,7 +275,7 @@ impl Scene<'_, '_> {
                 .write(self.materials.materials(), changed, device, queue);
         }
         let (touched, mut change) = self.lights.take_changes();
-        if bindings.has_air && self.lights.touches_sun(&touched) {
+        if bindings.features.contains(Features::ATMOSPHERE) && self.lights.touches_sun(&touched) {
             // Sky and haze are lit by it where rays hit nothing that carries a mark.
             change = Change::Unmarked;
         }

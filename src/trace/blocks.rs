@@ -1,17 +1,16 @@
 //! Rays of the lists: one for each block, traced in one pass and shaded in the next, and one for each pixel of an exact mirror, traced
 //! beside that shading or in a pass of its own.
 
-use super::variant::{ShadingVariant, Variant};
 use crate::{
     common::{ALL_RAYS_DISPATCH, MIRROR_RAY_DISPATCH, RAY_DISPATCH, word_offset},
     gbuffer::{Binding, GBufferPass, OtherGroups, PassContext},
+    scene::Features,
     targets::{HIT_FORMAT, RADIANCE_FORMAT, RAY_RADIANCE_FORMAT, RAY_SAMPLE_FORMAT, STATS_FORMAT},
 };
 use bevy::render::{render_resource::BindGroupLayoutDescriptor, renderer::RenderContext};
-use core::hash::Hash;
 
 /// The pass over the ray list.
-pub(super) fn ray_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Variant> {
+pub(super) fn ray_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Features> {
     let own = vec![
         Binding::words(|context| Some(&context.images()?.ray_list)),
         Binding::written(RAY_RADIANCE_FORMAT, |context| Some(&context.images()?.ray_radiance)),
@@ -22,13 +21,13 @@ pub(super) fn ray_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<
 }
 
 /// The pass that shades what the rays of the ray list hit.
-pub(super) fn shading_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<ShadingVariant> {
+pub(super) fn shading_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Features> {
     let groups = OtherGroups::SceneAndEnvironment(scene_layout.clone());
     GBufferPass::new("glint_shade_hits", shading_bindings(), groups)
 }
 
 /// The same together with the pass over the mirror ray list.
-pub(super) fn shading_and_mirrors_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Variant> {
+pub(super) fn shading_and_mirrors_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Features> {
     let mut bindings = shading_bindings();
     bindings.extend([
         Binding::words(|context| Some(&context.images()?.mirror_ray_list)),
@@ -54,7 +53,7 @@ fn shading_bindings() -> Vec<Binding> {
 }
 
 /// The pass over the mirror ray list.
-pub(super) fn mirror_ray_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Variant> {
+pub(super) fn mirror_ray_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Features> {
     let own = vec![
         Binding::words(|context| Some(&context.images()?.mirror_ray_list)),
         Binding::written(RADIANCE_FORMAT, |context| {
@@ -65,7 +64,11 @@ pub(super) fn mirror_ray_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBuff
     list_pass("glint_trace_mirror_rays", own, scene_layout)
 }
 
-fn list_pass(label: &'static str, own: Vec<Binding>, scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Variant> {
+fn list_pass(
+    label: &'static str,
+    own: Vec<Binding>,
+    scene_layout: &BindGroupLayoutDescriptor,
+) -> GBufferPass<Features> {
     let mut bindings = vec![
         Binding::floats(|context| Some(context.albedo_table)),
         Binding::float_layers(|context| Some(context.noise)),
@@ -77,19 +80,19 @@ fn list_pass(label: &'static str, own: Vec<Binding>, scene_layout: &BindGroupLay
     GBufferPass::new(label, bindings, groups).with_screen(reads_screen)
 }
 
-fn reads_screen(variant: &Variant) -> bool {
-    variant.reuses_screen
+fn reads_screen(features: &Features) -> bool {
+    features.contains(Features::SCREEN_TRACES)
 }
 
-/// Traces or shades the rays of one list, by the first of the variants that is compiled.
-pub(super) fn run_list<K: Clone + Eq + Hash>(
+/// Traces or shades the rays of one list.
+pub(super) fn run_list(
     ctx: &mut RenderContext,
-    pass: &GBufferPass<K>,
-    variants: impl IntoIterator<Item = K>,
+    pass: &GBufferPass<Features>,
+    features: Features,
     context: &PassContext,
     list: List,
 ) {
-    if let Some(mut compute) = pass.begin(ctx, context, variants, &[]) {
+    if let Some(mut compute) = pass.begin(ctx, context, [features], &[]) {
         compute.dispatch_workgroups_indirect(&context.targets().indirect_args, word_offset(list.dispatch()));
     }
 }

@@ -1,14 +1,14 @@
 //! One ray for each pixel, averaged over frames.
 
-use super::variant::Variant;
 use crate::{
     gbuffer::{Binding, GBufferPass, OtherGroups, PassContext},
+    scene::Features,
     targets::ACCUMULATION_FORMAT,
 };
 use bevy::render::{render_resource::BindGroupLayoutDescriptor, renderer::RenderContext};
 
 /// The pass over all pixels.
-pub(super) fn converged_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Variant> {
+pub(super) fn converged_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Features> {
     let bindings = vec![
         Binding::floats(|context| Some(context.albedo_table)),
         Binding::written_words(1, |context| Some(&context.targets().indirect_args)),
@@ -28,12 +28,12 @@ pub(super) fn converged_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBuffe
 /// Traces a ray for each pixel.
 pub(super) fn trace_converged(
     ctx: &mut RenderContext,
-    pass: &GBufferPass<Variant>,
-    variant: Variant,
+    pass: &GBufferPass<Features>,
+    features: Features,
     context: &PassContext,
 ) {
     let size = context.textures.size();
-    if let Some(mut compute) = pass.begin(ctx, context, variant.substitutes(), &[]) {
+    if let Some(mut compute) = pass.begin(ctx, context, [features], &[]) {
         compute.dispatch_workgroups(size.x.div_ceil(8), size.y.div_ceil(8), 1);
     }
 }

@@ -1,9 +1,8 @@
 //! Rays of a full-screen fragment pass over the trace target.
 
-use super::variant::Variant;
 use crate::{
     gbuffer::{Binding, Group0, PassContext, lasting_error},
-    scene::environment,
+    scene::{Features, environment},
     targets::{RAY_RADIANCE_FORMAT, RAY_SAMPLE_FORMAT},
 };
 use bevy::{
@@ -12,8 +11,8 @@ use bevy::{
     render::{
         render_resource::{
             BindGroupLayoutDescriptor, CachedRenderPipelineId, ColorTargetState, ColorWrites, FragmentState, LoadOp,
-            Operations, PipelineCache, RenderPassColorAttachment, RenderPassDescriptor, RenderPipeline,
-            RenderPipelineDescriptor, ShaderStages, StoreOp, TextureFormat, TextureView, VertexState,
+            Operations, PipelineCache, RenderPassColorAttachment, RenderPassDescriptor, RenderPipelineDescriptor,
+            ShaderStages, StoreOp, TextureFormat, TextureView, VertexState,
         },
         renderer::RenderContext,
     },
@@ -26,7 +25,7 @@ pub(super) struct InlinePass {
     pub shader: Handle<Shader>,
     pub group_0: Group0,
     scene_layout: BindGroupLayoutDescriptor,
-    queued: HashMap<Variant, CachedRenderPipelineId>,
+    queued: HashMap<Features, CachedRenderPipelineId>,
 }
 
 impl InlinePass {
@@ -55,8 +54,8 @@ impl InlinePass {
     }
 
     /// Has a variant compiled, unless it already was.
-    pub fn queue(&mut self, variant: Variant, cache: &PipelineCache, defs: impl FnOnce() -> Vec<ShaderDefVal>) {
-        if self.queued.contains_key(&variant) {
+    pub fn queue(&mut self, features: Features, cache: &PipelineCache, defs: impl FnOnce() -> Vec<ShaderDefVal>) {
+        if self.queued.contains_key(&features) {
             return;
         }
         let shader_defs = defs();
@@ -85,37 +84,29 @@ impl InlinePass {
             }),
             ..default()
         });
-        self.queued.insert(variant, id);
+        self.queued.insert(features, id);
     }
 
-    /// `None` until the variant, or one that stands in for it, is compiled.
-    pub fn pipeline<'a>(&self, variant: Variant, cache: &'a PipelineCache) -> Option<&'a RenderPipeline> {
-        self.first(variant.substitutes(), cache)
-    }
-
-    /// Returns whether one of these variants is compiled.
-    pub fn has_any(&self, variants: impl IntoIterator<Item = Variant>, cache: &PipelineCache) -> bool {
-        self.first(variants, cache).is_some()
-    }
-
-    fn first<'a>(
-        &self,
-        variants: impl IntoIterator<Item = Variant>,
-        cache: &'a PipelineCache,
-    ) -> Option<&'a RenderPipeline> {
-        let get = |variant| cache.get_render_pipeline(*self.queued.get(&variant)?);
-        variants.into_iter().find_map(get)
+    /// Variants that are compiled.
+    pub fn compiled<'a>(&'a self, cache: &'a PipelineCache) -> impl Iterator<Item = Features> {
+        let ids = self.queued.iter();
+        ids.filter_map(|(features, &id)| cache.get_render_pipeline(id).map(|_| *features))
     }
 
     /// Variants that can't be compiled.
-    pub fn errors<'a>(&'a self, cache: &'a PipelineCache) -> impl Iterator<Item = (&'a Variant, &'a ShaderCacheError)> {
+    pub fn errors<'a>(
+        &'a self,
+        cache: &'a PipelineCache,
+    ) -> impl Iterator<Item = (&'a Features, &'a ShaderCacheError)> {
         let queued = self.queued.iter();
-        queued.filter_map(|(variant, &id)| Some((variant, lasting_error(cache.get_render_pipeline_state(id))?)))
+        queued.filter_map(|(features, &id)| Some((features, lasting_error(cache.get_render_pipeline_state(id))?)))
     }
 
     /// Traces a ray for each fragment.
-    pub fn trace(&self, ctx: &mut RenderContext, variant: Variant, context: &PassContext) {
-        let (Some(pipeline), Some(images)) = (self.pipeline(variant, context.cache), context.images()) else {
+    pub fn trace(&self, ctx: &mut RenderContext, features: Features, context: &PassContext) {
+        let pipeline = self.queued.get(&features).copied();
+        let pipeline = pipeline.and_then(|id| context.cache.get_render_pipeline(id));
+        let (Some(pipeline), Some(images)) = (pipeline, context.images()) else {
             return;
         };
         let label = Some("glint_trace_inline");

@@ -5,6 +5,7 @@
 //! | `passes.rs` | which passes trace the rays of a view |
 //! | `blocks`, `inline`, `converged`, `vrs` | the passes: bindings in Rust, work in WESL |
 //! | `pipelines.rs`, `variant.rs` | how they are compiled |
+//! | `plan.rs` | which of them run, in which variants, while others are compiled |
 //! | `resources.rs` | what they need of the render world |
 //! | `fallback.rs` | which back end a camera gets, and what is said where it isn't the one that was asked for |
 //! | `shade.wesl`, `hit.wesl` | shading of what the rays of `blocks.wesl` hit, and what it is handed |
@@ -26,6 +27,7 @@ mod fallback;
 mod inline;
 mod passes;
 mod pipelines;
+mod plan;
 mod resources;
 mod surface_shader;
 mod variant;

@@ -4,10 +4,10 @@ use super::{
     blocks::{List, run_list},
     converged::trace_converged,
     pipelines::TracePipelines,
-    variant::{TracePass, Variant},
+    variant::{Demand, Kernel, RayPass},
     vrs::VrsPass,
 };
-use crate::{gbuffer::PassContext, settings::ReflectionBackend};
+use crate::{gbuffer::PassContext, scene::Features, settings::ReflectionBackend};
 use bevy::render::renderer::RenderContext;
 
 /// Traces the rays of one view. Returns whether they count what has changed lately where they meet it: what the passes of later bounces
@@ -18,42 +18,38 @@ pub(crate) fn trace_rays(
     context: &PassContext,
     vrs: &mut VrsPass,
 ) -> bool {
-    let settings = &context.view.settings;
-    let variant = pipelines.variant_for(settings);
+    let demand = Demand::of(&context.view.settings);
+    let Some(plan) = pipelines.plan(demand, context.cache) else {
+        return false;
+    };
+    let features = pipelines.features | demand.asked;
+    // The one shader of the raw Vulkan pass can't draw lights, nor run the app's. If it gives up, this frame's rays come from the list.
+    let by_hardware = demand.rays == RayPass::Blocks
+        && context.view.settings.backend == ReflectionBackend::HardwareVrs
+        && !features.intersects(Features::LIGHT_SAMPLING | Features::SURFACE_SHADER)
+        && vrs.trace(ctx, pipelines, context);
     let mut watches = false;
-    let mut has_mirrors = false;
-    for pass in TracePass::of(settings) {
-        match pass {
-            TracePass::Converged => {
-                let variant = pipelines.converged_variant(variant);
-                trace_converged(ctx, &pipelines.converged, variant, context);
+    for (kernel, variant) in plan.steps() {
+        let list = match kernel {
+            Kernel::Rays | Kernel::Shading if by_hardware => continue,
+            Kernel::Rays | Kernel::Shading => List::Rays,
+            Kernel::ShadingAndMirrors => List::AllRays,
+            Kernel::Mirrors => List::MirrorRays,
+            Kernel::Inline => {
+                pipelines.inline.trace(ctx, variant, context);
+                continue;
             }
-            TracePass::Inline => pipelines.inline.trace(ctx, pipelines.first_rays(variant), context),
-            TracePass::Mirrors if has_mirrors => {}
-            TracePass::Mirrors => {
-                let variants = pipelines.mirror_variant(variant).substitutes();
-                run_list(ctx, &pipelines.mirror_rays, variants, context, List::MirrorRays);
-            }
-            // If the raw Vulkan pass gives up, this frame's rays come from the list. Its one shader can't draw lights, nor
-            // run the app's.
-            TracePass::Blocks => {
-                let by_hardware = settings.backend == ReflectionBackend::HardwareVrs
-                    && !variant.draws_lights
-                    && !variant.own_surfaces;
-                if !by_hardware || !vrs.trace(ctx, pipelines, context) {
-                    let rays = pipelines.ray_variant(variant, context.cache);
-                    run_list(ctx, &pipelines.rays, rays, context, List::Rays);
-                    let tinted = rays.is_some_and(|rays| rays.tinted);
-                    if let Some(joined) = pipelines.joined_variant(settings, variant, tinted, context.cache) {
-                        run_list(ctx, &pipelines.shading_and_mirrors, [joined], context, List::AllRays);
-                        has_mirrors = true;
-                    } else {
-                        let variants = Variant { tinted, ..variant }.shading_substitutes(pipelines.many_lights);
-                        run_list(ctx, &pipelines.shading, variants, context, List::Rays);
-                    }
-                    watches = settings.max_bounces <= 1 && !pipelines.many_lights && !variant.reuses_screen;
+            Kernel::Converged => {
+                if let Some(pass) = pipelines.compute(kernel) {
+                    trace_converged(ctx, pass, variant, context);
                 }
+                continue;
             }
+        };
+        let unwatched = Features::BOUNCES | Features::MANY_LIGHTS | Features::SCREEN_TRACES;
+        watches |= kernel == Kernel::Rays && !features.intersects(unwatched);
+        if let Some(pass) = pipelines.compute(kernel) {
+            run_list(ctx, pass, variant, context, list);
         }
     }
     watches

@@ -13,6 +13,7 @@ mod back_ends;
 mod bounces;
 mod bsn;
 mod budget;
+mod compiling;
 mod convergence;
 mod debug_views;
 mod deferred;

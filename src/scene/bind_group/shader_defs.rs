@@ -1,10 +1,49 @@
-//! The definitions that shaders which import the scene's modules are compiled with.
+//! Features of the scene, and the definitions that shaders which import its modules are compiled with.
 
 use super::SceneBindings;
-use crate::{device::ReflectionTracer, scene::bvh::LARGEST_STACK};
+use crate::{
+    device::ReflectionTracer,
+    scene::{bvh::LARGEST_STACK, features::Features},
+};
 use bevy::shader::ShaderDefVal;
 
 impl SceneBindings {
+    /// Features of the scene that shaders have to know.
+    pub(crate) fn features(&self) -> Features {
+        let of_tables = [
+            (!self.lightmaps.is_empty(), Features::LIGHTMAPS),
+            (!self.light_textures.is_empty(), Features::LIGHT_TEXTURES),
+            (!self.light_probes.is_empty(), Features::LIGHT_PROBES),
+            (self.see_through.has_tints(), Features::TINTS),
+            (self.see_through.has_partial(), Features::LAYERS),
+            (self.see_through.has_refraction(), Features::REFRACTION),
+            (self.has_forward_surfaces(), Features::FORWARD_SURFACES),
+            (self.uniform_data.light_leaf_count > 0, Features::LIGHT_SAMPLING),
+            (
+                self.has_many_lights() || self.features.contains(Features::FOG_VOLUMES),
+                Features::MANY_LIGHTS,
+            ),
+        ];
+        let present = of_tables
+            .into_iter()
+            .filter_map(|(is_there, feature)| is_there.then_some(feature));
+        present.fold(self.features, Features::union)
+    }
+
+    /// Definitions of shaders with these features.
+    pub(crate) fn definitions(&self, features: Features) -> Vec<ShaderDefVal> {
+        let mut definitions = self.tracer.shader_defs();
+        definitions.extend(self.texture_def.map(Into::into));
+        if features.contains(Features::MASKED) && self.tracer == ReflectionTracer::Bvh {
+            definitions.push("ALPHA_MASKED_GEOMETRY".into());
+        }
+        if features.contains(Features::DEEP_TREES) && self.tracer == ReflectionTracer::Bvh {
+            definitions.push(ShaderDefVal::UInt("BVH_STACK_SIZE".into(), LARGEST_STACK));
+        }
+        definitions.extend(features.definitions().map(Into::into));
+        definitions
+    }
+
     /// Returns the definitions that shaders which import the scene's modules must be compiled with for the scene as it is. Code
     /// that keeps pipelines has to follow [`Self::shader_defs_version`], or use [`Self::shader_defs_for`] any scene.
     #[cfg(feature = "internals")]
@@ -15,27 +54,11 @@ impl SceneBindings {
     /// The same with or without masked geometry. Shaders for scenes with it are right for all scenes. With the BVH tracer, shaders
     /// for scenes without it treat masked and blended surfaces as opaque (apart from what merged trees already cut out) and cannot
     /// tell their triangles; they are slightly smaller and faster. With ray queries there is no difference.
-    ///
-    /// A change of the scene never waits for a compiler where both are compiled from the start.
+    #[cfg(feature = "internals")]
     pub fn shader_defs_for(&self, masked_geometry: bool) -> Vec<ShaderDefVal> {
-        let mut defs = self.tracer.shader_defs();
-        defs.extend(self.texture_def.map(Into::into));
-        if masked_geometry && self.tracer == ReflectionTracer::Bvh {
-            defs.push("ALPHA_MASKED_GEOMETRY".into());
-        }
-        if self.deep {
-            defs.push(ShaderDefVal::UInt("BVH_STACK_SIZE".into(), LARGEST_STACK));
-        }
-        defs
-    }
-
-    /// For any scene.
-    pub(crate) fn shader_defs_for_any(&self) -> Vec<ShaderDefVal> {
-        let mut defs = self.shader_defs_for(true);
-        if self.tracer == ReflectionTracer::Bvh && !self.deep {
-            defs.push(ShaderDefVal::UInt("BVH_STACK_SIZE".into(), LARGEST_STACK));
-        }
-        defs
+        let mut features = self.features & Features::DEEP_TREES;
+        features.set(Features::MASKED, masked_geometry);
+        self.definitions(features)
     }
 
     /// Changes whenever [`Self::shader_defs`] does.
@@ -45,29 +68,16 @@ impl SceneBindings {
     }
 
     /// Returns whether rays can hit something that needs the alpha test. Also `true` until the first object can be hit.
+    #[cfg(feature = "internals")]
     pub fn has_masked_geometry(&self) -> bool {
-        self.masked
+        self.features.contains(Features::MASKED)
     }
 
-    /// Returns whether the scene's trees need a larger stack than shaders usually have. A larger stack slows rays down
-    /// a little.
-    pub(crate) fn has_deep_trees(&self) -> bool {
-        self.deep
-    }
-
-    /// Notes whether shaders need the alpha test.
-    pub(in crate::scene) fn set_masked(&mut self, masked: bool) {
-        if self.masked != masked {
-            self.masked = masked;
-            self.defs_version = self.defs_version.wrapping_add(1);
-        }
-    }
-
-    /// Notes whether shaders need a larger stack.
-    pub(in crate::scene) fn set_deep(&mut self, deep: bool) {
-        if self.deep != deep {
-            self.deep = deep;
-            self.defs_version = self.defs_version.wrapping_add(1);
-        }
+    /// Notes whether trees over the scene need the alpha test or a larger stack.
+    pub(in crate::scene) fn set_tree_features(&mut self, is_masked: bool, is_deep: bool) {
+        let before = self.features;
+        self.features.set(Features::MASKED, is_masked);
+        self.features.set(Features::DEEP_TREES, is_deep);
+        self.defs_version = self.defs_version.wrapping_add(u32::from(self.features != before));
     }
 }

@@ -111,9 +111,8 @@ impl SceneBindings {
         if self.follow_lost_trees(instances, meshes) {
             self.top_level.upload(self.merge.instances(), place_of, meshes, queue);
         }
-        self.set_masked(self.instances.masked_count() > 0);
         let head = self.top_level.head();
-        self.set_deep(head.is_deep);
+        self.set_tree_features(self.instances.masked_count() > 0, head.is_deep);
         self.uniform_data.tlas_node_count = head.node_count;
         self.uniform_data.tlas_root = 0;
         if head.node_count == 0 && self.instances.present_count() > 0 {

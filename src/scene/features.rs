@@ -1,0 +1,365 @@
+//! What shaders are compiled for: one bit for each feature of the scene, the views and the app, and one row that says which definition it
+//! is and which passes see it.
+
+use crate::settings::ClampedSettings;
+use bitflags::bitflags;
+
+bitflags! {
+    /// Features that shaders are compiled with or without.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+    pub struct Features: u32 {
+        /// Rays can hit something that needs the alpha test. Always set with ray queries, whose shaders don't differ.
+        const MASKED = 1;
+        /// The scene's trees need a larger stack.
+        const DEEP_TREES = 1 << 1;
+        /// Reflecting cameras draw different layers.
+        const RENDER_LAYERS = 1 << 2;
+        /// Some object tints the light that it lets through.
+        const TINTS = 1 << 3;
+        /// Some object lets a part of the rays through, which exact mirrors follow without chance.
+        const LAYERS = 1 << 4;
+        /// Some object refracts first rays.
+        const REFRACTION = 1 << 5;
+        /// There are light probes.
+        const LIGHT_PROBES = 1 << 6;
+        /// There are so many lights that hits draw some of them.
+        const LIGHT_SAMPLING = 1 << 7;
+        /// There are more lights than hits have bits for (`SHARED_LIGHTS` of `shading.wesl`), or fog that lights shine through, so that
+        /// the pass that shades hits traces rays.
+        const MANY_LIGHTS = 1 << 8;
+        /// Some view lies in an atmosphere.
+        const ATMOSPHERE = 1 << 9;
+        /// Its haze lies before what some view shows.
+        const HAZE = 1 << 10;
+        /// Some object has a lightmap.
+        const LIGHTMAPS = 1 << 11;
+        /// Some material has a clearcoat.
+        const CLEARCOAT = 1 << 12;
+        /// Diffuse light comes through some material.
+        const DIFFUSE_TRANSMISSION = 1 << 13;
+        /// There are rectangular lights.
+        const RECT_LIGHTS = 1 << 14;
+        /// Some light has a texture.
+        const LIGHT_TEXTURES = 1 << 15;
+        /// Some view shows volumes of fog.
+        const FOG_VOLUMES = 1 << 16;
+        /// Some of them have a texture of their density.
+        const FOG_DENSITY = 1 << 17;
+        /// Bevy draws opaque surfaces forward.
+        const FORWARD_SURFACES = 1 << 18;
+        /// The app's shader changes the surfaces of hits.
+        const SURFACE_SHADER = 1 << 19;
+        /// The view follows rays beyond their first hit.
+        const BOUNCES = 1 << 20;
+        /// Hits take light from what the camera showed.
+        const SCREEN_TRACES = 1 << 21;
+        /// Rays also march through the depth of what it showed.
+        const SCREEN_MARCH = 1 << 22;
+    }
+}
+
+bitflags! {
+    /// Passes that are compiled for the scene.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+    pub struct Passes: u8 {
+        /// Rays of blocks up to their first hit.
+        const RAYS = 1;
+        /// Shading of these hits, without rays.
+        const SHADING = 1 << 1;
+        /// Shading of these hits by a pass that traces rays.
+        const TRACED_SHADING = 1 << 2;
+        /// Shading of these hits beside the rays of exact mirrors.
+        const SHADING_AND_MIRRORS = 1 << 3;
+        /// Rays of exact mirrors, and their shading.
+        const MIRRORS = 1 << 4;
+        /// One ray for each pixel, and its shading.
+        const CONVERGED = 1 << 5;
+        /// Rays of fragments, and their shading.
+        const INLINE = 1 << 6;
+        /// The pass that finds the front layer.
+        const FRONT_LAYER = 1 << 7;
+
+        /// All that trace and shade hits.
+        const SHADED_RAYS =
+            Self::SHADING_AND_MIRRORS.bits() | Self::MIRRORS.bits() | Self::CONVERGED.bits() | Self::INLINE.bits();
+        /// All that shade hits.
+        const ALL_SHADING = Self::SHADING.bits() | Self::TRACED_SHADING.bits() | Self::SHADED_RAYS.bits();
+        /// All that trace rays from the surfaces of a view.
+        const FIRST_RAYS = Self::RAYS.bits() | Self::SHADED_RAYS.bits();
+        /// All that trace rays and shade, or trace shadow rays.
+        const ALL_TRACING = Self::FIRST_RAYS.bits() | Self::TRACED_SHADING.bits();
+    }
+}
+
+/// A feature, its definition, and the passes that see it.
+struct Row {
+    feature: Features,
+    definition: &'static str,
+    passes: Passes,
+}
+
+const fn row(feature: Features, definition: &'static str, passes: Passes) -> Row {
+    Row {
+        feature,
+        definition,
+        passes,
+    }
+}
+
+/// All features. The definitions of the first two depend on the tracer (`SceneBindings::definitions`).
+const TABLE: [Row; 23] = {
+    use Features as F;
+    use Passes as P;
+    [
+        row(F::MASKED, "", P::all()),
+        row(F::DEEP_TREES, "", P::ALL_TRACING.union(P::FRONT_LAYER)),
+        row(F::RENDER_LAYERS, "RENDER_LAYERS", P::ALL_TRACING.union(P::FRONT_LAYER)),
+        row(F::TINTS, "TINTED_GLASS", P::ALL_TRACING.union(P::SHADING)),
+        row(F::LAYERS, "LAYERED_RAYS", P::MIRRORS.union(P::CONVERGED)),
+        row(
+            F::REFRACTION,
+            "REFRACTION",
+            P::FIRST_RAYS.difference(P::SHADING_AND_MIRRORS),
+        ),
+        row(F::LIGHT_PROBES, "LIGHT_PROBES", P::ALL_TRACING.union(P::SHADING)),
+        row(F::LIGHT_SAMPLING, "LIGHT_SAMPLING", P::ALL_TRACING),
+        row(F::MANY_LIGHTS, "MANY_LIGHTS", P::TRACED_SHADING),
+        row(F::ATMOSPHERE, "ATMOSPHERIC", P::ALL_TRACING.union(P::SHADING)),
+        row(F::HAZE, "AERIAL_PERSPECTIVE", P::ALL_SHADING),
+        row(F::LIGHTMAPS, "LIGHTMAPS", P::ALL_SHADING),
+        row(F::CLEARCOAT, "CLEARCOAT", P::ALL_SHADING),
+        row(
+            F::DIFFUSE_TRANSMISSION,
+            "DIFFUSE_TRANSMISSION",
+            P::ALL_TRACING.union(P::SHADING),
+        ),
+        row(F::RECT_LIGHTS, "RECT_LIGHTS", P::ALL_SHADING),
+        row(F::LIGHT_TEXTURES, "LIGHT_TEXTURES", P::ALL_SHADING),
+        row(F::FOG_VOLUMES, "VOLUMETRIC_FOG", P::ALL_TRACING),
+        row(F::FOG_DENSITY, "FOG_DENSITY", P::ALL_TRACING),
+        row(F::FORWARD_SURFACES, "FORWARD_SURFACES", P::FRONT_LAYER),
+        row(F::SURFACE_SHADER, "SURFACE_SHADER", P::ALL_SHADING),
+        row(F::BOUNCES, "BOUNCES", P::ALL_SHADING),
+        row(F::SCREEN_TRACES, "SCREEN_TRACES", P::FIRST_RAYS),
+        row(F::SCREEN_MARCH, "SCREEN_MARCH", P::FIRST_RAYS),
+    ]
+};
+
+/// A compiled variant of a pass, in place of the one that was wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Fit {
+    pub features: Features,
+    /// Features that were wanted and are left out.
+    pub missing: Features,
+}
+
+impl Features {
+    /// Features that a view's settings ask for. Bindings follow them, so that no variant with others can take the place of one.
+    const SETTINGS: Self = Self::BOUNCES.union(Self::SCREEN_TRACES).union(Self::SCREEN_MARCH);
+    /// Features without which rays go astray, while without others they only lack some light. With `LIGHT_SAMPLING`, hits see no lights
+    /// but directional ones outside of its tree.
+    const GRAVE: Self = Self::MASKED
+        .union(Self::DEEP_TREES)
+        .union(Self::RENDER_LAYERS)
+        .union(Self::LIGHT_SAMPLING);
+    /// Features that a variant may have where nothing asks for them: they find nothing to do.
+    pub(crate) const HARMLESS: Self = Self::all().difference(Self::SETTINGS).difference(Self::SURFACE_SHADER);
+    /// All that the raw Vulkan pass has, in any scene whose device has what light probes need.
+    pub(crate) const OF_VRS: Self = Self::LIGHTMAPS
+        .union(Self::CLEARCOAT)
+        .union(Self::ATMOSPHERE)
+        .union(Self::RECT_LIGHTS)
+        .union(Self::LIGHT_TEXTURES)
+        .union(Self::DIFFUSE_TRANSMISSION)
+        .union(Self::LIGHT_PROBES);
+
+    /// Features that a view asks for.
+    pub(crate) fn asked_by(settings: &ClampedSettings) -> Self {
+        let asked = [
+            (settings.has_bounces(), Self::BOUNCES),
+            (settings.reuses_screen(), Self::SCREEN_TRACES),
+            (settings.marches_screen(), Self::SCREEN_MARCH),
+        ];
+        asked
+            .into_iter()
+            .filter_map(|(is_asked, feature)| is_asked.then_some(feature))
+            .collect()
+    }
+
+    /// The features that make a difference to a pass.
+    pub(crate) fn seen_by(self, pass: Passes) -> Self {
+        let seen: Self = TABLE
+            .iter()
+            .filter(|row| row.passes.intersects(pass))
+            .map(|row| row.feature)
+            .collect();
+        let seen = self & seen;
+        if pass == Passes::SHADING {
+            // It traces no rays: one pipeline serves scenes with and without masks.
+            seen | Self::MASKED
+        } else if self.contains(Self::MASKED) {
+            seen
+        } else {
+            seen - Self::LAYERS - Self::REFRACTION
+        }
+    }
+
+    /// Names of the definitions that don't depend on the tracer.
+    pub(crate) fn definitions(self) -> impl Iterator<Item = &'static str> {
+        let rows = TABLE.iter().filter(move |row| self.contains(row.feature));
+        rows.map(|row| row.definition).filter(|name| !name.is_empty())
+    }
+
+    /// The compiled variant that leaves out least of what is wanted; `None` where there is none for these settings of a view. It may have
+    /// some more of the features `spare`: so a feature that comes, or goes, takes no other one away while its shader is compiled.
+    pub(crate) fn best_of(self, compiled: impl IntoIterator<Item = Self>, spare: Self) -> Option<Fit> {
+        let fit = |features: Self| Fit {
+            features,
+            missing: self.difference(features) | (features.difference(self) & Self::LIGHT_SAMPLING),
+        };
+        let count = |features: Self| features.bits().count_ones();
+        compiled
+            .into_iter()
+            .filter(|features| !(*features ^ self).intersects(Self::SETTINGS))
+            .filter(|features| spare.contains(features.difference(self)))
+            .map(fit)
+            .min_by_key(|fit| {
+                let spare = count(fit.features.difference(self));
+                (fit.loss(), spare, fit.features.bits())
+            })
+    }
+}
+
+impl Fit {
+    /// How much is left out, to compare it with other variants: first what leads rays astray.
+    pub fn loss(self) -> (u32, u32) {
+        let grave = self.missing & Features::GRAVE;
+        (grave.bits().count_ones(), self.missing.bits().count_ones())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{RayTracedReflections, ScreenTraces};
+
+    const RICH: Features = Features::MASKED
+        .union(Features::ATMOSPHERE)
+        .union(Features::LIGHTMAPS)
+        .union(Features::LIGHT_PROBES);
+
+    fn best(wanted: Features, compiled: &[Features]) -> Option<Features> {
+        let fit = wanted.best_of(compiled.iter().copied(), Features::HARMLESS);
+        fit.map(|fit| fit.features)
+    }
+
+    #[test]
+    fn all_features_have_a_row_and_a_definition_of_their_own() {
+        let rows: Features = TABLE.iter().map(|row| row.feature).collect();
+        assert_eq!(rows, Features::all());
+        let names: std::collections::BTreeSet<_> = Features::all().definitions().collect();
+        assert_eq!(names.len(), TABLE.len() - 2);
+    }
+
+    #[test]
+    fn a_new_feature_takes_no_other_one_away() {
+        let wanted = RICH | Features::RECT_LIGHTS;
+        let compiled = [Features::MASKED, Features::MASKED | Features::ATMOSPHERE, RICH];
+        assert_eq!(best(wanted, &compiled), Some(RICH));
+        let fit = wanted.best_of(compiled, Features::HARMLESS);
+        assert_eq!(fit.map(|fit| fit.missing), Some(Features::RECT_LIGHTS));
+        assert_eq!(best(wanted, &[RICH, wanted]), Some(wanted));
+        // Where only the richer one was ever compiled, nothing goes black.
+        assert_eq!(best(wanted, &[RICH]), Some(RICH));
+        assert_eq!(best(wanted, &[]), None);
+    }
+
+    #[test]
+    fn a_feature_that_goes_takes_no_other_one_with_it() {
+        let wanted = RICH - Features::LIGHT_PROBES;
+        let fit = wanted.best_of([Features::MASKED, RICH], Features::HARMLESS).unwrap();
+        assert_eq!((fit.features, fit.missing), (RICH, Features::empty()));
+        // One goes, another one comes.
+        let other = wanted | Features::CLEARCOAT;
+        assert_eq!(best(other, &[Features::MASKED, RICH]), Some(RICH));
+        // The least of those that lack nothing.
+        assert_eq!(best(wanted, &[RICH | Features::HAZE, RICH]), Some(RICH));
+    }
+
+    #[test]
+    fn masks_matter_more_than_light() {
+        let unmasked = (RICH | Features::CLEARCOAT) - Features::MASKED;
+        assert_eq!(best(RICH, &[unmasked, Features::MASKED]), Some(Features::MASKED));
+        assert_eq!(best(RICH, &[unmasked]), Some(unmasked));
+        // A shader for masks is right for scenes without.
+        assert_eq!(best(unmasked - Features::CLEARCOAT, &[RICH]), Some(RICH));
+    }
+
+    #[test]
+    fn the_settings_of_a_view_are_never_left_out() {
+        let of = |settings: RayTracedReflections| Features::asked_by(&ClampedSettings::from(&settings));
+        let default = RayTracedReflections::default;
+        assert_eq!(of(default()), Features::empty());
+        let bounces = of(RayTracedReflections {
+            max_bounces: 2,
+            ..default()
+        });
+        assert_eq!(bounces, Features::BOUNCES);
+        let screen = |screen_traces| {
+            of(RayTracedReflections {
+                screen_traces,
+                ..default()
+            })
+        };
+        assert!(screen(ScreenTraces::Reuse).definitions().eq(["SCREEN_TRACES"]));
+        let marching = screen(ScreenTraces::March);
+        assert!(marching.definitions().eq(["SCREEN_TRACES", "SCREEN_MARCH"]));
+        for asked in [bounces, screen(ScreenTraces::Reuse), marching] {
+            assert_eq!(best(RICH | asked, &[RICH]), None);
+            assert_eq!(best(RICH, &[RICH | asked]), None);
+            assert_eq!(
+                best(RICH | asked, &[Features::MASKED | asked]),
+                Some(Features::MASKED | asked)
+            );
+        }
+    }
+
+    #[test]
+    fn the_apps_shader_can_be_left_out_and_runs_only_while_it_is_there() {
+        let own = RICH | Features::SURFACE_SHADER;
+        assert_eq!(best(own, &[Features::MASKED, RICH]), Some(RICH));
+        assert_eq!(best(RICH, &[own]), None);
+    }
+
+    #[test]
+    fn shaders_that_draw_lights_are_the_last_choice_where_no_tree_has_them() {
+        let drawing = RICH | Features::LIGHT_SAMPLING;
+        let fit = RICH.best_of([drawing], Features::HARMLESS).unwrap();
+        assert_eq!(fit.missing, Features::LIGHT_SAMPLING);
+        assert_eq!(best(RICH, &[drawing, Features::MASKED]), Some(Features::MASKED));
+    }
+
+    #[test]
+    fn passes_see_only_what_makes_a_difference_to_them() {
+        let seen = |pass| Features::all().seen_by(pass);
+        let rays = seen(Passes::RAYS);
+        assert!(!rays.intersects(Features::LIGHTMAPS | Features::HAZE | Features::RECT_LIGHTS | Features::BOUNCES));
+        assert!(rays.contains(Features::REFRACTION | Features::DIFFUSE_TRANSMISSION | Features::SCREEN_TRACES));
+        // The rays' pass must know that it tests directional lights alone.
+        assert!(rays.contains(Features::LIGHT_SAMPLING));
+        let plain = seen(Passes::SHADING);
+        assert!(plain.contains(Features::LIGHTMAPS | Features::HAZE | Features::ATMOSPHERE | Features::TINTS));
+        assert!(!plain.intersects(Features::LIGHT_SAMPLING | Features::FOG_VOLUMES | Features::SCREEN_TRACES));
+        let traced = seen(Passes::TRACED_SHADING);
+        assert!(traced.contains(Features::MANY_LIGHTS | Features::LIGHT_SAMPLING | Features::FOG_VOLUMES));
+        assert!(!traced.intersects(Features::SCREEN_TRACES | Features::LAYERS | Features::REFRACTION));
+        let find = seen(Passes::FRONT_LAYER);
+        let of_find = Features::MASKED | Features::DEEP_TREES | Features::RENDER_LAYERS | Features::FORWARD_SURFACES;
+        assert_eq!(find, of_find);
+        // Without masks rays pass through nothing.
+        let opaque = Features::all() - Features::MASKED;
+        let bent = Features::LAYERS | Features::REFRACTION;
+        assert!(!opaque.seen_by(Passes::MIRRORS).intersects(bent));
+        assert!(seen(Passes::MIRRORS).contains(bent));
+    }
+}

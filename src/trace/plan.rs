@@ -1,0 +1,248 @@
+//! Which passes trace the rays of a view, each in the variant that leaves out least of what is wanted, of those that are compiled.
+
+use super::variant::{Demand, Kernel, RayPass};
+use crate::scene::{Features, Fit};
+
+/// Passes that trace and shade the rays of a view, in order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Plan([Option<(Kernel, Fit)>; 3]);
+
+/// Finds the variant of a pass for the wanted features, with no others than the spare ones.
+pub(super) type Find<'a> = &'a dyn Fn(Kernel, Features, Features) -> Option<Fit>;
+
+/// Passes that serve a view best once they are compiled with all features. `can_join`: the device has as many storage buffers as the pass
+/// takes that shades hits and traces mirror rays.
+pub(super) fn kernels(demand: Demand, wanted: Features, can_join: bool) -> impl Iterator<Item = Kernel> {
+    let mirrors = demand.mirrors.then_some(Kernel::Mirrors);
+    let kernels = match demand.rays {
+        RayPass::Blocks if demand.may_join && can_join && lost_by_joining(wanted).is_empty() => {
+            [Some(Kernel::Rays), Some(Kernel::ShadingAndMirrors), None]
+        }
+        RayPass::Blocks => [Some(Kernel::Rays), Some(Kernel::Shading), mirrors],
+        RayPass::Inline => [Some(Kernel::Inline), mirrors, None],
+        RayPass::Converged => [Some(Kernel::Converged), mirrors, None],
+    };
+    kernels.into_iter().flatten()
+}
+
+/// Features that the pass lacks which shades hits and traces mirror rays: lights without bits, and rays that are followed through layers.
+fn lost_by_joining(wanted: Features) -> Features {
+    (wanted & Features::MANY_LIGHTS) | (Kernel::Mirrors.features(wanted) & Features::LAYERS)
+}
+
+impl Plan {
+    /// `None` where nothing that the view needs is compiled.
+    pub fn new(demand: Demand, wanted: Features, find: Find) -> Option<Self> {
+        let best = |kernel: Kernel| Some((kernel, find(kernel, kernel.features(wanted), Features::HARMLESS)?));
+        let mirrors = if demand.mirrors {
+            best(Kernel::Mirrors).map(Some)
+        } else {
+            Some(None)
+        };
+        match demand.rays {
+            RayPass::Inline => Some(Self([Some(best(Kernel::Inline)?), mirrors?, None])),
+            RayPass::Converged => Some(Self([Some(best(Kernel::Converged)?), mirrors?, None])),
+            RayPass::Blocks => Self::of_blocks(demand, wanted, mirrors, find),
+        }
+    }
+
+    fn of_blocks(demand: Demand, wanted: Features, mirrors: Option<Option<(Kernel, Fit)>>, find: Find) -> Option<Self> {
+        let best =
+            |kernel: Kernel, wanted: Features, spare| Some((kernel, find(kernel, kernel.features(wanted), spare)?));
+        let any = Features::HARMLESS;
+        // Rays test directional lights alone only if the pass that shades their hits draws the others.
+        let draws = |(_, fit): (Kernel, Fit)| fit.features.contains(Features::LIGHT_SAMPLING);
+        let of_rays = if best(Kernel::Shading, wanted, any).is_some_and(draws) {
+            wanted
+        } else {
+            wanted - Features::LIGHT_SAMPLING
+        };
+        let rays = best(Kernel::Rays, of_rays, any)?;
+        // Hits have tints only if their rays noted some.
+        let noted = (rays.1.features & Features::TINTS) | !Features::TINTS;
+        let (of_hits, spare) = (wanted & noted, any & noted);
+        let shading = best(Kernel::Shading, of_hits, spare);
+        let lost = lost_by_joining(wanted);
+        let joined = demand.may_join.then(|| best(Kernel::ShadingAndMirrors, of_hits, spare));
+        let joined = joined.flatten().map(|(kernel, mut fit)| {
+            fit.missing |= lost;
+            Self([Some(rays), Some((kernel, fit)), None])
+        });
+        let apart = shading.zip(mirrors);
+        let apart = apart.map(|(shading, mirrors)| Self([Some(rays), Some(shading), mirrors]));
+        match (joined, apart) {
+            (Some(joined), Some(apart)) if lost.is_empty() => {
+                Some(if joined.loss() <= apart.loss() { joined } else { apart })
+            }
+            (Some(joined), Some(apart)) => Some(if joined.loss() < apart.loss() { joined } else { apart }),
+            (joined, apart) => joined.or(apart),
+        }
+    }
+
+    /// The passes in order.
+    pub fn steps(self) -> impl Iterator<Item = (Kernel, Features)> {
+        self.0.into_iter().flatten().map(|(kernel, fit)| (kernel, fit.features))
+    }
+
+    /// Features that some pass leaves out while its shader is compiled.
+    pub fn missing(self) -> Features {
+        self.0.iter().flatten().map(|(_, fit)| fit.missing).collect()
+    }
+
+    fn loss(self) -> (u32, u32) {
+        Fit {
+            features: Features::empty(),
+            missing: self.missing(),
+        }
+        .loss()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{ClampedSettings, RayTracedReflections, ReflectionTechnique};
+    use bevy::platform::collections::HashMap;
+
+    /// A view, and what is compiled for it.
+    struct Compiler {
+        demand: Demand,
+        compiled: HashMap<Kernel, Vec<Features>>,
+    }
+
+    impl Compiler {
+        fn new(technique: ReflectionTechnique) -> Self {
+            let settings = RayTracedReflections {
+                technique,
+                ..Default::default()
+            };
+            Self {
+                demand: Demand::of(&ClampedSettings::from(&settings)),
+                compiled: HashMap::default(),
+            }
+        }
+
+        /// Compiles all that the view wants.
+        fn finish(&mut self, wanted: Features) {
+            for kernel in kernels(self.demand, wanted, true) {
+                self.compile(kernel, wanted);
+            }
+        }
+
+        fn compile(&mut self, kernel: Kernel, wanted: Features) {
+            self.compiled.entry(kernel).or_default().push(kernel.features(wanted));
+        }
+
+        fn plan(&self, wanted: Features) -> Option<Plan> {
+            Plan::new(self.demand, wanted, &|kernel, features, spare| {
+                features.best_of(self.compiled.get(&kernel)?.iter().copied(), spare)
+            })
+        }
+
+        fn missing(&self, wanted: Features) -> Features {
+            self.plan(wanted).unwrap().missing()
+        }
+    }
+
+    const TECHNIQUES: [ReflectionTechnique; 3] = [
+        ReflectionTechnique::Variable,
+        ReflectionTechnique::Converged,
+        ReflectionTechnique::QuarterInline,
+    ];
+    const BASE: Features = Features::MASKED.union(Features::ATMOSPHERE).union(Features::LIGHTMAPS);
+
+    #[test]
+    fn a_feature_that_comes_takes_no_other_one_away() {
+        // Any one, and those for which other passes run.
+        let coming = Features::HARMLESS - Features::FORWARD_SURFACES - BASE;
+        for technique in TECHNIQUES {
+            for feature in coming.iter() {
+                let mut compiler = Compiler::new(technique);
+                assert_eq!(compiler.plan(BASE), None, "{technique:?}");
+                compiler.finish(BASE);
+                assert_eq!(compiler.missing(BASE), Features::empty(), "{technique:?}");
+                let richer = BASE | feature;
+                let missing = compiler.missing(richer);
+                // Where rays are bent, the ground truth follows all layers.
+                let coming = if feature == Features::REFRACTION {
+                    feature | Features::LAYERS
+                } else {
+                    feature
+                };
+                assert!(
+                    coming.contains(missing),
+                    "{technique:?} with {feature:?} lacks {missing:?}"
+                );
+                compiler.finish(richer);
+                assert_eq!(compiler.missing(richer), Features::empty(), "{technique:?} {feature:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_feature_that_goes_takes_no_other_one_with_it() {
+        let going = Features::HARMLESS - Features::FORWARD_SURFACES - BASE - Features::LIGHT_SAMPLING;
+        for technique in TECHNIQUES {
+            for feature in going.iter() {
+                let mut compiler = Compiler::new(technique);
+                compiler.finish(BASE | feature);
+                assert_eq!(
+                    compiler.missing(BASE),
+                    Features::empty(),
+                    "{technique:?} without {feature:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn passes_that_are_new_wait_until_they_lack_nothing() {
+        let mut compiler = Compiler::new(ReflectionTechnique::Variable);
+        compiler.finish(BASE);
+        let kernels = |plan: Option<Plan>| plan.unwrap().steps().map(|(kernel, _)| kernel).collect::<Vec<_>>();
+        let joined = [Kernel::Rays, Kernel::ShadingAndMirrors];
+        assert_eq!(kernels(compiler.plan(BASE)), joined);
+        // Glass: mirrors get a pass of their own, of which a poorer one is compiled first.
+        let glass = BASE | Features::LAYERS;
+        compiler.compile(Kernel::Mirrors, Features::MASKED | Features::LAYERS);
+        compiler.compile(Kernel::Shading, Features::MASKED);
+        assert_eq!(kernels(compiler.plan(glass)), joined);
+        compiler.finish(glass);
+        assert_eq!(
+            kernels(compiler.plan(glass)),
+            [Kernel::Rays, Kernel::Shading, Kernel::Mirrors]
+        );
+        assert_eq!(kernels(compiler.plan(BASE)), joined);
+    }
+
+    #[test]
+    fn rays_leave_lights_to_a_pass_that_draws_them_only_once_it_does() {
+        let mut compiler = Compiler::new(ReflectionTechnique::Variable);
+        compiler.finish(BASE | Features::MANY_LIGHTS);
+        let night = BASE | Features::MANY_LIGHTS | Features::LIGHT_SAMPLING;
+        compiler.compile(Kernel::Rays, night);
+        let draws = |compiler: &Compiler| {
+            let mut steps = compiler.plan(night).unwrap().steps();
+            steps.all(|(_, features)| features.contains(Features::LIGHT_SAMPLING))
+        };
+        let rays = compiler.plan(night).unwrap().steps().next().unwrap();
+        assert!(!rays.1.contains(Features::LIGHT_SAMPLING));
+        compiler.finish(night);
+        assert!(draws(&compiler));
+    }
+
+    #[test]
+    fn hits_without_tints_are_never_shaded_with_them() {
+        let mut compiler = Compiler::new(ReflectionTechnique::Variable);
+        compiler.compile(Kernel::Rays, BASE);
+        let tinted = BASE | Features::TINTS;
+        for kernel in [Kernel::Shading, Kernel::ShadingAndMirrors, Kernel::Mirrors] {
+            compiler.compile(kernel, tinted);
+        }
+        assert_eq!(compiler.plan(tinted), None);
+        compiler.compile(Kernel::ShadingAndMirrors, BASE);
+        assert!(compiler.plan(tinted).is_some());
+        compiler.compile(Kernel::Rays, tinted);
+        assert_eq!(compiler.missing(tinted), Features::empty());
+    }
+}

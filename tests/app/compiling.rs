@@ -1,0 +1,246 @@
+//! What reflections show while shaders are compiled, and which are compiled at all.
+
+use crate::{
+    common::app,
+    pictures::{PATIENCE, warm_up},
+    stage::{BEFORE_THE_MIRROR, SIZE, clear, metal, report, spawn_camera, spawn_mesh, wall},
+};
+use bevy::{
+    asset::RenderAssetUsages,
+    core_pipeline::tonemapping::Tonemapping,
+    image::Image,
+    light::RectLight,
+    pbr::Lightmap,
+    prelude::*,
+    render::render_resource::{
+        CachedPipelineState, Extent3d, PipelineCache, PipelineDescriptor, TextureDimension, TextureFormat,
+    },
+};
+use bevy_glint::{RayTracedReflections, RayTracedReflectionsPlugin, ReflectionTechnique, ReflectionTracerChoice};
+use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName, Sky};
+use std::{collections::HashSet, time::Duration};
+
+/// Labels and definitions of the library's compute pipelines.
+fn pipelines(app: &HeadlessApp) -> Vec<(String, Vec<String>)> {
+    let cache = app.render_world().unwrap().resource::<PipelineCache>();
+    let computes = cache.pipelines().filter_map(|pipeline| match &pipeline.descriptor {
+        PipelineDescriptor::ComputePipelineDescriptor(compute) => Some(compute),
+        _ => None,
+    });
+    let own = computes.filter_map(|compute| {
+        let label = compute.label.as_deref().filter(|label| label.starts_with("glint_"))?;
+        let mut defs: Vec<String> = compute.shader_defs.iter().map(|def| format!("{def:?}")).collect();
+        defs.extend(compute.constants.iter().map(|constant| format!("{constant:?}")));
+        defs.sort();
+        Some((label.to_owned(), defs))
+    });
+    own.collect()
+}
+
+fn count(app: &HeadlessApp, label: &str) -> usize {
+    pipelines(app).iter().filter(|(found, _)| found == label).count()
+}
+
+fn clearcoated() -> StandardMaterial {
+    StandardMaterial {
+        clearcoat: 1.0,
+        ..default()
+    }
+}
+
+/// A camera with these settings before a mirror and glass of a colour, which has variants of its own.
+fn stage(app: &mut HeadlessApp, settings: RayTracedReflections) -> Entity {
+    spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
+    let glass = StandardMaterial {
+        base_color: Color::srgba(0.2, 0.8, 0.2, 0.5),
+        specular_transmission: 0.5,
+        ..default()
+    };
+    spawn_mesh(app, Sphere::new(0.5), glass, Transform::from_xyz(-1.0, 0.0, 6.0));
+    let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::Demo);
+    app.world().entity_mut(camera).insert(settings);
+    warm_up(app);
+    camera
+}
+
+#[test]
+fn nothing_is_compiled_twice_or_for_techniques_that_are_out_of_use() {
+    for tracer in [ReflectionTracerChoice::RayQuery, ReflectionTracerChoice::Bvh] {
+        let Some(mut app) = app(SIZE, Output::Picture, tracer) else {
+            return;
+        };
+        // Before much moves for the first time.
+        app.step(2);
+        assert_eq!(count(&app, "glint_scatter"), 2, "{tracer:?}: instances and lights");
+        let camera = stage(&mut app, RayTracedReflections::default());
+        let compiled = pipelines(&app);
+        println!("{tracer:?}: {} pipelines at start", compiled.len());
+        let different: HashSet<_> = compiled.iter().collect();
+        assert_eq!(different.len(), compiled.len(), "{tracer:?}: {compiled:#?}");
+
+        let settings = |technique| RayTracedReflections { technique, ..default() };
+        app.world()
+            .entity_mut(camera)
+            .insert(settings(ReflectionTechnique::Converged));
+        warm_up(&mut app);
+        let converged = count(&app, "glint_trace_converged");
+        assert!(converged > 0, "{tracer:?}");
+        app.world().entity_mut(camera).insert(RayTracedReflections::default());
+        warm_up(&mut app);
+        let rays = count(&app, "glint_shade_hits") + count(&app, "glint_shade_hits_and_mirrors");
+        let at = Transform::from_xyz(1.0, 0.0, 6.0);
+        spawn_mesh(&mut app, Sphere::new(0.5), clearcoated(), at);
+        warm_up(&mut app);
+        assert_eq!(count(&app, "glint_trace_converged"), converged, "{tracer:?}");
+        let now = count(&app, "glint_shade_hits") + count(&app, "glint_shade_hits_and_mirrors");
+        assert!(now > rays, "{tracer:?}: the technique in use gets the feature");
+        clear(&mut app);
+    }
+}
+
+/// Means of the left and of the right half of a picture.
+fn halves(app: &HeadlessApp) -> [f32; 2] {
+    let picture = app.capture().unwrap();
+    let width = SIZE.x as usize;
+    let mut sums = [0.0; 2];
+    for (index, pixel) in picture.chunks_exact(4).enumerate() {
+        let half = usize::from(index % width >= width / 2);
+        sums[half] += pixel[..3].iter().map(|channel| f32::from(*channel)).sum::<f32>();
+    }
+    sums.map(|sum| sum / (1.5 * (SIZE.x * SIZE.y) as f32))
+}
+
+/// Frames until nothing is compiled any more. Returns the number of frames in which something was, and in which `ready` was true all the
+/// same; `look` sees all of them.
+fn while_compiling(app: &mut HeadlessApp, mut look: impl FnMut(&mut HeadlessApp)) -> [u32; 2] {
+    let mut frames = [0; 2];
+    let mut quiet = 0;
+    for _ in 0..PATIENCE {
+        app.step(1);
+        look(app);
+        let cache = app.render_world().unwrap().resource::<PipelineCache>();
+        let is_compiled = |state: &CachedPipelineState| matches!(state, CachedPipelineState::Ok(_));
+        let traces = |label: Option<&str>| {
+            label.is_some_and(|label| label.starts_with("glint_trace") || label.starts_with("glint_shade"))
+        };
+        let waits = cache.waiting_pipelines().count() > 0;
+        let lacks = cache.pipelines().any(|pipeline| match &pipeline.descriptor {
+            PipelineDescriptor::ComputePipelineDescriptor(compute) => {
+                traces(compute.label.as_deref()) && !is_compiled(&pipeline.state)
+            }
+            _ => false,
+        });
+        quiet = if waits { 0 } else { quiet + 1 };
+        if quiet == 12 {
+            return frames;
+        }
+        frames[0] += u32::from(lacks);
+        frames[1] += u32::from(lacks && report(app).ready);
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    panic!("pipelines are still being compiled: {}", report(app));
+}
+
+#[test]
+fn a_new_feature_takes_no_other_one_away_while_its_shader_is_compiled() {
+    let settings = HeadlessSettings {
+        size: SIZE,
+        synchronous_pipelines: false,
+        ..default()
+    };
+    let plugin = RayTracedReflectionsPlugin {
+        tracer: ReflectionTracerChoice::Bvh,
+        ..default()
+    };
+    let mut app = HeadlessApp::new(settings, |app| _ = app.add_plugins(plugin)).unwrap();
+    app.step(2);
+    if report(&mut app).tracer.is_none() {
+        println!("skipped: {}", report(&mut app));
+        return;
+    }
+    // A mirror and rough metal, both before a wall that only its lightmap lights.
+    for (x, roughness) in [(-3.0, 0.0), (3.0, 0.3)] {
+        spawn_mesh(
+            &mut app,
+            Rectangle::new(6.0, 12.0),
+            metal(roughness),
+            Transform::from_xyz(x, 0.0, 0.0),
+        );
+    }
+    let mesh = Mesh::from(Rectangle::new(16.0, 12.0));
+    let uv = mesh.attribute(Mesh::ATTRIBUTE_UV_0).unwrap().clone();
+    let baked = StandardMaterial {
+        perceptual_roughness: 1.0,
+        reflectance: 0.0,
+        lightmap_exposure: 900.0,
+        ..default()
+    };
+    let at = Transform::from_xyz(0.0, 0.0, 8.0).looking_to(Vec3::Z, Vec3::Y);
+    let wall = spawn_mesh(
+        &mut app,
+        mesh.with_inserted_attribute(Mesh::ATTRIBUTE_UV_1, uv),
+        baked,
+        at,
+    );
+    let texel = Image::new(
+        Extent3d::default(),
+        TextureDimension::D2,
+        vec![200, 200, 200, 255],
+        TextureFormat::Rgba8UnormSrgb,
+        RenderAssetUsages::default(),
+    );
+    let mut images = app.world().resource_mut::<Assets<Image>>();
+    let image = images.add(texel);
+    let environment = Sky::White.environment(&mut images, 300.0);
+    app.world().entity_mut(wall).insert(Lightmap { image, ..default() });
+    // The lightmap is there in the first frame with reflections: no shader without it was ever compiled.
+    app.spawn_camera((
+        BEFORE_THE_MIRROR,
+        Tonemapping::None,
+        environment,
+        RayTracedReflections::default(),
+    ));
+    warm_up(&mut app);
+    app.step(30);
+    let before = halves(&app);
+    assert!(before.iter().all(|mean| *mean > 80.0), "{before:?}");
+    let aside = Transform::from_xyz(5.0, 5.0, 7.0);
+    let features: [(&str, fn(&mut HeadlessApp, Transform) -> Entity); 2] = [
+        ("a clearcoat", |app, at| {
+            spawn_mesh(app, Sphere::new(0.1), clearcoated(), at)
+        }),
+        ("a rectangular light", |app, at| {
+            let light = RectLight {
+                intensity: 10.0,
+                range: 3.0,
+                width: 0.2,
+                height: 0.2,
+                ..default()
+            };
+            app.world().spawn((light, at)).id()
+        }),
+    ];
+    let mut worst = [1.0_f32; 2];
+    let mut last = None;
+    for (name, add) in features {
+        let added = add(&mut app, aside);
+        // One comes, and in the second case one goes.
+        if let Some(last) = last.replace(added) {
+            app.world().despawn(last);
+        }
+        let [frames, ready] = while_compiling(&mut app, |app| {
+            let now = halves(app);
+            for (side, worst) in worst.iter_mut().enumerate() {
+                *worst = worst.min(now[side] / before[side]);
+            }
+        });
+        println!("{name}: {frames} frames of compiling, {ready} of them ready; least light {worst:?}");
+        assert!(frames > 0, "{name} is compiled in the background");
+        assert!(
+            ready <= 1,
+            "{name}: `ready` is true in {ready} of {frames} frames that lack it"
+        );
+        assert!(worst.iter().all(|part| *part > 0.9), "{name}: {worst:?} of {before:?}");
+    }
+    assert!(report(&mut app).ready);
+}
