@@ -8,6 +8,7 @@ use super::{
     activity::SceneActivity,
     bvh::Item,
     change::{Change, SceneVersion},
+    environment::can_have_haze,
     features::Features,
     forward::ForwardObjects,
     gpu_types::{GpuInstance, GpuLight, GpuLightProbe, GpuMaterial, GpuSceneCounts},
@@ -51,6 +52,8 @@ pub struct SceneBindings {
     pub(crate) contents: BindGroupContents,
     pub(super) tracer: ReflectionTracer,
     texture_def: Option<&'static str>,
+    /// Haze can lie before what rays hit.
+    can_have_haze: bool,
     scatter_kernels: ScatterKernels,
     pub(super) instances: InstanceTable,
     pub(super) materials: StorageSlice<GpuMaterial>,
@@ -93,6 +96,7 @@ impl FromWorld for SceneBindings {
             contents: BindGroupContents::default(),
             tracer,
             texture_def: textures.mode().shader_def(),
+            can_have_haze: can_have_haze(device.features()),
             scatter_kernels: ScatterKernels::new(world, [size_of::<GpuInstance>(), size_of::<GpuLight>()]),
             instances: InstanceTable::new(device),
             materials: StorageSlice::new(device, "glint_materials"),
@@ -177,11 +181,6 @@ impl SceneBindings {
     /// Returns whether there is anything opaque that Bevy draws forward and that can reflect.
     pub(crate) fn has_forward_surfaces(&self) -> bool {
         self.forward.count() > 0
-    }
-
-    /// Returns whether the device has what light probes need.
-    pub(crate) fn can_have_light_probes(&self) -> bool {
-        self.light_probes.textures().is_some()
     }
 
     /// Has tables write many changes by kernels, once these are compiled.

@@ -30,7 +30,12 @@ pub use bindings::{EnvironmentBindings, layout_descriptor, prepare_environments}
 
 /// Fog may have a texture of its density, and rays know the medium of an atmosphere. Not in browsers, which allow 16 textures in a pass:
 /// some passes have as many without them.
-const MANY_TEXTURES: bool = !cfg!(target_arch = "wasm32");
+pub(super) const MANY_TEXTURES: bool = !cfg!(target_arch = "wasm32");
+
+/// Returns whether a device has what haze needs: Bevy's tables of a medium are filtered, and hold 32-bit floats.
+pub(super) fn can_have_haze(features: WgpuFeatures) -> bool {
+    MANY_TEXTURES && features.contains(WgpuFeatures::FLOAT32_FILTERABLE)
+}
 
 /// Flag of [`GpuEnvironment`].
 pub const ENVIRONMENT_HAS_MAP: u32 = 1;
@@ -136,9 +141,9 @@ impl ViewEnvironment {
         self.uniform.air != GpuAir::default()
     }
 
-    /// Haze of the atmosphere lies before what rays hit. Bevy's tables of a medium are filtered, and hold 32-bit floats.
+    /// Haze of the atmosphere lies before what rays hit.
     pub(super) fn has_haze(&self, features: WgpuFeatures) -> bool {
-        self.medium.is_some() && features.contains(WgpuFeatures::FLOAT32_FILTERABLE)
+        self.medium.is_some() && can_have_haze(features)
     }
 
     /// The view shows volumes of fog with a texture of their density.

@@ -1,7 +1,7 @@
 //! What shaders are compiled for: one bit for each feature of the scene, the views and the app, and one row that says which definition it
 //! is and which passes see it.
 
-use crate::settings::ClampedSettings;
+use crate::settings::{ClampedSettings, ReflectionWarmUp};
 use bitflags::bitflags;
 
 bitflags! {
@@ -183,6 +183,30 @@ impl Features {
         asked
             .into_iter()
             .filter_map(|(is_asked, feature)| is_asked.then_some(feature))
+            .collect()
+    }
+
+    /// Features that an app will need later.
+    pub(crate) fn of_warm_up(warm_up: &ReflectionWarmUp) -> Self {
+        let see_through = Self::MASKED | Self::TINTS | Self::LAYERS | Self::REFRACTION;
+        let named = [
+            (warm_up.see_through, see_through),
+            (warm_up.light_probes, Self::LIGHT_PROBES),
+            (warm_up.lightmaps, Self::LIGHTMAPS),
+            (warm_up.clearcoat, Self::CLEARCOAT),
+            (warm_up.diffuse_transmission, Self::DIFFUSE_TRANSMISSION),
+            (warm_up.rect_lights, Self::RECT_LIGHTS),
+            (warm_up.light_textures, Self::LIGHT_TEXTURES),
+            (warm_up.many_lights, Self::MANY_LIGHTS | Self::LIGHT_SAMPLING),
+            (warm_up.atmosphere, Self::ATMOSPHERE | Self::HAZE),
+            (
+                warm_up.volumetric_fog,
+                Self::MANY_LIGHTS | Self::FOG_VOLUMES | Self::FOG_DENSITY,
+            ),
+        ];
+        named
+            .into_iter()
+            .filter_map(|(is_named, features)| is_named.then_some(features))
             .collect()
     }
 

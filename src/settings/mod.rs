@@ -14,6 +14,7 @@
 //! | `budget.rs` | a target for the time of reflections |
 //! | `reflected_layers.rs` | which layers a camera's reflections show |
 //! | `stand_in.rs` | components of objects: what rays see of them |
+//! | `warm_up.rs` | shaders that are compiled before they are needed |
 //! | `words.rs` | words on command lines and in files |
 //! | `clamped.rs`, `clamped_rate.rs` | the same within its ranges, for shaders |
 //! | `view.rs` | the same on a view of the render world |
@@ -36,6 +37,7 @@ mod shading_rate;
 mod stand_in;
 mod surface_shader;
 mod view;
+mod warm_up;
 mod words;
 
 pub use auto_quality::ReflectionAutoQuality;
@@ -62,6 +64,7 @@ pub use shading_rate::{RATE_ACTIVE, RATE_CODE_MASK};
 pub use stand_in::{ReflectedMaterial3d, ReflectedMesh3d};
 pub use surface_shader::ReflectedSurfaceShader;
 pub use view::{LightingHook, ReflectionView, WantsReflections};
+pub use warm_up::ReflectionWarmUp;
 pub use words::UnknownName;
 
 pub(crate) use clamped::ClampedSettings;
@@ -96,6 +99,7 @@ impl Plugin for SettingsPlugin {
             .register_type::<ReflectionTracerChoice>()
             .register_type::<FrontLayerShader>()
             .register_type::<ReflectedSurfaceShader>()
+            .register_type::<ReflectionWarmUp>()
             .register_type::<NotReflected>()
             .register_type::<ReflectedLayers>()
             .register_type::<ReflectedMesh3d>()

@@ -48,7 +48,7 @@ use bevy::{
     render::{ExtractSchedule, GpuResourceAppExt, Render, RenderApp, RenderStartup, init_gpu_resource},
     shader::load_shader_library,
 };
-use pipelines::{init_trace_pipelines, queue_trace_pipelines};
+use pipelines::{extract_warm_up, init_trace_pipelines, queue_trace_pipelines};
 use surface_shader::{SurfaceShader, extract_surface_shader};
 
 /// Registers the shaders and pipelines of this folder.
@@ -95,7 +95,10 @@ impl Plugin for TracePlugin {
                 init_trace_pipelines.after(init_gpu_resource::<SceneBindings>),
             )
             // Bevy hands its shaders to the pipeline cache, too: others, so that the order is all the same.
-            .add_systems(ExtractSchedule, extract_surface_shader.ambiguous_with_all())
+            .add_systems(
+                ExtractSchedule,
+                (extract_surface_shader, extract_warm_up).ambiguous_with_all(),
+            )
             .add_systems(
                 Render,
                 // Behind the others, which read what it notes in the scene's bindings.

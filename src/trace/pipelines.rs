@@ -13,7 +13,7 @@ use crate::{
     diagnostics::CountInvocations,
     gbuffer::{GBufferPass, PassShader},
     scene::{Change, Features, Fit, SceneBindings},
-    settings::{ClampedSettings, ReflectionView},
+    settings::{ClampedSettings, ReflectionView, ReflectionWarmUp},
     vrs::PipelineRequest,
 };
 use bevy::{
@@ -23,6 +23,7 @@ use bevy::{
     pbr::Bluenoise,
     platform::collections::{HashMap, HashSet},
     render::{
+        Extract,
         render_asset::RenderAssets,
         render_resource::{
             Extent3d, PipelineCache, TextureDataOrder, TextureDescriptor, TextureDimension, TextureFormat,
@@ -61,6 +62,10 @@ pub struct TracePipelines {
     wanted: HashSet<Demand>,
     /// Features of the scene and of the app.
     pub(super) features: Features,
+    /// Features that the app will need later.
+    warm: Features,
+    /// Their shaders are compiled.
+    is_warm: bool,
     /// Features that passes of views leave out while shaders are compiled.
     missing: Features,
 }
@@ -73,9 +78,35 @@ impl TracePipelines {
 
     /// The passes that trace the rays of a view in this frame; `None` until they are compiled.
     pub(super) fn plan(&self, demand: Demand, cache: &PipelineCache) -> Option<Plan> {
-        Plan::new(demand, self.features | demand.asked, &|kernel, wanted, spare| {
+        self.plan_for(self.features, demand, cache)
+    }
+
+    fn plan_for(&self, features: Features, demand: Demand, cache: &PipelineCache) -> Option<Plan> {
+        Plan::new(demand, features | demand.asked, &|kernel, wanted, spare| {
             self.best(kernel, wanted, spare, cache)
         })
+    }
+
+    /// Features that passes of views leave out, of those that a scene has.
+    fn missing(&self, features: Features, demands: &HashSet<Demand>, cache: &PipelineCache) -> Features {
+        let plans = demands
+            .iter()
+            .filter_map(|demand| self.plan_for(features, *demand, cache));
+        plans.map(Plan::missing).collect()
+    }
+
+    /// Has shaders compiled that the app will need later. In scenes with few lights, those that draw lights don't do.
+    fn warm_up(&mut self, demands: &HashSet<Demand>, scene: &SceneBindings, cache: &PipelineCache) {
+        let warm = (self.features - Features::SURFACE_SHADER) | self.warm | Features::MASKED;
+        let few = warm - (self.warm & Features::LIGHT_SAMPLING);
+        let is_named = !self.warm.is_empty();
+        for features in [few, warm].into_iter().filter(|_| is_named) {
+            for demand in demands {
+                self.queue(*demand, features | demand.asked, scene, cache);
+            }
+        }
+        let lacks = |features: Features| !self.missing(features, demands, cache).is_empty();
+        self.is_warm = !is_named || !lacks(few) && !lacks(warm);
     }
 
     fn best(&self, kernel: Kernel, wanted: Features, spare: Features, cache: &PipelineCache) -> Option<Fit> {
@@ -95,9 +126,9 @@ impl TracePipelines {
         self.noise.is_some() && self.plan(Demand::of(settings), cache).is_some()
     }
 
-    /// No pass of a view leaves anything out that the scene has.
+    /// No pass of a view leaves anything out that the scene has, or will have by [`ReflectionWarmUp`].
     pub(crate) fn is_complete(&self) -> bool {
-        self.missing.is_empty()
+        self.missing.is_empty() && self.is_warm
     }
 
     /// Request for the pipeline of the raw Vulkan pass: the shader of [`Kernel::Inline`].
@@ -157,12 +188,7 @@ pub(super) fn init_trace_pipelines(
     let converged = load_embedded_asset!(assets, "converged.wesl");
     let layout = &scene.layout;
     let common_defs: Vec<ShaderDefVal> = count.map(|_| "COUNT_INVOCATIONS".into()).into_iter().collect();
-    let probes = if scene.can_have_light_probes() {
-        Features::empty()
-    } else {
-        Features::LIGHT_PROBES
-    };
-    let of_vrs = Features::MASKED | Features::DEEP_TREES | (Features::OF_VRS - probes);
+    let of_vrs = Features::MASKED | Features::DEEP_TREES | (Features::OF_VRS & scene.possible_features());
     let mut vrs_defs = scene.definitions(of_vrs);
     // Its address takes the place of a binding.
     vrs_defs.push("ONE_TLAS".into());
@@ -187,6 +213,8 @@ pub(super) fn init_trace_pipelines(
         vrs_defs,
         wanted: HashSet::default(),
         features: Features::MASKED,
+        warm: Features::empty(),
+        is_warm: true,
         missing: Features::empty(),
     });
 }
@@ -215,6 +243,22 @@ fn create_albedo_table(device: &RenderDevice, queue: &RenderQueue) -> TextureVie
         bytemuck::cast_slice(DirectionalAlbedo::new().texels()),
     );
     texture.create_view(&TextureViewDescriptor::default())
+}
+
+/// Takes over which shaders the app will need later, as far as the device can have them.
+pub(super) fn extract_warm_up(
+    own: Extract<Option<Res<ReflectionWarmUp>>>,
+    pipelines: Option<ResMut<TracePipelines>>,
+    scene: Option<Res<SceneBindings>>,
+) {
+    let (Some(mut pipelines), Some(scene)) = (pipelines, scene) else {
+        return;
+    };
+    let named = own.as_ref().map_or(Features::empty(), |own| Features::of_warm_up(own));
+    let warm = named & scene.possible_features();
+    if pipelines.warm != warm {
+        pipelines.warm = warm;
+    }
 }
 
 /// Queues the passes of all views, with the features that the scene has.
@@ -251,8 +295,8 @@ pub(super) fn queue_trace_pipelines(
             pipelines.queue(*demand, plain, &scene, &cache);
         }
     }
-    let missing = demands.iter().filter_map(|demand| pipelines.plan(*demand, &cache));
-    let missing = missing.map(Plan::missing).collect::<Features>();
+    pipelines.warm_up(&demands, &scene, &cache);
+    let missing = pipelines.missing(pipelines.features, &demands, &cache);
     // Views at rest begin anew: the frames that they have gathered lack what was left out.
     if missing.is_empty() && !pipelines.missing.is_empty() {
         scene.version.note(Change::Unmarked);

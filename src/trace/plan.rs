@@ -101,7 +101,7 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::{ClampedSettings, RayTracedReflections, ReflectionTechnique};
+    use crate::settings::{ClampedSettings, RayTracedReflections, ReflectionTechnique, ReflectionWarmUp};
     use bevy::platform::collections::HashMap;
 
     /// A view, and what is compiled for it.
@@ -191,6 +191,23 @@ mod tests {
                     Features::empty(),
                     "{technique:?} without {feature:?}"
                 );
+            }
+        }
+    }
+
+    #[test]
+    fn shaders_that_are_warm_serve_all_scenes_with_some_of_their_features() {
+        let warm = Features::of_warm_up(&ReflectionWarmUp::ALL);
+        let named = Features::HARMLESS - Features::DEEP_TREES - Features::RENDER_LAYERS - Features::FORWARD_SURFACES;
+        assert_eq!(warm, named);
+        for technique in TECHNIQUES {
+            let mut compiler = Compiler::new(technique);
+            compiler.finish(BASE | warm);
+            compiler.finish((BASE | warm) - Features::LIGHT_SAMPLING);
+            let crowded = Features::MANY_LIGHTS | Features::LIGHT_SAMPLING;
+            for feature in (warm - Features::LIGHT_SAMPLING).iter().chain([crowded]) {
+                let missing = compiler.missing(BASE | feature);
+                assert_eq!(missing, Features::empty(), "{technique:?} {feature:?}");
             }
         }
     }

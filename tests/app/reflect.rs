@@ -17,15 +17,15 @@ use bevy_glint::{
     ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser,
     ReflectionEffort, ReflectionNonFiniteReport, ReflectionPreset, ReflectionQuality, ReflectionQualityChosen,
     ReflectionRetention, ReflectionSampling, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique,
-    ReflectionTextureMip, ReflectionTracer, ReflectionTracerChoice, ReflectionViewMemory, ReflectionsDeclined,
-    ReflectionsOff, ReflectionsReady, RoughnessThresholds, ScreenTraces, ShadingRate, ShadingRateHeuristic,
-    ShadingRateTileSize,
+    ReflectionTextureMip, ReflectionTracer, ReflectionTracerChoice, ReflectionViewMemory, ReflectionWarmUp,
+    ReflectionsDeclined, ReflectionsOff, ReflectionsReady, RoughnessThresholds, ScreenTraces, ShadingRate,
+    ShadingRateHeuristic, ShadingRateTileSize,
 };
 use core::any::{TypeId, type_name};
 use std::{fs, path::Path};
 
 /// Files with types that an app holds.
-const FILES: [&str; 22] = [
+const FILES: [&str; 23] = [
     "auto_quality.rs",
     "settings/auto_quality.rs",
     "settings/budget.rs",
@@ -40,6 +40,7 @@ const FILES: [&str; 22] = [
     "settings/quality.rs",
     "settings/retention.rs",
     "settings/stand_in.rs",
+    "settings/warm_up.rs",
     "device/shading_rates.rs",
     "device/texture_mode.rs",
     "device/tracer.rs",
@@ -131,6 +132,8 @@ fn resources_are_registered() {
     default::<FrontLayerShader>(&types);
     assert!(is_resource(known::<ReflectedSurfaceShader>(&types)));
     default::<ReflectedSurfaceShader>(&types);
+    assert!(is_resource(known::<ReflectionWarmUp>(&types)));
+    default::<ReflectionWarmUp>(&types);
     #[cfg(feature = "egui")]
     assert!(is_resource(known::<ReflectionSettingsPanel>(&types)));
 }

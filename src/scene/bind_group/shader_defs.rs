@@ -3,7 +3,7 @@
 use super::SceneBindings;
 use crate::{
     device::ReflectionTracer,
-    scene::{bvh::LARGEST_STACK, features::Features},
+    scene::{bvh::LARGEST_STACK, environment::MANY_TEXTURES, features::Features},
 };
 use bevy::shader::ShaderDefVal;
 
@@ -28,6 +28,15 @@ impl SceneBindings {
             .into_iter()
             .filter_map(|(is_there, feature)| is_there.then_some(feature));
         present.fold(self.features, Features::union)
+    }
+
+    /// Features that the device has the bindings for.
+    pub(crate) fn possible_features(&self) -> Features {
+        let mut features = Features::all();
+        features.set(Features::LIGHT_PROBES, self.light_probes.textures().is_some());
+        features.set(Features::HAZE, self.can_have_haze);
+        features.set(Features::FOG_DENSITY, MANY_TEXTURES);
+        features
     }
 
     /// Definitions of shaders with these features.

@@ -1,0 +1,71 @@
+//! Features that a scene will have later.
+
+use bevy::{
+    ecs::prelude::*,
+    reflect::{Reflect, std_traits::ReflectDefault},
+};
+
+/// Features whose shaders are compiled before the scene has them, such as behind a loading screen.
+///
+/// Shaders leave out what a scene doesn't have, which makes them faster. When the first object with a new feature appears, its shaders are
+/// compiled in the background, which takes up to some seconds on a player's first run; until then, reflections show the scene without that
+/// feature. With this resource, one variant more is compiled early, which has all of the named features. It serves any scene that has some
+/// of them until the variant that fits is compiled, so that nothing appears late.
+///
+/// Shaders are compiled for the settings of cameras that reflect: have the game's camera active behind the loading screen, and wait for
+/// [`ReflectionStatusReport::ready`](crate::ReflectionStatusReport::ready). More features take longer to compile. They cost no time per
+/// frame once the shaders that fit the scene are compiled. Remove the resource to compile nothing ahead, which is the default.
+///
+/// # Examples
+///
+/// ```
+/// # use bevy::prelude::*;
+/// # use bevy_glint::ReflectionWarmUp;
+/// fn setup(mut commands: Commands) {
+///     commands.insert_resource(ReflectionWarmUp {
+///         rect_lights: true,
+///         light_probes: true,
+///         ..default()
+///     });
+/// }
+/// ```
+#[derive(Resource, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[reflect(Resource, Default, Debug, Clone, PartialEq)]
+pub struct ReflectionWarmUp {
+    /// Objects that let rays through: masked, blended and transmissive materials, with tints and refraction. Default: false.
+    pub see_through: bool,
+    /// Reflection probes and irradiance volumes. Default: false.
+    pub light_probes: bool,
+    /// Lightmaps. Default: false.
+    pub lightmaps: bool,
+    /// Materials with a clearcoat. Default: false.
+    pub clearcoat: bool,
+    /// Materials with diffuse transmission, such as leaves. Default: false.
+    pub diffuse_transmission: bool,
+    /// Rectangular lights. Default: false.
+    pub rect_lights: bool,
+    /// Lights with a texture. Default: false.
+    pub light_textures: bool,
+    /// More lights than 64, and than 256. Default: false.
+    pub many_lights: bool,
+    /// An atmosphere, with its haze. Default: false.
+    pub atmosphere: bool,
+    /// Volumetric fog. Default: false.
+    pub volumetric_fog: bool,
+}
+
+impl ReflectionWarmUp {
+    /// All features.
+    pub const ALL: Self = Self {
+        see_through: true,
+        light_probes: true,
+        lightmaps: true,
+        clearcoat: true,
+        diffuse_transmission: true,
+        rect_lights: true,
+        light_textures: true,
+        many_lights: true,
+        atmosphere: true,
+        volumetric_fog: true,
+    };
+}
