@@ -2,6 +2,7 @@
 
 use super::*;
 use bevy::render::MainWorld;
+use core::time::Duration;
 
 fn note_lost(mut removed: Extract<RemovedFromScene>, mut lost: ResMut<LostComponents>) {
     lost.follow(&mut removed);
@@ -16,7 +17,11 @@ fn extract(render_world: &mut World, schedule: &mut Schedule, started: bool) {
     if started {
         render_world.resource_mut::<SceneInstances>().clear();
     }
-    render_world.insert_resource(SceneActivity { active: true, started });
+    let mut activity = SceneActivity::default();
+    for _ in 0..2 - u32::from(started) {
+        activity.follow(true, Duration::ZERO, Duration::ZERO);
+    }
+    render_world.insert_resource(activity);
     schedule.run(render_world);
 }
 
