@@ -14,7 +14,7 @@ use crate::environment;
 const NEED_INTERNALS: [&str; 3] = ["glint_bench", "glint_evaluate", "glint_stress"];
 
 /// Packages with a workspace of their own, so that their dependencies don't change the features of Bevy.
-pub const APART: [&str; 2] = ["tools/browser", "tools/translate"];
+pub const APART: [&str; 3] = ["tools/browser", "tools/isa", "tools/translate"];
 
 /// The root of the workspace.
 pub fn workspace_root() -> PathBuf {

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, bail, ensure};
 
 use crate::progress::{self, Elapsed, Times};
-use crate::{cargo, file_sizes, test, web, words};
+use crate::{cargo, file_sizes, isa, test, web, words};
 
 /// Limit of a run's time before the page is built and opened, which takes up to half an hour in a cold build. With less, machines that
 /// have the time skip it; with more, cold ones run into limits of 90 minutes.
@@ -43,6 +43,7 @@ pub fn run() -> Result<()> {
     }
     let tests = test::measure(&test::Options::default(), &mut checks.times);
     checks.note_failure("tests", tests);
+    foreign_compilers(&mut checks);
     page(&mut checks, start.elapsed());
     if checks.skipped > 0 {
         progress::result(format_args!("skipped steps: {}", checks.skipped));
@@ -96,6 +97,15 @@ impl Checks {
             progress::note(format_args!("{error:#}"));
             self.failed.push(name);
         }
+    }
+}
+
+/// Compiles the shaders that the tests translated for GPUs of AMD's, where its driver is installed.
+fn foreign_compilers(checks: &mut Checks) {
+    const NAME: &str = "shaders for AMD's GPUs";
+    match isa::prepare() {
+        Ok(compilers) => checks.run(NAME, || isa::judge(&compilers, false, false)),
+        Err(reason) => checks.skip(NAME, &format!("{reason:#}")),
     }
 }
 

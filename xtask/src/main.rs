@@ -7,6 +7,7 @@ mod ci;
 mod driver;
 mod environment;
 mod file_sizes;
+mod isa;
 mod new_user;
 mod package;
 mod progress;
@@ -44,6 +45,8 @@ enum Command {
     Stress(tools::Options),
     /// Render with each technique under Vulkan's validation layers, with synchronisation validation.
     Validate,
+    /// Compile every shader variant for AMD's GPUs, without one, and compare the figures with `tests/shaders/isa.txt`.
+    Isa(isa::Options),
     /// Build the demo as a page for browsers with WebGPU: `web --serve`, `web --check`.
     Web(web::Options),
     /// Follow the README in a new crate, as a new user would; `--measure` reports the plugin's compile time and size.
@@ -64,6 +67,7 @@ fn main() -> ExitCode {
         Command::Evaluate(options) => tools::evaluate(options),
         Command::Stress(options) => tools::stress(&options),
         Command::Validate => validate::run(),
+        Command::Isa(options) => isa::run(&options),
         Command::Web(options) => web::run(&options),
         Command::NewUser(options) => new_user::run(&options),
         Command::Package(options) => package::run(&options),

@@ -71,7 +71,7 @@ fn arrays(module: &Module) -> impl Iterator<Item = ResourceBinding> {
     arrays.filter_map(|(_, global)| global.binding)
 }
 
-/// For Vulkan 1.2.
+/// For Vulkan 1.2, without run-time checks: Bevy asks wgpu for none.
 fn spirv(module: &Module, info: &ModuleInfo, stage: ShaderStage, entry: &str) -> Result<Vec<u8>> {
     let arrays = arrays(module).map(|binding| {
         let target = spv::BindingInfo {
@@ -83,8 +83,13 @@ fn spirv(module: &Module, info: &ModuleInfo, stage: ShaderStage, entry: &str) ->
     });
     let options = spv::Options {
         lang_version: (1, 5),
+        flags: spv::WriterFlags::empty(),
         binding_map: arrays.collect(),
         fake_missing_bindings: true,
+        zero_initialize_workgroup_memory: spv::ZeroInitializeWorkgroupMemoryMode::None,
+        force_loop_bounding: false,
+        ray_query_initialization_tracking: false,
+        emit_int_div_checks: false,
         ..spv::Options::default()
     };
     let stage = spv::PipelineOptions {

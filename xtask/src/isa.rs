@@ -1,0 +1,415 @@
+//! `cargo xtask isa`: every variant of every pass, compiled by AMD's open compiler for GPUs that aren't there.
+//!
+//! Mesa's driver RADV has a null device, which compiles and runs nothing. The SPIR-V is that of the test `every_variant_is_translated`, the
+//! figures are those of `VK_KHR_pipeline_executable_properties`.
+
+mod compiler;
+mod figures;
+
+use std::collections::{BTreeMap, HashSet};
+use std::fs;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use serde_json::Value;
+
+use crate::driver::{self, Need};
+use crate::{cargo, progress};
+use compiler::{Compiler, Outcome};
+use figures::{Figures, Table};
+
+/// GPUs by the driver's names: RDNA 3, RDNA 2, the Steam Deck (RDNA 2) and RDNA 4.
+const GPUS: [&str; 4] = ["navi31", "navi21", "vangogh", "gfx1201"];
+/// Pipelines of one process. More would save nothing, and a crash loses what the process has not done yet.
+const BATCH: usize = 50;
+/// Figures of the passes below, and of those that spill.
+const FILE: &str = "tests/shaders/isa.txt";
+/// What the presets run in plain scenes with either tracer, and the passes of the hardware back end.
+const PRESETS: [&str; 32] = [
+    "composite/resolve.resolve",
+    "composite/resolve.resolve IN_PLACE TILES",
+    "composite/resolve.resolve IN_PLACE TILES BLUR",
+    "composite/resolve.resolve IN_PLACE TILES FRONT_LAYER BLUR",
+    "denoise/one_pass.denoise WIDE",
+    "denoise/one_pass.denoise WIDE HIT_MOTION",
+    "denoise/one_pass.denoise WIDE REST",
+    "denoise/reconstruct.reconstruct WIDE",
+    "denoise/temporal.temporal",
+    "front_layer/find.find FRONT_LAYER",
+    "front_layer/find.find FRONT_LAYER RAY_QUERY",
+    "rate/adaptive.classify COMBINED TILE_ANGLES TILE_SHAPE TILE_REFLECTANCE",
+    "rate/classify.classify",
+    "rate/classify.classify COMBINED TILE_ANGLES TILE_SHAPE TILE_REFLECTANCE",
+    "rate/classify.classify ROUGHNESS",
+    "scene/pose/pose.pose_vertices",
+    "scene/pose/refit.fit_level",
+    "scene/pose/refit.pose_triangles",
+    "trace/blocks.trace",
+    "trace/blocks.trace MIRRORS",
+    "trace/blocks.trace MIRRORS RAY_QUERY",
+    "trace/blocks.trace RAY_QUERY",
+    "trace/converged.trace",
+    "trace/converged.trace RAY_QUERY",
+    "trace/inline.fragment",
+    "trace/inline.fragment RAY_QUERY",
+    "trace/shade.trace",
+    "trace/shade.trace MANY_LIGHTS",
+    "trace/shade.trace MANY_LIGHTS RAY_QUERY",
+    "trace/shade.trace MIRRORS",
+    "trace/shade.trace MIRRORS RAY_QUERY",
+    "trace/vrs.pack",
+];
+/// The test that writes the SPIR-V.
+const TEST: &str = "every_variant_is_translated";
+/// The table of all, beside the SPIR-V.
+const ALL: &str = "isa.txt";
+/// The vertex shader for fragment shaders whose module has none.
+const TRIANGLE: &str = "scene-texture_layers.vertex.spv";
+
+/// Arguments of `isa`.
+#[derive(clap::Args)]
+pub struct Options {
+    /// Write the file of figures anew.
+    #[arg(long)]
+    accept: bool,
+    /// Compile all pipelines for each GPU, not for the first alone.
+    #[arg(long)]
+    all: bool,
+    /// Take the shaders that the last run of the tests left.
+    #[arg(long)]
+    translated: bool,
+}
+
+/// Translates the shaders and judges them.
+pub fn run(options: &Options) -> Result<()> {
+    driver::prepare(Need::RayQuery)?;
+    let compilers = prepare()?;
+    if !options.translated {
+        progress::step("translate the shaders", translate)?;
+    }
+    progress::step("compile for AMD's GPUs", || {
+        judge(&compilers, options.all, options.accept)
+    })
+}
+
+/// Finds the GPUs that the driver knows.
+///
+/// # Errors
+/// There is no such driver, or it has no null device.
+pub fn prepare() -> Result<Vec<Compiler>> {
+    let [first, others @ ..] = GPUS;
+    let compiler = Compiler::new(first)?;
+    let name = compiler.name()?;
+    progress::note(&name);
+    let others = others.map(|gpu| compiler.for_gpu(gpu));
+    let mut compilers = vec![compiler];
+    for compiler in others {
+        match compiler.name() {
+            Ok(_) => compilers.push(compiler),
+            Err(reason) => progress::note(format_args!("skipped: {}: {reason}", compiler.gpu)),
+        }
+    }
+    Ok(compilers)
+}
+
+/// Runs the test that writes the SPIR-V.
+fn translate() -> Result<()> {
+    let translator = cargo::program_apart("tools/translate")?;
+    let built = cargo::build(cargo::tests().args(["--no-run", "--test", "shaders"]))?;
+    let test = built
+        .into_iter()
+        .find(|program| program.is_test && program.name == "shaders");
+    let test = test.context("cargo built no test program `shaders`")?;
+    let mut command = cargo::command(&test.executable);
+    command
+        .current_dir(&test.package)
+        .env("CARGO_MANIFEST_DIR", &test.package)
+        .env("GLINT_TRANSLATOR", translator)
+        .args([TEST, "--nocapture"]);
+    cargo::run(&mut command, TEST)
+}
+
+/// Compiles what the tests translated, and fails if a pipeline can't be compiled, takes memory for registers, or differs from the file.
+///
+/// The first GPU gets all pipelines. The others get those of the file unless `all` is on.
+pub fn judge(compilers: &[Compiler], all: bool, accept: bool) -> Result<()> {
+    let folder = temporary_folder()?;
+    let pipelines = pipelines(&folder.join("translations"))?;
+    let (of, file) = figures::from_text(&fs::read_to_string(cargo::workspace_root().join(FILE))?)?;
+    let is_wanted = |gpu: &str, name: &str| {
+        all || gpu == compilers[0].gpu || is_preset(name) || file.contains_key(&(name.to_owned(), gpu.to_owned()))
+    };
+    let jobs: Vec<_> = compilers
+        .iter()
+        .flat_map(|compiler| pipelines.iter().map(move |pipeline| (compiler, pipeline)))
+        .filter(|(compiler, (name, _))| is_wanted(compiler.gpu, name))
+        .map(|(compiler, (name, argument))| Job {
+            compiler,
+            name,
+            argument,
+        })
+        .collect();
+    let (mut found, mut failures) = (Table::new(), Vec::new());
+    for (job, outcome) in jobs.iter().zip(compile(&jobs)?) {
+        let figures = outcome.map_err(|reason| anyhow!(reason));
+        match figures.and_then(|told| Figures::read(&told)) {
+            Ok(figures) => _ = found.insert((job.name.to_owned(), job.compiler.gpu.to_owned()), figures),
+            Err(reason) => failures.push(format!("{} on {}: {reason:#}", job.name, job.compiler.gpu)),
+        }
+    }
+    let gone = PRESETS.iter().filter(|name| !pipelines.contains_key(**name));
+    failures.extend(gone.map(|name| format!("{name}: no such pipeline")));
+    let driver = driver_version(&compilers[0].name()?);
+    fs::write(folder.join(ALL), figures::to_text(&driver, &found))?;
+    progress::result(format_args!(
+        "{} pipelines for {} GPUs: {} failed, {} spill to memory; {} has the figures of all",
+        jobs.len(),
+        compilers.len(),
+        failures.len(),
+        found.values().filter(|figures| figures.spills()).count(),
+        folder.join(ALL).display()
+    ));
+    if accept {
+        found.retain(|(name, _), figures| is_preset(name) || figures.spills());
+        fs::write(cargo::workspace_root().join(FILE), figures::to_text(&driver, &found))?;
+    } else if of == driver {
+        let changes = figures::changes(&file, &found);
+        if !changes.is_empty() {
+            failures.extend(changes);
+            failures.push(format!(
+                "`cargo xtask isa --accept` writes {FILE} anew: commit it if these are worth it"
+            ));
+        }
+    } else {
+        progress::note(format_args!(
+            "{FILE} is of {of}, this is {driver}: figures aren't compared"
+        ));
+    }
+    ensure!(failures.is_empty(), "{}", failures.join("\n"));
+    Ok(())
+}
+
+fn is_preset(name: &str) -> bool {
+    PRESETS.contains(&name)
+}
+
+/// A pipeline to compile for a GPU.
+struct Job<'a> {
+    compiler: &'a Compiler,
+    name: &'a str,
+    argument: &'a str,
+}
+
+/// The outcome of each job. Each core compiles a batch at a time.
+fn compile(jobs: &[Job]) -> Result<Vec<Outcome>> {
+    let batches: Vec<&[Job]> = jobs
+        .chunk_by(|a, b| a.compiler.gpu == b.compiler.gpu)
+        .flat_map(|jobs| jobs.chunks(BATCH))
+        .collect();
+    let next = AtomicUsize::new(0);
+    let work = || -> Result<Vec<(usize, Vec<Outcome>)>> {
+        let mut done = Vec::new();
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(batch) = batches.get(index) else {
+                return Ok(done);
+            };
+            let arguments: Vec<_> = batch.iter().map(|job| job.argument).collect();
+            done.push((index, batch[0].compiler.compile(&arguments)?));
+        }
+    };
+    let workers = thread::available_parallelism().map_or(1, NonZeroUsize::get);
+    let mut done = thread::scope(|scope| {
+        let threads: Vec<_> = (0..workers).map(|_| scope.spawn(work)).collect();
+        let done = threads.into_iter().map(|thread| match thread.join() {
+            Ok(result) => result,
+            Err(_) => bail!("a thread panicked"),
+        });
+        done.collect::<Result<Vec<_>>>()
+    })?
+    .concat();
+    done.sort_by_key(|(index, _)| *index);
+    Ok(done.into_iter().flat_map(|(_, outcomes)| outcomes).collect())
+}
+
+/// The program's arguments by name, such as `trace/blocks.trace MIRRORS RAY_QUERY`. Many definitions make no difference to a pass: each
+/// shader is there once, by its shortest name.
+fn pipelines(folder: &Path) -> Result<BTreeMap<String, String>> {
+    let files = fs::read_dir(folder).with_context(|| format!("{}: run the tests first", folder.display()))?;
+    let mut paths: Vec<_> = files.map(|file| Ok(file?.path())).collect::<Result<_>>()?;
+    paths.retain(|path| path.extension().is_some_and(|end| end == "spv"));
+    paths.sort_by_cached_key(|path| (path.as_os_str().len(), path.clone()));
+    let triangle = folder.join(TRIANGLE);
+    let (mut pipelines, mut known) = (BTreeMap::new(), HashSet::new());
+    for path in paths {
+        let spirv = fs::read(&path)?;
+        let argument = match stage(&spirv) {
+            Some(Stage::Vertex) => continue,
+            Some(Stage::Compute) => path.display().to_string(),
+            Some(Stage::Fragment) => {
+                let own = path.with_extension("").with_extension("vertex.spv");
+                let vertex = if own.exists() { &own } else { &triangle };
+                format!("{}:{}", vertex.display(), path.display())
+            }
+            None => bail!("{} has no entry point", path.display()),
+        };
+        if known.insert(spirv) {
+            pipelines.insert(name(&path)?, argument);
+        }
+    }
+    ensure!(!pipelines.is_empty(), "{} has no SPIR-V", folder.display());
+    Ok(pipelines)
+}
+
+/// From `trace-blocks+MIRRORS.main.spv` to `trace/blocks.main MIRRORS`.
+fn name(path: &Path) -> Result<String> {
+    let stem = path.file_stem().context("no name")?.to_string_lossy();
+    let (module, entry) = stem.rsplit_once('.').with_context(|| stem.clone().into_owned())?;
+    let mut parts = module.split('+');
+    let pass = parts.next().unwrap_or_default().replace('-', "/");
+    Ok(parts.fold(format!("{pass}.{entry}"), |name, def| format!("{name} {def}")))
+}
+
+#[derive(Debug, PartialEq, Eq)]
+enum Stage {
+    Vertex,
+    Fragment,
+    Compute,
+}
+
+/// The stage of SPIR-V's first entry point.
+fn stage(bytes: &[u8]) -> Option<Stage> {
+    const ENTRY_POINT: u32 = 15;
+    let (words, _) = bytes.as_chunks::<4>();
+    let mut rest = words.get(5..)?;
+    loop {
+        let first = u32::from_le_bytes(*rest.first()?);
+        if first & 0xffff == ENTRY_POINT {
+            break;
+        }
+        rest = rest.get((first >> 16).max(1) as usize..)?;
+    }
+    match u32::from_le_bytes(*rest.get(1)?) {
+        0 => Some(Stage::Vertex),
+        4 => Some(Stage::Fragment),
+        5 => Some(Stage::Compute),
+        _ => None,
+    }
+}
+
+/// `Mesa 25.0.7-2` of `Null hardware (RADV NAVI21), Mesa 25.0.7-2`.
+fn driver_version(name: &str) -> String {
+    name.rsplit(", ").next().unwrap_or_default().to_owned()
+}
+
+/// The folder that tests write to.
+fn temporary_folder() -> Result<PathBuf> {
+    let mut metadata = cargo::cargo("metadata");
+    let output = metadata.args(["--no-deps", "--format-version=1"]).output()?;
+    let metadata: Value = serde_json::from_slice(&output.stdout).context("`cargo metadata` failed")?;
+    let target = metadata["target_directory"].as_str().context("no target directory")?;
+    Ok(Path::new(target).join("tmp"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A shader with 300 values that all live in a loop.
+    fn spilling() -> String {
+        let each = |line: fn(usize) -> String| (0..300).map(line).collect::<String>();
+        format!(
+            "@group(0) @binding(0) var<storage, read_write> data: array<f32>;
+             @compute @workgroup_size(1024)
+             fn main(@builtin(global_invocation_id) id: vec3<u32>) {{
+                 {}
+                 for (var k = 0u; k < 1000u; k++) {{ {} }}
+                 {}
+             }}",
+            each(|i| format!("var v{i} = data[id.x * 300u + {i}u];\n")),
+            each(|i| format!("v{i} = v{i} * v{} + v{};\n", (i + 7) % 300, (i + 101) % 300)),
+            each(|i| format!("data[id.x * 300u + {i}u] = v{i};\n")),
+        )
+    }
+
+    const GOOD: &str = "
+        @group(0) @binding(0) var<storage, read_write> data: array<f32>;
+        @compute @workgroup_size(64)
+        fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+            data[id.x] += 1.0;
+        }";
+    /// Workgroups share 80 KB.
+    const LARGE: &str = "
+        @group(0) @binding(0) var<storage, read_write> data: array<f32>;
+        var<workgroup> words: array<f32, 20000>;
+        @compute @workgroup_size(64)
+        fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+            words[id.x] = data[id.x];
+            workgroupBarrier();
+            data[id.x] = words[id.x * 7u % 20000u];
+        }";
+
+    /// SPIR-V in which the only float has 13 bits.
+    fn broken(spirv: &[u8]) -> Vec<u8> {
+        const FLOAT_32: [u32; 2] = [3 << 16 | 22, 32];
+        let mut words: Vec<_> = spirv
+            .as_chunks::<4>()
+            .0
+            .iter()
+            .map(|word| u32::from_le_bytes(*word))
+            .collect();
+        let place = words
+            .windows(3)
+            .position(|words| [words[0], words[2]] == FLOAT_32)
+            .unwrap();
+        words[place + 2] = 13;
+        words.into_iter().flat_map(u32::to_le_bytes).collect()
+    }
+
+    /// A shader that spills, one that is too large, and one that crashes the compiler.
+    #[test]
+    fn planted_faults_are_caught() {
+        let compiler = match Compiler::new("navi31").and_then(|compiler| compiler.name().map(|_| compiler)) {
+            Ok(compiler) => compiler,
+            Err(reason) => return println!("skipped: {reason:#}"),
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for (name, source) in [("good", GOOD), ("large", LARGE), ("spilling", &spilling())] {
+            fs::write(at(&format!("{name}.wgsl")), source).unwrap();
+        }
+        let translator = cargo::program_apart("tools/translate").unwrap();
+        cargo::run(cargo::command(translator).arg(folder.path()), "the translation").unwrap();
+        fs::write(at("broken.main.spv"), broken(&fs::read(at("good.main.spv")).unwrap())).unwrap();
+        let pipelines = pipelines(folder.path()).unwrap();
+        let names: Vec<_> = pipelines.keys().map(String::as_str).collect();
+        assert_eq!(names, ["broken.main", "good.main", "large.main", "spilling.main"]);
+        let arguments: Vec<_> = pipelines.values().map(String::as_str).collect();
+        let outcomes = compiler.compile(&arguments).unwrap();
+        let [broken, good, large, spilling] = outcomes.try_into().unwrap();
+        assert!(broken.is_err(), "{broken:?}");
+        assert!(large.is_err_and(|reason| reason.contains("of 65536 bytes")));
+        assert!(!Figures::read(&good.unwrap()).unwrap().spills());
+        let figures = Figures::read(&spilling.unwrap()).unwrap();
+        assert!(figures.spills(), "{figures:?}");
+        let table = Table::from([(("spilling.main".to_owned(), "navi31".to_owned()), figures)]);
+        assert_eq!(figures::changes(&Table::new(), &table).len(), 1);
+    }
+
+    #[test]
+    fn names_are_those_of_other_tables() {
+        let name = |file: &str| name(Path::new(file)).unwrap();
+        assert_eq!(
+            name("a/trace-blocks+MIRRORS+RAY_QUERY.trace.spv"),
+            "trace/blocks.trace MIRRORS RAY_QUERY"
+        );
+        assert_eq!(name("scene-pose-refit.fit_level.spv"), "scene/pose/refit.fit_level");
+        assert_eq!(
+            driver_version("Null hardware (RADV NAVI21), Mesa 25.0.7-2"),
+            "Mesa 25.0.7-2"
+        );
+    }
+}

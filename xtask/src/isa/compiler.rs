@@ -1,0 +1,224 @@
+//! AMD's compiler in processes of its own: it can crash, and it can run forever.
+
+use std::env;
+use std::ffi::OsString;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::thread;
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+
+use crate::cargo;
+
+/// Processes in a row that may crash at the same pipeline. Mesa 25.0.7 crashes in one of three at its largest, and compiles them in the next.
+const TRIES: usize = 8;
+/// Time of one pipeline. The slowest takes two seconds.
+const LIMIT: Duration = Duration::from_secs(60);
+
+/// The compiler's word on a pipeline: figures by name, or the reason why there are none.
+pub type Outcome = Result<Vec<(String, String)>, String>;
+
+/// The compiler for one GPU.
+pub struct Compiler {
+    /// The program of `tools/isa`.
+    pub program: PathBuf,
+    /// The driver's manifest.
+    pub driver: PathBuf,
+    /// The driver's name of the GPU.
+    pub gpu: &'static str,
+    /// Time of one pipeline.
+    pub limit: Duration,
+}
+
+impl Compiler {
+    /// Builds the program, and finds the driver.
+    ///
+    /// # Errors
+    /// The program can't be built, or there is no driver of AMD's GPUs.
+    pub fn new(gpu: &'static str) -> Result<Self> {
+        Ok(Self {
+            driver: driver().context("Mesa's driver of AMD's GPUs (`radeon_icd.json`) isn't installed")?,
+            program: cargo::program_apart("tools/isa")?,
+            gpu,
+            limit: LIMIT,
+        })
+    }
+
+    /// The same for another GPU.
+    pub fn for_gpu(&self, gpu: &'static str) -> Self {
+        Self {
+            program: self.program.clone(),
+            driver: self.driver.clone(),
+            gpu,
+            limit: self.limit,
+        }
+    }
+
+    /// Name of the GPU and version of the driver.
+    ///
+    /// # Errors
+    /// The driver has no null device, or doesn't know the GPU.
+    pub fn name(&self) -> Result<String> {
+        let output = self.command(&[]).stderr(Stdio::piped()).output()?;
+        let said = String::from_utf8_lossy(&output.stdout);
+        let reason = || {
+            let said = String::from_utf8_lossy(&output.stderr).into_owned();
+            let line = said
+                .lines()
+                .find(|line| line.contains("Error") || line.contains("radv:"));
+            line.unwrap_or("the driver has no null device").to_owned()
+        };
+        said.lines().next().map(str::to_owned).with_context(reason)
+    }
+
+    /// Compiles pipelines, and returns the outcome of each. A pipeline at which a process crashes gets more tries in fresh ones.
+    pub fn compile(&self, pipelines: &[&str]) -> Result<Vec<Outcome>> {
+        let (mut outcomes, mut crashes) = (Vec::new(), 0);
+        while outcomes.len() < pipelines.len() {
+            let (done, end) = self.process(&pipelines[outcomes.len()..])?;
+            crashes = if done.is_empty() { crashes + 1 } else { 1 };
+            outcomes.extend(done);
+            let is_incomplete = outcomes.len() < pipelines.len();
+            if is_incomplete && (crashes == TRIES || matches!(end, End::TooLate)) {
+                outcomes.push(Err(end.reason(self.limit)));
+                crashes = 0;
+            }
+        }
+        Ok(outcomes)
+    }
+
+    fn command(&self, pipelines: &[&str]) -> Command {
+        let mut command = cargo::command(&self.program);
+        command
+            .args(pipelines)
+            .env("VK_DRIVER_FILES", &self.driver)
+            .env("RADV_FORCE_FAMILY", self.gpu)
+            // Figures of a cache would be those of another build.
+            .env("MESA_SHADER_CACHE_DISABLE", "true")
+            .env_remove("VK_ICD_FILENAMES")
+            .env_remove("RUST_BACKTRACE")
+            .stdin(Stdio::null())
+            .stderr(Stdio::null());
+        command
+    }
+
+    /// Outcomes until the process ends, and how it ended.
+    fn process(&self, pipelines: &[&str]) -> Result<(Vec<Outcome>, End)> {
+        let mut child = self.command(pipelines).stdout(Stdio::piped()).spawn()?;
+        let output = child.stdout.take().context("no output")?;
+        let (sender, lines) = mpsc::channel();
+        thread::spawn(move || {
+            let lines = BufReader::new(output).lines().map_while(Result::ok);
+            // The first names the device.
+            lines.skip(1).try_for_each(|line| sender.send(line))
+        });
+        let mut outcomes = Vec::new();
+        let end = loop {
+            match lines.recv_timeout(self.limit) {
+                Ok(line) => outcomes.push(parse(&line)),
+                Err(RecvTimeoutError::Timeout) => {
+                    child.kill()?;
+                    break End::TooLate;
+                }
+                Err(RecvTimeoutError::Disconnected) => break End::Crashed,
+            }
+        };
+        let status = child.wait()?;
+        Ok((outcomes, if status.success() { End::Done } else { end }))
+    }
+}
+
+/// How a process ended.
+#[derive(Clone, Copy)]
+enum End {
+    Done,
+    Crashed,
+    TooLate,
+}
+
+impl End {
+    fn reason(self, limit: Duration) -> String {
+        match self {
+            Self::TooLate => format!("the compiler isn't done after {} s", limit.as_secs()),
+            Self::Done | Self::Crashed => "the compiler crashed".to_owned(),
+        }
+    }
+}
+
+/// A line of the program: the pipeline, `ok` and figures, or `failed` and the reason.
+fn parse(line: &str) -> Outcome {
+    let mut parts = line.split('\t').skip(1);
+    if parts.next() == Some("ok") {
+        let figures = parts.filter_map(|part| part.split_once('='));
+        Ok(figures
+            .map(|(name, value)| (name.to_owned(), value.to_owned()))
+            .collect())
+    } else {
+        Err(parts.next().unwrap_or("no reason given").to_owned())
+    }
+}
+
+/// The manifest of Mesa's driver, where distributions put it.
+fn driver() -> Option<PathBuf> {
+    let folders = env::var_os("XDG_DATA_DIRS").unwrap_or_else(|| OsString::from("/usr/local/share:/usr/share"));
+    let folders: Vec<_> = env::split_paths(&folders).collect();
+    let folders = folders.iter().map(PathBuf::as_path).chain([Path::new("/etc")]);
+    let mut files = folders
+        .filter_map(|folder| folder.join("vulkan/icd.d").read_dir().ok())
+        .flat_map(|files| files.flatten())
+        .map(|file| file.path());
+    files.find(|path| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        // Of this machine's architecture: others have suffixes of their own.
+        name == "radeon_icd.json" || name == format!("radeon_icd.{}.json", env::consts::ARCH)
+    })
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+    use std::fs;
+    use std::os::unix::fs::PermissionsExt;
+
+    /// A compiler that crashes at the first try of `flaky`, always at `refused`, and never ends at `endless`.
+    const PROGRAM: &str = r#"#!/bin/sh
+echo GPU, driver 1
+for name in "$@"; do
+    case $name in
+        flaky) [ -e "$0.tried" ] || { touch "$0.tried"; kill -SEGV $$; } ;;
+        refused) kill -SEGV $$ ;;
+        endless) exec sleep 60 ;;
+        wrong) printf '%s\tfailed\treason\n' $name; continue ;;
+    esac
+    printf '%s\tok\tVGPRs=8\n' $name
+done
+"#;
+
+    #[test]
+    fn crashes_and_endless_work_are_outcomes() {
+        let folder = tempfile::tempdir().unwrap();
+        let program = folder.path().join("program");
+        fs::write(&program, PROGRAM).unwrap();
+        fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+        let compiler = Compiler {
+            program,
+            driver: PathBuf::new(),
+            gpu: "gpu",
+            limit: Duration::from_secs(2),
+        };
+        assert_eq!(compiler.name().unwrap(), "GPU, driver 1");
+        let names = ["a", "flaky", "refused", "b", "endless", "wrong", "refused"];
+        let outcomes = compiler.compile(&names).unwrap();
+        let ok = || Ok(vec![("VGPRs".to_owned(), "8".to_owned())]);
+        let failed = |reason: &str| Err(reason.to_owned());
+        let crash = || failed("the compiler crashed");
+        let endless = failed("the compiler isn't done after 2 s");
+        assert_eq!(
+            outcomes,
+            [ok(), ok(), crash(), ok(), endless, failed("reason"), crash()]
+        );
+    }
+}
