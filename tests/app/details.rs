@@ -1,7 +1,7 @@
 //! Levels of detail: reflections show those that the nearest reflecting camera sees.
 
 use crate::{
-    pictures::{apps, reflect, warm_up},
+    pictures::{apps_of_both, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, metal, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{camera::visibility::VisibilityRange, prelude::*};
@@ -29,7 +29,7 @@ fn assert_shows(app: &mut HeadlessApp, expected: [u8; 3], when: &str) {
 
 #[test]
 fn reflections_show_the_level_that_the_nearest_camera_sees() {
-    for (tracer, mut app) in apps(SIZE, Output::Picture) {
+    for (tracer, mut app) in apps_of_both(SIZE, Output::Picture) {
         let app = &mut app;
         println!("{tracer}");
         spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);

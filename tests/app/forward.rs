@@ -2,7 +2,7 @@
 
 use crate::{
     common::app_with,
-    pictures::{BOTH, apps, reflect, warm_up},
+    pictures::{any_tracer, apps, reflect, warm_up},
     stage::{
         BEFORE_THE_MIRROR, BLUE, GREEN, RED, SIZE, Unprepared, WithoutPrepass, clear, clear_glass, frame, layer_bytes,
         metal, spawn_camera, spawn_mesh, unlit,
@@ -305,7 +305,7 @@ fn what_stands_before_a_forward_surface_comes_first() {
 /// The depth of the prepass lacks objects without a prepass, but such an object hides the surfaces behind it.
 #[test]
 fn objects_without_a_prepass_cover_reflections() {
-    for tracer in BOTH {
+    for tracer in any_tracer() {
         let Some(mut app) = app_with(SIZE, Output::Linear, tracer, |app| {
             app.add_plugins(MaterialPlugin::<Unprepared>::default());
         }) else {
@@ -387,7 +387,7 @@ fn without_forward_surfaces_nothing_is_held() {
 /// `deferred_by_default` isn't needed, and probes give way to rays.
 #[test]
 fn an_app_that_draws_everything_forward_has_reflections() {
-    for tracer in BOTH {
+    for tracer in any_tracer() {
         let Some(mut app) = app_with(SIZE, Output::Linear, tracer, |_| {}) else {
             continue;
         };
@@ -455,7 +455,7 @@ fn halves(app: &HeadlessApp) -> [Vec3; 2] {
 /// Rays add nothing for materials that show no environment, or with an unknown look of their own: stand-ins only describe rays.
 #[test]
 fn materials_without_environment_and_stand_ins_look_as_ever() {
-    for tracer in BOTH {
+    for tracer in any_tracer() {
         let Some(mut app) = app_with(SIZE, Output::Linear, tracer, |app| {
             app.add_plugins((
                 MaterialPlugin::<Extended<Lacquer>>::default(),

@@ -2,7 +2,7 @@
 
 use crate::{
     common::app,
-    pictures::{BOTH, apps, assert_flip, differing_pixels, red_pixels, warm_up},
+    pictures::{any_tracer, apps, assert_flip, differing_pixels, red_pixels, warm_up},
     stage::{BEFORE_THE_MIRROR, RED, SIZE, frame, metal, report, share_picture, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{camera::Viewport, prelude::*};
@@ -95,7 +95,7 @@ fn a_camera_that_rests_shows_what_one_without_reflections_shows() {
 #[test]
 fn a_mirror_that_comes_into_view_wakes_the_camera() {
     let mirror = Transform::from_xyz(0.0, 0.0, 0.1);
-    for tracer in BOTH {
+    for tracer in any_tracer() {
         let Some(mut never_at_rest) = app(SIZE, Output::Picture, tracer) else {
             continue;
         };

@@ -2,7 +2,7 @@
 
 use crate::{
     common::app,
-    pictures::{apps, reflect, warm_up},
+    pictures::{apps_of_both, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, metal, spawn_camera, spawn_mesh, wall},
 };
 use bevy::{
@@ -64,7 +64,7 @@ fn shown(app: &mut HeadlessApp) -> [f32; 2] {
 
 #[test]
 fn a_mirror_shows_the_level_that_fits_its_distance() {
-    for (tracer, mut app) in apps(SIZE, Output::Picture) {
+    for (tracer, mut app) in apps_of_both(SIZE, Output::Picture) {
         let app = &mut app;
         spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
         let camera = spawn_camera(app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);

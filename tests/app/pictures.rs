@@ -9,8 +9,8 @@ use bevy::{
 use bevy_glint::{
     RayTracedReflections, ReflectionDenoiser, ReflectionStatus, ReflectionTechnique, ReflectionTracerChoice,
 };
-use glint_scenes::{HeadlessApp, Output, SceneName, SceneOptions};
-use std::{ops::Range, path::PathBuf};
+use glint_scenes::{HeadlessApp, Output, SceneName, SceneOptions, note_left_out};
+use std::{env, ops::Range, path::PathBuf};
 
 /// Pixels per degree of the paper's display: 2,560 pixels over 0.5 m at 0.62 m.
 pub const PIXELS_PER_DEGREE: f32 = 55.4;
@@ -27,8 +27,27 @@ pub const COARSE: SceneOptions = SceneOptions {
 
 pub const BOTH: [ReflectionTracerChoice; 2] = [ReflectionTracerChoice::RayQuery, ReflectionTracerChoice::Bvh];
 
-/// An app for each tracer that this machine has, one after the other.
+/// Environment variable with the tracer of tests that any tracer can run: `bvh` (the default), `ray-query` or `all`.
+const TRACER: &str = "GLINT_TEST_TRACER";
+
+/// Tracers for a test of what happens before or after rays: the BVH, since `tests/shaders/tracer` compares both ray by ray. The long
+/// tests of `cargo xtask test --all` repeat it with ray queries.
+pub fn any_tracer() -> impl Iterator<Item = ReflectionTracerChoice> {
+    let word = env::var(TRACER).unwrap_or_else(|_| "bvh".to_owned());
+    if word == "bvh" {
+        note_left_out("ray-query");
+    }
+    let is_chosen = move |tracer: &ReflectionTracerChoice| word == "all" || Ok(*tracer) == word.parse();
+    BOTH.into_iter().filter(is_chosen)
+}
+
+/// Apps for a test of what happens before or after rays, one after the other; see [`any_tracer`].
 pub fn apps(size: UVec2, output: Output) -> impl Iterator<Item = (ReflectionTracerChoice, HeadlessApp)> {
+    any_tracer().filter_map(move |tracer| Some((tracer, app(size, output, tracer)?)))
+}
+
+/// An app for each tracer that this machine has, one after the other: for tests of what rays hit.
+pub fn apps_of_both(size: UVec2, output: Output) -> impl Iterator<Item = (ReflectionTracerChoice, HeadlessApp)> {
     BOTH.into_iter()
         .filter_map(move |tracer| Some((tracer, app(size, output, tracer)?)))
 }

@@ -1,7 +1,7 @@
 //! Cameras that draw different render layers, side by side.
 
 use crate::{
-    pictures::{apps, crop, reflect, warm_up},
+    pictures::{apps_of_both, crop, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, metal, share_picture, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{camera::visibility::RenderLayers, prelude::*};
@@ -28,7 +28,7 @@ fn count(app: &mut HeadlessApp, color: [u8; 3]) -> [usize; 2] {
 
 #[test]
 fn each_camera_reflects_what_it_draws() {
-    for (tracer, mut app) in apps(SIZE, Output::Picture) {
+    for (tracer, mut app) in apps_of_both(SIZE, Output::Picture) {
         let app = &mut app;
         spawn_mesh(app, wall(), metal(0.0), Transform::IDENTITY);
         // The red sheet hides the green one.

@@ -4,7 +4,7 @@ mod march;
 
 use crate::{
     common::app_of,
-    pictures::{BOTH, apps, differing_pixels, dump, flip, reflect, warm_up},
+    pictures::{any_tracer, apps, differing_pixels, dump, flip, reflect, warm_up},
     stage::{BLUE, SIZE, clear_glass, metal, report, spawn_camera, spawn_mesh, unlit, until_at_rest},
 };
 use bevy::{
@@ -190,7 +190,7 @@ const LOWER: UVec2 = UVec2::new(SIZE.x, SIZE.y / 2);
 
 #[test]
 fn reflections_show_the_shaders_of_the_screen() {
-    for tracer in BOTH {
+    for tracer in any_tracer() {
         let Some(mut stage) = Stage::new(tracer, metal(0.0)) else {
             continue;
         };

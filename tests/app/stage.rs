@@ -1,6 +1,6 @@
 //! Small scenes of a few objects before a mirror.
 
-use crate::pictures::apps;
+use crate::pictures::apps_of_both;
 use bevy::{
     camera::{ClearColorConfig, Viewport},
     math::UVec2,
@@ -87,7 +87,7 @@ pub type Case = fn(&mut HeadlessApp, ReflectionTracerChoice);
 
 /// Runs tests one after the other in an app of each tracer: to start it, with all its shaders, takes longer than most of them.
 pub fn share_app(cases: &[Case]) {
-    for (tracer, mut app) in apps(SIZE, Output::Picture) {
+    for (tracer, mut app) in apps_of_both(SIZE, Output::Picture) {
         for case in cases {
             case(&mut app, tracer);
             clear(&mut app);

@@ -2,7 +2,7 @@
 
 use crate::{
     common::app_with,
-    pictures::{BOTH, reflect, warm_up},
+    pictures::{any_tracer, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, BLUE, SIZE, metal, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{
@@ -116,7 +116,7 @@ fn expect(app: &mut HeadlessApp, what: &str, striped: bool) {
 
 #[test]
 fn reflections_show_the_surfaces_of_the_apps_shader() {
-    for tracer in BOTH {
+    for tracer in any_tracer() {
         let Some((mut app, camera)) = stage(tracer) else {
             continue;
         };

@@ -2,7 +2,7 @@
 
 use crate::{
     common::app_with,
-    pictures::{BOTH, reflect, warm_up},
+    pictures::{BOTH, any_tracer, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, clear_glass, metal, spawn_camera, spawn_mesh, unlit},
 };
 use bevy::{
@@ -113,7 +113,7 @@ fn panes(app: &mut HeadlessApp) -> [Vec3; 3] {
 /// An app's shader turns the normals of its own materials, and of no others; NaN does no harm.
 #[test]
 fn reflections_follow_the_normals_of_the_apps_shader() {
-    for tracer in BOTH {
+    for tracer in any_tracer() {
         let Some((mut app, camera)) = stage(tracer) else {
             continue;
         };
@@ -199,7 +199,7 @@ type OfPolished = ExtendedMaterial<StandardMaterial, Polished>;
 /// An extended material reflects as its base, and with the normals that the app's shader gives it.
 #[test]
 fn extended_materials_with_their_own_shaders_reflect() {
-    for tracer in BOTH {
+    for tracer in any_tracer() {
         let Some(mut app) = app_with(SIZE, Output::Linear, tracer, |app| {
             app.add_plugins((
                 ReflectedMaterialPlugin::<OfPolished>::default(),

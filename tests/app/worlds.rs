@@ -1,7 +1,7 @@
 //! Worlds that change: unchanged objects cost nothing.
 
 use crate::{
-    pictures::{BOTH, apps, assert_flip, differing_pixels, reflect, warm_up},
+    pictures::{BOTH, apps_of_both, assert_flip, differing_pixels, reflect, warm_up},
     stage::{metal, spawn_camera, spawn_mesh, unlit},
 };
 use bevy::{math::UVec2, prelude::*};
@@ -199,7 +199,7 @@ fn pictures_of_movements(app: &mut HeadlessApp) -> Vec<(&'static str, Vec<u8>)> 
 #[test]
 fn what_moves_among_many_objects_is_seen() {
     let mut pictures = Vec::new();
-    for (choice, mut app) in apps(SIZE, Output::Picture) {
+    for (choice, mut app) in apps_of_both(SIZE, Output::Picture) {
         let found = pictures_of_movements(&mut app);
         let report = app.world().resource::<ReflectionStatus>().report();
         let traced = match choice {

@@ -16,6 +16,9 @@ const NEED_INTERNALS: [&str; 3] = ["glint_bench", "glint_evaluate", "glint_stres
 /// Packages with a workspace of their own, so that their dependencies don't change the features of Bevy.
 pub const APART: [&str; 3] = ["tools/browser", "tools/isa", "tools/translate"];
 
+/// Environment variable with the folder of builds.
+const TARGET: &str = "CARGO_TARGET_DIR";
+
 /// The root of the workspace.
 pub fn workspace_root() -> PathBuf {
     // Asked at run time first: clones with a shared target directory can share this program too.
@@ -99,10 +102,15 @@ pub fn program(name: &str) -> Result<Command> {
 
 /// `cargo <subcommand>` for one of the packages in [`APART`].
 pub fn apart(subcommand: &str, package: &str) -> Command {
+    let root = workspace_root();
     let mut command = cargo(subcommand);
     command
         .arg("--manifest-path")
-        .arg(workspace_root().join(package).join("Cargo.toml"));
+        .arg(root.join(package).join("Cargo.toml"));
+    if env::var_os(TARGET).is_none() {
+        // Beside its manifest otherwise, where git would see it.
+        command.env(TARGET, root.join("target"));
+    }
     command
 }
 
@@ -214,6 +222,17 @@ mod tests {
             .split_once(&start)
             .unwrap_or_else(|| panic!("{file} has no {package}"));
         rest.split('"').next().unwrap().to_owned()
+    }
+
+    #[test]
+    fn packages_apart_leave_nothing_beside_their_manifests() {
+        for package in APART {
+            let command = apart("build", package);
+            let target = command.get_envs().find(|(name, _)| *name == TARGET);
+            let target = target.and_then(|(_, folder)| folder).map(PathBuf::from);
+            let own = workspace_root().join("target");
+            assert!(env::var_os(TARGET).is_some() || target == Some(own), "{package}");
+        }
     }
 
     /// Both read or repeat the output of the workspace's own versions.

@@ -13,6 +13,10 @@ use crate::{cargo, file_sizes, isa, test, web, words};
 /// have the time skip it; with more, cold ones run into limits of 90 minutes.
 const PAGE_LIMIT: Duration = Duration::from_secs(45 * 60);
 
+/// Time after which no more long tests begin. Where everything was built before, all of them run; where nothing was, the first tier ends
+/// at about this time.
+const LONG_LIMIT: Duration = Duration::from_secs(60 * 60);
+
 /// Runs every check, cheap ones first, and all of them even if one fails. Ends with a table of times.
 pub fn run() -> Result<()> {
     let start = Instant::now();
@@ -41,8 +45,7 @@ pub fn run() -> Result<()> {
         let reason = format!("`rustup target add {}` brings what it needs", web::TARGET);
         checks.skip("library for browsers", &reason);
     }
-    let tests = test::measure(&test::Options::default(), &mut checks.times);
-    checks.note_failure("tests", tests);
+    let results = tests(&mut checks, start);
     foreign_compilers(&mut checks);
     page(&mut checks, start.elapsed());
     if checks.skipped > 0 {
@@ -50,10 +53,24 @@ pub fn run() -> Result<()> {
     }
     checks.times.add("in all", start.elapsed(), "");
     progress::result(format_args!("\n{}", checks.times));
+    let outcome = results.and_then(test::Results::judge);
+    checks.note_failure("tests", outcome);
     if !checks.failed.is_empty() {
         bail!("these checks failed: {}", checks.failed.join(", "));
     }
     Ok(())
+}
+
+/// Runs the first tier of the tests, and of the second as much as there is time for.
+fn tests(checks: &mut Checks, start: Instant) -> Result<test::Results> {
+    let options = test::Options::default();
+    let suite = test::Suite::build(&mut checks.times)?;
+    let mut results = suite.first_tier(&options, &mut checks.times);
+    let long = std::mem::take(&mut results.long);
+    let second = test::run_long(&suite, &options, &long, Some(start + LONG_LIMIT), &mut checks.times);
+    results.long = long;
+    results.add(second);
+    Ok(results)
 }
 
 /// The checks so far.
@@ -113,14 +130,7 @@ fn foreign_compilers(checks: &mut Checks) {
 fn page(checks: &mut Checks, elapsed: Duration) {
     const NAME: &str = "page in a browser";
     match time_for_page(elapsed).and_then(|()| web::prepare()) {
-        Ok(()) => checks.run(NAME, || {
-            web::run(&web::Options {
-                out: cargo::workspace_root().join(web::FOLDER),
-                serve: false,
-                port: 0,
-                check: true,
-            })
-        }),
+        Ok(()) => checks.run(NAME, web::check),
         Err(reason) => checks.skip(NAME, &format!("{reason:#}")),
     }
 }

@@ -3,6 +3,7 @@
 //! They need nothing but cargo and a C/C++ compiler: the Vulkan driver is looked for, and installed where that is possible.
 
 mod cargo;
+mod cases;
 mod ci;
 mod driver;
 mod environment;

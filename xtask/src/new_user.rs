@@ -6,7 +6,7 @@ use crate::driver::{self, Need};
 use crate::{cargo, environment, package, progress};
 
 /// Arguments of `new-user`.
-#[derive(clap::Args)]
+#[derive(clap::Args, Default)]
 pub struct Options {
     /// Measure the plugin's share of the app's compile time and size, and run nothing.
     #[arg(long)]

@@ -18,7 +18,7 @@ const PACKAGE: &str = "bevy_glint";
 const ADDED: [&str; 3] = ["Cargo.toml.orig", ".cargo_vcs_info.json", "Cargo.lock"];
 
 /// Arguments of `package`.
-#[derive(clap::Args)]
+#[derive(clap::Args, Default)]
 pub struct Options {
     /// Address of the repository; `repository` of Cargo.toml if it is left out.
     #[arg(long, value_name = "URL")]

@@ -1,24 +1,33 @@
-//! `cargo xtask test`: every test of the workspace, with the driver that the GPU tests need.
+//! `cargo xtask test`: the tests of the workspace, with the driver that the GPU tests need.
+//!
+//! There are two tiers. The first guards each change. Long tests are marked `#[ignore = "long: reason"]`, and run with `--all`, or in
+//! `cargo xtask ci` while there is time.
 
 use std::cmp::Reverse;
 use std::env;
 use std::ffi::OsString;
-use std::fmt;
 use std::fs;
-use std::io::{self, IsTerminal, Read};
-use std::iter::{self, Sum};
+use std::io::{self, Read};
+use std::iter;
+use std::mem;
 use std::num::NonZeroUsize;
+use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::sync::Mutex;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::{Result, ensure};
+use tempfile::{NamedTempFile, TempPath};
 
 use crate::cargo::{self, Executable};
+use crate::cases::{self, Case, Cost, Costs, End, Tally};
 use crate::driver::{self, Need};
-use crate::environment;
 use crate::progress::{self, Elapsed, Times};
+use crate::{environment, new_user, package, web};
+
+mod long;
+pub use long::run as run_long;
 
 /// Test programs that run at a time: most of their time is spent on one core, since the last test of each runs alone and shaders are
 /// compiled by one thread.
@@ -43,6 +52,15 @@ const REQUIRED: [(&str, &str); 3] = [
 ];
 /// Tells the tests of shaders which program translates them.
 const TRANSLATOR: &str = "GLINT_TRANSLATOR";
+/// Lets the test harness print the time of each test, which it does on no stable compiler otherwise.
+const UNSTABLE: (&str, &str) = ("RUSTC_BOOTSTRAP", "1");
+const REPORT_TIME: [&str; 2] = ["-Zunstable-options", "--report-time"];
+/// Names the file in which the apps of tests note what they did (`tools/scenes/src/headless/profile.rs`).
+const PROFILE: &str = "GLINT_TEST_PROFILE";
+/// Names the tracer of tests that any tracer can run (`tests/app/pictures.rs`).
+const TRACER: &str = "GLINT_TEST_TRACER";
+/// Rows in the table of the slowest tests.
+const SLOWEST: usize = 20;
 
 /// Arguments of `test`.
 #[derive(clap::Args)]
@@ -50,6 +68,9 @@ pub struct Options {
     /// Test programs that run at a time.
     #[arg(long, value_name = "N", default_value_t = JOBS)]
     jobs: NonZeroUsize,
+    /// Run the long tests, too: pictures over hundreds of frames, stress, the page, the package, the new user's app.
+    #[arg(long)]
+    pub all: bool,
     /// A filter, and other options of the test programs.
     #[arg(last = true, value_name = "ARGS")]
     arguments: Vec<OsString>,
@@ -59,6 +80,7 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             jobs: JOBS,
+            all: false,
             arguments: Vec::new(),
         }
     }
@@ -67,58 +89,172 @@ impl Default for Options {
 /// Builds and runs the tests.
 pub fn run(options: &Options) -> Result<()> {
     let mut times = Times::default();
-    let result = measure(options, &mut times);
+    let result = Suite::build(&mut times).and_then(|suite| {
+        let mut results = suite.first_tier(options, &mut times);
+        if options.all {
+            results.add(long::run(&suite, options, &results.long, None, &mut times));
+        }
+        let steps = if options.all && options.arguments.is_empty() {
+            long_steps(&mut times)
+        } else {
+            Ok(())
+        };
+        results.judge().and(steps)
+    });
     progress::result(format_args!("\n{times}"));
     result
 }
 
-/// Builds and runs the tests, and records the time of each program.
-pub fn measure(options: &Options, times: &mut Times) -> Result<()> {
-    driver::prepare(Need::RayQuery)?;
-    let translator = times.step("build of the translator", || cargo::program_apart("tools/translate"))?;
-    // Without the examples: a test includes their code, so that to link each of them would prove nothing more.
-    let mut built = times.step("build of the tests", || {
-        cargo::build(cargo::tests().args(["--no-run", "--tests"]))
-    })?;
-    built.retain(|program| program.is_test);
-    // Large programs contain a renderer and take longest: they begin first.
-    built.sort_by_cached_key(|program| Reverse(fs::metadata(&program.executable).map_or(0, |file| file.len())));
-    let mut tests: Vec<_> = built.iter().map(test).collect();
-    tests.push(documentation());
-    let defaults = defaults();
-    for test in &mut tests {
-        test.command
-            .args(&options.arguments)
-            .env(TRANSLATOR, &translator)
-            .envs(defaults.iter().copied());
-        if io::stdout().is_terminal() {
-            test.command.arg("--color=always");
-        }
-    }
-    let start = Instant::now();
-    let outcomes = run_all(tests, options.jobs, progress::raw);
-    let time = start.elapsed();
-    let total: Tally = outcomes.iter().map(|outcome| outcome.tally).sum();
-    progress::result(format_args!("\ntests: {total}"));
-    summarize(outcomes, time, times)
+/// What is tested by commands of its own: the page, the package and the app of a new user. All of them run, even if one fails.
+fn long_steps(times: &mut Times) -> Result<()> {
+    let page = times.step("page in a browser", web::check);
+    let package = times.step("package", || package::run(&package::Options::default()));
+    let new_user = times.step("new user", || new_user::run(&new_user::Options::default()));
+    page.and(package).and(new_user)
 }
 
-/// Adds the time of each program, the longest first. Fails if one of them did.
-fn summarize(mut outcomes: Vec<Outcome>, time: Duration, times: &mut Times) -> Result<()> {
-    let failed: Vec<_> = outcomes
-        .iter()
-        .filter(|outcome| !outcome.success)
-        .map(|outcome| outcome.name.clone())
-        .collect();
-    times.add("tests", time, if failed.is_empty() { "" } else { "FAILED" });
+/// The test programs, and what they need.
+pub struct Suite {
+    programs: Vec<Executable>,
+    translator: PathBuf,
+    defaults: Vec<(&'static str, &'static str)>,
+}
+
+impl Suite {
+    /// Builds all of them.
+    pub fn build(times: &mut Times) -> Result<Self> {
+        driver::prepare(Need::RayQuery)?;
+        let translator = times.step("build of the translator", || cargo::program_apart("tools/translate"))?;
+        // Without the examples: a test includes their code, so that to link each of them would prove nothing more.
+        let mut programs = times.step("build of the tests", || {
+            cargo::build(cargo::tests().args(["--no-run", "--tests"]))
+        })?;
+        programs.retain(|program| program.is_test);
+        // Large programs contain a renderer and take longest: they begin first.
+        programs.sort_by_cached_key(|program| Reverse(fs::metadata(&program.executable).map_or(0, |file| file.len())));
+        Ok(Self {
+            programs,
+            translator,
+            defaults: defaults(),
+        })
+    }
+
+    /// Runs all tests that aren't long.
+    pub fn first_tier(&self, options: &Options, times: &mut Times) -> Results {
+        let mut tests: Vec<_> = self.programs.iter().map(Test::new).collect();
+        tests.push(documentation());
+        for test in &mut tests {
+            test.command.args(&options.arguments);
+        }
+        self.run_all("tests", tests, options.jobs, times)
+    }
+
+    /// Runs some tests, and adds the time of each program.
+    fn run_all(&self, name: &str, mut tests: Vec<Test>, jobs: NonZeroUsize, times: &mut Times) -> Results {
+        for test in &mut tests {
+            test.command
+                .env(TRANSLATOR, &self.translator)
+                .envs(self.defaults.iter().copied());
+        }
+        let start = Instant::now();
+        let outcomes = run_all(tests, jobs, progress::raw);
+        let time = start.elapsed();
+        let results = Results::new(&outcomes);
+        times.add(name, time, if results.failed.is_empty() { "" } else { "FAILED" });
+        summarize(outcomes, times);
+        results
+    }
+}
+
+/// Results of test programs.
+#[derive(Default)]
+pub struct Results {
+    tally: Tally,
+    cost: Cost,
+    failed: Vec<String>,
+    cases: Vec<(String, Duration, Cost)>,
+    /// Long tests that didn't run: their program and name.
+    pub long: Vec<(String, Case)>,
+}
+
+impl Results {
+    fn new(outcomes: &[Outcome]) -> Self {
+        let mut results = Self::default();
+        for outcome in outcomes {
+            results.tally = [results.tally, outcome.tally].into_iter().sum();
+            results.cost = [results.cost, outcome.costs.total()].into_iter().sum();
+            if !outcome.success {
+                results.failed.push(outcome.name.clone());
+            }
+            for case in &outcome.cases {
+                match case.end {
+                    End::Long => results.long.push((outcome.name.clone(), case.clone())),
+                    End::Skipped => {}
+                    End::Passed | End::Failed => {
+                        if let Some(variant) = outcome.costs.left_out(&case.name) {
+                            results.long.push((outcome.name.clone(), case.with_variant(variant)));
+                            results.tally.ignored += 1;
+                        }
+                        let name = format!("{} {case}", outcome.name);
+                        results.cases.push((name, case.time, outcome.costs.of(&case.name)));
+                    }
+                }
+            }
+        }
+        results
+    }
+
+    /// Adds the results of long tests, which were left out before.
+    pub fn add(&mut self, second: Self) {
+        // What the first tier left out has run now, or is left out again.
+        let others = self
+            .tally
+            .ignored
+            .saturating_sub(u32::try_from(self.long.len()).unwrap_or(0));
+        self.tally = [self.tally, second.tally].into_iter().sum();
+        self.tally.ignored = others + u32::try_from(second.long.len()).unwrap_or(0);
+        self.cost = [self.cost, second.cost].into_iter().sum();
+        self.failed.extend(second.failed);
+        self.cases.extend(second.cases);
+        self.long = second.long;
+    }
+
+    /// Prints the slowest tests, the work of all, and the names of those that were left out. Fails if a test did.
+    pub fn judge(mut self) -> Result<()> {
+        let slowest = cases::slowest(mem::take(&mut self.cases), SLOWEST);
+        progress::result(format_args!("\nslowest tests:\n{slowest}\nall tests: {}", self.cost));
+        if !self.long.is_empty() {
+            progress::result(format_args!("left out: {} long tests", self.long.len()));
+            for (program, case) in &self.long {
+                progress::result(format_args!("  {program} {case}"));
+            }
+        }
+        progress::result(format_args!("tests: {}", self.tally));
+        self.outcome()
+    }
+
+    fn outcome(mut self) -> Result<()> {
+        self.failed.sort_unstable();
+        self.failed.dedup();
+        ensure!(self.failed.is_empty(), "tests failed in {}", self.failed.join(", "));
+        Ok(())
+    }
+}
+
+/// Adds the time of each program, the longest first.
+fn summarize(mut outcomes: Vec<Outcome>, times: &mut Times) {
     outcomes.sort_by_key(|outcome| Reverse(outcome.time));
     for outcome in outcomes {
         let result = if outcome.success { "" } else { ", FAILED" };
-        let remark = format!("{}{result}", outcome.tally);
+        let cost = outcome.costs.total();
+        let work = if cost.apps > 0 {
+            format!("; {cost}")
+        } else {
+            String::new()
+        };
+        let remark = format!("{}{work}{result}", outcome.tally);
         times.add(&format!("  {}", outcome.name), outcome.time, &remark);
     }
-    ensure!(failed.is_empty(), "tests failed in {}", failed.join(", "));
-    Ok(())
 }
 
 /// The environment variables to set.
@@ -138,20 +274,31 @@ fn defaults() -> Vec<(&'static str, &'static str)> {
 struct Test {
     name: String,
     command: Command,
+    /// File of what its apps did.
+    profile: Option<TempPath>,
 }
 
-/// A test program is named after its source file.
-fn test(program: &Executable) -> Test {
-    let root = cargo::workspace_root();
-    let source = program.source.strip_prefix(&root).unwrap_or(&program.source);
-    let mut command = cargo::command(&program.executable);
-    // As cargo runs it.
-    command
-        .current_dir(&program.package)
-        .env("CARGO_MANIFEST_DIR", &program.package);
-    Test {
-        name: source.display().to_string(),
-        command,
+impl Test {
+    /// A test program is named after its source file.
+    fn new(program: &Executable) -> Self {
+        let root = cargo::workspace_root();
+        let source = program.source.strip_prefix(&root).unwrap_or(&program.source);
+        let mut command = cargo::command(&program.executable);
+        // As cargo runs it.
+        command
+            .current_dir(&program.package)
+            .env("CARGO_MANIFEST_DIR", &program.package)
+            .env(UNSTABLE.0, UNSTABLE.1)
+            .args(REPORT_TIME);
+        let profile = NamedTempFile::new().ok().map(NamedTempFile::into_temp_path);
+        if let Some(path) = &profile {
+            command.env(PROFILE, path);
+        }
+        Self {
+            name: source.display().to_string(),
+            command,
+            profile,
+        }
     }
 }
 
@@ -162,6 +309,7 @@ fn documentation() -> Test {
     Test {
         name: "documentation".to_owned(),
         command,
+        profile: None,
     }
 }
 
@@ -171,6 +319,8 @@ struct Outcome {
     time: Duration,
     success: bool,
     tally: Tally,
+    cases: Vec<Case>,
+    costs: Costs,
 }
 
 /// Runs all tests, some at a time. With several at a time, the output of each is shown when it has ended.
@@ -211,11 +361,15 @@ fn run_one(mut test: Test, is_alone: bool, show: fn(&[u8])) -> Outcome {
     if !is_alone {
         show(&output);
     }
+    let said = String::from_utf8_lossy(&output);
+    let profile = test.profile.and_then(|path| fs::read_to_string(path).ok());
     Outcome {
         name: test.name,
         time,
         success,
-        tally: Tally::read(&String::from_utf8_lossy(&output)),
+        tally: Tally::read(&said),
+        cases: said.lines().filter_map(Case::parse).collect(),
+        costs: Costs::read(&profile.unwrap_or_default()),
     }
 }
 
@@ -236,75 +390,9 @@ fn capture(command: &mut Command, mut receive: impl FnMut(&[u8])) -> io::Result<
     Ok(child.wait()?.success())
 }
 
-/// The sum of the result lines of test programs.
-#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
-struct Tally {
-    passed: u32,
-    failed: u32,
-    ignored: u32,
-}
-
-impl Tally {
-    /// Adds up lines such as `test result: ok. 5 passed; 0 failed; 1 ignored; 0 measured; 2 filtered out; finished in 0.01s`.
-    fn read(output: &str) -> Self {
-        let mut tally = Self::default();
-        let results = output.lines().filter_map(|line| line.strip_prefix("test result: "));
-        for part in results.flat_map(|counts| counts.split([';', '.'])) {
-            let mut words = part.split_whitespace();
-            if let (Some(Ok(count)), Some(kind)) = (words.next().map(str::parse::<u32>), words.next()) {
-                match kind {
-                    "passed" => tally.passed += count,
-                    "failed" => tally.failed += count,
-                    "ignored" => tally.ignored += count,
-                    _ => {}
-                }
-            }
-        }
-        tally
-    }
-}
-
-impl Sum for Tally {
-    fn sum<I: Iterator<Item = Self>>(tallies: I) -> Self {
-        tallies.fold(Self::default(), |sum, tally| Self {
-            passed: sum.passed + tally.passed,
-            failed: sum.failed + tally.failed,
-            ignored: sum.ignored + tally.ignored,
-        })
-    }
-}
-
-impl fmt::Display for Tally {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "{} passed, {} failed", self.passed, self.failed)?;
-        if self.ignored > 0 {
-            write!(formatter, ", {} skipped", self.ignored)?;
-        }
-        Ok(())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn result_lines_add_up() {
-        let output = "running 6 tests\ntest scene::empty ... ok\n\
-            test result: ok. 5 passed; 0 failed; 1 ignored; 0 measured; 2 filtered out; finished in 0.01s\n\
-            test result: \u{1b}[31mFAILED\u{1b}[0m. 7 passed; 3 failed; 0 ignored; 0 measured; 0 filtered out\n";
-        let tally = Tally::read(output);
-        assert_eq!(
-            tally,
-            Tally {
-                passed: 12,
-                failed: 3,
-                ignored: 1
-            }
-        );
-        assert_eq!(tally.to_string(), "12 passed, 3 failed, 1 skipped");
-        assert_eq!(Tally::read("all passed"), Tally::default());
-    }
 
     fn shell(name: &str, script: &str) -> Test {
         let mut command = Command::new("sh");
@@ -312,7 +400,31 @@ mod tests {
         Test {
             name: name.to_owned(),
             command,
+            profile: None,
         }
+    }
+
+    #[test]
+    fn long_tests_count_once() {
+        let outcome = |output: &str| Outcome {
+            name: "p".into(),
+            time: Duration::ZERO,
+            success: true,
+            tally: Tally::read(output),
+            cases: output.lines().filter_map(Case::parse).collect(),
+            costs: Costs::default(),
+        };
+        let first = "test a ... ok <0.1s>\ntest b ... ignored, long: b\ntest c ... ignored, long: c\n\
+            test d ... ignored, builds crates\ntest result: ok. 1 passed; 0 failed; 3 ignored";
+        let mut results = Results::new(&[outcome(first)]);
+        assert_eq!(results.long.len(), 2);
+        let mut second = Results::new(&[outcome(
+            "test b ... ok <9s>\ntest result: ok. 1 passed; 0 failed; 0 ignored",
+        )]);
+        second.long = results.long[1..].to_vec();
+        results.add(second);
+        assert_eq!(results.tally.to_string(), "2 passed, 0 failed, 2 skipped");
+        assert_eq!((results.long.len(), results.cases.len()), (1, 2));
     }
 
     #[cfg(unix)]
@@ -327,6 +439,7 @@ mod tests {
                 Test {
                     name: "missing".into(),
                     command: Command::new("/no/such/program"),
+                    profile: None,
                 },
             ];
             let mut outcomes = run_all(tests, NonZeroUsize::new(jobs).unwrap(), |_| {});
@@ -342,11 +455,12 @@ mod tests {
                 ("passes", true, 2),
             ];
             assert_eq!(seen, expected);
-            let total: Tally = outcomes.iter().map(|outcome| outcome.tally).sum();
-            assert_eq!(total.to_string(), "5 passed, 1 failed");
-            let mut times = Times::default();
-            let error = summarize(outcomes, Duration::ZERO, &mut times).unwrap_err();
+            let results = Results::new(&outcomes);
+            assert_eq!(results.tally.to_string(), "5 passed, 1 failed");
+            let error = results.outcome().unwrap_err();
             assert_eq!(error.to_string(), "tests failed in crashes, fails, missing");
+            let mut times = Times::default();
+            summarize(outcomes, &mut times);
             assert!(times.to_string().contains("1 passed, 1 failed, FAILED"), "{times}");
         }
     }

@@ -76,6 +76,20 @@ pub fn prepare() -> Result<()> {
     driver::prepare(Need::Browser)
 }
 
+/// Builds the page and opens it in a browser.
+///
+/// # Errors
+/// If there is no browser, the build fails, or the page looks different from the native image.
+pub fn check() -> Result<()> {
+    prepare()?;
+    run(&Options {
+        out: cargo::workspace_root().join(FOLDER),
+        serve: false,
+        port: 0,
+        check: true,
+    })
+}
+
 /// Builds the page, and serves or checks it.
 ///
 /// # Errors

@@ -6,7 +6,7 @@ mod reflected_light;
 
 use crate::{
     common::{app, app_with},
-    pictures::{apps, assert_flip, dump, flip, reflect, spawn, use_coarse_shadow_maps, warm_up},
+    pictures::{apps, apps_of_both, assert_flip, dump, flip, reflect, spawn, use_coarse_shadow_maps, warm_up},
 };
 use bevy::{
     camera::Hdr,
@@ -36,7 +36,7 @@ fn a_mirror_shows_the_mirrored_light() {
 
 fn mirror(lit: bool) {
     let size = UVec2::new(320, 240);
-    for (tracer, mut app) in apps(size, Output::Picture) {
+    for (tracer, mut app) in apps_of_both(size, Output::Picture) {
         if lit {
             app.world().add_observer(light_up);
         }
@@ -149,7 +149,7 @@ fn on_floor(x: usize, y: usize, size: UVec2) -> bool {
 #[test]
 fn a_white_furnace_stays_white() {
     let size = UVec2::new(180, 90);
-    for (tracer, mut app) in apps(size, Output::Linear) {
+    for (tracer, mut app) in apps_of_both(size, Output::Linear) {
         let camera = spawn(&mut app, SceneName::Furnace, ReflectionTechnique::Converged);
         // Objects are merged meanwhile, which begins the mean anew.
         app.step(64);

@@ -2,7 +2,7 @@
 
 use super::{BEHIND, facing_the_mirror};
 use crate::{
-    pictures::{apps, differing_pixels, reflect, warm_up},
+    pictures::{apps_of_both, differing_pixels, reflect, warm_up},
     stage::{BEFORE_THE_MIRROR, GREEN, RED, SIZE, metal, report, share_app, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{
@@ -185,7 +185,7 @@ fn meshes_of_all_formats_look_alike(app: &mut HeadlessApp, tracer: ReflectionTra
 #[test]
 fn faces_and_holes_are_seen_as_the_material_says() {
     let mut masked = Vec::new();
-    for (tracer, mut app) in apps(SIZE, Output::Picture) {
+    for (tracer, mut app) in apps_of_both(SIZE, Output::Picture) {
         let camera = camera_with_mirror(&mut app);
         reflect(&mut app, camera, ReflectionTechnique::Reference);
         let quad = || Mesh::from(Rectangle::new(3.0, 3.0));
@@ -253,7 +253,7 @@ fn faces_and_holes_are_seen_as_the_material_says() {
 #[test]
 fn rays_pass_through_many_holes() {
     const LAYERS: usize = 400;
-    for (tracer, mut app) in apps(SIZE / 2, Output::Picture) {
+    for (tracer, mut app) in apps_of_both(SIZE / 2, Output::Picture) {
         let camera = camera_with_mirror(&mut app);
         let hole = image(&mut app, 1, vec![255, 255, 255, 0]);
         let material = StandardMaterial {

@@ -64,27 +64,27 @@ pub struct Arguments {
     /// src; can be given several times
     #[arg(long, value_name = "DIR")]
     shaders: Vec<PathBuf>,
-    /// Leave out the rays
-    #[arg(long)]
+    /// Leave out the rays and the passes: measure only builds on the CPU
+    #[arg(long, conflicts_with_all = ["skip_build", "worlds", "crowds", "growth", "budget"])]
     pub skip_rays: bool,
     /// Leave out building on the CPU
     #[arg(long)]
     pub skip_build: bool,
     /// Measure only the CPU time of worlds that are large or change, and the longest frame while meshes arrive: tables in Markdown
-    #[arg(long)]
+    #[arg(long, group = "cases")]
     pub worlds: bool,
     /// Rounds of `--worlds`, for the intervals; arrivals have fewer
     #[arg(long, value_name = "N", default_value_t = 12, value_parser = value_parser!(u32).range(2..))]
     pub rounds: u32,
     /// Measure only characters that are posed in each frame, and many lamps against few: tables in Markdown
-    #[arg(long, conflicts_with = "worlds")]
+    #[arg(long, group = "cases")]
     pub crowds: bool,
     /// Characters of `--crowds`, of 20 thousand triangles each
     #[arg(long, value_name = "N", default_value_t = 50, requires = "crowds")]
     characters: usize,
     /// Measure only the growth of times with the resolution (of the first scene) and with triangles, and the cost of a small object:
     /// tables
-    #[arg(long, conflicts_with_all = ["worlds", "crowds"])]
+    #[arg(long, group = "cases")]
     pub growth: bool,
     /// Measure only how well a budget holds its time along the camera's path through the scenes, over this number of frames, and after a
     /// new target: tables
@@ -94,7 +94,7 @@ pub struct Arguments {
     #[arg(long, value_name = "DIR", requires = "budget")]
     pub out: Option<PathBuf>,
     /// Measure only the cases of `--worlds`, `--crowds` or `--growth` with this in their names
-    #[arg(long, value_name = "WORD")]
+    #[arg(long, value_name = "WORD", requires = "cases")]
     pub only: Option<String>,
     /// Write all values as CSV
     #[arg(long, value_name = "FILE")]
@@ -124,6 +124,14 @@ impl Arguments {
     /// Tracers to measure, each in an app of its own.
     pub fn tracers(&self) -> Vec<ReflectionTracerChoice> {
         self.tracer.list()
+    }
+
+    /// The reason for which nothing was measured.
+    pub fn why_nothing(&self) -> String {
+        match &self.only {
+            Some(word) => format!("nothing was measured: no case has a name that contains `{word}`"),
+            None => "nothing was measured: no tracer of these runs on this machine; pass --tracer bvh".to_owned(),
+        }
     }
 
     /// The tracer of arrivals, which take long: of all, the one that an app gets.

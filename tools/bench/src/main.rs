@@ -43,29 +43,31 @@ fn main() -> ExitCode {
 
 fn run(arguments: &Arguments) -> Result<(), String> {
     let mut csv = Csv::default();
+    let (adapter, size) = measure(arguments, &mut csv)?;
+    if csv.is_empty() {
+        return Err(arguments.why_nothing());
+    }
+    match &arguments.csv {
+        Some(path) => csv.save(path, &adapter, &size),
+        None => Ok(()),
+    }
+}
+
+/// Measures what the arguments ask for. Returns the name of the adapter and the size of the view.
+fn measure(arguments: &Arguments, csv: &mut Csv) -> Result<(String, String), String> {
+    let only = arguments.only.as_deref();
     let mut adapter = "CPU".to_owned();
     let mut size_word = "-".to_owned();
     if arguments.worlds {
-        worlds::measure(
-            &arguments.tracers(),
-            arguments.rounds,
-            arguments.only.as_deref(),
-            &mut csv,
-        )?;
-        arrivals::measure(arguments.arrival_tracer(), arguments.only.as_deref(), &mut csv)?;
-        return match &arguments.csv {
-            Some(path) => csv.save(path, "CPU", &size_word),
-            None => Ok(()),
-        };
+        worlds::measure(&arguments.tracers(), arguments.rounds, only, csv)?;
+        arrivals::measure(arguments.arrival_tracer(), only, csv)?;
+        return Ok((adapter, size_word));
     }
     if arguments.crowds {
         let plan = arguments.plan(&Machine::probe()?);
         let UVec2 { x, y } = plan.size;
-        crowds::measure(&plan.tracers, &arguments.crowds(&plan), &mut csv)?;
-        return match &arguments.csv {
-            Some(path) => csv.save(path, &adapter, &format!("{x}x{y}")),
-            None => Ok(()),
-        };
+        crowds::measure(&plan.tracers, &arguments.crowds(&plan), csv)?;
+        return Ok((adapter, format!("{x}x{y}")));
     }
     if !arguments.skip_rays {
         let machine = Machine::probe()?;
@@ -78,18 +80,15 @@ fn run(arguments: &Arguments) -> Result<(), String> {
         }
         adapter = machine.name;
         if arguments.growth {
-            growth::measure(&plan, arguments.only.as_deref(), &mut csv)?;
+            growth::measure(&plan, only, csv)?;
         } else if arguments.budget {
-            budget::measure(&plan, arguments.out.as_deref(), &mut csv)?;
+            budget::measure(&plan, arguments.out.as_deref(), csv)?;
         } else {
-            scenes::measure(&plan, &mut csv)?;
+            scenes::measure(&plan, csv)?;
         }
     }
     if !arguments.skip_build && !arguments.growth && !arguments.budget {
-        bvh_builds::measure(arguments.triangles, &mut csv)?;
+        bvh_builds::measure(arguments.triangles, csv)?;
     }
-    match &arguments.csv {
-        Some(path) => csv.save(path, &adapter, &size_word),
-        None => Ok(()),
-    }
+    Ok((adapter, size_word))
 }

@@ -27,6 +27,11 @@ impl Csv {
         });
     }
 
+    /// True while nothing was measured.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// Writes the file, one value in a line, with `adapter` and `size` in each.
     pub fn save(&self, path: &Path, adapter: &str, size: &str) -> Result<(), String> {
         let write = || -> csv::Result<()> {

@@ -119,6 +119,23 @@ fn bench(arguments: &[&str]) -> Option<(bool, String)> {
 }
 
 #[test]
+fn options_that_leave_nothing_to_measure_are_refused() {
+    let combinations: [&[&str]; 4] = [
+        &["--skip-rays", "--skip-build"],
+        &["--skip-rays", "--growth"],
+        &["--skip-rays", "--budget"],
+        &["--worlds", "--only", "no such case"],
+    ];
+    for arguments in combinations {
+        let Some((succeeded, said)) = bench(arguments) else {
+            return;
+        };
+        let names_it = said.contains("cannot be used with") || said.contains("`no such case`");
+        assert!(!succeeded && names_it, "{arguments:?}: {said}");
+    }
+}
+
+#[test]
 fn a_file_is_measured_from_a_place() {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("bench_files");
     std::fs::create_dir_all(&folder).expect("a folder can be made");

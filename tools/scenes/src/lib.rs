@@ -56,7 +56,7 @@ pub use gltf::write_test_assets;
 #[cfg(not(target_arch = "wasm32"))]
 pub use headless::{
     HeadlessApp, HeadlessError, HeadlessSettings, LogMessage, Output, ReplacedShader, SystemClock, browser_device,
-    capture_log, decode_halves, read_buffer, read_image, read_texture, save_picture, take_log,
+    capture_log, decode_halves, note_left_out, read_buffer, read_image, read_texture, save_picture, take_log,
 };
 pub use image_size::ImageSize;
 #[cfg(not(target_arch = "wasm32"))]

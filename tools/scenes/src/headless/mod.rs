@@ -3,12 +3,14 @@
 mod clock;
 mod error;
 mod log;
+mod profile;
 mod readback;
 mod shaders;
 
 pub use clock::SystemClock;
 pub use error::HeadlessError;
 pub use log::{LogMessage, capture_log, take_log};
+pub use profile::note_left_out;
 pub use readback::{decode_halves, read_buffer, read_image, read_texture};
 pub use shaders::ReplacedShader;
 
@@ -123,6 +125,8 @@ pub struct HeadlessApp {
     app: App,
     target: RenderTarget,
     settings: HeadlessSettings,
+    /// Frames that were rendered.
+    frames: u32,
 }
 
 /// Bevy's default plugins without a window.
@@ -184,6 +188,7 @@ impl HeadlessApp {
             app,
             target: RenderTarget::default(),
             settings,
+            frames: 0,
         };
         app.device()?;
         app.target = app.add_target(app.settings.size, app.settings.output);
@@ -291,7 +296,7 @@ impl HeadlessApp {
             if frames == limit {
                 return Err(HeadlessError::NotReady(limit));
             }
-            self.app.update();
+            self.step(1);
             self.check()?;
             frames += 1;
             if self.assets_ready()? && self.pipelines_ready()? {
@@ -311,6 +316,7 @@ impl HeadlessApp {
         for _ in 0..frames {
             self.app.update();
         }
+        self.frames += frames;
     }
 
     fn pipelines_ready(&self) -> Result<bool, HeadlessError> {

@@ -1,0 +1,297 @@
+//! Single tests: how each ended, how long it took, and how much its apps rendered and compiled.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::iter::Sum;
+use std::time::Duration;
+
+use crate::progress::Elapsed;
+
+/// Begins the reason for which a long test is ignored.
+const LONG: &str = "long: ";
+
+/// A test and how it ended.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Case {
+    /// Its path within the test program.
+    pub name: String,
+    /// How it ended.
+    pub end: End,
+    /// Time that it took; zero where the harness tells none.
+    pub time: Duration,
+    /// The tracer that it ran with, if that isn't the usual one.
+    pub variant: Option<String>,
+}
+
+/// How a test ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum End {
+    /// It succeeded.
+    Passed,
+    /// It panicked.
+    Failed,
+    /// It takes long and didn't run.
+    Long,
+    /// It didn't run for another reason.
+    Skipped,
+}
+
+impl Case {
+    /// Reads a line such as `test levels::near ... ok <1.250s>`.
+    pub fn parse(line: &str) -> Option<Self> {
+        let (name, result) = line.strip_prefix("test ")?.split_once(" ... ")?;
+        let (result, time) = match result.strip_suffix("s>").and_then(|start| start.rsplit_once(" <")) {
+            Some((result, seconds)) => (result, seconds.parse().ok()?),
+            None => (result, 0.0),
+        };
+        let end = match result.split_once(", ") {
+            Some(("ignored", reason)) if reason.starts_with(LONG) => End::Long,
+            _ => match result {
+                "ok" => End::Passed,
+                "FAILED" => End::Failed,
+                _ if result.starts_with("ignored") => End::Skipped,
+                // Output of the test has come between.
+                _ => return None,
+            },
+        };
+        Some(Self {
+            name: name.trim_end_matches(" - should panic").to_owned(),
+            end,
+            time: Duration::try_from_secs_f64(time).ok()?,
+            variant: None,
+        })
+    }
+
+    /// The same test with another tracer, which hasn't run.
+    pub fn with_variant(&self, variant: &str) -> Self {
+        Self {
+            end: End::Long,
+            time: Duration::ZERO,
+            variant: Some(variant.to_owned()),
+            ..self.clone()
+        }
+    }
+
+    /// The module that the test is in.
+    pub fn module(&self) -> &str {
+        self.name.rsplit_once("::").map_or("", |(module, _)| module)
+    }
+}
+
+impl fmt::Display for Case {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(&self.name)?;
+        match &self.variant {
+            Some(variant) => write!(formatter, " ({variant})"),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The work of apps.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+pub struct Cost {
+    /// Apps that were started.
+    pub apps: u32,
+    /// Frames that they rendered.
+    pub frames: u32,
+    /// Pipelines that they compiled.
+    pub pipelines: u32,
+}
+
+impl Sum for Cost {
+    fn sum<I: Iterator<Item = Self>>(costs: I) -> Self {
+        costs.fold(Self::default(), |sum, cost| Self {
+            apps: sum.apps + cost.apps,
+            frames: sum.frames + cost.frames,
+            pipelines: sum.pipelines + cost.pipelines,
+        })
+    }
+}
+
+impl fmt::Display for Cost {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self {
+            apps,
+            frames,
+            pipelines,
+        } = self;
+        write!(formatter, "{apps} apps, {frames} frames, {pipelines} pipelines")
+    }
+}
+
+/// The work of each test of a program, and the variants that tests left out.
+#[derive(Debug, Default)]
+pub struct Costs {
+    of: BTreeMap<String, Cost>,
+    left_out: BTreeMap<String, String>,
+}
+
+impl Costs {
+    /// Adds up lines that are separated by tabs: name, frames and pipelines for each app; name, `left out` and a word for each variant of
+    /// a test that didn't run.
+    pub fn read(text: &str) -> Self {
+        let mut costs = Self::default();
+        for line in text.lines() {
+            let mut words = line.split('\t');
+            let [Some(name), Some(first), Some(second)] = [(); 3].map(|()| words.next()) else {
+                continue;
+            };
+            if first == "left out" {
+                costs.left_out.insert(name.to_owned(), second.to_owned());
+            } else if let (Ok(frames), Ok(pipelines)) = (first.parse(), second.parse()) {
+                let cost = costs.of.entry(name.to_owned()).or_default();
+                let app = Cost {
+                    apps: 1,
+                    frames,
+                    pipelines,
+                };
+                *cost = [*cost, app].into_iter().sum();
+            }
+        }
+        costs
+    }
+
+    /// The work of one test.
+    pub fn of(&self, name: &str) -> Cost {
+        self.of.get(name).copied().unwrap_or_default()
+    }
+
+    /// The variant that a test left out.
+    pub fn left_out(&self, name: &str) -> Option<&str> {
+        self.left_out.get(name).map(String::as_str)
+    }
+
+    /// The work of the whole program.
+    pub fn total(&self) -> Cost {
+        self.of.values().copied().sum()
+    }
+}
+
+/// The sum of the result lines of test programs.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+pub struct Tally {
+    /// Tests that succeeded.
+    pub passed: u32,
+    /// Tests that failed.
+    pub failed: u32,
+    /// Tests that didn't run.
+    pub ignored: u32,
+}
+
+impl Tally {
+    /// Adds up lines such as `test result: ok. 5 passed; 0 failed; 1 ignored; 0 measured; 2 filtered out; finished in 0.01s`.
+    pub fn read(output: &str) -> Self {
+        let mut tally = Self::default();
+        let results = output.lines().filter_map(|line| line.strip_prefix("test result: "));
+        for part in results.flat_map(|counts| counts.split([';', '.'])) {
+            let mut words = part.split_whitespace();
+            if let (Some(Ok(count)), Some(kind)) = (words.next().map(str::parse::<u32>), words.next()) {
+                match kind {
+                    "passed" => tally.passed += count,
+                    "failed" => tally.failed += count,
+                    "ignored" => tally.ignored += count,
+                    _ => {}
+                }
+            }
+        }
+        tally
+    }
+}
+
+impl Sum for Tally {
+    fn sum<I: Iterator<Item = Self>>(tallies: I) -> Self {
+        tallies.fold(Self::default(), |sum, tally| Self {
+            passed: sum.passed + tally.passed,
+            failed: sum.failed + tally.failed,
+            ignored: sum.ignored + tally.ignored,
+        })
+    }
+}
+
+impl fmt::Display for Tally {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{} passed, {} failed", self.passed, self.failed)?;
+        if self.ignored > 0 {
+            write!(formatter, ", {} skipped", self.ignored)?;
+        }
+        Ok(())
+    }
+}
+
+/// A table of the tests that took longest, and of their work.
+pub fn slowest(mut cases: Vec<(String, Duration, Cost)>, rows: usize) -> String {
+    cases.sort_by_key(|(_, time, _)| std::cmp::Reverse(*time));
+    cases.truncate(rows);
+    let width = cases.iter().map(|(name, ..)| name.len()).max().unwrap_or(0);
+    let row = |(name, time, cost): &(String, Duration, Cost)| {
+        let work = if cost.apps > 0 { cost.to_string() } else { String::new() };
+        let time = Elapsed(*time).to_string();
+        format!("{name:<width$}  {time:>12}  {work}").trim_end().to_owned() + "\n"
+    };
+    cases.iter().map(row).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_of_the_harness_are_read() {
+        let case = |line| Case::parse(line).map(|case| (case.name, case.end, case.time.as_millis()));
+        let is = |name: &str, end, milliseconds| Some((name.to_owned(), end, milliseconds));
+        assert_eq!(case("test a::b ... ok <1.250s>"), is("a::b", End::Passed, 1250));
+        assert_eq!(case("test a::b ... FAILED <0.001s>"), is("a::b", End::Failed, 1));
+        assert_eq!(case("test a - should panic ... ok"), is("a", End::Passed, 0));
+        assert_eq!(case("test a ... ignored, long: 300 frames"), is("a", End::Long, 0));
+        assert_eq!(case("test a ... ignored, builds crates"), is("a", End::Skipped, 0));
+        assert_eq!(case("test a ... ignored"), is("a", End::Skipped, 0));
+        for other in [
+            "",
+            "running 2 tests",
+            "test result: ok. 1 passed; 0 failed",
+            "test a ... said something",
+        ] {
+            assert_eq!(case(other), None, "{other}");
+        }
+        assert_eq!(Case::parse("test a::b::c ... ok").unwrap().module(), "a::b");
+    }
+
+    #[test]
+    fn result_lines_add_up() {
+        let output = "running 6 tests\ntest scene::empty ... ok\n\
+            test result: ok. 5 passed; 0 failed; 1 ignored; 0 measured; 2 filtered out; finished in 0.01s\n\
+            test result: \u{1b}[31mFAILED\u{1b}[0m. 7 passed; 3 failed; 0 ignored; 0 measured; 0 filtered out\n";
+        let tally = Tally::read(output);
+        let expected = Tally {
+            passed: 12,
+            failed: 3,
+            ignored: 1,
+        };
+        assert_eq!(tally, expected);
+        assert_eq!(tally.to_string(), "12 passed, 3 failed, 1 skipped");
+        assert_eq!(Tally::read("all passed"), Tally::default());
+    }
+
+    #[test]
+    fn work_of_a_test_adds_up() {
+        let costs = Costs::read("a::b\t10\t40\na::c\t1\t2\na::b\t5\t41\na::c\tleft out\tray-query\nbroken line\n");
+        let expected = Cost {
+            apps: 2,
+            frames: 15,
+            pipelines: 81,
+        };
+        assert_eq!(costs.of("a::b"), expected);
+        assert_eq!(costs.of("other"), Cost::default());
+        assert_eq!(costs.left_out("a::c"), Some("ray-query"));
+        assert_eq!(costs.left_out("a::b"), None);
+        assert_eq!(costs.total().to_string(), "3 apps, 16 frames, 83 pipelines");
+    }
+
+    #[test]
+    fn the_slowest_come_first() {
+        let case = |name: &str, seconds| (name.to_owned(), Duration::from_secs(seconds), Cost::default());
+        let table = slowest(vec![case("a", 1), case("bb", 12), case("c", 2)], 2);
+        assert_eq!(table, "bb          12 s\nc          2.0 s\n");
+    }
+}

@@ -1,0 +1,92 @@
+//! The second tier: long tests, module by module.
+
+use std::time::{Duration, Instant, SystemTime};
+
+use super::{Options, Results, Suite, TRACER, Test};
+use crate::cases::Case;
+use crate::progress::{self, Times};
+
+/// Tests of one module of a program and one tracer, which share what they compute in one process.
+type Group = (String, Vec<Case>);
+
+/// Runs long tests: all of them, or as many modules as begin before a point in time. It then begins at another module in each run, so that
+/// none is left out for long.
+pub fn run(
+    suite: &Suite,
+    options: &Options,
+    tests: &[(String, Case)],
+    end: Option<Instant>,
+    times: &mut Times,
+) -> Results {
+    let mut results = Results::default();
+    let mut groups = groups(tests);
+    if end.is_some() && !groups.is_empty() {
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+        let first = now.unwrap_or(Duration::ZERO).as_secs() as usize % groups.len();
+        groups.rotate_left(first);
+    }
+    for (program, cases) in groups {
+        let is_late = end.is_some_and(|end| Instant::now() > end);
+        let test = suite.programs.iter().map(Test::new).find(|test| test.name == program);
+        let Some(mut test) = test.filter(|_| !is_late) else {
+            results
+                .long
+                .extend(cases.into_iter().map(|case| (program.clone(), case)));
+            continue;
+        };
+        let variant = cases[0].variant.clone();
+        let what = variant.as_deref().unwrap_or_default();
+        let name = format!("long tests: {program} {} {what}", cases[0].module());
+        progress::say(format_args!("==> {name}"));
+        match variant {
+            Some(tracer) => test.command.env(TRACER, tracer),
+            None => test.command.arg("--ignored"),
+        };
+        test.command.arg("--exact");
+        test.command.args(cases.iter().map(|case| &case.name));
+        let left_out = std::mem::take(&mut results.long);
+        results.add(suite.run_all(&name, vec![test], options.jobs, times));
+        results.long = left_out;
+    }
+    results
+}
+
+/// Joins the tests of each module.
+fn groups(tests: &[(String, Case)]) -> Vec<Group> {
+    let mut groups: Vec<Group> = Vec::new();
+    for (program, case) in tests {
+        match groups.iter_mut().find(|(other, cases)| {
+            let first = &cases[0];
+            other == program && first.module() == case.module() && first.variant == case.variant
+        }) {
+            Some((_, cases)) => cases.push(case.clone()),
+            None => groups.push((program.clone(), vec![case.clone()])),
+        }
+    }
+    groups
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tests_of_a_module_run_together() {
+        let test = |program: &str, name: &str| {
+            let case = Case::parse(&format!("test {name} ... ignored, long: many frames")).unwrap();
+            (program.to_owned(), case)
+        };
+        let tests = [
+            test("p", "a::x"),
+            test("p", "b::y"),
+            test("q", "a::x"),
+            test("p", "a::z"),
+        ];
+        let groups = groups(&tests);
+        let sizes: Vec<_> = groups
+            .iter()
+            .map(|(program, cases)| (program.as_str(), cases.len()))
+            .collect();
+        assert_eq!(sizes, [("p", 2), ("p", 1), ("q", 1)]);
+    }
+}
