@@ -139,6 +139,7 @@ fn compare_with_truth(name: SceneName, size: UVec2, techniques: &[&str]) -> Vec<
 /// The hardest case: all light comes from small lamps in the dark. Rays of neighbours, which see them in other places, and histories,
 /// clipped to frames that see none of them, would lose light, and the more the fewer pixels there are.
 #[test]
+#[ignore = "long: 384 frames of truth, 64 of each technique"]
 fn a_still_picture_comes_to_rest_at_the_truth() {
     let wrong = compare_with_truth(SceneName::EmissiveFloor, SIZE, &TECHNIQUES);
     assert!(wrong.is_empty(), "{}", wrong.join("; "));
@@ -146,6 +147,7 @@ fn a_still_picture_comes_to_rest_at_the_truth() {
 
 /// The usual case: light from everywhere, textures, and surfaces of all kinds.
 #[test]
+#[ignore = "long: 192 frames of truth, 64 of each technique"]
 fn a_still_picture_under_a_sky_comes_to_rest_at_the_truth() {
     let wrong = compare_with_truth(SceneName::AtriumSmall, LIT_SIZE, &LIT_TECHNIQUES);
     assert!(wrong.is_empty(), "{}", wrong.join("; "));

@@ -136,6 +136,7 @@ fn walk_to(app: &mut HeadlessApp, camera: Entity, legs: &[Arm; 2], name: &str, i
 }
 
 #[test]
+#[ignore = "long: a walk of many frames with each technique"]
 fn a_character_walks_along_a_mirror_without_ghosts() {
     let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
         return;

@@ -20,6 +20,7 @@ const FRAMES: u32 = 48;
 const MOST_LIGHT: f32 = 4.5;
 
 #[test]
+#[ignore = "long: 512 frames of truth"]
 fn a_lamp_close_to_a_floor_shines_no_farther_than_in_truth() {
     let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
         return;

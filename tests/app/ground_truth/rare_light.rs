@@ -20,6 +20,7 @@ const HISTORIES: u32 = 3;
 const MOST_BIAS: f32 = 0.1;
 
 #[test]
+#[ignore = "long: 512 frames of truth"]
 fn rare_light_is_kept_in_motion() {
     let Some(mut app) = app(SIZE, Output::Linear, ReflectionTracerChoice::Bvh) else {
         return;
