@@ -23,6 +23,8 @@ use bevy::{
     },
 };
 
+use std::collections::BTreeSet;
+
 use super::{free_slots::FreeSlots, texture_layers::TextureLayers};
 use crate::device::{MAX_SAMPLERS, MemoryRetry, ReflectionTextureMode, texture_mode};
 use entry::{Entry, State};
@@ -38,12 +40,14 @@ pub struct TextureTable {
     entries: Vec<Option<Entry>>,
     free: FreeSlots,
     samplers: Vec<(ImageSampler, Sampler)>,
+    /// By sampler, the number of entries that use it.
+    sampler_users: Vec<u32>,
     white: TextureView,
     layers: Option<TextureLayers>,
     /// Entries to look at in the next update.
-    pending: Vec<u32>,
+    pending: BTreeSet<u32>,
     /// Entries whose copy the device had no memory for.
-    refused: Vec<u32>,
+    refused: BTreeSet<u32>,
     /// When these are looked at again.
     retry: MemoryRetry,
     resettled: HashSet<AssetId<Image>>,
@@ -87,10 +91,11 @@ impl FromWorld for TextureTable {
             entries: Vec::new(),
             free: FreeSlots::default(),
             samplers: vec![(ImageSampler::linear(), repeating)],
+            sampler_users: vec![0],
             white: white.create_view(&TextureViewDescriptor::default()),
             layers,
-            pending: Vec::new(),
-            refused: Vec::new(),
+            pending: BTreeSet::new(),
+            refused: BTreeSet::new(),
             retry: MemoryRetry::default(),
             resettled: HashSet::default(),
             repainted: HashSet::default(),
@@ -152,6 +157,7 @@ impl TextureTable {
         self.entries.clear();
         self.free.clear();
         self.samplers.truncate(1);
+        self.sampler_users = vec![0];
         self.pending.clear();
         self.refused.clear();
         self.resettled.clear();
@@ -196,7 +202,8 @@ impl TextureTable {
             return false;
         };
         self.indices.insert(id, index);
-        self.pending.push(index);
+        self.pending.insert(index);
+        self.take_sampler(0);
         true
     }
 
@@ -212,7 +219,7 @@ impl TextureTable {
             let sampler = entry.sampler;
             *place = None;
             self.indices.remove(&id);
-            self.pending.retain(|pending| *pending != index);
+            self.pending.remove(&index);
             self.free.give(index);
             while let Some(None) = self.entries.last() {
                 self.entries.pop();
@@ -253,7 +260,7 @@ impl TextureTable {
         if matches!(sampling, ImageSampler::Descriptor(descriptor) if descriptor.compare.is_some()) {
             return 0;
         }
-        let in_use = |index: u32| self.entries.iter().flatten().any(|entry| entry.sampler == index);
+        let in_use = |index: u32| self.sampler_users.get(index as usize).is_some_and(|users| *users > 0);
         let place = match samplers::place_of(&self.samplers, sampling, in_use) {
             Place::Known(index) => return index,
             Place::New(index) => index,
@@ -270,6 +277,7 @@ impl TextureTable {
         };
         if place as usize == self.samplers.len() {
             self.samplers.push((sampling.clone(), sampler));
+            self.sampler_users.push(0);
         } else {
             self.samplers[place as usize] = (sampling.clone(), sampler);
         }
@@ -277,16 +285,24 @@ impl TextureTable {
         place
     }
 
-    /// A sampler isn't used any more: those that found no place may have it.
+    /// An entry uses a sampler from now on.
+    fn take_sampler(&mut self, sampler: u32) {
+        if let Some(users) = self.sampler_users.get_mut(sampler as usize) {
+            *users += 1;
+        }
+    }
+
+    /// An entry doesn't use a sampler any more. If none does, those that found no place may have it.
     fn give_sampler_back(&mut self, sampler: u32) {
-        if self.samplers.len() < MAX_SAMPLERS as usize {
+        let Some(users) = self.sampler_users.get_mut(sampler as usize) else {
+            return;
+        };
+        *users = users.saturating_sub(1);
+        if *users > 0 || sampler == 0 || self.samplers.len() < MAX_SAMPLERS as usize {
             return;
         }
         let entries = (0..).zip(&self.entries);
         let present = entries.filter_map(|(index, entry)| Some((index, entry.as_ref()?)));
-        if sampler == 0 || present.clone().any(|(_, entry)| entry.sampler == sampler) {
-            return;
-        }
         let without = present.filter(|(_, entry)| entry.sampler == 0 && matches!(entry.state, State::Ready(_)));
         self.pending.extend(without.map(|(index, _)| index));
     }
@@ -311,7 +327,7 @@ impl TextureTable {
                     .get(*id)
                     .is_some_and(|image| image.texture_view.id() != view.id())
             {
-                self.pending.push(self.cursor as u32);
+                self.pending.insert(self.cursor as u32);
             }
         }
 
@@ -327,7 +343,7 @@ impl TextureTable {
             };
             let id = entry.id;
             let (Some(image), Some(sampling)) = (images.get(id), entry.sampling.clone()) else {
-                self.pending.push(index);
+                self.pending.insert(index);
                 continue;
             };
             let mut sampler = 0;
@@ -342,9 +358,7 @@ impl TextureTable {
                          use fewer textures"
                     );
                     self.retry.begin();
-                    if !self.refused.contains(&index) {
-                        self.refused.push(index);
-                    }
+                    self.refused.insert(index);
                     State::Unusable
                 }
             } else {
@@ -357,6 +371,7 @@ impl TextureTable {
             let last = entry.sampler;
             let differs = entry.settle(state, sampler);
             if last != sampler {
+                self.take_sampler(sampler);
                 self.give_sampler_back(last);
             }
             self.touched = true;
@@ -400,9 +415,7 @@ pub(super) fn extract_texture_changes<'a>(
         if let AssetEvent::Added { id } | AssetEvent::Modified { id } = event
             && let Some(index) = table.indices.get(id)
         {
-            if !table.pending.contains(index) {
-                table.pending.push(*index);
-            }
+            table.pending.insert(*index);
             if let Some(entry) = table.entries[*index as usize].as_mut() {
                 entry.sampling = None;
                 table.next_version += 1;
