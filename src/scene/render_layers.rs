@@ -23,8 +23,10 @@ pub struct SceneLayers {
     groups: Vec<RenderLayers>,
     /// Layers on which lights cast shadows.
     lit: RenderLayers,
-    /// Something differs from the last frame.
+    /// The groups differ from those of the last frame.
     pub changed: bool,
+    /// The layers on which lights cast shadows do, which concerns objects with layers of their own.
+    pub lit_changed: bool,
 }
 
 impl SceneLayers {
@@ -87,14 +89,15 @@ impl SceneLayers {
             groups.push(union);
         }
         self.follow_lights(lights);
-        self.changed |= groups != self.groups;
+        self.changed = groups != self.groups;
         self.groups = groups;
     }
 
     /// Takes over the layers of this frame's lights alone.
     pub fn follow_lights<'a>(&mut self, lights: impl Iterator<Item = &'a RenderLayers>) {
         let lit = lights.fold(RenderLayers::default(), |union, layers| union | layers.clone());
-        self.changed = lit != self.lit;
+        self.changed = false;
+        self.lit_changed = lit != self.lit;
         self.lit = lit;
     }
 }
@@ -171,8 +174,12 @@ mod tests {
         assert!(layers.casts_shadow(None) && layers.casts_shadow(Some(&default)));
         assert!(!layers.casts_shadow(Some(&other)));
         layers.follow([(None, None)].into_iter(), [&other].into_iter());
-        assert!(layers.changed && layers.casts_shadow(Some(&other)) && layers.casts_shadow(None));
+        assert!(layers.lit_changed && layers.casts_shadow(Some(&other)) && layers.casts_shadow(None));
+        assert!(
+            !layers.changed,
+            "objects without layers of their own cast shadows as before"
+        );
         layers.follow([(None, None)].into_iter(), [&other].into_iter());
-        assert!(!layers.changed);
+        assert!(!layers.lit_changed);
     }
 }

@@ -82,6 +82,16 @@ type IsObject<C> = (
     <C as MaterialComponent>::Filter,
 );
 
+/// The same, with render layers of their own.
+type IsLayered<C> = (IsObject<C>, With<RenderLayers>);
+
+/// The main world as extraction reads it.
+type ObjectWorld<'w, 's, C> = (
+    Query<'w, 's, InstanceQuery<C>, IsObject<C>>,
+    Query<'w, 's, InstanceQuery<C>, IsLayered<C>>,
+    StaticSystemParam<'w, 's, <C as MaterialComponent>::Changes>,
+);
+
 /// Components of a traced entity that extraction reads.
 type InstanceQuery<C> = (
     Entity,
@@ -182,7 +192,7 @@ pub fn note_lost_materials<C: MaterialComponent>(
 
 /// Mirrors objects whose material comes from `C`: what changed, or everything after reflections were off or cameras draw other layers.
 pub fn extract_instances<C: MaterialComponent>(
-    world: Extract<(Query<InstanceQuery<C>, IsObject<C>>, StaticSystemParam<C::Changes>)>,
+    world: Extract<ObjectWorld<C>>,
     activity: Res<SceneActivity>,
     shown: Shown,
     mut lost: ResMut<LostComponents>,
@@ -191,7 +201,7 @@ pub fn extract_instances<C: MaterialComponent>(
     if !activity.active {
         return;
     }
-    let (all, listed) = &*world;
+    let (all, layered, listed) = &*world;
     // In any frame: `drop_objects` removes whoever is left among the lost.
     lost.0.retain(|entity| match all.get(*entity) {
         Ok(item) => {
@@ -205,6 +215,11 @@ pub fn extract_instances<C: MaterialComponent>(
             update(&mut instances, &shown, item);
         }
         return;
+    }
+    if shown.layers.lit_changed {
+        for item in layered {
+            update(&mut instances, &shown, item);
+        }
     }
     // A material that changes lists all objects that have it, although these are as they were: then ticks tell more cheaply.
     let listed = C::changes(listed).filter(|listed| listed.len() <= MOST_LISTED);

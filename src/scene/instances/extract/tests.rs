@@ -25,28 +25,63 @@ fn extract(render_world: &mut World, schedule: &mut Schedule, started: bool) {
     schedule.run(render_world);
 }
 
+/// A render world that a camera of the usual layers looks at, and its extraction.
+fn worlds() -> (World, Schedule) {
+    let mut layers = SceneLayers::default();
+    layers.follow(core::iter::once((None, None)), core::iter::empty());
+    layers.changed = false;
+    let mut render_world = World::new();
+    render_world.init_resource::<MainWorld>();
+    render_world.insert_resource(layers);
+    render_world.init_resource::<LevelsOfDetail>();
+    render_world.init_resource::<LostComponents>();
+    render_world.init_resource::<SceneInstances>();
+    let mut schedule = Schedule::default();
+    schedule.add_systems(
+        (
+            note_lost,
+            note_lost_materials::<MeshMaterial3d<StandardMaterial>>,
+            extract_instances::<MeshMaterial3d<StandardMaterial>>,
+            drop_lost,
+        )
+            .chain(),
+    );
+    (render_world, schedule)
+}
+
+#[test]
+fn layers_of_lights_concern_objects_with_layers() {
+    let (mut render_world, mut schedule) = worlds();
+    let mut main_world = render_world.resource_mut::<MainWorld>();
+    let [plain, layered] = [None, Some(RenderLayers::from_layers(&[0, 1]))].map(|layers| {
+        let object = (
+            Mesh3d::default(),
+            MeshMaterial3d::<StandardMaterial>::default(),
+            InheritedVisibility::VISIBLE,
+        );
+        let mut entity = main_world.spawn(object);
+        layers.map(|layers| entity.insert(layers));
+        entity.id()
+    });
+    extract(&mut render_world, &mut schedule, true);
+    // Whoever is looked at comes back.
+    let mut instances = render_world.resource_mut::<SceneInstances>();
+    for entity in [plain, layered] {
+        instances.remove(entity);
+    }
+    let mut layers = render_world.resource_mut::<SceneLayers>();
+    let flash = RenderLayers::layer(1);
+    layers.follow(core::iter::once((None, None)), core::iter::once(&flash));
+    extract(&mut render_world, &mut schedule, false);
+    let instances = render_world.resource::<SceneInstances>();
+    let found = [plain, layered].map(|entity| instances.find(entity).is_some());
+    assert_eq!(found, [false, true]);
+}
+
 #[test]
 fn who_loses_a_component_is_looked_at_anew() {
     for started in [false, true] {
-        let mut layers = SceneLayers::default();
-        layers.follow(core::iter::once((None, None)), core::iter::empty());
-        layers.changed = false;
-        let mut render_world = World::new();
-        render_world.init_resource::<MainWorld>();
-        render_world.insert_resource(layers);
-        render_world.init_resource::<LevelsOfDetail>();
-        render_world.init_resource::<LostComponents>();
-        render_world.init_resource::<SceneInstances>();
-        let mut schedule = Schedule::default();
-        schedule.add_systems(
-            (
-                note_lost,
-                note_lost_materials::<MeshMaterial3d<StandardMaterial>>,
-                extract_instances::<MeshMaterial3d<StandardMaterial>>,
-                drop_lost,
-            )
-                .chain(),
-        );
+        let (mut render_world, mut schedule) = worlds();
         let mut main_world = render_world.resource_mut::<MainWorld>();
         let [left_out, shadowless, shapeless, colorless] = [(); 4].map(|()| {
             let object = (
