@@ -9,29 +9,128 @@ use bevy::{
     render::Extract,
     transform::components::GlobalTransform,
 };
+use core::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+/// In the place of a travel: it stands in no queue.
+const NEVER: f64 = f64::INFINITY;
+/// A queue of so many entries is never made anew.
+const SHORT: usize = 64;
+/// Steps of cameras are rounded, too.
+const TRAVEL_ROUNDING: f64 = 1.0 + 1e-6;
+
+/// An object with a [`VisibilityRange`].
+#[derive(Clone, Copy)]
+struct RangedObject {
+    in_range: bool,
+    /// The travel of cameras at which it must be looked at again.
+    due: f64,
+    /// The travel at which it is, by the queue: an earlier one, if it has been put off since.
+    queued: f64,
+}
 
 /// Objects with a [`VisibilityRange`].
 #[derive(Resource, Default)]
 pub struct LevelsOfDetail {
     /// Places of the reflecting cameras.
     viewers: Vec<Vec3A>,
-    /// By object, whether the nearest camera is in its range.
-    in_range: EntityHashMap<bool>,
+    /// Metres that cameras have moved, with that of each frame which has moved farthest. No distance to the nearest camera has changed by more.
+    travel: f64,
+    objects: EntityHashMap<RangedObject>,
+    /// Objects by the travel at which they must be looked at again, as bits of an `f64`.
+    queue: BinaryHeap<Reverse<(u64, Entity)>>,
+    /// How many objects were looked at.
+    #[cfg(test)]
+    looks: usize,
 }
 
 impl LevelsOfDetail {
     /// Returns whether reflections show an object, as far as its range goes.
     pub fn shows(&self, entity: Entity) -> bool {
-        self.in_range.get(&entity).is_none_or(|in_range| *in_range)
+        self.objects.get(&entity).is_none_or(|object| object.in_range)
     }
 
-    /// Returns whether the nearest camera is in the range of an object. Bevy blends two levels where their ranges overlap; rays see the
-    /// one with the larger share.
-    fn is_in_range(&self, range: &VisibilityRange, place: Vec3A) -> bool {
+    /// Takes over the places of cameras. Returns whether all objects must be looked at, since cameras came or went.
+    fn follow(&mut self, viewers: Vec<Vec3A>) -> bool {
+        let steps = viewers.iter().zip(&self.viewers);
+        let step = steps.fold(0.0, |farthest: f32, (now, before)| farthest.max(now.distance(*before)));
+        let is_sound = step.is_finite() && viewers.iter().all(|viewer| viewer.is_finite());
+        let is_known = viewers.len() == self.viewers.len() && is_sound;
+        self.viewers = viewers;
+        if is_known {
+            self.travel += f64::from(step) * TRAVEL_ROUNDING;
+        } else {
+            (self.travel, self.queue) = (0.0, BinaryHeap::new());
+            self.objects.values_mut().for_each(|object| object.queued = NEVER);
+        }
+        !is_known
+    }
+
+    /// Takes an object whose time has come.
+    fn take_due(&mut self) -> Option<Entity> {
+        while let Some(&Reverse((due, entity))) = self.queue.peek() {
+            let queued = f64::from_bits(due);
+            if queued > self.travel {
+                return None;
+            }
+            self.queue.pop();
+            let Some(object) = self.objects.get_mut(&entity).filter(|object| object.queued == queued) else {
+                continue;
+            };
+            if object.due <= self.travel {
+                object.queued = NEVER;
+                return Some(entity);
+            }
+            object.queued = object.due;
+            self.queue.push(Reverse((object.due.to_bits(), entity)));
+        }
+        None
+    }
+
+    /// Looks at an object. Returns whether it has come into its range, or left it.
+    fn look(&mut self, entity: Entity, range: &VisibilityRange, place: Vec3A) -> bool {
+        #[cfg(test)]
+        {
+            self.looks += 1;
+        }
+        let (in_range, slack) = self.is_in_range(range, place);
+        let due = self.travel + f64::from(slack);
+        let unknown = RangedObject {
+            in_range: !in_range,
+            due,
+            queued: NEVER,
+        };
+        let object = self.objects.entry(entity).or_insert(unknown);
+        object.due = due;
+        let is_later = object.queued <= due;
+        if !is_later {
+            object.queued = due;
+            self.queue.push(Reverse((due.to_bits(), entity)));
+        }
+        let has_changed = core::mem::replace(&mut object.in_range, in_range) != in_range;
+        if self.queue.len() > 2 * self.objects.len() + SHORT {
+            // Of what was put off and gone.
+            let queue = self.objects.iter_mut().map(|(entity, object)| {
+                object.queued = object.due;
+                Reverse((object.due.to_bits(), *entity))
+            });
+            self.queue = queue.collect();
+        }
+        has_changed
+    }
+
+    /// Returns whether the nearest camera is in the range of an object, and by how much less than its distance it must move until that
+    /// is otherwise. Bevy blends two levels where their ranges overlap; rays see the one with the larger share.
+    fn is_in_range(&self, range: &VisibilityRange, place: Vec3A) -> (bool, f32) {
         let distances = self.viewers.iter().map(|viewer| viewer.distance(place));
         let nearest = distances.fold(f32::INFINITY, f32::min);
         let middle = |margin: &core::ops::Range<f32>| 0.5 * (margin.start + margin.end);
-        nearest >= middle(&range.start_margin) && nearest < middle(&range.end_margin)
+        let [start, end] = [middle(&range.start_margin), middle(&range.end_margin)];
+        let slack = (nearest - start).abs().min((nearest - end).abs());
+        // Distances are rounded.
+        let slack = (slack - nearest * f32::EPSILON * 4.0).max(0.0);
+        let slack = if slack.is_nan() { 0.0 } else { slack };
+        (nearest >= start && nearest < end, slack)
     }
 }
 
@@ -41,6 +140,7 @@ type Ranged = (
     &'static GlobalTransform,
     Option<&'static Aabb>,
 );
+type RangedItem<'a> = (Entity, &'a VisibilityRange, &'a GlobalTransform, Option<&'a Aabb>);
 type HasChanged = Or<(Changed<VisibilityRange>, Changed<GlobalTransform>, Changed<Aabb>)>;
 
 /// Cameras, and objects with ranges.
@@ -60,36 +160,41 @@ pub fn extract_details(
     mut details: ResMut<LevelsOfDetail>,
 ) {
     let details = &mut *details;
-    if !activity.active || queries.all.is_empty() && details.in_range.is_empty() {
+    if !activity.active || queries.all.is_empty() && details.objects.is_empty() {
         *details = LevelsOfDetail::default();
         return;
     }
     for entity in lost.iter() {
-        if !queries.all.contains(entity) && details.in_range.remove(&entity).is_some() {
+        if !queries.all.contains(entity) && details.objects.remove(&entity).is_some() {
             instances.release(entity);
         }
     }
     let cameras = queries.cameras.iter().filter(|(camera, _)| camera.is_active);
-    let viewers: Vec<_> = cameras.map(|(_, place)| place.translation_vec3a()).collect();
-    let has_moved = activity.watched && viewers != details.viewers;
-    if has_moved {
-        details.viewers = viewers;
-    }
-    let mut look = |(entity, range, transform, bounds): (Entity, &VisibilityRange, &GlobalTransform, Option<&Aabb>)| {
+    let viewers = cameras.map(|(_, place)| place.translation_vec3a()).collect();
+    // While cameras are away for a moment, levels stay as they are.
+    let all_anew = activity.watched && details.follow(viewers);
+    let mut look = |details: &mut LevelsOfDetail, (entity, range, transform, bounds): RangedItem| {
         let place = match bounds.filter(|_| range.use_aabb) {
             Some(bounds) => transform.affine().transform_point3a(bounds.center),
             None => transform.translation_vec3a(),
         };
-        let now = details.is_in_range(range, place);
         // When reflections begin, all objects are looked at anyway.
-        if details.in_range.insert(entity, now) != Some(now) && !activity.started {
+        if details.look(entity, range, place) && !activity.started {
             lost.note(entity);
         }
     };
-    if has_moved {
-        queries.all.iter().for_each(&mut look);
-    } else {
-        queries.changed.iter().for_each(&mut look);
+    if all_anew {
+        queries.all.iter().for_each(|item| look(details, item));
+        return;
+    }
+    queries.changed.iter().for_each(|item| look(details, item));
+    // One that is just at the end of its range has its time again and again.
+    let mut due = Vec::new();
+    while let Some(entity) = details.take_due() {
+        due.push(entity);
+    }
+    for item in due.into_iter().filter_map(|entity| queries.all.get(entity).ok()) {
+        look(details, item);
     }
 }
 
@@ -108,7 +213,7 @@ mod tests {
             end_margin: 40.0..60.0,
             use_aabb: false,
         };
-        let shown = |details: &LevelsOfDetail, x: f32| details.is_in_range(&range, Vec3A::X * x);
+        let shown = |details: &LevelsOfDetail, x: f32| details.is_in_range(&range, Vec3A::X * x).0;
         assert_eq!(
             [30.0, 16.0, 14.0, -19.0, -21.0].map(|x| shown(&details, x)),
             [false, false, true, true, false]
@@ -116,5 +221,69 @@ mod tests {
         assert!(!shown(&details, f32::NAN));
         details.viewers.clear();
         assert!(!shown(&details, 0.0), "nobody is near");
+    }
+
+    /// Objects on a line, and a camera that goes along it.
+    #[test]
+    fn objects_are_looked_at_again_when_a_camera_has_come_far_enough() {
+        const OBJECTS: u32 = 2_000;
+        let range = VisibilityRange {
+            start_margin: 10.0..10.0,
+            end_margin: 50.0..50.0,
+            use_aabb: false,
+        };
+        let entity = |index: u32| Entity::from_raw_u32(index).unwrap();
+        let place = |entity: Entity| Vec3A::X * entity.index_u32() as f32;
+        let mut details = LevelsOfDetail::default();
+        assert!(details.follow(vec![Vec3A::ZERO]));
+        (0..OBJECTS).for_each(|index| _ = details.look(entity(index), &range, place(entity(index))));
+        details.looks = 0;
+        let frames = 20_000;
+        for frame in 1..=frames {
+            // To and fro, in steps of a centimetre.
+            let x = if frame < frames / 2 { frame } else { frames - frame } as f32 * 0.01;
+            assert!(!details.follow(vec![Vec3A::X * x]));
+            let mut due = Vec::new();
+            while let Some(entity) = details.take_due() {
+                due.push(entity);
+            }
+            due.into_iter()
+                .for_each(|entity| _ = details.look(entity, &range, place(entity)));
+            if frame % 100 == 0 {
+                for index in 0..OBJECTS {
+                    let distance = (index as f32 - x).abs();
+                    // Where it is just at the end of its range, rounding decides.
+                    let is_near = [10.0_f32, 50.0].iter().any(|end| (distance - end).abs() < 1e-3);
+                    let expected = (10.0..50.0).contains(&distance);
+                    assert!(
+                        is_near || details.shows(entity(index)) == expected,
+                        "frame {frame}, object {index}"
+                    );
+                }
+            }
+        }
+        let all = frames as usize * OBJECTS as usize;
+        println!("{} looks instead of {all}", details.looks);
+        assert!(details.looks < all / 50, "{} looks instead of {all}", details.looks);
+        assert!(details.queue.len() <= 2 * OBJECTS as usize + SHORT);
+    }
+
+    #[test]
+    fn objects_that_move_leave_no_queue_behind() {
+        let range = VisibilityRange::abrupt(10.0, 50.0);
+        let entity = Entity::from_raw_u32(3).unwrap();
+        let mut details = LevelsOfDetail::default();
+        details.follow(vec![Vec3A::ZERO]);
+        for step in 0..10_000 {
+            let x = 1_000.0 - 0.1 * step as f32;
+            details.look(entity, &range, Vec3A::X * x);
+            assert_eq!(details.shows(entity), (10.0..50.0).contains(&x), "at {x}");
+        }
+        assert!(details.queue.len() <= SHORT + 2, "{}", details.queue.len());
+        assert!(details.follow(vec![Vec3A::NAN]) && details.queue.is_empty());
+        assert!(
+            !details.look(entity, &range, Vec3A::ZERO),
+            "it is out of its range as before"
+        );
     }
 }
