@@ -2,15 +2,21 @@
 
 use crate::{
     scene::SceneBindings,
-    settings::{ClampedSettings, ReflectionView},
+    settings::{ClampedSettings, RayTracedReflections, ReflectionView},
 };
 use bevy::{
-    camera::primitives::Aabb,
-    ecs::prelude::*,
+    camera::{
+        Camera,
+        primitives::Aabb,
+        visibility::{NoCpuCulling, VisibleEntities},
+    },
+    ecs::{prelude::*, system::SystemParam},
     math::{Affine3A, Vec3A},
+    mesh::Mesh3d,
     render::Extract,
     transform::components::GlobalTransform,
 };
+use core::any::TypeId;
 
 /// A box in the space of an object.
 #[derive(Clone, Copy, Debug)]
@@ -20,9 +26,9 @@ pub(super) struct ObjectBox {
     pub half_extents: Vec3A,
 }
 
-/// Objects that are drawn forward and looked at one by one. More may be anywhere: to project all of them would take longer than a layer
-/// saves that leaves parts of a view out.
-const MOST_FORWARD: usize = 1024;
+/// Objects of each kind that are looked at one by one. More may be anywhere: to project all of them would take longer than a layer
+/// saves that leaves parts of a view out. Of see-through objects those are counted that cameras see.
+const MOST_OBJECTS: usize = 1024;
 
 /// The objects of the scene that Bevy draws forward. `None` is an object that may be anywhere.
 #[derive(Resource, Default)]
@@ -43,9 +49,36 @@ impl LayerBoxes {
     }
 }
 
+/// What Bevy has found in the sight of cameras.
+#[derive(SystemParam)]
+pub(super) struct SeenObjects<'w, 's> {
+    cameras: Query<'w, 's, (&'static Camera, &'static VisibleEntities), With<RayTracedReflections>>,
+    unculled: Query<'w, 's, (), With<NoCpuCulling>>,
+}
+
+impl SeenObjects<'_, '_> {
+    /// Returns whether no object is left to the GPU's culling.
+    fn are_all_culled(&self) -> bool {
+        self.unculled.is_empty()
+    }
+
+    /// Objects in the sight of reflecting cameras for which a condition holds; `None` if they are too many.
+    fn find(&self, holds: impl Fn(Entity) -> bool) -> Option<Vec<Entity>> {
+        let active = self.cameras.iter().filter(|(camera, _)| camera.is_active);
+        let seen = active.flat_map(|(_, seen)| seen.get(TypeId::of::<Mesh3d>()));
+        let found: Vec<Entity> = seen
+            .copied()
+            .filter(|entity| holds(*entity))
+            .take(MOST_OBJECTS + 1)
+            .collect();
+        (found.len() <= MOST_OBJECTS).then_some(found)
+    }
+}
+
 /// Looks up where such objects of the last frame are now.
 pub(super) fn extract_boxes(
     objects: Extract<Query<(&GlobalTransform, Option<&Aabb>)>>,
+    seen: Extract<SeenObjects>,
     views: Query<&ReflectionView>,
     scene: Option<Res<SceneBindings>>,
     mut extracted: ResMut<LayerBoxes>,
@@ -63,11 +96,55 @@ pub(super) fn extract_boxes(
         }))
     };
     if views.iter().any(|view| view.settings.transparent) {
-        see_through.extend(scene.see_through.entities().filter_map(box_of));
+        // A world may have ten thousands, which Bevy has culled already.
+        let is_many = scene.see_through.count() > MOST_OBJECTS && seen.are_all_culled();
+        let found = if is_many {
+            seen.find(|entity| scene.see_through.contains(entity))
+        } else {
+            Some(scene.see_through.entities().collect())
+        };
+        match found {
+            Some(found) => see_through.extend(found.into_iter().filter_map(box_of)),
+            None => see_through.push(None),
+        }
     }
-    if scene.forward.count() > MOST_FORWARD {
+    if scene.forward.count() > MOST_OBJECTS {
         opaque.push(None);
     } else if views.iter().any(|view| view.settings.forward) {
         opaque.extend(scene.forward.entities().filter_map(box_of));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bevy::ecs::system::SystemState;
+
+    #[test]
+    fn what_no_camera_sees_is_not_looked_at() {
+        let mut world = World::new();
+        let objects: Vec<Entity> = (0..3_000).map(|_| world.spawn_empty().id()).collect();
+        let mut visible = VisibleEntities::default();
+        visible.get_mut(TypeId::of::<Mesh3d>()).extend(&objects[..2_000]);
+        let camera = (Camera::default(), RayTracedReflections::default(), visible);
+        let camera = world.spawn(camera).id();
+        let mut state = SystemState::<SeenObjects>::new(&mut world);
+        let seen = state.get(&world).expect("all parameters are there");
+        let found = seen.find(|entity| entity.index_u32() % 4 == 0);
+        let expected: Vec<_> = objects[..2_000]
+            .iter()
+            .copied()
+            .filter(|entity| entity.index_u32() % 4 == 0)
+            .collect();
+        assert_eq!(found, Some(expected));
+        assert_eq!(seen.find(|_| true), None, "too many");
+        assert!(seen.are_all_culled());
+        world.spawn(NoCpuCulling);
+        if let Some(mut camera) = world.get_mut::<Camera>(camera) {
+            camera.is_active = false;
+        }
+        let seen = state.get(&world).expect("all parameters are there");
+        assert!(!seen.are_all_culled());
+        assert_eq!(seen.find(|_| true), Some(Vec::new()));
     }
 }

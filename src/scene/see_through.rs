@@ -1,7 +1,12 @@
 //! Materials that light passes through, and the objects that have them.
 
 use super::gpu_types::{MATERIAL_FADES, MATERIAL_SEE_THROUGH, OPAQUE_DEPTH};
-use bevy::{color::LinearRgba, ecs::entity::Entity, pbr::StandardMaterial, prelude::AlphaMode};
+use bevy::{
+    color::LinearRgba,
+    ecs::entity::{Entity, EntityHashMap},
+    pbr::StandardMaterial,
+    prelude::AlphaMode,
+};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Probability with which a ray stops at least at glass that refracts. Rays that are followed through layers stop at what has more than
@@ -83,6 +88,8 @@ fn is_tinted(material: &StandardMaterial) -> bool {
 #[derive(Default)]
 pub(crate) struct SeeThroughObjects {
     by_slot: BTreeMap<u32, Entity>,
+    /// The same, by object. One that goes to another slot may have both for a moment, and this names the later one.
+    by_entity: EntityHashMap<u32>,
     /// Slots of objects that let a part of the rays through.
     partial: BTreeSet<u32>,
     /// Slots of objects that tint the light which they let through.
@@ -107,14 +114,15 @@ impl SeeThroughObjects {
             }
         }
         let is_see_through = material.is_some_and(|material| see_through_flags(material) != 0);
-        match entity.filter(|_| is_see_through) {
-            Some(entity) => {
-                self.by_slot.insert(slot, entity);
-            }
-            None => {
-                self.by_slot.remove(&slot);
-            }
+        let entity = entity.filter(|_| is_see_through);
+        let last = match entity {
+            Some(entity) => self.by_slot.insert(slot, entity),
+            None => self.by_slot.remove(&slot),
+        };
+        if let Some(last) = last.filter(|last| self.by_entity.get(last) == Some(&slot)) {
+            self.by_entity.remove(&last);
         }
+        self.by_entity.extend(entity.map(|entity| (entity, slot)));
     }
 
     /// Returns whether any of them tints the light that it lets through.
@@ -130,6 +138,16 @@ impl SeeThroughObjects {
     /// Returns whether any object refracts the light that it lets through.
     pub(crate) fn has_refraction(&self) -> bool {
         !self.refracting.is_empty()
+    }
+
+    /// Number of these objects.
+    pub(crate) fn count(&self) -> usize {
+        self.by_slot.len()
+    }
+
+    /// Returns whether an entity of the main world is one of them.
+    pub(crate) fn contains(&self, entity: Entity) -> bool {
+        self.by_entity.contains_key(&entity)
     }
 
     /// Their entities in the main world.
@@ -223,8 +241,12 @@ mod tests {
         objects.note(3, Some(entity), Some(&stone));
         assert_eq!(objects.entities().count(), 0);
         objects.note(3, Some(entity), Some(&glass));
+        // It goes to another slot, which is noted first.
+        objects.note(1, Some(entity), Some(&glass));
         objects.note(3, None, None);
-        assert_eq!(objects.entities().count(), 0);
+        assert!(objects.entities().eq([entity]) && objects.contains(entity));
+        objects.note(1, None, None);
+        assert!(objects.count() == 0 && !objects.contains(entity));
     }
 
     #[test]
