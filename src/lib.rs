@@ -125,8 +125,9 @@ pub use settings::{
     ReflectedSurfaceShader, ReflectionAutoQuality, ReflectionBackend, ReflectionBudget, ReflectionDebugCounters,
     ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser, ReflectionEffort, ReflectionFallback,
     ReflectionPreset, ReflectionQuality, ReflectionRetention, ReflectionSampling, ReflectionTechnique,
-    ReflectionTextureMip, ReflectionTracerChoice, ReflectionWarmUp, ReflectionsOff, RoughnessThresholds, ScreenTraces,
-    ShadingRate, ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES, UnknownName, named_settings,
+    ReflectionTextureMip, ReflectionTracerChoice, ReflectionUploadBudget, ReflectionWarmUp, ReflectionsOff,
+    RoughnessThresholds, ScreenTraces, ShadingRate, ShadingRateHeuristic, ShadingRateTileSize, TECHNIQUE_NAMES,
+    UnknownName, named_settings,
 };
 pub use status::{ReflectionStatus, ReflectionStatusReport, ReflectionViewMemory};
 #[cfg(feature = "egui")]

@@ -92,6 +92,7 @@ pub(super) fn extract_shapes(
 ) {
     let (poses_there, meshes_there) = &mut *world;
     lost.drop_objects(&mut instances);
+    instances.keep_last_meshes(|last, now| meshes.may_show(last) && !meshes.is_settled(now));
     extract_poses(poses_there, activity.active, &meshes, &mut instances, &mut poses);
     extract_meshes(
         meshes_there,

@@ -4,6 +4,7 @@ pub(in crate::scene) mod details;
 pub(in crate::scene) mod extract;
 mod lightmap;
 pub(in crate::scene) mod lost;
+mod users;
 
 use super::free_slots::{FreeSlots, shrink};
 use bevy::{
@@ -16,6 +17,8 @@ use bevy::{
 };
 
 pub use lightmap::LightmapSource;
+
+use users::SlotUsers;
 
 /// One object as the main world describes it.
 #[derive(Clone, Debug, PartialEq)]
@@ -105,6 +108,13 @@ impl Seat {
     };
 }
 
+/// An object that got another mesh.
+struct Remeshed {
+    entity: Entity,
+    last: AssetId<Mesh>,
+    now: AssetId<Mesh>,
+}
+
 /// All traced objects in stable slots: a slot is the object's index in the GPU's instance buffer.
 #[derive(Resource, Default)]
 pub struct SceneInstances {
@@ -113,8 +123,14 @@ pub struct SceneInstances {
     /// By index of the entity: the slot of an object is found without a look at the object.
     by_entity: Vec<Seat>,
     count: usize,
+    by_mesh: SlotUsers<AssetId<Mesh>>,
+    by_material: SlotUsers<UntypedAssetId>,
     /// How many objects show each mesh, or wait with it.
     mesh_users: HashMap<AssetId<Mesh>, u32>,
+    /// Objects that got another mesh in this frame.
+    remeshed: Vec<Remeshed>,
+    /// Meshes of objects that show their last one until it is there.
+    coming: EntityHashMap<AssetId<Mesh>>,
     /// Objects that are not there but may come at any time, with their meshes: levels of detail.
     waiting: EntityHashMap<AssetId<Mesh>>,
     /// Meshes that an object shows and none did before.
@@ -144,6 +160,16 @@ impl SceneInstances {
     /// Meshes that objects have begun to show since the last call. Some may be shown no longer.
     pub fn take_new_meshes(&mut self) -> Vec<AssetId<Mesh>> {
         core::mem::take(&mut self.new_meshes)
+    }
+
+    /// Slots of objects that show a mesh.
+    pub fn slots_of_mesh(&self, mesh: AssetId<Mesh>) -> impl Iterator<Item = u32> + '_ {
+        self.by_mesh.of(mesh)
+    }
+
+    /// Slots of objects that have a material.
+    pub fn slots_of_material(&self, material: UntypedAssetId) -> impl Iterator<Item = u32> + '_ {
+        self.by_material.of(material)
     }
 
     /// Returns whether an object shows a mesh, or waits with it.
@@ -205,11 +231,20 @@ impl SceneInstances {
             before.world_from_object = source.world_from_object;
             self.moved.push(slot);
         } else if place.as_ref() != Some(&source) {
-            let (entity, mesh) = (source.entity, source.mesh);
+            let (entity, mesh, material) = (source.entity, source.mesh, source.material);
             let replaced = place.replace(source);
             self.dirty.push(slot);
             self.use_mesh(mesh);
-            self.release_mesh(replaced.map(|source| source.mesh));
+            self.forget_coming(entity);
+            let last = replaced.as_ref().map(|source| source.mesh);
+            self.by_mesh.replace(slot, last, Some(mesh));
+            let last_material = replaced.as_ref().map(|source| source.material);
+            self.by_material.replace(slot, last_material, Some(material));
+            if let Some(last) = last.filter(|last| *last != mesh) {
+                let now = mesh;
+                self.remeshed.push(Remeshed { entity, last, now });
+            }
+            self.release_mesh(last);
             self.release(entity);
         }
     }
@@ -266,10 +301,66 @@ impl SceneInstances {
         self.by_entity[entity.index_u32() as usize] = Seat::EMPTY;
         self.count -= 1;
         let removed = self.slots[slot as usize].take();
+        self.forget_coming(entity);
+        let mesh = removed.as_ref().map(|source| source.mesh);
+        self.by_mesh.replace(slot, mesh, None);
+        self.by_material
+            .replace(slot, removed.map(|source| source.material), None);
         self.free.give(slot);
         self.cut();
         self.dirty.push(slot);
-        self.release_mesh(removed.map(|source| source.mesh));
+        self.release_mesh(mesh);
+    }
+
+    /// Has objects that got another mesh in this frame show their last one, where `stays` says of the last and the new one that it should.
+    pub fn keep_last_meshes(&mut self, stays: impl Fn(AssetId<Mesh>, AssetId<Mesh>) -> bool) {
+        for Remeshed { entity, last, now } in core::mem::take(&mut self.remeshed) {
+            // It may have gone since, or got yet another one.
+            let slot = self.find(entity).filter(|(_, source)| source.mesh == now);
+            let Some(slot) = slot.map(|(slot, _)| slot).filter(|_| stays(last, now)) else {
+                continue;
+            };
+            self.use_mesh(last);
+            self.show_mesh(slot, last);
+            self.coming.insert(entity, now);
+        }
+    }
+
+    /// Has objects show the mesh that they wait for, unless it is still expected.
+    pub fn show_new_meshes(&mut self, is_expected: impl Fn(AssetId<Mesh>) -> bool) {
+        if self.coming.is_empty() {
+            return;
+        }
+        let mut coming = core::mem::take(&mut self.coming);
+        for (entity, now) in coming.extract_if(|_, mesh| !is_expected(*mesh)) {
+            let found = self.find(entity).map(|(slot, source)| (slot, source.mesh));
+            if let Some((slot, last)) = found {
+                self.show_mesh(slot, now);
+                self.release_mesh(Some(last));
+            }
+        }
+        self.coming = coming;
+    }
+
+    /// Returns whether an object shows this mesh only until its next one is there.
+    pub fn keeps_for_now(&self, mesh: AssetId<Mesh>) -> bool {
+        let mut objects = self.slots_of_mesh(mesh).filter_map(|slot| self.get(slot));
+        !self.coming.is_empty() && objects.any(|source| self.coming.contains_key(&source.entity))
+    }
+
+    fn show_mesh(&mut self, slot: u32, mesh: AssetId<Mesh>) {
+        if let Some(Some(source)) = self.slots.get_mut(slot as usize) {
+            self.by_mesh.replace(slot, Some(source.mesh), Some(mesh));
+            source.mesh = mesh;
+            self.dirty.push(slot);
+        }
+    }
+
+    fn forget_coming(&mut self, entity: Entity) {
+        if !self.coming.is_empty() {
+            let mesh = self.coming.remove(&entity);
+            self.release_mesh(mesh);
+        }
     }
 
     /// Moves some objects from the end of the table to free slots, if three quarters of it are free. Belongs before extraction, so that
@@ -289,13 +380,19 @@ impl SceneInstances {
                 break;
             };
             self.by_entity[source.entity.index_u32() as usize].slot = slot;
-            self.slots[slot as usize] = Some(source);
             let last = len as u32 - 1;
+            self.by_mesh.replace(last, Some(source.mesh), None);
+            self.by_mesh.replace(slot, None, Some(source.mesh));
+            self.by_material.replace(last, Some(source.material), None);
+            self.by_material.replace(slot, None, Some(source.material));
+            self.slots[slot as usize] = Some(source);
             self.dirty.extend([slot, last]);
             self.relocated.push([last, slot]);
             self.cut();
         }
         shrink(&mut self.slots);
+        self.by_mesh.truncate(self.slots.len());
+        self.by_material.truncate(self.slots.len());
     }
 
     /// Ends the table behind the last object.
@@ -375,6 +472,78 @@ mod tests {
         instances.set_waiting(a, mesh);
         instances.remove(a);
         assert!(instances.is_empty() && !instances.shows(mesh));
+    }
+
+    fn mesh(number: u128) -> AssetId<Mesh> {
+        AssetId::Uuid {
+            uuid: bevy::asset::uuid::Uuid::from_u128(number),
+        }
+    }
+
+    #[test]
+    fn slots_are_found_by_their_mesh_and_material() {
+        let mut world = World::new();
+        let entities: Vec<_> = (0..100).map(|_| world.spawn_empty().id()).collect();
+        let mut instances = SceneInstances::default();
+        let source = |index: usize| InstanceSource {
+            mesh: mesh(1 + index as u128 % 2),
+            ..InstanceSource::plain(entities[index])
+        };
+        (0..100).for_each(|index| instances.set(source(index)));
+        assert_eq!(instances.slots_of_mesh(mesh(1)).count(), 50);
+        let material = AssetId::<StandardMaterial>::default().untyped();
+        assert_eq!(instances.slots_of_material(material).count(), 100);
+        // They go, and what is left moves to the beginning of the table.
+        (0..90).for_each(|index| instances.remove(entities[index]));
+        (0..3).for_each(|_| instances.compact());
+        for number in [1, 2] {
+            let slots: Vec<u32> = instances.slots_of_mesh(mesh(number)).collect();
+            assert_eq!(slots.len(), 5);
+            let shows = |slot: &u32| instances.get(*slot).is_some_and(|source| source.mesh == mesh(number));
+            assert!(slots.iter().all(shows), "{slots:?}");
+        }
+        assert_eq!(instances.slots_of_material(material).count(), 10);
+    }
+
+    #[test]
+    fn an_object_shows_its_last_mesh_until_the_new_one_is_there() {
+        let mut world = World::new();
+        let entity = world.spawn_empty().id();
+        let mut instances = SceneInstances::default();
+        let with = |number: u128| InstanceSource {
+            mesh: mesh(number),
+            ..InstanceSource::plain(entity)
+        };
+        let shown = |instances: &SceneInstances| instances.get(0).map(|source| source.mesh);
+        instances.set(with(1));
+        instances.keep_last_meshes(|_, _| true);
+        instances.set(with(2));
+        instances.keep_last_meshes(|last, now| (last, now) == (mesh(1), mesh(2)));
+        assert_eq!(shown(&instances), Some(mesh(1)));
+        assert!(instances.shows(mesh(1)) && instances.shows(mesh(2)), "both stay loaded");
+        assert!(instances.keeps_for_now(mesh(1)) && !instances.keeps_for_now(mesh(2)));
+        // It gets yet another one, and changes otherwise.
+        instances.set(with(3));
+        instances.keep_last_meshes(|last, _| last == mesh(1));
+        assert!(!instances.shows(mesh(2)));
+        instances.set(InstanceSource {
+            casts_shadow: false,
+            ..with(3)
+        });
+        instances.keep_last_meshes(|last, _| last == mesh(1));
+        assert_eq!(shown(&instances), Some(mesh(1)));
+        instances.show_new_meshes(|_| true);
+        assert_eq!(shown(&instances), Some(mesh(1)), "it is still expected");
+        instances.take_dirty();
+        instances.show_new_meshes(|_| false);
+        assert_eq!((shown(&instances), instances.take_dirty()), (Some(mesh(3)), vec![0]));
+        assert!(instances.slots_of_mesh(mesh(3)).eq([0]) && !instances.shows(mesh(1)));
+        // Neither is missed once the object has gone.
+        instances.set(with(4));
+        instances.keep_last_meshes(|_, _| true);
+        instances.remove(entity);
+        instances.show_new_meshes(|_| false);
+        assert!(instances.mesh_users.is_empty() && instances.coming.is_empty());
     }
 
     #[test]

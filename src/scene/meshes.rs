@@ -1,5 +1,6 @@
 //! From mesh assets to packed geometry and acceleration structures, built off the main thread.
 
+mod arrival;
 pub(super) mod kept;
 mod triangles;
 pub(super) mod upload;
@@ -13,10 +14,15 @@ use super::{
     tree_builds,
     waiting_room::WaitingRoom,
 };
-use crate::device::{ChosenTracer, ReflectionTracer};
+use crate::{
+    device::{ChosenTracer, ReflectionTracer},
+    settings::ReflectionUploadBudget,
+};
+use arrival::{ArrivalWorld, CopyBudget, Rank};
 use bevy::{
     asset::{AssetEvent, AssetId, Assets, RenderAssetUsages},
     ecs::{prelude::*, system::SystemParam},
+    log::warn,
     mesh::Mesh,
     platform::{
         collections::{HashMap, HashSet},
@@ -34,10 +40,8 @@ use std::sync::Arc;
 
 pub use triangles::MeshTriangles;
 
-/// Bytes of mesh assets that are copied in one frame, while the main world waits; the first is always copied.
-const COPIED_BYTES_PER_FRAME: u64 = 2 << 20;
-/// Bytes of copies that haven't been uploaded, beyond which none are made: builds take longer than copies.
-const MOST_COPIED_BYTES: u64 = 64 << 20;
+/// Meshes of more bytes aren't copied in the frame in which they change, in which Bevy copies them.
+const LARGE_BYTES: u64 = 2 << 20;
 
 /// Triangles of a merged tree, at most: more would take seconds to build on a slow machine. Objects with more stay
 /// instances, since a single tree is all that merging could give them.
@@ -81,6 +85,7 @@ struct MeshBuild {
     task: tree_builds::Build<Result<BuiltMesh, GeometryError>>,
     /// Size of the copy of the asset.
     copied_bytes: u64,
+    rank: Rank,
 }
 
 /// A built mesh on its way into the buffers.
@@ -152,16 +157,25 @@ pub struct SceneMeshes {
     pending: HashMap<AssetId<Mesh>, MeshBuild>,
     /// Bytes of copies in [`Self::pending`].
     copied_bytes: u64,
-    /// The mesh that is being uploaded. If there is an older version of it, rays hit that one until then.
-    uploading: Option<MeshUpload>,
+    /// Meshes that are being uploaded: the last of them, and one that it has interrupted. If there is an older version, rays hit that one
+    /// until then.
+    uploading: Vec<MeshUpload>,
     /// Meshes that objects show and whose build hasn't begun: their data is to be copied in one of the next frames, or isn't there yet.
-    wanted: HashSet<AssetId<Mesh>>,
+    wanted: HashMap<AssetId<Mesh>, Rank>,
+    /// The next mesh's [`Rank`] has it.
+    next_order: u64,
+    /// Bytes that are uploaded in one frame.
+    upload_bytes: u64,
     /// The number of those whose data is there.
     waiting: usize,
     /// Large ones among them, which changed a frame ago.
     late: HashSet<AssetId<Mesh>>,
     /// Meshes that can't be built, and those that rays must not see (`Mesh::enable_raytracing`).
     failed: HashSet<AssetId<Mesh>>,
+    /// Meshes of these that the log has told of.
+    told: HashSet<AssetId<Mesh>>,
+    /// Meshes that the app has let go of, while objects show them until their next ones are there.
+    unused: HashSet<AssetId<Mesh>>,
     /// Meshes that found no room.
     without_room: WaitingRoom<AssetId<Mesh>>,
     /// Meshes that changed while an older version was being built.
@@ -201,11 +215,15 @@ impl SceneMeshes {
             ready: HashMap::default(),
             pending: HashMap::default(),
             copied_bytes: 0,
-            uploading: None,
-            wanted: HashSet::default(),
+            uploading: Vec::new(),
+            wanted: HashMap::default(),
+            next_order: 0,
+            upload_bytes: ReflectionUploadBudget::default().bytes(),
             waiting: 0,
             late: HashSet::default(),
             failed: HashSet::default(),
+            told: HashSet::default(),
+            unused: HashSet::default(),
             without_room: WaitingRoom::default(),
             stale: HashSet::default(),
             changed: HashSet::default(),
@@ -233,15 +251,30 @@ impl SceneMeshes {
             || self.without_room.contains(&id)
     }
 
+    /// Returns whether objects that get another mesh may go on showing this one. Joints and weights would be those of the other one.
+    pub fn may_show(&self, id: AssetId<Mesh>) -> bool {
+        self.get(id).is_some_and(|mesh| mesh.deformation.is_none())
+    }
+
+    /// Returns whether a mesh is ready, or can't be.
+    pub fn is_settled(&self, id: AssetId<Mesh>) -> bool {
+        self.is_known(id) && !(self.is_on_its_way(id) && self.get(id).is_none())
+    }
+
+    /// Returns whether a mesh that isn't ready may become so by itself.
+    pub fn expects(&self, id: AssetId<Mesh>) -> bool {
+        self.get(id).is_none() && (self.is_on_its_way(id) || self.wanted.contains_key(&id))
+    }
+
     /// It is being built or uploaded.
     fn is_on_its_way(&self, id: AssetId<Mesh>) -> bool {
-        self.pending.contains_key(&id) || self.uploading.as_ref().is_some_and(|upload| upload.id == id)
+        self.pending.contains_key(&id) || self.uploading.iter().any(|upload| upload.id == id)
     }
 
     /// The number of meshes whose present data rays can't hit yet, but soon.
     fn on_their_way(&self) -> usize {
         let stale = self.stale.iter().filter(|id| !self.is_on_its_way(**id));
-        self.pending.len() + usize::from(self.uploading.is_some()) + self.waiting + stale.count()
+        self.pending.len() + self.uploading.len() + self.waiting + stale.count()
     }
 
     fn used_bytes(&self) -> u64 {
@@ -270,10 +303,14 @@ impl SceneMeshes {
     ) -> Start {
         let readable = assets.get(id).filter(|mesh| is_readable(mesh));
         let found = match readable {
+            Some(mesh) if mesh.enable_raytracing && !mesh.primitive_topology().is_triangles() => {
+                self.decline(id, &GeometryError::NotTriangles(mesh.primitive_topology()));
+                return Start::Done;
+            }
             Some(mesh) if mesh.enable_raytracing => {
                 let bytes = bytes_of(mesh);
                 // Bevy copies a mesh in the frame in which it changes: a large one is copied again in the next.
-                let is_large = bytes > COPIED_BYTES_PER_FRAME;
+                let is_large = bytes > LARGE_BYTES;
                 if is_large && changed.contains(&id) && self.late.insert(id) || !budget.take(bytes) {
                     return Start::Later;
                 }
@@ -335,16 +372,35 @@ impl SceneMeshes {
         self.failed.remove(&id);
         self.without_room.remove(&id);
         self.copied_bytes += copied_bytes;
-        if let Some(replaced) = self.pending.insert(id, MeshBuild { task, copied_bytes }) {
+        let build = MeshBuild {
+            task,
+            copied_bytes,
+            rank: Rank::far(self.take_order()),
+        };
+        if let Some(replaced) = self.pending.insert(id, build) {
             self.copied_bytes -= replaced.copied_bytes;
         }
+    }
+
+    fn take_order(&mut self) -> u64 {
+        self.next_order += 1;
+        self.next_order
+    }
+
+    /// A mesh can't be built as it is. The log tells of each only once, however often it changes.
+    fn decline(&mut self, id: AssetId<Mesh>, error: &GeometryError) {
+        if self.told.insert(id) {
+            warn!("mesh {id} is missing from reflections: {error}");
+        }
+        self.remove_for_next(id);
+        self.failed.insert(id);
     }
 
     fn remove(&mut self, id: AssetId<Mesh>) {
         if let Some(build) = self.pending.remove(&id) {
             self.copied_bytes -= build.copied_bytes;
         }
-        if let Some(upload) = self.uploading.take_if(|upload| upload.id == id) {
+        for upload in self.uploading.extract_if(.., |upload| upload.id == id) {
             self.geometry.free(upload.geometry);
             upload.bvh.into_iter().for_each(|slice| self.bvh.free(slice));
         }
@@ -366,7 +422,7 @@ impl SceneMeshes {
     pub fn clear(&mut self, device: &RenderDevice) {
         self.wanted.clear();
         self.waiting = 0;
-        let is_empty = self.ready.is_empty() && self.pending.is_empty() && self.uploading.is_none();
+        let is_empty = self.ready.is_empty() && self.pending.is_empty() && self.uploading.is_empty();
         if !is_empty || !self.failed.is_empty() || !self.without_room.is_empty() {
             let next_merged = self.next_merged;
             *self = Self::new(device, self.tracer);
@@ -470,6 +526,7 @@ fn words_of(items: usize) -> Option<u32> {
 /// The mesh assets of the main world.
 #[derive(SystemParam)]
 pub struct MeshWorld<'w, 's> {
+    arrival: ArrivalWorld<'w, 's>,
     assets: Res<'w, Assets<Mesh>>,
     events: MessageReader<'w, 's, AssetEvent<Mesh>>,
 }
@@ -490,19 +547,25 @@ pub fn extract_meshes(
         match event {
             // Another mesh may be inserted under an id that was removed.
             AssetEvent::Added { id } | AssetEvent::Modified { id } => _ = changed.insert(*id),
-            AssetEvent::Unused { id } => {
-                render_world.remove(*id);
-                meshes.remove(*id);
-                meshes.wanted.insert(*id);
-            }
+            AssetEvent::Unused { id } => _ = meshes.unused.insert(*id),
             _ => {}
         }
     }
+    let mut unused = core::mem::take(&mut meshes.unused);
+    for id in unused.extract_if(|id| !instances.keeps_for_now(*id)) {
+        render_world.remove(id);
+        meshes.remove(id);
+        meshes.told.remove(&id);
+        let rank = Rank::far(meshes.take_order());
+        meshes.wanted.insert(id, rank);
+    }
+    meshes.unused = unused;
     if !active {
         meshes.clear(device);
         return;
     }
-    let mut budget = CopyBudget::new(meshes.copied_bytes);
+    meshes.upload_bytes = world.arrival.bytes();
+    let mut budget = CopyBudget::new(meshes.upload_bytes, meshes.copied_bytes);
     // A build in flight is finished first: else a mesh that changes in every frame would never appear.
     let mut stale = core::mem::take(&mut meshes.stale);
     let mut modified = changed.clone();
@@ -517,38 +580,33 @@ pub fn extract_meshes(
             meshes.stale.insert(id);
         }
     }
-    let mut wanted = core::mem::take(&mut meshes.wanted);
-    wanted.extend(instances.take_new_meshes());
+    let mut newcomers = instances.take_new_meshes();
     // They are no longer known, so that they are built again.
     let used = meshes.used_bytes();
-    wanted.extend(meshes.take_ready_to_try(used));
-    meshes.waiting = 0;
-    wanted.retain(|id| {
-        if meshes.is_known(*id) || !instances.shows(*id) {
-            return false;
+    newcomers.extend(meshes.take_ready_to_try(used));
+    if !newcomers.is_empty() {
+        let viewers = world.arrival.viewers();
+        for id in newcomers {
+            let rank = Rank::of(id, meshes.take_order(), instances, &viewers);
+            meshes.wanted.insert(id, rank);
         }
-        let start = meshes.start_from(*id, render_world, assets, &changed, &mut budget);
+    }
+    meshes.waiting = 0;
+    let mut wanted = core::mem::take(&mut meshes.wanted);
+    wanted.retain(|id, _| !meshes.is_known(*id) && instances.shows(*id));
+    let mut in_order: Vec<_> = wanted.iter().map(|(id, rank)| (*rank, *id)).collect();
+    in_order.sort_unstable();
+    for (rank, id) in in_order {
+        let start = meshes.start_from(id, render_world, assets, &changed, &mut budget);
         meshes.waiting += usize::from(start == Start::Later);
-        start != Start::Done
-    });
+        if start == Start::Done {
+            wanted.remove(&id);
+            if let Some(build) = meshes.pending.get_mut(&id) {
+                build.rank = rank;
+            }
+        }
+    }
     meshes.wanted = wanted;
-}
-
-/// Bytes that may still be copied in a frame.
-struct CopyBudget(u64);
-
-impl CopyBudget {
-    /// The budget of a frame while so many bytes wait that were copied before.
-    fn new(waiting: u64) -> Self {
-        Self(COPIED_BYTES_PER_FRAME.min(MOST_COPIED_BYTES.saturating_sub(waiting)))
-    }
-
-    /// Takes so many; false where nothing is left. The last that is copied may be larger than the rest.
-    fn take(&mut self, bytes: u64) -> bool {
-        let is_left = self.0 > 0;
-        self.0 = self.0.saturating_sub(bytes);
-        is_left
-    }
 }
 
 /// Size of a mesh asset that can be read.
@@ -581,6 +639,6 @@ pub fn keep_render_world_meshes(
             meshes.stale.insert(*id);
         }
         // Nothing could be read when meshes were extracted, so it isn't counted yet.
-        meshes.waiting += usize::from(meshes.wanted.contains(id));
+        meshes.waiting += usize::from(meshes.wanted.contains_key(id));
     }
 }

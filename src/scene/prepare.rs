@@ -11,7 +11,7 @@ use super::{
     environment::ViewEnvironment,
     features::Features,
     gpu_types::GpuSceneCounts,
-    instances::{InstanceSource, SceneInstances},
+    instances::SceneInstances,
     light_probes::ExtractedLightProbes,
     lights::ExtractedLights,
     masks::{Changes, Surroundings},
@@ -188,21 +188,21 @@ impl Scene<'_, '_> {
         report_nothing(&self.status);
     }
 
-    /// Slots of objects that changed, or whose mesh or material did.
+    /// Slots of objects that changed, or whose mesh or material did, each once.
     fn take_dirty(&mut self) -> Vec<u32> {
+        let meshes = &self.meshes;
+        self.instances.show_new_meshes(|mesh| meshes.expects(mesh));
         let mut dirty = self.instances.take_dirty();
-        let changed_meshes = &self.meshes.changed;
-        let reshaped: HashSet<UntypedAssetId> = self.assets.reshaped().collect();
-        if !changed_meshes.is_empty() || !reshaped.is_empty() {
-            let touched = |instance: &InstanceSource| {
-                changed_meshes.contains(&instance.mesh) || reshaped.contains(&instance.material)
-            };
-            let slots = (0..).zip(self.instances.slots());
-            dirty.extend(
-                slots
-                    .filter(|(_, slot)| slot.as_ref().is_some_and(touched))
-                    .map(|(slot, _)| slot),
-            );
+        let others = dirty.len();
+        for mesh in &meshes.changed {
+            dirty.extend(self.instances.slots_of_mesh(*mesh));
+        }
+        for material in self.assets.reshaped() {
+            dirty.extend(self.instances.slots_of_material(material));
+        }
+        if dirty.len() > others {
+            dirty.sort_unstable();
+            dirty.dedup();
         }
         dirty
     }

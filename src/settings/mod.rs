@@ -8,6 +8,7 @@
 //! | `front_layer.rs` | a shader of the app's own for glass and water |
 //! | `pose.rs` | skinned and morphed meshes |
 //! | `retention.rs` | how long reflections outlive their cameras |
+//! | `arrival.rs` | how fast meshes arrive |
 //! | `presets.rs` | bundles of settings |
 //! | `quality.rs` | the component that a game saves |
 //! | `auto_quality.rs` | the search for a quality |
@@ -19,6 +20,7 @@
 //! | `clamped.rs`, `clamped_rate.rs` | the same within its ranges, for shaders |
 //! | `view.rs` | the same on a view of the render world |
 
+mod arrival;
 mod auto_quality;
 mod budget;
 mod clamped;
@@ -40,6 +42,7 @@ mod view;
 mod warm_up;
 mod words;
 
+pub use arrival::ReflectionUploadBudget;
 pub use auto_quality::ReflectionAutoQuality;
 pub use budget::{ReflectionBudget, ReflectionEffort};
 pub use debug::{RATE_LEGEND, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView};
@@ -109,6 +112,8 @@ impl Plugin for SettingsPlugin {
             .init_resource::<ReflectedPoseBudget>()
             .register_type::<ReflectionRetention>()
             .init_resource::<ReflectionRetention>()
+            .register_type::<ReflectionUploadBudget>()
+            .init_resource::<ReflectionUploadBudget>()
             .register_type::<ShadingRateHeuristic>()
             .register_type::<ShadingRate>()
             .register_type::<ShadingRateTileSize>()

@@ -2,7 +2,7 @@
 
 use crate::{
     common::app_of,
-    pictures::reflect,
+    pictures::{apps, reflect},
     stage::{BEFORE_THE_MIRROR, SIZE, metal, report, spawn_camera, spawn_mesh, unlit, wall},
 };
 use bevy::{
@@ -10,7 +10,7 @@ use bevy::{
     render::settings::{WgpuLimits, WgpuSettings},
 };
 use bevy_glint::{ReflectionTechnique, ReflectionTracerChoice};
-use glint_scenes::{HeadlessApp, HeadlessSettings, SceneName};
+use glint_scenes::{HeadlessApp, HeadlessSettings, Output, SceneName};
 use std::time::{Duration, Instant};
 
 /// An app with a mirror, and with so many spheres of 16,000 triangles that have just come.
@@ -117,4 +117,32 @@ fn a_large_mesh_that_changes_in_every_frame_is_seen() {
         std::thread::sleep(Duration::from_millis(1));
     }
     panic!("{:?}", report(&mut app));
+}
+
+/// An object that gets another mesh, which takes a while to build, is seen with its last one until then.
+#[test]
+fn an_object_never_vanishes_for_another_mesh() {
+    for (_, mut app) in apps(SIZE / 4, Output::Picture) {
+        spawn_mesh(&mut app, wall(), metal(0.0), Transform::IDENTITY);
+        let at = Transform::from_xyz(0.0, 0.0, 6.0);
+        let ball = spawn_mesh(&mut app, Sphere::new(0.4).mesh().uv(32, 16), unlit([255; 3]), at);
+        let camera = spawn_camera(&mut app, BEFORE_THE_MIRROR, SceneName::MirrorRoom);
+        reflect(&mut app, camera, ReflectionTechnique::Reference);
+        let before = report(&mut app);
+        let fine = Sphere::new(0.4).mesh().uv(256, 128);
+        let mesh = app.world().resource_mut::<Assets<Mesh>>().add(fine);
+        app.world().entity_mut(ball).insert(Mesh3d(mesh));
+        let mut frames = 0;
+        loop {
+            app.step(1);
+            frames += 1;
+            let now = report(&mut app);
+            assert_eq!(now.instances, 2, "frame {frames}");
+            if now.meshes_pending == 0 && now.triangles > before.triangles + 50_000 && now.meshes == 2 {
+                break;
+            }
+            assert!(frames < 10_000, "{now:?}");
+        }
+        println!("the new mesh has come after {frames} frames, and the last one has gone");
+    }
 }

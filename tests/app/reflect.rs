@@ -17,9 +17,9 @@ use bevy_glint::{
     ReflectionBudget, ReflectionDebugCounters, ReflectionDebugSplit, ReflectionDebugView, ReflectionDenoiser,
     ReflectionEffort, ReflectionNonFiniteReport, ReflectionPreset, ReflectionQuality, ReflectionQualityChosen,
     ReflectionRetention, ReflectionSampling, ReflectionStatus, ReflectionStatusReport, ReflectionTechnique,
-    ReflectionTextureMip, ReflectionTracer, ReflectionTracerChoice, ReflectionViewMemory, ReflectionWarmUp,
-    ReflectionsDeclined, ReflectionsOff, ReflectionsReady, RoughnessThresholds, ScreenTraces, ShadingRate,
-    ShadingRateHeuristic, ShadingRateTileSize,
+    ReflectionTextureMip, ReflectionTracer, ReflectionTracerChoice, ReflectionUploadBudget, ReflectionViewMemory,
+    ReflectionWarmUp, ReflectionsDeclined, ReflectionsOff, ReflectionsReady, RoughnessThresholds, ScreenTraces,
+    ShadingRate, ShadingRateHeuristic, ShadingRateTileSize,
 };
 use core::any::{TypeId, type_name};
 use std::{fs, path::Path};
@@ -27,6 +27,7 @@ use std::{fs, path::Path};
 /// Files with types that an app holds.
 const FILES: [&str; 23] = [
     "auto_quality.rs",
+    "settings/arrival.rs",
     "settings/auto_quality.rs",
     "settings/budget.rs",
     "settings/reflections.rs",
@@ -128,6 +129,8 @@ fn resources_are_registered() {
     default::<ReflectedPoseBudget>(&types);
     assert!(is_resource(known::<ReflectionRetention>(&types)));
     default::<ReflectionRetention>(&types);
+    assert!(is_resource(known::<ReflectionUploadBudget>(&types)));
+    default::<ReflectionUploadBudget>(&types);
     assert!(is_resource(known::<FrontLayerShader>(&types)));
     default::<FrontLayerShader>(&types);
     assert!(is_resource(known::<ReflectedSurfaceShader>(&types)));

@@ -32,15 +32,22 @@ pub struct RenderWorldMeshes(HashMap<AssetId<Mesh>, KeptMesh>);
 impl RenderWorldMeshes {
     /// Keeps what rays need of a mesh.
     pub(super) fn keep(&mut self, id: AssetId<Mesh>, mesh: &Mesh) {
-        let kept = if mesh.enable_raytracing {
+        let topology = mesh.primitive_topology();
+        let kept = if !mesh.enable_raytracing {
+            KeptMesh::Unseen
+        } else if !topology.is_triangles() {
+            // Bevy extracts it again with each change.
+            if !matches!(self.0.get(&id), Some(KeptMesh::Unseen)) {
+                tell_of(id, &GeometryError::NotTriangles(topology));
+            }
+            KeptMesh::Unseen
+        } else {
             let mesh = mesh.clone();
             KeptMesh::Packing(tree_builds::spawn(async move {
                 let mut packed = pack_mesh(&mesh)?;
                 packed.words.shrink_to_fit();
                 Ok(packed)
             }))
-        } else {
-            KeptMesh::Unseen
         };
         self.0.insert(id, kept);
     }
@@ -63,7 +70,7 @@ impl RenderWorldMeshes {
                 None => *kept = KeptMesh::Unseen,
                 Some(Ok(packed)) => *kept = KeptMesh::Packed(Arc::new(packed)),
                 Some(Err(error)) => {
-                    warn!("mesh {id} is missing from reflections: {error}");
+                    tell_of(id, &error);
                     *kept = KeptMesh::Unseen;
                 }
             }
@@ -73,6 +80,10 @@ impl RenderWorldMeshes {
             _ => Found::Unseen,
         }
     }
+}
+
+fn tell_of(id: AssetId<Mesh>, error: &GeometryError) {
+    warn!("mesh {id} is missing from reflections: {error}");
 }
 
 #[cfg(test)]

@@ -11,9 +11,6 @@ use crate::{
 };
 use bevy::{asset::AssetId, log::warn, mesh::Mesh, render::renderer::RenderQueue};
 
-/// Bytes of geometry and trees that are uploaded in one frame, however large a mesh is: a millisecond or two. A thread builds less.
-const UPLOAD_BYTES_PER_FRAME: u64 = 2 << 20;
-
 impl SceneMeshes {
     /// Builds and uploads a mesh at once.
     #[cfg(test)]
@@ -30,46 +27,61 @@ impl SceneMeshes {
         self.geometry.advance(queue);
         self.bvh.advance(queue);
         let (mut builds, mut milliseconds) = (0, 0.0);
+        let mut finished = self.finished();
         loop {
-            bytes = self.carry_on(bytes, queue);
-            if bytes == 0 || self.uploading.is_some() {
-                break;
-            }
-            let finished = self.pending.extract_if(|_, build| build.task.is_finished()).next();
-            let Some((id, mut build)) = finished else {
-                break;
+            // A changed mesh waits for none that is new.
+            let is_next = match self.uploading.last() {
+                None => true,
+                Some(upload) => !self.is_edited(upload.id) && finished.last().is_some_and(|next| self.is_edited(*next)),
             };
-            self.copied_bytes -= build.copied_bytes;
-            match build.task.take() {
-                Some(Ok(built)) => {
+            if let Some(id) = finished.pop_if(|_| is_next) {
+                if let Some(time) = self.take_finished(id) {
                     builds += 1;
-                    milliseconds += built.milliseconds;
-                    if built.packed.triangle_count == 0 {
-                        self.remove_for_next(id);
-                        self.failed.insert(id);
-                    } else if !self.begin_upload(id, built) {
-                        let used = self.used_bytes();
-                        self.without_room.wait(id, used);
-                        if !core::mem::replace(&mut self.warned_full, true) {
-                            warn!(
-                                "a mesh doesn't fit into the memory that one buffer may take on this device, so it is missing \
-                                 from reflections; use fewer or smaller meshes, or keep some out with `NotReflected`"
-                            );
-                        }
-                    }
+                    milliseconds += time;
                 }
-                Some(Err(error)) => {
-                    warn!("mesh {id} is missing from reflections: {error}");
-                    self.remove_for_next(id);
-                    self.failed.insert(id);
-                }
-                None => {
-                    self.remove_for_next(id);
-                    self.failed.insert(id);
-                }
+                continue;
+            }
+            let uploads = self.uploading.len();
+            bytes = self.carry_on(bytes, queue);
+            if bytes == 0 || uploads == 0 || self.uploading.len() == uploads {
+                break;
             }
         }
         (builds, milliseconds)
+    }
+
+    /// Takes over a build that has finished. Returns its time if it is a mesh that was built.
+    fn take_finished(&mut self, id: AssetId<Mesh>) -> Option<f32> {
+        let mut build = self.pending.remove(&id)?;
+        self.copied_bytes -= build.copied_bytes;
+        match build.task.take() {
+            Some(Ok(built)) => {
+                let milliseconds = built.milliseconds;
+                if built.packed.triangle_count == 0 {
+                    self.remove_for_next(id);
+                    self.failed.insert(id);
+                } else if !self.begin_upload(id, built) {
+                    let used = self.used_bytes();
+                    self.without_room.wait(id, used);
+                    if !core::mem::replace(&mut self.warned_full, true) {
+                        warn!(
+                            "a mesh doesn't fit into the memory that one buffer may take on this device, so it is missing \
+                             from reflections; use fewer or smaller meshes, or keep some out with `NotReflected`"
+                        );
+                    }
+                }
+                Some(milliseconds)
+            }
+            Some(Err(error)) => {
+                self.decline(id, &error);
+                None
+            }
+            None => {
+                self.remove_for_next(id);
+                self.failed.insert(id);
+                None
+            }
+        }
     }
 
     /// Makes room for a built mesh, next to its last version if that is possible.
@@ -84,7 +96,7 @@ impl SceneMeshes {
             self.allocate_mesh(words, items)
         });
         let Some((geometry, bvh)) = room else { return false };
-        self.uploading = Some(MeshUpload {
+        self.uploading.push(MeshUpload {
             id,
             built,
             geometry,
@@ -95,7 +107,7 @@ impl SceneMeshes {
     }
 
     /// Removes a mesh that may have changed since its build began: then another one is due.
-    fn remove_for_next(&mut self, id: AssetId<Mesh>) {
+    pub(super) fn remove_for_next(&mut self, id: AssetId<Mesh>) {
         let is_stale = self.stale.contains(&id);
         self.remove(id);
         if is_stale {
@@ -132,13 +144,13 @@ impl SceneMeshes {
         }
     }
 
-    /// Uploads so many bytes of the current mesh, at most, which rays can hit after the last of them. Returns the bytes that are left.
+    /// Uploads so many bytes of the last mesh, at most, which rays can hit after the last of them. Returns the bytes that are left.
     fn carry_on(&mut self, bytes: u64, queue: &RenderQueue) -> u64 {
         let is_reached = |upload: &mut MeshUpload| {
             self.geometry.is_in_reach(&upload.geometry)
                 && upload.bvh.as_ref().is_none_or(|slice| self.bvh.is_in_reach(slice))
         };
-        let Some(mut upload) = self.uploading.take_if(is_reached) else {
+        let Some(mut upload) = self.uploading.pop_if(is_reached) else {
             return bytes;
         };
         let geometry = upload.built.packed.words.as_slice();
@@ -157,7 +169,7 @@ impl SceneMeshes {
         let left = bytes - 4 * (end - upload.done) as u64;
         upload.done = end;
         if end < all {
-            self.uploading = Some(upload);
+            self.uploading.push(upload);
         } else {
             self.insert(upload);
         }
@@ -210,7 +222,7 @@ impl SceneMeshes {
 
 /// Uploads meshes whose build has finished.
 pub fn upload_meshes(meshes: &mut SceneMeshes, status: &ReflectionStatus, queue: &RenderQueue) {
-    let (builds, milliseconds) = meshes.upload(UPLOAD_BYTES_PER_FRAME, queue);
+    let (builds, milliseconds) = meshes.upload(meshes.upload_bytes, queue);
     status.update(|report| {
         report.meshes_pending = meshes.on_their_way();
         report.meshes_without_room = meshes.without_room.len();
@@ -228,12 +240,14 @@ mod tests {
         device::ReflectionTracer,
         scene::{
             geometry::{BASE_ALIGNMENT, pack_mesh},
-            meshes::{COPIED_BYTES_PER_FRAME, CopyBudget, MOST_COPIED_BYTES, MeshSource},
+            meshes::{CopyBudget, MeshSource, Rank, Start, kept::RenderWorldMeshes},
             test_gpu,
         },
     };
     use bevy::{
-        asset::uuid::Uuid,
+        asset::{Assets, RenderAssetUsages, uuid::Uuid},
+        mesh::PrimitiveTopology,
+        platform::collections::HashSet,
         prelude::{Cuboid, Sphere},
         render::{render_resource::BufferUsages, renderer::RenderDevice},
     };
@@ -272,7 +286,7 @@ mod tests {
         let mut frames = 0;
         while meshes.get(ID).is_some_and(|mesh| mesh.triangle_count == 12) {
             upload(&mut meshes, 4096, &queue);
-            assert!(meshes.uploading.is_some() || meshes.pending.is_empty());
+            assert!(!meshes.uploading.is_empty() || meshes.pending.is_empty());
             frames += 1;
             assert!(frames < 1000, "it never arrives");
         }
@@ -384,13 +398,64 @@ mod tests {
         assert!(!meshes.is_known(OTHER), "it is built again");
     }
 
+    /// A changed mesh interrupts the upload of a new one, and of new ones the nearest is the first.
     #[test]
-    fn a_frame_copies_one_mesh_and_others_while_bytes_are_left() {
-        let mut budget = CopyBudget(10);
-        assert_eq!([6, 6, 1].map(|bytes| budget.take(bytes)), [true, true, false]);
-        assert!(CopyBudget::new(0).take(u64::MAX));
-        assert_eq!(CopyBudget::new(MOST_COPIED_BYTES - 1).0, 1, "builds lag behind");
-        assert!(!CopyBudget::new(MOST_COPIED_BYTES + 1).take(1));
-        assert_eq!(CopyBudget::new(1).0, COPIED_BYTES_PER_FRAME);
+    fn what_changed_comes_first() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let id = |number: u128| AssetId::Uuid {
+            uuid: Uuid::from_u128(number),
+        };
+        let mut meshes = SceneMeshes::new(&device, ReflectionTracer::Bvh);
+        start(&mut meshes, Cuboid::default());
+        upload(&mut meshes, u64::MAX, &queue);
+        for number in 10..30 {
+            meshes.start(id(number), MeshSource::Copy(Box::new(Sphere::default().into())), 1);
+            if let Some(build) = meshes.pending.get_mut(&id(number)) {
+                build.rank = Rank::far(100 - number as u64);
+            }
+        }
+        upload(&mut meshes, 4096, &queue);
+        assert_eq!(meshes.uploading[0].id, id(29));
+        start(&mut meshes, Cuboid::new(1.0, 2.0, 3.0));
+        let version = meshes.get(ID).map(|mesh| mesh.version);
+        upload(&mut meshes, 16 << 10, &queue);
+        assert_ne!(
+            meshes.get(ID).map(|mesh| mesh.version),
+            version,
+            "it waits for no other"
+        );
+        assert!(meshes.get(id(29)).is_none() && meshes.uploading.len() == 1);
+        let mut arrived: Vec<AssetId<Mesh>> = Vec::new();
+        while arrived.len() < 20 {
+            upload(&mut meshes, 16 << 10, &queue);
+            let new = (10..30).map(id).filter(|id| meshes.get(*id).is_some());
+            let new: Vec<_> = new.filter(|id| !arrived.contains(id)).collect();
+            assert!(new.len() < 2);
+            arrived.extend(new);
+        }
+        assert!(arrived.into_iter().eq((10..30).rev().map(id)));
+    }
+
+    /// However often a mesh of lines changes, it isn't copied, and the log tells of it once.
+    #[test]
+    fn lines_are_declined_at_once() {
+        let Some((device, queue)) = test_gpu::device() else {
+            return;
+        };
+        let mut meshes = SceneMeshes::new(&device, ReflectionTracer::Bvh);
+        let mut assets = Assets::<Mesh>::default();
+        let lines = Mesh::new(PrimitiveTopology::LineList, RenderAssetUsages::default())
+            .with_inserted_attribute(Mesh::ATTRIBUTE_POSITION, vec![[0.0; 3]; 1_000]);
+        let mesh = assets.add(lines);
+        let (mut kept, changed) = (RenderWorldMeshes::default(), HashSet::default());
+        let mut budget = CopyBudget::new(1 << 20, 0);
+        for _ in 0..60 {
+            let start = meshes.start_from(mesh.id(), &mut kept, &assets, &changed, &mut budget);
+            assert!(start == Start::Done && meshes.pending.is_empty() && meshes.copied_bytes == 0);
+            upload(&mut meshes, u64::MAX, &queue);
+        }
+        assert!(meshes.failed.contains(&mesh.id()) && meshes.told.len() == 1);
     }
 }
