@@ -18,7 +18,7 @@
 //! - Tangents: octahedral coordinates, x as snorm16 in the low half, y as unorm15 of `y * 0.5 + 0.5` in bits 16 to 30; bit 31
 //!   is set where the bitangent's sign is negative.
 //! - UV sets: two `f32` per vertex.
-//! - Colours: linear RGBA as four unorm8. Brighter colours are clamped to 1.
+//! - Colours: linear red, green and blue as `f16`, 8 bits of zeros, then alpha as unorm8: two words per vertex.
 //! - Joints: four indices of 16 bits, then four `f32` weights per vertex.
 //! - Morph targets: one after the other, for each vertex the difference of the position as three `f32`, then that of the normal and
 //!   that of the tangent if the mesh has them.

@@ -51,17 +51,23 @@ pub const MATERIAL_FOG: u32 = 128;
 pub const MATERIAL_SEE_THROUGH: u32 = 256;
 /// Alpha scales the light that it reflects.
 pub const MATERIAL_FADES: u32 = 512;
-/// The surface covers samples by its alpha, and is drawn with the opaque ones.
-pub const MATERIAL_COVERAGE: u32 = 16384;
+/// Bevy lights the surface in its forward pass, which keeps base colours above 1.
+pub const MATERIAL_LIT_FORWARD: u32 = 16384;
 /// Drawn forward, opaque and lit: it has no pixel in Bevy's G-buffer.
 pub const MATERIAL_FORWARD: u32 = 32768;
 /// From this bit on, bits hold the number of the material's type: 0 is `StandardMaterial`.
 pub const MATERIAL_TYPE_SHIFT: u32 = 10;
 /// They, shifted to 0.
 pub const MATERIAL_TYPE_BITS: u32 = 15;
+/// Bevy adds all of the light that the surface reflects, whatever alpha is.
+pub const MATERIAL_PREMULTIPLIED: u32 = 2_097_152;
 
 /// Optical depth behind which nothing is seen: 1e-7 of the light is left. More makes the steps of [`GpuMaterial::optical_depth`] coarser.
 pub const OPAQUE_DEPTH: f32 = 16.0;
+
+/// [`GpuMaterial::stop_probability`] of surfaces that cover samples by their alpha. Closest-hit rays test them by their own cutoff, shadow
+/// rays by 0.05.
+pub const COVERAGE: f32 = -2.0;
 
 /// Slot of [`GpuMaterial::textures`].
 pub const TEXTURE_BASE_COLOR: usize = 0;
@@ -140,7 +146,8 @@ pub struct GpuMaterial {
     pub reflectance: f32,
     /// Alpha below this lets rays through: shadow rays alone at blended and transmissive materials.
     pub alpha_cutoff: f32,
-    /// Probability with which a ray stops where alpha is 1; negative for materials that let no ray through by chance.
+    /// Probability with which a ray stops where alpha is 1; negative for materials that let no ray through by chance, and [`COVERAGE`] for
+    /// those with alpha to coverage.
     pub stop_probability: f32,
     /// Share of the light that stops which is reflected diffusely.
     pub diffuse_share: f32,
@@ -152,7 +159,8 @@ pub struct GpuMaterial {
     pub thickness: f32,
     /// Index of refraction of glass with a thickness, above 1; 0 for all else.
     pub ior: f32,
-    /// Optical depth of the volume for red, green and blue: parts of [`OPAQUE_DEPTH`], 16 bits each.
+    /// Optical depth of the volume for red, green and blue: parts of [`OPAQUE_DEPTH`], 16 bits each. The last 16 bits are the weight with
+    /// which exposure scales emission.
     pub optical_depth: [u32; 2],
 }
 

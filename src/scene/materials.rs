@@ -12,7 +12,8 @@ use bevy::{
     asset::{AssetEvent, AssetId, Assets, UntypedAssetId},
     ecs::{message::MessageReader, prelude::*},
     image::Image,
-    pbr::{ExtendedMaterial, Material, MaterialExtension, StandardMaterial},
+    material::OpaqueRendererMethod,
+    pbr::{DefaultOpaqueRendererMethod, ExtendedMaterial, Material, MaterialExtension, StandardMaterial},
     platform::collections::{HashMap, HashSet},
     render::{Extract, render_asset::RenderAssets, texture::GpuImage},
 };
@@ -25,6 +26,7 @@ use super::{
     textures::TextureTable,
     waiting_room::WaitingRoom,
 };
+use crate::deferred::is_deferred;
 use bytemuck::bytes_of;
 
 pub use pack::{format_flags, instance_flags, is_traced, pack_material, texture_ids};
@@ -161,11 +163,17 @@ impl MaterialAssets {
 pub fn extract_materials<M: ReflectedMaterial>(
     assets: Extract<Option<Res<Assets<M>>>>,
     mut events: Extract<MessageReader<AssetEvent<M>>>,
+    method: Extract<Option<Res<DefaultOpaqueRendererMethod>>>,
     activity: Res<SceneActivity>,
     types: Res<MaterialTypes>,
     mut copies: ResMut<MaterialAssets>,
+    mut last_method: Local<OpaqueRendererMethod>,
 ) {
     let Some(assets) = assets.as_ref() else { return };
+    let method = match method.as_ref() {
+        Some(method) if is_deferred(method) => OpaqueRendererMethod::Deferred,
+        _ => OpaqueRendererMethod::Forward,
+    };
     let copies = &mut *copies;
     if !activity.active {
         events.clear();
@@ -174,23 +182,35 @@ pub fn extract_materials<M: ReflectedMaterial>(
         }
         return;
     }
-    if copies.filled.insert(TypeId::of::<M>()) {
+    // Bevy draws by the default method what has none of its own, but for light that comes through.
+    let reflected = |material: &M| {
+        let mut material = material.reflected();
+        if material.opaque_render_method == OpaqueRendererMethod::Auto && material.diffuse_transmission <= 0.0 {
+            material.opaque_render_method = method;
+        }
+        material
+    };
+    let is_new = copies.filled.insert(TypeId::of::<M>());
+    if is_new {
         copies
             .type_flags
             .insert(TypeId::of::<M>(), types.flags(TypeId::of::<M>()));
         if types.shows_environment(TypeId::of::<M>()) {
             copies.mirroring.insert(TypeId::of::<M>());
         }
-        // Events from before the first frame may be gone.
+    }
+    // Events from before the first frame may be gone.
+    if is_new || *last_method != method {
+        *last_method = method;
         for (id, material) in assets.iter() {
-            copies.set(id.untyped(), material.reflected());
+            copies.set(id.untyped(), reflected(material));
         }
     }
     for event in events.read() {
         match event {
             AssetEvent::Added { id } | AssetEvent::Modified { id } => {
                 if let Some(material) = assets.get(*id) {
-                    copies.set(id.untyped(), material.reflected());
+                    copies.set(id.untyped(), reflected(material));
                 }
             }
             AssetEvent::Removed { id } => copies.remove(id.untyped()),

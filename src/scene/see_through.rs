@@ -18,7 +18,7 @@ pub(super) fn stop_probability(material: &StandardMaterial) -> Option<f32> {
     let least = if refracts(material) { LEAST_STOPPED } else { 0.0 };
     let stopped = (1.0 - transmission(material)).max(least);
     match material.alpha_mode {
-        AlphaMode::Mask(_) => None,
+        AlphaMode::Mask(_) | AlphaMode::AlphaToCoverage => None,
         AlphaMode::Opaque => (stopped < 1.0).then_some(stopped),
         _ => Some(stopped),
     }
@@ -36,7 +36,7 @@ fn transmission(material: &StandardMaterial) -> f32 {
 /// Light passes at another place, or in another direction, than it would without the material.
 pub(super) fn refracts(material: &StandardMaterial) -> bool {
     transmission(material) > 0.0
-        && !matches!(material.alpha_mode, AlphaMode::Mask(_))
+        && !matches!(material.alpha_mode, AlphaMode::Mask(_) | AlphaMode::AlphaToCoverage)
         && (material.thickness > 0.0 && material.thickness.is_finite())
         && (material.ior > 1.0 && material.ior.is_finite())
 }
@@ -62,8 +62,7 @@ pub(super) fn optical_depth(material: &StandardMaterial) -> [u32; 2] {
     [red | (green << 16), blue]
 }
 
-/// The `MATERIAL_` flags of surfaces that are drawn over the opaque picture and reflect. Rays meet no others of that kind, and
-/// materials with alpha to coverage are drawn with the opaque ones.
+/// The `MATERIAL_` flags of surfaces that are drawn over the opaque picture and reflect. Rays meet no others of that kind.
 pub(super) fn see_through_flags(material: &StandardMaterial) -> u32 {
     let is_transmissive = transmission(material) > 0.0;
     match material.alpha_mode {

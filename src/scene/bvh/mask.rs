@@ -19,8 +19,8 @@ pub struct MaskSource<'a> {
     pub uvs: &'a [[f32; 2]],
     /// Transform that the material applies to them.
     pub uv_transform: Affine2,
-    /// Colours of the vertices, alpha in the upper byte; empty where the mesh has none.
-    pub colors: &'a [u32],
+    /// Colours of the vertices, alpha in the highest byte; empty where the mesh has none.
+    pub colors: &'a [[u32; 2]],
 }
 
 /// Returns the header stored in front of masks, which holds how their material treats a texel: see
@@ -54,7 +54,7 @@ fn mask(source: &MaskSource, primitive: u32, corners: [u32; 3], baker: Option<&O
     let alpha = if source.colors.is_empty() {
         FULL_VERTEX_ALPHA
     } else {
-        let [a, b, c] = corners.map(|vertex| source.colors.get(vertex as usize).map_or(255, |color| color >> 24));
+        let [a, b, c] = corners.map(|vertex| source.colors.get(vertex as usize).map_or(255, |color| color[1] >> 24));
         a | b << 8 | c << 16
     };
     let has_uvs = !source.uvs.is_empty();
@@ -70,7 +70,7 @@ mod tests {
     #[test]
     fn masks_hold_what_their_vertices_have() {
         let uvs: Vec<[f32; 2]> = (0..4).map(|i| [i as f32, -0.5 * i as f32]).collect();
-        let colors = [0x1100_0000, 0x22ff_ffff, 0x3300_0000, 0xff00_0000];
+        let colors = [0x1100_0000, 0x22ff_ffff, 0x3300_0000, 0xff00_0000].map(|word| [7, word]);
         let source = MaskSource {
             indices: &[0, 1, 2, 2, 1, 9],
             uvs: &uvs,

@@ -53,8 +53,9 @@ impl<'a> Attributes<'a> {
 
     /// Words that [`Self::pack`] adds for each vertex.
     pub fn words_per_vertex(&self) -> u64 {
-        let single = [self.normals, self.tangents, self.colors].iter().flatten().count();
-        (single + 2 * self.uvs.iter().flatten().count()) as u64
+        let single = [self.normals, self.tangents].iter().flatten().count();
+        let double = self.uvs.iter().chain([&self.colors]).flatten().count();
+        (single + 2 * double) as u64
     }
 
     /// Appends the attributes to a mesh whose positions and triangles are packed already.
@@ -95,7 +96,7 @@ impl<'a> Attributes<'a> {
             decode::for_each_value(values, packed.vertex_count as usize, |color| {
                 let valid = color.iter().all(|channel| channel.is_finite());
                 packed.defects.replaced_values += u32::from(!valid);
-                packed.words.push(encode_color(if valid { color } else { [1.0; 4] }));
+                packed.words.extend(encode_color(if valid { color } else { [1.0; 4] }));
             });
         }
     }
@@ -187,6 +188,16 @@ pub(super) fn encode_tangent(tangent: Vec3, flipped: bool) -> u32 {
     snorm16(octahedral.x) | (y << 16) | (u32::from(flipped) << 31)
 }
 
-fn encode_color(color: [f32; 4]) -> u32 {
-    u32::from_le_bytes(color.map(|channel| (channel.clamp(0.0, 1.0) * 255.0).round() as u8))
+/// Half floats, since Bevy multiplies by colours above 1, and dark ones need more than 8 bits.
+fn encode_color([red, green, blue, alpha]: [f32; 4]) -> [u32; 2] {
+    let alpha = (alpha.clamp(0.0, 1.0) * 255.0).round() as u32;
+    [half(red) | (half(green) << 16), half(blue) | (alpha << 24)]
+}
+
+/// Bits of the nearest half float that is not negative.
+fn half(value: f32) -> u32 {
+    const LARGEST: f32 = 65504.0;
+    // 2^-112 turns the bias of the exponent from 127 into 15; the smallest numbers become denormal as half floats are.
+    let bits = (value.clamp(0.0, LARGEST) * f32::from_bits(15 << 23)).to_bits();
+    (bits + 0xfff + ((bits >> 13) & 1)) >> 13
 }

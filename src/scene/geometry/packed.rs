@@ -76,7 +76,7 @@ pub struct MeshOffsets {
     pub uv0: u32,
     /// Two words per vertex.
     pub uv1: u32,
-    /// One word per vertex.
+    /// Two words per vertex.
     pub colors: u32,
     /// Six words per vertex.
     pub joints: u32,
@@ -205,9 +205,9 @@ impl PackedMesh {
         bytemuck::cast_slice(self.optional(offset, 2 * self.vertex_count))
     }
 
-    /// Packed colours of the vertices, red in the lowest byte; empty where the mesh has none.
-    pub fn colors(&self) -> &[u32] {
-        self.optional(self.offsets.colors, self.vertex_count)
+    /// Packed colours of the vertices, alpha in the highest byte; empty where the mesh has none.
+    pub fn colors(&self) -> &[[u32; 2]] {
+        bytemuck::cast_slice(self.optional(self.offsets.colors, 2 * self.vertex_count))
     }
 
     fn optional(&self, offset: u32, words: u32) -> &[u32] {

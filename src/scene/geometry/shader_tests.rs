@@ -6,10 +6,7 @@ use super::{
     *,
 };
 use crate::scene::test_gpu;
-use bevy::{
-    math::{Vec3Swizzles, Vec4},
-    mesh::{MeshVertexAttribute, VertexAttributeValues, VertexFormat},
-};
+use bevy::math::{Vec3Swizzles, Vec4};
 
 const MAIN: &str = "
 import package::scene::geometry::{
@@ -117,19 +114,13 @@ fn shader_reads_every_attribute() {
         .map(|(i, d)| d.zxy().extend(sign(i)).to_array())
         .collect();
     let uv = |scale: f32| (0..1000).map(|i| [i as f32 * scale, -3.5]).collect::<Vec<_>>();
-    let colors: Vec<[u8; 4]> = (0..1000).map(|i| [i as u8, 1, 2, 250]).collect();
+    let colors: Vec<[f32; 4]> = (0..1000).map(|i| [i as f32, 0.25, 4.5, 250.0 / 255.0]).collect();
     let mesh = triangle_mesh(vector(10.0))
         .with_inserted_attribute(Mesh::ATTRIBUTE_NORMAL, vector(1.0))
         .with_inserted_attribute(Mesh::ATTRIBUTE_TANGENT, tangents)
         .with_inserted_attribute(Mesh::ATTRIBUTE_UV_0, uv(0.25))
         .with_inserted_attribute(Mesh::ATTRIBUTE_UV_1, uv(0.5))
-        .with_inserted_attribute(
-            MeshVertexAttribute {
-                format: VertexFormat::Unorm8x4,
-                ..Mesh::ATTRIBUTE_COLOR
-            },
-            VertexAttributeValues::Unorm8x4(colors),
-        )
+        .with_inserted_attribute(Mesh::ATTRIBUTE_COLOR, colors)
         .with_inserted_indices(Indices::U32((0..999).rev().collect()));
     let Some(read) = read_back(&mesh, 1003) else { return };
     let (mut worst_normal, mut worst_tangent) = (0.0_f32, 0.0_f32);
@@ -143,7 +134,7 @@ fn shader_reads_every_attribute() {
         assert_eq!(row.uv, Vec4::new(v as f32 * 0.25, -3.5, v as f32 * 0.5, -3.5));
         assert!(
             row.color
-                .abs_diff_eq(Vec4::new((v % 256) as f32, 1.0, 2.0, 250.0) / 255.0, 1e-6)
+                .abs_diff_eq(Vec4::new(v as f32, 0.25, 4.5, 250.0 / 255.0), 1e-6)
         );
         let first = 998 - 3 * i.min(332) as u32;
         assert_eq!(row.triangle, [first, first - 1, first - 2]);

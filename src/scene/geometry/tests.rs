@@ -56,10 +56,12 @@ fn floats(packed: &PackedMesh, offset: u32) -> Vec<f32> {
         .collect()
 }
 
-fn colors(packed: &PackedMesh) -> Vec<[u8; 4]> {
-    words(packed, packed.offsets.colors, 1)
+fn colors(packed: &PackedMesh) -> Vec<[f32; 4]> {
+    let half = |word: u32| f32::from_bits((word & 0x7fff) << 13) * 2.0_f32.powi(112);
+    packed
+        .colors()
         .iter()
-        .map(|word| word.to_le_bytes())
+        .map(|[first, last]| [half(*first), half(first >> 16), half(*last), (last >> 24) as f32])
         .collect()
 }
 
@@ -93,7 +95,7 @@ fn layout_follows_the_header() {
     .with_inserted_indices(Indices::U16(vec![0, 1, 2, 3, 2, 1, 0]));
     let packed = pack_mesh(&mesh).unwrap();
     assert_eq!(packed.words[..12], [4, 2, 0, 12, 24, 0, 0, 0, 30, 38, 0, 0]);
-    assert_eq!(packed.words.len(), 42);
+    assert_eq!(packed.words.len(), 46);
     assert_eq!(packed.positions(), line(4));
     assert_eq!(packed.indices(), [0, 1, 2, 3, 2, 1]);
     assert_eq!(
@@ -104,7 +106,7 @@ fn layout_follows_the_header() {
         }
     );
     assert_eq!(floats(&packed, packed.offsets.uv1)[..2], [0.5, 0.25]);
-    assert_eq!(colors(&packed)[3], [255, 128, 255, 255]);
+    assert_eq!(colors(&packed)[3], [1.0, 0.5, 9.0, 255.0]);
     assert!(packed.defects.is_empty() && packed.deformation.is_none());
 }
 
@@ -251,7 +253,7 @@ fn invalid_values_become_neutral() {
         assert!(flipped && tangent.dot(*normal).abs() < 1e-3);
     }
     assert_eq!(floats(&packed, packed.offsets.uv0)[..6], [0.0, 0.0, 2.0, 3.0, 0.0, 0.0]);
-    assert_eq!(colors(&packed), [[255; 4]; 6]);
+    assert_eq!(colors(&packed), [[1.0, 1.0, 1.0, 255.0]; 6]);
     assert_eq!(packed.defects.replaced_values, 4 + 6 + 2 + 6);
 }
 
@@ -276,25 +278,32 @@ fn colors_of_any_format() {
     use VertexAttributeValues as V;
     let half = |value: f32| if value == 0.5 { 0x3800_u16 } else { 0x3c00 };
     let cases = [
-        (V::Unorm8x4(vec![[255, 128, 0, 64]; 3]), [255, 128, 0, 64]),
-        (V::Unorm8x4Bgra(vec![[255, 128, 0, 64]; 3]), [0, 128, 255, 64]),
-        (V::Unorm16x4(vec![[65535, 32896, 0, 16448]; 3]), [255, 128, 0, 64]),
-        (V::Unorm16x2(vec![[65535, 0]; 3]), [255, 0, 0, 255]),
-        (V::Snorm16x4(vec![[-32768, 32767, 16384, 0]; 3]), [0, 255, 128, 0]),
-        (V::Snorm8x4(vec![[-128, 127, 0, 64]; 3]), [0, 255, 0, 129]),
+        (V::Unorm8x4(vec![[255, 128, 0, 64]; 3]), [1.0, 0.502, 0.0, 64.0]),
+        (V::Unorm8x4Bgra(vec![[255, 128, 0, 64]; 3]), [0.0, 0.502, 1.0, 64.0]),
+        (V::Unorm16x4(vec![[65535, 32896, 0, 16448]; 3]), [1.0, 0.502, 0.0, 64.0]),
+        (V::Unorm16x2(vec![[65535, 0]; 3]), [1.0, 0.0, 0.0, 255.0]),
+        (V::Snorm16x4(vec![[-32768, 32767, 16384, 0]; 3]), [0.0, 1.0, 0.5, 0.0]),
+        (V::Snorm8x4(vec![[-128, 127, 0, 64]; 3]), [0.0, 1.0, 0.0, 129.0]),
         (
             V::Float16x4(bytemuck::cast_vec(vec![[half(0.5), half(1.0), 0, half(1.0)]; 3])),
-            [128, 255, 0, 255],
+            [0.5, 1.0, 0.0, 255.0],
         ),
-        (V::Float32x4(vec![[0.5, 2.0, -1.0, 1.0]; 3]), [128, 255, 0, 255]),
-        (V::Float64x3(vec![[0.5, 1.0, 0.0]; 3]), [128, 255, 0, 255]),
-        (V::Unorm10_10_10_2(vec![1023 | (2 << 30); 3]), [255, 0, 0, 170]),
-        (V::Uint8(vec![1; 3]), [255, 0, 0, 255]),
-        (V::Sint32x2(vec![[-4, 1]; 3]), [0, 255, 0, 255]),
+        // Bright ones stay bright, dark ones dark.
+        (V::Float32x4(vec![[1e-6, 20.0, -1.0, 2.0]; 3]), [1e-6, 20.0, 0.0, 255.0]),
+        (V::Float32x3(vec![[1e9, 0.002, 3e-5]; 3]), [65504.0, 0.002, 3e-5, 255.0]),
+        (V::Float64x3(vec![[0.5, 1.0, 0.0]; 3]), [0.5, 1.0, 0.0, 255.0]),
+        (V::Unorm10_10_10_2(vec![1023 | (2 << 30); 3]), [1.0, 0.0, 0.0, 170.0]),
+        (V::Uint8(vec![1; 3]), [1.0, 0.0, 0.0, 255.0]),
+        (V::Sint32x2(vec![[-4, 1]; 3]), [0.0, 1.0, 0.0, 255.0]),
     ];
     for (values, expected) in cases {
         let packed = pack_mesh(&with(triangle_mesh(line(3)), Mesh::ATTRIBUTE_COLOR, values.clone())).unwrap();
-        assert_eq!(colors(&packed), [expected; 3], "{values:?}");
+        for color in colors(&packed) {
+            for (actual, expected) in color.into_iter().zip(expected) {
+                let room = (expected * 5e-4).max(6e-8);
+                assert!((actual - expected).abs() <= room, "{values:?}: {color:?}");
+            }
+        }
     }
 }
 

@@ -8,6 +8,7 @@ use crate::{
     scene::{
         alpha_images::{AlphaImages, ImageContent, ImageState},
         bvh::{AlphaTest, Item, Micromap, OpacityBaker, Wrap, masks, micromap_of},
+        gpu_types::COVERAGE,
         materials::{MaterialAssets, pack_material},
         meshes::MeshTriangles,
         textures::TextureTable,
@@ -101,8 +102,8 @@ impl Look {
         };
         // Layers hold smaller copies of the images, which are not known here.
         let is_known = matches!(surroundings.textures.mode(), ReflectionTextureMode::Bindless { .. });
-        // Another number decides for each ray.
-        let is_known = is_known && packed.stop_probability < 0.0;
+        // Another number decides for each ray, or another cutoff for shadow rays.
+        let is_known = is_known && packed.stop_probability < 0.0 && packed.stop_probability != COVERAGE;
         Self {
             uv_transform: Affine2::from_mat2_translation(
                 Mat2::from_cols_array(&packed.uv_transform),

@@ -33,6 +33,8 @@ pub fn instance_flags(material: &StandardMaterial) -> u32 {
     culling | if is_opaque { 0 } else { INSTANCE_ALPHA_MASKED }
 }
 
+/// Alpha below which surfaces with alpha to coverage are cut out where Bevy doesn't multisample.
+const COVERAGE_CUTOFF: f32 = 0.5;
 /// Alpha below which blended surfaces cast no shadow in Bevy's shadow maps.
 const BLENDED_SHADOW_CUTOFF: f32 = 0.05;
 
@@ -74,7 +76,8 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
         (MATERIAL_FOG, material.fog_enabled),
         (MATERIAL_DOUBLE_SIDED, material.double_sided),
         (MATERIAL_FLIP_NORMAL_MAP_Y, material.flip_normal_map_y),
-        (MATERIAL_COVERAGE, material.alpha_mode == AlphaMode::AlphaToCoverage),
+        (MATERIAL_PREMULTIPLIED, material.alpha_mode == AlphaMode::Premultiplied),
+        (MATERIAL_LIT_FORWARD, !material.unlit && is_drawn_forward(material)),
         (
             MATERIAL_SOLID_TEXTURE,
             material.alpha_mode == AlphaMode::Opaque && stopped.is_some(),
@@ -127,16 +130,46 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
         alpha_cutoff: match material.alpha_mode {
             AlphaMode::Opaque => 0.0,
             AlphaMode::Mask(cutoff) => finite_or(cutoff, 0.5),
+            AlphaMode::AlphaToCoverage => COVERAGE_CUTOFF,
             _ => BLENDED_SHADOW_CUTOFF,
         },
-        stop_probability: stopped.unwrap_or(-1.0),
+        stop_probability: stopped.unwrap_or(match material.alpha_mode {
+            AlphaMode::AlphaToCoverage => COVERAGE,
+            _ => -1.0,
+        }),
         diffuse_share: (1.0 - unit_or(material.diffuse_transmission, 0.0)) * stopped_share(material),
         lightmap_exposure: color(material.lightmap_exposure),
         clearcoat: packed_clearcoat(material),
         thickness: light_thickness(material),
         ior: index_of_refraction(material),
-        optical_depth: optical_depth(material),
+        optical_depth: {
+            let [red_green, blue] = optical_depth(material);
+            [red_green, blue | (emission_weight(material) << 16)]
+        },
     }
+}
+
+/// Returns whether Bevy draws a material in its forward pass, once its own method or the default one is known.
+fn is_drawn_forward(material: &StandardMaterial) -> bool {
+    let is_blended = !matches!(
+        material.alpha_mode,
+        AlphaMode::Opaque | AlphaMode::Mask(_) | AlphaMode::AlphaToCoverage
+    );
+    is_blended
+        || material.specular_transmission > 0.0
+        || match material.opaque_render_method {
+            OpaqueRendererMethod::Forward => true,
+            OpaqueRendererMethod::Deferred => false,
+            OpaqueRendererMethod::Auto => material.diffuse_transmission > 0.0,
+        }
+}
+
+/// Weight with which exposure scales emission, as unorm16. Bevy's G-buffer has none.
+fn emission_weight(material: &StandardMaterial) -> u32 {
+    if !is_drawn_forward(material) {
+        return 0;
+    }
+    (unit_or(material.emissive_exposure_weight, 0.0) * f32::from(u16::MAX)).round() as u32
 }
 
 /// Share of the light that stops at a surface which doesn't pass through by specular transmission.

@@ -9,7 +9,7 @@ use bevy::math::Affine2;
 use std::sync::Arc;
 
 /// Mesh data that merged trees and masks copy: 12 bytes for each vertex and 12 for each triangle, 8 more for each vertex with UV
-/// coordinates, and 4 with colours. Micromaps take 16 for each triangle.
+/// coordinates, and 8 with colours. Micromaps take 16 for each triangle.
 pub struct MeshTriangles(Arc<PackedMesh>);
 
 impl MeshTriangles {
@@ -38,7 +38,7 @@ impl MeshTriangles {
             indices: add(packed.indices()),
             uv0: add(bytemuck::cast_slice(packed.uvs(0))),
             uv1: add(bytemuck::cast_slice(packed.uvs(1))),
-            colors: add(packed.colors()),
+            colors: add(packed.colors().as_flattened()),
             ..MeshOffsets::default()
         };
         copy.words.shrink_to_fit();
@@ -60,14 +60,13 @@ impl MeshTriangles {
         self.0.indices()
     }
 
-    /// Returns the data that masks are made of. The second set of UV coordinates is used only if the mesh has one, and is not
-    /// transformed.
+    /// Returns the data that masks are made of. The second set of UV coordinates is used only if the mesh has one.
     pub(in crate::scene) fn mask_source(&self, second_uvs: bool, uv_transform: Affine2) -> MaskSource<'_> {
         let is_second = second_uvs && !self.0.uvs(1).is_empty();
         MaskSource {
             indices: self.indices(),
             uvs: self.0.uvs(usize::from(is_second)),
-            uv_transform: if is_second { Affine2::IDENTITY } else { uv_transform },
+            uv_transform,
             colors: self.0.colors(),
         }
     }
@@ -97,7 +96,7 @@ mod tests {
         }
         assert_eq!(copied.positions(), shared.positions());
         let (vertices, triangles) = (packed.vertex_count as usize, packed.triangle_count as usize);
-        assert_eq!(copied.0.words.capacity(), 1 + (3 + 2 + 1) * vertices + 3 * triangles);
+        assert_eq!(copied.0.words.capacity(), 1 + (3 + 2 + 2) * vertices + 3 * triangles);
         assert!(Arc::ptr_eq(&shared.0, &packed));
     }
 }
