@@ -297,6 +297,7 @@ fn colors_of_any_format() {
         (V::Sint32x2(vec![[-4, 1]; 3]), [0.0, 1.0, 0.0, 255.0]),
     ];
     for (values, expected) in cases {
+        let expected: [f32; 4] = expected;
         let packed = pack_mesh(&with(triangle_mesh(line(3)), Mesh::ATTRIBUTE_COLOR, values.clone())).unwrap();
         for color in colors(&packed) {
             for (actual, expected) in color.into_iter().zip(expected) {
