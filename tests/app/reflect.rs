@@ -25,7 +25,7 @@ use core::any::{TypeId, type_name};
 use std::{fs, path::Path};
 
 /// Files with types that an app holds.
-const FILES: [&str; 23] = [
+const FILES: [&str; 24] = [
     "auto_quality.rs",
     "settings/arrival.rs",
     "settings/auto_quality.rs",
