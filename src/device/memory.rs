@@ -86,8 +86,9 @@ impl MemoryRetry {
             return false;
         };
         let now = Instant::now();
+        // Rounded up, so that the frames add up to the whole time.
         #[cfg(test)]
-        let frame = REFUSED / REFUSED_FRAMES;
+        let frame = REFUSED / REFUSED_FRAMES + Duration::from_nanos(1);
         #[cfg(not(test))]
         let frame = now.saturating_duration_since(*last).min(LONGEST_FRAME);
         (*time, *last) = (time.saturating_sub(frame), now);

@@ -196,6 +196,21 @@ impl FromWorld for SceneMeshes {
 }
 
 impl SceneMeshes {
+    /// Meshes whose build has finished, the last of which is the first to be uploaded.
+    fn finished(&self) -> Vec<AssetId<Mesh>> {
+        let finished = self.pending.iter().filter(|(_, build)| build.task.is_finished());
+        let mut finished: Vec<_> = finished
+            .map(|(id, build)| (!self.is_edited(*id), build.rank, *id))
+            .collect();
+        finished.sort_unstable_by(|a, b| b.cmp(a));
+        finished.into_iter().map(|(.., id)| id).collect()
+    }
+
+    /// Returns whether rays hit an older version of a mesh until it is there.
+    fn is_edited(&self, id: AssetId<Mesh>) -> bool {
+        self.ready.contains_key(&id)
+    }
+
     /// Empty arenas for a tracer.
     pub fn new(device: &RenderDevice, tracer: ReflectionTracer) -> Self {
         let mut usages = BufferUsages::STORAGE;

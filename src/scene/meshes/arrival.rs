@@ -1,6 +1,5 @@
 //! In which order meshes arrive: changed ones, then the nearest, then the first that came.
 
-use super::SceneMeshes;
 use crate::{
     scene::instances::SceneInstances,
     settings::{RayTracedReflections, ReflectionUploadBudget},
@@ -84,23 +83,6 @@ impl CopyBudget {
         let is_left = self.0 > 0;
         self.0 = self.0.saturating_sub(bytes);
         is_left
-    }
-}
-
-impl SceneMeshes {
-    /// Meshes whose build has finished, the last of which is the first to be uploaded.
-    pub(super) fn finished(&self) -> Vec<AssetId<Mesh>> {
-        let finished = self.pending.iter().filter(|(_, build)| build.task.is_finished());
-        let mut finished: Vec<_> = finished
-            .map(|(id, build)| (!self.is_edited(*id), build.rank, *id))
-            .collect();
-        finished.sort_unstable_by(|a, b| b.cmp(a));
-        finished.into_iter().map(|(.., id)| id).collect()
-    }
-
-    /// Returns whether rays hit an older version of a mesh until it is there.
-    pub(super) fn is_edited(&self, id: AssetId<Mesh>) -> bool {
-        self.ready.contains_key(&id)
     }
 }
 
