@@ -141,27 +141,11 @@ fn while_compiling(app: &mut HeadlessApp, mut look: impl FnMut(&mut HeadlessApp)
     panic!("pipelines are still being compiled: {}", report(app));
 }
 
-#[test]
-fn a_new_feature_takes_no_other_one_away_while_its_shader_is_compiled() {
-    let settings = HeadlessSettings {
-        size: SIZE,
-        synchronous_pipelines: false,
-        ..default()
-    };
-    let plugin = RayTracedReflectionsPlugin {
-        tracer: ReflectionTracerChoice::Bvh,
-        ..default()
-    };
-    let mut app = HeadlessApp::new(settings, |app| _ = app.add_plugins(plugin)).unwrap();
-    app.step(2);
-    if report(&mut app).tracer.is_none() {
-        println!("skipped: {}", report(&mut app));
-        return;
-    }
-    // A mirror and rough metal, both before a wall that only its lightmap lights.
+/// A mirror and rough metal, both before a wall that only its lightmap lights, and their camera.
+fn spawn_metal_before_a_lightmap(app: &mut HeadlessApp) {
     for (x, roughness) in [(-3.0, 0.0), (3.0, 0.3)] {
         spawn_mesh(
-            &mut app,
+            app,
             Rectangle::new(6.0, 12.0),
             metal(roughness),
             Transform::from_xyz(x, 0.0, 0.0),
@@ -176,12 +160,7 @@ fn a_new_feature_takes_no_other_one_away_while_its_shader_is_compiled() {
         ..default()
     };
     let at = Transform::from_xyz(0.0, 0.0, 8.0).looking_to(Vec3::Z, Vec3::Y);
-    let wall = spawn_mesh(
-        &mut app,
-        mesh.with_inserted_attribute(Mesh::ATTRIBUTE_UV_1, uv),
-        baked,
-        at,
-    );
+    let wall = spawn_mesh(app, mesh.with_inserted_attribute(Mesh::ATTRIBUTE_UV_1, uv), baked, at);
     let texel = Image::new(
         Extent3d::default(),
         TextureDimension::D2,
@@ -200,6 +179,26 @@ fn a_new_feature_takes_no_other_one_away_while_its_shader_is_compiled() {
         environment,
         RayTracedReflections::default(),
     ));
+}
+
+#[test]
+fn a_new_feature_takes_no_other_one_away_while_its_shader_is_compiled() {
+    let settings = HeadlessSettings {
+        size: SIZE,
+        synchronous_pipelines: false,
+        ..default()
+    };
+    let plugin = RayTracedReflectionsPlugin {
+        tracer: ReflectionTracerChoice::Bvh,
+        ..default()
+    };
+    let mut app = HeadlessApp::new(settings, |app| _ = app.add_plugins(plugin)).unwrap();
+    app.step(2);
+    if report(&mut app).tracer.is_none() {
+        println!("skipped: {}", report(&mut app));
+        return;
+    }
+    spawn_metal_before_a_lightmap(&mut app);
     warm_up(&mut app);
     app.step(30);
     let before = halves(&app);
