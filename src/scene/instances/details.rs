@@ -263,7 +263,6 @@ mod tests {
             }
         }
         let all = frames as usize * OBJECTS as usize;
-        println!("{} looks instead of {all}", details.looks);
         assert!(details.looks < all / 50, "{} looks instead of {all}", details.looks);
         assert!(details.queue.len() <= 2 * OBJECTS as usize + SHORT);
     }
