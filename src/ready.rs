@@ -22,7 +22,7 @@ use bevy::{
         view::ExtractedView,
     },
 };
-use core::time::Duration;
+use core::{mem, time::Duration};
 
 /// Time for which pipelines of settings that no camera has any more are followed. With less, a camera that is replaced by
 /// another one waits; more follows settings that were tried out.
@@ -68,6 +68,8 @@ struct Known {
     format: TextureFormat,
     /// Everything is compiled.
     is_ready: bool,
+    /// A camera has them in this frame. Others get no variants for new features.
+    is_used: bool,
     /// Time since a camera had them.
     unused: Duration,
 }
@@ -85,8 +87,10 @@ impl KnownSettings {
             // All cameras that reflect have `Hdr`.
             format: TextureFormat::Rgba16Float,
             is_ready: false,
+            is_used: true,
             unused: Duration::ZERO,
         });
+        known.is_used = true;
         known.unused = Duration::ZERO;
         known.format = format.unwrap_or(known.format);
     }
@@ -125,18 +129,21 @@ struct AllPipelines<'w> {
 }
 
 impl AllPipelines<'_> {
-    /// Asks for what a view needs. Returns whether all of that is compiled.
-    fn request(&mut self, known: &Known) -> bool {
+    /// Requests the pipelines of a view.
+    fn request(&mut self, known: &Known) {
+        self.trace.request(&known.settings);
+        self.rates.request(&known.rate);
+        self.denoise.request(&known.settings);
+        self.composite.request(&known.settings, known.format, *self.in_place);
+    }
+
+    /// Returns whether all pipelines of a view are compiled.
+    fn are_ready(&mut self, known: &Known) -> bool {
         let Known {
             settings, rate, format, ..
         } = known;
         let (format, in_place) = (*format, *self.in_place);
-        let vrs_is_ready = self.vrs.is_ready(settings, &self.trace, &self.cache);
-        self.trace.request(settings);
-        self.rates.request(rate);
-        self.denoise.request(settings);
-        self.composite.request(settings, format, in_place);
-        vrs_is_ready
+        self.vrs.is_ready(settings, &self.trace, &self.cache)
             && self.trace.is_ready(&self.cache, settings)
             && self.rates.is_ready(&self.cache, rate)
             && self.denoise.is_ready(&self.cache, settings)
@@ -170,6 +177,9 @@ fn request_pipelines(
         is_used
     });
     for known in known.0.values_mut() {
-        known.is_ready = pipelines.request(known);
+        if mem::take(&mut known.is_used) {
+            pipelines.request(known);
+        }
+        known.is_ready = pipelines.are_ready(known);
     }
 }
