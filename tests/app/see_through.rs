@@ -226,7 +226,7 @@ fn glass_tints_by_its_texture() {
         for (name, mesh, material, expected) in [
             ("textured", rectangle(), &textured, [second, first]),
             ("moved", rectangle(), &moved, [first, second]),
-            ("second UVs", second_half.clone(), &by_second_uvs, [second, second]),
+            ("second UVs", second_half.clone(), &by_second_uvs, [first, first]),
             ("second UVs, not wanted", second_half, &textured, [second, first]),
             ("second UVs, not there", rectangle(), &by_second_uvs, [first, second]),
             ("without UVs", no_uvs, &textured, [TINT, TINT]),
