@@ -192,9 +192,14 @@ pub(super) fn prepare_views(
             culling,
             ..
         } = view;
+        let is_resized = textures.as_ref().is_some_and(|textures| textures.size() != sizes.full);
         let fits = textures.as_mut().is_some_and(|textures| textures.fit(sizes, needs));
         match textures {
             Some(mut textures) if fits => {
+                // Earlier reports were about another size.
+                if let Some(mut culling) = culling.filter(|_| is_resized) {
+                    culling.invalidate();
+                }
                 textures.begin_frame(view, &frame);
                 textures.uniform.write_buffer(&device, &queue);
             }
