@@ -483,6 +483,7 @@ impl Wall {
         uniform.set("accumulated", &[self.accumulated]);
         uniform.set("flags", &[self.flags]);
         uniform.set("size", &self.size.to_array());
+        uniform.set("previous_size", &self.size.to_array());
         uniform.set("trace_size", &self.trace_size().to_array());
         uniform.set("tile_count", &self.tiles().to_array());
         uniform.set("trace_scale", &[self.trace_scale]);

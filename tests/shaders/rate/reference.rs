@@ -155,7 +155,9 @@ impl Case {
         uniform.set("cutoff", &[self.cutoff]);
         uniform.set("flags", &[self.flags]);
         uniform.set("origin", &self.origin.to_array());
+        uniform.set("gbuffer_origin", &self.origin.to_array());
         uniform.set("size", &self.size.to_array());
+        uniform.set("previous_size", &self.size.to_array());
         uniform.set("trace_size", &self.trace_size().to_array());
         uniform.set("tile_count", &self.tile_count().to_array());
         uniform.set("trace_scale", &[self.trace_scale]);
