@@ -12,7 +12,7 @@
 //! # Stranded slices
 //!
 //! Slices that were taken while the buffer was full, and outlive the others, would keep the buffer large. The arena never moves them,
-//! but tells their owners ([`Arena::is_stranded`]), who free them and ask for others. Merged trees, meshes and trees over instances are made again; poses and masks stay.
+//! but tells their owners ([`Arena::is_stranded`]), who free them and ask for others. Merged trees, meshes, masks and trees over instances are made again; poses stay.
 //!
 //! # Order of writes
 //!

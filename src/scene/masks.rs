@@ -121,13 +121,13 @@ impl MaskSets {
         let mut slots = self
             .without_room
             .take(meshes.bvh.used_bytes(), meshes.bvh.may_ask_again());
+        let mut touched = self.move_stranded(surroundings, meshes, queue);
         let changed = changes.images || !changes.materials.is_empty();
         if !changed && !self.unfinished {
             return slots;
         }
         let mut uploaded = 0;
         let mut baking = self.sets.values().filter(|set| set.micromaps.is_baking()).count();
-        let mut touched = HashSet::new();
         self.unfinished = false;
         for (key, set) in &mut self.sets {
             let maps = &mut set.micromaps;
@@ -173,6 +173,35 @@ impl MaskSets {
             slots.extend(of_touched.map(|(slot, _)| slot));
         }
         slots
+    }
+
+    /// Moves masks that keep the buffer large, and returns which. Their micromaps are made anew.
+    fn move_stranded(
+        &mut self,
+        surroundings: &Surroundings,
+        meshes: &mut SceneMeshes,
+        queue: &RenderQueue,
+    ) -> HashSet<MaskKey> {
+        let mut moved = HashSet::new();
+        if !meshes.bvh.has_stranded_slices() {
+            return moved;
+        }
+        for (key, set) in &mut self.sets {
+            if !meshes.bvh.is_stranded(&set.slice) {
+                continue;
+            }
+            let look = Look::of(key, surroundings);
+            let Some(next) = create(key, set.triangles.clone(), look, self.frame, meshes, queue) else {
+                continue;
+            };
+            let users = set.users;
+            let last = core::mem::replace(set, MaskSet { users, ..next });
+            meshes.bvh.free(last.slice);
+            moved.insert(*key);
+        }
+        self.has_new |= !moved.is_empty();
+        self.unfinished |= !moved.is_empty();
+        moved
     }
 
     /// Writes what masks need of materials. Runs after these are packed; `changed` tells whether any of them is another one than
@@ -250,7 +279,9 @@ impl MaskSets {
             return true;
         }
         let look = Look::of(&key, surroundings);
-        let Some(set) = create(&key, look, self.frame, meshes, queue) else {
+        let triangles = meshes.get(key.mesh).and_then(|mesh| mesh.triangles.clone());
+        let set = triangles.and_then(|triangles| create(&key, triangles, look, self.frame, meshes, queue));
+        let Some(set) = set else {
             warn_once!(
                 "cut-out objects are solid in reflections, since meshes leave no room in the largest buffer of this device; use \
                  fewer or smaller meshes, or keep some out with `NotReflected`"
@@ -274,8 +305,14 @@ impl MaskSets {
     }
 }
 
-fn create(key: &MaskKey, look: Look, frame: u64, meshes: &mut SceneMeshes, queue: &RenderQueue) -> Option<MaskSet> {
-    let triangles = meshes.get(key.mesh)?.triangles.clone()?;
+fn create(
+    key: &MaskKey,
+    triangles: Arc<MeshTriangles>,
+    look: Look,
+    frame: u64,
+    meshes: &mut SceneMeshes,
+    queue: &RenderQueue,
+) -> Option<MaskSet> {
     let micromaps = Micromaps::new(look, frame);
     let header = mask_header(NO_TEXTURE, 1.0, 0.0, -1.0);
     let source = triangles.mask_source(key.second_uvs, micromaps.uv_transform());
