@@ -66,8 +66,15 @@ pub struct TracePipelines {
     warm: Features,
     /// Their shaders are compiled.
     is_warm: bool,
-    /// Features that passes of views leave out while shaders are compiled.
-    missing: Features,
+    missing: Missing,
+}
+
+/// Features that passes of views leave out.
+#[derive(Clone, Copy, Default, PartialEq)]
+struct Missing {
+    all: Features,
+    /// Those whose shaders are being compiled.
+    expected: Features,
 }
 
 impl TracePipelines {
@@ -87,12 +94,29 @@ impl TracePipelines {
         })
     }
 
-    /// Features that passes of views leave out, of those that a scene has.
-    fn missing(&self, features: Features, demands: &HashSet<Demand>, cache: &PipelineCache) -> Features {
-        let plans = demands
-            .iter()
-            .filter_map(|demand| self.plan_for(features, *demand, cache));
-        plans.map(Plan::missing).collect()
+    /// Features that passes of views leave out, of those that a scene has, and those among them whose shaders are being compiled.
+    fn missing(&self, features: Features, demands: &HashSet<Demand>, cache: &PipelineCache) -> Missing {
+        let mut found = Missing::default();
+        for demand in demands {
+            let wanted = features | demand.asked;
+            let missing = self.plan_for(features, *demand, cache);
+            let missing = missing.map_or(Features::all(), Plan::missing);
+            found.all |= missing;
+            let mut kernels = kernels(*demand, wanted, self.can_join);
+            if !kernels.any(|kernel| self.has_failed(kernel, kernel.features(wanted), cache)) {
+                found.expected |= missing;
+            }
+        }
+        found
+    }
+
+    /// The shader of a pass doesn't compile with these features. Waiting for it would never end.
+    fn has_failed(&self, kernel: Kernel, wanted: Features, cache: &PipelineCache) -> bool {
+        let is_it = |(features, _): (&Features, _)| *features == wanted;
+        match self.compute(kernel) {
+            Some(pass) => pass.errors(cache).any(is_it),
+            None => self.inline.errors(cache).any(is_it),
+        }
     }
 
     /// Has shaders compiled that the app will need later. In scenes with few lights, those that draw lights don't do.
@@ -105,7 +129,7 @@ impl TracePipelines {
                 self.queue(*demand, features | demand.asked, scene, cache);
             }
         }
-        let lacks = |features: Features| !self.missing(features, demands, cache).is_empty();
+        let lacks = |features: Features| !self.missing(features, demands, cache).expected.is_empty();
         self.is_warm = !is_named || !lacks(few) && !lacks(warm);
     }
 
@@ -128,7 +152,7 @@ impl TracePipelines {
 
     /// No pass of a view leaves anything out that the scene has, or will have by [`ReflectionWarmUp`].
     pub(crate) fn is_complete(&self) -> bool {
-        self.missing.is_empty() && self.is_warm
+        self.missing.expected.is_empty() && self.is_warm
     }
 
     /// Request for the pipeline of the raw Vulkan pass: the shader of [`Kernel::Inline`].
@@ -215,7 +239,7 @@ pub(super) fn init_trace_pipelines(
         features: Features::MASKED,
         warm: Features::empty(),
         is_warm: true,
-        missing: Features::empty(),
+        missing: Missing::default(),
     });
 }
 
@@ -297,8 +321,8 @@ pub(super) fn queue_trace_pipelines(
     }
     pipelines.warm_up(&demands, &scene, &cache);
     let missing = pipelines.missing(pipelines.features, &demands, &cache);
-    // Views at rest begin anew: the frames that they have gathered lack what was left out.
-    if missing.is_empty() && !pipelines.missing.is_empty() {
+    // Views at rest begin anew: the frames that they have gathered have other features.
+    if missing.all != pipelines.missing.all {
         scene.version.note(Change::Unmarked);
     }
     pipelines.missing = missing;
