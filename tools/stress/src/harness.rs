@@ -20,8 +20,8 @@ use bevy::{
     time::TimeUpdateStrategy,
 };
 use bevy_glint::{
-    RayTracedReflectionsPlugin, ReflectionNonFiniteReport, ReflectionStatus, ReflectionStatusReport, ReflectionTracer,
-    ReflectionTracerChoice,
+    RayTracedReflectionsPlugin, ReflectionNonFiniteReport, ReflectionRetention, ReflectionStatus,
+    ReflectionStatusReport, ReflectionTracer, ReflectionTracerChoice,
     internals::{Copied, Target, readback},
 };
 use glint_scenes::{
@@ -290,6 +290,8 @@ fn add_plugins(app: &mut App, settings: &HarnessSettings, clock: &SystemClock) {
         .insert_resource(PointLightShadowMap { size: 64 })
         .insert_resource(RenderErrorHandler(|error, world, _| handle_error(error, world)))
         .insert_resource(Recovery(settings.device.clone()))
+        // Scenes are looked for leaks right after their cameras are gone.
+        .insert_resource(ReflectionRetention(Duration::ZERO))
         .init_resource::<CaughtErrors>();
     if settings.diagnostics {
         app.add_plugins(RenderDiagnosticsPlugin);
