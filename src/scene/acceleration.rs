@@ -1,7 +1,7 @@
 //! The driver's acceleration structures, for the ray-query tracer.
 //!
-//! wgpu rebuilds a TLAS from all of its instances, and also processes them on the CPU. With many objects, the moving ones are therefore
-//! in a TLAS of their own: the cost then follows the number of moving objects. Rays search both.
+//! wgpu rebuilds a TLAS from all of its instances, and also processes them on the CPU. Scenes with many objects therefore put the moving
+//! ones into a second TLAS, so that the cost of a movement follows the number of moving objects. Rays search both.
 
 mod blas;
 mod object;
@@ -26,18 +26,19 @@ pub use blas::BlasKey;
 pub use object::{PosedVertices, RayQueryInstance};
 pub use tlas::rows;
 
-/// Triangles that go into one build command, to bound the driver's scratch memory.
+/// Maximum number of triangles in one build command, to bound the driver's scratch memory.
 const TRIANGLES_PER_BUILD: u32 = 4_000_000;
-/// Number of objects from which moving ones have a TLAS of their own. More saves rays a second search in smaller scenes; less saves the
-/// CPU time of building one over all of them.
+/// Number of objects from which moving ones get a second TLAS. A higher number saves rays a second search in smaller scenes; a lower one
+/// saves the CPU time of rebuilding a TLAS over all objects.
 const MANY_OBJECTS: usize = 1024;
-/// Number of objects in the moving TLAS that no longer move. More makes each movement cost more; fewer rebuilds all more often.
+/// Maximum number of objects in the moving TLAS that no longer move. A higher number makes each movement cost more; a lower one causes
+/// more full rebuilds.
 const MOST_IDLE: usize = 256;
-/// Number of objects in the static TLAS that have moved or gone. A ray that hits one of them there is traced again from behind it. More
-/// makes rays slower; fewer rebuilds all more often.
+/// Maximum number of objects in the static TLAS that have moved or gone. A ray that hits one of them there is traced again from behind it.
+/// A higher number makes rays slower; a lower one causes more full rebuilds.
 const MOST_LEFT: usize = 256;
-/// Frames until more of them go back to the others, which takes a build over all objects. More makes movements expensive for longer; fewer
-/// makes frames that take long more frequent while objects stream in.
+/// Minimum number of frames between full rebuilds that are due to idle objects ([`MOST_IDLE`]). A higher number makes movements expensive
+/// for longer; a lower one makes long frames more frequent while objects stream in.
 const IDLE_FRAMES: u32 = 60;
 
 /// The objects of a frame.
@@ -48,41 +49,41 @@ pub struct RayQueryObjects<'a> {
     pub slots: u32,
     /// Slots with objects that appeared, disappeared, moved or changed otherwise.
     pub changed: &'a [u32],
-    /// The object of a slot, where there is one that rays can hit.
+    /// Returns the object of a slot, if rays can hit it.
     pub get: &'a dyn Fn(u32) -> Option<RayQueryInstance>,
-    /// A TLAS of their own is allowed to objects that move.
+    /// Moving objects are allowed a TLAS of their own.
     pub may_split: bool,
 }
 
-/// BLASes of all meshes in use and the TLASes over them.
+/// BLASes of all meshes in use, and the TLASes over them.
 pub struct AccelerationStructures {
     blas: HashMap<BlasKey, (u64, Blas)>,
-    /// Structures of objects with a pose, by slot.
+    /// BLASes of posed objects, by slot.
     posed: HashMap<u32, PosedBlas>,
     /// Variants that can't be built, with the mesh's version.
     refused: HashMap<BlasKey, u64>,
-    /// When it is tried again, as is a TLAS that lacked memory.
+    /// When to retry refused BLASes, and a TLAS that lacked memory.
     retry: MemoryRetry,
-    /// All objects, except those of `moving`.
+    /// The TLAS of all objects except those in `moving`.
     still: ResizableTlas,
     /// By slot, whether `still` was built with the object.
     is_still: Vec<bool>,
     /// BLASes that `still` was built with.
     still_blas: HashSet<BlasKey>,
     moving: Option<ResizableTlas>,
-    /// Slots of the objects in `moving`, in order: so their objects are read as they lie in memory.
+    /// Slots of the objects in `moving`, sorted, so that their objects are read in memory order.
     movers: Vec<u32>,
     /// By slot, whether the object is in `moving`.
     is_mover: Vec<bool>,
-    /// Slots that `still` was built with, and with objects that have moved or gone since. Rays don't see them there.
+    /// Slots with objects that `still` was built with and that have moved or gone since. Rays ignore them there.
     left: Vec<u32>,
-    /// They are others than at the last call of [`Self::take_left`].
+    /// `left` has changed since the last call of [`Self::take_left`].
     left_changed: bool,
     /// Frames since the last build over all objects.
     age: u32,
     /// Changes when one of [`Self::tlas`] becomes another object.
     pub generation: u64,
-    /// Builds that wait for the commands by which objects are posed.
+    /// Builds to submit after the commands that pose objects.
     commands: Vec<CommandBuffer>,
 }
 
@@ -108,12 +109,12 @@ impl AccelerationStructures {
         }
     }
 
-    /// The TLASes for binding. The second one is the first again where no objects have one of their own.
+    /// The TLASes for binding. Without a TLAS of moving objects, the second one is the first again.
     pub fn tlas(&self) -> [&Tlas; 2] {
         [&self.still.tlas, &self.moving.as_ref().unwrap_or(&self.still).tlas]
     }
 
-    /// Returns whether objects that move have a TLAS of their own.
+    /// Returns whether moving objects have a TLAS of their own.
     pub fn is_split(&self) -> bool {
         self.moving.is_some()
     }
@@ -123,12 +124,12 @@ impl AccelerationStructures {
         self.movers.len()
     }
 
-    /// Slots that rays must not see in the first TLAS, where they changed since the last call.
+    /// Slots that rays must ignore in the first TLAS, or `None` if they haven't changed since the last call.
     pub fn take_left(&mut self) -> Option<&[u32]> {
         core::mem::take(&mut self.left_changed).then_some(self.left.as_slice())
     }
 
-    /// Number of these slots.
+    /// Number of slots that rays must ignore in the first TLAS.
     pub fn left_count(&self) -> usize {
         self.left.len()
     }
@@ -143,14 +144,14 @@ impl AccelerationStructures {
             if let Some(moving) = &mut self.moving {
                 moving.ask_again();
             }
-            // Waiting objects can belong to either structure.
+            // The retried objects can belong to either TLAS.
             self.is_still.clear();
         }
         is_due
     }
 
-    /// Builds missing BLASes, and lets [`Self::take_commands`] build those of posed objects and a TLAS. Returns the number of BLASes
-    /// built. Structures that don't fit into the device's memory are skipped for a while.
+    /// Builds missing BLASes, and records the builds of posed objects and of a TLAS for [`Self::take_commands`]. Returns the number of
+    /// BLASes built. Structures that don't fit into the device's memory are skipped for a while.
     pub fn build(
         &mut self,
         objects: &RayQueryObjects,
@@ -167,12 +168,12 @@ impl AccelerationStructures {
         built.unwrap_or_else(|| self.build_all(objects, is_split, meshes, device, queue))
     }
 
-    /// Remaining commands to submit, after those that pose objects.
+    /// Remaining commands, to be submitted after the ones that pose objects.
     pub fn take_commands(&mut self) -> Vec<CommandBuffer> {
         core::mem::take(&mut self.commands)
     }
 
-    /// Has all that changed in the TLAS of objects that move from now on. Returns false where all must be built.
+    /// Moves all changed objects to the moving TLAS. Returns false if everything must be rebuilt.
     fn follow_changes(&mut self, objects: &RayQueryObjects) -> bool {
         if self.moving.is_none() || self.is_still.is_empty() {
             return false;
@@ -192,7 +193,7 @@ impl AccelerationStructures {
         self.is_mover.resize(objects.slots as usize, false);
         let before = self.movers.len();
         for &slot in objects.changed {
-            // Slots at the end can be gone.
+            // Slots at the end might be gone.
             if let Some(is_mover) = self.is_mover.get_mut(slot as usize)
                 && !core::mem::replace(is_mover, true)
             {
@@ -205,7 +206,7 @@ impl AccelerationStructures {
         true
     }
 
-    /// Builds the TLAS of objects that move. Returns `None` where it is time for a build over all objects.
+    /// Builds the moving TLAS. Returns `None` if a build over all objects is due.
     fn build_moving(
         &mut self,
         objects: &RayQueryObjects,
@@ -265,13 +266,13 @@ impl AccelerationStructures {
             self.moving = is_split.then(|| ResizableTlas::new(device, queue));
             self.generation += 1;
         }
-        // Objects with a pose count as moving.
+        // Posed objects count as moving.
         let (with_still, with_moving): (&[u32], _) = if is_split {
             (&[], &*posed.last)
         } else {
             (&posed.last, [].as_slice())
         };
-        // Otherwise the last one stays, with all that has left it.
+        // On failure, the previous TLAS stays in use, along with its list of left objects.
         if self.build_level(Level::Still, &still, with_still, meshes, device) {
             self.is_still = is_still;
             self.left_changed |= !self.left.is_empty();
@@ -283,7 +284,7 @@ impl AccelerationStructures {
         built + posed.count
     }
 
-    /// Has commands build the BLASes of these posed objects, then a TLAS. Returns false where that stays as it was.
+    /// Records commands that build the BLASes of these posed objects, then a TLAS. Returns false if the TLAS stays as it was.
     fn build_level(
         &mut self,
         level: Level,
@@ -304,7 +305,7 @@ impl AccelerationStructures {
         let mut outcome = level.build(instances, &entries, blas_in(&self.blas, &self.posed), device);
         drop(entries);
         if outcome.commands.is_none() && !posed.is_empty() {
-            // Others might fit. Objects that keep their pose from now on have no other build to wait for.
+            // Without these, the TLAS might fit. An object that keeps its pose from now on would never be rebuilt, so it is dropped.
             self.posed.retain(|slot, _| !posed.contains(slot));
             outcome = level.build(instances, &[], blas_in(&self.blas, &self.posed), device);
             outcome.lacking = true;
@@ -318,7 +319,7 @@ impl AccelerationStructures {
         is_built
     }
 
-    /// Drops BLASes of meshes that are gone or replaced, or that nothing uses.
+    /// Drops the BLASes of removed or replaced meshes, and unused ones.
     fn drop_unused(&mut self, is_used: impl Fn(&BlasKey) -> bool, meshes: &SceneMeshes) {
         let is_current = |key: &BlasKey, version: u64| {
             meshes.get(key.mesh).is_some_and(|mesh| mesh.version == version) && is_used(key)
@@ -382,8 +383,8 @@ impl AccelerationStructures {
         built
     }
 
-    /// Builds the BLASes of objects with a changed pose, except for a last part, and drops those of removed objects. wgpu has no updates,
-    /// so they are rebuilt as fast as the driver can.
+    /// Builds the BLASes of objects with a changed pose, except for a last batch, and drops the BLASes of removed objects. wgpu has no
+    /// BLAS updates, so they are rebuilt with the fastest build that the driver has.
     fn build_posed(
         &mut self,
         instances: &[RayQueryInstance],
@@ -428,7 +429,7 @@ impl AccelerationStructures {
                 stale.push(instance.slot);
             }
         }
-        // In parts, since the driver's scratch memory grows with the size of a build.
+        // Built in batches, since the driver's scratch memory grows with the size of a build.
         let mut rest = stale.as_slice();
         let last = loop {
             let mut triangles = 0;
@@ -451,7 +452,7 @@ impl AccelerationStructures {
             let commands = record_builds("glint_posed_blas_build", &entries, None, device);
             drop(entries);
             if commands.is_none() {
-                // Objects that keep their pose from now on have no other build to wait for.
+                // An object that keeps its pose from now on would never be rebuilt, so it is dropped.
                 lacking = true;
                 self.posed.retain(|slot, _| !batch.contains(slot));
             }
@@ -478,18 +479,18 @@ enum Level {
 #[derive(Default)]
 struct PosedBuilds {
     count: u64,
-    /// Slots that are built together with the TLAS: a separate build takes twice the CPU time.
+    /// Slots to build together with the TLAS: a separate build takes twice the CPU time.
     last: Vec<u32>,
 }
 
-/// The BLAS of an object with a pose.
+/// The BLAS of a posed object.
 struct PosedBlas {
     blas: PendingBlas,
-    /// As of the last build.
+    /// Revision of the pose in the last build.
     revision: u64,
 }
 
-/// By slot, whether it is that of one of these objects.
+/// Flags by slot: true if one of these objects is there.
 fn flags_of(objects: &[&RayQueryInstance], slots: u32) -> Vec<bool> {
     let mut flags = vec![false; slots as usize];
     for object in objects {
@@ -498,10 +499,10 @@ fn flags_of(objects: &[&RayQueryInstance], slots: u32) -> Vec<bool> {
     flags
 }
 
-/// BLASes of objects without a pose.
+/// BLASes of the objects without a pose.
 fn blas_keys(objects: &[RayQueryInstance]) -> HashSet<BlasKey> {
     let mut keys = HashSet::default();
-    // Neighbours often show the same mesh.
+    // Neighbours often use the same mesh.
     let mut last = None;
     for object in objects.iter().filter(|object| object.posed.is_none()) {
         if last.replace(object.blas) != Some(object.blas) {
@@ -511,7 +512,7 @@ fn blas_keys(objects: &[RayQueryInstance]) -> HashSet<BlasKey> {
     keys
 }
 
-/// Finds the BLAS of an object, if it is built.
+/// Finds the BLAS of an object, if it has been built.
 fn blas_in<'a>(
     blas: &'a HashMap<BlasKey, (u64, Blas)>,
     posed: &'a HashMap<u32, PosedBlas>,

@@ -1,4 +1,4 @@
-//! Tracks whether any camera wants reflections. Some time after the last one did, the scene isn't mirrored any more.
+//! Tracks whether any camera uses reflections. The GPU scene is dropped some time after the last one stopped.
 
 use bevy::ecs::prelude::*;
 use core::time::Duration;
@@ -6,18 +6,18 @@ use core::time::Duration;
 /// Tracks whether any active camera has [`RayTracedReflections`](crate::RayTracedReflections).
 #[derive(Resource, Default)]
 pub struct SceneActivity {
-    /// The scene is mirrored: at least one camera does, or did a short time ago.
+    /// The GPU scene is kept up to date: a camera uses reflections, or did a short time ago.
     pub active: bool,
-    /// This is the first such frame since there was none (or since the device was recovered): everything must be mirrored anew.
+    /// The first frame with `active` after it was false, or after the device was recovered: everything must be extracted again.
     pub started: bool,
-    /// At least one camera does now. Otherwise all stays as the last ones saw it.
+    /// A camera uses reflections in this frame. Otherwise the scene stays as the last camera saw it.
     pub watched: bool,
-    /// Time since then.
+    /// Time since the last frame with such a camera.
     unwatched: Duration,
 }
 
 impl SceneActivity {
-    /// Takes over whether any camera wants reflections in this frame, `delta` after the last one. The scene is kept for a time.
+    /// Updates for a frame, `delta` after the last one; `watched` if any camera uses reflections. The scene is kept for the time `kept`.
     pub fn follow(&mut self, watched: bool, delta: Duration, kept: Duration) {
         self.unwatched = if watched {
             Duration::ZERO

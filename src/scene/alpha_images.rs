@@ -1,4 +1,4 @@
-//! Alpha channels of images for opacity micromaps, copied from the main world while something is made of them.
+//! Alpha channels of images, copied from the main world while opacity micromaps are made of them.
 
 use super::bvh::AlphaTexels;
 use bevy::{
@@ -10,39 +10,39 @@ use bevy::{
 };
 use std::sync::Arc;
 
-/// Texels that are copied in one frame: about a millisecond, since the main world waits for it.
+/// Texels copied in one frame. They take about a millisecond, and the main world waits for it.
 const TEXELS_PER_FRAME: usize = 1 << 20;
-/// Images of more texels are not looked at.
+/// Larger images are skipped.
 const MOST_TEXELS: u64 = 1 << 26;
 
-/// An alpha channel, as far as it is known.
+/// State of an alpha channel.
 enum AlphaImage {
     Copying(AlphaTexels),
     Ready(Arc<AlphaTexels>),
-    /// The main world has no data that could be read.
+    /// The main world has no readable data.
     Unreadable,
 }
 
-/// An image, and which of its contents ([`super::textures::TextureTable::finest_level`]).
+/// An image and the version of its content ([`super::textures::TextureTable::finest_level`]).
 pub(super) type ImageContent = (AssetId<Image>, u64);
 
 /// State of an alpha channel, as [`AlphaImages::get`] reports it.
 pub(super) enum ImageState {
     Ready(Arc<AlphaTexels>),
-    /// Ask again in the next frame.
+    /// Not copied yet: retry in the next frame.
     Loading,
-    /// Its alpha channel can not be had.
+    /// The alpha channel is unavailable.
     Unreadable,
 }
 
-/// Alpha channels that something waits for.
+/// Alpha channels that have been requested.
 #[derive(Resource, Default)]
 pub(super) struct AlphaImages {
     images: HashMap<ImageContent, AlphaImage>,
 }
 
 impl AlphaImages {
-    /// The alpha channel of an image, which is copied from now on.
+    /// Returns the alpha channel of an image. The first call starts the copy.
     pub fn get(&mut self, content: ImageContent) -> ImageState {
         match self
             .images
@@ -55,7 +55,7 @@ impl AlphaImages {
         }
     }
 
-    /// Forgets all images but these.
+    /// Drops all images that aren't wanted.
     pub fn keep(&mut self, wanted: impl Fn(&ImageContent) -> bool) {
         self.images.retain(|content, _| wanted(content));
     }
@@ -105,7 +105,7 @@ fn readable(image: &Image) -> Option<Source<'_>> {
     let size = texture.size;
     let texels = u64::from(size.width) * u64::from(size.height);
     let flat = texture.dimension == TextureDimension::D2 && size.depth_or_array_layers == 1;
-    // Contents that the GPU writes are not known here.
+    // The main world doesn't have contents that the GPU writes.
     let is_written = texture
         .usage
         .intersects(TextureUsages::RENDER_ATTACHMENT | TextureUsages::STORAGE_BINDING);
@@ -172,7 +172,7 @@ mod tests {
         }
         copy_rows(&source, &mut copy, &mut 2);
         assert_eq!(copy.texels, [3, 7, 11, 15, 19, 23]);
-        // An image that was replaced meanwhile starts again.
+        // An image that was replaced meanwhile starts over.
         let wide = Source {
             width: 6,
             height: 1,

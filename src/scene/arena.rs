@@ -1,25 +1,26 @@
 //! A GPU buffer that grows and hands out slices of itself.
 //!
-//! Bindings stay few when all meshes share one buffer. `slice_allocator` decides where slices lie and how large the buffer has to be;
-//! [`Arena`] owns the buffer.
+//! All meshes share one buffer, so few bindings are needed. `slice_allocator` decides where slices lie and how large the buffer has to
+//! be; [`Arena`] owns the buffer.
 //!
 //! # Growth
 //!
-//! A larger buffer is filled in parts, one in each frame, so that no frame waits for the copy of a large one ([`Arena::advance`]). It
-//! then replaces the old buffer. Until then, slices beyond the end of the old buffer are not [in reach](Arena::is_in_reach): callers wait
-//! if they can, and a write to such a slice copies the rest at once.
+//! Growing copies the buffer in parts, one per frame, so that no frame waits for a large copy ([`Arena::advance`]). The new buffer then
+//! replaces the old one. Until then, slices beyond the end of the old buffer are not [in reach](Arena::is_in_reach): callers wait if they
+//! can, and a write to such a slice copies the rest at once.
 //!
 //! # Stranded slices
 //!
-//! Slices that were taken while the buffer was full, and outlive the others, would keep the buffer large. The arena never moves them,
-//! but tells their owners ([`Arena::is_stranded`]), who free them and ask for others. Merged trees, meshes, masks and trees over instances are made again; poses stay.
+//! Slices that were allocated while the buffer was full, and outlive the others, would keep the buffer large. The arena never moves
+//! slices. Instead, owners poll [`Arena::is_stranded`], free such slices and allocate new ones. Merged trees, meshes, masks and
+//! TLASes are rebuilt; poses stay.
 //!
 //! # Order of writes
 //!
-//! [`Arena::write`] goes through the queue: the bytes land when the next submission starts, before any of its commands. Each part of a
-//! copy is submitted at once. Writes before a part is copied therefore reach the old buffer ahead of the copy and are copied with it, and
-//! later writes go to both buffers. Commands recorded in the same frame with a bind group of the old buffer still see valid content. A
-//! freed slice can be reused and overwritten in the same frame: all references to it must be updated in that frame too.
+//! [`Arena::write`] goes through the queue: the bytes are written when the next submission starts, before any of its commands. Each part
+//! of a copy is submitted at once. Writes before a part is copied therefore reach the old buffer ahead of the copy and are copied with
+//! it, and later writes go to both buffers. Commands recorded in the same frame with a bind group of the old buffer still see valid
+//! content. A freed slice can be reused and overwritten in the same frame: all references to it must be updated in that frame too.
 
 mod slice_allocator;
 
@@ -35,53 +36,53 @@ use wgpu::COPY_BUFFER_ALIGNMENT;
 
 pub use slice_allocator::ArenaSlice;
 
-/// Bytes of a buffer that are copied to its replacement in one frame, at least: a few milliseconds where the GPU is a CPU.
+/// Minimum number of bytes copied to a replacement per frame: a few milliseconds on a CPU driver.
 const LEAST_PART: u64 = 4 << 20;
-/// Frames that the replacement of a large buffer takes.
+/// Frames that it takes to replace a large buffer.
 const PARTS: u64 = 32;
 
-/// Frames until owners of stranded slices are asked to move them, doubled each time that this didn't help. More keeps the buffer large
-/// for longer; fewer moves slices that the next level would have freed anyway. Half a second at 60 Hz, not tuned.
+/// Frames until owners of stranded slices are asked to move them, doubled after each attempt that didn't help. A higher number keeps the
+/// buffer large for longer; a lower one moves slices that the next level would have freed anyway. Half a second at 60 Hz, not tuned.
 const STRANDED_FRAMES: u32 = 32;
 
-/// A buffer on its way to replace another one. Nothing is in it alone.
+/// A buffer that is about to replace another one, which still contains all of its data.
 struct Replacement {
     buffer: Buffer,
-    /// Bytes from the start on that are copied, or cleared behind the end of the old buffer.
+    /// Number of bytes copied so far, from the start. Bytes beyond the end of the old buffer are cleared instead.
     done: u64,
-    /// Ranges of bytes, by their start, that shaders have written meanwhile: they are copied at the end.
+    /// Byte ranges that shaders have written meanwhile, keyed by their start. They are copied last.
     written: BTreeMap<u64, u64>,
 }
 
 /// A storage buffer of `u32` words that grows by half whenever its slices need more room, up to the limits of the device.
 ///
-/// It never moves slices inside the buffer: [`ArenaSlice::base`] stays valid when the buffer is replaced. While it grows, the old and the
-/// new buffer exist side by side; where the device has no memory for both, it stays as it is.
+/// It never moves slices inside the buffer: [`ArenaSlice::base`] stays valid when the buffer is replaced. While the arena grows, the old
+/// and the new buffer exist side by side. If the device lacks memory for both, it doesn't grow.
 pub struct Arena {
     device: RenderDevice,
     label: &'static str,
     usages: BufferUsages,
     allocator: SliceAllocator,
     buffer: Buffer,
-    /// A larger buffer, for slices that [`Self::buffer`] does not reach, or a smaller one.
+    /// A larger buffer, for slices beyond the end of [`Self::buffer`], or a smaller one.
     replacement: Option<Replacement>,
-    /// [`LEAST_PART`]; less in tests, for which a large buffer would be too large for some devices.
+    /// [`LEAST_PART`]; less in tests, since some devices can't allocate a buffer of many such parts.
     least_part: u64,
-    /// Bytes that the device had no memory for, since a slice was given back last.
+    /// Size in bytes that the device has refused since the last slice was freed.
     refused: u64,
-    /// When it is asked for them again.
+    /// When to retry a refused allocation.
     retry: MemoryRetry,
-    /// The device can be asked in this frame.
+    /// Refused allocations can be retried in this frame.
     may_ask_again: bool,
     generation: u64,
     stranded: Stranded,
 }
 
-/// The slices that should move in this frame, if there are any.
+/// Slices that should move in this frame.
 struct Stranded {
-    /// They end behind this unit.
+    /// Slices that end beyond this unit are stranded.
     from: Option<u32>,
-    /// Frames until the next attempt, and from there to the one after it.
+    /// Frames until the next attempt, and from that one to the next.
     wait: u32,
     pause: u32,
 }
@@ -97,7 +98,7 @@ impl Default for Stranded {
 }
 
 impl Stranded {
-    /// Takes the result of [`SliceAllocator::stranded_from`] in this frame.
+    /// Updates for a frame, with the result of [`SliceAllocator::stranded_from`].
     fn advance(&mut self, found: Option<u32>) {
         self.from = None;
         if found.is_none() {
@@ -113,8 +114,8 @@ impl Stranded {
 }
 
 impl Arena {
-    /// An arena with slices at multiples of `unit_words` words, and a buffer of up to `max_bytes`, within the device's limits. `usages`
-    /// are added to `STORAGE | COPY_SRC | COPY_DST`.
+    /// Creates an arena that allocates in multiples of `unit_words` words, with a buffer of up to `max_bytes`, within the device's
+    /// limits. `usages` are added to `STORAGE | COPY_SRC | COPY_DST`.
     pub fn new(
         device: &RenderDevice,
         label: &'static str,
@@ -145,8 +146,8 @@ impl Arena {
         }
     }
 
-    /// Takes `words` words, at least one unit. `None` if they do not fit in [`Self::max_bytes`], if the device has no memory for
-    /// them, or if there are more than some 130 000 slices: the caller has to do without and tell the user.
+    /// Allocates `words` words, at least one unit. Returns `None` if they don't fit in [`Self::max_bytes`], if the device lacks memory,
+    /// or if there are more than about 130 000 slices: the caller has to do without and warn the user.
     pub fn allocate(&mut self, words: u32) -> Option<ArenaSlice> {
         let before = self.allocator.capacity_units;
         let slice = self.allocator.allocate(words)?;
@@ -158,14 +159,14 @@ impl Arena {
                 return None;
             }
         } else {
-            // A smaller buffer would not do any more.
+            // A replacement that is too small for the slice is dropped.
             let end = self.allocator.bytes(end);
             self.replacement.take_if(|replacement| replacement.buffer.size() < end);
         }
         Some(slice)
     }
 
-    /// Makes a buffer of the capacity that the allocator wants, or one that ends here.
+    /// Creates a buffer of the capacity that the allocator wants, or else one that ends at `end`.
     fn make_room_up_to(&mut self, end: u32) -> bool {
         for units in [self.allocator.capacity_units, end] {
             let size = self.allocator.bytes(units);
@@ -200,13 +201,13 @@ impl Arena {
         is_there
     }
 
-    /// Gives a slice back. Slices of other arenas, such as that of a lost device, are ignored.
+    /// Frees a slice. Slices of other arenas, such as that of a lost device, are ignored.
     pub fn free(&mut self, slice: ArenaSlice) {
         self.allocator.free(slice);
         self.refused = u64::MAX;
     }
 
-    /// Carries on with a replacement of the buffer, once in each frame. Begins one by a smaller buffer where most is free at the end.
+    /// Continues to replace the buffer; call once per frame. Starts to shrink the buffer if most of its end is free.
     pub fn advance(&mut self, queue: &RenderQueue) {
         self.may_ask_again = self.retry.is_due();
         if self.may_ask_again {
@@ -217,7 +218,7 @@ impl Arena {
             let size = self.allocator.bytes(units);
             let is_growth = |replacement: &mut Replacement| replacement.buffer.size() > self.buffer.size();
             if size <= self.buffer.size() && self.replacement.take_if(is_growth).is_some() {
-                // It isn't needed any more.
+                // The replacement isn't needed any more.
                 self.allocator.capacity_units = (self.buffer.size() / self.allocator.bytes(1)) as u32;
             }
             let is_wanted = size < self.buffer.size() && size < self.refused && self.replacement.is_none();
@@ -231,28 +232,28 @@ impl Arena {
         }
     }
 
-    /// Returns whether it is time to retry an allocation that the device refused.
+    /// Returns whether callers should retry an allocation that the device refused.
     pub fn may_ask_again(&self) -> bool {
         self.may_ask_again
     }
 
-    /// Returns whether the device has lately had no memory for a larger buffer.
+    /// Returns whether the device has lately refused memory for a larger buffer.
     pub fn lacks_memory(&self) -> bool {
         self.refused != u64::MAX
     }
 
-    /// Returns whether a slice keeps the buffer large. In this frame, its owner should free it and take another one, or begin to.
+    /// Returns whether a slice keeps the buffer large. Its owner should free it in this frame and allocate a new one, or start to.
     pub fn is_stranded(&self, slice: &ArenaSlice) -> bool {
         let end = slice.end(self.allocator.unit_words);
         self.stranded.from.is_some_and(|from| end > from)
     }
 
-    /// Returns whether [`Self::is_stranded`] is true of any slice in this frame.
+    /// Returns whether [`Self::is_stranded`] is true for any slice in this frame.
     pub fn has_stranded_slices(&self) -> bool {
         self.stranded.from.is_some()
     }
 
-    /// Returns whether a slice can be written without a copy of a large buffer: if not, that can be done in one of the next frames.
+    /// Returns whether a slice can be written without copying a large buffer first. If not, a later frame can write it.
     pub fn is_in_reach(&self, slice: &ArenaSlice) -> bool {
         let is_small = |replacement: &Replacement| replacement.buffer.size() <= LEAST_PART;
         self.is_resident(slice) || self.replacement.as_ref().is_some_and(is_small)
@@ -262,13 +263,13 @@ impl Arena {
         self.allocator.bytes(slice.end(self.allocator.unit_words)) <= self.buffer.size()
     }
 
-    /// Writes from the start of the slice on, before the commands of the next submission. Words beyond the slice's end are left
-    /// out, and so are those for another arena's slice.
+    /// Writes from the start of the slice, before the commands of the next submission. Words beyond the slice's end are dropped, and so
+    /// are writes to another arena's slice.
     pub fn write(&mut self, queue: &RenderQueue, slice: &ArenaSlice, words: &[u32]) {
         self.write_from(queue, slice, 0, words);
     }
 
-    /// Writes from the given word of the slice on.
+    /// Writes from the given word of the slice.
     pub fn write_from(&mut self, queue: &RenderQueue, slice: &ArenaSlice, first: usize, words: &[u32]) {
         let room = (slice.words as usize).saturating_sub(first);
         debug_assert!(slice.arena == self.allocator.id && words.len() <= room);
@@ -290,8 +291,8 @@ impl Arena {
         }
     }
 
-    /// Notes that commands of this frame write to a slice, and that nothing asks for other room before they are submitted.
-    /// [`Self::buffer`] reaches it from then on.
+    /// Call before recording commands of this frame that write to a slice. Until they are submitted, nothing may be allocated. From then
+    /// on, [`Self::buffer`] contains the slice.
     pub fn begin_gpu_write(&mut self, queue: &RenderQueue, slice: &ArenaSlice) {
         self.make_resident(queue, slice);
         if let Some(replacement) = &mut self.replacement {
@@ -307,7 +308,7 @@ impl Arena {
         }
     }
 
-    /// Copies this number of bytes to the replacement, which replaces the buffer after the last of them.
+    /// Copies this number of bytes to the replacement. After the last of them, it replaces the buffer.
     fn carry_on(&mut self, bytes: u64, queue: &RenderQueue) {
         let Some(mut replacement) = self.replacement.take() else {
             return;
@@ -333,7 +334,7 @@ impl Arena {
         if cleared.start < cleared.end {
             encoder.clear_buffer(buffer, cleared.start, Some(cleared.end - cleared.start));
         }
-        // At once: later writes to the new buffer must not be overtaken by the copy.
+        // Submitted at once, so that later writes to the new buffer come after the copy.
         queue.submit([encoder.finish()]);
         *done = end;
         if end < size {
@@ -345,33 +346,33 @@ impl Arena {
         }
     }
 
-    /// The current buffer. Bind groups with it have to be rebuilt when [`Self::generation`] changes.
+    /// The current buffer. Bind groups with it must be rebuilt when [`Self::generation`] changes.
     pub fn buffer(&self) -> &Buffer {
         &self.buffer
     }
 
-    /// Changes whenever the buffer object is replaced, and is unlike that of any other arena.
+    /// Changes whenever the buffer object is replaced; unique across arenas.
     pub fn generation(&self) -> u64 {
         self.generation
     }
 
-    /// Bytes in slices, in whole units.
+    /// Allocated bytes, in whole units.
     pub fn used_bytes(&self) -> u64 {
         self.allocator.bytes(self.allocator.used_units)
     }
 
-    /// Bytes of the buffer.
+    /// Size of the buffer in bytes.
     pub fn capacity_bytes(&self) -> u64 {
         self.buffer.size()
     }
 
-    /// Bytes that the buffer can grow to.
+    /// Size in bytes up to which the buffer can grow.
     pub fn max_bytes(&self) -> u64 {
         self.allocator.bytes(self.allocator.max_units)
     }
 }
 
-/// Bytes of a large buffer that are copied in one frame. Copies have to begin and end at multiples of a word.
+/// Bytes of a large buffer to copy in one frame. Copies must begin and end at multiples of a word.
 fn part_of(size: u64) -> u64 {
     (size / PARTS).next_multiple_of(COPY_BUFFER_ALIGNMENT)
 }

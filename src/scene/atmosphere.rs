@@ -1,4 +1,4 @@
-//! Bevy's atmosphere as rays see it: sunlight comes through the air, and rays that miss see the sky. `atmosphere.wesl` is the GPU side.
+//! Bevy's atmosphere for rays: air attenuates sunlight, and rays that miss see the sky. `atmosphere.wesl` is the GPU side.
 
 use bevy::{
     math::{Mat4, Vec3, Vec3A},
@@ -12,7 +12,7 @@ use bytemuck::{Pod, Zeroable};
 pub struct GpuAir {
     /// Rows of the 3x4 matrix from the world to metres from the planet's centre.
     pub air_from_world: [[f32; 4]; 3],
-    /// Rows of the rotation from the world to the table of the sky. Its second axis points up at the viewer's position.
+    /// Rows of the rotation from the world to the sky-view table. Its second axis points up at the viewer's position.
     pub sky_from_world: [[f32; 4]; 3],
     /// Radius of the planet in metres; 0 without an atmosphere.
     pub inner_radius: f32,
@@ -20,17 +20,17 @@ pub struct GpuAir {
     pub outer_radius: f32,
     /// Distance of the viewer from the centre.
     pub viewer_radius: f32,
-    /// Brings it to a multiple of 16 bytes.
+    /// Pads the struct to a multiple of 16 bytes.
     pub unused: f32,
 }
 
 const _: () = assert!(size_of::<GpuAir>() == 112);
 
-/// Height above the ground to which Bevy lifts everything that lies lower, in metres.
+/// Bevy raises every point to at least this height above the ground, in metres.
 const LEAST_HEIGHT: f32 = 1.0;
 
 impl GpuAir {
-    /// The atmosphere as a viewer sees it; `None` where its numbers make no sense.
+    /// The atmosphere for a viewer; `None` if its parameters are invalid.
     pub fn new(atmosphere: &ExtractedAtmosphere, viewer: Vec3) -> Option<Self> {
         let air_from_world = atmosphere.world_to_atmosphere;
         let place = Vec3A::from(air_from_world.transform_point3(viewer));
@@ -50,19 +50,19 @@ impl GpuAir {
     }
 }
 
-/// The way in which Bevy adds the haze of an atmosphere to a view.
+/// How Bevy adds the haze of an atmosphere to a view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AerialView {
-    /// Metres up to which a table of it reaches; 0 where Bevy marches along each ray in its place.
+    /// Metres that the aerial-view table covers; 0 if Bevy marches along each ray instead.
     pub distance: f32,
     /// Layers of that table.
     pub layers: u32,
-    /// Points of a ray in each layer, or on all of its way.
+    /// Samples along a ray: per layer of the table, or in total.
     pub samples: u32,
 }
 
 impl AerialView {
-    /// The view's settings; `None` where they give no haze.
+    /// The view's settings; `None` if they produce no haze.
     pub fn new(settings: &GpuAtmosphereSettings) -> Option<Self> {
         let marched = Self {
             distance: 0.0,
@@ -87,7 +87,7 @@ fn rows(matrix: Mat4) -> [[f32; 4]; 3] {
     [0, 1, 2].map(|row| matrix.row(row).to_array())
 }
 
-/// Axes of the table of the sky, as `prepare_atmosphere_transforms` of Bevy has them: up is the normal of the planet at the viewer.
+/// Axes of the sky-view table, as in Bevy's `prepare_atmosphere_transforms`: up is the planet's normal at the viewer.
 fn axes(place: Vec3A) -> [Vec3A; 3] {
     let up = place.try_normalize().unwrap_or(Vec3A::Y);
     let level = |axis: Vec3A| (axis - up * up.dot(axis)).try_normalize();

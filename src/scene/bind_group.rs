@@ -52,7 +52,7 @@ pub struct SceneBindings {
     pub(crate) contents: BindGroupContents,
     pub(super) tracer: ReflectionTracer,
     texture_def: Option<&'static str>,
-    /// Haze can lie before what rays hit.
+    /// There can be haze in front of the surfaces that rays hit.
     can_have_haze: bool,
     scatter_kernels: ScatterKernels,
     pub(super) instances: InstanceTable,
@@ -65,19 +65,19 @@ pub struct SceneBindings {
     pub(super) merge: StaticMerge,
     pub(super) masks: MaskSets,
     pub(super) poses: Poses,
-    /// Objects with glass, water and the like.
+    /// Objects with see-through materials such as glass and water.
     pub(crate) see_through: SeeThroughObjects,
-    /// Opaque objects without pixels in Bevy's G-buffer.
+    /// Opaque objects that Bevy doesn't draw into its G-buffer.
     pub(crate) forward: ForwardObjects,
     pub(super) lightmaps: Lightmaps,
     pub(super) light_probes: LightProbes,
-    /// Features that tables have noted; [`Self::features`] has all of them.
+    /// Features that tables have reported; [`Self::features`] returns all of them.
     pub(super) features: Features,
     pub(super) acceleration: Option<AccelerationStructures>,
-    /// All back ends in use know of two acceleration structures.
+    /// All back ends in use support two acceleration structures.
     pub(super) may_split: bool,
     defs_version: u32,
-    /// Counts changes.
+    /// Counts changes of the scene.
     pub(crate) version: SceneVersion,
     /// Generations of the resources that the bind group was created from.
     generations: [u64; 8],
@@ -168,28 +168,28 @@ impl SceneBindings {
         self.uniform_data.light_count > 64
     }
 
-    /// Returns whether objects have moved since the last frame, by a motion that is known.
+    /// Returns whether objects have moved since the last frame with known motion.
     pub(crate) fn knows_motions(&self) -> bool {
         self.instances.knows_motions()
     }
 
-    /// Returns whether there is anything that Bevy may draw in front of its G-buffer and that can reflect.
+    /// Returns whether there are reflective surfaces that Bevy might draw in front of its G-buffer.
     pub(crate) fn has_layer_surfaces(&self) -> bool {
         self.see_through.entities().next().is_some() || self.has_forward_surfaces()
     }
 
-    /// Returns whether there is anything opaque that Bevy draws forward and that can reflect.
+    /// Returns whether there are reflective opaque surfaces that Bevy draws in its forward pass.
     pub(crate) fn has_forward_surfaces(&self) -> bool {
         self.forward.count() > 0
     }
 
-    /// Has tables write many changes by kernels, once these are compiled.
+    /// Lets tables upload large changes by compute kernels, once these are compiled.
     pub(super) fn follow_kernels(&mut self, cache: &PipelineCache) {
         self.instances.follow_kernel(&self.scatter_kernels, cache);
         self.lights.follow_kernel(&self.scatter_kernels, cache);
     }
 
-    /// Gives back what an idle scene doesn't need.
+    /// Frees the memory that an idle scene doesn't need.
     pub(super) fn release(&mut self, meshes: &mut SceneMeshes, device: &RenderDevice, queue: &RenderQueue) {
         self.merge.clear(meshes);
         self.masks.clear(meshes);
@@ -212,7 +212,7 @@ impl SceneBindings {
         self.generations = [u64::MAX; 8];
     }
 
-    /// Generations of the resources that a bind group of this frame would be created from.
+    /// Generations of the resources that this frame's bind group would use.
     fn current_generations(&self, meshes: &SceneMeshes, textures: &TextureTable) -> [u64; 8] {
         let acceleration = self.acceleration.as_ref();
         [
@@ -238,14 +238,14 @@ impl SceneBindings {
     }
 }
 
-/// The textures of the scene, and the sampler of images that have none of their own.
+/// The textures of the scene, and the sampler for images without their own.
 #[derive(SystemParam)]
 pub(super) struct SceneTextures<'w> {
     table: Res<'w, TextureTable>,
     default_sampler: Res<'w, DefaultImageSamplerDescriptor>,
 }
 
-/// Makes the bind group anew where one of its resources was replaced.
+/// Rebuilds the bind group if one of its resources was replaced.
 pub(super) fn prepare_scene_bind_group(
     mut bindings: ResMut<SceneBindings>,
     meshes: Res<SceneMeshes>,
@@ -307,7 +307,7 @@ pub(super) fn prepare_scene_bind_group(
         }
     }
     if !current {
-        // Other buffers and textures hold what the last ones held, but for changes that are noted already.
+        // New buffers and textures have the same contents as the old ones, except for changes that are already noted.
         if bindings.bind_group.is_none() {
             bindings.version.note(Change::Unmarked);
         }

@@ -1,27 +1,27 @@
 //! Changes of the scene, by their effect on views that converge while nothing changes.
 
-/// Frames for which a changed object stays marked: rays are few, and objects can move in some frames only. More keeps views from
-/// converging for longer after a change; less misses changes that few rays hit.
+/// Frames for which a changed object stays marked: only some pixels trace rays each frame, and objects can move in some frames
+/// only. A higher number keeps views from converging for longer after a change; a lower one misses changes that few rays hit.
 pub const RESTLESS_FRAMES: u32 = 16;
 
 /// A change of the scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Change {
-    /// There is none.
+    /// No change.
     #[default]
     Nothing,
-    /// Rays tell whether they meet it, by a mark on an instance, a material or a light. It concerns the views in which they do.
+    /// An instance, a material or a light is marked, so that rays detect the change. It affects the views in which they do.
     Marked,
-    /// It concerns all views: something came, went or began to move, and rays that meet it no longer can't tell.
+    /// The change affects all views: an object appeared, disappeared or began to move, and rays that no longer hit it can't detect that.
     Unmarked,
 }
 
 /// Counts changes of the scene that rays can see.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SceneVersion {
-    /// All of them.
+    /// All changes.
     pub all: u32,
-    /// Changes that concern all views.
+    /// Changes that affect all views.
     pub unmarked: u32,
 }
 

@@ -1,5 +1,5 @@
-//! Comparison of many change ticks at a time. Queries with filters for changes take ten times as long in large worlds, since they ask for
-//! each entity and component in turn.
+//! Compares many change ticks at a time. In large worlds, queries with change filters take ten times as long, since they check each
+//! entity and component separately.
 
 use bevy::ecs::change_detection::Tick;
 use core::ops::Range;
@@ -14,7 +14,7 @@ pub(super) fn blocks(entities: usize) -> impl Iterator<Item = Range<usize>> {
         .map(move |begin| begin..(begin + BLOCK).min(entities))
 }
 
-/// Tells which changes came after the last run.
+/// Decides which changes came after the last run.
 #[derive(Clone, Copy)]
 pub(super) struct Clock {
     /// The first tick after the last run.
@@ -35,14 +35,14 @@ impl Clock {
         tick.get().wrapping_sub(self.first) < self.since
     }
 
-    /// Without branches, so that many are compared at a time.
+    /// Branchless, so that the compiler vectorises the comparison.
     pub fn any_is_new(&self, ticks: &[Tick]) -> bool {
         self.any_may_be_new(ticks) && ticks.iter().fold(0, |any, tick| any | u32::from(self.is_new(*tick))) != 0
     }
 
-    /// Returns false where none is new, unless ticks are from many hours ago. Half of the instructions of an exact answer.
+    /// Returns false if no tick is new, unless ticks are many hours old. Takes half of the instructions of an exact check.
     fn any_may_be_new(&self, ticks: &[Tick]) -> bool {
-        // Differences of old ticks are negative, and those of new ones aren't.
+        // Differences are negative for old ticks, and not for new ones.
         let all = ticks
             .iter()
             .fold(u32::MAX, |all, tick| all & tick.get().wrapping_sub(self.first));

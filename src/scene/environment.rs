@@ -28,11 +28,11 @@ use bytemuck::{Pod, Zeroable};
 
 pub use bindings::{EnvironmentBindings, layout_descriptor, prepare_environments};
 
-/// Fog may have a texture of its density, and rays know the medium of an atmosphere. Not in browsers, which allow 16 textures in a pass:
-/// some passes have as many without them.
+/// Whether there are bindings for fog density textures and for the medium of an atmosphere. Browsers allow 16 textures in a pass, which
+/// some passes use up without them.
 pub(super) const MANY_TEXTURES: bool = !cfg!(target_arch = "wasm32");
 
-/// Returns whether a device has what haze needs: Bevy's tables of a medium are filtered, and hold 32-bit floats.
+/// Returns whether a device supports haze: it filters Bevy's tables of the medium, which have 32-bit floats.
 pub(super) fn can_have_haze(features: WgpuFeatures) -> bool {
     MANY_TEXTURES && features.contains(WgpuFeatures::FLOAT32_FILTERABLE)
 }
@@ -57,7 +57,7 @@ pub struct GpuEnvironment {
     pub ambient_color: [f32; 3],
     /// Factor from scene units to the values of the colour target.
     pub exposure: f32,
-    /// Linear clear colour; exposed already.
+    /// Linear clear colour, already exposed.
     pub background: [f32; 3],
     /// `ENVIRONMENT_` flags, and the bits of the view's groups (`render_layers.rs`).
     pub flags: u32,
@@ -75,15 +75,15 @@ pub struct GpuEnvironment {
     pub fixed_texture_level: f32,
     /// The atmosphere around the viewer; zeros without one.
     pub air: GpuAir,
-    /// Fog that the camera draws.
+    /// Fog volumes that the camera draws.
     pub fog_volumes: [GpuFogVolume; MAX_FOG_VOLUMES],
-    /// Linear colour times intensity of the ambient light in that fog; exposed already.
+    /// Linear colour times intensity of the ambient light in these volumes, already exposed.
     pub fog_ambient: [f32; 3],
-    /// Volumes that are there, at the beginning.
+    /// Number of fog volumes, which come first in the array.
     pub fog_volume_count: u32,
-    /// Point and spot lights that shine into that fog.
+    /// Point and spot lights that shine into these volumes.
     pub fog_lamps: [GpuLight; MAX_FOG_LAMPS],
-    /// Lamps that are there, at the beginning.
+    /// Number of these lights, which come first in the array.
     pub fog_lamp_count: u32,
     /// [`AerialView::distance`].
     pub aerial_distance: f32,
@@ -102,11 +102,11 @@ pub struct ViewEnvironment {
     /// Diffuse and specular cube map.
     maps: Option<(AssetId<Image>, AssetId<Image>)>,
     skybox: Option<AssetId<Image>>,
-    /// The texture of the density of fog.
+    /// The density texture of the fog volumes.
     fog_density: Option<AssetId<Image>>,
-    /// The medium of the atmosphere whose haze lies before what rays hit.
+    /// The medium of the atmosphere, if it causes haze.
     medium: Option<AssetId<ScatteringMedium>>,
-    /// The rest of what Bevy's tables of the atmosphere hold: the ground's colour, and how finely they are summed up.
+    /// Further inputs of Bevy's atmosphere tables: the ground's colour, and the numbers of samples.
     air_tables: Option<(Vec3, [u32; 4])>,
 }
 
@@ -130,33 +130,33 @@ fn into_image(rotation: Quat) -> [f32; 4] {
 }
 
 impl ViewEnvironment {
-    /// Returns whether rays that miss, or rough surfaces, see an image.
+    /// Returns whether the sky or the light on rough surfaces comes from this image.
     pub(super) fn shows(&self, image: AssetId<Image>) -> bool {
         let maps = self.maps.map(|(diffuse, specular)| [diffuse, specular]);
         self.skybox == Some(image) || self.fog_density == Some(image) || maps.is_some_and(|maps| maps.contains(&image))
     }
 
-    /// The view lies in an atmosphere.
+    /// Returns whether the view is in an atmosphere.
     pub(super) fn has_air(&self) -> bool {
         self.uniform.air != GpuAir::default()
     }
 
-    /// Haze of the atmosphere lies before what rays hit.
+    /// Returns whether the atmosphere adds haze in front of the surfaces that rays hit.
     pub(super) fn has_haze(&self, features: WgpuFeatures) -> bool {
         self.medium.is_some() && can_have_haze(features)
     }
 
-    /// The view shows volumes of fog with a texture of their density.
+    /// Returns whether the view has fog volumes with a density texture.
     pub(super) fn has_fog_density(&self) -> bool {
         self.fog_density.is_some()
     }
 
-    /// The view shows volumes of fog.
+    /// Returns whether the view has fog volumes.
     pub(super) fn has_fog_volumes(&self) -> bool {
         self.uniform.fog_volume_count > 0
     }
 
-    /// Gathers what surrounds a camera. `background` is its clear colour and `ambient` its ambient colour with brightness.
+    /// Gathers the environment of a camera. `background` is its clear colour, and `ambient` its ambient colour with brightness.
     fn new(
         settings: &ClampedSettings,
         exposure: f32,
@@ -215,7 +215,7 @@ impl ViewEnvironment {
     }
 }
 
-/// Cameras that reflect, with what surrounds them.
+/// Reflecting cameras, with the components of their environment.
 pub(super) type ReflectingCameras<'w, 's> = Query<
     'w,
     's,
@@ -234,10 +234,10 @@ pub(super) type ReflectingCameras<'w, 's> = Query<
     ),
 >;
 
-/// Bevy's atmospheres, as views see them.
+/// Bevy's atmospheres, by view.
 pub(super) type Atmospheres<'w, 's> = Query<'w, 's, (&'static ExtractedAtmosphere, &'static GpuAtmosphereSettings)>;
 
-/// Gives every reflecting view its [`ViewEnvironment`] and takes it from the others. `scene_layers` are those of this frame.
+/// Updates the [`ViewEnvironment`] of every reflecting view, and removes it from other views. `scene_layers` are the layers of this frame.
 pub(super) fn follow_environments(
     cameras: &ReflectingCameras,
     ambient: Option<&GlobalAmbientLight>,
@@ -273,7 +273,7 @@ pub(super) fn follow_environments(
             skybox,
         );
         environment.uniform.flags |= scene_layers.groups_of_camera(drawn, reflected);
-        // Bevy extracts atmospheres in the same schedule: this is that of the last frame.
+        // Bevy extracts atmospheres in the same schedule, so this is the atmosphere of the last frame.
         if let Ok((atmosphere, settings)) = atmospheres.get(entity) {
             environment.breathe(atmosphere, settings, place.translation());
         }

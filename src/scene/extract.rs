@@ -1,5 +1,5 @@
-//! Systems that mirror the main world. There are few, each for several tables: each looks its queries and resources up anew, which takes
-//! longest in worlds that leave nothing in the caches of the processor.
+//! Systems that extract the scene from the main world. We keep their number small, with several tables per system: each one looks up its
+//! queries and resources again, which are cache misses in large worlds.
 
 use super::{
     activity::SceneActivity,
@@ -27,7 +27,7 @@ use bevy::{
     render::{Extract, renderer::RenderDevice},
 };
 
-/// Parts of the main world that say for whom the scene is mirrored, and what is gone from it.
+/// Parts of the main world that determine for which cameras the scene is extracted, and which entities are gone.
 #[derive(SystemParam)]
 pub(super) struct Onlookers<'w, 's> {
     cameras: ReflectingCameras<'w, 's>,
@@ -39,7 +39,7 @@ pub(super) struct Onlookers<'w, 's> {
     removed: RemovedFromScene<'w, 's>,
 }
 
-/// Runs before all other extraction of the scene. Some time after the last camera reflected, the scene isn't mirrored any more.
+/// Runs before all other extraction of the scene. Extraction stops some time after the last camera reflected.
 pub(super) fn begin_extraction(
     mut world: Extract<Onlookers>,
     mut commands: Commands,
@@ -79,7 +79,7 @@ pub(super) fn begin_extraction(
     instances.compact();
 }
 
-/// Forgets objects that are gone, and mirrors poses and meshes of the others. Runs after all objects have been mirrored.
+/// Drops objects that are gone, and extracts poses and meshes of the others. Runs after all objects have been extracted.
 pub(super) fn extract_shapes(
     mut world: Extract<(PoseWorld, MeshWorld)>,
     activity: Res<SceneActivity>,
@@ -104,7 +104,7 @@ pub(super) fn extract_shapes(
     );
 }
 
-/// Mirrors lights and light probes.
+/// Extracts lights and light probes.
 pub(super) fn extract_lighting(
     world: Extract<(LightWorld, ProbeWorld)>,
     activity: Res<SceneActivity>,
@@ -120,7 +120,7 @@ pub(super) fn extract_lighting(
     }
 }
 
-/// Follows images of the main world.
+/// Tracks images of the main world.
 pub(super) fn extract_images(
     mut world: Extract<(Option<Res<Assets<Image>>>, MessageReader<AssetEvent<Image>>)>,
     mut textures: ResMut<TextureTable>,

@@ -1,5 +1,5 @@
-//! What shaders are compiled for: one bit for each feature of the scene, the views and the app, and one row that says which definition it
-//! is and which passes see it.
+//! Features that shaders are compiled with: one bit for each feature of the scene, the views and the app, and one table row with its
+//! definition and the passes that use it.
 
 use crate::settings::{ClampedSettings, ReflectionWarmUp};
 use bitflags::bitflags;
@@ -8,28 +8,28 @@ bitflags! {
     /// Features that shaders are compiled with or without.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     pub struct Features: u32 {
-        /// Rays can hit something that needs the alpha test. Always set with ray queries, whose shaders don't differ.
+        /// Rays can hit objects that need the alpha test. Always set with ray queries, whose shaders don't differ.
         const MASKED = 1;
         /// The scene's trees need a larger stack.
         const DEEP_TREES = 1 << 1;
         /// Reflecting cameras draw different layers.
         const RENDER_LAYERS = 1 << 2;
-        /// Some object tints the light that it lets through.
+        /// Some object tints the light that passes through it.
         const TINTS = 1 << 3;
-        /// Some object lets a part of the rays through, which exact mirrors follow without chance.
+        /// Some object lets a part of the rays through. Exact mirrors trace its layers deterministically.
         const LAYERS = 1 << 4;
         /// Some object refracts first rays.
         const REFRACTION = 1 << 5;
         /// There are light probes.
         const LIGHT_PROBES = 1 << 6;
-        /// There are so many lights that hits draw some of them.
+        /// There are enough lights for hits to sample some of them.
         const LIGHT_SAMPLING = 1 << 7;
-        /// There are more lights than hits have bits for (`SHARED_LIGHTS` of `shading.wesl`), or fog that lights shine through, so that
-        /// the pass that shades hits traces rays.
+        /// There are more lights than hits have bits for (`SHARED_LIGHTS` of `shading.wesl`), or fog that lights shine through: the pass
+        /// that shades hits then traces rays.
         const MANY_LIGHTS = 1 << 8;
-        /// Some view lies in an atmosphere.
+        /// Some view is in an atmosphere.
         const ATMOSPHERE = 1 << 9;
-        /// Its haze lies before what some view shows.
+        /// The atmosphere adds haze in front of the surfaces of some view.
         const HAZE = 1 << 10;
         /// Some object has a lightmap.
         const LIGHTMAPS = 1 << 11;
@@ -41,19 +41,19 @@ bitflags! {
         const RECT_LIGHTS = 1 << 14;
         /// Some light has a texture.
         const LIGHT_TEXTURES = 1 << 15;
-        /// Some view shows volumes of fog.
+        /// Some view has fog volumes.
         const FOG_VOLUMES = 1 << 16;
-        /// Some of them have a texture of their density.
+        /// Some fog volume has a density texture.
         const FOG_DENSITY = 1 << 17;
         /// Bevy draws opaque surfaces forward.
         const FORWARD_SURFACES = 1 << 18;
-        /// The app's shader changes the surfaces of hits.
+        /// The app's shader modifies the surfaces of hits.
         const SURFACE_SHADER = 1 << 19;
         /// The view follows rays beyond their first hit.
         const BOUNCES = 1 << 20;
-        /// Hits take light from what the camera showed.
+        /// Hits take light from the camera's last frame.
         const SCREEN_TRACES = 1 << 21;
-        /// Rays also march through the depth of what it showed.
+        /// Rays also march through the camera's depth.
         const SCREEN_MARCH = 1 << 22;
     }
 }
@@ -62,36 +62,36 @@ bitflags! {
     /// Passes that are compiled for the scene.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
     pub struct Passes: u8 {
-        /// Rays of blocks up to their first hit.
+        /// Traces rays of blocks to their first hit.
         const RAYS = 1;
-        /// Shading of these hits, without rays.
+        /// Shades these hits without tracing rays.
         const SHADING = 1 << 1;
-        /// Shading of these hits by a pass that traces rays.
+        /// Shades these hits and traces rays.
         const TRACED_SHADING = 1 << 2;
-        /// Shading of these hits beside the rays of exact mirrors.
+        /// Shades these hits, and also traces rays of exact mirrors.
         const SHADING_AND_MIRRORS = 1 << 3;
-        /// Rays of exact mirrors, and their shading.
+        /// Traces rays of exact mirrors and shades their hits.
         const MIRRORS = 1 << 4;
-        /// One ray for each pixel, and its shading.
+        /// Traces and shades one ray per pixel.
         const CONVERGED = 1 << 5;
-        /// Rays of fragments, and their shading.
+        /// Traces and shades rays of fragments.
         const INLINE = 1 << 6;
-        /// The pass that finds the front layer.
+        /// Finds the front layer.
         const FRONT_LAYER = 1 << 7;
 
-        /// All that trace and shade hits.
+        /// All passes that both trace and shade hits.
         const SHADED_RAYS =
             Self::SHADING_AND_MIRRORS.bits() | Self::MIRRORS.bits() | Self::CONVERGED.bits() | Self::INLINE.bits();
-        /// All that shade hits.
+        /// All passes that shade hits.
         const ALL_SHADING = Self::SHADING.bits() | Self::TRACED_SHADING.bits() | Self::SHADED_RAYS.bits();
-        /// All that trace rays from the surfaces of a view.
+        /// All passes that trace rays from the surfaces of a view.
         const FIRST_RAYS = Self::RAYS.bits() | Self::SHADED_RAYS.bits();
-        /// All that trace rays and shade, or trace shadow rays.
+        /// All passes that trace reflection rays, or shadow rays.
         const ALL_TRACING = Self::FIRST_RAYS.bits() | Self::TRACED_SHADING.bits();
     }
 }
 
-/// A feature, its definition, and the passes that see it.
+/// A feature, its definition, and the passes that use it.
 struct Row {
     feature: Features,
     definition: &'static str,
@@ -145,26 +145,26 @@ const TABLE: [Row; 23] = {
     ]
 };
 
-/// A compiled variant of a pass, in place of the one that was wanted.
+/// A compiled variant of a pass to use in place of the requested one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Fit {
     pub features: Features,
-    /// Features that were wanted and are left out.
+    /// Requested features that it lacks.
     pub missing: Features,
 }
 
 impl Features {
-    /// Features that a view's settings ask for. Bindings follow them, so that no variant with others can take the place of one.
+    /// Features that depend on a view's settings. Bindings depend on them too, so a variant must match them exactly.
     const SETTINGS: Self = Self::BOUNCES.union(Self::SCREEN_TRACES).union(Self::SCREEN_MARCH);
-    /// Features without which rays go astray, while without others they only lack some light. With `LIGHT_SAMPLING`, hits see no lights
-    /// but directional ones outside of its tree.
+    /// Features without which rays go wrong; without the others, hits only lack some light. A variant with `LIGHT_SAMPLING` is as bad if
+    /// the feature isn't requested: outside of the light tree, hits only see directional lights.
     const GRAVE: Self = Self::MASKED
         .union(Self::DEEP_TREES)
         .union(Self::RENDER_LAYERS)
         .union(Self::LIGHT_SAMPLING);
-    /// Features that a variant may have where nothing asks for them: they find nothing to do.
+    /// Features that a variant can have without a request: they then have no effect.
     pub(crate) const HARMLESS: Self = Self::all().difference(Self::SETTINGS).difference(Self::SURFACE_SHADER);
-    /// All that the raw Vulkan pass has, in any scene whose device has what light probes need.
+    /// All features of the raw Vulkan pass, in any scene on a device that supports light probes.
     pub(crate) const OF_VRS: Self = Self::LIGHTMAPS
         .union(Self::CLEARCOAT)
         .union(Self::ATMOSPHERE)
@@ -173,7 +173,7 @@ impl Features {
         .union(Self::DIFFUSE_TRANSMISSION)
         .union(Self::LIGHT_PROBES);
 
-    /// Features that a view asks for.
+    /// Features that depend on a view's settings.
     pub(crate) fn asked_by(settings: &ClampedSettings) -> Self {
         let asked = [
             (settings.has_bounces(), Self::BOUNCES),
@@ -210,7 +210,7 @@ impl Features {
             .collect()
     }
 
-    /// The features that make a difference to a pass.
+    /// The features that affect a pass.
     pub(crate) fn seen_by(self, pass: Passes) -> Self {
         let seen: Self = TABLE
             .iter()
@@ -219,7 +219,7 @@ impl Features {
             .collect();
         let seen = self & seen;
         if pass == Passes::SHADING {
-            // It traces no rays: one pipeline serves scenes with and without masks.
+            // The pass traces no rays, so one pipeline serves scenes with and without masks.
             seen | Self::MASKED
         } else if self.contains(Self::MASKED) {
             seen
@@ -234,8 +234,8 @@ impl Features {
         rows.map(|row| row.definition).filter(|name| !name.is_empty())
     }
 
-    /// The compiled variant that leaves out least of what is wanted; `None` where there is none for these settings of a view. It may have
-    /// some more of the features `spare`: so a feature that comes, or goes, takes no other one away while its shader is compiled.
+    /// Returns the compiled variant that lacks the fewest requested features; `None` if there is none for the view's settings. It can have
+    /// unrequested features out of `spare`, so that no other feature disappears while shaders are compiled for one that came or went.
     pub(crate) fn best_of(self, compiled: impl IntoIterator<Item = Self>, spare: Self) -> Option<Fit> {
         let fit = |features: Self| Fit {
             features,
@@ -255,7 +255,7 @@ impl Features {
 }
 
 impl Fit {
-    /// How much is left out, to compare it with other variants: first what leads rays astray.
+    /// Ranks a variant by the features that it lacks, first by those without which rays go wrong.
     pub fn loss(self) -> (u32, u32) {
         let grave = self.missing & Features::GRAVE;
         (grave.bits().count_ones(), self.missing.bits().count_ones())
@@ -293,7 +293,7 @@ mod tests {
         let fit = wanted.best_of(compiled, Features::HARMLESS);
         assert_eq!(fit.map(|fit| fit.missing), Some(Features::RECT_LIGHTS));
         assert_eq!(best(wanted, &[RICH, wanted]), Some(wanted));
-        // Where only the richer one was ever compiled, nothing goes black.
+        // If only the richer variant was ever compiled, it is used and nothing turns black.
         assert_eq!(best(wanted, &[RICH]), Some(RICH));
         assert_eq!(best(wanted, &[]), None);
     }
@@ -303,10 +303,10 @@ mod tests {
         let wanted = RICH - Features::LIGHT_PROBES;
         let fit = wanted.best_of([Features::MASKED, RICH], Features::HARMLESS).unwrap();
         assert_eq!((fit.features, fit.missing), (RICH, Features::empty()));
-        // One goes, another one comes.
+        // One feature goes, another one comes.
         let other = wanted | Features::CLEARCOAT;
         assert_eq!(best(other, &[Features::MASKED, RICH]), Some(RICH));
-        // The least of those that lack nothing.
+        // Of the complete variants, the one with the fewest features.
         assert_eq!(best(wanted, &[RICH | Features::HAZE, RICH]), Some(RICH));
     }
 
@@ -315,7 +315,7 @@ mod tests {
         let unmasked = (RICH | Features::CLEARCOAT) - Features::MASKED;
         assert_eq!(best(RICH, &[unmasked, Features::MASKED]), Some(Features::MASKED));
         assert_eq!(best(RICH, &[unmasked]), Some(unmasked));
-        // A shader for masks is right for scenes without.
+        // A shader for masks also works in scenes without them.
         assert_eq!(best(unmasked - Features::CLEARCOAT, &[RICH]), Some(RICH));
     }
 
@@ -369,7 +369,7 @@ mod tests {
         let rays = seen(Passes::RAYS);
         assert!(!rays.intersects(Features::LIGHTMAPS | Features::HAZE | Features::RECT_LIGHTS | Features::BOUNCES));
         assert!(rays.contains(Features::REFRACTION | Features::DIFFUSE_TRANSMISSION | Features::SCREEN_TRACES));
-        // The rays' pass must know that it tests directional lights alone.
+        // The ray pass needs it in order to test only directional lights.
         assert!(rays.contains(Features::LIGHT_SAMPLING));
         let plain = seen(Passes::SHADING);
         assert!(plain.contains(Features::LIGHTMAPS | Features::HAZE | Features::ATMOSPHERE | Features::TINTS));
@@ -380,7 +380,7 @@ mod tests {
         let find = seen(Passes::FRONT_LAYER);
         let of_find = Features::MASKED | Features::DEEP_TREES | Features::RENDER_LAYERS | Features::FORWARD_SURFACES;
         assert_eq!(find, of_find);
-        // Without masks rays pass through nothing.
+        // Without masks, rays pass through nothing.
         let opaque = Features::all() - Features::MASKED;
         let bent = Features::LAYERS | Features::REFRACTION;
         assert!(!opaque.seen_by(Passes::MIRRORS).intersects(bent));

@@ -1,5 +1,5 @@
-//! Volumes of fog (`FogVolume`) as rays see them, and lamps that shine into them (`VolumetricLight`): those nearest to a camera that
-//! draws them. `trace/volumes.wesl` is the GPU side, and `trace/fog_density.wesl` for density textures.
+//! Volumes of fog (`FogVolume`) for rays, and lights that shine into them (`VolumetricLight`): the ones nearest to each camera that
+//! draws fog. The GPU side is `trace/volumes.wesl`, and `trace/fog_density.wesl` for density textures.
 
 use super::{
     gpu_types::{GpuLight, LIGHT_CASTS_SHADOW},
@@ -19,38 +19,38 @@ use bevy::{
 };
 use bytemuck::{Pod, Zeroable};
 
-/// Volumes that rays of a camera know; `environment.wesl` has the same number.
+/// Maximum number of volumes per camera; `environment.wesl` has the same number.
 pub const MAX_FOG_VOLUMES: usize = 4;
-/// Lamps in fog that rays of a camera know; `environment.wesl` has the same number.
+/// Maximum number of lights in fog per camera; `environment.wesl` has the same number.
 pub const MAX_FOG_LAMPS: usize = 8;
 
 /// `FogVolume` of `environment.wesl`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct GpuFogVolume {
-    /// Rows of the 3x4 matrix into a space where the volume reaches from -0.5 to 0.5.
+    /// Rows of the 3x4 matrix into a space in which the volume extends from -0.5 to 0.5.
     pub volume_from_world: [[f32; 4]; 3],
-    /// Share of light that a metre scatters in all directions, times its colour.
+    /// Scattering coefficient per metre over all directions, times colour.
     pub scattered: [f32; 3],
-    /// Part of the light that is lost in a metre, as an exponent.
+    /// Extinction coefficient per metre.
     pub extinction: f32,
     /// Asymmetry of the Henyey-Greenstein phase function: -1 (back to the light) to 1 (away from it).
     pub asymmetry: f32,
-    /// Part of ambient light that is lost in a metre, as an exponent: Bevy takes the density for 1 there.
+    /// Extinction coefficient of ambient light per metre: here, Bevy assumes a density of 1.
     pub ambient_extinction: f32,
-    /// Radius of the sphere that Bevy takes it for, in metres.
+    /// Radius of the sphere by which Bevy approximates the volume, in metres.
     pub radius: f32,
-    /// 1: the view's texture scales its density.
+    /// 1 if the view's texture scales the density.
     pub textured: u32,
-    /// Shift of that texture in its own coordinates.
+    /// Offset into that texture, in its own coordinates.
     pub texture_offset: [f32; 3],
-    /// Brings it to a multiple of 16 bytes.
+    /// Pads the struct to a multiple of 16 bytes.
     pub unused: f32,
 }
 
 const _: () = assert!(size_of::<GpuFogVolume>() == 96);
 
-/// The nearest items, and how many they are.
+/// The nearest items, and their number.
 pub type Nearest<T, const MOST: usize> = ([T; MOST], u32);
 
 /// The fog volumes of the main world.
@@ -64,7 +64,7 @@ pub type FogVolumes<'w, 's> = Query<
     ),
 >;
 
-/// Lamps of one kind that shine into fog.
+/// Lights of one kind that shine into fog.
 type Lamps<'w, 's, L> = Query<
     'w,
     's,
@@ -77,7 +77,7 @@ type Lamps<'w, 's, L> = Query<
     With<VolumetricLight>,
 >;
 
-/// Fog of the main world, and lamps that shine into it.
+/// Fog of the main world, and lights that shine into it.
 #[derive(SystemParam)]
 pub struct FogWorld<'w, 's> {
     volumes: FogVolumes<'w, 's>,
@@ -86,7 +86,7 @@ pub struct FogWorld<'w, 's> {
 }
 
 impl FogWorld<'_, '_> {
-    /// The volumes that are nearest to a viewer.
+    /// The volumes nearest to a viewer.
     pub fn nearest_volumes(&self, viewer: Vec3) -> Nearest<GpuFogVolume, MAX_FOG_VOLUMES> {
         let texture = self.density_texture(viewer);
         let visible = self.volumes.iter().filter(|(_, _, visibility)| visibility.get());
@@ -97,12 +97,12 @@ impl FogWorld<'_, '_> {
         )
     }
 
-    /// The texture of densities that rays of a camera know: that of the nearest volume which has one.
+    /// The density texture for rays of a camera: the one of the nearest volume that has one.
     pub fn density_texture(&self, viewer: Vec3) -> Option<AssetId<Image>> {
         let visible = self.volumes.iter().filter(|(_, _, visibility)| visibility.get());
         let mut textured = visible.filter_map(|(volume, place, _)| {
             let texture = texture_of(volume)?;
-            // Fog that isn't seen decides nothing.
+            // Invisible fog is ignored.
             pack_fog_volume(volume, place)?;
             Some((place.translation().distance_squared(viewer), texture))
         });
@@ -121,7 +121,7 @@ impl FogWorld<'_, '_> {
         Some(nearest.1)
     }
 
-    /// The lamps that reach a volume and are nearest to a viewer.
+    /// The lights that reach a volume, nearest to a viewer first.
     pub fn nearest_lamps(&self, viewer: Vec3, layers: &SceneLayers) -> Nearest<GpuLight, MAX_FOG_LAMPS> {
         let visible = self.volumes.iter().filter(|(_, _, visibility)| visibility.get());
         let bounds: Vec<(Vec3, f32)> = visible
@@ -137,7 +137,7 @@ impl FogWorld<'_, '_> {
     }
 }
 
-/// Lamps of one kind that shine into fog, and where they are: in Bevy, only those with shadow maps do.
+/// Lights of one kind that shine into fog, and their positions. In Bevy, only lights with shadow maps do.
 fn lamps<L: Component>(
     lamps: &Lamps<L>,
     convert: fn(&L, &GlobalTransform) -> Option<GpuLight>,
@@ -150,7 +150,7 @@ fn lamps<L: Component>(
         .filter(|(_, lamp)| lamp.flags & LIGHT_CASTS_SHADOW != 0)
 }
 
-/// The items that are nearest to a viewer, the nearest first.
+/// The items nearest to a viewer, the nearest first.
 fn nearest<T: Copy + Default, const MOST: usize>(
     all: impl Iterator<Item = (Vec3, T)>,
     viewer: Vec3,
@@ -167,7 +167,7 @@ fn nearest<T: Copy + Default, const MOST: usize>(
     (nearest, count as u32)
 }
 
-/// Radius of the sphere that Bevy takes for a volume, in metres.
+/// Radius of the sphere by which Bevy approximates a volume, in metres.
 fn bounding_radius(place: &GlobalTransform) -> f32 {
     (place.affine().matrix3 * Vec3A::splat(0.5)).length()
 }
@@ -176,17 +176,17 @@ fn texture_of(volume: &FogVolume) -> Option<AssetId<Image>> {
     volume.density_texture.as_ref().map(Handle::id)
 }
 
-/// `None` for invisible volumes.
+/// Returns `None` for invisible volumes.
 fn pack_fog_volume(volume: &FogVolume, place: &GlobalTransform) -> Option<GpuFogVolume> {
     let inverse = place.affine().inverse();
     let density = non_negative(volume.density_factor);
     let (absorption, scattering) = (non_negative(volume.absorption), non_negative(volume.scattering));
     let extinction = density * (absorption + scattering);
-    // Bevy dims the light on its way into the volume as if that were a sphere around it.
+    // Bevy attenuates the light on its way into the volume as if the volume were a sphere around it.
     let radius = bounding_radius(place);
     let color = volume.fog_color.to_linear().to_vec3() * volume.light_tint.to_linear().to_vec3();
     let is_textured = volume.density_texture.is_some();
-    // With a texture it is another everywhere, so that the shader does it.
+    // With a texture, the attenuation varies, so the shader computes it.
     let dimmed = if is_textured { 1.0 } else { (-extinction * radius).exp() };
     let scattered = color * (non_negative(volume.light_intensity) * scattering * density * dimmed);
     let offset = volume.density_texture_offset;
@@ -203,7 +203,7 @@ fn pack_fog_volume(volume: &FogVolume, place: &GlobalTransform) -> Option<GpuFog
         }),
         scattered: scattered.max(Vec3::ZERO).to_array(),
         extinction,
-        // At 1, all light would go on in its direction.
+        // At 1, all light would continue in its direction.
         asymmetry: if volume.scattering_asymmetry.is_finite() {
             volume.scattering_asymmetry.clamp(-0.99, 0.99)
         } else {
@@ -262,7 +262,7 @@ mod tests {
             (5.0, Some(&far)),
             (3.0, Some(&near)),
             (9.0, Some(&near)),
-            // Hidden, and without any fog.
+            // A hidden volume, and one without any fog.
             (0.5, Some(&far)),
             (0.7, Some(&far)),
         ];
@@ -288,7 +288,7 @@ mod tests {
         assert_eq!(count, 3, "the one with another texture is left out");
         let known = packed.map(|volume| (volume.textured, volume.texture_offset[0]));
         assert_eq!(known[..3], [(0, 1.0), (1, 3.0), (1, 9.0)]);
-        // Light is dimmed by the density at its place.
+        // Light is attenuated by the density at its position.
         assert!(packed[1].scattered[0] > packed[0].scattered[0]);
     }
 

@@ -1,16 +1,16 @@
-//! Objects that Bevy draws forward, opaque and lit: they have depth, but no pixel in its G-buffer.
+//! Opaque, lit objects that Bevy draws in its forward pass: they have depth, but no pixel in its G-buffer.
 
 use bevy::ecs::entity::Entity;
 use std::collections::BTreeMap;
 
-/// Such objects that rays can hit.
+/// Forward-drawn objects that rays can hit.
 #[derive(Default)]
 pub(crate) struct ForwardObjects {
     by_slot: BTreeMap<u32, Entity>,
 }
 
 impl ForwardObjects {
-    /// Notes which object of that kind a slot holds, if any.
+    /// Records the forward-drawn object of a slot, if there is one.
     pub(super) fn note(&mut self, slot: u32, entity: Option<Entity>) {
         match entity {
             Some(entity) => self.by_slot.insert(slot, entity),
@@ -18,12 +18,12 @@ impl ForwardObjects {
         };
     }
 
-    /// Their number.
+    /// Number of objects.
     pub(crate) fn count(&self) -> usize {
         self.by_slot.len()
     }
 
-    /// Their entities in the main world.
+    /// Entities of the objects in the main world.
     pub(crate) fn entities(&self) -> impl Iterator<Item = Entity> + '_ {
         self.by_slot.values().copied()
     }

@@ -3,22 +3,22 @@
 use core::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Free indices of a table. The lowest is handed out first, so that the end of the table becomes free and can be cut off.
+/// Free indices of a table. The lowest is reused first, so that the end of the table becomes free and can be cut off.
 #[derive(Default)]
 pub(super) struct FreeSlots(BinaryHeap<Reverse<u32>>);
 
 impl FreeSlots {
-    /// Notes that an index is free.
+    /// Marks an index as free.
     pub fn give(&mut self, index: u32) {
         self.0.push(Reverse(index));
     }
 
-    /// Takes the lowest free index. The end of the table can have been cut off, and grown again, since an index was given: `is_free`
-    /// checks whether an index below `len`, the current length, is empty.
+    /// Takes the lowest free index. Since an index was freed, the table might have been truncated and grown again: `is_free` checks
+    /// whether an index below `len`, the current length, is empty.
     pub fn take(&mut self, len: usize, is_free: impl Fn(u32) -> bool) -> Option<u32> {
         while let Some(Reverse(index)) = self.0.pop() {
             if index as usize >= len {
-                // So are all others.
+                // All others are beyond the end, too.
                 self.0.clear();
             } else if is_free(index) {
                 return Some(index);
@@ -33,7 +33,7 @@ impl FreeSlots {
     }
 }
 
-/// Gives back most of the memory that a table doesn't use, once it is much shorter than it was.
+/// Frees most of a table's unused memory, once it is much shorter than it was.
 pub(super) fn shrink<T>(table: &mut Vec<T>) {
     if table.capacity() > 64 && table.capacity() / 4 > table.len() {
         table.shrink_to(2 * table.len());

@@ -1,7 +1,7 @@
 //! Packing of Bevy meshes into the words that `geometry.wesl` reads.
 //!
-//! A packed mesh is an array of `u32`. All offsets are in words from its first word, which stands at a multiple of
-//! [`BASE_ALIGNMENT`] in the geometry buffer:
+//! A packed mesh is an array of `u32`. All offsets are in words from its first word, which is at a multiple of [`BASE_ALIGNMENT`]
+//! in the geometry buffer:
 //!
 //! | words | content |
 //! |---|---|
@@ -11,17 +11,17 @@
 //! | 3 to 9 | offsets of positions, indices, normals, tangents, UV set 0, UV set 1, colours; 0 = the mesh has none |
 //! | 10, 11 | offsets of joints, morph targets; 0 = the mesh has none |
 //!
-//! - Positions: three `f32` per vertex. The offset is a multiple of three words, so that hardware acceleration structures can
-//!   be built straight from the geometry buffer with a stride of 12 bytes.
+//! - Positions: three `f32` per vertex. The offset is a multiple of three words, so that hardware acceleration structures can be
+//!   built directly from the geometry buffer with a stride of 12 bytes.
 //! - Indices: three per triangle, each below the number of vertices.
 //! - Normals: octahedral coordinates as two snorm16.
-//! - Tangents: octahedral coordinates, x as snorm16 in the low half, y as unorm15 of `y * 0.5 + 0.5` in bits 16 to 30; bit 31
-//!   is set where the bitangent's sign is negative.
+//! - Tangents: octahedral coordinates, x as snorm16 in the low half, y as unorm15 of `y * 0.5 + 0.5` in bits 16 to 30; bit 31 is
+//!   set if the bitangent's sign is negative.
 //! - UV sets: two `f32` per vertex.
 //! - Colours: linear red, green and blue as `f16`, 8 bits of zeros, then alpha as unorm8: two words per vertex.
 //! - Joints: four indices of 16 bits, then four `f32` weights per vertex.
-//! - Morph targets: one after the other, for each vertex the difference of the position as three `f32`, then that of the normal and
-//!   that of the tangent if the mesh has them.
+//! - Morph targets: one after the other, for each vertex the differences of the position as three `f32`, and of the normal and the
+//!   tangent if the mesh has them.
 //!
 //! A mesh without triangles is followed by zeros up to [`MIN_WORDS`], so that a stray read stays inside it.
 
@@ -49,7 +49,7 @@ use pose::Pose;
 /// Packed meshes are smaller than this many words.
 const WORD_LIMIT: u64 = 1 << 31;
 
-/// Packs any triangle mesh. The work is linear in its size; nothing in a mesh makes it panic.
+/// Packs any triangle mesh in linear time. No mesh makes it panic.
 pub fn pack_mesh(mesh: &Mesh) -> Result<PackedMesh, GeometryError> {
     let topology = mesh.primitive_topology();
     if !topology.is_triangles() {
@@ -91,7 +91,7 @@ pub fn pack_mesh(mesh: &Mesh) -> Result<PackedMesh, GeometryError> {
         .reserve_exact(word_limit.max(u64::from(MIN_WORDS)) as usize - HEADER_WORDS as usize);
     packed.offsets.positions = packed.words.len() as u32;
     packed.words.extend(positions.iter().flat_map(|position| {
-        // Nothing refers to a vertex that is not finite, but builders of acceleration structures may read it.
+        // No triangle uses a non-finite vertex, but builders of acceleration structures might read it.
         position.unwrap_or_default().to_array().map(f32::to_bits)
     }));
     packed.pack_triangles(topology, indices, &positions);
@@ -103,7 +103,7 @@ pub fn pack_mesh(mesh: &Mesh) -> Result<PackedMesh, GeometryError> {
     Ok(packed)
 }
 
-/// Most triangles that so many indices make. The triangles of a strip are nearly as many as its indices.
+/// Maximum number of triangles for this number of indices. The triangles of a strip are nearly as many as its indices.
 fn most_triangles(topology: PrimitiveTopology, index_count: u64) -> u64 {
     if topology.is_strip() {
         index_count.saturating_sub(2)
@@ -112,7 +112,7 @@ fn most_triangles(topology: PrimitiveTopology, index_count: u64) -> u64 {
     }
 }
 
-/// Writes counts and offsets to the start of a mesh, whose other words are in place.
+/// Writes counts and offsets to the start of a mesh whose other words are complete.
 fn write_header(packed: &mut PackedMesh) {
     let targets = packed
         .deformation
@@ -126,7 +126,7 @@ fn write_header(packed: &mut PackedMesh) {
     }
 }
 
-/// `None` for positions that cannot be traced.
+/// Returns `None` for positions that can't be traced.
 fn load_positions(
     mesh: &Mesh,
     values: &VertexAttributeValues,
@@ -187,7 +187,7 @@ impl PackedMesh {
     }
 }
 
-/// Splits a list or strip into triangles. Strips alternate their winding and start anew after the `restart` index.
+/// Splits a list or strip into triangles. Strips alternate their winding and restart after the `restart` index.
 fn for_each_triangle(
     topology: PrimitiveTopology,
     indices: impl Iterator<Item = u32>,

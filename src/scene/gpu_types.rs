@@ -1,4 +1,4 @@
-//! The structs of `types.wesl` as the CPU writes them.
+//! The structs of `types.wesl` on the CPU.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -7,25 +7,25 @@ pub const NO_TEXTURE: u32 = u32::MAX;
 
 /// The object-to-world matrix has a negative determinant.
 pub const INSTANCE_MIRRORED: u32 = 1;
-/// Closest-hit rays pass through triangles whose front face looks away from them.
+/// Closest-hit rays pass through triangles that face away from them.
 pub const INSTANCE_CULL_BACK: u32 = 2;
-/// Closest-hit rays pass through triangles whose front face looks at them.
+/// Closest-hit rays pass through triangles that face them.
 pub const INSTANCE_CULL_FRONT: u32 = 4;
 /// Candidates need the alpha test of their material.
 pub const INSTANCE_ALPHA_MASKED: u32 = 8;
 /// The instance blocks shadow rays.
 pub const INSTANCE_CASTS_SHADOW: u32 = 16;
-/// Shadows of lights fall on the instance.
+/// The instance receives shadows.
 pub const INSTANCE_RECEIVES_SHADOW: u32 = 32;
 /// The instance has moved since the last frame.
 pub const INSTANCE_MOVING: u32 = 64;
 /// The instance has moved lately.
 pub const INSTANCE_RESTLESS: u32 = 128;
-/// Shadows of lights fall on the light that comes through the instance.
+/// The light that passes through the instance receives shadows.
 pub const INSTANCE_RECEIVES_TRANSMITTED_SHADOW: u32 = 256;
-/// Ray queries: the TLAS of objects at rest still has what stood in this slot, which is elsewhere now or gone.
+/// Ray queries: the static TLAS still contains the former object of this slot, which has moved or is gone.
 pub const INSTANCE_LEFT: u32 = 512;
-/// The instance is drawn with another material than that of its hits.
+/// The instance is drawn with a different material than its hits have.
 pub const INSTANCE_STAND_IN: u32 = 1024;
 
 /// The material is not lit.
@@ -38,35 +38,36 @@ pub const MATERIAL_FLIP_NORMAL_MAP_Y: u32 = 4;
 pub const MATERIAL_TWO_COMPONENT_NORMAL_MAP: u32 = 8;
 /// The metallic-roughness texture has two channels: roughness in red, metallic in green.
 pub const MATERIAL_METALLIC_ROUGHNESS_RG: u32 = 16;
-/// From this bit on, one bit per texture slot says that it uses the second UV set.
+/// From this bit on, there is one bit per texture slot, set if the texture uses the second UV set.
 pub const MATERIAL_UV1_SHIFT: u32 = 16;
-/// Alpha of the base-colour texture means nothing.
+/// Alpha of the base-colour texture is ignored.
 pub const MATERIAL_SOLID_TEXTURE: u32 = 32;
 /// The material has changed lately.
 pub const MATERIAL_RESTLESS: u32 = 64;
-/// Distance fog lies over the surface.
+/// The surface shows distance fog.
 pub const MATERIAL_FOG: u32 = 128;
 
-/// The surface is drawn over the opaque picture.
+/// The surface is drawn over the opaque image.
 pub const MATERIAL_SEE_THROUGH: u32 = 256;
-/// Alpha scales the light that it reflects.
+/// Alpha scales the surface's reflected light.
 pub const MATERIAL_FADES: u32 = 512;
 /// Bevy lights the surface in its forward pass, which keeps base colours above 1.
 pub const MATERIAL_LIT_FORWARD: u32 = 16384;
-/// Drawn forward, opaque and lit: it has no pixel in Bevy's G-buffer.
+/// Opaque, lit and drawn in Bevy's forward pass: it has no pixel in Bevy's G-buffer.
 pub const MATERIAL_FORWARD: u32 = 32768;
-/// From this bit on, bits hold the number of the material's type: 0 is `StandardMaterial`.
+/// From this bit on, bits contain the number of the material's type: 0 is `StandardMaterial`.
 pub const MATERIAL_TYPE_SHIFT: u32 = 10;
-/// They, shifted to 0.
+/// Mask of these bits, shifted to 0.
 pub const MATERIAL_TYPE_BITS: u32 = 15;
-/// Bevy adds all of the light that the surface reflects, whatever alpha is.
+/// Bevy adds all of the surface's reflected light, regardless of alpha.
 pub const MATERIAL_PREMULTIPLIED: u32 = 2_097_152;
 
-/// Optical depth behind which nothing is seen: 1e-7 of the light is left. More makes the steps of [`GpuMaterial::optical_depth`] coarser.
+/// Optical depth beyond which nothing is visible: 1e-7 of the light is left. A higher value makes the steps of
+/// [`GpuMaterial::optical_depth`] coarser.
 pub const OPAQUE_DEPTH: f32 = 16.0;
 
-/// [`GpuMaterial::stop_probability`] of surfaces that cover samples by their alpha. Closest-hit rays test them by their own cutoff, shadow
-/// rays by 0.05.
+/// [`GpuMaterial::stop_probability`] of materials with alpha to coverage. Closest-hit rays test them by their own cutoff, shadow rays by
+/// 0.05.
 pub const COVERAGE: f32 = -2.0;
 
 /// Slot of [`GpuMaterial::textures`].
@@ -92,9 +93,9 @@ pub const LIGHT_RECT: u32 = 3;
 pub const LIGHT_CASTS_SHADOW: u32 = 1;
 /// Flag of [`GpuLight`]: it has changed lately.
 pub const LIGHT_RESTLESS: u32 = 2;
-/// Flag of [`GpuLight`]: volumes of fog show it.
+/// Flag of [`GpuLight`]: the light is visible in fog volumes.
 pub const LIGHT_VOLUMETRIC: u32 = 4;
-/// From this bit on, bits of [`GpuLight::flags`] hold the number of the light's texture, from 1 on; 0 is none.
+/// From this bit on, bits of [`GpuLight::flags`] contain the number of the light's texture, counted from 1; 0 is none.
 pub const LIGHT_TEXTURE_SHIFT: u32 = 8;
 
 /// One object that rays can hit. Matrices are rows of 3x4.
@@ -105,7 +106,7 @@ pub struct GpuInstance {
     pub world_from_object: [[f32; 4]; 3],
     /// Rows of the 3x4 matrix.
     pub object_from_world: [[f32; 4]; 3],
-    /// Word of the geometry buffer where the mesh's header stands.
+    /// Word of the mesh's header in the geometry buffer.
     pub geometry_base: u32,
     /// Index in the material buffer.
     pub material: u32,
@@ -113,22 +114,22 @@ pub struct GpuInstance {
     pub flags: u32,
     /// Low bits of the entity, for debug views.
     pub id: u32,
-    /// BVH tracer: offset of the masks of an alpha-masked instance in the buffer of the trees.
+    /// BVH tracer: offset of the masks of an alpha-masked instance in the tree buffer.
     pub masks: u32,
     /// Lightmap: a word as in [`GpuMaterial::textures`].
     pub lightmap: u32,
-    /// Corners of its part of the lightmap, 16 bits each: u, then v in the upper half. Without one, its motion while [`INSTANCE_MOVING`]
-    /// is true: `motion.rs`.
+    /// Corners of the object's rectangle in the lightmap, 16 bits each: u, then v in the upper half. Without a lightmap, the object's
+    /// motion while [`INSTANCE_MOVING`] is set: `motion.rs`.
     pub lightmap_rect_or_motion: [u32; 2],
 }
 
-/// The part of a `StandardMaterial` that hits need.
+/// The part of a `StandardMaterial` that shading of hits needs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct GpuMaterial {
     /// Linear.
     pub base_color: [f32; 4],
-    /// Linear; the last one is the share of diffuse light that comes through.
+    /// Linear; the last component is the fraction of diffuse light that is transmitted.
     pub emissive: [f32; 4],
     /// Texture index in the low 20 bits, sampler index in the high 12 bits, or [`NO_TEXTURE`].
     pub textures: [u32; 5],
@@ -144,23 +145,23 @@ pub struct GpuMaterial {
     pub uv_offset: [f32; 2],
     /// Luminance of reflectance times specular tint.
     pub reflectance: f32,
-    /// Alpha below this lets rays through: shadow rays alone at blended and transmissive materials.
+    /// Rays pass below this alpha. For blended and transmissive materials, this applies only to shadow rays.
     pub alpha_cutoff: f32,
-    /// Probability with which a ray stops where alpha is 1; negative for materials that let no ray through by chance, and [`COVERAGE`] for
-    /// those with alpha to coverage.
+    /// Probability that a ray stops at an alpha of 1. Negative for materials without stochastic transparency; [`COVERAGE`] for materials
+    /// with alpha to coverage.
     pub stop_probability: f32,
-    /// Share of the light that stops which is reflected diffusely.
+    /// Fraction of the stopped light that is reflected diffusely.
     pub diffuse_share: f32,
     /// Factor of light from lightmaps.
     pub lightmap_exposure: f32,
     /// Clearcoat as in the G-buffer: strength in fifteenths in the low 4 bits, perceptual roughness in thirtieths above.
     pub clearcoat: u32,
-    /// Metres between where light enters and where it leaves again, for refraction and diffuse transmission; 0 for all else.
+    /// Metres between the points where light enters and leaves, for refraction and diffuse transmission; otherwise 0.
     pub thickness: f32,
-    /// Index of refraction of glass with a thickness, above 1; 0 for all else.
+    /// Index of refraction of glass with a thickness, above 1; otherwise 0.
     pub ior: f32,
-    /// Optical depth of the volume for red, green and blue: parts of [`OPAQUE_DEPTH`], 16 bits each. The last 16 bits are the weight with
-    /// which exposure scales emission.
+    /// Optical depth of the volume for red, green and blue, in fractions of [`OPAQUE_DEPTH`], 16 bits each. The last 16 bits are the
+    /// weight with which exposure scales emission.
     pub optical_depth: [u32; 2],
 }
 
@@ -176,20 +177,20 @@ pub struct GpuLight {
     pub position: [f32; 3],
     /// 1 / range^2.
     pub inverse_range_squared: f32,
-    /// To a directional light, or where a spot or rectangle shines.
+    /// Direction to a directional light, or the direction in which a spot or rectangle shines.
     pub direction: [f32; 3],
-    /// Radius of a spherical light in metres. Rectangles: angle of the width axis about `direction` in radians. Directional lights: the
-    /// angle of their disk.
+    /// Spherical lights: radius in metres. Rectangles: angle of the width axis about `direction` in radians. Directional lights: the angle
+    /// of their disk.
     pub radius: f32,
     /// Spot: scale and offset of the cone's falloff. Rectangles: half width and half height.
     pub spot: [f32; 2],
     /// [`LIGHT_CASTS_SHADOW`], [`LIGHT_RESTLESS`], [`LIGHT_VOLUMETRIC`], and the number of a texture.
     pub flags: u32,
-    /// Point and spot lights: what is nearer to the light than this casts no shadow, in metres.
+    /// Point and spot lights: surfaces nearer to the light than this cast no shadow, in metres.
     pub shadow_near: f32,
 }
 
-/// The texture of a light. It takes the place of a light in the buffer.
+/// The texture of a light. It occupies the space of a light in the buffer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct GpuLightTexture {
@@ -197,11 +198,11 @@ pub struct GpuLightTexture {
     pub light_from_world: [[f32; 4]; 3],
     /// Point lights: the layout of a cube map. Spots: tangent of the cone's half angle. Directional lights: 1 if the texture repeats.
     pub projection: f32,
-    /// In the place of another part of a light.
+    /// Padding to the layout of a light.
     pub unused: f32,
     /// A word as in [`GpuMaterial::textures`].
     pub texture: u32,
-    /// Brings it to the size of a light.
+    /// Padding to the size of a light.
     pub padding: f32,
 }
 
@@ -209,15 +210,15 @@ pub struct GpuLightTexture {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct GpuLightProbe {
-    /// Rows of the 3x4 matrix into a space where the box of its influence reaches from -0.5 to 0.5.
+    /// Rows of the 3x4 matrix into a space in which the probe's box of influence extends from -0.5 to 0.5.
     pub probe_from_world: [[f32; 4]; 3],
-    /// Part of the box on each axis over which the influence falls off.
+    /// Fraction of the box on each axis over which the influence falls off.
     pub falloff: [f32; 3],
     /// Factor from texels to cd/m^2.
     pub intensity: f32,
-    /// Half extents of the box on which its maps lie, in the space of the probe.
+    /// Half extents of the box onto which its maps are projected, in the space of the probe.
     pub parallax_bounds: [f32; 3],
-    /// 0: its maps are infinitely far away.
+    /// 0 if its maps are infinitely far away.
     pub has_parallax: u32,
 }
 
@@ -225,13 +226,13 @@ pub struct GpuLightProbe {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct GpuSceneCounts {
-    /// Lights in the buffer, which the nodes of their tree follow.
+    /// Number of lights in the buffer. The nodes of their tree follow.
     pub light_count: u32,
-    /// 0 = nothing to hit. BVH tracer: of the TLAS, as `Tlas::traversal_node_count` gives it.
+    /// Number of nodes; 0 if nothing can be hit. BVH tracer: `Tlas::traversal_node_count`.
     pub tlas_node_count: u32,
-    /// BVH tracer: where the TLAS's root stands.
+    /// BVH tracer: index of the TLAS's root.
     pub tlas_root: u32,
-    /// Ray queries: objects in the TLAS of those that move.
+    /// Ray queries: number of objects in the moving TLAS.
     pub moving_count: u32,
     /// Instances in the buffer.
     pub instance_count: u32,
@@ -239,21 +240,21 @@ pub struct GpuSceneCounts {
     pub material_count: u32,
     /// Textures in the array.
     pub texture_count: u32,
-    /// Reflection probes at the beginning of the buffer of light probes.
+    /// Reflection probes, at the beginning of the buffer of light probes.
     pub reflection_probe_count: u32,
-    /// Irradiance volumes behind them.
+    /// Irradiance volumes, which follow them.
     pub irradiance_volume_count: u32,
-    /// Directional lights at the beginning of the buffer of lights, where hits draw from the others.
+    /// Directional lights at the beginning of the buffer of lights, if hits sample the others.
     pub directional_light_count: u32,
     /// Nodes of the last level of the tree over the other lights; 0 = none.
     pub light_leaf_count: u32,
-    /// Ray queries: slots that `INSTANCE_LEFT` is true of, also behind the last instance.
+    /// Ray queries: number of slots with `INSTANCE_LEFT`, including slots beyond the last instance.
     pub left_count: u32,
     /// A bit for each light probe in the buffer that has changed lately.
     pub restless_probes: u32,
     /// Textures of lights.
     pub light_texture_count: u32,
-    /// Index in the buffer of lights from which on they stand.
+    /// Index of the first texture in the buffer of lights.
     pub first_light_texture: u32,
 }
 

@@ -1,4 +1,4 @@
-//! The objects that rays can hit, mirrored from the main world; `instances/extract.rs` follows their changes.
+//! The objects that rays can hit, extracted from the main world; `instances/extract.rs` tracks their changes.
 
 pub(in crate::scene) mod details;
 pub(in crate::scene) mod extract;
@@ -20,14 +20,14 @@ pub use lightmap::LightmapSource;
 
 use users::SlotUsers;
 
-/// One object as the main world describes it.
+/// An object of the main world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InstanceSource {
     /// The entity of the main world.
     pub entity: Entity,
     /// Its mesh.
     pub mesh: AssetId<Mesh>,
-    /// Its material, of any type that rays see.
+    /// Its material, of any type that rays support.
     pub material: UntypedAssetId,
     /// The material stands in for another one.
     pub is_stand_in: bool,
@@ -35,13 +35,13 @@ pub struct InstanceSource {
     pub world_from_object: Affine3A,
     /// Groups of its render layers, as bits of its flags: `render_layers.rs`.
     pub groups: u32,
-    /// It blocks shadow rays.
+    /// Whether it blocks shadow rays.
     pub casts_shadow: bool,
-    /// Shadows fall on it.
+    /// Whether it receives shadows.
     pub receives_shadow: bool,
-    /// Shadows fall on the light that comes through it, too.
+    /// Whether the light that passes through it receives shadows.
     pub receives_transmitted_shadow: bool,
-    /// Light that was baked for it. Few objects have some: so others pay for a pointer alone.
+    /// Its baked light. Boxed, since few objects have a lightmap.
     pub lightmap: Option<Box<LightmapSource>>,
 }
 
@@ -84,16 +84,16 @@ impl InstanceSource {
     }
 }
 
-/// Objects that get another slot in one frame: to everybody they look like ones that went and others that came. With ray queries, so many
-/// take a build over all objects. More makes such a frame longer, fewer makes more of them.
+/// Maximum number of objects that get another slot in one frame. Each counts as a removed and an added object, and with ray queries, this
+/// many cause a build over all objects. A higher number makes such a frame longer; a lower one causes more such frames.
 const MOVES_PER_FRAME: usize = 2048;
-/// A table of so many slots isn't worth that.
+/// A table of this many slots isn't worth compacting.
 const SHORT: usize = 64;
 
-/// In the place of a slot: the entity has none.
+/// Placeholder for entities without a slot.
 const NO_SLOT: u32 = u32::MAX;
 
-/// The slot of an entity. Others that have had its index before or will have it are of another generation.
+/// The slot of an entity. Earlier and later entities with the same index have another generation.
 #[derive(Clone, Copy)]
 struct Seat {
     /// Or [`NO_SLOT`].
@@ -120,29 +120,29 @@ struct Remeshed {
 pub struct SceneInstances {
     slots: Vec<Option<InstanceSource>>,
     free: FreeSlots,
-    /// By index of the entity: the slot of an object is found without a look at the object.
+    /// By entity index, so that finding an object's slot doesn't need to load the object.
     by_entity: Vec<Seat>,
     count: usize,
     by_mesh: SlotUsers<AssetId<Mesh>>,
     by_material: SlotUsers<UntypedAssetId>,
-    /// How many objects show each mesh, or wait with it.
+    /// Number of objects that use each mesh, including waiting ones.
     mesh_users: HashMap<AssetId<Mesh>, u32>,
     /// Objects that got another mesh in this frame.
     remeshed: Vec<Remeshed>,
-    /// Meshes of objects that show their last one until it is there.
+    /// Next meshes of objects that keep their last mesh until the next one is ready.
     coming: EntityHashMap<AssetId<Mesh>>,
-    /// Objects that are not there but may come at any time, with their meshes: levels of detail.
+    /// Hidden objects that can appear at any time, with their meshes: levels of detail.
     waiting: EntityHashMap<AssetId<Mesh>>,
-    /// Meshes that an object shows and none did before.
+    /// Meshes that an object uses for the first time.
     new_meshes: Vec<AssetId<Mesh>>,
     dirty: Vec<u32>,
     moved: Vec<u32>,
-    /// Slots from which objects went to other slots.
+    /// Moves of objects to other slots: from and to.
     relocated: Vec<[u32; 2]>,
 }
 
 impl SceneInstances {
-    /// The slots, with holes, up to the last object.
+    /// The slots up to the last object; some are empty.
     pub fn slots(&self) -> &[Option<InstanceSource>] {
         &self.slots
     }
@@ -152,17 +152,17 @@ impl SceneInstances {
         self.slots.get(slot as usize).and_then(Option::as_ref)
     }
 
-    /// Place of the object in a slot.
+    /// Transform of the object in a slot.
     pub fn place_of(&self, slot: u32) -> Option<Affine3A> {
         self.get(slot).map(|source| source.world_from_object)
     }
 
-    /// Meshes that objects have begun to show since the last call. Some may be shown no longer.
+    /// Meshes that objects began to use since the last call. Some might be unused by now.
     pub fn take_new_meshes(&mut self) -> Vec<AssetId<Mesh>> {
         core::mem::take(&mut self.new_meshes)
     }
 
-    /// Slots of objects that show a mesh.
+    /// Slots of objects that use a mesh.
     pub fn slots_of_mesh(&self, mesh: AssetId<Mesh>) -> impl Iterator<Item = u32> + '_ {
         self.by_mesh.of(mesh)
     }
@@ -172,17 +172,17 @@ impl SceneInstances {
         self.by_material.of(material)
     }
 
-    /// Returns whether an object shows a mesh, or waits with it.
+    /// Returns whether an object uses a mesh, or waits with it.
     pub fn shows(&self, mesh: AssetId<Mesh>) -> bool {
         self.mesh_users.contains_key(&mesh)
     }
 
-    /// No object at all, not even one that waits.
+    /// Returns whether there are no objects, not even waiting ones.
     pub fn is_empty(&self) -> bool {
         self.count == 0 && self.waiting.is_empty()
     }
 
-    /// Slots whose objects have moved since the last call, and may have changed otherwise, too; each once.
+    /// Slots of objects that moved since the last call, and might have changed otherwise too, without duplicates.
     pub fn take_moved(&mut self) -> Vec<u32> {
         let mut moved = core::mem::take(&mut self.moved);
         moved.sort_unstable();
@@ -190,7 +190,7 @@ impl SceneInstances {
         moved
     }
 
-    /// Slots that changed otherwise than by moving since the last call, each once.
+    /// Slots that changed other than by moving since the last call, without duplicates.
     pub fn take_dirty(&mut self) -> Vec<u32> {
         let mut dirty = core::mem::take(&mut self.dirty);
         dirty.sort_unstable();
@@ -198,12 +198,12 @@ impl SceneInstances {
         dirty
     }
 
-    /// Slots from which objects went to others since the last call, in this order, and where they went. Both count as changed.
+    /// Moves of objects between slots since the last call, in order, as from and to. Both slots count as changed.
     pub fn take_relocated(&mut self) -> Vec<[u32; 2]> {
         core::mem::take(&mut self.relocated)
     }
 
-    /// Adds or replaces an object; nothing happens where it equals what is there.
+    /// Adds or replaces an object. Does nothing if it is unchanged.
     pub fn set(&mut self, source: InstanceSource) {
         let index = source.entity.index_u32() as usize;
         if index >= self.by_entity.len() {
@@ -249,14 +249,14 @@ impl SceneInstances {
         }
     }
 
-    /// Removes an object if it is there, and keeps its mesh loaded.
+    /// Removes an object if it exists, and keeps its mesh loaded.
     pub fn set_waiting(&mut self, entity: Entity, mesh: AssetId<Mesh>) {
         self.use_mesh(mesh);
         self.remove(entity);
         self.waiting.insert(entity, mesh);
     }
 
-    /// Forgets that an object waits.
+    /// Stops waiting for an object.
     pub fn release(&mut self, entity: Entity) {
         if !self.waiting.is_empty() {
             let mesh = self.waiting.remove(&entity);
@@ -269,20 +269,20 @@ impl SceneInstances {
         (seat.generation == entity.generation() && seat.slot != NO_SLOT).then_some(seat.slot)
     }
 
-    /// The slot of an object and the object, if it is there.
+    /// Returns an object and its slot, if it exists.
     pub fn find(&self, entity: Entity) -> Option<(u32, &InstanceSource)> {
         let slot = self.slot_of(entity)?;
         Some((slot, self.get(slot)?))
     }
 
-    /// Moves an object if it is there.
+    /// Moves an object if it exists.
     pub fn set_place(&mut self, entity: Entity, world_from_object: Affine3A) {
         if let Some(slot) = self.slot_of(entity) {
             self.place(slot, world_from_object);
         }
     }
 
-    /// Moves an object, and nothing happens where it is there already.
+    /// Moves an object. Does nothing if its transform is unchanged.
     pub fn place(&mut self, slot: u32, world_from_object: Affine3A) {
         if let Some(Some(source)) = self.slots.get_mut(slot as usize)
             && source.world_from_object != world_from_object
@@ -292,7 +292,7 @@ impl SceneInstances {
         }
     }
 
-    /// Removes an object if it is there.
+    /// Removes an object if it exists.
     pub fn remove(&mut self, entity: Entity) {
         self.release(entity);
         let Some(slot) = self.slot_of(entity) else {
@@ -312,10 +312,10 @@ impl SceneInstances {
         self.release_mesh(mesh);
     }
 
-    /// Has objects that got another mesh in this frame show their last one, where `stays` says of the last and the new one that it should.
+    /// Objects that got another mesh in this frame keep their last one if `stays` returns true for the last and the new mesh.
     pub fn keep_last_meshes(&mut self, stays: impl Fn(AssetId<Mesh>, AssetId<Mesh>) -> bool) {
         for Remeshed { entity, last, now } in core::mem::take(&mut self.remeshed) {
-            // It may have gone since, or got yet another one.
+            // It might be gone, or have got yet another mesh.
             let slot = self.find(entity).filter(|(_, source)| source.mesh == now);
             let Some(slot) = slot.map(|(slot, _)| slot).filter(|_| stays(last, now)) else {
                 continue;
@@ -326,7 +326,7 @@ impl SceneInstances {
         }
     }
 
-    /// Has objects show the mesh that they wait for, unless it is still expected.
+    /// Switches objects to the mesh that they wait for, unless it is still expected.
     pub fn show_new_meshes(&mut self, is_expected: impl Fn(AssetId<Mesh>) -> bool) {
         if self.coming.is_empty() {
             return;
@@ -342,7 +342,7 @@ impl SceneInstances {
         self.coming = coming;
     }
 
-    /// Returns whether an object shows this mesh only until its next one is there.
+    /// Returns whether an object keeps this mesh only until its next one is ready.
     pub fn keeps_for_now(&self, mesh: AssetId<Mesh>) -> bool {
         let mut objects = self.slots_of_mesh(mesh).filter_map(|slot| self.get(slot));
         !self.coming.is_empty() && objects.any(|source| self.coming.contains_key(&source.entity))
@@ -363,8 +363,8 @@ impl SceneInstances {
         }
     }
 
-    /// Moves some objects from the end of the table to free slots, if three quarters of it are free. Belongs before extraction, so that
-    /// nobody has asked for a slot of this frame yet.
+    /// Moves some objects from the end of the table to free slots, if three quarters of it are free. Must run before extraction, which
+    /// reads this frame's slots.
     pub(super) fn compact(&mut self) {
         for _ in 0..MOVES_PER_FRAME {
             let len = self.slots.len();
@@ -395,7 +395,7 @@ impl SceneInstances {
         self.by_material.truncate(self.slots.len());
     }
 
-    /// Ends the table behind the last object.
+    /// Truncates the table after the last object.
     fn cut(&mut self) {
         while let Some(None) = self.slots.last() {
             self.slots.pop();
@@ -420,7 +420,7 @@ impl SceneInstances {
         }
     }
 
-    /// Forgets everything.
+    /// Removes everything.
     pub fn clear(&mut self) {
         *self = Self::default();
     }
@@ -444,7 +444,7 @@ mod tests {
         instances.set_place(a, place);
         assert_eq!((instances.take_moved(), instances.take_dirty()), (vec![0], vec![]));
         assert_eq!(instances.get(0).map(|source| source.world_from_object), Some(place));
-        // An entity of the same index that is gone.
+        // A removed entity with the same index.
         let gone = Entity::from_bits(a.to_bits() ^ (1 << 32));
         assert_eq!(gone.index(), a.index());
         instances.set_place(gone, Affine3A::IDENTITY);
@@ -493,7 +493,7 @@ mod tests {
         assert_eq!(instances.slots_of_mesh(mesh(1)).count(), 50);
         let material = AssetId::<StandardMaterial>::default().untyped();
         assert_eq!(instances.slots_of_material(material).count(), 100);
-        // They go, and what is left moves to the beginning of the table.
+        // After these are removed, the rest moves to the beginning of the table.
         (0..90).for_each(|index| instances.remove(entities[index]));
         (0..3).for_each(|_| instances.compact());
         for number in [1, 2] {
@@ -522,7 +522,7 @@ mod tests {
         assert_eq!(shown(&instances), Some(mesh(1)));
         assert!(instances.shows(mesh(1)) && instances.shows(mesh(2)), "both stay loaded");
         assert!(instances.keeps_for_now(mesh(1)) && !instances.keeps_for_now(mesh(2)));
-        // It gets yet another one, and changes otherwise.
+        // It gets yet another mesh, and changes otherwise.
         instances.set(with(3));
         instances.keep_last_meshes(|last, _| last == mesh(1));
         assert!(!instances.shows(mesh(2)));
@@ -538,7 +538,7 @@ mod tests {
         instances.show_new_meshes(|_| false);
         assert_eq!((shown(&instances), instances.take_dirty()), (Some(mesh(3)), vec![0]));
         assert!(instances.slots_of_mesh(mesh(3)).eq([0]) && !instances.shows(mesh(1)));
-        // Neither is missed once the object has gone.
+        // No mesh is used any more after the object is removed.
         instances.set(with(4));
         instances.keep_last_meshes(|_, _| true);
         instances.remove(entity);

@@ -1,5 +1,5 @@
-//! Light probes as hits need them: Bevy's reflection probes and irradiance volumes, all of the scene, since rays leave what the camera sees.
-//! `light_probes.wesl` is the GPU side.
+//! Light probes for hits: Bevy's reflection probes and irradiance volumes. All probes of the scene are used, since rays
+//! hit surfaces outside the camera's view. `light_probes.wesl` is the GPU side.
 
 mod marks;
 
@@ -29,9 +29,9 @@ use bevy::{
 use core::num::NonZero;
 use marks::Marks;
 
-/// Most probes of one kind in hit shading; `light_probes.wesl` has the same number. Bevy takes half as many for each view.
+/// Maximum number of probes of one kind in hit shading; `light_probes.wesl` has the same number. Bevy takes half as many for each view.
 ///
-/// A reflection probe adds two textures and a volume one, and each hit tests which of them it lies in.
+/// A reflection probe adds two textures and a volume one, and each hit tests all of them.
 const MAX_PROBES: usize = 16;
 
 /// A probe in the render world, before its images are looked up.
@@ -50,14 +50,14 @@ pub struct ExtractedLightProbes {
 }
 
 impl ExtractedLightProbes {
-    /// Returns whether a probe has its light from an image.
+    /// Returns whether a probe gets its light from an image.
     pub(super) fn shows(&self, image: AssetId<Image>) -> bool {
         let mut probes = self.reflection_probes.iter().chain(&self.irradiance_volumes);
         probes.any(|probe| probe.images.contains(&image))
     }
 }
 
-/// `None` where the probe gives no light, or has no box.
+/// Returns `None` if the probe gives no light, or has no box.
 fn probe(
     world_from_probe: Affine3A,
     probe: &LightProbe,
@@ -84,7 +84,7 @@ fn probe(
     })
 }
 
-/// Keeps those that are nearest to a camera, if there are too many.
+/// If there are too many probes, keeps the ones nearest to a camera.
 fn keep_nearest(probes: Vec<(Vec3A, ProbeSource)>, cameras: &[Vec3A]) -> Vec<ProbeSource> {
     let mut probes = probes;
     if probes.len() > MAX_PROBES {
@@ -122,7 +122,7 @@ pub(super) struct ProbeWorld<'w, 's> {
     cameras: Query<'w, 's, (&'static Camera, &'static GlobalTransform), With<RayTracedReflections>>,
 }
 
-/// Gathers the probes.
+/// Extracts the probes.
 pub(super) fn extract_light_probes(world: &ProbeWorld, active: bool, mut extracted: ResMut<ExtractedLightProbes>) {
     let ProbeWorld {
         reflection_probes,
@@ -135,7 +135,7 @@ pub(super) fn extract_light_probes(world: &ProbeWorld, active: bool, mut extract
         let cameras: Vec<_> = cameras.map(|(_, place)| place.translation_vec3a()).collect();
         let found = reflection_probes.iter().filter(|(.., visibility, _)| visibility.get());
         let found = found.filter_map(|(transform, light_probe, light, _, parallax)| {
-            // As Bevy has it, a probe turns with its maps.
+            // Like in Bevy, a probe rotates with its maps.
             let place = transform.affine() * Affine3A::from_quat(light.rotation);
             let images = [light.diffuse_map.id(), light.specular_map.id()];
             let source = probe(place, light_probe, light.intensity, parallax, images)?;
@@ -155,7 +155,7 @@ pub(super) fn extract_light_probes(world: &ProbeWorld, active: bool, mut extract
 
 const _: () = assert!(2 * MAX_PROBES <= u32::BITS as usize);
 
-/// The probes whose images can be sampled, as shaders see them.
+/// The probes with usable images, in the shaders' layout.
 pub(super) struct LightProbes {
     buffer: StorageSlice<GpuLightProbe>,
     data: Vec<GpuLightProbe>,
@@ -163,7 +163,7 @@ pub(super) struct LightProbes {
     maps: Vec<TextureView>,
     /// Voxels of each irradiance volume.
     volumes: Vec<TextureView>,
-    /// Black textures that fill the arrays; `None` where the device has no arrays of bindings.
+    /// Black textures that fill the arrays; `None` if the device has no binding arrays.
     fillers: Option<[TextureView; 2]>,
     marks: Marks,
     generation: u64,
@@ -175,10 +175,10 @@ pub(super) struct ProbeTextures<'a> {
     pub volumes: Vec<&'a WgpuTextureView>,
 }
 
-/// Storage buffers of the pass that needs most of them (`device/support.rs`), with that of the probes.
+/// Number of storage buffers, including the probes, in the pass with the most of them (`device/support.rs`).
 const STORAGE_BUFFERS: u32 = 10;
 
-/// Layouts of bindings 11 and 12 of group 1. Without arrays of bindings, Bevy lights nothing by reflection probes, either.
+/// Layouts of bindings 11 and 12 of group 1. Without binding arrays, Bevy applies no reflection probes, either.
 pub(super) fn texture_layouts(
     mode: ReflectionTextureMode,
     device: &RenderDevice,
@@ -252,7 +252,7 @@ impl LightProbes {
         }
     }
 
-    /// Forgets all probes.
+    /// Removes all probes.
     pub fn clear(&mut self) {
         self.data.clear();
         self.maps.clear();
@@ -261,7 +261,7 @@ impl LightProbes {
         self.generation += 1;
     }
 
-    /// There is none.
+    /// Returns whether there are no probes.
     pub fn is_empty(&self) -> bool {
         self.data.is_empty()
     }
@@ -286,12 +286,12 @@ impl LightProbes {
         self.buffer.buffer()
     }
 
-    /// Changes whenever the bind group has to be made anew.
+    /// Changes whenever the bind group has to be rebuilt.
     pub fn generation(&self) -> u64 {
         self.generation + self.buffer.generation()
     }
 
-    /// `None` where the device has no arrays of bindings.
+    /// Returns `None` if the device has no binding arrays.
     pub fn textures(&self) -> Option<ProbeTextures<'_>> {
         let [cube, volume] = self.fillers.as_ref()?;
         // Shaders clamp indices to the whole array, so all of it is filled.
@@ -301,7 +301,7 @@ impl LightProbes {
         })
     }
 
-    /// Takes over the probes whose images are there. Returns the change for rays.
+    /// Updates the probes to the extracted ones with loaded images. Returns the kind of change for rays.
     pub fn update(
         &mut self,
         extracted: &ExtractedLightProbes,

@@ -1,5 +1,5 @@
-//! The buffer of lights: up to [`MAX_LIGHTS`] as a list that hits go through, more with a tree that they draw from. Textures of lights stand
-//! behind them.
+//! The buffer of lights: up to [`MAX_LIGHTS`] as a list that hits evaluate, or more with a tree that they sample. Textures of lights
+//! follow at the end.
 
 use super::{
     gpu_types::GpuLight,
@@ -17,9 +17,9 @@ use bevy::render::{
 pub(super) struct LightTable {
     slice: StorageSlice<GpuLight>,
     tree: Option<LightTree>,
-    /// Lights that the buffer has, without the nodes of their tree.
+    /// Number of lights in the buffer, without the nodes of their tree.
     count: usize,
-    /// Place of the textures of lights in the buffer, and their number.
+    /// Index of the first light texture in the buffer, and their number.
     textures: (usize, usize),
 }
 
@@ -43,7 +43,7 @@ impl LightTable {
         self.slice.generation()
     }
 
-    /// Takes the kernel over that writes many changes.
+    /// Takes over the kernel that uploads large changes.
     pub fn follow_kernel(&mut self, kernels: &ScatterKernels, cache: &PipelineCache) {
         self.slice.follow_kernel(kernels, cache);
     }
@@ -63,7 +63,7 @@ impl LightTable {
         self.tree.as_ref().map_or(0, |tree| tree.leaf_count() as u32)
     }
 
-    /// Counts a frame. Returns whether [`Self::write`] is due although no light changed: the device may have the memory that it hadn't.
+    /// Counts a frame. Returns whether [`Self::write`] is due even if no light changed: the device might have memory now that it lacked.
     pub fn may_ask_again(&mut self) -> bool {
         self.slice.may_ask_again()
     }
@@ -73,8 +73,8 @@ impl LightTable {
         [self.textures.0 as u32, self.textures.1 as u32]
     }
 
-    /// Does the same as [`Self::write`], and has lights refer to their textures, which follow them. While lights have textures, all are
-    /// written anew.
+    /// Writes lights like [`Self::write`], with references to their textures, which follow them. While lights have textures, everything
+    /// is rewritten.
     pub fn write_with_textures(
         &mut self,
         lights: &[GpuLight],
@@ -88,7 +88,7 @@ impl LightTable {
         if textures.is_empty() {
             let touched = if had_textures { &Touched::All } else { touched };
             if had_textures {
-                // The buffer no longer holds the tree.
+                // The tree in the buffer is overwritten.
                 self.tree = None;
             }
             self.write(lights, touched, device, queue);
@@ -96,7 +96,7 @@ impl LightTable {
         }
         let mut tree = (lights.len() > MAX_LIGHTS).then(|| self.tree.take().unwrap_or_default());
         if let Some(tree) = &mut tree {
-            // Its own table has no numbers of textures.
+            // The tree's own table has no texture numbers.
             update(tree, lights, touched);
         }
         let mut table = tree.as_ref().map_or(lights, |tree| tree.table()).to_vec();
@@ -111,8 +111,8 @@ impl LightTable {
         self.textures = (first, if room == table.len() { textures.len() } else { 0 });
     }
 
-    /// Takes over the lights of the scene. If the device has no room for all of them with their tree, hits go through
-    /// the first ones. Lights that aren't `touched` are as they were.
+    /// Updates the buffer to the lights of the scene. If the device lacks memory for all lights with their tree, hits evaluate the
+    /// first ones. Lights that aren't `touched` are unchanged.
     pub fn write(&mut self, lights: &[GpuLight], touched: &Touched, device: &RenderDevice, queue: &RenderQueue) {
         if lights.len() <= MAX_LIGHTS {
             self.tree = None;

@@ -17,10 +17,10 @@ use bevy::{
 };
 use std::f32::consts::FRAC_PI_2;
 
-/// The definition with which Bevy's own shaders are compiled where they read textures of lights.
+/// Shader definition with which Bevy reads textures of lights.
 const DEFINITION: &str = "LIGHT_TEXTURES";
 
-/// The texture of a light as the app made it.
+/// The texture of a light in the main world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightTexture {
     image: AssetId<Image>,
@@ -31,7 +31,7 @@ pub struct LightTexture {
 }
 
 impl LightTexture {
-    /// `None` where the transform can't be inverted.
+    /// Returns `None` if the transform can't be inverted.
     fn new(image: AssetId<Image>, place: &GlobalTransform, projection: f32) -> Option<Self> {
         let inverse = place.affine().inverse();
         let axes = inverse.matrix3;
@@ -59,7 +59,7 @@ pub struct LightTextureWorld<'w, 's> {
 }
 
 impl LightTextureWorld<'_, '_> {
-    /// Returns whether directional, point and spot lights have textures.
+    /// Returns whether there are directional, point and spot lights with textures.
     pub fn kinds(&self) -> [bool; 3] {
         [
             !self.directional.is_empty(),
@@ -83,7 +83,7 @@ impl LightTextureWorld<'_, '_> {
     /// The texture of a spot light, which fills its cone.
     pub fn of_spot(&self, light: Entity) -> Option<LightTexture> {
         let (texture, spot, place) = self.spots.get(light).ok()?;
-        // The least angle keeps quotients finite.
+        // The minimum angle keeps quotients finite.
         let angle = spot.outer_angle.clamp(1e-4, FRAC_PI_2 - 1e-4);
         LightTexture::new(texture.image.id(), place, angle.tan())
     }
@@ -92,11 +92,11 @@ impl LightTextureWorld<'_, '_> {
 /// The textures of lights in the table of textures, and their records.
 #[derive(Default)]
 pub(super) struct LightTextures {
-    /// Bevy's shaders read textures of lights; `None` until that is known.
+    /// Whether Bevy's shaders read textures of lights; `None` until that is known.
     shine: Option<bool>,
     /// The textures of the last call, each with its light.
     wanted: Vec<(u32, LightTexture)>,
-    /// By texture, its image if that has a place in the table.
+    /// By texture, its image if it was added to the table.
     images: Vec<Option<AssetId<Image>>>,
     /// By texture, its light.
     lights: Vec<u32>,
@@ -104,7 +104,7 @@ pub(super) struct LightTextures {
 }
 
 impl LightTextures {
-    /// Finds out whether Bevy's own lighting reads textures of lights: it does so with some of its cargo features, on some devices.
+    /// Detects whether Bevy's own lighting reads textures of lights, which depends on its cargo features and the device.
     pub fn detect(&mut self, lighting: Option<&DeferredLightingLayout>) {
         self.shine = self.shine.or_else(|| {
             let lighting = lighting?.specialize(MeshPipelineKey::NONE);
@@ -113,8 +113,8 @@ impl LightTextures {
         });
     }
 
-    /// Takes over the textures, each with its light. `resettled` are images that arrived or have other content. Returns whether anything has
-    /// changed.
+    /// Updates the textures, each with its light. `resettled` are images that were loaded or have new content. Returns whether
+    /// anything has changed.
     pub fn follow(
         &mut self,
         wanted: &[(u32, LightTexture)],
@@ -127,7 +127,7 @@ impl LightTextures {
             return false;
         }
         self.wanted = wanted.to_vec();
-        // New images come first: images that stay keep their index.
+        // New images come first, so that unchanged images keep their index.
         let acquired = wanted.iter().map(|(_, texture)| texture.image);
         let images = acquired.map(|image| table.acquire(image).then_some(image)).collect();
         let old: Vec<_> = core::mem::replace(&mut self.images, images);
@@ -148,12 +148,12 @@ impl LightTextures {
         changed
     }
 
-    /// No light has a texture.
+    /// Returns whether no light has a texture.
     pub fn is_empty(&self) -> bool {
         self.records.is_empty()
     }
 
-    /// Points lights in a buffer to their textures, with records after the lights. `place_of` returns the index of a light.
+    /// Sets the texture numbers of lights in a buffer, and appends the records. `place_of` returns the index of a light.
     pub fn append_to(&self, table: &mut Vec<GpuLight>, place_of: impl Fn(u32) -> usize) {
         for (number, light) in (1..).zip(&self.lights) {
             if let Some(light) = table.get_mut(place_of(*light)) {
@@ -163,7 +163,7 @@ impl LightTextures {
         table.extend(self.records.iter().map(|record| bytemuck::cast::<_, GpuLight>(*record)));
     }
 
-    /// Records of this number of lights, for tests.
+    /// Records for this number of lights, for tests.
     #[cfg(test)]
     pub fn with_records(count: u32) -> Self {
         Self {

@@ -1,8 +1,8 @@
-//! A tree over lights, from which hits draw some of them: the CPU side of `light_sampling.wesl`.
+//! A tree over lights, which hits sample: the CPU side of `light_sampling.wesl`.
 //!
-//! The tree is binary and complete, so that nothing has to say where the children of a node are: node `i` has the children `2 i` and
-//! `2 i + 1`, and the nodes of the last level are lights. Children halve the box of their parent. A light that moves changes the boxes on its
-//! way to the root, and nothing else. Once the boxes have grown, the lights are sorted anew.
+//! The tree is binary and complete, so the positions of children are implicit: node `i` has the children `2 i` and `2 i + 1`, and the
+//! nodes of the last level are lights. Children halve the box of their parent. A light that moves only changes the boxes on its path to
+//! the root. Once the boxes have grown, the lights are sorted again.
 
 use super::{
     gpu_types::{GpuLight, LIGHT_DIRECTIONAL, LIGHT_RECT},
@@ -15,22 +15,23 @@ use bytemuck::{Pod, Zeroable};
 const FARTHEST: f32 = 1e18;
 /// Bounds of a light's power, so that sums and quotients are finite and above zero.
 const POWERS: [f32; 2] = [1e-6, 1e20];
-/// Lights are sorted anew once the boxes have grown by this factor. More sorts less often; less keeps light that is drawn less noisy.
+/// Lights are sorted again once the boxes have grown by this factor. A higher one sorts less often; a lower one makes sampled light less
+/// noisy.
 const GROWTH: f64 = 1.5;
-/// Updates between two sortings, however much the boxes grow.
+/// Minimum number of updates between two sorts.
 const SORTING_PAUSE: u32 = 16;
 
-/// Lights that share a box. Two of them take the place of one light in the buffer: the children of a node.
+/// The bounds of several lights. Two nodes, the children of a node, occupy the space of one light in the buffer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct LightNode {
     /// Corner of the box around the lights with their radii.
     pub low: [f32; 3],
-    /// Sum of the lights' strengths; negative if a light can shine on surfaces that it lies below, 0 without a light.
+    /// Sum of the lights' strengths, or 0 without a light. Negative if a light can illuminate surfaces from below their horizon.
     pub power: f32,
     /// The opposite corner.
     pub high: [f32; 3],
-    /// That of the light that reaches farthest.
+    /// `inverse_range_squared` of the light with the longest range.
     pub inverse_range_squared: f32,
 }
 
@@ -75,33 +76,33 @@ impl LightNode {
     }
 }
 
-/// The part of the table that an update has written.
+/// The part of the table that an update has changed.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Written<'a> {
     /// The whole table.
     All,
-    /// Elements at these sorted places.
+    /// Elements at these sorted indices.
     Elements(&'a [u32]),
 }
 
-/// Lights as the GPU has them: directional ones, the others in the order of the tree, and then pairs of nodes.
+/// Lights in the GPU's layout: directional ones, the others in tree order, and then pairs of nodes.
 #[derive(Default)]
 pub struct LightTree {
-    /// Directional lights, which stay out of the tree.
+    /// Number of directional lights, which aren't in the tree.
     directional: usize,
-    /// By place in the tree, the light.
+    /// Lights in tree order.
     order: Vec<u32>,
     /// Node 0 does not exist, node 1 is the root.
     nodes: Vec<LightNode>,
     table: Vec<GpuLight>,
-    /// By light, its place in the table.
+    /// Index in the table of each light.
     places: Vec<u32>,
     /// Indices of lights that might have changed.
     touched: Vec<u32>,
     written: Vec<u32>,
     /// Nodes of a level that have changed.
     level: Vec<u32>,
-    /// Sum of the diagonals of all boxes: now, and when the lights were sorted.
+    /// Sum of the diagonals of all boxes: now, and after the last sort.
     size: f64,
     sorted_size: f64,
     updates: u32,
@@ -113,17 +114,17 @@ impl LightTree {
         &self.table
     }
 
-    /// Lights at the beginning of the table that are in no tree.
+    /// Number of directional lights, at the beginning of the table. They aren't in the tree.
     pub fn directional_count(&self) -> usize {
         self.directional
     }
 
-    /// Nodes of the last level, a power of two of at least 2: for each light one, and empty ones.
+    /// Number of nodes on the last level, a power of two of at least 2: one for each light, and empty ones.
     pub fn leaf_count(&self) -> usize {
         self.nodes.len() / 2
     }
 
-    /// The place of a light in the table.
+    /// The index of a light in the table.
     pub fn place_of(&self, light: u32) -> usize {
         self.places[light as usize] as usize
     }
@@ -134,12 +135,12 @@ impl LightTree {
         &self.nodes
     }
 
-    /// Updates the tree to the lights; directional ones come first.
+    /// Updates the tree to the lights. Directional ones come first.
     pub fn update(&mut self, lights: &[GpuLight]) -> Written<'_> {
         self.update_some(lights, 0..lights.len() as u32)
     }
 
-    /// Variant for the case that only these lights might have changed since the last call, or that their number changed.
+    /// Updates the tree if at most these lights changed since the last call. If the number of lights changed, all are updated.
     pub fn update_some(&mut self, lights: &[GpuLight], touched: impl IntoIterator<Item = u32>) -> Written<'_> {
         let directional = lights.partition_point(|light| light.kind == LIGHT_DIRECTIONAL);
         if directional != self.directional || lights.len() != directional + self.order.len() {
@@ -177,7 +178,7 @@ impl LightTree {
             self.sort(lights);
             return Written::All;
         }
-        // Each level is in order already, which this sort makes use of.
+        // Each level is in order already, which makes this sort fast.
         self.written.sort();
         Written::Elements(&self.written)
     }
@@ -204,7 +205,7 @@ impl LightTree {
 
     fn sort(&mut self, lights: &[GpuLight]) {
         let count = lights.len() - self.directional;
-        // Two at least, so that the root has children.
+        // At least two, so that the root has children.
         let leaves = count.next_power_of_two().max(2);
         self.order.clear();
         self.order.extend(self.directional as u32..lights.len() as u32);
@@ -238,8 +239,8 @@ impl LightTree {
     }
 }
 
-/// Sorts lights into a tree with this capacity: the first half of each node goes to its first child. Halves differ in range, or else
-/// along the longest side of the box.
+/// Sorts lights into a tree of this capacity: the first half of each node goes to its first child. Lights are split by range or, if that
+/// is similar, along the longest side of the box.
 fn divide(mut order: &mut [u32], mut room: usize, lights: &[GpuLight]) {
     while order.len() > 1 {
         room /= 2;
@@ -258,7 +259,7 @@ fn divide(mut order: &mut [u32], mut room: usize, lights: &[GpuLight]) {
         if classes[0] < classes[1] {
             order.select_nth_unstable_by_key(room, |index| range_class(&lights[*index as usize]));
         } else {
-            // Halves, since the whole can be too long for a float.
+            // Halved first, since the full extent can overflow.
             let axis = (0.5 * high - 0.5 * low).max_position();
             let place = |index: &u32| lights[*index as usize].position[axis];
             order.select_nth_unstable_by(room, |a, b| place(a).total_cmp(&place(b)));
@@ -269,8 +270,8 @@ fn divide(mut order: &mut [u32], mut room: usize, lights: &[GpuLight]) {
     }
 }
 
-/// Lights of the same class reach about equally far. Among others, one that reaches far makes a node seem bright from where no other light
-/// of it shines.
+/// Lights of the same class have a similar range. A light with a long range, among others, makes a node seem bright at places that the
+/// others don't reach.
 fn range_class(light: &GpuLight) -> i32 {
     // In steps of a factor of four.
     let range = 1.0 / light.inverse_range_squared.sqrt();

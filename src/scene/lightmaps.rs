@@ -1,4 +1,4 @@
-//! Lightmaps: light that was baked for an object. Hits show it as Bevy's deferred renderer does, beside all other light.
+//! Lightmaps: baked light of objects. Hits apply it as Bevy's deferred renderer does, in addition to all other light.
 
 use super::{gpu_types::NO_TEXTURE, instances::SceneInstances, textures::TextureTable, waiting_room::WaitingRoom};
 use bevy::{asset::AssetId, image::Image, platform::collections::HashSet};
@@ -7,15 +7,15 @@ use std::collections::BTreeMap;
 /// The objects' lightmaps in the table of textures.
 #[derive(Default)]
 pub(super) struct Lightmaps {
-    /// By slot of the object, the image that has a place for it.
+    /// By slot of the object, its image in the table.
     images: BTreeMap<u32, AssetId<Image>>,
-    /// Slots with an image for which there was no place.
+    /// Slots with an image that didn't fit into the table.
     without_room: WaitingRoom<u32>,
 }
 
 impl Lightmaps {
-    /// Allocates the lightmaps of objects in `dirty` slots, and frees those that they no longer need. Adds slots to `dirty` that can get
-    /// their lightmap now. Returns those with a lightmap among the `changed` images.
+    /// Allocates the lightmaps of objects in `dirty` slots, and frees the ones that they no longer need. Adds slots to `dirty` for which
+    /// there is space now. Returns the slots with a lightmap among the `changed` images.
     pub fn follow(
         &mut self,
         dirty: &mut Vec<u32>,
@@ -27,7 +27,7 @@ impl Lightmaps {
         for &slot in &*dirty {
             let source = instances.get(slot).and_then(|source| source.lightmap.as_ref());
             let wanted = source.map(|lightmap| lightmap.image);
-            // The new image comes first: if it is the old one, it keeps its place.
+            // The new image is acquired first: if it equals the old one, it keeps its place.
             let found = wanted.filter(|image| textures.acquire(*image));
             let old = match found {
                 Some(image) => self.images.insert(slot, image),
@@ -51,13 +51,13 @@ impl Lightmaps {
         lit
     }
 
-    /// The word for shaders; [`NO_TEXTURE`] until the image of the object in a slot can be sampled.
+    /// Returns the word for shaders; [`NO_TEXTURE`] until the image of the object in a slot can be sampled.
     pub fn word(&self, slot: u32, textures: &TextureTable) -> u32 {
         let image = self.images.get(&slot);
         image.and_then(|image| textures.packed(*image)).unwrap_or(NO_TEXTURE)
     }
 
-    /// No object has a lightmap.
+    /// Returns whether no object has a lightmap.
     pub fn is_empty(&self) -> bool {
         self.images.is_empty()
     }

@@ -1,4 +1,4 @@
-//! Lights for hits: all visible ones of the scene. Bevy's own list omits lights that the camera does not see. `lights/extract.rs` follows
+//! Lights for hits: all visible lights of the scene. Bevy's own list omits lights outside the camera's view. `lights/extract.rs` tracks
 //! their changes.
 
 pub(super) mod extract;
@@ -16,16 +16,16 @@ use super::{
     light_textures::LightTexture,
 };
 
-/// Number of lights that hits evaluate one by one. With more, they evaluate only the directional ones, up to the same number, and sample
-/// the others. `shading.wesl` has the same number.
+/// Maximum number of lights that hits evaluate one by one. If there are more, they evaluate only the directional ones, up to the same
+/// number, and sample the others. `shading.wesl` has the same number.
 pub const MAX_LIGHTS: usize = 256;
 
 /// Lights that changed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Touched {
-    /// Any, or their number.
+    /// Any light might have changed, or the number of lights.
     All,
-    /// Only these lights. Some can be named twice.
+    /// Only these lights. There can be duplicates.
     Lights(Vec<u32>),
 }
 
@@ -36,7 +36,7 @@ impl Default for Touched {
 }
 
 impl Touched {
-    /// There is none.
+    /// Returns whether no light changed.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
@@ -55,14 +55,14 @@ pub struct ExtractedLights {
     lights: Vec<GpuLight>,
     /// Textures of lights, each with the index of its light.
     textures: Vec<(u32, LightTexture)>,
-    /// Lights that differ from the last frame, if only in marks, and how they do.
+    /// Lights that differ from the last frame, even if only in marks, and the kind of change.
     touched: Touched,
     change: Change,
     /// By light, the frames for which it stays marked.
     restless: Vec<u32>,
     /// Lights with a mark.
     marked: Vec<u32>,
-    /// Bevy's shaders apply rectangle lights, which they do only with Bevy's cargo feature `area_light_luts`.
+    /// Bevy's shaders support rectangle lights, which depends on Bevy's cargo feature `area_light_luts`.
     rects_shine: bool,
 }
 
@@ -72,7 +72,7 @@ impl ExtractedLights {
         &self.lights
     }
 
-    /// Returns whether there are rectangular lights, which are the last ones.
+    /// Returns whether there are rectangular lights, which come last.
     pub(super) fn has_rects(&self) -> bool {
         self.lights.last().is_some_and(|light| light.kind == LIGHT_RECT)
     }
@@ -82,7 +82,7 @@ impl ExtractedLights {
         &self.textures
     }
 
-    /// Lights that differ from those of the last call, and the kind of difference.
+    /// Lights that changed since the last call, and the kind of change.
     pub(super) fn take_changes(&mut self) -> (Touched, Change) {
         (core::mem::take(&mut self.touched), core::mem::take(&mut self.change))
     }
@@ -96,7 +96,7 @@ impl ExtractedLights {
         }
     }
 
-    /// Takes the lights of a frame, and marks those that changed since the last one, if any can have marks or had them recently.
+    /// Replaces all lights, and marks the ones that changed since the last frame if any of them can have marks or had them recently.
     fn replace(&mut self, lights: Vec<GpuLight>) {
         let previous = core::mem::replace(&mut self.lights, lights);
         if self.lights.len() == previous.len() {
@@ -114,7 +114,7 @@ impl ExtractedLights {
         }
     }
 
-    /// Replaces one light. Belongs before [`Self::mark`].
+    /// Replaces one light. Call before [`Self::mark`].
     fn set(&mut self, place: u32, light: GpuLight) {
         let known = &mut self.lights[place as usize];
         let previous = GpuLight {
@@ -129,7 +129,7 @@ impl ExtractedLights {
             ..previous
         };
         let restless = &mut self.restless[place as usize];
-        // A light that begins to move might no longer shine at its old place.
+        // If a light begins to move, hits at its old place can't detect that.
         let is_marked = *restless > 0 || light == in_its_color;
         let change = if is_marked { Change::Marked } else { Change::Unmarked };
         self.change = self.change.max(change);
@@ -145,7 +145,7 @@ impl ExtractedLights {
         self.touched.add(place);
     }
 
-    /// Marks lights that have changed lately, and no others: once in each frame.
+    /// Marks exactly the lights that have changed lately; call once per frame.
     fn mark(&mut self) {
         let Self {
             lights,
@@ -178,7 +178,7 @@ impl ExtractedLights {
         };
     }
 
-    /// Finds out whether Bevy was built with the tables for rectangular lights, which follow in the next frame.
+    /// Detects whether Bevy was built with the tables for rectangular lights. Such lights appear in the next frame.
     pub(super) fn detect_rects(&mut self, luts: Option<&AreaLightLuts>, images: &RenderAssets<GpuImage>) {
         // Without the feature there is a placeholder of one texel.
         let image = luts.and_then(|luts| images.get(&luts.image));
@@ -186,21 +186,21 @@ impl ExtractedLights {
     }
 }
 
-/// Keeps the strongest lights, in their order: a light that comes or goes changes one other at most.
+/// Keeps the strongest lights, in order, so that an added or removed light replaces at most one other.
 fn keep_strongest(lights: &mut Vec<GpuLight>) {
     let mut order: Vec<usize> = (0..lights.len()).collect();
-    // Equal ones are told apart by their place.
+    // Ties are broken by the index, since the sort is stable.
     order.sort_by(|a, b| strength(&lights[*b]).total_cmp(&strength(&lights[*a])));
     order.truncate(MAX_LIGHTS);
     order.sort_unstable();
     *lights = order.into_iter().map(|index| lights[index]).collect();
 }
 
-/// How bright a light is from afar.
+/// Brightness of a light from afar.
 pub fn strength(light: &GpuLight) -> f32 {
     let luminance = Vec3::from(light.color).dot(Vec3::new(0.2126, 0.7152, 0.0722));
     match light.kind {
-        // Its radiance times its area.
+        // Radiance times area.
         LIGHT_RECT => luminance * 4.0 * light.spot[0] * light.spot[1],
         _ => luminance,
     }

@@ -1,9 +1,9 @@
 //! Masks of the meshes of alpha-masked objects, for the alpha test of the BVH tracer.
 //!
-//! They stand beside the trees behind a header, once for each mesh and material, while an object needs them. Merged trees refer
-//! to them, too: where masks move, objects count as changed.
+//! They are stored beside the trees behind a header, once for each mesh and material, while an object needs them. Merged trees
+//! refer to them, too, so objects count as changed if their masks move.
 //!
-//! A material that stays as it is for a while gets opacity micromaps ([`micromaps`]), which change no picture.
+//! Materials that haven't changed for a while get opacity micromaps ([`micromaps`]), which don't change the image.
 
 mod micromaps;
 
@@ -29,10 +29,10 @@ use std::sync::Arc;
 
 pub(super) use micromaps::{MaskKey, Surroundings};
 
-/// Masks with finished micromaps that are uploaded in one frame, besides the first ones: 16 MB.
+/// Maximum number of mask items with finished micromaps that are uploaded in one frame, apart from the first masks: 16 MB.
 const UPLOAD_ITEMS_PER_FRAME: usize = 350_000;
-/// Sets whose micromaps are made at a time: the pool has other work, and each looks through a texture, with two bytes for each of
-/// its texels meanwhile.
+/// Maximum number of sets with micromaps in the making. The task pool has other work, and each build scans a texture, with two
+/// temporary bytes per texel.
 const MOST_BAKING: usize = 4;
 
 struct MaskSet {
@@ -51,28 +51,27 @@ struct MaskSet {
 #[derive(Default)]
 pub(super) struct MaskSets {
     sets: HashMap<MaskKey, MaskSet>,
-    /// By slots of the instance buffer.
+    /// Keys by slot of the instance buffer.
     keys: Vec<Option<MaskKey>>,
-    /// Slots whose masks found no room.
+    /// Slots with masks that didn't fit into the buffer.
     without_room: WaitingRoom<u32>,
     frame: u64,
     next_name: u64,
-    /// Sets whose micromaps are not made yet.
+    /// Some sets don't have their micromaps yet.
     unfinished: bool,
-    /// There are sets whose header was not written yet.
+    /// Some sets don't have their header yet.
     has_new: bool,
 }
 
-/// Inputs that may differ from the last frame.
+/// Inputs that might differ from the last frame.
 pub(super) struct Changes<'a> {
-    /// Any image, or how it is sampled.
+    /// Any image or sampler.
     pub images: bool,
     pub materials: &'a HashSet<UntypedAssetId>,
 }
 
 impl MaskSets {
-    /// Notes what the object of a slot needs. Returns where its masks stand; `None` where there is no room for them, or none
-    /// are needed.
+    /// Assigns masks to the object of a slot. Returns their index; `None` if they don't fit, or none are needed.
     pub fn assign(
         &mut self,
         slot: u32,
@@ -86,7 +85,7 @@ impl MaskSets {
         let slot = slot as usize;
         let had = self.keys.get(slot).copied().flatten();
         if had != wanted {
-            // New ones first, so that what both share stays where it is.
+            // New masks are acquired first, so that shared ones stay in place.
             let acquired = wanted.filter(|key| self.acquire(*key, surroundings, meshes, queue));
             if let Some(key) = had {
                 self.release(&key, meshes);
@@ -103,12 +102,12 @@ impl MaskSets {
             }
         }
         let set = self.sets.get(&wanted?)?;
-        // Behind the header.
+        // After the header.
         Some(set.slice.base() / ITEM_WORDS + 1)
     }
 
-    /// Takes micromaps back where their material or its image changed, and makes new ones of those at rest. Returns the slots whose
-    /// micromaps came or went, and those whose masks may find room now.
+    /// Removes micromaps if their material or its image changed, and builds new ones for materials that have settled. Returns the
+    /// slots whose micromaps changed, and slots whose masks might fit now.
     pub fn update(
         &mut self,
         changes: &Changes,
@@ -175,7 +174,7 @@ impl MaskSets {
         slots
     }
 
-    /// Moves masks that keep the buffer large, and returns which. Their micromaps are made anew.
+    /// Reallocates masks that keep the buffer large and returns their keys. Their micromaps are rebuilt.
     fn move_stranded(
         &mut self,
         surroundings: &Surroundings,
@@ -204,8 +203,8 @@ impl MaskSets {
         moved
     }
 
-    /// Writes what masks need of materials. Runs after these are packed; `changed` tells whether any of them is another one than
-    /// in the last frame.
+    /// Writes the materials' parameters to the mask headers. Runs after materials are packed; `changed` is true if any of them
+    /// differs from the last frame.
     pub fn write_headers(
         &mut self,
         changed: bool,
@@ -241,22 +240,22 @@ impl MaskSets {
         set.map_or_else(NamedMicromaps::default, |set| set.micromaps.named())
     }
 
-    /// Micromaps are missing that will be made without further changes.
+    /// Returns whether micromaps will be built, provided that nothing changes.
     pub fn is_pending(&self) -> bool {
         self.unfinished && self.sets.values().any(|set| set.micromaps.is_pending(self.frame))
     }
 
-    /// Micromaps that were made since the start.
+    /// Number of micromaps built since the start.
     pub fn builds(&self) -> u64 {
         self.next_name
     }
 
-    /// Micromaps are being made.
+    /// Returns whether micromaps are being built.
     pub fn is_baking(&self) -> bool {
         self.unfinished && self.sets.values().any(|set| set.micromaps.is_due(self.frame))
     }
 
-    /// Gives everything back.
+    /// Frees everything.
     pub fn clear(&mut self, meshes: &mut SceneMeshes) {
         for (_, set) in self.sets.drain() {
             meshes.bvh.free(set.slice);
@@ -331,7 +330,7 @@ fn create(
     })
 }
 
-/// Behind the header.
+/// Written after the header.
 fn write_masks(slice: &ArenaSlice, items: &[Item], meshes: &mut SceneMeshes, queue: &RenderQueue) {
     let words = items.as_flattened().as_flattened();
     meshes.bvh.write_from(queue, slice, ITEM_WORDS as usize, words);

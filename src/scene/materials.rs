@@ -1,4 +1,4 @@
-//! Materials as hits need them: copies of the assets in the render world, packed into the table that shaders read.
+//! Materials for hits: copies of the assets in the render world, packed into the shaders' table.
 
 mod forward;
 mod pack;
@@ -35,11 +35,11 @@ pub(super) use types::MaterialTypes;
 use pack::{hits_same, instances_same, is_solid, looks_same};
 use users::{ImageUsers, Images};
 
-/// A material type that rays see.
+/// A material type that rays support.
 ///
-/// Rays don't run the material's own shader: they see the [`StandardMaterial`] that stands for it. Implemented for every
-/// `ExtendedMaterial<StandardMaterial, E>`, which is seen as its base.
-/// [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin) makes it work.
+/// Rays don't run the material's own shader. Instead, they shade its hits like the [`StandardMaterial`] that stands for it. Implemented
+/// for every `ExtendedMaterial<StandardMaterial, E>`, represented by its base. Requires
+/// [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin).
 ///
 /// # Examples
 ///
@@ -65,13 +65,13 @@ use users::{ImageUsers, Images};
 /// }
 /// ```
 pub trait ReflectedMaterial: Material {
-    /// The material that rays see. Called once for each change of the asset.
+    /// The material that stands for this one in reflections. Called once for each change of the asset.
     fn reflected(&self) -> StandardMaterial;
 
-    /// Returns whether the material's own shader adds the specular light of the environment as Bevy does for a [`StandardMaterial`] like
-    /// [`reflected`](Self::reflected). Then traced reflections take its place where the material is drawn forward
-    /// ([`forward`](crate::RayTracedReflections::forward)). Default: false, and true of extended materials, for which
-    /// [`ReflectedMaterialPlugin::without_environment`](crate::ReflectedMaterialPlugin::without_environment) says otherwise.
+    /// Returns whether the material's own shader adds the environment's specular light like Bevy does for a [`StandardMaterial`] that
+    /// equals [`reflected`](Self::reflected). If so, traced reflections replace that light where the material is drawn in the forward
+    /// pass ([`forward`](crate::RayTracedReflections::forward)). Default: false. Extended materials return true, unless
+    /// [`ReflectedMaterialPlugin::without_environment`](crate::ReflectedMaterialPlugin::without_environment) is set.
     #[must_use]
     fn shows_environment() -> bool {
         false
@@ -102,24 +102,24 @@ impl<E: MaterialExtension> ReflectedMaterial for ExtendedMaterial<StandardMateri
     }
 }
 
-/// Index of the material that stands in for those that are not loaded yet: `StandardMaterial::default()`.
+/// Index of the substitute for materials that aren't loaded yet: `StandardMaterial::default()`.
 pub const DEFAULT_MATERIAL: u32 = 0;
 
-/// Loaded materials of all types that rays know, as rays see them.
+/// Loaded materials of all supported types, as they appear in reflections.
 #[derive(Resource, Default)]
 pub struct MaterialAssets {
     materials: HashMap<UntypedAssetId, StandardMaterial>,
     /// The `MATERIAL_TYPE_` bits of each type.
     type_flags: HashMap<TypeId, u32>,
-    /// Types whose shaders show the environment.
+    /// Types with shaders that add the environment's light.
     mirroring: HashSet<TypeId>,
-    /// Opaque materials that Bevy draws forward; `None` while nobody has looked.
+    /// Opaque materials that Bevy draws in its forward pass. `None` until first queried.
     forward: Option<HashSet<UntypedAssetId>>,
     changed: HashSet<UntypedAssetId>,
-    /// Changed materials whose instances may be others than before.
+    /// Changed materials that might change their instances, too.
     reshaped: HashSet<UntypedAssetId>,
     removed: Vec<UntypedAssetId>,
-    /// Types whose assets were copied as a whole; from then on, events tell what changes.
+    /// Types whose assets were copied completely; from then on, events report changes.
     filled: HashSet<TypeId>,
 }
 
@@ -129,7 +129,7 @@ impl MaterialAssets {
         self.materials.get(&id)
     }
 
-    /// Adds a material, or what has become of it.
+    /// Adds or updates a material.
     fn set(&mut self, id: UntypedAssetId, material: StandardMaterial) {
         let before = self.materials.get(&id);
         if before.is_some_and(|before| looks_same(before, &material)) {
@@ -148,18 +148,18 @@ impl MaterialAssets {
         self.removed.push(id);
     }
 
-    /// Materials that came, changed or went since [`update_materials`] ran last.
+    /// Materials that were added, changed or removed since the last run of [`update_materials`].
     pub fn changed(&self) -> impl Iterator<Item = UntypedAssetId> + '_ {
         self.changed.iter().chain(&self.removed).copied()
     }
 
-    /// Changed materials whose instances may need new flags: no other colour makes an instance another one.
+    /// Changed materials whose instances might need new flags. A mere change of colour isn't among them.
     pub fn reshaped(&self) -> impl Iterator<Item = UntypedAssetId> + '_ {
         self.reshaped.iter().chain(&self.removed).copied()
     }
 }
 
-/// Keeps the materials of one type in [`MaterialAssets`] up to date. Belongs in `ExtractSchedule`.
+/// Keeps the materials of one type in [`MaterialAssets`] up to date. Runs in `ExtractSchedule`.
 pub fn extract_materials<M: ReflectedMaterial>(
     assets: Extract<Option<Res<Assets<M>>>>,
     mut events: Extract<MessageReader<AssetEvent<M>>>,
@@ -182,7 +182,7 @@ pub fn extract_materials<M: ReflectedMaterial>(
         }
         return;
     }
-    // Bevy draws by the default method what has none of its own, but for light that comes through.
+    // Bevy draws materials without their own render method by the default one, except for materials with diffuse transmission.
     let reflected = |material: &M| {
         let mut material = material.reflected();
         if material.opaque_render_method == OpaqueRendererMethod::Auto && material.diffuse_transmission <= 0.0 {
@@ -199,7 +199,7 @@ pub fn extract_materials<M: ReflectedMaterial>(
             copies.mirroring.insert(TypeId::of::<M>());
         }
     }
-    // Events from before the first frame may be gone.
+    // Events from before the first frame might be gone.
     if is_new || *last_method != method {
         *last_method = method;
         for (id, material) in assets.iter() {
@@ -224,29 +224,29 @@ struct Slot {
     textures: Images,
 }
 
-/// The packed materials, at indices that stay the same while a material exists. Index 0 is [`DEFAULT_MATERIAL`].
+/// The packed materials. A material keeps its index while it exists. Index 0 is [`DEFAULT_MATERIAL`].
 #[derive(Resource)]
 pub struct MaterialTable {
     indices: HashMap<UntypedAssetId, u32>,
     slots: Vec<Slot>,
     data: Vec<GpuMaterial>,
     free: FreeSlots,
-    /// Materials to pack again: new ones, and those that changed.
+    /// New and changed materials, to be packed.
     waiting: HashSet<u32>,
     /// Images with the materials that use them or wait for them.
     users: ImageUsers,
-    /// Materials whose images found no place in the table of textures.
+    /// Materials with images that didn't fit into the table of textures.
     without_room: WaitingRoom<u32>,
     dirty: Range<usize>,
-    /// The greatest change since it was asked for last.
+    /// The greatest change since the last query.
     change: Change,
-    /// Materials that are marked as changed, and the frames for which they stay so.
+    /// Materials that are marked as changed, and the remaining number of frames.
     restless: HashMap<u32, u32>,
     /// Number of materials with a clearcoat.
     coated: usize,
-    /// Number of materials through which diffuse light comes.
+    /// Number of materials with diffuse transmission.
     translucent: usize,
-    /// How often a material was packed.
+    /// Number of packed materials so far, for tests.
     #[cfg(test)]
     packs: usize,
 }
@@ -280,7 +280,8 @@ impl Default for MaterialTable {
 }
 
 impl MaterialTable {
-    /// The index of a material, which gets one when it is asked for first. Until it is loaded, the index holds the default material.
+    /// Returns the index of a material, and allocates one on the first call. Until the material is loaded, the index contains the
+    /// default material.
     pub fn index(&mut self, id: UntypedAssetId) -> u32 {
         if let Some(index) = self.indices.get(&id) {
             return *index;
@@ -309,17 +310,17 @@ impl MaterialTable {
         index
     }
 
-    /// A material as shaders see it.
+    /// A material in the shaders' layout.
     pub(super) fn packed(&self, id: UntypedAssetId) -> Option<&GpuMaterial> {
         self.data.get(*self.indices.get(&id)? as usize)
     }
 
-    /// Returns whether any material has a clearcoat, which shaders have to know.
+    /// Returns whether any material has a clearcoat, which shaders are compiled for.
     pub(crate) fn has_clearcoat(&self) -> bool {
         self.coated > 0
     }
 
-    /// Returns whether diffuse light comes through any material, which shaders have to know.
+    /// Returns whether any material has diffuse transmission, which shaders are compiled for.
     pub(crate) fn has_diffuse_transmission(&self) -> bool {
         self.translucent > 0
     }
@@ -342,7 +343,7 @@ impl MaterialTable {
             flags: data.flags & !MATERIAL_RESTLESS,
             ..*data
         };
-        // Only a difference may end the rest of static views.
+        // Only an actual difference may restart converged views.
         if bytes_of(&before) == bytes_of(&material) {
             return;
         }
@@ -361,7 +362,7 @@ impl MaterialTable {
         }
     }
 
-    /// A material looks different at places where rays met it before.
+    /// Marks a material that now looks different where rays hit it before.
     fn mark(&mut self, index: u32) {
         let place = index as usize;
         let flags = &mut self.data[place].flags;
@@ -373,21 +374,21 @@ impl MaterialTable {
         self.change = self.change.max(Change::Marked);
     }
 
-    /// Notes that objects of a material look different, although it is the same.
+    /// Marks a material whose objects look different, although it is unchanged.
     pub(super) fn note_relit(&mut self, id: UntypedAssetId) {
         if let Some(index) = self.indices.get(&id) {
             self.mark(*index);
         }
     }
 
-    /// Notes that images have arrived, or have other content.
+    /// Updates the users of images that were loaded or have new content.
     fn follow_images(&mut self, images: &HashSet<AssetId<Image>>) {
         for image in images {
             let users: Vec<u32> = self.users.of(*image).collect();
             self.waiting.extend(&users);
             for index in users {
                 let (slot, data) = (&self.slots[index as usize], &self.data[index as usize]);
-                // Rays that went through holes of the last one can't tell.
+                // Rays that passed through the old image's holes can't detect the change.
                 if is_solid(data) || slot.textures[TEXTURE_BASE_COLOR] != Some(*image) {
                     self.mark(index);
                 } else {
@@ -397,14 +398,14 @@ impl MaterialTable {
         }
     }
 
-    /// Replaces the images of a material, which have a place in the table of textures. Returns the last ones.
+    /// Replaces the images of a material, which are already in the table of textures. Returns the previous ones.
     fn set_textures(&mut self, index: u32, textures: Images) -> Images {
         let last = core::mem::replace(&mut self.slots[index as usize].textures, textures);
         self.users.replace(index, last, textures);
         last
     }
 
-    /// A frame goes by: takes marks from materials that have been the same for a while.
+    /// Call once per frame: clears the marks of materials that haven't changed for a while.
     fn settle(&mut self) {
         let Self {
             restless, data, dirty, ..
@@ -461,7 +462,7 @@ impl MaterialTable {
         {
             self.packs += 1;
         }
-        // New images are taken before old ones are given back, so that those in both keep their place.
+        // New images are acquired before old ones are released, so that shared images keep their place.
         let wanted = texture_ids(material);
         let ids = wanted.map(|image| image.filter(|image| textures.acquire(*image)));
         for image in self.set_textures(index, ids).into_iter().flatten() {
@@ -491,7 +492,7 @@ impl MaterialTable {
     }
 }
 
-/// Packs what changed: materials, or images that arrived or have other content. Runs after the update of textures.
+/// Packs changed materials, and materials with images that were loaded or have new content. Runs after the update of textures.
 pub fn update_materials(
     assets: &mut MaterialAssets,
     table: &mut MaterialTable,
@@ -501,7 +502,7 @@ pub fn update_materials(
 ) {
     table.settle();
     for id in std::mem::take(&mut assets.removed) {
-        // The same id may be back already.
+        // A material with the same id might exist again already.
         if assets.get(id).is_none() {
             table.remove(id, textures);
         }
@@ -515,7 +516,7 @@ pub fn update_materials(
         }
     }
     table.follow_images(resettled);
-    // One that isn't loaded yet comes back once it is.
+    // A material that isn't loaded is added again once it is.
     for index in core::mem::take(&mut table.waiting) {
         table.pack(index, assets, textures, images);
     }

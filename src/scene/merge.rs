@@ -1,11 +1,12 @@
-//! Merging of objects at rest into trees in world space, for the BVH tracer; `bvh.rs` says why.
+//! Merges static objects into trees in world space, for the BVH tracer; `bvh.rs` explains why.
 //!
-//! The trees are built off the main thread and uploaded in parts. Until a tree is in the buffer, its objects are instances like all
-//! others. So is an object again after it moved, changed its mesh or what the traversal has to know of its material, was hidden or
-//! despawned: its triangles in the tree are overwritten by ones without area. [`scheduler`] decides what is merged and when.
+//! The trees are built off the main thread and uploaded in parts. Until a tree is in the buffer, its objects are ordinary
+//! instances. An object becomes an instance again after it moved, was hidden or despawned, or changed its mesh or a material
+//! property that the traversal uses: its triangles in the tree are overwritten by ones without area. [`scheduler`] decides which
+//! objects are merged and when.
 //!
-//! A merged triangle takes 56 bytes of GPU memory, more where it is split, on top of the BLAS of its mesh, which is kept so
-//! that its objects can become instances again at any time.
+//! A merged triangle takes 56 bytes of GPU memory, more if it is split. The BLAS of its mesh is also kept, so that its objects can
+//! become instances again at any time.
 
 mod scheduler;
 #[cfg(test)]
@@ -30,16 +31,16 @@ pub(super) use scheduler::Placement;
 
 use std::sync::Arc;
 
-/// Triangles of all merged trees, at most: 235 MB, and more where they are split.
+/// Maximum number of triangles in all merged trees: 235 MB, and more if they are split.
 const BUDGET_TRIANGLES: u64 = 4 << 20;
 /// Words of a merged tree that are uploaded in one frame: 2 MB, so that no frame waits for the copy of a large tree.
 const UPLOAD_WORDS_PER_FRAME: usize = 512 << 10;
 
-/// Writes that cutting an object out of a tree may take: each costs about a microsecond.
+/// Maximum number of writes to cut an object out of a tree: each costs about a microsecond.
 const MOST_CUTS: usize = 512;
 
-/// Frames that merging waits for micromaps, while any are being made: two seconds. With more, a scene that streams in is merged
-/// later; with fewer, trees are built twice.
+/// Frames for which merging waits while micromaps are being built: two seconds. A higher number merges a scene that streams in
+/// later; a lower one builds trees twice.
 const MICROMAP_PATIENCE: u64 = 120;
 
 const LIMITS: Limits = Limits {
@@ -47,7 +48,7 @@ const LIMITS: Limits = Limits {
     chunk_triangles: CHUNK_TRIANGLES,
     // About a tenth of a second.
     cheap_triangles: 1 << 18,
-    // Browsers have no threads to build on: a tree of the whole scene would stop the picture.
+    // Browsers have no threads to build on: a tree of the whole scene would block rendering.
     budget_triangles: if cfg!(target_arch = "wasm32") {
         0
     } else {
@@ -55,19 +56,19 @@ const LIMITS: Limits = Limits {
     },
 };
 
-/// Merges what is at rest.
+/// Merges static objects.
 pub(super) struct StaticMerge {
     scheduler: MergeScheduler,
     work: Option<Work>,
-    /// By names of the trees.
+    /// By name of the tree.
     owners: HashMap<u64, TreeOwners>,
-    /// Frames that it has waited for micromaps.
+    /// Number of frames spent waiting for micromaps.
     waited: u64,
 }
 
 /// The triangles of each object in a tree.
 struct TreeOwners {
-    /// The tree's first triangle, from its first item on.
+    /// The tree's first triangle, as an index of its items.
     first: u32,
     owners: Owners,
 }
@@ -88,7 +89,7 @@ struct Upload {
     owners: Owners,
     name: u64,
     first_node: u32,
-    /// Words that are uploaded.
+    /// Number of words uploaded so far.
     done: usize,
 }
 
@@ -104,22 +105,22 @@ impl Default for StaticMerge {
 }
 
 impl StaticMerge {
-    /// Notes how the object of a slot stands; `None` where there is none, or none that may be merged.
+    /// Records the placement of a slot's object; `None` if the slot is empty or must not be merged.
     pub fn observe(&mut self, slot: u32, placement: Option<Placement>) {
         self.scheduler.observe(slot, placement);
     }
 
-    /// There are so many slots, and no object in those behind them.
+    /// Sets the number of slots. Later slots must be empty.
     pub fn truncate(&mut self, slots: usize) {
         self.scheduler.truncate(slots);
     }
 
-    /// Notes that the object of a slot has moved, and nothing else.
+    /// Records that the object of a slot has only moved.
     pub fn observe_move(&mut self, slot: u32, world_from_object: &Affine3A) {
         self.scheduler.observe_move(slot, world_from_object);
     }
 
-    /// Slots that may have joined a tree or left one since the last call.
+    /// Slots that might have joined or left a tree since the last call.
     pub fn take_crossed(&mut self) -> Vec<u32> {
         self.scheduler.take_crossed()
     }
@@ -142,9 +143,8 @@ impl StaticMerge {
         })
     }
 
-    /// Carries on, once in each frame and after all changes were observed. `place_of` tells where the object of a slot is.
-    /// Returns whether the TLAS must be built anew in this frame, since the room of trees that it refers to may be used for
-    /// something else.
+    /// Advances merging. Call once per frame, after all changes were observed. `place_of` returns the transform of a slot's object.
+    /// Returns whether the TLAS must be rebuilt in this frame, since the space of trees that it refers to might be reused.
     pub fn update(
         &mut self,
         place_of: impl Fn(u32) -> Option<Affine3A>,
@@ -195,8 +195,7 @@ impl StaticMerge {
         self.scheduler.take_changed()
     }
 
-    /// Returns whether the buffer space of all trees was lost since [`Self::update`]. If so, their objects are instances from now
-    /// on.
+    /// Returns whether the space of all trees was lost since [`Self::update`]. If so, their objects are instances from now on.
     pub fn take_lost(&mut self, meshes: &mut SceneMeshes) -> bool {
         let lost = meshes.take_merged_lost();
         if lost {
@@ -207,7 +206,7 @@ impl StaticMerge {
         lost
     }
 
-    /// Forgets everything and gives all room back.
+    /// Forgets everything and frees all buffer space.
     pub fn clear(&mut self, meshes: &mut SceneMeshes) {
         self.cancel(meshes);
         for tree in self.scheduler.trees() {
@@ -216,7 +215,7 @@ impl StaticMerge {
         *self = Self::default();
     }
 
-    /// Takes the triangles of an object out of a tree; false where they are spread too widely.
+    /// Removes the triangles of an object from a tree. Returns false if they are too scattered.
     fn cut_out(&self, name: u64, slot: u32, meshes: &mut SceneMeshes, queue: &RenderQueue) -> bool {
         let Some(TreeOwners { first, owners }) = self.owners.get(&name) else {
             return false;
@@ -226,7 +225,7 @@ impl StaticMerge {
             return false;
         }
         for run in runs(triangles, 0) {
-            // Triangles without area, which no ray meets.
+            // Triangles without area, which no ray hits.
             let words = vec![0; run.len() * ITEM_WORDS as usize];
             let begin = (*first as usize + run.start) * ITEM_WORDS as usize;
             meshes.write_merged(name, begin, &words, queue);
@@ -286,7 +285,7 @@ impl StaticMerge {
 }
 
 impl Upload {
-    /// Uploads a part; returns the tree after the last one.
+    /// Uploads a part. Returns the tree after the last part.
     fn carry_on(&mut self, meshes: &mut SceneMeshes, queue: &RenderQueue) -> Option<Tree> {
         if !meshes.is_merged_in_reach(self.name) {
             return None;
@@ -317,7 +316,7 @@ fn extent(meshes: &SceneMeshes, placement: &Placement) -> Option<Extent> {
     })
 }
 
-/// Starts to build a tree; `None` if a mesh is missing.
+/// Starts to build a tree. Returns `None` if a mesh is missing.
 fn start(
     members: &[(u32, Placement)],
     masks: &MaskSets,
@@ -347,7 +346,7 @@ fn start(
                 micromaps: micromaps.as_deref().unwrap_or_default(),
             })
             .collect();
-        // The largest chunks take seconds, but in the background, and most rays go through them.
+        // The largest chunks take seconds, but in the background, and most rays traverse them.
         let blas = build_merged(&sources, BvhQuality::High);
         BuiltTree {
             blas: blas.map(|blas| {

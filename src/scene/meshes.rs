@@ -1,4 +1,4 @@
-//! From mesh assets to packed geometry and acceleration structures, built off the main thread.
+//! Turns mesh assets into packed geometry and acceleration structures, off the main thread.
 
 mod arrival;
 pub(super) mod kept;
@@ -40,23 +40,23 @@ use std::sync::Arc;
 
 pub use triangles::MeshTriangles;
 
-/// Meshes of more bytes aren't copied in the frame in which they change, in which Bevy copies them.
+/// Meshes of more bytes aren't copied in the frame in which they change, since Bevy copies them in that frame.
 const LARGE_BYTES: u64 = 2 << 20;
 
-/// Triangles of a merged tree, at most: more would take seconds to build on a slow machine. Objects with more stay
-/// instances, since a single tree is all that merging could give them.
+/// Maximum number of triangles of a merged tree: more would take seconds to build on a slow machine. Larger objects stay instances, since
+/// merging would only give them a tree each.
 pub(super) const CHUNK_TRIANGLES: u64 = 1 << 20;
-/// Items of a node that joins two trees, and of the roots of these.
+/// Items of the root: a node that joins two trees, and their roots.
 const ROOT_ITEMS: u32 = 3;
 
-/// Outcome of a look at the data of a mesh.
+/// Outcome of an attempt to read the data of a mesh.
 #[derive(PartialEq)]
 enum Start {
     /// It is being built, or can't be.
     Done,
-    /// It has to wait for the next frame.
+    /// To be retried in the next frame.
     Later,
-    /// There is none yet.
+    /// There is no data yet.
     Nowhere,
 }
 
@@ -64,7 +64,7 @@ enum Start {
 enum MeshSource {
     /// A copy of the asset.
     Copy(Box<Mesh>),
-    /// Data that are kept after the build, too.
+    /// Data that stays in memory after the build.
     Kept(Arc<PackedMesh>),
 }
 
@@ -88,14 +88,14 @@ struct MeshBuild {
     rank: Rank,
 }
 
-/// A built mesh on its way into the buffers.
+/// A built mesh that is being uploaded.
 struct MeshUpload {
     id: AssetId<Mesh>,
     built: BuiltMesh,
     geometry: ArenaSlice,
     /// Only with the BVH tracer.
     bvh: Option<ArenaSlice>,
-    /// Words of the geometry, and behind them of the tree, that are uploaded.
+    /// Number of words uploaded so far: first the geometry, then the tree.
     done: usize,
 }
 
@@ -105,15 +105,15 @@ pub struct SceneMesh {
     pub geometry: ArenaSlice,
     /// Only with the BVH tracer.
     pub bvh: Option<SceneBlas>,
-    /// Vertices of the packed mesh.
+    /// Number of vertices of the packed mesh.
     pub vertex_count: u32,
-    /// Triangles of the packed mesh.
+    /// Number of triangles of the packed mesh.
     pub triangle_count: u32,
     /// Arrays of the packed mesh.
     pub offsets: MeshOffsets,
     /// Joints, weights and morph targets, if the mesh has any.
     pub deformation: Option<Deformation>,
-    /// Triangle indices for building ray-query structures of flipped winding; empty with the BVH tracer.
+    /// Triangle indices to build ray-query structures with flipped winding; empty with the BVH tracer.
     pub indices: Arc<[u32]>,
     /// For merging and masks; `None` with ray queries.
     pub triangles: Option<Arc<MeshTriangles>>,
@@ -131,7 +131,7 @@ pub struct SceneBlas {
     pub first_triangle: u32,
     /// Object space.
     pub bounds: Bounds,
-    /// Nodes that rays may start at.
+    /// Nodes at which rays can start.
     pub top: Arc<[TopNode]>,
     /// [`Blas::groups`].
     pub groups: u32,
@@ -148,35 +148,35 @@ pub struct SceneMeshes {
     pub bvh: Arena,
     /// The start of [`Self::bvh`], where rays begin; only with the BVH tracer.
     root: Option<ArenaSlice>,
-    /// Merged trees in [`Self::bvh`] by names that are never used twice.
+    /// Merged trees in [`Self::bvh`] by unique name.
     merged: HashMap<u64, ArenaSlice>,
     next_merged: u64,
-    /// The room of the merged trees was needed for something else.
+    /// The space of the merged trees was needed for something else.
     merged_lost: bool,
     ready: HashMap<AssetId<Mesh>, SceneMesh>,
     pending: HashMap<AssetId<Mesh>, MeshBuild>,
-    /// Bytes of copies in [`Self::pending`].
+    /// Bytes of mesh copies in [`Self::pending`].
     copied_bytes: u64,
-    /// Meshes that are being uploaded: the last of them, and one that it has interrupted. If there is an older version, rays hit that one
-    /// until then.
+    /// Meshes that are being uploaded: the current one is last, after one that it might have interrupted. Until they are complete, rays
+    /// hit their older version, if there is one.
     uploading: Vec<MeshUpload>,
-    /// Meshes that objects show and whose build hasn't begun: their data is to be copied in one of the next frames, or isn't there yet.
+    /// Meshes in use that aren't being built yet: their data is to be copied in one of the next frames, or isn't available yet.
     wanted: HashMap<AssetId<Mesh>, Rank>,
-    /// The next mesh's [`Rank`] has it.
+    /// `order` of the next mesh's [`Rank`].
     next_order: u64,
-    /// Bytes that are uploaded in one frame.
+    /// Maximum number of bytes to upload in a frame.
     upload_bytes: u64,
-    /// The number of those whose data is there.
+    /// Number of wanted meshes with available data.
     waiting: usize,
-    /// Large ones among them, which changed a frame ago.
+    /// Large wanted meshes that changed a frame ago.
     late: HashSet<AssetId<Mesh>>,
-    /// Meshes that can't be built, and those that rays must not see (`Mesh::enable_raytracing`).
+    /// Meshes that can't be built, and meshes excluded from ray tracing (`Mesh::enable_raytracing`).
     failed: HashSet<AssetId<Mesh>>,
-    /// Meshes of these that the log has told of.
+    /// Failed meshes that were logged.
     told: HashSet<AssetId<Mesh>>,
-    /// Meshes that the app has let go of, while objects show them until their next ones are there.
+    /// Meshes that the app has dropped, while objects use them until their next ones are ready.
     unused: HashSet<AssetId<Mesh>>,
-    /// Meshes that found no room.
+    /// Meshes that didn't fit.
     without_room: WaitingRoom<AssetId<Mesh>>,
     /// Meshes that changed while an older version was being built.
     stale: HashSet<AssetId<Mesh>>,
@@ -185,7 +185,7 @@ pub struct SceneMeshes {
     tracer: ReflectionTracer,
     next_version: u64,
     triangles: u64,
-    /// An arena was full, and the user was told.
+    /// An arena was full, and a warning was logged.
     warned_full: bool,
 }
 
@@ -196,7 +196,7 @@ impl FromWorld for SceneMeshes {
 }
 
 impl SceneMeshes {
-    /// Meshes whose build has finished, the last of which is the first to be uploaded.
+    /// Meshes with a finished build. The last one is uploaded first.
     fn finished(&self) -> Vec<AssetId<Mesh>> {
         let finished = self.pending.iter().filter(|(_, build)| build.task.is_finished());
         let mut finished: Vec<_> = finished
@@ -206,7 +206,7 @@ impl SceneMeshes {
         finished.into_iter().map(|(.., id)| id).collect()
     }
 
-    /// Returns whether rays hit an older version of a mesh until it is there.
+    /// Returns whether rays hit an older version of a mesh until the new one is ready.
     fn is_edited(&self, id: AssetId<Mesh>) -> bool {
         self.ready.contains_key(&id)
     }
@@ -266,27 +266,28 @@ impl SceneMeshes {
             || self.without_room.contains(&id)
     }
 
-    /// Returns whether objects that get another mesh may go on showing this one. Joints and weights would be those of the other one.
+    /// Returns whether objects that get another mesh can keep using this one for now. Posed meshes can't: joints and weights would be
+    /// those of the new mesh.
     pub fn may_show(&self, id: AssetId<Mesh>) -> bool {
         self.get(id).is_some_and(|mesh| mesh.deformation.is_none())
     }
 
-    /// Returns whether a mesh is ready, or can't be.
+    /// Returns whether a mesh is ready, or never will be.
     pub fn is_settled(&self, id: AssetId<Mesh>) -> bool {
         self.is_known(id) && !(self.is_on_its_way(id) && self.get(id).is_none())
     }
 
-    /// Returns whether a mesh that isn't ready may become so by itself.
+    /// Returns whether a mesh that isn't ready might still become ready.
     pub fn expects(&self, id: AssetId<Mesh>) -> bool {
         self.get(id).is_none() && (self.is_on_its_way(id) || self.wanted.contains_key(&id))
     }
 
-    /// It is being built or uploaded.
+    /// Returns whether it is being built or uploaded.
     fn is_on_its_way(&self, id: AssetId<Mesh>) -> bool {
         self.pending.contains_key(&id) || self.uploading.iter().any(|upload| upload.id == id)
     }
 
-    /// The number of meshes whose present data rays can't hit yet, but soon.
+    /// Number of meshes with current data that rays can't hit yet.
     fn on_their_way(&self) -> usize {
         let stale = self.stale.iter().filter(|id| !self.is_on_its_way(**id));
         self.pending.len() + self.uploading.len() + self.waiting + stale.count()
@@ -296,8 +297,7 @@ impl SceneMeshes {
         self.geometry.used_bytes() + self.bvh.used_bytes()
     }
 
-    /// Takes meshes that may find room now, as `used` bytes are in use. Meshes that show their last version meanwhile
-    /// become stale.
+    /// Takes meshes that might fit now that `used` bytes are in use. Meshes with an older version in use become stale.
     fn take_ready_to_try(&mut self, used: u64) -> Vec<AssetId<Mesh>> {
         let again = self.geometry.may_ask_again() || self.bvh.may_ask_again();
         let mut ids = self.without_room.take(used, again);
@@ -306,8 +306,8 @@ impl SceneMeshes {
         ids
     }
 
-    /// Starts the build of a mesh if its data can be read somewhere and rays may see it, and takes what is copied for it off the budget.
-    /// `changed` are meshes that changed in this frame.
+    /// Starts the build of a mesh if its data is available and ray tracing is enabled for it, and subtracts the copied bytes from the
+    /// budget. `changed` are meshes that changed in this frame.
     fn start_from(
         &mut self,
         id: AssetId<Mesh>,
@@ -324,7 +324,7 @@ impl SceneMeshes {
             }
             Some(mesh) if mesh.enable_raytracing => {
                 let bytes = bytes_of(mesh);
-                // Bevy copies a mesh in the frame in which it changes: a large one is copied again in the next.
+                // Bevy copies a mesh in the frame in which it changes, so a large one is copied in the next frame here.
                 let is_large = bytes > LARGE_BYTES;
                 if is_large && changed.contains(&id) && self.late.insert(id) || !budget.take(bytes) {
                     return Start::Later;
@@ -402,7 +402,7 @@ impl SceneMeshes {
         self.next_order
     }
 
-    /// A mesh can't be built as it is. The log tells of each only once, however often it changes.
+    /// Call if a mesh can't be built as it is. Logs each mesh only once, however often it changes.
     fn decline(&mut self, id: AssetId<Mesh>, error: &GeometryError) {
         if self.told.insert(id) {
             warn!("mesh {id} is missing from reflections: {error}");
@@ -433,7 +433,7 @@ impl SceneMeshes {
         }
     }
 
-    /// Gives everything back.
+    /// Frees everything.
     pub fn clear(&mut self, device: &RenderDevice) {
         self.wanted.clear();
         self.waiting = 0;
@@ -445,7 +445,7 @@ impl SceneMeshes {
         }
     }
 
-    /// Room for a BLAS or a TLAS. Merged trees only repeat what the BLASes hold, so they go where the buffer is full.
+    /// Allocates a BLAS or a TLAS. If the buffer is full, merged trees are freed, since they only duplicate the contents of BLASes.
     pub(super) fn allocate_tree(&mut self, items: usize) -> Option<ArenaSlice> {
         let words = words_of(items)?;
         if let Some(slice) = self.bvh.allocate(words) {
@@ -461,14 +461,14 @@ impl SceneMeshes {
         self.bvh.allocate(words)
     }
 
-    /// Writes what stands at the start of the buffer of trees.
+    /// Writes the items at the start of the tree buffer.
     pub(super) fn write_root(&mut self, queue: &RenderQueue, items: &[Item]) {
         if let Some(root) = &self.root {
             self.bvh.write(queue, root, items.as_flattened().as_flattened());
         }
     }
 
-    /// Room for a merged tree: its name and its first item. A quarter of what the buffer can grow to is left for meshes.
+    /// Allocates a merged tree: returns its name and its first item. A quarter of the buffer's maximum size is reserved for meshes.
     pub(super) fn allocate_merged(&mut self, items: usize) -> Option<(u64, u32)> {
         let words = words_of(items)?;
         let limit = self.bvh.max_bytes() / 4 * 3;
@@ -482,7 +482,7 @@ impl SceneMeshes {
         Some((name, first))
     }
 
-    /// Names of merged trees that keep the buffer large, and should be made anew.
+    /// Names of merged trees that keep the buffer large and should be rebuilt.
     pub(super) fn stranded_merged(&self) -> Vec<u64> {
         if !self.bvh.has_stranded_slices() {
             return Vec::new();
@@ -492,7 +492,7 @@ impl SceneMeshes {
         stranded.map(|(name, _)| *name).collect()
     }
 
-    /// Meshes that keep a buffer large, and should be built anew.
+    /// Meshes that keep a buffer large and should be rebuilt.
     fn stranded_meshes(&self) -> Vec<AssetId<Mesh>> {
         if !self.bvh.has_stranded_slices() && !self.geometry.has_stranded_slices() {
             return Vec::new();
@@ -510,7 +510,7 @@ impl SceneMeshes {
         self.merged.get(&name).is_none_or(|slice| self.bvh.is_in_reach(slice))
     }
 
-    /// Writes a part of a merged tree, which begins at a word of it. Nothing happens once the tree is lost.
+    /// Writes a part of a merged tree, starting at this word of it. Does nothing if the tree was lost.
     pub(super) fn write_merged(&mut self, name: u64, first: usize, words: &[u32], queue: &RenderQueue) {
         let Some(slice) = self.merged.get(&name) else { return };
         let end = first.saturating_add(words.len());
@@ -520,15 +520,14 @@ impl SceneMeshes {
         self.bvh.write_from(queue, slice, first, words);
     }
 
-    /// Gives back the room of a merged tree, if it still has any.
+    /// Frees the space of a merged tree, if it still has any.
     pub(super) fn free_merged(&mut self, name: u64) {
         if let Some(slice) = self.merged.remove(&name) {
             self.bvh.free(slice);
         }
     }
 
-    /// Returns whether all merged trees were lost since the last call. If so, everything that refers to them must be rebuilt in
-    /// this frame.
+    /// Returns whether all merged trees were lost since the last call. If so, everything that refers to them must be rebuilt in this frame.
     pub(super) fn take_merged_lost(&mut self) -> bool {
         core::mem::take(&mut self.merged_lost)
     }
@@ -546,7 +545,7 @@ pub struct MeshWorld<'w, 's> {
     events: MessageReader<'w, 's, AssetEvent<Mesh>>,
 }
 
-/// Reads mesh assets of the main world that traced objects need, and notes which changed or vanished.
+/// Reads the mesh assets of traced objects from the main world, and records which changed or vanished.
 pub fn extract_meshes(
     world: &mut MeshWorld,
     active: bool,
@@ -560,7 +559,7 @@ pub fn extract_meshes(
     let mut changed = HashSet::new();
     for event in world.events.read() {
         match event {
-            // Another mesh may be inserted under an id that was removed.
+            // Another mesh can be inserted under the id of a removed one.
             AssetEvent::Added { id } | AssetEvent::Modified { id } => _ = changed.insert(*id),
             AssetEvent::Unused { id } => _ = meshes.unused.insert(*id),
             _ => {}
@@ -581,7 +580,7 @@ pub fn extract_meshes(
     }
     meshes.upload_bytes = world.arrival.bytes();
     let mut budget = CopyBudget::new(meshes.upload_bytes, meshes.copied_bytes);
-    // A build in flight is finished first: else a mesh that changes in every frame would never appear.
+    // A build in progress is finished first: otherwise, a mesh that changes in every frame would never appear.
     let mut stale = core::mem::take(&mut meshes.stale);
     let mut modified = changed.clone();
     modified.extend(stale.extract_if(|id| !meshes.is_on_its_way(*id)));
@@ -596,7 +595,7 @@ pub fn extract_meshes(
         }
     }
     let mut newcomers = instances.take_new_meshes();
-    // They are no longer known, so that they are built again.
+    // They are forgotten, so that they are built again.
     let used = meshes.used_bytes();
     newcomers.extend(meshes.take_ready_to_try(used));
     if !newcomers.is_empty() {
@@ -624,7 +623,7 @@ pub fn extract_meshes(
     meshes.wanted = wanted;
 }
 
-/// Size of a mesh asset that can be read.
+/// Size of a readable mesh asset.
 fn bytes_of(mesh: &Mesh) -> u64 {
     let indices = mesh.get_index_buffer_bytes().map_or(0, <[u8]>::len);
     (mesh.get_vertex_buffer_size() + indices) as u64
@@ -634,7 +633,7 @@ fn is_readable(mesh: &Mesh) -> bool {
     mesh.asset_usage.contains(RenderAssetUsages::MAIN_WORLD) && mesh.try_attributes().is_ok()
 }
 
-/// Keeps the data of meshes that live in the render world alone, which exists only until they are prepared.
+/// Keeps the data of meshes that only exist in the render world, and only until they are prepared.
 pub fn keep_render_world_meshes(
     extracted: Res<ExtractedAssets<RenderMesh>>,
     mut kept: ResMut<RenderWorldMeshes>,
@@ -653,7 +652,7 @@ pub fn keep_render_world_meshes(
         if meshes.is_known(*id) {
             meshes.stale.insert(*id);
         }
-        // Nothing could be read when meshes were extracted, so it isn't counted yet.
+        // It wasn't counted yet, since its data wasn't available when meshes were extracted.
         meshes.waiting += usize::from(meshes.wanted.contains_key(id));
     }
 }

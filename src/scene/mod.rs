@@ -1,7 +1,7 @@
 //! The scene that rays can hit: geometry, acceleration structures, materials, lights and environment.
 //!
-//! Shaders see it as one bind group (`bindings.wesl`) and two functions (`trace.wesl`): `trace_closest` and `trace_any`, with
-//! one implementation over the driver's ray queries and one over the crate's own BVH.
+//! Shaders access it through one bind group (`bindings.wesl`) and two functions (`trace.wesl`): `trace_closest` and
+//! `trace_any`, with one implementation by the driver's ray queries and one by the crate's own BVH.
 
 pub mod acceleration;
 mod activity;

@@ -1,21 +1,21 @@
-//! How an object has moved since the last frame, in two words: `motion.wesl` reads them.
+//! The motion of an object since the last frame, in two words: `motion.wesl` reads them.
 
 use bevy::math::{Mat3, Vec3, ops};
 
-/// In the place of the first word: the motion isn't known. No vector is packed so.
+/// Value of the first word if the motion is unknown. No packed vector has this value.
 pub const UNKNOWN_MOTION: u32 = 0x100;
 
-/// Largest number of a component.
+/// Largest value of a component.
 const LARGEST_COMPONENT: f32 = 255.0;
 /// Exponent of the smallest step.
 const LEAST_EXPONENT: f32 = -24.0;
-/// Tolerance of a point's motion, as a part of its distance from the origin: for objects that grow, or turn by more than ten degrees in a
-/// frame. More follows images to wrong places.
+/// Maximum error of a point's motion, relative to its distance from the origin: objects that grow, or rotate by more than ten degrees in
+/// a frame, exceed it. A higher value reprojects history to wrong positions.
 const LARGEST_REST: f32 = 0.02;
 
 /// The motion of an object between two matrices, given by rows: displacement of its origin in metres, and rotation about it in radians
-/// along the axis. The motion of an object that has grown, or has turned far, isn't known. Meshes far from their origin lose digits when
-/// they turn.
+/// along the axis. If the object has grown or rotated far, its motion is unknown. Meshes far from their origin lose precision when they
+/// rotate.
 pub fn pack_motion(
     world_from_object: &[[f32; 4]; 3],
     before: &[[f32; 4]; 3],
@@ -27,7 +27,7 @@ pub fn pack_motion(
         Mat3::from_cols(x, y, z).transpose()
     };
     let translation = origin(world_from_object) - origin(before);
-    // A point at p from the origin was at `earlier * p`; a small turn by w has moved it by w x p.
+    // A point at p from the origin was at `earlier * p`; a small rotation by w has moved it by w x p.
     let earlier = linear(before) * linear(object_from_world);
     let moved = Mat3::IDENTITY - earlier;
     let turn = 0.5
@@ -43,7 +43,7 @@ pub fn pack_motion(
         .map(f32::abs)
         .into_iter()
         .fold(0.0, f32::max);
-    // Also false for NaN, which `fold` leaves out.
+    // Also false for NaN, which `fold` ignores.
     if translation.is_finite() && moved.is_finite() && rest <= LARGEST_REST {
         [pack_vector(translation), pack_vector(turn)]
     } else {
@@ -51,7 +51,7 @@ pub fn pack_motion(
     }
 }
 
-/// A vector as three signed numbers of 9 bits with one exponent.
+/// Packs a vector as three signed numbers of 9 bits with one exponent.
 pub fn pack_vector(v: Vec3) -> u32 {
     let largest = v.abs().max_element().max(1e-30);
     let exponent = ops::log2(largest / LARGEST_COMPONENT)

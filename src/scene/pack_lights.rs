@@ -1,4 +1,4 @@
-//! Lights as the GPU has them, from the components of Bevy, in the units of its shaders.
+//! Packs Bevy's light components into the GPU's layout, in the units of its shaders.
 
 use super::gpu_types::*;
 use bevy::{
@@ -16,7 +16,7 @@ fn radiance(color: Color, intensity: f32) -> Option<[f32; 3]> {
     lit.then(|| scaled.map(|channel| channel.max(0.0)))
 }
 
-/// The direction of local -z, or `None` when the transform has collapsed it.
+/// The direction of local -z, or `None` if the transform collapses it.
 fn forward(transform: &GlobalTransform) -> Option<Vec3> {
     let axis = (transform.affine().matrix3 * Vec3A::NEG_Z).try_normalize()?;
     Some(axis.into())
@@ -31,7 +31,7 @@ fn shadow_flag(enabled: bool) -> u32 {
     if enabled { LIGHT_CASTS_SHADOW } else { 0 }
 }
 
-/// A directional light; `None` when it gives no light.
+/// A directional light; `None` if it gives no light.
 pub fn directional_light(light: &DirectionalLight, transform: &GlobalTransform) -> Option<GpuLight> {
     Some(GpuLight {
         color: radiance(light.color, light.illuminance)?,
@@ -42,12 +42,12 @@ pub fn directional_light(light: &DirectionalLight, transform: &GlobalTransform) 
     })
 }
 
-/// A point light; `None` when it gives no light.
+/// A point light; `None` if it gives no light.
 pub fn point_light(light: &PointLight, transform: &GlobalTransform) -> Option<GpuLight> {
     let position = transform.translation();
     position.is_finite().then_some(())?;
     Some(GpuLight {
-        // Lumens to candela, as Bevy has it.
+        // Lumens to candela, like in Bevy.
         color: radiance(light.color, light.intensity / (4.0 * PI))?,
         kind: LIGHT_POINT,
         position: position.to_array(),
@@ -59,11 +59,11 @@ pub fn point_light(light: &PointLight, transform: &GlobalTransform) -> Option<Gp
     })
 }
 
-/// A spot light; `None` when it gives no light.
+/// A spot light; `None` if it gives no light.
 pub fn spot_light(light: &SpotLight, transform: &GlobalTransform) -> Option<GpuLight> {
     let position = transform.translation();
     position.is_finite().then_some(())?;
-    // The clamps of Bevy's extraction.
+    // Same clamps as in Bevy's extraction.
     let outer = if light.outer_angle >= FRAC_PI_2 {
         FRAC_PI_2 - 1e-4
     } else {
@@ -75,7 +75,7 @@ pub fn spot_light(light: &SpotLight, transform: &GlobalTransform) -> Option<GpuL
     let offset = -cos_outer * scale;
     (scale.is_finite() && offset.is_finite()).then_some(())?;
     Some(GpuLight {
-        // Bevy divides by 4 pi for spots as well, so that a cone does not change the brightness inside it.
+        // Bevy divides by 4 pi for spots as well, so that a cone doesn't change the brightness inside it.
         color: radiance(light.color, light.intensity / (4.0 * PI))?,
         kind: LIGHT_SPOT,
         position: position.to_array(),
@@ -88,7 +88,7 @@ pub fn spot_light(light: &SpotLight, transform: &GlobalTransform) -> Option<GpuL
     })
 }
 
-/// A rectangular light, which casts no shadows in Bevy; `None` when it gives no light.
+/// A rectangular light, which casts no shadows in Bevy; `None` if it gives no light.
 pub fn rect_light(light: &RectLight, transform: &GlobalTransform) -> Option<GpuLight> {
     let matrix = transform.affine().matrix3;
     let width = light.width * matrix.x_axis.length();

@@ -1,13 +1,14 @@
-//! Skinned and morphed meshes in their pose.
+//! Skinned and morphed meshes.
 //!
-//! - `extract.rs` reads joints and morph weights, and places skinned objects where their joints are.
-//! - `poses.rs` gives each object with a pose a copy of the vertices of its mesh and, for the BVH tracer, of its tree. It decides which
-//!   of them are posed in a frame.
-//! - `kernels.rs` poses them: vertices (`pose.wesl`), then triangles and nodes of trees, level by level from below (`refit.wesl`).
-//! - `bounds.rs` bounds a posed mesh for the top level, which is built on the CPU.
+//! - `extract.rs` reads joints and morph weights, and places skinned objects at their joints.
+//! - `poses.rs` gives each posed object a copy of its mesh's vertices and, for the BVH tracer, of its tree. It decides which of them
+//!   are posed in a frame.
+//! - `kernels.rs` poses them: first vertices (`pose.wesl`), then triangles and nodes of trees, level by level from the bottom
+//!   (`refit.wesl`).
+//! - `bounds.rs` computes bounds of a posed mesh for the top level, which is built on the CPU.
 //!
-//! An object is posed in the space of its first joint, so that a figure that moves as a whole keeps its pose and its precision, and the
-//! instance is placed by the first joint alone.
+//! An object is posed in the space of its first joint, and only this joint places the instance. A figure that moves as a whole
+//! therefore keeps its pose and its precision.
 
 mod bounds;
 mod extract;

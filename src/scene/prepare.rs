@@ -1,4 +1,4 @@
-//! From the mirrored scene to the buffers and structures that shaders read.
+//! Updates the buffers and structures for shaders from the extracted scene.
 
 mod instances;
 mod top_level;
@@ -37,8 +37,8 @@ use bevy::{
     },
 };
 
-/// All that the scene is kept in and made from, for one system: each system looks its resources up anew, which takes longest in worlds that
-/// leave nothing in the caches of the processor, and all of this is brought up to date in turn.
+/// All data of the scene and its sources, for a single system that updates them in turn: each system looks up its resources again, which
+/// are cache misses in large worlds.
 #[derive(SystemParam)]
 pub(super) struct Scene<'w, 's> {
     bindings: ResMut<'w, SceneBindings>,
@@ -53,12 +53,12 @@ pub(super) struct Scene<'w, 's> {
     layers: Res<'w, SceneLayers>,
     views: Query<'w, 's, &'static ViewEnvironment>,
     wanted: Query<'w, 's, &'static WantsReflections>,
-    /// Materials as the app made them.
+    /// Materials from the main world.
     assets: ResMut<'w, MaterialAssets>,
     images: Res<'w, RenderAssets<GpuImage>>,
     area_lights: Option<Res<'w, AreaLightLuts>>,
     lighting: Option<Res<'w, DeferredLightingLayout>>,
-    /// The sampler of images that have none of their own.
+    /// The sampler for images without their own.
     default_sampler: Res<'w, DefaultImageSamplerDescriptor>,
     cache: Res<'w, PipelineCache>,
     diagnostics: Option<Res<'w, DiagnosticsRecorder>>,
@@ -66,11 +66,11 @@ pub(super) struct Scene<'w, 's> {
     status: Res<'w, ReflectionStatus>,
     device: Res<'w, RenderDevice>,
     queue: Res<'w, RenderQueue>,
-    /// Commands of the frame, which are handed in together.
+    /// Commands of the frame, which are submitted together.
     commands: ResMut<'w, PendingCommandBuffers>,
 }
 
-/// Brings all of the scene up to date that rays can hit.
+/// Updates everything in the scene that rays can hit.
 pub(super) fn prepare_scene(mut scene: Scene, mut changed_materials: Local<HashSet<UntypedAssetId>>) {
     let scene = &mut scene;
     upload_meshes(&mut scene.meshes, &scene.status, &scene.queue);
@@ -94,8 +94,8 @@ pub(super) fn prepare_scene(mut scene: Scene, mut changed_materials: Local<HashS
 }
 
 impl Scene<'_, '_> {
-    /// Brings instances, merged trees and the top level up to date; does nothing where nothing changed. Runs before materials
-    /// are packed, which forgets what changed. `resettled` are images that arrived or have other content.
+    /// Updates instances, merged trees and the top level, if anything changed. Runs before materials are packed, which clears their
+    /// changes. `resettled` are images that were loaded or have new content.
     fn prepare_instances(
         &mut self,
         changed_materials: &mut HashSet<UntypedAssetId>,
@@ -154,7 +154,7 @@ impl Scene<'_, '_> {
         bindings.instances.truncate(slots);
         bindings.instances.upload(device, queue);
         bindings.version.note(change);
-        // Rays see no difference between an object and its copy in a merged tree, so this is no change of the scene.
+        // An object looks the same as its copy in a merged tree, so this isn't a change of the scene.
         let is_bvh = bindings.tracer == ReflectionTracer::Bvh;
         if is_bvh {
             let place_of = |slot| instances.place_of(slot);
@@ -164,19 +164,19 @@ impl Scene<'_, '_> {
             }
             bindings.update_bvh_top_level(instances, meshes, queue, status);
         }
-        // The buffers stay as they are from here on.
+        // The buffers aren't replaced from here on.
         let commands = &mut *self.commands;
         (bindings.poses).record(&poses.posed, &inputs, meshes, (device, queue), commands);
         let may_split = !self.wanted.iter().any(WantsReflections::uses_vrs);
         if !is_bvh && (bindings.must_build_again(may_split) || changed) {
             let changed = [dirty, moved, poses.posed].concat();
             let builds = bindings.build_ray_query_top_level(&changed, instances, meshes, device, queue, status);
-            // After those that pose what is built.
+            // Builds come after the commands that pose their inputs.
             commands.push(builds);
         }
     }
 
-    /// Gives back what an idle scene doesn't need.
+    /// Frees the memory that an idle scene doesn't need.
     fn release(&mut self) {
         if self.bindings.bind_group.is_none() {
             return;
@@ -188,7 +188,7 @@ impl Scene<'_, '_> {
         report_nothing(&self.status);
     }
 
-    /// Slots of objects that changed, or whose mesh or material did, each once.
+    /// Slots of objects that changed, or whose mesh or material changed, without duplicates.
     fn take_dirty(&mut self) -> Vec<u32> {
         let meshes = &self.meshes;
         self.instances.show_new_meshes(|mesh| meshes.expects(mesh));
@@ -207,7 +207,7 @@ impl Scene<'_, '_> {
         dirty
     }
 
-    /// Notes what materials and cameras ask of shaders.
+    /// Updates the features that materials and cameras need in shaders.
     fn note_features(&mut self) {
         let able = self.device.features();
         let any = |has: &dyn Fn(&ViewEnvironment) -> bool| self.views.iter().any(has);
@@ -233,14 +233,14 @@ impl Scene<'_, '_> {
         }
     }
 
-    /// Brings light probes up to date.
+    /// Updates light probes.
     fn prepare_light_probes(&mut self) {
         let probes = &mut self.bindings.light_probes;
         let change = probes.update(&self.light_probes, &self.images, &self.device, &self.queue);
         self.bindings.version.note(change);
     }
 
-    /// Notes environments and light probes whose images have other content: Bevy often keeps their textures then.
+    /// Notes a change if images of environments or light probes have new content: Bevy often keeps their textures then.
     fn note_repainted(&mut self) {
         let repainted = self.textures.take_repainted();
         let is_seen = |image: &AssetId<Image>| {
@@ -251,7 +251,7 @@ impl Scene<'_, '_> {
         }
     }
 
-    /// Uploads materials, lights and counts that changed.
+    /// Uploads changed materials, lights and counts.
     fn prepare_tables(&mut self, resettled: &HashSet<AssetId<Image>>) {
         if !self.activity.active {
             return;
@@ -265,7 +265,7 @@ impl Scene<'_, '_> {
                 .masks
                 .write_headers(changed, &self.materials, &mut self.meshes, queue);
         }
-        // A material that is marked already writes nothing, and is a change nevertheless.
+        // A material that is already marked causes no upload, but is still a change.
         bindings.version.note(self.materials.take_change());
         let again = [bindings.materials.may_ask_again(), bindings.lights.may_ask_again()];
         if changed_materials.is_some() || again[0] {
@@ -276,14 +276,14 @@ impl Scene<'_, '_> {
         }
         let (touched, mut change) = self.lights.take_changes();
         if bindings.features.contains(Features::ATMOSPHERE) && self.lights.touches_sun(&touched) {
-            // Sky and haze are lit by it where rays hit nothing that carries a mark.
+            // The light also affects sky and haze, which rays see without hitting anything that is marked.
             change = Change::Unmarked;
         }
         let retextured = bindings
             .light_textures
             .follow(self.lights.textures(), resettled, &mut self.textures);
         if retextured {
-            // Lights carry no mark for it.
+            // Lights have no mark for changed textures.
             change = Change::Unmarked;
         }
         if !touched.is_empty() || retextured || bindings.bind_group.is_none() || again[1] {
@@ -294,7 +294,7 @@ impl Scene<'_, '_> {
                 .write_with_textures(lights, &touched, textures, device, queue);
         }
         if again.contains(&true) {
-            // Tables may hold what they lacked.
+            // Contents that didn't fit before might be in the tables now.
             bindings.version.note(Change::Unmarked);
         }
         let [first_light_texture, light_texture_count] = bindings.lights.textures();
@@ -319,7 +319,7 @@ impl Scene<'_, '_> {
     }
 }
 
-/// The status of a scene that no camera looks at.
+/// Reports the status of a scene without reflecting cameras.
 fn report_nothing(status: &ReflectionStatus) {
     status.update(|report| {
         (report.instances, report.scene_bytes) = (0, 0);

@@ -1,4 +1,4 @@
-//! Material types that rays see: `StandardMaterial`, and those that an app adds.
+//! Material types that rays support: `StandardMaterial`, and types that an app adds.
 
 use super::{
     extract::{begin_extraction, extract_shapes},
@@ -18,11 +18,11 @@ use bevy::{
 };
 use core::{any::TypeId, marker::PhantomData};
 
-/// Makes rays see the objects with a material of type `M`. `StandardMaterial` needs no plugin.
+/// Adds objects with a material of type `M` to reflections. `StandardMaterial` needs no plugin.
 ///
 /// Add it before or after [`RayTracedReflectionsPlugin`](crate::RayTracedReflectionsPlugin), next to the `MaterialPlugin` of the same
 /// type. Objects with materials of other types are missing from reflections; the log and
-/// [`ReflectionStatusReport::unseen`](crate::ReflectionStatusReport::unseen) have their number per type.
+/// [`ReflectionStatusReport::unseen`](crate::ReflectionStatusReport::unseen) list their number by type.
 ///
 /// # Examples
 ///
@@ -54,14 +54,14 @@ impl<M: ReflectedMaterial> Default for ReflectedMaterialPlugin<M> {
 }
 
 impl<M: ReflectedMaterial> ReflectedMaterialPlugin<M> {
-    /// For a type with a shader that adds no specular light of the environment, such as a toon shader with flat colours.
+    /// Use this for a type whose shader doesn't add the environment's specular light, such as a toon shader with flat colours.
     ///
-    /// Traced reflections take the place of that light where a material is drawn forward
-    /// ([`forward`](crate::RayTracedReflections::forward)). Without it, there is nothing for them to replace, and objects of this type keep the
-    /// look that their shader gives them. They are seen in reflections of others as by default.
+    /// Traced reflections replace that light on materials drawn in the forward pass
+    /// ([`forward`](crate::RayTracedReflections::forward)). If the shader doesn't add it, there is nothing to replace, and objects of
+    /// this type keep the look of their shader. Their own appearance in reflections doesn't change.
     ///
-    /// [`ReflectedMaterial::shows_environment`] says the same of a type for which the app implements that trait. All extended materials
-    /// have an implementation already, which takes them for lit as their base: this is how to say otherwise.
+    /// If the app implements [`ReflectedMaterial`] for the type, it can use [`ReflectedMaterial::shows_environment`] instead. Extended
+    /// materials already have an implementation, which assumes that they are lit like their base. For them, use this function.
     ///
     /// # Examples
     ///
@@ -83,12 +83,12 @@ impl<M: ReflectedMaterial> ReflectedMaterialPlugin<M> {
     }
 }
 
-/// Components of the material types that rays see; one in either world.
+/// Components of the supported material types; there is one resource in either world.
 #[derive(Resource, Default)]
 pub(crate) struct SeenMaterials(HashSet<TypeId>);
 
 impl SeenMaterials {
-    /// Rays see objects with this component.
+    /// Returns whether rays see objects with this component.
     pub fn contains(&self, component: TypeId) -> bool {
         self.0.contains(&component)
     }
@@ -106,7 +106,7 @@ impl<M: ReflectedMaterial> Plugin for ReflectedMaterialPlugin<M> {
             types.deny_environment(TypeId::of::<M>());
         }
         if !see::<M>(render_app.world_mut()) {
-            // Added twice.
+            // The plugin was added twice.
             return;
         }
         let mut types = render_app.world_mut().get_resource_or_init::<MaterialTypes>();
@@ -126,14 +126,14 @@ impl<M: ReflectedMaterial> Plugin for ReflectedMaterialPlugin<M> {
     }
 }
 
-/// Returns false where the world knows already that rays see the type.
+/// Returns false if the type was already registered in this world.
 fn see<M: Material>(world: &mut World) -> bool {
     let mut seen = world.get_resource_or_init::<SeenMaterials>();
     seen.0.insert(TypeId::of::<MeshMaterial3d<M>>())
 }
 
-/// Steps of the extraction of objects, in this order. Material types take turns in the order of their plugins, so that objects get the
-/// same slots in each run.
+/// Steps of the extraction of objects, in this order. Material types are processed in the order of their plugins, so that objects get
+/// the same slots in each run.
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum ExtractObjects {
     Begin,
@@ -172,7 +172,7 @@ fn extract_objects<C: MaterialComponent>(render_app: &mut SubApp, order: usize) 
         );
 }
 
-/// Adds the extraction of objects with the material, and of those that use it as a stand-in.
+/// Adds the extraction of objects with this material, or with this material as a stand-in.
 pub(super) fn add_extraction(render_app: &mut SubApp) {
     render_app.configure_sets(
         ExtractSchedule,

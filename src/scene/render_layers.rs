@@ -1,5 +1,5 @@
-//! Render layers: reflections show what their camera draws, or the layers that it names. Each different set of layers is a group; an object
-//! has a bit for each group that it belongs to, and shaders look at the bits only where there are several groups.
+//! Render layers: reflections show the layers that their camera draws, or the layers in its [`ReflectedLayers`]. Each different set of
+//! layers is a group. An object has a bit for each of its groups; shaders test the bits only if there are several groups.
 
 use crate::settings::ReflectedLayers;
 use bevy::{
@@ -9,11 +9,11 @@ use bevy::{
     log::warn_once,
 };
 
-/// Groups that can be told apart: bits of a cull mask that nothing else uses.
+/// Maximum number of groups: unused bits of a cull mask.
 pub const MAX_GROUPS: usize = 5;
-/// Bit of the first group, in the flags of instances and of environments: there, of the group that reflections show.
+/// Bit of the first group in the flags of instances. In the flags of environments, it is for the group that reflections show.
 const FIRST_GROUP: u32 = 27;
-/// By how many bits the group that a camera draws stands below the one that its reflections show.
+/// Number of bits by which a camera's drawn group is below its reflected group.
 const DRAWN_SHIFT: u32 = 5;
 
 /// The layers of reflecting cameras.
@@ -23,14 +23,14 @@ pub struct SceneLayers {
     groups: Vec<RenderLayers>,
     /// Layers on which lights cast shadows.
     lit: RenderLayers,
-    /// The groups differ from those of the last frame.
+    /// The groups differ from the last frame.
     pub changed: bool,
-    /// The layers on which lights cast shadows do, which concerns objects with layers of their own.
+    /// The layers on which lights cast shadows have changed, which affects objects with layers of their own.
     pub lit_changed: bool,
 }
 
 impl SceneLayers {
-    /// The groups of an object on these layers, as bits of flags.
+    /// The groups of an object on these layers, as bits of its flags.
     pub fn groups_of(&self, layers: Option<&RenderLayers>) -> u32 {
         let default = RenderLayers::default();
         let layers = layers.unwrap_or(&default);
@@ -40,32 +40,32 @@ impl SceneLayers {
         })
     }
 
-    /// The groups of a camera, as bits of the flags of its environment.
+    /// The groups of a camera, as bits of its environment's flags.
     pub fn groups_of_camera(&self, drawn: Option<&RenderLayers>, reflected: Option<&ReflectedLayers>) -> u32 {
         let shown = reflected.map(|layers| &layers.0).or(drawn);
         self.group_of(shown) | (self.group_of(drawn) >> DRAWN_SHIFT)
     }
 
-    /// The group of this set of layers.
+    /// The group of a set of layers.
     fn group_of(&self, layers: Option<&RenderLayers>) -> u32 {
         let default = RenderLayers::default();
         let layers = layers.unwrap_or(&default);
         let found = self.groups.iter().position(|group| group == layers);
-        // The last group holds the layers of all cameras for which there is none.
+        // The last group combines the layers of all cameras beyond the limit.
         1 << (FIRST_GROUP + found.unwrap_or(MAX_GROUPS - 1) as u32)
     }
 
-    /// An object on these layers casts shadows. Lights of other layers than the default one make more objects do so.
+    /// Returns whether an object on these layers casts shadows. Lights on layers other than the default one make more objects cast shadows.
     pub fn casts_shadow(&self, layers: Option<&RenderLayers>) -> bool {
         layers.is_none_or(|layers| layers.intersects(&self.lit))
     }
 
-    /// There are several groups.
+    /// Returns whether there are several groups.
     pub fn differ(&self) -> bool {
         self.groups.len() > 1
     }
 
-    /// Takes over the layers of this frame's cameras, which they draw and which they show in reflections, and of its lights.
+    /// Updates the layers from this frame's cameras, with the layers that they draw and that their reflections show, and from its lights.
     pub fn follow<'a>(
         &mut self,
         cameras: impl Iterator<Item = (Option<&'a RenderLayers>, Option<&'a ReflectedLayers>)>,
@@ -93,7 +93,7 @@ impl SceneLayers {
         self.groups = groups;
     }
 
-    /// Takes over the layers of this frame's lights alone.
+    /// Updates only the layers of this frame's lights.
     pub fn follow_lights<'a>(&mut self, lights: impl Iterator<Item = &'a RenderLayers>) {
         let lit = lights.fold(RenderLayers::default(), |union, layers| union | layers.clone());
         self.changed = false;

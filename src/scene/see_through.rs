@@ -1,4 +1,4 @@
-//! Materials that light passes through, and the objects that have them.
+//! See-through materials, and the objects with such materials.
 
 use super::gpu_types::{MATERIAL_FADES, MATERIAL_SEE_THROUGH, OPAQUE_DEPTH};
 use bevy::{
@@ -9,11 +9,11 @@ use bevy::{
 };
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Probability with which a ray stops at least at glass that refracts. Rays that are followed through layers stop at what has more than
-/// `LEAST_SHARE` of `transparency.wesl`, and must find it; rays by chance lose so much of the light behind it.
+/// Minimum probability that a ray stops at refracting glass. Rays that are followed through layers need to find the glass, and stop at
+/// surfaces with more than `LEAST_SHARE` of `transparency.wesl`. Stochastic rays lose this fraction of the light behind it.
 const LEAST_STOPPED: f32 = 1.0 / 512.0;
 
-/// The probability with which a ray stops where alpha is 1; `None` for materials that let no ray through by chance.
+/// The probability that a ray stops at an alpha of 1; `None` for materials without stochastic transparency.
 pub(super) fn stop_probability(material: &StandardMaterial) -> Option<f32> {
     let least = if refracts(material) { LEAST_STOPPED } else { 0.0 };
     let stopped = (1.0 - transmission(material)).max(least);
@@ -33,7 +33,7 @@ fn transmission(material: &StandardMaterial) -> f32 {
     }
 }
 
-/// Light passes at another place, or in another direction, than it would without the material.
+/// Returns whether the material changes the path of the light that passes through it.
 pub(super) fn refracts(material: &StandardMaterial) -> bool {
     transmission(material) > 0.0
         && !matches!(material.alpha_mode, AlphaMode::Mask(_) | AlphaMode::AlphaToCoverage)
@@ -41,12 +41,12 @@ pub(super) fn refracts(material: &StandardMaterial) -> bool {
         && (material.ior > 1.0 && material.ior.is_finite())
 }
 
-/// Index of refraction; 0 where light isn't refracted.
+/// Index of refraction; 0 if light isn't refracted.
 pub(super) fn index_of_refraction(material: &StandardMaterial) -> f32 {
     if refracts(material) { material.ior } else { 0.0 }
 }
 
-/// Optical depth of the volume that light passes, for red, green and blue: Beer's law with the attenuation of the material.
+/// Optical depth of the material's volume, for red, green and blue: Beer's law with the material's attenuation.
 pub(super) fn optical_depth(material: &StandardMaterial) -> [u32; 2] {
     let color = LinearRgba::from(material.attenuation_color);
     let lengths = material.thickness / material.attenuation_distance;
@@ -55,14 +55,14 @@ pub(super) fn optical_depth(material: &StandardMaterial) -> [u32; 2] {
     }
     let [red, green, blue] = [color.red, color.green, color.blue].map(|part| {
         let depth = -part.ln() * lengths;
-        // A colour that is not a number takes nothing.
+        // A colour that isn't a number absorbs nothing.
         let depth = if depth > 0.0 { depth.min(OPAQUE_DEPTH) } else { 0.0 };
         (depth / OPAQUE_DEPTH * f32::from(u16::MAX)).round() as u32
     });
     [red | (green << 16), blue]
 }
 
-/// The `MATERIAL_` flags of surfaces that are drawn over the opaque picture and reflect. Rays meet no others of that kind.
+/// The `MATERIAL_` flags of reflective surfaces that are drawn over the opaque image. Rays find no other see-through surfaces.
 pub(super) fn see_through_flags(material: &StandardMaterial) -> u32 {
     let is_transmissive = transmission(material) > 0.0;
     match material.alpha_mode {
@@ -74,7 +74,7 @@ pub(super) fn see_through_flags(material: &StandardMaterial) -> u32 {
     }
 }
 
-/// Light that passes has another colour afterwards.
+/// Returns whether the material colours the light that passes through it.
 fn is_tinted(material: &StandardMaterial) -> bool {
     let color = LinearRgba::from(material.base_color);
     let is_white =
@@ -87,18 +87,18 @@ fn is_tinted(material: &StandardMaterial) -> bool {
 #[derive(Default)]
 pub(crate) struct SeeThroughObjects {
     by_slot: BTreeMap<u32, Entity>,
-    /// The same, by object. One that goes to another slot may have both for a moment, and this names the later one.
+    /// Slots by object. While an object moves to another slot, it can be in both for a moment; this is the later one.
     by_entity: EntityHashMap<u32>,
     /// Slots of objects that let a part of the rays through.
     partial: BTreeSet<u32>,
-    /// Slots of objects that tint the light which they let through.
+    /// Slots of objects that tint the light that passes through them.
     tinted: BTreeSet<u32>,
     /// Slots of objects that refract it.
     refracting: BTreeSet<u32>,
 }
 
 impl SeeThroughObjects {
-    /// Notes which object a slot holds; `material` is `None` where it can't be hit.
+    /// Records the object of a slot; `material` is `None` if it can't be hit.
     pub(super) fn note(&mut self, slot: u32, entity: Option<Entity>, material: Option<&StandardMaterial>) {
         let lets_through = |material| stop_probability(material).is_some();
         for (slots, holds) in [
@@ -124,7 +124,7 @@ impl SeeThroughObjects {
         self.by_entity.extend(entity.map(|entity| (entity, slot)));
     }
 
-    /// Returns whether any of them tints the light that it lets through.
+    /// Returns whether any of them tints the light that passes through it.
     pub(crate) fn has_tints(&self) -> bool {
         !self.tinted.is_empty()
     }
@@ -134,7 +134,7 @@ impl SeeThroughObjects {
         !self.partial.is_empty()
     }
 
-    /// Returns whether any object refracts the light that it lets through.
+    /// Returns whether any object refracts the light that passes through it.
     pub(crate) fn has_refraction(&self) -> bool {
         !self.refracting.is_empty()
     }
@@ -149,7 +149,7 @@ impl SeeThroughObjects {
         self.by_entity.contains_key(&entity)
     }
 
-    /// Their entities in the main world.
+    /// Entities of the objects in the main world.
     pub(crate) fn entities(&self) -> impl Iterator<Item = Entity> + '_ {
         self.by_slot.values().copied()
     }
@@ -240,7 +240,7 @@ mod tests {
         objects.note(3, Some(entity), Some(&stone));
         assert_eq!(objects.entities().count(), 0);
         objects.note(3, Some(entity), Some(&glass));
-        // It goes to another slot, which is noted first.
+        // It moves to another slot, which is recorded first.
         objects.note(1, Some(entity), Some(&glass));
         objects.note(3, None, None);
         assert!(objects.entities().eq([entity]) && objects.contains(entity));

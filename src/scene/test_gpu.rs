@@ -39,7 +39,7 @@ fn open(settings: &WgpuSettings) -> Option<(RenderDevice, RenderQueue)> {
 
 /// A device that refuses large buffers, because nearly all of its allowed memory is in use; otherwise like [`device`].
 pub fn device_of_little_memory() -> Option<(RenderDevice, RenderQueue)> {
-    // Percents of all memory. Some of it is in use already, and a device takes a little.
+    // Percentages of all memory. Some of it is in use already, and a device takes a little.
     let device = (1..=100).step_by(2).find_map(|percents| {
         open(&WgpuSettings {
             instance_memory_budget_thresholds: MemoryBudgetThresholds {
@@ -52,7 +52,7 @@ pub fn device_of_little_memory() -> Option<(RenderDevice, RenderQueue)> {
     require(device)
 }
 
-/// The device, if there is any; otherwise a message, or a failure where the environment says that a GPU is required.
+/// Returns the device. Without one, prints a message, or fails if the environment requires a GPU.
 fn require(device: Option<(RenderDevice, RenderQueue)>) -> Option<(RenderDevice, RenderQueue)> {
     if device.is_none() {
         let is_required = std::env::var_os("GLINT_REQUIRE_GPU").is_some();
@@ -62,13 +62,13 @@ fn require(device: Option<(RenderDevice, RenderQueue)>) -> Option<(RenderDevice,
     device
 }
 
-/// The machine's first adapter. Without one `None`, with a message, or a failure where the environment says that a GPU is required.
+/// The machine's first adapter. Without one, prints a message and returns `None`, or fails if the environment requires a GPU.
 pub fn device() -> Option<(RenderDevice, RenderQueue)> {
     static DEVICE: OnceLock<Option<(RenderDevice, RenderQueue)>> = OnceLock::new();
     require(DEVICE.get_or_init(|| open(&WgpuSettings::default())).clone())
 }
 
-/// The words of a buffer with the usage `COPY_SRC`, after everything that was queued so far.
+/// Reads the words of a buffer with the usage `COPY_SRC`, after everything that was queued so far.
 pub fn read(device: &RenderDevice, queue: &RenderQueue, buffer: &Buffer) -> Vec<u32> {
     let target = device.create_buffer(&BufferDescriptor {
         label: None,
@@ -85,7 +85,7 @@ pub fn read(device: &RenderDevice, queue: &RenderQueue, buffer: &Buffer) -> Vec<
     bytemuck::pod_collect_to_vec(&bytes)
 }
 
-/// The WGSL that Bevy makes of `main`, a module that imports from `modules`: (path below `src`, text).
+/// Links `main`, a module that imports from `modules`, to WGSL like Bevy does. Modules are given as (path below `src`, text).
 pub fn link(main: &'static str, modules: &[(&str, &'static str)], flags: &[&'static str]) -> String {
     let mut cache = ShaderCache::<String, ()>::new((), |_, source, _| match source {
         ShaderCacheSource::Wgsl(wgsl) => Ok(wgsl),

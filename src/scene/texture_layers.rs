@@ -1,4 +1,4 @@
-//! Small copies of material textures in the layers of one array texture, for devices that cannot index bindings freely.
+//! Small copies of material textures in the layers of one array texture, for devices that can't index bindings freely.
 
 use crate::device::try_allocate;
 use bevy::{
@@ -23,8 +23,8 @@ use bevy::{
 pub const LAYER_SIZE: u32 = 256;
 const LEVELS: u32 = LAYER_SIZE.ilog2() + 1;
 const FIRST_LAYERS: u32 = 16;
-/// The sRGB curve spends its 8 bits where colours need them, in the dark. Data such as roughness passes through the same curve on
-/// its way in and out, and loses half a bit around the middle.
+/// The sRGB curve spends its 8 bits on dark colours, where they matter most. Data such as roughness is encoded and decoded with the same
+/// curve, and loses half a bit in the middle of its range.
 const FORMAT: TextureFormat = TextureFormat::Rgba8UnormSrgb;
 
 pub(super) struct TextureLayers {
@@ -32,7 +32,7 @@ pub(super) struct TextureLayers {
     view: TextureView,
     limit: u32,
     layers: u32,
-    /// Source that each layer is a copy of.
+    /// Source of each layer's copy.
     sources: Vec<Option<TextureView>>,
     outdated: HashSet<u32>,
     sampler: Sampler,
@@ -133,7 +133,7 @@ impl TextureLayers {
         self.ready
     }
 
-    /// Makes `layer` a copy of `source` at the next [`Self::flush`]. Returns false if the device has no memory for that number of layers.
+    /// Copies `source` to `layer` in the next [`Self::flush`]. Returns false if the device lacks memory for that number of layers.
     pub fn copy(&mut self, device: &RenderDevice, layer: u32, source: &TextureView) -> bool {
         if layer >= self.limit {
             return false;

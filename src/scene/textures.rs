@@ -1,5 +1,5 @@
-//! The table of textures that materials refer to, in one of two forms: an array of bindings where the device can index one freely,
-//! else small copies in the layers of one array texture (`texture_layers.rs`).
+//! The table of textures that materials refer to. It is an array of bindings if the device can index one freely; otherwise, it
+//! consists of small copies in the layers of one array texture (`texture_layers.rs`).
 
 mod bindings;
 mod entry;
@@ -32,7 +32,7 @@ use samplers::Place;
 
 const SAMPLER_SHIFT: u32 = 20;
 
-/// The textures in use, at indices that stay the same while some material uses them.
+/// The textures in use. A texture keeps its index while a material uses it.
 #[derive(Resource)]
 pub struct TextureTable {
     mode: ReflectionTextureMode,
@@ -40,18 +40,18 @@ pub struct TextureTable {
     entries: Vec<Option<Entry>>,
     free: FreeSlots,
     samplers: Vec<(ImageSampler, Sampler)>,
-    /// By sampler, the number of entries that use it.
+    /// Number of entries that use each sampler.
     sampler_users: Vec<u32>,
     white: TextureView,
     layers: Option<TextureLayers>,
-    /// Entries to look at in the next update.
+    /// Entries to check in the next update.
     pending: BTreeSet<u32>,
-    /// Entries whose copy the device had no memory for.
+    /// Entries that lack memory for their copy.
     refused: BTreeSet<u32>,
-    /// When these are looked at again.
+    /// When to retry these.
     retry: MemoryRetry,
     resettled: HashSet<AssetId<Image>>,
-    /// All images that changed lately, also others.
+    /// All images that changed lately, including unused ones.
     repainted: HashSet<AssetId<Image>>,
     /// Position of the walk over all entries that finds replaced images.
     cursor: usize,
@@ -107,7 +107,7 @@ impl FromWorld for TextureTable {
     }
 }
 
-/// The sampler of images that find no place for their own.
+/// The sampler of images whose own sampler doesn't fit.
 fn repeating() -> SamplerDescriptor<'static> {
     SamplerDescriptor {
         label: Some("glint_material_sampler"),
@@ -121,7 +121,7 @@ fn repeating() -> SamplerDescriptor<'static> {
 }
 
 impl TextureTable {
-    /// How shaders reach the textures.
+    /// The way in which shaders access the textures.
     pub fn mode(&self) -> ReflectionTextureMode {
         self.mode
     }
@@ -131,7 +131,7 @@ impl TextureTable {
         self.entries.len() as u32
     }
 
-    /// Grows whenever the bind group with [`Self::resources`] has to be made anew.
+    /// Increases whenever the bind group with [`Self::resources`] has to be rebuilt.
     pub fn generation(&self) -> u64 {
         self.generation
     }
@@ -143,12 +143,12 @@ impl TextureTable {
         }
     }
 
-    /// Images that have a place.
+    /// Number of images in the table.
     pub(super) fn used(&self) -> u64 {
         self.indices.len() as u64
     }
 
-    /// Lets go of all images; their users must be gone.
+    /// Drops all images; their users must be gone.
     pub(super) fn clear(&mut self, device: &RenderDevice) {
         if let Some(layers) = &mut self.layers {
             layers.clear(device);
@@ -165,7 +165,7 @@ impl TextureTable {
         self.generation += 1;
     }
 
-    /// Notes one more user of an image; false where there is no place for it.
+    /// Adds a user of an image. Returns false if the table is full.
     pub(super) fn acquire(&mut self, id: AssetId<Image>) -> bool {
         if let Some(entry) = self
             .indices
@@ -207,7 +207,7 @@ impl TextureTable {
         true
     }
 
-    /// Notes one user less of an image.
+    /// Removes a user of an image.
     pub(super) fn release(&mut self, id: AssetId<Image>) {
         let Some(index) = self.indices.get(&id).copied() else {
             return;
@@ -234,29 +234,29 @@ impl TextureTable {
         Some((index, self.entries[index as usize].as_ref()?))
     }
 
-    /// The word for [`super::gpu_types::GpuMaterial::textures`] of an image that can be sampled.
+    /// The word for [`super::gpu_types::GpuMaterial::textures`], if the image can be sampled.
     pub(super) fn packed(&self, id: AssetId<Image>) -> Option<u32> {
         let (index, entry) = self.entry(id)?;
         matches!(entry.state, State::Ready(_)).then_some(index | (entry.sampler << SAMPLER_SHIFT))
     }
 
-    /// Returns whether [`Self::finest_level`] of an image in use may have changed since the last call.
+    /// Returns whether [`Self::finest_level`] of an image in use might have changed since the last call.
     pub(super) fn take_touched(&mut self) -> bool {
         std::mem::take(&mut self.touched)
     }
 
-    /// Images, of whatever use, whose content changed since the last call.
+    /// All images with content that changed since the last call.
     pub(super) fn take_repainted(&mut self) -> HashSet<AssetId<Image>> {
         std::mem::take(&mut self.repainted)
     }
 
-    /// Images whose word or whose content changed since the last call.
+    /// Images with a word or content that changed since the last call.
     pub(super) fn take_resettled(&mut self) -> HashSet<AssetId<Image>> {
         std::mem::take(&mut self.resettled)
     }
 
     fn sampler_for(&mut self, device: &RenderDevice, sampling: &ImageSampler, image: &GpuImage) -> u32 {
-        // Comparison samplers cannot be bound here.
+        // Comparison samplers can't be bound here.
         if matches!(sampling, ImageSampler::Descriptor(descriptor) if descriptor.compare.is_some()) {
             return 0;
         }
@@ -285,14 +285,14 @@ impl TextureTable {
         place
     }
 
-    /// An entry uses a sampler from now on.
+    /// Adds a user of a sampler.
     fn take_sampler(&mut self, sampler: u32) {
         if let Some(users) = self.sampler_users.get_mut(sampler as usize) {
             *users += 1;
         }
     }
 
-    /// An entry doesn't use a sampler any more. If none does, those that found no place may have it.
+    /// Removes a user of a sampler. If none is left, it can be replaced by one that didn't fit.
     fn give_sampler_back(&mut self, sampler: u32) {
         let Some(users) = self.sampler_users.get_mut(sampler as usize) else {
             return;
@@ -307,7 +307,7 @@ impl TextureTable {
         self.pending.extend(without.map(|(index, _)| index));
     }
 
-    /// Takes over images that arrived on the GPU.
+    /// Updates entries for images that were uploaded to the GPU.
     pub(super) fn update(
         &mut self,
         device: &RenderDevice,
@@ -315,7 +315,7 @@ impl TextureTable {
         pipelines: &PipelineCache,
         images: &RenderAssets<GpuImage>,
     ) {
-        // A few entries a frame, so that an image that was replaced late is noticed without a look at all of them in each frame.
+        // Checks a few entries per frame, so that images that were replaced later are noticed without checking all of them in each frame.
         for _ in 0..self.entries.len().min(16) {
             self.cursor = (self.cursor + 1) % self.entries.len();
             if let Some(Entry {
@@ -402,7 +402,7 @@ fn is_usable(device: &RenderDevice, image: &GpuImage) -> bool {
             == Some(TextureSampleType::Float { filterable: true })
 }
 
-/// Learns how images are sampled, which only the main world knows, and which ones changed.
+/// Reads the samplers of images, which only the main world has, and records changed images.
 pub(super) fn extract_texture_changes<'a>(
     images: &Assets<Image>,
     events: impl Iterator<Item = &'a AssetEvent<Image>>,
@@ -431,7 +431,7 @@ pub(super) fn extract_texture_changes<'a>(
         {
             entry.sampling = images.get(entry.id).map(|image| {
                 let mut sampling = image.sampler.clone();
-                // Equal samplers are shared, whatever they are called.
+                // Samplers are shared if they only differ in their label.
                 if let ImageSampler::Descriptor(descriptor) = &mut sampling {
                     descriptor.label = None;
                 }

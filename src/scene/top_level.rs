@@ -1,10 +1,10 @@
 //! The top level of the BVH tracer: two trees over instances, and the node that joins them.
 //!
-//! - The static tree holds objects that have not changed for a while. It is built off the render thread, uploaded in parts, and then
-//!   replaces the last one. An object that changes is taken out at once: an empty node overwrites its entry.
-//! - The moving tree holds all other objects, and merged trees. It is small and built in each frame in which one of them changes.
+//! - The static tree contains objects that haven't changed for a while. It is built off the render thread, uploaded in parts, and then
+//!   replaces the last one. An object that changes is removed at once: an empty node overwrites its entry.
+//! - The moving tree contains all other objects, and merged trees. It is small, and is rebuilt in each frame in which one of them changes.
 //!
-//! Rays begin at the first item of the buffer of trees, so that all trees may lie anywhere in it.
+//! Rays begin at the first item of the tree buffer, so all trees can be anywhere in it.
 
 mod moving_tree;
 mod object;
@@ -24,22 +24,23 @@ use static_tree::StaticTree;
 
 pub(super) use object::Object;
 
-/// A static tree is built once so many objects wait for it, or so many have left it.
+/// A static tree is built once this number of objects is waiting for it, or has left it.
 const WORTH_A_BUILD: usize = 64;
 /// Frames without a change after which a new object counts as static ...
 const SETTLING_FRAMES: u64 = 3;
-/// ... and one that left the static tree, doubled with each further time, at most so often.
+/// ... and one that left the static tree, doubled with each further time up to a maximum.
 const RETURN_FRAMES: u64 = 15;
 const MOST_DOUBLINGS: u8 = 8;
-/// Between two builds, the thread that builds has other work for so many times the frames that the last one took, and for some more.
+/// Minimum pause between two builds, in multiples of the frames that the last one took, so that the build thread has time for other work.
+/// A fixed minimum is added.
 const PAUSE: u64 = 4;
 const SHORTEST_PAUSE: u64 = 20;
-/// Merged objects that are taken out of the static tree in one frame. They are hit twice until then, at the same place.
+/// Maximum number of merged objects that are removed from the static tree in one frame. Until then, rays hit them twice in the same place.
 const LEAVING_PER_FRAME: usize = 256;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Site {
-    /// Neither tree.
+    /// In neither tree.
     #[default]
     Absent,
     /// Index in [`MovingTree::slots`].
@@ -51,7 +52,7 @@ enum Site {
 #[derive(Clone, Copy, Default)]
 struct Place {
     site: Site,
-    /// How often the object left the static tree.
+    /// Number of times that the object left the static tree.
     returns: u8,
 }
 
@@ -65,12 +66,12 @@ impl Place {
     }
 }
 
-/// The part of the state that shaders need.
+/// The data for shaders.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Head {
-    /// The number of nodes as the traversal takes it.
+    /// The number of nodes for the traversal.
     pub node_count: u32,
-    /// Trees take more of the stack than shaders usually have.
+    /// Trees need a larger stack than the default.
     pub is_deep: bool,
 }
 
@@ -79,7 +80,7 @@ pub(super) struct Head {
 pub(super) struct TopLevel {
     places: Vec<Place>,
     moving_tree: MovingTree,
-    /// The moving tree must be built.
+    /// The moving tree must be rebuilt.
     moved: bool,
     static_tree: Option<Box<StaticTree>>,
     /// The next static tree.
@@ -92,7 +93,7 @@ pub(super) struct TopLevel {
 }
 
 impl TopLevel {
-    /// Notes that the object of a slot is new or changed.
+    /// Records that the object of a slot is new or changed.
     pub fn set(&mut self, slot: u32, object: Object) {
         let Some(entry) = LinearEntry::new(&object.instance()) else {
             self.remove(slot);
@@ -119,7 +120,7 @@ impl TopLevel {
         }
     }
 
-    /// Notes that the object of a slot has moved, and nothing else.
+    /// Records that the object of a slot has only moved.
     pub fn set_transform(&mut self, slot: u32, world_from_object: &Affine3A, object_from_world: &[[f32; 4]; 3]) {
         match self.site(slot) {
             Site::Absent => {}
@@ -146,7 +147,7 @@ impl TopLevel {
         }
     }
 
-    /// Notes that there is nothing to be hit in a slot.
+    /// Removes the object of a slot.
     pub fn remove(&mut self, slot: u32) {
         match self.site(slot) {
             Site::Absent => {}
@@ -155,7 +156,7 @@ impl TopLevel {
         }
     }
 
-    /// Notes that the object of a slot, which hasn't changed, is part of a merged tree from now on.
+    /// Records that the unchanged object of a slot is now part of a merged tree.
     pub fn merge(&mut self, slot: u32) {
         match self.site(slot) {
             Site::Absent => {}
@@ -182,7 +183,7 @@ impl TopLevel {
         self.moved = true;
     }
 
-    /// Takes an object out of the static tree.
+    /// Removes an object from the static tree.
     fn leave(&mut self, slot: u32) {
         let Site::Static(member) = self.site(slot) else { return };
         self.places[slot as usize].site = Site::Absent;
@@ -194,7 +195,7 @@ impl TopLevel {
         }
     }
 
-    /// There are so many slots, and nothing to be hit in those behind them.
+    /// Sets the number of slots. Later slots must be empty.
     pub fn truncate(&mut self, slots: usize) {
         while self.places.len() > slots && self.places.last().is_some_and(|place| place.site == Site::Absent) {
             self.places.pop();
@@ -202,8 +203,8 @@ impl TopLevel {
         shrink(&mut self.places);
     }
 
-    /// Carries on with the static tree, once in each frame and after all changes were noted. `merged` tells whether an object is part of a
-    /// merged tree, and `place_of` where it is.
+    /// Advances the static tree. Call once per frame, after all changes. `merged` returns whether an object is part of a merged tree, and
+    /// `place_of` its transform.
     pub fn advance(
         &mut self,
         merged: impl Fn(u32) -> bool,
@@ -239,7 +240,7 @@ impl TopLevel {
         }
         let is_stranded = |tree: &&StaticTree| meshes.bvh.is_stranded(&tree.slice);
         if let Some(tree) = self.static_tree.as_deref().filter(is_stranded) {
-            // The same tree finds a better place.
+            // Moves the same tree to a better place.
             self.next = Some(StaticBuild::start(Some(tree), Vec::new(), self.frame));
         } else if self.frame >= self.next_build {
             self.plan(place_of);
@@ -250,7 +251,7 @@ impl TopLevel {
         self.next_build = self.frame + PAUSE * (self.frame - since) + SHORTEST_PAUSE;
     }
 
-    /// Takes a new static tree, less the objects that changed while it was made.
+    /// Replaces the static tree, without the objects that changed during the build.
     fn replace_static_tree(
         &mut self,
         mut tree: Box<StaticTree>,
@@ -295,7 +296,7 @@ impl TopLevel {
         let (slots, changed) = (self.moving_tree.slots(), self.moving_tree.changed());
         let movers = (0..).zip(slots.iter().zip(changed));
         let settled = movers.filter(|(_, (slot, changed))| {
-            // Most of them have moved in this frame.
+            // Tested first, since most of them have moved in this frame.
             self.frame >= **changed + SETTLING_FRAMES
                 && self.frame >= **changed + self.places[**slot as usize].settling_frames()
         });
@@ -304,7 +305,7 @@ impl TopLevel {
         let last = self.static_tree.as_deref();
         let (dead, len) = last.map_or((0, 0), |tree| (tree.dead.len(), tree.len()));
         if waiting < WORTH_A_BUILD && (dead < WORTH_A_BUILD || dead < len / 4) {
-            // Many objects are not looked through in each frame.
+            // With many objects, this check doesn't run in each frame.
             self.next_build = self.frame + SETTLING_FRAMES;
             return;
         }
@@ -312,7 +313,7 @@ impl TopLevel {
         self.next = Some(StaticBuild::start(last, joining.collect(), self.frame));
     }
 
-    /// Returns whether a static tree is on its way.
+    /// Returns whether a static tree is being built.
     pub fn is_building(&self) -> bool {
         self.next.is_some()
     }
@@ -322,8 +323,8 @@ impl TopLevel {
         self.moved || self.static_tree.as_ref().is_some_and(|tree| !tree.emptied.is_empty())
     }
 
-    /// Brings the buffer up to date. `trees` are the merged ones, and `place_of` tells where the object of a slot is.
-    /// If there was no room, merged trees may have got lost.
+    /// Updates the buffer. `trees` are the merged ones, and `place_of` returns the transform of a slot's object. If space is lacking,
+    /// merged trees can be lost.
     pub fn upload<'a>(
         &mut self,
         trees: impl Iterator<Item = TlasInstance<'a>>,
@@ -358,12 +359,12 @@ impl TopLevel {
         self.head
     }
 
-    /// The moving tree must be built, since merged trees came or went.
+    /// Requests a rebuild of the moving tree, since merged trees were added or removed.
     pub fn touch(&mut self) {
         self.moved = true;
     }
 
-    /// Forgets everything and gives all room back.
+    /// Forgets everything and frees all buffer space.
     pub fn clear(&mut self, meshes: &mut SceneMeshes) {
         let slices = [
             self.moving_tree.take_slice(),

@@ -1,7 +1,7 @@
-//! Threads on which trees and micromaps are built.
+//! Threads that build trees and micromaps.
 //!
-//! They are the crate's own. Bevy compiles pipelines and loads assets on its `AsyncComputeTaskPool`, which has one thread on
-//! small machines, and a build can't be interrupted: a level's meshes would keep new materials from appearing for seconds.
+//! They belong to the crate. Bevy compiles pipelines and loads assets on its `AsyncComputeTaskPool`, which has one thread on small
+//! machines, and a build can't be interrupted: a level's meshes would delay new materials for seconds.
 
 use bevy::{
     log::error,
@@ -12,7 +12,7 @@ use std::sync::OnceLock;
 
 static POOL: OnceLock<TaskPool> = OnceLock::new();
 
-/// A build that goes on in the background.
+/// A build in the background.
 pub(super) struct Build<T>(Task<Option<T>>);
 
 impl<T> Build<T> {
@@ -20,14 +20,14 @@ impl<T> Build<T> {
         self.0.is_finished()
     }
 
-    /// What was built; `None` if the build isn't finished, or has panicked.
+    /// Takes the result; `None` if the build isn't finished, or has panicked.
     pub fn take(&mut self) -> Option<T> {
         block_on(poll_once(&mut self.0)).flatten()
     }
 }
 
-/// Starts a build. On platforms without threads it runs between frames. One that panics ends without a result: an odd mesh costs its
-/// reflection, and not the app.
+/// Starts a build. On platforms without threads it runs between frames. If it panics, it has no result: an odd mesh then only lacks
+/// a reflection, instead of crashing the app.
 pub(super) fn spawn<T: Send + 'static>(build: impl Future<Output = T> + Send + 'static) -> Build<T> {
     let build = async {
         let built = AssertUnwindSafe(build).catch_unwind().await;
@@ -38,7 +38,7 @@ pub(super) fn spawn<T: Send + 'static>(build: impl Future<Output = T> + Send + '
     };
     let new_pool = || {
         TaskPoolBuilder::new()
-            // As many as Bevy takes for work of several frames.
+            // Same number as Bevy's threads for work of several frames.
             .num_threads((available_parallelism() / 4).clamp(1, 4))
             .thread_name("Glint Builds".to_owned())
             .build()
@@ -46,7 +46,7 @@ pub(super) fn spawn<T: Send + 'static>(build: impl Future<Output = T> + Send + '
     Build(POOL.get_or_init(new_pool).spawn(build))
 }
 
-/// Drops something large on one of these threads: giving many pages back takes milliseconds.
+/// Drops a large value on one of these threads: freeing many pages takes milliseconds.
 pub(super) fn discard<T: Send + 'static>(value: T) {
     spawn(async move { drop(value) }).0.detach();
 }

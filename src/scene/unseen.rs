@@ -1,4 +1,4 @@
-//! Objects that rays can't see, counted by material type.
+//! Counts objects that rays can't see, by material type.
 
 use super::reflected_material::SeenMaterials;
 use crate::{
@@ -18,22 +18,23 @@ use bevy::{
 };
 use core::any::TypeId;
 
-/// Every component that draws a `Mesh3d` with a material begins so.
+/// Name prefix of every component that draws a `Mesh3d` with a material.
 const MATERIAL_COMPONENT: &str = "MeshMaterial3d<";
-/// Frames with unseen objects before the log tells: most scenes are spawned in several. More tells later, with a better number.
+/// Number of frames with unseen objects before the log warns, since most scenes are spawned over several frames. A higher number warns
+/// later, with a more accurate count.
 const PATIENCE: u32 = 30;
 
-/// A material type that rays don't know.
+/// A material type that rays don't support.
 struct UnseenType {
     name: String,
-    /// Archetypes of entities with it.
+    /// Archetypes of entities with this type.
     archetypes: Vec<ArchetypeId>,
     objects: usize,
-    /// Frames in which there were any.
+    /// Number of frames in which there were any.
     frames: u32,
 }
 
-/// Types that rays don't know, of objects that they should see.
+/// Unsupported material types of objects that should be in reflections.
 #[derive(Default)]
 pub(super) struct UnseenTypes {
     looked_at: Option<ArchetypeGeneration>,
@@ -41,7 +42,7 @@ pub(super) struct UnseenTypes {
 }
 
 impl UnseenTypes {
-    /// Looks at archetypes that are new since the last call.
+    /// Checks archetypes that are new since the last call.
     fn look(&mut self, archetypes: &Archetypes, unseen: impl Fn(&Archetype) -> Option<String>) {
         let before = self.looked_at.replace(archetypes.generation());
         for archetype in &archetypes[before.unwrap_or_else(ArchetypeGeneration::initial)..] {
@@ -58,7 +59,7 @@ impl UnseenTypes {
         }
     }
 
-    /// Counts objects, and tells of each type once, when its objects have been there for a while. Returns whether a number has changed.
+    /// Counts objects. Warns of each type once, after its objects have existed for a while. Returns whether a number has changed.
     fn count(&mut self, archetypes: &Archetypes) -> bool {
         let mut changed = false;
         for unseen in &mut self.types {
@@ -79,14 +80,14 @@ impl UnseenTypes {
         changed
     }
 
-    /// Types with objects, and their number.
+    /// Types with objects, and the number of objects.
     fn report(&self) -> Vec<(String, usize)> {
         let there = self.types.iter().filter(|unseen| unseen.objects > 0);
         there.map(|unseen| (unseen.name.clone(), unseen.objects)).collect()
     }
 }
 
-/// Counts objects that rays can't see. Nothing is walked but archetypes, each once when it is new.
+/// Counts objects that rays can't see. Only visits archetypes, each once when it is new.
 pub(super) fn count_unseen(
     archetypes: &Archetypes,
     components: &Components,

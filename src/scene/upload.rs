@@ -1,4 +1,4 @@
-//! A storage buffer that holds a copy of a slice.
+//! A storage buffer with a copy of a slice.
 
 use crate::device::{MemoryRetry, try_allocate};
 use bevy::{
@@ -18,29 +18,29 @@ use bevy::{
 use bytemuck::{NoUninit, bytes_of, cast_slice};
 use core::{marker::PhantomData, num::NonZeroU64, ops::Range};
 
-/// Elements between two changed ones that are rather written again than skipped: a write of its own costs more.
+/// Gap between two changed elements up to which the elements in between are written again, since a separate write costs more.
 const GAP: u32 = 64;
-/// Bytes that are rather written again than left to a kernel, which has a price of its own.
+/// Number of bytes up to which everything is written again instead of using a kernel, which has a fixed cost.
 const CHEAP_BYTES: u64 = 1 << 18;
-/// Elements that there is always room for.
+/// Minimum capacity in elements.
 const SMALLEST_ROOM: usize = 16;
 /// Threads of a workgroup in `scatter.wesl`.
 const THREADS: u32 = 64;
-/// Label of what is on its way to the kernel.
+/// Label of the kernel's input buffers.
 const SCATTERED: &str = "glint_scattered";
-/// Workgroups that every device can start at a time.
+/// Number of workgroups that every device can dispatch at a time.
 const MOST_WORKGROUPS: u32 = 65_535;
 
-/// Mirrors a slice of `T` on the GPU. It grows by doubling, and shrinks once three quarters of it are free.
+/// Copies a slice of `T` to the GPU. The buffer grows by doubling, and shrinks once three quarters of it are free.
 pub struct StorageSlice<T> {
     buffer: Buffer,
     label: &'static str,
     len: usize,
-    /// Elements that the device had no memory for.
+    /// Number of elements for which the device lacked memory.
     refused: Option<usize>,
-    /// When it is asked for them again.
+    /// When to retry that.
     retry: MemoryRetry,
-    /// The buffer was replaced, and holds nothing yet.
+    /// The buffer was replaced and not written yet.
     is_empty: bool,
     warned: bool,
     generation: u64,
@@ -51,7 +51,7 @@ pub struct StorageSlice<T> {
 }
 
 impl<T: NoUninit> StorageSlice<T> {
-    /// Room for a few elements, so that there is always something to bind.
+    /// Creates a buffer for a few elements, so that there is always one to bind.
     pub fn new(device: &RenderDevice, label: &'static str) -> Self {
         Self {
             buffer: create(device, label, (SMALLEST_ROOM * size_of::<T>()) as u64),
@@ -78,25 +78,25 @@ impl<T: NoUninit> StorageSlice<T> {
         self.generation
     }
 
-    /// Most elements that one binding can hold.
+    /// Maximum number of elements in one binding.
     pub fn limit(device: &RenderDevice) -> usize {
         let limits = device.limits();
         (limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) / size_of::<T>() as u64) as usize
     }
 
-    /// Elements that the buffer holds: shaders must not read beyond.
+    /// Number of elements in the buffer: shaders must not read beyond it.
     pub fn count(&self) -> usize {
         self.len
     }
 
-    /// Takes its kernel over, once that is compiled. Until then, elements are written one by one.
+    /// Takes over its kernel once that is compiled. Until then, elements are written one by one.
     pub fn follow_kernel(&mut self, kernels: &ScatterKernels, cache: &PipelineCache) {
         if self.kernel.is_none() {
             self.kernel = kernels.get(size_of::<T>(), cache).cloned();
         }
     }
 
-    /// Counts a frame. Returns true once the device, which had no memory for a buffer of another size, may have it: write something then.
+    /// Counts a frame. Returns true once the device might have memory for a buffer that it refused: the caller should write something then.
     pub fn may_ask_again(&mut self) -> bool {
         let again = self.retry.is_due();
         if again {
@@ -105,8 +105,8 @@ impl<T: NoUninit> StorageSlice<T> {
         again
     }
 
-    /// Makes room for so many elements, or as many as there can be, and returns for how many there is room. The
-    /// contents of the buffer may be gone until the next write.
+    /// Makes space for this number of elements, or as many as possible, and returns the new capacity. The contents of the buffer can be
+    /// lost until the next write.
     pub fn reserve(&mut self, wanted: usize, device: &RenderDevice) -> usize {
         self.reserve_within(Self::limit(device), wanted, device)
     }
@@ -117,7 +117,7 @@ impl<T: NoUninit> StorageSlice<T> {
         let wanted = wanted.min(limit);
         let needed = wanted.next_power_of_two().max(SMALLEST_ROOM).min(limit);
         let is_too_large = room > SMALLEST_ROOM && 4 * wanted < room && needed < room;
-        // As much and more is refused, too.
+        // This size was refused, so larger ones would be, too.
         let is_refused = self.refused.is_some_and(|refused| wanted >= refused || is_too_large);
         if (wanted > room || is_too_large) && !is_refused {
             self.refused = None;
@@ -137,12 +137,12 @@ impl<T: NoUninit> StorageSlice<T> {
         room.min(limit)
     }
 
-    /// Writes the changed part, or all where the buffer had to grow. Elements over [`Self::limit`] are left out with a warning.
+    /// Writes the changed part, or everything if the buffer had to grow. Elements over [`Self::limit`] are left out with a warning.
     pub fn write(&mut self, data: &[T], changed: Range<usize>, device: &RenderDevice, queue: &RenderQueue) {
         self.write_within(Self::limit(device), data, changed, device, queue);
     }
 
-    /// Writes the elements of these sorted indices, or all where the buffer had to grow.
+    /// Writes the elements at these sorted indices, or everything if the buffer had to grow.
     pub fn write_elements(&mut self, data: &[T], sorted: &[u32], device: &RenderDevice, queue: &RenderQueue) {
         let (before, was_empty) = (self.generation, self.is_empty);
         self.write(data, 0..0, device, queue);
@@ -163,8 +163,8 @@ impl<T: NoUninit> StorageSlice<T> {
         }
     }
 
-    /// Writes the elements in one piece, and has a kernel put them where they belong. Returns false while that is compiled, and where the
-    /// device has no memory for that.
+    /// Writes the elements in one piece, and dispatches a kernel that copies them to their positions. Returns false while it is being
+    /// compiled, and if the device lacks memory for that.
     fn scatter(
         &mut self,
         data: &[T],
@@ -212,7 +212,7 @@ impl<T: NoUninit> StorageSlice<T> {
             pass.set_bind_group(0, &bind_group, &[]);
             pass.dispatch_workgroups(workgroups, 1, 1);
         }
-        // At once, in the order of all other writes.
+        // Submitted at once, to keep the order of all writes.
         queue.submit([encoder.finish()]);
         true
     }
@@ -248,12 +248,12 @@ impl<T: NoUninit> StorageSlice<T> {
     }
 }
 
-/// Kernels that put elements at their places, by the bytes of an element. They are compiled from the start, so that the first frame in which
-/// much moves doesn't wait for them.
+/// Kernels that scatter elements, by the size of an element in bytes. They are compiled from the start, so that the first frame with many
+/// movements doesn't wait for them.
 pub struct ScatterKernels(Vec<(usize, CachedComputePipelineId)>);
 
 impl ScatterKernels {
-    /// For elements of these sizes in bytes, which are multiples of 16.
+    /// Creates kernels for elements of these sizes in bytes, which are multiples of 16.
     pub fn new<const N: usize>(world: &World, sizes: [usize; N]) -> Self {
         let shader = load_embedded_asset!(world.resource::<AssetServer>(), "scatter.wesl");
         let entries = BindGroupLayoutEntries::sequential(
@@ -287,7 +287,7 @@ impl ScatterKernels {
     }
 }
 
-/// What is on its way to a kernel. The buffers are there from one frame to the next.
+/// Input buffers of a kernel, which are reused in later frames.
 struct Scattered {
     elements: Buffer,
     places: Buffer,
@@ -302,8 +302,8 @@ impl Scattered {
     }
 }
 
-/// Writes pieces of the same size to the start of a buffer, and replaces it where it is too small or much too large. Returns false where
-/// the device has no memory for another one.
+/// Writes pieces of the same size to the start of a buffer, and replaces the buffer if it is too small or much too large. Returns false
+/// if the device lacks memory for another one.
 fn fill<'a>(
     buffer: &mut Buffer,
     piece: usize,
@@ -319,7 +319,7 @@ fn fill<'a>(
         };
         *buffer = other;
     }
-    // Without a copy of all pieces in between.
+    // Avoids an intermediate copy of all pieces.
     let view = NonZeroU64::new(bytes).and_then(|bytes| queue.write_buffer_with(buffer, 0, bytes));
     let Some(mut view) = view else { return false };
     let mut all = view.slice(..);
@@ -329,7 +329,7 @@ fn fill<'a>(
     true
 }
 
-/// Ranges that hold all of these sorted indices, and up to `gap` others between two of them.
+/// Ranges that contain all of these sorted indices, and up to `gap` others between two of them.
 pub fn runs(sorted: &[u32], gap: u32) -> impl Iterator<Item = Range<usize>> + '_ {
     let chunks = sorted.chunk_by(move |a, b| b.saturating_sub(*a) <= gap.saturating_add(1));
     chunks.filter_map(|run| Some(*run.first()? as usize..*run.last()? as usize + 1))
@@ -389,7 +389,7 @@ mod tests {
         };
         const COUNT: usize = 40_000;
         let mut slice = StorageSlice::<[u32; 8]>::new(&device, "glint_numbers");
-        // Read back like any other buffer.
+        // Created with the usages to be read back.
         slice.buffer = device.create_buffer(&BufferDescriptor {
             label: None,
             size: (COUNT * 32) as u64,
@@ -399,7 +399,7 @@ mod tests {
         let mut data: Vec<[u32; 8]> = (0..COUNT as u32).map(|i| [i; 8]).collect();
         slice.write(&data, 0..COUNT, &device, &queue);
         for (step, kernel) in [(9, None), (9, Some(scatter_pipeline(&device))), (300, None)] {
-            // While the kernel is compiled, elements are written one by one.
+            // While the kernel is being compiled, elements are written one by one.
             assert!(slice.kernel.is_some() || slice.scattered.is_none());
             slice.kernel = slice.kernel.take().or(kernel);
             let sorted: Vec<u32> = (3..COUNT as u32).step_by(step).collect();
@@ -453,7 +453,7 @@ mod tests {
         assert_eq!(write(&mut slice), 16);
         REFUSES.set(false);
         assert_eq!(write(&mut slice), 16, "it isn't asked at once");
-        // Without any change, and whoever had the memory.
+        // Without any change, even if nothing was freed.
         let frames = (1..=REFUSED_FRAMES).find(|_| slice.may_ask_again());
         assert_eq!((frames, write(&mut slice)), (Some(REFUSED_FRAMES), 100));
         // A smaller one is worth another try.

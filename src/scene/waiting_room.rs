@@ -1,11 +1,11 @@
-//! Things that found no room, and when they are worth another try.
+//! Failed allocations, and when to retry them.
 
 use bevy::platform::collections::HashMap;
 use core::hash::Hash;
 
 /// Allocations that failed in a table or buffer, each with the amount in use at that time. A retry costs time, and can only succeed once
-/// something else was freed: each is retried once less is in use than at its last try. If the device had no memory, it is also retried
-/// after some time.
+/// something else was freed, so an allocation is retried once less is in use than at its last try. If the device lacked memory, it is
+/// also retried after some time.
 pub(super) struct WaitingRoom<K>(HashMap<K, u64>);
 
 impl<K> Default for WaitingRoom<K> {
@@ -15,33 +15,34 @@ impl<K> Default for WaitingRoom<K> {
 }
 
 impl<K: Copy + Eq + Hash> WaitingRoom<K> {
-    /// Notes that something found no room while so much was in use.
+    /// Adds an allocation that failed while this amount was in use.
     pub fn wait(&mut self, key: K, used: u64) {
         self.0.insert(key, used);
     }
 
-    /// Takes the allocations to retry at the given amount in use. `again`: the device might have memory again, so all are retried.
+    /// Takes the allocations to retry at the given amount in use. If `again` is true, the device might have memory again, so all are
+    /// retried.
     pub fn take(&mut self, used: u64, again: bool) -> Vec<K> {
         let ready = self.0.extract_if(|_, before| again || used < *before);
         ready.map(|(key, _)| key).collect()
     }
 
-    /// Forgets something that is gone, or needs no room any more.
+    /// Removes an allocation that isn't needed any more.
     pub fn remove(&mut self, key: &K) {
         self.0.remove(key);
     }
 
-    /// Returns whether something waits.
+    /// Returns whether an allocation is waiting.
     pub fn contains(&self, key: &K) -> bool {
         self.0.contains_key(key)
     }
 
-    /// How many wait.
+    /// Number of waiting allocations.
     pub fn len(&self) -> usize {
         self.0.len()
     }
 
-    /// Nothing waits.
+    /// Returns whether no allocation is waiting.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }

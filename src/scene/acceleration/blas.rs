@@ -22,15 +22,15 @@ use bevy::{
     },
 };
 
-/// Faces of a mesh that are part of a BLAS. Closest-hit rays always cull back faces in hardware, so a surface that is seen from behind
-/// needs triangles of the opposite winding: wgpu has no culling switch per instance.
+/// Faces of a mesh that are part of a BLAS. Closest-hit rays always cull back faces in hardware. wgpu can't disable culling per
+/// instance, so a surface that is visible from behind needs triangles with reversed winding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Winding {
-    /// Front faces as the mesh has them.
+    /// Triangles with the mesh's winding.
     AsIs,
-    /// Every triangle flipped: (a, c, b).
+    /// All triangles flipped: (a, c, b).
     Flipped,
-    /// As they are, then all flipped: twice the triangles.
+    /// All triangles twice: first with the mesh's winding, then flipped.
     Both,
 }
 
@@ -61,7 +61,7 @@ impl BlasKey {
     }
 }
 
-/// Why a BLAS can't be built.
+/// The reason why a BLAS can't be built.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Refusal {
     /// The mesh has more triangles than the device allows.
@@ -75,7 +75,7 @@ pub(super) struct PendingBlas {
     pub version: u64,
     pub blas: Blas,
     pub size: BlasTriangleGeometrySizeDescriptor,
-    /// Indices of another winding than the mesh's own.
+    /// Indices with changed winding; `None` to use the mesh's own.
     indices: Option<Buffer>,
     pub first_vertex: u32,
     first_index: u32,
@@ -93,7 +93,7 @@ impl PendingBlas {
         let index_count = indices.as_ref().map_or(mesh.indices.len(), Vec::len) as u32;
         let limit = device.limits().max_blas_primitive_count;
         let triangles = index_count / 3;
-        // The limit counts triangles, but wgpu holds vertices against it.
+        // The limit counts triangles, but wgpu also checks the number of vertices against it.
         if triangles.max(mesh.vertex_count) > limit {
             warn_once!(
                 "a mesh of {triangles} triangles is missing from reflections: the device's limit is {limit}; split \
@@ -133,7 +133,7 @@ impl PendingBlas {
             });
             (blas, buffer)
         });
-        // Its staging memory can be refused, too.
+        // wgpu might also lack the memory to stage the write.
         let written = created.filter(|(_, buffer)| {
             let (Some(buffer), Some(indices)) = (buffer, &indices) else {
                 return true;
@@ -180,7 +180,7 @@ impl PendingBlas {
     }
 }
 
-/// Indices of another winding than the mesh's own, or `None`.
+/// Indices with changed winding, or `None` if the mesh's own will do.
 fn rewound(indices: &[u32], winding: Winding) -> Option<Vec<u32>> {
     let flipped = indices
         .chunks_exact(3)

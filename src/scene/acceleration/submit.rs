@@ -1,4 +1,4 @@
-//! Hands builds to the driver.
+//! Submits builds to the driver.
 
 use crate::device::try_allocate;
 use bevy::{
@@ -10,7 +10,7 @@ use bevy::{
 };
 use wgpu::CommandBuffer;
 
-/// Has the driver build these structures. Returns false, and leaves all as it was, where it has no memory to do that.
+/// Builds these structures. Returns false and changes nothing if the device lacks the memory.
 pub(super) fn submit_builds<'a>(
     label: &'static str,
     blas: &'a [BlasBuildEntry<'a>],
@@ -22,7 +22,7 @@ pub(super) fn submit_builds<'a>(
     commands.map(|commands| queue.submit([commands])).is_some()
 }
 
-/// Commands that build these structures; `None` where the driver has no memory to do that.
+/// Records commands that build these structures; `None` if the device lacks the memory.
 pub(super) fn record_builds<'a>(
     label: &'static str,
     blas: &'a [BlasBuildEntry<'a>],

@@ -1,4 +1,4 @@
-//! Structures from frame to frame, and without memory.
+//! Acceleration structures over several frames, and without memory.
 
 use super::*;
 use crate::{
@@ -47,7 +47,7 @@ fn what_the_device_has_no_memory_for_is_built_later() {
         return;
     };
     let mut structures = AccelerationStructures::new(&device, &queue);
-    // More than the first structure has room for.
+    // More than fit into the initial TLAS.
     let count = 4 * SMALLEST_TLAS;
     let objects = RayQueryObjects {
         count: count as usize,
@@ -75,12 +75,12 @@ fn what_the_device_has_no_memory_for_is_built_later() {
 /// Result of a frame.
 #[derive(Debug, PartialEq)]
 struct Frame {
-    /// All was built.
+    /// Everything was rebuilt.
     all: bool,
     split: bool,
-    /// Objects in the second structure.
+    /// Objects in the moving TLAS.
     movers: Vec<u32>,
-    /// Objects that are not to be seen in the first one any more.
+    /// Objects that rays must ignore in the static TLAS.
     left: Vec<u32>,
 }
 
@@ -93,7 +93,7 @@ fn expect(all: bool, split: bool, movers: &[u32], left: &[u32]) -> Frame {
     }
 }
 
-/// Structures from frame to frame.
+/// Acceleration structures over several frames.
 struct Frames {
     structures: AccelerationStructures,
     left: Vec<u32>,
@@ -114,7 +114,8 @@ impl Frames {
         })
     }
 
-    /// Renders a frame with this number of slots, of which these are `gone`, and these objects move or `changed`.
+    /// Renders a frame with this number of slots. Slots in `gone` are empty; objects in `restless` move, and those in
+    /// `changed` have changed.
     fn next(&mut self, slots: u32, gone: &[u32], restless: &[u32], changed: &[u32], may_split: bool) -> Frame {
         let get = |slot| {
             let flags = if restless.contains(&slot) { INSTANCE_RESTLESS } else { 0 };
@@ -184,14 +185,14 @@ fn all_is_built_once_many_left_or_stay() {
     let Some(mut frames) = Frames::new() else { return };
     let all = MANY + MOST_LEFT as u32 + 10;
     assert_eq!(frames.next(all, &[], &[], &[0], true), expect(true, true, &[], &[]));
-    // Enough that rays would hit them too often.
+    // Enough for rays to hit them too often.
     let most: Vec<_> = (0..MOST_LEFT as u32).collect();
     assert_eq!(
         frames.next(all, &most, &[], &most, true),
         expect(false, true, &[], &most)
     );
     assert_eq!(frames.next(all, &most, &[], &[700], true), expect(true, true, &[], &[]));
-    // Objects that come and stay.
+    // New objects that stop moving.
     let idle = MOST_IDLE as u32 + 1;
     let new: Vec<_> = (all..all + idle).collect();
     let mut frame = |restless: &[u32], changed: &[u32]| frames.next(all + idle, &most, restless, changed, true);

@@ -21,26 +21,26 @@ use bevy::{
 };
 use wgpu::CommandBuffer;
 
-/// Instances that a TLAS has room for at least, where the device allows as many.
+/// Minimum capacity of a TLAS, if the device allows it.
 pub(super) const SMALLEST_TLAS: u32 = 64;
-/// Rays tell instances apart by 24 bits.
+/// Ray queries identify instances by 24 bits.
 const MOST_INSTANCES: u32 = 1 << 24;
 
 /// A TLAS that grows and shrinks with its objects.
 pub(super) struct ResizableTlas {
     pub tlas: Tlas,
     pub capacity: u32,
-    /// The device had no memory for another capacity.
+    /// The device lacked memory for another capacity.
     refused: bool,
 }
 
 /// Result of a build.
 pub(super) struct TlasBuild {
-    /// The TLAS is another object.
+    /// `tlas` is a new object.
     pub replaced: bool,
-    /// Something lacked memory.
+    /// An allocation or a build lacked memory.
     pub lacking: bool,
-    /// They build it over these instances; `None` where it stays as it was.
+    /// Commands that build it over these instances; `None` if it stays as it was.
     pub commands: Option<CommandBuffer>,
 }
 
@@ -48,7 +48,7 @@ impl ResizableTlas {
     /// An empty TLAS.
     pub fn new(device: &RenderDevice, queue: &RenderQueue) -> Self {
         let level = Self::with_capacity(tlas_capacity(0, instance_limit(device)), device);
-        // A structure that was never built can't be bound.
+        // A TLAS that was never built can't be bound.
         submit_builds("glint_tlas_build", &[], Some(&level.tlas), device, queue);
         level
     }
@@ -72,7 +72,7 @@ impl ResizableTlas {
         self.refused = false;
     }
 
-    /// Has commands build these BLASes, then the TLAS over these instances. Instances without a BLAS are left out.
+    /// Records commands that build these BLASes, then the TLAS over these instances. Instances without a BLAS are left out.
     pub fn build<'a>(
         &mut self,
         instances: &[&RayQueryInstance],
@@ -86,7 +86,7 @@ impl ResizableTlas {
             commands: None,
         };
         let limit = instance_limit(device);
-        // Slots are given out from the lowest on, so that few are ever left out for their number.
+        // The lowest free slots are used first, so hardly any instance exceeds the limit.
         let tellable = instances.iter().filter(|instance| instance.slot < MOST_INSTANCES);
         let used: Vec<_> = tellable.take(limit as usize).collect();
         if used.len() < instances.len() {
@@ -127,7 +127,7 @@ impl ResizableTlas {
             }
         }
         drop(entries);
-        // A structure that was never built may not be bound.
+        // A TLAS that was never built must not be bound.
         outcome.commands = record_builds("glint_tlas_build", blas, Some(&level.tlas), device);
         if outcome.commands.is_none() {
             outcome.lacking = true;
@@ -139,7 +139,7 @@ impl ResizableTlas {
     }
 }
 
-/// Kinds of rays that see an object with these flags.
+/// Cull mask of an object with these flags.
 fn cull_mask(flags: u32) -> u8 {
     let mut mask = MASK_REFLECTED | (flags >> 24) as u8 & MASK_GROUPS;
     if flags & INSTANCE_CASTS_SHADOW != 0 {
@@ -156,12 +156,12 @@ fn instance_limit(device: &RenderDevice) -> u32 {
     device.limits().max_tlas_instance_count.min(MOST_INSTANCES)
 }
 
-/// Instances to make room for, where `count` are there.
+/// Capacity for `count` instances.
 fn tlas_capacity(count: u32, limit: u32) -> u32 {
     count.next_power_of_two().max(SMALLEST_TLAS).min(limit)
 }
 
-/// The row-major 3x4 matrix that wgpu and our shaders take.
+/// Row-major 3x4 matrix, as wgpu and our shaders expect it.
 pub fn rows(affine: &Affine3A) -> [f32; 12] {
     let m = affine.matrix3;
     let t = affine.translation;

@@ -1,4 +1,4 @@
-//! The places of slices in a buffer, and the size that it must have.
+//! Decides where slices lie in a buffer, and how large it must be.
 
 use offset_allocator::{Allocation, Allocator};
 use std::{
@@ -6,20 +6,21 @@ use std::{
     sync::atomic::{AtomicU64, Ordering},
 };
 
-/// Slices that one arena can hold at a time, less the gaps between them.
+/// Maximum number of slices and gaps in an arena.
 const MAX_SLICES: u32 = 1 << 18;
 /// Size of a new arena's buffer, if the limits allow it.
 pub(super) const INITIAL_BYTES: u64 = 256 * 1024;
 /// Shaders address words with a `u32`; half its range leaves room for offsets.
 const MAX_WORDS: u64 = (1 << 31) - 1;
 
-/// Identifiers that are unique across arenas and buffers, so that slices of a lost device are never mistaken for those of its successor.
+/// Returns an identifier that is unique across arenas and buffers, so that slices of a lost device are never mistaken for slices of its
+/// successor.
 pub(super) fn next_id() -> u64 {
     static NEXT: AtomicU64 = AtomicU64::new(1);
     NEXT.fetch_add(1, Ordering::Relaxed)
 }
 
-/// A part of an [`Arena`](super::Arena). It stays taken until it is given to [`Arena::free`](super::Arena::free).
+/// A part of an [`Arena`](super::Arena). It stays allocated until [`Arena::free`](super::Arena::free).
 #[must_use = "the slice stays taken until it is freed"]
 pub struct ArenaSlice {
     allocation: Allocation,
@@ -35,7 +36,7 @@ impl ArenaSlice {
         self.base
     }
 
-    /// Words that were asked for.
+    /// Number of words that were requested.
     pub fn words(&self) -> u32 {
         self.words
     }
@@ -77,8 +78,8 @@ impl SliceAllocator {
     pub(super) fn new(unit_words: u32, max_bytes: u64) -> Self {
         let unit_words = unit_words.max(1);
         let max_units = ((max_bytes / 4).min(MAX_WORDS) / u64::from(unit_words)) as u32;
-        // The allocator sorts free space by rounded sizes and would not find the last eighth of an exact fit. Behind the end
-        // of the buffer it gets more space than can ever be asked for, and slices that reach into it are refused.
+        // The allocator sorts free space by rounded sizes and would not find the last eighth of an exact fit. It therefore gets more
+        // space beyond the end of the buffer than can ever be allocated, and slices that reach into that space are refused.
         let virtual_units = (u64::from(max_units) * 4).clamp(1, 1 << 31) as u32;
         let initial_units = (INITIAL_BYTES / 4 / u64::from(unit_words)) as u32;
         Self {
@@ -86,7 +87,7 @@ impl SliceAllocator {
             allocator: Allocator::with_max_allocs(virtual_units, MAX_SLICES),
             unit_words,
             max_units,
-            // A binding must not be empty, even where the limits leave no room for a single unit.
+            // A binding must not be empty, even if the limits leave no space for a single unit.
             capacity_units: initial_units.min(max_units).max(1),
             used_units: 0,
             ends: BTreeSet::new(),
@@ -121,7 +122,7 @@ impl SliceAllocator {
     }
 
     pub(super) fn free(&mut self, slice: ArenaSlice) {
-        // The allocator would panic or corrupt itself.
+        // For a foreign slice, the allocator would panic or corrupt itself.
         if slice.arena == self.id {
             self.used_units = self.used_units.saturating_sub(slice.units);
             self.ends.remove(&slice.end(self.unit_words));
@@ -129,7 +130,7 @@ impl SliceAllocator {
         }
     }
 
-    /// Units of a buffer that isn't much too large; `None` where it isn't.
+    /// Capacity to shrink to, in units; `None` if the buffer isn't much too large.
     pub(super) fn smaller_capacity(&self) -> Option<u32> {
         let last = self.ends.last().copied().unwrap_or_default();
         let enough = last
@@ -140,7 +141,7 @@ impl SliceAllocator {
         (enough <= self.capacity_units / 2).then_some(enough)
     }
 
-    /// Units behind which slices keep the buffer large, where most is free in front of them.
+    /// Unit beyond which slices keep the buffer large, if most space before it is free.
     pub(super) fn stranded_from(&self) -> Option<u32> {
         let last = *self.ends.last()?;
         let keeps_large = last > self.initial_units();
@@ -177,7 +178,7 @@ mod tests {
 
     #[test]
     fn exactly_the_limit_fits() {
-        // 21 845 units are not a size that the allocator's bins represent.
+        // The allocator's bins can't represent a size of 21 845 units.
         let mut allocator = SliceAllocator::new(12, 1 << 20);
         let words = allocator.max_units * 12;
         assert!(allocator.allocate(words + 1).is_none());

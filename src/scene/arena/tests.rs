@@ -9,7 +9,7 @@ use bevy::render::render_resource::BufferInitDescriptor;
 use std::sync::mpsc::channel;
 use wgpu::ErrorFilter;
 
-/// While memory is asked for, Bevy compiles shaders on other threads, each of them in a scope of its own.
+/// While memory is allocated, Bevy compiles shaders on other threads, each of them in its own error scope.
 #[test]
 fn error_scopes_of_threads_are_apart() {
     let Some((device, _)) = test_gpu::device() else {
@@ -52,7 +52,7 @@ fn growth_keeps_writes_of_the_same_frame() {
     arena.write(&queue, &second, &late);
     assert_ne!(arena.generation(), generation);
     assert!(arena.capacity_bytes() >= 4_004_000 && arena.used_bytes() >= 4_004_000);
-    // Behind growth, in the same frame.
+    // After growth, in the same frame.
     arena.write(&queue, &first, &[7, 8]);
     let words = test_gpu::read(&device, &queue, arena.buffer());
     let slice = |slice: &ArenaSlice| &words[slice.base() as usize..][..slice.words() as usize];
@@ -61,7 +61,7 @@ fn growth_keeps_writes_of_the_same_frame() {
     assert_eq!(slice(&second), late);
 }
 
-/// Slices keep the data that was written before, during and behind the copy, by either side.
+/// Slices keep data that either side wrote before, during and after the copy.
 #[test]
 fn a_large_buffer_is_replaced_in_parts() {
     let Some((device, queue)) = test_gpu::device() else {
@@ -69,7 +69,7 @@ fn a_large_buffer_is_replaced_in_parts() {
     };
     const WORDS: u32 = 3 << 20;
     let mut arena = Arena::new(&device, "test arena", BufferUsages::empty(), 12, 256 << 20);
-    // Parts are those of a buffer of gigabytes, and no whole number of units.
+    // Part sizes are as for a buffer of gigabytes, and no multiple of a unit.
     arena.least_part = 4;
     let first = arena.allocate(WORDS + 12 * 5).unwrap();
     let mut expected: Vec<u32> = (0..WORDS).map(|i| i.wrapping_mul(0x9e37_79b9)).collect();
@@ -86,7 +86,7 @@ fn a_large_buffer_is_replaced_in_parts() {
     while !arena.is_resident(&second) {
         assert_eq!((arena.generation(), arena.capacity_bytes()), (generation, size));
         let place = frames as usize * 15_000;
-        // Behind the part that is copied, in it, and across its end.
+        // After the copied part, in it, and across its end.
         let across = ((frames << 20) as usize).clamp(7, WORDS as usize - 20) - 7;
         for begin in [place, WORDS as usize - 100_000 - place, across] {
             let words = [frames + 1; 20];
@@ -194,7 +194,7 @@ fn a_buffer_shrinks_once_its_end_is_free() {
     assert_eq!(words[again.base() as usize..][..1_000_000], [8; 1_000_000]);
 }
 
-/// A slice that outlives those in front of it can move to the start, and the buffer shrinks.
+/// A slice that outlives the slices before it can move to the start, and the buffer shrinks.
 #[test]
 fn a_slice_at_the_end_of_an_empty_buffer_is_stranded() {
     let Some((device, queue)) = test_gpu::device() else {
@@ -236,7 +236,7 @@ fn growth_that_is_not_needed_any_more_is_given_up() {
     arena.free(large);
     arena.advance(&queue);
     assert_eq!((arena.capacity_bytes(), arena.generation()), (initial, generation));
-    // There is no more room than the buffer has.
+    // Ends beyond the buffer.
     let next = arena.allocate(1_000_000).unwrap();
     assert!(!arena.is_resident(&next));
     arena.write(&queue, &next, &[7; 1_000_000]);

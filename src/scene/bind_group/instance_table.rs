@@ -1,4 +1,4 @@
-//! The table of instances: objects as shaders read them, by slot.
+//! The table of instances: objects by slot, in the shaders' layout.
 
 use crate::scene::{
     acceleration::rows,
@@ -24,22 +24,22 @@ use bevy::{
 };
 use core::ops::Range;
 
-/// The buffer of instances with its copy on the CPU.
+/// The instance buffer, with a copy on the CPU.
 pub(in crate::scene) struct InstanceTable {
     slice: StorageSlice<GpuInstance>,
     data: Vec<GpuInstance>,
     present: Vec<bool>,
-    /// Slots from here on have no room in the buffer: their objects are missing.
+    /// Slots from here on don't fit into the buffer: their objects are missing.
     limit: usize,
     present_count: usize,
     masked_count: usize,
     /// Slots that changed since the last upload.
     changed: Vec<u32>,
-    /// Slots whose objects move in this frame, each once.
+    /// Slots with objects that move in this frame, without duplicates.
     moving: Vec<u32>,
-    /// The same of the last frame.
+    /// `moving` of the last frame.
     moved_before: Vec<u32>,
-    /// Slots whose objects moved lately.
+    /// Slots with objects that moved lately.
     restless: Vec<u32>,
     /// By slot, the frame in which the object moved last.
     moved: Vec<u32>,
@@ -67,8 +67,8 @@ impl InstanceTable {
         }
     }
 
-    /// Makes room for so many slots, as far as the device has memory. Slots that are gone stay until [`truncate`](Self::truncate).
-    /// Returns those that had no room before and have some now.
+    /// Reserves space for this number of slots, as far as the device has memory. Removed slots stay until
+    /// [`truncate`](Self::truncate). Returns the slots that didn't fit before and do now.
     pub fn reserve(&mut self, slots: usize, device: &RenderDevice) -> Range<u32> {
         let before = self.present.len();
         let len = slots.max(before);
@@ -76,7 +76,7 @@ impl InstanceTable {
         for &slot in self.left.iter().filter(|slot| **slot as usize >= before) {
             if let Some(data) = self.data.get_mut(slot as usize) {
                 data.flags |= INSTANCE_LEFT;
-                // The buffer may still have the object of then.
+                // The buffer might still contain the slot's former object.
                 self.changed.push(slot);
             }
         }
@@ -90,7 +90,7 @@ impl InstanceTable {
         found.start as u32..found.end as u32
     }
 
-    /// Forgets slots at the end.
+    /// Removes slots from the end.
     pub fn truncate(&mut self, slots: usize) {
         self.data.truncate(slots);
         self.present.truncate(slots);
@@ -129,7 +129,7 @@ impl InstanceTable {
     pub fn set(&mut self, slot: u32, instance: Option<GpuInstance>) -> bool {
         let index = slot as usize;
         if index >= self.present.len() {
-            // Its object came and went while no camera looked.
+            // The object was added and removed while no camera used reflections.
             return false;
         }
         let before = self.present[index].then(|| {
@@ -167,7 +167,7 @@ impl InstanceTable {
         true
     }
 
-    /// Marks slots, and no others, as having left the TLAS of objects at rest.
+    /// Sets [`INSTANCE_LEFT`] for exactly these slots: their objects have left the static TLAS.
     pub fn mark_left(&mut self, left: &[u32]) {
         for slot in core::mem::take(&mut self.left) {
             self.set_flag(slot, INSTANCE_LEFT, false);
@@ -185,7 +185,7 @@ impl InstanceTable {
         }
     }
 
-    /// Ends a frame, after all movements: what moved in the last one and not in this one stands.
+    /// Call once per frame after all movements: objects that moved in the last frame but not in this one become static.
     pub fn settle(&mut self) {
         let frame = self.frame;
         for slot in self.moved_before.drain(..) {
@@ -201,7 +201,7 @@ impl InstanceTable {
         self.frame = frame.wrapping_add(1);
     }
 
-    /// Returns whether an object whose motion is known has moved in the frame that has ended last.
+    /// Returns whether an object with known motion moved in the last completed frame.
     pub fn knows_motions(&self) -> bool {
         self.moved_before
             .iter()
@@ -209,7 +209,7 @@ impl InstanceTable {
             .any(|data| data.lightmap == NO_TEXTURE && data.lightmap_rect_or_motion[0] != UNKNOWN_MOTION)
     }
 
-    /// Takes marks from objects that have not moved for a while.
+    /// Clears the marks of objects that haven't moved for a while.
     fn calm(&mut self) {
         let Self {
             restless,
@@ -232,7 +232,7 @@ impl InstanceTable {
         });
     }
 
-    /// Replaces the place of an object. Returns `None` if more than its matrices would change.
+    /// Replaces the transform of an object. Returns `None` if more than its matrices would change.
     pub fn set_matrices(&mut self, slot: u32, matrices: &Matrices) -> Option<Change> {
         if !self.can_be_hit(slot) {
             return None;
@@ -252,12 +252,12 @@ impl InstanceTable {
         Some(self.mark_moving(slot, motion))
     }
 
-    /// The shape of the object moves in this frame, in a way that nobody knows of its points.
+    /// Marks the object as deforming in this frame; the motion of its points is unknown.
     pub fn mark_posed(&mut self, slot: u32) -> Change {
         self.mark_moving(slot, [UNKNOWN_MOTION, 0])
     }
 
-    /// The object moves in this frame. If it didn't lately, views may have seen it where it was without a mark.
+    /// Marks the object as moving in this frame. If it hadn't moved lately, views might have seen it unmarked at its old position.
     fn mark_moving(&mut self, slot: u32, motion: [u32; 2]) -> Change {
         let data = &mut self.data[slot as usize];
         let was_restless = data.flags & INSTANCE_RESTLESS != 0;
@@ -268,7 +268,7 @@ impl InstanceTable {
             self.moving.push(slot);
         }
         if data.lightmap == NO_TEXTURE {
-            // Neither of two motions in a frame is the one since the last frame.
+            // After two motions in one frame, neither is the motion since the last frame.
             data.lightmap_rect_or_motion = if is_first { motion } else { [UNKNOWN_MOTION, 0] };
         }
         if was_restless {
@@ -286,7 +286,7 @@ impl InstanceTable {
         }
     }
 
-    /// Takes the kernel over that writes many changes.
+    /// Takes over the kernel that uploads large changes.
     pub fn follow_kernel(&mut self, kernels: &ScatterKernels, cache: &PipelineCache) {
         self.slice.follow_kernel(kernels, cache);
     }
@@ -315,7 +315,7 @@ impl InstanceTable {
     }
 }
 
-/// The place of an object as shaders read it.
+/// The transform of an object, in the shaders' layout.
 pub(in crate::scene) struct Matrices {
     pub world_from_object: [[f32; 4]; 3],
     pub object_from_world: [[f32; 4]; 3],
@@ -323,7 +323,7 @@ pub(in crate::scene) struct Matrices {
 }
 
 impl Matrices {
-    /// `None` where the transform can't be inverted or isn't finite: such an object is invisible in the raster picture, too.
+    /// Returns `None` if the transform isn't finite or can't be inverted. Bevy doesn't draw such an object either.
     pub fn of(world_from_object: &Affine3A) -> Option<Self> {
         let Inverse {
             rows: object_from_world,
@@ -337,7 +337,7 @@ impl Matrices {
     }
 }
 
-/// `None` where the object has no place that shaders could read.
+/// Returns `None` if the object's transform is unusable.
 pub(in crate::scene) fn pack_instance(
     source: &InstanceSource,
     mesh: &SceneMesh,
@@ -417,7 +417,7 @@ mod tests {
         let motion = |table: &InstanceTable, slot: usize| table.data[slot].lightmap_rect_or_motion;
         assert!(table.knows_motions() && motion(&table, 0)[0] != UNKNOWN_MOTION);
         assert_eq!(motion(&table, 1), rect, "its part of the lightmap");
-        // A motion is no change of the object.
+        // A motion doesn't count as a change of the object.
         assert!(!table.set(0, object(1.0, NO_TEXTURE, [0; 2])));
         assert!(!table.set(1, object(1.0, 3, rect)));
         table.settle();
@@ -425,7 +425,7 @@ mod tests {
             !table.knows_motions() && table.flags(0) & INSTANCE_MOVING == 0,
             "at rest"
         );
-        // Posed and moved in one frame, in both orders.
+        // Posed and moved in one frame, in either order.
         table.mark_posed(0);
         table.set_matrices(0, &at(2.0));
         table.settle();

@@ -1,4 +1,4 @@
-//! Features of the scene, and the definitions that shaders which import its modules are compiled with.
+//! Features of the scene, and the shader definitions that modules of the scene need.
 
 use super::SceneBindings;
 use crate::{
@@ -8,7 +8,7 @@ use crate::{
 use bevy::shader::ShaderDefVal;
 
 impl SceneBindings {
-    /// Features of the scene that shaders have to know.
+    /// Features of the scene that shaders are compiled for.
     pub(crate) fn features(&self) -> Features {
         let of_tables = [
             (!self.lightmaps.is_empty(), Features::LIGHTMAPS),
@@ -30,7 +30,7 @@ impl SceneBindings {
         present.fold(self.features, Features::union)
     }
 
-    /// Features that the device has the bindings for.
+    /// Features that the device's binding limits allow.
     pub(crate) fn possible_features(&self) -> Features {
         let mut features = Features::all();
         features.set(Features::LIGHT_PROBES, self.light_probes.textures().is_some());
@@ -39,7 +39,7 @@ impl SceneBindings {
         features
     }
 
-    /// Definitions of shaders with these features.
+    /// Shader definitions for these features.
     pub(crate) fn definitions(&self, features: Features) -> Vec<ShaderDefVal> {
         let mut definitions = self.tracer.shader_defs();
         definitions.extend(self.texture_def.map(Into::into));
@@ -53,16 +53,16 @@ impl SceneBindings {
         definitions
     }
 
-    /// Returns the definitions that shaders which import the scene's modules must be compiled with for the scene as it is. Code
-    /// that keeps pipelines has to follow [`Self::shader_defs_version`], or use [`Self::shader_defs_for`] any scene.
+    /// Returns the definitions that shaders which import the scene's modules must be compiled with for the current scene. Code
+    /// that caches pipelines has to check [`Self::shader_defs_version`], or use [`Self::shader_defs_for`] any scene.
     #[cfg(feature = "internals")]
     pub fn shader_defs(&self) -> Vec<ShaderDefVal> {
         self.shader_defs_for(self.has_masked_geometry())
     }
 
-    /// The same with or without masked geometry. Shaders for scenes with it are right for all scenes. With the BVH tracer, shaders
-    /// for scenes without it treat masked and blended surfaces as opaque (apart from what merged trees already cut out) and cannot
-    /// tell their triangles; they are slightly smaller and faster. With ray queries there is no difference.
+    /// Returns the definitions for scenes with or without masked geometry. Shaders for scenes with it work for all scenes. With the BVH
+    /// tracer, shaders for scenes without it treat masked and blended surfaces as opaque, except for the parts that merged trees already
+    /// cut out, and can't identify their triangles. They are slightly smaller and faster. With ray queries there is no difference.
     #[cfg(feature = "internals")]
     pub fn shader_defs_for(&self, masked_geometry: bool) -> Vec<ShaderDefVal> {
         let mut features = self.features & Features::DEEP_TREES;
@@ -76,7 +76,7 @@ impl SceneBindings {
         self.defs_version
     }
 
-    /// Returns whether rays can hit something that needs the alpha test. Also `true` until the first object can be hit.
+    /// Returns whether rays can hit an object that needs the alpha test. Also `true` until the first object can be hit.
     #[cfg(feature = "internals")]
     pub fn has_masked_geometry(&self) -> bool {
         self.features.contains(Features::MASKED)

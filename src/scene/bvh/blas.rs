@@ -10,12 +10,12 @@ use super::{
 };
 use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 
-/// Binary trees deeper than this are not optimised further: the optimiser keeps a stack of fixed size.
+/// Binary trees deeper than this are not optimised further: the optimiser has a stack of fixed size.
 const MAX_BINARY_DEPTH: u32 = 200;
-/// Number of top nodes that a BLAS offers to the TLAS as starting points of rays.
+/// Number of top nodes of a BLAS that the TLAS can use as starting points of rays.
 const MAX_TOP_NODES: usize = 73;
 
-/// How much time a BLAS build spends on the tree.
+/// How much time a BLAS build spends on the quality of the tree.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BvhQuality {
     /// For meshes that change often.
@@ -23,7 +23,7 @@ pub enum BvhQuality {
     /// The default.
     #[default]
     Medium,
-    /// For lasting trees: large triangles are split, and the tree is optimised longer.
+    /// For long-lived trees: large triangles are split, and the tree is optimised for longer.
     High,
 }
 
@@ -43,11 +43,11 @@ pub struct TopNode {
 /// The packed tree of a mesh, or of merged objects.
 #[derive(Clone, Debug)]
 pub struct Blas {
-    /// Nodes, then triangles; indices in nodes are relative to the first of their kind.
+    /// Nodes, then triangles; indices in nodes are relative to the first node or triangle.
     pub items: Vec<Item>,
     /// Number of nodes, at least 1.
     pub node_count: u32,
-    /// Number of triangles that are left after degenerate ones were dropped, at least 1; each part of a split one counts.
+    /// Number of triangles after degenerate ones were dropped, at least 1; each part of a split triangle counts.
     #[cfg_attr(
         not(any(test, feature = "internals")),
         expect(dead_code, reason = "tests and tools read it")
@@ -55,7 +55,7 @@ pub struct Blas {
     pub triangle_count: u32,
     /// Object space; world space for merged objects.
     pub bounds: Bounds,
-    /// Groups on the stack of the traversal in the worst case; see `stack_size`.
+    /// Worst-case number of groups on the stack of the traversal; see `stack_size`.
     pub groups: u32,
     /// The root and nodes below it, breadth first, at which [`super::build_tlas`] can start rays.
     pub top: Vec<TopNode>,
@@ -79,33 +79,33 @@ impl Blas {
 
 #[cfg(any(test, feature = "internals"))]
 impl Blas {
-    /// Size in the buffer.
+    /// Size in the buffer, in bytes.
     pub fn bytes(&self) -> usize {
         size_of_val(self.items.as_slice())
     }
 }
 
 /// Builds the tree of a triangle list. Triangles with an index out of range, a coordinate that is not finite or beyond
-/// 1e15, or without area are left out; `None` when no triangle is left or there are more than 2^28.
+/// 1e15, or without area are left out. Returns `None` if no triangle is left or there are more than 2^28.
 pub fn build_blas(positions: &[[f32; 3]], indices: &[u32], quality: BvhQuality) -> Option<Blas> {
     let mut triangles = Vec::with_capacity(indices.len() / 3);
     add_triangles(&mut triangles, positions, indices, 0, 0);
     build(triangles, quality)
 }
 
-/// Variant for a mesh that will be posed: triangles without area are kept, since posing can give them some.
+/// Builds the tree of a mesh that will be posed: triangles without area are kept, since posing can give them some.
 pub fn build_posable_blas(positions: &[[f32; 3]], indices: &[u32], quality: BvhQuality) -> Option<Blas> {
     let mut triangles = Vec::with_capacity(indices.len() / 3);
     add_triangles(&mut triangles, positions, indices, 0, 0);
     build_of(triangles, quality, corner_bounds)
 }
 
-/// The tree over those triangles that rays can hit.
+/// Builds the tree over the triangles that rays can hit.
 pub(super) fn build(triangles: Vec<Triangle>, quality: BvhQuality) -> Option<Blas> {
     build_of(triangles, quality, triangle_bounds)
 }
 
-/// The tree over those triangles that have bounds.
+/// Builds the tree over the triangles that have bounds.
 fn build_of(
     mut triangles: Vec<Triangle>,
     quality: BvhQuality,
@@ -157,7 +157,7 @@ fn build_of(
     })
 }
 
-/// The wide tree over boxes, without its own; `None` only if obvhs broke its own rules.
+/// The wide tree over boxes, which its nodes don't have yet; `None` only if obvhs breaks its own invariants.
 pub(super) fn build_tree(boxes: &[Bounds], quality: BvhQuality, level: &Level) -> Option<Tree> {
     let (mut binary, reinsertion) = match quality {
         BvhQuality::Fast => (ploc::build::<2>(boxes), 0.0),
@@ -166,7 +166,7 @@ pub(super) fn build_tree(boxes: &[Bounds], quality: BvhQuality, level: &Level) -
     };
     let depth = ploc::depth(&binary);
     if reinsertion > 0.0 && depth <= MAX_BINARY_DEPTH {
-        // The optimiser's stack holds twice this and panics beyond; its sixteen rounds lengthen paths a little.
+        // The optimiser's stack has twice this size, and overflowing it panics. The sixteen rounds make paths slightly longer.
         binary.max_depth = (4 * depth as usize).max(96);
         ReinsertionOptimizer::default().run(&mut binary, reinsertion, None);
     }
@@ -178,8 +178,8 @@ pub(super) fn build_tree(boxes: &[Bounds], quality: BvhQuality, level: &Level) -
     Some(collapse(&ploc::build_balanced(boxes), level.leaf_size)).filter(is_whole)
 }
 
-/// The top of the tree, breadth first. A node with leaves among its children cannot be replaced by its inner children
-/// alone: it gets a twin, appended to `nodes`, that keeps only the leaves.
+/// The top of the tree, breadth first. A node with leaves among its children can't be replaced by its inner children
+/// alone: it gets a twin, appended to `nodes`, that has only the leaves.
 fn top_nodes(nodes: &mut Vec<Node>, exact: &[Bounds], primitives: &[Bounds]) -> Vec<TopNode> {
     let mut top = vec![TopNode {
         bounds: exact[0],

@@ -1,26 +1,25 @@
-//! From a binary tree to one of four children per node, at the least cost by the surface area heuristic (Ylitie, Karras and
-//! Laine 2017, section 3.1).
+//! Converts a binary tree to one with four children per node, at the lowest cost by the surface area heuristic (Ylitie,
+//! Karras and Laine 2017, section 3.1).
 
 use super::node::{Node, Tree, WIDTH};
 use obvhs::bvh2::Bvh2;
 
-/// Cost to a ray of testing a node, and of testing a triangle, as in the paper. The more a triangle costs, the smaller leaves
-/// get.
+/// Cost to a ray of testing a node, and of testing a triangle, as in the paper. A higher triangle cost leads to smaller leaves.
 const NODE_COST: f32 = 1.0;
 const PRIMITIVE_COST: f32 = 0.3;
 
-/// The best that can be made of a subtree.
+/// The cheapest way to collapse a subtree.
 #[derive(Clone, Copy, Default)]
 struct Plan {
     primitives: u32,
     /// Cost as at most one, two or three children of the same node.
     costs: [f32; WIDTH - 1],
-    /// How many of two, three or four children the left half gets; 0 where one child less is better.
+    /// Number of children that the left half gets out of two, three or four; 0 if one child less is cheaper.
     left: [u8; WIDTH - 1],
     is_leaf: bool,
 }
 
-/// The tree with leaves of at most `leaf_size` primitives (1 to 3).
+/// Returns the tree with leaves of at most `leaf_size` primitives (1 to 3).
 pub(super) fn collapse(binary: &Bvh2, leaf_size: u32) -> Tree {
     let plans = plan(binary, leaf_size);
     let mut tree = Tree {
@@ -81,7 +80,7 @@ fn plan(binary: &Bvh2, leaf_size: u32) -> Vec<Plan> {
 }
 
 fn join(left: &Plan, right: &Plan, area: f32, leaf_size: u32) -> Plan {
-    // The cheapest way to share `children` among both halves.
+    // The cheapest way to divide `children` between both halves.
     let share = |children: usize| {
         (1..children)
             .map(|k| (left.costs[k - 1] + right.costs[children - k - 1], k as u8))
@@ -114,7 +113,7 @@ fn join(left: &Plan, right: &Plan, area: f32, leaf_size: u32) -> Plan {
     }
 }
 
-/// The children of a node.
+/// Collects the children of a node.
 fn gather_root(binary: &Bvh2, plans: &[Plan], index: u32, children: &mut Vec<u32>) {
     let plan = &plans[index as usize];
     if plan.is_leaf {
@@ -127,7 +126,7 @@ fn gather_root(binary: &Bvh2, plans: &[Plan], index: u32, children: &mut Vec<u32
     gather(binary, plans, first + 1, WIDTH as u8 - left, children);
 }
 
-/// A subtree as at most `count` children.
+/// Collects a subtree as at most `count` children.
 fn gather(binary: &Bvh2, plans: &[Plan], index: u32, count: u8, children: &mut Vec<u32>) {
     let left = plans[index as usize].left;
     match (2..=count).rev().find(|n| left[usize::from(*n) - 2] != 0) {

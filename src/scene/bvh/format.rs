@@ -1,42 +1,42 @@
-//! The items of the buffer that holds the trees.
+//! The items of the tree buffer.
 
 use crate::scene::gpu_types::{
     INSTANCE_ALPHA_MASKED, INSTANCE_CASTS_SHADOW, INSTANCE_CULL_BACK, INSTANCE_CULL_FRONT, INSTANCE_MIRRORED,
 };
 use bevy::math::Vec3A;
 
-/// The element type of the buffer that holds the trees, in three rows of four words.
+/// The element type of the tree buffer: three rows of four words.
 ///
 /// - A node.
-/// - A triangle: its corners, and in their fourth words the triangle's index in the mesh, its [`owner`] (0 where the TLAS entry
-///   names it), and a quarter of the summed lengths of the edges at the first corner, as `f32`. Triangles of merged
-///   objects that need the alpha test name their mask instead of the index in the mesh.
-/// - The item in front of the masks of a mesh and material: the material's base-colour texture, alpha and cut-off.
+/// - A triangle: its corners, and in their fourth words the triangle's index in the mesh, its [`owner`] (0 if the TLAS entry has
+///   it), and a quarter of the summed lengths of the edges at the first corner, as `f32`. Triangles of merged objects that need
+///   the alpha test store the index of their mask instead of the index in the mesh.
+/// - A mask header, in front of the masks of a mesh and material: the material's base-colour texture, alpha and cut-off.
 /// - A mask, for the alpha test: UV coordinates of the vertices, the triangle's index in the mesh, the alpha of the vertices in
 ///   three bytes, and in the third row a [`Micromap`](super::opacity::Micromap).
-/// - An entry of a TLAS, with [`ENTRY`] in the third word of its third row: [`owner`], first node, and where indices of nodes and
-///   of triangles of the BLAS count from; then the item of the inverse matrix, counted from the TLAS.
+/// - An entry of a TLAS, with [`ENTRY`] in the third word of its third row: [`owner`], first node, and the base indices of the
+///   BLAS's nodes and triangles; then the index of the inverse matrix, relative to the TLAS.
 /// - The rows of an inverse matrix.
 pub type Item = [[u32; 4]; 3];
 
 /// Words of an [`Item`].
 pub const ITEM_WORDS: u32 = 12;
-/// Tells entries of a TLAS from nodes, which have fewer children than this has in the same bits.
+/// Marks entries of a TLAS: a node's number of children in the same bits is lower.
 pub const ENTRY: u32 = 0xf000_0000;
-/// In the place of the number of nodes of a TLAS: it is one entry right behind the root, and rays start there.
+/// Node count that marks a TLAS with a single entry right behind the root. Rays start there.
 pub const ONE_ENTRY: u32 = u32::MAX;
 
-/// Instances that an [`owner`] can tell apart.
+/// Number of instances that an [`owner`] can address.
 pub const MAX_INSTANCES: usize = 1 << (32 - OWNER_SHIFT);
-/// The flags that decide in the middle of a traversal whether a triangle counts.
+/// The flags by which the traversal accepts or rejects a triangle.
 pub const TRAVERSAL_FLAGS: u32 =
     INSTANCE_MIRRORED | INSTANCE_CULL_BACK | INSTANCE_CULL_FRONT | INSTANCE_ALPHA_MASKED | INSTANCE_CASTS_SHADOW;
-/// The lowest bit of the instance in an [`owner`].
+/// Position of the instance in an [`owner`].
 pub(super) const OWNER_SHIFT: u32 = 6;
 /// Set in every [`owner`], so that none is 0.
 const OWNED: u32 = 32;
 
-/// An instance (below [`MAX_INSTANCES`]) and its `INSTANCE_` flags as one word, which is never 0.
+/// Packs an instance (below [`MAX_INSTANCES`]) and its `INSTANCE_` flags into one word, which is never 0.
 pub const fn owner(instance: u32, flags: u32) -> u32 {
     (instance << OWNER_SHIFT) | OWNED | (flags & TRAVERSAL_FLAGS)
 }
@@ -57,7 +57,7 @@ impl Bounds {
         max: [f32::NEG_INFINITY; 3],
     };
 
-    /// Smallest box around both.
+    /// Smallest box that contains both.
     pub fn union(self, other: Self) -> Self {
         Self {
             min: Vec3A::from(self.min).min(other.min.into()).to_array(),
@@ -65,7 +65,7 @@ impl Bounds {
         }
     }
 
-    /// Returns the box that both have in common, if there is one.
+    /// Returns the intersection of both boxes, if they overlap.
     pub fn intersection(self, other: Self) -> Option<Self> {
         let common = Self {
             min: Vec3A::from(self.min).max(other.min.into()).to_array(),
@@ -80,7 +80,7 @@ impl Bounds {
         half_area(Vec3A::from(self.max) - Vec3A::from(self.min))
     }
 
-    /// All corners are finite and in order.
+    /// Returns whether all corners are finite and in order.
     #[inline]
     pub fn is_valid(self) -> bool {
         are_corners(self.min.into(), self.max.into())
@@ -94,7 +94,7 @@ pub(super) fn half_area(edges: Vec3A) -> f32 {
     d.x * d.y + d.y * d.z + d.z * d.x
 }
 
-/// These can be the corners of a box: finite and in order.
+/// Returns whether these can be the corners of a box: finite and in order.
 #[inline]
 pub(super) fn are_corners(min: Vec3A, max: Vec3A) -> bool {
     min.cmple(max).all() && min.is_finite() && max.is_finite()

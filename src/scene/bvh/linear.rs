@@ -1,7 +1,7 @@
 //! A fast builder for the tree over moving instances: a linear BVH (Lauterbach et al. 2009) of four children per node.
 //!
-//! Boxes are sorted along a Morton curve, and each range of the curve is divided where the cells of its ends part ways. The tree is
-//! somewhat worse than one by clustering, and is made in a fraction of the time.
+//! Boxes are sorted along a Morton curve, and each range of the curve is split at the highest bit in which the cells of its ends differ.
+//! The tree is somewhat worse than one built by clustering, and takes a fraction of the time.
 
 use super::{
     format::{Bounds, ENTRY, Item},
@@ -15,31 +15,31 @@ use bevy::math::{Affine3A, Vec3A};
 const CELL_BITS: u32 = 12;
 /// Bits of an index beside a cell's code.
 const INDEX_BITS: u32 = u64::BITS - 3 * CELL_BITS;
-/// Refits of a tree, at most. More save time on the CPU and leave trees through which rays take longer.
+/// Maximum number of refits of a tree. A higher number saves CPU time; a lower one gives rays better trees.
 const MOST_REFITS: u32 = 7;
-/// Growth of all boxes, at most, before the tree is built anew.
+/// Maximum growth of the boxes before the tree is rebuilt.
 const MOST_GROWTH: f32 = 1.2;
 /// Marks a child that is an entry.
 const LEAF: u32 = 1 << 31;
 
-/// Instances in the layout of the builder: data that is read together is stored together.
+/// Instances in the builder's layout: data that is read together is stored together.
 #[derive(Clone, Debug, Default)]
 pub struct LinearEntries {
     /// World space; valid.
     bounds: Vec<Bounds>,
     /// Object space.
     object_bounds: Vec<Bounds>,
-    /// The first row of each entry: owner, first node, and where indices of nodes and of triangles count from.
+    /// The first row of each entry: owner, first node, and base indices of nodes and triangles.
     words: Vec<[u32; 4]>,
     /// Rows of the inverse matrices.
     matrices: Vec<Item>,
-    /// Groups that the instances' trees take on the stack.
+    /// Stack groups that the instances' trees need.
     groups: Vec<u32>,
-    /// Entries below this are the same as when the tree was packed last, but for where they are.
+    /// Entries below this have only moved since the tree was last packed.
     known: usize,
 }
 
-/// One of [`LinearEntries`].
+/// One instance of [`LinearEntries`].
 #[derive(Clone, Copy, Debug)]
 pub struct LinearEntry {
     bounds: Bounds,
@@ -50,7 +50,7 @@ pub struct LinearEntry {
 }
 
 impl LinearEntry {
-    /// `None` where rays can't hit the instance.
+    /// Returns `None` if rays can't hit the instance.
     pub fn new(instance: &TlasInstance) -> Option<Self> {
         Some(Self {
             bounds: world_bounds(&instance.world_from_object, &instance.bounds)?,
@@ -82,7 +82,7 @@ impl LinearEntries {
         self.groups.push(entry.groups);
     }
 
-    /// Puts another instance in the place of one.
+    /// Replaces an instance.
     pub fn replace(&mut self, index: usize, entry: LinearEntry) {
         self.known = self.known.min(index);
         self.bounds[index] = entry.bounds;
@@ -92,7 +92,7 @@ impl LinearEntries {
         self.groups[index] = entry.groups;
     }
 
-    /// Moves an instance. Returns false where rays can't hit it any more.
+    /// Moves an instance. Returns false if rays can't hit it any more.
     #[inline]
     pub fn set_transform(
         &mut self,
@@ -108,7 +108,7 @@ impl LinearEntries {
         true
     }
 
-    /// Takes an instance out; the last one takes its index.
+    /// Removes an instance; the last one takes its index.
     pub fn swap_remove(&mut self, index: usize) {
         self.known = self.known.min(index);
         self.bounds.swap_remove(index);
@@ -118,7 +118,7 @@ impl LinearEntries {
         self.groups.swap_remove(index);
     }
 
-    /// Keeps the instances at these indices, which are sorted, in their order.
+    /// Keeps only the instances at these sorted indices, in order.
     pub fn keep(&mut self, sorted: &[u32]) {
         self.known = 0;
         for (to, from) in sorted.iter().enumerate() {
@@ -132,7 +132,7 @@ impl LinearEntries {
         self.truncate(sorted.len());
     }
 
-    /// Takes out all instances from an index on.
+    /// Removes all instances from an index on.
     pub fn truncate(&mut self, len: usize) {
         self.known = self.known.min(len);
         self.bounds.truncate(len);
@@ -147,7 +147,7 @@ impl LinearEntries {
 struct Range {
     begin: u32,
     end: u32,
-    /// Item of the node.
+    /// Index of the node's item.
     place: u32,
     level: u32,
 }
@@ -160,7 +160,7 @@ struct Wide {
     children: [u32; WIDTH],
 }
 
-/// Builds trees, and keeps its memory from one to the next.
+/// Builds trees, and reuses its memory.
 #[derive(Default)]
 pub struct LinearBuilder {
     keys: Vec<u64>,
@@ -168,11 +168,11 @@ pub struct LinearBuilder {
     nodes: Vec<Wide>,
     exact: Vec<Bounds>,
     tlas: Tlas,
-    /// Entries of the nodes.
+    /// Number of entries in the tree.
     len: usize,
-    /// Place that the items were packed for, with these nodes.
+    /// Base index that the items were packed for, with these nodes.
     base: Option<u32>,
-    /// How often the tree was refitted.
+    /// Number of refits since the last build.
     refits: u32,
     /// Sum of the areas of all nodes' boxes, and the sum when the tree was built.
     area: f32,
@@ -180,18 +180,17 @@ pub struct LinearBuilder {
 }
 
 impl LinearBuilder {
-    /// Builds the tree over all entries. More than the stack has levels for, 16 million, are left out.
+    /// Builds the tree over all entries. Entries beyond 16 million, for which the stack has no levels, are left out.
     #[cfg(any(test, feature = "internals"))]
     pub fn build(&mut self, entries: &mut LinearEntries) -> &mut Tlas {
         self.arrange(entries);
         self.pack(entries, 0)
     }
 
-    /// Builds the tree over all entries, without those beyond 16 million, or refits the boxes of the last tree to the entries' current
-    /// positions: moving objects keep their neighbours for a few frames. Entries can differ from before; a tree that got worse is rebuilt
-    /// in the next frame.
+    /// Builds the tree over all entries up to 16 million, or refits the boxes of the last tree to the entries' current positions: moving
+    /// objects keep their neighbours for a few frames. Entries can differ from before. If the tree got worse, the next frame rebuilds it.
     ///
-    /// `place` allocates room for this number of items and returns the index of the first one, which is the base of all indices.
+    /// `place` allocates this number of items and returns the index of the first one, which is the base of all indices.
     pub fn update(
         &mut self,
         entries: &mut LinearEntries,
@@ -223,7 +222,7 @@ impl LinearBuilder {
         }
     }
 
-    /// Puts indices of entries behind the codes of their cells, in order.
+    /// Stores sorted keys: the code of an entry's cell, followed by its index.
     fn sort(&mut self, boxes: &[Bounds]) {
         // Twice the centres.
         let centre = |bounds: &Bounds| Vec3A::from(bounds.min) + Vec3A::from(bounds.max);
@@ -294,7 +293,7 @@ impl LinearBuilder {
     fn parts(&self, begin: u32, end: u32, level: u32) -> ([(u32, u32); WIDTH], usize) {
         let mut parts = [(begin, end); WIDTH];
         let mut count = 1;
-        // Equal parts keep within the levels that are left, where the curve's own would not do so for certain.
+        // Beyond the levels that are left, splits along the curve could go too deep; equal halves don't.
         let below = IN_TLAS.most_groups.saturating_sub(level + 1);
         let balanced = u64::from(end - begin) > 1 << (2 * below).min(62);
         while count < WIDTH {
@@ -305,7 +304,7 @@ impl LinearBuilder {
                 } else if balanced {
                     length
                 } else {
-                    // The largest cell, and of equal ones that with the most entries.
+                    // The largest cell; if cells are equal, the one with the most entries.
                     (u64::from(u64::BITS - self.difference(from, to).leading_zeros()) << 32) + length
                 }
             };
@@ -349,7 +348,7 @@ impl LinearBuilder {
     fn pack(&mut self, entries: &mut LinearEntries, base: u32) -> &mut Tlas {
         let (nodes, len) = (self.nodes.len(), self.len);
         let is_first = self.base.is_none();
-        // Entries that are unchanged, at an unchanged index.
+        // Unchanged entries at an unchanged index.
         let known = if self.base == Some(base) { entries.known } else { 0 };
         self.base = Some(base);
         entries.known = len;
@@ -362,7 +361,7 @@ impl LinearBuilder {
             tlas.items = items;
             return tlas;
         }
-        // Each item is written below or unchanged, so the items of the last tree can stay until then.
+        // Each item is either written below or unchanged, so the items of the last tree can stay.
         let matrices = nodes + len;
         items.resize(matrices + len, Item::default());
         items[matrices..].copy_from_slice(&entries.matrices[..len]);
@@ -396,7 +395,7 @@ impl LinearBuilder {
         tlas.node_count = nodes as u32;
         tlas.entry_count = len as u32;
         tlas.bounds = self.exact[0];
-        // Each level below has children of its own to wait for, but a root with a single entry has none.
+        // A root with a single entry pushes no group; every other level pushes one.
         let levels = self.ranges.last().map_or(0, |range| range.level + 1);
         tlas.groups = if len > 1 { levels } else { 0 };
         let below = entries.groups[..len].iter().copied().max().unwrap_or(0);

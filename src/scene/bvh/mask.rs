@@ -1,5 +1,4 @@
-//! Stores the data that the alpha test needs for a triangle side by side. In the packed mesh, each part has to be looked up
-//! through another one.
+//! Stores the data for a triangle's alpha test side by side. In the packed mesh, it would take a chain of dependent loads.
 
 use super::{
     format::Item,
@@ -7,7 +6,7 @@ use super::{
 };
 use bevy::math::{Affine2, Vec2};
 
-/// Alpha of vertices that have none of their own.
+/// Alpha of vertices without colours: opaque.
 pub(super) const FULL_VERTEX_ALPHA: u32 = 0x00ff_ffff;
 
 /// Mesh data that determines the opacity of its triangles.
@@ -15,24 +14,24 @@ pub(super) const FULL_VERTEX_ALPHA: u32 = 0x00ff_ffff;
 pub struct MaskSource<'a> {
     /// Three per triangle.
     pub indices: &'a [u32],
-    /// UV coordinates of the vertices; empty where the mesh has none.
+    /// UV coordinates of the vertices; empty if the mesh has none.
     pub uvs: &'a [[f32; 2]],
-    /// Transform that the material applies to them.
+    /// The material's transform of the UV coordinates.
     pub uv_transform: Affine2,
-    /// Colours of the vertices, alpha in the highest byte; empty where the mesh has none.
+    /// Colours of the vertices, alpha in the highest byte; empty if the mesh has none.
     pub colors: &'a [[u32; 2]],
 }
 
-/// Returns the header stored in front of masks, which holds how their material treats a texel: see
-/// [`crate::scene::gpu_types::GpuMaterial`]. The texture is a word of
-/// [`crate::scene::gpu_types::GpuMaterial::textures`], or `NO_TEXTURE` if the mesh has no UV coordinates.
+/// Returns the header in front of masks, with the alpha parameters of their material: see
+/// [`crate::scene::gpu_types::GpuMaterial`]. The texture is a word of [`crate::scene::gpu_types::GpuMaterial::textures`],
+/// or `NO_TEXTURE` if the mesh has no UV coordinates.
 pub fn mask_header(texture: u32, alpha: f32, cutoff: f32, stop_probability: f32) -> Item {
     let numbers = [alpha, cutoff, stop_probability].map(f32::to_bits);
     [[texture, numbers[0], numbers[1], numbers[2]], [0; 4], [0; 4]]
 }
 
-/// The masks of all triangles, in their order, with opacity micromaps if there is a baker. Vertices out of range have
-/// UV coordinates of zero, and are opaque.
+/// Returns the masks of all triangles, in order, with opacity micromaps if there is a baker. Vertices out of range are
+/// opaque, with UV coordinates of zero.
 pub fn masks(source: &MaskSource, baker: Option<&OpacityBaker>) -> Vec<Item> {
     let triangles = source.indices.as_chunks::<3>().0;
     (0..)

@@ -10,19 +10,19 @@ use super::{
 use crate::scene::gpu_types::{INSTANCE_ALPHA_MASKED, INSTANCE_MIRRORED};
 use bevy::math::{Affine3A, DVec3, Vec3A};
 
-/// Objects farther from the origin than this (metres), or nearly as large, are traced as instances: nothing overflows.
+/// Objects farther from the origin than this (metres), or nearly as large, are traced as instances, so that nothing overflows.
 const FARTHEST: f32 = 1e12;
-/// Typical triangles smaller than this (metres) might vanish among the products that a build needs.
+/// Typical triangles smaller than this (metres) might vanish in the products that a build computes.
 const SMALLEST_TRIANGLE: f32 = 1e-12;
-/// Largest distance by which rounding can move a vertex, relative to the size of a typical triangle.
+/// Maximum distance that rounding can move a vertex, relative to the size of a typical triangle.
 const MAX_ROUNDING: f32 = 1.0 / 256.0;
 
-/// An object for [`build_merged`].
+/// Input of [`build_merged`]: an object.
 #[derive(Clone, Copy, Debug)]
 pub struct MergeSource<'a> {
     /// Object space.
     pub positions: &'a [[f32; 3]],
-    /// Three per triangle; those out of range are left out.
+    /// Three per triangle; triangles with an index out of range are left out.
     pub indices: &'a [u32],
     /// Object to world.
     pub world_from_object: Affine3A,
@@ -32,20 +32,20 @@ pub struct MergeSource<'a> {
     pub flags: u32,
     /// Index of the first mask of the mesh in the buffer, if [`INSTANCE_ALPHA_MASKED`] is among the flags.
     pub masks: u32,
-    /// Micromaps of the triangles if they are known; else empty. Parts that rays pass through are left out of the tree, so it has
-    /// to be rebuilt if the alpha test changes.
+    /// Micromaps of the triangles, or empty. Parts that rays pass through are left out of the tree, so it has to be rebuilt if the alpha
+    /// test changes.
     pub micromaps: &'a [Micromap],
 }
 
-/// Builds the tree over the triangles of all sources, like [`super::build_blas`]. Hits name the instance and the triangle of its mesh, as
-/// those of the single objects do.
+/// Builds the tree over the triangles of all sources, like [`super::build_blas`]. Hits report the instance and its triangle in the mesh,
+/// like hits of separate objects.
 pub fn build_merged(sources: &[MergeSource], quality: BvhQuality) -> Option<Blas> {
     let count = sources.iter().map(|source| source.indices.len() / 3).sum();
     let mut triangles = Vec::with_capacity(count);
     for source in sources {
         let linear = source.world_from_object.matrix3.as_dmat3();
         let translation = source.world_from_object.translation.as_dvec3();
-        // Rounded once for each vertex, so that triangles of an object share corners as before.
+        // Each vertex is rounded only once, so that the triangles of an object still share corners.
         let positions: Vec<[f32; 3]> = source
             .positions
             .iter()
@@ -67,7 +67,7 @@ pub fn build_merged(sources: &[MergeSource], quality: BvhQuality) -> Option<Blas
     build(triangles, quality)
 }
 
-/// Leaves out triangles that rays pass through, makes those solid that they don't, and shrinks the boxes of others.
+/// Drops triangles that all rays pass through, makes fully opaque triangles solid, and shrinks the boxes of the others.
 fn cut_out(triangles: &mut Vec<Triangle>, first: usize, source: &MergeSource) {
     let masked = triangles.split_off(first);
     triangles.extend(masked.into_iter().filter_map(|mut triangle| {
@@ -85,13 +85,13 @@ fn cut_out(triangles: &mut Vec<Triangle>, first: usize, source: &MergeSource) {
     }));
 }
 
-/// The world-space box of an object that can be merged. `None` for one that must stay an instance: it has no place in the TLAS anyway, is
-/// extremely large or small, or is so far out that its vertices would be rounded visibly.
+/// Returns the world-space box of an object that can be merged. Returns `None` if it must stay an instance: the TLAS leaves it out
+/// anyway, it is extremely large or small, or it is so far out that rounding would visibly move its vertices.
 ///
-/// A vertex in world space is rounded to `f32`, by up to 2^-24 of its largest coordinate. That moves hits and barycentrics
-/// by as much, so it is held against the size of the object's typical triangle: a surface of n triangles across an extent e
-/// has triangles of about e / sqrt(n). Instances suffer from the same rounding in the ray's transform, but there it moves
-/// the whole object and doesn't bend its triangles.
+/// A vertex in world space is rounded to `f32`, by up to 2^-24 of its largest coordinate. That moves hits and barycentrics by the same
+/// amount, so it is compared with the size of the object's typical triangle: a surface of n triangles across an extent e has triangles of
+/// about e / sqrt(n). Instances suffer from the same rounding in the ray's transform, but there it moves the whole object and doesn't
+/// bend its triangles.
 pub fn merge_bounds(world_from_object: &Affine3A, object: Bounds, triangle_count: u32) -> Option<Bounds> {
     inverse_rows(world_from_object)?;
     let world = world_bounds(world_from_object, &object)?;
@@ -110,9 +110,9 @@ pub fn merge_bounds(world_from_object: &Affine3A, object: Bounds, triangle_count
 pub struct Owners {
     /// In ascending order.
     instances: Vec<u32>,
-    /// For each instance the start of its range in `triangles`, and the end of the last range.
+    /// Start of each instance's range in `triangles`, followed by the end of the last range.
     starts: Vec<u32>,
-    /// Indices of triangles in the tree; ascending for each instance.
+    /// Indices of triangles in the tree, ascending within each instance.
     triangles: Vec<u32>,
 }
 

@@ -12,9 +12,9 @@
 //!
 //! # Owners
 //!
-//! A single word identifies the owner of a hit triangle, [`owner`]: the instance and those of its flags that decide whether a triangle
-//! counts. It is stored in the TLAS entry of an instance, and in each triangle of a merged tree. The other of the two is 0, so that the
-//! shader combines both with an "or" and reads no instance during traversal.
+//! A single word identifies the owner of a hit triangle, [`owner`]: the instance, and the flags that accept or reject a triangle. It is
+//! stored in the TLAS entry of an instance, or in each triangle of a merged tree. The other of the two is 0, so that the shader combines
+//! both with an "or" and reads no instance during traversal.
 
 mod blas;
 mod collapse;

@@ -1,10 +1,10 @@
-//! Nodes of four children with quantised boxes that enclose them for certain.
+//! Nodes with four children in conservatively quantised boxes.
 
 use super::format::Bounds;
 use bevy::math::{Vec3A, Vec4};
 use bytemuck::{Pod, Zeroable};
 
-/// Children of a node, at most.
+/// Maximum number of children of a node.
 pub(super) const WIDTH: usize = 4;
 /// Position of the number of children in [`Node::next`], and of the upper bits of [`Node::leaves`].
 const UPPER_SHIFT: u32 = 28;
@@ -12,8 +12,8 @@ const LOWER: u32 = (1 << UPPER_SHIFT) - 1;
 /// Bits of [`Node::leaves`] for each child.
 const LEAF_BITS: usize = 3;
 
-/// A node as `bvh.wesl` reads it: inner children first, then leaves. The order of the fields keeps the number of instructions in the
-/// shader low, on which its speed depends.
+/// A node as `bvh.wesl` reads it: inner children first, then leaves. The order of the fields minimises the number of instructions in the
+/// shader, which its speed depends on.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Node {
@@ -23,13 +23,12 @@ pub(super) struct Node {
     pub exponents: [u8; 3],
     /// The lower bits of [`Self::leaves`].
     leaves_low: u8,
-    /// By axis: the lower plane of each child, and the lower one with the upper one in an exclusive or.
+    /// By axis: the lower plane of each child, and the XOR of its lower and upper plane.
     planes: [[[u8; WIDTH]; 2]; 3],
     /// Index of the first child that goes on the stack, in 28 bits, below the number of such children. In a BLAS, these are only inner
     /// nodes.
     next: u32,
-    /// Index of the first primitive in 28 bits, below the upper bits of [`Self::leaves`]. Primitives of all leaves
-    /// follow each other.
+    /// Index of the first primitive in 28 bits, below the upper bits of [`Self::leaves`]. The primitives of all leaves are consecutive.
     first_primitive: u32,
 }
 
@@ -39,18 +38,18 @@ pub(super) enum Child {
     Empty,
     /// Index of the node.
     Inner(u32),
-    /// First primitive and their number, 1 to 3.
+    /// First primitive, and number of primitives, 1 to 3.
     Leaf(u32, u32),
 }
 
-/// Nodes with boxes that are not filled in yet, children after their parents, and the order of the primitives.
+/// Nodes without their boxes, children after their parents, and the order of the primitives.
 pub(super) struct Tree {
     pub nodes: Vec<Node>,
     pub primitives: Vec<u32>,
 }
 
 impl Node {
-    /// A node without boxes; `counts` are the primitives of its leaves, which are stored after its inner children.
+    /// A node without boxes; `counts` are the numbers of primitives of its leaves, which come after its inner children.
     pub fn new(first_inner: u32, inner: usize, first_primitive: u32, counts: [usize; WIDTH]) -> Self {
         let leaves = (0..WIDTH).fold(0, |bits, slot| bits | ((1 << counts[slot]) - 1) << (LEAF_BITS * slot));
         Self {
@@ -61,7 +60,7 @@ impl Node {
         }
     }
 
-    /// One bit for each primitive of each leaf: three places for each child, filled from the lowest.
+    /// One bit for each primitive of each leaf: three bits per child, filled from the lowest.
     fn leaves(&self) -> u32 {
         u32::from(self.leaves_low) | self.first_primitive >> UPPER_SHIFT << 8
     }
@@ -78,7 +77,7 @@ impl Node {
         }
     }
 
-    /// Inner nodes and leaves.
+    /// Number of inner nodes and leaves.
     pub fn child_count(&self) -> u32 {
         self.inner_count() + (0..WIDTH).filter(|slot| self.count(*slot) != 0).count() as u32
     }
@@ -98,7 +97,7 @@ impl Node {
         }
     }
 
-    /// The node with its leaves alone.
+    /// The node with only its leaves.
     pub fn without_inner(self) -> Self {
         Self { next: 0, ..self }
     }
@@ -121,7 +120,7 @@ impl Node {
     }
 }
 
-/// Fills in the boxes of all nodes; returns the exact ones. `primitives` holds the boxes in the order of the leaves.
+/// Fills in the boxes of all nodes and returns the exact ones. `primitives` contains the boxes in the order of the leaves.
 pub(super) fn fit(tree: &mut Tree, primitives: &[Bounds]) -> Vec<Bounds> {
     let mut exact = vec![Bounds::EMPTY; tree.nodes.len()];
     for i in (0..tree.nodes.len()).rev() {
@@ -153,8 +152,8 @@ pub(super) fn quantise(node: &mut Node, children: &[Option<Bounds>; WIDTH]) -> B
     if !total.is_valid() {
         return total;
     }
-    // By axis. Absent children keep empty boxes at the origin, with planes of 0. Loops, because the compiler calls a function for each
-    // closure over arrays of this size.
+    // By axis. Absent children keep empty boxes at the origin, with planes of 0. Uses loops, because the compiler doesn't inline
+    // closures over arrays of this size.
     let (mut lower, mut upper) = ([[0.0; WIDTH]; 3], [[0.0; WIDTH]; 3]);
     let mut largest = 0.0_f32;
     for axis in 0..3 {
@@ -190,9 +189,9 @@ const LARGEST_SINGLE: f32 = 1e30;
 /// Small enough for any geometry, and far from denormals when multiplied by an inverse direction.
 const SMALLEST_EXPONENT: i32 = -80;
 
-/// Biased exponent of a power of two that covers the extent in 255 steps: the smallest, or where rounding matters the next one.
+/// Biased exponent of a power of two that covers the extent in 255 steps: the smallest one, or the next one if rounding could exceed it.
 fn scale_exponent_single(max: f32, origin: f32) -> u8 {
-    // More than the difference, the product and the last plane are rounded by.
+    // More than the rounding of the difference, the product and the last plane together.
     const STEP: f32 = (1.0 + 1e-6) / 255.0;
     let step = (max - origin) * STEP;
     // Rounded up to a power of two.
@@ -213,16 +212,16 @@ fn scale_exponent(max: f32, origin: f32) -> u8 {
     exponent
 }
 
-/// The plane at or behind a distance from the origin, which is given with its rounding error.
+/// The first plane at or beyond a distance from the origin. `error` is the rounding error of the distance.
 fn last_plane(distance: f64, error: f64, exponent: u8) -> f64 {
-    // Exact, as that of a power of two.
+    // Exact, since the scale is a power of two.
     let planes = distance * scale(exponent).recip();
-    // Casts round towards zero, and are instructions where `floor` and `ceil` are calls.
+    // Casts round towards zero. They are single instructions, whereas `floor` and `ceil` are calls.
     let floor = f64::from(planes as i32);
     floor + f64::from(u8::from(floor < planes || error > 0.0))
 }
 
-/// The plane at or in front of a distance from the origin, which is not negative.
+/// The last plane at or before a distance from the origin, which is not negative.
 fn first_plane(distance: f64, error: f64, exponent: u8) -> f64 {
     let planes = distance * scale(exponent).recip();
     let floor = f64::from(planes as i32);
@@ -234,7 +233,7 @@ fn scale(exponent: u8) -> f64 {
     f64::from(f32::from_bits(u32::from(exponent) << 23))
 }
 
-/// Planes of the children along an axis, for coordinates of any size.
+/// Planes of the children along an axis, for coordinates of any magnitude.
 fn quantise_double(lower: [f32; WIDTH], upper: [f32; WIDTH], origin: f32, exponent: u8) -> [[u8; WIDTH]; 2] {
     let mut planes = [[0; WIDTH]; 2];
     for slot in 0..WIDTH {
@@ -247,9 +246,9 @@ fn quantise_double(lower: [f32; WIDTH], upper: [f32; WIDTH], origin: f32, expone
     planes
 }
 
-/// Single-precision variant for four children at a time.
+/// Single-precision version for four children at a time.
 fn quantise_single(lower: [f32; WIDTH], upper: [f32; WIDTH], origin: f32, exponent: u8) -> [[u8; WIDTH]; 2] {
-    // Added to a number below 2^22, leaves it rounded to an integer, in the lower bits.
+    // Added to a number below 2^22, it rounds the number to an integer, which is then in the lower bits.
     const ROUNDING: Vec4 = Vec4::splat(8_388_608.0);
     let one_where = |mask| Vec4::select(mask, Vec4::ONE, Vec4::ZERO);
     let inverse = scale(exponent).recip() as f32;
@@ -266,7 +265,7 @@ fn quantise_single(lower: [f32; WIDTH], upper: [f32; WIDTH], origin: f32, expone
     let floor = rounded - one_where(rounded.cmpgt(low));
     let first = (floor - one_where(floor.cmpeq(low) & low_error.cmplt(Vec4::ZERO))).max(Vec4::ZERO);
     let (distance, high_error) = difference(Vec4::from_array(upper));
-    // Tiny numbers can become 0 here, but stay in front of the plane that follows.
+    // Tiny numbers can become 0 here, but they lie before plane 1, which `last` then uses.
     let high = distance * inverse;
     let rounded = (high + ROUNDING) - ROUNDING;
     let ceiling = rounded + one_where(rounded.cmplt(high));
@@ -290,8 +289,8 @@ fn exact_difference(a: f32, b: f32) -> (f64, f64) {
     (sum, (a - (sum - virtual_b)) + (b - virtual_b))
 }
 
-/// Groups on the traversal stack in the worst case: one for each node of a path from the root with several waiting children. Leaves of a
-/// BLAS don't wait. Children must be stored after their parents.
+/// Worst-case number of groups on the traversal stack: one for each node of a path from the root with several waiting children. Leaves
+/// of a BLAS don't wait. Children must be stored after their parents.
 pub(super) fn most_groups(nodes: &[Node], leaves_wait: bool) -> u32 {
     let keeps = |node: &Node| {
         let waiting = if leaves_wait {
@@ -321,7 +320,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Coordinates on planes, beside them by a rounding, and of all sizes.
+    /// Coordinates on planes, one rounding step beside them, and of all magnitudes.
     fn coordinates() -> impl Strategy<Value = f32> {
         let whole = (-300..300_i32).prop_map(|x| x as f32);
         let beside = (-300..300_i32, any::<bool>()).prop_map(|(x, up)| {

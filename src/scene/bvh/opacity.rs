@@ -2,7 +2,7 @@
 //! instead of a material and a texture.
 //!
 //! After Gruen, Benthin and Woop, "Sub-triangle opacity masks for faster ray tracing of transparent objects" (2020). A triangle has 64
-//! micro-triangles with one of three states each. An uncertain part is [`UNKNOWN`] and left to the alpha test, so images don't change.
+//! micro-triangles with one of three states each. Uncertain parts are [`UNKNOWN`] and get the full alpha test, so images don't change.
 
 #[cfg(test)]
 mod tests;
@@ -12,26 +12,26 @@ use bevy::math::{DVec2, Vec2, Vec3A};
 use core::cell::Cell;
 use std::sync::Arc;
 
-/// Only the alpha test can tell.
+/// Needs the alpha test.
 pub const UNKNOWN: u32 = 0;
 /// Rays pass.
 pub const TRANSPARENT: u32 = 1;
 /// Rays hit.
 pub const OPAQUE: u32 = 2;
 
-/// Two bits for each of 64 micro-triangles; [`micro_triangle`] says which is where.
+/// Two bits for each of 64 micro-triangles, indexed by [`micro_triangle`].
 pub type Micromap = [u32; 4];
 
 /// Micro-triangles along each edge; `opacity.wesl` has the same number.
 const ROWS: u32 = 8;
-/// Error bound of a sample's alpha: filters weigh texels with 8 bits.
+/// Error bound of a sample's alpha: texture filters have 8-bit weights.
 const ALPHA_ROOM: f32 = 0.003;
-/// Error bound of a sample's position in texels, besides the rounding of its coordinates: samplers round them to 1/256.
+/// Error bound of a sample's position in texels, besides the rounding of its coordinates: samplers round coordinates to 1/256 texel.
 const TEXEL_ROOM: f64 = 0.02;
 /// Rounding of coordinates on their way to the sampler, relative to the largest one.
 const ROUNDING: f64 = 2e-6;
-/// Rows of texels that are looked at for the triangles of a mesh, a fraction of a second on a slow machine. Triangles
-/// that are left after them stay unknown.
+/// Maximum number of texel rows read for the triangles of a mesh: a fraction of a second on a slow machine. The remaining triangles stay
+/// unknown.
 const ROW_BUDGET: u64 = 1 << 25;
 
 /// Address mode for coordinates outside of a texture.
@@ -39,9 +39,9 @@ const ROW_BUDGET: u64 = 1 << 25;
 pub enum Wrap {
     /// The texture repeats.
     Repeat,
-    /// The texture repeats, every other time mirrored.
+    /// The texture repeats, and every other copy is mirrored.
     Mirror,
-    /// Its edge goes on.
+    /// The texels at the edge repeat.
     Clamp,
 }
 
@@ -52,7 +52,7 @@ pub struct AlphaTexels {
     pub width: u32,
     /// Texels.
     pub height: u32,
-    /// Rows from the top.
+    /// Texels in rows, from the top.
     pub texels: Vec<u8>,
 }
 
@@ -63,7 +63,7 @@ pub struct AlphaTest {
     pub alpha: f32,
     /// Alpha below which surfaces are cut out.
     pub cutoff: f32,
-    /// The texture and how it goes on in both directions; `None` for a material without one.
+    /// The texture and its address modes in u and v; `None` for a material without one.
     pub texture: Option<(Arc<AlphaTexels>, [Wrap; 2])>,
 }
 
@@ -82,13 +82,13 @@ pub fn state_of(map: &Micromap, micro: u32) -> u32 {
     (map[(micro >> 4) as usize] >> (2 * (micro & 15))) & 3
 }
 
-/// The state of all micro-triangles, if they have one in common.
+/// Returns the state that all micro-triangles share, if they do.
 pub fn common_state(map: &Micromap) -> Option<u32> {
     let state = map[0] & 3;
     (*map == uniform(state)).then_some(state)
 }
 
-/// The box around the parts of a triangle that rays can hit; `None` if they pass through all of it.
+/// Returns the box around the parts of a triangle that rays can hit; `None` if they pass through all of it.
 pub fn solid_bounds(map: &Micromap, corners: &[[f32; 3]; 3]) -> Option<Bounds> {
     let [a, b, c] = corners.map(Vec3A::from);
     let mut bounds: Option<(Vec3A, Vec3A)> = None;
@@ -110,7 +110,7 @@ pub fn solid_bounds(map: &Micromap, corners: &[[f32; 3]; 3]) -> Option<Bounds> {
     })
 }
 
-/// Columns and rows of the corners of all micro-triangles in their order.
+/// Columns and rows of the corners of all micro-triangles, in index order.
 fn micro_triangles() -> impl Iterator<Item = [(u32, u32); 3]> {
     (0..ROWS).flat_map(|row| {
         (0..ROWS - row).flat_map(move |column| {
@@ -128,17 +128,17 @@ const fn uniform(state: u32) -> Micromap {
 /// Makes the micromaps of a mesh for one material.
 pub struct OpacityBaker<'a> {
     test: &'a AlphaTest,
-    /// By alpha of texels.
+    /// State for each alpha value of a texel.
     states: [u32; 256],
-    /// For each texel, the first one after it in its row that is of another state, or the width.
+    /// For each texel, the column of the next texel in its row with another state, or the width.
     run_ends: Vec<u16>,
-    /// All texels are of this state.
+    /// The state of all texels, if it is the same.
     all: Option<u32>,
     rows_left: Cell<u64>,
 }
 
 impl<'a> OpacityBaker<'a> {
-    /// Looks through the texture once.
+    /// Scans the texture once.
     pub fn new(test: &'a AlphaTest) -> Self {
         let states = core::array::from_fn(|alpha| decide(test.alpha * (alpha as f32 / 255.0), test.cutoff));
         let mut baker = Self {
@@ -160,8 +160,8 @@ impl<'a> OpacityBaker<'a> {
         baker
     }
 
-    /// The micromap of a triangle with these UV coordinates, if it has any, as the sampler gets them, and this alpha of its vertices,
-    /// packed as masks have it.
+    /// Returns the micromap of a triangle. `uvs` are its UV coordinates, if it has any, as the sampler gets them; `vertex_alpha` is
+    /// packed as in masks.
     pub fn micromap(&self, uvs: Option<[[f32; 2]; 3]>, vertex_alpha: u32) -> Micromap {
         let test = self.test;
         if !(test.alpha.is_finite() && test.cutoff.is_finite()) {
@@ -193,7 +193,7 @@ impl<'a> OpacityBaker<'a> {
     }
 }
 
-/// The state for an alpha, with the tolerance [`ALPHA_ROOM`].
+/// Returns the state for an alpha, with the tolerance [`ALPHA_ROOM`].
 fn decide(alpha: f32, cutoff: f32) -> u32 {
     if alpha >= cutoff + ALPHA_ROOM {
         OPAQUE
@@ -245,7 +245,7 @@ impl TextureView<'_> {
         let corners = uvs.map(|uv| Vec2::from(uv).as_dvec2() * size);
         let magnitude = corners.iter().fold(size, |most, corner| most.max(corner.abs()));
         let room = TEXEL_ROOM + ROUNDING * magnitude.max_element();
-        // Beyond that, coordinates no longer tell texels apart.
+        // With a larger tolerance, coordinates can't resolve texels any more.
         if !(room < 1e3 && corners.iter().all(|corner| corner.is_finite())) {
             return uniform(UNKNOWN);
         }
@@ -264,13 +264,12 @@ impl TextureView<'_> {
         map
     }
 
-    /// Common state of all texels that samples within a triangle read alpha from. The corners are in texels, with a tolerance of
-    /// `room`.
+    /// Common state of all texels that samples within a triangle can read. The corners are in texels, with a tolerance of `room`.
     fn state(&self, corners: [DVec2; 3], room: f64) -> u32 {
         let low = corners[0].y.min(corners[1].y).min(corners[2].y);
         let high = corners[0].y.max(corners[1].y).max(corners[2].y);
         let (first, last) = touched(low, high, room);
-        // More than all rows, and they are not all equal.
+        // The triangle covers all rows, and their states differ.
         let height = i64::from(self.image.height);
         if last - first > height + 1 {
             return UNKNOWN;
@@ -295,7 +294,7 @@ impl TextureView<'_> {
         common.unwrap_or(UNKNOWN)
     }
 
-    /// The state of texels of a row, both ends included.
+    /// State of the texels of a row from `first` to `last`, inclusive.
     fn span(&self, row: usize, (first, last): (i64, i64)) -> u32 {
         let width = i64::from(self.image.width);
         let (period, last_period) = (first.div_euclid(width), last.div_euclid(width));
@@ -326,7 +325,7 @@ impl TextureView<'_> {
     }
 }
 
-/// The first and last texel that linear filters take for samples from `low` to `high`.
+/// The first and last texel that a linear filter reads for samples from `low` to `high`.
 fn touched(low: f64, high: f64, room: f64) -> (i64, i64) {
     (
         (low - 0.5 - room).floor() as i64,
@@ -343,7 +342,7 @@ fn wrapped(index: i64, count: i64, wrap: Wrap) -> usize {
     inside as usize
 }
 
-/// From where to where a triangle reaches in x between two values of y.
+/// Range of a triangle in x between two values of y.
 fn extent_within(corners: [DVec2; 3], (low, high): (f64, f64)) -> Option<(f64, f64)> {
     let mut extent: Option<(f64, f64)> = None;
     let mut add = |x: f64| {

@@ -1,7 +1,7 @@
 //! Parallel locally-ordered clustering (Meister and Bittner 2018), bottom-up over boxes in Morton order.
 //!
-//! obvhs has one too, but equal or nested boxes make it merge one pair per pass: quadratic time (9 s for 10,000 coincident
-//! triangles) and a tree as deep as it has leaves. Here a pass that merges too few pairs merges neighbours instead.
+//! obvhs has an implementation too, but with equal or nested boxes it merges only one pair per pass: quadratic time (9 s for 10,000
+//! coincident triangles) and a tree as deep as it has leaves. Here, a pass that merges too few pairs merges neighbours instead.
 
 use super::format::Bounds;
 use bevy::math::Vec3A;
@@ -36,13 +36,13 @@ impl Cluster {
     }
 }
 
-/// A binary tree with one box per leaf. `RADIUS` is the number of neighbours on either side with which a cluster can merge. Costs and
-/// areas are those of boxes scaled to a unit extent, so that no product overflows or vanishes.
+/// Builds a binary tree with one box per leaf. `RADIUS` is the number of neighbours on either side that a cluster can merge with.
+/// Costs and areas refer to boxes scaled to a unit extent, so that no product overflows or vanishes.
 pub(super) fn build<const RADIUS: usize>(boxes: &[Bounds]) -> Bvh2 {
     cluster::<RADIUS>(boxes, false)
 }
 
-/// Merges neighbours in Morton order: poor, but no deeper than the logarithm of the number of boxes.
+/// Builds a tree by merging neighbours in Morton order. It is of poor quality, but its depth is the logarithm of the number of boxes.
 pub(super) fn build_balanced(boxes: &[Bounds]) -> Bvh2 {
     cluster::<1>(boxes, true)
 }
@@ -52,7 +52,7 @@ fn sorted_leaves(boxes: &[Bounds]) -> Vec<Cluster> {
     let count = boxes.len();
     let total = boxes.iter().fold(Bounds::EMPTY, |a, b| a.union(*b));
     let extent = (Vec3A::from(total.max) - Vec3A::from(total.min)).max_element();
-    // A power of two leaves the mantissas alone.
+    // Scaling by a power of two doesn't round.
     let scale = if extent > 1e-30 && extent < 1e30 {
         (-extent.log2().floor()).exp2()
     } else {
@@ -95,7 +95,7 @@ fn cluster<const RADIUS: usize>(boxes: &[Bounds], balanced: bool) -> Bvh2 {
     let mut pass = 0;
     while current.len() > 1 {
         let n = current.len();
-        // Most of the clusters go in the first passes, where near neighbours are nearly always the best.
+        // Most clusters are merged in the first passes. In these, a close neighbour is nearly always the best.
         let close = pass < CLOSE_PASSES && RADIUS > CLOSE;
         pass += 1;
         let pairs = match (balanced, close) {
@@ -134,14 +134,14 @@ fn cluster<const RADIUS: usize>(boxes: &[Bounds], balanced: bool) -> Bvh2 {
     bvh
 }
 
-/// Writes each cluster's cheapest neighbour; returns how many pairs agree.
+/// Writes each cluster's cheapest neighbour and returns the number of mutual pairs.
 fn find_partners<const RADIUS: usize>(clusters: &[Cluster], partner: &mut [u32]) -> usize {
     let n = clusters.len();
     // costs[i % RADIUS][k] is the cost of i with i + k + 1.
     let mut costs = [[f32::INFINITY; RADIUS]; RADIUS];
     let mut pairs = 0;
     for i in 0..n {
-        // Among equals the neighbour with the other parity wins: a run of equal boxes pairs up in one pass.
+        // If costs are equal, the neighbour with the other parity wins, so that a run of equal boxes pairs up in one pass.
         let tie = i ^ 1;
         let mut best = (f32::INFINITY, i);
         let mut offer = |cost: f32, j: usize| {
@@ -179,7 +179,7 @@ fn morton(p: Vec3A) -> u64 {
     spread(p.x) << 2 | spread(p.y) << 1 | spread(p.z)
 }
 
-/// Levels of the tree: 1 for a single leaf. Children can be stored before their parents.
+/// Number of levels of the tree: 1 for a single leaf. Children can be stored before their parents.
 pub(super) fn depth(bvh: &Bvh2) -> u32 {
     let mut deepest = 0;
     let mut stack = vec![(0u32, 1u32)];

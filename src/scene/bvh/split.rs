@@ -1,16 +1,16 @@
-//! Large triangles in several boxes: a long one across a hall would make every node above it as large as the hall.
+//! Splits large triangles into several boxes: a long one across a hall would make every node above it as large as the hall.
 
 use super::{format::Bounds, triangle::Triangle};
 use bevy::math::Vec3A;
 use obvhs::{aabb::Aabb, splits::split_aabbs_preset, triangle};
 
-/// Parts of all triangles together, relative to the number of triangles: beyond this, none is split.
+/// Maximum number of parts of all triangles, relative to the number of triangles. If it is exceeded, no triangle is split.
 const MOST_PARTS: usize = 2;
-/// Largest amount that rounding can cut off a part, relative to its coordinates.
+/// Maximum size that rounding can cut off a part, relative to its coordinates.
 const ROUNDING: f32 = 1e-6;
 
-/// Splits the boxes of large triangles; returns the triangle of each box. Parts touch each other and together cover the triangle, and
-/// each of them stores its own copy of the triangle's rows.
+/// Splits the boxes of large triangles and returns the triangle of each box. Parts touch each other and together cover the triangle,
+/// and each of them stores its own copy of the triangle's rows.
 pub(super) fn split_large(triangles: &[Triangle], boxes: &mut Vec<Bounds>) -> Vec<u32> {
     let count = triangles.len();
     let mut references: Vec<u32> = (0..count as u32).collect();
@@ -18,7 +18,7 @@ pub(super) fn split_large(triangles: &[Triangle], boxes: &mut Vec<Bounds>) -> Ve
         let area = b.half_area();
         (sum + area, largest.max(area))
     });
-    // Products of extreme coordinates overflow or vanish: such meshes stay whole.
+    // Products of extreme coordinates overflow or vanish, so such meshes aren't split.
     if !(sum < 1e30 && sum > 1e-30) {
         return references;
     }
@@ -44,7 +44,7 @@ pub(super) fn split_large(triangles: &[Triangle], boxes: &mut Vec<Bounds>) -> Ve
     references
 }
 
-/// A part, grown by the rounding error, within the box of the visible part of its triangle.
+/// Grows a part by the rounding error, within the box of the visible part of its triangle.
 fn widen(part: &Aabb, whole: Bounds, triangle: &Triangle) -> Bounds {
     let (low, high) = (Vec3A::from(whole.min), Vec3A::from(whole.max));
     let [a, b, c] = triangle.corners.map(|corner| Vec3A::from(corner).abs());
@@ -57,7 +57,7 @@ fn widen(part: &Aabb, whole: Bounds, triangle: &Triangle) -> Bounds {
             max: max.to_array(),
         }
     } else {
-        // Nothing is left of the part, or it isn't a number.
+        // The part is empty, or not a number.
         whole
     }
 }
@@ -75,7 +75,7 @@ mod tests {
 
     #[test]
     fn parts_cover_long_triangles() {
-        // One diagonal through a room, and grains of dust that make it a large one.
+        // A long diagonal triangle among tiny ones.
         let mut triangles = vec![Triangle {
             corners: [[0.0, 0.0, 0.0], [10.0, 9.0, 11.0], [10.0, 9.2, 10.5]],
             name: 0,

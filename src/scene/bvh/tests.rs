@@ -18,7 +18,7 @@ fn nodes(items: &[Item], count: u32) -> Vec<Node> {
     bytemuck::cast_slice::<Item, Node>(&items[..count as usize]).to_vec()
 }
 
-/// A child's box as exact arithmetic decodes it.
+/// A child's box, decoded in exact arithmetic.
 fn decoded(node: &Node, slot: usize) -> ([f64; 3], [f64; 3]) {
     let plane = |axis: usize, side: usize| {
         let step = f64::from(f32::from_bits(u32::from(node.exponents[axis]) << 23));
@@ -78,7 +78,7 @@ fn check_blas(blas: &Blas) {
         assert!((f64::from(f32::from_bits(rows[2][3])) / size - 1.0).abs() < 1e-6);
     }
     assert_eq!(blas.items.len() as u32, blas.node_count + blas.triangle_count);
-    // The terminal nodes of the top hold everything once.
+    // The leaves of the top together contain everything, without duplicates.
     let mut area = Bounds::EMPTY;
     for top in blas.top.iter().filter(|t| t.child_count == 0) {
         assert_eq!(check(&all, top.node as usize, &leaf), top.bounds);
@@ -88,7 +88,7 @@ fn check_blas(blas: &Blas) {
 }
 
 fn triangles() -> impl Strategy<Value = Vec<[[f32; 3]; 3]>> {
-    // Magnitudes of all sizes, and extents next to powers of two times 255, where rounding bites.
+    // Coordinates of all magnitudes, and extents next to powers of two times 255, for which rounding matters.
     let coordinate = prop_oneof![
         -1.0f32..1.0,
         (-13i32..20, -1i32..=1).prop_map(|(e, ulps)| {
@@ -115,7 +115,7 @@ proptest! {
         }
     }
 
-    // Boxes of split triangles hold parts of them: `tests/shaders/tracer/bvh.rs` shows that rays miss none.
+    // Each box of a split triangle contains a part of it: `tests/shaders/tracer/bvh.rs` shows that rays miss none.
     #[test]
     fn trees_of_split_triangles_hold_all_of_them(soup in triangles()) {
         let positions = soup.concat();
@@ -162,7 +162,7 @@ proptest! {
             assert!(known.set_transform(i, &instance.world_from_object, &inverse));
         }
         check_tlas(builder.update(&mut known, |_| Some(0)).unwrap(), &instances);
-        // Another instance at an index is written again, and so is everything if the tree is at another place.
+        // If an instance at an index is replaced, it is written again. If the tree moves in the buffer, everything is.
         let second = instances.len() / 2;
         instances.swap(0, second);
         for i in [0, second] {
@@ -268,7 +268,7 @@ fn merged_triangles_name_their_owners() {
     let positions = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let source = |instance: u32, flags: u32, scale: f32| MergeSource {
         positions: &positions,
-        // The second triangle has no area, the last one's vertices don't exist.
+        // The second triangle has no area, and the last one's indices are out of range.
         indices: &[0, 1, 2, 0, 1, 1, 0, 2, 3, 7, 8, 9],
         world_from_object: Affine3A::from_scale_rotation_translation(
             Vec3::new(scale, 2.0, 2.0),
@@ -288,7 +288,7 @@ fn merged_triangles_name_their_owners() {
     let triangles = triangles_of(&blas);
     let mut owners: Vec<(u32, u32)> = triangles.iter().map(|rows| (rows[1][3], rows[0][3])).collect();
     owners.sort_unstable();
-    // The world-space corners of a mirrored object are in the order that it has in the world.
+    // The corners of a mirrored object are in world-space order.
     let (first, second) = (owner(3, INSTANCE_CULL_BACK), owner(5, INSTANCE_ALPHA_MASKED));
     assert_eq!(owners, [(first, 0), (first, 2), (second, 100), (second, 102)]);
     assert!(build_merged(&[], BvhQuality::Medium).is_none());

@@ -10,12 +10,12 @@ use bevy::math::{Affine3A, DMat3, DVec3, Vec3A};
 use core::iter::once;
 use std::collections::BinaryHeap;
 
-/// Up to here a better tree costs less than a millisecond.
+/// Up to this number of entries, a better tree costs less than a millisecond.
 const FEW_ENTRIES: usize = 1024;
 /// Inverse matrices with larger entries lose all precision in `f32`.
 const MAX_INVERSE: f64 = 1e12;
 
-/// One object for the TLAS.
+/// Input of the TLAS: an object.
 #[derive(Clone, Copy, Debug)]
 pub struct TlasInstance<'a> {
     /// Object to world.
@@ -28,26 +28,26 @@ pub struct TlasInstance<'a> {
     pub first_node: u32,
     /// The BLAS's first triangle in the buffer.
     pub first_triangle: u32,
-    /// [`super::Blas::top`], or empty: rays then always start at the root.
+    /// [`super::Blas::top`], or empty if rays always start at the root.
     pub top: &'a [TopNode],
     /// [`super::Blas::groups`].
     pub groups: u32,
 }
 
-/// The packed tree over the instances. It can be anywhere in the buffer of BLASes, to which its entries point; indices in its nodes, and
-/// those of matrices, are relative to it.
+/// The packed tree over the instances. It can be anywhere in the tree buffer, which also contains the BLASes of its entries. Indices in
+/// its nodes, and indices of matrices, are relative to it.
 #[derive(Clone, Debug)]
 pub struct Tlas {
-    /// Nodes and entries, the root first, then inverse matrices. Empty when nothing can be hit.
+    /// Nodes and entries, the root first, then inverse matrices. Empty if nothing can be hit.
     pub items: Vec<Item>,
-    /// Number of nodes; 0 when nothing can be hit.
+    /// Number of nodes; 0 if nothing can be hit.
     pub node_count: u32,
-    /// Number of entries: the instances that were kept, and more for opened ones.
+    /// Number of entries: one for each instance that was kept, several for opened ones.
     pub entry_count: u32,
     /// Instances left out because their matrix or bounds are not finite, or the matrix has no inverse.
     #[cfg_attr(not(any(test, feature = "internals")), expect(dead_code, reason = "tests read it"))]
     pub dropped: u32,
-    /// Groups on the traversal stack in the worst case, without those of the BLASes.
+    /// Worst-case number of groups on the traversal stack, without the groups of BLASes.
     pub groups: u32,
     /// Required size of the traversal stack in groups, including the BLASes.
     pub stack: u32,
@@ -73,7 +73,7 @@ impl Default for Tlas {
 }
 
 impl Tlas {
-    /// The number of nodes as the traversal takes it: [`ONE_ENTRY`] where there is nothing to choose from.
+    /// The number of nodes for the traversal: [`ONE_ENTRY`] if there is a single entry.
     #[cfg(any(test, feature = "internals"))]
     pub fn traversal_node_count(&self) -> u32 {
         if self.entry_count == 1 {
@@ -83,7 +83,7 @@ impl Tlas {
         }
     }
 
-    /// Makes indices relative to the start of the buffer; the tree's first item is at `base`.
+    /// Makes indices relative to the start of the buffer, with the tree's first item at `base`.
     pub fn relocate(&mut self, base: u32) {
         let places = (self.node_count + self.entry_count) as usize;
         for item in self.items.iter_mut().take(places) {
@@ -97,24 +97,24 @@ impl Tlas {
     }
 }
 
-/// A node or an entry with indices that count from `base` less.
+/// Adds `base` to the indices of a node or an entry.
 fn relocate(item: &mut Item, base: u32) {
     if item[2][2] >= ENTRY {
         item[1][0] += base;
     } else {
-        // Below the number of children.
+        // The number of children is in the upper bits.
         item[2][2] += base;
     }
 }
 
-/// Makes the start of the buffer of trees, where rays begin: the root of a tree, or a node over the roots of two. Both trees
-/// have been relocated. Returns the number of nodes as the traversal takes it, the items, and the groups that the stack needs for them.
+/// Builds the items at the start of the tree buffer, where rays begin: the root of a tree, or a node over the roots of two. Both trees
+/// have been relocated. Returns the number of nodes for the traversal, the items, and the stack groups that they need.
 pub fn join(trees: [Option<&Tlas>; 2]) -> (u32, Vec<Item>, u32) {
     let present = trees.into_iter().flatten().filter(|tree| tree.entry_count > 0);
     let heads: Vec<(&Tlas, Item)> = present.filter_map(|tree| Some((tree, tree.head()?))).collect();
     match heads.as_slice() {
         [] => (0, Vec::new(), 1),
-        // Rays start right behind the root where there is one entry.
+        // Rays start right behind the root if there is a single entry.
         [(tree, head)] if tree.entry_count == 1 => (ONE_ENTRY, vec![Item::default(), *head], tree.stack),
         [(tree, head)] => (tree.node_count, vec![*head], tree.stack),
         heads => {
@@ -147,14 +147,14 @@ struct Kept<'a> {
     object_from_world: [[f32; 4]; 3],
 }
 
-/// Useful number of entries for this number of instances: four times as many for few, hardly more for many, because every entry costs
-/// build time.
+/// Useful number of entries for this number of instances: four times as many for a few instances, hardly more for many, because every
+/// entry costs build time.
 pub fn opening_budget(instances: usize) -> usize {
     instances + (3 * instances).min(4096)
 }
 
-/// Builds the tree with the care that its size leaves time for within a frame. With `max_entries` above the number of instances, large
-/// instances are opened: they enter the tree as several nodes of their BLAS with tighter boxes, which spares rays where instances
+/// Builds the tree, with the best quality that fits into a frame for its size. If `max_entries` exceeds the number of instances, large
+/// instances are opened: they enter the tree as several nodes of their BLAS with tighter boxes, which saves work for rays if instances
 /// overlap. [`opening_budget`] is a good choice.
 pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
     let quality = if instances.len().max(max_entries) <= FEW_ENTRIES {
@@ -165,7 +165,7 @@ pub fn build_tlas(instances: &[TlasInstance], max_entries: usize) -> Tlas {
     build_tlas_of(quality, instances, max_entries)
 }
 
-/// One entry for each instance, and the instances. Instances with an untraceable transform or bounds are left out.
+/// Returns one entry for each instance, and the instances. Instances with an untraceable transform or bounds are left out.
 fn whole_instances<'a>(instances: &'a [TlasInstance<'a>]) -> (Vec<Entry>, Vec<Kept<'a>>) {
     let mut kept = Vec::with_capacity(instances.len());
     let mut entries = Vec::with_capacity(instances.len());
@@ -188,7 +188,7 @@ fn whole_instances<'a>(instances: &'a [TlasInstance<'a>]) -> (Vec<Entry>, Vec<Ke
     (entries, kept)
 }
 
-/// Variant with a choice of quality.
+/// Builds the tree with the given quality.
 pub fn build_tlas_of(quality: BvhQuality, instances: &[TlasInstance], max_entries: usize) -> Tlas {
     let (mut entries, kept) = whole_instances(instances);
     let dropped = (instances.len() - kept.len()) as u32;
@@ -248,7 +248,7 @@ pub fn build_tlas_of(quality: BvhQuality, instances: &[TlasInstance], max_entrie
     }
 }
 
-/// An entry as the traversal reads it. `matrix` is the place of its instance's matrix.
+/// An entry in the layout of the traversal. `matrix` is the index of its instance's matrix.
 fn entry_item(entry: &Entry, instance: &TlasInstance, matrix: u32) -> Item {
     let start = instance.top.get(entry.top as usize).map_or(0, |top| top.node);
     [
@@ -263,7 +263,7 @@ fn entry_item(entry: &Entry, instance: &TlasInstance, matrix: u32) -> Item {
     ]
 }
 
-/// Replaces the entry of largest area by its children until the tree has `max_entries`.
+/// Replaces the entry with the largest area by its children until the tree has `max_entries`.
 fn open(entries: &mut Vec<Entry>, kept: &[Kept], max_entries: usize) {
     let can_open = |entry: &Entry| {
         let top = kept[entry.kept as usize].instance.top;
@@ -319,14 +319,14 @@ pub struct Inverse {
     pub mirrored: bool,
 }
 
-/// Rows of the inverse. `None` where the matrix has none that shaders could use.
+/// Rows of the inverse; `None` if the matrix has no inverse that shaders could use.
 pub fn inverse_rows(matrix: &Affine3A) -> Option<[[f32; 4]; 3]> {
     invert(matrix).map(|inverse| inverse.rows)
 }
 
-/// The inverse, from `f64`. `None` where the matrix has none that shaders could use.
+/// The inverse, computed in `f64`; `None` if the matrix has no inverse that shaders could use.
 ///
-/// Written out, since the compiler calls a function for each closure over an array of rows, and this runs for each object that moves.
+/// Written out, since the compiler doesn't inline closures over an array of rows, and this runs for each moving object.
 #[inline]
 pub fn invert(matrix: &Affine3A) -> Option<Inverse> {
     let linear: DMat3 = matrix.matrix3.as_dmat3();
@@ -355,7 +355,7 @@ pub fn invert(matrix: &Affine3A) -> Option<Inverse> {
 
 /// Box around the transformed box, grown by the error that rounding in the ray's transform can cause.
 ///
-/// In registers up to the end: a vector that is loaded from numbers which were stored one by one waits for all of them.
+/// Everything stays in registers: loading a vector right after its numbers were stored one by one would stall.
 #[inline]
 pub(super) fn world_bounds(matrix: &Affine3A, object: &Bounds) -> Option<Bounds> {
     let (min, max) = (Vec3A::from(object.min), Vec3A::from(object.max));
@@ -375,7 +375,7 @@ pub(super) fn world_bounds(matrix: &Affine3A, object: &Bounds) -> Option<Bounds>
         high += a.max(b);
         magnitude += a.abs().max(b.abs());
     }
-    // Half for the rounding of the ray's transform, and half for that of the lines above: a product and four sums.
+    // Half is for rounding in the ray's transform, and half for rounding in the lines above: a product and four sums.
     let margin = magnitude * (f32::EPSILON * 8.0);
     let (low, high) = (low - margin, high + margin);
     (are_corners(low, high) && half_area(high - low).is_finite()).then(|| Bounds {

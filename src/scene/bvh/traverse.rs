@@ -15,7 +15,7 @@ pub struct SceneView<'a> {
     pub tlas_node_count: u32,
     /// Index of the TLAS's root in the buffer.
     pub tlas_root: u32,
-    /// The alpha test of masked instances by instance, triangle and barycentrics. `None` = they count as solid.
+    /// The alpha test of masked instances by instance, triangle and barycentrics. Without it, they count as solid.
     pub alpha_test: Option<fn(u32, u32, [f32; 2]) -> bool>,
 }
 
@@ -39,15 +39,15 @@ pub struct TraceHit {
     pub t: f32,
     /// Index in the instance buffer.
     pub instance: u32,
-    /// Triangle of the mesh.
+    /// Index of the triangle in the mesh.
     pub primitive: u32,
-    /// The ray came from the side where the winding is counter-clockwise in world space.
+    /// The ray came from the side on which the winding is counter-clockwise in world space.
     pub front_face: bool,
     /// Weights of the second and third vertex.
     pub barycentrics: [f32; 2],
 }
 
-/// Work done, and the deepest stack seen.
+/// Number of operations, and maximum stack size.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Nodes tested.
@@ -70,7 +70,7 @@ pub fn any(scene: &SceneView, ray: &TraceRay) -> bool {
     traverse(scene, ray, true, &mut Counters::default()).is_some()
 }
 
-/// Relative error of the triple products in [`intersect_triangle`], as `bvh.wesl` explains it.
+/// Relative error of the triple products in [`intersect_triangle`]; `bvh.wesl` derives it.
 const TRIANGLE_ERROR: f32 = 33.0 / 16_777_216.0;
 
 /// The ray in the space of the current level.
@@ -100,13 +100,13 @@ impl LocalRay {
     }
 }
 
-/// Child of a group: there is one.
+/// Marks an existing child in a group.
 const PRESENT: u32 = 4;
-/// Bits of a group that hold its children, nearest first.
+/// Bits of a group for its children, nearest first.
 const CHILDREN: u32 = 0x0fff;
-/// Bits of a group that hold a lower bound of their distance.
+/// Bits of a group for a lower bound of their distance.
 const DISTANCE: u32 = 0xffff_8000;
-/// Bits in which nodes store indices, below counts.
+/// Bits of a node's words that store indices; counts are above.
 const LOWER: u32 = 0x0fff_ffff;
 
 fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counters) -> Option<TraceHit> {
@@ -135,7 +135,7 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
         group.y = 0;
         if item[2][2] >= ENTRY {
             let entry = item[0];
-            // The triangles of a merged tree say themselves whether they cast shadows.
+            // Triangles of a merged tree have their own shadow flag.
             if !any || entry[0] == 0 || entry[0] & INSTANCE_CASTS_SHADOW != 0 {
                 counters.entries += 1;
                 if entry[0] != 0 {
@@ -187,7 +187,7 @@ fn traverse(scene: &SceneView, ray: &TraceRay, any: bool, counters: &mut Counter
     }
 }
 
-/// The hit of a triangle that counts.
+/// Tests a triangle, and rejects it by its flags.
 fn meet_triangle(
     scene: &SceneView,
     corners: &Item,
@@ -228,7 +228,7 @@ fn meet_triangle(
     (refused == 0 && is_solid).then_some(met)
 }
 
-/// The second word of the group of hit children that go on the stack, and three bits for each child that the ray hits.
+/// Returns the second word of the group of hit children that go on the stack, and three bits for each hit child.
 fn intersect_node(node: &Item, ray: &LocalRay, t_min: f32, t_max: f32) -> (u32, u32) {
     let [exponent_x, exponent_y, exponent_z, _] = node[0][3].to_le_bytes();
     let exponents = [exponent_x, exponent_y, exponent_z];
@@ -280,7 +280,7 @@ fn intersect_node(node: &Item, ray: &LocalRay, t_min: f32, t_max: f32) -> (u32, 
     (distance | children, met)
 }
 
-/// Möller and Trumbore's test, widened by the rounding error; `bvh.wesl` explains it.
+/// Möller and Trumbore's test, with tolerances for rounding; `bvh.wesl` explains it.
 fn intersect_triangle(rows: &Item, ray: &LocalRay) -> Option<TraceHit> {
     let corners = rows.map(|r| Vec3::new(f32::from_bits(r[0]), f32::from_bits(r[1]), f32::from_bits(r[2])));
     let (e1, e2) = (corners[1] - corners[0], corners[2] - corners[0]);

@@ -25,7 +25,7 @@ use bevy::{
     },
 };
 
-/// Bindings of the group. The last ones are the density of fog, its sampler, and the tables of the medium of the air.
+/// Number of bindings in the group. The last ones are the density of fog, its sampler, and the tables of the atmosphere's medium.
 const BINDINGS: usize = if MANY_TEXTURES { 14 } else { 9 };
 
 struct ViewBindings {
@@ -37,16 +37,16 @@ struct ViewBindings {
     density_sampler: SamplerId,
 }
 
-/// The bind groups of all views, by render-world entity. A GPU resource: make it with `init_gpu_resource`.
+/// The bind groups of all views, by render-world entity. Create this GPU resource with `init_gpu_resource`.
 #[derive(Resource)]
 pub struct EnvironmentBindings {
     layout: BindGroupLayoutDescriptor,
     black: TextureView,
     /// The first face of the black cube, for a missing table.
     black_face: TextureView,
-    /// All of its faces, for a missing table in layers.
+    /// All faces of the black cube, for a missing table with layers.
     black_layers: TextureView,
-    /// A white texel, for a missing density of fog.
+    /// A white texel, for a missing fog density.
     even: TextureView,
     sampler: Sampler,
     views: EntityHashMap<ViewBindings>,
@@ -159,7 +159,7 @@ impl EnvironmentBindings {
     }
 }
 
-/// A cube map that can be bound, if the image is one.
+/// Returns whether an image can be bound as a cube map.
 fn cube(image: &GpuImage, device: &RenderDevice) -> bool {
     let dimension = image.texture_view_descriptor.as_ref().and_then(|view| view.dimension);
     dimension == Some(TextureViewDimension::Cube)
@@ -168,7 +168,7 @@ fn cube(image: &GpuImage, device: &RenderDevice) -> bool {
             == Some(TextureSampleType::Float { filterable: true })
 }
 
-/// A texture of densities that can be bound.
+/// Returns whether an image can be bound as a density texture.
 fn solid(image: &GpuImage, device: &RenderDevice) -> bool {
     image.texture_descriptor.dimension == TextureDimension::D3
         && image.texture_descriptor.usage.contains(TextureUsages::TEXTURE_BINDING)
@@ -176,8 +176,7 @@ fn solid(image: &GpuImage, device: &RenderDevice) -> bool {
             == Some(TextureSampleType::Float { filterable: true })
 }
 
-/// Bevy's tables that are the same for all views, and its media of atmospheres. Without its cargo features tables are missing, or have a
-/// single texel.
+/// Bevy's tables that all views share, and its atmosphere media. Without its cargo features, tables are missing or have a single texel.
 #[derive(SystemParam)]
 pub struct Tables<'w> {
     split_sum: Option<Res<'w, DfgLut>>,
@@ -186,7 +185,7 @@ pub struct Tables<'w> {
 }
 
 impl Tables<'_> {
-    /// The medium of a view's air, if it can be bound.
+    /// The medium of a view's atmosphere, if it can be bound.
     fn medium(&self, view: &ViewEnvironment, device: &RenderDevice) -> Option<&GpuScatteringMedium> {
         let medium = self.media.as_ref()?.get(view.medium?)?;
         let is_filterable = |texture: &Texture| {
@@ -213,9 +212,9 @@ struct ViewMaps<'a> {
     specular: &'a TextureView,
     skybox: &'a TextureView,
     table: &'a TextureView,
-    /// Bevy's tables of the atmosphere: of its transmittance, and of the sky.
+    /// Bevy's tables of the atmosphere: transmittance, and the sky.
     air: [&'a TextureView; 2],
-    /// Its tables of the medium: of light that was scattered more than once, of density, and of scattering.
+    /// Its tables of the medium: multiple scattering, density, and scattering.
     medium: [&'a TextureView; 3],
     /// Bevy's table for rectangular lights.
     area_lights: &'a TextureView,
@@ -224,7 +223,7 @@ struct ViewMaps<'a> {
 }
 
 impl<'a> ViewMaps<'a> {
-    /// The images of a view that can be bound, black ones in place of the others, and the uniform that says which is which.
+    /// Looks up the images of a view that can be bound, with black ones for the others, and sets the uniform's flags accordingly.
     fn new(
         view: &ViewEnvironment,
         images: &'a RenderAssets<GpuImage>,
@@ -322,7 +321,7 @@ impl<'a> ViewMaps<'a> {
 
     /// Copies the inputs of a bind group, for the pass with variable rate shading.
     fn fill(&self, contents: &mut BindGroupContents, buffer: &Buffer, bind_group: &BindGroup, device: &RenderDevice) {
-        // Shaders of that pass read neither the density of fog nor the medium of the air.
+        // Shaders of that pass read neither the density of fog nor the medium of the atmosphere.
         let samplers = [self.sampler, self.fog_density.1].map(|sampler| (&**sampler, environment_sampler()));
         contents.fill(device, bind_group, &self.entries(buffer), &samplers);
     }
@@ -362,7 +361,7 @@ impl ViewBindings {
     }
 }
 
-/// Writes the uniforms and makes the bind groups. Belongs in `RenderSystems::PrepareBindGroups`.
+/// Writes the uniforms and creates the bind groups. Runs in `RenderSystems::PrepareBindGroups`.
 pub fn prepare_environments(
     mut bindings: ResMut<EnvironmentBindings>,
     views: Query<(
@@ -382,7 +381,7 @@ pub fn prepare_environments(
     for (entity, view, wants, air) in &views {
         let (maps, uniform) = ViewMaps::new(view, &images, &tables, air, &bindings, &device);
         let is_current = |view: &ViewBindings| {
-            // An image can get another sampler and keep its texture.
+            // An image can get a different sampler and keep its texture.
             view.views == maps.ids() && view.density_sampler == maps.fog_density.1.id()
         };
         let current = known.remove(&entity).filter(is_current);

@@ -1,4 +1,4 @@
-//! Packing of what shading needs of a vertex besides its position.
+//! Packs the vertex attributes for shading, besides the position.
 
 use super::{
     decode,
@@ -31,7 +31,7 @@ impl<'a> Attributes<'a> {
         let (normals, tangents) = (get(Mesh::ATTRIBUTE_NORMAL)?, get(Mesh::ATTRIBUTE_TANGENT)?);
         let uvs = [get(Mesh::ATTRIBUTE_UV_0)?, get(Mesh::ATTRIBUTE_UV_1)?];
         let colors = get(Mesh::ATTRIBUTE_COLOR)?;
-        // The layout is the only place where the flags can be read. It panics on extracted meshes, which failed above.
+        // Only the layout exposes these flags. It panics on extracted meshes, which failed above.
         let mut layouts = MeshVertexBufferLayouts::default();
         let compression = mesh
             .get_mesh_vertex_buffer_layout(&mut layouts)
@@ -58,7 +58,7 @@ impl<'a> Attributes<'a> {
         (single + 2 * double) as u64
     }
 
-    /// Appends the attributes to a mesh whose positions and triangles are packed already.
+    /// Appends the attributes to a mesh with packed positions and triangles.
     pub fn pack(&self, packed: &mut PackedMesh) {
         let normals = self.normals.map(|values| self.pack_normals(packed, values));
         if let Some(values) = self.tangents {
@@ -127,7 +127,7 @@ impl<'a> Attributes<'a> {
         decode::for_each_value(values, packed.vertex_count as usize, |value| {
             let (tangent, flipped) = decode::tangent(value, compressed);
             packed.defects.replaced_values += u32::from(tangent.is_none());
-            // Any direction will do as long as it spans a plane with the normal.
+            // Any direction that spans a plane with the normal will do.
             let tangent = tangent.unwrap_or_else(|| {
                 let normal = normals.and_then(|normals| normals.get(vertex));
                 normal.map_or(Vec3::X, |normal| normal.any_orthonormal_vector())
@@ -142,11 +142,11 @@ impl<'a> Attributes<'a> {
     }
 }
 
-/// For each vertex, the mean of its triangles' normals weighted by area, or +Z where they have none.
+/// For each vertex, the area-weighted mean of its triangles' normals, or +Z if there is none.
 fn face_normals(packed: &PackedMesh) -> Vec<Vec3> {
     let positions = packed.positions();
     let mut sums = vec![Vec3::ZERO; positions.len()];
-    // Scaled to unit size, the products can neither overflow nor underflow.
+    // Scaled to unit size, so that the products neither overflow nor underflow.
     let size = (packed.bounds.max - packed.bounds.min).max_element();
     let scale = if size > 0.0 { 1.0 / size } else { 1.0 };
     let scale = if scale.is_finite() { scale } else { 1.0 };
@@ -188,16 +188,16 @@ pub(super) fn encode_tangent(tangent: Vec3, flipped: bool) -> u32 {
     snorm16(octahedral.x) | (y << 16) | (u32::from(flipped) << 31)
 }
 
-/// Half floats, since Bevy multiplies by colours above 1, and dark ones need more than 8 bits.
+/// Half floats, since Bevy multiplies by colours above 1, and dark colours need more than 8 bits.
 fn encode_color([red, green, blue, alpha]: [f32; 4]) -> [u32; 2] {
     let alpha = (alpha.clamp(0.0, 1.0) * 255.0).round() as u32;
     [half(red) | (half(green) << 16), half(blue) | (alpha << 24)]
 }
 
-/// Bits of the nearest half float that is not negative.
+/// Bits of the nearest non-negative half float.
 fn half(value: f32) -> u32 {
     const LARGEST: f32 = 65504.0;
-    // 2^-112 turns the bias of the exponent from 127 into 15; the smallest numbers become denormal as half floats are.
+    // 2^-112 changes the exponent's bias from 127 to 15; the smallest numbers become denormal, as in half floats.
     let bits = (value.clamp(0.0, LARGEST) * f32::from_bits(15 << 23)).to_bits();
     (bits + 0xfff + ((bits >> 13) & 1)) >> 13
 }

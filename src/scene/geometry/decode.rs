@@ -1,12 +1,12 @@
-//! Reading vertex attributes of any format as floats.
+//! Reads vertex attributes of any format as floats.
 
 use bevy::{
     math::{Vec2, Vec3},
     mesh::{VertexAttributeValues, octahedral_decode_signed, octahedral_decode_tangent},
 };
 
-/// Calls `sink` with the first `count` values as a vertex shader would see them: normalized formats as fractions, components
-/// that the format lacks as 0, 0, 0, 1.
+/// Calls `sink` with the first `count` values as a vertex shader would read them: normalized formats as fractions, and 0, 0,
+/// 0, 1 for components that the format lacks.
 pub(super) fn for_each_value(values: &VertexAttributeValues, count: usize, mut sink: impl FnMut([f32; 4])) {
     use VertexAttributeValues as V;
     macro_rules! scalars {
@@ -130,7 +130,7 @@ pub(super) fn tangent(value: [f32; 4], compressed: bool) -> (Option<Vec3>, bool)
     }
 }
 
-/// The unit vector along `vector`, also where the squared length would overflow or underflow.
+/// The unit vector along `vector`, even if the squared length would overflow or underflow.
 pub(super) fn direction(vector: Vec3) -> Option<Vec3> {
     let largest = vector.abs().max_element();
     if !vector.is_finite() || largest <= 0.0 {

@@ -1,4 +1,4 @@
-//! A packed mesh, and why there may be none.
+//! A packed mesh, and the errors of packing.
 
 use bevy::{
     math::Vec3,
@@ -7,15 +7,15 @@ use bevy::{
 use std::fmt;
 use thiserror::Error;
 
-/// A packed mesh starts at a multiple of this many words: vertices of 3 words and the 16-byte alignment of GPU buffers meet.
+/// A packed mesh starts at a multiple of this many words, as required by vertices of 3 words and the 16-byte alignment of GPU buffers.
 pub const BASE_ALIGNMENT: u32 = 12;
 /// Words of the header.
 pub const HEADER_WORDS: u32 = 12;
 /// The smallest packed mesh, in words.
 pub const MIN_WORDS: u32 = 24;
-/// Vertices farther out than this, in object space, count as not finite: products of three edges would overflow.
+/// Vertices beyond this coordinate in object space count as not finite: products of three edges would overflow.
 pub const MAX_COORDINATE: f32 = 1e12;
-/// Why a mesh cannot be hit by rays.
+/// The reason why rays can't hit a mesh.
 #[derive(Debug, Error)]
 pub enum GeometryError {
     /// Points and lines have no surface.
@@ -23,16 +23,16 @@ pub enum GeometryError {
         "the mesh is a {0:?} and rays only hit triangles; rebuild it as TriangleList or TriangleStrip to see it in reflections"
     )]
     NotTriangles(PrimitiveTopology),
-    /// There is nothing to place in space.
+    /// There are no vertices.
     #[error("the mesh has no vertex positions; insert Mesh::ATTRIBUTE_POSITION")]
     MissingPositions,
-    /// Bevy took the vertices out of this copy of the mesh.
+    /// Bevy removed the vertices from this copy of the mesh.
     #[error(
         "the vertices of the mesh were moved to the render world; add RenderAssetUsages::MAIN_WORLD to Mesh::asset_usage or \
          pack the mesh while it is being extracted"
     )]
     Extracted,
-    /// Compressed positions are relative to a box that is not known.
+    /// Compressed positions are relative to an unknown box.
     #[error(
         "the positions of the mesh are compressed but Mesh::final_aabb is empty, as happens when a compressed mesh is extracted \
          without RenderAssetUsages::MAIN_WORLD; add that usage or set final_aabb again"
@@ -55,9 +55,9 @@ impl From<MeshAccessError> for GeometryError {
 /// An axis-aligned box in object space.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bounds {
-    /// Least coordinates.
+    /// Minimum coordinates.
     pub min: Vec3,
-    /// Greatest coordinates.
+    /// Maximum coordinates.
     pub max: Vec3,
 }
 
@@ -80,7 +80,7 @@ pub struct MeshOffsets {
     pub colors: u32,
     /// Six words per vertex.
     pub joints: u32,
-    /// By target, three to nine words per vertex.
+    /// Three to nine words per vertex, target by target.
     pub morphs: u32,
 }
 
@@ -104,10 +104,10 @@ impl MeshOffsets {
     }
 }
 
-/// Parts of a mesh that had to be left out or replaced. [`fmt::Display`] words them for a warning.
+/// Parts of a mesh that had to be left out or replaced. [`fmt::Display`] formats them for a warning.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MeshDefects {
-    /// Triangles left out because an index names no vertex.
+    /// Triangles left out because an index is out of range.
     pub out_of_range_triangles: u32,
     /// Triangles left out because a position is not finite or beyond [`MAX_COORDINATE`].
     pub non_finite_triangles: u32,
@@ -118,7 +118,7 @@ pub struct MeshDefects {
 }
 
 impl MeshDefects {
-    /// Nothing to tell.
+    /// Returns whether there are no defects.
     #[cfg(any(test, feature = "internals"))]
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
@@ -153,14 +153,14 @@ impl fmt::Display for MeshDefects {
     }
 }
 
-/// Data from which the bounds of a posed mesh follow.
+/// Data to compute the bounds of a posed mesh.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Deformation {
     /// The box around all triangles in bind pose.
     pub bounds: Bounds,
     /// Joints that move vertices, and the box around those vertices in bind pose. Empty without a skin.
     pub joints: Vec<(u32, Bounds)>,
-    /// By morph target: the box around the ways that it moves vertices at a weight of 1.
+    /// By morph target, the box around the displacements of its vertices at a weight of 1.
     pub targets: Vec<Bounds>,
 }
 
@@ -169,15 +169,15 @@ pub struct Deformation {
 pub struct PackedMesh {
     /// Words to store in the geometry buffer.
     pub words: Vec<u32>,
-    /// Vertices, used by triangles or not.
+    /// Number of vertices, including unused ones.
     pub vertex_count: u32,
-    /// Triangles; 0 = nothing to hit, and no acceleration structure to build.
+    /// Number of triangles. If it is 0, nothing can be hit, and no acceleration structure is built.
     pub triangle_count: u32,
     /// Offsets of the arrays.
     pub offsets: MeshOffsets,
     /// Box around all triangles; zero if there are none.
     pub bounds: Bounds,
-    /// The mesh has a skin or morph targets. Its vertices here are in bind pose, and without morph targets.
+    /// Set if the mesh has a skin or morph targets. The packed vertices are in bind pose, without morph targets.
     pub deformation: Option<Deformation>,
     /// Differences from the source.
     pub defects: MeshDefects,
@@ -199,13 +199,13 @@ impl PackedMesh {
         self.triangles().as_flattened()
     }
 
-    /// UV coordinates of the vertices; empty where the mesh doesn't have this set (0 or 1).
+    /// UV coordinates of the vertices; empty if the mesh doesn't have this set (0 or 1).
     pub fn uvs(&self, set: usize) -> &[[f32; 2]] {
         let offset = [self.offsets.uv0, self.offsets.uv1][set.min(1)];
         bytemuck::cast_slice(self.optional(offset, 2 * self.vertex_count))
     }
 
-    /// Packed colours of the vertices, alpha in the highest byte; empty where the mesh has none.
+    /// Packed colours of the vertices, alpha in the highest byte; empty if the mesh has none.
     pub fn colors(&self) -> &[[u32; 2]] {
         bytemuck::cast_slice(self.optional(self.offsets.colors, 2 * self.vertex_count))
     }

@@ -1,4 +1,4 @@
-//! Packing of data for posing: joints of vertices, and morph targets.
+//! Packs data for posing: joints of vertices, and morph targets.
 
 use super::{
     decode,
@@ -21,7 +21,7 @@ const MAX_WEIGHT: f32 = 1e6;
 pub(super) struct Pose<'a> {
     joints: Option<(&'a VertexAttributeValues, &'a VertexAttributeValues)>,
     morphs: &'a [MorphAttributes],
-    /// Vertices of a target.
+    /// Number of vertices of a target.
     stride: usize,
     target_count: usize,
 }
@@ -41,7 +41,7 @@ impl<'a> Pose<'a> {
         })
     }
 
-    /// Words that [`Self::pack`] adds for each vertex, at most.
+    /// Maximum number of words that [`Self::pack`] adds for each vertex.
     pub fn words_per_vertex(&self) -> u64 {
         let joints = if self.joints.is_some() {
             u64::from(JOINT_WORDS)
@@ -51,7 +51,7 @@ impl<'a> Pose<'a> {
         joints + 9 * self.target_count as u64
     }
 
-    /// Appends joints and morph targets to a mesh with its other attributes packed already.
+    /// Appends joints and morph targets to a mesh after its other attributes.
     pub fn pack(&self, packed: &mut PackedMesh) {
         let mut deformation = Deformation::default();
         if let Some((indices, weights)) = self.joints {
@@ -112,7 +112,7 @@ fn pack_joints(
     decode::for_each_value(weights, count, |weights| {
         let is_sound = weights.iter().all(|weight| weight.abs() <= MAX_WEIGHT);
         packed.defects.replaced_values += u32::from(!is_sound);
-        // Without a skin of its own, a vertex follows the first joint.
+        // A vertex without valid joints follows the first joint.
         let (joint, weights) = if is_sound && weights != [0.0; 4] {
             (joints.get(vertex).copied().unwrap_or_default(), weights)
         } else {

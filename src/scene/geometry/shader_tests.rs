@@ -1,4 +1,4 @@
-//! `geometry.wesl` reads what `pack_mesh` writes.
+//! Tests that `geometry.wesl` reads the output of `pack_mesh`.
 
 use super::{
     attributes::{encode_normal, encode_tangent},
@@ -58,7 +58,7 @@ fn shader_is_valid() {
     let module = naga::front::wgsl::parse_str(&wgsl())
         .map_err(|error| error.emit_to_string(&wgsl()))
         .unwrap();
-    // Halves that are unpacked: all of WebGPU has them.
+    // Needed to unpack half floats, which every WebGPU device can.
     let capabilities = naga::valid::Capabilities::SHADER_FLOAT16_IN_FLOAT32;
     naga::valid::Validator::new(naga::valid::ValidationFlags::all(), capabilities)
         .validate(&module)

@@ -19,7 +19,7 @@ fn mesh_of(topology: PrimitiveTopology, positions: Vec<[f32; 3]>) -> Mesh {
     Mesh::new(topology, RenderAssetUsages::all()).with_inserted_attribute(Mesh::ATTRIBUTE_POSITION, positions)
 }
 
-/// An attribute in whatever format the values have.
+/// Inserts an attribute in the format of the values.
 fn with(mesh: Mesh, attribute: MeshVertexAttribute, values: VertexAttributeValues) -> Mesh {
     mesh.with_inserted_attribute(
         MeshVertexAttribute {
@@ -133,7 +133,7 @@ fn strips_alternate_and_restart() {
     let packed = pack_mesh(&u32s).unwrap();
     assert_eq!(packed.triangles(), expected);
     assert!(packed.defects.is_empty());
-    // A list has no restart.
+    // A list has no restart index.
     let list = triangle_mesh(line(3)).with_inserted_indices(Indices::U16(vec![0, 1, 0xffff, 0, 1, 2]));
     let packed = pack_mesh(&list).unwrap();
     assert_eq!((packed.triangle_count, packed.defects.out_of_range_triangles), (1, 1));
@@ -168,7 +168,7 @@ fn degenerate_meshes_pack() {
         assert_eq!(packed.bounds, Bounds::default());
         assert!(packed.words.len() >= MIN_WORDS as usize && packed.indices().is_empty());
     }
-    // Zero area is the tracer's matter.
+    // Triangles without area are left to the tracer.
     assert_eq!(pack_mesh(&triangle_mesh(vec![[1.0; 3]; 3])).unwrap().triangle_count, 1);
 }
 
@@ -288,7 +288,7 @@ fn colors_of_any_format() {
             V::Float16x4(bytemuck::cast_vec(vec![[half(0.5), half(1.0), 0, half(1.0)]; 3])),
             [0.5, 1.0, 0.0, 255.0],
         ),
-        // Bright ones stay bright, dark ones dark.
+        // Bright colours stay bright, and dark ones dark.
         (V::Float32x4(vec![[1e-6, 20.0, -1.0, 2.0]; 3]), [1e-6, 20.0, 0.0, 255.0]),
         (V::Float32x3(vec![[1e9, 0.002, 3e-5]; 3]), [65504.0, 0.002, 3e-5, 255.0]),
         (V::Float64x3(vec![[0.5, 1.0, 0.0]; 3]), [0.5, 1.0, 0.0, 255.0]),
@@ -356,7 +356,7 @@ fn compressed_meshes_decode_like_the_source() {
         let ((a, a_sign), (b, b_sign)) = (decoded_tangent(*a), decoded_tangent(*b));
         assert!(degrees(a, b) < 0.02 && a_sign == b_sign);
     }
-    // Bevy forgets the box of compressed positions when it takes the data out of the main world.
+    // Bevy drops the box of compressed positions when it takes the data out of the main world.
     let mut lost = compressed.clone();
     lost.final_aabb = None;
     assert!(matches!(pack_mesh(&lost), Err(GeometryError::MissingAabb)));
@@ -410,7 +410,7 @@ fn joints_and_morph_targets_are_packed() {
     assert_eq!(deformation.targets[1], around(-Vec3::X, Vec3::X * 0.5));
 }
 
-/// Bit patterns, so that NaN, infinities and denormals occur, and sane numbers.
+/// Bit patterns, to include NaN, infinities and denormals, and ordinary numbers.
 fn junk_float() -> impl Strategy<Value = f32> {
     prop_oneof![any::<u32>().prop_map(f32::from_bits), -10.0_f32..10.0, Just(0.0)]
 }

@@ -1,4 +1,4 @@
-//! Levels of detail: reflections show those that the nearest reflecting camera sees.
+//! Levels of detail: reflections show the ones for the nearest reflecting camera.
 
 use super::{SceneInstances, lost::LostComponents};
 use crate::{scene::activity::SceneActivity, settings::RayTracedReflections};
@@ -12,45 +12,46 @@ use bevy::{
 use core::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// In the place of a travel: it stands in no queue.
+/// Placeholder for a travel: the object isn't in the queue.
 const NEVER: f64 = f64::INFINITY;
-/// A queue of so many entries is never made anew.
+/// A queue of this many entries is never rebuilt.
 const SHORT: usize = 64;
-/// Steps of cameras are rounded, too.
+/// Margin for the rounding of camera steps.
 const TRAVEL_ROUNDING: f64 = 1.0 + 1e-6;
 
 /// An object with a [`VisibilityRange`].
 #[derive(Clone, Copy)]
 struct RangedObject {
     in_range: bool,
-    /// The travel of cameras at which it must be looked at again.
+    /// The cameras' travel at which to check the object again.
     due: f64,
-    /// The travel at which it is, by the queue: an earlier one, if it has been put off since.
+    /// The travel of its entry in the queue: an earlier one, if the check was postponed since.
     queued: f64,
 }
 
 /// Objects with a [`VisibilityRange`].
 #[derive(Resource, Default)]
 pub struct LevelsOfDetail {
-    /// Places of the reflecting cameras.
+    /// Positions of the reflecting cameras.
     viewers: Vec<Vec3A>,
-    /// Metres that cameras have moved, with that of each frame which has moved farthest. No distance to the nearest camera has changed by more.
+    /// Metres that cameras have travelled: the sum over all frames of the longest step of any camera. No distance to the nearest
+    /// camera has changed by more.
     travel: f64,
     objects: EntityHashMap<RangedObject>,
-    /// Objects by the travel at which they must be looked at again, as bits of an `f64`.
+    /// Objects by the travel at which to check them again, as bits of an `f64`.
     queue: BinaryHeap<Reverse<(u64, Entity)>>,
-    /// How many objects were looked at.
+    /// Number of checks, for tests.
     #[cfg(test)]
     looks: usize,
 }
 
 impl LevelsOfDetail {
-    /// Returns whether reflections show an object, as far as its range goes.
+    /// Returns whether reflections show an object, by its range.
     pub fn shows(&self, entity: Entity) -> bool {
         self.objects.get(&entity).is_none_or(|object| object.in_range)
     }
 
-    /// Takes over the places of cameras. Returns whether all objects must be looked at, since cameras came or went.
+    /// Updates the camera positions. Returns whether all objects must be checked, because cameras came or went.
     fn follow(&mut self, viewers: Vec<Vec3A>) -> bool {
         let steps = viewers.iter().zip(&self.viewers);
         let step = steps.fold(0.0, |farthest: f32, (now, before)| farthest.max(now.distance(*before)));
@@ -66,7 +67,7 @@ impl LevelsOfDetail {
         !is_known
     }
 
-    /// Takes an object whose time has come.
+    /// Takes an object that is due.
     fn take_due(&mut self) -> Option<Entity> {
         while let Some(&Reverse((due, entity))) = self.queue.peek() {
             let queued = f64::from_bits(due);
@@ -87,7 +88,7 @@ impl LevelsOfDetail {
         None
     }
 
-    /// Looks at an object. Returns whether it has come into its range, or left it.
+    /// Checks an object. Returns whether it has entered or left its range.
     fn look(&mut self, entity: Entity, range: &VisibilityRange, place: Vec3A) -> bool {
         #[cfg(test)]
         {
@@ -109,7 +110,7 @@ impl LevelsOfDetail {
         }
         let has_changed = core::mem::replace(&mut object.in_range, in_range) != in_range;
         if self.queue.len() > 2 * self.objects.len() + SHORT {
-            // Of what was put off and gone.
+            // Drops entries of postponed and removed objects.
             let queue = self.objects.iter_mut().map(|(entity, object)| {
                 object.queued = object.due;
                 Reverse((object.due.to_bits(), *entity))
@@ -119,8 +120,8 @@ impl LevelsOfDetail {
         has_changed
     }
 
-    /// Returns whether the nearest camera is in the range of an object, and by how much less than its distance it must move until that
-    /// is otherwise. Bevy blends two levels where their ranges overlap; rays see the one with the larger share.
+    /// Returns whether the nearest camera is within the range of an object, and a lower bound of the distance that it must move to
+    /// change that. Bevy blends two levels where their ranges overlap; rays hit the one with the larger weight.
     fn is_in_range(&self, range: &VisibilityRange, place: Vec3A) -> (bool, f32) {
         let distances = self.viewers.iter().map(|viewer| viewer.distance(place));
         let nearest = distances.fold(f32::INFINITY, f32::min);
@@ -151,7 +152,7 @@ pub struct DetailQueries<'w, 's> {
     changed: Query<'w, 's, Ranged, HasChanged>,
 }
 
-/// Finds out which levels reflections show. Objects that come into their range, or leave it, are looked at anew.
+/// Determines which levels reflections show. Objects that enter or leave their range are extracted again.
 pub fn extract_details(
     queries: Extract<DetailQueries>,
     activity: Res<SceneActivity>,
@@ -171,14 +172,14 @@ pub fn extract_details(
     }
     let cameras = queries.cameras.iter().filter(|(camera, _)| camera.is_active);
     let viewers = cameras.map(|(_, place)| place.translation_vec3a()).collect();
-    // While cameras are away for a moment, levels stay as they are.
+    // While no camera reflects for a moment, levels stay as they are.
     let all_anew = activity.watched && details.follow(viewers);
     let mut look = |details: &mut LevelsOfDetail, (entity, range, transform, bounds): RangedItem| {
         let place = match bounds.filter(|_| range.use_aabb) {
             Some(bounds) => transform.affine().transform_point3a(bounds.center),
             None => transform.translation_vec3a(),
         };
-        // When reflections begin, all objects are looked at anyway.
+        // When reflections begin, all objects are extracted anyway.
         if details.look(entity, range, place) && !activity.started {
             lost.note(entity);
         }
@@ -188,7 +189,7 @@ pub fn extract_details(
         return;
     }
     queries.changed.iter().for_each(|item| look(details, item));
-    // One that is just at the end of its range has its time again and again.
+    // Collected first: an object exactly at the end of its range is due again at once.
     let mut due = Vec::new();
     while let Some(entity) = details.take_due() {
         due.push(entity);
@@ -223,7 +224,7 @@ mod tests {
         assert!(!shown(&details, 0.0), "nobody is near");
     }
 
-    /// Objects on a line, and a camera that goes along it.
+    /// Objects on a line, and a camera that moves along it.
     #[test]
     fn objects_are_looked_at_again_when_a_camera_has_come_far_enough() {
         const OBJECTS: u32 = 2_000;
@@ -240,7 +241,7 @@ mod tests {
         details.looks = 0;
         let frames = 20_000;
         for frame in 1..=frames {
-            // To and fro, in steps of a centimetre.
+            // Back and forth, in steps of a centimetre.
             let x = if frame < frames / 2 { frame } else { frames - frame } as f32 * 0.01;
             assert!(!details.follow(vec![Vec3A::X * x]));
             let mut due = Vec::new();
@@ -252,7 +253,7 @@ mod tests {
             if frame % 100 == 0 {
                 for index in 0..OBJECTS {
                     let distance = (index as f32 - x).abs();
-                    // Where it is just at the end of its range, rounding decides.
+                    // Right at the end of the range, rounding decides.
                     let is_near = [10.0_f32, 50.0].iter().any(|end| (distance - end).abs() < 1e-3);
                     let expected = (10.0..50.0).contains(&distance);
                     assert!(

@@ -1,4 +1,4 @@
-//! Extraction of objects, for each component that says which material rays see.
+//! Extracts objects, for each component that determines the material for rays.
 
 use super::{InstanceSource, LightmapSource, SceneInstances, details::LevelsOfDetail, lost::LostComponents};
 use crate::{
@@ -26,27 +26,27 @@ use bevy::{
     render::Extract,
 };
 
-/// A component that says which material rays see on an entity.
+/// A component that determines the material of an entity for rays.
 pub trait MaterialComponent: Component {
-    /// Entities for which it does.
+    /// Entities for which this component determines the material.
     type Filter: ArchetypeFilter + 'static;
 
     /// Bevy's list of entities whose mesh or material changed.
     type Changes: ReadOnlySystemParam + 'static;
 
-    /// Their material is not what they are drawn with.
+    /// Whether rays see another material than the one that the entity is drawn with.
     const IS_STAND_IN: bool;
 
     /// The material.
     fn material(&self) -> UntypedAssetId;
 
-    /// Entities whose mesh or material changed, according to Bevy; `None` where it keeps no list, so that all must be looked at.
+    /// Entities whose mesh or material changed, according to Bevy; `None` without such a list, so that all entities must be checked.
     fn changes<'a>(listed: &'a SystemParamItem<Self::Changes>) -> Option<&'a [Entity]>;
 }
 
 impl<M: Material> MaterialComponent for MeshMaterial3d<M> {
     type Filter = Without<ReflectedMaterial3d>;
-    // Bevy's `MaterialPlugin` makes it in `PostUpdate`, for its own extraction.
+    // Created by Bevy's `MaterialPlugin` in `PostUpdate`, for its own extraction.
     type Changes = Option<Res<'static, EntitiesNeedingSpecialization<M>>>;
     const IS_STAND_IN: bool = false;
 
@@ -73,19 +73,19 @@ impl MaterialComponent for ReflectedMaterial3d {
     }
 }
 
-/// The longest list of changed entities that is gone through. Longer ones cost more than the ticks of all objects, which take their place.
+/// Maximum length of a list of changed entities. Instead of a longer list, the ticks of all objects are checked, which is cheaper.
 const MOST_LISTED: usize = 256;
 
-/// Entities that have a mesh for rays, and take their material from `C`.
+/// Entities with a mesh for rays and a material from `C`.
 type IsObject<C> = (
     Or<(With<Mesh3d>, With<ReflectedMesh3d>)>,
     <C as MaterialComponent>::Filter,
 );
 
-/// The same, with render layers of their own.
+/// Objects with render layers of their own.
 type IsLayered<C> = (IsObject<C>, With<RenderLayers>);
 
-/// The main world as extraction reads it.
+/// The parts of the main world that extraction reads.
 type ObjectWorld<'w, 's, C> = (
     Query<'w, 's, InstanceQuery<C>, IsObject<C>>,
     Query<'w, 's, InstanceQuery<C>, IsLayered<C>>,
@@ -144,11 +144,11 @@ pub struct RemovedFromScene<'w, 's> {
     lightmaps: RemovedComponents<'w, 's, Lightmap>,
     skins: RemovedComponents<'w, 's, SkinnedMesh>,
     disabled: RemovedComponents<'w, 's, Disabled>,
-    /// Queries that don't name `Disabled` no longer find these.
+    /// Disabled entities: queries that don't mention `Disabled` no longer find them.
     now_disabled: Query<'w, 's, Entity, Added<Disabled>>,
 }
 
-/// Resources that decide on the objects that reflections show, beside their own components.
+/// Resources that decide which objects reflections show, besides their own components.
 #[derive(SystemParam)]
 pub struct Shown<'w> {
     layers: Res<'w, SceneLayers>,
@@ -156,7 +156,7 @@ pub struct Shown<'w> {
 }
 
 impl LostComponents {
-    /// Notes who lost something in this frame.
+    /// Records which entities lost a component in this frame.
     pub fn follow(&mut self, removed: &mut RemovedFromScene) {
         self.0.clear();
         self.0.extend(removed.meshes.read());
@@ -174,7 +174,7 @@ impl LostComponents {
         self.0.extend(&removed.now_disabled);
     }
 
-    /// Forgets the objects that no query has found.
+    /// Drops the objects that no query has found.
     pub fn drop_objects(&mut self, instances: &mut SceneInstances) {
         for entity in self.0.drain() {
             instances.remove(entity);
@@ -182,7 +182,8 @@ impl LostComponents {
     }
 }
 
-/// Notes who lost a material. Runs for all types of materials before any object is looked at, since another may have taken its place.
+/// Records which entities lost a material. Runs for all types of materials before any object is extracted, since a material of another
+/// type might have replaced it.
 pub fn note_lost_materials<C: MaterialComponent>(
     mut removed: Extract<RemovedComponents<C>>,
     mut lost: ResMut<LostComponents>,
@@ -190,7 +191,7 @@ pub fn note_lost_materials<C: MaterialComponent>(
     lost.0.extend(removed.read());
 }
 
-/// Mirrors objects whose material comes from `C`: what changed, or everything after reflections were off or cameras draw other layers.
+/// Extracts objects with a material from `C`: the changed ones, or all after reflections were off or if cameras draw other layers.
 pub fn extract_instances<C: MaterialComponent>(
     world: Extract<ObjectWorld<C>>,
     activity: Res<SceneActivity>,
@@ -202,7 +203,7 @@ pub fn extract_instances<C: MaterialComponent>(
         return;
     }
     let (all, layered, listed) = &*world;
-    // In any frame: `drop_objects` removes whoever is left among the lost.
+    // Must run every frame: `drop_objects` removes the remaining entries of `lost`.
     lost.0.retain(|entity| match all.get(*entity) {
         Ok(item) => {
             update(&mut instances, &shown, item);
@@ -221,7 +222,7 @@ pub fn extract_instances<C: MaterialComponent>(
             update(&mut instances, &shown, item);
         }
     }
-    // A material that changes lists all objects that have it, although these are as they were: then ticks tell more cheaply.
+    // A changed material lists all objects that use it, although they are unchanged. For long lists, ticks are cheaper.
     let listed = C::changes(listed).filter(|listed| listed.len() <= MOST_LISTED);
     for item in listed.into_iter().flatten().filter_map(|entity| all.get(*entity).ok()) {
         update(&mut instances, &shown, item);
@@ -229,8 +230,8 @@ pub fn extract_instances<C: MaterialComponent>(
     update_changed(&mut instances, &shown, all, listed.is_some());
 }
 
-/// Mirrors entities of which a component has changed, unless that is their mesh or material and Bevy has listed them already: half of all
-/// ticks in a large world.
+/// Extracts entities with a changed component. Changes of mesh and material are skipped if Bevy has listed them already, which saves half
+/// of all tick checks in a large world.
 fn update_changed<C: MaterialComponent>(
     instances: &mut SceneInstances,
     shown: &Shown,
@@ -289,7 +290,7 @@ fn update_changed<C: MaterialComponent>(
                 let mut row_ticks = columns.iter().flatten().filter_map(|ticks| ticks.get(row));
                 let is_changed = is_changed && row_ticks.any(|tick| clock.is_new(*tick));
                 if !is_changed {
-                    // Joints place a skinned mesh.
+                    // A skinned mesh is placed by its joints.
                     if !(skin && stand_ins.is_none()) && clock.is_new(places[row]) {
                         instances.set_place(entities[row], transforms[row].affine());
                     }
@@ -407,12 +408,12 @@ fn update_item(instances: &mut SceneInstances, shown: &Shown, item: &InstanceIte
         return;
     };
     if item.range.is_some() && !shown.details.shows(item.entity) {
-        // Its mesh stays loaded: once it is in its range, reflections show it at once.
+        // Its mesh stays loaded, so that reflections show it as soon as it is within its range.
         instances.set_waiting(item.entity, mesh);
         return;
     }
     let own = item.transform.affine();
-    // Joints place a skinned mesh, which `pose/extract.rs` follows; a stand-in has none.
+    // A skinned mesh is placed by its joints, in `pose/extract.rs`; a stand-in has none.
     let skinned = item.skinned && item.stand_in.is_none();
     let before = instances.find(item.entity).filter(|_| skinned);
     let world_from_object = before.map_or(own, |(_, source)| source.world_from_object);

@@ -1,4 +1,4 @@
-//! An object's lightmap as extraction finds it.
+//! An object's lightmap, for extraction.
 
 use bevy::{asset::AssetId, image::Image, pbr::Lightmap};
 
@@ -7,13 +7,13 @@ use bevy::{asset::AssetId, image::Image, pbr::Lightmap};
 pub struct LightmapSource {
     /// Its texture.
     pub image: AssetId<Image>,
-    /// Corners of the object's part of it: 16 bits each, u, then v in the upper half.
+    /// Corners of the object's rectangle in it: 16 bits each, u, then v in the upper half.
     pub rect: [u32; 2],
 }
 
 impl From<&Lightmap> for LightmapSource {
     fn from(lightmap: &Lightmap) -> Self {
-        // Like Bevy, with numbers out of range at its ends.
+        // Like Bevy, with numbers clamped to the valid range.
         let bits = |part: f32| u32::from((part * 65535.0).round() as u16);
         let corner = |u, v| bits(u) | (bits(v) << 16);
         let rect = lightmap.uv_rect;

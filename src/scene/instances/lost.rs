@@ -1,9 +1,9 @@
-//! Entities that extraction looks at anew.
+//! Entities to extract again.
 
 use bevy::{ecs::prelude::*, platform::collections::HashSet};
 
-/// Entities that lost a component since the last frame, or are to be looked at for another reason. Entities that no
-/// query finds any more are objects no longer.
+/// Entities that lost a component since the last frame, or must be extracted again for another reason. If no query
+/// finds an entity any more, its object is removed.
 #[derive(Resource, Default)]
 pub struct LostComponents(pub(super) HashSet<Entity>);
 
@@ -13,7 +13,7 @@ impl LostComponents {
         self.0.iter().copied()
     }
 
-    /// Has an entity looked at.
+    /// Requests that an entity is extracted again.
     pub fn note(&mut self, entity: Entity) {
         self.0.insert(entity);
     }

@@ -1,12 +1,12 @@
-//! Which slots share something: those alone are looked at when it changes.
+//! Records which slots share a mesh or a material, so that a change of it only updates these.
 
 use bevy::platform::collections::HashMap;
 use core::hash::Hash;
 
-/// In the place of a slot: there is none.
+/// Placeholder for no slot.
 const NONE: u32 = u32::MAX;
 
-/// Neighbours of a slot in the list of those that share a key.
+/// Neighbours of a slot in the list of slots with the same key.
 #[derive(Clone, Copy)]
 struct Link {
     last: u32,
@@ -17,7 +17,7 @@ impl Link {
     const ALONE: Self = Self { last: NONE, next: NONE };
 }
 
-/// Slots by what they use, in a list for each key.
+/// Slots in one list for each key.
 pub(super) struct SlotUsers<K> {
     first: HashMap<K, u32>,
     links: Vec<Link>,
@@ -42,7 +42,7 @@ impl<K: Copy + Eq + Hash> SlotUsers<K> {
         })
     }
 
-    /// Notes that a slot uses another key than before.
+    /// Changes the key of a slot.
     pub fn replace(&mut self, slot: u32, last: Option<K>, now: Option<K>) {
         if last == now {
             return;
@@ -83,7 +83,7 @@ impl<K: Copy + Eq + Hash> SlotUsers<K> {
         }
     }
 
-    /// There are so many slots: those behind them use nothing.
+    /// Sets the number of slots: later ones must not use any key.
     pub fn truncate(&mut self, slots: usize) {
         self.links.truncate(slots);
         super::shrink(&mut self.links);

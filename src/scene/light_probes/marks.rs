@@ -6,13 +6,13 @@ use crate::scene::{
 };
 use bevy::render::render_resource::TextureViewId;
 
-/// A probe that shines: the part that shaders read, and its images.
+/// The inputs of a probe's light: its data for shaders, and its images.
 pub(super) type Shining = (GpuLightProbe, [TextureViewId; 2]);
 
-/// Marks of probes that have changed lately, for rays that meet hits within them.
+/// Marks probes that have changed lately, for hits inside them.
 #[derive(Default)]
 pub(super) struct Marks {
-    /// The number of reflection probes, which come first.
+    /// Number of reflection probes, which come first.
     reflection_probes: usize,
     probes: Vec<Shining>,
     /// By probe, the frames for which it stays marked.
@@ -20,7 +20,7 @@ pub(super) struct Marks {
 }
 
 impl Marks {
-    /// Takes the probes of a frame, once per frame, and compares them with those of the last one.
+    /// Compares the probes of a frame with the last frame's, once per frame.
     pub fn follow(&mut self, reflection_probes: usize, probes: Vec<Shining>) -> Change {
         for frames in &mut self.restless {
             *frames = frames.saturating_sub(1);
@@ -37,7 +37,7 @@ impl Marks {
                 continue;
             }
             let box_of = |probe: &GpuLightProbe| (probe.probe_from_world, probe.falloff);
-            // A probe that begins to move might no longer shine at its old place.
+            // If a probe begins to move, hits at its old place can't detect that.
             let is_marked = *restless > 0 || box_of(&before.0) == box_of(&now.0);
             change = change.max(if is_marked { Change::Marked } else { Change::Unmarked });
             *restless = RESTLESS_FRAMES;

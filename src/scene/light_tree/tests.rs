@@ -92,7 +92,7 @@ fn the_tree_follows_its_lights() {
             assert!(copy == tree.table(), "what was written makes up the table");
             assert_complete(&tree, &lights);
         }
-        // One more or less.
+        // One light more or less.
         lights.pop();
         assert_eq!(tree.update(&lights), Written::All);
         assert_complete(&tree, &lights);
@@ -130,7 +130,7 @@ fn lights_are_sorted_anew_once_their_boxes_have_grown_and_not_more_often() {
         sortings += u32::from(tree.update(&lights) == Written::All);
     }
     assert_eq!(sortings, 64 / SORTING_PAUSE);
-    // As good as at the beginning.
+    // As good as after the first sort.
     assert!(
         (tree.sorted_size / sorted - 1.0).abs() < 0.05,
         "{} and {sorted}",

@@ -1,4 +1,4 @@
-//! Extraction of lights: those that changed are converted anew, and the others stay as they are.
+//! Extracts lights: only changed lights are converted again.
 
 use super::{ExtractedLights, MAX_LIGHTS, keep_strongest};
 use crate::scene::{
@@ -41,16 +41,16 @@ pub struct LightWorld<'w, 's> {
     textures: LightTextureWorld<'w, 's>,
 }
 
-/// In the place of an index: the light gives no light.
+/// Index of lights that give no light.
 const DARK: u32 = u32::MAX;
 
-/// Lights of one kind as they were found last, in the order of their query.
+/// Lights of one kind from the last extraction, in the order of their query.
 #[derive(Default)]
 struct Known {
     entities: Vec<Entity>,
     /// By entity, the index of its light, or [`DARK`].
     lights: Vec<u32>,
-    /// For each table of the world, the number of entities, and whether they have layers of their own.
+    /// For each table of the world, its number of entities, and whether they have layers of their own.
     tables: Vec<(usize, bool)>,
 }
 
@@ -79,7 +79,8 @@ impl Known {
         }
     }
 
-    /// Finds those that have changed since the last frame. Returns false where some have come, gone, or begun or ceased to give light.
+    /// Finds lights that changed since the last frame. Returns false if a light was added or removed, or if one started or stopped
+    /// giving light.
     fn find_changes<L: Component>(
         &self,
         all: &Lights<L>,
@@ -137,7 +138,7 @@ impl Known {
         lights.filter_map(move |(entity, light)| (*light != DARK).then(|| Some((*light, of(*entity)?)))?)
     }
 
-    /// Gives a directional light in a place of the list what other components say of it.
+    /// Applies other components of the entity to a directional light at an index of the list.
     fn dress(&self, place: u32, light: &mut GpuLight, world: &LightWorld) {
         let row = self.lights.iter().position(|light| *light == place);
         if let Some(entity) = row.and_then(|row| self.entities.get(row)) {
@@ -145,7 +146,7 @@ impl Known {
         }
     }
 
-    /// Returns whether all directional lights are dressed as they are in the list.
+    /// Returns whether all directional lights in the list match these components.
     fn are_dressed(&self, lights: &[GpuLight], world: &LightWorld) -> bool {
         let rows = self.entities.iter().zip(&self.lights);
         rows.filter_map(|(entity, light)| Some((entity, lights.get(*light as usize)?)))
@@ -153,7 +154,7 @@ impl Known {
     }
 }
 
-/// A directional light with the radians across its disk, and whether fog shows it: in Bevy, only with a shadow map.
+/// Returns a directional light with the angle of its disk in radians, and whether it is visible in fog: in Bevy, only with a shadow map.
 fn dressed(light: GpuLight, entity: Entity, world: &LightWorld) -> GpuLight {
     let disk = world.disks.get(entity).ok();
     let is_volumetric = light.flags & LIGHT_CASTS_SHADOW != 0 && world.volumetric.contains(entity);
@@ -164,14 +165,14 @@ fn dressed(light: GpuLight, entity: Entity, world: &LightWorld) -> GpuLight {
     }
 }
 
-/// From components to a light.
+/// Converts components to a light.
 struct Conversion<'a, L> {
     layers: &'a SceneLayers,
     convert: fn(&L, &GlobalTransform) -> Option<GpuLight>,
 }
 
 impl<L> Conversion<'_, L> {
-    /// `None` for one that gives no light.
+    /// Returns `None` for a light that gives no light.
     fn of(
         &self,
         light: &L,
@@ -179,26 +180,26 @@ impl<L> Conversion<'_, L> {
         visibility: InheritedVisibility,
         own_layers: Option<&RenderLayers>,
     ) -> Option<GpuLight> {
-        // Bevy lights a view by the lights on its layers alone.
+        // Bevy lights a view only by the lights on its layers.
         let shines = visibility.get() && self.layers.groups_of(own_layers) != 0;
         shines.then(|| (self.convert)(light, transform))?
     }
 }
 
-/// All kinds of lights as they were found last.
+/// All kinds of lights from the last extraction.
 #[derive(Default)]
 pub struct KnownLights {
     directional: Known,
     points: Known,
     spots: Known,
     rects: Known,
-    /// Rectangles are among them.
+    /// Whether they include rectangles.
     with_rects: bool,
     changed: Vec<(u32, GpuLight)>,
 }
 
 impl KnownLights {
-    /// Finds lights that have changed. Returns false where all must be gathered anew.
+    /// Finds changed lights. Returns false if all lights must be gathered again.
     fn find_changes(&mut self, world: &LightWorld, layers: &SceneLayers) -> bool {
         let changed = &mut self.changed;
         changed.clear();
@@ -231,7 +232,7 @@ impl KnownLights {
                 lights.len()
             );
             keep_strongest(&mut lights);
-            // Another may be among the strongest in the next frame.
+            // Cleared, since other lights might be among the strongest in the next frame.
             self.directional = Known::default();
         }
         self.points.gather(&world.points, &of(point_light, layers), &mut lights);
@@ -245,7 +246,7 @@ impl KnownLights {
 
 /// All textures of lights.
 fn textures(known: &KnownLights, world: &LightTextureWorld) -> Vec<(u32, LightTexture)> {
-    // Lights of a kind that has no textures aren't walked.
+    // Kinds of lights without textures are skipped.
     let [directional, points, spots] = world.kinds();
     let mut textures = Vec::new();
     if directional {
@@ -264,7 +265,7 @@ fn of<L>(convert: fn(&L, &GlobalTransform) -> Option<GpuLight>, layers: &SceneLa
     Conversion { layers, convert }
 }
 
-/// Follows the lights.
+/// Updates the extracted lights.
 pub fn extract_lights(
     world: &LightWorld,
     active: bool,
@@ -274,7 +275,7 @@ pub fn extract_lights(
 ) {
     if !active {
         extracted.clear();
-        // Changes go unseen until a camera reflects again.
+        // Changes aren't tracked until a camera reflects again.
         *known = KnownLights::default();
         return;
     }
@@ -313,7 +314,7 @@ mod tests {
         light.id()
     }
 
-    /// Layers of a camera that draws the usual one.
+    /// Layers of a camera that draws the default layer.
     fn usual_layers() -> SceneLayers {
         let mut layers = SceneLayers::default();
         layers.follow(core::iter::once((None, None)), core::iter::empty());
@@ -321,7 +322,7 @@ mod tests {
         layers
     }
 
-    /// Changes the world in one of several ways. Returns whether lights stay where they are in the list.
+    /// Changes the world in one of several ways. Returns whether lights keep their indices in the list.
     fn disturb(world: &mut World, lights: &mut Vec<Entity>, step: usize) -> bool {
         let light = lights[step * 7 % lights.len()];
         let mut entity = world.entity_mut(light);
@@ -332,7 +333,7 @@ mod tests {
                 intensity: step as f32,
                 ..Default::default()
             }),
-            // It gives no light any more, or does so again.
+            // The light is hidden or shown.
             3 => {
                 let was_visible = entity
                     .get::<InheritedVisibility>()
@@ -400,7 +401,7 @@ mod tests {
         let mut world = World::new();
         let mut state = SystemState::<LightWorld>::new(&mut world);
         let layers = usual_layers();
-        // The second light is no sun, so that places and rows differ.
+        // The second light isn't directional, so that indices and rows differ.
         let [_, _, sun] = [0, 1, 0].map(|index| spawn(&mut world, index));
         let (mut extracted, mut known) = (ExtractedLights::default(), KnownLights::default());
         let mut disks = |world: &World| {
@@ -425,7 +426,7 @@ mod tests {
         set(&mut world, 0.5);
         assert_eq!(disks(&world), [usual, 0.5], "one comes");
         set(&mut world, 0.7);
-        // Something else that changes in the same frame hides nothing.
+        // The disk is updated even if something else changes in the same frame.
         world.entity_mut(sun).insert(GlobalTransform::from_xyz(1.0, 0.0, 0.0));
         assert_eq!(disks(&world), [usual, 0.7], "it changes");
         set(&mut world, f32::NAN);

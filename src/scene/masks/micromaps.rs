@@ -1,7 +1,7 @@
-//! When the masks of a mesh and a material have opacity micromaps.
+//! Decides when the masks of a mesh and a material have opacity micromaps.
 //!
-//! They are made off the main thread once the material rests, and are gone in the frame in which it changes: until there are new
-//! ones, each candidate is tested by its texture.
+//! They are built off the main thread once the material has settled, and are dropped in the frame in which it changes: until new
+//! ones are ready, each candidate samples its texture.
 
 use crate::{
     device::ReflectionTextureMode,
@@ -23,21 +23,21 @@ use bevy::{
 };
 use std::sync::Arc;
 
-/// Frames without a change until a material counts as resting: fewer than until objects are merged.
+/// Frames without a change until a material counts as settled: fewer than until objects are merged.
 const QUIET_FRAMES: u64 = 15;
 
-/// Masks that an object needs.
+/// Identifies the masks of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(in crate::scene) struct MaskKey {
     pub mesh: AssetId<Mesh>,
     /// Version of the mesh.
     pub version: u64,
     pub material: UntypedAssetId,
-    /// The material wants the second set of UV coordinates.
+    /// The material uses the second set of UV coordinates.
     pub second_uvs: bool,
 }
 
-/// Micromaps of all triangles of a mesh under a name that is never used twice; 0 where they are not known.
+/// Micromaps of all triangles of a mesh with a unique name, which is 0 if they are unknown.
 #[derive(Clone, Default)]
 pub(in crate::scene) struct NamedMicromaps {
     pub name: u64,
@@ -51,11 +51,11 @@ pub(in crate::scene) struct Surroundings<'a> {
     pub default_sampler: &'a ImageSamplerDescriptor,
 }
 
-/// Part of a material that masks show.
+/// The parameters of a material that affect its masks.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Look {
     uv_transform: Affine2,
-    /// `None` where micromaps can't be made.
+    /// `None` if micromaps can't be built.
     test: Option<Test>,
 }
 
@@ -71,7 +71,7 @@ enum BakeState {
     /// Since this frame.
     Waiting(u64),
     Baking(tree_builds::Build<Vec<Item>>),
-    /// There is no more to be done.
+    /// Nothing left to do.
     Done,
 }
 
@@ -100,9 +100,9 @@ impl Look {
                 .finest_level(image, surroundings.default_sampler)
                 .map(|(version, wrap)| Some(((image, version), wrap))),
         };
-        // Layers hold smaller copies of the images, which are not known here.
+        // Texture layers contain smaller copies of the images, which aren't available here.
         let is_known = matches!(surroundings.textures.mode(), ReflectionTextureMode::Bindless { .. });
-        // Another number decides for each ray, or another cutoff for shadow rays.
+        // If the test also depends on a random number per ray, or on another cutoff for shadow rays, its result isn't known in advance.
         let is_known = is_known && packed.stop_probability < 0.0 && packed.stop_probability != COVERAGE;
         Self {
             uv_transform: Affine2::from_mat2_translation(
@@ -134,7 +134,7 @@ impl Micromaps {
         }
     }
 
-    /// Notes what the material is. Returns whether the micromaps in the buffer are wrong from now on.
+    /// Updates the material's parameters. Returns whether the micromaps in the buffer are now invalid.
     pub fn update_look(&mut self, look: Look, frame: u64) -> bool {
         if look == self.look {
             return false;
@@ -144,8 +144,8 @@ impl Micromaps {
         is_wrong
     }
 
-    /// Does what there is to do, except for new work where `may_start` isn't set. `sampled` is the image that shaders sample for
-    /// these masks. Returns the masks once they have micromaps.
+    /// Advances the work, but starts no new work unless `may_start` is set. `sampled` returns whether shaders sample this image
+    /// for these masks. Returns the masks once they have micromaps.
     pub fn carry_on(
         &mut self,
         key: &MaskKey,
@@ -159,7 +159,7 @@ impl Micromaps {
         match &mut self.state {
             BakeState::Waiting(since) if may_start && frame >= *since + QUIET_FRAMES => {
                 let test = self.look.test.clone()?;
-                // The material may have found no place for its texture.
+                // The material's texture might not have fit into the table.
                 if test.texture.is_some_and(|((image, _), _)| !sampled(image)) {
                     self.state = BakeState::Done;
                     return None;
@@ -202,12 +202,12 @@ impl Micromaps {
         }
     }
 
-    /// UV transform that the masks were made with.
+    /// UV transform of the masks.
     pub fn uv_transform(&self) -> Affine2 {
         self.look.uv_transform
     }
 
-    /// The name of what stands in the buffer, or 0.
+    /// The name of the micromaps in the buffer, or 0.
     pub fn name(&self) -> u64 {
         self.named.name
     }
@@ -217,12 +217,12 @@ impl Micromaps {
         self.named.clone()
     }
 
-    /// There is more to be done.
+    /// Returns whether there is work left.
     pub fn is_unfinished(&self) -> bool {
         !matches!(self.state, BakeState::Done)
     }
 
-    /// They are being made, or their turn has come.
+    /// Returns whether they are being built, or due to be.
     pub fn is_due(&self, frame: u64) -> bool {
         match self.state {
             BakeState::Waiting(since) => frame >= since + QUIET_FRAMES,
@@ -231,12 +231,12 @@ impl Micromaps {
         }
     }
 
-    /// A task makes them.
+    /// Returns whether a task is building them.
     pub fn is_baking(&self) -> bool {
         matches!(self.state, BakeState::Baking(_))
     }
 
-    /// They will be made if nothing changes, which in the last frame was so.
+    /// Returns whether they will be built if nothing changes, and nothing changed in the last frame.
     pub fn is_pending(&self, frame: u64) -> bool {
         match self.state {
             BakeState::Waiting(since) => frame > since + 1,
@@ -245,7 +245,7 @@ impl Micromaps {
         }
     }
 
-    /// The alpha channel of this image is still wanted.
+    /// Returns whether the alpha channel of this image is still needed.
     pub fn waits_for(&self, content: &ImageContent) -> bool {
         let wanted = self.look.test.as_ref().and_then(|test| test.texture);
         matches!(self.state, BakeState::Waiting(_)) && wanted.is_some_and(|(wanted, _)| wanted == *content)

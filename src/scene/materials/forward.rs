@@ -1,4 +1,4 @@
-//! Materials that Bevy draws forward, and those among them that can show reflections.
+//! Materials that Bevy draws in its forward pass, and whether they can show reflections.
 
 use super::{MaterialAssets, pack::shows_known_environment};
 use bevy::{asset::UntypedAssetId, platform::collections::HashSet};
@@ -10,12 +10,12 @@ impl MaterialAssets {
         self.forward.as_ref()
     }
 
-    /// Returns whether forward objects with a type of material can show reflections.
+    /// Returns whether forward-drawn objects with this type of material can show reflections.
     pub fn may_mirror(&self, kind: TypeId) -> bool {
         self.mirroring.contains(&kind)
     }
 
-    /// Takes the opaque materials that Bevy draws forward.
+    /// Replaces the opaque materials that Bevy draws in its forward pass.
     pub fn set_forward(&mut self, forward: HashSet<UntypedAssetId>) {
         let before = self.forward.take().unwrap_or_default();
         for &id in before.symmetric_difference(&forward) {
@@ -25,7 +25,7 @@ impl MaterialAssets {
         self.forward = Some(forward);
     }
 
-    /// Returns whether a material is drawn forward and opaque, and shows the environment as Bevy does.
+    /// Returns whether a material is opaque, drawn in the forward pass, and shows the environment like Bevy does.
     pub fn reflects_forward(&self, id: UntypedAssetId) -> bool {
         self.forward.as_ref().is_some_and(|forward| forward.contains(&id))
             && self.may_mirror(id.type_id())

@@ -1,4 +1,4 @@
-//! A material as hits need it: packed from a `StandardMaterial`, apart from its textures.
+//! Packs a `StandardMaterial` for hits, apart from its textures.
 
 use crate::scene::{
     gpu_types::*,
@@ -16,13 +16,12 @@ use bevy::{
 };
 use bytemuck::bytes_of;
 
-/// Returns whether rays can hit this material. Materials that only add to or multiply what lies behind them are transparent to
-/// rays.
+/// Returns whether rays can hit this material. Materials that only add to or multiply the colour behind them are transparent to rays.
 pub fn is_traced(material: &StandardMaterial) -> bool {
     !matches!(material.alpha_mode, AlphaMode::Add | AlphaMode::Multiply)
 }
 
-/// The `INSTANCE_` flags that come from an instance's material: face culling and the alpha test.
+/// The `INSTANCE_` flags that depend on an instance's material: face culling and the alpha test.
 pub fn instance_flags(material: &StandardMaterial) -> u32 {
     let culling = match material.cull_mode {
         Some(Face::Back) => INSTANCE_CULL_BACK,
@@ -33,7 +32,7 @@ pub fn instance_flags(material: &StandardMaterial) -> u32 {
     culling | if is_opaque { 0 } else { INSTANCE_ALPHA_MASKED }
 }
 
-/// Alpha below which surfaces with alpha to coverage are cut out where Bevy doesn't multisample.
+/// Alpha below which surfaces with alpha to coverage are cut out if Bevy doesn't multisample.
 const COVERAGE_CUTOFF: f32 = 0.5;
 /// Alpha below which blended surfaces cast no shadow in Bevy's shadow maps.
 const BLENDED_SHADOW_CUTOFF: f32 = 0.05;
@@ -61,12 +60,12 @@ fn unit_or(value: f32, fallback: f32) -> f32 {
     finite_or(value, fallback).clamp(0.0, 1.0)
 }
 
-/// Packs a material without textures: every slot is [`NO_TEXTURE`]. Values are brought into their ranges, and what is not a number
-/// becomes the value of `StandardMaterial::default()` or zero.
+/// Packs a material without textures: every slot is [`NO_TEXTURE`]. Values are clamped to their ranges. Values that aren't numbers become
+/// zero or the value of `StandardMaterial::default()`.
 pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
     let base_color = LinearRgba::from(material.base_color);
     let tint = LinearRgba::from(material.specular_tint);
-    // The G-buffer keeps the Rec. 709 luminance of reflectance times tint.
+    // The G-buffer stores the Rec. 709 luminance of reflectance times tint.
     let tint_luminance = 0.2126 * tint.red + 0.7152 * tint.green + 0.0722 * tint.blue;
 
     let stopped = stop_probability(material);
@@ -149,7 +148,7 @@ pub fn pack_material(material: &StandardMaterial) -> GpuMaterial {
     }
 }
 
-/// Returns whether Bevy draws a material in its forward pass, once its own method or the default one is known.
+/// Returns whether Bevy draws a material in its forward pass, after its method has been resolved to the default one if necessary.
 fn is_drawn_forward(material: &StandardMaterial) -> bool {
     let is_blended = !matches!(
         material.alpha_mode,
@@ -164,7 +163,7 @@ fn is_drawn_forward(material: &StandardMaterial) -> bool {
         }
 }
 
-/// Weight with which exposure scales emission, as unorm16. Bevy's G-buffer has none.
+/// Weight with which exposure scales emission, as unorm16. Bevy's G-buffer doesn't store it.
 fn emission_weight(material: &StandardMaterial) -> u32 {
     if !is_drawn_forward(material) {
         return 0;
@@ -172,16 +171,16 @@ fn emission_weight(material: &StandardMaterial) -> u32 {
     (unit_or(material.emissive_exposure_weight, 0.0) * f32::from(u16::MAX)).round() as u32
 }
 
-/// Share of the light that stops at a surface which doesn't pass through by specular transmission.
+/// Fraction of the light that a surface stops, excluding specular transmission.
 fn stopped_share(material: &StandardMaterial) -> f32 {
     match stop_probability(material) {
-        // Light that passes through belongs to the rays that do.
+        // Transmitted light is carried by the rays that pass.
         Some(_) => 1.0,
         None => 1.0 - unit_or(material.specular_transmission, 0.0),
     }
 }
 
-/// Share of diffuse light that comes through the material. Bevy's deferred renderer has none.
+/// Fraction of diffuse light that the material transmits. Bevy's deferred renderer transmits none.
 fn transmitted_share(material: &StandardMaterial) -> f32 {
     if material.unlit || material.opaque_render_method == OpaqueRendererMethod::Deferred {
         return 0.0;
@@ -189,7 +188,7 @@ fn transmitted_share(material: &StandardMaterial) -> f32 {
     unit_or(material.diffuse_transmission, 0.0) * stopped_share(material)
 }
 
-/// The thickness of materials through which light comes that makes use of it.
+/// The thickness, for materials with transmission that depends on it.
 fn light_thickness(material: &StandardMaterial) -> f32 {
     if transmitted_share(material) == 0.0 && !refracts(material) {
         return 0.0;
@@ -197,14 +196,14 @@ fn light_thickness(material: &StandardMaterial) -> f32 {
     finite_or(material.thickness, 0.0).max(0.0)
 }
 
-/// The clearcoat of a material in the steps of Bevy's G-buffer; 0 without one. Its textures are left out.
+/// The clearcoat of a material, in the steps of Bevy's G-buffer; 0 without one. Its textures are ignored.
 pub(super) fn packed_clearcoat(material: &StandardMaterial) -> u32 {
     let strength = (unit_or(material.clearcoat, 0.0) * 15.0).round() as u32;
     let roughness = (finite_or(material.clearcoat_perceptual_roughness, 0.5).clamp(0.0, 0.5) * 30.0).round() as u32;
     if strength == 0 { 0 } else { strength | (roughness << 4) }
 }
 
-/// The `MATERIAL_` flags that follow from the formats of a material's textures, as Bevy finds them.
+/// The `MATERIAL_` flags that depend on the formats of a material's textures, by Bevy's rules.
 pub fn format_flags(metallic_roughness: Option<TextureFormat>, normal_map: Option<TextureFormat>) -> u32 {
     let mut flags = 0;
     if metallic_roughness.is_some_and(|format| format.channels() == TextureChannel::RG) {
@@ -228,7 +227,7 @@ pub fn format_flags(metallic_roughness: Option<TextureFormat>, normal_map: Optio
     flags
 }
 
-/// Returns whether rays see no difference. An extension that is animated leaves its base as it is.
+/// Returns whether two materials look the same in reflections. An animated extension doesn't change its base, for example.
 pub(super) fn looks_same(a: &StandardMaterial, b: &StandardMaterial) -> bool {
     bytes_of(&pack_material(a)) == bytes_of(&pack_material(b))
         && texture_ids(a) == texture_ids(b)
@@ -237,7 +236,8 @@ pub(super) fn looks_same(a: &StandardMaterial, b: &StandardMaterial) -> bool {
 }
 
 /// Returns whether Bevy's forward lighting adds the environment's specular light by a formula that is known here. On cameras with a normal
-/// prepass, it lights clearcoats of forward materials with a normal of zero. It bends normals where a highlight is anisotropic, and tints it.
+/// prepass, Bevy lights clearcoats of forward materials with a normal of zero. For anisotropic highlights, it bends normals and tints the
+/// light.
 pub(super) fn shows_known_environment(material: &StandardMaterial) -> bool {
     !material.unlit
         && packed_clearcoat(material) == 0
@@ -245,8 +245,8 @@ pub(super) fn shows_known_environment(material: &StandardMaterial) -> bool {
         && material.specular_tint == Color::WHITE
 }
 
-/// Returns whether an instance is the same with either material: none of them lets rays through, they cull the same faces, and both or none
-/// may reflect where they are drawn forward.
+/// Returns whether an instance is the same with either material: neither lets rays through, they cull the same faces, and if they are drawn
+/// in the forward pass, both or neither can show reflections.
 pub(super) fn instances_same(a: &StandardMaterial, b: &StandardMaterial) -> bool {
     let flags = instance_flags(a);
     flags & INSTANCE_ALPHA_MASKED == 0
@@ -254,17 +254,17 @@ pub(super) fn instances_same(a: &StandardMaterial, b: &StandardMaterial) -> bool
         && shows_known_environment(a) == shows_known_environment(b)
 }
 
-/// Returns whether a material lets no ray through, whatever its textures are.
+/// Returns whether a material lets no ray through, regardless of its textures.
 pub(super) fn is_solid(material: &GpuMaterial) -> bool {
     material.alpha_cutoff == 0.0 && material.stop_probability < 0.0
 }
 
-/// Flags that say how textures are read.
+/// Flags for reading textures.
 const TEXTURE_FLAGS: u32 =
     MATERIAL_METALLIC_ROUGHNESS_RG | MATERIAL_TWO_COMPONENT_NORMAL_MAP | MATERIAL_FLIP_NORMAL_MAP_Y;
 
-/// Returns whether materials differ in colours and the like alone, so that rays meet one where they met the other. The texture of the base
-/// colour and where textures lie make no difference to rays if none of them lets rays through.
+/// Returns whether rays that hit one material also hit the other, because they only differ in colours and the like. If neither lets rays
+/// through, the base-colour texture and UV transforms may differ.
 pub(super) fn hits_same(a: &GpuMaterial, b: &GpuMaterial) -> bool {
     let [red, green, blue, _] = a.base_color;
     let placed = if is_solid(a) { a } else { b };

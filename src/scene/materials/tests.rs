@@ -32,7 +32,7 @@ fn only_differences_that_rays_see_count_as_changes() {
     assert!(changes(&mut assets, &material));
 }
 
-/// Objects aren't looked at when their colour changes, however many share the material.
+/// A changed colour doesn't update the objects of a material, however many they are.
 #[test]
 fn instances_follow_what_makes_them_others() {
     let mut assets = MaterialAssets::default();
@@ -64,7 +64,7 @@ fn instances_follow_what_makes_them_others() {
     assert_eq!(assets.reshaped().collect::<Vec<_>>(), [id]);
 }
 
-/// Objects are looked at where a material begins or ceases to reflect.
+/// Objects are updated when a material starts or stops reflecting.
 #[test]
 fn forward_materials_reflect_where_their_environment_is_known() {
     let mut assets = MaterialAssets::default();
@@ -158,7 +158,7 @@ fn a_table_knows_whether_light_comes_through_any_material() {
     assert!(!table.has_diffuse_transmission(), "Bevy draws it without");
 }
 
-/// Materials and the images that they wait for.
+/// Materials, and the images that they wait for.
 struct Tables {
     assets: MaterialAssets,
     table: MaterialTable,
@@ -202,7 +202,7 @@ impl Tables {
         self.table.index(id)
     }
 
-    /// A frame in which images have arrived or changed. Returns the number of materials that were packed, and the change for rays.
+    /// Runs a frame in which images were loaded or changed. Returns the number of packed materials, and the change for rays.
     fn update(&mut self, resettled: &[AssetId<Image>]) -> (usize, Change) {
         let resettled = resettled.iter().copied().collect();
         update_materials(
@@ -216,7 +216,7 @@ impl Tables {
     }
 }
 
-/// However many images never arrive, and however many materials there are.
+/// Holds for any number of materials and of images that never load.
 #[test]
 fn a_material_is_packed_when_it_or_its_image_changes_and_then_no_more() {
     const MATERIALS: usize = 100;
@@ -228,7 +228,7 @@ fn a_material_is_packed_when_it_or_its_image_changes_and_then_no_more() {
         };
         tables.add(number, Some(material));
     }
-    // One that isn't loaded.
+    // A material that isn't loaded.
     tables.add(MATERIALS, None);
     let mut packs = |arrived: &[AssetId<Image>]| tables.update(arrived).0;
     assert_eq!(packs(&[]), MATERIALS, "they are new");

@@ -1,37 +1,37 @@
-//! Material types that rays know: the numbers by which shaders of an app tell them apart, and which of them show no environment.
+//! Material types that rays support: their numbers for an app's shaders, and the types whose shaders ignore the environment.
 
 use crate::scene::gpu_types::{MATERIAL_TYPE_BITS, MATERIAL_TYPE_SHIFT};
 use bevy::{ecs::resource::Resource, pbr::StandardMaterial, platform::collections::HashSet};
 use core::any::TypeId;
 
-/// Types of materials that rays know.
+/// Types of materials that rays support.
 #[derive(Resource, Default)]
 pub struct MaterialTypes {
     /// Types besides `StandardMaterial`, in the order of their plugins.
     numbered: Vec<TypeId>,
-    /// Types with a plugin that declares their shader to add no specular light of the environment.
+    /// Types that a plugin declared to add no specular light of the environment.
     without_environment: HashSet<TypeId>,
 }
 
 impl MaterialTypes {
-    /// Gives the next number to a type of materials. Belongs in its plugin.
+    /// Assigns the next number to a type of materials. Called by its plugin.
     pub fn add(&mut self, id: TypeId) {
         if id != TypeId::of::<StandardMaterial>() && !self.numbered.contains(&id) {
             self.numbered.push(id);
         }
     }
 
-    /// Notes that the shader of a type shows no environment. Of several plugins, one that says so is enough.
+    /// Records that the shader of a type ignores the environment. If several plugins add the type, one declaration is enough.
     pub fn deny_environment(&mut self, id: TypeId) {
         self.without_environment.insert(id);
     }
 
-    /// Returns whether the shader of a type shows the environment, as far as its plugin knows.
+    /// Returns whether the shader of a type adds the environment's light, according to its plugin.
     pub fn shows_environment(&self, id: TypeId) -> bool {
         !self.without_environment.contains(&id)
     }
 
-    /// The `MATERIAL_TYPE_` bits of a type. Types for which bits lack share the last number.
+    /// The `MATERIAL_TYPE_` bits of a type. Types beyond the range of the bits share the last number.
     pub fn flags(&self, id: TypeId) -> u32 {
         let place = self.numbered.iter().position(|added| *added == id);
         place.map_or(0, |place| (place as u32 + 1).min(MATERIAL_TYPE_BITS)) << MATERIAL_TYPE_SHIFT

@@ -1,4 +1,4 @@
-//! Which materials use an image: those alone are looked at when it arrives or changes.
+//! Tracks which materials use an image, so that a loaded or changed image only updates these.
 
 use bevy::{asset::AssetId, image::Image};
 use std::collections::BTreeSet;
@@ -11,13 +11,13 @@ pub(super) type Images = [Option<AssetId<Image>>; 5];
 pub(super) struct ImageUsers(BTreeSet<(AssetId<Image>, u32)>);
 
 impl ImageUsers {
-    /// The materials of an image.
+    /// The materials that use an image.
     pub fn of(&self, image: AssetId<Image>) -> impl Iterator<Item = u32> + '_ {
         let users = self.0.range((image, 0)..=(image, u32::MAX));
         users.map(|(_, material)| *material)
     }
 
-    /// Notes that a material uses other images.
+    /// Replaces the images of a material.
     pub fn replace(&mut self, material: u32, last: Images, now: Images) {
         if last == now {
             return;

@@ -1,12 +1,12 @@
-//! Which objects are at rest, and which of them share a merged tree.
+//! Decides which objects are static, and which of them share a merged tree.
 //!
-//! - An object that has not changed for some frames is at rest. Each time that it is found to have moved after all, it has to
-//!   wait longer before it counts as resting again, so that what moves now and then soon stays an instance for good.
-//! - Objects at rest are built into chunks once nothing came to rest or left it for some frames, one chunk at a time. Small
-//!   chunks are absorbed by new ones: a scene of usual size ends up as a single chunk, and in a large one the work that a
-//!   few new objects cause stays in proportion to them.
-//! - An object that changes is cut out of its chunk. A small chunk dissolves, and so does one that has lost half of its triangles: its
-//!   other objects are instances again until they are merged anew.
+//! - An object that hasn't changed for some frames is at rest. Each time that it changes again after that, it has to wait longer before it
+//!   counts as resting. An object that moves now and then therefore soon stays an instance for good.
+//! - Once no object started or stopped moving for some frames, resting objects are built into chunks, one chunk at a time. New chunks
+//!   absorb small ones: a scene of ordinary size ends up as a single chunk, and in a large one, a few new objects cause only a
+//!   proportional amount of work.
+//! - An object that changes is cut out of its chunk. If the chunk is small or has lost half of its triangles, it is dissolved instead: its
+//!   other objects are instances until they are merged again.
 
 mod plan;
 
@@ -20,14 +20,15 @@ use bevy::{
 use core::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 
-/// Waiting times are doubled at most so often.
+/// Maximum number of doublings of waiting times.
 const MAX_DOUBLINGS: u32 = 14;
-/// A new object takes over so many of the disturbances of its slot, at most: what comes and goes often is merged late, and
-/// a level that replaces another one after some seconds.
+/// Maximum number of disturbances that a new object inherits from its slot: objects that come and go often are merged late, and a level
+/// that replaces another one is merged after some seconds.
 const INHERITED_DISTURBANCES: u32 = 2;
-/// Chunks of so many objects are built anew for any reason, if they have few triangles, too.
+/// Chunks of up to this number of objects are rebuilt for any reason, if they also have few triangles.
 const CHEAP_MEMBERS: usize = 256;
-/// Frames without merging after the device had no room for trees, at least; doubled with each further time, at most so often.
+/// Minimum number of frames without merging after the device had no memory for trees. Each further time doubles it, up to a maximum number
+/// of doublings.
 const EXHAUSTED_FRAMES: u64 = 600;
 const MOST_DOUBLINGS: u32 = 6;
 
@@ -36,22 +37,22 @@ const MOST_DOUBLINGS: u32 = 6;
 pub(super) struct Limits {
     /// Frames without a change until a new object counts as resting, and until resting objects are merged.
     pub quiet_frames: u64,
-    /// Triangles of a chunk, at most.
+    /// Maximum number of triangles of a chunk.
     pub chunk_triangles: u64,
-    /// Chunks of so many triangles are built anew for any reason.
+    /// Chunks of up to this number of triangles are rebuilt for any reason.
     pub cheap_triangles: u64,
-    /// Triangles of all chunks, at most.
+    /// Maximum number of triangles of all chunks.
     pub budget_triangles: u64,
 }
 
-/// An object as merged trees copy it: where any of this changes, the copy is stale.
+/// The properties of an object that merged trees copy: if any of them changes, the copy is stale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::scene) struct Placement {
     /// The object.
     pub entity: Entity,
-    /// The mesh ...
+    /// The mesh.
     pub mesh: AssetId<Mesh>,
-    /// ... in this version.
+    /// Version of the mesh.
     pub version: u64,
     /// Object to world.
     pub world_from_object: Affine3A,
@@ -75,7 +76,7 @@ pub(super) struct Extent {
 /// Location of the tree of a chunk.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Tree {
-    /// Name of its room.
+    /// Name of its allocation.
     pub name: u64,
     /// The first node in the buffer.
     pub first_node: u32,
@@ -89,10 +90,10 @@ pub(super) struct Tree {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum State {
-    /// Changed lately, or isn't there.
+    /// Changed lately, or empty.
     #[default]
     Restless,
-    /// Might be merged.
+    /// Can be merged.
     Resting,
     /// In this chunk.
     Merged(u32),
@@ -107,30 +108,30 @@ struct Slot {
     state: State,
     /// Part of the tree that is being built.
     building: bool,
-    /// Stands in `MergeScheduler::settling`.
+    /// Is in `MergeScheduler::settling`.
     queued: bool,
     /// Frame of the last change.
     changed: u64,
-    /// Frame from which on it rests.
+    /// Frame from which on it is at rest.
     due: u64,
-    /// How often it changed after it had come to rest.
+    /// Number of changes while it was at rest.
     disturbances: u32,
-    /// The object that was here last.
+    /// The last object in this slot.
     entity: Option<Entity>,
 }
 
 struct Chunk {
-    /// Without those that were cut out.
+    /// Without members that were cut out.
     members: Vec<u32>,
-    /// In the tree's room.
+    /// In the tree's allocation.
     triangles: u64,
-    /// The number of these triangles that were cut out.
+    /// Number of these triangles that were cut out.
     cut: u64,
     tree: Tree,
 }
 
 struct Building {
-    /// Resting objects and those of absorbed chunks.
+    /// Resting objects, and objects of absorbed chunks.
     members: Vec<u32>,
     absorbed: Vec<u32>,
     triangles: u64,
@@ -142,10 +143,10 @@ struct Building {
 pub(super) struct MergeScheduler {
     limits: Limits,
     slots: Vec<Slot>,
-    /// For each slot that only waits for being at rest, the frame of its last change; else 0. All that movement touches: where
-    /// the object is by then is of interest once it rests.
+    /// For each slot that is only waiting to be at rest, the frame of its last change; else 0. Movement updates nothing else: the object's
+    /// new place only matters once it is at rest.
     moved: Vec<u64>,
-    /// Slots that wait for being at rest, with a frame before which they aren't.
+    /// Slots that are waiting to be at rest, with a frame before which they can't be.
     settling: BinaryHeap<Reverse<(u64, u32)>>,
     resting: BTreeSet<u32>,
     chunks: BTreeMap<u32, Chunk>,
@@ -155,24 +156,24 @@ pub(super) struct MergeScheduler {
     /// Something has changed since planning found nothing to do.
     awake: bool,
     awake_since: u64,
-    /// Last frame in which an object came to rest or left it.
+    /// Last frame in which an object came to rest or stopped resting.
     disturbed: u64,
-    /// Nothing is merged before this frame, since the device had no room ...
+    /// Nothing is merged before this frame, since the device lacked memory ...
     exhausted_until: u64,
-    /// ... nor before something was given back.
+    /// ... nor before something is freed.
     without_room: WaitingRoom<()>,
-    /// How often that happened.
+    /// Number of times that memory was lacking.
     losses: u32,
     changed: bool,
     released: Vec<u64>,
-    /// Slots that joined a chunk or left one.
+    /// Slots that joined or left a chunk.
     crossed: Vec<u32>,
-    /// Rooms of trees, and slots that must be cut out of them.
+    /// Names of trees, and slots to be cut out of them.
     cuts: Vec<(u64, u32)>,
 }
 
 impl MergeScheduler {
-    /// Knows of no object.
+    /// Creates a scheduler without objects.
     pub fn new(limits: Limits) -> Self {
         Self {
             limits,
@@ -197,7 +198,7 @@ impl MergeScheduler {
         }
     }
 
-    /// Notes how the object of a slot stands in this frame; `None` where there is none that rays can hit.
+    /// Records the placement of a slot's object in this frame; `None` if there is no object that rays can hit.
     pub fn observe(&mut self, slot: u32, placement: Option<Placement>) {
         let index = slot as usize;
         if index >= self.slots.len() {
@@ -250,7 +251,7 @@ impl MergeScheduler {
         self.moved[index] = if only_waits { frame } else { 0 };
     }
 
-    /// Notes that the object of a slot has moved, and nothing else.
+    /// Records that the object of a slot has only moved.
     pub fn observe_move(&mut self, slot: u32, world_from_object: &Affine3A) {
         match self.moved.get_mut(slot as usize) {
             None => return,
@@ -270,7 +271,7 @@ impl MergeScheduler {
         self.observe(slot, Some(placement));
     }
 
-    /// There are so many slots, and no object in those behind them.
+    /// Sets the number of slots. Later slots must be empty.
     pub fn truncate(&mut self, slots: usize) {
         while self.slots.len() > slots
             && self
@@ -285,14 +286,14 @@ impl MergeScheduler {
         shrink(&mut self.moved);
     }
 
-    /// The length of its tables.
+    /// Length of the tables.
     #[cfg(test)]
     pub fn len(&self) -> usize {
         self.slots.len()
     }
 
-    /// A frame goes by. `place_of` tells where the object of a slot is, and `measure` what merging it would cost, and `None` where it must
-    /// stay an instance.
+    /// Advances by a frame. `place_of` returns the transform of a slot's object, and `measure` the cost of merging it, or `None` if it
+    /// must stay an instance.
     pub fn advance(
         &mut self,
         place_of: impl Fn(u32) -> Option<Affine3A>,
@@ -308,7 +309,7 @@ impl MergeScheduler {
             else {
                 continue;
             };
-            // The slot was cut off, and another has come, which may wait by itself.
+            // The slot was removed and a new one created, which might be waiting with its own entry.
             if !place.queued {
                 continue;
             }
@@ -341,12 +342,12 @@ impl MergeScheduler {
         }
     }
 
-    /// A member of what is being built has changed: the result can't be used, and [`Self::abandon`] should be called.
+    /// Returns whether a member of the tree in progress has changed: the result can't be used, and [`Self::abandon`] should be called.
     pub fn is_stale(&self) -> bool {
         self.building.as_ref().is_some_and(|building| building.stale)
     }
 
-    /// The planned tree stands in its room. If it went stale in the meantime, the room is released.
+    /// Call when the planned tree has been uploaded. If it became stale meanwhile, its allocation is released.
     pub fn finish(&mut self, tree: Tree) {
         if self.is_stale() || self.building.is_none() {
             self.released.push(tree.name);
@@ -379,7 +380,7 @@ impl MergeScheduler {
         self.stay_awake();
     }
 
-    /// The planned tree can't be built: what would have been new in it stays as it is until it changes.
+    /// Call if the planned tree can't be built. Its new objects stay instances until they change.
     pub fn fail(&mut self) {
         let Some(building) = self.building.take() else { return };
         for slot in building.members {
@@ -393,7 +394,7 @@ impl MergeScheduler {
         self.stay_awake();
     }
 
-    /// The planned tree is not built after all; its objects will be in another plan.
+    /// Call to discard the planned tree. Its objects will be part of another plan.
     pub fn abandon(&mut self) {
         let Some(building) = self.building.take() else { return };
         for slot in building.members {
@@ -402,21 +403,21 @@ impl MergeScheduler {
         self.stay_awake();
     }
 
-    /// The planned tree has no room while `used` bytes are in use: nothing is merged until something is given back, nor for a while.
+    /// Call if the planned tree doesn't fit while `used` bytes are in use. Nothing is merged for a while, nor before something is freed.
     pub fn refuse(&mut self, used: u64) {
         self.abandon();
         self.without_room.wait((), used);
         self.pause();
     }
 
-    /// So many bytes are in use now. `again`: the device may have memory that it hadn't.
+    /// Reports the number of bytes in use. `again` is true if the device might have memory that it lacked before.
     pub fn note_used(&mut self, used: u64, again: bool) {
         if !self.without_room.is_empty() {
             self.without_room.take(used, again);
         }
     }
 
-    /// The rooms of all trees are gone, since there was too little memory: nothing is merged for a while, and for longer each time.
+    /// Call if the space of all trees was taken because memory ran out. Nothing is merged for a while, and for longer each time.
     pub fn lose_trees(&mut self) {
         for id in self.chunks.keys().copied().collect::<Vec<_>>() {
             self.dissolve(id);
@@ -440,12 +441,12 @@ impl MergeScheduler {
         place.is_some_and(|place| matches!(place.state, State::Merged(_)))
     }
 
-    /// All trees that rays have to go through.
+    /// All trees that rays must traverse.
     pub fn trees(&self) -> impl Iterator<Item = &Tree> {
         self.chunks.values().map(|chunk| &chunk.tree)
     }
 
-    /// Objects and triangles in all trees.
+    /// Numbers of objects and triangles in all trees.
     pub fn merged(&self) -> (usize, u64) {
         let count = |sum: (usize, u64), chunk: &Chunk| (sum.0 + chunk.members.len(), sum.1 + chunk.triangles);
         self.chunks.values().fold((0, 0), count)
@@ -457,7 +458,7 @@ impl MergeScheduler {
             let (Some(&moved), Some(place)) = (self.moved.get(slot as usize), self.slots.get(slot as usize)) else {
                 return false;
             };
-            // The frame of the last change, if there is one, without a look at the larger table.
+            // The frame of the last change, read from the smaller table if possible.
             let changed = if moved > 0 { moved } else { place.changed };
             (moved > 0 || place.placement.is_some()) && changed + 1 < self.frame
         };
@@ -472,22 +473,22 @@ impl MergeScheduler {
         core::mem::take(&mut self.changed)
     }
 
-    /// Names of rooms that no tree uses any more, since the last call.
+    /// Names of trees that have become unused since the last call.
     pub fn take_released(&mut self) -> Vec<u64> {
         core::mem::take(&mut self.released)
     }
 
-    /// Slots that may have joined a tree or left one since the last call.
+    /// Slots that might have joined or left a tree since the last call.
     pub fn take_crossed(&mut self) -> Vec<u32> {
         core::mem::take(&mut self.crossed)
     }
 
-    /// Names of trees, and slots whose triangles rays must not hit in them any more, since the last call.
+    /// Pairs of a tree's name and a slot, since the last call: rays must not hit the slot's triangles in that tree any more.
     pub fn take_cuts(&mut self) -> Vec<(u64, u32)> {
         core::mem::take(&mut self.cuts)
     }
 
-    /// The objects of a tree become instances: nothing can be cut out of it.
+    /// Turns the objects of a tree into instances, since nothing can be cut out of it.
     pub fn dissolve_tree(&mut self, name: u64) {
         let id = self
             .chunks
@@ -499,7 +500,7 @@ impl MergeScheduler {
         }
     }
 
-    /// An object came to rest or left it.
+    /// Call when an object came to rest or stopped resting.
     fn wake(&mut self) {
         self.disturbed = self.frame;
         if !self.awake {
@@ -511,13 +512,13 @@ impl MergeScheduler {
         self.frame < self.exhausted_until || !self.without_room.is_empty()
     }
 
-    /// There may be more to plan.
+    /// Keeps planning, since there might be more to plan.
     fn stay_awake(&mut self) {
         self.awake = true;
         self.awake_since = self.frame;
     }
 
-    /// Cuts an object out of a chunk; false where the chunk is rather built anew.
+    /// Cuts an object out of a chunk. Returns false if the chunk should be rebuilt instead.
     fn cut_out(&mut self, slot: u32, id: u32) -> bool {
         let triangles = self.slots[slot as usize].extent.triangles;
         let Some(chunk) = self.chunks.get_mut(&id) else {
@@ -534,7 +535,7 @@ impl MergeScheduler {
         true
     }
 
-    /// The objects of a chunk become instances.
+    /// Turns the objects of a chunk into instances.
     fn dissolve(&mut self, id: u32) {
         let Some(chunk) = self.chunks.remove(&id) else { return };
         for slot in &chunk.members {
@@ -548,7 +549,7 @@ impl MergeScheduler {
     }
 }
 
-/// Micromaps are all that is new: the object is as much at rest as it was.
+/// Returns whether only the micromaps are new, so that the object is still at rest.
 pub(super) fn gains_micromaps(before: Option<Placement>, after: Option<Placement>) -> bool {
     let (Some(before), Some(after)) = (before, after) else {
         return false;
@@ -560,7 +561,7 @@ pub(super) fn gains_micromaps(before: Option<Placement>, after: Option<Placement
     before.micromaps == 0 && without(before) == without(after)
 }
 
-/// Frames that an object has to stay as it is: those that were found resting and changed again wait much longer.
+/// Number of frames without a change until an object is at rest. Objects that changed again after they had been at rest wait much longer.
 fn waiting_time(quiet_frames: u64, disturbances: u32) -> u64 {
     if disturbances == 0 {
         quiet_frames

@@ -1,4 +1,4 @@
-//! The bookkeeping of merged objects.
+//! Tests the bookkeeping of merged objects.
 
 use super::{scheduler::gains_micromaps, *};
 use crate::scene::{bvh::Bounds, gpu_types::INSTANCE_ALPHA_MASKED};
@@ -12,10 +12,10 @@ const LIMITS: Limits = Limits {
     budget_triangles: 4000,
 };
 
-/// A scheduler whose plans are built at once.
+/// A scheduler with plans that are built at once.
 struct Scene {
     scheduler: MergeScheduler,
-    /// Triangles of each object; 0 = it can't be merged.
+    /// Triangles of each object; 0 if it can't be merged.
     sizes: Vec<u64>,
     plans: usize,
     next_name: u64,
@@ -48,7 +48,7 @@ fn tree(name: u64) -> Tree {
 }
 
 impl Scene {
-    /// Objects of so many triangles at x = 0, 1, 2 ...
+    /// Objects with these numbers of triangles, at x = 0, 1, 2 ...
     fn new(sizes: &[u64]) -> Self {
         let mut scene = Self {
             scheduler: MergeScheduler::new(LIMITS),
@@ -74,7 +74,7 @@ impl Scene {
         self.scheduler.advance(|_| None, measure);
     }
 
-    /// A frame; returns what was planned in it, which stays unfinished.
+    /// Runs a frame. Returns its plan, which stays unfinished.
     fn plan(&mut self) -> Option<Vec<u32>> {
         self.advance();
         let plan = self.scheduler.plan()?;
@@ -87,7 +87,7 @@ impl Scene {
         self.next_name += 1;
     }
 
-    /// So many frames, in which plans are built at once.
+    /// Runs this number of frames, in which plans are built at once.
     fn run(&mut self, frames: u64) {
         for _ in 0..frames {
             if self.plan().is_some() {
@@ -107,7 +107,7 @@ impl Scene {
     }
 }
 
-/// Objects that came late, and went while they waited for rest or were about to be merged.
+/// Objects that appeared late, and disappeared while they were waiting to be at rest or about to be merged.
 #[test]
 fn tables_end_behind_the_last_object() {
     let mut scene = Scene::new(&[10; 4]);
@@ -118,7 +118,7 @@ fn tables_end_behind_the_last_object() {
     (1..4).for_each(|slot| scene.scheduler.observe(slot, None));
     scene.scheduler.truncate(1);
     assert_eq!(scene.scheduler.len(), 1);
-    // Another object comes while the slot of the last one is due.
+    // Another object takes the slot while the last one's entry is due.
     scene.scheduler.observe(3, at(8, 0.0));
     scene.run(200 * QUIET);
     assert!(scene.merged().contains(&3) && !scene.scheduler.is_pending());
@@ -153,7 +153,7 @@ fn an_object_that_moved_rests_where_it_is_by_then() {
     scheduler.observe(0, at(0, 0.0));
     let mut planned = None;
     for frame in 1..5 * QUIET {
-        // It stops after a while, and nobody says so.
+        // It stops after a while, which nothing reports.
         let x = frame.min(2 * QUIET);
         if x == frame {
             scheduler.observe_move(0, &place(x));
@@ -171,7 +171,7 @@ fn an_object_that_moved_rests_where_it_is_by_then() {
         2 * QUIET
     );
     assert_eq!(found, place(2 * QUIET));
-    // From now on a movement takes it out of what is built.
+    // From now on, a movement makes the build stale.
     scheduler.observe_move(0, &place(9));
     assert!(scheduler.is_stale());
 }
@@ -221,7 +221,7 @@ fn a_moved_object_is_cut_out_of_its_chunk() {
     assert_eq!((scene.merged(), scene.trees()), (vec![0, 1, 2, 3, 4], 2));
     assert_eq!(scene.scheduler.take_cuts(), [(1, 5)]);
     assert_eq!(scene.scheduler.take_crossed(), [5]);
-    // With less than half of its triangles, the chunk isn't worth its room.
+    // With less than half of its triangles, the chunk isn't worth its memory.
     scene.scheduler.observe(4, at(4, 9.0));
     assert_eq!((scene.merged(), scene.trees()), (vec![0, 1, 2], 1));
     assert!(scene.scheduler.take_cuts().is_empty());
@@ -297,7 +297,7 @@ fn the_budget_holds_for_small_objects_first() {
     scene.run(50 * QUIET);
     assert_eq!(scene.plans, plans);
     assert!(!scene.scheduler.is_pending());
-    // Room for another one.
+    // Space for another object.
     scene.scheduler.observe(2, None);
     scene.run(20 * QUIET);
     assert_eq!(scene.merged(), [0, 1, 3, 4, 5]);
@@ -327,7 +327,7 @@ fn objects_in_motion_are_left_alone() {
     assert!(seen > 980, "{seen}");
 }
 
-/// Whatever moves now and then is merged ever more rarely.
+/// Objects that move now and then are merged ever more rarely.
 #[test]
 fn restless_objects_wait_longer_each_time() {
     let mut scene = Scene::new(&[10, 20, 30]);
@@ -339,7 +339,7 @@ fn restless_objects_wait_longer_each_time() {
     assert_eq!(scene.merged(), [0, 2]);
 }
 
-/// A steady trickle of objects keeps others waiting for a while only, and costs few builds.
+/// A steady trickle of objects delays others only for a while, and causes few builds.
 #[test]
 fn a_trickle_of_objects_is_merged_in_lots() {
     let mut scene = Scene::new(&[]);

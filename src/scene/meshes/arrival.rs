@@ -1,4 +1,4 @@
-//! In which order meshes arrive: changed ones, then the nearest, then the first that came.
+//! Order in which meshes become visible: changed ones, then by distance, then by age.
 
 use crate::{
     scene::instances::SceneInstances,
@@ -13,22 +13,22 @@ use bevy::{
     transform::components::GlobalTransform,
 };
 
-/// Objects of a mesh whose distance is looked at, at most. More finds the nearest of many more often, and takes longer.
+/// Maximum number of objects of a mesh whose distance is computed. A higher number finds the nearest of many more often, and takes longer.
 const MOST_LOOKED_AT: usize = 16;
-/// Bytes of copies that haven't been uploaded, beyond which none are made: builds take longer than copies.
+/// Limit on bytes of copies that haven't been uploaded, since builds take longer than copies.
 const MOST_COPIED_BYTES: u64 = 64 << 20;
 
-/// The place of a mesh among those that wait; lower ones come first.
+/// The priority of a waiting mesh; lower ones come first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Rank {
-    /// Bits of the squared distance to the nearest camera, which are in the order of the distance.
+    /// Bits of the squared distance to the nearest camera, which sort like the distance.
     distance: u32,
     /// Grows with each mesh.
     order: u64,
 }
 
 impl Rank {
-    /// One that comes after all that are near.
+    /// A rank after all meshes that are near.
     pub fn far(order: u64) -> Self {
         Self {
             distance: u32::MAX,
@@ -36,7 +36,7 @@ impl Rank {
         }
     }
 
-    /// That of a mesh which objects show.
+    /// The rank of a mesh by its objects.
     pub fn of(id: AssetId<Mesh>, order: u64, instances: &SceneInstances, viewers: &[Vec3A]) -> Self {
         let slots = instances.slots_of_mesh(id).take(MOST_LOOKED_AT);
         let places = slots.filter_map(|slot| Some(instances.get(slot)?.world_from_object.translation));
@@ -49,7 +49,7 @@ impl Rank {
     }
 }
 
-/// Who looks at reflections, and how fast meshes may arrive there.
+/// Reflecting cameras, and how fast meshes may be uploaded.
 #[derive(SystemParam)]
 pub struct ArrivalWorld<'w, 's> {
     cameras: Query<'w, 's, (&'static Camera, &'static GlobalTransform), With<RayTracedReflections>>,
@@ -57,7 +57,7 @@ pub struct ArrivalWorld<'w, 's> {
 }
 
 impl ArrivalWorld<'_, '_> {
-    /// Places of active cameras with reflections.
+    /// Positions of active cameras with reflections.
     pub(super) fn viewers(&self) -> Vec<Vec3A> {
         let active = self.cameras.iter().filter(|(camera, _)| camera.is_active);
         active.map(|(_, place)| place.translation_vec3a()).collect()
@@ -69,16 +69,16 @@ impl ArrivalWorld<'_, '_> {
     }
 }
 
-/// Bytes that may still be copied in a frame.
+/// Number of bytes that can still be copied in a frame.
 pub(super) struct CopyBudget(u64);
 
 impl CopyBudget {
-    /// The budget of a frame with so many bytes, while others wait that were copied before.
+    /// The budget of a frame of this number of bytes, while `waiting` bytes that were copied before aren't uploaded.
     pub fn new(bytes: u64, waiting: u64) -> Self {
         Self(bytes.min(MOST_COPIED_BYTES.max(bytes).saturating_sub(waiting)))
     }
 
-    /// Takes so many; false where nothing is left. The last that is copied may be larger than the rest.
+    /// Takes this number of bytes. Returns false if nothing is left. The last copy can exceed the budget.
     pub fn take(&mut self, bytes: u64) -> bool {
         let is_left = self.0 > 0;
         self.0 = self.0.saturating_sub(bytes);

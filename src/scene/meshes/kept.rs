@@ -1,4 +1,4 @@
-//! Meshes whose source data exists in the render world alone, and only until they are prepared.
+//! Meshes with source data that only exists in the render world, and only until they are prepared.
 
 use crate::scene::{
     geometry::{GeometryError, PackedMesh, pack_mesh},
@@ -7,30 +7,29 @@ use crate::scene::{
 use bevy::{asset::AssetId, ecs::prelude::*, log::warn, mesh::Mesh, platform::collections::HashMap};
 use std::sync::Arc;
 
-/// The part of a mesh that is kept, since its data can't be read twice: all that rays need of it, packed. Merged trees and masks
-/// use the same.
+/// The part of a mesh that is kept, since its data can't be read twice: the packed mesh. Merged trees and masks use it, too.
 enum KeptMesh {
     Packing(tree_builds::Build<Result<PackedMesh, GeometryError>>),
     Packed(Arc<PackedMesh>),
-    /// Rays must not see it (`Mesh::enable_raytracing`), or can't hit it.
+    /// Ray tracing is disabled for it (`Mesh::enable_raytracing`), or it isn't made of triangles.
     Unseen,
 }
 
-/// A mesh that is looked for.
+/// Result of a look-up.
 pub(super) enum Found {
     Packed(Arc<PackedMesh>),
     Unseen,
-    /// Ask again in the next frame.
+    /// To be retried in the next frame.
     Later,
     Nowhere,
 }
 
-/// Meshes that live in the render world alone.
+/// Meshes that only exist in the render world.
 #[derive(Resource, Default)]
 pub struct RenderWorldMeshes(HashMap<AssetId<Mesh>, KeptMesh>);
 
 impl RenderWorldMeshes {
-    /// Keeps what rays need of a mesh.
+    /// Packs and keeps a mesh.
     pub(super) fn keep(&mut self, id: AssetId<Mesh>, mesh: &Mesh) {
         let topology = mesh.primitive_topology();
         let kept = if !mesh.enable_raytracing {
@@ -57,7 +56,7 @@ impl RenderWorldMeshes {
         self.0.remove(&id);
     }
 
-    /// Looks for a mesh. Warns once if rays can't hit it.
+    /// Looks up a mesh. Warns once if rays can't hit it.
     pub(super) fn find(&mut self, id: AssetId<Mesh>) -> Found {
         let Some(kept) = self.0.get_mut(&id) else {
             return Found::Nowhere;
@@ -118,7 +117,7 @@ mod tests {
         let bytes = 4 * packed.words.capacity();
         assert!(bytes < all * 3 / 4, "{bytes} of {all} bytes are kept");
         assert_eq!(*packed, pack_mesh(&mesh).unwrap());
-        // The source is gone: what is kept, and this.
+        // The source is dropped, so only the kept one and this one are left.
         assert_eq!(Arc::strong_count(&packed), 2);
         kept.remove(ID);
         assert_eq!(Arc::strong_count(&packed), 1);

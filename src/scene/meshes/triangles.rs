@@ -13,12 +13,12 @@ use std::sync::Arc;
 pub struct MeshTriangles(Arc<PackedMesh>);
 
 impl MeshTriangles {
-    /// A copy, without what is not needed.
+    /// A reduced copy.
     pub(super) fn copied(packed: &PackedMesh) -> Self {
         let mut copy = PackedMesh {
             vertex_count: packed.vertex_count,
             triangle_count: packed.triangle_count,
-            // Arrays begin behind it, since 0 stands for those that are missing.
+            // Arrays start after this word, since an offset of 0 means that an array is missing.
             words: vec![0],
             ..PackedMesh::default()
         };
@@ -45,12 +45,12 @@ impl MeshTriangles {
         Self(Arc::new(copy))
     }
 
-    /// A mesh that is kept anyway.
+    /// A mesh that stays in memory anyway.
     pub(super) fn shared(packed: Arc<PackedMesh>) -> Self {
         Self(packed)
     }
 
-    /// Object space; empty where the mesh is too large to be merged.
+    /// Object space; empty if the mesh is too large to be merged.
     pub fn positions(&self) -> &[[f32; 3]] {
         if is_mergeable(&self.0) { self.0.positions() } else { &[] }
     }
@@ -60,7 +60,7 @@ impl MeshTriangles {
         self.0.indices()
     }
 
-    /// Returns the data that masks are made of. The second set of UV coordinates is used only if the mesh has one.
+    /// Returns the data to build masks from. The second set of UV coordinates is used only if the mesh has one.
     pub(in crate::scene) fn mask_source(&self, second_uvs: bool, uv_transform: Affine2) -> MaskSource<'_> {
         let is_second = second_uvs && !self.0.uvs(1).is_empty();
         MaskSource {

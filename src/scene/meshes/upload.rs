@@ -1,4 +1,4 @@
-//! Built meshes on their way into the buffers.
+//! Uploads built meshes.
 
 use super::{BuiltMesh, MeshUpload, SceneBlas, SceneMesh, SceneMeshes};
 use crate::{
@@ -22,14 +22,14 @@ impl SceneMeshes {
         }
     }
 
-    /// Uploads so many bytes of meshes whose build has finished, at most. Returns the builds that have finished, and how long they took.
+    /// Uploads up to this number of bytes of finished meshes. Returns the number of finished builds, and their total time.
     fn upload(&mut self, mut bytes: u64, queue: &RenderQueue) -> (u64, f32) {
         self.geometry.advance(queue);
         self.bvh.advance(queue);
         let (mut builds, mut milliseconds) = (0, 0.0);
         let mut finished = self.finished();
         loop {
-            // A changed mesh waits for none that is new.
+            // A changed mesh is uploaded before new ones.
             let is_next = match self.uploading.last() {
                 None => true,
                 Some(upload) => !self.is_edited(upload.id) && finished.last().is_some_and(|next| self.is_edited(*next)),
@@ -50,7 +50,7 @@ impl SceneMeshes {
         (builds, milliseconds)
     }
 
-    /// Takes over a build that has finished. Returns its time if it is a mesh that was built.
+    /// Takes over a finished build. Returns its duration if it succeeded.
     fn take_finished(&mut self, id: AssetId<Mesh>) -> Option<f32> {
         let mut build = self.pending.remove(&id)?;
         self.copied_bytes -= build.copied_bytes;
@@ -84,7 +84,7 @@ impl SceneMeshes {
         }
     }
 
-    /// Makes room for a built mesh, next to its last version if that is possible.
+    /// Allocates space for a built mesh, while keeping its last version if possible.
     fn begin_upload(&mut self, id: AssetId<Mesh>, built: BuiltMesh) -> bool {
         let words = built.packed.words.len() as u32;
         let items = built.blas.as_ref().map(|blas| blas.items.len());
@@ -106,7 +106,7 @@ impl SceneMeshes {
         true
     }
 
-    /// Removes a mesh that may have changed since its build began: then another one is due.
+    /// Removes a mesh, but keeps the note if it changed since its build began, so that another build follows.
     pub(super) fn remove_for_next(&mut self, id: AssetId<Mesh>) {
         let is_stale = self.stale.contains(&id);
         self.remove(id);
@@ -115,8 +115,8 @@ impl SceneMeshes {
         }
     }
 
-    /// Returns whether a mesh may find room once its last version is gone, by the bytes: where room is in pieces, none may be found. The last
-    /// version is better than none.
+    /// Returns whether a mesh could fit in terms of bytes once its last version is gone. If free space is fragmented, it might still not
+    /// fit. The last version is better than none.
     fn may_fit_in_place_of(&self, id: AssetId<Mesh>, words: u32, items: Option<usize>) -> bool {
         let Some(last) = self.ready.get(&id) else {
             return false;
@@ -144,7 +144,7 @@ impl SceneMeshes {
         }
     }
 
-    /// Uploads so many bytes of the last mesh, at most, which rays can hit after the last of them. Returns the bytes that are left.
+    /// Uploads up to this number of bytes of the last mesh. When it is complete, rays can hit it. Returns the bytes that are left.
     fn carry_on(&mut self, bytes: u64, queue: &RenderQueue) -> u64 {
         let is_reached = |upload: &mut MeshUpload| {
             self.geometry.is_in_reach(&upload.geometry)
@@ -176,7 +176,7 @@ impl SceneMeshes {
         left
     }
 
-    /// Rays hit a mesh from now on, whose data is in the buffers.
+    /// Makes a completely uploaded mesh available to rays.
     fn insert(&mut self, upload: MeshUpload) {
         let MeshUpload {
             id,
@@ -220,7 +220,7 @@ impl SceneMeshes {
     }
 }
 
-/// Uploads meshes whose build has finished.
+/// Uploads finished meshes.
 pub fn upload_meshes(meshes: &mut SceneMeshes, status: &ReflectionStatus, queue: &RenderQueue) {
     let (builds, milliseconds) = meshes.upload(meshes.upload_bytes, queue);
     status.update(|report| {
@@ -265,7 +265,7 @@ mod tests {
         meshes.start(ID, MeshSource::Copy(Box::new(mesh.into())), 1);
     }
 
-    /// Uploads so many bytes after the build has finished.
+    /// Uploads this number of bytes after the build has finished.
     fn upload(meshes: &mut SceneMeshes, bytes: u64, queue: &RenderQueue) {
         while meshes.pending.values().any(|build| !build.task.is_finished()) {
             std::thread::yield_now();
@@ -316,7 +316,7 @@ mod tests {
         assert!(meshes.get(ID).is_some() && meshes.stale.contains(&ID));
     }
 
-    /// Data that is kept anyway isn't copied once more.
+    /// Data that stays in memory anyway isn't copied again.
     #[test]
     fn a_kept_mesh_stays_in_memory_once() {
         let Some((device, queue)) = test_gpu::device() else {
@@ -328,7 +328,7 @@ mod tests {
         upload(&mut meshes, u64::MAX, &queue);
         let triangles = meshes.get(ID).unwrap().triangles.as_ref().unwrap();
         assert!(std::ptr::eq(triangles.positions(), packed.positions()));
-        // This, and the triangles for merging. The build lets go of it on another thread.
+        // This one, and the triangles for merging. The build drops its own on another thread.
         for _ in 0..1_000 {
             if Arc::strong_count(&packed) == 2 {
                 break;
@@ -338,7 +338,7 @@ mod tests {
         assert_eq!(Arc::strong_count(&packed), 2);
     }
 
-    /// Leaves room for one and a half spheres.
+    /// Leaves space for one and a half spheres.
     fn limit_geometry(meshes: &mut SceneMeshes, device: &RenderDevice, queue: &RenderQueue) {
         start(meshes, Sphere::default());
         upload(meshes, u64::MAX, queue);
@@ -388,7 +388,7 @@ mod tests {
         meshes.start(OTHER, MeshSource::Copy(Box::new(Sphere::default().into())), 1);
         upload(&mut meshes, u64::MAX, &queue);
         assert!(meshes.get(ID).is_some() && meshes.get(OTHER).is_none());
-        // Known, so that it isn't built in each frame, until something is given back.
+        // It is remembered, so that it isn't built in each frame until something is freed.
         let used = meshes.used_bytes();
         assert!(meshes.take_ready_to_try(used).is_empty());
         assert!(meshes.is_known(OTHER));
@@ -398,7 +398,7 @@ mod tests {
         assert!(!meshes.is_known(OTHER), "it is built again");
     }
 
-    /// A changed mesh interrupts the upload of a new one, and of new ones the nearest is the first.
+    /// A changed mesh interrupts the upload of a new one, and the nearest of the new ones is first.
     #[test]
     fn what_changed_comes_first() {
         let Some((device, queue)) = test_gpu::device() else {
@@ -438,7 +438,7 @@ mod tests {
         assert!(arrived.into_iter().eq((10..30).rev().map(id)));
     }
 
-    /// However often a mesh of lines changes, it isn't copied, and the log tells of it once.
+    /// However often a mesh of lines changes, it isn't copied, and it is logged only once.
     #[test]
     fn lines_are_declined_at_once() {
         let Some((device, queue)) = test_gpu::device() else {

@@ -1,15 +1,16 @@
-//! Bounds of a posed mesh, from its joints and weights alone.
+//! Bounds of a posed mesh, computed from its joints and weights only.
 
 use super::extract::Rows;
 use crate::scene::{bvh, geometry::Deformation};
 use bevy::math::Vec3;
 
-/// Relative to the largest coordinate: more than the GPU's sums are rounded by.
+/// Relative to the largest coordinate; exceeds the rounding of the GPU's sums.
 const MARGIN: f32 = 1e-5;
-/// Products of three edges within still fit an `f32`.
+/// Up to this size, products of three edges still fit an `f32`.
 const FARTHEST: f32 = 1e12;
 
-/// A box that holds all vertices, if the weights of each sum up to 1. Matrices lead from bind pose to the space of the box.
+/// A box that contains all vertices, provided that the weights of each add up to 1. Matrices transform from bind pose to
+/// the space of the box.
 pub(super) fn posed_bounds(deformation: &Deformation, matrices: &[Rows], weights: &[f32]) -> bvh::Bounds {
     let (mut least, mut most) = (Vec3::ZERO, Vec3::ZERO);
     for (target, weight) in deformation.targets.iter().zip(weights) {

@@ -19,7 +19,7 @@ use bevy::{
 };
 use core::ops::Range;
 
-/// Entries of matrices beyond this count as not finite: products of three of them still fit an `f32`.
+/// Matrix entries beyond this count as not finite: products of three of them still fit an `f32`.
 const MAX_ENTRY: f32 = 1e12;
 
 /// Rows of a 3x4 matrix.
@@ -31,17 +31,17 @@ pub struct PoseSource {
     pub slot: u32,
     /// Its entity.
     pub entity: Entity,
-    /// In [`ExtractedPoses::matrices`]: from bind pose to the object's own space, by joint. Empty without a skin.
+    /// Range in [`ExtractedPoses::matrices`]: from bind pose to the object's own space, by joint. Empty without a skin.
     pub matrices: Range<usize>,
-    /// In [`ExtractedPoses::weights`], by morph target. Empty without morph targets.
+    /// Range in [`ExtractedPoses::weights`], by morph target. Empty without morph targets.
     pub weights: Range<usize>,
-    /// The pose is not known in this frame: the last one stays.
+    /// The pose is unknown in this frame, so the last one stays.
     pub is_unknown: bool,
     /// World space.
     pub position: Vec3,
 }
 
-/// Poses of all objects that have one, as of this frame.
+/// Poses of all posed objects in this frame.
 #[derive(Resource, Default)]
 pub struct ExtractedPoses {
     /// The objects.
@@ -50,11 +50,11 @@ pub struct ExtractedPoses {
     pub matrices: Vec<Rows>,
     /// Weights of all of them.
     pub weights: Vec<f32>,
-    /// Places of active cameras with reflections, in world space; only where there are poses.
+    /// World-space positions of active cameras with reflections; empty if there are no poses.
     pub cameras: Vec<Vec3>,
     /// [`ReflectedPoseBudget::vertices_per_frame`].
     pub vertices_per_frame: u32,
-    /// Entities that joints have placed.
+    /// Entities placed by their joints.
     placed: EntityHashSet,
 }
 
@@ -67,7 +67,7 @@ type PoseQuery = (
     Option<&'static ReflectedPose>,
     &'static GlobalTransform,
 );
-/// Entities with a pose: archetypes without any are not looked at. A stand-in has none.
+/// Entities with a pose; other archetypes are skipped. A stand-in has none.
 type WithPose = (
     Without<ReflectedMesh3d>,
     Or<(With<SkinnedMesh>, With<MeshMorphWeights>)>,
@@ -84,7 +84,7 @@ pub struct PoseWorld<'w, 's> {
     budget: Option<Res<'w, ReflectedPoseBudget>>,
 }
 
-/// Places skinned objects where their joints are, and mirrors poses. Runs after all objects have been mirrored.
+/// Places skinned objects at their joints, and extracts poses. Runs after all objects have been extracted.
 pub fn extract_poses(
     world: &PoseWorld,
     active: bool,
@@ -168,8 +168,8 @@ pub fn extract_poses(
 }
 
 impl PoseWorld<'_, '_> {
-    /// Adds the matrices of a skin, unless it is rigid, and returns their target space: that of the first joint. `None` if they are
-    /// unknown; some might have been added already.
+    /// Appends the matrices of a skin, unless it is rigid, and returns their target space: that of the first joint. Returns `None` if
+    /// they are unknown; some might have been appended already.
     fn pose(&self, skin: &SkinnedMesh, is_rigid: bool, matrices: &mut Vec<Rows>) -> Option<Affine3A> {
         let bindposes = self.bindposes.as_ref()?.get(&skin.inverse_bindposes)?;
         let matrix = |joint: Entity, bindpose: &Mat4| {
@@ -202,8 +202,8 @@ fn is_sound(matrix: &Affine3A) -> bool {
     columns.all(|column| column.is_finite() && column.abs().max_element() <= MAX_ENTRY)
 }
 
-/// The space that an object is posed in, and the way there from the world: that of the first joint, in which a figure that moves as a
-/// whole keeps its pose. If this joint is flat, the space is only moved to it.
+/// The space in which an object is posed, and its inverse. It is the space of the first joint, so that a figure that moves as a whole
+/// keeps its pose. If the joint's matrix is singular, the space is only translated to it.
 fn place_of(root: Affine3A) -> (Affine3A, Affine3A) {
     let inverse: Affine3A = root.inverse();
     if root.matrix3.determinant() != 0.0 && is_sound(&inverse) {

@@ -1,39 +1,39 @@
-//! The structs of `job.wesl` as the CPU writes them.
+//! The structs of `job.wesl` on the CPU.
 
 use bytemuck::{Pod, Zeroable};
 
-/// A mesh to be posed.
+/// A mesh to pose.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct PoseJob {
-    /// The posed mesh lies within, in its own space.
+    /// Bounds of the posed mesh, in its own space.
     pub bounds_min: [f32; 3],
-    /// Index in the geometry buffer of the header of the mesh in bind pose, in words.
+    /// Index of the bind-pose mesh's header in the geometry buffer, in words.
     pub source: u32,
     pub bounds_max: [f32; 3],
-    /// Index of the header of the posed mesh.
+    /// Index of the posed mesh's header.
     pub posed: u32,
-    /// Word of [`Batch::values`] where the matrices begin.
+    /// First word of the matrices in [`Batch::values`].
     pub matrices: u32,
-    /// 0 = the mesh has no skin.
+    /// 0 if the mesh has no skin.
     pub joint_count: u32,
-    /// Word of [`Batch::values`] where the weights of morph targets begin.
+    /// First word of the morph target weights in [`Batch::values`].
     pub weights: u32,
-    /// Morph targets that have a weight.
+    /// Number of morph targets with weights.
     pub target_count: u32,
     /// BVH: the first node of the mesh in bind pose.
     pub source_node: u32,
     /// BVH: the first node of the posed mesh.
     pub posed_node: u32,
-    /// BVH: nodes of either tree.
+    /// BVH: number of nodes of either tree.
     pub node_count: u32,
-    /// BVH: triangles of either tree.
+    /// BVH: number of triangles of either tree.
     pub triangle_count: u32,
-    /// BVH: word of [`Batch::values`] where the levels of the tree begin.
+    /// BVH: first word of the tree's levels in [`Batch::values`].
     pub levels: u32,
-    /// BVH: levels of the tree.
+    /// BVH: number of levels of the tree.
     pub level_count: u32,
-    /// BVH: the first of the tree's boxes.
+    /// BVH: index of the first of the tree's boxes.
     pub boxes: u32,
     pub vertex_count: u32,
 }
@@ -46,12 +46,12 @@ pub(super) struct Batch {
     pub jobs: Vec<PoseJob>,
     /// Matrices, weights and levels of all jobs.
     pub values: Vec<u32>,
-    /// Nodes of all trees.
+    /// Number of nodes of all trees.
     pub boxes: u32,
 }
 
 impl Batch {
-    /// Appends words and returns where they begin.
+    /// Appends words and returns the index of the first.
     pub fn add(&mut self, words: &[u32]) -> u32 {
         let first = self.values.len() as u32;
         self.values.extend_from_slice(words);

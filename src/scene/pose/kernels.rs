@@ -20,17 +20,17 @@ use bevy::{
 };
 use core::num::NonZeroU64;
 
-/// Threads of a workgroup.
+/// Threads per workgroup.
 const THREADS: u32 = 64;
-/// Workgroups of one dispatch, at most; shaders loop where there would be more.
+/// Maximum number of workgroups per dispatch; shaders loop over the rest.
 const MOST_WORKGROUPS: u32 = 65_535;
-/// Jobs of one batch, at most.
+/// Maximum number of jobs in a batch.
 pub(super) const MOST_JOBS: usize = MOST_WORKGROUPS as usize;
-/// Bytes between two levels in their buffer, as all devices can bind them, and of a level.
+/// Offset between two levels in their buffer, which all devices can bind, and size of a level, in bytes.
 const LEVEL_STRIDE: u32 = 256;
 const LEVEL_BYTES: u64 = 16;
 
-/// The kernels once they are compiled. Compilation starts when they are needed first.
+/// The kernels, compiled on first use.
 pub(super) struct KernelCache {
     pose_shader: Handle<Shader>,
     refit_shader: Handle<Shader>,
@@ -47,7 +47,7 @@ pub(super) struct Kernels {
     pub refit: Option<RefitKernels>,
 }
 
-/// Kernels that fit the trees of posed meshes.
+/// Kernels that refit the trees of posed meshes.
 pub(super) struct RefitKernels {
     pub triangles: ComputePipeline,
     pub nodes: ComputePipeline,
@@ -66,7 +66,7 @@ impl KernelCache {
         }
     }
 
-    /// `None` while they are being compiled.
+    /// Returns `None` while they are being compiled.
     pub fn get(&mut self, cache: &PipelineCache) -> Option<&Kernels> {
         if self.kernels.is_none() {
             let (pose, refit) = *self.queued.get_or_insert_with(|| {
@@ -147,12 +147,12 @@ pub(super) struct PosePass {
     jobs: StorageSlice<PoseJob>,
     values: StorageSlice<u32>,
     boxes: StorageSlice<[f32; 4]>,
-    /// One for each level of the deepest tree so far.
+    /// One bind group for each level of the deepest tree so far.
     levels: Vec<BindGroup>,
     bound: Option<Bound>,
 }
 
-/// Bind groups of the passes, which last as long as these buffers.
+/// Bind groups of the passes, valid for these buffers.
 struct Bound {
     buffers: [BufferId; 5],
     pose: BindGroup,
@@ -171,18 +171,18 @@ impl PosePass {
         }
     }
 
-    /// Lets go of buffers of meshes that others have replaced.
+    /// Drops references to mesh buffers that have been replaced.
     pub fn forget_others(&mut self, [geometry, bvh]: [&Buffer; 2]) {
         let current = [geometry, bvh].map(Buffer::id);
         self.bound.take_if(|bound| bound.buffers[2..4] != current);
     }
 
-    /// Bytes of the buffers.
+    /// Size of the buffers in bytes.
     pub fn bytes(&self) -> u64 {
         self.jobs.buffer().size() + self.values.buffer().size() + self.boxes.buffer().size()
     }
 
-    /// Makes room for a batch. Returns false where the device has none.
+    /// Reserves space for a batch. Returns false if the device lacks memory.
     pub fn reserve(&mut self, batch: &Batch, device: &RenderDevice) -> bool {
         let boxes = 2 * batch.boxes as usize;
         self.jobs.may_ask_again();
@@ -193,7 +193,7 @@ impl PosePass {
             && self.boxes.reserve(boxes, device) >= boxes
     }
 
-    /// Records how all meshes of a batch are posed that there is room for.
+    /// Records the passes that pose all meshes of a batch for which there is space.
     pub fn record(
         &mut self,
         batch: &Batch,
@@ -229,7 +229,7 @@ impl PosePass {
         encoder
     }
 
-    /// Makes bind groups, unless there are some of the same buffers.
+    /// Creates bind groups, unless they exist for the same buffers.
     fn bind(&mut self, kernels: &Kernels, [geometry, bvh]: [&Buffer; 2], device: &RenderDevice) {
         let [jobs, values, boxes] = [self.jobs.buffer(), self.values.buffer(), self.boxes.buffer()];
         let buffers = [jobs, values, geometry, bvh, boxes].map(Buffer::id);
@@ -275,7 +275,7 @@ impl PosePass {
         }
     }
 
-    /// Bind groups that tell shaders which level they are at.
+    /// Bind groups with the index of the level for shaders.
     fn levels_up_to(&mut self, batch: &Batch, kernels: &RefitKernels, device: &RenderDevice) {
         let depth = depth(batch);
         if depth as usize <= self.levels.len() {
@@ -307,7 +307,7 @@ fn depth(batch: &Batch) -> u32 {
     batch.jobs.iter().map(|job| job.level_count).max().unwrap_or(0)
 }
 
-/// A row of workgroups for each job, as long as the largest one needs.
+/// Dispatches a row of workgroups for each job, as long as the largest job needs.
 fn dispatch(pass: &mut ComputePass, batch: &Batch, threads: impl Fn(&PoseJob) -> u32) {
     let most = batch.jobs.iter().map(threads).max().unwrap_or(0);
     let workgroups = most.div_ceil(THREADS).min(MOST_WORKGROUPS);

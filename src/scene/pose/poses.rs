@@ -1,4 +1,4 @@
-//! Which objects have a copy of their mesh to be posed, and which are posed in a frame.
+//! Decides which objects have a copy of their mesh, and which are posed in a frame.
 
 use super::{
     bounds::posed_bounds,
@@ -31,10 +31,10 @@ use bevy::{
     },
 };
 
-/// Resources of the render world from which poses follow.
+/// Resources of the render world that poses depend on.
 pub(in crate::scene) struct PoseInputs<'a> {
     pub extracted: &'a ExtractedPoses,
-    /// Slots from which objects went to others, and where they went.
+    /// Moves of objects between slots: from and to.
     pub relocated: &'a [[u32; 2]],
     pub cache: &'a PipelineCache,
     pub diagnostics: Option<&'a DiagnosticsRecorder>,
@@ -43,13 +43,13 @@ pub(in crate::scene) struct PoseInputs<'a> {
 /// Slots of objects with a new pose.
 #[derive(Default)]
 pub(in crate::scene) struct PoseChanges {
-    /// They have another mesh now: their own, or that of the asset again.
+    /// They switched to another mesh: to their posed copy, or back to the asset's mesh.
     pub switched: Vec<u32>,
     /// They were posed.
     pub posed: Vec<u32>,
 }
 
-/// The part of a posed object that the top level of the BVH tracer needs.
+/// The data of a posed object for the top level of the BVH tracer.
 pub(in crate::scene) struct PosedTree {
     /// The first node in the buffer.
     pub first_node: u32,
@@ -59,28 +59,28 @@ pub(in crate::scene) struct PosedTree {
     pub bounds: Bounds,
 }
 
-/// The copy of a mesh that is posed.
+/// The posed copy of a mesh.
 struct Room {
     geometry: ArenaSlice,
-    /// Only with the BVH tracer: the tree and its first triangle.
+    /// Only with the BVH tracer: the tree and the index of its first triangle.
     tree: Option<(ArenaSlice, u32)>,
 }
 
-/// An object with a pose.
+/// A posed object.
 struct Posed {
     entity: Entity,
     mesh: AssetId<Mesh>,
     version: u64,
-    /// `None` until it is posed first.
+    /// `None` until it is first posed.
     room: Option<Room>,
     /// The last pose.
     matrices: Vec<Rows>,
     weights: Vec<f32>,
     bounds: Bounds,
     revision: u64,
-    /// Frames since its pose changed.
+    /// Number of frames since its pose changed.
     waiting: u32,
-    /// Frame in which it was there last.
+    /// Last frame in which it existed.
     seen: u64,
 }
 
@@ -89,15 +89,15 @@ struct Candidate {
     /// Index in [`ExtractedPoses::sources`].
     source: usize,
     vertices: u32,
-    /// The least come first.
+    /// Lower ranks come first.
     rank: f32,
 }
 
-/// All objects with a pose.
+/// All posed objects.
 pub(in crate::scene) struct Poses {
     kernels: KernelCache,
     pass: Option<PosePass>,
-    /// Chosen by [`Self::follow`], and not yet recorded.
+    /// Chosen by [`Self::follow`], but not recorded yet.
     batch: Batch,
     /// By slot.
     posed: HashMap<u32, Posed>,
@@ -117,7 +117,7 @@ impl Poses {
         }
     }
 
-    /// Gives everything back.
+    /// Frees everything.
     pub fn clear(&mut self, meshes: &mut SceneMeshes) {
         for (_, posed) in self.posed.drain() {
             release(posed.room, meshes);
@@ -126,7 +126,7 @@ impl Poses {
         self.batch = Batch::default();
     }
 
-    /// Bytes besides those in the buffers that all meshes share.
+    /// Size in bytes, except for the buffers that all meshes share.
     pub fn bytes(&self) -> u64 {
         self.pass.as_ref().map_or(0, PosePass::bytes)
     }
@@ -136,7 +136,7 @@ impl Poses {
         self.posed.values().filter(|posed| posed.room.is_some()).count()
     }
 
-    /// Index in the geometry buffer of the header of a posed object, in words.
+    /// Index of a posed object's header in the geometry buffer, in words.
     pub fn geometry_base(&self, slot: u32) -> Option<u32> {
         Some(self.room(slot)?.geometry.base())
     }
@@ -163,8 +163,8 @@ impl Poses {
         self.posed.get(&slot)?.room.as_ref()
     }
 
-    /// Chooses the objects to pose in this frame, among those that changed and within the budget. Objects that are gone or can't be posed
-    /// free their memory.
+    /// Chooses the objects to pose in this frame, among the changed ones and within the budget. Removed objects, and objects that can't
+    /// be posed, free their memory.
     pub fn follow(
         &mut self,
         inputs: &PoseInputs,
@@ -221,7 +221,7 @@ impl Poses {
                 changes.posed.push(source.slot);
             }
         }
-        // The header of new copies is written, so that they can be hit by now, whatever becomes of their vertices.
+        // The headers of new copies are written, so rays can hit them from now on, even if their vertices aren't posed.
         if pass.reserve(&batch, device) {
             self.batch = batch;
         } else {
@@ -238,9 +238,8 @@ impl Poses {
         changes
     }
 
-    /// Records into `commands` the posing of the objects that [`Self::follow`] chose; it returned their slots. They are submitted with
-    /// the frame, since a submission of their own takes as long as all else: from here on, no buffer of meshes can be replaced before
-    /// that.
+    /// Records the passes that pose the objects chosen by [`Self::follow`], which returned their slots. They are submitted with the
+    /// frame, since a separate submission takes as long as everything else. Until then, no buffer of meshes may be replaced.
     pub fn record(
         &mut self,
         posed: &[u32],
@@ -267,7 +266,7 @@ impl Poses {
         commands.push_encoder(encoder, "glint_pose");
     }
 
-    /// Notes that an object is there. Returns the number of its vertices and its rank if it isn't in its pose.
+    /// Records that an object exists. Returns the number of its vertices and its rank if its pose is outdated.
     fn observe(
         &mut self,
         source: &PoseSource,
@@ -313,7 +312,7 @@ impl Poses {
         let has_changed = if posed.room.is_some() {
             posed.matrices != matrices || posed.weights != weights
         } else {
-            // As long as nothing moves its vertices, the mesh of the asset is right.
+            // As long as nothing moves its vertices, the asset's mesh is correct.
             !matrices.is_empty() || weights.iter().any(|weight| *weight != 0.0)
         };
         if !has_changed {
@@ -340,7 +339,7 @@ impl Poses {
 }
 
 impl Posed {
-    /// Makes the copy of the mesh that is posed, if there is none. Returns false where there is no room for it.
+    /// Allocates the posed copy of the mesh, if there is none. Returns false if it doesn't fit.
     fn make_room(
         &mut self,
         meshes: &mut SceneMeshes,
@@ -362,7 +361,7 @@ impl Posed {
         self.room.is_some()
     }
 
-    /// Takes over the pose of this frame.
+    /// Adds the pose of this frame to the batch.
     fn add_job(
         &mut self,
         source: &PoseSource,
@@ -406,7 +405,7 @@ impl Posed {
     }
 }
 
-/// Matrices and weights that concern a mesh.
+/// Matrices and weights that apply to a mesh.
 fn pose<'a>(source: &PoseSource, extracted: &'a ExtractedPoses, mesh: &SceneMesh) -> (&'a [Rows], &'a [f32]) {
     let matrices = &extracted.matrices[source.matrices.clone()];
     let weights = &extracted.weights[source.weights.clone()];
@@ -421,7 +420,7 @@ fn pose<'a>(source: &PoseSource, extracted: &'a ExtractedPoses, mesh: &SceneMesh
     )
 }
 
-/// Keeps the candidates that come first, as many as the budget allows, and one at least unless it is 0.
+/// Keeps the first candidates within the budget, and at least one unless the budget is 0.
 fn select(candidates: &mut Vec<Candidate>, vertices_per_frame: u32) {
     if vertices_per_frame == 0 {
         candidates.clear();
@@ -440,7 +439,7 @@ fn select(candidates: &mut Vec<Candidate>, vertices_per_frame: u32) {
     }
 }
 
-/// Returns whether there was anything to be released.
+/// Returns whether there was anything to release.
 fn release(room: Option<Room>, meshes: &mut SceneMeshes) -> bool {
     let Some(room) = room else { return false };
     meshes.geometry.free(room.geometry);
@@ -450,7 +449,7 @@ fn release(room: Option<Room>, meshes: &mut SceneMeshes) -> bool {
     true
 }
 
-/// Allocates the vertices of a posed mesh, and its tree. The header is written already.
+/// Allocates the vertices of a posed mesh and its tree, and writes the header.
 fn take_room(mesh: AssetId<Mesh>, meshes: &mut SceneMeshes, queue: &RenderQueue) -> Option<Room> {
     let mesh = meshes.get(mesh)?;
     let (source, offsets) = (mesh.geometry.base(), mesh.offsets);
@@ -478,7 +477,7 @@ fn take_room(mesh: AssetId<Mesh>, meshes: &mut SceneMeshes, queue: &RenderQueue)
     Some(Room { geometry, tree })
 }
 
-/// Words of the arrays that a posed mesh has for itself.
+/// Words of the arrays that a posed mesh doesn't share.
 fn posed_words(mesh: &SceneMesh) -> Option<u32> {
     let own = [mesh.offsets.normals, mesh.offsets.tangents]
         .into_iter()
@@ -487,8 +486,8 @@ fn posed_words(mesh: &SceneMesh) -> Option<u32> {
     mesh.vertex_count.checked_mul(per_vertex)?.checked_add(HEADER_WORDS)
 }
 
-/// The header of a posed mesh. It shares all arrays that no pose changes with the mesh of the asset: offsets wrap around, as additions of
-/// shaders do.
+/// The header of a posed mesh. It shares all arrays that posing doesn't change with the asset's mesh: the offsets to them wrap around,
+/// like additions in shaders.
 pub(super) fn posed_header(base: u32, source: u32, offsets: MeshOffsets, [vertices, triangles]: [u32; 2]) -> [u32; 12] {
     let shared = |offset: u32| match offset {
         0 => 0,

@@ -1,4 +1,4 @@
-//! Vertices and trees that the GPU poses, against twins on the CPU.
+//! Compares vertices and trees that the GPU poses with CPU versions.
 
 use super::{
     bounds::posed_bounds,
@@ -81,7 +81,7 @@ fn kernels(device: &RenderDevice) -> Kernels {
     }
 }
 
-/// A sheet of bumps with two joints along X, and a morph target.
+/// A bumpy sheet with two joints along X, and a morph target.
 fn sheet(columns: u32, rows: u32, has_skin: bool) -> Mesh {
     let at = |i: u32| Vec2::new((i % columns) as f32, (i / columns) as f32);
     let vertices = || (0..columns * rows).map(at);
@@ -115,7 +115,7 @@ fn sheet(columns: u32, rows: u32, has_skin: bool) -> Mesh {
     mesh
 }
 
-/// Triangles that begin a rounding error below multiples of the steps between planes.
+/// Triangles that start a rounding error below multiples of the steps between planes.
 fn comb() -> Mesh {
     let teeth = (1..=40u8).map(|tooth| (6.0 * f32::from(tooth)).next_down());
     let positions: Vec<[f32; 3]> = teeth
@@ -139,7 +139,7 @@ struct Subject {
 }
 
 impl Subject {
-    /// Appends the mesh, and room for the posed one.
+    /// Appends the mesh, and space for the posed one.
     fn new(
         mesh: &Mesh,
         matrices: Vec<Affine3A>,
@@ -195,7 +195,7 @@ impl Subject {
         }
     }
 
-    /// From bind pose to the pose, of a vertex.
+    /// Matrix of a vertex from bind pose to the pose.
     fn matrix(&self, vertex: usize) -> DMat4 {
         let [Some(first), Some(last)] = [self.matrices.first(), self.matrices.last()] else {
             return DMat4::IDENTITY;
@@ -206,7 +206,7 @@ impl Subject {
         matrix(first) * (1.0 - share) + matrix(last) * share
     }
 
-    /// The mesh in its pose: position, normal and tangent of a vertex.
+    /// Position, normal and tangent of a vertex of the posed mesh.
     fn expected(&self, vertex: usize) -> [DVec3; 3] {
         let float = |word: u32| f64::from(f32::from_bits(word));
         let (offsets, words) = (self.packed.offsets, &self.packed.words);
@@ -258,7 +258,7 @@ impl Subject {
             found
         });
         let vertices = vertices.collect();
-        // Shared arrays are found with additions that wrap.
+        // Offsets to shared arrays wrap around.
         let indices = self.job.posed.wrapping_add(word(4)) as usize;
         assert_eq!(
             &geometry[indices..][..self.packed.indices().len()],
@@ -289,7 +289,7 @@ impl Subject {
         );
     }
 
-    /// Checks that every box contains all boxes below it, and little more. Returns the exact box of the node.
+    /// Checks that every box contains all boxes below it with little slack. Returns the exact box of the node.
     fn check_node(&self, nodes: &[Item], triangles: &[Item], index: usize) -> Bounds {
         let (node, source) = (nodes[index], self.blas.items[index]);
         assert_eq!(
@@ -371,7 +371,7 @@ fn vertices_and_trees_follow_the_pose() {
         Vec3::new(3.0, -20.0, 11.0),
     );
     let mirrored = Affine3A::from_scale(Vec3::new(-1.0, 1.2, 1.0));
-    // Trees of different depths are fitted together.
+    // Trees of different depths are refitted together.
     let subjects = [
         (sheet(40, 30, true), vec![turned, Affine3A::IDENTITY], 0.6),
         (sheet(2, 2, false), vec![], -1.5),

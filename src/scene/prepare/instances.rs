@@ -1,5 +1,5 @@
-//! From mirrored objects to the table of instances, and to all that follows from an object: its alpha test, its place in a merged
-//! tree or in the top level.
+//! Updates the table of instances from extracted objects, and everything that depends on an object: its alpha test, and its place in
+//! a merged tree or in the top level.
 
 use crate::{
     device::ReflectionTracer,
@@ -20,7 +20,7 @@ use bevy::{mesh::UvChannel, render::renderer::RenderQueue};
 use std::sync::Arc;
 
 impl SceneBindings {
-    /// Updates objects that have moved, and changed nothing else. Adds those to `dirty` from whose movement more follows. Returns the
+    /// Updates objects that have only moved. If a movement requires more than new matrices, its slot is added to `dirty`. Returns the
     /// change for rays.
     pub(super) fn move_instances(&mut self, moved: &[u32], instances: &SceneInstances, dirty: &mut Vec<u32>) -> Change {
         let mut all = Change::Nothing;
@@ -33,7 +33,7 @@ impl SceneBindings {
         all
     }
 
-    /// Returns `None` where more than new matrices follows from the movement.
+    /// Returns `None` if the movement requires more than new matrices.
     fn move_instance(&mut self, slot: u32, instances: &SceneInstances) -> Option<Change> {
         let place = &instances.get(slot)?.world_from_object;
         let matrices = Matrices::of(place)?;
@@ -45,7 +45,7 @@ impl SceneBindings {
         Some(change)
     }
 
-    /// Updates objects that may have changed in any way. Returns the change for rays.
+    /// Updates objects that might have changed in any way. Returns the change for rays.
     pub(super) fn update_instances(
         &mut self,
         dirty: &[u32],
@@ -91,7 +91,7 @@ impl SceneBindings {
         change
     }
 
-    /// Gives an alpha-masked instance its masks. If there is no room for them, it is opaque.
+    /// Assigns masks to an alpha-masked instance. If they don't fit, it becomes opaque.
     fn assign_masks(
         &mut self,
         slot: u32,
@@ -112,7 +112,7 @@ impl SceneBindings {
         }
     }
 
-    /// Tells the merging of static objects what an object looks like now.
+    /// Reports the state of an object for merging.
     fn observe_placement(
         &mut self,
         slot: u32,
@@ -136,7 +136,7 @@ impl SceneBindings {
         self.merge.observe(slot, placement);
     }
 
-    /// Puts an object into the top level, or takes it out.
+    /// Adds an object to the top level, or removes it.
     fn update_object(&mut self, slot: u32, instance: Option<(&GpuInstance, &InstanceSource)>, meshes: &SceneMeshes) {
         let object = instance
             .filter(|_| self.instances.has_room(slot))
@@ -147,7 +147,7 @@ impl SceneBindings {
         }
     }
 
-    /// An object for the top level, in its pose. `None` where the mesh has no tree.
+    /// Returns an object for the top level, in its pose. Returns `None` if the mesh has no tree.
     pub(super) fn object(
         &self,
         source: &InstanceSource,
@@ -163,13 +163,13 @@ impl SceneBindings {
             bounds: posed.bounds,
             first_node: posed.first_node,
             first_triangle: posed.first_triangle,
-            // Their bounds are those of the bind pose.
+            // Empty, since the mesh's top nodes have the bounds of the bind pose.
             top: Arc::default(),
             ..object
         })
     }
 
-    /// Updates objects that were posed. Returns the change for rays.
+    /// Updates posed objects. Returns the change for rays.
     pub(super) fn update_posed(&mut self, posed: &[u32], instances: &SceneInstances, meshes: &SceneMeshes) -> Change {
         let mut change = Change::Nothing;
         for &slot in posed {
@@ -187,7 +187,7 @@ impl SceneBindings {
     }
 }
 
-/// The masks that an instance needs; `None` where it isn't alpha-masked.
+/// The key of an instance's masks; `None` if it isn't alpha-masked.
 fn mask_key(
     packed: &GpuInstance,
     source: &InstanceSource,

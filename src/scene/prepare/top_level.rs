@@ -17,8 +17,8 @@ use bevy::{
 use wgpu::CommandBuffer;
 
 impl SceneBindings {
-    /// Counts a frame for the driver's structures. Returns true where they must be built although no object has changed: what lacked memory
-    /// is tried again, or a view begins to use a back end that knows of one structure.
+    /// Counts a frame for the driver's structures. Returns true if they must be built although no object has changed, in order to retry
+    /// failed allocations or because a view begins to use a back end that supports only one structure.
     pub(super) fn must_build_again(&mut self, may_split: bool) -> bool {
         let joins = self.may_split && !may_split;
         self.may_split = may_split;
@@ -27,8 +27,8 @@ impl SceneBindings {
             .is_some_and(|acceleration| acceleration.is_retry_due() || (joins && acceleration.is_split()))
     }
 
-    /// Builds the driver's structures over the objects that can be hit, of which those in `changed` may be others than before. Returns commands
-    /// that are left to be submitted.
+    /// Builds the driver's structures over the objects that can be hit. Only objects in `changed` might have changed. Returns commands that
+    /// remain to be submitted.
     pub(super) fn build_ray_query_top_level(
         &mut self,
         changed: &[u32],
@@ -74,7 +74,7 @@ impl SceneBindings {
         commands
     }
 
-    /// Carries on with the BVH tracer's trees over instances, brings them up to date, and notes what is pending.
+    /// Advances and updates the BVH tracer's trees over instances, and records pending work.
     pub(super) fn update_bvh_top_level(
         &mut self,
         instances: &SceneInstances,
@@ -104,7 +104,7 @@ impl SceneBindings {
         });
     }
 
-    /// Uploads the trees over instances, and notes what shaders must be compiled with for them.
+    /// Uploads the trees over instances, and records the features that shaders need for them.
     fn upload_bvh_top_level(&mut self, instances: &SceneInstances, meshes: &mut SceneMeshes, queue: &RenderQueue) {
         let place_of = |slot| instances.place_of(slot);
         self.top_level.upload(self.merge.instances(), place_of, meshes, queue);
@@ -124,7 +124,7 @@ impl SceneBindings {
     }
 
     fn report_top_level(&mut self, begin: Instant, blas_builds: u64, status: &ReflectionStatus) {
-        // Forces the uniform to be written.
+        // Forces an update of the uniform.
         self.uniform_data.instance_count = u32::MAX;
         status.update(|report| {
             report.instances = self.instances.present_count();
@@ -134,7 +134,7 @@ impl SceneBindings {
         });
     }
 
-    /// Objects that joined a merged tree leave the others, and the other way round.
+    /// Removes objects from the other trees after they joined a merged tree, and vice versa.
     fn follow_merging(&mut self, instances: &SceneInstances, meshes: &SceneMeshes) {
         for slot in self.merge.take_crossed() {
             if self.merge.is_merged(slot) {
@@ -150,7 +150,7 @@ impl SceneBindings {
         }
     }
 
-    /// Returns whether merged trees got lost since their room was needed.
+    /// Returns whether merged trees were lost because their space was needed.
     fn follow_lost_trees(&mut self, instances: &SceneInstances, meshes: &mut SceneMeshes) -> bool {
         let lost = self.merge.take_lost(meshes);
         if lost {

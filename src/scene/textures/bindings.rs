@@ -58,15 +58,15 @@ impl TextureTable {
         self.samplers.iter().enumerate().map(descriptor).collect()
     }
 
-    /// Identifies the content of an image that can be sampled, and its address mode. `None` if alpha tests read other levels than the
-    /// finest one, or a border colour. No two contents have the same name.
+    /// Identifies the content and address mode of an image that can be sampled. Returns `None` if alpha tests read levels other than
+    /// the finest one, or a border colour. Names of contents are unique.
     pub(crate) fn finest_level(
         &self,
         id: AssetId<Image>,
         default: &ImageSamplerDescriptor,
     ) -> Option<(u64, [Wrap; 2])> {
         let (index, entry) = self.entry(id)?;
-        // Pending entries still show older content.
+        // The texture of a pending entry still has older content.
         if !matches!(entry.state, State::Ready(_)) || self.pending.contains(&index) {
             return None;
         }
@@ -89,7 +89,7 @@ impl TextureTable {
         Some((entry.version, wrap))
     }
 
-    /// Resources to bind; holds the lists that a [`BindingResource`] borrows.
+    /// Resources to bind; owns the lists that a [`BindingResource`] borrows.
     pub fn resources(&self) -> TextureResources<'_> {
         match &self.layers {
             Some(layers) => TextureResources {

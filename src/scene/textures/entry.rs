@@ -6,13 +6,13 @@ use bevy::{
     render::render_resource::TextureView,
 };
 
-/// State of an image on its way to the shaders.
+/// Loading state of an image.
 pub(super) enum State {
     /// Not on the GPU yet.
     Loading,
     /// Can be sampled.
     Ready(TextureView),
-    /// No two-dimensional texture of filterable colours, or one without memory for a copy.
+    /// Not a two-dimensional texture with filterable colours, or no memory for a copy.
     Unusable,
 }
 
@@ -20,22 +20,22 @@ pub(super) enum State {
 pub(super) struct Entry {
     /// The image.
     pub id: AssetId<Image>,
-    /// How many materials and lightmaps show it.
+    /// Number of materials and lightmaps that use it.
     pub users: u32,
-    /// How the image wants to be sampled; `None` until it is known.
+    /// The image's sampler; `None` until it is known.
     pub sampling: Option<ImageSampler>,
-    /// Place of its sampler.
+    /// Index of its sampler.
     pub sampler: u32,
     /// Its state.
     pub state: State,
-    /// Another one for each content of the image; see `TextureTable::finest_level`.
+    /// Changes with the content of the image; see `TextureTable::finest_level`.
     pub version: u64,
-    /// Rays still see older content.
+    /// The texture still has older content.
     pub outdated: bool,
 }
 
 impl Entry {
-    /// Updates the entry to the current state of the image. Returns whether rays can see a difference.
+    /// Updates the entry to the current state of the image. Returns whether this can be visible in reflections.
     pub fn settle(&mut self, state: State, sampler: u32) -> bool {
         let is_same = match (&self.state, &state) {
             (State::Ready(before), State::Ready(now)) => before.id() == now.id(),

@@ -1,4 +1,4 @@
-//! Places of samplers in the array that shaders choose from.
+//! Indices of samplers in the shaders' array.
 
 use crate::device::MAX_SAMPLERS;
 use bevy::image::ImageSampler;
@@ -6,15 +6,15 @@ use bevy::image::ImageSampler;
 /// Index of a sampler in the array.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Place {
-    /// It is there already.
+    /// Already in the array.
     Known(u32),
-    /// It has to be put here: behind the last one, or over one that no texture uses.
+    /// To be stored at this index: behind the last one, or in place of an unused one.
     New(u32),
-    /// All places are taken.
+    /// The array is full.
     Full,
 }
 
-/// Finds the index of a kind of sampler in the table. All images without an index of their own share the first one.
+/// Finds the index of a sampler. Images whose sampler doesn't fit share the first one.
 pub(super) fn place_of<S>(
     samplers: &[(ImageSampler, S)],
     wanted: &ImageSampler,

@@ -8,9 +8,9 @@ use crate::scene::{
 };
 use bevy::{math::Affine3A, render::renderer::RenderQueue};
 
-/// Up to this number of moving objects get a carefully built tree, which takes a tenth of a millisecond.
+/// Up to this number of moving objects, the tree is built for quality, which takes a tenth of a millisecond.
 const FEW: usize = 64;
-/// Items that the tree has room for at least.
+/// Minimum capacity of the tree, in items.
 const SMALLEST_ROOM: usize = 1 << 9;
 
 /// An object of the moving tree.
@@ -21,18 +21,18 @@ pub(super) struct Mover {
     pub object: Object,
 }
 
-/// The tree in the buffer and its objects, by index. Data that movement touches lies together.
+/// The tree in the buffer and its objects, by index. Data that changes with movements is stored together.
 #[derive(Default)]
 pub(super) struct MovingTree {
     slots: Vec<u32>,
-    /// Frames of the last changes.
+    /// Frames of the objects' last changes.
     changed: Vec<u64>,
-    /// Their places when anything else of them changed last.
+    /// The objects, with the transforms of their last change other than movement.
     objects: Vec<Object>,
-    /// Their current placement in the form of [`LinearBuilder`].
+    /// Their current state in the layout of [`LinearBuilder`].
     entries: LinearEntries,
     builder: LinearBuilder,
-    /// The last tree that was built with all the care there is.
+    /// The last tree that was built for quality.
     careful: Option<Tlas>,
     slice: Option<ArenaSlice>,
 }
@@ -43,12 +43,12 @@ impl MovingTree {
         &self.slots
     }
 
-    /// Frames of their last changes, by index.
+    /// Frames of the objects' last changes, by index.
     pub fn changed(&self) -> &[u64] {
         &self.changed
     }
 
-    /// The object at an index, in its place.
+    /// The object at an index, with its current transform.
     pub fn mover(&self, index: u32, place_of: &impl Fn(u32) -> Option<Affine3A>) -> Mover {
         let index = index as usize;
         let slot = self.slots[index];
@@ -61,7 +61,7 @@ impl MovingTree {
         }
     }
 
-    /// Adds an object and returns its index. `entry` is the object in the form that [`LinearBuilder`] takes.
+    /// Adds an object and returns its index. `entry` is the object in the layout of [`LinearBuilder`].
     pub fn insert(&mut self, mover: Mover, entry: LinearEntry) -> u32 {
         self.slots.push(mover.slot);
         self.changed.push(mover.changed);
@@ -70,7 +70,7 @@ impl MovingTree {
         self.slots.len() as u32 - 1
     }
 
-    /// Puts another object in the place of one.
+    /// Replaces an object.
     pub fn replace(&mut self, index: u32, mover: Mover, entry: LinearEntry) {
         let place = index as usize;
         self.slots[place] = mover.slot;
@@ -79,7 +79,7 @@ impl MovingTree {
         self.entries.replace(place, entry);
     }
 
-    /// Moves an object. Returns false where it can't be in a tree any more.
+    /// Moves an object. Returns false if it can't be in a tree any more.
     #[inline]
     pub fn set_transform(
         &mut self,
@@ -93,7 +93,7 @@ impl MovingTree {
             .set_transform(index as usize, world_from_object, object_from_world)
     }
 
-    /// Takes an object out. Returns its slot, and that of the object which has the index from now on.
+    /// Removes an object. Returns its slot, and the slot of the object that takes the index.
     pub fn remove(&mut self, index: u32) -> (u32, Option<u32>) {
         let index = index as usize;
         let removed = self.slots.swap_remove(index);
@@ -103,7 +103,7 @@ impl MovingTree {
         (removed, self.slots.get(index).copied())
     }
 
-    /// Keeps the objects at these sorted indices in order: memory order then follows the order of slots, in which they are updated.
+    /// Keeps only the objects at these sorted indices, in order: memory order then matches slot order, in which they are updated.
     pub fn keep(&mut self, sorted: &[u32]) {
         for (to, from) in sorted.iter().enumerate() {
             let from = *from as usize;
@@ -118,7 +118,7 @@ impl MovingTree {
     }
 
     /// Builds the tree over the objects and over merged trees, and uploads it. Returns the tree as it is in the buffer, or `None` if
-    /// there is no room for it. Merged trees can get lost in the process. `place_of` returns the transform of a slot's object.
+    /// it doesn't fit. Merged trees can get lost in the process. `place_of` returns the transform of a slot's object.
     pub fn upload<'a>(
         &mut self,
         merged: impl Iterator<Item = TlasInstance<'a>>,
@@ -152,7 +152,7 @@ impl MovingTree {
         Some(tlas)
     }
 
-    /// Frees the slice where it keeps the buffer large. Returns whether it did: the tree must then be uploaded in this frame.
+    /// Frees the slice if it keeps the buffer large. Returns whether it did: the tree must then be uploaded in this frame.
     pub fn leave_stranded(&mut self, meshes: &mut SceneMeshes) -> bool {
         let stranded = self.slice.take_if(|slice| meshes.bvh.is_stranded(slice));
         stranded.is_some_and(|slice| {
@@ -171,7 +171,7 @@ impl MovingTree {
 fn build_carefully<'a>(objects: &[Object], merged: impl Iterator<Item = TlasInstance<'a>>) -> Tlas {
     let mut list: Vec<_> = objects.iter().map(Object::instance).collect();
     list.extend(merged.map(|tree| -> TlasInstance { tree }));
-    // A lone tree overlaps with nothing, and rays start in it at once where it is not opened.
+    // A single tree overlaps with nothing. If it isn't opened, rays start directly in it.
     let max_entries = match list.len() {
         0 | 1 => 0,
         count => opening_budget(objects.len()) + count - objects.len(),
@@ -179,9 +179,9 @@ fn build_carefully<'a>(objects: &[Object], merged: impl Iterator<Item = TlasInst
     build_tlas(&list, max_entries)
 }
 
-/// Allocates this number of items, and returns the first one; `None` if there is no room. Merged trees can get lost in the process.
+/// Allocates this number of items, and returns the first one; `None` if they don't fit. Merged trees can get lost in the process.
 fn first_item(slice: &mut Option<ArenaSlice>, items: usize, meshes: &mut SceneMeshes) -> Option<u32> {
-    // A crowd that has gone leaves its room behind.
+    // After a crowd is gone, the slice is too large.
     let fits = |slice: &ArenaSlice| {
         let room = (slice.words() / ITEM_WORDS) as usize;
         room >= items && (room <= SMALLEST_ROOM || room / 8 <= items)
@@ -191,7 +191,7 @@ fn first_item(slice: &mut Option<ArenaSlice>, items: usize, meshes: &mut SceneMe
             meshes.bvh.free(slice);
         }
         if items > 0 {
-            // Room to grow, so that a slowly growing scene doesn't ask for it in every frame.
+            // Extra capacity, so that a slowly growing scene doesn't allocate in every frame.
             let roomy = items.next_power_of_two().max(SMALLEST_ROOM);
             *slice = Some(meshes.allocate_tree(roomy).or_else(|| meshes.allocate_tree(items))?);
         }

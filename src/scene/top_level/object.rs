@@ -1,4 +1,4 @@
-//! Objects as the trees over instances hold them.
+//! Objects in the trees over instances.
 
 use crate::scene::{
     bvh::{Bounds, TlasInstance, TopNode, owner},
@@ -8,7 +8,7 @@ use crate::scene::{
 use bevy::math::Affine3A;
 use std::sync::Arc;
 
-/// An object that is not part of a merged tree.
+/// An object that isn't part of a merged tree.
 #[derive(Clone, Debug)]
 pub(in crate::scene) struct Object {
     /// Object to world.
@@ -28,7 +28,7 @@ pub(in crate::scene) struct Object {
 }
 
 impl Object {
-    /// `None` where the mesh has no tree.
+    /// Returns `None` if the mesh has no tree.
     pub fn new(source: &InstanceSource, slot: u32, flags: u32, meshes: &SceneMeshes) -> Option<Self> {
         let blas = meshes.get(source.mesh)?.bvh.as_ref()?;
         Some(Self {
@@ -42,7 +42,7 @@ impl Object {
         })
     }
 
-    /// The object in the form of the builders.
+    /// The object in the layout of the builders.
     pub(super) fn instance(&self) -> TlasInstance<'_> {
         TlasInstance {
             world_from_object: self.world_from_object,

@@ -1,4 +1,4 @@
-//! A static tree in the making: built by a task, then uploaded in parts.
+//! Builds a static tree in a task, and then uploads it in parts.
 
 use super::{
     moving_tree::Mover,
@@ -17,7 +17,7 @@ use std::sync::Arc;
 /// Items that are uploaded in one frame: a megabyte.
 const UPLOAD_ITEMS_PER_FRAME: usize = 20_000;
 
-/// An object on its way into the static tree.
+/// An object that is about to join the static tree.
 pub(super) struct Joining {
     /// Index in the members.
     pub member: u32,
@@ -40,7 +40,7 @@ enum Stage {
     Uploading {
         built: Box<Built>,
         slice: ArenaSlice,
-        /// Items that are uploaded.
+        /// Number of items uploaded so far.
         done: usize,
     },
 }
@@ -48,19 +48,19 @@ enum Stage {
 /// The next static tree.
 pub(super) struct StaticBuild {
     stage: Stage,
-    /// Frame in which it began.
+    /// Frame in which the build began.
     pub since: u64,
-    /// Members that have left meanwhile.
+    /// Members that have left during the build.
     dead: Vec<u32>,
 }
 
 /// State of a build after a frame.
 pub(super) enum Progress {
-    /// It goes on.
+    /// To be continued.
     Unfinished(StaticBuild),
-    /// There is no room for the tree: its objects stay in the moving one.
+    /// The tree doesn't fit: its objects stay in the moving one.
     Failed,
-    /// The tree is in the buffer. It still holds members that have left meanwhile.
+    /// The tree is in the buffer. It still contains members that have left during the build.
     Finished {
         tree: Box<StaticTree>,
         joining: Vec<Joining>,
@@ -69,7 +69,7 @@ pub(super) enum Progress {
 }
 
 impl StaticBuild {
-    /// Starts to build a tree of the last one's members and of others.
+    /// Starts to build a tree of the last one's members and of further objects.
     pub fn start(last: Option<&StaticTree>, joining: Vec<Mover>, frame: u64) -> Self {
         let (members, mut free, dead) = last.map_or_else(Default::default, |last| {
             (last.members.clone(), last.free.clone(), last.dead.clone())
@@ -102,12 +102,12 @@ impl StaticBuild {
         }
     }
 
-    /// Notes that a member of the last tree has left.
+    /// Records that a member of the last tree has left.
     pub fn note_dead(&mut self, member: u32) {
         self.dead.push(member);
     }
 
-    /// Carries on, once in each frame.
+    /// Advances the build; call once per frame.
     pub fn advance(mut self, meshes: &mut SceneMeshes, queue: &RenderQueue) -> Progress {
         let (built, slice, done) = match self.stage {
             Stage::Building(task) if !task.is_finished() => {
@@ -156,7 +156,7 @@ impl StaticBuild {
         }
     }
 
-    /// Gives the build up. Returns its slice of the buffer, if it has one already.
+    /// Cancels the build. Returns its slice of the buffer, if it has one already.
     pub fn cancel(self) -> Option<ArenaSlice> {
         match self.stage {
             Stage::Building(_) => None,

@@ -1,4 +1,4 @@
-//! The tree over objects that have not changed for a while.
+//! The tree over objects that haven't changed for a while.
 
 use super::object::Object;
 use crate::scene::{
@@ -11,19 +11,19 @@ use bevy::render::renderer::RenderQueue;
 use core::ops::Range;
 use std::sync::Arc;
 
-/// Items between two changed ones that are rather written again than skipped.
+/// Gap between two changed items up to which the items in between are written again instead of skipped.
 const GAP: u32 = 32;
 
-/// Objects of a tree; `None` at indices that are free.
+/// Objects of a tree; `None` at free indices.
 pub(super) type Members = Arc<Vec<Option<Object>>>;
 
 /// The tree in the buffer.
 pub(super) struct StaticTree {
     pub slice: ArenaSlice,
-    /// With the items as they are in the buffer.
+    /// Its items are the same as in the buffer.
     pub tlas: Tlas,
     pub members: Members,
-    /// For each member the start of its entries in `tlas.places`.
+    /// For each member, the start of its entries in `tlas.places`.
     pub first: Vec<u32>,
     /// Members that have left since the tree was built.
     pub dead: Vec<u32>,
@@ -44,7 +44,7 @@ impl StaticTree {
         self.members.get(member as usize)?.as_ref()
     }
 
-    /// Puts empty nodes where the entries of a member are.
+    /// Overwrites the entries of a member with empty nodes.
     pub fn empty(&mut self, member: u32) {
         let entries = self.first[member as usize] as usize..self.first[member as usize + 1] as usize;
         for (_, place) in &self.tlas.places[entries] {
@@ -54,7 +54,7 @@ impl StaticTree {
         self.dead.push(member);
     }
 
-    /// Writes items that changed.
+    /// Writes changed items.
     pub fn upload(&mut self, meshes: &mut SceneMeshes, queue: &RenderQueue) {
         self.emptied.sort_unstable();
         for run in runs(&self.emptied, GAP) {

@@ -1,8 +1,8 @@
-//! Micromaps against samples of the texture.
+//! Compares micromaps with samples of the texture.
 
 use super::*;
 
-/// Evenly distributed numbers of a sequence without a pattern, from 0 to 1.
+/// Uniform pseudorandom numbers from 0 to 1.
 struct Numbers(u64);
 
 impl Numbers {
@@ -107,7 +107,7 @@ fn micro_triangles_stand_in_order() {
         let mean = |part: fn((u32, u32)) -> u32| points.iter().map(|p| part(*p)).sum::<u32>() as f32 / 24.0;
         assert_eq!(micro_triangle(mean(|p| p.0), mean(|p| p.1)), index as u32);
     }
-    // Rounding can leave the triangle by a little.
+    // Rounded weights can lie slightly outside the triangle.
     for (second, third) in [(1.0, 0.0), (0.0, 1.0), (0.5, 0.5), (0.500_000_06, 0.5), (1.0, 1.0)] {
         assert!(micro_triangle(second, third) < 64);
     }

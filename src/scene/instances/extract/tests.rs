@@ -1,4 +1,4 @@
-//! Entities that lose a component, in any frame.
+//! Tests entities that lose a component, in any frame.
 
 use super::*;
 use bevy::render::MainWorld;
@@ -12,7 +12,7 @@ fn drop_lost(mut lost: ResMut<LostComponents>, mut instances: ResMut<SceneInstan
     lost.drop_objects(&mut instances);
 }
 
-/// A frame's extraction, in which reflections begin or go on.
+/// Extracts a frame in which reflections begin or continue.
 fn extract(render_world: &mut World, schedule: &mut Schedule, started: bool) {
     if started {
         render_world.resource_mut::<SceneInstances>().clear();
@@ -25,7 +25,7 @@ fn extract(render_world: &mut World, schedule: &mut Schedule, started: bool) {
     schedule.run(render_world);
 }
 
-/// A render world that a camera of the usual layers looks at, and its extraction.
+/// A render world with a camera that draws the default layers, and its extraction.
 fn worlds() -> (World, Schedule) {
     let mut layers = SceneLayers::default();
     layers.follow(core::iter::once((None, None)), core::iter::empty());
@@ -64,7 +64,7 @@ fn layers_of_lights_concern_objects_with_layers() {
         entity.id()
     });
     extract(&mut render_world, &mut schedule, true);
-    // Whoever is looked at comes back.
+    // Entities that are extracted again reappear.
     let mut instances = render_world.resource_mut::<SceneInstances>();
     for entity in [plain, layered] {
         instances.remove(entity);

@@ -1,15 +1,15 @@
-//! Plans the next build: which of the objects at rest are merged, and which chunks they absorb.
+//! Plans the next build: which of the resting objects are merged, and which chunks they absorb.
 
 use super::{Building, MergeScheduler, Placement};
 use bevy::math::Vec3A;
 
-/// Objects keep others from being merged by coming to rest or leaving it for at most so many times `quiet_frames`.
+/// Upper bound, in multiples of `quiet_frames`, on how long newly moving or settling objects can delay a merge.
 const PATIENCE: u64 = 8;
-/// Chunks are absorbed up to so many times what is new.
+/// Maximum number of absorbed triangles, relative to new ones.
 const ABSORBED: u64 = 8;
 
 impl MergeScheduler {
-    /// Returns the objects to build next, if it is time for that and nothing is being built. The caller then has to call
+    /// Returns the objects to build next, if a build is due and none is in progress. The caller then has to call
     /// [`Self::finish`], [`Self::fail`] or [`Self::abandon`].
     pub fn plan(&mut self) -> Option<Vec<(u32, Placement)>> {
         let quiet = self.limits.quiet_frames;
@@ -62,7 +62,7 @@ impl MergeScheduler {
         extents.map(|extent| extent.triangles).sum()
     }
 
-    /// The resting objects that the budget has room for. Small ones go first: rays gain most where many objects are merged.
+    /// The resting objects that fit into the budget, small ones first: rays gain most if many objects are merged.
     fn affordable(&self) -> Vec<u32> {
         let mut room = self.limits.budget_triangles.saturating_sub(self.merged().1);
         let mut sizes: Vec<(u64, u32)> = self
@@ -79,8 +79,8 @@ impl MergeScheduler {
         fitting.map(|(_, slot)| slot).collect()
     }
 
-    /// Keeps the objects on one side of a plane, with about half of the triangles: the first half along the axis on which
-    /// the objects are spread widest. If there are two objects or more, one at least stays and one goes.
+    /// Keeps the objects on one side of a plane, with about half of the triangles: the first half along the longest axis.
+    /// Given at least two objects, at least one is kept and one is dropped.
     fn halve(&self, group: &mut Vec<u32>) {
         let extent = |slot: &u32| self.slots[*slot as usize].extent;
         let (mut min, mut max) = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
