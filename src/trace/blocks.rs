@@ -1,5 +1,5 @@
-//! Rays of the lists: one for each block, traced in one pass and shaded in the next, and one for each pixel of an exact mirror, traced
-//! beside that shading or in a pass of its own.
+//! Rays of the lists: one for each block, traced in one pass and shaded in the next; and one for each pixel of an exact mirror, traced
+//! in that shading pass or in a separate pass.
 
 use crate::{
     common::{ALL_RAYS_DISPATCH, MIRROR_RAY_DISPATCH, RAY_DISPATCH, word_offset},
@@ -20,13 +20,13 @@ pub(super) fn ray_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<
     list_pass("glint_trace_rays", own, scene_layout)
 }
 
-/// The pass that shades what the rays of the ray list hit.
+/// The pass that shades the hits of the ray list.
 pub(super) fn shading_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Features> {
     let groups = OtherGroups::SceneAndEnvironment(scene_layout.clone());
     GBufferPass::new("glint_shade_hits", shading_bindings(), groups)
 }
 
-/// The same together with the pass over the mirror ray list.
+/// The pass that shades the hits of the ray list and traces the mirror ray list.
 pub(super) fn shading_and_mirrors_pass(scene_layout: &BindGroupLayoutDescriptor) -> GBufferPass<Features> {
     let mut bindings = shading_bindings();
     bindings.extend([
@@ -102,7 +102,7 @@ pub(super) fn run_list(
 pub(super) enum List {
     Rays,
     MirrorRays,
-    /// Mirror rays, and behind them the others.
+    /// Mirror rays, followed by the others.
     AllRays,
 }
 

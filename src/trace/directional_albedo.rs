@@ -1,12 +1,12 @@
-//! Directional albedo of the GGX reflection lobe: how much of a white furnace it reflects towards the viewer.
+//! Directional albedo of the GGX reflection lobe: the fraction of a white furnace that it reflects towards the viewer.
 //!
 //! With Schlick's Fresnel term the albedo is `F0 * A + F90 * B`, with A and B depending on alpha and n.v only. Bevy's own split-sum
-//! factors are approximations that differ from the lobe by several percent; dividing by the exact albedo makes traced reflections agree
-//! with the approximation that Bevy uses for the rest of the frame.
+//! factors are approximations that differ from the lobe by several percent. Dividing by the exact albedo makes traced reflections match
+//! the approximation that Bevy uses for the rest of the frame.
 //!
-//! Bilinear lookups need functions without sharp bends, so the table holds, in two channels:
-//! - `A + B` over `x = sqrt(c (1 + alpha) / (c + alpha))`, with c = n.v: near the horizon the masking of Smith depends on
-//!   c / alpha, which `x` spreads out evenly at every alpha;
+//! Bilinear lookups need smooth functions, so the table stores, in two channels:
+//! - `A + B` over `x = sqrt(c (1 + alpha) / (c + alpha))`, with c = n.v: near the horizon, Smith's masking depends on c / alpha, which
+//!   `x` spreads evenly for every alpha;
 //! - `(B / (A + B))^(1/5)` over `x = sqrt(c)`: the mean Fresnel weight without its fifth power. For a mirror it is `1 - c`.
 //!
 //! Rows are perceptual roughness, `sqrt(alpha)`, from 0 to 1. Both coordinates put the first and last texel on 0 and 1.
@@ -42,7 +42,7 @@ impl Default for DirectionalAlbedo {
 }
 
 impl DirectionalAlbedo {
-    /// Integrates the table. Takes some 10 ms; same bits each time.
+    /// Integrates the table. Takes about 10 ms, and yields the same bits each time.
     pub fn new() -> Self {
         let quadrature = Quadrature::new();
         let last = (ALBEDO_TABLE_SIZE - 1) as f32;
@@ -62,16 +62,16 @@ impl DirectionalAlbedo {
         Self { texels }
     }
 
-    /// Row after row, [`ALBEDO_TABLE_SIZE`] texels each.
+    /// Texels in rows of [`ALBEDO_TABLE_SIZE`].
     pub fn texels(&self) -> &[[f32; 2]] {
         &self.texels
     }
 }
 
-/// The shader's twin, for tests.
+/// CPU version of the shader, for tests.
 #[cfg(feature = "internals")]
 impl DirectionalAlbedo {
-    /// `[A, B]` at an alpha and an n.v (both 0 to 1), as `directional_albedo` of `albedo.wesl` finds them.
+    /// `[A, B]` at an alpha and an n.v (both 0 to 1), as in `directional_albedo` of `albedo.wesl`.
     pub fn lookup(&self, alpha: f32, n_dot_v: f32) -> [f32; 2] {
         let alpha = if alpha.is_finite() { alpha.clamp(0.0, 1.0) } else { 1.0 };
         let cosine = if n_dot_v.is_finite() { n_dot_v } else { 1.0 }.clamp(MIN_VIEW_COSINE, 1.0);
@@ -112,7 +112,7 @@ struct Quadrature {
 impl Quadrature {
     fn new() -> Self {
         let azimuth = |i: usize| PI * (i as f32 + 0.5) / AZIMUTH as f32;
-        // The far end of the cap holds the lobe's long tail: t -> 1 - (1 - t)^2 puts more nodes there.
+        // The far end of the cap contains the lobe's long tail: t -> 1 - (1 - t)^2 puts more nodes there.
         let polar = gauss_legendre::<POLAR>().map(|[t, weight]| {
             let rest = 1.0 - t;
             [(1.0 - rest * rest) as f32, (2.0 * weight * rest) as f32]

@@ -1,4 +1,4 @@
-//! Chooses the pass that turns a camera's rates into rays, and reports when it isn't the requested one.
+//! Chooses the pass that turns a camera's rates into rays, and reports deviations from the requested one.
 
 use crate::{
     settings::{ClampedSettings, ReflectionBackend, ReflectionTechnique},
@@ -12,9 +12,9 @@ use bevy::{
     log::warn,
 };
 
-/// Replaces a requested pass by one that the device supports: [`ReflectionBackend::Compute`] or [`ReflectionBackend::HardwareVrs`], and
-/// compute shaders for the fragment-shader technique if fragment shaders can't trace rays. Returns the reason for a replacement. Only
-/// variable rates have a choice of back ends.
+/// Replaces a requested pass by one that the device supports: it resolves the back end to [`ReflectionBackend::Compute`] or
+/// [`ReflectionBackend::HardwareVrs`], and replaces the fragment-shader technique by compute shaders if fragment shaders can't trace
+/// rays. Returns the reason for a replacement. Only variable rates have a choice of back ends.
 pub(crate) fn choose(
     settings: &mut ClampedSettings,
     fragment_rays: Result<(), &'static str>,
@@ -49,7 +49,7 @@ pub(crate) fn choose(
     }
 }
 
-/// Cameras that got another pass than they asked for.
+/// Cameras with another pass than they requested.
 #[derive(Default)]
 pub(crate) struct Fallbacks {
     reasons: EntityHashMap<String>,
@@ -58,7 +58,7 @@ pub(crate) struct Fallbacks {
 }
 
 impl Fallbacks {
-    /// Warns where the reason is another than in the last frame.
+    /// Warns if the reason has changed since the last frame.
     pub(crate) fn note(&mut self, camera: &NameOrEntityItem, reason: Option<String>) {
         let Some(reason) = reason else {
             self.reasons.remove(&camera.entity);
@@ -70,7 +70,7 @@ impl Fallbacks {
         }
     }
 
-    /// Brings the status up to date, with the cameras that are left.
+    /// Updates the status, for the remaining cameras.
     pub(crate) fn publish(&mut self, cameras: &EntityHashSet, status: &ReflectionStatus) {
         self.reasons.retain(|camera, _| cameras.contains(camera));
         let mut sentences: Vec<_> = self.reasons.values().cloned().collect();
@@ -101,7 +101,7 @@ mod tests {
         })
     }
 
-    /// Technique and back end that settings end with, and the message.
+    /// Resulting technique and back end of these settings, and the message.
     fn chosen(
         mut settings: ClampedSettings,
         fragment_rays: Result<(), &'static str>,
@@ -173,7 +173,7 @@ mod tests {
         }
         fallbacks.publish(&present, &status);
         assert_eq!(reasons().len(), 2);
-        // The last one is gone.
+        // The last camera is gone.
         fallbacks.publish(&EntityHashSet::default(), &status);
         assert_eq!(reasons(), ["the BVH was asked for"]);
     }

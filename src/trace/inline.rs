@@ -1,4 +1,4 @@
-//! Rays of a full-screen fragment pass over the trace target.
+//! Traces rays in a full-screen fragment pass over the trace target.
 
 use crate::{
     gbuffer::{Binding, Group0, PassContext, lasting_error},
@@ -20,7 +20,7 @@ use bevy::{
     utils::default,
 };
 
-/// The fragment pass, in variants that are compiled when they are first asked for.
+/// The fragment pass, in variants that are compiled on first request.
 pub(super) struct InlinePass {
     pub shader: Handle<Shader>,
     pub group_0: Group0,
@@ -53,7 +53,7 @@ impl InlinePass {
         ]
     }
 
-    /// Has a variant compiled, unless it already was.
+    /// Queues a variant, unless it already was.
     pub fn queue(&mut self, features: Features, cache: &PipelineCache, defs: impl FnOnce() -> Vec<ShaderDefVal>) {
         if self.queued.contains_key(&features) {
             return;
@@ -129,7 +129,7 @@ impl InlinePass {
     }
 }
 
-/// Every texel is written, so that nothing needs to be cleared.
+/// Every texel is written, so nothing needs to be cleared.
 fn attachment(view: &TextureView) -> Option<RenderPassColorAttachment<'_>> {
     Some(RenderPassColorAttachment {
         view,

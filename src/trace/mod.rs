@@ -1,4 +1,4 @@
-//! From rates to rays: which rays are traced, and by which pass.
+//! Turns rates into rays: decides which rays are traced, and by which pass.
 //!
 //! | file | holds |
 //! |---|---|
@@ -94,14 +94,14 @@ impl Plugin for TracePlugin {
                 RenderStartup,
                 init_trace_pipelines.after(init_gpu_resource::<SceneBindings>),
             )
-            // Bevy hands its shaders to the pipeline cache, too: others, so that the order is all the same.
+            // Bevy sends its shaders to the pipeline cache, too. They are different ones, so the order doesn't matter.
             .add_systems(
                 ExtractSchedule,
                 (extract_surface_shader, extract_warm_up).ambiguous_with_all(),
             )
             .add_systems(
                 Render,
-                // Behind the others, which read what it notes in the scene's bindings.
+                // Runs after the other systems of this set, since it reads features that they record in the scene's bindings.
                 queue_trace_pipelines
                     .after(ReflectionSystems::QueuePipelines)
                     .before(ReflectionSystems::PrepareViews),

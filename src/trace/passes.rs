@@ -1,4 +1,4 @@
-//! Traces the rays of one view, by the passes that its settings need.
+//! Traces the rays of one view, in the passes that its settings need.
 
 use super::{
     blocks::{List, run_list},
@@ -10,8 +10,8 @@ use super::{
 use crate::{gbuffer::PassContext, scene::Features, settings::ReflectionBackend};
 use bevy::render::renderer::RenderContext;
 
-/// Traces the rays of one view. Returns whether they count what has changed lately where they meet it: what the passes of later bounces
-/// and of many lights meet is not counted, and neither are lights on hits that are not shaded.
+/// Traces the rays of one view. Returns whether rays count recent changes that they hit. Passes for later bounces and for many lights
+/// don't count changes, and lights on hits that aren't shaded aren't counted either.
 pub(crate) fn trace_rays(
     ctx: &mut RenderContext,
     pipelines: &TracePipelines,
@@ -23,7 +23,8 @@ pub(crate) fn trace_rays(
         return false;
     };
     let features = pipelines.features | demand.asked;
-    // The one shader of the raw Vulkan pass can't draw lights, nor run the app's. If it gives up, this frame's rays come from the list.
+    // The single shader of the raw Vulkan pass can neither sample lights nor run the app's shader. If the pass fails, this frame's rays
+    // come from the list.
     let by_hardware = demand.rays == RayPass::Blocks
         && context.view.settings.backend == ReflectionBackend::HardwareVrs
         && !features.intersects(Features::LIGHT_SAMPLING | Features::SURFACE_SHADER)

@@ -36,8 +36,8 @@ use bevy::{
     utils::default,
 };
 
-/// Storage buffers of the pass that shades hits and traces mirror rays: those of the pass over the list of rays (`device/support.rs`), the
-/// other list, and light probes.
+/// Number of storage buffers in the pass that shades hits and traces mirror rays: the same as in the pass over the list of rays
+/// (`device/support.rs`), plus the other list and light probes.
 const JOINED_STORAGE_BUFFERS: u32 = 11;
 
 /// Pipelines of the tracing passes.
@@ -46,17 +46,17 @@ pub struct TracePipelines {
     /// The compute passes, and their shaders.
     compute: HashMap<Kernel, (GBufferPass<Features>, Handle<Shader>)>,
     pub(super) inline: InlinePass,
-    /// Makes shading-rate attachments.
+    /// Creates shading-rate attachments.
     attachment_shader: Handle<Shader>,
     /// Table for `albedo.wesl`.
     pub(super) albedo_table: TextureView,
     /// Spatio-temporal blue noise, once its image is loaded.
     pub(super) noise: Option<TextureView>,
-    /// The device has as many storage buffers as the pass takes that shades hits and traces mirror rays.
+    /// Whether the device has enough storage buffers for the pass that shades hits and traces mirror rays.
     can_join: bool,
     /// Definitions of all variants.
     common_defs: Vec<ShaderDefVal>,
-    /// Definitions of the raw Vulkan pass, which are right for any scene.
+    /// Definitions of the raw Vulkan pass, which work for any scene.
     vrs_defs: Vec<ShaderDefVal>,
     /// Passes requested since pipelines were last queued.
     wanted: HashSet<Demand>,
@@ -64,12 +64,12 @@ pub struct TracePipelines {
     pub(super) features: Features,
     /// Features that the app will need later.
     warm: Features,
-    /// Their shaders are compiled.
+    /// Shaders with these features are compiled.
     is_warm: bool,
     missing: Missing,
 }
 
-/// Features that passes of views leave out.
+/// Features that the passes of views lack.
 #[derive(Clone, Copy, Default, PartialEq)]
 struct Missing {
     all: Features,
@@ -78,7 +78,7 @@ struct Missing {
 }
 
 impl TracePipelines {
-    /// Asks for the passes of a view. To be called in each frame.
+    /// Requests the passes of a view. Call in each frame.
     pub(crate) fn request(&mut self, settings: &ClampedSettings) {
         self.wanted.insert(Demand::of(settings));
     }
@@ -94,7 +94,7 @@ impl TracePipelines {
         })
     }
 
-    /// Features that passes of views leave out, of those that a scene has, and those among them whose shaders are being compiled.
+    /// Features of the scene that the passes of views lack.
     fn missing(&self, features: Features, demands: &HashSet<Demand>, cache: &PipelineCache) -> Missing {
         let mut found = Missing::default();
         for demand in demands {
@@ -119,7 +119,7 @@ impl TracePipelines {
         }
     }
 
-    /// Has shaders compiled that the app will need later. In scenes with few lights, those that draw lights don't do.
+    /// Queues shaders that the app will need later. In scenes with few lights, variants that sample lights don't work.
     fn warm_up(&mut self, demands: &HashSet<Demand>, scene: &SceneBindings, cache: &PipelineCache) {
         let warm = (self.features - Features::SURFACE_SHADER) | self.warm | Features::MASKED;
         let few = warm - (self.warm & Features::LIGHT_SAMPLING);
@@ -145,17 +145,17 @@ impl TracePipelines {
         self.compute.get(&kernel).map(|(pass, _)| pass)
     }
 
-    /// All that a view's settings need can be used.
+    /// Returns whether everything that a view's settings need is ready.
     pub(crate) fn is_ready(&self, cache: &PipelineCache, settings: &ClampedSettings) -> bool {
         self.noise.is_some() && self.plan(Demand::of(settings), cache).is_some()
     }
 
-    /// No pass of a view leaves anything out that the scene has, or will have by [`ReflectionWarmUp`].
+    /// Returns whether the passes of views have all features of the scene, and of [`ReflectionWarmUp`].
     pub(crate) fn is_complete(&self) -> bool {
         self.missing.expected.is_empty() && self.is_warm
     }
 
-    /// Request for the pipeline of the raw Vulkan pass: the shader of [`Kernel::Inline`].
+    /// Requests the pipeline of the raw Vulkan pass, which uses the shader of [`Kernel::Inline`].
     pub(super) fn vrs_request(&self) -> PipelineRequest {
         PipelineRequest {
             shader: self.inline.shader.clone(),
@@ -165,7 +165,7 @@ impl TracePipelines {
         }
     }
 
-    /// Has the passes compiled that a view needs in a scene with these features.
+    /// Queues the passes that a view needs in a scene with these features.
     fn queue(&mut self, demand: Demand, wanted: Features, scene: &SceneBindings, cache: &PipelineCache) {
         for kernel in kernels(demand, wanted, self.can_join) {
             let features = kernel.features(wanted);
@@ -187,7 +187,7 @@ impl TracePipelines {
         }
     }
 
-    /// The first error of a pipeline, of those with the app's shader or of those without.
+    /// The first error of a pipeline, with or without the app's shader.
     fn error<'a>(&'a self, cache: &'a PipelineCache, is_own: bool) -> Option<&'a ShaderCacheError> {
         let compute = self.compute.values().flat_map(|(pass, _)| pass.errors(cache));
         compute
@@ -197,7 +197,7 @@ impl TracePipelines {
     }
 }
 
-/// Makes layouts and the albedo table.
+/// Creates layouts and the albedo table.
 pub(super) fn init_trace_pipelines(
     mut commands: Commands,
     asset_server: Res<AssetServer>,
@@ -214,7 +214,7 @@ pub(super) fn init_trace_pipelines(
     let common_defs: Vec<ShaderDefVal> = count.map(|_| "COUNT_INVOCATIONS".into()).into_iter().collect();
     let of_vrs = Features::MASKED | Features::DEEP_TREES | (Features::OF_VRS & scene.possible_features());
     let mut vrs_defs = scene.definitions(of_vrs);
-    // Its address takes the place of a binding.
+    // Its address replaces a binding.
     vrs_defs.push("ONE_TLAS".into());
     vrs_defs.extend_from_slice(&common_defs);
     commands.insert_resource(TracePipelines {
@@ -257,8 +257,8 @@ fn create_albedo_table(device: &RenderDevice, queue: &RenderQueue) -> TextureVie
             mip_level_count: 1,
             sample_count: 1,
             dimension: TextureDimension::D2,
-            // The shader loads and blends texels itself: so this needs no filtering, and weights are not cut to the 8 bits of
-            // texture units.
+            // The shader loads and blends texels itself, so no filtering is needed, and weights aren't limited to the 8 bits of texture
+            // units.
             format: TextureFormat::Rg32Float,
             usage: TextureUsages::TEXTURE_BINDING,
             view_formats: &[],
@@ -269,7 +269,7 @@ fn create_albedo_table(device: &RenderDevice, queue: &RenderQueue) -> TextureVie
     texture.create_view(&TextureViewDescriptor::default())
 }
 
-/// Takes over which shaders the app will need later, as far as the device can have them.
+/// Updates the features that the app will need later, as far as the device supports them.
 pub(super) fn extract_warm_up(
     own: Extract<Option<Res<ReflectionWarmUp>>>,
     pipelines: Option<ResMut<TracePipelines>>,
@@ -285,7 +285,7 @@ pub(super) fn extract_warm_up(
     }
 }
 
-/// Queues the passes of all views, with the features that the scene has.
+/// Queues the passes of all views, with the features of the scene.
 pub(super) fn queue_trace_pipelines(
     mut pipelines: ResMut<TracePipelines>,
     cache: Res<PipelineCache>,
@@ -304,13 +304,13 @@ pub(super) fn queue_trace_pipelines(
         scene.version.note(Change::Unmarked);
     }
     let failed = pipelines.error(&cache, false).is_some();
-    // A view that waits for other settings goes on with those that it has.
+    // A view that waits for other settings continues with its current ones.
     let mut demands = core::mem::take(&mut pipelines.wanted);
     demands.extend(views.iter().map(|view| Demand::of(&view.settings)));
     for demand in &demands {
         let wanted = pipelines.features | demand.asked;
         let library = wanted - Features::SURFACE_SHADER;
-        // The variant that is right for scenes with and without masks comes first.
+        // The variant that works for scenes with and without masks comes first.
         for features in [library | Features::MASKED, library, wanted] {
             pipelines.queue(*demand, features, &scene, &cache);
         }
@@ -321,7 +321,7 @@ pub(super) fn queue_trace_pipelines(
     }
     pipelines.warm_up(&demands, &scene, &cache);
     let missing = pipelines.missing(pipelines.features, &demands, &cache);
-    // Views at rest begin anew: the frames that they have gathered have other features.
+    // Converged views restart, since their accumulated frames have other features.
     if missing.all != pipelines.missing.all {
         scene.version.note(Change::Unmarked);
     }
@@ -342,7 +342,7 @@ pub(super) fn queue_trace_pipelines(
     }
 }
 
-/// Without its feature `bluenoise_texture` Bevy keeps a single texel, which is no array.
+/// Without its feature `bluenoise_texture`, Bevy has a single texel, which is no array.
 fn array_view(image: &GpuImage) -> TextureView {
     image.texture.create_view(&TextureViewDescriptor {
         label: Some("glint_noise"),

@@ -1,4 +1,4 @@
-//! Which passes trace the rays of a view, each in the variant that leaves out least of what is wanted, of those that are compiled.
+//! Chooses the passes that trace the rays of a view, each in the compiled variant that lacks the fewest requested features.
 
 use super::variant::{Demand, Kernel, RayPass};
 use crate::scene::{Features, Fit};
@@ -7,11 +7,11 @@ use crate::scene::{Features, Fit};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Plan([Option<(Kernel, Fit)>; 3]);
 
-/// Finds the variant of a pass for the wanted features, with no others than the spare ones.
+/// Finds the variant of a pass for the requested features. Others must be among the spare ones.
 pub(super) type Find<'a> = &'a dyn Fn(Kernel, Features, Features) -> Option<Fit>;
 
-/// Passes that serve a view best once they are compiled with all features. `can_join`: the device has as many storage buffers as the pass
-/// takes that shades hits and traces mirror rays.
+/// The best passes for a view once they are compiled with all features. `can_join` is true if the device has enough storage buffers for
+/// the pass that shades hits and traces mirror rays.
 pub(super) fn kernels(demand: Demand, wanted: Features, can_join: bool) -> impl Iterator<Item = Kernel> {
     let mirrors = demand.mirrors.then_some(Kernel::Mirrors);
     let kernels = match demand.rays {
@@ -25,13 +25,13 @@ pub(super) fn kernels(demand: Demand, wanted: Features, can_join: bool) -> impl 
     kernels.into_iter().flatten()
 }
 
-/// Features that the pass lacks which shades hits and traces mirror rays: lights without bits, and rays that are followed through layers.
+/// Features that the combined pass for shading and mirror rays lacks: lights without bits, and rays that are followed through layers.
 fn lost_by_joining(wanted: Features) -> Features {
     (wanted & Features::MANY_LIGHTS) | (Kernel::Mirrors.features(wanted) & Features::LAYERS)
 }
 
 impl Plan {
-    /// `None` where nothing that the view needs is compiled.
+    /// Returns `None` if nothing that the view needs is compiled.
     pub fn new(demand: Demand, wanted: Features, find: Find) -> Option<Self> {
         let best = |kernel: Kernel| Some((kernel, find(kernel, kernel.features(wanted), Features::HARMLESS)?));
         let mirrors = if demand.mirrors {
@@ -50,7 +50,7 @@ impl Plan {
         let best =
             |kernel: Kernel, wanted: Features, spare| Some((kernel, find(kernel, kernel.features(wanted), spare)?));
         let any = Features::HARMLESS;
-        // Rays test directional lights alone only if the pass that shades their hits draws the others.
+        // Rays test only directional lights, provided that the pass that shades their hits samples the others.
         let draws = |(_, fit): (Kernel, Fit)| fit.features.contains(Features::LIGHT_SAMPLING);
         let of_rays = if best(Kernel::Shading, wanted, any).is_some_and(draws) {
             wanted
@@ -58,7 +58,7 @@ impl Plan {
             wanted - Features::LIGHT_SAMPLING
         };
         let rays = best(Kernel::Rays, of_rays, any)?;
-        // Hits have tints only if their rays noted some.
+        // Hits have tints only if their rays recorded some.
         let noted = (rays.1.features & Features::TINTS) | !Features::TINTS;
         let (of_hits, spare) = (wanted & noted, any & noted);
         let shading = best(Kernel::Shading, of_hits, spare);
@@ -84,7 +84,7 @@ impl Plan {
         self.0.into_iter().flatten().map(|(kernel, fit)| (kernel, fit.features))
     }
 
-    /// Features that some pass leaves out while its shader is compiled.
+    /// Features that some pass lacks while its shader is compiled.
     pub fn missing(self) -> Features {
         self.0.iter().flatten().map(|(_, fit)| fit.missing).collect()
     }
@@ -104,7 +104,7 @@ mod tests {
     use crate::settings::{ClampedSettings, RayTracedReflections, ReflectionTechnique, ReflectionWarmUp};
     use bevy::platform::collections::HashMap;
 
-    /// A view, and what is compiled for it.
+    /// A view, and the passes that are compiled for it.
     struct Compiler {
         demand: Demand,
         compiled: HashMap<Kernel, Vec<Features>>,
@@ -122,7 +122,7 @@ mod tests {
             }
         }
 
-        /// Compiles all that the view wants.
+        /// Compiles everything that the view requests.
         fn finish(&mut self, wanted: Features) {
             for kernel in kernels(self.demand, wanted, true) {
                 self.compile(kernel, wanted);
@@ -153,7 +153,7 @@ mod tests {
 
     #[test]
     fn a_feature_that_comes_takes_no_other_one_away() {
-        // Any one, and those for which other passes run.
+        // Any single feature, and features for which other passes run.
         let coming = Features::HARMLESS - Features::FORWARD_SURFACES - BASE;
         for technique in TECHNIQUES {
             for feature in coming.iter() {
@@ -163,7 +163,7 @@ mod tests {
                 assert_eq!(compiler.missing(BASE), Features::empty(), "{technique:?}");
                 let richer = BASE | feature;
                 let missing = compiler.missing(richer);
-                // Where rays are bent, the ground truth follows all layers.
+                // If rays are refracted, the ground truth follows all layers.
                 let coming = if feature == Features::REFRACTION {
                     feature | Features::LAYERS
                 } else {
@@ -219,7 +219,7 @@ mod tests {
         let kernels = |plan: Option<Plan>| plan.unwrap().steps().map(|(kernel, _)| kernel).collect::<Vec<_>>();
         let joined = [Kernel::Rays, Kernel::ShadingAndMirrors];
         assert_eq!(kernels(compiler.plan(BASE)), joined);
-        // Glass: mirrors get a pass of their own, of which a poorer one is compiled first.
+        // Glass: mirrors get a separate pass, and a variant of it with fewer features is compiled first.
         let glass = BASE | Features::LAYERS;
         compiler.compile(Kernel::Mirrors, Features::MASKED | Features::LAYERS);
         compiler.compile(Kernel::Shading, Features::MASKED);

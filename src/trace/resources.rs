@@ -1,4 +1,4 @@
-//! Gathers what the passes of a view need of the render world.
+//! Gathers the render-world data for the passes of a view.
 
 use super::pipelines::TracePipelines;
 use crate::{
@@ -17,7 +17,7 @@ use bevy::{
     },
 };
 
-/// A view whose passes can run.
+/// Components of a view that passes run for.
 #[derive(QueryData)]
 pub struct PassView {
     pub(crate) view: &'static ReflectionView,

@@ -1,4 +1,4 @@
-//! The shader of the app's own that changes the surfaces which rays hit.
+//! The app's shader that modifies the surfaces of hits.
 
 use crate::settings::ReflectedSurfaceShader;
 use bevy::{
@@ -15,30 +15,30 @@ const MODULE_ID: AssetId<Shader> = AssetId::Uuid {
     uuid: Uuid::from_u128(0x6b1d_9a3e_52c7_4f08_8e64_1f7a_30d9_c25b),
 };
 
-/// The app's shader, as far as the renderer has it. A GPU resource: it is told anew to the pipeline cache of a new device.
+/// The app's shader, as known to the renderer. A GPU resource: it is sent again to the pipeline cache of a new device.
 #[derive(Resource, Default)]
 pub(super) struct SurfaceShader {
     /// The shader asset with the source of the module.
     loaded: Option<AssetId<Shader>>,
-    /// Surfaces change by themselves.
+    /// Surfaces change over time.
     animated: bool,
-    /// Surfaces have changed since it was asked for last.
+    /// Surfaces have changed since the last query.
     changed: bool,
 }
 
 impl SurfaceShader {
-    /// Returns whether there is one.
+    /// Returns whether the app has a shader.
     pub fn is_there(&self) -> bool {
         self.loaded.is_some()
     }
 
-    /// Returns whether surfaces can look different from those of the last call.
+    /// Returns whether surfaces might look different than at the last call.
     pub fn take_change(&mut self) -> bool {
         core::mem::take(&mut self.changed) || self.animated && self.is_there()
     }
 }
 
-/// Hands the app's shader to the renderer under the name by which the library's shaders import it.
+/// Passes the app's shader to the renderer under the name by which the library's shaders import it.
 pub(super) fn extract_surface_shader(
     own: Extract<Option<Res<ReflectedSurfaceShader>>>,
     shaders: Extract<Res<Assets<Shader>>>,
@@ -53,7 +53,7 @@ pub(super) fn extract_surface_shader(
     }
     let wanted = own.as_ref().map(|own| own.shader.id());
     let is_new = |event: &AssetEvent<Shader>| wanted.is_some_and(|id| event.is_added(id) || event.is_modified(id));
-    // All of them are read, so that none is seen twice.
+    // Reads all events, so that none is seen twice.
     let is_new = events.read().filter(|event| is_new(event)).count() > 0;
     state.animated = own.as_ref().is_some_and(|own| own.animated);
     if state.loaded == wanted && !is_new {

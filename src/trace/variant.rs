@@ -1,11 +1,11 @@
-//! The passes that trace rays, and the features that their shaders are compiled with.
+//! The passes that trace rays, and the features of their shaders.
 
 use crate::{
     scene::{Features, Passes},
     settings::{ClampedSettings, ReflectionBackend, ReflectionTechnique},
 };
 
-/// The pass that traces the first rays of a view, but for those of exact mirrors.
+/// The pass that traces the first rays of a view, except for the rays of exact mirrors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum RayPass {
     /// One thread for each block of the ray list.
@@ -16,13 +16,13 @@ pub(super) enum RayPass {
     Converged,
 }
 
-/// What a view's settings ask of the passes.
+/// Requirements of a view's settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Demand {
     pub rays: RayPass,
-    /// Exact mirrors have rays of their own.
+    /// Exact mirrors have their own rays.
     pub mirrors: bool,
-    /// These may be traced beside the shading of the blocks' hits.
+    /// These can be traced in the pass that shades the blocks' hits.
     pub may_join: bool,
     /// Features that the settings ask for.
     pub asked: Features,
@@ -55,9 +55,9 @@ impl Demand {
 pub(super) enum Kernel {
     /// Traces the rays of blocks.
     Rays,
-    /// Shades what they hit.
+    /// Shades their hits.
     Shading,
-    /// Does so, and traces the rays of mirrors.
+    /// Shades their hits, and traces the rays of mirrors.
     ShadingAndMirrors,
     /// Traces the rays of mirrors.
     Mirrors,
@@ -68,7 +68,7 @@ pub(super) enum Kernel {
 }
 
 impl Kernel {
-    /// The features that make a difference to the pass, of those that the scene and a view have.
+    /// The features of the scene and a view that affect the pass.
     pub fn features(self, wanted: Features) -> Features {
         match self {
             Self::Rays => wanted.seen_by(Passes::RAYS),
@@ -79,7 +79,7 @@ impl Kernel {
             Self::ShadingAndMirrors => wanted.seen_by(Passes::SHADING_AND_MIRRORS),
             Self::Mirrors => wanted.seen_by(Passes::MIRRORS),
             Self::Inline => wanted.seen_by(Passes::INLINE),
-            // The ground truth follows rays that are refracted without chance, and with less noise.
+            // The ground truth traces refracted rays deterministically, with less noise.
             Self::Converged => {
                 let mut features = wanted.seen_by(Passes::CONVERGED);
                 features.set(Features::LAYERS, features.contains(Features::REFRACTION));
@@ -88,7 +88,7 @@ impl Kernel {
         }
     }
 
-    /// Definitions that the pass has in any scene.
+    /// Definition of the pass in any scene.
     pub fn definition(self) -> Option<&'static str> {
         matches!(self, Self::ShadingAndMirrors | Self::Mirrors).then_some("MIRRORS")
     }

@@ -1,4 +1,4 @@
-//! Rays of the rate image by variable rate shading of the rasterizer: the shader of `inline.wesl` in a raw Vulkan pass.
+//! Rays of the rate image by variable rate shading of the rasterizer: runs the shader of `inline.wesl` in a raw Vulkan pass.
 
 use super::pipelines::TracePipelines;
 use crate::{
@@ -12,7 +12,7 @@ use bevy::{
     render::{render_resource::PipelineCache, renderer::RenderContext},
 };
 
-/// The raw Vulkan pass, as systems of the render world use it.
+/// The raw Vulkan pass, for systems of the render world.
 #[derive(SystemParam)]
 pub struct VrsPass<'w> {
     support: Option<Res<'w, HardwareVrs>>,
@@ -24,7 +24,7 @@ impl VrsPass<'_> {
     /// Checks whether fragment shaders can trace rays.
     ///
     /// # Errors
-    /// The reason why not, as the end of a sentence.
+    /// The error is the reason, as the end of a sentence.
     pub(crate) fn fragment_rays(&self) -> Result<(), &'static str> {
         self.fragment_rays.as_ref().map_or(Ok(()), |rays| rays.0)
     }
@@ -32,7 +32,7 @@ impl VrsPass<'_> {
     /// Checks whether views with tiles of `tile` x `tile` trace pixels can be traced.
     ///
     /// # Errors
-    /// The reason why not, as the end of a sentence.
+    /// The error is the reason, as the end of a sentence.
     pub(crate) fn available(&self, tile: u32) -> Result<(), String> {
         vrs::available(self.support.as_deref(), tile)
     }
@@ -42,12 +42,12 @@ impl VrsPass<'_> {
         vrs::status(self.support.as_deref())
     }
 
-    /// Fragments of a size exist, named by its code.
+    /// Returns whether the device supports fragments of the size with this code.
     pub(crate) fn supports(&self, code: u32) -> bool {
         vrs::supports(self.support.as_deref(), code)
     }
 
-    /// Prepares the resources for the settings; true once a view with them can be traced.
+    /// Prepares the resources for the settings. Returns true once a view with them can be traced.
     pub(crate) fn is_ready(
         &mut self,
         settings: &ClampedSettings,
@@ -62,8 +62,8 @@ impl VrsPass<'_> {
         backend.prepare(cache, || trace.vrs_request()).unwrap_or(false)
     }
 
-    /// Traces the rays of a view's blocks. False where nothing was drawn; after an error, the device is unavailable from the
-    /// next frame on, until the pass is tried again.
+    /// Traces the rays of a view's blocks. Returns false if nothing was drawn. After an error, the device is unavailable
+    /// from the next frame on, until the pass is retried.
     pub(super) fn trace(&mut self, ctx: &mut RenderContext, pipelines: &TracePipelines, context: &PassContext) -> bool {
         let Some(backend) = self.backend.as_deref_mut() else {
             return false;
