@@ -1,17 +1,17 @@
-//! From rays to a stable image: reconstruction, temporal accumulation, blur (section 4.1.2 of the paper).
+//! Turns rays into a stable image: reconstruction, temporal accumulation, blur (section 4.1.2 of the paper).
 //!
 //! | pass | reads | writes |
 //! |---|---|---|
 //! | `reconstruct` | rays of the neighbourhood | radiance at full resolution, its variance, hit distance, number of rays |
 //! | `temporal` | that, and the history of the last frame | the history of this frame |
 //!
-//! `one_pass.wesl` does both, if blocks of 2x2 pixels share a ray and no debug view shows the data between the two.
+//! `one_pass.wesl` does both, if blocks of 2x2 pixels share a ray and no debug view shows the intermediate data.
 //!
 //! They only visit the active tiles of the rate image. `tiles.wesl` maps threads to pixels; `cells.wesl` stores the rays around a
-//! workgroup, `neighbours.wesl` selects the rays that a pixel borrows, and `lobes.wesl` weighs them; `history.wesl` reprojects, and
+//! workgroup, `neighbours.wesl` selects the rays that a pixel borrows, and `lobes.wesl` weights them; `history.wesl` reprojects, and
 //! `hit_motion.wesl` finds the motion of reflected objects; `filters.wesl` decides which surfaces match and how far history is trusted.
 //!
-//! The passes that show the reflection blur it on the way (`blur.wesl`).
+//! The passes that display the reflection also blur it (`blur.wesl`).
 
 mod one_pass;
 mod pipelines;

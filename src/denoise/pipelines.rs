@@ -23,9 +23,9 @@ use bevy::{
 /// A pass of the denoiser.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 enum DenoisePass {
-    /// Rays of neighbours to an image at full resolution.
+    /// Combines rays of neighbours into an image at full resolution.
     Reconstruct,
-    /// Images to their mean over frames.
+    /// Averages images over frames.
     Temporal,
     /// Both at once.
     OnePass,
@@ -45,7 +45,7 @@ impl DenoisePass {
         }
     }
 
-    /// The variant for a view whose picture is at rest or not. Wide workgroups take rays that are fewer than pixels.
+    /// The variant for static or moving views. Wide workgroups are for views with fewer rays than pixels.
     fn variant(self, settings: &ClampedSettings, rest: bool) -> PassVariant {
         PassVariant {
             wide: self != Self::Temporal && settings.technique.trace_scale() > 1,
@@ -54,8 +54,7 @@ impl DenoisePass {
         }
     }
 
-    /// The variant that follows images of moving objects. If the pass reads no history, or the picture is at rest, it
-    /// is the same.
+    /// The variant that follows images of moving objects. It is the same if the pass reads no history, or the view is static.
     fn following(self, variant: PassVariant) -> PassVariant {
         PassVariant {
             hit_motion: self != Self::Reconstruct && !variant.rest,
@@ -63,7 +62,7 @@ impl DenoisePass {
         }
     }
 
-    /// Returns whether rays of a view have motions: those of lists.
+    /// Returns whether rays of a view record motions: only rays of lists do.
     fn has_motions(settings: &ClampedSettings) -> bool {
         settings.backend == ReflectionBackend::Compute && settings.technique != ReflectionTechnique::QuarterInline
     }
@@ -84,12 +83,12 @@ pub struct DenoisePipelines {
     passes: HashMap<DenoisePass, (GBufferPass<PassVariant>, Handle<Shader>)>,
     /// Passes requested since pipelines were last queued.
     wanted: HashSet<(DenoisePass, PassVariant)>,
-    /// Objects move in this frame by a motion that is known.
+    /// Objects with known motion move in this frame.
     knows_motions: bool,
 }
 
 impl DenoisePipelines {
-    /// Asks for the passes of a view. To be called in each frame.
+    /// Requests the passes of a view. Call in each frame.
     pub(crate) fn request(&mut self, settings: &ClampedSettings) {
         for rest in [false, true] {
             let passes = DenoisePass::of(settings).iter();
@@ -98,9 +97,9 @@ impl DenoisePipelines {
         }
     }
 
-    /// All that a view's settings need can be used.
+    /// Returns whether everything that a view's settings need is ready.
     pub(crate) fn is_ready(&self, cache: &PipelineCache, settings: &ClampedSettings) -> bool {
-        // The variant that does for all pictures.
+        // The variant that works for all views.
         DenoisePass::of(settings).iter().all(|pass| {
             let variant = pass.variant(settings, true);
             self.passes[pass].0.pipeline(&variant, cache).is_some()
@@ -108,7 +107,7 @@ impl DenoisePipelines {
     }
 }
 
-/// Declares what the passes bind.
+/// Declares the bindings of the passes.
 pub(super) fn init_denoise_pipelines(mut commands: Commands, asset_server: Res<AssetServer>) {
     let assets = asset_server.as_ref();
     commands.insert_resource(DenoisePipelines {
@@ -131,7 +130,7 @@ pub(super) fn init_denoise_pipelines(mut commands: Commands, asset_server: Res<A
     });
 }
 
-/// Queues what cameras asked for.
+/// Queues the passes that cameras requested.
 pub(super) fn queue_denoise_pipelines(
     mut pipelines: ResMut<DenoisePipelines>,
     cache: Res<PipelineCache>,
@@ -172,7 +171,7 @@ pub(crate) fn denoise(
 ) {
     let temporal = context.history().is_some();
     for &name in DenoisePass::of(&context.view.settings) {
-        // Without history, only this pass has what it needs.
+        // Without history, only this pass has its inputs.
         if !temporal && name != DenoisePass::Reconstruct {
             continue;
         }
@@ -197,18 +196,18 @@ pub(crate) fn denoise(
     }
 }
 
-/// Returns whether what a history holds is blurred where it is shown.
+/// Returns whether the content of a history is blurred for display.
 pub(crate) fn blurs(settings: &ClampedSettings) -> bool {
     let denoiser = &settings.denoiser;
     settings.technique != ReflectionTechnique::Converged && denoiser.temporal && denoiser.blur_radius > 0.0
 }
 
-/// Radiance that the composite shows, before the last blur; `None` for techniques without rays to denoise.
+/// Radiance that the composite displays, before the last blur; `None` for techniques without rays to denoise.
 pub(crate) fn result<'a>(context: &PassContext<'a>) -> Option<&'a TextureView> {
     let images = context.images()?;
     match context.history() {
         Some((history, _)) => Some(&history.radiance[context.now()]),
-        // While the passes for a camera that has lost its motion vectors are compiled, the last frame is better than none.
+        // After a camera lost its motion vectors, the last frame is displayed until its passes are compiled.
         None => images.reconstructed.as_ref().or_else(|| {
             let history = images.history.as_ref();
             history.map(|history| &history.radiance[context.before()])

@@ -14,7 +14,7 @@ pub(super) fn pass() -> GBufferPass<PassVariant> {
 }
 
 /// The bindings of this pass, and of the joint pass with the reconstruction. This pass doesn't read the rays. The joint pass doesn't read
-/// the reconstruction; if there is none, other textures of the same kind are bound in its place.
+/// the reconstruction; if there is none, other textures of the same kind are bound instead.
 pub(super) fn bindings() -> Vec<Binding> {
     let mut bindings = tiles::bindings();
     bindings.extend(ray_bindings());

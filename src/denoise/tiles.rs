@@ -1,9 +1,9 @@
-//! Bindings of `tiles.wesl`, and the variants of the passes that it serves.
+//! Bindings of `tiles.wesl`, and variants of the passes that use it.
 
 use crate::gbuffer::Binding;
 use bevy::shader::ShaderDefVal;
 
-/// The bindings that passes over the active tiles begin with.
+/// The first bindings of passes over the active tiles.
 pub(super) fn bindings() -> Vec<Binding> {
     vec![
         Binding::words(|context| Some(&context.images()?.tile_list)),
@@ -15,7 +15,7 @@ pub(super) fn bindings() -> Vec<Binding> {
 /// A variant of a pass over the active tiles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct PassVariant {
-    /// It works on 16x16 pixels at a time, not on 8x8.
+    /// Processes 16x16 pixels at a time instead of 8x8.
     pub wide: bool,
     /// The variant for static views. Views in motion use a faster variant without it.
     pub rest: bool,

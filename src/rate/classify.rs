@@ -1,4 +1,4 @@
-//! The pass that gives each tile its rate and lists the rays.
+//! The pass that assigns a rate to each tile and lists the rays.
 
 use crate::{
     common::INDIRECT_ARG_WORDS,
@@ -24,11 +24,11 @@ use bevy::{
 /// A pipeline.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct RateKey {
-    /// The one that decides.
+    /// The heuristic.
     variant: RateVariant,
     /// Trace pixels of a tile in each direction.
     tile_size: u32,
-    /// It begins with a tile that the view tells, so that a part of the tiles can be visited.
+    /// Starts at a tile given by the view, so that a part of the tiles can be visited.
     part: bool,
 }
 
@@ -41,7 +41,7 @@ impl RateKey {
         }
     }
 
-    /// Variant for a part of the tiles. Shaders of users don't see it.
+    /// Variant for a part of the tiles. It doesn't exist for users' shaders.
     fn of_part(self) -> Option<Self> {
         let is_own = !matches!(self.variant, RateVariant::Custom(_));
         is_own.then_some(Self { part: true, ..self })
@@ -63,25 +63,25 @@ impl RateKey {
     }
 }
 
-/// Pipelines of the pass that determines rates, and the rate images of users.
+/// Pipelines of the pass that determines rates, and users' rate images.
 #[derive(Resource)]
 pub struct RatePipelines {
     shader: Handle<Shader>,
     adaptive_shader: Handle<Shader>,
     pass: GBufferPass<RateKey>,
-    /// Variant with the history, for [`RateVariant::Adaptive`].
+    /// Variant that reads the history, for [`RateVariant::Adaptive`].
     adaptive: GBufferPass<RateKey>,
-    /// Shaders with an error that has been logged.
+    /// Shaders with an error that was logged.
     failed: HashSet<RateKey>,
     /// Pipelines requested since pipelines were last queued.
     wanted: HashSet<RateKey>,
     wanted_images: HashSet<AssetId<Image>>,
     images: HashMap<AssetId<Image>, TextureView>,
-    /// Unusable images that have been logged.
+    /// Unusable images that were logged.
     refused: HashSet<AssetId<Image>>,
 }
 
-/// The variant that takes over until an asset of the user's is loaded, and where it is wrong.
+/// The variant that replaces a user's asset until it is loaded, or if it is unusable.
 fn stand_in(variant: &RateVariant) -> Option<RateVariant> {
     match variant {
         RateVariant::Image | RateVariant::Custom(_) => Some(RateVariant::Uniform),
@@ -99,13 +99,13 @@ fn keys_of(rate: &RateSettings) -> impl Iterator<Item = RateKey> {
 }
 
 impl RatePipelines {
-    /// Asks for the pipelines of a view; they are compiled from the next frame on. To be called in each frame.
+    /// Requests the pipelines of a view; they are compiled from the next frame on. Call in each frame.
     pub(crate) fn request(&mut self, rate: &RateSettings) {
         self.wanted.extend(keys_of(rate));
         self.wanted_images.extend(rate.image.as_ref().map(Handle::id));
     }
 
-    /// Asks for pipelines that visit a part of the tiles, too.
+    /// Also requests pipelines that visit a part of the tiles.
     pub(crate) fn request_parts(&mut self, rate: &RateSettings) {
         self.wanted.extend(keys_of(rate).filter_map(RateKey::of_part));
     }
@@ -152,7 +152,7 @@ fn bindings() -> Vec<Binding> {
     ]
 }
 
-/// The last frame, which [`RateVariant::Adaptive`] reads besides.
+/// The last frame, for [`RateVariant::Adaptive`].
 fn history_bindings() -> [Binding; 5] {
     [
         Binding::integers(|context| Some(&context.images()?.rate[context.before()])),
@@ -238,7 +238,7 @@ fn problem(image: &GpuImage) -> Option<&'static str> {
     None
 }
 
-/// Rates, lists of rays and their indirect arguments for one view; expects the indirect arguments to be 0.
+/// Computes rates, lists of rays and their indirect arguments for one view; expects the indirect arguments to be 0.
 pub(crate) fn determine_rates(ctx: &mut RenderContext, pipelines: &RatePipelines, context: &PassContext) {
     let rate = &context.view.rate;
     let image = rate.image.as_ref().and_then(|image| pipelines.images.get(&image.id()));

@@ -1,8 +1,8 @@
-//! How many rays a tile of the screen deserves.
+//! Decides how many rays each tile of the screen gets.
 //!
-//! A compute pass looks at each tile of the G-buffer and gives it a [`ShadingRate`](crate::ShadingRate), by the camera's
-//! [`ShadingRateHeuristic`](crate::ShadingRateHeuristic). From the rates follow the lists of rays: one for each *block* of trace
-//! pixels in which something reflects. Tiles without anything that reflects are skipped by all later passes.
+//! A compute pass examines each tile of the G-buffer and assigns a [`ShadingRate`](crate::ShadingRate) to it, by the camera's
+//! [`ShadingRateHeuristic`](crate::ShadingRateHeuristic). The rates determine the lists of rays: one ray for each *block* of
+//! trace pixels with a reflective pixel. All later passes skip tiles without reflective pixels.
 //!
 //! | file | contents |
 //! |---|---|
