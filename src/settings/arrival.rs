@@ -1,18 +1,18 @@
-//! How fast meshes arrive in reflections.
+//! How fast meshes appear in reflections.
 
 use bevy::{
     ecs::prelude::*,
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-/// How much of new and changed meshes goes to the GPU for reflections in one frame, at most.
+/// Maximum amount of new and changed meshes that goes to the GPU for reflections in one frame.
 ///
 /// A mesh is copied out of the main world, built on another thread, and uploaded. Changed meshes come first, then the nearest ones. The
-/// last of a frame's copies may exceed the budget, as a mesh is copied in one go; uploads are split where the budget ends.
+/// last copy of a frame can exceed the budget, since a mesh is copied in one go; uploads are split when the budget is used up.
 ///
-/// More shows a level in reflections sooner and makes the frames of its arrival longer, by about half a millisecond for a megabyte. While copies
-/// wait for their build they take main memory: up to 64 MiB, or the budget if that is more. Behind a loading screen, raise it until
-/// [`meshes_pending`](crate::ReflectionStatusReport::meshes_pending) is 0:
+/// A higher budget shows a level in reflections sooner and makes the frames in which it loads longer, by about half a millisecond per
+/// megabyte. Copies that wait for their build take main memory: up to 64 MiB, or the budget if that is more. Behind a loading screen,
+/// raise it until [`meshes_pending`](crate::ReflectionStatusReport::meshes_pending) is 0:
 ///
 /// ```
 /// use bevy::prelude::*;
@@ -31,10 +31,10 @@ pub struct ReflectionUploadBudget {
 }
 
 impl ReflectionUploadBudget {
-    /// Less would take seconds for a single mesh.
+    /// With less, a single mesh would take seconds.
     const LEAST: u64 = 64 << 10;
 
-    /// The bytes per frame, in the range that is documented.
+    /// The bytes per frame, clamped to the documented range.
     pub(crate) fn bytes(self) -> u64 {
         self.bytes_per_frame.max(Self::LEAST)
     }

@@ -1,4 +1,4 @@
-//! The search for the quality that suits a machine.
+//! Settings of the search for the best quality on a machine.
 
 use super::{ReflectionQuality, clamped::number_or};
 use bevy::{
@@ -6,23 +6,22 @@ use bevy::{
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-/// Chooses the [`ReflectionQuality`] of a camera for the machine that the game runs on. Insert it at the first start of a game, instead of
-/// a quality.
+/// Chooses the [`ReflectionQuality`] of a camera for the player's machine. Insert it at the first start of a game, instead of a quality.
 ///
-/// The adapter gives the first guess: `High` on a discrete GPU with ray queries, `Medium` on one without them, and `Low` on any other.
-/// The camera then tries one quality after another: better ones while the median of its GPU times leaves room below the target, and worse
-/// ones while it is above. The camera renders with the quality being tried.
+/// The adapter determines the first guess: `High` on a discrete GPU with ray queries, `Medium` on one without them, and `Low` on any
+/// other. The camera then tries one quality after another: better ones while the median of its GPU times is well below the target, and
+/// worse ones while it is above. The camera renders with the quality being tried.
 ///
-/// At the end, the component removes itself. The camera keeps the [`ReflectionQuality`], has a
-/// [`ReflectionBudget`](crate::ReflectionBudget) with the same time unless it already had one, and gets the event
+/// At the end, the component removes itself. The camera keeps the [`ReflectionQuality`]. It gets a
+/// [`ReflectionBudget`](crate::ReflectionBudget) with the same time unless it already had one, and the event
 /// [`ReflectionQualityChosen`](crate::ReflectionQualityChosen). Save the quality in an observer of that event. To search again, for
 /// instance in a window of another size, insert the component again. To end the search early, insert another quality or remove the
 /// component.
 ///
-/// The search is no quality of its own: a game that saved it would measure at every start and look different each time.
+/// The search isn't a quality itself: a game that saved it would measure at every start and look different each time.
 ///
-/// Times come from Bevy's `RenderDiagnosticsPlugin`, which the app adds, and from a device with timestamps. Without them the first
-/// guess stays, and a warning says so once. Times of several reflecting cameras can't be told apart: search on one, and copy its quality.
+/// Measuring requires a device with timestamps, and Bevy's `RenderDiagnosticsPlugin`, which the app adds. Without them, the first guess is
+/// used, with a warning. Times of several reflecting cameras can't be separated: search on one, and copy its quality.
 ///
 /// ```no_run
 /// use bevy::{prelude::*, render::diagnostic::RenderDiagnosticsPlugin};
@@ -41,14 +40,13 @@ use bevy::{
 #[derive(Component, Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct ReflectionAutoQuality {
-    /// GPU milliseconds per frame that reflections can take. More allows better qualities. NaN is the default, and values below 0 are 0.
-    /// Default: 2.
+    /// GPU milliseconds per frame that reflections can take. A higher value allows better qualities. NaN is the default, and values below
+    /// 0 are 0. Default: 2.
     #[reflect(@0.0..=20.0_f32)]
     pub milliseconds: f32,
-    /// Worst quality that is chosen. `Off` is chosen only where `Low` takes more than four times the target. Default: `Off`.
+    /// Worst quality that the search can choose. It only chooses `Off` if `Low` takes more than four times the target. Default: `Off`.
     pub worst: ReflectionQuality,
-    /// Best quality that the search can choose. `Ultra` traces a ray for each pixel, and a budget can't save any of them. Default:
-    /// `High`.
+    /// Best quality that the search can choose. `Ultra` traces a ray for each pixel, and a budget can't reduce them. Default: `High`.
     pub best: ReflectionQuality,
 }
 

@@ -1,4 +1,4 @@
-//! A target for the GPU time of reflections, and the effort that holds it.
+//! A target for the GPU time of reflections, and the effort to meet it.
 
 use super::{
     ReflectionTechnique,
@@ -10,13 +10,14 @@ use bevy::{
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-/// Holds the GPU time of a camera's reflections near a target. Insert it next to [`RayTracedReflections`](crate::RayTracedReflections),
+/// Keeps the GPU time of a camera's reflections near a target. Insert it next to [`RayTracedReflections`](crate::RayTracedReflections),
 /// which then sets the upper limit of the quality.
 ///
-/// Times come from Bevy's `RenderDiagnosticsPlugin`, which the app adds, and from a device with timestamps; without them nothing is spared,
-/// and a warning says so once. Times of several cameras can't be told apart: what is measured is the sum of all that reflect, and the sum
-/// of their budgets is held; each spares as much as the others. Cameras without a budget spare nothing, and their time counts. Settings
-/// stay as the app has set them; [`ReflectionEffort`] says how much of them is left. Without the budget it is all of them again.
+/// Measuring requires a device with timestamps, and Bevy's `RenderDiagnosticsPlugin`, which the app adds; without them the effort stays at
+/// its maximum, with a warning. Times of several cameras can't be separated. The sum over all reflecting cameras is therefore measured and
+/// compared with the sum of their budgets, and each camera with a budget reduces its effort by the same amount. Cameras without a budget
+/// keep their full effort, and their time counts. The app's settings don't change; [`ReflectionEffort`] is the fraction of them that is
+/// used. Removing the budget restores the full effort.
 ///
 /// ```no_run
 /// use bevy::{prelude::*, render::diagnostic::RenderDiagnosticsPlugin};
@@ -36,11 +37,12 @@ use bevy::{
 #[require(ReflectionEffort)]
 #[component(on_remove = end_sparing)]
 pub struct ReflectionBudget {
-    /// GPU milliseconds per frame. More allows more rays. 0 and less spare as much as [`least_effort`](Self::least_effort) allows, and NaN
-    /// is the default. Default: 2.
+    /// GPU milliseconds per frame. A higher value allows more rays. Values of 0 and less reduce the effort to
+    /// [`least_effort`](Self::least_effort), and NaN is the default. Default: 2.
     #[reflect(@0.0..=20.0_f32)]
     pub milliseconds: f32,
-    /// Least [`ReflectionEffort`], from 0.1 to 1. Less holds the target in more expensive views, with coarser reflections. Default: 0.25.
+    /// Minimum [`ReflectionEffort`], from 0.1 to 1. A lower value meets the target in more expensive views, with coarser reflections.
+    /// Default: 0.25.
     #[reflect(@0.1..=1.0_f32)]
     pub least_effort: f32,
 }
@@ -73,14 +75,14 @@ fn end_sparing(mut world: DeferredWorld, context: HookContext) {
 
 /// Lowest effort that a budget can set.
 const LEAST_EFFORT: f32 = 0.1;
-/// Effort below which the roughness cut-off falls, too: until then rays are only shared by more pixels.
+/// Effort below which the roughness cut-off falls, too. Above it, rays are only shared by more pixels.
 const EFFORT_FOR_CUTOFF: f32 = 0.5;
-/// Rays of neighbours that a pixel is reconstructed from at least, if the settings have as many.
+/// Minimum number of neighbours' rays from which a pixel is reconstructed, unless the settings have fewer.
 const LEAST_SAMPLES: u32 = 4;
-/// Band of roughness over which reflections fade out below a lowered cut-off, where the settings have none.
+/// Width of the roughness band in which reflections fade out below a lowered cut-off, if the settings have none.
 const FADE: f32 = 0.1;
 
-/// Part of a camera's settings that its [`ReflectionBudget`] leaves: 1 is all of them.
+/// Fraction of a camera's settings that its [`ReflectionBudget`] uses: 1 is all of them.
 ///
 /// A lower effort makes pixels reach the thresholds of [`ShadingRateHeuristic`](crate::ShadingRateHeuristic) sooner, so that more of them
 /// share a ray, and reconstructs pixels from fewer rays. Below 0.5, the

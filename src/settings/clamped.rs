@@ -17,7 +17,7 @@ pub(crate) struct ClampedSettings {
     pub full_resolution_mirrors: bool,
     pub denoiser: ReflectionDenoiser,
     pub fade_start: f32,
-    /// Between two of the roughnesses that a G-buffer can hold, so that nothing is ever equal to it.
+    /// Halfway between two roughnesses that a G-buffer can store, so that no roughness ever equals it.
     pub cutoff: f32,
     pub max_ray_length: f32,
     pub max_bounces: u32,
@@ -28,7 +28,7 @@ pub(crate) struct ClampedSettings {
     pub fixed_mip: Option<f32>,
     pub transparent: bool,
     pub forward: bool,
-    /// Reconstruction and accumulation take a pass each: a debug view shows the data between them, or nothing is accumulated.
+    /// Reconstruction and accumulation are separate passes, since a debug view shows the data between them, or nothing is accumulated.
     pub separate_denoiser: bool,
 }
 
@@ -37,29 +37,29 @@ pub(super) fn between_steps(cutoff: f32) -> f32 {
     ((cutoff * 255.0 + 1e-3).floor() + 0.5) / 255.0
 }
 
-/// `value`, or the default in place of NaN.
+/// `value`, or the default for NaN.
 pub(super) fn number_or(value: f32, default: f32) -> f32 {
     if value.is_nan() { default } else { value }
 }
 
 impl ClampedSettings {
-    /// Rays are followed beyond their first hit.
+    /// Returns whether rays are traced beyond their first hit.
     pub fn has_bounces(&self) -> bool {
         self.max_bounces > 1
     }
 
-    /// Surfaces that Bevy draws forward reflect.
+    /// Returns whether surfaces that Bevy draws in its forward pass reflect.
     pub fn has_front_layer(&self) -> bool {
         self.transparent || self.forward
     }
 
-    /// Hits take light from the last frame. The ground truth shades all of them, and so do rays from fragment shaders: few cameras have
-    /// them.
+    /// Returns whether hits take light from the last frame. The ground truth shades all of them, and so do rays from fragment shaders,
+    /// which few cameras use.
     pub fn reuses_screen(&self) -> bool {
         self.screen_traces != ScreenTraces::Off && can_reuse_screen(self.technique, self.backend)
     }
 
-    /// Reconstruction and accumulation are one pass, which leaves nothing in between.
+    /// Returns whether reconstruction and accumulation are one pass, without data in between.
     pub fn denoises_in_one_pass(&self) -> bool {
         self.denoiser.temporal
             && self.technique != ReflectionTechnique::Converged
@@ -67,7 +67,7 @@ impl ClampedSettings {
             && !self.separate_denoiser
     }
 
-    /// Rays also march the last frame's screen.
+    /// Returns whether rays also march the last frame's screen.
     pub fn marches_screen(&self) -> bool {
         self.screen_traces == ScreenTraces::March && self.reuses_screen()
     }

@@ -6,7 +6,7 @@ use super::{
 };
 use bevy::{asset::Handle, image::Image, shader::Shader};
 
-/// The kind of a heuristic, as far as pipelines differ.
+/// The kind of a heuristic: each has its own pipeline.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum RateVariant {
     Uniform,
@@ -18,7 +18,7 @@ pub(crate) enum RateVariant {
     Custom(Handle<Shader>),
 }
 
-/// The numbers of a heuristic, for the uniform of the view. A heuristic leaves those at 0 that it doesn't read.
+/// The numbers of a heuristic, for the uniform of the view. Unused ones are 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct RateThresholds {
     /// Roughness or cosine from which two trace pixels share a ray.
@@ -27,17 +27,17 @@ pub(crate) struct RateThresholds {
     pub quarter: f32,
     /// Roughness from which eight and sixteen trace pixels share a ray.
     pub eighth: f32,
-    /// Least roughness in a tile below which it keeps 1x1; negative for none.
+    /// Minimum roughness in a tile below which it keeps 1x1; negative to disable.
     pub min_roughness: f32,
-    /// Length of the average normal below which a tile counts as an edge; negative for none.
+    /// Length of the average normal below which a tile counts as an edge; negative to disable.
     pub min_flatness: f32,
-    /// Share of the reflection below which it is faint.
+    /// Fraction of the reflection in the light below which it counts as faint.
     pub visibility_threshold: f32,
     /// Highest step of the ladder of [`ShadingRateHeuristic::Combined`].
     pub max_level: u32,
-    /// Rate code of [`RateVariant::Uniform`], also where that replaces another variant.
+    /// Rate code of [`RateVariant::Uniform`], also if that replaces another variant.
     pub uniform_code: u32,
-    /// Noise that [`RateVariant::Adaptive`] aims at.
+    /// Noise target of [`RateVariant::Adaptive`].
     pub error_target: f32,
     /// Mirror pixels without a ray of their own keep their history.
     pub keeps_mirrors: bool,
@@ -54,7 +54,8 @@ pub(crate) struct RateSettings {
 }
 
 impl RateSettings {
-    /// Tiles of 16x16, for adaptive rates of 8x8; set `tile_size` for others. Only [`ReflectionTechnique::Variable`] varies its rate.
+    /// Tiles have 16x16 trace pixels, or 8x8 for adaptive rates; set `tile_size` for other sizes. Only
+    /// [`ReflectionTechnique::Variable`] varies its rate.
     pub fn new(heuristic: &ShadingRateHeuristic, technique: ReflectionTechnique) -> Self {
         let settings = |variant, thresholds| Self {
             variant,
@@ -91,8 +92,8 @@ impl RateSettings {
         }
     }
 
-    /// Replaces rates that the device lacks by finer ones. Rates of images and custom heuristics stay: the hardware uses a smaller
-    /// fragment, and all fragments of a block trace the block's ray.
+    /// Replaces rates that the device lacks by finer ones. Rates of images and custom heuristics don't change: the hardware uses a
+    /// smaller fragment, and all fragments of a block trace the block's ray.
     pub fn limit(&mut self, supports: impl Fn(u32) -> bool) {
         let thresholds = &mut self.thresholds;
         match self.variant {
@@ -106,7 +107,7 @@ impl RateSettings {
                 thresholds.uniform_code = (log2_size[0] << 2) | log2_size[1];
             }
             RateVariant::Combined | RateVariant::Adaptive => {
-                // A tall rate goes with the wide one.
+                // A tall rate is allowed together with the wide one.
                 let steps = [
                     ShadingRate::R1x1,
                     ShadingRate::R2x1,
@@ -117,7 +118,7 @@ impl RateSettings {
                 let exists = |step: &u32| steps.get(*step as usize).is_some_and(|rate| supports(rate.code()));
                 thresholds.max_level = (0..=thresholds.max_level).rev().find(exists).unwrap_or(0);
             }
-            // Every device with rates has the three that the first two choose from.
+            // Every device with rates has the three that the first two use.
             RateVariant::Roughness | RateVariant::Grazing | RateVariant::Image | RateVariant::Custom(_) => {}
         }
     }
@@ -166,7 +167,7 @@ impl From<&CombinedThresholds> for RateThresholds {
 }
 
 impl From<&AdaptiveThresholds> for RateThresholds {
-    /// With the default thresholds of `Combined`, which decides without a history.
+    /// Uses the default thresholds of `Combined`, which replaces it without a history.
     fn from(thresholds: &AdaptiveThresholds) -> Self {
         let default = AdaptiveThresholds::default();
         Self {
@@ -177,7 +178,7 @@ impl From<&AdaptiveThresholds> for RateThresholds {
     }
 }
 
-/// Least [`AdaptiveThresholds::error_target`], which shaders divide by.
+/// Minimum [`AdaptiveThresholds::error_target`], which shaders divide by.
 const SMALLEST_TARGET: f32 = 1e-4;
 
 /// No roughness is below 0.

@@ -1,4 +1,4 @@
-//! Debug views and counters that a camera can ask for.
+//! Debug views and counters of a camera.
 
 use super::words::words;
 use bevy::{
@@ -7,7 +7,7 @@ use bevy::{
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-/// Debug view that a reflecting camera shows in place of its normal output. Insert it next to
+/// Debug view that a reflecting camera shows instead of its normal output. Insert it next to
 /// [`RayTracedReflections`](crate::RayTracedReflections); it can change at any time.
 ///
 /// A view is drawn after all opaque and transparent surfaces, and before post-processing and tone mapping. For exact colours, set
@@ -15,9 +15,9 @@ use bevy::{
 /// over frames. A compute shader writes it, which requires an [`Hdr`](bevy::camera::Hdr) camera; other cameras keep their normal output,
 /// with a warning.
 ///
-/// *Heat* is a scale of five colours in equal steps: blue, cyan, green, yellow, red. Values beyond an end have the colour of that end,
-/// and values that aren't finite are magenta. Pixels without data (sky, rough or unlit surfaces, tiles without reflections, techniques
-/// without such a texture) are dark grey versions of the frame in heat views, and black in radiance views.
+/// *Heat* is a scale of five colours in equal steps: blue, cyan, green, yellow, red. Values beyond an end have the colour of that end, and
+/// non-finite values are magenta. Pixels without data (sky, rough or unlit surfaces, tiles without reflections, techniques without such a
+/// texture) are dark grey versions of the frame in heat views, and black in radiance views.
 ///
 /// Views show the textures *of this frame*. Radiance is exposed, as in Bevy's HDR frames.
 ///
@@ -30,48 +30,46 @@ pub enum ReflectionDebugView {
     /// The normal frame.
     #[default]
     Off,
-    /// The reflection alone: exactly the light that is added to the frame, on black. It is negative where it removes ambient light that
-    /// Bevy added.
+    /// The reflection alone: exactly the light that is added to the frame, on black. Negative where it removes ambient light that Bevy
+    /// added.
     Reflection,
-    /// The colour of each tile's rate according to [`RATE_LEGEND`], over the brightness of the frame; darker where nothing reflects.
-    /// Exact mirrors with rays of their own have their own colour.
+    /// The colour of each tile's rate according to [`RATE_LEGEND`], over the brightness of the frame; darker where nothing reflects. Exact
+    /// mirrors with rays of their own have a separate colour.
     ShadingRates,
-    /// Heat of the reflection rays per pixel of the view, by its logarithm: blue 1/64, cyan 1/23, green 1/8, yellow 1/3, red 1. The
-    /// ray of a block counts in equal parts for its pixels.
+    /// Heat of the reflection rays per pixel of the view, by its logarithm: blue 1/64, cyan 1/23, green 1/8, yellow 1/3, red 1. The ray of
+    /// a block is divided equally among its pixels.
     RaysPerPixel,
-    /// Radiance that rays brought, before any weight: a block of pixels shows the one ray that it shares. Exact mirrors with rays
-    /// of their own are not in it.
+    /// Radiance of rays, before any weighting: a block of pixels shows its shared ray. Exact mirrors with rays of their own are excluded.
     RawRays,
-    /// Heat of the distance from the surface to the reflected object, on a logarithmic scale, as reconstruction found it: blue 0.1 m,
+    /// Heat of the distance from the surface to the reflected object, on a logarithmic scale, according to the reconstruction: blue 0.1 m,
     /// cyan 1 m, green 10 m, yellow 100 m, red 1,000 m. White is the sky.
     HitDistance,
     /// Radiance of each pixel's lobe divided by the lobe's albedo, averaged over frames, before the last blur. In a white furnace it is
     /// white.
     Reconstructed,
     /// Heat of the length of each pixel's history in frames: blue 0, red [`max_history`](crate::ReflectionDenoiser::max_history) and more.
-    /// With [`ReflectionTechnique::Converged`](crate::ReflectionTechnique::Converged) the frames that were averaged.
+    /// With [`ReflectionTechnique::Converged`](crate::ReflectionTechnique::Converged), the number of averaged frames.
     HistoryLength,
-    /// Heat of the relative variance (the variance over the squared mean) of one frame's radiance, by its logarithm: blue
-    /// 0.0001, cyan 0.003, green 0.1, yellow 3, red 100. Without temporal accumulation that of the mean of the rays that a pixel
-    /// was reconstructed from.
+    /// Heat of the relative variance (the variance over the squared mean) of one frame's radiance, by its logarithm: blue 0.0001, cyan
+    /// 0.003, green 0.1, yellow 3, red 100. Without temporal accumulation, the variance of the mean of the rays from which a pixel was
+    /// reconstructed.
     Variance,
-    /// Heat of the mean weight of the rays that a pixel was reconstructed from, relative to its expectation, by its logarithm:
-    /// blue 1/16, cyan 1/4, green 1, yellow 4, red 16. Black where there was no ray. A frame counts in a pixel's history by this
-    /// weight.
+    /// Heat of the mean weight of the rays from which a pixel was reconstructed, relative to its expectation, by its logarithm: blue 1/16,
+    /// cyan 1/4, green 1, yellow 4, red 16. Black without a ray. It is the frame's weight in the pixel's history.
     RayWeight,
-    /// Red where a pixel's history holds at most one frame: it is new, or its past was rejected. Not exact mirrors with rays of
+    /// Red if a pixel's history contains at most one frame: it is new, or its history was rejected. Excludes exact mirrors with rays of
     /// their own, which have no history.
     Rejected,
-    /// Magenta where any value that the passes keep for a pixel is not finite; yellow where only the frame itself is not.
+    /// Magenta if any value that the passes store for a pixel is not finite; yellow if only the frame itself is not.
     NonFinite,
     /// Normals of the glass and water that [`transparent`](crate::RayTracedReflections::transparent) found in front of each pixel, and of
-    /// the opaque surfaces that [`forward`](crate::RayTracedReflections::forward) found there, with their normal maps: 0.5 + 0.5 n of the
-    /// unit normal n in world space as red, green and blue. Other pixels are a dark grey version of the frame.
+    /// the opaque surfaces that [`forward`](crate::RayTracedReflections::forward) found there, including their normal maps: 0.5 + 0.5 n of
+    /// the unit normal n in world space as red, green and blue. Other pixels are a dark grey version of the frame.
     FrontLayer,
 }
 
 impl ReflectionDebugView {
-    /// Shows data between reconstruction and accumulation, which the joint pass doesn't write.
+    /// Returns whether the view shows data between reconstruction and accumulation, which the joint pass doesn't write.
     pub(crate) fn shows_reconstruction(self) -> bool {
         matches!(self, Self::HitDistance | Self::RayWeight | Self::NonFinite)
     }
@@ -94,9 +92,9 @@ words!(ReflectionDebugView {
 });
 
 /// Names and colours of [`ReflectionDebugView::ShadingRates`]: rates as width x height of a block in trace pixels, exact mirrors with a ray
-/// for each pixel of the full resolution, and tiles that were skipped, since nothing in them reflects.
+/// for each full-resolution pixel, and skipped tiles, in which nothing reflects.
 ///
-/// On the screen the colours are scaled by 0.1 to 1.
+/// On screen, the colours are scaled by 0.1 to 1.
 pub const RATE_LEGEND: [(&str, LinearRgba); 11] = [
     ("1x1", LinearRgba::rgb(1.0, 0.05, 0.05)),
     ("1x2", LinearRgba::rgb(1.0, 0.8, 0.05)),
@@ -131,9 +129,9 @@ impl Default for ReflectionDebugSplit {
     }
 }
 
-/// On a reflecting camera: counts the pixels that are not finite and finds the worst one, for
-/// [`ReflectionNonFiniteReport`](crate::ReflectionNonFiniteReport). It costs three passes over the frame. Nothing is counted without
-/// Bevy's `RenderDiagnosticsPlugin`. Several cameras add their measurements to the same diagnostics.
+/// On a reflecting camera: counts non-finite pixels and finds the worst one, for
+/// [`ReflectionNonFiniteReport`](crate::ReflectionNonFiniteReport). It costs three passes over the frame. Nothing is counted without Bevy's
+/// `RenderDiagnosticsPlugin`. Several cameras add their measurements to the same diagnostics.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct ReflectionDebugCounters;
@@ -141,11 +139,11 @@ pub struct ReflectionDebugCounters;
 /// The debug components of a camera, for the render world.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct ViewDebug {
-    /// Shown right of the dividing line, or everywhere.
+    /// Shown to the right of the dividing line, or everywhere.
     pub right: ReflectionDebugView,
-    /// Shown left of it.
+    /// Shown to the left of it.
     pub left: ReflectionDebugView,
-    /// Fraction of the width that `left` takes.
+    /// Fraction of the width for `left`.
     pub position: f32,
     /// The camera has [`ReflectionDebugCounters`].
     pub counters: bool,

@@ -6,21 +6,21 @@ use bevy::reflect::{Reflect, std_traits::ReflectDefault};
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 pub struct ReflectionDenoiser {
-    /// Rays of neighbours that a pixel is reconstructed from, 1 to 16. More is smoother and costs time. With one, and one ray per
-    /// pixel, each pixel shows its own ray. Default: 8.
+    /// Number of neighbours' rays from which a pixel is reconstructed, 1 to 16. A higher number is smoother and costs time. With 1, and
+    /// one ray per pixel, each pixel shows its own ray. Default: 8.
     #[reflect(@1..=16u32)]
     pub samples: u32,
     /// Accumulates results over frames. Default: true.
     pub temporal: bool,
-    /// Number of frames that a rough surface accumulates, 1 to 255. Smoother surfaces accumulate fewer. More means less noise and a
-    /// slower response to changes. Default: 32.
+    /// Number of frames that a rough surface accumulates, 1 to 255. Smoother surfaces accumulate fewer. A higher number means less noise
+    /// and a slower response to changes. Default: 32.
     #[reflect(@1.0..=255.0f32)]
     pub max_history: f32,
-    /// Keeps a second history that follows the reflected image, not the surface: glossy surfaces stay sharp under a moving
-    /// camera. The paper has only the history of the surface. Default: true.
+    /// Keeps a second history that follows the reflected image instead of the surface: glossy surfaces stay sharp under a moving camera.
+    /// The paper has only the history of the surface. Default: true.
     pub virtual_history: bool,
-    /// Standard deviations of the neighbourhood by which history can differ, 0.5 to 10. A lower value means less ghosting and more noise.
-    /// Default: 1.5.
+    /// Number of standard deviations of the neighbourhood by which history can differ, 0.5 to 10. A lower value means less ghosting and
+    /// more noise. Default: 1.5.
     #[reflect(@0.5..=10.0f32)]
     pub clip_sigma: f32,
     /// Dims rays far brighter than their neighbours before they enter the history. This removes fireflies, and loses a little light in
@@ -31,13 +31,13 @@ pub struct ReflectionDenoiser {
     /// longer clipped and hardly dimmed, and grows to eight times `max_history`, up to 240 frames. If off, a static image loses as much
     /// light as a moving one. Default: true. The paper has no such step.
     pub converge_static_views: bool,
-    /// Radius in pixels of the last blur where the variance is highest, 0 (off) to 8. Default: 3.
+    /// Radius in pixels of the last blur at the highest variance, 0 (off) to 8. Default: 3.
     #[reflect(@0.0..=8.0f32)]
     pub blur_radius: f32,
 }
 
 impl ReflectionDenoiser {
-    /// No filter at all: with [`ReflectionTechnique::Reference`](crate::ReflectionTechnique::Reference) each pixel shows its own ray.
+    /// No filter: with [`ReflectionTechnique::Reference`](crate::ReflectionTechnique::Reference) each pixel shows its own ray.
     pub const OFF: Self = Self {
         samples: 1,
         temporal: false,

@@ -12,9 +12,8 @@ use bevy::{
 /// How a camera with [`ReflectionTechnique::Variable`](crate::ReflectionTechnique::Variable) decides how many rays each tile of its
 /// screen gets; ignored with other techniques.
 ///
-/// Averages are over those pixels of a tile that reflect, all of them in each frame, so that rates don't depend on which pixels
-/// trace. Exact mirrors with rays of their own
-/// ([`full_resolution_mirrors`](crate::RayTracedReflections::full_resolution_mirrors)) count in none of them.
+/// Averages are over all reflective pixels of a tile in each frame, so that rates don't depend on which pixels trace. Exact mirrors with
+/// rays of their own ([`full_resolution_mirrors`](crate::RayTracedReflections::full_resolution_mirrors)) are excluded.
 #[derive(Component, FromTemplate, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -26,16 +25,16 @@ pub enum ShadingRateHeuristic {
     /// By the average angle of a tile's surfaces to the viewer: surfaces seen head-on reflect less than grazing ones (the paper's
     /// section 4.1).
     Grazing(GrazingThresholds),
-    /// By the size of the lobe on screen, its share of the pixel's light, and the shapes in the tile: more quality for the same rays than
-    /// the paper's heuristics.
+    /// By the size of the lobe on screen, its fraction of the pixel's light, and the shapes in the tile: more quality for the same number
+    /// of rays than the paper's heuristics.
     Combined(CombinedThresholds),
-    /// By the noise that is left in the accumulated image: tiles get more rays where it is seen or where they have no past, and
-    /// rest in every other frame where there is little of it. Without temporal accumulation or motion vectors, `Combined` decides
-    /// by its defaults. The default.
+    /// By the remaining noise in the accumulated image: tiles get more rays if their noise is visible or they have no history, and rest in
+    /// every other frame if there is little noise. Without temporal accumulation or motion vectors, `Combined` decides by its defaults. The
+    /// default.
     #[default]
     Adaptive(AdaptiveThresholds),
-    /// A heuristic of your own: a WESL module with one compute entry point, built on `bevy_glint::rate::tile` (`src/rate/tile.wesl`
-    /// says how). Until it is compiled, and where it fails, which is logged, every trace pixel gets its ray.
+    /// A custom heuristic: a WESL module with one compute entry point, built on `bevy_glint::rate::tile` (`src/rate/tile.wesl` documents
+    /// it). Until it is compiled, and if it fails, which is logged, every trace pixel gets its ray.
     ///
     /// ```wgsl
     /// import bevy_glint::rate::codes::{RATE_1X1, RATE_2X2};
@@ -48,9 +47,9 @@ pub enum ShadingRateHeuristic {
     /// }
     /// ```
     Custom(Handle<Shader>),
-    /// A rate image of your own, for foveated rendering or experiments: one texel per tile from the top left, each a [`ShadingRate::code`],
-    /// in the format `R8Uint` or `R32Uint`. Tiles beyond its size take the nearest texel. Until it is loaded, and with any other format,
-    /// every trace pixel gets its ray; a warning tells of the format once.
+    /// A custom rate image, for foveated rendering or experiments: one texel per tile from the top left, each a [`ShadingRate::code`], in
+    /// the format `R8Uint` or `R32Uint`. Tiles beyond its size use the nearest texel. Until it is loaded, and with any other format, every
+    /// trace pixel gets its ray; a wrong format causes a warning.
     Image(Handle<Image>),
 }
 
@@ -86,14 +85,14 @@ impl core::str::FromStr for ShadingRateHeuristic {
     }
 }
 
-/// Perceptual roughness below which a surface is so close to a mirror that coarse blocks would be visible: its lobe is about 10 pixels
-/// wide on a 1080p screen for distant objects, and sharper for near ones.
+/// Perceptual roughness below which a surface is so close to a mirror that coarse blocks would be visible: its lobe is about 10 pixels wide
+/// on a 1080p screen for distant objects, and sharper for near ones.
 pub(super) const MIN_ROUGHNESS: f32 = 0.1;
 
 /// Thresholds of [`ShadingRateHeuristic::Roughness`], in perceptual roughness (0 to 1). NaN means the default.
 ///
-/// Nothing above the camera's [`roughness_cutoff`](crate::RayTracedReflections::roughness_cutoff) reflects, so that thresholds above
-/// it are never reached.
+/// Nothing above the camera's [`roughness_cutoff`](crate::RayTracedReflections::roughness_cutoff) reflects, so thresholds above it are
+/// never reached.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 pub struct RoughnessThresholds {
@@ -103,13 +102,13 @@ pub struct RoughnessThresholds {
     /// Average roughness from which a tile gets 2x2 (table 1 of the paper). Default: 0.75.
     #[reflect(@0.0..=1.0f32)]
     pub quarter: f32,
-    /// A tile with a pixel less rough than this keeps 1x1, so that a mirror in a rough tile isn't averaged away; `None` leaves this
-    /// out, as the paper does. Default: 0.1.
+    /// A tile with a pixel less rough than this keeps 1x1, so that a mirror in a rough tile isn't averaged away; `None` disables this, as
+    /// in the paper. Default: 0.1.
     pub min_roughness: Option<f32>,
 }
 
 impl RoughnessThresholds {
-    /// The paper's table 1, and nothing else.
+    /// Only the paper's table 1.
     pub const PAPER: Self = Self {
         half: 0.25,
         quarter: 0.75,
@@ -137,12 +136,12 @@ pub struct GrazingThresholds {
     /// Average cosine from which a tile gets 2x2 (table 1 of the paper: 2x1 below it). Default: 0.75.
     #[reflect(@0.0..=1.0f32)]
     pub quarter: f32,
-    /// As in [`RoughnessThresholds::min_roughness`]. Default: 0.1.
+    /// See [`RoughnessThresholds::min_roughness`]. Default: 0.1.
     pub min_roughness: Option<f32>,
 }
 
 impl GrazingThresholds {
-    /// The paper's table 1, and nothing else.
+    /// Only the paper's table 1.
     pub const PAPER: Self = Self {
         half: 0.5,
         quarter: 0.75,
@@ -163,11 +162,10 @@ impl Default for GrazingThresholds {
 ///
 /// The rate climbs a ladder of five steps: 1x1, 2x1 or 1x2, 2x2, 4x2 or 2x4, 4x4.
 ///
-/// - **Size of the lobe.** A ray can serve as many pixels as its lobe blurs together. A rougher surface has a wider lobe. A smaller
-///   cosine to the viewer shrinks the lobe *across* the plane of incidence, but not along it, which makes reflections in a wet street
-///   tall. The long side of a block therefore follows from the roughness ([`half`](Self::half)), and the short side from the roughness
-///   times the root of the cosine ([`quarter`](Self::quarter)). The long side lies along the stretch: 1x2 on floors and ceilings, 2x1 on
-///   side walls.
+/// - **Size of the lobe.** A ray can serve as many pixels as its lobe blurs together. A rougher surface has a wider lobe. A smaller cosine
+///   to the viewer shrinks the lobe *across* the plane of incidence, but not along it, which makes reflections in a wet street tall. The
+///   long side of a block therefore follows from the roughness ([`half`](Self::half)), and the short side from the roughness times the root
+///   of the cosine ([`quarter`](Self::quarter)). The long side is along the stretch: 1x2 on floors and ceilings, 2x1 on side walls.
 /// - **Visibility.** The average roughness is weighted: a ribbon of metal on a rough curtain counts more than the curtain. If the
 ///   reflection is at most a small part of the light of every pixel ([`visibility_threshold`](Self::visibility_threshold)), as on bright
 ///   walls seen head-on, the tile gets the next coarser rate.
@@ -184,18 +182,18 @@ pub struct CombinedThresholds {
     /// Default: 0.5.
     #[reflect(@0.0..=1.0f32)]
     pub quarter: f32,
-    /// Perceptual roughness from which eight share a ray, and as above sixteen, where [`coarsest`](Self::coarsest) allows it. Default:
-    /// 0.75.
+    /// Perceptual roughness from which eight share a ray, and sixteen with the same factor at grazing angles, if
+    /// [`coarsest`](Self::coarsest) allows it. Default: 0.75.
     #[reflect(@0.0..=1.0f32)]
     pub eighth: f32,
-    /// Least roughness in a tile below which it keeps 1x1; `None` leaves this out. Default: 0.1.
+    /// Roughness below which a single pixel makes a tile keep 1x1; `None` disables this. Default: 0.1.
     pub min_roughness: Option<f32>,
-    /// Share of the reflection in a pixel's light under even lighting (0 to 1) below which the reflection counts as faint. 0 disables the
-    /// test. Default: 0.1.
+    /// Fraction of the reflection in a pixel's light under even lighting (0 to 1) below which the reflection counts as faint. 0 disables
+    /// the test. Default: 0.1.
     #[reflect(@0.0..=1.0f32)]
     pub visibility_threshold: f32,
     /// Deviation of the normals in a tile, as an angle in radians (root of the mean square), above which the tile counts as an edge.
-    /// Infinity leaves this out. Default: 0.25.
+    /// Infinity disables this. Default: 0.25.
     pub edge: f32,
     /// Coarsest rate of a tile; a wide rate also allows the tall one. Default: 2x2. Coarser rates can lose contact reflections on rough
     /// surfaces, because hit distances aren't known in advance.
@@ -218,25 +216,25 @@ impl Default for CombinedThresholds {
 
 /// Thresholds of [`ShadingRateHeuristic::Adaptive`]. NaN means the default.
 ///
-/// The last frames decide: how much the results of single ones differ, how many of them are averaged, how bright the
-/// reflection is, and how much of the light of a pixel it is.
+/// The decision is based on the last frames: how much the results of single frames differ, how many of them are averaged, how bright the
+/// reflection is, and which fraction of a pixel's light it contributes.
 ///
 /// - **Noise.** A tile with more noise than [`error_target`](Self::error_target) traces 1x1 in each frame. With less noise it gets rays
 ///   in every other frame: 1x1, below half of the target 2x1 or 1x2, below a quarter 2x2. One tile in eight gets the next finer rate at
 ///   random, to find light that few rays hit.
 /// - **No history.** Tiles in which something appears get all rays at once.
 /// - **Images.** Smooth surfaces with a sharp reflection and surfaces that touch the reflected object get all rays, too.
-/// - **Neighbours.** A pixel borrows twice as many rays as [`samples`](crate::ReflectionDenoiser::samples) says, up to 16: resting tiles
+/// - **Neighbours.** A pixel borrows twice as many rays as set by [`samples`](crate::ReflectionDenoiser::samples), up to 16: resting tiles
 ///   save the time for that.
 /// - **Mirrors.** Without rays of their own ([`full_resolution_mirrors`](crate::RayTracedReflections::full_resolution_mirrors)), exact
-///   mirrors show each of their rays at the pixel from which it started, and the history at others: sharp, a few frames late.
+///   mirrors show each of their rays at the pixel where it started, and the history at other pixels: sharp, a few frames late.
 ///
 /// Tiles have 8x8 trace pixels, unless the camera has a [`ShadingRateTileSize`] or the hardware back end.
 #[derive(Reflect, Clone, Copy, Debug, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 pub struct AdaptiveThresholds {
-    /// Noise that can remain in a tile, relative to the light of its pixels (above 0; 0.0001 is the minimum). Less takes more rays.
-    /// Default: 0.04.
+    /// Noise that can remain in a tile, relative to the light of its pixels (above 0; 0.0001 is the minimum). A lower value takes more
+    /// rays. Default: 0.04.
     #[reflect(@0.005..=0.5f32)]
     pub error_target: f32,
 }
@@ -247,8 +245,8 @@ impl Default for AdaptiveThresholds {
     }
 }
 
-/// Size of the tiles that share a rate. A component of its own. The hardware back end works with the sizes that its device has, and
-/// falls back to compute with others.
+/// Size of the tiles that share a rate, as a separate component. The hardware back end only supports the sizes of its device, and falls
+/// back to compute for others.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub enum ShadingRateTileSize {

@@ -1,4 +1,4 @@
-//! Settings that an app can choose: components, presets, their ranges and their words.
+//! Settings for apps: components, presets, and their ranges and names.
 //!
 //! | file | holds |
 //! |---|---|
@@ -86,7 +86,7 @@ use bevy::{
     pbr::deferred::insert_deferred_lighting_pass_id_component,
 };
 
-/// Registers the types of all settings, and has cameras follow their qualities.
+/// Registers the types of all settings, and applies qualities to cameras.
 pub(crate) struct SettingsPlugin;
 
 impl Plugin for SettingsPlugin {
@@ -123,7 +123,7 @@ impl Plugin for SettingsPlugin {
             .register_type::<ReflectionPreset>()
             .register_type::<ReflectionQuality>()
             .register_type::<ReflectionsOff>()
-            // Bevy completes deferred cameras in this schedule.
+            // Bevy adds the required components of deferred cameras in this schedule.
             .add_systems(
                 PostUpdate,
                 apply_qualities

@@ -1,20 +1,20 @@
-//! Skinned and morphed meshes as reflections show them.
+//! Settings for skinned and morphed meshes in reflections.
 
 use bevy::{
     ecs::{component::Component, prelude::*},
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-/// How reflections show a skinned or morphed mesh. On any other entity it has no effect.
+/// How reflections show a skinned or morphed mesh. It has no effect on other entities.
 ///
 /// Without this component a mesh is [`Posed`](Self::Posed).
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum ReflectedPose {
-    /// In the pose that the camera sees. The GPU poses the mesh again in each frame in which its pose has changed, within
-    /// [`ReflectedPoseBudget`]. The entity takes memory of its own: 12 to 20 bytes for each vertex, and the tree or the acceleration
-    /// structure of its mesh once more.
+    /// In the pose of the frame. The GPU poses the mesh again in each frame in which its pose has changed, within
+    /// [`ReflectedPoseBudget`]. The entity takes additional memory: 12 to 20 bytes for each vertex, and another copy of its mesh's
+    /// tree or acceleration structure.
     #[default]
     Posed,
     /// In its bind pose and without morph targets, moved by the first joint. Costs no more than a mesh without a skin: for crowds and
@@ -22,14 +22,13 @@ pub enum ReflectedPose {
     Rigid,
 }
 
-/// How many vertices of skinned and morphed meshes are posed for reflections in one frame, at most.
+/// Maximum number of vertices of skinned and morphed meshes that are posed for reflections in one frame.
 ///
-/// If more of them have changed, the meshes that are nearest to a camera with reflections come first. Others keep their last pose
-/// and still follow their first joint; the longer they wait, the sooner it is their turn. At least one mesh is posed however many
-/// vertices it has, unless the budget is 0, which keeps all poses as they are.
+/// If more vertices have changed, the meshes nearest to a camera with reflections come first. Others keep their last pose and still
+/// follow their first joint; the longer they wait, the higher their priority. At least one mesh is posed, regardless of its number of
+/// vertices, unless the budget is 0, which freezes all poses.
 ///
-/// More costs time on the GPU, which grows with the number of posed vertices and triangles, and less makes distant characters move
-/// in steps.
+/// A higher number costs GPU time, in proportion to the posed vertices and triangles; a lower one makes distant characters move in steps.
 #[derive(Resource, Reflect, Clone, Copy, Debug, PartialEq, Eq)]
 #[reflect(Resource, Default, Debug, Clone, PartialEq)]
 pub struct ReflectedPoseBudget {

@@ -1,4 +1,4 @@
-//! Bundles of settings: the paper's recipe, ours from low to ultra, and the techniques that measurements compare.
+//! Bundles of settings: the paper's recipe, ours from low to ultra, and the techniques for measurements.
 
 use super::{
     AdaptiveThresholds, CombinedThresholds, RayTracedReflections, ReflectionDenoiser, ReflectionSampling,
@@ -6,17 +6,17 @@ use super::{
 };
 use bevy::reflect::{Reflect, std_traits::ReflectDefault};
 
-/// A bundle of settings; [`settings`](Self::settings) gives the components.
+/// A bundle of settings; [`settings`](Self::settings) returns the components.
 ///
-/// Rays per pixel count reflection rays per pixel of the view that reflects, without shadow rays. Exact mirrors get one each
-/// in all presets but `Paper` and `Low`.
+/// Rays per pixel are reflection rays per pixel of the reflecting view, without shadow rays. Exact mirrors get one each in all presets
+/// except `Paper` and `Low`.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum ReflectionPreset {
     /// The paper's recipe: a quarter of the resolution, rates from average roughness (table 1), GGX normals from a Halton sequence, mip
-    /// level 2 at hits, a history that follows surfaces, no cut-off, and none of the additions that can be switched off. [How it
-    /// works](crate::manual::how_it_works) lists in which steps it differs. 1/16 to 1/4 ray per pixel.
+    /// level 2 at hits, a history that follows surfaces, no cut-off, and none of the optional additions. [How it
+    /// works](crate::manual::how_it_works) lists the differences. 1/16 to 1/4 ray per pixel.
     Paper,
     /// Four times the noise of the default, half the samples, and no rays of their own for mirrors. 1/32 to 1/4 ray per pixel.
     Low,
@@ -88,15 +88,14 @@ words!(ReflectionPreset {
     Ultra = "ultra",
 });
 
-/// Names that [`named_settings`] knows.
+/// Names for [`named_settings`].
 pub const TECHNIQUE_NAMES: &str = "reference, quarter, quarter-inline, vrs-roughness, vrs-grazing, vrs-combined, vrs-adaptive, converged, paper, \
      low, medium, high, ultra";
 
-/// Returns the components for a name on a command line: a technique of the measurements, or a preset.
+/// Returns the components for a name on a command line: a technique for measurements, or a preset.
 ///
-/// `reference`, `quarter` and `quarter-inline` trace a fixed rate. `vrs-roughness` and `vrs-grazing` are the paper's heuristics
-/// with its thresholds, `vrs-combined` and `vrs-adaptive` are ours. All of these share one denoiser, so that they differ in their
-/// rays alone.
+/// `reference`, `quarter` and `quarter-inline` trace a fixed rate. `vrs-roughness` and `vrs-grazing` are the paper's heuristics with its
+/// thresholds, `vrs-combined` and `vrs-adaptive` are ours. All of these share one denoiser, so that they only differ in their rays.
 pub fn named_settings(name: &str) -> Result<(RayTracedReflections, ShadingRateHeuristic), UnknownName> {
     let with = |technique, full_resolution_mirrors| RayTracedReflections {
         technique,

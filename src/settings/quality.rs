@@ -1,4 +1,4 @@
-//! The quality of a camera's reflections in one word: the setting that a player chooses and a game saves.
+//! The quality of a camera's reflections in one word, for a player's settings.
 
 use super::{RayTracedReflections, ReflectionPreset, ShadingRateHeuristic, words::words};
 #[cfg(feature = "serde")]
@@ -11,9 +11,9 @@ use bevy::{
     render::view::Msaa,
 };
 
-/// Quality of a camera's reflections, as a player chooses it.
+/// Quality of a camera's reflections, as a player's setting.
 ///
-/// As a component of a `Camera3d` it is all that the camera needs:
+/// As a component of a `Camera3d`, it is all that the camera needs:
 ///
 /// ```no_run
 /// use bevy::prelude::*;
@@ -25,14 +25,14 @@ use bevy::{
 /// ```
 ///
 /// Whenever it is inserted or changed, it gives the camera the [`RayTracedReflections`] and the [`ShadingRateHeuristic`] of its
-/// [`preset`](Self::preset), before the frame is drawn. The back end of the camera stays. Other changes of these two components last
-/// until the quality changes again, and removing the quality leaves them as they are.
+/// [`preset`](Self::preset), before the frame is drawn. The back end of the camera doesn't change. Other changes of these two components
+/// last until the quality changes again. Removing the quality doesn't change them.
 ///
-/// [`Display`](core::fmt::Display) and [`FromStr`](core::str::FromStr) turn it into a word for a settings file and back. With the crate
-/// feature `serde` it is (de)serialized as the same word. The better of two qualities is the greater one.
+/// [`Display`](core::fmt::Display) and [`FromStr`](core::str::FromStr) convert it to a word for a settings file and back. With the crate
+/// feature `serde` it is (de)serialized as the same word. Better qualities compare greater.
 ///
-/// HDR and the prepasses of [`RayTracedReflections`] come with every quality and stay with [`Off`](Self::Off). So nothing disappears when
-/// reflections are switched on: a prepass that comes to a camera has Bevy compile the pipelines of all that the camera sees anew.
+/// HDR and the prepasses of [`RayTracedReflections`] are added with every quality, including [`Off`](Self::Off). Nothing disappears when
+/// reflections are switched on: if a prepass is added to a camera, Bevy recompiles the pipelines of everything in its view.
 ///
 /// [`ReflectionAutoQuality`](crate::ReflectionAutoQuality) chooses one for the machine.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -52,7 +52,7 @@ use bevy::{
     Msaa = Msaa::Off
 )]
 pub enum ReflectionQuality {
-    /// No rays: reflections come from the environment map alone, and nothing is left of the crate's costs but the prepasses.
+    /// No rays: reflections come from the environment map alone, and the prepasses are the crate's only cost.
     ///
     /// The camera loses its [`RayTracedReflections`]; [`ReflectionsOff`] stores them.
     Off,
@@ -76,7 +76,7 @@ words!(ReflectionQuality {
 });
 
 impl ReflectionQuality {
-    /// The word on the screen.
+    /// The label for menus.
     #[must_use]
     pub fn label(self) -> &'static str {
         match self {
@@ -141,13 +141,13 @@ impl ReflectionQuality {
     }
 }
 
-/// Stores the [`RayTracedReflections`] of a camera that its [`ReflectionQuality`] or the settings panel switched off. Nothing else reads
-/// it; reflections cost nothing without `RayTracedReflections`.
+/// Stores the [`RayTracedReflections`] of a camera after its [`ReflectionQuality`] or the settings panel switched them off. Nothing else
+/// reads it; reflections cost nothing without `RayTracedReflections`.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Debug, Clone, PartialEq)]
 pub struct ReflectionsOff(pub RayTracedReflections);
 
-/// Gives cameras the settings of their qualities.
+/// Applies the settings of qualities to their cameras.
 pub(crate) fn apply_qualities(
     cameras: Query<(Entity, &ReflectionQuality), Changed<ReflectionQuality>>,
     mut commands: Commands,

@@ -9,9 +9,9 @@ use bevy::{
 
 /// Render layers that the reflections of a camera show, instead of the camera's own layers; layer 0 by default.
 ///
-/// For objects that only mirrors show, such as the body of a first-person player. Without this component, reflections show the layers of
-/// their camera. Lights shine in reflections if they are on a layer that some reflecting camera draws or shows. Reflecting cameras can
-/// use up to 5 different sets of layers, here and as `RenderLayers`; beyond that, reflections show more than they should.
+/// For objects that only appear in mirrors, such as the body of a first-person player. Without this component, reflections show the
+/// layers of their camera. Lights shine in reflections if they are on a layer that some reflecting camera draws or shows. Reflecting
+/// cameras can use up to 5 different sets of layers, here and as `RenderLayers`; beyond that, reflections show more than they should.
 ///
 /// # Examples
 ///

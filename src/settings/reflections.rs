@@ -11,19 +11,19 @@ use bevy::{
 
 /// Adds ray-traced reflections to a 3D camera.
 ///
-/// Insert it on a `Camera3d` to switch reflections on, remove it to switch them off and to free their memory. It requires HDR, the depth,
-/// deferred, normal and motion vector prepasses, and MSAA off, and adds them to the camera. These are Bevy's and stay on the camera,
-/// since other code might use them, too. Don't remove the component by `remove_with_requires`: that also removes `SyncToRenderWorld`,
-/// without which Bevy no longer draws the camera.
+/// Insert it on a `Camera3d` to switch reflections on; remove it to switch them off and to free their memory. It requires HDR, the depth,
+/// deferred, normal and motion vector prepasses, and MSAA off, and adds these to the camera. They are Bevy's components and stay on the
+/// camera, since other code might use them, too. Don't remove the component by `remove_with_requires`: that also removes
+/// `SyncToRenderWorld`, without which Bevy no longer draws the camera.
 ///
-/// Opaque surfaces reflect at the least cost if they are rendered *deferred*: the plugin makes opaque materials so
-/// ([`deferred_by_default`](crate::RayTracedReflectionsPlugin::deferred_by_default)), unless a material's
-/// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method) says otherwise ([`forward`](Self::forward)). Everything
-/// with a `Mesh3d` and a `MeshMaterial3d<StandardMaterial>` *is reflected*, unless it carries [`NotReflected`]; other material types with
-/// a [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin).
+/// Reflections on opaque surfaces are cheapest if these are rendered *deferred*. The plugin selects this for opaque materials
+/// ([`deferred_by_default`](crate::RayTracedReflectionsPlugin::deferred_by_default)), except if a material's
+/// [`opaque_render_method`](bevy::pbr::StandardMaterial::opaque_render_method) specifies another method ([`forward`](Self::forward)).
+/// Everything with a `Mesh3d` and a `MeshMaterial3d<StandardMaterial>` *is reflected*, unless it has [`NotReflected`]. Other material types
+/// need a [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin).
 ///
-/// A traced reflection replaces the specular part of the camera's environment map. Rays that hit nothing see that environment
-/// map, else the skybox, else the clear colour.
+/// A traced reflection replaces the specular part of the camera's environment map. Rays that hit nothing see that environment map, or else
+/// the skybox, or else the clear colour.
 #[derive(Component, Reflect, Clone, Debug, PartialEq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 #[require(
@@ -39,26 +39,24 @@ pub struct RayTracedReflections {
     pub technique: ReflectionTechnique,
     /// Back end that turns the rate image into fewer rays. Default: [`ReflectionBackend::Auto`].
     pub backend: ReflectionBackend,
-    /// How the directions of rays are drawn. Default: [`ReflectionSampling::BlueNoise`].
+    /// How the directions of rays are sampled. Default: [`ReflectionSampling::BlueNoise`].
     pub sampling: ReflectionSampling,
-    /// Trace exact mirrors (perceptual roughness up to 0.03) with one ray for each pixel of the full resolution, and leave them out
-    /// of the denoiser: sharp and free of ghosts, for up to four times the rays on such surfaces. Default: true. The paper has
-    /// no such step.
+    /// Trace exact mirrors (perceptual roughness up to 0.03) with one ray for each full-resolution pixel, and exclude them from the
+    /// denoiser: sharp and free of ghosts, for up to four times the rays on such surfaces. Default: true. The paper has no such step.
     pub full_resolution_mirrors: bool,
     /// How samples become an image. Default: [`ReflectionDenoiser::default`].
     pub denoiser: ReflectionDenoiser,
     /// Perceptual roughness (0 to 1) above which a surface gets no ray and keeps the environment map, which ignores walls. A lower value
-    /// takes less time where rough surfaces fill the frame. The G-buffer stores 8 bits, so that the border is exact to 1/255. Default: 1,
+    /// takes less time if rough surfaces fill the frame. The G-buffer stores 8 bits, so the border is exact to 1/255. Default: 1,
     /// everything reflects. Thresholds of a [`ShadingRateHeuristic`](crate::ShadingRateHeuristic) above it are never reached: at 0.6,
     /// [`Roughness`](crate::ShadingRateHeuristic::Roughness) goes no further than 2x1.
     #[reflect(@0.0..=1.0f32)]
     pub roughness_cutoff: f32,
-    /// Width of the band of perceptual roughness below [`roughness_cutoff`](Self::roughness_cutoff) in which the traced
-    /// reflection fades into the environment map; 0 is a hard edge. Without effect at a cut-off of 1, above which nothing lies.
-    /// Default: 0.1.
+    /// Width of the band of perceptual roughness below [`roughness_cutoff`](Self::roughness_cutoff) in which the traced reflection fades
+    /// into the environment map; 0 is a hard edge. It has no effect at a cut-off of 1. Default: 0.1.
     #[reflect(@0.0..=1.0f32)]
     pub roughness_fade: f32,
-    /// Length of a reflection ray in metres. Longer rays see more and cost more; the environment replaces everything beyond their end.
+    /// Length of a reflection ray in metres. Longer rays reach farther and cost more; the environment replaces everything beyond their end.
     /// Default: 10,000.
     pub max_ray_length: f32,
     /// Reflections within reflections: number of surfaces that a ray can hit in a row, 1 to 8. With 1, a mirror that is seen in a mirror
@@ -69,8 +67,8 @@ pub struct RayTracedReflections {
     /// than they are, and without noise.
     #[reflect(@1..=8u32)]
     pub max_bounces: u32,
-    /// Perceptual roughness (0 to 1) up to which a surface that a ray hits reflects another ray; rougher ones show the environment map.
-    /// Less takes less time. Without effect at a single bounce. Default: 0.3.
+    /// Perceptual roughness (0 to 1) up to which a hit surface reflects another ray; rougher ones show the environment map. A lower value
+    /// takes less time. It has no effect with a single bounce. Default: 0.3.
     #[reflect(@0.0..=1.0f32)]
     pub bounce_roughness_cutoff: f32,
     /// Takes the light of hits from the last frame if they were visible there, instead of shading them: reflections then show custom
@@ -80,19 +78,19 @@ pub struct RayTracedReflections {
     /// Traces shadow rays from hits to the lights that cast shadows: one more ray for each light and hit. Without them, light leaks
     /// through walls in reflections. Default: true.
     pub shadow_rays: bool,
-    /// Which mip level of a texture is read where a ray hits. Default: [`ReflectionTextureMip::RayCone`].
+    /// Mip level of textures at hits. Default: [`ReflectionTextureMip::RayCone`].
     pub texture_mip: ReflectionTextureMip,
-    /// Glass and water show traced reflections, too: in each pixel the front-most surface that is blended, premultiplied or specularly
-    /// transmissive, as long as rays see its object. While none is on the screen, nothing runs and no memory is taken. While
-    /// one is, the camera has a second G-buffer and a second set of textures, and rays for such surfaces. Default: true.
+    /// Glass and water show traced reflections, too: in each pixel, the front-most surface that is blended, premultiplied or specularly
+    /// transmissive, provided that rays can hit its object. While none is on screen, nothing runs and no memory is used. While one is, the
+    /// camera has a second G-buffer and a second set of textures, and rays for such surfaces. Default: true.
     pub transparent: bool,
-    /// Opaque surfaces that are drawn *forward* show traced reflections, too, unless reflecting glass is in front of them. Rays must know
-    /// the material, and it needs a prepass, no clearcoat, and a shader that adds the environment's specular light as Bevy does: the
-    /// reflections replace that light. Objects with a [`ReflectedMaterial3d`](crate::ReflectedMaterial3d) show no reflections. Forward
-    /// surfaces share textures and passes with [`transparent`](Self::transparent) ones, and cost nothing while no such object is on
-    /// screen; more than 1,024 such objects count as one that fills the screen. Default: false, since deferred surfaces take less time.
+    /// Opaque surfaces drawn in the *forward* pass show traced reflections, too, unless reflecting glass is in front of them. Rays must
+    /// support the material, and it needs a prepass, no clearcoat, and a shader that adds the environment's specular light like Bevy does:
+    /// the reflections replace that light. Objects with a [`ReflectedMaterial3d`](crate::ReflectedMaterial3d) show no reflections. Forward
+    /// surfaces share textures and passes with [`transparent`](Self::transparent) ones, and cost nothing while no such object is on screen;
+    /// more than 1,024 such objects count as one that fills the screen. Default: false, since deferred surfaces take less time.
     pub forward: bool,
-    /// Forgets all history in the next frame: set it when the camera jumps. It clears itself. Default: true, so that a new
+    /// Discards all history in the next frame: set it when the camera jumps. It resets itself to false. Default: true, so that a new
     /// component starts clean.
     pub reset: bool,
 }
@@ -122,7 +120,7 @@ impl Default for RayTracedReflections {
 
 /// Number of rays and how they are combined.
 ///
-/// A trace pixel is the place of one ray: one pixel of the view, or a quad of 2x2 pixels from which each frame selects another one.
+/// A trace pixel gets one ray: it is one pixel of the view, or a quad of 2x2 pixels, of which each frame selects a different one.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -131,15 +129,15 @@ pub enum ReflectionTechnique {
     Reference,
     /// One ray for each quad of 2x2 pixels: 1/4 ray per pixel.
     Quarter,
-    /// The rays of `Quarter` from a full-screen fragment pass without a rate image: the paper's baseline for hardware variable
-    /// rate shading. Elsewhere there is no reason to prefer it.
+    /// The rays of `Quarter` from a full-screen fragment pass without a rate image: the paper's baseline for hardware variable rate
+    /// shading. There is no other reason to use it.
     QuarterInline,
     /// One ray for each block of up to 4x4 quads, as large as the camera's
     /// [`ShadingRateHeuristic`](crate::ShadingRateHeuristic) allows: the paper's technique (section 4.1).
     #[default]
     Variable,
-    /// One ray for each pixel, averaged over all frames since the camera, a setting, the environment or the scene last changed: the
-    /// ground truth of a still scene. It begins anew by itself, so that it stays noisy while anything moves.
+    /// One ray for each pixel, averaged over all frames since the camera, a setting, the environment or the scene last changed: the ground
+    /// truth of a static scene. It restarts automatically, so it stays noisy while anything moves.
     Converged,
 }
 
@@ -162,7 +160,7 @@ impl ReflectionTechnique {
     }
 }
 
-/// Back end that turns the rate image into fewer rays. Both give the same rays.
+/// Back end that turns the rate image into fewer rays. Both trace the same rays.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -175,9 +173,9 @@ pub enum ReflectionBackend {
     /// A full-screen pass with a shading-rate attachment: Vulkan with `VK_KHR_fragment_shading_rate`, the crate feature `hardware-vrs`, and
     /// `HardwareVrsPlugin` before `DefaultPlugins`. Falls back to compute, with a warning, if one of these is missing
     /// ([`ReflectionStatusReport::active_backends`](crate::ReflectionStatusReport::active_backends)). Rates that the GPU lacks are replaced
-    /// by finer ones. Only for [`ReflectionTechnique::Variable`]; the others don't vary their rate, and only for a single bounce.
-    /// Scenes with more than 256 lights, and apps with a [`ReflectedSurfaceShader`](crate::ReflectedSurfaceShader), are traced by compute: the
-    /// fragment shader can neither draw lights nor run shaders of the app.
+    /// by finer ones. Only for [`ReflectionTechnique::Variable`], since the others don't vary their rate, and only for a single bounce.
+    /// Scenes with more than 256 lights, and apps with a [`ReflectedSurfaceShader`](crate::ReflectedSurfaceShader), are traced by compute:
+    /// the fragment shader can neither sample lights nor run shaders of the app.
     HardwareVrs,
 }
 
@@ -187,7 +185,7 @@ words!(ReflectionBackend {
     HardwareVrs = "hardware",
 });
 
-/// How the directions of rays are drawn.
+/// How the directions of rays are sampled.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
@@ -212,12 +210,12 @@ pub enum ScreenTraces {
     /// Every hit is shaded. Nothing is stored.
     #[default]
     Off,
-    /// A hit that was visible in the last frame has its colour from there, times the change of exposure. It needs neither lights nor
+    /// A hit that was visible in the last frame takes its colour from there, scaled by the change of exposure. It needs neither lights nor
     /// shadow rays. The camera keeps a copy of its lit frame: 8 bytes per pixel, and a pass that writes it.
     ///
-    /// The copy contains opaque surfaces, with their reflections, ambient occlusion and clustered decals, but no blended surfaces.
-    /// Materials without a prepass give their colour to the surfaces behind them, and objects that rays don't see give theirs to surfaces
-    /// right behind them. These hits are shaded:
+    /// The copy contains opaque surfaces, with their reflections, ambient occlusion and clustered decals, but no blended surfaces. The
+    /// colours of materials without a prepass appear on the surfaces behind them, and the colours of objects that rays don't see on
+    /// surfaces right behind them. These hits are shaded:
     ///
     /// - hits outside the view or behind another surface, facing away from the viewer, or seen at a grazing angle;
     /// - objects that moved or changed their pose since the last frame, and see-through surfaces;
@@ -225,9 +223,9 @@ pub enum ScreenTraces {
     /// - surfaces in distance fog or in an atmosphere, which the last frame shows from another position;
     /// - hits after the first [bounce](RayTracedReflections::max_bounces).
     ///
-    /// Static views shade every hit, so that they converge to the scene as rays see it: a look that only the frame has disappears once a
-    /// view is static. To keep it in still images, switch [`converge_static_views`](ReflectionDenoiser::converge_static_views) off. On
-    /// opaque surfaces, the first frame after a [`reset`](RayTracedReflections::reset) shades every hit.
+    /// Static views shade every hit, so that they converge to the ray-traced scene: effects that only the frame has disappear once a view
+    /// is static. To keep them in still images, switch [`converge_static_views`](ReflectionDenoiser::converge_static_views) off. On opaque
+    /// surfaces, the first frame after a [`reset`](RayTracedReflections::reset) shades every hit.
     /// [`Converged`](ReflectionTechnique::Converged), [`QuarterInline`](ReflectionTechnique::QuarterInline) and
     /// [`HardwareVrs`](ReflectionBackend::HardwareVrs) always do.
     ///
@@ -238,8 +236,8 @@ pub enum ScreenTraces {
     /// ray is traced first. Its path to the hit is then marched over the screen of the last frame, in up to 64 steps. If the march enters
     /// a surface, the ray takes that surface's light. Each ray costs such a march.
     ///
-    /// - It only finds surfaces that the last frame showed and that were drawn in the prepasses: no blended particles, and no materials
-    ///   with their prepass switched off.
+    /// - It only finds surfaces that were visible in the last frame and drawn in the prepasses: no blended particles, and no materials with
+    ///   their prepass switched off.
     /// - It finds the sides that face the viewer. A mirror shows nothing of their backs.
     /// - It can miss surfaces narrower than a step: one is two pixels long, and longer if the path is longer than 128 pixels.
     /// - Its surfaces have the distance fog and atmosphere of the viewer's position.
@@ -257,13 +255,13 @@ words!(ScreenTraces {
     March = "march",
 });
 
-/// Which mip level of a texture is read where a ray hits.
+/// Mip level of textures at hits.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq)]
 #[reflect(Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum ReflectionTextureMip {
-    /// The level that fits the footprint of the ray, from a cone that widens with distance and roughness (Akenine-Möller et
-    /// al., *Ray Tracing Gems*, chapter 20).
+    /// The level that matches the footprint of the ray, from a cone that widens with distance and roughness (Akenine-Möller et al., *Ray
+    /// Tracing Gems*, chapter 20).
     #[default]
     RayCone,
     /// Always the same level. The paper uses 2 (section 4.1.1).
@@ -283,10 +281,10 @@ pub(crate) const PAPER_LEVEL: f32 = 2.0;
 #[reflect(Default, Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum ReflectionTracerChoice {
-    /// Ray queries where the adapter has them, else the BVH.
+    /// Ray queries if the adapter supports them, else the BVH.
     #[default]
     Auto,
-    /// The driver's acceleration structures. Falls back to the BVH, with a warning, where the adapter has no ray queries.
+    /// The driver's acceleration structures. Falls back to the BVH, with a warning, if the adapter doesn't support ray queries.
     RayQuery,
     /// A bounding volume hierarchy traversed in a shader; works on every adapter with compute shaders.
     Bvh,
@@ -307,12 +305,12 @@ pub enum ReflectionFallback {
     #[default]
     None,
     /// Bevy's [`ScreenSpaceReflections`](bevy::pbr::ScreenSpaceReflections) with their default settings, as long as the camera has
-    /// [`RayTracedReflections`]. They show objects on screen. Opaque materials become deferred, as they do on devices that can trace.
+    /// [`RayTracedReflections`]. They show objects on screen. Opaque materials become deferred, as on devices that can trace.
     ScreenSpace,
 }
 
-/// Keeps an entity out of all reflections and out of the shadows that are seen in them. `Mesh::enable_raytracing` does so for all
-/// entities with a mesh. [`ScreenTraces::March`] shows it nevertheless while it is on the screen.
+/// Excludes an entity from all reflections and from the shadows in them. `Mesh::enable_raytracing` does this for all entities with a mesh.
+/// [`ScreenTraces::March`] still shows it while it is on screen.
 #[derive(Component, Reflect, Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct NotReflected;

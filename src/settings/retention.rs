@@ -1,4 +1,4 @@
-//! How long reflections outlive the cameras that show them.
+//! How long reflections outlive their cameras.
 
 use bevy::{
     ecs::prelude::*,
@@ -6,14 +6,15 @@ use bevy::{
 };
 use core::time::Duration;
 
-/// How long what reflections need is kept while nothing uses it: the scene that rays hit without a camera that reflects, the textures of a
-/// camera that isn't active, and those for glass and water without any in sight.
+/// How long unused resources of reflections are kept: the scene for rays after the last camera stopped reflecting, the textures of an
+/// inactive camera, and textures for glass and water after they went out of sight.
 ///
-/// A camera that is active again within this time shows reflections in its first frame. The time is that of the clock on the wall, in
-/// which a long frame counts a quarter of a second at most. Meanwhile memory stays in use, and changes of the scene are followed.
+/// A camera that becomes active again within this time shows reflections in its first frame. It is real time, in which a long frame counts
+/// for a quarter of a second at most. Meanwhile, memory stays in use, and changes of the scene are tracked.
 ///
-/// More bridges longer menus, and less gives memory back sooner; zero does so at once. The textures of a camera go earlier if the device
-/// has no memory for those of another one, and at once if the camera loses [`RayTracedReflections`](crate::RayTracedReflections).
+/// A longer time bridges longer menus, and a shorter one frees memory sooner; zero frees it at once. The textures of a camera are freed
+/// earlier if the device lacks memory for another camera's, and at once if the camera loses
+/// [`RayTracedReflections`](crate::RayTracedReflections).
 ///
 /// ```
 /// # use bevy::prelude::*;

@@ -1,4 +1,4 @@
-//! The shading rates and their codes. `rate/codes.wesl` holds the same for shaders.
+//! The shading rates and their codes. `rate/codes.wesl` has the same for shaders.
 
 use super::words::words;
 use bevy::{
@@ -6,15 +6,15 @@ use bevy::{
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-/// Bits of a texel of the rate image that hold [`ShadingRate::code`].
+/// Bits of [`ShadingRate::code`] in a texel of the rate image.
 pub const RATE_CODE_MASK: u32 = 0xf;
-/// Bit of a texel of the rate image: the tile holds something that reflects. Nothing else of a frame is written in other tiles.
+/// Bit of a texel of the rate image: the tile contains reflective pixels. Nothing else of a frame is written in other tiles.
 #[cfg(feature = "internals")]
 pub const RATE_ACTIVE: u32 = 0x100;
 
 /// Size of the blocks of trace pixels that share one ray: width times height.
 ///
-/// A trace pixel is a quad of 2x2 pixels with [`ReflectionTechnique::Variable`](crate::ReflectionTechnique::Variable), so that 2x2
+/// With [`ReflectionTechnique::Variable`](crate::ReflectionTechnique::Variable), a trace pixel is a quad of 2x2 pixels, so 2x2
 /// means one ray for 4x4 pixels of the view.
 #[derive(Reflect, Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[reflect(Default, Debug, Clone, PartialEq)]
@@ -28,9 +28,9 @@ pub enum ShadingRate {
     R1x2,
     /// One ray for 4 trace pixels.
     R2x2,
-    /// One ray for 4 trace pixels side by side. Hardware doesn't know it.
+    /// One ray for 4 trace pixels side by side. Not available in hardware.
     R4x1,
-    /// One ray for 4 trace pixels, one above the other. Hardware doesn't know it.
+    /// One ray for 4 trace pixels, one above the other. Not available in hardware.
     R1x4,
     /// One ray for 8 trace pixels, wide.
     R4x2,
@@ -76,8 +76,7 @@ impl ShadingRate {
         (size.x.trailing_zeros() << 2) | size.y.trailing_zeros()
     }
 
-    /// The rate of a texel of a rate image. Bits other than the lowest four are ignored; codes that no rate has count as
-    /// [`R1x1`](Self::R1x1).
+    /// The rate of a texel of a rate image. Bits other than the lowest four are ignored; invalid codes count as [`R1x1`](Self::R1x1).
     #[must_use]
     pub fn from_code(texel: u32) -> Self {
         Self::ALL

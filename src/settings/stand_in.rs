@@ -1,4 +1,4 @@
-//! Stand-ins: the mesh or material that rays see instead of the one that is drawn.
+//! Stand-ins: a mesh or material for rays that differs from the drawn one.
 
 use bevy::{
     asset::Handle,
@@ -9,10 +9,10 @@ use bevy::{
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-/// The mesh that rays hit in place of the entity's `Mesh3d`, which need not exist.
+/// The mesh that rays hit instead of the entity's `Mesh3d`, which can be absent.
 ///
-/// For meshes that are too fine for reflections, that a vertex shader moves, or that aren't drawn from a `Mesh3d`: terrain, meshlets,
-/// voxels, hair. The entity needs a material that rays see, too. Shadows that are seen in reflections come from the stand-in.
+/// For meshes that are too detailed for reflections, that a vertex shader moves, or that aren't drawn from a `Mesh3d`: terrain, meshlets,
+/// voxels, hair. The entity also needs a material that rays support. Shadows in reflections come from the stand-in.
 ///
 /// # Examples
 ///
@@ -31,13 +31,13 @@ use bevy::{
 #[reflect(Component, Default, Debug, Clone, PartialEq)]
 pub struct ReflectedMesh3d(pub Handle<Mesh>);
 
-/// The material that rays see on the entity, whatever it is drawn with.
+/// The material of the entity in reflections, regardless of the drawn one.
 ///
-/// For materials that rays don't know, and for materials that should look simpler in reflections. To include all entities with a material
-/// type, see [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin).
+/// For materials that rays don't support, and for materials that should look simpler in reflections. To include all entities with a
+/// material type, see [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin).
 ///
 /// A forward object with this component shows no traced reflections: they would replace the environment's light, and its own material
-/// might add a different amount, or none. Reflections on deferred objects come from the G-buffer and stay.
+/// might add a different amount, or none. Deferred objects keep their reflections, which come from the G-buffer.
 ///
 /// # Examples
 ///

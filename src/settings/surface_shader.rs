@@ -1,4 +1,4 @@
-//! A shader of an app's own for surfaces that rays hit.
+//! An app's shader for surfaces that rays hit.
 
 use bevy::{
     asset::Handle,
@@ -7,11 +7,11 @@ use bevy::{
     shader::Shader,
 };
 
-/// Shader that changes surfaces in reflections, for effects of a material's own shader: stripes, frost, pulsing colours. It applies to
+/// Shader that modifies surfaces in reflections, for effects of a material's own shader: stripes, frost, pulsing colours. It applies to
 /// the whole app. Without it, reflections show materials as [`ReflectedMaterial`](crate::ReflectedMaterial) describes them.
 ///
-/// The shader is a WESL module with a function `reflected_surface`, which is handed each surface that a ray hits, as the library knows it,
-/// and returns it changed:
+/// The shader is a WESL module with a function `reflected_surface`. It gets each hit surface as loaded by the library, and returns a
+/// modified version:
 ///
 /// ```wgsl
 /// import bevy_glint::scene::surface::Surface;
@@ -27,15 +27,15 @@ use bevy::{
 /// }
 /// ```
 ///
-/// A `Surface` (`src/scene/surface.wesl`) has place, normal, base colour, metallic, roughness, reflectance, emission and whether it is lit. The
-/// point says which material type it is (0 for `StandardMaterial`, and from 1
-/// on other types in the order of their [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin)s), where on the mesh, and when.
-/// The result is brought into range; place, alpha, and which triangles rays hit, stay as they are.
+/// A `Surface` (`src/scene/surface.wesl`) has position, normal, base colour, metallic, roughness, reflectance, emission and whether it is
+/// unlit. The point has the material type (0 for `StandardMaterial`; other types count from 1 in the order of their
+/// [`ReflectedMaterialPlugin`](crate::ReflectedMaterialPlugin)s), the place on the mesh, and the time. The result is clamped to valid
+/// ranges. Position, alpha, and which triangles rays hit don't change.
 ///
-/// The module is compiled as a part of the library: it can import modules of `bevy_glint`, of Bevy, and those that a crate embeds
-/// (`embedded_asset!`, by the crate's name), but no other files of the asset folder. It follows changes of its file. Until it is
-/// compiled, and if it fails, reflections show materials without it; the log says why. While there is such a shader, compute shaders
-/// replace hardware rates.
+/// The module is compiled as a part of the library: it can import modules of `bevy_glint`, of Bevy, and modules that a crate embeds
+/// (`embedded_asset!`, by the crate's name), but no other files of the asset folder. Changes of its file are reloaded. Until it is
+/// compiled, and if it fails, reflections show materials without it; the log contains the reason. While there is such a shader, compute
+/// shaders replace hardware rates.
 ///
 /// # Examples
 ///
@@ -54,7 +54,7 @@ use bevy::{
 pub struct ReflectedSurfaceShader {
     /// The module.
     pub shader: Handle<Shader>,
-    /// Surfaces change by themselves, for example with `seconds`. Views then never count as static
+    /// Surfaces change over time, for example with `seconds`. Views then never count as static
     /// ([`converge_static_views`](crate::ReflectionDenoiser::converge_static_views)), and
     /// [`Converged`](crate::ReflectionTechnique::Converged) averages over the changes. Default: true, which is safe for every shader.
     pub animated: bool,

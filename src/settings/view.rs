@@ -8,15 +8,15 @@ use bevy::ecs::component::Component;
 pub struct ReflectionView {
     pub(crate) settings: ClampedSettings,
     pub(crate) rate: RateSettings,
-    /// History must be forgotten.
+    /// History must be discarded.
     pub(crate) reset: bool,
     pub(crate) debug: ViewDebug,
 }
 
-/// A view that can reflect: its lighting goes by a uniform of ours, which says what reflections replace.
+/// A view that can reflect: its lighting uses our uniform, which contains the parts of its light that reflections replace.
 #[derive(Component, Debug, Default)]
 pub struct LightingHook {
-    /// The passes of the view run in this frame, and its lighting leaves out what they add.
+    /// The passes of the view run in this frame, and its lighting omits the light that they add.
     pub(crate) passes_run: bool,
 }
 
@@ -28,7 +28,7 @@ pub struct WantsReflections {
 }
 
 impl WantsReflections {
-    /// Variable rate shading of the rasterizer traces its rays, or will once it can.
+    /// Returns whether variable rate shading of the rasterizer traces its rays, or will once it can.
     pub(crate) fn uses_vrs(&self) -> bool {
         self.settings.backend == ReflectionBackend::HardwareVrs
     }

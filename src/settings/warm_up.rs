@@ -1,20 +1,20 @@
-//! Features that a scene will have later.
+//! Features that a scene will need later.
 
 use bevy::{
     ecs::prelude::*,
     reflect::{Reflect, std_traits::ReflectDefault},
 };
 
-/// Features whose shaders are compiled before the scene has them, such as behind a loading screen.
+/// Features to compile shaders for before the scene has them, such as behind a loading screen.
 ///
-/// Shaders leave out what a scene doesn't have, which makes them faster. When the first object with a new feature appears, its shaders are
-/// compiled in the background, which takes up to some seconds on a player's first run; until then, reflections show the scene without that
-/// feature. With this resource, one variant more is compiled early, which has all of the named features. It serves any scene that has some
-/// of them until the variant that fits is compiled, so that nothing appears late.
+/// Shaders only contain the features of the scene, which makes them faster. When the first object with a new feature appears, its shaders
+/// are compiled in the background, which takes up to some seconds on a player's first run; until then, reflections show the scene without
+/// that feature. With this resource, one additional variant with all of the selected features is compiled early. It is used for any scene
+/// with some of them until the exact variant is compiled, so that nothing appears late.
 ///
-/// Shaders are compiled for the settings of cameras that reflect: have the game's camera active behind the loading screen, and wait for
+/// Shaders are compiled for the settings of reflecting cameras: keep the game's camera active behind the loading screen, and wait for
 /// [`ReflectionStatusReport::ready`](crate::ReflectionStatusReport::ready). More features take longer to compile. They cost no time per
-/// frame once the shaders that fit the scene are compiled. Remove the resource to compile nothing ahead, which is the default.
+/// frame once the exact variant is compiled. Remove the resource to compile nothing ahead, which is the default.
 ///
 /// # Examples
 ///

@@ -1,6 +1,6 @@
-//! Words for settings on command lines and in files.
+//! Names of settings on command lines and in files.
 
-/// A word that names no setting. Its message lists the words that do.
+/// A name that no setting has. Its message lists the valid names.
 #[derive(thiserror::Error, Debug, Clone, PartialEq, Eq)]
 #[error("`{word}` is unknown; choose one of: {}", .choices.join(", "))]
 pub struct UnknownName {
@@ -17,16 +17,16 @@ impl UnknownName {
     }
 }
 
-/// Gives an enum without fields one word for each variant: `ALL`, `name`, `Display` and `FromStr`.
+/// Gives each variant of an enum without fields a name: `ALL`, `name`, `Display` and `FromStr`.
 ///
-/// A variant that is missing here does not compile.
+/// Fails to compile if a variant is missing here.
 macro_rules! words {
     ($name:ident { $($variant:ident = $word:literal),+ $(,)? }) => {
         impl $name {
             /// All variants, in the order of their declaration.
             pub const ALL: [Self; [$($word),+].len()] = [$(Self::$variant),+];
 
-            /// The word for command lines and files.
+            /// The name for command lines and files.
             #[must_use]
             pub const fn name(self) -> &'static str {
                 match self {
