@@ -1,4 +1,4 @@
-//! Counts pixels that are not finite, and finds the worst one.
+//! Counts non-finite pixels, and finds the worst one.
 
 use crate::{
     composite::composited_radiance,
@@ -11,7 +11,7 @@ use bevy::render::{
 };
 use core::num::NonZeroU64;
 
-/// Words of the buffer that `count.wesl` writes.
+/// Words of the buffer written by `count.wesl`.
 const REPORT_WORDS: u64 = 8;
 
 /// Entry points of `count.wesl`, in the order in which they run.
@@ -24,7 +24,7 @@ pub(super) fn pass() -> GBufferPass<&'static str> {
     GBufferPass::new("glint_debug_count", bindings, OtherGroups::None)
 }
 
-/// The buffer for the result; all views use it in turn.
+/// The result buffer, which all views use in turn.
 pub(super) fn create_report(device: &RenderDevice) -> Buffer {
     device.create_buffer(&BufferDescriptor {
         label: Some("glint_debug_report"),
@@ -34,7 +34,7 @@ pub(super) fn create_report(device: &RenderDevice) -> Buffer {
     })
 }
 
-/// Counts, and has the result read back.
+/// Counts, and requests a readback of the result.
 pub(super) fn count_non_finite(
     ctx: &mut RenderContext,
     pass: &GBufferPass<&'static str>,

@@ -1,11 +1,11 @@
-//! Debug views of the passes of a camera, and counters of values that must not occur.
+//! Debug views of a camera's passes, and counters of invalid values.
 //!
-//! | file | holds |
+//! | file | contents |
 //! |---|---|
 //! | `show`, `scales.wesl` | the debug views |
-//! | `sides.rs` | which columns each of them covers |
+//! | `sides.rs` | the columns that each of them covers |
 //! | `count` | the counters |
-//! | `pipelines.rs` | how both are compiled and run |
+//! | `pipelines.rs` | compilation and execution of both |
 
 mod count;
 mod pipelines;

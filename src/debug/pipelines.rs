@@ -26,7 +26,7 @@ use bevy::{
     shader::Shader,
 };
 
-/// Pipelines of debug views and counters. They are compiled when a camera first asks for them.
+/// Pipelines of debug views and counters, compiled when a camera first requests them.
 #[derive(Resource)]
 pub(crate) struct DebugPipelines {
     show_shader: Handle<Shader>,
@@ -38,7 +38,7 @@ pub(crate) struct DebugPipelines {
 }
 
 impl DebugPipelines {
-    /// Draws one side of a view where compute shaders can write its frame.
+    /// Draws one side of a view if compute shaders can write its frame.
     fn show_side(
         &self,
         ctx: &mut RenderContext,
@@ -137,7 +137,7 @@ pub(crate) fn show_debug_views(
     span.end(ctx.command_encoder());
 }
 
-/// Draws the front layer's view of one camera over its frame, which [`show_debug_views`] has darkened. `context` is that of the layer.
+/// Draws the front layer's view of one camera over its frame, which [`show_debug_views`] has darkened. `context` belongs to the layer.
 pub(crate) fn show_front_layer(
     ctx: &mut RenderContext,
     pipelines: &DebugPipelines,

@@ -33,7 +33,7 @@ const IS_FRONT_LAYER: u32 = 4;
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 #[repr(C)]
 struct GpuDebugSettings {
-    /// First column and the one after the last; the same of the dividing line.
+    /// First column and the one after the last, for the view and for the dividing line.
     columns: [u32; 4],
     view: u32,
     flags: u32,
@@ -74,7 +74,7 @@ impl ShowPass {
             .collect()
     }
 
-    /// The pass, in variants that blur or don't.
+    /// The pass, in variants with and without blur.
     pub fn pass(self) -> GBufferPass<bool> {
         let size = NonZeroU64::new(size_of::<GpuDebugSettings>() as u64);
         let mut bindings = match self {
@@ -121,12 +121,12 @@ impl ShowPass {
     }
 }
 
-/// Something must be bound in the place of a missing texture; the shader doesn't read it.
+/// A texture to bind instead of a missing one; the shader doesn't read it.
 fn or_radiance<'a>(context: &PassContext<'a>, texture: Option<&'a TextureView>) -> Option<&'a TextureView> {
     texture.or_else(|| composited_radiance(context))
 }
 
-/// Draws one side of a view, from one texture of the frame into the other. `context` is that of `surfaces`.
+/// Draws one side of a view, from one texture of the frame into the other. `context` belongs to `surfaces`.
 pub(super) fn show_side(
     ctx: &mut RenderContext,
     pass: &GBufferPass<bool>,

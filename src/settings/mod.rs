@@ -1,24 +1,24 @@
 //! Settings for apps: components, presets, and their ranges and names.
 //!
-//! | file | holds |
+//! | file | contents |
 //! |---|---|
 //! | `reflections.rs`, `denoiser.rs` | the component of a camera |
-//! | `heuristic.rs`, `shading_rate.rs` | how many rays each tile gets |
+//! | `heuristic.rs`, `shading_rate.rs` | the number of rays of each tile |
 //! | `debug.rs` | debug views and counters |
-//! | `front_layer.rs` | a shader of the app's own for glass and water |
+//! | `front_layer.rs` | an app's shader for glass and water |
 //! | `pose.rs` | skinned and morphed meshes |
 //! | `retention.rs` | how long reflections outlive their cameras |
-//! | `arrival.rs` | how fast meshes arrive |
+//! | `arrival.rs` | how fast meshes appear |
 //! | `presets.rs` | bundles of settings |
 //! | `quality.rs` | the component that a game saves |
 //! | `auto_quality.rs` | the search for a quality |
 //! | `budget.rs` | a target for the time of reflections |
-//! | `reflected_layers.rs` | which layers a camera's reflections show |
-//! | `stand_in.rs` | components of objects: what rays see of them |
+//! | `reflected_layers.rs` | the layers that a camera's reflections show |
+//! | `stand_in.rs` | components of objects: their mesh and material for rays |
 //! | `warm_up.rs` | shaders that are compiled before they are needed |
-//! | `words.rs` | words on command lines and in files |
-//! | `clamped.rs`, `clamped_rate.rs` | the same within its ranges, for shaders |
-//! | `view.rs` | the same on a view of the render world |
+//! | `words.rs` | names on command lines and in files |
+//! | `clamped.rs`, `clamped_rate.rs` | settings within their ranges, for shaders |
+//! | `view.rs` | settings of a view in the render world |
 
 mod arrival;
 mod auto_quality;

@@ -1,24 +1,24 @@
 //! Turns rates into rays: decides which rays are traced, and by which pass.
 //!
-//! | file | holds |
+//! | file | contents |
 //! |---|---|
-//! | `passes.rs` | which passes trace the rays of a view |
+//! | `passes.rs` | the passes that trace the rays of a view |
 //! | `blocks`, `inline`, `converged`, `vrs` | the passes: bindings in Rust, work in WESL |
-//! | `pipelines.rs`, `variant.rs` | how they are compiled |
+//! | `pipelines.rs`, `variant.rs` | their compilation |
 //! | `plan.rs` | which of them run, in which variants, while others are compiled |
-//! | `resources.rs` | what they need of the render world |
-//! | `fallback.rs` | which back end a camera gets, and what is said where it isn't the one that was asked for |
-//! | `shade.wesl`, `hit.wesl` | shading of what the rays of `blocks.wesl` hit, and what it is handed |
-//! | `hit_surface.wesl`, `surface_shader.rs`, `surface_point.wesl` | the surface that is shaded, and the app's shader that changes it |
-//! | `rays.wesl` | one ray: from a pixel of the G-buffer to the radiance that comes back |
-//! | `screen.wesl` | light that the camera showed, in place of shading |
-//! | `march.wesl` | what the camera showed on the way of a ray, before its hit |
-//! | `bounce.wesl` | reflections within reflections: the rays that go on from a hit |
+//! | `resources.rs` | their inputs from the render world |
+//! | `fallback.rs` | the back end of a camera, and messages if it isn't the requested one |
+//! | `shade.wesl`, `hit.wesl` | shading of the hits of `blocks.wesl`, and their format |
+//! | `hit_surface.wesl`, `surface_shader.rs`, `surface_point.wesl` | the surface for shading, and the app's shader that modifies it |
+//! | `rays.wesl` | one ray: from a pixel of the G-buffer to its radiance |
+//! | `screen.wesl` | reuse of the camera's light instead of shading |
+//! | `march.wesl` | surfaces of the camera's frame on the path of a ray, before its hit |
+//! | `bounce.wesl` | reflections within reflections: rays that continue from a hit |
 //! | `wide_ray.wesl` | a ray and its width |
-//! | `selection.wesl`, `noise.wesl` | which pixel of a block traces, and in which direction |
-//! | `sampling.wesl`, `lobe.wesl`, `brdf.wesl` | the lobe that directions are drawn from |
-//! | `directional_albedo.rs`, `albedo.wesl` | how much of a white furnace the lobe reflects |
-//! | `record.wesl` | what is kept of how a ray was drawn |
+//! | `selection.wesl`, `noise.wesl` | the pixel of a block that traces, and the direction |
+//! | `sampling.wesl`, `lobe.wesl`, `brdf.wesl` | the lobe from which directions are sampled |
+//! | `directional_albedo.rs`, `albedo.wesl` | the fraction of a white furnace that the lobe reflects |
+//! | `record.wesl` | the record of how a ray was sampled |
 
 mod blocks;
 mod converged;
