@@ -1,6 +1,6 @@
-//! Passes over the G-buffer: group 0, which begins with what `gbuffer.wesl` binds, and how they are compiled and started.
+//! Passes over the G-buffer: group 0, which starts with the bindings of `gbuffer.wesl`, and how they are compiled and started.
 //!
-//! Each pass declares a list of [`Binding`]s: how its shader sees a resource, side by side with the resource itself.
+//! Each pass declares a list of [`Binding`]s: the layout of a resource in its shader, together with the resource itself.
 
 use crate::{
     scene::environment,
@@ -43,7 +43,7 @@ impl Plugin for GBufferPlugin {
     }
 }
 
-/// The resources that `gbuffer.wesl` binds.
+/// The resources of `gbuffer.wesl`.
 pub(crate) struct GBufferBindings<'a> {
     pub view: BindingResource<'a>,
     pub settings: BindingResource<'a>,
@@ -52,7 +52,7 @@ pub(crate) struct GBufferBindings<'a> {
     pub normals: &'a TextureView,
 }
 
-/// All that passes of a view read and write.
+/// All inputs and outputs of a view's passes.
 pub(crate) struct PassContext<'a> {
     /// The view in the render world.
     pub entity: Entity,
@@ -75,9 +75,9 @@ pub(crate) struct PassContext<'a> {
     pub noise: &'a TextureView,
     /// The lit frame.
     pub frame: &'a TextureView,
-    /// The picture that rays reuse: [`Targets::screen`] of the opaque surfaces' textures.
+    /// The frame that rays reuse: [`Targets::screen`] of the opaque surfaces' textures.
     pub screen: Option<&'a TextureView>,
-    /// Tiles outside of which the view holds no surface of these passes; `None` where it may hold some anywhere.
+    /// Tiles that contain all surfaces of these passes in the view; `None` if they can be anywhere.
     pub tiles: Option<URect>,
 }
 
@@ -97,7 +97,7 @@ impl<'a> PassContext<'a> {
         self.motion.map(|motion| (history, motion))
     }
 
-    /// Pixels of the view that hold all surfaces of these passes.
+    /// Pixels of the view that contain all surfaces of these passes.
     pub fn area(&self) -> URect {
         let size = self.textures.size();
         let Some(tiles) = self.tiles else {
@@ -107,31 +107,31 @@ impl<'a> PassContext<'a> {
         URect::from_corners((tiles.min * pixels).min(size), (tiles.max * pixels).min(size))
     }
 
-    /// Index of what this frame writes in ping-pong pairs.
+    /// Index in ping-pong pairs that this frame writes.
     pub fn now(&self) -> usize {
         self.textures.write_index
     }
 
-    /// Index of what the last frame wrote in ping-pong pairs.
+    /// Index in ping-pong pairs that the last frame wrote.
     pub fn before(&self) -> usize {
         1 - self.textures.write_index
     }
 }
 
-/// Finds a texture of a view; `None` where the view has none.
+/// Finds a texture of a view; `None` if the view has none.
 pub(crate) type FindTexture = for<'a> fn(&PassContext<'a>) -> Option<&'a TextureView>;
-/// Finds a buffer of a view; `None` where the view has none.
+/// Finds a buffer of a view; `None` if the view has none.
 type FindBuffer = for<'a> fn(&PassContext<'a>) -> Option<&'a Buffer>;
 
 #[derive(Clone, Copy)]
 enum Resource {
     Texture(FindTexture),
     Buffer(FindBuffer),
-    /// The pass hands it in for each view.
+    /// The pass provides it for each view.
     Given,
 }
 
-/// A binding of group 0, behind those of `gbuffer.wesl`.
+/// A binding of group 0, after the ones of `gbuffer.wesl`.
 #[derive(Clone)]
 pub(crate) struct Binding {
     layout: BindGroupLayoutEntryBuilder,
@@ -187,7 +187,7 @@ impl Binding {
         }
     }
 
-    /// A buffer that the pass writes, of at least so many words.
+    /// A buffer that the pass writes, of at least this number of words.
     pub fn written_words(at_least: u64, find: FindBuffer) -> Self {
         Self {
             layout: binding_types::storage_buffer_sized(false, NonZeroU64::new(4 * at_least)),
@@ -195,7 +195,7 @@ impl Binding {
         }
     }
 
-    /// A resource that is no target of the view: [`Group0::entries`] takes it.
+    /// A resource that isn't a target of the view: it is passed to [`Group0::entries`].
     pub fn given(layout: BindGroupLayoutEntryBuilder) -> Self {
         Self {
             layout,
@@ -227,7 +227,7 @@ impl Group0 {
             (
                 binding_types::uniform_buffer::<ViewUniform>(true),
                 binding_types::uniform_buffer::<GpuReflectionView>(false),
-                // Depth as floats: that of Bevy is a depth texture, that of a front layer is written by a compute shader.
+                // Depth as floats: Bevy's is a depth texture, and a front layer's is written by a compute shader.
                 binding_types::texture_2d(TextureSampleType::Float { filterable: false }),
                 integers(),
                 binding_types::texture_2d(TextureSampleType::Float { filterable: false }),
@@ -243,7 +243,7 @@ impl Group0 {
         }
     }
 
-    /// The same group of a compute pass, and the screen.
+    /// The group with the screen, for a compute pass.
     fn with_screen(&self) -> Self {
         let mut layout = self.layout.clone();
         let screen = binding_types::texture_2d(TextureSampleType::Float { filterable: false });
@@ -255,8 +255,8 @@ impl Group0 {
         }
     }
 
-    /// The contents of the group. `given` are the resources of the bindings that were declared by [`Binding::given`], in their
-    /// order. `None` where the view lacks a target.
+    /// The contents of the group. `given` are the resources for bindings declared by [`Binding::given`], in order. Returns
+    /// `None` if the view lacks a target.
     pub fn entries<'a>(
         &self,
         context: &PassContext<'a>,
@@ -327,23 +327,23 @@ fn empty_layout() -> BindGroupLayoutDescriptor {
 pub(crate) struct PassShader {
     pub shader: Handle<Shader>,
     pub defs: Vec<ShaderDefVal>,
-    /// `None` where the shader has a single entry point.
+    /// `None` if the shader has a single entry point.
     pub entry_point: Option<&'static str>,
 }
 
-/// A compute pass over the G-buffer, in variants by `K` that are compiled when they are first asked for.
+/// A compute pass over the G-buffer, in variants by `K` that are compiled on first request.
 pub(crate) struct GBufferPass<K = ()> {
     /// Label of the bind group, the pipelines and the pass.
     label: &'static str,
     group_0: Group0,
-    /// The group of those variants that read the screen, and which these are.
+    /// The group of variants that read the screen, and a test for these.
     with_screen: Option<(Group0, fn(&K) -> bool)>,
     others: OtherGroups,
     queued: HashMap<K, CachedComputePipelineId>,
 }
 
 impl<K: Clone + Eq + Hash> GBufferPass<K> {
-    /// Nothing is compiled yet.
+    /// Creates a pass without compiled variants.
     pub fn new(label: &'static str, bindings: Vec<Binding>, others: OtherGroups) -> Self {
         Self {
             label,
@@ -354,7 +354,7 @@ impl<K: Clone + Eq + Hash> GBufferPass<K> {
         }
     }
 
-    /// Binds the screen in those variants that read it.
+    /// Binds the screen in variants that read it.
     pub fn with_screen(mut self, reads: fn(&K) -> bool) -> Self {
         self.with_screen = Some((self.group_0.with_screen(), reads));
         self
@@ -365,7 +365,7 @@ impl<K: Clone + Eq + Hash> GBufferPass<K> {
         with_screen.map_or(&self.group_0, |(group, _)| group)
     }
 
-    /// Has a variant compiled, unless it already was.
+    /// Queues a variant, unless it already was.
     pub fn queue(&mut self, key: K, cache: &PipelineCache, shader: impl FnOnce() -> PassShader) {
         if self.queued.contains_key(&key) {
             return;
@@ -388,7 +388,7 @@ impl<K: Clone + Eq + Hash> GBufferPass<K> {
         self.queued.insert(key, id);
     }
 
-    /// `None` until the variant is compiled.
+    /// Returns `None` until the variant is compiled.
     pub fn pipeline<'a>(&self, key: &K, cache: &'a PipelineCache) -> Option<&'a ComputePipeline> {
         cache.get_compute_pipeline(*self.queued.get(key)?)
     }
@@ -399,15 +399,15 @@ impl<K: Clone + Eq + Hash> GBufferPass<K> {
         ids.filter_map(|(key, &id)| cache.get_compute_pipeline(id).map(|_| key))
     }
 
-    /// Variants that can't be compiled, other than those whose modules are still being loaded.
+    /// Variants that can't be compiled, except for variants with modules that are still being loaded.
     pub fn errors<'a>(&'a self, cache: &'a PipelineCache) -> impl Iterator<Item = (&'a K, &'a ShaderCacheError)> {
         self.queued
             .iter()
             .filter_map(|(key, &id)| Some((key, lasting_error(cache.get_compute_pipeline_state(id))?)))
     }
 
-    /// Begins the pass in the first of the variants that is compiled, with all its groups set; `None` where there is none, or
-    /// where the view lacks a target. [`Group0::entries`] says what is `given`.
+    /// Begins the pass in the first compiled variant, with all its groups set; `None` if there is none, or if the view lacks a
+    /// target. [`Group0::entries`] describes `given`.
     pub fn begin<'a>(
         &self,
         ctx: &'a mut RenderContext,
@@ -443,7 +443,7 @@ impl<K: Clone + Eq + Hash> GBufferPass<K> {
     }
 }
 
-/// The error of a pipeline. Modules that are still being loaded are errors, too, but not for long.
+/// The error of a pipeline. Modules that are still being loaded also cause errors, but only for a short time.
 pub(crate) fn lasting_error(state: &CachedPipelineState) -> Option<&ShaderCacheError> {
     match state {
         CachedPipelineState::Err(

@@ -1,4 +1,4 @@
-//! Reads the settings of cameras and decides which views may trace.
+//! Reads the settings of cameras and decides which views can trace.
 
 use super::{
     hook::{HookOfAView, OursOfAView, left_out},
@@ -60,7 +60,7 @@ pub(super) struct CameraQuery {
 }
 
 impl CameraQueryItem<'_, '_> {
-    /// Its view has all that the hook in Bevy's lighting takes, whether it reflects or not.
+    /// Returns whether its view has everything that the hook in Bevy's lighting needs, whether it reflects or not.
     fn can_have_hook(&self) -> bool {
         let has_prepasses = self.depth && self.deferred && self.normal;
         has_prepasses && self.hdr && !self.screen_space && self.msaa.is_none_or(|msaa| *msaa == Msaa::Off)
@@ -86,7 +86,7 @@ impl CameraQueryItem<'_, '_> {
         ViewDebug::new(self.debug_view, self.debug_split, self.debug_counters)
     }
 
-    /// Pixels that are rendered; zero where that isn't known yet.
+    /// Rendered pixels; zero if unknown.
     fn size(&self) -> UVec2 {
         let viewport = self.camera.physical_viewport_size().unwrap_or_default();
         self.resolution
@@ -94,7 +94,7 @@ impl CameraQueryItem<'_, '_> {
     }
 }
 
-/// Limits of the device, and how long what isn't used is kept on it.
+/// Limits of the device, and the retention of unused resources.
 #[derive(SystemParam)]
 pub(super) struct Limits<'w> {
     device: Res<'w, RenderDevice>,
@@ -109,7 +109,7 @@ impl Limits<'_> {
     }
 }
 
-/// Returns whether a view of this size can be traced, where textures have so many texels in each direction at most.
+/// Returns whether a view of this size can be traced, given the maximum texture size of the device.
 fn fits(size: UVec2, technique: ReflectionTechnique, most_texels: u32) -> bool {
     let most_trace_pixels = match technique {
         ReflectionTechnique::Converged => most_texels,
@@ -119,7 +119,7 @@ fn fits(size: UVec2, technique: ReflectionTechnique, most_texels: u32) -> bool {
     size.max_element().div_ceil(technique.trace_scale()) <= most_trace_pixels
 }
 
-/// A view of the render world that extraction may have to change.
+/// A view of the render world that extraction might have to change.
 #[derive(QueryData)]
 #[query_data(mutable)]
 pub(super) struct ExistingView {
@@ -144,20 +144,20 @@ pub(super) struct ExtractionState {
     query: Option<QueryState<CameraQuery>>,
     warnings: Warnings,
     fallbacks: Fallbacks,
-    /// Views of cameras that aren't active now, with the time since they were.
+    /// Views of inactive cameras, with the time since they were active.
     idle: EntityHashMap<Duration>,
 }
 
-/// Findings about all cameras of one frame.
+/// Results for all cameras of one frame.
 #[derive(Default)]
 struct Findings {
-    /// Views of the render world that may reflect.
+    /// Views of the render world that might reflect.
     wanting: EntityHashSet,
-    /// Views of the render world that carry the hook, or may keep it since nothing is drawn into them.
+    /// Views of the render world that have the hook, or can keep it since nothing is drawn into them.
     hooked: EntityHashSet,
-    /// Views that have screen-space reflections, to which all of the hook belongs but our own component.
+    /// Views with screen-space reflections, which need all components of the hook except ours.
     screen_space: EntityHashSet,
-    /// Views of cameras that aren't active.
+    /// Views of inactive cameras.
     idle: EntityHashSet,
     /// Cameras of the main world with the component.
     present: EntityHashSet,
@@ -167,7 +167,7 @@ struct Findings {
     culled_views: usize,
 }
 
-/// Settings of a camera after clamping, with the back end that traces its rays.
+/// Clamped settings of a camera, with the back end that traces its rays.
 #[derive(Clone)]
 struct Request {
     settings: ClampedSettings,
@@ -175,7 +175,7 @@ struct Request {
 }
 
 impl Request {
-    /// Also returns why another pass traces the rays than was asked for.
+    /// Also returns the reason why another pass than the requested one traces the rays.
     fn new(camera: &CameraQueryItem, reflections: &RayTracedReflections, vrs: &VrsPass) -> (Self, Option<String>) {
         let mut settings = ClampedSettings::from(reflections);
         let heuristic = camera.heuristic.cloned().unwrap_or_default();
@@ -195,7 +195,7 @@ impl Request {
         (Self { settings, rate }, reason)
     }
 
-    /// The view has other settings now.
+    /// Returns whether the view has other settings now.
     fn differs_from(&self, active: Option<&ReflectionView>) -> bool {
         active.is_none_or(|view| view.settings != self.settings || view.rate != self.rate)
     }
@@ -209,15 +209,15 @@ struct Extraction<'w, 's> {
 }
 
 impl Extraction<'_, '_> {
-    /// Has the lighting of a view leave out what some settings replace.
+    /// Makes the lighting of a view omit the light that these settings replace.
     fn hook(&mut self, view: Entity, shown: Option<&ClampedSettings>) {
         self.found.hooked.insert(view);
         let hook = (LightingHook::default(), left_out(shown));
         self.commands.entity(view).insert(hook);
     }
 
-    /// Hands the settings of a camera to its view. Returns whether the view traces in this frame: a new view keeps Bevy's
-    /// environment map until its pipelines are compiled, and an active one its old settings.
+    /// Applies the settings of a camera to its view. Returns whether the view traces in this frame: a new view keeps Bevy's environment
+    /// map until its pipelines are compiled, and an active one its old settings.
     fn update_view(
         &mut self,
         camera: &CameraQueryItem,
@@ -233,7 +233,7 @@ impl Extraction<'_, '_> {
             active.as_ref().map(|view| view.settings)
         };
         let debug = camera.debug();
-        // Earlier frames don't tell what this one sees, or somebody looks at what all passes write.
+        // Earlier frames don't predict the content of this one, or a debug view shows the output of all passes.
         let invalid = reset
             || debug != ViewDebug::default()
             || request.settings.technique == ReflectionTechnique::Converged
@@ -262,8 +262,8 @@ impl Extraction<'_, '_> {
         ready || active.is_some()
     }
 
-    /// Takes reflections from views whose cameras don't want them any more. Those of cameras that aren't active keep their textures for
-    /// a time, unless memory is short.
+    /// Removes reflections from views that don't want them any more. Views of inactive cameras keep their textures for a time, unless
+    /// memory is short.
     fn retire_views(
         &mut self,
         existing: &Query<ExistingView, IsOurs>,
@@ -304,8 +304,8 @@ impl Extraction<'_, '_> {
     }
 }
 
-/// Mirrors settings, decides whether a view may trace and whether it is culled, and hands Bevy's deferred lighting the range of
-/// roughness whose environment specular reflections replace.
+/// Extracts settings, decides whether a view can trace and whether it is culled, and sets the range of roughness for which Bevy's
+/// deferred lighting omits environment specular.
 pub(super) fn extract_cameras(
     mut main_world: ResMut<MainWorld>,
     readiness: Readiness,

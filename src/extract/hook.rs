@@ -1,9 +1,9 @@
-//! The hook in Bevy's deferred lighting, which leaves environment specular out where reflections replace it.
+//! The hook in Bevy's deferred lighting, which omits environment specular where reflections replace it.
 //!
-//! Bevy leaves that term out for views that carry the uniform of its screen-space reflections, within its range of roughness. Every view
-//! that could reflect carries one of ours from its first frame on, and [`drop_ssr_pass`] keeps the screen-space pass itself from running.
-//! So reflections come and go by numbers alone. A uniform that came with them would be another key of all pipelines that draw into the
-//! view, and Bevy draws nothing whose pipeline isn't compiled yet.
+//! Bevy omits that term for views with the uniform of its screen-space reflections, within its range of roughness. Every view that could
+//! reflect has such a uniform from its first frame on, and [`drop_ssr_pass`] prevents the screen-space pass itself. Reflections are
+//! therefore switched on and off by numbers only. Adding the uniform later would change the key of all pipelines that draw into the view,
+//! and Bevy doesn't draw objects until their pipeline is compiled.
 
 use crate::{
     front_layer::FrontLayer,
@@ -20,10 +20,10 @@ use bevy::{
     render::{render_resource::encase::UniformBuffer, renderer::RenderQueue, view::ExtractedView},
 };
 
-/// Components of ours on a reflecting view.
+/// Our components on a reflecting view.
 pub(super) type OursOfAView = (ReflectionView, ReflectionTextures, ViewCulling, FrontLayer, MoreMemory);
 
-/// The hook, and what is borrowed from Bevy's screen-space reflections for it.
+/// The hook, and the parts of Bevy's screen-space reflections that it uses.
 pub(super) type HookOfAView = (
     LightingHook,
     ScreenSpaceReflectionsUniform,
@@ -31,7 +31,7 @@ pub(super) type HookOfAView = (
     ScreenSpaceReflectionsPipelineId,
 );
 
-/// The range of roughness whose environment specular Bevy's lighting leaves out: none for a view that replaces nothing.
+/// The range of roughness for which Bevy's lighting omits environment specular; empty for a view that replaces nothing.
 pub(super) fn left_out(settings: Option<&ClampedSettings>) -> ScreenSpaceReflectionsUniform {
     let greatest = settings.map_or(-1.0, |settings| settings.cutoff);
     ScreenSpaceReflectionsUniform::from(ScreenSpaceReflections {
@@ -49,8 +49,8 @@ type Hooked = (
     Has<ReflectionTextures>,
 );
 
-/// Has the lighting of views leave nothing out whose passes can't run: the device had no memory for their textures, or the scene needs
-/// other pipelines all of a sudden. Bevy has written the uniforms before either is known.
+/// Makes the lighting of views omit nothing if their passes can't run: the device lacked memory for their textures, or the scene suddenly
+/// needs other pipelines. Bevy has already written the uniforms by then.
 pub(super) fn settle_hooks(
     mut views: Query<Hooked, With<ExtractedView>>,
     readiness: Readiness,
@@ -69,7 +69,7 @@ pub(super) fn settle_hooks(
     }
 }
 
-/// Keeps Bevy's screen-space pass from running on views that only carry its uniform to suppress environment specular.
+/// Keeps Bevy's screen-space pass from running on views that only have its uniform to suppress environment specular.
 pub(super) fn drop_ssr_pass(
     views: Query<Entity, (With<LightingHook>, With<ScreenSpaceReflectionsPipelineId>)>,
     mut commands: Commands,
@@ -79,7 +79,7 @@ pub(super) fn drop_ssr_pass(
     }
 }
 
-/// After the device was lost, what views held on the old one is gone.
+/// Removes the components of views that belonged to a lost device.
 pub(super) fn forget_views(
     views: Query<Entity, Or<(With<ReflectionTextures>, With<LightingHook>)>>,
     mut commands: Commands,

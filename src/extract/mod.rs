@@ -1,9 +1,9 @@
-//! From the cameras of the main world to the views of the render world.
+//! Extracts the cameras of the main world to the views of the render world.
 //!
-//! | file | holds |
+//! | file | contents |
 //! |---|---|
-//! | `cameras.rs` | which views may trace, with which settings |
-//! | `problems.rs` | why a camera shows no reflections, and the remedy |
+//! | `cameras.rs` | the views that can trace, with their settings |
+//! | `problems.rs` | reasons why a camera shows no reflections, and remedies |
 //! | `hook.rs` | the hook in Bevy's lighting |
 
 mod cameras;

@@ -9,7 +9,7 @@ use bevy::{
     platform::collections::HashSet,
 };
 
-/// Why a camera shows no reflections, or few.
+/// A reason why a camera shows no reflections, or few.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Problem {
     ScreenSpace,
@@ -22,7 +22,7 @@ pub(super) enum Problem {
 }
 
 impl Problem {
-    /// With this problem nothing can be traced. With the others, some materials don't reflect.
+    /// Returns whether nothing can be traced with this problem. With the others, some materials don't reflect.
     pub fn is_fatal(self) -> bool {
         self != Self::Forward
     }
@@ -62,12 +62,12 @@ impl Problem {
     }
 }
 
-/// Problems that the log knows of.
+/// Problems that were logged.
 #[derive(Default)]
 pub(super) struct Warnings(HashSet<(Entity, Problem)>);
 
 impl Warnings {
-    /// Warns of problems that are new. `problems` are all, each with whether it is present.
+    /// Warns of new problems. `problems` are all problems, each with whether it is present.
     pub fn note(&mut self, camera: &NameOrEntityItem, problems: &[(Problem, bool)]) {
         for &(problem, is_present) in problems {
             if !is_present {

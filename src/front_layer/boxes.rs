@@ -1,4 +1,4 @@
-//! Boxes of objects that front layers hold, as Bevy culls them.
+//! Boxes of objects in front layers, as used for Bevy's culling.
 
 use crate::{
     scene::SceneBindings,
@@ -26,11 +26,11 @@ pub(super) struct ObjectBox {
     pub half_extents: Vec3A,
 }
 
-/// Objects of each kind that are looked at one by one. More may be anywhere: to project all of them would take longer than a layer
-/// saves that leaves parts of a view out. Of see-through objects those are counted that cameras see.
+/// Maximum number of objects of each kind whose boxes are projected. If there are more, they count as being anywhere: projecting
+/// all of them would take longer than skipping parts of a view saves. For see-through objects, only visible ones count.
 const MOST_OBJECTS: usize = 1024;
 
-/// The objects of the scene that Bevy draws forward. `None` is an object that may be anywhere.
+/// The objects of the scene that Bevy draws in its forward pass. `None` is an object that can be anywhere.
 #[derive(Resource, Default)]
 pub(super) struct LayerBoxes {
     see_through: Vec<Option<ObjectBox>>,
@@ -38,18 +38,18 @@ pub(super) struct LayerBoxes {
 }
 
 impl LayerBoxes {
-    /// Boxes of the see-through objects that a view wants in its layer.
+    /// Boxes of the see-through objects for a view's layer.
     pub fn see_through(&self, settings: &ClampedSettings) -> &[Option<ObjectBox>] {
         if settings.transparent { &self.see_through } else { &[] }
     }
 
-    /// Boxes of the opaque ones.
+    /// Boxes of the opaque objects for a view's layer.
     pub fn opaque(&self, settings: &ClampedSettings) -> &[Option<ObjectBox>] {
         if settings.forward { &self.opaque } else { &[] }
     }
 }
 
-/// What Bevy has found in the sight of cameras.
+/// Objects in the view of cameras, according to Bevy.
 #[derive(SystemParam)]
 pub(super) struct SeenObjects<'w, 's> {
     cameras: Query<'w, 's, (&'static Camera, &'static VisibleEntities), With<RayTracedReflections>>,
@@ -57,12 +57,12 @@ pub(super) struct SeenObjects<'w, 's> {
 }
 
 impl SeenObjects<'_, '_> {
-    /// Returns whether no object is left to the GPU's culling.
+    /// Returns whether no object is left to GPU culling.
     fn are_all_culled(&self) -> bool {
         self.unculled.is_empty()
     }
 
-    /// Objects in the sight of reflecting cameras for which a condition holds; `None` if they are too many.
+    /// Visible objects of reflecting cameras that fulfil a condition; `None` if there are too many.
     fn find(&self, holds: impl Fn(Entity) -> bool) -> Option<Vec<Entity>> {
         let active = self.cameras.iter().filter(|(camera, _)| camera.is_active);
         let seen = active.flat_map(|(_, seen)| seen.get(TypeId::of::<Mesh3d>()));
@@ -75,7 +75,7 @@ impl SeenObjects<'_, '_> {
     }
 }
 
-/// Looks up where such objects of the last frame are now.
+/// Looks up the current positions of the last frame's objects.
 pub(super) fn extract_boxes(
     objects: Extract<Query<(&GlobalTransform, Option<&Aabb>)>>,
     seen: Extract<SeenObjects>,
@@ -96,7 +96,7 @@ pub(super) fn extract_boxes(
         }))
     };
     if views.iter().any(|view| view.settings.transparent) {
-        // A world may have ten thousands, which Bevy has culled already.
+        // A world can have tens of thousands, which Bevy has already culled.
         let is_many = scene.see_through.count() > MOST_OBJECTS && seen.are_all_culled();
         let found = if is_many {
             seen.find(|entity| scene.see_through.contains(entity))

@@ -34,9 +34,9 @@ use core::num::NonZeroU64;
 /// A variant of the pass.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct FindVariant {
-    /// `FORWARD_SURFACES`: the view wants them, and the scene has some.
+    /// `FORWARD_SURFACES` is set if the view wants them and the scene has some.
     features: Features,
-    /// The app's shader, in place of `find.wesl`.
+    /// The app's shader, instead of `find.wesl`.
     own: Option<Handle<Shader>>,
 }
 
@@ -51,7 +51,7 @@ pub(super) struct FindPass {
     own: Option<Handle<Shader>>,
 }
 
-/// Takes the app's shader over.
+/// Updates the app's shader.
 pub(super) fn extract_shader(own: Extract<Option<Res<FrontLayerShader>>>, find: Option<ResMut<FindPass>>) {
     let own = own.as_ref().map(|own| &own.0);
     if let Some(mut find) = find
@@ -61,7 +61,7 @@ pub(super) fn extract_shader(own: Extract<Option<Res<FrontLayerShader>>>, find: 
     }
 }
 
-/// Declares what the pass binds.
+/// Declares the bindings of the pass.
 pub(super) fn init_find_pass(mut commands: Commands, asset_server: Res<AssetServer>, scene: Res<SceneBindings>) {
     let written = |format: TextureFormat| {
         Binding::given(binding_types::texture_storage_2d(
@@ -76,7 +76,7 @@ pub(super) fn init_find_pass(mut commands: Commands, asset_server: Res<AssetServ
         Binding::given(binding_types::storage_buffer_sized(false, NonZeroU64::new(4))),
         Binding::given(binding_types::uniform_buffer::<GpuRects>(false)),
         Binding::given(binding_types::uniform_buffer::<GlobalsUniform>(false)),
-        // Without motion vectors nothing is accumulated, and nobody reads what the pass writes of them.
+        // Without motion vectors nothing is accumulated, and the motion output is never read.
         Binding::floats(|context| context.motion.or(Some(context.gbuffer.normals))),
         Binding::given(binding_types::texture_2d(TextureSampleType::Float {
             filterable: false,
@@ -91,20 +91,21 @@ pub(super) fn init_find_pass(mut commands: Commands, asset_server: Res<AssetServ
     });
 }
 
-/// Returns whether a view wants a layer of what the scene has.
+/// Returns whether a view needs a layer for objects of the scene.
 fn wants_layer(view: &ReflectionView, scene: &SceneBindings) -> bool {
     let has_glass = scene.see_through.entities().next().is_some();
     (view.settings.transparent && has_glass) || (view.settings.forward && scene.has_forward_surfaces())
 }
 
-/// Asks for rates of parts of a view as soon as a camera wants the layer in a scene with such objects.
+/// Requests rates of parts of a view as soon as a camera needs the layer in a scene with such objects.
 pub(super) fn request_rates(views: Query<&ReflectionView>, mut rate: ResMut<RatePipelines>, scene: Res<SceneBindings>) {
     for view in views.iter().filter(|view| wants_layer(view, &scene)) {
         rate.request_parts(&view.rate);
     }
 }
 
-/// Lets shaders read the depth of views in whose layer opaque surfaces may lie: objects without a prepass cover some.
+/// Makes the depth of views readable for shaders if their layer can contain opaque surfaces, since objects without a prepass can cover
+/// these.
 pub(super) fn keep_depth_readable(mut views: Query<(&ReflectionView, &mut Camera3d)>, scene: Res<SceneBindings>) {
     if !scene.has_forward_surfaces() {
         return;
@@ -122,7 +123,7 @@ fn readable_depth(depth: Option<&ViewDepthStencilTexture>) -> Option<&TextureVie
     is_readable.then_some(&texture.default_view)
 }
 
-/// Has the pass compiled under the same conditions.
+/// Queues the pass under the same conditions.
 pub(super) fn queue_find_pass(
     views: Query<&ReflectionView>,
     mut find: ResMut<FindPass>,
@@ -169,7 +170,7 @@ pub(super) fn queue_find_pass(
 }
 
 impl FindPass {
-    /// The features that a view with these settings wants.
+    /// The features for a view with these settings.
     fn features_of(&self, settings: &ClampedSettings) -> Features {
         // See-through surfaces need the alpha test.
         let mut features = self.features.seen_by(Passes::FRONT_LAYER) | Features::MASKED;
@@ -179,11 +180,12 @@ impl FindPass {
         features
     }
 
-    /// The compiled variant that leaves out least of what a view wants: the app's shader if that is compiled, and forward surfaces only for
-    /// views that want glass. A stack that is too small misses some surfaces, and without layers too many are found: better than nothing.
+    /// The compiled variant that lacks the fewest requested features: the app's shader if that is compiled, and forward surfaces only for
+    /// views that also want glass. If the stack is too small, some surfaces are missed, and without layers, too many are found: better than
+    /// nothing.
     fn variant_of(&self, settings: &ClampedSettings, cache: &PipelineCache) -> Option<FindVariant> {
         let wanted = self.features_of(settings);
-        // Of a view that wants no forward surfaces, the pass must find none.
+        // For a view without forward surfaces, the pass must find none.
         let mut spare = Features::HARMLESS;
         spare.set(Features::FORWARD_SURFACES, settings.forward);
         let variants = [self.own.as_ref(), None].into_iter().filter_map(|own| {
@@ -200,13 +202,13 @@ impl FindPass {
         })
     }
 
-    /// The app changes what is found, and nobody tells when.
+    /// Returns whether the app modifies the surfaces, which can change at any time.
     pub fn is_own(&self) -> bool {
         self.own.is_some()
     }
 
-    /// Finds the layer of a view, whose context is that of its opaque surfaces and whose main passes draw `depth`. Returns false where
-    /// the pass isn't compiled.
+    /// Finds the layer of a view. `context` belongs to its opaque surfaces, and its main passes draw `depth`. Returns false if the pass
+    /// isn't compiled.
     pub fn run(
         &self,
         ctx: &mut RenderContext,

@@ -1,4 +1,4 @@
-//! Which opaque materials Bevy draws forward.
+//! Finds opaque materials that Bevy draws in its forward pass.
 
 use crate::{scene::materials::MaterialAssets, settings::ReflectionView};
 use bevy::{
@@ -10,7 +10,7 @@ use bevy::{
     render::erased_render_asset::ErasedRenderAssets,
 };
 
-/// Tells the scene which materials are drawn forward, as soon as a view wants to know.
+/// Reports the materials drawn in the forward pass to the scene, as soon as a view needs them.
 pub(super) fn note_forward_materials(
     views: Query<&ReflectionView>,
     prepared: Res<ErasedRenderAssets<PreparedMaterial>>,

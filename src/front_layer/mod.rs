@@ -1,17 +1,17 @@
-//! Reflections on surfaces that Bevy draws forward: on transparent surfaces such as glass and water, which are drawn over the opaque
-//! frame, and on opaque surfaces without a pixel in its G-buffer.
+//! Reflections on surfaces that Bevy draws in its forward passes: on transparent surfaces such as glass and water, which are drawn over
+//! the opaque frame, and on opaque surfaces without a pixel in its G-buffer.
 //!
 //! The front-most of these surfaces in each pixel form the *front layer*. A ray from the viewer finds each of them and writes it in the
 //! formats of Bevy's G-buffer, so that the passes for deferred surfaces also trace and denoise the reflections of the layer.
 //!
 //! | file | contents |
 //! |---|---|
-//! | `forward.rs` | opaque materials that are drawn forward |
+//! | `forward.rs` | opaque materials drawn in the forward pass |
 //! | `boxes.rs` | bounds of see-through and forward objects |
 //! | `rects.rs` | parts of a view that they can cover |
 //! | `textures.rs` | the textures of the layer |
-//! | `find`, `layer.wesl` | the rays that find it, and the library for an app's own |
-//! | `prepare.rs` | when all of this exists |
+//! | `find`, `layer.wesl` | the rays that find it, and the library for an app's shader |
+//! | `prepare.rs` | creation and removal of all of this |
 //! | `passes.rs` | the passes over it |
 
 mod boxes;
@@ -69,7 +69,7 @@ impl Plugin for FrontLayerPlugin {
             .add_systems(
                 Render,
                 (
-                    // `deferred.rs` has decided before.
+                    // `deferred.rs` runs before.
                     note_forward_materials
                         .after(RenderSystems::Specialize)
                         .before(ReflectionSystems::PrepareScene),
@@ -101,7 +101,7 @@ impl Plugin for FrontLayerPlugin {
                         .before(main_transparent_pass_3d)
                         .in_set(Core3dSystems::MainPass),
                     reflect_on_front_layers.in_set(ReflectionSystems::FrontLayerPasses),
-                    // Drawn over the dark frame with which the other debug views begin.
+                    // Drawn over the darkened frame of the other debug views.
                     show_front_layers
                         .after(show_debug_views)
                         .in_set(ReflectionSystems::DebugViews),

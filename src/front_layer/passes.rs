@@ -1,6 +1,6 @@
-//! The passes over the front layer of a view. It is found before Bevy draws anything transparent, which takes its normals. Reflections on
-//! glass and the like are added after that, and with them those on opaque surfaces. While all of the layer is opaque, they are added
-//! before, so that particles and the like are drawn over them.
+//! The passes over the front layer of a view. It is found before Bevy draws transparent surfaces, which use its normals. Reflections on
+//! glass and the like are added after that, together with reflections on opaque surfaces. While all of the layer is opaque, they are
+//! added before, so that particles and the like are drawn over them.
 
 use super::{find::FindPass, prepare::FrontLayer};
 use crate::{
@@ -22,7 +22,7 @@ use bevy::{
 };
 use core::sync::atomic::Ordering;
 
-/// The context of the passes with the layer in place of Bevy's G-buffer.
+/// The context of the passes with the layer instead of Bevy's G-buffer.
 fn context_of<'a>(opaque: &PassContext<'a>, front: &'a FrontLayer) -> Option<PassContext<'a>> {
     Some(PassContext {
         entity: opaque.entity,
@@ -77,7 +77,7 @@ pub(super) fn find_front_layers(
     span.end(ctx.command_encoder());
 }
 
-/// Reflections of views with an opaque layer.
+/// Adds reflections of views with an opaque layer.
 pub(super) fn reflect_on_opaque_layers(
     view: ViewQuery<(PassView, &FrontLayer)>,
     resources: PassResources,
@@ -88,7 +88,7 @@ pub(super) fn reflect_on_opaque_layers(
     reflect_on_layer(false, view, resources, pipelines, vrs, ctx);
 }
 
-/// Reflections of all others.
+/// Adds reflections of all other views with a layer.
 pub(super) fn reflect_on_front_layers(
     view: ViewQuery<(PassView, &FrontLayer)>,
     resources: PassResources,
@@ -99,8 +99,8 @@ pub(super) fn reflect_on_front_layers(
     reflect_on_layer(true, view, resources, pipelines, vrs, ctx);
 }
 
-/// Traces and denoises the reflections of the front layer of a view, and adds them to the frame. `see_through`: of layers that hold
-/// something see-through, else of all others.
+/// Traces and denoises the reflections of the front layer of a view, and adds them to the frame. `see_through` selects layers with
+/// see-through surfaces, or else all others.
 fn reflect_on_layer(
     see_through: bool,
     view: ViewQuery<(PassView, &FrontLayer)>,

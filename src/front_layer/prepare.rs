@@ -1,4 +1,4 @@
-//! Makes the front layers of views in which something for them is on the screen, and gives them back afterwards.
+//! Creates the front layers of views with suitable objects on screen, and removes them afterwards.
 
 use super::{
     boxes::LayerBoxes,
@@ -36,26 +36,26 @@ pub struct FrontLayer {
     pub(super) textures: ReflectionTextures,
     /// The settings of the passes over it.
     pub(super) view: ReflectionView,
-    /// Rectangles of the view that it is written in; none: nothing of it is on the screen in this frame.
+    /// Rectangles of the view in which it is written; empty if none of its objects are on screen in this frame.
     pub(super) rects: Vec<URect>,
-    /// Something see-through is on the screen; else all of the layer is opaque.
+    /// See-through objects are on screen; otherwise, all of the layer is opaque.
     pub(super) has_see_through: bool,
-    /// Tiles of the view that it lies in, or did in the last frames: those that the pair of rate images may hold.
+    /// Tiles of the view that it covers, or did in the last frames: the pair of rate images can contain these.
     pub(super) tiles: URect,
-    /// Rectangles that it lay in one frame and two frames ago.
+    /// Its rectangles one and two frames ago.
     before: [Vec<URect>; 2],
-    /// The same for shaders.
+    /// The rectangles for shaders.
     pub(super) gpu_rects: UniformBuffer<GpuRects>,
-    /// It holds the layer of this frame; before that is found, of the last one.
+    /// Whether it contains this frame's layer. Before that is found, it is about the last frame.
     pub(super) is_found: AtomicBool,
     /// It wasn't found in the last frame.
     is_new: bool,
-    /// Time since something of it was on the screen.
+    /// Time since its objects were last on screen.
     unused: Duration,
 }
 
 impl FrontLayer {
-    /// `old` is the layer of the view in another size or for other settings, whose samples it goes on with.
+    /// `old` is the layer of the view in another size or for other settings, whose sample sequence it continues.
     fn new(
         device: &RenderDevice,
         view: &ReflectionView,
@@ -80,19 +80,19 @@ impl FrontLayer {
         }
     }
 
-    /// Takes another size of the view if there is room for it. Returns whether everything fits.
+    /// Switches to another size of the view if it fits. Returns whether everything fits.
     fn fit(&mut self, sizes: Sizes, needs: Needs, extent: UVec2) -> bool {
         let before = self.textures.targets.sizes;
         let fits = self.layer.extent == extent && self.textures.fit(sizes, needs);
         if before != sizes {
-            // All that was written elsewhere is to be overwritten.
+            // Overwrites everything that was written elsewhere.
             self.is_found.store(false, Ordering::Relaxed);
             self.before = Default::default();
         }
         fits
     }
 
-    /// Takes the rectangles of a frame, once it is known what they hold. Of earlier ones, what was written is to be overwritten.
+    /// Sets this frame's rectangles once their contents are known, and schedules clearing of stale ones.
     fn set_rects(&mut self, now: &[URect], device: &RenderDevice, queue: &RenderQueue) {
         let sizes = self.textures.targets.sizes;
         if !self.is_found.swap(false, Ordering::Relaxed) {
@@ -107,12 +107,11 @@ impl FrontLayer {
         self.gpu_rects.write_buffer(device, queue);
     }
 
-    /// Takes the settings and properties of the view in a frame, once it has the rectangles. `is_own`: a shader of the app's own
-    /// finds it.
+    /// Sets the settings and properties of the view in a frame, after its rectangles. `is_own` is true if an app's shader finds it.
     fn begin_frame(&mut self, view: &ReflectionView, frame: Frame, is_own: bool) {
         self.view = view.clone();
         let settings = &mut self.view.settings;
-        // Lists hold its rays, which are few. The view keeps no screen for them.
+        // Its rays, which are few, come from lists. The view stores no screen for them.
         if settings.backend == ReflectionBackend::HardwareVrs {
             settings.backend = ReflectionBackend::Compute;
             settings.screen_traces = ScreenTraces::Off;
@@ -129,7 +128,7 @@ impl FrontLayer {
     }
 }
 
-/// Makes, updates and removes the layers of all views.
+/// Creates, updates and removes the layers of all views.
 pub(super) fn prepare_front_layers(
     mut views: Query<(PreparedView, Option<&mut FrontLayer>, Option<&mut ViewPrepassTextures>)>,
     surroundings: Surroundings,
@@ -170,7 +169,7 @@ pub(super) fn prepare_front_layers(
             continue;
         }
         let needs = Needs {
-            // It sees that of the view.
+            // It uses the view's screen.
             screen: false,
             ..Needs::new(&view.view.settings, in_place.allows(view.extracted.target_format))
         };
@@ -213,7 +212,7 @@ fn clip_from_world(view: &ExtractedView) -> Mat4 {
         .unwrap_or_else(|| view.clip_from_view * view.world_from_view.to_matrix().inverse())
 }
 
-/// Tiles that hold all of some rectangles.
+/// Tiles that contain all of these rectangles.
 fn tiles_of<'a>(rects: impl Iterator<Item = &'a URect>, sizes: Sizes) -> URect {
     let all = rects.copied().reduce(|a, b| a.union(b)).unwrap_or_default();
     let pixels = sizes.tile_pixels();

@@ -6,29 +6,29 @@ use bevy::{
     render::render_resource::ShaderType,
 };
 
-/// Rectangles of a view at most; `layer.wesl` has the same number. More objects share the rectangle around all of them. More
-/// rectangles leave out more of the screen, and each is a test for every pixel in one.
+/// Maximum number of rectangles of a view; `layer.wesl` has the same number. More objects share the rectangle around all of them.
+/// More rectangles skip more of the screen, and each adds a test for every pixel in one.
 const MOST_RECTS: usize = 16;
 /// Maximum number of separate rectangles while objects are added. Each object is compared with all of them.
 const MOST_JOINED: usize = 4 * MOST_RECTS;
 /// Pixels of a workgroup in each direction. Rectangles begin and end at multiples of it, or at the edge of the view.
 const GROUP_SIZE: u32 = 8;
-/// Boxes with corners nearer than this in clip space can cover anything. Less divides by almost zero, more lets objects close to the
-/// camera cover the whole view.
+/// Boxes with corners nearer than this in clip space can cover anything. A lower value divides by almost zero; a higher one lets
+/// objects close to the camera cover the whole view.
 const NEAREST: f32 = 1e-5;
 
-/// Rectangles as `layer.wesl` takes them, which has the same constants.
+/// Rectangles in the layout of `layer.wesl`, which has the same constants.
 #[derive(ShaderType, Clone, Default)]
 pub(super) struct GpuRects {
     count: u32,
-    /// 1 where some of them hold something see-through that the view wants to reflect.
+    /// 1 if some of them contain see-through surfaces that should reflect.
     have_glass: u32,
-    /// First pixel, and the one behind the last.
+    /// First pixel, and the one after the last.
     corners: [UVec4; MOST_RECTS],
 }
 
 impl GpuRects {
-    /// `have_glass`: some of them hold something see-through that the view wants to reflect.
+    /// `have_glass` is true if some of them contain see-through surfaces that should reflect.
     pub fn new(rects: &[URect], have_glass: bool) -> Self {
         let mut gpu = Self {
             have_glass: have_glass.into(),
@@ -41,7 +41,7 @@ impl GpuRects {
         gpu
     }
 
-    /// Workgroups that take all of their pixels.
+    /// Number of workgroups for all of their pixels.
     pub fn groups(&self) -> u32 {
         let rects = self.corners.iter().take(self.count as usize);
         rects
@@ -62,7 +62,7 @@ pub(super) fn screen_rects(boxes: &[Option<ObjectBox>], clip_from_world: &Mat4, 
     }))
 }
 
-/// Rectangles that don't overlap and hold all of some others.
+/// Rectangles that don't overlap and contain all of the given ones.
 pub(super) fn disjoint(parts: impl IntoIterator<Item = URect>) -> Vec<URect> {
     let around_all = |rects: &[URect]| rects.iter().copied().reduce(|a, b| a.union(b));
     let mut rects: Vec<URect> = Vec::new();
@@ -82,7 +82,7 @@ pub(super) fn disjoint(parts: impl IntoIterator<Item = URect>) -> Vec<URect> {
     rects
 }
 
-/// Pixels that a box can cover; `None` if it is out of sight.
+/// Pixels that a box can cover; `None` if it is outside the view.
 fn box_rect(found: &ObjectBox, clip_from_world: &Mat4, size: UVec2) -> Option<URect> {
     let whole = URect::from_corners(UVec2::ZERO, size);
     let corners: [Vec4; 8] = core::array::from_fn(|index| {
@@ -138,7 +138,7 @@ mod tests {
     }
 
     fn rects(boxes: &[Option<ObjectBox>]) -> Vec<URect> {
-        // Infinite and reversed, as Bevy's: 53 degrees high, twice as wide, from 0.1 m on.
+        // Infinite and reversed, like Bevy's: 53 degrees high, twice as wide, from 0.1 m on.
         let projection = Mat4::from_cols_array_2d(&[
             [1.0, 0.0, 0.0, 0.0],
             [0.0, 2.0, 0.0, 0.0],
@@ -181,7 +181,7 @@ mod tests {
             pairs.filter(|common| !common.is_empty()).count()
         };
         assert_eq!((overlap(&apart), overlap(&near)), (0, 0));
-        // Small and far apart: more than there is room for, and more than are held while they are joined.
+        // Small and far apart: more than the maximum, and more than are stored while they are joined.
         for (columns, rows) in [(8, 4), (11, 9)] {
             let cells = (0..columns * rows).map(|i| {
                 URect::from_center_size(

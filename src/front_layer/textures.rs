@@ -1,4 +1,4 @@
-//! The textures of a front layer: a G-buffer of its own.
+//! The textures of a front layer: a separate G-buffer.
 
 use crate::{gbuffer::PassContext, targets::create_texture};
 use bevy::{
@@ -17,15 +17,14 @@ use bevy::{
 
 /// Words of Bevy's G-buffer.
 pub(super) const WORDS_FORMAT: TextureFormat = TextureFormat::Rgba32Uint;
-/// Parts of the view since the last frame. Not every device can write fewer bits.
+/// Motion since the last frame, in fractions of the view. Some devices can't write formats with fewer bits.
 pub(super) const MOTION_FORMAT: TextureFormat = TextureFormat::Rg32Float;
-/// Depth in clip space; 0 where there is nothing.
+/// Depth in clip space; 0 if there is no surface.
 pub(super) const DEPTH_FORMAT: TextureFormat = TextureFormat::R32Float;
 
 /// Bytes of a texel of normals.
 const NORMAL_BYTES: u32 = 4;
-/// Texels by a multiple of which the rows of [`LayerTextures::packed_normals`] are apart, as copies want it; `layer.wesl` has the same
-/// number.
+/// Alignment in texels of the rows of [`LayerTextures::packed_normals`], as required for copies; `layer.wesl` has the same number.
 const ROW_STEP: u32 = 64;
 
 /// The textures of a front layer, as large as its view.
@@ -36,16 +35,16 @@ pub(super) struct LayerTextures {
     pub words: TextureView,
     pub motion: TextureView,
     pub depth: TextureView,
-    /// Normals of the layer, and of opaque surfaces around it, as texels on their way into [`Self::normals`].
+    /// Normals of the layer, and of opaque surfaces around it, as texels to be copied into [`Self::normals`].
     pub packed_normals: Buffer,
-    /// Takes the place of Bevy's normals, into which nothing but raster passes can write, and is as large as they are.
+    /// Replaces Bevy's normals, into which only raster passes can write, and has the same size.
     normals: CachedTexture,
     /// The label of each texture, and its bytes.
     pub memory: Vec<(&'static str, u64)>,
 }
 
 impl LayerTextures {
-    /// For a view of a size in a target of the size `extent`.
+    /// Creates textures for a view of this size, in a target of the size `extent`.
     pub fn new(device: &RenderDevice, size: UVec2, extent: UVec2) -> Self {
         let mut memory = Vec::new();
         let mut texture = |size: UVec2, format: TextureFormat, usage: TextureUsages, label: &'static str| {
@@ -84,13 +83,13 @@ impl LayerTextures {
         }
     }
 
-    /// The normals, as Bevy's prepass draws them.
+    /// The normals, as an attachment like Bevy's prepass.
     pub fn normal_attachment(&self) -> ColorAttachment {
         ColorAttachment::new(self.normals.clone(), None, None, Some(LinearRgba::BLACK.into()))
     }
 
-    /// Brings the normals of some rectangles of a view to where Bevy's lighting reads them: it takes those of all surfaces from its
-    /// prepass, in which transparent ones are not drawn.
+    /// Copies the normals of some rectangles of a view to the texture that Bevy's lighting reads: it uses the normals of its prepass
+    /// for all surfaces, but transparent ones are not drawn in that.
     pub fn copy_normals(&self, ctx: &mut RenderContext, context: &PassContext, rects: &[URect]) {
         let bytes_per_row = row_bytes(self.size);
         for rect in rects {

@@ -1,7 +1,7 @@
-//! Culling of empty views: of a view that sees nothing to reflect on, only the rate pass runs, in every second frame.
+//! Culling of empty views: if a view has no reflective surfaces, only the rate pass runs, in every second frame.
 //!
-//! A pass takes time even with nothing to do, since it waits for the one before it. So the GPU reports the lengths of the lists of the
-//! rate pass, and a view with empty lists for some frames skips all other passes. Meanwhile its surfaces keep the specular light of
+//! A pass takes time even with nothing to do, since it waits for the previous one. The GPU therefore reports the lengths of the lists of
+//! the rate pass, and a view with empty lists for some frames skips all other passes. Meanwhile its surfaces keep the specular light of
 //! Bevy's environment map. A surface that comes into view therefore shows the environment map for a few frames, until the report arrives.
 //! Its reflection then starts without history.
 //!
@@ -20,16 +20,16 @@ use std::sync::Arc;
 
 /// Consecutive reports of empty lists after which a view is culled.
 const EMPTY_REPORTS: u32 = 8;
-/// Frames without any report after which earlier ones no longer count.
+/// Number of frames without any report after which earlier ones no longer count.
 const PATIENCE: u32 = 60;
-/// Buffers of a view; a frame that finds none free isn't reported.
+/// Number of buffers of a view; if none is free, the frame isn't reported.
 const REPORTS: usize = 4;
 /// Bytes of a report's lengths of the three lists, from [`RAY_COUNT`] on.
 const LIST_BYTES: u64 = 12;
-/// Bytes of a report: those, and the number of rays that met a change.
+/// Bytes of a report: these, and the number of rays that hit a change.
 const REPORT_BYTES: u64 = 16;
 
-/// Decides from the reports of a view's frames whether it is culled.
+/// Decides by the reports of a view's frames whether it is culled.
 #[derive(Clone, Copy, Debug, Default)]
 struct CullingState {
     /// Reports of empty lists since the last invalidation.
@@ -40,12 +40,12 @@ struct CullingState {
     silent: u32,
     /// In this frame.
     culled: bool,
-    /// Changes from frame to frame.
+    /// Toggles every frame.
     odd: bool,
 }
 
 impl CullingState {
-    /// Takes in the report of an earlier frame: the generation in that frame, and whether its lists were empty.
+    /// Processes the report of an earlier frame: the generation in that frame, and whether its lists were empty.
     fn note(&mut self, generation: u32, empty: bool) {
         self.silent = 0;
         if !empty {
@@ -55,13 +55,13 @@ impl CullingState {
         }
     }
 
-    /// Ends the culling in the next frame, until as many new reports say that there is nothing to reflect on.
+    /// Ends the culling in the next frame, until as many new reports show empty lists.
     fn invalidate(&mut self) {
         self.empty = 0;
         self.generation = self.generation.wrapping_add(1);
     }
 
-    /// Decides whether the view is culled in this frame, after the reports that have arrived.
+    /// Decides whether the view is culled in this frame, based on the reports that have arrived.
     fn begin_frame(&mut self, invalid: bool) {
         self.silent = self.silent.saturating_add(1);
         if invalid || self.silent > PATIENCE {
@@ -71,7 +71,7 @@ impl CullingState {
         self.odd = !self.odd;
     }
 
-    /// The rate pass runs in this frame.
+    /// Returns whether the rate pass runs in this frame.
     fn probes(&self) -> bool {
         !self.culled || self.odd
     }
@@ -79,25 +79,25 @@ impl CullingState {
 
 /// The GPU can write to it.
 const FREE: u8 = 0;
-/// A frame on its way writes to it.
+/// A frame in flight writes to it.
 const WAITING: u8 = 1;
 /// It is mapped.
 const READABLE: u8 = 2;
-/// It couldn't be mapped and is used no more.
+/// It couldn't be mapped and isn't used any more.
 const LOST: u8 = 3;
 
-/// Facts that the CPU learns of a frame.
+/// Result of a frame's report.
 struct Seen {
-    /// There was nothing to reflect on.
+    /// Nothing reflective was in view.
     empty: bool,
-    /// Rays met something that changed.
+    /// Rays hit a change.
     change: bool,
 }
 
-/// The lengths of one frame's lists, and the changes that its rays hit, on their way to the CPU.
+/// The lengths of one frame's lists, and the number of changes that its rays hit, during readback.
 struct Report {
     buffer: Buffer,
-    /// [`FREE`] and so on; set by the callback of the mapping, too.
+    /// [`FREE`] and so on; also set by the mapping callback.
     state: Arc<AtomicU8>,
     /// [`CullingState::generation`] in that frame.
     generation: AtomicU32,
@@ -106,13 +106,13 @@ struct Report {
 }
 
 impl Report {
-    /// Returns the report once it can be read. The buffer is free again then.
+    /// Returns the report once it can be read, and frees the buffer.
     fn take(&self) -> Option<Seen> {
         if self.state.load(Ordering::Acquire) != READABLE {
             return None;
         }
         let words = self.buffer.slice(..).get_mapped_range();
-        // If the report can't be read, there is something to be seen.
+        // If the report can't be read, the view counts as not empty.
         let is_zero = words.map(|bytes| {
             let (lengths, changes) = bytes.split_at(LIST_BYTES as usize);
             [lengths, changes].map(|part| part.iter().all(|byte| *byte == 0))
@@ -132,9 +132,9 @@ impl Report {
 pub struct ViewCulling {
     state: CullingState,
     reports: [Report; REPORTS],
-    /// Reports of rays that met a change.
+    /// Number of reports with rays that hit a change.
     changes_met: u32,
-    /// The last report was of passes that tell.
+    /// The last report came from passes that count changes.
     watches: bool,
 }
 
@@ -142,7 +142,7 @@ impl ViewCulling {
     /// Label and bytes of the buffers.
     pub(crate) const MEMORY: (&'static str, u64) = ("glint_report", REPORTS as u64 * REPORT_BYTES);
 
-    /// For a view that is not culled.
+    /// Creates the state of a view that isn't culled.
     pub(crate) fn new(device: &RenderDevice) -> Self {
         let report = |_| Report {
             buffer: device.create_buffer(&BufferDescriptor {
@@ -163,7 +163,8 @@ impl ViewCulling {
         }
     }
 
-    /// Takes a report and returns whether the view is culled in this frame. With `invalid`, earlier reports are outdated, and it isn't.
+    /// Processes reports and returns whether the view is culled in this frame. If `invalid`, earlier reports are outdated, and it isn't
+    /// culled.
     pub(crate) fn begin_frame(&mut self, invalid: bool) -> bool {
         for report in &self.reports {
             if let Some(seen) = report.take() {
@@ -181,12 +182,12 @@ impl ViewCulling {
         self.state.invalidate();
     }
 
-    /// Nothing is traced in this frame, and Bevy's lighting leaves nothing out.
+    /// Returns whether nothing is traced in this frame, and Bevy's lighting omits nothing.
     pub(crate) fn is_culled(&self) -> bool {
         self.state.culled
     }
 
-    /// The rate pass runs in this frame.
+    /// Returns whether the rate pass runs in this frame.
     pub(crate) fn probes(&self) -> bool {
         self.state.probes()
     }
@@ -196,8 +197,8 @@ impl ViewCulling {
         (self.watches && self.state.silent <= PATIENCE).then_some(self.changes_met)
     }
 
-    /// Reports this frame. `indirect_args` has the lengths of the lists after the rate pass. `counters` has the number of rays that met
-    /// a change, if `watches`.
+    /// Reports this frame. `indirect_args` contains the lengths of the lists after the rate pass. `counters` contains the number of rays
+    /// that hit a change, if `watches`.
     pub(crate) fn report(
         &self,
         encoder: &mut CommandEncoder,
@@ -215,7 +216,7 @@ impl ViewCulling {
         encoder.copy_buffer_to_buffer(indirect_args, offset, &report.buffer, 0, LIST_BYTES);
         encoder.copy_buffer_to_buffer(counters, word_offset(CHANGE_COUNT), &report.buffer, LIST_BYTES, 4);
         report.watches.store(watches, Ordering::Relaxed);
-        // Later submissions of Bevy's renderer call back, once the GPU is done with this one.
+        // Later submissions of Bevy's renderer run the callback, once the GPU is done with this one.
         let state = report.state.clone();
         encoder.map_buffer_on_submit(&report.buffer, MapMode::Read, .., move |result| {
             let reached = if result.is_ok() { READABLE } else { LOST };
@@ -253,12 +254,12 @@ mod tests {
             self.state.culled
         }
 
-        /// Frames with empty lists until the view is culled; the last of them is the first that is.
+        /// Number of frames with empty lists until the view is culled, including the first culled one.
         fn until_culled(&mut self) -> u32 {
             (1..100).find(|_| self.frame(true, false)).unwrap()
         }
 
-        /// Frames that it takes at least, from the first that counts on.
+        /// Minimum number of frames that this takes, from the first one that counts.
         fn shortest() -> u32 {
             EMPTY_REPORTS + Self::LATENCY as u32
         }
@@ -304,7 +305,7 @@ mod tests {
         view.until_culled();
         assert!(!view.frame(true, true));
         assert_eq!(1 + view.until_culled(), View::shortest());
-        // As long as it goes on, so does the view.
+        // The view isn't culled as long as this continues.
         assert!((0..100).all(|_| !view.frame(true, true)));
         assert_eq!(1 + view.until_culled(), View::shortest());
     }

@@ -1,12 +1,12 @@
 //! Resources and state of a reflecting view, and its data for shaders.
 //!
-//! | file | holds |
+//! | file | contents |
 //! |---|---|
 //! | `textures.rs` | textures, uniform, and state from frame to frame |
 //! | `uniform` | settings and state for the shaders |
-//! | `prepare.rs` | when all of this is made and written |
+//! | `prepare.rs` | creation and updates of all of this |
 //! | `static_view.rs` | views in which nothing changes |
-//! | `culling.rs` | views that see nothing to reflect on |
+//! | `culling.rs` | views without reflective surfaces |
 
 mod culling;
 mod prepare;
@@ -30,7 +30,7 @@ use bevy::{
 };
 use prepare::{prepare_views, publish_memory};
 
-/// Textures and uniforms of views are made.
+/// Textures and uniforms of views are created.
 #[derive(SystemSet, Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct PreparedViews;
 

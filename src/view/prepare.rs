@@ -1,4 +1,4 @@
-//! Makes the textures of new and resized views, and writes the uniforms of all.
+//! Creates the textures of new and resized views, and writes the uniforms of all views.
 
 use super::{
     culling::ViewCulling,
@@ -30,7 +30,7 @@ use bevy::{
     time::Time,
 };
 
-/// A reflecting view, with all that its frame depends on.
+/// A reflecting view, with all inputs of its frame.
 #[derive(QueryData)]
 #[query_data(mutable)]
 pub(crate) struct PreparedView {
@@ -49,7 +49,7 @@ pub(crate) struct PreparedView {
     volume: Has<RenderViewLightProbes<IrradianceVolume>>,
 }
 
-/// The scene and its surroundings, as far as frames depend on them.
+/// The scene and its environment, as far as frames depend on them.
 #[derive(SystemParam)]
 pub(crate) struct Surroundings<'w, 's> {
     cameras: Query<'w, 's, &'static ExtractedCamera>,
@@ -59,7 +59,7 @@ pub(crate) struct Surroundings<'w, 's> {
 }
 
 impl PreparedViewItem<'_, '_> {
-    /// `None` for views without pixels.
+    /// Returns `None` for views without pixels.
     pub fn sizes(&self) -> Option<Sizes> {
         let viewport = self.camera.physical_viewport_size?;
         let resolution = self.resolution.map(|resolution| resolution.0.min(viewport));
@@ -70,8 +70,8 @@ impl PreparedViewItem<'_, '_> {
         })
     }
 
-    /// Pixels for which new textures are to have room. A view that grows has a quarter more than it needs, as far as it can grow: it may do
-    /// so again in the next frame.
+    /// Capacity of new textures in pixels. A view that grows gets an extra quarter, up to its maximum size, since it might grow again in
+    /// the next frame.
     fn capacity(&self, full: UVec2) -> UVec2 {
         let grows = |textures: &ReflectionTextures| full.cmpgt(textures.targets.capacity()).any();
         if !self.textures.as_deref().is_some_and(grows) {
@@ -84,7 +84,7 @@ impl PreparedViewItem<'_, '_> {
         (full + full / 4).min(largest.unwrap_or(full)).max(full)
     }
 
-    /// Pixels for which its textures have room.
+    /// Capacity of its textures in pixels.
     pub fn room(&self) -> UVec2 {
         let room = self.textures.as_ref().map(|textures| textures.targets.capacity());
         room.or(self.camera.physical_viewport_size).unwrap_or_default()
@@ -125,21 +125,21 @@ impl PreparedViewItem<'_, '_> {
     }
 }
 
-/// Views for whose textures the device had no memory, with when they are tried again.
+/// Views for whose textures the device lacked memory, and when to retry them.
 #[derive(Resource, Default)]
 pub(crate) struct RefusedViews {
     views: EntityHashMap<MemoryRetry>,
-    /// Something was refused since this was last asked for.
+    /// Memory was refused since the last query.
     is_short: bool,
 }
 
 impl RefusedViews {
-    /// A frame begins.
+    /// Call at the beginning of a frame.
     pub fn begin_frame(&mut self) {
         self.views.retain(|_, retry| !retry.is_due());
     }
 
-    /// Returns whether a view must do without reflections in this frame.
+    /// Returns whether a view can't reflect in this frame.
     pub fn contains(&self, view: Entity) -> bool {
         self.views.contains_key(&view)
     }
@@ -149,28 +149,28 @@ impl RefusedViews {
         self.is_short = true;
     }
 
-    /// The device had no memory for something that a view has besides its textures.
+    /// Call if the device lacked memory for something other than a view's textures.
     pub fn note_shortage(&mut self) {
         self.is_short = true;
     }
 
-    /// The device has refused something in this frame.
+    /// Returns whether the device has refused memory in this frame.
     pub fn is_short(&self) -> bool {
         self.is_short
     }
 
-    /// Returns whether the device has refused something since the last call.
+    /// Returns whether the device has refused memory since the last call.
     pub fn take_shortage(&mut self) -> bool {
         core::mem::take(&mut self.is_short)
     }
 
-    /// Memory was given back.
+    /// Call after memory was freed.
     pub fn retry(&mut self) {
         self.views.clear();
     }
 }
 
-/// Makes the textures of new and resized views and writes the uniforms of all.
+/// Creates the textures of new and resized views and writes the uniforms of all views.
 pub(super) fn prepare_views(
     mut views: Query<PreparedView>,
     surroundings: Surroundings,
@@ -211,7 +211,7 @@ pub(super) fn prepare_views(
                     textures
                 };
                 let Some(mut textures) = try_allocate(&device, create) else {
-                    // Textures of other sizes or settings are of no use.
+                    // Textures of other sizes or settings are useless.
                     commands.entity(entity).remove::<ReflectionTextures>();
                     refused.note(entity);
                     continue;
@@ -231,12 +231,12 @@ pub(super) fn prepare_views(
     }
 }
 
-/// Returns whether a camera renders into an image that isn't the one that `own` renders into.
+/// Returns whether a camera renders into an image, other than the target of `own`.
 fn is_screen(camera: &ExtractedCamera, own: &ExtractedCamera) -> bool {
     matches!(camera.target, Some(NormalizedRenderTarget::Image(_))) && camera.target != own.target
 }
 
-/// Label and bytes of what a view owns besides its [`ReflectionTextures`]: its front layer.
+/// Label and bytes of a view's resources besides its [`ReflectionTextures`]: its front layer.
 #[derive(Component, Clone, Debug, Default)]
 pub(crate) struct MoreMemory(pub Vec<(&'static str, u64)>);
 
@@ -246,7 +246,7 @@ impl MoreMemory {
     }
 }
 
-/// Tells the main world what views own.
+/// Reports the memory of views to the main world.
 pub(super) fn publish_memory(
     views: Query<(&MainEntity, &ReflectionTextures, Option<&MoreMemory>)>,
     status: Res<ReflectionStatus>,

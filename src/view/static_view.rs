@@ -10,18 +10,18 @@ use bevy::{
     render::render_resource::BindGroupId,
 };
 
-/// More frames than this add nothing in 32 bits of float.
+/// Further frames add nothing in 32-bit floats.
 pub(super) const MOST_FRAMES: u32 = 1 << 22;
 
-/// Everything that the image of a view depends on, as far as the CPU knows. While it is unchanged, all frames estimate the same
-/// image. Moving objects and custom shading are found pixel by pixel, by the denoiser.
+/// Everything that determines the image of a view, as far as the CPU knows. While it is unchanged, all frames estimate the same
+/// image. The denoiser detects moving objects and custom shading pixel by pixel.
 ///
-/// Images that change on the GPU alone are not in it, unless a camera renders into them.
+/// Excludes images that change on the GPU alone, unless a camera renders into them.
 #[derive(PartialEq)]
 pub(super) struct ViewFingerprint {
-    /// Counts changes of instances, meshes, materials, their images, and lights: those that affect all views ...
+    /// Counts changes of instances, meshes, materials, their images, and lights: changes that affect all views ...
     unmarked: u32,
-    /// ... and those that this view's rays hit, or might have hit.
+    /// ... and changes that this view's rays hit, or might have hit.
     met: [u32; 2],
     environment: Option<ViewEnvironment>,
     environment_id: Option<BindGroupId>,
@@ -36,7 +36,7 @@ pub(super) struct ViewFingerprint {
 }
 
 impl ViewFingerprint {
-    /// `None` for views that never count as static.
+    /// Returns `None` for views that never count as static.
     pub fn new(view: &ReflectionView, frame: &Frame, met: [u32; 2]) -> Option<Self> {
         let denoiser = &view.settings.denoiser;
         let can_be_static = denoiser.temporal && denoiser.converge_static_views && !frame.may_move;
@@ -47,7 +47,7 @@ impl ViewFingerprint {
         })
     }
 
-    /// All except the scene; the ground truth compares the version of the scene.
+    /// Everything except the scene; the ground truth compares the version of the scene.
     pub fn of_truth(view: &ReflectionView, frame: &Frame) -> Self {
         Self {
             unmarked: 0,
@@ -69,7 +69,7 @@ impl ViewFingerprint {
     }
 }
 
-/// Settings without those that only affect noise: a budget that changes them estimates the same image, which must converge.
+/// Settings without the ones that only affect noise: a budget changes them, but the estimated image stays the same and must converge.
 fn without_effort(settings: ClampedSettings) -> ClampedSettings {
     ClampedSettings {
         denoiser: ReflectionDenoiser {
@@ -80,7 +80,7 @@ fn without_effort(settings: ClampedSettings) -> ClampedSettings {
     }
 }
 
-/// Counts the frames in which something has stayed the same.
+/// Counts the frames in which a value has stayed the same.
 pub(super) struct StaticView<T> {
     last: Option<T>,
     frames: u32,
@@ -93,7 +93,7 @@ impl<T> Default for StaticView<T> {
 }
 
 impl<T: PartialEq> StaticView<T> {
-    /// Frames in a row before this one that were as this one is; `None` is like no other.
+    /// Number of consecutive frames before this one with the same value; `None` differs from every value.
     pub fn count(&mut self, now: Option<T>) -> u32 {
         self.frames = if now.is_some() && now == self.last {
             (self.frames + 1).min(MOST_FRAMES)

@@ -14,30 +14,30 @@ use bevy::{
     render::{render_resource::UniformBuffer, renderer::RenderDevice},
 };
 
-/// A view's textures, uniform and memory of the last frame.
+/// A view's textures, uniform and state from the last frame.
 #[derive(Component)]
 pub struct ReflectionTextures {
     /// First pixel in the target.
     pub(crate) origin: UVec2,
     pub(crate) targets: Targets,
     pub(crate) uniform: UniformBuffer<GpuReflectionView>,
-    /// The element of ping-pong pairs that is written in this frame.
+    /// The index in ping-pong pairs that this frame writes.
     pub(crate) write_index: usize,
     accumulated: u32,
     sample_index: u32,
-    /// Version of the scene that the accumulation holds.
+    /// Version of the scene in the accumulation.
     scene: u32,
-    /// Frames whose rays met a change, and changes of which nobody knows whether rays met them.
+    /// Frames in which a ray hit a changed object, plus changes whose visibility is unknown.
     met: [u32; 2],
     previous: Option<PreviousFrame>,
-    /// The picture of this frame is at rest, at least in part.
+    /// This view is static in this frame, at least partly.
     pub(crate) is_at_rest: bool,
     static_view: StaticView<ViewFingerprint>,
 }
 
 impl ReflectionTextures {
-    /// `capacity` is the largest size that they have room for. `old` are the textures of the view in another size or for other settings. The sequence of samples goes on from theirs: else a
-    /// view that is resized in each frame would see one sample for ever.
+    /// `capacity` is their maximum size. `old` are the textures of the view in another size or for other settings. The sample sequence
+    /// continues from theirs: otherwise, a view that is resized in each frame would use the same sample forever.
     pub(crate) fn new(
         device: &RenderDevice,
         (sizes, capacity): (Sizes, UVec2),
@@ -59,7 +59,7 @@ impl ReflectionTextures {
         }
     }
 
-    /// Takes another size of the view if the textures have room for it: then the history goes on. Returns whether they fit.
+    /// Switches to another size of the view if it fits into the textures, which keeps the history. Returns whether it fits.
     pub(crate) fn fit(&mut self, sizes: Sizes, needs: Needs) -> bool {
         if self.targets.needs != needs || !self.targets.can_hold(sizes) {
             return false;
@@ -81,7 +81,7 @@ impl ReflectionTextures {
         self.targets.sizes.full
     }
 
-    /// Brings the state forward by one frame and sets the uniform, which is still to be written to the GPU.
+    /// Advances the state by one frame and sets the uniform, which must still be written to the GPU.
     pub(crate) fn begin_frame(&mut self, view: &ReflectionView, frame: &Frame) {
         let converged = view.settings.technique == ReflectionTechnique::Converged;
         let scene_changed = core::mem::replace(&mut self.scene, frame.scene) != frame.scene;

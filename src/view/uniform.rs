@@ -1,4 +1,4 @@
-//! Settings and state of a view for the shaders, and what a view is like in one frame.
+//! Settings and state of a view for the shaders, and properties of a view in one frame.
 
 use crate::{
     scene::environment::ViewEnvironment,
@@ -15,7 +15,7 @@ use bevy::{
 /// Settings and state of a view for the shaders (`uniform.wesl`).
 #[derive(Clone, Copy, Debug, Default, ShaderType)]
 pub struct GpuReflectionView {
-    /// Perceptual roughness where the fade to the environment map begins.
+    /// Perceptual roughness at which the fade to the environment map begins.
     pub fade_start: f32,
     /// Perceptual roughness above which nothing is traced.
     pub cutoff: f32,
@@ -23,18 +23,17 @@ pub struct GpuReflectionView {
     pub max_ray_length: f32,
     /// Index of this frame's sample in the low-discrepancy sequence.
     pub sample_index: u32,
-    /// Frames that the accumulation or the history holds before this one; 0 = what they hold must not be read.
+    /// Number of frames in the accumulation or the history before this one; 0 means that they must not be read.
     pub accumulated: u32,
     /// `VIEW_` flags.
     pub flags: u32,
-    /// First pixel of the view in its target, and in textures as large as that.
+    /// First pixel of the view in its target, and in textures of the target's size.
     pub origin: UVec2,
-    /// First texel of its surfaces in the words, the depth and the motion vectors of the G-buffer: a front layer is as large as the
-    /// view.
+    /// First texel of its surfaces in the words, the depth and the motion vectors of the G-buffer: a front layer has the size of the view.
     pub gbuffer_origin: UVec2,
-    /// Pixels that are traced.
+    /// Pixels of the view.
     pub size: UVec2,
-    /// The same in the last frame.
+    /// Pixels of the view in the last frame.
     pub previous_size: UVec2,
     /// 0 off, 1 linear, 2 exponential, 3 exponential squared, 4 atmospheric: as in Bevy.
     pub fog_mode: u32,
@@ -42,31 +41,31 @@ pub struct GpuReflectionView {
     pub fog_alpha: f32,
     /// Start and end, density, or extinction.
     pub fog_parameters: Vec4,
-    /// Linear; exposed already.
+    /// Linear, already exposed.
     pub fog_color: Vec3,
     /// Higher exponents narrow the glow around directional lights.
     pub fog_light_exponent: f32,
-    /// Factor on the light of directional lights; 0 = no glow.
+    /// Factor of directional lights; 0 disables the glow.
     pub fog_light_color: Vec3,
-    /// Atmospheric fog: light that it scatters to the viewer, per metre.
+    /// Atmospheric fog: light scattered to the viewer, per metre.
     pub fog_scattering: Vec3,
     /// Trace pixels of the view.
     pub trace_size: UVec2,
     /// Tiles of the view.
     pub tile_count: UVec2,
-    /// Tile that passes over a part of the view begin with.
+    /// First tile of passes over a part of the view.
     pub first_tile: UVec2,
     /// Pixels per trace pixel in each direction: 1 or 2.
     pub trace_scale: u32,
     /// Trace pixels per tile in each direction: 8 or 16.
     pub tile_size: u32,
-    /// Exposure of this frame over that of the last.
+    /// Exposure of this frame divided by the last frame's.
     pub exposure_ratio: f32,
     /// World to clip space of the last frame, without jitter.
     pub previous_clip_from_world: Mat4,
     /// Position of the camera in the last frame.
     pub previous_world_position: Vec3,
-    /// Rays of neighbours that a pixel is reconstructed from.
+    /// Number of neighbours' rays from which a pixel is reconstructed.
     pub samples: u32,
     /// Frames.
     pub max_history: f32,
@@ -74,31 +73,31 @@ pub struct GpuReflectionView {
     pub clip_sigma: f32,
     /// Pixels.
     pub blur_radius: f32,
-    /// Frames in a row before this one without a known change of anything that the picture depends on; 0 without history.
+    /// Number of consecutive frames before this one without a known change that affects the image; 0 without history.
     pub static_frames: u32,
     /// Roughness or cosine from which two trace pixels share a ray.
     pub rate_half: f32,
-    /// The same for four.
+    /// Roughness or cosine from which four trace pixels share a ray.
     pub rate_quarter: f32,
-    /// The same for eight and sixteen.
+    /// Roughness from which eight and sixteen trace pixels share a ray.
     pub rate_eighth: f32,
-    /// Least roughness in a tile below which it keeps 1x1; negative for none.
+    /// Minimum roughness in a tile below which it keeps 1x1; negative to disable.
     pub rate_min_roughness: f32,
-    /// Length of the average normal below which a tile counts as an edge; negative for none.
+    /// Length of the average normal below which a tile counts as an edge; negative to disable.
     pub rate_min_flatness: f32,
-    /// Share of the reflection below which it is faint.
+    /// Fraction of the reflection in the light below which it counts as faint.
     pub rate_visibility_threshold: f32,
     /// Highest step of the heuristic's ladder of rates.
     pub rate_max_level: u32,
     /// Code of the uniform rate.
     pub rate_uniform_code: u32,
-    /// Noise that the adaptive heuristic aims at.
+    /// Noise target of the adaptive heuristic.
     pub rate_error_target: f32,
-    /// Surfaces that a ray may see one after the other.
+    /// Maximum number of surfaces that a ray hits one after the other.
     pub max_bounces: u32,
     /// Perceptual roughness up to which a hit reflects another ray.
     pub bounce_cutoff: f32,
-    /// Since the start of the app: Bevy's `globals.time`.
+    /// Seconds since the start of the app: Bevy's `globals.time`.
     pub seconds: f32,
 }
 
@@ -107,9 +106,9 @@ pub const VIEW_HAS_SSAO: u32 = 1;
 /// Bevy's lighting adds the diffuse light of environment maps, probes or irradiance volumes.
 pub const VIEW_HAS_IRRADIANCE: u32 = 2;
 
-/// Mirror pixels get rays of their own and pass by the denoiser.
+/// Mirror pixels get rays of their own and bypass the denoiser.
 pub const VIEW_FULL_RESOLUTION_MIRRORS: u32 = 4;
-/// Rays are drawn as the paper draws them.
+/// Rays are sampled as in the paper.
 pub const VIEW_HALTON: u32 = 8;
 /// A second history follows the reflected image.
 pub const VIEW_VIRTUAL_HISTORY: u32 = 16;
@@ -124,17 +123,17 @@ pub const VIEW_DRAWS_GLASS: u32 = 128;
 /// One pass reconstructs and accumulates.
 pub const VIEW_ONE_PASS: u32 = 1024;
 
-/// Hits take light from what the camera showed ...
+/// Hits take light from the camera's frame ...
 pub const VIEW_REUSES_SCREEN: u32 = 256;
-/// ... in this frame, and not in the last one.
+/// ... of this frame instead of the last one.
 pub const VIEW_SCREEN_IS_NEW: u32 = 512;
 
-/// Which frame [`Targets::screen`](crate::targets::Targets::screen) shows to the rays of a view.
+/// Frame in [`Targets::screen`](crate::targets::Targets::screen) for the rays of a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Screen {
     /// The last one, if it was drawn.
     Last,
-    /// This one: its opaque surfaces are drawn before the rays are traced.
+    /// The current one: its opaque surfaces are drawn before the rays are traced.
     This,
 }
 
@@ -143,18 +142,18 @@ pub(crate) struct Frame {
     pub origin: UVec2,
     /// [`GpuReflectionView::gbuffer_origin`].
     pub gbuffer_origin: UVec2,
-    /// Tile that passes over a part of the view begin with.
+    /// First tile of passes over a part of the view.
     pub first_tile: UVec2,
     /// [`VIEW_HAS_SSAO`], [`VIEW_HAS_IRRADIANCE`] and [`VIEW_DRAWS_GLASS`].
     pub flags: u32,
     pub fog: Fog,
-    /// Since the start of the app.
+    /// Seconds since the start of the app.
     pub seconds: f32,
-    /// Counts changes of the scene ...
+    /// Counts changes of the scene.
     pub scene: u32,
-    /// ... those that concern all views ...
+    /// Counts changes that affect all views.
     pub unmarked: u32,
-    /// ... and frames whose rays met one. `None` where nobody knows.
+    /// Frames in which a ray hit a change; `None` if not measured.
     pub changes_met: Option<u32>,
     /// Without jitter.
     pub clip_from_world: Mat4,
@@ -163,17 +162,17 @@ pub(crate) struct Frame {
     pub environment: Option<ViewEnvironment>,
     /// Changes with the images of the environment, one frame late.
     pub environment_id: Option<BindGroupId>,
-    /// Something may change unnoticed: other cameras render into images, which surfaces may show, a shader moves surfaces, or
-    /// rays find on the screen what the scene doesn't have.
+    /// Something might change undetected: other cameras render into images that surfaces can show, a shader moves surfaces, or rays
+    /// find surfaces on the screen that the scene doesn't have.
     pub may_move: bool,
-    /// Nothing is kept of it.
+    /// Nothing of the frame is kept.
     pub culled: bool,
     pub screen: Screen,
 }
 
 impl Frame {
-    /// The same for surfaces of the view that are in a G-buffer of its size, and not in Bevy's: nobody tells which changes their rays meet. They lie in no tile
-    /// before the first one, and may move by themselves.
+    /// The frame for front-layer surfaces, which have a G-buffer of the view's size: change detection doesn't cover them. They
+    /// cover no tile before the first one, and might move by themselves.
     pub fn of_other_surfaces(self, first_tile: UVec2, may_move: bool) -> Self {
         Self {
             gbuffer_origin: UVec2::ZERO,
@@ -187,7 +186,7 @@ impl Frame {
     }
 }
 
-/// State that a view carries from frame to frame, as far as shaders see it.
+/// State that a view keeps from frame to frame, as far as shaders read it.
 pub(super) struct FrameState {
     pub sample_index: u32,
     pub accumulated: u32,
@@ -195,11 +194,11 @@ pub(super) struct FrameState {
     pub previous: PreviousFrame,
 }
 
-/// Frames without a change after which clipping of the history begins to fade; `filters.wesl` has the same number.
+/// Number of frames without a change after which clipping of the history begins to fade; `filters.wesl` has the same number.
 const REST_BEGIN: u32 = 8;
 
 impl FrameState {
-    /// The picture is at rest, at least in part: `rest_of` in `filters.wesl` is above 0.
+    /// Returns whether the view is static, at least partly: `rest_of` in `filters.wesl` is above 0.
     pub fn is_at_rest(&self) -> bool {
         self.static_frames > REST_BEGIN || (1..=self.static_frames).contains(&self.accumulated)
     }
@@ -272,7 +271,7 @@ impl GpuReflectionView {
     }
 }
 
-/// The flags that follow from settings.
+/// The flags that depend on settings.
 fn flags(settings: &ClampedSettings, rate: &RateThresholds) -> u32 {
     let set = [
         (VIEW_FULL_RESOLUTION_MIRRORS, settings.full_resolution_mirrors),
@@ -286,7 +285,7 @@ fn flags(settings: &ClampedSettings, rate: &RateThresholds) -> u32 {
         .fold(0, |flags, (flag, is_set)| if is_set { flags | flag } else { flags })
 }
 
-/// The flags that say what rays may take from the screen: nothing in pictures at rest, which converge to the truth.
+/// The flags for reuse of the screen: none for static views, which converge to the ground truth.
 fn screen_flags(settings: &ClampedSettings, screen: Screen, state: &FrameState) -> u32 {
     if !settings.reuses_screen() || state.is_at_rest() {
         return 0;
@@ -298,8 +297,8 @@ fn screen_flags(settings: &ClampedSettings, screen: Screen, state: &FrameState) 
     }
 }
 
-/// Distance fog as shaders take it. Bevy fogs the lit frame before reflections are added to it: they are dimmed by the same
-/// transmittance, and rays add the fog between the surface and what it reflects (`trace/fog.wesl`).
+/// Distance fog in the shaders' layout. Bevy applies fog to the lit frame before reflections are added. Reflections are dimmed by
+/// the same transmittance, and rays add the fog between the surface and the hit (`trace/fog.wesl`).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Fog {
     /// [`GpuReflectionView::fog_mode`].
